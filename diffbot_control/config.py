@@ -1,0 +1,182 @@
+"""Configuration types: defaults, texts, units and ranges are written once, beside each field.
+
+A configuration is a ``NamedTuple`` whose fields are annotated with a :class:`Spec`::
+
+    class Gains(NamedTuple):
+        gamma: Annotated[float, Spec("bound of |v|", "m/s", minimum=0.0, above=True)] = 1.3
+
+ROS parameters (``ros_parameters``), YAML files, flags and the tables in docs/ derive from it. A field whose type is
+again a configuration is a group; its fields stand on the same level, since ROS parameter names are flat unless
+``Spec.parameter`` says otherwise (``linear.x.max_velocity``).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Annotated, Any, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
+
+from diffbot_control.errors import InvalidValueError
+
+C = TypeVar("C", bound=tuple[Any, ...])
+
+
+class Spec(NamedTuple):
+    """What a field means and which values it takes."""
+
+    text: str
+    """Meaning, half a sentence."""
+    unit: str = "-"
+    """Physical unit, ``-`` for none."""
+    minimum: float = -math.inf
+    """Smallest value allowed."""
+    maximum: float = math.inf
+    """Largest value allowed."""
+    above: bool = False
+    """The minimum itself is not allowed."""
+    unlimited: bool = False
+    """``inf`` is allowed and means: no limit."""
+    choices: tuple[str, ...] = ()
+    """The words allowed, for a text."""
+    parameter: str = ""
+    """Name as a ROS parameter, where it differs from the field's."""
+    read_only: bool = False
+    """Read when the node starts; a later change is refused."""
+
+    def bound(self) -> str:
+        """Describe the allowed values, as error messages and the docs show them."""
+        if self.choices:
+            return "one of " + ", ".join(self.choices)
+        low = "" if self.minimum == -math.inf else f"{'>' if self.above else '>='} {self.minimum:g}"
+        high = "" if self.maximum == math.inf else f"<= {self.maximum:g}"
+        words = " and ".join(part for part in (low, high) if part)
+        if self.unlimited:
+            return f"{words} (inf: no limit)" if words else "a number (inf: no limit)"
+        return words if words and self.maximum < math.inf else f"finite and {words}" if words else "finite"
+
+
+class Parameter(NamedTuple):
+    """One field of a configuration, found by :func:`parameters_of`."""
+
+    name: str
+    """Its name outside: ROS parameter, YAML key."""
+    path: tuple[str, ...]
+    """Field names from the root of the configuration."""
+    type: Any
+    """float, int, bool, str, tuple[float, ...] or tuple[str, ...]."""
+    default: Any
+    spec: Spec
+
+
+def parameters_of(config_type: type[Any]) -> list[Parameter]:
+    """List the fields of a configuration type, groups unfolded, in the order of definition.
+
+    Raises:
+        TypeError: if a field carries no Spec or two fields share a name (a mistake of the programmer).
+    """
+    found = _unfold(config_type, config_type(), ())
+    names = [parameter.name for parameter in found]
+    twice = {name for name in names if names.count(name) > 1}
+    if twice:
+        raise TypeError(f"{config_type.__name__}: parameter names used twice: {sorted(twice)}")
+    return found
+
+
+def _unfold(config_type: type[Any], default: Any, path: tuple[str, ...]) -> list[Parameter]:
+    found: list[Parameter] = []
+    hints = get_type_hints(config_type, include_extras=True)
+    for field in config_type._fields:
+        hint = hints[field]
+        here = (*path, field)
+        value = getattr(default, field)
+        if get_origin(hint) is Annotated:
+            kind, spec = get_args(hint)[:2]
+            found.append(Parameter(spec.parameter or field, here, kind, value, spec))
+        elif hasattr(hint, "_fields"):
+            found.extend(_unfold(hint, value, here))
+        else:
+            raise TypeError(f"{config_type.__name__}.{field} has no Spec")
+    return found
+
+
+def build(config_type: type[C], values: Mapping[str, Any], base: C | None = None) -> C:
+    """Make a valid configuration from named values, the rest taken from ``base`` (default: the defaults).
+
+    After the fields, the ``check`` method of each group that has one is called for what holds between fields.
+
+    Raises:
+        InvalidValueError: for an unknown name, a wrong type, a number out of range or not finite.
+    """
+    parameters = {parameter.name: parameter for parameter in parameters_of(config_type)}
+    config: Any = config_type() if base is None else base
+    for name, value in values.items():
+        if name not in parameters:
+            raise InvalidValueError(name, value, f"a known name ({', '.join(sorted(parameters))})")
+        parameter = parameters[name]
+        config = _replace(config, parameter.path, checked(parameter, value))
+    _check_groups(config)
+    return config  # type: ignore[no-any-return]
+
+
+def to_dict(config: tuple[Any, ...]) -> dict[str, Any]:
+    """Return all values of a configuration under their outside names; the inverse of :func:`build`."""
+    values = {}
+    for parameter in parameters_of(type(config)):
+        value: Any = config
+        for field in parameter.path:
+            value = getattr(value, field)
+        values[parameter.name] = value
+    return values
+
+
+def checked(parameter: Parameter, value: Any) -> Any:
+    """Return ``value`` as the parameter's type if it is allowed.
+
+    A whole number is taken where a float is wanted, since YAML writes ``2`` for 2.0; nothing else is converted.
+
+    Raises:
+        InvalidValueError: naming the parameter, the value and the bound.
+    """
+    kind, spec, name = parameter.type, parameter.spec, parameter.name
+    if get_origin(kind) is tuple:
+        if isinstance(value, (str, bytes)) or not hasattr(value, "__iter__"):
+            raise InvalidValueError(name, value, "a list")
+        item = parameter._replace(type=get_args(kind)[0])
+        return tuple(checked(item, one) for one in value)
+    if kind is float and isinstance(value, int) and not isinstance(value, bool):
+        value = float(value)
+    if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
+        raise InvalidValueError(
+            name,
+            value,
+            {float: "a number", int: "a whole number", bool: "true or false"}.get(kind, "a text"),
+        )
+    if kind in (float, int):
+        _check_number(name, value, spec)
+    elif spec.choices and value not in spec.choices:
+        raise InvalidValueError(name, value, spec.bound())
+    return value
+
+
+def _check_number(name: str, value: float, spec: Spec) -> None:
+    infinite_allowed = spec.unlimited and value == math.inf
+    too_low = value <= spec.minimum if spec.above else value < spec.minimum
+    if (not math.isfinite(value) and not infinite_allowed) or too_low or value > spec.maximum:
+        raise InvalidValueError(name, value, spec.bound())
+
+
+def _replace(config: Any, path: tuple[str, ...], value: Any) -> Any:
+    head, *rest = path
+    if rest:
+        value = _replace(getattr(config, head), tuple(rest), value)
+    return config._replace(**{head: value})
+
+
+def _check_groups(config: Any) -> None:
+    for field in config._fields:
+        value = getattr(config, field)
+        if hasattr(value, "_fields"):
+            _check_groups(value)
+    check = getattr(config, "check", None)
+    if check is not None:
+        check()

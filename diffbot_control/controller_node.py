@@ -1,0 +1,171 @@
+"""The node ``controller``: pose + goal_pose -> cmd_vel."""
+
+from __future__ import annotations
+
+from array import array
+from typing import Annotated, Any, NamedTuple
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import (
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    TwistStamped,
+)
+from geometry_msgs.msg import (
+    Twist as TwistMessage,
+)
+from rclpy.qos import QoSProfile
+from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import Trigger
+
+from diffbot_control import supervisor
+from diffbot_control.config import Spec
+from diffbot_control.kinematics import Twist
+from diffbot_control.regions import REGION_NAMES
+from diffbot_control.ros_messages import (
+    NANO,
+    fill_twist,
+    goal_from,
+    labelled_array,
+    pose_from,
+    set_stamp,
+    twist_message,
+)
+from diffbot_control.ros_runtime import LATCHED, DiffbotNode, run, status_message
+from diffbot_control.supervisor import Supervisor, SupervisorConfig
+
+NAVIGATION_LABELS = ("stamp", "rho", "alpha", "beta", "theta", "eps_P", "region", "V")
+_LEVELS = {
+    supervisor.STALE: DiagnosticStatus.ERROR[0],
+    supervisor.WAITING: DiagnosticStatus.WARN[0],
+}
+_STATUS_PERIOD = 0.5
+
+
+class ControllerNodeConfig(NamedTuple):
+    """Parameters of the node."""
+
+    supervisor: SupervisorConfig = SupervisorConfig()
+    map_frame: Annotated[str, Spec("frame of poses and goals", read_only=True)] = "map"
+    base_link_frame: Annotated[str, Spec("frame of the stamped command", read_only=True)] = "base_link"
+    enable_stamped_cmd_vel: Annotated[bool, Spec("publish TwistStamped instead of Twist", read_only=True)] = False
+
+
+class ControllerNode(DiffbotNode[ControllerNodeConfig]):
+    """Answers every pose with one command while a goal is driven to or held."""
+
+    def __init__(self, **node_options: Any) -> None:
+        """Create publishers, subscriptions, the watch and the service ~/cancel."""
+        super().__init__("controller", ControllerNodeConfig, **node_options)
+        config = self.config
+        self.supervisor = Supervisor(config.supervisor)
+        self._command = twist_message(config.enable_stamped_cmd_vel, config.base_link_frame)
+        command_type = TwistStamped if config.enable_stamped_cmd_vel else TwistMessage
+        self._commands = self.create_publisher(command_type, "cmd_vel", QoSProfile(depth=1))
+        self._statuses = self.create_publisher(DiagnosticStatus, "~/status", LATCHED)
+        self._navigations = self.create_publisher(Float64MultiArray, "~/navigation", QoSProfile(depth=10))
+        self._navigation = labelled_array(NAVIGATION_LABELS)
+        self._told_state = ""
+        self.listen(PoseStamped, "goal_pose", self._on_goal)
+        self.listen(PoseWithCovarianceStamped, "pose", self._on_pose)
+        self.create_service(Trigger, "~/cancel", self._on_cancel)
+        self._watch = self.create_timer(self._watch_period(), self._on_tick, clock=self.steady_clock)
+        self.create_timer(_STATUS_PERIOD, self._tell_state, clock=self.steady_clock)
+        self._tell_state()
+
+    def on_config(self, config: ControllerNodeConfig) -> None:
+        """Take over changed gains, limits and tolerances from the next pose on."""
+        self.supervisor.config = config.supervisor
+        self._watch.timer_period_ns = int(self._watch_period() * NANO)
+
+    def before_shutdown(self) -> None:
+        """Leave the robot standing."""
+        self._send(Twist(0.0, 0.0))
+
+    def health_level(self) -> tuple[int, str]:
+        """Say the controller's state in /diagnostics."""
+        level, text = super().health_level()
+        return max(level, _LEVELS.get(self.supervisor.state, 0)), f"{self.supervisor.state}; {text}"
+
+    def _watch_period(self) -> float:
+        return min(0.25 * self.config.supervisor.pose_timeout, 0.1)
+
+    def _now(self) -> float:
+        return float(self.get_clock().now().nanoseconds / NANO)
+
+    def _on_goal(self, message: PoseStamped) -> None:
+        goal = goal_from(message, self.config.map_frame)
+        self.supervisor.on_goal(goal)
+        self.get_logger().info(f"goal: x {goal.x:.3f} m, y {goal.y:.3f} m, heading {goal.theta:.3f} rad")
+        self._tell_state()
+
+    def _on_pose(self, message: PoseWithCovarianceStamped) -> None:
+        stamp, pose = pose_from(message, self.config.map_frame)
+        command = self.supervisor.on_pose(stamp, self._now(), pose)
+        if command is not None:
+            self._send(command, stamp)
+        if self.supervisor.report is not None:
+            self._tell_navigation(stamp)
+        if self.supervisor.state != self._told_state:
+            self._tell_state()
+
+    def _on_tick(self) -> None:
+        command = self.supervisor.on_tick(self._now())
+        if command is not None:
+            self._send(command)
+        if self.supervisor.state != self._told_state:
+            self._tell_state()
+
+    def _on_cancel(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = self.supervisor.goal is not None
+        response.message = "cancelled" if response.success else "there was no goal"
+        command = self.supervisor.on_cancel()
+        if command is not None:
+            self._send(command)
+        self._tell_state()
+        return response
+
+    def _send(self, command: Twist, stamp: int | None = None) -> None:
+        if isinstance(self._command, TwistStamped):
+            set_stamp(
+                self._command.header.stamp,
+                self.get_clock().now().nanoseconds if stamp is None else stamp,
+            )
+            fill_twist(self._command.twist, command)
+        else:
+            fill_twist(self._command, command)
+        self._commands.publish(self._command)
+        self.health.sent["cmd_vel"] += 1
+
+    def _tell_navigation(self, stamp: int) -> None:
+        report = self.supervisor.report
+        if report is None or not self._navigations.get_subscription_count():
+            return
+        self._navigation.data = array("d", (stamp / NANO, *report[:5], report.region, report.lyapunov))
+        self._navigations.publish(self._navigation)
+
+    def _tell_state(self) -> None:
+        state, memory = self.supervisor.state, self.supervisor.memory
+        values = {
+            "region": REGION_NAMES[memory.region],
+            "switches": str(memory.switches),
+            "goals reached": str(self.supervisor.goals_reached),
+        }
+        if self.supervisor.goal is not None:
+            values["goal"] = " ".join(f"{number:.6g}" for number in self.supervisor.goal)
+        if self.supervisor.report is not None:
+            values["distance [m]"] = f"{self.supervisor.report.rho:.4f}"
+            values["heading error [rad]"] = f"{self.supervisor.report.theta:.4f}"
+        if state != self._told_state:
+            self.get_logger().info(state)
+        self._told_state = state
+        self._statuses.publish(status_message("controller", _LEVELS.get(state, 0), state, values))
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node; the exit status of the process."""
+    return run(ControllerNode, args)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,200 @@
+"""The node ``ekf``: odometry, fixes and headings -> pose and odometry/filtered."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, NamedTuple
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import Imu, JointState
+from std_srvs.srv import Trigger
+
+from diffbot_control.config import Spec
+from diffbot_control.geometry import Pose, into_frame, out_of_frame
+from diffbot_control.kinematics import WheelGeometry, body_twist, encoder_covariance, wheel_speeds
+from diffbot_control.localization import Estimate, Localization, LocalizationConfig, OdometryStep
+from diffbot_control.ros_messages import (
+    TFMessage,
+    fill_planar_covariance,
+    fill_pose,
+    fill_twist,
+    fill_twist_covariance,
+    fix_from,
+    heading_from,
+    odometry_from,
+    odometry_message,
+    pose_message,
+    pose_of,
+    set_stamp,
+    transform_message,
+    wheel_speeds_from,
+)
+from diffbot_control.ros_runtime import LATCHED, QUEUE, DiffbotNode, run, status_message
+
+WAITING = "waiting for first fix"
+RUNNING = "running"
+SILENT = "no odometry"
+_STATUS_PERIOD = 0.5
+
+
+class EkfNodeConfig(NamedTuple):
+    """Parameters of the node; names as robot_localization's where they mean the same."""
+
+    localization: LocalizationConfig = LocalizationConfig()
+    wheels: WheelGeometry = WheelGeometry()
+    odometry_source: Annotated[
+        str, Spec("what predicts the motion", choices=("odom", "joint_states"), read_only=True)
+    ] = "odom"
+    wheel_noise: Annotated[
+        float,
+        Spec(
+            "bound of the relative wheel-speed error, where the odometry tells no covariance",
+            minimum=0.0,
+            maximum=1.0,
+        ),
+    ] = 0.05
+    left_wheel_name: Annotated[str, Spec("joint of the left wheel", read_only=True)] = "left_wheel_joint"
+    right_wheel_name: Annotated[str, Spec("joint of the right wheel", read_only=True)] = "right_wheel_joint"
+    sensor_timeout: Annotated[float, Spec("silence of the odometry that is reported", "s", minimum=0.0, above=True)] = (
+        1.0
+    )
+    map_frame: Annotated[str, Spec("frame of fixes and estimates", read_only=True)] = "map"
+    odom_frame: Annotated[str, Spec("frame of the odometry", read_only=True)] = "odom"
+    base_link_frame: Annotated[str, Spec("frame of the robot", read_only=True)] = "base_link"
+    publish_tf: Annotated[bool, Spec("publish map -> odom", read_only=True)] = True
+
+
+class EkfNode(DiffbotNode[EkfNodeConfig]):
+    """Answers each odometry with one pose, stamped like it."""
+
+    def __init__(self, **node_options: Any) -> None:
+        """Create publishers, subscriptions and the service ~/reset."""
+        super().__init__("ekf", EkfNodeConfig, **node_options)
+        config = self.config
+        self.localization = Localization(config.localization)
+        self._pose = pose_message(config.map_frame)
+        self._filtered = odometry_message(config.map_frame, config.base_link_frame)
+        self._poses = self.create_publisher(PoseWithCovarianceStamped, "pose", QUEUE)
+        self._filtered_odometry = self.create_publisher(Odometry, "odometry/filtered", QUEUE)
+        self._statuses = self.create_publisher(DiagnosticStatus, "~/status", LATCHED)
+        self._transforms = self._transform_publisher(config.publish_tf)
+        self._told_state = ""
+        self._heard = self.steady_clock.now().nanoseconds
+        # Fixes before odometry: an executor that finds both waiting takes them in this order.
+        self.listen(PoseWithCovarianceStamped, "global_pose", self._on_fix)
+        self.listen(Imu, "heading", self._on_heading)
+        self.listen(PoseWithCovarianceStamped, "initialpose", self._on_initialpose)
+        if config.odometry_source == "odom":
+            self.listen(Odometry, "odom", self._on_odometry)
+        else:
+            self.listen(JointState, "joint_states", self._on_joint_states)
+        self.create_service(Trigger, "~/reset", self._on_reset)
+        self.create_timer(_STATUS_PERIOD, self._tell_state, clock=self.steady_clock)
+        self._tell_state()
+
+    def on_config(self, config: EkfNodeConfig) -> None:
+        """Take over changed options."""
+        self.localization.config = config.localization
+
+    def state(self) -> str:
+        """Return the message of ~/status: one of WAITING, RUNNING, SILENT."""
+        if not self.localization.initialised:
+            return WAITING
+        silence = (self.steady_clock.now().nanoseconds - self._heard) * 1e-9
+        return SILENT if silence > self.config.sensor_timeout else RUNNING
+
+    def health_level(self) -> tuple[int, str]:
+        """Say the filter's state in /diagnostics."""
+        level, text = super().health_level()
+        state = self.state()
+        return max(level, 0 if state == RUNNING else DiagnosticStatus.WARN[0]), f"{state}; {text}"
+
+    def _transform_publisher(self, wanted: bool) -> Any:
+        if not wanted:
+            return None
+        if TFMessage is None:
+            self.get_logger().info("tf2_msgs is not installed: no TF is published")
+            return None
+        return self.create_publisher(TFMessage, "/tf", QUEUE)
+
+    def _on_fix(self, message: PoseWithCovarianceStamped) -> None:
+        self.localization.on_measurement(fix_from(message, self.config.map_frame))
+
+    def _on_heading(self, message: Imu) -> None:
+        self.localization.on_measurement(heading_from(message, self.config.base_link_frame))
+
+    def _on_initialpose(self, message: PoseWithCovarianceStamped) -> None:
+        fix = fix_from(message, self.config.map_frame)
+        x, y, theta = fix.z.tolist()
+        self.localization.initialise(Pose(x, y, theta), fix.R, fix.stamp or None)
+        self.get_logger().info(f"initialised at x {x:.3f} m, y {y:.3f} m, heading {theta:.3f} rad")
+
+    def _on_odometry(self, message: Odometry) -> None:
+        stamp, twist, variances = odometry_from(message, self.config.base_link_frame)
+        if not any(variances):
+            variances = encoder_covariance(
+                wheel_speeds(twist, self.config.wheels), self.config.wheel_noise, self.config.wheels
+            )
+        estimate = self._answer(OdometryStep(stamp, twist, *variances))
+        if self._transforms is not None:
+            self._send_transform(estimate, pose_of(message.pose.pose))
+
+    def _on_joint_states(self, message: JointState) -> None:
+        stamp, speeds = wheel_speeds_from(message, self.config.left_wheel_name, self.config.right_wheel_name)
+        variances = encoder_covariance(speeds, self.config.wheel_noise, self.config.wheels)
+        self._answer(OdometryStep(stamp, body_twist(speeds, self.config.wheels), *variances))
+
+    def _answer(self, odometry: OdometryStep) -> Estimate:
+        self._heard = self.steady_clock.now().nanoseconds
+        estimate = self.localization.on_odometry(odometry)
+        set_stamp(self._pose.header.stamp, estimate.stamp)
+        fill_pose(self._pose.pose.pose, estimate.pose)
+        fill_planar_covariance(self._pose.pose.covariance, estimate.P)
+        self._poses.publish(self._pose)
+        self.health.sent["pose"] += 1
+        if self._filtered_odometry.get_subscription_count():
+            self._send_filtered(estimate, odometry)
+        return estimate
+
+    def _send_filtered(self, estimate: Estimate, odometry: OdometryStep) -> None:
+        message = self._filtered
+        set_stamp(message.header.stamp, estimate.stamp)
+        fill_pose(message.pose.pose, estimate.pose)
+        fill_planar_covariance(message.pose.covariance, estimate.P)
+        fill_twist(message.twist.twist, odometry.twist)
+        fill_twist_covariance(message.twist.covariance, odometry[2:])
+        self._filtered_odometry.publish(message)
+        self.health.sent["odometry/filtered"] += 1
+
+    def _send_transform(self, estimate: Estimate, in_odom: Pose) -> None:
+        origin = into_frame(Pose(0.0, 0.0, 0.0), in_odom)  # odom as the robot sees it
+        in_map = out_of_frame(origin, estimate.pose)
+        config = self.config
+        self._transforms.publish(transform_message(estimate.stamp, config.map_frame, config.odom_frame, in_map))
+
+    def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self.localization.reset()
+        response.success, response.message = True, "waiting for the next fix"
+        self._tell_state()
+        return response
+
+    def _tell_state(self) -> None:
+        state = self.state()
+        values = {}
+        if self.localization.initialised:
+            values = {"filter": "ekf", "states": "x y theta"}
+        if state != self._told_state:
+            self.get_logger().info(state)
+        self._told_state = state
+        level = 0 if state == RUNNING else DiagnosticStatus.WARN[0]
+        self._statuses.publish(status_message("ekf", level, state, values))
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node; the exit status of the process."""
+    return run(EkfNode, args)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

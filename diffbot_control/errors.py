@@ -1,0 +1,27 @@
+"""The one family of errors that diffbot raises on purpose."""
+
+from __future__ import annotations
+
+
+class DiffbotError(Exception):
+    """Base of all errors of this package; its text is one line, meant to be shown to a user."""
+
+
+class InvalidValueError(DiffbotError):
+    """A value from outside (parameter, file, flag) that breaks its bound."""
+
+    def __init__(self, name: str, value: object, bound: str) -> None:
+        """Name the field, the value it got and the bound it breaks, e.g. ``("gamma", -1.0, "> 0")``."""
+        super().__init__(f"{name} = {value!r}: must be {bound}")
+        self.name = name
+        self.value = value
+        self.bound = bound
+
+
+class BadMessageError(DiffbotError):
+    """A message that cannot be used; ``kind`` is a short stable phrase under which it is counted."""
+
+    def __init__(self, kind: str, detail: str = "") -> None:
+        """Give the stable ``kind`` (a counter's name) and, for the log, what was seen."""
+        super().__init__(f"{kind}: {detail}" if detail else kind)
+        self.kind = kind

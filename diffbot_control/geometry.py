@@ -1,0 +1,57 @@
+"""Angles and planar frames."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+TWO_PI = 2.0 * math.pi
+
+
+class Pose(NamedTuple):
+    """A planar pose in some frame."""
+
+    x: float
+    """[m]"""
+    y: float
+    """[m]"""
+    theta: float
+    """[rad]"""
+
+
+def wrap_angle(angle: float) -> float:
+    """Wrap an angle [rad] to (-pi, pi]; angles already there come back unchanged to the bit."""
+    wrapped = math.fmod(angle, TWO_PI)
+    if wrapped > math.pi:
+        wrapped -= TWO_PI
+    elif wrapped <= -math.pi:
+        wrapped += TWO_PI
+    return wrapped
+
+
+def into_frame(pose: Pose, frame: Pose) -> Pose:
+    """Express ``pose`` in ``frame``; both are given in one common frame, e.g. a robot and its goal in ``map``."""
+    dx = pose.x - frame.x
+    dy = pose.y - frame.y
+    c = math.cos(frame.theta)
+    s = math.sin(frame.theta)
+    return Pose(c * dx + s * dy, c * dy - s * dx, wrap_angle(pose.theta - frame.theta))
+
+
+def out_of_frame(pose: Pose, frame: Pose) -> Pose:
+    """Undo :func:`into_frame`: ``pose`` is given in ``frame``, the result in the frame in which ``frame`` is given."""
+    c = math.cos(frame.theta)
+    s = math.sin(frame.theta)
+    x = frame.x + c * pose.x - s * pose.y
+    y = frame.y + s * pose.x + c * pose.y
+    return Pose(x, y, wrap_angle(pose.theta + frame.theta))
+
+
+def yaw_of_quaternion(x: float, y: float, z: float, w: float) -> float:
+    """Yaw [rad] of a quaternion that need not have unit length (but must not be zero); ZYX convention, REP-103."""
+    return math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
+
+
+def quaternion_of_yaw(yaw: float) -> tuple[float, float]:
+    """Return (z, w) of the unit quaternion of a rotation by ``yaw`` [rad] about z; its x and y are 0."""
+    return math.sin(0.5 * yaw), math.cos(0.5 * yaw)

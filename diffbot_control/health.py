@@ -1,0 +1,37 @@
+"""Counting what a node took in, dropped and sent, for /diagnostics; free of ROS."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+
+class Health:
+    """Counters of one node: messages accepted and sent per topic, drops per topic and reason."""
+
+    def __init__(self) -> None:
+        """Start with all counters at zero."""
+        self.accepted: Counter[str] = Counter()
+        self.sent: Counter[str] = Counter()
+        self.dropped: Counter[tuple[str, str]] = Counter()
+        self.notes: dict[str, str] = {}
+        self._reported: Counter[str] = Counter()
+
+    def drop(self, topic: str, kind: str) -> bool:
+        """Count a drop; True if it is the first of its topic and kind, i.e. worth a line in the log."""
+        self.dropped[topic, kind] += 1
+        return self.dropped[topic, kind] == 1
+
+    def report(self, period: float) -> dict[str, str]:
+        """Return key-value pairs for a diagnostic status; rates [Hz] are over ``period`` [s] since the last report."""
+        values = {}
+        for label, counter in (("received", self.accepted), ("sent", self.sent)):
+            for topic, count in sorted(counter.items()):
+                key = f"{topic} {label}"
+                values[key] = str(count)
+                if period > 0.0:
+                    values[f"{key} [Hz]"] = f"{(count - self._reported[key]) / period:.1f}"
+                self._reported[key] = count
+        for (topic, kind), count in sorted(self.dropped.items()):
+            values[f"{topic} dropped: {kind}"] = str(count)
+        values.update(self.notes)
+        return values

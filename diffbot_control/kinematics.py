@@ -1,0 +1,78 @@
+"""Differential drive: wheel speeds and the body's twist."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, NamedTuple
+
+from diffbot_control.config import Spec
+
+RESTING_SIGMA = 1e-3
+"""[rad/s] standard deviation of a wheel speed at rest: no encoder is perfect, and a filter needs some noise."""
+
+
+class Twist(NamedTuple):
+    """Velocity of the body in its own frame."""
+
+    v: float
+    """[m/s] along the robot's real forward axis; negative when it reverses"""
+    omega: float
+    """[rad/s] counter-clockwise"""
+
+
+class WheelSpeeds(NamedTuple):
+    """Angular speeds of the two wheels [rad/s], positive when they roll forward."""
+
+    left: float
+    right: float
+
+
+class WheelGeometry(NamedTuple):
+    """R and L of the paper (section 4.1); it calls R a diameter but uses it as the radius."""
+
+    wheel_radius: Annotated[float, Spec("wheel radius R", "m", minimum=0.0, above=True)] = 0.05
+    wheel_separation: Annotated[float, Spec("distance of the wheels L", "m", minimum=0.0, above=True)] = 0.6
+
+
+def wheel_speeds(twist: Twist, geometry: WheelGeometry) -> WheelSpeeds:
+    """Inverse kinematics: the wheel speeds [rad/s] that move the body with ``twist``."""
+    turn = 0.5 * twist.omega * geometry.wheel_separation
+    return WheelSpeeds((twist.v - turn) / geometry.wheel_radius, (twist.v + turn) / geometry.wheel_radius)
+
+
+def body_twist(wheels: WheelSpeeds, geometry: WheelGeometry) -> Twist:
+    """Forward kinematics: v = R (wL + wR) / 2, omega = R (wR - wL) / L (paper, section 2.1)."""
+    radius = geometry.wheel_radius
+    return Twist(
+        0.5 * radius * (wheels.left + wheels.right),
+        radius * (wheels.right - wheels.left) / geometry.wheel_separation,
+    )
+
+
+def twist_covariance(sigma_left: float, sigma_right: float, geometry: WheelGeometry) -> tuple[float, float, float]:
+    """Propagate independent errors of the wheel speeds, standard deviations [rad/s], to the twist.
+
+    Returns:
+        var(v) [m^2/s^2], cov(v, omega) [m rad/s^2], var(omega) [rad^2/s^2].
+    """
+    radius, separation = geometry.wheel_radius, geometry.wheel_separation
+    left, right = sigma_left * sigma_left, sigma_right * sigma_right
+    return (
+        0.25 * radius**2 * (left + right),
+        0.5 * radius**2 / separation * (right - left),
+        radius**2 / separation**2 * (left + right),
+    )
+
+
+def encoder_covariance(wheels: WheelSpeeds, bound: float, geometry: WheelGeometry) -> tuple[float, float, float]:
+    """Covariance of the twist when each wheel speed has a uniform relative error of at most ``bound``.
+
+    Returns:
+        As :func:`twist_covariance`; a wheel has the deviation bound |w| / sqrt(3), and RESTING_SIGMA at rest.
+    """
+    share = bound / math.sqrt(3.0)
+    return twist_covariance(
+        math.hypot(share * wheels.left, RESTING_SIGMA),
+        math.hypot(share * wheels.right, RESTING_SIGMA),
+        geometry,
+    )

@@ -1,0 +1,118 @@
+"""Limits of the command that keep the curvature of the path: both velocities shrink by one factor."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, NamedTuple
+
+from diffbot_control.config import Spec
+from diffbot_control.kinematics import Twist, WheelGeometry, wheel_speeds
+
+_INF = math.inf
+
+
+class Limits(NamedTuple):
+    """Bounds of the command; ``inf`` is no limit. Parameter names are those of diff_drive_controller."""
+
+    v_max: Annotated[
+        float,
+        Spec(
+            "bound of |v|",
+            "m/s",
+            minimum=0.0,
+            above=True,
+            unlimited=True,
+            parameter="linear.x.max_velocity",
+        ),
+    ] = 1.3
+    omega_max: Annotated[
+        float,
+        Spec(
+            "bound of |omega|",
+            "rad/s",
+            minimum=0.0,
+            above=True,
+            unlimited=True,
+            parameter="angular.z.max_velocity",
+        ),
+    ] = _INF
+    wheel_max: Annotated[
+        float,
+        Spec(
+            "bound of each wheel's |speed|",
+            "rad/s",
+            minimum=0.0,
+            above=True,
+            unlimited=True,
+            parameter="wheel.max_velocity",
+        ),
+    ] = _INF
+    a_max: Annotated[
+        float,
+        Spec(
+            "bound of |dv/dt|",
+            "m/s^2",
+            minimum=0.0,
+            above=True,
+            unlimited=True,
+            parameter="linear.x.max_acceleration",
+        ),
+    ] = _INF
+    omega_dot_max: Annotated[
+        float,
+        Spec(
+            "bound of |domega/dt|",
+            "rad/s^2",
+            minimum=0.0,
+            above=True,
+            unlimited=True,
+            parameter="angular.z.max_acceleration",
+        ),
+    ] = _INF
+
+
+def limit_velocity(command: Twist, limits: Limits, geometry: WheelGeometry) -> Twist:
+    """Scale ``command`` down until v, omega and both wheel speeds are within bounds; omega / v stays what it was."""
+    scale = 1.0
+    if abs(command.v) > limits.v_max:
+        scale = limits.v_max / abs(command.v)
+    if abs(command.omega) * scale > limits.omega_max:
+        scale = limits.omega_max / abs(command.omega)
+    wheels = wheel_speeds(command, geometry)
+    fastest = max(abs(wheels.left), abs(wheels.right))
+    if fastest * scale > limits.wheel_max:
+        scale = limits.wheel_max / fastest
+    return Twist(command.v * scale, command.omega * scale)
+
+
+def limit_acceleration(command: Twist, previous: Twist, dt: float, limits: Limits) -> Twist:
+    """Return the twist nearest to ``command`` that can be reached from ``previous`` within ``dt`` [s].
+
+    The largest factor s in [0, 1] is sought for which s * command changes neither velocity by more than its bound times
+    dt: the path then keeps its curvature and the robot is only later on it. Where there is none (it moves along another
+    curve still), each velocity goes as far towards the command as its bound lets it.
+    """
+    if limits.a_max == _INF and limits.omega_dot_max == _INF:
+        return command
+    dv = limits.a_max * dt
+    domega = limits.omega_dot_max * dt
+    low_v, high_v = _factors(command.v, previous.v, dv)
+    low_w, high_w = _factors(command.omega, previous.omega, domega)
+    low = max(low_v, low_w, 0.0)
+    high = min(high_v, high_w, 1.0)
+    if low <= high:
+        return Twist(command.v * high, command.omega * high)
+    return Twist(_towards(command.v, previous.v, dv), _towards(command.omega, previous.omega, domega))
+
+
+def _factors(wanted: float, previous: float, change: float) -> tuple[float, float]:
+    """Interval of s for which |s * wanted - previous| <= change; empty (1, 0) if there is none."""
+    if wanted == 0.0:
+        return (-_INF, _INF) if abs(previous) <= change else (1.0, 0.0)
+    one = (previous - change) / wanted
+    other = (previous + change) / wanted
+    return min(one, other), max(one, other)
+
+
+def _towards(wanted: float, previous: float, change: float) -> float:
+    return min(max(wanted, previous - change), previous + change)

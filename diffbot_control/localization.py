@@ -1,0 +1,238 @@
+"""Fusing odometry, fixes and headings in the order of their stamps, whenever they arrive.
+
+The filter's time is the stamp of the newest odometry. A measurement with a later stamp waits for its odometry; one with
+an earlier stamp is put where it belongs and what came after is computed again, from a bounded history.
+"""
+
+from __future__ import annotations
+
+from bisect import insort
+from collections import deque
+from typing import Annotated, NamedTuple
+
+import numpy as np
+
+from diffbot_control.config import Spec
+from diffbot_control.ekf import Array, Motion, PoseEkf
+from diffbot_control.errors import BadMessageError
+from diffbot_control.geometry import Pose
+from diffbot_control.kinematics import Twist
+
+NANO = 1e-9
+_PENDING_MOST = 1000
+"""Measurements that may wait for their odometry; more means that none comes."""
+
+
+class LocalizationConfig(NamedTuple):
+    """Options of the fusion."""
+
+    history_length: Annotated[float, Spec("how late a measurement may come", "s", minimum=0.0, maximum=60.0)] = 1.0
+
+
+class OdometryStep(NamedTuple):
+    """Mean twist since the last odometry, with covariance."""
+
+    stamp: int
+    """[ns] end of the interval"""
+    twist: Twist
+    var_v: float
+    """[m^2/s^2]"""
+    cov_v_omega: float
+    """[m rad/s^2]"""
+    var_omega: float
+    """[rad^2/s^2]"""
+
+
+class Measurement(NamedTuple):
+    """A pose fix, z (3,) and R (3, 3), or a heading, z (1,) and R (1, 1)."""
+
+    stamp: int
+    """[ns]"""
+    z: Array
+    R: Array
+
+
+class Estimate(NamedTuple):
+    """What the filter knows at one time."""
+
+    stamp: int
+    """[ns]"""
+    pose: Pose
+    P: Array
+    """(3, 3) covariance of x, y, theta [m, m, rad]"""
+    odometry: OdometryStep | None
+    """the newest input, None before the first"""
+
+
+class _Step:
+    """One odometry step of the history with the state before it, so that it can be done again."""
+
+    __slots__ = ("P", "measurements", "odometry", "start", "x")
+
+    def __init__(
+        self,
+        start: int,
+        odometry: OdometryStep,
+        x: Array,
+        P: Array,
+        measurements: list[Measurement],
+    ) -> None:
+        self.start = start
+        self.odometry = odometry
+        self.x = x
+        self.P = P
+        self.measurements = measurements
+
+
+def _order(measurement: Measurement) -> tuple[int, int]:
+    # Equal stamps: the pose fix first, so that the result does not depend on the order of arrival.
+    return measurement.stamp, -measurement.z.size
+
+
+def _split(measurements: list[Measurement], stamp: int) -> tuple[list[Measurement], list[Measurement]]:
+    """Part ordered measurements into those up to ``stamp`` [ns] and those after it."""
+    if not measurements or measurements[-1].stamp <= stamp:
+        return measurements, []
+    ready = [one for one in measurements if one.stamp <= stamp]
+    return ready, measurements[len(ready) :]
+
+
+class Localization:
+    """An EKF with a sense of time; it starts with the first fix, or by :meth:`initialise`."""
+
+    def __init__(self, config: LocalizationConfig) -> None:
+        """Start unknown: :attr:`initialised` is False until a pose comes."""
+        self.config = config
+        self.filter = PoseEkf()
+        self.initialised = False
+        self._stamp: int | None = None
+        self._odometry: OdometryStep | None = None
+        self._steps: deque[_Step] = deque()
+        self._pending: list[Measurement] = []
+
+    def reset(self) -> None:
+        """Forget everything; the next fix starts anew."""
+        self.initialised = False
+        self._stamp = None
+        self._odometry = None
+        self._steps.clear()
+        self._pending.clear()
+
+    def initialise(self, pose: Pose, P: Array, stamp: int | None = None) -> None:
+        """Put the filter at ``pose`` with covariance ``P`` (3, 3).
+
+        It keeps its present time; if it has none yet, that is ``stamp`` [ns], or the first odometry's.
+        """
+        self.filter.set_state(np.array(pose), P)
+        self._steps.clear()
+        self._pending.clear()
+        if self._stamp is None:
+            self._stamp = stamp
+        self.initialised = True
+
+    def estimate(self) -> Estimate:
+        """Return the present state.
+
+        Raises:
+            BadMessageError: if nothing is known yet.
+        """
+        if not self.initialised or self._stamp is None:
+            raise BadMessageError("no fix yet")
+        x, y, theta = self.filter.x.tolist()
+        return Estimate(self._stamp, Pose(x, y, theta), self.filter.P, self._odometry)
+
+    def on_odometry(self, odometry: OdometryStep) -> Estimate:
+        """Move on to the stamp of ``odometry`` and fuse what waited for it.
+
+        An odometry with the stamp of the last one (sent again) is answered without moving.
+
+        Raises:
+            BadMessageError: before the first fix; out of order; or if time jumped back by more than the history,
+                which resets the filter.
+        """
+        if not self.initialised:
+            raise BadMessageError("no fix yet")
+        if self._stamp is None:
+            self._stamp = odometry.stamp
+        late = (self._stamp - odometry.stamp) * NANO
+        if late > self.config.history_length:
+            self.reset()
+            raise BadMessageError("time jumped back", f"by {late:.3f} s; filter reset")
+        if late > 0.0:
+            raise BadMessageError("out of order", f"{late:.3f} s behind the newest")
+        if late < 0.0:
+            ready, self._pending = _split(self._pending, odometry.stamp)
+            step = _Step(self._stamp, odometry, self.filter.x, self.filter.P, ready)
+            self._steps.append(step)
+            self._propagate(step)
+            self._stamp = odometry.stamp
+            self._odometry = odometry
+            self._trim()
+        return self.estimate()
+
+    def on_measurement(self, measurement: Measurement) -> None:
+        """Fuse a fix or a heading at its own stamp.
+
+        Raises:
+            BadMessageError: if it is older than the history, ahead of all odometry by more than the history, or a
+                heading comes before the first fix.
+        """
+        if not self.initialised:
+            if measurement.z.size != 3:
+                raise BadMessageError("no fix yet")
+            x, y, theta = measurement.z.tolist()
+            self.initialise(Pose(x, y, theta), measurement.R, measurement.stamp)
+        elif self._stamp is None or measurement.stamp > self._stamp:
+            self._wait(measurement)
+        elif measurement.stamp == self._stamp:
+            if self._steps:
+                insort(self._steps[-1].measurements, measurement, key=_order)
+            self._update(measurement)
+        else:
+            self._insert_late(measurement)
+
+    def _wait(self, measurement: Measurement) -> None:
+        if len(self._pending) >= _PENDING_MOST:
+            raise BadMessageError("no odometry for it", f"{_PENDING_MOST} measurements wait already")
+        insort(self._pending, measurement, key=_order)
+
+    def _insert_late(self, measurement: Measurement) -> None:
+        for index in range(len(self._steps) - 1, -1, -1):
+            step = self._steps[index]
+            if step.start < measurement.stamp <= step.odometry.stamp:
+                insort(step.measurements, measurement, key=_order)
+                self.filter.x, self.filter.P = step.x, step.P
+                for again in range(index, len(self._steps)):
+                    step = self._steps[again]
+                    step.x, step.P = self.filter.x, self.filter.P
+                    self._propagate(step)
+                return
+        raise BadMessageError("too old", "its stamp is before the history")
+
+    def _propagate(self, step: _Step) -> None:
+        whole = (step.odometry.stamp - step.start) * NANO
+        now = step.start
+        for measurement in step.measurements:
+            if measurement.stamp > now:
+                self._predict(step.odometry, (measurement.stamp - now) * NANO, whole)
+                now = measurement.stamp
+            self._update(measurement)
+        if step.odometry.stamp > now:
+            self._predict(step.odometry, (step.odometry.stamp - now) * NANO, whole)
+
+    def _predict(self, odometry: OdometryStep, dt: float, whole: float) -> None:
+        # The error of the twist belongs to the whole interval: in parts of it the variances have to add up to that.
+        share = whole / dt
+        _, (v, omega), var_v, cov, var_omega = odometry
+        self.filter.predict(Motion(v, omega, dt, var_v * share, cov * share, var_omega * share))
+
+    def _update(self, measurement: Measurement) -> None:
+        if measurement.z.size == 3:
+            self.filter.update_pose(measurement.z, measurement.R)
+        else:
+            self.filter.update_heading(measurement.z, measurement.R)
+
+    def _trim(self) -> None:
+        oldest = self._steps[-1].odometry.stamp - int(self.config.history_length / NANO)
+        while self._steps[0].odometry.stamp < oldest:
+            self._steps.popleft()

@@ -1,0 +1,75 @@
+"""Navigation variables of the paper, Eq. (2), and their discrete models, Eqs. (4) to (7)."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from diffbot_control.geometry import Pose, wrap_angle
+
+HALF_PI = 0.5 * math.pi
+
+
+class Navigation(NamedTuple):
+    """The goal as the robot sees it."""
+
+    rho: float
+    """[m] distance of the goal"""
+    alpha: float
+    """[rad] bearing of the goal in the robot's frame, in (-pi, pi]"""
+    beta: float
+    """[rad] bearing of the goal in the goal's frame, in (-pi, pi]; the heading is theta = beta - alpha"""
+
+
+def navigation_variables(pose: Pose) -> Navigation:
+    """Eq. (2) for a pose given in the goal's frame, i.e. with the goal at (0, 0, 0).
+
+    At the goal itself (rho = 0) beta is 0, so alpha is -theta.
+    """
+    # 0.0 - x, not -x: atan2(-0.0, -0.0) is -pi, and the bearing at the goal would flip.
+    dx = 0.0 - pose.x
+    dy = 0.0 - pose.y
+    beta = wrap_angle(math.atan2(dy, dx))
+    return Navigation(math.hypot(dx, dy), wrap_angle(beta - pose.theta), beta)
+
+
+def in_front(alpha: float) -> bool:
+    """Whether the goal is in the front sector, alpha in (-pi/2, pi/2].
+
+    Eq. (4) leaves pi/2 out and Eq. (6) takes it in; (6) is followed.
+    """
+    return -HALF_PI < alpha <= HALF_PI
+
+
+def discrete_model(
+    navigation: Navigation,
+    v: float,
+    omega: float,
+    t_s: float,
+    eps_v: float = 0.0,
+    eps_omega: float = 0.0,
+) -> Navigation:
+    """One sampling time ``t_s`` [s] of the navigation variables: Eqs. (6) and (7); without noise, (4) and (5).
+
+    Args:
+        navigation: the variables now, rho > 0.
+        v: [m/s] along the paper's forward direction, which is turned round in the rear sector: there it is minus the
+            velocity along the robot's real axis.
+        omega: [rad/s].
+        t_s: [s].
+        eps_v: [m/s] noise added to v.
+        eps_omega: [rad/s] noise added to omega.
+
+    Returns:
+        The variables one step later, angles wrapped. First order in ``t_s``, as the paper's Euler model is.
+    """
+    rho, alpha, beta = navigation
+    step = (v + eps_v) * t_s
+    if not in_front(alpha):
+        step = -step
+    turn = step * math.sin(alpha) / rho
+    return Navigation(
+        rho - step * math.cos(alpha),
+        wrap_angle(alpha + turn - (omega + eps_omega) * t_s),
+        wrap_angle(beta + turn),
+    )

@@ -1,0 +1,230 @@
+"""Messages to values and back, for all nodes. What comes in is checked; a bad message raises BadMessageError."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import (
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    Quaternion,
+    TransformStamped,
+    TwistStamped,
+)
+from geometry_msgs.msg import (
+    Twist as TwistMessage,
+)
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import Imu, JointState
+from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension
+
+from diffbot_control.covariance import check_covariance
+from diffbot_control.ekf import Array
+from diffbot_control.errors import BadMessageError
+from diffbot_control.geometry import Pose, quaternion_of_yaw, yaw_of_quaternion
+from diffbot_control.kinematics import Twist, WheelSpeeds
+from diffbot_control.localization import Measurement
+
+try:
+    # The alias marks it as meant for others too.
+    from tf2_msgs.msg import TFMessage as TFMessage  # noqa: PLC0414
+except ImportError:  # no wheel carries tf2; the nodes say once that they publish no TF
+    TFMessage = None
+
+NANO = 1_000_000_000
+FARTHEST = 1e7
+"""[m] coordinates beyond it are a slip (the Earth's circumference is 4e7 m)."""
+FASTEST = 1e4
+"""[m/s], [rad/s] speeds beyond it are a slip."""
+
+# Places of (x, y, yaw) in the row-major 6 x 6 covariance of REP-103's (x, y, z, roll, pitch, yaw).
+_PLANAR = np.array([0, 1, 5, 6, 7, 11, 30, 31, 35])
+
+
+def stamp_ns(stamp: Time) -> int:
+    """Return a stamp as nanoseconds."""
+    return int(stamp.sec) * NANO + int(stamp.nanosec)
+
+
+def set_stamp(stamp: Time, nanoseconds: int) -> None:
+    """Write nanoseconds into a stamp in place."""
+    stamp.sec, stamp.nanosec = divmod(nanoseconds, NANO)
+
+
+def check_frame(frame: str, expected: str, field: str = "frame_id") -> None:
+    """Refuse a message of another frame."""
+    if frame != expected:
+        raise BadMessageError(f"wrong {field}", f"{frame[:80]!r}, not {expected!r}")
+
+
+def check_numbers(numbers: Iterable[float], limit: float, what: str) -> None:
+    """Refuse numbers that are not finite or that no robot reaches."""
+    for number in numbers:
+        if not -limit <= number <= limit:
+            kind = f"{what} out of range" if math.isfinite(number) else f"{what} not finite"
+            raise BadMessageError(kind, f"{number!r}")
+
+
+def yaw_of(orientation: Quaternion) -> float:
+    """Yaw [rad] of an orientation; its length has to be 1 within what rounding by hand may do."""
+    x, y, z, w = orientation.x, orientation.y, orientation.z, orientation.w
+    square = x * x + y * y + z * z + w * w
+    if not math.isfinite(square):
+        raise BadMessageError("orientation not finite")
+    if not 0.9 <= square <= 1.1:
+        raise BadMessageError("orientation is no unit quaternion", f"squared length {square:g}")
+    return yaw_of_quaternion(x, y, z, w)
+
+
+def pose_of(message: Any) -> Pose:
+    """Planar pose of a geometry_msgs/Pose."""
+    x, y = message.position.x, message.position.y
+    check_numbers((x, y), FARTHEST, "position")
+    return Pose(x, y, yaw_of(message.orientation))
+
+
+def planar_covariance(covariance: Any) -> Array:
+    """(3, 3) covariance of x, y, yaw out of the 36 numbers of a pose covariance."""
+    return check_covariance(np.asarray(covariance, dtype=float)[_PLANAR].reshape(3, 3))
+
+
+def goal_from(message: PoseStamped, frame: str) -> Pose:
+    """Return the goal, which has to be given in ``frame``."""
+    check_frame(message.header.frame_id, frame)
+    return pose_of(message.pose)
+
+
+def pose_from(message: PoseWithCovarianceStamped, frame: str) -> tuple[int, Pose]:
+    """Stamp [ns] and pose of an estimate in ``frame``."""
+    check_frame(message.header.frame_id, frame)
+    return stamp_ns(message.header.stamp), pose_of(message.pose.pose)
+
+
+def fix_from(message: PoseWithCovarianceStamped, frame: str) -> Measurement:
+    """Return a pose fix in ``frame`` with its covariance."""
+    check_frame(message.header.frame_id, frame)
+    pose = pose_of(message.pose.pose)
+    return Measurement(stamp_ns(message.header.stamp), np.array(pose), planar_covariance(message.pose.covariance))
+
+
+def heading_from(message: Imu, frame: str) -> Measurement:
+    """Return a compass heading of a sensor fixed to ``frame``; REP-145: covariance[0] = -1 means no orientation."""
+    check_frame(message.header.frame_id, frame)
+    if message.orientation_covariance[0] == -1.0:
+        raise BadMessageError("no orientation in it")
+    variance = np.array([[float(message.orientation_covariance[8])]])
+    yaw = yaw_of(message.orientation)
+    return Measurement(stamp_ns(message.header.stamp), np.array([yaw]), check_covariance(variance))
+
+
+def odometry_from(message: Odometry, child_frame: str) -> tuple[int, Twist, tuple[float, float, float]]:
+    """Stamp [ns], twist in ``child_frame`` and its (var(v), cov(v, omega), var(omega)); all zero if not given."""
+    check_frame(message.child_frame_id, child_frame, "child_frame_id")
+    twist = twist_from(message.twist.twist)
+    covariance = message.twist.covariance
+    variances = float(covariance[0]), float(covariance[5]), float(covariance[35])
+    if any(variances):
+        check_covariance(np.array([variances[:2], variances[1:]]))
+    return stamp_ns(message.header.stamp), twist, variances
+
+
+def twist_from(message: TwistMessage) -> Twist:
+    """Return the planar part of a twist."""
+    v, omega = message.linear.x, message.angular.z
+    check_numbers((v, omega), FASTEST, "velocity")
+    return Twist(v, omega)
+
+
+def wheel_speeds_from(message: JointState, left: str, right: str) -> tuple[int, WheelSpeeds]:
+    """Stamp [ns] and speeds of the two wheels of these joint names."""
+    try:
+        speeds = WheelSpeeds(message.velocity[message.name.index(left)], message.velocity[message.name.index(right)])
+    except (ValueError, IndexError):
+        raise BadMessageError("wheel joints missing", f"no velocity of {left!r} and {right!r}") from None
+    check_numbers(speeds, FASTEST, "wheel speed")
+    return stamp_ns(message.header.stamp), speeds
+
+
+def fill_pose(message: Any, pose: Pose) -> None:
+    """Write ``pose`` into a geometry_msgs/Pose in place."""
+    message.position.x = float(pose.x)
+    message.position.y = float(pose.y)
+    fill_yaw(message.orientation, pose.theta)
+
+
+def fill_yaw(orientation: Quaternion, yaw: float) -> None:
+    """Write a rotation by ``yaw`` [rad] about z in place; x and y have to be 0 already."""
+    orientation.z, orientation.w = quaternion_of_yaw(float(yaw))
+
+
+def fill_planar_covariance(covariance: Any, P: Array) -> None:
+    """Write a (3, 3) covariance of x, y, yaw into the 36 numbers of a message, whose other entries stay."""
+    covariance[_PLANAR] = P.reshape(9)
+
+
+def fill_twist(message: TwistMessage, twist: Twist) -> None:
+    """Write ``twist`` into a message in place."""
+    message.linear.x = float(twist.v)
+    message.angular.z = float(twist.omega)
+
+
+def fill_twist_covariance(covariance: Any, variances: tuple[float, float, float]) -> None:
+    """Write (var(v), cov(v, omega), var(omega)) into the 36 numbers of a twist covariance."""
+    covariance[0], covariance[5], covariance[30], covariance[35] = (
+        variances[0],
+        variances[1],
+        variances[1],
+        variances[2],
+    )
+
+
+def goal_message(pose: Pose, frame: str, nanoseconds: int) -> PoseStamped:
+    """Return a goal."""
+    message = PoseStamped(header=Header(frame_id=frame))
+    set_stamp(message.header.stamp, nanoseconds)
+    fill_pose(message.pose, pose)
+    return message
+
+
+def odometry_message(frame: str, child_frame: str) -> Odometry:
+    """Return an Odometry to be filled again and again; what a planar robot does not know has a huge variance."""
+    message = Odometry(header=Header(frame_id=frame), child_frame_id=child_frame)
+    for covariance in (message.pose.covariance, message.twist.covariance):
+        covariance[[14, 21, 28]] = 1e6
+    message.twist.covariance[7] = 1e-9  # it does not move sideways
+    return message
+
+
+def pose_message(frame: str) -> PoseWithCovarianceStamped:
+    """Return a PoseWithCovarianceStamped to be filled again and again."""
+    message = PoseWithCovarianceStamped(header=Header(frame_id=frame))
+    message.pose.covariance[[14, 21, 28]] = 1e6
+    return message
+
+
+def labelled_array(labels: tuple[str, ...]) -> Float64MultiArray:
+    """Return an array of one number per label; the labels stand in the layout, in order."""
+    message = Float64MultiArray()
+    message.layout.dim = [MultiArrayDimension(label=label, size=1, stride=1) for label in labels]
+    message.data = [0.0] * len(labels)
+    return message
+
+
+def twist_message(stamped: bool, frame: str) -> TwistMessage | TwistStamped:
+    """Return a command to be filled again and again."""
+    return TwistStamped(header=Header(frame_id=frame)) if stamped else TwistMessage()
+
+
+def transform_message(stamp: int, parent: str, child: str, pose: Pose) -> Any:
+    """Return a TFMessage with one transform: ``pose`` of ``child`` in ``parent``. Needs tf2_msgs."""
+    transform = TransformStamped(header=Header(frame_id=parent), child_frame_id=child)
+    set_stamp(transform.header.stamp, stamp)
+    transform.transform.translation.x = float(pose.x)
+    transform.transform.translation.y = float(pose.y)
+    z, w = quaternion_of_yaw(float(pose.theta))
+    transform.transform.rotation.z, transform.transform.rotation.w = z, w
+    return TFMessage(transforms=[transform])

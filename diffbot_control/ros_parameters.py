@@ -1,0 +1,68 @@
+"""ROS parameters from configuration types: declared, checked and kept in step with ``ros2 param set``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Generic
+
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rclpy.node import Node
+
+from diffbot_control.config import C, Parameter, build, parameters_of
+from diffbot_control.errors import DiffbotError
+
+
+class NodeParameters(Generic[C]):
+    """The parameters of one node as one configuration, valid at all times.
+
+    A bad value at the start raises; a bad ``ros2 param set`` is refused with the same words and changes nothing.
+    """
+
+    def __init__(self, node: Node, config_type: type[C], on_change: Callable[[C], None]) -> None:
+        """Declare every field of ``config_type`` on ``node``; ``on_change`` hears of each later configuration.
+
+        Raises:
+            InvalidValueError: naming parameter, value and bound, if an override from outside is not allowed.
+        """
+        self._node = node
+        self._fields: dict[str, Parameter] = {parameter.name: parameter for parameter in parameters_of(config_type)}
+        self._on_change = on_change
+        self._type = config_type
+        values = {name: self._declare(parameter) for name, parameter in self._fields.items()}
+        self.config: C = build(config_type, values)
+        self._warn_of_unknown_overrides()
+        node.add_on_set_parameters_callback(self._validate)
+        node.add_post_set_parameters_callback(self._apply)
+
+    def _declare(self, parameter: Parameter) -> Any:
+        spec = parameter.spec
+        default = list(parameter.default) if isinstance(parameter.default, tuple) else parameter.default
+        descriptor = ParameterDescriptor(
+            description=f"{spec.text} [{spec.unit}]",
+            additional_constraints=spec.bound() if parameter.type in (float, int) or spec.choices else "",
+            read_only=spec.read_only,
+            # Whole numbers are welcome where a float is wanted; config.checked() holds the types.
+            dynamic_typing=True,
+        )
+        return self._node.declare_parameter(parameter.name, default, descriptor).value
+
+    def _warn_of_unknown_overrides(self) -> None:
+        # rclpy keeps what was given but never declared only here; a misspelt name must not pass in silence.
+        given = getattr(self._node, "_parameter_overrides", {})
+        for name in sorted(given):
+            if not self._node.has_parameter(name):
+                self._node.get_logger().warning(f"unknown parameter '{name}' is ignored")
+
+    def _validate(self, changes: list[Any]) -> SetParametersResult:
+        ours = {change.name: change.value for change in changes if change.name in self._fields}
+        try:
+            build(self._type, ours, self.config)
+        except DiffbotError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _apply(self, changes: list[Any]) -> None:
+        ours = {change.name: change.value for change in changes if change.name in self._fields}
+        if ours:
+            self.config = build(self._type, ours, self.config)
+            self._on_change(self.config)
