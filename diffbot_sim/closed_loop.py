@@ -1,0 +1,105 @@
+"""Plant, filter and controller in one loop without ROS: the reference for the graph."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diffbot_control.controller import ControllerConfig, ControllerMemory, step
+from diffbot_control.errors import BadMessageError, InvalidValueError
+from diffbot_control.geometry import Pose
+from diffbot_control.kinematics import Twist
+from diffbot_control.localization import Localization, LocalizationConfig
+from diffbot_sim.world import World, WorldConfig
+
+Array = NDArray[np.float64]
+
+EKF, RAW, TRUTH = "ekf", "raw", "truth"
+FEEDBACKS = (EKF, RAW, TRUTH)
+"""What the controller sees: the filter's estimate, the newest fix as in the paper's simulations, or the true pose."""
+
+
+class Recording(NamedTuple):
+    """One run, a row per sampling time from 0 on."""
+
+    time: Array
+    """(n,) [s]"""
+    truth: Array
+    """(n, 3) true pose [m, m, rad]"""
+    seen: Array
+    """(n, 3) pose given to the controller; nan before there is one"""
+    command: Array
+    """(n, 2) v, omega of the command that follows [m/s, rad/s]"""
+    region: NDArray[np.int64]
+    """(n,) region in force"""
+
+
+def simulate(
+    world_config: WorldConfig,
+    controller: ControllerConfig,
+    goal: Pose,
+    steps: int,
+    feedback: str = EKF,
+    localization: LocalizationConfig | None = None,
+) -> Recording:
+    """Run the closed loop for ``steps`` sampling times.
+
+    In each, as in the graph: the sensors deliver, the filter answers the odometry with a pose, the controller answers
+    the pose with a command, the plant holds it for one sampling time.
+
+    Raises:
+        InvalidValueError: for a feedback that is none of FEEDBACKS, or less than one step.
+    """
+    if feedback not in FEEDBACKS:
+        raise InvalidValueError("feedback", feedback, "one of " + ", ".join(FEEDBACKS))
+    if steps < 1:
+        raise InvalidValueError("steps", steps, ">= 1")
+    world = World(world_config)
+    observer = _Observer(feedback, localization or LocalizationConfig())
+    memory = ControllerMemory()
+    t_s = world_config.plant.sampling_time
+    rows: Array = np.full((steps + 1, 8), np.nan)
+    regions = np.zeros(steps + 1, dtype=np.int64)
+    for index in range(steps + 1):
+        pose = observer.pose(world)
+        command = Twist(0.0, 0.0)
+        if pose is not None:
+            memory, command, _ = step(memory, pose, goal, t_s if index else 0.0, controller)
+            rows[index, 3:6] = pose
+        rows[index, 0:3] = world.state.pose
+        rows[index, 6:8] = command
+        regions[index] = memory.region
+        if index < steps:
+            world.advance(command)
+    time: Array = np.arange(steps + 1) * np.float64(t_s)
+    return Recording(time, rows[:, 0:3], rows[:, 3:6], rows[:, 6:8], regions)
+
+
+class _Observer:
+    """What the controller sees of the world."""
+
+    def __init__(self, feedback: str, config: LocalizationConfig) -> None:
+        self._feedback = feedback
+        self._localization = Localization(config)
+        self._newest: Pose | None = None
+
+    def pose(self, world: World) -> Pose | None:
+        arrivals = world.sense()
+        if self._feedback == TRUTH:
+            return world.state.pose
+        if self._feedback == RAW:
+            for fix in arrivals.fixes:
+                x, y, theta = fix.z.tolist()
+                self._newest = Pose(x, y, theta)
+            return self._newest
+        for measurement in (*arrivals.fixes, *arrivals.headings):
+            try:
+                self._localization.on_measurement(measurement)
+            except BadMessageError:
+                continue  # too late for the filter's history, or a heading before the first fix: as the node drops it
+        try:
+            return self._localization.on_odometry(world.odometry()).pose
+        except BadMessageError:
+            return None  # no fix yet

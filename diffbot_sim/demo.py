@@ -1,0 +1,257 @@
+"""``diffbot demo``: the whole graph as separate processes, recorded, and judged by the bag's ground truth."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import shutil
+import subprocess
+import threading
+import time
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from tqdm import tqdm
+
+from diffbot_control.errors import DiffbotError
+from diffbot_control.geometry import Pose
+from diffbot_sim.figures import draw_run
+from diffbot_sim.processes import NodeProcesses, PrivateDomain, wait_until
+from diffbot_sim.run_record import GoalResult, RunRecord, evaluate, read_run
+
+GOALS = (Pose(0.0, 0.0, 0.0), Pose(3.0, 2.0, math.pi / 2), Pose(1.0, -2.0, math.pi))
+"""The paper's scenario A, then two goals away from the origin; the last one lies behind the robot."""
+XY_TOLERANCE = 0.4
+"""[m] what the paper's law with its fixed region can be held to"""
+YAW_TOLERANCE = 0.1
+"""[rad]"""
+RECORDED_TOPICS = (
+    "cmd_vel",
+    "controller/navigation",
+    "controller/status",
+    "ekf/status",
+    "global_pose",
+    "goal_pose",
+    "ground_truth",
+    "joint_states",
+    "odom",
+    "odometry/filtered",
+    "pose",
+)
+_READY_TIMEOUT = 40.0
+
+
+class DemoOptions(NamedTuple):
+    """Flags of the command."""
+
+    out: Path
+    seed: int = 1
+    real_time: bool = False
+    overwrite: bool = False
+    domain: int | None = None
+    """ROS_DOMAIN_ID; None: a private one"""
+
+
+def run_demo(options: DemoOptions) -> int:
+    """Run it; print the table; write bag, summary.json and path.png into ``options.out``.
+
+    Returns:
+        0, or 1 with a reason printed if a goal was not reached or the true end poses are not within the tolerances.
+
+    Raises:
+        DiffbotError: if the output folder is in use or a node does not run.
+    """
+    folder = _output_folder(options)
+    began = time.monotonic()
+    domain = PrivateDomain() if options.domain is None else None
+    number = options.domain if domain is None else domain.id
+    print(f"Graph on ROS_DOMAIN_ID {number} (localhost), clock {_clock(options)}, seed {options.seed}")
+    try:
+        _drive(options, folder, int(number or 0))
+    finally:
+        if domain is not None:
+            domain.release()
+    record = read_run(folder / "bag")
+    results = evaluate(record, XY_TOLERANCE, YAW_TOLERANCE)
+    reason = _reason(results)
+    wall = time.monotonic() - began
+    _write_summary(folder, options, record, results, reason, wall)
+    draw_run(
+        record,
+        "diffbot demo: law (17), paper's gains, fixed region, EKF in the loop",
+        folder / "path.png",
+    )
+    print(_table(results))
+    simulated = float(record.truth[-1, 0])
+    print(f"{record.messages} messages recorded, {record.lost} lost; {simulated:.1f} s simulated in {wall:.1f} s")
+    print(f"Bag {folder / 'bag'}, figures {folder / 'summary.json'}, picture {folder / 'path.png'}")
+    if reason:
+        print(f"FAILED: {reason}")
+    return 1 if reason else 0
+
+
+def _clock(options: DemoOptions) -> str:
+    return "wall" if options.real_time else "lockstep"
+
+
+def _output_folder(options: DemoOptions) -> Path:
+    folder = options.out
+    if (folder / "bag").exists():
+        if not options.overwrite:
+            raise DiffbotError(
+                f"{folder / 'bag'} exists: choose another folder with --out, or replace it with --overwrite"
+            )
+        if not (folder / "bag" / "metadata.yaml").is_file() and any((folder / "bag").iterdir()):
+            raise DiffbotError(f"{folder / 'bag'} exists and is no bag: not replaced")
+        shutil.rmtree(folder / "bag")
+    try:
+        (folder / "log").mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DiffbotError(f"cannot write to {folder}: {error.strerror}") from None
+    if not os.access(folder, os.W_OK):
+        raise DiffbotError(f"cannot write to {folder}")
+    return folder
+
+
+def _drive(options: DemoOptions, folder: Path, domain: int) -> None:
+    """Run the graph until the demo node is through."""
+    simulated = {"use_sim_time": not options.real_time}
+    goals = [float(number) for goal in GOALS for number in goal]
+    with NodeProcesses(domain, folder / "log") as nodes:
+        nodes.start(
+            "recorder",
+            "diffbot_bag.recorder_node",
+            {"uri": str((folder / "bag").resolve()), "topics": list(RECORDED_TOPICS), **simulated},
+        )
+        plant = {"clock": _clock(options), "seed": options.seed, "start_paused": True}
+        nodes.start("plant", "diffbot_sim.plant_node", plant)
+        nodes.start("ekf", "diffbot_control.ekf_node", simulated)
+        nodes.start(
+            "controller",
+            "diffbot_control.controller_node",
+            {"publish_when_idle": True, **simulated},
+        )
+        demo = nodes.start(
+            "demo",
+            "diffbot_sim.demo_node",
+            {"goals": goals, "recorded_topics": list(RECORDED_TOPICS)},
+            stdout=subprocess.PIPE,
+        )
+        _follow(demo, nodes)
+        # The recorder hears the last words of the others.
+        for name in ("controller", "ekf", "plant", "recorder"):
+            status = nodes.stop(name)
+            if status != 0:
+                raise DiffbotError(f"{name} ended with status {status}: {nodes.last_words(name)}")
+
+
+def _follow(demo: subprocess.Popen[str], nodes: NodeProcesses) -> None:
+    """Show the demo node's progress until it ends."""
+    news: dict[str, Any] = {"phase": "starting", "progress": 0.0, "missing": []}
+    reader = threading.Thread(target=_read_news, args=(demo, news), daemon=True)
+    reader.start()
+    ready_by = time.monotonic() + _READY_TIMEOUT
+    with tqdm(
+        total=100.0,
+        desc="starting",
+        bar_format="{desc}: {percentage:3.0f}%|{bar}| {elapsed}",
+        leave=True,
+    ) as bar:
+
+        def ended() -> bool:
+            bar.set_description(news["phase"], refresh=False)
+            bar.n = 100.0 * news["progress"]
+            bar.refresh()
+            waiting = news["phase"] in (
+                "starting",
+                "waiting for the graph",
+                "waiting for the controller",
+            )
+            if waiting and time.monotonic() > ready_by:
+                missing = ", ".join(news["missing"]) or "nothing named"
+                raise DiffbotError(f"the graph was not ready after {_READY_TIMEOUT:.0f} s; not recorded yet: {missing}")
+            failure = nodes.failed()
+            if failure and demo.poll() is None:
+                raise DiffbotError(failure)
+            return demo.poll() is not None
+
+        wait_until(ended, math.inf, poll=0.1)
+        reader.join(timeout=5.0)
+        ended()
+    if demo.returncode not in (0, 2):  # 2: a goal was given up, which the table will show
+        raise DiffbotError(f"the demo node ended with status {demo.returncode}: {nodes.last_words('demo')}")
+
+
+def _read_news(demo: subprocess.Popen[str], news: dict[str, Any]) -> None:
+    for line in demo.stdout or ():
+        news.update(json.loads(line))
+
+
+def _reason(results: list[GoalResult]) -> str:
+    """Say why the demo failed; empty if it did not."""
+    if len(results) < len(GOALS):
+        return f"only {len(results)} of {len(GOALS)} goals were driven to"
+    for number, result in enumerate(results, 1):
+        if math.isnan(result.metrics.settling_time):
+            return (
+                f"goal {number} not reached: {result.metrics.position_error:.3f} m and "
+                f"{result.metrics.heading_error:.3f} rad off, tolerance {XY_TOLERANCE} m and {YAW_TOLERANCE} rad"
+            )
+    return ""
+
+
+def _table(results: list[GoalResult]) -> str:
+    head = (
+        "goal (x, y, heading)      true final x [m]   y [m]  heading [rad]"
+        "  error [m]  settled [s]  path [m]  direct [m]"
+    )
+    rows = [head, "-" * len(head)]
+    for result in results:
+        goal, metrics = result.goal, result.metrics
+        place = f"({goal.x:.1f}, {goal.y:.1f}, {math.degrees(goal.theta):.0f} deg)"
+        x, y, theta = metrics.final
+        rows.append(
+            f"{place:<24}{x:>18.4f}{y:>8.4f}{theta:>15.4f}{metrics.position_error:>11.4f}"
+            f"{metrics.settling_time:>13.1f}{metrics.path_length:>10.2f}{metrics.direct_distance:>12.2f}"
+        )
+    rows.append("(final poses in each goal's frame: 0, 0, 0 is perfect)")
+    return "\n".join(rows)
+
+
+def _write_summary(
+    folder: Path,
+    options: DemoOptions,
+    record: RunRecord,
+    results: list[GoalResult],
+    reason: str,
+    wall: float,
+) -> None:
+    summary = {
+        "seed": options.seed,
+        "clock": _clock(options),
+        "tolerance": {"xy": XY_TOLERANCE, "yaw": YAW_TOLERANCE},
+        "success": not reason,
+        "reason": reason,
+        "messages": record.messages,
+        "lost": record.lost,
+        "simulated_time": float(record.truth[-1, 0]),
+        "wall_time": wall,
+        "goals": [
+            {
+                "goal": result.goal._asdict(),
+                "final_in_goal_frame": result.metrics.final._asdict(),
+                "position_error": result.metrics.position_error,
+                "heading_error": result.metrics.heading_error,
+                # JSON has no nan
+                "settling_time": None if math.isnan(result.metrics.settling_time) else result.metrics.settling_time,
+                "path_length": result.metrics.path_length,
+                "direct_distance": result.metrics.direct_distance,
+                "estimation_error": result.estimation_error,
+            }
+            for result in results
+        ],
+    }
+    part = folder / ".summary.json.part"
+    part.write_text(json.dumps(summary, indent=2) + "\n")
+    os.replace(part, folder / "summary.json")

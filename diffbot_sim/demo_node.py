@@ -1,0 +1,146 @@
+"""The node ``demo``: waits for the graph, starts the plant, sends the goals; tells its progress as JSON on stdout."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Annotated, Any, NamedTuple
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
+from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import SetBool
+
+from diffbot_control.config import Spec
+from diffbot_control.errors import InvalidValueError
+from diffbot_control.geometry import Pose
+from diffbot_control.ros_messages import NANO, goal_message
+from diffbot_control.ros_runtime import LATCHED, QUEUE, DiffbotNode, run
+from diffbot_sim.mission import Mission
+
+_PERIOD = 0.05
+
+
+class DemoNodeConfig(NamedTuple):
+    """Parameters of the node."""
+
+    goals: Annotated[
+        tuple[float, ...],
+        Spec("x, y, heading of one goal after the other, in map", "m, m, rad", read_only=True),
+    ] = (0.0, 0.0, 0.0)
+    recorded_topics: Annotated[
+        tuple[str, ...],
+        Spec("topics that the recorder has to hear before the start", read_only=True),
+    ] = ()
+    hold: Annotated[float, Spec("time to stay at a reached goal", "s", minimum=0.0, read_only=True)] = 3.0
+    goal_timeout: Annotated[
+        float,
+        Spec("time after which a goal is given up", "s", minimum=0.0, above=True, read_only=True),
+    ] = 120.0
+    map_frame: Annotated[str, Spec("frame of the goals", read_only=True)] = "map"
+
+    def check(self) -> None:
+        """Refuse goals that are no triples.
+
+        Raises:
+            InvalidValueError: if they are not.
+        """
+        if not self.goals or len(self.goals) % 3 or not all(map(math.isfinite, self.goals)):
+            raise InvalidValueError("goals", list(self.goals), "finite triples x, y, heading")
+
+
+class DemoNode(DiffbotNode[DemoNodeConfig]):
+    """Sends the first goal before the plant's first step, so that a lock-step run repeats itself up to the second."""
+
+    def __init__(self, **node_options: Any) -> None:
+        """Create the subscriptions and begin to wait."""
+        super().__init__("demo", DemoNodeConfig, **node_options)
+        config = self.config
+        triples = zip(*[iter(config.goals)] * 3, strict=True)
+        self.mission = Mission([Pose(*triple) for triple in triples], config.hold, config.goal_timeout)
+        self._now = 0.0
+        self._recorded: set[str] = set()
+        self._controller_state = ""
+        self._ekf_heard = False
+        self._phase = "waiting for the graph"
+        self._goals = self.create_publisher(PoseStamped, "goal_pose", QUEUE)
+        self.listen(DiagnosticStatus, "recorder/status", self._on_recorder, LATCHED)
+        self.listen(DiagnosticStatus, "controller/status", self._on_controller, LATCHED)
+        self.listen(DiagnosticStatus, "ekf/status", self._on_ekf, LATCHED)
+        self.listen(Float64MultiArray, "controller/navigation", self._on_navigation)
+        self._pause = self.create_client(SetBool, "plant/pause")
+        self._tell()
+        self.create_timer(_PERIOD, self._on_tick, clock=self.steady_clock)
+
+    def _on_recorder(self, message: DiagnosticStatus) -> None:
+        self._recorded = set(_values(message).get("topics", "").split())
+
+    def _on_ekf(self, _message: DiagnosticStatus) -> None:
+        self._ekf_heard = True
+
+    def _on_controller(self, message: DiagnosticStatus) -> None:
+        self._controller_state = message.message
+        self.mission.on_goals_reached(int(_values(message).get("goals reached", "0")))
+
+    def _on_navigation(self, message: Float64MultiArray) -> None:
+        self._now, distance = message.data[0], message.data[1]
+        if self.mission.on_navigation(self._now, distance):
+            self._send_goal()
+        if self.mission.done and self._phase == "driving":
+            self._set_paused(True)
+            self._phase = "stopping"
+
+    def _on_tick(self) -> None:
+        if self._phase == "waiting for the graph" and self._graph_is_ready():
+            self._send_goal()
+            self._phase = "waiting for the controller"
+        elif self._phase == "waiting for the controller" and self._controller_state == "waiting for pose":
+            self._set_paused(False)
+            self._phase = "driving"
+        self._tell()
+
+    def _graph_is_ready(self) -> bool:
+        wanted = {self.resolve_topic_name(topic) for topic in self.config.recorded_topics}
+        return bool(
+            wanted <= self._recorded
+            and self._ekf_heard
+            and self._controller_state
+            and self._goals.get_subscription_count() >= 1
+            and self._pause.service_is_ready()
+        )
+
+    def _send_goal(self) -> None:
+        self._goals.publish(goal_message(self.mission.goal, self.config.map_frame, round(self._now * NANO)))
+
+    def _set_paused(self, paused: bool) -> None:
+        future = self._pause.call_async(SetBool.Request(data=paused))
+        if paused:
+            future.add_done_callback(lambda _: self._end())
+
+    def _end(self) -> None:
+        self._phase = "done"
+        self._tell()
+        self.finish(2 if self.mission.gave_up else 0)
+
+    def _tell(self) -> None:
+        missing = sorted({self.resolve_topic_name(t) for t in self.config.recorded_topics} - self._recorded)
+        line = {
+            "phase": self._phase,
+            "progress": self.mission.progress,
+            "legs": [leg._asdict() for leg in self.mission.legs],
+            "missing": missing,
+        }
+        print(json.dumps(line), flush=True)
+
+
+def _values(message: DiagnosticStatus) -> dict[str, str]:
+    return {pair.key: pair.value for pair in message.values}
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node; 0 if all goals were reached, 2 if one was given up."""
+    return run(DemoNode, args)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

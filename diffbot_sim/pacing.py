@@ -1,0 +1,73 @@
+"""When the plant takes its next step: by a clock, or by the answers of the controller (lock-step). Free of ROS."""
+
+from __future__ import annotations
+
+WALL, SCALED, LOCKSTEP = "wall", "scaled", "lockstep"
+CLOCKS = (WALL, SCALED, LOCKSTEP)
+
+_CATCH_UP_MOST = 5
+
+
+class ClockPace:
+    """Steps due by a steady clock; a late caller catches up a few steps, a very late one skips the rest."""
+
+    def __init__(self, period: float, now: float) -> None:
+        """Begin at ``now`` [s]; a step is due each ``period`` [s] of the steady clock."""
+        self.period = period
+        self.skipped = 0
+        """steps left out because nobody asked in time"""
+        self._next = now + period
+
+    def restart(self, now: float) -> None:
+        """Begin anew, after a pause."""
+        self._next = now + self.period
+
+    def due(self, now: float) -> int:
+        """Return how many steps to take now."""
+        if now < self._next:
+            return 0
+        # The tolerance takes up a timer that fires a hair early.
+        count = int((now - self._next) / self.period + 1e-6) + 1
+        self._next += count * self.period
+        if count > _CATCH_UP_MOST:
+            self.skipped += count - _CATCH_UP_MOST
+            return _CATCH_UP_MOST
+        return count
+
+
+class LockStep:
+    """Counts questions (a step's messages sent) and answers (commands received) of one step.
+
+    A command carries no mark of the step it answers. If a step's messages had to be sent twice, two answers may come,
+    and taking the second for the answer to the next step would leave the loop one step behind for good; so a step
+    ends when all its questions are answered, or one is and no more come.
+    """
+
+    def __init__(self) -> None:
+        """Start with nothing asked."""
+        self.asked = 0
+        self.answered = 0
+        self.repeats = 0
+        """questions sent again because no answer came, over all steps"""
+
+    def ask(self) -> None:
+        """Note that the messages of the present step were sent."""
+        self.asked += 1
+
+    def answer(self) -> bool:
+        """Note a command; True if the step is complete. A command that answers nothing is passed over."""
+        if self.asked == 0:
+            return False
+        self.answered += 1
+        return self.answered >= self.asked
+
+    def stalled(self) -> bool:
+        """Nothing came for long: True if what came completes the step, False if the messages are to be sent again."""
+        if self.answered > 0:
+            return True
+        self.repeats += 1
+        return False
+
+    def next_step(self) -> None:
+        """Forget the finished step."""
+        self.asked = self.answered = 0

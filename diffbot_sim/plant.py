@@ -1,0 +1,165 @@
+"""The robot as it really moves: drives, noise, kinematics, encoders. Pure functions of floats.
+
+What is commanded reaches the wheels through limits and a drive that does not hold its speed exactly; the body moves
+with the true wheels; the encoders see the true wheel angles, inexactly. The paper's input noise (Eqs. (6), (7)) comes
+in two forms that may be combined: added to v and omega (``eps_v_max``, ``eps_omega_max``, section 4.1), and as its
+cause, a relative error of each wheel's speed (``drive_noise``).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, NamedTuple
+
+from diffbot_control.config import Spec
+from diffbot_control.geometry import Pose, wrap_angle
+from diffbot_control.kinematics import Twist, WheelGeometry, WheelSpeeds, body_twist, wheel_speeds
+from diffbot_sim.noise import Draw
+
+_INF = math.inf
+_STRAIGHT = 1e-6
+"""[rad] turns below it are integrated by their series: the quotient of the arc loses digits there."""
+
+
+class PlantConfig(NamedTuple):
+    """The robot and its faults; the defaults are the paper's robot with +-5 % per wheel in drive and encoder."""
+
+    wheels: WheelGeometry = WheelGeometry()
+    sampling_time: Annotated[float, Spec("Ts", "s", minimum=1e-3, maximum=10.0, read_only=True)] = 0.1
+    exact_arc: Annotated[bool, Spec("integrate along the exact arc; otherwise by Euler, Eq. (3) as printed")] = True
+    drive_noise: Annotated[
+        float, Spec("bound of the relative error of each wheel's speed", minimum=0.0, maximum=1.0)
+    ] = 0.05
+    eps_v_max: Annotated[float, Spec("bound of the noise added to v (paper: 0.065)", "m/s", minimum=0.0)] = 0.0
+    eps_omega_max: Annotated[float, Spec("bound of the noise added to omega (paper: 0.2167)", "rad/s", minimum=0.0)] = (
+        0.0
+    )
+    encoder_noise: Annotated[
+        float, Spec("bound of the relative error of each encoder's speed", minimum=0.0, maximum=1.0)
+    ] = 0.05
+    left_radius_error: Annotated[
+        float, Spec("relative error of the left wheel's radius", minimum=-0.5, maximum=0.5)
+    ] = 0.0
+    right_radius_error: Annotated[
+        float, Spec("relative error of the right wheel's radius", minimum=-0.5, maximum=0.5)
+    ] = 0.0
+    slip_left: Annotated[
+        float,
+        Spec("share of the left wheel's motion lost while it slips", minimum=0.0, maximum=1.0),
+    ] = 0.0
+    slip_right: Annotated[
+        float,
+        Spec("share of the right wheel's motion lost while it slips", minimum=0.0, maximum=1.0),
+    ] = 0.0
+    slip_start: Annotated[float, Spec("time at which the slip begins", "s", minimum=0.0)] = 0.0
+    slip_duration: Annotated[float, Spec("how long it lasts", "s", minimum=0.0)] = 0.0
+    wheel_speed_max: Annotated[
+        float,
+        Spec("bound of each wheel's |speed|", "rad/s", minimum=0.0, above=True, unlimited=True),
+    ] = _INF
+    wheel_acceleration_max: Annotated[
+        float,
+        Spec(
+            "bound of each wheel's |acceleration|",
+            "rad/s^2",
+            minimum=0.0,
+            above=True,
+            unlimited=True,
+        ),
+    ] = _INF
+    cmd_vel_timeout: Annotated[
+        float, Spec("without a command for so long the robot stops", "s", minimum=0.0, above=True)
+    ] = 0.5
+
+
+class PlantState(NamedTuple):
+    """Truth and encoders after a number of steps."""
+
+    pose: Pose
+    """true pose in ``map``"""
+    twist: Twist = Twist(0.0, 0.0)
+    """true mean twist over the last step"""
+    drive: WheelSpeeds = WheelSpeeds(0.0, 0.0)
+    """[rad/s] speeds that the drives aimed at in the last step, for the acceleration limit"""
+    encoder: WheelSpeeds = WheelSpeeds(0.0, 0.0)
+    """[rad/s] mean speeds over the last step as the encoders saw them"""
+    angles: WheelSpeeds = WheelSpeeds(0.0, 0.0)
+    """[rad] wheel angles summed up by the encoders"""
+    odometry: Pose = Pose(0.0, 0.0, 0.0)
+    """pose in ``odom``, integrated from the encoders"""
+    step: int = 0
+    """steps done"""
+
+
+def plant_step(state: PlantState, command: Twist, noise: Draw, config: PlantConfig) -> PlantState:
+    """Move the robot for one sampling time.
+
+    Args:
+        state: before the step.
+        command: twist asked for, held over the step.
+        noise: (left drive or v, right drive or omega, left encoder, right encoder), uniform in (-1, 1).
+        config: robot, noise bounds and faults.
+    """
+    t_s = config.sampling_time
+    drive = _drive(state.drive, wheel_speeds(command, config.wheels), config)
+    turned = WheelSpeeds(
+        drive.left * (1.0 + config.drive_noise * noise.a),
+        drive.right * (1.0 + config.drive_noise * noise.b),
+    )
+    rolled = _rolled(turned, state.step * t_s, config)
+    ideal = body_twist(rolled, config.wheels)
+    eps_v, eps_omega = config.eps_v_max * noise.a, config.eps_omega_max * noise.b
+    twist = Twist(ideal.v + eps_v, ideal.omega + eps_omega)
+    # The wheels turn as the added noise has them, so the encoders see it too.
+    added = wheel_speeds(Twist(eps_v, eps_omega), config.wheels)
+    encoder = WheelSpeeds(
+        (turned.left + added.left) * (1.0 + config.encoder_noise * noise.c),
+        (turned.right + added.right) * (1.0 + config.encoder_noise * noise.d),
+    )
+    angles = WheelSpeeds(state.angles.left + encoder.left * t_s, state.angles.right + encoder.right * t_s)
+    return PlantState(
+        integrate(state.pose, twist, t_s, config.exact_arc),
+        twist,
+        drive,
+        encoder,
+        angles,
+        integrate(state.odometry, body_twist(encoder, config.wheels), t_s, True),
+        state.step + 1,
+    )
+
+
+def integrate(pose: Pose, twist: Twist, t_s: float, exact_arc: bool) -> Pose:
+    """Move ``pose`` by a constant ``twist`` for ``t_s`` [s]: along the arc, Eq. (1), or by one Euler step, Eq. (3)."""
+    x, y, theta = pose
+    forward = twist.v * t_s
+    turn = twist.omega * t_s
+    if not exact_arc:
+        return Pose(x + forward * math.cos(theta), y + forward * math.sin(theta), wrap_angle(theta + turn))
+    # Chord of the arc: length forward * sin(turn/2) / (turn/2), direction theta + turn/2.
+    half = 0.5 * turn
+    chord = forward * (1.0 - half * half / 6.0 if abs(half) < _STRAIGHT else math.sin(half) / half)
+    return Pose(
+        x + chord * math.cos(theta + half),
+        y + chord * math.sin(theta + half),
+        wrap_angle(theta + turn),
+    )
+
+
+def _drive(before: WheelSpeeds, wanted: WheelSpeeds, config: PlantConfig) -> WheelSpeeds:
+    """Speeds that the drives aim at: both scaled down to the speed limit, then each held to its acceleration."""
+    fastest = max(abs(wanted.left), abs(wanted.right))
+    scale = config.wheel_speed_max / fastest if fastest > config.wheel_speed_max else 1.0
+    change = config.wheel_acceleration_max * config.sampling_time
+    left = min(max(wanted.left * scale, before.left - change), before.left + change)
+    right = min(max(wanted.right * scale, before.right - change), before.right + change)
+    return WheelSpeeds(left, right)
+
+
+def _rolled(turned: WheelSpeeds, time: float, config: PlantConfig) -> WheelSpeeds:
+    """Speeds at the ground, as of wheels of nominal radius: radius errors and slip taken in."""
+    left = turned.left * (1.0 + config.left_radius_error)
+    right = turned.right * (1.0 + config.right_radius_error)
+    if config.slip_start <= time < config.slip_start + config.slip_duration:
+        left *= 1.0 - config.slip_left
+        right *= 1.0 - config.slip_right
+    return WheelSpeeds(left, right)

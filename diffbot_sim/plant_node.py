@@ -1,0 +1,297 @@
+"""The node ``plant``: cmd_vel -> odom, joint_states, global_pose, heading, ground_truth, and the simulation's clock."""
+
+from __future__ import annotations
+
+import time
+from typing import Annotated, Any, NamedTuple
+
+from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
+from geometry_msgs.msg import Twist as TwistMessage
+from nav_msgs.msg import Odometry
+from rclpy.qos import QoSProfile
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Imu, JointState
+from std_srvs.srv import SetBool, Trigger
+
+from diffbot_control.config import Spec
+from diffbot_control.geometry import Pose
+from diffbot_control.kinematics import Twist
+from diffbot_control.localization import Measurement
+from diffbot_control.ros_messages import (
+    NANO,
+    TFMessage,
+    fill_planar_covariance,
+    fill_pose,
+    fill_twist,
+    fill_twist_covariance,
+    fill_yaw,
+    odometry_message,
+    pose_message,
+    set_stamp,
+    transform_message,
+    twist_from,
+)
+from diffbot_control.ros_runtime import QUEUE, DiffbotNode, run
+from diffbot_sim.pacing import CLOCKS, LOCKSTEP, WALL, ClockPace, LockStep
+from diffbot_sim.world import World, WorldConfig
+
+
+class PlantNodeConfig(NamedTuple):
+    """Parameters of the node."""
+
+    world: WorldConfig = WorldConfig()
+    clock: Annotated[
+        str,
+        Spec(
+            "who sets the pace: real time, real time times a factor, or the controller",
+            choices=CLOCKS,
+            read_only=True,
+        ),
+    ] = WALL
+    real_time_factor: Annotated[
+        float,
+        Spec(
+            "simulated over real time, for clock: scaled",
+            minimum=0.001,
+            maximum=1000.0,
+            read_only=True,
+        ),
+    ] = 1.0
+    start_time: Annotated[
+        float,
+        Spec(
+            "time of the first step; 0: now",
+            "s since 1970",
+            minimum=0.0,
+            maximum=4e9,
+            read_only=True,
+        ),
+    ] = 0.0
+    start_paused: Annotated[bool, Spec("wait for ~/pause with data: false", read_only=True)] = False
+    lockstep_timeout: Annotated[
+        float,
+        Spec(
+            "without an answer for so long a step's messages are sent again (clock: lockstep)",
+            "s",
+            minimum=0.01,
+        ),
+    ] = 1.0
+    enable_stamped_cmd_vel: Annotated[bool, Spec("hear TwistStamped instead of Twist", read_only=True)] = False
+    left_wheel_name: Annotated[str, Spec("joint of the left wheel", read_only=True)] = "left_wheel_joint"
+    right_wheel_name: Annotated[str, Spec("joint of the right wheel", read_only=True)] = "right_wheel_joint"
+    map_frame: Annotated[str, Spec("frame of fixes and truth", read_only=True)] = "map"
+    odom_frame: Annotated[str, Spec("frame of the odometry", read_only=True)] = "odom"
+    base_link_frame: Annotated[str, Spec("frame of the robot", read_only=True)] = "base_link"
+    publish_tf: Annotated[bool, Spec("publish odom -> base_link", read_only=True)] = True
+
+
+class PlantNode(DiffbotNode[PlantNodeConfig]):
+    """The simulated robot in the graph."""
+
+    def __init__(self, **node_options: Any) -> None:
+        """Create publishers, the command's subscription, the pace, and the services ~/reset and ~/pause."""
+        super().__init__("plant", PlantNodeConfig, **node_options)
+        config = self.config
+        start = round(config.start_time * NANO) or time.time_ns()
+        self.world = World(config.world, start)
+        self.paused = config.start_paused
+        self._make_publishers(config)
+        self._command = Twist(0.0, 0.0)
+        self._command_step = 0
+        command_type, heard = (
+            (TwistStamped, lambda message: self._on_command(message.twist))
+            if config.enable_stamped_cmd_vel
+            else (TwistMessage, self._on_command)
+        )
+        self.listen(command_type, "cmd_vel", heard, QoSProfile(depth=1))
+        self.create_service(Trigger, "~/reset", self._on_reset)
+        self.create_service(SetBool, "~/pause", self._on_pause)
+        self._sent_first = False
+        self._progress = 0
+        self._lockstep = LockStep()
+        factor = 1.0 if config.clock == WALL else config.real_time_factor
+        period = config.world.plant.sampling_time / factor
+        self._pace = ClockPace(period, self._now())
+        if config.clock == LOCKSTEP:
+            self.create_timer(config.lockstep_timeout, self._on_stall_check, clock=self.steady_clock)
+            self.create_timer(0.001, self._on_first, clock=self.steady_clock)
+        else:
+            self.create_timer(period, self._on_clock_tick, clock=self.steady_clock)
+
+    def on_config(self, config: PlantNodeConfig) -> None:
+        """Take over changed noise, faults and rates; a changed start counts from the next reset."""
+        self.world.configure(config.world)
+
+    def health_level(self) -> tuple[int, str]:
+        """Add the pace to /diagnostics."""
+        level, text = super().health_level()
+        self.health.notes = {
+            "steps": str(self.world.state.step),
+            "steps skipped": str(self._pace.skipped),
+            "steps sent again": str(self._lockstep.repeats),
+        }
+        return level, f"{'paused' if self.paused else 'running'}; {text}"
+
+    def _make_publishers(self, config: PlantNodeConfig) -> None:
+        self._odometry = odometry_message(config.odom_frame, config.base_link_frame)
+        self._truth = odometry_message(config.map_frame, config.base_link_frame)
+        self._fix = pose_message(config.map_frame)
+        self._heading = Imu()
+        self._heading.header.frame_id = config.base_link_frame
+        # REP-145: no angular velocity, no acceleration in it.
+        self._heading.angular_velocity_covariance[0] = -1.0
+        self._heading.linear_acceleration_covariance[0] = -1.0
+        self._heading.orientation_covariance[[0, 4]] = 1e6
+        self._joints = JointState(name=[config.left_wheel_name, config.right_wheel_name])
+        self._clock_message = Clock()
+        self._odometries = self.create_publisher(Odometry, "odom", QUEUE)
+        self._truths = self.create_publisher(Odometry, "ground_truth", QUEUE)
+        self._fixes = self.create_publisher(PoseWithCovarianceStamped, "global_pose", QUEUE)
+        self._headings = self.create_publisher(Imu, "heading", QUEUE)
+        self._joint_states = self.create_publisher(JointState, "joint_states", QUEUE)
+        self._clocks = self.create_publisher(Clock, "/clock", QUEUE) if config.clock != WALL else None
+        self._transforms = None
+        if config.publish_tf and TFMessage is None:
+            self.get_logger().info("tf2_msgs is not installed: no TF is published")
+        elif config.publish_tf:
+            self._transforms = self.create_publisher(TFMessage, "/tf", QUEUE)
+
+    def _now(self) -> float:
+        return float(self.steady_clock.now().nanoseconds / NANO)
+
+    def _on_command(self, message: TwistMessage) -> None:
+        self._command = twist_from(message)
+        self._command_step = self.world.state.step
+        if self.config.clock == LOCKSTEP:
+            self._progress += 1
+            if self._lockstep.answer() and not self.paused:
+                self._lock_step()
+
+    def _on_first(self) -> None:
+        if not self._sent_first and not self.paused:
+            self._ask()
+
+    def _on_stall_check(self) -> None:
+        moved, self._progress = self._progress, 0
+        if moved or self.paused or not self._sent_first:
+            return
+        if self._lockstep.stalled():
+            self._lock_step()
+            return
+        self.get_logger().warning(
+            "no command on cmd_vel: the step's messages are sent again (is the controller's publish_when_idle set?)",
+            throttle_duration_sec=10.0,
+        )
+        self._ask()
+
+    def _ask(self) -> None:
+        self._sent_first = True
+        self._lockstep.ask()
+        self._publish(self.world)
+
+    def _lock_step(self) -> None:
+        self._lockstep.next_step()
+        self.world.advance(self._command)
+        self._ask()
+
+    def _on_clock_tick(self) -> None:
+        if self.paused:
+            return
+        if not self._sent_first:
+            self._sent_first = True
+            self._publish(self.world)
+        for _ in range(self._pace.due(self._now())):
+            plant = self.config.world.plant
+            silence = (self.world.state.step - self._command_step) * plant.sampling_time
+            self.world.advance(self._command if silence < plant.cmd_vel_timeout else Twist(0.0, 0.0))
+            self._publish(self.world)
+
+    def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        # Time goes on: messages stamped in the past would upset everyone who listens.
+        self.world = World(self.config.world, self.world.stamp + self.world.period)
+        self._command, self._command_step = Twist(0.0, 0.0), 0
+        response.success, response.message = (
+            True,
+            "back at the start pose, noise from its first number on",
+        )
+        if self.config.clock == LOCKSTEP and self._sent_first and not self.paused:
+            self._ask()
+        return response
+
+    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        resumed = self.paused and not request.data
+        self.paused = request.data
+        response.success, response.message = True, "paused" if self.paused else "running"
+        if resumed:
+            self._pace.restart(self._now())
+            if self.config.clock == WALL and self._sent_first:
+                self.world.start_stamp += time.time_ns() - self.world.stamp
+            if (
+                self.config.clock == LOCKSTEP
+                and self._lockstep.asked
+                and self._lockstep.answered >= self._lockstep.asked
+            ):
+                self._lock_step()
+        return response
+
+    def _publish(self, world: World) -> None:
+        """Send all messages of the present step, the odometry last: it is what the filter answers."""
+        stamp = world.stamp
+        if self._clocks is not None:
+            set_stamp(self._clock_message.clock, stamp)
+            self._clocks.publish(self._clock_message)
+        if self._truths.get_subscription_count():
+            self._send_odometry(self._truths, self._truth, stamp, world.state.pose, world.state.twist)
+        arrivals = world.sense()
+        for fix in arrivals.fixes:
+            self._send_fix(fix)
+        for heading in arrivals.headings:
+            self._send_heading(heading)
+        if self._joint_states.get_subscription_count():
+            self._send_joint_states(stamp, world)
+        in_odom = world.state.odometry
+        if self._transforms is not None:
+            frames = self.config.odom_frame, self.config.base_link_frame
+            self._transforms.publish(transform_message(stamp, *frames, in_odom))
+        odometry = world.odometry()
+        fill_planar_covariance(self._odometry.pose.covariance, world.odometry_P)
+        fill_twist_covariance(self._odometry.twist.covariance, odometry[2:])
+        self._send_odometry(self._odometries, self._odometry, stamp, in_odom, odometry.twist)
+        self.health.sent["odom"] += 1
+
+    def _send_odometry(self, publisher: Any, message: Odometry, stamp: int, pose: Pose, twist: Twist) -> None:
+        set_stamp(message.header.stamp, stamp)
+        fill_pose(message.pose.pose, pose)
+        fill_twist(message.twist.twist, twist)
+        publisher.publish(message)
+
+    def _send_fix(self, fix: Measurement) -> None:
+        set_stamp(self._fix.header.stamp, fix.stamp)
+        x, y, theta = fix.z.tolist()
+        fill_pose(self._fix.pose.pose, Pose(x, y, theta))
+        fill_planar_covariance(self._fix.pose.covariance, fix.R)
+        self._fixes.publish(self._fix)
+        self.health.sent["global_pose"] += 1
+
+    def _send_heading(self, heading: Measurement) -> None:
+        set_stamp(self._heading.header.stamp, heading.stamp)
+        fill_yaw(self._heading.orientation, float(heading.z[0]))
+        self._heading.orientation_covariance[8] = heading.R[0, 0]
+        self._headings.publish(self._heading)
+        self.health.sent["heading"] += 1
+
+    def _send_joint_states(self, stamp: int, world: World) -> None:
+        set_stamp(self._joints.header.stamp, stamp)
+        self._joints.position = list(world.state.angles)
+        self._joints.velocity = list(world.state.encoder)
+        self._joint_states.publish(self._joints)
+        self.health.sent["joint_states"] += 1
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node; the exit status of the process."""
+    return run(PlantNode, args)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,159 @@
+"""Starting the nodes as processes on a DDS domain of their own, and ending them cleanly."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import random
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any
+
+import yaml
+
+from diffbot_control.errors import DiffbotError
+
+DOMAINS = range(1, 102)
+"""Domain ids whose ports stay below Linux' range of ephemeral ports."""
+STOP_TIMEOUT = 15.0
+"""[s] that a node gets to end after SIGINT before it is killed."""
+
+
+class PrivateDomain:
+    """A ROS_DOMAIN_ID that no participant on this machine uses, held by a lock file until :meth:`release`."""
+
+    def __init__(self) -> None:
+        """Find and lock one.
+
+        Raises:
+            DiffbotError: if all are taken.
+        """
+        for domain in random.sample(DOMAINS, len(DOMAINS)):
+            lock = self._lock(domain)
+            if lock is not None:
+                if _is_quiet(domain):
+                    self.id, self._held = domain, lock
+                    return
+                lock.close()
+        raise DiffbotError("no free ROS_DOMAIN_ID on this machine")
+
+    @staticmethod
+    def _lock(domain: int) -> IO[str] | None:
+        path = Path(tempfile.gettempdir()) / f"diffbot-domain-{domain}.lock"
+        try:
+            lock = path.open("a")
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            return None
+        return lock
+
+    def release(self) -> None:
+        """Let others have it."""
+        self._held.close()
+
+
+def _is_quiet(domain: int) -> bool:
+    """Whether the unicast discovery port of the first participant is free (DDSI-RTPS 9.6.1: 7400 + 250 d + 10)."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind(("", 7400 + 250 * domain + 10))
+        except OSError:
+            return False
+    return True
+
+
+def graph_environment(domain: int) -> dict[str, str]:
+    """Environment of a graph that talks to nobody beyond this machine."""
+    return {
+        **os.environ,
+        "ROS_DOMAIN_ID": str(domain),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "RCUTILS_COLORIZED_OUTPUT": "0",
+        "PYTHONUNBUFFERED": "1",
+    }
+
+
+class NodeProcesses:
+    """The processes of one graph; leaving the ``with`` block ends them all, last started first."""
+
+    def __init__(self, domain: int, folder: Path) -> None:
+        """Logs and the parameter file of each node go to ``folder``, which must exist."""
+        self._environment = graph_environment(domain)
+        self._folder = folder
+        self._running: dict[str, subprocess.Popen[str]] = {}
+        self._logs: list[IO[str]] = []
+
+    def start(self, name: str, module: str, parameters: dict[str, Any], **options: Any) -> subprocess.Popen[str]:
+        """Start the node ``name`` of ``module`` with ROS parameters; ``options`` go to Popen."""
+        file = self._folder / f"{name}.yaml"
+        file.write_text(yaml.safe_dump({f"/{name}": {"ros__parameters": parameters}}))
+        log = (self._folder / f"{name}.log").open("w")
+        self._logs.append(log)
+        command = [sys.executable, "-m", module, "--ros-args", "--params-file", str(file)]
+        options = {
+            "stdout": log,
+            "stderr": log,
+            "text": True,
+            "stdin": subprocess.DEVNULL,
+            **options,
+        }
+        process = subprocess.Popen(command, env=self._environment, **options)
+        self._running[name] = process
+        return process
+
+    def failed(self) -> str:
+        """Return one line about a node that ended by itself; empty if all run."""
+        for name, process in self._running.items():
+            if process.poll() is not None and process.returncode != 0:
+                return f"{name} ended with status {process.returncode}: {self.last_words(name)}"
+        return ""
+
+    def last_words(self, name: str) -> str:
+        """Last line of a node's log."""
+        lines = (self._folder / f"{name}.log").read_text().strip().splitlines()
+        return lines[-1] if lines else "nothing in its log"
+
+    def stop(self, name: str) -> int:
+        """End one node with SIGINT, and with SIGKILL if it does not listen; return its exit status."""
+        process = self._running.pop(name)
+        if process.poll() is None:
+            with contextlib.suppress(ProcessLookupError):
+                process.send_signal(signal.SIGINT)
+        try:
+            return process.wait(timeout=STOP_TIMEOUT)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            return process.wait()
+
+    def __enter__(self) -> NodeProcesses:
+        """Return self."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """End what still runs."""
+        for name in reversed(list(self._running)):
+            self.stop(name)
+        for log in self._logs:
+            log.close()
+
+
+def wait_until(condition: Any, timeout: float, poll: float = 0.02) -> bool:
+    """Wait until ``condition()`` is true, at most ``timeout`` [s]; return whether it became true."""
+    deadline = time.monotonic() + timeout
+    while not condition():
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(poll)
+    return True

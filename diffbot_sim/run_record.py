@@ -1,0 +1,116 @@
+"""What a bag tells about a run: paths, goals and the figures of each goal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diffbot_bag.reader import BagReader
+from diffbot_control.errors import DiffbotError
+from diffbot_control.geometry import Pose, out_of_frame, yaw_of_quaternion
+from diffbot_control.metrics import GoalMetrics, goal_metrics
+
+Array = NDArray[np.float64]
+
+TRUTH, ESTIMATE, ODOMETRY, FIXES, GOALS = (
+    "/ground_truth",
+    "/pose",
+    "/odom",
+    "/global_pose",
+    "/goal_pose",
+)
+
+
+class RunRecord(NamedTuple):
+    """Paths of one run; each is (n, 4): stamp [s since the first truth], x, y [m], theta [rad]."""
+
+    truth: Array
+    estimate: Array
+    odometry: Array
+    """in ``map``, as if the odometry had started at the true pose"""
+    fixes: Array
+    goals: list[tuple[float, Pose]]
+    """time of reception [s since the first truth], goal"""
+    messages: int
+    """number of messages in the bag"""
+    lost: int
+    """number of messages that the recorder knows it missed"""
+
+
+class GoalResult(NamedTuple):
+    """One goal of a run."""
+
+    goal: Pose
+    metrics: GoalMetrics
+    estimation_error: float
+    """[m] distance of the last estimate from the last true pose"""
+
+
+def read_run(bag: Path, namespace: str = "") -> RunRecord:
+    """Read the run in ``bag``.
+
+    Raises:
+        DiffbotError: if the bag cannot be read or holds no ground truth.
+    """
+    names = {namespace + name: name for name in (TRUTH, ESTIMATE, ODOMETRY, FIXES, GOALS)}
+    rows: dict[str, list[tuple[float, ...]]] = {name: [] for name in names.values()}
+    with BagReader(bag) as reader:
+        for message in reader.decoded(tuple(names)):
+            name = names[message.topic]
+            content = message.content
+            stamp = (
+                message.log_time if name == GOALS else content.header.stamp.sec * 10**9 + content.header.stamp.nanosec
+            )
+            pose = content.pose if name == GOALS else content.pose.pose
+            rows[name].append((stamp, *_pose(pose)))
+        messages = reader.count
+        lost = int(reader.metadata.custom_data.get("lost_messages", 0)) if reader.metadata else 0
+    if not rows[TRUTH]:
+        raise DiffbotError(f"{bag}: no {namespace}{TRUTH} in it")
+    origin = rows[TRUTH][0][0]
+    paths = {
+        name: np.array([((row[0] - origin) * 1e-9, *row[1:]) for row in found]).reshape(-1, 4)
+        for name, found in rows.items()
+    }
+    start = Pose(*paths[TRUTH][0, 1:].tolist())
+    odometry = [(row[0], *out_of_frame(Pose(*row[1:]), start)) for row in paths[ODOMETRY].tolist()]
+    goals = [(row[0], Pose(*row[1:])) for row in paths[GOALS].tolist()]
+    return RunRecord(
+        paths[TRUTH],
+        paths[ESTIMATE],
+        np.array(odometry).reshape(-1, 4),
+        paths[FIXES],
+        goals,
+        messages,
+        lost,
+    )
+
+
+def _pose(message: Any) -> Pose:
+    q = message.orientation
+    return Pose(message.position.x, message.position.y, yaw_of_quaternion(q.x, q.y, q.z, q.w))
+
+
+def evaluate(record: RunRecord, xy_tolerance: float, yaw_tolerance: float) -> list[GoalResult]:
+    """Evaluate each goal over the time until the next one, from the true poses."""
+    results = []
+    for index, (start, goal) in enumerate(record.goals):
+        end = record.goals[index + 1][0] if index + 1 < len(record.goals) else np.inf
+        time = record.truth[:, 0]
+        # The first goal is sent before the first step; the pose at the moment of a goal belongs to both its neighbours.
+        part = record.truth[(time >= start) & (time <= end)]
+        if len(part) == 0:
+            continue
+        metrics = goal_metrics(part[:, 0], part[:, 1:], goal, xy_tolerance, yaw_tolerance)
+        results.append(GoalResult(goal, metrics, _estimation_error(record.estimate, part[-1])))
+    return results
+
+
+def _estimation_error(estimate: Array, truth: Array) -> float:
+    known = estimate[estimate[:, 0] <= truth[0] + 1e-6]
+    if len(known) == 0:
+        return float("nan")
+    return float(np.hypot(known[-1, 1] - truth[1], known[-1, 2] - truth[2]))

@@ -1,0 +1,81 @@
+"""Absolute measurements of the true pose: when they are taken, when they arrive, and how wrong they are."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, NamedTuple
+
+from diffbot_control.config import Spec
+from diffbot_control.geometry import Pose, wrap_angle
+from diffbot_sim.noise import Draw, direction, probability
+
+
+class SensorConfig(NamedTuple):
+    """The paper's measurement noise (section 4.1: uniform within bounds), and faults beyond it."""
+
+    fix_rate: Annotated[
+        float,
+        Spec("rate of global_pose; 0: none; at most one a step", "Hz", minimum=0.0, maximum=1000.0),
+    ] = 10.0
+    eps_x_max: Annotated[float, Spec("bound of the error of x", "m", minimum=0.0)] = 0.3
+    eps_y_max: Annotated[float, Spec("bound of the error of y", "m", minimum=0.0)] = 0.3
+    eps_theta_max: Annotated[float, Spec("bound of the error of theta", "rad", minimum=0.0, maximum=math.pi)] = 0.17
+    fix_delay: Annotated[float, Spec("time from measuring to arriving", "s", minimum=0.0, maximum=60.0)] = 0.0
+    fix_dropout: Annotated[float, Spec("share of fixes that are lost", minimum=0.0, maximum=1.0)] = 0.0
+    fix_outlier: Annotated[float, Spec("share of fixes that are outliers", minimum=0.0, maximum=1.0)] = 0.0
+    fix_outlier_distance: Annotated[float, Spec("how far an outlier is off", "m", minimum=0.0)] = 3.0
+    heading_rate: Annotated[float, Spec("rate of heading; 0: none", "Hz", minimum=0.0, maximum=1000.0)] = 0.0
+    heading_error_max: Annotated[float, Spec("bound of the error of heading", "rad", minimum=0.0, maximum=math.pi)] = (
+        0.087
+    )
+    heading_delay: Annotated[float, Spec("time from measuring to arriving", "s", minimum=0.0, maximum=60.0)] = 0.0
+
+
+def due(step: int, rate: float, sampling_time: float) -> bool:
+    """Whether a sensor of ``rate`` [Hz] measures at ``step``: it does when its count of periods moves on."""
+    if rate <= 0.0:
+        return False
+    per_step = rate * sampling_time
+    # A hair more than the product, so that 10 Hz at 0.1 s means each step whatever the rounding.
+    return step == 0 or math.floor(step * per_step + 1e-9) > math.floor((step - 1) * per_step + 1e-9)
+
+
+def delay_in_steps(delay: float, sampling_time: float) -> int:
+    """Steps after which a measurement arrives: it waits for the first step that is not before its time."""
+    return math.ceil(delay / sampling_time - 1e-9)
+
+
+def measured_pose(pose: Pose, noise: Draw, config: SensorConfig) -> Pose:
+    """Return the true pose with errors uniform within the bounds; ``noise`` is (x, y, theta, -)."""
+    return Pose(
+        pose.x + config.eps_x_max * noise.a,
+        pose.y + config.eps_y_max * noise.b,
+        wrap_angle(pose.theta + config.eps_theta_max * noise.c),
+    )
+
+
+def measured_heading(pose: Pose, noise: Draw, config: SensorConfig) -> float:
+    """Return the true heading [rad] with an error uniform within the bound; ``noise`` is (-, -, -, heading)."""
+    return wrap_angle(pose.theta + config.heading_error_max * noise.d)
+
+
+def is_lost(fault: Draw, config: SensorConfig) -> bool:
+    """Whether a fix is dropped; ``fault`` is (dropout, outlier, direction, -)."""
+    return probability(fault.a) < config.fix_dropout
+
+
+def with_outlier(measured: Pose, fault: Draw, config: SensorConfig) -> Pose:
+    """Throw a fix off by ``fix_outlier_distance`` in a random direction if it is an outlier."""
+    if probability(fault.b) >= config.fix_outlier:
+        return measured
+    angle = direction(fault.c)
+    return Pose(
+        measured.x + config.fix_outlier_distance * math.cos(angle),
+        measured.y + config.fix_outlier_distance * math.sin(angle),
+        measured.theta,
+    )
+
+
+def uniform_variance(bound: float) -> float:
+    """Variance of an error uniform within +-``bound``, not below (1e-4)^2: a filter cannot use an exact sensor."""
+    return max(bound * bound / 3.0, 1e-8)

@@ -1,0 +1,147 @@
+"""The plant with its sensors and its time: what the plant node and the ROS-free closed loop both drive."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import Annotated, NamedTuple
+
+import numpy as np
+
+from diffbot_control.config import Spec
+from diffbot_control.geometry import Pose
+from diffbot_control.kinematics import Twist, body_twist, encoder_covariance
+from diffbot_control.localization import Measurement, OdometryStep
+from diffbot_sim.noise import FAULT_BLOCK, FIX_BLOCK, WHEEL_BLOCK, draw
+from diffbot_sim.plant import PlantConfig, PlantState, plant_step
+from diffbot_sim.sensors import (
+    SensorConfig,
+    delay_in_steps,
+    due,
+    is_lost,
+    measured_heading,
+    measured_pose,
+    uniform_variance,
+    with_outlier,
+)
+
+NANO = 1_000_000_000
+_FAR = 1e6
+
+
+class StartPose(NamedTuple):
+    """Where the robot stands at first; the default is the start of the paper's simulation A."""
+
+    x: Annotated[float, Spec("start x in map", "m", minimum=-_FAR, maximum=_FAR, parameter="initial_pose.x")] = -2.0
+    y: Annotated[float, Spec("start y in map", "m", minimum=-_FAR, maximum=_FAR, parameter="initial_pose.y")] = -5.5
+    theta: Annotated[float, Spec("start heading in map", "rad", parameter="initial_pose.yaw")] = 0.5235987755982988
+
+
+class WorldConfig(NamedTuple):
+    """Plant, sensors, start and the one seed of all random numbers."""
+
+    plant: PlantConfig = PlantConfig()
+    sensors: SensorConfig = SensorConfig()
+    start: StartPose = StartPose()
+    seed: Annotated[int, Spec("seed of all noise", minimum=0, maximum=2**63 - 1)] = 1
+    run: Annotated[int, Spec("number of the run under this seed", minimum=0, maximum=2**63 - 1)] = 0
+
+
+class Arrivals(NamedTuple):
+    """What the sensors deliver at one step, oldest first."""
+
+    fixes: list[Measurement]
+    headings: list[Measurement]
+
+
+class World:
+    """The simulated robot. Time is ``start_stamp`` [ns] plus whole sampling times."""
+
+    def __init__(self, config: WorldConfig, start_stamp: int = 0) -> None:
+        """Put the robot at the start, step 0."""
+        self.start_stamp = start_stamp
+        self.period = round(config.plant.sampling_time * NANO)
+        self.state = PlantState(Pose(*config.start))
+        self.odometry_P = np.zeros((3, 3))
+        """(3, 3) covariance of the odometry's pose: what its errors have added up to"""
+        self._fixes: deque[tuple[int, Measurement]] = deque()
+        self._headings: deque[tuple[int, Measurement]] = deque()
+        self.configure(config)
+
+    def configure(self, config: WorldConfig) -> None:
+        """Take over noise bounds, rates and faults from the next step on; the sampling time stays."""
+        self.config = config
+        sensors = config.sensors
+        self._fix_R = np.diag(
+            [uniform_variance(b) for b in (sensors.eps_x_max, sensors.eps_y_max, sensors.eps_theta_max)]
+        )
+        self._heading_R = np.array([[uniform_variance(sensors.heading_error_max)]])
+
+    @property
+    def stamp(self) -> int:
+        """Time [ns] of the present state."""
+        return self.start_stamp + self.state.step * self.period
+
+    def advance(self, command: Twist) -> None:
+        """Hold ``command`` for one sampling time."""
+        config = self.config
+        noise = draw(config.seed, config.run, self.state.step, WHEEL_BLOCK)
+        before = self.state.odometry
+        self.state = plant_step(self.state, command, noise, config.plant)
+        self._grow_odometry_covariance(before)
+
+    def odometry(self) -> OdometryStep:
+        """Return the mean twist over the last step as the encoders saw it, with covariance."""
+        plant = self.config.plant
+        encoder = self.state.encoder
+        return OdometryStep(
+            self.stamp,
+            body_twist(encoder, plant.wheels),
+            *encoder_covariance(encoder, plant.encoder_noise, plant.wheels),
+        )
+
+    def _grow_odometry_covariance(self, before: Pose) -> None:
+        t_s, plant = self.config.plant.sampling_time, self.config.plant
+        after, encoder = self.state.odometry, self.state.encoder
+        dx, dy = after.x - before.x, after.y - before.y
+        middle = before.theta + 0.5 * t_s * body_twist(encoder, plant.wheels).omega
+        var_v, cov, var_omega = encoder_covariance(encoder, plant.encoder_noise, plant.wheels)
+        F = np.array(((1.0, 0.0, -dy), (0.0, 1.0, dx), (0.0, 0.0, 1.0)))
+        G = t_s * np.array(((math.cos(middle), -0.5 * dy), (math.sin(middle), 0.5 * dx), (0.0, 1.0)))
+        M = np.array(((var_v, cov), (cov, var_omega)))
+        self.odometry_P = F.dot(self.odometry_P).dot(F.T) + G.dot(M).dot(G.T)
+
+    def sense(self) -> Arrivals:
+        """Measure at the present step and return what arrives at it; to be called once a step, step 0 included."""
+        config, sensors, step = self.config, self.config.sensors, self.state.step
+        t_s = config.plant.sampling_time
+        wants_fix, wants_heading = (
+            due(step, sensors.fix_rate, t_s),
+            due(step, sensors.heading_rate, t_s),
+        )
+        if wants_fix or wants_heading:
+            noise = draw(config.seed, config.run, step, FIX_BLOCK)
+            if wants_heading:
+                heading = np.array([measured_heading(self.state.pose, noise, sensors)])
+                arrival = step + delay_in_steps(sensors.heading_delay, t_s)
+                self._headings.append((arrival, Measurement(self.stamp, heading, self._heading_R)))
+            if wants_fix:
+                self._take_fix(measured_pose(self.state.pose, noise, sensors))
+        return Arrivals(_arrived(self._fixes, step), _arrived(self._headings, step))
+
+    def _take_fix(self, measured: Pose) -> None:
+        config, sensors, step = self.config, self.config.sensors, self.state.step
+        if sensors.fix_dropout > 0.0 or sensors.fix_outlier > 0.0:
+            fault = draw(config.seed, config.run, step, FAULT_BLOCK)
+            if is_lost(fault, sensors):
+                return
+            measured = with_outlier(measured, fault, sensors)
+        arrival = step + delay_in_steps(sensors.fix_delay, config.plant.sampling_time)
+        self._fixes.append((arrival, Measurement(self.stamp, np.array(measured), self._fix_R)))
+
+
+def _arrived(waiting: deque[tuple[int, Measurement]], step: int) -> list[Measurement]:
+    ready = []
+    while waiting and waiting[0][0] <= step:
+        ready.append(waiting.popleft()[1])
+    return ready

@@ -1,0 +1,59 @@
+"""Plant, EKF and controller, and a recorder if asked; for a full ROS 2 installation.
+
+ros2 launch diffbot diffbot.launch.py [namespace:=robot1] [simulate:=false] [clock:=wall|scaled|lockstep]
+    [parameters:=FILE] [bag:=FOLDER]
+"""
+
+from pathlib import Path
+
+from ament_index_python.packages import get_package_share_directory
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+
+
+def generate_launch_description():
+    """Declare the arguments; the nodes follow from their values."""
+    share = Path(get_package_share_directory("diffbot"))
+    arguments = {
+        "namespace": ("", "namespace of the robot; a second one makes a second robot"),
+        "simulate": ("true", "start the plant; false on a real robot"),
+        "clock": ("wall", "wall, scaled or lockstep (only with simulate)"),
+        "parameters": (str(share / "config" / "diffbot.yaml"), "parameter file of all nodes"),
+        "bag": ("", "record everything into this folder"),
+    }
+    declared = [
+        DeclareLaunchArgument(name, default_value=default, description=text)
+        for name, (default, text) in arguments.items()
+    ]
+    return LaunchDescription([*declared, OpaqueFunction(function=_nodes)])
+
+
+def _nodes(context):
+    value = {
+        name: LaunchConfiguration(name).perform(context)
+        for name in ("namespace", "simulate", "clock", "parameters", "bag")
+    }
+    simulate = value["simulate"].lower() in ("true", "1", "yes")
+    use_sim_time = simulate and value["clock"] != "wall"
+    common = [value["parameters"], {"use_sim_time": use_sim_time}]
+
+    def node(name, *parameters):
+        return Node(
+            package="diffbot",
+            executable=f"{name}_node",
+            name=name,
+            namespace=value["namespace"],
+            parameters=[*common, *parameters],
+            output="screen",
+        )
+
+    lockstep = {"publish_when_idle": True} if value["clock"] == "lockstep" else {}
+    nodes = [node("ekf"), node("controller", lockstep)]
+    if value["bag"]:
+        nodes.insert(0, node("recorder", {"uri": value["bag"]}))
+    if simulate:
+        # The plant makes the time that the others use.
+        nodes.append(node("plant", {"clock": value["clock"], "use_sim_time": False}))
+    return nodes
