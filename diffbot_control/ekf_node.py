@@ -153,6 +153,8 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         fill_planar_covariance(self._pose.pose.covariance, estimate.P)
         self._poses.publish(self._pose)
         self.health.sent["pose"] += 1
+        if self._told_state != RUNNING:
+            self._tell_state()
         if self._filtered_odometry.get_subscription_count():
             self._send_filtered(estimate, odometry)
         return estimate

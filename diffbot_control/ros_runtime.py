@@ -163,7 +163,6 @@ def run(factory: Callable[[], DiffbotNode[Any]], args: list[str] | None = None) 
         node.get_logger().info("ready")
         while not stop.is_set and node.exit_code is None:
             executor.spin_once(timeout_sec=SPIN_TIMEOUT)
-        return node.exit_code or 0
     except (DiffbotError, ParameterException, InvalidParameterTypeException) as error:
         print(f"error: {_one_line(error)}", file=sys.stderr)
         return 1
@@ -172,6 +171,8 @@ def run(factory: Callable[[], DiffbotNode[Any]], args: list[str] | None = None) 
             node.before_shutdown()
             node.destroy_node()
         rclpy.try_shutdown()
+    # Only now: a node may still fail in before_shutdown, such as a recorder on a full disk.
+    return node.exit_code or 0
 
 
 def _one_line(error: Exception) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import json
+import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -26,6 +27,8 @@ NODES = {
 def main(args: list[str] | None = None) -> int:
     """Run the command line; return 0, 1 after an error or a missed goal, 2 for wrong usage, 130 after Ctrl-C."""
     options = _parser().parse_args(args)
+    # SIGTERM ends what was started as Ctrl-C does; the nodes set handlers of their own.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         return int(options.call(options))
     except DiffbotError as error:

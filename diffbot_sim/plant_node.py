@@ -35,6 +35,8 @@ from diffbot_control.ros_runtime import QUEUE, DiffbotNode, run
 from diffbot_sim.pacing import CLOCKS, LOCKSTEP, WALL, ClockPace, LockStep
 from diffbot_sim.world import World, WorldConfig
 
+_FIRST_POLL = 0.02
+
 
 class PlantNodeConfig(NamedTuple):
     """Parameters of the node."""
@@ -114,7 +116,7 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
         self._pace = ClockPace(period, self._now())
         if config.clock == LOCKSTEP:
             self.create_timer(config.lockstep_timeout, self._on_stall_check, clock=self.steady_clock)
-            self.create_timer(0.001, self._on_first, clock=self.steady_clock)
+            self._first = self.create_timer(_FIRST_POLL, self._on_first, clock=self.steady_clock)
         else:
             self.create_timer(period, self._on_clock_tick, clock=self.steady_clock)
 
@@ -168,8 +170,16 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
                 self._lock_step()
 
     def _on_first(self) -> None:
-        if not self._sent_first and not self.paused:
+        """Take the first step once the filter hears: a lost first fix would make another run of this one."""
+        if self._sent_first or self.paused:
+            return
+        fixes_wanted = self.config.world.sensors.fix_rate > 0.0
+        heard = [self._odometries, self._fixes] if fixes_wanted else [self._odometries]
+        if all(publisher.get_subscription_count() for publisher in heard):
+            self._first.cancel()
             self._ask()
+        else:
+            self.get_logger().info("waiting for a filter on odom and global_pose", throttle_duration_sec=5.0)
 
     def _on_stall_check(self) -> None:
         moved, self._progress = self._progress, 0
@@ -199,12 +209,19 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
             return
         if not self._sent_first:
             self._sent_first = True
+            self._catch_up_with_the_wall()
+            self._pace.restart(self._now())
             self._publish(self.world)
         for _ in range(self._pace.due(self._now())):
             plant = self.config.world.plant
             silence = (self.world.state.step - self._command_step) * plant.sampling_time
             self.world.advance(self._command if silence < plant.cmd_vel_timeout else Twist(0.0, 0.0))
             self._publish(self.world)
+
+    def _catch_up_with_the_wall(self) -> None:
+        """Let the present step be now, after a time in which nothing moved; simulated time stands still in a pause."""
+        if self.config.clock == WALL and self.config.start_time == 0.0:
+            self.world.start_stamp += time.time_ns() - self.world.stamp
 
     def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         # Time goes on: messages stamped in the past would upset everyone who listens.
@@ -224,8 +241,8 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
         response.success, response.message = True, "paused" if self.paused else "running"
         if resumed:
             self._pace.restart(self._now())
-            if self.config.clock == WALL and self._sent_first:
-                self.world.start_stamp += time.time_ns() - self.world.stamp
+            if self._sent_first:
+                self._catch_up_with_the_wall()
             if (
                 self.config.clock == LOCKSTEP
                 and self._lockstep.asked
