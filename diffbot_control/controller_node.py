@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from typing import Annotated, Any, NamedTuple
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import (
@@ -19,8 +19,8 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
 from diffbot_control import supervisor
-from diffbot_control.config import Spec
 from diffbot_control.kinematics import Twist
+from diffbot_control.node_config import ControllerNodeConfig
 from diffbot_control.regions import REGION_NAMES
 from diffbot_control.ros_messages import (
     NANO,
@@ -32,7 +32,7 @@ from diffbot_control.ros_messages import (
     twist_message,
 )
 from diffbot_control.ros_runtime import LATCHED, DiffbotNode, run, status_message
-from diffbot_control.supervisor import Supervisor, SupervisorConfig
+from diffbot_control.supervisor import Supervisor
 
 NAVIGATION_LABELS = ("stamp", "rho", "alpha", "beta", "theta", "eps_P", "region", "V")
 _LEVELS = {
@@ -40,15 +40,6 @@ _LEVELS = {
     supervisor.WAITING: DiagnosticStatus.WARN[0],
 }
 _STATUS_PERIOD = 0.5
-
-
-class ControllerNodeConfig(NamedTuple):
-    """Parameters of the node."""
-
-    supervisor: SupervisorConfig = SupervisorConfig()
-    map_frame: Annotated[str, Spec("frame of poses and goals", read_only=True)] = "map"
-    base_link_frame: Annotated[str, Spec("frame of the stamped command", read_only=True)] = "base_link"
-    enable_stamped_cmd_vel: Annotated[bool, Spec("publish TwistStamped instead of Twist", read_only=True)] = False
 
 
 class ControllerNode(DiffbotNode[ControllerNodeConfig]):

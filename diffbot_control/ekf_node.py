@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, NamedTuple
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -10,10 +10,10 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu, JointState
 from std_srvs.srv import Trigger
 
-from diffbot_control.config import Spec
 from diffbot_control.geometry import Pose, into_frame, out_of_frame
-from diffbot_control.kinematics import WheelGeometry, body_twist, encoder_covariance, wheel_speeds
-from diffbot_control.localization import Estimate, Localization, LocalizationConfig, OdometryStep
+from diffbot_control.kinematics import body_twist, encoder_covariance, wheel_speeds
+from diffbot_control.localization import Estimate, Localization, OdometryStep
+from diffbot_control.node_config import EkfNodeConfig
 from diffbot_control.ros_messages import (
     TFMessage,
     fill_planar_covariance,
@@ -36,33 +36,6 @@ WAITING = "waiting for first fix"
 RUNNING = "running"
 SILENT = "no odometry"
 _STATUS_PERIOD = 0.5
-
-
-class EkfNodeConfig(NamedTuple):
-    """Parameters of the node; names as robot_localization's where they mean the same."""
-
-    localization: LocalizationConfig = LocalizationConfig()
-    wheels: WheelGeometry = WheelGeometry()
-    odometry_source: Annotated[
-        str, Spec("what predicts the motion", choices=("odom", "joint_states"), read_only=True)
-    ] = "odom"
-    wheel_noise: Annotated[
-        float,
-        Spec(
-            "bound of the relative wheel-speed error, where the odometry tells no covariance",
-            minimum=0.0,
-            maximum=1.0,
-        ),
-    ] = 0.05
-    left_wheel_name: Annotated[str, Spec("joint of the left wheel", read_only=True)] = "left_wheel_joint"
-    right_wheel_name: Annotated[str, Spec("joint of the right wheel", read_only=True)] = "right_wheel_joint"
-    sensor_timeout: Annotated[float, Spec("silence of the odometry that is reported", "s", minimum=0.0, above=True)] = (
-        1.0
-    )
-    map_frame: Annotated[str, Spec("frame of fixes and estimates", read_only=True)] = "map"
-    odom_frame: Annotated[str, Spec("frame of the odometry", read_only=True)] = "odom"
-    base_link_frame: Annotated[str, Spec("frame of the robot", read_only=True)] = "base_link"
-    publish_tf: Annotated[bool, Spec("publish map -> odom", read_only=True)] = True
 
 
 class EkfNode(DiffbotNode[EkfNodeConfig]):

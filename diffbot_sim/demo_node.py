@@ -3,50 +3,20 @@
 from __future__ import annotations
 
 import json
-import math
-from typing import Annotated, Any, NamedTuple
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool
 
-from diffbot_control.config import Spec
-from diffbot_control.errors import InvalidValueError
 from diffbot_control.geometry import Pose
 from diffbot_control.ros_messages import NANO, goal_message
 from diffbot_control.ros_runtime import LATCHED, QUEUE, DiffbotNode, run
 from diffbot_sim.mission import Mission
+from diffbot_sim.node_config import DemoNodeConfig
 
 _PERIOD = 0.05
-
-
-class DemoNodeConfig(NamedTuple):
-    """Parameters of the node."""
-
-    goals: Annotated[
-        tuple[float, ...],
-        Spec("x, y, heading of one goal after the other, in map", "m, m, rad", read_only=True),
-    ] = (0.0, 0.0, 0.0)
-    recorded_topics: Annotated[
-        tuple[str, ...],
-        Spec("topics that the recorder has to hear before the start", read_only=True),
-    ] = ()
-    hold: Annotated[float, Spec("time to stay at a reached goal", "s", minimum=0.0, read_only=True)] = 3.0
-    goal_timeout: Annotated[
-        float,
-        Spec("time after which a goal is given up", "s", minimum=0.0, above=True, read_only=True),
-    ] = 120.0
-    map_frame: Annotated[str, Spec("frame of the goals", read_only=True)] = "map"
-
-    def check(self) -> None:
-        """Refuse goals that are no triples.
-
-        Raises:
-            InvalidValueError: if they are not.
-        """
-        if not self.goals or len(self.goals) % 3 or not all(map(math.isfinite, self.goals)):
-            raise InvalidValueError("goals", list(self.goals), "finite triples x, y, heading")
 
 
 class DemoNode(DiffbotNode[DemoNodeConfig]):

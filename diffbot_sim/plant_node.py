@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import Annotated, Any, NamedTuple
+from typing import Any
 
 from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
 from geometry_msgs.msg import Twist as TwistMessage
@@ -13,7 +13,6 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState
 from std_srvs.srv import SetBool, Trigger
 
-from diffbot_control.config import Spec
 from diffbot_control.geometry import Pose
 from diffbot_control.kinematics import Twist
 from diffbot_control.localization import Measurement
@@ -32,59 +31,11 @@ from diffbot_control.ros_messages import (
     twist_from,
 )
 from diffbot_control.ros_runtime import QUEUE, DiffbotNode, run
-from diffbot_sim.pacing import CLOCKS, LOCKSTEP, WALL, ClockPace, LockStep
-from diffbot_sim.world import World, WorldConfig
+from diffbot_sim.node_config import PlantNodeConfig
+from diffbot_sim.pacing import LOCKSTEP, WALL, ClockPace, LockStep
+from diffbot_sim.world import World
 
 _FIRST_POLL = 0.02
-
-
-class PlantNodeConfig(NamedTuple):
-    """Parameters of the node."""
-
-    world: WorldConfig = WorldConfig()
-    clock: Annotated[
-        str,
-        Spec(
-            "who sets the pace: real time, real time times a factor, or the controller",
-            choices=CLOCKS,
-            read_only=True,
-        ),
-    ] = WALL
-    real_time_factor: Annotated[
-        float,
-        Spec(
-            "simulated over real time, for clock: scaled",
-            minimum=0.001,
-            maximum=1000.0,
-            read_only=True,
-        ),
-    ] = 1.0
-    start_time: Annotated[
-        float,
-        Spec(
-            "time of the first step; 0: now",
-            "s since 1970",
-            minimum=0.0,
-            maximum=4e9,
-            read_only=True,
-        ),
-    ] = 0.0
-    start_paused: Annotated[bool, Spec("wait for ~/pause with data: false", read_only=True)] = False
-    lockstep_timeout: Annotated[
-        float,
-        Spec(
-            "without an answer for so long a step's messages are sent again (clock: lockstep)",
-            "s",
-            minimum=0.01,
-        ),
-    ] = 1.0
-    enable_stamped_cmd_vel: Annotated[bool, Spec("hear TwistStamped instead of Twist", read_only=True)] = False
-    left_wheel_name: Annotated[str, Spec("joint of the left wheel", read_only=True)] = "left_wheel_joint"
-    right_wheel_name: Annotated[str, Spec("joint of the right wheel", read_only=True)] = "right_wheel_joint"
-    map_frame: Annotated[str, Spec("frame of fixes and truth", read_only=True)] = "map"
-    odom_frame: Annotated[str, Spec("frame of the odometry", read_only=True)] = "odom"
-    base_link_frame: Annotated[str, Spec("frame of the robot", read_only=True)] = "base_link"
-    publish_tf: Annotated[bool, Spec("publish odom -> base_link", read_only=True)] = True
 
 
 class PlantNode(DiffbotNode[PlantNodeConfig]):

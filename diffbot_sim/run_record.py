@@ -66,7 +66,7 @@ def read_run(bag: Path, namespace: str = "") -> RunRecord:
             )
             pose = content.pose if name == GOALS else content.pose.pose
             rows[name].append((stamp, *_pose(pose)))
-        messages = reader.count
+        messages = reader.message_count
         lost = int(reader.metadata.custom_data.get("lost_messages", 0)) if reader.metadata else 0
     if not rows[TRUTH]:
         raise DiffbotError(f"{bag}: no {namespace}{TRUTH} in it")

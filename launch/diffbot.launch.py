@@ -5,15 +5,17 @@ ros2 launch diffbot diffbot.launch.py [namespace:=robot1] [simulate:=false] [clo
 """
 
 from pathlib import Path
+from typing import Any
 
 from ament_index_python.packages import get_package_share_directory
-from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+from launch import LaunchContext, LaunchDescription
 
-def generate_launch_description():
+
+def generate_launch_description() -> LaunchDescription:
     """Declare the arguments; the nodes follow from their values."""
     share = Path(get_package_share_directory("diffbot"))
     arguments = {
@@ -30,7 +32,7 @@ def generate_launch_description():
     return LaunchDescription([*declared, OpaqueFunction(function=_nodes)])
 
 
-def _nodes(context):
+def _nodes(context: LaunchContext) -> list[Node]:
     value = {
         name: LaunchConfiguration(name).perform(context)
         for name in ("namespace", "simulate", "clock", "parameters", "bag")
@@ -39,7 +41,7 @@ def _nodes(context):
     use_sim_time = simulate and value["clock"] != "wall"
     common = [value["parameters"], {"use_sim_time": use_sim_time}]
 
-    def node(name, *parameters):
+    def node(name: str, *parameters: dict[str, Any]) -> Node:
         return Node(
             package="diffbot",
             executable=f"{name}_node",

@@ -1,0 +1,88 @@
+"""Parameters of the nodes ``plant`` and ``demo``."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, NamedTuple
+
+from diffbot_control.config import Spec
+from diffbot_control.errors import InvalidValueError
+from diffbot_sim.pacing import CLOCKS, WALL
+from diffbot_sim.world import WorldConfig
+
+
+class PlantNodeConfig(NamedTuple):
+    """Parameters of the node ``plant``."""
+
+    world: WorldConfig = WorldConfig()
+    clock: Annotated[
+        str,
+        Spec(
+            "who sets the pace: real time, real time times a factor, or the controller",
+            choices=CLOCKS,
+            read_only=True,
+        ),
+    ] = WALL
+    real_time_factor: Annotated[
+        float,
+        Spec(
+            "simulated over real time, for clock: scaled",
+            minimum=0.001,
+            maximum=1000.0,
+            read_only=True,
+        ),
+    ] = 1.0
+    start_time: Annotated[
+        float,
+        Spec(
+            "time of the first step; 0: now",
+            "s since 1970",
+            minimum=0.0,
+            maximum=4e9,
+            read_only=True,
+        ),
+    ] = 0.0
+    start_paused: Annotated[bool, Spec("wait for ~/pause with data: false", read_only=True)] = False
+    lockstep_timeout: Annotated[
+        float,
+        Spec(
+            "without an answer for so long a step's messages are sent again (clock: lockstep)",
+            "s",
+            minimum=0.01,
+        ),
+    ] = 1.0
+    enable_stamped_cmd_vel: Annotated[bool, Spec("hear TwistStamped instead of Twist", read_only=True)] = False
+    left_wheel_name: Annotated[str, Spec("joint of the left wheel", read_only=True)] = "left_wheel_joint"
+    right_wheel_name: Annotated[str, Spec("joint of the right wheel", read_only=True)] = "right_wheel_joint"
+    map_frame: Annotated[str, Spec("frame of fixes and truth", read_only=True)] = "map"
+    odom_frame: Annotated[str, Spec("frame of the odometry", read_only=True)] = "odom"
+    base_link_frame: Annotated[str, Spec("frame of the robot", read_only=True)] = "base_link"
+    publish_tf: Annotated[bool, Spec("publish odom -> base_link", read_only=True)] = True
+
+
+class DemoNodeConfig(NamedTuple):
+    """Parameters of the node ``demo``."""
+
+    goals: Annotated[
+        tuple[float, ...],
+        Spec("x, y, heading of one goal after the other, in map", "m, m, rad", read_only=True),
+    ] = (0.0, 0.0, 0.0)
+    recorded_topics: Annotated[
+        tuple[str, ...],
+        Spec("topics that the recorder has to hear before the start", read_only=True),
+    ] = ()
+    hold: Annotated[float, Spec("time to stay at a reached goal", "s", minimum=0.0, read_only=True)] = 3.0
+    goal_timeout: Annotated[
+        float,
+        Spec("time after which a goal is given up", "s", minimum=0.0, above=True, read_only=True),
+    ] = 120.0
+    map_frame: Annotated[str, Spec("frame of the goals", read_only=True)] = "map"
+
+    def check(self) -> None:
+        """Refuse goals that are no triples.
+
+        Raises:
+            InvalidValueError: if they are not.
+        """
+        if not self.goals or len(self.goals) % 3 or not all(map(math.isfinite, self.goals)):
+            raise InvalidValueError("goals", list(self.goals), "finite triples x, y, heading")

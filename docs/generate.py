@@ -1,0 +1,131 @@
+"""Write the generated parts of docs/: ``python docs/generate.py [--check]``.
+
+docs/parameters.md comes from the configuration types; the table in docs/control.md from 100 runs of the closed loop.
+``--check`` writes nothing and fails if something would change.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from diffbot_bag.config import RecorderConfig, ReplayConfig
+from diffbot_control.config import parameters_of
+from diffbot_control.controller import ControllerConfig
+from diffbot_control.geometry import Pose
+from diffbot_control.node_config import ControllerNodeConfig, EkfNodeConfig
+from diffbot_sim.closed_loop import EKF, RAW, TRUTH, simulate
+from diffbot_sim.node_config import PlantNodeConfig
+from diffbot_sim.plant import PlantConfig
+from diffbot_sim.sensors import SensorConfig
+from diffbot_sim.world import WorldConfig
+
+DOCS = Path(__file__).parent
+NODES = {
+    "controller": ControllerNodeConfig,
+    "ekf": EkfNodeConfig,
+    "plant": PlantNodeConfig,
+    "recorder": RecorderConfig,
+    "replay": ReplayConfig,
+}
+RUNS = 100
+STEPS = 300
+PAPER_NOISE = PlantConfig(exact_arc=False, drive_noise=0.0, encoder_noise=0.0, eps_v_max=0.065, eps_omega_max=0.2167)
+QUIET = WorldConfig(
+    plant=PlantConfig(drive_noise=0.0, encoder_noise=0.0),
+    sensors=SensorConfig(eps_x_max=0.0, eps_y_max=0.0, eps_theta_max=0.0),
+)
+
+
+def parameters_page() -> str:
+    """List the parameters of all nodes."""
+    lines = [
+        "# Parameters",
+        "",
+        "Made by `make docs` from the configuration types; a test holds it to them. A node refuses to",
+        "start with a value outside its bounds, and refuses to be set to one, naming parameter, value and bound.",
+        "*Fixed*: read at the start only. A text or list default of nothing is shown as `-`.",
+    ]
+    for node, config_type in NODES.items():
+        lines += [
+            "",
+            f"## {node}",
+            "",
+            "| parameter | default | unit | allowed | fixed | meaning |",
+            "|---|---|---|---|---|---|",
+        ]
+        for parameter in parameters_of(config_type):
+            spec = parameter.spec
+            allowed = spec.bound() if parameter.type in (float, int) or spec.choices else ""
+            fixed = "yes" if spec.read_only else ""
+            cells = (f"`{parameter.name}`", _shown(parameter.default), spec.unit, allowed, fixed, spec.text)
+            lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if not value and isinstance(value, (str, tuple)):
+        return "-"
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def scenario_a_table() -> str:
+    """End states of the paper's scenario A under the law (17) with the fixed region, 100 runs of 30 s."""
+    rows = [
+        "| what the controller sees | position error [m]: median | p95 | max "
+        "| heading error [rad]: median | p95 | max |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    cases = (
+        ("EKF: fixes with the paper's noise, +-5 % per wheel", WorldConfig(), EKF),
+        ("the raw fixes, input noise added (the paper's simulation)", WorldConfig(plant=PAPER_NOISE), RAW),
+        ("the truth, no noise", QUIET, TRUTH),
+    )
+    for text, world, feedback in cases:
+        ends = np.array([_end_state(world._replace(run=run), feedback) for run in range(RUNS)])
+        numbers = [f"{n:.3f}" for column in ends.T for n in (*np.quantile(column, (0.5, 0.95)), column.max())]
+        rows.append(f"| {text} | " + " | ".join(numbers) + " |")
+    return "\n".join(rows)
+
+
+def _end_state(world: WorldConfig, feedback: str) -> tuple[float, float]:
+    x, y, theta = simulate(world, ControllerConfig(), Pose(0.0, 0.0, 0.0), STEPS, feedback).truth[-1].tolist()
+    return math.hypot(x, y), abs(theta)
+
+
+def between_markers(page: str, name: str, text: str) -> str:
+    """Replace what stands between the comments ``<!-- name -->`` and ``<!-- /name -->``."""
+    start, end = f"<!-- {name} -->\n", f"\n<!-- /{name} -->"
+    head, rest = page.split(start)
+    return head + start + text + end + rest.split(end)[1]
+
+
+def main() -> int:
+    """Write or check; 1 if a check finds a difference."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--check", action="store_true", help="write nothing, fail on a difference")
+    options = parser.parse_args()
+    control = DOCS / "control.md"
+    pages = {
+        DOCS / "parameters.md": parameters_page(),
+        control: between_markers(control.read_text(), "scenario A", scenario_a_table()),
+    }
+    stale = [path for path, text in pages.items() if not path.is_file() or path.read_text() != text]
+    for path in stale:
+        if options.check:
+            print(f"{path.name} is out of date: run python docs/generate.py")
+        else:
+            path.write_text(pages[path])
+            print(f"{path.name} written")
+    return 1 if options.check and stale else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
