@@ -21,12 +21,10 @@ class Pose(NamedTuple):
 
 def wrap_angle(angle: float) -> float:
     """Wrap an angle [rad] to (-pi, pi]; angles already there come back unchanged to the bit."""
-    wrapped = math.fmod(angle, TWO_PI)
-    if wrapped > math.pi:
-        wrapped -= TWO_PI
-    elif wrapped <= -math.pi:
-        wrapped += TWO_PI
-    return wrapped
+    if -math.pi < angle <= math.pi:
+        return angle
+    wrapped = angle % TWO_PI
+    return wrapped - TWO_PI if wrapped > math.pi else wrapped
 
 
 def into_frame(pose: Pose, frame: Pose) -> Pose:
