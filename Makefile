@@ -1,0 +1,86 @@
+# Everything for development and for the demo without ROS. On a full ROS 2 installation use colcon instead (README.md).
+PYTHON ?= python3
+ARGS ?=
+
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet --quiet
+# The pinned setuptools of the environment builds: nothing unpinned is fetched to build with.
+INSTALL := $(PIP) install --no-build-isolation --constraint constraints.txt
+# Folders count too: their time changes when a file goes away.
+SOURCES := package.xml setup.py setup.cfg $(shell find diffbot_* launch config resource -name __pycache__ -prune -o -print)
+
+# Of a ROS installation or another environment that this shell has sourced: its libraries must not mix with ours.
+unexport PYTHONPATH PYTHONHOME LD_LIBRARY_PATH AMENT_PREFIX_PATH RMW_IMPLEMENTATION _ROS_WHEELS_BOOTSTRAP_COMPLETE
+
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test lint bench docs clean
+.DELETE_ON_ERROR:
+
+help:
+	@echo "make setup   create $(VENV) with the package, ROS 2 Jazzy from wheels and all tools"
+	@echo "make demo    drive a simulated robot to a goal pose, record a bag, write the report"
+	@echo "make test    run the tests"
+	@echo "make lint    run ruff and mypy"
+	@echo "make bench   measure speed"
+	@echo "make docs    write the generated parts of docs/"
+	@echo "make clean   remove $(VENV) and everything built"
+	@echo "ARGS='...' passes arguments on, PYTHON=... chooses the interpreter (3.10 to 3.13)."
+
+setup: $(VENV)/package.stamp
+
+demo: setup
+	@$(BIN)/diffbot demo --overwrite $(ARGS)
+
+# Not `python -m pytest`, which would put the source tree before the installed package.
+test: setup
+	@$(BIN)/pytest -n 2 --dist loadfile $(ARGS)
+
+lint: setup
+	@$(BIN)/ruff check
+	@$(BIN)/ruff format --check
+	@$(BIN)/mypy
+
+bench: setup
+	@$(BIN)/python test/bench.py $(ARGS)
+
+docs: setup
+	@$(BIN)/python docs/generate.py $(ARGS)
+
+clean:
+	@rm -rf $(VENV) build install log out *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	@find . -name __pycache__ -prune -exec rm -rf {} +
+
+# Also made anew when its interpreter has gone.
+$(BIN)/python:
+	@command -v $(PYTHON) >/dev/null || { echo "$(PYTHON) was not found: install Python 3.10 to 3.13 or set PYTHON=..." >&2; exit 1; }
+	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; (3, 10) <= v <= (3, 13) or sys.exit(f"Python 3.10 to 3.13 is needed, but $(PYTHON) is {v[0]}.{v[1]}: set PYTHON=...")'
+	@$(PYTHON) -c 'import ensurepip' 2>/dev/null || { \
+	    package=$$($(PYTHON) -c 'import sys; print("python%d.%d-venv" % sys.version_info[:2])'); \
+	    if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
+	        echo "Installing $$package ..."; \
+	        apt-get -qq update && DEBIAN_FRONTEND=noninteractive apt-get -qq install -y $$package >/dev/null; \
+	    else \
+	        echo "This Python cannot make virtual environments: install $$package (sudo apt-get install $$package)" >&2; exit 1; \
+	    fi; }
+	@$(PYTHON) -m venv --clear $(VENV)
+
+# A stamp takes its name when its step has succeeded, and has the time of the beginning: an interrupted step is done
+# again, and so is one whose sources changed meanwhile.
+$(VENV)/dependencies.stamp: setup.py constraints.txt | $(BIN)/python
+	@echo "Installing the dependencies into $(VENV), which takes a minute or two ..."
+	@touch $@.begun
+	@$(BIN)/python -m pip --version >/dev/null 2>&1 || $(BIN)/python -m ensurepip >/dev/null
+	@$(PIP) install --constraint constraints.txt pip setuptools
+	@rm -rf build/lib *.egg-info
+	@$(INSTALL) '.[jazzy,test,lint,batch]'
+	@mv $@.begun $@
+
+# build/lib keeps modules that were deleted since, so it goes first.
+$(VENV)/package.stamp: $(VENV)/dependencies.stamp $(SOURCES)
+	@echo "Installing diffbot into $(VENV) ..."
+	@touch $@.begun
+	@rm -rf build/lib *.egg-info
+	@$(INSTALL) --no-deps --force-reinstall .
+	@rm -rf build/lib build/bdist.* *.egg-info; rmdir build 2>/dev/null || true
+	@mv $@.begun $@

@@ -1,0 +1,87 @@
+"""One build for two worlds: `colcon build` on a ROS 2 installation, `pip install` without one."""
+
+from glob import glob
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+# After setuptools, which provides distutils where Python no longer does.
+from distutils.command.install_data import install_data  # isort: skip
+
+NAME = "diffbot"
+EXECUTABLES = {
+    "controller_node": "diffbot_control.controller_node",
+    "ekf_node": "diffbot_control.ekf_node",
+    "plant_node": "diffbot_sim.plant_node",
+    "recorder_node": "diffbot_bag.recorder_node",
+    "replay_node": "diffbot_bag.replay_node",
+    "diffbot": "diffbot_sim.cli",
+}
+SHIM = """\
+#!/bin/sh
+# `ros2 run` and `ros2 launch` look here, pip installs commands in bin only.
+exec "$(dirname "$0")/../../bin/{name}" "$@"
+"""
+
+
+class InstallDataAndShims(install_data):
+    """Adds lib/diffbot/NAME for each executable, unless colcon puts the console scripts there."""
+
+    def run(self) -> None:
+        """Install the data files, then write the shims beside them."""
+        super().run()
+        folder = Path(self.install_dir, "lib", NAME)
+        if Path(self.get_finalized_command("install").install_scripts) == folder:
+            return
+        folder.mkdir(parents=True, exist_ok=True)
+        for name in EXECUTABLES:
+            shim = folder / name
+            shim.write_text(SHIM.format(name=name), encoding="utf-8")
+            shim.chmod(0o755)
+            self.outfiles.append(str(shim))
+
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    description="Drives a differential-drive robot to a goal pose with a switching law and an EKF",
+    license="Apache-2.0",
+    maintainer="The diffbot authors",
+    maintainer_email="diffbot@users.noreply.example",
+    python_requires=">=3.10",
+    packages=find_packages(include=["diffbot_*"]),
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        (f"share/{NAME}/launch", sorted(glob("launch/*.launch.py"))),
+        (f"share/{NAME}/config", sorted(glob("config/*.yaml"))),
+    ],
+    entry_points={"console_scripts": [f"{name} = {module}:main" for name, module in EXECUTABLES.items()]},
+    cmdclass={"install_data": InstallDataAndShims},
+    zip_safe=False,
+    # Not what a ROS installation brings without pip knowing it (rclpy, messages): see jazzy below.
+    install_requires=[
+        "filterpy>=2.0",
+        "matplotlib>=3.8",
+        "mcap>=1.5",
+        "mcap-ros2-support>=0.5",
+        "numpy>=1.26",
+        "PyYAML>=6.0",
+        "tqdm>=4.60",
+        "zstandard>=0.20",
+    ],
+    extras_require={
+        "jazzy": ["ros-jazzy-common-interfaces>=5.3", "ros-jazzy-rclpy[fastrtps]>=7.1"],
+        "batch": ["numba>=0.59"],
+        "test": [
+            "evo>=1.31",
+            "hypothesis>=6.100",
+            "pytest>=8.0",
+            "pytest-timeout>=2.2",
+            "pytest-xdist>=3.5",
+            "rosbags>=0.10",
+            "scipy>=1.11",
+        ],
+        "lint": ["mypy>=1.13", "pre-commit>=3.8", "ruff>=0.8", "types-PyYAML>=6.0"],
+    },
+)

@@ -1,0 +1,170 @@
+"""What the package says about itself agrees in all places, and agrees with what was installed."""
+
+import ast
+import importlib.metadata
+import os
+import re
+import sys
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import pytest
+from packaging.markers import default_environment
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+ROOT = Path(__file__).resolve().parent.parent
+PYTHONS = ("3.10", "3.11", "3.12", "3.13")
+PACKAGES = ("diffbot_bag", "diffbot_control", "diffbot_sim")
+EXECUTABLES = {
+    "controller_node",
+    "diffbot",
+    "ekf_node",
+    "plant_node",
+    "recorder_node",
+    "replay_node",
+}
+PACKAGE_OF_IMPORT = {"mcap_ros2": "mcap-ros2-support", "yaml": "PyYAML"}
+INSTALLED = importlib.metadata.distribution("diffbot")
+DIRECT = [Requirement(line) for line in INSTALLED.requires]
+SOURCES = [path for package in PACKAGES for path in sorted(ROOT.glob(f"{package}/**/*.py"))]
+MANIFEST = ET.parse(ROOT / "package.xml").getroot()
+
+
+def pins(name, python):
+    """Return the versions that constraints.txt pins for this package on this Python."""
+    environment = {
+        **default_environment(),
+        "python_version": python,
+        "python_full_version": f"{python}.0",
+    }
+    lines = (ROOT / "constraints.txt").read_text().splitlines()
+    requirements = [Requirement(line) for line in lines if line and not line.startswith("#")]
+    return [
+        next(iter(requirement.specifier)).version
+        for requirement in requirements
+        if canonicalize_name(requirement.name) == canonicalize_name(name)
+        and (requirement.marker is None or requirement.marker.evaluate(environment))
+    ]
+
+
+def imported_packages():
+    """Return the outermost names of all absolute imports of the package and its launch files."""
+    names = set()
+    for path in [*SOURCES, *ROOT.glob("launch/*.py")]:
+        for node in ast.walk(ast.parse(path.read_text(), str(path))):
+            if isinstance(node, ast.Import):
+                names.update(alias.name.split(".")[0] for alias in node.names)
+            elif isinstance(node, ast.ImportFrom) and node.level == 0:
+                names.add(node.module.split(".")[0])
+    return names - set(sys.stdlib_module_names) - set(PACKAGES)
+
+
+def source_tree():
+    """Yield every file of the source tree that git would not ignore."""
+    for folder, folders, files in os.walk(ROOT):
+        hidden_or_built = {"build", "install", "log", "out", "__pycache__"}
+        folders[:] = [
+            name
+            for name in folders
+            if name == ".ci" or not (name.startswith(".") or name in hidden_or_built or name.endswith(".egg-info"))
+        ]
+        yield from (Path(folder, name) for name in files if name != ".git")
+
+
+def test_version_is_the_same_everywhere():
+    changelog = re.search(r"^## \[(.+?)\]", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
+    setup = re.search(r'^    version="(.+)",$', (ROOT / "setup.py").read_text(), re.MULTILINE)
+    assert {changelog[1], setup[1], MANIFEST.findtext("version")} == {INSTALLED.version}
+
+
+def test_installed_package_is_this_source_tree():
+    site = Path(INSTALLED.locate_file(""))
+    installed = {path for package in PACKAGES for path in site.glob(f"{package}/**/*.py")}
+    assert {path.relative_to(site) for path in installed} == {path.relative_to(ROOT) for path in SOURCES}
+    stale = [str(path) for path in SOURCES if path.read_bytes() != (site / path.relative_to(ROOT)).read_bytes()]
+    assert not stale, "run `make setup`"
+
+
+def test_every_executable_resolves_to_a_function():
+    scripts = INSTALLED.entry_points.select(group="console_scripts")
+    assert {script.name for script in scripts} == EXECUTABLES
+    assert [script.name for script in scripts if not callable(script.load())] == []
+
+
+def test_manifest_has_what_ros_needs():
+    assert MANIFEST.tag == "package"
+    assert MANIFEST.get("format") == "3"
+    assert MANIFEST.findtext("name") == INSTALLED.name
+    assert re.fullmatch(r"\d+\.\d+\.\d+", MANIFEST.findtext("version"))
+    assert MANIFEST.findtext("description").strip()
+    assert MANIFEST.findtext("license") == INSTALLED.metadata["License"]
+    assert MANIFEST.find("maintainer").get("email") == INSTALLED.metadata["Maintainer-email"]
+    assert MANIFEST.findtext("export/build_type") == "ament_python"
+    dependencies = [element.text for element in MANIFEST if element.tag.endswith("_depend")]
+    assert len(dependencies) == len(set(dependencies))
+
+
+def test_every_import_is_a_declared_dependency():
+    declared = {element.text for element in MANIFEST.iter("exec_depend")}
+    direct = {canonicalize_name(requirement.name) for requirement in DIRECT}
+    imported = imported_packages()
+    assert {"numpy", "rclpy"} <= imported
+    packages = {name: canonicalize_name(PACKAGE_OF_IMPORT.get(name, name)) for name in imported - declared}
+    assert {name for name, package in packages.items() if package not in direct} == set()
+
+
+@pytest.mark.parametrize("python", PYTHONS)
+def test_constraints_pin_every_direct_dependency_within_its_bound(python):
+    found = {requirement.name: pins(requirement.name, python) for requirement in DIRECT}
+    assert {name: versions for name, versions in found.items() if len(versions) != 1} == {}
+    outside = [str(bound) for bound in DIRECT if not bound.specifier.contains(found[bound.name][0])]
+    assert outside == []
+
+
+def test_constraints_pin_what_is_installed():
+    python = f"{sys.version_info.major}.{sys.version_info.minor}"
+    waiting, seen, wrong = list(DIRECT), set(), []
+    while waiting:
+        requirement = waiting.pop()
+        key = (canonicalize_name(requirement.name), frozenset(requirement.extras))
+        if key in seen:
+            continue
+        seen.add(key)
+        distribution = importlib.metadata.distribution(requirement.name)
+        if pins(requirement.name, python) != [distribution.version]:
+            wrong.append(f"{requirement.name} {distribution.version}")
+        for line in distribution.requires or []:
+            child = Requirement(line)
+            marker = child.marker
+            if marker is None or any(marker.evaluate({"extra": extra}) for extra in {"", *requirement.extras}):
+                waiting.append(child)
+    assert wrong == []
+
+
+@pytest.mark.parametrize("requirement", DIRECT, ids=lambda requirement: requirement.name)
+def test_docs_name_every_direct_dependency_and_its_pins(requirement):
+    rows = (ROOT / "docs" / "dependencies.md").read_text().splitlines()
+    (row,) = [row for row in rows if row.startswith(f"| {requirement.name} |")]
+    cells = [cell.strip() for cell in row.strip("|").split("|")]
+    assert all(cells)
+    assert set(cells[-1].split(" / ")) == {pins(requirement.name, python)[0] for python in PYTHONS}
+
+
+def test_no_machine_paths_and_no_registry_hosts():
+    hosts = [
+        ("pypi", "org"),
+        ("pythonhosted", "org"),
+        ("debian", "org"),
+        ("ubuntu", "com"),
+        ("npmjs", "org"),
+    ]
+    unwanted = re.compile(
+        "|".join(rf"\b{name}\.{domain}\b" for name, domain in hosts) + r"|(?<![\w.~}-])/(?:home|root|Users|work)/\w"
+    )
+    found = [
+        f"{path.relative_to(ROOT)}: {match[0]}"
+        for path in source_tree()
+        for match in unwanted.finditer(path.read_bytes().decode("utf-8", "ignore"))
+    ]
+    assert found == []
