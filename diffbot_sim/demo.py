@@ -40,6 +40,7 @@ RECORDED_TOPICS = (
     "pose",
 )
 _READY_TIMEOUT = 40.0
+_BAR = "{desc:<28}{percentage:3.0f}%|{bar}| {elapsed}"
 
 
 class DemoOptions(NamedTuple):
@@ -160,7 +161,7 @@ def _follow(demo: subprocess.Popen[str], nodes: NodeProcesses) -> None:
     ) as bar:
 
         def ended() -> bool:
-            bar.set_description(news["phase"], refresh=False)
+            bar.set_description_str(news["phase"], refresh=False)
             bar.n = 100.0 * news["progress"]
             bar.refresh()
             waiting = news["phase"] in (

@@ -1,0 +1,33 @@
+"""The generated parts of docs/ are what the code says today."""
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture(scope="module")
+def generate():
+    spec = importlib.util.spec_from_file_location("generate", ROOT / "docs" / "generate.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_parameters_page_is_up_to_date(generate):
+    assert (ROOT / "docs" / "parameters.md").read_text() == generate.parameters_page()
+
+
+def test_scenario_a_table_is_up_to_date(generate):
+    page = (ROOT / "docs" / "control.md").read_text()
+    assert generate.between_markers(page, "scenario A", generate.scenario_a_table()) == page
+
+
+def test_every_page_of_the_readme_exists():
+    readme = (ROOT / "README.md").read_text()
+    targets = [part.split(")")[0] for part in readme.split("](")[1:]]
+    assert targets
+    missing = [target for target in targets if not (ROOT / target).is_file()]
+    assert missing == []
