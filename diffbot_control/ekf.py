@@ -79,12 +79,14 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
 
     def update_pose(self, z: Array, R: Array) -> None:
         """Correct with a pose fix ``z`` (3,) of covariance ``R`` (3, 3)."""
-        self.update(z, _pose_jacobian, _pose_of_state, R=R, residual=_pose_residual)
+        self.R = R  # as an argument it would pass through numpy's slow isscalar
+        self.update(z, _pose_jacobian, _pose_of_state, residual=_pose_residual)
         self.x[2] = wrap_angle(float(self.x[2]))
 
     def update_heading(self, z: Array, R: Array) -> None:
         """Correct with a heading ``z`` (1,) [rad] of variance ``R`` (1, 1) [rad^2]."""
-        self.update(z, _heading_jacobian, _heading_of_state, R=R, residual=_heading_residual)
+        self.R = R
+        self.update(z, _heading_jacobian, _heading_of_state, residual=_heading_residual)
         self.x[2] = wrap_angle(float(self.x[2]))
 
 

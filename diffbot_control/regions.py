@@ -19,8 +19,10 @@ class FixedRegion(NamedTuple):
     The default radius meets the paper's condition with its raw noise: sqrt(0.3^2 + 0.3^2) + 0.065 / 1.3 = 0.474 m.
     """
 
-    eps_P: Annotated[float, Spec("Omega_L is entered below this distance", "m", minimum=0.0, above=True)] = 0.5
-    eps_P_leave: Annotated[float, Spec("Omega_L is left above this distance", "m", minimum=0.0, above=True)] = 0.6
+    eps_P: Annotated[
+        float, Spec("Omega_L is entered below this distance; 0: never, law (13) everywhere", "m", minimum=0.0)
+    ] = 0.5
+    eps_P_leave: Annotated[float, Spec("Omega_L is left above this distance", "m", minimum=0.0)] = 0.6
 
     def check(self) -> None:
         """Refuse a leaving radius below the entering one: the region would flicker.

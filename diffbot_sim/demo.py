@@ -153,12 +153,7 @@ def _follow(demo: subprocess.Popen[str], nodes: NodeProcesses) -> None:
     reader = threading.Thread(target=_read_news, args=(demo, news), daemon=True)
     reader.start()
     ready_by = time.monotonic() + _READY_TIMEOUT
-    with tqdm(
-        total=100.0,
-        desc="starting",
-        bar_format="{desc}: {percentage:3.0f}%|{bar}| {elapsed}",
-        leave=True,
-    ) as bar:
+    with tqdm(total=100.0, desc="starting", bar_format=_BAR, disable=None) as bar:
 
         def ended() -> bool:
             bar.set_description_str(news["phase"], refresh=False)

@@ -16,7 +16,7 @@ _LOW = 0xFFFFFFFF
 _UNIT = 2.0**-32
 
 # Blocks of four numbers that one step may draw; a number keeps its place whatever else is switched on.
-WHEEL_BLOCK, FIX_BLOCK, FAULT_BLOCK = 0, 1, 2
+WHEEL_BLOCK, FIX_BLOCK, FAULT_BLOCK, START_BLOCK = 0, 1, 2, 3
 
 
 class Words(NamedTuple):
