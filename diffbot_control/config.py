@@ -144,7 +144,10 @@ def checked(parameter: Parameter, value: Any) -> Any:
         item = parameter._replace(type=get_args(kind)[0])
         return tuple(checked(item, one) for one in value)
     if kind is float and isinstance(value, int) and not isinstance(value, bool):
-        value = float(value)
+        try:
+            value = float(value)
+        except OverflowError:
+            raise InvalidValueError(name, value, spec.bound()) from None
     if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
         raise InvalidValueError(
             name,
@@ -161,7 +164,9 @@ def checked(parameter: Parameter, value: Any) -> Any:
 def _check_number(name: str, value: float, spec: Spec) -> None:
     infinite_allowed = spec.unlimited and value == math.inf
     too_low = value <= spec.minimum if spec.above else value < spec.minimum
-    if (not math.isfinite(value) and not infinite_allowed) or too_low or value > spec.maximum:
+    # An int is finite, and may be too large to be asked as a float.
+    finite = isinstance(value, int) or math.isfinite(value)
+    if (not finite and not infinite_allowed) or too_low or value > spec.maximum:
         raise InvalidValueError(name, value, spec.bound())
 
 

@@ -14,6 +14,7 @@ from geometry_msgs.msg import (
 from geometry_msgs.msg import (
     Twist as TwistMessage,
 )
+from rclpy.duration import Duration
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
@@ -40,6 +41,10 @@ _LEVELS = {
     supervisor.WAITING: DiagnosticStatus.WARN[0],
 }
 _STATUS_PERIOD = 0.5
+_LAST_WORD = Duration(seconds=0.2)
+"""Time that the stop command at the end has to be delivered."""
+_SHORTEST_WATCH = 1e-3
+"""[s] a timer without a period would take all the processor."""
 
 
 class ControllerNode(DiffbotNode[ControllerNodeConfig]):
@@ -72,6 +77,8 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
     def before_shutdown(self) -> None:
         """Leave the robot standing."""
         self._send(Twist(0.0, 0.0))
+        # The publisher goes with the node; what it has not delivered by then is lost.
+        self._commands.wait_for_all_acked(_LAST_WORD)
 
     def health_level(self) -> tuple[int, str]:
         """Say the controller's state in /diagnostics."""
@@ -79,7 +86,7 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
         return max(level, _LEVELS.get(self.supervisor.state, 0)), f"{self.supervisor.state}; {text}"
 
     def _watch_period(self) -> float:
-        return min(0.25 * self.config.supervisor.pose_timeout, 0.1)
+        return min(max(0.25 * self.config.supervisor.pose_timeout, _SHORTEST_WATCH), 0.1)
 
     def _now(self) -> float:
         return float(self.get_clock().now().nanoseconds / NANO)

@@ -11,6 +11,8 @@ from diffbot_control.errors import BadMessageError
 
 _ASYMMETRY = 1e-6
 """Relative difference of mirrored entries that rounding on the way may cause."""
+_SMALLEST = 1e-30
+"""[m^2], [rad^2] below it a variance is a rounding of zero, and the inverse that a filter needs of it may overflow."""
 _LARGEST = 1e8
 """[m^2], [rad^2] above this a number is a slip or a code for 'unknown', not a variance to compute with."""
 
@@ -21,18 +23,39 @@ def check_covariance(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     Raises:
         BadMessageError: saying what it is instead.
     """
-    # Sums first: one NaN or Inf anywhere shows in them, and this runs for each message.
-    if not math.isfinite(float(matrix.sum())):
+    # Plain floats: this runs for each message, and numpy takes several times as long for matrices so small.
+    rows: list[list[float]] = matrix.tolist()
+    # One NaN or Inf anywhere shows in the sum.
+    if not math.isfinite(sum(map(sum, rows))):
         raise BadMessageError("covariance not finite")
-    diagonal = matrix.diagonal()
-    if not diagonal.any():
+    diagonal = [row[i] for i, row in enumerate(rows)]
+    if not any(diagonal):
         raise BadMessageError("covariance is zero")
-    if float(diagonal.max()) > _LARGEST:
-        raise BadMessageError("covariance too large", f"{float(diagonal.max()):g} > {_LARGEST:g}")
-    if float(np.abs(matrix - matrix.T).max()) > _ASYMMETRY * float(diagonal.max()):
-        raise BadMessageError("covariance not symmetric")
-    try:
-        np.linalg.cholesky(matrix)
-    except np.linalg.LinAlgError:
-        raise BadMessageError("covariance not positive definite") from None
+    largest = max(diagonal)
+    if largest > _LARGEST:
+        raise BadMessageError("covariance too large", f"{largest:g} > {_LARGEST:g}")
+    allowed = _ASYMMETRY * abs(largest)
+    for i, row in enumerate(rows):
+        for j in range(i):
+            if abs(row[j] - rows[j][i]) > allowed:
+                raise BadMessageError("covariance not symmetric")
+    if not _has_cholesky_factor(rows):
+        raise BadMessageError("covariance not positive definite")
     return matrix
+
+
+def _has_cholesky_factor(rows: list[list[float]]) -> bool:
+    """Whether the matrix is L L' with a lower triangular L, which takes its place; only positive definite ones are."""
+    for i, row in enumerate(rows):
+        pivot = row[i]
+        for j in range(i):
+            other = rows[j]
+            value = row[j]
+            for k in range(j):
+                value -= row[k] * other[k]
+            row[j] = value = value / other[j]
+            pivot -= value * value
+        if not pivot > _SMALLEST:
+            return False
+        row[i] = math.sqrt(pivot)
+    return True

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -53,7 +54,7 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         self._statuses = self.create_publisher(DiagnosticStatus, "~/status", LATCHED)
         self._transforms = self._transform_publisher(config.publish_tf)
         self._told_state = ""
-        self._heard = self.steady_clock.now().nanoseconds
+        self._heard = time.monotonic_ns()
         # Fixes before odometry: an executor that finds both waiting takes them in this order.
         self.listen(PoseWithCovarianceStamped, "global_pose", self._on_fix)
         self.listen(Imu, "heading", self._on_heading)
@@ -74,7 +75,7 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         """Return the message of ~/status: one of WAITING, RUNNING, SILENT."""
         if not self.localization.initialised:
             return WAITING
-        silence = (self.steady_clock.now().nanoseconds - self._heard) * 1e-9
+        silence = (time.monotonic_ns() - self._heard) * 1e-9
         return SILENT if silence > self.config.sensor_timeout else RUNNING
 
     def health_level(self) -> tuple[int, str]:
@@ -119,7 +120,7 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         self._answer(OdometryStep(stamp, body_twist(speeds, self.config.wheels), *variances))
 
     def _answer(self, odometry: OdometryStep) -> Estimate:
-        self._heard = self.steady_clock.now().nanoseconds
+        self._heard = time.monotonic_ns()
         estimate = self.localization.on_odometry(odometry)
         set_stamp(self._pose.header.stamp, estimate.stamp)
         fill_pose(self._pose.pose.pose, estimate.pose)

@@ -17,6 +17,10 @@ class InvalidValueError(DiffbotError):
         self.value = value
         self.bound = bound
 
+    def __reduce__(self) -> tuple[type[InvalidValueError], tuple[str, object, str]]:
+        """Come whole out of another process: by default an exception is made anew from its text alone."""
+        return type(self), (self.name, self.value, self.bound)
+
 
 class BadMessageError(DiffbotError):
     """A message that cannot be used; ``kind`` is a short stable phrase under which it is counted."""

@@ -94,8 +94,9 @@ def limit_acceleration(command: Twist, previous: Twist, dt: float, limits: Limit
     """
     if limits.a_max == _INF and limits.omega_dot_max == _INF:
         return command
-    dv = limits.a_max * dt
-    domega = limits.omega_dot_max * dt
+    # No limit stays none however short the time: inf * 0 is not a number.
+    dv = limits.a_max * dt if limits.a_max < _INF else _INF
+    domega = limits.omega_dot_max * dt if limits.omega_dot_max < _INF else _INF
     low_v, high_v = _factors(command.v, previous.v, dv)
     low_w, high_w = _factors(command.omega, previous.omega, domega)
     low = max(low_v, low_w, 0.0)

@@ -15,7 +15,7 @@ import numpy as np
 from diffbot_control.config import Spec
 from diffbot_control.ekf import Array, Motion, PoseEkf
 from diffbot_control.errors import BadMessageError
-from diffbot_control.geometry import Pose
+from diffbot_control.geometry import Pose, wrap_angle
 from diffbot_control.kinematics import Twist
 
 NANO = 1e-9
@@ -123,7 +123,7 @@ class Localization:
 
         It keeps its present time; if it has none yet, that is ``stamp`` [ns], or the first odometry's.
         """
-        self.filter.set_state(np.array(pose), P)
+        self.filter.set_state(np.array((pose.x, pose.y, wrap_angle(pose.theta))), P)
         self._steps.clear()
         self._pending.clear()
         if self._stamp is None:
@@ -174,8 +174,8 @@ class Localization:
         """Fuse a fix or a heading at its own stamp.
 
         Raises:
-            BadMessageError: if it is older than the history, ahead of all odometry by more than the history, or a
-                heading comes before the first fix.
+            BadMessageError: if it is older than the history, if too many with earlier stamps wait for their odometry
+                already, or if a heading comes before the first fix.
         """
         if not self.initialised:
             if measurement.z.size != 3:
@@ -193,13 +193,18 @@ class Localization:
 
     def _wait(self, measurement: Measurement) -> None:
         if len(self._pending) >= _PENDING_MOST:
-            raise BadMessageError("no odometry for it", f"{_PENDING_MOST} measurements wait already")
+            if measurement.stamp >= self._pending[-1].stamp:
+                raise BadMessageError("no odometry for it", f"{_PENDING_MOST} measurements wait already")
+            # The one furthest ahead gives way: a sender with a wrong clock must not shut the others out.
+            self._pending.pop()
         insort(self._pending, measurement, key=_order)
 
     def _insert_late(self, measurement: Measurement) -> None:
         for index in range(len(self._steps) - 1, -1, -1):
             step = self._steps[index]
-            if step.start < measurement.stamp <= step.odometry.stamp:
+            # What is stamped like the start of the history belongs to the state that it starts from.
+            covered = step.start < measurement.stamp or (index == 0 and step.start == measurement.stamp)
+            if covered and measurement.stamp <= step.odometry.stamp:
                 insort(step.measurements, measurement, key=_order)
                 self.filter.x, self.filter.P = step.x, step.P
                 for again in range(index, len(self._steps)):
@@ -233,6 +238,6 @@ class Localization:
             self.filter.update_heading(measurement.z, measurement.R)
 
     def _trim(self) -> None:
-        oldest = self._steps[-1].odometry.stamp - int(self.config.history_length / NANO)
+        oldest = self._steps[-1].odometry.stamp - round(self.config.history_length / NANO)
         while self._steps[0].odometry.stamp < oldest:
             self._steps.popleft()

@@ -46,7 +46,9 @@ _PLANAR = np.array([0, 1, 5, 6, 7, 11, 30, 31, 35])
 
 
 def stamp_ns(stamp: Time) -> int:
-    """Return a stamp as nanoseconds."""
+    """Return a stamp as nanoseconds; it is sent on, so it must be one that :func:`set_stamp` can write."""
+    if stamp.nanosec >= NANO:
+        raise BadMessageError("stamp not normalised", f"{stamp.nanosec} ns")
     return int(stamp.sec) * NANO + int(stamp.nanosec)
 
 

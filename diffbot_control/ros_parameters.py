@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Callable
 from typing import Any, Generic
 
@@ -53,8 +54,16 @@ class NodeParameters(Generic[C]):
             if not self._node.has_parameter(name):
                 self._node.get_logger().warning(f"unknown parameter '{name}' is ignored")
 
+    def _ours(self, changes: list[Any]) -> dict[str, Any]:
+        # A list comes as an array.array, which would not be shown as at the start.
+        return {
+            change.name: change.value.tolist() if isinstance(change.value, array) else change.value
+            for change in changes
+            if change.name in self._fields
+        }
+
     def _validate(self, changes: list[Any]) -> SetParametersResult:
-        ours = {change.name: change.value for change in changes if change.name in self._fields}
+        ours = self._ours(changes)
         try:
             build(self._type, ours, self.config)
         except DiffbotError as error:
@@ -62,7 +71,7 @@ class NodeParameters(Generic[C]):
         return SetParametersResult(successful=True)
 
     def _apply(self, changes: list[Any]) -> None:
-        ours = {change.name: change.value for change in changes if change.name in self._fields}
+        ours = self._ours(changes)
         if ours:
             self.config = build(self._type, ours, self.config)
             self._on_change(self.config)

@@ -13,6 +13,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import InvalidParameterTypeException, ParameterException
 from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.logging import LoggingSeverity, get_logger_effective_level, set_logger_level
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
@@ -98,9 +99,9 @@ class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
 
     def _report(self) -> None:
         now = self.steady_clock.now().nanoseconds
+        level, text = self.health_level()  # first: it may write the notes that the report shows
         values = self.health.report((now - self._last_report) * 1e-9)
         self._last_report = now
-        level, text = self.health_level()
         message = DiagnosticArray(status=[status_message(self.get_fully_qualified_name(), level, text, values)])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
@@ -143,6 +144,11 @@ class StopFlag:
     def _on_signal(self, _number: int, _frame: object) -> None:
         self.is_set = True
 
+    def ignore(self) -> None:
+        """Let signals pass without effect until the process ends."""
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
+
 
 def run(factory: Callable[[], DiffbotNode[Any]], args: list[str] | None = None) -> int:
     """Run one node until a signal or its own :meth:`DiffbotNode.finish`; return the exit status of the process.
@@ -151,10 +157,14 @@ def run(factory: Callable[[], DiffbotNode[Any]], args: list[str] | None = None) 
     """
     stop = StopFlag()
     try:
+        # What is wrong with the arguments is said once, below.
+        set_logger_level("rcl", LoggingSeverity.FATAL)
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # rclpy raises many types here, all of them mean unusable arguments
-        print(f"error: {_one_line(error)}", file=sys.stderr)
+        print(f"error: unusable arguments: {_one_line(error)}", file=sys.stderr)
         return 1
+    if get_logger_effective_level("rcl") == LoggingSeverity.FATAL:  # unless --log-level rcl:=... was given
+        set_logger_level("rcl", LoggingSeverity.UNSET)
     node: DiffbotNode[Any] | None = None
     try:
         node = factory()
@@ -171,6 +181,8 @@ def run(factory: Callable[[], DiffbotNode[Any]], args: list[str] | None = None) 
             node.before_shutdown()
             node.destroy_node()
         rclpy.try_shutdown()
+        # Python gives its own handlers up before it ends; a late second signal would then kill what ended well.
+        stop.ignore()
     # Only now: a node may still fail in before_shutdown, such as a recorder on a full disk.
     return node.exit_code or 0
 

@@ -54,6 +54,8 @@ class Supervisor:
         self.state = IDLE
         self.report: Report | None = None
         self.goals_reached = 0
+        """goals reached so far; one that is lost and reached again, or held through silence, counts once"""
+        self._counted = False
         self._stamp: int | None = None
         self._heard: float | None = None
         self._zeros_due = 0
@@ -64,6 +66,7 @@ class Supervisor:
         self.memory = memory_for_new_goal(self.memory)
         self.state = WAITING if self._heard is None else DRIVING
         self.report = None
+        self._counted = False
 
     def on_cancel(self) -> Twist | None:
         """Give up the goal, if there is one, and begin to come to rest at once, pose or no pose."""
@@ -86,9 +89,9 @@ class Supervisor:
         if self.goal is None:
             return self._come_to_rest(dt)
         self.memory, command, self.report = step(self.memory, pose, self.goal, dt, self.config.controller)
-        arrived = self.memory.reached and self.state != REACHED
         self.state = REACHED if self.memory.reached else DRIVING
-        if arrived:
+        if self.memory.reached and not self._counted:
+            self._counted = True
             self.goals_reached += 1
             if not self.config.hold_goal:
                 self._go_idle(REACHED)

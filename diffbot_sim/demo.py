@@ -106,6 +106,8 @@ def _output_folder(options: DemoOptions) -> Path:
         if not (folder / "bag" / "metadata.yaml").is_file() and any((folder / "bag").iterdir()):
             raise DiffbotError(f"{folder / 'bag'} exists and is no bag: not replaced")
         shutil.rmtree(folder / "bag")
+        for result in ("summary.json", "path.png"):  # they would tell of another run if this one is interrupted
+            (folder / result).unlink(missing_ok=True)
     try:
         (folder / "log").mkdir(parents=True, exist_ok=True)
     except OSError as error:

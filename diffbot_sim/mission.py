@@ -77,7 +77,7 @@ class Mission:
             self._reached_at = self._time
 
     def _end_leg(self, time: float, reached: bool) -> bool:
-        self.legs.append(Leg(self.goal, self._started or time, time, reached))
+        self.legs.append(Leg(self.goal, time if self._started is None else self._started, time, reached))
         self._started = self._reached_at = None
         self._first_distance = 0.0
         return not self.done

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 WALL, SCALED, LOCKSTEP = "wall", "scaled", "lockstep"
 CLOCKS = (WALL, SCALED, LOCKSTEP)
 
 _CATCH_UP_MOST = 5
+_EARLY = 0.1
+"""Share of the period by which a timer may fire early: it jitters, and a step put off would come with the next."""
 
 
 class ClockPace:
@@ -24,10 +28,9 @@ class ClockPace:
 
     def due(self, now: float) -> int:
         """Return how many steps to take now."""
-        if now < self._next:
+        count = math.floor((now - self._next) / self.period + _EARLY) + 1
+        if count < 1:
             return 0
-        # The tolerance takes up a timer that fires a hair early.
-        count = int((now - self._next) / self.period + 1e-6) + 1
         self._next += count * self.period
         if count > _CATCH_UP_MOST:
             self.skipped += count - _CATCH_UP_MOST

@@ -106,7 +106,7 @@ def plant_step(state: PlantState, command: Twist, noise: Draw, config: PlantConf
         drive.left * (1.0 + config.drive_noise * noise.a),
         drive.right * (1.0 + config.drive_noise * noise.b),
     )
-    rolled = _rolled(turned, state.step * t_s, config)
+    rolled = _rolled(turned, state.step, config)
     ideal = body_twist(rolled, config.wheels)
     eps_v, eps_omega = config.eps_v_max * noise.a, config.eps_omega_max * noise.b
     twist = Twist(ideal.v + eps_v, ideal.omega + eps_omega)
@@ -155,11 +155,14 @@ def _drive(before: WheelSpeeds, wanted: WheelSpeeds, config: PlantConfig) -> Whe
     return WheelSpeeds(left, right)
 
 
-def _rolled(turned: WheelSpeeds, time: float, config: PlantConfig) -> WheelSpeeds:
+def _rolled(turned: WheelSpeeds, step: int, config: PlantConfig) -> WheelSpeeds:
     """Speeds at the ground, as of wheels of nominal radius: radius errors and slip taken in."""
     left = turned.left * (1.0 + config.left_radius_error)
     right = turned.right * (1.0 + config.right_radius_error)
-    if config.slip_start <= time < config.slip_start + config.slip_duration:
+    # In steps and a hair early: 1.1 s and 3.2 s make 43 steps of 0.1 s whatever the rounding.
+    begin = config.slip_start / config.sampling_time - 1e-9
+    end = (config.slip_start + config.slip_duration) / config.sampling_time - 1e-9
+    if begin <= step < end:
         left *= 1.0 - config.slip_left
         right *= 1.0 - config.slip_right
     return WheelSpeeds(left, right)

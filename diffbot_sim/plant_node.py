@@ -33,7 +33,7 @@ from diffbot_control.ros_messages import (
 from diffbot_control.ros_runtime import QUEUE, DiffbotNode, run
 from diffbot_sim.node_config import PlantNodeConfig
 from diffbot_sim.pacing import LOCKSTEP, WALL, ClockPace, LockStep
-from diffbot_sim.world import World
+from diffbot_sim.world import Arrivals, World
 
 _FIRST_POLL = 0.02
 
@@ -51,6 +51,7 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
         self._make_publishers(config)
         self._command = Twist(0.0, 0.0)
         self._command_step = 0
+        self._arrivals: Arrivals | None = None
         command_type, heard = (
             (TwistStamped, lambda message: self._on_command(message.twist))
             if config.enable_stamped_cmd_vel
@@ -126,11 +127,15 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
             return
         fixes_wanted = self.config.world.sensors.fix_rate > 0.0
         heard = [self._odometries, self._fixes] if fixes_wanted else [self._odometries]
-        if all(publisher.get_subscription_count() for publisher in heard):
+        if not all(publisher.get_subscription_count() for publisher in heard):
+            self.get_logger().info("waiting for a filter on odom and global_pose", throttle_duration_sec=5.0)
+        elif fixes_wanted and not self._sense().fixes:
+            # The first fix is late or lost. Until it comes the filter has no pose to answer with: do not wait for it.
+            self._publish(self.world)
+            self._advance(self._command)
+        else:
             self._first.cancel()
             self._ask()
-        else:
-            self.get_logger().info("waiting for a filter on odom and global_pose", throttle_duration_sec=5.0)
 
     def _on_stall_check(self) -> None:
         moved, self._progress = self._progress, 0
@@ -152,8 +157,18 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
 
     def _lock_step(self) -> None:
         self._lockstep.next_step()
-        self.world.advance(self._command)
+        self._advance(self._command)
         self._ask()
+
+    def _advance(self, command: Twist) -> None:
+        self.world.advance(command)
+        self._arrivals = None
+
+    def _sense(self) -> Arrivals:
+        """Measurements of the present step: the same ones whenever its messages are sent again."""
+        if self._arrivals is None:
+            self._arrivals = self.world.sense()
+        return self._arrivals
 
     def _on_clock_tick(self) -> None:
         if self.paused:
@@ -166,7 +181,7 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
         for _ in range(self._pace.due(self._now())):
             plant = self.config.world.plant
             silence = (self.world.state.step - self._command_step) * plant.sampling_time
-            self.world.advance(self._command if silence < plant.cmd_vel_timeout else Twist(0.0, 0.0))
+            self._advance(self._command if silence < plant.cmd_vel_timeout else Twist(0.0, 0.0))
             self._publish(self.world)
 
     def _catch_up_with_the_wall(self) -> None:
@@ -178,12 +193,15 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
         # Time goes on: messages stamped in the past would upset everyone who listens.
         self.world = World(self.config.world, self.world.stamp + self.world.period)
         self._command, self._command_step = Twist(0.0, 0.0), 0
+        self._arrivals = None
         response.success, response.message = (
             True,
             "back at the start pose, noise from its first number on",
         )
-        if self.config.clock == LOCKSTEP and self._sent_first and not self.paused:
-            self._ask()
+        if self.config.clock == LOCKSTEP:
+            self._lockstep.next_step()
+            self._sent_first = False
+            self._first.reset()
         return response
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
@@ -210,7 +228,7 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
             self._clocks.publish(self._clock_message)
         if self._truths.get_subscription_count():
             self._send_odometry(self._truths, self._truth, stamp, world.state.pose, world.state.twist)
-        arrivals = world.sense()
+        arrivals = self._sense()
         for fix in arrivals.fixes:
             self._send_fix(fix)
         for heading in arrivals.headings:

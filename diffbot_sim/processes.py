@@ -111,7 +111,7 @@ class NodeProcesses:
     def failed(self) -> str:
         """Return one line about a node that ended by itself; empty if all run."""
         for name, process in self._running.items():
-            if process.poll() is not None and process.returncode != 0:
+            if process.poll() is not None:
                 return f"{name} ended with status {process.returncode}: {self.last_words(name)}"
         return ""
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from diffbot_bag.reader import BagReader
 from diffbot_control.errors import DiffbotError
-from diffbot_control.geometry import Pose, out_of_frame, yaw_of_quaternion
+from diffbot_control.geometry import Pose, into_frame, out_of_frame, yaw_of_quaternion
 from diffbot_control.metrics import GoalMetrics, goal_metrics
 
 Array = NDArray[np.float64]
@@ -75,18 +75,28 @@ def read_run(bag: Path, namespace: str = "") -> RunRecord:
         name: np.array([((row[0] - origin) * 1e-9, *row[1:]) for row in found]).reshape(-1, 4)
         for name, found in rows.items()
     }
-    start = Pose(*paths[TRUTH][0, 1:].tolist())
-    odometry = [(row[0], *out_of_frame(Pose(*row[1:]), start)) for row in paths[ODOMETRY].tolist()]
+    odometry = _laid_on(paths[TRUTH], paths[ODOMETRY])
     goals = [(row[0], Pose(*row[1:])) for row in paths[GOALS].tolist()]
     return RunRecord(
         paths[TRUTH],
         paths[ESTIMATE],
-        np.array(odometry).reshape(-1, 4),
+        odometry,
         paths[FIXES],
         goals,
         messages,
         lost,
     )
+
+
+def _laid_on(truth: Array, odometry: Array) -> Array:
+    """Move the odometry as a whole so that its first pose is the true one of that moment."""
+    if len(odometry) == 0:
+        return odometry
+    known = truth[truth[:, 0] <= odometry[0, 0] + 1e-6]
+    start = Pose(*(known[-1] if len(known) else truth[0])[1:].tolist())
+    first = Pose(*odometry[0, 1:].tolist())
+    moved = [out_of_frame(into_frame(Pose(*row), first), start) for row in odometry[:, 1:].tolist()]
+    return np.column_stack((odometry[:, 0], np.array(moved)))
 
 
 def _pose(message: Any) -> Pose:

@@ -1,14 +1,19 @@
 """Write the generated parts of docs/: ``python docs/generate.py [--check]``.
 
-docs/parameters.md comes from the configuration types; the table in docs/control.md from 100 runs of the closed loop.
+docs/parameters.md comes from the configuration types; the table in docs/control.md from 100 runs of the closed loop;
+docs/reproduction.md from docs/reproduction.json, which ``--experiments`` makes anew together with its figures.
 ``--check`` writes nothing and fails if something would change.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import math
+import shutil
 import sys
+import tempfile
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +25,11 @@ from diffbot_control.controller import ControllerConfig
 from diffbot_control.geometry import Pose
 from diffbot_control.node_config import ControllerNodeConfig, EkfNodeConfig
 from diffbot_sim.closed_loop import EKF, RAW, TRUTH, simulate
+from diffbot_sim.experiment import run_experiment, summarise, write_json
+from diffbot_sim.experiment_figures import figure_paths
 from diffbot_sim.node_config import PlantNodeConfig
 from diffbot_sim.plant import PlantConfig
+from diffbot_sim.reproduction import page
 from diffbot_sim.sensors import SensorConfig
 from diffbot_sim.world import WorldConfig
 
@@ -100,6 +108,22 @@ def _end_state(world: WorldConfig, feedback: str) -> tuple[float, float]:
     return math.hypot(x, y), abs(theta)
 
 
+def write_experiments() -> None:
+    """Run A and B and keep their results and two of their figures."""
+    results = {}
+    for name, law_label, figure in (
+        ("a", "law 17", "figure_07_path.png"),
+        ("b", "heading 0 deg", "figure_10_path.png"),
+    ):
+        groups = run_experiment(name, RUNS, 1)
+        results[name] = summarise(name, RUNS, 1, groups)
+        shown = [group for group in groups if group.label == law_label and group.setting.name == "raw"]
+        with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(1) as pool:
+            paths = [path for drawn in figure_paths(shown, Path(folder), pool) for path in drawn.result()]
+            shutil.copy(next(path for path in paths if path.name == figure), DOCS / figure)
+    write_json(DOCS / "reproduction.json", results)
+
+
 def between_markers(page: str, name: str, text: str) -> str:
     """Replace what stands between the comments ``<!-- name -->`` and ``<!-- /name -->``."""
     start, end = f"<!-- {name} -->\n", f"\n<!-- /{name} -->"
@@ -111,10 +135,15 @@ def main() -> int:
     """Write or check; 1 if a check finds a difference."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--check", action="store_true", help="write nothing, fail on a difference")
+    parser.add_argument("--experiments", action="store_true", help="run the paper's experiments anew")
     options = parser.parse_args()
+    if options.experiments:
+        write_experiments()
     control = DOCS / "control.md"
+    experiments = json.loads((DOCS / "reproduction.json").read_text())
     pages = {
         DOCS / "parameters.md": parameters_page(),
+        DOCS / "reproduction.md": page(experiments["a"], experiments["b"]),
         control: between_markers(control.read_text(), "scenario A", scenario_a_table()),
     }
     stale = [path for path, text in pages.items() if not path.is_file() or path.read_text() != text]

@@ -1,0 +1,17 @@
+"""Surroundings of all tests, set before anything of ROS is imported: each pytest worker has a graph of its own."""
+
+import os
+import sys
+import tempfile
+from pathlib import Path
+
+import graph
+
+# Wrong types in a message field raise instead of being sent.
+os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
+os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+os.environ["ROS_DOMAIN_ID"] = str(graph.free_domain())
+os.environ["ROS_LOG_DIR"] = str(Path(tempfile.gettempdir()) / "diffbot_test_logs")
+# With wheels the packages stand in the environment itself; another installation's must not be found before them.
+if (Path(sys.prefix) / "share" / "std_msgs").is_dir():
+    os.environ.pop("AMENT_PREFIX_PATH", None)

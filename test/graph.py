@@ -1,0 +1,246 @@
+"""Helpers for tests over DDS: a free domain, nodes as processes, a node of the test itself, waiting with a deadline.
+
+Nothing here sleeps for luck: every wait is for a condition, and fails with its name when the deadline is over. Only
+processes that a test started are ever ended.
+"""
+
+import contextlib
+import fcntl
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import diffbot_control
+
+DOMAINS = range(20, 100)
+SOURCE = Path(diffbot_control.__file__).resolve().parent.parent
+
+
+def free_domain():
+    """Return a ROS domain that no one on this machine uses, and keep it until this process ends."""
+    ports = _udp_ports()
+    for domain in DOMAINS:
+        # The ports of all participants of a domain, as DDS numbers them.
+        if ports.intersection(range(7400 + 250 * domain, 7650 + 250 * domain)):
+            continue
+        # Never closed: the lock belongs to the process and ends with it.
+        lock = os.open(Path(tempfile.gettempdir()) / f"diffbot_domain_{domain}.lock", os.O_RDWR | os.O_CREAT, 0o666)
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            os.close(lock)
+            continue
+        return domain
+    raise RuntimeError("no free ROS domain")
+
+
+def _udp_ports():
+    ports = set()
+    for table in ("/proc/net/udp", "/proc/net/udp6"):
+        with contextlib.suppress(OSError):
+            for line in Path(table).read_text().splitlines()[1:]:
+                ports.add(int(line.split()[1].rpartition(":")[2], 16))
+    return ports
+
+
+def environment(**changes):
+    """Return the environment for a process of the graph: the one under test comes first on its path."""
+    return {**os.environ, "PYTHONPATH": str(SOURCE), "PYTHONUNBUFFERED": "1", **changes}
+
+
+def wait_for(condition, timeout=10.0, what="the condition"):
+    """Return the first true value of ``condition()``; fail after ``timeout`` [s]."""
+    deadline = time.monotonic() + timeout
+    while not (value := condition()):
+        if time.monotonic() > deadline:
+            raise AssertionError(f"waited {timeout:g} s in vain for {what}")
+        time.sleep(0.005)
+    return value
+
+
+class Process:
+    """A process of the test; its output goes to a file, so that it never waits for a reader."""
+
+    def __init__(self, command, **options):
+        """Start ``command``; ``options`` are those of subprocess.Popen."""
+        options.setdefault("env", environment())
+        self._output = tempfile.TemporaryFile()  # noqa: SIM115 - closed in end()
+        self.popen = subprocess.Popen(command, stdout=self._output, stderr=subprocess.STDOUT, **options)
+        self.command = command
+
+    @property
+    def output(self):
+        """What it has written to stdout and stderr."""
+        # Its position belongs to the child, too: os.pread leaves it alone.
+        size = os.fstat(self._output.fileno()).st_size
+        return os.pread(self._output.fileno(), size, 0).decode(errors="replace")
+
+    def wait_for_output(self, text, timeout=15.0):
+        """Wait until ``text`` is in the output; fail if the process ends without it."""
+
+        def found():
+            ended = self.popen.poll() is not None
+            if text in self.output:
+                return True
+            assert not ended, f"ended with {self.popen.returncode} before {text!r}:\n{self.output}"
+            return False
+
+        try:
+            wait_for(found, timeout, repr(text))
+        except AssertionError as error:
+            raise AssertionError(f"{error}\n{self.output}") from None
+
+    def send(self, number):
+        """Send a signal if it still runs."""
+        self.popen.send_signal(number)
+
+    def wait(self, timeout=15.0):
+        """Return the exit status; fail after ``timeout`` [s]."""
+        try:
+            return self.popen.wait(timeout)
+        except subprocess.TimeoutExpired:
+            raise AssertionError(f"did not end within {timeout:g} s:\n{self.output}") from None
+
+    def stop(self, number=signal.SIGINT, timeout=15.0):
+        """Send a signal and return the exit status."""
+        self.send(number)
+        return self.wait(timeout)
+
+    def end(self):
+        """End it whatever it does, and show its output in the report of a failed test."""
+        if self.popen.poll() is None:
+            self.popen.send_signal(signal.SIGINT)
+            try:
+                self.popen.wait(5.0)
+            except subprocess.TimeoutExpired:
+                self.popen.kill()
+                self.popen.wait()
+        print(f"--- {' '.join(map(str, self.command))} -> {self.popen.returncode}\n{self.output}")
+        self._output.close()
+
+
+@contextlib.contextmanager
+def process(*command, **options):
+    """Run a command while the ``with`` block lasts."""
+    running = Process(list(command), **options)
+    try:
+        yield running
+    finally:
+        running.end()
+
+
+def node(module, parameters=None, arguments=(), **options):
+    """Run ``python -m module`` with ROS parameters while the ``with`` block lasts.
+
+    Args:
+        module: such as ``diffbot_bag.recorder_node``.
+        parameters: name to value; bool, number, text, list of texts, path.
+        arguments: more ROS arguments, such as ``("-r", "odom:=other")``.
+        options: those of subprocess.Popen.
+    """
+    ros = [word for name, value in (parameters or {}).items() for word in ("-p", f"{name}:={_yaml(value)}")]
+    return process(sys.executable, "-m", module, "--ros-args", *ros, *arguments, **options)
+
+
+def _yaml(value):
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, (int, float)):
+        return repr(value)
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(_yaml(item) for item in value) + "]"
+    return '"' + str(value).replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+class Peer:
+    """A node of the test itself, in a context of its own."""
+
+    def __init__(self, name="peer", **options):
+        """Create the node; ``options`` are those of rclpy's Node."""
+        import rclpy
+        from rclpy.executors import SingleThreadedExecutor
+        from rclpy.node import Node
+
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context)
+        self.node = Node(name, context=self.context, **options)
+        self._executor = SingleThreadedExecutor(context=self.context)
+        self._executor.add_node(self.node)
+
+    def spin_until(self, condition, timeout=10.0, what="the condition"):
+        """Handle callbacks until ``condition()`` is true and return its value; fail after ``timeout`` [s]."""
+        deadline = time.monotonic() + timeout
+        while not (value := condition()):
+            if time.monotonic() > deadline:
+                raise AssertionError(f"waited {timeout:g} s in vain for {what}")
+            self._executor.spin_once(timeout_sec=0.02)
+        return value
+
+    def spin_for(self, duration):
+        """Handle callbacks for ``duration`` [s], to see that something does not come."""
+        deadline = time.monotonic() + duration
+        while (left := deadline - time.monotonic()) > 0.0:
+            self._executor.spin_once(timeout_sec=left)
+
+    def spin_until_quiet(self, duration=0.2):
+        """Handle callbacks until none is due for ``duration`` [s]: what has come is handled then."""
+        waited = 0.0
+        while waited < duration:
+            begin = time.monotonic()
+            self._executor.spin_once(timeout_sec=duration)
+            waited = time.monotonic() - begin
+
+    def subscribe(self, message_type, topic, qos=10, raw=False):
+        """Return a list to which each message of a topic is appended."""
+        received = []
+        self.node.create_subscription(message_type, topic, received.append, qos, raw=raw)
+        return received
+
+    def publisher(self, message_type, topic, qos=10):
+        """Return a publisher."""
+        return self.node.create_publisher(message_type, topic, qos)
+
+    def wait_for_subscribers(self, *publishers, count=1, timeout=10.0):
+        """Wait until each publisher knows this many subscribers."""
+        for publisher in publishers:
+            wait_for(
+                lambda publisher=publisher: publisher.get_subscription_count() >= count,
+                timeout,
+                f"a subscriber of {publisher.topic_name}",
+            )
+
+    def call(self, service_type, name, request=None, timeout=10.0):
+        """Call a service and return its response."""
+        client = self.node.create_client(service_type, name)
+        try:
+            self.spin_until(client.service_is_ready, timeout, f"the service {name}")
+            future = client.call_async(request or service_type.Request())
+            self.spin_until(future.done, timeout, f"an answer of {name}")
+            return future.result()
+        finally:
+            self.node.destroy_client(client)
+
+    def close(self):
+        """Leave the graph."""
+        self._executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+
+@contextlib.contextmanager
+def peer(name="peer", **options):
+    """Have a node of the test itself while the ``with`` block lasts."""
+    running = Peer(name, **options)
+    try:
+        yield running
+    finally:
+        running.close()
+
+
+def values(status):
+    """Return the key-value pairs of a DiagnosticStatus."""
+    return {pair.key: pair.value for pair in status.values}

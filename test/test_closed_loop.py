@@ -1,0 +1,189 @@
+"""Plant, filter and controller together: the reference for the graph."""
+
+import math
+
+import numpy as np
+import pytest
+
+from diffbot_control.controller import ControllerConfig
+from diffbot_control.errors import InvalidValueError
+from diffbot_control.geometry import Pose
+from diffbot_control.limits import Limits
+from diffbot_control.localization import LocalizationConfig
+from diffbot_control.regions import OMEGA_L, FixedRegion
+from diffbot_sim.closed_loop import EKF, FEEDBACKS, RAW, TRUTH, simulate
+from diffbot_sim.plant import PlantConfig
+from diffbot_sim.sensors import SensorConfig
+from diffbot_sim.world import StartPose, WorldConfig
+
+PAPER = ControllerConfig()
+GOAL = Pose(0.0, 0.0, 0.0)
+INF = math.inf
+QUIET = WorldConfig(
+    PlantConfig(drive_noise=0.0, encoder_noise=0.0),
+    SensorConfig(eps_x_max=0.0, eps_y_max=0.0, eps_theta_max=0.0),
+)
+
+
+def wrapped(angles):
+    return np.remainder(np.asarray(angles) + math.pi, 2.0 * math.pi) - math.pi
+
+
+@pytest.mark.parametrize("feedback", FEEDBACKS)
+def test_repeatable_to_the_bit(feedback):
+    config = WorldConfig(seed=5, run=9)
+    one = simulate(config, PAPER, GOAL, 150, feedback)
+    simulate(config._replace(run=8), PAPER, GOAL, 20, feedback)
+    two = simulate(config, PAPER, GOAL, 150, feedback)
+    for first, second in zip(one, two, strict=True):
+        np.testing.assert_array_equal(first, second)
+    other = simulate(config._replace(run=8), PAPER, GOAL, 150, feedback)
+    assert np.abs(other.truth - one.truth).max() > 1e-3
+
+
+def test_scenario_a_with_the_filter_ends_near_the_goal_in_each_of_30_runs():
+    for run in range(30):
+        config = WorldConfig(seed=1, run=run)
+        recording = simulate(config, PAPER, GOAL, 300)
+        x, y, theta = recording.truth[-1]
+        assert math.hypot(x, y) < 0.4, f"run {run}"
+        assert abs(theta) < 0.05, f"run {run}"
+        assert recording.region[-1] == OMEGA_L
+        assert np.abs(recording.command[:, 0]).max() <= 1.3
+        # The filter is far better than a raw fix of 0.245 m.
+        error = np.hypot(*(recording.seen - recording.truth)[100:, :2].T)
+        assert math.sqrt((error**2).mean()) < 0.12, f"run {run}"
+
+
+@pytest.mark.parametrize("heading", [0.0, math.radians(220.0)])
+@pytest.mark.parametrize("bearing", [number * math.pi / 4.0 for number in range(8)])
+def test_scenario_b_without_noise_comes_to_rest_from_every_side(bearing, heading):
+    # An equilibrium of law (17): heading 0, no speed. What is left of the distance is at most the entry's radius.
+    start = StartPose(12.0 * math.cos(bearing), 12.0 * math.sin(bearing), heading)
+    recording = simulate(QUIET._replace(start=start), PAPER, GOAL, 600, TRUTH)
+    x, y, theta = recording.truth[-1]
+    assert math.hypot(x, y) < 0.5
+    assert abs(theta) < 1e-3
+    assert np.abs(recording.command[-1]).max() < 1e-2
+    assert abs(x) < 0.05
+
+
+def test_without_noise_and_omega_l_the_global_law_reaches_the_very_goal():
+    tiny = PAPER._replace(region=FixedRegion(1e-9, 1e-9))
+    recording = simulate(QUIET, tiny, GOAL, 1500, TRUTH)
+    assert math.hypot(*recording.truth[-1, :2]) < 1e-3
+    # V of Eq. (8) falls all the way, down to where the bearing of the goal is only rounding.
+    x, y, theta = recording.truth[np.hypot(*recording.truth[:, :2].T) > 1e-6].T
+    beta = np.arctan2(-y, -x)
+    alpha = wrapped(beta - theta)
+    lyapunov = 0.5 * (x**2 + y**2 + alpha**2 + 0.17 * beta**2)
+    assert len(lyapunov) > 100
+    assert (np.diff(lyapunov) <= 1e-9).all()
+
+
+@pytest.mark.parametrize("exact_arc", [True, False])
+def test_each_command_moves_the_robot_from_its_row_to_the_next(exact_arc):
+    config = QUIET._replace(plant=QUIET.plant._replace(exact_arc=exact_arc))
+    recording = simulate(config, PAPER, GOAL, 100, TRUTH)
+    truth, (v, omega) = recording.truth[:-1], recording.command[:-1].T
+    theta = truth[:, 2] + (0.05 * omega if exact_arc else 0.0)
+    length = 0.1 * v * (np.sinc(0.05 * omega / math.pi) if exact_arc else 1.0)
+    expected = truth[:, :2] + np.column_stack([length * np.cos(theta), length * np.sin(theta)])
+    np.testing.assert_allclose(recording.truth[1:, :2], expected, atol=1e-12)
+    turned = wrapped(recording.truth[1:, 2] - truth[:, 2] - 0.1 * omega)
+    np.testing.assert_allclose(turned, 0.0, atol=1e-12)
+    np.testing.assert_array_equal(recording.seen, recording.truth)
+    np.testing.assert_allclose(recording.time, 0.1 * np.arange(101), atol=1e-12)
+
+
+def test_a_perfect_filter_sees_the_truth():
+    recording = simulate(QUIET, PAPER, GOAL, 200, EKF)
+    np.testing.assert_allclose(recording.seen[:, :2], recording.truth[:, :2], atol=2e-3)
+    np.testing.assert_allclose(wrapped(recording.seen[:, 2] - recording.truth[:, 2]), 0.0, atol=2e-3)
+
+
+def test_raw_feedback_is_the_newest_fix():
+    sensors = SensorConfig(fix_rate=2.0)
+    recording = simulate(WorldConfig(sensors=sensors, seed=4), PAPER, GOAL, 50, RAW)
+    # A new fix each half second, held in between, within its bounds when it is new.
+    for start in range(0, 50, 5):
+        np.testing.assert_array_equal(recording.seen[start : start + 5], recording.seen[[start] * 5])
+        error = recording.seen[start] - recording.truth[start]
+        assert (np.abs([*error[:2], wrapped(error[2])]) <= [0.3, 0.3, 0.17]).all()
+
+
+@pytest.mark.parametrize("feedback", [EKF, RAW])
+def test_without_a_fix_nothing_is_seen_and_nothing_moves(feedback):
+    config = WorldConfig(sensors=SensorConfig(fix_rate=0.0))
+    recording = simulate(config, PAPER, GOAL, 20, feedback)
+    assert np.isnan(recording.seen).all()
+    assert not recording.command.any()
+    np.testing.assert_array_equal(recording.truth, recording.truth[[0] * 21])
+
+
+@pytest.mark.parametrize("feedback", [EKF, RAW])
+def test_it_waits_for_a_late_first_fix(feedback):
+    config = WorldConfig(sensors=SensorConfig(fix_delay=0.5))
+    recording = simulate(config, PAPER, GOAL, 20, feedback)
+    assert np.isnan(recording.seen[:5]).all()
+    assert not np.isnan(recording.seen[5:]).any()
+    assert not recording.command[:5].any()
+    assert recording.command[5:, 0].all()
+
+
+@pytest.mark.parametrize("delay", [0.3, 1.0])
+def test_late_fixes_are_put_where_they_belong(delay):
+    # Taken as of now, a fix 1 s old would be off by 1.3 m.
+    config = WorldConfig(sensors=SensorConfig(fix_delay=delay), seed=3)
+    recording = simulate(config, PAPER, GOAL, 300, EKF, LocalizationConfig(history_length=1.0))
+    error = np.hypot(*(recording.seen - recording.truth)[50:, :2].T)
+    assert math.sqrt((error**2).mean()) < 0.2
+
+
+def test_a_compass_helps():
+    errors = []
+    for rate in (0.0, 10.0):
+        squares = []
+        for run in range(8):
+            sensors = SensorConfig(fix_rate=1.0, heading_rate=rate)
+            recording = simulate(WorldConfig(sensors=sensors, run=run), PAPER, GOAL, 200)
+            turn = wrapped(recording.seen[50:, 2] - recording.truth[50:, 2])
+            squares.append((turn**2).mean())
+        errors.append(math.sqrt(np.mean(squares)))
+    assert errors[1] < 0.8 * errors[0]
+
+
+def test_the_first_command_has_no_time_to_accelerate():
+    controller = PAPER._replace(limits=Limits(1.3, INF, INF, 1.0, INF))
+    recording = simulate(QUIET, controller, GOAL, 30, TRUTH)
+    assert recording.command[0, 0] == 0.0
+    assert np.diff(recording.command[:, 0]).max() <= 0.1 + 1e-12
+    assert recording.command[1, 0] == pytest.approx(0.1)
+
+
+def test_another_goal_is_the_same_drive_moved():
+    at_origin = simulate(QUIET, PAPER, GOAL, 250, TRUTH)
+    goal = Pose(10.0, -4.0, 2.0)
+    c, s = math.cos(goal.theta), math.sin(goal.theta)
+    turn = np.array([[c, -s], [s, c]])
+    x, y = turn @ [-2.0, -5.5] + goal[:2]
+    start = StartPose(x, y, math.radians(30.0) + goal.theta)
+    moved = simulate(QUIET._replace(start=start), PAPER, goal, 250, TRUTH)
+    expected = at_origin.truth[:, :2] @ turn.T + goal[:2]
+    np.testing.assert_allclose(moved.truth[:, :2], expected, atol=1e-7)
+    np.testing.assert_allclose(moved.command, at_origin.command, atol=1e-6)
+    np.testing.assert_array_equal(moved.region, at_origin.region)
+
+
+@pytest.mark.parametrize(
+    ("steps", "feedback", "message"),
+    [
+        (10, "eyes", "feedback = 'eyes': must be one of ekf, raw, truth"),
+        (0, EKF, "steps = 0: must be >= 1"),
+        (-5, EKF, "steps = -5: must be >= 1"),
+    ],
+)
+def test_wrong_arguments_are_named(steps, feedback, message):
+    with pytest.raises(InvalidValueError) as caught:
+        simulate(QUIET, PAPER, GOAL, steps, feedback)
+    assert str(caught.value) == message

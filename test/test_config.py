@@ -1,0 +1,319 @@
+"""Configuration types: every parameter is described, and every bad value is refused by name."""
+
+import importlib
+import inspect
+import math
+import pkgutil
+from typing import Annotated, NamedTuple, get_origin
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import diffbot_bag
+import diffbot_control
+import diffbot_sim
+from diffbot_control.config import Parameter, Spec, build, checked, parameters_of, to_dict
+from diffbot_control.controller import ControllerConfig
+from diffbot_control.errors import InvalidValueError
+from diffbot_control.laws import Gains
+from diffbot_control.limits import Limits
+from diffbot_control.supervisor import SupervisorConfig
+from diffbot_sim.sensors import SensorConfig
+from diffbot_sim.world import WorldConfig
+
+CHECK = settings(derandomize=True, deadline=None, max_examples=100)
+PACKAGES = (diffbot_control, diffbot_bag, diffbot_sim)
+
+
+def is_config(thing):
+    hints = getattr(thing, "__annotations__", {}).values()
+    return inspect.isclass(thing) and hasattr(thing, "_fields") and any("Spec(" in str(h) for h in hints)
+
+
+def pure_configs():
+    """Return the configuration types of all modules without ROS."""
+    found = {}
+    for package in PACKAGES:
+        for module in pkgutil.iter_modules(package.__path__, package.__name__ + "."):
+            last = module.name.rpartition(".")[2]
+            if last.endswith("_node") or last.startswith("ros_"):
+                continue
+            loaded = importlib.import_module(module.name)
+            for name, thing in vars(loaded).items():
+                if is_config(thing) and thing.__module__ == module.name:
+                    found[f"{module.name}.{name}"] = thing
+    return found
+
+
+CONFIGS = pure_configs()
+
+
+@pytest.fixture(params=sorted(CONFIGS))
+def config_type(request):
+    return CONFIGS[request.param]
+
+
+def test_the_configurations_are_found():
+    names = {name.rpartition(".")[2] for name in CONFIGS}
+    assert {"Gains", "FixedRegion", "Limits", "WheelGeometry", "GoalTolerance"} <= names
+    assert {"SupervisorConfig", "LocalizationConfig", "PlantConfig", "SensorConfig"} <= names
+    assert {"StartPose", "WorldConfig", "ControllerNodeConfig", "EkfNodeConfig"} <= names
+    assert {"PlantNodeConfig", "RecorderConfig", "ReplayConfig"} <= names
+
+
+def test_every_parameter_is_described_and_allowed_by_default(config_type):
+    parameters = parameters_of(config_type)
+    assert parameters
+    for parameter in parameters:
+        assert parameter.spec.text.strip(), parameter.name
+        assert parameter.spec.unit.strip(), parameter.name
+        assert checked(parameter, parameter.default) == parameter.default
+        kind = parameter.type
+        allowed = (float, int, bool, str)
+        assert kind in allowed or (get_origin(kind) is tuple and kind.__args__[0] in allowed)
+        if kind is float:
+            assert isinstance(parameter.default, float), f"{parameter.name}: default is no float"
+    assert len({parameter.name for parameter in parameters}) == len(parameters)
+
+
+def test_defaults_are_built_from_nothing_and_come_back(config_type):
+    default = build(config_type, {})
+    assert default == config_type()
+    values = to_dict(default)
+    assert list(values) == [parameter.name for parameter in parameters_of(config_type)]
+    assert build(config_type, values) == default
+
+
+@pytest.mark.parametrize("bad", [math.nan, -math.inf, "many", None, True, [1.0], 1j])
+def test_no_number_takes_what_is_none(config_type, bad):
+    for parameter in parameters_of(config_type):
+        if parameter.type in (float, int):
+            with pytest.raises(InvalidValueError) as caught:
+                build(config_type, {parameter.name: bad})
+            assert caught.value.name == parameter.name
+
+
+def test_every_bound_is_kept(config_type):
+    for parameter in parameters_of(config_type):
+        spec = parameter.spec
+        if parameter.type not in (float, int):
+            continue
+        outside = []
+        step = 1 if parameter.type is int else 1e-9
+        if spec.minimum > -math.inf:
+            outside.append(spec.minimum if spec.above else spec.minimum - step * (1 + abs(spec.minimum)))
+        if spec.maximum < math.inf:
+            outside.append(spec.maximum + step * (1 + abs(spec.maximum)))
+        if not spec.unlimited:
+            outside.append(math.inf)
+        for value in outside:
+            with pytest.raises(InvalidValueError) as caught:
+                build(config_type, {parameter.name: value})
+            assert caught.value.name == parameter.name
+            assert caught.value.value == pytest.approx(value)
+        if spec.minimum > -math.inf and not spec.above:
+            assert checked(parameter, parameter.type(spec.minimum)) == spec.minimum
+        if spec.maximum < math.inf:
+            assert checked(parameter, parameter.type(spec.maximum)) == spec.maximum
+        if spec.unlimited:
+            assert checked(parameter, math.inf) == math.inf
+
+
+def test_numbers_too_large_for_a_float_are_refused(config_type):
+    for parameter in parameters_of(config_type):
+        if parameter.type is int and parameter.spec.maximum == math.inf:
+            assert checked(parameter, 10**400) == 10**400
+        elif parameter.type in (float, int):
+            with pytest.raises(InvalidValueError) as caught:
+                build(config_type, {parameter.name: 10**400})
+            assert caught.value.name == parameter.name
+
+
+def test_truths_texts_and_lists_take_nothing_else(config_type):
+    for parameter in parameters_of(config_type):
+        if parameter.type is bool:
+            wrong = [0, 1, "true", None, 1.0]
+        elif parameter.type is str:
+            wrong = [0, 1.5, True, None, b"map"]
+        elif get_origin(parameter.type) is tuple:
+            wrong = ["a", b"a", 5, None, [object()]]
+        else:
+            continue
+        for value in wrong:
+            with pytest.raises(InvalidValueError) as caught:
+                checked(parameter, value)
+            assert caught.value.name == parameter.name
+
+
+def test_choices_are_kept(config_type):
+    for parameter in parameters_of(config_type):
+        if parameter.spec.choices:
+            for word in parameter.spec.choices:
+                assert checked(parameter, word) == word
+            with pytest.raises(InvalidValueError, match="one of"):
+                checked(parameter, parameter.spec.choices[0] + " ")
+
+
+@pytest.mark.parametrize(
+    ("config", "values", "message"),
+    [
+        (Gains, {"gamma": -1.5}, "gamma = -1.5: must be finite and > 0"),
+        (Gains, {"gamma": 0}, "gamma = 0.0: must be finite and > 0"),
+        (Gains, {"k": math.nan}, "k = nan: must be finite and > 0"),
+        (Gains, {"h": math.inf}, "h = inf: must be finite and > 0"),
+        (Gains, {"h": "big"}, "h = 'big': must be a number"),
+        (Gains, {"h": True}, "h = True: must be a number"),
+        (
+            Limits,
+            {"linear.x.max_velocity": -1.0},
+            "linear.x.max_velocity = -1.0: must be > 0 (inf: no limit)",
+        ),
+        (
+            SensorConfig,
+            {"fix_dropout": 1.5},
+            "fix_dropout = 1.5: must be >= 0 and <= 1",
+        ),
+        (
+            ControllerConfig,
+            {"settling_steps": 2.0},
+            "settling_steps = 2.0: must be a whole number",
+        ),
+        (
+            ControllerConfig,
+            {"settling_steps": True},
+            "settling_steps = True: must be a whole number",
+        ),
+        (
+            ControllerConfig,
+            {"settling_steps": 0},
+            "settling_steps = 0: must be >= 1 and <= 100000",
+        ),
+        (
+            ControllerConfig,
+            {"stateful": 1},
+            "stateful = 1: must be true or false",
+        ),
+        (
+            ControllerConfig,
+            {"eps_P": 0.8},
+            "eps_P_leave = 0.6: must be >= eps_P = 0.8",
+        ),
+        (
+            WorldConfig,
+            {"seed": -1},
+            "seed = -1: must be >= 0 and <= 9.22337e+18",
+        ),
+    ],
+)
+def test_messages_name_parameter_value_and_bound(config, values, message):
+    with pytest.raises(InvalidValueError) as caught:
+        build(config, values)
+    assert str(caught.value) == message
+
+
+def test_an_unknown_name_is_refused_with_those_known():
+    with pytest.raises(InvalidValueError, match=r"gama = 1\.0: must be a known name") as caught:
+        build(Gains, {"gama": 1.0})
+    assert "(gamma, h, k, k_2)" in str(caught.value)
+    # The field's own name is none where a parameter name stands beside it.
+    with pytest.raises(InvalidValueError, match=r"a_max = 1\.0: must be a known name"):
+        build(Limits, {"a_max": 1.0})
+
+
+def test_a_refused_value_changes_nothing():
+    base = build(SupervisorConfig, {"gamma": 1.0})
+    with pytest.raises(InvalidValueError):
+        build(SupervisorConfig, {"gamma": 2.0, "k": -1.0}, base)
+    assert base.controller.gains == Gains(gamma=1.0)
+
+
+def test_a_base_keeps_what_is_not_named():
+    base = build(SupervisorConfig, {"gamma": 1.0, "eps_P": 0.3, "hold_goal": False})
+    found = build(SupervisorConfig, {"k": 2, "eps_P_leave": 0.35}, base)
+    assert found.controller.gains == Gains(1.0, 2.0, 0.17, 2.7)
+    assert isinstance(found.controller.gains.k, float)
+    assert found.controller.region == (0.3, 0.35)
+    assert found.hold_goal is False
+
+
+def test_cross_checks_see_the_whole_not_the_order():
+    build(SupervisorConfig, {"eps_P": 2.0, "eps_P_leave": 3.0})
+    build(SupervisorConfig, {"eps_P_leave": 3.0, "eps_P": 2.0})
+
+
+@CHECK
+@given(
+    st.fixed_dictionaries(
+        {
+            "gamma": st.floats(1e-3, 1e3),
+            "angular.z.max_velocity": st.floats(1e-3, 1e3) | st.just(math.inf),
+            "wheel_radius": st.floats(1e-3, 1e3),
+            "settling_steps": st.integers(1, 100000),
+            "stateful": st.booleans(),
+            "pose_timeout": st.floats(1e-3, 10.0),
+        }
+    )
+)
+def test_build_and_to_dict_undo_each_other(values):
+    config = build(SupervisorConfig, values)
+    told = to_dict(config)
+    assert {name: told[name] for name in values} == values
+    assert build(SupervisorConfig, told) == config
+    assert config.controller.limits.omega_max == values["angular.z.max_velocity"]
+
+
+class Inner(NamedTuple):
+    words: Annotated[tuple[str, ...], Spec("some words")] = ()
+    numbers: Annotated[tuple[float, ...], Spec("some numbers", minimum=0.0)] = ()
+
+
+class NoSpec(NamedTuple):
+    bare: float = 1.0
+
+
+class Twice(NamedTuple):
+    one: Annotated[float, Spec("one", parameter="same")] = 1.0
+    two: Annotated[float, Spec("two", parameter="same")] = 1.0
+
+
+def test_lists():
+    found = build(Inner, {"words": ["a", "b"], "numbers": [1, 2.5]})
+    assert found == (("a", "b"), (1.0, 2.5))
+    assert all(isinstance(number, float) for number in found.numbers)
+    with pytest.raises(InvalidValueError, match=r"numbers = -1\.0: must be"):
+        build(Inner, {"numbers": [1.0, -1.0]})
+    with pytest.raises(InvalidValueError, match="words = 3: must be a text"):
+        build(Inner, {"words": ["a", 3]})
+
+
+@pytest.mark.parametrize(("config", "message"), [(NoSpec, "NoSpec.bare has no Spec"), (Twice, "used twice.*same")])
+def test_mistakes_of_the_programmer_are_told(config, message):
+    with pytest.raises(TypeError, match=message):
+        parameters_of(config)
+
+
+@pytest.mark.parametrize(
+    ("spec", "bound"),
+    [
+        (Spec("x"), "finite"),
+        (Spec("x", minimum=0.0), "finite and >= 0"),
+        (Spec("x", minimum=0.0, above=True), "finite and > 0"),
+        (Spec("x", maximum=2.5), "<= 2.5"),
+        (Spec("x", minimum=-1.0, maximum=1.0), ">= -1 and <= 1"),
+        (Spec("x", minimum=0.0, above=True, unlimited=True), "> 0 (inf: no limit)"),
+        (Spec("x", unlimited=True), "a number (inf: no limit)"),
+        (Spec("x", choices=("a", "b")), "one of a, b"),
+    ],
+)
+def test_bounds_in_words(spec, bound):
+    assert spec.bound() == bound
+
+
+def test_a_bound_of_any_kind_stops_the_number_beyond_it():
+    parameter = Parameter("x", ("x",), float, 1.0, Spec("x", minimum=0.5, maximum=2.0))
+    assert checked(parameter, 0.5) == 0.5
+    assert checked(parameter, 2) == 2.0
+    for value in (math.nextafter(0.5, 0.0), math.nextafter(2.0, 3.0), -math.inf, math.inf, math.nan):
+        with pytest.raises(InvalidValueError):
+            checked(parameter, value)

@@ -1,0 +1,236 @@
+"""The laws (13) and (17), against numbers worked out by hand, closed forms and the robot's real motion."""
+
+import math
+from fractions import Fraction
+
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from diffbot_control.laws import (
+    Gains,
+    global_law,
+    global_lyapunov,
+    heading_hold,
+    local_law,
+    local_lyapunov,
+    sinc,
+    steering,
+    tanhc,
+    velocity,
+)
+from diffbot_control.navigation import Navigation
+
+CHECK = settings(derandomize=True, deadline=None, max_examples=300)
+PAPER = Gains()
+ANGLES = st.floats(-math.pi, math.pi, exclude_min=True)
+DISTANCES = st.floats(0.0, 1e12)
+NAVIGATIONS = st.builds(Navigation, DISTANCES, ANGLES, ANGLES)
+GAINS = st.builds(Gains, st.floats(0.1, 5.0), st.floats(0.1, 10.0), st.floats(0.01, 10.0), st.floats(0.1, 10.0))
+STEP = 1e-5
+
+
+def test_the_papers_gains():
+    assert PAPER == (1.3, 1.0, 0.17, 2.7)
+
+
+@pytest.mark.parametrize(
+    ("navigation", "v", "omega"),
+    [
+        # tanh 1 = 0.761594156, cos(pi/3) = 0.5: v = 1.3 * 0.761594156 * 0.5.
+        # sinc(pi/3) = 0.826993343; 1.3 * 0.826993343 * 0.761594156 * 0.5 = 0.409391643;
+        # alpha + h beta = 1.047197551 + 0.17 * 0.523598776 = 1.136209343;
+        # omega = 1.047197551 + 0.409391643 * 1.136209343.
+        (Navigation(1.0, math.pi / 3, math.pi / 6), 0.495036201371, 1.512352161102),
+        # Behind, so it reverses: tanh 2 = 0.964027580, cos 2.5 = -0.801143616: v = 1.3 * product.
+        # sinc 2.5 = 0.239388858; 1.3 * 0.239388858 * 0.482013790 * -0.801143616 = -0.120175828;
+        # alpha + h beta = 2.5 - 0.17 = 2.33; omega = 2.5 - 0.120175828 * 2.33.
+        (Navigation(2.0, 2.5, -1.0), -1.004021903286, 2.219990320207),
+        # The start of scenario A: rho 5.852349955, alpha 0.698426548, beta 1.222025323.
+        # 1.3 sinc tanhc cos = 0.156621615; omega = 0.698426548 + 0.156621615 * (0.698426548 + 0.207744305).
+        (
+            Navigation(5.852349955359813, 0.698426547612691, 1.222025323210990),
+            0.995594914458,
+            0.840352490166,
+        ),
+        # At the goal, looking away from its heading: sinc and tanhc are 1 at 0.
+        (Navigation(0.0, 0.0, 0.5), 0.0, 1.3 * 0.17 * 0.5),
+        # Abreast: it stands and turns.
+        (Navigation(3.0, math.pi / 2, 1.0), 0.0, math.pi / 2),
+        # Straight behind: sinc(pi) is 0.
+        (Navigation(3.0, math.pi, 1.0), -1.3 * math.tanh(3.0), math.pi),
+    ],
+)
+def test_law_13_by_hand(navigation, v, omega):
+    assert global_law(navigation, PAPER) == pytest.approx((v, omega), abs=1e-11)
+    assert velocity(navigation, PAPER) == pytest.approx(v, abs=1e-11)
+    assert steering(navigation, PAPER) == pytest.approx(omega, abs=1e-11)
+
+
+def test_law_17_near_the_goal_by_hand():
+    # v as above; omega = -2.7 * 0.4.
+    found = local_law(Navigation(1.0, math.pi / 3, math.pi / 6), 0.4, PAPER)
+    assert found == pytest.approx((0.495036201371, -1.08), abs=1e-11)
+    assert heading_hold(-0.5, PAPER) == pytest.approx(1.35)
+
+
+def test_lyapunov_functions_by_hand():
+    # (4 + 0.25 + 0.17 * 9) / 2 and (4 + 0.36) / 2.
+    navigation = Navigation(2.0, -0.5, 3.0)
+    assert global_lyapunov(navigation, PAPER) == pytest.approx(2.89)
+    assert local_lyapunov(navigation, 0.6) == pytest.approx(2.18)
+
+
+@CHECK
+@given(NAVIGATIONS, st.floats(-1e6, 1e6), GAINS)
+def test_each_law_drives_alike_and_within_gamma(navigation, theta, gains):
+    v, omega = global_law(navigation, gains)
+    assert abs(v) <= gains.gamma
+    assert math.isfinite(omega)
+    near = local_law(navigation, theta, gains)
+    assert near == (v, -gains.k_2 * theta)
+
+
+@CHECK
+@given(NAVIGATIONS)
+def test_it_reverses_exactly_when_the_goal_is_behind(navigation):
+    assume(navigation.rho > 1e-300)
+    cosine = math.cos(navigation.alpha)
+    v = velocity(navigation, PAPER)
+    assert (v > 0.0) is (cosine > 0.0)
+    assert (v < 0.0) is (cosine < 0.0)
+
+
+@CHECK
+@given(NAVIGATIONS, st.floats(-10.0, 10.0), GAINS)
+def test_the_mirror_image_turns_the_other_way(navigation, theta, gains):
+    mirrored = Navigation(navigation.rho, -navigation.alpha, -navigation.beta)
+    v, omega = global_law(navigation, gains)
+    assert global_law(mirrored, gains) == (v, -omega)
+    v, omega = local_law(navigation, theta, gains)
+    assert local_law(mirrored, -theta, gains) == (v, -omega)
+    assert global_lyapunov(mirrored, gains) == global_lyapunov(navigation, gains)
+
+
+@pytest.mark.parametrize("rho", [0.0, 5e-324, 1e-310, 1e-200, 1e-8, 1.0, 1e8, 1e300])
+@pytest.mark.parametrize("alpha", [0.0, 5e-324, 1e-200, 1e-8, math.pi / 2, 3.0, math.pi])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_finite_at_and_around_the_singular_points(rho, alpha, sign):
+    v, omega = global_law(Navigation(rho, sign * alpha, -sign * 2.0), PAPER)
+    assert abs(v) <= PAPER.gamma
+    # |omega| <= k pi + gamma (pi + h pi).
+    assert abs(omega) <= math.pi * (1.0 + 1.3 * 1.17)
+
+
+@CHECK
+@given(st.floats(1e-8, 1e-2))
+def test_sinc_and_tanhc_against_exact_series(x):
+    # Taylor series in exact fractions; the rest is below x^8 = 1e-16 of the value.
+    square = Fraction(x) ** 2
+    sine = 1 - square / 6 + square**2 / 120 - square**3 / 5040
+    tangent = 1 - square / 3 + 2 * square**2 / 15 - 17 * square**3 / 315
+    assert sinc(x) == pytest.approx(float(sine), rel=3e-16)
+    assert tanhc(x) == pytest.approx(float(tangent), rel=3e-16)
+    assert sinc(-x) == sinc(x)
+    assert tanhc(-x) == tanhc(x)
+
+
+def test_sinc_and_tanhc_at_zero_and_far_away():
+    assert sinc(0.0) == tanhc(0.0) == 1.0
+    assert sinc(5e-324) == tanhc(5e-324) == 1.0
+    assert sinc(math.pi / 2) == pytest.approx(2.0 / math.pi)
+    assert abs(sinc(math.pi)) < 1e-16
+    assert tanhc(1.0) == pytest.approx((math.e**2 - 1.0) / (math.e**2 + 1.0))
+    assert tanhc(1e300) == pytest.approx(1e-300)
+
+
+@pytest.mark.parametrize(
+    ("below", "above"),
+    [
+        (Navigation(0.0, 1.0, -2.0), Navigation(1e-9, 1.0, -2.0)),
+        (Navigation(2.0, 0.0, 0.9), Navigation(2.0, 1e-9, 0.9)),
+        (Navigation(2.0, -1e-9, 0.9), Navigation(2.0, 1e-9, 0.9)),
+        (
+            Navigation(2.0, math.pi / 2 - 1e-9, 0.9),
+            Navigation(2.0, math.pi / 2 + 1e-9, 0.9),
+        ),
+        (
+            Navigation(2.0, -math.pi / 2 - 1e-9, 0.9),
+            Navigation(2.0, -math.pi / 2 + 1e-9, 0.9),
+        ),
+        (Navigation(2.0, math.pi - 1e-9, 0.9), Navigation(2.0, math.pi, 0.9)),
+        # Where the series takes over from the quotient.
+        (Navigation(2.0, math.nextafter(1e-4, 0.0), 0.9), Navigation(2.0, 1e-4, 0.9)),
+        (Navigation(math.nextafter(1e-4, 0.0), 1.0, 0.9), Navigation(1e-4, 1.0, 0.9)),
+    ],
+)
+def test_continuous_at_the_singular_points(below, above):
+    assert global_law(below, PAPER) == pytest.approx(global_law(above, PAPER), abs=2e-8)
+
+
+def test_the_series_meets_the_quotient_without_a_step():
+    for function in (sinc, tanhc):
+        assert function(math.nextafter(1e-4, 0.0)) == pytest.approx(function(1e-4), rel=3e-16)
+
+
+def variables(x, y, theta):
+    """Eq. (2), written anew for this test; angles unwrapped by the caller's care."""
+    beta = math.atan2(-y, -x)
+    return math.hypot(x, y), math.remainder(beta - theta, 2.0 * math.pi), beta
+
+
+def drift(lyapunov, pose, v, omega):
+    """Derivative of a function of the pose along the real motion (1), by central differences."""
+    x, y, theta = pose
+
+    def at(time):
+        # Second order along the arc is enough: the difference cancels even powers of the time.
+        middle = theta + 0.5 * omega * time
+        return lyapunov(x + v * time * math.cos(middle), y + v * time * math.sin(middle), theta + omega * time)
+
+    return (at(STEP) - at(-STEP)) / (2.0 * STEP)
+
+
+POSITIONS = st.tuples(st.floats(-15.0, 15.0), st.floats(-15.0, 15.0), st.floats(-3.14, 3.14))
+
+
+@CHECK
+@given(POSITIONS, GAINS)
+def test_v_of_eq_8_never_grows_under_law_13(pose, gains):
+    # Front and rear sector alike: dV/dt = -k alpha^2 - gamma rho tanh(rho) cos(alpha)^2.
+    rho, alpha, beta = variables(*pose)
+    assume(rho > 0.05)
+    assume(abs(abs(alpha) - math.pi) > 1e-2)
+    assume(abs(abs(beta) - math.pi) > 1e-2)
+    v, omega = global_law(Navigation(rho, alpha, beta), gains)
+
+    def lyapunov(x, y, theta):
+        r, a, b = variables(x, y, theta)
+        return 0.5 * (r * r + a * a + gains.h * b * b)
+
+    derivative = drift(lyapunov, pose, v, omega)
+    closed = -gains.k * alpha**2 - gains.gamma * rho * math.tanh(rho) * math.cos(alpha) ** 2
+    assert derivative == pytest.approx(closed, rel=1e-5, abs=1e-5)
+    assert derivative <= 1e-6
+    found = global_lyapunov(Navigation(rho, alpha, beta), gains)
+    assert found == pytest.approx(lyapunov(*pose), rel=1e-12)
+
+
+@CHECK
+@given(POSITIONS, GAINS)
+def test_v_of_eq_15_never_grows_in_omega_l(pose, gains):
+    # dV/dt = -gamma rho tanh(rho) cos(alpha)^2 - k_2 theta^2.
+    rho, alpha, beta = variables(*pose)
+    theta = pose[2]
+    assume(rho > 0.05)
+    v, omega = local_law(Navigation(rho, alpha, beta), theta, gains)
+
+    def lyapunov(x, y, heading):
+        return 0.5 * (x * x + y * y + heading * heading)
+
+    derivative = drift(lyapunov, pose, v, omega)
+    closed = -gains.gamma * rho * math.tanh(rho) * math.cos(alpha) ** 2 - gains.k_2 * theta**2
+    assert derivative == pytest.approx(closed, rel=1e-5, abs=1e-5)
+    assert derivative <= 1e-6
+    found = local_lyapunov(Navigation(rho, alpha, beta), theta)
+    assert found == pytest.approx(lyapunov(*pose), rel=1e-12)

@@ -1,0 +1,436 @@
+"""Fusion in the order of stamps: whatever the order of arrival, the same estimate."""
+
+import contextlib
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from diffbot_control.errors import BadMessageError
+from diffbot_control.geometry import Pose
+from diffbot_control.kinematics import Twist
+from diffbot_control.localization import (
+    Localization,
+    LocalizationConfig,
+    Measurement,
+    OdometryStep,
+)
+
+CHECK = settings(derandomize=True, deadline=None, max_examples=80)
+MS = 10**6
+PERIOD = 100 * MS
+START = Pose(1.0, 2.0, 3.0)
+P0 = np.diag([0.2, 0.3, 0.1])
+R_POSE = np.array([[0.03, 0.01, 0.0], [0.01, 0.03, 0.0], [0.0, 0.0, 0.01]])
+
+
+def odometry(number, v=1.2, omega=0.7):
+    """Return the odometry of one period, its end stamped ``number`` periods after 0."""
+    return OdometryStep(number * PERIOD, Twist(v, omega), 4e-3, 1e-3, 0.02)
+
+
+def fix(stamp, seed=0):
+    rng = np.random.default_rng([stamp, seed])
+    return Measurement(stamp, np.array([1.0, 2.0, 3.0]) + rng.normal(0.0, 0.2, 3), R_POSE)
+
+
+def heading(stamp):
+    rng = np.random.default_rng([stamp, 99])
+    return Measurement(stamp, 3.0 + rng.normal(0.0, 0.1, 1), np.array([[0.02]]))
+
+
+def fresh(history=1.0, stamp=0):
+    localization = Localization(LocalizationConfig(history))
+    localization.initialise(START, P0, stamp)
+    return localization
+
+
+class Textbook:
+    """A Kalman filter over a list of events sorted beforehand: no late, no early, no second arrivals."""
+
+    def __init__(self):
+        self.x, self.P = np.array(START), P0.copy()
+
+    def predict(self, step, dt, whole):
+        x, y, theta = self.x
+        v, omega = step.twist
+        middle = theta + 0.5 * omega * dt
+        c, s = math.cos(middle), math.sin(middle)
+        self.x = np.array([x + v * dt * c, y + v * dt * s, theta + omega * dt])
+        F = np.array([[1.0, 0.0, -v * dt * s], [0.0, 1.0, v * dt * c], [0.0, 0.0, 1.0]])
+        G = np.array([[dt * c, -0.5 * v * dt**2 * s], [dt * s, 0.5 * v * dt**2 * c], [0.0, dt]])
+        M = np.array([[step.var_v, step.cov_v_omega], [step.cov_v_omega, step.var_omega]])
+        self.P = F @ self.P @ F.T + G @ (M * whole / dt) @ G.T
+
+    def update(self, measurement):
+        size = measurement.z.size
+        H = np.eye(3)[3 - size :]
+        innovation = measurement.z - H @ self.x
+        innovation[-1] = math.remainder(innovation[-1], 2.0 * math.pi)
+        K = self.P @ H.T @ np.linalg.inv(H @ self.P @ H.T + measurement.R)
+        self.x = self.x + K @ innovation
+        self.P = (np.eye(3) - K @ H) @ self.P
+
+    def run(self, steps, measurements, start=0):
+        waiting = sorted(measurements, key=lambda one: one.stamp)
+        for step in steps:
+            now = start
+            while waiting and waiting[0].stamp <= step.stamp:
+                measurement = waiting.pop(0)
+                if measurement.stamp > now:
+                    self.predict(step, (measurement.stamp - now) * 1e-9, (step.stamp - start) * 1e-9)
+                    now = measurement.stamp
+                self.update(measurement)
+            if step.stamp > now:
+                self.predict(step, (step.stamp - now) * 1e-9, (step.stamp - start) * 1e-9)
+            start = step.stamp
+        return self
+
+
+def assert_equal_estimates(localization, x, P, tolerance=0.0):
+    found = localization.estimate()
+    if tolerance == 0.0:
+        np.testing.assert_array_equal(found.pose, x)
+        np.testing.assert_array_equal(found.P, P)
+    else:
+        np.testing.assert_allclose(found.pose[:2], x[:2], atol=tolerance)
+        turn = math.remainder(found.pose.theta - x[2], 2.0 * math.pi)
+        assert turn == pytest.approx(0.0, abs=tolerance)
+        np.testing.assert_allclose(found.P, P, atol=tolerance)
+
+
+def in_order(steps, measurements):
+    """Deliver every measurement just before the odometry that covers it."""
+    localization = fresh()
+    waiting = sorted(measurements, key=lambda one: one.stamp)
+    for step in steps:
+        while waiting and waiting[0].stamp <= step.stamp:
+            localization.on_measurement(waiting.pop(0))
+        localization.on_odometry(step)
+    return localization
+
+
+# Stamps in ms within a second, some on odometry stamps (0, 100, ...), and an arrival up to 0.9 s after each.
+EVENTS = st.lists(
+    st.tuples(
+        st.integers(0, 1000) | st.sampled_from(range(0, 1001, 100)),
+        st.booleans(),
+        st.integers(0, 900),
+    ),
+    min_size=1,
+    max_size=12,
+    unique_by=lambda event: (event[0], event[1]),
+)
+
+
+@CHECK
+@given(EVENTS, st.randoms(use_true_random=False))
+def test_any_order_of_arrival_gives_the_same(events, random):
+    steps = [odometry(number, 1.2, 0.7 - 0.1 * number) for number in range(1, 21)]
+    measurements = [(heading if is_heading else fix)(ms * MS) for ms, is_heading, _ in events]
+    reference = in_order(steps, measurements).estimate()
+    arrivals = [
+        (one.stamp + delay * MS, random.random(), one) for one, (_, _, delay) in zip(measurements, events, strict=True)
+    ]
+    arrivals += [(step.stamp, random.random(), step) for step in steps]
+    localization = fresh()
+    for _, _, arrived in sorted(arrivals, key=lambda one: one[:2]):
+        if isinstance(arrived, Measurement):
+            localization.on_measurement(arrived)
+        else:
+            localization.on_odometry(arrived)
+    assert localization.estimate().stamp == reference.stamp == 20 * PERIOD
+    assert_equal_estimates(localization, reference.pose, reference.P, 1e-11)
+
+
+@CHECK
+@given(EVENTS)
+def test_in_order_it_is_the_textbooks_filter(events):
+    steps = [odometry(number, 1.2, 0.7 - 0.1 * number) for number in range(1, 12)]
+    measurements = [(heading if is_heading else fix)(ms * MS) for ms, is_heading, _ in events]
+    textbook = Textbook().run(steps, measurements)
+    assert_equal_estimates(in_order(steps, measurements), textbook.x, textbook.P, 1e-9)
+
+
+def test_a_late_fix_between_two_odometries_gives_the_same_bits():
+    late, early = fresh(), fresh()
+    measurement = fix(250 * MS)
+    for number in range(1, 9):
+        late.on_odometry(odometry(number))
+        if number == 8:
+            late.on_measurement(measurement)
+        if number == 3:
+            early.on_measurement(measurement)
+        early.on_odometry(odometry(number))
+    # Arrived within its own period or 0.55 s later: not one bit differs.
+    punctual = fresh()
+    for number in range(1, 9):
+        if number == 3:
+            punctual.on_measurement(measurement)
+        punctual.on_odometry(odometry(number))
+    for one in (late, early):
+        assert_equal_estimates(one, punctual.estimate().pose, punctual.estimate().P)
+
+
+@pytest.mark.parametrize("late_ms", [50, 100, 500, 900, 1000])
+def test_a_measurement_may_be_as_late_as_the_history(late_ms):
+    localization = fresh(history=1.0)
+    for number in range(1, 31):
+        localization.on_odometry(odometry(number))
+    before = localization.estimate().P.trace()
+    localization.on_measurement(fix(30 * PERIOD - late_ms * MS))
+    assert localization.estimate().P.trace() < before
+
+
+def test_a_measurement_at_the_very_start_may_be_late_too():
+    # In time it would have been fused with the initial state; late it must not be lost.
+    localization, punctual = fresh(), fresh()
+    punctual.on_measurement(heading(0))
+    for one in (localization, punctual):
+        one.on_odometry(odometry(1))
+    localization.on_measurement(heading(0))
+    assert_equal_estimates(localization, punctual.estimate().pose, punctual.estimate().P, 1e-12)
+
+
+@pytest.mark.parametrize("history", [0.0, 0.2, 1.0, 5.0])
+def test_what_is_older_than_the_history_is_refused_and_changes_nothing(history):
+    localization = fresh(history)
+    for number in range(1, 81):
+        localization.on_odometry(odometry(number))
+    before = localization.estimate()
+    # The step that the edge of the history falls into may still be there: one period more.
+    with pytest.raises(BadMessageError) as caught:
+        localization.on_measurement(fix(80 * PERIOD - round(history * 1e9) - PERIOD - 1))
+    assert caught.value.kind == "too old"
+    assert_equal_estimates(localization, before.pose, before.P)
+
+
+def test_the_history_does_not_grow():
+    localization = fresh(history=0.5)
+    for number in range(1, 500):
+        localization.on_odometry(odometry(number))
+        localization.on_measurement(fix(number * PERIOD - 50 * MS))
+        assert len(localization._steps) <= 7
+
+
+def test_measurements_before_the_first_state_are_refused():
+    localization = fresh(stamp=5 * PERIOD)
+    localization.on_odometry(odometry(6))
+    with pytest.raises(BadMessageError) as caught:
+        localization.on_measurement(fix(5 * PERIOD - 1))
+    assert caught.value.kind == "too old"
+
+
+def test_a_fix_ahead_of_the_odometry_waits_for_it():
+    localization, alone = fresh(), fresh()
+    localization.on_measurement(fix(350 * MS))
+    for number in range(1, 4):
+        localization.on_odometry(odometry(number))
+        alone.on_odometry(odometry(number))
+        assert_equal_estimates(localization, alone.estimate().pose, alone.estimate().P)
+    localization.on_odometry(odometry(4))
+    alone.on_odometry(odometry(4))
+    assert localization.estimate().P.trace() < alone.estimate().P.trace()
+    textbook = Textbook().run([odometry(number) for number in range(1, 5)], [fix(350 * MS)])
+    assert_equal_estimates(localization, textbook.x, textbook.P, 1e-10)
+
+
+def test_not_more_than_a_thousand_wait():
+    localization = fresh()
+    for number in range(1000):
+        localization.on_measurement(fix(PERIOD + number))
+    with pytest.raises(BadMessageError) as caught:
+        localization.on_measurement(fix(PERIOD + 2000))
+    assert caught.value.kind == "no odometry for it"
+    localization.on_odometry(odometry(2))
+    localization.on_measurement(fix(2 * PERIOD + 1))
+
+
+def test_a_sender_with_a_wrong_clock_does_not_shut_the_others_out():
+    # An hour ahead, its headings wait for odometry that will not come soon, and fill all places.
+    localization, alone = fresh(), fresh()
+    for number in range(1500):
+        with contextlib.suppress(BadMessageError):
+            localization.on_measurement(heading(3600 * 10**9 + number * PERIOD))
+    for number in range(1, 31):
+        for one in (localization, alone):
+            one.on_measurement(fix(number * PERIOD - 30 * MS))
+            one.on_measurement(fix(number * PERIOD))
+            one.on_odometry(odometry(number))
+    assert_equal_estimates(localization, alone.estimate().pose, alone.estimate().P)
+
+
+def test_an_odometry_sent_again_is_answered_without_moving():
+    localization = fresh()
+    first = localization.on_odometry(odometry(1))
+    again = localization.on_odometry(odometry(1, v=9.0))
+    assert again.stamp == first.stamp == PERIOD
+    assert again.pose == first.pose
+    np.testing.assert_array_equal(again.P, first.P)
+    assert again.odometry == odometry(1)
+    # What was measured in between is in the second answer.
+    localization.on_measurement(fix(PERIOD))
+    assert localization.on_odometry(odometry(1)).pose != first.pose
+
+
+def test_an_odometry_out_of_order_is_refused_and_changes_nothing():
+    localization = fresh()
+    for number in (1, 2, 4):
+        before = localization.on_odometry(odometry(number))
+    with pytest.raises(BadMessageError) as caught:
+        localization.on_odometry(odometry(3))
+    assert caught.value.kind == "out of order"
+    assert_equal_estimates(localization, before.pose, before.P)
+    assert localization.estimate().odometry == odometry(4)
+
+
+def test_a_lost_odometry_is_bridged_by_the_next():
+    localization = fresh()
+    localization.on_odometry(odometry(1))
+    found = localization.on_odometry(odometry(4))
+    textbook = Textbook().run([odometry(1), odometry(4)], [])
+    assert_equal_estimates(localization, textbook.x, textbook.P, 1e-12)
+    assert found.stamp == 4 * PERIOD
+
+
+def test_time_that_jumps_back_resets():
+    localization = fresh()
+    for number in range(1, 50):
+        localization.on_odometry(odometry(number))
+    localization.on_measurement(fix(60 * PERIOD))
+    with pytest.raises(BadMessageError) as caught:
+        localization.on_odometry(odometry(2))
+    assert caught.value.kind == "time jumped back"
+    assert not localization.initialised
+    with pytest.raises(BadMessageError) as caught:
+        localization.on_odometry(odometry(3))
+    assert caught.value.kind == "no fix yet"
+    # The next fix starts anew, and nothing of the old time is left waiting.
+    localization.on_measurement(fix(3 * PERIOD))
+    found = localization.on_odometry(odometry(3))
+    np.testing.assert_array_equal(found.pose, fix(3 * PERIOD).z)
+    np.testing.assert_array_equal(found.P, R_POSE)
+    reference = Localization(LocalizationConfig())
+    reference.initialise(Pose(*fix(3 * PERIOD).z), R_POSE, 3 * PERIOD)
+    for number in range(4, 70):
+        localization.on_odometry(odometry(number))
+        reference.on_odometry(odometry(number))
+    assert_equal_estimates(localization, reference.estimate().pose, reference.estimate().P)
+
+
+def test_nothing_is_known_before_the_first_fix():
+    localization = Localization(LocalizationConfig())
+    for call in (
+        localization.estimate,
+        lambda: localization.on_odometry(odometry(1)),
+        lambda: localization.on_measurement(heading(PERIOD)),
+    ):
+        with pytest.raises(BadMessageError) as caught:
+            call()
+        assert caught.value.kind == "no fix yet"
+    assert not localization.initialised
+
+
+def test_the_first_fix_is_the_first_state():
+    localization = Localization(LocalizationConfig())
+    localization.on_measurement(fix(PERIOD))
+    found = localization.estimate()
+    assert (found.stamp, found.odometry) == (PERIOD, None)
+    np.testing.assert_array_equal(found.pose, fix(PERIOD).z)
+    np.testing.assert_array_equal(found.P, R_POSE)
+
+
+def test_a_reset_forgets_everything():
+    localization = fresh()
+    localization.on_odometry(odometry(1))
+    localization.on_measurement(fix(5 * PERIOD))
+    localization.reset()
+    with pytest.raises(BadMessageError):
+        localization.estimate()
+    localization.on_measurement(fix(20 * PERIOD))
+    found = localization.on_odometry(odometry(21))
+    assert found.stamp == 21 * PERIOD
+    twin = fresh(stamp=20 * PERIOD)
+    twin.initialise(Pose(*fix(20 * PERIOD).z), R_POSE)
+    assert_equal_estimates(localization, *twin.on_odometry(odometry(21))[1:3])
+
+
+def test_initialise_moves_the_filter_but_not_its_time():
+    localization = fresh()
+    localization.on_odometry(odometry(1))
+    localization.on_odometry(odometry(2))
+    localization.on_measurement(fix(250 * MS))
+    localization.initialise(Pose(7.0, 8.0, -1.0), np.eye(3), 500 * PERIOD)
+    found = localization.estimate()
+    assert (found.stamp, found.pose) == (2 * PERIOD, (7.0, 8.0, -1.0))
+    np.testing.assert_array_equal(found.P, np.eye(3))
+    # What was measured before belongs to the old place: neither kept nor taken.
+    with pytest.raises(BadMessageError):
+        localization.on_measurement(fix(150 * MS))
+    localization.on_odometry(odometry(3))
+    twin = Localization(LocalizationConfig())
+    twin.initialise(Pose(7.0, 8.0, -1.0), np.eye(3), 2 * PERIOD)
+    assert_equal_estimates(localization, *twin.on_odometry(odometry(3))[1:3])
+
+
+def test_initialised_without_a_time_it_takes_that_of_the_first_odometry():
+    localization = Localization(LocalizationConfig())
+    localization.initialise(START, P0)
+    with pytest.raises(BadMessageError):
+        localization.estimate()
+    found = localization.on_odometry(odometry(5))
+    assert (found.stamp, found.pose) == (5 * PERIOD, START)
+    assert localization.on_odometry(odometry(6)).pose != START
+
+
+def test_an_estimate_is_not_changed_by_what_follows():
+    localization = fresh()
+    first = localization.on_odometry(odometry(1))
+    copied = first.P.copy()
+    localization.on_measurement(fix(50 * MS))
+    localization.on_odometry(odometry(2))
+    localization.on_measurement(fix(2 * PERIOD))
+    localization.initialise(START, np.eye(3))
+    np.testing.assert_array_equal(first.P, copied)
+
+
+@pytest.mark.parametrize("parts", [1, 2, 3, 9])
+def test_splitting_a_step_conserves_the_noise(parts):
+    # Headings that say nothing split the step: what the twist's error adds up to stays. Driving straight, that is exact
+    # for the heading, the way along and their covariance; across, the heading's error comes in parts as a random walk.
+    whole, split = fresh(), fresh()
+    for one in (whole, split):
+        one.initialise(Pose(0.0, 0.0, 0.0), np.zeros((3, 3)) + 1e-12 * np.eye(3))
+    step = OdometryStep(PERIOD, Twist(1.5, 0.0), 0.04, 0.01, 0.09)
+    for part in range(1, parts):
+        blind = Measurement(part * PERIOD // parts, np.zeros(1), np.array([[1e12]]))
+        split.on_measurement(blind)
+    expected, found = whole.on_odometry(step).P, split.on_odometry(step).P
+    seen = np.ix_([0, 2], [0, 2])
+    np.testing.assert_allclose(found[seen], expected[seen], rtol=1e-6)
+    np.testing.assert_allclose(found[seen], 0.01 * np.array([[0.04, 0.01], [0.01, 0.09]]), rtol=1e-6)
+    # Across: (v T^2 / 2)^2 sigma^2 in one piece, growing towards v^2 T^4 sigma^2 / 3 in many.
+    across = (1.5 * 0.1**2) ** 2 * 0.09
+    assert expected[1, 1] == pytest.approx(across / 4.0, rel=1e-6)
+    many = across * (1.0 / 3.0 - 1.0 / (12.0 * parts**2))
+    assert found[1, 1] == pytest.approx(many, rel=1e-6)
+
+
+def test_of_equal_stamps_both_measurements_count():
+    localization, other = fresh(), fresh()
+    for one, order in ((localization, (fix, heading)), (other, (heading, fix))):
+        for make in order:
+            one.on_measurement(make(50 * MS))
+        one.on_odometry(odometry(1))
+    assert_equal_estimates(localization, other.estimate().pose, other.estimate().P)
+    textbook = Textbook().run([odometry(1)], [fix(50 * MS), heading(50 * MS)])
+    assert_equal_estimates(localization, textbook.x, textbook.P, 1e-10)
+
+
+@pytest.mark.parametrize("turns", [1, -2])
+def test_the_heading_is_told_wrapped_from_the_first_on(turns):
+    localization = Localization(LocalizationConfig())
+    localization.initialise(Pose(0.0, 0.0, 1.0 + turns * 2.0 * math.pi), P0, 0)
+    assert localization.estimate().pose.theta == pytest.approx(1.0)

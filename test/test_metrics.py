@@ -1,0 +1,93 @@
+"""Figures of merit, on paths made by hand."""
+
+import math
+
+import numpy as np
+import pytest
+
+from diffbot_control.errors import InvalidValueError
+from diffbot_control.geometry import Pose
+from diffbot_control.metrics import goal_metrics, path_length, settling_time
+
+# 3 m ahead, 4 m to the left, back by 1 m: a drive from (0, 0) to (3, 3).
+TIME = np.array([10.0, 11.0, 12.5, 13.0, 14.0])
+POSES = np.array(
+    [
+        [0.0, 0.0, 0.0],
+        [3.0, 0.0, 1.0],
+        [3.0, 4.0, 1.5],
+        [3.0, 3.2, 1.6],
+        [3.0, 3.0, 1.5],
+    ]
+)
+GOAL = Pose(3.0, 3.1, 0.5 * math.pi)
+
+
+def test_a_drive_by_hand():
+    metrics = goal_metrics(TIME, POSES, GOAL, 0.2, 0.1)
+    # The goal looks along +y: 0.1 m short of it is x = -0.1 in its frame.
+    assert metrics.final == pytest.approx((-0.1, 0.0, 1.5 - 0.5 * math.pi), abs=1e-12)
+    assert metrics.position_error == pytest.approx(0.1)
+    assert metrics.heading_error == pytest.approx(0.5 * math.pi - 1.5)
+    # Inside from 13.0 s on, 3 s after the first pose.
+    assert metrics.settling_time == pytest.approx(3.0)
+    assert metrics.path_length == pytest.approx(3.0 + 4.0 + 0.8 + 0.2)
+    assert metrics.direct_distance == pytest.approx(math.hypot(3.0, 3.1))
+
+
+def test_the_heading_tolerance_counts_too():
+    # |1.6 - pi/2| = 0.029, |1.5 - pi/2| = 0.071: at the end it is out again.
+    assert math.isnan(goal_metrics(TIME, POSES, GOAL, 0.2, 0.05).settling_time)
+
+
+def test_a_run_that_ends_outside_has_not_settled():
+    metrics = goal_metrics(TIME, POSES, GOAL, 0.05, 0.1)
+    assert math.isnan(metrics.settling_time)
+    assert metrics.position_error == pytest.approx(0.1)
+
+
+def test_the_heading_error_goes_the_short_way_round():
+    metrics = goal_metrics(np.array([0.0]), np.array([[0.0, 0.0, 3.1]]), Pose(0.0, 0.0, -3.1), 1.0, 0.1)
+    assert metrics.heading_error == pytest.approx(2.0 * math.pi - 6.2)
+    assert metrics.settling_time == 0.0
+    assert metrics.path_length == 0.0
+
+
+@pytest.mark.parametrize(
+    ("inside", "expected"),
+    [
+        ([True, True, True, True], 0.0),
+        ([False, True, True, True], 1.0),
+        ([True, False, True, True], 2.5),
+        ([True, True, False, True], 4.0),
+        ([False, False, False, True], 4.0),
+        ([True, True, True, False], math.nan),
+    ],
+)
+def test_settling_time_is_the_last_entry(inside, expected):
+    time = np.array([5.0, 6.0, 7.5, 9.0])
+    found = settling_time(time, np.array(inside))
+    assert found == pytest.approx(expected, nan_ok=True)
+
+
+def test_the_length_of_a_circle():
+    angle = np.linspace(0.0, 2.0 * math.pi, 2001)
+    circle = np.column_stack([2.0 * np.cos(angle), 2.0 * np.sin(angle), angle])
+    assert path_length(circle) == pytest.approx(4.0 * math.pi, rel=1e-5)
+    assert path_length(circle[:1]) == 0.0
+    # Turning on the spot is no way.
+    assert path_length(np.array([[1.0, 1.0, 0.0], [1.0, 1.0, 3.0]])) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("time", "poses"),
+    [
+        (np.empty(0), np.empty((0, 3))),
+        (np.zeros(2), np.zeros((3, 3))),
+        (np.zeros(3), np.zeros((3, 2))),
+        (np.zeros(3), np.zeros(3)),
+    ],
+)
+def test_wrong_shapes_are_named(time, poses):
+    with pytest.raises(InvalidValueError, match=r"poses = \(.*must be \(\d, 3\)"):
+        goal_metrics(time, poses, Pose(0.0, 0.0, 0.0), 0.1, 0.1)

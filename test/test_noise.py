@@ -1,0 +1,118 @@
+"""The random numbers: published answers, uniformity, and independence between runs, steps and blocks."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.stats import kstest
+
+from diffbot_sim import noise
+from diffbot_sim.noise import Words, direction, draw, philox, probability
+
+ONES = 0xFFFFFFFF
+
+
+# The known-answer vectors that the authors of the generator publish with it (Random123, philox4x32, 10 rounds).
+@pytest.mark.parametrize(
+    ("counter", "key", "answer"),
+    [
+        (
+            (0, 0, 0, 0),
+            (0, 0),
+            (0x6627E8D5, 0xE169C58D, 0xBC57AC4C, 0x9B00DBD8),
+        ),
+        (
+            (ONES, ONES, ONES, ONES),
+            (ONES, ONES),
+            (0x408F276D, 0x41C83B0E, 0xA20BC7C6, 0x6D5451FD),
+        ),
+        (
+            (0x243F6A88, 0x85A308D3, 0x13198A2E, 0x03707344),
+            (0xA4093822, 0x299F31D0),
+            (0xD16CFE09, 0x94FDCCEB, 0x5001E420, 0x24126EA1),
+        ),
+    ],
+)
+def test_published_answers(counter, key, answer):
+    assert philox(Words(*counter), *key) == answer
+
+
+def test_a_draw_is_the_generator_at_its_place():
+    # Counter: step, block, run (low word, high word); key: seed (low word, high word).
+    seed, run = 0x299F31D0A4093822, 0x0370734413198A2E
+    words = (0xD16CFE09, 0x94FDCCEB, 0x5001E420, 0x24126EA1)
+    found = draw(seed, run, 0x243F6A88, 0x85A308D3)
+    # The middle of each of 2^32 equal parts of (-1, 1).
+    assert found == tuple((word + 0.5) / 2.0**31 - 1.0 for word in words)
+
+
+def test_the_ends_are_never_reached(monkeypatch):
+    monkeypatch.setattr(noise, "philox", lambda *_: Words(0, ONES, 2**31, 2**31 - 1))
+    low, high, above, below = draw(1, 2, 3, 4)
+    assert low == -1.0 + 2.0**-32
+    assert high == 1.0 - 2.0**-32
+    assert above == -below == 2.0**-32
+    assert 0.0 < probability(low) < probability(high) < 1.0
+    assert -math.pi < direction(low) < direction(high) < math.pi
+
+
+def test_maps_by_hand():
+    assert [probability(number) for number in (-0.5, 0.0, 0.5)] == [0.25, 0.5, 0.75]
+    assert direction(0.5) == pytest.approx(math.pi / 2)
+    assert direction(-0.25) == pytest.approx(-math.pi / 4)
+
+
+def numbers(names):
+    return np.array([draw(*name) for name in names])
+
+
+COUNT = 5000
+ALONG = {
+    "step": [(1, 0, step, 0) for step in range(COUNT)],
+    "run": [(1, run, 0, 0) for run in range(COUNT)],
+    "seed": [(seed, 0, 0, 0) for seed in range(COUNT)],
+    "block": [(1, 0, 0, block) for block in range(COUNT)],
+    "high word of run": [(1, run << 32, 0, 0) for run in range(COUNT)],
+    "high word of seed": [(seed << 32, 0, 0, 0) for seed in range(COUNT)],
+}
+
+
+@pytest.mark.parametrize("axis", sorted(ALONG))
+def test_uniform_and_uncorrelated_along_every_counter(axis):
+    drawn = numbers(ALONG[axis])
+    for column in drawn.T:
+        assert kstest(column, "uniform", (-1.0, 2.0)).pvalue > 1e-3
+    # The four numbers of a draw, and each with its next neighbours: 4.5 sigma of a correlation of COUNT pairs.
+    side_by_side = np.hstack([drawn[:-2], drawn[1:-1], drawn[2:]])
+    correlation = np.corrcoef(side_by_side.T) - np.eye(12)
+    assert np.abs(correlation).max() < 4.5 / math.sqrt(COUNT)
+
+
+def test_runs_steps_blocks_and_seeds_share_nothing():
+    one = numbers([(1, 0, step, 0) for step in range(COUNT)])
+    others = [
+        [(1, 1, step, 0) for step in range(COUNT)],
+        [(1, 0, step, 1) for step in range(COUNT)],
+        [(2, 0, step, 0) for step in range(COUNT)],
+        [(1, 0, step + COUNT, 0) for step in range(COUNT)],
+        [(1, 1 << 32, step, 0) for step in range(COUNT)],
+        [(1 << 32, 0, step, 0) for step in range(COUNT)],
+    ]
+    for names in others:
+        other = numbers(names)
+        assert not np.isin(other, one).all()
+        correlation = np.corrcoef(np.hstack([one, other]).T)[:4, 4:]
+        assert np.abs(correlation).max() < 4.5 / math.sqrt(COUNT)
+
+
+def test_a_number_is_a_function_of_its_name_alone():
+    names = [(seed, run, step, 0) for seed in (1, 2) for run in (0, 7) for step in range(20)]
+    forward = [draw(*name) for name in names]
+    assert [draw(*name) for name in reversed(names)] == forward[::-1]
+    assert len({number for one in forward for number in one}) == 4 * len(names)
+
+
+def test_the_blocks_differ():
+    blocks = [value for name, value in vars(noise).items() if name.endswith("_BLOCK")]
+    assert len(blocks) >= 3
+    assert len(set(blocks)) == len(blocks)

@@ -1,0 +1,265 @@
+"""The robot as it really moves, against the printed equations, circles and a solver of differential equations."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from diffbot_control.geometry import Pose
+from diffbot_control.kinematics import Twist, WheelGeometry, WheelSpeeds
+from diffbot_sim.noise import Draw
+from diffbot_sim.plant import PlantConfig, PlantState, integrate, plant_step
+
+CHECK = settings(derandomize=True, deadline=None, max_examples=150)
+QUIET = PlantConfig(drive_noise=0.0, encoder_noise=0.0)
+SILENCE = Draw(0.0, 0.0, 0.0, 0.0)
+START = PlantState(Pose(1.0, 2.0, 0.5))
+POSES = st.builds(Pose, st.floats(-50.0, 50.0), st.floats(-50.0, 50.0), st.floats(-3.1, 3.1))
+TWISTS = st.builds(Twist, st.floats(-2.0, 2.0), st.floats(-3.0, 3.0))
+NOISES = st.builds(Draw, *[st.floats(-1.0, 1.0)] * 4)
+R, L = 0.05, 0.6
+
+
+def assert_pose(pose, expected, tolerance=1e-9):
+    assert pose[:2] == pytest.approx(expected[:2], abs=tolerance)
+    turn = math.remainder(pose.theta - expected[2], 2.0 * math.pi)
+    assert turn == pytest.approx(0.0, abs=tolerance)
+    assert -math.pi < pose.theta <= math.pi
+
+
+def wheels(v, omega):
+    return (v - 0.5 * omega * L) / R, (v + 0.5 * omega * L) / R
+
+
+@CHECK
+@given(POSES, TWISTS, st.floats(0.001, 2.0))
+def test_euler_is_eq_3_as_printed(pose, twist, t_s):
+    expected = (
+        pose.x + t_s * twist.v * math.cos(pose.theta),
+        pose.y + t_s * twist.v * math.sin(pose.theta),
+        pose.theta + t_s * twist.omega,
+    )
+    found = integrate(pose, twist, t_s, False)
+    assert found[:2] == pytest.approx(expected[:2], rel=1e-15)
+    assert_pose(found, expected, 1e-12)
+
+
+@CHECK
+@given(POSES, st.floats(-2.0, 2.0), st.floats(0.01, 3.0), st.sampled_from((1.0, -1.0)), st.floats(0.01, 3.0))
+def test_the_arc_is_a_circle_about_its_centre(pose, v, speed, side, t_s):
+    # The centre lies v / omega to the left; everything turns about it by omega t.
+    omega = side * speed
+    centre = complex(pose.x, pose.y) + 1j * (v / omega) * complex(math.cos(pose.theta), math.sin(pose.theta))
+    turned = complex(math.cos(omega * t_s), math.sin(omega * t_s))
+    end = centre + (complex(pose.x, pose.y) - centre) * turned
+    found = integrate(pose, Twist(v, omega), t_s, True)
+    assert_pose(found, (end.real, end.imag, pose.theta + omega * t_s), 1e-8)
+
+
+@pytest.mark.parametrize(
+    ("v", "omega", "t_s"), [(1.3, 2.0, 0.1), (-0.7, -1.5, 2.0), (1.0, 1e-7, 1.0), (0.5, 0.0, 3.0), (0.0, 2.0, 1.0)]
+)
+def test_the_arc_against_a_solver(v, omega, t_s):
+    def derivative(_, state):
+        return v * math.cos(state[2]), v * math.sin(state[2]), omega
+
+    solved = solve_ivp(derivative, (0.0, t_s), [1.0, 2.0, 0.5], rtol=1e-12, atol=1e-13).y[:, -1]
+    assert_pose(integrate(Pose(1.0, 2.0, 0.5), Twist(v, omega), t_s, True), solved, 1e-9)
+
+
+@pytest.mark.parametrize("omega", [0.0, 5e-324, 1e-300, 1e-12, -1e-9])
+def test_straight_on_is_the_limit_of_the_arc(omega):
+    found = integrate(Pose(1.0, 2.0, 0.5), Twist(2.0, omega), 1.5, True)
+    assert_pose(found, (1.0 + 3.0 * math.cos(0.5), 2.0 + 3.0 * math.sin(0.5), 0.5), 1e-8)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_no_step_where_the_series_takes_over(sign):
+    # Half the turn just below and just above 1e-6.
+    below, above = (
+        integrate(Pose(0.0, 0.0, 0.0), Twist(1.0, sign * 2e-6 * factor), 1.0, True) for factor in (0.999999, 1.000001)
+    )
+    assert above == pytest.approx(below, abs=1e-11)
+
+
+def test_a_full_circle_ends_where_it_began():
+    pose = Pose(3.0, -1.0, 3.0)
+    for _ in range(20):
+        pose = integrate(pose, Twist(1.0, 2.0 * math.pi / 2.0), 0.1, True)
+    assert_pose(pose, (3.0, -1.0, 3.0), 1e-12)
+
+
+@pytest.mark.parametrize("exact_arc", [True, False])
+@CHECK
+@given(command=TWISTS)
+def test_without_noise_the_robot_does_as_told(exact_arc, command):
+    state = plant_step(START, command, SILENCE, QUIET._replace(exact_arc=exact_arc))
+    assert state.pose == pytest.approx(integrate(START.pose, command, 0.1, exact_arc), abs=1e-12)
+    assert state.twist == pytest.approx(command, abs=1e-12)
+    assert state.drive == pytest.approx(wheels(*command), abs=1e-9)
+    assert state.encoder == pytest.approx(state.drive, abs=1e-9)
+    assert state.step == 1
+
+
+def test_the_wheels_of_the_configuration_are_used():
+    config = QUIET._replace(wheels=WheelGeometry(0.1, 1.0))
+    state = plant_step(START, Twist(1.0, 2.0), SILENCE, config)
+    assert state.drive == pytest.approx((0.0, 20.0), abs=1e-12)
+    assert state.twist == pytest.approx((1.0, 2.0))
+
+
+@CHECK
+@given(TWISTS, NOISES, st.floats(0.0, 0.5), st.floats(0.0, 0.5))
+def test_drive_and_encoder_noise_by_hand(command, noise, drive_noise, encoder_noise):
+    config = QUIET._replace(drive_noise=drive_noise, encoder_noise=encoder_noise)
+    state = plant_step(START, command, noise, config)
+    left, right = wheels(*command)
+    left, right = left * (1.0 + drive_noise * noise.a), right * (1.0 + drive_noise * noise.b)
+    assert state.drive == pytest.approx(wheels(*command), abs=1e-9)
+    assert state.twist == pytest.approx((R * (left + right) / 2.0, R * (right - left) / L), abs=1e-9)
+    seen = left * (1.0 + encoder_noise * noise.c), right * (1.0 + encoder_noise * noise.d)
+    assert state.encoder == pytest.approx(seen, abs=1e-9)
+
+
+@CHECK
+@given(TWISTS, NOISES)
+def test_the_papers_input_noise_is_added_and_seen_by_the_encoders(command, noise):
+    config = QUIET._replace(eps_v_max=0.065, eps_omega_max=0.2167)
+    state = plant_step(START, command, noise, config)
+    moved = command.v + 0.065 * noise.a, command.omega + 0.2167 * noise.b
+    assert state.twist == pytest.approx(moved, abs=1e-12)
+    assert state.encoder == pytest.approx(wheels(*moved), abs=1e-9)
+    assert abs(state.twist.v - command.v) <= 0.065 * (1.0 + 1e-9)
+    assert abs(state.twist.omega - command.omega) <= 0.2167 * (1.0 + 1e-9)
+
+
+def test_radius_errors_move_the_body_but_not_the_encoders():
+    config = QUIET._replace(left_radius_error=0.02, right_radius_error=-0.01)
+    state = plant_step(START, Twist(1.0, 0.0), SILENCE, config)
+    # Wheels of 1.02 and 0.99 m/s: v = 1.005, omega = -0.03 / 0.6.
+    assert state.twist == pytest.approx((1.005, -0.05))
+    assert state.encoder == pytest.approx((20.0, 20.0))
+    assert state.odometry == pytest.approx((0.1, 0.0, 0.0))
+
+
+def slipping_steps(config, steps):
+    state, found = START, []
+    for step in range(steps):
+        state = plant_step(state, Twist(1.0, 0.0), SILENCE, config)
+        if state.twist.omega != 0.0:
+            found.append(step)
+            # The left wheel loses 60 %: (0.4 + 1) / 2 and (1 - 0.4) / 0.6.
+            assert state.twist == pytest.approx((0.7, 1.0))
+        assert state.encoder == pytest.approx((20.0, 20.0))
+    return found
+
+
+@pytest.mark.parametrize(
+    ("t_s", "start", "duration", "expected"),
+    [
+        (0.1, 0.0, 0.3, range(3)),
+        (0.1, 0.5, 0.5, range(5, 10)),
+        (0.1, 0.5, 0.0, range(0)),
+        (0.25, 0.3, 0.5, range(2, 4)),
+        # Whole steps in decimal numbers that binary ones only come near to.
+        (0.1, 1.1, 3.2, range(11, 43)),
+        (0.1, 0.3, 0.3, range(3, 6)),
+        (0.1, 2.2, 2.1, range(22, 43)),
+        (0.05, 0.35, 0.6, range(7, 19)),
+    ],
+)
+def test_a_wheel_slips_for_the_time_asked(t_s, start, duration, expected):
+    config = QUIET._replace(sampling_time=t_s, slip_left=0.6, slip_start=start, slip_duration=duration)
+    assert slipping_steps(config, 60) == list(expected)
+
+
+def test_each_slip_is_of_its_wheel():
+    config = QUIET._replace(slip_right=0.25, slip_duration=1.0)
+    state = plant_step(START, Twist(1.0, 0.0), SILENCE, config)
+    assert state.twist == pytest.approx((0.875, -0.25 / 0.6))
+
+
+def test_the_speed_limit_keeps_the_curvature():
+    config = QUIET._replace(wheel_speed_max=11.5)
+    # 1 m/s and 0.5 rad/s: wheels of 17 and 23 rad/s; half of it.
+    state = plant_step(START, Twist(1.0, 0.5), SILENCE, config)
+    assert state.drive == pytest.approx((8.5, 11.5))
+    assert state.twist == pytest.approx((0.5, 0.25))
+    state = plant_step(START, Twist(-1.0, -0.5), SILENCE, config)
+    assert state.drive == pytest.approx((-8.5, -11.5))
+    state = plant_step(START, Twist(0.4, 0.5), SILENCE, config)
+    assert state.twist == pytest.approx((0.4, 0.5))
+
+
+def test_the_acceleration_limit_holds_each_wheel():
+    config = QUIET._replace(wheel_acceleration_max=50.0)
+    state, seen = START, []
+    for command in [Twist(1.0, 0.0)] * 5 + [Twist(-0.3, 0.0)] * 6 + [Twist(0.0, 1.0)] * 3:
+        state = plant_step(state, command, SILENCE, config)
+        seen.append(state.drive)
+    left = [5, 10, 15, 20, 20, 15, 10, 5, 0, -5, -6, -6, -6, -6]
+    right = [*left[:11], -1, 4, 6]
+    assert [one.left for one in seen] == pytest.approx(left, abs=1e-9)
+    assert [one.right for one in seen] == pytest.approx(right, abs=1e-9)
+
+
+def test_noise_of_the_drive_does_not_feed_back_into_the_limit():
+    config = QUIET._replace(wheel_acceleration_max=50.0, drive_noise=0.5)
+    state = plant_step(START, Twist(1.0, 0.0), Draw(1.0, 1.0, 0.0, 0.0), config)
+    assert state.drive == pytest.approx((5.0, 5.0))
+    assert state.twist.v == pytest.approx(1.5 * 5.0 * R)
+    assert plant_step(state, Twist(1.0, 0.0), SILENCE, config).drive == pytest.approx((10.0, 10.0))
+
+
+def test_odometry_and_angles_add_up_what_the_encoders_saw():
+    rng = np.random.default_rng(4)
+    config = PlantConfig(slip_left=0.5, slip_duration=2.0, right_radius_error=0.1, eps_v_max=0.1)
+    state = START
+    x = y = theta = 0.0
+    angles = np.zeros(2)
+    for _ in range(60):
+        state = plant_step(state, Twist(*rng.uniform(-1.0, 1.0, 2)), Draw(*rng.uniform(-1, 1, 4)), config)
+        left, right = state.encoder
+        angles += 0.1 * np.array([left, right])
+        v, omega = R * (left + right) / 2.0, R * (right - left) / L
+        end = theta + 0.1 * omega
+        x += v / omega * (math.sin(end) - math.sin(theta))
+        y -= v / omega * (math.cos(end) - math.cos(theta))
+        theta = end
+    assert state.angles == pytest.approx(angles, abs=1e-9)
+    assert_pose(state.odometry, (x, y, theta), 1e-9)
+    assert state.step == 60
+    # It knows nothing of slip and radius.
+    assert math.hypot(state.odometry.x - state.pose.x, state.odometry.y - state.pose.y) > 0.1
+
+
+def test_odometry_follows_the_arc_even_where_the_truth_is_eulers():
+    config = QUIET._replace(exact_arc=False)
+    state = plant_step(PlantState(Pose(0.0, 0.0, 0.0)), Twist(1.0, 2.0), SILENCE, config)
+    assert state.pose == pytest.approx((0.1, 0.0, 0.2))
+    assert state.odometry == pytest.approx((math.sin(0.2) / 2.0, (1.0 - math.cos(0.2)) / 2.0, 0.2))
+
+
+def test_the_twist_told_is_the_motion_done():
+    config = PlantConfig(slip_left=0.5, slip_duration=2.0, left_radius_error=-0.1, eps_omega_max=0.2)
+    state = plant_step(START, Twist(1.0, 0.7), Draw(0.3, -0.9, 0.5, 0.1), config)
+    assert state.pose == pytest.approx(integrate(START.pose, state.twist, 0.1, True), abs=1e-12)
+
+
+def test_the_heading_stays_wrapped():
+    state = PlantState(Pose(0.0, 0.0, 3.1))
+    for _ in range(100):
+        state = plant_step(state, Twist(0.0, 2.0), SILENCE, QUIET)
+        assert -math.pi < state.pose.theta <= math.pi
+        assert -math.pi < state.odometry.theta <= math.pi
+    assert state.angles == pytest.approx((-120.0, 120.0))
+
+
+def test_the_default_is_the_papers_robot():
+    config = PlantConfig()
+    assert (config.wheels, config.sampling_time) == ((0.05, 0.6), 0.1)
+    assert (config.drive_noise, config.encoder_noise) == (0.05, 0.05)
+    assert PlantState(Pose(0.0, 0.0, 0.0)).drive == WheelSpeeds(0.0, 0.0)

@@ -1,0 +1,71 @@
+"""Omega_G and Omega_L: radii, hysteresis and the paper's condition."""
+
+import math
+
+import pytest
+
+from diffbot_control.errors import InvalidValueError
+from diffbot_control.regions import (
+    OMEGA_G,
+    OMEGA_L,
+    REGION_NAMES,
+    FixedRegion,
+    fixed_region,
+    smallest_radius,
+)
+
+POLICY = FixedRegion(0.5, 0.6)
+
+
+def test_the_papers_condition():
+    # sqrt(0.3^2 + 0.3^2) + 0.065 / 1.3 = 0.42426 + 0.05.
+    assert smallest_radius(0.3, 0.3, 0.065, 1.3) == pytest.approx(0.474264, abs=1e-6)
+    # 3-4-5: 0.5 + 0.2 / 2.
+    assert smallest_radius(0.3, 0.4, 0.2, 2.0) == pytest.approx(0.6)
+    assert FixedRegion().eps_P > smallest_radius(0.3, 0.3, 0.065, 1.3)
+
+
+@pytest.mark.parametrize(
+    ("before", "rho", "after"),
+    [
+        (OMEGA_G, 0.6, OMEGA_G),
+        (OMEGA_G, 0.55, OMEGA_G),
+        (OMEGA_G, 0.5, OMEGA_G),
+        (OMEGA_G, math.nextafter(0.5, 0.0), OMEGA_L),
+        (OMEGA_G, 0.0, OMEGA_L),
+        (OMEGA_L, 0.0, OMEGA_L),
+        (OMEGA_L, 0.55, OMEGA_L),
+        (OMEGA_L, 0.6, OMEGA_L),
+        (OMEGA_L, math.nextafter(0.6, 1.0), OMEGA_G),
+        (OMEGA_L, 100.0, OMEGA_G),
+        # A distance that is no number must not count as near.
+        (OMEGA_L, math.nan, OMEGA_G),
+        (OMEGA_G, math.nan, OMEGA_G),
+    ],
+)
+def test_hysteresis(before, rho, after):
+    assert fixed_region(before, rho, POLICY) == after
+
+
+def test_noise_between_the_radii_changes_nothing():
+    for start in (OMEGA_G, OMEGA_L):
+        region = start
+        for rho in (0.51, 0.59, 0.501, 0.599, 0.55):
+            region = fixed_region(region, rho, POLICY)
+            assert region == start
+
+
+def test_an_approach_and_a_kick():
+    region, seen = OMEGA_G, []
+    for rho in (2.0, 0.7, 0.52, 0.49, 0.58, 0.3, 0.61, 0.55, 0.45):
+        region = fixed_region(region, rho, POLICY)
+        seen.append(REGION_NAMES[region])
+    g, near = "Omega_G", "Omega_L"
+    assert seen == [g, g, g, near, near, near, g, g, near]
+
+
+def test_a_leaving_radius_below_the_entering_one_is_refused():
+    with pytest.raises(InvalidValueError, match=r"eps_P_leave = 0\.4: must be >= eps_P = 0\.5"):
+        FixedRegion(0.5, 0.4).check()
+    FixedRegion(0.5, 0.5).check()
+    FixedRegion().check()

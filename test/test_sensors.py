@@ -1,0 +1,165 @@
+"""Absolute measurements: when they come, how wrong they are, and how often they fail."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import kstest
+
+from diffbot_control.geometry import Pose
+from diffbot_sim.noise import Draw, draw
+from diffbot_sim.sensors import (
+    SensorConfig,
+    delay_in_steps,
+    due,
+    is_lost,
+    measured_heading,
+    measured_pose,
+    uniform_variance,
+    with_outlier,
+)
+
+CHECK = settings(derandomize=True, deadline=None, max_examples=100)
+DEFAULT = SensorConfig()
+TRUTH = Pose(4.0, -3.0, 3.1)
+
+
+def steps_due(rate, sampling_time, count):
+    return [step for step in range(count) if due(step, rate, sampling_time)]
+
+
+@pytest.mark.parametrize(
+    ("rate", "sampling_time", "expected"),
+    [
+        (10.0, 0.1, [0, 1, 2, 3, 4, 5, 6, 7, 8, 9]),
+        (5.0, 0.1, [0, 2, 4, 6, 8]),
+        (1.0, 0.1, [0]),
+        (0.0, 0.1, []),
+        (-1.0, 0.1, []),
+        # 3 Hz at 10 Hz: 0.3 periods a step; the count moves on at 1.2, 2.1, 3.0 of them.
+        (3.0, 0.1, [0, 4, 7]),
+        (4.0, 0.1, [0, 3, 5, 8]),
+        # Faster than the steps: at most one a step.
+        (1000.0, 0.1, [0, 1, 2, 3, 4, 5, 6, 7, 8, 9]),
+    ],
+)
+def test_rates_by_hand(rate, sampling_time, expected):
+    assert steps_due(rate, sampling_time, 10) == expected
+
+
+@pytest.mark.parametrize(
+    ("rate", "sampling_time", "every"),
+    [(10.0, 0.1, 1), (1.0, 0.1, 10), (2.0, 0.1, 5), (50.0, 0.02, 1), (10.0, 0.02, 5), (1.0, 0.001, 1000)],
+)
+def test_whole_ratios_are_exact_for_long(rate, sampling_time, every):
+    for start in (0, 10**5, 10**6):
+        found = [step for step in range(start, start + 3 * every) if due(step, rate, sampling_time)]
+        assert found == list(range(start, start + 3 * every, every))
+
+
+@CHECK
+@given(st.floats(0.1, 50.0), st.sampled_from((0.01, 0.02, 0.1, 0.15)))
+def test_any_rate_is_kept_on_average_and_evenly(rate, sampling_time):
+    per_step = min(rate * sampling_time, 1.0)
+    found = steps_due(rate, sampling_time, 2000)
+    assert abs(len(found) - 2000 * per_step) <= 1.0 + 1e-6
+    gaps = np.diff(found)
+    if len(gaps):
+        assert gaps.max() <= math.ceil(1.0 / per_step - 1e-6)
+        assert gaps.min() >= max(math.floor(1.0 / per_step + 1e-6), 1)
+
+
+@pytest.mark.parametrize(
+    ("delay", "sampling_time", "steps"),
+    [
+        (0.0, 0.1, 0),
+        (0.1, 0.1, 1),
+        (0.05, 0.1, 1),
+        (0.3, 0.1, 3),
+        (0.7, 0.1, 7),
+        (0.14, 0.02, 7),
+        (0.30001, 0.1, 4),
+        (1.0, 0.02, 50),
+        (60.0, 0.001, 60000),
+    ],
+)
+def test_a_measurement_arrives_with_the_first_step_not_before_its_time(delay, sampling_time, steps):
+    assert delay_in_steps(delay, sampling_time) == steps
+
+
+def noises(count=4000, block=1):
+    return [draw(12, 0, step, block) for step in range(count)]
+
+
+def test_errors_of_a_fix_fill_their_bounds_evenly():
+    config = SensorConfig(eps_x_max=0.3, eps_y_max=0.2, eps_theta_max=0.17)
+    fixes = [measured_pose(TRUTH, noise, config) for noise in noises()]
+    errors = np.array([(fix.x - 4.0, fix.y + 3.0, math.remainder(fix.theta - 3.1, 2.0 * math.pi)) for fix in fixes])
+    for column, bound in zip(errors.T, (0.3, 0.2, 0.17), strict=True):
+        assert np.abs(column).max() <= bound * (1.0 + 1e-12)
+        assert kstest(column, "uniform", (-bound, 2.0 * bound)).pvalue > 1e-3
+    assert np.abs(np.corrcoef(errors.T) - np.eye(3)).max() < 0.07
+    assert all(-math.pi < fix.theta <= math.pi for fix in fixes)
+    variances = [uniform_variance(bound) for bound in (0.3, 0.2, 0.17)]
+    np.testing.assert_allclose(errors.var(axis=0), variances, rtol=0.06)
+
+
+def test_errors_of_the_heading_fill_theirs_and_are_not_those_of_the_fix():
+    headings = [measured_heading(TRUTH, noise, DEFAULT) for noise in noises()]
+    errors = np.array([math.remainder(heading - 3.1, 2.0 * math.pi) for heading in headings])
+    assert np.abs(errors).max() <= 0.087 * (1.0 + 1e-12)
+    assert kstest(errors, "uniform", (-0.087, 0.174)).pvalue > 1e-3
+    assert all(-math.pi < heading <= math.pi for heading in headings)
+    of_fix = [math.remainder(measured_pose(TRUTH, noise, DEFAULT).theta - 3.1, 2.0 * math.pi) for noise in noises()]
+    assert abs(np.corrcoef(errors, of_fix)[0, 1]) < 0.07
+
+
+def test_fixes_by_hand():
+    noise = Draw(0.5, -1.0, 1.0, -0.5)
+    assert measured_pose(Pose(1.0, 2.0, 3.0), noise, DEFAULT) == pytest.approx(
+        (1.15, 1.7, 3.17 - 2.0 * math.pi), abs=1e-12
+    )
+    assert measured_heading(Pose(1.0, 2.0, 0.5), noise, DEFAULT) == pytest.approx(0.5 - 0.0435)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.2, 0.9, 1.0])
+def test_the_share_of_lost_fixes(share):
+    config = SensorConfig(fix_dropout=share)
+    lost = sum(is_lost(fault, config) for fault in noises(block=2))
+    spread = 4.5 * math.sqrt(4000 * share * (1.0 - share))
+    assert abs(lost - 4000 * share) <= spread
+
+
+@pytest.mark.parametrize("share", [0.0, 0.2, 1.0])
+def test_the_share_of_outliers_their_distance_and_direction(share):
+    config = SensorConfig(fix_outlier=share, fix_outlier_distance=3.0)
+    measured = [with_outlier(TRUTH, fault, config) for fault in noises(block=2)]
+    thrown = [fix for fix in measured if fix != TRUTH]
+    spread = 4.5 * math.sqrt(4000 * share * (1.0 - share))
+    assert abs(len(thrown) - 4000 * share) <= spread
+    for fix in thrown:
+        assert math.hypot(fix.x - 4.0, fix.y + 3.0) == pytest.approx(3.0)
+        assert fix.theta == TRUTH.theta
+    if thrown:
+        angles = [math.atan2(fix.y + 3.0, fix.x - 4.0) for fix in thrown]
+        assert kstest(angles, "uniform", (-math.pi, 2.0 * math.pi)).pvalue > 1e-3
+
+
+def test_losing_and_throwing_are_independent():
+    config = SensorConfig(fix_dropout=0.5, fix_outlier=0.5)
+    both = [(is_lost(fault, config), with_outlier(TRUTH, fault, config) != TRUTH) for fault in noises(block=2)]
+    assert abs(np.corrcoef(np.array(both, float).T)[0, 1]) < 0.07
+
+
+def test_variances_of_uniform_errors():
+    # 0.3^2 / 3 and 0.17^2 / 3; a perfect sensor still counts as 0.1 mm or mrad.
+    assert uniform_variance(0.3) == pytest.approx(0.03)
+    assert uniform_variance(0.17) == pytest.approx(0.00963, abs=5e-6)
+    assert uniform_variance(0.0) == uniform_variance(1e-6) == 1e-8
+
+
+def test_the_default_is_the_papers_noise():
+    assert (DEFAULT.eps_x_max, DEFAULT.eps_y_max, DEFAULT.eps_theta_max) == (0.3, 0.3, 0.17)
+    assert (DEFAULT.fix_dropout, DEFAULT.fix_outlier, DEFAULT.heading_rate) == (0.0, 0.0, 0.0)

@@ -1,0 +1,194 @@
+"""The plant with sensors and time: stamps, delays, faults, repeatability and honest covariances."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from diffbot_control.geometry import into_frame
+from diffbot_control.kinematics import Twist
+from diffbot_sim.plant import PlantConfig
+from diffbot_sim.sensors import SensorConfig
+from diffbot_sim.world import StartPose, World, WorldConfig
+
+QUIET = WorldConfig(
+    PlantConfig(drive_noise=0.0, encoder_noise=0.0),
+    SensorConfig(eps_x_max=0.0, eps_y_max=0.0, eps_theta_max=0.0),
+    StartPose(0.0, 0.0, 0.0),
+)
+ARC = Twist(1.0, 0.4)
+
+
+def lived(config, steps, command=ARC, start_stamp=0):
+    """Return what each step of a world showed: (stamp, true pose, odometry, fixes, headings)."""
+    world, seen = World(config, start_stamp), []
+    for _ in range(steps + 1):
+        arrivals = world.sense()
+        fixes = [(one.stamp, tuple(one.z)) for one in arrivals.fixes]
+        headings = [(one.stamp, tuple(one.z)) for one in arrivals.headings]
+        seen.append((world.stamp, world.state.pose, world.odometry(), fixes, headings))
+        world.advance(command)
+    return seen
+
+
+def test_time_is_whole_sampling_times():
+    config = QUIET._replace(plant=QUIET.plant._replace(sampling_time=0.02))
+    world = World(config, 5_000_000_007)
+    for number in range(1000):
+        assert world.stamp == 5_000_000_007 + number * 20_000_000
+        assert world.odometry().stamp == world.stamp
+        world.advance(ARC)
+
+
+def test_the_start_is_the_papers():
+    world = World(WorldConfig())
+    assert world.state.pose == pytest.approx((-2.0, -5.5, math.radians(30.0)))
+    assert world.state.odometry == (0.0, 0.0, 0.0)
+    assert world.odometry().twist == (0.0, 0.0)
+
+
+def test_the_same_name_gives_the_same_bits_and_another_does_not():
+    config = WorldConfig(seed=7, run=3)
+    assert lived(config, 50) == lived(config, 50)
+    for other in (config._replace(seed=8), config._replace(run=4)):
+        assert lived(other, 1)[1][1] != lived(config, 1)[1][1]
+        assert lived(other, 1)[0][3] != lived(config, 1)[0][3]
+
+
+def test_sensors_and_faults_do_not_change_the_noise_of_the_wheels():
+    plain = lived(WorldConfig(seed=7), 30)
+    sensors = SensorConfig(heading_rate=10.0, fix_rate=5.0, fix_dropout=0.3, fix_outlier=0.2, fix_delay=0.2)
+    faulty = lived(WorldConfig(seed=7, sensors=sensors), 30)
+    assert [one[1] for one in faulty] == [one[1] for one in plain]
+    # A fix that comes keeps its noise, whatever else is switched on.
+    on_time = {stamp: z for step in plain for stamp, z in step[3]}
+    for step in faulty:
+        for stamp, z in step[3]:
+            distance = math.hypot(z[0] - on_time[stamp][0], z[1] - on_time[stamp][1])
+            assert distance == pytest.approx(0.0, abs=1e-12) or distance == pytest.approx(3.0)
+            assert z[2] == on_time[stamp][2]
+
+
+@pytest.mark.parametrize(("delay", "steps"), [(0.0, 0), (0.1, 1), (0.25, 3), (1.0, 10)])
+def test_a_fix_belongs_to_its_stamp_and_comes_late(delay, steps):
+    sensors = QUIET.sensors._replace(fix_delay=delay, fix_rate=5.0, heading_rate=10.0, heading_delay=2.0 * delay)
+    sensors = sensors._replace(heading_error_max=0.0)
+    seen = lived(QUIET._replace(sensors=sensors), 40)
+    poses = {stamp: pose for stamp, pose, *_ in seen}
+    fixes = [(number, stamp, z) for number, step in enumerate(seen) for stamp, z in step[3]]
+    assert [number for number, _, _ in fixes] == [number for number in range(steps, 41) if (number - steps) % 2 == 0]
+    for number, stamp, z in fixes:
+        assert stamp == (number - steps) * 10**8
+        assert z == pytest.approx(poses[stamp], abs=1e-12)
+    headings = [(number, stamp, z) for number, step in enumerate(seen) for stamp, z in step[4]]
+    assert headings
+    for number, stamp, z in headings:
+        assert number * 10**8 - stamp == math.ceil(20.0 * delay - 1e-9) * 10**8
+        assert z[0] == pytest.approx(poses[stamp].theta, abs=1e-12)
+
+
+def test_the_covariances_sent_are_those_of_the_noise():
+    sensors = SensorConfig(eps_x_max=0.3, eps_y_max=0.6, eps_theta_max=0.17, heading_rate=10.0)
+    arrivals = World(WorldConfig(sensors=sensors)).sense()
+    np.testing.assert_allclose(arrivals.fixes[0].R, np.diag([0.03, 0.12, 0.17**2 / 3.0]))
+    np.testing.assert_allclose(arrivals.headings[0].R, [[0.087**2 / 3.0]])
+
+
+def test_the_odometry_is_what_the_encoders_saw():
+    world = World(WorldConfig(seed=2))
+    for _ in range(20):
+        world.advance(ARC)
+        left, right = world.state.encoder
+        step = world.odometry()
+        assert step.twist == pytest.approx((0.025 * (left + right), 0.05 * (right - left) / 0.6))
+        # Each wheel: 0.05 |w| / sqrt(3) and 1e-3 rad/s at rest.
+        G = 0.05 * np.array([[0.5, 0.5], [-1.0 / 0.6, 1.0 / 0.6]])
+        wheel = np.diag([0.05**2 / 3.0 * speed**2 + 1e-6 for speed in (left, right)])
+        M = G @ wheel @ G.T
+        assert (step.var_v, step.cov_v_omega, step.var_omega) == pytest.approx((M[0, 0], M[0, 1], M[1, 1]))
+
+
+def test_lost_fixes_and_outliers_come_in_their_shares():
+    sensors = QUIET.sensors._replace(fix_dropout=0.3, fix_outlier=0.2)
+    seen = lived(QUIET._replace(sensors=sensors), 3000)
+    fixes = [(math.dist(z[:2], pose[:2]), z) for _, pose, _, fixes, _ in seen for _, z in fixes]
+    assert len(fixes) == pytest.approx(0.7 * 3001, abs=4.5 * math.sqrt(3001 * 0.21))
+    thrown = [distance for distance, _ in fixes if distance > 1e-9]
+    assert len(thrown) == pytest.approx(0.2 * len(fixes), abs=4.5 * math.sqrt(len(fixes) * 0.16))
+    assert thrown == pytest.approx([3.0] * len(thrown))
+
+
+@pytest.mark.parametrize("share", [{"fix_rate": 0.0}, {"fix_dropout": 1.0}])
+def test_without_fixes_there_are_none(share):
+    seen = lived(QUIET._replace(sensors=QUIET.sensors._replace(**share)), 50)
+    assert not any(fixes or headings for *_, fixes, headings in seen)
+
+
+def test_new_noise_counts_from_the_next_step():
+    world = World(QUIET)
+    for _ in range(5):
+        world.advance(ARC)
+    quiet = world.state.pose
+    sensors = QUIET.sensors._replace(eps_x_max=0.5)
+    world.configure(QUIET._replace(sensors=sensors, plant=QUIET.plant._replace(drive_noise=0.5)))
+    assert world.state.pose == quiet
+    fix = world.sense().fixes[0]
+    assert fix.R[0, 0] == pytest.approx(0.25 / 3.0)
+    assert abs(fix.z[0] - quiet.x) > 1e-6
+    world.advance(ARC)
+    assert world.state.twist != pytest.approx(ARC)
+
+
+def test_the_odometrys_covariance_is_that_of_its_errors():
+    # Without drive noise the true motion is known; the odometry's errors over 600 runs have to be as large as it says.
+    # Uniform wheel errors over 25 steps are near enough to normal ones for chi-square bounds of the sum.
+    total, runs = 0.0, 600
+    for run in range(runs):
+        config = QUIET._replace(plant=PlantConfig(drive_noise=0.0), seed=3, run=run)
+        world = World(config)
+        for step in range(25):
+            world.advance(Twist(1.0, 0.8 if step < 12 else -0.5))
+        odometry, truth = world.state.odometry, world.state.pose
+        turn = into_frame(odometry, truth).theta
+        error = np.array([odometry.x - truth.x, odometry.y - truth.y, turn])
+        total += error @ np.linalg.solve(world.odometry_P, error)
+    low, high = chi2.ppf([0.001, 0.999], 3 * runs)
+    assert low < total < high
+
+
+def test_the_odometrys_covariance_against_finite_differences():
+    # P+ = F P F' + G M G' with the Jacobians of the arc by central differences.
+    def arc(x, y, theta, v, omega):
+        end = theta + 0.1 * omega
+        return np.array(
+            [
+                x + v / omega * (math.sin(end) - math.sin(theta)),
+                y - v / omega * (math.cos(end) - math.cos(theta)),
+                end,
+            ]
+        )
+
+    world = World(WorldConfig(seed=6))
+    for _ in range(30):
+        before, P = world.state.odometry, world.odometry_P
+        world.advance(ARC)
+        step = world.odometry()
+        at = np.array([*before, *step.twist])
+        columns = [(arc(*(at + h)) - arc(*(at - h))) / 2e-6 for h in 1e-6 * np.eye(5)]
+        F, G = np.column_stack(columns[:3]), np.column_stack(columns[3:])
+        M = np.array([[step.var_v, step.cov_v_omega], [step.cov_v_omega, step.var_omega]])
+        Q = G @ M @ G.T
+        # The chord's middle stands for the arc's: right up to the square of the turn of one step, 0.04 rad.
+        allowed = 5e-3 * np.sqrt(np.outer(Q.diagonal(), Q.diagonal()))
+        assert (np.abs(world.odometry_P - F @ P @ F.T - Q) <= allowed).all()
+
+
+def test_at_rest_the_odometrys_covariance_hardly_grows():
+    world = World(QUIET)
+    assert not world.odometry_P.any()
+    for _ in range(100):
+        world.advance(Twist(0.0, 0.0))
+    # 1e-3 rad/s per wheel: sigma_omega = sqrt(2) R 1e-3 / L, added up 100 times over 0.1 s.
+    expected = 100 * (0.1 * math.sqrt(2.0) * 0.05 * 1e-3 / 0.6) ** 2
+    assert world.odometry_P[2, 2] == pytest.approx(expected)
