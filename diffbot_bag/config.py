@@ -1,0 +1,96 @@
+"""Parameters of the recorder and the replay node; names as in rosbag2 wherever the meaning is the same."""
+
+from __future__ import annotations
+
+from typing import Annotated, NamedTuple
+
+from diffbot_bag.qos import REPLAY_DEPTH
+from diffbot_bag.schedule import parse_remap
+from diffbot_bag.writer import CHUNK_SIZE
+from diffbot_control.config import Spec
+
+
+class RecorderConfig(NamedTuple):
+    """What is recorded, where to, and how safely."""
+
+    uri: Annotated[str, Spec("folder of the bag; empty: rosbag2_<date and time>", read_only=True)] = ""
+    topics: Annotated[tuple[str, ...], Spec("topics to record; empty: all", read_only=True)] = ()
+    regex: Annotated[str, Spec("record topics whose whole name matches, too", read_only=True)] = ""
+    exclude_topics: Annotated[tuple[str, ...], Spec("topics to leave out", read_only=True)] = ()
+    exclude_regex: Annotated[str, Spec("leave out topics whose whole name matches", read_only=True)] = ""
+    include_hidden_topics: Annotated[bool, Spec("record topics with a part that begins with _", read_only=True)] = False
+    topic_polling_interval: Annotated[
+        float, Spec("time between two looks for new topics", "s", 0.01, 60.0, read_only=True)
+    ] = 0.1
+    flush_period: Annotated[float, Spec("most that a crash can lose", "s", 0.05, 60.0, read_only=True)] = 1.0
+    chunk_size: Annotated[
+        int, Spec("size of a chunk before compression", "bytes", 1024, 64 * 1024**2, read_only=True)
+    ] = CHUNK_SIZE
+    compression: Annotated[str, Spec("of the chunks", choices=("zstd", "none"), read_only=True)] = "zstd"
+    depth: Annotated[
+        int,
+        Spec(
+            "messages per topic that may wait for the recorder",
+            minimum=1,
+            maximum=1_000_000,
+            read_only=True,
+        ),
+    ] = 10_000
+    max_held: Annotated[
+        int,
+        Spec(
+            "messages kept until the first /clock, with use_sim_time",
+            minimum=0,
+            maximum=10_000_000,
+            read_only=True,
+        ),
+    ] = 10_000
+
+
+class ReplayConfig(NamedTuple):
+    """Which part of a bag is played, how fast, and when it begins and ends."""
+
+    uri: Annotated[str, Spec("folder of the bag, or an MCAP file", read_only=True)] = ""
+    topics: Annotated[tuple[str, ...], Spec("topics to play; empty: all", read_only=True)] = ()
+    regex: Annotated[str, Spec("play topics whose whole name matches, too", read_only=True)] = ""
+    exclude_topics: Annotated[tuple[str, ...], Spec("topics to leave out", read_only=True)] = ()
+    exclude_regex: Annotated[str, Spec("leave out topics whose whole name matches", read_only=True)] = ""
+    remap: Annotated[tuple[str, ...], Spec("old:=new names, besides ROS's own remapping", read_only=True)] = ()
+    rate: Annotated[float, Spec("speed", minimum=0.0, above=True, maximum=1e6, read_only=True)] = 1.0
+    start_offset: Annotated[float, Spec("begin this long after the bag's first message", "s", 0.0, read_only=True)] = (
+        0.0
+    )
+    playback_duration: Annotated[
+        float, Spec("play this much of the bag's time; negative: all", "s", -1.0, read_only=True)
+    ] = -1.0
+    playback_until: Annotated[
+        float,
+        Spec("play until this time of the bag (since 1970); negative: all", "s", -1.0, read_only=True),
+    ] = -1.0
+    loop: Annotated[bool, Spec("begin again at the end", read_only=True)] = False
+    delay: Annotated[float, Spec("wait before each round", "s", 0.0, 86400.0, read_only=True)] = 0.0
+    start_paused: Annotated[bool, Spec("wait for ~/resume or ~/play_next", read_only=True)] = False
+    clock: Annotated[float, Spec("frequency of /clock; 0: none", "Hz", 0.0, 10_000.0, read_only=True)] = 0.0
+    wait_for_topics: Annotated[
+        tuple[str, ...],
+        Spec("topics that need a subscriber before the start; empty: all played", read_only=True),
+    ] = ()
+    wait_timeout: Annotated[float, Spec("longest wait for subscribers; 0: none", "s", 0.0, 86400.0, read_only=True)] = (
+        1.0
+    )
+    wait_acked_timeout: Annotated[
+        float,
+        Spec(
+            "longest wait at the end for reliable subscribers; 0: forever, negative: none",
+            "s",
+            -1.0,
+            read_only=True,
+        ),
+    ] = -1.0
+    read_ahead_queue_size: Annotated[int, Spec("messages read ahead", minimum=1, maximum=1_000_000, read_only=True)] = (
+        REPLAY_DEPTH
+    )
+
+    def check(self) -> None:
+        """Raise InvalidValueError if a remapping is not one."""
+        parse_remap(self.remap)

@@ -1,0 +1,145 @@
+"""metadata.yaml of a rosbag2 bag (version 9): written whole or not at all, read with one line on what is wrong."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import yaml
+
+from diffbot_bag.qos import Qos, load_profiles, to_plain
+from diffbot_control.errors import DiffbotError
+
+FILE_NAME = "metadata.yaml"
+ROOT = "rosbag2_bagfile_information"
+VERSION = 9
+
+
+class Topic(NamedTuple):
+    """A topic of a bag."""
+
+    name: str
+    type: str
+    """``pkg/msg/Type``."""
+    type_hash: str = ""
+    """``RIHS01_...``, empty if unknown."""
+    qos: tuple[Qos, ...] = ()
+    """What each publisher offered when recording began."""
+    message_count: int = 0
+
+
+class BagMetadata(NamedTuple):
+    """What metadata.yaml tells of a bag; times in [ns]."""
+
+    files: tuple[str, ...] = ()
+    """Names of the MCAP files, relative to the folder, in the order of recording."""
+    start: int = 0
+    duration: int = 0
+    message_count: int = 0
+    topics: tuple[Topic, ...] = ()
+    custom_data: Mapping[str, str] = {}
+    ros_distro: str = "jazzy"
+
+
+def to_yaml(bag: BagMetadata, *, root: bool = True) -> str:
+    """Return the YAML text; without ``root`` only the inner map, as the MCAP record ``rosbag2`` holds it."""
+    starting_time = {"nanoseconds_since_epoch": bag.start}
+    inner: dict[str, Any] = {
+        "version": VERSION,
+        "storage_identifier": "mcap",
+        "duration": {"nanoseconds": bag.duration},
+        "starting_time": starting_time,
+        "message_count": bag.message_count,
+        "topics_with_message_count": [_topic_to_plain(topic) for topic in bag.topics],
+        # The chunks of the MCAP file are compressed; these two are for rosbag2's own compression around it.
+        "compression_format": "",
+        "compression_mode": "",
+        "relative_file_paths": list(bag.files),
+        "files": [
+            {
+                "path": name,
+                "starting_time": dict(starting_time),
+                "duration": {"nanoseconds": bag.duration},
+                "message_count": bag.message_count,
+            }
+            for name in bag.files
+        ],
+        "custom_data": dict(bag.custom_data) or None,
+        "ros_distro": bag.ros_distro,
+    }
+    return yaml.safe_dump({ROOT: inner} if root else inner, sort_keys=False)
+
+
+def _topic_to_plain(topic: Topic) -> dict[str, Any]:
+    return {
+        "topic_metadata": {
+            "name": topic.name,
+            "type": topic.type,
+            "serialization_format": "cdr",
+            "offered_qos_profiles": [to_plain(qos) for qos in topic.qos],
+            "type_description_hash": topic.type_hash,
+        },
+        "message_count": topic.message_count,
+    }
+
+
+def write(folder: Path, bag: BagMetadata) -> None:
+    """Write metadata.yaml under a temporary name and rename it, so that no reader ever sees half of it.
+
+    Raises:
+        OSError: if the disk is full or the folder gone.
+    """
+    temporary = folder / f"{FILE_NAME}.tmp"
+    with temporary.open("w", encoding="utf-8") as stream:
+        stream.write(to_yaml(bag))
+        stream.flush()
+        os.fsync(stream.fileno())
+    temporary.replace(folder / FILE_NAME)
+
+
+def read(folder: Path) -> BagMetadata:
+    """Read metadata.yaml of a bag's folder, of any version of rosbag2.
+
+    Raises:
+        DiffbotError: if it is not YAML, not a rosbag2 file, or of a bag that is not MCAP.
+    """
+    path = folder / FILE_NAME
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise DiffbotError(f"cannot read {path}: {error.strerror}") from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise DiffbotError(f"{path} is not a YAML file") from error
+    inner = content.get(ROOT) if isinstance(content, dict) else None
+    if not isinstance(inner, dict):
+        raise DiffbotError(f"{path} has no {ROOT}: not the metadata of a rosbag2 bag")
+    storage = inner.get("storage_identifier")
+    if storage != "mcap":
+        raise DiffbotError(f"{path}: storage_identifier = {storage!r}: must be mcap (see `ros2 bag convert`)")
+    if inner.get("compression_mode"):
+        raise DiffbotError(f"{path}: compression_mode = {inner['compression_mode']!r}: must be empty")
+    try:
+        return BagMetadata(
+            files=tuple(str(name) for name in inner["relative_file_paths"]),
+            start=int(inner["starting_time"]["nanoseconds_since_epoch"]),
+            duration=int(inner["duration"]["nanoseconds"]),
+            message_count=int(inner["message_count"]),
+            topics=tuple(_topic_from_plain(topic) for topic in inner["topics_with_message_count"] or ()),
+            custom_data=dict(inner.get("custom_data") or {}),
+            ros_distro=str(inner.get("ros_distro", "")),
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise DiffbotError(f"{path} is incomplete: {type(error).__name__} {error}") from error
+
+
+def _topic_from_plain(plain: Mapping[str, Any]) -> Topic:
+    inner = plain["topic_metadata"]
+    return Topic(
+        name=str(inner["name"]),
+        type=str(inner["type"]),
+        type_hash=str(inner.get("type_description_hash", "")),
+        qos=load_profiles(inner.get("offered_qos_profiles")),
+        message_count=int(plain["message_count"]),
+    )

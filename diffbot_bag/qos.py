@@ -1,0 +1,137 @@
+"""Quality of service as plain values: rosbag2's YAML words, and the choice of QoS for recording and replay."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import yaml
+
+from diffbot_control.errors import DiffbotError
+
+INFINITE = 2**63 - 1
+"""[ns] What ROS writes for an infinite duration: 9223372036 s 854775807 ns."""
+REPLAY_DEPTH = 1000
+"""Messages kept per volatile topic in replay, for a subscriber that falls behind."""
+# Up to version 8 of metadata.yaml the policies were the numbers of rmw.
+_WORDS = {
+    "history": ("system_default", "keep_last", "keep_all", "unknown"),
+    "reliability": ("system_default", "reliable", "best_effort", "unknown", "best_available"),
+    "durability": ("system_default", "transient_local", "volatile", "unknown", "best_available"),
+    "liveliness": (
+        "system_default", "automatic", "manual_by_node", "manual_by_topic", "unknown", "best_available",
+    ),
+}  # fmt: skip
+_DURATIONS = ("deadline", "lifespan", "liveliness_lease_duration")
+
+
+class Qos(NamedTuple):
+    """One QoS profile; policies are rosbag2's words, durations are [ns] with INFINITE for none."""
+
+    history: str = "unknown"
+    depth: int = 0
+    reliability: str = "reliable"
+    durability: str = "volatile"
+    deadline: int = INFINITE
+    lifespan: int = INFINITE
+    liveliness: str = "automatic"
+    liveliness_lease_duration: int = INFINITE
+    avoid_ros_namespace_conventions: bool = False
+
+
+def to_plain(qos: Qos) -> dict[str, Any]:
+    """Return the profile as rosbag2's YAML holds it."""
+    plain: dict[str, Any] = qos._asdict()
+    for name in _DURATIONS:
+        sec, nsec = divmod(plain[name], 10**9)
+        plain[name] = {"sec": sec, "nsec": nsec}
+    return plain
+
+
+def from_plain(plain: Mapping[str, Any]) -> Qos:
+    """Read a profile of any version of rosbag2; what is missing or unknown gets the default.
+
+    Raises:
+        DiffbotError: if a value has no meaning, such as a depth that is not a number.
+    """
+    known = {name: value for name, value in plain.items() if name in Qos._fields}
+    try:
+        for name, words in _WORDS.items():
+            if isinstance(known.get(name), int):
+                known[name] = words[known[name]]
+        for name in _DURATIONS:
+            if name in known:
+                known[name] = _nanoseconds(known[name])
+        known["depth"] = int(known.get("depth", 0))
+        return Qos(**known)
+    except (IndexError, KeyError, TypeError, ValueError) as error:
+        raise DiffbotError(f"not a QoS profile: {dict(plain)!r}") from error
+
+
+def _nanoseconds(duration: Mapping[str, int]) -> int:
+    total = int(duration["sec"]) * 10**9 + int(duration["nsec"])
+    # Foxy wrote 2147483647 s 4294967295 ns for infinite; such a span of time is never meant.
+    return INFINITE if total <= 0 or total >= 2147483647 * 10**9 else total
+
+
+def dump_profiles(profiles: Sequence[Qos]) -> str:
+    """Return the YAML text of channel metadata ``offered_qos_profiles``."""
+    return yaml.safe_dump([to_plain(qos) for qos in profiles], sort_keys=False) if profiles else ""
+
+
+def load_profiles(stored: Any) -> tuple[Qos, ...]:
+    """Read ``offered_qos_profiles``: YAML text (channel, metadata.yaml to version 8) or a list (version 9).
+
+    Raises:
+        DiffbotError: if it is neither.
+    """
+    try:
+        profiles = yaml.safe_load(stored) if isinstance(stored, str) else stored
+    except yaml.YAMLError as error:
+        raise DiffbotError("offered_qos_profiles is not YAML") from error
+    if not profiles:
+        return ()
+    if not isinstance(profiles, list) or not all(isinstance(item, Mapping) for item in profiles):
+        raise DiffbotError(f"offered_qos_profiles is not a list of profiles: {profiles!r}")
+    return tuple(from_plain(item) for item in profiles)
+
+
+def to_request(offers: Sequence[Qos], depth: int) -> Qos:
+    """Choose the QoS of a subscription that matches every offer and keeps ``depth`` messages.
+
+    Reliable only if all offer it, transient local likewise; the rest asks for nothing.
+    """
+    reliable = bool(offers) and all(offer.reliability == "reliable" for offer in offers)
+    latched = bool(offers) and all(offer.durability == "transient_local" for offer in offers)
+    return Qos(
+        history="keep_last",
+        depth=depth,
+        reliability="reliable" if reliable else "best_effort",
+        durability="transient_local" if latched else "volatile",
+    )
+
+
+def to_offer(recorded: Sequence[Qos]) -> Qos:
+    """Choose the QoS with which one publisher stands for all that were recorded on a topic.
+
+    The strongest of reliability and durability, which every subscriber of the originals accepts; deadline, lifespan
+    and liveliness only where all originals agree. History is not part of what the graph tells: a latched topic keeps
+    one message per original publisher, others keep REPLAY_DEPTH.
+    """
+    if not recorded:
+        return Qos(history="keep_last", depth=REPLAY_DEPTH)
+    agreed = recorded[0] if len(set(recorded)) == 1 else Qos()
+    # A replay cannot know how a node asserted that it lives.
+    by_itself = agreed.liveliness == "automatic"
+    latched = any(offer.durability == "transient_local" for offer in recorded)
+    known_depth = max(offer.depth for offer in recorded)
+    return Qos(
+        history="keep_last",
+        depth=max(known_depth, len(recorded)) if latched else max(known_depth, REPLAY_DEPTH),
+        reliability="best_effort" if all(o.reliability == "best_effort" for o in recorded) else "reliable",
+        durability="transient_local" if latched else "volatile",
+        deadline=agreed.deadline,
+        lifespan=agreed.lifespan,
+        liveliness="automatic",
+        liveliness_lease_duration=agreed.liveliness_lease_duration if by_itself else INFINITE,
+    )

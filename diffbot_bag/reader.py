@@ -1,0 +1,194 @@
+"""Read rosbag2 MCAP bags: what is in them, the raw messages in time order, and decoded ones for reports."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple
+
+from mcap.records import Channel, Schema
+from mcap.well_known import MessageEncoding
+from mcap_ros2.decoder import DecoderFactory
+
+from diffbot_bag import metadata
+from diffbot_bag.mcap_file import DAMAGE, McapFile
+from diffbot_bag.metadata import BagMetadata, Topic
+from diffbot_control.errors import DiffbotError
+
+
+class RawMessage(NamedTuple):
+    """A message as it was recorded; times in [ns]."""
+
+    topic: str
+    data: bytes
+    log_time: int
+    publish_time: int
+
+
+class DecodedMessage(NamedTuple):
+    """A message with its fields as attributes of ``content``; times in [ns]."""
+
+    topic: str
+    content: Any
+    log_time: int
+    publish_time: int
+
+
+class BagReader:
+    """An open bag: a folder of rosbag2 or one MCAP file. Close it, or use it in a ``with`` statement."""
+
+    def __init__(self, path: Path) -> None:
+        """Open the bag and read its index.
+
+        Raises:
+            DiffbotError: in one line: what is missing, foreign, truncated or empty.
+        """
+        self.path = path.expanduser()
+        self.metadata: BagMetadata | None = None
+        self._files: list[McapFile] = []
+        try:
+            for file in self._file_paths():
+                self._files.append(McapFile(file))
+        except DiffbotError:
+            self.close()
+            raise
+
+    def _file_paths(self) -> list[Path]:
+        if self.path.is_file():
+            return [self.path]
+        if not self.path.is_dir():
+            raise DiffbotError(f"no bag {self.path}: no such file or folder")
+        if (self.path / metadata.FILE_NAME).is_file():
+            self.metadata = metadata.read(self.path)
+            found = [self.path / name for name in self.metadata.files]
+        else:
+            found = sorted(self.path.glob("*.mcap"))
+        if not found:
+            raise DiffbotError(f"no bag in {self.path}: neither {metadata.FILE_NAME} nor an MCAP file")
+        return found
+
+    def __enter__(self) -> BagReader:
+        """Return the reader itself."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the files."""
+        self.close()
+
+    def close(self) -> None:
+        """Close the files."""
+        for file in self._files:
+            file.close()
+
+    @property
+    def topics(self) -> dict[str, Topic]:
+        """Topics of the bag by name, with type, offered QoS and number of messages."""
+        found: dict[str, Topic] = {}
+        for file in self._files:
+            for topic in file.topics():
+                known = found.get(topic.name)
+                found[topic.name] = (
+                    topic if known is None else known._replace(message_count=known.message_count + topic.message_count)
+                )
+        return found
+
+    @property
+    def message_count(self) -> int:
+        """Number of messages."""
+        return sum(file.message_count for file in self._files)
+
+    @property
+    def start(self) -> int:
+        """Time [ns] of the first message; 0 for a bag without messages."""
+        return min((file.span()[0] for file in self._files if file.message_count), default=0)
+
+    @property
+    def end(self) -> int:
+        """Time [ns] of the last message; 0 for a bag without messages."""
+        return max((file.span()[1] for file in self._files if file.message_count), default=0)
+
+    def messages(
+        self,
+        topics: Iterable[str] | None = None,
+        start: int | None = None,
+        end: int | None = None,
+        *,
+        reverse: bool = False,
+    ) -> Iterator[RawMessage]:
+        """Iterate over the bytes in the order of log time.
+
+        Args:
+            topics: names to keep; None for all.
+            start: [ns] earliest log time, itself included.
+            end: [ns] latest log time, itself included.
+            reverse: latest first.
+
+        Raises:
+            DiffbotError: if the file turns out to be damaged.
+        """
+        for _, channel, message in self._records(topics, start, end, reverse):
+            yield RawMessage(channel.topic, message.data, message.log_time, message.publish_time)
+
+    def last_before(self, time: int, topics: Iterable[str]) -> list[RawMessage]:
+        """Return the last message before ``time`` [ns] of each of these topics that has one, in the order of log time.
+
+        Raises:
+            DiffbotError: if the file turns out to be damaged.
+        """
+        missing = set(topics)
+        found = []
+        for message in self.messages(tuple(missing), end=time - 1, reverse=True) if missing else ():
+            if message.topic in missing:
+                missing.remove(message.topic)
+                found.append(message)
+            if not missing:
+                break
+        return found[::-1]
+
+    def decoded(
+        self, topics: Iterable[str] | None = None, start: int | None = None, end: int | None = None
+    ) -> Iterator[DecodedMessage]:
+        """Iterate over decoded messages in the order of log time; arguments as for :meth:`messages`.
+
+        Raises:
+            DiffbotError: if a message cannot be decoded or the file is damaged.
+        """
+        decoders: dict[tuple[str, bytes], Any] = {}
+        for schema, channel, message in self._records(topics, start, end, False):
+            key = (schema.name, schema.data) if schema else ("", b"")
+            if key not in decoders:
+                # The factory keeps decoders by schema id, which means something else in each file.
+                decoders[key] = _decoder(DecoderFactory(), channel, schema)
+            try:
+                content = decoders[key](message.data)
+            except DAMAGE as error:
+                raise DiffbotError(f"{self.path}: cannot decode {channel.topic} at {message.log_time} ns") from error
+            yield DecodedMessage(channel.topic, content, message.log_time, message.publish_time)
+
+    def _records(
+        self, topics: Iterable[str] | None, start: int | None, end: int | None, reverse: bool
+    ) -> Iterator[tuple[Schema | None, Channel, Any]]:
+        if start is not None and end is not None and start > end:
+            return iter(())
+        names = None if topics is None else tuple(topics)
+        streams = [file.records(names, start, end, reverse) for file in self._files]
+        if len(streams) == 1:
+            return streams[0]
+        return heapq.merge(*streams, key=lambda record: record[2].log_time, reverse=reverse)
+
+
+def _decoder(factory: DecoderFactory, channel: Channel, schema: Schema | None) -> Any:
+    try:
+        decoder = factory.decoder_for(channel.message_encoding, schema)
+    except DAMAGE as error:
+        raise DiffbotError(f"{channel.topic}: its message definition cannot be read") from error
+    if decoder is None or channel.message_encoding != MessageEncoding.CDR:
+        raise DiffbotError(f"{channel.topic}: no message definition in the bag")
+    return decoder

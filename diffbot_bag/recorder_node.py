@@ -1,0 +1,270 @@
+"""Record topics into a rosbag2 MCAP bag: the bytes as they come, the times, the offered QoS, and what was lost."""
+
+from __future__ import annotations
+
+import datetime
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+
+from diffbot_bag import ros_qos
+from diffbot_bag.config import RecorderConfig
+from diffbot_bag.gaps import GapCounter
+from diffbot_bag.qos import to_request
+from diffbot_bag.recording import Held, HeldMessages
+from diffbot_bag.selection import TopicSelection, absolute
+from diffbot_bag.writer import BagWriteError, BagWriter
+from diffbot_control.errors import DiffbotError
+from diffbot_control.ros_runtime import LATCHED, DiffbotNode, run, status_message
+
+STATUS_PERIOD = 0.5
+"""[s] between two ~/status messages when nothing changes but counts."""
+QUIET = 0.05
+"""[s] without a message after which, at the end, nothing more is on its way."""
+
+
+class Recorded:
+    """One topic that is being recorded."""
+
+    def __init__(self, name: str, channel: int) -> None:
+        """Name the topic and its channel in the bag."""
+        self.name = name
+        self.channel = channel
+        self.gaps = GapCounter()
+        self.subscription: Any = None
+        self.polls = 0
+
+
+class RecorderNode(DiffbotNode[RecorderConfig]):
+    """Subscribes to every selected topic that has a publisher and writes what comes."""
+
+    def __init__(self) -> None:
+        """Make the bag's folder and begin to look for topics.
+
+        Raises:
+            DiffbotError: if a parameter is not allowed or the folder cannot be made.
+        """
+        super().__init__("recorder", RecorderConfig)
+        try:
+            self._selection = self._make_selection()
+            self._writer = self._make_writer()
+        except DiffbotError:
+            self.destroy_node()
+            raise
+        self._topics: dict[str, Recorded] = {}
+        self._refused: set[str] = set()
+        self._status = self.create_publisher(DiagnosticStatus, "~/status", LATCHED)
+        self._told: tuple[str, ...] = ("",)
+        self._state = "recording"
+        self._use_sim_time = bool(self.get_parameter("use_sim_time").value)
+        self._held = HeldMessages(self.config.max_held)
+        if self._use_sim_time:
+            self._state = "waiting for /clock"
+        for period, work in (
+            (self.config.topic_polling_interval, self.look_for_topics),
+            (self.config.flush_period, self._flush),
+            (STATUS_PERIOD, self._tell),
+        ):
+            self.create_timer(period, self._unless_failed(work), clock=self.steady_clock)
+        self.get_logger().info(f"recording to {self._writer.folder}")
+        self.look_for_topics()
+
+    def _make_selection(self) -> TopicSelection:
+        config, namespace = self.config, self.get_namespace()
+        selection = TopicSelection(
+            topics=tuple(absolute(name, namespace) for name in config.topics),
+            regex=config.regex,
+            exclude_topics=tuple(absolute(name, namespace) for name in config.exclude_topics),
+            exclude_regex=config.exclude_regex,
+            include_hidden_topics=config.include_hidden_topics,
+        )
+        selection.check()
+        return selection
+
+    def _make_writer(self) -> BagWriter:
+        name = self.config.uri or datetime.datetime.now().strftime("rosbag2_%Y_%m_%d-%H_%M_%S")
+        return BagWriter(
+            Path(name),
+            chunk_size=self.config.chunk_size,
+            compress=self.config.compression == "zstd",
+        )
+
+    def _unless_failed(self, work: Callable[[], None]) -> Callable[[], None]:
+        def guarded() -> None:
+            if self._writer.closed:
+                return
+            try:
+                work()
+            except BagWriteError as error:
+                self._fail(error)
+
+        return guarded
+
+    def _fail(self, error: BagWriteError) -> None:
+        self.get_logger().error(str(error))
+        self._state = "write error"
+        self._tell()
+        self.finish(1)
+
+    def look_for_topics(self) -> None:
+        """Subscribe to what is new in the graph; called at each polling interval."""
+        own = self._status.topic_name
+        for name, types in self.get_topic_names_and_types():
+            if name in self._topics or name in self._refused or name == own:
+                continue
+            if not self._selection.wants(name):
+                self._refused.add(name)
+            elif len(types) > 1:
+                self._refuse(name, f"has several types ({', '.join(types)})")
+            else:
+                self._subscribe(name, types[0])
+        for topic in self._topics.values():
+            topic.gaps.publishers = max(topic.gaps.publishers, topic.subscription.get_publisher_count())
+            topic.polls += 1
+        if self._subscribed() != self._told:
+            self._tell()
+
+    def _refuse(self, name: str, reason: str) -> None:
+        self._refused.add(name)
+        self.get_logger().warning(f"{name} is not recorded: it {reason}")
+
+    def _subscribe(self, name: str, type_name: str) -> None:
+        publishers = self.get_publishers_info_by_topic(name)
+        if not publishers:
+            return
+        try:
+            message_class = ros_qos.message_class(type_name)
+        except DiffbotError as error:
+            self._refuse(name, f"has a type that cannot be read: {error}")
+            return
+        offered = ros_qos.offers(publishers)
+        channel = self._writer.add_topic(name, type_name, offered, ros_qos.type_hash(publishers))
+        topic = Recorded(name, channel)
+        topic.gaps.publishers = len(publishers)
+        topic.subscription = self.create_subscription(
+            message_class,
+            name,
+            ros_qos.with_info(self._receiver(topic)),
+            ros_qos.to_ros(to_request(offered, self.config.depth)),
+            raw=True,
+        )
+        self._topics[name] = topic
+        self.get_logger().info(f"subscribed to {name} [{type_name}]")
+
+    def _subscribed(self) -> tuple[str, ...]:
+        """Topics whose publishers are matched, seen a poll after the subscription so that they know it too."""
+        return tuple(
+            sorted(
+                topic.name
+                for topic in self._topics.values()
+                if topic.polls > 1 and topic.subscription.get_publisher_count() > 0
+            )
+        )
+
+    def _receiver(self, topic: Recorded) -> Callable[[bytes, dict[str, Any]], None]:
+        accepted, writer = self.health.accepted, self._writer
+
+        def receive(data: bytes, info: dict[str, Any]) -> None:
+            if writer.closed:
+                return
+            number = info["publication_sequence_number"]
+            if number is not None and topic.gaps.note(number):
+                self.health.dropped[topic.name, "lost"] = topic.gaps.lost
+            accepted[topic.name] += 1
+            received = info["received_timestamp"] or time.time_ns()
+            message = Held(topic.channel, data, received, info["source_timestamp"], number or 0)
+            try:
+                if self._use_sim_time:
+                    self._write_in_simulated_time(message, topic.name)
+                else:
+                    writer.write(*message.at(received))
+            except BagWriteError as error:
+                self._fail(error)
+
+        return receive
+
+    def _write_in_simulated_time(self, message: Held, topic: str) -> None:
+        now = self.get_clock().now().nanoseconds
+        if now == 0:
+            if not self._held.hold(message):
+                self.health.drop(topic, "no /clock yet")
+            return
+        if self._held:
+            self._release(now)
+        self._writer.write(*message.at(now))
+
+    def _release(self, now: int | None) -> None:
+        for message in self._held.release():
+            self._writer.write(*message.at(message.received if now is None else now))
+        self._state = "recording"
+
+    def _flush(self) -> None:
+        if self._held and (now := self.get_clock().now().nanoseconds):
+            self._release(now)
+        self._writer.flush()
+
+    def _lost(self) -> int:
+        return sum(topic.gaps.lost for topic in self._topics.values())
+
+    def _tell(self) -> None:
+        self._told = self._subscribed()
+        lost = self._lost()
+        level = DiagnosticStatus.WARN if lost else DiagnosticStatus.OK
+        if self._state == "write error":
+            level = DiagnosticStatus.ERROR
+        values = {
+            "uri": str(self._writer.folder),
+            "topics": " ".join(self._told),
+            "messages": str(self._writer.count),
+            "lost": str(lost),
+            "held": str(len(self._held)),
+        }
+        self._status.publish(status_message(self.get_fully_qualified_name(), level[0], self._state, values))
+
+    def before_shutdown(self) -> None:
+        """Write what has arrived by now, close the bag and say what is in it."""
+        try:
+            self._take_pending()
+            if self._held and not self._writer.closed:
+                self.get_logger().warning(
+                    f"no /clock came: {len(self._held)} messages are stamped with the time of reception"
+                )
+                self._release(None)
+            self._writer.close(self._custom_data())
+        except BagWriteError as error:
+            self._fail(error)
+        if self._state != "write error":
+            self._state = "closed"
+            self._tell()
+        self.get_logger().info(f"{self._writer.count} messages, {self._lost()} lost, {self._writer.folder}")
+
+    def _take_pending(self) -> None:
+        """Write what was sent before this moment: what waits for its turn, and what is still on its way."""
+        stop = time.time_ns()
+        receivers = {topic.name: self._receiver(topic) for topic in self._topics.values()}
+        last = time.monotonic()
+        while receivers and not self._writer.closed and time.monotonic() - last < QUIET:
+            for name, receive in list(receivers.items()):
+                while name in receivers and (taken := ros_qos.take_pending(self._topics[name].subscription)):
+                    receive(*taken)
+                    last = time.monotonic()
+                    if taken[1]["source_timestamp"] > stop:
+                        del receivers[name]
+            time.sleep(QUIET / 10)
+
+    def _custom_data(self) -> dict[str, str]:
+        lost = {f"lost {topic.name}": str(topic.gaps.lost) for topic in self._topics.values() if topic.gaps.lost}
+        return {"lost_messages": str(self._lost()), **lost}
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the recorder; return the exit status."""
+    return run(RecorderNode, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

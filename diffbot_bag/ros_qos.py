@@ -1,0 +1,106 @@
+"""Conversions between ROS and this package: QoS profiles, message types, and what a raw subscription hands over."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.duration import Duration
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    LivelinessPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+)
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+
+from diffbot_bag.qos import INFINITE, Qos
+from diffbot_control.errors import DiffbotError
+
+
+def from_ros(profile: QoSProfile) -> Qos:
+    """Return a profile as plain words; a duration of zero stands for none in a profile that was not negotiated."""
+    return Qos(
+        history=profile.history.name.lower(),
+        depth=profile.depth,
+        reliability=profile.reliability.name.lower(),
+        durability=profile.durability.name.lower(),
+        deadline=profile.deadline.nanoseconds or INFINITE,
+        lifespan=profile.lifespan.nanoseconds or INFINITE,
+        liveliness=profile.liveliness.name.lower(),
+        liveliness_lease_duration=profile.liveliness_lease_duration.nanoseconds or INFINITE,
+        avoid_ros_namespace_conventions=profile.avoid_ros_namespace_conventions,
+    )
+
+
+def to_ros(qos: Qos) -> QoSProfile:
+    """Return the profile for a publisher or subscription; INFINITE durations are left at ROS's default."""
+    durations = {
+        name: Duration(nanoseconds=value)
+        for name in ("deadline", "lifespan", "liveliness_lease_duration")
+        if (value := getattr(qos, name)) < INFINITE
+    }
+    return QoSProfile(
+        history=HistoryPolicy[qos.history.upper()],
+        depth=qos.depth,
+        reliability=ReliabilityPolicy[qos.reliability.upper()],
+        durability=DurabilityPolicy[qos.durability.upper()],
+        liveliness=LivelinessPolicy[qos.liveliness.upper()],
+        avoid_ros_namespace_conventions=qos.avoid_ros_namespace_conventions,
+        **durations,
+    )
+
+
+def offers(publishers: list[TopicEndpointInfo]) -> tuple[Qos, ...]:
+    """Return what each publisher of a topic offers."""
+    return tuple(from_ros(publisher.qos_profile) for publisher in publishers)
+
+
+def type_hash(publishers: list[TopicEndpointInfo]) -> str:
+    """Return the hash that the publishers tell of their type, empty if they tell none."""
+    hashes = (str(publisher.topic_type_hash) for publisher in publishers)
+    return next((text for text in hashes if text != "INVALID"), "")
+
+
+def message_class(type_name: str) -> Any:
+    """Import the Python class of ``pkg/msg/Type``.
+
+    Raises:
+        DiffbotError: if the type is not installed.
+    """
+    package, _, rest = type_name.partition("/")
+    kind, _, name = rest.partition("/")
+    try:
+        found = getattr(importlib.import_module(f"{package}.{kind}"), name)
+        # The C library behind the class is loaded only now, and may be missing.
+        type(found).__import_type_support__()
+    except (ImportError, AttributeError, ValueError) as error:
+        raise DiffbotError(f"type {type_name} is not installed") from error
+    except Exception as error:  # rosidl raises its own family, which has no common base to import
+        raise DiffbotError(f"type {type_name} cannot be loaded: {error}") from error
+    return found
+
+
+def with_info(callback: Callable[[bytes, dict[str, Any]], None]) -> Callable[..., None]:
+    """Wrap a callback of message and info so that every executor of rclpy can call it.
+
+    The executors call it with two arguments, but rclpy 7.1.6's EventsExecutor with one: the pair of both.
+    """
+
+    def adapted(*received: Any) -> None:
+        data, info = received if len(received) == 2 else received[0]
+        callback(data, info)
+
+    # rclpy looks at the signature to learn that the info is wanted.
+    adapted.__signature__ = inspect.signature(callback)  # type: ignore[attr-defined]
+    return adapted
+
+
+def take_pending(subscription: Any) -> tuple[bytes, dict[str, Any]] | None:
+    """Take a message that has arrived and that no executor has taken yet, with its info; None if there is none."""
+    with subscription.handle:
+        taken: tuple[bytes, dict[str, Any]] | None = subscription.handle.take_message(subscription.msg_type, True)
+    return taken

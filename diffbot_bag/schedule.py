@@ -1,0 +1,119 @@
+"""When each message of a bag is due in replay: the part that is played and the course of time, as pure functions."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from diffbot_control.errors import InvalidValueError
+
+SECOND = 10**9
+"""[ns]"""
+
+
+class Window(NamedTuple):
+    """The part of a bag that is played: log times [ns], both ends included."""
+
+    start: int
+    end: int
+
+
+def window(
+    first: int,
+    last: int,
+    start_offset: float = 0.0,
+    playback_duration: float = -1.0,
+    playback_until: float = -1.0,
+) -> Window:
+    """Return the part to play of a bag with messages from ``first`` to ``last`` [ns].
+
+    Args:
+        first: log time [ns] of the first message.
+        last: log time [ns] of the last message.
+        start_offset: [s] of the bag to skip.
+        playback_duration: [s] of the bag to play after the offset; negative for all.
+        playback_until: [s] time of the bag at which to end; negative for none. The earlier end counts.
+
+    Raises:
+        InvalidValueError: if nothing of the bag is left.
+    """
+    start = first + nanoseconds(start_offset)
+    if start > last:
+        raise InvalidValueError("start_offset", start_offset, f"<= {(last - first) / SECOND:g} s, the bag's length")
+    end = last
+    if playback_duration >= 0.0:
+        end = min(end, start + nanoseconds(playback_duration))
+    if playback_until >= 0.0:
+        end = min(end, nanoseconds(playback_until))
+    if end < start:
+        bound = f">= {start / SECOND:.9f} s, where the replay begins"
+        raise InvalidValueError("playback_until", playback_until, bound)
+    return Window(start, end)
+
+
+def nanoseconds(seconds: float) -> int:
+    """Return a time [s] as [ns]; a time since 1970 keeps the digits that its float has."""
+    whole = math.floor(seconds)
+    # The product of both at once would be rounded to 256 ns.
+    return whole * SECOND + round((seconds - whole) * SECOND)
+
+
+class Timeline(NamedTuple):
+    """The course of replay: at steady time ``steady`` the time of the bag is ``bag``; both [ns].
+
+    From there the bag's time runs ``rate`` times as fast, or not at all while ``paused``.
+    """
+
+    bag: int
+    steady: int
+    rate: float = 1.0
+    paused: bool = False
+
+
+def bag_time(timeline: Timeline, now: int) -> int:
+    """Return the time of the bag [ns] at steady time ``now`` [ns]."""
+    if timeline.paused:
+        return timeline.bag
+    return timeline.bag + round((now - timeline.steady) * timeline.rate)
+
+
+def due(timeline: Timeline, log_time: int) -> int:
+    """Return the steady time [ns] at which a message is due if nothing pauses the replay."""
+    return timeline.steady + round((log_time - timeline.bag) / timeline.rate)
+
+
+def paused(timeline: Timeline, now: int) -> Timeline:
+    """Stop the bag's time at steady time ``now`` [ns]."""
+    return timeline._replace(bag=bag_time(timeline, now), steady=now, paused=True)
+
+
+def resumed(timeline: Timeline, now: int) -> Timeline:
+    """Let the bag's time run on from steady time ``now`` [ns]."""
+    return timeline._replace(steady=now, paused=False) if timeline.paused else timeline
+
+
+def stepped(timeline: Timeline, log_time: int) -> Timeline:
+    """Move a paused replay on to a message that is sent out of time."""
+    return timeline._replace(bag=max(timeline.bag, log_time))
+
+
+def first_tick(now: int, period: int, last: int | None) -> int:
+    """Return the steady time [ns] of the next /clock tick after one at ``last``, late ticks left out."""
+    if last is None:
+        return now
+    return max(last + period, now - (now - last) % period)
+
+
+def parse_remap(rules: tuple[str, ...]) -> dict[str, str]:
+    """Return ``old: new`` names of rules ``old:=new``, as absolute names.
+
+    Raises:
+        InvalidValueError: if a rule has not this form.
+    """
+    names = {}
+    for rule in rules:
+        old, arrow, new = rule.partition(":=")
+        if not (old and arrow and new):
+            raise InvalidValueError("remap", rule, "old:=new")
+        names[f"/{old.lstrip('/')}"] = f"/{new.lstrip('/')}"
+    return names

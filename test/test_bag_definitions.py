@@ -1,0 +1,107 @@
+"""Message definitions and hashes: against rosbags, which computes both by itself, for every installed type."""
+
+import sys
+from pathlib import Path
+
+import pytest
+from mcap_ros2._dynamic import generate_dynamic
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from diffbot_bag.definitions import SEPARATOR, DefinitionNotFoundError, MessageDefinitions, ament_prefixes
+
+PACKAGES = ("std_msgs", "geometry_msgs", "nav_msgs", "sensor_msgs", "diagnostic_msgs", "rcl_interfaces")
+# rosbags hashes `char` as a type of its own, ROS as uint8.
+HASHED_OTHERWISE = {"std_msgs/msg/Char"}
+
+
+def installed_types():
+    prefix = next(path for path in ament_prefixes() if (path / "share" / "std_msgs").is_dir())
+    return sorted(
+        f"{package}/msg/{path.stem}"
+        for package in PACKAGES
+        for path in (prefix / "share" / package / "msg").glob("*.msg")
+    )
+
+
+@pytest.fixture
+def prefix(tmp_path):
+    def write(name, text, package="my_msgs", root="one"):
+        path = tmp_path / root / "share" / package / "msg" / f"{name}.msg"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(text.encode())
+        return tmp_path / root
+
+    return write
+
+
+def test_there_is_something_to_test():
+    assert len(installed_types()) > 100
+
+
+def test_text_and_hash_of_every_installed_type_agree_with_rosbags():
+    definitions = MessageDefinitions()
+    for name in installed_types():
+        store = get_typestore(Stores.EMPTY)
+        store.register(get_types_from_msg(definitions.schema_text(name), name))
+        agree = store.hash_rihs01(name) == definitions.type_hash(name)
+        assert agree == (name not in HASHED_OTHERWISE), name
+
+
+def test_mcap_ros2_support_understands_every_installed_type():
+    definitions = MessageDefinitions()
+    for name in installed_types():
+        assert name in generate_dynamic(name, definitions.schema_text(name))
+
+
+def test_parts_follow_depth_first_in_alphabetical_order_once_each(prefix):
+    prefix("Top", "# of all\nZebra[<=3] z\nother_msgs/Far far\nApple   a\nApple[2] b\nstring<=10 s\nint32 N=7\n")
+    prefix("Apple", "Core core 1\n")
+    prefix("Core", "float64 x 1.5\n")
+    prefix("Zebra", "Core core\nwstring w\n")
+    root = prefix("Far", "uint8[] raw", package="other_msgs")
+    line = "=" * 80
+    assert MessageDefinitions([root]).schema_text("my_msgs/msg/Top") == (
+        "# of all\nZebra[<=3] z\nother_msgs/Far far\nApple   a\nApple[2] b\nstring<=10 s\nint32 N=7\n"
+        f"\n{line}\nMSG: my_msgs/Apple\nCore core 1\n"
+        f"\n{line}\nMSG: my_msgs/Core\nfloat64 x 1.5\n"
+        f"\n{line}\nMSG: my_msgs/Zebra\nCore core\nwstring w\n"
+        f"\n{line}\nMSG: other_msgs/Far\nuint8[] raw"
+    )
+    assert line == SEPARATOR
+
+
+def test_bytes_of_a_definition_stay_as_they_are(prefix):
+    root = prefix("Dos", "float64 x  # größe\r\nfloat64 y\r\n")
+    assert MessageDefinitions([root]).schema_text("my_msgs/msg/Dos") == "float64 x  # größe\r\nfloat64 y\r\n"
+
+
+def test_the_first_prefix_wins_and_the_environment_comes_last(prefix, monkeypatch, tmp_path):
+    first, second = prefix("A", "int8 a\n"), prefix("A", "int16 a\n", root="two")
+    assert MessageDefinitions([first, second]).schema_text("my_msgs/msg/A") == "int8 a\n"
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"{second}:{first}")
+    assert ament_prefixes() == [second, first, Path(sys.prefix)]
+    assert MessageDefinitions().schema_text("my_msgs/msg/A") == "int16 a\n"
+    assert MessageDefinitions().schema_text("std_msgs/msg/Empty") == ""
+    monkeypatch.delenv("AMENT_PREFIX_PATH")
+    assert ament_prefixes() == [Path(sys.prefix)]
+
+
+@pytest.mark.parametrize("name", ["my_msgs/msg/Nothing", "no_msgs/msg/A", "std_msgs", "std_msgs/msg/../Bool", ""])
+def test_what_is_not_installed_is_named(name, prefix):
+    definitions = MessageDefinitions([prefix("A", "int8 a\n")])
+    with pytest.raises(DefinitionNotFoundError, match=name or "''"):
+        definitions.schema_text(name)
+    with pytest.raises(DefinitionNotFoundError):
+        definitions.type_hash(name)
+
+
+def test_a_part_that_is_missing_is_named(prefix):
+    with pytest.raises(DefinitionNotFoundError, match="my_msgs/Lost"):
+        MessageDefinitions([prefix("A", "Lost lost\n")]).schema_text("my_msgs/msg/A")
+
+
+def test_a_broken_hash_file_is_an_error_of_one_line(prefix):
+    root = prefix("A", "int8 a\n")
+    (root / "share/my_msgs/msg/A.json").write_text('{"type_hashes": [{"type_name": "other"}]}')
+    with pytest.raises(DefinitionNotFoundError, match=r"no type hash of my_msgs/msg/A in .*A\.json$"):
+        MessageDefinitions([root]).type_hash("my_msgs/msg/A")

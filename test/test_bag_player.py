@@ -1,0 +1,239 @@
+"""Playing in time: order, lateness, pause, step, stop, rounds and clock, with a list in place of publishers."""
+
+import itertools
+import threading
+import time
+
+import graph
+import pytest
+
+from diffbot_bag.outputs import wait_for_subscribers, wait_until_acknowledged
+from diffbot_bag.player import Pace, Player
+from diffbot_bag.readahead import ReadAhead
+from diffbot_bag.reader import RawMessage
+from diffbot_bag.schedule import Window
+from diffbot_control.errors import DiffbotError
+
+BEGIN = 1_700_000_000_000_000_000
+MS = 1_000_000
+
+
+def messages(count, period=MS):
+    return [RawMessage("/a", b"%d" % index, BEGIN + index * period, 0) for index in range(count)]
+
+
+class Run:
+    """A player in its thread, with what it sent and when."""
+
+    def __init__(self, source, **pace):
+        self.sent = []
+        self.clock = []
+        self.error = None
+        end = source[-1].log_time if isinstance(source, list) else BEGIN + 10**9
+        make = (lambda: source) if isinstance(source, list) else source
+        self.player = Player(Window(BEGIN, end), make, self._send, Pace(**pace), self._tick)
+        self.thread = threading.Thread(target=self._play)
+
+    def _send(self, message):
+        self.sent.append((time.perf_counter_ns(), message.data))
+
+    def _tick(self, stamp):
+        self.clock.append((time.perf_counter_ns(), stamp))
+
+    def _play(self):
+        try:
+            self.player.play()
+        except DiffbotError as error:
+            self.error = error
+
+    def __enter__(self):
+        self.thread.start()
+        return self
+
+    def __exit__(self, *_):
+        self.player.stop()
+        self.thread.join(5.0)
+        assert not self.thread.is_alive()
+
+    def end(self):
+        self.thread.join(10.0)
+        assert not self.thread.is_alive()
+        return [data for _, data in self.sent]
+
+
+@pytest.mark.parametrize("rate", [0.5, 1.0, 4.0])
+def test_messages_are_sent_in_order_and_in_time(rate):
+    with Run(messages(100, 2 * MS), rate=rate) as run:
+        assert run.end() == [b"%d" % index for index in range(100)]
+    late = [when - run.sent[0][0] - index * 2 * MS / rate for index, (when, _) in enumerate(run.sent)]
+    # A busy machine may make any message late, but not all, and lateness does not add up. None is early.
+    assert min(late) > -run.player.lateness[0] - MS
+    assert min(late[50:]) < 20 * MS
+    assert min(run.player.lateness) >= 0
+    assert run.player.progress().sent == 100
+
+
+def test_a_pause_holds_everything_back_and_a_step_sends_one():
+    with Run(messages(400, 5 * MS)) as run:
+        graph.wait_for(lambda: len(run.sent) > 5, what="first messages")
+        run.player.pause()
+        assert run.player.progress().is_paused
+        before = len(run.sent)
+        assert not graph_changes(lambda: len(run.sent) > before + 1, 0.1)
+        before = len(run.sent)
+        assert run.player.play_next()
+        graph.wait_for(lambda: len(run.sent) == before + 1, what="the step")
+        assert run.player.play_next()
+        graph.wait_for(lambda: len(run.sent) == before + 2, what="the second step")
+        at = run.player.progress().bag_time
+        assert at == BEGIN + (before + 1) * 5 * MS
+        run.player.resume()
+        graph.wait_for(lambda: len(run.sent) > before + 5, what="messages after the pause")
+        assert not run.player.play_next()
+    assert [int(data) for _, data in run.sent] == list(range(len(run.sent)))
+
+
+def graph_changes(condition, duration):
+    """Tell whether a condition comes true within ``duration`` [s]."""
+    try:
+        return graph.wait_for(condition, duration)
+    except AssertionError:
+        return False
+
+
+def test_a_paused_start_sends_nothing_until_resumed():
+    with Run(messages(3), start_paused=True) as run:
+        assert not graph_changes(lambda: run.sent, 0.1)
+        assert run.player.toggle_paused() is False
+        assert len(run.end()) == 3
+        assert not run.player.play_next()
+
+
+def test_a_step_that_found_nothing_is_not_made_later():
+    release = threading.Event()
+
+    def slow():
+        release.wait(10.0)
+        yield from messages(5)
+
+    with Run(slow, start_paused=True) as run:
+        assert not run.player.play_next(timeout=0.02)
+        release.set()
+        assert not graph_changes(lambda: run.sent, 0.1)
+
+
+def test_stop_ends_a_long_wait_at_once():
+    with Run([*messages(1), RawMessage("/a", b"late", BEGIN + 3600 * 10**9, 0)]) as run:
+        graph.wait_for(lambda: run.sent, what="the first message")
+        run.player.stop()
+        assert run.end() == [b"0"]
+
+
+def test_rounds_repeat_with_the_delay_between():
+    with Run(messages(3), loop=True, delay=0.05) as run:
+        graph.wait_for(lambda: len(run.sent) >= 9, what="three rounds")
+        run.player.stop()
+        run.end()
+    times = [when for when, _ in run.sent]
+    assert [data for _, data in run.sent][:9] == [b"0", b"1", b"2"] * 3
+    assert times[3] - times[2] >= 50 * MS
+    assert run.player.progress().rounds >= 3
+
+
+def test_a_round_without_messages_is_not_repeated():
+    with Run(lambda: iter(()), loop=True) as run:
+        assert run.end() == []
+    assert run.player.progress().rounds == 1
+
+
+def test_the_clock_ticks_in_the_bag_s_time():
+    with Run(messages(50, 10 * MS), rate=2.0, clock=100.0) as run:
+        run.end()
+    stamps = [stamp for _, stamp in run.clock]
+    assert BEGIN <= stamps[0] < BEGIN + 100 * MS
+    steps = [after - before for before, after in itertools.pairwise(stamps)]
+    # 100 Hz at twice the speed: 20 ms of the bag at each tick, of which a busy machine may leave some out.
+    assert all(step % (20 * MS) < 10 or step % (20 * MS) > 20 * MS - 10 for step in steps)
+    assert len(stamps) > 15
+
+
+def test_the_clock_stands_while_paused():
+    with Run(messages(5, 100 * MS), clock=200.0) as run:
+        graph.wait_for(lambda: run.sent, what="the first message")
+        run.player.pause()
+        graph.wait_for(lambda: len(run.clock) > 2, what="ticks")
+        seen = len(run.clock)
+        graph.wait_for(lambda: len(run.clock) > seen + 5, what="ticks in the pause")
+        assert len({stamp for _, stamp in run.clock[seen + 1 :]}) == 1
+
+
+def test_what_reading_raises_ends_the_replay():
+    def damaged():
+        yield from messages(3)
+        raise DiffbotError("bag is damaged")
+
+    with Run(damaged) as run:
+        assert run.end() == [b"0", b"1", b"2"]
+    assert str(run.error) == "bag is damaged"
+
+
+@pytest.mark.parametrize("size", [1, 49, 50, 1000])
+def test_reading_ahead_keeps_order_and_bound(size):
+    drawn = []
+
+    def source():
+        for message in messages(3000):
+            drawn.append(message)
+            yield message
+
+    with ReadAhead(source(), size) as ahead:
+        iterator = iter(ahead)
+        assert next(iterator).data == b"0"
+        # Let it read as far as it wants to.
+        graph.wait_for(lambda: len(drawn) >= min(size, 3000), what="reading ahead")
+        assert not graph_changes(lambda: len(drawn) > size + 150, 0.05)
+        assert [message.data for message in iterator] == [b"%d" % index for index in range(1, 3000)]
+
+
+def test_a_reader_that_waits_for_room_ends_with_the_block():
+    with ReadAhead(messages(100_000), 10):
+        before = threading.active_count()
+    assert threading.active_count() == before - 1
+
+
+class FakePublisher:
+    def __init__(self, matched_after=0, acked_after=0):
+        self.matched_after, self.acked_after = matched_after, acked_after
+
+    def get_subscription_count(self):
+        self.matched_after -= 1
+        return int(self.matched_after < 0)
+
+    def wait_for_all_acked(self, _timeout):
+        self.acked_after -= 1
+        time.sleep(0.001)
+        return self.acked_after < 0
+
+
+NEVER = 10**9
+
+
+def test_waiting_for_subscribers_names_those_without():
+    outputs = {"/a": FakePublisher(3), "/b": FakePublisher(NEVER), "/c": FakePublisher()}
+    stop = threading.Event()
+    assert wait_for_subscribers(outputs, {"/a", "/c"}, 5.0, stop) == set()
+    assert wait_for_subscribers(outputs, {"/a", "/b"}, 0.05, stop) == {"/b"}
+    assert wait_for_subscribers(outputs, {"/b"}, 0.0, stop) == {"/b"}
+    stop.set()
+    assert wait_for_subscribers(outputs, {"/b"}, 60.0, stop) == {"/b"}
+
+
+def test_waiting_for_acknowledgement_ends_by_answer_time_or_stop():
+    stop = threading.Event()
+    outputs = {"/a": FakePublisher(acked_after=3), "/b": FakePublisher()}
+    assert wait_until_acknowledged(outputs, 5.0, None, stop) == set()
+    never = {"/n": FakePublisher(acked_after=NEVER)}
+    assert wait_until_acknowledged(never, 0.02, None, stop) == {"/n"}
+    assert wait_until_acknowledged(never, -1.0, None, stop) == set()
+    threading.Timer(0.05, stop.set).start()
+    assert wait_until_acknowledged(never, 0.0, None, stop) == {"/n"}

@@ -1,0 +1,88 @@
+"""QoS words against rosbags' own reading of them, and the choice of QoS for recording and replay."""
+
+import pytest
+from rosbags.interfaces import QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+from rosbags.rosbag2.metadata import parse_qos
+
+from diffbot_bag.qos import INFINITE, Qos, dump_profiles, from_plain, load_profiles, to_offer, to_plain, to_request
+from diffbot_control.errors import DiffbotError
+
+RELIABLE = Qos()
+BEST_EFFORT = Qos(reliability="best_effort")
+LATCHED = Qos(durability="transient_local")
+STRICT = Qos(
+    "keep_last", 7, "reliable", "transient_local", 20_000_000, 3_000_000_001, "manual_by_topic", 5 * 10**9, True
+)
+
+
+def test_rosbags_reads_what_is_written():
+    (first, second) = parse_qos(dump_profiles([STRICT, BEST_EFFORT]))
+    assert first == (
+        QosHistory.KEEP_LAST, 7, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL, QosTime(0, 20_000_000),
+        QosTime(3, 1), QosLiveliness.MANUAL_BY_TOPIC, QosTime(5, 0), True,
+    )  # fmt: skip
+    assert second.reliability == QosReliability.BEST_EFFORT
+    assert second.deadline == QosTime(9223372036, 854775807)
+    assert second.history == QosHistory.UNKNOWN
+
+
+@pytest.mark.parametrize("profiles", [(), (RELIABLE,), (STRICT, BEST_EFFORT, LATCHED)])
+def test_reading_gives_back_what_was_written(profiles):
+    assert load_profiles(dump_profiles(profiles)) == profiles
+    assert load_profiles([to_plain(qos) for qos in profiles]) == profiles
+
+
+def test_numbers_of_older_bags_mean_the_same():
+    none = {"sec": 2147483647, "nsec": 4294967295}
+    old = {
+        "history": 3, "depth": 0, "reliability": 1, "durability": 1, "deadline": none, "lifespan": none,
+        "liveliness": 1, "liveliness_lease_duration": {"sec": 0, "nsec": 0}, "avoid_ros_namespace_conventions": False,
+    }  # fmt: skip
+    assert from_plain(old) == LATCHED
+    assert from_plain({**old, "durability": 2, "reliability": 2}) == BEST_EFFORT
+    assert from_plain(old).deadline == INFINITE
+
+
+@pytest.mark.parametrize("stored", ["{", "- 5", "text", [{"depth": "deep"}], [{"history": 99}], [{"deadline": 3}]])
+def test_nonsense_is_an_error_of_one_line(stored):
+    with pytest.raises(DiffbotError) as error:
+        load_profiles(stored)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("offers", "reliability", "durability"),
+    [
+        ([], "best_effort", "volatile"),
+        ([RELIABLE], "reliable", "volatile"),
+        ([BEST_EFFORT], "best_effort", "volatile"),
+        ([RELIABLE, BEST_EFFORT], "best_effort", "volatile"),
+        ([LATCHED], "reliable", "transient_local"),
+        ([LATCHED, LATCHED], "reliable", "transient_local"),
+        ([LATCHED, RELIABLE], "reliable", "volatile"),
+        ([LATCHED, BEST_EFFORT], "best_effort", "volatile"),
+    ],
+)
+def test_a_subscription_asks_for_what_all_offer(offers, reliability, durability):
+    request = to_request(offers, 123)
+    assert request == Qos("keep_last", 123, reliability, durability)
+
+
+@pytest.mark.parametrize(
+    ("recorded", "offer"),
+    [
+        ([], Qos("keep_last", 1000)),
+        ([RELIABLE], Qos("keep_last", 1000)),
+        ([BEST_EFFORT], Qos("keep_last", 1000, "best_effort")),
+        ([RELIABLE, BEST_EFFORT], Qos("keep_last", 1000)),
+        ([LATCHED], Qos("keep_last", 1, durability="transient_local")),
+        ([LATCHED, LATCHED], Qos("keep_last", 2, durability="transient_local")),
+        ([LATCHED._replace(depth=5)], Qos("keep_last", 5, durability="transient_local")),
+        ([RELIABLE._replace(depth=5000)], Qos("keep_last", 5000)),
+        ([RELIABLE._replace(deadline=10**7)], Qos("keep_last", 1000, deadline=10**7)),
+        ([RELIABLE._replace(deadline=10**7), RELIABLE], Qos("keep_last", 1000)),
+        ([RELIABLE._replace(liveliness="manual_by_topic", liveliness_lease_duration=9)], Qos("keep_last", 1000)),
+    ],
+)
+def test_one_publisher_stands_for_all_that_were_recorded(recorded, offer):
+    assert to_offer(recorded) == offer

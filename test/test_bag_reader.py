@@ -1,0 +1,275 @@
+"""Reading bags: order, filters, decoded values against rosbags, and one clear line for every kind of wrong file."""
+
+import sqlite3
+
+import pytest
+import yaml
+from mcap.writer import IndexType
+from mcap.writer import Writer as McapWriter
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as RosbagsWriter
+from rosbags.typesys import Stores, get_typestore
+
+from diffbot_bag.qos import Qos
+from diffbot_bag.reader import BagReader
+from diffbot_bag.writer import BagWriter
+from diffbot_control.errors import DiffbotError
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+POINT = "geometry_msgs/msg/Point"
+BEGIN = 1_700_000_000_000_000_000
+STEP = 10_000_000
+
+
+def point(x, y=0.0):
+    return bytes(STORE.serialize_cdr(STORE.types[POINT](x=x, y=y, z=0.0), POINT))
+
+
+def write_bag(folder, first=0, count=300, **options):
+    """Topics /a at every step and /b half a step later; written in pairs the wrong way round."""
+    writer = BagWriter(folder, chunk_size=2000, **options)
+    a, b = (writer.add_topic(name, POINT, [Qos()]) for name in ("/a", "/b"))
+    for index in range(first, first + count):
+        time = BEGIN + index * STEP
+        writer.write(b, point(float(index), 1.0), time + STEP // 2, time)
+        writer.write(a, point(float(index)), time, time - 1)
+    writer.close()
+    return folder
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    return write_bag(tmp_path_factory.mktemp("bags") / "run")
+
+
+@pytest.fixture
+def broken(bag, tmp_path):
+    """A copy of the bag's file to break: returns path and bytes."""
+    path = tmp_path / "broken.mcap"
+    return path, (bag / "run_0.mcap").read_bytes()
+
+
+def error_of(path):
+    """The line with which a bag is refused, at the opening or while it is read."""
+    with pytest.raises(DiffbotError) as error, BagReader(path) as reader:
+        list(reader.messages())
+    assert "\n" not in str(error.value)
+    assert path.name in str(error.value)
+    return str(error.value)
+
+
+@pytest.mark.parametrize("what", ["folder", "file"])
+def test_what_is_in_a_bag(bag, what):
+    with BagReader(bag if what == "folder" else bag / "run_0.mcap") as reader:
+        assert reader.message_count == 600
+        assert (reader.start, reader.end) == (BEGIN, BEGIN + 299 * STEP + STEP // 2)
+        assert {name: (topic.type, topic.message_count, topic.qos) for name, topic in reader.topics.items()} == {
+            "/a": (POINT, 300, (Qos(),)),
+            "/b": (POINT, 300, (Qos(),)),
+        }
+        if what == "folder":
+            told = reader.metadata
+            assert (told.message_count, told.start, told.start + told.duration) == (600, reader.start, reader.end)
+
+
+def test_messages_come_in_the_order_of_log_time_with_their_bytes(bag):
+    with BagReader(bag) as reader:
+        messages = list(reader.messages())
+        back = list(reader.messages(reverse=True))
+    assert [message.log_time for message in messages] == [BEGIN + half * STEP // 2 for half in range(600)]
+    assert [message.data for message in messages[::2]] == [point(float(index)) for index in range(300)]
+    assert [message.topic for message in messages[:3]] == ["/a", "/b", "/a"]
+    assert messages[0].publish_time == BEGIN - 1
+    assert back == messages[::-1]
+
+
+def test_topics_and_range_select(bag):
+    with BagReader(bag) as reader:
+        times = [message.log_time for message in reader.messages(["/a"], BEGIN + 7 * STEP, BEGIN + 10 * STEP)]
+        assert times == [BEGIN + index * STEP for index in (7, 8, 9, 10)]
+        assert len(list(reader.messages(("/b", "/none"), end=BEGIN + 2 * STEP))) == 2
+        assert not list(reader.messages(start=reader.end + 1))
+        assert not list(reader.messages(start=BEGIN + 1, end=BEGIN))
+        assert not list(reader.messages([]))
+
+
+def test_the_last_messages_before_a_time(bag):
+    with BagReader(bag) as reader:
+        found = reader.last_before(BEGIN + 10 * STEP, ["/b", "/a", "/none"])
+        assert [(message.topic, message.log_time) for message in found] == [
+            ("/a", BEGIN + 9 * STEP),
+            ("/b", BEGIN + 9 * STEP + STEP // 2),
+        ]
+        assert reader.last_before(BEGIN, ["/a"]) == []
+        assert reader.last_before(BEGIN + STEP, []) == []
+
+
+def test_decoded_values_are_those_rosbags_decodes(bag):
+    with BagReader(bag) as reader, AnyReader([bag]) as other:
+        decoded = [(m.topic, m.log_time, m.content.x, m.content.y) for m in reader.decoded()]
+        theirs = [
+            (connection.topic, time, content.x, content.y)
+            for connection, time, data in other.messages()
+            for content in [other.deserialize(data, connection.msgtype)]
+        ]
+    assert decoded == theirs
+
+
+def test_a_bag_of_rosbags_is_read(tmp_path):
+    with RosbagsWriter(tmp_path / "run", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection("/a", POINT, typestore=STORE)
+        for index in range(5):
+            writer.write(connection, BEGIN + index, point(float(index)))
+    with BagReader(tmp_path / "run") as reader:
+        assert [message.content.x for message in reader.decoded()] == [0.0, 1.0, 2.0, 3.0, 4.0]
+        assert reader.topics["/a"].qos == ()
+
+
+def test_a_bag_of_several_files_is_one(tmp_path):
+    folder = write_bag(tmp_path / "run", 0, 10)
+    write_bag(tmp_path / "more", 5, 10)
+    (tmp_path / "more" / "more_0.mcap").rename(folder / "run_1.mcap")
+    content = yaml.safe_load((folder / "metadata.yaml").read_text())
+    content["rosbag2_bagfile_information"]["relative_file_paths"].append("run_1.mcap")
+    (folder / "metadata.yaml").write_text(yaml.safe_dump(content))
+    with BagReader(folder) as reader:
+        times = [message.log_time for message in reader.messages(["/a"])]
+        assert times == sorted(BEGIN + index * STEP for index in [*range(10), *range(5, 15)])
+        assert times[::-1] == [message.log_time for message in reader.messages(["/a"], reverse=True)]
+        assert reader.topics["/a"].message_count == 20
+        assert (reader.start, reader.end, reader.message_count) == (BEGIN, BEGIN + 14 * STEP + STEP // 2, 40)
+
+
+def test_a_folder_without_metadata_is_read(tmp_path):
+    folder = write_bag(tmp_path / "run", 0, 3)
+    (folder / "metadata.yaml").unlink()
+    with BagReader(folder) as reader:
+        assert reader.message_count == 6
+
+
+def test_a_bag_without_messages_has_no_times(tmp_path):
+    BagWriter(tmp_path / "run").close()
+    with BagReader(tmp_path / "run") as reader:
+        assert (reader.message_count, reader.start, reader.end, list(reader.messages())) == (0, 0, 0, [])
+
+
+def test_a_missing_bag_and_an_empty_folder(tmp_path):
+    assert "no such file or folder" in error_of(tmp_path / "none")
+    (tmp_path / "empty").mkdir()
+    assert "neither metadata.yaml nor an MCAP file" in error_of(tmp_path / "empty")
+
+
+@pytest.mark.parametrize("share", [0.0001, 0.01, 0.1, 0.5, 0.9, 0.99, 0.9999])
+def test_a_truncated_file(broken, share):
+    path, content = broken
+    path.write_bytes(content[: max(9, int(len(content) * share))])
+    assert "truncated, its recording did not end: try `diffbot repair`" in error_of(path)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "is an empty file"),
+        (b"\x89MC", "is not an MCAP file"),
+        (bytes(range(256)) * 40, "is not an MCAP file"),
+        (b"hello: world\n", "is not an MCAP file"),
+        (b"#ROSBAG V2.0\n", "is not an MCAP file"),
+        (b"\x89MCAP0\r\n", "is truncated"),
+        (b"\x89MCAP0\r\n" * 2, "is damaged"),
+        (b"\x89MCAP0\r\n" + b"\xff" * 100 + b"\x89MCAP0\r\n", "is damaged"),
+        (b"\x89MCAP0\r\n" + b"\0" * 100 + b"\x89MCAP0\r\n", "is damaged"),
+    ],
+)
+def test_a_foreign_file(tmp_path, content, words):
+    path = tmp_path / "foreign.mcap"
+    path.write_bytes(content)
+    assert words in error_of(path)
+
+
+def test_a_database_is_not_an_mcap_file(tmp_path):
+    path = tmp_path / "bag.db3"
+    with sqlite3.connect(path) as database:
+        database.execute("create table messages (id integer)")
+    database.close()
+    assert "is not an MCAP file" in error_of(path)
+
+
+def test_a_flipped_byte_never_passes_as_data(broken):
+    path, content = broken
+    path.write_bytes(content)
+    with BagReader(path) as reader:
+        whole = list(reader.messages())
+    refused = 0
+    for position in range(20, len(content) - 20, len(content) // 200):
+        flipped = bytearray(content)
+        flipped[position] ^= 0x55
+        path.write_bytes(flipped)
+        try:
+            with BagReader(path) as reader:
+                read = list(reader.messages()), reader.message_count
+        except DiffbotError:
+            refused += 1
+        else:
+            assert read == (whole, 600)
+    # The rest hit message indexes, which are not used, and texts of the header.
+    assert refused > 60
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "has no rosbag2_bagfile_information"),
+        ("- a\n- b\n", "has no rosbag2_bagfile_information"),
+        ("rosbag2_bagfile_information: 5\n", "has no rosbag2_bagfile_information"),
+        ("a: {b\n", "is not a YAML file"),
+        ("\0\1\2", "is not a YAML file"),
+        ("rosbag2_bagfile_information: {storage_identifier: sqlite3}\n", "must be mcap"),
+        (
+            "rosbag2_bagfile_information: {storage_identifier: mcap, compression_mode: FILE}\n",
+            "compression_mode = 'FILE': must be empty",
+        ),
+        ("rosbag2_bagfile_information: {storage_identifier: mcap}\n", "is incomplete"),
+        (
+            "rosbag2_bagfile_information: {storage_identifier: mcap, relative_file_paths: [a_0.mcap],"
+            " starting_time: {nanoseconds_since_epoch: x}}\n",
+            "is incomplete",
+        ),
+    ],
+)
+def test_a_wrong_metadata_yaml(tmp_path, text, words):
+    (tmp_path / "metadata.yaml").write_text(text)
+    with pytest.raises(DiffbotError, match=words) as error:
+        BagReader(tmp_path)
+    assert "\n" not in str(error.value)
+
+
+def test_a_file_named_in_metadata_is_missing(tmp_path):
+    folder = write_bag(tmp_path / "run", 0, 3)
+    (folder / "run_0.mcap").unlink()
+    with pytest.raises(DiffbotError, match=r"cannot open .*run_0.mcap: No such file"):
+        BagReader(folder)
+
+
+def test_an_unindexed_file_is_refused(tmp_path):
+    path = tmp_path / "plain.mcap"
+    writer = McapWriter(
+        str(path), index_types=IndexType.NONE, use_statistics=False, repeat_channels=False, repeat_schemas=False,
+        use_summary_offsets=False,
+    )  # fmt: skip
+    writer.start()
+    writer.finish()
+    assert "has no index: try `diffbot repair`" in error_of(path)
+
+
+def test_a_message_that_does_not_fit_its_definition(tmp_path):
+    writer = BagWriter(tmp_path / "run")
+    writer.write(writer.add_topic("/a", POINT), b"\0\1\0\0too short", BEGIN, BEGIN)
+    writer.write(writer.add_topic("/b", "my_msgs/msg/A"), b"\0\1\0\0", BEGIN, BEGIN)
+    writer.close()
+    with BagReader(tmp_path / "run") as reader:
+        with pytest.raises(DiffbotError, match=f"cannot decode /a at {BEGIN} ns"):
+            list(reader.decoded(["/a"]))
+        with pytest.raises(DiffbotError, match="/b: no message definition in the bag"):
+            list(reader.decoded(["/b"]))
+        assert len(list(reader.messages())) == 2

@@ -1,0 +1,291 @@
+"""Bags as written, seen by readers that were written elsewhere: rosbags, mcap-ros2-support, mcap and PyYAML."""
+
+import resource
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import graph
+import pytest
+import yaml
+from mcap.exceptions import EndOfFile
+from mcap.reader import make_reader
+from mcap.records import Chunk, Message
+from mcap.stream_reader import StreamReader
+from mcap_ros2.reader import read_ros2_messages
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import QosDurability
+from rosbags.typesys import Stores, get_typestore
+
+from diffbot_bag import metadata
+from diffbot_bag.definitions import MessageDefinitions
+from diffbot_bag.qos import Qos
+from diffbot_bag.writer import BagWriteError, BagWriter
+
+TWIST, STRING = "geometry_msgs/msg/Twist", "std_msgs/msg/String"
+LATCHED = Qos(durability="transient_local")
+STORE = get_typestore(Stores.ROS2_JAZZY)
+"""Messages are serialized by rosbags, not by ROS."""
+BEGIN = 1_700_000_000_000_000_000
+
+
+def twist(x):
+    vector = STORE.types["geometry_msgs/msg/Vector3"]
+    message = STORE.types[TWIST](linear=vector(x, 0.0, 0.0), angular=vector(0.0, 0.0, -x))
+    return bytes(STORE.serialize_cdr(message, TWIST))
+
+
+def string(text):
+    return bytes(STORE.serialize_cdr(STORE.types[STRING](data=text), STRING))
+
+
+def write_bag(folder, count=10, **options):
+    """Two topics: a twist each 10 ms, and one latched text at the begin."""
+    writer = BagWriter(folder, **options)
+    commands = writer.add_topic("/cmd_vel", TWIST, [Qos(), Qos(reliability="best_effort")])
+    texts = writer.add_topic("/robot_description", STRING, [LATCHED])
+    writer.write(texts, string("<robot/>"), BEGIN, BEGIN - 5)
+    for index in range(count):
+        time = BEGIN + index * 10_000_000
+        writer.write(commands, twist(float(index)), time, time - 1000, index + 1)
+    return writer
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("bags") / "run"
+    write_bag(folder).close({"lost_messages": "3"})
+    return folder
+
+
+def test_rosbags_reads_every_value(bag):
+    with AnyReader([bag]) as reader:
+        assert reader.message_count == 11
+        assert (reader.start_time, reader.end_time) == (BEGIN, BEGIN + 90_000_000 + 1)
+        by_topic = {connection.topic: connection for connection in reader.connections}
+        assert {name: (c.msgtype, c.msgcount) for name, c in by_topic.items()} == {
+            "/cmd_vel": (TWIST, 10),
+            "/robot_description": (STRING, 1),
+        }
+        # rosbags has compared this with the hash it computes itself.
+        assert by_topic["/cmd_vel"].digest == MessageDefinitions().type_hash(TWIST)
+        assert by_topic["/robot_description"].digest == MessageDefinitions().type_hash(STRING)
+        assert by_topic["/robot_description"].ext.offered_qos_profiles[0].durability == QosDurability.TRANSIENT_LOCAL
+        assert len(by_topic["/cmd_vel"].ext.offered_qos_profiles) == 2
+        read = [
+            (time, reader.deserialize(data, connection.msgtype).linear.x)
+            for connection, time, data in reader.messages([by_topic["/cmd_vel"]])
+        ]
+        assert read == [(BEGIN + index * 10_000_000, float(index)) for index in range(10)]
+
+
+def test_mcap_ros2_support_decodes_it(bag):
+    read = list(read_ros2_messages(bag / "run_0.mcap", topics="/cmd_vel"))
+    assert [message.ros_msg.angular.z for message in read] == [-float(index) for index in range(10)]
+    assert [message.publish_time_ns for message in read] == [BEGIN - 1000 + index * 10_000_000 for index in range(10)]
+    assert [message.sequence_count for message in read] == list(range(1, 11))
+
+
+def test_records_of_the_file_are_those_of_rosbag2(bag):
+    with (bag / "run_0.mcap").open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        assert reader.get_header().profile == "ros2"
+        summary = reader.get_summary()
+        schemas = {schema.name: schema for schema in summary.schemas.values()}
+        assert schemas[TWIST].encoding == "ros2msg"
+        assert schemas[TWIST].data.decode() == MessageDefinitions().schema_text(TWIST)
+        channels = {channel.topic: channel for channel in summary.channels.values()}
+        assert channels["/cmd_vel"].message_encoding == "cdr"
+        assert channels["/cmd_vel"].metadata["topic_type_hash"] == MessageDefinitions().type_hash(TWIST)
+        profiles = yaml.safe_load(channels["/cmd_vel"].metadata["offered_qos_profiles"])
+        assert [profile["reliability"] for profile in profiles] == ["reliable", "best_effort"]
+        first, last = reader.iter_metadata()
+    assert first.name == last.name == "rosbag2"
+    assert yaml.safe_load(first.metadata["serialized_metadata"])["message_count"] == 0
+    inner = yaml.safe_load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert yaml.safe_load(last.metadata["serialized_metadata"]) == inner
+
+
+def test_every_field_of_metadata_yaml(bag):
+    none = {"sec": 9223372036, "nsec": 854775807}
+    profile = {
+        "history": "unknown", "depth": 0, "reliability": "reliable", "durability": "transient_local",
+        "deadline": none, "lifespan": none, "liveliness": "automatic", "liveliness_lease_duration": none,
+        "avoid_ros_namespace_conventions": False,
+    }  # fmt: skip
+    content = yaml.safe_load((bag / "metadata.yaml").read_text())
+    topics = content["rosbag2_bagfile_information"].pop("topics_with_message_count")
+    times = {"starting_time": {"nanoseconds_since_epoch": BEGIN}, "duration": {"nanoseconds": 90_000_000}}
+    assert content == {
+        "rosbag2_bagfile_information": {
+            "version": 9, "storage_identifier": "mcap", **times, "message_count": 11,
+            "compression_format": "", "compression_mode": "", "relative_file_paths": ["run_0.mcap"],
+            "files": [{"path": "run_0.mcap", **times, "message_count": 11}],
+            "custom_data": {"lost_messages": "3"}, "ros_distro": "jazzy",
+        }
+    }  # fmt: skip
+    assert [topic["message_count"] for topic in topics] == [10, 1]
+    assert topics[1]["topic_metadata"] == {
+        "name": "/robot_description", "type": STRING, "serialization_format": "cdr", "offered_qos_profiles": [profile],
+        "type_description_hash": MessageDefinitions().type_hash(STRING),
+    }  # fmt: skip
+    assert not list(bag.glob("*.tmp"))
+
+
+def test_metadata_yaml_is_read_as_it_was_written(bag):
+    read = metadata.read(bag)
+    assert read.topics[0].qos == (Qos(), Qos(reliability="best_effort"))
+    assert (read.start, read.duration, read.message_count, read.files) == (BEGIN, 90_000_000, 11, ("run_0.mcap",))
+    assert metadata.to_yaml(read) == (bag / "metadata.yaml").read_text()
+
+
+def test_half_a_metadata_yaml_is_never_seen(tmp_path, monkeypatch):
+    written = []
+    monkeypatch.setattr(Path, "replace", lambda path, target: written.append((path.name, target.name)))
+    metadata.write(tmp_path, metadata.BagMetadata(files=("a_0.mcap",)))
+    assert written == [("metadata.yaml.tmp", "metadata.yaml")]
+    assert not (tmp_path / "metadata.yaml").exists()
+
+
+@pytest.mark.parametrize(("compress", "compression"), [(True, "zstd"), (False, "")])
+def test_chunks_have_the_size_and_compression_asked_for(tmp_path, compress, compression):
+    write_bag(tmp_path / "run", 1000, chunk_size=10_000, compress=compress).close()
+    with (tmp_path / "run" / "run_0.mcap").open("rb") as stream:
+        chunks = [record for record in StreamReader(stream, emit_chunks=True).records if isinstance(record, Chunk)]
+    assert {chunk.compression for chunk in chunks} == {compression}
+    assert all(10_000 < chunk.uncompressed_size < 11_000 for chunk in chunks[1:-1])
+    assert len(chunks) > 5
+
+
+def test_what_was_flushed_is_readable_before_the_end(tmp_path):
+    writer = write_bag(tmp_path / "run")
+    path = writer.path
+    assert not [record for record in records(path) if isinstance(record, Message)]
+    writer.flush()
+    assert len([record for record in records(path) if isinstance(record, Message)]) == 11
+    writer.close()
+
+
+def records(path):
+    """All records up to where the file ends."""
+    with path.open("rb") as stream:
+        try:
+            yield from StreamReader(stream).records
+        except EndOfFile:
+            return
+
+
+def test_a_bag_without_messages_is_a_bag(tmp_path):
+    writer = BagWriter(tmp_path / "run")
+    writer.add_topic("/cmd_vel", TWIST, [Qos()])
+    writer.close()
+    with AnyReader([tmp_path / "run"]) as reader:
+        assert reader.message_count == 0
+        assert [connection.topic for connection in reader.connections] == ["/cmd_vel"]
+
+
+def test_a_type_that_is_not_installed_is_kept_without_a_schema(tmp_path):
+    with_nothing = MessageDefinitions([tmp_path])
+    writer = BagWriter(tmp_path / "run", with_nothing)
+    writer.write(writer.add_topic("/a", "my_msgs/msg/A"), b"\0\1\0\0abc", BEGIN, BEGIN)
+    writer.close()
+    with (tmp_path / "run" / "run_0.mcap").open("rb") as stream:
+        ((schema, channel, message),) = make_reader(stream).iter_messages()
+    assert (schema.name, schema.encoding, schema.data) == ("my_msgs/msg/A", "", b"")
+    assert (channel.topic, message.data) == ("/a", b"\0\1\0\0abc")
+
+
+def test_the_hash_that_publishers_tell_goes_before_the_installed_one(tmp_path):
+    writer = BagWriter(tmp_path / "run")
+    writer.add_topic("/cmd_vel", TWIST, [Qos()], "RIHS01_77")
+    writer.close()
+    assert metadata.read(tmp_path / "run").topics[0].type_hash == "RIHS01_77"
+
+
+def test_closing_twice_is_harmless(tmp_path):
+    writer = write_bag(tmp_path / "run")
+    writer.close()
+    before = writer.path.read_bytes()
+    writer.close()
+    assert writer.closed
+    assert writer.path.read_bytes() == before
+
+
+def test_an_existing_folder_is_refused_and_left_alone(tmp_path):
+    (tmp_path / "run").mkdir()
+    with pytest.raises(BagWriteError, match=r"run exists already: choose another name for the bag$"):
+        BagWriter(tmp_path / "run")
+    assert not list((tmp_path / "run").iterdir())
+
+
+@pytest.mark.parametrize("parent", ["file", "/proc/none"])
+def test_a_folder_that_cannot_be_made_is_refused(tmp_path, parent):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(BagWriteError, match=r"cannot make the bag .*: \w") as error:
+        BagWriter(tmp_path / parent / "run")
+    assert "\n" not in str(error.value)
+
+
+def test_missing_parents_are_made(tmp_path):
+    BagWriter(tmp_path / "a" / "b" / "run").close()
+    assert (tmp_path / "a" / "b" / "run" / "metadata.yaml").is_file()
+
+
+FILL_THE_DISK = """
+    import sys
+    from pathlib import Path
+    from diffbot_bag.writer import BagWriteError, BagWriter
+
+    writer = BagWriter(Path(sys.argv[1]), compress=False, chunk_size=4096)
+    channel = writer.add_topic("/a", "std_msgs/msg/String")
+    written = 0
+    try:
+        for index in range(100_000):
+            writer.write(channel, index.to_bytes(1000, "little"), index + 1, index + 1)
+            written += 1
+            if index % 10 == 0:
+                writer.flush()
+                print("flushed", written)
+    except BagWriteError as error:
+        print("error:", error)
+        print("closed:", writer.closed)
+        writer.close()
+"""
+
+
+def test_a_full_disk_is_an_error_and_what_was_flushed_is_readable(tmp_path):
+    limit = 200_000
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(FILL_THE_DISK), str(tmp_path / "run")],
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
+        env=graph.environment(),
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
+    )
+    flushed = int([line for line in done.stdout.splitlines() if line.startswith("flushed")][-1].split()[1])
+    (error,) = (line for line in done.stdout.splitlines() if line.startswith("error"))
+    assert "run_0.mcap: File too large; the bag ends after about" in error
+    assert "closed: True" in done.stdout
+    assert not done.stderr
+    read = [record for record in records(tmp_path / "run" / "run_0.mcap") if isinstance(record, Message)]
+    assert len(read) >= flushed > 100
+    assert [int.from_bytes(message.data, "little") for message in read] == list(range(len(read)))
+
+
+def test_a_disk_that_is_full_from_the_start_is_known_at_once(tmp_path):
+    code = (
+        "import sys; from pathlib import Path; from diffbot_bag.writer import BagWriter; BagWriter(Path(sys.argv[1]))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path / "run")],
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100)),
+        env=graph.environment(),
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+    assert "BagWriteError: cannot write" in done.stderr
