@@ -72,7 +72,8 @@ setup(
     ],
     extras_require={
         "jazzy": ["ros-jazzy-common-interfaces>=5.3", "ros-jazzy-rclpy[fastrtps]>=7.1"],
-        "batch": ["numba>=0.59"],
+        "batch": ["numba>=0.59", "pyarrow>=18.0"],
+        "cluster": ["distributed>=2024.12"],
         "test": [
             "evo>=1.31",
             "hypothesis>=6.100",

@@ -9,11 +9,13 @@ import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from diffbot_bag.config import ReplayConfig
 from diffbot_control.config import build, parameters_of, to_dict
-from diffbot_control.errors import DiffbotError
+from diffbot_control.errors import DiffbotError, InvalidValueError
+from diffbot_control.presets import PAPER, PRESETS
+from diffbot_sim.campaign_options import CampaignOptions, load_yaml
 
 NODES = {
     "plant": "diffbot_sim.plant_node",
@@ -57,7 +59,48 @@ def _parser() -> argparse.ArgumentParser:
         type=_whole(0, 232),
         help="ROS_DOMAIN_ID, to look on with other tools (default: a free one)",
     )
+    demo.add_argument("--preset", choices=tuple(PRESETS), default=PAPER, help="controller (default: %(default)s)")
     demo.set_defaults(call=_demo)
+
+    experiment = commands.add_parser("experiment", help="reproduce the paper's simulations A and B, figures 4 to 15")
+    experiment.add_argument("names", nargs="+", choices=("a", "b"), help="which")
+    experiment.add_argument("--runs", type=_whole(1, 10**6), default=100, help="of each start (default: %(default)s)")
+    experiment.add_argument("--seed", type=_whole(0, 2**63 - 1), default=1, help="seed of all noise")
+    experiment.add_argument("--out", type=Path, default=Path("out/experiment"), help="folder (default: %(default)s)")
+    experiment.add_argument("--no-figures", dest="figures", action="store_false", help="results.json and table only")
+    experiment.set_defaults(call=_experiment)
+
+    campaign = commands.add_parser("campaign", help="Monte-Carlo runs over a grid of parameters")
+    campaign.add_argument("file", type=Path, nargs="?", help="YAML file (docs/campaigns.md)")
+    _add_flags(campaign, CampaignOptions)
+    campaign.add_argument("--start", type=_yaml, help="e.g. '{box: {x: [-5, 5], y: [-5, 5], heading: [-3.14, 3.14]}}'")
+    campaign.add_argument("--set", type=_setting, nargs="+", default=[], metavar="NAME=VALUE", help="for all cells")
+    campaign.add_argument(
+        "--grid", type=_setting, nargs="+", default=[], metavar="NAME=[A,B]", help="one cell for each"
+    )
+    campaign.add_argument("--out", type=Path, default=Path("out/campaign"), help="folder (default: %(default)s)")
+    campaign.add_argument("--workers", type=_whole(1, 1024), help="processes (default: one for each core)")
+    campaign.add_argument(
+        "--scheduler", metavar="ADDRESS", help="run on a dask.distributed cluster, e.g. tcp://host:8786"
+    )
+    campaign.set_defaults(call=_campaign)
+
+    stability = commands.add_parser("stability", help="where V decreases whatever the noise, and what runs show")
+    stability.add_argument("--set", type=_setting, nargs="+", default=[], metavar="NAME=VALUE", help="gains, noise ...")
+    stability.add_argument("--rho-max", type=float, default=12.0, help="size of the grid [m] (default: %(default)s)")
+    stability.add_argument("--points", type=_whole(11, 401), default=81, help="along each axis (default: %(default)s)")
+    stability.add_argument("--runs", type=_whole(1, 10**8), default=100_000, help="to observe (default: %(default)s)")
+    stability.add_argument("--seed", type=_whole(0, 2**63 - 1), default=1, help="seed of their noise")
+    stability.add_argument("--out", type=Path, default=Path("out/stability"), help="folder (default: %(default)s)")
+    stability.set_defaults(call=_stability)
+
+    benchmark = commands.add_parser("benchmark", help="this project's law and its peers in the same arena")
+    benchmark.add_argument("what", nargs="?", choices=("switching",), default="switching", help="(default: %(default)s)")
+    benchmark.add_argument("--runs", type=_whole(1, 10**5), default=100, help="of each start (default: %(default)s)")
+    benchmark.add_argument("--seed", type=_whole(0, 2**63 - 1), default=1, help="seed of all noise")
+    benchmark.add_argument("--out", type=Path, default=Path("out/benchmark"), help="folder (default: %(default)s)")
+    benchmark.add_argument("--no-figures", dest="figures", action="store_false", help="results.json and table only")
+    benchmark.set_defaults(call=_benchmark)
 
     node = commands.add_parser(
         "run", help="run one node, as ros2 run does", description="Run one node in this process."
@@ -74,12 +117,12 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _add_flags(parser: argparse.ArgumentParser, config_type: type[Any], without: tuple[str, ...]) -> None:
+def _add_flags(parser: argparse.ArgumentParser, config_type: type[Any], without: tuple[str, ...] = ()) -> None:
     """Make a flag of each parameter of a configuration; only flags that are given appear in the result."""
     for parameter in parameters_of(config_type):
         if parameter.name in without:
             continue
-        default = " ".join(parameter.default) if isinstance(parameter.default, tuple) else parameter.default
+        default = " ".join(map(str, parameter.default)) if isinstance(parameter.default, tuple) else parameter.default
         unit = "" if parameter.spec.unit == "-" else f" [{parameter.spec.unit}]"
         options: dict[str, Any] = {
             "help": f"{parameter.spec.text}{unit}" + (f" (default: {default})" if default not in ("", False) else ""),
@@ -90,7 +133,7 @@ def _add_flags(parser: argparse.ArgumentParser, config_type: type[Any], without:
         elif parameter.type in (float, int):
             options["type"] = parameter.type
         elif parameter.type is not str:
-            options["nargs"] = "+"
+            options |= {"nargs": "+", "type": get_args(parameter.type)[0]}
         parser.add_argument("--" + parameter.name.replace("_", "-").replace(".", "-"), dest=parameter.name, **options)
 
 
@@ -104,10 +147,67 @@ def _whole(low: int, high: int) -> Callable[[str], int]:
     return whole
 
 
+def _yaml(text: str) -> Any:
+    try:
+        return load_yaml(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"no YAML: {error}") from None
+
+
+def _setting(text: str) -> tuple[str, Any]:
+    name, found, value = text.partition("=")
+    if not found or not name:
+        raise argparse.ArgumentTypeError(f"{text!r}: must be NAME=VALUE")
+    return name, _yaml(value)
+
+
+def _once(flag: str, settings: list[tuple[str, Any]]) -> dict[str, Any]:
+    values: dict[str, Any] = {}
+    for name, value in settings:
+        if name in values:
+            raise InvalidValueError(f"{flag} {name}", value, "given once")
+        values[name] = value
+    return values
+
+
 def _demo(options: argparse.Namespace) -> int:
     from diffbot_sim.demo import DemoOptions, run_demo  # noqa: PLC0415 - nothing is imported that is not called
 
-    return run_demo(DemoOptions(options.out, options.seed, options.real_time, options.overwrite, options.domain))
+    return run_demo(
+        DemoOptions(options.out, options.seed, options.real_time, options.overwrite, options.domain, options.preset)
+    )
+
+
+def _experiment(options: argparse.Namespace) -> int:
+    from diffbot_sim.experiment import run_and_report  # noqa: PLC0415
+
+    run_and_report(tuple(dict.fromkeys(options.names)), options.runs, options.seed, options.out, options.figures)
+    return 0
+
+
+def _campaign(options: argparse.Namespace) -> int:
+    from diffbot_sim import campaign_command  # noqa: PLC0415
+
+    flags = {name: value for name, value in vars(options).items() if name in to_dict(CampaignOptions())}
+    if options.start is not None:
+        flags["start"] = options.start
+    flags |= {"set": _once("--set", options.set), "grid": _once("--grid", options.grid)}
+    return campaign_command.run(options.file, flags, options.out, options.workers, options.scheduler)
+
+
+def _stability(options: argparse.Namespace) -> int:
+    from diffbot_sim import stability_command  # noqa: PLC0415
+
+    if not 0.0 < options.rho_max < 1e6:
+        raise InvalidValueError("--rho-max", options.rho_max, "> 0 and < 1e6")
+    values = _once("--set", options.set)
+    return stability_command.run(values, options.rho_max, options.points, options.runs, options.seed, options.out)
+
+
+def _benchmark(options: argparse.Namespace) -> int:
+    from diffbot_sim.benchmark import run_and_report  # noqa: PLC0415
+
+    return run_and_report(options.runs, options.seed, options.out, options.figures)
 
 
 def _run_node(options: argparse.Namespace) -> int:

@@ -78,9 +78,29 @@ def _arrow(axes: Any, pose: Pose, length: float, colour: str, text: str) -> None
     axes.annotate(text, (pose.x, pose.y), xytext=(6, -12), textcoords="offset points", color=colour, zorder=6)
 
 
-def save(figure: Any, path: Path) -> None:
-    """Write a figure through a temporary name, so that no half a picture is ever seen."""
-    part = path.with_name(f".{path.name}.part")
-    figure.savefig(part, format=path.suffix[1:])
+def new_figure(rows: int, size: tuple[float, float], *, sharex: bool = True) -> tuple[Any, Any]:
+    """Return a figure of ``size`` [inch] with one axes (rows 1) or a list of axes above each other."""
+    figure, axes = plt.subplots(rows, sharex=sharex, figsize=size, dpi=110, layout="constrained")
+    for one in [axes] if rows == 1 else axes:
+        one.grid(alpha=0.3)
+    return figure, axes
+
+
+def new_grid(rows: int, columns: int, below: int, size: tuple[float, float]) -> tuple[Any, list[Any], list[Any]]:
+    """Return a figure of ``size`` [inch], ``rows`` x ``columns`` small axes, and a row of ``below`` larger ones."""
+    figure = plt.figure(figsize=size, dpi=100, layout="constrained")
+    upper, lower = figure.subfigures(2, height_ratios=(2.6 * rows, 4.2))
+    small = np.atleast_1d(upper.subplots(rows, columns)).ravel().tolist()
+    large = np.atleast_1d(lower.subplots(1, below)).ravel().tolist()
+    for one in (*small, *large):
+        one.grid(alpha=0.3)
+    return figure, small, large
+
+
+def save(figure: Any, *paths: Path) -> None:
+    """Write a figure in one or more formats, each through a temporary name, so that no half a picture is ever seen."""
+    for path in paths:
+        part = path.with_name(f".{path.name}.part")
+        figure.savefig(part, format=path.suffix[1:])
+        os.replace(part, path)
     plt.close(figure)
-    os.replace(part, path)

@@ -20,10 +20,11 @@ from typing import Any
 import numpy as np
 
 from diffbot_bag.config import RecorderConfig, ReplayConfig
-from diffbot_control.config import parameters_of
+from diffbot_control.config import parameters_of, to_dict
 from diffbot_control.controller import ControllerConfig
 from diffbot_control.geometry import Pose
-from diffbot_control.node_config import ControllerNodeConfig, EkfNodeConfig
+from diffbot_control.node_config import CONTROLLER_PRESETS, ControllerNodeConfig, EkfNodeConfig
+from diffbot_control.presets import PAPER, TUNED
 from diffbot_sim.closed_loop import EKF, RAW, TRUTH, simulate
 from diffbot_sim.experiment import run_experiment, summarise, write_json
 from diffbot_sim.experiment_figures import figure_paths
@@ -57,7 +58,8 @@ def parameters_page() -> str:
         "",
         "Made by `make docs` from the configuration types; a test holds it to them. A node refuses to",
         "start with a value outside its bounds, and refuses to be set to one, naming parameter, value and bound.",
-        "*Fixed*: read at the start only. A text or list default of nothing is shown as `-`.",
+        "*Fixed*: read at the start only. A text or list default of nothing is shown as `-`. The controller's defaults",
+        "come from its parameter `preset`.",
     ]
     for node, config_type in NODES.items():
         lines += [
@@ -67,11 +69,15 @@ def parameters_page() -> str:
             "| parameter | default | unit | allowed | fixed | meaning |",
             "|---|---|---|---|---|---|",
         ]
+        tuned, paper = (to_dict(CONTROLLER_PRESETS[name]) if node == "controller" else {} for name in (TUNED, PAPER))
         for parameter in parameters_of(config_type):
+            default = _shown(tuned.get(parameter.name, parameter.default))
+            if tuned.get(parameter.name) != paper.get(parameter.name):
+                default += f" (paper: {_shown(paper[parameter.name])})"
             spec = parameter.spec
             allowed = spec.bound() if parameter.type in (float, int) or spec.choices else ""
             fixed = "yes" if spec.read_only else ""
-            cells = (f"`{parameter.name}`", _shown(parameter.default), spec.unit, allowed, fixed, spec.text)
+            cells = (f"`{parameter.name}`", default, spec.unit, allowed, fixed, spec.text)
             lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     return "\n".join(lines) + "\n"
 

@@ -1,0 +1,131 @@
+"""Many closed loops, compiled from the very functions that the nodes call.
+
+A run is named by (seed, run). What it does depends on nothing else, so results are the same to the bit in any chunking,
+order and number of workers.
+"""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diffbot_control.errors import InvalidValueError
+from diffbot_control.geometry import Pose, wrap_angle
+from diffbot_sim.compiled import compile_kernel
+from diffbot_sim.loop import EKF, RAW, TRUTH, Case, Outcome, run_loop
+from diffbot_sim.noise import START_BLOCK, draw
+
+Array = NDArray[np.float64]
+
+FEEDBACK_CODES = {"truth": TRUTH, "raw": RAW, "ekf": EKF}
+"""The words of closed_loop.FEEDBACKS as the loop's numbers."""
+COLUMNS = Outcome._fields
+HISTORY_COLUMNS = ("x", "y", "theta", "seen_x", "seen_y", "seen_theta", "v", "omega")
+_CHUNK = 512
+"""Runs that a thread takes at a time."""
+
+
+class Starts(NamedTuple):
+    """Where runs begin, in map: run i takes row i modulo their number, and a place in the box about it."""
+
+    poses: Array
+    """(n, 3) rows x, y, theta"""
+    half: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """half widths of the box [m, m, rad]"""
+
+
+def check_case(case: Case, starts: Starts) -> None:
+    """Refuse what the compiled loop does not do.
+
+    Raises:
+        InvalidValueError: for delayed measurements, which need the filter's history; less than one step; no start.
+    """
+    for name in ("fix_delay", "heading_delay"):
+        if getattr(case.sensors, name) > 0.0:
+            raise InvalidValueError(name, getattr(case.sensors, name), "0 in a batch")
+    if case.steps < 1:
+        raise InvalidValueError("steps", case.steps, ">= 1")
+    if starts.poses.ndim != 2 or starts.poses.shape[1:] != (3,) or len(starts.poses) == 0:
+        raise InvalidValueError("starts", starts.poses.shape, "(n, 3) with n >= 1")
+
+
+def _start_pose(poses: Any, half: tuple[float, float, float], seed: int, run: int) -> Pose:
+    row = poses[run % len(poses)]
+    noise = draw(seed, run, 0, START_BLOCK)
+    return Pose(row[0] + half[0] * noise.a, row[1] + half[1] * noise.b, wrap_angle(row[2] + half[2] * noise.c))
+
+
+_start = compile_kernel(_start_pose)
+_loop = compile_kernel(run_loop)
+
+
+def _fill_outcomes(case: Case, poses: Any, half: Any, seed: int, first: int, outcomes: Any, nothing: Any) -> None:
+    for index in range(len(outcomes)):
+        run = first + index
+        outcome = _loop(case, seed, run, _start(poses, half, seed, run), nothing)
+        row = outcomes[index]
+        row[0], row[1], row[2] = outcome.x, outcome.y, outcome.theta
+        row[3], row[4], row[5] = outcome.settling_time, outcome.path_length, outcome.effort
+        row[6], row[7], row[8] = outcome.switches, outcome.local_time, outcome.estimation_error
+
+
+def _fill_histories(case: Case, poses: Any, half: Any, seed: int, first: int, histories: Any) -> None:
+    for index in range(len(histories)):
+        run = first + index
+        _loop(case, seed, run, _start(poses, half, seed, run), histories[index])
+
+
+_outcomes_kernel = compile_kernel(_fill_outcomes)
+_histories_kernel = compile_kernel(_fill_histories)
+
+
+def run_batch(case: Case, starts: Starts, seed: int, first: int, count: int, threads: int | None = None) -> Array:
+    """Do the runs ``first`` to ``first + count - 1`` under ``seed``.
+
+    Args:
+        case: what all runs share.
+        starts: where they begin.
+        seed: of all noise.
+        first: number of the first run.
+        count: how many.
+        threads: how many at a time; None for one on each core.
+
+    Returns:
+        (count, 9), a row per run, columns as COLUMNS.
+
+    Raises:
+        InvalidValueError: see :func:`check_case`.
+    """
+    check_case(case, starts)
+    outcomes: Array = np.empty((count, len(COLUMNS)))
+    nothing: Array = np.empty((0, len(HISTORY_COLUMNS)))
+    parts = [
+        (case, starts.poses, starts.half, seed, first + at, outcomes[at : at + _CHUNK], nothing)
+        for at in range(0, count, _CHUNK)
+    ]
+    _in_threads(_outcomes_kernel, parts, threads)
+    return outcomes
+
+
+def run_histories(case: Case, starts: Starts, seed: int, first: int, count: int, threads: int | None = None) -> Array:
+    """Do runs as :func:`run_batch` does, and return their histories (count, steps + 1, 8), see HISTORY_COLUMNS."""
+    check_case(case, starts)
+    histories: Array = np.empty((count, case.steps + 1, len(HISTORY_COLUMNS)))
+    parts = [(case, starts.poses, starts.half, seed, first + at, histories[at : at + 16]) for at in range(0, count, 16)]
+    _in_threads(_histories_kernel, parts, threads)
+    return histories
+
+
+def _in_threads(kernel: Any, parts: list[tuple[Any, ...]], threads: int | None) -> None:
+    workers = min(threads or os.cpu_count() or 1, len(parts))
+    if workers <= 1:
+        for part in parts:
+            kernel(*part)
+        return
+    with ThreadPoolExecutor(workers) as pool:
+        for future in [pool.submit(kernel, *part) for part in parts]:
+            future.result()

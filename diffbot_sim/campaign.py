@@ -1,0 +1,280 @@
+"""Running a campaign: chunks through ``Executor.submit``, a journal that survives any end, and one result at last.
+
+The journal (``campaign.jsonl``) holds a line of counts for each finished chunk; a campaign that was cut short goes on
+from it. Counts add up exactly, so the result does not depend on chunks, order, workers or interruptions.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import inspect
+import json
+import os
+import signal
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from tqdm import tqdm
+
+from diffbot_control.errors import DiffbotError
+from diffbot_sim import campaign_spec, statistics
+from diffbot_sim.batch import Starts, run_batch
+from diffbot_sim.campaign_spec import Campaign
+from diffbot_sim.compiled import SOURCES_HASH
+from diffbot_sim.loop import Case
+from diffbot_sim.statistics import CellStatistics, count_outcomes
+
+FORMAT = 1
+JOURNAL = "campaign.jsonl"
+SOURCES = hashlib.sha256(
+    SOURCES_HASH.encode() + b"".join(Path(inspect.getfile(one)).read_bytes() for one in (campaign_spec, statistics))
+).hexdigest()[:16]
+"""Names the code that decides the counts: what runs, from where, and how it is counted."""
+_STEPS_PER_CHUNK = 2_000_000
+"""About half a second of one core: often enough for the progress bar and for what a crash may cost."""
+_RUNS_PER_CHUNK = 100_000
+"""A worker has the outcomes of all runs of a chunk in memory."""
+_RETRIES = 3
+"""Times that a pool is started again after one of its workers was killed, without a chunk finished in between."""
+
+
+class Chunk(NamedTuple):
+    """Runs ``first`` to ``first + number - 1`` of one cell; all that a worker needs to do them."""
+
+    cell: int
+    first: int
+    number: int
+    case: Case
+    starts: Starts
+    seed: int
+    sources: str
+    """the code that is wanted"""
+
+
+def run_chunk(chunk: Chunk) -> dict[str, Any]:
+    """Do a chunk in a worker; return its line of the journal.
+
+    Raises:
+        DiffbotError: on a worker that has another version of the code.
+    """
+    if chunk.sources != SOURCES:
+        raise DiffbotError("a worker has another version of the code")
+    outcomes = run_batch(chunk.case, chunk.starts, chunk.seed, chunk.first, chunk.number, threads=1)
+    return {"cell": chunk.cell, "first": chunk.first, "count": chunk.number, **count_outcomes(outcomes)}
+
+
+def _parsed(line: bytes) -> Any:
+    """Return what the line says, None if it is no JSON."""
+    try:
+        return json.loads(line)
+    except (ValueError, RecursionError):
+        return None
+
+
+class Journal:
+    """The finished chunks of one campaign, a line each, first a line that says which campaign it is."""
+
+    def __init__(self, path: Path, campaign: Campaign) -> None:
+        """Open or begin the journal.
+
+        Raises:
+            DiffbotError: if it belongs to another campaign or another version of the code, is no journal, or cannot be
+                written. It is left as it is then.
+        """
+        self._path = path
+        self._runs = campaign.options.runs
+        self.statistics = [CellStatistics() for _ in campaign.cells]
+        self.done: list[dict[int, int]] = [{} for _ in campaign.cells]
+        """for each cell the finished chunks, first run -> number of runs"""
+        header = {
+            "format": FORMAT,
+            "identity": campaign.identity,
+            "sources": SOURCES,
+            "campaign": campaign.description,
+        }
+        try:
+            # Unbuffered: nothing is left to be written when closing, where it would fail once more.
+            self._file = path.open("ab", buffering=0)
+            try:
+                self._begin(header)
+            except BaseException:
+                self._file.close()
+                raise
+        except OSError as error:
+            raise DiffbotError(f"cannot write {path}: {error.strerror}") from None
+
+    def _begin(self, header: dict[str, Any]) -> None:
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise DiffbotError(f"{self._path} is in use by another process") from None
+        except OSError:
+            pass  # a file system without locks
+        kept = self._load(header)
+        self._file.truncate(kept)
+        if kept == 0:
+            self._append(header)
+
+    def _load(self, header: dict[str, Any]) -> int:
+        """Take in the lines; return the length of what is whole: the last line may have been cut off."""
+        kept = 0
+        with self._path.open("rb") as file:
+            for number, line in enumerate(file, 1):
+                whole = line.endswith(b"\n")
+                if number == 1:
+                    self._check_header(_parsed(line) if whole else None, header)
+                elif whole:
+                    try:
+                        self._take(_parsed(line))
+                    except (IndexError, KeyError, TypeError, ValueError):
+                        raise DiffbotError(f"{self._path}: line {number} is damaged: not touched") from None
+                else:
+                    break
+                kept += len(line)
+        return kept
+
+    def _check_header(self, found: Any, wanted: dict[str, Any]) -> None:
+        if not isinstance(found, dict) or found.get("format") != FORMAT:
+            raise DiffbotError(f"{self._path} is no journal of a campaign (format {FORMAT}): not touched")
+        if found.get("identity") != wanted["identity"]:
+            raise DiffbotError(f"{self._path} belongs to another campaign: not touched; choose another --out")
+        if found.get("sources") != wanted["sources"]:
+            raise DiffbotError(f"{self._path} was begun with another version of the code: choose another --out")
+
+    def _take(self, entry: dict[str, Any]) -> None:
+        cell, first, count = entry["cell"], entry["first"], entry["count"]
+        done = self.done[cell]
+        if min(cell, first) < 0 or count != entry["runs"] or first in done or first + count > self._runs:
+            raise ValueError("not a chunk of this campaign")
+        self.statistics[cell].add(entry)
+        done[first] = count
+
+    def add(self, entry: dict[str, Any]) -> None:
+        """Write and count a finished chunk."""
+        self._append(entry)
+        self._take(entry)
+
+    def _append(self, entry: dict[str, Any]) -> None:
+        line = memoryview(json.dumps(entry, separators=(",", ":")).encode() + b"\n")
+        try:
+            while line:
+                line = line[self._file.write(line) :]
+        except OSError as error:
+            raise DiffbotError(f"cannot write {self._path}: {error.strerror}") from None
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+
+def open_chunks(campaign: Campaign, done: list[dict[int, int]]) -> Iterator[Chunk]:
+    """Yield the chunks that are not in ``done``, cell by cell; gaps are kept small enough for one worker."""
+    for number, cell in enumerate(campaign.cells):
+        size = campaign.options.chunk or min(max(1, _STEPS_PER_CHUNK // cell.case.steps), _RUNS_PER_CHUNK)
+        first = 0
+        while first < campaign.options.runs:
+            if first in done[number]:
+                first += done[number][first]
+                continue
+            later = [begin for begin in done[number] if begin > first]
+            end = min(first + size, campaign.options.runs, *later)
+            yield Chunk(number, first, end - first, cell.case, campaign.starts, campaign.options.seed, SOURCES)
+            first = end
+
+
+def run_campaign(campaign: Campaign, journal: Journal, make_executor: Callable[[], Executor], workers: int) -> None:
+    """Do what the journal lacks.
+
+    Args:
+        campaign: what to run.
+        journal: where finished chunks go.
+        make_executor: called at the start, and again if a worker was killed and took the pool with it.
+        workers: how many chunks are worked on at a time; twice as many are handed out.
+
+    Raises:
+        DiffbotError: if the workers keep dying, or a chunk cannot be written.
+    """
+    total = campaign.options.runs * len(campaign.cells)
+    finished = sum(sum(done.values()) for done in journal.done)
+    failures = 0
+    with tqdm(total=total, initial=finished, unit="run", desc="campaign", disable=None, smoothing=0.05) as bar:
+        while True:
+            before = finished
+            try:
+                for entry in _completed(open_chunks(campaign, journal.done), make_executor, 2 * workers):
+                    journal.add(entry)
+                    finished += entry["count"]
+                    bar.update(entry["count"])
+                return
+            except BrokenExecutor:
+                failures = 1 if finished > before else failures + 1
+                if failures > _RETRIES:
+                    raise DiffbotError("the workers keep dying (out of memory?); finished chunks are kept") from None
+
+
+def _completed(chunks: Iterator[Chunk], make_executor: Callable[[], Executor], window: int) -> Iterator[dict[str, Any]]:
+    """Yield results as they come; never more than ``window`` chunks are handed out, so memory stays flat."""
+    executor = make_executor()
+    running: set[Future[dict[str, Any]]] = set()
+    try:
+        for chunk in chunks:
+            running.add(executor.submit(run_chunk, chunk))
+            if len(running) >= window:
+                finished, running = wait(running, return_when=FIRST_COMPLETED)
+                yield from map(_result, finished)
+        while running:
+            finished, running = wait(running, return_when=FIRST_COMPLETED)
+            yield from map(_result, finished)
+    finally:
+        for future in running:
+            future.cancel()
+        executor.shutdown(wait=True)
+
+
+def _result(future: Future[dict[str, Any]]) -> dict[str, Any]:
+    try:
+        return future.result()
+    except (BrokenExecutor, DiffbotError):
+        raise
+    except Exception as error:  # of any kind: it comes from another machine
+        text = " ".join(f"{type(error).__name__} {error}".split())
+        raise DiffbotError(f"a worker failed: {text}; finished chunks are kept") from error
+
+
+def process_pool(workers: int) -> Executor:
+    """Return a pool of processes on this machine."""
+    return ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_ignore_interrupt)
+
+
+def _ignore_interrupt() -> None:
+    # Ctrl-C reaches all processes of the terminal; the campaign itself winds up.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def cluster_executor(address: str, timeout: float = 10.0) -> tuple[Callable[[], Executor], int]:
+    """Return an executor on a dask.distributed cluster, and how many workers it has.
+
+    Raises:
+        DiffbotError: if distributed is not installed or no scheduler answers.
+    """
+    try:
+        from distributed import Client  # noqa: PLC0415 - an extra
+    except ImportError:
+        raise DiffbotError("--scheduler needs dask.distributed: pip install 'diffbot[cluster]'") from None
+    try:
+        client = Client(address, timeout=timeout, set_as_default=False)
+    except (OSError, TimeoutError, ValueError) as error:
+        raise DiffbotError(f"no scheduler at {address}: {' '.join(str(error).split())}") from None
+    workers = sum(client.nthreads().values())
+    if workers == 0:
+        raise DiffbotError(f"the scheduler at {address} has no workers")
+    return lambda: client.get_executor(retries=_RETRIES, pure=False), workers
+
+
+def campaign_workers(wanted: int | None) -> int:
+    """Return how many processes to use: ``wanted``, or one for each core that this process may use."""
+    return wanted or len(os.sched_getaffinity(0))

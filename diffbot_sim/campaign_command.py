@@ -1,0 +1,71 @@
+"""``diffbot campaign``: read, run or go on, report."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from diffbot_control.errors import DiffbotError
+from diffbot_sim.campaign import (
+    JOURNAL,
+    Journal,
+    campaign_workers,
+    cluster_executor,
+    process_pool,
+    run_campaign,
+)
+from diffbot_sim.campaign_report import table, write_report
+from diffbot_sim.campaign_spec import Campaign, read_campaign
+
+
+def run(file: Path | None, flags: Mapping[str, Any], out: Path, workers: int | None, scheduler: str | None) -> int:
+    """Run the campaign of a YAML file and flags, or go on with it; write its results to ``out``.
+
+    Returns:
+        0, or 130 if it was interrupted; what was finished by then is kept.
+
+    Raises:
+        DiffbotError: for a bad description, another campaign's folder, an unreachable scheduler.
+    """
+    campaign = read_campaign(file, flags)
+    number = campaign_workers(workers)
+    make_executor = lambda: process_pool(number)  # noqa: E731
+    if scheduler is not None:
+        make_executor, number = cluster_executor(scheduler)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DiffbotError(f"cannot write to {out}: {error.strerror}") from None
+    if not os.access(out, os.W_OK):
+        raise DiffbotError(f"cannot write to {out}")
+    _refuse_results_of_another(out, campaign)
+    journal = Journal(out / JOURNAL, campaign)
+    try:
+        run_campaign(campaign, journal, make_executor, number)
+    except KeyboardInterrupt:
+        done, total = sum(one.runs for one in journal.statistics), campaign.options.runs * len(campaign.cells)
+        print(f"interrupted: {done} of {total} runs are kept; the same command goes on from there", file=sys.stderr)
+        return 130
+    finally:
+        journal.close()
+    print(table(campaign, journal.statistics))
+    for path in write_report(campaign, journal.statistics, out):
+        print(path)
+    return 0
+
+
+def _refuse_results_of_another(out: Path, campaign: Campaign) -> None:
+    """Where results stand without their journal, only those of this very campaign may be written over."""
+    path = out / "results.json"
+    if (out / JOURNAL).exists() or not path.exists():
+        return
+    try:
+        identity = json.loads(path.read_text())["identity"]
+    except (OSError, ValueError, LookupError, TypeError):
+        identity = None
+    if identity != campaign.identity:
+        raise DiffbotError(f"{path} is of another campaign: not touched; choose another --out")

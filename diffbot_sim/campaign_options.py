@@ -1,0 +1,79 @@
+"""The plain values of a campaign; apart from the rest so that the command line knows them without numba."""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated, Any, NamedTuple
+
+import yaml
+
+from diffbot_control.config import Spec
+from diffbot_control.errors import InvalidValueError
+from diffbot_sim.closed_loop import EKF, FEEDBACKS
+
+
+class CampaignOptions(NamedTuple):
+    """The plain values of a campaign; the same names in YAML and as flags."""
+
+    runs: Annotated[int, Spec("runs of each cell", minimum=1, maximum=10**9)] = 1000
+    seed: Annotated[int, Spec("seed of all noise", minimum=0, maximum=2**63 - 1)] = 1
+    duration: Annotated[float, Spec("length of each run", "s", minimum=0.0, above=True, maximum=1e5)] = 60.0
+    feedback: Annotated[str, Spec("what the controller sees", choices=FEEDBACKS)] = EKF
+    goal: Annotated[tuple[float, ...], Spec("x, y, heading of the goal in map", "m, m, rad")] = (0.0, 0.0, 0.0)
+    chunk: Annotated[int, Spec("runs that a worker does at a time; 0: about a second's work", minimum=0)] = 0
+
+    def check(self) -> None:
+        """Refuse a goal that is no finite triple.
+
+        Raises:
+            InvalidValueError: if it is not.
+        """
+        triple("goal", self.goal)
+
+
+class _Loader(yaml.SafeLoader):
+    """Takes no key twice, of which YAML keeps the last, and no aliases, which can unfold to more than any memory."""
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.YAMLError("aliases (*name) are not taken")
+        return super().compose_node(parent, index)
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+        seen = set()
+        for key, _ in node.value:
+            if key.value in seen:
+                raise yaml.MarkedYAMLError(problem=f"{key.value!r} stands there twice", problem_mark=key.start_mark)
+            seen.add(key.value if isinstance(key, yaml.ScalarNode) else id(key))
+        return super().construct_mapping(node, deep)
+
+
+def load_yaml(text: str) -> Any:
+    """Read one YAML document of plain values.
+
+    Raises:
+        ValueError: in one line, if it is none.
+    """
+    try:
+        return yaml.load(text, _Loader)
+    except (yaml.YAMLError, ValueError) as error:  # ValueError: a day that does not exist
+        raise ValueError(" ".join(str(error).split())) from None
+    except RecursionError:
+        raise ValueError("nested too deep") from None
+
+
+def is_number(value: Any) -> bool:
+    """Whether a value out of YAML is a finite number."""
+    # By comparison: a whole number may be too large to be asked as a float.
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
+
+
+def triple(name: str, value: Any) -> tuple[float, float, float]:
+    """Return a value out of YAML as three numbers.
+
+    Raises:
+        InvalidValueError: naming ``name`` if it is something else.
+    """
+    if not isinstance(value, (list, tuple)) or len(value) != 3 or not all(is_number(one) for one in value):
+        raise InvalidValueError(name, value, "three finite numbers x, y, heading")
+    return float(value[0]), float(value[1]), float(value[2])

@@ -1,0 +1,199 @@
+"""What a campaign is: read from YAML and flags, checked, and unfolded into cells."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from diffbot_control.config import build, parameters_of, to_dict
+from diffbot_control.controller import ControllerConfig
+from diffbot_control.errors import DiffbotError, InvalidValueError
+from diffbot_control.geometry import Pose
+from diffbot_control.presets import PAPER, PRESETS
+from diffbot_sim.batch import FEEDBACK_CODES, Starts, check_case
+from diffbot_sim.campaign_options import CampaignOptions, is_number, load_yaml, triple
+from diffbot_sim.loop import Case
+from diffbot_sim.plant import PlantConfig
+from diffbot_sim.sensors import SensorConfig
+
+_PARTS: tuple[type[Any], ...] = (PlantConfig, SensorConfig, ControllerConfig)
+_CELLS_MOST = 10_000
+_LISTS = ("start", "grid", "set")
+
+
+class Cell(NamedTuple):
+    """One point of the grid."""
+
+    values: dict[str, Any]
+    """the grid's parameters at this point"""
+    case: Case
+
+
+class Campaign(NamedTuple):
+    """A checked campaign."""
+
+    options: CampaignOptions
+    starts: Starts
+    cells: list[Cell]
+    description: dict[str, Any]
+    """what it was made from, for the record"""
+
+    @property
+    def identity(self) -> str:
+        """Hash of all that decides its results; the chunk size does not."""
+        decisive = {name: value for name, value in self.description.items() if name != "chunk"}
+        return hashlib.sha256(json.dumps(decisive, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def read_campaign(path: Path | None, flags: Mapping[str, Any]) -> Campaign:
+    """Make a campaign from a YAML file and flags, which win.
+
+    Raises:
+        DiffbotError: in one line: a file that cannot be read, an unknown key, a value that is not allowed.
+    """
+    content: Any = {}
+    if path is not None:
+        try:
+            content = load_yaml(path.read_text())
+        except OSError as error:
+            raise DiffbotError(f"cannot read {path}: {error.strerror}") from None
+        except ValueError as error:
+            raise DiffbotError(f"{path} is no YAML: {error}") from None
+    if not isinstance(content, dict):
+        raise DiffbotError(f"{path}: a mapping of keys is wanted, found {type(content).__name__}")
+    merged = {**content, **flags}
+    for part in ("grid", "set"):
+        merged[part] = {**_mapping(part, content.get(part)), **_mapping(part, flags.get(part))}
+    return make_campaign(merged)
+
+
+def make_campaign(content: Mapping[str, Any]) -> Campaign:
+    """Check a campaign's description and unfold its grid.
+
+    Raises:
+        InvalidValueError: naming the key, its value and the bound.
+    """
+    known = [*CampaignOptions._fields, *_LISTS]
+    for key in content:
+        if key not in known:
+            raise InvalidValueError("key", key, "one of " + ", ".join(known))
+    options = build(CampaignOptions, {key: value for key, value in content.items() if key not in _LISTS})
+    starts = _starts(content.get("start", {"list": [[-2.0, -5.5, math.radians(30.0)]]}))
+    fixed, grid = _mapping("set", content.get("set")), _mapping("grid", content.get("grid"))
+    for name, values in grid.items():
+        if not isinstance(values, list) or not values:
+            raise InvalidValueError(f"grid.{name}", values, "a list with at least one value")
+        numbers = [value for value in values if is_number(value)]
+        if len(set(numbers)) < len(numbers):
+            raise InvalidValueError(f"grid.{name}", values, "values that differ")
+        if name in fixed:
+            raise InvalidValueError(f"set.{name}", fixed[name], "in set or in grid, not in both")
+    number = math.prod(len(values) for values in grid.values())
+    if number > _CELLS_MOST:
+        raise InvalidValueError("grid", f"{number} cells", f"<= {_CELLS_MOST} cells")
+    cells = [
+        _cell(options, fixed, dict(zip(grid, values, strict=True))) for values in itertools.product(*grid.values())
+    ]
+    for cell in cells:
+        check_case(cell.case, starts)
+    description = {**to_dict(options), "start": content.get("start"), "set": fixed, "grid": grid}
+    description["goal"] = list(options.goal)
+    return Campaign(options, starts, cells, description)
+
+
+def _cell(options: CampaignOptions, fixed: Mapping[str, Any], point: dict[str, Any]) -> Cell:
+    plant, sensors, controller = configure({**fixed, **point})
+    case = Case(
+        plant,
+        sensors,
+        controller,
+        Pose(*options.goal),
+        FEEDBACK_CODES[options.feedback],
+        False,
+        max(1, round(options.duration / plant.sampling_time)),
+        controller.tolerance.xy_goal_tolerance,
+        controller.tolerance.yaw_goal_tolerance,
+    )
+    return Cell(point, case)
+
+
+def configure(values: Mapping[str, Any]) -> tuple[PlantConfig, SensorConfig, ControllerConfig]:
+    """Give each value to the configurations that know its name; ``wheel_radius`` is the plant's and the controller's.
+
+    Raises:
+        InvalidValueError: for a name that none of them knows, or a value that is not allowed.
+    """
+    values = dict(values)
+    preset = values.pop("preset", PAPER)
+    if preset not in PRESETS:
+        raise InvalidValueError("preset", preset, "one of " + ", ".join(PRESETS))
+    names = [{parameter.name for parameter in parameters_of(part)} for part in _PARTS]
+    for name, value in values.items():
+        if not any(name in own for own in names):
+            raise InvalidValueError(name, value, f"a parameter: {', '.join(sorted(set().union(*names)))}")
+    bases = {ControllerConfig: PRESETS[preset]}
+    built = [
+        build(part, {name: value for name, value in values.items() if name in own}, bases.get(part))
+        for part, own in zip(_PARTS, names, strict=True)
+    ]
+    return built[0], built[1], built[2]
+
+
+def _starts(start: Any) -> Starts:
+    """Read one of ``{list: [[x, y, theta], ...]}``, ``{box: {x: [low, high], ...}}``, ``{circle: {...}}``."""
+    if not isinstance(start, dict) or len(start) != 1 or next(iter(start)) not in ("list", "box", "circle"):
+        raise InvalidValueError("start", start, "one of list, box, circle with its values")
+    kind, value = next(iter(start.items()))
+    if kind == "list":
+        if not isinstance(value, list) or not value:
+            raise InvalidValueError("start.list", value, "a list with at least one [x, y, heading]")
+        return Starts(np.array([triple("start.list", row) for row in value]))
+    if kind == "box":
+        keys = ("x", "y", "heading")
+        value = _only("start.box", value, keys)
+        low, high = np.array([_interval(f"start.box.{key}", value.get(key, [0.0, 0.0])) for key in keys]).T
+        half = (0.5 * (high - low)).tolist()
+        return Starts(np.array([0.5 * (low + high)]), (half[0], half[1], half[2]))
+    value = _only("start.circle", value, ("radius", "points", "headings"))
+    radius, points = value.get("radius"), value.get("points", 8)
+    headings = value.get("headings", [0.0])
+    if not is_number(radius) or radius <= 0.0:
+        raise InvalidValueError("start.circle.radius", radius, "finite and > 0")
+    if not isinstance(points, int) or isinstance(points, bool) or not 1 <= points <= 100_000:
+        raise InvalidValueError("start.circle.points", points, "a whole number from 1 to 100000")
+    if not isinstance(headings, list) or not headings or not all(is_number(one) for one in headings):
+        raise InvalidValueError("start.circle.headings", headings, "a list of finite numbers [rad]")
+    angles = [2.0 * math.pi * index / points for index in range(points)]
+    return Starts(np.array([(radius * math.cos(a), radius * math.sin(a), h) for h in headings for a in angles]))
+
+
+def _mapping(name: str, value: Any) -> dict[str, Any]:
+    if value is None:
+        return {}
+    if not isinstance(value, dict) or not all(isinstance(key, str) for key in value):
+        raise InvalidValueError(name, value, "a mapping from parameter names")
+    return value
+
+
+def _only(name: str, value: Any, keys: tuple[str, ...]) -> Any:
+    if not isinstance(value, dict):
+        raise InvalidValueError(name, value, "a mapping of " + ", ".join(keys))
+    for key in value:
+        if key not in keys:
+            raise InvalidValueError(f"{name} key", key, "one of " + ", ".join(keys))
+    return value
+
+
+def _interval(name: str, value: Any) -> tuple[float, float]:
+    if not isinstance(value, (list, tuple)) or len(value) != 2 or not all(is_number(one) for one in value):
+        raise InvalidValueError(name, value, "two finite numbers [low, high]")
+    if value[0] > value[1]:
+        raise InvalidValueError(name, value, "[low, high] with low <= high")
+    return float(value[0]), float(value[1])

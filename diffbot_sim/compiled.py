@@ -1,0 +1,84 @@
+"""Making the pure functions callable from compiled code, from outside: they themselves know nothing of numba.
+
+``numba.extending.register_jitable`` tells the compiler about each pure function; the functions stay what they are for
+everybody else.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import os
+import tempfile
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from diffbot_control import controller, geometry, goal, kinematics, laws, limits, navigation, reapproach, regions
+from diffbot_control.errors import DiffbotError
+from diffbot_sim import kalman, loop, noise, peers, plant, sensors
+
+MODULES = (
+    geometry,
+    kinematics,
+    navigation,
+    laws,
+    regions,
+    limits,
+    goal,
+    reapproach,
+    controller,
+    noise,
+    plant,
+    sensors,
+    kalman,
+    peers,
+    loop,
+)
+"""Modules whose functions compiled code may call."""
+
+
+def _functions(module: ModuleType) -> list[Any]:
+    return [one for one in vars(module).values() if inspect.isfunction(one) and one.__module__ == module.__name__]
+
+
+def _hash_of_sources() -> str:
+    own = sorted(Path(__file__).parent.glob("batch*.py"))
+    paths = [*(Path(inspect.getfile(module)) for module in MODULES), *own]
+    return hashlib.sha256(b"".join(path.read_bytes() for path in paths)).hexdigest()[:16]
+
+
+SOURCES_HASH = _hash_of_sources()
+"""Names the code that decides the results of a run."""
+
+
+def _use_cache_of_these_sources() -> None:
+    """Point numba's cache to a folder named after the sources.
+
+    numba looks only at the file of the function that it compiles; a change in a function which that one calls would go
+    unseen, and the old code would run on.
+    """
+    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "diffbot"
+    try:
+        base.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        base = Path(tempfile.gettempdir()) / f"diffbot-{os.getuid()}"
+    os.environ.setdefault("NUMBA_CACHE_DIR", str(base / SOURCES_HASH))
+
+
+_use_cache_of_these_sources()
+
+try:
+    from numba import njit  # the cache's place is read at this import
+    from numba.extending import register_jitable
+except ImportError as error:
+    raise DiffbotError("compiled simulation needs numba: pip install 'numba>=0.60'") from error
+
+for _module in MODULES:
+    for _function in _functions(_module):
+        register_jitable(_function)
+
+
+def compile_kernel(function: Any) -> Any:
+    """Compile a function that calls the pure ones; it runs without the interpreter's lock: threads run in parallel."""
+    return njit(function, nogil=True, cache=True, error_model="numpy")

@@ -1,0 +1,109 @@
+"""Figures 4 to 15 of the paper, from our runs: all runs faint, one highlighted, and the band of 5 to 95 %."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from concurrent.futures import Executor, Future
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.collections import LineCollection
+from numpy.typing import NDArray
+
+from diffbot_sim.experiment import Group
+from diffbot_sim.figures import new_figure, save
+
+Array = NDArray[np.float64]
+
+_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#999933")
+FIRST_FIGURE = {"law 13": 4, "law 17": 7, "heading 0 deg": 10, "heading 220 deg": 13}
+"""Number in the paper of the path's figure of each group; pose and velocities follow it."""
+
+
+class Sheet(NamedTuple):
+    """What one figure shows."""
+
+    title: str
+    time: Array
+    """(steps + 1,) [s]"""
+    histories: Array
+    """(runs, steps + 1, 8)"""
+    starts: int
+    """run i began at start i modulo this"""
+
+
+def figure_paths(groups: list[Group], folder: Path, pool: Executor) -> Iterator[Future[list[Path]]]:
+    """Draw all figures of an experiment into one folder per setting, as PNG and SVG, in the workers of ``pool``."""
+    for group in groups:
+        target = folder / group.setting.name
+        target.mkdir(parents=True, exist_ok=True)
+        number = FIRST_FIGURE[group.label]
+        t_s = group.setting.plant.sampling_time
+        time: Array = np.arange(group.histories.shape[1]) * np.float64(t_s)
+        label = group.law if group.label == group.law else f"{group.law}, {group.label}"
+        sheet = Sheet(f"{label}, {group.setting.name}", time, group.histories, len(group.starts.poses))
+        for offset, (draw, what) in enumerate(((_draw_path, "path"), (_draw_pose, "pose"), (_draw_command, "command"))):
+            yield pool.submit(_draw_file, draw, sheet, target / f"figure_{number + offset:02d}_{what}")
+
+
+def _draw_file(draw: Any, sheet: Sheet, stem: Path) -> list[Path]:
+    figure = draw(sheet)
+    paths = [stem.with_suffix(".png"), stem.with_suffix(".svg")]
+    save(figure, *paths)
+    return paths
+
+
+def _draw_path(sheet: Sheet) -> Any:
+    figure, axes = new_figure(1, (6.4, 5.6))
+    poses = sheet.histories[:, :, :2]
+    for start in range(sheet.starts):
+        _faint(axes, [poses[run] for run in range(start, len(poses), sheet.starts)], _COLOURS[start])
+    for start in range(sheet.starts):
+        axes.plot(*poses[start].T, color=_COLOURS[start], linewidth=1.6, label="one run" if start == 0 else None)
+        x, y, theta = sheet.histories[start, 0, :3]
+        span = float(np.ptp(poses[:, 0, 0])) or float(np.hypot(x, y))
+        dx, dy = 0.06 * span * math.cos(theta), 0.06 * span * math.sin(theta)
+        axes.arrow(x, y, dx, dy, width=0.008 * span, color="black")
+    axes.plot(0.0, 0.0, "x", color="black", markersize=9, label="goal (heading 0)")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("y [m]")
+    axes.set_title(f"Path: {sheet.title}")
+    axes.legend(fontsize="small")
+    return figure
+
+
+def _draw_pose(sheet: Sheet) -> Any:
+    columns = [sheet.histories[:, :, 0], sheet.histories[:, :, 1], np.unwrap(sheet.histories[:, :, 2], axis=1)]
+    return _draw_series(sheet, columns, ("x [m]", "y [m]", "theta [rad]"), f"Pose: {sheet.title}")
+
+
+def _draw_command(sheet: Sheet) -> Any:
+    # The last row has no command that follows it.
+    cut = Sheet(sheet.title, sheet.time[:-1], sheet.histories[:, :-1], sheet.starts)
+    columns = [cut.histories[:, :, 6], cut.histories[:, :, 7]]
+    return _draw_series(cut, columns, ("v [m/s]", "omega [rad/s]"), f"Command: {sheet.title}")
+
+
+def _draw_series(sheet: Sheet, columns: list[Array], labels: tuple[str, ...], title: str) -> Any:
+    figure, all_axes = new_figure(len(columns), (6.4, 1.9 * len(columns) + 0.6))
+    for axes, values, label in zip(all_axes, columns, labels, strict=True):
+        for start in range(sheet.starts):
+            runs = values[start :: sheet.starts]
+            _faint(axes, [np.column_stack([sheet.time, run]) for run in runs], _COLOURS[start])
+            low, high = np.quantile(runs, (0.05, 0.95), axis=0)
+            axes.fill_between(sheet.time, low, high, color=_COLOURS[start], alpha=0.2, linewidth=0)
+        for start in range(sheet.starts):
+            axes.plot(sheet.time, values[start], color=_COLOURS[start], linewidth=1.3)
+        axes.set_ylabel(label)
+        axes.autoscale_view()
+    all_axes[0].set_title(title)
+    all_axes[-1].set_xlabel("time [s]")
+    return figure
+
+
+def _faint(axes: Any, lines: list[Array], colour: str) -> None:
+    # Rasterised: a hundred paths as vectors would make the SVG a hundred times as large.
+    axes.add_collection(LineCollection(lines, colors=colour, linewidths=0.5, alpha=0.15, rasterized=True))

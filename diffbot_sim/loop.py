@@ -1,0 +1,227 @@
+"""One closed loop with plain numbers only: the form that compiles, and that runs as plain Python too.
+
+It does what :func:`diffbot_sim.closed_loop.simulate` does, with the filter of :mod:`diffbot_sim.kalman`; a test holds
+them together.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+from diffbot_control.controller import ControllerConfig, new_memory, step
+from diffbot_control.geometry import Pose, into_frame
+from diffbot_control.goal import Uncertainty, largest_deviation
+from diffbot_control.kinematics import Twist, WheelSpeeds, body_twist, encoder_covariance
+from diffbot_control.limits import limit_velocity
+from diffbot_control.navigation import in_front
+from diffbot_control.regions import OMEGA_L
+from diffbot_sim.kalman import Belief, first_fix, predict, unknown, update_heading, update_pose
+from diffbot_sim.noise import FAULT_BLOCK, FIX_BLOCK, WHEEL_BLOCK, Draw, draw
+from diffbot_sim.peers import OURS, new_peer_memory, peer_step
+from diffbot_sim.plant import PlantConfig, PlantState, plant_step
+from diffbot_sim.sensors import (
+    SensorConfig,
+    due,
+    is_lost,
+    measured_heading,
+    measured_pose,
+    uniform_variance,
+    with_outlier,
+)
+
+TRUTH, RAW, EKF = 0, 1, 2
+"""What the controller sees: the true pose, the newest fix, or the filter's estimate."""
+
+
+class Case(NamedTuple):
+    """All that a run needs but its name (seed, run) and its start."""
+
+    plant: PlantConfig
+    sensors: SensorConfig
+    controller: ControllerConfig
+    goal: Pose
+    feedback: int
+    literal_rear: bool
+    """The rear sector's velocity with the sign that the paper prints"""
+    steps: int
+    xy_tolerance: float
+    """[m] for the settling time"""
+    yaw_tolerance: float
+    """[rad]"""
+    peer: int = OURS
+    """which law drives, see :mod:`diffbot_sim.peers`; of ``controller`` a peer keeps the limits of the velocity"""
+
+
+class Outcome(NamedTuple):
+    """What is kept of a run."""
+
+    x: float
+    """[m] true end pose in the goal's frame"""
+    y: float
+    theta: float
+    settling_time: float
+    """[s] until the last entry into the tolerances; nan if the run ends outside"""
+    path_length: float
+    """[m]"""
+    effort: float
+    """integral of v^2 + omega^2 over time [m^2/s + rad^2/s]"""
+    switches: float
+    """changes of region"""
+    local_time: float
+    """[s] when Omega_L was entered first; nan if never"""
+    estimation_error: float
+    """[m] distance of what the controller saw last from the truth"""
+
+
+class View(NamedTuple):
+    """What is known of the robot."""
+
+    belief: Belief
+    seen: Pose
+    """what the controller gets"""
+    has_seen: bool
+
+
+class Tally(NamedTuple):
+    """What is summed up along a run."""
+
+    last_outside: int
+    """last step outside the tolerances, -1 for none"""
+    path_length: float
+    effort: float
+    local_time: float
+
+
+def run_loop(case: Case, seed: int, run: int, start: Pose, history: Any) -> Outcome:
+    """Do one run.
+
+    Args:
+        case: what all runs share.
+        seed: of the campaign.
+        run: number of the run.
+        start: true pose at first, in map.
+        history: (steps + 1, 8) array whose rows are filled, or (0, 8) for none.
+    """
+    t_s = case.plant.sampling_time
+    rest = WheelSpeeds(0.0, 0.0)
+    state = PlantState(start, Twist(0.0, 0.0), rest, rest, rest, Pose(0.0, 0.0, 0.0), 0)
+    memory = new_memory()
+    peer_memory = new_peer_memory()
+    view = View(unknown(), start, False)
+    tally = Tally(-1, 0.0, 0.0, math.nan)
+    for index in range(case.steps + 1):
+        view = _observe(case, seed, run, index, state, view)
+        command = Twist(0.0, 0.0)
+        if view.has_seen and case.peer != OURS:
+            peer_memory, wanted = peer_step(case.peer, peer_memory, into_frame(view.seen, case.goal))
+            command = limit_velocity(wanted, case.controller.limits, case.controller.wheels)
+        elif view.has_seen:
+            dt = t_s if index > 0 else 0.0
+            memory, command, report = step(memory, view.seen, case.goal, dt, case.controller, _uncertainty(case, view))
+            if case.literal_rear and not in_front(report.alpha):
+                command = Twist(-command.v, command.omega)
+        if len(history) > 0:
+            _record(history, index, state.pose, view, command)
+        before = state.pose
+        if index < case.steps:
+            state = plant_step(state, command, draw(seed, run, index, WHEEL_BLOCK), case.plant)
+        tally = _tallied(tally, case, index, memory.region, command, before, state.pose)
+    return _outcome(case, tally, memory.switches, view, state.pose)
+
+
+def _uncertainty(case: Case, view: View) -> Uncertainty:
+    """What the controller is told of the estimate; a fix or the truth is taken at its word."""
+    if case.feedback != EKF:
+        return Uncertainty(0.0, 0.0)
+    belief = view.belief
+    return Uncertainty(largest_deviation(belief.xx, belief.xy, belief.yy), math.sqrt(max(belief.tt, 0.0)))
+
+
+def _observe(case: Case, seed: int, run: int, index: int, state: PlantState, view: View) -> View:
+    """Sense and filter, in the order of the graph: odometry, then the fix, then the heading."""
+    plant, sensors = case.plant, case.sensors
+    t_s = plant.sampling_time
+    belief, seen, has_seen = view
+    if index > 0 and belief.known:
+        var_v, cov, var_omega = encoder_covariance(state.encoder, plant.encoder_noise, plant.wheels)
+        belief = predict(belief, body_twist(state.encoder, plant.wheels), t_s, var_v, cov, var_omega)
+    wants_fix, wants_heading = due(index, sensors.fix_rate, t_s), due(index, sensors.heading_rate, t_s)
+    if wants_fix or wants_heading:
+        noise = draw(seed, run, index, FIX_BLOCK)
+        if wants_fix:
+            fix, lost = _fix(sensors, seed, run, index, state.pose, noise)
+            if not lost:
+                belief = _corrected(belief, fix, sensors)
+                if case.feedback == RAW:
+                    seen, has_seen = fix, True
+        if wants_heading and belief.known:
+            heading = measured_heading(state.pose, noise, sensors)
+            belief = update_heading(belief, heading, uniform_variance(sensors.heading_error_max))
+    if case.feedback == TRUTH:
+        return View(belief, state.pose, True)
+    if case.feedback == EKF and belief.known:
+        return View(belief, belief.pose, True)
+    return View(belief, seen, has_seen)
+
+
+def _fix(sensors: SensorConfig, seed: int, run: int, index: int, pose: Pose, noise: Draw) -> tuple[Pose, bool]:
+    """Take a fix; also whether it is lost."""
+    fix = measured_pose(pose, noise, sensors)
+    if sensors.fix_dropout == 0.0 and sensors.fix_outlier == 0.0:
+        return fix, False
+    fault = draw(seed, run, index, FAULT_BLOCK)
+    return with_outlier(fix, fault, sensors), is_lost(fault, sensors)
+
+
+def _corrected(belief: Belief, fix: Pose, sensors: SensorConfig) -> Belief:
+    var_x, var_y = uniform_variance(sensors.eps_x_max), uniform_variance(sensors.eps_y_max)
+    var_theta = uniform_variance(sensors.eps_theta_max)
+    if belief.known:
+        return update_pose(belief, fix, var_x, var_y, var_theta)
+    return first_fix(fix, var_x, var_y, var_theta)
+
+
+def _tallied(tally: Tally, case: Case, index: int, region: int, command: Twist, before: Pose, after: Pose) -> Tally:
+    """Add one step, from the true pose ``before`` to ``after``."""
+    t_s = case.plant.sampling_time
+    local = into_frame(before, case.goal)
+    inside = math.hypot(local.x, local.y) <= case.xy_tolerance and abs(local.theta) <= case.yaw_tolerance
+    first_local = region == OMEGA_L and math.isnan(tally.local_time)
+    power = command.v * command.v + command.omega * command.omega if index < case.steps else 0.0
+    return Tally(
+        tally.last_outside if inside else index,  # nan is not inside
+        tally.path_length + math.hypot(after.x - before.x, after.y - before.y),
+        tally.effort + power * t_s,
+        index * t_s if first_local else tally.local_time,
+    )
+
+
+def _record(history: Any, index: int, pose: Pose, view: View, command: Twist) -> None:
+    row = history[index]
+    row[0], row[1], row[2] = pose.x, pose.y, pose.theta
+    row[3], row[4], row[5] = math.nan, math.nan, math.nan
+    if view.has_seen:
+        row[3], row[4], row[5] = view.seen.x, view.seen.y, view.seen.theta
+    row[6], row[7] = command.v, command.omega
+
+
+def _outcome(case: Case, tally: Tally, switches: int, view: View, pose: Pose) -> Outcome:
+    local = into_frame(pose, case.goal)
+    settled = math.nan
+    if tally.last_outside < case.steps:
+        settled = (tally.last_outside + 1) * case.plant.sampling_time
+    error = math.nan
+    if view.has_seen:
+        error = math.hypot(view.seen.x - pose.x, view.seen.y - pose.y)
+    return Outcome(
+        local.x,
+        local.y,
+        local.theta,
+        settled,
+        tally.path_length,
+        tally.effort,
+        float(switches),
+        tally.local_time,
+        error,
+    )

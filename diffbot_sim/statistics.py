@@ -1,0 +1,137 @@
+"""Statistics of very many runs in little memory, the same whatever the order in which they come.
+
+Only counts are kept, and counts add up exactly. A value is counted in a bin that is 0.5 % wide, so a quantile is right
+to 0.25 %.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diffbot_sim.batch import COLUMNS
+
+Array = NDArray[np.float64]
+
+BIN_WIDTH = 0.005
+"""Relative width of a bin."""
+SMALLEST = 1e-6
+"""Values below it (in any unit) count as 0."""
+LARGEST = 1e300
+"""Values above it, infinity too, count as it."""
+QUANTILES = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
+METRICS = ("settling_time", "position_error", "heading_error", "path_length", "effort", "switches", "estimation_error")
+"""What is counted of each run; settling_time of those that settled only."""
+
+_ZERO = -1
+_LOG_BASE = math.log1p(BIN_WIDTH)
+
+
+def bins_of(values: Array) -> dict[int, int]:
+    """Count non-negative values by bin; nan is left out."""
+    values = np.minimum(values[~np.isnan(values)], LARGEST)
+    with np.errstate(divide="ignore"):
+        bins = np.floor(np.log(values / SMALLEST) / _LOG_BASE)
+    bins = np.where(values < SMALLEST, _ZERO, bins).astype(np.int64)
+    keys, counts = np.unique(bins, return_counts=True)
+    return dict(zip(keys.tolist(), counts.tolist(), strict=True))
+
+
+def value_of(key: int) -> float:
+    """Return the middle of a bin."""
+    return 0.0 if key == _ZERO else SMALLEST * math.exp((key + 0.5) * _LOG_BASE)
+
+
+def quantile(bins: Counter[int], q: float) -> float:
+    """Return the q-quantile, the smallest value that at least a share q does not exceed; nan if nothing was counted."""
+    total = sum(bins.values())
+    if total == 0:
+        return math.nan
+    wanted = max(1, math.ceil(q * total))
+    seen = 0
+    for key in sorted(bins):
+        seen += bins[key]
+        if seen >= wanted:
+            return value_of(key)
+    return value_of(max(bins))
+
+
+def wilson(successes: int, total: int, z: float = 1.959963984540054) -> tuple[float, float]:
+    """Wilson's interval of a share (E. B. Wilson, JASA 22, 1927); 95 % with the default z."""
+    if total == 0:
+        return 0.0, 1.0
+    share = successes / total
+    scale = 1.0 + z * z / total
+    centre = (share + z * z / (2.0 * total)) / scale
+    half = z * math.sqrt(share * (1.0 - share) / total + z * z / (4.0 * total * total)) / scale
+    return max(0.0, centre - half), min(1.0, centre + half)
+
+
+class CellStatistics:
+    """Counts of one cell."""
+
+    def __init__(self) -> None:
+        """Start with nothing counted."""
+        self.runs = 0
+        self.settled = 0
+        self.reached_local = 0
+        self.bins: dict[str, Counter[int]] = {metric: Counter() for metric in METRICS}
+
+    def add(self, counts: dict[str, Any]) -> None:
+        """Add the counts of a chunk, as :func:`count_outcomes` makes them."""
+        self.runs += counts["runs"]
+        self.settled += counts["settled"]
+        self.reached_local += counts["reached_local"]
+        for metric in METRICS:
+            for key, count in _pairs(counts["bins"][metric]):
+                self.bins[metric][key] += count
+
+    def summary(self) -> dict[str, Any]:
+        """Return the cell's figures: success rate with interval, quantiles of each metric."""
+        low, high = wilson(self.settled, self.runs)
+        figures: dict[str, Any] = {
+            "runs": self.runs,
+            "success_rate": self.settled / self.runs if self.runs else None,
+            "success_low": low,
+            "success_high": high,
+            "reached_local_region": self.reached_local,
+        }
+        for metric in METRICS:
+            for q in QUANTILES:
+                value = quantile(self.bins[metric], q)
+                # Changes of region are whole numbers; their bins are narrower than 1 up to 200.
+                value = float(round(value)) if metric == "switches" and not math.isnan(value) else value
+                figures[f"{metric}_q{100 * q:g}"] = None if math.isnan(value) else value
+        return figures
+
+    def ecdf(self, metric: str) -> tuple[list[float], list[float]]:
+        """Return values and the share of all runs at or below each."""
+        keys = sorted(self.bins[metric])
+        shares = np.cumsum([self.bins[metric][key] for key in keys]) / max(self.runs, 1)
+        return [value_of(key) for key in keys], shares.tolist()
+
+
+def _pairs(bins: Any) -> Iterable[tuple[int, int]]:
+    # JSON has no whole numbers as keys, so bins travel as pairs.
+    return ((int(key), int(count)) for key, count in bins)
+
+
+def count_outcomes(outcomes: Array) -> dict[str, Any]:
+    """Turn outcomes (runs, 9), columns as batch.COLUMNS, into counts that can be added and written as JSON."""
+    column = {name: outcomes[:, index] for index, name in enumerate(COLUMNS)}
+    values = {
+        **{metric: column[metric] for metric in METRICS if metric in column},
+        "position_error": np.hypot(column["x"], column["y"]),
+        "heading_error": np.abs(column["theta"]),
+    }
+    return {
+        "runs": len(outcomes),
+        "settled": int(np.isfinite(column["settling_time"]).sum()),
+        "reached_local": int(np.isfinite(column["local_time"]).sum()),
+        "bins": {metric: sorted(bins_of(values[metric]).items()) for metric in METRICS},
+    }

@@ -1,0 +1,395 @@
+"""The compiled closed loop does what the ROS-free closed loop does, whatever the chunks, threads and processes."""
+
+import itertools
+import math
+import os
+import subprocess
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from diffbot_control.controller import ControllerConfig
+from diffbot_control.ekf import Motion, PoseEkf
+from diffbot_control.errors import InvalidValueError
+from diffbot_control.geometry import Pose
+from diffbot_control.kinematics import Twist
+from diffbot_control.laws import Gains
+from diffbot_control.limits import Limits
+from diffbot_control.metrics import goal_metrics, path_length
+from diffbot_control.regions import FixedRegion
+from diffbot_sim import batch, kalman
+from diffbot_sim.batch import COLUMNS, FEEDBACK_CODES, HISTORY_COLUMNS, Starts, run_batch, run_histories
+from diffbot_sim.closed_loop import FEEDBACKS, simulate
+from diffbot_sim.kalman import Belief
+from diffbot_sim.loop import Case, run_loop
+from diffbot_sim.plant import PlantConfig
+from diffbot_sim.sensors import SensorConfig
+from diffbot_sim.world import StartPose, WorldConfig
+
+ROOT = Path(__file__).resolve().parent.parent
+INF = math.inf
+ORIGIN = Pose(0.0, 0.0, 0.0)
+PAPER = PlantConfig(exact_arc=False, drive_noise=0.0, encoder_noise=0.0, eps_v_max=0.065, eps_omega_max=0.2167)
+QUIET = PlantConfig(drive_noise=0.0, encoder_noise=0.0)
+SENSORS, CONTROLLER = SensorConfig(), ControllerConfig()
+EXACT = SensorConfig(eps_x_max=0.0, eps_y_max=0.0, eps_theta_max=0.0)
+LIMITED = ControllerConfig(limits=Limits(1.0, 1.5, 15.0, 0.8, 2.0))
+FASTER = ControllerConfig(gains=Gains(1.1, 2.5, 0.6, 1.9), region=FixedRegion(0.25, 0.3))
+START = (-2.0, -5.5, math.radians(30.0))
+SEEDS = (1, 2**40 + 3, 2**63 - 1)
+
+
+def case_of(plant=PAPER, sensors=SENSORS, controller=CONTROLLER, goal=ORIGIN, feedback="raw", steps=150):
+    return Case(plant, sensors, controller, goal, FEEDBACK_CODES[feedback], False, steps, 0.4, 0.1)
+
+
+def wrapped(angles):
+    return np.remainder(np.asarray(angles) + math.pi, 2.0 * math.pi) - math.pi
+
+
+def assert_same_poses(actual, expected, tolerance):
+    np.testing.assert_array_equal(np.isnan(actual), np.isnan(expected))
+    known = ~np.isnan(expected).any(axis=1)
+    np.testing.assert_allclose(actual[known, :2], expected[known, :2], rtol=0.0, atol=tolerance)
+    np.testing.assert_allclose(wrapped(actual[known, 2] - expected[known, 2]), 0.0, atol=tolerance)
+
+
+WORLDS = {
+    "paper's noise": (PAPER, SensorConfig(), ControllerConfig(), ORIGIN, START),
+    "wheel noise": (PlantConfig(), SensorConfig(), ControllerConfig(), ORIGIN, START),
+    "heading at another rate": (
+        PlantConfig(),
+        SensorConfig(fix_rate=2.0, heading_rate=10.0, heading_error_max=0.05),
+        ControllerConfig(),
+        ORIGIN,
+        (6.0, 1.0, -3.0),
+    ),
+    "3 Hz, dropouts, outliers": (
+        PlantConfig(),
+        SensorConfig(fix_rate=3.0, fix_dropout=0.4, fix_outlier=0.2, heading_rate=3.0),
+        FASTER,
+        ORIGIN,
+        START,
+    ),
+    "limits everywhere": (
+        PlantConfig(wheel_speed_max=18.0, wheel_acceleration_max=30.0),
+        SensorConfig(),
+        LIMITED,
+        ORIGIN,
+        (3.0, -4.0, 1.0),
+    ),
+    "wrong radii and slip": (
+        PlantConfig(left_radius_error=0.04, right_radius_error=-0.03, slip_left=0.6, slip_start=1.1, slip_duration=3.2),
+        SensorConfig(fix_rate=2.0),
+        ControllerConfig(),
+        ORIGIN,
+        START,
+    ),
+    "another goal and sampling time": (
+        PlantConfig(sampling_time=0.05, eps_v_max=0.05, eps_omega_max=0.1),
+        SensorConfig(fix_rate=3.0, fix_outlier=0.05),
+        FASTER,
+        Pose(4.0, -3.0, 2.5),
+        (9.0, 2.0, -2.9),
+    ),
+    "late first fix": (PlantConfig(), SensorConfig(fix_dropout=0.9, heading_rate=10.0), FASTER, ORIGIN, START),
+}
+
+
+@pytest.mark.parametrize("feedback", FEEDBACKS)
+@pytest.mark.parametrize("name", WORLDS)
+def test_it_is_the_closed_loop(name, feedback):
+    plant, sensors, controller, goal, start = WORLDS[name]
+    case = case_of(plant, sensors, controller, goal, feedback)
+    moved = 0.0
+    for seed, run in zip(SEEDS, (0, 5, 2**33 + 1), strict=True):
+        world = WorldConfig(plant, sensors, StartPose(*start), seed, run)
+        expected = simulate(world, controller, goal, case.steps, feedback)
+        history = run_histories(case, Starts(np.array([start])), seed, run, 1)[0]
+        assert_same_poses(history[:, :3], expected.truth, 1e-9)
+        assert_same_poses(history[:, 3:6], expected.seen, 1e-9)
+        np.testing.assert_allclose(history[:, 6:], expected.command, rtol=0.0, atol=1e-9)
+        moved += np.hypot(*(expected.truth[-1, :2] - expected.truth[0, :2]))
+
+        outcome = dict(zip(COLUMNS, run_batch(case, Starts(np.array([start])), seed, run, 1)[0], strict=True))
+        metrics = goal_metrics(expected.time, expected.truth, goal, case.xy_tolerance, case.yaw_tolerance)
+        assert [outcome["x"], outcome["y"]] == pytest.approx(metrics.final[:2], abs=1e-9)
+        assert wrapped(outcome["theta"] - metrics.final.theta) == pytest.approx(0.0, abs=1e-9)
+        assert outcome["settling_time"] == pytest.approx(metrics.settling_time, abs=1e-9, nan_ok=True)
+        assert outcome["path_length"] == pytest.approx(metrics.path_length, abs=1e-9)
+        assert outcome["effort"] == pytest.approx(
+            (expected.command[:-1] ** 2).sum() * plant.sampling_time, rel=1e-9, abs=1e-12
+        )
+        assert outcome["switches"] == np.count_nonzero(np.diff(expected.region, prepend=0))
+        local = np.flatnonzero(expected.region)
+        assert outcome["local_time"] == pytest.approx(expected.time[local[0]] if local.size else math.nan, nan_ok=True)
+        error = np.hypot(*(expected.seen[-1] - expected.truth[-1])[:2])
+        assert outcome["estimation_error"] == pytest.approx(error, abs=1e-9, nan_ok=True)
+    assert moved > 1.0  # what is compared is a drive
+
+
+def test_outcomes_are_the_metrics_of_the_histories():
+    case = case_of(
+        steps=250, sensors=SensorConfig(fix_rate=2.0), controller=ControllerConfig(region=FixedRegion(0.5, 0.5))
+    )
+    starts = Starts(np.array([START, (4.0, 4.0, 2.0)]), (1.0, 1.0, 0.5))
+    outcomes = run_batch(case, starts, 3, 0, 200)
+    histories = run_histories(case, starts, 3, 0, 200)
+    time = 0.1 * np.arange(251)
+    settled = 0
+    for row, history in zip(outcomes, histories, strict=True):
+        outcome = dict(zip(COLUMNS, row, strict=True))
+        metrics = goal_metrics(time, history[:, :3], ORIGIN, 0.4, 0.1)
+        assert [outcome["x"], outcome["y"], outcome["theta"]] == pytest.approx(list(metrics.final), abs=1e-12)
+        assert outcome["settling_time"] == pytest.approx(metrics.settling_time, abs=1e-9, nan_ok=True)
+        assert outcome["path_length"] == pytest.approx(path_length(history), abs=1e-9)
+        assert outcome["effort"] == pytest.approx(0.1 * (history[:-1, 6:] ** 2).sum(), rel=1e-12)
+        settled += not math.isnan(outcome["settling_time"])
+    assert 20 < settled < 180  # both kinds are among them
+    assert outcomes[:, COLUMNS.index("switches")].max() > 3  # without hysteresis noise makes it flicker
+
+
+def test_what_never_was_is_nan():
+    # No fix: nothing is seen, the robot does not move, and is where the goal is not.
+    case = case_of(QUIET, SensorConfig(fix_rate=0.0), steps=20)
+    outcome = dict(zip(COLUMNS, run_batch(case, Starts(np.array([START])), 1, 0, 1)[0], strict=True))
+    assert math.isnan(outcome["settling_time"])
+    assert math.isnan(outcome["local_time"])
+    assert math.isnan(outcome["estimation_error"])
+    assert outcome["path_length"] == outcome["effort"] == outcome["switches"] == 0.0
+    # From the goal itself it has settled at once.
+    case = case_of(QUIET, EXACT, feedback="truth", steps=20)
+    outcome = dict(zip(COLUMNS, run_batch(case, Starts(np.zeros((1, 3))), 1, 0, 1)[0], strict=True))
+    assert outcome["settling_time"] == 0.0
+    assert outcome["local_time"] == 0.0
+
+
+def test_a_pose_that_is_no_number_has_not_settled():
+    # Wheel speeds overflow: inf - inf is the robot's velocity.
+    case = case_of(QUIET, EXACT, ControllerConfig(gains=Gains(k=1e308)), feedback="truth", steps=5)
+    outcome = dict(zip(COLUMNS, run_batch(case, Starts(np.array([START])), 1, 0, 1)[0], strict=True))
+    assert math.isnan(outcome["x"])
+    assert math.isnan(outcome["settling_time"])
+
+
+@pytest.mark.parametrize("feedback", FEEDBACKS)
+def test_uncompiled_is_the_same(feedback):
+    plant, sensors, controller, goal, start = WORLDS["3 Hz, dropouts, outliers"]
+    case = case_of(plant, sensors._replace(fix_dropout=0.2), controller, goal, feedback)
+    compiled = run_histories(case, Starts(np.array([start])), 7, 0, 3)
+    outcomes = run_batch(case, Starts(np.array([start])), 7, 0, 3)
+    for run in range(3):
+        history = np.empty((case.steps + 1, len(HISTORY_COLUMNS)))
+        outcome = run_loop(case, 7, run, Pose(*start), history)
+        np.testing.assert_allclose(history, compiled[run], rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(outcome, outcomes[run], rtol=1e-12, atol=1e-12)
+
+
+CASES = (
+    case_of(steps=60),
+    case_of(
+        PlantConfig(),
+        SensorConfig(fix_rate=3.0, fix_dropout=0.2, fix_outlier=0.1, heading_rate=10.0),
+        feedback="ekf",
+        steps=60,
+    ),
+)
+BOX = Starts(np.array([START, (3.0, 1.0, 2.0), (0.0, 7.0, -1.0)]), (1.0, 2.0, 0.3))
+
+
+@pytest.mark.parametrize("case", CASES, ids=["raw", "ekf"])
+@pytest.mark.parametrize("threads", [1, 2, 5])
+@pytest.mark.parametrize("size", [1, 7, 64, 1000])
+def test_bitwise_the_same_in_any_pieces(case, threads, size, monkeypatch):
+    whole = run_batch(case, BOX, 11, 5, 200, threads=1)
+    monkeypatch.setattr(batch, "_CHUNK", size)
+    np.testing.assert_array_equal(run_batch(case, BOX, 11, 5, 200, threads), whole)
+    # Last first, and each run alone for some of them.
+    pieces = [(at, min(size, 200 - at)) for at in range(0, 200, size)]
+    for at, number in itertools.islice(reversed(pieces), 20):
+        np.testing.assert_array_equal(run_batch(case, BOX, 11, 5 + at, number, threads), whole[at : at + number])
+
+
+def test_bitwise_the_same_in_other_processes():
+    whole = run_batch(CASES[1], BOX, 11, 0, 40)
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+        futures = [pool.submit(run_batch, CASES[1], BOX, 11, at, 8, 1) for at in range(0, 40, 8)]
+        np.testing.assert_array_equal(np.concatenate([future.result() for future in futures]), whole)
+
+
+def test_histories_are_the_same_in_any_pieces_and_end_as_the_outcomes_do():
+    whole = run_histories(CASES[1], BOX, 4, 0, 40, threads=1)
+    np.testing.assert_array_equal(run_histories(CASES[1], BOX, 4, 0, 40, threads=4), whole)
+    np.testing.assert_array_equal(run_histories(CASES[1], BOX, 4, 33, 7), whole[33:])
+    np.testing.assert_array_equal(run_batch(CASES[1], BOX, 4, 0, 40)[:, :3], whole[:, -1, :3])
+
+
+def test_none_at_all_is_an_empty_table():
+    assert run_batch(CASES[0], BOX, 1, 0, 0).shape == (0, len(COLUMNS))
+    assert run_histories(CASES[0], BOX, 1, 0, 0).shape == (0, 61, len(HISTORY_COLUMNS))
+
+
+def test_noise_belongs_to_seed_and_run():
+    one = Starts(np.array([START]))
+    ends = np.concatenate([run_batch(CASES[0], one, seed, 0, 50)[:, :2] for seed in (1, 2, 1 + 2**32, 1 + 2**33)])
+    assert len(np.unique(ends, axis=0)) == 200
+    far = np.concatenate([run_batch(CASES[0], one, 1, first, 50)[:, :2] for first in (0, 2**32, 2**40)])
+    assert len(np.unique(far, axis=0)) == 150
+    # What a setting draws for one purpose does not move what it draws for another.
+    with_heading = CASES[0]._replace(sensors=SensorConfig(heading_rate=10.0))
+    np.testing.assert_array_equal(run_batch(with_heading, one, 1, 0, 50), run_batch(CASES[0], one, 1, 0, 50))
+
+
+def starts_of(starts, count, seed=1):
+    case = case_of(QUIET, EXACT, feedback="truth", steps=1)
+    return run_histories(case, starts, seed, 0, count)[:, 0, :3]
+
+
+def test_the_box_is_filled_evenly():
+    poses = starts_of(Starts(np.array([(1.0, -2.0, 0.5)]), (3.0, 0.5, 0.2)), 5000)
+    for column, centre, half in zip(poses.T, (1.0, -2.0, 0.5), (3.0, 0.5, 0.2), strict=True):
+        assert stats.kstest(column, stats.uniform(centre - half, 2.0 * half).cdf).pvalue > 1e-3
+    correlation = np.corrcoef(poses.T) - np.eye(3)
+    assert np.abs(correlation).max() < 0.05
+    # Another seed: another sample.
+    assert (
+        stats.pearsonr(poses[:, 0], starts_of(Starts(np.zeros((1, 3)), (3.0, 0.5, 0.2)), 5000, 2)[:, 0]).statistic
+        < 0.05
+    )
+
+
+def test_all_headings_are_wrapped():
+    poses = starts_of(Starts(np.array([(0.0, 0.0, 3.0)]), (0.0, 0.0, math.pi)), 5000)
+    assert (poses[:, :2] == 0.0).all()
+    assert (np.abs(poses[:, 2]) <= math.pi).all()
+    assert stats.kstest(poses[:, 2], stats.uniform(-math.pi, 2.0 * math.pi).cdf).pvalue > 1e-3
+
+
+def test_the_start_is_independent_of_the_first_steps_noise():
+    case = case_of(feedback="raw", steps=1)
+    history = run_histories(case, Starts(np.zeros((1, 3)), (1.0, 1.0, 0.0)), 1, 0, 5000)
+    errors = history[:, 0, 3:6] - history[:, 0, :3]
+    for start, error in itertools.product(history[:, 0, :2].T, errors.T):
+        assert abs(stats.pearsonr(start, error).statistic) < 0.05
+    for error, bound in zip(errors.T, (0.3, 0.3, 0.17), strict=True):
+        assert stats.kstest(error, stats.uniform(-bound, 2.0 * bound).cdf).pvalue > 1e-3
+
+
+def test_runs_take_the_listed_starts_in_turn():
+    rows = np.array([(1.0, 2.0, 0.1), (-3.0, 4.0, -0.2), (5.0, -6.0, 0.3)])
+    np.testing.assert_array_equal(starts_of(Starts(rows), 10), rows[np.arange(10) % 3])
+    case = case_of(QUIET, EXACT, feedback="truth", steps=1)
+    np.testing.assert_array_equal(run_histories(case, Starts(rows), 1, 4, 2)[:, 0, :3], rows[[1, 2]])
+
+
+@pytest.mark.parametrize(
+    ("case", "poses", "message"),
+    [
+        (case_of(sensors=SensorConfig(fix_delay=0.1)), [START], "fix_delay = 0.1: must be 0 in a batch"),
+        (case_of(sensors=SensorConfig(heading_delay=0.2)), [START], "heading_delay = 0.2: must be 0 in a batch"),
+        (case_of(steps=0), [START], "steps = 0: must be >= 1"),
+        (case_of(steps=-3), [START], "steps = -3: must be >= 1"),
+        (case_of(), np.empty((0, 3)), "starts = (0, 3): must be (n, 3) with n >= 1"),
+        (case_of(), [START[:2]], "starts = (1, 2): must be (n, 3) with n >= 1"),
+        (case_of(), START, "starts = (3,): must be (n, 3) with n >= 1"),
+    ],
+)
+@pytest.mark.parametrize("function", [run_batch, run_histories])
+def test_refused(function, case, poses, message):
+    with pytest.raises(InvalidValueError) as caught:
+        function(case, Starts(np.array(poses)), 1, 0, 1)
+    assert str(caught.value) == message
+
+
+def entries(belief):
+    return [belief.xx, belief.xy, belief.xt, belief.yy, belief.yt, belief.tt]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_filter_is_filterpys(seed):
+    rng = np.random.default_rng(seed)
+    # Half of the sequences begin at the cut and turn across it again and again.
+    start = Pose(*rng.uniform(-5.0, 5.0, 2), math.pi - 0.01 if seed % 2 else rng.uniform(-math.pi, math.pi))
+    variances = rng.uniform(1e-3, 0.5, 3)
+    reference = PoseEkf()
+    reference.set_state(np.array(start), np.diag(variances))
+    belief = kalman.first_fix(start, *variances)
+    crossed = 0
+    for _ in range(200):
+        before = belief.pose.theta
+        what = rng.choice(["predict", "fix", "heading"], p=[0.5, 0.3, 0.2])
+        if what == "predict":
+            deviations = rng.uniform(1e-3, 0.3, 2)
+            M = np.outer(deviations, deviations) * [[1.0, rng.uniform(-0.9, 0.9)]] * 2
+            motion = Motion(
+                rng.uniform(-2.0, 2.0), rng.uniform(-6.0, 6.0), rng.uniform(0.01, 0.3), M[0, 0], M[0, 1], M[1, 1]
+            )
+            reference.predict(motion)
+            belief = kalman.predict(belief, Twist(motion.v, motion.omega), motion.dt, *motion[3:])
+        elif what == "fix":
+            R = rng.uniform(1e-3, 0.3, 3)
+            x, y, theta = reference.x + rng.uniform(-1.0, 1.0, 3) * [1.0, 1.0, 3.1]
+            z = Pose(x, y, float(wrapped(theta)))
+            reference.update_pose(np.array(z), np.diag(R))
+            belief = kalman.update_pose(belief, z, *R)
+        else:
+            variance, z = rng.uniform(1e-3, 0.3), float(wrapped(reference.x[2] + rng.uniform(-3.1, 3.1)))
+            reference.update_heading(np.array([z]), np.array([[variance]]))
+            belief = kalman.update_heading(belief, z, variance)
+        crossed += abs(belief.pose.theta - before) > math.pi
+        assert belief.known
+        assert -math.pi < belief.pose.theta <= math.pi
+        assert belief.pose[:2] == pytest.approx(reference.x[:2], rel=1e-9, abs=1e-9)
+        assert wrapped(belief.pose.theta - reference.x[2]) == pytest.approx(0.0, abs=1e-9)
+        assert entries(belief) == pytest.approx(reference.P[np.triu_indices(3)], rel=1e-9, abs=1e-9)
+    assert crossed > 1
+
+
+def test_one_fix_is_the_textbooks_correction():
+    rng = np.random.default_rng(1)
+    A = rng.normal(size=(3, 3))
+    P, R = A @ A.T, np.diag([0.1, 0.2, 0.3])
+    belief = Belief(Pose(1.0, 2.0, 3.0), P[0, 0], P[0, 1], P[0, 2], P[1, 1], P[1, 2], P[2, 2], True)
+    z = np.array([1.5, 1.0, -3.0])
+    residual = z - [1.0, 2.0, 3.0]
+    residual[2] += 2.0 * math.pi
+    K = P @ np.linalg.inv(P + R)
+    after = kalman.update_pose(belief, Pose(*z), 0.1, 0.2, 0.3)
+    x = np.array([1.0, 2.0, 3.0]) + K @ residual
+    assert after.pose == pytest.approx([*x[:2], float(wrapped(x[2]))], abs=1e-12)
+    assert entries(after) == pytest.approx(((np.eye(3) - K) @ P)[np.triu_indices(3)], abs=1e-12)
+
+
+HASHES = """
+from diffbot_sim import batch, compiled
+import inspect
+from pathlib import Path
+
+assert compiled.SOURCES_HASH == compiled._hash_of_sources()
+found = {compiled.SOURCES_HASH}
+paths = [inspect.getfile(module) for module in (*compiled.MODULES, batch)]
+for path in paths:
+    with open(path, "a") as file:
+        file.write("# another version\\n")
+    found.add(compiled._hash_of_sources())
+assert len(found) == len(paths) + 1, found
+import os
+assert os.environ["NUMBA_CACHE_DIR"].endswith("/diffbot/" + compiled.SOURCES_HASH)
+assert os.environ["NUMBA_CACHE_DIR"].startswith(os.environ["XDG_CACHE_HOME"])
+"""
+
+
+def test_a_change_in_any_source_is_another_version(tmp_path):
+    package = Path(batch.__file__).parent.parent
+    for name in ("diffbot_control", "diffbot_sim"):
+        (tmp_path / name).mkdir()
+        for path in (package / name).glob("*.py"):
+            (tmp_path / name / path.name).write_bytes(path.read_bytes())
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / "cache")}
+    environment.pop("NUMBA_CACHE_DIR", None)
+    subprocess.run([sys.executable, "-c", HASHES], check=True, env=environment, cwd=tmp_path, timeout=60)

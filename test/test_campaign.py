@@ -1,0 +1,454 @@
+"""Campaigns end with the same results whatever happens on the way, and never touch what is not theirs."""
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from diffbot_control.errors import DiffbotError
+from diffbot_sim import campaign as module
+from diffbot_sim import campaign_command, cli
+from diffbot_sim.batch import run_batch
+from diffbot_sim.campaign import JOURNAL, Journal, cluster_executor, open_chunks, process_pool, run_campaign, run_chunk
+from diffbot_sim.campaign_spec import make_campaign
+from diffbot_sim.statistics import CellStatistics, count_outcomes
+
+COMMAND = [sys.executable, "-m", "diffbot_sim.cli", "campaign"]
+SMALL = {
+    "runs": 60,
+    "duration": 12.0,
+    "feedback": "raw",
+    "start": {"box": {"x": [-2.0, 2.0], "y": [-2.0, 2.0]}},
+    "grid": {"k": [1.0, 4.0], "eps_P": [0.1, 0.5]},
+    "chunk": 7,
+}
+
+
+def flags(description, out):
+    listed = [f"--{name}={description[name]}" for name in ("runs", "duration", "feedback", "chunk")]
+    listed += ["--start", json.dumps(description["start"])]
+    return [*listed, "--grid", *(f"{name}={values}" for name, values in description["grid"].items()), "--out", str(out)]
+
+
+def two_threads():
+    return ThreadPoolExecutor(2)
+
+
+def do(folder, description=SMALL, make_executor=two_threads):
+    campaign = make_campaign(description)
+    journal = Journal(folder / JOURNAL, campaign)
+    try:
+        run_campaign(campaign, journal, make_executor, 2)
+    finally:
+        journal.close()
+    return journal
+
+
+def summaries(journal):
+    return [one.summary() for one in journal.statistics]
+
+
+@pytest.fixture(scope="module")
+def expected():
+    campaign = make_campaign(SMALL)
+    found = []
+    for cell in campaign.cells:
+        found.append(CellStatistics())
+        found[-1].add(count_outcomes(run_batch(cell.case, campaign.starts, 1, 0, 60)))
+    return [one.summary() for one in found]
+
+
+@pytest.mark.parametrize("chunk", [0, 1, 7, 60, 1000])
+def test_all_runs_are_done_once_in_chunks_of_any_size(chunk, tmp_path, expected):
+    journal = do(tmp_path, {**SMALL, "chunk": chunk})
+    assert summaries(journal) == expected
+    for done in journal.done:
+        ends = [0, *(first + number for first, number in sorted(done.items()))]
+        assert sorted(done) == ends[:-1]
+        assert ends[-1] == 60
+        assert max(done.values()) <= (chunk or 60)
+
+
+def test_a_whole_journal_needs_no_workers(tmp_path, expected):
+    do(tmp_path)
+    before = (tmp_path / JOURNAL).read_bytes()
+
+    def never():
+        return _Never()
+
+    assert summaries(do(tmp_path, SMALL, never)) == expected
+    assert (tmp_path / JOURNAL).read_bytes() == before
+
+
+class _Never(Executor):
+    def submit(self, *_arguments, **_options):
+        raise AssertionError("there is nothing to do")
+
+
+def test_it_goes_on_with_chunks_of_another_size(tmp_path, expected):
+    do(tmp_path)
+    lines = (tmp_path / JOURNAL).read_bytes().splitlines(keepends=True)
+    # Any third of the chunks, in any order.
+    rest = lines[1:]
+    np.random.default_rng(1).shuffle(rest)
+    (tmp_path / JOURNAL).write_bytes(b"".join([lines[0], *rest[::3]]))
+    assert summaries(do(tmp_path, {**SMALL, "chunk": 11})) == expected
+
+
+def test_the_journal_of_a_campaign_cut_anywhere_goes_on(tmp_path, expected):
+    do(tmp_path)
+    whole = (tmp_path / JOURNAL).read_bytes()
+    header = whole.index(b"\n") + 1
+    for end in (header, header + 1, header + 500, len(whole) // 2, len(whole) - 1, len(whole)):
+        (tmp_path / JOURNAL).write_bytes(whole[:end])
+        assert summaries(do(tmp_path)) == expected
+        # Not only in memory: what stands there now is whole too.
+        assert summaries(do(tmp_path, SMALL, _Never)) == expected
+
+
+def test_an_empty_journal_is_begun(tmp_path, expected):
+    (tmp_path / JOURNAL).touch()
+    assert summaries(do(tmp_path)) == expected
+
+
+def damaged_lines(lines):
+    entry = json.loads(lines[2])
+    changes = [{"cell": 99}, {"cell": -1}, {"first": 61}, {"first": -7}, {"count": 8}, {"cell": None}, {"bins": {}}]
+    for change in changes:
+        yield json.dumps({**entry, **change}).encode() + b"\n"
+    yield from (b"5\n", b"null\n", b"[]\n", b"{}\n", b"\n", b"\x00\xff\n", lines[2][:50] + b"\n", b"[" * 9999 + b"\n")
+    yield lines[1]  # a chunk twice would count twice
+
+
+def test_a_journal_that_is_damaged_in_the_middle_is_not_touched(tmp_path):
+    do(tmp_path)
+    path = tmp_path / JOURNAL
+    lines = path.read_bytes().splitlines(keepends=True)
+    for line in damaged_lines(lines):
+        path.write_bytes(b"".join([*lines[:2], line, *lines[3:]]))
+        before = path.read_bytes()
+        with pytest.raises(DiffbotError, match=r"campaign\.jsonl: line 3 is damaged: not touched$"):
+            do(tmp_path)
+        assert path.read_bytes() == before
+
+
+FOREIGN = {
+    "text": b"hello\n",
+    "text without an end": b"hello",
+    "another JSON": b'{"a": 1}\n',
+    "JSON that is no mapping": b"[1]\n",
+    "bytes": bytes(range(256)),
+    "half a header": b'{"format":1,"iden',
+    "another format": b'{"format":999}\n',
+}
+
+
+@pytest.mark.parametrize("name", FOREIGN)
+def test_what_is_no_journal_is_not_touched(name, tmp_path, capsys):
+    (tmp_path / JOURNAL).write_bytes(FOREIGN[name])
+    assert cli.main(["campaign", *flags(SMALL, tmp_path)]) == 1
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "is no journal of a campaign (format 1): not touched" in error
+    assert [path.name for path in tmp_path.iterdir()] == [JOURNAL]
+    assert (tmp_path / JOURNAL).read_bytes() == FOREIGN[name]
+
+
+@pytest.mark.parametrize(
+    ("key", "message"), [("identity", "belongs to another campaign"), ("sources", "another version of the code")]
+)
+def test_another_campaigns_journal_is_not_touched(key, message, tmp_path, capsys):
+    do(tmp_path)
+    path = tmp_path / JOURNAL
+    header, rest = path.read_bytes().split(b"\n", 1)
+    path.write_bytes(json.dumps({**json.loads(header), key: "0" * 16}).encode() + b"\n" + rest)
+    before = path.read_bytes()
+    assert cli.main(["campaign", *flags(SMALL, tmp_path)]) == 1
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert message in error
+    assert path.read_bytes() == before
+    assert [one.name for one in tmp_path.iterdir()] == [JOURNAL]
+
+
+def test_results_of_another_campaign_are_not_overwritten(tmp_path, capsys):
+    for text in ('{"identity": "0123"}', '{"experiment": "a"}', "[]", "no JSON"):
+        (tmp_path / "results.json").write_text(text)
+        assert cli.main(["campaign", *flags(SMALL, tmp_path)]) == 1
+        error = capsys.readouterr().err
+        assert error.count("\n") == 1
+        assert "of another campaign: not touched" in error
+        assert (tmp_path / "results.json").read_text() == text
+        assert [one.name for one in tmp_path.iterdir()] == ["results.json"]
+
+
+def test_two_at_a_time_do_not_share_a_journal(tmp_path):
+    campaign = make_campaign(SMALL)
+    journal = Journal(tmp_path / JOURNAL, campaign)
+    with pytest.raises(DiffbotError, match="is in use by another process"):
+        Journal(tmp_path / JOURNAL, campaign)
+    journal.close()
+    Journal(tmp_path / JOURNAL, campaign).close()
+
+
+@pytest.mark.parametrize("where", ["file", "below a file", "journal is a folder"])
+def test_an_impossible_folder_is_one_line(where, tmp_path, capsys):
+    file = tmp_path / "file"
+    file.write_text("mine")
+    out = {"file": file, "below a file": file / "out", "journal is a folder": tmp_path}[where]
+    if out is tmp_path:
+        (tmp_path / JOURNAL).mkdir()
+    assert cli.main(["campaign", *flags(SMALL, out)]) == 1
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert error.startswith("diffbot: cannot write ")
+    assert file.read_text() == "mine"
+
+
+def test_a_full_disk_is_one_line_and_costs_what_did_not_fit(tmp_path, expected):
+    campaign = make_campaign({**SMALL, "chunk": 1})
+    journal = Journal(tmp_path / JOURNAL, campaign)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, limits[1]))
+    try:
+        with pytest.raises(DiffbotError, match=r"cannot write .*campaign\.jsonl: File too large"):
+            run_campaign(campaign, journal, two_threads, 1)
+        journal.close()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert (tmp_path / JOURNAL).stat().st_size == 30_000
+    assert sum(len(done) for done in journal.done) > 2
+    assert summaries(do(tmp_path)) == expected
+
+
+def test_only_a_few_chunks_are_handed_out_at_a_time(tmp_path):
+    waiting = []
+
+    class Counting(ThreadPoolExecutor):
+        def submit(self, *arguments, **options):
+            future = super().submit(*arguments, **options)
+            waiting.append(future)
+            most.append(sum(not one.done() for one in waiting))
+            return future
+
+    most = []
+    do(tmp_path, {**SMALL, "chunk": 1}, lambda: Counting(2))
+    assert len(waiting) == 240
+    assert max(most) <= 4
+
+
+def test_chunks_are_sized_by_their_steps():
+    campaign = make_campaign({"runs": 10**7, "duration": 0.1})
+    chunks = list(open_chunks(campaign, [{}]))
+    assert sum(chunk.number for chunk in chunks) == 10**7
+    assert max(chunk.number for chunk in chunks) < 10**6  # rows of a chunk are all in memory
+    long = make_campaign({"runs": 3, "duration": 1e5, "set": {"sampling_time": 0.01}})
+    assert [chunk.number for chunk in open_chunks(long, [{}])] == [1, 1, 1]
+
+
+def test_a_worker_of_another_version_is_refused():
+    chunk = next(open_chunks(make_campaign(SMALL), [{}, {}, {}, {}]))
+    assert run_chunk(chunk)["count"] == 7
+    with pytest.raises(DiffbotError, match="another version of the code"):
+        run_chunk(chunk._replace(sources="0" * 16))
+
+
+class Killer(Journal):
+    """Kills one worker of the pool after the second chunk, and again after the twentieth."""
+
+    pools = ()
+    killed = 0
+
+    def add(self, entry):
+        super().add(entry)
+        if sum(len(done) for done in self.done) in (2, 20):
+            worker = next(iter(self.pools[-1]._processes))
+            os.kill(worker, signal.SIGKILL)
+            self.killed += 1
+
+
+def test_killed_workers_change_nothing(tmp_path, expected):
+    campaign = make_campaign(SMALL)
+    journal = Killer(tmp_path / JOURNAL, campaign)
+    journal.pools = []
+
+    def make_executor():
+        journal.pools.append(process_pool(2))
+        return journal.pools[-1]
+
+    run_campaign(campaign, journal, make_executor, 2)
+    journal.close()
+    assert journal.killed == 2
+    assert len(journal.pools) >= 2
+    assert summaries(journal) == expected
+    assert summaries(do(tmp_path, SMALL, _Never)) == expected
+
+
+def _die():
+    os._exit(1)
+
+
+def test_workers_that_keep_dying_are_given_up(tmp_path, expected):
+    pools = []
+
+    def make_executor():
+        pools.append(ProcessPoolExecutor(1, initializer=_die))
+        return pools[-1]
+
+    with pytest.raises(DiffbotError, match="the workers keep dying") as caught:
+        do(tmp_path, SMALL, make_executor)
+    assert "\n" not in str(caught.value)
+    assert 2 <= len(pools) <= 5
+    assert summaries(do(tmp_path)) == expected
+
+
+class Failing(Executor):
+    """Fails as the workers of a cluster may."""
+
+    def __init__(self, error):
+        self.error = error
+
+    def submit(self, *_arguments, **_options):
+        future = Future()
+        future.set_exception(self.error)
+        return future
+
+
+@pytest.mark.parametrize("error", [RuntimeError("lost\nworker"), MemoryError(), OSError(28, "No space left on device")])
+def test_a_failing_worker_is_one_line(error, tmp_path):
+    with pytest.raises(DiffbotError) as caught:
+        do(tmp_path, SMALL, lambda: Failing(error))
+    assert "\n" not in str(caught.value)
+    assert type(error).__name__ in str(caught.value)
+
+
+def wait_for_lines(path, number, process):
+    """Wait until the journal has this many lines; there is no luck in it: it takes as long as it takes."""
+    deadline = time.monotonic() + 60.0
+    while not path.exists() or path.read_bytes().count(b"\n") < number:
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def contents(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir() if path.name != JOURNAL}
+
+
+LONGER = {**SMALL, "runs": 10_000, "duration": 25.0, "chunk": 100}
+
+
+def test_interrupted_and_gone_on_it_is_the_same_to_the_byte(tmp_path):
+    one, two = tmp_path / "one", tmp_path / "two"
+    command = [*COMMAND, *flags(LONGER, one), "--workers", "2"]
+    for number, interrupt in ((30, signal.SIGINT), (120, signal.SIGTERM)):
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        wait_for_lines(one / JOURNAL, number, process)
+        process.send_signal(interrupt)
+        _, error = process.communicate(timeout=60)
+        assert process.returncode == 130, error
+        assert "interrupted: " in error
+        assert "of 40000 runs are kept" in error
+        assert "Traceback" not in error
+        kept = (one / JOURNAL).read_bytes().count(b"\n") - 1
+        assert number - 1 <= kept < 400
+        assert [path.name for path in one.iterdir()] == [JOURNAL]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=100, check=False)
+    assert result.returncode == 0, result.stderr
+    # Another number of workers and other chunks.
+    assert campaign_command.run(None, {**LONGER, "chunk": 0}, two, 1, None) == 0
+    found, wanted = contents(one), contents(two)
+    assert sorted(found) == sorted(wanted)
+    assert len(found) == 6
+    assert json.loads(found["results.json"])["cells"] == json.loads(wanted["results.json"])["cells"]
+    for name in set(found) - {"results.json"}:
+        assert found[name] == wanted[name], name
+    # With the same chunk size the description is the same too.
+    (two / JOURNAL).write_bytes((one / JOURNAL).read_bytes())
+    assert campaign_command.run(None, LONGER, two, 1, None) == 0
+    assert contents(two) == found
+
+
+def test_an_unreachable_scheduler_is_one_line(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(module.cluster_executor, "__defaults__", (0.5,))
+    for address in ("tcp://127.0.0.1:1", "nonsense://here", "", "tcp://127.0.0.1:99999999"):
+        assert cli.main(["campaign", *flags(SMALL, tmp_path / "out"), "--scheduler", address]) == 1
+        error = capsys.readouterr().err
+        assert error.startswith("diffbot: no scheduler at ")
+        assert error.count("\n") == 1
+        assert not (tmp_path / "out").exists()
+
+
+CLUSTER = """
+import sys
+from distributed import LocalCluster
+
+if __name__ == "__main__":
+    cluster = LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None)
+    pids = [worker.process.process.pid for worker in cluster.workers.values()]
+    print(cluster.scheduler_address, *pids, flush=True)
+    sys.stdin.read()
+    cluster.close()
+"""
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("cluster")
+    (folder / "cluster.py").write_text(CLUSTER)
+    environment = {**os.environ, "PYTHONPATH": str(Path(module.__file__).parent.parent)}
+    with subprocess.Popen(
+        [sys.executable, "cluster.py"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        cwd=folder,
+        env=environment,
+    ) as process:
+        address, *pids = process.stdout.readline().split()
+        yield address, [int(pid) for pid in pids]
+        process.stdin.close()
+        process.wait(30)
+
+
+def test_a_cluster_with_a_worker_killed_half_way_gives_the_same(cluster, tmp_path):
+    address, pids = cluster
+    description = {**LONGER, "runs": 3000}
+    command = [*COMMAND, *flags(description, tmp_path / "cluster"), "--scheduler", address]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    wait_for_lines(tmp_path / "cluster" / JOURNAL, 30, process)
+    os.kill(pids[0], signal.SIGKILL)
+    _, error = process.communicate(timeout=100)
+    assert process.returncode == 0, error
+    assert "Traceback" not in error
+    # Again, with nobody killed.
+    command[command.index("--out") + 1] = str(tmp_path / "again")
+    result = subprocess.run(command, capture_output=True, text=True, timeout=100, check=False)
+    assert result.returncode == 0, result.stderr
+    assert campaign_command.run(None, description, tmp_path / "here", 2, None) == 0
+    assert contents(tmp_path / "cluster") == contents(tmp_path / "again") == contents(tmp_path / "here")
+
+
+def test_no_workers_are_one_line(monkeypatch):
+    class Client:
+        def __init__(self, *_arguments, **_options):
+            pass
+
+        def nthreads(self):
+            return {}
+
+        def close(self):
+            pass
+
+    monkeypatch.setattr("distributed.Client", Client)
+    with pytest.raises(DiffbotError, match="the scheduler at there has no workers"):
+        cluster_executor("there")

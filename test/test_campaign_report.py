@@ -1,0 +1,177 @@
+"""The files that a campaign leaves: all of them say the same, and its pictures show something."""
+
+import csv
+import itertools
+import json
+
+import matplotlib.image
+import numpy as np
+import pytest
+from pyarrow import parquet
+
+from diffbot_control.errors import DiffbotError
+from diffbot_sim.batch import COLUMNS, run_batch
+from diffbot_sim.campaign_report import table, write_report
+from diffbot_sim.campaign_spec import make_campaign
+from diffbot_sim.statistics import METRICS, QUANTILES, CellStatistics, count_outcomes
+
+BASE = {"runs": 20, "duration": 15.0, "feedback": "truth", "start": {"box": {"x": [-2.0, 2.0], "y": [-2.0, 2.0]}}}
+GRIDS = {
+    "none": {},
+    "one": {"k": [1.0, 4.0]},
+    "two": {"k": [1.0, 4.0], "eps_P": [0.05, 0.2, 0.5]},
+    "three": {"k": [1, 2.5], "eps_P": [0.1, 0.5], "h": [0.17, 0.5]},
+    "one varies": {"k": [1.0], "eps_P": [0.1, 0.5]},
+    "none varies": {"k": [1.0]},
+    "a switch": {"exact_arc": [True, False], "k": [1.0, 2.0]},
+}
+
+
+def make(grid, **changes):
+    campaign = make_campaign({**BASE, "grid": grid, **changes})
+    statistics = []
+    for cell in campaign.cells:
+        statistics.append(CellStatistics())
+        statistics[-1].add(count_outcomes(run_batch(cell.case, campaign.starts, 1, 0, campaign.options.runs)))
+    return campaign, statistics
+
+
+def assert_a_picture(path):
+    pixels = matplotlib.image.imread(path)[:, :, :3]
+    assert pixels.shape[0] > 200
+    assert pixels.shape[1] > 400
+    assert len(np.unique((pixels.reshape(-1, 3) * 255).astype(int), axis=0)) > 20
+    assert 0.005 < (pixels < 0.9).any(axis=2).mean() < 0.95
+
+
+@pytest.mark.parametrize("name", GRIDS)
+def test_all_files_say_the_same(name, tmp_path):
+    grid = GRIDS[name]
+    campaign, statistics = make(grid)
+    paths = write_report(campaign, statistics, tmp_path)
+    expected = {"results.json", "results.csv", "results.parquet", "distributions.png"}
+    if any(len(values) > 1 for values in grid.values()):
+        expected |= {"heat_map_success_rate.png", "heat_map_settling_time_q50.png"}
+    assert {path.name for path in paths} == {path.name for path in tmp_path.iterdir()} == expected
+    for path in paths:
+        if path.suffix == ".png":
+            assert_a_picture(path)
+
+    content = json.loads((tmp_path / "results.json").read_text())
+    assert content["identity"] == campaign.identity
+    assert content["campaign"]["grid"] == grid
+    cells = content["cells"]
+    points = [dict(zip(grid, values, strict=True)) for values in itertools.product(*grid.values())]
+    assert [{name: cell[name] for name in grid} for cell in cells] == points
+    for cell, one in zip(cells, statistics, strict=True):
+        assert {name: value for name, value in cell.items() if name not in grid} == one.summary()
+
+    rows = parquet.read_table(tmp_path / "results.parquet").to_pylist()
+    assert rows == cells
+    with (tmp_path / "results.csv").open(newline="") as file:
+        lines = list(csv.DictReader(file))
+    assert len(lines) == len(cells)
+    for line, cell in zip(lines, cells, strict=True):
+        assert list(line) == list(cell)
+        for key, value in cell.items():
+            if isinstance(value, (bool, str)) or value is None:
+                assert line[key] == ("" if value is None else str(value))
+            else:
+                assert float(line[key]) == value
+
+
+def test_the_figures_are_numpys():
+    campaign, statistics = make({"eps_P": [0.1, 0.5]}, runs=300)
+    for cell, one in zip(campaign.cells, statistics, strict=True):
+        outcomes = run_batch(cell.case, campaign.starts, 1, 0, 300)
+        summary = one.summary()
+        settled = np.isfinite(outcomes[:, COLUMNS.index("settling_time")])
+        assert summary["success_rate"] == settled.mean()
+        position = np.quantile(np.hypot(outcomes[:, 0], outcomes[:, 1]), 0.95, method="inverted_cdf")
+        assert summary["position_error_q95"] == pytest.approx(position, rel=0.0026)
+    assert set(summary) >= {f"{metric}_q{100 * q:g}" for metric in METRICS for q in QUANTILES}
+
+
+@pytest.mark.parametrize(("grid", "place"), [({"k": [1.0, 4.0], "eps_P": [0.05, 0.2, 0.5]}, 1), ({"k": [1.0, 4.0]}, 0)])
+def test_the_heat_map_shows_each_cell_in_its_place(grid, place, tmp_path, monkeypatch):
+    shown = []
+    monkeypatch.setattr("diffbot_sim.campaign_report._draw_heat_map", lambda *arguments: shown.append(arguments))
+    campaign, statistics = make(grid)
+    write_report(campaign, statistics, tmp_path)
+    for metric, (values, across, down, *_) in zip(("success_rate", "settling_time_q50"), shown, strict=True):
+        assert across == ("k", [1.0, 4.0])
+        assert down == (("eps_P", [0.05, 0.2, 0.5]) if place else (None, [""]))
+        found = [values[row, column] for column in range(values.shape[1]) for row in range(values.shape[0])]
+        expected = [one.summary()[metric] for one in statistics]
+        assert found == [pytest.approx(np.nan if one is None else one, nan_ok=True) for one in expected]
+
+
+def test_nobody_settles(tmp_path):
+    # A lone step: all settling times are missing, in all cells.
+    campaign, statistics = make({"k": [1.0, 2.0]}, duration=0.1, start={"list": [[5.0, 5.0, 0.0]]})
+    for path in write_report(campaign, statistics, tmp_path):
+        if path.suffix == ".png":
+            assert_a_picture(path)
+    cells = json.loads((tmp_path / "results.json").read_text())["cells"]
+    assert [cell["success_rate"] for cell in cells] == [0.0, 0.0]
+    assert [cell["settling_time_q50"] for cell in cells] == [None, None]
+    assert "-" in table(campaign, statistics).splitlines()[-1]
+
+
+def test_huge_numbers_are_drawn(tmp_path):
+    campaign, statistics = make({"k": [1e300, 1e307]}, start={"list": [[1e307, -1e308, 0.0]]}, duration=1.0)
+    write_report(campaign, statistics, tmp_path)
+    assert_a_picture(tmp_path / "distributions.png")
+    json.dumps(json.loads((tmp_path / "results.json").read_text())["cells"], allow_nan=False)
+
+
+@pytest.mark.parametrize(
+    "grid",
+    [
+        {"k": [1.0 + 0.01 * number for number in range(2000)]},
+        {"k": [1.0, 2.0], "h": [0.1 + 0.01 * number for number in range(400)]},
+    ],
+)
+def test_a_long_grid_is_drawn(grid, tmp_path):
+    campaign, statistics = make(grid, runs=1, duration=0.5)
+    write_report(campaign, statistics, tmp_path)
+    path = tmp_path / "heat_map_success_rate.png"
+    assert max(matplotlib.image.imread(path).shape) < 4000
+    assert_a_picture(path)
+    assert len((tmp_path / "results.csv").read_text().splitlines()) == len(campaign.cells) + 1
+
+
+def test_results_are_json_for_any_reader(tmp_path):
+    # inf is a value that a limit may have; JSON has none.
+    campaign, statistics = make({"wheel_speed_max": [float("inf"), 10.0]})
+    write_report(campaign, statistics, tmp_path)
+
+    def refuse(text):
+        raise AssertionError(text)
+
+    cells = json.loads((tmp_path / "results.json").read_text(), parse_constant=refuse)["cells"]
+    assert [cell["wheel_speed_max"] for cell in cells] == ["inf", 10.0]
+    assert [row["wheel_speed_max"] for row in parquet.read_table(tmp_path / "results.parquet").to_pylist()] == [
+        float("inf"),
+        10.0,
+    ]
+
+
+def test_what_cannot_be_written_is_one_line(tmp_path):
+    campaign, statistics = make({})
+    (tmp_path / "results.csv").mkdir()
+    with pytest.raises(DiffbotError, match=r"^cannot write the results to .*: Is a directory$"):
+        write_report(campaign, statistics, tmp_path)
+
+
+def test_the_table_has_a_line_for_each_cell_and_stops_at_forty():
+    campaign, statistics = make({"k": [1.0, 2.0], "eps_P": [0.1, 0.5]})
+    lines = table(campaign, statistics).splitlines()
+    assert len(lines) == 2 + 4
+    assert len({len(line) for line in lines}) == 1
+    for line, cell, one in zip(lines[2:], campaign.cells, statistics, strict=True):
+        words = line.split()
+        assert words[:3] == [str(cell.values["k"]), str(cell.values["eps_P"]), "20"]
+        assert float(words[3]) == pytest.approx(one.summary()["success_rate"], abs=1e-4)
+    campaign, statistics = make({"k": [1.0 + number for number in range(45)]}, runs=1, duration=0.1)
+    assert table(campaign, statistics).splitlines()[-1] == "... and 5 more cells in results.csv"

@@ -1,0 +1,255 @@
+"""What a campaign may be: YAML and flags, unfolded into cells, and one clear line for all that is not allowed."""
+
+import itertools
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from diffbot_control.errors import DiffbotError, InvalidValueError
+from diffbot_control.geometry import Pose
+from diffbot_sim import cli
+from diffbot_sim.campaign_options import CampaignOptions
+from diffbot_sim.campaign_spec import configure, make_campaign, read_campaign
+from diffbot_sim.loop import EKF, RAW, TRUTH
+
+ROOT = Path(__file__).resolve().parent.parent
+CIRCLE = {"circle": {"radius": 2.0, "points": 4, "headings": [0.5, -1.0]}}
+
+
+def test_the_example_is_unfolded():
+    path = ROOT / "config" / "campaign.yaml"
+    content = yaml.safe_load(path.read_text())
+    campaign = read_campaign(path, {})
+    assert campaign.options.runs == content["runs"]
+    points = list(itertools.product(content["grid"]["k"], content["grid"]["eps_P"]))
+    assert [(cell.values["k"], cell.values["eps_P"]) for cell in campaign.cells] == points
+    for cell, (k, radius) in zip(campaign.cells, points, strict=True):
+        controller = cell.case.controller
+        assert (controller.gains.k, controller.region.eps_P, controller.region.eps_P_leave) == (k, radius, 0.6)
+        assert (cell.case.steps, cell.case.feedback, cell.case.literal_rear) == (400, EKF, False)
+        assert (cell.case.xy_tolerance, cell.case.yaw_tolerance) == (0.4, 0.1)
+    assert campaign.starts.poses.tolist() == [[0.0, 0.0, 0.0]]
+    assert campaign.starts.half == (8.0, 8.0, 3.14159)
+
+
+def test_the_defaults_are_the_papers_start():
+    campaign = read_campaign(None, {})
+    assert campaign.options == CampaignOptions()
+    assert len(campaign.cells) == 1
+    assert campaign.cells[0].case.goal == Pose(0.0, 0.0, 0.0)
+    assert campaign.cells[0].case.steps == 600
+    assert campaign.starts.poses == pytest.approx(np.array([[-2.0, -5.5, math.pi / 6.0]]))
+    assert campaign.starts.half == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(("feedback", "code"), [("ekf", EKF), ("raw", RAW), ("truth", TRUTH)])
+def test_feedback(feedback, code):
+    assert make_campaign({"feedback": feedback}).cells[0].case.feedback == code
+
+
+def test_starts():
+    box = make_campaign({"start": {"box": {"x": [-1, 3], "heading": [0.5, 0.5]}}}).starts
+    assert box.poses.tolist() == [[1.0, 0.0, 0.5]]
+    assert box.half == (2.0, 0.0, 0.0)
+    rows = [[1, 2, 3.0], [4.0, 5, -1]]
+    assert make_campaign({"start": {"list": rows}}).starts.poses.tolist() == rows
+    circle = make_campaign({"start": CIRCLE}).starts.poses
+    expected = [(x, y, heading) for heading in (0.5, -1.0) for x, y in ((2, 0), (0, 2), (-2, 0), (0, -2))]
+    assert circle == pytest.approx(np.array(expected), abs=1e-12)
+    assert len(make_campaign({"start": {"circle": {"radius": 1}}}).starts.poses) == 8
+
+
+def test_flags_win_and_grids_are_merged_by_name(tmp_path):
+    path = tmp_path / "c.yaml"
+    path.write_text("runs: 5\nseed: 3\nset: {h: 0.2, k_2: 2.0}\ngrid: {k: [1.0, 2.0], eps_P: [0.1, 0.2]}\n")
+    campaign = read_campaign(path, {"runs": 7, "set": {"h": 0.3}, "grid": {"k": [4]}})
+    assert (campaign.options.runs, campaign.options.seed) == (7, 3)
+    assert [cell.values for cell in campaign.cells] == [{"k": 4, "eps_P": 0.1}, {"k": 4, "eps_P": 0.2}]
+    gains = campaign.cells[0].case.controller.gains
+    assert (gains.h, gains.k_2, gains.k) == (0.3, 2.0, 4.0)
+    assert isinstance(gains.k, float)  # a whole number would be compiled anew
+
+
+def test_a_wheel_radius_is_the_plants_and_the_controllers():
+    plant, _, controller = configure({"wheel_radius": 0.07})
+    assert plant.wheels.wheel_radius == controller.wheels.wheel_radius == 0.07
+
+
+def test_the_length_follows_the_sampling_time_of_each_cell():
+    campaign = make_campaign({"duration": 3.0, "grid": {"sampling_time": [0.1, 0.25, 10.0]}})
+    assert [cell.case.steps for cell in campaign.cells] == [30, 12, 1]
+
+
+def test_the_identity_names_all_that_decides():
+    base = {"runs": 5, "set": {"h": 0.2}, "grid": {"k": [1.0]}, "start": CIRCLE}
+    identity = make_campaign(base).identity
+    assert make_campaign({**base, "chunk": 17}).identity == identity
+    assert make_campaign(dict(reversed(base.items()))).identity == identity
+    others = [
+        {"runs": 6},
+        {"seed": 2},
+        {"duration": 61.0},
+        {"feedback": "raw"},
+        {"goal": [0.0, 0.0, 0.1]},
+        {"set": {"h": 0.21}},
+        {"set": {}},
+        {"grid": {"k": [1.5]}},
+        {"grid": {"k": [1.0], "k_2": [2.0]}},
+        {"start": {"circle": {"radius": 2.5}}},
+    ]
+    found = {make_campaign({**base, **other}).identity for other in others}
+    assert len(found | {identity}) == len(others) + 1
+
+
+BOMB = "x"
+for level in range(12):
+    BOMB = f"[&a{level} {BOMB}" + f", *a{level}" * 9 + "]"
+REFUSED = {
+    "unknown key": ("rnus: 5", "key = 'rnus'"),
+    "key that is no text": ("1: 5", "key = 1"),
+    "unknown parameter in set": ("set: {kk: 5}", "kk = 5"),
+    "unknown parameter in grid": ("grid: {kk: [5]}", "kk = 5"),
+    "parameter that is no text": ("set: {1: 5}", "set = {1: 5}"),
+    "empty grid": ("grid: {k: []}", "grid.k = []"),
+    "grid without a list": ("grid: {k: 5}", "grid.k = 5"),
+    "grid of nothing": ("grid: {k: }", "grid.k = None"),
+    "the same value twice": ("grid: {k: [1, 2, 1.0]}", "grid.k = [1, 2, 1.0]"),
+    "grid that is a list": ("grid: [k]", "grid = ['k']"),
+    "set that is a text": ("set: k=5", "set = 'k=5'"),
+    "too many cells": (f"grid: {{k: {list(range(1, 102))}, h: {list(range(1, 102))}}}", "10201 cells"),
+    "nan in grid": ("grid: {k: [1.0, .nan]}", "k = nan"),
+    "infinite gain": ("set: {k: .inf}", "k = inf"),
+    "nan goal": ("goal: [0, .nan, 0]", "goal = nan"),
+    "short goal": ("goal: [0, 1]", "goal = (0.0, 1.0)"),
+    "goal of text": ("goal: here", "goal = 'here'"),
+    "zero runs": ("runs: 0", "runs = 0"),
+    "negative runs": ("runs: -5", "runs = -5"),
+    "half a run": ("runs: 1.5", "runs = 1.5"),
+    "runs that are true": ("runs: true", "runs = True"),
+    "runs as text": ("runs: '5'", "runs = '5'"),
+    "nan duration": ("duration: .nan", "duration = nan"),
+    "no duration": ("duration: 0", "duration = 0.0"),
+    "negative seed": ("seed: -1", "seed = -1"),
+    "huge seed": ("seed: 9223372036854775808", "seed = 9223372036854775808"),
+    "unknown feedback": ("feedback: eyes", "feedback = 'eyes'"),
+    "feedback that is no text": ("feedback: [ekf]", "feedback = ['ekf']"),
+    "negative chunk": ("chunk: -1", "chunk = -1"),
+    "in set and in grid": ("set: {k: 1.0}\ngrid: {k: [1.0]}", "set.k = 1.0"),
+    "hysteresis turned round": ("set: {eps_P: 0.9}", "eps_P_leave = 0.6"),
+    "delay": ("set: {fix_delay: 0.2}", "fix_delay = 0.2"),
+    "delay in one cell": ("grid: {heading_delay: [0.0, 0.2]}", "heading_delay = 0.2"),
+    "start of nothing": ("start: ", "start = None"),
+    "start of a list": ("start: [1, 2, 3]", "start = [1, 2, 3]"),
+    "unknown start": ("start: {line: [1]}", "start = {'line': [1]}"),
+    "two starts": ("start: {list: [[0, 0, 0]], box: {}}", "start = {"),
+    "empty list of starts": ("start: {list: []}", "start.list = []"),
+    "short start": ("start: {list: [[0, 0]]}", "start.list = [0, 0]"),
+    "start of text": ("start: {list: [[0, 0, north]]}", "start.list = [0, 0, 'north']"),
+    "start that is true": ("start: {list: [[0, 0, true]]}", "start.list = [0, 0, True]"),
+    "start beyond all floats": (f"start: {{list: [[0, 0, 1{'0' * 400}]]}}", "start.list = "),
+    "box of nothing": ("start: {box: }", "start.box"),
+    "box of a list": ("start: {box: [1, 2]}", "start.box"),
+    "unknown side of a box": ("start: {box: {z: [0, 1]}}", "start.box key = 'z'"),
+    "box turned round": ("start: {box: {x: [1, 0]}}", "start.box.x = [1, 0]"),
+    "infinite box": ("start: {box: {x: [0, .inf]}}", "start.box.x = [0, inf]"),
+    "box with one end": ("start: {box: {x: 3}}", "start.box.x = 3"),
+    "circle of nothing": ("start: {circle: }", "start.circle"),
+    "circle without radius": ("start: {circle: {points: 3}}", "start.circle.radius = None"),
+    "circle of radius 0": ("start: {circle: {radius: 0}}", "start.circle.radius = 0"),
+    "circle of no points": ("start: {circle: {radius: 1, points: 0}}", "start.circle.points = 0"),
+    "circle of half a point": ("start: {circle: {radius: 1, points: 2.5}}", "start.circle.points = 2.5"),
+    "circle without headings": ("start: {circle: {radius: 1, headings: []}}", "start.circle.headings = []"),
+    "circle of nan headings": ("start: {circle: {radius: 1, headings: [.nan]}}", "start.circle.headings = [nan]"),
+    "no mapping": ("- 1\n- 2", "a mapping of keys is wanted, found list"),
+    "nothing": ("", "a mapping of keys is wanted, found NoneType"),
+    "a text": ("hello", "a mapping of keys is wanted, found str"),
+    "no YAML": ("a: [1", "is no YAML"),
+    "two documents": ("runs: 5\n---\nruns: 6", "is no YAML"),
+    "no such day": ("runs: 2024-02-31", "is no YAML"),
+    "more digits than are read": ("runs: " + "9" * 6000, "is no YAML"),
+    "too deep": ("start: " + "[" * 5000, "is no YAML"),
+    "an object": ("runs: !!python/object/apply:os.getcwd []", "is no YAML"),
+    "a key twice": ("runs: 5\nruns: 6", "'runs'"),
+    "a parameter twice": ("grid:\n  k: [1.0]\n  k: [2.0]", "'k'"),
+    "a bomb as a start": (f"start: {BOMB}", "aliases"),
+    "a bomb in a grid": (f"grid: {{k: {BOMB}}}", "aliases"),
+    "a bomb as a number": (f"runs: {BOMB}", "aliases"),
+}
+
+
+def assert_one_line(text, part):
+    assert part in text
+    assert "\n" not in text.strip()
+    assert "Traceback" not in text
+    assert len(text) < 2500
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_refused_in_one_line(name, tmp_path, capsys):
+    text, part = REFUSED[name]
+    path = tmp_path / "c.yaml"
+    path.write_text(text)
+    out = tmp_path / "out"
+    assert cli.main(["campaign", str(path), "--out", str(out)]) == 1
+    assert_one_line(capsys.readouterr().err, part)
+    assert not out.exists()
+
+
+def test_the_exception_names_key_value_and_bound():
+    with pytest.raises(InvalidValueError) as caught:
+        make_campaign({"runs": 0})
+    assert (caught.value.name, caught.value.value, caught.value.bound) == ("runs", 0, ">= 1 and <= 1e+09")
+
+
+def test_files_that_cannot_be_read(tmp_path):
+    with pytest.raises(DiffbotError, match=r"cannot read .*none\.yaml: No such file"):
+        read_campaign(tmp_path / "none.yaml", {})
+    with pytest.raises(DiffbotError, match=r"cannot read .*: Is a directory"):
+        read_campaign(tmp_path, {})
+    (tmp_path / "b.yaml").write_bytes(b"runs: \xff\xfe")
+    with pytest.raises(DiffbotError, match=r"b\.yaml is no YAML"):
+        read_campaign(tmp_path / "b.yaml", {})
+
+
+@pytest.mark.parametrize(
+    ("flags", "status", "part"),
+    [
+        (["--runs", "0"], 1, "runs = 0"),
+        (["--runs", "many"], 2, "--runs"),
+        (["--duration", "nan"], 1, "duration = nan"),
+        (["--duration", "inf"], 1, "duration = inf"),
+        (["--feedback", "eyes"], 1, "feedback = 'eyes'"),
+        (["--goal", "1", "2"], 1, "goal = (1.0, 2.0)"),
+        (["--grid", "k=[]"], 1, "grid.k = []"),
+        (["--grid", "k=5"], 1, "grid.k = 5"),
+        (["--grid", "k"], 2, "NAME=VALUE"),
+        (["--grid", "=5"], 2, "NAME=VALUE"),
+        (["--grid", "k=[1"], 2, "no YAML"),
+        (["--set", "kk=5"], 1, "kk = 5"),
+        (["--set", "k=.nan"], 1, "k = nan"),
+        (["--set", "k=2024-02-31"], 2, "--set: no YAML"),
+        (["--set", "k=" + "[" * 5000], 2, "--set"),
+        (["--set", "k=1", "k=2"], 1, "--set k = 2: must be given once"),
+        (["--set", "k=1", "--grid", "k=[1]"], 1, "set.k = 1"),
+        (["--start", "{box: }"], 1, "start.box"),
+        (["--start", "[1"], 2, "no YAML"),
+        (["--start", "nowhere"], 1, "start = 'nowhere'"),
+        (["--workers", "0"], 2, "--workers"),
+        (["--workers", "two"], 2, "--workers"),
+        (["--seed", "-1"], 1, "seed = -1"),
+    ],
+)
+def test_flags_refused_in_one_line(flags, status, part, tmp_path, capsys):
+    out = tmp_path / "out"
+    try:
+        found = cli.main(["campaign", "--out", str(out), *flags])
+    except SystemExit as end:
+        found = end.code
+    assert found == status
+    error = capsys.readouterr().err
+    assert_one_line(error.strip().splitlines()[-1], part)
+    assert "Traceback" not in error
+    assert not out.exists()
