@@ -1,0 +1,148 @@
+"""The parent's side of the chains: start the processes of one turn, read their clocks, end them.
+
+A turn is one side (ours or bare) of one scenario with fresh processes. A round is one turn of each side, one right
+after the other, so that what else the machine does meets both; the order changes from round to round.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import signal
+import statistics
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from bench_table import BenchError, Pair
+
+from diffbot_sim.processes import graph_environment
+
+CLOCKED, LOCKSTEP = "clocked", "lockstep"
+OURS, BARE, EVENTS = "ours", "bare", "events"
+ONE = ("source,filter,control",)
+THREE = ("filter", "control", "source")
+"""Which nodes share a process; the source comes last because it begins to measure."""
+_STOP_TIMEOUT = 5.0
+_ATTEMPTS = 2
+
+
+class Chains:
+    """Runs turns on one DDS domain; logs of the processes go to ``folder``."""
+
+    def __init__(self, domain: int, folder: Path) -> None:
+        self._environment = {**graph_environment(domain), "ROS_LOG_DIR": str(folder / "ros")}
+        self._folder = folder
+
+    def turn(self, scenario: str, side: str, groups: tuple[str, ...], seconds: float) -> dict[str, Any]:
+        """Run one turn, and once more if messages were lost; what the source measured, and ``cpu`` in per cent.
+
+        Raises:
+            BenchError: if a process failed or messages were lost again.
+        """
+        for _ in range(_ATTEMPTS):
+            result = self._attempt(scenario, side, groups, seconds)
+            if not result.get("lost") and not result.get("unasked"):
+                return result
+        raise BenchError(f"{scenario} {side}: {result['lost']} commands lost, {result['unasked']} too many")
+
+    def _attempt(self, scenario: str, side: str, groups: tuple[str, ...], seconds: float) -> dict[str, Any]:
+        processes: list[subprocess.Popen[str]] = []
+        for log in self._folder.glob("*.log"):
+            log.unlink()
+        try:
+            for group in groups:
+                processes.append(self._start(scenario, side, group, seconds))
+            source = processes[-1]
+            # The source is a bare driver, not part of what is measured, unless all share one process.
+            measured = processes[:-1] or processes
+            self._expect("begin", source)
+            began, used = time.monotonic(), cpu_seconds(measured)
+            result = self._expect("end", source)
+            result["cpu"] = 100.0 * (cpu_seconds(measured) - used) / (time.monotonic() - began)
+            return result
+        finally:
+            for process in reversed(processes):
+                stop(process)
+
+    def _start(self, scenario: str, side: str, group: str, seconds: float) -> subprocess.Popen[str]:
+        script = Path(__file__).with_name("bench_nodes.py")
+        command = [sys.executable, str(script), scenario, side, group, str(seconds)]
+        with self._log(group).open("w") as log:
+            return subprocess.Popen(
+                command,
+                env=self._environment,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=log,
+                text=True,
+                start_new_session=True,  # Ctrl-C is for the parent, who ends them
+            )
+
+    def _log(self, group: str) -> Path:
+        return self._folder / f"{group}.log"
+
+    def _expect(self, event: str, source: subprocess.Popen[str]) -> dict[str, Any]:
+        """Read the next line of the source; it ends itself when it waits for too long."""
+        assert source.stdout is not None
+        line = source.stdout.readline()
+        if not line:
+            raise BenchError(f"no '{event}' from the source; last words: {self._last_words()}")
+        result: dict[str, Any] = json.loads(line)
+        return result
+
+    def _last_words(self) -> str:
+        lines = {log.stem: log.read_text().strip().splitlines() for log in sorted(self._folder.glob("*.log"))}
+        return " | ".join(f"{name}: {text[-1]}" for name, text in lines.items() if text) or "none"
+
+
+def stop(process: subprocess.Popen[str]) -> None:
+    """End a process with SIGINT; kill it if it does not listen."""
+    if process.poll() is None:
+        process.send_signal(signal.SIGINT)
+    try:
+        process.wait(timeout=_STOP_TIMEOUT)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+    if process.stdout is not None:
+        process.stdout.close()
+
+
+def cpu_seconds(processes: list[subprocess.Popen[str]]) -> float:
+    """CPU time [s] of all threads of the processes so far, user and system."""
+    # The clock of another process, as glibc's clock_getcpuclockid names it: to the ns, /proc/PID/stat has but 10 ms.
+    return sum(time.clock_gettime((~process.pid << 3) | 2) for process in processes)
+
+
+def percentile(values: list[float], share: float) -> float:
+    """Smallest value that is not exceeded by ``share`` of ``values``."""
+    return sorted(values)[max(math.ceil(share * len(values)) - 1, 0)]
+
+
+def _in_turn(number: int, sides: tuple[str, ...]) -> tuple[str, ...]:
+    return sides if number % 2 == 0 else sides[::-1]
+
+
+def clocked_round(chains: Chains, name: str, groups: tuple[str, ...], number: int, seconds: float) -> dict[str, Pair]:
+    """Latency [ms] and CPU [% of a core] of both sides at 50 Hz."""
+    results = {side: chains.turn(CLOCKED, side, groups, seconds) for side in _in_turn(number, (OURS, BARE))}
+    figures = {
+        side: (statistics.median(result["latencies"]), percentile(result["latencies"], 0.99), result["cpu"])
+        for side, result in results.items()
+    }
+    keys = (f"{name}_median", f"{name}_p99", f"{name}_cpu")
+    return {key: Pair(*pair) for key, *pair in zip(keys, figures[OURS], figures[BARE], strict=True)}
+
+
+def lockstep_round(chains: Chains, name: str, groups: tuple[str, ...], number: int, seconds: float) -> dict[str, Pair]:
+    """Steps/s of both sides in lock-step; in one process also of the bare chain on our executor."""
+    sides = (OURS, BARE, EVENTS) if groups == ONE else (OURS, BARE)
+    rates = {side: chains.turn(LOCKSTEP, side, groups, seconds)["rate"] for side in _in_turn(number, sides)}
+    pairs = {name: Pair(rates[OURS], rates[BARE])}
+    if groups == ONE:
+        pairs[f"{name}_rate"] = Pair(rates[OURS], None)
+        pairs[f"{name}_events"] = Pair(rates[OURS], rates[EVENTS])
+    return pairs

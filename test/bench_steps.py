@@ -1,0 +1,125 @@
+"""Time of single steps without ROS, in this process: controller, supervisor, filter, closed loop.
+
+Each function times one round over the same precomputed inputs and returns microseconds of CPU time per step: they wait
+for nothing, and the wall clock would count what other programs take from them.
+"""
+
+from __future__ import annotations
+
+import time
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from bench_table import Pair
+from filterpy.kalman import ExtendedKalmanFilter
+
+from diffbot_control.controller import ControllerConfig, ControllerMemory, step
+from diffbot_control.geometry import Pose
+from diffbot_control.localization import Localization, LocalizationConfig, Measurement, OdometryStep
+from diffbot_control.supervisor import Supervisor, SupervisorConfig
+from diffbot_sim.closed_loop import simulate
+from diffbot_sim.world import World, WorldConfig
+
+_STEPS = 300
+"""30 s of simulation A: global and local region, driving and standing."""
+_GOAL = Pose(0.0, 0.0, 0.0)
+_JACOBIAN = np.array([[1.0, 0.0, -0.03], [0.0, 1.0, 0.04], [0.0, 0.0, 1.0]])
+"""Of the motion by 5 cm in some direction."""
+
+
+class Inputs(NamedTuple):
+    """What the functions under test are fed with."""
+
+    poses: list[Pose]
+    fixes: list[Measurement]
+    odometry: list[OdometryStep]
+
+
+@lru_cache(maxsize=1)
+def inputs() -> Inputs:
+    """Drive the closed loop once and keep its poses, fixes and odometry."""
+    recording = simulate(WorldConfig(), ControllerConfig(), _GOAL, _STEPS)
+    poses = [Pose(*row) for row in recording.seen.tolist()]
+    world, memory, config = World(WorldConfig()), ControllerMemory(), ControllerConfig()
+    fixes, odometry = [], []
+    for pose in poses:
+        fixes += world.sense().fixes
+        odometry.append(world.odometry())
+        memory, command, _ = step(memory, pose, _GOAL, 0.1, config)
+        world.advance(command)
+    return Inputs(poses, fixes, odometry)
+
+
+def _per_step(began: int, steps: int) -> float:
+    return (time.thread_time_ns() - began) * 1e-3 / steps
+
+
+def controller_step() -> float:
+    """Time :func:`diffbot_control.controller.step` along the path."""
+    poses, memory, config = inputs().poses, ControllerMemory(), ControllerConfig()
+    began = time.thread_time_ns()
+    for pose in poses:
+        memory, _, _ = step(memory, pose, _GOAL, 0.1, config)
+    return _per_step(began, len(poses))
+
+
+def supervisor_on_pose() -> float:
+    """Time the same steps through the supervisor, as the node calls it."""
+    poses, supervisor = inputs().poses, Supervisor(SupervisorConfig())
+    supervisor.on_goal(_GOAL)
+    began = time.thread_time_ns()
+    for number, pose in enumerate(poses):
+        supervisor.on_pose(number * 100_000_000, 0.1 * number, pose)
+    return _per_step(began, len(poses))
+
+
+def localization_step() -> float:
+    """Time one fix and one odometry a step through the fusion, with its order of stamps and its history."""
+    _, fixes, odometry = inputs()
+    localization = Localization(LocalizationConfig())
+    began = time.thread_time_ns()
+    for fix, twist in zip(fixes, odometry, strict=True):
+        localization.on_measurement(fix)
+        localization.on_odometry(twist)
+    return _per_step(began, len(odometry))
+
+
+def filterpy_step() -> float:
+    """Time filterpy's own predict and update for a state of three: constant F and Q, H the identity.
+
+    F is the Jacobian at one heading, so that the covariance is as full as ours: scipy inverts a diagonal one faster.
+    """
+    fixes = inputs().fixes
+    reference = ExtendedKalmanFilter(dim_x=3, dim_z=3)
+    reference.x = np.zeros(3)
+    reference.F, reference.Q, reference.R = _JACOBIAN, 1e-4 * np.eye(3), fixes[0].R
+    H = np.eye(3)
+    began = time.thread_time_ns()
+    for fix in fixes:
+        reference.predict()
+        reference.update(fix.z, lambda _: H, lambda x: x)
+    return _per_step(began, len(fixes))
+
+
+def closed_loop_step() -> float:
+    """Time the ROS-free closed loop: plant, sensors, filter, controller."""
+    began = time.thread_time_ns()
+    simulate(WorldConfig(), ControllerConfig(), _GOAL, _STEPS)
+    return _per_step(began, _STEPS + 1)
+
+
+def steps_round(number: int) -> dict[str, Pair]:
+    """Time each once; filter and reference right after each other, the order changing from round to round."""
+    if number % 2 == 0:
+        ours = localization_step()
+        reference = filterpy_step()
+    else:
+        reference = filterpy_step()
+        ours = localization_step()
+    return {
+        "controller_step": Pair(controller_step(), None),
+        "supervisor_on_pose": Pair(supervisor_on_pose(), None),
+        "ekf_step": Pair(ours, reference),
+        "closed_loop_step": Pair(closed_loop_step(), None),
+    }
