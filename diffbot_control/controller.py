@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
+from diffbot_control.config import Spec
 from diffbot_control.geometry import Pose, into_frame
-from diffbot_control.goal import GoalTolerance, within
+from diffbot_control.goal import CERTAIN, GoalTolerance, Uncertainty, within
 from diffbot_control.kinematics import Twist, WheelGeometry
 from diffbot_control.laws import (
     Gains,
@@ -17,17 +18,42 @@ from diffbot_control.laws import (
 )
 from diffbot_control.limits import Limits, limit_acceleration, limit_velocity
 from diffbot_control.navigation import navigation_variables
-from diffbot_control.regions import OMEGA_G, OMEGA_L, FixedRegion, fixed_region
+from diffbot_control.reapproach import (
+    RESTING,
+    Reapproach,
+    ReapproachConfig,
+    next_reapproach,
+    reapproach_command,
+)
+from diffbot_control.regions import (
+    OMEGA_G,
+    OMEGA_L,
+    CovarianceRegion,
+    FixedRegion,
+    covariance_region,
+    fixed_region,
+)
+
+
+class Driving(NamedTuple):
+    """How the robot may move."""
+
+    allow_backward: Annotated[
+        bool, Spec("reverse towards a goal behind the robot; otherwise turn on the spot until it is in front")
+    ] = True
 
 
 class ControllerConfig(NamedTuple):
-    """All that shapes the command."""
+    """All that shapes the command; the defaults are the paper's controller, see presets.py for others."""
 
     gains: Gains = Gains()
     region: FixedRegion = FixedRegion()
     limits: Limits = Limits()
     wheels: WheelGeometry = WheelGeometry()
     tolerance: GoalTolerance = GoalTolerance()
+    covariance_region: CovarianceRegion = CovarianceRegion()
+    reapproach: ReapproachConfig = ReapproachConfig()
+    driving: Driving = Driving()
 
 
 class ControllerMemory(NamedTuple):
@@ -43,6 +69,9 @@ class ControllerMemory(NamedTuple):
     reached: bool = False
     switches: int = 0
     """changes of region so far; entering Omega_L counts as one"""
+    steps_outside: int = 0
+    """poses in a row beyond the leaving radius (covariance policy)"""
+    reapproach: Reapproach = Reapproach()
 
 
 class Report(NamedTuple):
@@ -63,13 +92,23 @@ class Report(NamedTuple):
     """V of Eq. (8) in Omega_G, of Eq. (15) in Omega_L"""
 
 
+def new_memory() -> ControllerMemory:
+    """Return the memory at rest with a new goal, every field spelt out: compiled code knows no defaults."""
+    return ControllerMemory(OMEGA_G, 0.0, 0.0, 0, False, 0, 0, Reapproach(RESTING, 0, 0, 0.0, 0.0))
+
+
 def memory_for_new_goal(memory: ControllerMemory) -> ControllerMemory:
     """Forget the old goal but not the motion: the acceleration limits hold across goals."""
     return ControllerMemory(v=memory.v, omega=memory.omega)
 
 
 def step(
-    memory: ControllerMemory, pose: Pose, goal: Pose, dt: float, config: ControllerConfig
+    memory: ControllerMemory,
+    pose: Pose,
+    goal: Pose,
+    dt: float,
+    config: ControllerConfig,
+    uncertainty: Uncertainty = CERTAIN,
 ) -> tuple[ControllerMemory, Twist, Report]:
     """Law (17) for any goal pose, within the limits.
 
@@ -79,35 +118,67 @@ def step(
         goal: where to go.
         dt: [s] since the last step, for the acceleration limits; 0 lets no velocity change if those are set.
         config: gains, policy, limits, tolerances.
+        uncertainty: of the estimate, for the region and for the goal; by default it is taken at its word.
 
     Returns:
         The next memory, the command, and what was seen. The command is zero if the numbers overflow.
     """
     local = into_frame(pose, goal)
     navigation = navigation_variables(local)
-    region = fixed_region(memory.region, navigation.rho, config.region)
-    if region == OMEGA_L:
-        wanted = local_law(navigation, local.theta, config.gains)
-        lyapunov = local_lyapunov(navigation, local.theta)
-        radius = config.region.eps_P_leave
+    if config.covariance_region.follow_covariance:
+        region, steps_outside, radius = covariance_region(
+            memory.region, memory.steps_outside, navigation.rho, uncertainty.xy, config.covariance_region
+        )
     else:
+        region, steps_outside = fixed_region(memory.region, navigation.rho, config.region), 0
+        radius = config.region.eps_P_leave if region == OMEGA_L else config.region.eps_P
+    if region == OMEGA_L:
+        reapproach = _reapproach(memory, local, uncertainty, dt, config)
+        if reapproach.phase == RESTING:
+            wanted = local_law(navigation, local.theta, config.gains)
+        else:
+            wanted = reapproach_command(reapproach, local, config.gains.k_2, config.reapproach)
+        lyapunov = local_lyapunov(navigation, local.theta)
+    else:
+        reapproach = Reapproach(RESTING, memory.reapproach.tries, 0, memory.reapproach.time, 0.0)
         wanted = global_law(navigation, config.gains)
         lyapunov = global_lyapunov(navigation, config.gains)
-        radius = config.region.eps_P
+    if not config.driving.allow_backward and wanted.v < 0.0:
+        wanted = _forward_only(wanted, navigation.alpha, region, config.gains)
     limited = limit_velocity(wanted, config.limits, config.wheels)
     command = limit_acceleration(limited, Twist(memory.v, memory.omega), dt, config.limits)
     if not (math.isfinite(command.v) and math.isfinite(command.omega)):
         command = Twist(0.0, 0.0)
-    inside = within(local, navigation.rho, command, config.tolerance)
+    inside = reapproach.phase == RESTING and within(local, navigation.rho, command, config.tolerance, uncertainty)
     steps_within = memory.steps_within + 1 if inside else 0
     reached = steps_within >= config.tolerance.settling_steps or (config.tolerance.stateful and memory.reached)
     switches = memory.switches + (1 if region != memory.region else 0)
     report = Report(navigation.rho, navigation.alpha, navigation.beta, local.theta, radius, region, lyapunov)
     return (
-        ControllerMemory(region, command.v, command.omega, steps_within, reached, switches),
+        ControllerMemory(region, command.v, command.omega, steps_within, reached, switches, steps_outside, reapproach),
         command,
         report,
     )
+
+
+def _reapproach(
+    memory: ControllerMemory, local: Pose, uncertainty: Uncertainty, dt: float, config: ControllerConfig
+) -> Reapproach:
+    """Return the next state of the re-approach; only the covariance policy has one, the paper's law stays as it is."""
+    tolerance = config.tolerance
+    if not (config.covariance_region.follow_covariance and config.driving.allow_backward):
+        return memory.reapproach
+    resting = (
+        abs(memory.v) <= tolerance.trans_stopped_velocity
+        and abs(memory.omega) <= tolerance.rot_stopped_velocity
+        and abs(local.theta) <= tolerance.yaw_goal_tolerance
+    )
+    return next_reapproach(memory.reapproach, local, resting, uncertainty, dt, tolerance, config.reapproach)
+
+
+def _forward_only(wanted: Twist, alpha: float, region: int, gains: Gains) -> Twist:
+    """Stand where the law would reverse; in Omega_G turn towards the goal, which leaves dV = -k alpha^2 <= 0."""
+    return Twist(0.0, gains.k * alpha if region == OMEGA_G else wanted.omega)
 
 
 def stop_step(memory: ControllerMemory, dt: float, config: ControllerConfig) -> tuple[ControllerMemory, Twist]:

@@ -14,6 +14,7 @@ from geometry_msgs.msg import (
 from geometry_msgs.msg import (
     Twist as TwistMessage,
 )
+from nav_msgs.msg import Path
 from rclpy.duration import Duration
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Float64MultiArray
@@ -21,13 +22,16 @@ from std_srvs.srv import Trigger
 
 from diffbot_control import supervisor
 from diffbot_control.kinematics import Twist
-from diffbot_control.node_config import ControllerNodeConfig
+from diffbot_control.laws import unstable_gains
+from diffbot_control.node_config import CONTROLLER_PRESETS, ControllerNodeConfig
+from diffbot_control.reapproach import PHASE_NAMES
 from diffbot_control.regions import REGION_NAMES
 from diffbot_control.ros_messages import (
     NANO,
     fill_twist,
     goal_from,
     labelled_array,
+    path_from,
     pose_from,
     set_stamp,
     twist_message,
@@ -39,6 +43,7 @@ NAVIGATION_LABELS = ("stamp", "rho", "alpha", "beta", "theta", "eps_P", "region"
 _LEVELS = {
     supervisor.STALE: DiagnosticStatus.ERROR[0],
     supervisor.WAITING: DiagnosticStatus.WARN[0],
+    supervisor.UNCERTAIN: DiagnosticStatus.WARN[0],
 }
 _STATUS_PERIOD = 0.5
 _LAST_WORD = Duration(seconds=0.2)
@@ -52,7 +57,7 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
 
     def __init__(self, **node_options: Any) -> None:
         """Create publishers, subscriptions, the watch and the service ~/cancel."""
-        super().__init__("controller", ControllerNodeConfig, **node_options)
+        super().__init__("controller", ControllerNodeConfig, CONTROLLER_PRESETS, **node_options)
         config = self.config
         self.supervisor = Supervisor(config.supervisor)
         self._command = twist_message(config.enable_stamped_cmd_vel, config.base_link_frame)
@@ -62,7 +67,10 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
         self._navigations = self.create_publisher(Float64MultiArray, "~/navigation", QoSProfile(depth=10))
         self._navigation = labelled_array(NAVIGATION_LABELS)
         self._told_state = ""
+        self._pose_stamp: int | None = None
+        self._gains_checked = False
         self.listen(PoseStamped, "goal_pose", self._on_goal)
+        self.listen(Path, "path", self._on_path)
         self.listen(PoseWithCovarianceStamped, "pose", self._on_pose)
         self.create_service(Trigger, "~/cancel", self._on_cancel)
         self._watch = self.create_timer(self._watch_period(), self._on_tick, clock=self.steady_clock)
@@ -72,6 +80,7 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
     def on_config(self, config: ControllerNodeConfig) -> None:
         """Take over changed gains, limits and tolerances from the next pose on."""
         self.supervisor.config = config.supervisor
+        self._gains_checked = False
         self._watch.timer_period_ns = int(self._watch_period() * NANO)
 
     def before_shutdown(self) -> None:
@@ -97,9 +106,26 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
         self.get_logger().info(f"goal: x {goal.x:.3f} m, y {goal.y:.3f} m, heading {goal.theta:.3f} rad")
         self._tell_state()
 
+    def _on_path(self, message: Path) -> None:
+        goals = path_from(message, self.config.map_frame)
+        self.supervisor.on_path(goals)
+        self.get_logger().info(f"path of {len(goals)} goals")
+        self._tell_state()
+
+    def _check_gains(self, stamp: int) -> None:
+        """Warn once of gains that cannot be stable at the rate at which poses come."""
+        before, self._pose_stamp = self._pose_stamp, stamp
+        if self._gains_checked or before is None or stamp <= before:
+            return
+        self._gains_checked = True
+        warning = unstable_gains(self.config.supervisor.controller.gains, (stamp - before) / NANO)
+        if warning:
+            self.get_logger().warning(warning)
+
     def _on_pose(self, message: PoseWithCovarianceStamped) -> None:
-        stamp, pose = pose_from(message, self.config.map_frame)
-        command = self.supervisor.on_pose(stamp, self._now(), pose)
+        stamp, pose, uncertainty = pose_from(message, self.config.map_frame)
+        self._check_gains(stamp)
+        command = self.supervisor.on_pose(stamp, self._now(), pose, uncertainty)
         if command is not None:
             self._send(command, stamp)
         if self.supervisor.report is not None:
@@ -154,6 +180,12 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
         if self.supervisor.report is not None:
             values["distance [m]"] = f"{self.supervisor.report.rho:.4f}"
             values["heading error [rad]"] = f"{self.supervisor.report.theta:.4f}"
+            values["eps_P [m]"] = f"{self.supervisor.report.eps_P:.4f}"
+            values["re-approach"] = f"{PHASE_NAMES[memory.reapproach.phase]}, {memory.reapproach.tries} begun"
+            xy, theta = self.supervisor.smallest_tolerance()
+            values["smallest tolerance [m]"], values["smallest tolerance [rad]"] = f"{xy:.4f}", f"{theta:.4f}"
+        if self.supervisor.waypoints:
+            values["waypoint"] = f"{self.supervisor.waypoint}/{self.supervisor.waypoints}"
         if state != self._told_state:
             self.get_logger().info(state)
         self._told_state = state

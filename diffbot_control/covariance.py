@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diffbot_control.errors import BadMessageError
+from diffbot_control.goal import Uncertainty, largest_deviation
 
 _ASYMMETRY = 1e-6
 """Relative difference of mirrored entries that rounding on the way may cause."""
@@ -59,3 +60,9 @@ def _has_cholesky_factor(rows: list[list[float]]) -> bool:
             return False
         row[i] = math.sqrt(pivot)
     return True
+
+
+def uncertainty_of(P: NDArray[np.float64]) -> Uncertainty:
+    """Standard deviations of an estimate with covariance ``P`` (3, 3) of x, y, theta [m, m, rad]."""
+    (xx, xy, _), (_, yy, _), (_, _, tt) = P.tolist()
+    return Uncertainty(largest_deviation(xx, xy, yy), math.sqrt(max(tt, 0.0)))

@@ -2,11 +2,25 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, NamedTuple
 
 from diffbot_control.config import Spec
 from diffbot_control.geometry import Pose
 from diffbot_control.kinematics import Twist
+
+
+class Uncertainty(NamedTuple):
+    """Standard deviations of the estimate."""
+
+    xy: float
+    """[m] of the position along the axis in which it is known least"""
+    theta: float
+    """[rad]"""
+
+
+CERTAIN = Uncertainty(0.0, 0.0)
+"""Of an estimate that is taken at its word."""
 
 
 class GoalTolerance(NamedTuple):
@@ -33,14 +47,42 @@ class GoalTolerance(NamedTuple):
         int,
         Spec("poses in a row that have to be within the tolerances", "-", minimum=1, maximum=100000),
     ] = 5
+    goal_sigmas: Annotated[
+        float, Spec("standard deviations of the estimate that have to fit into the tolerances, too", minimum=0.0)
+    ] = 2.0
     stateful: Annotated[bool, Spec("once reached, a goal stays reached until the next one")] = True
 
 
-def within(pose: Pose, rho: float, command: Twist, tolerance: GoalTolerance) -> bool:
-    """Whether pose and command are inside the tolerances; ``pose`` is in the goal's frame, ``rho`` [m] its distance."""
+def largest_deviation(xx: float, xy: float, yy: float) -> float:
+    """Standard deviation [m] along the longer axis of the error ellipse of a position with this covariance [m^2]."""
+    half = 0.5 * (xx + yy)
+    spread = math.hypot(0.5 * (xx - yy), xy)
+    return math.sqrt(max(half + spread, 0.0))
+
+
+def within(
+    pose: Pose, rho: float, command: Twist, tolerance: GoalTolerance, uncertainty: Uncertainty = CERTAIN
+) -> bool:
+    """Whether the robot rests inside the tolerances for certain.
+
+    Args:
+        pose: estimate, in the goal's frame.
+        rho: [m] its distance from the goal.
+        command: what is being sent.
+        tolerance: what is asked for.
+        uncertainty: of the estimate; ``goal_sigmas`` of it are added to the errors.
+    """
     return (
-        rho <= tolerance.xy_goal_tolerance
-        and abs(pose.theta) <= tolerance.yaw_goal_tolerance
+        rho + tolerance.goal_sigmas * uncertainty.xy <= tolerance.xy_goal_tolerance
+        and abs(pose.theta) + tolerance.goal_sigmas * uncertainty.theta <= tolerance.yaw_goal_tolerance
         and abs(command.v) <= tolerance.trans_stopped_velocity
         and abs(command.omega) <= tolerance.rot_stopped_velocity
+    )
+
+
+def is_knowable(tolerance: GoalTolerance, uncertainty: Uncertainty) -> bool:
+    """Whether an estimate that uncertain could be inside the tolerances at all."""
+    return (
+        tolerance.goal_sigmas * uncertainty.xy < tolerance.xy_goal_tolerance
+        and tolerance.goal_sigmas * uncertainty.theta < tolerance.yaw_goal_tolerance
     )

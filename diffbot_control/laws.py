@@ -27,6 +27,48 @@ class Gains(NamedTuple):
     k_2: Annotated[float, Spec("heading gain in Omega_L", "1/s", minimum=0.0, above=True)] = 2.7
 
 
+PAPER_GAINS = Gains(1.3, 1.0, 0.17, 2.7)
+"""Section 4.1 of the paper."""
+TUNED_GAINS = Gains(1.3, 4.0, 2.37, 4.0)
+"""A double pole at -lambda = -2 /s near the goal: k = 2 lambda, h = (lambda / gamma)^2; see docs/control.md."""
+
+
+def sampled_poles(gains: Gains, t_s: float) -> tuple[float, float, float]:
+    """Largest |eigenvalue| of the loop near the goal, sampled with ``t_s`` [s] and the command held in between.
+
+    With rho -> 0 and small angles, law (13) gives alpha' = -k alpha - gamma h beta, beta' = gamma alpha and
+    rho' = -gamma rho, and law (17) theta' = -k_2 theta; a step is I + Ts A.
+
+    Returns:
+        Of the angles in Omega_G, of the distance, of the heading in Omega_L; stable means all below 1.
+    """
+    # Eigenvalues of A: s^2 + k s + gamma^2 h = 0.
+    half, square = 0.5 * gains.k, gains.gamma * gains.gamma * gains.h
+    spread = half * half - square
+    if spread >= 0.0:
+        root = math.sqrt(spread)
+        angles = max(abs(1.0 + t_s * (-half + root)), abs(1.0 + t_s * (-half - root)))
+    else:
+        angles = math.hypot(1.0 - t_s * half, t_s * math.sqrt(-spread))
+    return angles, abs(1.0 - t_s * gains.gamma), abs(1.0 - t_s * gains.k_2)
+
+
+def unstable_gains(gains: Gains, t_s: float) -> str:
+    """Return a line of warning if the sampled loop near the goal is not stable at ``t_s`` [s]; empty if it is."""
+    angles, distance, heading = sampled_poles(gains, t_s)
+    parts = (
+        ("k, h and gamma (angles in Omega_G)", angles),
+        ("gamma (distance)", distance),
+        ("k_2 (heading in Omega_L)", heading),
+    )
+    found = [f"{name}: {size:.2f}" for name, size in parts if size >= 1.0]
+    if not found:
+        return ""
+    return f"gains are not stable at {t_s:.3g} s a step, eigenvalues must be inside the unit circle: " + ", ".join(
+        found
+    )
+
+
 def sinc(angle: float) -> float:
     """sin(angle) / angle, 1 at 0."""
     if abs(angle) < _SERIES:

@@ -109,6 +109,7 @@ class Localization:
         self._odometry: OdometryStep | None = None
         self._steps: deque[_Step] = deque()
         self._pending: list[Measurement] = []
+        self._known: dict[tuple[float, ...], None] = {}
 
     def reset(self) -> None:
         """Forget everything; the next fix starts anew."""
@@ -117,6 +118,7 @@ class Localization:
         self._odometry = None
         self._steps.clear()
         self._pending.clear()
+        self._known.clear()
 
     def initialise(self, pose: Pose, P: Array, stamp: int | None = None) -> None:
         """Put the filter at ``pose`` with covariance ``P`` (3, 3).
@@ -174,9 +176,16 @@ class Localization:
         """Fuse a fix or a heading at its own stamp.
 
         Raises:
-            BadMessageError: if it is older than the history, if too many with earlier stamps wait for their odometry
-                already, or if a heading comes before the first fix.
+            BadMessageError: if it came before (stamp and values the same), if it is older than the history, if too
+                many with earlier stamps wait for their odometry already, or if a heading comes before the first fix.
         """
+        key = (measurement.stamp, *measurement.z.tolist())
+        if key in self._known:
+            raise BadMessageError("duplicate")
+        self._take(measurement)
+        self._known[key] = None
+
+    def _take(self, measurement: Measurement) -> None:
         if not self.initialised:
             if measurement.z.size != 3:
                 raise BadMessageError("no fix yet")
@@ -241,3 +250,6 @@ class Localization:
         oldest = self._steps[-1].odometry.stamp - round(self.config.history_length / NANO)
         while self._steps[0].odometry.stamp < oldest:
             self._steps.popleft()
+        # In the order of arrival; one that came late stays a little longer than it need.
+        while self._known and (key := next(iter(self._known)))[0] < oldest:
+            del self._known[key]

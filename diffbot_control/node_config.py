@@ -7,16 +7,25 @@ from typing import Annotated, NamedTuple
 from diffbot_control.config import Spec
 from diffbot_control.kinematics import WheelGeometry
 from diffbot_control.localization import LocalizationConfig
+from diffbot_control.presets import PAPER, PRESETS
 from diffbot_control.supervisor import SupervisorConfig
 
 
 class ControllerNodeConfig(NamedTuple):
     """Parameters of the node ``controller``."""
 
+    preset: Annotated[str, Spec("where the other defaults come from", choices=tuple(PRESETS), read_only=True)] = PAPER
     supervisor: SupervisorConfig = SupervisorConfig()
     map_frame: Annotated[str, Spec("frame of poses and goals", read_only=True)] = "map"
     base_link_frame: Annotated[str, Spec("frame of the stamped command", read_only=True)] = "base_link"
     enable_stamped_cmd_vel: Annotated[bool, Spec("publish TwistStamped instead of Twist", read_only=True)] = False
+
+
+CONTROLLER_PRESETS = {
+    name: ControllerNodeConfig(preset=name, supervisor=SupervisorConfig(controller=controller))
+    for name, controller in PRESETS.items()
+}
+"""What the parameter ``preset`` chooses between."""
 
 
 class EkfNodeConfig(NamedTuple):

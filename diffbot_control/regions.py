@@ -41,6 +41,54 @@ def fixed_region(region: int, rho: float, policy: FixedRegion) -> int:
     return OMEGA_L if rho < policy.eps_P else OMEGA_G
 
 
+class CovarianceRegion(NamedTuple):
+    """Omega_L with a radius that follows the filter's covariance.
+
+    The paper asks for eps_P > |eps_rho| + |eps_v| / gamma with the worst errors there may be. Here eps_rho is the error
+    that the filter has now, ``eps_P_sigmas`` standard deviations, and eps_v is a share of the speed, as +-5 % per wheel
+    makes it: the radius shrinks as the filter converges and as the robot slows down, and little is left to be
+    corrected when Omega_L is entered.
+    """
+
+    follow_covariance: Annotated[bool, Spec("let the radius follow the covariance; otherwise eps_P is fixed")] = False
+    eps_P_min: Annotated[float, Spec("smallest radius", "m", minimum=0.0)] = 0.02
+    eps_P_sigmas: Annotated[float, Spec("standard deviations of the position that the radius covers", minimum=0.0)] = (
+        2.2
+    )
+    eps_P_speed_error: Annotated[
+        float, Spec("bound of the relative error of the speed, |eps_v| / |v|", minimum=0.0, maximum=1.0)
+    ] = 0.05
+    eps_P_leave_factor: Annotated[float, Spec("Omega_L is left above so many radii ...", minimum=1.0)] = 3.0
+    eps_P_leave_min: Annotated[float, Spec("... and not below this distance", "m", minimum=0.0)] = 0.3
+    eps_P_leave_steps: Annotated[int, Spec("... in so many poses in a row", minimum=1, maximum=1000)] = 3
+
+
+def covariance_radius(rho: float, sigma_xy: float, policy: CovarianceRegion) -> float:
+    """Entering radius [m] at distance ``rho`` [m] with the position known to ``sigma_xy`` [m] (one standard deviation).
+
+    |eps_v| / gamma is the relative error of the speed times tanh(rho), since |v| <= gamma tanh(rho).
+    """
+    return max(policy.eps_P_min, policy.eps_P_sigmas * sigma_xy) + policy.eps_P_speed_error * math.tanh(rho)
+
+
+def covariance_region(
+    region: int, steps_outside: int, rho: float, sigma_xy: float, policy: CovarianceRegion
+) -> tuple[int, int, float]:
+    """Return the region, the poses in a row outside the leaving radius, and the radius [m] that was compared with.
+
+    The leaving radius has a floor: sigma_xy shrinks while the robot rests, and a residue that was inside when it came
+    must not throw it out.
+    """
+    radius = covariance_radius(rho, sigma_xy, policy)
+    if region == OMEGA_G:
+        return (OMEGA_L if rho < radius else OMEGA_G), 0, radius
+    leaving = max(policy.eps_P_leave_factor * radius, policy.eps_P_leave_min)
+    steps_outside = steps_outside + 1 if rho > leaving else 0
+    if steps_outside >= policy.eps_P_leave_steps:
+        return OMEGA_G, 0, leaving
+    return OMEGA_L, steps_outside, leaving
+
+
 def smallest_radius(eps_x: float, eps_y: float, eps_v: float, gamma: float) -> float:
     """The bound that eps_P has to exceed: |eps_rho| + |eps_v| / gamma (paper, section 3.2).
 

@@ -18,14 +18,15 @@ from geometry_msgs.msg import (
 from geometry_msgs.msg import (
     Twist as TwistMessage,
 )
-from nav_msgs.msg import Odometry
+from nav_msgs.msg import Odometry, Path
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension
 
-from diffbot_control.covariance import check_covariance
+from diffbot_control.covariance import check_covariance, uncertainty_of
 from diffbot_control.ekf import Array
 from diffbot_control.errors import BadMessageError
 from diffbot_control.geometry import Pose, quaternion_of_yaw, yaw_of_quaternion
+from diffbot_control.goal import CERTAIN, Uncertainty
 from diffbot_control.kinematics import Twist, WheelSpeeds
 from diffbot_control.localization import Measurement
 
@@ -100,10 +101,23 @@ def goal_from(message: PoseStamped, frame: str) -> Pose:
     return pose_of(message.pose)
 
 
-def pose_from(message: PoseWithCovarianceStamped, frame: str) -> tuple[int, Pose]:
-    """Stamp [ns] and pose of an estimate in ``frame``."""
+def path_from(message: Path, frame: str) -> list[Pose]:
+    """Return the poses of a path, which has to be given in ``frame``; a pose without a frame is in the path's."""
     check_frame(message.header.frame_id, frame)
-    return stamp_ns(message.header.stamp), pose_of(message.pose.pose)
+    if not message.poses:
+        raise BadMessageError("path is empty")
+    for pose in message.poses:
+        check_frame(pose.header.frame_id or frame, frame)
+    return [pose_of(pose.pose) for pose in message.poses]
+
+
+def pose_from(message: PoseWithCovarianceStamped, frame: str) -> tuple[int, Pose, Uncertainty]:
+    """Stamp [ns], pose and uncertainty of an estimate in ``frame``; without a covariance (all zero) it is certain."""
+    check_frame(message.header.frame_id, frame)
+    pose = pose_of(message.pose.pose)
+    covariance = np.asarray(message.pose.covariance, dtype=float)
+    uncertainty = uncertainty_of(planar_covariance(covariance)) if covariance.any() else CERTAIN
+    return stamp_ns(message.header.stamp), pose, uncertainty
 
 
 def fix_from(message: PoseWithCovarianceStamped, frame: str) -> Measurement:

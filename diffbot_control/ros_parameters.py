@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, Generic
 
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 
-from diffbot_control.config import C, Parameter, build, parameters_of
+from diffbot_control.config import C, Parameter, build, checked, parameters_of, to_dict
 from diffbot_control.errors import DiffbotError
 
 
@@ -19,8 +19,16 @@ class NodeParameters(Generic[C]):
     A bad value at the start raises; a bad ``ros2 param set`` is refused with the same words and changes nothing.
     """
 
-    def __init__(self, node: Node, config_type: type[C], on_change: Callable[[C], None]) -> None:
+    def __init__(
+        self,
+        node: Node,
+        config_type: type[C],
+        on_change: Callable[[C], None],
+        presets: Mapping[str, C] | None = None,
+    ) -> None:
         """Declare every field of ``config_type`` on ``node``; ``on_change`` hears of each later configuration.
+
+        With ``presets`` the parameter ``preset`` is declared first, and the defaults of the others are that preset's.
 
         Raises:
             InvalidValueError: naming parameter, value and bound, if an override from outside is not allowed.
@@ -29,15 +37,24 @@ class NodeParameters(Generic[C]):
         self._fields: dict[str, Parameter] = {parameter.name: parameter for parameter in parameters_of(config_type)}
         self._on_change = on_change
         self._type = config_type
-        values = {name: self._declare(parameter) for name, parameter in self._fields.items()}
-        self.config: C = build(config_type, values)
+        base = config_type()
+        if presets is not None:
+            parameter = self._fields["preset"]
+            base = presets[checked(parameter, self._declare(parameter, parameter.default))]
+        defaults = to_dict(base)
+        values = {
+            name: self._declare(parameter, defaults[name])
+            for name, parameter in self._fields.items()
+            if presets is None or name != "preset"
+        }
+        self.config: C = build(config_type, values, base)
         self._warn_of_unknown_overrides()
         node.add_on_set_parameters_callback(self._validate)
         node.add_post_set_parameters_callback(self._apply)
 
-    def _declare(self, parameter: Parameter) -> Any:
+    def _declare(self, parameter: Parameter, default: Any) -> Any:
         spec = parameter.spec
-        default = list(parameter.default) if isinstance(parameter.default, tuple) else parameter.default
+        default = list(default) if isinstance(default, tuple) else default
         descriptor = ParameterDescriptor(
             description=f"{spec.text} [{spec.unit}]",
             additional_constraints=spec.bound() if parameter.type in (float, int) or spec.choices else "",

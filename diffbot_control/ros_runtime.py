@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, Generic
 
 import rclpy
@@ -36,15 +36,17 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
     """A node with checked parameters (``self.config``), guarded subscriptions and a 1 Hz report on /diagnostics."""
 
-    def __init__(self, name: str, config_type: type[C], **node_options: Any) -> None:
-        """Create the node; ``node_options`` are those of rclpy's Node.
+    def __init__(
+        self, name: str, config_type: type[C], presets: Mapping[str, C] | None = None, **node_options: Any
+    ) -> None:
+        """Create the node; ``presets``: defaults by the parameter ``preset``, ``node_options``: those of rclpy's Node.
 
         Raises:
             DiffbotError: if a parameter is not allowed.
         """
         super().__init__(name, **node_options)
         try:
-            self._checked_parameters = NodeParameters(self, config_type, self.on_config)
+            self._checked_parameters = NodeParameters(self, config_type, self.on_config, presets)
         except BaseException:
             self.destroy_node()
             raise

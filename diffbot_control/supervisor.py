@@ -14,14 +14,17 @@ from diffbot_control.controller import (
     stop_step,
 )
 from diffbot_control.geometry import Pose
+from diffbot_control.goal import CERTAIN, Uncertainty, is_knowable
 from diffbot_control.kinematics import Twist
+from diffbot_control.regions import OMEGA_L
 
 IDLE = "idle"
 WAITING = "waiting for pose"
 DRIVING = "driving"
 REACHED = "goal reached"
+UNCERTAIN = "tolerance below uncertainty"
 STALE = "stale pose"
-STATES = (IDLE, WAITING, DRIVING, REACHED, STALE)
+STATES = (IDLE, WAITING, DRIVING, REACHED, UNCERTAIN, STALE)
 """Messages of ~/status, all there are."""
 
 _LONGEST_STEP = 1.0
@@ -37,6 +40,10 @@ class SupervisorConfig(NamedTuple):
     pose_timeout: Annotated[
         float, Spec("without a pose for so long the robot is stopped", "s", minimum=0.0, above=True)
     ] = 0.5
+    waypoint_radius: Annotated[
+        float,
+        Spec("distance at which a waypoint of a path is passed; 0: each is reached first", "m", minimum=0.0),
+    ] = 0.0
     hold_goal: Annotated[bool, Spec("keep controlling at a reached goal; otherwise go idle")] = True
     publish_when_idle: Annotated[
         bool, Spec("answer every pose, with zero when there is no goal (lock-step needs it)")
@@ -55,13 +62,32 @@ class Supervisor:
         self.report: Report | None = None
         self.goals_reached = 0
         """goals reached so far; one that is lost and reached again, or held through silence, counts once"""
+        self.waypoint = 0
+        """number of the present goal in its path, from 1; 0 for a single goal"""
+        self.waypoints = 0
+        """goals of the path"""
+        self.uncertainty = CERTAIN
+        """of the newest pose"""
+        self._route: list[Pose] = []
         self._counted = False
         self._stamp: int | None = None
+        self._pose: Pose | None = None
         self._heard: float | None = None
         self._zeros_due = 0
 
     def on_goal(self, goal: Pose) -> None:
-        """Drive to ``goal`` (frame of the poses) from the next pose on; the newest goal wins."""
+        """Drive to ``goal`` (frame of the poses) from the next pose on; the newest goal or path wins."""
+        self._route = []
+        self.waypoint = self.waypoints = 0
+        self._drive_to(goal)
+
+    def on_path(self, goals: list[Pose]) -> None:
+        """Drive to ``goals`` one after the other (at least one); the last one is held."""
+        self.waypoint, self.waypoints = 1, len(goals)
+        self._route = goals[1:]
+        self._drive_to(goals[0])
+
+    def _drive_to(self, goal: Pose) -> None:
         self.goal = goal
         self.memory = memory_for_new_goal(self.memory)
         self.state = WAITING if self._heard is None else DRIVING
@@ -75,27 +101,53 @@ class Supervisor:
         self._go_idle(IDLE)
         return None if self.config.publish_when_idle else self._come_to_rest(0.0)
 
-    def on_pose(self, stamp: int, now: float, pose: Pose) -> Twist | None:
+    def on_pose(self, stamp: int, now: float, pose: Pose, uncertainty: Uncertainty = CERTAIN) -> Twist | None:
         """Answer a pose.
 
         Args:
             stamp: [ns] time the pose belongs to.
             now: [s] time of arrival, on the clock of :meth:`on_tick`.
             pose: in the frame of the goals.
+            uncertainty: of the pose.
         """
         dt = 0.0 if self._stamp is None else min(max((stamp - self._stamp) * 1e-9, 0.0), _LONGEST_STEP)
-        self._stamp = stamp
+        again = self.report is not None and stamp == self._stamp and pose == self._pose
+        self._stamp, self._pose = stamp, pose
         self._heard = now
         if self.goal is None:
             return self._come_to_rest(dt)
-        self.memory, command, self.report = step(self.memory, pose, self.goal, dt, self.config.controller)
-        self.state = REACHED if self.memory.reached else DRIVING
+        if again and self.state != STALE:
+            # A pose that is sent again, as in lock-step after a stall, is no step of its own: the same answer.
+            return Twist(self.memory.v, self.memory.omega)
+        self.uncertainty = uncertainty
+        config = self.config.controller
+        self.memory, command, self.report = step(self.memory, pose, self.goal, dt, config, uncertainty)
+        self.state = self._state_of_drive(command)
         if self.memory.reached and not self._counted:
             self._counted = True
             self.goals_reached += 1
-            if not self.config.hold_goal:
+            if not self.config.hold_goal and not self._route:
                 self._go_idle(REACHED)
+        if self._route and (self.memory.reached or self.report.rho <= self.config.waypoint_radius):
+            self.waypoint += 1
+            self._drive_to(self._route.pop(0))
         return command
+
+    def _state_of_drive(self, command: Twist) -> str:
+        if self.memory.reached:
+            return REACHED
+        tolerance = self.config.controller.tolerance
+        stands = (
+            self.memory.region == OMEGA_L
+            and abs(command.v) <= tolerance.trans_stopped_velocity
+            and abs(command.omega) <= tolerance.rot_stopped_velocity
+        )
+        return UNCERTAIN if stands and not is_knowable(tolerance, self.uncertainty) else DRIVING
+
+    def smallest_tolerance(self) -> tuple[float, float]:
+        """Position [m] and heading [rad] tolerance that the present covariance allows at best."""
+        sigmas = self.config.controller.tolerance.goal_sigmas
+        return sigmas * self.uncertainty.xy, sigmas * self.uncertainty.theta
 
     def on_tick(self, now: float) -> Twist | None:
         """Watch for silence: zero while there is something to do but no pose came for ``pose_timeout``."""
@@ -114,6 +166,7 @@ class Supervisor:
 
     def _go_idle(self, state: str) -> None:
         self.goal = None
+        self._route = []
         self.report = None
         self.state = state
         self._zeros_due = _STOP_REPEATS

@@ -8,10 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diffbot_control.controller import ControllerConfig, ControllerMemory, step
+from diffbot_control.covariance import uncertainty_of
 from diffbot_control.errors import BadMessageError, InvalidValueError
 from diffbot_control.geometry import Pose
+from diffbot_control.goal import CERTAIN, Uncertainty
 from diffbot_control.kinematics import Twist
-from diffbot_control.localization import Localization, LocalizationConfig
+from diffbot_control.localization import Estimate, Localization, LocalizationConfig
 from diffbot_sim.world import World, WorldConfig
 
 Array = NDArray[np.float64]
@@ -66,7 +68,7 @@ def simulate(
         pose = observer.pose(world)
         command = Twist(0.0, 0.0)
         if pose is not None:
-            memory, command, _ = step(memory, pose, goal, t_s if index else 0.0, controller)
+            memory, command, _ = step(memory, pose, goal, t_s if index else 0.0, controller, observer.uncertainty())
             rows[index, 3:6] = pose
         rows[index, 0:3] = world.state.pose
         rows[index, 6:8] = command
@@ -84,6 +86,7 @@ class _Observer:
         self._feedback = feedback
         self._localization = Localization(config)
         self._newest: Pose | None = None
+        self._estimate: Estimate | None = None
 
     def pose(self, world: World) -> Pose | None:
         arrivals = world.sense()
@@ -100,6 +103,11 @@ class _Observer:
             except BadMessageError:
                 continue  # too late for the filter's history, or a heading before the first fix: as the node drops it
         try:
-            return self._localization.on_odometry(world.odometry()).pose
+            self._estimate = self._localization.on_odometry(world.odometry())
         except BadMessageError:
             return None  # no fix yet
+        return self._estimate.pose
+
+    def uncertainty(self) -> Uncertainty:
+        """Of the newest pose; a fix or the truth is taken at its word."""
+        return CERTAIN if self._estimate is None else uncertainty_of(self._estimate.P)

@@ -16,16 +16,13 @@ from tqdm import tqdm
 
 from diffbot_control.errors import DiffbotError
 from diffbot_control.geometry import Pose
+from diffbot_control.presets import PAPER, PRESETS
 from diffbot_sim.figures import draw_run
 from diffbot_sim.processes import NodeProcesses, PrivateDomain, wait_until
 from diffbot_sim.run_record import GoalResult, RunRecord, evaluate, read_run
 
 GOALS = (Pose(0.0, 0.0, 0.0), Pose(3.0, 2.0, math.pi / 2), Pose(1.0, -2.0, math.pi))
 """The paper's scenario A, then two goals away from the origin; the last one lies behind the robot."""
-XY_TOLERANCE = 0.4
-"""[m] what the paper's law with its fixed region can be held to"""
-YAW_TOLERANCE = 0.1
-"""[rad]"""
 RECORDED_TOPICS = (
     "cmd_vel",
     "controller/navigation",
@@ -52,6 +49,8 @@ class DemoOptions(NamedTuple):
     overwrite: bool = False
     domain: int | None = None
     """ROS_DOMAIN_ID; None: a private one"""
+    preset: str = PAPER
+    """of the controller; its tolerances are what the demo is judged by"""
 
 
 def run_demo(options: DemoOptions) -> int:
@@ -74,13 +73,13 @@ def run_demo(options: DemoOptions) -> int:
         if domain is not None:
             domain.release()
     record = read_run(folder / "bag")
-    results = evaluate(record, XY_TOLERANCE, YAW_TOLERANCE)
-    reason = _reason(results)
+    results = evaluate(record, *_tolerances(options))
+    reason = _reason(results, *_tolerances(options))
     wall = time.monotonic() - began
     _write_summary(folder, options, record, results, reason, wall)
     draw_run(
         record,
-        "diffbot demo: law (17), paper's gains, fixed region, EKF in the loop",
+        f"diffbot demo: preset {options.preset}, EKF in the loop",
         folder / "path.png",
     )
     print(_table(results))
@@ -92,29 +91,37 @@ def run_demo(options: DemoOptions) -> int:
     return 1 if reason else 0
 
 
+def _tolerances(options: DemoOptions) -> tuple[float, float]:
+    tolerance = PRESETS[options.preset].tolerance
+    return tolerance.xy_goal_tolerance, tolerance.yaw_goal_tolerance
+
+
 def _clock(options: DemoOptions) -> str:
     return "wall" if options.real_time else "lockstep"
 
 
 def _output_folder(options: DemoOptions) -> Path:
     folder = options.out
-    if (folder / "bag").exists():
-        if not options.overwrite:
-            raise DiffbotError(
-                f"{folder / 'bag'} exists: choose another folder with --out, or replace it with --overwrite"
-            )
-        if not (folder / "bag" / "metadata.yaml").is_file() and any((folder / "bag").iterdir()):
-            raise DiffbotError(f"{folder / 'bag'} exists and is no bag: not replaced")
-        shutil.rmtree(folder / "bag")
-        for result in ("summary.json", "path.png"):  # they would tell of another run if this one is interrupted
-            (folder / result).unlink(missing_ok=True)
     try:
+        _make_room_for_bag(folder / "bag", options.overwrite)
         (folder / "log").mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise DiffbotError(f"cannot write to {folder}: {error.strerror}") from None
     if not os.access(folder, os.W_OK):
         raise DiffbotError(f"cannot write to {folder}")
     return folder
+
+
+def _make_room_for_bag(bag: Path, overwrite: bool) -> None:
+    if not bag.exists():
+        return
+    if not overwrite:
+        raise DiffbotError(f"{bag} exists: choose another folder with --out, or replace it with --overwrite")
+    if not bag.is_dir() or (not (bag / "metadata.yaml").is_file() and any(bag.iterdir())):
+        raise DiffbotError(f"{bag} exists and is no bag: not replaced")
+    shutil.rmtree(bag)
+    for result in ("summary.json", "path.png"):  # they would tell of another run if this one is interrupted
+        (bag.parent / result).unlink(missing_ok=True)
 
 
 def _drive(options: DemoOptions, folder: Path, domain: int) -> None:
@@ -133,7 +140,7 @@ def _drive(options: DemoOptions, folder: Path, domain: int) -> None:
         nodes.start(
             "controller",
             "diffbot_control.controller_node",
-            {"publish_when_idle": True, **simulated},
+            {"publish_when_idle": True, "preset": options.preset, **simulated},
         )
         demo = nodes.start(
             "demo",
@@ -186,7 +193,7 @@ def _read_news(demo: subprocess.Popen[str], news: dict[str, Any]) -> None:
         news.update(json.loads(line))
 
 
-def _reason(results: list[GoalResult]) -> str:
+def _reason(results: list[GoalResult], xy: float, yaw: float) -> str:
     """Say why the demo failed; empty if it did not."""
     if len(results) < len(GOALS):
         return f"only {len(results)} of {len(GOALS)} goals were driven to"
@@ -194,7 +201,7 @@ def _reason(results: list[GoalResult]) -> str:
         if math.isnan(result.metrics.settling_time):
             return (
                 f"goal {number} not reached: {result.metrics.position_error:.3f} m and "
-                f"{result.metrics.heading_error:.3f} rad off, tolerance {XY_TOLERANCE} m and {YAW_TOLERANCE} rad"
+                f"{result.metrics.heading_error:.3f} rad off, tolerance {xy} m and {yaw} rad"
             )
     return ""
 
@@ -228,7 +235,8 @@ def _write_summary(
     summary = {
         "seed": options.seed,
         "clock": _clock(options),
-        "tolerance": {"xy": XY_TOLERANCE, "yaw": YAW_TOLERANCE},
+        "preset": options.preset,
+        "tolerance": dict(zip(("xy", "yaw"), _tolerances(options), strict=True)),
         "success": not reason,
         "reason": reason,
         "messages": record.messages,

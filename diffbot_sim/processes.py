@@ -12,6 +12,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any
@@ -80,6 +81,16 @@ def graph_environment(domain: int) -> dict[str, str]:
     }
 
 
+@contextlib.contextmanager
+def _signals_ignored() -> Iterator[None]:
+    before = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
 class NodeProcesses:
     """The processes of one graph; leaving the ``with`` block ends them all, last started first."""
 
@@ -143,8 +154,10 @@ class NodeProcesses:
         trace: TracebackType | None,
     ) -> None:
         """End what still runs."""
-        for name in reversed(list(self._running)):
-            self.stop(name)
+        # A second Ctrl-C must not leave nodes behind; one that does not listen is killed after STOP_TIMEOUT anyway.
+        with _signals_ignored():
+            for name in reversed(list(self._running)):
+                self.stop(name)
         for log in self._logs:
             log.close()
 

@@ -1,0 +1,20 @@
+"""Ready-made controllers: the paper's, and the one that is used unless asked otherwise."""
+
+from __future__ import annotations
+
+from diffbot_control.controller import ControllerConfig
+from diffbot_control.goal import GoalTolerance
+from diffbot_control.laws import PAPER_GAINS, TUNED_GAINS
+from diffbot_control.regions import CovarianceRegion
+
+TUNED, PAPER = "tuned", "paper"
+PRESETS: dict[str, ControllerConfig] = {
+    TUNED: ControllerConfig(
+        gains=TUNED_GAINS,
+        covariance_region=CovarianceRegion(follow_covariance=True),
+        tolerance=GoalTolerance(xy_goal_tolerance=0.1, yaw_goal_tolerance=0.1),
+    ),
+    PAPER: ControllerConfig(gains=PAPER_GAINS),
+}
+"""``tuned``: gains for a double pole, a region that follows the covariance, re-approach. ``paper``: gains and region of
+the paper, and the wide tolerance that its lateral error needs."""

@@ -1,0 +1,118 @@
+"""Removing a lateral error that is left at rest: back off along the goal's axis, come in again.
+
+In Omega_L every (0, y, 0) is an equilibrium of the paper's law, so what is left of y stays, and the global law so close
+to the goal would swing the heading by radians. Here the robot follows the goal's x axis as a line, backwards and
+forwards, with a bounded heading: y decays along the way, and heading and speed are back at zero where it ends.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, NamedTuple
+
+from diffbot_control.config import Spec
+from diffbot_control.geometry import Pose
+from diffbot_control.goal import GoalTolerance, Uncertainty
+from diffbot_control.kinematics import Twist
+
+RESTING, BACKING, COMING = 0, 1, 2
+PHASE_NAMES = ("resting", "backing off", "coming in")
+
+_TURN = 0.03
+"""[m] before its end, and at most a quarter of it, a way counts as done; the approach to a point never ends."""
+
+
+class ReapproachConfig(NamedTuple):
+    """When and how the robot comes in again."""
+
+    reapproach_tries: Annotated[int, Spec("re-approaches for each goal; 0: none", minimum=0, maximum=100)] = 3
+    reapproach_window: Annotated[
+        float, Spec("time after coming to rest in which one may begin", "s", minimum=0.0, maximum=3600.0)
+    ] = 35.0
+    reapproach_speed: Annotated[float, Spec("speed", "m/s", minimum=0.0, above=True)] = 0.25
+    reapproach_heading: Annotated[float, Spec("bound of |heading|", "rad", minimum=0.0, above=True, maximum=1.0)] = 0.25
+    reapproach_distance: Annotated[float, Spec("way back at least", "m", minimum=0.05, maximum=10.0)] = 0.15
+    reapproach_share: Annotated[
+        float, Spec("share of xy_goal_tolerance that a lateral error may take up", minimum=0.0, above=True, maximum=1.0)
+    ] = 0.7
+    reapproach_slope: Annotated[float, Spec("way back in addition, for each lateral metre", minimum=0.0)] = 3.0
+    reapproach_line_gain: Annotated[float, Spec("heading for each lateral metre", "rad/m", minimum=0.0)] = 8.0
+    reapproach_distance_gain: Annotated[
+        float, Spec("speed for each metre from the end of the way", "1/s", minimum=0.0, above=True)
+    ] = 1.3
+
+
+class Reapproach(NamedTuple):
+    """How far it is."""
+
+    phase: int = RESTING
+    tries: int = 0
+    """begun so far"""
+    quiet_steps: int = 0
+    """poses in a row at rest with too large a lateral error"""
+    time: float = 0.0
+    """[s] since the robot first came to rest in Omega_L"""
+    distance: float = 0.0
+    """[m] way back of this try"""
+
+
+def next_reapproach(
+    state: Reapproach,
+    local: Pose,
+    resting: bool,
+    uncertainty: Uncertainty,
+    dt: float,
+    tolerance: GoalTolerance,
+    config: ReapproachConfig,
+) -> Reapproach:
+    """Move on by one pose inside Omega_L.
+
+    A try begins when the robot has rested for ``settling_steps`` poses with a lateral error that is too large for the
+    goal and larger than its own uncertainty: an error that is not known cannot be driven away. It begins within
+    ``reapproach_window`` or not at all, because the estimate goes on changing a little for as long as one waits.
+
+    Args:
+        state: as left by the last pose.
+        local: estimate in the goal's frame.
+        resting: whether speed and heading are within the tolerances.
+        uncertainty: of the estimate.
+        dt: [s] since the last pose.
+        tolerance: of the goal.
+        config: when and how.
+    """
+    time = state.time + dt if resting or state.time > 0.0 else 0.0
+    turn = min(_TURN, 0.25 * state.distance)
+    if state.phase == BACKING:
+        phase = COMING if local.x < turn - state.distance else BACKING
+        return Reapproach(phase, state.tries, 0, time, state.distance)
+    if state.phase == COMING:
+        phase = RESTING if local.x > -turn else COMING
+        return Reapproach(phase, state.tries, 0, time, state.distance)
+    lateral = abs(local.y)
+    wide = tolerance.xy_goal_tolerance
+    allowed = min(wide - tolerance.goal_sigmas * uncertainty.xy, config.reapproach_share * wide)
+    quiet_steps = state.quiet_steps + 1 if resting and lateral > max(allowed, uncertainty.xy) else 0
+    may_begin = time <= config.reapproach_window and state.tries < config.reapproach_tries
+    if may_begin and quiet_steps >= tolerance.settling_steps:
+        distance = config.reapproach_distance + config.reapproach_slope * lateral
+        return Reapproach(BACKING, state.tries + 1, 0, time, distance)
+    return Reapproach(RESTING, state.tries, quiet_steps, time, 0.0)
+
+
+def reapproach_command(state: Reapproach, local: Pose, heading_gain: float, config: ReapproachConfig) -> Twist:
+    """Return the command while backing off or coming in: towards the end of the way, along the axis.
+
+    The heading wanted is proportional to y and to the speed, so it turns round with the direction of travel and is zero
+    at the ends.
+
+    Args:
+        state: which way, and how far.
+        local: estimate in the goal's frame.
+        heading_gain: [1/s] of the heading's control, k_2 of the law.
+        config: speed, gains and bounds.
+    """
+    end = -state.distance if state.phase == BACKING else 0.0
+    speed = config.reapproach_distance_gain * (end - local.x)
+    speed = min(max(speed, -config.reapproach_speed), config.reapproach_speed)
+    heading = -config.reapproach_line_gain * local.y * speed / config.reapproach_speed
+    heading = min(max(heading, -config.reapproach_heading), config.reapproach_heading)
+    return Twist(speed, -heading_gain * (local.theta - heading))

@@ -1,0 +1,380 @@
+"""Laws in one arena: ``diffbot benchmark switching``.
+
+Every law starts where the others start and meets the same noise: run i of each has the noise of (seed, i). The filter
+is in the loop.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from diffbot_control.controller import ControllerConfig
+from diffbot_control.errors import DiffbotError, InvalidValueError
+from diffbot_control.geometry import Pose, wrap_angle
+from diffbot_control.goal import GoalTolerance
+from diffbot_control.laws import PAPER_GAINS
+from diffbot_control.metrics import goal_metrics
+from diffbot_control.presets import PAPER, PRESETS, TUNED
+from diffbot_sim import peers
+from diffbot_sim.batch import COLUMNS, HISTORY_COLUMNS, Starts, run_batch, run_histories
+from diffbot_sim.benchmark_report import judged, table
+from diffbot_sim.closed_loop import Recording, simulate
+from diffbot_sim.experiment import GOAL, HEADINGS_B, starts_of, write_json
+from diffbot_sim.loop import EKF, Case
+from diffbot_sim.plant import PlantConfig
+from diffbot_sim.sensors import SensorConfig
+from diffbot_sim.world import StartPose, WorldConfig
+
+Array = NDArray[np.float64]
+
+DURATION = 60.0
+"""[s] of a run"""
+XY_TOLERANCE, YAW_TOLERANCE = 0.1, 0.1
+"""[m], [rad] that a run has to end and stay inside"""
+V_MAX = 1.3
+"""[m/s] bound of |v| for all; the straight-line bound of the time is distance / V_MAX"""
+FAR, NEAR = 15.0, 1.0
+"""[m] radii of the random starts"""
+DELAY_SHARE = 25
+"""one in so many runs of each start is done with late fixes: the uncompiled loop does them"""
+RUNS_OF_FIGURE = 12
+START_OF_FIGURE = 10
+"""(0, 12 m), heading 220 deg"""
+
+
+class Law(NamedTuple):
+    """One law of the comparison."""
+
+    name: str
+    label: str
+    peer: int
+    controller: ControllerConfig
+    source: str
+    purpose: str
+
+
+class Challenge(NamedTuple):
+    """A harder case for this project's law."""
+
+    name: str
+    text: str
+    controller: ControllerConfig
+    plant: PlantConfig = PlantConfig()
+    sensors: SensorConfig = SensorConfig()
+    xy_tolerance: float = XY_TOLERANCE
+
+
+_TUNED, _PAPER = PRESETS[TUNED], PRESETS[PAPER]
+_LIMITS_ONLY = ControllerConfig()
+_PARK = "J. J. Park, B. Kuipers, ICRA 2011, with the parameters and the finish of nav2_graceful_controller"
+_AICARDI = "M. Aicardi et al., IEEE Robotics and Automation Magazine 2 (1995); law (13) of the paper, its gains"
+LAWS = (
+    Law(
+        "tuned",
+        "switching law, tuned",
+        peers.OURS,
+        _TUNED,
+        "law (17) of the paper, gains for a double pole, radius from the covariance (control.md)",
+        "go-to-pose in open space with a noisy estimate; forwards or backwards",
+    ),
+    Law(
+        "paper_covariance",
+        "switching law, paper's gains",
+        peers.OURS,
+        _TUNED._replace(gains=PAPER_GAINS),
+        "law (17) with the paper's gains, radius from the covariance",
+        "what the gains alone change",
+    ),
+    Law(
+        "paper_fixed",
+        "switching law, paper's",
+        peers.OURS,
+        _PAPER,
+        "law (17) with the paper's gains and a fixed radius of 0.5 m",
+        "the paper's law as published; made for a heading, not for a position within 0.1 m",
+    ),
+    Law(
+        "graceful_pose",
+        "Park & Kuipers, to the pose",
+        peers.GRACEFUL_POSE,
+        _LIMITS_ONLY,
+        f"{_PARK}, 1.3 m/s, initial rotation, no final heading of its own",
+        "comfortable forward motion of a wheelchair along a smooth curve to a pose; forwards only",
+    ),
+    Law(
+        "graceful",
+        "Nav2 graceful, 1.3 m/s",
+        peers.GRACEFUL,
+        _LIMITS_ONLY,
+        f"{_PARK}, 1.3 m/s, allow_backward, prefer_final_rotation",
+        "following a planned path; here straight to the goal, then a rotation in place",
+    ),
+    Law(
+        "graceful_shipped",
+        "Nav2 graceful, as shipped",
+        peers.GRACEFUL_SHIPPED,
+        _LIMITS_ONLY,
+        f"{_PARK}, all defaults: 0.5 m/s, target 1 m ahead on the path",
+        "following a planned path indoors at 0.33 m/s (a target 1 m ahead is inside its slowdown_radius)",
+    ),
+    Law(
+        "polar",
+        "polar law, Siegwart's gains",
+        peers.POLAR,
+        _LIMITS_ONLY,
+        "A. Astolfi, J. Dyn. Syst. Meas. Control 121 (1999); gains of Siegwart and Nourbakhsh (2004)",
+        "exponential convergence from an exact pose; textbook",
+    ),
+    Law(
+        "polar_fast",
+        "polar law, PythonRobotics",
+        peers.POLAR_FAST,
+        _LIMITS_ONLY,
+        "the same law with gains and sectors of PythonRobotics' move_to_pose",
+        "teaching, in a simulation without noise at 100 Hz",
+    ),
+    Law(
+        "aicardi",
+        "Aicardi, stopping",
+        peers.AICARDI,
+        _LIMITS_ONLY,
+        f"{_AICARDI}, holding still once the goal is reached",
+        "smooth steering of a unicycle from an exact pose; forwards or backwards",
+    ),
+    Law(
+        "aicardi_endless",
+        "Aicardi, never stopping",
+        peers.AICARDI_ENDLESS,
+        _LIMITS_ONLY,
+        f"{_AICARDI}, without an end",
+        "the same as the paper simulates it: what holding still is worth",
+    ),
+)
+
+
+def _tuned(xy: float) -> ControllerConfig:
+    return _TUNED._replace(tolerance=GoalTolerance(xy_goal_tolerance=xy, yaw_goal_tolerance=YAW_TOLERANCE))
+
+
+def _noise(share: float) -> SensorConfig:
+    base = SensorConfig()
+    return SensorConfig(
+        eps_x_max=share * base.eps_x_max, eps_y_max=share * base.eps_y_max, eps_theta_max=share * base.eps_theta_max
+    )
+
+
+CHALLENGES = (
+    Challenge("precise", "xy_goal_tolerance 0.03 m", _tuned(0.03)),
+    Challenge("ts_005", "Ts 0.05 s", _TUNED, PlantConfig(sampling_time=0.05)),
+    Challenge("ts_02", "Ts 0.2 s", _TUNED, PlantConfig(sampling_time=0.2)),
+    Challenge("fixes_2_hz", "fixes at 2 Hz", _TUNED, sensors=SensorConfig(fix_rate=2.0)),
+    Challenge("noise_half", "fix noise halved, tolerance 0.05 m", _tuned(0.05), sensors=_noise(0.5), xy_tolerance=0.05),
+    Challenge("noise_double", "fix noise doubled, tolerance 0.2 m", _tuned(0.2), sensors=_noise(2.0), xy_tolerance=0.2),
+    Challenge("radius_error", "one wheel's radius 2 % too large", _TUNED, PlantConfig(right_radius_error=0.02)),
+    Challenge("wheels_limited", "wheel speeds limited to v_max", _TUNED, PlantConfig(wheel_speed_max=V_MAX / 0.05)),
+)
+DELAYED = Challenge("fix_delay", "fixes 100 ms late", _TUNED, sensors=SensorConfig(fix_delay=0.1))
+ROBUSTNESS = (*(one.name for one in CHALLENGES if one.name != "precise"), DELAYED.name)
+
+
+def arena_starts() -> Array:
+    """Return the starts of the paper's simulations B (8 points, two headings) and A, (17, 3) [m, m, rad]."""
+    return np.concatenate([*(starts_of("b", heading).poses for heading in HEADINGS_B), starts_of("a").poses])
+
+
+def case_of(one: Law | Challenge, goal: Pose = GOAL) -> Case:
+    """Return what all runs of a law or challenge share."""
+    plant = PlantConfig() if isinstance(one, Law) else one.plant
+    return Case(
+        plant,
+        SensorConfig() if isinstance(one, Law) else one.sensors,
+        one.controller,
+        goal,
+        EKF,
+        False,
+        round(DURATION / plant.sampling_time),
+        XY_TOLERANCE if isinstance(one, Law) else one.xy_tolerance,
+        YAW_TOLERANCE,
+        one.peer if isinstance(one, Law) else peers.OURS,
+    )
+
+
+def figures_of(outcomes: Array, distances: Array) -> dict[str, Any]:
+    """Turn outcomes (runs, 9), see batch.COLUMNS, into the figures of one row.
+
+    Args:
+        outcomes: of the runs.
+        distances: (runs,) [m] of start and goal.
+    """
+    column = {name: outcomes[:, index] for index, name in enumerate(COLUMNS)}
+    settled = np.isfinite(column["settling_time"])
+    time = column["settling_time"][settled]
+    bound = distances[settled] / V_MAX
+    return {
+        "runs": len(outcomes),
+        "settled": int(settled.sum()),
+        "settling_time": _spread(time),
+        "over_bound": _spread(time / bound),
+        "bound": float(np.median(distances)) / V_MAX,
+        "position": _spread(np.hypot(column["x"], column["y"])),
+        "heading": _spread(np.abs(column["theta"])),
+        "filter": _spread(column["estimation_error"]),
+        "path_ratio": _spread(column["path_length"] / distances),
+        "effort": _spread(column["effort"]),
+        "switches": _spread(column["switches"]),
+        "one_switch": float((column["switches"] == 1.0).mean()),
+    }
+
+
+def _spread(values: Array) -> dict[str, float | None]:
+    """Median, 95 %, 99 % and maximum; null if there are no values."""
+    names = ("median", "p95", "p99", "max")
+    if len(values) == 0:
+        return dict.fromkeys(names)
+    return dict(zip(names, np.quantile(values, (0.5, 0.95, 0.99, 1.0)).tolist(), strict=True))
+
+
+def still_moving(histories: Array, sampling_time: float) -> int:
+    """Count runs that are commanded more than 0.05 m/s at any time in their last second."""
+    last = max(1, round(1.0 / sampling_time))
+    speed = np.abs(histories[:, -last:, HISTORY_COLUMNS.index("v")])
+    return int((speed > 0.05).any(axis=1).sum())
+
+
+def run_benchmark(runs: int, seed: int) -> tuple[dict[str, Any], dict[str, Array]]:
+    """Do all runs, with a progress bar on a terminal.
+
+    Args:
+        runs: of each start; ten times as many of each random case.
+        seed: of all noise.
+
+    Returns:
+        What results.json holds, and the outcomes of each law by its name.
+
+    Raises:
+        InvalidValueError: for less than one run.
+    """
+    if runs < 1:
+        raise InvalidValueError("runs", runs, ">= 1")
+    starts = arena_starts()
+    outcomes: dict[str, Array] = {}
+    laws, challenges = [], []
+    with tqdm(total=len(LAWS) + len(CHALLENGES) + 3, desc="benchmark", unit="case", disable=None) as bar:
+        for law in LAWS:
+            outcomes[law.name] = run_batch(case_of(law), Starts(starts), seed, 0, runs * len(starts))
+            described = {"name": law.name, "label": law.label, "source": law.source, "purpose": law.purpose}
+            laws.append(described | {"ours": law.peer == peers.OURS} | _arena_figures(outcomes[law.name], starts))
+            bar.update()
+        for name, figures in _challenges(runs, seed, starts):
+            challenges.append({"name": name} | figures)
+            bar.update()
+    results: dict[str, Any] = {
+        "runs_of_each_start": runs,
+        "starts": len(starts),
+        "seed": seed,
+        "duration": DURATION,
+        "xy_tolerance": XY_TOLERANCE,
+        "yaw_tolerance": YAW_TOLERANCE,
+        "v_max": V_MAX,
+        "laws": laws,
+        "challenges": challenges,
+    }
+    return results | judged(results), outcomes
+
+
+def _arena_figures(outcomes: Array, starts: Array) -> dict[str, Any]:
+    distances = np.resize(np.hypot(starts[:, 0], starts[:, 1]), len(outcomes))
+    return figures_of(outcomes, distances)
+
+
+def _challenges(runs: int, seed: int, starts: Array) -> Iterator[tuple[str, dict[str, Any]]]:
+    count = runs * len(starts)
+    for one in CHALLENGES:
+        case = case_of(one)
+        figures = {"text": one.text} | _arena_figures(run_batch(case, Starts(starts), seed, 0, count), starts)
+        if one.name == "precise":
+            histories = run_histories(case, Starts(starts), seed, 0, count)
+            figures["moving"] = still_moving(histories, case.plant.sampling_time)
+        yield one.name, figures
+    for name, radius in (("random_far", FAR), ("random_near", NEAR)):
+        text = f"starts within {radius:g} m of random goals, any heading"
+        yield name, {"text": text} | _random(Challenge(name, text, _TUNED), radius, 10 * runs, seed)
+    few = max(1, runs // DELAY_SHARE) * len(starts)
+    late = np.array([_delayed(starts[run % len(starts)], seed, run) for run in range(few)])
+    yield DELAYED.name, {"text": DELAYED.text} | _arena_figures(late, starts)
+
+
+def _random(challenge: Challenge, radius: float, runs: int, seed: int) -> dict[str, Any]:
+    """Run from places spread evenly over a disc about goals spread over 20 m x 20 m; each run has its own of both."""
+    rng = np.random.default_rng((seed, round(1000.0 * radius)))
+    distances = radius * np.sqrt(rng.random(runs))
+    bearings, headings, turns = rng.uniform(-math.pi, math.pi, (3, runs))
+    goals = rng.uniform(-10.0, 10.0, (runs, 2))
+    rows = []
+    for run in range(runs):
+        goal = Pose(goals[run, 0], goals[run, 1], turns[run])
+        x = goal.x + distances[run] * math.cos(bearings[run])
+        y = goal.y + distances[run] * math.sin(bearings[run])
+        start = np.array([(x, y, wrap_angle(headings[run]))])
+        rows.append(run_batch(case_of(challenge, goal), Starts(start), seed, run, 1, 1)[0])
+    return figures_of(np.array(rows), distances)
+
+
+def _delayed(start: Array, seed: int, run: int) -> Array:
+    """Do one run with late fixes, which need the filter's history: the loop that is not compiled has it."""
+    world = WorldConfig(DELAYED.plant, DELAYED.sensors, StartPose(*start.tolist()), seed, run)
+    recording = simulate(world, DELAYED.controller, GOAL, round(DURATION / DELAYED.plant.sampling_time))
+    return _outcome(recording, DELAYED.plant.sampling_time)
+
+
+def _outcome(recording: Recording, t_s: float) -> Array:
+    """Return the row of batch.COLUMNS that a recorded run makes."""
+    metrics = goal_metrics(recording.time, recording.truth, GOAL, XY_TOLERANCE, YAW_TOLERANCE)
+    settling = math.nan if metrics.settling_time is None else metrics.settling_time
+    effort = float((recording.command[:-1] ** 2).sum()) * t_s
+    switches = float(np.count_nonzero(np.diff(recording.region, prepend=0)))
+    inside = np.flatnonzero(recording.region)
+    local = float(recording.time[inside[0]]) if len(inside) else math.nan
+    error = float(np.hypot(*(recording.seen[-1] - recording.truth[-1])[:2]))
+    return np.array([*metrics.final, settling, metrics.path_length, effort, switches, local, error])
+
+
+def paths_of(law: Law, seed: int) -> Array:
+    """Return some paths (runs, steps + 1, 8) from the start that the figure shows."""
+    starts = Starts(arena_starts()[START_OF_FIGURE : START_OF_FIGURE + 1])
+    return run_histories(case_of(law), starts, seed, 0, RUNS_OF_FIGURE)
+
+
+def run_and_report(runs: int, seed: int, folder: Path, figures: bool) -> int:
+    """Run the benchmark, write results.json and benchmark.png to ``folder``, and print the tables.
+
+    Raises:
+        DiffbotError: if the folder cannot be written or a value is not allowed.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        results, outcomes = run_benchmark(runs, seed)
+        write_json(folder / "results.json", results)
+        print(table(results))
+        if figures:
+            draw(outcomes, seed, folder / "benchmark.png")
+    except OSError as error:
+        raise DiffbotError(f"cannot write to {folder}: {error.strerror}") from None
+    print(f"Results in {folder}")
+    return 0
+
+
+def draw(outcomes: dict[str, Array], seed: int, path: Path) -> None:
+    """Draw the paths of each law from one start, and how its runs are distributed."""
+    # Without a figure matplotlib need not be loaded.
+    from diffbot_sim.benchmark_figure import Sheet, draw_benchmark  # noqa: PLC0415
+
+    sheets = [Sheet(law.name, law.label, outcomes[law.name], paths_of(law, seed)[:, :, :2]) for law in LAWS]
+    draw_benchmark(sheets, path)

@@ -1,0 +1,97 @@
+"""The benchmark's figure: paths of each law from one start, and distributions over all runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diffbot_sim.batch import COLUMNS
+from diffbot_sim.figures import new_grid, save
+
+Array = NDArray[np.float64]
+
+_STYLES = {
+    "tuned": ("#0072B2", "-", 2.4),
+    "paper_covariance": ("#0072B2", "--", 1.4),
+    "paper_fixed": ("#0072B2", ":", 1.4),
+    "graceful_pose": ("#D55E00", "--", 1.4),
+    "graceful": ("#D55E00", "-", 1.4),
+    "graceful_shipped": ("#D55E00", ":", 1.4),
+    "polar": ("#009E73", "-", 1.4),
+    "polar_fast": ("#009E73", "--", 1.4),
+    "aicardi": ("#CC79A7", "-", 1.4),
+    "aicardi_endless": ("#CC79A7", "--", 1.4),
+}
+_COLUMNS = 5
+
+
+class Sheet(NamedTuple):
+    """What the figure shows of one law."""
+
+    name: str
+    label: str
+    outcomes: Array
+    """(runs, 9) see batch.COLUMNS"""
+    paths: Array
+    """(runs, steps + 1, 2) [m]"""
+
+
+def draw_benchmark(sheets: list[Sheet], path: Path) -> None:
+    """Draw a panel of paths for each law, and the share of runs below each settling time and final error.
+
+    Raises:
+        OSError: if the file cannot be written.
+    """
+    rows = -(-len(sheets) // _COLUMNS)
+    figure, panels, curves = new_grid(rows, _COLUMNS, 3, (15.0, 3.1 * rows + 4.6))
+    low = np.min([sheet.paths.min(axis=(0, 1)) for sheet in sheets], axis=0) - 0.5
+    high = np.max([sheet.paths.max(axis=(0, 1)) for sheet in sheets], axis=0) + 0.5
+    for axes, sheet in zip(panels, sheets, strict=False):
+        _draw_paths(axes, sheet)
+        axes.set_xlim(low[0], high[0])
+        axes.set_ylim(low[1], high[1])
+        axes.set_aspect("equal")
+    for axes in panels[len(sheets) :]:
+        axes.set_axis_off()
+    _draw_shares(curves, sheets)
+    save(figure, path)
+
+
+def _draw_paths(axes: Any, sheet: Sheet) -> None:
+    colour = _STYLES[sheet.name][0]
+    for run in sheet.paths:
+        axes.plot(*run.T, color=colour, linewidth=0.8, alpha=0.4)
+    axes.plot(*sheet.paths[0, 0], "ko", markersize=4)
+    axes.plot(0.0, 0.0, "kx", markersize=7)
+    axes.set_title(sheet.label, fontsize="medium")
+    axes.tick_params(labelsize="small")
+
+
+def _draw_shares(curves: list[Any], sheets: list[Sheet]) -> None:
+    column = COLUMNS.index
+    for sheet in sheets:
+        out = sheet.outcomes
+        colour, line, width = _STYLES[sheet.name]
+        quantities = (
+            out[:, column("settling_time")],
+            np.maximum(np.hypot(out[:, column("x")], out[:, column("y")]), 1e-4),
+            np.maximum(np.abs(out[:, column("theta")]), 1e-5),
+        )
+        for axes, values in zip(curves, quantities, strict=True):
+            finite = np.sort(values[np.isfinite(values)])
+            shares = 100.0 * np.arange(1, len(finite) + 1) / len(out)
+            axes.step(finite, shares, where="post", color=colour, linestyle=line, linewidth=width, label=sheet.label)
+    labels = ("settling time [s]", "final position error [m]", "final heading error [rad]")
+    for axes, label in zip(curves, labels, strict=True):
+        axes.set_xlabel(label)
+        axes.set_ylim(0.0, 102.0)
+    curves[0].set_xlim(0.0, 60.0)
+    curves[0].set_ylabel("share of all runs [%]")
+    for axes, lowest in ((curves[1], 2e-3), (curves[2], 2e-4)):
+        axes.set_xscale("log")
+        axes.set_xlim(left=lowest)
+        axes.axvline(0.1, color="black", linewidth=0.8)
+    curves[0].legend(fontsize="small", loc="lower right")
