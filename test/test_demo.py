@@ -1,0 +1,285 @@
+"""``diffbot demo``: its results against the bag as another library reads it, its failures, its end by signals."""
+
+import contextlib
+import itertools
+import json
+import math
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+
+import graph
+import matplotlib.image
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
+
+from diffbot_control.controller import ControllerConfig
+from diffbot_control.geometry import Pose
+from diffbot_sim.closed_loop import simulate
+from diffbot_sim.processes import PrivateDomain
+from diffbot_sim.world import WorldConfig
+
+COMMAND = (sys.executable, "-m", "diffbot_sim.cli", "demo")
+GOALS = [(0.0, 0.0, 0.0), (3.0, 2.0, math.pi / 2), (1.0, -2.0, math.pi)]
+TOPICS = {
+    "/cmd_vel",
+    "/controller/navigation",
+    "/controller/status",
+    "/ekf/status",
+    "/global_pose",
+    "/goal_pose",
+    "/ground_truth",
+    "/joint_states",
+    "/odom",
+    "/odometry/filtered",
+    "/pose",
+}
+SEED = 4
+
+
+def command(out, *arguments):
+    return [*COMMAND, "--out", str(out), "--domain", os.environ["ROS_DOMAIN_ID"], *map(str, arguments)]
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory):
+    """Folder and output of a demo that has ended."""
+    folder = tmp_path_factory.mktemp("demo") / "new" / "out"
+    with graph.process(*command(folder, "--seed", SEED)) as process:
+        status, output = process.wait(100.0), process.output
+    assert status == 0, output
+    return folder, output
+
+
+class Bag:
+    """What rosbags finds in a bag."""
+
+    def __init__(self, path):
+        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+            self.count = reader.message_count
+            self.counts = {connection.topic: connection.msgcount for connection in reader.connections}
+            wanted = [one for one in reader.connections if one.topic in ("/ground_truth", "/goal_pose", "/pose")]
+            self.messages = {one.topic: [] for one in wanted}
+            for connection, time, data in reader.messages(wanted):
+                self.messages[connection.topic].append((time, reader.deserialize(data, connection.msgtype)))
+
+    def poses(self, topic):
+        """Stamp [ns], x, y, heading."""
+        return [(stamp(message), *planar(message.pose.pose)) for _, message in self.messages[topic]]
+
+
+def stamp(message):
+    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+
+
+def planar(pose):
+    return pose.position.x, pose.position.y, 2.0 * math.atan2(pose.orientation.z, pose.orientation.w)
+
+
+@pytest.fixture(scope="module")
+def bag(demo):
+    return Bag(demo[0] / "bag")
+
+
+def test_summary_holds_what_the_bag_says(demo, bag):
+    summary = json.loads((demo[0] / "summary.json").read_text())
+    truth = bag.poses("/ground_truth")
+    # By its own stamp a goal begins; the first one has none, since it is sent before the first step.
+    sent = [stamp(message) or time for time, message in bag.messages["/goal_pose"]]
+    assert len(sent) == 3
+    for (_, message), goal in zip(bag.messages["/goal_pose"], GOALS, strict=True):
+        assert planar(message.pose) == pytest.approx(goal)
+    assert summary["success"] is True
+    assert summary["seed"] == SEED
+    assert summary["clock"] == "lockstep"
+    assert summary["messages"] == bag.count == sum(bag.counts.values())
+    assert summary["lost"] == 0
+    assert summary["simulated_time"] == pytest.approx((truth[-1][0] - truth[0][0]) * 1e-9, abs=1e-6)
+    assert len(summary["goals"]) == 3
+    for index, (goal, found) in enumerate(zip(GOALS, summary["goals"], strict=True)):
+        end = sent[index + 1] if index < 2 else math.inf
+        path = [pose for pose in truth if sent[index] <= pose[0] <= end]
+        dx, dy = path[-1][1] - goal[0], path[-1][2] - goal[1]
+        turn = math.remainder(path[-1][3] - goal[2], 2 * math.pi)
+        assert tuple(found["goal"].values()) == pytest.approx(goal, abs=1e-12)
+        assert found["final_in_goal_frame"] == pytest.approx(
+            {
+                "x": math.cos(goal[2]) * dx + math.sin(goal[2]) * dy,
+                "y": math.cos(goal[2]) * dy - math.sin(goal[2]) * dx,
+                "theta": turn,
+            },
+            abs=1e-9,
+        )
+        assert found["position_error"] == pytest.approx(math.hypot(dx, dy), abs=1e-9)
+        assert found["position_error"] <= 0.4
+        assert found["heading_error"] == pytest.approx(abs(turn), abs=1e-9)
+        assert found["heading_error"] <= 0.1
+        length = sum(math.dist(a[1:3], b[1:3]) for a, b in itertools.pairwise(path))
+        assert found["path_length"] == pytest.approx(length, abs=1e-9)
+        assert 0.0 < found["settling_time"] < 20.0
+        assert found["estimation_error"] < 0.3
+
+
+def test_bag_holds_every_topic_and_each_step_of_the_truth(bag):
+    assert {topic for topic, count in bag.counts.items() if count} == TOPICS
+    stamps = [pose[0] for pose in bag.poses("/ground_truth")]
+    # A step whose answer was lost is sent again; none is left out.
+    assert set(np.diff(stamps)) <= {0, 100_000_000}
+    assert {pose[0] for pose in bag.poses("/pose")} <= set(stamps)
+    assert len(set(stamps)) - bag.counts["/cmd_vel"] <= 1
+
+
+def test_truth_of_the_first_goal_is_that_of_the_closed_loop(bag):
+    truth = {pose[0]: pose[1:] for pose in bag.poses("/ground_truth")}
+    start, second = min(truth), stamp(bag.messages["/goal_pose"][1][1])
+    steps = [when for when in sorted(truth) if when < second]
+    assert len(steps) > 40
+    reference = simulate(WorldConfig(seed=SEED), ControllerConfig(), Pose(0.0, 0.0, 0.0), len(steps)).truth
+    for when in steps:
+        index = (when - start) // 100_000_000
+        assert truth[when] == pytest.approx(tuple(reference[index]), abs=1e-9)
+
+
+def test_picture_is_a_png_with_something_on_it(demo):
+    file = demo[0] / "path.png"
+    assert file.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+    pixels = matplotlib.image.imread(file)
+    height, width = pixels.shape[:2]
+    assert (width, height) == (1200, 1000)
+    colours = (pixels[:, :, :3] * 255).round().astype(int)
+    for name, colour in {"truth": (0, 0x72, 0xB2), "estimate": (0xD5, 0x5E, 0), "goals": (0, 0x9E, 0x73)}.items():
+        assert (np.abs(colours - colour).max(axis=2) < 30).sum() > 200, name
+    assert 0.5 < (colours.min(axis=2) > 250).mean() < 0.99, "mostly white, not all"
+
+
+def test_table_is_printed_and_nothing_is_left_over(demo):
+    folder, output = demo
+    for words in ("goal (x, y, heading)", "(0.0, 0.0, 0 deg)", "(3.0, 2.0, 90 deg)", "(1.0, -2.0, 180 deg)", " 0 lost"):
+        assert words in output
+    assert "Traceback" not in output
+    assert "FAILED" not in output
+    assert sorted(entry.name for entry in folder.iterdir()) == ["bag", "log", "path.png", "summary.json"]
+    logs = "".join(file.read_text() for file in (folder / "log").glob("*.log"))
+    assert "Traceback" not in logs
+    assert "[ERROR]" not in logs
+
+
+def children(pid):
+    return [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+def is_running(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def test_a_slow_recorder_changes_no_result(demo, tmp_path):
+    """The simulation runs ahead of it, so the times at which it hears of a goal say little."""
+    out = tmp_path / "out"
+    with graph.process(*command(out, "--seed", SEED)) as process:
+        log = out / "log" / "controller.log"
+        graph.wait_for(lambda: log.is_file() and "]: driving" in log.read_text(), 60.0, "the robot to drive")
+        recorder = next(
+            pid for pid in children(process.popen.pid) if b"recorder_node" in Path(f"/proc/{pid}/cmdline").read_bytes()
+        )
+        while process.popen.poll() is None and is_running(recorder):
+            for number, rest in ((signal.SIGSTOP, 0.08), (signal.SIGCONT, 0.03)):
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(recorder, number)
+                time.sleep(rest)
+        assert process.wait(60.0) == 0, process.output
+    slow, quick = (json.loads((folder / "summary.json").read_text()) for folder in (out, demo[0]))
+    for one, other in zip(slow["goals"], quick["goals"], strict=True):
+        assert one["position_error"] == pytest.approx(other["position_error"], abs=0.05)
+        assert one["path_length"] == pytest.approx(other["path_length"], abs=0.1)
+
+
+ENDINGS = {
+    "Ctrl-C": [signal.SIGINT],
+    "SIGTERM": [signal.SIGTERM],
+    "impatient": [signal.SIGINT, signal.SIGINT, signal.SIGTERM, signal.SIGINT],
+}
+
+
+@pytest.mark.parametrize("numbers", ENDINGS.values(), ids=ENDINGS)
+def test_signals_end_all_processes_and_leave_a_readable_bag(numbers, tmp_path):
+    out = tmp_path / "out"
+    with graph.process(*command(out, "--real-time")) as process:
+
+        def is_driving():
+            assert process.popen.poll() is None, process.output
+            log = out / "log" / "controller.log"
+            return log.is_file() and "]: driving" in log.read_text()
+
+        graph.wait_for(is_driving, 60.0, "the robot to drive")
+        nodes = children(process.popen.pid)
+        assert len(nodes) == 5
+        for number in numbers:
+            before = sum(map(is_running, nodes))
+            process.send(number)
+            # The next one comes when the demo is busy with ending its nodes.
+            graph.wait_for(
+                lambda before=before: process.popen.poll() is not None or sum(map(is_running, nodes)) < before, 20.0
+            )
+            if process.popen.poll() is not None:
+                break
+        assert process.wait(30.0) == 130
+        assert not any(map(is_running, nodes))
+        assert "diffbot: interrupted" in process.output
+        assert "Traceback" not in process.output
+    found = Bag(out / "bag")
+    assert found.counts["/ground_truth"] >= 1
+    assert found.counts["/goal_pose"] == 1
+    assert "Traceback" not in (out / "log" / "recorder.log").read_text()
+
+
+def test_a_node_that_cannot_start_is_one_line_and_status_1(tmp_path):
+    """A package that only the nodes need is broken, so they end at once."""
+    shadow = tmp_path / "shadow" / "rosgraph_msgs"
+    shadow.mkdir(parents=True)
+    (shadow / "__init__.py").write_text('raise ImportError("rosgraph_msgs is broken")\n')
+    path = f"{shadow.parent}{os.pathsep}{graph.SOURCE}"
+    with graph.process(*command(tmp_path / "out"), env=graph.environment(PYTHONPATH=path)) as process:
+        assert process.wait(60.0) == 1
+        errors = [line for line in process.output.splitlines() if line.startswith("diffbot: ")]
+        assert len(errors) == 1, process.output
+        assert errors[0].endswith("ended with status 1: ImportError: rosgraph_msgs is broken")
+        assert "Traceback" not in process.output
+
+
+def test_overwrite_replaces_the_results_and_a_dead_node_ends_the_demo(demo, tmp_path):
+    """The results of an earlier run must not stand beside the bag of one that failed."""
+    out = tmp_path / "out"
+    (out / "bag").mkdir(parents=True)
+    for name in ("bag_0.mcap", "metadata.yaml"):
+        (out / "bag" / name).write_bytes((demo[0] / "bag" / name).read_bytes())
+    for name in ("summary.json", "path.png"):
+        (out / name).write_bytes((demo[0] / name).read_bytes())
+    with graph.process(*command(out, "--overwrite", "--real-time")) as process:
+        log = out / "log" / "plant.log"
+        graph.wait_for(lambda: log.is_file() and "]: ready" in log.read_text(), 40.0, "the plant")
+        nodes = children(process.popen.pid)
+        plant = next(pid for pid in nodes if b"plant_node" in Path(f"/proc/{pid}/cmdline").read_bytes())
+        # Ended by somebody else, in good order: status 0.
+        os.kill(plant, signal.SIGINT)
+        assert process.wait(40.0) == 1
+        assert "diffbot: plant ended with status 0" in process.output
+        assert not any(map(is_running, nodes))
+    assert not (out / "summary.json").exists()
+    assert not (out / "path.png").exists()
+
+
+def test_private_domains_are_not_shared_and_can_be_had_again():
+    domains = [PrivateDomain() for _ in range(4)]
+    try:
+        assert len({domain.id for domain in domains}) == 4
+        assert all(1 <= domain.id <= 101 for domain in domains)
+    finally:
+        for domain in domains:
+            domain.release()

@@ -1,0 +1,122 @@
+"""Lock-step: the graph of three processes drives exactly as the closed loop without ROS, however slow a node is."""
+
+import itertools
+import signal
+
+import numpy as np
+import pytest
+from rosgraph_msgs.msg import Clock
+from std_srvs.srv import Trigger
+from test_graph_robot import lockstep, planar, stamp, turned
+
+from diffbot_control.config import build
+from diffbot_control.controller import ControllerConfig
+from diffbot_control.geometry import Pose
+from diffbot_sim.closed_loop import simulate
+from diffbot_sim.world import WorldConfig
+
+STEPS = 200
+START = 1000 * 10**9
+PERIOD = 100_000_000
+
+
+def true_path(messages, start=START):
+    """Poses by step."""
+    return {(stamp(message) - start) // PERIOD: planar(message.pose.pose) for message in messages}
+
+
+def repeated(messages, times):
+    """Stamp of the newest message if it came this often, else 0."""
+    newest = [stamp(message) for message in messages[-times:]]
+    return newest[0] if len(newest) == times and len(set(newest)) == 1 else 0
+
+
+def go(robot, goal, steps=STEPS):
+    """Let it drive from a standing start, the goal known before the first step; return true poses by step."""
+    robot.send_goal(*goal)
+    first = robot.truths[-1] if robot.truths else None
+    robot.truths.clear()
+    start = START if first is None else stamp(first) + PERIOD
+    robot.pause(False)
+    robot.peer.spin_until(lambda: robot.truths and stamp(robot.truths[-1]) >= start + steps * PERIOD, 20.0, "the steps")
+    robot.pause(True)
+    return true_path(robot.truths, start)
+
+
+def assert_same_path(path, goal, world, steps=STEPS):
+    reference = simulate(build(WorldConfig, world), ControllerConfig(), Pose(*goal), steps).truth
+    seen = sorted(step for step in path if step <= steps)
+    # One or two at the start may pass before the test's node is known, none later.
+    assert min(seen) <= 2
+    assert seen == list(range(min(seen), steps + 1))
+    here, there = np.array([path[step] for step in seen]), reference[seen]
+    assert np.abs(here[:, :2] - there[:, :2]).max() <= 1e-9
+    assert max(turned(*poses) for poses in zip(here, there, strict=True)) <= 1e-9
+    assert np.ptp(there[:, 0]) > 1.0
+
+
+def test_same_path_as_the_closed_loop_twice_in_a_row():
+    goal = (0.0, 0.0, 0.0)
+    with lockstep({"seed": 5}) as robot:
+        clocks = robot.peer.subscribe(Clock, "/clock", 1000)
+        assert_same_path(go(robot, goal), goal, {"seed": 5})
+        times = [message.clock.sec * 10**9 + message.clock.nanosec for message in clocks]
+        # A step whose answer was lost is sent again.
+        assert {after - before for before, after in itertools.pairwise(times)} <= {0, PERIOD}
+        robot.peer.call(Trigger, "plant/reset")
+        robot.peer.call(Trigger, "ekf/reset")
+        assert_same_path(go(robot, goal), goal, {"seed": 5})
+
+
+def test_same_path_with_late_lost_and_wrong_fixes_and_a_compass():
+    plant = {
+        "seed": 11,
+        "run": 3,
+        "fix_delay": 0.3,
+        "heading_rate": 5.0,
+        "heading_delay": 0.1,
+        "fix_dropout": 0.3,
+        "fix_outlier": 0.1,
+        "initial_pose.x": 1.0,
+        "initial_pose.y": 2.0,
+        "initial_pose.yaw": -2.0,
+    }
+    goal = (4.0, -1.0, 2.5)
+    with lockstep(plant) as robot:
+        assert_same_path(go(robot, goal), goal, plant)
+
+
+@pytest.mark.parametrize("sleeper", ["ekf", "controller"])
+def test_a_node_that_slept_longer_than_the_timeout_changes_nothing_but_the_count_of_repeats(sleeper):
+    """Its late answers to a step's repeated messages must not put the loop a step behind, nor fuse a fix twice."""
+    goal, world = (0.0, 0.0, 0.0), {"seed": 7, "fix_delay": 0.2}
+    with lockstep({**world, "lockstep_timeout": 0.2}) as robot:
+        robot.send_goal(*goal)
+        robot.pause(False)
+        robot.peer.spin_until(lambda: len(robot.truths) > 20, 10.0, "20 steps")
+        robot.processes[sleeper].send(signal.SIGSTOP)
+        try:
+            # Each repeat of the step sends its truth again.
+            last = robot.peer.spin_until(lambda: repeated(robot.truths, 4), 10.0, "repeats of the step")
+        finally:
+            robot.processes[sleeper].send(signal.SIGCONT)
+        robot.peer.spin_until(lambda: stamp(robot.truths[-1]) >= last + STEPS * PERIOD, 20.0, "the steps after it")
+        robot.pause(True)
+        assert int(robot.diagnosis("plant")["steps sent again"]) >= 3
+    assert_same_path(true_path(robot.truths), goal, world)
+    times = [stamp(message) for message in robot.truths]
+    assert times == sorted(times)
+    afterwards = [number for number in times if number > last]
+    assert len(afterwards) == len(set(afterwards)), "once awake, it needs each step once"
+    assert abs(len(robot.commands) - len(set(times))) <= 8
+
+
+def test_without_answers_the_plant_says_so_once_and_keeps_asking():
+    plant = {"lockstep_timeout": 0.1, "start_paused": False}
+    with lockstep(plant, only=("ekf", "plant")) as robot:
+        robot.peer.spin_until(lambda: len(robot.poses) > 5, 10.0, "repeated steps")
+        assert {stamp(message) for message in robot.poses} == {START}
+        assert robot.processes["plant"].output.count("no command on cmd_vel") == 1
+        # A controller that comes late takes the loop up.
+        robot.start("controller", {"publish_when_idle": True})
+        robot.peer.spin_until(lambda: robot.truths and stamp(robot.truths[-1]) > START + 20 * PERIOD, 10.0, "steps")
