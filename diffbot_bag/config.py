@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Annotated, NamedTuple
 
-from diffbot_bag.qos import REPLAY_DEPTH
 from diffbot_bag.schedule import parse_remap
 from diffbot_bag.writer import CHUNK_SIZE
 from diffbot_control.config import Spec
@@ -86,9 +85,9 @@ class ReplayConfig(NamedTuple):
             -1.0,
             read_only=True,
         ),
-    ] = -1.0
+    ] = 5.0
     read_ahead_queue_size: Annotated[int, Spec("messages read ahead", minimum=1, maximum=1_000_000, read_only=True)] = (
-        REPLAY_DEPTH
+        1000
     )
 
     def check(self) -> None:

@@ -61,7 +61,7 @@ class McapFile:
                 if summary is not None:
                     self._check_summary()
             if summary is None or summary.statistics is None:
-                raise DiffbotError(f"{path} has no index: try `diffbot repair`")
+                raise DiffbotError(f"{path} has no index")
             self._summary: Summary = summary
             self._statistics: Statistics = summary.statistics
         except DiffbotError:
@@ -76,7 +76,7 @@ class McapFile:
             raise DiffbotError(f"{self.path} is not an MCAP file")
         self._stream.seek(max(size - len(MAGIC), len(MAGIC)))
         if self._stream.read() != MAGIC:
-            raise DiffbotError(f"{self.path} is truncated, its recording did not end: try `diffbot repair`")
+            raise DiffbotError(f"{self.path} is truncated, its recording did not end")
         self._stream.seek(0)
 
     @contextlib.contextmanager
@@ -91,7 +91,7 @@ class McapFile:
             raise DiffbotError(f"cannot read {self.path}: {error.strerror}") from error
 
     def _damaged(self, what: str) -> DiffbotError:
-        return DiffbotError(f"{self.path} is damaged ({what}): try `diffbot repair`")
+        return DiffbotError(f"{self.path} is damaged ({what})")
 
     def _check_summary(self) -> None:
         """Compare the checksum of the index, which mcap's reader leaves unread."""

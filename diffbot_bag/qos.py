@@ -11,8 +11,8 @@ from diffbot_control.errors import DiffbotError
 
 INFINITE = 2**63 - 1
 """[ns] What ROS writes for an infinite duration: 9223372036 s 854775807 ns."""
-REPLAY_DEPTH = 1000
-"""Messages kept per volatile topic in replay, for a subscriber that falls behind."""
+REPLAY_DEPTH = 10_000
+"""Messages kept per volatile topic in replay: DDS repeats what a busy machine dropped only every 3 s."""
 # Up to version 8 of metadata.yaml the policies were the numbers of rmw.
 _WORDS = {
     "history": ("system_default", "keep_last", "keep_all", "unknown"),

@@ -196,5 +196,5 @@ class BagWriter:
             self._stream.close()
         return BagWriteError(
             f"cannot write {self.path}: {error.strerror}; the bag ends after about {self.count} messages"
-            " (`diffbot repair` makes it whole)"
+            " (it has no end, but its full chunks can be read as a stream)"
         )

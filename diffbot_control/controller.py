@@ -127,7 +127,12 @@ def step(
     navigation = navigation_variables(local)
     if config.covariance_region.follow_covariance:
         region, steps_outside, radius = covariance_region(
-            memory.region, memory.steps_outside, navigation.rho, uncertainty.xy, config.covariance_region
+            memory.region,
+            memory.steps_outside,
+            navigation.rho,
+            uncertainty.xy,
+            config.covariance_region,
+            memory.reapproach.distance,
         )
     else:
         region, steps_outside = fixed_region(memory.region, navigation.rho, config.region), 0
@@ -167,7 +172,8 @@ def _reapproach(
     """Return the next state of the re-approach; only the covariance policy has one, the paper's law stays as it is."""
     tolerance = config.tolerance
     if not (config.covariance_region.follow_covariance and config.driving.allow_backward):
-        return memory.reapproach
+        # Switched off while under way, it must not stay there.
+        return Reapproach(RESTING, memory.reapproach.tries, 0, memory.reapproach.time, 0.0)
     resting = (
         abs(memory.v) <= tolerance.trans_stopped_velocity
         and abs(memory.omega) <= tolerance.rot_stopped_velocity

@@ -66,7 +66,7 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
         self._statuses = self.create_publisher(DiagnosticStatus, "~/status", LATCHED)
         self._navigations = self.create_publisher(Float64MultiArray, "~/navigation", QoSProfile(depth=10))
         self._navigation = labelled_array(NAVIGATION_LABELS)
-        self._told_state = ""
+        self._told = ("", 0)
         self._pose_stamp: int | None = None
         self._gains_checked = False
         self.listen(PoseStamped, "goal_pose", self._on_goal)
@@ -130,15 +130,13 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
             self._send(command, stamp)
         if self.supervisor.report is not None:
             self._tell_navigation(stamp)
-        if self.supervisor.state != self._told_state:
-            self._tell_state()
+        self._tell_news()
 
     def _on_tick(self) -> None:
         command = self.supervisor.on_tick(self._now())
         if command is not None:
             self._send(command)
-        if self.supervisor.state != self._told_state:
-            self._tell_state()
+        self._tell_news()
 
     def _on_cancel(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success = self.supervisor.goal is not None
@@ -168,6 +166,10 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
         self._navigation.data = array("d", (stamp / NANO, *report[:5], report.region, report.lyapunov))
         self._navigations.publish(self._navigation)
 
+    def _tell_news(self) -> None:
+        if (self.supervisor.state, self.supervisor.waypoint) != self._told:
+            self._tell_state()
+
     def _tell_state(self) -> None:
         state, memory = self.supervisor.state, self.supervisor.memory
         values = {
@@ -186,9 +188,9 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
             values["smallest tolerance [m]"], values["smallest tolerance [rad]"] = f"{xy:.4f}", f"{theta:.4f}"
         if self.supervisor.waypoints:
             values["waypoint"] = f"{self.supervisor.waypoint}/{self.supervisor.waypoints}"
-        if state != self._told_state:
+        if state != self._told[0]:
             self.get_logger().info(state)
-        self._told_state = state
+        self._told = (state, self.supervisor.waypoint)
         self._statuses.publish(status_message("controller", _LEVELS.get(state, 0), state, values))
 
 

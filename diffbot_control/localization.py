@@ -21,6 +21,8 @@ from diffbot_control.kinematics import Twist
 NANO = 1e-9
 _PENDING_MOST = 1000
 """Measurements that may wait for their odometry; more means that none comes."""
+_KNOWN_MOST = 10_000
+"""Measurements remembered to refuse those that are sent again."""
 
 
 class LocalizationConfig(NamedTuple):
@@ -250,6 +252,7 @@ class Localization:
         oldest = self._steps[-1].odometry.stamp - round(self.config.history_length / NANO)
         while self._steps[0].odometry.stamp < oldest:
             self._steps.popleft()
-        # In the order of arrival; one that came late stays a little longer than it need.
-        while self._known and (key := next(iter(self._known)))[0] < oldest:
+        # In the order of arrival; one that came late stays a little longer than it need, and one with a stamp far ahead
+        # does not keep all that come after it.
+        while self._known and ((key := next(iter(self._known)))[0] < oldest or len(self._known) > _KNOWN_MOST):
             del self._known[key]

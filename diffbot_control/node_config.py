@@ -7,14 +7,14 @@ from typing import Annotated, NamedTuple
 from diffbot_control.config import Spec
 from diffbot_control.kinematics import WheelGeometry
 from diffbot_control.localization import LocalizationConfig
-from diffbot_control.presets import PAPER, PRESETS
+from diffbot_control.presets import PRESETS, TUNED
 from diffbot_control.supervisor import SupervisorConfig
 
 
 class ControllerNodeConfig(NamedTuple):
     """Parameters of the node ``controller``."""
 
-    preset: Annotated[str, Spec("where the other defaults come from", choices=tuple(PRESETS), read_only=True)] = PAPER
+    preset: Annotated[str, Spec("where the other defaults come from", choices=tuple(PRESETS), read_only=True)] = TUNED
     supervisor: SupervisorConfig = SupervisorConfig()
     map_frame: Annotated[str, Spec("frame of poses and goals", read_only=True)] = "map"
     base_link_frame: Annotated[str, Spec("frame of the stamped command", read_only=True)] = "base_link"

@@ -5,16 +5,23 @@ from __future__ import annotations
 from diffbot_control.controller import ControllerConfig
 from diffbot_control.goal import GoalTolerance
 from diffbot_control.laws import PAPER_GAINS, TUNED_GAINS
+from diffbot_control.reapproach import ReapproachConfig
 from diffbot_control.regions import CovarianceRegion
 
-TUNED, PAPER = "tuned", "paper"
+TUNED, PAPER_COVARIANCE, PAPER = "tuned", "paper_covariance", "paper"
+_NARROW = GoalTolerance(xy_goal_tolerance=0.1, yaw_goal_tolerance=0.1)
 PRESETS: dict[str, ControllerConfig] = {
     TUNED: ControllerConfig(
         gains=TUNED_GAINS,
-        covariance_region=CovarianceRegion(follow_covariance=True),
-        tolerance=GoalTolerance(xy_goal_tolerance=0.1, yaw_goal_tolerance=0.1),
+        covariance_region=CovarianceRegion(follow_covariance=True, eps_P_sigmas=2.15),
+        reapproach=ReapproachConfig(reapproach_share=0.75),
+        tolerance=_NARROW,
+    ),
+    PAPER_COVARIANCE: ControllerConfig(
+        gains=PAPER_GAINS, covariance_region=CovarianceRegion(follow_covariance=True), tolerance=_NARROW
     ),
     PAPER: ControllerConfig(gains=PAPER_GAINS),
 }
-"""``tuned``: gains for a double pole, a region that follows the covariance, re-approach. ``paper``: gains and region of
-the paper, and the wide tolerance that its lateral error needs."""
+"""``tuned``: gains for a double pole, a region that follows the covariance, re-approach. ``paper_covariance``: the same
+with the paper's gains. ``paper``: gains and fixed region of the paper, and the wide tolerance that its lateral error
+needs."""

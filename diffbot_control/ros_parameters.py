@@ -62,7 +62,9 @@ class NodeParameters(Generic[C]):
             # Whole numbers are welcome where a float is wanted; config.checked() holds the types.
             dynamic_typing=True,
         )
-        return self._node.declare_parameter(parameter.name, default, descriptor).value
+        value = self._node.declare_parameter(parameter.name, default, descriptor).value
+        # rcl knows no type for [] and drops it.
+        return () if value is None and isinstance(parameter.default, tuple) else value
 
     def _warn_of_unknown_overrides(self) -> None:
         # rclpy keeps what was given but never declared only here; a misspelt name must not pass in silence.

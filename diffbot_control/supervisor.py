@@ -72,6 +72,7 @@ class Supervisor:
         self._counted = False
         self._stamp: int | None = None
         self._pose: Pose | None = None
+        self._answer: Twist | None = None
         self._heard: float | None = None
         self._zeros_due = 0
 
@@ -79,12 +80,14 @@ class Supervisor:
         """Drive to ``goal`` (frame of the poses) from the next pose on; the newest goal or path wins."""
         self._route = []
         self.waypoint = self.waypoints = 0
+        self._answer = None
         self._drive_to(goal)
 
     def on_path(self, goals: list[Pose]) -> None:
         """Drive to ``goals`` one after the other (at least one); the last one is held."""
         self.waypoint, self.waypoints = 1, len(goals)
         self._route = goals[1:]
+        self._answer = None
         self._drive_to(goals[0])
 
     def _drive_to(self, goal: Pose) -> None:
@@ -99,6 +102,7 @@ class Supervisor:
         if self.goal is None:
             return None
         self._go_idle(IDLE)
+        self.waypoint = self.waypoints = 0
         return None if self.config.publish_when_idle else self._come_to_rest(0.0)
 
     def on_pose(self, stamp: int, now: float, pose: Pose, uncertainty: Uncertainty = CERTAIN) -> Twist | None:
@@ -111,24 +115,25 @@ class Supervisor:
             uncertainty: of the pose.
         """
         dt = 0.0 if self._stamp is None else min(max((stamp - self._stamp) * 1e-9, 0.0), _LONGEST_STEP)
-        again = self.report is not None and stamp == self._stamp and pose == self._pose
+        again = stamp == self._stamp and pose == self._pose
         self._stamp, self._pose = stamp, pose
         self._heard = now
         if self.goal is None:
             return self._come_to_rest(dt)
-        if again and self.state != STALE:
+        if again and self._answer is not None and self.state != STALE:
             # A pose that is sent again, as in lock-step after a stall, is no step of its own: the same answer.
-            return Twist(self.memory.v, self.memory.omega)
+            return self._answer
         self.uncertainty = uncertainty
         config = self.config.controller
         self.memory, command, self.report = step(self.memory, pose, self.goal, dt, config, uncertainty)
+        self._answer = command
         self.state = self._state_of_drive(command)
         if self.memory.reached and not self._counted:
             self._counted = True
             self.goals_reached += 1
             if not self.config.hold_goal and not self._route:
                 self._go_idle(REACHED)
-        if self._route and (self.memory.reached or self.report.rho <= self.config.waypoint_radius):
+        if self._route and (self.memory.reached or self.report.rho < self.config.waypoint_radius):
             self.waypoint += 1
             self._drive_to(self._route.pop(0))
         return command

@@ -7,39 +7,41 @@ is in the loop.
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from diffbot_control.controller import ControllerConfig
 from diffbot_control.errors import DiffbotError, InvalidValueError
 from diffbot_control.geometry import Pose, wrap_angle
-from diffbot_control.goal import GoalTolerance
-from diffbot_control.laws import PAPER_GAINS
 from diffbot_control.metrics import goal_metrics
-from diffbot_control.presets import PAPER, PRESETS, TUNED
-from diffbot_sim import peers
 from diffbot_sim.batch import COLUMNS, HISTORY_COLUMNS, Starts, run_batch, run_histories
+from diffbot_sim.benchmark_cases import (
+    CHALLENGES,
+    DELAYED,
+    DURATION,
+    LAWS,
+    TUNED_CONTROLLER,
+    V_MAX,
+    XY_TOLERANCE,
+    YAW_TOLERANCE,
+    Challenge,
+    Law,
+    arena_starts,
+    case_of,
+)
 from diffbot_sim.benchmark_report import judged, table
 from diffbot_sim.closed_loop import Recording, simulate
-from diffbot_sim.experiment import GOAL, HEADINGS_B, starts_of, write_json
-from diffbot_sim.loop import EKF, Case
-from diffbot_sim.plant import PlantConfig
-from diffbot_sim.sensors import SensorConfig
+from diffbot_sim.experiment import GOAL, write_json
+from diffbot_sim.peers import OURS
 from diffbot_sim.world import StartPose, WorldConfig
 
 Array = NDArray[np.float64]
 
-DURATION = 60.0
-"""[s] of a run"""
-XY_TOLERANCE, YAW_TOLERANCE = 0.1, 0.1
-"""[m], [rad] that a run has to end and stay inside"""
-V_MAX = 1.3
-"""[m/s] bound of |v| for all; the straight-line bound of the time is distance / V_MAX"""
 FAR, NEAR = 15.0, 1.0
 """[m] radii of the random starts"""
 DELAY_SHARE = 25
@@ -47,163 +49,6 @@ DELAY_SHARE = 25
 RUNS_OF_FIGURE = 12
 START_OF_FIGURE = 10
 """(0, 12 m), heading 220 deg"""
-
-
-class Law(NamedTuple):
-    """One law of the comparison."""
-
-    name: str
-    label: str
-    peer: int
-    controller: ControllerConfig
-    source: str
-    purpose: str
-
-
-class Challenge(NamedTuple):
-    """A harder case for this project's law."""
-
-    name: str
-    text: str
-    controller: ControllerConfig
-    plant: PlantConfig = PlantConfig()
-    sensors: SensorConfig = SensorConfig()
-    xy_tolerance: float = XY_TOLERANCE
-
-
-_TUNED, _PAPER = PRESETS[TUNED], PRESETS[PAPER]
-_LIMITS_ONLY = ControllerConfig()
-_PARK = "J. J. Park, B. Kuipers, ICRA 2011, with the parameters and the finish of nav2_graceful_controller"
-_AICARDI = "M. Aicardi et al., IEEE Robotics and Automation Magazine 2 (1995); law (13) of the paper, its gains"
-LAWS = (
-    Law(
-        "tuned",
-        "switching law, tuned",
-        peers.OURS,
-        _TUNED,
-        "law (17) of the paper, gains for a double pole, radius from the covariance (control.md)",
-        "go-to-pose in open space with a noisy estimate; forwards or backwards",
-    ),
-    Law(
-        "paper_covariance",
-        "switching law, paper's gains",
-        peers.OURS,
-        _TUNED._replace(gains=PAPER_GAINS),
-        "law (17) with the paper's gains, radius from the covariance",
-        "what the gains alone change",
-    ),
-    Law(
-        "paper_fixed",
-        "switching law, paper's",
-        peers.OURS,
-        _PAPER,
-        "law (17) with the paper's gains and a fixed radius of 0.5 m",
-        "the paper's law as published; made for a heading, not for a position within 0.1 m",
-    ),
-    Law(
-        "graceful_pose",
-        "Park & Kuipers, to the pose",
-        peers.GRACEFUL_POSE,
-        _LIMITS_ONLY,
-        f"{_PARK}, 1.3 m/s, initial rotation, no final heading of its own",
-        "comfortable forward motion of a wheelchair along a smooth curve to a pose; forwards only",
-    ),
-    Law(
-        "graceful",
-        "Nav2 graceful, 1.3 m/s",
-        peers.GRACEFUL,
-        _LIMITS_ONLY,
-        f"{_PARK}, 1.3 m/s, allow_backward, prefer_final_rotation",
-        "following a planned path; here straight to the goal, then a rotation in place",
-    ),
-    Law(
-        "graceful_shipped",
-        "Nav2 graceful, as shipped",
-        peers.GRACEFUL_SHIPPED,
-        _LIMITS_ONLY,
-        f"{_PARK}, all defaults: 0.5 m/s, target 1 m ahead on the path",
-        "following a planned path indoors at 0.33 m/s (a target 1 m ahead is inside its slowdown_radius)",
-    ),
-    Law(
-        "polar",
-        "polar law, Siegwart's gains",
-        peers.POLAR,
-        _LIMITS_ONLY,
-        "A. Astolfi, J. Dyn. Syst. Meas. Control 121 (1999); gains of Siegwart and Nourbakhsh (2004)",
-        "exponential convergence from an exact pose; textbook",
-    ),
-    Law(
-        "polar_fast",
-        "polar law, PythonRobotics",
-        peers.POLAR_FAST,
-        _LIMITS_ONLY,
-        "the same law with gains and sectors of PythonRobotics' move_to_pose",
-        "teaching, in a simulation without noise at 100 Hz",
-    ),
-    Law(
-        "aicardi",
-        "Aicardi, stopping",
-        peers.AICARDI,
-        _LIMITS_ONLY,
-        f"{_AICARDI}, holding still once the goal is reached",
-        "smooth steering of a unicycle from an exact pose; forwards or backwards",
-    ),
-    Law(
-        "aicardi_endless",
-        "Aicardi, never stopping",
-        peers.AICARDI_ENDLESS,
-        _LIMITS_ONLY,
-        f"{_AICARDI}, without an end",
-        "the same as the paper simulates it: what holding still is worth",
-    ),
-)
-
-
-def _tuned(xy: float) -> ControllerConfig:
-    return _TUNED._replace(tolerance=GoalTolerance(xy_goal_tolerance=xy, yaw_goal_tolerance=YAW_TOLERANCE))
-
-
-def _noise(share: float) -> SensorConfig:
-    base = SensorConfig()
-    return SensorConfig(
-        eps_x_max=share * base.eps_x_max, eps_y_max=share * base.eps_y_max, eps_theta_max=share * base.eps_theta_max
-    )
-
-
-CHALLENGES = (
-    Challenge("precise", "xy_goal_tolerance 0.03 m", _tuned(0.03)),
-    Challenge("ts_005", "Ts 0.05 s", _TUNED, PlantConfig(sampling_time=0.05)),
-    Challenge("ts_02", "Ts 0.2 s", _TUNED, PlantConfig(sampling_time=0.2)),
-    Challenge("fixes_2_hz", "fixes at 2 Hz", _TUNED, sensors=SensorConfig(fix_rate=2.0)),
-    Challenge("noise_half", "fix noise halved, tolerance 0.05 m", _tuned(0.05), sensors=_noise(0.5), xy_tolerance=0.05),
-    Challenge("noise_double", "fix noise doubled, tolerance 0.2 m", _tuned(0.2), sensors=_noise(2.0), xy_tolerance=0.2),
-    Challenge("radius_error", "one wheel's radius 2 % too large", _TUNED, PlantConfig(right_radius_error=0.02)),
-    Challenge("wheels_limited", "wheel speeds limited to v_max", _TUNED, PlantConfig(wheel_speed_max=V_MAX / 0.05)),
-)
-DELAYED = Challenge("fix_delay", "fixes 100 ms late", _TUNED, sensors=SensorConfig(fix_delay=0.1))
-ROBUSTNESS = (*(one.name for one in CHALLENGES if one.name != "precise"), DELAYED.name)
-
-
-def arena_starts() -> Array:
-    """Return the starts of the paper's simulations B (8 points, two headings) and A, (17, 3) [m, m, rad]."""
-    return np.concatenate([*(starts_of("b", heading).poses for heading in HEADINGS_B), starts_of("a").poses])
-
-
-def case_of(one: Law | Challenge, goal: Pose = GOAL) -> Case:
-    """Return what all runs of a law or challenge share."""
-    plant = PlantConfig() if isinstance(one, Law) else one.plant
-    return Case(
-        plant,
-        SensorConfig() if isinstance(one, Law) else one.sensors,
-        one.controller,
-        goal,
-        EKF,
-        False,
-        round(DURATION / plant.sampling_time),
-        XY_TOLERANCE if isinstance(one, Law) else one.xy_tolerance,
-        YAW_TOLERANCE,
-        one.peer if isinstance(one, Law) else peers.OURS,
-    )
 
 
 def figures_of(outcomes: Array, distances: Array) -> dict[str, Any]:
@@ -215,7 +60,8 @@ def figures_of(outcomes: Array, distances: Array) -> dict[str, Any]:
     """
     column = {name: outcomes[:, index] for index, name in enumerate(COLUMNS)}
     settled = np.isfinite(column["settling_time"])
-    time = column["settling_time"][settled]
+    # Whole steps: 117 of 0.1 s are 11.7 s, and not a rounding more.
+    time = np.round(column["settling_time"][settled], 9)
     bound = distances[settled] / V_MAX
     return {
         "runs": len(outcomes),
@@ -270,7 +116,7 @@ def run_benchmark(runs: int, seed: int) -> tuple[dict[str, Any], dict[str, Array
         for law in LAWS:
             outcomes[law.name] = run_batch(case_of(law), Starts(starts), seed, 0, runs * len(starts))
             described = {"name": law.name, "label": law.label, "source": law.source, "purpose": law.purpose}
-            laws.append(described | {"ours": law.peer == peers.OURS} | _arena_figures(outcomes[law.name], starts))
+            laws.append(described | {"ours": law.peer == OURS} | _arena_figures(outcomes[law.name], starts))
             bar.update()
         for name, figures in _challenges(runs, seed, starts):
             challenges.append({"name": name} | figures)
@@ -305,7 +151,7 @@ def _challenges(runs: int, seed: int, starts: Array) -> Iterator[tuple[str, dict
         yield one.name, figures
     for name, radius in (("random_far", FAR), ("random_near", NEAR)):
         text = f"starts within {radius:g} m of random goals, any heading"
-        yield name, {"text": text} | _random(Challenge(name, text, _TUNED), radius, 10 * runs, seed)
+        yield name, {"text": text} | _random(Challenge(name, text, TUNED_CONTROLLER), radius, 10 * runs, seed)
     few = max(1, runs // DELAY_SHARE) * len(starts)
     late = np.array([_delayed(starts[run % len(starts)], seed, run) for run in range(few)])
     yield DELAYED.name, {"text": DELAYED.text} | _arena_figures(late, starts)
@@ -337,13 +183,12 @@ def _delayed(start: Array, seed: int, run: int) -> Array:
 def _outcome(recording: Recording, t_s: float) -> Array:
     """Return the row of batch.COLUMNS that a recorded run makes."""
     metrics = goal_metrics(recording.time, recording.truth, GOAL, XY_TOLERANCE, YAW_TOLERANCE)
-    settling = math.nan if metrics.settling_time is None else metrics.settling_time
     effort = float((recording.command[:-1] ** 2).sum()) * t_s
     switches = float(np.count_nonzero(np.diff(recording.region, prepend=0)))
     inside = np.flatnonzero(recording.region)
     local = float(recording.time[inside[0]]) if len(inside) else math.nan
     error = float(np.hypot(*(recording.seen[-1] - recording.truth[-1])[:2]))
-    return np.array([*metrics.final, settling, metrics.path_length, effort, switches, local, error])
+    return np.array([*metrics.final, metrics.settling_time, metrics.path_length, effort, switches, local, error])
 
 
 def paths_of(law: Law, seed: int) -> Array:
@@ -360,6 +205,8 @@ def run_and_report(runs: int, seed: int, folder: Path, figures: bool) -> int:
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        if not os.access(folder, os.W_OK):
+            raise DiffbotError(f"cannot write to {folder}")
         results, outcomes = run_benchmark(runs, seed)
         write_json(folder / "results.json", results)
         print(table(results))
@@ -376,5 +223,5 @@ def draw(outcomes: dict[str, Array], seed: int, path: Path) -> None:
     # Without a figure matplotlib need not be loaded.
     from diffbot_sim.benchmark_figure import Sheet, draw_benchmark  # noqa: PLC0415
 
-    sheets = [Sheet(law.name, law.label, outcomes[law.name], paths_of(law, seed)[:, :, :2]) for law in LAWS]
+    sheets = [Sheet(law.name, law.label, outcomes[law.name], paths_of(law, seed)[:, :, :3]) for law in LAWS]
     draw_benchmark(sheets, path)

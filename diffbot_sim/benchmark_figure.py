@@ -25,7 +25,6 @@ _STYLES = {
     "aicardi": ("#CC79A7", "-", 1.4),
     "aicardi_endless": ("#CC79A7", "--", 1.4),
 }
-_COLUMNS = 5
 
 
 class Sheet(NamedTuple):
@@ -36,7 +35,7 @@ class Sheet(NamedTuple):
     outcomes: Array
     """(runs, 9) see batch.COLUMNS"""
     paths: Array
-    """(runs, steps + 1, 2) [m]"""
+    """(runs, steps + 1, 3) [m, m, rad]"""
 
 
 def draw_benchmark(sheets: list[Sheet], path: Path) -> None:
@@ -45,28 +44,33 @@ def draw_benchmark(sheets: list[Sheet], path: Path) -> None:
     Raises:
         OSError: if the file cannot be written.
     """
-    rows = -(-len(sheets) // _COLUMNS)
-    figure, panels, curves = new_grid(rows, _COLUMNS, 3, (15.0, 3.1 * rows + 4.6))
-    low = np.min([sheet.paths.min(axis=(0, 1)) for sheet in sheets], axis=0) - 0.5
-    high = np.max([sheet.paths.max(axis=(0, 1)) for sheet in sheets], axis=0) + 0.5
-    for axes, sheet in zip(panels, sheets, strict=False):
+    figure, panels, curves = new_grid(len(sheets), 3, (15.0, 7.8))
+    low = np.min([sheet.paths.min(axis=(0, 1)) for sheet in sheets], axis=0)[:2] - np.array((0.8, 0.8))
+    high = np.max([sheet.paths.max(axis=(0, 1)) for sheet in sheets], axis=0)[:2] + np.array((2.0, 0.8))
+    for axes, sheet in zip(panels, sheets, strict=True):
         _draw_paths(axes, sheet)
         axes.set_xlim(low[0], high[0])
         axes.set_ylim(low[1], high[1])
         axes.set_aspect("equal")
-    for axes in panels[len(sheets) :]:
-        axes.set_axis_off()
+        axes.set_xlabel("x [m]")
+        axes.set_xticks([-4.0, 0.0])
+    for axes in panels[1:]:
+        axes.tick_params(labelleft=False)
+    panels[0].set_ylabel("y [m]")
     _draw_shares(curves, sheets)
+    handles, labels = curves[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="lower center", ncols=5, fontsize="small")
     save(figure, path)
 
 
 def _draw_paths(axes: Any, sheet: Sheet) -> None:
     colour = _STYLES[sheet.name][0]
     for run in sheet.paths:
-        axes.plot(*run.T, color=colour, linewidth=0.8, alpha=0.4)
-    axes.plot(*sheet.paths[0, 0], "ko", markersize=4)
-    axes.plot(0.0, 0.0, "kx", markersize=7)
-    axes.set_title(sheet.label, fontsize="medium")
+        axes.plot(run[:, 0], run[:, 1], color=colour, linewidth=0.8, alpha=0.4)
+    for x, y, heading, colour in ((*sheet.paths[0, 0], "black"), (0.0, 0.0, 0.0, "#666666")):
+        axes.plot(x, y, "o", color=colour, markersize=4)
+        axes.arrow(x, y, 1.2 * np.cos(heading), 1.2 * np.sin(heading), width=0.12, color=colour, zorder=3)
+    axes.set_title(sheet.label.replace(", ", ",\n"), fontsize="medium")
     axes.tick_params(labelsize="small")
 
 
@@ -94,4 +98,3 @@ def _draw_shares(curves: list[Any], sheets: list[Sheet]) -> None:
         axes.set_xscale("log")
         axes.set_xlim(left=lowest)
         axes.axvline(0.1, color="black", linewidth=0.8)
-    curves[0].legend(fontsize="small", loc="lower right")

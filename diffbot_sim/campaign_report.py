@@ -38,7 +38,7 @@ def write_report(campaign: Campaign, statistics: list[CellStatistics], folder: P
     rows = [{**cell.values, **one.summary()} for cell, one in zip(campaign.cells, statistics, strict=True)]
     results = {"identity": campaign.identity, "campaign": campaign.description, "cells": rows}
     try:
-        write_json(folder / "results.json", _for_json(results))
+        write_json(folder / "results.json", results)
         _write_through(folder / "results.csv", lambda path: path.write_text(_csv(rows)))
         written = [folder / "results.json", folder / "results.csv"]
         written += _write_parquet(rows, folder / "results.parquet")
@@ -47,15 +47,6 @@ def write_report(campaign: Campaign, statistics: list[CellStatistics], folder: P
     except OSError as error:
         raise DiffbotError(f"cannot write the results to {folder}: {error.strerror}") from None
     return [*written, folder / "distributions.png"]
-
-
-def _for_json(value: Any) -> Any:
-    """Make texts of infinite limits: JSON has no word for them."""
-    if isinstance(value, dict):
-        return {key: _for_json(one) for key, one in value.items()}
-    if isinstance(value, list):
-        return [_for_json(one) for one in value]
-    return str(value) if isinstance(value, float) and math.isinf(value) else value
 
 
 def _write_through(path: Path, write: Callable[[Path], Any]) -> None:

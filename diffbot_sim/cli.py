@@ -14,7 +14,7 @@ from typing import Any, get_args
 from diffbot_bag.config import ReplayConfig
 from diffbot_control.config import build, parameters_of, to_dict
 from diffbot_control.errors import DiffbotError, InvalidValueError
-from diffbot_control.presets import PAPER, PRESETS
+from diffbot_control.presets import PRESETS, TUNED
 from diffbot_sim.campaign_options import CampaignOptions, load_yaml
 
 NODES = {
@@ -59,7 +59,7 @@ def _parser() -> argparse.ArgumentParser:
         type=_whole(0, 232),
         help="ROS_DOMAIN_ID, to look on with other tools (default: a free one)",
     )
-    demo.add_argument("--preset", choices=tuple(PRESETS), default=PAPER, help="controller (default: %(default)s)")
+    demo.add_argument("--preset", choices=tuple(PRESETS), default=TUNED, help="controller (default: %(default)s)")
     demo.set_defaults(call=_demo)
 
     experiment = commands.add_parser("experiment", help="reproduce the paper's simulations A and B, figures 4 to 15")
@@ -89,18 +89,12 @@ def _parser() -> argparse.ArgumentParser:
     stability.add_argument("--set", type=_setting, nargs="+", default=[], metavar="NAME=VALUE", help="gains, noise ...")
     stability.add_argument("--rho-max", type=float, default=12.0, help="size of the grid [m] (default: %(default)s)")
     stability.add_argument("--points", type=_whole(11, 401), default=81, help="along each axis (default: %(default)s)")
-    stability.add_argument("--runs", type=_whole(1, 10**8), default=100_000, help="to observe (default: %(default)s)")
+    stability.add_argument("--runs", type=_whole(1, 10**7), default=100_000, help="to observe (default: %(default)s)")
     stability.add_argument("--seed", type=_whole(0, 2**63 - 1), default=1, help="seed of their noise")
     stability.add_argument("--out", type=Path, default=Path("out/stability"), help="folder (default: %(default)s)")
     stability.set_defaults(call=_stability)
 
-    benchmark = commands.add_parser("benchmark", help="this project's law and its peers in the same arena")
-    benchmark.add_argument("what", nargs="?", choices=("switching",), default="switching", help="(default: %(default)s)")
-    benchmark.add_argument("--runs", type=_whole(1, 10**5), default=100, help="of each start (default: %(default)s)")
-    benchmark.add_argument("--seed", type=_whole(0, 2**63 - 1), default=1, help="seed of all noise")
-    benchmark.add_argument("--out", type=Path, default=Path("out/benchmark"), help="folder (default: %(default)s)")
-    benchmark.add_argument("--no-figures", dest="figures", action="store_false", help="results.json and table only")
-    benchmark.set_defaults(call=_benchmark)
+    _add_benchmark(commands)
 
     node = commands.add_parser(
         "run", help="run one node, as ros2 run does", description="Run one node in this process."
@@ -115,6 +109,18 @@ def _parser() -> argparse.ArgumentParser:
     replay.add_argument("--ros-args", dest="ros_args", nargs=argparse.REMAINDER, default=[], help="remappings ...")
     replay.set_defaults(call=_replay)
     return parser
+
+
+def _add_benchmark(commands: Any) -> None:
+    benchmark = commands.add_parser("benchmark", help="this project's law and its peers in the same arena")
+    benchmark.add_argument(
+        "what", nargs="?", choices=("switching",), default="switching", help="(default: %(default)s)"
+    )
+    benchmark.add_argument("--runs", type=_whole(1, 10**5), default=100, help="of each start (default: %(default)s)")
+    benchmark.add_argument("--seed", type=_whole(0, 2**63 - 1), default=1, help="seed of all noise")
+    benchmark.add_argument("--out", type=Path, default=Path("out/benchmark"), help="folder (default: %(default)s)")
+    benchmark.add_argument("--no-figures", dest="figures", action="store_false", help="results.json and table only")
+    benchmark.set_defaults(call=_benchmark)
 
 
 def _add_flags(parser: argparse.ArgumentParser, config_type: type[Any], without: tuple[str, ...] = ()) -> None:

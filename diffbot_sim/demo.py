@@ -16,7 +16,7 @@ from tqdm import tqdm
 
 from diffbot_control.errors import DiffbotError
 from diffbot_control.geometry import Pose
-from diffbot_control.presets import PAPER, PRESETS
+from diffbot_control.presets import PRESETS, TUNED
 from diffbot_sim.figures import draw_run
 from diffbot_sim.processes import NodeProcesses, PrivateDomain, wait_until
 from diffbot_sim.run_record import GoalResult, RunRecord, evaluate, read_run
@@ -49,7 +49,7 @@ class DemoOptions(NamedTuple):
     overwrite: bool = False
     domain: int | None = None
     """ROS_DOMAIN_ID; None: a private one"""
-    preset: str = PAPER
+    preset: str = TUNED
     """of the controller; its tolerances are what the demo is judged by"""
 
 

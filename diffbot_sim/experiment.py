@@ -232,14 +232,22 @@ def _literal_rear_sector(runs: int, seed: int) -> dict[str, dict[str, dict[str, 
 
 
 def write_json(path: Path, content: Any) -> None:
-    """Write JSON through a temporary name.
+    """Write JSON through a temporary name; infinite limits and bounds become texts, as JSON has no word for them.
 
     Raises:
         OSError: if it cannot be written.
     """
     part = path.with_name(f".{path.name}.part")
-    part.write_text(json.dumps(content, indent=1) + "\n")
+    part.write_text(json.dumps(_finite(content), indent=1, allow_nan=False) + "\n")
     os.replace(part, path)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(one) for key, one in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(one) for one in value]
+    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def run_and_report(names: tuple[str, ...], runs: int, seed: int, folder: Path, figures: bool) -> None:

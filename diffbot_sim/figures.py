@@ -86,12 +86,13 @@ def new_figure(rows: int, size: tuple[float, float], *, sharex: bool = True) -> 
     return figure, axes
 
 
-def new_grid(rows: int, columns: int, below: int, size: tuple[float, float]) -> tuple[Any, list[Any], list[Any]]:
-    """Return a figure of ``size`` [inch], ``rows`` x ``columns`` small axes, and a row of ``below`` larger ones."""
-    figure = plt.figure(figsize=size, dpi=100, layout="constrained")
-    upper, lower = figure.subfigures(2, height_ratios=(2.6 * rows, 4.2))
-    small = np.atleast_1d(upper.subplots(rows, columns)).ravel().tolist()
-    large = np.atleast_1d(lower.subplots(1, below)).ravel().tolist()
+def new_grid(columns: int, below: int, size: tuple[float, float]) -> tuple[Any, list[Any], list[Any]]:
+    """Return a figure of ``size`` [inch], a row of ``columns`` small axes and one of ``below`` larger ones."""
+    figure = plt.figure(figsize=size, dpi=100)
+    upper = figure.add_gridspec(1, columns, left=0.04, right=0.99, bottom=0.56, top=0.94, wspace=0.08)
+    lower = figure.add_gridspec(1, below, left=0.04, right=0.99, bottom=0.15, top=0.48, wspace=0.1)
+    small = [figure.add_subplot(upper[0, index]) for index in range(columns)]
+    large = [figure.add_subplot(lower[0, index]) for index in range(below)]
     for one in (*small, *large):
         one.grid(alpha=0.3)
     return figure, small, large

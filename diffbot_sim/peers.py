@@ -35,7 +35,7 @@ class PeerMemory(NamedTuple):
 
 
 class StopTolerance(NamedTuple):
-    """When a peer stops, by the estimate. Of 0.02, 0.03 and 0.05 each law has the one with which most runs succeed."""
+    """When a peer stops, by the estimate. Of 0.02, 0.03, 0.05 each law has the pair with which most runs succeed."""
 
     xy_goal_tolerance: float = 0.05
     """[m]"""
@@ -109,11 +109,11 @@ GRACEFUL_POSE_CONFIG = GracefulConfig(1.3, 2.6, math.inf, False, True, False, st
 GRACEFUL_CONFIG = GracefulConfig(1.3, 2.6, math.inf, True, False, True, stop=_TIGHT)
 """The options of Nav2 that do best here at that speed: no path, backwards if the goal is behind, final rotation."""
 GRACEFUL_SHIPPED_CONFIG = GracefulConfig(stop=_TIGHT)
-SIEGWART_CONFIG = PolarConfig(3.0, 8.0, -1.5, True)
-"""Gains of R. Siegwart and I. R. Nourbakhsh, Introduction to Autonomous Mobile Robots, MIT Press 2004, section 3.6.2."""
+SIEGWART_CONFIG = PolarConfig(3.0, 8.0, -1.5, True, StopTolerance(0.03, 0.05))
+"""Gains of R. Siegwart and I. R. Nourbakhsh, Introduction to Autonomous Mobile Robots, MIT Press, section 3.6.2."""
 PYTHON_ROBOTICS_CONFIG = PolarConfig(9.0, 15.0, -3.0, False)
 """Gains of Control/move_to_pose in github.com/AtsushiSakai/PythonRobotics, which subtracts k_beta beta: 3 there."""
-AICARDI_CONFIG = AicardiConfig()
+AICARDI_CONFIG = AicardiConfig(stop=StopTolerance(0.02, 0.05))
 AICARDI_ENDLESS_CONFIG = AicardiConfig(stop=StopTolerance(0.0, 0.0))
 """Never at rest: law (13) as the paper simulates it."""
 
@@ -134,19 +134,19 @@ def peer_step(peer: int, memory: PeerMemory, local: Pose) -> tuple[PeerMemory, T
     Returns:
         The next memory and the command [m/s, rad/s].
     """
-    if peer == GRACEFUL_POSE:
-        return graceful_step(memory, local, GRACEFUL_POSE_CONFIG)
-    if peer == GRACEFUL:
-        return graceful_step(memory, local, GRACEFUL_CONFIG)
-    if peer == GRACEFUL_SHIPPED:
-        return graceful_step(memory, local, GRACEFUL_SHIPPED_CONFIG)
+    if peer in (GRACEFUL_POSE, GRACEFUL, GRACEFUL_SHIPPED):
+        return graceful_step(memory, local, _graceful_config(peer))
     if peer == POLAR:
         return polar_step(memory, local, SIEGWART_CONFIG)
     if peer == POLAR_FAST:
         return polar_step(memory, local, PYTHON_ROBOTICS_CONFIG)
-    if peer == AICARDI:
-        return aicardi_step(memory, local, AICARDI_CONFIG)
-    return aicardi_step(memory, local, AICARDI_ENDLESS_CONFIG)
+    return aicardi_step(memory, local, AICARDI_CONFIG if peer == AICARDI else AICARDI_ENDLESS_CONFIG)
+
+
+def _graceful_config(peer: int) -> GracefulConfig:
+    if peer == GRACEFUL_POSE:
+        return GRACEFUL_POSE_CONFIG
+    return GRACEFUL_CONFIG if peer == GRACEFUL else GRACEFUL_SHIPPED_CONFIG
 
 
 def graceful_curvature(r: float, phi: float, delta: float, k_phi: float, k_delta: float) -> float:
@@ -193,8 +193,8 @@ def turn_in_place(angle: float, config: GracefulConfig) -> Twist:
 def graceful_step(memory: PeerMemory, local: Pose, config: GracefulConfig) -> tuple[PeerMemory, Twist]:
     """Park and Kuipers' law with Nav2's limits, rotations in place and finish.
 
-    Nav2 drives to a target on a planned path, at most ``max_lookahead`` ahead. There is no planner here: the path is the
-    straight line from the robot to the goal, planned anew at each pose, its heading along the line, and with
+    Nav2 drives to a target on a planned path, at most ``max_lookahead`` ahead. There is no planner here: the path is
+    the straight line from the robot to the goal, planned anew at each pose, its heading along the line, and with
     ``prefer_final_rotation`` its end has that heading too.
     """
     rho, alpha, beta = navigation_variables(local)
@@ -220,11 +220,11 @@ def graceful_step(memory: PeerMemory, local: Pose, config: GracefulConfig) -> tu
 
 
 def polar_law(rho: float, alpha: float, beta: float, config: PolarConfig) -> Twist:
-    """v = k_rho rho, omega = k_alpha alpha + k_beta beta, with beta = -theta - alpha.
+    """Drive with v = k_rho rho, omega = k_alpha alpha + k_beta beta, where beta = -theta - alpha.
 
-    Source: A. Astolfi, "Exponential stabilization of a wheeled mobile robot via discontinuous control", ASME Journal of
-    Dynamic Systems, Measurement and Control 121 (1999); in the letters of Siegwart and Nourbakhsh, section 3.6.2. Locally
-    stable for k_rho > 0, k_beta < 0, k_alpha > k_rho.
+    Source: A. Astolfi, "Exponential stabilization of a wheeled mobile robot via discontinuous control", ASME Journal
+    of Dynamic Systems, Measurement and Control 121 (1999); in the letters of Siegwart and Nourbakhsh, section 3.6.2.
+    Locally stable for k_rho > 0, k_beta < 0, k_alpha > k_rho.
 
     Args:
         rho: [m] distance of the goal.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -9,8 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diffbot_control.errors import DiffbotError
+from diffbot_control.errors import DiffbotError, InvalidValueError
 from diffbot_control.geometry import Pose
+from diffbot_control.laws import Gains
 from diffbot_sim.batch import FEEDBACK_CODES, Starts, run_batch
 from diffbot_sim.campaign_spec import configure
 from diffbot_sim.experiment import write_json
@@ -20,8 +22,22 @@ from diffbot_sim.stability import NoiseBox, certify, noise_box
 
 Array = NDArray[np.float64]
 
-PAPER_NOISE = {"drive_noise": 0.0, "eps_v_max": 0.065, "eps_omega_max": 0.2167, "exact_arc": False}
-"""Input noise as the paper adds it; the measurement noise is the default already."""
+PAPER_NOISE = {
+    "drive_noise": 0.0,
+    "eps_v_max": 0.065,
+    "eps_omega_max": 0.2167,
+    "exact_arc": False,
+    "linear.x.max_velocity": math.inf,
+}
+"""Input noise as the paper adds it, and the law without limits; the measurement noise is the default already."""
+KNOWN = (
+    *Gains._fields,
+    *("eps_P", "eps_P_leave", "xy_goal_tolerance", "yaw_goal_tolerance", "sampling_time", "exact_arc"),
+    *("eps_x_max", "eps_y_max", "eps_theta_max", "eps_v_max", "eps_omega_max", "drive_noise"),
+    *("wheel_radius", "wheel_separation"),
+)
+"""Parameters that the certificate takes into account. It knows no limits, outliers, slip and the like."""
+_RUNS_AT_A_TIME = 500_000
 DURATION = 30.0
 """[s] of each observed run"""
 
@@ -30,7 +46,7 @@ def run(values: Mapping[str, Any], rho_max: float, number: int, runs: int, seed:
     """Certify on a grid, observe in runs, and write stability.json and stability.png to ``out``.
 
     Args:
-        values: parameters of plant, sensors and controller, over the paper's noise.
+        values: parameters out of KNOWN, over the paper's noise.
         rho_max: [m] size of the grid, and of the region where the runs begin.
         number: points of the grid along each axis.
         runs: how many to observe.
@@ -40,6 +56,9 @@ def run(values: Mapping[str, Any], rho_max: float, number: int, runs: int, seed:
     Raises:
         DiffbotError: for a bad value or an unwritable folder.
     """
+    for name, value in values.items():
+        if name not in KNOWN:
+            raise InvalidValueError(name, value, "left out, the certificate knows only " + ", ".join(KNOWN))
     plant, sensors, controller = configure({**PAPER_NOISE, **values})
     box = noise_box(plant, sensors, controller)
     certified = certify(controller, box, plant.sampling_time, rho_max, number)
@@ -57,8 +76,11 @@ def run(values: Mapping[str, Any], rho_max: float, number: int, runs: int, seed:
     )
     side = rho_max / np.sqrt(2.0)
     starts = Starts(np.zeros((1, 3)), (side, side, np.pi))
-    outcomes = run_batch(case, starts, seed, 0, runs)
-    position, theta = np.hypot(outcomes[:, 0], outcomes[:, 1]), np.abs(outcomes[:, 2])
+    ends: Array = np.empty((runs, 3))
+    for at in range(0, runs, _RUNS_AT_A_TIME):
+        some = slice(at, min(at + _RUNS_AT_A_TIME, runs))
+        ends[some] = run_batch(case, starts, seed, at, some.stop - at)[:, :3]
+    position, theta = np.hypot(ends[:, 0], ends[:, 1]), np.abs(ends[:, 2])
     observed = {
         "runs": runs,
         "seed": seed,
@@ -133,9 +155,11 @@ def _draw(
         (position, "#0072B2", "|position| [m]"),
         (theta, "#D55E00", "|theta| [rad]"),
     ):
-        ordered = np.sort(values)
-        shares = 1.0 - np.arange(len(ordered)) / len(ordered)
-        axes[2].loglog(np.maximum(ordered, 1e-5), shares, color=colour, label=f"observed {label}")
+        # Ranks from the largest down, as close as can be seen on a logarithmic axis.
+        ranks = np.unique(np.geomspace(1, len(values), 2000).astype(int))
+        axes[2].loglog(
+            np.maximum(np.sort(values)[-ranks], 1e-5), ranks / len(values), color=colour, label=f"observed {label}"
+        )
     axes[2].axvline(
         certified["heading_bound_local"], color="#D55E00", linestyle="--", label="proved |theta| in Omega_L"
     )

@@ -1,7 +1,8 @@
 """Write the generated parts of docs/: ``python docs/generate.py [--check]``.
 
 docs/parameters.md comes from the configuration types; the table in docs/control.md from 100 runs of the closed loop;
-docs/reproduction.md from docs/reproduction.json, which ``--experiments`` makes anew together with its figures.
+docs/reproduction.md from docs/reproduction.json, which ``--experiments`` makes anew together with its figures;
+docs/benchmark.md from docs/benchmark.json, which ``--benchmark`` makes anew together with its figure.
 ``--check`` writes nothing and fails if something would change.
 """
 
@@ -25,6 +26,8 @@ from diffbot_control.controller import ControllerConfig
 from diffbot_control.geometry import Pose
 from diffbot_control.node_config import CONTROLLER_PRESETS, ControllerNodeConfig, EkfNodeConfig
 from diffbot_control.presets import PAPER, TUNED
+from diffbot_sim import benchmark_report
+from diffbot_sim.benchmark import draw, run_benchmark
 from diffbot_sim.closed_loop import EKF, RAW, TRUTH, simulate
 from diffbot_sim.experiment import run_experiment, summarise, write_json
 from diffbot_sim.experiment_figures import figure_paths
@@ -130,6 +133,13 @@ def write_experiments() -> None:
     write_json(DOCS / "reproduction.json", results)
 
 
+def write_benchmark() -> None:
+    """Run the benchmark and keep its results and its figure."""
+    results, outcomes = run_benchmark(RUNS, 1)
+    write_json(DOCS / "benchmark.json", results)
+    draw(outcomes, 1, DOCS / "benchmark.png")
+
+
 def between_markers(page: str, name: str, text: str) -> str:
     """Replace what stands between the comments ``<!-- name -->`` and ``<!-- /name -->``."""
     start, end = f"<!-- {name} -->\n", f"\n<!-- /{name} -->"
@@ -142,14 +152,18 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--check", action="store_true", help="write nothing, fail on a difference")
     parser.add_argument("--experiments", action="store_true", help="run the paper's experiments anew")
+    parser.add_argument("--benchmark", action="store_true", help="run the benchmark anew")
     options = parser.parse_args()
     if options.experiments:
         write_experiments()
+    if options.benchmark:
+        write_benchmark()
     control = DOCS / "control.md"
     experiments = json.loads((DOCS / "reproduction.json").read_text())
     pages = {
         DOCS / "parameters.md": parameters_page(),
         DOCS / "reproduction.md": page(experiments["a"], experiments["b"]),
+        DOCS / "benchmark.md": benchmark_report.page(json.loads((DOCS / "benchmark.json").read_text())),
         control: between_markers(control.read_text(), "scenario A", scenario_a_table()),
     }
     stale = [path for path, text in pages.items() if not path.is_file() or path.read_text() != text]

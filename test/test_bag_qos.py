@@ -71,17 +71,17 @@ def test_a_subscription_asks_for_what_all_offer(offers, reliability, durability)
 @pytest.mark.parametrize(
     ("recorded", "offer"),
     [
-        ([], Qos("keep_last", 1000)),
-        ([RELIABLE], Qos("keep_last", 1000)),
-        ([BEST_EFFORT], Qos("keep_last", 1000, "best_effort")),
-        ([RELIABLE, BEST_EFFORT], Qos("keep_last", 1000)),
+        ([], Qos("keep_last", 10_000)),
+        ([RELIABLE], Qos("keep_last", 10_000)),
+        ([BEST_EFFORT], Qos("keep_last", 10_000, "best_effort")),
+        ([RELIABLE, BEST_EFFORT], Qos("keep_last", 10_000)),
         ([LATCHED], Qos("keep_last", 1, durability="transient_local")),
         ([LATCHED, LATCHED], Qos("keep_last", 2, durability="transient_local")),
         ([LATCHED._replace(depth=5)], Qos("keep_last", 5, durability="transient_local")),
-        ([RELIABLE._replace(depth=5000)], Qos("keep_last", 5000)),
-        ([RELIABLE._replace(deadline=10**7)], Qos("keep_last", 1000, deadline=10**7)),
-        ([RELIABLE._replace(deadline=10**7), RELIABLE], Qos("keep_last", 1000)),
-        ([RELIABLE._replace(liveliness="manual_by_topic", liveliness_lease_duration=9)], Qos("keep_last", 1000)),
+        ([RELIABLE._replace(depth=50_000)], Qos("keep_last", 50_000)),
+        ([RELIABLE._replace(deadline=10**7)], Qos("keep_last", 10_000, deadline=10**7)),
+        ([RELIABLE._replace(deadline=10**7), RELIABLE], Qos("keep_last", 10_000)),
+        ([RELIABLE._replace(liveliness="manual_by_topic", liveliness_lease_duration=9)], Qos("keep_last", 10_000)),
     ],
 )
 def test_one_publisher_stands_for_all_that_were_recorded(recorded, offer):

@@ -164,7 +164,7 @@ def test_a_missing_bag_and_an_empty_folder(tmp_path):
 def test_a_truncated_file(broken, share):
     path, content = broken
     path.write_bytes(content[: max(9, int(len(content) * share))])
-    assert "truncated, its recording did not end: try `diffbot repair`" in error_of(path)
+    assert "truncated, its recording did not end" in error_of(path)
 
 
 @pytest.mark.parametrize(
@@ -259,7 +259,7 @@ def test_an_unindexed_file_is_refused(tmp_path):
     )  # fmt: skip
     writer.start()
     writer.finish()
-    assert "has no index: try `diffbot repair`" in error_of(path)
+    assert "has no index" in error_of(path)
 
 
 def test_a_message_that_does_not_fit_its_definition(tmp_path):

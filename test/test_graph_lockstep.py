@@ -90,7 +90,7 @@ def test_same_path_with_late_lost_and_wrong_fixes_and_a_compass():
 def test_a_node_that_slept_longer_than_the_timeout_changes_nothing_but_the_count_of_repeats(sleeper):
     """Its late answers to a step's repeated messages must not put the loop a step behind, nor fuse a fix twice."""
     goal, world = (0.0, 0.0, 0.0), {"seed": 7, "fix_delay": 0.2}
-    with lockstep({**world, "lockstep_timeout": 0.2}) as robot:
+    with lockstep({**world, "lockstep_timeout": 0.5}) as robot:
         robot.send_goal(*goal)
         robot.pause(False)
         robot.peer.spin_until(lambda: len(robot.truths) > 20, 10.0, "20 steps")
@@ -108,7 +108,8 @@ def test_a_node_that_slept_longer_than_the_timeout_changes_nothing_but_the_count
     assert times == sorted(times)
     afterwards = [number for number in times if number > last]
     assert len(afterwards) == len(set(afterwards)), "once awake, it needs each step once"
-    assert abs(len(robot.commands) - len(set(times))) <= 8
+    # One command a step, and at most one more for each time that it was sent again.
+    assert -3 <= len(robot.commands) - len(set(times)) <= len(times) - len(set(times)) + 3
 
 
 def test_without_answers_the_plant_says_so_once_and_keeps_asking():

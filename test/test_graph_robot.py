@@ -113,8 +113,10 @@ class Robot:
 
         def quiet():
             before = sum(map(len, lists))
-            self.peer.spin_for(0.02)
-            return sum(map(len, lists)) - before <= 6
+            # While messages wait each turn takes at least one, however slow the machine is.
+            for _ in range(20):
+                self.peer.spin_for(1e-4)
+            return sum(map(len, lists)) - before <= 5
 
         self.peer.spin_until(quiet, 15.0, "the end of the backlog")
 
@@ -155,6 +157,17 @@ class Robot:
             return next((graph.values(status) for status in news if status.name == full), None)
 
         return self.peer.spin_until(newest, 5.0, f"{full} on /diagnostics")
+
+    def wait_for_odometry_rate(self, rate):
+        """Wait until the plant itself reports steps at ``rate`` [Hz], within a fifth."""
+        self.catch_up()
+
+        def reported():
+            found = float(self.diagnosis("plant").get("odom sent [Hz]", "0"))
+            assert found <= 1.2 * rate
+            return found >= 0.8 * rate
+
+        self.peer.spin_until(reported, 8.0, f"a rate of {rate:g} Hz")
 
 
 @contextlib.contextmanager
@@ -218,7 +231,7 @@ def test_every_topic_of_the_design_carries_messages(walking):
 
 def test_no_node_hears_or_sends_a_topic_that_is_not_in_the_design(walking):
     names = {name.lstrip("/") for name, _ in walking.peer.node.get_topic_names_and_types()}
-    known = {name.lstrip("/") for name in TOPICS} | {"goal_pose", "initialpose", "heading", "clock", "tf"}
+    known = {name.lstrip("/") for name in TOPICS} | {"goal_pose", "path", "initialpose", "heading", "clock", "tf"}
     assert names - known <= {"parameter_events", "rosout"}
 
 

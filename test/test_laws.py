@@ -3,20 +3,25 @@
 import math
 from fractions import Fraction
 
+import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from diffbot_control.laws import (
+    PAPER_GAINS,
+    TUNED_GAINS,
     Gains,
     global_law,
     global_lyapunov,
     heading_hold,
     local_law,
     local_lyapunov,
+    sampled_poles,
     sinc,
     steering,
     tanhc,
+    unstable_gains,
     velocity,
 )
 from diffbot_control.navigation import Navigation
@@ -31,7 +36,7 @@ STEP = 1e-5
 
 
 def test_the_papers_gains():
-    assert PAPER == (1.3, 1.0, 0.17, 2.7)
+    assert PAPER == PAPER_GAINS == (1.3, 1.0, 0.17, 2.7)
 
 
 @pytest.mark.parametrize(
@@ -234,3 +239,94 @@ def test_v_of_eq_15_never_grows_in_omega_l(pose, gains):
     assert derivative <= 1e-6
     found = local_lyapunov(Navigation(rho, alpha, beta), theta)
     assert found == pytest.approx(lyapunov(*pose), rel=1e-12)
+
+
+def near_the_goal(gains):
+    """State matrices of the angles in Omega_G, of the distance and of the heading in Omega_L, for small ones.
+
+    From the laws themselves, by differences, with the kinematics alpha' = v sin(alpha) / rho - omega,
+    beta' = v sin(alpha) / rho, rho' = -v cos(alpha).
+    """
+    rho, small = 1e-6, 1e-6
+
+    def rates(alpha, beta):
+        v, omega = global_law(Navigation(rho, alpha, beta), gains)
+        turn = v * math.sin(alpha) / rho
+        return np.array([turn - omega, turn])
+
+    columns = [(rates(*step) - rates(*(-step))) / (2.0 * small) for step in small * np.eye(2)]
+    v, _ = global_law(Navigation(rho, 0.0, 0.0), gains)
+    _, omega = local_law(Navigation(rho, 0.0, 0.0), small, gains)
+    return np.column_stack(columns), np.array([[-v / rho]]), np.array([[omega / small]])
+
+
+@CHECK
+@given(GAINS, st.floats(0.001, 2.0))
+def test_sampled_poles_are_the_eigenvalues_of_a_step(gains, t_s):
+    found = sampled_poles(gains, t_s)
+    for size, A in zip(found, near_the_goal(gains), strict=True):
+        eigenvalues = np.linalg.eigvals(np.eye(len(A)) + t_s * A)
+        # At a double pole the square root makes much of the differences' rounding.
+        assert size == pytest.approx(np.abs(eigenvalues).max(), abs=2e-4 * (1.0 + t_s))
+
+
+@pytest.mark.parametrize(
+    ("gains", "t_s", "poles"),
+    [
+        # s^2 + 3 s + 2 = (s + 1)(s + 2): 1 - 0.1 and 1 - 0.2.
+        (Gains(1.0, 3.0, 2.0, 2.0), 0.1, (0.9, 0.9, 0.8)),
+        # One that is too fast: 1 - 1.5 * 2 = -2.
+        (Gains(1.0, 3.0, 2.0, 2.0), 1.5, (2.0, 0.5, 2.0)),
+        # s^2 + 2 s + 5: -1 +- 2 i: |0.9 + 0.2 i|.
+        (Gains(1.0, 2.0, 5.0, 1.0), 0.1, (math.hypot(0.9, 0.2), 0.9, 0.9)),
+        # A double pole at -2 and what 0.1 s makes of it.
+        (Gains(2.0, 4.0, 1.0, 4.0), 0.1, (0.8, 0.8, 0.6)),
+    ],
+)
+def test_sampled_poles_by_hand(gains, t_s, poles):
+    assert sampled_poles(gains, t_s) == pytest.approx(poles, abs=1e-12)
+
+
+def test_the_tuned_gains_have_a_double_pole():
+    gamma, k, h, _ = TUNED_GAINS
+    # s^2 + k s + gamma^2 h with lambda = k / 2: what is under the root is nothing, to the digits of h.
+    assert h == pytest.approx((0.5 * k / gamma) ** 2, rel=2e-3)
+    assert math.sqrt(gamma * gamma * h) == pytest.approx(2.0, rel=1e-3)
+    # The bearing settles before the distance does.
+    assert 0.5 * k > gamma
+    assert max(sampled_poles(TUNED_GAINS, 0.1)) < 0.9
+
+
+def test_gains_that_are_stable_are_not_warned_of():
+    for gains in (PAPER_GAINS, TUNED_GAINS):
+        for t_s in (0.001, 0.02, 0.1, 0.2):
+            assert unstable_gains(gains, t_s) == ""
+
+
+@pytest.mark.parametrize(
+    ("gains", "t_s", "names", "sizes"),
+    [
+        (PAPER_GAINS._replace(k_2=21.0), 0.1, ["k_2 (heading in Omega_L)"], ["1.10"]),
+        (PAPER_GAINS._replace(k_2=20.0), 0.1, ["k_2 (heading in Omega_L)"], ["1.00"]),
+        (PAPER_GAINS._replace(k=30.0), 0.1, ["k, h and gamma (angles in Omega_G)"], ["2.00"]),
+        # Complex ones: 1 - 0.1 k / 2 and 0.1 sqrt(gamma^2 h - k^2 / 4): |0.95 + 0.1 * 12.99 i|.
+        (PAPER_GAINS._replace(h=100.0), 0.1, ["k, h and gamma (angles in Omega_G)"], ["1.61"]),
+        (
+            Gains(30.0, 100.0, 0.001, 100.0),
+            0.1,
+            ["k, h and gamma (angles in Omega_G)", "gamma (distance)", "k_2 (heading in Omega_L)"],
+            ["9.00", "2.00", "9.00"],
+        ),
+    ],
+)
+def test_gains_that_are_not_are_named_in_one_line(gains, t_s, names, sizes):
+    text = unstable_gains(gains, t_s)
+    assert text.startswith(f"gains are not stable at {t_s:g} s a step, ")
+    assert text.endswith(": " + ", ".join(f"{name}: {size}" for name, size in zip(names, sizes, strict=True)))
+    assert "\n" not in text
+
+
+@CHECK
+@given(GAINS, st.floats(0.001, 3.0))
+def test_the_warning_comes_exactly_when_a_pole_is_not_inside_the_circle(gains, t_s):
+    assert (unstable_gains(gains, t_s) == "") is all(size < 1.0 for size in sampled_poles(gains, t_s))

@@ -434,3 +434,107 @@ def test_the_heading_is_told_wrapped_from_the_first_on(turns):
     localization = Localization(LocalizationConfig())
     localization.initialise(Pose(0.0, 0.0, 1.0 + turns * 2.0 * math.pi), P0, 0)
     assert localization.estimate().pose.theta == pytest.approx(1.0)
+
+
+MAKERS = {"fix": fix, "heading": heading}
+
+
+@pytest.mark.parametrize("make", MAKERS)
+@pytest.mark.parametrize("late_ms", [0, 30, 250])
+def test_a_measurement_that_is_sent_again_is_refused_and_changes_nothing(make, late_ms):
+    localization, once = fresh(), fresh()
+    for number in range(1, 11):
+        for one in (localization, once):
+            one.on_odometry(odometry(number))
+    measurement = MAKERS[make](10 * PERIOD - late_ms * MS)
+    for one in (localization, once):
+        one.on_measurement(measurement)
+    for _ in range(3):
+        with pytest.raises(BadMessageError) as caught:
+            localization.on_measurement(Measurement(measurement.stamp, measurement.z.copy(), measurement.R))
+        assert caught.value.kind == "duplicate"
+        assert_equal_estimates(localization, once.estimate().pose, once.estimate().P)
+    # Nor later, when what followed is computed again.
+    for one in (localization, once):
+        one.on_measurement(fix(10 * PERIOD - 300 * MS, seed=5))
+        one.on_odometry(odometry(11))
+    with pytest.raises(BadMessageError):
+        localization.on_measurement(measurement)
+    assert_equal_estimates(localization, once.estimate().pose, once.estimate().P)
+
+
+def test_one_that_waits_for_its_odometry_or_was_the_first_fix_is_known_too():
+    localization = Localization(LocalizationConfig())
+    localization.on_measurement(fix(0))
+    localization.on_measurement(fix(250 * MS))
+    for stamp in (0, 250 * MS):
+        with pytest.raises(BadMessageError) as caught:
+            localization.on_measurement(fix(stamp))
+        assert caught.value.kind == "duplicate"
+    once = Localization(LocalizationConfig())
+    once.on_measurement(fix(0))
+    once.on_measurement(fix(250 * MS))
+    for number in range(1, 4):
+        for one in (localization, once):
+            one.on_odometry(odometry(number))
+    assert_equal_estimates(localization, once.estimate().pose, once.estimate().P)
+
+
+def test_another_value_or_another_time_is_no_duplicate():
+    localization = fresh()
+    localization.on_odometry(odometry(1))
+    trace = localization.estimate().P.trace()
+    for measurement in (
+        fix(PERIOD),
+        fix(PERIOD, seed=1),
+        heading(PERIOD),
+        Measurement(PERIOD - 1, fix(PERIOD).z, R_POSE),
+        # A heading equal to the first number of a fix is another measurement.
+        Measurement(PERIOD, fix(PERIOD).z[:1], np.array([[0.02]])),
+    ):
+        localization.on_measurement(measurement)
+        assert localization.estimate().P.trace() < trace
+        trace = localization.estimate().P.trace()
+
+
+def test_one_that_was_refused_may_come_again():
+    localization = Localization(LocalizationConfig())
+    for _ in range(2):
+        with pytest.raises(BadMessageError) as caught:
+            localization.on_measurement(heading(0))
+        assert caught.value.kind == "no fix yet"
+    localization.on_measurement(fix(0))
+    localization.on_measurement(heading(0))
+
+
+def test_after_a_reset_the_same_measurements_are_new():
+    localization = fresh()
+    localization.on_odometry(odometry(1))
+    localization.on_measurement(fix(PERIOD))
+    localization.reset()
+    localization.on_measurement(fix(PERIOD))
+    np.testing.assert_array_equal(localization.estimate().pose, fix(PERIOD).z)
+
+
+def test_what_is_known_does_not_grow():
+    localization = fresh(history=0.5)
+    for number in range(1, 300):
+        localization.on_odometry(odometry(number))
+        localization.on_measurement(fix(number * PERIOD - 50 * MS))
+        localization.on_measurement(heading(number * PERIOD))
+        assert len(localization._known) <= 2 * 7
+
+
+def test_nor_does_one_stamp_far_ahead_make_it_grow_for_ever():
+    localization = fresh(history=0.5)
+    localization.on_measurement(heading(10**9 * 10**9))
+    blind = np.array([[1e6]])
+    for number in range(1, 121):
+        for part in range(100):
+            localization.on_measurement(Measurement((number - 1) * PERIOD + part * MS + MS, np.zeros(1), blind))
+        localization.on_odometry(odometry(number))
+    assert len(localization._known) <= 10_000
+    # Sent again within the history, each is still known.
+    with pytest.raises(BadMessageError) as caught:
+        localization.on_measurement(Measurement(119 * PERIOD + MS, np.zeros(1), blind))
+    assert caught.value.kind == "duplicate"

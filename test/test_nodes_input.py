@@ -111,7 +111,7 @@ def bad_covariances(good, field, places):
     return [
         (changed(good, **{f"{field}__{first}": NAN}), "covariance not finite"),
         (changed(good, **{f"{field}__{second}": INF}), "covariance not finite"),
-        (changed(good, **{f"{field}__{first}": 1e-310}), "covariance too small"),
+        (changed(good, **{f"{field}__{first}": 1e-310}), "covariance not positive definite"),
         (changed(good, **{f"{field}": [0.0] * len(getattr_path(good, field))}), "covariance is zero"),
         (changed(good, **{f"{field}__{first}": 1e9}), "covariance too large"),
         (changed(good, **{f"{field}__{second}": 0.5}), "covariance not symmetric"),

@@ -6,14 +6,17 @@ import pytest
 
 from diffbot_control.controller import ControllerConfig, ControllerMemory, step
 from diffbot_control.geometry import Pose
-from diffbot_control.goal import GoalTolerance
+from diffbot_control.goal import CERTAIN, GoalTolerance, Uncertainty
 from diffbot_control.limits import Limits
+from diffbot_control.presets import PRESETS
+from diffbot_control.regions import OMEGA_G, OMEGA_L
 from diffbot_control.supervisor import (
     DRIVING,
     IDLE,
     REACHED,
     STALE,
     STATES,
+    UNCERTAIN,
     WAITING,
     Supervisor,
     SupervisorConfig,
@@ -25,6 +28,8 @@ AWAY = Pose(-3.0, 0.0, 0.0)
 AT_GOAL = Pose(-0.01, 0.0, 0.0)
 QUICK = ControllerConfig(tolerance=GoalTolerance(settling_steps=2))
 SLOW_DOWN = ControllerConfig(limits=Limits(a_max=1.0))
+UNSURE = Uncertainty(0.3, 0.01)
+"""Twice that does not fit into the 0.4 m of the paper's preset."""
 
 
 class Story:
@@ -34,9 +39,13 @@ class Story:
         self.supervisor = Supervisor(SupervisorConfig(**options))
         self.now = 100.0
 
-    def pose(self, pose=AWAY, after=0.1):
+    def pose(self, pose=AWAY, after=0.1, uncertainty=CERTAIN):
         self.now += after
-        return self.supervisor.on_pose(round(self.now * 1e9), self.now, pose)
+        return self.supervisor.on_pose(round(self.now * 1e9), self.now, pose, uncertainty)
+
+    def again(self, pose=AWAY, uncertainty=CERTAIN):
+        """Send the last pose a second time, a little later."""
+        return self.supervisor.on_pose(round(self.now * 1e9), self.now + 0.03, pose, uncertainty)
 
     def tick(self, after=0.1):
         self.now += after
@@ -48,7 +57,14 @@ class Story:
 
 
 def test_the_documented_states():
-    assert STATES == ("idle", "waiting for pose", "driving", "goal reached", "stale pose")
+    assert STATES == (
+        "idle",
+        "waiting for pose",
+        "driving",
+        "goal reached",
+        "tolerance below uncertainty",
+        "stale pose",
+    )
 
 
 def test_it_starts_idle_and_silent():
@@ -312,6 +328,7 @@ def test_every_state_reached_is_a_documented_one(hold, when_idle):
     seen, number = {story.state}, 7
     actions = (
         lambda: story.pose(AT_GOAL),
+        lambda: story.pose(AT_GOAL, uncertainty=UNSURE),
         lambda: story.pose(AWAY),
         lambda: story.tick(0.1),
         lambda: story.tick(1.0),
@@ -320,11 +337,288 @@ def test_every_state_reached_is_a_documented_one(hold, when_idle):
     )
     for _ in range(3000):
         number = (1103515245 * number + 12345) % 2**31
-        command = actions[(number >> 16) % 6]()
+        command = actions[(number >> 16) % len(actions)]()
         seen.add(story.state)
         assert command is None or all(math.isfinite(value) for value in command)
         if story.supervisor.goal is None:
             assert command in (None, ZERO) or story.state == REACHED
         else:
-            assert story.state in (WAITING, DRIVING, REACHED, STALE)
+            assert story.state in (WAITING, DRIVING, REACHED, UNCERTAIN, STALE)
     assert seen == set(STATES)
+
+
+@pytest.mark.parametrize("uncertainty", [UNSURE, Uncertainty(0.01, 0.06), Uncertainty(9.0, 9.0)])
+def test_a_tolerance_below_the_uncertainty_is_said_at_rest_only(uncertainty):
+    story = Story(controller=QUICK)
+    story.supervisor.on_goal(GOAL)
+    story.pose(AWAY, uncertainty=uncertainty)
+    assert story.state == DRIVING, "far away"
+    story.pose(Pose(-0.3, 0.0, 0.0), uncertainty=uncertainty)
+    assert story.state == DRIVING, "near, and moving"
+    story.pose(Pose(0.0, 0.0, 0.09), uncertainty=uncertainty)
+    assert story.state == DRIVING, "near, and turning"
+    for _ in range(5):
+        story.pose(AT_GOAL, uncertainty=uncertainty)
+        assert story.state == UNCERTAIN
+    assert story.supervisor.goals_reached == 0
+    # Known better, it is reached after the two poses that it takes.
+    story.pose(AT_GOAL)
+    assert story.state == DRIVING
+    story.pose(AT_GOAL)
+    assert story.state == REACHED
+    # A reached goal stays reached.
+    story.pose(AT_GOAL, uncertainty=uncertainty)
+    assert story.state == REACHED
+
+
+def test_an_uncertainty_that_fits_is_not_complained_of():
+    story = Story(controller=QUICK)
+    story.supervisor.on_goal(GOAL)
+    # Resting abreast, outside the tolerance with its two sigmas: not reached, but it could be.
+    for _ in range(4):
+        story.pose(Pose(0.0, 0.35, 0.0), uncertainty=Uncertainty(0.19, 0.04))
+        assert story.state == DRIVING
+
+
+def test_standing_in_omega_g_is_not_resting():
+    # Abreast of the goal, far away: the command is small only where a turn has just ended.
+    config = PRESETS["paper"]._replace(limits=Limits(v_max=0.01, omega_max=0.01))
+    story = Story(controller=config)
+    story.supervisor.on_goal(GOAL)
+    story.pose(AWAY, uncertainty=UNSURE)
+    assert story.supervisor.memory.region == OMEGA_G
+    assert story.state == DRIVING
+
+
+def test_the_smallest_tolerance_is_what_the_covariance_allows():
+    story = Story(controller=ControllerConfig(tolerance=GoalTolerance(goal_sigmas=3.0)))
+    assert story.supervisor.smallest_tolerance() == (0.0, 0.0)
+    story.supervisor.on_goal(GOAL)
+    story.pose(AWAY, uncertainty=Uncertainty(0.2, 0.03))
+    assert story.supervisor.smallest_tolerance() == pytest.approx((0.6, 0.09))
+    story.pose(AWAY)
+    assert story.supervisor.smallest_tolerance() == (0.0, 0.0)
+
+
+def test_the_uncertainty_of_the_pose_goes_to_the_controller():
+    config = PRESETS["tuned"]
+    story, memory = Story(controller=config), ControllerMemory()
+    story.supervisor.on_goal(GOAL)
+    for number in range(8):
+        uncertainty = Uncertainty(0.02 * number, 0.01)
+        pose = Pose(-0.25, 0.02 * number, 0.1)
+        memory, expected, report = step(memory, pose, GOAL, 0.1, config, uncertainty)
+        assert story.pose(pose, uncertainty=uncertainty) == expected
+        assert (story.supervisor.memory, story.supervisor.report) == (memory, report)
+    assert memory.region == OMEGA_L
+
+
+@pytest.mark.parametrize("config", [QUICK, SLOW_DOWN, PRESETS["tuned"]])
+def test_a_pose_that_is_sent_again_has_the_same_answer_and_counts_for_nothing(config):
+    story, twin = Story(controller=config), Story(controller=config)
+    poses = [AWAY, Pose(-1.0, 0.2, 0.3), Pose(-0.2, 0.1, 0.0), *[Pose(0.0, 0.09, 0.0)] * 12, AWAY, AWAY, AWAY]
+    for one in (story, twin):
+        one.supervisor.on_goal(GOAL)
+    for pose in poses:
+        answer = story.pose(pose)
+        assert twin.pose(pose) == answer
+        for _ in range(3):
+            assert twin.again(pose) == answer
+        assert twin.supervisor.memory == story.supervisor.memory
+        assert twin.supervisor.report == story.supervisor.report
+        assert (twin.state, twin.supervisor.goals_reached) == (story.state, story.supervisor.goals_reached)
+
+
+def test_the_same_place_at_another_time_is_a_step_of_its_own():
+    story = Story(controller=QUICK)
+    story.supervisor.on_goal(GOAL)
+    reach(story)
+    # And another place at the same time as well.
+    story = Story(controller=QUICK)
+    story.supervisor.on_goal(GOAL)
+    story.pose(AWAY)
+    assert story.again(Pose(-2.0, 0.0, 0.0)).v == pytest.approx(1.3 * math.tanh(2.0))
+
+
+def test_a_pose_sent_again_keeps_the_watch_quiet():
+    story = Story()
+    story.supervisor.on_goal(GOAL)
+    command = story.pose()
+    story.now += 0.45
+    assert story.supervisor.on_pose(round((story.now - 0.45) * 1e9), story.now, AWAY) == command
+    assert story.tick(0.4) is None
+    assert story.tick(0.2) == ZERO
+
+
+def test_a_pose_sent_again_after_silence_or_for_another_goal_is_answered_anew():
+    story = Story(controller=QUICK)
+    story.supervisor.on_goal(GOAL)
+    command = story.pose()
+    assert story.tick(1.0) == ZERO
+    assert story.supervisor.on_pose(round((story.now - 1.0) * 1e9), story.now, AWAY) == command
+    assert story.state == DRIVING
+    story.pose()
+    story.supervisor.on_goal(Pose(-6.0, 0.0, 0.0))
+    assert story.again().v == pytest.approx(-1.3 * math.tanh(3.0))
+
+
+ROUTE = [Pose(2.0, 0.0, 0.0), Pose(2.0, 3.0, 1.0), Pose(-1.0, 1.0, -2.0)]
+
+
+def told(story):
+    supervisor = story.supervisor
+    return supervisor.waypoint, supervisor.waypoints, supervisor.goal
+
+
+def test_a_path_is_driven_in_order_and_the_last_is_held():
+    story = Story(controller=QUICK)
+    story.supervisor.on_path(list(ROUTE))
+    assert story.state == WAITING
+    for number, goal in enumerate(ROUTE, 1):
+        assert told(story) == (number, 3, goal)
+        story.pose(goal)
+        assert told(story) == (number, 3, goal)
+        story.pose(goal)
+        # Reached: the next one is due from the next pose on, but the last stays.
+        assert story.supervisor.goals_reached == number
+        assert told(story) == (min(number + 1, 3), 3, ROUTE[min(number, 2)])
+        assert story.state == (DRIVING if number < 3 else REACHED)
+    for _ in range(3):
+        story.pose(ROUTE[-1])
+        assert story.state == REACHED
+    assert story.supervisor.goals_reached == 3
+    assert story.pose(Pose(-4.0, 1.0, -2.0)) is not None, "held"
+
+
+def test_each_waypoint_is_driven_to_as_a_goal_of_its_own():
+    story, twin = Story(controller=QUICK), Story(controller=QUICK)
+    story.supervisor.on_path([ROUTE[0], ROUTE[1]])
+    twin.supervisor.on_goal(ROUTE[0])
+    poses = [Pose(-1.0, 0.0, 0.0), Pose(1.0, 0.2, 0.1), ROUTE[0], ROUTE[0]]
+    for pose in poses:
+        assert story.pose(pose) == twin.pose(pose)
+    twin.supervisor.on_goal(ROUTE[1])
+    assert story.supervisor.memory == twin.supervisor.memory
+    for pose in (ROUTE[0], Pose(2.0, 1.0, 1.0), ROUTE[1]):
+        assert story.pose(pose) == twin.pose(pose)
+        assert story.supervisor.report == twin.supervisor.report
+
+
+def test_waypoints_are_passed_at_the_radius_but_the_last_is_not():
+    story = Story(controller=QUICK, waypoint_radius=0.5)
+    story.supervisor.on_path(list(ROUTE))
+    story.pose(Pose(1.49, 0.0, 0.0))
+    assert story.supervisor.waypoint == 1
+    # Just inside, at full speed, with any heading: passed, but not reached.
+    command = story.pose(Pose(1.51, 0.0, 2.0))
+    assert story.supervisor.waypoint == 2
+    assert abs(command.v) > 0.1
+    assert story.supervisor.goals_reached == 0
+    story.pose(Pose(2.0, 2.6, 0.0))
+    assert told(story) == (3, 3, ROUTE[2])
+    story.pose(Pose(-1.0, 1.1, 0.0))
+    assert (story.state, story.supervisor.waypoint) == (DRIVING, 3)
+    for _ in range(2):
+        story.pose(ROUTE[2])
+    assert story.state == REACHED
+    assert story.supervisor.goals_reached == 1
+
+
+def test_one_waypoint_for_each_pose_however_near_they_are():
+    story = Story(waypoint_radius=10.0)
+    story.supervisor.on_path(list(ROUTE))
+    seen = [(story.pose(AWAY), story.supervisor.waypoint)[1] for _ in range(5)]
+    assert seen == [2, 3, 3, 3, 3]
+
+
+def test_a_pose_sent_again_when_a_waypoint_was_passed_has_the_same_answer_and_passes_no_other():
+    story = Story(waypoint_radius=10.0)
+    story.supervisor.on_path(list(ROUTE))
+    answer = story.pose(AWAY)
+    memory = story.supervisor.memory
+    for _ in range(3):
+        assert story.again(AWAY) == answer
+        assert story.supervisor.waypoint == 2
+        assert story.supervisor.memory == memory
+
+
+@pytest.mark.parametrize("size", [1, 2])
+def test_the_newest_goal_or_path_wins(size):
+    story = Story(controller=QUICK)
+    story.pose(AWAY)
+    story.supervisor.on_path(list(ROUTE))
+    story.pose(AWAY)
+    story.supervisor.on_goal(GOAL)
+    assert told(story) == (0, 0, GOAL)
+    reach(story)
+    story.pose(AT_GOAL)
+    assert told(story) == (0, 0, GOAL), "what was left of the path is forgotten"
+    story.supervisor.on_path(ROUTE[:size])
+    assert told(story) == (1, size, ROUTE[0])
+    story.supervisor.on_path(ROUTE[1:])
+    assert told(story) == (1, 2, ROUTE[1])
+    assert story.supervisor.memory.reached is False
+    story.pose(AWAY)
+    assert story.state == DRIVING
+
+
+def test_a_path_of_one_is_a_goal():
+    story = Story(controller=QUICK)
+    story.supervisor.on_path([GOAL])
+    reach(story)
+    assert told(story) == (1, 1, GOAL)
+
+
+def test_a_path_can_be_given_up_and_nothing_of_it_comes_back():
+    story = Story(controller=QUICK)
+    story.supervisor.on_path(list(ROUTE))
+    for _ in range(2):
+        story.pose(ROUTE[0])
+    assert story.supervisor.waypoint == 2
+    assert story.supervisor.on_cancel() == ZERO
+    assert (story.state, told(story)) == (IDLE, (0, 0, None))
+    assert [story.pose(AWAY) for _ in range(6)] == [ZERO] * 4 + [None] * 2
+    story.supervisor.on_goal(GOAL)
+    reach(story)
+    assert told(story) == (0, 0, GOAL)
+
+
+def test_a_path_that_is_not_held_goes_idle_only_at_its_end():
+    story = Story(controller=QUICK, hold_goal=False)
+    story.supervisor.on_path(list(ROUTE[:2]))
+    for _ in range(2):
+        story.pose(ROUTE[0])
+    assert (story.state, story.supervisor.goal) == (DRIVING, ROUTE[1])
+    for _ in range(2):
+        story.pose(ROUTE[1])
+    assert (story.state, story.supervisor.goal) == (REACHED, None)
+    assert story.supervisor.goals_reached == 2
+
+
+def test_the_list_of_a_path_stays_the_callers():
+    story = Story(controller=QUICK)
+    route = list(ROUTE)
+    story.supervisor.on_path(route)
+    for goal in ROUTE * 2:
+        story.pose(goal)
+        story.pose(goal)
+    assert route == ROUTE
+
+
+def test_the_motion_goes_on_from_waypoint_to_waypoint():
+    story = Story(controller=SLOW_DOWN, waypoint_radius=1.0)
+    story.supervisor.on_path([Pose(-50.0, 0.0, 0.0), Pose(50.0, 0.0, 0.0)])
+    speeds = [story.pose(Pose(-52.0 + 0.3 * number, 0.0, 0.0)).v for number in range(8)]
+    assert story.supervisor.waypoint == 2
+    assert speeds == pytest.approx([0.1 * number for number in range(8)], abs=1e-9)
+
+
+def test_silence_on_the_way_keeps_the_path():
+    story = Story(controller=QUICK)
+    story.supervisor.on_path(list(ROUTE))
+    story.pose(AWAY)
+    assert story.tick(1.0) == ZERO
+    assert (story.state, told(story)) == (STALE, (1, 3, ROUTE[0]))
+    for _ in range(2):
+        story.pose(ROUTE[0])
+    assert told(story) == (2, 3, ROUTE[1])

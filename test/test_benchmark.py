@@ -1,0 +1,296 @@
+"""The benchmark: its figures, what is concluded from them, its command, and the page made from its results."""
+
+import copy
+import json
+import math
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from diffbot_control.errors import DiffbotError, InvalidValueError
+from diffbot_control.geometry import Pose
+from diffbot_sim import benchmark, cli
+from diffbot_sim.batch import COLUMNS, Starts, run_batch, run_histories
+from diffbot_sim.benchmark import figures_of, run_and_report, run_benchmark, still_moving
+from diffbot_sim.benchmark_cases import CHALLENGES, DELAYED, LAWS, Challenge, arena_starts, case_of
+from diffbot_sim.benchmark_report import ROBUSTNESS, judged, not_leading, page, table, targets
+from diffbot_sim.closed_loop import simulate
+from diffbot_sim.world import StartPose, WorldConfig
+
+ROOT = Path(__file__).resolve().parent.parent
+ORIGIN = Pose(0.0, 0.0, 0.0)
+SPREADS = ("settling_time", "over_bound", "position", "heading", "filter", "path_ratio", "effort", "switches")
+
+
+@pytest.fixture(scope="module")
+def benchmarked():
+    return run_benchmark(1, 1)
+
+
+@pytest.fixture
+def results(benchmarked):
+    return copy.deepcopy(benchmarked[0])
+
+
+@pytest.fixture
+def here():
+    """Keep the handlers of the test process: the command sets its own."""
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    yield
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
+
+
+def law(results, name):
+    return next(one for one in results["laws"] if one["name"] == name)
+
+
+def challenge(results, name):
+    return next(one for one in results["challenges"] if one["name"] == name)
+
+
+def test_results_have_the_documented_shape(results):
+    assert json.loads(json.dumps(results, allow_nan=False)) == results
+    assert [one["name"] for one in results["laws"]] == [one.name for one in LAWS]
+    names = [one["name"] for one in results["challenges"]]
+    assert names == [*(one.name for one in CHALLENGES), "random_far", "random_near", "fix_delay"]
+    assert set(ROBUSTNESS) == set(names) - {"precise", "random_far", "random_near"}
+    for one in (*results["laws"], *results["challenges"]):
+        assert 0 <= one["settled"] <= one["runs"]
+        for spread in SPREADS:
+            values = [one[spread][key] for key in ("median", "p95", "p99", "max")]
+            assert values == [None] * 4 or values == sorted(values)
+    assert [one["runs"] for one in results["laws"]] == [17] * len(LAWS)
+    assert challenge(results, "random_far")["runs"] == 10
+    assert isinstance(challenge(results, "precise")["moving"], int)
+    assert sum(one["ours"] for one in results["laws"]) == 3
+    assert all(one["source"] and one["purpose"] for one in results["laws"])
+
+
+def test_the_same_seed_gives_the_same_results(benchmarked):
+    outcomes = benchmarked[1]
+    for one in LAWS[::4]:
+        again = run_batch(case_of(one), Starts(arena_starts()), 1, 0, 17)
+        np.testing.assert_array_equal(again, outcomes[one.name])
+
+
+def test_all_laws_meet_the_same_noise():
+    seen = []
+    for one in LAWS:
+        history = run_histories(case_of(one), Starts(arena_starts()), 1, 0, 3)
+        seen.append(history[:, 0, 3:6])  # the first estimate is the first fix
+        np.testing.assert_array_equal(seen[-1], seen[0])
+    assert np.abs(seen[0] - arena_starts()[:3]).max() > 0.01
+
+
+def test_the_starts():
+    starts = arena_starts()
+    assert starts.shape == (17, 3)
+    np.testing.assert_allclose(np.hypot(starts[:16, 0], starts[:16, 1]), 12.0)
+    np.testing.assert_allclose(starts[:8, 2], 0.0)
+    np.testing.assert_allclose(starts[8:16, 2], math.radians(220.0 - 360.0))
+    np.testing.assert_allclose(starts[16], (-2.0, -5.5, math.radians(30.0)))
+
+
+def test_figures_by_hand():
+    outcomes = np.zeros((4, len(COLUMNS)))
+    column = {name: outcomes[:, index] for index, name in enumerate(COLUMNS)}
+    column["x"][:] = (0.03, 0.06, 0.0, 0.3)
+    column["y"][:] = (0.04, 0.08, 0.0, 0.4)
+    column["theta"][:] = (-0.2, 0.1, 0.0, 0.3)
+    column["settling_time"][:] = (117 * 0.1, 20.0, 10.0, math.nan)
+    column["path_length"][:] = (13.0, 26.0, 13.0, 39.0)
+    column["switches"][:] = (1.0, 1.0, 1.0, 3.0)
+    column["effort"][:] = 2.0
+    figures = figures_of(outcomes, np.full(4, 13.0))
+    assert (figures["runs"], figures["settled"]) == (4, 3)
+    assert figures["settling_time"]["median"] == 11.7  # not 11.700000000000001
+    assert figures["settling_time"]["max"] == 20.0
+    assert figures["bound"] == pytest.approx(10.0)
+    assert figures["over_bound"]["median"] == pytest.approx(1.17)
+    assert figures["position"]["median"] == pytest.approx(0.075)
+    assert figures["position"]["max"] == pytest.approx(0.5)
+    assert figures["heading"]["max"] == pytest.approx(0.3)
+    assert figures["path_ratio"]["median"] == pytest.approx(1.5)
+    assert figures["one_switch"] == 0.75
+    outcomes[:, 3] = math.nan
+    assert figures_of(outcomes, np.full(4, 13.0))["settling_time"] == dict.fromkeys(("median", "p95", "p99", "max"))
+
+
+def test_still_moving_looks_at_the_last_second():
+    histories = np.zeros((4, 101, 8))
+    histories[0, 95, 6] = -0.06
+    histories[1, 85, 6] = 1.0  # earlier
+    histories[2, 95, 6] = 0.04  # slower
+    histories[3, 95, 7] = 1.0  # turns in place
+    assert still_moving(histories, 0.1) == 1
+    assert still_moving(histories, 0.05) == 2
+
+
+def test_the_row_of_a_recording_is_that_of_the_batch():
+    start = arena_starts()[3]
+    case = case_of(Challenge("now", "", DELAYED.controller))
+    expected = run_batch(case, Starts(start[np.newaxis]), 5, 2, 1)[0]
+    world = WorldConfig(start=StartPose(*start.tolist()), seed=5, run=2)
+    row = benchmark._outcome(simulate(world, DELAYED.controller, ORIGIN, case.steps), 0.1)
+    np.testing.assert_allclose(row, expected, rtol=1e-6, atol=1e-6)
+
+
+def test_random_runs_fill_the_disc(monkeypatch):
+    seen = []
+
+    def spy(case, starts, seed, first, count, threads):
+        seen.append((first, *case.goal, *starts.poses[0]))
+        return np.zeros((count, len(COLUMNS)))
+
+    monkeypatch.setattr(benchmark, "run_batch", spy)
+    figures = benchmark._random(CHALLENGES[0], 15.0, 2000, 3)
+    run, goal_x, goal_y, turn, x, y, heading = np.array(seen).T
+    distance = np.hypot(x - goal_x, y - goal_y)
+    assert distance.max() <= 15.0
+    assert np.median(distance) == pytest.approx(15.0 / math.sqrt(2.0), rel=0.03)  # even by area
+    assert figures["bound"] == pytest.approx(np.median(distance) / 1.3)
+    np.testing.assert_array_equal(run, np.arange(2000))
+    for angle in (turn, heading, np.arctan2(y - goal_y, x - goal_x)):
+        assert np.abs(angle).max() <= math.pi
+        assert abs(np.exp(1j * angle).mean()) < 0.06
+    assert np.unique(goal_x).size == 2000
+
+
+def doctored(results, good):
+    """Put every figure that a target looks at on one side of its bound."""
+    rows = [law(results, "tuned"), law(results, "paper_covariance"), *results["challenges"]]
+    value = 0.001 if good else 1000.0
+    for one in rows:
+        one["settled"] = one["runs"] if good else 0
+        one["one_switch"] = 1.0 if good else 0.0
+        for part in ("settling_time", "position", "heading", "switches"):
+            one[part] = dict.fromkeys(one[part], value)
+        one["filter"] = dict.fromkeys(one["filter"], 0.001)
+    challenge(results, "precise")["moving"] = 0 if good else 1
+    return results
+
+
+def test_targets_are_computed(results):
+    assert all(one.met for one in targets(doctored(results, good=True)))
+    assert not any(one.met for one in targets(doctored(results, good=False)))
+    assert len(targets(results)) == 14 + 6 + len(ROBUSTNESS)
+
+
+def test_a_target_without_a_value_is_missed(results):
+    results = doctored(results, good=True)
+    law(results, "tuned")["settling_time"] = dict.fromkeys(("median", "p95", "p99", "max"))
+    missed = [one for one in targets(results) if not one.met]
+    assert [(one.case, one.value) for one in missed] == [("tuned", None)] * 2
+    assert "- |" in page(results)
+
+
+def test_targets_at_the_bound_are_met(results):
+    results = doctored(results, good=True)
+    law(results, "tuned")["position"]["p95"] = 0.05
+    assert all(one.met for one in targets(results))
+    law(results, "tuned")["position"]["p95"] = 0.0501
+    assert [one.text for one in targets(results) if not one.met] == ["final position error, 95 % [m]"]
+
+
+def test_lost_comparisons_are_computed(results):
+    ours = law(results, "tuned")
+    for one in results["laws"]:
+        if not one["ours"]:
+            one.update({key: copy.deepcopy(ours[key]) for key in ("runs", "settled", *SPREADS)})
+    assert not_leading(results) == []
+    assert "Nowhere" in page(results)
+    law(results, "polar")["heading"]["p95"] = 0.5 * ours["heading"]["p95"]
+    law(results, "graceful")["position"]["max"] = 2.0 * ours["position"]["max"]
+    lost = not_leading(results)
+    assert [(one["peer"], one["figure"]) for one in lost] == [
+        ("polar law, Siegwart's gains", "final heading error, 95 %")
+    ]
+    assert lost[0]["peers"] == pytest.approx(0.5 * lost[0]["ours"])
+    ours["settled"] -= 1
+    shares = [one for one in not_leading(results) if one["figure"] == "share settled"]
+    assert len(shares) == sum(not one["ours"] for one in results["laws"])
+    assert shares[0]["ours"] < shares[0]["peers"] <= 1.0
+    # A peer of which no run settles has no settling time to lead with.
+    law(results, "polar_fast")["settling_time"] = dict.fromkeys(("median", "p95", "p99", "max"))
+    not_leading(results)
+
+
+def test_results_hold_what_is_concluded(results):
+    assert {key: results[key] for key in ("targets", "not_leading")} == judged(results)
+
+
+def test_table_names_everything(results):
+    text = table(results)
+    for one in LAWS:
+        assert one.label in text
+    for one in results["challenges"]:
+        assert one["name"] in text
+    assert f"{sum(not one.met for one in targets(results))} missed" in text
+
+
+def test_page_is_made_from_the_results():
+    results = json.loads((ROOT / "docs" / "benchmark.json").read_text())
+    assert (ROOT / "docs" / "benchmark.md").read_text() == page(results)
+    assert {key: results[key] for key in ("targets", "not_leading")} == judged(results)
+    assert [one["name"] for one in results["laws"]] == [one.name for one in LAWS]
+    for one, described in zip(results["laws"], LAWS, strict=True):
+        assert (one["label"], one["source"], one["purpose"]) == described[1:2] + described[4:]
+
+
+def test_command_writes_results_and_figure(tmp_path, monkeypatch, benchmarked, capsys, here):
+    monkeypatch.setattr(benchmark, "run_benchmark", lambda runs, seed: benchmarked)
+    out = tmp_path / "deep" / "folder"
+    assert cli.main(["benchmark", "--runs", "1", "--out", str(out)]) == 0
+    assert json.loads((out / "results.json").read_text()) == benchmarked[0]
+    assert (out / "benchmark.png").read_bytes().startswith(b"\x89PNG")
+    assert sorted(path.name for path in out.iterdir()) == ["benchmark.png", "results.json"]
+    written = capsys.readouterr()
+    assert "switching law, tuned" in written.out
+    assert "Targets:" in written.out
+
+
+def test_command_passes_its_flags_on(tmp_path, monkeypatch, benchmarked, here):
+    asked = []
+
+    def fake(runs, seed):
+        asked.append((runs, seed))
+        return benchmarked
+
+    monkeypatch.setattr(benchmark, "run_benchmark", fake)
+    flags = ["--runs", "3", "--seed", "9", "--out", str(tmp_path), "--no-figures"]
+    assert cli.main(["benchmark", "switching", *flags]) == 0
+    assert asked == [(3, 9)]
+    assert [path.name for path in tmp_path.iterdir()] == ["results.json"]
+
+
+@pytest.mark.parametrize("arguments", [["dancing"], ["--runs", "0"], ["--seed", "-1"], ["--runs", "many"]])
+def test_wrong_usage_is_status_2(arguments, capsys):
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["benchmark", *arguments])
+    assert ended.value.code == 2
+    assert capsys.readouterr().err.startswith("usage: diffbot")
+
+
+def test_a_folder_that_is_a_file_is_told_before_the_runs(tmp_path, monkeypatch, capsys, here):
+    monkeypatch.setattr(benchmark, "run_benchmark", lambda runs, seed: pytest.fail("ran"))
+    (tmp_path / "file").write_text("")
+    assert cli.main(["benchmark", "--out", str(tmp_path / "file")]) == 1
+    assert "cannot write to" in capsys.readouterr().err
+
+
+def test_interrupted_leaves_nothing_behind(tmp_path, monkeypatch, here):
+    def interrupted(*arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(benchmark, "run_batch", interrupted)
+    assert cli.main(["benchmark", "--runs", "1", "--out", str(tmp_path)]) == 130
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_no_runs_are_refused(tmp_path):
+    with pytest.raises(InvalidValueError, match="runs = 0"):
+        run_and_report(0, 1, tmp_path, False)
+    assert issubclass(InvalidValueError, DiffbotError)

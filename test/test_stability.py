@@ -1,0 +1,439 @@
+"""The certificate is sound: no admissible noise does worse; and without noise it is exact."""
+
+import itertools
+import json
+import math
+
+import matplotlib.image
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from diffbot_control.controller import ControllerConfig
+from diffbot_control.errors import InvalidValueError
+from diffbot_control.geometry import Pose
+from diffbot_control.laws import Gains, global_law, heading_hold
+from diffbot_control.navigation import discrete_model, in_front, navigation_variables
+from diffbot_control.regions import FixedRegion
+from diffbot_sim import cli, stability_command
+from diffbot_sim.plant import PlantConfig
+from diffbot_sim.sensors import SensorConfig
+from diffbot_sim.stability import (
+    Grid,
+    NoiseBox,
+    certified_level,
+    certify,
+    heading_bound,
+    level_of,
+    make_grid,
+    noise_box,
+    worst_rate,
+)
+
+PAPER_BOX = NoiseBox(0.3, 0.3, 0.17, 0.065, 0.2167)
+NO_NOISE = NoiseBox(0.0, 0.0, 0.0, 0.0, 0.0)
+T_S = 0.1
+
+
+def wrapped(angles):
+    return math.pi - np.remainder(math.pi - np.asarray(angles), 2.0 * math.pi)
+
+
+def textbook_law(rho, alpha, beta, gains):
+    """Eq. (13) with v along the robot's real axis."""
+    v = gains.gamma * np.tanh(rho) * np.cos(alpha)
+    slope = np.where(rho > 1e-9, np.tanh(rho) / np.maximum(rho, 1e-9), 1.0)
+    turn = gains.gamma * np.sinc(alpha / math.pi) * slope * np.cos(alpha)
+    return v, gains.k * alpha + turn * (alpha + gains.h * beta)
+
+
+def textbook_rate(state, noise, gains, t_s):
+    """Change of V of Eq. (8) in one step of (6), (7), over Ts, with what is measured of the pose wrong by ``noise``."""
+    rho, alpha, beta = state
+    eps_x, eps_y, eps_theta, eps_v, eps_omega = noise
+    x, y, theta = -rho * np.cos(beta) + eps_x, -rho * np.sin(beta) + eps_y, beta - alpha + eps_theta
+    bearing = wrapped(np.arctan2(0.0 - y, 0.0 - x))
+    v, omega = textbook_law(np.hypot(x, y), wrapped(bearing - theta), bearing, gains)
+    v, omega = v + eps_v, omega + eps_omega
+    after = (
+        rho - v * t_s * np.cos(alpha),
+        wrapped(alpha + v * t_s * np.sin(alpha) / rho - omega * t_s),
+        wrapped(beta + v * t_s * np.sin(alpha) / rho),
+    )
+    before, then = (0.5 * (r**2 + a**2 + gains.h * b**2) for r, a, b in (state, after))
+    return (then - before) / t_s
+
+
+def random_states(rng, number):
+    """Near and far, with a quarter of the angles close to the cut."""
+    rho = np.exp(rng.uniform(math.log(1e-3), math.log(20.0), number))
+    angles = rng.uniform(-math.pi, math.pi, (2, number))
+    close = rng.random((2, number)) < 0.25
+    angles[close] = wrapped(math.pi + rng.normal(0.0, 0.1, close.sum()))
+    return rho, *angles
+
+
+def random_noise(rng, box, number, each):
+    """Uniform within the box, and as many of its corners."""
+    inside = rng.uniform(-1.0, 1.0, (5, each, number))
+    corners = rng.choice([-1.0, 1.0], (5, each, number))
+    return np.concatenate([inside, corners], axis=1) * np.array(box)[:, None, None]
+
+
+def assert_sound(rng, gains, box, t_s, number, each):
+    state = random_states(rng, number)
+    bound = worst_rate(Grid(*state), gains, box, t_s)
+    rates = textbook_rate(state, random_noise(rng, box, number, each), gains, t_s)
+    excess = rates.max(axis=0) - bound
+    assert bound.shape == (number,)
+    assert np.isfinite(bound).all()
+    # Rounding of V over Ts.
+    slack = 1e-12 * (level_of(Grid(*state), gains) + 100.0) / t_s
+    worst = int(np.argmax(excess - slack))
+    assert (excess <= slack).all(), ([float(one[worst]) for one in state], gains, box, t_s, excess[worst])
+    return rates.max(axis=0), bound
+
+
+BOXES = {
+    "paper's": PAPER_BOX,
+    "none": NO_NOISE,
+    "position only": NoiseBox(0.5, 0.1, 0.0, 0.0, 0.0),
+    "heading only": NoiseBox(0.0, 0.0, 0.8, 0.0, 0.0),
+    "all headings": NoiseBox(0.0, 0.0, math.pi, 0.0, 0.0),
+    "input only": NoiseBox(0.0, 0.0, 0.0, 0.2, 0.5),
+    "large": NoiseBox(3.0, 1.0, 2.0, 1.0, 4.0),
+    "tiny": NoiseBox(1e-6, 1e-6, 1e-6, 1e-6, 1e-6),
+}
+
+
+@pytest.mark.parametrize("name", BOXES)
+@pytest.mark.parametrize("gains", [Gains(), Gains(1.0, 8.0, 2.0, 2.7), Gains(0.3, 0.1, 0.05, 1.0)], ids=["a", "b", "c"])
+def test_no_admissible_noise_does_worse(name, gains):
+    assert_sound(np.random.default_rng(1), gains, BOXES[name], T_S, 4000, 30)
+
+
+def test_no_admissible_noise_does_worse_with_long_steps():
+    # Steps that turn by more than a whole turn, and run past the goal.
+    assert_sound(np.random.default_rng(2), Gains(k=20.0), PAPER_BOX, 1.0, 4000, 30)
+
+
+small = st.floats(0.0, 1.0)
+
+
+@given(
+    st.builds(Gains, st.floats(0.05, 5.0), st.floats(0.01, 15.0), st.floats(0.01, 5.0), st.just(2.7)),
+    st.builds(NoiseBox, small, small, st.floats(0.0, 3.5), small, st.floats(0.0, 3.0)),
+    st.floats(0.001, 0.5),
+    st.integers(0, 2**32),
+)
+@settings(derandomize=True, deadline=None, max_examples=60)
+def test_soundness_for_any_gains_and_bounds(gains, box, t_s, seed):
+    assert_sound(np.random.default_rng(seed), gains, box, t_s, 300, 20)
+
+
+@given(
+    st.floats(1e-3, 30.0),
+    st.floats(-math.pi, math.pi, exclude_min=True),
+    st.floats(-math.pi, math.pi, exclude_min=True),
+    st.tuples(*[st.floats(-1.0, 1.0)] * 5),
+)
+@settings(derandomize=True, deadline=None, max_examples=400)
+def test_soundness_with_the_projects_own_law_and_models(rho, alpha, beta, share):
+    gains = Gains()
+    noise = [one * bound for one, bound in zip(share, PAPER_BOX, strict=True)]
+    x, y, theta = -rho * math.cos(beta), -rho * math.sin(beta), beta - alpha
+    seen = navigation_variables(Pose(x + noise[0], y + noise[1], float(wrapped(theta + noise[2]))))
+    command = global_law(seen, gains)
+    navigation = navigation_variables(Pose(x, y, float(wrapped(theta))))._replace(rho=rho, alpha=alpha, beta=beta)
+    sign = 1.0 if in_front(alpha) else -1.0  # the models count v along the paper's forward direction
+    after = discrete_model(navigation, sign * command.v, command.omega, T_S, sign * noise[3], noise[4])
+    levels = [0.5 * (r**2 + a**2 + gains.h * b**2) for r, a, b in (navigation, after)]
+    ours = float(textbook_rate((rho, alpha, beta), noise, gains, T_S))
+    assert (levels[1] - levels[0]) / T_S == pytest.approx(ours, abs=1e-9 * (1.0 + levels[0]))
+    point = Grid(np.array([rho]), np.array([alpha]), np.array([beta]))
+    assert ours <= worst_rate(point, gains, PAPER_BOX, T_S)[0] + 1e-10 * (1.0 + levels[0])
+
+
+def test_without_noise_it_is_the_closed_form():
+    # dV/dt = -gamma rho tanh(rho) cos(alpha)^2 - k alpha^2, up to O(Ts).
+    rng = np.random.default_rng(3)
+    gains = Gains(1.1, 2.0, 0.4, 2.7)
+    rho = rng.uniform(0.3, 12.0, 3000)
+    alpha, beta = rng.uniform(-3.0, 3.0, (2, 3000))
+    expected = -gains.gamma * rho * np.tanh(rho) * np.cos(alpha) ** 2 - gains.k * alpha**2
+    errors = [np.abs(worst_rate(Grid(rho, alpha, beta), gains, NO_NOISE, t_s) - expected).max() for t_s in (1e-3, 1e-4)]
+    assert errors[0] < 0.3
+    assert errors[1] == pytest.approx(0.1 * errors[0], rel=0.05)
+
+
+def test_without_noise_it_is_the_very_step():
+    state = random_states(np.random.default_rng(4), 3000)
+    exact = textbook_rate(state, np.zeros((5, 1)), Gains(), T_S)
+    inside = np.abs(exact) < 1e3  # beside the cut what is measured may be on either side of it by rounding alone
+    away = inside & (np.abs(state[1]) < 3.1) & (np.abs(state[2]) < 3.1)
+    bound = worst_rate(Grid(*state), Gains(), NO_NOISE, T_S)
+    crossing = bound - exact > 1e-6
+    assert crossing[away].mean() < 0.1  # a step across the cut is bounded by pi^2
+    assert bound[away & ~crossing] == pytest.approx(exact[away & ~crossing], abs=1e-6)
+
+
+def test_with_little_noise_it_is_not_far_off():
+    rng = np.random.default_rng(5)
+    box = NoiseBox(1e-3, 1e-3, 1e-3, 1e-3, 1e-3)
+    rho = rng.uniform(1.0, 10.0, 2000)
+    alpha, beta = rng.uniform(-2.5, 2.5, (2, 2000))
+    rates = textbook_rate((rho, alpha, beta), random_noise(rng, box, 2000, 200), Gains(), T_S).max(axis=0)
+    gap = worst_rate(Grid(rho, alpha, beta), Gains(), box, T_S) - rates
+    assert (gap >= 0.0).all()
+    assert gap.max() < 0.1
+    assert np.median(gap) < 0.02
+
+
+def test_more_noise_is_never_better():
+    grid = make_grid(8.0, 15)
+    rates = [worst_rate(grid, Gains(), NoiseBox(*(scale * np.array(PAPER_BOX))), T_S) for scale in (0.0, 0.3, 1.0, 3.0)]
+    for less, more in itertools.pairwise(rates):
+        assert (more >= less - 1e-9).all()
+        assert (more > less).mean() > 0.9
+
+
+def test_the_grid():
+    rho, alpha, beta = make_grid(12.0, 21)
+    assert (rho.shape, alpha.shape, beta.shape) == ((21, 1, 1), (1, 21, 1), (1, 1, 21))
+    assert rho.max() == 12.0
+    assert rho.min() > 0.0
+    assert (np.diff(np.diff(rho.ravel())) > 0.0).all()
+    for angles in (alpha.ravel(), beta.ravel()):
+        assert angles[-1] == pytest.approx(math.pi)
+        assert angles[0] > -math.pi
+        assert np.diff(angles) == pytest.approx(np.full(20, 2.0 * math.pi / 21.0))
+
+
+def test_the_level_is_the_highest_that_fails():
+    assert certified_level(np.array([1.0, 2.0, 3.0]), np.array([0.0, 0.1, -1.0])) == 2.0
+    assert certified_level(np.array([1.0, 2.0, 3.0]), np.array([-1.0, -1.0, 0.0])) == 3.0
+    assert certified_level(np.array([1.0, 2.0]), np.array([-1.0, -1.0])) == 0.0
+
+
+def test_above_the_level_no_noise_lifts_v_and_below_none_lifts_it_out():
+    certified = certify(ControllerConfig(), PAPER_BOX, T_S, 12.0, 31)
+    assert certified["inside_grid"]
+    assert certified["ultimate_distance"] == pytest.approx(math.sqrt(2.0 * certified["ultimate_level"]))
+    assert certified["ultimate_level"] > certified["level"] > 0.0
+    rng = np.random.default_rng(6)
+    grid = make_grid(12.0, 31)
+    shape = np.broadcast(*grid).shape
+    state = [np.broadcast_to(one, shape).ravel() for one in grid]
+    level = level_of(Grid(*state), Gains())
+    rates = textbook_rate(state, random_noise(rng, PAPER_BOX, len(level), 8), Gains(), T_S)
+    assert (rates[:, level > certified["level"]] < 0.0).all()
+    assert (level + T_S * rates)[:, level <= certified["level"]].max() <= certified["ultimate_level"]
+    # It does not hold trivially: below, noise does lift V.
+    assert (rates > 0.0).any()
+    assert 0.0 < certified["share_decreasing"] < 1.0
+
+
+def test_without_noise_v_decreases_nearly_everywhere():
+    certified = certify(ControllerConfig(), NO_NOISE, 1e-3, 12.0, 31)
+    assert certified["share_decreasing"] > 0.95
+    assert certified["radius_condition"] == 0.0
+
+
+@pytest.mark.parametrize("k_2", [0.5, 2.7, 10.0, 14.0, 19.0])
+def test_the_bound_of_the_heading_is_reached_and_not_passed(k_2):
+    gains = Gains(k_2=k_2)
+    bound = heading_bound(gains, PAPER_BOX, T_S)
+    # The worst noise pushes to the side on which the noiseless loop will be.
+    theta = 0.0
+    largest = []
+    for _ in range(3000):
+        side = 1.0 if (1.0 - k_2 * T_S) * theta >= 0.0 else -1.0
+        theta += T_S * (heading_hold(theta - side * PAPER_BOX.eps_theta, gains) + side * PAPER_BOX.eps_omega)
+        largest.append(abs(theta))
+    assert max(largest) == pytest.approx(bound, rel=1e-9)
+    # Any other admissible noise stays below, from whatever heading within the bound.
+    rng = np.random.default_rng(7)
+    theta = rng.uniform(-bound, bound, 1000)
+    for _ in range(300):
+        seen = theta + rng.uniform(-1.0, 1.0, 1000) * PAPER_BOX.eps_theta
+        theta = theta + T_S * (-k_2 * seen + rng.uniform(-1.0, 1.0, 1000) * PAPER_BOX.eps_omega)
+        assert np.abs(theta).max() <= bound
+
+
+@pytest.mark.parametrize("k_2", [20.0, 25.0, 1000.0])
+def test_a_loop_that_does_not_contract_has_no_bound(k_2):
+    assert heading_bound(Gains(k_2=k_2), PAPER_BOX, T_S) == math.inf
+
+
+def test_the_box_is_what_plant_and_sensors_do():
+    plant = PlantConfig(exact_arc=False, drive_noise=0.0, eps_v_max=0.065, eps_omega_max=0.2167)
+    assert noise_box(plant, SensorConfig(), ControllerConfig()) == pytest.approx(PAPER_BOX)
+    # Section 4.1: 5 % of each wheel at 1.3 m/s are 0.065 m/s and 0.2167 rad/s.
+    box = noise_box(PlantConfig(drive_noise=0.05), SensorConfig(0.0, 0.1, 0.2, 0.3), ControllerConfig())
+    assert box == pytest.approx((0.1, 0.2, 0.3, 0.065, 0.21667), abs=1e-5)
+    assert box.eps_position == pytest.approx(math.sqrt(0.05))
+
+
+def assert_a_picture(path):
+    pixels = matplotlib.image.imread(path)[:, :, :3]
+    assert min(pixels.shape[:2]) > 500
+    assert len(np.unique((pixels.reshape(-1, 3) * 255).astype(int), axis=0)) > 200
+
+
+def test_what_is_written(tmp_path, capsys):
+    out = tmp_path / "new" / "folder"
+    assert cli.main(["stability", "--points", "21", "--runs", "500", "--seed", "3", "--out", str(out)]) == 0
+    assert sorted(path.name for path in out.iterdir()) == ["stability.json", "stability.png"]
+    assert_a_picture(out / "stability.png")
+    content = json.loads((out / "stability.json").read_text())
+    assert content["noise"] == pytest.approx(PAPER_BOX._asdict())
+    assert content["gains"] == Gains()._asdict()
+    proved, observed = content["proved_at_grid_points"], content["only_observed"]
+    direct = certify(ControllerConfig(), PAPER_BOX, T_S, 12.0, 21)
+    assert proved == {name: value for name, value in direct.items() if name != "maps"}
+    assert proved["grid_points"] == 21**3
+    assert proved["radius_condition"] == pytest.approx(0.474264, abs=1e-6)
+    assert proved["heading_bound_local"] == pytest.approx(0.17 + 0.2167 / 2.7)
+    assert (observed["runs"], observed["seed"]) == (500, 3)
+    assert observed["position"]["median"] < observed["position"]["q99"] <= observed["position"]["max"]
+    # What is proved holds in what is observed.
+    assert observed["position"]["max"] < proved["ultimate_distance"]
+    text = capsys.readouterr().out
+    assert "> 0.4743 m: met" in text
+    assert f"distance at most {proved['ultimate_distance']:.3f} m" in text
+    assert ("beyond the grid" in text) == (not proved["inside_grid"])
+
+
+def test_beyond_the_grid_is_said(tmp_path, capsys):
+    assert cli.main(["stability", "--points", "11", "--runs", "10", "--rho-max", "2", "--out", str(tmp_path)]) == 0
+    assert "(beyond the grid: not proved, take a larger --rho-max)" in capsys.readouterr().out
+    assert json.loads((tmp_path / "stability.json").read_text())["proved_at_grid_points"]["inside_grid"] is False
+
+
+def test_a_small_radius_is_not_met(tmp_path, capsys):
+    settings_ = ["--set", "eps_P=0.4", "eps_P_leave=0.5", "k_2=3"]
+    assert cli.main(["stability", "--points", "11", "--runs", "10", *settings_, "--out", str(tmp_path)]) == 0
+    assert "eps_P = 0.4 m against the paper's condition > 0.4743 m: NOT met" in capsys.readouterr().out
+    assert json.loads((tmp_path / "stability.json").read_text())["gains"]["k_2"] == 3.0
+
+
+def test_extreme_values_are_drawn_and_written_as_json(tmp_path):
+    values = {
+        "k_2": 25.0,
+        "eps_x_max": 0.0,
+        "eps_y_max": 0.0,
+        "eps_theta_max": 0.0,
+        "eps_v_max": 0.0,
+        "eps_omega_max": 0.0,
+    }
+    assert stability_command.run(values, 5.0, 11, 10, 1, tmp_path) == 0
+    assert_a_picture(tmp_path / "stability.png")
+
+    def refuse(text):
+        raise AssertionError(text)
+
+    json.loads((tmp_path / "stability.json").read_text(), parse_constant=refuse)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("angular.z.max_velocity", 1.0),
+        ("wheel.max_velocity", 5.0),
+        ("wheel_acceleration_max", 5.0),
+        ("left_radius_error", 0.1),
+        ("slip_left", 0.5),
+        ("fix_outlier", 0.1),
+        ("fix_rate", 2.0),
+    ],
+)
+def test_what_the_certificate_does_not_know_is_refused(name, value, tmp_path):
+    with pytest.raises(InvalidValueError, match=f"{name} = {value}"):
+        stability_command.run({name: value}, 5.0, 11, 10, 1, tmp_path)
+
+
+def test_observed_is_the_law_without_limits(tmp_path, monkeypatch):
+    seen = []
+    run_batch = stability_command.run_batch
+    monkeypatch.setattr(
+        stability_command, "run_batch", lambda *arguments: seen.append(arguments) or run_batch(*arguments)
+    )
+    monkeypatch.setattr(stability_command, "_RUNS_AT_A_TIME", 7)
+    stability_command.run({"gamma": 2.0}, 5.0, 11, 20, 1, tmp_path)
+    assert [arguments[3:5] for arguments in seen] == [(0, 7), (7, 7), (14, 6)]
+    case = seen[0][0]
+    assert case.controller.gains.gamma == 2.0
+    assert set(case.controller.limits) == {math.inf}
+    ends = run_batch(case, seen[0][1], 1, 0, 20)
+    observed = json.loads((tmp_path / "stability.json").read_text())["only_observed"]
+    assert observed["position"]["max"] == np.hypot(ends[:, 0], ends[:, 1]).max()
+    assert observed["abs_theta"]["median"] == pytest.approx(np.median(np.abs(ends[:, 2])))
+
+
+def test_in_pieces_the_grid_is_the_same(monkeypatch):
+    whole = certify(ControllerConfig(), PAPER_BOX, T_S, 12.0, 21)
+    monkeypatch.setattr("diffbot_sim.stability._POINTS_AT_A_TIME", 1000)
+    pieces = certify(ControllerConfig(), PAPER_BOX, T_S, 12.0, 21)
+    for key, value in whole.pop("maps").items():
+        np.testing.assert_array_equal(pieces["maps"][key], value)
+    assert {key: pieces[key] for key in whole} == whole
+    # And what it says is what all its points say.
+    grid = make_grid(12.0, 21)
+    worst, level = worst_rate(grid, Gains(), PAPER_BOX, T_S), level_of(grid, Gains())
+    bad = worst >= 0.0
+    assert whole["level"] == level[bad].max()
+    assert whole["ultimate_level"] == level[bad].max() + T_S * worst[bad].max()
+    assert whole["share_decreasing"] == pytest.approx((~bad).mean(), abs=1e-12)
+    assert whole["largest_distance_without_decrease"] == np.broadcast_to(grid.rho, bad.shape)[bad].max()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "part"),
+    [
+        (["--rho-max", "0"], 1, "--rho-max = 0.0"),
+        (["--rho-max", "-3"], 1, "--rho-max = -3.0"),
+        (["--rho-max", "nan"], 1, "--rho-max = nan"),
+        (["--rho-max", "inf"], 1, "--rho-max = inf"),
+        (["--rho-max", "far"], 2, "--rho-max"),
+        (["--points", "10"], 2, "--points"),
+        (["--points", "402"], 2, "--points"),
+        (["--runs", "0"], 2, "--runs"),
+        (["--seed", "-1"], 2, "--seed"),
+        (["--set", "kk=1"], 1, "kk = 1"),
+        (["--set", "k=-1"], 1, "k = -1.0"),
+        (["--set", "k=.nan"], 1, "k = nan"),
+        (["--set", "k=fast"], 1, "k = 'fast'"),
+        (["--set", "k"], 2, "NAME=VALUE"),
+        (["--set", "k=1", "k=2"], 1, "--set k = 2"),
+        (["--set", "eps_P=0.9"], 1, "eps_P_leave"),
+        (["--set", "fix_delay=0.5"], 1, "fix_delay = 0.5"),
+    ],
+)
+def test_refused_in_one_line(arguments, status, part, tmp_path, capsys):
+    out = tmp_path / "out"
+    try:
+        found = cli.main(["stability", "--points", "11", "--runs", "5", "--out", str(out), *arguments])
+    except SystemExit as end:
+        found = end.code
+    assert found == status
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert part in lines[-1]
+    assert status == 2 or len(lines) == 1
+    assert not out.exists()
+
+
+def test_an_impossible_folder_is_one_line(tmp_path, capsys):
+    (tmp_path / "file").write_text("mine")
+    for out in (tmp_path / "file", tmp_path / "file" / "out"):
+        assert cli.main(["stability", "--points", "11", "--runs", "5", "--out", str(out)]) == 1
+        error = capsys.readouterr().err
+        assert error.startswith("diffbot: cannot write to ")
+        assert error.count("\n") == 1
+
+
+def test_the_leaving_radius_does_not_matter():
+    one, other = (
+        certify(ControllerConfig(region=FixedRegion(0.5, leave)), PAPER_BOX, T_S, 5.0, 11) for leave in (0.5, 0.9)
+    )
+    assert one["level"] == other["level"]
