@@ -17,6 +17,8 @@ from diffbot_sim.mission import Mission
 from diffbot_sim.node_config import DemoNodeConfig
 
 _PERIOD = 0.05
+_READY_TICKS = 10
+"""Ticks in a row that find the graph ready: what one side of a connection knows the other learns a little later."""
 
 
 class DemoNode(DiffbotNode[DemoNodeConfig]):
@@ -32,6 +34,7 @@ class DemoNode(DiffbotNode[DemoNodeConfig]):
         self._recorded: set[str] = set()
         self._controller_state = ""
         self._ekf_heard = False
+        self._ready_ticks = 0
         self._phase = "waiting for the graph"
         self._goals = self.create_publisher(PoseStamped, "goal_pose", QUEUE)
         self.listen(DiagnosticStatus, "recorder/status", self._on_recorder, LATCHED)
@@ -61,7 +64,8 @@ class DemoNode(DiffbotNode[DemoNodeConfig]):
             self._phase = "stopping"
 
     def _on_tick(self) -> None:
-        if self._phase == "waiting for the graph" and self._graph_is_ready():
+        self._ready_ticks = self._ready_ticks + 1 if self._graph_is_ready() else 0
+        if self._phase == "waiting for the graph" and self._ready_ticks >= _READY_TICKS:
             self._send_goal()
             self._phase = "waiting for the controller"
         elif self._phase == "waiting for the controller" and self._controller_state == "waiting for pose":

@@ -140,9 +140,17 @@ def _uncertainty(case: Case, view: View) -> Uncertainty:
 
 def _observe(case: Case, seed: int, run: int, index: int, state: PlantState, view: View) -> View:
     """Sense and filter, in the order of the graph: odometry, then the fix, then the heading."""
+    if case.feedback == TRUTH:
+        return View(view.belief, state.pose, True)
     plant, sensors = case.plant, case.sensors
     t_s = plant.sampling_time
-    belief, seen, has_seen = view
+    if case.feedback == RAW:
+        if due(index, sensors.fix_rate, t_s):
+            fix, lost = _fix(sensors, seed, run, index, state.pose, draw(seed, run, index, FIX_BLOCK))
+            if not lost:
+                return View(view.belief, fix, True)
+        return view
+    belief = view.belief
     if index > 0 and belief.known:
         var_v, cov, var_omega = encoder_covariance(state.encoder, plant.encoder_noise, plant.wheels)
         belief = predict(belief, body_twist(state.encoder, plant.wheels), t_s, var_v, cov, var_omega)
@@ -153,16 +161,10 @@ def _observe(case: Case, seed: int, run: int, index: int, state: PlantState, vie
             fix, lost = _fix(sensors, seed, run, index, state.pose, noise)
             if not lost:
                 belief = _corrected(belief, fix, sensors)
-                if case.feedback == RAW:
-                    seen, has_seen = fix, True
         if wants_heading and belief.known:
             heading = measured_heading(state.pose, noise, sensors)
             belief = update_heading(belief, heading, uniform_variance(sensors.heading_error_max))
-    if case.feedback == TRUTH:
-        return View(belief, state.pose, True)
-    if case.feedback == EKF and belief.known:
-        return View(belief, belief.pose, True)
-    return View(belief, seen, has_seen)
+    return View(belief, belief.pose, belief.known)
 
 
 def _fix(sensors: SensorConfig, seed: int, run: int, index: int, pose: Pose, noise: Draw) -> tuple[Pose, bool]:

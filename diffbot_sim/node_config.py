@@ -38,7 +38,7 @@ class PlantNodeConfig(NamedTuple):
             "time of the first step; 0: now",
             "s since 1970",
             minimum=0.0,
-            maximum=4e9,
+            maximum=2e9,
             read_only=True,
         ),
     ] = 0.0

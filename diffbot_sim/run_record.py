@@ -33,7 +33,7 @@ class RunRecord(NamedTuple):
     """in ``map``, as if the odometry had started at the true pose"""
     fixes: Array
     goals: list[tuple[float, Pose]]
-    """time of reception [s since the first truth], goal"""
+    """time at which it was sent [s since the first truth], goal"""
     messages: int
     """number of messages in the bag"""
     lost: int
@@ -57,20 +57,26 @@ def read_run(bag: Path, namespace: str = "") -> RunRecord:
     """
     names = {namespace + name: name for name in (TRUTH, ESTIMATE, ODOMETRY, FIXES, GOALS)}
     rows: dict[str, list[tuple[float, ...]]] = {name: [] for name in names.values()}
+    received: list[int] = []
     with BagReader(bag) as reader:
         for message in reader.decoded(tuple(names)):
             name = names[message.topic]
             content = message.content
-            stamp = (
-                message.log_time if name == GOALS else content.header.stamp.sec * 10**9 + content.header.stamp.nanosec
-            )
+            stamp = content.header.stamp.sec * 10**9 + content.header.stamp.nanosec
+            if name == GOALS:
+                received.append(message.log_time)
             pose = content.pose if name == GOALS else content.pose.pose
             rows[name].append((stamp, *_pose(pose)))
         messages = reader.message_count
         lost = int(reader.metadata.custom_data.get("lost_messages", 0)) if reader.metadata else 0
     if not rows[TRUTH]:
         raise DiffbotError(f"{bag}: no {namespace}{TRUTH} in it")
-    origin = rows[TRUTH][0][0]
+    origin, last = rows[TRUTH][0][0], rows[TRUTH][-1][0]
+    # Goals from a command line carry no stamp, and others a stamp of another clock; then the reception counts.
+    rows[GOALS] = [
+        row if origin <= row[0] <= last else (log_time, *row[1:])
+        for row, log_time in zip(rows[GOALS], received, strict=True)
+    ]
     paths = {
         name: np.array([((row[0] - origin) * 1e-9, *row[1:]) for row in found]).reshape(-1, 4)
         for name, found in rows.items()

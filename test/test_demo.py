@@ -17,8 +17,8 @@ import pytest
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
-from diffbot_control.controller import ControllerConfig
 from diffbot_control.geometry import Pose
+from diffbot_control.presets import PRESETS
 from diffbot_sim.closed_loop import simulate
 from diffbot_sim.processes import PrivateDomain
 from diffbot_sim.world import WorldConfig
@@ -138,7 +138,7 @@ def test_truth_of_the_first_goal_is_that_of_the_closed_loop(bag):
     start, second = min(truth), stamp(bag.messages["/goal_pose"][1][1])
     steps = [when for when in sorted(truth) if when < second]
     assert len(steps) > 40
-    reference = simulate(WorldConfig(seed=SEED), ControllerConfig(), Pose(0.0, 0.0, 0.0), len(steps)).truth
+    reference = simulate(WorldConfig(seed=SEED), PRESETS["tuned"], Pose(0.0, 0.0, 0.0), len(steps)).truth
     for when in steps:
         index = (when - start) // 100_000_000
         assert truth[when] == pytest.approx(tuple(reference[index]), abs=1e-9)

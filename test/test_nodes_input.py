@@ -14,11 +14,12 @@ from sensor_msgs.msg import Imu, JointState
 from std_srvs.srv import Trigger
 from test_graph_robot import DEEP, MODULES, planar, pose_stamped, stamp, yaw
 
-from diffbot_control.controller import ControllerConfig, ControllerMemory, step
+from diffbot_control.controller import ControllerMemory, step
 from diffbot_control.geometry import Pose
 from diffbot_control.kinematics import Twist as TwistValue
 from diffbot_control.kinematics import WheelGeometry, WheelSpeeds, body_twist, encoder_covariance
 from diffbot_control.localization import Localization, LocalizationConfig, Measurement, OdometryStep
+from diffbot_control.presets import PRESETS
 
 NAN, INF, HUGE = math.nan, math.inf, 1e308
 LONG = "x" * 1_000_000
@@ -380,7 +381,7 @@ def test_controller_goes_on_as_if_the_bad_messages_had_not_come(start):
         pose = Pose(0.01 * (time - START), 0.5, 0.2)
         subject.publish("pose", fix(time, *pose))
         subject.peer.spin_until(lambda: len(commands) > count, 5.0, "a command")
-        memory, command, _ = step(memory, pose, goal, 0.1, ControllerConfig())
+        memory, command, _ = step(memory, pose, goal, 0.1, PRESETS["tuned"])
         assert len(commands) == count + 1, "one pose, one command"
         assert (commands[-1].linear.x, commands[-1].angular.z) == pytest.approx(tuple(command), abs=1e-9)
 

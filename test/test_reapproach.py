@@ -16,6 +16,7 @@ from diffbot_control.controller import ControllerMemory, memory_for_new_goal, st
 from diffbot_control.geometry import Pose
 from diffbot_control.goal import CERTAIN, Uncertainty
 from diffbot_control.laws import global_lyapunov
+from diffbot_control.limits import Limits
 from diffbot_control.navigation import Navigation
 from diffbot_control.presets import PRESETS
 from diffbot_control.reapproach import (
@@ -155,6 +156,21 @@ def test_it_begins_after_settling_steps_at_rest_in_a_row():
     assert [memory.reapproach.quiet_steps for memory in run.memories[:7]] == [1, 2, 3, 4, 5, 6, 0]
 
 
+def test_it_begins_only_when_the_heading_is_straight():
+    # Turning so slowly that it counts as standing: the count of poses starts where the heading is within 0.1 rad.
+    config = TUNED._replace(limits=Limits(omega_max=0.05))
+    run = Run((0.0, 0.12, 0.3), config, 100)
+    first = run.phases.index(BACKING)
+    assert abs(run.poses[first - 4].theta) <= 0.1 < abs(run.poses[first - 5].theta)
+
+
+def test_the_heading_is_controlled_with_the_gain_of_omega_l():
+    config = TUNED._replace(gains=TUNED.gains._replace(k=1.0, k_2=3.0))
+    memory = AT_REST._replace(reapproach=Reapproach(BACKING, 1, 0, 1.0, 0.4))
+    _, command, _ = step(memory, Pose(0.0, 0.02, 0.1), ORIGIN, T_S, config)
+    assert command == pytest.approx((-0.25, -3.0 * (0.1 - 0.16)))
+
+
 def advance(state, y=0.1, resting=True, uncertainty=CERTAIN, tolerance=TUNED.tolerance, config=TUNED.reapproach):
     return next_reapproach(state, Pose(0.0, y, 0.0), resting, uncertainty, T_S, tolerance, config)
 
@@ -188,6 +204,22 @@ def test_it_never_begins_with_an_error_that_is_allowed_or_below_its_own_uncertai
     assert found is (abs(y) > allowed and abs(y) > sigma)
 
 
+@pytest.mark.parametrize(
+    ("y", "sigma", "expected"),
+    [
+        # Of 0.1 m two deviations leave 0.04 m: less than the share of 70 %.
+        (0.05, 0.03, True),
+        (-0.045, 0.03, True),
+        (0.039, 0.03, False),
+        # And of the uncertainty itself: 0.02 m are left, but 0.035 m are not known to be there.
+        (0.035, 0.04, False),
+        (0.041, 0.04, True),
+    ],
+)
+def test_what_the_deviations_leave_of_the_tolerance(y, sigma, expected):
+    assert begins(y=y, uncertainty=Uncertainty(sigma, 0.0)) is expected
+
+
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_the_share_of_the_tolerance_that_is_allowed(sign):
     assert not begins(y=sign * 0.0699)
@@ -213,6 +245,14 @@ def test_it_begins_within_its_window_or_not_at_all():
             state = advance(state, uncertainty=uncertainty, config=config)
             phases.add(state.phase)
         assert (BACKING in phases) is expected, unsure
+    # It goes on in motion, too: the window is not opened anew by every stir.
+    state = advance(Reapproach(), config=config)
+    for _ in range(25):
+        state = advance(state, resting=False, config=config)
+    assert state.time == pytest.approx(2.6)
+    for _ in range(50):
+        state = advance(state, config=config)
+        assert state.phase == RESTING
     # Before the first rest no time passes, however long the robot moves in Omega_L.
     state = Reapproach()
     for _ in range(100):

@@ -30,8 +30,10 @@ def stamped(topic, stamp, pose, logged=None):
     return SimpleNamespace(topic=topic, content=content, log_time=logged or stamp + 5_000_000)
 
 
-def goal(topic, logged, pose):
-    content = SimpleNamespace(header=None, pose=pose_message(pose))
+def goal(topic, logged, pose, stamp=0):
+    sec, nanosec = divmod(stamp, SECOND)
+    header = SimpleNamespace(stamp=SimpleNamespace(sec=sec, nanosec=nanosec))
+    content = SimpleNamespace(header=header, pose=pose_message(pose))
     return SimpleNamespace(topic=topic, content=content, log_time=logged)
 
 
@@ -95,6 +97,16 @@ def test_a_bag_by_hand(bag):
     assert time == pytest.approx(-0.5)
     assert found == pytest.approx((3.0, 2.0, 1.5))
     assert (record.messages, record.lost) == (8, 7)
+
+
+def test_a_goal_begins_by_its_stamp_if_that_is_of_this_run(bag):
+    path = bag(
+        stamped("/ground_truth", T0, (0.0, 0.0, 0.0)),
+        stamped("/ground_truth", T0 + 9 * SECOND, (1.0, 0.0, 0.0)),
+        goal("/goal_pose", T0 + 5 * SECOND, (1.0, 0.0, 0.0), stamp=T0 + 3 * SECOND),
+        goal("/goal_pose", T0 + 6 * SECOND, (2.0, 0.0, 0.0), stamp=T0 + 3600 * SECOND),
+    )
+    assert [time for time, _ in read_run(path).goals] == pytest.approx([3.0, 6.0])
 
 
 def test_an_odometry_that_did_not_begin_at_its_origin_is_laid_on_the_truth(bag):

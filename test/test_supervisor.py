@@ -460,6 +460,8 @@ def test_a_pose_sent_again_after_silence_or_for_another_goal_is_answered_anew():
     story.pose()
     story.supervisor.on_goal(Pose(-6.0, 0.0, 0.0))
     assert story.again().v == pytest.approx(-1.3 * math.tanh(3.0))
+    story.supervisor.on_path([GOAL])
+    assert story.again().v == pytest.approx(1.3 * math.tanh(3.0))
 
 
 ROUTE = [Pose(2.0, 0.0, 0.0), Pose(2.0, 3.0, 1.0), Pose(-1.0, 1.0, -2.0)]
