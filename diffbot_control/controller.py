@@ -32,6 +32,7 @@ from diffbot_control.regions import (
     FixedRegion,
     covariance_region,
     fixed_region,
+    forward_only,
 )
 
 
@@ -126,13 +127,12 @@ def step(
     local = into_frame(pose, goal)
     navigation = navigation_variables(local)
     if config.covariance_region.follow_covariance:
+        policy = config.covariance_region
+        if not config.driving.allow_backward:
+            policy = forward_only(policy, config.tolerance.xy_goal_tolerance)
+        way_back = memory.reapproach.distance
         region, steps_outside, radius = covariance_region(
-            memory.region,
-            memory.steps_outside,
-            navigation.rho,
-            uncertainty.xy,
-            config.covariance_region,
-            memory.reapproach.distance,
+            memory.region, memory.steps_outside, navigation.rho, uncertainty.xy, policy, way_back
         )
     else:
         region, steps_outside = fixed_region(memory.region, navigation.rho, config.region), 0

@@ -92,6 +92,22 @@ def covariance_region(
     return OMEGA_L, steps_outside, leaving
 
 
+def forward_only(policy: CovarianceRegion, xy_goal_tolerance: float) -> CovarianceRegion:
+    """Return the policy for a robot that may not reverse, and so cannot re-approach.
+
+    It has to leave Omega_L with any error that the goal does not allow: standing there it could do nothing about it.
+    """
+    return CovarianceRegion(
+        policy.follow_covariance,
+        policy.eps_P_min,
+        policy.eps_P_sigmas,
+        policy.eps_P_speed_error,
+        policy.eps_P_leave_factor,
+        min(policy.eps_P_leave_min, xy_goal_tolerance),
+        policy.eps_P_leave_steps,
+    )
+
+
 def smallest_radius(eps_x: float, eps_y: float, eps_v: float, gamma: float) -> float:
     """The bound that eps_P has to exceed: |eps_rho| + |eps_v| / gamma (paper, section 3.2).
 

@@ -52,8 +52,15 @@ SOURCES_HASH = _hash_of_sources()
 """Names the code that decides the results of a run."""
 
 
-def _use_cache_of_these_sources() -> None:
-    """Point numba's cache to a folder named after the sources.
+try:
+    import numba
+    from numba.extending import register_jitable
+except ImportError as error:
+    raise DiffbotError("compiled simulation needs numba: pip install 'numba>=0.60'") from error
+
+
+def _cache_of_these_sources() -> str:
+    """Return a folder named after the sources.
 
     numba looks only at the file of the function that it compiles; a change in a function which that one calls would go
     unseen, and the old code would run on.
@@ -63,16 +70,10 @@ def _use_cache_of_these_sources() -> None:
         base.mkdir(parents=True, exist_ok=True)
     except OSError:
         base = Path(tempfile.gettempdir()) / f"diffbot-{os.getuid()}"
-    os.environ.setdefault("NUMBA_CACHE_DIR", str(base / SOURCES_HASH))
+    return str(Path(_settings.CACHE_DIR or base) / SOURCES_HASH)
 
 
-_use_cache_of_these_sources()
-
-try:
-    from numba import njit  # the cache's place is read at this import
-    from numba.extending import register_jitable
-except ImportError as error:
-    raise DiffbotError("compiled simulation needs numba: pip install 'numba>=0.60'") from error
+_settings: Any = numba.config
 
 for _module in MODULES:
     for _function in _functions(_module):
@@ -81,4 +82,9 @@ for _module in MODULES:
 
 def compile_kernel(function: Any) -> Any:
     """Compile a function that calls the pure ones; it runs without the interpreter's lock: threads run in parallel."""
-    return njit(function, nogil=True, cache=True, error_model="numpy")
+    # Set here and not in the environment, which numba reads when it is imported first, by whomever.
+    usual, _settings.CACHE_DIR = _settings.CACHE_DIR, _cache_of_these_sources()
+    try:
+        return numba.njit(function, nogil=True, cache=True, error_model="numpy")
+    finally:
+        _settings.CACHE_DIR = usual

@@ -8,6 +8,7 @@ from typing import Any
 from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
 from geometry_msgs.msg import Twist as TwistMessage
 from nav_msgs.msg import Odometry
+from rclpy.duration import Duration
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState
@@ -36,6 +37,8 @@ from diffbot_sim.pacing import LOCKSTEP, WALL, ClockPace, LockStep
 from diffbot_sim.world import Arrivals, World
 
 _FIRST_POLL = 0.02
+_UNSURE_STEPS, _UNSURE_WAIT = 10, Duration(seconds=0.1)
+"""In so many lock-steps at the start, and after one that was sent again, the measurements are waited for so long."""
 
 
 class PlantNode(DiffbotNode[PlantNodeConfig]):
@@ -52,6 +55,7 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
         self._command = Twist(0.0, 0.0)
         self._command_step = 0
         self._arrivals: Arrivals | None = None
+        self._unsure = _UNSURE_STEPS if config.clock == LOCKSTEP else 0
         command_type, heard = (
             (TwistStamped, lambda message: self._on_command(message.twist))
             if config.enable_stamped_cmd_vel
@@ -132,7 +136,9 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
         elif fixes_wanted and not self._sense().fixes:
             # The first fix is late or lost. Until it comes the filter has no pose to answer with: do not wait for it.
             self._publish(self.world)
-            self._advance(self._command)
+            # Heard after the fix it would be answered, and the answer taken for that to another step.
+            if self._odometries.wait_for_all_acked(_UNSURE_WAIT):
+                self._advance(self._command)
         else:
             self._first.cancel()
             self._ask()
@@ -148,6 +154,7 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
             "no command on cmd_vel: the step's messages are sent again (is the controller's publish_when_idle set?)",
             throttle_duration_sec=10.0,
         )
+        self._unsure = _UNSURE_STEPS
         self._ask()
 
     def _ask(self) -> None:
@@ -157,6 +164,7 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
 
     def _lock_step(self) -> None:
         self._lockstep.next_step()
+        self._unsure = max(self._unsure - 1, 0)
         self._advance(self._command)
         self._ask()
 
@@ -233,6 +241,10 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
             self._send_fix(fix)
         for heading in arrivals.headings:
             self._send_heading(heading)
+        if self._unsure:
+            # DDS keeps no order between topics for one who has just come; the odometry must not overtake the fix.
+            for publisher in (self._fixes, self._headings):
+                publisher.wait_for_all_acked(_UNSURE_WAIT)
         if self._joint_states.get_subscription_count():
             self._send_joint_states(stamp, world)
         in_odom = world.state.odometry
