@@ -43,6 +43,7 @@ lint: setup
 
 bench: setup
 	@$(BIN)/python test/bench.py $(ARGS)
+	@$(BIN)/python test/bench_batch.py $(filter --quick,$(ARGS))
 
 docs: setup
 	@$(BIN)/python docs/generate.py $(ARGS)
