@@ -272,11 +272,15 @@ def test_all_headings_are_wrapped():
 
 def test_the_start_is_independent_of_the_first_steps_noise():
     case = case_of(feedback="raw", steps=1)
-    history = run_histories(case, Starts(np.zeros((1, 3)), (1.0, 1.0, 0.0)), 1, 0, 5000)
-    errors = history[:, 0, 3:6] - history[:, 0, :3]
-    for start, error in itertools.product(history[:, 0, :2].T, errors.T):
+    history = run_histories(case, Starts(np.zeros((1, 3)), (1.0, 1.0, 0.5)), 1, 0, 5000)
+    begin, seen, command = history[:, 0, :3], history[:, 0, 3:6], history[:, 0, 6:]
+    moved = history[:, 1, :3] - begin
+    v = (moved[:, 0] * np.cos(begin[:, 2]) + moved[:, 1] * np.sin(begin[:, 2])) / 0.1
+    inputs = np.column_stack([v, moved[:, 2] / 0.1]) - command
+    errors = np.column_stack([seen - begin, inputs])
+    for start, error in itertools.product(begin.T, errors.T):
         assert abs(stats.pearsonr(start, error).statistic) < 0.05
-    for error, bound in zip(errors.T, (0.3, 0.3, 0.17), strict=True):
+    for error, bound in zip(errors.T, (0.3, 0.3, 0.17, 0.065, 0.2167), strict=True):
         assert stats.kstest(error, stats.uniform(-bound, 2.0 * bound).cdf).pvalue > 1e-3
 
 
