@@ -1,4 +1,4 @@
-"""The node ``controller``: pose + goal_pose -> cmd_vel."""
+"""The node ``controller``: pose or odometry/filtered, and goal_pose or path -> cmd_vel."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from geometry_msgs.msg import (
 from geometry_msgs.msg import (
     Twist as TwistMessage,
 )
-from nav_msgs.msg import Path
+from nav_msgs.msg import Odometry, Path
 from rclpy.duration import Duration
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Float64MultiArray
@@ -71,7 +71,10 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
         self._gains_checked = False
         self.listen(PoseStamped, "goal_pose", self._on_goal)
         self.listen(Path, "path", self._on_path)
-        self.listen(PoseWithCovarianceStamped, "pose", self._on_pose)
+        if config.pose_source == "pose":
+            self.listen(PoseWithCovarianceStamped, "pose", self._on_pose)
+        else:
+            self.listen(Odometry, "odometry/filtered", self._on_pose)
         self.create_service(Trigger, "~/cancel", self._on_cancel)
         self._watch = self.create_timer(self._watch_period(), self._on_tick, clock=self.steady_clock)
         self.create_timer(_STATUS_PERIOD, self._tell_state, clock=self.steady_clock)
@@ -122,8 +125,8 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
         if warning:
             self.get_logger().warning(warning)
 
-    def _on_pose(self, message: PoseWithCovarianceStamped) -> None:
-        stamp, pose, uncertainty = pose_from(message, self.config.map_frame)
+    def _on_pose(self, message: PoseWithCovarianceStamped | Odometry) -> None:
+        stamp, pose, uncertainty = pose_from(message, self.config.map_frame, self.config.base_link_frame)
         self._check_gains(stamp)
         command = self.supervisor.on_pose(stamp, self._now(), pose, uncertainty)
         if command is not None:

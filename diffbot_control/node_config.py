@@ -16,8 +16,18 @@ class ControllerNodeConfig(NamedTuple):
 
     preset: Annotated[str, Spec("where the other defaults come from", choices=tuple(PRESETS), read_only=True)] = TUNED
     supervisor: SupervisorConfig = SupervisorConfig()
+    pose_source: Annotated[
+        str,
+        Spec(
+            "where the robot's pose comes from: the topic pose or the topic odometry/filtered",
+            choices=("pose", "odometry"),
+            read_only=True,
+        ),
+    ] = "pose"
     map_frame: Annotated[str, Spec("frame of poses and goals", read_only=True)] = "map"
-    base_link_frame: Annotated[str, Spec("frame of the stamped command", read_only=True)] = "base_link"
+    base_link_frame: Annotated[
+        str, Spec("frame of the stamped command; child frame of odometry/filtered", read_only=True)
+    ] = "base_link"
     enable_stamped_cmd_vel: Annotated[bool, Spec("publish TwistStamped instead of Twist", read_only=True)] = False
 
 

@@ -111,9 +111,16 @@ def path_from(message: Path, frame: str) -> list[Pose]:
     return [pose_of(pose.pose) for pose in message.poses]
 
 
-def pose_from(message: PoseWithCovarianceStamped, frame: str) -> tuple[int, Pose, Uncertainty]:
-    """Stamp [ns], pose and uncertainty of an estimate in ``frame``; without a covariance (all zero) it is certain."""
+def pose_from(
+    message: PoseWithCovarianceStamped | Odometry, frame: str, child_frame: str
+) -> tuple[int, Pose, Uncertainty]:
+    """Stamp [ns], pose and uncertainty of an estimate in ``frame``; without a covariance (all zero) it is certain.
+
+    An Odometry says whose pose it is: it has to be that of ``child_frame``. Its twist is not looked at.
+    """
     check_frame(message.header.frame_id, frame)
+    if isinstance(message, Odometry):
+        check_frame(message.child_frame_id, child_frame, "child_frame_id")
     pose = pose_of(message.pose.pose)
     covariance = np.asarray(message.pose.covariance, dtype=float)
     uncertainty = uncertainty_of(planar_covariance(covariance)) if covariance.any() else CERTAIN

@@ -28,6 +28,7 @@ AT_START = [
     ("controller", ["-p", "wheel_radius:=-0.05"], ["wheel_radius = -0.05", "> 0"]),
     ("controller", ["-p", "eps_P:=0.5", "-p", "eps_P_leave:=0.4"], ["eps_P_leave = 0.4", ">= eps_P = 0.5"]),
     ("controller", ["-p", "hold_goal:=1"], ["hold_goal = 1", "true or false"]),
+    ("controller", ["-p", "pose_source:=tf"], ["pose_source = 'tf'", "one of pose, odometry"]),
     ("controller", ["-p", "use_sim_time:=1"], ["use_sim_time"]),
     ("ekf", ["-p", "wheel_separation:=0.0"], ["wheel_separation = 0.0", "> 0"]),
     ("ekf", ["-p", "odometry_source:=stars"], ["odometry_source = 'stars'", "one of odom, joint_states"]),

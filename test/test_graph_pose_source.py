@@ -1,0 +1,74 @@
+"""The controller fed by odometry/filtered instead of pose: as robot_localization sends it, and as the ekf does."""
+
+import time
+
+import graph
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from nav_msgs.msg import Odometry
+from test_graph_driving import twist
+from test_graph_lockstep import assert_same_path, go
+from test_graph_robot import distance, lockstep, pose_stamped, robot, turned
+
+from diffbot_control.ros_messages import set_stamp
+
+FILTERED = {"pose_source": "odometry"}
+GOAL = (1.0, 2.0, 0.5)
+
+
+def test_drives_by_odometry_filtered_as_by_pose():
+    goal = (0.0, 0.0, 0.0)
+    with lockstep({"seed": 5}, controller=FILTERED) as running:
+        assert_same_path(go(running, goal), goal, {"seed": 5})
+        received = running.diagnosis("controller")
+        running.pause(False)
+        running.wait_for_state("goal reached", 20.0)
+        running.pause(True)
+        end = running.true_pose()
+    assert int(received["odometry/filtered received"]) >= 200
+    assert "pose received" not in received
+    assert distance(end, goal) <= 0.1
+    assert turned(end, goal) <= 0.1
+
+
+@pytest.fixture
+def fed():
+    """A controller that hears no one but the test."""
+    with robot(controller=FILTERED, only=("controller",), namespace="/fed") as running:
+        running.odometry = running.peer.publisher(Odometry, "odometry/filtered")
+        running.peer.wait_for_subscribers(running.odometry)
+        running.send_goal(*GOAL)
+        yield running
+
+
+def feed(running, state, variance):
+    """Stand at the goal, known to ``variance``, until the controller's state is ``state``; return its status."""
+    message = Odometry(child_frame_id="base_link")
+    message.header.frame_id = "map"
+    message.pose.pose = pose_stamped(*GOAL).pose
+    message.pose.covariance[[0, 7, 35]] = variance
+
+    def told():
+        set_stamp(message.header.stamp, time.monotonic_ns())
+        running.odometry.publish(message)
+        return running.state() == state
+
+    running.peer.spin_until(told, 5.0, f"the state {state!r}")
+    return running.controller_states[-1]
+
+
+def test_covariance_of_the_odometry_decides_whether_the_goal_is_reached(fed):
+    status = feed(fed, "tolerance below uncertainty", 4.0)
+    assert status.level == DiagnosticStatus.WARN
+    fed.peer.spin_until(lambda: fed.commands, 5.0, "a command")
+    assert twist(fed.commands[-1]) == pytest.approx((0.0, 0.0), abs=1e-9)
+    values = graph.values(status)
+    # Two standard deviations.
+    assert float(values["smallest tolerance [m]"]) == pytest.approx(4.0)
+    assert float(values["smallest tolerance [rad]"]) == pytest.approx(4.0)
+    assert values["goals reached"] == "0"
+    status = feed(fed, "goal reached", 1e-4)
+    assert status.level == DiagnosticStatus.OK
+    values = graph.values(status)
+    assert float(values["smallest tolerance [m]"]) == pytest.approx(0.02)
+    assert values["goals reached"] == "1"

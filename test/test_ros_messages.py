@@ -1,0 +1,144 @@
+"""The robot's pose out of the two kinds of message that may carry it: the same values, the same refusals."""
+
+import math
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
+from scipy.spatial.transform import Rotation
+
+from diffbot_control.errors import BadMessageError
+from diffbot_control.ros_messages import pose_from
+
+KINDS = pytest.mark.parametrize("kind", [PoseWithCovarianceStamped, Odometry], ids=lambda kind: kind.__name__)
+P = np.array([[0.04, 0.03, 0.001], [0.03, 0.09, -0.002], [0.001, -0.002, 0.0025]])
+PLANAR = np.ix_([0, 1, 5], [0, 1, 5])
+
+
+def estimate(kind, covariance=P, roll_pitch_yaw=(0.0, 0.0, -2.5)):
+    message = kind()
+    message.header.frame_id = "map"
+    message.header.stamp.sec, message.header.stamp.nanosec = 12, 345
+    if kind is Odometry:
+        message.child_frame_id = "base_link"
+    message.pose.pose.position.x, message.pose.pose.position.y = 3.0, -4.0
+    q = message.pose.pose.orientation
+    q.x, q.y, q.z, q.w = Rotation.from_euler("xyz", roll_pitch_yaw).as_quat().tolist()
+    full = np.diag([0.0, 0.0, 7.0, 8.0, 9.0, 0.0])
+    full[PLANAR] = covariance
+    message.pose.covariance = full.reshape(36)
+    return message
+
+
+def read(message):
+    return pose_from(message, "map", "base_link")
+
+
+def refusal(message):
+    with pytest.raises(BadMessageError) as caught:
+        read(message)
+    return caught.value.kind
+
+
+@KINDS
+def test_stamp_pose_and_standard_deviations(kind):
+    stamp, pose, uncertainty = read(estimate(kind))
+    assert stamp == 12_000_000_345
+    assert pose == pytest.approx((3.0, -4.0, -2.5), abs=1e-12)
+    assert uncertainty.xy == pytest.approx(math.sqrt(np.linalg.eigvalsh(P[:2, :2])[-1]), rel=1e-12)
+    assert uncertainty.theta == pytest.approx(0.05, rel=1e-12)
+
+
+@KINDS
+def test_yaw_of_a_robot_on_a_slope(kind):
+    """Filters in three dimensions send roll and pitch, too."""
+    _, pose, _ = read(estimate(kind, roll_pitch_yaw=(0.1, -0.05, 1.2)))
+    assert pose.theta == pytest.approx(1.2, abs=1e-12)
+
+
+@KINDS
+def test_no_covariance_at_all_means_certain(kind):
+    message = estimate(kind)
+    message.pose.covariance = np.zeros(36)
+    assert tuple(read(message)[2]) == (0.0, 0.0)
+
+
+@KINDS
+@pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf])
+def test_numbers_that_are_none(kind, number):
+    for place in "xy":
+        message = estimate(kind)
+        setattr(message.pose.pose.position, place, number)
+        assert refusal(message) == "position not finite"
+    for place in "xyzw":
+        message = estimate(kind)
+        setattr(message.pose.pose.orientation, place, number)
+        assert refusal(message) == "orientation not finite"
+    for place in np.flatnonzero(np.kron([[1, 1, 0, 0, 0, 1]], [[1], [1], [0], [0], [0], [1]])):
+        message = estimate(kind)
+        message.pose.covariance[place] = number
+        assert refusal(message) == "covariance not finite"
+
+
+@KINDS
+@pytest.mark.parametrize("frame", ["odom", "", "/map", "Map", "base_link"])
+def test_another_frame(kind, frame):
+    message = estimate(kind)
+    message.header.frame_id = frame
+    assert refusal(message) == "wrong frame_id"
+
+
+@pytest.mark.parametrize("frame", ["base_footprint", "", "map", "odom", "x" * 1000])
+def test_odometry_of_another_child_frame(frame):
+    message = estimate(Odometry)
+    message.child_frame_id = frame
+    assert refusal(message) == "wrong child_frame_id"
+
+
+@KINDS
+@pytest.mark.parametrize("scale", [0.0, 0.5, 2.0])
+def test_orientation_that_is_no_rotation(kind, scale):
+    message = estimate(kind)
+    q = message.pose.pose.orientation
+    q.z, q.w = scale * q.z, scale * q.w
+    assert refusal(message) == "orientation is no unit quaternion"
+
+
+@KINDS
+@pytest.mark.parametrize("place", [(0, 1), (1, 0), (0, 2), (2, 0), (1, 2), (2, 1)])
+def test_covariance_that_is_not_symmetric(kind, place):
+    covariance = P.copy()
+    covariance[place] += 1e-4
+    assert refusal(estimate(kind, covariance)) == "covariance not symmetric"
+
+
+@KINDS
+@pytest.mark.parametrize(
+    ("covariance", "reason"),
+    [
+        (np.zeros((3, 3)), "covariance is zero"),  # while that of z, roll and pitch is given
+        (np.diag([-1.0, 1.0, 1.0]), "covariance not positive definite"),
+        (np.diag([1.0, 1.0, 0.0]), "covariance not positive definite"),
+        (np.diag([1.0, 1e9, 1.0]), "covariance too large"),
+    ],
+)
+def test_covariance_that_is_none(kind, covariance, reason):
+    assert refusal(estimate(kind, covariance)) == reason
+
+
+@KINDS
+def test_stamp_that_is_none(kind):
+    message = estimate(kind)
+    message.header.stamp.nanosec = 10**9
+    assert refusal(message) == "stamp not normalised"
+
+
+def test_what_the_controller_does_not_use_of_an_odometry_may_be_anything():
+    message = estimate(Odometry)
+    expected = read(message)
+    message.pose.pose.position.z = math.nan
+    message.twist.twist.linear.x = math.inf
+    message.twist.covariance[:] = math.nan
+    message.pose.covariance[14] = math.nan
+    assert read(message) == expected
