@@ -136,6 +136,26 @@ def bad_fixes():
     ]
 
 
+def filtered(time, *pose):
+    message = Odometry(child_frame_id="base_link")
+    estimate = fix(time, *pose)
+    message.header, message.pose = estimate.header, estimate.pose
+    return message
+
+
+def bad_estimates(good):
+    """Changes of what the controller takes for the robot's pose; without any covariance it is taken at its word."""
+    covariances = bad_covariances(good, "pose__covariance", (0, 1, 6))
+    bad = [
+        *bad_poses(good, "pose__pose"),
+        *((message, kind) for message, kind in covariances if kind != "covariance is zero"),
+        (changed(good, **BAD_STAMP), "stamp not normalised"),
+    ]
+    if isinstance(good, Odometry):
+        bad += [(changed(good, child_frame_id=frame), "wrong child_frame_id") for frame in ("base_footprint", "", LONG)]
+    return bad
+
+
 def bad_headings():
     good, field = heading(START), "orientation_covariance__"
     return [
@@ -365,11 +385,16 @@ def test_fixes_from_the_future_do_not_shut_out_the_real_ones(start):
     assert planar(poses[-1].pose.pose)[0] > 3.0
 
 
-def test_controller_goes_on_as_if_the_bad_messages_had_not_come(start):
-    subject = start("controller")
+@pytest.mark.parametrize(
+    ("source", "topic", "estimate"),
+    [("pose", "pose", fix), ("odometry", "odometry/filtered", filtered)],
+    ids=["pose", "odometry"],
+)
+def test_controller_goes_on_as_if_the_bad_messages_had_not_come(start, source, topic, estimate):
+    subject = start("controller", {"pose_source": source})
     commands = subject.peer.subscribe(Twist, "cmd_vel", DEEP)
     goal, memory = Pose(5.0, 1.0, 0.3), ControllerMemory()
-    subject.publish("pose", fix(START))
+    subject.publish(topic, estimate(START))
     subject.publish("goal_pose", pose_stamped(*goal))
     subject.peer.spin_until(lambda: "driving" in subject.process.output, 5.0, "the goal")
     time, dropped = START, []
@@ -379,19 +404,18 @@ def test_controller_goes_on_as_if_the_bad_messages_had_not_come(start):
         time = round(time + 0.1, 3)
         count = len(commands)
         pose = Pose(0.01 * (time - START), 0.5, 0.2)
-        subject.publish("pose", fix(time, *pose))
+        subject.publish(topic, estimate(time, *pose))
         subject.peer.spin_until(lambda: len(commands) > count, 5.0, "a command")
         memory, command, _ = step(memory, pose, goal, 0.1, PRESETS["tuned"])
         assert len(commands) == count + 1, "one pose, one command"
         assert (commands[-1].linear.x, commands[-1].angular.z) == pytest.approx(tuple(command), abs=1e-9)
 
-    spoiled = [("pose", *bad) for bad in bad_poses(fix(START), "pose__pose")]
-    spoiled += [("pose", changed(fix(START), **BAD_STAMP), "stamp not normalised")]
+    spoiled = [(topic, *bad) for bad in bad_estimates(estimate(START))]
     spoiled += [("goal_pose", *bad) for bad in bad_poses(pose_stamped(0, 0, 0), "pose")]
     move()
-    for topic, message, kind in spoiled:
-        subject.publish(topic, message)
-        dropped.append((topic, kind))
+    for spoiled_topic, message, kind in spoiled:
+        subject.publish(spoiled_topic, message)
+        dropped.append((spoiled_topic, kind))
         move()
     subject.assert_dropped(dropped)
     assert subject.process.output.count("goal: x") == 1
