@@ -46,7 +46,7 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         """Create publishers, subscriptions and the service ~/reset."""
         super().__init__("ekf", EkfNodeConfig, **node_options)
         config = self.config
-        self.localization = Localization(config.localization)
+        self.localization = Localization(config.localization, config.wheels.wheel_separation)
         self._pose = pose_message(config.map_frame)
         self._filtered = odometry_message(config.map_frame, config.base_link_frame)
         self._poses = self.create_publisher(PoseWithCovarianceStamped, "pose", QUEUE)
@@ -69,7 +69,7 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
 
     def on_config(self, config: EkfNodeConfig) -> None:
         """Take over changed options."""
-        self.localization.config = config.localization
+        self.localization.configure(config.localization, config.wheels.wheel_separation)
 
     def state(self) -> str:
         """Return the message of ~/status: one of WAITING, RUNNING, SILENT."""

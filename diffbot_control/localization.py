@@ -8,15 +8,16 @@ from __future__ import annotations
 
 from bisect import insort
 from collections import deque
-from typing import Annotated, NamedTuple
-
-import numpy as np
+from typing import Annotated, Any, NamedTuple
 
 from diffbot_control.config import Spec
-from diffbot_control.ekf import Array, Motion, PoseEkf
+from diffbot_control.consistency import Consistency
+from diffbot_control.ekf import Array, Motion
 from diffbot_control.errors import BadMessageError
-from diffbot_control.geometry import Pose, wrap_angle
-from diffbot_control.kinematics import Twist
+from diffbot_control.estimator import Belief, Estimator, Measurement, Memory
+from diffbot_control.filter_config import FilterConfig, options_of
+from diffbot_control.geometry import Pose
+from diffbot_control.kinematics import Twist, WheelGeometry
 
 NANO = 1e-9
 _PENDING_MOST = 1000
@@ -29,6 +30,7 @@ class LocalizationConfig(NamedTuple):
     """Options of the fusion."""
 
     history_length: Annotated[float, Spec("how late a measurement may come", "s", minimum=0.0, maximum=60.0)] = 1.0
+    filter: FilterConfig = FilterConfig()
 
 
 class OdometryStep(NamedTuple):
@@ -45,15 +47,6 @@ class OdometryStep(NamedTuple):
     """[rad^2/s^2]"""
 
 
-class Measurement(NamedTuple):
-    """A pose fix, z (3,) and R (3, 3), or a heading, z (1,) and R (1, 1)."""
-
-    stamp: int
-    """[ns]"""
-    z: Array
-    R: Array
-
-
 class Estimate(NamedTuple):
     """What the filter knows at one time."""
 
@@ -64,31 +57,29 @@ class Estimate(NamedTuple):
     """(3, 3) covariance of x, y, theta [m, m, rad]"""
     odometry: OdometryStep | None
     """the newest input, None before the first"""
+    belief: Belief
+    """of all states, the wheels' errors included where they are some"""
 
 
 class _Step:
-    """One odometry step of the history with the state before it, so that it can be done again."""
+    """One odometry step of the history with the filter's memory before it, so that it can be done again."""
 
-    __slots__ = ("P", "measurements", "odometry", "start", "x")
+    __slots__ = ("measurements", "memory", "odometry", "start")
 
-    def __init__(
-        self,
-        start: int,
-        odometry: OdometryStep,
-        x: Array,
-        P: Array,
-        measurements: list[Measurement],
-    ) -> None:
+    def __init__(self, start: int, odometry: OdometryStep, memory: Memory, measurements: list[Measurement]) -> None:
         self.start = start
         self.odometry = odometry
-        self.x = x
-        self.P = P
+        self.memory = memory
         self.measurements = measurements
 
 
-def _order(measurement: Measurement) -> tuple[int, int]:
-    # Equal stamps: the pose fix first, so that the result does not depend on the order of arrival.
-    return measurement.stamp, -measurement.z.size
+def _order(measurement: Measurement) -> tuple[Any, ...]:
+    # Equal stamps: the pose fix first, then by value, so that the result does not depend on the order of arrival.
+    return measurement.stamp, -measurement.z.size, *_identity(measurement)
+
+
+def _identity(measurement: Measurement) -> tuple[float, ...]:
+    return (measurement.stamp, *measurement.z.tolist(), *(measurement.landmark or ()))
 
 
 def _split(measurements: list[Measurement], stamp: int) -> tuple[list[Measurement], list[Measurement]]:
@@ -100,12 +91,13 @@ def _split(measurements: list[Measurement], stamp: int) -> tuple[list[Measuremen
 
 
 class Localization:
-    """An EKF with a sense of time; it starts with the first fix, or by :meth:`initialise`."""
+    """A filter with a sense of time; it starts with the first fix, or by :meth:`initialise`."""
 
-    def __init__(self, config: LocalizationConfig) -> None:
-        """Start unknown: :attr:`initialised` is False until a pose comes."""
+    def __init__(self, config: LocalizationConfig, wheel_separation: float = WheelGeometry().wheel_separation) -> None:
+        """Start unknown: :attr:`initialised` is False until a pose comes; ``wheel_separation`` is L [m]."""
         self.config = config
-        self.filter = PoseEkf()
+        self.estimator = Estimator(options_of(config.filter), wheel_separation)
+        self.consistency = Consistency()
         self.initialised = False
         self._stamp: int | None = None
         self._odometry: OdometryStep | None = None
@@ -113,8 +105,15 @@ class Localization:
         self._pending: list[Measurement] = []
         self._known: dict[tuple[float, ...], None] = {}
 
+    def configure(self, config: LocalizationConfig, wheel_separation: float) -> None:
+        """Take over changed options from the next message on; the variant of the filter stays."""
+        self.config = config
+        self.estimator.configure(options_of(config.filter), wheel_separation)
+
     def reset(self) -> None:
         """Forget everything; the next fix starts anew."""
+        self.estimator.forget()
+        self.consistency.clear()
         self.initialised = False
         self._stamp = None
         self._odometry = None
@@ -125,9 +124,11 @@ class Localization:
     def initialise(self, pose: Pose, P: Array, stamp: int | None = None) -> None:
         """Put the filter at ``pose`` with covariance ``P`` (3, 3).
 
-        It keeps its present time; if it has none yet, that is ``stamp`` [ns], or the first odometry's.
+        What is known of the wheels stays. It keeps its present time; if it has none yet, that is ``stamp`` [ns], or
+        the first odometry's.
         """
-        self.filter.set_state(np.array((pose.x, pose.y, wrap_angle(pose.theta))), P)
+        self.estimator.start(pose, P)
+        self.consistency.clear()
         self._steps.clear()
         self._pending.clear()
         if self._stamp is None:
@@ -142,8 +143,9 @@ class Localization:
         """
         if not self.initialised or self._stamp is None:
             raise BadMessageError("no fix yet")
-        x, y, theta = self.filter.x.tolist()
-        return Estimate(self._stamp, Pose(x, y, theta), self.filter.P, self._odometry)
+        belief = self.estimator.memory.belief
+        x, y, theta = belief.x[:3].tolist()
+        return Estimate(self._stamp, Pose(x, y, theta), belief.P[:3, :3], self._odometry, belief)
 
     def on_odometry(self, odometry: OdometryStep) -> Estimate:
         """Move on to the stamp of ``odometry`` and fuse what waited for it.
@@ -166,9 +168,9 @@ class Localization:
             raise BadMessageError("out of order", f"{late:.3f} s behind the newest")
         if late < 0.0:
             ready, self._pending = _split(self._pending, odometry.stamp)
-            step = _Step(self._stamp, odometry, self.filter.x, self.filter.P, ready)
+            step = _Step(self._stamp, odometry, self.estimator.memory, ready)
             self._steps.append(step)
-            self._propagate(step)
+            self._propagate(step, None)
             self._stamp = odometry.stamp
             self._odometry = odometry
             self._trim()
@@ -179,9 +181,10 @@ class Localization:
 
         Raises:
             BadMessageError: if it came before (stamp and values the same), if it is older than the history, if too
-                many with earlier stamps wait for their odometry already, or if a heading comes before the first fix.
+                many with earlier stamps wait for their odometry already, or if a heading or landmark comes before the
+                first fix.
         """
-        key = (measurement.stamp, *measurement.z.tolist())
+        key = _identity(measurement)
         if key in self._known:
             raise BadMessageError("duplicate")
         self._take(measurement)
@@ -217,22 +220,23 @@ class Localization:
             covered = step.start < measurement.stamp or (index == 0 and step.start == measurement.stamp)
             if covered and measurement.stamp <= step.odometry.stamp:
                 insort(step.measurements, measurement, key=_order)
-                self.filter.x, self.filter.P = step.x, step.P
+                self.estimator.memory = step.memory
                 for again in range(index, len(self._steps)):
                     step = self._steps[again]
-                    step.x, step.P = self.filter.x, self.filter.P
-                    self._propagate(step)
+                    step.memory = self.estimator.memory
+                    self._propagate(step, measurement)
                 return
         raise BadMessageError("too old", "its stamp is before the history")
 
-    def _propagate(self, step: _Step) -> None:
+    def _propagate(self, step: _Step, late: Measurement | None) -> None:
+        """Do a step; again if a ``late`` measurement came, and then only that one is new to the record."""
         whole = (step.odometry.stamp - step.start) * NANO
         now = step.start
         for measurement in step.measurements:
             if measurement.stamp > now:
                 self._predict(step.odometry, (measurement.stamp - now) * NANO, whole)
                 now = measurement.stamp
-            self._update(measurement)
+            self._update(measurement, late is None or measurement is late)
         if step.odometry.stamp > now:
             self._predict(step.odometry, (step.odometry.stamp - now) * NANO, whole)
 
@@ -240,13 +244,12 @@ class Localization:
         # The error of the twist belongs to the whole interval: in parts of it the variances have to add up to that.
         share = whole / dt
         _, (v, omega), var_v, cov, var_omega = odometry
-        self.filter.predict(Motion(v, omega, dt, var_v * share, cov * share, var_omega * share))
+        self.estimator.predict(Motion(v, omega, dt, var_v * share, cov * share, var_omega * share))
 
-    def _update(self, measurement: Measurement) -> None:
-        if measurement.z.size == 3:
-            self.filter.update_pose(measurement.z, measurement.R)
-        else:
-            self.filter.update_heading(measurement.z, measurement.R)
+    def _update(self, measurement: Measurement, new: bool = True) -> None:
+        verdict = self.estimator.take(measurement)
+        if new:
+            self.consistency.note(measurement.z.size, self.estimator.nis, verdict)
 
     def _trim(self) -> None:
         oldest = self._steps[-1].odometry.stamp - round(self.config.history_length / NANO)

@@ -25,10 +25,10 @@ from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension
 from diffbot_control.covariance import check_covariance, uncertainty_of
 from diffbot_control.ekf import Array
 from diffbot_control.errors import BadMessageError
+from diffbot_control.estimator import Measurement
 from diffbot_control.geometry import Pose, quaternion_of_yaw, yaw_of_quaternion
 from diffbot_control.goal import CERTAIN, Uncertainty
 from diffbot_control.kinematics import Twist, WheelSpeeds
-from diffbot_control.localization import Measurement
 
 try:
     # The alias marks it as meant for others too.

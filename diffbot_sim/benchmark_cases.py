@@ -183,5 +183,5 @@ def case_of(one: Law | Challenge, goal: Pose = GOAL) -> Case:
         round(DURATION / plant.sampling_time),
         XY_TOLERANCE if isinstance(one, Law) else one.xy_tolerance,
         YAW_TOLERANCE,
-        one.peer if isinstance(one, Law) else peers.OURS,
+        peer=one.peer if isinstance(one, Law) else peers.OURS,
     )

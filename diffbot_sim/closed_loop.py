@@ -59,7 +59,8 @@ def simulate(
     if steps < 1:
         raise InvalidValueError("steps", steps, ">= 1")
     world = World(world_config)
-    observer = _Observer(feedback, localization or LocalizationConfig())
+    separation = world_config.plant.wheels.wheel_separation
+    observer = _Observer(feedback, Localization(localization or LocalizationConfig(), separation))
     memory = ControllerMemory()
     t_s = world_config.plant.sampling_time
     rows: Array = np.full((steps + 1, 8), np.nan)
@@ -82,9 +83,9 @@ def simulate(
 class _Observer:
     """What the controller sees of the world."""
 
-    def __init__(self, feedback: str, config: LocalizationConfig) -> None:
+    def __init__(self, feedback: str, localization: Localization) -> None:
         self._feedback = feedback
-        self._localization = Localization(config)
+        self._localization = localization
         self._newest: Pose | None = None
         self._estimate: Estimate | None = None
 
@@ -97,7 +98,8 @@ class _Observer:
                 x, y, theta = fix.z.tolist()
                 self._newest = Pose(x, y, theta)
             return self._newest
-        for measurement in (*arrivals.fixes, *arrivals.headings):
+        sightings = [one.measurement for one in arrivals.landmarks]
+        for measurement in (*arrivals.fixes, *arrivals.headings, *sightings):
             try:
                 self._localization.on_measurement(measurement)
             except BadMessageError:

@@ -14,12 +14,26 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from diffbot_control import controller, geometry, goal, kinematics, laws, limits, navigation, reapproach, regions
+from diffbot_control import (
+    adaptation,
+    controller,
+    gating,
+    geometry,
+    goal,
+    kinematics,
+    landmarks,
+    laws,
+    limits,
+    navigation,
+    reapproach,
+    regions,
+)
 from diffbot_control.errors import DiffbotError
-from diffbot_sim import kalman, loop, noise, peers, plant, sensors
+from diffbot_sim import estimator, kalman, loop, noise, observer, peers, plant, sensors
 
 MODULES = (
     geometry,
+    landmarks,
     kinematics,
     navigation,
     laws,
@@ -31,7 +45,11 @@ MODULES = (
     noise,
     plant,
     sensors,
+    gating,
+    adaptation,
     kalman,
+    estimator,
+    observer,
     peers,
     loop,
 )

@@ -1,7 +1,7 @@
 """One closed loop with plain numbers only: the form that compiles, and that runs as plain Python too.
 
-It does what :func:`diffbot_sim.closed_loop.simulate` does, with the filter of :mod:`diffbot_sim.kalman`; a test holds
-them together.
+It does what :func:`diffbot_sim.closed_loop.simulate` does, with the filter of :mod:`diffbot_sim.estimator`; a test
+holds them together.
 """
 
 from __future__ import annotations
@@ -9,29 +9,27 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from diffbot_control.controller import ControllerConfig, new_memory, step
+from diffbot_control.filter_config import FilterConfig, FilterOptions, options_of
 from diffbot_control.geometry import Pose, into_frame
 from diffbot_control.goal import Uncertainty, largest_deviation
-from diffbot_control.kinematics import Twist, WheelSpeeds, body_twist, encoder_covariance
+from diffbot_control.kinematics import Twist, WheelSpeeds
 from diffbot_control.limits import limit_velocity
 from diffbot_control.navigation import in_front
 from diffbot_control.regions import OMEGA_L
-from diffbot_sim.kalman import Belief, first_fix, predict, unknown, update_heading, update_pose
-from diffbot_sim.noise import FAULT_BLOCK, FIX_BLOCK, WHEEL_BLOCK, Draw, draw
+from diffbot_sim.estimator import Track, new_track
+from diffbot_sim.noise import WHEEL_BLOCK, draw
+from diffbot_sim.observer import Moment, Robot, fix_at, observe
 from diffbot_sim.peers import OURS, new_peer_memory, peer_step
 from diffbot_sim.plant import PlantConfig, PlantState, plant_step
-from diffbot_sim.sensors import (
-    SensorConfig,
-    due,
-    is_lost,
-    measured_heading,
-    measured_pose,
-    uniform_variance,
-    with_outlier,
-)
+from diffbot_sim.sensors import SensorConfig, due
 
 TRUTH, RAW, EKF = 0, 1, 2
 """What the controller sees: the true pose, the newest fix, or the filter's estimate."""
+NO_LANDMARKS = np.empty((0, 2))
+"""The map of a robot that sees none."""
 
 
 class Case(NamedTuple):
@@ -49,6 +47,9 @@ class Case(NamedTuple):
     """[m] for the settling time"""
     yaw_tolerance: float
     """[rad]"""
+    filter: FilterOptions = options_of(FilterConfig())
+    landmarks: Any = NO_LANDMARKS
+    """(n, 2) array of their x, y [m]"""
     peer: int = OURS
     """which law drives, see :mod:`diffbot_sim.peers`; of ``controller`` a peer keeps the limits of the velocity"""
 
@@ -77,7 +78,7 @@ class Outcome(NamedTuple):
 class View(NamedTuple):
     """What is known of the robot."""
 
-    belief: Belief
+    track: Track
     seen: Pose
     """what the controller gets"""
     has_seen: bool
@@ -108,7 +109,7 @@ def run_loop(case: Case, seed: int, run: int, start: Pose, history: Any) -> Outc
     state = PlantState(start, Twist(0.0, 0.0), rest, rest, rest, Pose(0.0, 0.0, 0.0), 0)
     memory = new_memory()
     peer_memory = new_peer_memory()
-    view = View(unknown(), start, False)
+    view = View(new_track(case.filter), start, False)
     tally = Tally(-1, 0.0, 0.0, math.nan)
     for index in range(case.steps + 1):
         view = _observe(case, seed, run, index, state, view)
@@ -134,54 +135,23 @@ def _uncertainty(case: Case, view: View) -> Uncertainty:
     """What the controller is told of the estimate; a fix or the truth is taken at its word."""
     if case.feedback != EKF:
         return Uncertainty(0.0, 0.0)
-    belief = view.belief
-    return Uncertainty(largest_deviation(belief.xx, belief.xy, belief.yy), math.sqrt(max(belief.tt, 0.0)))
+    P = view.track.belief.P
+    return Uncertainty(largest_deviation(P.xx, P.xy, P.yy), math.sqrt(max(P.tt, 0.0)))
 
 
 def _observe(case: Case, seed: int, run: int, index: int, state: PlantState, view: View) -> View:
-    """Sense and filter, in the order of the graph: odometry, then the fix, then the heading."""
+    """Sense and filter."""
     if case.feedback == TRUTH:
-        return View(view.belief, state.pose, True)
-    plant, sensors = case.plant, case.sensors
-    t_s = plant.sampling_time
+        return View(view.track, state.pose, True)
+    moment = Moment(seed, run, index)
     if case.feedback == RAW:
-        if due(index, sensors.fix_rate, t_s):
-            fix, lost = _fix(sensors, seed, run, index, state.pose, draw(seed, run, index, FIX_BLOCK))
+        if due(index, case.sensors.fix_rate, case.plant.sampling_time):
+            fix, lost = fix_at(moment, state.pose, case.sensors)
             if not lost:
-                return View(view.belief, fix, True)
+                return View(view.track, fix, True)
         return view
-    belief = view.belief
-    if index > 0 and belief.known:
-        var_v, cov, var_omega = encoder_covariance(state.encoder, plant.encoder_noise, plant.wheels)
-        belief = predict(belief, body_twist(state.encoder, plant.wheels), t_s, var_v, cov, var_omega)
-    wants_fix, wants_heading = due(index, sensors.fix_rate, t_s), due(index, sensors.heading_rate, t_s)
-    if wants_fix or wants_heading:
-        noise = draw(seed, run, index, FIX_BLOCK)
-        if wants_fix:
-            fix, lost = _fix(sensors, seed, run, index, state.pose, noise)
-            if not lost:
-                belief = _corrected(belief, fix, sensors)
-        if wants_heading and belief.known:
-            heading = measured_heading(state.pose, noise, sensors)
-            belief = update_heading(belief, heading, uniform_variance(sensors.heading_error_max))
-    return View(belief, belief.pose, belief.known)
-
-
-def _fix(sensors: SensorConfig, seed: int, run: int, index: int, pose: Pose, noise: Draw) -> tuple[Pose, bool]:
-    """Take a fix; also whether it is lost."""
-    fix = measured_pose(pose, noise, sensors)
-    if sensors.fix_dropout == 0.0 and sensors.fix_outlier == 0.0:
-        return fix, False
-    fault = draw(seed, run, index, FAULT_BLOCK)
-    return with_outlier(fix, fault, sensors), is_lost(fault, sensors)
-
-
-def _corrected(belief: Belief, fix: Pose, sensors: SensorConfig) -> Belief:
-    var_x, var_y = uniform_variance(sensors.eps_x_max), uniform_variance(sensors.eps_y_max)
-    var_theta = uniform_variance(sensors.eps_theta_max)
-    if belief.known:
-        return update_pose(belief, fix, var_x, var_y, var_theta)
-    return first_fix(fix, var_x, var_y, var_theta)
+    track = observe(view.track, moment, state, Robot(case.plant, case.sensors, case.filter, case.landmarks))
+    return View(track, track.belief.pose, track.known)
 
 
 def _tallied(tally: Tally, case: Case, index: int, region: int, command: Twist, before: Pose, after: Pose) -> Tally:

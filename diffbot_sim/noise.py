@@ -17,6 +17,8 @@ _UNIT = 2.0**-32
 
 # Blocks of four numbers that one step may draw; a number keeps its place whatever else is switched on.
 WHEEL_BLOCK, FIX_BLOCK, FAULT_BLOCK, START_BLOCK = 0, 1, 2, 3
+LANDMARK_BLOCK = 16
+"""of the first landmark of the map; the next ones follow"""
 
 
 class Words(NamedTuple):

@@ -17,6 +17,7 @@ from diffbot_control.kinematics import Twist, WheelGeometry, WheelSpeeds, body_t
 from diffbot_sim.noise import Draw
 
 _INF = math.inf
+_FAR = 1e6
 _STRAIGHT = 1e-6
 """[rad] turns below it are integrated by their series: the quotient of the arc loses digits there."""
 
@@ -53,6 +54,10 @@ class PlantConfig(NamedTuple):
     ] = 0.0
     slip_start: Annotated[float, Spec("time at which the slip begins", "s", minimum=0.0)] = 0.0
     slip_duration: Annotated[float, Spec("how long it lasts", "s", minimum=0.0)] = 0.0
+    kidnap_time: Annotated[float, Spec("time at which the robot is carried away; 0: never", "s", minimum=0.0)] = 0.0
+    kidnap_x: Annotated[float, Spec("how far, along x of map", "m", minimum=-_FAR, maximum=_FAR)] = 0.0
+    kidnap_y: Annotated[float, Spec("how far, along y of map", "m", minimum=-_FAR, maximum=_FAR)] = 0.0
+    kidnap_yaw: Annotated[float, Spec("how far it is turned", "rad", minimum=-math.pi, maximum=math.pi)] = 0.0
     wheel_speed_max: Annotated[
         float,
         Spec("bound of each wheel's |speed|", "rad/s", minimum=0.0, above=True, unlimited=True),
@@ -118,7 +123,7 @@ def plant_step(state: PlantState, command: Twist, noise: Draw, config: PlantConf
     )
     angles = WheelSpeeds(state.angles.left + encoder.left * t_s, state.angles.right + encoder.right * t_s)
     return PlantState(
-        integrate(state.pose, twist, t_s, config.exact_arc),
+        _carried(integrate(state.pose, twist, t_s, config.exact_arc), state.step, config),
         twist,
         drive,
         encoder,
@@ -153,6 +158,14 @@ def _drive(before: WheelSpeeds, wanted: WheelSpeeds, config: PlantConfig) -> Whe
     left = min(max(wanted.left * scale, before.left - change), before.left + change)
     right = min(max(wanted.right * scale, before.right - change), before.right + change)
     return WheelSpeeds(left, right)
+
+
+def _carried(pose: Pose, step: int, config: PlantConfig) -> Pose:
+    """Return the pose after somebody may have carried the robot away, in the step that ends at ``kidnap_time``."""
+    if config.kidnap_time <= 0.0 or step + 1 != math.ceil(config.kidnap_time / config.sampling_time - 1e-9):
+        return pose
+    x, y, theta = pose
+    return Pose(x + config.kidnap_x, y + config.kidnap_y, wrap_angle(theta + config.kidnap_yaw))
 
 
 def _rolled(turned: WheelSpeeds, step: int, config: PlantConfig) -> WheelSpeeds:

@@ -14,9 +14,9 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState
 from std_srvs.srv import SetBool, Trigger
 
+from diffbot_control.estimator import Measurement
 from diffbot_control.geometry import Pose
 from diffbot_control.kinematics import Twist
-from diffbot_control.localization import Measurement
 from diffbot_control.ros_messages import (
     NANO,
     TFMessage,

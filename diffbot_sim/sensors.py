@@ -7,6 +7,7 @@ from typing import Annotated, NamedTuple
 
 from diffbot_control.config import Spec
 from diffbot_control.geometry import Pose, wrap_angle
+from diffbot_control.landmarks import seen_from
 from diffbot_sim.noise import Draw, direction, probability
 
 
@@ -24,11 +25,20 @@ class SensorConfig(NamedTuple):
     fix_dropout: Annotated[float, Spec("share of fixes that are lost", minimum=0.0, maximum=1.0)] = 0.0
     fix_outlier: Annotated[float, Spec("share of fixes that are outliers", minimum=0.0, maximum=1.0)] = 0.0
     fix_outlier_distance: Annotated[float, Spec("how far an outlier is off", "m", minimum=0.0)] = 3.0
+    fix_covariance_scale: Annotated[
+        float, Spec("factor on the covariance that fixes claim; 1: the right one", minimum=1e-6, maximum=1e6)
+    ] = 1.0
     heading_rate: Annotated[float, Spec("rate of heading; 0: none", "Hz", minimum=0.0, maximum=1000.0)] = 0.0
     heading_error_max: Annotated[float, Spec("bound of the error of heading", "rad", minimum=0.0, maximum=math.pi)] = (
         0.087
     )
     heading_delay: Annotated[float, Spec("time from measuring to arriving", "s", minimum=0.0, maximum=60.0)] = 0.0
+    landmark_rate: Annotated[float, Spec("rate of landmarks; 0: none", "Hz", minimum=0.0, maximum=1000.0)] = 0.0
+    landmark_range: Annotated[float, Spec("how far landmarks are seen", "m", minimum=0.0)] = 15.0
+    landmark_range_error_max: Annotated[float, Spec("bound of the error of a range", "m", minimum=0.0)] = 0.1
+    landmark_bearing_error_max: Annotated[
+        float, Spec("bound of the error of a bearing", "rad", minimum=0.0, maximum=math.pi)
+    ] = 0.05
 
 
 def due(step: int, rate: float, sampling_time: float) -> bool:
@@ -57,6 +67,18 @@ def measured_pose(pose: Pose, noise: Draw, config: SensorConfig) -> Pose:
 def measured_heading(pose: Pose, noise: Draw, config: SensorConfig) -> float:
     """Return the true heading [rad] with an error uniform within the bound; ``noise`` is (-, -, -, heading)."""
     return wrap_angle(pose.theta + config.heading_error_max * noise.d)
+
+
+def measured_landmark(pose: Pose, x: float, y: float, noise: Draw, config: SensorConfig) -> tuple[float, float]:
+    """Return range [m] and bearing [rad] of the point ``x``, ``y``; ``noise`` is (range, bearing, -, -).
+
+    A range is not below 1 mm, whatever the error.
+    """
+    distance, bearing = seen_from(pose.x, pose.y, pose.theta, x, y)
+    return (
+        max(distance + config.landmark_range_error_max * noise.a, 1e-3),
+        wrap_angle(bearing + config.landmark_bearing_error_max * noise.b),
+    )
 
 
 def is_lost(fault: Draw, config: SensorConfig) -> bool:

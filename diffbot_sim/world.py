@@ -9,10 +9,12 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from diffbot_control.config import Spec
+from diffbot_control.estimator import Measurement
 from diffbot_control.geometry import Pose
 from diffbot_control.kinematics import Twist, body_twist, encoder_covariance
-from diffbot_control.localization import Measurement, OdometryStep
-from diffbot_sim.noise import FAULT_BLOCK, FIX_BLOCK, WHEEL_BLOCK, draw
+from diffbot_control.landmarks import LandmarkMap
+from diffbot_control.localization import OdometryStep
+from diffbot_sim.noise import FAULT_BLOCK, FIX_BLOCK, LANDMARK_BLOCK, WHEEL_BLOCK, draw
 from diffbot_sim.plant import PlantConfig, PlantState, plant_step
 from diffbot_sim.sensors import (
     SensorConfig,
@@ -20,6 +22,7 @@ from diffbot_sim.sensors import (
     due,
     is_lost,
     measured_heading,
+    measured_landmark,
     measured_pose,
     uniform_variance,
     with_outlier,
@@ -45,6 +48,15 @@ class WorldConfig(NamedTuple):
     start: StartPose = StartPose()
     seed: Annotated[int, Spec("seed of all noise", minimum=0, maximum=2**63 - 1)] = 1
     run: Annotated[int, Spec("number of the run under this seed", minimum=0, maximum=2**63 - 1)] = 0
+    landmarks: LandmarkMap = LandmarkMap()
+
+
+class Sighting(NamedTuple):
+    """A landmark as it is seen."""
+
+    number: int
+    measurement: Measurement
+    """z is range [m] and bearing [rad]"""
 
 
 class Arrivals(NamedTuple):
@@ -52,6 +64,7 @@ class Arrivals(NamedTuple):
 
     fixes: list[Measurement]
     headings: list[Measurement]
+    landmarks: list[Sighting]
 
 
 class World:
@@ -72,10 +85,13 @@ class World:
         """Take over noise bounds, rates and faults from the next step on; the sampling time stays."""
         self.config = config
         sensors = config.sensors
-        self._fix_R = np.diag(
+        self._fix_R = sensors.fix_covariance_scale * np.diag(
             [uniform_variance(b) for b in (sensors.eps_x_max, sensors.eps_y_max, sensors.eps_theta_max)]
         )
         self._heading_R = np.array([[uniform_variance(sensors.heading_error_max)]])
+        self._landmark_R = np.diag(
+            [uniform_variance(b) for b in (sensors.landmark_range_error_max, sensors.landmark_bearing_error_max)]
+        )
 
     @property
     def stamp(self) -> int:
@@ -127,7 +143,18 @@ class World:
                 self._headings.append((arrival, Measurement(self.stamp, heading, self._heading_R)))
             if wants_fix:
                 self._take_fix(measured_pose(self.state.pose, noise, sensors))
-        return Arrivals(_arrived(self._fixes, step), _arrived(self._headings, step))
+        sightings = self._sightings() if due(step, sensors.landmark_rate, t_s) else []
+        return Arrivals(_arrived(self._fixes, step), _arrived(self._headings, step), sightings)
+
+    def _sightings(self) -> list[Sighting]:
+        config, sensors, pose = self.config, self.config.sensors, self.state.pose
+        sightings = []
+        for index, (number, (x, y)) in enumerate(config.landmarks.points().items()):
+            if math.hypot(x - pose.x, y - pose.y) <= sensors.landmark_range:
+                noise = draw(config.seed, config.run, self.state.step, LANDMARK_BLOCK + index)
+                z = np.array(measured_landmark(pose, x, y, noise, sensors))
+                sightings.append(Sighting(number, Measurement(self.stamp, z, self._landmark_R, (x, y))))
+        return sightings
 
     def _take_fix(self, measured: Pose) -> None:
         config, sensors, step = self.config, self.config.sensors, self.state.step

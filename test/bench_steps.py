@@ -15,8 +15,9 @@ from bench_table import Pair
 from filterpy.kalman import ExtendedKalmanFilter
 
 from diffbot_control.controller import ControllerConfig, ControllerMemory, step
+from diffbot_control.estimator import Measurement
 from diffbot_control.geometry import Pose
-from diffbot_control.localization import Localization, LocalizationConfig, Measurement, OdometryStep
+from diffbot_control.localization import Localization, LocalizationConfig, OdometryStep
 from diffbot_control.supervisor import Supervisor, SupervisorConfig
 from diffbot_sim.closed_loop import simulate
 from diffbot_sim.world import World, WorldConfig

@@ -14,18 +14,15 @@ import pytest
 from scipy import stats
 
 from diffbot_control.controller import ControllerConfig
-from diffbot_control.ekf import Motion, PoseEkf
 from diffbot_control.errors import InvalidValueError
 from diffbot_control.geometry import Pose
-from diffbot_control.kinematics import Twist
 from diffbot_control.laws import Gains
 from diffbot_control.limits import Limits
 from diffbot_control.metrics import goal_metrics, path_length
 from diffbot_control.regions import FixedRegion
-from diffbot_sim import batch, kalman
+from diffbot_sim import batch
 from diffbot_sim.batch import COLUMNS, FEEDBACK_CODES, HISTORY_COLUMNS, Starts, run_batch, run_histories
 from diffbot_sim.closed_loop import FEEDBACKS, simulate
-from diffbot_sim.kalman import Belief
 from diffbot_sim.loop import Case, run_loop
 from diffbot_sim.plant import PlantConfig
 from diffbot_sim.sensors import SensorConfig
@@ -308,65 +305,6 @@ def test_refused(function, case, poses, message):
     with pytest.raises(InvalidValueError) as caught:
         function(case, Starts(np.array(poses)), 1, 0, 1)
     assert str(caught.value) == message
-
-
-def entries(belief):
-    return [belief.xx, belief.xy, belief.xt, belief.yy, belief.yt, belief.tt]
-
-
-@pytest.mark.parametrize("seed", range(20))
-def test_the_filter_is_filterpys(seed):
-    rng = np.random.default_rng(seed)
-    # Half of the sequences begin at the cut and turn across it again and again.
-    start = Pose(*rng.uniform(-5.0, 5.0, 2), math.pi - 0.01 if seed % 2 else rng.uniform(-math.pi, math.pi))
-    variances = rng.uniform(1e-3, 0.5, 3)
-    reference = PoseEkf()
-    reference.set_state(np.array(start), np.diag(variances))
-    belief = kalman.first_fix(start, *variances)
-    crossed = 0
-    for _ in range(200):
-        before = belief.pose.theta
-        what = rng.choice(["predict", "fix", "heading"], p=[0.5, 0.3, 0.2])
-        if what == "predict":
-            deviations = rng.uniform(1e-3, 0.3, 2)
-            M = np.outer(deviations, deviations) * [[1.0, rng.uniform(-0.9, 0.9)]] * 2
-            motion = Motion(
-                rng.uniform(-2.0, 2.0), rng.uniform(-6.0, 6.0), rng.uniform(0.01, 0.3), M[0, 0], M[0, 1], M[1, 1]
-            )
-            reference.predict(motion)
-            belief = kalman.predict(belief, Twist(motion.v, motion.omega), motion.dt, *motion[3:])
-        elif what == "fix":
-            R = rng.uniform(1e-3, 0.3, 3)
-            x, y, theta = reference.x + rng.uniform(-1.0, 1.0, 3) * [1.0, 1.0, 3.1]
-            z = Pose(x, y, float(wrapped(theta)))
-            reference.update_pose(np.array(z), np.diag(R))
-            belief = kalman.update_pose(belief, z, *R)
-        else:
-            variance, z = rng.uniform(1e-3, 0.3), float(wrapped(reference.x[2] + rng.uniform(-3.1, 3.1)))
-            reference.update_heading(np.array([z]), np.array([[variance]]))
-            belief = kalman.update_heading(belief, z, variance)
-        crossed += abs(belief.pose.theta - before) > math.pi
-        assert belief.known
-        assert -math.pi < belief.pose.theta <= math.pi
-        assert belief.pose[:2] == pytest.approx(reference.x[:2], rel=1e-9, abs=1e-9)
-        assert wrapped(belief.pose.theta - reference.x[2]) == pytest.approx(0.0, abs=1e-9)
-        assert entries(belief) == pytest.approx(reference.P[np.triu_indices(3)], rel=1e-9, abs=1e-9)
-    assert crossed > 1
-
-
-def test_one_fix_is_the_textbooks_correction():
-    rng = np.random.default_rng(1)
-    A = rng.normal(size=(3, 3))
-    P, R = A @ A.T, np.diag([0.1, 0.2, 0.3])
-    belief = Belief(Pose(1.0, 2.0, 3.0), P[0, 0], P[0, 1], P[0, 2], P[1, 1], P[1, 2], P[2, 2], True)
-    z = np.array([1.5, 1.0, -3.0])
-    residual = z - [1.0, 2.0, 3.0]
-    residual[2] += 2.0 * math.pi
-    K = P @ np.linalg.inv(P + R)
-    after = kalman.update_pose(belief, Pose(*z), 0.1, 0.2, 0.3)
-    x = np.array([1.0, 2.0, 3.0]) + K @ residual
-    assert after.pose == pytest.approx([*x[:2], float(wrapped(x[2]))], abs=1e-12)
-    assert entries(after) == pytest.approx(((np.eye(3) - K) @ P)[np.triu_indices(3)], abs=1e-12)
 
 
 HASHES = """

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from diffbot_control.errors import BadMessageError
+from diffbot_control.filter_config import FilterConfig
 from diffbot_control.geometry import Pose
 from diffbot_control.kinematics import Twist
 from diffbot_control.localization import (
@@ -24,6 +25,11 @@ PERIOD = 100 * MS
 START = Pose(1.0, 2.0, 3.0)
 P0 = np.diag([0.2, 0.3, 0.1])
 R_POSE = np.array([[0.03, 0.01, 0.0], [0.01, 0.03, 0.0], [0.0, 0.0, 0.01]])
+
+
+def plain(history=1.0):
+    """The filter of three states that believes everything: what the textbook below does."""
+    return LocalizationConfig(history, FilterConfig(filter="ekf", gate_probability=1.0))
 
 
 def odometry(number, v=1.2, omega=0.7):
@@ -42,7 +48,7 @@ def heading(stamp):
 
 
 def fresh(history=1.0, stamp=0):
-    localization = Localization(LocalizationConfig(history))
+    localization = Localization(plain(history))
     localization.initialise(START, P0, stamp)
     return localization
 
@@ -312,7 +318,7 @@ def test_time_that_jumps_back_resets():
     found = localization.on_odometry(odometry(3))
     np.testing.assert_array_equal(found.pose, fix(3 * PERIOD).z)
     np.testing.assert_array_equal(found.P, R_POSE)
-    reference = Localization(LocalizationConfig())
+    reference = Localization(plain())
     reference.initialise(Pose(*fix(3 * PERIOD).z), R_POSE, 3 * PERIOD)
     for number in range(4, 70):
         localization.on_odometry(odometry(number))
@@ -321,7 +327,7 @@ def test_time_that_jumps_back_resets():
 
 
 def test_nothing_is_known_before_the_first_fix():
-    localization = Localization(LocalizationConfig())
+    localization = Localization(plain())
     for call in (
         localization.estimate,
         lambda: localization.on_odometry(odometry(1)),
@@ -334,7 +340,7 @@ def test_nothing_is_known_before_the_first_fix():
 
 
 def test_the_first_fix_is_the_first_state():
-    localization = Localization(LocalizationConfig())
+    localization = Localization(plain())
     localization.on_measurement(fix(PERIOD))
     found = localization.estimate()
     assert (found.stamp, found.odometry) == (PERIOD, None)
@@ -370,13 +376,13 @@ def test_initialise_moves_the_filter_but_not_its_time():
     with pytest.raises(BadMessageError):
         localization.on_measurement(fix(150 * MS))
     localization.on_odometry(odometry(3))
-    twin = Localization(LocalizationConfig())
+    twin = Localization(plain())
     twin.initialise(Pose(7.0, 8.0, -1.0), np.eye(3), 2 * PERIOD)
     assert_equal_estimates(localization, *twin.on_odometry(odometry(3))[1:3])
 
 
 def test_initialised_without_a_time_it_takes_that_of_the_first_odometry():
-    localization = Localization(LocalizationConfig())
+    localization = Localization(plain())
     localization.initialise(START, P0)
     with pytest.raises(BadMessageError):
         localization.estimate()
@@ -431,7 +437,7 @@ def test_of_equal_stamps_both_measurements_count():
 
 @pytest.mark.parametrize("turns", [1, -2])
 def test_the_heading_is_told_wrapped_from_the_first_on(turns):
-    localization = Localization(LocalizationConfig())
+    localization = Localization(plain())
     localization.initialise(Pose(0.0, 0.0, 1.0 + turns * 2.0 * math.pi), P0, 0)
     assert localization.estimate().pose.theta == pytest.approx(1.0)
 
@@ -464,14 +470,14 @@ def test_a_measurement_that_is_sent_again_is_refused_and_changes_nothing(make, l
 
 
 def test_one_that_waits_for_its_odometry_or_was_the_first_fix_is_known_too():
-    localization = Localization(LocalizationConfig())
+    localization = Localization(plain())
     localization.on_measurement(fix(0))
     localization.on_measurement(fix(250 * MS))
     for stamp in (0, 250 * MS):
         with pytest.raises(BadMessageError) as caught:
             localization.on_measurement(fix(stamp))
         assert caught.value.kind == "duplicate"
-    once = Localization(LocalizationConfig())
+    once = Localization(plain())
     once.on_measurement(fix(0))
     once.on_measurement(fix(250 * MS))
     for number in range(1, 4):
@@ -498,7 +504,7 @@ def test_another_value_or_another_time_is_no_duplicate():
 
 
 def test_one_that_was_refused_may_come_again():
-    localization = Localization(LocalizationConfig())
+    localization = Localization(plain())
     for _ in range(2):
         with pytest.raises(BadMessageError) as caught:
             localization.on_measurement(heading(0))

@@ -15,10 +15,11 @@ from std_srvs.srv import Trigger
 from test_graph_robot import DEEP, MODULES, planar, pose_stamped, stamp, yaw
 
 from diffbot_control.controller import ControllerMemory, step
+from diffbot_control.estimator import Measurement
 from diffbot_control.geometry import Pose
 from diffbot_control.kinematics import Twist as TwistValue
 from diffbot_control.kinematics import WheelGeometry, WheelSpeeds, body_twist, encoder_covariance
-from diffbot_control.localization import Localization, LocalizationConfig, Measurement, OdometryStep
+from diffbot_control.localization import Localization, LocalizationConfig, OdometryStep
 from diffbot_control.presets import PRESETS
 
 NAN, INF, HUGE = math.nan, math.inf, 1e308

@@ -1,0 +1,45 @@
+"""The map of landmarks: points whose range and bearing the robot can measure."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, NamedTuple
+
+from diffbot_control.config import Spec
+from diffbot_control.errors import InvalidValueError
+
+_FAR = 1e7
+
+
+class LandmarkMap(NamedTuple):
+    """Landmarks by their numbers; the three lists belong together."""
+
+    landmark_ids: Annotated[tuple[int, ...], Spec("number of each known landmark", read_only=True)] = ()
+    landmark_x: Annotated[
+        tuple[float, ...], Spec("x of each, in map", "m", minimum=-_FAR, maximum=_FAR, read_only=True)
+    ] = ()
+    landmark_y: Annotated[
+        tuple[float, ...], Spec("y of each, in map", "m", minimum=-_FAR, maximum=_FAR, read_only=True)
+    ] = ()
+
+    def check(self) -> None:
+        """Refuse lists that do not belong together.
+
+        Raises:
+            InvalidValueError: if they differ in length, or two landmarks have one number.
+        """
+        count = len(self.landmark_ids)
+        if len(set(self.landmark_ids)) != count:
+            raise InvalidValueError("landmark_ids", list(self.landmark_ids), "different numbers")
+        for name, values in (("landmark_x", self.landmark_x), ("landmark_y", self.landmark_y)):
+            if len(values) != count:
+                raise InvalidValueError(name, list(values), f"as many as landmark_ids: {count}")
+
+    def points(self) -> dict[int, tuple[float, float]]:
+        """Return x, y [m] by number."""
+        return dict(zip(self.landmark_ids, zip(self.landmark_x, self.landmark_y, strict=True), strict=True))
+
+
+def seen_from(x: float, y: float, theta: float, point_x: float, point_y: float) -> tuple[float, float]:
+    """Range [m] and bearing [rad], not wrapped, of a point as a robot at ``x``, ``y``, ``theta`` sees it."""
+    return math.hypot(point_x - x, point_y - y), math.atan2(point_y - y, point_x - x) - theta
