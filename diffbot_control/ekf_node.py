@@ -1,21 +1,27 @@
-"""The node ``ekf``: odometry, fixes and headings -> pose and odometry/filtered."""
+"""The node ``ekf``: odometry, fixes, headings and landmarks -> pose and odometry/filtered."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
-from sensor_msgs.msg import Imu, JointState
+from sensor_msgs.msg import Imu, JointState, PointCloud2
 from std_srvs.srv import Trigger
 
+from diffbot_control.errors import BadMessageError, DiffbotError
+from diffbot_control.estimator import Measurement
 from diffbot_control.geometry import Pose, into_frame, out_of_frame
 from diffbot_control.kinematics import body_twist, encoder_covariance, wheel_speeds
 from diffbot_control.localization import Estimate, Localization, OdometryStep
 from diffbot_control.node_config import EkfNodeConfig
 from diffbot_control.ros_messages import (
+    KnownNoise,
     TFMessage,
     fill_planar_covariance,
     fill_pose,
@@ -23,6 +29,7 @@ from diffbot_control.ros_messages import (
     fill_twist_covariance,
     fix_from,
     heading_from,
+    landmarks_from,
     odometry_from,
     odometry_message,
     pose_message,
@@ -32,11 +39,14 @@ from diffbot_control.ros_messages import (
     wheel_speeds_from,
 )
 from diffbot_control.ros_runtime import LATCHED, QUEUE, DiffbotNode, run, status_message
+from diffbot_control.state_file import SavedState, load_state, save_state
 
 WAITING = "waiting for first fix"
 RUNNING = "running"
 SILENT = "no odometry"
 _STATUS_PERIOD = 0.5
+_SAVE_PERIOD = 5.0
+"""[s] between two writings of the state file: what a crash can lose."""
 
 
 class EkfNode(DiffbotNode[EkfNodeConfig]):
@@ -55,9 +65,14 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         self._transforms = self._transform_publisher(config.publish_tf)
         self._told_state = ""
         self._heard = time.monotonic_ns()
+        self._landmarks = config.landmarks.points()
+        self._take_noise()
+        self._restore()
         # Fixes before odometry: an executor that finds both waiting takes them in this order.
         self.listen(PoseWithCovarianceStamped, "global_pose", self._on_fix)
         self.listen(Imu, "heading", self._on_heading)
+        if self._landmarks:
+            self.listen(PointCloud2, "landmarks", self._on_landmarks)
         self.listen(PoseWithCovarianceStamped, "initialpose", self._on_initialpose)
         if config.odometry_source == "odom":
             self.listen(Odometry, "odom", self._on_odometry)
@@ -65,11 +80,18 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
             self.listen(JointState, "joint_states", self._on_joint_states)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_timer(_STATUS_PERIOD, self._tell_state, clock=self.steady_clock)
+        if config.state_file:
+            self.create_timer(_SAVE_PERIOD, self._save, clock=self.steady_clock)
         self._tell_state()
 
     def on_config(self, config: EkfNodeConfig) -> None:
         """Take over changed options."""
         self.localization.configure(config.localization, config.wheels.wheel_separation)
+        self._take_noise()
+
+    def before_shutdown(self) -> None:
+        """Keep what is known, if asked to."""
+        self._save()
 
     def state(self) -> str:
         """Return the message of ~/status: one of WAITING, RUNNING, SILENT."""
@@ -81,7 +103,10 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
     def health_level(self) -> tuple[int, str]:
         """Say the filter's state in /diagnostics."""
         level, text = super().health_level()
-        state = self.state()
+        state, nis = self.state(), self.localization.consistency.nis()
+        self.health.notes.update(self.localization.consistency.values())
+        if nis is not None and nis.mean > nis.alarm:
+            level, text = DiagnosticStatus.WARN[0], f"innovations larger than the covariances allow; {text}"
         return max(level, 0 if state == RUNNING else DiagnosticStatus.WARN[0]), f"{state}; {text}"
 
     def _transform_publisher(self, wanted: bool) -> Any:
@@ -92,14 +117,84 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
             return None
         return self.create_publisher(TFMessage, "/tf", QUEUE)
 
+    def _take_noise(self) -> None:
+        noise = self.config.noise
+        always = noise.override_covariance
+        xy, yaw = noise.global_pose_sigma_xy, noise.global_pose_sigma_yaw
+        self._fix_noise = KnownNoise(_diagonal((xy, xy, yaw)), always)
+        self._heading_noise = KnownNoise(_diagonal((noise.heading_sigma,)), always)
+        self._landmark_noise = KnownNoise(_diagonal((noise.landmark_range_sigma, noise.landmark_bearing_sigma)), always)
+
     def _on_fix(self, message: PoseWithCovarianceStamped) -> None:
-        self.localization.on_measurement(fix_from(message, self.config.map_frame))
+        fix = fix_from(message, self.config.map_frame, self._fix_noise)
+        self.localization.on_measurement(fix)
+        self._count_fallback("global_pose", fix, self._fix_noise)
 
     def _on_heading(self, message: Imu) -> None:
-        self.localization.on_measurement(heading_from(message, self.config.base_link_frame))
+        heading = heading_from(message, self.config.base_link_frame, self._heading_noise)
+        self.localization.on_measurement(heading)
+        self._count_fallback("heading", heading, self._heading_noise)
+
+    def _on_landmarks(self, message: PointCloud2) -> None:
+        frame = self.config.base_link_frame
+        sightings, unknown = landmarks_from(message, frame, self._landmarks, self._landmark_noise)
+        if unknown:
+            self._count("landmarks of unknown number", unknown)
+        taken, refused = 0, None
+        for sighting in sightings:
+            try:
+                self.localization.on_measurement(sighting)
+            except BadMessageError as error:
+                refused = error
+            else:
+                taken += 1
+        if refused is not None and not taken:
+            raise refused
+
+    def _count_fallback(self, topic: str, measurement: Measurement, noise: KnownNoise) -> None:
+        if measurement.R is noise.R:
+            self._count(f"{topic} with the covariance of the parameters", 1)
+
+    def _count(self, note: str, more: int) -> None:
+        self.health.notes[note] = str(int(self.health.notes.get(note, "0")) + more)
+
+    def _restore(self) -> None:
+        if not self.config.state_file:
+            return
+        path = Path(self.config.state_file).expanduser()
+        try:
+            saved = load_state(path)
+        except DiffbotError as error:
+            # A robot has to start all the same; the next saving would write over what is there.
+            kept = path.with_name(path.name + ".bad")
+            self.get_logger().error(f"state not restored: {error}; the file is kept as {kept.name}")
+            try:
+                path.replace(kept)
+            except OSError as failure:
+                self.get_logger().error(f"cannot rename {path}: {failure.strerror}")
+            return
+        if saved is None:
+            return
+        self.localization.initialise(saved.pose, saved.P)
+        if saved.wheels is not None and saved.wheels_P is not None:
+            self.localization.estimator.set_wheels(saved.wheels, saved.wheels_P)
+        x, y, theta = saved.pose
+        self.get_logger().info(f"state restored: x {x:.3f} m, y {y:.3f} m, heading {theta:.3f} rad")
+
+    def _save(self) -> None:
+        if not self.config.state_file or not self.localization.initialised:
+            return
+        x, P = self.localization.estimator.memory.belief
+        pose = Pose(*x[:3].tolist())
+        wheels = self.localization.estimator.wheels()
+        state = SavedState(pose, P[:3, :3], *(wheels or (None, None)))
+        try:
+            save_state(Path(self.config.state_file).expanduser(), state)
+        except OSError as error:
+            self.get_logger().error(f"cannot write state_file: {error.strerror or error}", throttle_duration_sec=60.0)
 
     def _on_initialpose(self, message: PoseWithCovarianceStamped) -> None:
-        fix = fix_from(message, self.config.map_frame)
+        fix = fix_from(message, self.config.map_frame, self._fix_noise)
         x, y, theta = fix.z.tolist()
         self.localization.initialise(Pose(x, y, theta), fix.R, fix.stamp or None)
         self.get_logger().info(f"initialised at x {x:.3f} m, y {y:.3f} m, heading {theta:.3f} rad")
@@ -157,14 +252,30 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
 
     def _tell_state(self) -> None:
         state = self.state()
-        values = {}
-        if self.localization.initialised:
-            values = {"filter": "ekf", "states": "x y theta"}
+        values = self._values()
         if state != self._told_state:
             self.get_logger().info(state)
         self._told_state = state
         level = 0 if state == RUNNING else DiagnosticStatus.WARN[0]
         self._statuses.publish(status_message("ekf", level, state, values))
+
+    def _values(self) -> dict[str, str]:
+        """Return what ~/status tells beside the state."""
+        values = {"filter": self.config.localization.filter.filter}
+        wheels = self.localization.estimator.wheels()
+        if self.localization.initialised:
+            values |= self.localization.consistency.values()
+            if wheels is not None:
+                errors, P = wheels
+                for index, name in enumerate(("left", "right")):
+                    deviation = float(np.sqrt(P[index, index]))
+                    values[f"{name} wheel radius error"] = f"{errors[index]:+.4f} +- {deviation:.4f}"
+        return values | self.health.ages(time.monotonic())
+
+
+def _diagonal(sigmas: Sequence[float]) -> np.ndarray[Any, np.dtype[np.float64]] | None:
+    """Return the covariance of independent errors; None if a deviation is 0: not known."""
+    return np.diag(np.square(sigmas)) if all(sigmas) else None
 
 
 def main(args: list[str] | None = None) -> int:

@@ -90,6 +90,13 @@ class Estimator:
         belief = self._started(np.array((pose.x, pose.y, wrap_angle(pose.theta))), P)
         self.memory = self.memory._replace(belief=belief, candidate=None, gate=FixGate(), doubt=Doubt())
 
+    def wheels(self) -> tuple[Array, Array] | None:
+        """Return the relative radius errors (2,), left first, and their covariance; None if they are no states."""
+        if not self.calibrating:
+            return None
+        x, P = self.memory.belief
+        return x[3:], P[3:, 3:]
+
     def set_wheels(self, errors: Array, P: Array) -> None:
         """Set what is known of the wheels: relative radius errors (2,) and their covariance (2, 2)."""
         if self.calibrating:

@@ -14,12 +14,23 @@ class Health:
         self.sent: Counter[str] = Counter()
         self.dropped: Counter[tuple[str, str]] = Counter()
         self.notes: dict[str, str] = {}
+        self.heard: dict[str, float] = {}
+        """[s] steady time of the last message accepted, per topic"""
         self._reported: Counter[str] = Counter()
 
     def drop(self, topic: str, kind: str) -> bool:
         """Count a drop; True if it is the first of its topic and kind, i.e. worth a line in the log."""
         self.dropped[topic, kind] += 1
         return self.dropped[topic, kind] == 1
+
+    def accept(self, topic: str, now: float) -> None:
+        """Count a message taken at the steady time ``now`` [s]."""
+        self.accepted[topic] += 1
+        self.heard[topic] = now
+
+    def ages(self, now: float) -> dict[str, str]:
+        """Return the time since the last message of each topic, for a diagnostic status."""
+        return {f"{topic} age [s]": f"{now - heard:.2f}" for topic, heard in sorted(self.heard.items())}
 
     def report(self, period: float) -> dict[str, str]:
         """Return key-value pairs for a diagnostic status; rates [Hz] are over ``period`` [s] since the last report."""

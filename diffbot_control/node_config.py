@@ -6,6 +6,7 @@ from typing import Annotated, NamedTuple
 
 from diffbot_control.config import Spec
 from diffbot_control.kinematics import WheelGeometry
+from diffbot_control.landmarks import LandmarkMap
 from diffbot_control.localization import LocalizationConfig
 from diffbot_control.presets import PRESETS, TUNED
 from diffbot_control.supervisor import SupervisorConfig
@@ -38,6 +39,25 @@ CONTROLLER_PRESETS = {
 """What the parameter ``preset`` chooses between."""
 
 
+class SensorNoise(NamedTuple):
+    """Deviations that are taken where a message tells no usable covariance."""
+
+    global_pose_sigma_xy: Annotated[
+        float, Spec("deviation of x and y of global_pose without a usable covariance; 0: drop it", "m", minimum=0.0)
+    ] = 0.0
+    global_pose_sigma_yaw: Annotated[float, Spec("the same of its heading; 0: drop it", "rad", minimum=0.0)] = 0.0
+    heading_sigma: Annotated[
+        float, Spec("deviation of heading without a usable covariance; 0: drop it", "rad", minimum=0.0)
+    ] = 0.0
+    landmark_range_sigma: Annotated[
+        float, Spec("deviation of a range to a landmark without variances", "m", minimum=1e-4)
+    ] = 0.06
+    landmark_bearing_sigma: Annotated[
+        float, Spec("deviation of a bearing to a landmark without variances", "rad", minimum=1e-4)
+    ] = 0.03
+    override_covariance: Annotated[bool, Spec("take these deviations whatever the messages say, where not 0")] = False
+
+
 class EkfNodeConfig(NamedTuple):
     """Parameters of the node ``ekf``."""
 
@@ -54,6 +74,11 @@ class EkfNodeConfig(NamedTuple):
             maximum=1.0,
         ),
     ] = 0.05
+    noise: SensorNoise = SensorNoise()
+    landmarks: LandmarkMap = LandmarkMap()
+    state_file: Annotated[
+        str, Spec("file that keeps pose and wheel errors across a restart; empty: none", read_only=True)
+    ] = ""
     left_wheel_name: Annotated[str, Spec("joint of the left wheel", read_only=True)] = "left_wheel_joint"
     right_wheel_name: Annotated[str, Spec("joint of the right wheel", read_only=True)] = "right_wheel_joint"
     sensor_timeout: Annotated[float, Spec("silence of the odometry that is reported", "s", minimum=0.0, above=True)] = (

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Callable, Iterable
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -19,7 +20,7 @@ from geometry_msgs.msg import (
     Twist as TwistMessage,
 )
 from nav_msgs.msg import Odometry, Path
-from sensor_msgs.msg import Imu, JointState
+from sensor_msgs.msg import Imu, JointState, PointCloud2
 from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension
 
 from diffbot_control.covariance import check_covariance, uncertainty_of
@@ -29,6 +30,7 @@ from diffbot_control.estimator import Measurement
 from diffbot_control.geometry import Pose, quaternion_of_yaw, yaw_of_quaternion
 from diffbot_control.goal import CERTAIN, Uncertainty
 from diffbot_control.kinematics import Twist, WheelSpeeds
+from diffbot_control.point_cloud import LandmarkPoint, landmark_points
 
 try:
     # The alias marks it as meant for others too.
@@ -36,6 +38,18 @@ try:
 except ImportError:  # no wheel carries tf2; the nodes say once that they publish no TF
     TFMessage = None
 
+
+class KnownNoise(NamedTuple):
+    """What is known of a sensor's noise beside its messages."""
+
+    R: Array | None = None
+    """covariance, the fallback; None if there is none"""
+    always: bool = False
+    """do not look at the messages'"""
+
+
+MESSAGE_NOISE = KnownNoise()
+"""Nothing: the messages' covariances count, and a message without one is dropped."""
 NANO = 1_000_000_000
 FARTHEST = 1e7
 """[m] coordinates beyond it are a slip (the Earth's circumference is 4e7 m)."""
@@ -127,21 +141,62 @@ def pose_from(
     return stamp_ns(message.header.stamp), pose, uncertainty
 
 
-def fix_from(message: PoseWithCovarianceStamped, frame: str) -> Measurement:
-    """Return a pose fix in ``frame`` with its covariance."""
+def fix_from(message: PoseWithCovarianceStamped, frame: str, noise: KnownNoise = MESSAGE_NOISE) -> Measurement:
+    """Return a pose fix in ``frame``; for its covariance see :func:`noise_of`."""
     check_frame(message.header.frame_id, frame)
     pose = pose_of(message.pose.pose)
-    return Measurement(stamp_ns(message.header.stamp), np.array(pose), planar_covariance(message.pose.covariance))
+    R = noise_of(lambda: planar_covariance(message.pose.covariance), noise)
+    return Measurement(stamp_ns(message.header.stamp), np.array(pose), R)
 
 
-def heading_from(message: Imu, frame: str) -> Measurement:
+def heading_from(message: Imu, frame: str, noise: KnownNoise = MESSAGE_NOISE) -> Measurement:
     """Return a compass heading of a sensor fixed to ``frame``; REP-145: covariance[0] = -1 means no orientation."""
     check_frame(message.header.frame_id, frame)
     if message.orientation_covariance[0] == -1.0:
         raise BadMessageError("no orientation in it")
-    variance = np.array([[float(message.orientation_covariance[8])]])
     yaw = yaw_of(message.orientation)
-    return Measurement(stamp_ns(message.header.stamp), np.array([yaw]), check_covariance(variance))
+    R = noise_of(lambda: check_covariance(np.array([[float(message.orientation_covariance[8])]])), noise)
+    return Measurement(stamp_ns(message.header.stamp), np.array([yaw]), R)
+
+
+def landmarks_from(
+    message: PointCloud2, frame: str, points: dict[int, tuple[float, float]], noise: KnownNoise
+) -> tuple[list[Measurement], int]:
+    """Return range and bearing of each known landmark in a cloud in ``frame``, and how many are not known.
+
+    ``points``: x, y [m] of each by its number; the covariance is the message's where it has both variances.
+    """
+    check_frame(message.header.frame_id, frame)
+    stamp, measurements, unknown = stamp_ns(message.header.stamp), [], 0
+    for seen in landmark_points(message):
+        if seen.number not in points:
+            unknown += 1
+            continue
+        R = noise_of(partial(_landmark_covariance, seen), noise)
+        measurements.append(Measurement(stamp, np.array((seen.distance, seen.bearing)), R, points[seen.number]))
+    return measurements, unknown
+
+
+def _landmark_covariance(seen: LandmarkPoint) -> Array:
+    return check_covariance(np.diag((seen.var_distance, seen.var_bearing)))
+
+
+def noise_of(read: Callable[[], Array], noise: KnownNoise) -> Array:
+    """Return the covariance that ``read`` finds in a message, or the fallback.
+
+    The fallback is taken where it is given and the message's is not usable or not wanted.
+
+    Raises:
+        BadMessageError: if the message's is not usable and there is no fallback.
+    """
+    if noise.R is not None and noise.always:
+        return noise.R
+    try:
+        return read()
+    except BadMessageError:
+        if noise.R is None:
+            raise
+        return noise.R
 
 
 def odometry_from(message: Odometry, child_frame: str) -> tuple[int, Twist, tuple[float, float, float]]:

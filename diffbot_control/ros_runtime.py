@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import time
 from collections.abc import Callable, Mapping
 from typing import Any, Generic
 
@@ -88,7 +89,7 @@ class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
                 if self.health.drop(topic, error.kind):
                     self.get_logger().warning(f"{topic}: message dropped: {error} (said once; see /diagnostics)")
             else:
-                self.health.accepted[topic] += 1
+                self.health.accept(topic, time.monotonic())
 
         return self.create_subscription(message_type, topic, guarded, qos)
 
@@ -102,7 +103,7 @@ class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
     def _report(self) -> None:
         now = self.steady_clock.now().nanoseconds
         level, text = self.health_level()  # first: it may write the notes that the report shows
-        values = self.health.report((now - self._last_report) * 1e-9)
+        values = self.health.report((now - self._last_report) * 1e-9) | self.health.ages(time.monotonic())
         self._last_report = now
         message = DiagnosticArray(status=[status_message(self.get_fully_qualified_name(), level, text, values)])
         message.header.stamp = self.get_clock().now().to_msg()

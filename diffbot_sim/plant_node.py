@@ -1,4 +1,4 @@
-"""The node ``plant``: cmd_vel -> odom, joint_states, global_pose, heading, ground_truth, and the simulation's clock."""
+"""The node ``plant``: cmd_vel -> odom, joint_states, sensors, ground_truth, and the simulation's clock."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ from nav_msgs.msg import Odometry
 from rclpy.duration import Duration
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import Imu, JointState
+from sensor_msgs.msg import Imu, JointState, PointCloud2, PointField
 from std_srvs.srv import SetBool, Trigger
 
 from diffbot_control.estimator import Measurement
 from diffbot_control.geometry import Pose
 from diffbot_control.kinematics import Twist
+from diffbot_control.point_cloud import fill_landmark_points
 from diffbot_control.ros_messages import (
     NANO,
     TFMessage,
@@ -34,7 +35,7 @@ from diffbot_control.ros_messages import (
 from diffbot_control.ros_runtime import QUEUE, DiffbotNode, run
 from diffbot_sim.node_config import PlantNodeConfig
 from diffbot_sim.pacing import LOCKSTEP, WALL, ClockPace, LockStep
-from diffbot_sim.world import Arrivals, World
+from diffbot_sim.world import Arrivals, Sighting, World
 
 _FIRST_POLL = 0.02
 _UNSURE_STEPS, _UNSURE_WAIT = 10, Duration(seconds=0.1)
@@ -100,12 +101,15 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
         self._heading.angular_velocity_covariance[0] = -1.0
         self._heading.linear_acceleration_covariance[0] = -1.0
         self._heading.orientation_covariance[[0, 4]] = 1e6
+        self._cloud = PointCloud2()
+        self._cloud.header.frame_id = config.base_link_frame
         self._joints = JointState(name=[config.left_wheel_name, config.right_wheel_name])
         self._clock_message = Clock()
         self._odometries = self.create_publisher(Odometry, "odom", QUEUE)
         self._truths = self.create_publisher(Odometry, "ground_truth", QUEUE)
         self._fixes = self.create_publisher(PoseWithCovarianceStamped, "global_pose", QUEUE)
         self._headings = self.create_publisher(Imu, "heading", QUEUE)
+        self._clouds = self.create_publisher(PointCloud2, "landmarks", QUEUE)
         self._joint_states = self.create_publisher(JointState, "joint_states", QUEUE)
         self._clocks = self.create_publisher(Clock, "/clock", QUEUE) if config.clock != WALL else None
         self._transforms = None
@@ -241,6 +245,8 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
             self._send_fix(fix)
         for heading in arrivals.headings:
             self._send_heading(heading)
+        if arrivals.landmarks:
+            self._send_landmarks(stamp, arrivals.landmarks)
         if self._unsure:
             # DDS keeps no order between topics for one who has just come; the odometry must not overtake the fix.
             for publisher in (self._fixes, self._headings):
@@ -277,6 +283,13 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
         self._heading.orientation_covariance[8] = heading.R[0, 0]
         self._headings.publish(self._heading)
         self.health.sent["heading"] += 1
+
+    def _send_landmarks(self, stamp: int, sightings: list[Sighting]) -> None:
+        set_stamp(self._cloud.header.stamp, stamp)
+        seen = [(one.number, float(one.measurement.z[0]), float(one.measurement.z[1])) for one in sightings]
+        fill_landmark_points(self._cloud, seen, PointField)
+        self._clouds.publish(self._cloud)
+        self.health.sent["landmarks"] += 1
 
     def _send_joint_states(self, stamp: int, world: World) -> None:
         set_stamp(self._joints.header.stamp, stamp)

@@ -1,0 +1,107 @@
+"""Landmarks in a sensor_msgs/PointCloud2, read and written; free of ROS: a message is anything with its fields.
+
+A point has ``x`` and ``y`` [m] in the frame of the robot (float32 or float64) and the landmark's number ``id`` (a whole
+number), and may have ``range_variance`` [m^2] and ``bearing_variance`` [rad^2]; other fields are passed over.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from diffbot_control.errors import BadMessageError
+
+_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
+"""numpy's names of the datatypes of a sensor_msgs/PointField"""
+_MOST = 1000
+"""Points in one message; more are no landmarks."""
+_WRITTEN = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("id", "<i4")])
+"""What is sent: z and single precision are what RViz wants to show points."""
+
+
+class LandmarkPoint(NamedTuple):
+    """One point of a cloud."""
+
+    number: int
+    distance: float
+    """[m]"""
+    bearing: float
+    """[rad]"""
+    var_distance: float
+    """[m^2], 0 if the message does not say"""
+    var_bearing: float
+    """[rad^2], 0 if the message does not say"""
+
+
+def landmark_points(message: Any) -> list[LandmarkPoint]:
+    """Read the points of a cloud.
+
+    Raises:
+        BadMessageError: if the cloud does not have the fields above, its sizes contradict each other, it has more than
+            1000 points, or a number in it is not finite, a variance negative, or a range not positive.
+    """
+    count = message.width * message.height
+    if count > _MOST:
+        raise BadMessageError("too many points", f"{count} > {_MOST}")
+    points = _structured(message, count)
+    columns = [points[name].astype(float).tolist() for name in ("x", "y")]
+    for name in ("range_variance", "bearing_variance"):
+        known = points.dtype.names is not None and name in points.dtype.names
+        columns.append(points[name].astype(float).tolist() if known else [0.0] * count)
+    found = []
+    for number, x, y, var_distance, var_bearing in zip(points["id"].tolist(), *columns, strict=True):
+        if not math.isfinite(x + y + var_distance + var_bearing):
+            raise BadMessageError("point not finite", f"of landmark {number}")
+        if var_distance < 0.0 or var_bearing < 0.0:
+            raise BadMessageError("variance negative", f"of landmark {number}")
+        distance = math.hypot(x, y)
+        if distance == 0.0:
+            raise BadMessageError("range not positive", f"of landmark {number}")
+        found.append(LandmarkPoint(number, distance, math.atan2(y, x), var_distance, var_bearing))
+    return found
+
+
+def _structured(message: Any, count: int) -> Any:
+    """View the data as a structured array (count,)."""
+    order = ">" if message.is_bigendian else "<"
+    wanted = {"x": "f", "y": "f", "id": "iu", "range_variance": "f", "bearing_variance": "f"}
+    names, formats, offsets = [], [], []
+    for field in message.fields:
+        kind = _TYPES.get(field.datatype, "")
+        if field.name in wanted and field.name not in names and kind[:1] in wanted[field.name] and kind:
+            if field.count not in (0, 1) or field.offset + int(kind[1]) > message.point_step:
+                raise BadMessageError("point fields contradict point_step", field.name[:40])
+            names.append(field.name)
+            formats.append(order + kind)
+            offsets.append(field.offset)
+    missing = [name for name in ("x", "y", "id") if name not in names]
+    if missing:
+        raise BadMessageError("point fields missing", ", ".join(missing))
+    if message.row_step != message.width * message.point_step or len(message.data) != message.row_step * message.height:
+        raise BadMessageError("cloud sizes contradict each other", f"{len(message.data)} bytes for {count} points")
+    layout = np.dtype(
+        {"names": names, "formats": formats, "offsets": offsets, "itemsize": max(int(message.point_step), 1)}
+    )
+    return np.frombuffer(bytes(message.data), layout, count)
+
+
+def fill_landmark_points(message: Any, points: list[tuple[int, float, float]], field_type: Any) -> None:
+    """Write landmarks into a cloud in place.
+
+    Args:
+        message: its header stays.
+        points: number, range [m] and bearing [rad] of each.
+        field_type: sensor_msgs/PointField.
+    """
+    rows = [(r * math.cos(bearing), r * math.sin(bearing), 0.0, number) for number, r, bearing in points]
+    names = {kind: number for number, kind in _TYPES.items()}
+    message.fields = [
+        field_type(name=name, offset=int(offset), datatype=names[kind.str[1:]], count=1)
+        for name, (kind, offset, *_) in (_WRITTEN.fields or {}).items()
+    ]
+    message.height, message.width = 1, len(rows)
+    message.point_step, message.row_step = _WRITTEN.itemsize, _WRITTEN.itemsize * len(rows)
+    message.is_bigendian, message.is_dense = False, True
+    message.data = np.array(rows, _WRITTEN).tobytes()
