@@ -92,7 +92,7 @@ def set_parameters(nodes, node, values, service=SetParameters):
 
 def get_parameter(nodes, node, name):
     value = nodes.peer.call(GetParameters, f"{node}/get_parameters", GetParameters.Request(names=[name])).values[0]
-    fields = (None, "bool", "integer", "double", "string", None, "bool_array", "integer_array", "double_array")
+    fields = (None, "bool", "integer", "double", "string", "byte_array", "bool_array", "integer_array", "double_array")
     return None if value.type == 0 else getattr(value, f"{fields[value.type]}_value")
 
 

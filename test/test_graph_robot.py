@@ -231,7 +231,9 @@ def test_every_topic_of_the_design_carries_messages(walking):
 
 def test_no_node_hears_or_sends_a_topic_that_is_not_in_the_design(walking):
     names = {name.lstrip("/") for name, _ in walking.peer.node.get_topic_names_and_types()}
-    known = {name.lstrip("/") for name in TOPICS} | {"goal_pose", "path", "initialpose", "heading", "clock", "tf"}
+    known = {name.lstrip("/") for name in TOPICS} | {
+        *("goal_pose", "path", "initialpose", "heading", "landmarks", "clock", "tf")
+    }
     assert names - known <= {"parameter_events", "rosout"}
 
 

@@ -367,7 +367,7 @@ def test_filter_answers_a_repeated_odometry_with_the_same_pose_and_starts_anew_a
 
 def test_fixes_from_the_future_do_not_shut_out_the_real_ones(start):
     """A sensor whose clock is far ahead must not fill the place where fixes wait for their odometry."""
-    subject = start("ekf")
+    subject = start("ekf", {"gate_probability": 1.0})
     poses = subject.peer.subscribe(PoseWithCovarianceStamped, "pose", DEEP)
     subject.publish("global_pose", fix())
     subject.peer.spin_for(0.2)
