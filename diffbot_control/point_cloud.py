@@ -17,7 +17,10 @@ _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"
 """numpy's names of the datatypes of a sensor_msgs/PointField"""
 _MOST = 1000
 """Points in one message; more are no landmarks."""
-_WRITTEN = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("id", "<i4")])
+_WRITTEN = np.dtype(
+    [(name, "<f4") for name in ("x", "y", "z")]
+    + [("id", "<i4"), ("range_variance", "<f4"), ("bearing_variance", "<f4")]
+)
 """What is sent: z and single precision are what RViz wants to show points."""
 
 
@@ -87,15 +90,18 @@ def _structured(message: Any, count: int) -> Any:
     return np.frombuffer(bytes(message.data), layout, count)
 
 
-def fill_landmark_points(message: Any, points: list[tuple[int, float, float]], field_type: Any) -> None:
+def fill_landmark_points(message: Any, points: list[LandmarkPoint], field_type: Any) -> None:
     """Write landmarks into a cloud in place.
 
     Args:
         message: its header stays.
-        points: number, range [m] and bearing [rad] of each.
+        points: what is seen.
         field_type: sensor_msgs/PointField.
     """
-    rows = [(r * math.cos(bearing), r * math.sin(bearing), 0.0, number) for number, r, bearing in points]
+    rows = [
+        (r * math.cos(bearing), r * math.sin(bearing), 0.0, number, var_r, var_bearing)
+        for number, r, bearing, var_r, var_bearing in points
+    ]
     names = {kind: number for number, kind in _TYPES.items()}
     message.fields = [
         field_type(name=name, offset=int(offset), datatype=names[kind.str[1:]], count=1)

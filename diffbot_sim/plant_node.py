@@ -17,7 +17,7 @@ from std_srvs.srv import SetBool, Trigger
 from diffbot_control.estimator import Measurement
 from diffbot_control.geometry import Pose
 from diffbot_control.kinematics import Twist
-from diffbot_control.point_cloud import fill_landmark_points
+from diffbot_control.point_cloud import LandmarkPoint, fill_landmark_points
 from diffbot_control.ros_messages import (
     NANO,
     TFMessage,
@@ -286,7 +286,10 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
 
     def _send_landmarks(self, stamp: int, sightings: list[Sighting]) -> None:
         set_stamp(self._cloud.header.stamp, stamp)
-        seen = [(one.number, float(one.measurement.z[0]), float(one.measurement.z[1])) for one in sightings]
+        seen = [
+            LandmarkPoint(number, *measured.z.tolist(), *measured.R.diagonal().tolist())
+            for number, measured in sightings
+        ]
         fill_landmark_points(self._cloud, seen, PointField)
         self._clouds.publish(self._cloud)
         self.health.sent["landmarks"] += 1
