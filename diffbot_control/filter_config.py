@@ -34,7 +34,7 @@ class FilterConfig(NamedTuple):
     ] = 3.0
     wheel_radius_sigma: Annotated[
         float, Spec("standard deviation of each wheel's relative radius error at the start", minimum=0.0, maximum=0.2)
-    ] = 0.02
+    ] = 0.01
     wheel_radius_walk: Annotated[float, Spec("how fast it may change", "1/sqrt(s)", minimum=0.0, maximum=0.1)] = 1e-4
 
 

@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from diffbot_control.errors import DiffbotError, InvalidValueError
+from diffbot_control.filter_config import FilterConfig
 from diffbot_control.geometry import Pose, wrap_angle
+from diffbot_control.localization import LocalizationConfig
 from diffbot_control.metrics import goal_metrics
 from diffbot_sim.batch import COLUMNS, HISTORY_COLUMNS, Starts, run_batch, run_histories
 from diffbot_sim.benchmark_cases import (
@@ -176,7 +178,9 @@ def _random(challenge: Challenge, radius: float, runs: int, seed: int) -> dict[s
 def _delayed(start: Array, seed: int, run: int) -> Array:
     """Do one run with late fixes, which need the filter's history: the loop that is not compiled has it."""
     world = WorldConfig(DELAYED.plant, DELAYED.sensors, StartPose(*start.tolist()), seed, run)
-    recording = simulate(world, DELAYED.controller, GOAL, round(DURATION / DELAYED.plant.sampling_time))
+    steps = round(DURATION / DELAYED.plant.sampling_time)
+    config = LocalizationConfig(filter=FilterConfig(filter=DELAYED.filter))
+    recording = simulate(world, DELAYED.controller, GOAL, steps, localization=config)
     return _outcome(recording, DELAYED.plant.sampling_time)
 
 

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diffbot_control.controller import ControllerConfig
+from diffbot_control.filter_config import CALIBRATING, FilterConfig, options_of
+from diffbot_control.filter_config import EKF as EKF_PLAIN
 from diffbot_control.geometry import Pose
 from diffbot_control.goal import GoalTolerance
 from diffbot_control.presets import PAPER, PAPER_COVARIANCE, PRESETS, TUNED
@@ -47,6 +49,7 @@ class Challenge(NamedTuple):
     plant: PlantConfig = PlantConfig()
     sensors: SensorConfig = SensorConfig()
     xy_tolerance: float = XY_TOLERANCE
+    filter: str = EKF_PLAIN
 
 
 TUNED_CONTROLLER = PRESETS[TUNED]
@@ -155,8 +158,13 @@ CHALLENGES = (
     Challenge("fixes_2_hz", "fixes at 2 Hz", TUNED_CONTROLLER, sensors=SensorConfig(fix_rate=2.0)),
     Challenge("noise_half", "fix noise halved, tolerance 0.05 m", _tuned(0.05), sensors=_noise(0.5), xy_tolerance=0.05),
     Challenge("noise_double", "fix noise doubled, tolerance 0.2 m", _tuned(0.2), sensors=_noise(2.0), xy_tolerance=0.2),
+    Challenge("calibrating", "filter ekf_calibrating, the default", TUNED_CONTROLLER, filter=CALIBRATING),
     Challenge(
-        "radius_error", "one wheel's radius 2 % too large", TUNED_CONTROLLER, PlantConfig(right_radius_error=0.02)
+        "radius_error",
+        "the same, one wheel's radius 2 % too large",
+        TUNED_CONTROLLER,
+        PlantConfig(right_radius_error=0.02),
+        filter=CALIBRATING,
     ),
     Challenge(
         "wheels_limited", "wheel speeds limited to v_max", TUNED_CONTROLLER, PlantConfig(wheel_speed_max=V_MAX / 0.05)
@@ -183,5 +191,6 @@ def case_of(one: Law | Challenge, goal: Pose = GOAL) -> Case:
         round(DURATION / plant.sampling_time),
         XY_TOLERANCE if isinstance(one, Law) else one.xy_tolerance,
         YAW_TOLERANCE,
+        filter=options_of(FilterConfig(filter=EKF_PLAIN if isinstance(one, Law) else one.filter)),
         peer=one.peer if isinstance(one, Law) else peers.OURS,
     )

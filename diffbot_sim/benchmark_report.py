@@ -12,6 +12,7 @@ ROBUSTNESS = (
     "fixes_2_hz",
     "noise_half",
     "noise_double",
+    "calibrating",
     "radius_error",
     "wheels_limited",
     "fix_delay",
@@ -169,7 +170,8 @@ def page(results: Results) -> str:
         f"All laws get the same {results['starts']} starts (the 8 points of the 12 m circle with headings 0 and 220 "
         f"deg, and the start of the paper's simulation A), {each} runs of each, seed {results['seed']}, and in each "
         "run the same noise: fixes at 10 Hz with the paper's bounds (+-0.3 m, +-0.3 m, +-0.17 rad), +-5 % per wheel "
-        f"in drive and encoder, Ts 0.1 s, {results['duration']:.0f} s, the EKF in the loop.",
+        f"in drive and encoder, Ts 0.1 s, {results['duration']:.0f} s. The filter `ekf` is in the loop, "
+        "since the wheels are as the configuration has them; the rows `calibrating` and `radius_error` have the default.",
         "",
         f"- *Settled*: the true pose is inside ({results['xy_tolerance']:g} m, {results['yaw_tolerance']:g} rad) at "
         "the end; the *settling time* is that of the last entry, of settled runs only.",

@@ -15,6 +15,7 @@ import numpy as np
 from diffbot_control.config import build, parameters_of, to_dict
 from diffbot_control.controller import ControllerConfig
 from diffbot_control.errors import DiffbotError, InvalidValueError
+from diffbot_control.filter_config import FilterConfig, options_of
 from diffbot_control.geometry import Pose
 from diffbot_control.presets import PAPER, PRESETS
 from diffbot_sim.batch import FEEDBACK_CODES, Starts, check_case
@@ -23,7 +24,7 @@ from diffbot_sim.loop import Case
 from diffbot_sim.plant import PlantConfig
 from diffbot_sim.sensors import SensorConfig
 
-_PARTS: tuple[type[Any], ...] = (PlantConfig, SensorConfig, ControllerConfig)
+_PARTS: tuple[type[Any], ...] = (PlantConfig, SensorConfig, ControllerConfig, FilterConfig)
 _CELLS_MOST = 10_000
 _LISTS = ("start", "grid", "set")
 
@@ -109,7 +110,7 @@ def make_campaign(content: Mapping[str, Any]) -> Campaign:
 
 
 def _cell(options: CampaignOptions, fixed: Mapping[str, Any], point: dict[str, Any]) -> Cell:
-    plant, sensors, controller = configure({**fixed, **point})
+    plant, sensors, controller, filter_config = configure({**fixed, **point})
     case = Case(
         plant,
         sensors,
@@ -120,11 +121,12 @@ def _cell(options: CampaignOptions, fixed: Mapping[str, Any], point: dict[str, A
         max(1, round(options.duration / plant.sampling_time)),
         controller.tolerance.xy_goal_tolerance,
         controller.tolerance.yaw_goal_tolerance,
+        filter=options_of(filter_config),
     )
     return Cell(point, case)
 
 
-def configure(values: Mapping[str, Any]) -> tuple[PlantConfig, SensorConfig, ControllerConfig]:
+def configure(values: Mapping[str, Any]) -> tuple[PlantConfig, SensorConfig, ControllerConfig, FilterConfig]:
     """Give each value to the configurations that know its name; ``wheel_radius`` is the plant's and the controller's.
 
     Raises:
@@ -143,7 +145,7 @@ def configure(values: Mapping[str, Any]) -> tuple[PlantConfig, SensorConfig, Con
         build(part, {name: value for name, value in values.items() if name in own}, bases.get(part))
         for part, own in zip(_PARTS, names, strict=True)
     ]
-    return built[0], built[1], built[2]
+    return built[0], built[1], built[2], built[3]
 
 
 def _starts(start: Any) -> Starts:

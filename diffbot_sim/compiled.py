@@ -95,7 +95,7 @@ _settings: Any = numba.config
 
 for _module in MODULES:
     for _function in _functions(_module):
-        register_jitable(_function)
+        register_jitable(forceinline=True)(_function)
 
 
 def compile_kernel(function: Any) -> Any:

@@ -59,7 +59,7 @@ def run(values: Mapping[str, Any], rho_max: float, number: int, runs: int, seed:
     for name, value in values.items():
         if name not in KNOWN:
             raise InvalidValueError(name, value, "left out, the certificate knows only " + ", ".join(KNOWN))
-    plant, sensors, controller = configure({**PAPER_NOISE, **values})
+    plant, sensors, controller, _ = configure({**PAPER_NOISE, **values})
     box = noise_box(plant, sensors, controller)
     certified = certify(controller, box, plant.sampling_time, rho_max, number)
     maps = certified.pop("maps")
