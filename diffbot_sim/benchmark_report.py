@@ -171,7 +171,7 @@ def page(results: Results) -> str:
         f"deg, and the start of the paper's simulation A), {each} runs of each, seed {results['seed']}, and in each "
         "run the same noise: fixes at 10 Hz with the paper's bounds (+-0.3 m, +-0.3 m, +-0.17 rad), +-5 % per wheel "
         f"in drive and encoder, Ts 0.1 s, {results['duration']:.0f} s. The filter `ekf` is in the loop, "
-        "since the wheels are as the configuration has them; the rows `calibrating` and `radius_error` have the default.",
+        "since the wheels are as configured; the rows `calibrating` and `radius_error` have the default.",
         "",
         f"- *Settled*: the true pose is inside ({results['xy_tolerance']:g} m, {results['yaw_tolerance']:g} rad) at "
         "the end; the *settling time* is that of the last entry, of settled runs only.",
