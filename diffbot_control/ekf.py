@@ -119,7 +119,7 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
     def _update(self, z: Array, R: Array, jacobian: Any, expected: Any, residual: Any) -> float:
         self.R = R  # as an argument it would pass through numpy's slow isscalar
         self.update(z, jacobian, expected, residual=residual)
-        self.x[2] = wrap_angle(float(self.x[2]))
+        self.x[2] = wrap_angle(self.x.item(2))
         return float(self.y.dot(self.SI).dot(self.y))
 
     def _pose_jacobian(self, _x: Array) -> Array:
@@ -175,7 +175,7 @@ def _pose_of_state(x: Array) -> Array:
 
 def _pose_residual(z: Array, predicted: Array) -> Array:
     y = z - predicted
-    y[2] = wrap_angle(float(y[2]))
+    y[2] = wrap_angle(y.item(2))
     return y
 
 

@@ -112,16 +112,13 @@ class Estimator:
             v, omega, dt, var_v, cov, var_omega = motion
             q = q_scale(memory.adaptation)
             motion = Motion(v, omega, dt, q * var_v, q * cov, q * var_omega)
-        candidate = memory.candidate
-        if candidate is not None:
-            candidate = self._moved(candidate, motion)
-        self.memory = Memory(
-            self._moved(memory.belief, motion),
-            candidate,
-            passed(memory.gate, motion.dt),
-            doubted(memory.doubt, motion.dt),
-            memory.adaptation,
-        )
+        belief = self._moved(memory.belief, motion)
+        if memory.candidate is None and not memory.doubt.raised:
+            self.memory = Memory(belief, None, memory.gate, memory.doubt, memory.adaptation)
+            return
+        candidate = None if memory.candidate is None else self._moved(memory.candidate, motion)
+        gate, doubt = passed(memory.gate, motion.dt), doubted(memory.doubt, motion.dt)
+        self.memory = Memory(belief, candidate, gate, doubt, memory.adaptation)
 
     def take(self, measurement: Measurement) -> int:
         """Fuse a measurement, or do not: the verdict is ACCEPTED, REJECTED or RELOCATED, see :mod:`gating`."""
@@ -131,7 +128,7 @@ class Estimator:
         memory, options, R = self.memory, self.options, fix.R
         if options.adaptive:
             R = _scaled_noise(R, memory.adaptation)
-        bound = math.exp(memory.gate.slack) * options.gates[2]
+        bound = options.gates[2] if memory.gate.slack == 0.0 else math.exp(memory.gate.slack) * options.gates[2]
         belief, self.nis = self._corrected(memory.belief, fix, R)
         expected = self.nis <= bound
         adaptation = memory.adaptation
@@ -160,7 +157,7 @@ class Estimator:
             factor = rescaled(memory.adaptation, adaptation)
             belief = Belief(belief.x, factor * belief.P)
             candidate = None if candidate is None else Belief(candidate.x, factor * candidate.P)
-        doubt = memory.doubt if verdict == REJECTED else Doubt()
+        doubt = memory.doubt if verdict == REJECTED or not memory.doubt.raised else Doubt()
         self.memory = Memory(belief, candidate, gate, doubt, adaptation)
         return verdict
 
@@ -201,7 +198,10 @@ class Estimator:
 
     def _checked(self, belief: Belief) -> Belief:
         """Forget what is known of the wheels if it is not possible."""
-        if not self.calibrating or max(abs(error) for error in belief.x[3:].tolist()) <= self.options.radius_most:
+        if not self.calibrating:
+            return belief
+        most = self.options.radius_most
+        if abs(belief.x.item(3)) <= most and abs(belief.x.item(4)) <= most:
             return belief
         x, P = belief.x.copy(), belief.P.copy()
         x[3:] = 0.0

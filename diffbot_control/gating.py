@@ -51,6 +51,8 @@ def judged(gate: FixGate, expected: bool, agrees: bool, options: FilterOptions) 
         same, then the candidate takes over).
     """
     if expected:
+        if gate.rejected == 0 and gate.slack == 0.0:
+            return gate, ACCEPTED
         return FixGate(0, 0, 0.0, max(gate.slack - _TIGHTENED, 0.0)), ACCEPTED
     agreeing = gate.agreeing + 1 if agrees else 1
     slack = gate.slack + _WIDENED

@@ -7,7 +7,7 @@ an earlier stamp is put where it belongs and what came after is computed again, 
 from __future__ import annotations
 
 from bisect import insort
-from collections import deque
+from collections import OrderedDict, deque
 from typing import Annotated, Any, NamedTuple
 
 from diffbot_control.config import Spec
@@ -103,7 +103,7 @@ class Localization:
         self._odometry: OdometryStep | None = None
         self._steps: deque[_Step] = deque()
         self._pending: list[Measurement] = []
-        self._known: dict[tuple[float, ...], None] = {}
+        self._known: OrderedDict[tuple[float, ...], None] = OrderedDict()
 
     def configure(self, config: LocalizationConfig, wheel_separation: float) -> None:
         """Take over changed options from the next message on; the variant of the filter stays."""
@@ -144,8 +144,9 @@ class Localization:
         if not self.initialised or self._stamp is None:
             raise BadMessageError("no fix yet")
         belief = self.estimator.memory.belief
-        x, y, theta = belief.x[:3].tolist()
-        return Estimate(self._stamp, Pose(x, y, theta), belief.P[:3, :3], self._odometry, belief)
+        x = belief.x
+        pose = Pose(x.item(0), x.item(1), x.item(2))
+        return Estimate(self._stamp, pose, belief.P[:3, :3], self._odometry, belief)
 
     def on_odometry(self, odometry: OdometryStep) -> Estimate:
         """Move on to the stamp of ``odometry`` and fuse what waited for it.
@@ -211,7 +212,10 @@ class Localization:
                 raise BadMessageError("no odometry for it", f"{_PENDING_MOST} measurements wait already")
             # The one furthest ahead gives way: a sender with a wrong clock must not shut the others out.
             self._pending.pop()
-        insort(self._pending, measurement, key=_order)
+        if self._pending:
+            insort(self._pending, measurement, key=_order)
+        else:
+            self._pending.append(measurement)
 
     def _insert_late(self, measurement: Measurement) -> None:
         for index in range(len(self._steps) - 1, -1, -1):
