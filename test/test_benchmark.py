@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from diffbot_control.errors import DiffbotError, InvalidValueError
+from diffbot_control.filter_config import CALIBRATING
 from diffbot_control.geometry import Pose
 from diffbot_sim import benchmark, cli
 from diffbot_sim.batch import COLUMNS, Starts, run_batch, run_histories
@@ -131,7 +132,7 @@ def test_still_moving_looks_at_the_last_second():
 
 def test_the_row_of_a_recording_is_that_of_the_batch():
     start = arena_starts()[3]
-    case = case_of(Challenge("now", "", DELAYED.controller))
+    case = case_of(Challenge("now", "", DELAYED.controller, filter=CALIBRATING))  # the default, as simulate has it
     expected = run_batch(case, Starts(start[np.newaxis]), 5, 2, 1)[0]
     world = WorldConfig(start=StartPose(*start.tolist()), seed=5, run=2)
     row = benchmark._outcome(simulate(world, DELAYED.controller, ORIGIN, case.steps), 0.1)
