@@ -25,6 +25,8 @@ from diffbot_control.adaptation import (
     trained,
 )
 from diffbot_control.ekf import Motion
+from diffbot_control.estimator import Measurement
+from diffbot_control.gating import ACCEPTED, REJECTED
 
 CHECK = settings(derandomize=True, deadline=None, max_examples=100)
 ADAPTIVE = ("ekf_fnn", "ekf_fnn_calibrating")
@@ -268,6 +270,36 @@ def test_the_filter_gives_the_adaptation_each_innovation_by_its_own_deviation(va
     S_whole = P + scale @ R_FIX @ scale
     x = np.array([1.0, 2.0, 3.1]) + P @ np.linalg.solve(S_whole, [0.1, -0.2, 2.0 * math.pi - 6.2])
     np.testing.assert_allclose(found.memory.belief.x[:2], x[:2], rtol=1e-9)
+
+
+@pytest.mark.parametrize("variant", ADAPTIVE)
+def test_p_grows_and_shrinks_with_the_root_of_both_scales(variant):
+    rng, found, factors = (
+        np.random.default_rng(1),
+        estimator(variant, relocation_fixes=100, gate_probability=0.99999),
+        [],
+    )
+    for _ in range(12):
+        (x, P), before = found.memory.belief, found.memory.adaptation
+        root = np.diag(np.sqrt([r_scales(before)[0], r_scales(before)[0], r_scales(before)[1]]))
+        H = np.eye(3, len(x))
+        K = np.linalg.solve(H @ P @ H.T + root @ R_FIX @ root, H @ P).T
+        z = x[:3] + rng.normal(0.0, 1.0, 3) * (0.1, 0.1, 0.06)
+        assert found.take(Measurement(0, z, R_FIX)) == ACCEPTED
+        after = r_scales(found.memory.adaptation)
+        factors.append(math.sqrt(after[0] / r_scales(before)[0] * after[1] / r_scales(before)[1]))
+        np.testing.assert_allclose(found.memory.belief.P, factors[-1] * (P - K @ H @ P), rtol=1e-9, atol=1e-15)
+    # A rejected fix rescales the candidate, too.
+    found.take(Measurement(0, np.array([50.0, 0.0, 0.0]), R_FIX))
+    P, candidate, before = found.memory.belief.P, found.memory.candidate, r_scales(found.memory.adaptation)
+    assert found.take(Measurement(0, np.array([90.0, 0.0, 0.0]), R_FIX)) == REJECTED
+    after = r_scales(found.memory.adaptation)
+    factors.append(math.sqrt(after[0] / before[0] * after[1] / before[1]))
+    np.testing.assert_allclose(found.memory.belief.P, factors[-1] * P, rtol=1e-9, atol=1e-15)
+    renewed = factors[-1] * R_FIX * np.outer(*[np.sqrt([before[0], before[0], before[1]])] * 2)
+    np.testing.assert_allclose(found.memory.candidate.P[:3, :3], renewed, rtol=1e-9, atol=1e-15)
+    assert candidate is not None
+    assert min(abs(math.log(factors[-1])), np.ptp(factors)) > 0.05
 
 
 @pytest.mark.parametrize("variant", ADAPTIVE)
