@@ -182,6 +182,53 @@ def test_each_slip_is_of_its_wheel():
     assert state.twist == pytest.approx((0.875, -0.25 / 0.6))
 
 
+@pytest.mark.parametrize(
+    ("t_s", "time", "number"),
+    [(0.1, 0.1, 1), (0.1, 0.3, 3), (0.1, 0.7, 7), (0.1, 2.0, 20), (0.1, 2.01, 21), (0.25, 0.3, 2), (0.02, 0.14, 7)],
+)
+@pytest.mark.parametrize("exact_arc", [True, False])
+def test_the_robot_is_carried_away_once_in_the_step_that_ends_at_its_time(t_s, time, number, exact_arc):
+    config = QUIET._replace(sampling_time=t_s, exact_arc=exact_arc)
+    kidnapped = config._replace(kidnap_time=time, kidnap_x=2.0, kidnap_y=-1.5, kidnap_yaw=-2.5)
+    here = there = START
+    old = START.pose, START.pose
+    for step in range(1, number + 30):
+        here, there = (
+            plant_step(state, Twist(0.8, 0.5), SILENCE, one) for state, one in ((here, config), (there, kidnapped))
+        )
+        # Neither wheels nor odometry feel it.
+        assert (there.twist, there.drive, there.encoder, there.angles) == (
+            here.twist,
+            here.drive,
+            here.encoder,
+            here.angles,
+        )
+        assert there.odometry == here.odometry
+        if step < number:
+            assert there.pose == here.pose
+        if step == number:
+            assert_pose(there.pose, (here.pose.x + 2.0, here.pose.y - 1.5, here.pose.theta - 2.5))
+        # From there on both drive the same way, turned by -2.5 rad.
+        if step > number:
+            moved = complex(here.pose.x - old[0].x, here.pose.y - old[0].y) * complex(math.cos(2.5), -math.sin(2.5))
+            assert_pose(
+                there.pose,
+                (old[1].x + moved.real, old[1].y + moved.imag, old[1].theta + here.pose.theta - old[0].theta),
+            )
+        old = here.pose, there.pose
+
+
+def test_without_a_time_nobody_carries_it():
+    config = QUIET._replace(kidnap_x=2.0, kidnap_y=1.0, kidnap_yaw=1.0)
+    state = other = START
+    for _ in range(30):
+        state, other = (
+            plant_step(state, Twist(1.0, 0.5), SILENCE, config),
+            plant_step(other, Twist(1.0, 0.5), SILENCE, QUIET),
+        )
+        assert state == other
+
+
 def test_the_speed_limit_keeps_the_curvature():
     config = QUIET._replace(wheel_speed_max=11.5)
     # 1 m/s and 0.5 rad/s: wheels of 17 and 23 rad/s; half of it.

@@ -16,6 +16,7 @@ from diffbot_sim.sensors import (
     due,
     is_lost,
     measured_heading,
+    measured_landmark,
     measured_pose,
     uniform_variance,
     with_outlier,
@@ -122,6 +123,38 @@ def test_fixes_by_hand():
         (1.15, 1.7, 3.17 - 2.0 * math.pi), abs=1e-12
     )
     assert measured_heading(Pose(1.0, 2.0, 0.5), noise, DEFAULT) == pytest.approx(0.5 - 0.0435)
+
+
+def test_a_landmark_by_hand():
+    # A triangle of 3, 4, 5 from (1, 1), looking along -x; the point is then 143 degrees to the right.
+    config = SensorConfig(landmark_range_error_max=0.2, landmark_bearing_error_max=0.1)
+    bearing = math.atan2(4.0, 3.0) - math.pi
+    for noise, expected in (
+        (Draw(0.0, 0.0, 1.0, 1.0), (5.0, bearing)),
+        (Draw(0.5, -1.0, 0.0, 0.0), (5.1, bearing - 0.1)),
+    ):
+        assert measured_landmark(Pose(1.0, 1.0, math.pi), 4.0, 5.0, noise, config) == pytest.approx(expected)
+
+
+def test_errors_of_a_landmark_fill_their_bounds_evenly():
+    config = SensorConfig(landmark_range_error_max=0.3, landmark_bearing_error_max=0.2)
+    # Straight behind, where bearings jump.
+    point = 4.0 - 6.0 * math.cos(3.1), -3.0 - 6.0 * math.sin(3.1)
+    seen = [measured_landmark(TRUTH, *point, noise, config) for noise in noises(block=16)]
+    assert all(-math.pi < bearing <= math.pi for _, bearing in seen)
+    errors = np.array([(r - 6.0, math.remainder(bearing - math.pi, 2.0 * math.pi)) for r, bearing in seen])
+    for column, bound in zip(errors.T, (0.3, 0.2), strict=True):
+        assert np.abs(column).max() <= bound * (1.0 + 1e-9)
+        assert kstest(column, "uniform", (-bound, 2.0 * bound)).pvalue > 1e-3
+    assert abs(np.corrcoef(errors.T)[0, 1]) < 0.07
+
+
+def test_a_range_is_never_below_a_millimetre():
+    config = SensorConfig(landmark_range_error_max=0.5)
+    for distance in (0.0, 0.2, 0.5):
+        assert measured_landmark(Pose(0.0, 0.0, 0.0), distance, 0.0, Draw(-1.0, 0.0, 0.0, 0.0), config)[0] == 1e-3
+    found = measured_landmark(Pose(0.0, 0.0, 0.0), 0.6, 0.0, Draw(-1.0, 0.0, 0.0, 0.0), config)
+    assert found[0] == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.2, 0.9, 1.0])

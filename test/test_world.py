@@ -8,6 +8,7 @@ from scipy.stats import chi2
 
 from diffbot_control.geometry import into_frame
 from diffbot_control.kinematics import Twist
+from diffbot_control.landmarks import LandmarkMap
 from diffbot_sim.plant import PlantConfig
 from diffbot_sim.sensors import SensorConfig
 from diffbot_sim.world import StartPose, World, WorldConfig
@@ -192,3 +193,77 @@ def test_at_rest_the_odometrys_covariance_hardly_grows():
     # 1e-3 rad/s per wheel: sigma_omega = sqrt(2) R 1e-3 / L, added up 100 times over 0.1 s.
     expected = 100 * (0.1 * math.sqrt(2.0) * 0.05 * 1e-3 / 0.6) ** 2
     assert world.odometry_P[2, 2] == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("scale", [0.1, 1.0, 10.0])
+def test_fixes_claim_a_multiple_of_their_covariance_and_are_as_wrong_as_ever(scale):
+    sensors = SensorConfig(eps_y_max=0.6, heading_rate=10.0, landmark_rate=10.0)
+    config = WorldConfig(sensors=sensors, landmarks=LandmarkMap((1,), (0.0,), (0.0,)), seed=4)
+    scaled = config._replace(sensors=sensors._replace(fix_covariance_scale=scale))
+    plain, other = World(config).sense(), World(scaled).sense()
+    np.testing.assert_allclose(other.fixes[0].R, scale * np.diag([0.03, 0.12, 0.17**2 / 3.0]))
+    np.testing.assert_array_equal(other.fixes[0].z, plain.fixes[0].z)
+    np.testing.assert_array_equal(other.headings[0].R, plain.headings[0].R)
+    np.testing.assert_array_equal(other.landmarks[0].measurement.R, plain.landmarks[0].measurement.R)
+
+
+def test_landmarks_are_seen_at_their_rate_within_their_range_where_they_are():
+    sensors = QUIET.sensors._replace(
+        fix_rate=0.0,
+        landmark_rate=5.0,
+        landmark_range=4.0,
+        landmark_range_error_max=0.0,
+        landmark_bearing_error_max=0.0,
+    )
+    points = {7: (3.0, 1.0), -2: (5.0, 4.0), 30: (-9.0, 0.0), 4: (0.0, 3.0)}
+    landmarks = LandmarkMap(tuple(points), *(tuple(column) for column in zip(*points.values(), strict=True)))
+    world, numbers = World(QUIET._replace(sensors=sensors, landmarks=landmarks), 123), set()
+    for step in range(120):
+        arrivals, pose = world.sense(), world.state.pose
+        assert not arrivals.fixes
+        near = {n for n, point in points.items() if math.dist(point, pose[:2]) <= 4.0} if step % 2 == 0 else set()
+        assert [one.number for one in arrivals.landmarks] == [n for n in points if n in near]
+        for number, (stamp, z, R, place) in arrivals.landmarks:
+            assert (stamp, place) == (world.stamp, points[number])
+            end = complex(pose.x, pose.y) + z[0] * complex(math.cos(pose.theta + z[1]), math.sin(pose.theta + z[1]))
+            assert abs(end - complex(*points[number])) < 1e-9
+            np.testing.assert_allclose(R, 1e-8 * np.eye(2))
+        numbers |= near
+        world.advance(ARC)
+    assert numbers == {7, -2, 4}
+
+
+def test_errors_of_landmarks_are_as_large_as_they_claim_and_their_own():
+    sensors = QUIET.sensors._replace(landmark_rate=10.0, heading_rate=10.0, eps_x_max=0.3)
+    landmarks = LandmarkMap((1, 2), (6.0, 6.0), (0.0, 0.0))
+    world, errors = World(QUIET._replace(sensors=sensors, landmarks=landmarks, seed=5)), []
+    for _ in range(3000):
+        arrivals = world.sense()
+        ranges = [(one.measurement.z[0] - 6.0, one.measurement.z[1]) for one in arrivals.landmarks]
+        errors.append([*ranges[0], *ranges[1], arrivals.fixes[0].z[0], arrivals.headings[0].z[0]])
+        world.advance(Twist(0.0, 0.0))
+    R = arrivals.landmarks[0].measurement.R
+    np.testing.assert_allclose(R, np.diag([0.1**2 / 3.0, 0.05**2 / 3.0]))
+    errors = np.array(errors)
+    np.testing.assert_allclose(errors[:, :2].var(axis=0), R.diagonal(), rtol=0.08)
+    np.testing.assert_allclose(errors[:, 2:4].var(axis=0), R.diagonal(), rtol=0.08)
+    # Two landmarks at one place, and the other sensors: each number has noise of its own.
+    assert np.abs(np.corrcoef(errors.T) - np.eye(6)).max() < 0.08
+
+
+def test_landmarks_do_not_change_any_other_noise():
+    sensors = SensorConfig(heading_rate=10.0, fix_dropout=0.3, fix_outlier=0.2)
+    plain = lived(WorldConfig(seed=7, sensors=sensors), 30)
+    landmarks = LandmarkMap((1, 2), (0.0, 1.0), (0.0, 1.0))
+    seeing = WorldConfig(seed=7, sensors=sensors._replace(landmark_rate=10.0), landmarks=landmarks)
+    assert lived(seeing, 30) == plain
+
+
+def test_fixes_after_the_kidnapping_are_of_the_new_place():
+    plant = QUIET.plant._replace(kidnap_time=1.0, kidnap_x=3.0, kidnap_y=2.0, kidnap_yaw=1.0)
+    seen, plain = lived(QUIET._replace(plant=plant), 20), lived(QUIET, 20)
+    for number, (here, there) in enumerate(zip(plain, seen, strict=True)):
+        assert there[3][0][1] == pytest.approx(there[1], abs=1e-9)
+        assert there[2] == here[2]
+        away = math.hypot(there[1].x - here[1].x, there[1].y - here[1].y)
+        assert away == pytest.approx(0.0) if number < 10 else away > 2.0

@@ -1,0 +1,316 @@
+"""The fuzzy-neural adaptation: against finite differences, and against noise whose right scale is known."""
+
+import math
+
+import numpy as np
+import pytest
+from filter_runs import R_FIX, Robot, estimator, jacobian, winding
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from diffbot_control.adaptation import (
+    _LEAK,
+    _Q_RULES,
+    _RATE,
+    _RULES,
+    Rule,
+    Rules,
+    adapted,
+    infer,
+    membership,
+    new_adaptation,
+    q_scale,
+    r_scales,
+    rescaled,
+    trained,
+)
+from diffbot_control.ekf import Motion
+from diffbot_control.estimator import Measurement
+from diffbot_control.gating import ACCEPTED, REJECTED
+
+CHECK = settings(derandomize=True, deadline=None, max_examples=100)
+ADAPTIVE = ("ekf_fnn", "ekf_fnn_calibrating")
+
+
+def sugeno(parameters, value):
+    """Zero-order Sugeno system of three rules: mean of the consequents weighted by gaussian memberships."""
+    rules = np.array(parameters).reshape(3, 3)
+    weights = np.exp(-0.5 * ((value - rules[:, 0]) / rules[:, 1]) ** 2)
+    return weights @ rules[:, 2] / weights.sum()
+
+
+@pytest.mark.parametrize("rules", [_RULES, _Q_RULES])
+def test_the_inference_is_a_sugeno_system_and_saturates_beyond_the_outer_rules(rules):
+    low, high = rules.low.center, rules.high.center
+    for value in np.linspace(low, high, 60):
+        assert infer(rules, value) == pytest.approx(sugeno(rules, value), abs=1e-6)
+    assert infer(rules, low - 7.0) == infer(rules, low)
+    assert infer(rules, high + 1e9) == infer(rules, high)
+    found = [infer(rules, value) for value in np.linspace(low, high, 200)]
+    assert (np.diff(found) > -1e-12).all()
+    assert rules.low.consequent <= found[0] < found[-1] <= rules.high.consequent
+
+
+def test_membership_by_hand():
+    # One width away: exp(-1/2).
+    assert membership(Rule(1.0, 0.5, 0.0), 1.5) == pytest.approx(math.exp(-0.5))
+    assert membership(Rule(1.0, 0.5, 0.0), 1.0) == pytest.approx(1.0)
+
+
+@CHECK
+@given(st.floats(-0.8, 5.0), st.floats(-0.3, 0.3), st.integers(0, 1000))
+def test_training_is_a_step_down_the_gradient(value, error, seed):
+    # The output lowers the error: d (error^2 / 2) / d output = -error. About the start, where forgetting is known.
+    rng = np.random.default_rng(seed)
+    start = np.array(_RULES).reshape(9)
+    at = start + rng.uniform(-0.1, 0.1, 9)
+    gradient = -error * jacobian(lambda p: np.array([sugeno(p, min(max(value, p[0]), p[6]))]), at)[0]
+    rules = Rules(*(Rule(*row) for row in at.reshape(3, 3)))
+    if abs(value - at[0]) < 1e-5 or abs(value - at[6]) < 1e-5 or not at[0] <= value <= at[6]:
+        return  # clamped there
+    moved = at - _RATE * gradient
+    expected = moved + _LEAK * (start - moved)
+    np.testing.assert_allclose(np.array(trained(rules, value, error)).reshape(9), expected, atol=1e-7)
+
+
+@CHECK
+@given(st.lists(st.tuples(st.floats(-50.0, 50.0), st.floats(-50.0, 50.0)), min_size=1, max_size=60), st.integers(1, 40))
+def test_rules_stay_near_their_start_however_they_are_trained(steps, repeat):
+    rules, start = _RULES, np.array(_RULES)
+    for value, error in steps:
+        for _ in range(repeat):
+            rules = trained(rules, value, error)
+        away = np.abs(np.array(rules) - start)
+        assert (away <= np.array([0.3, 0.3, 0.2]) + 1e-12).all()
+        assert rules.low.center < rules.middle.center < rules.high.center
+        assert min(rule.width for rule in rules) > 0.0
+        assert rules.low.consequent < rules.high.consequent
+
+
+def test_without_an_error_the_rules_return_to_their_start():
+    rules = _RULES
+    for _ in range(100):
+        rules = trained(rules, 0.5, 10.0)
+    assert np.abs(np.array(rules) - np.array(_RULES)).max() > 0.05
+    for _ in range(500):
+        rules = trained(rules, 0.5, 0.0)
+    np.testing.assert_allclose(rules, _RULES, atol=1e-4)
+
+
+def fed(count, position=1.0, heading=1.0, seed=0, offset=(0.0, 0.0, 0.0), outliers=0.0, state=None):
+    """Feed white innovations whose variances are ``position`` and ``heading`` times what an unscaled filter expects.
+
+    The filter's own P is taken to be small, so an innovation is divided by the deviation of the scaled R alone.
+    """
+    rng, state, scales, q = np.random.default_rng(seed), state or new_adaptation(), [], []
+    factors = np.sqrt([position, position, heading])
+    for _ in range(count):
+        of_position, of_heading = r_scales(state)
+        y = factors * rng.normal(size=3) / np.sqrt([of_position, of_position, of_heading]) + offset
+        thrown = rng.random() < outliers
+        if thrown:
+            y[:2] += 30.0 * rng.choice([-1.0, 1.0], 2)
+        state = adapted(state, *y.tolist(), not thrown)
+        scales.append(r_scales(state))
+        q.append(q_scale(state))
+    return state, np.array(scales), np.array(q)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_right_r_is_left_alone(seed):
+    _, scales, q = fed(2500, seed=seed)
+    np.testing.assert_allclose(np.log(scales[300:]).mean(axis=0), 0.0, atol=0.2)
+    # Position has two numbers a fix, the heading one.
+    assert (np.abs(np.log(scales[300:])).max(axis=0) < np.log([2.2, 3.5])).all()
+    assert np.median(q) < 1.05
+    assert q.mean() < 1.2
+
+
+@pytest.mark.parametrize("factor", [0.1, 10.0, 0.01, 100.0])
+def test_a_wrong_r_is_recovered_for_position_and_heading_apart(factor):
+    for position, heading in ((factor, 1.0), (1.0, factor), (factor, factor), (factor, 1.0 / factor)):
+        _, scales, _ = fed(2000, position, heading)
+        ratio = np.log(scales / (position, heading))
+        assert (np.abs(ratio[150:]).max(axis=0) < np.log(4.0)).all()
+        np.testing.assert_allclose(ratio[300:].mean(axis=0), 0.0, atol=0.25)
+
+
+def test_a_noise_that_changes_is_followed_within_two_hundred_fixes():
+    state, _, _ = fed(500)
+    for factor in (30.0, 0.2, 5.0):
+        state, scales, _ = fed(700, factor, factor, state=state, seed=int(10 * factor))
+        assert (np.abs(np.log(scales[200:] / factor).mean(axis=0)) < 0.35).all()
+
+
+@pytest.mark.parametrize("drift", [1.0, 2.0, 5.0])
+def test_a_drift_raises_q_but_not_r(drift):
+    _, still, _ = fed(2000, seed=1)
+    _, scales, q = fed(2000, seed=1, offset=(drift, -drift, 0.5 * drift))
+    # Differences of successive innovations do not contain it at all.
+    np.testing.assert_allclose(scales, still, rtol=1e-6)
+    assert np.median(q[100:]) > 2.0
+    assert q.max() <= math.exp(4.0)
+
+
+def test_q_grows_with_the_drift_and_goes_back():
+    found = [np.median(fed(600, offset=(drift, 0.0, 0.0))[2][200:]) for drift in (0.0, 1.0, 1.8, 3.0)]
+    assert found == sorted(found)
+    assert found[-1] > 20.0
+    assert fed(300, state=fed(600, offset=(3.0, 0.0, 0.0))[0])[2][100:].mean() < 1.2
+
+
+def test_the_drift_is_a_slow_mean_of_the_innovations_of_accepted_fixes():
+    state, mean = new_adaptation(), np.zeros(3)
+    rng = np.random.default_rng(3)
+    for _ in range(200):
+        y, expected = rng.normal(0.5, 1.0, 3), bool(rng.random() < 0.7)
+        state = adapted(state, *y.tolist(), expected)
+        if expected:
+            mean += 0.1 * (y - mean)
+        assert (state.drift_x, state.drift_y, state.drift_theta) == pytest.approx(tuple(mean))
+
+
+def test_q_of_a_drift_by_hand():
+    # Of white noise the mean of memory 0.1 has the variance 0.1 / 1.9 in each of three numbers: 0.397 is not yet drift.
+    state = new_adaptation()._replace(drift_x=0.397)
+    assert q_scale(state) == pytest.approx(q_scale(new_adaptation()), rel=1e-3)
+    for drift in (0.8, 1.4, 2.0, 9.0):
+        state = new_adaptation()._replace(drift_x=0.6 * drift, drift_theta=0.8 * drift)
+        expected = math.exp(sugeno(_Q_RULES, min(max(drift - math.sqrt(0.3 / 1.9), 0.0), 2.0)))
+        assert q_scale(state) == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_isolated_outliers_do_not_inflate_r(seed):
+    _, scales, _ = fed(2500, seed=seed, outliers=0.05)
+    assert np.exp(np.log(scales[300:]).mean(axis=0))[0] < 1.5
+    # Two outliers in a row are seen now and then, and forgotten.
+    assert (scales[300:, 0] > 5.0).mean() < 0.02
+
+
+def test_but_when_all_fixes_are_rejected_r_is_what_was_wrong():
+    state = new_adaptation()
+    rng = np.random.default_rng(0)
+    for _ in range(60):
+        scale = math.sqrt(r_scales(state)[0])
+        state = adapted(state, *(10.0 * rng.normal(size=3) / scale).tolist(), False)
+    assert r_scales(state)[0] > 20.0
+    assert (state.drift_x, state.drift_y, state.drift_theta) == (0.0, 0.0, 0.0)
+
+
+def test_the_first_fix_alone_says_nothing():
+    state = adapted(new_adaptation(), 50.0, -50.0, 50.0, True)
+    assert r_scales(state) == (1.0, 1.0)
+    assert (state.position.pairs, state.fixes) == (0, 1)
+
+
+NUMBERS = st.floats(-3.0, 3.0) | st.floats(-1e22, 1e22) | st.sampled_from((0.0, 1e-300, 1e22, -1e22))
+
+
+@CHECK
+@given(st.lists(st.tuples(NUMBERS, NUMBERS, NUMBERS, st.booleans()), min_size=1, max_size=40), st.integers(1, 15))
+def test_whatever_comes_all_numbers_stay_within_their_bounds(fixes, repeat):
+    state = new_adaptation()
+    for fix in fixes:
+        for sign in (1.0, -1.0) * repeat:
+            before = state
+            state = adapted(state, sign * fix[0], fix[1], sign * fix[2], fix[3])
+            for channel in (state.position, state.heading):
+                assert abs(channel.log_scale) <= math.log(1e3)
+                assert 0.0 <= channel.mean <= 30.0 * math.exp(0.4)
+                assert (np.abs(np.array(channel.rules) - np.array(_RULES)) <= np.array([0.3, 0.3, 0.2]) + 1e-12).all()
+            assert all(1e-3 * (1 - 1e-9) <= scale <= 1e3 * (1 + 1e-9) for scale in r_scales(state))
+            assert 1.0 <= q_scale(state) <= math.exp(4.0)
+            assert np.isfinite([state.drift_x, state.drift_y, state.drift_theta]).all()
+            old, new = r_scales(before), r_scales(state)
+            assert rescaled(before, state) == pytest.approx(math.sqrt(new[0] / old[0] * new[1] / old[1]))
+
+
+@pytest.mark.parametrize("limit", [1e-6, 1e6])
+def test_the_scale_ends_at_a_thousand(limit):
+    _, scales, _ = fed(2500, limit, limit)
+    np.testing.assert_allclose(scales[-1], 1e3 if limit > 1.0 else 1e-3, rtol=0.2)
+
+
+@pytest.mark.parametrize("variant", ADAPTIVE)
+@pytest.mark.parametrize("factor", [0.1, 1.0, 10.0])
+def test_the_filter_finds_the_right_r_whatever_the_fixes_claim(variant, factor):
+    robot = Robot(np.random.default_rng(2))
+    found, scales, errors = estimator(variant, P=factor * R_FIX), [], []
+    for step in range(900):
+        found.predict(robot.move(*winding(step)))
+        found.take(robot.fix(factor))
+        scales.append(r_scales(found.memory.adaptation))
+        errors.append(np.hypot(*(found.memory.belief.x[:2] - robot.truth[:2])))
+    np.testing.assert_allclose(np.log(factor * np.array(scales[150:])).mean(axis=0), 0.0, atol=0.3)
+    # P tells the truth again: the errors of position are those of its trace within a factor of two.
+    claimed = math.sqrt(found.memory.belief.P[0, 0] + found.memory.belief.P[1, 1])
+    assert 0.5 < math.sqrt(np.mean(np.square(errors[150:]))) / claimed < 2.0
+
+
+@pytest.mark.parametrize("variant", ADAPTIVE)
+def test_the_filter_gives_the_adaptation_each_innovation_by_its_own_deviation(variant):
+    rng = np.random.default_rng(8)
+    root = rng.normal(size=(3, 3))
+    P = 0.01 * (root @ root.T + np.eye(3))
+    found = estimator(variant, (1.0, 2.0, 3.1), P)
+    found.memory = found.memory._replace(
+        adaptation=found.memory.adaptation._replace(
+            position=found.memory.adaptation.position._replace(log_scale=math.log(4.0)),
+            heading=found.memory.adaptation.heading._replace(log_scale=math.log(9.0)),
+        )
+    )
+    found.take(Robot(rng).fix()._replace(z=np.array([1.1, 1.8, -3.1])))
+    S = P.diagonal() + R_FIX.diagonal() * (4.0, 4.0, 9.0)
+    expected = np.array([0.1, -0.2, 2.0 * math.pi - 6.2]) / np.sqrt(S)
+    kept = found.memory.adaptation
+    assert (kept.x, kept.y, kept.theta) == pytest.approx(tuple(expected))
+    # The R that it used is the scaled one: K = P S^-1 of the textbook.
+    scale = np.diag([2.0, 2.0, 3.0])
+    S_whole = P + scale @ R_FIX @ scale
+    x = np.array([1.0, 2.0, 3.1]) + P @ np.linalg.solve(S_whole, [0.1, -0.2, 2.0 * math.pi - 6.2])
+    np.testing.assert_allclose(found.memory.belief.x[:2], x[:2], rtol=1e-9)
+
+
+@pytest.mark.parametrize("variant", ADAPTIVE)
+def test_p_grows_and_shrinks_with_the_root_of_both_scales(variant):
+    rng, found, factors = (
+        np.random.default_rng(1),
+        estimator(variant, relocation_fixes=100, gate_probability=0.99999),
+        [],
+    )
+    for _ in range(12):
+        (x, P), before = found.memory.belief, found.memory.adaptation
+        root = np.diag(np.sqrt([r_scales(before)[0], r_scales(before)[0], r_scales(before)[1]]))
+        H = np.eye(3, len(x))
+        K = np.linalg.solve(H @ P @ H.T + root @ R_FIX @ root, H @ P).T
+        z = x[:3] + rng.normal(0.0, 1.0, 3) * (0.1, 0.1, 0.06)
+        assert found.take(Measurement(0, z, R_FIX)) == ACCEPTED
+        after = r_scales(found.memory.adaptation)
+        factors.append(math.sqrt(after[0] / r_scales(before)[0] * after[1] / r_scales(before)[1]))
+        np.testing.assert_allclose(found.memory.belief.P, factors[-1] * (P - K @ H @ P), rtol=1e-9, atol=1e-15)
+    # A rejected fix rescales the candidate, too.
+    found.take(Measurement(0, np.array([50.0, 0.0, 0.0]), R_FIX))
+    P, candidate, before = found.memory.belief.P, found.memory.candidate, r_scales(found.memory.adaptation)
+    assert found.take(Measurement(0, np.array([90.0, 0.0, 0.0]), R_FIX)) == REJECTED
+    after = r_scales(found.memory.adaptation)
+    factors.append(math.sqrt(after[0] / before[0] * after[1] / before[1]))
+    np.testing.assert_allclose(found.memory.belief.P, factors[-1] * P, rtol=1e-9, atol=1e-15)
+    renewed = factors[-1] * R_FIX * np.outer(*[np.sqrt([before[0], before[0], before[1]])] * 2)
+    np.testing.assert_allclose(found.memory.candidate.P[:3, :3], renewed, rtol=1e-9, atol=1e-15)
+    assert candidate is not None
+    assert min(abs(math.log(factors[-1])), np.ptp(factors)) > 0.05
+
+
+@pytest.mark.parametrize("variant", ADAPTIVE)
+def test_a_drift_widens_the_prediction_by_the_factor_on_q(variant):
+    grown, factors = [], []
+    for drift in (0.0, 3.0):
+        found = estimator(variant, wheel_radius_sigma=1e-6, wheel_radius_walk=0.0)
+        state = found.memory.adaptation._replace(drift_x=drift)
+        found.memory = found.memory._replace(adaptation=state)
+        found.predict(Motion(0.0, 0.0, 1.0, 0.0, 0.0, 0.04))
+        grown.append(found.memory.belief.P[2, 2] - R_FIX[2, 2])
+        factors.append(q_scale(state))
+    assert grown == pytest.approx([0.04 * factor for factor in factors])
+    assert factors[1] > 20.0 * factors[0]

@@ -1,0 +1,87 @@
+"""The record of a filter's innovations, against scipy's chi-square distribution."""
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from diffbot_control.consistency import WINDOW, Consistency
+from diffbot_control.gating import ACCEPTED, REJECTED, RELOCATED
+
+
+def noted(entries):
+    record = Consistency()
+    for size, nis, verdict in entries:
+        record.note(size, nis, verdict)
+    return record
+
+
+def test_at_first_there_is_nothing():
+    record = Consistency()
+    assert record.nis() is None
+    assert record.values() == {"fixes rejected": "0", "relocations by fixes": "0"}
+
+
+@pytest.mark.parametrize("sizes", [[3], [1], [2, 2], [3, 1, 2], [3] * 20 + [1] * 20, [1] * 50])
+def test_mean_and_bounds_are_those_of_chi_square(sizes):
+    rng = np.random.default_rng(1)
+    values = [rng.chisquare(size) for size in sizes]
+    found = noted(zip(sizes, values, [ACCEPTED] * len(sizes), strict=True)).nis()
+    numbers = sum(sizes)
+    assert found.mean == pytest.approx(sum(values) / numbers)
+    assert (found.low, found.high) == pytest.approx(tuple(chi2.ppf([0.025, 0.975], numbers) / numbers))
+    assert found.alarm == pytest.approx(chi2.isf(1e-4, numbers) / numbers)
+    assert 0.0 < found.low < 1.0 < found.high < found.alarm
+
+
+def test_only_the_newest_fifty_count():
+    old = [(3, 1e6, ACCEPTED)] * 70
+    found = noted([*old, *[(1, 0.5, ACCEPTED)] * 20, *[(3, 6.0, ACCEPTED)] * 30]).nis()
+    assert WINDOW == 50
+    assert found.mean == pytest.approx((20 * 0.5 + 30 * 6.0) / (20 + 90))
+    assert found.high == pytest.approx(chi2.ppf(0.975, 110) / 110)
+
+
+def test_what_was_refused_is_counted_but_not_averaged():
+    record = noted(
+        [(3, 2.0, ACCEPTED), (3, 900.0, REJECTED), (2, 50.0, REJECTED), (1, 40.0, REJECTED), (3, 7e3, REJECTED)]
+    )
+    assert record.nis().mean == pytest.approx(2.0 / 3.0)
+    assert record.rejected == {"fixes": 2, "landmarks": 1, "headings": 1}
+    assert not record.relocated
+
+
+def test_a_relocation_starts_the_mean_anew_and_keeps_the_counts():
+    record = noted([(3, 2.0, ACCEPTED), (3, 900.0, REJECTED), (3, 950.0, RELOCATED)])
+    assert record.nis() is None
+    assert (record.rejected, record.relocated) == ({"fixes": 1}, {"fixes": 1})
+    record.note(1, 0.25, ACCEPTED)
+    assert record.nis().mean == pytest.approx(0.25)
+    record.clear()
+    assert record.nis() is None
+    assert record.relocated == {"fixes": 1}
+
+
+def test_the_values_of_the_diagnostics():
+    record = noted([(3, 2.4, ACCEPTED), (2, 900.0, REJECTED), (1, 40.0, RELOCATED), (3, 2.4, ACCEPTED)])
+    low, high = chi2.ppf([0.025, 0.975], 3) / 3
+    assert record.values() == {
+        "NIS per number": "0.800",
+        "NIS 95 % bounds": f"{low:.3f} {high:.3f}",
+        "fixes rejected": "0",
+        "relocations by fixes": "0",
+        "landmarks rejected": "1",
+        "relocations by landmarks": "0",
+        "headings rejected": "0",
+        "relocations by headings": "1",
+    }
+
+
+def test_95_of_100_windows_of_an_honest_filter_are_within_the_bounds():
+    rng, inside, alarms = np.random.default_rng(2), 0, 0
+    for _ in range(600):
+        sizes = rng.choice([1, 2, 3], 30)
+        found = noted([(int(size), rng.chisquare(size), ACCEPTED) for size in sizes]).nis()
+        inside += found.low < found.mean < found.high
+        alarms += found.mean > found.alarm
+    assert inside == pytest.approx(570, abs=4.0 * np.sqrt(600 * 0.05 * 0.95))
+    assert alarms <= 2

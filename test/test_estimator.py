@@ -1,0 +1,177 @@
+"""The filter in all its variants under hostile numbers: its state stays what a state has to be."""
+
+import math
+
+import numpy as np
+import pytest
+from filter_runs import R_FIX, SEPARATION, covariance, estimator, fix, heading, straight
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from diffbot_control.ekf import Motion
+from diffbot_control.estimator import Estimator, Measurement
+from diffbot_control.filter_config import FILTERS, FilterConfig, options_of
+from diffbot_control.gating import ACCEPTED, REJECTED
+from diffbot_control.geometry import Pose
+
+EVERY = pytest.mark.parametrize("variant", FILTERS)
+EVENTS = st.lists(
+    st.tuples(
+        st.sampled_from(("drive", "drive", "fix", "fix again", "heading", "landmark", "singular", "huge")),
+        st.integers(0, 2**32 - 1),
+    ),
+    min_size=20,
+    max_size=120,
+)
+OPTIONS = st.builds(
+    FilterConfig,
+    gate_probability=st.sampled_from((0.5, 0.99, 0.999, 1.0)),
+    relocation_fixes=st.integers(2, 5),
+    relocation_timeout=st.floats(0.01, 5.0),
+    wheel_radius_sigma=st.floats(1e-3, 0.2),
+    wheel_radius_walk=st.floats(0.0, 0.1),
+)
+
+
+def signed(rng, low, high, count):
+    """Numbers of any order of magnitude between two powers of ten."""
+    return rng.choice([-1.0, 1.0], count) * 10.0 ** rng.uniform(low, high, count)
+
+
+def nearly_singular(rng, size):
+    """Return a covariance whose smallest deviation is a ten-thousandth of the largest."""
+    return covariance(rng, size, 1e-4, 1.0)
+
+
+def event(rng, kind):
+    """A motion or a measurement with numbers of very different sizes."""
+    if kind == "drive":
+        M = covariance(rng, 2, 1e-3, 3.0)
+        return Motion(*signed(rng, -3, 1, 2), 10.0 ** rng.uniform(-9.0, 0.0), M[0, 0], M[0, 1], M[1, 1])
+    angle = rng.uniform(-math.pi, math.pi)
+    if kind == "heading":
+        return Measurement(0, np.array([angle]), covariance(rng, 1, 1e-3, 10.0))
+    if kind == "landmark":
+        return Measurement(
+            0,
+            np.array([10.0 ** rng.uniform(-3, 2), angle]),
+            covariance(rng, 2, 1e-3, 10.0),
+            tuple(signed(rng, -3, 2, 2)),
+        )
+    if kind == "singular":
+        return Measurement(0, np.array([*signed(rng, -3, 0, 2), angle]), nearly_singular(rng, 3))
+    size = 7 if kind == "huge" else 2
+    R = covariance(rng, 3, 1e-2, 10.0)
+    return Measurement(0, np.array([*signed(rng, -3, size, 2), angle]), R)
+
+
+def assert_healthy(found, config):
+    x, P = found.memory.belief
+    assert np.isfinite(x).all()
+    assert np.isfinite(P).all()
+    assert -math.pi < x[2] <= math.pi
+    assert np.abs(x[3:]).max(initial=0.0) <= 5.0 * config.wheel_radius_sigma + 1e-12
+    deviations = np.sqrt(P.diagonal())
+    assert (deviations > 0.0).all()
+    correlations = P / np.outer(deviations, deviations)
+    np.testing.assert_allclose(correlations, correlations.T, atol=1e-5)
+    assert np.linalg.eigvalsh(0.5 * (correlations + correlations.T)).min() > -1e-9
+    if found.memory.candidate is not None:
+        assert np.isfinite(found.memory.candidate.x).all()
+        assert (found.memory.candidate.P.diagonal() > 0.0).all()
+    assert found.nis >= 0.0
+    assert math.isfinite(found.memory.gate.slack)
+    assert (found.memory.candidate is None) == (found.memory.gate.rejected == 0)
+
+
+@EVERY
+@settings(derandomize=True, deadline=None, max_examples=25)
+@given(events=EVENTS, config=OPTIONS)
+def test_the_state_stays_finite_symmetric_and_positive_definite(variant, events, config):
+    config = config._replace(filter=variant)
+    found = Estimator(options_of(config), SEPARATION)
+    found.start(Pose(1.0, -2.0, 3.0), R_FIX)
+    last = fix(0.0)
+    for kind, seed in events:
+        one = last if kind == "fix again" else event(np.random.default_rng(seed), kind)
+        if isinstance(one, Motion):
+            found.predict(one)
+            continue
+        before = found.memory
+        verdict = found.take(one)
+        last = one if one.z.size == 3 else last
+        if verdict == REJECTED and not found.options.adaptive:
+            assert found.memory.belief is before.belief
+        if config.gate_probability == 1.0:
+            assert verdict == ACCEPTED
+        assert_healthy(found, config)
+
+
+@EVERY
+@pytest.mark.parametrize("probability", [0.999, 1.0])
+def test_after_innovations_of_ten_thousand_kilometres_it_comes_back(variant, probability):
+    found = estimator(variant, gate_probability=probability)
+    for number in range(60):
+        found.predict(straight())
+        found.take(fix(1e7 * (-1.0) ** number, -1e7, 3.0 * (-1.0) ** number))
+        assert np.isfinite(found.memory.belief.x).all()
+        assert np.isfinite(found.memory.belief.P).all()
+    for number in range(600):
+        found.predict(straight())
+        found.take(fix(1.0 + 0.1 * (-1.0) ** number, 2.0, 0.5))
+    if probability < 1.0:
+        np.testing.assert_allclose(found.memory.belief.x[:3], [1.0, 2.0, 0.5], atol=0.1)
+        assert found.memory.gate.rejected == 0
+
+
+@pytest.mark.parametrize("variant", ["ekf", "ekf_calibrating"])
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_a_fix_without_numbers_is_not_accepted(variant, value):
+    # The nodes let none through; whoever uses the filter without them must not lose the state to one.
+    found = estimator(variant)
+    before = found.memory.belief
+    with np.errstate(invalid="ignore"):
+        assert found.take(fix(value, 0.0)) == REJECTED
+        if math.isnan(value):
+            assert found.take(heading(value)) == REJECTED
+    np.testing.assert_array_equal(found.memory.belief.x, before.x)
+    assert found.take(fix(0.0)) == ACCEPTED
+    assert np.isfinite(found.memory.belief.x).all()
+
+
+@EVERY
+@pytest.mark.parametrize("dt", [1e-9, 1e-6])
+def test_many_tiny_steps_are_one_large_one(variant, dt):
+    # Without noise and turning the way is the sum of the parts, whatever is left of the digits.
+    many, one = estimator(variant), estimator(variant)
+    for _ in range(1000):
+        many.predict(Motion(1.0, 0.0, dt, 0.0, 0.0, 0.0))
+    one.predict(Motion(1.0, 0.0, 1000.0 * dt, 0.0, 0.0, 0.0))
+    np.testing.assert_allclose(many.memory.belief.x, one.memory.belief.x, rtol=1e-9)
+    np.testing.assert_allclose(many.memory.belief.P, one.memory.belief.P, rtol=1e-9, atol=1e-12)
+
+
+@EVERY
+def test_an_old_memory_can_be_returned_to(variant):
+    rng = np.random.default_rng(3)
+    found, results = estimator(variant), []
+    kinds = ["drive", "fix", "heading", "landmark", "drive", "singular", "huge", "drive"] * 4
+    events = [event(rng, kind) for kind in kinds]
+    old = found.memory
+    for _ in range(2):
+        found.memory = old
+        for one in events:
+            found.predict(one) if isinstance(one, Motion) else found.take(one)
+        results.append((found.memory.belief.x.tolist(), found.memory.belief.P.tolist(), found.memory[2:]))
+    assert results[0] == results[1]
+    np.testing.assert_array_equal(old.belief.x[:3], 0.0)
+    np.testing.assert_array_equal(old.belief.P[:3, :3], R_FIX)
+
+
+@pytest.mark.parametrize("variant", ["ekf", "ekf_fnn"])
+def test_a_filter_without_wheels_ignores_what_is_said_of_them(variant):
+    found = estimator(variant)
+    before = found.memory
+    found.set_wheels(np.array([0.1, 0.1]), np.eye(2))
+    assert found.memory is before
+    assert before.belief.x.size == 3

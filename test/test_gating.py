@@ -1,0 +1,421 @@
+"""The gate, its slack and the ways back, against chi-square quantiles, counting by hand and a second filter."""
+
+import math
+
+import numpy as np
+import pytest
+from filter_runs import (
+    R_FIX,
+    SEPARATION,
+    Robot,
+    covariance,
+    estimator,
+    fix,
+    heading,
+    landmark,
+    straight,
+    winding,
+    wrapped,
+)
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import binom, chi2
+
+from diffbot_control.ekf import Motion
+from diffbot_control.estimator import Estimator, Measurement
+from diffbot_control.filter_config import FILTERS, FilterConfig, options_of
+from diffbot_control.gating import ACCEPTED, REJECTED, RELOCATED, Doubt, FixGate, doubted, judged, passed
+from diffbot_control.geometry import Pose
+
+CHECK = settings(derandomize=True, deadline=None, max_examples=200)
+NOT_ADAPTIVE = ("ekf", "ekf_calibrating")
+CALIBRATING = ("ekf_calibrating", "ekf_fnn_calibrating")
+EVERY = pytest.mark.parametrize("variant", FILTERS)
+
+
+def options(**values):
+    return options_of(FilterConfig(**values))
+
+
+@pytest.mark.parametrize("probability", [0.5, 0.9, 0.95, 0.999, 0.999999])
+def test_the_bounds_are_chi_square_quantiles(probability):
+    assert options(gate_probability=probability).gates == pytest.approx(chi2.ppf(probability, [1, 2, 3]), rel=1e-9)
+
+
+def test_without_a_gate_there_is_no_bound():
+    assert options(gate_probability=1.0).gates == (math.inf,) * 3
+
+
+def test_options_of_the_variants():
+    for variant, adaptive, calibrating in (
+        ("ekf", False, False),
+        ("ekf_calibrating", False, True),
+        ("ekf_fnn", True, False),
+        ("ekf_fnn_calibrating", True, True),
+    ):
+        found = options(filter=variant, wheel_radius_sigma=0.04, wheel_radius_walk=0.003)
+        assert found.adaptive == adaptive
+        assert found.radius_variance == pytest.approx(1.6e-3 if calibrating else 0.0)
+        assert found.radius_walk == pytest.approx(9e-6 if calibrating else 0.0)
+        assert found.radius_most == pytest.approx(0.2 if calibrating else 0.0)
+
+
+# The functions.
+
+TRIES = st.lists(st.tuples(st.booleans(), st.booleans(), st.floats(0.0, 1.0)), max_size=40)
+
+
+@CHECK
+@given(TRIES, st.integers(2, 6), st.floats(0.1, 5.0))
+def test_the_memory_of_the_gate_is_what_a_count_of_its_history_says(tries, wanted, timeout):
+    config = options(relocation_fixes=wanted, relocation_timeout=timeout)
+    gate, history, time = FixGate(), [], 0.0
+    for expected, agrees, dt in tries:
+        gate, time = passed(gate, dt), time + dt
+        gate, verdict = judged(gate, expected, agrees and bool(history), config)
+        if expected:
+            assert verdict == ACCEPTED
+            history = []
+        else:
+            history.append((time, agrees and bool(history)))
+            run = 1
+            while run < len(history) and history[-run][1]:
+                run += 1
+            since = time - history[0][0]
+            if abs(since - timeout) < 1e-9:
+                return  # rounding decides
+            assert verdict == (RELOCATED if run >= wanted or since > timeout else REJECTED)
+            if verdict == RELOCATED:
+                history = []
+        assert gate.rejected == len(history)
+        assert gate.elapsed == pytest.approx(time - history[0][0] if history else 0.0, abs=1e-9)
+        assert gate.slack >= 0.0
+
+
+def test_slack_by_hand():
+    config, gate, seen = options(relocation_fixes=3, relocation_timeout=100.0), FixGate(), []
+    steps = [False] * 4 + [True] * 10 + [False] + [True] * 20
+    for expected in steps:
+        gate, _ = judged(gate, expected, False, config)
+        seen.append(gate.slack)
+    expected = [0.2, 0.4, 0.6, 0.8, *np.arange(0.75, 0.25, -0.05), 0.5, *np.arange(0.45, 0.0, -0.05), *[0.0] * 11]
+    assert seen == pytest.approx(expected, abs=1e-9)
+    assert gate.slack == 0.0
+
+
+def test_fixes_that_agree_were_no_noise_and_leave_no_slack():
+    config, gate = options(relocation_fixes=3), FixGate(slack=0.3)
+    for agrees, verdict in ((False, REJECTED), (False, REJECTED), (True, REJECTED), (True, RELOCATED)):
+        gate, found = judged(gate, False, agrees, config)
+        assert found == verdict
+    # The first of the four did not agree, and counts: 0.3 + 0.2.
+    assert gate == pytest.approx((0, 0, 0.0, 0.5), abs=1e-12)
+
+
+def test_time_counts_only_while_there_is_something_to_wait_for():
+    assert passed(FixGate(), 1.0) == FixGate()
+    assert passed(FixGate(2, 1, 0.5, 0.4), 1.0) == FixGate(2, 1, 1.5, 0.4)
+    assert doubted(Doubt(), 1.0) == Doubt()
+    assert doubted(Doubt(True, 0.25), 1.0) == Doubt(True, 1.25)
+
+
+# The share of good measurements that a gate refuses.
+
+
+def refused(kind, probability, trials, inflated=1.0):
+    """How many measurements drawn from the filter's own S it refuses."""
+    rng, count = np.random.default_rng([kind, round(1e4 * probability)]), 0
+    found = Estimator(options(filter="ekf", gate_probability=probability), SEPARATION)
+    P, R = 0.01 * covariance(rng, 3), 0.01 * covariance(rng, kind)
+    pose, point = (1.0, -2.0, 3.0), (6.0, 4.0)
+    dx, dy = point[0] - pose[0], point[1] - pose[1]
+    r = math.hypot(dx, dy)
+    H = {
+        1: np.array([[0.0, 0.0, 1.0]]),
+        2: np.array([[-dx / r, -dy / r, 0.0], [dy / r**2, -dx / r**2, -1.0]]),
+        3: np.eye(3),
+    }[kind]
+    root = np.linalg.cholesky(inflated * (H @ P @ H.T + R))
+    expected = {1: np.array(pose[2:]), 2: landmark(pose, point, R).z, 3: np.array(pose)}[kind]
+    for _ in range(trials):
+        found.start(Pose(*pose), P)
+        z = expected + root @ rng.normal(size=kind)
+        z[-1] = wrapped(z[-1])
+        count += found.take(Measurement(0, z, R, point if kind == 2 else None)) == REJECTED
+    return count
+
+
+@pytest.mark.parametrize("kind", [1, 2, 3])
+@pytest.mark.parametrize("probability", [0.6, 0.9, 0.99])
+def test_the_share_refused_of_good_measurements_is_the_one_asked_for(kind, probability):
+    low, high = binom.ppf([0.001, 0.999], 1500, 1.0 - probability)
+    assert low <= refused(kind, probability, 1500) <= high
+
+
+@pytest.mark.parametrize("kind", [1, 2, 3])
+def test_a_wrong_gate_would_show(kind):
+    # S larger by 30 % is as good as another quantile.
+    low, high = binom.ppf([0.001, 0.999], 1500, 0.1)
+    assert not low <= refused(kind, 0.9, 1500, 1.3) <= high
+
+
+@EVERY
+def test_without_a_gate_all_is_accepted(variant):
+    found, rng = estimator(variant, gate_probability=1.0), np.random.default_rng(3)
+    for size in (0.1, 10.0, 1e3, 1e6):
+        for _ in range(10):
+            found.predict(straight(1.0))
+            for one in (
+                fix(*rng.normal(0.0, size, 2), rng.uniform(-3.0, 3.0)),
+                heading(rng.uniform(-3.0, 3.0), 1e-4),
+                Measurement(0, np.array([size, 1.0]), 1e-3 * np.eye(2), (3.0, 4.0)),
+            ):
+                assert found.take(one) == ACCEPTED
+    assert found.memory.gate == FixGate()
+    assert found.memory.doubt == Doubt()
+
+
+def shares(variant, factor, steps, seed=0):
+    """Verdicts and slack over a run whose fixes claim ``factor`` times their R, and the filter and robot at its end."""
+    robot = Robot(np.random.default_rng(seed))
+    found, verdicts, slack = estimator(variant, P=factor * R_FIX, gate_probability=0.999), [], []
+    for step in range(steps):
+        found.predict(robot.move(*winding(step)))
+        verdicts.append(found.take(robot.fix(factor)))
+        slack.append(found.memory.gate.slack)
+    return np.array(verdicts), np.array(slack), found, robot
+
+
+@pytest.mark.parametrize("variant", NOT_ADAPTIVE)
+@pytest.mark.parametrize("factor", [0.1, 0.02])
+def test_with_too_small_an_r_about_a_fifth_is_rejected_and_the_slack_goes_back(variant, factor):
+    verdicts, slack, found, robot = shares(variant, factor, 1200)
+    late = verdicts[400:] != ACCEPTED
+    # A step up of 0.2 for one rejected, down of 0.05 for four accepted.
+    assert 0.1 < late.mean() < 0.22
+    for block in late.reshape(8, 100):
+        assert block.mean() < 0.35
+    # The bound that a fifth exceeds, of a NIS that is larger by up to 1 / factor.
+    assert math.exp(slack[400:].mean()) * chi2.ppf(0.999, 3) < chi2.ppf(0.8, 3) / factor * 1.5
+    taken = 0
+    while found.memory.gate.slack > 0.0 and taken < 200:
+        found.predict(robot.move(*winding(taken)))
+        found.take(robot.fix(1.0))
+        taken += 1
+    assert taken <= 20 * slack[-1] + 10
+    assert np.hypot(*(found.memory.belief.x[:2] - robot.truth[:2])) < 0.4
+
+
+@EVERY
+def test_with_the_right_r_next_to_nothing_is_rejected(variant):
+    verdicts, slack, *_ = shares(variant, 1.0, 600)
+    assert (verdicts != ACCEPTED).sum() <= 5
+    assert (slack > 0.0).mean() < 0.05
+    assert slack.max() <= 0.4 + 1e-9
+
+
+# The way back.
+
+
+@EVERY
+@pytest.mark.parametrize("wanted", [2, 3, 5])
+def test_fixes_that_agree_are_believed_after_so_many_and_not_before(variant, wanted):
+    found = estimator(variant, relocation_fixes=wanted, relocation_timeout=60.0)
+    for number in range(1, wanted + 1):
+        found.predict(straight())
+        before = found.memory.belief
+        verdict = found.take(fix(20.0 + 0.02 * number, -5.0, 1.0))
+        assert verdict == (RELOCATED if number == wanted else REJECTED)
+        if verdict == REJECTED:
+            np.testing.assert_array_equal(found.memory.belief.x, before.x)
+    np.testing.assert_allclose(found.memory.belief.x[:3], [20.0 + 0.01 * (wanted + 1), -5.0, 1.0], atol=0.02)
+    assert (found.memory.candidate, found.memory.gate) == (None, FixGate())
+    assert found.take(fix(20.0, -5.0, 1.0)) == ACCEPTED
+
+
+@pytest.mark.parametrize("variant", NOT_ADAPTIVE)
+def test_the_candidate_is_a_filter_of_its_own_started_at_the_first_rejected_fix(variant):
+    rng = np.random.default_rng(2)
+    found = estimator(variant, relocation_fixes=4, relocation_timeout=60.0)
+    second = estimator(variant, (30.0, 10.0, 2.0), gate_probability=1.0)
+    motions = [Motion(*rng.normal(1.0, 0.3, 2), 0.5, 0.01, 0.002, 0.02) for _ in range(4)]
+    found.predict(motions[0])
+    second.set_wheels(found.memory.belief.x[3:], found.memory.belief.P[3:, 3:])
+    assert found.take(fix(30.0, 10.0, 2.0)) == REJECTED
+    for number, motion in enumerate(motions[1:], 1):
+        found.predict(motion)
+        second.predict(motion)
+        x, y, theta = second.memory.belief.x[:3] + rng.normal(0.0, 0.1, 3)
+        R = covariance(rng, 3, 0.1, 0.3)
+        verdict = found.take(fix(x, y, theta, R))
+        assert second.take(fix(x, y, theta, R)) == ACCEPTED
+        mine = found.memory.belief if number == 3 else found.memory.candidate
+        np.testing.assert_array_equal(mine.x, second.memory.belief.x)
+        np.testing.assert_array_equal(mine.P, second.memory.belief.P)
+        assert verdict == (RELOCATED if number == 3 else REJECTED)
+    # In 1.5 s at about 1 m/s it had to move.
+    assert np.hypot(*(found.memory.belief.x[:2] - (30.0, 10.0))) > 1.0
+
+
+def test_the_candidate_moves_with_the_robot_and_a_fix_left_behind_does_not_agree():
+    for moved, verdict in ((True, RELOCATED), (False, REJECTED)):
+        found = estimator("ekf", relocation_fixes=2, relocation_timeout=60.0)
+        assert found.take(fix(20.0)) == REJECTED
+        for _ in range(10):
+            found.predict(straight(2.0))
+        assert found.take(fix(22.0 if moved else 20.0)) == verdict
+
+
+@EVERY
+def test_outliers_that_disagree_do_not_relocate_before_the_timeout(variant):
+    # Steps of 1/8 s, exact in binary: the fix 3 s after the first rejected one is number 25.
+    found = estimator(variant, relocation_fixes=2, relocation_timeout=3.0)
+    verdicts, thrown = [], []
+    for number in range(25):
+        angle, distance = 2.4 * number, 1e5 * 3.0**number
+        thrown.append((distance * math.cos(angle), distance * math.sin(angle)))
+        found.predict(straight(dt=0.125))
+        verdicts.append(found.take(fix(*thrown[-1])))
+        if number < 24:
+            np.testing.assert_array_equal(found.memory.belief.x[:2], 0.0)
+    assert verdicts == [REJECTED] * 24 + [RELOCATED]
+    np.testing.assert_allclose(found.memory.belief.x[:2], thrown[-1])
+    assert found.memory.candidate is None
+
+
+@EVERY
+def test_one_good_fix_ends_the_doubts_about_all_before(variant):
+    found = estimator(variant, relocation_fixes=2, relocation_timeout=1.0)
+    for number in range(30):
+        found.predict(straight(dt=0.25))
+        outlier = number % 2 == 0
+        # Outliers always of the same place, never two in a row.
+        assert found.take(fix(500.0, 0.0) if outlier else fix(0.0)) == (REJECTED if outlier else ACCEPTED)
+        assert (found.memory.candidate is not None) == outlier
+    assert np.abs(found.memory.belief.x[:3]).max() < 0.1
+
+
+@pytest.mark.parametrize("variant", CALIBRATING)
+def test_what_is_known_of_the_wheels_survives(variant):
+    known, P = np.array([0.03, -0.02]), np.array([[4e-6, 1e-6], [1e-6, 3e-6]])
+    for jumps in (True, False):
+        found = estimator(variant, relocation_fixes=3, relocation_timeout=0.3)
+        found.set_wheels(known, P)
+        verdict = ACCEPTED
+        for number in range(10):
+            found.predict(straight(1.0))
+            distance = 1e4 * 3.0**number if jumps else 50.0
+            verdict = found.take(fix(distance, 5.0, 1.0))
+            if verdict == RELOCATED:
+                break
+        assert verdict == RELOCATED
+        np.testing.assert_allclose(found.memory.belief.x[3:], known, atol=2e-3)
+        sigma, before = np.sqrt(found.memory.belief.P.diagonal()[3:]), np.sqrt(P.diagonal())
+        # Adaptation may have scaled it.
+        assert (sigma < (1.05 if variant == "ekf_calibrating" else 10.0) * before).all()
+        if jumps and variant == "ekf_calibrating":
+            np.testing.assert_array_equal(found.memory.belief.x[3:], known)
+            walked = (1e-4) ** 2 * 0.1 * (number + 1)
+            np.testing.assert_allclose(found.memory.belief.P[3:, 3:], P + walked * np.eye(2), rtol=1e-9)
+            assert not found.memory.belief.P[3:, :3].any()
+
+
+@EVERY
+def test_at_1_hz_a_kidnapped_robot_is_back_with_the_third_fix(variant):
+    robot = Robot(np.random.default_rng(5))
+    found, verdicts = estimator(variant), []
+    for step in range(400):
+        found.predict(robot.move(*winding(step)))
+        if step == 304:
+            robot.truth += (3.6, -1.0, 1.0)
+        if step % 10 == 0:
+            verdict = found.take(robot.fix())
+            if step >= 304:
+                verdicts.append(verdict)
+    assert verdicts[:3] == [REJECTED, REJECTED, RELOCATED]
+    assert set(verdicts[3:]) == {ACCEPTED}
+    error = found.memory.belief.x[:3] - robot.truth
+    assert np.hypot(*error[:2]) < 0.4
+    assert abs(wrapped(error[2])) < 0.2
+
+
+# Headings and landmarks without fixes.
+
+
+@EVERY
+@pytest.mark.parametrize("timeout", [1.0, 3.0])
+def test_headings_that_contradict_for_long_open_the_pose(variant, timeout):
+    found = estimator(variant, (1.0, 2.0, 0.0), 1e-4 * np.eye(3), relocation_timeout=timeout)
+    wheels = found.memory.belief
+    for number in range(round(8 * timeout) + 1):
+        found.predict(straight(dt=0.125, variance=0.0))
+        before = found.memory.belief
+        verdict = found.take(heading(2.0, 0.01))
+        if number < 8 * timeout:
+            assert verdict == REJECTED
+            assert found.memory.belief is before
+            assert found.memory.doubt == Doubt(True, number * 0.125)
+    assert verdict == RELOCATED
+    assert found.memory.doubt == Doubt()
+    # A prior of (1 rad)^2 and one heading of variance 0.01; nothing is known of the position, and nothing correlates.
+    x, P = found.memory.belief
+    np.testing.assert_allclose(x[:3], [1.0, 2.0, 2.0 / 1.01])
+    expected = np.zeros_like(P)
+    expected[:3, :3] = np.diag([25.0, 25.0, 0.01 / 1.01])
+    expected[3:, 3:] = before.P[3:, 3:]
+    np.testing.assert_allclose(P, expected, rtol=1e-9, atol=1e-15)
+    np.testing.assert_array_equal(x[3:], wheels.x[3:])
+
+
+@EVERY
+def test_landmarks_alone_bring_a_kidnapped_robot_back(variant):
+    points, R = ((4.0, 1.0), (-3.0, 5.0), (1.0, -6.0)), np.diag([1e-3, 1e-3])
+    found = estimator(variant, P=1e-3 * np.eye(3), relocation_timeout=3.0)
+    truth, verdicts = (1.5, 1.0, 0.6), []
+    for number in range(80):
+        found.predict(straight(dt=0.125))
+        verdicts.append(found.take(landmark(truth, points[number % 3], R)))
+    assert RELOCATED not in verdicts[:24]
+    assert verdicts[24] == RELOCATED
+    assert set(verdicts[-20:]) == {ACCEPTED}
+    np.testing.assert_allclose(found.memory.belief.x[:3], truth, atol=0.03)
+
+
+@EVERY
+@pytest.mark.parametrize("comforter", [heading(0.0), landmark((0.0, 0.0, 0.0), (4.0, 1.0), 0.01 * np.eye(2)), fix(0.0)])
+def test_an_accepted_measurement_clears_the_doubt(variant, comforter):
+    found = estimator(variant, P=1e-3 * np.eye(3), relocation_timeout=1.0)
+    for number in range(40):
+        found.predict(straight(dt=0.125, variance=0.0))
+        assert found.take(heading(2.0)) == REJECTED
+        if number % 8 == 7:
+            assert found.take(comforter) == ACCEPTED
+            assert found.memory.doubt == Doubt()
+    for _ in range(9):
+        found.predict(straight(dt=0.125, variance=0.0))
+        verdict = found.take(heading(2.0))
+    assert verdict == RELOCATED
+
+
+@EVERY
+def test_a_rejected_fix_does_not_clear_it_and_a_relocation_does(variant):
+    found = estimator(variant, P=1e-3 * np.eye(3), relocation_timeout=1.0, relocation_fixes=3)
+    found.take(heading(2.0))
+    for expected in (REJECTED, REJECTED, RELOCATED):
+        found.predict(straight(dt=0.125))
+        doubt = found.memory.doubt
+        assert found.take(fix(50.0, 0.0, 2.0)) == expected
+        assert found.memory.doubt == (Doubt() if expected == RELOCATED else doubt)
+        assert doubt.raised
+    assert found.take(heading(2.0)) == ACCEPTED
+
+
+@EVERY
+def test_headings_and_landmarks_do_not_touch_the_fixes_gate(variant):
+    found = estimator(variant, relocation_timeout=60.0)
+    found.take(fix(50.0))
+    gate, candidate = found.memory.gate, found.memory.candidate
+    for one in (heading(0.0), heading(3.0), landmark((0.0, 0.0, 0.0), (4.0, 1.0), 0.01 * np.eye(2))):
+        found.take(one)
+        assert found.memory.gate == gate
+        assert found.memory.candidate is candidate

@@ -1,0 +1,347 @@
+"""Late and unordered measurements in every variant of the filter: to the bit what they give in order."""
+
+import math
+
+import numpy as np
+import pytest
+from filter_runs import SEPARATION, landmark, wrapped
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from diffbot_control.ekf import Motion
+from diffbot_control.errors import BadMessageError
+from diffbot_control.estimator import Measurement
+from diffbot_control.filter_config import FILTERS, FilterConfig, options_of
+from diffbot_control.geometry import Pose
+from diffbot_control.kinematics import Twist
+from diffbot_control.localization import Localization, LocalizationConfig, OdometryStep
+
+CHECK = settings(derandomize=True, deadline=None, max_examples=25)
+EVERY = pytest.mark.parametrize("variant", FILTERS)
+CALIBRATING = ("ekf_calibrating", "ekf_fnn_calibrating")
+MS = 10**6
+PERIOD = 100 * MS
+STEPS = 25
+POINTS = ((4.0, 1.0), (-3.0, 5.0), (1.0, -6.0))
+CARRIED = np.array([3.6, -1.0, 1.0])
+P0 = np.diag([0.02, 0.03, 0.01])
+R_FIX = np.diag([0.03, 0.02, 0.01])
+
+
+def localization(variant, history=1.0, **options):
+    made = Localization(LocalizationConfig(history, FilterConfig(filter=variant, **options)), SEPARATION)
+    made.initialise(Pose(0.0, 0.0, 3.0), P0, 0)
+    return made
+
+
+def odometry(number, v=1.2, omega=0.7):
+    return OdometryStep(number * PERIOD, Twist(v, omega), 4e-3, 1e-3, 0.02)
+
+
+def circle(pose, t):
+    x, y, theta = pose
+    end, radius = theta + 0.7 * t, 1.2 / 0.7
+    return np.array(
+        [x + radius * (math.sin(end) - math.sin(theta)), y + radius * (math.cos(theta) - math.cos(end)), end]
+    )
+
+
+def truth(stamp):
+    """A circle; the robot is carried away after 0.8 s."""
+    t = stamp * 1e-9
+    start = np.array([0.0, 0.0, 3.0])
+    return circle(start, t) if t <= 0.8 else circle(circle(start, 0.8) + CARRIED, t - 0.8)
+
+
+def fix(stamp, offset=(0.0, 0.0, 0.0), seed=0):
+    rng = np.random.default_rng([stamp, 1, seed])
+    z = truth(stamp) + np.sqrt(R_FIX.diagonal()) * rng.normal(size=3) + offset
+    return Measurement(stamp, np.array([z[0], z[1], wrapped(z[2])]), R_FIX)
+
+
+def heading(stamp):
+    z = truth(stamp)[2] + 0.1 * np.random.default_rng([stamp, 2]).normal()
+    return Measurement(stamp, np.array([wrapped(z)]), np.array([[0.01]]))
+
+
+def sighting(stamp, number=0):
+    seen = landmark(truth(stamp), POINTS[number], np.diag([0.01, 0.004]))
+    noise = np.random.default_rng([stamp, 3, number]).normal(0.0, 0.1, 2)
+    return seen._replace(stamp=stamp, z=seen.z + noise * (1.0, 0.5))
+
+
+MAKERS = (fix, fix, heading, sighting)
+
+
+def flat(value):
+    """All numbers of a memory, in order."""
+    if value is None:
+        return [None]
+    if isinstance(value, np.ndarray):
+        return value.reshape(-1).tolist()
+    if isinstance(value, tuple):
+        return [number for one in value for number in flat(one)]
+    return [value]
+
+
+def assert_same_memory(one, other):
+    """To the bit, and all of it: belief with the wheels, candidate, gate, doubt and adaptation."""
+    assert flat(one.estimator.memory) == flat(other.estimator.memory)
+    assert one.estimate().stamp == other.estimate().stamp
+
+
+def deliver(made, arrivals):
+    for _, _, arrived in sorted(arrivals, key=lambda one: one[:2]):
+        (made.on_measurement if isinstance(arrived, Measurement) else made.on_odometry)(arrived)
+    return made
+
+
+def with_odometry(arrivals, steps=STEPS):
+    return [*arrivals, *((number * PERIOD, 0.5, odometry(number)) for number in range(1, steps + 1))]
+
+
+def in_order(made, measurements, steps=STEPS):
+    """Each before the odometry that covers it; of equal stamps the fix first, then by value."""
+    order = sorted(measurements, key=lambda one: (one.stamp, -one.z.size, *one.z.tolist(), *(one.landmark or ())))
+    return deliver(made, with_odometry([(one.stamp, 0.0001 * rank, one) for rank, one in enumerate(order)], steps))
+
+
+# Within the steps, not on their ends, where a measurement may come while its step is the newest.
+STAMPS = st.integers(1, 2000).filter(lambda ms: ms % 100 != 0)
+EVENTS = st.lists(
+    st.tuples(STAMPS, st.integers(0, 3), st.integers(0, 900)),
+    min_size=3,
+    max_size=30,
+    unique_by=lambda event: (event[0], event[1] in (0, 1), event[1]),
+)
+OPTIONS = {"relocation_fixes": 2, "relocation_timeout": 0.4, "gate_probability": 0.99}
+
+
+@EVERY
+@CHECK
+@given(EVENTS, st.randoms(use_true_random=False))
+def test_late_measurements_give_what_they_give_in_order(variant, events, random):
+    measurements = {(ms, MAKERS[kind]): MAKERS[kind](ms * MS) for ms, kind, _ in events}
+    delays = {(ms, MAKERS[kind]): delay for ms, kind, delay in events}
+    arrivals = [
+        (one.stamp + delays[name] * MS, random.choice((0.25, 0.75)) + 1e-3 * random.random(), one)
+        for name, one in measurements.items()
+    ]
+    punctual = in_order(localization(variant, **OPTIONS), measurements.values())
+    assert_same_memory(deliver(localization(variant, **OPTIONS), with_odometry(arrivals)), punctual)
+
+
+@EVERY
+@pytest.mark.parametrize("late", [1, 3, 6])
+def test_late_across_a_relocation(variant, late):
+    # Fixes of each period, all of them late; the robot is carried away after 0.8 s.
+    measurements = [fix(number * PERIOD - 30 * MS) for number in range(1, STEPS + 1 - late)]
+    measurements += [heading(one.stamp) for one in measurements]
+    punctual = in_order(localization(variant), measurements)
+    arrivals = [(one.stamp + late * PERIOD, one.z.size, one) for one in measurements]
+    found = deliver(localization(variant), with_odometry(arrivals))
+    assert_same_memory(found, punctual)
+    assert punctual.consistency.relocated == found.consistency.relocated == {"fixes": 1}
+    assert np.hypot(*(punctual.estimate().pose[:2] - truth(STEPS * PERIOD)[:2])) < 0.5
+
+
+@EVERY
+def test_one_late_fix_can_change_the_verdict_on_all_that_came_after(variant):
+    # The robot is carried away: the third fix of the new place comes late. With it the last two are good ones.
+    fixes = [fix(stamp * MS) for stamp in (850, 950, 1050, 1150, 1250)]
+    options = {"relocation_fixes": 4, "relocation_timeout": 60.0}
+    made = localization(variant, **options)
+    others = [one for number, one in enumerate(fixes) if number != 2]
+    deliver(made, with_odometry([(one.stamp, 0.0, one) for one in others[:3]], 12))
+    assert made.estimator.memory.gate.rejected == 3
+    before = made.estimate().pose
+    made.on_measurement(fixes[2])
+    assert made.estimator.memory.gate.rejected == 0
+    assert np.hypot(made.estimate().pose.x - before.x, made.estimate().pose.y - before.y) > 2.0
+    assert_same_memory(made, in_order(localization(variant, **options), fixes[:4], 12))
+
+
+def sets(stamp):
+    return [fix(stamp), heading(stamp), sighting(stamp, 0), sighting(stamp, 1), sighting(stamp, 2), fix(stamp, seed=1)]
+
+
+@EVERY
+@settings(derandomize=True, deadline=None, max_examples=12)
+@given(order=st.permutations(range(6)), late=st.sampled_from((-1, 0, 2)))
+@pytest.mark.parametrize("stamp", [450, 500, 900])
+def test_equal_stamps_give_the_same_in_any_order_of_arrival(variant, stamp, order, late):
+    # Before the odometry that covers them, after it, or two periods later.
+    measurements = sets(stamp * MS)
+    punctual = in_order(localization(variant), measurements, 14)
+    if late == 0 and stamp % 100 == 0:
+        late = 1
+    when = math.ceil(stamp / 100) * PERIOD + late * PERIOD
+    arrivals = [(when, 0.75 + 0.001 * rank, measurements[number]) for rank, number in enumerate(order)]
+    assert_same_memory(deliver(localization(variant), with_odometry(arrivals, 14)), punctual)
+
+
+@EVERY
+@settings(derandomize=True, deadline=None, max_examples=12)
+@given(order=st.permutations(range(12)))
+def test_landmarks_sent_twice_count_once_in_any_order_of_arrival(variant, order):
+    measurements = [sighting(stamp * MS, number) for stamp in (330, 470) for number in range(3)]
+    once = in_order(localization(variant), measurements, 8)
+    twice = [Measurement(one.stamp, one.z.copy(), one.R, one.landmark) for one in (*measurements, *measurements)]
+    made, kinds = localization(variant), []
+    for number in range(1, 9):
+        made.on_odometry(odometry(number))
+        for rank in order if number == 7 else ():
+            try:
+                made.on_measurement(twice[rank])
+            except BadMessageError as error:
+                kinds.append(error.kind)
+    assert kinds == ["duplicate"] * 6
+    assert_same_memory(made, once)
+
+
+def test_two_landmarks_seen_alike_are_two():
+    made = localization("ekf")
+    R = np.diag([0.01, 0.004])
+    z = np.array([3.0, 0.5])
+    made.on_measurement(Measurement(50 * MS, z, R, (1.0, 1.0)))
+    made.on_measurement(Measurement(50 * MS, z, R, (1.5, 1.0)))
+    with pytest.raises(BadMessageError):
+        made.on_measurement(Measurement(50 * MS, z.copy(), R, (1.0, 1.0)))
+
+
+@EVERY
+def test_a_late_measurement_is_counted_once_and_the_others_not_again(variant):
+    made = localization(variant, relocation_timeout=60.0, relocation_fixes=100)
+    far = (50.0, 0.0, 0.0)
+    for number in range(1, 8):
+        made.on_measurement(fix(number * PERIOD - 60 * MS))
+        if number % 2 == 0:
+            made.on_measurement(fix(number * PERIOD - 10 * MS, far, number))
+        made.on_odometry(odometry(number))
+    assert made.consistency.rejected == {"fixes": 3}
+    assert len(made.consistency._window) == 7
+    for count, ms in enumerate((120, 130, 140), 1):
+        made.on_measurement(heading(ms * MS))
+        assert made.consistency.rejected == {"fixes": 3}
+        assert len(made.consistency._window) == 7 + count
+    made.on_measurement(fix(125 * MS, far))
+    assert made.consistency.rejected == {"fixes": 4}
+    assert len(made.consistency._window) == 10
+
+
+@pytest.mark.parametrize("variant", CALIBRATING)
+def test_a_reset_forgets_the_wheels_and_a_new_pose_does_not(variant):
+    made = localization(variant)
+    P = np.array([[4e-6, 1e-6], [1e-6, 3e-6]])
+    made.estimator.set_wheels(np.array([0.03, -0.02]), P)
+    made.initialise(Pose(7.0, 8.0, -1.0), np.eye(3))
+    belief = made.estimate().belief
+    np.testing.assert_array_equal(belief.x, [7.0, 8.0, -1.0, 0.03, -0.02])
+    np.testing.assert_array_equal(belief.P[3:, 3:], P)
+    np.testing.assert_array_equal(belief.P[:3, :3], np.eye(3))
+    assert not belief.P[3:, :3].any()
+    made.reset()
+    made.on_measurement(fix(30 * PERIOD))
+    belief = made.estimate().belief
+    np.testing.assert_array_equal(belief.x, [*fix(30 * PERIOD).z, 0.0, 0.0])
+    np.testing.assert_allclose(belief.P[3:, 3:], 0.02**2 * np.eye(2))
+
+
+@pytest.mark.parametrize("variant", ["ekf_fnn", "ekf_fnn_calibrating"])
+def test_a_reset_forgets_the_adaptation_and_a_new_pose_does_not(variant):
+    made = localization(variant)
+    for number in range(1, 8):
+        made.on_measurement(fix(number * PERIOD - MS, (0.5 * (-1) ** number, 0.0, 0.0)))
+        made.on_odometry(odometry(number))
+    learnt = made.estimator.memory.adaptation
+    assert learnt.position.log_scale > 0.0
+    made.initialise(Pose(7.0, 8.0, -1.0), np.eye(3))
+    assert made.estimator.memory.adaptation == learnt
+    made.reset()
+    assert made.estimator.memory.adaptation.position.log_scale == 0.0
+    assert made.estimator.memory.adaptation.fixes == 0
+
+
+@EVERY
+@pytest.mark.parametrize("forget", [Localization.reset, lambda made: made.initialise(Pose(1.0, 1.0, 1.0), P0)])
+def test_neither_leaves_anything_of_the_gate(variant, forget):
+    made = localization(variant)
+    made.on_measurement(fix(50 * MS, (50.0, 0.0, 0.0)))
+    made.on_odometry(odometry(1))
+    made.on_measurement(Measurement(2 * PERIOD, np.array([-1.0]), np.array([[1e-3]])))
+    made.on_odometry(odometry(2))
+    made.consistency.note(3, 2.0, 0)
+    assert made.estimator.memory.candidate is not None
+    assert made.estimator.memory.doubt.raised
+    forget(made)
+    assert made.estimator.memory.candidate is None
+    assert (made.estimator.memory.gate.rejected, made.estimator.memory.doubt.raised) == (0, False)
+    assert made.consistency.nis() is None
+
+
+@EVERY
+def test_the_gate_can_be_changed_at_runtime(variant):
+    made = localization(variant)
+    outlier = fix(50 * MS, (5.0, 0.0, 0.0))
+    made.on_odometry(odometry(1))
+    made.on_measurement(outlier)
+    assert made.consistency.rejected["fixes"] == 1
+    config = LocalizationConfig(1.0, FilterConfig(filter=variant, gate_probability=1.0))
+    made.configure(config, SEPARATION)
+    made.on_measurement(fix(60 * MS, (5.0, 0.0, 0.0)))
+    assert made.consistency.rejected["fixes"] == 1
+    assert made.estimate().pose.x > 0.5
+    assert made.config == config
+
+
+def test_relocation_can_be_changed_at_runtime():
+    made = localization("ekf", relocation_fixes=50, relocation_timeout=60.0)
+    far = [Measurement(number * PERIOD, np.array([50.0 + number, 0.0, 0.0]), 10.0 * R_FIX) for number in range(1, 9)]
+    still = [OdometryStep(number * PERIOD, Twist(0.0, 0.0), 4e-3, 1e-3, 0.02) for number in range(1, 9)]
+    for one, step in zip(far[:5], still, strict=False):
+        made.on_measurement(one)
+        made.on_odometry(step)
+    assert not made.consistency.relocated
+    made.configure(LocalizationConfig(1.0, FilterConfig(filter="ekf", relocation_fixes=3)), SEPARATION)
+    made.on_measurement(far[5])
+    made.on_odometry(still[5])
+    assert made.consistency.relocated == {"fixes": 1}
+
+
+@pytest.mark.parametrize("variant", CALIBRATING)
+def test_wheel_separation_and_walk_can_be_changed_at_runtime(variant):
+    made = localization(variant)
+    made.estimator.set_wheels(np.array([0.0, 0.1]), 1e-6 * np.eye(2))
+    config = FilterConfig(filter=variant, wheel_radius_walk=0.05)
+    made.configure(LocalizationConfig(1.0, config), 0.3)
+    found = made.on_odometry(odometry(1, 1.0, 0.0))
+    # The right wheel is 10 % larger: 0.1 m/s / 0.3 m for 0.1 s.
+    assert found.pose.theta == pytest.approx(3.0 + 0.1 / 0.3 * 0.1)
+    assert found.belief.P[4, 4] == pytest.approx(1e-6 + 0.05**2 * 0.1)
+
+
+def test_a_configuration_of_another_variant_changes_neither_number_of_states():
+    for variant, states in (("ekf", 3), ("ekf_calibrating", 5)):
+        made = localization(variant)
+        other = "ekf_calibrating" if variant == "ekf" else "ekf"
+        made.configure(LocalizationConfig(1.0, FilterConfig(filter=other)), SEPARATION)
+        made.on_measurement(fix(50 * MS))
+        made.on_odometry(odometry(1))
+        assert made.estimate().belief.x.size == states
+        assert np.isfinite(made.estimate().belief.P).all()
+
+
+@EVERY
+def test_each_part_of_a_step_is_predicted_with_its_share_of_the_noise(variant):
+    made = localization(variant)
+    made.on_measurement(heading(30 * MS))
+    alone = localization(variant).estimator
+    assert options_of(FilterConfig(filter=variant)) == alone.options
+    for dt in (0.03, 0.07):
+        share = 0.1 / dt
+        alone.predict(Motion(1.2, 0.7, dt, 4e-3 * share, 1e-3 * share, 0.02 * share))
+        if dt == 0.03:
+            alone.take(heading(30 * MS))
+    made.on_odometry(odometry(1))
+    np.testing.assert_allclose(made.estimate().belief.x, alone.memory.belief.x, rtol=1e-12)
+    np.testing.assert_allclose(made.estimate().belief.P, alone.memory.belief.P, rtol=1e-12, atol=1e-20)
