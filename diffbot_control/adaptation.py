@@ -70,6 +70,8 @@ _RATE = 0.02
 _LEAK = 0.02
 _CLIP = 30.0
 _LEARNING = 5
+_LARGEST = 1e6
+"""Normalised innovations beyond it are all the same."""
 _LOG_MOST = math.log(1e3)
 
 
@@ -130,6 +132,10 @@ def _trained_rule(rule: Rule, start: Rule, value: float, error: float, share: fl
     )
 
 
+def _within(value: float, bound: float) -> float:
+    return min(max(value, -bound), bound)
+
+
 def _kept(value: float, start: float, bound: float) -> float:
     # What noise has taught is forgotten slowly, and nothing is learnt that turns the rules around.
     value += _LEAK * (start - value)
@@ -148,14 +154,16 @@ def _adapted(channel: Channel, square: float) -> Channel:
 
 
 def rescaled(before: Adaptation, after: Adaptation) -> float:
-    """Factor on P when the scale of R changes: P was computed with the old one, and grows with it."""
+    """Factor on the pose's part of P when the scale of R grows: P was computed with a scale that was too small."""
     change = after.position.log_scale - before.position.log_scale + after.heading.log_scale - before.heading.log_scale
-    return math.exp(0.5 * change)
+    # What P says too little of is taken back; that it says too much passes by itself, with the next measurements.
+    return math.exp(max(0.5 * change, 0.0))
 
 
 def adapted(adaptation: Adaptation, x: float, y: float, theta: float, expected: bool) -> Adaptation:
     """Take in the normalised innovation of a fix, also of a rejected one."""
     a = adaptation
+    x, y, theta = _within(x, _LARGEST), _within(y, _LARGEST), _within(theta, _LARGEST)
     position, heading = a.position, a.heading
     # An outlier among good fixes has no neighbour of its kind.
     if a.fixes > 0 and (expected == a.expected or position.pairs < _LEARNING):

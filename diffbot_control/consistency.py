@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from scipy.special import chdtri
 
-from diffbot_control.gating import REJECTED, RELOCATED
+from diffbot_control.gating import ACCEPTED, REJECTED, RELOCATED
 
 WINDOW = 50
 """Accepted measurements that the mean is taken of."""
@@ -49,7 +49,7 @@ class Consistency:
         elif verdict == RELOCATED:
             self.relocated[KINDS[size]] += 1
             self._window.clear()  # they belong to a belief that was given up
-        else:
+        elif verdict == ACCEPTED:
             self._window.append((nis, size))
 
     def nis(self) -> Nis | None:

@@ -12,7 +12,7 @@ from diffbot_control.goal import Uncertainty, largest_deviation
 
 _ASYMMETRY = 1e-6
 """Relative difference of mirrored entries that rounding on the way may cause."""
-_SMALLEST = 1e-30
+_SMALLEST = 1e-14
 """[m^2], [rad^2] below it a variance is a rounding of zero, and the inverse that a filter needs of it may overflow."""
 _LARGEST = 1e8
 """[m^2], [rad^2] above this a number is a slip or a code for 'unknown', not a variance to compute with."""

@@ -15,6 +15,7 @@ from diffbot_control.ekf import Array, CalibratingEkf, Motion, PoseEkf
 from diffbot_control.filter_config import FilterOptions
 from diffbot_control.gating import (
     ACCEPTED,
+    IGNORED,
     LOST_THETA,
     LOST_XY,
     REJECTED,
@@ -87,7 +88,7 @@ class Estimator:
 
     def start(self, pose: Pose, P: Array) -> None:
         """Begin at a pose of covariance ``P`` (3, 3); what is known of wheels and noise stays."""
-        belief = self._started(np.array((pose.x, pose.y, wrap_angle(pose.theta))), P)
+        belief = self._started(np.array(pose), P)
         self.memory = self.memory._replace(belief=belief, candidate=None, gate=FixGate(), doubt=Doubt())
 
     def wheels(self) -> tuple[Array, Array] | None:
@@ -121,7 +122,11 @@ class Estimator:
         self.memory = Memory(belief, candidate, gate, doubt, memory.adaptation)
 
     def take(self, measurement: Measurement) -> int:
-        """Fuse a measurement, or do not: the verdict is ACCEPTED, REJECTED or RELOCATED, see :mod:`gating`."""
+        """Fuse a measurement, or do not.
+
+        Returns:
+            ACCEPTED, REJECTED or RELOCATED, see :mod:`gating`; IGNORED of a landmark at which the robot stands.
+        """
         return self._take_fix(measurement) if measurement.z.size == 3 else self._take_other(measurement)
 
     def _take_fix(self, fix: Measurement) -> int:
@@ -130,19 +135,20 @@ class Estimator:
             R = _scaled_noise(R, memory.adaptation)
         bound = options.gates[2] if memory.gate.slack == 0.0 else math.exp(memory.gate.slack) * options.gates[2]
         belief, self.nis = self._corrected(memory.belief, fix, R)
-        expected = self.nis <= bound
+        expected = 0.0 <= self.nis <= bound
         adaptation = memory.adaptation
         if options.adaptive:
             # Of the whole vector's S only the diagonal: each number by its own deviation.
             y, S = self._filter.y.tolist(), self._filter.S.diagonal().tolist()
-            shares = [one / math.sqrt(variance) for one, variance in zip(y, S, strict=True)]
-            adaptation = adapted(adaptation, shares[0], shares[1], shares[2], expected)
+            if min(S) > 0.0:
+                shares = [one / math.sqrt(variance) for one, variance in zip(y, S, strict=True)]
+                adaptation = adapted(adaptation, shares[0], shares[1], shares[2], expected)
         candidate, agrees = memory.candidate, False
         if not expected:
             renewed = self._started(fix.z, R)
             if candidate is not None:
                 other, nis = self._corrected(candidate, fix, R)
-                agrees = nis <= bound
+                agrees = 0.0 <= nis <= bound
                 candidate = other if agrees else renewed
             else:
                 candidate = renewed
@@ -155,8 +161,8 @@ class Estimator:
             candidate = None
         if options.adaptive:
             factor = rescaled(memory.adaptation, adaptation)
-            belief = Belief(belief.x, factor * belief.P)
-            candidate = None if candidate is None else Belief(candidate.x, factor * candidate.P)
+            belief = _scaled(belief, factor)
+            candidate = None if candidate is None else _scaled(candidate, factor)
         doubt = memory.doubt if verdict == REJECTED or not memory.doubt.raised else Doubt()
         self.memory = Memory(belief, candidate, gate, doubt, adaptation)
         return verdict
@@ -164,7 +170,9 @@ class Estimator:
     def _take_other(self, measurement: Measurement) -> int:
         memory = self.memory
         belief, self.nis = self._corrected(memory.belief, measurement, measurement.R)
-        if self.nis <= self.options.gates[measurement.z.size - 1]:
+        if self.nis == math.inf:
+            return IGNORED
+        if 0.0 <= self.nis <= self.options.gates[measurement.z.size - 1]:
             self.memory = memory._replace(belief=belief, doubt=Doubt())
             return ACCEPTED
         if memory.doubt.elapsed < self.options.relocation_timeout:
@@ -188,12 +196,15 @@ class Estimator:
         """Return the belief as if the measurement was accepted, and the NIS."""
         ekf, z = self._filter, measurement.z
         ekf.x, ekf.P = belief
-        if measurement.landmark is not None:
-            nis = ekf.update_landmark(z, R, measurement.landmark)
-        elif z.size == 3:
-            nis = ekf.update_pose(z, R)
-        else:
-            nis = ekf.update_heading(z, R)
+        try:
+            if measurement.landmark is not None:
+                nis = ekf.update_landmark(z, R, measurement.landmark)
+            elif z.size == 3:
+                nis = ekf.update_pose(z, R)
+            else:
+                nis = ekf.update_heading(z, R)
+        except np.linalg.LinAlgError:
+            return belief, math.nan  # S is singular to working precision: not to be believed
         return self._checked(Belief(ekf.x, ekf.P)), nis
 
     def _checked(self, belief: Belief) -> Belief:
@@ -212,10 +223,20 @@ class Estimator:
     def _started(self, z: Array, R: Array) -> Belief:
         """Return the belief of one who knows the wheels and nothing else but a fix."""
         x, P = self.memory.belief.x.copy(), self.memory.belief.P.copy()
-        x[:3] = z
+        x[:3] = z[0], z[1], wrap_angle(z.item(2))
         P[:3, :] = P[:, :3] = 0.0
         P[:3, :3] = R
         return Belief(x, P)
+
+
+def _scaled(belief: Belief, factor: float) -> Belief:
+    """Multiply the pose's part of P; what is known of the wheels stays."""
+    if factor == 1.0:
+        return belief
+    P = belief.P.copy()
+    P[:3, :] *= math.sqrt(factor)
+    P[:, :3] *= math.sqrt(factor)
+    return Belief(belief.x, P)
 
 
 def _scaled_noise(R: Array, adaptation: Adaptation) -> Array:

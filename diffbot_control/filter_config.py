@@ -14,8 +14,8 @@ FILTERS = (EKF, CALIBRATING, FNN, FNN_CALIBRATING)
 """Three states; with the radius errors of both wheels as two more; with a fuzzy-neural adaptation of R and Q."""
 
 
-_MOST_SIGMAS = 5.0
-"""An estimated radius error beyond so many deviations is a slip that was taken for one."""
+_MOST_SIGMAS, _MOST = 5.0, 0.1
+"""An estimated radius error beyond so many deviations, and beyond a tenth, is a slip that was taken for one."""
 
 
 class FilterConfig(NamedTuple):
@@ -67,5 +67,5 @@ def options_of(config: FilterConfig) -> FilterOptions:
         config.relocation_timeout,
         config.wheel_radius_sigma**2 if calibrating else 0.0,
         config.wheel_radius_walk**2 if calibrating else 0.0,
-        _MOST_SIGMAS * config.wheel_radius_sigma if calibrating else 0.0,
+        max(_MOST_SIGMAS * config.wheel_radius_sigma, _MOST) if calibrating else 0.0,
     )

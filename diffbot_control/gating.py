@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from diffbot_control.filter_config import FilterOptions
 
-ACCEPTED, REJECTED, RELOCATED = 0, 1, 2
+ACCEPTED, REJECTED, RELOCATED, IGNORED = 0, 1, 2, 3
 _WIDENED, _TIGHTENED = 0.2, 0.05
 """Steps of the slack at a rejected and at an accepted fix: a gate that rejects more than a fifth is itself wrong."""
 LOST_XY, LOST_THETA = 25.0, 1.0

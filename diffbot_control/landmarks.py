@@ -36,8 +36,9 @@ class LandmarkMap(NamedTuple):
                 raise InvalidValueError(name, list(values), f"as many as landmark_ids: {count}")
 
     def points(self) -> dict[int, tuple[float, float]]:
-        """Return x, y [m] by number."""
-        return dict(zip(self.landmark_ids, zip(self.landmark_x, self.landmark_y, strict=True), strict=True))
+        """Return x, y [m] by number, in the order of the places, in which sightings of one time are fused."""
+        places = zip(self.landmark_x, self.landmark_y, strict=True)
+        return dict(sorted(zip(self.landmark_ids, places, strict=True), key=lambda one: one[1]))
 
 
 def seen_from(x: float, y: float, theta: float, point_x: float, point_y: float) -> tuple[float, float]:

@@ -6,6 +6,7 @@ an earlier stamp is put where it belongs and what came after is computed again, 
 
 from __future__ import annotations
 
+import math
 from bisect import insort
 from collections import OrderedDict, deque
 from typing import Annotated, Any, NamedTuple
@@ -73,9 +74,13 @@ class _Step:
         self.measurements = measurements
 
 
+_RANKS = {3: 0, 1: 1, 2: 2}
+
+
 def _order(measurement: Measurement) -> tuple[Any, ...]:
-    # Equal stamps: the pose fix first, then by value, so that the result does not depend on the order of arrival.
-    return measurement.stamp, -measurement.z.size, *_identity(measurement)
+    # Equal stamps: fixes, headings, landmarks by their place, then by value: whatever the order of arrival.
+    rank, place = _RANKS[measurement.z.size], measurement.landmark or ()
+    return measurement.stamp, rank, place, *measurement.z.tolist()
 
 
 def _identity(measurement: Measurement) -> tuple[float, ...]:
@@ -107,8 +112,8 @@ class Localization:
 
     def configure(self, config: LocalizationConfig, wheel_separation: float) -> None:
         """Take over changed options from the next message on; the variant of the filter stays."""
-        self.config = config
-        self.estimator.configure(options_of(config.filter), wheel_separation)
+        self.config = config._replace(filter=config.filter._replace(filter=self.config.filter.filter))
+        self.estimator.configure(options_of(self.config.filter), wheel_separation)
 
     def reset(self) -> None:
         """Forget everything; the next fix starts anew."""
@@ -130,6 +135,8 @@ class Localization:
         self.estimator.start(pose, P)
         self.consistency.clear()
         self._steps.clear()
+        for waiting in self._pending:
+            self._forget(waiting)
         self._pending.clear()
         if self._stamp is None:
             self._stamp = stamp
@@ -188,6 +195,8 @@ class Localization:
         key = _identity(measurement)
         if key in self._known:
             raise BadMessageError("duplicate")
+        if not math.isfinite(sum(key)):
+            raise BadMessageError("measurement not finite")
         self._take(measurement)
         self._known[key] = None
 
@@ -199,11 +208,10 @@ class Localization:
             self.initialise(Pose(x, y, theta), measurement.R, measurement.stamp)
         elif self._stamp is None or measurement.stamp > self._stamp:
             self._wait(measurement)
-        elif measurement.stamp == self._stamp:
-            if self._steps:
-                insort(self._steps[-1].measurements, measurement, key=_order)
+        elif measurement.stamp == self._stamp and not self._steps:
             self._update(measurement)
         else:
+            # Also one of the present stamp: there may be others of that stamp which belong behind it.
             self._insert_late(measurement)
 
     def _wait(self, measurement: Measurement) -> None:
@@ -211,11 +219,15 @@ class Localization:
             if measurement.stamp >= self._pending[-1].stamp:
                 raise BadMessageError("no odometry for it", f"{_PENDING_MOST} measurements wait already")
             # The one furthest ahead gives way: a sender with a wrong clock must not shut the others out.
-            self._pending.pop()
+            self._forget(self._pending.pop())
         if self._pending:
             insort(self._pending, measurement, key=_order)
         else:
             self._pending.append(measurement)
+
+    def _forget(self, dropped: Measurement) -> None:
+        """Let a measurement that was never fused come again."""
+        self._known.pop(_identity(dropped), None)
 
     def _insert_late(self, measurement: Measurement) -> None:
         for index in range(len(self._steps) - 1, -1, -1):

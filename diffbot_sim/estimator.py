@@ -82,23 +82,25 @@ def take_fix(track: Track, fix: Fix, options: FilterOptions) -> Track:
         fix = Fix(fix.pose, position * fix.var_x, position * fix.var_y, heading * fix.var_theta)
     bound = math.exp(track.gate.slack) * options.gates[2]
     after = update_pose(track.belief, fix)
-    expected = after.nis <= bound
+    expected = 0.0 <= after.nis <= bound
     if options.adaptive:
         P, pose = track.belief.P, track.belief.pose
-        adaptation = adapted(
-            adaptation,
-            (fix.pose.x - pose.x) / math.sqrt(P.xx + fix.var_x),
-            (fix.pose.y - pose.y) / math.sqrt(P.yy + fix.var_y),
-            wrap_angle(fix.pose.theta - pose.theta) / math.sqrt(P.tt + fix.var_theta),
-            expected,
-        )
+        s_x, s_y, s_theta = P.xx + fix.var_x, P.yy + fix.var_y, P.tt + fix.var_theta
+        if min(s_x, s_y, s_theta) > 0.0:
+            adaptation = adapted(
+                adaptation,
+                (fix.pose.x - pose.x) / math.sqrt(s_x),
+                (fix.pose.y - pose.y) / math.sqrt(s_y),
+                wrap_angle(fix.pose.theta - pose.theta) / math.sqrt(s_theta),
+                expected,
+            )
     candidate, agrees = track.candidate, False
     if not expected:
         # The candidate is new where there is none, and where the fix does not agree with it.
         renewed = started(fix, track.belief)
         if track.gate.rejected > 0:
             other = update_pose(candidate, fix)
-            agrees = other.nis <= bound
+            agrees = 0.0 <= other.nis <= bound
             candidate = _checked(other.belief, options) if agrees else renewed
         else:
             candidate = renewed
@@ -119,7 +121,7 @@ def take_fix(track: Track, fix: Fix, options: FilterOptions) -> Track:
 def take_heading(track: Track, heading: float, variance: float, options: FilterOptions) -> Track:
     """Correct with a heading [rad]."""
     after = update_heading(track.belief, heading, variance)
-    if after.nis <= options.gates[0]:
+    if 0.0 <= after.nis <= options.gates[0]:
         return _with_other(track, _checked(after.belief, options), after.nis)
     if track.doubt.elapsed < options.relocation_timeout:
         return _doubtful(track, after.nis)
@@ -130,7 +132,9 @@ def take_heading(track: Track, heading: float, variance: float, options: FilterO
 def take_landmark(track: Track, seen: Sighting, options: FilterOptions) -> Track:
     """Correct with range and bearing of a known point."""
     after = update_landmark(track.belief, seen)
-    if after.nis <= options.gates[1]:
+    if after.nis == math.inf:  # the robot stands at it
+        return track
+    if 0.0 <= after.nis <= options.gates[1]:
         return _with_other(track, _checked(after.belief, options), after.nis)
     if track.doubt.elapsed < options.relocation_timeout:
         return _doubtful(track, after.nis)

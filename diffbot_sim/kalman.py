@@ -102,8 +102,9 @@ def started(fix: Fix, wheels: Belief) -> Belief:
     """Start at a fix; what is known of the wheels is taken from ``wheels``."""
     z = 0.0
     ll, lr, rr = wheels.P.ll, wheels.P.lr, wheels.P.rr
+    pose = Pose(fix.pose.x, fix.pose.y, wrap_angle(fix.pose.theta))
     P = Covariance(fix.var_x, z, z, z, z, fix.var_y, z, z, z, fix.var_theta, z, z, ll, lr, rr)
-    return Belief(fix.pose, wheels.left, wheels.right, P)
+    return Belief(pose, wheels.left, wheels.right, P)
 
 
 def predict(
@@ -284,24 +285,24 @@ def lost(belief: Belief) -> Belief:
 
 
 def scaled(belief: Belief, factor: float) -> Belief:
-    """Multiply P."""
-    b, f = belief.P, factor
+    """Multiply the pose's part of P; what is known of the wheels stays."""
+    b, f, g = belief.P, factor, math.sqrt(factor)
     P = Covariance(
         f * b.xx,
         f * b.xy,
         f * b.xt,
-        f * b.xl,
-        f * b.xr,
+        g * b.xl,
+        g * b.xr,
         f * b.yy,
         f * b.yt,
-        f * b.yl,
-        f * b.yr,
+        g * b.yl,
+        g * b.yr,
         f * b.tt,
-        f * b.tl,
-        f * b.tr,
-        f * b.ll,
-        f * b.lr,
-        f * b.rr,
+        g * b.tl,
+        g * b.tr,
+        b.ll,
+        b.lr,
+        b.rr,
     )
     return Belief(belief.pose, belief.left, belief.right, P)
 

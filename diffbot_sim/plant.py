@@ -162,7 +162,7 @@ def _drive(before: WheelSpeeds, wanted: WheelSpeeds, config: PlantConfig) -> Whe
 
 def _carried(pose: Pose, step: int, config: PlantConfig) -> Pose:
     """Return the pose after somebody may have carried the robot away, in the step that ends at ``kidnap_time``."""
-    if config.kidnap_time <= 0.0 or step + 1 != math.ceil(config.kidnap_time / config.sampling_time - 1e-9):
+    if config.kidnap_time <= 0.0 or step + 1 != max(math.ceil(config.kidnap_time / config.sampling_time - 1e-9), 1):
         return pose
     x, y, theta = pose
     return Pose(x + config.kidnap_x, y + config.kidnap_y, wrap_angle(theta + config.kidnap_yaw))

@@ -296,7 +296,7 @@ def test_a_wrong_sigma_at_the_start_would_show():
 
 @pytest.mark.parametrize("walk", [0.0, 1e-3])
 def test_the_walk_lets_the_sigma_grow(walk):
-    found = estimator("ekf_calibrating", wheel_radius_walk=walk)
+    found = estimator("ekf_calibrating", wheel_radius_walk=walk, wheel_radius_sigma=0.02)
     for _ in range(100):
         found.predict(Motion(0.0, 0.0, 0.1, 1e-6, 0.0, 1e-6))
     # 1e-3 per sqrt(s) for 10 s on top of 2 %.
@@ -305,7 +305,7 @@ def test_the_walk_lets_the_sigma_grow(walk):
 
 def test_an_impossible_error_of_a_wheel_is_forgotten():
     # 5 sigma of 2 % is 10 %; one that slips by 60 % is taken for a radius only until then.
-    found = estimator("ekf_calibrating", gate_probability=1.0)
+    found = estimator("ekf_calibrating", gate_probability=1.0, wheel_radius_sigma=0.02)
     robot = Robot(np.random.default_rng(1), (-0.6, 0.0))
     forgotten = 0
     for _ in range(80):
