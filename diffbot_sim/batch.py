@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from diffbot_control.errors import InvalidValueError
 from diffbot_control.geometry import Pose, wrap_angle
-from diffbot_sim.compiled import compile_kernel
+from diffbot_sim.compiled import compile_kernel, make_callable
 from diffbot_sim.loop import EKF, RAW, TRUTH, Case, Outcome, run_loop
 from diffbot_sim.noise import START_BLOCK, draw
 
@@ -25,8 +25,8 @@ FEEDBACK_CODES = {"truth": TRUTH, "raw": RAW, "ekf": EKF}
 """The words of closed_loop.FEEDBACKS as the loop's numbers."""
 COLUMNS = Outcome._fields
 HISTORY_COLUMNS = ("x", "y", "theta", "seen_x", "seen_y", "seen_theta", "v", "omega")
-_CHUNK = 512
-"""Runs that a thread takes at a time."""
+_CHUNK, _LONG_CHUNK = 512, 16
+"""Runs that a thread takes at a time, without and with histories."""
 
 
 class Starts(NamedTuple):
@@ -59,28 +59,20 @@ def _start_pose(poses: Any, half: tuple[float, float, float], seed: int, run: in
     return Pose(row[0] + half[0] * noise.a, row[1] + half[1] * noise.b, wrap_angle(row[2] + half[2] * noise.c))
 
 
-_start = compile_kernel(_start_pose)
-_loop = compile_kernel(run_loop)
+make_callable(_start_pose)
 
 
-def _fill_outcomes(case: Case, poses: Any, half: Any, seed: int, first: int, outcomes: Any, nothing: Any) -> None:
+def _fill(case: Case, poses: Any, half: Any, seed: int, first: int, outcomes: Any, histories: Any) -> None:
     for index in range(len(outcomes)):
         run = first + index
-        outcome = _loop(case, seed, run, _start(poses, half, seed, run), nothing)
+        outcome = run_loop(case, seed, run, _start_pose(poses, half, seed, run), histories[index])
         row = outcomes[index]
         row[0], row[1], row[2] = outcome.x, outcome.y, outcome.theta
         row[3], row[4], row[5] = outcome.settling_time, outcome.path_length, outcome.effort
         row[6], row[7], row[8] = outcome.switches, outcome.local_time, outcome.estimation_error
 
 
-def _fill_histories(case: Case, poses: Any, half: Any, seed: int, first: int, histories: Any) -> None:
-    for index in range(len(histories)):
-        run = first + index
-        _loop(case, seed, run, _start(poses, half, seed, run), histories[index])
-
-
-_outcomes_kernel = compile_kernel(_fill_outcomes)
-_histories_kernel = compile_kernel(_fill_histories)
+_kernel = compile_kernel(_fill)
 
 
 def run_batch(case: Case, starts: Starts, seed: int, first: int, count: int, threads: int | None = None) -> Array:
@@ -100,32 +92,36 @@ def run_batch(case: Case, starts: Starts, seed: int, first: int, count: int, thr
     Raises:
         InvalidValueError: see :func:`check_case`.
     """
-    check_case(case, starts)
-    outcomes: Array = np.empty((count, len(COLUMNS)))
-    nothing: Array = np.empty((0, len(HISTORY_COLUMNS)))
-    parts = [
-        (case, starts.poses, starts.half, seed, first + at, outcomes[at : at + _CHUNK], nothing)
-        for at in range(0, count, _CHUNK)
-    ]
-    _in_threads(_outcomes_kernel, parts, threads)
-    return outcomes
+    return _filled(case, starts, seed, first, count, threads, with_histories=False)[0]
 
 
 def run_histories(case: Case, starts: Starts, seed: int, first: int, count: int, threads: int | None = None) -> Array:
     """Do runs as :func:`run_batch` does, and return their histories (count, steps + 1, 8), see HISTORY_COLUMNS."""
+    return _filled(case, starts, seed, first, count, threads, with_histories=True)[1]
+
+
+def _filled(
+    case: Case, starts: Starts, seed: int, first: int, count: int, threads: int | None, *, with_histories: bool
+) -> tuple[Array, Array]:
+    """Outcomes, and histories with no rows if none are wanted: one kernel serves both."""
     check_case(case, starts)
-    histories: Array = np.empty((count, case.steps + 1, len(HISTORY_COLUMNS)))
-    parts = [(case, starts.poses, starts.half, seed, first + at, histories[at : at + 16]) for at in range(0, count, 16)]
-    _in_threads(_histories_kernel, parts, threads)
-    return histories
+    outcomes: Array = np.empty((count, len(COLUMNS)))
+    histories: Array = np.empty((count, case.steps + 1 if with_histories else 0, len(HISTORY_COLUMNS)))
+    chunk = _LONG_CHUNK if with_histories else _CHUNK
+    parts = []
+    for at in range(0, count, chunk):
+        rows = slice(at, at + chunk)
+        parts.append((case, starts.poses, starts.half, seed, first + at, outcomes[rows], histories[rows]))
+    _in_threads(parts, threads)
+    return outcomes, histories
 
 
-def _in_threads(kernel: Any, parts: list[tuple[Any, ...]], threads: int | None) -> None:
+def _in_threads(parts: list[tuple[Any, ...]], threads: int | None) -> None:
     workers = min(threads or os.cpu_count() or 1, len(parts))
     if workers <= 1:
         for part in parts:
-            kernel(*part)
+            _kernel(*part)
         return
     with ThreadPoolExecutor(workers) as pool:
-        for future in [pool.submit(kernel, *part) for part in parts]:
+        for future in [pool.submit(_kernel, *part) for part in parts]:
             future.result()

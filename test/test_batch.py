@@ -315,14 +315,13 @@ from pathlib import Path
 
 assert compiled.SOURCES_HASH == compiled._hash_of_sources()
 found = {compiled.SOURCES_HASH}
-paths = [inspect.getfile(module) for module in (*compiled.MODULES, batch)]
+paths = [inspect.getfile(module) for module in (*compiled.MODULES, batch, compiled)]
 for path in paths:
     with open(path, "a") as file:
         file.write("# another version\\n")
     found.add(compiled._hash_of_sources())
 assert len(found) == len(paths) + 1, found
-for kernel in (batch._outcomes_kernel, batch._histories_kernel):
-    assert f"/cache/diffbot/{compiled.SOURCES_HASH}/" in kernel.stats.cache_path
+assert f"/cache/diffbot/{compiled.SOURCES_HASH}/" in batch._kernel.stats.cache_path
 assert compiled.SOURCES_HASH not in str(numba.config.CACHE_DIR)
 """
 

@@ -65,9 +65,8 @@ def moved(pose, v, omega, dt):
 
 
 def case_of(peer, plant=None, feedback=EKF, steps=300):
-    return Case(
-        plant or PlantConfig(), SensorConfig(), ControllerConfig(), ORIGIN, feedback, False, steps, 0.1, 0.1, peer
-    )
+    plant = plant or PlantConfig()
+    return Case(plant, SensorConfig(), ControllerConfig(), ORIGIN, feedback, False, steps, 0.1, 0.1, peer=peer)
 
 
 @pytest.mark.parametrize("k_phi", [1.0, 2.0, 3.5])
