@@ -107,7 +107,7 @@ def run_batch(case: Case, starts: Starts, seed: int, first: int, count: int, thr
         (case, starts.poses, starts.half, seed, first + at, outcomes[at : at + _CHUNK], nothing)
         for at in range(0, count, _CHUNK)
     ]
-    _in_threads(_outcomes_kernel, parts, threads)
+    in_threads(_outcomes_kernel, parts, threads)
     return outcomes
 
 
@@ -116,11 +116,12 @@ def run_histories(case: Case, starts: Starts, seed: int, first: int, count: int,
     check_case(case, starts)
     histories: Array = np.empty((count, case.steps + 1, len(HISTORY_COLUMNS)))
     parts = [(case, starts.poses, starts.half, seed, first + at, histories[at : at + 16]) for at in range(0, count, 16)]
-    _in_threads(_histories_kernel, parts, threads)
+    in_threads(_histories_kernel, parts, threads)
     return histories
 
 
-def _in_threads(kernel: Any, parts: list[tuple[Any, ...]], threads: int | None) -> None:
+def in_threads(kernel: Any, parts: list[tuple[Any, ...]], threads: int | None) -> None:
+    """Call the compiled ``kernel`` with each of ``parts``, in ``threads`` at a time; None for one on each core."""
     workers = min(threads or os.cpu_count() or 1, len(parts))
     if workers <= 1:
         for part in parts:
