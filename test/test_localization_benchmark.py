@@ -173,6 +173,10 @@ def test_the_scenarios_are_what_they_say():
     assert drive_of(scenario("radius"), 10, 5, EKF).robot.plant.right_radius_error == 0.02
     assert drive_of(scenario("r_10"), 10, 5, EKF).robot.sensors.fix_covariance_scale == 10.0
     assert drive_of(scenario("r_01"), 10, 5, EKF).robot.sensors.fix_covariance_scale == 0.1
+    compass = drive_of(scenario("compass"), 10, 1, EKF).robot.sensors
+    assert (compass.heading_rate, compass.heading_error_max) == (10.0, pytest.approx(5.0 * math.pi / 180.0))
+    seen = drive_of(scenario("landmarks"), 10, 1, EKF).robot
+    assert (seen.sensors.landmark_rate, seen.sensors.landmark_range, len(seen.landmarks)) == (5.0, 100.0, 2)
     for name in ("slip", "all"):
         plant = drive_of(scenario(name), 10, 5, EKF).robot.plant
         assert (plant.slip_right, plant.slip_start, plant.slip_duration) == (0.6, 20.0, 3.0)
