@@ -24,8 +24,8 @@ RATES = ((10, 1), (10, 5), (50, 10))
 """[Hz] of odometry and fixes"""
 SLIP_START, SLIP_DURATION = 20.0, 3.0
 """[s]"""
-LANDMARKS: Array = np.array(((5.0, 5.0), (-5.0, 5.0)))
-"""[m] of the case that sees some"""
+LANDMARKS: Array = np.array(((-5.0, 5.0), (5.0, 5.0)))
+"""[m] of the case that sees some, in the order in which the filter of the nodes takes them"""
 NOWHERE: Array = np.empty((0, 2))
 
 
