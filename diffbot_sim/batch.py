@@ -112,16 +112,17 @@ def _filled(
     for at in range(0, count, chunk):
         rows = slice(at, at + chunk)
         parts.append((case, starts.poses, starts.half, seed, first + at, outcomes[rows], histories[rows]))
-    _in_threads(parts, threads)
+    in_threads(_kernel, parts, threads)
     return outcomes, histories
 
 
-def _in_threads(parts: list[tuple[Any, ...]], threads: int | None) -> None:
+def in_threads(kernel: Any, parts: list[tuple[Any, ...]], threads: int | None) -> None:
+    """Call the compiled ``kernel`` with each of ``parts``, in ``threads`` at a time; None for one on each core."""
     workers = min(threads or os.cpu_count() or 1, len(parts))
     if workers <= 1:
         for part in parts:
-            _kernel(*part)
+            kernel(*part)
         return
     with ThreadPoolExecutor(workers) as pool:
-        for future in [pool.submit(_kernel, *part) for part in parts]:
+        for future in [pool.submit(kernel, *part) for part in parts]:
             future.result()

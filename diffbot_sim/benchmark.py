@@ -7,7 +7,6 @@ is in the loop.
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from diffbot_control.errors import DiffbotError, InvalidValueError
+from diffbot_control.errors import InvalidValueError
 from diffbot_control.filter_config import FilterConfig
 from diffbot_control.geometry import Pose, wrap_angle
 from diffbot_control.localization import LocalizationConfig
@@ -39,6 +38,7 @@ from diffbot_sim.benchmark_cases import (
 from diffbot_sim.benchmark_report import judged, table
 from diffbot_sim.closed_loop import Recording, simulate
 from diffbot_sim.experiment import GOAL, write_json
+from diffbot_sim.folders import output_folder
 from diffbot_sim.peers import OURS
 from diffbot_sim.world import StartPose, WorldConfig
 
@@ -207,17 +207,12 @@ def run_and_report(runs: int, seed: int, folder: Path, figures: bool) -> int:
     Raises:
         DiffbotError: if the folder cannot be written or a value is not allowed.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if not os.access(folder, os.W_OK):
-            raise DiffbotError(f"cannot write to {folder}")
+    with output_folder(folder):
         results, outcomes = run_benchmark(runs, seed)
         write_json(folder / "results.json", results)
         print(table(results))
         if figures:
             draw(outcomes, seed, folder / "benchmark.png")
-    except OSError as error:
-        raise DiffbotError(f"cannot write to {folder}: {error.strerror}") from None
     print(f"Results in {folder}")
     return 0
 

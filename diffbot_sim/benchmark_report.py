@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
+
+from diffbot_sim.targets import Target, described, number, summary, target_table
 
 Results = dict[str, Any]
 
@@ -28,24 +30,6 @@ _COMPARED = (
     ("settling_time", "median", "settling time of settled runs, median", "s"),
     ("settling_time", "p99", "settling time of settled runs, 99 %", "s"),
 )
-
-
-class Target(NamedTuple):
-    """One figure that was promised."""
-
-    case: str
-    text: str
-    value: float | None
-    """null if no run gives one; the target is missed then"""
-    bound: float
-    at_least: bool = False
-
-    @property
-    def met(self) -> bool:
-        """Whether the value keeps the bound."""
-        if self.value is None:
-            return False
-        return self.value >= self.bound if self.at_least else self.value <= self.bound
 
 
 def targets(results: Results) -> list[Target]:
@@ -106,7 +90,7 @@ def not_leading(results: Results) -> list[dict[str, Any]]:
 def judged(results: Results) -> Results:
     """Return what is concluded from the figures, for results.json."""
     return {
-        "targets": [one._asdict() | {"met": one.met} for one in targets(results)],
+        "targets": described(targets(results)),
         "not_leading": not_leading(results),
     }
 
@@ -119,9 +103,7 @@ def table(results: Results) -> str:
     rows += [_terminal_row(one["label"], one) for one in results["laws"]]
     rows += ["", "the tuned law where it is harder", "-" * len(head)]
     rows += [_terminal_row(one["name"], one) for one in results["challenges"]]
-    missed = [one for one in targets(results) if not one.met]
-    rows += ["", f"Targets: {len(targets(results)) - len(missed)} met, {len(missed)} missed"]
-    rows += [f"  missed: {one.case}, {one.text}: {_number(one.value)}, wanted {_wanted(one)}" for one in missed]
+    rows += ["", *summary(targets(results))]
     lost = not_leading(results)
     rows += ["", "Where a peer is better than the tuned law:" if lost else "No peer is better than the tuned law."]
     rows += [f"  {one['peer']}: {one['figure']} {_pair(one)}" for one in lost]
@@ -131,20 +113,12 @@ def table(results: Results) -> str:
 def _terminal_row(label: str, one: Results) -> str:
     time, position, heading = one["settling_time"], one["position"], one["heading"]
     return (
-        f"{label:<30}{100.0 * _share(one):>7.2f} %{_number(time['median'], 1):>18}{_number(time['p99'], 1):>7}"
-        f"{_number(position['median']):>19}{_number(position['p95']):>7}{_number(position['max']):>7}"
-        f"{_number(heading['median']):>23}{_number(heading['p95']):>7}{_number(heading['max']):>7}"
-        f"{_number(one['path_ratio']['median'], 2):>7}{_number(one['effort']['median'], 0):>8}"
-        f"{_number(one['switches']['p99'], 0):>10}"
+        f"{label:<30}{100.0 * _share(one):>7.2f} %{number(time['median'], 1):>18}{number(time['p99'], 1):>7}"
+        f"{number(position['median']):>19}{number(position['p95']):>7}{number(position['max']):>7}"
+        f"{number(heading['median']):>23}{number(heading['p95']):>7}{number(heading['max']):>7}"
+        f"{number(one['path_ratio']['median'], 2):>7}{number(one['effort']['median'], 0):>8}"
+        f"{number(one['switches']['p99'], 0):>10}"
     )
-
-
-def _number(value: float | None, digits: int = 3) -> str:
-    return "-" if value is None else f"{value:.{digits}f}"
-
-
-def _wanted(one: Target) -> str:
-    return f"{'>=' if one.at_least else '<='} {one.bound:g}"
 
 
 def _pair(one: dict[str, Any]) -> str:
@@ -218,33 +192,28 @@ def page(results: Results) -> str:
         "",
         "## Targets",
         "",
-        "| case | figure | measured | wanted | met |",
-        "|---|---|---|---|---|",
-        *(
-            f"| {one.case} | {one.text} | {_number(one.value, 4)} | {_wanted(one)} | {'yes' if one.met else '**no**'} |"
-            for one in targets(results)
-        ),
+        *target_table(targets(results)),
     ]
     return "\n".join(lines) + "\n"
 
 
 def _page_row(label: str, one: Results) -> str:
     time, position, heading = one["settling_time"], one["position"], one["heading"]
-    cells = [label, f"{100.0 * _share(one):.2f} %", _number(time["median"], 1), _number(time["p99"], 1)]
-    cells += [_number(one["over_bound"]["median"], 2)]
-    cells += [_number(part[key]) for part in (position, heading) for key in ("median", "p95", "max")]
-    cells += [_number(one["path_ratio"]["median"], 2), _number(one["effort"]["median"], 0)]
-    cells += [_number(one["switches"]["p99"], 0) if one["ours"] else "-"]
+    cells = [label, f"{100.0 * _share(one):.2f} %", number(time["median"], 1), number(time["p99"], 1)]
+    cells += [number(one["over_bound"]["median"], 2)]
+    cells += [number(part[key]) for part in (position, heading) for key in ("median", "p95", "max")]
+    cells += [number(one["path_ratio"]["median"], 2), number(one["effort"]["median"], 0)]
+    cells += [number(one["switches"]["p99"], 0) if one["ours"] else "-"]
     return "| " + " | ".join(cells) + " |"
 
 
 def _challenge_row(one: Results) -> str:
     time, position, heading = one["settling_time"], one["position"], one["heading"]
     cells = [f"`{one['name']}`: {one['text']}", str(one["runs"]), f"{100.0 * _share(one):.2f} %"]
-    cells += [_number(time["median"], 1), _number(time["p99"], 1)]
-    cells += [_number(position[key]) for key in ("median", "p95", "max")]
-    cells += [_number(one["filter"]["p95"]), _number(heading["p95"]), _number(heading["max"])]
-    cells += [_number(one["switches"]["p99"], 0)]
+    cells += [number(time["median"], 1), number(time["p99"], 1)]
+    cells += [number(position[key]) for key in ("median", "p95", "max")]
+    cells += [number(one["filter"]["p95"]), number(heading["p95"]), number(heading["max"])]
+    cells += [number(one["switches"]["p99"], 0)]
     return "| " + " | ".join(cells) + " |"
 
 

@@ -24,6 +24,11 @@ NODES = {
     "recorder": "diffbot_bag.recorder_node",
     "replay": "diffbot_bag.replay_node",
 }
+BENCHMARKS = {
+    "switching": ("diffbot_sim.benchmark", 100, Path("out/benchmark")),
+    "localization": ("diffbot_sim.localization_benchmark", 200, Path("out/localization")),
+}
+"""Module, usual number of runs and usual folder."""
 
 
 def main(args: list[str] | None = None) -> int:
@@ -112,13 +117,19 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _add_benchmark(commands: Any) -> None:
-    benchmark = commands.add_parser("benchmark", help="this project's law and its peers in the same arena")
-    benchmark.add_argument(
-        "what", nargs="?", choices=("switching",), default="switching", help="(default: %(default)s)"
+    benchmark = commands.add_parser(
+        "benchmark", help="the law and its peers, or the filter's variants, on the same drives and noise"
     )
-    benchmark.add_argument("--runs", type=_whole(1, 10**5), default=100, help="of each start (default: %(default)s)")
+    benchmark.add_argument(
+        "what", nargs="?", choices=tuple(BENCHMARKS), default="switching", help="%(default)s if none"
+    )
+    benchmark.add_argument(
+        "--runs",
+        type=_whole(1, 10**5),
+        help="switching: of each start (default: 100); localization: of each case (default: 200)",
+    )
     benchmark.add_argument("--seed", type=_whole(0, 2**63 - 1), default=1, help="seed of all noise")
-    benchmark.add_argument("--out", type=Path, default=Path("out/benchmark"), help="folder (default: %(default)s)")
+    benchmark.add_argument("--out", type=Path, help="folder (default: out/benchmark, out/localization)")
     benchmark.add_argument("--no-figures", dest="figures", action="store_false", help="results.json and table only")
     benchmark.set_defaults(call=_benchmark)
 
@@ -211,9 +222,10 @@ def _stability(options: argparse.Namespace) -> int:
 
 
 def _benchmark(options: argparse.Namespace) -> int:
-    from diffbot_sim.benchmark import run_and_report  # noqa: PLC0415
-
-    return run_and_report(options.runs, options.seed, options.out, options.figures)
+    module, runs, folder = BENCHMARKS[options.what]
+    out = folder if options.out is None else options.out
+    run_and_report = importlib.import_module(module).run_and_report
+    return int(run_and_report(options.runs or runs, options.seed, out, options.figures))
 
 
 def _run_node(options: argparse.Namespace) -> int:

@@ -29,7 +29,7 @@ from diffbot_control import (
     regions,
 )
 from diffbot_control.errors import DiffbotError
-from diffbot_sim import estimator, kalman, loop, noise, observer, peers, plant, sensors
+from diffbot_sim import estimator, kalman, loop, noise, observer, open_loop, peers, plant, sensors
 
 MODULES = (
     geometry,
@@ -52,6 +52,7 @@ MODULES = (
     observer,
     peers,
     loop,
+    open_loop,
 )
 """Modules whose functions compiled code may call."""
 

@@ -86,11 +86,16 @@ def new_figure(rows: int, size: tuple[float, float], *, sharex: bool = True) -> 
     return figure, axes
 
 
-def new_grid(columns: int, below: int, size: tuple[float, float]) -> tuple[Any, list[Any], list[Any]]:
-    """Return a figure of ``size`` [inch], a row of ``columns`` small axes and one of ``below`` larger ones."""
+def new_grid(
+    columns: int, below: int, size: tuple[float, float], left: float = 0.04
+) -> tuple[Any, list[Any], list[Any]]:
+    """Return a figure of ``size`` [inch], a row of ``columns`` small axes and one of ``below`` larger ones.
+
+    ``left`` is the share of the width that their labels take.
+    """
     figure = plt.figure(figsize=size, dpi=100)
-    upper = figure.add_gridspec(1, columns, left=0.04, right=0.99, bottom=0.56, top=0.94, wspace=0.08)
-    lower = figure.add_gridspec(1, below, left=0.04, right=0.99, bottom=0.15, top=0.48, wspace=0.1)
+    upper = figure.add_gridspec(1, columns, left=left, right=0.99, bottom=0.56, top=0.94, wspace=0.08)
+    lower = figure.add_gridspec(1, below, left=left, right=0.99, bottom=0.15, top=0.48, wspace=0.1)
     small = [figure.add_subplot(upper[0, index]) for index in range(columns)]
     large = [figure.add_subplot(lower[0, index]) for index in range(below)]
     for one in (*small, *large):

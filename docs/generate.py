@@ -2,7 +2,8 @@
 
 docs/parameters.md comes from the configuration types; the table in docs/control.md from 100 runs of the closed loop;
 docs/reproduction.md from docs/reproduction.json, which ``--experiments`` makes anew together with its figures;
-docs/benchmark.md from docs/benchmark.json, which ``--benchmark`` makes anew together with its figure.
+docs/benchmark.md from docs/benchmark.json and the tables in docs/localization.md from docs/localization.json, which
+``--benchmark`` makes anew together with their figures.
 ``--check`` writes nothing and fails if something would change.
 """
 
@@ -24,10 +25,11 @@ from diffbot_bag.config import RecorderConfig, ReplayConfig
 from diffbot_control.config import parameters_of, to_dict
 from diffbot_control.controller import ControllerConfig
 from diffbot_control.geometry import Pose
+from diffbot_control.localization import LocalizationConfig
 from diffbot_control.node_config import CONTROLLER_PRESETS, ControllerNodeConfig, EkfNodeConfig
 from diffbot_control.presets import PAPER, TUNED
-from diffbot_sim import benchmark_report
-from diffbot_sim.benchmark import draw, run_benchmark
+from diffbot_sim import benchmark, benchmark_report, localization_benchmark, localization_report
+from diffbot_sim.cli import BENCHMARKS
 from diffbot_sim.closed_loop import EKF, RAW, TRUTH, simulate
 from diffbot_sim.experiment import run_experiment, summarise, write_json
 from diffbot_sim.experiment_figures import figure_paths
@@ -65,24 +67,31 @@ def parameters_page() -> str:
         "come from its parameter `preset`.",
     ]
     for node, config_type in NODES.items():
-        lines += [
-            "",
-            f"## {node}",
-            "",
-            "| parameter | default | unit | allowed | fixed | meaning |",
-            "|---|---|---|---|---|---|",
-        ]
         tuned, paper = (to_dict(CONTROLLER_PRESETS[name]) if node == "controller" else {} for name in (TUNED, PAPER))
-        for parameter in parameters_of(config_type):
-            default = _shown(tuned.get(parameter.name, parameter.default))
-            if tuned.get(parameter.name) != paper.get(parameter.name):
-                default += f" (paper: {_shown(paper[parameter.name])})"
-            spec = parameter.spec
-            allowed = spec.bound() if parameter.type in (float, int) or spec.choices else ""
-            fixed = "yes" if spec.read_only else ""
-            cells = (f"`{parameter.name}`", default, spec.unit, allowed, fixed, spec.text)
-            lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+        lines += ["", f"## {node}", "", *_parameter_table(config_type, tuned, paper)]
     return "\n".join(lines) + "\n"
+
+
+def _parameter_table(config_type: type[Any], tuned: dict[str, Any], paper: dict[str, Any]) -> list[str]:
+    lines = ["| parameter | default | unit | allowed | fixed | meaning |", "|---|---|---|---|---|---|"]
+    for parameter in parameters_of(config_type):
+        default = _shown(tuned.get(parameter.name, parameter.default))
+        if tuned.get(parameter.name) != paper.get(parameter.name):
+            default += f" (paper: {_shown(paper[parameter.name])})"
+        spec = parameter.spec
+        allowed = spec.bound() if parameter.type in (float, int) or spec.choices else ""
+        fixed = "yes" if spec.read_only else ""
+        cells = (f"`{parameter.name}`", default, spec.unit, allowed, fixed, spec.text)
+        lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+    return lines
+
+
+def localization_page() -> str:
+    """Fill in the parameters and the benchmark's tables in docs/localization.md."""
+    text = (DOCS / "localization.md").read_text()
+    text = between_markers(text, "parameters", "\n".join(_parameter_table(LocalizationConfig, {}, {})))
+    results = json.loads((DOCS / "localization.json").read_text())
+    return between_markers(text, "benchmark", localization_report.page_part(results))
 
 
 def _shown(value: Any) -> str:
@@ -133,11 +142,18 @@ def write_experiments() -> None:
     write_json(DOCS / "reproduction.json", results)
 
 
-def write_benchmark() -> None:
-    """Run the benchmark and keep its results and its figure."""
-    results, outcomes = run_benchmark(RUNS, 1)
+def write_switching() -> None:
+    """Run the benchmark of the law and keep its results and its figure."""
+    results, outcomes = benchmark.run_benchmark(RUNS, 1)
     write_json(DOCS / "benchmark.json", results)
-    draw(outcomes, 1, DOCS / "benchmark.png")
+    benchmark.draw(outcomes, 1, DOCS / "benchmark.png")
+
+
+def write_localization() -> None:
+    """Run the benchmark of the filter and keep its results and its figure."""
+    results = localization_benchmark.run_benchmark(BENCHMARKS["localization"][1], 1)
+    write_json(DOCS / "localization.json", results)
+    localization_benchmark.draw(results, DOCS / "localization.png")
 
 
 def between_markers(page: str, name: str, text: str) -> str:
@@ -152,18 +168,23 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--check", action="store_true", help="write nothing, fail on a difference")
     parser.add_argument("--experiments", action="store_true", help="run the paper's experiments anew")
-    parser.add_argument("--benchmark", action="store_true", help="run the benchmark anew")
+    parser.add_argument(
+        "--benchmark", nargs="?", choices=("both", *BENCHMARKS), const="both", help="run both benchmarks, or one, anew"
+    )
     options = parser.parse_args()
     if options.experiments:
         write_experiments()
-    if options.benchmark:
-        write_benchmark()
+    if options.benchmark in ("both", "switching"):
+        write_switching()
+    if options.benchmark in ("both", "localization"):
+        write_localization()
     control = DOCS / "control.md"
     experiments = json.loads((DOCS / "reproduction.json").read_text())
     pages = {
         DOCS / "parameters.md": parameters_page(),
         DOCS / "reproduction.md": page(experiments["a"], experiments["b"]),
         DOCS / "benchmark.md": benchmark_report.page(json.loads((DOCS / "benchmark.json").read_text())),
+        DOCS / "localization.md": localization_page(),
         control: between_markers(control.read_text(), "scenario A", scenario_a_table()),
     }
     stale = [path for path, text in pages.items() if not path.is_file() or path.read_text() != text]

@@ -25,6 +25,10 @@ def test_scenario_a_table_is_up_to_date(generate):
     assert generate.between_markers(page, "scenario A", generate.scenario_a_table()) == page
 
 
+def test_localization_page_is_up_to_date(generate):
+    assert (ROOT / "docs" / "localization.md").read_text() == generate.localization_page()
+
+
 def test_every_page_of_the_readme_exists():
     readme = (ROOT / "README.md").read_text()
     targets = [part.split(")")[0] for part in readme.split("](")[1:]]

@@ -1,0 +1,192 @@
+"""A drive that nothing steers, with the filter looking on: what the benchmark of the filter does, in plain numbers.
+
+The form that compiles, and that runs as plain Python too; a test holds it to the world and the filter of the nodes.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+from diffbot_control.gating import REJECTED, RELOCATED
+from diffbot_control.geometry import Pose, wrap_angle
+from diffbot_control.goal import largest_deviation
+from diffbot_control.kinematics import Twist, WheelSpeeds
+from diffbot_sim.estimator import Track, new_track
+from diffbot_sim.kalman import Covariance
+from diffbot_sim.noise import START_BLOCK, WHEEL_BLOCK, direction, draw
+from diffbot_sim.observer import Moment, Robot, observe
+from diffbot_sim.plant import PlantState, plant_step
+from diffbot_sim.sensors import due
+
+AWAY = 0.5
+"""[m] a filter that is wrong by more is lost"""
+V_MIDDLE, V_HALF, OMEGA_HALF = 0.7, 0.3, 0.3
+"""[m/s], [m/s], [rad/s] of the drives: v is in 0.4 .. 1.0 m/s, omega in +-0.3 rad/s"""
+
+
+class Drive(NamedTuple):
+    """What all runs of a case share."""
+
+    robot: Robot
+    steps: int
+    skipped: int
+    """steps at the start that do not count"""
+    kidnapped: int
+    """step after which the robot stands somewhere else; -1 for never"""
+
+
+class Tracking(NamedTuple):
+    """How well the filter followed one run, over the steps that count."""
+
+    position: float
+    """[m] root of the mean squared position error"""
+    heading: float
+    """[rad] root of the mean squared heading error"""
+    largest: float
+    """[m] position error"""
+    end: float
+    """[m] position error"""
+    back: float
+    """[s] from the kidnapping until the position error is below AWAY for good; nan without one"""
+    nis: float
+    """mean of the fixes' normalised innovations squared, of rejected ones too; nan if none counts"""
+    innovations: float
+    """fixes in that mean: those that no heading or landmark followed in the same step"""
+    nees: float
+    """mean of the pose's normalised estimation error squared"""
+    fixes: float
+    rejected: float
+    """fixes"""
+    relocated: float
+    """fixes that the filter gave up its belief for"""
+
+
+class Sums(NamedTuple):
+    """What is summed up along a run."""
+
+    position: float
+    heading: float
+    largest: float
+    last_away: int
+    """last step with a position error above AWAY; -1 for none"""
+    nis: float
+    innovations: int
+    nees: float
+    fixes: int
+    rejected: int
+    relocated: int
+
+
+class Errors(NamedTuple):
+    """Estimate minus truth."""
+
+    x: float
+    y: float
+    theta: float
+
+
+def twist_of(seed: int, run: int) -> Twist:
+    """Return the constant twist that the run drives with."""
+    noise = draw(seed, run, 0, START_BLOCK)
+    return Twist(V_MIDDLE + V_HALF * noise.a, OMEGA_HALF * noise.b)
+
+
+def start_of(seed: int, run: int) -> Pose:
+    """Return where the run begins: at the origin, in any direction."""
+    return Pose(0.0, 0.0, direction(draw(seed, run, 0, START_BLOCK).c))
+
+
+def drive(case: Drive, seed: int, run: int, history: Any) -> Tracking:
+    """Do one run.
+
+    Args:
+        case: what all runs share.
+        seed: of all noise.
+        run: number of the run.
+        history: (steps + 1, 4) array whose rows are filled with the errors of position and heading and the deviations
+            that the filter gives for them, or (0, 4) for none.
+    """
+    rest = WheelSpeeds(0.0, 0.0)
+    command = twist_of(seed, run)
+    state = PlantState(start_of(seed, run), Twist(0.0, 0.0), rest, rest, rest, Pose(0.0, 0.0, 0.0), 0)
+    track = new_track(case.robot.filter)
+    sums = Sums(0.0, 0.0, 0.0, -1, 0.0, 0, 0.0, 0, 0, 0)
+    end = 0.0
+    for step in range(case.steps + 1):
+        track = observe(track, Moment(seed, run, step), state, case.robot)
+        errors = errors_of(track, state.pose)
+        end = math.hypot(errors.x, errors.y)
+        if len(history) > 0:
+            _record(history, step, errors, track.belief.P)
+        if step > case.skipped:
+            sums = _summed(sums, case.robot, step, track, errors)
+        if step < case.steps:
+            state = plant_step(state, command, draw(seed, run, step, WHEEL_BLOCK), case.robot.plant)
+    return _tracking(case, sums, end)
+
+
+def errors_of(track: Track, truth: Pose) -> Errors:
+    """Return what the filter is wrong by."""
+    seen = track.belief.pose
+    return Errors(seen.x - truth.x, seen.y - truth.y, wrap_angle(seen.theta - truth.theta))
+
+
+def nees_of(errors: Errors, P: Covariance) -> float:
+    """Return e' P^-1 e of the pose, by P = L L'."""
+    xx = math.sqrt(P.xx)
+    xy, xt = P.xy / xx, P.xt / xx
+    yy = math.sqrt(P.yy - xy * xy)
+    yt = (P.yt - xy * xt) / yy
+    tt = math.sqrt(P.tt - xt * xt - yt * yt)
+    a = errors.x / xx
+    b = (errors.y - xy * a) / yy
+    c = (errors.theta - xt * a - yt * b) / tt
+    return a * a + b * b + c * c
+
+
+def _record(history: Any, step: int, errors: Errors, P: Covariance) -> None:
+    row = history[step]
+    row[0], row[1] = math.hypot(errors.x, errors.y), errors.theta
+    row[2], row[3] = largest_deviation(P.xx, P.xy, P.yy), math.sqrt(P.tt)
+
+
+def _summed(sums: Sums, robot: Robot, step: int, track: Track, errors: Errors) -> Sums:
+    """Add one step."""
+    sensors, t_s = robot.sensors, robot.plant.sampling_time
+    fixed = due(step, sensors.fix_rate, t_s)
+    # The filter tells the innovation of the newest measurement only, and headings and landmarks come after the fix.
+    alone = fixed and not due(step, sensors.heading_rate, t_s) and not due(step, sensors.landmark_rate, t_s)
+    away = math.hypot(errors.x, errors.y)
+    return Sums(
+        sums.position + away * away,
+        sums.heading + errors.theta * errors.theta,
+        max(sums.largest, away),
+        sums.last_away if away <= AWAY else step,  # nan is away
+        sums.nis + (track.nis if alone else 0.0),
+        sums.innovations + (1 if alone else 0),
+        sums.nees + nees_of(errors, track.belief.P),
+        sums.fixes + (1 if fixed else 0),
+        sums.rejected + (1 if fixed and track.verdict == REJECTED else 0),
+        sums.relocated + (1 if fixed and track.verdict == RELOCATED else 0),
+    )
+
+
+def _tracking(case: Drive, sums: Sums, end: float) -> Tracking:
+    counted = case.steps - case.skipped
+    back = math.nan
+    if case.kidnapped >= 0:
+        back = max(sums.last_away + 1 - case.kidnapped, 0) * case.robot.plant.sampling_time
+    return Tracking(
+        math.sqrt(sums.position / counted),
+        math.sqrt(sums.heading / counted),
+        sums.largest,
+        end,
+        back,
+        sums.nis / sums.innovations if sums.innovations > 0 else math.nan,
+        float(sums.innovations),
+        sums.nees / counted,
+        float(sums.fixes),
+        float(sums.rejected),
+        float(sums.relocated),
+    )
