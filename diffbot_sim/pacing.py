@@ -45,9 +45,9 @@ class LockStep:
     and taking the second for the answer to the next step would leave the loop one step behind for good; so a step
     ends when all its questions are answered, or one is and no more come.
 
-    A step that had to be sent again is in doubt: for one who was away DDS keeps no order between topics, and the
-    answer may not know the step's fix yet. It is asked again ``DOUBTS`` times, one after the other; the last answer
-    counts.
+    DDS keeps no order between topics for one who was away or has just come: the answer may not know all that was
+    measured at its step. Such a step is in doubt; it is asked again ``DOUBTS`` times, one after the other, and the last
+    answer counts.
     """
 
     DOUBTS = 10
@@ -82,11 +82,15 @@ class LockStep:
             self.asked = min(self.asked, self.answered)
             return True
         self.repeats += 1
-        self.doubts = self.DOUBTS
+        self.doubt()
         return False
 
-    def doubt(self) -> bool:
-        """Whether the complete step is to be asked once more; then its questions begin anew, with one doubt less."""
+    def doubt(self) -> None:
+        """Put the present step in doubt."""
+        self.doubts = self.DOUBTS
+
+    def ask_once_more(self) -> bool:
+        """Whether the complete step is to be asked again; then its questions begin anew, with one doubt less."""
         if self.doubts == 0:
             return False
         self.doubts -= 1

@@ -42,6 +42,8 @@ _KNOWN_POLLS = 10
 """Polls in a row that find the same neighbours: what one side of a connection knows the other learns later."""
 _FIRST_STEPS, _STEPS_A_POLL = 1000, 5
 """Steps for which a first fix is waited for that is late or lost, and so many of them a poll."""
+_SILENT = ("headings", "landmarks")
+"""Arrivals whose first message may be missed by the filter unnoticed; without the first fix it gives no answer."""
 
 
 class PlantNode(DiffbotNode[PlantNodeConfig]):
@@ -69,6 +71,7 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
         self._sent_first = False
         self._neighbours: list[int] = []
         self._known_polls = 0
+        self._sent_once: set[str] = set()
         self._progress = 0
         self._lockstep = LockStep()
         factor = 1.0 if config.clock == WALL else config.real_time_factor
@@ -133,7 +136,7 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
             self._lock_step_if_sure()
 
     def _on_poll(self) -> None:
-        """Before the first step look for the filter; later ask a step in doubt again."""
+        """Look for the filter before the first step; later ask a step in doubt again."""
         if not self._sent_first:
             self._count_known_polls()
         if self.paused:
@@ -141,7 +144,7 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
         if not self._sent_first:
             self._wait_for_first_step()
         elif self._lockstep.complete:
-            if self._lockstep.doubt():
+            if self._lockstep.ask_once_more():
                 self._ask()
             else:
                 self._poll.cancel()
@@ -153,7 +156,7 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
 
     def _count_known_polls(self) -> None:
         before = self._neighbours
-        senders = (self._odometries, self._fixes, self._headings)
+        senders = (self._odometries, self._fixes, self._headings, self._clouds)
         self._neighbours = [sender.get_subscription_count() for sender in senders]
         self._neighbours.append(self._commands.get_publisher_count())
         found = all(sender.get_subscription_count() for sender in self._first_heard())
@@ -182,7 +185,7 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
                 )
             self._poll.cancel()
             self._sent_first = True
-            self._ask()
+            self._begin_step()
             return
 
     def _on_stall_check(self) -> None:
@@ -211,8 +214,17 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
             self._lock_step()
 
     def _lock_step(self) -> None:
-        self._lockstep.next_step()
         self._advance(self._command)
+        self._begin_step()
+
+    def _begin_step(self) -> None:
+        self._lockstep.next_step()
+        arrivals = self._sense()
+        news = {name for name in _SILENT if getattr(arrivals, name)} - self._sent_once
+        if news:
+            self._sent_once |= news
+            self._lockstep.doubt()
+            self._poll.reset()
         self._ask()
 
     def _advance(self, command: Twist) -> None:
@@ -257,6 +269,7 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
             self._lockstep.next_step()
             # What was asked before is answered while the polls count anew.
             self._sent_first, self._known_polls = False, 0
+            self._sent_once.clear()
             self._poll.reset()
         return response
 

@@ -127,28 +127,44 @@ def test_a_step_in_doubt_is_asked_again_until_each_of_ten_questions_had_its_own_
     lockstep = stalled_step(answers)
     assert lockstep.complete or lockstep.stalled()
     for left in range(9, -1, -1):
-        assert lockstep.doubt()
+        assert lockstep.ask_once_more()
         assert lockstep.doubts == left
         lockstep.ask()
         assert not lockstep.complete, "what was answered before answers nothing more"
         lockstep.answer()
         assert lockstep.complete
-    assert not lockstep.doubt()
+    assert not lockstep.ask_once_more()
     assert lockstep.complete
     lockstep.next_step()
     lockstep.ask()
     lockstep.answer()
-    assert not lockstep.doubt()
+    assert not lockstep.ask_once_more()
 
 
 def test_a_question_without_an_answer_begins_the_doubts_anew():
     lockstep = stalled_step(answers=2)
     for _ in range(4):
-        assert lockstep.doubt()
+        assert lockstep.ask_once_more()
         lockstep.ask()
         lockstep.answer()
-    assert lockstep.doubt()
+    assert lockstep.ask_once_more()
     lockstep.ask()
     assert not lockstep.stalled()
     assert lockstep.doubts == LockStep.DOUBTS == 10
     assert lockstep.repeats == 2
+
+
+def test_a_step_in_doubt_from_its_beginning_is_asked_eleven_times_and_the_next_one_once():
+    lockstep = LockStep()
+    lockstep.doubt()
+    counts = []
+    for _ in range(2):
+        count = 0
+        while count == 0 or lockstep.ask_once_more():
+            lockstep.ask()
+            lockstep.answer()
+            count += 1
+        counts.append(count)
+        lockstep.next_step()
+    assert counts == [11, 1]
+    assert lockstep.repeats == 0
