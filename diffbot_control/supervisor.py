@@ -73,6 +73,8 @@ class Supervisor:
         self._stamp: int | None = None
         self._pose: Pose | None = None
         self._answer: Twist | None = None
+        self._before: tuple[ControllerMemory, float] | None = None
+        """memory and time step of the newest answer, to take its step anew"""
         self._heard: float | None = None
         self._zeros_due = 0
 
@@ -93,6 +95,7 @@ class Supervisor:
     def _drive_to(self, goal: Pose) -> None:
         self.goal = goal
         self.memory = memory_for_new_goal(self.memory)
+        self._before = None
         self.state = WAITING if self._heard is None else DRIVING
         self.report = None
         self._counted = False
@@ -115,16 +118,20 @@ class Supervisor:
             uncertainty: of the pose.
         """
         dt = 0.0 if self._stamp is None else min(max((stamp - self._stamp) * 1e-9, 0.0), _LONGEST_STEP)
-        again = stamp == self._stamp and pose == self._pose
+        same_step, same_pose = stamp == self._stamp, pose == self._pose
         self._stamp, self._pose = stamp, pose
         self._heard = now
         if self.goal is None:
             return self._come_to_rest(dt)
-        if again and self._answer is not None and self.state != STALE:
+        if same_step and self._answer is not None and self.state != STALE:
             # A pose that is sent again, as in lock-step after a stall, is no step of its own: the same answer.
-            return self._answer
+            if same_pose:
+                return self._answer
+            # Corrected by a fix that came after the odometry: the same step, taken anew.
+            self.memory, dt = self._before or (self.memory, dt)
         self.uncertainty = uncertainty
         config = self.config.controller
+        self._before = self.memory, dt
         self.memory, command, self.report = step(self.memory, pose, self.goal, dt, config, uncertainty)
         self._answer = command
         self.state = self._state_of_drive(command)

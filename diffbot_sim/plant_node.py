@@ -8,7 +8,6 @@ from typing import Any
 from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
 from geometry_msgs.msg import Twist as TwistMessage
 from nav_msgs.msg import Odometry
-from rclpy.duration import Duration
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState, PointCloud2, PointField
@@ -37,9 +36,14 @@ from diffbot_sim.node_config import PlantNodeConfig
 from diffbot_sim.pacing import LOCKSTEP, WALL, ClockPace, LockStep
 from diffbot_sim.world import Arrivals, Sighting, World
 
-_FIRST_POLL = 0.02
-_UNSURE_STEPS, _UNSURE_WAIT = 10, Duration(seconds=0.1)
-"""In so many lock-steps at the start, and after one that was sent again, the measurements are waited for so long."""
+_POLL = 0.02
+"""[s] between two looks at the graph before the first lock-step, and between two questions of a step in doubt."""
+_KNOWN_POLLS = 10
+"""Polls in a row that find the same neighbours: what one side of a connection knows the other learns later."""
+_FIRST_STEPS, _STEPS_A_POLL = 1000, 5
+"""Steps for which a first fix is waited for that is late or lost, and so many of them a poll."""
+_SILENT = ("headings", "landmarks")
+"""Arrivals whose first message may be missed by the filter unnoticed; without the first fix it gives no answer."""
 
 
 class PlantNode(DiffbotNode[PlantNodeConfig]):
@@ -56,16 +60,18 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
         self._command = Twist(0.0, 0.0)
         self._command_step = 0
         self._arrivals: Arrivals | None = None
-        self._unsure = _UNSURE_STEPS if config.clock == LOCKSTEP else 0
         command_type, heard = (
             (TwistStamped, lambda message: self._on_command(message.twist))
             if config.enable_stamped_cmd_vel
             else (TwistMessage, self._on_command)
         )
-        self.listen(command_type, "cmd_vel", heard, QoSProfile(depth=1))
+        self._commands = self.listen(command_type, "cmd_vel", heard, QoSProfile(depth=1))
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SetBool, "~/pause", self._on_pause)
         self._sent_first = False
+        self._neighbours: list[int] = []
+        self._known_polls = 0
+        self._sent_once: set[str] = set()
         self._progress = 0
         self._lockstep = LockStep()
         factor = 1.0 if config.clock == WALL else config.real_time_factor
@@ -73,7 +79,7 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
         self._pace = ClockPace(period, self._now())
         if config.clock == LOCKSTEP:
             self.create_timer(config.lockstep_timeout, self._on_stall_check, clock=self.steady_clock)
-            self._first = self.create_timer(_FIRST_POLL, self._on_first, clock=self.steady_clock)
+            self._poll = self.create_timer(_POLL, self._on_poll, clock=self.steady_clock)
         else:
             self.create_timer(period, self._on_clock_tick, clock=self.steady_clock)
 
@@ -126,50 +132,99 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
         self._command_step = self.world.state.step
         if self.config.clock == LOCKSTEP:
             self._progress += 1
-            if self._lockstep.answer() and not self.paused:
+            self._lockstep.answer()
+            self._lock_step_if_sure()
+
+    def _on_poll(self) -> None:
+        """Look for the filter before the first step; later ask a step in doubt again."""
+        if not self._sent_first:
+            self._count_known_polls()
+        if self.paused:
+            return
+        if not self._sent_first:
+            self._wait_for_first_step()
+        elif self._lockstep.complete:
+            if self._lockstep.ask_once_more():
+                self._ask()
+            else:
+                self._poll.cancel()
                 self._lock_step()
 
-    def _on_first(self) -> None:
-        """Take the first step once the filter hears: a lost first fix would make another run of this one."""
-        if self._sent_first or self.paused:
+    def _first_heard(self) -> list[Any]:
+        """Publishers that a filter has to hear from the first step on."""
+        return [self._odometries, self._fixes] if self.config.world.sensors.fix_rate > 0.0 else [self._odometries]
+
+    def _count_known_polls(self) -> None:
+        before = self._neighbours
+        senders = (self._odometries, self._fixes, self._headings, self._clouds)
+        self._neighbours = [sender.get_subscription_count() for sender in senders]
+        self._neighbours.append(self._commands.get_publisher_count())
+        found = all(sender.get_subscription_count() for sender in self._first_heard())
+        self._known_polls = self._known_polls + 1 if found and self._neighbours == before else 0
+
+    def _wait_for_first_step(self) -> None:
+        """Take it once the filter hears and has a fix to begin with: a lost one would make another run of this one.
+
+        While the first fix is late or lost only time passes. The filter gets no odometry: it has no pose to answer
+        with, and heard after the fix the answer would be taken for that to another step.
+        """
+        if self._known_polls < _KNOWN_POLLS:
+            topics = " and ".join(publisher.topic_name for publisher in self._first_heard())
+            self.get_logger().info(f"waiting for a filter on {topics}", throttle_duration_sec=5.0)
             return
-        fixes_wanted = self.config.world.sensors.fix_rate > 0.0
-        heard = [self._odometries, self._fixes] if fixes_wanted else [self._odometries]
-        if not all(publisher.get_subscription_count() for publisher in heard):
-            self.get_logger().info("waiting for a filter on odom and global_pose", throttle_duration_sec=5.0)
-        elif fixes_wanted and not self._sense().fixes:
-            # The first fix is late or lost. Until it comes the filter has no pose to answer with: do not wait for it.
-            self._publish(self.world)
-            # Heard after the fix it would be answered, and the answer taken for that to another step.
-            if self._odometries.wait_for_all_acked(_UNSURE_WAIT):
-                self._advance(self._command)
-        else:
-            self._first.cancel()
-            self._ask()
+        for _ in range(_STEPS_A_POLL):
+            no_fix = self._fixes in self._first_heard() and not self._sense().fixes
+            if no_fix and self.world.state.step < _FIRST_STEPS:
+                self._publish_truth(self.world)
+                self._advance(Twist(0.0, 0.0))
+                continue
+            if no_fix:
+                self.get_logger().error(
+                    f"no fix in the first {_FIRST_STEPS} steps (see fix_delay and fix_dropout):"
+                    " the filter cannot answer before it has one, or an initialpose"
+                )
+            self._poll.cancel()
+            self._sent_first = True
+            self._begin_step()
+            return
 
     def _on_stall_check(self) -> None:
         moved, self._progress = self._progress, 0
         if moved or self.paused or not self._sent_first:
             return
         if self._lockstep.stalled():
-            self._lock_step()
+            self._lock_step_if_sure()
             return
         self.get_logger().warning(
             "no command on cmd_vel: the step's messages are sent again (is the controller's publish_when_idle set?)",
             throttle_duration_sec=10.0,
         )
-        self._unsure = _UNSURE_STEPS
+        self._poll.reset()
         self._ask()
+        self._progress = 0
 
     def _ask(self) -> None:
-        self._sent_first = True
+        self._progress += 1
         self._lockstep.ask()
         self._publish(self.world)
 
+    def _lock_step_if_sure(self) -> None:
+        """Go on if the step is answered; one in doubt is left to the polls."""
+        if self._lockstep.complete and not self._lockstep.doubts and not self.paused:
+            self._lock_step()
+
     def _lock_step(self) -> None:
-        self._lockstep.next_step()
-        self._unsure = max(self._unsure - 1, 0)
         self._advance(self._command)
+        self._begin_step()
+
+    def _begin_step(self) -> None:
+        self._lockstep.next_step()
+        arrivals = self._sense()
+        news = {name for name in _SILENT if getattr(arrivals, name)} - self._sent_once
+        if news:
+            self._sent_once |= news
+            self._lockstep.doubt()
+            self._poll.reset()
         self._ask()
 
     def _advance(self, command: Twist) -> None:
@@ -212,8 +267,10 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
         )
         if self.config.clock == LOCKSTEP:
             self._lockstep.next_step()
-            self._sent_first = False
-            self._first.reset()
+            # What was asked before is answered while the polls count anew.
+            self._sent_first, self._known_polls = False, 0
+            self._sent_once.clear()
+            self._poll.reset()
         return response
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
@@ -224,22 +281,21 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
             self._pace.restart(self._now())
             if self._sent_first:
                 self._catch_up_with_the_wall()
-            if (
-                self.config.clock == LOCKSTEP
-                and self._lockstep.asked
-                and self._lockstep.answered >= self._lockstep.asked
-            ):
-                self._lock_step()
+            self._lock_step_if_sure()
         return response
+
+    def _publish_truth(self, world: World) -> None:
+        """Send the time and where the robot is: what no filter answers."""
+        if self._clocks is not None:
+            set_stamp(self._clock_message.clock, world.stamp)
+            self._clocks.publish(self._clock_message)
+        if self._truths.get_subscription_count():
+            self._send_odometry(self._truths, self._truth, world.stamp, world.state.pose, world.state.twist)
 
     def _publish(self, world: World) -> None:
         """Send all messages of the present step, the odometry last: it is what the filter answers."""
         stamp = world.stamp
-        if self._clocks is not None:
-            set_stamp(self._clock_message.clock, stamp)
-            self._clocks.publish(self._clock_message)
-        if self._truths.get_subscription_count():
-            self._send_odometry(self._truths, self._truth, stamp, world.state.pose, world.state.twist)
+        self._publish_truth(world)
         arrivals = self._sense()
         for fix in arrivals.fixes:
             self._send_fix(fix)
@@ -247,10 +303,6 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
             self._send_heading(heading)
         if arrivals.landmarks:
             self._send_landmarks(stamp, arrivals.landmarks)
-        if self._unsure:
-            # DDS keeps no order between topics for one who has just come; the odometry must not overtake the fix.
-            for publisher in (self._fixes, self._headings):
-                publisher.wait_for_all_acked(_UNSURE_WAIT)
         if self._joint_states.get_subscription_count():
             self._send_joint_states(stamp, world)
         in_odom = world.state.odometry

@@ -440,6 +440,32 @@ def test_the_same_place_at_another_time_is_a_step_of_its_own():
     assert story.again(Pose(-2.0, 0.0, 0.0)).v == pytest.approx(1.3 * math.tanh(2.0))
 
 
+@pytest.mark.parametrize("config", [QUICK, SLOW_DOWN, PRESETS["tuned"]])
+def test_a_corrected_pose_of_the_same_time_takes_the_place_of_the_first(config):
+    story, twin = Story(controller=config), Story(controller=config)
+    poses = [AWAY, Pose(-1.0, 0.2, 0.3), Pose(-0.2, 0.1, 0.0), *[Pose(0.0, 0.09, 0.0)] * 12, AWAY, AWAY, AWAY]
+    for one in (story, twin):
+        one.supervisor.on_goal(GOAL)
+    for pose in poses:
+        answer = story.pose(pose, uncertainty=UNSURE)
+        twin.pose(pose._replace(x=pose.x + 0.3, theta=1.0))
+        for _ in range(3):
+            assert twin.again(pose, UNSURE) == answer
+        assert twin.supervisor.memory == story.supervisor.memory
+        assert twin.supervisor.report == story.supervisor.report
+        assert twin.state == story.state
+
+
+def test_a_corrected_pose_when_a_waypoint_was_passed_is_judged_for_the_next():
+    story, twin = Story(waypoint_radius=2.0), Story()
+    story.supervisor.on_path([GOAL, ROUTE[0]])
+    story.pose(Pose(-1.0, 0.0, 0.0))
+    assert story.supervisor.waypoint == 2
+    twin.supervisor.on_goal(ROUTE[0])
+    assert story.again(AWAY) == twin.pose(AWAY)
+    assert story.supervisor.waypoint == 2
+
+
 def test_a_pose_sent_again_keeps_the_watch_quiet():
     story = Story()
     story.supervisor.on_goal(GOAL)
