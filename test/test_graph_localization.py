@@ -250,7 +250,7 @@ def test_status_tells_innovations_rejections_relocations_wheels_and_ages():
         assert float(calm["NIS per number"]) < 0.05
         low, high = map(float, calm["NIS 95 % bounds"].split())
         assert 0.2 < low < 1.0 < high < 2.5
-        assert calm["left wheel radius error"] == calm["right wheel radius error"] == "+0.0000 +- 0.0200"
+        assert calm["left wheel radius error"] == calm["right wheel radius error"] == "+0.0000 +- 0.0100"
         assert float(calm["odom age [s]"]) < float(calm["global_pose age [s]"]) + 1.0 < 30.0
         # Carried away: two fixes are rejected, the third is believed.
         for number in range(3):
