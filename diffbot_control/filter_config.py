@@ -31,7 +31,7 @@ class FilterConfig(NamedTuple):
     ] = 3
     relocation_timeout: Annotated[
         float, Spec("time of nothing but rejections after which the newest is believed", "s", minimum=0.0, above=True)
-    ] = 3.0
+    ] = 1.5
     wheel_radius_sigma: Annotated[
         float, Spec("standard deviation of each wheel's relative radius error at the start", minimum=0.0, maximum=0.2)
     ] = 0.01
