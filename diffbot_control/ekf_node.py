@@ -104,7 +104,7 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         """Say the filter's state in /diagnostics."""
         level, text = super().health_level()
         state, nis = self.state(), self.localization.consistency.nis()
-        self.health.notes.update(self.localization.consistency.values())
+        self.health.notes.update(self._values())
         if nis is not None and nis.mean > nis.alarm:
             level, text = DiagnosticStatus.WARN[0], f"innovations larger than the covariances allow; {text}"
         return max(level, 0 if state == RUNNING else DiagnosticStatus.WARN[0]), f"{state}; {text}"
