@@ -1,6 +1,6 @@
 """Plant, EKF and controller, and a recorder if asked; for a full ROS 2 installation.
 
-ros2 launch diffbot diffbot.launch.py [namespace:=robot1] [simulate:=false] [clock:=wall|scaled|lockstep]
+ros2 launch diffbot diffbot.launch.py [namespace:=robot1] [simulate:=false] [localization:=false] [clock:=wall|scaled|lockstep]
     [parameters:=FILE] [bag:=FOLDER]
 """
 
@@ -21,6 +21,7 @@ def generate_launch_description() -> LaunchDescription:
     arguments = {
         "namespace": ("", "namespace of the robot; a second one makes a second robot"),
         "simulate": ("true", "start the plant; false on a real robot"),
+        "localization": ("true", "start the ekf; false if another localization publishes the pose"),
         "clock": ("wall", "wall, scaled or lockstep (only with simulate)"),
         "parameters": (str(share / "config" / "diffbot.yaml"), "parameter file of all nodes"),
         "bag": ("", "record everything into this folder"),
@@ -35,9 +36,9 @@ def generate_launch_description() -> LaunchDescription:
 def _nodes(context: LaunchContext) -> list[Node]:
     value = {
         name: LaunchConfiguration(name).perform(context)
-        for name in ("namespace", "simulate", "clock", "parameters", "bag")
+        for name in ("namespace", "simulate", "localization", "clock", "parameters", "bag")
     }
-    simulate = value["simulate"].lower() in ("true", "1", "yes")
+    simulate, localization = (value[name].lower() in ("true", "1", "yes") for name in ("simulate", "localization"))
     use_sim_time = simulate and value["clock"] != "wall"
     common = [value["parameters"], {"use_sim_time": use_sim_time}]
 
@@ -52,7 +53,9 @@ def _nodes(context: LaunchContext) -> list[Node]:
         )
 
     lockstep = {"publish_when_idle": True} if value["clock"] == "lockstep" else {}
-    nodes = [node("ekf"), node("controller", lockstep)]
+    nodes = [node("controller", lockstep)]
+    if localization:
+        nodes.insert(0, node("ekf"))
     if value["bag"]:
         nodes.insert(0, node("recorder", {"uri": value["bag"]}))
     if simulate:
