@@ -1,7 +1,7 @@
 """Plant, EKF and controller, and a recorder if asked; for a full ROS 2 installation.
 
-ros2 launch diffbot diffbot.launch.py [namespace:=robot1] [simulate:=false] [localization:=false] [clock:=wall|scaled|lockstep]
-    [parameters:=FILE] [bag:=FOLDER]
+ros2 launch diffbot diffbot.launch.py [namespace:=robot1] [simulate:=false] [localization:=false]
+    [clock:=wall|scaled|lockstep] [parameters:=FILE] [bag:=FOLDER]
 """
 
 from pathlib import Path
