@@ -28,6 +28,7 @@ from diffbot_control.gating import (
 )
 from diffbot_control.geometry import Pose, wrap_angle
 
+_NO_REJECTION = FixGate()
 _LOST_P = np.diag((LOST_XY, LOST_XY, LOST_THETA))
 
 
@@ -137,6 +138,10 @@ class Estimator:
         belief, self.nis = self._corrected(memory.belief, fix, R)
         expected = 0.0 <= self.nis <= bound
         adaptation = memory.adaptation
+        if expected and not options.adaptive and memory.gate == _NO_REJECTION and not memory.doubt.raised:
+            # Nearly all fixes: nothing to remember but the belief.
+            self.memory = Memory(belief, None, memory.gate, memory.doubt, adaptation)
+            return ACCEPTED
         if options.adaptive:
             # Of the whole vector's S only the diagonal: each number by its own deviation.
             y, S = self._filter.y.tolist(), self._filter.S.diagonal().tolist()

@@ -101,6 +101,7 @@ class Localization:
     def __init__(self, config: LocalizationConfig, wheel_separation: float = WheelGeometry().wheel_separation) -> None:
         """Start unknown: :attr:`initialised` is False until a pose comes; ``wheel_separation`` is L [m]."""
         self.config = config
+        self._history = round(config.history_length / NANO)
         self.estimator = Estimator(options_of(config.filter), wheel_separation)
         self.consistency = Consistency()
         self.initialised = False
@@ -112,6 +113,7 @@ class Localization:
 
     def configure(self, config: LocalizationConfig, wheel_separation: float) -> None:
         """Take over changed options from the next message on; the variant of the filter stays."""
+        self._history = round(config.history_length / NANO)
         self.config = config._replace(filter=config.filter._replace(filter=self.config.filter.filter))
         self.estimator.configure(options_of(self.config.filter), wheel_separation)
 
@@ -151,8 +153,7 @@ class Localization:
         if not self.initialised or self._stamp is None:
             raise BadMessageError("no fix yet")
         belief = self.estimator.memory.belief
-        x = belief.x
-        pose = Pose(x.item(0), x.item(1), x.item(2))
+        pose = Pose(*belief.x.tolist()[:3])
         return Estimate(self._stamp, pose, belief.P[:3, :3], self._odometry, belief)
 
     def on_odometry(self, odometry: OdometryStep) -> Estimate:
@@ -168,13 +169,13 @@ class Localization:
             raise BadMessageError("no fix yet")
         if self._stamp is None:
             self._stamp = odometry.stamp
-        late = (self._stamp - odometry.stamp) * NANO
-        if late > self.config.history_length:
+        late = self._stamp - odometry.stamp
+        if late > self._history:
             self.reset()
-            raise BadMessageError("time jumped back", f"by {late:.3f} s; filter reset")
-        if late > 0.0:
-            raise BadMessageError("out of order", f"{late:.3f} s behind the newest")
-        if late < 0.0:
+            raise BadMessageError("time jumped back", f"by {late * NANO:.3f} s; filter reset")
+        if late > 0:
+            raise BadMessageError("out of order", f"{late * NANO:.3f} s behind the newest")
+        if late < 0:
             ready, self._pending = _split(self._pending, odometry.stamp)
             step = _Step(self._stamp, odometry, self.estimator.memory, ready)
             self._steps.append(step)
@@ -268,10 +269,11 @@ class Localization:
             self.consistency.note(measurement.z.size, self.estimator.nis, verdict)
 
     def _trim(self) -> None:
-        oldest = self._steps[-1].odometry.stamp - round(self.config.history_length / NANO)
-        while self._steps[0].odometry.stamp < oldest:
-            self._steps.popleft()
+        steps, known = self._steps, self._known
+        oldest = steps[-1].odometry.stamp - self._history
+        while steps[0].odometry.stamp < oldest:
+            steps.popleft()
         # In the order of arrival; one that came late stays a little longer than it need, and one with a stamp far ahead
         # does not keep all that come after it.
-        while self._known and ((key := next(iter(self._known)))[0] < oldest or len(self._known) > _KNOWN_MOST):
-            del self._known[key]
+        while known and ((key := next(iter(known)))[0] < oldest or len(known) > _KNOWN_MOST):
+            del known[key]

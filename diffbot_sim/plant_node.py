@@ -151,8 +151,11 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
                 self._lock_step()
 
     def _first_heard(self) -> list[Any]:
-        """Publishers that a filter has to hear from the first step on."""
-        return [self._odometries, self._fixes] if self.config.world.sensors.fix_rate > 0.0 else [self._odometries]
+        """Publishers that a filter has to hear from the first step on; one that hears joint_states needs no odom."""
+        moving = self._odometries
+        if self._joint_states.get_subscription_count() and not self._odometries.get_subscription_count():
+            moving = self._joint_states
+        return [moving, self._fixes] if self.config.world.sensors.fix_rate > 0.0 else [moving]
 
     def _count_known_polls(self) -> None:
         before = self._neighbours

@@ -16,6 +16,7 @@ from filterpy.kalman import ExtendedKalmanFilter
 
 from diffbot_control.controller import ControllerConfig, ControllerMemory, step
 from diffbot_control.estimator import Measurement
+from diffbot_control.filter_config import EKF, FNN, FilterConfig
 from diffbot_control.geometry import Pose
 from diffbot_control.localization import Localization, LocalizationConfig, OdometryStep
 from diffbot_control.supervisor import Supervisor, SupervisorConfig
@@ -75,10 +76,10 @@ def supervisor_on_pose() -> float:
     return _per_step(began, len(poses))
 
 
-def localization_step() -> float:
-    """Time one fix and one odometry a step through the fusion, with its order of stamps and its history."""
+def localization_step(variant: str) -> float:
+    """Time one fix and one odometry a step through the fusion, with its order of stamps, its history and its gate."""
     _, fixes, odometry = inputs()
-    localization = Localization(LocalizationConfig())
+    localization = Localization(LocalizationConfig(filter=FilterConfig(filter=variant)))
     began = time.thread_time_ns()
     for fix, twist in zip(fixes, odometry, strict=True):
         localization.on_measurement(fix)
@@ -110,17 +111,22 @@ def closed_loop_step() -> float:
     return _per_step(began, _STEPS + 1)
 
 
-def steps_round(number: int) -> dict[str, Pair]:
-    """Time each once; filter and reference right after each other, the order changing from round to round."""
+def against_filterpy(number: int, variant: str) -> Pair:
+    """Time filter and reference right after each other, the order changing from round to round."""
     if number % 2 == 0:
-        ours = localization_step()
-        reference = filterpy_step()
-    else:
-        reference = filterpy_step()
-        ours = localization_step()
+        ours = localization_step(variant)
+        return Pair(ours, filterpy_step())
+    reference = filterpy_step()
+    return Pair(localization_step(variant), reference)
+
+
+def steps_round(number: int) -> dict[str, Pair]:
+    """Time each once."""
     return {
         "controller_step": Pair(controller_step(), None),
         "supervisor_on_pose": Pair(supervisor_on_pose(), None),
-        "ekf_step": Pair(ours, reference),
+        "ekf_step": against_filterpy(number, EKF),
+        "default_filter_step": against_filterpy(number, FilterConfig().filter),
+        "fnn_step": against_filterpy(number, FNN),
         "closed_loop_step": Pair(closed_loop_step(), None),
     }

@@ -57,7 +57,9 @@ MEASURES = (
     Measure("lockstep_3p", "lock-step, three processes", "steps/s"),
     Measure("controller_step", "controller: step", "us", OURS, at_most=20.0),
     Measure("supervisor_on_pose", "controller: Supervisor.on_pose", "us"),
-    Measure("ekf_step", "filter: one fix and one odometry, against filterpy alone", "us", at_most=1.5),
+    Measure("ekf_step", "filter `ekf`: one fix and one odometry, against filterpy alone", "us", at_most=1.5),
+    Measure("default_filter_step", "filter `ekf_calibrating`, the default: the same", "us", at_most=2.0),
+    Measure("fnn_step", "filter `ekf_fnn`: the same", "us"),
     Measure("closed_loop_step", "closed loop without ROS: one step", "us"),
 )
 HEADER = ("measure", "ours", "reference", "ratio", "target", "met", "spread", "rounds")

@@ -11,7 +11,14 @@ import pytest
 from bench_table import MEASURES, OURS, BenchError, Measure, Pair, make_row, make_rows
 
 ROOT = Path(__file__).resolve().parent.parent
-STEPS = ("controller_step", "supervisor_on_pose", "ekf_step", "closed_loop_step")
+STEPS = (
+    "controller_step",
+    "supervisor_on_pose",
+    "ekf_step",
+    "default_filter_step",
+    "fnn_step",
+    "closed_loop_step",
+)
 
 
 def run_bench(*arguments):

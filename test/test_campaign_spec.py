@@ -74,7 +74,7 @@ def test_flags_win_and_grids_are_merged_by_name(tmp_path):
 
 
 def test_a_wheel_radius_is_the_plants_and_the_controllers():
-    plant, _, controller = configure({"wheel_radius": 0.07})
+    plant, _, controller, _ = configure({"wheel_radius": 0.07})
     assert plant.wheels.wheel_radius == controller.wheels.wheel_radius == 0.07
 
 

@@ -89,6 +89,12 @@ def test_same_path_with_late_lost_and_wrong_fixes_and_a_compass():
         assert_same_path(go(robot, goal), goal, plant)
 
 
+def test_a_filter_that_hears_joint_states_instead_of_odom_goes_the_same_way():
+    goal = (0.0, 0.0, 0.0)
+    with lockstep({"seed": 6}, ekf={"odometry_source": "joint_states"}) as robot:
+        assert_same_path(go(robot, goal), goal, {"seed": 6})
+
+
 def assert_not_a_step_behind(robot, stamps):
     """The robot moves as the answer to each step's pose says, but for the 5 % of each wheel."""
     asked = {stamp(command): command.twist for command in robot.commands}
