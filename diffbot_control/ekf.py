@@ -14,8 +14,10 @@ import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 from numpy.typing import NDArray
 
-from diffbot_control.gating import NEAREST
+from diffbot_control.filter_config import NEAREST
 from diffbot_control.geometry import wrap_angle
+from diffbot_control.kinematics import Twist, with_radius_errors
+from diffbot_control.landmarks import bent
 
 Array = NDArray[np.float64]
 
@@ -94,7 +96,7 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         return self._update(z, R, self._heading_jacobian, _heading_of_state, _heading_residual)
 
     def update_landmark(self, z: Array, R: Array, landmark: tuple[float, float]) -> float:
-        """Correct with range and bearing of a known point.
+        """Correct with range and bearing of a known point; see :func:`diffbot_control.landmarks.bent` for near ones.
 
         Args:
             z: (2,) range [m] and bearing [rad] in the robot's frame.
@@ -114,6 +116,8 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         H[0, 0], H[0, 1] = -dx / distance, -dy / distance
         H[1, 0], H[1, 1], H[1, 2] = dy / squared, -dx / squared, -1.0
         expected = np.array((distance, wrap_angle(math.atan2(dy, dx) - float(self.x[2]))))
+        by_range, by_bearing = bent(squared, self.P.item(0, 0) + self.P.item(1, 1))
+        R = R + np.diag((by_range, by_bearing))
         return self._update(z, R, lambda _x: H, lambda _x: expected, _landmark_residual)
 
     def _update(self, z: Array, R: Array, jacobian: Any, expected: Any, residual: Any) -> float:
@@ -132,8 +136,7 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
 class CalibratingEkf(PoseEkf):
     """The same with the relative errors of the radii of the left and right wheel as states 3 and 4.
 
-    The measured twist is that of wheels of nominal radius. With rim speeds v_l = v - omega L / 2, v_r = v + omega L / 2
-    the robot moves with v + (v_l e_l + v_r e_r) / 2 and omega + (v_r e_r - v_l e_l) / L.
+    The measured twist is that of wheels of nominal radius: see :func:`diffbot_control.kinematics.with_radius_errors`.
     """
 
     def __init__(self) -> None:
@@ -150,8 +153,7 @@ class CalibratingEkf(PoseEkf):
         L = self.wheel_separation
         x, y, theta, left, right = self.x.tolist()
         rim_left, rim_right = v - 0.5 * L * omega, v + 0.5 * L * omega
-        v += 0.5 * (rim_left * left + rim_right * right)
-        omega += (rim_right * right - rim_left * left) / L
+        v, omega = with_radius_errors(Twist(v, omega), left, right, L)
         ahead_x, ahead_y = self._move(v, omega, dt, var_v, cov, var_omega, theta)
         F, Q = self.F, self.Q
         turn_left, turn_right = -dt * rim_left / L, dt * rim_right / L

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,10 +14,10 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu, JointState, PointCloud2
 from std_srvs.srv import Trigger
 
-from diffbot_control.errors import BadMessageError, DiffbotError
+from diffbot_control.errors import BadMessageError
 from diffbot_control.estimator import Measurement
 from diffbot_control.geometry import Pose, into_frame, out_of_frame
-from diffbot_control.kinematics import body_twist, encoder_covariance, wheel_speeds
+from diffbot_control.kinematics import Twist, body_twist, encoder_covariance, wheel_speeds, with_radius_errors
 from diffbot_control.localization import Estimate, Localization, OdometryStep
 from diffbot_control.node_config import EkfNodeConfig
 from diffbot_control.ros_messages import (
@@ -39,7 +39,7 @@ from diffbot_control.ros_messages import (
     wheel_speeds_from,
 )
 from diffbot_control.ros_runtime import LATCHED, QUEUE, DiffbotNode, run, status_message
-from diffbot_control.state_file import SavedState, load_state, save_state
+from diffbot_control.state_file import BrokenStateError, SavedState, load_state, save_state, state_path
 
 WAITING = "waiting for first fix"
 RUNNING = "running"
@@ -64,9 +64,11 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         self._statuses = self.create_publisher(DiagnosticStatus, "~/status", LATCHED)
         self._transforms = self._transform_publisher(config.publish_tf)
         self._told_state = ""
-        self._heard = time.monotonic_ns()
+        self._heard: int | None = None
         self._landmarks = config.landmarks.points()
         self._take_noise()
+        self._state_path = state_path(config.state_file)
+        self._saved_stamp: int | None = None
         self._restore()
         # Fixes before odometry: an executor that finds both waiting takes them in this order.
         self.listen(PoseWithCovarianceStamped, "global_pose", self._on_fix)
@@ -97,14 +99,13 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         """Return the message of ~/status: one of WAITING, RUNNING, SILENT."""
         if not self.localization.initialised:
             return WAITING
-        silence = (time.monotonic_ns() - self._heard) * 1e-9
+        silence = math.inf if self._heard is None else (time.monotonic_ns() - self._heard) * 1e-9
         return SILENT if silence > self.config.sensor_timeout else RUNNING
 
     def health_level(self) -> tuple[int, str]:
         """Say the filter's state in /diagnostics."""
         level, text = super().health_level()
         state, nis = self.state(), self.localization.consistency.nis()
-        self.health.notes.update(self._values())
         if nis is not None and nis.mean > nis.alarm:
             level, text = DiagnosticStatus.WARN[0], f"innovations larger than the covariances allow; {text}"
         return max(level, 0 if state == RUNNING else DiagnosticStatus.WARN[0]), f"{state}; {text}"
@@ -139,62 +140,61 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         frame = self.config.base_link_frame
         sightings, unknown = landmarks_from(message, frame, self._landmarks, self._landmark_noise)
         if unknown:
-            self._count("landmarks of unknown number", unknown)
-        taken, refused = 0, None
+            self.health.counted["landmarks of unknown number"] += unknown
         for sighting in sightings:
             try:
                 self.localization.on_measurement(sighting)
             except BadMessageError as error:
-                refused = error
-            else:
-                taken += 1
-        if refused is not None and not taken:
-            raise refused
+                # Each counts for itself: the others of the cloud may be good.
+                if self.health.drop("landmarks", error.kind):
+                    self.get_logger().warning(f"landmarks: dropped: {error} (said once; see /diagnostics)")
 
     def _count_fallback(self, topic: str, measurement: Measurement, noise: KnownNoise) -> None:
         if measurement.R is noise.R:
-            self._count(f"{topic} with the covariance of the parameters", 1)
-
-    def _count(self, note: str, more: int) -> None:
-        self.health.notes[note] = str(int(self.health.notes.get(note, "0")) + more)
+            self.health.counted[f"{topic} with the covariance of the parameters"] += 1
 
     def _restore(self) -> None:
-        if not self.config.state_file:
+        if self._state_path is None:
             return
-        path = Path(self.config.state_file).expanduser()
         try:
-            saved = load_state(path)
-        except DiffbotError as error:
+            saved = load_state(self._state_path)
+        except BrokenStateError as error:
             # A robot has to start all the same; the next saving would write over what is there.
-            kept = path.with_name(path.name + ".bad")
+            kept = self._state_path.with_name(self._state_path.name + ".bad")
             self.get_logger().error(f"state not restored: {error}; the file is kept as {kept.name}")
-            try:
-                path.replace(kept)
-            except OSError as failure:
-                self.get_logger().error(f"cannot rename {path}: {failure.strerror}")
+            self._state_path.replace(kept)
             return
         if saved is None:
             return
         self.localization.initialise(saved.pose, saved.P)
-        if saved.wheels is not None and saved.wheels_P is not None:
+        if saved.geometry != self.config.wheels:
+            self.get_logger().warning("wheel errors not restored: found with another wheel radius or separation")
+        elif saved.wheels is not None and saved.wheels_P is not None:
             self.localization.estimator.set_wheels(saved.wheels, saved.wheels_P)
         x, y, theta = saved.pose
         self.get_logger().info(f"state restored: x {x:.3f} m, y {y:.3f} m, heading {theta:.3f} rad")
 
     def _save(self) -> None:
-        if not self.config.state_file or not self.localization.initialised:
+        """Write what is known, if there is news."""
+        if self._state_path is None or not self.localization.initialised:
             return
-        x, P = self.localization.estimator.memory.belief
-        pose = Pose(*x[:3].tolist())
-        wheels = self.localization.estimator.wheels()
-        state = SavedState(pose, P[:3, :3], *(wheels or (None, None)))
         try:
-            save_state(Path(self.config.state_file).expanduser(), state)
+            estimate = self.localization.estimate()
+        except BadMessageError:
+            return  # no odometry yet
+        if estimate.stamp == self._saved_stamp or not np.isfinite(estimate.belief.P).all():
+            return
+        wheels, wheels_P = self.localization.estimator.wheels() or (None, None)
+        try:
+            save_state(self._state_path, SavedState(estimate.pose, estimate.P, wheels, wheels_P, self.config.wheels))
+            self._saved_stamp = estimate.stamp
         except OSError as error:
             self.get_logger().error(f"cannot write state_file: {error.strerror or error}", throttle_duration_sec=60.0)
 
     def _on_initialpose(self, message: PoseWithCovarianceStamped) -> None:
-        fix = fix_from(message, self.config.map_frame, self._fix_noise)
+        # Whoever sends it means it: the parameters only stand in for a covariance that is not there.
+        fix = fix_from(message, self.config.map_frame, self._fix_noise._replace(always=False))
+        self._count_fallback("initialpose", fix, self._fix_noise)
         x, y, theta = fix.z.tolist()
         self.localization.initialise(Pose(x, y, theta), fix.R, fix.stamp or None)
         self.get_logger().info(f"initialised at x {x:.3f} m, y {y:.3f} m, heading {theta:.3f} rad")
@@ -233,10 +233,18 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         set_stamp(message.header.stamp, estimate.stamp)
         fill_pose(message.pose.pose, estimate.pose)
         fill_planar_covariance(message.pose.covariance, estimate.P)
-        fill_twist(message.twist.twist, odometry.twist)
+        fill_twist(message.twist.twist, self._true_twist(odometry.twist))
         fill_twist_covariance(message.twist.covariance, odometry[2:])
         self._filtered_odometry.publish(message)
         self.health.sent["odometry/filtered"] += 1
+
+    def _true_twist(self, measured: Twist) -> Twist:
+        """Return the twist with what is known of the wheels."""
+        wheels = self.localization.estimator.wheels()
+        if wheels is None:
+            return measured
+        left, right = wheels[0].tolist()
+        return with_radius_errors(measured, left, right, self.config.wheels.wheel_separation)
 
     def _send_transform(self, estimate: Estimate, in_odom: Pose) -> None:
         origin = into_frame(Pose(0.0, 0.0, 0.0), in_odom)  # odom as the robot sees it
@@ -246,21 +254,23 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
 
     def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self.localization.reset()
+        if self._state_path is not None:
+            self._state_path.unlink(missing_ok=True)  # what was forgotten must not come back with a restart
         response.success, response.message = True, "waiting for the next fix"
         self._tell_state()
         return response
 
     def _tell_state(self) -> None:
         state = self.state()
-        values = self._values()
+        values = self.details() | self.health.ages(time.monotonic())
         if state != self._told_state:
             self.get_logger().info(state)
         self._told_state = state
         level = 0 if state == RUNNING else DiagnosticStatus.WARN[0]
         self._statuses.publish(status_message("ekf", level, state, values))
 
-    def _values(self) -> dict[str, str]:
-        """Return what ~/status tells beside the state."""
+    def details(self) -> dict[str, str]:
+        """Return what ~/status and /diagnostics tell of the filter."""
         values = {"filter": self.config.localization.filter.filter}
         wheels = self.localization.estimator.wheels()
         if self.localization.initialised:
@@ -270,7 +280,9 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
                 for index, name in enumerate(("left", "right")):
                     deviation = float(np.sqrt(P[index, index]))
                     values[f"{name} wheel radius error"] = f"{errors[index]:+.4f} +- {deviation:.4f}"
-        return values | self.health.ages(time.monotonic())
+        if self.localization.waited_in_vain:
+            values["measurements before the first odometry"] = str(self.localization.waited_in_vain)
+        return values
 
 
 def _diagonal(sigmas: Sequence[float]) -> np.ndarray[Any, np.dtype[np.float64]] | None:

@@ -12,17 +12,17 @@ import numpy as np
 
 from diffbot_control.adaptation import Adaptation, adapted, new_adaptation, q_scale, r_scales, rescaled
 from diffbot_control.ekf import Array, CalibratingEkf, Motion, PoseEkf
-from diffbot_control.filter_config import FilterOptions
+from diffbot_control.filter_config import LOST_THETA, LOST_XY, FilterOptions
 from diffbot_control.gating import (
     ACCEPTED,
     IGNORED,
-    LOST_THETA,
-    LOST_XY,
     REJECTED,
     RELOCATED,
     Doubt,
     FixGate,
+    despaired,
     doubted,
+    doubting,
     judged,
     passed,
 )
@@ -115,7 +115,7 @@ class Estimator:
             q = q_scale(memory.adaptation)
             motion = Motion(v, omega, dt, q * var_v, q * cov, q * var_omega)
         belief = self._moved(memory.belief, motion)
-        if memory.candidate is None and not memory.doubt.raised:
+        if memory.candidate is None and not memory.doubt.rejected:
             self.memory = Memory(belief, None, memory.gate, memory.doubt, memory.adaptation)
             return
         candidate = None if memory.candidate is None else self._moved(memory.candidate, motion)
@@ -138,11 +138,11 @@ class Estimator:
         belief, self.nis = self._corrected(memory.belief, fix, R)
         expected = 0.0 <= self.nis <= bound
         adaptation = memory.adaptation
-        if expected and not options.adaptive and memory.gate == _NO_REJECTION and not memory.doubt.raised:
+        if expected and not options.adaptive and memory.gate == _NO_REJECTION and not memory.doubt.rejected:
             # Nearly all fixes: nothing to remember but the belief.
             self.memory = Memory(belief, None, memory.gate, memory.doubt, adaptation)
             return ACCEPTED
-        if options.adaptive:
+        if options.adaptive and not math.isnan(self.nis):
             # Of the whole vector's S only the diagonal: each number by its own deviation.
             y, S = self._filter.y.tolist(), self._filter.S.diagonal().tolist()
             if min(S) > 0.0:
@@ -168,7 +168,7 @@ class Estimator:
             factor = rescaled(memory.adaptation, adaptation)
             belief = _scaled(belief, factor)
             candidate = None if candidate is None else _scaled(candidate, factor)
-        doubt = memory.doubt if verdict == REJECTED or not memory.doubt.raised else Doubt()
+        doubt = memory.doubt if verdict == REJECTED or not memory.doubt.rejected else Doubt()
         self.memory = Memory(belief, candidate, gate, doubt, adaptation)
         return verdict
 
@@ -180,8 +180,9 @@ class Estimator:
         if 0.0 <= self.nis <= self.options.gates[measurement.z.size - 1]:
             self.memory = memory._replace(belief=belief, doubt=Doubt())
             return ACCEPTED
-        if memory.doubt.elapsed < self.options.relocation_timeout:
-            self.memory = memory._replace(doubt=Doubt(True, memory.doubt.elapsed))
+        doubt = doubting(memory.doubt)
+        if not despaired(doubt, self.options):
+            self.memory = memory._replace(doubt=doubt)
             return REJECTED
         x, P = memory.belief
         P = P.copy()
@@ -208,8 +209,8 @@ class Estimator:
                 nis = ekf.update_pose(z, R)
             else:
                 nis = ekf.update_heading(z, R)
-        except np.linalg.LinAlgError:
-            return belief, math.nan  # S is singular to working precision: not to be believed
+        except (np.linalg.LinAlgError, ValueError):
+            return belief, math.nan  # S is singular to working precision or not finite: not to be believed
         return self._checked(Belief(ekf.x, ekf.P)), nis
 
     def _checked(self, belief: Belief) -> Belief:

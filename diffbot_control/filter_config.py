@@ -14,6 +14,10 @@ FILTERS = (EKF, CALIBRATING, FNN, FNN_CALIBRATING)
 """Three states; with the radius errors of both wheels as two more; with a fuzzy-neural adaptation of R and Q."""
 
 
+LOST_XY, LOST_THETA = 25.0, 1.0
+"""[m^2], [rad^2] variances of a pose that headings and landmarks have contradicted for long"""
+NEAREST = 1e-3
+"""[m] nearer to a landmark its bearing means nothing"""
 _MOST_SIGMAS, _MOST = 5.0, 0.1
 """An estimated radius error beyond so many deviations, and beyond a tenth, is a slip that was taken for one."""
 
@@ -27,13 +31,19 @@ class FilterConfig(NamedTuple):
         Spec("share of good measurements that pass the chi-square gate; 1: no gate", minimum=0.5, maximum=1.0),
     ] = 0.999
     relocation_fixes: Annotated[
-        int, Spec("rejected fixes in a row that agree, after which they are believed", minimum=2, maximum=100)
+        int, Spec("rejections in a row after which fixes that agree are believed", minimum=2, maximum=100)
     ] = 3
     relocation_timeout: Annotated[
-        float, Spec("time of nothing but rejections after which the newest is believed", "s", minimum=0.0, above=True)
+        float,
+        Spec(
+            "time of so many rejections and nothing else after which the newest is believed",
+            "s",
+            minimum=0.0,
+            above=True,
+        ),
     ] = 1.5
     wheel_radius_sigma: Annotated[
-        float, Spec("standard deviation of each wheel's relative radius error at the start", minimum=0.0, maximum=0.2)
+        float, Spec("standard deviation of each wheel's relative radius error at the start", minimum=1e-6, maximum=0.2)
     ] = 0.01
     wheel_radius_walk: Annotated[float, Spec("how fast it may change", "1/sqrt(s)", minimum=0.0, maximum=0.1)] = 1e-4
 

@@ -14,10 +14,6 @@ from diffbot_control.filter_config import FilterOptions
 ACCEPTED, REJECTED, RELOCATED, IGNORED = 0, 1, 2, 3
 _WIDENED, _TIGHTENED = 0.2, 0.05
 """Steps of the slack at a rejected and at an accepted fix: a gate that rejects more than a fifth is itself wrong."""
-LOST_XY, LOST_THETA = 25.0, 1.0
-"""[m^2], [rad^2] variances of a pose that headings and landmarks have contradicted for long"""
-NEAREST = 1e-3
-"""[m] nearer to a landmark its bearing means nothing"""
 
 
 class FixGate(NamedTuple):
@@ -59,7 +55,7 @@ def judged(gate: FixGate, expected: bool, agrees: bool, options: FilterOptions) 
     if agreeing >= options.relocation_fixes:
         # The gate was right to reject them: they were not noise.
         return FixGate(0, 0, 0.0, max(slack - agreeing * _WIDENED, 0.0)), RELOCATED
-    if gate.elapsed >= options.relocation_timeout:
+    if gate.rejected + 1 >= options.relocation_fixes and gate.elapsed >= options.relocation_timeout:
         return FixGate(0, 0, 0.0, slack), RELOCATED
     return FixGate(gate.rejected + 1, agreeing, gate.elapsed, slack), REJECTED
 
@@ -67,11 +63,21 @@ def judged(gate: FixGate, expected: bool, agrees: bool, options: FilterOptions) 
 class Doubt(NamedTuple):
     """Headings and landmarks that were rejected while nothing was accepted."""
 
-    raised: bool = False
+    rejected: int = 0
     elapsed: float = 0.0
     """[s] since the first of them"""
 
 
 def doubted(doubt: Doubt, dt: float) -> Doubt:
     """Let ``dt`` [s] pass."""
-    return Doubt(True, doubt.elapsed + dt) if doubt.raised else doubt
+    return Doubt(doubt.rejected, doubt.elapsed + dt) if doubt.rejected > 0 else doubt
+
+
+def doubting(doubt: Doubt) -> Doubt:
+    """Count one more."""
+    return Doubt(doubt.rejected + 1, doubt.elapsed)
+
+
+def despaired(doubt: Doubt, options: FilterOptions) -> bool:
+    """Whether they are so many and for so long that the belief is wrong, and not they."""
+    return doubt.rejected >= options.relocation_fixes and doubt.elapsed >= options.relocation_timeout

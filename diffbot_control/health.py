@@ -14,6 +14,8 @@ class Health:
         self.sent: Counter[str] = Counter()
         self.dropped: Counter[tuple[str, str]] = Counter()
         self.notes: dict[str, str] = {}
+        self.counted: Counter[str] = Counter()
+        """what else a node counts, by its words for it"""
         self.heard: dict[str, float] = {}
         """[s] steady time of the last message accepted, per topic"""
         self._reported: Counter[str] = Counter()
@@ -44,5 +46,6 @@ class Health:
                 self._reported[key] = count
         for (topic, kind), count in sorted(self.dropped.items()):
             values[f"{topic} dropped: {kind}"] = str(count)
+        values.update({note: str(count) for note, count in sorted(self.counted.items())})
         values.update(self.notes)
         return values

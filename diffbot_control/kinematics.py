@@ -49,6 +49,19 @@ def body_twist(wheels: WheelSpeeds, geometry: WheelGeometry) -> Twist:
     )
 
 
+def with_radius_errors(twist: Twist, left: float, right: float, separation: float) -> Twist:
+    """Return the twist of wheels whose radii are relatively larger by ``left`` and ``right`` than ``twist`` assumes.
+
+    With rim speeds v_l = v - omega L / 2 and v_r = v + omega L / 2: v + (v_l e_l + v_r e_r) / 2 and
+    omega + (v_r e_r - v_l e_l) / L; ``separation`` is L [m].
+    """
+    rim_left, rim_right = twist.v - 0.5 * separation * twist.omega, twist.v + 0.5 * separation * twist.omega
+    return Twist(
+        twist.v + 0.5 * (rim_left * left + rim_right * right),
+        twist.omega + (rim_right * right - rim_left * left) / separation,
+    )
+
+
 def twist_covariance(sigma_left: float, sigma_right: float, geometry: WheelGeometry) -> tuple[float, float, float]:
     """Propagate independent errors of the wheel speeds, standard deviations [rad/s], to the twist.
 

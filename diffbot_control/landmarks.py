@@ -7,19 +7,24 @@ from typing import Annotated, NamedTuple
 
 from diffbot_control.config import Spec
 from diffbot_control.errors import InvalidValueError
+from diffbot_control.geometry import FARTHEST
 
-_FAR = 1e7
+_NUMBERS = 2**31
+"""Numbers are sent as int32."""
 
 
 class LandmarkMap(NamedTuple):
     """Landmarks by their numbers; the three lists belong together."""
 
-    landmark_ids: Annotated[tuple[int, ...], Spec("number of each known landmark", read_only=True)] = ()
+    landmark_ids: Annotated[
+        tuple[int, ...],
+        Spec("number of each known landmark", minimum=-_NUMBERS, maximum=_NUMBERS - 1, read_only=True),
+    ] = ()
     landmark_x: Annotated[
-        tuple[float, ...], Spec("x of each, in map", "m", minimum=-_FAR, maximum=_FAR, read_only=True)
+        tuple[float, ...], Spec("x of each, in map", "m", minimum=-FARTHEST, maximum=FARTHEST, read_only=True)
     ] = ()
     landmark_y: Annotated[
-        tuple[float, ...], Spec("y of each, in map", "m", minimum=-_FAR, maximum=_FAR, read_only=True)
+        tuple[float, ...], Spec("y of each, in map", "m", minimum=-FARTHEST, maximum=FARTHEST, read_only=True)
     ] = ()
 
     def check(self) -> None:
@@ -39,6 +44,20 @@ class LandmarkMap(NamedTuple):
         """Return x, y [m] by number, in the order of the places, in which sightings of one time are fused."""
         places = zip(self.landmark_x, self.landmark_y, strict=True)
         return dict(sorted(zip(self.landmark_ids, places, strict=True), key=lambda one: one[1]))
+
+
+def bent(squared: float, spread: float) -> tuple[float, float]:
+    """Variances of what the derivatives of range [m^2] and bearing [rad^2] leave out.
+
+    They are taken at the believed place; a landmark that is no farther than the belief is wide is seen at quite another
+    range and bearing from elsewhere in it. The second-order terms are t^2 / (2 d) and t l / d^2 for errors l along the
+    line of sight and t across.
+
+    Args:
+        squared: d^2 [m^2], squared distance of the believed place.
+        spread: P_xx + P_yy [m^2], of which neither variance is more.
+    """
+    return spread * spread / (2.0 * squared), spread * spread / (squared * squared)
 
 
 def seen_from(x: float, y: float, theta: float, point_x: float, point_y: float) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""Fusing odometry, fixes and headings in the order of their stamps, whenever they arrive.
+"""Fusing odometry, fixes, headings and landmarks in the order of their stamps, whenever they arrive.
 
 The filter's time is the stamp of the newest odometry. A measurement with a later stamp waits for its odometry; one with
 an earlier stamp is put where it belongs and what came after is computed again, from a bounded history.
@@ -23,6 +23,8 @@ from diffbot_control.kinematics import Twist, WheelGeometry
 NANO = 1e-9
 _PENDING_MOST = 1000
 """Measurements that may wait for their odometry; more means that none comes."""
+_LONGEST_GAP = 1000 * 10**9
+"""[ns] between two odometries; no mean twist says what happened in more."""
 _KNOWN_MOST = 10_000
 """Measurements remembered to refuse those that are sent again."""
 
@@ -104,6 +106,8 @@ class Localization:
         self._history = round(config.history_length / NANO)
         self.estimator = Estimator(options_of(config.filter), wheel_separation)
         self.consistency = Consistency()
+        self.waited_in_vain = 0
+        """measurements dropped because they came before the first odometry"""
         self.initialised = False
         self._stamp: int | None = None
         self._odometry: OdometryStep | None = None
@@ -162,17 +166,21 @@ class Localization:
         An odometry with the stamp of the last one (sent again) is answered without moving.
 
         Raises:
-            BadMessageError: before the first fix; out of order; or if time jumped back by more than the history,
-                which resets the filter.
+            BadMessageError: before the first fix; out of order; or if time jumped back by more than the history, or
+                ahead by more than 1000 s, which resets the filter.
         """
         if not self.initialised:
             raise BadMessageError("no fix yet")
         if self._stamp is None:
             self._stamp = odometry.stamp
+            self._drop_what_waits_since_before(odometry.stamp)
         late = self._stamp - odometry.stamp
         if late > self._history:
             self.reset()
             raise BadMessageError("time jumped back", f"by {late * NANO:.3f} s; filter reset")
+        if late < -_LONGEST_GAP:
+            self.reset()
+            raise BadMessageError("time jumped ahead", f"by {-late * NANO:.3f} s; filter reset")
         if late > 0:
             raise BadMessageError("out of order", f"{late * NANO:.3f} s behind the newest")
         if late < 0:
@@ -185,13 +193,18 @@ class Localization:
             self._trim()
         return self.estimate()
 
+    def _drop_what_waits_since_before(self, stamp: int) -> None:
+        while self._pending and self._pending[0].stamp < stamp:
+            self._forget(self._pending.pop(0))
+            self.waited_in_vain += 1
+
     def on_measurement(self, measurement: Measurement) -> None:
-        """Fuse a fix or a heading at its own stamp.
+        """Fuse a fix, a heading or a landmark at its own stamp.
 
         Raises:
-            BadMessageError: if it came before (stamp and values the same), if it is older than the history, if too
-                many with earlier stamps wait for their odometry already, or if a heading or landmark comes before the
-                first fix.
+            BadMessageError: if it came before (stamp and values the same), if it is not finite, if it is older than the
+                history, if too many with earlier stamps wait for their odometry already, or if a heading or landmark
+                comes before the first fix.
         """
         key = _identity(measurement)
         if key in self._known:
@@ -200,6 +213,8 @@ class Localization:
             raise BadMessageError("measurement not finite")
         self._take(measurement)
         self._known[key] = None
+        if len(self._known) > _KNOWN_MOST:
+            self._known.popitem(last=False)
 
     def _take(self, measurement: Measurement) -> None:
         if not self.initialised:
@@ -275,5 +290,5 @@ class Localization:
             steps.popleft()
         # In the order of arrival; one that came late stays a little longer than it need, and one with a stamp far ahead
         # does not keep all that come after it.
-        while known and ((key := next(iter(known)))[0] < oldest or len(known) > _KNOWN_MOST):
+        while known and (key := next(iter(known)))[0] < oldest:
             del known[key]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Annotated, NamedTuple
 
 from diffbot_control.config import Spec
+from diffbot_control.errors import InvalidValueError
 from diffbot_control.kinematics import WheelGeometry
 from diffbot_control.landmarks import LandmarkMap
 from diffbot_control.localization import LocalizationConfig
@@ -39,23 +40,46 @@ CONTROLLER_PRESETS = {
 """What the parameter ``preset`` chooses between."""
 
 
+_NARROWEST, _WIDEST = 1e-4, 1e3
+"""Deviations [m], [rad] that a filter can compute with."""
+
+
 class SensorNoise(NamedTuple):
     """Deviations that are taken where a message tells no usable covariance."""
 
     global_pose_sigma_xy: Annotated[
-        float, Spec("deviation of x and y of global_pose without a usable covariance; 0: drop it", "m", minimum=0.0)
+        float,
+        Spec(
+            "deviation of x and y of global_pose without a usable covariance; 0: drop it",
+            "m",
+            minimum=0.0,
+            maximum=_WIDEST,
+        ),
     ] = 0.0
-    global_pose_sigma_yaw: Annotated[float, Spec("the same of its heading; 0: drop it", "rad", minimum=0.0)] = 0.0
+    global_pose_sigma_yaw: Annotated[
+        float, Spec("the same of its heading; 0: drop it", "rad", minimum=0.0, maximum=_WIDEST)
+    ] = 0.0
     heading_sigma: Annotated[
-        float, Spec("deviation of heading without a usable covariance; 0: drop it", "rad", minimum=0.0)
+        float, Spec("deviation of heading without a usable covariance; 0: drop it", "rad", minimum=0.0, maximum=_WIDEST)
     ] = 0.0
     landmark_range_sigma: Annotated[
-        float, Spec("deviation of a range to a landmark without variances", "m", minimum=1e-4)
+        float, Spec("deviation of a range to a landmark without variances", "m", minimum=_NARROWEST, maximum=_WIDEST)
     ] = 0.06
     landmark_bearing_sigma: Annotated[
-        float, Spec("deviation of a bearing to a landmark without variances", "rad", minimum=1e-4)
+        float,
+        Spec("deviation of a bearing to a landmark without variances", "rad", minimum=_NARROWEST, maximum=_WIDEST),
     ] = 0.03
     override_covariance: Annotated[bool, Spec("take these deviations whatever the messages say, where not 0")] = False
+
+    def check(self) -> None:
+        """Refuse deviations that a filter cannot compute with.
+
+        Raises:
+            InvalidValueError: if one is neither 0 nor at least 1e-4.
+        """
+        for name in ("global_pose_sigma_xy", "global_pose_sigma_yaw", "heading_sigma"):
+            if 0.0 < getattr(self, name) < _NARROWEST:
+                raise InvalidValueError(name, getattr(self, name), f"0 or >= {_NARROWEST:g}")
 
 
 class EkfNodeConfig(NamedTuple):
@@ -77,7 +101,11 @@ class EkfNodeConfig(NamedTuple):
     noise: SensorNoise = SensorNoise()
     landmarks: LandmarkMap = LandmarkMap()
     state_file: Annotated[
-        str, Spec("file that keeps pose and wheel errors across a restart; empty: none", read_only=True)
+        str,
+        Spec(
+            "file that keeps pose and wheel errors across a restart, a relative one in the working folder; empty: none",
+            read_only=True,
+        ),
     ] = ""
     left_wheel_name: Annotated[str, Spec("joint of the left wheel", read_only=True)] = "left_wheel_joint"
     right_wheel_name: Annotated[str, Spec("joint of the right wheel", read_only=True)] = "right_wheel_joint"

@@ -12,11 +12,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from diffbot_control.errors import BadMessageError
+from diffbot_control.geometry import FARTHEST
 
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 """numpy's names of the datatypes of a sensor_msgs/PointField"""
-_MOST = 1000
-"""Points in one message; more are no landmarks."""
+_MOST, _LARGEST_STEP = 100, 65536
+"""Points in one message, bytes of a point; more are no landmarks."""
 _WRITTEN = np.dtype(
     [(name, "<f4") for name in ("x", "y", "z")]
     + [("id", "<i4"), ("range_variance", "<f4"), ("bearing_variance", "<f4")]
@@ -43,7 +44,8 @@ def landmark_points(message: Any) -> list[LandmarkPoint]:
 
     Raises:
         BadMessageError: if the cloud does not have the fields above, its sizes contradict each other, it has more than
-            1000 points, or a number in it is not finite, a variance negative, or a range not positive.
+            100 points or one landmark twice, or a number in it is not finite, a variance negative, or a range not
+            positive or beyond FARTHEST.
     """
     count = message.width * message.height
     if count > _MOST:
@@ -60,9 +62,11 @@ def landmark_points(message: Any) -> list[LandmarkPoint]:
         if var_distance < 0.0 or var_bearing < 0.0:
             raise BadMessageError("variance negative", f"of landmark {number}")
         distance = math.hypot(x, y)
-        if distance == 0.0:
-            raise BadMessageError("range not positive", f"of landmark {number}")
+        if not 0.0 < distance <= FARTHEST:
+            raise BadMessageError("range out of range" if distance else "range not positive", f"of landmark {number}")
         found.append(LandmarkPoint(number, distance, math.atan2(y, x), var_distance, var_bearing))
+    if len({point.number for point in found}) < len(found):
+        raise BadMessageError("landmark twice in a cloud")
     return found
 
 
@@ -70,6 +74,8 @@ def _structured(message: Any, count: int) -> Any:
     """View the data as a structured array (count,)."""
     order = ">" if message.is_bigendian else "<"
     wanted = {"x": "f", "y": "f", "id": "iu", "range_variance": "f", "bearing_variance": "f"}
+    if message.point_step > _LARGEST_STEP:
+        raise BadMessageError("point_step too large", f"{message.point_step} > {_LARGEST_STEP}")
     names, formats, offsets = [], [], []
     for field in message.fields:
         kind = _TYPES.get(field.datatype, "")

@@ -27,7 +27,7 @@ from diffbot_control.covariance import check_covariance, uncertainty_of
 from diffbot_control.ekf import Array
 from diffbot_control.errors import BadMessageError
 from diffbot_control.estimator import Measurement
-from diffbot_control.geometry import Pose, quaternion_of_yaw, yaw_of_quaternion
+from diffbot_control.geometry import FARTHEST, Pose, quaternion_of_yaw, yaw_of_quaternion
 from diffbot_control.goal import CERTAIN, Uncertainty
 from diffbot_control.kinematics import Twist, WheelSpeeds
 from diffbot_control.point_cloud import LandmarkPoint, landmark_points
@@ -51,8 +51,6 @@ class KnownNoise(NamedTuple):
 MESSAGE_NOISE = KnownNoise()
 """Nothing: the messages' covariances count, and a message without one is dropped."""
 NANO = 1_000_000_000
-FARTHEST = 1e7
-"""[m] coordinates beyond it are a slip (the Earth's circumference is 4e7 m)."""
 FASTEST = 1e4
 """[m/s], [rad/s] speeds beyond it are a slip."""
 

@@ -100,10 +100,15 @@ class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
             return DiagnosticStatus.WARN[0], f"{dropped} messages dropped"
         return DiagnosticStatus.OK[0], "ok"
 
+    def details(self) -> dict[str, str]:
+        """Return what a node shows in /diagnostics beside its counts; for nodes that have something."""
+        return {}
+
     def _report(self) -> None:
         now = self.steady_clock.now().nanoseconds
         level, text = self.health_level()  # first: it may write the notes that the report shows
-        values = self.health.report((now - self._last_report) * 1e-9) | self.health.ages(time.monotonic())
+        values = self.health.report((now - self._last_report) * 1e-9) | self.details()
+        values |= self.health.ages(time.monotonic())
         self._last_report = now
         message = DiagnosticArray(status=[status_message(self.get_fully_qualified_name(), level, text, values)])
         message.header.stamp = self.get_clock().now().to_msg()

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from diffbot_control.adaptation import Adaptation, adapted, new_adaptation, q_scale, r_scales, rescaled
 from diffbot_control.filter_config import FilterOptions
-from diffbot_control.gating import ACCEPTED, RELOCATED, Doubt, FixGate, doubted, judged, passed
+from diffbot_control.gating import ACCEPTED, RELOCATED, Doubt, FixGate, despaired, doubted, doubting, judged, passed
 from diffbot_control.geometry import wrap_angle
 from diffbot_control.kinematics import Twist
 from diffbot_sim.kalman import (
@@ -50,9 +50,7 @@ class Track(NamedTuple):
 def new_track(options: FilterOptions) -> Track:
     """Nothing is known yet."""
     belief = unknown(options.radius_variance)
-    return Track(
-        belief, False, belief, FixGate(0, 0, 0.0, 0.0), Doubt(False, 0.0), new_adaptation(), math.nan, ACCEPTED
-    )
+    return Track(belief, False, belief, FixGate(0, 0, 0.0, 0.0), Doubt(0, 0.0), new_adaptation(), math.nan, ACCEPTED)
 
 
 def move(
@@ -76,7 +74,7 @@ def take_fix(track: Track, fix: Fix, options: FilterOptions) -> Track:
     if not track.known:
         belief = started(fix, track.belief)
         no_gate = FixGate(0, 0, 0.0, 0.0)
-        return Track(belief, True, belief, no_gate, Doubt(False, 0.0), adaptation, math.nan, ACCEPTED)
+        return Track(belief, True, belief, no_gate, Doubt(0, 0.0), adaptation, math.nan, ACCEPTED)
     if options.adaptive:
         position, heading = r_scales(adaptation)
         fix = Fix(fix.pose, position * fix.var_x, position * fix.var_y, heading * fix.var_theta)
@@ -86,7 +84,7 @@ def take_fix(track: Track, fix: Fix, options: FilterOptions) -> Track:
     if options.adaptive:
         P, pose = track.belief.P, track.belief.pose
         s_x, s_y, s_theta = P.xx + fix.var_x, P.yy + fix.var_y, P.tt + fix.var_theta
-        if min(s_x, s_y, s_theta) > 0.0:
+        if min(s_x, s_y, s_theta) > 0.0 and not math.isnan(after.nis):
             adaptation = adapted(
                 adaptation,
                 (fix.pose.x - pose.x) / math.sqrt(s_x),
@@ -105,7 +103,7 @@ def take_fix(track: Track, fix: Fix, options: FilterOptions) -> Track:
         else:
             candidate = renewed
     gate, verdict = judged(track.gate, expected, agrees, options)
-    belief, doubt = track.belief, Doubt(False, 0.0)
+    belief, doubt = track.belief, Doubt(0, 0.0)
     if verdict == ACCEPTED:
         belief = _checked(after.belief, options)
     elif verdict == RELOCATED:
@@ -123,7 +121,7 @@ def take_heading(track: Track, heading: float, variance: float, options: FilterO
     after = update_heading(track.belief, heading, variance)
     if 0.0 <= after.nis <= options.gates[0]:
         return _with_other(track, _checked(after.belief, options), after.nis)
-    if track.doubt.elapsed < options.relocation_timeout:
+    if not despaired(doubting(track.doubt), options):
         return _doubtful(track, after.nis)
     again = update_heading(lost(track.belief), heading, variance)
     return _with_other(track, _checked(again.belief, options), after.nis)
@@ -136,19 +134,19 @@ def take_landmark(track: Track, seen: Sighting, options: FilterOptions) -> Track
         return track
     if 0.0 <= after.nis <= options.gates[1]:
         return _with_other(track, _checked(after.belief, options), after.nis)
-    if track.doubt.elapsed < options.relocation_timeout:
+    if not despaired(doubting(track.doubt), options):
         return _doubtful(track, after.nis)
     again = update_landmark(lost(track.belief), seen)
     return _with_other(track, _checked(again.belief, options), after.nis)
 
 
 def _with_other(track: Track, belief: Belief, nis: float) -> Track:
-    doubt = Doubt(False, 0.0)
+    doubt = Doubt(0, 0.0)
     return Track(belief, True, track.candidate, track.gate, doubt, track.adaptation, nis, track.verdict)
 
 
 def _doubtful(track: Track, nis: float) -> Track:
-    doubt = Doubt(True, track.doubt.elapsed)
+    doubt = doubting(track.doubt)
     return Track(track.belief, True, track.candidate, track.gate, doubt, track.adaptation, nis, track.verdict)
 
 

@@ -10,9 +10,10 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from diffbot_control.gating import LOST_THETA, LOST_XY, NEAREST
+from diffbot_control.filter_config import LOST_THETA, LOST_XY, NEAREST
 from diffbot_control.geometry import Pose, wrap_angle
-from diffbot_control.kinematics import Twist
+from diffbot_control.kinematics import Twist, with_radius_errors
+from diffbot_control.landmarks import bent
 
 
 class Covariance(NamedTuple):
@@ -127,8 +128,7 @@ def predict(
     """
     b = belief.P
     rim_left, rim_right = twist.v - 0.5 * separation * twist.omega, twist.v + 0.5 * separation * twist.omega
-    v = twist.v + 0.5 * (rim_left * belief.left + rim_right * belief.right)
-    omega = twist.omega + (rim_right * belief.right - rim_left * belief.left) / separation
+    v, omega = with_radius_errors(twist, belief.left, belief.right, separation)
     x, y, theta = belief.pose
     middle = theta + 0.5 * omega * dt
     ahead_x, ahead_y = dt * math.cos(middle), dt * math.sin(middle)
@@ -272,8 +272,9 @@ def update_landmark(belief: Belief, seen: Sighting) -> Corrected:
     turn = wrap_angle(seen.bearing - wrap_angle(math.atan2(dy, dx) - belief.pose.theta))
     along = Row(-dx / distance, -dy / distance, 0.0, 0.0, 0.0)
     across = Row(dy / squared, -dx / squared, -1.0, 0.0, 0.0)
-    one = correct(belief, belief, along, seen.distance - distance, seen.var_distance)
-    two = correct(one.belief, belief, across, turn, seen.var_bearing)
+    by_range, by_bearing = bent(squared, belief.P.xx + belief.P.yy)
+    one = correct(belief, belief, along, seen.distance - distance, seen.var_distance + by_range)
+    two = correct(one.belief, belief, across, turn, seen.var_bearing + by_bearing)
     return Corrected(wrapped(two.belief), one.nis + two.nis)
 
 

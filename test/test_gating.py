@@ -84,7 +84,7 @@ def test_the_memory_of_the_gate_is_what_a_count_of_its_history_says(tries, wante
             since = time - history[0][0]
             if abs(since - timeout) < 1e-9:
                 return  # rounding decides
-            assert verdict == (RELOCATED if run >= wanted or since > timeout else REJECTED)
+            assert verdict == (RELOCATED if run >= wanted or (len(history) >= wanted and since > timeout) else REJECTED)
             if verdict == RELOCATED:
                 history = []
         assert gate.rejected == len(history)
@@ -116,7 +116,7 @@ def test_time_counts_only_while_there_is_something_to_wait_for():
     assert passed(FixGate(), 1.0) == FixGate()
     assert passed(FixGate(2, 1, 0.5, 0.4), 1.0) == FixGate(2, 1, 1.5, 0.4)
     assert doubted(Doubt(), 1.0) == Doubt()
-    assert doubted(Doubt(True, 0.25), 1.0) == Doubt(True, 1.25)
+    assert doubted(Doubt(2, 0.25), 1.0) == Doubt(2, 1.25)
 
 
 # The share of good measurements that a gate refuses.
@@ -354,7 +354,7 @@ def test_headings_that_contradict_for_long_open_the_pose(variant, timeout):
         if number < 8 * timeout:
             assert verdict == REJECTED
             assert found.memory.belief is before
-            assert found.memory.doubt == Doubt(True, number * 0.125)
+            assert found.memory.doubt == Doubt(number + 1, number * 0.125)
     assert verdict == RELOCATED
     assert found.memory.doubt == Doubt()
     # A prior of (1 rad)^2 and one heading of variance 0.01; nothing is known of the position, and nothing correlates.
@@ -406,7 +406,7 @@ def test_a_rejected_fix_does_not_clear_it_and_a_relocation_does(variant):
         doubt = found.memory.doubt
         assert found.take(fix(50.0, 0.0, 2.0)) == expected
         assert found.memory.doubt == (Doubt() if expected == RELOCATED else doubt)
-        assert doubt.raised
+        assert doubt.rejected
     assert found.take(heading(2.0)) == ACCEPTED
 
 
@@ -419,3 +419,19 @@ def test_headings_and_landmarks_do_not_touch_the_fixes_gate(variant):
         found.take(one)
         assert found.memory.gate == gate
         assert found.memory.candidate is candidate
+
+
+def test_two_bad_headings_far_apart_open_nothing():
+    # Silence is no contradiction: it takes as many rejections as for fixes, too.
+    found = estimator("ekf", P=1e-3 * np.eye(3), relocation_timeout=1.5, relocation_fixes=3)
+    for expected in (REJECTED, REJECTED, RELOCATED):
+        found.predict(straight(dt=2.0))
+        assert found.take(heading(2.0)) == expected
+
+
+def test_two_outliers_of_a_slow_sensor_are_not_believed():
+    found = estimator("ekf", P=1e-3 * np.eye(3), relocation_timeout=1.5, relocation_fixes=3)
+    for offset in ((3.0, 0.0), (0.0, 3.0)):
+        found.predict(straight(dt=2.0))
+        x, y, _ = found.memory.belief.x
+        assert found.take(fix(x + offset[0], y + offset[1])) == REJECTED

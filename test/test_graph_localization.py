@@ -319,6 +319,7 @@ def test_initialpose_keeps_what_is_known_of_the_wheels(tmp_path):
     path = tmp_path / "ekf.json"
     P = [[0.01, 0, 0], [0, 0.01, 0], [0, 0, 0.01]]
     content = {"version": 1, "pose": [0, 0, 0], "P": P, "wheels": [0.01, -0.01], "wheels_P": [[1e-6, 0], [0, 1e-6]]}
+    content["geometry"] = [0.05, 0.6]
     path.write_text(json.dumps(content))
     with alone({"state_file": str(path)}) as running:
         subject = Filter(running)

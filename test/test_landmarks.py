@@ -3,13 +3,18 @@
 import cmath
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from diffbot_control.config import build
+from diffbot_control.ekf import Motion
 from diffbot_control.errors import InvalidValueError
-from diffbot_control.landmarks import LandmarkMap, seen_from
+from diffbot_control.estimator import Estimator, Measurement
+from diffbot_control.filter_config import FilterConfig, options_of
+from diffbot_control.geometry import Pose
+from diffbot_control.landmarks import LandmarkMap, bent, seen_from
 
 CHECK = settings(derandomize=True, deadline=None, max_examples=200)
 PLACES = st.floats(-100.0, 100.0)
@@ -61,3 +66,52 @@ def test_going_there_as_seen_one_arrives(x, y, theta, point_x, point_y):
     distance, bearing = seen_from(x, y, theta, point_x, point_y)
     arrived = complex(x, y) + cmath.rect(distance, theta + bearing)
     assert abs(arrived - complex(point_x, point_y)) < 1e-9
+
+
+def nees_over_markers(variant, seen_within, runs=25):
+    """Mean NEES of drives along a line of floor markers, seen only when they are near; fixes at 1 Hz."""
+    options, found = options_of(FilterConfig(variant)), []
+    for run in range(runs):
+        rng = np.random.default_rng(run)
+        made, truth = Estimator(options, 0.6), np.array([0.0, rng.uniform(-0.1, 0.1), 0.0])
+        fix_R, R = np.diag([0.03, 0.03, 0.01]), np.diag([0.06**2, 0.03**2])
+        made.start(Pose(*(truth + rng.normal(size=3) * np.sqrt(fix_R.diagonal()))), fix_R)
+        for step in range(1, 400):
+            noise = rng.normal(size=2) * (0.02, 0.1)
+            truth += [0.06 * math.cos(truth[2]), 0.06 * math.sin(truth[2]), 0.0]
+            made.predict(Motion(0.6 + noise[0], noise[1], 0.1, 4e-4, 0.0, 0.01))
+            if step % 10 == 0:
+                z = truth + rng.normal(size=3) * np.sqrt(fix_R.diagonal())
+                made.take(Measurement(0, z, fix_R))
+            for x in np.arange(1.5, 30.0, 3.0):
+                dx, dy = x - truth[0], -truth[1]
+                if 0.01 < math.hypot(dx, dy) <= seen_within:
+                    z = np.array([math.hypot(dx, dy), math.atan2(dy, dx) - truth[2]])
+                    z += rng.normal(size=2) * (0.06, 0.03)
+                    if z[0] > 0.0:
+                        z[1] = math.remainder(z[1], 2.0 * math.pi)
+                        made.take(Measurement(0, z, R, (x, 0.0)))
+            if step > 50:
+                x, P = made.memory.belief
+                error = x[:3] - truth
+                error[2] = math.remainder(error[2], 2.0 * math.pi)
+                found.append(error @ np.linalg.solve(P[:3, :3], error))
+    return np.mean(found)
+
+
+@pytest.mark.parametrize("seen_within", [0.3, 0.5, 3.0])
+def test_markers_underfoot_do_not_make_the_filter_too_sure(seen_within):
+    # Of three numbers; without the second-order terms it is about 90 here.
+    assert nees_over_markers("ekf", seen_within) < 4.0
+
+
+def test_what_the_derivatives_leave_out_by_monte_carlo():
+    rng, distance, sigma = np.random.default_rng(3), 2.0, 0.1
+    errors = sigma * rng.normal(size=(200_000, 2))
+    along, across = errors.T
+    ranges, bearings = np.hypot(distance - along, across), np.arctan2(-across, distance - along)
+    left_out = np.array([np.mean((ranges - distance + along) ** 2), np.mean((bearings + across / distance) ** 2)])
+    found = np.array(bent(distance**2, 2.0 * sigma**2))
+    # A bound, as all of the spread may lie across, and not wasteful.
+    assert (left_out <= found).all()
+    assert (found <= 5.0 * left_out).all()

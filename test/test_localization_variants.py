@@ -277,10 +277,10 @@ def test_neither_leaves_anything_of_the_gate(variant, forget):
     made.on_odometry(odometry(2))
     made.consistency.note(3, 2.0, 0)
     assert made.estimator.memory.candidate is not None
-    assert made.estimator.memory.doubt.raised
+    assert made.estimator.memory.doubt.rejected
     forget(made)
     assert made.estimator.memory.candidate is None
-    assert (made.estimator.memory.gate.rejected, made.estimator.memory.doubt.raised) == (0, False)
+    assert (made.estimator.memory.gate.rejected, made.estimator.memory.doubt.rejected) == (0, False)
     assert made.consistency.nis() is None
 
 
