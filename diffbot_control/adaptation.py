@@ -62,14 +62,20 @@ class Adaptation(NamedTuple):
     drift_theta: float = 0.0
 
 
+# Chosen by simulation, so that R wrong by ten either way is found within some ten fixes and right R stays within a few
+# per cent of accuracy (docs/localization.md).
 _RULES = Rules(Rule(-0.8, 0.4, -0.14), Rule(0.0, 0.4, 0.0), Rule(5.0, 1.7, 1.8))
+"""Input: the mean minus 1; output: change of the logarithm of the scale per fix. The high rule is for an R far too small."""
 _Q_RULES = Rules(Rule(0.0, 0.35, 0.0), Rule(1.0, 0.35, 1.5), Rule(2.0, 0.5, 4.0))
-_MEMORY = 0.03
-_DRIFT_MEMORY = 0.1
-_RATE = 0.02
-_LEAK = 0.02
+"""Input: drift beyond the usual; output: logarithm of q, up to a factor of 55."""
+_MEMORY, _DRIFT_MEMORY = 0.03, 0.1
+"""Share of the newest fix in the slow means: they remember some 33 and 10 fixes."""
+_RATE, _LEAK = 0.02, 0.02
+"""Learning rate of the rules, and how much of what was learnt is forgotten with each fix."""
 _CLIP = 30.0
+"""Bound of half a squared difference: one outlier shall not say everything."""
 _LEARNING = 5
+"""Pairs of fixes at the start that count even if only one of the two was within the gate."""
 _LARGEST = 1e6
 """Normalised innovations beyond it are all the same."""
 _LOG_MOST = math.log(1e3)

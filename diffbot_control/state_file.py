@@ -48,7 +48,7 @@ def state_path(text: str) -> Path | None:
         return None
     try:
         path = Path(text).expanduser()
-        usable = bool(path.name) and not path.is_dir()
+        usable = bool(path.name) and "\0" not in text and not path.is_dir()
     except (OSError, RuntimeError, ValueError):
         usable = False
     if not usable:

@@ -1,5 +1,6 @@
 """Late and unordered measurements in every variant of the filter: to the bit what they give in order."""
 
+import contextlib
 import itertools
 import math
 
@@ -461,3 +462,29 @@ def test_the_compiled_filter_takes_fix_heading_and_landmarks_in_the_same_order(v
         track = observe(track, Moment(1, 0, step), world.state, robot)
         assert track.belief.pose[:2] == pytest.approx(estimate.pose[:2], abs=1e-8), step
         world.advance(Twist(0.8, 0.4))
+
+
+def test_what_waits_since_before_the_first_odometry_is_dropped_and_counted():
+    made = Localization(LocalizationConfig(), SEPARATION)
+    made.initialise(Pose(0.0, 0.0, 3.0), P0)  # as out of a file: without a time
+    for number in range(1, 6):
+        made.on_measurement(fix(number * MS))
+    made.on_odometry(odometry(1))
+    assert made.waited_in_vain == 5
+    assert made.estimate().pose == (0.0, 0.0, 3.0)
+
+
+def test_a_gap_that_no_twist_describes_resets():
+    made = localization("ekf_fnn_calibrating")
+    made.on_odometry(odometry(1))
+    with pytest.raises(BadMessageError, match="time jumped ahead"):
+        made.on_odometry(odometry(10**5))
+    assert not made.initialised
+
+
+def test_a_sensor_without_stamps_fills_no_memory():
+    made = localization("ekf")
+    for number in range(20_000):
+        with contextlib.suppress(BadMessageError):
+            made.on_measurement(Measurement(0, np.array([1e-4 * number, 0.0, 3.0]), R_FIX))
+    assert len(made._known) <= 10_000

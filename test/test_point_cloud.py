@@ -1,0 +1,112 @@
+"""Landmarks in point clouds, read and written without ROS: any layout that says what it is, nothing else."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from diffbot_control.errors import BadMessageError
+from diffbot_control.point_cloud import LandmarkPoint, fill_landmark_points, landmark_points
+
+NUMBERS = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
+
+
+def cloud(rows, kinds=(("x", "f4"), ("y", "f4"), ("id", "i4")), big=False, gap=0):
+    """A message as numpy lays it out."""
+    order = ">" if big else "<"
+    parts = [
+        part for name, kind in kinds for part in ((f"_{name}", f"V{gap}"), (name, order + kind)) if part[1] != "V0"
+    ]
+    dtype = np.dtype(parts)
+    data = np.zeros(len(rows), dtype)
+    for (name, _), column in zip(kinds, zip(*rows, strict=True) if rows else [[]] * len(kinds), strict=True):
+        data[name] = column
+    fields = [
+        SimpleNamespace(name=name, offset=dtype.fields[name][1], datatype=NUMBERS[kind], count=1)
+        for name, kind in kinds
+    ]
+    return SimpleNamespace(
+        width=len(rows),
+        height=1,
+        point_step=dtype.itemsize,
+        row_step=data.nbytes,
+        fields=fields,
+        is_bigendian=big,
+        data=data.tobytes(),
+    )
+
+
+@pytest.mark.parametrize("big", [False, True])
+@pytest.mark.parametrize("gap", [0, 3])
+@pytest.mark.parametrize("kind", ["i1", "u1", "i2", "u2", "i4", "u4"])
+@pytest.mark.parametrize("number", ["f4", "f8"])
+def test_any_layout(big, gap, kind, number):
+    message = cloud([(4.0, 7, 3.0), (0.0, 120, -1.0)], (("y", number), ("id", kind), ("x", number)), big, gap)
+    one, two = landmark_points(message)
+    assert (one.number, two.number) == (7, 120)
+    assert one[1:3] == pytest.approx((5.0, math.atan2(4.0, 3.0)))
+    assert two[1:3] == pytest.approx((1.0, math.pi))
+    assert one[3:] == two[3:] == (0.0, 0.0)
+
+
+def test_large_numbers_and_variances():
+    kinds = (("x", "f8"), ("y", "f8"), ("id", "u4"), ("range_variance", "f4"), ("bearing_variance", "f8"))
+    (point,) = landmark_points(cloud([(1.0, 1.0, 2**32 - 1, 0.25, 0.5)], kinds))
+    assert point == (2**32 - 1, pytest.approx(math.sqrt(2.0)), pytest.approx(math.pi / 4.0), 0.25, 0.5)
+
+
+def test_none():
+    assert landmark_points(cloud([])) == []
+
+
+def changed(message, **fields):
+    for name, value in fields.items():
+        setattr(message, name, value)
+    return message
+
+
+ROW = [(2.0, 1.0, 5)]
+
+
+@pytest.mark.parametrize(
+    ("message", "kind"),
+    [
+        (cloud([(math.nan, 1.0, 5)]), "point not finite"),
+        (cloud([(1e8, 1.0, 5)]), "range out of range"),
+        (cloud([(0.0, 0.0, 5)]), "range not positive"),
+        (cloud([(1.0, 0.0, 5), (2.0, 0.0, 5)]), "landmark twice in a cloud"),
+        (cloud([(1.0, 0.0, number) for number in range(101)]), "too many points"),
+        (changed(cloud(ROW), data=b""), "cloud sizes contradict each other"),
+        (changed(cloud(ROW), height=3), "cloud sizes contradict each other"),
+        (changed(cloud(ROW), row_step=99), "cloud sizes contradict each other"),
+        (changed(cloud(ROW), point_step=4), "point fields contradict point_step"),
+        (changed(cloud([]), point_step=2**31), "point_step too large"),
+        (changed(cloud([]), point_step=2**32 - 1, width=0, height=2**32 - 1), "point_step too large"),
+        (changed(cloud(ROW), fields=[]), "point fields missing"),
+        (cloud(ROW, (("x", "i4"), ("y", "f4"), ("id", "i4"))), "point fields missing"),
+        (cloud(ROW, (("x", "f4"), ("y", "f4"), ("id", "f4"))), "point fields missing"),
+    ],
+)
+def test_bad_clouds(message, kind):
+    with pytest.raises(BadMessageError) as caught:
+        landmark_points(message)
+    assert caught.value.kind == kind
+
+
+def test_an_unknown_datatype_is_no_field():
+    message = cloud(ROW)
+    message.fields[0].datatype = 99
+    with pytest.raises(BadMessageError, match="point fields missing"):
+        landmark_points(message)
+
+
+def test_what_is_written_is_read_and_shown_by_viewers():
+    message = SimpleNamespace()
+    points = [LandmarkPoint(3, 2.5, 0.7, 0.01, 0.002), LandmarkPoint(-9, 14.0, -3.0, 0.04, 1e-4)]
+    fill_landmark_points(message, points, SimpleNamespace)
+    for found, sent in zip(landmark_points(message), points, strict=True):
+        assert found.number == sent.number
+        assert found[1:] == pytest.approx(sent[1:], rel=1e-6)
+    # RViz shows points with x, y, z as float32.
+    assert [(one.name, one.datatype) for one in message.fields[:3]] == [("x", 7), ("y", 7), ("z", 7)]

@@ -1,0 +1,108 @@
+"""The state file: what is written is read, what is broken is said, and nothing else is touched."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from diffbot_control.errors import DiffbotError, InvalidValueError
+from diffbot_control.geometry import Pose
+from diffbot_control.kinematics import WheelGeometry
+from diffbot_control.state_file import BrokenStateError, SavedState, load_state, save_state, state_path
+
+P = np.array([[0.02, 0.001, 0.0], [0.001, 0.03, -0.002], [0.0, -0.002, 0.01]])
+WHEELS = np.array([0.01, -0.02])
+WHEELS_P = np.array([[1e-5, 2e-6], [2e-6, 3e-5]])
+GEOMETRY = WheelGeometry(0.07, 0.5)
+GOOD = {
+    "version": 1,
+    "pose": [1.0, -2.0, 3.0],
+    "P": P.tolist(),
+    "geometry": [0.07, 0.5],
+    "wheels": [0.01, -0.02],
+    "wheels_P": WHEELS_P.tolist(),
+}
+
+
+@pytest.mark.parametrize("wheels", [(WHEELS, WHEELS_P), (None, None)])
+def test_what_is_written_is_read_to_the_bit(tmp_path, wheels):
+    path = tmp_path / "new" / "state.json"
+    save_state(path, SavedState(Pose(1.0, -2.0, 3.0), P, *wheels, GEOMETRY))
+    found = load_state(path)
+    assert (found.pose, found.geometry) == ((1.0, -2.0, 3.0), GEOMETRY)
+    np.testing.assert_array_equal(found.P, P)
+    for one, other in zip((found.wheels, found.wheels_P), wheels, strict=True):
+        assert (one is None and other is None) or (one == other).all()
+    assert [one.name for one in path.parent.iterdir()] == ["state.json"]
+
+
+def test_no_file_is_no_state(tmp_path):
+    assert load_state(tmp_path / "none.json") is None
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"version": 2},
+        {"pose": [1.0, 2.0]},
+        {"pose": [1.0, 2.0, "x"]},
+        {"pose": [1.0, math.nan, 0.0]},
+        {"pose": [1e8, 0.0, 0.0]},
+        {"pose": None},
+        {"P": (-P).tolist()},
+        {"P": P.tolist()[:2]},
+        {"P": [[1e300] * 3] * 3},
+        {"geometry": [0.05]},
+        {"wheels": [2.0, 0.0]},
+        {"wheels_P": [[0.0, 0.0], [0.0, 0.0]]},
+        {"wheels_P": "no"},
+    ],
+)
+def test_a_file_with_something_else_is_one_line(tmp_path, change):
+    path = tmp_path / "state.json"
+    path.write_text(json.dumps({**GOOD, **change}))
+    with pytest.raises(BrokenStateError) as caught:
+        load_state(path)
+    assert str(caught.value).startswith(str(path))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["", "{", "[1, 2]", "null", "\x00\xff", "[" * 5000])
+def test_no_json_is_one_line(tmp_path, text):
+    path = tmp_path / "state.json"
+    path.write_text(text)
+    with pytest.raises(BrokenStateError):
+        load_state(path)
+
+
+def test_a_file_that_cannot_be_read_is_not_called_broken(tmp_path):
+    with pytest.raises(DiffbotError) as caught:
+        load_state(tmp_path)  # a folder
+    assert not isinstance(caught.value, BrokenStateError)
+    assert str(caught.value).startswith(f"cannot read {tmp_path}")
+
+
+def test_the_old_state_stays_if_the_new_one_cannot_be_written(tmp_path, monkeypatch):
+    path = tmp_path / "state.json"
+    path.write_text(json.dumps(GOOD))
+
+    def full(self, target):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "replace", full)
+    with pytest.raises(OSError, match="No space left"):
+        save_state(path, SavedState(Pose(0.0, 0.0, 0.0), P, None, None, GEOMETRY))
+    assert load_state(path).pose == (1.0, -2.0, 3.0)
+    assert [one.name for one in tmp_path.iterdir()] == ["state.json"]
+
+
+def test_paths(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert state_path("") is None
+    assert state_path("~/state.json") == tmp_path / "state.json"
+    assert state_path("state.json") == Path("state.json")
+    for text in (str(tmp_path), "~", "/", ".", "~nobody-of-this-name/x.json", "a\x00b"):
+        with pytest.raises(InvalidValueError, match=r"state_file = .* must be the path of a file"):
+            state_path(text)
