@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,8 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu, JointState, PointCloud2
 from std_srvs.srv import Trigger
 
-from diffbot_control.errors import BadMessageError
+from diffbot_control.ekf import Array
+from diffbot_control.errors import BadMessageError, DiffbotError
 from diffbot_control.estimator import Measurement
 from diffbot_control.geometry import Pose, into_frame, out_of_frame
 from diffbot_control.kinematics import Twist, body_twist, encoder_covariance, wheel_speeds, with_radius_errors
@@ -162,7 +164,10 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
             # A robot has to start all the same; the next saving would write over what is there.
             kept = self._state_path.with_name(self._state_path.name + ".bad")
             self.get_logger().error(f"state not restored: {error}; the file is kept as {kept.name}")
-            self._state_path.replace(kept)
+            try:
+                self._state_path.replace(kept)
+            except OSError as failure:
+                raise DiffbotError(f"cannot rename {self._state_path}: {failure.strerror or failure}") from None
             return
         if saved is None:
             return
@@ -173,6 +178,13 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
             self.localization.estimator.set_wheels(saved.wheels, saved.wheels_P)
         x, y, theta = saved.pose
         self.get_logger().info(f"state restored: x {x:.3f} m, y {y:.3f} m, heading {theta:.3f} rad")
+
+    def _forget_file(self, path: Path) -> None:
+        """Delete what was saved: what was forgotten must not come back with a restart."""
+        try:
+            path.unlink(missing_ok=True)
+        except OSError as error:
+            self.get_logger().error(f"cannot delete state_file: {error.strerror or error}")
 
     def _save(self) -> None:
         """Write what is known, if there is news."""
@@ -255,7 +267,7 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
     def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self.localization.reset()
         if self._state_path is not None:
-            self._state_path.unlink(missing_ok=True)  # what was forgotten must not come back with a restart
+            self._forget_file(self._state_path)
         response.success, response.message = True, "waiting for the next fix"
         self._tell_state()
         return response
@@ -285,7 +297,7 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         return values
 
 
-def _diagonal(sigmas: Sequence[float]) -> np.ndarray[Any, np.dtype[np.float64]] | None:
+def _diagonal(sigmas: Sequence[float]) -> Array | None:
     """Return the covariance of independent errors; None if a deviation is 0: not known."""
     return np.diag(np.square(sigmas)) if all(sigmas) else None
 
