@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,7 @@ from sensor_msgs.msg import Imu, JointState, PointCloud2
 from std_srvs.srv import Trigger
 
 from diffbot_control.ekf import Array
-from diffbot_control.errors import BadMessageError, DiffbotError
+from diffbot_control.errors import BadMessageError
 from diffbot_control.estimator import Measurement
 from diffbot_control.geometry import Pose, into_frame, out_of_frame
 from diffbot_control.kinematics import Twist, body_twist, encoder_covariance, wheel_speeds, with_radius_errors
@@ -41,7 +40,7 @@ from diffbot_control.ros_messages import (
     wheel_speeds_from,
 )
 from diffbot_control.ros_runtime import LATCHED, QUEUE, DiffbotNode, run, status_message
-from diffbot_control.state_file import BrokenStateError, SavedState, load_state, save_state, state_path
+from diffbot_control.state_file import BrokenStateError, StateKeeper, state_path
 
 WAITING = "waiting for first fix"
 RUNNING = "running"
@@ -69,9 +68,7 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         self._heard: int | None = None
         self._landmarks = config.landmarks.points()
         self._take_noise()
-        self._state_path = state_path(config.state_file)
-        self._saved_stamp: int | None = None
-        self._restore()
+        self._keeper = self._restore()
         # Fixes before odometry: an executor that finds both waiting takes them in this order.
         self.listen(PoseWithCovarianceStamped, "global_pose", self._on_fix)
         self.listen(Imu, "heading", self._on_heading)
@@ -84,7 +81,7 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
             self.listen(JointState, "joint_states", self._on_joint_states)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_timer(_STATUS_PERIOD, self._tell_state, clock=self.steady_clock)
-        if config.state_file:
+        if self._keeper is not None:
             self.create_timer(_SAVE_PERIOD, self._save, clock=self.steady_clock)
         self._tell_state()
 
@@ -155,51 +152,23 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         if measurement.R is noise.R:
             self.health.counted[f"{topic} with the covariance of the parameters"] += 1
 
-    def _restore(self) -> None:
-        if self._state_path is None:
-            return
+    def _restore(self) -> StateKeeper | None:
+        path = state_path(self.config.state_file)
+        if path is None:
+            return None
+        keeper = StateKeeper(path, self.localization)
         try:
-            saved = load_state(self._state_path)
+            self.get_logger().info(keeper.restore(self.config.wheels))
         except BrokenStateError as error:
-            # A robot has to start all the same; the next saving would write over what is there.
-            kept = self._state_path.with_name(self._state_path.name + ".bad")
-            self.get_logger().error(f"state not restored: {error}; the file is kept as {kept.name}")
-            try:
-                self._state_path.replace(kept)
-            except OSError as failure:
-                raise DiffbotError(f"cannot rename {self._state_path}: {failure.strerror or failure}") from None
-            return
-        if saved is None:
-            return
-        self.localization.initialise(saved.pose, saved.P)
-        if saved.geometry != self.config.wheels:
-            self.get_logger().warning("wheel errors not restored: found with another wheel radius or separation")
-        elif saved.wheels is not None and saved.wheels_P is not None:
-            self.localization.estimator.set_wheels(saved.wheels, saved.wheels_P)
-        x, y, theta = saved.pose
-        self.get_logger().info(f"state restored: x {x:.3f} m, y {y:.3f} m, heading {theta:.3f} rad")
-
-    def _forget_file(self, path: Path) -> None:
-        """Delete what was saved: what was forgotten must not come back with a restart."""
-        try:
-            path.unlink(missing_ok=True)
-        except OSError as error:
-            self.get_logger().error(f"cannot delete state_file: {error.strerror or error}")
+            # A robot has to start all the same.
+            self.get_logger().error(f"state not restored: {error}")
+        return keeper
 
     def _save(self) -> None:
-        """Write what is known, if there is news."""
-        if self._state_path is None or not self.localization.initialised:
+        if self._keeper is None:
             return
         try:
-            estimate = self.localization.estimate()
-        except BadMessageError:
-            return  # no odometry yet
-        if estimate.stamp == self._saved_stamp or not np.isfinite(estimate.belief.P).all():
-            return
-        wheels, wheels_P = self.localization.estimator.wheels() or (None, None)
-        try:
-            save_state(self._state_path, SavedState(estimate.pose, estimate.P, wheels, wheels_P, self.config.wheels))
-            self._saved_stamp = estimate.stamp
+            self._keeper.save(self.config.wheels)
         except OSError as error:
             self.get_logger().error(f"cannot write state_file: {error.strerror or error}", throttle_duration_sec=60.0)
 
@@ -266,8 +235,11 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
 
     def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self.localization.reset()
-        if self._state_path is not None:
-            self._forget_file(self._state_path)
+        if self._keeper is not None:
+            try:
+                self._keeper.forget()
+            except OSError as error:
+                self.get_logger().error(f"cannot delete state_file: {error.strerror or error}")
         response.success, response.message = True, "waiting for the next fix"
         self._tell_state()
         return response

@@ -12,9 +12,10 @@ import numpy as np
 
 from diffbot_control.covariance import check_covariance
 from diffbot_control.ekf import Array
-from diffbot_control.errors import DiffbotError, InvalidValueError
+from diffbot_control.errors import BadMessageError, DiffbotError, InvalidValueError
 from diffbot_control.geometry import FARTHEST, Pose, wrap_angle
 from diffbot_control.kinematics import WheelGeometry
+from diffbot_control.localization import Localization
 
 _VERSION = 1
 _WORST = 1.0
@@ -122,3 +123,67 @@ def _covariance(path: Path, content: dict[str, Any], key: str, size: int) -> Arr
         return check_covariance(matrix)
     except DiffbotError as error:
         raise BrokenStateError(f"{path}: {key}: {error}") from None
+
+
+class StateKeeper:
+    """Keeps what a filter knows in a file."""
+
+    def __init__(self, path: Path, localization: Localization) -> None:
+        """Keep the state of ``localization`` at ``path``."""
+        self._path = path
+        self._localization = localization
+        self._saved: int | None = None
+
+    def restore(self, geometry: WheelGeometry) -> str:
+        """Start the filter from the file, if there is one; return what was done, for the log.
+
+        The wheels' errors are taken only if they were found with the same ``geometry``.
+
+        Raises:
+            BrokenStateError: if the file holds something else; it is set aside under another name.
+            DiffbotError: if it cannot be read or set aside.
+        """
+        try:
+            saved = load_state(self._path)
+        except BrokenStateError as error:
+            # The next saving would write over what is there.
+            kept = self._path.with_name(self._path.name + ".bad")
+            try:
+                self._path.replace(kept)
+            except OSError as failure:
+                raise DiffbotError(f"cannot rename {self._path}: {failure.strerror or failure}") from None
+            raise BrokenStateError(f"{error}; the file is kept as {kept.name}") from None
+        if saved is None:
+            return "no state to restore"
+        self._localization.initialise(saved.pose, saved.P)
+        done = "state restored: x {:.3f} m, y {:.3f} m, heading {:.3f} rad".format(*saved.pose)
+        if saved.geometry != geometry:
+            return f"{done}; wheel errors not restored: found with another wheel radius or separation"
+        if saved.wheels is not None and saved.wheels_P is not None:
+            self._localization.estimator.set_wheels(saved.wheels, saved.wheels_P)
+        return done
+
+    def save(self, geometry: WheelGeometry) -> None:
+        """Write what is known, if there is news.
+
+        Raises:
+            OSError: if it cannot be written.
+        """
+        try:
+            estimate = self._localization.estimate()
+        except BadMessageError:
+            return  # nothing is known yet
+        if estimate.stamp == self._saved or not np.isfinite(estimate.belief.P).all():
+            return
+        wheels, wheels_P = self._localization.estimator.wheels() or (None, None)
+        save_state(self._path, SavedState(estimate.pose, estimate.P, wheels, wheels_P, geometry))
+        self._saved = estimate.stamp
+
+    def forget(self) -> None:
+        """Delete the file: what was forgotten must not come back with a restart.
+
+        Raises:
+            OSError: if it cannot be deleted.
+        """
+        self._path.unlink(missing_ok=True)
+        self._saved = None

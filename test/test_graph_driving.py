@@ -148,7 +148,7 @@ def test_a_second_robot_with_stamped_commands_in_its_namespace_does_not_disturb_
         assert second.commands[-1].header.frame_id == "base_link"
         answered = [stamp(pose) for pose in second.poses]
         answers = {stamp(one) for one in second.commands if answered[0] <= stamp(one) <= answered[-1]}
-        assert len(answers) > 20
+        assert len(answers) > 10
         assert answers <= set(answered)
         names = {status.name for array in second.diagnostics for status in array.status}
         assert {"/second/plant", "/second/controller", "/controller"} <= names
