@@ -105,6 +105,8 @@ def _filled(
 ) -> tuple[Array, Array]:
     """Outcomes, and histories with no rows if none are wanted: one kernel serves both."""
     check_case(case, starts)
+    if case.feedback != EKF:
+        case = case._replace(filter=None)
     outcomes: Array = np.empty((count, len(COLUMNS)))
     histories: Array = np.empty((count, case.steps + 1 if with_histories else 0, len(HISTORY_COLUMNS)))
     chunk = _LONG_CHUNK if with_histories else _CHUNK

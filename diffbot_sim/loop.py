@@ -47,7 +47,8 @@ class Case(NamedTuple):
     """[m] for the settling time"""
     yaw_tolerance: float
     """[rad]"""
-    filter: FilterOptions = options_of(FilterConfig())
+    filter: FilterOptions | None = options_of(FilterConfig())
+    """None for a feedback without a filter: the compiler leaves out what is behind it, see :func:`_filtered`"""
     landmarks: Any = NO_LANDMARKS
     """(n, 2) array of their x, y [m]"""
     peer: int = OURS
@@ -78,7 +79,7 @@ class Outcome(NamedTuple):
 class View(NamedTuple):
     """What is known of the robot."""
 
-    track: Track
+    track: Track | None
     seen: Pose
     """what the controller gets"""
     has_seen: bool
@@ -109,7 +110,7 @@ def run_loop(case: Case, seed: int, run: int, start: Pose, history: Any) -> Outc
     state = PlantState(start, Twist(0.0, 0.0), rest, rest, rest, Pose(0.0, 0.0, 0.0), 0)
     memory = new_memory()
     peer_memory = new_peer_memory()
-    view = View(new_track(case.filter), start, False)
+    view = View(_begun(case.filter), start, False)
     tally = Tally(-1, 0.0, 0.0, math.nan)
     for index in range(case.steps + 1):
         view = _observe(case, seed, run, index, state, view)
@@ -135,7 +136,13 @@ def _uncertainty(case: Case, view: View) -> Uncertainty:
     """What the controller is told of the estimate; a fix or the truth is taken at its word."""
     if case.feedback != EKF:
         return Uncertainty(0.0, 0.0)
-    P = view.track.belief.P
+    return _spread(view.track)
+
+
+def _spread(track: Track | None) -> Uncertainty:
+    if track is None:
+        return Uncertainty(0.0, 0.0)
+    P = track.belief.P
     return Uncertainty(largest_deviation(P.xx, P.xy, P.yy), math.sqrt(max(P.tt, 0.0)))
 
 
@@ -150,7 +157,22 @@ def _observe(case: Case, seed: int, run: int, index: int, state: PlantState, vie
             if not lost:
                 return View(view.track, fix, True)
         return view
-    track = observe(view.track, moment, state, Robot(case.plant, case.sensors, case.filter, case.landmarks))
+    return _filtered(view.track, case.filter, case, moment, state)
+
+
+def _begun(options: FilterOptions | None) -> Track | None:
+    if options is None:
+        return None
+    return new_track(options)
+
+
+def _filtered(
+    track: Track | None, options: FilterOptions | None, case: Case, moment: Moment, state: PlantState
+) -> View:
+    """Sense and filter; numba leaves out the branch behind an argument that is None by its type."""
+    if track is None or options is None:
+        return View(track, state.pose, False)
+    track = observe(track, moment, state, Robot(case.plant, case.sensors, options, case.landmarks))
     return View(track, track.belief.pose, track.known)
 
 
