@@ -27,7 +27,7 @@ def initialpose(x, y, theta):
 def test_without_fixes_it_waits_for_initialpose_and_then_follows_the_odometry():
     with robot(NO_FIXES, namespace="/blind") as blind:
         blind.peer.spin_until(lambda: len(blind.truths) > 5, 5.0, "steps")
-        assert state_of(blind) == "waiting for first fix"
+        blind.peer.spin_until(lambda: state_of(blind) == "waiting for first fix", 5.0, "waiting")
         assert not blind.poses
         publisher = blind.peer.publisher(PoseWithCovarianceStamped, "initialpose")
         blind.peer.wait_for_subscribers(publisher)
