@@ -63,8 +63,9 @@ def twins():
             heard = (running.second, running.filtered, running.truths, running.poses)
             running.peer.spin_until(lambda: all(heard), 10.0, "both filters")
             running.send_goal(0.0, 0.0, 0.0)
-            count = len(running.second)
-            running.peer.spin_until(lambda: len(running.second) > count + 150, 20.0, "150 steps")
+            # By stamps: a step that was sent again is answered again.
+            count = len(by_stamp(running.second))
+            running.peer.spin_until(lambda: len(by_stamp(running.second)) > count + 150, 20.0, "150 steps")
             running.pause(True)
             running.catch_up()
             yield running
