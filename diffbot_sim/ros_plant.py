@@ -1,0 +1,149 @@
+"""What the plant sends: messages made once and filled again for each step."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Imu, JointState, PointCloud2, PointField
+
+from diffbot_control.estimator import Measurement
+from diffbot_control.geometry import Pose
+from diffbot_control.kinematics import Twist
+from diffbot_control.point_cloud import LandmarkPoint, fill_landmark_points
+from diffbot_control.ros_messages import (
+    TFMessage,
+    fill_planar_covariance,
+    fill_pose,
+    fill_twist,
+    fill_twist_covariance,
+    fill_yaw,
+    odometry_message,
+    pose_message,
+    set_stamp,
+    transform_message,
+)
+from diffbot_control.ros_runtime import QUEUE, DiffbotNode
+from diffbot_sim.node_config import PlantNodeConfig
+from diffbot_sim.pacing import WALL
+from diffbot_sim.world import Arrivals, Sighting, World
+
+
+class PlantTopics:
+    """Publishers of the plant."""
+
+    def __init__(self, node: DiffbotNode[PlantNodeConfig]) -> None:
+        """Create the publishers on ``node``, whose counters tell what was sent."""
+        config = node.config
+        self._frames = config.odom_frame, config.base_link_frame
+        self._sent = node.health.sent
+        self._odometry = odometry_message(config.odom_frame, config.base_link_frame)
+        self._truth = odometry_message(config.map_frame, config.base_link_frame)
+        self._fix = pose_message(config.map_frame)
+        self._heading = Imu()
+        self._heading.header.frame_id = config.base_link_frame
+        # REP-145: no angular velocity, no acceleration in it.
+        self._heading.angular_velocity_covariance[0] = -1.0
+        self._heading.linear_acceleration_covariance[0] = -1.0
+        self._heading.orientation_covariance[[0, 4]] = 1e6
+        self._cloud = PointCloud2()
+        self._cloud.header.frame_id = config.base_link_frame
+        self._joints = JointState(name=[config.left_wheel_name, config.right_wheel_name])
+        self._clock_message = Clock()
+        self._odometries = node.create_publisher(Odometry, "odom", QUEUE)
+        self._truths = node.create_publisher(Odometry, "ground_truth", QUEUE)
+        self._fixes = node.create_publisher(PoseWithCovarianceStamped, "global_pose", QUEUE)
+        self._headings = node.create_publisher(Imu, "heading", QUEUE)
+        self._clouds = node.create_publisher(PointCloud2, "landmarks", QUEUE)
+        self._joint_states = node.create_publisher(JointState, "joint_states", QUEUE)
+        self._clocks = node.create_publisher(Clock, "/clock", QUEUE) if config.clock != WALL else None
+        self._transforms = None
+        if config.publish_tf and TFMessage is None:
+            node.get_logger().info("tf2_msgs is not installed: no TF is published")
+        elif config.publish_tf:
+            self._transforms = node.create_publisher(TFMessage, "/tf", QUEUE)
+
+    def first_heard(self, fixes: bool) -> list[Any]:
+        """Publishers that a filter has to hear from the first step on; one that hears joint_states needs no odom.
+
+        Args:
+            fixes: whether there are any.
+        """
+        moving = self._odometries
+        if self._joint_states.get_subscription_count() and not self._odometries.get_subscription_count():
+            moving = self._joint_states
+        return [moving, self._fixes] if fixes else [moving]
+
+    def filters(self) -> list[int]:
+        """How many hear each topic that a filter hears."""
+        senders = (self._odometries, self._fixes, self._headings, self._clouds)
+        return [sender.get_subscription_count() for sender in senders]
+
+    def publish_truth(self, world: World) -> None:
+        """Send the time and where the robot is: what no filter answers."""
+        if self._clocks is not None:
+            set_stamp(self._clock_message.clock, world.stamp)
+            self._clocks.publish(self._clock_message)
+        if self._truths.get_subscription_count():
+            self._send_odometry(self._truths, self._truth, world.stamp, world.state.pose, world.state.twist)
+
+    def publish(self, world: World, arrivals: Arrivals) -> None:
+        """Send all messages of the present step, the odometry last: it is what the filter answers."""
+        stamp = world.stamp
+        self.publish_truth(world)
+        for fix in arrivals.fixes:
+            self._send_fix(fix)
+        for heading in arrivals.headings:
+            self._send_heading(heading)
+        if arrivals.landmarks:
+            self._send_landmarks(stamp, arrivals.landmarks)
+        if self._joint_states.get_subscription_count():
+            self._send_joint_states(stamp, world)
+        in_odom = world.state.odometry
+        if self._transforms is not None:
+            self._transforms.publish(transform_message(stamp, *self._frames, in_odom))
+        odometry = world.odometry()
+        fill_planar_covariance(self._odometry.pose.covariance, world.odometry_P)
+        fill_twist_covariance(self._odometry.twist.covariance, odometry[2:])
+        self._send_odometry(self._odometries, self._odometry, stamp, in_odom, odometry.twist)
+        self._sent["odom"] += 1
+
+    def _send_odometry(self, publisher: Any, message: Odometry, stamp: int, pose: Pose, twist: Twist) -> None:
+        set_stamp(message.header.stamp, stamp)
+        fill_pose(message.pose.pose, pose)
+        fill_twist(message.twist.twist, twist)
+        publisher.publish(message)
+
+    def _send_fix(self, fix: Measurement) -> None:
+        set_stamp(self._fix.header.stamp, fix.stamp)
+        x, y, theta = fix.z.tolist()
+        fill_pose(self._fix.pose.pose, Pose(x, y, theta))
+        fill_planar_covariance(self._fix.pose.covariance, fix.R)
+        self._fixes.publish(self._fix)
+        self._sent["global_pose"] += 1
+
+    def _send_heading(self, heading: Measurement) -> None:
+        set_stamp(self._heading.header.stamp, heading.stamp)
+        fill_yaw(self._heading.orientation, float(heading.z[0]))
+        self._heading.orientation_covariance[8] = heading.R[0, 0]
+        self._headings.publish(self._heading)
+        self._sent["heading"] += 1
+
+    def _send_landmarks(self, stamp: int, sightings: list[Sighting]) -> None:
+        set_stamp(self._cloud.header.stamp, stamp)
+        seen = [
+            LandmarkPoint(number, *measured.z.tolist(), *measured.R.diagonal().tolist())
+            for number, measured in sightings
+        ]
+        fill_landmark_points(self._cloud, seen, PointField)
+        self._clouds.publish(self._cloud)
+        self._sent["landmarks"] += 1
+
+    def _send_joint_states(self, stamp: int, world: World) -> None:
+        set_stamp(self._joints.header.stamp, stamp)
+        self._joints.position = list(world.state.angles)
+        self._joints.velocity = list(world.state.encoder)
+        self._joint_states.publish(self._joints)
+        self._sent["joint_states"] += 1
