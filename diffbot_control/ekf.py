@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from diffbot_control.filter_config import NEAREST
 from diffbot_control.geometry import wrap_angle
-from diffbot_control.kinematics import Twist, with_radius_errors
+from diffbot_control.kinematics import Twist, motion_noise, with_radius_errors
 from diffbot_control.landmarks import bent
 
 Array = NDArray[np.float64]
@@ -74,17 +74,11 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         ahead_x, ahead_y = dt * math.cos(middle), dt * math.sin(middle)
         F, Q = self.F, self.Q
         F[0, 2], F[1, 2] = -v * ahead_y, v * ahead_x
-        # Q = G M G' with G = d f / d (v, omega) = [[ahead_x, side_x], [ahead_y, side_y], [0, dt]] and M the
-        # covariance of the twist, written out: numpy needs five times as long for matrices so small.
-        side_x, side_y = -0.5 * dt * v * ahead_y, 0.5 * dt * v * ahead_x
-        Q[0, 0] = ahead_x * ahead_x * var_v + 2.0 * ahead_x * side_x * cov + side_x * side_x * var_omega
-        Q[1, 1] = ahead_y * ahead_y * var_v + 2.0 * ahead_y * side_y * cov + side_y * side_y * var_omega
-        Q[2, 2] = dt * dt * var_omega
-        Q[0, 1] = Q[1, 0] = (
-            ahead_x * ahead_y * var_v + (ahead_x * side_y + ahead_y * side_x) * cov + side_x * side_y * var_omega
-        )
-        Q[0, 2] = Q[2, 0] = dt * (ahead_x * cov + side_x * var_omega)
-        Q[1, 2] = Q[2, 1] = dt * (ahead_y * cov + side_y * var_omega)
+        xx, xy, xt, yy, yt, tt = motion_noise(ahead_x, ahead_y, v, dt, (var_v, cov, var_omega))
+        Q[0, 0], Q[1, 1], Q[2, 2] = xx, yy, tt
+        Q[0, 1] = Q[1, 0] = xy
+        Q[0, 2] = Q[2, 0] = xt
+        Q[1, 2] = Q[2, 1] = yt
         return ahead_x, ahead_y
 
     def update_pose(self, z: Array, R: Array) -> float:

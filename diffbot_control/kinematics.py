@@ -62,6 +62,36 @@ def with_radius_errors(twist: Twist, left: float, right: float, separation: floa
     )
 
 
+def motion_noise(
+    ahead_x: float, ahead_y: float, v: float, dt: float, noise: tuple[float, float, float]
+) -> tuple[float, float, float, float, float, float]:
+    """Covariance of a pose moved by an uncertain twist along the midpoint heading: Q = G M G'.
+
+    G = d (x, y, theta) / d (v, omega) = [[ahead_x, side_x], [ahead_y, side_y], [0, dt]] with side_x = -v dt ahead_y / 2
+    and side_y = v dt ahead_x / 2. Written out: numpy needs five times as long for matrices so small.
+
+    Args:
+        ahead_x: dt cos of the midpoint heading [s].
+        ahead_y: dt sin of it [s].
+        v: velocity [m/s].
+        dt: duration [s].
+        noise: M, the covariance of the twist: var(v), cov(v, omega), var(omega).
+
+    Returns:
+        Q_xx, Q_xy, Q_xtheta, Q_yy, Q_ytheta, Q_thetatheta.
+    """
+    var_v, cov, var_omega = noise
+    side_x, side_y = -0.5 * dt * v * ahead_y, 0.5 * dt * v * ahead_x
+    return (
+        ahead_x * ahead_x * var_v + 2.0 * ahead_x * side_x * cov + side_x * side_x * var_omega,
+        ahead_x * ahead_y * var_v + (ahead_x * side_y + ahead_y * side_x) * cov + side_x * side_y * var_omega,
+        dt * (ahead_x * cov + side_x * var_omega),
+        ahead_y * ahead_y * var_v + 2.0 * ahead_y * side_y * cov + side_y * side_y * var_omega,
+        dt * (ahead_y * cov + side_y * var_omega),
+        dt * dt * var_omega,
+    )
+
+
 def twist_covariance(sigma_left: float, sigma_right: float, geometry: WheelGeometry) -> tuple[float, float, float]:
     """Propagate independent errors of the wheel speeds, standard deviations [rad/s], to the twist.
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from diffbot_control.filter_config import LOST_THETA, LOST_XY, NEAREST
 from diffbot_control.geometry import Pose, wrap_angle
-from diffbot_control.kinematics import Twist, with_radius_errors
+from diffbot_control.kinematics import Twist, motion_noise, with_radius_errors
 from diffbot_control.landmarks import bent
 
 
@@ -135,7 +135,6 @@ def predict(
     pose = Pose(x + v * ahead_x, y + v * ahead_y, wrap_angle(theta + omega * dt))
     # F adds these multiples of theta and of the wheels' errors to x, y and theta.
     xt, yt = -v * ahead_y, v * ahead_x
-    side_x, side_y = 0.5 * dt * xt, 0.5 * dt * yt
     tl, tr = -dt * rim_left / separation, dt * rim_right / separation
     xl, xr = 0.5 * (rim_left * ahead_x + xt * tl), 0.5 * (rim_right * ahead_x + xt * tr)
     yl, yr = 0.5 * (rim_left * ahead_y + yt * tl), 0.5 * (rim_right * ahead_y + yt * tr)
@@ -153,30 +152,18 @@ def predict(
     ftl = b.tl + tl * b.ll + tr * b.lr
     ftr = b.tr + tl * b.lr + tr * b.rr
     # ... then their products with F', and the noise.
-    var_v, cov, var_omega = noise
+    q_xx, q_xy, q_xt, q_yy, q_yt, q_tt = motion_noise(ahead_x, ahead_y, v, dt, noise)
     P = Covariance(
-        fxx
-        + xt * fxt
-        + xl * fxl
-        + xr * fxr
-        + (ahead_x * ahead_x * var_v + 2.0 * ahead_x * side_x * cov + side_x * side_x * var_omega),
-        fxy
-        + yt * fxt
-        + yl * fxl
-        + yr * fxr
-        + (ahead_x * ahead_y * var_v + (ahead_x * side_y + ahead_y * side_x) * cov + side_x * side_y * var_omega),
-        fxt + tl * fxl + tr * fxr + dt * (ahead_x * cov + side_x * var_omega),
+        fxx + xt * fxt + xl * fxl + xr * fxr + q_xx,
+        fxy + yt * fxt + yl * fxl + yr * fxr + q_xy,
+        fxt + tl * fxl + tr * fxr + q_xt,
         fxl,
         fxr,
-        fyy
-        + yt * fyt
-        + yl * fyl
-        + yr * fyr
-        + (ahead_y * ahead_y * var_v + 2.0 * ahead_y * side_y * cov + side_y * side_y * var_omega),
-        fyt + tl * fyl + tr * fyr + dt * (ahead_y * cov + side_y * var_omega),
+        fyy + yt * fyt + yl * fyl + yr * fyr + q_yy,
+        fyt + tl * fyl + tr * fyr + q_yt,
         fyl,
         fyr,
-        ftt + tl * ftl + tr * ftr + dt * dt * var_omega,
+        ftt + tl * ftl + tr * ftr + q_tt,
         ftl,
         ftr,
         b.ll + walk * dt,
