@@ -21,7 +21,7 @@ help:
 	@echo "make setup   create $(VENV) with the package, ROS 2 Jazzy from wheels and all tools"
 	@echo "make demo    drive a simulated robot to a goal pose, record a bag, write the report"
 	@echo "make test    run the tests"
-	@echo "make lint    run ruff and mypy"
+	@echo "make lint    run ruff, mypy and import-linter"
 	@echo "make bench   measure speed"
 	@echo "make docs    write the generated parts of docs/"
 	@echo "make clean   remove $(VENV) and everything built"
@@ -40,10 +40,11 @@ lint: setup
 	@$(BIN)/ruff check
 	@$(BIN)/ruff format --check
 	@$(BIN)/mypy
+	@$(BIN)/lint-imports --no-cache
 
 bench: setup
-	@$(BIN)/python test/bench.py $(ARGS)
-	@$(BIN)/python test/bench_batch.py $(filter --quick,$(ARGS))
+	@PYTHONPATH=test/support $(BIN)/python test/bench/bench.py $(ARGS)
+	@$(BIN)/python test/bench/bench_batch.py $(filter --quick,$(ARGS))
 
 docs: setup
 	@$(BIN)/python docs/generate.py $(ARGS)

@@ -15,7 +15,7 @@ EXECUTABLES = {
     "plant_node": "diffbot_sim.plant_node",
     "recorder_node": "diffbot_bag.recorder_node",
     "replay_node": "diffbot_bag.replay_node",
-    "diffbot": "diffbot_sim.cli",
+    "diffbot": "diffbot_lab.cli",
 }
 SHIM = """\
 #!/bin/sh
@@ -83,6 +83,6 @@ setup(
             "pytest-xdist>=3.5",
             "rosbags>=0.10",
         ],
-        "lint": ["mypy>=1.13", "pre-commit>=3.8", "ruff>=0.8", "types-PyYAML>=6.0"],
+        "lint": ["import-linter>=2.1", "mypy>=1.13", "pre-commit>=3.8", "ruff>=0.8", "types-PyYAML>=6.0"],
     },
 )

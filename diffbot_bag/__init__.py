@@ -7,5 +7,5 @@ Conventions, stated once:
 - A message stays the bytes (CDR) that came over the wire; only reports decode it.
 - Quality of service is held as rosbag2's words (:class:`diffbot_bag.qos.Qos`).
 
-Every module here but ``*_node.py`` and ``ros_qos.py`` is free of ROS.
+Every module here but ``*_node.py`` and ``ros_conversions.py`` is free of ROS.
 """

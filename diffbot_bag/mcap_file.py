@@ -19,7 +19,7 @@ from mcap.summary import Summary
 
 from diffbot_bag.metadata import Topic
 from diffbot_bag.qos import load_profiles
-from diffbot_control.errors import DiffbotError
+from diffbot_core.errors import DiffbotError
 
 MAGIC = b"\x89MCAP0\r\n"
 SUMMARY_START = struct.Struct("<QQ")

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from diffbot_control.errors import DiffbotError
+from diffbot_core.errors import DiffbotError
 
 SEPARATOR = "=" * 80
 """Line between the definition of a type and those of the types it uses."""

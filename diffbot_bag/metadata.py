@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import yaml
 
 from diffbot_bag.qos import Qos, load_profiles, to_plain
-from diffbot_control.errors import DiffbotError
+from diffbot_core.errors import DiffbotError
 
 FILE_NAME = "metadata.yaml"
 ROOT = "rosbag2_bagfile_information"

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, NamedTuple
 
-from diffbot_bag.schedule import parse_remap
+from diffbot_bag.playback_clock import parse_remap
 from diffbot_bag.writer import CHUNK_SIZE
-from diffbot_control.config import Spec
+from diffbot_core.schema import Spec
 
 
 class RecorderConfig(NamedTuple):

@@ -8,9 +8,7 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
-from diffbot_bag.readahead import ReadAhead
-from diffbot_bag.reader import RawMessage
-from diffbot_bag.schedule import (
+from diffbot_bag.playback_clock import (
     SECOND,
     Timeline,
     Window,
@@ -21,6 +19,8 @@ from diffbot_bag.schedule import (
     resumed,
     stepped,
 )
+from diffbot_bag.read_ahead import ReadAhead
+from diffbot_bag.reader import RawMessage
 
 COARSE = 2_000_000
 """[ns] before a deadline up to which the player can be woken; after that it only sleeps and spins."""

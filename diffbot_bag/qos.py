@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from diffbot_control.errors import DiffbotError
+from diffbot_core.errors import DiffbotError
 
 INFINITE = 2**63 - 1
 """[ns] What ROS writes for an infinite duration: 9223372036 s 854775807 ns."""

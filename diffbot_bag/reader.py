@@ -15,7 +15,7 @@ from mcap_ros2.decoder import DecoderFactory
 from diffbot_bag import metadata
 from diffbot_bag.mcap_file import DAMAGE, McapFile
 from diffbot_bag.metadata import BagMetadata, Topic
-from diffbot_control.errors import DiffbotError
+from diffbot_core.errors import DiffbotError
 
 
 class RawMessage(NamedTuple):

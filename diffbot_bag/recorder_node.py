@@ -11,15 +11,15 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from diffbot_bag import ros_qos
-from diffbot_bag.config import RecorderConfig
-from diffbot_bag.gaps import GapCounter
+from diffbot_bag import ros_conversions as ros_qos
+from diffbot_bag.lost_messages import GapCounter
+from diffbot_bag.parameters import RecorderConfig
+from diffbot_bag.pending_messages import Held, HeldMessages
 from diffbot_bag.qos import to_request
-from diffbot_bag.recording import Held, HeldMessages
-from diffbot_bag.selection import TopicSelection, absolute
+from diffbot_bag.topic_selection import TopicSelection, absolute
 from diffbot_bag.writer import BagWriteError, BagWriter
-from diffbot_control.errors import DiffbotError
-from diffbot_control.ros_runtime import LATCHED, DiffbotNode, run, status_message
+from diffbot_core.errors import DiffbotError
+from diffbot_core.ros.node import LATCHED, DiffbotNode, run, status_message
 
 STATUS_PERIOD = 0.5
 """[s] between two ~/status messages when nothing changes but counts."""

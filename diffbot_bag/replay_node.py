@@ -15,17 +15,17 @@ from rclpy.exceptions import InvalidTopicNameException
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
-from diffbot_bag import ros_qos
-from diffbot_bag.config import ReplayConfig
+from diffbot_bag import ros_conversions as ros_qos
 from diffbot_bag.metadata import Topic
-from diffbot_bag.outputs import POLL, SETTLE, wait_for_subscribers, wait_until_acknowledged
+from diffbot_bag.parameters import ReplayConfig
+from diffbot_bag.playback_clock import SECOND, Window, parse_remap, window
 from diffbot_bag.player import Pace, Player
 from diffbot_bag.qos import to_offer
 from diffbot_bag.reader import BagReader, RawMessage
-from diffbot_bag.schedule import SECOND, Window, parse_remap, window
-from diffbot_bag.selection import TopicSelection, absolute
-from diffbot_control.errors import DiffbotError, InvalidValueError
-from diffbot_control.ros_runtime import LATCHED, QUEUE, DiffbotNode, run, status_message
+from diffbot_bag.subscribers import POLL, SETTLE, wait_for_subscribers, wait_until_acknowledged
+from diffbot_bag.topic_selection import TopicSelection, absolute
+from diffbot_core.errors import DiffbotError, InvalidValueError
+from diffbot_core.ros.node import LATCHED, QUEUE, DiffbotNode, run, status_message
 
 STATUS_PERIOD = 0.5
 """[s] between two ~/status messages."""

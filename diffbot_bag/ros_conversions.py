@@ -18,7 +18,7 @@ from rclpy.qos import (
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from diffbot_bag.qos import INFINITE, Qos
-from diffbot_control.errors import DiffbotError
+from diffbot_core.errors import DiffbotError
 
 
 def from_ros(profile: QoSProfile) -> Qos:

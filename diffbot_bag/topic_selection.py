@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
-from diffbot_control.errors import InvalidValueError
+from diffbot_core.errors import InvalidValueError
 
 
 class TopicSelection(NamedTuple):

@@ -12,10 +12,10 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import CompressionType, Writer
 
 from diffbot_bag import metadata
-from diffbot_bag.definitions import DefinitionNotFoundError, MessageDefinitions
+from diffbot_bag.message_definitions import DefinitionNotFoundError, MessageDefinitions
 from diffbot_bag.metadata import BagMetadata, Topic
 from diffbot_bag.qos import Qos, dump_profiles
-from diffbot_control.errors import DiffbotError
+from diffbot_core.errors import DiffbotError
 
 CHUNK_SIZE = 512 * 1024
 """[bytes] of messages per chunk before compression; what is not yet in a chunk is lost with the process."""

@@ -1,12 +1,5 @@
-"""What runs on the robot: the switching law, region policy, limits, filter and their two nodes.
+"""What runs on the robot: the switching law (``law``), the filter (``filter``) and their nodes.
 
-Conventions, stated once (REP-103, REP-105):
-
-- SI units; angles in radians, wrapped to (-pi, pi]; yaw counter-clockwise, x forward.
-- Frames: ``map`` (world), ``odom`` (drifts), ``base_link`` (robot). A *goal frame* has its origin in the goal pose
-  and its x axis along the goal's heading; the laws live in it.
-- Time in messages and between modules is an integer of nanoseconds; a sampling time is a float of seconds.
-- Symbols are those of the paper (N. T. T. Van, P. M. Duong, T. Q. Vinh, VCM-2014): see docs/symbols.md.
-
-Every module here but ``*_node.py`` and ``ros_*.py`` is free of ROS.
+``law`` and ``filter`` do not import each other; only the nodes and the room ``ros`` import ROS. Conventions as in
+:mod:`diffbot_core`.
 """

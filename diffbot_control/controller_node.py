@@ -20,13 +20,13 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
-from diffbot_control import supervisor
-from diffbot_control.kinematics import Twist
-from diffbot_control.laws import unstable_gains
-from diffbot_control.node_config import CONTROLLER_PRESETS, ControllerNodeConfig
-from diffbot_control.reapproach import PHASE_NAMES
-from diffbot_control.regions import REGION_NAMES
-from diffbot_control.ros_messages import (
+from diffbot_control.law import supervisor
+from diffbot_control.law.lyapunov_law import unstable_gains
+from diffbot_control.law.reapproach import PHASE_NAMES
+from diffbot_control.law.regions import REGION_NAMES
+from diffbot_control.law.supervisor import Supervisor
+from diffbot_control.ros.controller_parameters import CONTROLLER_PRESETS, ControllerNodeConfig
+from diffbot_control.ros.messages import (
     NANO,
     fill_twist,
     goal_from,
@@ -36,8 +36,8 @@ from diffbot_control.ros_messages import (
     set_stamp,
     twist_message,
 )
-from diffbot_control.ros_runtime import LATCHED, DiffbotNode, run, status_message
-from diffbot_control.supervisor import Supervisor
+from diffbot_core.kinematics import Twist
+from diffbot_core.ros.node import LATCHED, DiffbotNode, run, status_message
 
 NAVIGATION_LABELS = ("stamp", "rho", "alpha", "beta", "theta", "eps_P", "region", "V")
 _LEVELS = {

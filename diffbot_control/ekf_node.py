@@ -14,14 +14,12 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu, JointState, PointCloud2
 from std_srvs.srv import Trigger
 
-from diffbot_control.ekf import Array
-from diffbot_control.errors import BadMessageError
-from diffbot_control.estimator import Measurement
-from diffbot_control.geometry import Pose, into_frame, out_of_frame
-from diffbot_control.kinematics import Twist, body_twist, encoder_covariance, wheel_speeds, with_radius_errors
-from diffbot_control.localization import Estimate, Localization, OdometryStep
-from diffbot_control.node_config import EkfNodeConfig
-from diffbot_control.ros_messages import (
+from diffbot_control.filter.ekf import Array
+from diffbot_control.filter.localization import Estimate, Localization
+from diffbot_control.filter.measurements import Measurement, OdometryStep
+from diffbot_control.filter.state_file import BrokenStateError, StateKeeper, state_path
+from diffbot_control.ros.ekf_parameters import EkfNodeConfig
+from diffbot_control.ros.messages import (
     KnownNoise,
     TFMessage,
     fill_planar_covariance,
@@ -39,8 +37,10 @@ from diffbot_control.ros_messages import (
     transform_message,
     wheel_speeds_from,
 )
-from diffbot_control.ros_runtime import LATCHED, QUEUE, DiffbotNode, run, status_message
-from diffbot_control.state_file import BrokenStateError, StateKeeper, state_path
+from diffbot_core.errors import BadMessageError
+from diffbot_core.geometry import Pose, into_frame, out_of_frame
+from diffbot_core.kinematics import Twist, body_twist, encoder_covariance, wheel_speeds, with_radius_errors
+from diffbot_core.ros.node import LATCHED, QUEUE, DiffbotNode, run, status_message
 
 WAITING = "waiting for first fix"
 RUNNING = "running"

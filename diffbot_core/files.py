@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from diffbot_control.errors import DiffbotError
+from diffbot_core.errors import DiffbotError
 
 
 @contextmanager

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, NamedTuple
 
-from diffbot_control.config import Spec
+from diffbot_core.schema import Spec
 
 RESTING_SIGMA = 1e-3
 """[rad/s] standard deviation of a wheel speed at rest: no encoder is perfect, and a filter needs some noise."""

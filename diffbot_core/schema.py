@@ -16,7 +16,7 @@ import math
 from collections.abc import Mapping
 from typing import Annotated, Any, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
 
-from diffbot_control.errors import InvalidValueError
+from diffbot_core.errors import InvalidValueError
 
 C = TypeVar("C", bound=tuple[Any, ...])
 

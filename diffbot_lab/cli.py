@@ -11,11 +11,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, get_args
 
-from diffbot_bag.config import ReplayConfig
-from diffbot_control.config import build, parameters_of, to_dict
-from diffbot_control.errors import DiffbotError, InvalidValueError
-from diffbot_control.presets import PRESETS, TUNED
-from diffbot_sim.campaign_options import CampaignOptions, load_yaml
+from diffbot_bag.parameters import ReplayConfig
+from diffbot_control.law.presets import PRESETS, TUNED
+from diffbot_core.errors import DiffbotError, InvalidValueError
+from diffbot_core.schema import build, parameters_of, to_dict
+from diffbot_lab.campaign.options import CampaignOptions, load_yaml
 
 NODES = {
     "plant": "diffbot_sim.plant_node",
@@ -25,8 +25,8 @@ NODES = {
     "replay": "diffbot_bag.replay_node",
 }
 BENCHMARKS = {
-    "switching": ("diffbot_sim.benchmark", 100, Path("out/benchmark")),
-    "localization": ("diffbot_sim.localization_benchmark", 200, Path("out/localization")),
+    "switching": ("diffbot_lab.benchmark.law", 100, Path("out/benchmark")),
+    "localization": ("diffbot_lab.benchmark.filter", 200, Path("out/localization")),
 }
 """Module, usual number of runs and usual folder."""
 
@@ -188,7 +188,7 @@ def _once(flag: str, settings: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _demo(options: argparse.Namespace) -> int:
-    from diffbot_sim.demo import DemoOptions, run_demo  # noqa: PLC0415 - nothing is imported that is not called
+    from diffbot_lab.demo.command import DemoOptions, run_demo  # noqa: PLC0415 - nothing is imported that is not called
 
     return run_demo(
         DemoOptions(options.out, options.seed, options.real_time, options.overwrite, options.domain, options.preset)
@@ -196,14 +196,14 @@ def _demo(options: argparse.Namespace) -> int:
 
 
 def _experiment(options: argparse.Namespace) -> int:
-    from diffbot_sim.experiment import run_and_report  # noqa: PLC0415
+    from diffbot_lab.paper.experiment import run_and_report  # noqa: PLC0415
 
     run_and_report(tuple(dict.fromkeys(options.names)), options.runs, options.seed, options.out, options.figures)
     return 0
 
 
 def _campaign(options: argparse.Namespace) -> int:
-    from diffbot_sim import campaign_command  # noqa: PLC0415
+    from diffbot_lab.campaign import command as campaign_command  # noqa: PLC0415
 
     flags = {name: value for name, value in vars(options).items() if name in to_dict(CampaignOptions())}
     if options.start is not None:
@@ -213,7 +213,7 @@ def _campaign(options: argparse.Namespace) -> int:
 
 
 def _stability(options: argparse.Namespace) -> int:
-    from diffbot_sim import stability_command  # noqa: PLC0415
+    from diffbot_lab.stability import command as stability_command  # noqa: PLC0415
 
     if not 0.0 < options.rho_max < 1e6:
         raise InvalidValueError("--rho-max", options.rho_max, "> 0 and < 1e6")

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from diffbot_control.errors import InvalidValueError
-from diffbot_control.geometry import Pose, into_frame
+from diffbot_core.errors import InvalidValueError
+from diffbot_core.geometry import Pose, into_frame
 
 Array = NDArray[np.float64]
 

@@ -9,8 +9,8 @@ from typing import Any
 import matplotlib
 import numpy as np
 
-from diffbot_control.geometry import Pose
-from diffbot_sim.run_record import RunRecord
+from diffbot_core.geometry import Pose
+from diffbot_lab.demo.run_record import RunRecord
 
 matplotlib.use("Agg")
 

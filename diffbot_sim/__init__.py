@@ -1,5 +1,5 @@
-"""The world: plant, noise, the ROS-free closed loop, the demonstration and the command ``diffbot``.
+"""The simulated world: the plant and its sensors, the ROS-free closed loop, and the compiled one.
 
-Conventions as in :mod:`diffbot_control`. The plant shares no motion model with the filter, so that a mistake in one of
+Conventions as in :mod:`diffbot_core`. The plant shares no motion model with the filter, so that a mistake in one of
 them shows.
 """

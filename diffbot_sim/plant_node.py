@@ -10,13 +10,13 @@ from geometry_msgs.msg import TwistStamped
 from rclpy.qos import QoSProfile
 from std_srvs.srv import SetBool, Trigger
 
-from diffbot_control.kinematics import Twist
-from diffbot_control.ros_messages import NANO, twist_from
-from diffbot_control.ros_runtime import DiffbotNode, run
-from diffbot_sim.node_config import PlantNodeConfig
-from diffbot_sim.pacing import LOCKSTEP, WALL, ClockPace, LockStep
-from diffbot_sim.ros_plant import PlantTopics
-from diffbot_sim.world import Arrivals, World
+from diffbot_control.ros.messages import NANO, twist_from
+from diffbot_core.kinematics import Twist
+from diffbot_core.ros.node import DiffbotNode, run
+from diffbot_sim.model.simulator import Arrivals, World
+from diffbot_sim.ros.pacing import LOCKSTEP, WALL, ClockPace, LockStep
+from diffbot_sim.ros.parameters import PlantNodeConfig
+from diffbot_sim.ros.publishers import PlantTopics
 
 _POLL = 0.02
 """[s] between two looks at the graph before the first lock-step, and between two questions of a step in doubt."""

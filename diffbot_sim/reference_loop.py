@@ -7,14 +7,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from diffbot_control.controller import ControllerConfig, ControllerMemory, step
-from diffbot_control.covariance import uncertainty_of
-from diffbot_control.errors import BadMessageError, InvalidValueError
-from diffbot_control.geometry import Pose
-from diffbot_control.goal import CERTAIN, Uncertainty
-from diffbot_control.kinematics import Twist
-from diffbot_control.localization import Estimate, Localization, LocalizationConfig
-from diffbot_sim.world import World, WorldConfig
+from diffbot_control.filter.covariance import uncertainty_of
+from diffbot_control.filter.localization import Estimate, Localization, LocalizationConfig
+from diffbot_control.law.controller import ControllerConfig, ControllerMemory, step
+from diffbot_core.errors import BadMessageError, InvalidValueError
+from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import Twist
+from diffbot_core.uncertainty import CERTAIN, Uncertainty
+from diffbot_sim.model.simulator import World, WorldConfig
 
 Array = NDArray[np.float64]
 

@@ -20,24 +20,36 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from reproduction import page
 
-from diffbot_bag.config import RecorderConfig, ReplayConfig
-from diffbot_control.config import parameters_of, to_dict
-from diffbot_control.controller import ControllerConfig
-from diffbot_control.geometry import Pose
-from diffbot_control.localization import LocalizationConfig
-from diffbot_control.node_config import CONTROLLER_PRESETS, ControllerNodeConfig, EkfNodeConfig
-from diffbot_control.presets import PAPER, TUNED
-from diffbot_sim import benchmark, benchmark_report, localization_benchmark, localization_report
-from diffbot_sim.cli import BENCHMARKS
-from diffbot_sim.closed_loop import EKF, RAW, TRUTH, simulate
-from diffbot_sim.experiment import run_experiment, summarise, write_json
-from diffbot_sim.experiment_figures import figure_paths
-from diffbot_sim.node_config import PlantNodeConfig
-from diffbot_sim.plant import PlantConfig
-from diffbot_sim.reproduction import page
-from diffbot_sim.sensors import SensorConfig
-from diffbot_sim.world import WorldConfig
+from diffbot_bag.parameters import RecorderConfig, ReplayConfig
+from diffbot_control.filter.localization import LocalizationConfig
+from diffbot_control.law.controller import ControllerConfig
+from diffbot_control.law.presets import PAPER, TUNED
+from diffbot_control.ros.controller_parameters import CONTROLLER_PRESETS, ControllerNodeConfig
+from diffbot_control.ros.ekf_parameters import EkfNodeConfig
+from diffbot_core.geometry import Pose
+from diffbot_core.schema import parameters_of, to_dict
+from diffbot_lab.benchmark import (
+    filter as localization_benchmark,
+)
+from diffbot_lab.benchmark import (
+    filter_report as localization_report,
+)
+from diffbot_lab.benchmark import (
+    law as benchmark,
+)
+from diffbot_lab.benchmark import (
+    law_report as benchmark_report,
+)
+from diffbot_lab.cli import BENCHMARKS
+from diffbot_lab.paper.experiment import run_experiment, summarise, write_json
+from diffbot_lab.paper.figures import figure_paths
+from diffbot_sim.model.plant import PlantConfig
+from diffbot_sim.model.sensors import SensorConfig
+from diffbot_sim.model.simulator import WorldConfig
+from diffbot_sim.reference_loop import EKF, RAW, TRUTH, simulate
+from diffbot_sim.ros.parameters import PlantNodeConfig
 
 DOCS = Path(__file__).parent
 NODES = {

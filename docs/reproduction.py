@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from diffbot_sim.experiment import PAPER_END_STATES, SETTINGS
+from diffbot_lab.paper.experiment import PAPER_END_STATES, SETTINGS
 
 Results = dict[str, Any]
 

@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from diffbot_control.errors import BadMessageError
-from diffbot_control.goal import Uncertainty, largest_deviation
+from diffbot_core.errors import BadMessageError
+from diffbot_core.uncertainty import Uncertainty, largest_deviation
 
 _ASYMMETRY = 1e-6
 """Relative difference of mirrored entries that rounding on the way may cause."""

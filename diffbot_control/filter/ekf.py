@@ -14,10 +14,10 @@ import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 from numpy.typing import NDArray
 
-from diffbot_control.filter_config import NEAREST
-from diffbot_control.geometry import wrap_angle
-from diffbot_control.kinematics import Twist, motion_noise, with_radius_errors
-from diffbot_control.landmarks import bent
+from diffbot_control.filter.landmark_map import bent
+from diffbot_control.filter.options import NEAREST
+from diffbot_core.geometry import wrap_angle
+from diffbot_core.kinematics import Twist, motion_noise, with_radius_errors
 
 Array = NDArray[np.float64]
 
@@ -90,7 +90,7 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         return self._update(z, R, self._heading_jacobian, _heading_of_state, _heading_residual)
 
     def update_landmark(self, z: Array, R: Array, landmark: tuple[float, float]) -> float:
-        """Correct with range and bearing of a known point; see :func:`diffbot_control.landmarks.bent` for near ones.
+        """Correct with range and bearing of a known point; see :mod:`landmark_map` for near ones.
 
         Args:
             z: (2,) range [m] and bearing [rad] in the robot's frame.
@@ -130,7 +130,7 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
 class CalibratingEkf(PoseEkf):
     """The same with the relative errors of the radii of the left and right wheel as states 3 and 4.
 
-    The measured twist is that of wheels of nominal radius: see :func:`diffbot_control.kinematics.with_radius_errors`.
+    The measured twist is that of wheels of nominal radius: see :func:`diffbot_core.kinematics.with_radius_errors`.
     """
 
     def __init__(self) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from diffbot_control.filter_config import FilterOptions
+from diffbot_control.filter.options import FilterOptions
 
 ACCEPTED, REJECTED, RELOCATED, IGNORED = 0, 1, 2, 3
 _WIDENED, _TIGHTENED = 0.2, 0.05

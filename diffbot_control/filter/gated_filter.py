@@ -10,10 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from diffbot_control.adaptation import Adaptation, adapted, new_adaptation, q_scale, r_scales, rescaled
-from diffbot_control.ekf import Array, CalibratingEkf, Motion, PoseEkf
-from diffbot_control.filter_config import LOST_THETA, LOST_XY, FilterOptions
-from diffbot_control.gating import (
+from diffbot_control.filter.adaptation import Adaptation, adapted, new_adaptation, q_scale, r_scales, rescaled
+from diffbot_control.filter.ekf import Array, CalibratingEkf, Motion, PoseEkf
+from diffbot_control.filter.gate import (
     ACCEPTED,
     IGNORED,
     REJECTED,
@@ -26,7 +25,9 @@ from diffbot_control.gating import (
     judged,
     passed,
 )
-from diffbot_control.geometry import Pose, wrap_angle
+from diffbot_control.filter.measurements import Measurement
+from diffbot_control.filter.options import LOST_THETA, LOST_XY, FilterOptions
+from diffbot_core.geometry import Pose, wrap_angle
 
 _NO_REJECTION = FixGate()
 _LOST_P = np.diag((LOST_XY, LOST_XY, LOST_THETA))
@@ -37,17 +38,6 @@ class Belief(NamedTuple):
 
     x: Array
     P: Array
-
-
-class Measurement(NamedTuple):
-    """A pose fix, z (3,), a heading, z (1,), or range and bearing of a landmark, z (2,); R is (n, n)."""
-
-    stamp: int
-    """[ns]"""
-    z: Array
-    R: Array
-    landmark: tuple[float, float] | None = None
-    """x, y of the landmark [m]"""
 
 
 class Memory(NamedTuple):

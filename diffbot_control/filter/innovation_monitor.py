@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from scipy.special import chdtri
 
-from diffbot_control.gating import ACCEPTED, REJECTED, RELOCATED
+from diffbot_control.filter.gate import ACCEPTED, REJECTED, RELOCATED
 
 WINDOW = 50
 """Accepted measurements that the mean is taken of."""

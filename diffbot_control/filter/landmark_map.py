@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import Annotated, NamedTuple
 
-from diffbot_control.config import Spec
-from diffbot_control.errors import InvalidValueError
-from diffbot_control.geometry import FARTHEST
+from diffbot_core.errors import InvalidValueError
+from diffbot_core.geometry import FARTHEST
+from diffbot_core.schema import Spec
 
 _NUMBERS = 2**31
 """Numbers are sent as int32."""

@@ -11,14 +11,15 @@ from bisect import insort
 from collections import OrderedDict, deque
 from typing import Annotated, Any, NamedTuple
 
-from diffbot_control.config import Spec
-from diffbot_control.consistency import Consistency
-from diffbot_control.ekf import Array, Motion
-from diffbot_control.errors import BadMessageError
-from diffbot_control.estimator import Belief, Estimator, Measurement, Memory
-from diffbot_control.filter_config import FilterConfig, options_of
-from diffbot_control.geometry import Pose
-from diffbot_control.kinematics import Twist, WheelGeometry
+from diffbot_control.filter.ekf import Array, Motion
+from diffbot_control.filter.gated_filter import Belief, Estimator, Memory
+from diffbot_control.filter.innovation_monitor import Consistency
+from diffbot_control.filter.measurements import Measurement, OdometryStep
+from diffbot_control.filter.options import FilterConfig, options_of
+from diffbot_core.errors import BadMessageError
+from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import WheelGeometry
+from diffbot_core.schema import Spec
 
 NANO = 1e-9
 _PENDING_MOST = 1000
@@ -34,20 +35,6 @@ class LocalizationConfig(NamedTuple):
 
     history_length: Annotated[float, Spec("how late a measurement may come", "s", minimum=0.0, maximum=60.0)] = 1.0
     filter: FilterConfig = FilterConfig()
-
-
-class OdometryStep(NamedTuple):
-    """Mean twist since the last odometry, with covariance."""
-
-    stamp: int
-    """[ns] end of the interval"""
-    twist: Twist
-    var_v: float
-    """[m^2/s^2]"""
-    cov_v_omega: float
-    """[m rad/s^2]"""
-    var_omega: float
-    """[rad^2/s^2]"""
 
 
 class Estimate(NamedTuple):

@@ -7,7 +7,7 @@ from typing import Annotated, NamedTuple
 
 from scipy.special import chdtri
 
-from diffbot_control.config import Spec
+from diffbot_core.schema import Spec
 
 EKF, CALIBRATING, FNN, FNN_CALIBRATING = "ekf", "ekf_calibrating", "ekf_fnn", "ekf_fnn_calibrating"
 FILTERS = (EKF, CALIBRATING, FNN, FNN_CALIBRATING)

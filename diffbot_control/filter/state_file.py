@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from diffbot_control.covariance import check_covariance
-from diffbot_control.ekf import Array
-from diffbot_control.errors import BadMessageError, DiffbotError, InvalidValueError
-from diffbot_control.geometry import FARTHEST, Pose, wrap_angle
-from diffbot_control.kinematics import WheelGeometry
-from diffbot_control.localization import Localization
+from diffbot_control.filter.covariance import check_covariance
+from diffbot_control.filter.ekf import Array
+from diffbot_control.filter.localization import Localization
+from diffbot_core.errors import BadMessageError, DiffbotError, InvalidValueError
+from diffbot_core.geometry import FARTHEST, Pose, wrap_angle
+from diffbot_core.kinematics import WheelGeometry
 
 _VERSION = 1
 _WORST = 1.0

@@ -5,27 +5,24 @@ from __future__ import annotations
 import math
 from typing import Annotated, NamedTuple
 
-from diffbot_control.config import Spec
-from diffbot_control.geometry import Pose, into_frame
-from diffbot_control.goal import CERTAIN, GoalTolerance, Uncertainty, within
-from diffbot_control.kinematics import Twist, WheelGeometry
-from diffbot_control.laws import (
+from diffbot_control.law.goal_checker import GoalTolerance, within
+from diffbot_control.law.limits import Limits, limit_acceleration, limit_velocity
+from diffbot_control.law.lyapunov_law import (
     Gains,
     global_law,
     global_lyapunov,
     local_law,
     local_lyapunov,
 )
-from diffbot_control.limits import Limits, limit_acceleration, limit_velocity
-from diffbot_control.navigation import navigation_variables
-from diffbot_control.reapproach import (
+from diffbot_control.law.polar_coordinates import navigation_variables
+from diffbot_control.law.reapproach import (
     RESTING,
     Reapproach,
     ReapproachConfig,
     next_reapproach,
     reapproach_command,
 )
-from diffbot_control.regions import (
+from diffbot_control.law.regions import (
     OMEGA_G,
     OMEGA_L,
     CovarianceRegion,
@@ -34,6 +31,10 @@ from diffbot_control.regions import (
     fixed_region,
     forward_only,
 )
+from diffbot_core.geometry import Pose, into_frame
+from diffbot_core.kinematics import Twist, WheelGeometry
+from diffbot_core.schema import Spec
+from diffbot_core.uncertainty import CERTAIN, Uncertainty
 
 
 class Driving(NamedTuple):

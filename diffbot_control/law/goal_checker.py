@@ -2,25 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from typing import Annotated, NamedTuple
 
-from diffbot_control.config import Spec
-from diffbot_control.geometry import Pose
-from diffbot_control.kinematics import Twist
-
-
-class Uncertainty(NamedTuple):
-    """Standard deviations of the estimate."""
-
-    xy: float
-    """[m] of the position along the axis in which it is known least"""
-    theta: float
-    """[rad]"""
-
-
-CERTAIN = Uncertainty(0.0, 0.0)
-"""Of an estimate that is taken at its word."""
+from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import Twist
+from diffbot_core.schema import Spec
+from diffbot_core.uncertainty import CERTAIN, Uncertainty
 
 
 class GoalTolerance(NamedTuple):
@@ -51,13 +38,6 @@ class GoalTolerance(NamedTuple):
         float, Spec("standard deviations of the estimate that have to fit into the tolerances, too", minimum=0.0)
     ] = 2.0
     stateful: Annotated[bool, Spec("once reached, a goal stays reached until the next one")] = True
-
-
-def largest_deviation(xx: float, xy: float, yy: float) -> float:
-    """Standard deviation [m] along the longer axis of the error ellipse of a position with this covariance [m^2]."""
-    half = 0.5 * (xx + yy)
-    spread = math.hypot(0.5 * (xx - yy), xy)
-    return math.sqrt(max(half + spread, 0.0))
 
 
 def within(

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import Annotated, NamedTuple
 
-from diffbot_control.config import Spec
-from diffbot_control.kinematics import Twist, WheelGeometry, wheel_speeds
+from diffbot_core.kinematics import Twist, WheelGeometry, wheel_speeds
+from diffbot_core.schema import Spec
 
 _INF = math.inf
 

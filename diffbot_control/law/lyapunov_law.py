@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 from typing import Annotated, NamedTuple
 
-from diffbot_control.config import Spec
-from diffbot_control.kinematics import Twist
-from diffbot_control.navigation import Navigation
+from diffbot_control.law.polar_coordinates import Navigation
+from diffbot_core.kinematics import Twist
+from diffbot_core.schema import Spec
 
 _SERIES = 1e-4
 """Below it sin(a)/a and tanh(r)/r are taken from their series, exact to the last bit there."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from diffbot_control.geometry import Pose, wrap_angle
+from diffbot_core.geometry import Pose, wrap_angle
 
 HALF_PI = 0.5 * math.pi
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from diffbot_control.controller import ControllerConfig
-from diffbot_control.goal import GoalTolerance
-from diffbot_control.laws import PAPER_GAINS, TUNED_GAINS
-from diffbot_control.reapproach import ReapproachConfig
-from diffbot_control.regions import CovarianceRegion
+from diffbot_control.law.controller import ControllerConfig
+from diffbot_control.law.goal_checker import GoalTolerance
+from diffbot_control.law.lyapunov_law import PAPER_GAINS, TUNED_GAINS
+from diffbot_control.law.reapproach import ReapproachConfig
+from diffbot_control.law.regions import CovarianceRegion
 
 TUNED, PAPER_COVARIANCE, PAPER = "tuned", "paper_covariance", "paper"
 _NARROW = GoalTolerance(xy_goal_tolerance=0.1, yaw_goal_tolerance=0.1)

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 from typing import Annotated, NamedTuple
 
-from diffbot_control.config import Spec
-from diffbot_control.geometry import Pose
-from diffbot_control.goal import GoalTolerance, Uncertainty
-from diffbot_control.kinematics import Twist
+from diffbot_control.law.goal_checker import GoalTolerance
+from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import Twist
+from diffbot_core.schema import Spec
+from diffbot_core.uncertainty import Uncertainty
 
 RESTING, BACKING, COMING = 0, 1, 2
 PHASE_NAMES = ("resting", "backing off", "coming in")

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import Annotated, NamedTuple
 
-from diffbot_control.config import Spec
-from diffbot_control.errors import InvalidValueError
+from diffbot_core.errors import InvalidValueError
+from diffbot_core.schema import Spec
 
 OMEGA_G = 0
 OMEGA_L = 1

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, NamedTuple
 
-from diffbot_control.config import Spec
-from diffbot_control.controller import (
+from diffbot_control.law.controller import (
     ControllerConfig,
     ControllerMemory,
     Report,
@@ -13,10 +12,12 @@ from diffbot_control.controller import (
     step,
     stop_step,
 )
-from diffbot_control.geometry import Pose
-from diffbot_control.goal import CERTAIN, Uncertainty, is_knowable
-from diffbot_control.kinematics import Twist
-from diffbot_control.regions import OMEGA_L
+from diffbot_control.law.goal_checker import is_knowable
+from diffbot_control.law.regions import OMEGA_L
+from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import Twist
+from diffbot_core.schema import Spec
+from diffbot_core.uncertainty import CERTAIN, Uncertainty
 
 IDLE = "idle"
 WAITING = "waiting for pose"

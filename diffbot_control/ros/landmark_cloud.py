@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from diffbot_control.errors import BadMessageError
-from diffbot_control.geometry import FARTHEST
+from diffbot_core.errors import BadMessageError
+from diffbot_core.geometry import FARTHEST
 
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 """numpy's names of the datatypes of a sensor_msgs/PointField"""

@@ -23,14 +23,14 @@ from nav_msgs.msg import Odometry, Path
 from sensor_msgs.msg import Imu, JointState, PointCloud2
 from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension
 
-from diffbot_control.covariance import check_covariance, uncertainty_of
-from diffbot_control.ekf import Array
-from diffbot_control.errors import BadMessageError
-from diffbot_control.estimator import Measurement
-from diffbot_control.geometry import FARTHEST, Pose, quaternion_of_yaw, yaw_of_quaternion
-from diffbot_control.goal import CERTAIN, Uncertainty
-from diffbot_control.kinematics import Twist, WheelSpeeds
-from diffbot_control.point_cloud import LandmarkPoint, landmark_points
+from diffbot_control.filter.covariance import check_covariance, uncertainty_of
+from diffbot_control.filter.ekf import Array
+from diffbot_control.filter.measurements import Measurement
+from diffbot_control.ros.landmark_cloud import LandmarkPoint, landmark_points
+from diffbot_core.errors import BadMessageError
+from diffbot_core.geometry import FARTHEST, Pose, quaternion_of_yaw, yaw_of_quaternion
+from diffbot_core.kinematics import Twist, WheelSpeeds
+from diffbot_core.uncertainty import CERTAIN, Uncertainty
 
 try:
     # The alias marks it as meant for others too.

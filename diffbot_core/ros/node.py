@@ -19,10 +19,10 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 
-from diffbot_control.config import C
-from diffbot_control.errors import BadMessageError, DiffbotError
-from diffbot_control.health import Health
-from diffbot_control.ros_parameters import NodeParameters
+from diffbot_core.errors import BadMessageError, DiffbotError
+from diffbot_core.health import Health
+from diffbot_core.ros.parameters import NodeParameters
+from diffbot_core.schema import C
 
 DIAGNOSTICS_PERIOD = 1.0
 """[s] between two /diagnostics messages of a node."""

@@ -9,8 +9,8 @@ from typing import Any, Generic
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 
-from diffbot_control.config import C, Parameter, build, checked, parameters_of, to_dict
-from diffbot_control.errors import DiffbotError
+from diffbot_core.errors import DiffbotError
+from diffbot_core.schema import C, Parameter, build, checked, parameters_of, to_dict
 
 
 class NodeParameters(Generic[C]):

@@ -15,15 +15,15 @@ from numpy.typing import NDArray
 from scipy.special import chdtri
 from tqdm import tqdm
 
-from diffbot_control.errors import InvalidValueError
-from diffbot_control.filter_config import FILTERS, FilterConfig
-from diffbot_sim.batch import in_threads
-from diffbot_sim.compiled import compile_kernel
-from diffbot_sim.experiment import write_json
-from diffbot_sim.folders import output_folder
-from diffbot_sim.localization_cases import DURATION, SCENARIOS, SKIPPED, Scenario, drive_of, name_of
-from diffbot_sim.localization_report import judged, table
-from diffbot_sim.open_loop import AWAY, Drive, Tracking, drive
+from diffbot_control.filter.options import FILTERS, FilterConfig
+from diffbot_core.errors import InvalidValueError
+from diffbot_core.files import output_folder
+from diffbot_lab.benchmark.filter_cases import DURATION, SCENARIOS, SKIPPED, Scenario, drive_of, name_of
+from diffbot_lab.benchmark.filter_report import judged, table
+from diffbot_lab.paper.experiment import write_json
+from diffbot_sim.compiled.batch import in_threads
+from diffbot_sim.compiled.jit import compile_kernel
+from diffbot_sim.compiled.open_loop import AWAY, Drive, Tracking, drive
 
 Array = NDArray[np.float64]
 
@@ -181,7 +181,7 @@ def run_and_report(runs: int, seed: int, folder: Path, figures: bool) -> int:
 def draw(results: dict[str, Any], path: Path) -> None:
     """Draw one faulty run of each variant, and the errors of all cases."""
     # Without a figure matplotlib need not be loaded.
-    from diffbot_sim.localization_figure import draw_localization  # noqa: PLC0415
+    from diffbot_lab.benchmark.filter_figure import draw_localization  # noqa: PLC0415
 
     odometry_rate, fix_rate = RATES_OF_FIGURE
     histories = {

@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from diffbot_control.filter_config import FilterConfig, options_of
-from diffbot_sim.observer import Robot
-from diffbot_sim.open_loop import Drive
-from diffbot_sim.plant import PlantConfig
-from diffbot_sim.sensors import SensorConfig
+from diffbot_control.filter.options import FilterConfig, options_of
+from diffbot_sim.compiled.open_loop import Drive
+from diffbot_sim.compiled.sensing import Robot
+from diffbot_sim.model.plant import PlantConfig
+from diffbot_sim.model.sensors import SensorConfig
 
 Array = NDArray[np.float64]
 

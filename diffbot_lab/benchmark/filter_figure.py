@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diffbot_control.filter_config import CALIBRATING, EKF, FILTERS, FNN, FNN_CALIBRATING
-from diffbot_sim.figures import new_grid, save
-from diffbot_sim.localization_cases import RATES
+from diffbot_control.filter.options import CALIBRATING, EKF, FILTERS, FNN, FNN_CALIBRATING
+from diffbot_lab.benchmark.filter_cases import RATES
+from diffbot_lab.plotting import new_grid, save
 
 Array = NDArray[np.float64]
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from diffbot_control.filter_config import EKF, FNN
-from diffbot_sim.localization_cases import RATES, SECTIONS, name_of
-from diffbot_sim.targets import Target, described, number, summary, target_table
+from diffbot_control.filter.options import EKF, FNN
+from diffbot_lab.benchmark.filter_cases import RATES, SECTIONS, name_of
+from diffbot_lab.benchmark.targets import Target, described, number, summary, target_table
 
 Results = dict[str, Any]
 

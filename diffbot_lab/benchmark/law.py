@@ -15,13 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from diffbot_control.errors import InvalidValueError
-from diffbot_control.filter_config import FilterConfig
-from diffbot_control.geometry import Pose, wrap_angle
-from diffbot_control.localization import LocalizationConfig
-from diffbot_control.metrics import goal_metrics
-from diffbot_sim.batch import COLUMNS, HISTORY_COLUMNS, Starts, run_batch, run_histories
-from diffbot_sim.benchmark_cases import (
+from diffbot_control.filter.localization import LocalizationConfig
+from diffbot_control.filter.options import FilterConfig
+from diffbot_core.errors import InvalidValueError
+from diffbot_core.files import output_folder
+from diffbot_core.geometry import Pose, wrap_angle
+from diffbot_lab.benchmark.law_cases import (
     CHALLENGES,
     DELAYED,
     DURATION,
@@ -35,12 +34,13 @@ from diffbot_sim.benchmark_cases import (
     arena_starts,
     case_of,
 )
-from diffbot_sim.benchmark_report import judged, table
-from diffbot_sim.closed_loop import Recording, simulate
-from diffbot_sim.experiment import GOAL, write_json
-from diffbot_sim.folders import output_folder
-from diffbot_sim.peers import OURS
-from diffbot_sim.world import StartPose, WorldConfig
+from diffbot_lab.benchmark.law_report import judged, table
+from diffbot_lab.metrics import goal_metrics
+from diffbot_lab.paper.experiment import GOAL, write_json
+from diffbot_sim.compiled.batch import COLUMNS, HISTORY_COLUMNS, Starts, run_batch, run_histories
+from diffbot_sim.compiled.peer_laws import OURS
+from diffbot_sim.model.simulator import StartPose, WorldConfig
+from diffbot_sim.reference_loop import Recording, simulate
 
 Array = NDArray[np.float64]
 
@@ -220,7 +220,7 @@ def run_and_report(runs: int, seed: int, folder: Path, figures: bool) -> int:
 def draw(outcomes: dict[str, Array], seed: int, path: Path) -> None:
     """Draw the paths of each law from one start, and how its runs are distributed."""
     # Without a figure matplotlib need not be loaded.
-    from diffbot_sim.benchmark_figure import Sheet, draw_benchmark  # noqa: PLC0415
+    from diffbot_lab.benchmark.law_figure import Sheet, draw_benchmark  # noqa: PLC0415
 
     sheets = [Sheet(law.name, law.label, outcomes[law.name], paths_of(law, seed)[:, :, :3]) for law in LAWS]
     draw_benchmark(sheets, path)

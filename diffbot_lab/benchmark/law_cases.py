@@ -7,17 +7,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from diffbot_control.controller import ControllerConfig
-from diffbot_control.filter_config import CALIBRATING, FilterConfig, options_of
-from diffbot_control.filter_config import EKF as EKF_PLAIN
-from diffbot_control.geometry import Pose
-from diffbot_control.goal import GoalTolerance
-from diffbot_control.presets import PAPER, PAPER_COVARIANCE, PRESETS, TUNED
-from diffbot_sim import peers
-from diffbot_sim.experiment import GOAL, HEADINGS_B, starts_of
-from diffbot_sim.loop import EKF, Case
-from diffbot_sim.plant import PlantConfig
-from diffbot_sim.sensors import SensorConfig
+from diffbot_control.filter.options import CALIBRATING, FilterConfig, options_of
+from diffbot_control.filter.options import EKF as EKF_PLAIN
+from diffbot_control.law.controller import ControllerConfig
+from diffbot_control.law.goal_checker import GoalTolerance
+from diffbot_control.law.presets import PAPER, PAPER_COVARIANCE, PRESETS, TUNED
+from diffbot_core.geometry import Pose
+from diffbot_lab.paper.experiment import GOAL, HEADINGS_B, starts_of
+from diffbot_sim.compiled import peer_laws as peers
+from diffbot_sim.compiled.closed_loop import EKF, Case
+from diffbot_sim.model.plant import PlantConfig
+from diffbot_sim.model.sensors import SensorConfig
 
 Array = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from diffbot_sim.batch import COLUMNS
-from diffbot_sim.figures import new_grid, save
+from diffbot_lab.plotting import new_grid, save
+from diffbot_sim.compiled.batch import COLUMNS
 
 Array = NDArray[np.float64]
 

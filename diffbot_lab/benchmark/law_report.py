@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from diffbot_sim.targets import Target, described, number, summary, target_table
+from diffbot_lab.benchmark.targets import Target, described, number, summary, target_table
 
 Results = dict[str, Any]
 

@@ -9,8 +9,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from diffbot_control.errors import DiffbotError
-from diffbot_sim.campaign import (
+from diffbot_core.errors import DiffbotError
+from diffbot_lab.campaign.report import table, write_report
+from diffbot_lab.campaign.runner import (
     JOURNAL,
     Journal,
     campaign_workers,
@@ -18,8 +19,7 @@ from diffbot_sim.campaign import (
     process_pool,
     run_campaign,
 )
-from diffbot_sim.campaign_report import table, write_report
-from diffbot_sim.campaign_spec import Campaign, read_campaign
+from diffbot_lab.campaign.spec import Campaign, read_campaign
 
 
 def run(file: Path | None, flags: Mapping[str, Any], out: Path, workers: int | None, scheduler: str | None) -> int:

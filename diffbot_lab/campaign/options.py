@@ -7,9 +7,9 @@ from typing import Annotated, Any, NamedTuple
 
 import yaml
 
-from diffbot_control.config import Spec
-from diffbot_control.errors import InvalidValueError
-from diffbot_sim.closed_loop import EKF, FEEDBACKS
+from diffbot_core.errors import InvalidValueError
+from diffbot_core.schema import Spec
+from diffbot_sim.reference_loop import EKF, FEEDBACKS
 
 
 class CampaignOptions(NamedTuple):

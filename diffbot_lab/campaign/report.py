@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from diffbot_control.errors import DiffbotError
-from diffbot_sim.campaign_spec import Campaign
-from diffbot_sim.experiment import write_json
-from diffbot_sim.figures import new_figure, save
-from diffbot_sim.statistics import CellStatistics
+from diffbot_core.errors import DiffbotError
+from diffbot_lab.campaign.spec import Campaign
+from diffbot_lab.campaign.statistics import CellStatistics
+from diffbot_lab.paper.experiment import write_json
+from diffbot_lab.plotting import new_figure, save
 
 _ECDF_METRICS = (
     ("settling_time", "settling time [s]"),

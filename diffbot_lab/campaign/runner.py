@@ -20,13 +20,14 @@ from typing import Any, NamedTuple
 
 from tqdm import tqdm
 
-from diffbot_control.errors import DiffbotError
-from diffbot_sim import campaign_spec, statistics
-from diffbot_sim.batch import Starts, run_batch
-from diffbot_sim.campaign_spec import Campaign
-from diffbot_sim.compiled import SOURCES_HASH
-from diffbot_sim.loop import Case
-from diffbot_sim.statistics import CellStatistics, count_outcomes
+from diffbot_core.errors import DiffbotError
+from diffbot_lab.campaign import spec as campaign_spec
+from diffbot_lab.campaign import statistics
+from diffbot_lab.campaign.spec import Campaign
+from diffbot_lab.campaign.statistics import CellStatistics, count_outcomes
+from diffbot_sim.compiled.batch import Starts, run_batch
+from diffbot_sim.compiled.closed_loop import Case
+from diffbot_sim.compiled.jit import SOURCES_HASH
 
 FORMAT = 1
 JOURNAL = "campaign.jsonl"

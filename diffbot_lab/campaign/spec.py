@@ -12,17 +12,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from diffbot_control.config import build, parameters_of, to_dict
-from diffbot_control.controller import ControllerConfig
-from diffbot_control.errors import DiffbotError, InvalidValueError
-from diffbot_control.filter_config import FilterConfig, options_of
-from diffbot_control.geometry import Pose
-from diffbot_control.presets import PAPER, PRESETS
-from diffbot_sim.batch import FEEDBACK_CODES, Starts, check_case
-from diffbot_sim.campaign_options import CampaignOptions, is_number, load_yaml, triple
-from diffbot_sim.loop import Case
-from diffbot_sim.plant import PlantConfig
-from diffbot_sim.sensors import SensorConfig
+from diffbot_control.filter.options import FilterConfig, options_of
+from diffbot_control.law.controller import ControllerConfig
+from diffbot_control.law.presets import PAPER, PRESETS
+from diffbot_core.errors import DiffbotError, InvalidValueError
+from diffbot_core.geometry import Pose
+from diffbot_core.schema import build, parameters_of, to_dict
+from diffbot_lab.campaign.options import CampaignOptions, is_number, load_yaml, triple
+from diffbot_sim.compiled.batch import FEEDBACK_CODES, Starts, check_case
+from diffbot_sim.compiled.closed_loop import Case
+from diffbot_sim.model.plant import PlantConfig
+from diffbot_sim.model.sensors import SensorConfig
 
 _PARTS: tuple[type[Any], ...] = (PlantConfig, SensorConfig, ControllerConfig, FilterConfig)
 _CELLS_MOST = 10_000

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diffbot_sim.batch import COLUMNS
+from diffbot_sim.compiled.batch import COLUMNS
 
 Array = NDArray[np.float64]
 

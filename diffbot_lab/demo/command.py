@@ -14,12 +14,12 @@ from typing import Any, NamedTuple
 
 from tqdm import tqdm
 
-from diffbot_control.errors import DiffbotError
-from diffbot_control.geometry import Pose
-from diffbot_control.presets import PRESETS, TUNED
-from diffbot_sim.figures import draw_run
-from diffbot_sim.processes import NodeProcesses, PrivateDomain, wait_until
-from diffbot_sim.run_record import GoalResult, RunRecord, evaluate, read_run
+from diffbot_control.law.presets import PRESETS, TUNED
+from diffbot_core.errors import DiffbotError
+from diffbot_core.geometry import Pose
+from diffbot_lab.demo.processes import NodeProcesses, PrivateDomain, wait_until
+from diffbot_lab.demo.run_record import GoalResult, RunRecord, evaluate, read_run
+from diffbot_lab.plotting import draw_run
 
 GOALS = (Pose(0.0, 0.0, 0.0), Pose(3.0, 2.0, math.pi / 2), Pose(1.0, -2.0, math.pi))
 """The paper's scenario A, then two goals away from the origin; the last one lies behind the robot."""
@@ -144,7 +144,7 @@ def _drive(options: DemoOptions, folder: Path, domain: int) -> None:
         )
         demo = nodes.start(
             "demo",
-            "diffbot_sim.demo_node",
+            "diffbot_lab.demo.demo_node",
             {"goals": goals, "recorded_topics": list(RECORDED_TOPICS)},
             stdout=subprocess.PIPE,
         )

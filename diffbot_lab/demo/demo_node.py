@@ -10,11 +10,11 @@ from geometry_msgs.msg import PoseStamped
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool
 
-from diffbot_control.geometry import Pose
-from diffbot_control.ros_messages import NANO, goal_message
-from diffbot_control.ros_runtime import LATCHED, QUEUE, DiffbotNode, run
-from diffbot_sim.mission import Mission
-from diffbot_sim.node_config import DemoNodeConfig
+from diffbot_control.ros.messages import NANO, goal_message
+from diffbot_core.geometry import Pose
+from diffbot_core.ros.node import LATCHED, QUEUE, DiffbotNode, run
+from diffbot_lab.demo.mission import Mission
+from diffbot_sim.ros.parameters import DemoNodeConfig
 
 _PERIOD = 0.05
 _READY_TICKS = 10

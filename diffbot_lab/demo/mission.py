@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from diffbot_control.geometry import Pose
+from diffbot_core.geometry import Pose
 
 
 class Leg(NamedTuple):

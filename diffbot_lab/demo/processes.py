@@ -19,7 +19,7 @@ from typing import IO, Any
 
 import yaml
 
-from diffbot_control.errors import DiffbotError
+from diffbot_core.errors import DiffbotError
 
 DOMAINS = range(1, 102)
 """Domain ids whose ports stay below Linux' range of ephemeral ports."""

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diffbot_bag.reader import BagReader
-from diffbot_control.errors import DiffbotError
-from diffbot_control.geometry import Pose, into_frame, out_of_frame, yaw_of_quaternion
-from diffbot_control.metrics import GoalMetrics, goal_metrics
+from diffbot_core.errors import DiffbotError
+from diffbot_core.geometry import Pose, into_frame, out_of_frame, yaw_of_quaternion
+from diffbot_lab.metrics import GoalMetrics, goal_metrics
 
 Array = NDArray[np.float64]
 

@@ -14,15 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from diffbot_control.controller import ControllerConfig
-from diffbot_control.errors import DiffbotError, InvalidValueError
-from diffbot_control.filter_config import EKF, FilterConfig, options_of
-from diffbot_control.geometry import Pose
-from diffbot_control.regions import FixedRegion
-from diffbot_sim.batch import COLUMNS, FEEDBACK_CODES, HISTORY_COLUMNS, Starts, run_batch, run_histories
-from diffbot_sim.loop import Case
-from diffbot_sim.plant import PlantConfig
-from diffbot_sim.sensors import SensorConfig
+from diffbot_control.filter.options import EKF, FilterConfig, options_of
+from diffbot_control.law.controller import ControllerConfig
+from diffbot_control.law.regions import FixedRegion
+from diffbot_core.errors import DiffbotError, InvalidValueError
+from diffbot_core.geometry import Pose
+from diffbot_sim.compiled.batch import COLUMNS, FEEDBACK_CODES, HISTORY_COLUMNS, Starts, run_batch, run_histories
+from diffbot_sim.compiled.closed_loop import Case
+from diffbot_sim.model.plant import PlantConfig
+from diffbot_sim.model.sensors import SensorConfig
 
 Array = NDArray[np.float64]
 
@@ -261,7 +261,7 @@ def run_and_report(names: tuple[str, ...], runs: int, seed: int, folder: Path, f
         DiffbotError: if the folder cannot be written or a value is not allowed.
     """
     # Drawing pulls in matplotlib, and its workers should not wait for it.
-    from diffbot_sim.experiment_figures import figure_paths  # noqa: PLC0415
+    from diffbot_lab.paper.figures import figure_paths  # noqa: PLC0415
 
     try:
         with ProcessPoolExecutor(os.cpu_count(), mp_context=get_context("spawn")) as pool:

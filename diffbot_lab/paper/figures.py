@@ -12,8 +12,8 @@ import numpy as np
 from matplotlib.collections import LineCollection
 from numpy.typing import NDArray
 
-from diffbot_sim.experiment import Group
-from diffbot_sim.figures import new_figure, save
+from diffbot_lab.paper.experiment import Group
+from diffbot_lab.plotting import new_figure, save
 
 Array = NDArray[np.float64]
 

@@ -15,10 +15,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from diffbot_control.controller import ControllerConfig
-from diffbot_control.laws import Gains
-from diffbot_sim.plant import PlantConfig
-from diffbot_sim.sensors import SensorConfig
+from diffbot_control.law.controller import ControllerConfig
+from diffbot_control.law.lyapunov_law import Gains
+from diffbot_sim.model.plant import PlantConfig
+from diffbot_sim.model.sensors import SensorConfig
 
 Array = NDArray[np.float64]
 HALF_PI = 0.5 * math.pi

@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diffbot_control.errors import DiffbotError, InvalidValueError
-from diffbot_control.geometry import Pose
-from diffbot_control.laws import Gains
-from diffbot_sim.batch import FEEDBACK_CODES, Starts, run_batch
-from diffbot_sim.campaign_spec import configure
-from diffbot_sim.experiment import write_json
-from diffbot_sim.figures import new_figure, save
-from diffbot_sim.loop import Case
-from diffbot_sim.stability import NoiseBox, certify, noise_box
+from diffbot_control.law.lyapunov_law import Gains
+from diffbot_core.errors import DiffbotError, InvalidValueError
+from diffbot_core.geometry import Pose
+from diffbot_lab.campaign.spec import configure
+from diffbot_lab.paper.experiment import write_json
+from diffbot_lab.plotting import new_figure, save
+from diffbot_lab.stability.certificate import NoiseBox, certify, noise_box
+from diffbot_sim.compiled.batch import FEEDBACK_CODES, Starts, run_batch
+from diffbot_sim.compiled.closed_loop import Case
 
 Array = NDArray[np.float64]
 

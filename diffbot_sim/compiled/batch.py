@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from diffbot_control.errors import InvalidValueError
-from diffbot_control.geometry import Pose, wrap_angle
-from diffbot_sim.compiled import compile_kernel, make_callable
-from diffbot_sim.loop import EKF, RAW, TRUTH, Case, Outcome, run_loop
-from diffbot_sim.noise import START_BLOCK, draw
+from diffbot_core.errors import InvalidValueError
+from diffbot_core.geometry import Pose, wrap_angle
+from diffbot_sim.compiled.closed_loop import EKF, RAW, TRUTH, Case, Outcome, run_loop
+from diffbot_sim.compiled.jit import compile_kernel, make_callable
+from diffbot_sim.model.philox import START_BLOCK, draw
 
 Array = NDArray[np.float64]
 

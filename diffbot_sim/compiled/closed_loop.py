@@ -1,6 +1,6 @@
 """One closed loop with plain numbers only: the form that compiles, and that runs as plain Python too.
 
-It does what :func:`diffbot_sim.closed_loop.simulate` does, with the filter of :mod:`diffbot_sim.estimator`; a test
+It does what :func:`diffbot_sim.reference_loop.simulate` does, with the filter of :mod:`scalar_filter`; a test
 holds them together.
 """
 
@@ -11,20 +11,20 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from diffbot_control.controller import ControllerConfig, new_memory, step
-from diffbot_control.filter_config import FilterConfig, FilterOptions, options_of
-from diffbot_control.geometry import Pose, into_frame
-from diffbot_control.goal import Uncertainty, largest_deviation
-from diffbot_control.kinematics import Twist, WheelSpeeds
-from diffbot_control.limits import limit_velocity
-from diffbot_control.navigation import in_front
-from diffbot_control.regions import OMEGA_L
-from diffbot_sim.estimator import Track, new_track
-from diffbot_sim.noise import WHEEL_BLOCK, draw
-from diffbot_sim.observer import Moment, Robot, fix_at, observe
-from diffbot_sim.peers import OURS, new_peer_memory, peer_step
-from diffbot_sim.plant import PlantConfig, PlantState, plant_step
-from diffbot_sim.sensors import SensorConfig, due
+from diffbot_control.filter.options import FilterConfig, FilterOptions, options_of
+from diffbot_control.law.controller import ControllerConfig, new_memory, step
+from diffbot_control.law.limits import limit_velocity
+from diffbot_control.law.polar_coordinates import in_front
+from diffbot_control.law.regions import OMEGA_L
+from diffbot_core.geometry import Pose, into_frame
+from diffbot_core.kinematics import Twist, WheelSpeeds
+from diffbot_core.uncertainty import Uncertainty, largest_deviation
+from diffbot_sim.compiled.peer_laws import OURS, new_peer_memory, peer_step
+from diffbot_sim.compiled.scalar_filter import Track, new_track
+from diffbot_sim.compiled.sensing import Moment, Robot, fix_at, observe
+from diffbot_sim.model.philox import WHEEL_BLOCK, draw
+from diffbot_sim.model.plant import PlantConfig, PlantState, plant_step
+from diffbot_sim.model.sensors import SensorConfig, due
 
 TRUTH, RAW, EKF = 0, 1, 2
 """What the controller sees: the true pose, the newest fix, or the filter's estimate."""
@@ -52,7 +52,7 @@ class Case(NamedTuple):
     landmarks: Any = NO_LANDMARKS
     """(n, 2) array of their x, y [m]"""
     peer: int = OURS
-    """which law drives, see :mod:`diffbot_sim.peers`; of ``controller`` a peer keeps the limits of the velocity"""
+    """which law drives, see :mod:`peer_laws`; of ``controller`` a peer keeps the limits of the velocity"""
 
 
 class Outcome(NamedTuple):

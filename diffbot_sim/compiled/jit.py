@@ -14,44 +14,34 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from diffbot_control import (
-    adaptation,
-    controller,
-    gating,
-    geometry,
-    goal,
-    kinematics,
-    landmarks,
-    laws,
-    limits,
-    navigation,
-    reapproach,
-    regions,
-)
-from diffbot_control.errors import DiffbotError
-from diffbot_sim import estimator, kalman, loop, noise, observer, open_loop, peers, plant, sensors
+from diffbot_control.filter import adaptation, gate, landmark_map
+from diffbot_control.law import controller, goal_checker, limits, lyapunov_law, polar_coordinates, reapproach, regions
+from diffbot_core import geometry, kinematics
+from diffbot_core.errors import DiffbotError
+from diffbot_sim.compiled import closed_loop, open_loop, peer_laws, scalar_ekf, scalar_filter, sensing
+from diffbot_sim.model import philox, plant, sensors
 
 MODULES = (
     geometry,
-    landmarks,
+    landmark_map,
     kinematics,
-    navigation,
-    laws,
+    polar_coordinates,
+    lyapunov_law,
     regions,
     limits,
-    goal,
+    goal_checker,
     reapproach,
     controller,
-    noise,
+    philox,
     plant,
     sensors,
-    gating,
+    gate,
     adaptation,
-    kalman,
-    estimator,
-    observer,
-    peers,
-    loop,
+    scalar_ekf,
+    scalar_filter,
+    sensing,
+    peer_laws,
+    closed_loop,
     open_loop,
 )
 """Modules whose functions compiled code may call."""
@@ -62,7 +52,7 @@ def _functions(module: ModuleType) -> list[Any]:
 
 
 def _hash_of_sources() -> str:
-    own = sorted(path for name in ("batch*.py", "compiled.py") for path in Path(__file__).parent.glob(name))
+    own = sorted(path for name in ("batch*.py", "jit.py") for path in Path(__file__).parent.glob(name))
     paths = [*(Path(inspect.getfile(module)) for module in MODULES), *own]
     return hashlib.sha256(b"".join(path.read_bytes() for path in paths)).hexdigest()[:16]
 
@@ -109,7 +99,7 @@ def make_callable(function: Any, *, inline: bool = True) -> None:
 for _module in MODULES:
     for _function in _functions(_module):
         # A peer's constants would come along, and a power of 2.0 become a product: another last bit now and then.
-        make_callable(_function, inline=_module is not peers)
+        make_callable(_function, inline=_module is not peer_laws)
 
 
 def compile_kernel(function: Any) -> Any:

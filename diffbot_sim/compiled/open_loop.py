@@ -8,16 +8,16 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from diffbot_control.gating import REJECTED, RELOCATED
-from diffbot_control.geometry import Pose, wrap_angle
-from diffbot_control.goal import largest_deviation
-from diffbot_control.kinematics import Twist, WheelSpeeds
-from diffbot_sim.estimator import Track, new_track
-from diffbot_sim.kalman import Covariance
-from diffbot_sim.noise import START_BLOCK, WHEEL_BLOCK, direction, draw
-from diffbot_sim.observer import Moment, Robot, observe
-from diffbot_sim.plant import PlantState, plant_step
-from diffbot_sim.sensors import due
+from diffbot_control.filter.gate import REJECTED, RELOCATED
+from diffbot_core.geometry import Pose, wrap_angle
+from diffbot_core.kinematics import Twist, WheelSpeeds
+from diffbot_core.uncertainty import largest_deviation
+from diffbot_sim.compiled.scalar_ekf import Covariance
+from diffbot_sim.compiled.scalar_filter import Track, new_track
+from diffbot_sim.compiled.sensing import Moment, Robot, observe
+from diffbot_sim.model.philox import START_BLOCK, WHEEL_BLOCK, direction, draw
+from diffbot_sim.model.plant import PlantState, plant_step
+from diffbot_sim.model.sensors import due
 
 AWAY = 0.5
 """[m] a filter that is wrong by more is lost"""

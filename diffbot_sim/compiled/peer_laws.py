@@ -10,10 +10,10 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from diffbot_control.geometry import Pose, wrap_angle
-from diffbot_control.kinematics import Twist
-from diffbot_control.laws import Gains, global_law
-from diffbot_control.navigation import HALF_PI, in_front, navigation_variables
+from diffbot_control.law.lyapunov_law import Gains, global_law
+from diffbot_control.law.polar_coordinates import HALF_PI, in_front, navigation_variables
+from diffbot_core.geometry import Pose, wrap_angle
+from diffbot_core.kinematics import Twist
 
 OURS, GRACEFUL_POSE, GRACEFUL, GRACEFUL_SHIPPED, POLAR, POLAR_FAST, AICARDI, AICARDI_ENDLESS = 0, 1, 2, 3, 4, 5, 6, 7
 """Codes of ``loop.Case.peer``; 0 is this project's controller."""

@@ -1,4 +1,4 @@
-"""The Kalman filter of :mod:`diffbot_control.ekf` as pure functions of floats, for compiled campaigns.
+"""The Kalman filter of :mod:`diffbot_control.filter.ekf` as pure functions of floats, for compiled campaigns.
 
 The same models and the same letters; a test holds it to filterpy's filter to 1e-9. One form serves both filters: with
 no variance of the wheels' errors it is the filter of three states. The covariance is symmetric, so its upper triangle
@@ -10,10 +10,10 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from diffbot_control.filter_config import LOST_THETA, LOST_XY, NEAREST
-from diffbot_control.geometry import Pose, wrap_angle
-from diffbot_control.kinematics import Twist, motion_noise, with_radius_errors
-from diffbot_control.landmarks import bent
+from diffbot_control.filter.landmark_map import bent
+from diffbot_control.filter.options import LOST_THETA, LOST_XY, NEAREST
+from diffbot_core.geometry import Pose, wrap_angle
+from diffbot_core.kinematics import Twist, motion_noise, with_radius_errors
 
 
 class Covariance(NamedTuple):

@@ -1,7 +1,7 @@
 """The filter with its gate, its way back and its adaptation, as pure functions of floats for compiled campaigns.
 
-What :mod:`diffbot_control.estimator` does with filterpy's matrices is done here with the numbers of
-:mod:`diffbot_sim.kalman`; the decisions are the same functions. A test holds both together.
+What :mod:`diffbot_control.filter.gated_filter` does with filterpy's matrices is done here with the numbers of
+:mod:`diffbot_sim.compiled.scalar_ekf`; the decisions are the same functions. A test holds both together.
 """
 
 from __future__ import annotations
@@ -9,12 +9,22 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from diffbot_control.adaptation import Adaptation, adapted, new_adaptation, q_scale, r_scales, rescaled
-from diffbot_control.filter_config import FilterOptions
-from diffbot_control.gating import ACCEPTED, RELOCATED, Doubt, FixGate, despaired, doubted, doubting, judged, passed
-from diffbot_control.geometry import wrap_angle
-from diffbot_control.kinematics import Twist
-from diffbot_sim.kalman import (
+from diffbot_control.filter.adaptation import Adaptation, adapted, new_adaptation, q_scale, r_scales, rescaled
+from diffbot_control.filter.gate import (
+    ACCEPTED,
+    RELOCATED,
+    Doubt,
+    FixGate,
+    despaired,
+    doubted,
+    doubting,
+    judged,
+    passed,
+)
+from diffbot_control.filter.options import FilterOptions
+from diffbot_core.geometry import wrap_angle
+from diffbot_core.kinematics import Twist
+from diffbot_sim.compiled.scalar_ekf import (
     Belief,
     Fix,
     Sighting,
@@ -56,7 +66,7 @@ def new_track(options: FilterOptions) -> Track:
 def move(
     track: Track, twist: Twist, dt: float, noise: tuple[float, float, float], separation: float, options: FilterOptions
 ) -> Track:
-    """Predict over ``dt`` [s]; arguments as of :func:`diffbot_sim.kalman.predict`."""
+    """Predict over ``dt`` [s]; arguments as of :func:`diffbot_sim.compiled.scalar_ekf.predict`."""
     if options.adaptive:
         q = q_scale(track.adaptation)
         noise = (q * noise[0], q * noise[1], q * noise[2])

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from diffbot_control.filter_config import FilterOptions
-from diffbot_control.geometry import Pose
-from diffbot_control.kinematics import body_twist, encoder_covariance
-from diffbot_sim.estimator import Track, move, take_fix, take_heading, take_landmark
-from diffbot_sim.kalman import Fix, Sighting
-from diffbot_sim.noise import FAULT_BLOCK, FIX_BLOCK, LANDMARK_BLOCK, draw
-from diffbot_sim.plant import PlantConfig, PlantState
-from diffbot_sim.sensors import (
+from diffbot_control.filter.options import FilterOptions
+from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import body_twist, encoder_covariance
+from diffbot_sim.compiled.scalar_ekf import Fix, Sighting
+from diffbot_sim.compiled.scalar_filter import Track, move, take_fix, take_heading, take_landmark
+from diffbot_sim.model.philox import FAULT_BLOCK, FIX_BLOCK, LANDMARK_BLOCK, draw
+from diffbot_sim.model.plant import PlantConfig, PlantState
+from diffbot_sim.model.sensors import (
     SensorConfig,
     due,
     is_lost,

@@ -11,10 +11,10 @@ from __future__ import annotations
 import math
 from typing import Annotated, NamedTuple
 
-from diffbot_control.config import Spec
-from diffbot_control.geometry import Pose, wrap_angle
-from diffbot_control.kinematics import Twist, WheelGeometry, WheelSpeeds, body_twist, wheel_speeds
-from diffbot_sim.noise import Draw
+from diffbot_core.geometry import Pose, wrap_angle
+from diffbot_core.kinematics import Twist, WheelGeometry, WheelSpeeds, body_twist, wheel_speeds
+from diffbot_core.schema import Spec
+from diffbot_sim.model.philox import Draw
 
 _INF = math.inf
 _FAR = 1e6

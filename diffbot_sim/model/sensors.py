@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from typing import Annotated, NamedTuple
 
-from diffbot_control.config import Spec
-from diffbot_control.geometry import Pose, wrap_angle
-from diffbot_control.landmarks import seen_from
-from diffbot_sim.noise import Draw, direction, probability
+from diffbot_control.filter.landmark_map import seen_from
+from diffbot_core.geometry import Pose, wrap_angle
+from diffbot_core.schema import Spec
+from diffbot_sim.model.philox import Draw, direction, probability
 
 
 class SensorConfig(NamedTuple):

@@ -8,15 +8,14 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from diffbot_control.config import Spec
-from diffbot_control.estimator import Measurement
-from diffbot_control.geometry import Pose
-from diffbot_control.kinematics import Twist, body_twist, encoder_covariance
-from diffbot_control.landmarks import LandmarkMap
-from diffbot_control.localization import OdometryStep
-from diffbot_sim.noise import FAULT_BLOCK, FIX_BLOCK, LANDMARK_BLOCK, WHEEL_BLOCK, draw
-from diffbot_sim.plant import PlantConfig, PlantState, plant_step
-from diffbot_sim.sensors import (
+from diffbot_control.filter.landmark_map import LandmarkMap
+from diffbot_control.filter.measurements import Measurement, OdometryStep
+from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import Twist, body_twist, encoder_covariance
+from diffbot_core.schema import Spec
+from diffbot_sim.model.philox import FAULT_BLOCK, FIX_BLOCK, LANDMARK_BLOCK, WHEEL_BLOCK, draw
+from diffbot_sim.model.plant import PlantConfig, PlantState, plant_step
+from diffbot_sim.model.sensors import (
     SensorConfig,
     delay_in_steps,
     due,

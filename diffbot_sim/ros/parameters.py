@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from typing import Annotated, NamedTuple
 
-from diffbot_control.config import Spec
-from diffbot_control.errors import InvalidValueError
-from diffbot_sim.pacing import CLOCKS, WALL
-from diffbot_sim.world import WorldConfig
+from diffbot_core.errors import InvalidValueError
+from diffbot_core.schema import Spec
+from diffbot_sim.model.simulator import WorldConfig
+from diffbot_sim.ros.pacing import CLOCKS, WALL
 
 
 class PlantNodeConfig(NamedTuple):

@@ -9,11 +9,9 @@ from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState, PointCloud2, PointField
 
-from diffbot_control.estimator import Measurement
-from diffbot_control.geometry import Pose
-from diffbot_control.kinematics import Twist
-from diffbot_control.point_cloud import LandmarkPoint, fill_landmark_points
-from diffbot_control.ros_messages import (
+from diffbot_control.filter.measurements import Measurement
+from diffbot_control.ros.landmark_cloud import LandmarkPoint, fill_landmark_points
+from diffbot_control.ros.messages import (
     TFMessage,
     fill_planar_covariance,
     fill_pose,
@@ -25,10 +23,12 @@ from diffbot_control.ros_messages import (
     set_stamp,
     transform_message,
 )
-from diffbot_control.ros_runtime import QUEUE, DiffbotNode
-from diffbot_sim.node_config import PlantNodeConfig
-from diffbot_sim.pacing import WALL
-from diffbot_sim.world import Arrivals, Sighting, World
+from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import Twist
+from diffbot_core.ros.node import QUEUE, DiffbotNode
+from diffbot_sim.model.simulator import Arrivals, Sighting, World
+from diffbot_sim.ros.pacing import WALL
+from diffbot_sim.ros.parameters import PlantNodeConfig
 
 
 class PlantTopics:

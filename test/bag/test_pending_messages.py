@@ -4,10 +4,10 @@ import random
 
 import pytest
 
-from diffbot_bag.gaps import GapCounter
-from diffbot_bag.recording import Held, HeldMessages
-from diffbot_bag.selection import TopicSelection, absolute
-from diffbot_control.errors import InvalidValueError
+from diffbot_bag.lost_messages import GapCounter
+from diffbot_bag.pending_messages import Held, HeldMessages
+from diffbot_bag.topic_selection import TopicSelection, absolute
+from diffbot_core.errors import InvalidValueError
 
 
 def lost(numbers, publishers=1):

@@ -2,8 +2,8 @@
 
 import pytest
 
-from diffbot_bag.config import RecorderConfig, ReplayConfig
-from diffbot_bag.schedule import (
+from diffbot_bag.parameters import RecorderConfig, ReplayConfig
+from diffbot_bag.playback_clock import (
     Timeline,
     Window,
     bag_time,
@@ -16,8 +16,8 @@ from diffbot_bag.schedule import (
     stepped,
     window,
 )
-from diffbot_control.config import build, parameters_of
-from diffbot_control.errors import InvalidValueError
+from diffbot_core.errors import InvalidValueError
+from diffbot_core.schema import build, parameters_of
 
 BEGIN = 1_700_000_000_000_000_000
 SECOND = 1_000_000_000

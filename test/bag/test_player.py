@@ -7,12 +7,12 @@ import time
 import graph
 import pytest
 
-from diffbot_bag.outputs import wait_for_subscribers, wait_until_acknowledged
+from diffbot_bag.playback_clock import Window
 from diffbot_bag.player import Pace, Player
-from diffbot_bag.readahead import ReadAhead
+from diffbot_bag.read_ahead import ReadAhead
 from diffbot_bag.reader import RawMessage
-from diffbot_bag.schedule import Window
-from diffbot_control.errors import DiffbotError
+from diffbot_bag.subscribers import wait_for_subscribers, wait_until_acknowledged
+from diffbot_core.errors import DiffbotError
 
 BEGIN = 1_700_000_000_000_000_000
 MS = 1_000_000

@@ -5,7 +5,7 @@ from rosbags.interfaces import QosDurability, QosHistory, QosLiveliness, QosReli
 from rosbags.rosbag2.metadata import parse_qos
 
 from diffbot_bag.qos import INFINITE, Qos, dump_profiles, from_plain, load_profiles, to_offer, to_plain, to_request
-from diffbot_control.errors import DiffbotError
+from diffbot_core.errors import DiffbotError
 
 RELIABLE = Qos()
 BEST_EFFORT = Qos(reliability="best_effort")

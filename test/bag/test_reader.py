@@ -14,7 +14,7 @@ from rosbags.typesys import Stores, get_typestore
 from diffbot_bag.qos import Qos
 from diffbot_bag.reader import BagReader
 from diffbot_bag.writer import BagWriter
-from diffbot_control.errors import DiffbotError
+from diffbot_core.errors import DiffbotError
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 POINT = "geometry_msgs/msg/Point"

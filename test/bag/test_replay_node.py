@@ -17,7 +17,7 @@ from std_srvs.srv import Trigger
 
 from diffbot_bag.qos import Qos
 from diffbot_bag.reader import BagReader
-from diffbot_bag.ros_qos import from_ros, to_ros
+from diffbot_bag.ros_conversions import from_ros, to_ros
 from diffbot_bag.writer import BagWriter
 
 REPLAY = "diffbot_bag.replay_node"

@@ -19,7 +19,7 @@ from rosbags.interfaces import QosDurability
 from rosbags.typesys import Stores, get_typestore
 
 from diffbot_bag import metadata
-from diffbot_bag.definitions import MessageDefinitions
+from diffbot_bag.message_definitions import MessageDefinitions
 from diffbot_bag.qos import Qos
 from diffbot_bag.writer import BagWriteError, BagWriter
 

@@ -1,4 +1,4 @@
-"""Speed of this stack beside bare relays and bare filterpy: ``make bench``, or ``python test/bench.py``.
+"""Speed of this stack beside bare relays and bare filterpy: ``make bench``, or ``python test/bench/bench.py``.
 
 Machines are shared and noisy, so what counts are ratios: each round measures both sides right after each
 other, the figure is the median of the rounds' ratios, and the spread of the rounds stands beside it. A
@@ -25,9 +25,9 @@ from bench_steps import steps_round
 from bench_table import BenchError, Pair, Row, make_rows, markdown_table, text_table
 from tqdm import tqdm
 
-from diffbot_sim.processes import PrivateDomain
+from diffbot_lab.demo.processes import PrivateDomain
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs" / "performance.md"
 BEGIN, END = "<!-- bench -->", "<!-- /bench -->"
 PARTS = ("clocked", "lockstep", "steps")

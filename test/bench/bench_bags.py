@@ -1,4 +1,4 @@
-"""Recorder and replay under load, ``python test/bench_bags.py``: losses, cost of a message, lateness of replay."""
+"""Recorder and replay under load: losses, cost of a message, lateness of replay."""
 
 from __future__ import annotations
 

@@ -14,9 +14,7 @@ from geometry_msgs.msg import Twist as TwistMessage
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 
-from diffbot_control.geometry import Pose
-from diffbot_control.kinematics import Twist, WheelGeometry, encoder_covariance, wheel_speeds
-from diffbot_control.ros_messages import (
+from diffbot_control.ros.messages import (
     fill_planar_covariance,
     fill_pose,
     fill_twist,
@@ -26,6 +24,8 @@ from diffbot_control.ros_messages import (
     pose_message,
     set_stamp,
 )
+from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import Twist, WheelGeometry, encoder_covariance, wheel_speeds
 
 GOAL = Pose(1e5, 0.0, 0.0)
 """Far enough that the controller drives all the time."""

@@ -1,4 +1,4 @@
-"""Speed and memory of the compiled closed loop: parts of ``make bench``, or ``python test/bench_batch.py [--quick]``.
+"""Speed and memory of the compiled closed loop: a part of ``make bench``.
 
 The machine is shared and noisy: both sides of a ratio are measured right after each other and the median of the rounds
 counts; what runs in one thread is measured in CPU time.
@@ -22,10 +22,10 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from diffbot_control.geometry import Pose
-from diffbot_sim.batch import HISTORY_COLUMNS, Starts, run_batch
-from diffbot_sim.experiment import SETTINGS, case_of, starts_of
-from diffbot_sim.loop import run_loop
+from diffbot_core.geometry import Pose
+from diffbot_lab.paper.experiment import SETTINGS, case_of, starts_of
+from diffbot_sim.compiled.batch import HISTORY_COLUMNS, Starts, run_batch
+from diffbot_sim.compiled.closed_loop import run_loop
 
 ROUNDS, QUICK_ROUNDS = 9, 3
 STEPS = 300
@@ -34,8 +34,8 @@ FILTERED = case_of("law 17", SETTINGS[1])
 START = starts_of("a")
 
 FIRST_RUN = """
-from diffbot_sim.batch import run_batch
-from diffbot_sim.experiment import SETTINGS, case_of, starts_of
+from diffbot_sim.compiled.batch import run_batch
+from diffbot_lab.paper.experiment import SETTINGS, case_of, starts_of
 
 run_batch(case_of("law 17", SETTINGS[0]), starts_of("a"), 1, 0, 1)
 """
@@ -221,7 +221,7 @@ def memory(quick: bool) -> dict[str, Any]:
     """Peak of a campaign of very many short runs with its two workers."""
     runs = 10**6 if quick else 10**7
     with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "diffbot_sim.cli", "campaign", "--runs", str(runs), "--duration", "0.1"]
+        command = [sys.executable, "-m", "diffbot_lab.cli", "campaign", "--runs", str(runs), "--duration", "0.1"]
         peak = peak_memory([*command, "--workers", "2", "--out", folder]) / 2**30
     return row(f"campaign of {runs:.0e} runs, 2 workers: memory", "GiB", peak, None, peak, "< 1 GiB", peak < 1.0)
 
@@ -256,7 +256,7 @@ def experiments(quick: bool) -> dict[str, Any]:
         command = [
             sys.executable,
             "-m",
-            "diffbot_sim.cli",
+            "diffbot_lab.cli",
             "experiment",
             "a",
             "b",

@@ -18,7 +18,7 @@ from typing import Any
 
 from bench_table import BenchError, Pair
 
-from diffbot_sim.processes import graph_environment
+from diffbot_lab.demo.processes import graph_environment
 
 CLOCKED, LOCKSTEP = "clocked", "lockstep"
 OURS, BARE, EVENTS = "ours", "bare", "events"

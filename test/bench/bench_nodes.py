@@ -30,8 +30,8 @@ from rclpy.signals import SignalHandlerOptions
 
 from diffbot_control.controller_node import ControllerNode
 from diffbot_control.ekf_node import EkfNode
-from diffbot_control.ros_messages import goal_message
-from diffbot_control.ros_runtime import SPIN_TIMEOUT, make_executor, run
+from diffbot_control.ros.messages import goal_message
+from diffbot_core.ros.node import SPIN_TIMEOUT, make_executor, run
 from diffbot_sim.plant_node import PlantNode
 
 CLOCKED, LOCKSTEP = "clocked", "lockstep"

@@ -14,14 +14,14 @@ import numpy as np
 from bench_table import Pair
 from filterpy.kalman import ExtendedKalmanFilter
 
-from diffbot_control.controller import ControllerConfig, ControllerMemory, step
-from diffbot_control.estimator import Measurement
-from diffbot_control.filter_config import EKF, FNN, FilterConfig
-from diffbot_control.geometry import Pose
-from diffbot_control.localization import Localization, LocalizationConfig, OdometryStep
-from diffbot_control.supervisor import Supervisor, SupervisorConfig
-from diffbot_sim.closed_loop import simulate
-from diffbot_sim.world import World, WorldConfig
+from diffbot_control.filter.localization import Localization, LocalizationConfig
+from diffbot_control.filter.measurements import Measurement, OdometryStep
+from diffbot_control.filter.options import EKF, FNN, FilterConfig
+from diffbot_control.law.controller import ControllerConfig, ControllerMemory, step
+from diffbot_control.law.supervisor import Supervisor, SupervisorConfig
+from diffbot_core.geometry import Pose
+from diffbot_sim.model.simulator import World, WorldConfig
+from diffbot_sim.reference_loop import simulate
 
 _STEPS = 300
 """30 s of simulation A: global and local region, driving and standing."""
@@ -58,7 +58,7 @@ def _per_step(began: int, steps: int) -> float:
 
 
 def controller_step() -> float:
-    """Time :func:`diffbot_control.controller.step` along the path."""
+    """Time :func:`diffbot_control.law.controller.step` along the path."""
     poses, memory, config = inputs().poses, ControllerMemory(), ControllerConfig()
     began = time.thread_time_ns()
     for pose in poses:

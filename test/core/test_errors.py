@@ -5,7 +5,7 @@ import pickle
 
 import pytest
 
-from diffbot_control.errors import BadMessageError, DiffbotError, InvalidValueError
+from diffbot_core.errors import BadMessageError, DiffbotError, InvalidValueError
 
 
 def test_an_invalid_value_names_field_value_and_bound():

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from diffbot_control.geometry import (
+from diffbot_core.geometry import (
     TWO_PI,
     Pose,
     into_frame,

@@ -1,6 +1,6 @@
 """Counters of a node and what they say in /diagnostics."""
 
-from diffbot_control.health import Health
+from diffbot_core.health import Health
 
 
 def test_only_the_first_drop_of_a_kind_is_worth_a_line():

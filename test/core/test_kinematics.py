@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from diffbot_control.kinematics import (
+from diffbot_core.kinematics import (
     RESTING_SIGMA,
     Twist,
     WheelGeometry,

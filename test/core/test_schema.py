@@ -12,18 +12,19 @@ from hypothesis import strategies as st
 
 import diffbot_bag
 import diffbot_control
+import diffbot_core
 import diffbot_sim
-from diffbot_control.config import Parameter, Spec, build, checked, parameters_of, to_dict
-from diffbot_control.controller import ControllerConfig
-from diffbot_control.errors import InvalidValueError
-from diffbot_control.laws import Gains
-from diffbot_control.limits import Limits
-from diffbot_control.supervisor import SupervisorConfig
-from diffbot_sim.sensors import SensorConfig
-from diffbot_sim.world import WorldConfig
+from diffbot_control.law.controller import ControllerConfig
+from diffbot_control.law.limits import Limits
+from diffbot_control.law.lyapunov_law import Gains
+from diffbot_control.law.supervisor import SupervisorConfig
+from diffbot_core.errors import InvalidValueError
+from diffbot_core.schema import Parameter, Spec, build, checked, parameters_of, to_dict
+from diffbot_sim.model.sensors import SensorConfig
+from diffbot_sim.model.simulator import WorldConfig
 
 CHECK = settings(derandomize=True, deadline=None, max_examples=100)
-PACKAGES = (diffbot_control, diffbot_bag, diffbot_sim)
+PACKAGES = (diffbot_core, diffbot_control, diffbot_bag, diffbot_sim)
 
 
 def is_config(thing):
@@ -35,9 +36,8 @@ def pure_configs():
     """Return the configuration types of all modules without ROS."""
     found = {}
     for package in PACKAGES:
-        for module in pkgutil.iter_modules(package.__path__, package.__name__ + "."):
-            last = module.name.rpartition(".")[2]
-            if last.endswith("_node") or last.startswith("ros_"):
+        for module in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
+            if module.ispkg or module.name.endswith("_node") or module.name.startswith("diffbot_core.ros"):
                 continue
             loaded = importlib.import_module(module.name)
             for name, thing in vars(loaded).items():

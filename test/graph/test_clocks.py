@@ -4,9 +4,9 @@ import itertools
 import time
 
 import pytest
+from robot import SIMULATED, planar, robot, stamp
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
-from test_graph_robot import SIMULATED, planar, robot, stamp
 
 PLACE = {"initial_pose.x": 3.0, "initial_pose.y": -1.0, "initial_pose.yaw": 1.0}
 PERIOD = 100_000_000

@@ -5,7 +5,7 @@ import math
 
 import pytest
 from geometry_msgs.msg import TwistStamped
-from test_graph_robot import SIMULATED, distance, planar, robot, stamp, turned
+from robot import SIMULATED, distance, planar, robot, stamp, turned, twist
 
 STANDING = 0.05
 """[m/s] the commands at a reached goal are below it most of the time"""
@@ -18,11 +18,6 @@ def fast():
     with robot(plant, SIMULATED, SIMULATED) as running:
         running.peer.spin_until(lambda: running.truths and running.poses, 10.0, "the first poses")
         yield running
-
-
-def twist(command):
-    twist = getattr(command, "twist", command)
-    return twist.linear.x, twist.angular.z
 
 
 def drive(robot, goal, timeout=25.0):

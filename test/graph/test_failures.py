@@ -5,8 +5,8 @@ import time
 
 import graph
 import pytest
-from test_graph_driving import twist
-from test_graph_robot import MODULES, distance, robot, stamp, turned
+from graph import MODULES
+from robot import distance, robot, stamp, turned, twist
 
 NEAR = {"initial_pose.x": -4.0, "initial_pose.y": 0.2, "initial_pose.yaw": 0.0}
 

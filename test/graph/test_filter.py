@@ -4,24 +4,16 @@ import graph
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseWithCovarianceStamped
+from graph import MODULES
 from nav_msgs.msg import Odometry
+from robot import DEEP, distance, initialpose, lockstep, planar, robot, stamp, turned
 from std_srvs.srv import Trigger
-from test_graph_robot import DEEP, MODULES, distance, lockstep, planar, robot, stamp, turned
 
 NO_FIXES = {"fix_rate": 0.0, "initial_pose.x": 1.0, "initial_pose.y": -2.0, "initial_pose.yaw": 2.0}
 
 
 def state_of(robot):
     return robot.ekf_states[-1].message if robot.ekf_states else ""
-
-
-def initialpose(x, y, theta):
-    message = PoseWithCovarianceStamped()
-    message.header.frame_id = "map"
-    message.pose.pose.position.x, message.pose.pose.position.y = x, y
-    message.pose.pose.orientation.z, message.pose.pose.orientation.w = np.sin(theta / 2), np.cos(theta / 2)
-    message.pose.covariance[[0, 7, 35]] = 1e-4
-    return message
 
 
 def test_without_fixes_it_waits_for_initialpose_and_then_follows_the_odometry():

@@ -8,18 +8,18 @@ import graph
 import numpy as np
 import pytest
 from graph import values
+from lockstep_drive import go
 from nav_msgs.msg import Odometry
+from robot import DEEP, distance, lockstep, planar, robot, stamp, turned
 from sensor_msgs.msg import PointCloud2, PointField
 from std_srvs.srv import Trigger
-from test_graph_lockstep import go
-from test_graph_robot import DEEP, distance, lockstep, planar, robot, stamp, turned
 from test_nodes_input import fix, heading, odometry
 
-from diffbot_control.config import build
-from diffbot_control.geometry import Pose
-from diffbot_control.presets import PRESETS
-from diffbot_sim.closed_loop import simulate
-from diffbot_sim.world import WorldConfig
+from diffbot_control.law.presets import PRESETS
+from diffbot_core.geometry import Pose
+from diffbot_core.schema import build
+from diffbot_sim.model.simulator import WorldConfig
+from diffbot_sim.reference_loop import simulate
 
 LANDMARKS = {"landmark_ids": [7, 3, -2], "landmark_x": [3.0, -4.0, 0.5], "landmark_y": [2.0, 1.0, -3.0]}
 

@@ -4,58 +4,12 @@ import itertools
 import signal
 from collections import Counter
 
-import numpy as np
 import pytest
 from geometry_msgs.msg import PoseWithCovarianceStamped
+from lockstep_drive import PERIOD, START, STEPS, assert_same_path, go, repeated, true_path
+from robot import initialpose, lockstep, planar, stamp
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
-from test_graph_filter import initialpose
-from test_graph_robot import lockstep, planar, stamp, turned
-
-from diffbot_control.config import build
-from diffbot_control.geometry import Pose
-from diffbot_control.presets import PRESETS
-from diffbot_sim.closed_loop import simulate
-from diffbot_sim.world import WorldConfig
-
-STEPS = 200
-START = 1000 * 10**9
-PERIOD = 100_000_000
-
-
-def true_path(messages, start=START):
-    """Poses by step."""
-    return {(stamp(message) - start) // PERIOD: planar(message.pose.pose) for message in messages}
-
-
-def repeated(messages, times):
-    """Stamp of the newest message if it came this often, else 0."""
-    newest = [stamp(message) for message in messages[-times:]]
-    return newest[0] if len(newest) == times and len(set(newest)) == 1 else 0
-
-
-def go(robot, goal, steps=STEPS):
-    """Let it drive from a standing start, the goal known before the first step; return true poses by step."""
-    robot.send_goal(*goal)
-    first = robot.truths[-1] if robot.truths else None
-    robot.truths.clear()
-    start = START if first is None else stamp(first) + PERIOD
-    robot.pause(False)
-    robot.peer.spin_until(lambda: robot.truths and stamp(robot.truths[-1]) >= start + steps * PERIOD, 20.0, "the steps")
-    robot.pause(True)
-    return true_path(robot.truths, start)
-
-
-def assert_same_path(path, goal, world, steps=STEPS, tolerance=1e-9, moved=0.3):
-    reference = simulate(build(WorldConfig, world), PRESETS["tuned"], Pose(*goal), steps).truth
-    seen = sorted(step for step in path if step <= steps)
-    # One or two at the start may pass before the test's node is known, none later.
-    assert min(seen) <= 2
-    assert seen == list(range(min(seen), steps + 1))
-    here, there = np.array([path[step] for step in seen]), reference[seen]
-    assert np.abs(here[:, :2] - there[:, :2]).max() <= tolerance
-    assert max(turned(*poses) for poses in zip(here, there, strict=True)) <= tolerance
-    assert np.ptp(there[:, 0]) >= moved
 
 
 def test_same_path_as_the_closed_loop_twice_in_a_row():

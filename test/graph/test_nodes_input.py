@@ -9,18 +9,19 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
+from graph import MODULES
 from nav_msgs.msg import Odometry
+from robot import DEEP, planar, pose_stamped, stamp, yaw
 from sensor_msgs.msg import Imu, JointState
 from std_srvs.srv import Trigger
-from test_graph_robot import DEEP, MODULES, planar, pose_stamped, stamp, yaw
 
-from diffbot_control.controller import ControllerMemory, step
-from diffbot_control.estimator import Measurement
-from diffbot_control.geometry import Pose
-from diffbot_control.kinematics import Twist as TwistValue
-from diffbot_control.kinematics import WheelGeometry, WheelSpeeds, body_twist, encoder_covariance
-from diffbot_control.localization import Localization, LocalizationConfig, OdometryStep
-from diffbot_control.presets import PRESETS
+from diffbot_control.filter.localization import Localization, LocalizationConfig
+from diffbot_control.filter.measurements import Measurement, OdometryStep
+from diffbot_control.law.controller import ControllerMemory, step
+from diffbot_control.law.presets import PRESETS
+from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import Twist as TwistValue
+from diffbot_core.kinematics import WheelGeometry, WheelSpeeds, body_twist, encoder_covariance
 
 NAN, INF, HUGE = math.nan, math.inf, 1e308
 LONG = "x" * 1_000_000

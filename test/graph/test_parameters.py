@@ -8,15 +8,16 @@ from pathlib import Path
 import graph
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
+from graph import MODULES
 from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import Parameter
 from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomically
-from test_graph_robot import MODULES, parameter_value, planar, robot
+from robot import parameter_value, planar, robot
 
-from diffbot_bag.config import RecorderConfig, ReplayConfig
-from diffbot_control.config import parameters_of
+from diffbot_bag.parameters import RecorderConfig, ReplayConfig
 from diffbot_control.controller_node import ControllerNodeConfig
 from diffbot_control.ekf_node import EkfNodeConfig
+from diffbot_core.schema import parameters_of
 from diffbot_sim.plant_node import PlantNodeConfig
 
 CONFIGS = {"plant": PlantNodeConfig, "ekf": EkfNodeConfig, "controller": ControllerNodeConfig}

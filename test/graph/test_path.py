@@ -9,15 +9,15 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Path
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from test_graph_robot import distance, lockstep, planar, pose_stamped, stamp, turned
+from robot import distance, lockstep, planar, pose_stamped, stamp, turned
 
-from diffbot_control.config import build
-from diffbot_control.covariance import uncertainty_of
-from diffbot_control.geometry import Pose
-from diffbot_control.localization import Localization, LocalizationConfig
-from diffbot_control.presets import PRESETS
-from diffbot_control.supervisor import STATES, Supervisor, SupervisorConfig
-from diffbot_sim.world import World, WorldConfig
+from diffbot_control.filter.covariance import uncertainty_of
+from diffbot_control.filter.localization import Localization, LocalizationConfig
+from diffbot_control.law.presets import PRESETS
+from diffbot_control.law.supervisor import STATES, Supervisor, SupervisorConfig
+from diffbot_core.geometry import Pose
+from diffbot_core.schema import build
+from diffbot_sim.model.simulator import World, WorldConfig
 
 TUNED = {"preset": "tuned"}
 ALL_STATES = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)

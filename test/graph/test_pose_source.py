@@ -5,12 +5,11 @@ import time
 import graph
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
+from lockstep_drive import assert_same_path, go
 from nav_msgs.msg import Odometry
-from test_graph_driving import twist
-from test_graph_lockstep import assert_same_path, go
-from test_graph_robot import distance, lockstep, pose_stamped, robot, turned
+from robot import distance, lockstep, pose_stamped, robot, turned, twist
 
-from diffbot_control.ros_messages import set_stamp
+from diffbot_control.ros.messages import set_stamp
 
 FILTERED = {"pose_source": "odometry"}
 GOAL = (1.0, 2.0, 0.5)

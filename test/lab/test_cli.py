@@ -7,9 +7,9 @@ import sys
 import graph
 import pytest
 
-from diffbot_sim import cli
+from diffbot_lab import cli
 
-DIFFBOT = (sys.executable, "-m", "diffbot_sim.cli")
+DIFFBOT = (sys.executable, "-m", "diffbot_lab.cli")
 
 
 def diffbot(*arguments):
@@ -122,7 +122,7 @@ def test_demo_refuses_what_it_cannot_write_before_anything_starts(tmp_path, here
     def start(*_args, **_options):
         raise AssertionError("a node was started")
 
-    monkeypatch.setattr("diffbot_sim.processes.NodeProcesses.start", start)
+    monkeypatch.setattr("diffbot_lab.demo.processes.NodeProcesses.start", start)
     used = tmp_path / "used"
     (used / "bag").mkdir(parents=True)
     (used / "bag" / "metadata.yaml").write_text("mine")

@@ -10,7 +10,7 @@ import bench
 import pytest
 from bench_table import MEASURES, OURS, BenchError, Measure, Pair, make_row, make_rows
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 STEPS = (
     "controller_step",
     "supervisor_on_pose",

@@ -17,7 +17,7 @@ import rclpy
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 COLCON = ("colcon-core", "colcon-python-setup-py", "colcon-ros")
 NODES = ("controller_node", "ekf_node", "plant_node", "recorder_node", "replay_node")
 INSTALLATIONS = ("pip", "colcon", "colcon --symlink-install")

@@ -13,9 +13,9 @@ from packaging.markers import default_environment
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 PYTHONS = ("3.10", "3.11", "3.12", "3.13")
-PACKAGES = ("diffbot_bag", "diffbot_control", "diffbot_sim")
+PACKAGES = ("diffbot_bag", "diffbot_control", "diffbot_core", "diffbot_lab", "diffbot_sim")
 EXECUTABLES = {
     "controller_node",
     "diffbot",

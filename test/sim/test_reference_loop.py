@@ -5,16 +5,16 @@ import math
 import numpy as np
 import pytest
 
-from diffbot_control.controller import ControllerConfig
-from diffbot_control.errors import InvalidValueError
-from diffbot_control.geometry import Pose
-from diffbot_control.limits import Limits
-from diffbot_control.localization import LocalizationConfig
-from diffbot_control.regions import OMEGA_L, FixedRegion
-from diffbot_sim.closed_loop import EKF, FEEDBACKS, RAW, TRUTH, simulate
-from diffbot_sim.plant import PlantConfig
-from diffbot_sim.sensors import SensorConfig
-from diffbot_sim.world import StartPose, WorldConfig
+from diffbot_control.filter.localization import LocalizationConfig
+from diffbot_control.law.controller import ControllerConfig
+from diffbot_control.law.limits import Limits
+from diffbot_control.law.regions import OMEGA_L, FixedRegion
+from diffbot_core.errors import InvalidValueError
+from diffbot_core.geometry import Pose
+from diffbot_sim.model.plant import PlantConfig
+from diffbot_sim.model.sensors import SensorConfig
+from diffbot_sim.model.simulator import StartPose, WorldConfig
+from diffbot_sim.reference_loop import EKF, FEEDBACKS, RAW, TRUTH, simulate
 
 PAPER = ControllerConfig()
 GOAL = Pose(0.0, 0.0, 0.0)

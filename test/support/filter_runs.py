@@ -4,10 +4,11 @@ import math
 
 import numpy as np
 
-from diffbot_control.ekf import Motion
-from diffbot_control.estimator import Estimator, Measurement
-from diffbot_control.filter_config import FilterConfig, options_of
-from diffbot_control.geometry import Pose
+from diffbot_control.filter.ekf import Motion
+from diffbot_control.filter.gated_filter import Estimator
+from diffbot_control.filter.measurements import Measurement
+from diffbot_control.filter.options import FilterConfig, options_of
+from diffbot_core.geometry import Pose
 
 SEPARATION = 0.6
 R_FIX = np.diag([0.03, 0.03, 0.01])

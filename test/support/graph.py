@@ -16,6 +16,11 @@ from pathlib import Path
 
 import diffbot_control
 
+MODULES = {
+    "plant": "diffbot_sim.plant_node",
+    "ekf": "diffbot_control.ekf_node",
+    "controller": "diffbot_control.controller_node",
+}
 DOMAINS = range(20, 100)
 SOURCE = Path(diffbot_control.__file__).resolve().parent.parent
 

@@ -8,7 +8,7 @@ from filter_runs import R_FIX, Robot, estimator, jacobian, winding
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from diffbot_control.adaptation import (
+from diffbot_control.filter.adaptation import (
     _LEAK,
     _Q_RULES,
     _RATE,
@@ -24,9 +24,9 @@ from diffbot_control.adaptation import (
     rescaled,
     trained,
 )
-from diffbot_control.ekf import Motion
-from diffbot_control.estimator import Measurement
-from diffbot_control.gating import ACCEPTED, REJECTED
+from diffbot_control.filter.ekf import Motion
+from diffbot_control.filter.gate import ACCEPTED, REJECTED
+from diffbot_control.filter.measurements import Measurement
 
 CHECK = settings(derandomize=True, deadline=None, max_examples=100)
 ADAPTIVE = ("ekf_fnn", "ekf_fnn_calibrating")

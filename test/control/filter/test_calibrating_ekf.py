@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2, multivariate_normal
 
-from diffbot_control.ekf import CalibratingEkf, Motion, PoseEkf
-from diffbot_control.filter_config import NEAREST
+from diffbot_control.filter.ekf import CalibratingEkf, Motion, PoseEkf
+from diffbot_control.filter.options import NEAREST
 
 CHECK = settings(derandomize=True, deadline=None, max_examples=100)
 POSES = st.tuples(st.floats(-10.0, 10.0), st.floats(-10.0, 10.0), st.floats(-3.1, 3.1))

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from diffbot_control.covariance import check_covariance
-from diffbot_control.errors import BadMessageError
+from diffbot_control.filter.covariance import check_covariance
+from diffbot_core.errors import BadMessageError
 
 
 def test_random_covariances_pass_unchanged():

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
-from diffbot_control.ekf import Motion, PoseEkf
+from diffbot_control.filter.ekf import Motion, PoseEkf
 
 CHECK = settings(derandomize=True, deadline=None, max_examples=150)
 STATES = st.tuples(st.floats(-10.0, 10.0), st.floats(-10.0, 10.0), st.floats(-3.1, 3.1))

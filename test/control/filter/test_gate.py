@@ -21,11 +21,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import binom, chi2
 
-from diffbot_control.ekf import Motion
-from diffbot_control.estimator import Estimator, Measurement
-from diffbot_control.filter_config import FILTERS, FilterConfig, options_of
-from diffbot_control.gating import ACCEPTED, REJECTED, RELOCATED, Doubt, FixGate, doubted, judged, passed
-from diffbot_control.geometry import Pose
+from diffbot_control.filter.ekf import Motion
+from diffbot_control.filter.gate import ACCEPTED, REJECTED, RELOCATED, Doubt, FixGate, doubted, judged, passed
+from diffbot_control.filter.gated_filter import Estimator
+from diffbot_control.filter.measurements import Measurement
+from diffbot_control.filter.options import FILTERS, FilterConfig, options_of
+from diffbot_core.geometry import Pose
 
 CHECK = settings(derandomize=True, deadline=None, max_examples=200)
 NOT_ADAPTIVE = ("ekf", "ekf_calibrating")

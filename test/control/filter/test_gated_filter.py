@@ -8,11 +8,12 @@ from filter_runs import R_FIX, SEPARATION, covariance, estimator, fix, heading, 
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from diffbot_control.ekf import Motion
-from diffbot_control.estimator import Estimator, Measurement
-from diffbot_control.filter_config import FILTERS, FilterConfig, options_of
-from diffbot_control.gating import ACCEPTED, REJECTED
-from diffbot_control.geometry import Pose
+from diffbot_control.filter.ekf import Motion
+from diffbot_control.filter.gate import ACCEPTED, REJECTED
+from diffbot_control.filter.gated_filter import Estimator
+from diffbot_control.filter.measurements import Measurement
+from diffbot_control.filter.options import FILTERS, FilterConfig, options_of
+from diffbot_core.geometry import Pose
 
 EVERY = pytest.mark.parametrize("variant", FILTERS)
 EVENTS = st.lists(

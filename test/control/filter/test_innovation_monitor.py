@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from diffbot_control.consistency import WINDOW, Consistency
-from diffbot_control.gating import ACCEPTED, REJECTED, RELOCATED
+from diffbot_control.filter.gate import ACCEPTED, REJECTED, RELOCATED
+from diffbot_control.filter.innovation_monitor import WINDOW, Consistency
 
 
 def noted(entries):

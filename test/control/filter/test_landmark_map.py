@@ -8,13 +8,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from diffbot_control.config import build
-from diffbot_control.ekf import Motion
-from diffbot_control.errors import InvalidValueError
-from diffbot_control.estimator import Estimator, Measurement
-from diffbot_control.filter_config import FilterConfig, options_of
-from diffbot_control.geometry import Pose
-from diffbot_control.landmarks import LandmarkMap, bent, seen_from
+from diffbot_control.filter.ekf import Motion
+from diffbot_control.filter.gated_filter import Estimator
+from diffbot_control.filter.landmark_map import LandmarkMap, bent, seen_from
+from diffbot_control.filter.measurements import Measurement
+from diffbot_control.filter.options import FilterConfig, options_of
+from diffbot_core.errors import InvalidValueError
+from diffbot_core.geometry import Pose
+from diffbot_core.schema import build
 
 CHECK = settings(derandomize=True, deadline=None, max_examples=200)
 PLACES = st.floats(-100.0, 100.0)

@@ -8,16 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from diffbot_control.errors import BadMessageError
-from diffbot_control.filter_config import FilterConfig
-from diffbot_control.geometry import Pose
-from diffbot_control.kinematics import Twist
-from diffbot_control.localization import (
-    Localization,
-    LocalizationConfig,
-    Measurement,
-    OdometryStep,
-)
+from diffbot_control.filter.localization import Localization, LocalizationConfig
+from diffbot_control.filter.measurements import Measurement, OdometryStep
+from diffbot_control.filter.options import FilterConfig
+from diffbot_core.errors import BadMessageError
+from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import Twist
 
 CHECK = settings(derandomize=True, deadline=None, max_examples=80)
 MS = 10**6

@@ -10,19 +10,19 @@ from filter_runs import SEPARATION, landmark, wrapped
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from diffbot_control.ekf import Motion
-from diffbot_control.errors import BadMessageError
-from diffbot_control.estimator import Measurement
-from diffbot_control.filter_config import FILTERS, FilterConfig, options_of
-from diffbot_control.geometry import Pose
-from diffbot_control.kinematics import Twist
-from diffbot_control.landmarks import LandmarkMap
-from diffbot_control.localization import Localization, LocalizationConfig, OdometryStep
-from diffbot_sim.estimator import new_track
-from diffbot_sim.observer import Moment, Robot, observe
-from diffbot_sim.plant import PlantConfig
-from diffbot_sim.sensors import SensorConfig
-from diffbot_sim.world import StartPose, World, WorldConfig
+from diffbot_control.filter.ekf import Motion
+from diffbot_control.filter.landmark_map import LandmarkMap
+from diffbot_control.filter.localization import Localization, LocalizationConfig
+from diffbot_control.filter.measurements import Measurement, OdometryStep
+from diffbot_control.filter.options import FILTERS, FilterConfig, options_of
+from diffbot_core.errors import BadMessageError
+from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import Twist
+from diffbot_sim.compiled.scalar_filter import new_track
+from diffbot_sim.compiled.sensing import Moment, Robot, observe
+from diffbot_sim.model.plant import PlantConfig
+from diffbot_sim.model.sensors import SensorConfig
+from diffbot_sim.model.simulator import StartPose, World, WorldConfig
 
 CHECK = settings(derandomize=True, deadline=None, max_examples=25)
 EVERY = pytest.mark.parametrize("variant", FILTERS)

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diffbot_control.errors import DiffbotError, InvalidValueError
-from diffbot_control.geometry import Pose
-from diffbot_control.kinematics import WheelGeometry
-from diffbot_control.state_file import BrokenStateError, SavedState, load_state, save_state, state_path
+from diffbot_control.filter.state_file import BrokenStateError, SavedState, load_state, save_state, state_path
+from diffbot_core.errors import DiffbotError, InvalidValueError
+from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import WheelGeometry
 
 P = np.array([[0.02, 0.001, 0.0], [0.001, 0.03, -0.002], [0.0, -0.002, 0.01]])
 WHEELS = np.array([0.01, -0.02])

@@ -9,19 +9,19 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from diffbot_control.controller import (
+from diffbot_control.law.controller import (
     ControllerConfig,
     ControllerMemory,
     memory_for_new_goal,
     step,
     stop_step,
 )
-from diffbot_control.geometry import Pose
-from diffbot_control.goal import GoalTolerance
-from diffbot_control.kinematics import Twist
-from diffbot_control.laws import Gains
-from diffbot_control.limits import Limits
-from diffbot_control.regions import OMEGA_G, OMEGA_L, FixedRegion
+from diffbot_control.law.goal_checker import GoalTolerance
+from diffbot_control.law.limits import Limits
+from diffbot_control.law.lyapunov_law import Gains
+from diffbot_control.law.regions import OMEGA_G, OMEGA_L, FixedRegion
+from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import Twist
 
 CHECK = settings(derandomize=True, deadline=None, max_examples=200)
 INF = math.inf

@@ -8,15 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from diffbot_control.config import build
-from diffbot_control.controller import ControllerConfig, ControllerMemory, step
-from diffbot_control.covariance import uncertainty_of
-from diffbot_control.errors import BadMessageError, InvalidValueError
-from diffbot_control.geometry import Pose
-from diffbot_control.goal import CERTAIN, Uncertainty
-from diffbot_control.localization import Localization, LocalizationConfig
-from diffbot_control.presets import PRESETS
-from diffbot_control.regions import (
+from diffbot_control.filter.covariance import uncertainty_of
+from diffbot_control.filter.localization import Localization, LocalizationConfig
+from diffbot_control.law.controller import ControllerConfig, ControllerMemory, step
+from diffbot_control.law.presets import PRESETS
+from diffbot_control.law.regions import (
     OMEGA_G,
     OMEGA_L,
     CovarianceRegion,
@@ -25,7 +21,11 @@ from diffbot_control.regions import (
     fixed_region,
     smallest_radius,
 )
-from diffbot_sim.world import StartPose, World, WorldConfig
+from diffbot_core.errors import BadMessageError, InvalidValueError
+from diffbot_core.geometry import Pose
+from diffbot_core.schema import build
+from diffbot_core.uncertainty import CERTAIN, Uncertainty
+from diffbot_sim.model.simulator import StartPose, World, WorldConfig
 
 CHECK = settings(derandomize=True, deadline=None, max_examples=200)
 ORIGIN = Pose(0.0, 0.0, 0.0)

@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from diffbot_control.covariance import uncertainty_of
-from diffbot_control.geometry import Pose
-from diffbot_control.goal import CERTAIN, GoalTolerance, Uncertainty, is_knowable, largest_deviation, within
-from diffbot_control.kinematics import Twist
+from diffbot_control.filter.covariance import uncertainty_of
+from diffbot_control.law.goal_checker import GoalTolerance, is_knowable, within
+from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import Twist
+from diffbot_core.uncertainty import CERTAIN, Uncertainty, largest_deviation
 
 TOLERANCE = GoalTolerance(0.4, 0.1, 0.05, 0.2)
 

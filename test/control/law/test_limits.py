@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from diffbot_control.kinematics import Twist, WheelGeometry, wheel_speeds
-from diffbot_control.limits import Limits, limit_acceleration, limit_velocity
+from diffbot_control.law.limits import Limits, limit_acceleration, limit_velocity
+from diffbot_core.kinematics import Twist, WheelGeometry, wheel_speeds
 
 CHECK = settings(derandomize=True, deadline=None, max_examples=300)
 WHEELS = WheelGeometry(0.05, 0.6)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from diffbot_control.laws import (
+from diffbot_control.law.lyapunov_law import (
     PAPER_GAINS,
     TUNED_GAINS,
     Gains,
@@ -24,7 +24,7 @@ from diffbot_control.laws import (
     unstable_gains,
     velocity,
 )
-from diffbot_control.navigation import Navigation
+from diffbot_control.law.polar_coordinates import Navigation
 
 CHECK = settings(derandomize=True, deadline=None, max_examples=300)
 PAPER = Gains()

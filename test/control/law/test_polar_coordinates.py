@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from diffbot_control.geometry import Pose, wrap_angle
-from diffbot_control.navigation import (
+from diffbot_control.law.polar_coordinates import (
     Navigation,
     discrete_model,
     in_front,
     navigation_variables,
 )
+from diffbot_core.geometry import Pose, wrap_angle
 
 CHECK = settings(derandomize=True, deadline=None, max_examples=300)
 POSES = st.builds(Pose, st.floats(-50.0, 50.0), st.floats(-50.0, 50.0), st.floats(-math.pi, math.pi))

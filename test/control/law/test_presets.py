@@ -7,14 +7,13 @@ import graph
 import pytest
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
-from test_graph_robot import MODULES
 
-from diffbot_control.config import build, parameters_of, to_dict
-from diffbot_control.controller import ControllerConfig
-from diffbot_control.errors import InvalidValueError
-from diffbot_control.laws import sampled_poles, unstable_gains
-from diffbot_control.node_config import CONTROLLER_PRESETS, ControllerNodeConfig
-from diffbot_control.presets import PRESETS
+from diffbot_control.law.controller import ControllerConfig
+from diffbot_control.law.lyapunov_law import sampled_poles, unstable_gains
+from diffbot_control.law.presets import PRESETS
+from diffbot_control.ros.controller_parameters import CONTROLLER_PRESETS, ControllerNodeConfig
+from diffbot_core.errors import InvalidValueError
+from diffbot_core.schema import build, parameters_of, to_dict
 
 CHOICES = "one of " + ", ".join(PRESETS)
 FIELDS = {
@@ -75,7 +74,7 @@ def expected_of(preset, **changes):
 )
 def test_the_node_takes_its_defaults_from_the_preset_and_overrides_win(preset, overrides):
     # The order on the command line does not matter: the preset comes last here.
-    with graph.node(MODULES["controller"], {**overrides, "preset": preset}) as process, graph.peer() as peer:
+    with graph.node(graph.MODULES["controller"], {**overrides, "preset": preset}) as process, graph.peer() as peer:
         process.wait_for_output("ready")
         names = [parameter.name for parameter in parameters_of(ControllerNodeConfig)]
         found = parameters(peer, "controller", names)
@@ -110,7 +109,7 @@ def test_bad_presets_are_refused_at_the_start_in_one_line():
     running = []
     for words, _ in cases:
         arguments = [text for word in words for text in ("-p", word)]
-        command = [sys.executable, "-m", MODULES["controller"], "--ros-args", *arguments]
+        command = [sys.executable, "-m", graph.MODULES["controller"], "--ros-args", *arguments]
         running.append(
             subprocess.Popen(
                 command, env=graph.environment(), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True

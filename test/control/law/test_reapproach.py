@@ -12,14 +12,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from diffbot_control.controller import ControllerMemory, memory_for_new_goal, step
-from diffbot_control.geometry import Pose
-from diffbot_control.goal import CERTAIN, Uncertainty
-from diffbot_control.laws import global_lyapunov
-from diffbot_control.limits import Limits
-from diffbot_control.navigation import Navigation
-from diffbot_control.presets import PRESETS
-from diffbot_control.reapproach import (
+from diffbot_control.law.controller import ControllerMemory, memory_for_new_goal, step
+from diffbot_control.law.limits import Limits
+from diffbot_control.law.lyapunov_law import global_lyapunov
+from diffbot_control.law.polar_coordinates import Navigation
+from diffbot_control.law.presets import PRESETS
+from diffbot_control.law.reapproach import (
     BACKING,
     COMING,
     PHASE_NAMES,
@@ -29,11 +27,13 @@ from diffbot_control.reapproach import (
     next_reapproach,
     reapproach_command,
 )
-from diffbot_control.regions import OMEGA_G, OMEGA_L, CovarianceRegion, FixedRegion
-from diffbot_sim.closed_loop import simulate
-from diffbot_sim.plant import PlantConfig
-from diffbot_sim.sensors import SensorConfig
-from diffbot_sim.world import StartPose, WorldConfig
+from diffbot_control.law.regions import OMEGA_G, OMEGA_L, CovarianceRegion, FixedRegion
+from diffbot_core.geometry import Pose
+from diffbot_core.uncertainty import CERTAIN, Uncertainty
+from diffbot_sim.model.plant import PlantConfig
+from diffbot_sim.model.sensors import SensorConfig
+from diffbot_sim.model.simulator import StartPose, WorldConfig
+from diffbot_sim.reference_loop import simulate
 
 CHECK = settings(derandomize=True, deadline=None, max_examples=100)
 T_S = 0.1

@@ -4,8 +4,7 @@ import math
 
 import pytest
 
-from diffbot_control.errors import InvalidValueError
-from diffbot_control.regions import (
+from diffbot_control.law.regions import (
     OMEGA_G,
     OMEGA_L,
     REGION_NAMES,
@@ -13,6 +12,7 @@ from diffbot_control.regions import (
     fixed_region,
     smallest_radius,
 )
+from diffbot_core.errors import InvalidValueError
 
 POLICY = FixedRegion(0.5, 0.6)
 

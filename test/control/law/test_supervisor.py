@@ -4,13 +4,12 @@ import math
 
 import pytest
 
-from diffbot_control.controller import ControllerConfig, ControllerMemory, step
-from diffbot_control.geometry import Pose
-from diffbot_control.goal import CERTAIN, GoalTolerance, Uncertainty
-from diffbot_control.limits import Limits
-from diffbot_control.presets import PRESETS
-from diffbot_control.regions import OMEGA_G, OMEGA_L
-from diffbot_control.supervisor import (
+from diffbot_control.law.controller import ControllerConfig, ControllerMemory, step
+from diffbot_control.law.goal_checker import GoalTolerance
+from diffbot_control.law.limits import Limits
+from diffbot_control.law.presets import PRESETS
+from diffbot_control.law.regions import OMEGA_G, OMEGA_L
+from diffbot_control.law.supervisor import (
     DRIVING,
     IDLE,
     REACHED,
@@ -21,6 +20,8 @@ from diffbot_control.supervisor import (
     Supervisor,
     SupervisorConfig,
 )
+from diffbot_core.geometry import Pose
+from diffbot_core.uncertainty import CERTAIN, Uncertainty
 
 ZERO = (0.0, 0.0)
 GOAL = Pose(0.0, 0.0, 0.0)

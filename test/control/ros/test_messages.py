@@ -8,8 +8,8 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from scipy.spatial.transform import Rotation
 
-from diffbot_control.errors import BadMessageError
-from diffbot_control.ros_messages import pose_from
+from diffbot_control.ros.messages import pose_from
+from diffbot_core.errors import BadMessageError
 
 KINDS = pytest.mark.parametrize("kind", [PoseWithCovarianceStamped, Odometry], ids=lambda kind: kind.__name__)
 P = np.array([[0.04, 0.03, 0.001], [0.03, 0.09, -0.002], [0.001, -0.002, 0.0025]])

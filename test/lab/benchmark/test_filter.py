@@ -10,21 +10,22 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from diffbot_control.covariance import uncertainty_of
-from diffbot_control.errors import InvalidValueError
-from diffbot_control.filter_config import CALIBRATING, EKF, FILTERS, FNN, FilterConfig
-from diffbot_control.gating import REJECTED, RELOCATED
-from diffbot_control.landmarks import LandmarkMap
-from diffbot_control.localization import Localization, LocalizationConfig
-from diffbot_sim import cli, localization_benchmark
-from diffbot_sim.kalman import Covariance
-from diffbot_sim.localization_benchmark import COLUMNS, figures_of, run_benchmark, run_drives, run_history
-from diffbot_sim.localization_cases import RATES, SCENARIOS, SECTIONS, drive_of, name_of
-from diffbot_sim.localization_report import page_part, table, targets
-from diffbot_sim.open_loop import Errors, Tracking, drive, nees_of, start_of, twist_of
-from diffbot_sim.world import StartPose, World, WorldConfig
+from diffbot_control.filter.covariance import uncertainty_of
+from diffbot_control.filter.gate import REJECTED, RELOCATED
+from diffbot_control.filter.landmark_map import LandmarkMap
+from diffbot_control.filter.localization import Localization, LocalizationConfig
+from diffbot_control.filter.options import CALIBRATING, EKF, FILTERS, FNN, FilterConfig
+from diffbot_core.errors import InvalidValueError
+from diffbot_lab import cli
+from diffbot_lab.benchmark import filter as localization_benchmark
+from diffbot_lab.benchmark.filter import COLUMNS, figures_of, run_benchmark, run_drives, run_history
+from diffbot_lab.benchmark.filter_cases import RATES, SCENARIOS, SECTIONS, drive_of, name_of
+from diffbot_lab.benchmark.filter_report import page_part, table, targets
+from diffbot_sim.compiled.open_loop import Errors, Tracking, drive, nees_of, start_of, twist_of
+from diffbot_sim.compiled.scalar_ekf import Covariance
+from diffbot_sim.model.simulator import StartPose, World, WorldConfig
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[3]
 RUNS = 2
 NOTHING = np.empty((0, 4))
 

@@ -9,18 +9,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diffbot_control.errors import DiffbotError, InvalidValueError
-from diffbot_control.filter_config import CALIBRATING
-from diffbot_control.geometry import Pose
-from diffbot_sim import benchmark, cli
-from diffbot_sim.batch import COLUMNS, Starts, run_batch, run_histories
-from diffbot_sim.benchmark import figures_of, run_and_report, run_benchmark, still_moving
-from diffbot_sim.benchmark_cases import CHALLENGES, DELAYED, LAWS, Challenge, arena_starts, case_of
-from diffbot_sim.benchmark_report import ROBUSTNESS, judged, not_leading, page, table, targets
-from diffbot_sim.closed_loop import simulate
-from diffbot_sim.world import StartPose, WorldConfig
+from diffbot_control.filter.options import CALIBRATING
+from diffbot_core.errors import DiffbotError, InvalidValueError
+from diffbot_core.geometry import Pose
+from diffbot_lab import cli
+from diffbot_lab.benchmark import law as benchmark
+from diffbot_lab.benchmark.law import figures_of, run_and_report, run_benchmark, still_moving
+from diffbot_lab.benchmark.law_cases import CHALLENGES, DELAYED, LAWS, Challenge, arena_starts, case_of
+from diffbot_lab.benchmark.law_report import ROBUSTNESS, judged, not_leading, page, table, targets
+from diffbot_sim.compiled.batch import COLUMNS, Starts, run_batch, run_histories
+from diffbot_sim.model.simulator import StartPose, WorldConfig
+from diffbot_sim.reference_loop import simulate
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[3]
 ORIGIN = Pose(0.0, 0.0, 0.0)
 SPREADS = ("settling_time", "over_bound", "position", "heading", "filter", "path_ratio", "effort", "switches")
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from pyarrow import parquet
 
-from diffbot_control.errors import DiffbotError
-from diffbot_sim.batch import COLUMNS, run_batch
-from diffbot_sim.campaign_report import table, write_report
-from diffbot_sim.campaign_spec import make_campaign
-from diffbot_sim.statistics import METRICS, QUANTILES, CellStatistics, count_outcomes
+from diffbot_core.errors import DiffbotError
+from diffbot_lab.campaign.report import table, write_report
+from diffbot_lab.campaign.spec import make_campaign
+from diffbot_lab.campaign.statistics import METRICS, QUANTILES, CellStatistics, count_outcomes
+from diffbot_sim.compiled.batch import COLUMNS, run_batch
 
 BASE = {"runs": 20, "duration": 15.0, "feedback": "truth", "start": {"box": {"x": [-2.0, 2.0], "y": [-2.0, 2.0]}}}
 GRIDS = {
@@ -95,7 +95,7 @@ def test_the_figures_are_numpys():
 @pytest.mark.parametrize(("grid", "place"), [({"k": [1.0, 4.0], "eps_P": [0.05, 0.2, 0.5]}, 1), ({"k": [1.0, 4.0]}, 0)])
 def test_the_heat_map_shows_each_cell_in_its_place(grid, place, tmp_path, monkeypatch):
     shown = []
-    monkeypatch.setattr("diffbot_sim.campaign_report._draw_heat_map", lambda *arguments: shown.append(arguments))
+    monkeypatch.setattr("diffbot_lab.campaign.report._draw_heat_map", lambda *arguments: shown.append(arguments))
     campaign, statistics = make(grid)
     write_report(campaign, statistics, tmp_path)
     for metric, (values, across, down, *_) in zip(("success_rate", "settling_time_q50"), shown, strict=True):

@@ -13,15 +13,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diffbot_control.errors import DiffbotError
-from diffbot_sim import campaign as module
-from diffbot_sim import campaign_command, cli
-from diffbot_sim.batch import run_batch
-from diffbot_sim.campaign import JOURNAL, Journal, cluster_executor, open_chunks, process_pool, run_campaign, run_chunk
-from diffbot_sim.campaign_spec import make_campaign
-from diffbot_sim.statistics import CellStatistics, count_outcomes
+from diffbot_core.errors import DiffbotError
+from diffbot_lab import cli
+from diffbot_lab.campaign import command as campaign_command
+from diffbot_lab.campaign import runner as module
+from diffbot_lab.campaign.runner import (
+    JOURNAL,
+    Journal,
+    cluster_executor,
+    open_chunks,
+    process_pool,
+    run_campaign,
+    run_chunk,
+)
+from diffbot_lab.campaign.spec import make_campaign
+from diffbot_lab.campaign.statistics import CellStatistics, count_outcomes
+from diffbot_sim.compiled.batch import run_batch
 
-COMMAND = [sys.executable, "-m", "diffbot_sim.cli", "campaign"]
+COMMAND = [sys.executable, "-m", "diffbot_lab.cli", "campaign"]
 SMALL = {
     "runs": 60,
     "duration": 12.0,

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 import yaml
 
-from diffbot_control.errors import DiffbotError, InvalidValueError
-from diffbot_control.geometry import Pose
-from diffbot_sim import cli
-from diffbot_sim.campaign_options import CampaignOptions
-from diffbot_sim.campaign_spec import configure, make_campaign, read_campaign
-from diffbot_sim.loop import EKF, RAW, TRUTH
+from diffbot_core.errors import DiffbotError, InvalidValueError
+from diffbot_core.geometry import Pose
+from diffbot_lab import cli
+from diffbot_lab.campaign.options import CampaignOptions
+from diffbot_lab.campaign.spec import configure, make_campaign, read_campaign
+from diffbot_sim.compiled.closed_loop import EKF, RAW, TRUTH
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[3]
 CIRCLE = {"circle": {"radius": 2.0, "points": 4, "headings": [0.5, -1.0]}}
 
 

@@ -12,8 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from diffbot_sim.batch import COLUMNS
-from diffbot_sim.statistics import (
+from diffbot_lab.campaign.statistics import (
     BIN_WIDTH,
     METRICS,
     QUANTILES,
@@ -25,6 +24,7 @@ from diffbot_sim.statistics import (
     value_of,
     wilson,
 )
+from diffbot_sim.compiled.batch import COLUMNS
 
 NAN, INF = math.nan, math.inf
 

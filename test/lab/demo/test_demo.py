@@ -17,13 +17,13 @@ import pytest
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
-from diffbot_control.geometry import Pose
-from diffbot_control.presets import PRESETS
-from diffbot_sim.closed_loop import simulate
-from diffbot_sim.processes import PrivateDomain
-from diffbot_sim.world import WorldConfig
+from diffbot_control.law.presets import PRESETS
+from diffbot_core.geometry import Pose
+from diffbot_lab.demo.processes import PrivateDomain
+from diffbot_sim.model.simulator import WorldConfig
+from diffbot_sim.reference_loop import simulate
 
-COMMAND = (sys.executable, "-m", "diffbot_sim.cli", "demo")
+COMMAND = (sys.executable, "-m", "diffbot_lab.cli", "demo")
 GOALS = [(0.0, 0.0, 0.0), (3.0, 2.0, math.pi / 2), (1.0, -2.0, math.pi)]
 TOPICS = {
     "/cmd_vel",

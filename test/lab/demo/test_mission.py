@@ -2,8 +2,8 @@
 
 import pytest
 
-from diffbot_control.geometry import Pose
-from diffbot_sim.mission import Leg, Mission
+from diffbot_core.geometry import Pose
+from diffbot_lab.demo.mission import Leg, Mission
 
 A, B, C = Pose(0.0, 0.0, 0.0), Pose(3.0, 2.0, 1.5), Pose(1.0, -2.0, 3.0)
 

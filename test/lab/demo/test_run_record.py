@@ -7,10 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from diffbot_control.errors import DiffbotError
-from diffbot_control.geometry import Pose
-from diffbot_sim import run_record
-from diffbot_sim.run_record import RunRecord, evaluate, read_run
+from diffbot_core.errors import DiffbotError
+from diffbot_core.geometry import Pose
+from diffbot_lab.demo import run_record
+from diffbot_lab.demo.run_record import RunRecord, evaluate, read_run
 
 SECOND = 10**9
 NOTHING = np.empty((0, 4))

@@ -13,11 +13,11 @@ from xml.etree import ElementTree
 import matplotlib.image
 import numpy as np
 import pytest
+from reproduction import page, statements
 
-from diffbot_control.errors import DiffbotError, InvalidValueError
-from diffbot_sim import cli
-from diffbot_sim.batch import HISTORY_COLUMNS, run_histories
-from diffbot_sim.experiment import (
+from diffbot_core.errors import DiffbotError, InvalidValueError
+from diffbot_lab import cli
+from diffbot_lab.paper.experiment import (
     GOAL,
     HEADINGS_B,
     LAWS,
@@ -31,10 +31,10 @@ from diffbot_sim.experiment import (
     summarise,
     table,
 )
-from diffbot_sim.experiment_figures import FIRST_FIGURE, figure_paths
-from diffbot_sim.reproduction import page, statements
+from diffbot_lab.paper.figures import FIRST_FIGURE, figure_paths
+from diffbot_sim.compiled.batch import HISTORY_COLUMNS, run_histories
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[3]
 DOCS = ROOT / "docs"
 RAW, EKF, QUIET = SETTINGS
 SVG = "{http://www.w3.org/2000/svg}"
@@ -285,7 +285,7 @@ def test_figures_are_numbered_as_the_papers():
 
 
 def test_the_command_draws_all_figures_of_a(tmp_path):
-    command = [sys.executable, "-m", "diffbot_sim.cli", "experiment", "a", "--runs", "3", "--out", str(tmp_path)]
+    command = [sys.executable, "-m", "diffbot_lab.cli", "experiment", "a", "--runs", "3", "--out", str(tmp_path)]
     result = subprocess.run(command, capture_output=True, text=True, timeout=110, check=False, env=os.environ)
     assert result.returncode == 0, result.stderr
     content = json.loads((tmp_path / "a" / "results.json").read_text())

@@ -10,16 +10,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from diffbot_control.controller import ControllerConfig
-from diffbot_control.errors import InvalidValueError
-from diffbot_control.geometry import Pose
-from diffbot_control.laws import Gains, global_law, heading_hold
-from diffbot_control.navigation import discrete_model, in_front, navigation_variables
-from diffbot_control.regions import FixedRegion
-from diffbot_sim import cli, stability_command
-from diffbot_sim.plant import PlantConfig
-from diffbot_sim.sensors import SensorConfig
-from diffbot_sim.stability import (
+from diffbot_control.law.controller import ControllerConfig
+from diffbot_control.law.lyapunov_law import Gains, global_law, heading_hold
+from diffbot_control.law.polar_coordinates import discrete_model, in_front, navigation_variables
+from diffbot_control.law.regions import FixedRegion
+from diffbot_core.errors import InvalidValueError
+from diffbot_core.geometry import Pose
+from diffbot_lab import cli
+from diffbot_lab.stability import command as stability_command
+from diffbot_lab.stability.certificate import (
     Grid,
     NoiseBox,
     certified_level,
@@ -30,6 +29,8 @@ from diffbot_sim.stability import (
     noise_box,
     worst_rate,
 )
+from diffbot_sim.model.plant import PlantConfig
+from diffbot_sim.model.sensors import SensorConfig
 
 PAPER_BOX = NoiseBox(0.3, 0.3, 0.17, 0.065, 0.2167)
 NO_NOISE = NoiseBox(0.0, 0.0, 0.0, 0.0, 0.0)
@@ -372,7 +373,7 @@ def test_observed_is_the_law_without_limits(tmp_path, monkeypatch):
 
 def test_in_pieces_the_grid_is_the_same(monkeypatch):
     whole = certify(ControllerConfig(), PAPER_BOX, T_S, 12.0, 21)
-    monkeypatch.setattr("diffbot_sim.stability._POINTS_AT_A_TIME", 1000)
+    monkeypatch.setattr("diffbot_lab.stability.certificate._POINTS_AT_A_TIME", 1000)
     pieces = certify(ControllerConfig(), PAPER_BOX, T_S, 12.0, 21)
     for key, value in whole.pop("maps").items():
         np.testing.assert_array_equal(pieces["maps"][key], value)

@@ -13,22 +13,22 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from diffbot_control.controller import ControllerConfig
-from diffbot_control.errors import InvalidValueError
-from diffbot_control.geometry import Pose
-from diffbot_control.laws import Gains
-from diffbot_control.limits import Limits
-from diffbot_control.metrics import goal_metrics, path_length
-from diffbot_control.regions import FixedRegion
-from diffbot_sim import batch
-from diffbot_sim.batch import COLUMNS, FEEDBACK_CODES, HISTORY_COLUMNS, Starts, run_batch, run_histories
-from diffbot_sim.closed_loop import FEEDBACKS, simulate
-from diffbot_sim.loop import Case, run_loop
-from diffbot_sim.plant import PlantConfig
-from diffbot_sim.sensors import SensorConfig
-from diffbot_sim.world import StartPose, WorldConfig
+from diffbot_control.law.controller import ControllerConfig
+from diffbot_control.law.limits import Limits
+from diffbot_control.law.lyapunov_law import Gains
+from diffbot_control.law.regions import FixedRegion
+from diffbot_core.errors import InvalidValueError
+from diffbot_core.geometry import Pose
+from diffbot_lab.metrics import goal_metrics, path_length
+from diffbot_sim.compiled import batch
+from diffbot_sim.compiled.batch import COLUMNS, FEEDBACK_CODES, HISTORY_COLUMNS, Starts, run_batch, run_histories
+from diffbot_sim.compiled.closed_loop import Case, run_loop
+from diffbot_sim.model.plant import PlantConfig
+from diffbot_sim.model.sensors import SensorConfig
+from diffbot_sim.model.simulator import StartPose, WorldConfig
+from diffbot_sim.reference_loop import FEEDBACKS, simulate
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[3]
 INF = math.inf
 ORIGIN = Pose(0.0, 0.0, 0.0)
 PAPER = PlantConfig(exact_arc=False, drive_noise=0.0, encoder_noise=0.0, eps_v_max=0.065, eps_omega_max=0.2167)
@@ -309,7 +309,7 @@ def test_refused(function, case, poses, message):
 
 HASHES = """
 import numba  # first, as a user's program may have it
-from diffbot_sim import batch, compiled
+from diffbot_sim.compiled import batch, jit as compiled
 import inspect
 from pathlib import Path
 

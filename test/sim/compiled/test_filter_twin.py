@@ -5,14 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from diffbot_control.ekf import Motion
-from diffbot_control.estimator import Estimator, Measurement
-from diffbot_control.filter_config import FILTERS, FilterConfig, options_of
-from diffbot_control.gating import ACCEPTED, REJECTED, RELOCATED
-from diffbot_control.geometry import Pose
-from diffbot_control.kinematics import Twist
-from diffbot_sim import estimator as twin
-from diffbot_sim.kalman import Fix, Sighting
+from diffbot_control.filter.ekf import Motion
+from diffbot_control.filter.gate import ACCEPTED, REJECTED, RELOCATED
+from diffbot_control.filter.gated_filter import Estimator
+from diffbot_control.filter.measurements import Measurement
+from diffbot_control.filter.options import FILTERS, FilterConfig, options_of
+from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import Twist
+from diffbot_sim.compiled import scalar_filter as twin
+from diffbot_sim.compiled.scalar_ekf import Fix, Sighting
 
 SEPARATION = 0.6
 LANDMARKS = ((3.0, 1.0), (-2.0, 4.0), (0.5, -3.0))

@@ -7,15 +7,15 @@ import math
 import numpy as np
 import pytest
 
-from diffbot_control.controller import ControllerConfig
-from diffbot_control.geometry import Pose
-from diffbot_control.kinematics import Twist
-from diffbot_control.laws import PAPER_GAINS, global_law
-from diffbot_control.navigation import navigation_variables
-from diffbot_sim import peers
-from diffbot_sim.batch import EKF, HISTORY_COLUMNS, TRUTH, Starts, run_batch, run_histories
-from diffbot_sim.loop import Case, run_loop
-from diffbot_sim.peers import (
+from diffbot_control.law.controller import ControllerConfig
+from diffbot_control.law.lyapunov_law import PAPER_GAINS, global_law
+from diffbot_control.law.polar_coordinates import navigation_variables
+from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import Twist
+from diffbot_sim.compiled import peer_laws as peers
+from diffbot_sim.compiled.batch import EKF, HISTORY_COLUMNS, TRUTH, Starts, run_batch, run_histories
+from diffbot_sim.compiled.closed_loop import Case, run_loop
+from diffbot_sim.compiled.peer_laws import (
     AICARDI,
     AICARDI_ENDLESS,
     GRACEFUL,
@@ -39,8 +39,8 @@ from diffbot_sim.peers import (
     polar_step,
     turn_in_place,
 )
-from diffbot_sim.plant import PlantConfig
-from diffbot_sim.sensors import SensorConfig
+from diffbot_sim.model.plant import PlantConfig
+from diffbot_sim.model.sensors import SensorConfig
 
 CODES = (GRACEFUL_POSE, GRACEFUL, GRACEFUL_SHIPPED, POLAR, POLAR_FAST, AICARDI, AICARDI_ENDLESS)
 STOPPING = CODES[:-1]

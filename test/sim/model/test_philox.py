@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from diffbot_sim import noise
-from diffbot_sim.noise import Words, direction, draw, philox, probability
+from diffbot_sim.model import philox as noise
+from diffbot_sim.model.philox import Words, direction, draw, philox, probability
 
 ONES = 0xFFFFFFFF
 

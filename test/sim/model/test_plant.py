@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from diffbot_control.geometry import Pose
-from diffbot_control.kinematics import Twist, WheelGeometry, WheelSpeeds
-from diffbot_sim.noise import Draw
-from diffbot_sim.plant import PlantConfig, PlantState, integrate, plant_step
+from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import Twist, WheelGeometry, WheelSpeeds
+from diffbot_sim.model.philox import Draw
+from diffbot_sim.model.plant import PlantConfig, PlantState, integrate, plant_step
 
 CHECK = settings(derandomize=True, deadline=None, max_examples=150)
 QUIET = PlantConfig(drive_noise=0.0, encoder_noise=0.0)

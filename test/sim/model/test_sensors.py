@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import kstest
 
-from diffbot_control.geometry import Pose
-from diffbot_sim.noise import Draw, draw
-from diffbot_sim.sensors import (
+from diffbot_core.geometry import Pose
+from diffbot_sim.model.philox import Draw, draw
+from diffbot_sim.model.sensors import (
     SensorConfig,
     delay_in_steps,
     due,

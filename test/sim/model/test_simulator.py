@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from diffbot_control.geometry import into_frame
-from diffbot_control.kinematics import Twist
-from diffbot_control.landmarks import LandmarkMap
-from diffbot_sim.plant import PlantConfig
-from diffbot_sim.sensors import SensorConfig
-from diffbot_sim.world import StartPose, World, WorldConfig
+from diffbot_control.filter.landmark_map import LandmarkMap
+from diffbot_core.geometry import into_frame
+from diffbot_core.kinematics import Twist
+from diffbot_sim.model.plant import PlantConfig
+from diffbot_sim.model.sensors import SensorConfig
+from diffbot_sim.model.simulator import StartPose, World, WorldConfig
 
 QUIET = WorldConfig(
     PlantConfig(drive_noise=0.0, encoder_noise=0.0),

@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from diffbot_sim.pacing import CLOCKS, ClockPace, LockStep
+from diffbot_sim.ros.pacing import CLOCKS, ClockPace, LockStep
 
 
 def test_the_clocks():

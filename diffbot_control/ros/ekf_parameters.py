@@ -1,44 +1,14 @@
-"""Parameters of the nodes ``controller`` and ``ekf``, named as in robot_localization and Nav2 where that fits."""
+"""Parameters of the node ``ekf``, named as in robot_localization where that fits."""
 
 from __future__ import annotations
 
 from typing import Annotated, NamedTuple
 
-from diffbot_control.config import Spec
-from diffbot_control.errors import InvalidValueError
-from diffbot_control.kinematics import WheelGeometry
-from diffbot_control.landmarks import LandmarkMap
-from diffbot_control.localization import LocalizationConfig
-from diffbot_control.presets import PRESETS, TUNED
-from diffbot_control.supervisor import SupervisorConfig
-
-
-class ControllerNodeConfig(NamedTuple):
-    """Parameters of the node ``controller``."""
-
-    preset: Annotated[str, Spec("where the other defaults come from", choices=tuple(PRESETS), read_only=True)] = TUNED
-    supervisor: SupervisorConfig = SupervisorConfig()
-    pose_source: Annotated[
-        str,
-        Spec(
-            "where the robot's pose comes from: the topic pose or the topic odometry/filtered",
-            choices=("pose", "odometry"),
-            read_only=True,
-        ),
-    ] = "pose"
-    map_frame: Annotated[str, Spec("frame of poses and goals", read_only=True)] = "map"
-    base_link_frame: Annotated[
-        str, Spec("frame of the stamped command; child frame of odometry/filtered", read_only=True)
-    ] = "base_link"
-    enable_stamped_cmd_vel: Annotated[bool, Spec("publish TwistStamped instead of Twist", read_only=True)] = False
-
-
-CONTROLLER_PRESETS = {
-    name: ControllerNodeConfig(preset=name, supervisor=SupervisorConfig(controller=controller))
-    for name, controller in PRESETS.items()
-}
-"""What the parameter ``preset`` chooses between."""
-
+from diffbot_control.filter.landmark_map import LandmarkMap
+from diffbot_control.filter.localization import LocalizationConfig
+from diffbot_core.errors import InvalidValueError
+from diffbot_core.kinematics import WheelGeometry
+from diffbot_core.schema import Spec
 
 _NARROWEST, _WIDEST = 1e-4, 1e3
 """Deviations [m], [rad] that a filter can compute with."""

@@ -1,0 +1,26 @@
+"""How well a pose is known: standard deviations of position and heading."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+
+class Uncertainty(NamedTuple):
+    """Standard deviations of the estimate."""
+
+    xy: float
+    """[m] of the position along the axis in which it is known least"""
+    theta: float
+    """[rad]"""
+
+
+CERTAIN = Uncertainty(0.0, 0.0)
+"""Of an estimate that is taken at its word."""
+
+
+def largest_deviation(xx: float, xy: float, yy: float) -> float:
+    """Standard deviation [m] along the longer axis of the error ellipse of a position with this covariance [m^2]."""
+    half = 0.5 * (xx + yy)
+    spread = math.hypot(0.5 * (xx - yy), xy)
+    return math.sqrt(max(half + spread, 0.0))

@@ -1,0 +1,1 @@
+"""Benchmarks of the law against its peers and of the filter's variants, with targets, tables and figures."""

@@ -1,0 +1,1 @@
+"""The paper's simulations A and B and their figures."""

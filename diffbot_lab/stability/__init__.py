@@ -1,0 +1,1 @@
+"""Where the Lyapunov function decreases on a grid of states under bounded noise."""

@@ -1,0 +1,1 @@
+"""The closed loop of scalar functions, compiled with numba for campaigns of thousands of runs."""

@@ -1,0 +1,1 @@
+"""The plant, its sensors and their counter-based noise."""

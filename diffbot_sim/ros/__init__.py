@@ -1,0 +1,1 @@
+"""Publishers, parameters and pacing of the node ``plant``."""

@@ -1,0 +1,201 @@
+"""The robot of the graph tests: plant, filter and controller as processes, and what their messages say."""
+
+import contextlib
+import math
+
+import graph
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist, TwistStamped
+from nav_msgs.msg import Odometry
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_srvs.srv import SetBool, Trigger
+
+SIMULATED = {"use_sim_time": True}
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+DEEP = QoSProfile(depth=100_000)
+"""The test takes a message later than it comes: none may be pushed out."""
+
+
+def yaw(orientation):
+    return 2.0 * math.atan2(orientation.z, orientation.w)
+
+
+def planar(pose):
+    return pose.position.x, pose.position.y, yaw(pose.orientation)
+
+
+def stamp(message):
+    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+
+
+def pose_stamped(x, y, theta, frame="map"):
+    message = PoseStamped()
+    message.header.frame_id = frame
+    message.pose.position.x, message.pose.position.y = float(x), float(y)
+    message.pose.orientation.z, message.pose.orientation.w = math.sin(theta / 2), math.cos(theta / 2)
+    return message
+
+
+def distance(pose, goal):
+    return math.hypot(pose[0] - goal[0], pose[1] - goal[1])
+
+
+def turned(pose, goal):
+    return abs(math.remainder(pose[2] - goal[2], 2 * math.pi))
+
+
+def parameter_value(value):
+    if isinstance(value, bool):
+        return ParameterValue(type=ParameterType.PARAMETER_BOOL, bool_value=value)
+    if isinstance(value, int):
+        return ParameterValue(type=ParameterType.PARAMETER_INTEGER, integer_value=value)
+    if isinstance(value, float):
+        return ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value)
+    if isinstance(value, str):
+        return ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=value)
+    if value is None:
+        return ParameterValue(type=ParameterType.PARAMETER_NOT_SET)
+    return ParameterValue(type=ParameterType.PARAMETER_DOUBLE_ARRAY, double_array_value=value)
+
+
+class Robot:
+    """The processes of one robot, and what the test hears of them: lists that grow while the test's node spins."""
+
+    def __init__(self, stack, peer, namespace):
+        self._stack = stack
+        self.peer = peer
+        self.namespace = namespace
+        self.processes = {}
+        self.truths = peer.subscribe(Odometry, "ground_truth", DEEP)
+        self.poses = peer.subscribe(PoseWithCovarianceStamped, "pose", DEEP)
+        self.controller_states = peer.subscribe(DiagnosticStatus, "controller/status", LATCHED)
+        self.ekf_states = peer.subscribe(DiagnosticStatus, "ekf/status", LATCHED)
+        self.diagnostics = peer.subscribe(DiagnosticArray, "/diagnostics", DEEP)
+        self.goals = peer.publisher(PoseStamped, "goal_pose")
+        self.commands = []
+
+    def start(self, name, parameters=None, stamped=False):
+        """Start one of the nodes; it is ready when this returns."""
+        if name == "controller" and not self.commands:
+            self.commands = self.peer.subscribe(TwistStamped if stamped else Twist, "cmd_vel", DEEP)
+        process = self.launch(name, parameters)
+        process.wait_for_output("]: ready")
+        return process
+
+    def launch(self, name, parameters=None):
+        """Start one of the nodes and do not wait for it."""
+        arguments = ("-r", f"__ns:={self.namespace}") if self.namespace else ()
+        process = self._stack.enter_context(graph.node(graph.MODULES[name], parameters, arguments))
+        self.processes[name] = process
+        return process
+
+    def state(self):
+        """Message of the controller's newest status."""
+        return self.controller_states[-1].message if self.controller_states else ""
+
+    def wait_for_state(self, state, timeout=15.0):
+        self.peer.spin_until(lambda: self.state() == state, timeout, f"the controller's state {state!r}")
+
+    def catch_up(self):
+        """Hear what has waited for the test's node, so that the newest messages in the lists are new."""
+        lists = (self.truths, self.poses, self.commands, self.diagnostics)
+
+        def quiet():
+            before = sum(map(len, lists))
+            # While messages wait each turn takes at least one, however slow the machine is.
+            for _ in range(20):
+                self.peer.spin_for(1e-4)
+            return sum(map(len, lists)) - before <= 5
+
+        self.peer.spin_until(quiet, 15.0, "the end of the backlog")
+
+    def true_pose(self):
+        self.catch_up()
+        return planar(self.truths[-1].pose.pose)
+
+    def send_goal(self, *goal):
+        """Send a goal, and have the controller's word that it has it."""
+        self.peer.wait_for_subscribers(self.goals)
+        wanted = [round(float(number), 4) for number in goal]
+
+        def known():
+            text = graph.values(self.controller_states[-1]).get("goal", "") if self.controller_states else ""
+            return [round(float(number), 4) for number in text.split()] == wanted
+
+        self.goals.publish(pose_stamped(*goal))
+        self.peer.spin_until(known, 5.0, f"goal {goal} in the controller's status")
+
+    def pause(self, paused):
+        return self.peer.call(SetBool, "plant/pause", SetBool.Request(data=paused))
+
+    def set_parameter(self, node, name, value):
+        """Ask a node to change a parameter; return its answer."""
+        request = SetParameters.Request(parameters=[Parameter(name=name, value=parameter_value(value))])
+        return self.peer.call(SetParameters, f"{node}/set_parameters", request).results[0]
+
+    def cancel(self):
+        return self.peer.call(Trigger, "controller/cancel")
+
+    def diagnosis(self, name):
+        """Newest key-value pairs of a node on /diagnostics, sent after this call."""
+        before = len(self.diagnostics)
+        full = f"{self.namespace}/{name}"
+
+        def newest():
+            news = (status for array in self.diagnostics[before:] for status in array.status)
+            return next((graph.values(status) for status in news if status.name == full), None)
+
+        return self.peer.spin_until(newest, 5.0, f"{full} on /diagnostics")
+
+    def wait_for_odometry_rate(self, rate):
+        """Wait until the plant itself reports steps at ``rate`` [Hz], within a fifth."""
+        self.catch_up()
+
+        def reported():
+            found = float(self.diagnosis("plant").get("odom sent [Hz]", "0"))
+            assert found <= 1.2 * rate
+            return found >= 0.8 * rate
+
+        self.peer.spin_until(reported, 8.0, f"a rate of {rate:g} Hz")
+
+
+@contextlib.contextmanager
+def robot(plant=None, ekf=None, controller=None, namespace="", only=("ekf", "controller", "plant"), stamped=False):
+    """Run a robot while the ``with`` block lasts; the nodes start at the same time, ``None`` means no parameters."""
+    given = {"plant": plant, "ekf": ekf, "controller": controller}
+    with contextlib.ExitStack() as stack:
+        peer = stack.enter_context(graph.peer(namespace=namespace or None))
+        running = Robot(stack, peer, namespace)
+        running.commands = peer.subscribe(TwistStamped if stamped else Twist, "cmd_vel", DEEP)
+        for name in only:
+            running.launch(name, given[name])
+        for name in only:
+            running.processes[name].wait_for_output("]: ready")
+        yield running
+
+
+@contextlib.contextmanager
+def lockstep(plant=None, ekf=None, controller=None, **options):
+    """Run a robot as fast as it goes; it stands still until ``pause(False)``."""
+    plant = {"clock": "lockstep", "start_paused": True, "start_time": 1000.0, **(plant or {})}
+    ekf = {**SIMULATED, **(ekf or {})}
+    controller = {"publish_when_idle": True, **SIMULATED, **(controller or {})}
+    with robot(plant, ekf, controller, **options) as running:
+        yield running
+
+
+def twist(command):
+    twist = getattr(command, "twist", command)
+    return twist.linear.x, twist.angular.z
+
+
+def initialpose(x, y, theta):
+    message = PoseWithCovarianceStamped()
+    message.header.frame_id = "map"
+    message.pose.pose.position.x, message.pose.pose.position.y = x, y
+    message.pose.pose.orientation.z, message.pose.pose.orientation.w = np.sin(theta / 2), np.cos(theta / 2)
+    message.pose.covariance[[0, 7, 35]] = 1e-4
+    return message
