@@ -58,7 +58,7 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         self._topics: dict[str, Recorded] = {}
         self._refused: set[str] = set()
         self._status = self.create_publisher(DiagnosticStatus, "~/status", LATCHED)
-        self._told: tuple[str, ...] = ("",)
+        self._last_status: tuple[str, ...] = ("",)
         self._state = "recording"
         self._use_sim_time = bool(self.get_parameter("use_sim_time").value)
         self._held = HeldMessages(self.config.max_held)
@@ -125,7 +125,7 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         for topic in self._topics.values():
             topic.gaps.publishers = max(topic.gaps.publishers, topic.subscription.get_publisher_count())
             topic.polls += 1
-        if self._subscribed() != self._told:
+        if self._subscribed() != self._last_status:
             self._tell()
 
     def _refuse(self, name: str, reason: str) -> None:
@@ -211,14 +211,14 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         return sum(topic.gaps.lost for topic in self._topics.values())
 
     def _tell(self) -> None:
-        self._told = self._subscribed()
+        self._last_status = self._subscribed()
         lost = self._lost()
         level = DiagnosticStatus.WARN if lost else DiagnosticStatus.OK
         if self._state == "write error":
             level = DiagnosticStatus.ERROR
         values = {
             "uri": str(self._writer.folder),
-            "topics": " ".join(self._told),
+            "topics": " ".join(self._last_status),
             "messages": str(self._writer.count),
             "lost": str(lost),
             "held": str(len(self._held)),

@@ -27,7 +27,6 @@ from diffbot_control.law.regions import REGION_NAMES
 from diffbot_control.law.supervisor import Supervisor
 from diffbot_control.ros.controller_parameters import CONTROLLER_PRESETS, ControllerNodeConfig
 from diffbot_control.ros.messages import (
-    NANO,
     fill_twist,
     goal_from,
     labelled_array,
@@ -38,6 +37,7 @@ from diffbot_control.ros.messages import (
 )
 from diffbot_core.kinematics import Twist
 from diffbot_core.ros.node import LATCHED, DiffbotNode, run, status_message
+from diffbot_core.units import NS_PER_S
 
 NAVIGATION_LABELS = ("stamp", "rho", "alpha", "beta", "theta", "eps_P", "region", "V")
 _LEVELS = {
@@ -66,25 +66,25 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
         self._statuses = self.create_publisher(DiagnosticStatus, "~/status", LATCHED)
         self._navigations = self.create_publisher(Float64MultiArray, "~/navigation", QoSProfile(depth=10))
         self._navigation = labelled_array(NAVIGATION_LABELS)
-        self._told = ("", 0)
+        self._last_status = ("", 0)
         self._pose_stamp: int | None = None
         self._gains_checked = False
-        self.listen(PoseStamped, "goal_pose", self._on_goal)
-        self.listen(Path, "path", self._on_path)
+        self.subscribe(PoseStamped, "goal_pose", self._on_goal)
+        self.subscribe(Path, "path", self._on_path)
         if config.pose_source == "pose":
-            self.listen(PoseWithCovarianceStamped, "pose", self._on_pose)
+            self.subscribe(PoseWithCovarianceStamped, "pose", self._on_pose)
         else:
-            self.listen(Odometry, "odometry/filtered", self._on_pose)
+            self.subscribe(Odometry, "odometry/filtered", self._on_pose)
         self.create_service(Trigger, "~/cancel", self._on_cancel)
         self._watch = self.create_timer(self._watch_period(), self._on_tick, clock=self.steady_clock)
-        self.create_timer(_STATUS_PERIOD, self._tell_state, clock=self.steady_clock)
-        self._tell_state()
+        self.create_timer(_STATUS_PERIOD, self._publish_status, clock=self.steady_clock)
+        self._publish_status()
 
     def on_config(self, config: ControllerNodeConfig) -> None:
         """Take over changed gains, limits and tolerances from the next pose on."""
         self.supervisor.config = config.supervisor
         self._gains_checked = False
-        self._watch.timer_period_ns = int(self._watch_period() * NANO)
+        self._watch.timer_period_ns = int(self._watch_period() * NS_PER_S)
 
     def before_shutdown(self) -> None:
         """Leave the robot standing."""
@@ -101,19 +101,19 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
         return min(max(0.25 * self.config.supervisor.pose_timeout, _SHORTEST_WATCH), 0.1)
 
     def _now(self) -> float:
-        return float(self.get_clock().now().nanoseconds / NANO)
+        return float(self.get_clock().now().nanoseconds / NS_PER_S)
 
     def _on_goal(self, message: PoseStamped) -> None:
         goal = goal_from(message, self.config.map_frame)
         self.supervisor.on_goal(goal)
         self.get_logger().info(f"goal: x {goal.x:.3f} m, y {goal.y:.3f} m, heading {goal.theta:.3f} rad")
-        self._tell_state()
+        self._publish_status()
 
     def _on_path(self, message: Path) -> None:
         goals = path_from(message, self.config.map_frame)
         self.supervisor.on_path(goals)
         self.get_logger().info(f"path of {len(goals)} goals")
-        self._tell_state()
+        self._publish_status()
 
     def _check_gains(self, stamp: int) -> None:
         """Warn once of gains that cannot be stable at the rate at which poses come."""
@@ -121,7 +121,7 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
         if self._gains_checked or before is None or stamp <= before:
             return
         self._gains_checked = True
-        warning = unstable_gains(self.config.supervisor.controller.gains, (stamp - before) / NANO)
+        warning = unstable_gains(self.config.supervisor.controller.gains, (stamp - before) / NS_PER_S)
         if warning:
             self.get_logger().warning(warning)
 
@@ -132,14 +132,14 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
         if command is not None:
             self._send(command, stamp)
         if self.supervisor.report is not None:
-            self._tell_navigation(stamp)
-        self._tell_news()
+            self._publish_navigation(stamp)
+        self._publish_changes()
 
     def _on_tick(self) -> None:
         command = self.supervisor.on_tick(self._now())
         if command is not None:
             self._send(command)
-        self._tell_news()
+        self._publish_changes()
 
     def _on_cancel(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success = self.supervisor.goal is not None
@@ -147,7 +147,7 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
         command = self.supervisor.on_cancel()
         if command is not None:
             self._send(command)
-        self._tell_state()
+        self._publish_status()
         return response
 
     def _send(self, command: Twist, stamp: int | None = None) -> None:
@@ -162,18 +162,18 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
         self._commands.publish(self._command)
         self.health.sent["cmd_vel"] += 1
 
-    def _tell_navigation(self, stamp: int) -> None:
+    def _publish_navigation(self, stamp: int) -> None:
         report = self.supervisor.report
         if report is None or not self._navigations.get_subscription_count():
             return
-        self._navigation.data = array("d", (stamp / NANO, *report[:5], report.region, report.lyapunov))
+        self._navigation.data = array("d", (stamp / NS_PER_S, *report[:5], report.region, report.lyapunov))
         self._navigations.publish(self._navigation)
 
-    def _tell_news(self) -> None:
-        if (self.supervisor.state, self.supervisor.waypoint) != self._told:
-            self._tell_state()
+    def _publish_changes(self) -> None:
+        if (self.supervisor.state, self.supervisor.waypoint) != self._last_status:
+            self._publish_status()
 
-    def _tell_state(self) -> None:
+    def _publish_status(self) -> None:
         state, memory = self.supervisor.state, self.supervisor.memory
         values = {
             "region": REGION_NAMES[memory.region],
@@ -191,9 +191,9 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
             values["smallest tolerance [m]"], values["smallest tolerance [rad]"] = f"{xy:.4f}", f"{theta:.4f}"
         if self.supervisor.waypoints:
             values["waypoint"] = f"{self.supervisor.waypoint}/{self.supervisor.waypoints}"
-        if state != self._told[0]:
+        if state != self._last_status[0]:
             self.get_logger().info(state)
-        self._told = (state, self.supervisor.waypoint)
+        self._last_status = (state, self.supervisor.waypoint)
         self._statuses.publish(status_message("controller", _LEVELS.get(state, 0), state, values))
 
 

@@ -20,21 +20,23 @@ from diffbot_control.filter.measurements import Measurement, OdometryStep
 from diffbot_control.filter.state_file import BrokenStateError, StateKeeper, state_path
 from diffbot_control.ros.ekf_parameters import EkfNodeConfig
 from diffbot_control.ros.messages import (
-    KnownNoise,
     TFMessage,
     fill_planar_covariance,
     fill_pose,
     fill_twist,
     fill_twist_covariance,
-    fix_from,
-    heading_from,
-    landmarks_from,
-    odometry_from,
     odometry_message,
     pose_message,
     pose_of,
     set_stamp,
     transform_message,
+)
+from diffbot_control.ros.sensor_messages import (
+    KnownNoise,
+    fix_from,
+    heading_from,
+    landmarks_from,
+    odometry_from,
     wheel_speeds_from,
 )
 from diffbot_core.errors import BadMessageError
@@ -64,26 +66,26 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         self._filtered_odometry = self.create_publisher(Odometry, "odometry/filtered", QUEUE)
         self._statuses = self.create_publisher(DiagnosticStatus, "~/status", LATCHED)
         self._transforms = self._transform_publisher(config.publish_tf)
-        self._told_state = ""
+        self._last_state = ""
         self._heard: int | None = None
         self._landmarks = config.landmarks.points()
         self._take_noise()
         self._keeper = self._restore()
         # Fixes before odometry: an executor that finds both waiting takes them in this order.
-        self.listen(PoseWithCovarianceStamped, "global_pose", self._on_fix)
-        self.listen(Imu, "heading", self._on_heading)
+        self.subscribe(PoseWithCovarianceStamped, "global_pose", self._on_fix)
+        self.subscribe(Imu, "heading", self._on_heading)
         if self._landmarks:
-            self.listen(PointCloud2, "landmarks", self._on_landmarks)
-        self.listen(PoseWithCovarianceStamped, "initialpose", self._on_initialpose)
+            self.subscribe(PointCloud2, "landmarks", self._on_landmarks)
+        self.subscribe(PoseWithCovarianceStamped, "initialpose", self._on_initialpose)
         if config.odometry_source == "odom":
-            self.listen(Odometry, "odom", self._on_odometry)
+            self.subscribe(Odometry, "odom", self._on_odometry)
         else:
-            self.listen(JointState, "joint_states", self._on_joint_states)
+            self.subscribe(JointState, "joint_states", self._on_joint_states)
         self.create_service(Trigger, "~/reset", self._on_reset)
-        self.create_timer(_STATUS_PERIOD, self._tell_state, clock=self.steady_clock)
+        self.create_timer(_STATUS_PERIOD, self._publish_status, clock=self.steady_clock)
         if self._keeper is not None:
             self.create_timer(_SAVE_PERIOD, self._save, clock=self.steady_clock)
-        self._tell_state()
+        self._publish_status()
 
     def on_config(self, config: EkfNodeConfig) -> None:
         """Take over changed options."""
@@ -203,8 +205,8 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         fill_planar_covariance(self._pose.pose.covariance, estimate.P)
         self._poses.publish(self._pose)
         self.health.sent["pose"] += 1
-        if self._told_state != RUNNING:
-            self._tell_state()
+        if self._last_state != RUNNING:
+            self._publish_status()
         if self._filtered_odometry.get_subscription_count():
             self._send_filtered(estimate, odometry)
         return estimate
@@ -241,15 +243,15 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
             except OSError as error:
                 self.get_logger().error(f"cannot delete state_file: {error.strerror or error}")
         response.success, response.message = True, "waiting for the next fix"
-        self._tell_state()
+        self._publish_status()
         return response
 
-    def _tell_state(self) -> None:
+    def _publish_status(self) -> None:
         state = self.state()
         values = self.details() | self.health.ages(time.monotonic())
-        if state != self._told_state:
+        if state != self._last_state:
             self.get_logger().info(state)
-        self._told_state = state
+        self._last_state = state
         level = 0 if state == RUNNING else DiagnosticStatus.WARN[0]
         self._statuses.publish(status_message("ekf", level, state, values))
 

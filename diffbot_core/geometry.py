@@ -6,7 +6,7 @@ import math
 from typing import NamedTuple
 
 TWO_PI = 2.0 * math.pi
-FARTHEST = 1e7
+MAX_COORDINATE = 1e7
 """[m] coordinates and ranges beyond it are a slip (the Earth's circumference is 4e7 m)."""
 
 

@@ -3,7 +3,7 @@
 A configuration is a ``NamedTuple`` whose fields are annotated with a :class:`Spec`::
 
     class Gains(NamedTuple):
-        gamma: Annotated[float, Spec("bound of |v|", "m/s", minimum=0.0, above=True)] = 1.3
+        gamma: Annotated[float, Spec("bound of |v|", "m/s", minimum=0.0, exclusive_minimum=True)] = 1.3
 
 ROS parameters (``ros_parameters``), YAML files, flags and the tables in docs/ derive from it. A field whose type is
 again a configuration is a group; its fields stand on the same level, since ROS parameter names are flat unless
@@ -32,9 +32,9 @@ class Spec(NamedTuple):
     """Smallest value allowed."""
     maximum: float = math.inf
     """Largest value allowed."""
-    above: bool = False
+    exclusive_minimum: bool = False
     """The minimum itself is not allowed."""
-    unlimited: bool = False
+    allow_inf: bool = False
     """``inf`` is allowed and means: no limit."""
     choices: tuple[str, ...] = ()
     """The words allowed, for a text."""
@@ -47,10 +47,10 @@ class Spec(NamedTuple):
         """Describe the allowed values, as error messages and the docs show them."""
         if self.choices:
             return "one of " + ", ".join(self.choices)
-        low = "" if self.minimum == -math.inf else f"{'>' if self.above else '>='} {self.minimum:g}"
+        low = "" if self.minimum == -math.inf else f"{'>' if self.exclusive_minimum else '>='} {self.minimum:g}"
         high = "" if self.maximum == math.inf else f"<= {self.maximum:g}"
         words = " and ".join(part for part in (low, high) if part)
-        if self.unlimited:
+        if self.allow_inf:
             return f"{words} (inf: no limit)" if words else "a number (inf: no limit)"
         return words if words and self.maximum < math.inf else f"finite and {words}" if words else "finite"
 
@@ -162,8 +162,8 @@ def checked(parameter: Parameter, value: Any) -> Any:
 
 
 def _check_number(name: str, value: float, spec: Spec) -> None:
-    infinite_allowed = spec.unlimited and value == math.inf
-    too_low = value <= spec.minimum if spec.above else value < spec.minimum
+    infinite_allowed = spec.allow_inf and value == math.inf
+    too_low = value <= spec.minimum if spec.exclusive_minimum else value < spec.minimum
     # An int is finite, and may be too large to be asked as a float.
     finite = isinstance(value, int) or math.isfinite(value)
     if (not finite and not infinite_allowed) or too_low or value > spec.maximum:

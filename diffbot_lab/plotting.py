@@ -1,4 +1,4 @@
-"""Figures of runs, drawn with matplotlib without a screen."""
+"""Figures drawn with matplotlib without a screen: layout, colours, writing."""
 
 from __future__ import annotations
 
@@ -7,75 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib
-import numpy as np
-
-from diffbot_core.geometry import Pose
-from diffbot_lab.demo.run_record import RunRecord
 
 matplotlib.use("Agg")
 
 import matplotlib.pyplot as plt
 
-_BLUE, _ORANGE, _GREY, _GREEN, _RED = "#0072B2", "#E69F00", "#999999", "#009E73", "#D55E00"
+BLUE, ORANGE, GREY, GREEN, RED = "#0072B2", "#E69F00", "#999999", "#009E73", "#D55E00"
 """Colours that people with any colour vision tell apart (Okabe, Ito)."""
-
-
-def draw_run(record: RunRecord, title: str, path: Path) -> None:
-    """Draw truth, estimate, odometry, fixes and goals of a run as a PNG of 1200 x 1000 pixels.
-
-    Raises:
-        OSError: if the file cannot be written.
-    """
-    figure, axes = plt.subplots(figsize=(8.0, 20.0 / 3.0), dpi=150, layout="constrained")
-    axes.plot(
-        record.fixes[:, 1],
-        record.fixes[:, 2],
-        ".",
-        color=_GREY,
-        markersize=2.5,
-        alpha=0.6,
-        label="fixes (global_pose)",
-    )
-    axes.plot(
-        record.odometry[:, 1],
-        record.odometry[:, 2],
-        "--",
-        color=_ORANGE,
-        linewidth=1.2,
-        label="odometry alone",
-    )
-    axes.plot(record.truth[:, 1], record.truth[:, 2], color=_BLUE, linewidth=2.6, label="truth")
-    axes.plot(
-        record.estimate[:, 1],
-        record.estimate[:, 2],
-        color=_RED,
-        linewidth=0.9,
-        label="estimate (EKF)",
-    )
-    span = max(float(np.ptp(record.truth[:, 1])), float(np.ptp(record.truth[:, 2])), 1.0)
-    start = Pose(*record.truth[0, 1:].tolist())
-    _arrow(axes, start, 0.07 * span, _BLUE, "start")
-    for number, (_, goal) in enumerate(record.goals, 1):
-        _arrow(axes, goal, 0.07 * span, _GREEN, f"goal {number}")
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel("x [m]")
-    axes.set_ylabel("y [m]")
-    axes.set_title(title)
-    axes.grid(alpha=0.3)
-    axes.legend(loc="best", fontsize="small")
-    save(figure, path)
-
-
-def _arrow(axes: Any, pose: Pose, length: float, colour: str, text: str) -> None:
-    axes.plot([pose.x], [pose.y], "o", color=colour, markersize=6, zorder=5)
-    axes.annotate(
-        "",
-        (pose.x + length * np.cos(pose.theta), pose.y + length * np.sin(pose.theta)),
-        (pose.x, pose.y),
-        arrowprops={"arrowstyle": "-|>", "color": colour, "linewidth": 2.0},
-        zorder=5,
-    )
-    axes.annotate(text, (pose.x, pose.y), xytext=(6, -12), textcoords="offset points", color=colour, zorder=6)
 
 
 def new_figure(rows: int, size: tuple[float, float], *, sharex: bool = True) -> tuple[Any, Any]:

@@ -10,9 +10,10 @@ from geometry_msgs.msg import TwistStamped
 from rclpy.qos import QoSProfile
 from std_srvs.srv import SetBool, Trigger
 
-from diffbot_control.ros.messages import NANO, twist_from
+from diffbot_control.ros.messages import twist_from
 from diffbot_core.kinematics import Twist
 from diffbot_core.ros.node import DiffbotNode, run
+from diffbot_core.units import NS_PER_S
 from diffbot_sim.model.simulator import Arrivals, World
 from diffbot_sim.ros.pacing import LOCKSTEP, WALL, ClockPace, LockStep
 from diffbot_sim.ros.parameters import PlantNodeConfig
@@ -35,7 +36,7 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
         """Create publishers, the command's subscription, the pace, and the services ~/reset and ~/pause."""
         super().__init__("plant", PlantNodeConfig, **node_options)
         config = self.config
-        start = round(config.start_time * NANO) or time.time_ns()
+        start = round(config.start_time * NS_PER_S) or time.time_ns()
         self.world = World(config.world, start)
         self.paused = config.start_paused
         self._topics = PlantTopics(self)
@@ -47,7 +48,7 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
             if config.enable_stamped_cmd_vel
             else (TwistMessage, self._on_command)
         )
-        self._commands = self.listen(command_type, "cmd_vel", heard, QoSProfile(depth=1))
+        self._commands = self.subscribe(command_type, "cmd_vel", heard, QoSProfile(depth=1))
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SetBool, "~/pause", self._on_pause)
         self._sent_first = False
@@ -80,7 +81,7 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
         return level, f"{'paused' if self.paused else 'running'}; {text}"
 
     def _now(self) -> float:
-        return float(self.steady_clock.now().nanoseconds / NANO)
+        return float(self.steady_clock.now().nanoseconds / NS_PER_S)
 
     def _on_command(self, message: TwistMessage) -> None:
         self._command = twist_from(message)

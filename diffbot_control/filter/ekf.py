@@ -14,8 +14,8 @@ import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 from numpy.typing import NDArray
 
-from diffbot_control.filter.landmark_map import bent
-from diffbot_control.filter.options import NEAREST
+from diffbot_control.filter.landmark_map import linearisation_variance
+from diffbot_control.filter.options import MIN_LANDMARK_DISTANCE
 from diffbot_core.geometry import wrap_angle
 from diffbot_core.kinematics import Twist, motion_noise, with_radius_errors
 
@@ -103,14 +103,14 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         """
         dx, dy = landmark[0] - self.x[0], landmark[1] - self.x[1]
         squared = float(dx * dx + dy * dy)
-        if squared < NEAREST**2:
+        if squared < MIN_LANDMARK_DISTANCE**2:
             return math.inf
         distance = math.sqrt(squared)
         H = np.zeros((2, self.x.size))
         H[0, 0], H[0, 1] = -dx / distance, -dy / distance
         H[1, 0], H[1, 1], H[1, 2] = dy / squared, -dx / squared, -1.0
         expected = np.array((distance, wrap_angle(math.atan2(dy, dx) - float(self.x[2]))))
-        by_range, by_bearing = bent(squared, self.P.item(0, 0) + self.P.item(1, 1))
+        by_range, by_bearing = linearisation_variance(squared, self.P.item(0, 0) + self.P.item(1, 1))
         R = R + np.diag((by_range, by_bearing))
         return self._update(z, R, lambda _x: H, lambda _x: expected, _landmark_residual)
 

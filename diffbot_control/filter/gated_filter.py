@@ -1,6 +1,6 @@
 """The filter with its gate, its way back and its adaptation, on filterpy's EKF.
 
-Its memory is one value, :attr:`Estimator.memory`, that never changes: whoever keeps an old one can go back to it.
+Its memory is one value, :attr:`GatedFilter.memory`, that never changes: whoever keeps an old one can go back to it.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Memory(NamedTuple):
     adaptation: Adaptation
 
 
-class Estimator:
+class GatedFilter:
     """One of the filters of FILTERS; make it, call :meth:`start`, then :meth:`predict` and :meth:`take`."""
 
     def __init__(self, options: FilterOptions, wheel_separation: float) -> None:

@@ -6,7 +6,7 @@ import math
 from typing import Annotated, NamedTuple
 
 from diffbot_core.errors import InvalidValueError
-from diffbot_core.geometry import FARTHEST
+from diffbot_core.geometry import MAX_COORDINATE
 from diffbot_core.schema import Spec
 
 _NUMBERS = 2**31
@@ -21,10 +21,12 @@ class LandmarkMap(NamedTuple):
         Spec("number of each known landmark", minimum=-_NUMBERS, maximum=_NUMBERS - 1, read_only=True),
     ] = ()
     landmark_x: Annotated[
-        tuple[float, ...], Spec("x of each, in map", "m", minimum=-FARTHEST, maximum=FARTHEST, read_only=True)
+        tuple[float, ...],
+        Spec("x of each, in map", "m", minimum=-MAX_COORDINATE, maximum=MAX_COORDINATE, read_only=True),
     ] = ()
     landmark_y: Annotated[
-        tuple[float, ...], Spec("y of each, in map", "m", minimum=-FARTHEST, maximum=FARTHEST, read_only=True)
+        tuple[float, ...],
+        Spec("y of each, in map", "m", minimum=-MAX_COORDINATE, maximum=MAX_COORDINATE, read_only=True),
     ] = ()
 
     def check(self) -> None:
@@ -46,7 +48,7 @@ class LandmarkMap(NamedTuple):
         return dict(sorted(zip(self.landmark_ids, places, strict=True), key=lambda one: one[1]))
 
 
-def bent(squared: float, spread: float) -> tuple[float, float]:
+def linearisation_variance(squared: float, spread: float) -> tuple[float, float]:
     """Variances of what the derivatives of range [m^2] and bearing [rad^2] leave out.
 
     They are taken at the believed place; a landmark that is no farther than the belief is wide is seen at quite another
@@ -60,6 +62,6 @@ def bent(squared: float, spread: float) -> tuple[float, float]:
     return spread * spread / (2.0 * squared), spread * spread / (squared * squared)
 
 
-def seen_from(x: float, y: float, theta: float, point_x: float, point_y: float) -> tuple[float, float]:
+def range_and_bearing(x: float, y: float, theta: float, point_x: float, point_y: float) -> tuple[float, float]:
     """Range [m] and bearing [rad], not wrapped, of a point as a robot at ``x``, ``y``, ``theta`` sees it."""
     return math.hypot(point_x - x, point_y - y), math.atan2(point_y - y, point_x - x) - theta

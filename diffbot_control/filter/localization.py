@@ -12,7 +12,7 @@ from collections import OrderedDict, deque
 from typing import Annotated, Any, NamedTuple
 
 from diffbot_control.filter.ekf import Array, Motion
-from diffbot_control.filter.gated_filter import Belief, Estimator, Memory
+from diffbot_control.filter.gated_filter import Belief, GatedFilter, Memory
 from diffbot_control.filter.innovation_monitor import Consistency
 from diffbot_control.filter.measurements import Measurement, OdometryStep
 from diffbot_control.filter.options import FilterConfig, options_of
@@ -20,8 +20,8 @@ from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import WheelGeometry
 from diffbot_core.schema import Spec
+from diffbot_core.units import S_PER_NS
 
-NANO = 1e-9
 _PENDING_MOST = 1000
 """Measurements that may wait for their odometry; more means that none comes."""
 _LONGEST_GAP = 1000 * 10**9
@@ -90,8 +90,8 @@ class Localization:
     def __init__(self, config: LocalizationConfig, wheel_separation: float = WheelGeometry().wheel_separation) -> None:
         """Start unknown: :attr:`initialised` is False until a pose comes; ``wheel_separation`` is L [m]."""
         self.config = config
-        self._history = round(config.history_length / NANO)
-        self.estimator = Estimator(options_of(config.filter), wheel_separation)
+        self._history = round(config.history_length / S_PER_NS)
+        self.estimator = GatedFilter(options_of(config.filter), wheel_separation)
         self.consistency = Consistency()
         self.waited_in_vain = 0
         """measurements dropped because they came before the first odometry"""
@@ -104,7 +104,7 @@ class Localization:
 
     def configure(self, config: LocalizationConfig, wheel_separation: float) -> None:
         """Take over changed options from the next message on; the variant of the filter stays."""
-        self._history = round(config.history_length / NANO)
+        self._history = round(config.history_length / S_PER_NS)
         self.config = config._replace(filter=config.filter._replace(filter=self.config.filter.filter))
         self.estimator.configure(options_of(self.config.filter), wheel_separation)
 
@@ -164,12 +164,12 @@ class Localization:
         late = self._stamp - odometry.stamp
         if late > self._history:
             self.reset()
-            raise BadMessageError("time jumped back", f"by {late * NANO:.3f} s; filter reset")
+            raise BadMessageError("time jumped back", f"by {late * S_PER_NS:.3f} s; filter reset")
         if late < -_LONGEST_GAP:
             self.reset()
-            raise BadMessageError("time jumped ahead", f"by {-late * NANO:.3f} s; filter reset")
+            raise BadMessageError("time jumped ahead", f"by {-late * S_PER_NS:.3f} s; filter reset")
         if late > 0:
-            raise BadMessageError("out of order", f"{late * NANO:.3f} s behind the newest")
+            raise BadMessageError("out of order", f"{late * S_PER_NS:.3f} s behind the newest")
         if late < 0:
             ready, self._pending = _split(self._pending, odometry.stamp)
             step = _Step(self._stamp, odometry, self.estimator.memory, ready)
@@ -249,15 +249,15 @@ class Localization:
 
     def _propagate(self, step: _Step, late: Measurement | None) -> None:
         """Do a step; again if a ``late`` measurement came, and then only that one is new to the record."""
-        whole = (step.odometry.stamp - step.start) * NANO
+        whole = (step.odometry.stamp - step.start) * S_PER_NS
         now = step.start
         for measurement in step.measurements:
             if measurement.stamp > now:
-                self._predict(step.odometry, (measurement.stamp - now) * NANO, whole)
+                self._predict(step.odometry, (measurement.stamp - now) * S_PER_NS, whole)
                 now = measurement.stamp
             self._update(measurement, late is None or measurement is late)
         if step.odometry.stamp > now:
-            self._predict(step.odometry, (step.odometry.stamp - now) * NANO, whole)
+            self._predict(step.odometry, (step.odometry.stamp - now) * S_PER_NS, whole)
 
     def _predict(self, odometry: OdometryStep, dt: float, whole: float) -> None:
         # The error of the twist belongs to the whole interval: in parts of it the variances have to add up to that.

@@ -16,7 +16,7 @@ FILTERS = (EKF, CALIBRATING, FNN, FNN_CALIBRATING)
 
 LOST_XY, LOST_THETA = 25.0, 1.0
 """[m^2], [rad^2] variances of a pose that headings and landmarks have contradicted for long"""
-NEAREST = 1e-3
+MIN_LANDMARK_DISTANCE = 1e-3
 """[m] nearer to a landmark its bearing means nothing"""
 _MOST_SIGMAS, _MOST = 5.0, 0.1
 """An estimated radius error beyond so many deviations, and beyond a tenth, is a slip that was taken for one."""
@@ -39,7 +39,7 @@ class FilterConfig(NamedTuple):
             "time of so many rejections and nothing else after which the newest is believed",
             "s",
             minimum=0.0,
-            above=True,
+            exclusive_minimum=True,
         ),
     ] = 1.5
     wheel_radius_sigma: Annotated[

@@ -14,7 +14,7 @@ from diffbot_control.filter.covariance import check_covariance
 from diffbot_control.filter.ekf import Array
 from diffbot_control.filter.localization import Localization
 from diffbot_core.errors import BadMessageError, DiffbotError, InvalidValueError
-from diffbot_core.geometry import FARTHEST, Pose, wrap_angle
+from diffbot_core.geometry import MAX_COORDINATE, Pose, wrap_angle
 from diffbot_core.kinematics import WheelGeometry
 
 _VERSION = 1
@@ -97,7 +97,7 @@ def load_state(path: Path) -> SavedState | None:
         raise BrokenStateError(f"{path} is no JSON") from None
     if not isinstance(content, dict) or content.get("version") != _VERSION:
         raise BrokenStateError(f"{path} is no state of version {_VERSION}")
-    x, y, theta = _numbers(path, content, "pose", (3,), FARTHEST).tolist()
+    x, y, theta = _numbers(path, content, "pose", (3,), MAX_COORDINATE).tolist()
     P = _covariance(path, content, "P", 3)
     radius, separation = _numbers(path, content, "geometry", (2,), math.inf).tolist()
     geometry = WheelGeometry(radius, separation)

@@ -131,9 +131,9 @@ def step(
         policy = config.covariance_region
         if not config.driving.allow_backward:
             policy = forward_only(policy, config.tolerance.xy_goal_tolerance)
-        way_back = memory.reapproach.distance
+        retreat_distance = memory.reapproach.distance
         region, steps_outside, radius = covariance_region(
-            memory.region, memory.steps_outside, navigation.rho, uncertainty.xy, policy, way_back
+            memory.region, memory.steps_outside, navigation.rho, uncertainty.xy, policy, retreat_distance
         )
     else:
         region, steps_outside = fixed_region(memory.region, navigation.rho, config.region), 0

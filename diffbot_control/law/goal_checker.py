@@ -17,18 +17,18 @@ class GoalTolerance(NamedTuple):
     """
 
     xy_goal_tolerance: Annotated[
-        float, Spec("distance at which the position is reached", "m", minimum=0.0, above=True)
+        float, Spec("distance at which the position is reached", "m", minimum=0.0, exclusive_minimum=True)
     ] = 0.4
     yaw_goal_tolerance: Annotated[
-        float, Spec("heading error at which the heading is reached", "rad", minimum=0.0, above=True)
+        float, Spec("heading error at which the heading is reached", "rad", minimum=0.0, exclusive_minimum=True)
     ] = 0.1
     trans_stopped_velocity: Annotated[
         float,
-        Spec("commanded |v| below which the robot counts as stopped", "m/s", minimum=0.0, above=True),
+        Spec("commanded |v| below which the robot counts as stopped", "m/s", minimum=0.0, exclusive_minimum=True),
     ] = 0.05
     rot_stopped_velocity: Annotated[
         float,
-        Spec("commanded |omega| below which it counts as stopped", "rad/s", minimum=0.0, above=True),
+        Spec("commanded |omega| below which it counts as stopped", "rad/s", minimum=0.0, exclusive_minimum=True),
     ] = 0.1
     settling_steps: Annotated[
         int,

@@ -21,10 +21,10 @@ _SERIES = 1e-4
 class Gains(NamedTuple):
     """Gains of the laws (13) and (17); the defaults are the paper's (section 4.1)."""
 
-    gamma: Annotated[float, Spec("gamma, bound of |v|", "m/s", minimum=0.0, above=True)] = 1.3
-    k: Annotated[float, Spec("weight of alpha in Omega_G", "1/s", minimum=0.0, above=True)] = 1.0
-    h: Annotated[float, Spec("weight of beta in Omega_G", "-", minimum=0.0, above=True)] = 0.17
-    k_2: Annotated[float, Spec("heading gain in Omega_L", "1/s", minimum=0.0, above=True)] = 2.7
+    gamma: Annotated[float, Spec("gamma, bound of |v|", "m/s", minimum=0.0, exclusive_minimum=True)] = 1.3
+    k: Annotated[float, Spec("weight of alpha in Omega_G", "1/s", minimum=0.0, exclusive_minimum=True)] = 1.0
+    h: Annotated[float, Spec("weight of beta in Omega_G", "-", minimum=0.0, exclusive_minimum=True)] = 0.17
+    k_2: Annotated[float, Spec("heading gain in Omega_L", "1/s", minimum=0.0, exclusive_minimum=True)] = 2.7
 
 
 PAPER_GAINS = Gains(1.3, 1.0, 0.17, 2.7)

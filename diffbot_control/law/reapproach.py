@@ -15,7 +15,7 @@ from diffbot_core.kinematics import Twist
 from diffbot_core.schema import Spec
 from diffbot_core.uncertainty import Uncertainty
 
-RESTING, BACKING, COMING = 0, 1, 2
+RESTING, RETREATING, APPROACHING = 0, 1, 2
 PHASE_NAMES = ("resting", "backing off", "coming in")
 
 _TURN = 0.03
@@ -29,16 +29,24 @@ class ReapproachConfig(NamedTuple):
     reapproach_window: Annotated[
         float, Spec("time after coming to rest in which one may begin", "s", minimum=0.0, maximum=3600.0)
     ] = 35.0
-    reapproach_speed: Annotated[float, Spec("speed", "m/s", minimum=0.0, above=True)] = 0.25
-    reapproach_heading: Annotated[float, Spec("bound of |heading|", "rad", minimum=0.0, above=True, maximum=1.0)] = 0.25
+    reapproach_speed: Annotated[float, Spec("speed", "m/s", minimum=0.0, exclusive_minimum=True)] = 0.25
+    reapproach_heading: Annotated[
+        float, Spec("bound of |heading|", "rad", minimum=0.0, exclusive_minimum=True, maximum=1.0)
+    ] = 0.25
     reapproach_distance: Annotated[float, Spec("way back at least", "m", minimum=0.05, maximum=10.0)] = 0.15
     reapproach_share: Annotated[
-        float, Spec("share of xy_goal_tolerance that a lateral error may take up", minimum=0.0, above=True, maximum=1.0)
+        float,
+        Spec(
+            "share of xy_goal_tolerance that a lateral error may take up",
+            minimum=0.0,
+            exclusive_minimum=True,
+            maximum=1.0,
+        ),
     ] = 0.7
     reapproach_slope: Annotated[float, Spec("way back in addition, for each lateral metre", minimum=0.0)] = 3.0
     reapproach_line_gain: Annotated[float, Spec("heading for each lateral metre", "rad/m", minimum=0.0)] = 8.0
     reapproach_distance_gain: Annotated[
-        float, Spec("speed for each metre from the end of the way", "1/s", minimum=0.0, above=True)
+        float, Spec("speed for each metre from the end of the way", "1/s", minimum=0.0, exclusive_minimum=True)
     ] = 1.3
 
 
@@ -82,11 +90,11 @@ def next_reapproach(
     """
     time = state.time + dt if resting or state.time > 0.0 else 0.0
     turn = min(_TURN, 0.25 * state.distance)
-    if state.phase == BACKING:
-        phase = COMING if local.x < turn - state.distance else BACKING
+    if state.phase == RETREATING:
+        phase = APPROACHING if local.x < turn - state.distance else RETREATING
         return Reapproach(phase, state.tries, 0, time, state.distance)
-    if state.phase == COMING:
-        phase = RESTING if local.x > -turn else COMING
+    if state.phase == APPROACHING:
+        phase = RESTING if local.x > -turn else APPROACHING
         return Reapproach(phase, state.tries, 0, time, state.distance)
     lateral = abs(local.y)
     wide = tolerance.xy_goal_tolerance
@@ -95,7 +103,7 @@ def next_reapproach(
     may_begin = time <= config.reapproach_window and state.tries < config.reapproach_tries
     if may_begin and quiet_steps >= tolerance.settling_steps:
         distance = config.reapproach_distance + config.reapproach_slope * lateral
-        return Reapproach(BACKING, state.tries + 1, 0, time, distance)
+        return Reapproach(RETREATING, state.tries + 1, 0, time, distance)
     return Reapproach(RESTING, state.tries, quiet_steps, time, 0.0)
 
 
@@ -111,7 +119,7 @@ def reapproach_command(state: Reapproach, local: Pose, heading_gain: float, conf
         heading_gain: [1/s] of the heading's control, k_2 of the law.
         config: speed, gains and bounds.
     """
-    end = -state.distance if state.phase == BACKING else 0.0
+    end = -state.distance if state.phase == RETREATING else 0.0
     speed = config.reapproach_distance_gain * (end - local.x)
     speed = min(max(speed, -config.reapproach_speed), config.reapproach_speed)
     heading = -config.reapproach_line_gain * local.y * speed / config.reapproach_speed

@@ -75,17 +75,22 @@ def covariance_radius(rho: float, sigma_xy: float, policy: CovarianceRegion) -> 
 
 
 def covariance_region(
-    region: int, steps_outside: int, rho: float, sigma_xy: float, policy: CovarianceRegion, way_back: float = 0.0
+    region: int,
+    steps_outside: int,
+    rho: float,
+    sigma_xy: float,
+    policy: CovarianceRegion,
+    retreat_distance: float = 0.0,
 ) -> tuple[int, int, float]:
     """Return the region, the poses in a row outside the leaving radius, and the radius [m] that was compared with.
 
     The leaving radius has a floor: sigma_xy shrinks while the robot rests, and a residue that was inside when it came
-    must not throw it out. Nor must a re-approach, which goes ``way_back`` [m] away from the goal on purpose.
+    must not throw it out. Nor must a re-approach, which goes ``retreat_distance`` [m] away from the goal on purpose.
     """
     radius = covariance_radius(rho, sigma_xy, policy)
     if region == OMEGA_G:
         return (OMEGA_L if rho < radius else OMEGA_G), 0, radius
-    leaving = max(policy.eps_P_leave_factor * radius, policy.eps_P_leave_min, _WAY_BACK_ROOM * way_back)
+    leaving = max(policy.eps_P_leave_factor * radius, policy.eps_P_leave_min, _WAY_BACK_ROOM * retreat_distance)
     steps_outside = steps_outside + 1 if rho > leaving else 0
     if steps_outside >= policy.eps_P_leave_steps:
         return OMEGA_G, 0, leaving

@@ -39,7 +39,7 @@ class SupervisorConfig(NamedTuple):
 
     controller: ControllerConfig = ControllerConfig()
     pose_timeout: Annotated[
-        float, Spec("without a pose for so long the robot is stopped", "s", minimum=0.0, above=True)
+        float, Spec("without a pose for so long the robot is stopped", "s", minimum=0.0, exclusive_minimum=True)
     ] = 0.5
     waypoint_radius: Annotated[
         float,

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from diffbot_core.errors import BadMessageError
-from diffbot_core.geometry import FARTHEST
+from diffbot_core.geometry import MAX_COORDINATE
 
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 """numpy's names of the datatypes of a sensor_msgs/PointField"""
@@ -45,7 +45,7 @@ def landmark_points(message: Any) -> list[LandmarkPoint]:
     Raises:
         BadMessageError: if the cloud does not have the fields above, its sizes contradict each other, it has more than
             100 points or one landmark twice, or a number in it is not finite, a variance negative, or a range not
-            positive or beyond FARTHEST.
+            positive or beyond MAX_COORDINATE.
     """
     count = message.width * message.height
     if count > _MOST:
@@ -62,7 +62,7 @@ def landmark_points(message: Any) -> list[LandmarkPoint]:
         if var_distance < 0.0 or var_bearing < 0.0:
             raise BadMessageError("variance negative", f"of landmark {number}")
         distance = math.hypot(x, y)
-        if not 0.0 < distance <= FARTHEST:
+        if not 0.0 < distance <= MAX_COORDINATE:
             raise BadMessageError("range out of range" if distance else "range not positive", f"of landmark {number}")
         found.append(LandmarkPoint(number, distance, math.atan2(y, x), var_distance, var_bearing))
     if len({point.number for point in found}) < len(found):

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
-from functools import partial
-from typing import Any, NamedTuple
+from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -20,17 +19,15 @@ from geometry_msgs.msg import (
     Twist as TwistMessage,
 )
 from nav_msgs.msg import Odometry, Path
-from sensor_msgs.msg import Imu, JointState, PointCloud2
 from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension
 
 from diffbot_control.filter.covariance import check_covariance, uncertainty_of
-from diffbot_control.filter.ekf import Array
-from diffbot_control.filter.measurements import Measurement
-from diffbot_control.ros.landmark_cloud import LandmarkPoint, landmark_points
+from diffbot_control.filter.measurements import Array
 from diffbot_core.errors import BadMessageError
-from diffbot_core.geometry import FARTHEST, Pose, quaternion_of_yaw, yaw_of_quaternion
-from diffbot_core.kinematics import Twist, WheelSpeeds
+from diffbot_core.geometry import MAX_COORDINATE, Pose, quaternion_of_yaw, yaw_of_quaternion
+from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import CERTAIN, Uncertainty
+from diffbot_core.units import NS_PER_S
 
 try:
     # The alias marks it as meant for others too.
@@ -39,19 +36,7 @@ except ImportError:  # no wheel carries tf2; the nodes say once that they publis
     TFMessage = None
 
 
-class KnownNoise(NamedTuple):
-    """What is known of a sensor's noise beside its messages."""
-
-    R: Array | None = None
-    """covariance, the fallback; None if there is none"""
-    always: bool = False
-    """do not look at the messages'"""
-
-
-MESSAGE_NOISE = KnownNoise()
-"""Nothing: the messages' covariances count, and a message without one is dropped."""
-NANO = 1_000_000_000
-FASTEST = 1e4
+MAX_SPEED = 1e4
 """[m/s], [rad/s] speeds beyond it are a slip."""
 
 # Places of (x, y, yaw) in the row-major 6 x 6 covariance of REP-103's (x, y, z, roll, pitch, yaw).
@@ -60,14 +45,14 @@ _PLANAR = np.array([0, 1, 5, 6, 7, 11, 30, 31, 35])
 
 def stamp_ns(stamp: Time) -> int:
     """Return a stamp as nanoseconds; it is sent on, so it must be one that :func:`set_stamp` can write."""
-    if stamp.nanosec >= NANO:
+    if stamp.nanosec >= NS_PER_S:
         raise BadMessageError("stamp not normalised", f"{stamp.nanosec} ns")
-    return int(stamp.sec) * NANO + int(stamp.nanosec)
+    return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
 
 
 def set_stamp(stamp: Time, nanoseconds: int) -> None:
     """Write nanoseconds into a stamp in place."""
-    stamp.sec, stamp.nanosec = divmod(nanoseconds, NANO)
+    stamp.sec, stamp.nanosec = divmod(nanoseconds, NS_PER_S)
 
 
 def check_frame(frame: str, expected: str, field: str = "frame_id") -> None:
@@ -98,7 +83,7 @@ def yaw_of(orientation: Quaternion) -> float:
 def pose_of(message: Any) -> Pose:
     """Planar pose of a geometry_msgs/Pose."""
     x, y = message.position.x, message.position.y
-    check_numbers((x, y), FARTHEST, "position")
+    check_numbers((x, y), MAX_COORDINATE, "position")
     return Pose(x, y, yaw_of(message.orientation))
 
 
@@ -139,90 +124,11 @@ def pose_from(
     return stamp_ns(message.header.stamp), pose, uncertainty
 
 
-def fix_from(message: PoseWithCovarianceStamped, frame: str, noise: KnownNoise = MESSAGE_NOISE) -> Measurement:
-    """Return a pose fix in ``frame``; for its covariance see :func:`noise_of`."""
-    check_frame(message.header.frame_id, frame)
-    pose = pose_of(message.pose.pose)
-    R = noise_of(lambda: planar_covariance(message.pose.covariance), noise)
-    return Measurement(stamp_ns(message.header.stamp), np.array(pose), R)
-
-
-def heading_from(message: Imu, frame: str, noise: KnownNoise = MESSAGE_NOISE) -> Measurement:
-    """Return a compass heading of a sensor fixed to ``frame``; REP-145: covariance[0] = -1 means no orientation."""
-    check_frame(message.header.frame_id, frame)
-    if message.orientation_covariance[0] == -1.0:
-        raise BadMessageError("no orientation in it")
-    yaw = yaw_of(message.orientation)
-    R = noise_of(lambda: check_covariance(np.array([[float(message.orientation_covariance[8])]])), noise)
-    return Measurement(stamp_ns(message.header.stamp), np.array([yaw]), R)
-
-
-def landmarks_from(
-    message: PointCloud2, frame: str, points: dict[int, tuple[float, float]], noise: KnownNoise
-) -> tuple[list[Measurement], int]:
-    """Return range and bearing of each known landmark in a cloud in ``frame``, and how many are not known.
-
-    ``points``: x, y [m] of each by its number; the covariance is the message's where it has both variances.
-    """
-    check_frame(message.header.frame_id, frame)
-    stamp, measurements, unknown = stamp_ns(message.header.stamp), [], 0
-    for seen in landmark_points(message):
-        if seen.number not in points:
-            unknown += 1
-            continue
-        R = noise_of(partial(_landmark_covariance, seen), noise)
-        measurements.append(Measurement(stamp, np.array((seen.distance, seen.bearing)), R, points[seen.number]))
-    return measurements, unknown
-
-
-def _landmark_covariance(seen: LandmarkPoint) -> Array:
-    return check_covariance(np.diag((seen.var_distance, seen.var_bearing)))
-
-
-def noise_of(read: Callable[[], Array], noise: KnownNoise) -> Array:
-    """Return the covariance that ``read`` finds in a message, or the fallback.
-
-    The fallback is taken where it is given and the message's is not usable or not wanted.
-
-    Raises:
-        BadMessageError: if the message's is not usable and there is no fallback.
-    """
-    if noise.R is not None and noise.always:
-        return noise.R
-    try:
-        return read()
-    except BadMessageError:
-        if noise.R is None:
-            raise
-        return noise.R
-
-
-def odometry_from(message: Odometry, child_frame: str) -> tuple[int, Twist, tuple[float, float, float]]:
-    """Stamp [ns], twist in ``child_frame`` and its (var(v), cov(v, omega), var(omega)); all zero if not given."""
-    check_frame(message.child_frame_id, child_frame, "child_frame_id")
-    twist = twist_from(message.twist.twist)
-    covariance = message.twist.covariance
-    variances = float(covariance[0]), float(covariance[5]), float(covariance[35])
-    if any(variances):
-        check_covariance(np.array([variances[:2], variances[1:]]))
-    return stamp_ns(message.header.stamp), twist, variances
-
-
 def twist_from(message: TwistMessage) -> Twist:
     """Return the planar part of a twist."""
     v, omega = message.linear.x, message.angular.z
-    check_numbers((v, omega), FASTEST, "velocity")
+    check_numbers((v, omega), MAX_SPEED, "velocity")
     return Twist(v, omega)
-
-
-def wheel_speeds_from(message: JointState, left: str, right: str) -> tuple[int, WheelSpeeds]:
-    """Stamp [ns] and speeds of the two wheels of these joint names."""
-    try:
-        speeds = WheelSpeeds(message.velocity[message.name.index(left)], message.velocity[message.name.index(right)])
-    except (ValueError, IndexError):
-        raise BadMessageError("wheel joints missing", f"no velocity of {left!r} and {right!r}") from None
-    check_numbers(speeds, FASTEST, "wheel speed")
-    return stamp_ns(message.header.stamp), speeds
 
 
 def fill_pose(message: Any, pose: Pose) -> None:

@@ -73,7 +73,7 @@ class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
         """End the spin loop of :func:`run` with this exit status."""
         self.exit_code = exit_code
 
-    def listen(
+    def subscribe(
         self,
         message_type: Any,
         topic: str,

@@ -23,7 +23,7 @@ from diffbot_lab.benchmark.filter_report import judged, table
 from diffbot_lab.paper.experiment import write_json
 from diffbot_sim.compiled.batch import in_threads
 from diffbot_sim.compiled.jit import compile_kernel
-from diffbot_sim.compiled.open_loop import AWAY, Drive, Tracking, drive
+from diffbot_sim.compiled.open_loop import AWAY, OpenLoopCase, Tracking, drive
 
 Array = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ _CHUNK = 16
 """Runs that a thread takes at a time."""
 
 
-def _fill(case: Drive, seed: int, first: int, trackings: Any, histories: Any) -> None:
+def _fill(case: OpenLoopCase, seed: int, first: int, trackings: Any, histories: Any) -> None:
     for index in range(len(trackings)):
         row, tracking = trackings[index], drive(case, seed, first + index, histories[index])
         row[0], row[1], row[2], row[3] = tracking.position, tracking.heading, tracking.largest, tracking.end
@@ -49,7 +49,7 @@ def _fill(case: Drive, seed: int, first: int, trackings: Any, histories: Any) ->
 _kernel = compile_kernel(_fill)
 
 
-def run_drives(case: Drive, seed: int, runs: int, threads: int | None = None) -> Array:
+def run_drives(case: OpenLoopCase, seed: int, runs: int, threads: int | None = None) -> Array:
     """Do the runs 0 to ``runs - 1``, in ``threads`` at a time; None for one on each core.
 
     Returns:
@@ -65,7 +65,7 @@ def run_drives(case: Drive, seed: int, runs: int, threads: int | None = None) ->
     return trackings
 
 
-def run_history(case: Drive, seed: int, run: int) -> Array:
+def run_history(case: OpenLoopCase, seed: int, run: int) -> Array:
     """Do one run and return its history (steps + 1, 4), columns as HISTORY_COLUMNS [m, rad, m, rad]."""
     histories: Array = np.empty((1, case.steps + 1, len(HISTORY_COLUMNS)))
     _kernel(case, seed, run, np.empty((1, len(COLUMNS))), histories)

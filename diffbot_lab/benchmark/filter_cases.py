@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diffbot_control.filter.options import FilterConfig, options_of
-from diffbot_sim.compiled.open_loop import Drive
+from diffbot_sim.compiled.open_loop import OpenLoopCase
 from diffbot_sim.compiled.sensing import Robot
 from diffbot_sim.model.plant import PlantConfig
 from diffbot_sim.model.sensors import SensorConfig
@@ -90,13 +90,13 @@ def name_of(scenario: str, odometry_rate: int, fix_rate: int) -> str:
     return f"{scenario}_{odometry_rate}_{fix_rate}"
 
 
-def drive_of(scenario: Scenario, odometry_rate: int, fix_rate: int, filter_name: str) -> Drive:
+def drive_of(scenario: Scenario, odometry_rate: int, fix_rate: int, filter_name: str) -> OpenLoopCase:
     """Return what all runs of a scenario, at rates [Hz], with one of FILTERS share."""
     plant = scenario.plant._replace(sampling_time=1.0 / odometry_rate)
     sensors = scenario.sensors._replace(fix_rate=float(fix_rate))
     options = options_of(FilterConfig(filter=filter_name))
     kidnapped = round(plant.kidnap_time * odometry_rate) if plant.kidnap_time > 0.0 else -1
-    return Drive(
+    return OpenLoopCase(
         Robot(plant, sensors, options, scenario.landmarks),
         round(DURATION * odometry_rate),
         round(SKIPPED * odometry_rate),

@@ -17,9 +17,9 @@ from tqdm import tqdm
 from diffbot_control.law.presets import PRESETS, TUNED
 from diffbot_core.errors import DiffbotError
 from diffbot_core.geometry import Pose
+from diffbot_lab.demo.figure import draw_run
 from diffbot_lab.demo.processes import NodeProcesses, PrivateDomain, wait_until
 from diffbot_lab.demo.run_record import GoalResult, RunRecord, evaluate, read_run
-from diffbot_lab.plotting import draw_run
 
 GOALS = (Pose(0.0, 0.0, 0.0), Pose(3.0, 2.0, math.pi / 2), Pose(1.0, -2.0, math.pi))
 """The paper's scenario A, then two goals away from the origin; the last one lies behind the robot."""

@@ -10,9 +10,10 @@ from geometry_msgs.msg import PoseStamped
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool
 
-from diffbot_control.ros.messages import NANO, goal_message
+from diffbot_control.ros.messages import goal_message
 from diffbot_core.geometry import Pose
 from diffbot_core.ros.node import LATCHED, QUEUE, DiffbotNode, run
+from diffbot_core.units import NS_PER_S
 from diffbot_lab.demo.mission import Mission
 from diffbot_sim.ros.parameters import DemoNodeConfig
 
@@ -37,10 +38,10 @@ class DemoNode(DiffbotNode[DemoNodeConfig]):
         self._ready_ticks = 0
         self._phase = "waiting for the graph"
         self._goals = self.create_publisher(PoseStamped, "goal_pose", QUEUE)
-        self.listen(DiagnosticStatus, "recorder/status", self._on_recorder, LATCHED)
-        self.listen(DiagnosticStatus, "controller/status", self._on_controller, LATCHED)
-        self.listen(DiagnosticStatus, "ekf/status", self._on_ekf, LATCHED)
-        self.listen(Float64MultiArray, "controller/navigation", self._on_navigation)
+        self.subscribe(DiagnosticStatus, "recorder/status", self._on_recorder, LATCHED)
+        self.subscribe(DiagnosticStatus, "controller/status", self._on_controller, LATCHED)
+        self.subscribe(DiagnosticStatus, "ekf/status", self._on_ekf, LATCHED)
+        self.subscribe(Float64MultiArray, "controller/navigation", self._on_navigation)
         self._pause = self.create_client(SetBool, "plant/pause")
         self._tell()
         self.create_timer(_PERIOD, self._on_tick, clock=self.steady_clock)
@@ -84,7 +85,7 @@ class DemoNode(DiffbotNode[DemoNodeConfig]):
         )
 
     def _send_goal(self) -> None:
-        self._goals.publish(goal_message(self.mission.goal, self.config.map_frame, round(self._now * NANO)))
+        self._goals.publish(goal_message(self.mission.goal, self.config.map_frame, round(self._now * NS_PER_S)))
 
     def _set_paused(self, paused: bool) -> None:
         future = self._pause.call_async(SetBool.Request(data=paused))

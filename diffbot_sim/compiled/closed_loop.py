@@ -21,7 +21,7 @@ from diffbot_core.kinematics import Twist, WheelSpeeds
 from diffbot_core.uncertainty import Uncertainty, largest_deviation
 from diffbot_sim.compiled.peer_laws import OURS, new_peer_memory, peer_step
 from diffbot_sim.compiled.scalar_filter import Track, new_track
-from diffbot_sim.compiled.sensing import Moment, Robot, fix_at, observe
+from diffbot_sim.compiled.sensing import NoiseKey, Robot, fix_at, observe
 from diffbot_sim.model.philox import WHEEL_BLOCK, draw
 from diffbot_sim.model.plant import PlantConfig, PlantState, plant_step
 from diffbot_sim.model.sensors import SensorConfig, due
@@ -85,7 +85,7 @@ class View(NamedTuple):
     has_seen: bool
 
 
-class Tally(NamedTuple):
+class RunTotals(NamedTuple):
     """What is summed up along a run."""
 
     last_outside: int
@@ -111,7 +111,7 @@ def run_loop(case: Case, seed: int, run: int, start: Pose, history: Any) -> Outc
     memory = new_memory()
     peer_memory = new_peer_memory()
     view = View(_begun(case.filter), start, False)
-    tally = Tally(-1, 0.0, 0.0, math.nan)
+    totals = RunTotals(-1, 0.0, 0.0, math.nan)
     for index in range(case.steps + 1):
         view = _observe(case, seed, run, index, state, view)
         command = Twist(0.0, 0.0)
@@ -128,8 +128,8 @@ def run_loop(case: Case, seed: int, run: int, start: Pose, history: Any) -> Outc
         before = state.pose
         if index < case.steps:
             state = plant_step(state, command, draw(seed, run, index, WHEEL_BLOCK), case.plant)
-        tally = _tallied(tally, case, index, memory.region, command, before, state.pose)
-    return _outcome(case, tally, memory.switches, view, state.pose)
+        totals = _added(totals, case, index, memory.region, command, before, state.pose)
+    return _outcome(case, totals, memory.switches, view, state.pose)
 
 
 def _uncertainty(case: Case, view: View) -> Uncertainty:
@@ -150,7 +150,7 @@ def _observe(case: Case, seed: int, run: int, index: int, state: PlantState, vie
     """Sense and filter."""
     if case.feedback == TRUTH:
         return View(view.track, state.pose, True)
-    moment = Moment(seed, run, index)
+    moment = NoiseKey(seed, run, index)
     if case.feedback == RAW:
         if due(index, case.sensors.fix_rate, case.plant.sampling_time):
             fix, lost = fix_at(moment, state.pose, case.sensors)
@@ -167,7 +167,7 @@ def _begun(options: FilterOptions | None) -> Track | None:
 
 
 def _filtered(
-    track: Track | None, options: FilterOptions | None, case: Case, moment: Moment, state: PlantState
+    track: Track | None, options: FilterOptions | None, case: Case, moment: NoiseKey, state: PlantState
 ) -> View:
     """Sense and filter; numba leaves out the branch behind an argument that is None by its type."""
     if track is None or options is None:
@@ -176,18 +176,20 @@ def _filtered(
     return View(track, track.belief.pose, track.known)
 
 
-def _tallied(tally: Tally, case: Case, index: int, region: int, command: Twist, before: Pose, after: Pose) -> Tally:
+def _added(
+    totals: RunTotals, case: Case, index: int, region: int, command: Twist, before: Pose, after: Pose
+) -> RunTotals:
     """Add one step, from the true pose ``before`` to ``after``."""
     t_s = case.plant.sampling_time
     local = into_frame(before, case.goal)
     inside = math.hypot(local.x, local.y) <= case.xy_tolerance and abs(local.theta) <= case.yaw_tolerance
-    first_local = region == OMEGA_L and math.isnan(tally.local_time)
+    first_local = region == OMEGA_L and math.isnan(totals.local_time)
     power = command.v * command.v + command.omega * command.omega if index < case.steps else 0.0
-    return Tally(
-        tally.last_outside if inside else index,  # nan is not inside
-        tally.path_length + math.hypot(after.x - before.x, after.y - before.y),
-        tally.effort + power * t_s,
-        index * t_s if first_local else tally.local_time,
+    return RunTotals(
+        totals.last_outside if inside else index,  # nan is not inside
+        totals.path_length + math.hypot(after.x - before.x, after.y - before.y),
+        totals.effort + power * t_s,
+        index * t_s if first_local else totals.local_time,
     )
 
 
@@ -200,11 +202,11 @@ def _record(history: Any, index: int, pose: Pose, view: View, command: Twist) ->
     row[6], row[7] = command.v, command.omega
 
 
-def _outcome(case: Case, tally: Tally, switches: int, view: View, pose: Pose) -> Outcome:
+def _outcome(case: Case, totals: RunTotals, switches: int, view: View, pose: Pose) -> Outcome:
     local = into_frame(pose, case.goal)
     settled = math.nan
-    if tally.last_outside < case.steps:
-        settled = (tally.last_outside + 1) * case.plant.sampling_time
+    if totals.last_outside < case.steps:
+        settled = (totals.last_outside + 1) * case.plant.sampling_time
     error = math.nan
     if view.has_seen:
         error = math.hypot(view.seen.x - pose.x, view.seen.y - pose.y)
@@ -213,9 +215,9 @@ def _outcome(case: Case, tally: Tally, switches: int, view: View, pose: Pose) ->
         local.y,
         local.theta,
         settled,
-        tally.path_length,
-        tally.effort,
+        totals.path_length,
+        totals.effort,
         float(switches),
-        tally.local_time,
+        totals.local_time,
         error,
     )

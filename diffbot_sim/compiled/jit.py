@@ -16,7 +16,7 @@ from typing import Any
 
 from diffbot_control.filter import adaptation, gate, landmark_map
 from diffbot_control.law import controller, goal_checker, limits, lyapunov_law, polar_coordinates, reapproach, regions
-from diffbot_core import geometry, kinematics
+from diffbot_core import geometry, kinematics, uncertainty
 from diffbot_core.errors import DiffbotError
 from diffbot_sim.compiled import closed_loop, open_loop, peer_laws, scalar_ekf, scalar_filter, sensing
 from diffbot_sim.model import philox, plant, sensors
@@ -25,6 +25,7 @@ MODULES = (
     geometry,
     landmark_map,
     kinematics,
+    uncertainty,
     polar_coordinates,
     lyapunov_law,
     regions,

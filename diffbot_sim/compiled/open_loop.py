@@ -14,7 +14,7 @@ from diffbot_core.kinematics import Twist, WheelSpeeds
 from diffbot_core.uncertainty import largest_deviation
 from diffbot_sim.compiled.scalar_ekf import Covariance
 from diffbot_sim.compiled.scalar_filter import Track, new_track
-from diffbot_sim.compiled.sensing import Moment, Robot, observe
+from diffbot_sim.compiled.sensing import NoiseKey, Robot, observe
 from diffbot_sim.model.philox import START_BLOCK, WHEEL_BLOCK, direction, draw
 from diffbot_sim.model.plant import PlantState, plant_step
 from diffbot_sim.model.sensors import due
@@ -25,7 +25,7 @@ V_MIDDLE, V_HALF, OMEGA_HALF = 0.7, 0.3, 0.3
 """[m/s], [m/s], [rad/s] of the drives: v is in 0.4 .. 1.0 m/s, omega in +-0.3 rad/s"""
 
 
-class Drive(NamedTuple):
+class OpenLoopCase(NamedTuple):
     """What all runs of a case share."""
 
     robot: Robot
@@ -97,7 +97,7 @@ def start_of(seed: int, run: int) -> Pose:
     return Pose(0.0, 0.0, direction(draw(seed, run, 0, START_BLOCK).c))
 
 
-def drive(case: Drive, seed: int, run: int, history: Any) -> Tracking:
+def drive(case: OpenLoopCase, seed: int, run: int, history: Any) -> Tracking:
     """Do one run.
 
     Args:
@@ -114,7 +114,7 @@ def drive(case: Drive, seed: int, run: int, history: Any) -> Tracking:
     sums = Sums(0.0, 0.0, 0.0, -1, 0.0, 0, 0.0, 0, 0, 0)
     end = 0.0
     for step in range(case.steps + 1):
-        track = observe(track, Moment(seed, run, step), state, case.robot)
+        track = observe(track, NoiseKey(seed, run, step), state, case.robot)
         errors = errors_of(track, state.pose)
         end = math.hypot(errors.x, errors.y)
         if len(history) > 0:
@@ -172,7 +172,7 @@ def _summed(sums: Sums, robot: Robot, step: int, track: Track, errors: Errors) -
     )
 
 
-def _tracking(case: Drive, sums: Sums, end: float) -> Tracking:
+def _tracking(case: OpenLoopCase, sums: Sums, end: float) -> Tracking:
     counted = case.steps - case.skipped
     back = math.nan
     if case.kidnapped >= 0:

@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from diffbot_control.filter.landmark_map import bent
-from diffbot_control.filter.options import LOST_THETA, LOST_XY, NEAREST
+from diffbot_control.filter.landmark_map import linearisation_variance
+from diffbot_control.filter.options import LOST_THETA, LOST_XY, MIN_LANDMARK_DISTANCE
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import Twist, motion_noise, with_radius_errors
 
@@ -253,13 +253,13 @@ def update_landmark(belief: Belief, seen: Sighting) -> Corrected:
     """Correct with range and bearing of a known point; with nothing, and a NIS of inf, if the robot is at it."""
     dx, dy = seen.x - belief.pose.x, seen.y - belief.pose.y
     squared = dx * dx + dy * dy
-    if squared < NEAREST * NEAREST:
+    if squared < MIN_LANDMARK_DISTANCE * MIN_LANDMARK_DISTANCE:
         return Corrected(belief, math.inf)
     distance = math.sqrt(squared)
     turn = wrap_angle(seen.bearing - wrap_angle(math.atan2(dy, dx) - belief.pose.theta))
     along = Row(-dx / distance, -dy / distance, 0.0, 0.0, 0.0)
     across = Row(dy / squared, -dx / squared, -1.0, 0.0, 0.0)
-    by_range, by_bearing = bent(squared, belief.P.xx + belief.P.yy)
+    by_range, by_bearing = linearisation_variance(squared, belief.P.xx + belief.P.yy)
     one = correct(belief, belief, along, seen.distance - distance, seen.var_distance + by_range)
     two = correct(one.belief, belief, across, turn, seen.var_bearing + by_bearing)
     return Corrected(wrapped(two.belief), one.nis + two.nis)

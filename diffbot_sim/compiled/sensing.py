@@ -33,7 +33,7 @@ class Robot(NamedTuple):
     """(n, 2) array of their x, y [m]"""
 
 
-class Moment(NamedTuple):
+class NoiseKey(NamedTuple):
     """What names the noise of a step."""
 
     seed: int
@@ -41,7 +41,7 @@ class Moment(NamedTuple):
     step: int
 
 
-def fix_at(moment: Moment, pose: Pose, sensors: SensorConfig) -> tuple[Pose, bool]:
+def fix_at(moment: NoiseKey, pose: Pose, sensors: SensorConfig) -> tuple[Pose, bool]:
     """Take a fix of the true ``pose``; also whether it is lost."""
     fix = measured_pose(pose, draw(moment.seed, moment.run, moment.step, FIX_BLOCK), sensors)
     if sensors.fix_dropout == 0.0 and sensors.fix_outlier == 0.0:
@@ -50,7 +50,7 @@ def fix_at(moment: Moment, pose: Pose, sensors: SensorConfig) -> tuple[Pose, boo
     return with_outlier(fix, fault, sensors), is_lost(fault, sensors)
 
 
-def observe(track: Track, moment: Moment, state: PlantState, robot: Robot) -> Track:
+def observe(track: Track, moment: NoiseKey, state: PlantState, robot: Robot) -> Track:
     """Predict by the encoders, then take what the sensors measure: the fix, the heading, the landmarks."""
     plant, sensors, options = robot.plant, robot.sensors, robot.filter
     t_s, step = plant.sampling_time, moment.step
@@ -73,7 +73,7 @@ def observe(track: Track, moment: Moment, state: PlantState, robot: Robot) -> Tr
     return track
 
 
-def _with_landmarks(track: Track, moment: Moment, pose: Pose, robot: Robot) -> Track:
+def _with_landmarks(track: Track, moment: NoiseKey, pose: Pose, robot: Robot) -> Track:
     sensors = robot.sensors
     var_range = uniform_variance(sensors.landmark_range_error_max)
     var_bearing = uniform_variance(sensors.landmark_bearing_error_max)

@@ -60,7 +60,7 @@ class PlantConfig(NamedTuple):
     kidnap_yaw: Annotated[float, Spec("how far it is turned", "rad", minimum=-math.pi, maximum=math.pi)] = 0.0
     wheel_speed_max: Annotated[
         float,
-        Spec("bound of each wheel's |speed|", "rad/s", minimum=0.0, above=True, unlimited=True),
+        Spec("bound of each wheel's |speed|", "rad/s", minimum=0.0, exclusive_minimum=True, allow_inf=True),
     ] = _INF
     wheel_acceleration_max: Annotated[
         float,
@@ -68,12 +68,12 @@ class PlantConfig(NamedTuple):
             "bound of each wheel's |acceleration|",
             "rad/s^2",
             minimum=0.0,
-            above=True,
-            unlimited=True,
+            exclusive_minimum=True,
+            allow_inf=True,
         ),
     ] = _INF
     cmd_vel_timeout: Annotated[
-        float, Spec("without a command for so long the robot stops", "s", minimum=0.0, above=True)
+        float, Spec("without a command for so long the robot stops", "s", minimum=0.0, exclusive_minimum=True)
     ] = 0.5
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, NamedTuple
 
-from diffbot_control.filter.landmark_map import seen_from
+from diffbot_control.filter.landmark_map import range_and_bearing
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.schema import Spec
 from diffbot_sim.model.philox import Draw, direction, probability
@@ -74,7 +74,7 @@ def measured_landmark(pose: Pose, x: float, y: float, noise: Draw, config: Senso
 
     A range is not below 1 mm, whatever the error.
     """
-    distance, bearing = seen_from(pose.x, pose.y, pose.theta, x, y)
+    distance, bearing = range_and_bearing(pose.x, pose.y, pose.theta, x, y)
     return (
         max(distance + config.landmark_range_error_max * noise.a, 1e-3),
         wrap_angle(bearing + config.landmark_bearing_error_max * noise.b),

@@ -13,6 +13,7 @@ from diffbot_control.filter.measurements import Measurement, OdometryStep
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist, body_twist, encoder_covariance
 from diffbot_core.schema import Spec
+from diffbot_core.units import NS_PER_S
 from diffbot_sim.model.philox import FAULT_BLOCK, FIX_BLOCK, LANDMARK_BLOCK, WHEEL_BLOCK, draw
 from diffbot_sim.model.plant import PlantConfig, PlantState, plant_step
 from diffbot_sim.model.sensors import (
@@ -27,7 +28,6 @@ from diffbot_sim.model.sensors import (
     with_outlier,
 )
 
-NANO = 1_000_000_000
 _FAR = 1e6
 
 
@@ -72,7 +72,7 @@ class World:
     def __init__(self, config: WorldConfig, start_stamp: int = 0) -> None:
         """Put the robot at the start, step 0."""
         self.start_stamp = start_stamp
-        self.period = round(config.plant.sampling_time * NANO)
+        self.period = round(config.plant.sampling_time * NS_PER_S)
         self.state = PlantState(Pose(*config.start))
         self.odometry_P = np.zeros((3, 3))
         """(3, 3) covariance of the odometry's pose: what its errors have added up to"""

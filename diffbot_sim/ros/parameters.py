@@ -74,7 +74,7 @@ class DemoNodeConfig(NamedTuple):
     hold: Annotated[float, Spec("time to stay at a reached goal", "s", minimum=0.0, read_only=True)] = 3.0
     goal_timeout: Annotated[
         float,
-        Spec("time after which a goal is given up", "s", minimum=0.0, above=True, read_only=True),
+        Spec("time after which a goal is given up", "s", minimum=0.0, exclusive_minimum=True, read_only=True),
     ] = 120.0
     map_frame: Annotated[str, Spec("frame of the goals", read_only=True)] = "map"
 

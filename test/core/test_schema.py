@@ -105,7 +105,7 @@ def test_every_bound_is_kept(config_type):
             outside.append(spec.minimum if spec.above else spec.minimum - step * (1 + abs(spec.minimum)))
         if spec.maximum < math.inf:
             outside.append(spec.maximum + step * (1 + abs(spec.maximum)))
-        if not spec.unlimited:
+        if not spec.allow_inf:
             outside.append(math.inf)
         for value in outside:
             with pytest.raises(InvalidValueError) as caught:
@@ -116,7 +116,7 @@ def test_every_bound_is_kept(config_type):
             assert checked(parameter, parameter.type(spec.minimum)) == spec.minimum
         if spec.maximum < math.inf:
             assert checked(parameter, parameter.type(spec.maximum)) == spec.maximum
-        if spec.unlimited:
+        if spec.allow_inf:
             assert checked(parameter, math.inf) == math.inf
 
 
@@ -298,11 +298,11 @@ def test_mistakes_of_the_programmer_are_told(config, message):
     [
         (Spec("x"), "finite"),
         (Spec("x", minimum=0.0), "finite and >= 0"),
-        (Spec("x", minimum=0.0, above=True), "finite and > 0"),
+        (Spec("x", minimum=0.0, exclusive_minimum=True), "finite and > 0"),
         (Spec("x", maximum=2.5), "<= 2.5"),
         (Spec("x", minimum=-1.0, maximum=1.0), ">= -1 and <= 1"),
-        (Spec("x", minimum=0.0, above=True, unlimited=True), "> 0 (inf: no limit)"),
-        (Spec("x", unlimited=True), "a number (inf: no limit)"),
+        (Spec("x", minimum=0.0, exclusive_minimum=True, allow_inf=True), "> 0 (inf: no limit)"),
+        (Spec("x", allow_inf=True), "a number (inf: no limit)"),
         (Spec("x", choices=("a", "b")), "one of a, b"),
     ],
 )

@@ -108,7 +108,7 @@ def bad_values(parameter):
     edge = [parameter.spec.minimum] if parameter.spec.above else []
     if parameter.type is int:
         return [0.5, "x", None, True, *(int(number) for number in below + above + edge if abs(number) < 2**62)]
-    endless = [] if parameter.spec.unlimited else [math.inf]
+    endless = [] if parameter.spec.allow_inf else [math.inf]
     return [math.nan, -math.inf, "x", None, True, [1.0, 2.0], *endless, *map(float, below + above + edge)]
 
 

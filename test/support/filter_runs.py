@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from diffbot_control.filter.ekf import Motion
-from diffbot_control.filter.gated_filter import Estimator
+from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.measurements import Measurement
 from diffbot_control.filter.options import FilterConfig, options_of
 from diffbot_core.geometry import Pose
@@ -34,7 +34,7 @@ def covariance(rng, size, low=0.1, high=1.0):
 
 def estimator(variant, pose=(0.0, 0.0, 0.0), P=R_FIX, **options):
     """Return a filter of a variant that starts at a pose."""
-    found = Estimator(options_of(FilterConfig(filter=variant, **options)), SEPARATION)
+    found = GatedFilter(options_of(FilterConfig(filter=variant, **options)), SEPARATION)
     found.start(Pose(*pose), P)
     return found
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.stats import chi2, multivariate_normal
 
 from diffbot_control.filter.ekf import CalibratingEkf, Motion, PoseEkf
-from diffbot_control.filter.options import NEAREST
+from diffbot_control.filter.options import MIN_LANDMARK_DISTANCE
 
 CHECK = settings(derandomize=True, deadline=None, max_examples=100)
 POSES = st.tuples(st.floats(-10.0, 10.0), st.floats(-10.0, 10.0), st.floats(-3.1, 3.1))
@@ -229,7 +229,7 @@ def test_a_landmark_behind_goes_the_short_way_across_pi(states):
     assert ekf.x[2] == pytest.approx(0.0, abs=1e-9)
 
 
-@pytest.mark.parametrize("away", [0.0, 0.4 * NEAREST, 0.999 * NEAREST])
+@pytest.mark.parametrize("away", [0.0, 0.4 * MIN_LANDMARK_DISTANCE, 0.999 * MIN_LANDMARK_DISTANCE])
 @pytest.mark.parametrize("angle", [0.0, 2.0, -3.0])
 def test_at_the_landmark_nothing_is_corrected(away, angle):
     for ekf, state, P in filters((1.0, 2.0, 3.0, 0.01, 0.02), np.random.default_rng(0)):
@@ -241,7 +241,7 @@ def test_at_the_landmark_nothing_is_corrected(away, angle):
 
 def test_a_little_off_the_landmark_its_range_counts_again():
     for ekf, state, P in filters((1.0, 2.0, 3.0, 0.01, 0.02), np.random.default_rng(0)):
-        point = 1.0 + 1.01 * NEAREST, 2.0
+        point = 1.0 + 1.01 * MIN_LANDMARK_DISTANCE, 2.0
         assert math.isfinite(ekf.update_landmark(np.array([0.5, 0.1]), 0.1 * np.eye(2), point))
         assert np.isfinite(ekf.x).all()
         # Seen from 0.5 m, so the robot stands further back than it believed.

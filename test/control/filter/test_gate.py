@@ -23,7 +23,7 @@ from scipy.stats import binom, chi2
 
 from diffbot_control.filter.ekf import Motion
 from diffbot_control.filter.gate import ACCEPTED, REJECTED, RELOCATED, Doubt, FixGate, doubted, judged, passed
-from diffbot_control.filter.gated_filter import Estimator
+from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.measurements import Measurement
 from diffbot_control.filter.options import FILTERS, FilterConfig, options_of
 from diffbot_core.geometry import Pose
@@ -126,7 +126,7 @@ def test_time_counts_only_while_there_is_something_to_wait_for():
 def refused(kind, probability, trials, inflated=1.0):
     """How many measurements drawn from the filter's own S it refuses."""
     rng, count = np.random.default_rng([kind, round(1e4 * probability)]), 0
-    found = Estimator(options(filter="ekf", gate_probability=probability), SEPARATION)
+    found = GatedFilter(options(filter="ekf", gate_probability=probability), SEPARATION)
     P, R = 0.01 * covariance(rng, 3), 0.01 * covariance(rng, kind)
     pose, point = (1.0, -2.0, 3.0), (6.0, 4.0)
     dx, dy = point[0] - pose[0], point[1] - pose[1]

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from diffbot_control.filter.ekf import Motion
 from diffbot_control.filter.gate import ACCEPTED, REJECTED
-from diffbot_control.filter.gated_filter import Estimator
+from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.measurements import Measurement
 from diffbot_control.filter.options import FILTERS, FilterConfig, options_of
 from diffbot_core.geometry import Pose
@@ -90,7 +90,7 @@ def assert_healthy(found, config):
 @given(events=EVENTS, config=OPTIONS)
 def test_the_state_stays_finite_symmetric_and_positive_definite(variant, events, config):
     config = config._replace(filter=variant)
-    found = Estimator(options_of(config), SEPARATION)
+    found = GatedFilter(options_of(config), SEPARATION)
     found.start(Pose(1.0, -2.0, 3.0), R_FIX)
     last = fix(0.0)
     for kind, seed in events:

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from diffbot_control.filter.ekf import Motion
-from diffbot_control.filter.gated_filter import Estimator
-from diffbot_control.filter.landmark_map import LandmarkMap, bent, seen_from
+from diffbot_control.filter.gated_filter import GatedFilter
+from diffbot_control.filter.landmark_map import LandmarkMap, linearisation_variance, range_and_bearing
 from diffbot_control.filter.measurements import Measurement
 from diffbot_control.filter.options import FilterConfig, options_of
 from diffbot_core.errors import InvalidValueError
@@ -54,17 +54,17 @@ def test_a_landmark_that_is_nowhere_is_refused(value):
 
 def test_seen_by_hand():
     # A triangle of 3, 4, 5 from (1, 1), looking along +y.
-    distance, bearing = seen_from(1.0, 1.0, 0.5 * math.pi, 4.0, 5.0)
+    distance, bearing = range_and_bearing(1.0, 1.0, 0.5 * math.pi, 4.0, 5.0)
     assert distance == pytest.approx(5.0)
     assert bearing == pytest.approx(-math.atan2(3.0, 4.0))
-    assert seen_from(2.0, 3.0, 0.0, 2.0, 5.0) == pytest.approx((2.0, 0.5 * math.pi))
-    assert seen_from(2.0, 3.0, 0.5, 2.0, 3.0)[0] == 0.0
+    assert range_and_bearing(2.0, 3.0, 0.0, 2.0, 5.0) == pytest.approx((2.0, 0.5 * math.pi))
+    assert range_and_bearing(2.0, 3.0, 0.5, 2.0, 3.0)[0] == 0.0
 
 
 @CHECK
 @given(PLACES, PLACES, st.floats(-3.1, 3.1), PLACES, PLACES)
 def test_going_there_as_seen_one_arrives(x, y, theta, point_x, point_y):
-    distance, bearing = seen_from(x, y, theta, point_x, point_y)
+    distance, bearing = range_and_bearing(x, y, theta, point_x, point_y)
     arrived = complex(x, y) + cmath.rect(distance, theta + bearing)
     assert abs(arrived - complex(point_x, point_y)) < 1e-9
 
@@ -74,7 +74,7 @@ def nees_over_markers(variant, seen_within, runs=25):
     options, found = options_of(FilterConfig(variant)), []
     for run in range(runs):
         rng = np.random.default_rng(run)
-        made, truth = Estimator(options, 0.6), np.array([0.0, rng.uniform(-0.1, 0.1), 0.0])
+        made, truth = GatedFilter(options, 0.6), np.array([0.0, rng.uniform(-0.1, 0.1), 0.0])
         fix_R, R = np.diag([0.03, 0.03, 0.01]), np.diag([0.06**2, 0.03**2])
         made.start(Pose(*(truth + rng.normal(size=3) * np.sqrt(fix_R.diagonal()))), fix_R)
         for step in range(1, 400):
@@ -112,7 +112,7 @@ def test_what_the_derivatives_leave_out_by_monte_carlo():
     along, across = errors.T
     ranges, bearings = np.hypot(distance - along, across), np.arctan2(-across, distance - along)
     left_out = np.array([np.mean((ranges - distance + along) ** 2), np.mean((bearings + across / distance) ** 2)])
-    found = np.array(bent(distance**2, 2.0 * sigma**2))
+    found = np.array(linearisation_variance(distance**2, 2.0 * sigma**2))
     # A bound, as all of the spread may lie across, and not wasteful.
     assert (left_out <= found).all()
     assert (found <= 5.0 * left_out).all()

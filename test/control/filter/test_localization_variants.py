@@ -19,7 +19,7 @@ from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_sim.compiled.scalar_filter import new_track
-from diffbot_sim.compiled.sensing import Moment, Robot, observe
+from diffbot_sim.compiled.sensing import NoiseKey, Robot, observe
 from diffbot_sim.model.plant import PlantConfig
 from diffbot_sim.model.sensors import SensorConfig
 from diffbot_sim.model.simulator import StartPose, World, WorldConfig
@@ -459,7 +459,7 @@ def test_the_compiled_filter_takes_fix_heading_and_landmarks_in_the_same_order(v
             for measurement in (*arrivals.headings, *sightings):
                 made.on_measurement(measurement)
         estimate = made.on_odometry(world.odometry())
-        track = observe(track, Moment(1, 0, step), world.state, robot)
+        track = observe(track, NoiseKey(1, 0, step), world.state, robot)
         assert track.belief.pose[:2] == pytest.approx(estimate.pose[:2], abs=1e-8), step
         world.advance(Twist(0.8, 0.4))
 

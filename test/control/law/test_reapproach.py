@@ -18,10 +18,10 @@ from diffbot_control.law.lyapunov_law import global_lyapunov
 from diffbot_control.law.polar_coordinates import Navigation
 from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.reapproach import (
-    BACKING,
-    COMING,
+    APPROACHING,
     PHASE_NAMES,
     RESTING,
+    RETREATING,
     Reapproach,
     ReapproachConfig,
     next_reapproach,
@@ -121,7 +121,7 @@ def test_a_lateral_error_at_rest_is_removed_gently(tolerance):
         assert run.memories[-1].reached
         assert {memory.region for memory in run.memories} == {OMEGA_L}
         order = [phase for phase, _ in itertools.groupby(run.phases)]
-        assert order == ([RESTING, BACKING, COMING, RESTING] if begins else [RESTING])
+        assert order == ([RESTING, RETREATING, APPROACHING, RESTING] if begins else [RESTING])
         if not begins:
             assert run.end == pytest.approx((0.0, y, 0.0), abs=1e-9)
 
@@ -142,8 +142,8 @@ def test_how_far_it_backs_off(y):
     # It turns 0.03 m before the end, and a step later.
     assert way - 0.03 <= farthest <= way
     assert max(pose.x for pose in run.poses) < 0.01
-    backing = [pose.y for pose, phase in zip(run.poses, run.phases, strict=True) if phase == BACKING]
-    coming = [pose.y for pose, phase in zip(run.poses, run.phases, strict=True) if phase == COMING]
+    backing = [pose.y for pose, phase in zip(run.poses, run.phases, strict=True) if phase == RETREATING]
+    coming = [pose.y for pose, phase in zip(run.poses, run.phases, strict=True) if phase == APPROACHING]
     # The lateral error falls on both ways.
     assert abs(backing[-1]) < 0.7 * abs(backing[0])
     assert abs(coming[-1]) < 0.5 * abs(coming[0])
@@ -152,7 +152,7 @@ def test_how_far_it_backs_off(y):
 def test_it_begins_after_settling_steps_at_rest_in_a_row():
     config = with_tolerance(0.03, TUNED._replace(tolerance=TUNED.tolerance._replace(settling_steps=7)))
     run = Run((0.0, 0.1, 0.0), config, 20)
-    assert run.phases[:8] == [RESTING] * 6 + [BACKING] * 2
+    assert run.phases[:8] == [RESTING] * 6 + [RETREATING] * 2
     assert [memory.reapproach.quiet_steps for memory in run.memories[:7]] == [1, 2, 3, 4, 5, 6, 0]
 
 
@@ -160,13 +160,13 @@ def test_it_begins_only_when_the_heading_is_straight():
     # Turning so slowly that it counts as standing: the count of poses starts where the heading is within 0.1 rad.
     config = TUNED._replace(limits=Limits(omega_max=0.05))
     run = Run((0.0, 0.12, 0.3), config, 100)
-    first = run.phases.index(BACKING)
+    first = run.phases.index(RETREATING)
     assert abs(run.poses[first - 4].theta) <= 0.1 < abs(run.poses[first - 5].theta)
 
 
 def test_the_heading_is_controlled_with_the_gain_of_omega_l():
     config = TUNED._replace(gains=TUNED.gains._replace(k=1.0, k_2=3.0))
-    memory = AT_REST._replace(reapproach=Reapproach(BACKING, 1, 0, 1.0, 0.4))
+    memory = AT_REST._replace(reapproach=Reapproach(RETREATING, 1, 0, 1.0, 0.4))
     _, command, _ = step(memory, Pose(0.0, 0.02, 0.1), ORIGIN, T_S, config)
     assert command == pytest.approx((-0.25, -3.0 * (0.1 - 0.16)))
 
@@ -228,7 +228,7 @@ def test_the_share_of_the_tolerance_that_is_allowed(sign):
 
 def test_the_uncertainty_shrinks_at_rest_and_then_it_begins():
     run = Run((0.0, 0.09, 0.0), uncertainty=lambda index: Uncertainty(0.2 * 0.97**index, 0.01), steps=500)
-    first = run.phases.index(BACKING)
+    first = run.phases.index(RETREATING)
     assert first > 20
     # Below sigma it was left alone: sigma at the first of the five poses that counted is the first below 0.09 m.
     assert 0.2 * 0.97 ** (first - 4) < 0.09 <= 0.2 * 0.97 ** (first - 5)
@@ -244,7 +244,7 @@ def test_it_begins_within_its_window_or_not_at_all():
             uncertainty = Uncertainty(0.5 if number < unsure else 0.0, 0.0)
             state = advance(state, uncertainty=uncertainty, config=config)
             phases.add(state.phase)
-        assert (BACKING in phases) is expected, unsure
+        assert (RETREATING in phases) is expected, unsure
     # It goes on in motion, too: the window is not opened anew by every stir.
     state = advance(Reapproach(), config=config)
     for _ in range(25):
@@ -260,7 +260,7 @@ def test_it_begins_within_its_window_or_not_at_all():
     assert state.time == 0.0
     for _ in range(5):
         state = advance(state, config=config)
-    assert state.phase == BACKING
+    assert state.phase == RETREATING
     assert state.time == pytest.approx(0.5)
 
 
@@ -303,7 +303,7 @@ def test_it_is_off(config):
 @pytest.mark.parametrize("off", ["fixed region", "forward only"])
 def test_switched_off_while_under_way_it_does_not_stay_there(off):
     run = Run((0.0, 0.12, 0.0), steps=25)
-    assert run.phases[-1] == BACKING
+    assert run.phases[-1] == RETREATING
     config = {
         "fixed region": TUNED._replace(covariance_region=TUNED.covariance_region._replace(follow_covariance=False)),
         "forward only": FORWARD,
@@ -317,7 +317,7 @@ def test_switched_off_while_under_way_it_does_not_stay_there(off):
 def test_a_new_goal_resets_it():
     run = Run((0.0, 0.12, 0.0), steps=25)
     memory = run.memories[-1]
-    assert (memory.reapproach.phase, memory.reapproach.tries) == (BACKING, 1)
+    assert (memory.reapproach.phase, memory.reapproach.tries) == (RETREATING, 1)
     assert memory.reapproach.distance == pytest.approx(0.15 + 3.0 * 0.12)
     fresh = memory_for_new_goal(memory)
     assert fresh.reapproach == Reapproach()
@@ -343,20 +343,20 @@ def test_a_goal_is_not_reached_while_a_re_approach_is_under_way():
         if memory.reapproach.phase != RESTING:
             assert memory.steps_within == 0
             assert not memory.reached
-    assert {BACKING, COMING} < set(run.phases)
+    assert {RETREATING, APPROACHING} < set(run.phases)
     assert run.memories[-1].reached
 
 
 def test_the_command_by_hand():
     config = TUNED.reapproach
-    backing = Reapproach(BACKING, 1, 0, 1.0, 0.4)
+    backing = Reapproach(RETREATING, 1, 0, 1.0, 0.4)
     # Far from the end: full speed backwards; heading wanted: -8 * 0.02 * (-1) = +0.16.
     found = reapproach_command(backing, Pose(0.0, 0.02, 0.1), 4.0, config)
     assert found == pytest.approx((-0.25, -4.0 * (0.1 - 0.16)))
     # Near it: 1.3 * (-0.4 + 0.35) = -0.065; heading 8 * 0.02 * 0.26 = 0.0416.
     found = reapproach_command(backing, Pose(-0.35, 0.02, 0.0), 4.0, config)
     assert found == pytest.approx((-0.065, 4.0 * 0.0416))
-    coming = backing._replace(phase=COMING)
+    coming = backing._replace(phase=APPROACHING)
     found = reapproach_command(coming, Pose(-0.35, 0.02, 0.0), 4.0, config)
     assert found == pytest.approx((0.25, -4.0 * 0.16))
     # The heading is bounded.

@@ -3,6 +3,7 @@
 import itertools
 import math
 import os
+import shutil
 import subprocess
 import sys
 from concurrent.futures import ProcessPoolExecutor
@@ -327,11 +328,9 @@ assert compiled.SOURCES_HASH not in str(numba.config.CACHE_DIR)
 
 
 def test_a_change_in_any_source_is_another_version(tmp_path):
-    package = Path(batch.__file__).parent.parent
-    for name in ("diffbot_control", "diffbot_sim"):
-        (tmp_path / name).mkdir()
-        for path in (package / name).glob("*.py"):
-            (tmp_path / name / path.name).write_bytes(path.read_bytes())
+    packages = Path(batch.__file__).parents[2]
+    for name in ("diffbot_core", "diffbot_control", "diffbot_sim"):
+        shutil.copytree(packages / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
     environment = {**os.environ, "PYTHONPATH": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / "cache")}
     environment.pop("NUMBA_CACHE_DIR", None)
     subprocess.run([sys.executable, "-c", HASHES], check=True, env=environment, cwd=tmp_path, timeout=60)

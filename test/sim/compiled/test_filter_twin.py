@@ -7,7 +7,7 @@ import pytest
 
 from diffbot_control.filter.ekf import Motion
 from diffbot_control.filter.gate import ACCEPTED, REJECTED, RELOCATED
-from diffbot_control.filter.gated_filter import Estimator
+from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.measurements import Measurement
 from diffbot_control.filter.options import FILTERS, FilterConfig, options_of
 from diffbot_core.geometry import Pose
@@ -60,7 +60,7 @@ def test_the_compiled_filter_is_filterpys(variant, seed):
     rng = np.random.default_rng(seed)
     probability = (0.9, 0.999, 1.0)[seed % 3]
     options = options_of(FilterConfig(filter=variant, gate_probability=probability, relocation_timeout=0.8))
-    reference, track = Estimator(options, SEPARATION), twin.new_track(options)
+    reference, track = GatedFilter(options, SEPARATION), twin.new_track(options)
     truth = np.array([*rng.uniform(-1.0, 1.0, 2), math.pi - 0.01 if seed % 2 else rng.uniform(-math.pi, math.pi)])
     R = np.diag(rng.uniform(1e-3, 0.05, 3))
     reference.start(Pose(*truth), R)

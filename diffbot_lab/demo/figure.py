@@ -1,0 +1,71 @@
+"""The picture of a demonstration: truth, estimate, odometry, fixes and goals."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from diffbot_core.geometry import Pose
+from diffbot_lab.demo.run_record import RunRecord
+from diffbot_lab.plotting import BLUE, GREEN, GREY, ORANGE, RED, save
+
+
+def draw_run(record: RunRecord, title: str, path: Path) -> None:
+    """Draw truth, estimate, odometry, fixes and goals of a run as a PNG of 1200 x 1000 pixels.
+
+    Raises:
+        OSError: if the file cannot be written.
+    """
+    figure, axes = plt.subplots(figsize=(8.0, 20.0 / 3.0), dpi=150, layout="constrained")
+    axes.plot(
+        record.fixes[:, 1],
+        record.fixes[:, 2],
+        ".",
+        color=GREY,
+        markersize=2.5,
+        alpha=0.6,
+        label="fixes (global_pose)",
+    )
+    axes.plot(
+        record.odometry[:, 1],
+        record.odometry[:, 2],
+        "--",
+        color=ORANGE,
+        linewidth=1.2,
+        label="odometry alone",
+    )
+    axes.plot(record.truth[:, 1], record.truth[:, 2], color=BLUE, linewidth=2.6, label="truth")
+    axes.plot(
+        record.estimate[:, 1],
+        record.estimate[:, 2],
+        color=RED,
+        linewidth=0.9,
+        label="estimate (EKF)",
+    )
+    span = max(float(np.ptp(record.truth[:, 1])), float(np.ptp(record.truth[:, 2])), 1.0)
+    start = Pose(*record.truth[0, 1:].tolist())
+    _arrow(axes, start, 0.07 * span, BLUE, "start")
+    for number, (_, goal) in enumerate(record.goals, 1):
+        _arrow(axes, goal, 0.07 * span, GREEN, f"goal {number}")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("y [m]")
+    axes.set_title(title)
+    axes.grid(alpha=0.3)
+    axes.legend(loc="best", fontsize="small")
+    save(figure, path)
+
+
+def _arrow(axes: Any, pose: Pose, length: float, colour: str, text: str) -> None:
+    axes.plot([pose.x], [pose.y], "o", color=colour, markersize=6, zorder=5)
+    axes.annotate(
+        "",
+        (pose.x + length * np.cos(pose.theta), pose.y + length * np.sin(pose.theta)),
+        (pose.x, pose.y),
+        arrowprops={"arrowstyle": "-|>", "color": colour, "linewidth": 2.0},
+        zorder=5,
+    )
+    axes.annotate(text, (pose.x, pose.y), xytext=(6, -12), textcoords="offset points", color=colour, zorder=6)
