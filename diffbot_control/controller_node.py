@@ -37,6 +37,7 @@ from diffbot_control.ros.messages import (
 )
 from diffbot_core.kinematics import Twist
 from diffbot_core.ros.node import LATCHED, DiffbotNode, run, status_message
+from diffbot_core.uncertainty import Uncertainty
 from diffbot_core.units import NS_PER_S
 
 NAVIGATION_LABELS = ("stamp", "rho", "alpha", "beta", "theta", "eps_P", "region", "V")
@@ -46,17 +47,17 @@ _LEVELS = {
     supervisor.UNCERTAIN: DiagnosticStatus.WARN[0],
 }
 _STATUS_PERIOD = 0.5
-_LAST_WORD = Duration(seconds=0.2)
-"""Time that the stop command at the end has to be delivered."""
-_SHORTEST_WATCH = 1e-3
-"""[s] a timer without a period would take all the processor."""
+_STOP_DELIVERY = Duration(seconds=0.2)
+"""Time allowed at shutdown for the delivery of the stop command."""
+_MIN_WATCH_PERIOD = 1e-3
+"""[s] a timer with a period of 0 would use a whole processor."""
 
 
 class ControllerNode(DiffbotNode[ControllerNodeConfig]):
     """Answers every pose with one command while a goal is driven to or held."""
 
     def __init__(self, **node_options: Any) -> None:
-        """Create publishers, subscriptions, the watch and the service ~/cancel."""
+        """Create publishers, subscriptions, the timer for missing poses and the service ~/cancel."""
         super().__init__("controller", ControllerNodeConfig, CONTROLLER_PRESETS, **node_options)
         config = self.config
         self.supervisor = Supervisor(config.supervisor)
@@ -71,34 +72,33 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
         self._gains_checked = False
         self.subscribe(PoseStamped, "goal_pose", self._on_goal)
         self.subscribe(Path, "path", self._on_path)
-        if config.pose_source == "pose":
-            self.subscribe(PoseWithCovarianceStamped, "pose", self._on_pose)
-        else:
-            self.subscribe(Odometry, "odometry/filtered", self._on_pose)
+        self._pose_topic = "pose" if config.pose_source == "pose" else "odometry/filtered"
+        pose_type = PoseWithCovarianceStamped if config.pose_source == "pose" else Odometry
+        self.subscribe(pose_type, self._pose_topic, self._on_pose)
         self.create_service(Trigger, "~/cancel", self._on_cancel)
         self._watch = self.create_timer(self._watch_period(), self._on_tick, clock=self.steady_clock)
         self.create_timer(_STATUS_PERIOD, self._publish_status, clock=self.steady_clock)
         self._publish_status()
 
     def on_config(self, config: ControllerNodeConfig) -> None:
-        """Take over changed gains, limits and tolerances from the next pose on."""
+        """Use changed gains, limits and tolerances from the next pose on."""
         self.supervisor.config = config.supervisor
         self._gains_checked = False
         self._watch.timer_period_ns = int(self._watch_period() * NS_PER_S)
 
     def before_shutdown(self) -> None:
-        """Leave the robot standing."""
+        """Stop the robot."""
         self._send(Twist(0.0, 0.0))
-        # The publisher goes with the node; what it has not delivered by then is lost.
-        self._commands.wait_for_all_acked(_LAST_WORD)
+        # The publisher is destroyed with the node, and with it what it has not delivered.
+        self._commands.wait_for_all_acked(_STOP_DELIVERY)
 
     def health_level(self) -> tuple[int, str]:
-        """Say the controller's state in /diagnostics."""
+        """Report the controller's state in /diagnostics."""
         level, text = super().health_level()
         return max(level, _LEVELS.get(self.supervisor.state, 0)), f"{self.supervisor.state}; {text}"
 
     def _watch_period(self) -> float:
-        return min(max(0.25 * self.config.supervisor.pose_timeout, _SHORTEST_WATCH), 0.1)
+        return min(max(0.25 * self.config.supervisor.pose_timeout, _MIN_WATCH_PERIOD), 0.1)
 
     def _now(self) -> float:
         return float(self.get_clock().now().nanoseconds / NS_PER_S)
@@ -116,7 +116,7 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
         self._publish_status()
 
     def _check_gains(self, stamp: int) -> None:
-        """Warn once of gains that cannot be stable at the rate at which poses come."""
+        """Warn once of gains that cannot be stable at the rate of the poses."""
         before, self._pose_stamp = self._pose_stamp, stamp
         if self._gains_checked or before is None or stamp <= before:
             return
@@ -127,6 +127,8 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
 
     def _on_pose(self, message: PoseWithCovarianceStamped | Odometry) -> None:
         stamp, pose, uncertainty = pose_from(message, self.config.map_frame, self.config.base_link_frame)
+        if uncertainty is None:
+            uncertainty = self._fallback()
         self._check_gains(stamp)
         command = self.supervisor.on_pose(stamp, self._now(), pose, uncertainty)
         if command is not None:
@@ -134,6 +136,19 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
         if self.supervisor.report is not None:
             self._publish_navigation(stamp)
         self._publish_changes()
+
+    def _fallback(self) -> Uncertainty:
+        """Return the uncertainty of a pose without covariance; counted, and logged once."""
+        note = f"{self._pose_topic} with the covariance of the parameters"
+        self.health.counted[note] += 1
+        fallback = self.config.pose_fallback
+        if self.health.counted[note] == 1:
+            self.get_logger().warning(
+                f"{self._pose_topic}: covariance is all zero, i.e. unknown: assuming pose_sigma_xy = "
+                f"{fallback.pose_sigma_xy:g} m, pose_sigma_yaw = {fallback.pose_sigma_yaw:g} rad "
+                "(logged once; see /diagnostics)"
+            )
+        return fallback.uncertainty()
 
     def _on_tick(self) -> None:
         command = self.supervisor.on_tick(self._now())
@@ -166,7 +181,8 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
         report = self.supervisor.report
         if report is None or not self._navigations.get_subscription_count():
             return
-        self._navigation.data = array("d", (stamp / NS_PER_S, *report[:5], report.region, report.lyapunov))
+        variables = (report.rho, report.alpha, report.beta, report.theta, report.eps_P, report.region, report.lyapunov)
+        self._navigation.data = array("d", (stamp / NS_PER_S, *variables))
         self._navigations.publish(self._navigation)
 
     def _publish_changes(self) -> None:
@@ -176,8 +192,8 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
     def _publish_status(self) -> None:
         state, memory = self.supervisor.state, self.supervisor.memory
         values = {
-            "region": REGION_NAMES[memory.region],
-            "switches": str(memory.switches),
+            "region": REGION_NAMES[memory.switching.region],
+            "switches": str(memory.switching.switches),
             "goals reached": str(self.supervisor.goals_reached),
         }
         if self.supervisor.goal is not None:
@@ -198,7 +214,7 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node; the exit status of the process."""
+    """Run the node; return the exit status of the process."""
     return run(ControllerNode, args)
 
 

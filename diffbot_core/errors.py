@@ -1,4 +1,4 @@
-"""The one family of errors that diffbot raises on purpose."""
+"""Exceptions that diffbot raises on purpose; all derive from :class:`DiffbotError`."""
 
 from __future__ import annotations
 
@@ -18,14 +18,28 @@ class InvalidValueError(DiffbotError):
         self.bound = bound
 
     def __reduce__(self) -> tuple[type[InvalidValueError], tuple[str, object, str]]:
-        """Come whole out of another process: by default an exception is made anew from its text alone."""
+        """Keep all fields when pickled: by default an exception is rebuilt from its text alone."""
         return type(self), (self.name, self.value, self.bound)
+
+
+class ReplacedNameError(InvalidValueError):
+    """A parameter given under a name that another one has replaced; see ``Spec.replaces``."""
+
+    def __init__(self, name: str, value: object, successor: str, bound: str) -> None:
+        """Name the old parameter, the value it got, the new parameter and the values that one takes."""
+        super().__init__(name, value, bound)
+        self.args = (f"{name} = {value!r}: was replaced by {successor} ({bound})",)
+        self.successor = successor
+
+    def __reduce__(self) -> tuple[type[ReplacedNameError], tuple[str, object, str, str]]:  # type: ignore[override]
+        """Keep all four fields when pickled; see :class:`InvalidValueError`."""
+        return type(self), (self.name, self.value, self.successor, self.bound)
 
 
 class BadMessageError(DiffbotError):
     """A message that cannot be used; ``kind`` is a short stable phrase under which it is counted."""
 
     def __init__(self, kind: str, detail: str = "") -> None:
-        """Give the stable ``kind`` (a counter's name) and, for the log, what was seen."""
+        """Give the stable ``kind`` (a counter's name) and, for the log, the offending value."""
         super().__init__(f"{kind}: {detail}" if detail else kind)
         self.kind = kind

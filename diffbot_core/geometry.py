@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 TWO_PI = 2.0 * math.pi
 MAX_COORDINATE = 1e7
-"""[m] coordinates and ranges beyond it are a slip (the Earth's circumference is 4e7 m)."""
+"""[m] larger coordinates and ranges are refused as errors (the Earth's circumference is 4e7 m)."""
 
 
 class Pose(NamedTuple):
@@ -22,7 +22,7 @@ class Pose(NamedTuple):
 
 
 def wrap_angle(angle: float) -> float:
-    """Wrap an angle [rad] to (-pi, pi]; angles already there come back unchanged to the bit."""
+    """Wrap an angle [rad] to (-pi, pi]; angles in this range are returned unchanged, to the bit."""
     if -math.pi < angle <= math.pi:
         return angle
     wrapped = angle % TWO_PI

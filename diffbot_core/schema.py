@@ -5,9 +5,17 @@ A configuration is a ``NamedTuple`` whose fields are annotated with a :class:`Sp
     class Gains(NamedTuple):
         gamma: Annotated[float, Spec("bound of |v|", "m/s", minimum=0.0, exclusive_minimum=True)] = 1.3
 
-ROS parameters (``ros_parameters``), YAML files, flags and the tables in docs/ derive from it. A field whose type is
+ROS parameters (``ros.parameters``), YAML files, flags and the tables in docs/ derive from it. A field whose type is
 again a configuration is a group; its fields stand on the same level, since ROS parameter names are flat unless
 ``Spec.parameter`` says otherwise (``linear.x.max_velocity``).
+
+A choice between words that compiled code has to read is an ``int`` field with ``choices``: the configuration holds the
+index of the word, everybody outside reads and writes the word::
+
+    kind: Annotated[int, Spec("how the radius is set", choices=("fixed", "covariance"))] = 1
+
+A parameter that takes the place of older ones lists their names in ``Spec.replaces``. Those are refused, in one line
+that names the new parameter: by :func:`build`, and by a node that is started with one of them.
 """
 
 from __future__ import annotations
@@ -16,7 +24,7 @@ import math
 from collections.abc import Mapping
 from typing import Annotated, Any, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
 
-from diffbot_core.errors import InvalidValueError
+from diffbot_core.errors import InvalidValueError, ReplacedNameError
 
 C = TypeVar("C", bound=tuple[Any, ...])
 
@@ -37,11 +45,13 @@ class Spec(NamedTuple):
     allow_inf: bool = False
     """``inf`` is allowed and means: no limit."""
     choices: tuple[str, ...] = ()
-    """The words allowed, for a text."""
+    """The words allowed, for a text; for an ``int`` field, the words whose index it holds."""
     parameter: str = ""
     """Name as a ROS parameter, where it differs from the field's."""
     read_only: bool = False
     """Read when the node starts; a later change is refused."""
+    replaces: tuple[str, ...] = ()
+    """Former parameters that this one stands in for; see :func:`replaced_by`."""
 
     def bound(self) -> str:
         """Describe the allowed values, as error messages and the docs show them."""
@@ -63,16 +73,26 @@ class Parameter(NamedTuple):
     path: tuple[str, ...]
     """Field names from the root of the configuration."""
     type: Any
-    """float, int, bool, str, tuple[float, ...] or tuple[str, ...]."""
+    """float, int, bool, str, tuple[float, ...] or tuple[str, ...]; str for a choice of words, coded or not."""
     default: Any
     spec: Spec
+    coded: bool = False
+    """The configuration holds the index of the word in ``spec.choices``."""
+
+    def encode(self, value: Any) -> Any:
+        """Return what the configuration holds for ``value`` as it is named outside; the inverse of :meth:`decode`."""
+        return self.spec.choices.index(value) if self.coded else value
+
+    def decode(self, value: Any) -> Any:
+        """Return the outside form of what the configuration holds."""
+        return self.spec.choices[value] if self.coded else value
 
 
 def parameters_of(config_type: type[Any]) -> list[Parameter]:
     """List the fields of a configuration type, groups unfolded, in the order of definition.
 
     Raises:
-        TypeError: if a field carries no Spec or two fields share a name (a mistake of the programmer).
+        TypeError: if a field carries no Spec or two fields share a name (a programming error).
     """
     found = _unfold(config_type, config_type(), ())
     names = [parameter.name for parameter in found]
@@ -91,7 +111,9 @@ def _unfold(config_type: type[Any], default: Any, path: tuple[str, ...]) -> list
         value = getattr(default, field)
         if get_origin(hint) is Annotated:
             kind, spec = get_args(hint)[:2]
-            found.append(Parameter(spec.parameter or field, here, kind, value, spec))
+            coded = kind is int and bool(spec.choices)
+            parameter = Parameter(spec.parameter or field, here, str if coded else kind, value, spec, coded)
+            found.append(parameter._replace(default=parameter.decode(value)))
         elif hasattr(hint, "_fields"):
             found.extend(_unfold(hint, value, here))
         else:
@@ -99,21 +121,40 @@ def _unfold(config_type: type[Any], default: Any, path: tuple[str, ...]) -> list
     return found
 
 
-def build(config_type: type[C], values: Mapping[str, Any], base: C | None = None) -> C:
-    """Make a valid configuration from named values, the rest taken from ``base`` (default: the defaults).
+def replaced_by(config_type: type[Any]) -> dict[str, Parameter]:
+    """Map each former parameter name of a configuration type to the parameter that replaced it."""
+    return {old: parameter for parameter in parameters_of(config_type) for old in parameter.spec.replaces}
 
-    After the fields, the ``check`` method of each group that has one is called for what holds between fields.
+
+def refuse_replaced(config_type: type[Any], values: Mapping[str, Any]) -> None:
+    """Refuse values that are given under a former name.
 
     Raises:
-        InvalidValueError: for an unknown name, a wrong type, a number out of range or not finite.
+        ReplacedNameError: naming the first of them, its value and the parameter to use instead.
     """
+    for name, parameter in replaced_by(config_type).items():
+        if name in values:
+            spec = parameter.spec
+            bound = " or ".join(spec.choices) if spec.choices else spec.bound()
+            raise ReplacedNameError(name, values[name], parameter.name, bound)
+
+
+def build(config_type: type[C], values: Mapping[str, Any], base: C | None = None) -> C:
+    """Make a valid configuration from named values; ``base`` (by default the defaults) supplies the rest.
+
+    When all fields are set, the ``check`` method of each group that has one checks what must hold between fields.
+
+    Raises:
+        InvalidValueError: for an unknown or replaced name, a wrong type, a number out of range or not finite.
+    """
+    refuse_replaced(config_type, values)
     parameters = {parameter.name: parameter for parameter in parameters_of(config_type)}
     config: Any = config_type() if base is None else base
     for name, value in values.items():
         if name not in parameters:
             raise InvalidValueError(name, value, f"a known name ({', '.join(sorted(parameters))})")
         parameter = parameters[name]
-        config = _replace(config, parameter.path, checked(parameter, value))
+        config = _replace(config, parameter.path, parameter.encode(checked(parameter, value)))
     _check_groups(config)
     return config  # type: ignore[no-any-return]
 
@@ -125,14 +166,14 @@ def to_dict(config: tuple[Any, ...]) -> dict[str, Any]:
         value: Any = config
         for field in parameter.path:
             value = getattr(value, field)
-        values[parameter.name] = value
+        values[parameter.name] = parameter.decode(value)
     return values
 
 
 def checked(parameter: Parameter, value: Any) -> Any:
     """Return ``value`` as the parameter's type if it is allowed.
 
-    A whole number is taken where a float is wanted, since YAML writes ``2`` for 2.0; nothing else is converted.
+    A whole number is accepted for a float, since YAML writes ``2`` for 2.0; nothing else is converted.
 
     Raises:
         InvalidValueError: naming the parameter, the value and the bound.
@@ -164,7 +205,7 @@ def checked(parameter: Parameter, value: Any) -> Any:
 def _check_number(name: str, value: float, spec: Spec) -> None:
     infinite_allowed = spec.allow_inf and value == math.inf
     too_low = value <= spec.minimum if spec.exclusive_minimum else value < spec.minimum
-    # An int is finite, and may be too large to be asked as a float.
+    # An int is finite, and may be too large to convert to a float.
     finite = isinstance(value, int) or math.isfinite(value)
     if (not finite and not infinite_allowed) or too_low or value > spec.maximum:
         raise InvalidValueError(name, value, spec.bound())

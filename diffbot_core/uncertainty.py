@@ -10,13 +10,16 @@ class Uncertainty(NamedTuple):
     """Standard deviations of the estimate."""
 
     xy: float
-    """[m] of the position along the axis in which it is known least"""
+    """[m] of the position, along the longer axis of its error ellipse"""
     theta: float
     """[rad]"""
 
 
 CERTAIN = Uncertainty(0.0, 0.0)
-"""Of an estimate that is taken at its word."""
+"""Of an estimate assumed exact: the default of library calls without an uncertainty.
+
+A message never means this: its all-zero covariance means *unknown*.
+"""
 
 
 def largest_deviation(xx: float, xy: float, yy: float) -> float:

@@ -73,7 +73,7 @@ def simulate(
             rows[index, 3:6] = pose
         rows[index, 0:3] = world.state.pose
         rows[index, 6:8] = command
-        regions[index] = memory.region
+        regions[index] = memory.switching.region
         if index < steps:
             world.advance(command)
     time: Array = np.arange(steps + 1) * np.float64(t_s)

@@ -24,8 +24,7 @@ from reproduction import page
 
 from diffbot_bag.parameters import RecorderConfig, ReplayConfig
 from diffbot_control.filter.localization import LocalizationConfig
-from diffbot_control.law.controller import ControllerConfig
-from diffbot_control.law.presets import PAPER, TUNED
+from diffbot_control.law.presets import PAPER, PRESETS, TUNED
 from diffbot_control.ros.controller_parameters import CONTROLLER_PRESETS, ControllerNodeConfig
 from diffbot_control.ros.ekf_parameters import EkfNodeConfig
 from diffbot_core.geometry import Pose
@@ -134,7 +133,7 @@ def scenario_a_table() -> str:
 
 
 def _end_state(world: WorldConfig, feedback: str) -> tuple[float, float]:
-    x, y, theta = simulate(world, ControllerConfig(), Pose(0.0, 0.0, 0.0), STEPS, feedback).truth[-1].tolist()
+    x, y, theta = simulate(world, PRESETS[PAPER], Pose(0.0, 0.0, 0.0), STEPS, feedback).truth[-1].tolist()
     return math.hypot(x, y), abs(theta)
 
 

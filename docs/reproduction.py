@@ -4,9 +4,17 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+from diffbot_control.law import PAPER_GAINS, smallest_radius
 from diffbot_lab.paper.experiment import PAPER_END_STATES, SETTINGS
 
 Results = dict[str, Any]
+
+
+def _radius_condition() -> float:
+    """Smallest eps_P [m] that the paper's condition allows with its own noise."""
+    raw = next(setting for setting in SETTINGS if setting.name == "raw")
+    noise = raw.sensors
+    return smallest_radius(noise.eps_x_max, noise.eps_y_max, raw.plant.eps_v_max, PAPER_GAINS.gamma)
 
 
 class Statement(NamedTuple):
@@ -60,7 +68,7 @@ def page(a: Results, b: Results) -> str:
         "Made by `make docs` from docs/reproduction.json, which `make docs ARGS=--experiments` makes anew.",
         f"Simulations A and B of section 4.2, {a['runs']} runs of each start, seed {a['seed']}, "
         f"{a['steps'] * a['sampling_time']:.0f} s at {a['sampling_time']} s; eps_P = {a['eps_P']} m without hysteresis "
-        "(the paper states a condition, met from 0.474 m on, and no value, nor how long its runs are).",
+        f"(the paper states a condition, met from {_radius_condition():.3f} m on, and no value, nor how long its runs are).",
         "`diffbot experiment a` and `b` draw figures 4 to 15.",
         "",
         *(f"- **{setting.name}**: {setting.text}" for setting in SETTINGS),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, NamedTuple
 
-from diffbot_control.law.goal_checker import GoalTolerance, within
+from diffbot_control.law.goal_checker import GoalTolerance, Settling, next_settling, within
 from diffbot_control.law.limits import Limits, limit_acceleration, limit_velocity
 from diffbot_control.law.lyapunov_law import (
     Gains,
@@ -14,22 +14,23 @@ from diffbot_control.law.lyapunov_law import (
     local_law,
     local_lyapunov,
 )
-from diffbot_control.law.polar_coordinates import navigation_variables
+from diffbot_control.law.polar_coordinates import Navigation, navigation_variables
 from diffbot_control.law.reapproach import (
     RESTING,
     Reapproach,
     ReapproachConfig,
     next_reapproach,
     reapproach_command,
+    without_reapproach,
 )
 from diffbot_control.law.regions import (
+    COVARIANCE,
     OMEGA_G,
     OMEGA_L,
-    CovarianceRegion,
-    FixedRegion,
-    covariance_region,
-    fixed_region,
+    RegionPolicy,
+    Switching,
     forward_only,
+    next_switching,
 )
 from diffbot_core.geometry import Pose, into_frame
 from diffbot_core.kinematics import Twist, WheelGeometry
@@ -46,38 +47,29 @@ class Driving(NamedTuple):
 
 
 class ControllerConfig(NamedTuple):
-    """All that shapes the command; the defaults are the paper's controller, see presets.py for others."""
+    """All that shapes the command. The defaults are the preset ``tuned``, as in the node; presets.py has the others."""
 
     gains: Gains = Gains()
-    region: FixedRegion = FixedRegion()
+    region_policy: RegionPolicy = RegionPolicy()
     limits: Limits = Limits()
     wheels: WheelGeometry = WheelGeometry()
     tolerance: GoalTolerance = GoalTolerance()
-    covariance_region: CovarianceRegion = CovarianceRegion()
     reapproach: ReapproachConfig = ReapproachConfig()
     driving: Driving = Driving()
 
 
 class ControllerMemory(NamedTuple):
-    """What one step leaves to the next; the default is the state at a new goal."""
+    """What one step passes to the next; the default is the state at rest with a new goal."""
 
-    region: int = OMEGA_G
-    v: float = 0.0
-    """[m/s] last command"""
-    omega: float = 0.0
-    """[rad/s] last command"""
-    steps_within: int = 0
-    """steps in a row inside the tolerances"""
-    reached: bool = False
-    switches: int = 0
-    """changes of region so far; entering Omega_L counts as one"""
-    steps_outside: int = 0
-    """poses in a row beyond the leaving radius (covariance policy)"""
+    switching: Switching = Switching()
+    command: Twist = Twist(0.0, 0.0)
+    """the last one"""
+    settling: Settling = Settling()
     reapproach: Reapproach = Reapproach()
 
 
 class Report(NamedTuple):
-    """What the step saw and decided, for ~/navigation and the records."""
+    """The variables of a step and its decisions, for ~/navigation and the records."""
 
     rho: float
     """[m]"""
@@ -95,13 +87,18 @@ class Report(NamedTuple):
 
 
 def new_memory() -> ControllerMemory:
-    """Return the memory at rest with a new goal, every field spelt out: compiled code knows no defaults."""
-    return ControllerMemory(OMEGA_G, 0.0, 0.0, 0, False, 0, 0, Reapproach(RESTING, 0, 0, 0.0, 0.0))
+    """Return the memory at rest with a new goal, every field given: compiled code does not know the defaults."""
+    return ControllerMemory(
+        switching=Switching(region=OMEGA_G, switches=0, steps_outside=0),
+        command=Twist(0.0, 0.0),
+        settling=Settling(steps_within=0, reached=False),
+        reapproach=Reapproach(phase=RESTING, tries=0, quiet_steps=0, time=0.0, retreat_distance=0.0),
+    )
 
 
 def memory_for_new_goal(memory: ControllerMemory) -> ControllerMemory:
     """Forget the old goal but not the motion: the acceleration limits hold across goals."""
-    return ControllerMemory(v=memory.v, omega=memory.omega)
+    return ControllerMemory(command=memory.command)
 
 
 def step(
@@ -117,78 +114,84 @@ def step(
     Args:
         memory: as left by the last step.
         pose: estimate of the robot's pose, in the frame of ``goal``.
-        goal: where to go.
-        dt: [s] since the last step, for the acceleration limits; 0 lets no velocity change if those are set.
+        goal: target pose.
+        dt: [s] since the last step, for the acceleration limits; 0 permits no change of a limited velocity.
         config: gains, policy, limits, tolerances.
-        uncertainty: of the estimate, for the region and for the goal; by default it is taken at its word.
+        uncertainty: of the estimate, for the region and the goal; by default the estimate is assumed exact.
 
     Returns:
-        The next memory, the command, and what was seen. The command is zero if the numbers overflow.
+        The next memory, the command and the report. The command is zero if the numbers overflow.
     """
     local = into_frame(pose, goal)
     navigation = navigation_variables(local)
-    if config.covariance_region.follow_covariance:
-        policy = config.covariance_region
-        if not config.driving.allow_backward:
-            policy = forward_only(policy, config.tolerance.xy_goal_tolerance)
-        retreat_distance = memory.reapproach.distance
-        region, steps_outside, radius = covariance_region(
-            memory.region, memory.steps_outside, navigation.rho, uncertainty.xy, policy, retreat_distance
-        )
-    else:
-        region, steps_outside = fixed_region(memory.region, navigation.rho, config.region), 0
-        radius = config.region.eps_P_leave if region == OMEGA_L else config.region.eps_P
-    if region == OMEGA_L:
-        reapproach = _reapproach(memory, local, uncertainty, dt, config)
-        if reapproach.phase == RESTING:
-            wanted = local_law(navigation, local.theta, config.gains)
-        else:
-            wanted = reapproach_command(reapproach, local, config.gains.k_2, config.reapproach)
+    switching, radius = _next_switching(memory, navigation.rho, uncertainty, config)
+    if switching.region == OMEGA_L:
+        reapproach = _next_reapproach(memory, local, uncertainty, dt, config)
         lyapunov = local_lyapunov(navigation, local.theta)
     else:
-        reapproach = Reapproach(RESTING, memory.reapproach.tries, 0, memory.reapproach.time, 0.0)
-        wanted = global_law(navigation, config.gains)
+        reapproach = without_reapproach(memory.reapproach)
         lyapunov = global_lyapunov(navigation, config.gains)
-    if not config.driving.allow_backward and wanted.v < 0.0:
-        wanted = _forward_only(wanted, navigation.alpha, region, config.gains)
-    limited = limit_velocity(wanted, config.limits, config.wheels)
-    command = limit_acceleration(limited, Twist(memory.v, memory.omega), dt, config.limits)
-    if not (math.isfinite(command.v) and math.isfinite(command.omega)):
-        command = Twist(0.0, 0.0)
+    requested = _requested_command(switching.region, navigation, local, reapproach, config)
+    command = _within_limits(requested, memory.command, dt, config)
     inside = reapproach.phase == RESTING and within(local, navigation.rho, command, config.tolerance, uncertainty)
-    steps_within = memory.steps_within + 1 if inside else 0
-    reached = steps_within >= config.tolerance.settling_steps or (config.tolerance.stateful and memory.reached)
-    switches = memory.switches + (1 if region != memory.region else 0)
-    report = Report(navigation.rho, navigation.alpha, navigation.beta, local.theta, radius, region, lyapunov)
-    return (
-        ControllerMemory(region, command.v, command.omega, steps_within, reached, switches, steps_outside, reapproach),
-        command,
-        report,
-    )
+    settling = next_settling(memory.settling, inside, config.tolerance)
+    rho, alpha, beta = navigation
+    report = Report(rho, alpha, beta, local.theta, radius, switching.region, lyapunov)
+    return ControllerMemory(switching, command, settling, reapproach), command, report
 
 
-def _reapproach(
+def _next_switching(
+    memory: ControllerMemory, rho: float, uncertainty: Uncertainty, config: ControllerConfig
+) -> tuple[Switching, float]:
+    policy = config.region_policy
+    if not config.driving.allow_backward:
+        narrow = forward_only(policy.covariance, config.tolerance.xy_goal_tolerance)
+        policy = RegionPolicy(policy.kind, policy.fixed, narrow)
+    return next_switching(memory.switching, rho, uncertainty.xy, policy, memory.reapproach.retreat_distance)
+
+
+def _next_reapproach(
     memory: ControllerMemory, local: Pose, uncertainty: Uncertainty, dt: float, config: ControllerConfig
 ) -> Reapproach:
     """Return the next state of the re-approach; only the covariance policy has one, the paper's law stays as it is."""
     tolerance = config.tolerance
-    if not (config.covariance_region.follow_covariance and config.driving.allow_backward):
-        # Switched off while under way, it must not stay there.
-        return Reapproach(RESTING, memory.reapproach.tries, 0, memory.reapproach.time, 0.0)
+    if not (config.region_policy.kind == COVARIANCE and config.driving.allow_backward):
+        # Also ends one that is under way when it is switched off.
+        return without_reapproach(memory.reapproach)
     resting = (
-        abs(memory.v) <= tolerance.trans_stopped_velocity
-        and abs(memory.omega) <= tolerance.rot_stopped_velocity
+        abs(memory.command.v) <= tolerance.trans_stopped_velocity
+        and abs(memory.command.omega) <= tolerance.rot_stopped_velocity
         and abs(local.theta) <= tolerance.yaw_goal_tolerance
     )
     return next_reapproach(memory.reapproach, local, resting, uncertainty, dt, tolerance, config.reapproach)
 
 
-def _forward_only(wanted: Twist, alpha: float, region: int, gains: Gains) -> Twist:
-    """Stand where the law would reverse; in Omega_G turn towards the goal, which leaves dV = -k alpha^2 <= 0."""
-    return Twist(0.0, gains.k * alpha if region == OMEGA_G else wanted.omega)
+def _requested_command(
+    region: int, navigation: Navigation, local: Pose, reapproach: Reapproach, config: ControllerConfig
+) -> Twist:
+    """Return the command of the law or the re-approach, before the limits."""
+    gains = config.gains
+    if region != OMEGA_L:
+        requested = global_law(navigation, gains)
+    elif reapproach.phase == RESTING:
+        requested = local_law(navigation, local.theta, gains)
+    else:
+        requested = reapproach_command(reapproach, local, gains.k_2, config.reapproach)
+    if config.driving.allow_backward or requested.v >= 0.0:
+        return requested
+    # Stand where the law would reverse; in Omega_G turn towards the goal, which leaves dV = -k alpha^2 <= 0.
+    return Twist(0.0, gains.k * navigation.alpha if region == OMEGA_G else requested.omega)
+
+
+def _within_limits(requested: Twist, previous: Twist, dt: float, config: ControllerConfig) -> Twist:
+    limited = limit_velocity(requested, config.limits, config.wheels)
+    command = limit_acceleration(limited, previous, dt, config.limits)
+    if not (math.isfinite(command.v) and math.isfinite(command.omega)):
+        return Twist(0.0, 0.0)
+    return command
 
 
 def stop_step(memory: ControllerMemory, dt: float, config: ControllerConfig) -> tuple[ControllerMemory, Twist]:
     """One step of coming to rest without a goal: zero at once, or as the acceleration limits allow."""
-    command = limit_acceleration(Twist(0.0, 0.0), Twist(memory.v, memory.omega), dt, config.limits)
-    return memory._replace(v=command.v, omega=command.omega), command
+    command = limit_acceleration(Twist(0.0, 0.0), memory.command, dt, config.limits)
+    return memory._replace(command=command), command

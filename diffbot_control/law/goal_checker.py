@@ -1,4 +1,4 @@
-"""When a goal counts as reached."""
+"""Goal checker: when a goal counts as reached."""
 
 from __future__ import annotations
 
@@ -11,14 +11,11 @@ from diffbot_core.uncertainty import CERTAIN, Uncertainty
 
 
 class GoalTolerance(NamedTuple):
-    """Tolerances with the names of Nav2's StoppedGoalChecker.
-
-    The position tolerance is wide because the paper's law with a fixed region leaves a lateral error of some 0.2 m.
-    """
+    """Tolerances with the names of Nav2's StoppedGoalChecker."""
 
     xy_goal_tolerance: Annotated[
         float, Spec("distance at which the position is reached", "m", minimum=0.0, exclusive_minimum=True)
-    ] = 0.4
+    ] = 0.1
     yaw_goal_tolerance: Annotated[
         float, Spec("heading error at which the heading is reached", "rad", minimum=0.0, exclusive_minimum=True)
     ] = 0.1
@@ -34,22 +31,35 @@ class GoalTolerance(NamedTuple):
         int,
         Spec("poses in a row that have to be within the tolerances", "-", minimum=1, maximum=100000),
     ] = 5
-    goal_sigmas: Annotated[
-        float, Spec("standard deviations of the estimate that have to fit into the tolerances, too", minimum=0.0)
-    ] = 2.0
+    goal_sigmas: Annotated[float, Spec("standard deviations of the estimate added to its errors", minimum=0.0)] = 2.0
     stateful: Annotated[bool, Spec("once reached, a goal stays reached until the next one")] = True
+
+
+class Settling(NamedTuple):
+    """Progress towards a reached goal; the default is that of a new goal."""
+
+    steps_within: int = 0
+    """poses in a row within the tolerances"""
+    reached: bool = False
+
+
+def next_settling(before: Settling, inside: bool, tolerance: GoalTolerance) -> Settling:
+    """Count one more pose, ``inside`` the tolerances or not."""
+    steps_within = before.steps_within + 1 if inside else 0
+    reached = steps_within >= tolerance.settling_steps or (tolerance.stateful and before.reached)
+    return Settling(steps_within, reached)
 
 
 def within(
     pose: Pose, rho: float, command: Twist, tolerance: GoalTolerance, uncertainty: Uncertainty = CERTAIN
 ) -> bool:
-    """Whether the robot rests inside the tolerances for certain.
+    """Whether the robot rests inside the tolerances, with a margin for the uncertainty of its pose.
 
     Args:
         pose: estimate, in the goal's frame.
         rho: [m] its distance from the goal.
-        command: what is being sent.
-        tolerance: what is asked for.
+        command: of this step.
+        tolerance: of the goal.
         uncertainty: of the estimate; ``goal_sigmas`` of it are added to the errors.
     """
     return (
@@ -61,7 +71,7 @@ def within(
 
 
 def is_knowable(tolerance: GoalTolerance, uncertainty: Uncertainty) -> bool:
-    """Whether an estimate that uncertain could be inside the tolerances at all."""
+    """Whether an estimate of this uncertainty can be inside the tolerances at all."""
     return (
         tolerance.goal_sigmas * uncertainty.xy < tolerance.xy_goal_tolerance
         and tolerance.goal_sigmas * uncertainty.theta < tolerance.yaw_goal_tolerance

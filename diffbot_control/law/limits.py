@@ -72,7 +72,7 @@ class Limits(NamedTuple):
 
 
 def limit_velocity(command: Twist, limits: Limits, geometry: WheelGeometry) -> Twist:
-    """Scale ``command`` down until v, omega and both wheel speeds are within bounds; omega / v stays what it was."""
+    """Scale ``command`` down until v, omega and both wheel speeds are within bounds; omega / v does not change."""
     scale = 1.0
     if abs(command.v) > limits.v_max:
         scale = limits.v_max / abs(command.v)
@@ -88,13 +88,13 @@ def limit_velocity(command: Twist, limits: Limits, geometry: WheelGeometry) -> T
 def limit_acceleration(command: Twist, previous: Twist, dt: float, limits: Limits) -> Twist:
     """Return the twist nearest to ``command`` that can be reached from ``previous`` within ``dt`` [s].
 
-    The largest factor s in [0, 1] is sought for which s * command changes neither velocity by more than its bound times
-    dt: the path then keeps its curvature and the robot is only later on it. Where there is none (it moves along another
-    curve still), each velocity goes as far towards the command as its bound lets it.
+    It is s * command with the largest factor s in [0, 1] that changes neither velocity by more than its bound times dt:
+    the path keeps its curvature, and only the timing changes. If there is no such factor (the robot still moves along
+    another curve), each velocity moves towards the command as far as its bound allows.
     """
     if limits.a_max == _INF and limits.omega_dot_max == _INF:
         return command
-    # No limit stays none however short the time: inf * 0 is not a number.
+    # An absent limit must stay absent for dt = 0: inf * 0 is not a number.
     dv = limits.a_max * dt if limits.a_max < _INF else _INF
     domega = limits.omega_dot_max * dt if limits.omega_dot_max < _INF else _INF
     low_v, high_v = _factors(command.v, previous.v, dv)
@@ -106,14 +106,14 @@ def limit_acceleration(command: Twist, previous: Twist, dt: float, limits: Limit
     return Twist(_towards(command.v, previous.v, dv), _towards(command.omega, previous.omega, domega))
 
 
-def _factors(wanted: float, previous: float, change: float) -> tuple[float, float]:
-    """Interval of s for which |s * wanted - previous| <= change; empty (1, 0) if there is none."""
-    if wanted == 0.0:
+def _factors(requested: float, previous: float, change: float) -> tuple[float, float]:
+    """Interval of s for which |s * requested - previous| <= change; empty (1, 0) if there is none."""
+    if requested == 0.0:
         return (-_INF, _INF) if abs(previous) <= change else (1.0, 0.0)
-    one = (previous - change) / wanted
-    other = (previous + change) / wanted
+    one = (previous - change) / requested
+    other = (previous + change) / requested
     return min(one, other), max(one, other)
 
 
-def _towards(wanted: float, previous: float, change: float) -> float:
-    return min(max(wanted, previous - change), previous + change)
+def _towards(requested: float, previous: float, change: float) -> float:
+    return min(max(requested, previous - change), previous + change)

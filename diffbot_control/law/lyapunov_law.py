@@ -1,8 +1,8 @@
 """The control laws and Lyapunov functions of the paper, as pure functions.
 
 The robot's velocity along its real axis is gamma tanh(rho) cos(alpha) in *both* sectors. The paper prints a minus sign
-for the rear one because it turns the forward direction round there ("v := -v"); taken literally with the kinematics (3)
-that sign drives away from a goal behind the robot. docs/control.md tells more.
+for the rear one because it reverses the forward direction there ("v := -v"); with the kinematics (3) that sign, taken
+literally, drives away from a goal behind the robot. See docs/control.md.
 """
 
 from __future__ import annotations
@@ -15,32 +15,34 @@ from diffbot_core.kinematics import Twist
 from diffbot_core.schema import Spec
 
 _SERIES = 1e-4
-"""Below it sin(a)/a and tanh(r)/r are taken from their series, exact to the last bit there."""
+"""Below it sin(a)/a and tanh(r)/r are computed from their series, exact to the last bit there."""
 
 
 class Gains(NamedTuple):
-    """Gains of the laws (13) and (17); the defaults are the paper's (section 4.1)."""
+    """Gains of the laws (13) and (17).
+
+    The defaults put a double pole at -lambda = -2 /s near the goal: k = 2 lambda, h = (lambda / gamma)^2; see
+    docs/control.md.
+    """
 
     gamma: Annotated[float, Spec("gamma, bound of |v|", "m/s", minimum=0.0, exclusive_minimum=True)] = 1.3
-    k: Annotated[float, Spec("weight of alpha in Omega_G", "1/s", minimum=0.0, exclusive_minimum=True)] = 1.0
-    h: Annotated[float, Spec("weight of beta in Omega_G", "-", minimum=0.0, exclusive_minimum=True)] = 0.17
-    k_2: Annotated[float, Spec("heading gain in Omega_L", "1/s", minimum=0.0, exclusive_minimum=True)] = 2.7
+    k: Annotated[float, Spec("weight of alpha in Omega_G", "1/s", minimum=0.0, exclusive_minimum=True)] = 4.0
+    h: Annotated[float, Spec("weight of beta in Omega_G", "-", minimum=0.0, exclusive_minimum=True)] = 2.37
+    k_2: Annotated[float, Spec("heading gain in Omega_L", "1/s", minimum=0.0, exclusive_minimum=True)] = 4.0
 
 
 PAPER_GAINS = Gains(1.3, 1.0, 0.17, 2.7)
 """Section 4.1 of the paper."""
-TUNED_GAINS = Gains(1.3, 4.0, 2.37, 4.0)
-"""A double pole at -lambda = -2 /s near the goal: k = 2 lambda, h = (lambda / gamma)^2; see docs/control.md."""
 
 
 def sampled_poles(gains: Gains, t_s: float) -> tuple[float, float, float]:
-    """Largest |eigenvalue| of the loop near the goal, sampled with ``t_s`` [s] and the command held in between.
+    """Largest |eigenvalue| of the loop near the goal, sampled with ``t_s`` [s], the command held in between.
 
     With rho -> 0 and small angles, law (13) gives alpha' = -k alpha - gamma h beta, beta' = gamma alpha and
     rho' = -gamma rho, and law (17) theta' = -k_2 theta; a step is I + Ts A.
 
     Returns:
-        Of the angles in Omega_G, of the distance, of the heading in Omega_L; stable means all below 1.
+        That of the angles in Omega_G, of the distance, and of the heading in Omega_L; stable if all are below 1.
     """
     # Eigenvalues of A: s^2 + k s + gamma^2 h = 0.
     half, square = 0.5 * gains.k, gains.gamma * gains.gamma * gains.h
@@ -54,7 +56,7 @@ def sampled_poles(gains: Gains, t_s: float) -> tuple[float, float, float]:
 
 
 def unstable_gains(gains: Gains, t_s: float) -> str:
-    """Return a line of warning if the sampled loop near the goal is not stable at ``t_s`` [s]; empty if it is."""
+    """Return a one-line warning if the sampled loop near the goal is unstable at ``t_s`` [s]; empty if it is stable."""
     angles, distance, heading = sampled_poles(gains, t_s)
     parts = (
         ("k, h and gamma (angles in Omega_G)", angles),
@@ -64,8 +66,8 @@ def unstable_gains(gains: Gains, t_s: float) -> str:
     found = [f"{name}: {size:.2f}" for name, size in parts if size >= 1.0]
     if not found:
         return ""
-    return f"gains are not stable at {t_s:.3g} s a step, eigenvalues must be inside the unit circle: " + ", ".join(
-        found
+    return (
+        f"gains are not stable at {t_s:.3g} s per step, eigenvalues must be inside the unit circle: {', '.join(found)}"
     )
 
 
@@ -101,7 +103,7 @@ def heading_hold(theta: float, gains: Gains) -> float:
 
 
 def global_law(navigation: Navigation, gains: Gains) -> Twist:
-    """Law (13), made for Omega_G: drive and steer."""
+    """Law (13), for Omega_G: drive and steer."""
     return Twist(velocity(navigation, gains), steering(navigation, gains))
 
 

@@ -11,7 +11,7 @@ HALF_PI = 0.5 * math.pi
 
 
 class Navigation(NamedTuple):
-    """The goal as the robot sees it."""
+    """The goal relative to the robot."""
 
     rho: float
     """[m] distance of the goal"""
@@ -26,7 +26,7 @@ def navigation_variables(pose: Pose) -> Navigation:
 
     At the goal itself (rho = 0) beta is 0, so alpha is -theta.
     """
-    # 0.0 - x, not -x: atan2(-0.0, -0.0) is -pi, and the bearing at the goal would flip.
+    # 0.0 - x, not -x: atan2(-0.0, -0.0) is -pi, and beta at the goal would flip.
     dx = 0.0 - pose.x
     dy = 0.0 - pose.y
     beta = wrap_angle(math.atan2(dy, dx))
@@ -36,7 +36,7 @@ def navigation_variables(pose: Pose) -> Navigation:
 def in_front(alpha: float) -> bool:
     """Whether the goal is in the front sector, alpha in (-pi/2, pi/2].
 
-    Eq. (4) leaves pi/2 out and Eq. (6) takes it in; (6) is followed.
+    Eq. (4) excludes pi/2 and Eq. (6) includes it; (6) is followed.
     """
     return -HALF_PI < alpha <= HALF_PI
 
@@ -53,7 +53,7 @@ def discrete_model(
 
     Args:
         navigation: the variables now, rho > 0.
-        v: [m/s] along the paper's forward direction, which is turned round in the rear sector: there it is minus the
+        v: [m/s] along the paper's forward direction, which is reversed in the rear sector: there it is minus the
             velocity along the robot's real axis.
         omega: [rad/s].
         t_s: [s].

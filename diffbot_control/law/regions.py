@@ -12,20 +12,38 @@ OMEGA_G = 0
 OMEGA_L = 1
 REGION_NAMES = ("Omega_G", "Omega_L")
 
-_WAY_BACK_ROOM = 1.5
-"""Ways back that a re-approach may be away from the goal: the lateral error and noise come on top of the way."""
+FIXED = 0
+COVARIANCE = 1
+POLICY_NAMES = ("fixed", "covariance")
+"""Words of the parameter ``region_policy``; compiled code compares their indices."""
+
+_RETREAT_MARGIN = 1.5
+"""Leaving radius per retreat distance: the lateral error and noise come on top of the distance itself."""
 
 
-class FixedRegion(NamedTuple):
+class Switching(NamedTuple):
+    """The region in force and the memory of the policy; the default is the state at a new goal."""
+
+    region: int = OMEGA_G
+    switches: int = 0
+    """changes of region so far; entering Omega_L counts as one"""
+    steps_outside: int = 0
+    """poses in a row beyond the leaving radius (covariance policy)"""
+
+
+class FixedRegionPolicy(NamedTuple):
     """Omega_L as a circle of constant radius about the goal, with hysteresis.
 
     The default radius meets the paper's condition with its raw noise: sqrt(0.3^2 + 0.3^2) + 0.065 / 1.3 = 0.474 m.
     """
 
     eps_P: Annotated[
-        float, Spec("Omega_L is entered below this distance; 0: never, law (13) everywhere", "m", minimum=0.0)
+        float,
+        Spec("Omega_L is entered below this distance (region_policy fixed); 0: never, law (13) everywhere", "m", 0.0),
     ] = 0.5
-    eps_P_leave: Annotated[float, Spec("Omega_L is left above this distance", "m", minimum=0.0)] = 0.6
+    eps_P_leave: Annotated[
+        float, Spec("Omega_L is left above this distance (region_policy fixed)", "m", minimum=0.0)
+    ] = 0.6
 
     def check(self) -> None:
         """Refuse a leaving radius below the entering one: the region would flicker.
@@ -37,37 +55,54 @@ class FixedRegion(NamedTuple):
             raise InvalidValueError("eps_P_leave", self.eps_P_leave, f">= eps_P = {self.eps_P:g}")
 
 
-def fixed_region(region: int, rho: float, policy: FixedRegion) -> int:
+class CovarianceRegionPolicy(NamedTuple):
+    """Omega_L with a radius that follows the covariance of the estimate.
+
+    The paper requires eps_P > |eps_rho| + |eps_v| / gamma for the worst errors possible. Here eps_rho is the present
+    error of the estimate, ``eps_P_sigmas`` standard deviations, and eps_v is a share of the speed, as an error of
+    +-5 % per wheel makes it. The radius shrinks as the filter converges and as the robot slows down, and little is left
+    to be corrected when Omega_L is entered.
+    """
+
+    eps_P_min: Annotated[float, Spec("smallest radius", "m", minimum=0.0)] = 0.02
+    eps_P_sigmas: Annotated[float, Spec("standard deviations of the position that the radius covers", minimum=0.0)] = (
+        2.15
+    )
+    eps_P_speed_error: Annotated[
+        float, Spec("bound of the relative error of the speed, |eps_v| / |v|", minimum=0.0, maximum=1.0)
+    ] = 0.05
+    eps_P_leave_factor: Annotated[
+        float, Spec("Omega_L is left beyond this multiple of the radius ...", minimum=1.0)
+    ] = 3.0
+    eps_P_leave_min: Annotated[float, Spec("... and not below this distance", "m", minimum=0.0)] = 0.3
+    eps_P_leave_steps: Annotated[int, Spec("... after this number of poses in a row", minimum=1, maximum=1000)] = 3
+
+
+class RegionPolicy(NamedTuple):
+    """The policy in use and the settings of each."""
+
+    kind: Annotated[
+        int,
+        Spec(
+            "radius of Omega_L: fixed (eps_P), or following the covariance of the estimate",
+            choices=POLICY_NAMES,
+            parameter="region_policy",
+            replaces=("follow_covariance",),
+        ),
+    ] = COVARIANCE
+    fixed: FixedRegionPolicy = FixedRegionPolicy()
+    covariance: CovarianceRegionPolicy = CovarianceRegionPolicy()
+
+
+def fixed_region(region: int, rho: float, policy: FixedRegionPolicy) -> int:
     """Return the region at distance ``rho`` [m] when ``region`` was the one before."""
     if region == OMEGA_L:
         return OMEGA_L if rho <= policy.eps_P_leave else OMEGA_G
     return OMEGA_L if rho < policy.eps_P else OMEGA_G
 
 
-class CovarianceRegion(NamedTuple):
-    """Omega_L with a radius that follows the filter's covariance.
-
-    The paper asks for eps_P > |eps_rho| + |eps_v| / gamma with the worst errors there may be. Here eps_rho is the error
-    that the filter has now, ``eps_P_sigmas`` standard deviations, and eps_v is a share of the speed, as +-5 % per wheel
-    makes it: the radius shrinks as the filter converges and as the robot slows down, and little is left to be
-    corrected when Omega_L is entered.
-    """
-
-    follow_covariance: Annotated[bool, Spec("let the radius follow the covariance; otherwise eps_P is fixed")] = False
-    eps_P_min: Annotated[float, Spec("smallest radius", "m", minimum=0.0)] = 0.02
-    eps_P_sigmas: Annotated[float, Spec("standard deviations of the position that the radius covers", minimum=0.0)] = (
-        2.2
-    )
-    eps_P_speed_error: Annotated[
-        float, Spec("bound of the relative error of the speed, |eps_v| / |v|", minimum=0.0, maximum=1.0)
-    ] = 0.05
-    eps_P_leave_factor: Annotated[float, Spec("Omega_L is left above so many radii ...", minimum=1.0)] = 3.0
-    eps_P_leave_min: Annotated[float, Spec("... and not below this distance", "m", minimum=0.0)] = 0.3
-    eps_P_leave_steps: Annotated[int, Spec("... in so many poses in a row", minimum=1, maximum=1000)] = 3
-
-
-def covariance_radius(rho: float, sigma_xy: float, policy: CovarianceRegion) -> float:
-    """Entering radius [m] at distance ``rho`` [m] with the position known to ``sigma_xy`` [m] (one standard deviation).
+def covariance_radius(rho: float, sigma_xy: float, policy: CovarianceRegionPolicy) -> float:
+    """Entering radius [m] at distance ``rho`` [m] for a position with standard deviation ``sigma_xy`` [m].
 
     |eps_v| / gamma is the relative error of the speed times tanh(rho), since |v| <= gamma tanh(rho).
     """
@@ -79,38 +114,63 @@ def covariance_region(
     steps_outside: int,
     rho: float,
     sigma_xy: float,
-    policy: CovarianceRegion,
+    policy: CovarianceRegionPolicy,
     retreat_distance: float = 0.0,
 ) -> tuple[int, int, float]:
-    """Return the region, the poses in a row outside the leaving radius, and the radius [m] that was compared with.
+    """Return the region, the poses in a row outside the leaving radius, and the radius [m] that rho was compared with.
 
-    The leaving radius has a floor: sigma_xy shrinks while the robot rests, and a residue that was inside when it came
-    must not throw it out. Nor must a re-approach, which goes ``retreat_distance`` [m] away from the goal on purpose.
+    The leaving radius has a floor: sigma_xy shrinks while the robot rests, and a lateral error that was inside on entry
+    must not end Omega_L. Nor must a re-approach, which drives ``retreat_distance`` [m] away from the goal on purpose.
     """
     radius = covariance_radius(rho, sigma_xy, policy)
     if region == OMEGA_G:
         return (OMEGA_L if rho < radius else OMEGA_G), 0, radius
-    leaving = max(policy.eps_P_leave_factor * radius, policy.eps_P_leave_min, _WAY_BACK_ROOM * retreat_distance)
+    leaving = max(policy.eps_P_leave_factor * radius, policy.eps_P_leave_min, _RETREAT_MARGIN * retreat_distance)
     steps_outside = steps_outside + 1 if rho > leaving else 0
     if steps_outside >= policy.eps_P_leave_steps:
         return OMEGA_G, 0, leaving
     return OMEGA_L, steps_outside, leaving
 
 
-def forward_only(policy: CovarianceRegion, xy_goal_tolerance: float) -> CovarianceRegion:
+def forward_only(policy: CovarianceRegionPolicy, xy_goal_tolerance: float) -> CovarianceRegionPolicy:
     """Return the policy for a robot that may not reverse, and so cannot re-approach.
 
-    It has to leave Omega_L with any error that the goal does not allow: standing there it could do nothing about it.
+    It has to leave Omega_L with any error beyond the tolerance [m]: standing there, it could not correct it.
     """
-    return CovarianceRegion(
-        policy.follow_covariance,
-        policy.eps_P_min,
-        policy.eps_P_sigmas,
-        policy.eps_P_speed_error,
-        policy.eps_P_leave_factor,
-        min(policy.eps_P_leave_min, xy_goal_tolerance),
-        policy.eps_P_leave_steps,
+    return CovarianceRegionPolicy(
+        eps_P_min=policy.eps_P_min,
+        eps_P_sigmas=policy.eps_P_sigmas,
+        eps_P_speed_error=policy.eps_P_speed_error,
+        eps_P_leave_factor=policy.eps_P_leave_factor,
+        eps_P_leave_min=min(policy.eps_P_leave_min, xy_goal_tolerance),
+        eps_P_leave_steps=policy.eps_P_leave_steps,
     )
+
+
+def next_switching(
+    before: Switching, rho: float, sigma_xy: float, policy: RegionPolicy, retreat_distance: float = 0.0
+) -> tuple[Switching, float]:
+    """Apply the policy in use to one pose.
+
+    Args:
+        before: as left by the last pose.
+        rho: [m] distance from the goal.
+        sigma_xy: [m] standard deviation of the position.
+        policy: which one, and its settings.
+        retreat_distance: [m] of the re-approach under way, 0 for none.
+
+    Returns:
+        The next state, and the radius [m] at which the region changes from here.
+    """
+    if policy.kind == COVARIANCE:
+        region, steps_outside, radius = covariance_region(
+            before.region, before.steps_outside, rho, sigma_xy, policy.covariance, retreat_distance
+        )
+    else:
+        region, steps_outside = fixed_region(before.region, rho, policy.fixed), 0
+        radius = policy.fixed.eps_P_leave if region == OMEGA_L else policy.fixed.eps_P
+    switches = before.switches + (1 if region != before.region else 0)
+    return Switching(region, switches, steps_outside), radius
 
 
 def smallest_radius(eps_x: float, eps_y: float, eps_v: float, gamma: float) -> float:

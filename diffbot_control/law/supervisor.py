@@ -1,4 +1,4 @@
-"""What the controller does between messages: goals, silence, coming to rest. Free of ROS; time in seconds."""
+"""The controller's states: goals and paths, missing poses, coming to rest. Free of ROS; times in seconds."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.schema import Spec
 from diffbot_core.uncertainty import CERTAIN, Uncertainty
+from diffbot_core.units import S_PER_NS
 
 IDLE = "idle"
 WAITING = "waiting for pose"
@@ -26,10 +27,10 @@ REACHED = "goal reached"
 UNCERTAIN = "tolerance below uncertainty"
 STALE = "stale pose"
 STATES = (IDLE, WAITING, DRIVING, REACHED, UNCERTAIN, STALE)
-"""Messages of ~/status, all there are."""
+"""All messages of ~/status."""
 
-_LONGEST_STEP = 1.0
-"""[s] longer gaps between poses give the acceleration limits no more room than this."""
+_MAX_STEP = 1.0
+"""[s] a longer gap between poses counts as this long for the acceleration limits."""
 _STOP_REPEATS = 5
 """Zero commands sent after a stop, so that one lost message does not leave the robot driving."""
 
@@ -39,7 +40,7 @@ class SupervisorConfig(NamedTuple):
 
     controller: ControllerConfig = ControllerConfig()
     pose_timeout: Annotated[
-        float, Spec("without a pose for so long the robot is stopped", "s", minimum=0.0, exclusive_minimum=True)
+        float, Spec("the robot is stopped after this time without a pose", "s", minimum=0.0, exclusive_minimum=True)
     ] = 0.5
     waypoint_radius: Annotated[
         float,
@@ -49,6 +50,14 @@ class SupervisorConfig(NamedTuple):
     publish_when_idle: Annotated[
         bool, Spec("answer every pose, with zero when there is no goal (lock-step needs it)")
     ] = False
+
+
+class _StepInput(NamedTuple):
+    """What the newest step started from, so that it can be repeated with a corrected pose."""
+
+    memory: ControllerMemory
+    dt: float
+    """[s]"""
 
 
 class Supervisor:
@@ -71,12 +80,13 @@ class Supervisor:
         """of the newest pose"""
         self._route: list[Pose] = []
         self._counted = False
+        """the present goal is among goals_reached"""
         self._stamp: int | None = None
         self._pose: Pose | None = None
         self._answer: Twist | None = None
-        self._before: tuple[ControllerMemory, float] | None = None
-        """memory and time step of the newest answer, to take its step anew"""
-        self._heard: float | None = None
+        """to the newest pose"""
+        self._step_input: _StepInput | None = None
+        self._last_pose_time: float | None = None
         self._zeros_due = 0
 
     def on_goal(self, goal: Pose) -> None:
@@ -96,13 +106,13 @@ class Supervisor:
     def _drive_to(self, goal: Pose) -> None:
         self.goal = goal
         self.memory = memory_for_new_goal(self.memory)
-        self._before = None
-        self.state = WAITING if self._heard is None else DRIVING
+        self._step_input = None
+        self.state = WAITING if self._last_pose_time is None else DRIVING
         self.report = None
         self._counted = False
 
     def on_cancel(self) -> Twist | None:
-        """Give up the goal, if there is one, and begin to come to rest at once, pose or no pose."""
+        """Drop the goal, if there is one, and start to come to rest at once, with or without a pose."""
         if self.goal is None:
             return None
         self._go_idle(IDLE)
@@ -116,61 +126,66 @@ class Supervisor:
             stamp: [ns] time the pose belongs to.
             now: [s] time of arrival, on the clock of :meth:`on_tick`.
             pose: in the frame of the goals.
-            uncertainty: of the pose.
+            uncertainty: of the pose; by default the pose is assumed exact.
         """
-        dt = 0.0 if self._stamp is None else min(max((stamp - self._stamp) * 1e-9, 0.0), _LONGEST_STEP)
+        dt = 0.0 if self._stamp is None else min(max((stamp - self._stamp) * S_PER_NS, 0.0), _MAX_STEP)
         same_step, same_pose = stamp == self._stamp, pose == self._pose
         self._stamp, self._pose = stamp, pose
-        self._heard = now
+        self._last_pose_time = now
         if self.goal is None:
             return self._come_to_rest(dt)
         if same_step and self._answer is not None and self.state != STALE:
-            # A pose that is sent again, as in lock-step after a stall, is no step of its own: the same answer.
+            # A pose that is sent again, as in lock-step after a stall, is not a new step: the answer is the same.
             if same_pose:
                 return self._answer
-            # Corrected by a fix that came after the odometry: the same step, taken anew.
-            self.memory, dt = self._before or (self.memory, dt)
+            # A pose corrected by a fix that came after the odometry: repeat the step with it.
+            if self._step_input is not None:
+                self.memory, dt = self._step_input
         self.uncertainty = uncertainty
-        config = self.config.controller
-        self._before = self.memory, dt
-        self.memory, command, self.report = step(self.memory, pose, self.goal, dt, config, uncertainty)
-        self._answer = command
+        self._answer = self._take_step(self.goal, pose, dt)
+        return self._answer
+
+    def _take_step(self, goal: Pose, pose: Pose, dt: float) -> Twist:
+        self._step_input = _StepInput(self.memory, dt)
+        self.memory, command, self.report = step(self.memory, pose, goal, dt, self.config.controller, self.uncertainty)
         self.state = self._state_of_drive(command)
-        if self.memory.reached and not self._counted:
+        reached = self.memory.settling.reached
+        if reached and not self._counted:
             self._counted = True
             self.goals_reached += 1
             if not self.config.hold_goal and not self._route:
                 self._go_idle(REACHED)
-        if self._route and (self.memory.reached or self.report.rho < self.config.waypoint_radius):
+        if self._route and (reached or self.report.rho < self.config.waypoint_radius):
             self.waypoint += 1
             self._drive_to(self._route.pop(0))
         return command
 
     def _state_of_drive(self, command: Twist) -> str:
-        if self.memory.reached:
+        if self.memory.settling.reached:
             return REACHED
         tolerance = self.config.controller.tolerance
-        stands = (
-            self.memory.region == OMEGA_L
+        at_rest = (
+            self.memory.switching.region == OMEGA_L
             and abs(command.v) <= tolerance.trans_stopped_velocity
             and abs(command.omega) <= tolerance.rot_stopped_velocity
         )
-        return UNCERTAIN if stands and not is_knowable(tolerance, self.uncertainty) else DRIVING
+        return UNCERTAIN if at_rest and not is_knowable(tolerance, self.uncertainty) else DRIVING
 
     def smallest_tolerance(self) -> tuple[float, float]:
-        """Position [m] and heading [rad] tolerance that the present covariance allows at best."""
+        """Position [m] and heading [rad] tolerance that the present uncertainty allows at best."""
         sigmas = self.config.controller.tolerance.goal_sigmas
         return sigmas * self.uncertainty.xy, sigmas * self.uncertainty.theta
 
     def on_tick(self, now: float) -> Twist | None:
-        """Watch for silence: zero while there is something to do but no pose came for ``pose_timeout``."""
-        if self._heard is None or (self.goal is None and self._zeros_due == 0):
+        """Watch for missing poses: zero if the robot may be moving and no pose came for ``pose_timeout``."""
+        if self._last_pose_time is None or (self.goal is None and self._zeros_due == 0):
             return None
-        # Time that runs backwards (a simulation started again) must not silence the watch for good.
-        self._heard = min(self._heard, now)
-        if now - self._heard <= self.config.pose_timeout:
+        # Time that runs backwards (a restarted simulation) must not disable the timeout.
+        self._last_pose_time = min(self._last_pose_time, now)
+        if now - self._last_pose_time <= self.config.pose_timeout:
             return None
-        self.memory = self.memory._replace(v=0.0, omega=0.0, steps_within=0)
+        settling = self.memory.settling._replace(steps_within=0)
+        self.memory = self.memory._replace(command=Twist(0.0, 0.0), settling=settling)
         if self.goal is None:
             self._zeros_due -= 1
         else:

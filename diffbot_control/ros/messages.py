@@ -1,4 +1,4 @@
-"""Messages to values and back, for all nodes. What comes in is checked; a bad message raises BadMessageError."""
+"""Conversion between messages and values, for all nodes. Input is checked; a bad message raises BadMessageError."""
 
 from __future__ import annotations
 
@@ -26,25 +26,25 @@ from diffbot_control.filter.measurements import Array
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import MAX_COORDINATE, Pose, quaternion_of_yaw, yaw_of_quaternion
 from diffbot_core.kinematics import Twist
-from diffbot_core.uncertainty import CERTAIN, Uncertainty
+from diffbot_core.uncertainty import Uncertainty
 from diffbot_core.units import NS_PER_S
 
 try:
-    # The alias marks it as meant for others too.
+    # The alias marks it as a re-export.
     from tf2_msgs.msg import TFMessage as TFMessage  # noqa: PLC0414
-except ImportError:  # no wheel carries tf2; the nodes say once that they publish no TF
+except ImportError:  # no wheel contains tf2_msgs; the nodes log once that they publish no TF
     TFMessage = None
 
 
 MAX_SPEED = 1e4
-"""[m/s], [rad/s] speeds beyond it are a slip."""
+"""[m/s], [rad/s] larger speeds are refused as errors."""
 
 # Places of (x, y, yaw) in the row-major 6 x 6 covariance of REP-103's (x, y, z, roll, pitch, yaw).
 _PLANAR = np.array([0, 1, 5, 6, 7, 11, 30, 31, 35])
 
 
 def stamp_ns(stamp: Time) -> int:
-    """Return a stamp as nanoseconds; it is sent on, so it must be one that :func:`set_stamp` can write."""
+    """Return a stamp as nanoseconds; it is copied to answers, so it must be one that :func:`set_stamp` can write."""
     if stamp.nanosec >= NS_PER_S:
         raise BadMessageError("stamp not normalised", f"{stamp.nanosec} ns")
     return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
@@ -56,13 +56,13 @@ def set_stamp(stamp: Time, nanoseconds: int) -> None:
 
 
 def check_frame(frame: str, expected: str, field: str = "frame_id") -> None:
-    """Refuse a message of another frame."""
+    """Refuse a message in another frame than ``expected``."""
     if frame != expected:
         raise BadMessageError(f"wrong {field}", f"{frame[:80]!r}, not {expected!r}")
 
 
 def check_numbers(numbers: Iterable[float], limit: float, what: str) -> None:
-    """Refuse numbers that are not finite or that no robot reaches."""
+    """Refuse numbers that are not finite or larger than ``limit``; ``what`` names them in the error."""
     for number in numbers:
         if not -limit <= number <= limit:
             kind = f"{what} out of range" if math.isfinite(number) else f"{what} not finite"
@@ -70,7 +70,7 @@ def check_numbers(numbers: Iterable[float], limit: float, what: str) -> None:
 
 
 def yaw_of(orientation: Quaternion) -> float:
-    """Yaw [rad] of an orientation; its length has to be 1 within what rounding by hand may do."""
+    """Yaw [rad] of an orientation; its squared length may differ from 1 by a tenth, for rounding by hand."""
     x, y, z, w = orientation.x, orientation.y, orientation.z, orientation.w
     square = x * x + y * y + z * z + w * w
     if not math.isfinite(square):
@@ -89,7 +89,12 @@ def pose_of(message: Any) -> Pose:
 
 def planar_covariance(covariance: Any) -> Array:
     """(3, 3) covariance of x, y, yaw out of the 36 numbers of a pose covariance."""
-    return check_covariance(np.asarray(covariance, dtype=float)[_PLANAR].reshape(3, 3))
+    return check_covariance(_planar_block(covariance))
+
+
+def _planar_block(covariance: Any) -> Array:
+    block: Array = np.asarray(covariance, dtype=float)[_PLANAR].reshape(3, 3)
+    return block
 
 
 def goal_from(message: PoseStamped, frame: str) -> Pose:
@@ -110,17 +115,17 @@ def path_from(message: Path, frame: str) -> list[Pose]:
 
 def pose_from(
     message: PoseWithCovarianceStamped | Odometry, frame: str, child_frame: str
-) -> tuple[int, Pose, Uncertainty]:
-    """Stamp [ns], pose and uncertainty of an estimate in ``frame``; without a covariance (all zero) it is certain.
+) -> tuple[int, Pose, Uncertainty | None]:
+    """Stamp [ns], pose and uncertainty of an estimate in ``frame``; None if the covariance is all zero: unknown.
 
-    An Odometry says whose pose it is: it has to be that of ``child_frame``. Its twist is not looked at.
+    Only the covariance of x, y and yaw counts. An Odometry has to be that of ``child_frame``; its twist is ignored.
     """
     check_frame(message.header.frame_id, frame)
     if isinstance(message, Odometry):
         check_frame(message.child_frame_id, child_frame, "child_frame_id")
     pose = pose_of(message.pose.pose)
-    covariance = np.asarray(message.pose.covariance, dtype=float)
-    uncertainty = uncertainty_of(planar_covariance(covariance)) if covariance.any() else CERTAIN
+    covariance = _planar_block(message.pose.covariance)
+    uncertainty = uncertainty_of(check_covariance(covariance)) if covariance.any() else None
     return stamp_ns(message.header.stamp), pose, uncertainty
 
 
@@ -173,23 +178,23 @@ def goal_message(pose: Pose, frame: str, nanoseconds: int) -> PoseStamped:
 
 
 def odometry_message(frame: str, child_frame: str) -> Odometry:
-    """Return an Odometry to be filled again and again; what a planar robot does not know has a huge variance."""
+    """Return an Odometry to be filled repeatedly; z, roll and pitch, which are not estimated, get a huge variance."""
     message = Odometry(header=Header(frame_id=frame), child_frame_id=child_frame)
     for covariance in (message.pose.covariance, message.twist.covariance):
         covariance[[14, 21, 28]] = 1e6
-    message.twist.covariance[7] = 1e-9  # it does not move sideways
+    message.twist.covariance[7] = 1e-9  # no motion sideways
     return message
 
 
 def pose_message(frame: str) -> PoseWithCovarianceStamped:
-    """Return a PoseWithCovarianceStamped to be filled again and again."""
+    """Return a PoseWithCovarianceStamped to be filled repeatedly."""
     message = PoseWithCovarianceStamped(header=Header(frame_id=frame))
     message.pose.covariance[[14, 21, 28]] = 1e6
     return message
 
 
 def labelled_array(labels: tuple[str, ...]) -> Float64MultiArray:
-    """Return an array of one number per label; the labels stand in the layout, in order."""
+    """Return an array of one number per label; the layout lists the labels in order."""
     message = Float64MultiArray()
     message.layout.dim = [MultiArrayDimension(label=label, size=1, stride=1) for label in labels]
     message.data = [0.0] * len(labels)
@@ -197,7 +202,7 @@ def labelled_array(labels: tuple[str, ...]) -> Float64MultiArray:
 
 
 def twist_message(stamped: bool, frame: str) -> TwistMessage | TwistStamped:
-    """Return a command to be filled again and again."""
+    """Return a command to be filled repeatedly."""
     return TwistStamped(header=Header(frame_id=frame)) if stamped else TwistMessage()
 
 

@@ -10,13 +10,13 @@ from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 
 from diffbot_core.errors import DiffbotError
-from diffbot_core.schema import C, Parameter, build, checked, parameters_of, to_dict
+from diffbot_core.schema import C, Parameter, build, checked, parameters_of, refuse_replaced, to_dict
 
 
 class NodeParameters(Generic[C]):
     """The parameters of one node as one configuration, valid at all times.
 
-    A bad value at the start raises; a bad ``ros2 param set`` is refused with the same words and changes nothing.
+    A bad value at the start raises; a bad ``ros2 param set`` is refused with the same text and changes nothing.
     """
 
     def __init__(
@@ -26,14 +26,16 @@ class NodeParameters(Generic[C]):
         on_change: Callable[[C], None],
         presets: Mapping[str, C] | None = None,
     ) -> None:
-        """Declare every field of ``config_type`` on ``node``; ``on_change`` hears of each later configuration.
+        """Declare every field of ``config_type`` on ``node``; ``on_change`` receives each later configuration.
 
         With ``presets`` the parameter ``preset`` is declared first, and the defaults of the others are that preset's.
 
         Raises:
-            InvalidValueError: naming parameter, value and bound, if an override from outside is not allowed.
+            InvalidValueError: naming parameter, value and bound, if an override from outside is not allowed, or is
+                given under a name that was replaced.
         """
         self._node = node
+        refuse_replaced(config_type, self._overrides())
         self._fields: dict[str, Parameter] = {parameter.name: parameter for parameter in parameters_of(config_type)}
         self._on_change = on_change
         self._type = config_type
@@ -59,22 +61,25 @@ class NodeParameters(Generic[C]):
             description=f"{spec.text} [{spec.unit}]",
             additional_constraints=spec.bound() if parameter.type in (float, int) or spec.choices else "",
             read_only=spec.read_only,
-            # Whole numbers are welcome where a float is wanted; config.checked() holds the types.
+            # Whole numbers are accepted for floats; schema.checked() checks the types.
             dynamic_typing=True,
         )
         value = self._node.declare_parameter(parameter.name, default, descriptor).value
         # rcl knows no type for [] and drops it.
         return () if value is None and isinstance(parameter.default, tuple) else value
 
-    def _warn_of_unknown_overrides(self) -> None:
-        # rclpy keeps what was given but never declared only here; a misspelt name must not pass in silence.
+    def _overrides(self) -> dict[str, Any]:
+        # rclpy ignores an override that is never declared and has no public way to list them.
         given = getattr(self._node, "_parameter_overrides", {})
-        for name in sorted(given):
+        return {name: parameter.value for name, parameter in given.items()}
+
+    def _warn_of_unknown_overrides(self) -> None:
+        for name in sorted(self._overrides()):
             if not self._node.has_parameter(name):
                 self._node.get_logger().warning(f"unknown parameter '{name}' is ignored")
 
     def _ours(self, changes: list[Any]) -> dict[str, Any]:
-        # A list comes as an array.array, which would not be shown as at the start.
+        # rclpy gives lists as array.array, which prints differently from the list given at the start.
         return {
             change.name: change.value.tolist() if isinstance(change.value, array) else change.value
             for change in changes

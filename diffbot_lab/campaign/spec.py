@@ -17,7 +17,7 @@ from diffbot_control.law.controller import ControllerConfig
 from diffbot_control.law.presets import PAPER, PRESETS
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.geometry import Pose
-from diffbot_core.schema import build, parameters_of, to_dict
+from diffbot_core.schema import build, parameters_of, refuse_replaced, to_dict
 from diffbot_lab.campaign.options import CampaignOptions, is_number, load_yaml, triple
 from diffbot_sim.compiled.batch import FEEDBACK_CODES, Starts, check_case
 from diffbot_sim.compiled.closed_loop import Case
@@ -136,6 +136,8 @@ def configure(values: Mapping[str, Any]) -> tuple[PlantConfig, SensorConfig, Con
     preset = values.pop("preset", PAPER)
     if preset not in PRESETS:
         raise InvalidValueError("preset", preset, "one of " + ", ".join(PRESETS))
+    for part in _PARTS:
+        refuse_replaced(part, values)
     names = [{parameter.name for parameter in parameters_of(part)} for part in _PARTS]
     for name, value in values.items():
         if not any(name in own for own in names):

@@ -16,7 +16,8 @@ from tqdm import tqdm
 
 from diffbot_control.filter.options import EKF, FilterConfig, options_of
 from diffbot_control.law.controller import ControllerConfig
-from diffbot_control.law.regions import FixedRegion
+from diffbot_control.law.presets import PAPER, PRESETS
+from diffbot_control.law.regions import FixedRegionPolicy
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_sim.compiled.batch import COLUMNS, FEEDBACK_CODES, HISTORY_COLUMNS, Starts, run_batch, run_histories
@@ -96,7 +97,8 @@ class Group(NamedTuple):
 def controller_of(law: str) -> ControllerConfig:
     """Return the paper's gains and region for one of LAWS; without hysteresis, as the paper has it."""
     radius = {"law 13": 0.0, "law 17": EPS_P}[law]
-    return ControllerConfig(region=FixedRegion(radius, radius))
+    paper = PRESETS[PAPER]
+    return paper._replace(region_policy=paper.region_policy._replace(fixed=FixedRegionPolicy(radius, radius)))
 
 
 def case_of(law: str, setting: Setting, literal_rear: bool = False) -> Case:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from diffbot_control.law.controller import ControllerConfig
 from diffbot_control.law.lyapunov_law import Gains
+from diffbot_control.law.regions import smallest_radius
 from diffbot_sim.model.plant import PlantConfig
 from diffbot_sim.model.sensors import SensorConfig
 
@@ -247,8 +248,8 @@ def certify(controller: ControllerConfig, box: NoiseBox, t_s: float, rho_max: fl
         "largest_distance_without_decrease": farthest,
         "inside_grid": bool(math.sqrt(2.0 * (c + step)) < rho_max),
         "heading_bound_local": heading_bound(controller.gains, box, t_s),
-        "radius_condition": box.eps_position + box.eps_v / controller.gains.gamma,
-        "eps_P": controller.region.eps_P,
+        "radius_condition": smallest_radius(box.eps_x, box.eps_y, box.eps_v, controller.gains.gamma),
+        "eps_P": controller.region_policy.fixed.eps_P,
         "maps": {
             "rho": grid.rho.ravel(),
             "angle": grid.alpha.ravel(),

@@ -128,8 +128,8 @@ def run_loop(case: Case, seed: int, run: int, start: Pose, history: Any) -> Outc
         before = state.pose
         if index < case.steps:
             state = plant_step(state, command, draw(seed, run, index, WHEEL_BLOCK), case.plant)
-        totals = _added(totals, case, index, memory.region, command, before, state.pose)
-    return _outcome(case, totals, memory.switches, view, state.pose)
+        totals = _added(totals, case, index, memory.switching.region, command, before, state.pose)
+    return _outcome(case, totals, memory.switching.switches, view, state.pose)
 
 
 def _uncertainty(case: Case, view: View) -> Uncertainty:

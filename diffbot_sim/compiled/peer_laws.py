@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from diffbot_control.law.lyapunov_law import Gains, global_law
+from diffbot_control.law.lyapunov_law import PAPER_GAINS, Gains, global_law
 from diffbot_control.law.polar_coordinates import HALF_PI, in_front, navigation_variables
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import Twist
@@ -99,7 +99,7 @@ class PolarConfig(NamedTuple):
 class AicardiConfig(NamedTuple):
     """Gains of law (13) without a region around the goal; the defaults are the paper's."""
 
-    gains: Gains = Gains()
+    gains: Gains = PAPER_GAINS
     stop: StopTolerance = StopTolerance()
 
 

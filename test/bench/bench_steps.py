@@ -17,7 +17,8 @@ from filterpy.kalman import ExtendedKalmanFilter
 from diffbot_control.filter.localization import Localization, LocalizationConfig
 from diffbot_control.filter.measurements import Measurement, OdometryStep
 from diffbot_control.filter.options import EKF, FNN, FilterConfig
-from diffbot_control.law.controller import ControllerConfig, ControllerMemory, step
+from diffbot_control.law.controller import ControllerMemory, step
+from diffbot_control.law.presets import PAPER, PRESETS
 from diffbot_control.law.supervisor import Supervisor, SupervisorConfig
 from diffbot_core.geometry import Pose
 from diffbot_sim.model.simulator import World, WorldConfig
@@ -41,9 +42,9 @@ class Inputs(NamedTuple):
 @lru_cache(maxsize=1)
 def inputs() -> Inputs:
     """Drive the closed loop once and keep its poses, fixes and odometry."""
-    recording = simulate(WorldConfig(), ControllerConfig(), _GOAL, _STEPS)
+    recording = simulate(WorldConfig(), PRESETS[PAPER], _GOAL, _STEPS)
     poses = [Pose(*row) for row in recording.seen.tolist()]
-    world, memory, config = World(WorldConfig()), ControllerMemory(), ControllerConfig()
+    world, memory, config = World(WorldConfig()), ControllerMemory(), PRESETS[PAPER]
     fixes, odometry = [], []
     for pose in poses:
         fixes += world.sense().fixes
@@ -59,7 +60,7 @@ def _per_step(began: int, steps: int) -> float:
 
 def controller_step() -> float:
     """Time :func:`diffbot_control.law.controller.step` along the path."""
-    poses, memory, config = inputs().poses, ControllerMemory(), ControllerConfig()
+    poses, memory, config = inputs().poses, ControllerMemory(), PRESETS[PAPER]
     began = time.thread_time_ns()
     for pose in poses:
         memory, _, _ = step(memory, pose, _GOAL, 0.1, config)
@@ -68,7 +69,7 @@ def controller_step() -> float:
 
 def supervisor_on_pose() -> float:
     """Time the same steps through the supervisor, as the node calls it."""
-    poses, supervisor = inputs().poses, Supervisor(SupervisorConfig())
+    poses, supervisor = inputs().poses, Supervisor(SupervisorConfig(PRESETS[PAPER]))
     supervisor.on_goal(_GOAL)
     began = time.thread_time_ns()
     for number, pose in enumerate(poses):
@@ -107,7 +108,7 @@ def filterpy_step() -> float:
 def closed_loop_step() -> float:
     """Time the ROS-free closed loop: plant, sensors, filter, controller."""
     began = time.thread_time_ns()
-    simulate(WorldConfig(), ControllerConfig(), _GOAL, _STEPS)
+    simulate(WorldConfig(), PRESETS[PAPER], _GOAL, _STEPS)
     return _per_step(began, _STEPS + 1)
 
 

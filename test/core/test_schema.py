@@ -18,8 +18,8 @@ from diffbot_control.law.controller import ControllerConfig
 from diffbot_control.law.limits import Limits
 from diffbot_control.law.lyapunov_law import Gains
 from diffbot_control.law.supervisor import SupervisorConfig
-from diffbot_core.errors import InvalidValueError
-from diffbot_core.schema import Parameter, Spec, build, checked, parameters_of, to_dict
+from diffbot_core.errors import InvalidValueError, ReplacedNameError
+from diffbot_core.schema import Parameter, Spec, build, checked, parameters_of, replaced_by, to_dict
 from diffbot_sim.model.sensors import SensorConfig
 from diffbot_sim.model.simulator import WorldConfig
 
@@ -56,7 +56,7 @@ def config_type(request):
 
 def test_the_configurations_are_found():
     names = {name.rpartition(".")[2] for name in CONFIGS}
-    assert {"Gains", "FixedRegion", "Limits", "WheelGeometry", "GoalTolerance"} <= names
+    assert {"Gains", "FixedRegionPolicy", "RegionPolicy", "Limits", "WheelGeometry", "GoalTolerance"} <= names
     assert {"SupervisorConfig", "LocalizationConfig", "PlantConfig", "SensorConfig"} <= names
     assert {"StartPose", "WorldConfig", "ControllerNodeConfig", "EkfNodeConfig"} <= names
     assert {"PlantNodeConfig", "RecorderConfig", "ReplayConfig"} <= names
@@ -102,7 +102,7 @@ def test_every_bound_is_kept(config_type):
         outside = []
         step = 1 if parameter.type is int else 1e-9
         if spec.minimum > -math.inf:
-            outside.append(spec.minimum if spec.above else spec.minimum - step * (1 + abs(spec.minimum)))
+            outside.append(spec.minimum if spec.exclusive_minimum else spec.minimum - step * (1 + abs(spec.minimum)))
         if spec.maximum < math.inf:
             outside.append(spec.maximum + step * (1 + abs(spec.maximum)))
         if not spec.allow_inf:
@@ -112,7 +112,7 @@ def test_every_bound_is_kept(config_type):
                 build(config_type, {parameter.name: value})
             assert caught.value.name == parameter.name
             assert caught.value.value == pytest.approx(value)
-        if spec.minimum > -math.inf and not spec.above:
+        if spec.minimum > -math.inf and not spec.exclusive_minimum:
             assert checked(parameter, parameter.type(spec.minimum)) == spec.minimum
         if spec.maximum < math.inf:
             assert checked(parameter, parameter.type(spec.maximum)) == spec.maximum
@@ -225,15 +225,16 @@ def test_a_refused_value_changes_nothing():
     base = build(SupervisorConfig, {"gamma": 1.0})
     with pytest.raises(InvalidValueError):
         build(SupervisorConfig, {"gamma": 2.0, "k": -1.0}, base)
-    assert base.controller.gains == Gains(gamma=1.0)
+    assert base.controller.gains.gamma == 1.0
+    assert base.controller.gains.k == Gains().k
 
 
 def test_a_base_keeps_what_is_not_named():
     base = build(SupervisorConfig, {"gamma": 1.0, "eps_P": 0.3, "hold_goal": False})
     found = build(SupervisorConfig, {"k": 2, "eps_P_leave": 0.35}, base)
-    assert found.controller.gains == Gains(1.0, 2.0, 0.17, 2.7)
+    assert found.controller.gains == Gains(gamma=1.0, k=2.0)
     assert isinstance(found.controller.gains.k, float)
-    assert found.controller.region == (0.3, 0.35)
+    assert found.controller.region_policy.fixed == (0.3, 0.35)
     assert found.hold_goal is False
 
 
@@ -251,21 +252,33 @@ def test_cross_checks_see_the_whole_not_the_order():
             "wheel_radius": st.floats(1e-3, 1e3),
             "settling_steps": st.integers(1, 100000),
             "stateful": st.booleans(),
+            "region_policy": st.sampled_from(("fixed", "covariance")),
             "pose_timeout": st.floats(1e-3, 10.0),
         }
     )
 )
 def test_build_and_to_dict_undo_each_other(values):
     config = build(SupervisorConfig, values)
-    told = to_dict(config)
-    assert {name: told[name] for name in values} == values
-    assert build(SupervisorConfig, told) == config
+    named = to_dict(config)
+    assert {name: named[name] for name in values} == values
+    assert build(SupervisorConfig, named) == config
     assert config.controller.limits.omega_max == values["angular.z.max_velocity"]
 
 
 class Inner(NamedTuple):
     words: Annotated[tuple[str, ...], Spec("some words")] = ()
     numbers: Annotated[tuple[float, ...], Spec("some numbers", minimum=0.0)] = ()
+
+
+class Choice(NamedTuple):
+    colour: Annotated[
+        int, Spec("a word held as its index", choices=("red", "green", "blue"), replaces=("is_green", "hue"))
+    ] = 2
+
+
+class Nested(NamedTuple):
+    inner: Inner = Inner()
+    choice: Choice = Choice()
 
 
 class NoSpec(NamedTuple):
@@ -287,8 +300,39 @@ def test_lists():
         build(Inner, {"words": ["a", 3]})
 
 
+@pytest.mark.parametrize(("word", "code"), [("red", 0), ("green", 1), ("blue", 2)])
+def test_a_coded_choice_is_a_word_outside_and_its_index_inside(word, code):
+    config = build(Nested, {"colour": word})
+    assert config.choice.colour == code
+    assert type(config.choice.colour) is int
+    assert to_dict(config)["colour"] == word
+    parameter = next(one for one in parameters_of(Nested) if one.name == "colour")
+    assert (parameter.type, parameter.default) == (str, "blue")
+
+
+@pytest.mark.parametrize("value", [0, 1, True, "RED", "", None])
+def test_a_coded_choice_takes_no_index_and_no_other_word(value):
+    with pytest.raises(InvalidValueError, match="colour = "):
+        build(Nested, {"colour": value})
+
+
+@pytest.mark.parametrize(("name", "value"), [("is_green", True), ("hue", 0.3)])
+def test_a_replaced_name_is_refused_with_the_new_one(name, value):
+    with pytest.raises(ReplacedNameError) as caught:
+        build(Nested, {"colour": "red", name: value})
+    assert str(caught.value) == f"{name} = {value!r}: was replaced by colour (red or green or blue)"
+    assert caught.value.successor == "colour"
+    # Only where the new name is known: elsewhere it is an unknown name like any other.
+    with pytest.raises(InvalidValueError, match="must be a known name"):
+        build(Inner, {name: value})
+
+
+def test_no_name_in_use_is_also_a_replaced_one(config_type):
+    assert not set(replaced_by(config_type)) & {parameter.name for parameter in parameters_of(config_type)}
+
+
 @pytest.mark.parametrize(("config", "message"), [(NoSpec, "NoSpec.bare has no Spec"), (Twice, "used twice.*same")])
-def test_mistakes_of_the_programmer_are_told(config, message):
+def test_programming_errors_raise_type_error(config, message):
     with pytest.raises(TypeError, match=message):
         parameters_of(config)
 

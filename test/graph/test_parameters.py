@@ -30,6 +30,14 @@ AT_START = [
     ("controller", ["-p", "eps_P:=0.5", "-p", "eps_P_leave:=0.4"], ["eps_P_leave = 0.4", ">= eps_P = 0.5"]),
     ("controller", ["-p", "hold_goal:=1"], ["hold_goal = 1", "true or false"]),
     ("controller", ["-p", "pose_source:=tf"], ["pose_source = 'tf'", "one of pose, odometry"]),
+    (
+        "controller",
+        ["-p", "follow_covariance:=true"],
+        ["follow_covariance = True: was replaced by region_policy (fixed or covariance)"],
+    ),
+    ("controller", ["-p", "region_policy:=circle"], ["region_policy = 'circle'", "one of fixed, covariance"]),
+    ("controller", ["-p", "region_policy:=1"], ["region_policy = 1", "a text"]),
+    ("controller", ["-p", "pose_sigma_xy:=0.0"], ["pose_sigma_xy = 0.0", ">= 0.0001"]),
     ("controller", ["-p", "use_sim_time:=1"], ["use_sim_time"]),
     ("ekf", ["-p", "wheel_separation:=0.0"], ["wheel_separation = 0.0", "> 0"]),
     ("ekf", ["-p", "odometry_source:=stars"], ["odometry_source = 'stars'", "one of odom, joint_states"]),
@@ -105,7 +113,7 @@ def bad_values(parameter):
         return [5, None, *(["surely not one of them"] if parameter.spec.choices else [])]
     below = [] if parameter.spec.minimum == -math.inf else [parameter.spec.minimum - 1]
     above = [] if parameter.spec.maximum == math.inf else [parameter.spec.maximum * 2 + 1]
-    edge = [parameter.spec.minimum] if parameter.spec.above else []
+    edge = [parameter.spec.minimum] if parameter.spec.exclusive_minimum else []
     if parameter.type is int:
         return [0.5, "x", None, True, *(int(number) for number in below + above + edge if abs(number) < 2**62)]
     endless = [] if parameter.spec.allow_inf else [math.inf]

@@ -164,7 +164,7 @@ def test_the_status_tells_radius_re_approach_and_smallest_tolerance(robot):
     assert values["region"] == "Omega_L"
     assert float(values["eps_P [m]"]) >= 0.3
     phase, begun = values["re-approach"].split(", ")
-    assert phase in ("resting", "backing off", "coming in")
+    assert phase in ("resting", "retreating", "approaching")
     assert int(begun.split()[0]) <= 3
     # Two standard deviations of the newest pose, to the digits that are shown.
     P = np.array(robot.poses[-1].pose.covariance).reshape(6, 6)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from diffbot_control.filter.localization import LocalizationConfig
-from diffbot_control.law.controller import ControllerConfig
 from diffbot_control.law.limits import Limits
-from diffbot_control.law.regions import OMEGA_L, FixedRegion
+from diffbot_control.law.presets import PRESETS
+from diffbot_control.law.regions import OMEGA_L, FixedRegionPolicy
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_sim.model.plant import PlantConfig
@@ -16,7 +16,7 @@ from diffbot_sim.model.sensors import SensorConfig
 from diffbot_sim.model.simulator import StartPose, WorldConfig
 from diffbot_sim.reference_loop import EKF, FEEDBACKS, RAW, TRUTH, simulate
 
-PAPER = ControllerConfig()
+PAPER = PRESETS["paper"]
 GOAL = Pose(0.0, 0.0, 0.0)
 INF = math.inf
 QUIET = WorldConfig(
@@ -69,7 +69,7 @@ def test_scenario_b_without_noise_comes_to_rest_from_every_side(bearing, heading
 
 
 def test_without_noise_and_omega_l_the_global_law_reaches_the_very_goal():
-    tiny = PAPER._replace(region=FixedRegion(1e-9, 1e-9))
+    tiny = PAPER._replace(region_policy=PAPER.region_policy._replace(fixed=FixedRegionPolicy(1e-9, 1e-9)))
     recording = simulate(QUIET, tiny, GOAL, 1500, TRUTH)
     assert math.hypot(*recording.truth[-1, :2]) < 1e-3
     # V of Eq. (8) falls all the way, down to where the bearing of the goal is only rounding.

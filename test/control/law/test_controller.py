@@ -10,34 +10,33 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from diffbot_control.law.controller import (
-    ControllerConfig,
     ControllerMemory,
     memory_for_new_goal,
+    new_memory,
     step,
     stop_step,
 )
-from diffbot_control.law.goal_checker import GoalTolerance
+from diffbot_control.law.goal_checker import Settling
 from diffbot_control.law.limits import Limits
 from diffbot_control.law.lyapunov_law import Gains
-from diffbot_control.law.regions import OMEGA_G, OMEGA_L, FixedRegion
+from diffbot_control.law.presets import PRESETS
+from diffbot_control.law.reapproach import RETREATING, Reapproach
+from diffbot_control.law.regions import OMEGA_G, OMEGA_L, FixedRegionPolicy, Switching
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 
 CHECK = settings(derandomize=True, deadline=None, max_examples=200)
 INF = math.inf
-PAPER = ControllerConfig()
-FREE = ControllerConfig(limits=Limits(INF, INF, INF, INF, INF))
+PAPER = PRESETS["paper"]
+FREE = PAPER._replace(limits=Limits(INF, INF, INF, INF, INF))
 ORIGIN = Pose(0.0, 0.0, 0.0)
 T_S = 0.1
 POSES = st.builds(Pose, st.floats(-20.0, 20.0), st.floats(-20.0, 20.0), st.floats(-math.pi, math.pi))
 MEMORIES = st.builds(
     ControllerMemory,
-    st.sampled_from((OMEGA_G, OMEGA_L)),
-    st.floats(-1.3, 1.3),
-    st.floats(-3.0, 3.0),
-    st.integers(0, 10),
-    st.booleans(),
-    st.integers(0, 5),
+    st.builds(Switching, st.sampled_from((OMEGA_G, OMEGA_L)), st.integers(0, 5)),
+    st.builds(Twist, st.floats(-1.3, 1.3), st.floats(-3.0, 3.0)),
+    st.builds(Settling, st.integers(0, 10), st.booleans()),
 )
 
 
@@ -75,7 +74,7 @@ def test_scenario_a_without_noise_equals_the_printed_law():
         )
     assert regions[0] == OMEGA_G
     assert regions[-1] == OMEGA_L
-    assert memory.switches == sum(a != b for a, b in itertools.pairwise(regions))
+    assert memory.switching.switches == sum(a != b for a, b in itertools.pairwise(regions))
     # It rests abreast of the goal: the lateral error at the entry of Omega_L stays.
     assert pose[0] == pytest.approx(0.0, abs=1e-6)
     assert abs(pose[1]) < 0.5
@@ -107,7 +106,7 @@ def test_moving_robot_and_goal_together_changes_nothing(pose, goal, motion, memo
 @CHECK
 @given(POSES, MEMORIES)
 def test_the_mirror_image_turns_the_other_way(pose, memory):
-    mirrored_memory = memory._replace(omega=-memory.omega)
+    mirrored_memory = memory._replace(command=Twist(memory.command.v, -memory.command.omega))
     _, command, report = step(memory, pose, ORIGIN, T_S, FREE)
     assume(abs(report.alpha) < math.pi)
     assume(abs(report.beta) < math.pi)
@@ -119,10 +118,14 @@ def test_the_mirror_image_turns_the_other_way(pose, memory):
 
 def test_many_steps_in_any_order_equal_single_ones():
     rng = random.Random(5)
-    limited = ControllerConfig(limits=Limits(1.0, 2.0, 15.0, 1.0, 3.0))
+    limited = PAPER._replace(limits=Limits(1.0, 2.0, 15.0, 1.0, 3.0))
 
     def state():
-        memory = ControllerMemory(rng.randint(0, 1), rng.uniform(-1.0, 1.0), rng.uniform(-2.0, 2.0), rng.randint(0, 6))
+        memory = ControllerMemory(
+            Switching(rng.randint(0, 1)),
+            Twist(rng.uniform(-1.0, 1.0), rng.uniform(-2.0, 2.0)),
+            Settling(rng.randint(0, 6)),
+        )
         pose = Pose(rng.gauss(0.0, 2.0), rng.gauss(0.0, 2.0), rng.uniform(-3.0, 3.0))
         goal = Pose(rng.gauss(0.0, 2.0), rng.gauss(0.0, 2.0), rng.uniform(-3.0, 3.0))
         return memory, pose, goal, rng.choice((0.02, 0.1)), rng.choice((PAPER, limited))
@@ -150,80 +153,82 @@ AWAY = Pose(-3.0, 0.0, 0.0)
 
 
 def test_a_goal_is_reached_after_settling_steps_in_a_row():
-    config = PAPER._replace(tolerance=GoalTolerance(settling_steps=3))
+    config = PAPER._replace(tolerance=PAPER.tolerance._replace(settling_steps=3))
     memories = driven(config, [AT_GOAL, AT_GOAL, AWAY, AT_GOAL, AT_GOAL, AT_GOAL, AT_GOAL])
-    assert [memory.steps_within for memory in memories] == [1, 2, 0, 1, 2, 3, 4]
-    assert [memory.reached for memory in memories] == [False] * 5 + [True] * 2
+    assert [memory.settling.steps_within for memory in memories] == [1, 2, 0, 1, 2, 3, 4]
+    assert [memory.settling.reached for memory in memories] == [False] * 5 + [True] * 2
 
 
 @pytest.mark.parametrize(("stateful", "stays"), [(True, True), (False, False)])
 def test_a_reached_goal_stays_reached_if_stateful(stateful, stays):
-    config = PAPER._replace(tolerance=GoalTolerance(settling_steps=1, stateful=stateful))
+    config = PAPER._replace(tolerance=PAPER.tolerance._replace(settling_steps=1, stateful=stateful))
     memories = driven(config, [AT_GOAL, AWAY, AT_GOAL])
-    assert [memory.reached for memory in memories] == [True, stays, True]
+    assert [memory.settling.reached for memory in memories] == [True, stays, True]
 
 
 def test_one_settling_step_is_enough_if_asked():
-    config = PAPER._replace(tolerance=GoalTolerance(settling_steps=1))
-    assert driven(config, [AT_GOAL])[0].reached
+    config = PAPER._replace(tolerance=PAPER.tolerance._replace(settling_steps=1))
+    assert driven(config, [AT_GOAL])[0].settling.reached
 
 
 def test_moving_fast_through_the_goal_is_not_reaching_it():
     # Within 0.4 m and 0.1 rad, but v = 1.3 tanh(0.35) = 0.44 m/s.
-    config = PAPER._replace(tolerance=GoalTolerance(settling_steps=1))
-    assert not driven(config, [Pose(-0.35, 0.0, 0.0)])[0].reached
+    config = PAPER._replace(tolerance=PAPER.tolerance._replace(settling_steps=1))
+    assert not driven(config, [Pose(-0.35, 0.0, 0.0)])[0].settling.reached
 
 
 def test_switches_count_every_change_of_region():
     poses = [Pose(-distance, 0.0, 0.0) for distance in (2.0, 0.55, 0.45, 0.55, 0.7, 0.55, 0.4)]
     memories = driven(PAPER, poses)
-    assert [memory.region for memory in memories] == [0, 0, 1, 1, 0, 0, 1]
-    assert [memory.switches for memory in memories] == [0, 0, 1, 1, 2, 2, 3]
+    assert [memory.switching.region for memory in memories] == [0, 0, 1, 1, 0, 0, 1]
+    assert [memory.switching.switches for memory in memories] == [0, 0, 1, 1, 2, 2, 3]
 
 
-def test_the_report_says_what_was_seen():
+def test_the_report_holds_the_variables_of_the_step():
     pose, goal = Pose(1.0, 5.0, math.pi), Pose(1.0, 2.0, 0.5 * math.pi)
     # In the goal's frame: (3, 0, pi/2); the goal lies behind along -x: beta = pi, alpha = pi/2.
     _, _, report = step(ControllerMemory(), pose, goal, T_S, PAPER)
-    expected = (3.0, math.pi / 2, math.pi, math.pi / 2)
-    assert report[:4] == pytest.approx(expected, abs=1e-12)
+    variables = (report.rho, report.alpha, report.beta, report.theta)
+    assert variables == pytest.approx((3.0, math.pi / 2, math.pi, math.pi / 2), abs=1e-12)
     assert (report.eps_P, report.region) == (0.5, OMEGA_G)
     angles = (math.pi / 2) ** 2 + 0.17 * math.pi**2
     assert report.lyapunov == pytest.approx(0.5 * (9.0 + angles))
-    _, _, report = step(ControllerMemory(region=OMEGA_L), Pose(-0.55, 0.0, 0.2), ORIGIN, T_S, PAPER)
+    _, _, report = step(ControllerMemory(Switching(OMEGA_L)), Pose(-0.55, 0.0, 0.2), ORIGIN, T_S, PAPER)
     assert (report.eps_P, report.region) == (0.6, OMEGA_L)
     assert report.lyapunov == pytest.approx(0.5 * (0.55**2 + 0.2**2))
 
 
 def test_limits_of_velocity_come_before_those_of_acceleration():
     limits = Limits(0.5, INF, INF, 1.0, INF)
-    config = ControllerConfig(limits=limits)
+    config = PAPER._replace(limits=limits)
     memory = ControllerMemory()
     speeds = []
     for _ in range(8):
         memory, command, _ = step(memory, Pose(-9.0, 0.0, 0.0), ORIGIN, T_S, config)
         speeds.append(command.v)
-        assert (memory.v, memory.omega) == command
+        assert memory.command == command
     assert speeds == pytest.approx([0.1, 0.2, 0.3, 0.4, 0.5, 0.5, 0.5, 0.5])
 
 
 def test_a_new_goal_forgets_all_but_the_motion():
-    memory = ControllerMemory(OMEGA_L, 0.7, -0.3, 9, True, 4)
-    assert memory_for_new_goal(memory) == ControllerMemory(OMEGA_G, 0.7, -0.3, 0, False, 0)
+    memory = ControllerMemory(
+        Switching(OMEGA_L, 4), Twist(0.7, -0.3), Settling(9, True), Reapproach(RETREATING, 2, 1, 3.0, 0.4)
+    )
+    assert memory_for_new_goal(memory) == new_memory()._replace(command=memory.command)
 
 
 def test_coming_to_rest():
-    memory = ControllerMemory(OMEGA_L, 0.25, -0.3, 9, True, 4)
+    memory = ControllerMemory(Switching(OMEGA_L, 4), Twist(0.25, -0.3), Settling(9, True))
     stopped, command = stop_step(memory, T_S, PAPER)
     assert command == (0.0, 0.0)
-    assert stopped == memory._replace(v=0.0, omega=0.0)
-    config = ControllerConfig(limits=Limits(a_max=1.0, omega_dot_max=2.0))
-    seen = []
+    assert stopped == memory._replace(command=Twist(0.0, 0.0))
+    config = PAPER._replace(limits=Limits(a_max=1.0, omega_dot_max=2.0))
+    commands = []
     for _ in range(4):
         memory, command = stop_step(memory, T_S, config)
-        seen.append(command)
-    assert [one.v for one in seen] == pytest.approx([0.15, 0.05, 0.0, 0.0])
-    assert [one.omega for one in seen] == pytest.approx([-0.1, 0.0, 0.0, 0.0])
+        commands.append(command)
+    assert [one.v for one in commands] == pytest.approx([0.15, 0.05, 0.0, 0.0])
+    assert [one.omega for one in commands] == pytest.approx([-0.1, 0.0, 0.0, 0.0])
 
 
 @pytest.mark.parametrize(
@@ -238,11 +243,11 @@ def test_coming_to_rest():
 )
 @pytest.mark.parametrize("region", [OMEGA_G, OMEGA_L])
 def test_numbers_that_overflow_stop_the_robot(pose, goal, region):
-    memory = ControllerMemory(region=region, v=0.5, omega=0.1)
+    memory = ControllerMemory(Switching(region), Twist(0.5, 0.1))
     after, command, _ = step(memory, pose, goal, T_S, PAPER)
     assert command == (0.0, 0.0)
-    assert (after.v, after.omega) == (0.0, 0.0)
-    assert not after.reached
+    assert after.command == (0.0, 0.0)
+    assert not after.settling.reached
 
 
 def test_gains_that_overflow_stop_the_robot():
@@ -256,7 +261,7 @@ def test_gains_that_overflow_stop_the_robot():
 @given(POSES, POSES, MEMORIES)
 def test_the_command_is_within_limits_everywhere(pose, goal, memory):
     limits = Limits(0.8, 1.5, 18.0, INF, INF)
-    config = ControllerConfig(limits=limits)
+    config = PAPER._replace(limits=limits)
     _, (v, omega), _ = step(memory, pose, goal, T_S, config)
     assert abs(v) <= 0.8 * (1.0 + 1e-12)
     assert abs(omega) <= 1.5 * (1.0 + 1e-12)
@@ -264,17 +269,17 @@ def test_the_command_is_within_limits_everywhere(pose, goal, memory):
 
 
 def test_the_radii_of_the_policy_are_used():
-    config = PAPER._replace(region=FixedRegion(1.0, 2.0))
+    config = PAPER._replace(region_policy=PAPER.region_policy._replace(fixed=FixedRegionPolicy(1.0, 2.0)))
     near = Pose(-0.9, 0.0, 0.3)
     memory, command, _ = step(ControllerMemory(), near, ORIGIN, T_S, config)
-    assert memory.region == OMEGA_L
+    assert memory.switching.region == OMEGA_L
     assert command.omega == pytest.approx(-2.7 * 0.3)
     memory, _, report = step(memory, Pose(-1.9, 0.0, 0.3), ORIGIN, T_S, config)
-    assert (memory.region, report.eps_P) == (OMEGA_L, 2.0)
+    assert (memory.switching.region, report.eps_P) == (OMEGA_L, 2.0)
 
 
 def test_a_goal_behind_is_reached_backwards():
     memory, command, _ = step(ControllerMemory(), Pose(3.0, 0.0, 0.0), ORIGIN, T_S, PAPER)
     assert command.v == pytest.approx(-1.3 * math.tanh(3.0))
     assert isinstance(command, Twist)
-    assert memory.switches == 0
+    assert memory.switching.switches == 0

@@ -10,12 +10,14 @@ from hypothesis import strategies as st
 
 from diffbot_control.filter.covariance import uncertainty_of
 from diffbot_control.filter.localization import Localization, LocalizationConfig
-from diffbot_control.law.controller import ControllerConfig, ControllerMemory, step
+from diffbot_control.law.controller import ControllerMemory, step
 from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.regions import (
+    COVARIANCE,
     OMEGA_G,
     OMEGA_L,
-    CovarianceRegion,
+    CovarianceRegionPolicy,
+    RegionPolicy,
     covariance_radius,
     covariance_region,
     fixed_region,
@@ -29,8 +31,8 @@ from diffbot_sim.model.simulator import StartPose, World, WorldConfig
 
 CHECK = settings(derandomize=True, deadline=None, max_examples=200)
 ORIGIN = Pose(0.0, 0.0, 0.0)
-POLICY = CovarianceRegion(True, 0.02, 2.2, 0.05, 3.0, 0.3, 3)
-TUNED = PRESETS["tuned"]._replace(covariance_region=POLICY)
+POLICY = CovarianceRegionPolicy(0.02, 2.2, 0.05, 3.0, 0.3, 3)
+TUNED = PRESETS["tuned"]._replace(region_policy=RegionPolicy(COVARIANCE, covariance=POLICY))
 DISTANCES = st.floats(0.0, 100.0)
 SIGMAS = st.floats(0.0, 10.0)
 
@@ -77,11 +79,11 @@ def test_radius_grows_with_distance_and_uncertainty_and_has_a_least_value(rho, s
 def region_after(distances, sigma=0.02, region=OMEGA_L, policy=POLICY):
     """Region after each of some distances, sigma the same or one for each."""
     sigmas = itertools.repeat(sigma) if isinstance(sigma, float) else sigma
-    outside, seen = 0, []
+    outside, regions = 0, []
     for rho, one in zip(distances, sigmas, strict=False):
         region, outside, _ = covariance_region(region, outside, rho, one, policy)
-        seen.append(region)
-    return seen
+        regions.append(region)
+    return regions
 
 
 def test_omega_l_is_entered_below_the_radius_and_at_once():
@@ -123,9 +125,9 @@ def test_a_distance_that_is_no_number_does_not_end_it_alone():
 
 @CHECK
 @given(st.lists(st.tuples(DISTANCES, SIGMAS), min_size=1, max_size=60), st.sampled_from((OMEGA_G, OMEGA_L)))
-def test_every_story_as_told_by_whole_sequences(pairs, region):
+def test_the_count_agrees_with_a_search_of_the_whole_sequence(pairs, region):
     """Omega_L ends where the last three are all beyond their own leaving radii, all of them since it was entered."""
-    seen = region_after([rho for rho, _ in pairs], [sigma for _, sigma in pairs], region)
+    regions = region_after([rho for rho, _ in pairs], [sigma for _, sigma in pairs], region)
 
     def radius(rho, sigma):
         return max(0.02, 2.2 * sigma) + 0.05 * (1.0 - 2.0 / (math.exp(2.0 * min(rho, 40.0)) + 1.0))
@@ -141,7 +143,7 @@ def test_every_story_as_told_by_whole_sequences(pairs, region):
             last = pairs[max(inside_since + 1, index - 2) : index + 1]
             if len(last) == 3 and all(r > max(3.0 * radius(r, s), 0.3) for r, s in last):
                 inside_since = None
-        assert seen[index] == (OMEGA_G if inside_since is None else OMEGA_L)
+        assert regions[index] == (OMEGA_G if inside_since is None else OMEGA_L)
 
 
 def test_the_leaving_radius_keeps_its_floor_although_sigma_shrinks_to_nothing():
@@ -155,11 +157,11 @@ def test_the_leaving_radius_keeps_its_floor_although_sigma_shrinks_to_nothing():
 def test_it_is_not_latched_but_follows_sigma_down():
     # Entered at 0.8 m with sigma 0.5 m; as the filter learns, the radius comes down and the robot has to drive.
     sigmas = [0.5 * 0.7**number for number in range(20)]
-    seen = region_after([0.8] * 20, sigmas, OMEGA_G)
-    assert seen[0] == OMEGA_L
-    assert seen[-1] == OMEGA_G
+    regions = region_after([0.8] * 20, sigmas, OMEGA_G)
+    assert regions[0] == OMEGA_L
+    assert regions[-1] == OMEGA_G
     first_small = next(i for i, s in enumerate(sigmas) if 3.0 * (2.2 * s + 0.05 * math.tanh(0.8)) < 0.8)
-    assert seen.index(OMEGA_G) == first_small + 2
+    assert regions.index(OMEGA_G) == first_small + 2
 
 
 def test_a_re_approach_is_not_leaving():
@@ -176,7 +178,7 @@ def test_a_re_approach_is_not_leaving():
 
 @CHECK
 @given(DISTANCES, SIGMAS, st.integers(0, 2), st.sampled_from((OMEGA_G, OMEGA_L)))
-def test_the_radius_told_is_the_one_that_was_compared_with(rho, sigma, outside, region):
+def test_the_radius_returned_is_the_one_that_rho_was_compared_with(rho, sigma, outside, region):
     after, count, radius = covariance_region(region, outside, rho, sigma, POLICY)
     if region == OMEGA_G:
         assert (after == OMEGA_L) is (rho < radius)
@@ -195,12 +197,11 @@ def test_the_radius_told_is_the_one_that_was_compared_with(rho, sigma, outside, 
         ("eps_P_leave_factor", 0.9),
         ("eps_P_leave_min", math.inf),
         ("eps_P_leave_steps", 0),
-        ("follow_covariance", 1),
     ],
 )
 def test_values_that_make_no_sense_are_refused(name, value):
     with pytest.raises(InvalidValueError, match=name):
-        build(CovarianceRegion, {name: value})
+        build(CovarianceRegionPolicy, {name: value})
 
 
 def test_the_controller_reports_region_and_radius_and_counts():
@@ -210,11 +211,11 @@ def test_the_controller_reports_region_and_radius_and_counts():
     for rho, sigma in story:
         pose = Pose(-rho * math.cos(0.3), -rho * math.sin(0.3), 0.1)
         uncertainty = Uncertainty(sigma, 0.3)
-        region, count, radius = covariance_region(before, count, rho, sigma, TUNED.covariance_region)
+        region, count, radius = covariance_region(before, count, rho, sigma, TUNED.region_policy.covariance)
         memory, command, report = step(memory, pose, ORIGIN, 0.1, TUNED, uncertainty)
         switches += region != before
-        assert (report.region, memory.region) == (region, region)
-        assert (memory.steps_outside, memory.switches) == (count, switches)
+        assert (report.region, memory.switching.region) == (region, region)
+        assert (memory.switching.steps_outside, memory.switching.switches) == (count, switches)
         assert report.eps_P == pytest.approx(radius, abs=1e-12)
         if region == OMEGA_L:
             assert command.omega == pytest.approx(-TUNED.gains.k_2 * 0.1)
@@ -223,16 +224,16 @@ def test_the_controller_reports_region_and_radius_and_counts():
 
 
 def test_without_the_policy_the_uncertainty_leaves_region_and_command_alone():
-    config = ControllerConfig()
+    config = PRESETS["paper"]
     memory = certain = ControllerMemory()
     region = OMEGA_G
     for number in range(100):
         pose = Pose(-3.0 + 0.03 * number, 0.2, 0.3)
         memory, command, report = step(memory, pose, ORIGIN, 0.1, config, Uncertainty(0.7, 0.5))
         certain, expected, _ = step(certain, pose, ORIGIN, 0.1, config, CERTAIN)
-        region = fixed_region(region, report.rho, config.region)
+        region = fixed_region(region, report.rho, config.region_policy.fixed)
         assert command == expected
-        assert memory.region == region
+        assert memory.switching.region == region
         assert report.eps_P == (0.6 if region else 0.5)
     assert region == OMEGA_L
 

@@ -8,13 +8,18 @@ import pytest
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
 
-from diffbot_control.law.controller import ControllerConfig
-from diffbot_control.law.lyapunov_law import sampled_poles, unstable_gains
+from diffbot_control.law.controller import ControllerConfig, ControllerMemory, step
+from diffbot_control.law.lyapunov_law import sampled_poles
 from diffbot_control.law.presets import PRESETS
+from diffbot_control.law.regions import OMEGA_G, OMEGA_L, Switching, smallest_radius
+from diffbot_control.law.supervisor import SupervisorConfig
 from diffbot_control.ros.controller_parameters import CONTROLLER_PRESETS, ControllerNodeConfig
-from diffbot_core.errors import InvalidValueError
+from diffbot_core.geometry import Pose
 from diffbot_core.schema import build, parameters_of, to_dict
+from diffbot_core.uncertainty import Uncertainty
+from diffbot_sim.model.sensors import SensorConfig
 
+ORIGIN = Pose(0.0, 0.0, 0.0)
 CHOICES = "one of " + ", ".join(PRESETS)
 FIELDS = {
     ParameterType.PARAMETER_BOOL: "bool_value",
@@ -25,37 +30,60 @@ FIELDS = {
 
 
 @pytest.mark.parametrize("name", PRESETS)
-def test_every_preset_is_valid_and_survives_the_way_through_its_parameters(name):
+def test_every_preset_is_valid_and_survives_conversion_to_parameters(name):
     preset = PRESETS[name]
     assert build(ControllerConfig, to_dict(preset)) == preset
     whole = CONTROLLER_PRESETS[name]
     assert whole.preset == name
     assert whole.supervisor.controller == preset
     assert build(ControllerNodeConfig, to_dict(whole)) == whole
-    # Whatever is the default, a preset taken as the base gives that preset.
+    # Whatever is the default, a preset used as the base gives that preset.
     assert build(ControllerNodeConfig, {}, whole) == whole
     assert build(ControllerNodeConfig, {"k": 7}, whole).supervisor.controller.gains.k == 7.0
 
 
-def test_what_the_presets_promise():
-    paper, tuned = PRESETS["paper"], PRESETS["tuned"]
-    assert set(CONTROLLER_PRESETS) == set(PRESETS) == {"paper", "paper_covariance", "tuned"}
-    assert paper.gains == (1.3, 1.0, 0.17, 2.7)
-    assert paper.covariance_region.follow_covariance is False
-    assert (paper.region.eps_P, paper.tolerance.xy_goal_tolerance) == (0.5, 0.4)
-    assert tuned.covariance_region.follow_covariance is True
-    assert (tuned.tolerance.xy_goal_tolerance, tuned.tolerance.yaw_goal_tolerance) == (0.1, 0.1)
-    assert tuned.reapproach.reapproach_tries > 0
-    for preset in PRESETS.values():
-        assert unstable_gains(preset.gains, 0.1) == ""
-        assert max(sampled_poles(preset.gains, 0.1)) < 1.0
-        # The smallest radius that a robot can come into and the way out must fit.
-        assert preset.covariance_region.eps_P_leave_min >= preset.covariance_region.eps_P_min
+def test_the_library_and_the_node_have_the_same_defaults():
+    assert ControllerConfig() == PRESETS[ControllerNodeConfig().preset]
+    assert ControllerNodeConfig() == CONTROLLER_PRESETS[ControllerNodeConfig().preset]
+    assert SupervisorConfig().controller == ControllerConfig()
 
 
-def test_a_preset_that_is_none_is_refused():
-    with pytest.raises(InvalidValueError, match=f"preset = 'papre': must be {CHOICES}"):
-        build(ControllerNodeConfig, {"preset": "papre"})
+@pytest.mark.parametrize("name", PRESETS)
+def test_every_preset_is_stable_at_the_papers_sampling_time(name):
+    assert max(sampled_poles(PRESETS[name].gains, 0.1)) < 1.0
+
+
+def test_the_papers_preset_has_a_radius_that_meets_its_own_condition():
+    paper, noise = PRESETS["paper"], SensorConfig()
+    # +-5 % of each wheel at v_max; section 3.2 and 4.1.
+    bound = smallest_radius(noise.eps_x_max, noise.eps_y_max, 0.05 * paper.gains.gamma, paper.gains.gamma)
+    for sigma in (0.0, 0.5):
+        for rho, region in ((bound, OMEGA_L), (1.2 * bound + 0.05, OMEGA_G)):
+            pose = Pose(-rho, 0.0, 0.0)
+            memory, _, _ = step(ControllerMemory(), pose, ORIGIN, 0.1, paper, Uncertainty(sigma, 0.0))
+            assert memory.switching.region == region
+
+
+@pytest.mark.parametrize("name", ["tuned", "paper_covariance"])
+def test_the_other_presets_switch_where_the_estimate_is_uncertain_to(name):
+    """Eps_P covers some two standard deviations of the position and 5 % of the speed."""
+    for sigma in (0.05, 0.1, 0.2):
+        inside, outside = (
+            step(ControllerMemory(), Pose(-rho, 0.0, 0.0), ORIGIN, 0.1, PRESETS[name], Uncertainty(sigma, 0.0))[0]
+            for rho in (2.0 * sigma, 2.5 * sigma + 0.05)
+        )
+        assert (inside.switching.region, outside.switching.region) == (OMEGA_L, OMEGA_G)
+
+
+@pytest.mark.parametrize(("name", "reached"), [("tuned", False), ("paper_covariance", False), ("paper", True)])
+def test_only_the_papers_preset_accepts_the_lateral_error_of_its_fixed_region(name, reached):
+    """The paper's own end state of simulation A, y = 0.1049 m; see docs/control.md."""
+    memory = ControllerMemory(Switching(OMEGA_L))
+    for _ in range(4):
+        memory, _, _ = step(memory, Pose(0.0028, 0.1049, 0.0066), ORIGIN, 0.1, PRESETS[name])
+    assert memory.settling.reached is False
+    memory, _, _ = step(memory, Pose(0.0028, 0.1049, 0.0066), ORIGIN, 0.1, PRESETS[name])
+    assert memory.settling.reached is reached
 
 
 def parameters(peer, name, names):

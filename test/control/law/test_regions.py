@@ -8,13 +8,13 @@ from diffbot_control.law.regions import (
     OMEGA_G,
     OMEGA_L,
     REGION_NAMES,
-    FixedRegion,
+    FixedRegionPolicy,
     fixed_region,
     smallest_radius,
 )
 from diffbot_core.errors import InvalidValueError
 
-POLICY = FixedRegion(0.5, 0.6)
+POLICY = FixedRegionPolicy(0.5, 0.6)
 
 
 def test_the_papers_condition():
@@ -22,7 +22,7 @@ def test_the_papers_condition():
     assert smallest_radius(0.3, 0.3, 0.065, 1.3) == pytest.approx(0.474264, abs=1e-6)
     # 3-4-5: 0.5 + 0.2 / 2.
     assert smallest_radius(0.3, 0.4, 0.2, 2.0) == pytest.approx(0.6)
-    assert FixedRegion().eps_P > smallest_radius(0.3, 0.3, 0.065, 1.3)
+    assert FixedRegionPolicy().eps_P > smallest_radius(0.3, 0.3, 0.065, 1.3)
 
 
 @pytest.mark.parametrize(
@@ -56,16 +56,16 @@ def test_noise_between_the_radii_changes_nothing():
 
 
 def test_an_approach_and_a_kick():
-    region, seen = OMEGA_G, []
+    region, regions = OMEGA_G, []
     for rho in (2.0, 0.7, 0.52, 0.49, 0.58, 0.3, 0.61, 0.55, 0.45):
         region = fixed_region(region, rho, POLICY)
-        seen.append(REGION_NAMES[region])
+        regions.append(REGION_NAMES[region])
     g, near = "Omega_G", "Omega_L"
-    assert seen == [g, g, g, near, near, near, g, g, near]
+    assert regions == [g, g, g, near, near, near, g, g, near]
 
 
 def test_a_leaving_radius_below_the_entering_one_is_refused():
     with pytest.raises(InvalidValueError, match=r"eps_P_leave = 0\.4: must be >= eps_P = 0\.5"):
-        FixedRegion(0.5, 0.4).check()
-    FixedRegion(0.5, 0.5).check()
-    FixedRegion().check()
+        FixedRegionPolicy(0.5, 0.4).check()
+    FixedRegionPolicy(0.5, 0.5).check()
+    FixedRegionPolicy().check()

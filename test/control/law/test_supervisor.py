@@ -5,7 +5,6 @@ import math
 import pytest
 
 from diffbot_control.law.controller import ControllerConfig, ControllerMemory, step
-from diffbot_control.law.goal_checker import GoalTolerance
 from diffbot_control.law.limits import Limits
 from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.regions import OMEGA_G, OMEGA_L
@@ -27,8 +26,9 @@ ZERO = (0.0, 0.0)
 GOAL = Pose(0.0, 0.0, 0.0)
 AWAY = Pose(-3.0, 0.0, 0.0)
 AT_GOAL = Pose(-0.01, 0.0, 0.0)
-QUICK = ControllerConfig(tolerance=GoalTolerance(settling_steps=2))
-SLOW_DOWN = ControllerConfig(limits=Limits(a_max=1.0))
+PAPER = PRESETS["paper"]
+QUICK = PAPER._replace(tolerance=PAPER.tolerance._replace(settling_steps=2))
+SLOW_DOWN = PAPER._replace(limits=Limits(a_max=1.0))
 UNSURE = Uncertainty(0.3, 0.01)
 """Twice that does not fit into the 0.4 m of the paper's preset."""
 
@@ -108,7 +108,7 @@ def test_the_time_between_stamps_goes_to_the_acceleration_limits():
     speeds = [story.pose(far, after).v for after in (0.1, 0.1, 0.3, 0.0)]
     assert speeds == pytest.approx([0.0, 0.1, 0.4, 0.4])
     assert story.pose(far, 0.25).v == pytest.approx(0.65)
-    story = Story(controller=ControllerConfig(limits=Limits(a_max=0.1)))
+    story = Story(controller=PAPER._replace(limits=Limits(a_max=0.1)))
     story.supervisor.on_goal(GOAL)
     story.pose(far)
     assert story.pose(far, 30.0).v == pytest.approx(0.1)
@@ -147,8 +147,8 @@ def test_a_held_goal_is_still_controlled():
 
 
 def test_without_stateful_a_goal_can_be_lost_but_counts_once():
-    tolerance = GoalTolerance(settling_steps=2, stateful=False)
-    story = Story(controller=ControllerConfig(tolerance=tolerance))
+    tolerance = PAPER.tolerance._replace(settling_steps=2, stateful=False)
+    story = Story(controller=PAPER._replace(tolerance=tolerance))
     story.supervisor.on_goal(GOAL)
     reach(story)
     story.pose(AWAY)
@@ -249,15 +249,15 @@ def test_the_watch_stops_a_robot_without_poses(timeout):
     story = Story(pose_timeout=timeout)
     story.supervisor.on_goal(GOAL)
     story.pose()
-    heard = story.now
-    assert story.supervisor.on_tick(heard + timeout - 1e-6) is None
+    last = story.now
+    assert story.supervisor.on_tick(last + timeout - 1e-6) is None
     assert story.state == DRIVING
-    assert story.supervisor.on_tick(heard + timeout + 1e-6) == ZERO
+    assert story.supervisor.on_tick(last + timeout + 1e-6) == ZERO
     assert story.state == STALE
     # It goes on saying so: one lost message must not matter.
-    assert [story.supervisor.on_tick(heard + timeout + n) for n in range(1, 9)] == [ZERO] * 8
-    assert (story.supervisor.memory.v, story.supervisor.memory.omega) == ZERO
-    story.now = heard + 20.0
+    assert [story.supervisor.on_tick(last + timeout + n) for n in range(1, 9)] == [ZERO] * 8
+    assert story.supervisor.memory.command == ZERO
+    story.now = last + 20.0
     assert story.pose().v == pytest.approx(1.3 * math.tanh(3.0))
     assert story.state == DRIVING
 
@@ -288,7 +288,7 @@ def test_a_new_goal_while_driving_wins():
     story.supervisor.on_goal(GOAL)
     for _ in range(4):
         story.pose(Pose(-50.0, 0.0, 0.0))
-    assert story.supervisor.memory.v == pytest.approx(0.3)
+    assert story.supervisor.memory.command.v == pytest.approx(0.3)
     behind = Pose(-100.0, 0.0, 0.0)
     story.supervisor.on_goal(behind)
     assert story.state == DRIVING
@@ -307,7 +307,7 @@ def test_a_new_goal_after_a_reached_one_drives_again():
     assert story.state == DRIVING
     story.pose(AT_GOAL)
     assert story.state == DRIVING
-    assert story.supervisor.memory.reached is False
+    assert story.supervisor.memory.settling.reached is False
     assert story.supervisor.report.rho == pytest.approx(5.01)
 
 
@@ -326,7 +326,7 @@ def test_time_that_jumps_back_does_not_silence_the_watch():
 def test_every_state_reached_is_a_documented_one(hold, when_idle):
     story = Story(controller=QUICK, hold_goal=hold, publish_when_idle=when_idle)
     story.supervisor.on_goal(GOAL)
-    seen, number = {story.state}, 7
+    states, number = {story.state}, 7
     actions = (
         lambda: story.pose(AT_GOAL),
         lambda: story.pose(AT_GOAL, uncertainty=UNSURE),
@@ -339,17 +339,17 @@ def test_every_state_reached_is_a_documented_one(hold, when_idle):
     for _ in range(3000):
         number = (1103515245 * number + 12345) % 2**31
         command = actions[(number >> 16) % len(actions)]()
-        seen.add(story.state)
+        states.add(story.state)
         assert command is None or all(math.isfinite(value) for value in command)
         if story.supervisor.goal is None:
             assert command in (None, ZERO) or story.state == REACHED
         else:
             assert story.state in (WAITING, DRIVING, REACHED, UNCERTAIN, STALE)
-    assert seen == set(STATES)
+    assert states == set(STATES)
 
 
 @pytest.mark.parametrize("uncertainty", [UNSURE, Uncertainty(0.01, 0.06), Uncertainty(9.0, 9.0)])
-def test_a_tolerance_below_the_uncertainty_is_said_at_rest_only(uncertainty):
+def test_a_tolerance_below_the_uncertainty_is_reported_at_rest_only(uncertainty):
     story = Story(controller=QUICK)
     story.supervisor.on_goal(GOAL)
     story.pose(AWAY, uncertainty=uncertainty)
@@ -387,12 +387,12 @@ def test_standing_in_omega_g_is_not_resting():
     story = Story(controller=config)
     story.supervisor.on_goal(GOAL)
     story.pose(AWAY, uncertainty=UNSURE)
-    assert story.supervisor.memory.region == OMEGA_G
+    assert story.supervisor.memory.switching.region == OMEGA_G
     assert story.state == DRIVING
 
 
 def test_the_smallest_tolerance_is_what_the_covariance_allows():
-    story = Story(controller=ControllerConfig(tolerance=GoalTolerance(goal_sigmas=3.0)))
+    story = Story(controller=PAPER._replace(tolerance=PAPER.tolerance._replace(goal_sigmas=3.0)))
     assert story.supervisor.smallest_tolerance() == (0.0, 0.0)
     story.supervisor.on_goal(GOAL)
     story.pose(AWAY, uncertainty=Uncertainty(0.2, 0.03))
@@ -411,7 +411,7 @@ def test_the_uncertainty_of_the_pose_goes_to_the_controller():
         memory, expected, report = step(memory, pose, GOAL, 0.1, config, uncertainty)
         assert story.pose(pose, uncertainty=uncertainty) == expected
         assert (story.supervisor.memory, story.supervisor.report) == (memory, report)
-    assert memory.region == OMEGA_L
+    assert memory.switching.region == OMEGA_L
 
 
 @pytest.mark.parametrize("config", [QUICK, SLOW_DOWN, PRESETS["tuned"]])
@@ -457,7 +457,7 @@ def test_a_corrected_pose_of_the_same_time_takes_the_place_of_the_first(config):
         assert twin.state == story.state
 
 
-def test_a_corrected_pose_when_a_waypoint_was_passed_is_judged_for_the_next():
+def test_a_corrected_pose_after_a_waypoint_was_passed_counts_for_the_next():
     story, twin = Story(waypoint_radius=2.0), Story()
     story.supervisor.on_path([GOAL, ROUTE[0]])
     story.pose(Pose(-1.0, 0.0, 0.0))
@@ -494,7 +494,7 @@ def test_a_pose_sent_again_after_silence_or_for_another_goal_is_answered_anew():
 ROUTE = [Pose(2.0, 0.0, 0.0), Pose(2.0, 3.0, 1.0), Pose(-1.0, 1.0, -2.0)]
 
 
-def told(story):
+def progress(story):
     supervisor = story.supervisor
     return supervisor.waypoint, supervisor.waypoints, supervisor.goal
 
@@ -504,13 +504,13 @@ def test_a_path_is_driven_in_order_and_the_last_is_held():
     story.supervisor.on_path(list(ROUTE))
     assert story.state == WAITING
     for number, goal in enumerate(ROUTE, 1):
-        assert told(story) == (number, 3, goal)
+        assert progress(story) == (number, 3, goal)
         story.pose(goal)
-        assert told(story) == (number, 3, goal)
+        assert progress(story) == (number, 3, goal)
         story.pose(goal)
         # Reached: the next one is due from the next pose on, but the last stays.
         assert story.supervisor.goals_reached == number
-        assert told(story) == (min(number + 1, 3), 3, ROUTE[min(number, 2)])
+        assert progress(story) == (min(number + 1, 3), 3, ROUTE[min(number, 2)])
         assert story.state == (DRIVING if number < 3 else REACHED)
     for _ in range(3):
         story.pose(ROUTE[-1])
@@ -544,7 +544,7 @@ def test_waypoints_are_passed_at_the_radius_but_the_last_is_not():
     assert abs(command.v) > 0.1
     assert story.supervisor.goals_reached == 0
     story.pose(Pose(2.0, 2.6, 0.0))
-    assert told(story) == (3, 3, ROUTE[2])
+    assert progress(story) == (3, 3, ROUTE[2])
     story.pose(Pose(-1.0, 1.1, 0.0))
     assert (story.state, story.supervisor.waypoint) == (DRIVING, 3)
     for _ in range(2):
@@ -556,8 +556,8 @@ def test_waypoints_are_passed_at_the_radius_but_the_last_is_not():
 def test_one_waypoint_for_each_pose_however_near_they_are():
     story = Story(waypoint_radius=10.0)
     story.supervisor.on_path(list(ROUTE))
-    seen = [(story.pose(AWAY), story.supervisor.waypoint)[1] for _ in range(5)]
-    assert seen == [2, 3, 3, 3, 3]
+    waypoints = [(story.pose(AWAY), story.supervisor.waypoint)[1] for _ in range(5)]
+    assert waypoints == [2, 3, 3, 3, 3]
 
 
 def test_a_pose_sent_again_when_a_waypoint_was_passed_has_the_same_answer_and_passes_no_other():
@@ -578,15 +578,15 @@ def test_the_newest_goal_or_path_wins(size):
     story.supervisor.on_path(list(ROUTE))
     story.pose(AWAY)
     story.supervisor.on_goal(GOAL)
-    assert told(story) == (0, 0, GOAL)
+    assert progress(story) == (0, 0, GOAL)
     reach(story)
     story.pose(AT_GOAL)
-    assert told(story) == (0, 0, GOAL), "what was left of the path is forgotten"
+    assert progress(story) == (0, 0, GOAL), "what was left of the path is forgotten"
     story.supervisor.on_path(ROUTE[:size])
-    assert told(story) == (1, size, ROUTE[0])
+    assert progress(story) == (1, size, ROUTE[0])
     story.supervisor.on_path(ROUTE[1:])
-    assert told(story) == (1, 2, ROUTE[1])
-    assert story.supervisor.memory.reached is False
+    assert progress(story) == (1, 2, ROUTE[1])
+    assert story.supervisor.memory.settling.reached is False
     story.pose(AWAY)
     assert story.state == DRIVING
 
@@ -595,7 +595,7 @@ def test_a_path_of_one_is_a_goal():
     story = Story(controller=QUICK)
     story.supervisor.on_path([GOAL])
     reach(story)
-    assert told(story) == (1, 1, GOAL)
+    assert progress(story) == (1, 1, GOAL)
 
 
 def test_a_path_can_be_given_up_and_nothing_of_it_comes_back():
@@ -605,11 +605,11 @@ def test_a_path_can_be_given_up_and_nothing_of_it_comes_back():
         story.pose(ROUTE[0])
     assert story.supervisor.waypoint == 2
     assert story.supervisor.on_cancel() == ZERO
-    assert (story.state, told(story)) == (IDLE, (0, 0, None))
+    assert (story.state, progress(story)) == (IDLE, (0, 0, None))
     assert [story.pose(AWAY) for _ in range(6)] == [ZERO] * 4 + [None] * 2
     story.supervisor.on_goal(GOAL)
     reach(story)
-    assert told(story) == (0, 0, GOAL)
+    assert progress(story) == (0, 0, GOAL)
 
 
 def test_a_path_that_is_not_held_goes_idle_only_at_its_end():
@@ -647,7 +647,7 @@ def test_silence_on_the_way_keeps_the_path():
     story.supervisor.on_path(list(ROUTE))
     story.pose(AWAY)
     assert story.tick(1.0) == ZERO
-    assert (story.state, told(story)) == (STALE, (1, 3, ROUTE[0]))
+    assert (story.state, progress(story)) == (STALE, (1, 3, ROUTE[0]))
     for _ in range(2):
         story.pose(ROUTE[0])
-    assert told(story) == (2, 3, ROUTE[1])
+    assert progress(story) == (2, 3, ROUTE[1])

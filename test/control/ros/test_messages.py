@@ -1,4 +1,4 @@
-"""The robot's pose out of the two kinds of message that may carry it: the same values, the same refusals."""
+"""The robot's pose from both message types that may hold it: the same values, the same refusals."""
 
 import math
 
@@ -58,15 +58,19 @@ def test_yaw_of_a_robot_on_a_slope(kind):
 
 
 @KINDS
-def test_no_covariance_at_all_means_certain(kind):
+@pytest.mark.parametrize("others", [0.0, 7.0])
+def test_an_all_zero_covariance_is_unknown(kind, others):
+    """Whether or not that of z, roll and pitch is given."""
     message = estimate(kind)
-    message.pose.covariance = np.zeros(36)
-    assert tuple(read(message)[2]) == (0.0, 0.0)
+    message.pose.covariance = np.diag([0.0, 0.0, others, others, others, 0.0]).reshape(36)
+    stamp, pose, uncertainty = read(message)
+    assert uncertainty is None
+    assert (stamp, pose) == read(estimate(kind))[:2]
 
 
 @KINDS
 @pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf])
-def test_numbers_that_are_none(kind, number):
+def test_numbers_that_are_not_finite(kind, number):
     for place in "xy":
         message = estimate(kind)
         setattr(message.pose.pose.position, place, number)
@@ -117,24 +121,24 @@ def test_covariance_that_is_not_symmetric(kind, place):
 @pytest.mark.parametrize(
     ("covariance", "reason"),
     [
-        (np.zeros((3, 3)), "covariance is zero"),  # while that of z, roll and pitch is given
+        (np.array([[0.0, 0.1, 0.0], [0.1, 0.0, 0.0], [0.0, 0.0, 0.0]]), "covariance is zero"),  # but not all of it
         (np.diag([-1.0, 1.0, 1.0]), "covariance not positive definite"),
         (np.diag([1.0, 1.0, 0.0]), "covariance not positive definite"),
         (np.diag([1.0, 1e9, 1.0]), "covariance too large"),
     ],
 )
-def test_covariance_that_is_none(kind, covariance, reason):
+def test_invalid_covariance(kind, covariance, reason):
     assert refusal(estimate(kind, covariance)) == reason
 
 
 @KINDS
-def test_stamp_that_is_none(kind):
+def test_stamp_that_is_not_normalised(kind):
     message = estimate(kind)
     message.header.stamp.nanosec = 10**9
     assert refusal(message) == "stamp not normalised"
 
 
-def test_what_the_controller_does_not_use_of_an_odometry_may_be_anything():
+def test_unused_fields_of_an_odometry_may_hold_anything():
     message = estimate(Odometry)
     expected = read(message)
     message.pose.pose.position.z = math.nan

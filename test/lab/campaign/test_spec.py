@@ -28,7 +28,8 @@ def test_the_example_is_unfolded():
     assert [(cell.values["k"], cell.values["eps_P"]) for cell in campaign.cells] == points
     for cell, (k, radius) in zip(campaign.cells, points, strict=True):
         controller = cell.case.controller
-        assert (controller.gains.k, controller.region.eps_P, controller.region.eps_P_leave) == (k, radius, 0.6)
+        fixed = controller.region_policy.fixed
+        assert (controller.gains.k, fixed.eps_P, fixed.eps_P_leave) == (k, radius, 0.6)
         assert (cell.case.steps, cell.case.feedback, cell.case.literal_rear) == (400, EKF, False)
         assert (cell.case.xy_tolerance, cell.case.yaw_tolerance) == (0.4, 0.1)
     assert campaign.starts.poses.tolist() == [[0.0, 0.0, 0.0]]

@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from diffbot_control.law.controller import ControllerConfig
-from diffbot_control.law.lyapunov_law import Gains, global_law, heading_hold
+from diffbot_control.law.lyapunov_law import PAPER_GAINS, Gains, global_law, heading_hold
 from diffbot_control.law.polar_coordinates import discrete_model, in_front, navigation_variables
-from diffbot_control.law.regions import FixedRegion
+from diffbot_control.law.presets import PAPER, PRESETS
+from diffbot_control.law.regions import FixedRegionPolicy, RegionPolicy
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_lab import cli
@@ -109,14 +109,16 @@ BOXES = {
 
 
 @pytest.mark.parametrize("name", BOXES)
-@pytest.mark.parametrize("gains", [Gains(), Gains(1.0, 8.0, 2.0, 2.7), Gains(0.3, 0.1, 0.05, 1.0)], ids=["a", "b", "c"])
+@pytest.mark.parametrize(
+    "gains", [PAPER_GAINS, Gains(1.0, 8.0, 2.0, 2.7), Gains(0.3, 0.1, 0.05, 1.0)], ids=["a", "b", "c"]
+)
 def test_no_admissible_noise_does_worse(name, gains):
     assert_sound(np.random.default_rng(1), gains, BOXES[name], T_S, 4000, 30)
 
 
 def test_no_admissible_noise_does_worse_with_long_steps():
     # Steps that turn by more than a whole turn, and run past the goal.
-    assert_sound(np.random.default_rng(2), Gains(k=20.0), PAPER_BOX, 1.0, 4000, 30)
+    assert_sound(np.random.default_rng(2), PAPER_GAINS._replace(k=20.0), PAPER_BOX, 1.0, 4000, 30)
 
 
 small = st.floats(0.0, 1.0)
@@ -140,7 +142,7 @@ OFF_THE_CUT = st.floats(-math.pi + 1e-6, math.pi - 1e-6)
 @given(st.floats(1e-3, 30.0), OFF_THE_CUT, OFF_THE_CUT, st.tuples(*[st.floats(-1.0, 1.0)] * 5))
 @settings(derandomize=True, deadline=None, max_examples=400)
 def test_soundness_with_the_projects_own_law_and_models(rho, alpha, beta, share):
-    gains = Gains()
+    gains = PAPER_GAINS
     noise = [one * bound for one, bound in zip(share, PAPER_BOX, strict=True)]
     x, y, theta = -rho * math.cos(beta), -rho * math.sin(beta), beta - alpha
     seen = navigation_variables(Pose(x + noise[0], y + noise[1], float(wrapped(theta + noise[2]))))
@@ -169,10 +171,10 @@ def test_without_noise_it_is_the_closed_form():
 
 def test_without_noise_it_is_the_very_step():
     state = random_states(np.random.default_rng(4), 3000)
-    exact = textbook_rate(state, np.zeros((5, 1)), Gains(), T_S)
+    exact = textbook_rate(state, np.zeros((5, 1)), PAPER_GAINS, T_S)
     inside = np.abs(exact) < 1e3  # beside the cut what is measured may be on either side of it by rounding alone
     away = inside & (np.abs(state[1]) < 3.1) & (np.abs(state[2]) < 3.1)
-    bound = worst_rate(Grid(*state), Gains(), NO_NOISE, T_S)
+    bound = worst_rate(Grid(*state), PAPER_GAINS, NO_NOISE, T_S)
     crossing = bound - exact > 1e-6
     assert crossing[away].mean() < 0.1  # a step across the cut is bounded by pi^2
     assert bound[away & ~crossing] == pytest.approx(exact[away & ~crossing], abs=1e-6)
@@ -183,8 +185,8 @@ def test_with_little_noise_it_is_not_far_off():
     box = NoiseBox(1e-3, 1e-3, 1e-3, 1e-3, 1e-3)
     rho = rng.uniform(1.0, 10.0, 2000)
     alpha, beta = rng.uniform(-2.5, 2.5, (2, 2000))
-    rates = textbook_rate((rho, alpha, beta), random_noise(rng, box, 2000, 200), Gains(), T_S).max(axis=0)
-    gap = worst_rate(Grid(rho, alpha, beta), Gains(), box, T_S) - rates
+    rates = textbook_rate((rho, alpha, beta), random_noise(rng, box, 2000, 200), PAPER_GAINS, T_S).max(axis=0)
+    gap = worst_rate(Grid(rho, alpha, beta), PAPER_GAINS, box, T_S) - rates
     assert (gap >= 0.0).all()
     assert gap.max() < 0.1
     assert np.median(gap) < 0.02
@@ -192,7 +194,9 @@ def test_with_little_noise_it_is_not_far_off():
 
 def test_more_noise_is_never_better():
     grid = make_grid(8.0, 15)
-    rates = [worst_rate(grid, Gains(), NoiseBox(*(scale * np.array(PAPER_BOX))), T_S) for scale in (0.0, 0.3, 1.0, 3.0)]
+    rates = [
+        worst_rate(grid, PAPER_GAINS, NoiseBox(*(scale * np.array(PAPER_BOX))), T_S) for scale in (0.0, 0.3, 1.0, 3.0)
+    ]
     for less, more in itertools.pairwise(rates):
         assert (more >= less - 1e-9).all()
         assert (more > less).mean() > 0.9
@@ -217,7 +221,7 @@ def test_the_level_is_the_highest_that_fails():
 
 
 def test_above_the_level_no_noise_lifts_v_and_below_none_lifts_it_out():
-    certified = certify(ControllerConfig(), PAPER_BOX, T_S, 12.0, 31)
+    certified = certify(PRESETS[PAPER], PAPER_BOX, T_S, 12.0, 31)
     assert certified["inside_grid"]
     assert certified["ultimate_distance"] == pytest.approx(math.sqrt(2.0 * certified["ultimate_level"]))
     assert certified["ultimate_level"] > certified["level"] > 0.0
@@ -225,8 +229,8 @@ def test_above_the_level_no_noise_lifts_v_and_below_none_lifts_it_out():
     grid = make_grid(12.0, 31)
     shape = np.broadcast(*grid).shape
     state = [np.broadcast_to(one, shape).ravel() for one in grid]
-    level = level_of(Grid(*state), Gains())
-    rates = textbook_rate(state, random_noise(rng, PAPER_BOX, len(level), 8), Gains(), T_S)
+    level = level_of(Grid(*state), PAPER_GAINS)
+    rates = textbook_rate(state, random_noise(rng, PAPER_BOX, len(level), 8), PAPER_GAINS, T_S)
     assert (rates[:, level > certified["level"]] < 0.0).all()
     assert (level + T_S * rates)[:, level <= certified["level"]].max() <= certified["ultimate_level"]
     # It does not hold trivially: below, noise does lift V.
@@ -235,14 +239,14 @@ def test_above_the_level_no_noise_lifts_v_and_below_none_lifts_it_out():
 
 
 def test_without_noise_v_decreases_nearly_everywhere():
-    certified = certify(ControllerConfig(), NO_NOISE, 1e-3, 12.0, 31)
+    certified = certify(PRESETS[PAPER], NO_NOISE, 1e-3, 12.0, 31)
     assert certified["share_decreasing"] > 0.95
     assert certified["radius_condition"] == 0.0
 
 
 @pytest.mark.parametrize("k_2", [0.5, 2.7, 10.0, 14.0, 19.0])
 def test_the_bound_of_the_heading_is_reached_and_not_passed(k_2):
-    gains = Gains(k_2=k_2)
+    gains = PAPER_GAINS._replace(k_2=k_2)
     bound = heading_bound(gains, PAPER_BOX, T_S)
     # The worst noise pushes to the side on which the noiseless loop will be.
     theta = 0.0
@@ -263,14 +267,14 @@ def test_the_bound_of_the_heading_is_reached_and_not_passed(k_2):
 
 @pytest.mark.parametrize("k_2", [20.0, 25.0, 1000.0])
 def test_a_loop_that_does_not_contract_has_no_bound(k_2):
-    assert heading_bound(Gains(k_2=k_2), PAPER_BOX, T_S) == math.inf
+    assert heading_bound(PAPER_GAINS._replace(k_2=k_2), PAPER_BOX, T_S) == math.inf
 
 
 def test_the_box_is_what_plant_and_sensors_do():
     plant = PlantConfig(exact_arc=False, drive_noise=0.0, eps_v_max=0.065, eps_omega_max=0.2167)
-    assert noise_box(plant, SensorConfig(), ControllerConfig()) == pytest.approx(PAPER_BOX)
+    assert noise_box(plant, SensorConfig(), PRESETS[PAPER]) == pytest.approx(PAPER_BOX)
     # Section 4.1: 5 % of each wheel at 1.3 m/s are 0.065 m/s and 0.2167 rad/s.
-    box = noise_box(PlantConfig(drive_noise=0.05), SensorConfig(0.0, 0.1, 0.2, 0.3), ControllerConfig())
+    box = noise_box(PlantConfig(drive_noise=0.05), SensorConfig(0.0, 0.1, 0.2, 0.3), PRESETS[PAPER])
     assert box == pytest.approx((0.1, 0.2, 0.3, 0.065, 0.21667), abs=1e-5)
     assert box.eps_position == pytest.approx(math.sqrt(0.05))
 
@@ -288,9 +292,9 @@ def test_what_is_written(tmp_path, capsys):
     assert_a_picture(out / "stability.png")
     content = json.loads((out / "stability.json").read_text())
     assert content["noise"] == pytest.approx(PAPER_BOX._asdict())
-    assert content["gains"] == Gains()._asdict()
+    assert content["gains"] == PAPER_GAINS._asdict()
     proved, observed = content["proved_at_grid_points"], content["only_observed"]
-    direct = certify(ControllerConfig(), PAPER_BOX, T_S, 12.0, 21)
+    direct = certify(PRESETS[PAPER], PAPER_BOX, T_S, 12.0, 21)
     assert proved == {name: value for name, value in direct.items() if name != "maps"}
     assert proved["grid_points"] == 21**3
     assert proved["radius_condition"] == pytest.approx(0.474264, abs=1e-6)
@@ -372,15 +376,15 @@ def test_observed_is_the_law_without_limits(tmp_path, monkeypatch):
 
 
 def test_in_pieces_the_grid_is_the_same(monkeypatch):
-    whole = certify(ControllerConfig(), PAPER_BOX, T_S, 12.0, 21)
+    whole = certify(PRESETS[PAPER], PAPER_BOX, T_S, 12.0, 21)
     monkeypatch.setattr("diffbot_lab.stability.certificate._POINTS_AT_A_TIME", 1000)
-    pieces = certify(ControllerConfig(), PAPER_BOX, T_S, 12.0, 21)
+    pieces = certify(PRESETS[PAPER], PAPER_BOX, T_S, 12.0, 21)
     for key, value in whole.pop("maps").items():
         np.testing.assert_array_equal(pieces["maps"][key], value)
     assert {key: pieces[key] for key in whole} == whole
     # And what it says is what all its points say.
     grid = make_grid(12.0, 21)
-    worst, level = worst_rate(grid, Gains(), PAPER_BOX, T_S), level_of(grid, Gains())
+    worst, level = worst_rate(grid, PAPER_GAINS, PAPER_BOX, T_S), level_of(grid, PAPER_GAINS)
     bad = worst >= 0.0
     assert whole["level"] == level[bad].max()
     assert whole["ultimate_level"] == level[bad].max() + T_S * worst[bad].max()
@@ -433,7 +437,8 @@ def test_an_impossible_folder_is_one_line(tmp_path, capsys):
 
 
 def test_the_leaving_radius_does_not_matter():
+    policies = (RegionPolicy(fixed=FixedRegionPolicy(0.5, leave)) for leave in (0.5, 0.9))
     one, other = (
-        certify(ControllerConfig(region=FixedRegion(0.5, leave)), PAPER_BOX, T_S, 5.0, 11) for leave in (0.5, 0.9)
+        certify(PRESETS[PAPER]._replace(region_policy=policy), PAPER_BOX, T_S, 5.0, 11) for policy in policies
     )
     assert one["level"] == other["level"]

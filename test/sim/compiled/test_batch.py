@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from diffbot_control.law.controller import ControllerConfig
 from diffbot_control.law.limits import Limits
-from diffbot_control.law.lyapunov_law import Gains
-from diffbot_control.law.regions import FixedRegion
+from diffbot_control.law.lyapunov_law import PAPER_GAINS, Gains
+from diffbot_control.law.presets import PRESETS
+from diffbot_control.law.regions import FIXED, FixedRegionPolicy, RegionPolicy
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_lab.metrics import goal_metrics, path_length
@@ -34,10 +34,12 @@ INF = math.inf
 ORIGIN = Pose(0.0, 0.0, 0.0)
 PAPER = PlantConfig(exact_arc=False, drive_noise=0.0, encoder_noise=0.0, eps_v_max=0.065, eps_omega_max=0.2167)
 QUIET = PlantConfig(drive_noise=0.0, encoder_noise=0.0)
-SENSORS, CONTROLLER = SensorConfig(), ControllerConfig()
+SENSORS, CONTROLLER = SensorConfig(), PRESETS["paper"]
 EXACT = SensorConfig(eps_x_max=0.0, eps_y_max=0.0, eps_theta_max=0.0)
-LIMITED = ControllerConfig(limits=Limits(1.0, 1.5, 15.0, 0.8, 2.0))
-FASTER = ControllerConfig(gains=Gains(1.1, 2.5, 0.6, 1.9), region=FixedRegion(0.25, 0.3))
+LIMITED = CONTROLLER._replace(limits=Limits(1.0, 1.5, 15.0, 0.8, 2.0))
+FASTER = CONTROLLER._replace(
+    gains=Gains(1.1, 2.5, 0.6, 1.9), region_policy=RegionPolicy(FIXED, FixedRegionPolicy(0.25, 0.3))
+)
 START = (-2.0, -5.5, math.radians(30.0))
 SEEDS = (1, 2**40 + 3, 2**63 - 1)
 
@@ -58,12 +60,12 @@ def assert_same_poses(actual, expected, tolerance):
 
 
 WORLDS = {
-    "paper's noise": (PAPER, SensorConfig(), ControllerConfig(), ORIGIN, START),
-    "wheel noise": (PlantConfig(), SensorConfig(), ControllerConfig(), ORIGIN, START),
+    "paper's noise": (PAPER, SensorConfig(), CONTROLLER, ORIGIN, START),
+    "wheel noise": (PlantConfig(), SensorConfig(), CONTROLLER, ORIGIN, START),
     "heading at another rate": (
         PlantConfig(),
         SensorConfig(fix_rate=2.0, heading_rate=10.0, heading_error_max=0.05),
-        ControllerConfig(),
+        CONTROLLER,
         ORIGIN,
         (6.0, 1.0, -3.0),
     ),
@@ -84,7 +86,7 @@ WORLDS = {
     "wrong radii and slip": (
         PlantConfig(left_radius_error=0.04, right_radius_error=-0.03, slip_left=0.6, slip_start=1.1, slip_duration=3.2),
         SensorConfig(fix_rate=2.0),
-        ControllerConfig(),
+        CONTROLLER,
         ORIGIN,
         START,
     ),
@@ -133,7 +135,9 @@ def test_it_is_the_closed_loop(name, feedback):
 
 def test_outcomes_are_the_metrics_of_the_histories():
     case = case_of(
-        steps=250, sensors=SensorConfig(fix_rate=2.0), controller=ControllerConfig(region=FixedRegion(0.5, 0.5))
+        steps=250,
+        sensors=SensorConfig(fix_rate=2.0),
+        controller=CONTROLLER._replace(region_policy=RegionPolicy(FIXED, FixedRegionPolicy(0.5, 0.5))),
     )
     starts = Starts(np.array([START, (4.0, 4.0, 2.0)]), (1.0, 1.0, 0.5))
     outcomes = run_batch(case, starts, 3, 0, 200)
@@ -169,7 +173,7 @@ def test_what_never_was_is_nan():
 
 def test_a_pose_that_is_no_number_has_not_settled():
     # Wheel speeds overflow: inf - inf is the robot's velocity.
-    case = case_of(QUIET, EXACT, ControllerConfig(gains=Gains(k=1e308)), feedback="truth", steps=5)
+    case = case_of(QUIET, EXACT, CONTROLLER._replace(gains=PAPER_GAINS._replace(k=1e308)), feedback="truth", steps=5)
     outcome = dict(zip(COLUMNS, run_batch(case, Starts(np.array([START])), 1, 0, 1)[0], strict=True))
     assert math.isnan(outcome["x"])
     assert math.isnan(outcome["settling_time"])

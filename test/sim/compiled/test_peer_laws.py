@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from diffbot_control.law.controller import ControllerConfig
 from diffbot_control.law.lyapunov_law import PAPER_GAINS, global_law
 from diffbot_control.law.polar_coordinates import navigation_variables
+from diffbot_control.law.presets import PAPER, PRESETS
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_sim.compiled import peer_laws as peers
@@ -66,7 +66,7 @@ def moved(pose, v, omega, dt):
 
 def case_of(peer, plant=None, feedback=EKF, steps=300):
     plant = plant or PlantConfig()
-    return Case(plant, SensorConfig(), ControllerConfig(), ORIGIN, feedback, False, steps, 0.1, 0.1, peer=peer)
+    return Case(plant, SensorConfig(), PRESETS[PAPER], ORIGIN, feedback, False, steps, 0.1, 0.1, peer=peer)
 
 
 @pytest.mark.parametrize("k_phi", [1.0, 2.0, 3.5])
