@@ -14,9 +14,9 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu, JointState, PointCloud2
 from std_srvs.srv import Trigger
 
-from diffbot_control.filter.ekf import Array
 from diffbot_control.filter.localization import Estimate, Localization
-from diffbot_control.filter.measurements import Measurement, OdometryStep
+from diffbot_control.filter.measurements import Array, Measurement, OdometryStep
+from diffbot_control.filter.models import RadiusErrors, with_radius_errors
 from diffbot_control.filter.state_file import BrokenStateError, StateKeeper, state_path
 from diffbot_control.ros.ekf_parameters import EkfNodeConfig
 from diffbot_control.ros.messages import (
@@ -41,19 +41,20 @@ from diffbot_control.ros.sensor_messages import (
 )
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose, into_frame, out_of_frame
-from diffbot_core.kinematics import Twist, body_twist, encoder_covariance, wheel_speeds, with_radius_errors
+from diffbot_core.kinematics import Twist, body_twist, encoder_covariance, wheel_speeds
 from diffbot_core.ros.node import LATCHED, QUEUE, DiffbotNode, run, status_message
+from diffbot_core.units import S_PER_NS
 
 WAITING = "waiting for first fix"
 RUNNING = "running"
 SILENT = "no odometry"
 _STATUS_PERIOD = 0.5
 _SAVE_PERIOD = 5.0
-"""[s] between two writings of the state file: what a crash can lose."""
+"""[s] between two saves of the state file: what a crash can lose."""
 
 
 class EkfNode(DiffbotNode[EkfNodeConfig]):
-    """Answers each odometry with one pose, stamped like it."""
+    """Answers each odometry message with one pose that has the same stamp."""
 
     def __init__(self, **node_options: Any) -> None:
         """Create publishers, subscriptions and the service ~/reset."""
@@ -67,11 +68,11 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         self._statuses = self.create_publisher(DiagnosticStatus, "~/status", LATCHED)
         self._transforms = self._transform_publisher(config.publish_tf)
         self._last_state = ""
-        self._heard: int | None = None
+        self._last_odometry: int | None = None
         self._landmarks = config.landmarks.points()
-        self._take_noise()
+        self._configure_noise()
         self._keeper = self._restore()
-        # Fixes before odometry: an executor that finds both waiting takes them in this order.
+        # Fixes before odometry: an executor that finds both waiting handles them in this order.
         self.subscribe(PoseWithCovarianceStamped, "global_pose", self._on_fix)
         self.subscribe(Imu, "heading", self._on_heading)
         if self._landmarks:
@@ -88,38 +89,39 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         self._publish_status()
 
     def on_config(self, config: EkfNodeConfig) -> None:
-        """Take over changed options."""
+        """Apply changed options."""
         self.localization.configure(config.localization, config.wheels.wheel_separation)
-        self._take_noise()
+        self._configure_noise()
 
     def before_shutdown(self) -> None:
-        """Keep what is known, if asked to."""
+        """Save the state, if there is a state file."""
         self._save()
 
     def state(self) -> str:
         """Return the message of ~/status: one of WAITING, RUNNING, SILENT."""
         if not self.localization.initialised:
             return WAITING
-        silence = math.inf if self._heard is None else (time.monotonic_ns() - self._heard) * 1e-9
+        last = self._last_odometry
+        silence = math.inf if last is None else (time.monotonic_ns() - last) * S_PER_NS
         return SILENT if silence > self.config.sensor_timeout else RUNNING
 
     def health_level(self) -> tuple[int, str]:
-        """Say the filter's state in /diagnostics."""
+        """Report the filter's state in /diagnostics."""
         level, text = super().health_level()
-        state, nis = self.state(), self.localization.consistency.nis()
+        state, nis = self.state(), self.localization.monitor.nis()
         if nis is not None and nis.mean > nis.alarm:
             level, text = DiagnosticStatus.WARN[0], f"innovations larger than the covariances allow; {text}"
         return max(level, 0 if state == RUNNING else DiagnosticStatus.WARN[0]), f"{state}; {text}"
 
-    def _transform_publisher(self, wanted: bool) -> Any:
-        if not wanted:
+    def _transform_publisher(self, enabled: bool) -> Any:
+        if not enabled:
             return None
         if TFMessage is None:
             self.get_logger().info("tf2_msgs is not installed: no TF is published")
             return None
         return self.create_publisher(TFMessage, "/tf", QUEUE)
 
-    def _take_noise(self) -> None:
+    def _configure_noise(self) -> None:
         noise = self.config.noise
         always = noise.override_covariance
         xy, yaw = noise.global_pose_sigma_xy, noise.global_pose_sigma_yaw
@@ -139,16 +141,16 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
 
     def _on_landmarks(self, message: PointCloud2) -> None:
         frame = self.config.base_link_frame
-        sightings, unknown = landmarks_from(message, frame, self._landmarks, self._landmark_noise)
+        measurements, unknown = landmarks_from(message, frame, self._landmarks, self._landmark_noise)
         if unknown:
             self.health.counted["landmarks of unknown number"] += unknown
-        for sighting in sightings:
+        for measurement in measurements:
             try:
-                self.localization.on_measurement(sighting)
+                self.localization.on_measurement(measurement)
             except BadMessageError as error:
-                # Each counts for itself: the others of the cloud may be good.
+                # Counted one by one: the others of the cloud may be good.
                 if self.health.drop("landmarks", error.kind):
-                    self.get_logger().warning(f"landmarks: dropped: {error} (said once; see /diagnostics)")
+                    self.get_logger().warning(f"landmarks: dropped: {error} (logged once; see /diagnostics)")
 
     def _count_fallback(self, topic: str, measurement: Measurement, noise: KnownNoise) -> None:
         if measurement.R is noise.R:
@@ -162,7 +164,7 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         try:
             self.get_logger().info(keeper.restore(self.config.wheels))
         except BrokenStateError as error:
-            # A robot has to start all the same.
+            # The robot must start without it.
             self.get_logger().error(f"state not restored: {error}")
         return keeper
 
@@ -175,30 +177,29 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
             self.get_logger().error(f"cannot write state_file: {error.strerror or error}", throttle_duration_sec=60.0)
 
     def _on_initialpose(self, message: PoseWithCovarianceStamped) -> None:
-        # Whoever sends it means it: the parameters only stand in for a covariance that is not there.
+        # Its covariance was chosen by the user, so override_covariance does not apply; the fallback does.
         fix = fix_from(message, self.config.map_frame, self._fix_noise._replace(always=False))
         self._count_fallback("initialpose", fix, self._fix_noise)
-        x, y, theta = fix.z.tolist()
-        self.localization.initialise(Pose(x, y, theta), fix.R, fix.stamp or None)
+        x, y, theta = fix.pose
+        self.localization.initialise(fix.pose, fix.R, fix.stamp or None)
         self.get_logger().info(f"initialised at x {x:.3f} m, y {y:.3f} m, heading {theta:.3f} rad")
 
     def _on_odometry(self, message: Odometry) -> None:
-        stamp, twist, variances = odometry_from(message, self.config.base_link_frame)
-        if not any(variances):
-            variances = encoder_covariance(
-                wheel_speeds(twist, self.config.wheels), self.config.wheel_noise, self.config.wheels
-            )
-        estimate = self._answer(OdometryStep(stamp, twist, *variances))
+        odometry, config = odometry_from(message, self.config.base_link_frame), self.config
+        if not any(odometry.covariance):  # unknown
+            wheels = wheel_speeds(odometry.twist, config.wheels)
+            odometry = odometry._replace(covariance=encoder_covariance(wheels, config.wheel_noise, config.wheels))
+        estimate = self._answer(odometry)
         if self._transforms is not None:
             self._send_transform(estimate, pose_of(message.pose.pose))
 
     def _on_joint_states(self, message: JointState) -> None:
         stamp, speeds = wheel_speeds_from(message, self.config.left_wheel_name, self.config.right_wheel_name)
-        variances = encoder_covariance(speeds, self.config.wheel_noise, self.config.wheels)
-        self._answer(OdometryStep(stamp, body_twist(speeds, self.config.wheels), *variances))
+        covariance = encoder_covariance(speeds, self.config.wheel_noise, self.config.wheels)
+        self._answer(OdometryStep(stamp, body_twist(speeds, self.config.wheels), covariance))
 
     def _answer(self, odometry: OdometryStep) -> Estimate:
-        self._heard = time.monotonic_ns()
+        self._last_odometry = time.monotonic_ns()
         estimate = self.localization.on_odometry(odometry)
         set_stamp(self._pose.header.stamp, estimate.stamp)
         fill_pose(self._pose.pose.pose, estimate.pose)
@@ -217,20 +218,20 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         fill_pose(message.pose.pose, estimate.pose)
         fill_planar_covariance(message.pose.covariance, estimate.P)
         fill_twist(message.twist.twist, self._true_twist(odometry.twist))
-        fill_twist_covariance(message.twist.covariance, odometry[2:])
+        fill_twist_covariance(message.twist.covariance, odometry.covariance)
         self._filtered_odometry.publish(message)
         self.health.sent["odometry/filtered"] += 1
 
     def _true_twist(self, measured: Twist) -> Twist:
-        """Return the twist with what is known of the wheels."""
-        wheels = self.localization.estimator.wheels()
+        """Return the twist corrected by the estimated radius errors."""
+        wheels = self.localization.filter.wheels()
         if wheels is None:
             return measured
-        left, right = wheels[0].tolist()
-        return with_radius_errors(measured, left, right, self.config.wheels.wheel_separation)
+        left, right = wheels.errors.tolist()
+        return with_radius_errors(measured, RadiusErrors(left, right), self.config.wheels.wheel_separation)
 
     def _send_transform(self, estimate: Estimate, in_odom: Pose) -> None:
-        origin = into_frame(Pose(0.0, 0.0, 0.0), in_odom)  # odom as the robot sees it
+        origin = into_frame(Pose(0.0, 0.0, 0.0), in_odom)  # of odom in the robot's frame
         in_map = out_of_frame(origin, estimate.pose)
         config = self.config
         self._transforms.publish(transform_message(estimate.stamp, config.map_frame, config.odom_frame, in_map))
@@ -239,7 +240,7 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         self.localization.reset()
         if self._keeper is not None:
             try:
-                self._keeper.forget()
+                self._keeper.delete()
             except OSError as error:
                 self.get_logger().error(f"cannot delete state_file: {error.strerror or error}")
         response.success, response.message = True, "waiting for the next fix"
@@ -256,23 +257,22 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         self._statuses.publish(status_message("ekf", level, state, values))
 
     def details(self) -> dict[str, str]:
-        """Return what ~/status and /diagnostics tell of the filter."""
+        """Return the filter's values for ~/status and /diagnostics."""
         values = {"filter": self.config.localization.filter.filter}
-        wheels = self.localization.estimator.wheels()
+        wheels = self.localization.filter.wheels()
         if self.localization.initialised:
-            values |= self.localization.consistency.values()
+            values |= self.localization.monitor.values()
             if wheels is not None:
-                errors, P = wheels
                 for index, name in enumerate(("left", "right")):
-                    deviation = float(np.sqrt(P[index, index]))
-                    values[f"{name} wheel radius error"] = f"{errors[index]:+.4f} +- {deviation:.4f}"
-        if self.localization.waited_in_vain:
-            values["measurements before the first odometry"] = str(self.localization.waited_in_vain)
+                    deviation = float(np.sqrt(wheels.P[index, index]))
+                    values[f"{name} wheel radius error"] = f"{wheels.errors[index]:+.4f} +- {deviation:.4f}"
+        if self.localization.dropped_before_odometry:
+            values["measurements before the first odometry"] = str(self.localization.dropped_before_odometry)
         return values
 
 
 def _diagonal(sigmas: Sequence[float]) -> Array | None:
-    """Return the covariance of independent errors; None if a deviation is 0: not known."""
+    """Return the covariance of independent errors; None if a standard deviation is 0: unknown."""
     return np.diag(np.square(sigmas)) if all(sigmas) else None
 
 

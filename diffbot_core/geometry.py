@@ -10,6 +10,15 @@ MAX_COORDINATE = 1e7
 """[m] larger coordinates and ranges are refused as errors (the Earth's circumference is 4e7 m)."""
 
 
+class Point(NamedTuple):
+    """A position in some frame."""
+
+    x: float
+    """[m]"""
+    y: float
+    """[m]"""
+
+
 class Pose(NamedTuple):
     """A planar pose in some frame."""
 
@@ -45,6 +54,11 @@ def out_of_frame(pose: Pose, frame: Pose) -> Pose:
     x = frame.x + c * pose.x - s * pose.y
     y = frame.y + s * pose.x + c * pose.y
     return Pose(x, y, wrap_angle(pose.theta + frame.theta))
+
+
+def range_and_bearing(x: float, y: float, theta: float, point_x: float, point_y: float) -> tuple[float, float]:
+    """Range [m] and bearing [rad], not wrapped, of a point in the frame of a robot at ``x``, ``y``, ``theta``."""
+    return math.hypot(point_x - x, point_y - y), math.atan2(point_y - y, point_x - x) - theta
 
 
 def yaw_of_quaternion(x: float, y: float, z: float, w: float) -> float:

@@ -8,7 +8,7 @@ from typing import Annotated, NamedTuple
 from diffbot_core.schema import Spec
 
 RESTING_SIGMA = 1e-3
-"""[rad/s] standard deviation of a wheel speed at rest: no encoder is perfect, and a filter needs some noise."""
+"""[rad/s] standard deviation of a wheel speed at rest: no encoder is exact, and a filter needs some noise."""
 
 
 class Twist(NamedTuple):
@@ -18,6 +18,17 @@ class Twist(NamedTuple):
     """[m/s] along the robot's real forward axis; negative when it reverses"""
     omega: float
     """[rad/s] counter-clockwise"""
+
+
+class TwistCovariance(NamedTuple):
+    """Covariance of a measured twist. In a message, all three zero mean that it is unknown, not that it is exact."""
+
+    var_v: float
+    """[m^2/s^2]"""
+    cov_v_omega: float
+    """[m rad/s^2]"""
+    var_omega: float
+    """[rad^2/s^2]"""
 
 
 class WheelSpeeds(NamedTuple):
@@ -49,69 +60,27 @@ def body_twist(wheels: WheelSpeeds, geometry: WheelGeometry) -> Twist:
     )
 
 
-def with_radius_errors(twist: Twist, left: float, right: float, separation: float) -> Twist:
-    """Return the twist of wheels whose radii are relatively larger by ``left`` and ``right`` than ``twist`` assumes.
-
-    With rim speeds v_l = v - omega L / 2 and v_r = v + omega L / 2: v + (v_l e_l + v_r e_r) / 2 and
-    omega + (v_r e_r - v_l e_l) / L; ``separation`` is L [m].
-    """
-    rim_left, rim_right = twist.v - 0.5 * separation * twist.omega, twist.v + 0.5 * separation * twist.omega
-    return Twist(
-        twist.v + 0.5 * (rim_left * left + rim_right * right),
-        twist.omega + (rim_right * right - rim_left * left) / separation,
-    )
-
-
-def motion_noise(
-    ahead_x: float, ahead_y: float, v: float, dt: float, noise: tuple[float, float, float]
-) -> tuple[float, float, float, float, float, float]:
-    """Covariance of a pose moved by an uncertain twist along the midpoint heading: Q = G M G'.
-
-    G = d (x, y, theta) / d (v, omega) = [[ahead_x, side_x], [ahead_y, side_y], [0, dt]] with side_x = -v dt ahead_y / 2
-    and side_y = v dt ahead_x / 2. Written out: numpy needs five times as long for matrices so small.
-
-    Args:
-        ahead_x: dt cos of the midpoint heading [s].
-        ahead_y: dt sin of it [s].
-        v: velocity [m/s].
-        dt: duration [s].
-        noise: M, the covariance of the twist: var(v), cov(v, omega), var(omega).
-
-    Returns:
-        Q_xx, Q_xy, Q_xtheta, Q_yy, Q_ytheta, Q_thetatheta.
-    """
-    var_v, cov, var_omega = noise
-    side_x, side_y = -0.5 * dt * v * ahead_y, 0.5 * dt * v * ahead_x
-    return (
-        ahead_x * ahead_x * var_v + 2.0 * ahead_x * side_x * cov + side_x * side_x * var_omega,
-        ahead_x * ahead_y * var_v + (ahead_x * side_y + ahead_y * side_x) * cov + side_x * side_y * var_omega,
-        dt * (ahead_x * cov + side_x * var_omega),
-        ahead_y * ahead_y * var_v + 2.0 * ahead_y * side_y * cov + side_y * side_y * var_omega,
-        dt * (ahead_y * cov + side_y * var_omega),
-        dt * dt * var_omega,
-    )
-
-
-def twist_covariance(sigma_left: float, sigma_right: float, geometry: WheelGeometry) -> tuple[float, float, float]:
-    """Propagate independent errors of the wheel speeds, standard deviations [rad/s], to the twist.
-
-    Returns:
-        var(v) [m^2/s^2], cov(v, omega) [m rad/s^2], var(omega) [rad^2/s^2].
-    """
+def twist_covariance(sigma_left: float, sigma_right: float, geometry: WheelGeometry) -> TwistCovariance:
+    """Propagate independent errors of the wheel speeds, standard deviations [rad/s], to the twist."""
     radius, separation = geometry.wheel_radius, geometry.wheel_separation
     left, right = sigma_left * sigma_left, sigma_right * sigma_right
-    return (
+    return TwistCovariance(
         0.25 * radius**2 * (left + right),
         0.5 * radius**2 / separation * (right - left),
         radius**2 / separation**2 * (left + right),
     )
 
 
-def encoder_covariance(wheels: WheelSpeeds, bound: float, geometry: WheelGeometry) -> tuple[float, float, float]:
+def scale_twist_covariance(covariance: TwistCovariance, factor: float) -> TwistCovariance:
+    """Multiply all entries by ``factor``."""
+    var_v, cov, var_omega = covariance
+    return TwistCovariance(factor * var_v, factor * cov, factor * var_omega)
+
+
+def encoder_covariance(wheels: WheelSpeeds, bound: float, geometry: WheelGeometry) -> TwistCovariance:
     """Covariance of the twist when each wheel speed has a uniform relative error of at most ``bound``.
 
-    Returns:
-        As :func:`twist_covariance`; a wheel has the deviation bound |w| / sqrt(3), and RESTING_SIGMA at rest.
+    The standard deviation of a wheel speed w is bound |w| / sqrt(3), and RESTING_SIGMA at rest.
     """
     share = bound / math.sqrt(3.0)
     return twist_covariance(

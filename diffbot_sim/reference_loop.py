@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from diffbot_control.filter.covariance import uncertainty_of
 from diffbot_control.filter.localization import Estimate, Localization, LocalizationConfig
+from diffbot_control.filter.measurements import Measurement
 from diffbot_control.law.controller import ControllerConfig, ControllerMemory, step
 from diffbot_core.errors import BadMessageError, InvalidValueError
 from diffbot_core.geometry import Pose
@@ -95,11 +96,11 @@ class _Observer:
             return world.state.pose
         if self._feedback == RAW:
             for fix in arrivals.fixes:
-                x, y, theta = fix.z.tolist()
-                self._newest = Pose(x, y, theta)
+                self._newest = fix.pose
             return self._newest
         sightings = [one.measurement for one in arrivals.landmarks]
-        for measurement in (*arrivals.fixes, *arrivals.headings, *sightings):
+        measurements: list[Measurement] = [*arrivals.fixes, *arrivals.headings, *sightings]
+        for measurement in measurements:
             try:
                 self._localization.on_measurement(measurement)
             except BadMessageError:

@@ -1,4 +1,7 @@
-"""Covariances from outside: are they what they claim to be?"""
+"""Checks of covariances received in messages.
+
+An all-zero covariance means *unknown*, never *exact*: it is refused here, and the caller uses its fallback.
+"""
 
 from __future__ import annotations
 
@@ -11,30 +14,30 @@ from diffbot_core.errors import BadMessageError
 from diffbot_core.uncertainty import Uncertainty, largest_deviation
 
 _ASYMMETRY = 1e-6
-"""Relative difference of mirrored entries that rounding on the way may cause."""
-_SMALLEST = 1e-14
-"""[m^2], [rad^2] below it a variance is a rounding of zero, and the inverse that a filter needs of it may overflow."""
-_LARGEST = 1e8
-"""[m^2], [rad^2] above this a number is a slip or a code for 'unknown', not a variance to compute with."""
+"""Relative difference of mirrored entries that rounding, e.g. to single precision, may cause."""
+_MIN_PIVOT = 1e-14
+"""[m^2], [rad^2] A smaller conditional variance is rounded zero; inverting it may overflow."""
+_MAX_VARIANCE = 1e8
+"""[m^2], [rad^2] A larger number is an error or a code for 'unknown', not a variance to compute with."""
 
 
 def check_covariance(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return a (n, n) covariance if it is finite, symmetric, positive definite and not absurdly large.
 
     Raises:
-        BadMessageError: saying what it is instead.
+        BadMessageError: naming the property that it lacks; "covariance is zero" if it is unknown.
     """
     # Plain floats: this runs for each message, and numpy takes several times as long for matrices so small.
     rows: list[list[float]] = matrix.tolist()
-    # One NaN or Inf anywhere shows in the sum.
+    # A NaN or Inf anywhere makes the sum NaN or Inf.
     if not math.isfinite(sum(map(sum, rows))):
         raise BadMessageError("covariance not finite")
     diagonal = [row[i] for i, row in enumerate(rows)]
     if not any(diagonal):
         raise BadMessageError("covariance is zero")
     largest = max(diagonal)
-    if largest > _LARGEST:
-        raise BadMessageError("covariance too large", f"{largest:g} > {_LARGEST:g}")
+    if largest > _MAX_VARIANCE:
+        raise BadMessageError("covariance too large", f"{largest:g} > {_MAX_VARIANCE:g}")
     allowed = _ASYMMETRY * abs(largest)
     for i, row in enumerate(rows):
         for j in range(i):
@@ -46,7 +49,7 @@ def check_covariance(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _has_cholesky_factor(rows: list[list[float]]) -> bool:
-    """Whether the matrix is L L' with a lower triangular L, which takes its place; only positive definite ones are."""
+    """True if the matrix is positive definite: it has a Cholesky factor L, which overwrites its lower triangle."""
     for i, row in enumerate(rows):
         pivot = row[i]
         for j in range(i):
@@ -56,7 +59,7 @@ def _has_cholesky_factor(rows: list[list[float]]) -> bool:
                 value -= row[k] * other[k]
             row[j] = value = value / other[j]
             pivot -= value * value
-        if not pivot > _SMALLEST:
+        if not pivot > _MIN_PIVOT:
             return False
         row[i] = math.sqrt(pivot)
     return True

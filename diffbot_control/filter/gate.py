@@ -1,83 +1,142 @@
-"""What becomes of a measurement that the filter did not expect: pure functions with their memory.
+"""The gate: what becomes of a measurement whose innovation is larger than the filter expects.
 
-A gate alone locks a filter out for good once it is lost. So rejected fixes are not forgotten: they feed a second
-hypothesis, a candidate that starts at a rejected fix and is moved by the same odometry. Outliers do not agree with
-each other, but the fixes of a robot that was carried away or has slipped do; then the candidate takes over.
+A gate alone would lock out a filter whose estimate has diverged. So rejected fixes are kept: they feed a second
+hypothesis, the candidate, which starts at a rejected fix and is moved by the same odometry. Outliers do not agree with
+each other, but the fixes of a robot that was carried away or has slipped do; then the candidate replaces the estimate.
+Headings and landmarks do not determine a pose; if only they are rejected for long enough, the pose is reset.
+
+Pure functions with their memory. Each filter corrects, calls :func:`decide`, and applies the decision.
 """
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 from diffbot_control.filter.options import FilterOptions
 
 ACCEPTED, REJECTED, RELOCATED, IGNORED = 0, 1, 2, 3
-_WIDENED, _TIGHTENED = 0.2, 0.05
-"""Steps of the slack at a rejected and at an accepted fix: a gate that rejects more than a fifth is itself wrong."""
+HEADING, LANDMARK, FIX = 0, 1, 2
+"""Kinds of measurement, of one, two and three numbers; indices of FilterOptions.gates."""
+RESET_VAR_XY, RESET_VAR_THETA = 25.0, 1.0
+"""[m^2], [rad^2] variances of a pose that headings and landmarks have contradicted for too long"""
+_SLACK_UP, _SLACK_DOWN = 0.2, 0.05
+"""Change of the slack at a rejected and at an accepted fix: a gate that rejects more than a fifth is itself wrong."""
 
 
-class FixGate(NamedTuple):
-    """Fixes rejected in a row."""
+class RejectionStreak(NamedTuple):
+    """Measurements rejected while none was accepted."""
 
-    rejected: int = 0
-    agreeing: int = 0
-    """those of them that made the candidate, the newest included"""
-    elapsed: float = 0.0
+    rejected: int
+    elapsed: float
     """[s] since the first of them"""
-    slack: float = 0.0
-    """logarithm of the factor on the gate's bound"""
 
 
-def passed(gate: FixGate, dt: float) -> FixGate:
-    """Let ``dt`` [s] pass."""
-    return FixGate(gate.rejected, gate.agreeing, gate.elapsed + dt, gate.slack) if gate.rejected > 0 else gate
+class GateMemory(NamedTuple):
+    """Memory of the gate."""
+
+    fixes: RejectionStreak
+    agreeing: int
+    """rejected fixes that agree with the candidate, up to and including the newest"""
+    slack: float
+    """logarithm of the factor on the bound for fixes"""
+    others: RejectionStreak
+    """headings and landmarks; also ended by a fix that is accepted or relocates"""
 
 
-def judged(gate: FixGate, expected: bool, agrees: bool, options: FilterOptions) -> tuple[FixGate, int]:
-    """Decide on a fix.
+class Decision(NamedTuple):
+    """What to do with a measurement."""
+
+    outcome: int
+    """ACCEPTED: correct the estimate with it. REJECTED: keep the estimate. RELOCATED: of a fix, the candidate replaces
+    the estimate; of a heading or landmark, reset the pose and correct it with the measurement. IGNORED: do nothing."""
+    agrees: bool
+    """of a fix that is not accepted: correct the candidate with it; if False, start a new candidate at the fix"""
+
+
+def new_gate() -> GateMemory:
+    """Return the memory of a gate that has rejected nothing."""
+    return GateMemory(RejectionStreak(0, 0.0), 0, 0.0, RejectionStreak(0, 0.0))
+
+
+def age(memory: GateMemory, dt: float) -> GateMemory:
+    """Advance the gate's memory by ``dt`` [s]; time counts during a rejection streak only."""
+    fixes, agreeing, slack, others = memory
+    if fixes.rejected == 0 and others.rejected == 0:
+        return memory
+    return GateMemory(_age_streak(fixes, dt), agreeing, slack, _age_streak(others, dt))
+
+
+def _age_streak(streak: RejectionStreak, dt: float) -> RejectionStreak:
+    return RejectionStreak(streak.rejected, streak.elapsed + dt) if streak.rejected > 0 else streak
+
+
+def count_rejection(streak: RejectionStreak) -> RejectionStreak:
+    """Add a rejection to a streak."""
+    return RejectionStreak(streak.rejected + 1, streak.elapsed)
+
+
+def diverged(streak: RejectionStreak, options: FilterOptions) -> bool:
+    """True if rejections persist long enough to declare the estimate diverged."""
+    return streak.rejected >= options.relocation_fixes and streak.elapsed >= options.relocation_timeout
+
+
+def is_expected(memory: GateMemory, nis: float, kind: int, options: FilterOptions) -> bool:
+    """True if the normalised innovation squared of a measurement is within the gate; False for nan."""
+    bound = options.gates[kind]
+    if kind == FIX and memory.slack > 0.0:
+        bound = math.exp(memory.slack) * bound
+    return 0.0 <= nis <= bound
+
+
+def decide(
+    memory: GateMemory, nis: float, candidate_nis: float, kind: int, options: FilterOptions
+) -> tuple[GateMemory, Decision]:
+    """Decide on a measurement.
 
     Args:
-        gate: memory.
-        expected: its NIS is within the gate.
-        agrees: it is within the gate of the candidate, if there is one.
+        memory: of the gate.
+        nis: normalised innovation squared against the estimate; nan if it cannot be computed; of a landmark, inf means
+            that the robot is at it.
+        candidate_nis: of an unexpected fix, the same against the candidate; nan if there is none.
+        kind: HEADING, LANDMARK or FIX.
         options: see FilterConfig.
-
-    Returns:
-        Memory and ACCEPTED, REJECTED (correct the candidate if it agrees, else start one at the fix) or RELOCATED (the
-        same, then the candidate takes over).
     """
-    if expected:
-        if gate.rejected == 0 and gate.slack == 0.0:
-            return gate, ACCEPTED
-        return FixGate(0, 0, 0.0, max(gate.slack - _TIGHTENED, 0.0)), ACCEPTED
-    agreeing = gate.agreeing + 1 if agrees else 1
-    slack = gate.slack + _WIDENED
+    if kind == FIX:
+        return gate_fix(memory, nis, candidate_nis, options)
+    return _gate_other(memory, nis, kind, options)
+
+
+def gate_fix(
+    memory: GateMemory, nis: float, candidate_nis: float, options: FilterOptions
+) -> tuple[GateMemory, Decision]:
+    """Decide on a fix; arguments as of :func:`decide`."""
+    streak = memory.fixes
+    none = RejectionStreak(0, 0.0)
+    if is_expected(memory, nis, FIX, options):
+        if streak.rejected == 0 and memory.slack == 0.0 and memory.others.rejected == 0:
+            return memory, Decision(ACCEPTED, False)
+        return GateMemory(none, 0, max(memory.slack - _SLACK_DOWN, 0.0), none), Decision(ACCEPTED, False)
+    agrees = streak.rejected > 0 and is_expected(memory, candidate_nis, FIX, options)
+    agreeing = memory.agreeing + 1 if agrees else 1
+    slack = memory.slack + _SLACK_UP
     if agreeing >= options.relocation_fixes:
         # The gate was right to reject them: they were not noise.
-        return FixGate(0, 0, 0.0, max(slack - agreeing * _WIDENED, 0.0)), RELOCATED
-    if gate.rejected + 1 >= options.relocation_fixes and gate.elapsed >= options.relocation_timeout:
-        return FixGate(0, 0, 0.0, slack), RELOCATED
-    return FixGate(gate.rejected + 1, agreeing, gate.elapsed, slack), REJECTED
+        return GateMemory(none, 0, max(slack - agreeing * _SLACK_UP, 0.0), none), Decision(RELOCATED, agrees)
+    streak = count_rejection(streak)
+    if diverged(streak, options):
+        return GateMemory(none, 0, slack, none), Decision(RELOCATED, agrees)
+    return GateMemory(streak, agreeing, slack, memory.others), Decision(REJECTED, agrees)
 
 
-class Doubt(NamedTuple):
-    """Headings and landmarks that were rejected while nothing was accepted."""
-
-    rejected: int = 0
-    elapsed: float = 0.0
-    """[s] since the first of them"""
-
-
-def doubted(doubt: Doubt, dt: float) -> Doubt:
-    """Let ``dt`` [s] pass."""
-    return Doubt(doubt.rejected, doubt.elapsed + dt) if doubt.rejected > 0 else doubt
-
-
-def doubting(doubt: Doubt) -> Doubt:
-    """Count one more."""
-    return Doubt(doubt.rejected + 1, doubt.elapsed)
-
-
-def despaired(doubt: Doubt, options: FilterOptions) -> bool:
-    """Whether they are so many and for so long that the belief is wrong, and not they."""
-    return doubt.rejected >= options.relocation_fixes and doubt.elapsed >= options.relocation_timeout
+def _gate_other(memory: GateMemory, nis: float, kind: int, options: FilterOptions) -> tuple[GateMemory, Decision]:
+    if nis == math.inf:
+        return memory, Decision(IGNORED, False)
+    none = RejectionStreak(0, 0.0)
+    cleared = GateMemory(memory.fixes, memory.agreeing, memory.slack, none)
+    if is_expected(memory, nis, kind, options):
+        return cleared, Decision(ACCEPTED, False)
+    streak = count_rejection(memory.others)
+    if diverged(streak, options):
+        return cleared, Decision(RELOCATED, False)
+    return GateMemory(memory.fixes, memory.agreeing, memory.slack, streak), Decision(REJECTED, False)

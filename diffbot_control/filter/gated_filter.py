@@ -1,6 +1,6 @@
-"""The filter with its gate, its way back and its adaptation, on filterpy's EKF.
+"""The filter with its gate, its relocation and its adaptation, on filterpy's EKF.
 
-Its memory is one value, :attr:`GatedFilter.memory`, that never changes: whoever keeps an old one can go back to it.
+Its memory is one immutable value, :attr:`GatedFilter.memory`: assigning an older one restores that state.
 """
 
 from __future__ import annotations
@@ -10,205 +10,211 @@ from typing import NamedTuple
 
 import numpy as np
 
-from diffbot_control.filter.adaptation import Adaptation, adapted, new_adaptation, q_scale, r_scales, rescaled
-from diffbot_control.filter.ekf import Array, CalibratingEkf, Motion, PoseEkf
+from diffbot_control.filter.adaptation import (
+    Adaptation,
+    Normalised,
+    adapt,
+    inflation,
+    new_adaptation,
+    q_scale,
+    r_scales,
+)
+from diffbot_control.filter.ekf import CalibratingEkf, PoseEkf
 from diffbot_control.filter.gate import (
     ACCEPTED,
-    IGNORED,
-    REJECTED,
+    FIX,
+    HEADING,
+    LANDMARK,
     RELOCATED,
-    Doubt,
-    FixGate,
-    despaired,
-    doubted,
-    doubting,
-    judged,
-    passed,
+    RESET_VAR_THETA,
+    RESET_VAR_XY,
+    GateMemory,
+    age,
+    decide,
+    is_expected,
+    new_gate,
 )
-from diffbot_control.filter.measurements import Measurement
-from diffbot_control.filter.options import LOST_THETA, LOST_XY, FilterOptions
+from diffbot_control.filter.measurements import Array, Heading, LandmarkMeasurement, Measurement, PoseFix
+from diffbot_control.filter.models import Motion
+from diffbot_control.filter.options import FilterOptions
 from diffbot_core.geometry import Pose, wrap_angle
+from diffbot_core.kinematics import scale_twist_covariance
 
-_NO_REJECTION = FixGate()
-_LOST_P = np.diag((LOST_XY, LOST_XY, LOST_THETA))
+_RESET_P = np.diag((RESET_VAR_XY, RESET_VAR_XY, RESET_VAR_THETA))
 
 
 class Belief(NamedTuple):
-    """Mean (n,) and covariance (n, n) of x, y, theta [m, m, rad] and, where they are states, the wheels' errors."""
+    """Mean (n,) and covariance (n, n) of x, y, theta [m, m, rad] and, where they are states, of the radius errors."""
 
     x: Array
     P: Array
 
 
 class Memory(NamedTuple):
-    """All that the filter remembers."""
+    """State of the filter."""
 
     belief: Belief
     candidate: Belief | None
-    """of the rejected fixes in ``gate``"""
-    gate: FixGate
-    doubt: Doubt
+    """hypothesis of the rejected fixes; None if there are none"""
+    gate: GateMemory
     adaptation: Adaptation
 
 
+class WheelEstimate(NamedTuple):
+    """Estimated relative radius errors."""
+
+    errors: Array
+    """(2,) left, right"""
+    P: Array
+    """(2, 2)"""
+
+
 class GatedFilter:
-    """One of the filters of FILTERS; make it, call :meth:`start`, then :meth:`predict` and :meth:`take`."""
+    """One of the filters of FILTERS; make it, call :meth:`reset_to`, then :meth:`predict` and :meth:`take`."""
 
     def __init__(self, options: FilterOptions, wheel_separation: float) -> None:
         """Choose the filter; ``wheel_separation`` is L [m]."""
         self.calibrating = options.radius_variance > 0.0
-        self._filter: PoseEkf = CalibratingEkf() if self.calibrating else PoseEkf()
+        self._ekf: PoseEkf = CalibratingEkf() if self.calibrating else PoseEkf()
         self.configure(options, wheel_separation)
-        self.forget()
+        self.reset()
 
     def configure(self, options: FilterOptions, wheel_separation: float) -> None:
-        """Take over changed options; the number of states stays."""
+        """Apply changed options; the number of states stays."""
         self.options = options
-        if isinstance(self._filter, CalibratingEkf):
-            self._filter.wheel_separation = wheel_separation
-            self._filter.walk = options.radius_walk
+        if isinstance(self._ekf, CalibratingEkf):
+            self._ekf.wheel_separation = wheel_separation
+            self._ekf.random_walk = options.radius_random_walk
 
-    def forget(self) -> None:
-        """Know nothing, also of the wheels; :meth:`start` has to be called next."""
+    def reset(self) -> None:
+        """Reset pose, radius errors and adaptation to unknown; :meth:`reset_to` has to be called next."""
         states = 5 if self.calibrating else 3
         P = np.zeros((states, states))
         P[3:, 3:] = self.options.radius_variance * np.eye(states - 3)
-        self.memory = Memory(Belief(np.zeros(states), P), None, FixGate(), Doubt(), new_adaptation())
+        self.memory = Memory(Belief(np.zeros(states), P), None, new_gate(), new_adaptation())
         self.nis = math.nan
         """normalised innovation squared of the newest measurement"""
 
-    def start(self, pose: Pose, P: Array) -> None:
-        """Begin at a pose of covariance ``P`` (3, 3); what is known of wheels and noise stays."""
-        belief = self._started(np.array(pose), P)
-        self.memory = self.memory._replace(belief=belief, candidate=None, gate=FixGate(), doubt=Doubt())
+    def reset_to(self, pose: Pose, P: Array) -> None:
+        """Put the filter at a pose with covariance ``P`` (3, 3); radius errors and adaptation stay."""
+        belief = _with_pose(self.memory.belief, pose, P)
+        self.memory = Memory(belief, None, new_gate(), self.memory.adaptation)
 
-    def wheels(self) -> tuple[Array, Array] | None:
-        """Return the relative radius errors (2,), left first, and their covariance; None if they are no states."""
+    def wheels(self) -> WheelEstimate | None:
+        """Return the estimated radius errors; None if they are not states."""
         if not self.calibrating:
             return None
         x, P = self.memory.belief
-        return x[3:], P[3:, 3:]
+        return WheelEstimate(x[3:], P[3:, 3:])
 
-    def set_wheels(self, errors: Array, P: Array) -> None:
-        """Set what is known of the wheels: relative radius errors (2,) and their covariance (2, 2)."""
+    def set_wheels(self, wheels: WheelEstimate) -> None:
+        """Set the radius errors, uncorrelated with the pose; does nothing if they are not states."""
         if self.calibrating:
-            x, whole = self.memory.belief.x.copy(), self.memory.belief.P.copy()
-            x[3:], whole[3:, 3:] = errors, P
-            whole[3:, :3] = whole[:3, 3:] = 0.0
-            self.memory = self.memory._replace(belief=Belief(x, whole))
+            x, P = self.memory.belief.x.copy(), self.memory.belief.P.copy()
+            x[3:], P[3:, 3:] = wheels
+            P[3:, :3] = P[:3, 3:] = 0.0
+            self.memory = self.memory._replace(belief=Belief(x, P))
 
     def predict(self, motion: Motion) -> None:
-        """Move on."""
-        memory = self.memory
+        """Move estimate and candidate."""
+        belief, candidate, gate, adaptation = self.memory
         if self.options.adaptive:
-            v, omega, dt, var_v, cov, var_omega = motion
-            q = q_scale(memory.adaptation)
-            motion = Motion(v, omega, dt, q * var_v, q * cov, q * var_omega)
-        belief = self._moved(memory.belief, motion)
-        if memory.candidate is None and not memory.doubt.rejected:
-            self.memory = Memory(belief, None, memory.gate, memory.doubt, memory.adaptation)
-            return
-        candidate = None if memory.candidate is None else self._moved(memory.candidate, motion)
-        gate, doubt = passed(memory.gate, motion.dt), doubted(memory.doubt, motion.dt)
-        self.memory = Memory(belief, candidate, gate, doubt, memory.adaptation)
+            twist, dt, covariance = motion
+            motion = Motion(twist, dt, scale_twist_covariance(covariance, q_scale(adaptation)))
+        belief = self._moved(belief, motion)
+        if candidate is not None:
+            candidate = self._moved(candidate, motion)
+        self.memory = Memory(belief, candidate, age(gate, motion.dt), adaptation)
 
     def take(self, measurement: Measurement) -> int:
-        """Fuse a measurement, or do not.
+        """Correct with a measurement as the gate decides.
 
         Returns:
-            ACCEPTED, REJECTED or RELOCATED, see :mod:`gating`; IGNORED of a landmark at which the robot stands.
+            ACCEPTED, REJECTED, RELOCATED or IGNORED, see :class:`gate.Decision`.
         """
-        return self._take_fix(measurement) if measurement.z.size == 3 else self._take_other(measurement)
+        if isinstance(measurement, PoseFix):
+            return self._take_fix(measurement)
+        return self._take_other(measurement)
 
-    def _take_fix(self, fix: Measurement) -> int:
-        memory, options, R = self.memory, self.options, fix.R
-        if options.adaptive:
-            R = _scaled_noise(R, memory.adaptation)
-        bound = options.gates[2] if memory.gate.slack == 0.0 else math.exp(memory.gate.slack) * options.gates[2]
-        belief, self.nis = self._corrected(memory.belief, fix, R)
-        expected = 0.0 <= self.nis <= bound
-        adaptation = memory.adaptation
-        if expected and not options.adaptive and memory.gate == _NO_REJECTION and not memory.doubt.rejected:
-            # Nearly all fixes: nothing to remember but the belief.
-            self.memory = Memory(belief, None, memory.gate, memory.doubt, adaptation)
-            return ACCEPTED
-        if options.adaptive and not math.isnan(self.nis):
-            # Of the whole vector's S only the diagonal: each number by its own deviation.
-            y, S = self._filter.y.tolist(), self._filter.S.diagonal().tolist()
-            if min(S) > 0.0:
-                shares = [one / math.sqrt(variance) for one, variance in zip(y, S, strict=True)]
-                adaptation = adapted(adaptation, shares[0], shares[1], shares[2], expected)
-        candidate, agrees = memory.candidate, False
-        if not expected:
-            renewed = self._started(fix.z, R)
-            if candidate is not None:
-                other, nis = self._corrected(candidate, fix, R)
-                agrees = 0.0 <= nis <= bound
-                candidate = other if agrees else renewed
-            else:
-                candidate = renewed
-        gate, verdict = judged(memory.gate, expected, agrees, options)
-        if verdict == REJECTED:
-            belief = memory.belief
-        elif verdict == RELOCATED and candidate is not None:
-            belief = candidate
-        if verdict != REJECTED:
+    def _take_fix(self, fix: PoseFix) -> int:
+        before, candidate, gate, old = self.memory
+        adaptation, options, adaptive = old, self.options, self.options.adaptive
+        if adaptive:
+            fix = PoseFix(fix.stamp, fix.pose, _scaled_noise(fix.R, old))
+        belief, self.nis = self._corrected(before, fix)
+        innovation = self._normalised_innovation() if adaptive else None
+        other, candidate_nis = None, math.nan
+        if candidate is not None and not is_expected(gate, self.nis, FIX, options):
+            other, candidate_nis = self._corrected(candidate, fix)
+        gate, decision = decide(gate, self.nis, candidate_nis, FIX, options)
+        if innovation is not None:
+            adaptation = adapt(old, innovation, decision.outcome == ACCEPTED)
+        if decision.outcome == ACCEPTED:
             candidate = None
-        if options.adaptive:
-            factor = rescaled(memory.adaptation, adaptation)
-            belief = _scaled(belief, factor)
-            candidate = None if candidate is None else _scaled(candidate, factor)
-        doubt = memory.doubt if verdict == REJECTED or not memory.doubt.rejected else Doubt()
-        self.memory = Memory(belief, candidate, gate, doubt, adaptation)
-        return verdict
+        else:
+            candidate = other if decision.agrees else _with_pose(before, fix.pose, fix.R)
+            belief = before
+            if decision.outcome == RELOCATED and candidate is not None:
+                belief, candidate = candidate, None
+        if adaptive:
+            factor = inflation(old, adaptation)
+            belief = _inflate(belief, factor)
+            candidate = None if candidate is None else _inflate(candidate, factor)
+        self.memory = Memory(belief, candidate, gate, adaptation)
+        return decision.outcome
 
-    def _take_other(self, measurement: Measurement) -> int:
-        memory = self.memory
-        belief, self.nis = self._corrected(memory.belief, measurement, measurement.R)
-        if self.nis == math.inf:
-            return IGNORED
-        if 0.0 <= self.nis <= self.options.gates[measurement.z.size - 1]:
-            self.memory = memory._replace(belief=belief, doubt=Doubt())
-            return ACCEPTED
-        doubt = doubting(memory.doubt)
-        if not despaired(doubt, self.options):
-            self.memory = memory._replace(doubt=doubt)
-            return REJECTED
-        x, P = memory.belief
-        P = P.copy()
-        P[:3, :] = P[:, :3] = 0.0
-        P[:3, :3] = _LOST_P
-        belief, _ = self._corrected(Belief(x, P), measurement, measurement.R)
-        self.memory = memory._replace(belief=belief, doubt=Doubt())
-        return RELOCATED
+    def _normalised_innovation(self) -> Normalised | None:
+        """Innovation of the newest fix; None if it could not be computed."""
+        if math.isnan(self.nis):
+            return None
+        # Of S only the diagonal: each number by its own deviation.
+        S = self._ekf.S.diagonal().tolist()
+        if min(S) <= 0.0:
+            return None
+        x, y, theta = self._ekf.y.tolist()
+        return Normalised(x / math.sqrt(S[0]), y / math.sqrt(S[1]), theta / math.sqrt(S[2]))
+
+    def _take_other(self, measurement: Heading | LandmarkMeasurement) -> int:
+        before, candidate, gate, adaptation = self.memory
+        kind = HEADING if isinstance(measurement, Heading) else LANDMARK
+        belief, self.nis = self._corrected(before, measurement)
+        gate, decision = decide(gate, self.nis, math.nan, kind, self.options)
+        if decision.outcome == RELOCATED:
+            x, y, theta = before.x.tolist()[:3]
+            belief, _ = self._corrected(_with_pose(before, Pose(x, y, theta), _RESET_P), measurement)
+        elif decision.outcome != ACCEPTED:
+            belief = before
+        self.memory = Memory(belief, candidate, gate, adaptation)
+        return decision.outcome
 
     def _moved(self, belief: Belief, motion: Motion) -> Belief:
-        ekf = self._filter
+        ekf = self._ekf
         ekf.x, ekf.P = belief
         ekf.predict(motion)
         return Belief(ekf.x, ekf.P)
 
-    def _corrected(self, belief: Belief, measurement: Measurement, R: Array) -> tuple[Belief, float]:
-        """Return the belief as if the measurement was accepted, and the NIS."""
-        ekf, z = self._filter, measurement.z
+    def _corrected(self, belief: Belief, measurement: Measurement) -> tuple[Belief, float]:
+        """Return the belief after the measurement, and its NIS; nan if it cannot be computed."""
+        ekf = self._ekf
         ekf.x, ekf.P = belief
         try:
-            if measurement.landmark is not None:
-                nis = ekf.update_landmark(z, R, measurement.landmark)
-            elif z.size == 3:
-                nis = ekf.update_pose(z, R)
+            if isinstance(measurement, PoseFix):
+                nis = ekf.update_pose(measurement.pose, measurement.R)
+            elif isinstance(measurement, Heading):
+                nis = ekf.update_heading(measurement.theta, measurement.R)
             else:
-                nis = ekf.update_heading(z, R)
+                _, distance, bearing, R, landmark = measurement
+                nis = ekf.update_landmark(distance, bearing, R, landmark)
         except (np.linalg.LinAlgError, ValueError):
-            return belief, math.nan  # S is singular to working precision or not finite: not to be believed
-        return self._checked(Belief(ekf.x, ekf.P)), nis
+            return belief, math.nan  # S is singular to working precision or not finite
+        return self._with_possible_radii(Belief(ekf.x, ekf.P)), nis
 
-    def _checked(self, belief: Belief) -> Belief:
-        """Forget what is known of the wheels if it is not possible."""
+    def _with_possible_radii(self, belief: Belief) -> Belief:
+        """Reset the radius errors if one is beyond its bound."""
         if not self.calibrating:
             return belief
-        most = self.options.radius_most
-        if abs(belief.x.item(3)) <= most and abs(belief.x.item(4)) <= most:
+        bound = self.options.max_radius_error
+        if abs(belief.x.item(3)) <= bound and abs(belief.x.item(4)) <= bound:
             return belief
         x, P = belief.x.copy(), belief.P.copy()
         x[3:] = 0.0
@@ -216,17 +222,18 @@ class GatedFilter:
         P[3, 3] = P[4, 4] = self.options.radius_variance
         return Belief(x, P)
 
-    def _started(self, z: Array, R: Array) -> Belief:
-        """Return the belief of one who knows the wheels and nothing else but a fix."""
-        x, P = self.memory.belief.x.copy(), self.memory.belief.P.copy()
-        x[:3] = z[0], z[1], wrap_angle(z.item(2))
-        P[:3, :] = P[:, :3] = 0.0
-        P[:3, :3] = R
-        return Belief(x, P)
+
+def _with_pose(belief: Belief, pose: Pose, P: Array) -> Belief:
+    """Replace the pose and its covariance (3, 3), uncorrelated with the radius errors, which stay."""
+    x, whole = belief.x.copy(), belief.P.copy()
+    x[:3] = pose.x, pose.y, wrap_angle(pose.theta)
+    whole[:3, :] = whole[:, :3] = 0.0
+    whole[:3, :3] = P
+    return Belief(x, whole)
 
 
-def _scaled(belief: Belief, factor: float) -> Belief:
-    """Multiply the pose's part of P; what is known of the wheels stays."""
+def _inflate(belief: Belief, factor: float) -> Belief:
+    """Multiply the pose's part of P; the covariance of the radius errors stays."""
     if factor == 1.0:
         return belief
     P = belief.P.copy()

@@ -1,4 +1,4 @@
-"""Does the filter know how wrong it is? Its innovations against what it expected of them, and what it refused."""
+"""Consistency of the filter: its innovations against their expected covariance, and how many were rejected."""
 
 from __future__ import annotations
 
@@ -7,15 +7,17 @@ from typing import NamedTuple
 
 from scipy.special import chdtri
 
-from diffbot_control.filter.gate import ACCEPTED, REJECTED, RELOCATED
+from diffbot_control.filter.gate import ACCEPTED, FIX, HEADING, LANDMARK, REJECTED, RELOCATED
 
 WINDOW = 50
-"""Accepted measurements that the mean is taken of."""
-_ALARM = 1e-4
-"""Probability of a false alarm, of one mean."""
+"""Number of accepted measurements in the mean."""
+_FALSE_ALARM = 1e-4
+"""Probability that the mean of a consistent filter exceeds the alarm bound."""
 
-KINDS = {3: "fixes", 2: "landmarks", 1: "headings"}
-"""What a measurement of so many numbers is."""
+KINDS = {FIX: "fixes", LANDMARK: "landmarks", HEADING: "headings"}
+"""Names of the kinds of measurement."""
+_NUMBERS = {FIX: 3, LANDMARK: 2, HEADING: 1}
+"""Numbers measured by each kind."""
 
 
 class Nis(NamedTuple):
@@ -26,38 +28,38 @@ class Nis(NamedTuple):
     """95 % of the means of a consistent filter are between these bounds"""
     high: float
     alarm: float
-    """above it the covariances are too small for what is measured"""
+    """above it the covariances are too small for the innovations"""
 
 
-class Consistency:
-    """Running record of a filter."""
+class InnovationMonitor:
+    """Record of a filter's innovations."""
 
     def __init__(self) -> None:
-        """Start with nothing recorded."""
+        """Start with an empty record."""
         self.rejected: Counter[str] = Counter()
         self.relocated: Counter[str] = Counter()
         self._window: deque[tuple[float, int]] = deque(maxlen=WINDOW)
 
     def clear(self) -> None:
-        """Forget the innovations; the counts stay."""
+        """Clear the innovations; the counters stay."""
         self._window.clear()
 
-    def note(self, size: int, nis: float, verdict: int) -> None:
-        """Take in the verdict on a measurement of ``size`` numbers."""
-        if verdict == REJECTED:
-            self.rejected[KINDS[size]] += 1
-        elif verdict == RELOCATED:
-            self.relocated[KINDS[size]] += 1
-            self._window.clear()  # they belong to a belief that was given up
-        elif verdict == ACCEPTED:
-            self._window.append((nis, size))
+    def record(self, kind: int, nis: float, outcome: int) -> None:
+        """Add a measurement: its kind (FIX, LANDMARK or HEADING), its NIS and the outcome of the gate's decision."""
+        if outcome == ACCEPTED:
+            self._window.append((nis, kind))
+        elif outcome == REJECTED:
+            self.rejected[KINDS[kind]] += 1
+        elif outcome == RELOCATED:
+            self.relocated[KINDS[kind]] += 1
+            self._window.clear()  # those innovations belong to the estimate that was given up
 
     def nis(self) -> Nis | None:
-        """Return the mean over the window and its chi-square bounds; None before the first innovation."""
+        """Return the mean over the window and its chi-square bounds; None if the window is empty."""
         if not self._window:
             return None
-        numbers = sum(size for _, size in self._window)
-        low, high, alarm = (float(chdtri(numbers, tail)) / numbers for tail in (0.975, 0.025, _ALARM))
+        numbers = sum(_NUMBERS[kind] for _, kind in self._window)
+        low, high, alarm = (float(chdtri(numbers, tail)) / numbers for tail in (0.975, 0.025, _FALSE_ALARM))
         return Nis(sum(nis for nis, _ in self._window) / numbers, low, high, alarm)
 
     def values(self) -> dict[str, str]:

@@ -1,7 +1,7 @@
-"""Fusing odometry, fixes, headings and landmarks in the order of their stamps, whenever they arrive.
+"""Fusing odometry, fixes, headings and landmarks in the order of their stamps, whatever the order of arrival.
 
-The filter's time is the stamp of the newest odometry. A measurement with a later stamp waits for its odometry; one with
-an earlier stamp is put where it belongs and what came after is computed again, from a bounded history.
+The filter's time is the stamp of the newest odometry. A measurement with a later stamp waits for its odometry. One with
+an earlier stamp is inserted into a bounded history of odometry steps, and the steps after it are computed again.
 """
 
 from __future__ import annotations
@@ -11,23 +11,36 @@ from bisect import insort
 from collections import OrderedDict, deque
 from typing import Annotated, Any, NamedTuple
 
-from diffbot_control.filter.ekf import Array, Motion
+from diffbot_control.filter.gate import FIX, HEADING, LANDMARK
 from diffbot_control.filter.gated_filter import Belief, GatedFilter, Memory
-from diffbot_control.filter.innovation_monitor import Consistency
-from diffbot_control.filter.measurements import Measurement, OdometryStep
+from diffbot_control.filter.innovation_monitor import InnovationMonitor
+from diffbot_control.filter.measurements import (
+    Array,
+    Heading,
+    LandmarkMeasurement,
+    Measurement,
+    OdometryStep,
+    PoseFix,
+)
+from diffbot_control.filter.models import Motion
 from diffbot_control.filter.options import FilterConfig, options_of
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose
-from diffbot_core.kinematics import WheelGeometry
+from diffbot_core.kinematics import WheelGeometry, scale_twist_covariance
 from diffbot_core.schema import Spec
 from diffbot_core.units import S_PER_NS
 
-_PENDING_MOST = 1000
-"""Measurements that may wait for their odometry; more means that none comes."""
-_LONGEST_GAP = 1000 * 10**9
-"""[ns] between two odometries; no mean twist says what happened in more."""
-_KNOWN_MOST = 10_000
-"""Measurements remembered to refuse those that are sent again."""
+_MAX_PENDING = 1000
+"""Measurements that may wait for their odometry; if there are more, no odometry comes."""
+_MAX_GAP = 1000 * 10**9
+"""[ns] between two odometry messages; a longer motion is not described by its mean twist."""
+_MAX_KEYS = 10_000
+"""Number of measurements whose keys are kept to recognise duplicates."""
+_KINDS = {PoseFix: FIX, Heading: HEADING, LandmarkMeasurement: LANDMARK}
+_RANKS = {PoseFix: 0, Heading: 1, LandmarkMeasurement: 2}
+"""Order of fusion of measurements with equal stamps."""
+
+_Key = tuple[int, tuple[float, ...]]
 
 
 class LocalizationConfig(NamedTuple):
@@ -38,7 +51,7 @@ class LocalizationConfig(NamedTuple):
 
 
 class Estimate(NamedTuple):
-    """What the filter knows at one time."""
+    """State of the filter at one time."""
 
     stamp: int
     """[ns]"""
@@ -48,11 +61,11 @@ class Estimate(NamedTuple):
     odometry: OdometryStep | None
     """the newest input, None before the first"""
     belief: Belief
-    """of all states, the wheels' errors included where they are some"""
+    """all states, including the radius errors where they are states"""
 
 
 class _Step:
-    """One odometry step of the history with the filter's memory before it, so that it can be done again."""
+    """One odometry step of the history with the filter's memory before it, so that it can be computed again."""
 
     __slots__ = ("measurements", "memory", "odometry", "start")
 
@@ -63,17 +76,14 @@ class _Step:
         self.measurements = measurements
 
 
-_RANKS = {3: 0, 1: 1, 2: 2}
-
-
 def _order(measurement: Measurement) -> tuple[Any, ...]:
-    # Equal stamps: fixes, headings, landmarks by their place, then by value: whatever the order of arrival.
-    rank, place = _RANKS[measurement.z.size], measurement.landmark or ()
-    return measurement.stamp, rank, place, *measurement.z.tolist()
+    """Sort by stamp; at equal stamps fixes, headings, landmarks by position, then by value: independent of arrival."""
+    position = measurement.landmark if isinstance(measurement, LandmarkMeasurement) else ()
+    return measurement.stamp, _RANKS[type(measurement)], position, measurement.values
 
 
-def _identity(measurement: Measurement) -> tuple[float, ...]:
-    return (measurement.stamp, *measurement.z.tolist(), *(measurement.landmark or ()))
+def _key(measurement: Measurement) -> _Key:
+    return measurement.stamp, measurement.values
 
 
 def _split(measurements: list[Measurement], stamp: int) -> tuple[list[Measurement], list[Measurement]]:
@@ -85,51 +95,51 @@ def _split(measurements: list[Measurement], stamp: int) -> tuple[list[Measuremen
 
 
 class Localization:
-    """A filter with a sense of time; it starts with the first fix, or by :meth:`initialise`."""
+    """A filter that fuses measurements by their stamps; it starts with the first fix, or by :meth:`initialise`."""
 
     def __init__(self, config: LocalizationConfig, wheel_separation: float = WheelGeometry().wheel_separation) -> None:
         """Start unknown: :attr:`initialised` is False until a pose comes; ``wheel_separation`` is L [m]."""
         self.config = config
         self._history = round(config.history_length / S_PER_NS)
-        self.estimator = GatedFilter(options_of(config.filter), wheel_separation)
-        self.consistency = Consistency()
-        self.waited_in_vain = 0
-        """measurements dropped because they came before the first odometry"""
+        self.filter = GatedFilter(options_of(config.filter), wheel_separation)
+        self.monitor = InnovationMonitor()
+        self.dropped_before_odometry = 0
+        """number of measurements dropped because their stamps are before the first odometry's"""
         self.initialised = False
         self._stamp: int | None = None
         self._odometry: OdometryStep | None = None
         self._steps: deque[_Step] = deque()
         self._pending: list[Measurement] = []
-        self._known: OrderedDict[tuple[float, ...], None] = OrderedDict()
+        self._keys: OrderedDict[_Key, None] = OrderedDict()
 
     def configure(self, config: LocalizationConfig, wheel_separation: float) -> None:
-        """Take over changed options from the next message on; the variant of the filter stays."""
+        """Apply changed options from the next message on; the variant of the filter stays."""
         self._history = round(config.history_length / S_PER_NS)
         self.config = config._replace(filter=config.filter._replace(filter=self.config.filter.filter))
-        self.estimator.configure(options_of(self.config.filter), wheel_separation)
+        self.filter.configure(options_of(self.config.filter), wheel_separation)
 
     def reset(self) -> None:
-        """Forget everything; the next fix starts anew."""
-        self.estimator.forget()
-        self.consistency.clear()
+        """Reset everything to unknown; the next fix initialises the filter."""
+        self.filter.reset()
+        self.monitor.clear()
         self.initialised = False
         self._stamp = None
         self._odometry = None
         self._steps.clear()
         self._pending.clear()
-        self._known.clear()
+        self._keys.clear()
 
     def initialise(self, pose: Pose, P: Array, stamp: int | None = None) -> None:
         """Put the filter at ``pose`` with covariance ``P`` (3, 3).
 
-        What is known of the wheels stays. It keeps its present time; if it has none yet, that is ``stamp`` [ns], or
-        the first odometry's.
+        The radius errors stay, and so does the filter's time; if it has none yet, that is ``stamp`` [ns], or the first
+        odometry's.
         """
-        self.estimator.start(pose, P)
-        self.consistency.clear()
+        self.filter.reset_to(pose, P)
+        self.monitor.clear()
         self._steps.clear()
         for waiting in self._pending:
-            self._forget(waiting)
+            self._forget_key(waiting)
         self._pending.clear()
         if self._stamp is None:
             self._stamp = stamp
@@ -139,18 +149,19 @@ class Localization:
         """Return the present state.
 
         Raises:
-            BadMessageError: if nothing is known yet.
+            BadMessageError: before the first fix or odometry.
         """
         if not self.initialised or self._stamp is None:
             raise BadMessageError("no fix yet")
-        belief = self.estimator.memory.belief
-        pose = Pose(*belief.x.tolist()[:3])
-        return Estimate(self._stamp, pose, belief.P[:3, :3], self._odometry, belief)
+        belief = self.filter.memory.belief
+        x, P = belief
+        pose = Pose(x.item(0), x.item(1), x.item(2))
+        return Estimate(self._stamp, pose, P[:3, :3], self._odometry, belief)
 
     def on_odometry(self, odometry: OdometryStep) -> Estimate:
-        """Move on to the stamp of ``odometry`` and fuse what waited for it.
+        """Move to the stamp of ``odometry`` and fuse the measurements that waited for it.
 
-        An odometry with the stamp of the last one (sent again) is answered without moving.
+        An odometry with the stamp of the last one (a repetition) is answered without moving.
 
         Raises:
             BadMessageError: before the first fix; out of order; or if time jumped back by more than the history, or
@@ -160,122 +171,127 @@ class Localization:
             raise BadMessageError("no fix yet")
         if self._stamp is None:
             self._stamp = odometry.stamp
-            self._drop_what_waits_since_before(odometry.stamp)
+            self._drop_pending_before(odometry.stamp)
         late = self._stamp - odometry.stamp
+        if late >= 0 or late < -_MAX_GAP:
+            self._check_time(late)
+            return self.estimate()
+        ready, self._pending = _split(self._pending, odometry.stamp)
+        step = _Step(self._stamp, odometry, self.filter.memory, ready)
+        self._steps.append(step)
+        self._propagate(step, None)
+        self._stamp = odometry.stamp
+        self._odometry = odometry
+        self._trim()
+        return self.estimate()
+
+    def _check_time(self, late: int) -> None:
+        """Refuse an odometry that is ``late`` [ns] behind the newest; negative: ahead of it; 0: a repetition."""
         if late > self._history:
             self.reset()
             raise BadMessageError("time jumped back", f"by {late * S_PER_NS:.3f} s; filter reset")
-        if late < -_LONGEST_GAP:
+        if late < -_MAX_GAP:
             self.reset()
             raise BadMessageError("time jumped ahead", f"by {-late * S_PER_NS:.3f} s; filter reset")
         if late > 0:
             raise BadMessageError("out of order", f"{late * S_PER_NS:.3f} s behind the newest")
-        if late < 0:
-            ready, self._pending = _split(self._pending, odometry.stamp)
-            step = _Step(self._stamp, odometry, self.estimator.memory, ready)
-            self._steps.append(step)
-            self._propagate(step, None)
-            self._stamp = odometry.stamp
-            self._odometry = odometry
-            self._trim()
-        return self.estimate()
 
-    def _drop_what_waits_since_before(self, stamp: int) -> None:
+    def _drop_pending_before(self, stamp: int) -> None:
         while self._pending and self._pending[0].stamp < stamp:
-            self._forget(self._pending.pop(0))
-            self.waited_in_vain += 1
+            self._forget_key(self._pending.pop(0))
+            self.dropped_before_odometry += 1
 
     def on_measurement(self, measurement: Measurement) -> None:
-        """Fuse a fix, a heading or a landmark at its own stamp.
+        """Fuse a fix, a heading or a landmark measurement at its own stamp.
 
         Raises:
-            BadMessageError: if it came before (stamp and values the same), if it is not finite, if it is older than the
-                history, if too many with earlier stamps wait for their odometry already, or if a heading or landmark
-                comes before the first fix.
+            BadMessageError: if it is a duplicate (stamp and values), if it is not finite, if it is older than the
+                history, if too many with earlier stamps wait for their odometry already, or if it is a heading or
+                landmark before the first fix.
         """
-        key = _identity(measurement)
-        if key in self._known:
+        key = measurement.stamp, measurement.values
+        if key in self._keys:
             raise BadMessageError("duplicate")
-        if not math.isfinite(sum(key)):
+        if not math.isfinite(sum(key[1])):
             raise BadMessageError("measurement not finite")
-        self._take(measurement)
-        self._known[key] = None
-        if len(self._known) > _KNOWN_MOST:
-            self._known.popitem(last=False)
+        self._insert(measurement)
+        self._keys[key] = None
+        if len(self._keys) > _MAX_KEYS:
+            self._keys.popitem(last=False)
 
-    def _take(self, measurement: Measurement) -> None:
+    def _insert(self, measurement: Measurement) -> None:
         if not self.initialised:
-            if measurement.z.size != 3:
+            if not isinstance(measurement, PoseFix):
                 raise BadMessageError("no fix yet")
-            x, y, theta = measurement.z.tolist()
-            self.initialise(Pose(x, y, theta), measurement.R, measurement.stamp)
+            self.initialise(measurement.pose, measurement.R, measurement.stamp)
         elif self._stamp is None or measurement.stamp > self._stamp:
             self._wait(measurement)
         elif measurement.stamp == self._stamp and not self._steps:
             self._update(measurement)
         else:
-            # Also one of the present stamp: there may be others of that stamp which belong behind it.
+            # Also one with the present stamp: it may belong before others with that stamp.
             self._insert_late(measurement)
 
     def _wait(self, measurement: Measurement) -> None:
-        if len(self._pending) >= _PENDING_MOST:
+        if len(self._pending) >= _MAX_PENDING:
             if measurement.stamp >= self._pending[-1].stamp:
-                raise BadMessageError("no odometry for it", f"{_PENDING_MOST} measurements wait already")
-            # The one furthest ahead gives way: a sender with a wrong clock must not shut the others out.
-            self._forget(self._pending.pop())
+                raise BadMessageError("no odometry for it", f"{_MAX_PENDING} measurements wait already")
+            # Drop the one furthest ahead: a sender with a wrong clock must not block the others.
+            self._forget_key(self._pending.pop())
         if self._pending:
             insort(self._pending, measurement, key=_order)
         else:
             self._pending.append(measurement)
 
-    def _forget(self, dropped: Measurement) -> None:
-        """Let a measurement that was never fused come again."""
-        self._known.pop(_identity(dropped), None)
+    def _forget_key(self, dropped: Measurement) -> None:
+        """Allow a measurement that was never fused to be sent again."""
+        self._keys.pop(_key(dropped), None)
 
     def _insert_late(self, measurement: Measurement) -> None:
         for index in range(len(self._steps) - 1, -1, -1):
             step = self._steps[index]
-            # What is stamped like the start of the history belongs to the state that it starts from.
+            # A stamp equal to the start of the history belongs to the state that the history starts from.
             covered = step.start < measurement.stamp or (index == 0 and step.start == measurement.stamp)
             if covered and measurement.stamp <= step.odometry.stamp:
                 insort(step.measurements, measurement, key=_order)
-                self.estimator.memory = step.memory
+                self.filter.memory = step.memory
                 for again in range(index, len(self._steps)):
                     step = self._steps[again]
-                    step.memory = self.estimator.memory
+                    step.memory = self.filter.memory
                     self._propagate(step, measurement)
                 return
         raise BadMessageError("too old", "its stamp is before the history")
 
     def _propagate(self, step: _Step, late: Measurement | None) -> None:
-        """Do a step; again if a ``late`` measurement came, and then only that one is new to the record."""
-        whole = (step.odometry.stamp - step.start) * S_PER_NS
-        now = step.start
+        """Compute a step; if it is repeated for a ``late`` measurement, only that one is new to the monitor."""
+        odometry, now = step.odometry, step.start
+        whole = (odometry.stamp - now) * S_PER_NS
         for measurement in step.measurements:
             if measurement.stamp > now:
-                self._predict(step.odometry, (measurement.stamp - now) * S_PER_NS, whole)
+                self._predict(odometry, (measurement.stamp - now) * S_PER_NS, whole)
                 now = measurement.stamp
             self._update(measurement, late is None or measurement is late)
-        if step.odometry.stamp > now:
-            self._predict(step.odometry, (step.odometry.stamp - now) * S_PER_NS, whole)
+        if odometry.stamp > now:
+            self._predict(odometry, (odometry.stamp - now) * S_PER_NS, whole)
 
     def _predict(self, odometry: OdometryStep, dt: float, whole: float) -> None:
-        # The error of the twist belongs to the whole interval: in parts of it the variances have to add up to that.
-        share = whole / dt
-        _, (v, omega), var_v, cov, var_omega = odometry
-        self.estimator.predict(Motion(v, omega, dt, var_v * share, cov * share, var_omega * share))
+        _, twist, covariance = odometry
+        if dt != whole:
+            # The twist's error is constant over the interval: the variances of its parts must add up to the whole.
+            covariance = scale_twist_covariance(covariance, whole / dt)
+        self.filter.predict(Motion(twist, dt, covariance))
 
     def _update(self, measurement: Measurement, new: bool = True) -> None:
-        verdict = self.estimator.take(measurement)
+        outcome = self.filter.take(measurement)
         if new:
-            self.consistency.note(measurement.z.size, self.estimator.nis, verdict)
+            self.monitor.record(_KINDS[type(measurement)], self.filter.nis, outcome)
 
     def _trim(self) -> None:
-        steps, known = self._steps, self._known
+        steps, keys = self._steps, self._keys
         oldest = steps[-1].odometry.stamp - self._history
         while steps[0].odometry.stamp < oldest:
             steps.popleft()
-        # In the order of arrival; one that came late stays a little longer than it need, and one with a stamp far ahead
-        # does not keep all that come after it.
-        while known and (key := next(iter(known)))[0] < oldest:
-            del known[key]
+        # Keys are in order of arrival: a late one is kept a little longer than necessary. One far ahead blocks this
+        # loop, and _MAX_KEYS bounds their number.
+        while keys and next(iter(keys))[0] < oldest:
+            keys.popitem(last=False)

@@ -1,4 +1,4 @@
-"""What the filter takes in: odometry steps, and measurements of the pose, the heading and landmarks."""
+"""Input of the filter: odometry steps, and measurements of the pose, the heading and landmarks."""
 
 from __future__ import annotations
 
@@ -7,31 +7,70 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from diffbot_core.kinematics import Twist
+from diffbot_core.geometry import Point, Pose
+from diffbot_core.kinematics import Twist, TwistCovariance
 
 Array = NDArray[np.float64]
 
 
-class Measurement(NamedTuple):
-    """A pose fix, z (3,), a heading, z (1,), or range and bearing of a landmark, z (2,); R is (n, n)."""
-
-    stamp: int
-    """[ns]"""
-    z: Array
-    R: Array
-    landmark: tuple[float, float] | None = None
-    """x, y of the landmark [m]"""
-
-
 class OdometryStep(NamedTuple):
-    """Mean twist since the last odometry, with covariance."""
+    """Mean twist since the odometry before."""
 
     stamp: int
     """[ns] end of the interval"""
     twist: Twist
-    var_v: float
-    """[m^2/s^2]"""
-    cov_v_omega: float
-    """[m rad/s^2]"""
-    var_omega: float
-    """[rad^2/s^2]"""
+    covariance: TwistCovariance
+
+
+class PoseFix(NamedTuple):
+    """An absolute measurement of the pose."""
+
+    stamp: int
+    """[ns]"""
+    pose: Pose
+    R: Array
+    """(3, 3) covariance [m, m, rad]"""
+
+    @property
+    def values(self) -> tuple[float, ...]:
+        """The measured numbers x, y, theta."""
+        return self.pose
+
+
+class Heading(NamedTuple):
+    """An absolute measurement of the heading."""
+
+    stamp: int
+    """[ns]"""
+    theta: float
+    """[rad]"""
+    R: Array
+    """(1, 1) variance [rad^2]"""
+
+    @property
+    def values(self) -> tuple[float, ...]:
+        """The measured number, as a tuple."""
+        return (self.theta,)
+
+
+class LandmarkMeasurement(NamedTuple):
+    """Range and bearing of a known landmark in the frame of the robot."""
+
+    stamp: int
+    """[ns]"""
+    range: float
+    """[m]"""
+    bearing: float
+    """[rad]"""
+    R: Array
+    """(2, 2) covariance [m, rad]"""
+    landmark: Point
+    """position in the frame of the estimate [m]"""
+
+    @property
+    def values(self) -> tuple[float, ...]:
+        """Range and bearing, and the landmark's x and y: two landmarks may be measured alike."""
+        return (self.range, self.bearing, *self.landmark)
+
+
+Measurement = PoseFix | Heading | LandmarkMeasurement

@@ -1,4 +1,4 @@
-"""Options of the filter: which variant, its gate, its way back, its noise."""
+"""Options of the filter: variant, gate, relocation and process noise."""
 
 from __future__ import annotations
 
@@ -13,13 +13,8 @@ EKF, CALIBRATING, FNN, FNN_CALIBRATING = "ekf", "ekf_calibrating", "ekf_fnn", "e
 FILTERS = (EKF, CALIBRATING, FNN, FNN_CALIBRATING)
 """Three states; with the radius errors of both wheels as two more; with a fuzzy-neural adaptation of R and Q."""
 
-
-LOST_XY, LOST_THETA = 25.0, 1.0
-"""[m^2], [rad^2] variances of a pose that headings and landmarks have contradicted for long"""
-MIN_LANDMARK_DISTANCE = 1e-3
-"""[m] nearer to a landmark its bearing means nothing"""
-_MOST_SIGMAS, _MOST = 5.0, 0.1
-"""An estimated radius error beyond so many deviations, and beyond a tenth, is a slip that was taken for one."""
+_MAX_SIGMAS, _MAX_ERROR = 5.0, 0.1
+"""An estimated radius error beyond five initial deviations and beyond 10 % is a slipping wheel, not a radius error."""
 
 
 class FilterConfig(NamedTuple):
@@ -31,12 +26,13 @@ class FilterConfig(NamedTuple):
         Spec("share of good measurements that pass the chi-square gate; 1: no gate", minimum=0.5, maximum=1.0),
     ] = 0.999
     relocation_fixes: Annotated[
-        int, Spec("rejections in a row after which fixes that agree are believed", minimum=2, maximum=100)
+        int,
+        Spec("rejected fixes in a row that relocate the filter if they agree with each other", minimum=2, maximum=100),
     ] = 3
     relocation_timeout: Annotated[
         float,
         Spec(
-            "time of so many rejections and nothing else after which the newest is believed",
+            "duration of a streak of at least relocation_fixes rejections after which the newest measurement relocates",
             "s",
             minimum=0.0,
             exclusive_minimum=True,
@@ -49,7 +45,7 @@ class FilterConfig(NamedTuple):
 
 
 class FilterOptions(NamedTuple):
-    """What a :class:`FilterConfig` means to the filter: plain numbers."""
+    """The plain numbers that the filter needs of a :class:`FilterConfig`."""
 
     adaptive: bool
     gates: tuple[float, float, float]
@@ -59,14 +55,14 @@ class FilterOptions(NamedTuple):
     """[s]"""
     radius_variance: float
     """of each wheel's relative radius error at the start; 0 if it is no state"""
-    radius_walk: float
-    """variance per second that it gains"""
-    radius_most: float
-    """bound of its estimate"""
+    radius_random_walk: float
+    """[1/s] its random-walk variance per second"""
+    max_radius_error: float
+    """bound of its estimate; beyond it the estimate is reset"""
 
 
 def options_of(config: FilterConfig) -> FilterOptions:
-    """Work out what a configuration means; the bounds are chi-square quantiles."""
+    """Derive the filter's numbers from its configuration; the bounds are chi-square quantiles."""
     calibrating = config.filter in (CALIBRATING, FNN_CALIBRATING)
     rest = 1.0 - config.gate_probability
     first, second, third = (float(chdtri(dof, rest)) if rest > 0.0 else math.inf for dof in (1, 2, 3))
@@ -77,5 +73,5 @@ def options_of(config: FilterConfig) -> FilterOptions:
         config.relocation_timeout,
         config.wheel_radius_sigma**2 if calibrating else 0.0,
         config.wheel_radius_walk**2 if calibrating else 0.0,
-        max(_MOST_SIGMAS * config.wheel_radius_sigma, _MOST) if calibrating else 0.0,
+        max(_MAX_SIGMAS * config.wheel_radius_sigma, _MAX_ERROR) if calibrating else 0.0,
     )

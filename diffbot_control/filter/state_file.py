@@ -1,4 +1,4 @@
-"""What the filter knows, kept in a file across a restart."""
+"""The filter's state in a file, to survive a restart."""
 
 from __future__ import annotations
 
@@ -11,36 +11,35 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from diffbot_control.filter.covariance import check_covariance
-from diffbot_control.filter.ekf import Array
+from diffbot_control.filter.gated_filter import WheelEstimate
 from diffbot_control.filter.localization import Localization
+from diffbot_control.filter.measurements import Array
 from diffbot_core.errors import BadMessageError, DiffbotError, InvalidValueError
 from diffbot_core.geometry import MAX_COORDINATE, Pose, wrap_angle
 from diffbot_core.kinematics import WheelGeometry
 
 _VERSION = 1
-_WORST = 1.0
+_MAX_RADIUS_ERROR = 1.0
 
 
 class BrokenStateError(DiffbotError):
-    """A file that can be read and holds no state."""
+    """A readable file that does not hold a valid state."""
 
 
 class SavedState(NamedTuple):
-    """Pose and wheels with their covariances."""
+    """Pose and radius errors with their covariances."""
 
     pose: Pose
     P: Array
     """(3, 3) [m, m, rad]"""
-    wheels: Array | None
-    """(2,) relative radius errors left, right; None if the filter does not estimate them"""
-    wheels_P: Array | None
-    """(2, 2)"""
+    wheels: WheelEstimate | None
+    """None if the filter does not estimate them"""
     geometry: WheelGeometry
-    """for which the wheels' errors were found"""
+    """to which the radius errors are relative"""
 
 
 def state_path(text: str) -> Path | None:
-    """Return the path of the state file, ``~`` unfolded; None for an empty text.
+    """Return the path of the state file, ``~`` expanded; None for an empty text.
 
     Raises:
         InvalidValueError: if it cannot be the path of a file.
@@ -58,15 +57,15 @@ def state_path(text: str) -> Path | None:
 
 
 def save_state(path: Path, state: SavedState) -> None:
-    """Write a state through a temporary file, so that there is always a whole one.
+    """Write a state through a temporary file, so that the file is complete at any time.
 
     Raises:
         OSError: if it cannot be written.
     """
     content: dict[str, Any] = {"version": _VERSION, "pose": list(state.pose), "P": state.P.tolist()}
     content["geometry"] = list(state.geometry)
-    if state.wheels is not None and state.wheels_P is not None:
-        content |= {"wheels": state.wheels.tolist(), "wheels_P": state.wheels_P.tolist()}
+    if state.wheels is not None:
+        content |= {"wheels": state.wheels.errors.tolist(), "wheels_P": state.wheels.P.tolist()}
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f"{path.name}.{os.getpid()}.tmp")
     try:
@@ -84,7 +83,7 @@ def load_state(path: Path) -> SavedState | None:
     """Read a state; None if there is no file.
 
     Raises:
-        BrokenStateError: if it holds something else, saying what.
+        BrokenStateError: if it does not hold a valid state.
         DiffbotError: if it cannot be read.
     """
     try:
@@ -102,9 +101,10 @@ def load_state(path: Path) -> SavedState | None:
     radius, separation = _numbers(path, content, "geometry", (2,), math.inf).tolist()
     geometry = WheelGeometry(radius, separation)
     if "wheels" not in content:
-        return SavedState(Pose(x, y, wrap_angle(theta)), P, None, None, geometry)
-    wheels = _numbers(path, content, "wheels", (2,), _WORST)
-    return SavedState(Pose(x, y, wrap_angle(theta)), P, wheels, _covariance(path, content, "wheels_P", 2), geometry)
+        return SavedState(Pose(x, y, wrap_angle(theta)), P, None, geometry)
+    errors = _numbers(path, content, "wheels", (2,), _MAX_RADIUS_ERROR)
+    wheels = WheelEstimate(errors, _covariance(path, content, "wheels_P", 2))
+    return SavedState(Pose(x, y, wrap_angle(theta)), P, wheels, geometry)
 
 
 def _numbers(path: Path, content: dict[str, Any], key: str, shape: tuple[int, ...], limit: float) -> Array:
@@ -126,27 +126,27 @@ def _covariance(path: Path, content: dict[str, Any], key: str, size: int) -> Arr
 
 
 class StateKeeper:
-    """Keeps what a filter knows in a file."""
+    """Saves the state of a filter in a file and restores it."""
 
     def __init__(self, path: Path, localization: Localization) -> None:
-        """Keep the state of ``localization`` at ``path``."""
+        """Use the file ``path`` for the state of ``localization``."""
         self._path = path
         self._localization = localization
         self._saved: int | None = None
 
     def restore(self, geometry: WheelGeometry) -> str:
-        """Start the filter from the file, if there is one; return what was done, for the log.
+        """Initialise the filter from the file, if there is one; return a line for the log.
 
-        The wheels' errors are taken only if they were found with the same ``geometry``.
+        The radius errors are restored only if they are relative to the same ``geometry``.
 
         Raises:
-            BrokenStateError: if the file holds something else; it is set aside under another name.
-            DiffbotError: if it cannot be read or set aside.
+            BrokenStateError: if the file does not hold a valid state; it is renamed.
+            DiffbotError: if it cannot be read or renamed.
         """
         try:
             saved = load_state(self._path)
         except BrokenStateError as error:
-            # The next saving would write over what is there.
+            # The next save would overwrite it.
             kept = self._path.with_name(self._path.name + ".bad")
             try:
                 self._path.replace(kept)
@@ -159,12 +159,12 @@ class StateKeeper:
         done = "state restored: x {:.3f} m, y {:.3f} m, heading {:.3f} rad".format(*saved.pose)
         if saved.geometry != geometry:
             return f"{done}; wheel errors not restored: found with another wheel radius or separation"
-        if saved.wheels is not None and saved.wheels_P is not None:
-            self._localization.estimator.set_wheels(saved.wheels, saved.wheels_P)
+        if saved.wheels is not None:
+            self._localization.filter.set_wheels(saved.wheels)
         return done
 
     def save(self, geometry: WheelGeometry) -> None:
-        """Write what is known, if there is news.
+        """Save the present state if it is newer than the saved one.
 
         Raises:
             OSError: if it cannot be written.
@@ -172,15 +172,15 @@ class StateKeeper:
         try:
             estimate = self._localization.estimate()
         except BadMessageError:
-            return  # nothing is known yet
+            return  # no fix yet
         if estimate.stamp == self._saved or not np.isfinite(estimate.belief.P).all():
             return
-        wheels, wheels_P = self._localization.estimator.wheels() or (None, None)
-        save_state(self._path, SavedState(estimate.pose, estimate.P, wheels, wheels_P, geometry))
+        wheels = self._localization.filter.wheels()
+        save_state(self._path, SavedState(estimate.pose, estimate.P, wheels, geometry))
         self._saved = estimate.stamp
 
-    def forget(self) -> None:
-        """Delete the file: what was forgotten must not come back with a restart.
+    def delete(self) -> None:
+        """Delete the file: after a reset, a restart must not restore the old state.
 
         Raises:
             OSError: if it cannot be deleted.

@@ -10,12 +10,12 @@ from diffbot_core.errors import InvalidValueError
 from diffbot_core.kinematics import WheelGeometry
 from diffbot_core.schema import Spec
 
-_NARROWEST, _WIDEST = 1e-4, 1e3
-"""Deviations [m], [rad] that a filter can compute with."""
+_MIN_SIGMA, _MAX_SIGMA = 1e-4, 1e3
+"""Standard deviations [m], [rad] that a filter can compute with."""
 
 
 class SensorNoise(NamedTuple):
-    """Deviations that are taken where a message tells no usable covariance."""
+    """Standard deviations that are used for messages without a usable covariance; all zero means unknown."""
 
     global_pose_sigma_xy: Annotated[
         float,
@@ -23,33 +23,36 @@ class SensorNoise(NamedTuple):
             "deviation of x and y of global_pose without a usable covariance; 0: drop it",
             "m",
             minimum=0.0,
-            maximum=_WIDEST,
+            maximum=_MAX_SIGMA,
         ),
     ] = 0.0
     global_pose_sigma_yaw: Annotated[
-        float, Spec("the same of its heading; 0: drop it", "rad", minimum=0.0, maximum=_WIDEST)
+        float, Spec("the same of its heading; 0: drop it", "rad", minimum=0.0, maximum=_MAX_SIGMA)
     ] = 0.0
     heading_sigma: Annotated[
-        float, Spec("deviation of heading without a usable covariance; 0: drop it", "rad", minimum=0.0, maximum=_WIDEST)
+        float,
+        Spec("deviation of heading without a usable covariance; 0: drop it", "rad", minimum=0.0, maximum=_MAX_SIGMA),
     ] = 0.0
     landmark_range_sigma: Annotated[
-        float, Spec("deviation of a range to a landmark without variances", "m", minimum=_NARROWEST, maximum=_WIDEST)
+        float, Spec("deviation of a range to a landmark without variances", "m", minimum=_MIN_SIGMA, maximum=_MAX_SIGMA)
     ] = 0.06
     landmark_bearing_sigma: Annotated[
         float,
-        Spec("deviation of a bearing to a landmark without variances", "rad", minimum=_NARROWEST, maximum=_WIDEST),
+        Spec("deviation of a bearing to a landmark without variances", "rad", minimum=_MIN_SIGMA, maximum=_MAX_SIGMA),
     ] = 0.03
-    override_covariance: Annotated[bool, Spec("take these deviations whatever the messages say, where not 0")] = False
+    override_covariance: Annotated[
+        bool, Spec("use these deviations, where not 0, even if the messages have covariances")
+    ] = False
 
     def check(self) -> None:
-        """Refuse deviations that a filter cannot compute with.
+        """Refuse standard deviations that a filter cannot compute with.
 
         Raises:
             InvalidValueError: if one is neither 0 nor at least 1e-4.
         """
         for name in ("global_pose_sigma_xy", "global_pose_sigma_yaw", "heading_sigma"):
-            if 0.0 < getattr(self, name) < _NARROWEST:
-                raise InvalidValueError(name, getattr(self, name), f"0 or >= {_NARROWEST:g}")
+            if 0.0 < getattr(self, name) < _MIN_SIGMA:
+                raise InvalidValueError(name, getattr(self, name), f"0 or >= {_MIN_SIGMA:g}")
 
 
 class EkfNodeConfig(NamedTuple):
@@ -63,7 +66,7 @@ class EkfNodeConfig(NamedTuple):
     wheel_noise: Annotated[
         float,
         Spec(
-            "bound of the relative wheel-speed error, where the odometry tells no covariance",
+            "bound of the relative wheel-speed error, for odometry with an all-zero covariance",
             minimum=0.0,
             maximum=1.0,
         ),
@@ -73,14 +76,14 @@ class EkfNodeConfig(NamedTuple):
     state_file: Annotated[
         str,
         Spec(
-            "file that keeps pose and wheel errors across a restart, a relative one in the working folder; empty: none",
+            "file that keeps pose and wheel errors across a restart, relative to the working folder; empty: none",
             read_only=True,
         ),
     ] = ""
     left_wheel_name: Annotated[str, Spec("joint of the left wheel", read_only=True)] = "left_wheel_joint"
     right_wheel_name: Annotated[str, Spec("joint of the right wheel", read_only=True)] = "right_wheel_joint"
     sensor_timeout: Annotated[
-        float, Spec("silence of the odometry that is reported", "s", minimum=0.0, exclusive_minimum=True)
+        float, Spec("time without odometry that is reported as silence", "s", minimum=0.0, exclusive_minimum=True)
     ] = 1.0
     map_frame: Annotated[str, Spec("frame of fixes and estimates", read_only=True)] = "map"
     odom_frame: Annotated[str, Spec("frame of the odometry", read_only=True)] = "odom"

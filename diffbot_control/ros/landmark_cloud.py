@@ -1,7 +1,7 @@
 """Landmarks in a sensor_msgs/PointCloud2, read and written; free of ROS: a message is anything with its fields.
 
-A point has ``x`` and ``y`` [m] in the frame of the robot (float32 or float64) and the landmark's number ``id`` (a whole
-number), and may have ``range_variance`` [m^2] and ``bearing_variance`` [rad^2]; other fields are passed over.
+A point has ``x`` and ``y`` [m] in the frame of the robot (float32 or float64) and the landmark's number ``id`` (an
+integer), and may have ``range_variance`` [m^2] and ``bearing_variance`` [rad^2]; other fields are ignored.
 """
 
 from __future__ import annotations
@@ -15,28 +15,28 @@ from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import MAX_COORDINATE
 
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
-"""numpy's names of the datatypes of a sensor_msgs/PointField"""
-_MOST, _LARGEST_STEP = 100, 65536
-"""Points in one message, bytes of a point; more are no landmarks."""
+"""numpy's names of the data types of a sensor_msgs/PointField"""
+_MAX_POINTS, _MAX_POINT_STEP = 100, 65536
+"""Number of points in one message, bytes of a point; a larger cloud does not hold landmarks."""
 _WRITTEN = np.dtype(
     [(name, "<f4") for name in ("x", "y", "z")]
     + [("id", "<i4"), ("range_variance", "<f4"), ("bearing_variance", "<f4")]
 )
-"""What is sent: z and single precision are what RViz wants to show points."""
+"""Layout of published clouds: RViz displays points with z in single precision."""
 
 
 class LandmarkPoint(NamedTuple):
     """One point of a cloud."""
 
     number: int
-    distance: float
+    range: float
     """[m]"""
     bearing: float
     """[rad]"""
-    var_distance: float
-    """[m^2], 0 if the message does not say"""
+    var_range: float
+    """[m^2]; 0: unknown"""
     var_bearing: float
-    """[rad^2], 0 if the message does not say"""
+    """[rad^2]; 0: unknown"""
 
 
 def landmark_points(message: Any) -> list[LandmarkPoint]:
@@ -48,23 +48,23 @@ def landmark_points(message: Any) -> list[LandmarkPoint]:
             positive or beyond MAX_COORDINATE.
     """
     count = message.width * message.height
-    if count > _MOST:
-        raise BadMessageError("too many points", f"{count} > {_MOST}")
+    if count > _MAX_POINTS:
+        raise BadMessageError("too many points", f"{count} > {_MAX_POINTS}")
     points = _structured(message, count)
     columns = [points[name].astype(float).tolist() for name in ("x", "y")]
     for name in ("range_variance", "bearing_variance"):
         known = points.dtype.names is not None and name in points.dtype.names
         columns.append(points[name].astype(float).tolist() if known else [0.0] * count)
     found = []
-    for number, x, y, var_distance, var_bearing in zip(points["id"].tolist(), *columns, strict=True):
-        if not math.isfinite(x + y + var_distance + var_bearing):
+    for number, x, y, var_range, var_bearing in zip(points["id"].tolist(), *columns, strict=True):
+        if not math.isfinite(x + y + var_range + var_bearing):
             raise BadMessageError("point not finite", f"of landmark {number}")
-        if var_distance < 0.0 or var_bearing < 0.0:
+        if var_range < 0.0 or var_bearing < 0.0:
             raise BadMessageError("variance negative", f"of landmark {number}")
         distance = math.hypot(x, y)
         if not 0.0 < distance <= MAX_COORDINATE:
             raise BadMessageError("range out of range" if distance else "range not positive", f"of landmark {number}")
-        found.append(LandmarkPoint(number, distance, math.atan2(y, x), var_distance, var_bearing))
+        found.append(LandmarkPoint(number, distance, math.atan2(y, x), var_range, var_bearing))
     if len({point.number for point in found}) < len(found):
         raise BadMessageError("landmark twice in a cloud")
     return found
@@ -73,13 +73,13 @@ def landmark_points(message: Any) -> list[LandmarkPoint]:
 def _structured(message: Any, count: int) -> Any:
     """View the data as a structured array (count,)."""
     order = ">" if message.is_bigendian else "<"
-    wanted = {"x": "f", "y": "f", "id": "iu", "range_variance": "f", "bearing_variance": "f"}
-    if message.point_step > _LARGEST_STEP:
-        raise BadMessageError("point_step too large", f"{message.point_step} > {_LARGEST_STEP}")
+    accepted = {"x": "f", "y": "f", "id": "iu", "range_variance": "f", "bearing_variance": "f"}
+    if message.point_step > _MAX_POINT_STEP:
+        raise BadMessageError("point_step too large", f"{message.point_step} > {_MAX_POINT_STEP}")
     names, formats, offsets = [], [], []
     for field in message.fields:
         kind = _TYPES.get(field.datatype, "")
-        if field.name in wanted and field.name not in names and kind[:1] in wanted[field.name] and kind:
+        if field.name in accepted and field.name not in names and kind[:1] in accepted[field.name] and kind:
             if field.count not in (0, 1) or field.offset + int(kind[1]) > message.point_step:
                 raise BadMessageError("point fields contradict point_step", field.name[:40])
             names.append(field.name)
@@ -100,8 +100,8 @@ def fill_landmark_points(message: Any, points: list[LandmarkPoint], field_type: 
     """Write landmarks into a cloud in place.
 
     Args:
-        message: its header stays.
-        points: what is seen.
+        message: the cloud; its header stays.
+        points: the measured landmarks.
         field_type: sensor_msgs/PointField.
     """
     rows = [

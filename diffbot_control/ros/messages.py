@@ -25,7 +25,7 @@ from diffbot_control.filter.covariance import check_covariance, uncertainty_of
 from diffbot_control.filter.measurements import Array
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import MAX_COORDINATE, Pose, quaternion_of_yaw, yaw_of_quaternion
-from diffbot_core.kinematics import Twist
+from diffbot_core.kinematics import Twist, TwistCovariance
 from diffbot_core.uncertainty import Uncertainty
 from diffbot_core.units import NS_PER_S
 
@@ -159,14 +159,10 @@ def fill_twist(message: TwistMessage, twist: Twist) -> None:
     message.angular.z = float(twist.omega)
 
 
-def fill_twist_covariance(covariance: Any, variances: tuple[float, float, float]) -> None:
-    """Write (var(v), cov(v, omega), var(omega)) into the 36 numbers of a twist covariance."""
-    covariance[0], covariance[5], covariance[30], covariance[35] = (
-        variances[0],
-        variances[1],
-        variances[1],
-        variances[2],
-    )
+def fill_twist_covariance(covariance: Any, M: TwistCovariance) -> None:
+    """Write ``M`` into the 36 numbers of a twist covariance."""
+    covariance[0], covariance[35] = M.var_v, M.var_omega
+    covariance[5] = covariance[30] = M.cov_v_omega
 
 
 def goal_message(pose: Pose, frame: str, nanoseconds: int) -> PoseStamped:

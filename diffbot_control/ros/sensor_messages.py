@@ -1,4 +1,8 @@
-"""Messages of sensors to measurements of the filter; a bad message raises BadMessageError."""
+"""Messages of sensors to measurements of the filter; a bad message raises BadMessageError.
+
+An all-zero covariance in a message means *unknown*, never *exact*: the fallback is used, and without one the message is
+dropped.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +16,7 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu, JointState, PointCloud2
 
 from diffbot_control.filter.covariance import check_covariance
-from diffbot_control.filter.measurements import Array, Measurement
+from diffbot_control.filter.measurements import Array, Heading, LandmarkMeasurement, OdometryStep, PoseFix
 from diffbot_control.ros.landmark_cloud import LandmarkPoint, landmark_points
 from diffbot_control.ros.messages import (
     MAX_SPEED,
@@ -25,69 +29,71 @@ from diffbot_control.ros.messages import (
     yaw_of,
 )
 from diffbot_core.errors import BadMessageError
-from diffbot_core.kinematics import Twist, WheelSpeeds
+from diffbot_core.geometry import Point
+from diffbot_core.kinematics import TwistCovariance, WheelSpeeds
 
 
 class KnownNoise(NamedTuple):
-    """What is known of a sensor's noise beside its messages."""
+    """Configured noise of a sensor, beside the covariances in its messages."""
 
     R: Array | None = None
-    """covariance, the fallback; None if there is none"""
+    """fallback covariance; None if there is none"""
     always: bool = False
-    """do not look at the messages'"""
+    """use R even if a message has a covariance"""
 
 
 MESSAGE_NOISE = KnownNoise()
-"""Nothing: the messages' covariances count, and a message without one is dropped."""
+"""The messages' covariances are used, and a message without one is dropped."""
 
 
-def fix_from(message: PoseWithCovarianceStamped, frame: str, noise: KnownNoise = MESSAGE_NOISE) -> Measurement:
+def fix_from(message: PoseWithCovarianceStamped, frame: str, noise: KnownNoise = MESSAGE_NOISE) -> PoseFix:
     """Return a pose fix in ``frame``; for its covariance see :func:`noise_of`."""
     check_frame(message.header.frame_id, frame)
     pose = pose_of(message.pose.pose)
     R = noise_of(lambda: planar_covariance(message.pose.covariance), noise)
-    return Measurement(stamp_ns(message.header.stamp), np.array(pose), R)
+    return PoseFix(stamp_ns(message.header.stamp), pose, R)
 
 
-def heading_from(message: Imu, frame: str, noise: KnownNoise = MESSAGE_NOISE) -> Measurement:
+def heading_from(message: Imu, frame: str, noise: KnownNoise = MESSAGE_NOISE) -> Heading:
     """Return a compass heading of a sensor fixed to ``frame``; REP-145: covariance[0] = -1 means no orientation."""
     check_frame(message.header.frame_id, frame)
     if message.orientation_covariance[0] == -1.0:
         raise BadMessageError("no orientation in it")
     yaw = yaw_of(message.orientation)
     R = noise_of(lambda: check_covariance(np.array([[float(message.orientation_covariance[8])]])), noise)
-    return Measurement(stamp_ns(message.header.stamp), np.array([yaw]), R)
+    return Heading(stamp_ns(message.header.stamp), yaw, R)
 
 
 def landmarks_from(
-    message: PointCloud2, frame: str, points: dict[int, tuple[float, float]], noise: KnownNoise
-) -> tuple[list[Measurement], int]:
-    """Return range and bearing of each known landmark in a cloud in ``frame``, and how many are not known.
+    message: PointCloud2, frame: str, points: dict[int, Point], noise: KnownNoise
+) -> tuple[list[LandmarkMeasurement], int]:
+    """Return the measurements of known landmarks in a cloud in ``frame``, and how many of its landmarks are unknown.
 
-    ``points``: x, y [m] of each by its number; the covariance is the message's where it has both variances.
+    ``points``: position [m] of each known landmark by its number; for the covariances see :func:`noise_of`.
     """
     check_frame(message.header.frame_id, frame)
     stamp, measurements, unknown = stamp_ns(message.header.stamp), [], 0
-    for seen in landmark_points(message):
-        if seen.number not in points:
+    for one in landmark_points(message):
+        if one.number not in points:
             unknown += 1
             continue
-        R = noise_of(partial(_landmark_covariance, seen), noise)
-        measurements.append(Measurement(stamp, np.array((seen.distance, seen.bearing)), R, points[seen.number]))
+        R = noise_of(partial(_landmark_covariance, one), noise)
+        measurements.append(LandmarkMeasurement(stamp, one.range, one.bearing, R, points[one.number]))
     return measurements, unknown
 
 
-def _landmark_covariance(seen: LandmarkPoint) -> Array:
-    return check_covariance(np.diag((seen.var_distance, seen.var_bearing)))
+def _landmark_covariance(point: LandmarkPoint) -> Array:
+    return check_covariance(np.diag((point.var_range, point.var_bearing)))
 
 
 def noise_of(read: Callable[[], Array], noise: KnownNoise) -> Array:
-    """Return the covariance that ``read`` finds in a message, or the fallback.
+    """Return the covariance that ``read`` gets from a message, or the fallback.
 
-    The fallback is taken where it is given and the message's is not usable or not wanted.
+    The fallback is used if it overrides the message, or if the message's covariance is not usable; all zero is not
+    usable: it means unknown.
 
     Raises:
-        BadMessageError: if the message's is not usable and there is no fallback.
+        BadMessageError: if the message's covariance is not usable and there is no fallback.
     """
     if noise.R is not None and noise.always:
         return noise.R
@@ -99,15 +105,15 @@ def noise_of(read: Callable[[], Array], noise: KnownNoise) -> Array:
         return noise.R
 
 
-def odometry_from(message: Odometry, child_frame: str) -> tuple[int, Twist, tuple[float, float, float]]:
-    """Stamp [ns], twist in ``child_frame`` and its (var(v), cov(v, omega), var(omega)); all zero if not given."""
+def odometry_from(message: Odometry, child_frame: str) -> OdometryStep:
+    """Return stamp, twist in ``child_frame`` and its covariance; all zero if unknown: the caller has the fallback."""
     check_frame(message.child_frame_id, child_frame, "child_frame_id")
     twist = twist_from(message.twist.twist)
     covariance = message.twist.covariance
-    variances = float(covariance[0]), float(covariance[5]), float(covariance[35])
-    if any(variances):
-        check_covariance(np.array([variances[:2], variances[1:]]))
-    return stamp_ns(message.header.stamp), twist, variances
+    var_v, cov, var_omega = float(covariance[0]), float(covariance[5]), float(covariance[35])
+    if any((var_v, cov, var_omega)):
+        check_covariance(np.array([[var_v, cov], [cov, var_omega]]))
+    return OdometryStep(stamp_ns(message.header.stamp), twist, TwistCovariance(var_v, cov, var_omega))
 
 
 def wheel_speeds_from(message: JointState, left: str, right: str) -> tuple[int, WheelSpeeds]:

@@ -173,7 +173,7 @@ def _filtered(
     if track is None or options is None:
         return View(track, state.pose, False)
     track = observe(track, moment, state, Robot(case.plant, case.sensors, options, case.landmarks))
-    return View(track, track.belief.pose, track.known)
+    return View(track, track.belief.pose, track.initialised)
 
 
 def _added(

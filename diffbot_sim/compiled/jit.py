@@ -14,7 +14,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from diffbot_control.filter import adaptation, gate, landmark_map
+from diffbot_control.filter import adaptation, gate, models
 from diffbot_control.law import controller, goal_checker, limits, lyapunov_law, polar_coordinates, reapproach, regions
 from diffbot_core import geometry, kinematics, uncertainty
 from diffbot_core.errors import DiffbotError
@@ -23,8 +23,8 @@ from diffbot_sim.model import philox, plant, sensors
 
 MODULES = (
     geometry,
-    landmark_map,
     kinematics,
+    models,
     uncertainty,
     polar_coordinates,
     lyapunov_law,

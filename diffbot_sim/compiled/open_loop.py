@@ -163,12 +163,12 @@ def _summed(sums: Sums, robot: Robot, step: int, track: Track, errors: Errors) -
         sums.heading + errors.theta * errors.theta,
         max(sums.largest, away),
         sums.last_away if away <= AWAY else step,  # nan is away
-        sums.nis + (track.nis if alone else 0.0),
+        sums.nis + (track.newest.nis if alone else 0.0),
         sums.innovations + (1 if alone else 0),
         sums.nees + nees_of(errors, track.belief.P),
         sums.fixes + (1 if fixed else 0),
-        sums.rejected + (1 if fixed and track.verdict == REJECTED else 0),
-        sums.relocated + (1 if fixed and track.verdict == RELOCATED else 0),
+        sums.rejected + (1 if fixed and track.newest.fix_outcome == REJECTED else 0),
+        sums.relocated + (1 if fixed and track.newest.fix_outcome == RELOCATED else 0),
     )
 
 

@@ -1,8 +1,8 @@
 """The Kalman filter of :mod:`diffbot_control.filter.ekf` as pure functions of floats, for compiled campaigns.
 
-The same models and the same letters; a test holds it to filterpy's filter to 1e-9. One form serves both filters: with
-no variance of the wheels' errors it is the filter of three states. The covariance is symmetric, so its upper triangle
-is kept.
+The models are the same functions; a test holds the algebra to filterpy's filter to 1e-9. One form serves both filters:
+with a variance of zero for the radius errors it is the filter of three states. Of the symmetric covariance the upper
+triangle is kept.
 """
 
 from __future__ import annotations
@@ -10,10 +10,20 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from diffbot_control.filter.landmark_map import linearisation_variance
-from diffbot_control.filter.options import LOST_THETA, LOST_XY, MIN_LANDMARK_DISTANCE
-from diffbot_core.geometry import Pose, wrap_angle
-from diffbot_core.kinematics import Twist, motion_noise, with_radius_errors
+from diffbot_control.filter.gate import RESET_VAR_THETA, RESET_VAR_XY
+from diffbot_control.filter.models import (
+    Motion,
+    RadiusErrors,
+    expect_landmark,
+    heading_innovation,
+    is_at_landmark,
+    motion_noise,
+    move,
+    pose_innovation,
+    radius_derivatives,
+    with_radius_errors,
+)
+from diffbot_core.geometry import Point, Pose, wrap_angle
 
 
 class Covariance(NamedTuple):
@@ -40,9 +50,7 @@ class Belief(NamedTuple):
     """Mean and covariance of the pose and of the relative radius errors of both wheels."""
 
     pose: Pose
-    left: float
-    """relative radius error of the left wheel"""
-    right: float
+    errors: RadiusErrors
     P: Covariance
 
 
@@ -56,7 +64,7 @@ class Row(NamedTuple):
     r: float
 
 
-class Fix(NamedTuple):
+class PoseFix(NamedTuple):
     """A measured pose with independent errors."""
 
     pose: Pose
@@ -68,76 +76,60 @@ class Fix(NamedTuple):
     """[rad^2]"""
 
 
-class Sighting(NamedTuple):
-    """Range and bearing of a known point, with independent errors."""
+class LandmarkMeasurement(NamedTuple):
+    """Range and bearing of a known landmark, with independent errors."""
 
-    distance: float
+    range: float
     """[m]"""
     bearing: float
     """[rad] in the robot's frame"""
-    x: float
-    """[m] where the point is"""
-    y: float
-    var_distance: float
+    landmark: Point
+    """its position [m]"""
+    var_range: float
     """[m^2]"""
     var_bearing: float
     """[rad^2]"""
 
 
 class Corrected(NamedTuple):
-    """A belief after a measurement, and what the measurement said of the belief before."""
+    """A belief after a measurement, and the NIS of the measurement."""
 
     belief: Belief
     nis: float
     """normalised innovation squared"""
 
 
-def unknown(wheel_variance: float) -> Belief:
-    """The belief before the first fix: nothing of the pose; independent wheel errors of zero mean and this variance."""
+def unknown(radius_variance: float) -> Belief:
+    """Return the belief before the first fix: unknown pose, independent radius errors of mean 0 and this variance."""
     z = 0.0
-    P = Covariance(z, z, z, z, z, z, z, z, z, z, z, z, wheel_variance, z, wheel_variance)
-    return Belief(Pose(0.0, 0.0, 0.0), 0.0, 0.0, P)
+    P = Covariance(z, z, z, z, z, z, z, z, z, z, z, z, radius_variance, z, radius_variance)
+    return Belief(Pose(0.0, 0.0, 0.0), RadiusErrors(0.0, 0.0), P)
 
 
-def started(fix: Fix, wheels: Belief) -> Belief:
-    """Start at a fix; what is known of the wheels is taken from ``wheels``."""
+def reset_to(fix: PoseFix, belief: Belief) -> Belief:
+    """Return a belief with the pose of ``fix``; the radius errors of ``belief`` stay."""
     z = 0.0
-    ll, lr, rr = wheels.P.ll, wheels.P.lr, wheels.P.rr
+    ll, lr, rr = belief.P.ll, belief.P.lr, belief.P.rr
     pose = Pose(fix.pose.x, fix.pose.y, wrap_angle(fix.pose.theta))
     P = Covariance(fix.var_x, z, z, z, z, fix.var_y, z, z, z, fix.var_theta, z, z, ll, lr, rr)
-    return Belief(pose, wheels.left, wheels.right, P)
+    return Belief(pose, belief.errors, P)
 
 
-def predict(
-    belief: Belief,
-    twist: Twist,
-    dt: float,
-    noise: tuple[float, float, float],
-    separation: float,
-    walk: float,
-) -> Belief:
-    """Move by ``twist`` for ``dt`` [s]: P = F P F' + G M G' + W.
+def predict(belief: Belief, motion: Motion, separation: float, random_walk: float) -> Belief:
+    """Move: P = F P F' + G M G' + W.
 
     Args:
         belief: before.
-        twist: as the encoders have it with the nominal radius.
-        dt: duration [s].
-        noise: entries of M, the covariance of the twist: var(v), cov(v, omega), var(omega).
+        motion: twist from the encoders for wheels of the configured radius, duration, covariance M of the twist.
         separation: distance of the wheels [m].
-        walk: variance per second that each wheel's error gains.
+        random_walk: [1/s] random-walk variance per second of each radius error.
     """
-    b = belief.P
-    rim_left, rim_right = twist.v - 0.5 * separation * twist.omega, twist.v + 0.5 * separation * twist.omega
-    v, omega = with_radius_errors(twist, belief.left, belief.right, separation)
-    x, y, theta = belief.pose
-    middle = theta + 0.5 * omega * dt
-    ahead_x, ahead_y = dt * math.cos(middle), dt * math.sin(middle)
-    pose = Pose(x + v * ahead_x, y + v * ahead_y, wrap_angle(theta + omega * dt))
-    # F adds these multiples of theta and of the wheels' errors to x, y and theta.
-    xt, yt = -v * ahead_y, v * ahead_x
-    tl, tr = -dt * rim_left / separation, dt * rim_right / separation
-    xl, xr = 0.5 * (rim_left * ahead_x + xt * tl), 0.5 * (rim_right * ahead_x + xt * tr)
-    yl, yr = 0.5 * (rim_left * ahead_y + yt * tl), 0.5 * (rim_right * ahead_y + yt * tr)
+    b, dt = belief.P, motion.dt
+    twist = with_radius_errors(motion.twist, belief.errors, separation)
+    arc = move(belief.pose, twist, dt)
+    # F adds these multiples of theta and of the radius errors to x, y and theta.
+    xt, yt = arc.x_theta, arc.y_theta
+    xl, xr, yl, yr, tl, tr = radius_derivatives(arc, motion.twist, dt, separation)
     # First the rows of F P ...
     fxx = b.xx + xt * b.xt + xl * b.xl + xr * b.xr
     fxy = b.xy + xt * b.yt + xl * b.yl + xr * b.yr
@@ -152,7 +144,7 @@ def predict(
     ftl = b.tl + tl * b.ll + tr * b.lr
     ftr = b.tr + tl * b.lr + tr * b.rr
     # ... then their products with F', and the noise.
-    q_xx, q_xy, q_xt, q_yy, q_yt, q_tt = motion_noise(ahead_x, ahead_y, v, dt, noise)
+    q_xx, q_xy, q_xt, q_yy, q_yt, q_tt = motion_noise(arc, twist.v, dt, motion.covariance)
     P = Covariance(
         fxx + xt * fxt + xl * fxl + xr * fxr + q_xx,
         fxy + yt * fxt + yl * fxl + yr * fxr + q_xy,
@@ -166,11 +158,11 @@ def predict(
         ftt + tl * ftl + tr * ftr + q_tt,
         ftl,
         ftr,
-        b.ll + walk * dt,
+        b.ll + random_walk * dt,
         b.lr,
-        b.rr + walk * dt,
+        b.rr + random_walk * dt,
     )
-    return Belief(pose, belief.left, belief.right, P)
+    return Belief(arc.end, belief.errors, P)
 
 
 def product(P: Covariance, h: Row) -> Row:
@@ -188,13 +180,13 @@ def product(P: Covariance, h: Row) -> Row:
 def correct(belief: Belief, before: Belief, h: Row, residual: float, variance: float) -> Corrected:
     """Correct with one number of a measurement: K = P h' / s, P = P - K s K'.
 
-    Numbers with independent errors, taken one after the other, give what they give together.
+    For numbers with independent errors, sequential corrections equal the joint one.
 
     Args:
-        belief: after the numbers that came before.
-        before: before the first number of the measurement, where the residuals and derivatives are taken.
+        belief: after the preceding numbers of the measurement.
+        before: before its first number, where residuals and derivatives are taken.
         h: derivatives of the number by the states.
-        residual: measured minus expected in ``before``.
+        residual: measured minus expected at ``before``.
         variance: of the error.
 
     Returns:
@@ -207,8 +199,8 @@ def correct(belief: Belief, before: Belief, h: Row, residual: float, variance: f
         h.x * (x - before.pose.x)
         + h.y * (y - before.pose.y)
         + h.t * (theta - before.pose.theta)
-        + h.l * (belief.left - before.left)
-        + h.r * (belief.right - before.right)
+        + h.l * (belief.errors.left - before.errors.left)
+        + h.r * (belief.errors.right - before.errors.right)
     )
     gain = residual / s
     b = belief.P
@@ -230,50 +222,50 @@ def correct(belief: Belief, before: Belief, h: Row, residual: float, variance: f
         b.rr - p.r * p.r / s,
     )
     pose = Pose(x + p.x * gain, y + p.y * gain, theta + p.t * gain)
-    return Corrected(Belief(pose, belief.left + p.l * gain, belief.right + p.r * gain, P), residual * gain)
+    errors = RadiusErrors(belief.errors.left + p.l * gain, belief.errors.right + p.r * gain)
+    return Corrected(Belief(pose, errors, P), residual * gain)
 
 
-def update_pose(belief: Belief, fix: Fix) -> Corrected:
+def update_pose(belief: Belief, fix: PoseFix) -> Corrected:
     """Correct with a fix."""
-    turn = wrap_angle(fix.pose.theta - belief.pose.theta)
-    one = correct(belief, belief, Row(1.0, 0.0, 0.0, 0.0, 0.0), fix.pose.x - belief.pose.x, fix.var_x)
-    two = correct(one.belief, belief, Row(0.0, 1.0, 0.0, 0.0, 0.0), fix.pose.y - belief.pose.y, fix.var_y)
-    three = correct(two.belief, belief, Row(0.0, 0.0, 1.0, 0.0, 0.0), turn, fix.var_theta)
+    innovation = pose_innovation(fix.pose, belief.pose)
+    one = correct(belief, belief, Row(1.0, 0.0, 0.0, 0.0, 0.0), innovation.x, fix.var_x)
+    two = correct(one.belief, belief, Row(0.0, 1.0, 0.0, 0.0, 0.0), innovation.y, fix.var_y)
+    three = correct(two.belief, belief, Row(0.0, 0.0, 1.0, 0.0, 0.0), innovation.theta, fix.var_theta)
     return Corrected(wrapped(three.belief), one.nis + two.nis + three.nis)
 
 
 def update_heading(belief: Belief, heading: float, variance: float) -> Corrected:
-    """Correct with a heading [rad]."""
-    residual = wrap_angle(heading - belief.pose.theta)
+    """Correct with a heading [rad] of this variance [rad^2]."""
+    residual = heading_innovation(heading, belief.pose.theta)
     after = correct(belief, belief, Row(0.0, 0.0, 1.0, 0.0, 0.0), residual, variance)
     return Corrected(wrapped(after.belief), after.nis)
 
 
-def update_landmark(belief: Belief, seen: Sighting) -> Corrected:
-    """Correct with range and bearing of a known point; with nothing, and a NIS of inf, if the robot is at it."""
-    dx, dy = seen.x - belief.pose.x, seen.y - belief.pose.y
-    squared = dx * dx + dy * dy
-    if squared < MIN_LANDMARK_DISTANCE * MIN_LANDMARK_DISTANCE:
+def update_landmark(belief: Belief, measured: LandmarkMeasurement) -> Corrected:
+    """Correct with range and bearing; at the landmark the belief stays, and the NIS is inf."""
+    if is_at_landmark(belief.pose, measured.landmark):
         return Corrected(belief, math.inf)
-    distance = math.sqrt(squared)
-    turn = wrap_angle(seen.bearing - wrap_angle(math.atan2(dy, dx) - belief.pose.theta))
-    along = Row(-dx / distance, -dy / distance, 0.0, 0.0, 0.0)
-    across = Row(dy / squared, -dx / squared, -1.0, 0.0, 0.0)
-    by_range, by_bearing = linearisation_variance(squared, belief.P.xx + belief.P.yy)
-    one = correct(belief, belief, along, seen.distance - distance, seen.var_distance + by_range)
-    two = correct(one.belief, belief, across, turn, seen.var_bearing + by_bearing)
+    expected = expect_landmark(belief.pose, measured.landmark, belief.P.xx + belief.P.yy)
+    along = Row(expected.range_x, expected.range_y, 0.0, 0.0, 0.0)
+    across = Row(expected.bearing_x, expected.bearing_y, -1.0, 0.0, 0.0)
+    turn = heading_innovation(measured.bearing, expected.bearing)
+    var_range = measured.var_range + expected.added_var_range
+    var_bearing = measured.var_bearing + expected.added_var_bearing
+    one = correct(belief, belief, along, measured.range - expected.range, var_range)
+    two = correct(one.belief, belief, across, turn, var_bearing)
     return Corrected(wrapped(two.belief), one.nis + two.nis)
 
 
-def lost(belief: Belief) -> Belief:
-    """Return the belief of one who knows the wheels and next to nothing of the pose."""
+def reset_pose(belief: Belief) -> Belief:
+    """Return a belief with a nearly unknown pose at the same mean; the radius errors stay."""
     b, z = belief.P, 0.0
-    P = Covariance(LOST_XY, z, z, z, z, LOST_XY, z, z, z, LOST_THETA, z, z, b.ll, b.lr, b.rr)
-    return Belief(belief.pose, belief.left, belief.right, P)
+    P = Covariance(RESET_VAR_XY, z, z, z, z, RESET_VAR_XY, z, z, z, RESET_VAR_THETA, z, z, b.ll, b.lr, b.rr)
+    return Belief(belief.pose, belief.errors, P)
 
 
-def scaled(belief: Belief, factor: float) -> Belief:
-    """Multiply the pose's part of P; what is known of the wheels stays."""
+def inflate(belief: Belief, factor: float) -> Belief:
+    """Multiply the pose's part of P; the covariance of the radius errors stays."""
     b, f, g = belief.P, factor, math.sqrt(factor)
     P = Covariance(
         f * b.xx,
@@ -292,19 +284,19 @@ def scaled(belief: Belief, factor: float) -> Belief:
         b.lr,
         b.rr,
     )
-    return Belief(belief.pose, belief.left, belief.right, P)
+    return Belief(belief.pose, belief.errors, P)
 
 
-def wheels_checked(belief: Belief, most: float, variance: float) -> Belief:
-    """Forget what is known of the wheels if an error is beyond +-``most``; ``variance`` is that of the start."""
-    if abs(belief.left) <= most and abs(belief.right) <= most:
+def with_possible_radii(belief: Belief, bound: float, variance: float) -> Belief:
+    """Reset the radius errors, to zero with the initial ``variance``, if one is beyond +-``bound``."""
+    if abs(belief.errors.left) <= bound and abs(belief.errors.right) <= bound:
         return belief
     b, z = belief.P, 0.0
     P = Covariance(b.xx, b.xy, b.xt, z, z, b.yy, b.yt, z, z, b.tt, z, z, variance, z, variance)
-    return Belief(belief.pose, 0.0, 0.0, P)
+    return Belief(belief.pose, RadiusErrors(0.0, 0.0), P)
 
 
 def wrapped(belief: Belief) -> Belief:
     """Return the belief with its heading in (-pi, pi]."""
     x, y, theta = belief.pose
-    return Belief(Pose(x, y, wrap_angle(theta)), belief.left, belief.right, belief.P)
+    return Belief(Pose(x, y, wrap_angle(theta)), belief.errors, belief.P)

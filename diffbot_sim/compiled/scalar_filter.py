@@ -1,7 +1,7 @@
-"""The filter with its gate, its way back and its adaptation, as pure functions of floats for compiled campaigns.
+"""The filter with its gate, its relocation and its adaptation, as pure functions of floats for compiled campaigns.
 
-What :mod:`diffbot_control.filter.gated_filter` does with filterpy's matrices is done here with the numbers of
-:mod:`diffbot_sim.compiled.scalar_ekf`; the decisions are the same functions. A test holds both together.
+The counterpart of :mod:`diffbot_control.filter.gated_filter`: models, gate and adaptation are the same functions, the
+algebra is that of :mod:`diffbot_sim.compiled.scalar_ekf` instead of filterpy's. A test holds both together.
 """
 
 from __future__ import annotations
@@ -9,156 +9,157 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from diffbot_control.filter.adaptation import Adaptation, adapted, new_adaptation, q_scale, r_scales, rescaled
+from diffbot_control.filter.adaptation import (
+    Adaptation,
+    Normalised,
+    adapt,
+    inflation,
+    new_adaptation,
+    q_scale,
+    r_scales,
+)
 from diffbot_control.filter.gate import (
     ACCEPTED,
+    FIX,
+    HEADING,
+    LANDMARK,
     RELOCATED,
-    Doubt,
-    FixGate,
-    despaired,
-    doubted,
-    doubting,
-    judged,
-    passed,
+    Decision,
+    GateMemory,
+    age,
+    decide,
+    is_expected,
+    new_gate,
 )
+from diffbot_control.filter.models import Motion, pose_innovation
 from diffbot_control.filter.options import FilterOptions
-from diffbot_core.geometry import wrap_angle
-from diffbot_core.kinematics import Twist
+from diffbot_core.kinematics import scale_twist_covariance
 from diffbot_sim.compiled.scalar_ekf import (
     Belief,
-    Fix,
-    Sighting,
-    lost,
+    Corrected,
+    LandmarkMeasurement,
+    PoseFix,
+    inflate,
     predict,
-    scaled,
-    started,
+    reset_pose,
+    reset_to,
     unknown,
     update_heading,
     update_landmark,
     update_pose,
-    wheels_checked,
+    with_possible_radii,
 )
 
 
-class Track(NamedTuple):
-    """All that the filter remembers."""
+class Newest(NamedTuple):
+    """Results of the newest measurements."""
 
-    belief: Belief
-    known: bool
-    """False before the first fix"""
-    candidate: Belief
-    """of the rejected fixes, if there are any in ``gate``"""
-    gate: FixGate
-    doubt: Doubt
-    adaptation: Adaptation
     nis: float
-    """of the newest measurement"""
-    verdict: int
-    """on the newest fix"""
+    """of the newest measurement; nan before the first"""
+    fix_outcome: int
+    """of the gate's decision on the newest fix"""
+
+
+class Track(NamedTuple):
+    """State of the filter."""
+
+    initialised: bool
+    """False before the first fix"""
+    belief: Belief
+    candidate: Belief
+    """hypothesis of the rejected fixes; without a meaning if there are none"""
+    gate: GateMemory
+    adaptation: Adaptation
+    newest: Newest
 
 
 def new_track(options: FilterOptions) -> Track:
-    """Nothing is known yet."""
+    """Return the state before the first fix."""
     belief = unknown(options.radius_variance)
-    return Track(belief, False, belief, FixGate(0, 0, 0.0, 0.0), Doubt(0, 0.0), new_adaptation(), math.nan, ACCEPTED)
+    return Track(False, belief, belief, new_gate(), new_adaptation(), Newest(math.nan, ACCEPTED))
 
 
-def move(
-    track: Track, twist: Twist, dt: float, noise: tuple[float, float, float], separation: float, options: FilterOptions
-) -> Track:
-    """Predict over ``dt`` [s]; arguments as of :func:`diffbot_sim.compiled.scalar_ekf.predict`."""
+def advance(track: Track, motion: Motion, separation: float, options: FilterOptions) -> Track:
+    """Predict; ``separation`` is the distance of the wheels [m]."""
     if options.adaptive:
-        q = q_scale(track.adaptation)
-        noise = (q * noise[0], q * noise[1], q * noise[2])
-    belief = predict(track.belief, twist, dt, noise, separation, options.radius_walk)
+        covariance = scale_twist_covariance(motion.covariance, q_scale(track.adaptation))
+        motion = Motion(motion.twist, motion.dt, covariance)
+    belief = predict(track.belief, motion, separation, options.radius_random_walk)
     candidate = track.candidate
-    if track.gate.rejected > 0:
-        candidate = predict(candidate, twist, dt, noise, separation, options.radius_walk)
-    gate, doubt = passed(track.gate, dt), doubted(track.doubt, dt)
-    return Track(belief, True, candidate, gate, doubt, track.adaptation, track.nis, track.verdict)
+    if track.gate.fixes.rejected > 0:
+        candidate = predict(candidate, motion, separation, options.radius_random_walk)
+    return Track(True, belief, candidate, age(track.gate, motion.dt), track.adaptation, track.newest)
 
 
-def take_fix(track: Track, fix: Fix, options: FilterOptions) -> Track:
-    """Start with, or correct with, a fix."""
-    adaptation = track.adaptation
-    if not track.known:
-        belief = started(fix, track.belief)
-        no_gate = FixGate(0, 0, 0.0, 0.0)
-        return Track(belief, True, belief, no_gate, Doubt(0, 0.0), adaptation, math.nan, ACCEPTED)
+def take_fix(track: Track, fix: PoseFix, options: FilterOptions) -> Track:
+    """Initialise with a fix, or correct with it as the gate decides."""
+    before, old = track.belief, track.adaptation
+    if not track.initialised:
+        belief = reset_to(fix, before)
+        return Track(True, belief, belief, new_gate(), old, Newest(math.nan, ACCEPTED))
     if options.adaptive:
-        position, heading = r_scales(adaptation)
-        fix = Fix(fix.pose, position * fix.var_x, position * fix.var_y, heading * fix.var_theta)
-    bound = math.exp(track.gate.slack) * options.gates[2]
-    after = update_pose(track.belief, fix)
-    expected = 0.0 <= after.nis <= bound
+        position, heading = r_scales(old)
+        fix = PoseFix(fix.pose, position * fix.var_x, position * fix.var_y, heading * fix.var_theta)
+    after = _possible(update_pose(before, fix), options)
+    other = Corrected(track.candidate, math.nan)
+    if track.gate.fixes.rejected > 0 and not is_expected(track.gate, after.nis, FIX, options):
+        other = _possible(update_pose(track.candidate, fix), options)
+    gate, decision = decide(track.gate, after.nis, other.nis, FIX, options)
+    belief, candidate = _apply(track, fix, after, other, decision)
+    adaptation = old
     if options.adaptive:
-        P, pose = track.belief.P, track.belief.pose
-        s_x, s_y, s_theta = P.xx + fix.var_x, P.yy + fix.var_y, P.tt + fix.var_theta
-        if min(s_x, s_y, s_theta) > 0.0 and not math.isnan(after.nis):
-            adaptation = adapted(
-                adaptation,
-                (fix.pose.x - pose.x) / math.sqrt(s_x),
-                (fix.pose.y - pose.y) / math.sqrt(s_y),
-                wrap_angle(fix.pose.theta - pose.theta) / math.sqrt(s_theta),
-                expected,
-            )
-    candidate, agrees = track.candidate, False
-    if not expected:
-        # The candidate is new where there is none, and where the fix does not agree with it.
-        renewed = started(fix, track.belief)
-        if track.gate.rejected > 0:
-            other = update_pose(candidate, fix)
-            agrees = 0.0 <= other.nis <= bound
-            candidate = _checked(other.belief, options) if agrees else renewed
-        else:
-            candidate = renewed
-    gate, verdict = judged(track.gate, expected, agrees, options)
-    belief, doubt = track.belief, Doubt(0, 0.0)
-    if verdict == ACCEPTED:
-        belief = _checked(after.belief, options)
-    elif verdict == RELOCATED:
-        belief = candidate
-    else:
-        doubt = track.doubt
-    if options.adaptive:
-        factor = rescaled(track.adaptation, adaptation)
-        belief, candidate = scaled(belief, factor), scaled(candidate, factor)
-    return Track(belief, True, candidate, gate, doubt, adaptation, after.nis, verdict)
+        adaptation = _adapted(old, before, fix, after.nis, decision.outcome == ACCEPTED)
+        factor = inflation(old, adaptation)
+        belief, candidate = inflate(belief, factor), inflate(candidate, factor)
+    return Track(True, belief, candidate, gate, adaptation, Newest(after.nis, decision.outcome))
+
+
+def _apply(track: Track, fix: PoseFix, after: Corrected, other: Corrected, decision: Decision) -> tuple[Belief, Belief]:
+    """Return estimate and candidate after a fix."""
+    if decision.outcome == ACCEPTED:
+        return after.belief, track.candidate
+    candidate = other.belief if decision.agrees else reset_to(fix, track.belief)
+    return candidate if decision.outcome == RELOCATED else track.belief, candidate
+
+
+def _adapted(adaptation: Adaptation, before: Belief, fix: PoseFix, nis: float, expected: bool) -> Adaptation:
+    """Adapt to the innovation of a fix against ``before``."""
+    P = before.P
+    s_x, s_y, s_theta = P.xx + fix.var_x, P.yy + fix.var_y, P.tt + fix.var_theta
+    if min(s_x, s_y, s_theta) <= 0.0 or math.isnan(nis):
+        return adaptation
+    x, y, theta = pose_innovation(fix.pose, before.pose)
+    return adapt(adaptation, Normalised(x / math.sqrt(s_x), y / math.sqrt(s_y), theta / math.sqrt(s_theta)), expected)
 
 
 def take_heading(track: Track, heading: float, variance: float, options: FilterOptions) -> Track:
-    """Correct with a heading [rad]."""
-    after = update_heading(track.belief, heading, variance)
-    if 0.0 <= after.nis <= options.gates[0]:
-        return _with_other(track, _checked(after.belief, options), after.nis)
-    if not despaired(doubting(track.doubt), options):
-        return _doubtful(track, after.nis)
-    again = update_heading(lost(track.belief), heading, variance)
-    return _with_other(track, _checked(again.belief, options), after.nis)
+    """Correct with a heading [rad] of this variance [rad^2] as the gate decides."""
+    after = _possible(update_heading(track.belief, heading, variance), options)
+    gate, decision = decide(track.gate, after.nis, math.nan, HEADING, options)
+    belief = track.belief
+    if decision.outcome == ACCEPTED:
+        belief = after.belief
+    elif decision.outcome == RELOCATED:
+        belief = _possible(update_heading(reset_pose(belief), heading, variance), options).belief
+    return _with_other(track, belief, gate, after.nis)
 
 
-def take_landmark(track: Track, seen: Sighting, options: FilterOptions) -> Track:
-    """Correct with range and bearing of a known point."""
-    after = update_landmark(track.belief, seen)
-    if after.nis == math.inf:  # the robot stands at it
-        return track
-    if 0.0 <= after.nis <= options.gates[1]:
-        return _with_other(track, _checked(after.belief, options), after.nis)
-    if not despaired(doubting(track.doubt), options):
-        return _doubtful(track, after.nis)
-    again = update_landmark(lost(track.belief), seen)
-    return _with_other(track, _checked(again.belief, options), after.nis)
+def take_landmark(track: Track, measured: LandmarkMeasurement, options: FilterOptions) -> Track:
+    """Correct with range and bearing of a known landmark as the gate decides."""
+    after = _possible(update_landmark(track.belief, measured), options)
+    gate, decision = decide(track.gate, after.nis, math.nan, LANDMARK, options)
+    belief = track.belief
+    if decision.outcome == ACCEPTED:
+        belief = after.belief
+    elif decision.outcome == RELOCATED:
+        belief = _possible(update_landmark(reset_pose(belief), measured), options).belief
+    return _with_other(track, belief, gate, after.nis)
 
 
-def _with_other(track: Track, belief: Belief, nis: float) -> Track:
-    doubt = Doubt(0, 0.0)
-    return Track(belief, True, track.candidate, track.gate, doubt, track.adaptation, nis, track.verdict)
+def _with_other(track: Track, belief: Belief, gate: GateMemory, nis: float) -> Track:
+    newest = Newest(nis, track.newest.fix_outcome)
+    return Track(True, belief, track.candidate, gate, track.adaptation, newest)
 
 
-def _doubtful(track: Track, nis: float) -> Track:
-    doubt = doubting(track.doubt)
-    return Track(track.belief, True, track.candidate, track.gate, doubt, track.adaptation, nis, track.verdict)
-
-
-def _checked(belief: Belief, options: FilterOptions) -> Belief:
-    return wheels_checked(belief, options.radius_most, options.radius_variance)
+def _possible(after: Corrected, options: FilterOptions) -> Corrected:
+    return Corrected(with_possible_radii(after.belief, options.max_radius_error, options.radius_variance), after.nis)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, NamedTuple
 
-from diffbot_control.filter.landmark_map import range_and_bearing
-from diffbot_core.geometry import Pose, wrap_angle
+from diffbot_core.geometry import Pose, range_and_bearing, wrap_angle
 from diffbot_core.schema import Spec
 from diffbot_sim.model.philox import Draw, direction, probability
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import Annotated, NamedTuple
+from typing import Annotated, NamedTuple, TypeVar
 
 import numpy as np
 
 from diffbot_control.filter.landmark_map import LandmarkMap
-from diffbot_control.filter.measurements import Measurement, OdometryStep
+from diffbot_control.filter.measurements import Heading, LandmarkMeasurement, OdometryStep, PoseFix
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist, body_twist, encoder_covariance
 from diffbot_core.schema import Spec
@@ -29,6 +29,7 @@ from diffbot_sim.model.sensors import (
 )
 
 _FAR = 1e6
+_Sensed = TypeVar("_Sensed", PoseFix, Heading)
 
 
 class StartPose(NamedTuple):
@@ -54,15 +55,14 @@ class Sighting(NamedTuple):
     """A landmark as it is seen."""
 
     number: int
-    measurement: Measurement
-    """z is range [m] and bearing [rad]"""
+    measurement: LandmarkMeasurement
 
 
 class Arrivals(NamedTuple):
     """What the sensors deliver at one step, oldest first."""
 
-    fixes: list[Measurement]
-    headings: list[Measurement]
+    fixes: list[PoseFix]
+    headings: list[Heading]
     landmarks: list[Sighting]
 
 
@@ -76,8 +76,8 @@ class World:
         self.state = PlantState(Pose(*config.start))
         self.odometry_P = np.zeros((3, 3))
         """(3, 3) covariance of the odometry's pose: what its errors have added up to"""
-        self._fixes: deque[tuple[int, Measurement]] = deque()
-        self._headings: deque[tuple[int, Measurement]] = deque()
+        self._fixes: deque[tuple[int, PoseFix]] = deque()
+        self._headings: deque[tuple[int, Heading]] = deque()
         self.configure(config)
 
     def configure(self, config: WorldConfig) -> None:
@@ -112,7 +112,7 @@ class World:
         return OdometryStep(
             self.stamp,
             body_twist(encoder, plant.wheels),
-            *encoder_covariance(encoder, plant.encoder_noise, plant.wheels),
+            encoder_covariance(encoder, plant.encoder_noise, plant.wheels),
         )
 
     def _grow_odometry_covariance(self, before: Pose) -> None:
@@ -137,9 +137,9 @@ class World:
         if wants_fix or wants_heading:
             noise = draw(config.seed, config.run, step, FIX_BLOCK)
             if wants_heading:
-                heading = np.array([measured_heading(self.state.pose, noise, sensors)])
+                heading = measured_heading(self.state.pose, noise, sensors)
                 arrival = step + delay_in_steps(sensors.heading_delay, t_s)
-                self._headings.append((arrival, Measurement(self.stamp, heading, self._heading_R)))
+                self._headings.append((arrival, Heading(self.stamp, heading, self._heading_R)))
             if wants_fix:
                 self._take_fix(measured_pose(self.state.pose, noise, sensors))
         sightings = self._sightings() if due(step, sensors.landmark_rate, t_s) else []
@@ -148,11 +148,12 @@ class World:
     def _sightings(self) -> list[Sighting]:
         config, sensors, pose = self.config, self.config.sensors, self.state.pose
         sightings = []
-        for index, (number, (x, y)) in enumerate(config.landmarks.points().items()):
-            if math.hypot(x - pose.x, y - pose.y) <= sensors.landmark_range:
+        for index, (number, point) in enumerate(config.landmarks.points().items()):
+            if math.hypot(point.x - pose.x, point.y - pose.y) <= sensors.landmark_range:
                 noise = draw(config.seed, config.run, self.state.step, LANDMARK_BLOCK + index)
-                z = np.array(measured_landmark(pose, x, y, noise, sensors))
-                sightings.append(Sighting(number, Measurement(self.stamp, z, self._landmark_R, (x, y))))
+                distance, bearing = measured_landmark(pose, point.x, point.y, noise, sensors)
+                measured = LandmarkMeasurement(self.stamp, distance, bearing, self._landmark_R, point)
+                sightings.append(Sighting(number, measured))
         return sightings
 
     def _take_fix(self, measured: Pose) -> None:
@@ -163,10 +164,10 @@ class World:
                 return
             measured = with_outlier(measured, fault, sensors)
         arrival = step + delay_in_steps(sensors.fix_delay, config.plant.sampling_time)
-        self._fixes.append((arrival, Measurement(self.stamp, np.array(measured), self._fix_R)))
+        self._fixes.append((arrival, PoseFix(self.stamp, measured, self._fix_R)))
 
 
-def _arrived(waiting: deque[tuple[int, Measurement]], step: int) -> list[Measurement]:
+def _arrived(waiting: deque[tuple[int, _Sensed]], step: int) -> list[_Sensed]:
     ready = []
     while waiting and waiting[0][0] <= step:
         ready.append(waiting.popleft()[1])

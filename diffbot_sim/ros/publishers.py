@@ -9,7 +9,7 @@ from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState, PointCloud2, PointField
 
-from diffbot_control.filter.measurements import Measurement
+from diffbot_control.filter.measurements import Heading, PoseFix
 from diffbot_control.ros.landmark_cloud import LandmarkPoint, fill_landmark_points
 from diffbot_control.ros.messages import (
     TFMessage,
@@ -106,7 +106,7 @@ class PlantTopics:
             self._transforms.publish(transform_message(stamp, *self._frames, in_odom))
         odometry = world.odometry()
         fill_planar_covariance(self._odometry.pose.covariance, world.odometry_P)
-        fill_twist_covariance(self._odometry.twist.covariance, odometry[2:])
+        fill_twist_covariance(self._odometry.twist.covariance, odometry.covariance)
         self._send_odometry(self._odometries, self._odometry, stamp, in_odom, odometry.twist)
         self._sent["odom"] += 1
 
@@ -116,17 +116,16 @@ class PlantTopics:
         fill_twist(message.twist.twist, twist)
         publisher.publish(message)
 
-    def _send_fix(self, fix: Measurement) -> None:
+    def _send_fix(self, fix: PoseFix) -> None:
         set_stamp(self._fix.header.stamp, fix.stamp)
-        x, y, theta = fix.z.tolist()
-        fill_pose(self._fix.pose.pose, Pose(x, y, theta))
+        fill_pose(self._fix.pose.pose, fix.pose)
         fill_planar_covariance(self._fix.pose.covariance, fix.R)
         self._fixes.publish(self._fix)
         self._sent["global_pose"] += 1
 
-    def _send_heading(self, heading: Measurement) -> None:
+    def _send_heading(self, heading: Heading) -> None:
         set_stamp(self._heading.header.stamp, heading.stamp)
-        fill_yaw(self._heading.orientation, float(heading.z[0]))
+        fill_yaw(self._heading.orientation, heading.theta)
         self._heading.orientation_covariance[8] = heading.R[0, 0]
         self._headings.publish(self._heading)
         self._sent["heading"] += 1
@@ -134,7 +133,7 @@ class PlantTopics:
     def _send_landmarks(self, stamp: int, sightings: list[Sighting]) -> None:
         set_stamp(self._cloud.header.stamp, stamp)
         seen = [
-            LandmarkPoint(number, *measured.z.tolist(), *measured.R.diagonal().tolist())
+            LandmarkPoint(number, measured.range, measured.bearing, *measured.R.diagonal().tolist())
             for number, measured in sightings
         ]
         fill_landmark_points(self._cloud, seen, PointField)

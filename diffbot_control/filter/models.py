@@ -1,0 +1,227 @@
+"""Models of the filter: motion along a midpoint arc, and the innovations of pose fixes, headings and landmarks.
+
+Each formula stands here once. All functions are pure and take floats and records of floats: filterpy's filter
+(:mod:`diffbot_control.filter.ekf`) calls them, and the compiled filter of the simulation is compiled from them.
+Derivatives are named after both variables: ``x_v`` is d x / d v.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from diffbot_core.geometry import Point, Pose, range_and_bearing, wrap_angle
+from diffbot_core.kinematics import Twist, TwistCovariance
+
+MIN_LANDMARK_DISTANCE = 1e-3
+"""[m] The bearing of a landmark that is nearer carries no information."""
+
+
+class Motion(NamedTuple):
+    """Mean twist over a time with its covariance: the filter's input u."""
+
+    twist: Twist
+    dt: float
+    """[s]"""
+    covariance: TwistCovariance
+
+
+class RadiusErrors(NamedTuple):
+    """Relative errors of the wheel radii [-]: the real radius is (1 + error) times the configured one."""
+
+    left: float
+    right: float
+
+
+class Arc(NamedTuple):
+    """End of a motion and its derivatives by the velocity and the heading at the start."""
+
+    end: Pose
+    x_v: float
+    """[s] dt times the cosine of the midpoint heading"""
+    y_v: float
+    """[s]"""
+    x_theta: float
+    """[m/rad]"""
+    y_theta: float
+    """[m/rad]"""
+
+
+class MotionNoise(NamedTuple):
+    """Upper triangle of the process noise Q of a pose (x, y, theta) [m, m, rad]."""
+
+    xx: float
+    xy: float
+    xt: float
+    yy: float
+    yt: float
+    tt: float
+
+
+class RadiusDerivatives(NamedTuple):
+    """Derivatives of the moved pose by the relative radius errors [m], [m], [rad]."""
+
+    x_left: float
+    x_right: float
+    y_left: float
+    y_right: float
+    theta_left: float
+    theta_right: float
+
+
+class LandmarkExpectation(NamedTuple):
+    """Expected range and bearing of a landmark, their derivatives, and the variances that linearising adds.
+
+    By the heading the range has the derivative 0 and the bearing -1.
+    """
+
+    range: float
+    """[m]"""
+    bearing: float
+    """[rad] in (-pi, pi]"""
+    range_x: float
+    range_y: float
+    bearing_x: float
+    """[rad/m]"""
+    bearing_y: float
+    """[rad/m]"""
+    added_var_range: float
+    """[m^2]"""
+    added_var_bearing: float
+    """[rad^2]"""
+
+
+def move(pose: Pose, twist: Twist, dt: float) -> Arc:
+    """Move ``pose`` with ``twist`` for ``dt`` [s] along the midpoint heading theta_m = theta + omega dt / 2.
+
+    x += v dt cos(theta_m), y += v dt sin(theta_m), theta += omega dt: second order in dt.
+    """
+    x, y, theta = pose
+    v, omega = twist
+    middle = theta + 0.5 * omega * dt
+    x_v, y_v = dt * math.cos(middle), dt * math.sin(middle)
+    end = Pose(x + v * x_v, y + v * y_v, wrap_angle(theta + omega * dt))
+    return Arc(end, x_v, y_v, -v * y_v, v * x_v)
+
+
+def motion_noise(arc: Arc, v: float, dt: float, covariance: TwistCovariance) -> MotionNoise:
+    """Covariance of a pose moved by an uncertain twist: Q = G M G'.
+
+    G = d (x, y, theta) / d (v, omega) = [[x_v, x_omega], [y_v, y_omega], [0, dt]] with x_omega = -v dt y_v / 2 and
+    y_omega = v dt x_v / 2. Written out: numpy needs five times as long for matrices so small.
+
+    Args:
+        arc: the motion.
+        v: its velocity [m/s].
+        dt: its duration [s].
+        covariance: M, the covariance of the twist.
+    """
+    var_v, cov, var_omega = covariance
+    x_v, y_v = arc.x_v, arc.y_v
+    x_omega, y_omega = -0.5 * dt * v * y_v, 0.5 * dt * v * x_v
+    return MotionNoise(
+        x_v * x_v * var_v + 2.0 * x_v * x_omega * cov + x_omega * x_omega * var_omega,
+        x_v * y_v * var_v + (x_v * y_omega + y_v * x_omega) * cov + x_omega * y_omega * var_omega,
+        dt * (x_v * cov + x_omega * var_omega),
+        y_v * y_v * var_v + 2.0 * y_v * y_omega * cov + y_omega * y_omega * var_omega,
+        dt * (y_v * cov + y_omega * var_omega),
+        dt * dt * var_omega,
+    )
+
+
+def _rim_speeds(twist: Twist, separation: float) -> tuple[float, float]:
+    """Return v - omega L / 2 and v + omega L / 2 [m/s]; ``separation`` is L [m]."""
+    v, omega = twist
+    return v - 0.5 * separation * omega, v + 0.5 * separation * omega
+
+
+def with_radius_errors(twist: Twist, errors: RadiusErrors, separation: float) -> Twist:
+    """Return the twist of wheels whose radii differ by ``errors`` from the radius that ``twist`` was computed with.
+
+    With the rim speeds v_l and v_r: v + (v_l e_l + v_r e_r) / 2 and omega + (v_r e_r - v_l e_l) / L; ``separation`` is
+    L [m].
+    """
+    rim_left, rim_right = _rim_speeds(twist, separation)
+    left, right = errors
+    return Twist(
+        twist.v + 0.5 * (rim_left * left + rim_right * right),
+        twist.omega + (rim_right * right - rim_left * left) / separation,
+    )
+
+
+def radius_derivatives(arc: Arc, measured: Twist, dt: float, separation: float) -> RadiusDerivatives:
+    """Derivatives of the end of ``arc`` by the relative radius errors.
+
+    Args:
+        arc: the motion with the corrected twist.
+        measured: the twist for wheels of the configured radius.
+        dt: duration [s].
+        separation: distance of the wheels [m].
+    """
+    rim_left, rim_right = _rim_speeds(measured, separation)
+    _, x_v, y_v, x_theta, y_theta = arc
+    theta_left, theta_right = -dt * rim_left / separation, dt * rim_right / separation
+    # An error turns the midpoint heading by half of what it turns the heading by.
+    return RadiusDerivatives(
+        0.5 * (rim_left * x_v + x_theta * theta_left),
+        0.5 * (rim_right * x_v + x_theta * theta_right),
+        0.5 * (rim_left * y_v + y_theta * theta_left),
+        0.5 * (rim_right * y_v + y_theta * theta_right),
+        theta_left,
+        theta_right,
+    )
+
+
+def heading_innovation(measured: float, theta: float) -> float:
+    """Measured minus expected heading [rad], the short way round."""
+    return wrap_angle(measured - theta)
+
+
+def pose_innovation(measured: Pose, expected: Pose) -> Pose:
+    """Measured minus expected pose, the short way round in heading."""
+    x, y, theta = measured
+    return Pose(x - expected.x, y - expected.y, heading_innovation(theta, expected.theta))
+
+
+def is_at_landmark(pose: Pose, landmark: Point) -> bool:
+    """True if the position is so near to the landmark that no bearing is defined."""
+    dx, dy = landmark.x - pose.x, landmark.y - pose.y
+    return dx * dx + dy * dy < MIN_LANDMARK_DISTANCE * MIN_LANDMARK_DISTANCE
+
+
+def expect_landmark(pose: Pose, landmark: Point, spread: float) -> LandmarkExpectation:
+    """Expected measurement of ``landmark`` from ``pose``.
+
+    Args:
+        pose: estimate, not at the landmark (see :func:`is_at_landmark`).
+        landmark: its position [m].
+        spread: P_xx + P_yy [m^2] of the estimate.
+    """
+    dx, dy = landmark.x - pose.x, landmark.y - pose.y
+    squared = dx * dx + dy * dy
+    distance, bearing = range_and_bearing(pose.x, pose.y, pose.theta, landmark.x, landmark.y)
+    by_range, by_bearing = linearisation_variance(squared, spread)
+    return LandmarkExpectation(
+        distance,
+        wrap_angle(bearing),
+        -dx / distance,
+        -dy / distance,
+        dy / squared,
+        -dx / squared,
+        by_range,
+        by_bearing,
+    )
+
+
+def linearisation_variance(squared: float, spread: float) -> tuple[float, float]:
+    """Added variance for the linearisation error of a range [m^2] and a bearing [rad^2].
+
+    Range and bearing are linearised at the estimated position. If its uncertainty is not small against the distance d
+    of the landmark, the second-order terms count: t^2 / (2 d) and t l / d^2 for position errors l along the line of
+    sight and t across it.
+
+    Args:
+        squared: d^2 [m^2], taken at the estimated position.
+        spread: P_xx + P_yy [m^2], an upper bound of the variances of both l and t.
+    """
+    return spread * spread / (2.0 * squared), spread * spread / (squared * squared)
