@@ -50,10 +50,11 @@ class WorldConfig(NamedTuple):
     landmarks: LandmarkMap = LandmarkMap()
 
 
-class Sighting(NamedTuple):
-    """A landmark as it is seen."""
+class LandmarkMeasurement(NamedTuple):
+    """Range and bearing of one landmark of the map."""
 
     number: int
+    """of the landmark in the map"""
     measurement: Measurement
     """z is range [m] and bearing [rad]"""
 
@@ -63,7 +64,7 @@ class Arrivals(NamedTuple):
 
     fixes: list[Measurement]
     headings: list[Measurement]
-    landmarks: list[Sighting]
+    landmarks: list[LandmarkMeasurement]
 
 
 class World:
@@ -145,14 +146,14 @@ class World:
         sightings = self._sightings() if due(step, sensors.landmark_rate, t_s) else []
         return Arrivals(_arrived(self._fixes, step), _arrived(self._headings, step), sightings)
 
-    def _sightings(self) -> list[Sighting]:
+    def _sightings(self) -> list[LandmarkMeasurement]:
         config, sensors, pose = self.config, self.config.sensors, self.state.pose
         sightings = []
         for index, (number, (x, y)) in enumerate(config.landmarks.points().items()):
             if math.hypot(x - pose.x, y - pose.y) <= sensors.landmark_range:
                 noise = draw(config.seed, config.run, self.state.step, LANDMARK_BLOCK + index)
                 z = np.array(measured_landmark(pose, x, y, noise, sensors))
-                sightings.append(Sighting(number, Measurement(self.stamp, z, self._landmark_R, (x, y))))
+                sightings.append(LandmarkMeasurement(number, Measurement(self.stamp, z, self._landmark_R, (x, y))))
         return sightings
 
     def _take_fix(self, measured: Pose) -> None:

@@ -39,6 +39,7 @@ from diffbot_sim.compiled.jit import LIBRARIES, PACKAGES
 SITE = Path(diffbot_lab.__file__).parents[1]
 DECISIVE = (*PACKAGES, "diffbot_lab")
 SOURCES = sorted(path.relative_to(SITE) for package in DECISIVE for path in (SITE / package).rglob("*.py"))
+# Run in a folder without packages: python -m looks there first.
 COMMAND = [sys.executable, "-m", "diffbot_lab.cli", "campaign"]
 SMALL = {
     "runs": 60,
@@ -421,7 +422,7 @@ def test_interrupted_and_gone_on_it_is_the_same_to_the_byte(tmp_path):
     one, two = tmp_path / "one", tmp_path / "two"
     command = [*COMMAND, *flags(LONGER, one), "--workers", "2"]
     for number, interrupt in ((30, signal.SIGINT), (120, signal.SIGTERM)):
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path)
         wait_for_lines(one / JOURNAL, number, process)
         process.send_signal(interrupt)
         _, error = process.communicate(timeout=60)
@@ -432,7 +433,7 @@ def test_interrupted_and_gone_on_it_is_the_same_to_the_byte(tmp_path):
         kept = (one / JOURNAL).read_bytes().count(b"\n") - 1
         assert number - 1 <= kept < 400
         assert [path.name for path in one.iterdir()] == [JOURNAL]
-    result = subprocess.run(command, capture_output=True, text=True, timeout=100, check=False)
+    result = subprocess.run(command, capture_output=True, text=True, timeout=100, check=False, cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     # Another number of workers and other chunks.
     assert campaign_command.run(None, {**LONGER, "chunk": 0}, two, 1, None) == 0
@@ -495,7 +496,7 @@ def test_a_cluster_with_a_worker_killed_half_way_gives_the_same(cluster, tmp_pat
     address, pids = cluster
     description = {**LONGER, "runs": 3000}
     command = [*COMMAND, *flags(description, tmp_path / "cluster"), "--scheduler", address]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path)
     wait_for_lines(tmp_path / "cluster" / JOURNAL, 30, process)
     os.kill(pids[0], signal.SIGKILL)
     _, error = process.communicate(timeout=100)
@@ -503,7 +504,7 @@ def test_a_cluster_with_a_worker_killed_half_way_gives_the_same(cluster, tmp_pat
     assert "Traceback" not in error
     # Again, with nobody killed.
     command[command.index("--out") + 1] = str(tmp_path / "again")
-    result = subprocess.run(command, capture_output=True, text=True, timeout=100, check=False)
+    result = subprocess.run(command, capture_output=True, text=True, timeout=100, check=False, cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     assert campaign_command.run(None, description, tmp_path / "here", 2, None) == 0
     assert contents(tmp_path / "cluster") == contents(tmp_path / "again") == contents(tmp_path / "here")
