@@ -98,8 +98,8 @@ class _Observer:
             for fix in arrivals.fixes:
                 self._newest = fix.pose
             return self._newest
-        sightings = [one.measurement for one in arrivals.landmarks]
-        measurements: list[Measurement] = [*arrivals.fixes, *arrivals.headings, *sightings]
+        landmarks = [one.measurement for one in arrivals.landmarks]
+        measurements: list[Measurement] = [*arrivals.fixes, *arrivals.headings, *landmarks]
         for measurement in measurements:
             try:
                 self._localization.on_measurement(measurement)

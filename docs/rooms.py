@@ -32,7 +32,7 @@ _WIDTH, _HEIGHT, _GAP = 1.75, 0.62, 0.22
 
 
 def room_of(module: str) -> str:
-    """Return the room of a module: its sub-package, else its package ("diffbot_control.law.limits": diffbot_control.law)."""
+    """Return the room of a module, its sub-package or else its package: diffbot_control.law of diffbot_control.law.limits."""
     parts = module.split(".")
     folder = ROOT.joinpath(*parts[:2])
     return ".".join(parts[:2]) if len(parts) > 1 and folder.is_dir() else parts[0]
@@ -67,7 +67,7 @@ def places(rooms: dict[str, int]) -> dict[str, tuple[float, float]]:
 
 
 def draw(path: Path) -> None:
-    """Write the picture, the same bytes for the same source; the arrows to diffbot_core, from everywhere, are left out."""
+    """Write the picture, the same bytes for the same source, without the arrows to diffbot_core, from everywhere."""
     rooms, arrows = imports_between_rooms()
     centres = places(rooms)
     with matplotlib.rc_context({"svg.hashsalt": "diffbot", "svg.fonttype": "none", "font.size": 9}):

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from diffbot_core.errors import DiffbotError
-from diffbot_lab.campaign.spec import Campaign
+from diffbot_lab.campaign.spec import Campaign, code_version
 from diffbot_lab.campaign.statistics import CellStatistics
 from diffbot_lab.paper.experiment import write_json
 from diffbot_lab.plotting import new_figure, save
@@ -36,7 +36,8 @@ def write_report(campaign: Campaign, statistics: list[CellStatistics], folder: P
         DiffbotError: if something cannot be written.
     """
     rows = [{**cell.values, **one.summary()} for cell, one in zip(campaign.cells, statistics, strict=True)]
-    results = {"identity": campaign.identity, "campaign": campaign.description, "cells": rows}
+    name = {"identity": campaign.identity, "sources": code_version(), "cases": campaign.resolved}
+    results = {**name, "campaign": campaign.description, "cells": rows}
     try:
         write_json(folder / "results.json", results)
         _write_through(folder / "results.csv", lambda path: path.write_text(_csv(rows)))

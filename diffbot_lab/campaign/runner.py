@@ -7,8 +7,6 @@ from it. Counts add up exactly, so the result does not depend on chunks, order, 
 from __future__ import annotations
 
 import fcntl
-import hashlib
-import inspect
 import json
 import os
 import signal
@@ -21,20 +19,13 @@ from typing import Any, NamedTuple
 from tqdm import tqdm
 
 from diffbot_core.errors import DiffbotError
-from diffbot_lab.campaign import spec as campaign_spec
-from diffbot_lab.campaign import statistics
-from diffbot_lab.campaign.spec import Campaign
+from diffbot_lab.campaign.spec import Campaign, code_version
 from diffbot_lab.campaign.statistics import CellStatistics, count_outcomes
 from diffbot_sim.compiled.batch import Starts, run_batch
 from diffbot_sim.compiled.closed_loop import Case
-from diffbot_sim.compiled.jit import SOURCES_HASH
 
 FORMAT = 1
 JOURNAL = "campaign.jsonl"
-SOURCES = hashlib.sha256(
-    SOURCES_HASH.encode() + b"".join(Path(inspect.getfile(one)).read_bytes() for one in (campaign_spec, statistics))
-).hexdigest()[:16]
-"""Names the code that decides the counts: what runs, from where, and how it is counted."""
 _STEPS_PER_CHUNK = 2_000_000
 """About half a second of one core: often enough for the progress bar and for what a crash may cost."""
 _RUNS_PER_CHUNK = 100_000
@@ -53,7 +44,7 @@ class Chunk(NamedTuple):
     starts: Starts
     seed: int
     sources: str
-    """the code that is wanted"""
+    """hash of the code that the campaign runs"""
 
 
 def run_chunk(chunk: Chunk) -> dict[str, Any]:
@@ -62,7 +53,7 @@ def run_chunk(chunk: Chunk) -> dict[str, Any]:
     Raises:
         DiffbotError: on a worker that has another version of the code.
     """
-    if chunk.sources != SOURCES:
+    if chunk.sources != code_version():
         raise DiffbotError("a worker has another version of the code")
     outcomes = run_batch(chunk.case, chunk.starts, chunk.seed, chunk.first, chunk.number, threads=1)
     return {"cell": chunk.cell, "first": chunk.first, "count": chunk.number, **count_outcomes(outcomes)}
@@ -94,7 +85,8 @@ class Journal:
         header = {
             "format": FORMAT,
             "identity": campaign.identity,
-            "sources": SOURCES,
+            "sources": code_version(),
+            "cases": campaign.resolved,
             "campaign": campaign.description,
         }
         try:
@@ -145,6 +137,8 @@ class Journal:
             raise DiffbotError(f"{self._path} belongs to another campaign: not touched; choose another --out")
         if found.get("sources") != wanted["sources"]:
             raise DiffbotError(f"{self._path} was begun with another version of the code: choose another --out")
+        if found.get("cases") != wanted["cases"]:
+            raise DiffbotError(f"{self._path} was begun with other values of its parameters: choose another --out")
 
     def _take(self, entry: dict[str, Any]) -> None:
         cell, first, count = entry["cell"], entry["first"], entry["count"]
@@ -183,7 +177,7 @@ def open_chunks(campaign: Campaign, done: list[dict[int, int]]) -> Iterator[Chun
                 continue
             later = [begin for begin in done[number] if begin > first]
             end = min(first + size, campaign.options.runs, *later)
-            yield Chunk(number, first, end - first, cell.case, campaign.starts, campaign.options.seed, SOURCES)
+            yield Chunk(number, first, end - first, cell.case, campaign.starts, campaign.options.seed, code_version())
             first = end
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import itertools
 import json
@@ -15,18 +16,26 @@ import numpy as np
 from diffbot_control.filter.options import FilterConfig, options_of
 from diffbot_control.law.controller import ControllerConfig
 from diffbot_control.law.presets import PAPER, PRESETS
+from diffbot_core.code_hash import hash_of_code, hash_of_values
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_core.schema import build, parameters_of, refuse_replaced, to_dict
 from diffbot_lab.campaign.options import CampaignOptions, is_number, load_yaml, triple
 from diffbot_sim.compiled.batch import FEEDBACK_CODES, Starts, check_case
 from diffbot_sim.compiled.closed_loop import Case
+from diffbot_sim.compiled.jit import LIBRARIES, PACKAGES
 from diffbot_sim.model.plant import PlantConfig
 from diffbot_sim.model.sensors import SensorConfig
 
 _PARTS: tuple[type[Any], ...] = (PlantConfig, SensorConfig, ControllerConfig, FilterConfig)
 _CELLS_MOST = 10_000
 _LISTS = ("start", "grid", "set")
+
+
+@functools.cache
+def code_version() -> str:
+    """Return the hash that names the code of a campaign's results: what runs, from where, and how it is counted."""
+    return hash_of_code((*PACKAGES, "diffbot_lab"), LIBRARIES)
 
 
 class Cell(NamedTuple):
@@ -48,9 +57,14 @@ class Campaign(NamedTuple):
 
     @property
     def identity(self) -> str:
-        """Hash of all that decides its results; the chunk size does not."""
+        """Hash of the description: what was asked for; the chunk size decides nothing."""
         decisive = {name: value for name, value in self.description.items() if name != "chunk"}
         return hashlib.sha256(json.dumps(decisive, sort_keys=True).encode()).hexdigest()[:16]
+
+    @property
+    def resolved(self) -> str:
+        """Hash of what the description resolves to with all defaults and presets: options, starts and every case."""
+        return hash_of_values([self.options._replace(chunk=0), self.starts, *self.cells])
 
 
 def read_campaign(path: Path | None, flags: Mapping[str, Any]) -> Campaign:

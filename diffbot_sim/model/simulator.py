@@ -51,10 +51,11 @@ class WorldConfig(NamedTuple):
     landmarks: LandmarkMap = LandmarkMap()
 
 
-class Sighting(NamedTuple):
-    """A landmark as it is seen."""
+class ObservedLandmark(NamedTuple):
+    """Range and bearing of one landmark of the map."""
 
     number: int
+    """of the landmark in the map"""
     measurement: LandmarkMeasurement
 
 
@@ -63,7 +64,7 @@ class Arrivals(NamedTuple):
 
     fixes: list[PoseFix]
     headings: list[Heading]
-    landmarks: list[Sighting]
+    landmarks: list[ObservedLandmark]
 
 
 class World:
@@ -142,19 +143,19 @@ class World:
                 self._headings.append((arrival, Heading(self.stamp, heading, self._heading_R)))
             if wants_fix:
                 self._take_fix(measured_pose(self.state.pose, noise, sensors))
-        sightings = self._sightings() if due(step, sensors.landmark_rate, t_s) else []
-        return Arrivals(_arrived(self._fixes, step), _arrived(self._headings, step), sightings)
+        landmarks = self._observed_landmarks() if due(step, sensors.landmark_rate, t_s) else []
+        return Arrivals(_arrived(self._fixes, step), _arrived(self._headings, step), landmarks)
 
-    def _sightings(self) -> list[Sighting]:
+    def _observed_landmarks(self) -> list[ObservedLandmark]:
         config, sensors, pose = self.config, self.config.sensors, self.state.pose
-        sightings = []
+        observed: list[ObservedLandmark] = []
         for index, (number, point) in enumerate(config.landmarks.points().items()):
             if math.hypot(point.x - pose.x, point.y - pose.y) <= sensors.landmark_range:
                 noise = draw(config.seed, config.run, self.state.step, LANDMARK_BLOCK + index)
                 distance, bearing = measured_landmark(pose, point.x, point.y, noise, sensors)
                 measured = LandmarkMeasurement(self.stamp, distance, bearing, self._landmark_R, point)
-                sightings.append(Sighting(number, measured))
-        return sightings
+                observed.append(ObservedLandmark(number, measured))
+        return observed
 
     def _take_fix(self, measured: Pose) -> None:
         config, sensors, step = self.config, self.config.sensors, self.state.step

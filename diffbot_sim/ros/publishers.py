@@ -26,7 +26,7 @@ from diffbot_control.ros.messages import (
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.ros.node import QUEUE, DiffbotNode
-from diffbot_sim.model.simulator import Arrivals, Sighting, World
+from diffbot_sim.model.simulator import Arrivals, ObservedLandmark, World
 from diffbot_sim.ros.pacing import WALL
 from diffbot_sim.ros.parameters import PlantNodeConfig
 
@@ -35,7 +35,7 @@ class PlantTopics:
     """Publishers of the plant."""
 
     def __init__(self, node: DiffbotNode[PlantNodeConfig]) -> None:
-        """Create the publishers on ``node``, whose counters tell what was sent."""
+        """Create the publishers on ``node``, whose health counts what is sent."""
         config = node.config
         self._frames = config.odom_frame, config.base_link_frame
         self._sent = node.health.sent
@@ -65,24 +65,24 @@ class PlantTopics:
         elif config.publish_tf:
             self._transforms = node.create_publisher(TFMessage, "/tf", QUEUE)
 
-    def first_heard(self, fixes: bool) -> list[Any]:
-        """Publishers that a filter has to hear from the first step on; one that hears joint_states needs no odom.
+    def required(self, fixes: bool) -> list[Any]:
+        """Publishers that a filter must subscribe to before the first step; with joint_states it needs no odom.
 
         Args:
-            fixes: whether there are any.
+            fixes: True if there are any.
         """
         moving = self._odometries
         if self._joint_states.get_subscription_count() and not self._odometries.get_subscription_count():
             moving = self._joint_states
         return [moving, self._fixes] if fixes else [moving]
 
-    def filters(self) -> list[int]:
-        """How many hear each topic that a filter hears."""
-        senders = (self._odometries, self._fixes, self._headings, self._clouds)
-        return [sender.get_subscription_count() for sender in senders]
+    def subscription_counts(self) -> tuple[int, ...]:
+        """How many subscribe to each topic that a filter may use."""
+        publishers = (self._odometries, self._fixes, self._headings, self._clouds)
+        return tuple(publisher.get_subscription_count() for publisher in publishers)
 
     def publish_truth(self, world: World) -> None:
-        """Send the time and where the robot is: what no filter answers."""
+        """Send only time and true state, which no filter answers."""
         if self._clocks is not None:
             set_stamp(self._clock_message.clock, world.stamp)
             self._clocks.publish(self._clock_message)
@@ -130,13 +130,13 @@ class PlantTopics:
         self._headings.publish(self._heading)
         self._sent["heading"] += 1
 
-    def _send_landmarks(self, stamp: int, sightings: list[Sighting]) -> None:
+    def _send_landmarks(self, stamp: int, landmarks: list[ObservedLandmark]) -> None:
         set_stamp(self._cloud.header.stamp, stamp)
-        seen = [
+        points = [
             LandmarkPoint(number, measured.range, measured.bearing, *measured.R.diagonal().tolist())
-            for number, measured in sightings
+            for number, measured in landmarks
         ]
-        fill_landmark_points(self._cloud, seen, PointField)
+        fill_landmark_points(self._cloud, points, PointField)
         self._clouds.publish(self._cloud)
         self._sent["landmarks"] += 1
 

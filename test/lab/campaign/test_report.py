@@ -11,7 +11,7 @@ from pyarrow import parquet
 
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.campaign.report import table, write_report
-from diffbot_lab.campaign.spec import make_campaign
+from diffbot_lab.campaign.spec import code_version, make_campaign
 from diffbot_lab.campaign.statistics import METRICS, QUANTILES, CellStatistics, count_outcomes
 from diffbot_sim.compiled.batch import COLUMNS, run_batch
 
@@ -58,7 +58,8 @@ def test_all_files_say_the_same(name, tmp_path):
             assert_a_picture(path)
 
     content = json.loads((tmp_path / "results.json").read_text())
-    assert content["identity"] == campaign.identity
+    made_by = {"identity": campaign.identity, "sources": code_version(), "cases": campaign.resolved}
+    assert {name: content[name] for name in made_by} == made_by
     assert content["campaign"]["grid"] == grid
     cells = content["cells"]
     points = [dict(zip(grid, values, strict=True)) for values in itertools.product(*grid.values())]

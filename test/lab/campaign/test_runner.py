@@ -3,6 +3,7 @@
 import json
 import os
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -13,6 +14,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import diffbot_lab
+from diffbot_control.filter.options import FilterConfig, options_of
+from diffbot_control.law.presets import PRESETS
+from diffbot_core.code_hash import hash_of_folders
 from diffbot_core.errors import DiffbotError
 from diffbot_lab import cli
 from diffbot_lab.campaign import command as campaign_command
@@ -26,10 +31,15 @@ from diffbot_lab.campaign.runner import (
     run_campaign,
     run_chunk,
 )
-from diffbot_lab.campaign.spec import make_campaign
+from diffbot_lab.campaign.spec import code_version, make_campaign
 from diffbot_lab.campaign.statistics import CellStatistics, count_outcomes
 from diffbot_sim.compiled.batch import run_batch
+from diffbot_sim.compiled.jit import LIBRARIES, PACKAGES
 
+SITE = Path(diffbot_lab.__file__).parents[1]
+DECISIVE = (*PACKAGES, "diffbot_lab")
+SOURCES = sorted(path.relative_to(SITE) for package in DECISIVE for path in (SITE / package).rglob("*.py"))
+# Run in a folder without packages: python -m looks there first.
 COMMAND = [sys.executable, "-m", "diffbot_lab.cli", "campaign"]
 SMALL = {
     "runs": 60,
@@ -172,13 +182,22 @@ def test_what_is_no_journal_is_not_touched(name, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("key", "message"), [("identity", "belongs to another campaign"), ("sources", "another version of the code")]
+    ("key", "message"),
+    [
+        ("identity", "belongs to another campaign"),
+        ("sources", "another version of the code"),
+        ("cases", "other values of its parameters"),
+    ],
 )
-def test_another_campaigns_journal_is_not_touched(key, message, tmp_path, capsys):
+@pytest.mark.parametrize("absent", [False, True])
+def test_another_campaigns_journal_is_not_touched(key, message, absent, tmp_path, capsys):
     do(tmp_path)
     path = tmp_path / JOURNAL
     header, rest = path.read_bytes().split(b"\n", 1)
-    path.write_bytes(json.dumps({**json.loads(header), key: "0" * 16}).encode() + b"\n" + rest)
+    changed = {**json.loads(header), key: "0" * 16}
+    if absent:
+        del changed[key]
+    path.write_bytes(json.dumps(changed).encode() + b"\n" + rest)
     before = path.read_bytes()
     assert cli.main(["campaign", *flags(SMALL, tmp_path)]) == 1
     error = capsys.readouterr().err
@@ -186,6 +205,50 @@ def test_another_campaigns_journal_is_not_touched(key, message, tmp_path, capsys
     assert message in error
     assert path.read_bytes() == before
     assert [one.name for one in tmp_path.iterdir()] == [JOURNAL]
+
+
+@pytest.fixture(scope="module")
+def copied(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("site")
+    for package in DECISIVE:
+        shutil.copytree(SITE / package, folder / package, ignore=shutil.ignore_patterns("__pycache__"))
+    return folder
+
+
+@pytest.mark.parametrize("source", SOURCES, ids=str)
+def test_a_journal_from_before_a_change_in_any_module_is_refused(source, copied, tmp_path, monkeypatch):
+    Journal(tmp_path / JOURNAL, make_campaign(SMALL)).close()
+    before = (tmp_path / JOURNAL).read_bytes()
+    text = (copied / source).read_text()
+    try:
+        (copied / source).write_text(text + "ANOTHER_CONSTANT = 1\n")
+        changed = hash_of_folders([copied / package for package in DECISIVE], LIBRARIES)
+    finally:
+        (copied / source).write_text(text)
+    monkeypatch.setattr(module, "code_version", lambda: changed)
+    with pytest.raises(DiffbotError, match="begun with another version of the code"):
+        Journal(tmp_path / JOURNAL, make_campaign(SMALL))
+    assert (tmp_path / JOURNAL).read_bytes() == before
+
+
+def test_the_version_is_that_of_all_code_of_these_packages(copied):
+    assert hash_of_folders([copied / package for package in DECISIVE], LIBRARIES) == code_version()
+
+
+def test_a_journal_of_the_same_words_with_another_preset_or_default_is_refused(tmp_path, monkeypatch):
+    campaign = make_campaign(SMALL)
+    Journal(tmp_path / JOURNAL, campaign).close()
+    first = campaign.cells[0]
+    filtered = first.case._replace(filter=options_of(FilterConfig(gate_probability=0.98)))
+    others = [campaign._replace(cells=[first._replace(case=filtered), *campaign.cells[1:]])]
+    paper = PRESETS["paper"]
+    monkeypatch.setitem(PRESETS, "paper", paper._replace(gains=paper.gains._replace(k_2=2.71)))
+    others.append(make_campaign(SMALL))
+    for other in others:
+        assert other.identity == campaign.identity
+        with pytest.raises(DiffbotError, match="begun with other values of its parameters"):
+            Journal(tmp_path / JOURNAL, other)
+    Journal(tmp_path / JOURNAL, campaign).close()
 
 
 def test_results_of_another_campaign_are_not_overwritten(tmp_path, capsys):
@@ -359,7 +422,7 @@ def test_interrupted_and_gone_on_it_is_the_same_to_the_byte(tmp_path):
     one, two = tmp_path / "one", tmp_path / "two"
     command = [*COMMAND, *flags(LONGER, one), "--workers", "2"]
     for number, interrupt in ((30, signal.SIGINT), (120, signal.SIGTERM)):
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path)
         wait_for_lines(one / JOURNAL, number, process)
         process.send_signal(interrupt)
         _, error = process.communicate(timeout=60)
@@ -370,7 +433,7 @@ def test_interrupted_and_gone_on_it_is_the_same_to_the_byte(tmp_path):
         kept = (one / JOURNAL).read_bytes().count(b"\n") - 1
         assert number - 1 <= kept < 400
         assert [path.name for path in one.iterdir()] == [JOURNAL]
-    result = subprocess.run(command, capture_output=True, text=True, timeout=100, check=False)
+    result = subprocess.run(command, capture_output=True, text=True, timeout=100, check=False, cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     # Another number of workers and other chunks.
     assert campaign_command.run(None, {**LONGER, "chunk": 0}, two, 1, None) == 0
@@ -433,7 +496,7 @@ def test_a_cluster_with_a_worker_killed_half_way_gives_the_same(cluster, tmp_pat
     address, pids = cluster
     description = {**LONGER, "runs": 3000}
     command = [*COMMAND, *flags(description, tmp_path / "cluster"), "--scheduler", address]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path)
     wait_for_lines(tmp_path / "cluster" / JOURNAL, 30, process)
     os.kill(pids[0], signal.SIGKILL)
     _, error = process.communicate(timeout=100)
@@ -441,7 +504,7 @@ def test_a_cluster_with_a_worker_killed_half_way_gives_the_same(cluster, tmp_pat
     assert "Traceback" not in error
     # Again, with nobody killed.
     command[command.index("--out") + 1] = str(tmp_path / "again")
-    result = subprocess.run(command, capture_output=True, text=True, timeout=100, check=False)
+    result = subprocess.run(command, capture_output=True, text=True, timeout=100, check=False, cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     assert campaign_command.run(None, description, tmp_path / "here", 2, None) == 0
     assert contents(tmp_path / "cluster") == contents(tmp_path / "again") == contents(tmp_path / "here")

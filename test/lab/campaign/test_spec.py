@@ -105,6 +105,28 @@ def test_the_identity_names_all_that_decides():
     assert len(found | {identity}) == len(others) + 1
 
 
+def test_what_it_resolves_to_is_named_whatever_the_words():
+    resolved = make_campaign({"runs": 5}).resolved
+    paper = {"gamma": 1.3, "k": 1.0, "h": 0.17, "k_2": 2.7}
+    for same in ({"chunk": 17}, {"set": paper}, {"set": {"fix_rate": 10.0}}, {"goal": [0, 0, 0]}):
+        assert make_campaign({"runs": 5, **same}).resolved == resolved
+    others = [
+        {"runs": 6},
+        {"seed": 2},
+        {"feedback": "raw"},
+        {"duration": 61.0},
+        {"goal": [0.0, 0.0, 1e-300]},
+        {"set": {"preset": "tuned"}},
+        {"set": {"filter": "ekf"}},
+        {"set": {"gate_probability": 0.98}},
+        {"set": {"k": 1.0000000000000002}},
+        {"grid": {"drive_noise": [0.05]}},
+        {"grid": {"drive_noise": [0.05, 0.1]}},
+        {"start": {"box": {"x": [0.0, 1.0]}}},
+    ]
+    assert len({make_campaign({"runs": 5, **other}).resolved for other in others} | {resolved}) == len(others) + 1
+
+
 BOMB = "x"
 for level in range(12):
     BOMB = f"[&a{level} {BOMB}" + f", *a{level}" * 9 + "]"

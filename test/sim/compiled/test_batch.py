@@ -2,13 +2,8 @@
 
 import itertools
 import math
-import os
-import shutil
-import subprocess
-import sys
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -29,7 +24,6 @@ from diffbot_sim.model.sensors import SensorConfig
 from diffbot_sim.model.simulator import StartPose, WorldConfig
 from diffbot_sim.reference_loop import FEEDBACKS, simulate
 
-ROOT = Path(__file__).resolve().parents[3]
 INF = math.inf
 ORIGIN = Pose(0.0, 0.0, 0.0)
 PAPER = PlantConfig(exact_arc=False, drive_noise=0.0, encoder_noise=0.0, eps_v_max=0.065, eps_omega_max=0.2167)
@@ -310,31 +304,3 @@ def test_refused(function, case, poses, message):
     with pytest.raises(InvalidValueError) as caught:
         function(case, Starts(np.array(poses)), 1, 0, 1)
     assert str(caught.value) == message
-
-
-HASHES = """
-import numba  # first, as a user's program may have it
-from diffbot_sim.compiled import batch, jit as compiled
-import inspect
-from pathlib import Path
-
-assert compiled.SOURCES_HASH == compiled._hash_of_sources()
-found = {compiled.SOURCES_HASH}
-paths = [inspect.getfile(module) for module in (*compiled.MODULES, batch, compiled)]
-for path in paths:
-    with open(path, "a") as file:
-        file.write("# another version\\n")
-    found.add(compiled._hash_of_sources())
-assert len(found) == len(paths) + 1, found
-assert f"/cache/diffbot/{compiled.SOURCES_HASH}/" in batch._kernel.stats.cache_path
-assert compiled.SOURCES_HASH not in str(numba.config.CACHE_DIR)
-"""
-
-
-def test_a_change_in_any_source_is_another_version(tmp_path):
-    packages = Path(batch.__file__).parents[2]
-    for name in ("diffbot_core", "diffbot_control", "diffbot_sim"):
-        shutil.copytree(packages / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
-    environment = {**os.environ, "PYTHONPATH": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / "cache")}
-    environment.pop("NUMBA_CACHE_DIR", None)
-    subprocess.run([sys.executable, "-c", HASHES], check=True, env=environment, cwd=tmp_path, timeout=60)

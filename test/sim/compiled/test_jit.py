@@ -1,0 +1,84 @@
+"""The cache of compiled code is named by all code that can decide a result."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import diffbot_sim
+from diffbot_core.code_hash import hash_of_folders
+from diffbot_sim.compiled import batch
+from diffbot_sim.compiled.jit import LIBRARIES, MODULES, PACKAGES, code_version
+
+SITE = Path(diffbot_sim.__file__).parents[1]
+SOURCES = sorted(path.relative_to(SITE) for package in PACKAGES for path in (SITE / package).rglob("*.py"))
+
+
+@pytest.fixture(scope="module")
+def copied(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("site")
+    for package in PACKAGES:
+        shutil.copytree(SITE / package, folder / package, ignore=shutil.ignore_patterns("__pycache__"))
+    return folder
+
+
+def test_a_copy_of_the_packages_is_the_same_version(copied):
+    assert hash_of_folders([copied / package for package in PACKAGES], LIBRARIES) == code_version()
+
+
+def test_what_is_compiled_and_what_fills_a_case_is_in_the_version():
+    names = {path.with_suffix("").as_posix().replace("/", ".") for path in SOURCES}
+    assert {module.__name__ for module in MODULES} < names
+    # None of these is compiled; all of them decide what a case holds.
+    assert {"diffbot_control.filter.options", "diffbot_control.law.presets", "diffbot_core.schema"} < names
+    assert {"diffbot_sim.compiled.jit", "diffbot_sim.compiled.batch"} < names
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=str)
+def test_a_change_in_any_module_is_another_version(path, copied):
+    changed = copied / path
+    before = changed.read_text()
+    try:
+        changed.write_text(before + "ANOTHER_CONSTANT = 1\n")
+        found = hash_of_folders([copied / package for package in PACKAGES], LIBRARIES)
+    finally:
+        changed.write_text(before)
+    assert found != code_version()
+
+
+CACHE = """
+import numba  # first, as a user's program may have it
+from pathlib import Path
+from diffbot_control.filter import options
+from diffbot_core.code_hash import hash_of_folders
+from diffbot_sim.compiled import batch, jit
+
+assert str(Path(options.__file__).parents[2]) == str(Path.cwd())
+print(jit.code_version(), batch._kernel.stats.cache_path, str(numba.config.CACHE_DIR), sep="\\n")
+"""
+
+
+def test_another_default_of_the_filter_is_compiled_into_another_folder(copied, tmp_path):
+    environment = {**os.environ, "PYTHONPATH": str(copied), "XDG_CACHE_HOME": str(tmp_path)}
+    environment.pop("NUMBA_CACHE_DIR", None)
+    options = copied / "diffbot_control" / "filter" / "options.py"
+    before = options.read_text()
+    assert before.count("gate_probability") > 0
+    found = []
+    try:
+        for text in (before, before + "\n_CONSTANT = 2.0\n"):
+            options.write_text(text)
+            command = [sys.executable, "-c", CACHE]
+            result = subprocess.run(command, check=True, env=environment, cwd=copied, capture_output=True, text=True)
+            version, cache, untouched = result.stdout.splitlines()
+            assert f"{tmp_path}/diffbot/{version}/" in cache
+            assert version not in untouched
+            found.append(version)
+    finally:
+        options.write_text(before)
+    assert found[0] == code_version()
+    assert found[1] != found[0]
+    assert f"/{code_version()}/" in batch._kernel.stats.cache_path
