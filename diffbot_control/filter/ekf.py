@@ -11,9 +11,9 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from filterpy.kalman import ExtendedKalmanFilter
 from numpy.typing import NDArray
 
+from diffbot_control.filter.filterpy_ekf import ExtendedKalmanFilter
 from diffbot_control.filter.landmark_map import linearisation_variance
 from diffbot_control.filter.options import MIN_LANDMARK_DISTANCE
 from diffbot_core.geometry import wrap_angle

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from bench_graph import ONE, THREE, Chains, clocked_round, lockstep_round
+from bench_start import NODES, start_round
 from bench_steps import steps_round
 from bench_table import BenchError, Pair, Row, make_rows, markdown_table, text_table
 from tqdm import tqdm
@@ -30,7 +31,7 @@ from diffbot_lab.demo.processes import PrivateDomain
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs" / "performance.md"
 BEGIN, END = "<!-- bench -->", "<!-- /bench -->"
-PARTS = ("clocked", "lockstep", "steps")
+PARTS = ("clocked", "lockstep", "steps", "start")
 
 
 class Effort(NamedTuple):
@@ -39,10 +40,11 @@ class Effort(NamedTuple):
     clocked: tuple[int, float]
     lockstep: tuple[int, float]
     steps: int
+    start: int
 
 
-FULL = Effort(clocked=(5, 2.5), lockstep=(4, 1.0), steps=40)
-QUICK = Effort(clocked=(1, 1.2), lockstep=(1, 0.6), steps=5)
+FULL = Effort(clocked=(5, 2.5), lockstep=(4, 1.0), steps=40, start=7)
+QUICK = Effort(clocked=(1, 1.2), lockstep=(1, 0.6), steps=5, start=1)
 
 Job = tuple[str, Callable[[], dict[str, Pair]]]
 
@@ -52,6 +54,12 @@ def plan(chains: Chains, effort: Effort, parts: list[str]) -> list[Job]:
     jobs: list[Job] = []
     if "steps" in parts:
         jobs += [("steps", partial(steps_round, number)) for number in range(effort.steps)]
+    if "start" in parts:
+        jobs += [
+            ("start", partial(start_round, name, chains.environment, chains.folder, number))
+            for number in range(effort.start)
+            for name in NODES
+        ]
     for part, function in (("clocked", clocked_round), ("lockstep", lockstep_round)):
         rounds, seconds = getattr(effort, part)
         for number in range(rounds if part in parts else 0):
@@ -155,7 +163,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the benchmark; print the table; the exit status."""
     options = parse(arguments)
     where = machine()
-    wait = "half a minute" if options.quick else "three minutes"
+    wait = "half a minute" if options.quick else "four minutes"
     print(f"{where['cpu']}, Python {where['python']}, load average {where['load']}; takes up to {wait}", flush=True)
     domain = PrivateDomain()
     try:
