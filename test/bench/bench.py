@@ -9,7 +9,6 @@ could not be measured. Ctrl-C ends with what is done so far.
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import platform
 import sys
@@ -26,6 +25,7 @@ from bench_steps import steps_round
 from bench_table import BenchError, Pair, Row, make_rows, markdown_table, text_table
 from tqdm import tqdm
 
+from diffbot_core.files import write_json, write_text
 from diffbot_lab.demo.processes import PrivateDomain
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -107,16 +107,7 @@ def machine() -> dict[str, str]:
     }
 
 
-def write_atomically(path: Path, text: str) -> None:
-    """Write a file so that a reader sees the old one or the new one, never a part."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.NamedTemporaryFile("w", dir=path.parent, delete=False, encoding="utf-8") as file:
-        file.write(text)
-        os.fchmod(file.fileno(), 0o644)
-    Path(file.name).replace(path)
-
-
-def write_json(path: Path, outcome: Outcome, rows: list[Row], where: dict[str, str]) -> None:
+def write_outcome(path: Path, outcome: Outcome, rows: list[Row], where: dict[str, str]) -> None:
     """Write rows, the rounds they come from, and the errors."""
     content = {
         "machine": where,
@@ -125,7 +116,8 @@ def write_json(path: Path, outcome: Outcome, rows: list[Row], where: dict[str, s
         "rows": [row.as_dict() for row in rows],
         "samples": outcome.samples,
     }
-    write_atomically(path, json.dumps(content, indent=1) + "\n")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_json(path, content)
 
 
 def write_docs(rows: list[Row], where: dict[str, str]) -> None:
@@ -133,7 +125,7 @@ def write_docs(rows: list[Row], where: dict[str, str]) -> None:
     before, rest = DOCS.read_text(encoding="utf-8").split(BEGIN)
     _, after = rest.split(END)
     said = f"{where['date']}, {where['cpu']}, Python {where['python']}, load average {where['load']} at the start."
-    write_atomically(DOCS, f"{before}{BEGIN}\n{said}\n\n{markdown_table(rows)}\n{END}{after}")
+    write_text(DOCS, f"{before}{BEGIN}\n{said}\n\n{markdown_table(rows)}\n{END}{after}")
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
@@ -176,7 +168,7 @@ def main(arguments: list[str] | None = None) -> int:
     print(text_table(rows))
     for error in outcome.errors:
         print(f"NOT MEASURED: {error}", file=sys.stderr)
-    write_json(options.out, outcome, rows, where)
+    write_outcome(options.out, outcome, rows, where)
     print(f"Written: {options.out}")
     result = status(outcome, rows, options.strict)
     if options.write_docs and result in (0, 2):

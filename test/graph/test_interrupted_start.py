@@ -9,13 +9,7 @@ from pathlib import Path
 import graph
 import pytest
 
-EXECUTABLES = {
-    "controller_node": "diffbot_control.controller_node",
-    "ekf_node": "diffbot_control.ekf_node",
-    "plant_node": "diffbot_sim.plant_node",
-    "recorder_node": "diffbot_bag.recorder_node",
-    "replay_node": "diffbot_bag.replay_node",
-}
+EXECUTABLES = ("controller_node", "ekf_node", "plant_node", "recorder_node", "replay_node")
 STARTS = 10
 
 
@@ -25,22 +19,24 @@ def started(command, folder):
     return graph.process(*command, env=environment, cwd=folder)
 
 
-def imports(command, module, folder):
-    """Return the modules that a node imports from the launcher on, in their order, itself the last."""
+def imports(command, folder):
+    """Return the modules that a node imports between the launcher and the beginning of its work, in their order."""
     with started(command, folder) as process:
-        process.wait_for_output(f" {module}\n", timeout=30.0)
+        # A replay without a bag refuses to start, having imported everything.
+        graph.wait_for(lambda: "ready" in process.output or "error:" in process.output, 30.0, "the end of the imports")
         lines = [line for line in process.output.splitlines() if line.startswith("import time:")]
         process.stop()
     names = [line.rpartition("|")[2].strip() for line in lines]
     first = max(index for index, name in enumerate(names) if name.endswith((".launcher", ".executables")))
-    return names[first + 1 : names.index(module) + 1]
+    last = max(index for index, name in enumerate(names) if name.startswith("diffbot_"))
+    return names[first + 1 : last]
 
 
-def statuses(command, module, folder):
+def statuses(command, folder, seed):
     """Start a node ten times, end it at a random one of its imports; return the exit statuses."""
-    modules = imports(command, module, folder)
+    modules = imports(command, folder)
     assert len(modules) > 100
-    moments = [0, 1, *random.Random(module).sample(range(len(modules)), STARTS - 2)]
+    moments = [0, 1, *random.Random(seed).sample(range(len(modules)), STARTS - 2)]
     found = []
     for number, moment in enumerate(moments):
         with started(command, folder) as process:
@@ -54,7 +50,7 @@ def statuses(command, module, folder):
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("name", EXECUTABLES)
 def test_signal_during_the_imports_ends_a_node_silently(name, tmp_path):
-    first, second, *others = statuses([Path(sys.executable).with_name(name)], EXECUTABLES[name], tmp_path)
+    first, second, *others = statuses([Path(sys.executable).with_name(name)], tmp_path, name)
     assert (first, second) == (-signal.SIGINT, -signal.SIGTERM)
     # The last ones may find a node that is up; it ends well then, or with 1 for want of a bag to replay.
     assert set(others) <= {-signal.SIGINT, 0, 1}
@@ -62,6 +58,6 @@ def test_signal_during_the_imports_ends_a_node_silently(name, tmp_path):
 
 
 def test_the_same_for_a_module_run_by_python(tmp_path):
-    module = EXECUTABLES["controller_node"]
-    first, *_ = statuses([sys.executable, "-P", "-m", module], module, tmp_path)
+    command = [sys.executable, "-m", "diffbot_control.controller_node"]
+    first, *_ = statuses(command, tmp_path, 1)
     assert first == -signal.SIGINT
