@@ -4,6 +4,7 @@ import resource
 import subprocess
 import sys
 import textwrap
+from pathlib import Path
 
 import graph
 import pytest
