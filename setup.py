@@ -10,12 +10,12 @@ from distutils.command.install_data import install_data  # isort: skip
 
 NAME = "diffbot"
 EXECUTABLES = {
-    "controller_node": "diffbot_control.controller_node",
-    "ekf_node": "diffbot_control.ekf_node",
-    "plant_node": "diffbot_sim.plant_node",
-    "recorder_node": "diffbot_bag.recorder_node",
-    "replay_node": "diffbot_bag.replay_node",
-    "diffbot": "diffbot_lab.cli",
+    "controller_node": "diffbot_control.executables:controller_node",
+    "ekf_node": "diffbot_control.executables:ekf_node",
+    "plant_node": "diffbot_sim.executables:plant_node",
+    "recorder_node": "diffbot_bag.executables:recorder_node",
+    "replay_node": "diffbot_bag.executables:replay_node",
+    "diffbot": "diffbot_lab.cli:main",
 }
 SHIM = """\
 #!/bin/sh
@@ -56,7 +56,7 @@ setup(
         (f"share/{NAME}/launch", sorted(glob("launch/*.launch.py"))),
         (f"share/{NAME}/config", sorted(glob("config/*.yaml"))),
     ],
-    entry_points={"console_scripts": [f"{name} = {module}:main" for name, module in EXECUTABLES.items()]},
+    entry_points={"console_scripts": [f"{name} = {function}" for name, function in EXECUTABLES.items()]},
     cmdclass={"install_data": InstallDataAndShims},
     zip_safe=False,
     # Not what a ROS installation brings without pip knowing it (rclpy, messages): see jazzy below.
@@ -73,7 +73,7 @@ setup(
     ],
     extras_require={
         "jazzy": ["ros-jazzy-common-interfaces>=5.3", "ros-jazzy-rclpy[fastrtps]>=7.1"],
-        "batch": ["numba>=0.59", "pyarrow>=18.0"],
+        "batch": ["numba>=0.60", "pyarrow>=18.0"],
         "cluster": ["distributed>=2024.12"],
         "test": [
             "evo>=1.31",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,6 +10,7 @@ import yaml
 
 from diffbot_bag.qos import Qos, load_profiles, to_plain
 from diffbot_core.errors import DiffbotError
+from diffbot_core.files import write_text
 
 FILE_NAME = "metadata.yaml"
 ROOT = "rosbag2_bagfile_information"
@@ -91,12 +91,7 @@ def write(folder: Path, bag: BagMetadata) -> None:
     Raises:
         OSError: if the disk is full or the folder gone.
     """
-    temporary = folder / f"{FILE_NAME}.tmp"
-    with temporary.open("w", encoding="utf-8") as stream:
-        stream.write(to_yaml(bag))
-        stream.flush()
-        os.fsync(stream.fileno())
-    temporary.replace(folder / FILE_NAME)
+    write_text(folder / FILE_NAME, to_yaml(bag), durable=True)
 
 
 def read(folder: Path) -> BagMetadata:

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+if __name__ == "__main__":  # before the imports that take long: see launcher
+    from diffbot_core.launcher import launch
+
+    raise SystemExit(launch("diffbot_bag.recorder_node"))
+
 import datetime
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -264,7 +268,3 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
 def main(args: list[str] | None = None) -> int:
     """Run the recorder; return the exit status."""
     return run(RecorderNode, args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

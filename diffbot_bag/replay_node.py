@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+if __name__ == "__main__":  # before the imports that take long: see launcher
+    from diffbot_core.launcher import launch
+
+    raise SystemExit(launch("diffbot_bag.replay_node"))
+
 import sys
 import threading
 import time
@@ -271,7 +276,3 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
 def main(args: list[str] | None = None) -> int:
     """Play a bag; return the exit status."""
     return run(ReplayNode, args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+if __name__ == "__main__":  # before the imports that take long: see launcher
+    from diffbot_core.launcher import launch
+
+    raise SystemExit(launch("diffbot_control.controller_node"))
+
 from array import array
 from typing import Any
 
@@ -216,7 +221,3 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
 def main(args: list[str] | None = None) -> int:
     """Run the node; return the exit status of the process."""
     return run(ControllerNode, args)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+if __name__ == "__main__":  # before the imports that take long: see launcher
+    from diffbot_core.launcher import launch
+
+    raise SystemExit(launch("diffbot_control.ekf_node"))
+
 import math
 import time
 from collections.abc import Sequence
@@ -279,7 +284,3 @@ def _diagonal(sigmas: Sequence[float]) -> Array | None:
 def main(args: list[str] | None = None) -> int:
     """Run the node; the exit status of the process."""
     return run(EkfNode, args)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

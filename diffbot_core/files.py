@@ -1,18 +1,21 @@
-"""Folders that commands write their results to."""
+"""Folders and files that results are written to: checked before the work, and replaced whole or not at all."""
 
 from __future__ import annotations
 
+import json
+import math
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from diffbot_core.errors import DiffbotError
 
 
 @contextmanager
 def output_folder(folder: Path) -> Iterator[Path]:
-    """Make a folder and check it before the work is done; what fails in it is told as its failure.
+    """Make a folder and check that it can be written to; a failure inside the ``with`` block is reported as its own.
 
     Raises:
         DiffbotError: if the folder, or something in it, cannot be written.
@@ -24,3 +27,56 @@ def output_folder(folder: Path) -> Iterator[Path]:
         yield folder
     except OSError as error:
         raise DiffbotError(f"cannot write to {folder}: {error.strerror}") from None
+
+
+@contextmanager
+def replacing(path: Path, *, durable: bool = False) -> Iterator[Path]:
+    """Give a temporary name beside ``path``; what the ``with`` block writes there then takes its place in one step.
+
+    A reader sees the old file or the new one, never a part. If the block fails, the old file stays and the new one is
+    deleted.
+
+    Args:
+        path: the file to write; its folder must exist.
+        durable: bring the contents to the disk before the renaming, so that a power cut leaves one of both files.
+
+    Raises:
+        OSError: if the file cannot be written.
+    """
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        yield part
+        if durable:
+            with part.open("rb") as file:
+                os.fsync(file.fileno())
+        part.replace(path)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
+
+
+def write_text(path: Path, text: str, *, durable: bool = False) -> None:
+    """Write a text in UTF-8; see :func:`replacing`.
+
+    Raises:
+        OSError: if it cannot be written.
+    """
+    with replacing(path, durable=durable) as part:
+        part.write_text(text, encoding="utf-8")
+
+
+def write_json(path: Path, content: Any, indent: int = 1) -> None:
+    """Write JSON; infinite limits and bounds become texts, as JSON has no word for them; see :func:`replacing`.
+
+    Raises:
+        OSError: if it cannot be written.
+    """
+    write_text(path, json.dumps(_finite(content), indent=indent, allow_nan=False) + "\n")
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(one) for key, one in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(one) for one in value]
+    return str(value) if isinstance(value, float) and not math.isfinite(value) else value

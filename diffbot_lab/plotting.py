@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,8 @@ import matplotlib
 matplotlib.use("Agg")
 
 import matplotlib.pyplot as plt
+
+from diffbot_core.files import replacing
 
 BLUE, ORANGE, GREY, GREEN, RED = "#0072B2", "#E69F00", "#999999", "#009E73", "#D55E00"
 """Colours that people with any colour vision tell apart (Okabe, Ito)."""
@@ -44,7 +45,6 @@ def new_grid(
 def save(figure: Any, *paths: Path) -> None:
     """Write a figure in one or more formats, each through a temporary name, so that no half a picture is ever seen."""
     for path in paths:
-        part = path.with_name(f".{path.name}.part")
-        figure.savefig(part, format=path.suffix[1:])
-        os.replace(part, path)
+        with replacing(path) as part:
+            figure.savefig(part, format=path.suffix[1:])
     plt.close(figure)

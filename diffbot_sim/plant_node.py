@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+if __name__ == "__main__":  # before the imports that take long: see launcher
+    from diffbot_core.launcher import launch
+
+    raise SystemExit(launch("diffbot_sim.plant_node"))
+
 import time
 from typing import Any
 
@@ -121,7 +126,3 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
 def main(args: list[str] | None = None) -> int:
     """Run the node; the exit status of the process."""
     return run(PlantNode, args)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

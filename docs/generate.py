@@ -27,6 +27,7 @@ from diffbot_control.filter.localization import LocalizationConfig
 from diffbot_control.law.presets import PAPER, PRESETS, TUNED
 from diffbot_control.ros.controller_parameters import CONTROLLER_PRESETS, ControllerNodeConfig
 from diffbot_control.ros.ekf_parameters import EkfNodeConfig
+from diffbot_core.files import write_json
 from diffbot_core.geometry import Pose
 from diffbot_core.schema import parameters_of, to_dict
 from diffbot_lab.benchmark import (
@@ -42,7 +43,7 @@ from diffbot_lab.benchmark import (
     law_report as benchmark_report,
 )
 from diffbot_lab.cli import BENCHMARKS
-from diffbot_lab.paper.experiment import run_experiment, summarise, write_json
+from diffbot_lab.paper.experiment import run_experiment, summarise
 from diffbot_lab.paper.figures import figure_paths
 from diffbot_sim.model.plant import PlantConfig
 from diffbot_sim.model.sensors import SensorConfig

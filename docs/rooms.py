@@ -32,7 +32,7 @@ _WIDTH, _HEIGHT, _GAP = 1.75, 0.62, 0.22
 
 
 def room_of(module: str) -> str:
-    """Return the room of a module, its sub-package or else its package: diffbot_control.law of diffbot_control.law.limits."""
+    """Return the room of a module: its sub-package, or else its package."""
     parts = module.split(".")
     folder = ROOT.joinpath(*parts[:2])
     return ".".join(parts[:2]) if len(parts) > 1 and folder.is_dir() else parts[0]

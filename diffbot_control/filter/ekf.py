@@ -11,8 +11,8 @@ import math
 from typing import Any
 
 import numpy as np
-from filterpy.kalman import ExtendedKalmanFilter
 
+from diffbot_control.filter.filterpy_ekf import ExtendedKalmanFilter
 from diffbot_control.filter.measurements import Array
 from diffbot_control.filter.models import (
     Arc,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,6 +14,7 @@ from diffbot_control.filter.gated_filter import WheelEstimate
 from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.measurements import Array
 from diffbot_core.errors import BadMessageError, DiffbotError, InvalidValueError
+from diffbot_core.files import write_text
 from diffbot_core.geometry import MAX_COORDINATE, Pose, wrap_angle
 from diffbot_core.kinematics import WheelGeometry
 
@@ -67,16 +67,7 @@ def save_state(path: Path, state: SavedState) -> None:
     if state.wheels is not None:
         content |= {"wheels": state.wheels.errors.tolist(), "wheels_P": state.wheels.P.tolist()}
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f"{path.name}.{os.getpid()}.tmp")
-    try:
-        with temporary.open("w", encoding="utf-8") as file:
-            json.dump(content, file)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    except OSError:
-        temporary.unlink(missing_ok=True)
-        raise
+    write_text(path, json.dumps(content), durable=True)
 
 
 def load_state(path: Path) -> SavedState | None:

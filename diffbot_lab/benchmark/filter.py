@@ -17,10 +17,9 @@ from tqdm import tqdm
 
 from diffbot_control.filter.options import FILTERS, FilterConfig
 from diffbot_core.errors import InvalidValueError
-from diffbot_core.files import output_folder
+from diffbot_core.files import output_folder, write_json
 from diffbot_lab.benchmark.filter_cases import DURATION, SCENARIOS, SKIPPED, Scenario, drive_of, name_of
 from diffbot_lab.benchmark.filter_report import judged, table
-from diffbot_lab.paper.experiment import write_json
 from diffbot_sim.compiled.batch import in_threads
 from diffbot_sim.compiled.jit import compile_kernel
 from diffbot_sim.compiled.open_loop import AWAY, OpenLoopCase, Tracking, drive

@@ -18,7 +18,7 @@ from tqdm import tqdm
 from diffbot_control.filter.localization import LocalizationConfig
 from diffbot_control.filter.options import FilterConfig
 from diffbot_core.errors import InvalidValueError
-from diffbot_core.files import output_folder
+from diffbot_core.files import output_folder, write_json
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_lab.benchmark.law_cases import (
     CHALLENGES,
@@ -36,7 +36,7 @@ from diffbot_lab.benchmark.law_cases import (
 )
 from diffbot_lab.benchmark.law_report import judged, table
 from diffbot_lab.metrics import goal_metrics
-from diffbot_lab.paper.experiment import GOAL, write_json
+from diffbot_lab.paper.experiment import GOAL
 from diffbot_sim.compiled.batch import COLUMNS, HISTORY_COLUMNS, Starts, run_batch, run_histories
 from diffbot_sim.compiled.peer_laws import OURS
 from diffbot_sim.model.simulator import StartPose, WorldConfig

@@ -5,17 +5,15 @@ from __future__ import annotations
 import csv
 import io
 import math
-import os
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from diffbot_core.errors import DiffbotError
+from diffbot_core.files import replacing, write_json, write_text
 from diffbot_lab.campaign.spec import Campaign, code_version
 from diffbot_lab.campaign.statistics import CellStatistics
-from diffbot_lab.paper.experiment import write_json
 from diffbot_lab.plotting import new_figure, save
 
 _ECDF_METRICS = (
@@ -40,7 +38,7 @@ def write_report(campaign: Campaign, statistics: list[CellStatistics], folder: P
     results = {**name, "campaign": campaign.description, "cells": rows}
     try:
         write_json(folder / "results.json", results)
-        _write_through(folder / "results.csv", lambda path: path.write_text(_csv(rows)))
+        write_text(folder / "results.csv", _csv(rows))
         written = [folder / "results.json", folder / "results.csv"]
         written += _write_parquet(rows, folder / "results.parquet")
         written += _draw_heat_maps(campaign, rows, folder)
@@ -48,12 +46,6 @@ def write_report(campaign: Campaign, statistics: list[CellStatistics], folder: P
     except OSError as error:
         raise DiffbotError(f"cannot write the results to {folder}: {error.strerror}") from None
     return [*written, folder / "distributions.png"]
-
-
-def _write_through(path: Path, write: Callable[[Path], Any]) -> None:
-    part = path.with_name(f".{path.name}.part")
-    write(part)
-    os.replace(part, path)
 
 
 def _csv(rows: list[dict[str, Any]]) -> str:
@@ -71,7 +63,8 @@ def _write_parquet(rows: list[dict[str, Any]], path: Path) -> list[Path]:
     except ImportError:
         print("pyarrow is not installed: results.parquet is not written")
         return []
-    _write_through(path, lambda part: parquet.write_table(pa.Table.from_pylist(rows), part))
+    with replacing(path) as part:
+        parquet.write_table(pa.Table.from_pylist(rows), part)
     return [path]
 
 

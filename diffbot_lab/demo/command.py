@@ -16,6 +16,7 @@ from tqdm import tqdm
 
 from diffbot_control.law.presets import PRESETS, TUNED
 from diffbot_core.errors import DiffbotError
+from diffbot_core.files import write_json
 from diffbot_core.geometry import Pose
 from diffbot_lab.demo.figure import draw_run
 from diffbot_lab.demo.processes import NodeProcesses, PrivateDomain, wait_until
@@ -258,6 +259,4 @@ def _write_summary(
             for result in results
         ],
     }
-    part = folder / ".summary.json.part"
-    part.write_text(json.dumps(summary, indent=2) + "\n")
-    os.replace(part, folder / "summary.json")
+    write_json(folder / "summary.json", summary, indent=2)

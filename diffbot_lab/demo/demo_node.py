@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+if __name__ == "__main__":  # before the imports that take long: see launcher
+    from diffbot_core.launcher import launch
+
+    raise SystemExit(launch("diffbot_lab.demo.demo_node"))
+
 import json
 from typing import Any
 
@@ -115,7 +120,3 @@ def _values(message: DiagnosticStatus) -> dict[str, str]:
 def main(args: list[str] | None = None) -> int:
     """Run the node; 0 if all goals were reached, 2 if one was given up."""
     return run(DemoNode, args)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

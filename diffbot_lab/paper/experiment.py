@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 from concurrent.futures import ProcessPoolExecutor
@@ -19,6 +18,7 @@ from diffbot_control.law.controller import ControllerConfig
 from diffbot_control.law.presets import PAPER, PRESETS
 from diffbot_control.law.regions import FixedRegionPolicy
 from diffbot_core.errors import DiffbotError, InvalidValueError
+from diffbot_core.files import write_json
 from diffbot_core.geometry import Pose
 from diffbot_sim.compiled.batch import COLUMNS, FEEDBACK_CODES, HISTORY_COLUMNS, Starts, run_batch, run_histories
 from diffbot_sim.compiled.closed_loop import Case
@@ -235,25 +235,6 @@ def _literal_rear_sector(runs: int, seed: int) -> dict[str, dict[str, dict[str, 
                 "abs_theta": _quantiles(np.abs(ends[:, 2])),
             }
     return results
-
-
-def write_json(path: Path, content: Any) -> None:
-    """Write JSON through a temporary name; infinite limits and bounds become texts, as JSON has no word for them.
-
-    Raises:
-        OSError: if it cannot be written.
-    """
-    part = path.with_name(f".{path.name}.part")
-    part.write_text(json.dumps(_finite(content), indent=1, allow_nan=False) + "\n")
-    os.replace(part, path)
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _finite(one) for key, one in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_finite(one) for one in value]
-    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def run_and_report(names: tuple[str, ...], runs: int, seed: int, folder: Path, figures: bool) -> None:

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from diffbot_control.law.lyapunov_law import Gains
 from diffbot_core.errors import DiffbotError, InvalidValueError
+from diffbot_core.files import write_json
 from diffbot_core.geometry import Pose
 from diffbot_lab.campaign.spec import configure
-from diffbot_lab.paper.experiment import write_json
 from diffbot_lab.plotting import new_figure, save
 from diffbot_lab.stability.certificate import NoiseBox, certify, noise_box
 from diffbot_sim.compiled.batch import FEEDBACK_CODES, Starts, run_batch

@@ -9,7 +9,6 @@ could not be measured. Ctrl-C ends with what is done so far.
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import platform
 import sys
@@ -21,16 +20,18 @@ from pathlib import Path
 from typing import NamedTuple
 
 from bench_graph import ONE, THREE, Chains, clocked_round, lockstep_round
+from bench_start import NODES, start_round
 from bench_steps import steps_round
 from bench_table import BenchError, Pair, Row, make_rows, markdown_table, text_table
 from tqdm import tqdm
 
+from diffbot_core.files import write_json, write_text
 from diffbot_lab.demo.processes import PrivateDomain
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs" / "performance.md"
 BEGIN, END = "<!-- bench -->", "<!-- /bench -->"
-PARTS = ("clocked", "lockstep", "steps")
+PARTS = ("clocked", "lockstep", "steps", "start")
 
 
 class Effort(NamedTuple):
@@ -39,10 +40,11 @@ class Effort(NamedTuple):
     clocked: tuple[int, float]
     lockstep: tuple[int, float]
     steps: int
+    start: int
 
 
-FULL = Effort(clocked=(5, 2.5), lockstep=(4, 1.0), steps=40)
-QUICK = Effort(clocked=(1, 1.2), lockstep=(1, 0.6), steps=5)
+FULL = Effort(clocked=(5, 2.5), lockstep=(4, 1.0), steps=40, start=7)
+QUICK = Effort(clocked=(1, 1.2), lockstep=(1, 0.6), steps=5, start=1)
 
 Job = tuple[str, Callable[[], dict[str, Pair]]]
 
@@ -52,6 +54,12 @@ def plan(chains: Chains, effort: Effort, parts: list[str]) -> list[Job]:
     jobs: list[Job] = []
     if "steps" in parts:
         jobs += [("steps", partial(steps_round, number)) for number in range(effort.steps)]
+    if "start" in parts:
+        jobs += [
+            ("start", partial(start_round, name, chains.environment, chains.folder, number))
+            for number in range(effort.start)
+            for name in NODES
+        ]
     for part, function in (("clocked", clocked_round), ("lockstep", lockstep_round)):
         rounds, seconds = getattr(effort, part)
         for number in range(rounds if part in parts else 0):
@@ -99,16 +107,7 @@ def machine() -> dict[str, str]:
     }
 
 
-def write_atomically(path: Path, text: str) -> None:
-    """Write a file so that a reader sees the old one or the new one, never a part."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.NamedTemporaryFile("w", dir=path.parent, delete=False, encoding="utf-8") as file:
-        file.write(text)
-        os.fchmod(file.fileno(), 0o644)
-    Path(file.name).replace(path)
-
-
-def write_json(path: Path, outcome: Outcome, rows: list[Row], where: dict[str, str]) -> None:
+def write_outcome(path: Path, outcome: Outcome, rows: list[Row], where: dict[str, str]) -> None:
     """Write rows, the rounds they come from, and the errors."""
     content = {
         "machine": where,
@@ -117,7 +116,8 @@ def write_json(path: Path, outcome: Outcome, rows: list[Row], where: dict[str, s
         "rows": [row.as_dict() for row in rows],
         "samples": outcome.samples,
     }
-    write_atomically(path, json.dumps(content, indent=1) + "\n")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_json(path, content)
 
 
 def write_docs(rows: list[Row], where: dict[str, str]) -> None:
@@ -125,7 +125,7 @@ def write_docs(rows: list[Row], where: dict[str, str]) -> None:
     before, rest = DOCS.read_text(encoding="utf-8").split(BEGIN)
     _, after = rest.split(END)
     said = f"{where['date']}, {where['cpu']}, Python {where['python']}, load average {where['load']} at the start."
-    write_atomically(DOCS, f"{before}{BEGIN}\n{said}\n\n{markdown_table(rows)}\n{END}{after}")
+    write_text(DOCS, f"{before}{BEGIN}\n{said}\n\n{markdown_table(rows)}\n{END}{after}")
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
@@ -155,7 +155,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the benchmark; print the table; the exit status."""
     options = parse(arguments)
     where = machine()
-    wait = "half a minute" if options.quick else "three minutes"
+    wait = "half a minute" if options.quick else "four minutes"
     print(f"{where['cpu']}, Python {where['python']}, load average {where['load']}; takes up to {wait}", flush=True)
     domain = PrivateDomain()
     try:
@@ -168,7 +168,7 @@ def main(arguments: list[str] | None = None) -> int:
     print(text_table(rows))
     for error in outcome.errors:
         print(f"NOT MEASURED: {error}", file=sys.stderr)
-    write_json(options.out, outcome, rows, where)
+    write_outcome(options.out, outcome, rows, where)
     print(f"Written: {options.out}")
     result = status(outcome, rows, options.strict)
     if options.write_docs and result in (0, 2):

@@ -33,8 +33,8 @@ class Chains:
     """Runs turns on one DDS domain; logs of the processes go to ``folder``."""
 
     def __init__(self, domain: int, folder: Path) -> None:
-        self._environment = {**graph_environment(domain), "ROS_LOG_DIR": str(folder / "ros")}
-        self._folder = folder
+        self.environment = {**graph_environment(domain), "ROS_LOG_DIR": str(folder / "ros")}
+        self.folder = folder
 
     def turn(self, scenario: str, side: str, groups: tuple[str, ...], seconds: float) -> dict[str, Any]:
         """Run one turn, and once more if messages were lost; what the source measured, and ``cpu`` in per cent.
@@ -50,7 +50,7 @@ class Chains:
 
     def _attempt(self, scenario: str, side: str, groups: tuple[str, ...], seconds: float) -> dict[str, Any]:
         processes: list[subprocess.Popen[str]] = []
-        for log in self._folder.glob("*.log"):
+        for log in self.folder.glob("*.log"):
             log.unlink()
         try:
             for group in groups:
@@ -73,7 +73,7 @@ class Chains:
         with self._log(group).open("w") as log:
             return subprocess.Popen(
                 command,
-                env=self._environment,
+                env=self.environment,
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=log,
@@ -82,7 +82,7 @@ class Chains:
             )
 
     def _log(self, group: str) -> Path:
-        return self._folder / f"{group}.log"
+        return self.folder / f"{group}.log"
 
     def _expect(self, event: str, source: subprocess.Popen[str]) -> dict[str, Any]:
         """Read the next line of the source; it ends itself when it waits for too long."""
@@ -94,7 +94,7 @@ class Chains:
         return result
 
     def _last_words(self) -> str:
-        lines = {log.stem: log.read_text().strip().splitlines() for log in sorted(self._folder.glob("*.log"))}
+        lines = {log.stem: log.read_text().strip().splitlines() for log in sorted(self.folder.glob("*.log"))}
         return " | ".join(f"{name}: {text[-1]}" for name, text in lines.items() if text) or "none"
 
 

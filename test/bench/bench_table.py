@@ -61,6 +61,16 @@ MEASURES = (
     Measure("default_filter_step", "filter `ekf_calibrating`, the default: the same", "us", at_most=2.0),
     Measure("fnn_step", "filter `ekf_fnn`: the same", "us"),
     Measure("closed_loop_step", "closed loop without ROS: one step", "us"),
+    Measure("start_controller", "controller: start to `ready`, against a bare rclpy node", "s", at_most=1.7),
+    Measure("start_plant", "plant: the same", "s", at_most=1.7),
+    Measure("start_recorder", "recorder: the same", "s", at_most=1.7),
+    Measure("start_ekf", "ekf: the same", "s", at_most=4.5),
+    Measure(
+        "memory_controller", "controller: resident memory when ready, against a bare rclpy node", "MB", at_most=1.3
+    ),
+    Measure("memory_plant", "plant: the same memory", "MB", at_most=1.3),
+    Measure("memory_recorder", "recorder: the same memory", "MB", at_most=1.3),
+    Measure("memory_ekf", "ekf: the same memory", "MB", at_most=2.2),
 )
 HEADER = ("measure", "ours", "reference", "ratio", "target", "met", "spread", "rounds")
 

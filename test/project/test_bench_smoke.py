@@ -22,7 +22,7 @@ STEPS = (
 
 
 def run_bench(*arguments):
-    command = [sys.executable, str(ROOT / "test" / "bench.py"), *arguments]
+    command = [sys.executable, str(ROOT / "test" / "bench" / "bench.py"), *arguments]
     return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
 
 
@@ -45,6 +45,23 @@ def test_quick_run_of_the_steps(tmp_path):
     assert [path.name for path in out.parent.iterdir()] == ["bench.json"]
     for measure in MEASURES:
         assert (measure.text in result.stdout) == (measure.key in STEPS)
+
+
+def test_quick_run_of_the_starts(tmp_path):
+    out = tmp_path / "bench.json"
+    result = run_bench("--quick", "--only", "start", "--out", str(out))
+    assert result.returncode == 0, result.stderr
+    rows = {row["key"]: row for row in json.loads(out.read_text())["rows"]}
+    nodes = ("controller", "plant", "recorder", "ekf")
+    assert list(rows) == [f"{kind}_{node}" for kind in ("start", "memory") for node in nodes]
+    for name, row in rows.items():
+        assert row["ratio"] == pytest.approx(row["ours"] / row["reference"]), name
+        # An interpreter with rclpy needs tenths of a second and tens of megabytes, on any machine.
+        low, high = (0.05, 30.0) if name.startswith("start") else (20.0, 500.0)
+        assert low < row["reference"] < high, name
+        assert low < row["ours"] < high, name
+    # The filter's libraries alone are more than what the other nodes add to rclpy.
+    assert rows["memory_ekf"]["ours"] > rows["memory_controller"]["ours"] + 10.0
 
 
 def test_docs_are_only_written_from_a_whole_run():

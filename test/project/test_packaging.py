@@ -27,6 +27,17 @@ EXECUTABLES = {
 PACKAGE_OF_IMPORT = {"mcap_ros2": "mcap-ros2-support", "yaml": "PyYAML"}
 INSTALLED = importlib.metadata.distribution("diffbot")
 DIRECT = [Requirement(line) for line in INSTALLED.requires]
+REQUIREMENTS = {
+    extra: {
+        canonicalize_name(requirement.name)
+        for requirement in DIRECT
+        if (requirement.marker is None) == (extra == "")
+        and (requirement.marker is None or requirement.marker.evaluate({"extra": extra}))
+    }
+    for extra in ("", *INSTALLED.metadata.get_all("Provides-Extra"))
+}
+"""Direct dependencies by extra; "" are those that every installation has."""
+KEY_OF_ROSDEP = {"python3-filterpy-pip": "filterpy", "python3-yaml": "pyyaml"}
 SOURCES = [path for package in PACKAGES for path in sorted(ROOT.glob(f"{package}/**/*.py"))]
 MANIFEST = ET.parse(ROOT / "package.xml").getroot()
 
@@ -106,12 +117,42 @@ def test_manifest_has_what_ros_needs():
 
 
 def test_every_import_is_a_declared_dependency():
-    declared = {element.text for element in MANIFEST.iter("exec_depend")}
-    direct = {canonicalize_name(requirement.name) for requirement in DIRECT}
-    imported = imported_packages()
-    assert {"numpy", "rclpy"} <= imported
-    packages = {name: canonicalize_name(PACKAGE_OF_IMPORT.get(name, name)) for name in imported - declared}
-    assert {name for name, package in packages.items() if package not in direct} == set()
+    """Of the package itself or of an extra that users install; what only tests need does not count."""
+    at_run_time = {name for extra, names in REQUIREMENTS.items() if extra not in ("test", "lint") for name in names}
+    ros = {element.text for element in MANIFEST.iter("exec_depend")}
+    imported = {canonicalize_name(PACKAGE_OF_IMPORT.get(name, name)) for name in imported_packages() - ros}
+    assert {"numpy", "scipy", "pyyaml", "numba", "distributed"} <= imported
+    assert imported - at_run_time == set()
+
+
+def test_every_dependency_at_run_time_is_imported():
+    imported = {canonicalize_name(PACKAGE_OF_IMPORT.get(name, name)) for name in imported_packages()}
+    assert set(REQUIREMENTS[""]) - imported == set()
+
+
+def test_manifest_and_setup_name_the_same_python_packages():
+    """rosdep's keys in package.xml and pip's names in docs/dependencies.md are those of install_requires together."""
+    keys = {element.text for element in MANIFEST.iter("exec_depend") if element.text.startswith("python3-")}
+    from_rosdep = {canonicalize_name(KEY_OF_ROSDEP.get(key, key.removeprefix("python3-"))) for key in keys}
+    page = (ROOT / "docs" / "dependencies.md").read_text()
+    (line,) = re.findall(r"^    pip install --break-system-packages (.*?) +# to run$", page, re.MULTILINE)
+    from_pip = {canonicalize_name(Requirement(word.strip('"')).name) for word in line.split()}
+    assert from_rosdep & from_pip == set()
+    assert from_rosdep | from_pip == set(REQUIREMENTS[""])
+    assert {key for key in keys if f"`{key}`" not in page} == set()
+
+
+def test_lower_bounds_are_the_same_wherever_they_are_named():
+    bounds = {canonicalize_name(requirement.name): str(requirement.specifier) for requirement in DIRECT}
+    named = re.compile(r"\b(" + "|".join(re.escape(requirement.name) for requirement in DIRECT) + r")(>=[\d.]*\d)")
+    found = {
+        (str(path.relative_to(ROOT)), *match.groups())
+        for path in source_tree()
+        if path.suffix in (".py", ".md", ".xml", ".toml", ".cfg") and path.name != "CHANGELOG.md"
+        for match in named.finditer(path.read_text(encoding="utf-8"))
+    }
+    assert {("setup.py", "numba", bounds["numba"]), ("diffbot_sim/compiled/jit.py", "numba", bounds["numba"])} <= found
+    assert {one for one in found if bounds[canonicalize_name(one[1])] != one[2]} == set()
 
 
 @pytest.mark.parametrize("python", PYTHONS)
@@ -142,13 +183,17 @@ def test_constraints_pin_what_is_installed():
     assert wrong == []
 
 
-@pytest.mark.parametrize("requirement", DIRECT, ids=lambda requirement: requirement.name)
-def test_docs_name_every_direct_dependency_and_its_pins(requirement):
-    rows = (ROOT / "docs" / "dependencies.md").read_text().splitlines()
-    (row,) = [row for row in rows if row.startswith(f"| {requirement.name} |")]
-    cells = [cell.strip() for cell in row.strip("|").split("|")]
-    assert all(cells)
-    assert set(cells[-1].split(" / ")) == {pins(requirement.name, python)[0] for python in PYTHONS}
+@pytest.mark.parametrize("extra", REQUIREMENTS)
+def test_docs_list_the_dependencies_of_each_extra_with_their_pins(extra):
+    page = (ROOT / "docs" / "dependencies.md").read_text()
+    heading = f"## Extra `{extra}`" if extra else "## Needed to run"
+    (section,) = re.findall(rf"^{re.escape(heading)}.*?(?=^## |\Z)", page, re.MULTILINE | re.DOTALL)
+    rows = [line.strip("|").split("|") for line in section.splitlines() if line.startswith("| ")][1:]
+    cells = {canonicalize_name(row[0].strip()): [cell.strip() for cell in row] for row in rows}
+    assert set(cells) == REQUIREMENTS[extra]
+    for name, row in cells.items():
+        assert all(row), row
+        assert set(row[-1].split(" / ")) == {pins(name, python)[0] for python in PYTHONS}, name
 
 
 def test_no_machine_paths_and_no_registry_hosts():

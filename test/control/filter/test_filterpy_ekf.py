@@ -1,0 +1,53 @@
+"""filterpy without scipy.stats until it is needed, and with it then."""
+
+import subprocess
+import sys
+
+PROGRAM = """
+import sys
+import numpy as np
+from diffbot_control.filter.filterpy_ekf import ExtendedKalmanFilter
+assert "scipy.stats" not in sys.modules
+
+kf = ExtendedKalmanFilter(dim_x=2, dim_z=2)
+kf.x, kf.P, kf.R = np.zeros(2), np.diag([4.0, 9.0]), np.eye(2)
+kf.update(np.array([1.0, -2.0]), lambda x: np.eye(2), lambda x: x)
+assert "scipy.stats" not in sys.modules
+# log N(y; 0, S) of y = (1, -2), S = diag(5, 10)
+expected = -0.5 * (1.0 / 5.0 + 4.0 / 10.0) - 0.5 * np.log(5.0 * 10.0) - np.log(2.0 * np.pi)
+assert abs(kf.log_likelihood - expected) < 1e-12, (kf.log_likelihood, expected)
+
+import filterpy.stats
+import scipy
+from scipy.stats import multivariate_normal, norm
+assert scipy.stats.norm is norm and norm.__class__.__module__.startswith("scipy.stats")
+assert filterpy.stats.norm_cdf((-1.0, 2.0), 0.5, 2.0) == norm.cdf(2.0, 0.5, 2.0**0.5) - norm.cdf(-1.0, 0.5, 2.0**0.5)
+"""
+
+
+def run(program):
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False)
+    assert result.returncode == 0, result.stderr
+
+
+def test_distributions_are_loaded_when_they_are_used():
+    run(PROGRAM)
+
+
+def test_scipy_stats_that_is_loaded_already_stays():
+    run(
+        "import scipy.stats, sys\n"
+        "before = sys.modules['scipy.stats']\n"
+        "import diffbot_control.filter.filterpy_ekf\n"
+        "assert sys.modules['scipy.stats'] is before\n"
+        "import filterpy.stats.stats as stats\n"
+        "assert stats.multivariate_normal is scipy.stats.multivariate_normal\n"
+    )
+
+
+def test_the_ekf_node_starts_without_scipy_stats_and_matplotlib():
+    run(
+        "import sys, diffbot_control.ekf_node\n"
+        "found = {'scipy.stats', 'matplotlib', 'numba', 'pandas'} & set(sys.modules)\n"
+        "assert not found, found\n"
+    )
