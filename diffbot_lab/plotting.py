@@ -1,8 +1,7 @@
-"""Figures drawn with matplotlib without a screen: layout, colours, writing."""
+"""Layout, colours and writing of figures; matplotlib draws without a screen."""
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +11,10 @@ matplotlib.use("Agg")
 
 import matplotlib.pyplot as plt
 
+from diffbot_core.files import replacing
+
 BLUE, ORANGE, GREY, GREEN, RED = "#0072B2", "#E69F00", "#999999", "#009E73", "#D55E00"
-"""Colours that people with any colour vision tell apart (Okabe, Ito)."""
+"""Colours that are distinct with any colour vision (Okabe and Ito)."""
 
 
 def new_figure(rows: int, size: tuple[float, float], *, sharex: bool = True) -> tuple[Any, Any]:
@@ -42,9 +43,8 @@ def new_grid(
 
 
 def save(figure: Any, *paths: Path) -> None:
-    """Write a figure in one or more formats, each through a temporary name, so that no half a picture is ever seen."""
+    """Write and close a figure, in the format of each path's suffix; each file is replaced as a whole."""
     for path in paths:
-        part = path.with_name(f".{path.name}.part")
-        figure.savefig(part, format=path.suffix[1:])
-        os.replace(part, path)
+        with replacing(path) as part:
+            figure.savefig(part, format=path.suffix[1:])
     plt.close(figure)

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from diffbot_core.errors import DiffbotError
+from diffbot_core.files import write_json
 from diffbot_lab.campaign.spec import Campaign
 from diffbot_lab.campaign.statistics import CellStatistics
-from diffbot_lab.paper.experiment import write_json
 from diffbot_lab.plotting import new_figure, save
 
 _ECDF_METRICS = (

@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 from tqdm import tqdm
 
 from diffbot_core.errors import DiffbotError
+from diffbot_lab import cases
 from diffbot_lab.campaign import spec as campaign_spec
 from diffbot_lab.campaign import statistics
 from diffbot_lab.campaign.spec import Campaign
@@ -32,7 +33,8 @@ from diffbot_sim.compiled.jit import SOURCES_HASH
 FORMAT = 1
 JOURNAL = "campaign.jsonl"
 SOURCES = hashlib.sha256(
-    SOURCES_HASH.encode() + b"".join(Path(inspect.getfile(one)).read_bytes() for one in (campaign_spec, statistics))
+    SOURCES_HASH.encode()
+    + b"".join(Path(inspect.getfile(one)).read_bytes() for one in (cases, campaign_spec, statistics))
 ).hexdigest()[:16]
 """Names the code that decides the counts: what runs, from where, and how it is counted."""
 _STEPS_PER_CHUNK = 2_000_000
