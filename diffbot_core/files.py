@@ -18,7 +18,7 @@ def output_folder(folder: Path) -> Iterator[Path]:
     """Make a folder and check that it can be written to; a failure inside the ``with`` block is reported as its own.
 
     Raises:
-        DiffbotError: if the folder, or something in it, cannot be written.
+        DiffbotError: if the folder, or a file in it, cannot be written.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""The command ``diffbot``: parses, imports what is needed, calls."""
+"""The command ``diffbot``: parses the arguments, imports the command's module, calls it."""
 
 from __future__ import annotations
 
@@ -28,13 +28,14 @@ BENCHMARKS = {
     "switching": ("diffbot_lab.benchmark.law", 100, Path("out/benchmark")),
     "localization": ("diffbot_lab.benchmark.filter", 200, Path("out/localization")),
 }
-"""Module, usual number of runs and usual folder."""
+"""Module, default number of runs, default folder."""
+MAX_SEED = 2**63 - 1
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the command line; return 0, 1 after an error or a missed goal, 2 for wrong usage, 130 after Ctrl-C."""
+    """Run the command line; return 0, 1 after an error or a missed goal, 2 for wrong usage, 130 after an interrupt."""
     options = _parser().parse_args(args)
-    # SIGTERM ends what was started as Ctrl-C does; the nodes set handlers of their own.
+    # SIGTERM unwinds like Ctrl-C, so started processes are stopped; nodes set handlers of their own.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         return int(options.call(options))
@@ -49,71 +50,58 @@ def main(args: list[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="diffbot", description="Go-to-pose stack for differential-drive robots.")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    for add in (_add_demo, _add_experiment, _add_campaign, _add_stability, _add_benchmark, _add_run, _add_replay):
+        add(commands)
+    return parser
 
-    demo = commands.add_parser("demo", help="drive, record and judge three goals with the whole graph")
+
+def _add_demo(commands: Any) -> None:
+    demo = commands.add_parser("demo", help="drive to three goals with the whole graph, record and evaluate the run")
     demo.add_argument("--out", type=Path, default=Path("out/demo"), help="output folder (default: %(default)s)")
-    demo.add_argument("--seed", type=_whole(0, 2**63 - 1), default=1, help="seed of all noise (default: %(default)s)")
-    demo.add_argument(
-        "--real-time",
-        action="store_true",
-        help="run at the pace of the clock on the wall, for watching",
-    )
+    demo.add_argument("--seed", type=_whole(0, MAX_SEED), default=1, help="seed of all noise (default: %(default)s)")
+    demo.add_argument("--real-time", action="store_true", help="run in real time, for watching")
     demo.add_argument("--overwrite", action="store_true", help="replace the bag of an earlier run")
-    demo.add_argument(
-        "--domain",
-        type=_whole(0, 232),
-        help="ROS_DOMAIN_ID, to look on with other tools (default: a free one)",
-    )
+    demo.add_argument("--domain", type=_whole(0, 232), help="ROS_DOMAIN_ID, to observe the graph (default: a free one)")
     demo.add_argument("--preset", choices=tuple(PRESETS), default=TUNED, help="controller (default: %(default)s)")
     demo.set_defaults(call=_demo)
 
+
+def _add_experiment(commands: Any) -> None:
     experiment = commands.add_parser("experiment", help="reproduce the paper's simulations A and B, figures 4 to 15")
-    experiment.add_argument("names", nargs="+", choices=("a", "b"), help="which")
+    experiment.add_argument("names", nargs="+", choices=("a", "b"), help="simulation A, B or both")
     experiment.add_argument("--runs", type=_whole(1, 10**6), default=100, help="of each start (default: %(default)s)")
-    experiment.add_argument("--seed", type=_whole(0, 2**63 - 1), default=1, help="seed of all noise")
+    experiment.add_argument("--seed", type=_whole(0, MAX_SEED), default=1, help="seed of all noise")
     experiment.add_argument("--out", type=Path, default=Path("out/experiment"), help="folder (default: %(default)s)")
     experiment.add_argument("--no-figures", dest="figures", action="store_false", help="results.json and table only")
     experiment.set_defaults(call=_experiment)
 
+
+def _add_campaign(commands: Any) -> None:
     campaign = commands.add_parser("campaign", help="Monte-Carlo runs over a grid of parameters")
     campaign.add_argument("file", type=Path, nargs="?", help="YAML file (docs/campaigns.md)")
     _add_flags(campaign, CampaignOptions)
     campaign.add_argument("--start", type=_yaml, help="e.g. '{box: {x: [-5, 5], y: [-5, 5], heading: [-3.14, 3.14]}}'")
     campaign.add_argument("--set", type=_setting, nargs="+", default=[], metavar="NAME=VALUE", help="for all cells")
     campaign.add_argument(
-        "--grid", type=_setting, nargs="+", default=[], metavar="NAME=[A,B]", help="one cell for each"
+        "--grid", type=_setting, nargs="+", default=[], metavar="NAME=[A,B]", help="one cell per combination"
     )
     campaign.add_argument("--out", type=Path, default=Path("out/campaign"), help="folder (default: %(default)s)")
-    campaign.add_argument("--workers", type=_whole(1, 1024), help="processes (default: one for each core)")
+    campaign.add_argument("--workers", type=_whole(1, 1024), help="processes (default: one per core)")
     campaign.add_argument(
         "--scheduler", metavar="ADDRESS", help="run on a dask.distributed cluster, e.g. tcp://host:8786"
     )
     campaign.set_defaults(call=_campaign)
 
-    stability = commands.add_parser("stability", help="where V decreases whatever the noise, and what runs show")
+
+def _add_stability(commands: Any) -> None:
+    stability = commands.add_parser("stability", help="where V decreases under bounded noise, and what runs show")
     stability.add_argument("--set", type=_setting, nargs="+", default=[], metavar="NAME=VALUE", help="gains, noise ...")
     stability.add_argument("--rho-max", type=float, default=12.0, help="size of the grid [m] (default: %(default)s)")
     stability.add_argument("--points", type=_whole(11, 401), default=81, help="along each axis (default: %(default)s)")
-    stability.add_argument("--runs", type=_whole(1, 10**7), default=100_000, help="to observe (default: %(default)s)")
-    stability.add_argument("--seed", type=_whole(0, 2**63 - 1), default=1, help="seed of their noise")
+    stability.add_argument("--runs", type=_whole(1, 10**7), default=100_000, help="simulated (default: %(default)s)")
+    stability.add_argument("--seed", type=_whole(0, MAX_SEED), default=1, help="seed of their noise")
     stability.add_argument("--out", type=Path, default=Path("out/stability"), help="folder (default: %(default)s)")
     stability.set_defaults(call=_stability)
-
-    _add_benchmark(commands)
-
-    node = commands.add_parser(
-        "run", help="run one node, as ros2 run does", description="Run one node in this process."
-    )
-    node.add_argument("node", choices=sorted(NODES))
-    node.add_argument("ros_args", nargs=argparse.REMAINDER, help="--ros-args ...")
-    node.set_defaults(call=_run_node)
-
-    replay = commands.add_parser("replay", help="republish a bag, as ros2 bag play does")
-    replay.add_argument("bag", type=Path, help="folder of the bag, or an .mcap file")
-    _add_flags(replay, ReplayConfig, without=("uri",))
-    replay.add_argument("--ros-args", dest="ros_args", nargs=argparse.REMAINDER, default=[], help="remappings ...")
-    replay.set_defaults(call=_replay)
-    return parser
 
 
 def _add_benchmark(commands: Any) -> None:
@@ -128,14 +116,31 @@ def _add_benchmark(commands: Any) -> None:
         type=_whole(1, 10**5),
         help="switching: of each start (default: 100); localization: of each case (default: 200)",
     )
-    benchmark.add_argument("--seed", type=_whole(0, 2**63 - 1), default=1, help="seed of all noise")
+    benchmark.add_argument("--seed", type=_whole(0, MAX_SEED), default=1, help="seed of all noise")
     benchmark.add_argument("--out", type=Path, help="folder (default: out/benchmark, out/localization)")
     benchmark.add_argument("--no-figures", dest="figures", action="store_false", help="results.json and table only")
     benchmark.set_defaults(call=_benchmark)
 
 
+def _add_run(commands: Any) -> None:
+    node = commands.add_parser(
+        "run", help="run one node, as ros2 run does", description="Run one node in this process."
+    )
+    node.add_argument("node", choices=sorted(NODES))
+    node.add_argument("ros_args", nargs=argparse.REMAINDER, help="--ros-args ...")
+    node.set_defaults(call=_run_node)
+
+
+def _add_replay(commands: Any) -> None:
+    replay = commands.add_parser("replay", help="republish a bag, as ros2 bag play does")
+    replay.add_argument("bag", type=Path, help="folder of the bag, or an .mcap file")
+    _add_flags(replay, ReplayConfig, without=("uri",))
+    replay.add_argument("--ros-args", dest="ros_args", nargs=argparse.REMAINDER, default=[], help="remappings ...")
+    replay.set_defaults(call=_replay)
+
+
 def _add_flags(parser: argparse.ArgumentParser, config_type: type[Any], without: tuple[str, ...] = ()) -> None:
-    """Make a flag of each parameter of a configuration; only flags that are given appear in the result."""
+    """Add a flag for each parameter of a configuration; flags that are not given are absent from the result."""
     for parameter in parameters_of(config_type):
         if parameter.name in without:
             continue
@@ -188,7 +193,7 @@ def _once(flag: str, settings: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _demo(options: argparse.Namespace) -> int:
-    from diffbot_lab.demo.command import DemoOptions, run_demo  # noqa: PLC0415 - nothing is imported that is not called
+    from diffbot_lab.demo.command import DemoOptions, run_demo  # noqa: PLC0415 - only the called command is imported
 
     return run_demo(
         DemoOptions(options.out, options.seed, options.real_time, options.overwrite, options.domain, options.preset)
@@ -235,8 +240,8 @@ def _run_node(options: argparse.Namespace) -> int:
 def _replay(options: argparse.Namespace) -> int:
     given = {name: value for name, value in vars(options).items() if name in to_dict(ReplayConfig())}
     given["uri"] = str(options.bag)
-    build(ReplayConfig, given)  # a bad value is refused here, in the words of the flag's name
-    # JSON is YAML, which is what ROS reads a value as.
+    build(ReplayConfig, given)  # refuses a bad value by the flag's name
+    # ROS parses values as YAML, of which JSON is a subset.
     arguments = [part for name, value in given.items() for part in ("-p", f"{name}:={json.dumps(value)}")]
     node = importlib.import_module(NODES["replay"])
     return int(node.main(["--ros-args", *arguments, *options.ros_args]))

@@ -1,8 +1,9 @@
-"""Figures of merit of a run, from its true poses."""
+"""Figures of merit of a run from its true poses, and quantiles over many runs."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -37,7 +38,7 @@ def goal_metrics(time: Array, poses: Array, goal: Pose, xy_tolerance: float, yaw
     Args:
         time: (n,) [s], increasing.
         poses: (n, 3) true poses [m, m, rad], in the frame of ``goal``.
-        goal: where it was to go.
+        goal: the goal pose.
         xy_tolerance: [m] for the settling time.
         yaw_tolerance: [rad] for the settling time.
 
@@ -72,3 +73,13 @@ def settling_time(time: Array, inside: NDArray[np.bool_]) -> float:
 def path_length(poses: Array) -> float:
     """Length [m] of the polygon through ``poses`` (n, 2 or more columns)."""
     return float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum()) if len(poses) > 1 else 0.0
+
+
+def quantiles(values: Array, levels: Mapping[str, float]) -> dict[str, float | None]:
+    """Return the quantile of ``values`` (n,) at each of the named levels in [0, 1], interpolated linearly.
+
+    Every quantile of no values is None.
+    """
+    if len(values) == 0:
+        return dict.fromkeys(levels)
+    return dict(zip(levels, np.quantile(values, tuple(levels.values())).tolist(), strict=True))

@@ -1,4 +1,4 @@
-"""Figures drawn with matplotlib without a screen: layout, colours, writing."""
+"""Layout, colours and writing of figures; matplotlib draws without a screen."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import matplotlib.pyplot as plt
 from diffbot_core.files import replacing
 
 BLUE, ORANGE, GREY, GREEN, RED = "#0072B2", "#E69F00", "#999999", "#009E73", "#D55E00"
-"""Colours that people with any colour vision tell apart (Okabe, Ito)."""
+"""Colours that are distinct with any colour vision (Okabe and Ito)."""
 
 
 def new_figure(rows: int, size: tuple[float, float], *, sharex: bool = True) -> tuple[Any, Any]:
@@ -43,7 +43,7 @@ def new_grid(
 
 
 def save(figure: Any, *paths: Path) -> None:
-    """Write a figure in one or more formats, each through a temporary name, so that no half a picture is ever seen."""
+    """Write and close a figure, in the format of each path's suffix; each file is replaced as a whole."""
     for path in paths:
         with replacing(path) as part:
             figure.savefig(part, format=path.suffix[1:])

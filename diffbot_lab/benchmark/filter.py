@@ -1,7 +1,7 @@
-"""The filter's variants in the same drives: ``diffbot benchmark localization``.
+"""The filter's variants on the same drives: ``diffbot benchmark localization``.
 
-Nothing steers: a law would hide what the filter does. Run i of each case and variant drives the same arc with the noise
-of (seed, i).
+The drives are open-loop, since feedback would hide the filter's errors. Run i of each case and variant drives the same
+arc with the noise of (seed, i).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from diffbot_control.filter.options import FILTERS, FilterConfig
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.files import output_folder, write_json
 from diffbot_lab.benchmark.filter_cases import DURATION, SCENARIOS, SKIPPED, Scenario, drive_of, name_of
-from diffbot_lab.benchmark.filter_report import judged, table
+from diffbot_lab.benchmark.filter_report import conclusions, table
 from diffbot_sim.compiled.batch import in_threads
 from diffbot_sim.compiled.jit import compile_kernel
 from diffbot_sim.compiled.open_loop import AWAY, OpenLoopCase, Tracking, drive
@@ -29,12 +29,12 @@ Array = NDArray[np.float64]
 COLUMNS = Tracking._fields
 HISTORY_COLUMNS = ("position", "heading", "sigma_xy", "sigma_theta")
 SIZE = 3
-"""numbers in a pose, and in a fix"""
+"""Dimension of a pose and of a fix."""
 FAULTY = next(one for one in SCENARIOS if one.name == "all")
 RATES_OF_FIGURE = (10, 5)
 RUN_OF_FIGURE = 0
 _CHUNK = 16
-"""Runs that a thread takes at a time."""
+"""Runs per call of a thread."""
 
 
 def _fill(case: OpenLoopCase, seed: int, first: int, trackings: Any, histories: Any) -> None:
@@ -49,13 +49,13 @@ _kernel = compile_kernel(_fill)
 
 
 def run_drives(case: OpenLoopCase, seed: int, runs: int, threads: int | None = None) -> Array:
-    """Do the runs 0 to ``runs - 1``, in ``threads`` at a time; None for one on each core.
+    """Simulate the runs 0 to ``runs - 1`` on ``threads`` threads; None for one per core.
 
     Returns:
         (runs, 11), a row per run, columns as COLUMNS; the same for any number of threads.
     """
     trackings: Array = np.empty((runs, len(COLUMNS)))
-    histories: Array = np.empty((runs, 0, len(HISTORY_COLUMNS)))  # none
+    histories: Array = np.empty((runs, 0, len(HISTORY_COLUMNS)))  # not recorded
     parts = []
     for at in range(0, runs, _CHUNK):
         rows = slice(at, at + _CHUNK)
@@ -65,7 +65,7 @@ def run_drives(case: OpenLoopCase, seed: int, runs: int, threads: int | None = N
 
 
 def run_history(case: OpenLoopCase, seed: int, run: int) -> Array:
-    """Do one run and return its history (steps + 1, 4), columns as HISTORY_COLUMNS [m, rad, m, rad]."""
+    """Simulate one run and return its history (steps + 1, 4), columns as HISTORY_COLUMNS [m, rad, m, rad]."""
     histories: Array = np.empty((1, case.steps + 1, len(HISTORY_COLUMNS)))
     _kernel(case, seed, run, np.empty((1, len(COLUMNS))), histories)
     history: Array = histories[0]
@@ -78,7 +78,7 @@ def figures_of(trackings: Array) -> dict[str, Any]:
     runs = len(trackings)
     innovations = column["innovations"]
     counted = float(innovations.sum())
-    # Whole steps: 28 of 0.1 s are 2.8 s, and not a rounding more.
+    # Whole steps: 28 of 0.1 s are 2.8 s, without the rounding error of the product.
     back = np.round(column["back"][~np.isnan(column["back"])], 9)
     return {
         "runs": runs,
@@ -101,7 +101,7 @@ def figures_of(trackings: Array) -> dict[str, Any]:
 
 
 def _pooled(errors: Array) -> dict[str, float]:
-    """Of each run's RMSE: over all runs together (they are equally long), median and 95 %."""
+    """Pool the RMSE of runs of equal length: RMSE over all of them, median and 95 % of the runs."""
     return {
         "rmse": math.sqrt(float((errors**2).mean())),
         "median": float(np.median(errors)),
@@ -110,7 +110,7 @@ def _pooled(errors: Array) -> dict[str, float]:
 
 
 def _bound(share: float, samples: float) -> float | None:
-    """Quantile of the mean of so many chi-square samples of SIZE degrees of freedom each; null for no samples."""
+    """Quantile of the mean of ``samples`` chi-square variables with SIZE degrees of freedom; None for no samples."""
     dof = SIZE * samples
     return float(chdtri(dof, 1.0 - share) / samples) if samples else None
 
@@ -121,10 +121,10 @@ def _share_inside(nis: Array, innovations: Array) -> float:
 
 
 def run_benchmark(runs: int, seed: int, threads: int | None = None) -> dict[str, Any]:
-    """Do all runs of all cases, with a progress bar on a terminal, and return what results.json holds.
+    """Execute all runs of all cases, with a progress bar on a terminal; return the content of results.json.
 
     Raises:
-        InvalidValueError: for less than one run.
+        InvalidValueError: for fewer than one run.
     """
     if runs < 1:
         raise InvalidValueError("runs", runs, ">= 1")
@@ -147,7 +147,7 @@ def run_benchmark(runs: int, seed: int, threads: int | None = None) -> dict[str,
         "default_filter": FilterConfig().filter,
         "cases": cases,
     }
-    return results | judged(results)
+    return results | conclusions(results)
 
 
 def _described(scenario: Scenario, odometry_rate: int, fix_rate: int) -> dict[str, Any]:
@@ -179,7 +179,7 @@ def run_and_report(runs: int, seed: int, folder: Path, figures: bool) -> int:
 
 def draw(results: dict[str, Any], path: Path) -> None:
     """Draw one faulty run of each variant, and the errors of all cases."""
-    # Without a figure matplotlib need not be loaded.
+    # Loads matplotlib.
     from diffbot_lab.benchmark.filter_figure import draw_localization  # noqa: PLC0415
 
     odometry_rate, fix_rate = RATES_OF_FIGURE

@@ -1,4 +1,4 @@
-"""What the filters are compared in: rates, wrong models, faults, further sensors."""
+"""Cases of the filter's benchmark: rates, wrong models, faults, further sensors."""
 
 from __future__ import annotations
 
@@ -19,25 +19,25 @@ Array = NDArray[np.float64]
 DURATION = 60.0
 """[s] of a run"""
 SKIPPED = 10.0
-"""[s] at its start that do not count"""
+"""[s] at the start of a run that are not evaluated"""
 RATES = ((10, 1), (10, 5), (50, 10))
 """[Hz] of odometry and fixes"""
 SLIP_START, SLIP_DURATION = 20.0, 3.0
 """[s]"""
 LANDMARKS: Array = np.array(((-5.0, 5.0), (5.0, 5.0)))
-"""[m] of the case that sees some, in the order in which the filter of the nodes takes them"""
-NOWHERE: Array = np.empty((0, 2))
+"""[m] in the order in which the node's filter applies them"""
+NO_LANDMARKS: Array = np.empty((0, 2))
 
 
 class Scenario(NamedTuple):
-    """What is wrong, at any rates."""
+    """One deviation from the nominal case, at several rates."""
 
     name: str
     section: str
     text: str
     plant: PlantConfig = PlantConfig()
     sensors: SensorConfig = SensorConfig()
-    landmarks: Array = NOWHERE
+    landmarks: Array = NO_LANDMARKS
     rates: tuple[tuple[int, int], ...] = RATES
 
 

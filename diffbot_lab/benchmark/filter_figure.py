@@ -30,12 +30,12 @@ _LABELS = {
 
 
 def draw_localization(results: dict[str, Any], histories: dict[str, Array], t_s: float, path: Path) -> None:
-    """Draw position errors over time with three deviations of each filter, and its RMSE in each case.
+    """Draw position errors over time with three standard deviations of each filter, and its RMSE in each case.
 
     Args:
         results: of the benchmark.
         histories: (steps + 1, 4) of one faulty run of each of FILTERS, columns position error, heading error and the
-            deviations the filter gives for them [m, rad, m, rad].
+            standard deviations that the filter reports [m, rad, m, rad].
         t_s: sampling time of these runs [s].
         path: of the PNG.
 
@@ -82,5 +82,5 @@ def _draw_bars(axes: Any, results: dict[str, Any], rates: tuple[int, int]) -> No
     axes.set_yscale("log")
     axes.set_ylim(0.01, 2.0)
     axes.set_xticks(places, [_LABELS[one["scenario"]] for one in cases], fontsize="x-small")
-    told = f"odometry {rates[0]} Hz, fixes {rates[1]} Hz"
-    axes.text(0.02, 0.95, told, transform=axes.transAxes, verticalalignment="top")
+    text = f"odometry {rates[0]} Hz, fixes {rates[1]} Hz"
+    axes.text(0.02, 0.95, text, transform=axes.transAxes, verticalalignment="top")

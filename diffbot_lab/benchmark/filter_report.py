@@ -1,4 +1,4 @@
-"""What the results of the filter's benchmark say: targets met or not, and tables."""
+"""Conclusions of the filter's benchmark: targets and tables."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 from diffbot_control.filter.options import EKF, FNN
 from diffbot_lab.benchmark.filter_cases import RATES, SECTIONS, name_of
-from diffbot_lab.benchmark.targets import Target, described, number, summary, target_table
+from diffbot_lab.benchmark.targets import Target, evaluate_targets, markdown_table, number, summary, target_table
 
 Results = dict[str, Any]
 
@@ -16,11 +16,11 @@ _RADIUS = (0.115, 0.058, 0.040)
 """[m], [rad], [m] at each of RATES"""
 _FAULTS_AT = RATES[1]
 _ADAPTED = 1.05
-"""With a wrong R the adaptive filter may be so many times as wrong as the plain one with the right R."""
+"""Largest ratio of the adaptive filter's error with a wrong R to the plain filter's with the right one."""
 
 
 def targets(results: Results) -> list[Target]:
-    """Hold the figures against what this project wants of its filter."""
+    """Pair each promised figure of this project's filter with its bound."""
     default = results["default_filter"]
     cases = {one["name"]: one["filters"] for one in results["cases"]}
     return [
@@ -89,9 +89,9 @@ def _consistency(cases: Results, default: str) -> list[Target]:
     return found
 
 
-def judged(results: Results) -> Results:
-    """Return what is concluded from the figures, for results.json."""
-    return {"targets": described(targets(results))}
+def conclusions(results: Results) -> Results:
+    """Return what follows from the figures, for results.json."""
+    return {"targets": evaluate_targets(targets(results))}
 
 
 def table(results: Results) -> str:
@@ -133,22 +133,22 @@ def page_part(results: Results) -> str:
 
 def _section_table(cases: list[Results]) -> list[str]:
     kidnapped = any(one["back_max"] is not None for case in cases for one in case["filters"].values())
-    back = ["back [s]: median", "max"] if kidnapped else []
     head = ["Hz", "filter", "\\|position\\| [m]: RMSE", "a run's: median", "95 %", "largest"]
-    head += ["\\|theta\\| [rad]: RMSE", "a run's: median", "95 %", "lost", *back]
+    head += ["\\|theta\\| [rad]: RMSE", "a run's: median", "95 %", "lost"]
+    head += ["back [s]: median", "max"] if kidnapped else []
     head += ["NIS (95 % bounds)", "runs inside", "NEES (95 % bounds)", "rejected", "relocations"]
-    lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
-    told = ""
+    rows = []
+    text = ""
     for case in cases:
-        if case["text"] != told:
-            told = case["text"]
-            lines.append(f"| | *{told}* " + "| " * (len(head) - 2) + "|")
+        if case["text"] != text:  # the cases of one scenario follow each other
+            text = case["text"]
+            rows.append(["", f"*{text}*", *[""] * (len(head) - 2)])
         rates = f"{case['odometry_rate']}/{case['fix_rate']}"
-        lines += [_page_row(rates, name, one, kidnapped) for name, one in case["filters"].items()]
-    return lines
+        rows += [_page_row(rates, name, one, kidnapped) for name, one in case["filters"].items()]
+    return markdown_table(head, rows)
 
 
-def _page_row(rates: str, name: str, one: Results, kidnapped: bool) -> str:
+def _page_row(rates: str, name: str, one: Results, kidnapped: bool) -> list[str]:
     position, heading = one["position"], one["heading"]
     cells = [rates, f"`{name}`"]
     cells += [number(position[key]) for key in ("rmse", "median", "p95")] + [number(one["largest"], 2)]
@@ -157,8 +157,7 @@ def _page_row(rates: str, name: str, one: Results, kidnapped: bool) -> str:
         cells += [number(one["back_median"], 1), number(one["back_max"], 1)]
     inside = one["nis_inside"]
     cells += [_bounded(one, "nis"), "-" if inside is None else f"{100.0 * inside:.0f} %", _bounded(one, "nees")]
-    cells += [f"{100.0 * one['rejected']:.2f} %", number(one["relocations"], 2)]
-    return f"| {' | '.join(cells)} |"
+    return [*cells, f"{100.0 * one['rejected']:.2f} %", number(one["relocations"], 2)]
 
 
 def _bounded(one: Results, name: str) -> str:

@@ -1,7 +1,7 @@
-"""Laws in one arena: ``diffbot benchmark switching``.
+"""The law and its peers under equal conditions: ``diffbot benchmark switching``.
 
-Every law starts where the others start and meets the same noise: run i of each has the noise of (seed, i). The filter
-is in the loop.
+Every law has the same starts and the same noise: run i of each has the noise of (seed, i). The laws receive the
+filter's estimate.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ from diffbot_lab.benchmark.law_cases import (
     arena_starts,
     case_of,
 )
-from diffbot_lab.benchmark.law_report import judged, table
-from diffbot_lab.metrics import goal_metrics
-from diffbot_lab.paper.experiment import GOAL
+from diffbot_lab.benchmark.law_report import conclusions, table
+from diffbot_lab.metrics import goal_metrics, quantiles
+from diffbot_lab.paper.scenarios import GOAL
 from diffbot_sim.compiled.batch import COLUMNS, HISTORY_COLUMNS, Starts, run_batch, run_histories
 from diffbot_sim.compiled.peer_laws import OURS
 from diffbot_sim.model.simulator import StartPose, WorldConfig
@@ -47,7 +47,7 @@ Array = NDArray[np.float64]
 FAR, NEAR = 15.0, 1.0
 """[m] radii of the random starts"""
 DELAY_SHARE = 25
-"""one in so many runs of each start is done with late fixes: the uncompiled loop does them"""
+"""One in this many runs is simulated with late fixes, which need the slower uncompiled loop."""
 RUNS_OF_FIGURE = 12
 START_OF_FIGURE = 10
 """(0, 12 m), heading 220 deg"""
@@ -62,7 +62,7 @@ def figures_of(outcomes: Array, distances: Array) -> dict[str, Any]:
     """
     column = {name: outcomes[:, index] for index, name in enumerate(COLUMNS)}
     settled = np.isfinite(column["settling_time"])
-    # Whole steps: 117 of 0.1 s are 11.7 s, and not a rounding more.
+    # Whole steps: 117 of 0.1 s are 11.7 s, without the rounding error of the product.
     time = np.round(column["settling_time"][settled], 9)
     bound = distances[settled] / V_MAX
     return {
@@ -82,11 +82,8 @@ def figures_of(outcomes: Array, distances: Array) -> dict[str, Any]:
 
 
 def _spread(values: Array) -> dict[str, float | None]:
-    """Median, 95 %, 99 % and maximum; null if there are no values."""
-    names = ("median", "p95", "p99", "max")
-    if len(values) == 0:
-        return dict.fromkeys(names)
-    return dict(zip(names, np.quantile(values, (0.5, 0.95, 0.99, 1.0)).tolist(), strict=True))
+    """Median, 95 %, 99 % and maximum; None if there are no values."""
+    return quantiles(values, {"median": 0.5, "p95": 0.95, "p99": 0.99, "max": 1.0})
 
 
 def still_moving(histories: Array, sampling_time: float) -> int:
@@ -97,17 +94,17 @@ def still_moving(histories: Array, sampling_time: float) -> int:
 
 
 def run_benchmark(runs: int, seed: int) -> tuple[dict[str, Any], dict[str, Array]]:
-    """Do all runs, with a progress bar on a terminal.
+    """Execute all runs, with a progress bar on a terminal.
 
     Args:
         runs: of each start; ten times as many of each random case.
         seed: of all noise.
 
     Returns:
-        What results.json holds, and the outcomes of each law by its name.
+        The content of results.json, and the outcomes of each law by its name.
 
     Raises:
-        InvalidValueError: for less than one run.
+        InvalidValueError: for fewer than one run.
     """
     if runs < 1:
         raise InvalidValueError("runs", runs, ">= 1")
@@ -134,7 +131,7 @@ def run_benchmark(runs: int, seed: int) -> tuple[dict[str, Any], dict[str, Array
         "laws": laws,
         "challenges": challenges,
     }
-    return results | judged(results), outcomes
+    return results | conclusions(results), outcomes
 
 
 def _arena_figures(outcomes: Array, starts: Array) -> dict[str, Any]:
@@ -160,7 +157,7 @@ def _challenges(runs: int, seed: int, starts: Array) -> Iterator[tuple[str, dict
 
 
 def _random(challenge: Challenge, radius: float, runs: int, seed: int) -> dict[str, Any]:
-    """Run from places spread evenly over a disc about goals spread over 20 m x 20 m; each run has its own of both."""
+    """Simulate runs that start uniformly in a disc about a goal of their own, uniform in a 20 m x 20 m square."""
     rng = np.random.default_rng((seed, round(1000.0 * radius)))
     distances = radius * np.sqrt(rng.random(runs))
     bearings, headings, turns = rng.uniform(-math.pi, math.pi, (3, runs))
@@ -176,7 +173,7 @@ def _random(challenge: Challenge, radius: float, runs: int, seed: int) -> dict[s
 
 
 def _delayed(start: Array, seed: int, run: int) -> Array:
-    """Do one run with late fixes, which need the filter's history: the loop that is not compiled has it."""
+    """Simulate one run with late fixes in the uncompiled loop, whose filter keeps a history."""
     world = WorldConfig(DELAYED.plant, DELAYED.sensors, StartPose(*start.tolist()), seed, run)
     steps = round(DURATION / DELAYED.plant.sampling_time)
     config = LocalizationConfig(filter=FilterConfig(filter=DELAYED.filter))
@@ -185,7 +182,7 @@ def _delayed(start: Array, seed: int, run: int) -> Array:
 
 
 def _outcome(recording: Recording, t_s: float) -> Array:
-    """Return the row of batch.COLUMNS that a recorded run makes."""
+    """Return a recorded run as a row of batch.COLUMNS."""
     metrics = goal_metrics(recording.time, recording.truth, GOAL, XY_TOLERANCE, YAW_TOLERANCE)
     effort = float((recording.command[:-1] ** 2).sum()) * t_s
     switches = float(np.count_nonzero(np.diff(recording.region, prepend=0)))
@@ -196,7 +193,7 @@ def _outcome(recording: Recording, t_s: float) -> Array:
 
 
 def paths_of(law: Law, seed: int) -> Array:
-    """Return some paths (runs, steps + 1, 8) from the start that the figure shows."""
+    """Return histories (RUNS_OF_FIGURE, steps + 1, 8) from the start that the figure shows."""
     starts = Starts(arena_starts()[START_OF_FIGURE : START_OF_FIGURE + 1])
     return run_histories(case_of(law), starts, seed, 0, RUNS_OF_FIGURE)
 
@@ -218,8 +215,8 @@ def run_and_report(runs: int, seed: int, folder: Path, figures: bool) -> int:
 
 
 def draw(outcomes: dict[str, Array], seed: int, path: Path) -> None:
-    """Draw the paths of each law from one start, and how its runs are distributed."""
-    # Without a figure matplotlib need not be loaded.
+    """Draw the paths of each law from one start, and the distributions over all its runs."""
+    # Loads matplotlib.
     from diffbot_lab.benchmark.law_figure import Sheet, draw_benchmark  # noqa: PLC0415
 
     sheets = [Sheet(law.name, law.label, outcomes[law.name], paths_of(law, seed)[:, :, :3]) for law in LAWS]

@@ -1,4 +1,4 @@
-"""What is compared in the benchmark: laws, starts, and harder cases for this project's own law."""
+"""What the benchmark of the law compares: laws, starts, and harder cases for this project's own law."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from diffbot_control.filter.options import CALIBRATING, FilterConfig, options_of
-from diffbot_control.filter.options import EKF as EKF_PLAIN
+from diffbot_control.filter.options import CALIBRATING, EKF, FilterConfig
 from diffbot_control.law.controller import ControllerConfig
 from diffbot_control.law.goal_checker import GoalTolerance
 from diffbot_control.law.presets import PAPER, PAPER_COVARIANCE, PRESETS, TUNED
 from diffbot_core.geometry import Pose
-from diffbot_lab.paper.experiment import GOAL, HEADINGS_B, starts_of
+from diffbot_lab.cases import Configuration, make_case
+from diffbot_lab.paper.scenarios import GOAL, HEADINGS_B, starts_of
 from diffbot_sim.compiled import peer_laws as peers
-from diffbot_sim.compiled.closed_loop import EKF, Case
+from diffbot_sim.compiled.closed_loop import Case
 from diffbot_sim.model.plant import PlantConfig
 from diffbot_sim.model.sensors import SensorConfig
 
@@ -24,9 +24,9 @@ Array = NDArray[np.float64]
 DURATION = 60.0
 """[s] of a run"""
 XY_TOLERANCE, YAW_TOLERANCE = 0.1, 0.1
-"""[m], [rad] that a run has to end and stay inside"""
+"""[m], [rad] within which a run has to end"""
 V_MAX = 1.3
-"""[m/s] bound of |v| for all; the straight-line bound of the time is distance / V_MAX"""
+"""[m/s] bound of |v| for every law; no run takes less than distance / V_MAX"""
 
 
 class Law(NamedTuple):
@@ -49,7 +49,7 @@ class Challenge(NamedTuple):
     plant: PlantConfig = PlantConfig()
     sensors: SensorConfig = SensorConfig()
     xy_tolerance: float = XY_TOLERANCE
-    filter: str = EKF_PLAIN
+    filter: str = EKF
 
 
 TUNED_CONTROLLER = PRESETS[TUNED]
@@ -179,18 +179,9 @@ def arena_starts() -> Array:
 
 
 def case_of(one: Law | Challenge, goal: Pose = GOAL) -> Case:
-    """Return what all runs of a law or challenge share."""
-    plant = PlantConfig() if isinstance(one, Law) else one.plant
-    return Case(
-        plant,
-        SensorConfig() if isinstance(one, Law) else one.sensors,
-        one.controller,
-        goal,
-        EKF,
-        False,
-        round(DURATION / plant.sampling_time),
-        XY_TOLERANCE if isinstance(one, Law) else one.xy_tolerance,
-        YAW_TOLERANCE,
-        filter=options_of(FilterConfig(filter=EKF_PLAIN if isinstance(one, Law) else one.filter)),
-        peer=one.peer if isinstance(one, Law) else peers.OURS,
-    )
+    """Return what all runs of a law or challenge share; laws are compared in the default case."""
+    if isinstance(one, Law):
+        shared = Configuration(controller=one.controller, filter=FilterConfig(filter=EKF))
+        return make_case(shared, DURATION, goal=goal, tolerance=(XY_TOLERANCE, YAW_TOLERANCE), peer=one.peer)
+    harder = Configuration(one.plant, one.sensors, one.controller, FilterConfig(filter=one.filter))
+    return make_case(harder, DURATION, goal=goal, tolerance=(one.xy_tolerance, YAW_TOLERANCE))

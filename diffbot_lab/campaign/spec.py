@@ -13,21 +13,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from diffbot_control.filter.options import FilterConfig, options_of
-from diffbot_control.law.controller import ControllerConfig
-from diffbot_control.law.presets import PAPER, PRESETS
 from diffbot_core.code_hash import hash_of_code, hash_of_values
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.geometry import Pose
-from diffbot_core.schema import build, parameters_of, refuse_replaced, to_dict
+from diffbot_core.schema import build, to_dict
 from diffbot_lab.campaign.options import CampaignOptions, is_number, load_yaml, triple
-from diffbot_sim.compiled.batch import FEEDBACK_CODES, Starts, check_case
+from diffbot_lab.cases import configure, make_case
+from diffbot_sim.compiled.batch import Starts, check_case
 from diffbot_sim.compiled.closed_loop import Case
 from diffbot_sim.compiled.jit import LIBRARIES, PACKAGES
-from diffbot_sim.model.plant import PlantConfig
-from diffbot_sim.model.sensors import SensorConfig
 
-_PARTS: tuple[type[Any], ...] = (PlantConfig, SensorConfig, ControllerConfig, FilterConfig)
 _CELLS_MOST = 10_000
 _LISTS = ("start", "grid", "set")
 
@@ -124,44 +119,10 @@ def make_campaign(content: Mapping[str, Any]) -> Campaign:
 
 
 def _cell(options: CampaignOptions, fixed: Mapping[str, Any], point: dict[str, Any]) -> Cell:
-    plant, sensors, controller, filter_config = configure({**fixed, **point})
-    case = Case(
-        plant,
-        sensors,
-        controller,
-        Pose(*options.goal),
-        FEEDBACK_CODES[options.feedback],
-        False,
-        max(1, round(options.duration / plant.sampling_time)),
-        controller.tolerance.xy_goal_tolerance,
-        controller.tolerance.yaw_goal_tolerance,
-        filter=options_of(filter_config),
+    case = make_case(
+        configure({**fixed, **point}), options.duration, feedback=options.feedback, goal=Pose(*options.goal)
     )
     return Cell(point, case)
-
-
-def configure(values: Mapping[str, Any]) -> tuple[PlantConfig, SensorConfig, ControllerConfig, FilterConfig]:
-    """Give each value to the configurations that know its name; ``wheel_radius`` is the plant's and the controller's.
-
-    Raises:
-        InvalidValueError: for a name that none of them knows, or a value that is not allowed.
-    """
-    values = dict(values)
-    preset = values.pop("preset", PAPER)
-    if preset not in PRESETS:
-        raise InvalidValueError("preset", preset, "one of " + ", ".join(PRESETS))
-    for part in _PARTS:
-        refuse_replaced(part, values)
-    names = [{parameter.name for parameter in parameters_of(part)} for part in _PARTS]
-    for name, value in values.items():
-        if not any(name in own for own in names):
-            raise InvalidValueError(name, value, f"a parameter: {', '.join(sorted(set().union(*names)))}")
-    bases = {ControllerConfig: PRESETS[preset]}
-    built = [
-        build(part, {name: value for name, value in values.items() if name in own}, bases.get(part))
-        for part, own in zip(_PARTS, names, strict=True)
-    ]
-    return built[0], built[1], built[2], built[3]
 
 
 def _starts(start: Any) -> Starts:

@@ -1,4 +1,4 @@
-"""``diffbot demo``: the whole graph as separate processes, recorded, and judged by the bag's ground truth."""
+"""``diffbot demo``: run the graph as separate processes, record it, and evaluate the bag's ground truth."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from diffbot_lab.demo.processes import NodeProcesses, PrivateDomain, wait_until
 from diffbot_lab.demo.run_record import GoalResult, RunRecord, evaluate, read_run
 
 GOALS = (Pose(0.0, 0.0, 0.0), Pose(3.0, 2.0, math.pi / 2), Pose(1.0, -2.0, math.pi))
-"""The paper's scenario A, then two goals away from the origin; the last one lies behind the robot."""
+"""The goal of the paper's simulation A, then two others; the last one lies behind the robot."""
 RECORDED_TOPICS = (
     "cmd_vel",
     "controller/navigation",
@@ -51,17 +51,17 @@ class DemoOptions(NamedTuple):
     domain: int | None = None
     """ROS_DOMAIN_ID; None: a private one"""
     preset: str = TUNED
-    """of the controller; its tolerances are what the demo is judged by"""
+    """of the controller; the end poses must be within its tolerances"""
 
 
 def run_demo(options: DemoOptions) -> int:
-    """Run it; print the table; write bag, summary.json and path.png into ``options.out``.
+    """Run the demonstration, print a table, and write bag, summary.json and path.png to ``options.out``.
 
     Returns:
-        0, or 1 with a reason printed if a goal was not reached or the true end poses are not within the tolerances.
+        0, or 1 after printing the reason if a true end pose is not within the tolerances.
 
     Raises:
-        DiffbotError: if the output folder is in use or a node does not run.
+        DiffbotError: if the output folder is in use or a node fails.
     """
     folder = _output_folder(options)
     began = time.monotonic()
@@ -78,11 +78,7 @@ def run_demo(options: DemoOptions) -> int:
     reason = _reason(results, *_tolerances(options))
     wall = time.monotonic() - began
     _write_summary(folder, options, record, results, reason, wall)
-    draw_run(
-        record,
-        f"diffbot demo: preset {options.preset}, EKF in the loop",
-        folder / "path.png",
-    )
+    draw_run(record, f"diffbot demo: preset {options.preset}, EKF in the loop", folder / "path.png")
     print(_table(results))
     simulated = float(record.truth[-1, 0])
     print(f"{record.messages} messages recorded, {record.lost} lost; {simulated:.1f} s simulated in {wall:.1f} s")
@@ -121,12 +117,12 @@ def _make_room_for_bag(bag: Path, overwrite: bool) -> None:
     if not bag.is_dir() or (not (bag / "metadata.yaml").is_file() and any(bag.iterdir())):
         raise DiffbotError(f"{bag} exists and is no bag: not replaced")
     shutil.rmtree(bag)
-    for result in ("summary.json", "path.png"):  # they would tell of another run if this one is interrupted
+    for result in ("summary.json", "path.png"):  # of the old run: misleading if the new one is interrupted
         (bag.parent / result).unlink(missing_ok=True)
 
 
 def _drive(options: DemoOptions, folder: Path, domain: int) -> None:
-    """Run the graph until the demo node is through."""
+    """Run the graph until the demo node ends."""
     simulated = {"use_sim_time": not options.real_time}
     goals = [float(number) for goal in GOALS for number in goal]
     with NodeProcesses(domain, folder / "log") as nodes:
@@ -150,32 +146,28 @@ def _drive(options: DemoOptions, folder: Path, domain: int) -> None:
             stdout=subprocess.PIPE,
         )
         _follow(demo, nodes)
-        # The recorder hears the last words of the others.
+        # The recorder stops last: it records the final messages of the others.
         for name in ("controller", "ekf", "plant", "recorder"):
             status = nodes.stop(name)
             if status != 0:
-                raise DiffbotError(f"{name} ended with status {status}: {nodes.last_words(name)}")
+                raise DiffbotError(f"{name} ended with status {status}: {nodes.last_log_line(name)}")
 
 
 def _follow(demo: subprocess.Popen[str], nodes: NodeProcesses) -> None:
     """Show the demo node's progress until it ends."""
-    news: dict[str, Any] = {"phase": "starting", "progress": 0.0, "missing": []}
-    reader = threading.Thread(target=_read_news, args=(demo, news), daemon=True)
+    progress: dict[str, Any] = {"phase": "starting", "progress": 0.0, "missing": []}
+    reader = threading.Thread(target=_read_progress, args=(demo, progress), daemon=True)
     reader.start()
     ready_by = time.monotonic() + _READY_TIMEOUT
     with tqdm(total=100.0, desc="starting", bar_format=_BAR, disable=None) as bar:
 
         def ended() -> bool:
-            bar.set_description_str(news["phase"], refresh=False)
-            bar.n = 100.0 * news["progress"]
+            bar.set_description_str(progress["phase"], refresh=False)
+            bar.n = 100.0 * progress["progress"]
             bar.refresh()
-            waiting = news["phase"] in (
-                "starting",
-                "waiting for the graph",
-                "waiting for the controller",
-            )
+            waiting = progress["phase"] in ("starting", "waiting for the graph", "waiting for the controller")
             if waiting and time.monotonic() > ready_by:
-                missing = ", ".join(news["missing"]) or "nothing named"
+                missing = ", ".join(progress["missing"]) or "nothing named"
                 raise DiffbotError(f"the graph was not ready after {_READY_TIMEOUT:.0f} s; not recorded yet: {missing}")
             failure = nodes.failed()
             if failure and demo.poll() is None:
@@ -185,17 +177,17 @@ def _follow(demo: subprocess.Popen[str], nodes: NodeProcesses) -> None:
         wait_until(ended, math.inf, poll=0.1)
         reader.join(timeout=5.0)
         ended()
-    if demo.returncode not in (0, 2):  # 2: a goal was given up, which the table will show
-        raise DiffbotError(f"the demo node ended with status {demo.returncode}: {nodes.last_words('demo')}")
+    if demo.returncode not in (0, 2):  # 2: a goal was not reached; the table shows it
+        raise DiffbotError(f"the demo node ended with status {demo.returncode}: {nodes.last_log_line('demo')}")
 
 
-def _read_news(demo: subprocess.Popen[str], news: dict[str, Any]) -> None:
+def _read_progress(demo: subprocess.Popen[str], progress: dict[str, Any]) -> None:
     for line in demo.stdout or ():
-        news.update(json.loads(line))
+        progress.update(json.loads(line))
 
 
 def _reason(results: list[GoalResult], xy: float, yaw: float) -> str:
-    """Say why the demo failed; empty if it did not."""
+    """Return why the demonstration failed; empty if it did not."""
     if len(results) < len(GOALS):
         return f"only {len(results)} of {len(GOALS)} goals were driven to"
     for number, result in enumerate(results, 1):
@@ -221,7 +213,7 @@ def _table(results: list[GoalResult]) -> str:
             f"{place:<24}{x:>18.4f}{y:>8.4f}{theta:>15.4f}{metrics.position_error:>11.4f}"
             f"{metrics.settling_time:>13.1f}{metrics.path_length:>10.2f}{metrics.direct_distance:>12.2f}"
         )
-    rows.append("(final poses in each goal's frame: 0, 0, 0 is perfect)")
+    rows.append("(final poses in each goal's frame; 0, 0, 0 is exact)")
     return "\n".join(rows)
 
 
@@ -250,7 +242,6 @@ def _write_summary(
                 "final_in_goal_frame": result.metrics.final._asdict(),
                 "position_error": result.metrics.position_error,
                 "heading_error": result.metrics.heading_error,
-                # JSON has no nan
                 "settling_time": None if math.isnan(result.metrics.settling_time) else result.metrics.settling_time,
                 "path_length": result.metrics.path_length,
                 "direct_distance": result.metrics.direct_distance,

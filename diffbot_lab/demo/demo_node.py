@@ -1,4 +1,4 @@
-"""The node ``demo``: waits for the graph, starts the plant, sends the goals; tells its progress as JSON on stdout."""
+"""The node ``demo``: waits for the graph, starts the plant, sends the goals, prints its progress as JSON lines."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from diffbot_core.geometry import Pose
 from diffbot_core.ros.node import LATCHED, QUEUE, DiffbotNode, run
 from diffbot_core.units import NS_PER_S
 from diffbot_lab.demo.mission import Mission
-from diffbot_sim.ros.parameters import DemoNodeConfig
+from diffbot_lab.demo.parameters import DemoNodeConfig
 
 _PERIOD = 0.05
 _READY_TICKS = 10
-"""Ticks in a row that find the graph ready: what one side of a connection knows the other learns a little later."""
+"""Consecutive ticks with a ready graph: the two ends of a connection discover each other at different times."""
 
 
 class DemoNode(DiffbotNode[DemoNodeConfig]):
-    """Sends the first goal before the plant's first step, so that a lock-step run repeats itself up to the second."""
+    """Sends the goals, the first before the plant's first step: up to the second, a lock-step run is repeatable."""
 
     def __init__(self, **node_options: Any) -> None:
-        """Create the subscriptions and begin to wait."""
+        """Create publisher, subscriptions and client, and wait for the graph."""
         super().__init__("demo", DemoNodeConfig, **node_options)
         config = self.config
         triples = zip(*[iter(config.goals)] * 3, strict=True)
@@ -39,7 +39,7 @@ class DemoNode(DiffbotNode[DemoNodeConfig]):
         self._now = 0.0
         self._recorded: set[str] = set()
         self._controller_state = ""
-        self._ekf_heard = False
+        self._ekf_received = False
         self._ready_ticks = 0
         self._phase = "waiting for the graph"
         self._goals = self.create_publisher(PoseStamped, "goal_pose", QUEUE)
@@ -48,14 +48,14 @@ class DemoNode(DiffbotNode[DemoNodeConfig]):
         self.subscribe(DiagnosticStatus, "ekf/status", self._on_ekf, LATCHED)
         self.subscribe(Float64MultiArray, "controller/navigation", self._on_navigation)
         self._pause = self.create_client(SetBool, "plant/pause")
-        self._tell()
+        self._report_progress()
         self.create_timer(_PERIOD, self._on_tick, clock=self.steady_clock)
 
     def _on_recorder(self, message: DiagnosticStatus) -> None:
         self._recorded = set(_values(message).get("topics", "").split())
 
     def _on_ekf(self, _message: DiagnosticStatus) -> None:
-        self._ekf_heard = True
+        self._ekf_received = True
 
     def _on_controller(self, message: DiagnosticStatus) -> None:
         self._controller_state = message.message
@@ -77,13 +77,13 @@ class DemoNode(DiffbotNode[DemoNodeConfig]):
         elif self._phase == "waiting for the controller" and self._controller_state == "waiting for pose":
             self._set_paused(False)
             self._phase = "driving"
-        self._tell()
+        self._report_progress()
 
     def _graph_is_ready(self) -> bool:
-        wanted = {self.resolve_topic_name(topic) for topic in self.config.recorded_topics}
+        required = {self.resolve_topic_name(topic) for topic in self.config.recorded_topics}
         return bool(
-            wanted <= self._recorded
-            and self._ekf_heard
+            required <= self._recorded
+            and self._ekf_received
             and self._controller_state
             and self._goals.get_subscription_count() >= 1
             and self._pause.service_is_ready()
@@ -99,10 +99,10 @@ class DemoNode(DiffbotNode[DemoNodeConfig]):
 
     def _end(self) -> None:
         self._phase = "done"
-        self._tell()
+        self._report_progress()
         self.finish(2 if self.mission.gave_up else 0)
 
-    def _tell(self) -> None:
+    def _report_progress(self) -> None:
         missing = sorted({self.resolve_topic_name(t) for t in self.config.recorded_topics} - self._recorded)
         line = {
             "phase": self._phase,
@@ -118,5 +118,5 @@ def _values(message: DiagnosticStatus) -> dict[str, str]:
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node; 0 if all goals were reached, 2 if one was given up."""
+    """Run the node; return 0 if all goals were reached, 2 after giving one up."""
     return run(DemoNode, args)

@@ -12,6 +12,21 @@ from diffbot_core.geometry import Pose
 from diffbot_lab.demo.run_record import RunRecord
 from diffbot_lab.plotting import BLUE, GREEN, GREY, ORANGE, RED, save
 
+_STYLES: dict[str, dict[str, Any]] = {
+    "fixes": {
+        "label": "fixes (global_pose)",
+        "color": GREY,
+        "marker": ".",
+        "markersize": 2.5,
+        "linestyle": "",
+        "alpha": 0.6,
+    },
+    "odometry": {"label": "odometry alone", "color": ORANGE, "linestyle": "--", "linewidth": 1.2},
+    "truth": {"label": "truth", "color": BLUE, "linewidth": 2.6},
+    "estimate": {"label": "estimate (EKF)", "color": RED, "linewidth": 0.9},
+}
+"""Paths of a RunRecord, in the order of drawing."""
+
 
 def draw_run(record: RunRecord, title: str, path: Path) -> None:
     """Draw truth, estimate, odometry, fixes and goals of a run as a PNG of 1200 x 1000 pixels.
@@ -20,31 +35,9 @@ def draw_run(record: RunRecord, title: str, path: Path) -> None:
         OSError: if the file cannot be written.
     """
     figure, axes = plt.subplots(figsize=(8.0, 20.0 / 3.0), dpi=150, layout="constrained")
-    axes.plot(
-        record.fixes[:, 1],
-        record.fixes[:, 2],
-        ".",
-        color=GREY,
-        markersize=2.5,
-        alpha=0.6,
-        label="fixes (global_pose)",
-    )
-    axes.plot(
-        record.odometry[:, 1],
-        record.odometry[:, 2],
-        "--",
-        color=ORANGE,
-        linewidth=1.2,
-        label="odometry alone",
-    )
-    axes.plot(record.truth[:, 1], record.truth[:, 2], color=BLUE, linewidth=2.6, label="truth")
-    axes.plot(
-        record.estimate[:, 1],
-        record.estimate[:, 2],
-        color=RED,
-        linewidth=0.9,
-        label="estimate (EKF)",
-    )
+    for name, style in _STYLES.items():
+        path_xy = getattr(record, name)[:, 1:3]
+        axes.plot(*path_xy.T, **style)
     span = max(float(np.ptp(record.truth[:, 1])), float(np.ptp(record.truth[:, 2])), 1.0)
     start = Pose(*record.truth[0, 1:].tolist())
     _arrow(axes, start, 0.07 * span, BLUE, "start")

@@ -1,4 +1,4 @@
-"""Starting the nodes as processes on a DDS domain of their own, and ending them cleanly."""
+"""Start nodes as processes on a private DDS domain, and stop them cleanly."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ import yaml
 from diffbot_core.errors import DiffbotError
 
 DOMAINS = range(1, 102)
-"""Domain ids whose ports stay below Linux' range of ephemeral ports."""
+"""Domain ids whose ports are below Linux's range of ephemeral ports."""
 STOP_TIMEOUT = 15.0
-"""[s] that a node gets to end after SIGINT before it is killed."""
+"""[s] between SIGINT and SIGKILL."""
 
 
 class PrivateDomain:
     """A ROS_DOMAIN_ID that no participant on this machine uses, held by a lock file until :meth:`release`."""
 
     def __init__(self) -> None:
-        """Find and lock one.
+        """Find a free domain and lock it.
 
         Raises:
             DiffbotError: if all are taken.
@@ -56,12 +56,12 @@ class PrivateDomain:
         return lock
 
     def release(self) -> None:
-        """Let others have it."""
+        """Release the lock."""
         self._held.close()
 
 
 def _is_quiet(domain: int) -> bool:
-    """Whether the unicast discovery port of the first participant is free (DDSI-RTPS 9.6.1: 7400 + 250 d + 10)."""
+    """True if the unicast discovery port of the first participant is free (DDSI-RTPS 9.6.1: 7400 + 250 d + 10)."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.bind(("", 7400 + 250 * domain + 10))
@@ -71,7 +71,7 @@ def _is_quiet(domain: int) -> bool:
 
 
 def graph_environment(domain: int) -> dict[str, str]:
-    """Environment of a graph that talks to nobody beyond this machine."""
+    """Return the environment of a graph that stays on this machine."""
     return {
         **os.environ,
         "ROS_DOMAIN_ID": str(domain),
@@ -92,7 +92,7 @@ def _signals_ignored() -> Iterator[None]:
 
 
 class NodeProcesses:
-    """The processes of one graph; leaving the ``with`` block ends them all, last started first."""
+    """The processes of one graph; leaving the ``with`` block stops them in reverse order of starting."""
 
     def __init__(self, domain: int, folder: Path) -> None:
         """Logs and the parameter file of each node go to ``folder``, which must exist."""
@@ -108,31 +108,25 @@ class NodeProcesses:
         log = (self._folder / f"{name}.log").open("w")
         self._logs.append(log)
         command = [sys.executable, "-m", module, "--ros-args", "--params-file", str(file)]
-        options = {
-            "stdout": log,
-            "stderr": log,
-            "text": True,
-            "stdin": subprocess.DEVNULL,
-            **options,
-        }
+        options = {"stdout": log, "stderr": log, "text": True, "stdin": subprocess.DEVNULL, **options}
         process = subprocess.Popen(command, env=self._environment, **options)
         self._running[name] = process
         return process
 
     def failed(self) -> str:
-        """Return one line about a node that ended by itself; empty if all run."""
+        """Return one line about a node that ended on its own; empty if all are running."""
         for name, process in self._running.items():
             if process.poll() is not None:
-                return f"{name} ended with status {process.returncode}: {self.last_words(name)}"
+                return f"{name} ended with status {process.returncode}: {self.last_log_line(name)}"
         return ""
 
-    def last_words(self, name: str) -> str:
-        """Last line of a node's log."""
+    def last_log_line(self, name: str) -> str:
+        """Return the last line of a node's log."""
         lines = (self._folder / f"{name}.log").read_text().strip().splitlines()
-        return lines[-1] if lines else "nothing in its log"
+        return lines[-1] if lines else "its log is empty"
 
     def stop(self, name: str) -> int:
-        """End one node with SIGINT, and with SIGKILL if it does not listen; return its exit status."""
+        """Stop one node with SIGINT, after STOP_TIMEOUT with SIGKILL; return its exit status."""
         process = self._running.pop(name)
         if process.poll() is None:
             with contextlib.suppress(ProcessLookupError):
@@ -153,8 +147,8 @@ class NodeProcesses:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """End what still runs."""
-        # A second Ctrl-C must not leave nodes behind; one that does not listen is killed after STOP_TIMEOUT anyway.
+        """Stop all nodes that are still running."""
+        # A second Ctrl-C must not leave nodes running; a node that ignores SIGINT is killed after STOP_TIMEOUT.
         with _signals_ignored():
             for name in reversed(list(self._running)):
                 self.stop(name)

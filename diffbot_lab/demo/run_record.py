@@ -1,4 +1,4 @@
-"""What a bag tells about a run: paths, goals and the figures of each goal."""
+"""A run as recorded in a bag: paths, goals, and the evaluation of each goal."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ TRUTH, ESTIMATE, ODOMETRY, FIXES, GOALS = (
 
 
 class RunRecord(NamedTuple):
-    """Paths of one run; each is (n, 4): stamp [s since the first truth], x, y [m], theta [rad]."""
+    """Paths of one run, (n, 4) each: stamp [s] since the first true pose, x, y [m], theta [rad]."""
 
     truth: Array
     estimate: Array
     odometry: Array
-    """in ``map``, as if the odometry had started at the true pose"""
+    """in ``map``, moved so that it starts at the true pose"""
     fixes: Array
     goals: list[tuple[float, Pose]]
-    """time at which it was sent [s since the first truth], goal"""
+    """time of sending [s] since the first true pose, and goal"""
     messages: int
-    """number of messages in the bag"""
+    """messages in the bag"""
     lost: int
-    """number of messages that the recorder knows it missed"""
+    """messages that the recorder reports as missed"""
 
 
 class GoalResult(NamedTuple):
@@ -46,7 +46,7 @@ class GoalResult(NamedTuple):
     goal: Pose
     metrics: GoalMetrics
     estimation_error: float
-    """[m] distance of the last estimate from the last true pose"""
+    """[m] distance between the last estimate and the last true pose"""
 
 
 def read_run(bag: Path, namespace: str = "") -> RunRecord:
@@ -55,6 +55,26 @@ def read_run(bag: Path, namespace: str = "") -> RunRecord:
     Raises:
         DiffbotError: if the bag cannot be read or holds no ground truth.
     """
+    rows, received, messages, lost = _read_rows(bag, namespace)
+    if not rows[TRUTH]:
+        raise DiffbotError(f"{bag}: no {namespace}{TRUTH} in it")
+    origin, last = rows[TRUTH][0][0], rows[TRUTH][-1][0]
+    # A goal from a command line has no stamp, and another machine's is of another clock: use the time of reception.
+    rows[GOALS] = [
+        row if origin <= row[0] <= last else (log_time, *row[1:])
+        for row, log_time in zip(rows[GOALS], received, strict=True)
+    ]
+    paths = {
+        name: np.array([((row[0] - origin) * 1e-9, *row[1:]) for row in found]).reshape(-1, 4)
+        for name, found in rows.items()
+    }
+    odometry = _laid_on(paths[TRUTH], paths[ODOMETRY])
+    goals = [(row[0], Pose(*row[1:])) for row in paths[GOALS].tolist()]
+    return RunRecord(paths[TRUTH], paths[ESTIMATE], odometry, paths[FIXES], goals, messages, lost)
+
+
+def _read_rows(bag: Path, namespace: str) -> tuple[dict[str, list[tuple[float, ...]]], list[int], int, int]:
+    """Return rows (stamp [ns], x, y, theta) by topic, reception times of the goals [ns], messages, lost messages."""
     names = {namespace + name: name for name in (TRUTH, ESTIMATE, ODOMETRY, FIXES, GOALS)}
     rows: dict[str, list[tuple[float, ...]]] = {name: [] for name in names.values()}
     received: list[int] = []
@@ -67,35 +87,12 @@ def read_run(bag: Path, namespace: str = "") -> RunRecord:
                 received.append(message.log_time)
             pose = content.pose if name == GOALS else content.pose.pose
             rows[name].append((stamp, *_pose(pose)))
-        messages = reader.message_count
         lost = int(reader.metadata.custom_data.get("lost_messages", 0)) if reader.metadata else 0
-    if not rows[TRUTH]:
-        raise DiffbotError(f"{bag}: no {namespace}{TRUTH} in it")
-    origin, last = rows[TRUTH][0][0], rows[TRUTH][-1][0]
-    # Goals from a command line carry no stamp, and others a stamp of another clock; then the reception counts.
-    rows[GOALS] = [
-        row if origin <= row[0] <= last else (log_time, *row[1:])
-        for row, log_time in zip(rows[GOALS], received, strict=True)
-    ]
-    paths = {
-        name: np.array([((row[0] - origin) * 1e-9, *row[1:]) for row in found]).reshape(-1, 4)
-        for name, found in rows.items()
-    }
-    odometry = _laid_on(paths[TRUTH], paths[ODOMETRY])
-    goals = [(row[0], Pose(*row[1:])) for row in paths[GOALS].tolist()]
-    return RunRecord(
-        paths[TRUTH],
-        paths[ESTIMATE],
-        odometry,
-        paths[FIXES],
-        goals,
-        messages,
-        lost,
-    )
+        return rows, received, reader.message_count, lost
 
 
 def _laid_on(truth: Array, odometry: Array) -> Array:
-    """Move the odometry as a whole so that its first pose is the true one of that moment."""
+    """Move the odometry rigidly so that its first pose coincides with the true pose at that time."""
     if len(odometry) == 0:
         return odometry
     known = truth[truth[:, 0] <= odometry[0, 0] + 1e-6]
@@ -116,7 +113,7 @@ def evaluate(record: RunRecord, xy_tolerance: float, yaw_tolerance: float) -> li
     for index, (start, goal) in enumerate(record.goals):
         end = record.goals[index + 1][0] if index + 1 < len(record.goals) else np.inf
         time = record.truth[:, 0]
-        # The first goal is sent before the first step; the pose at the moment of a goal belongs to both its neighbours.
+        # The first goal is sent before the first step; the pose at a goal's time belongs to both intervals.
         part = record.truth[(time >= start) & (time <= end)]
         if len(part) == 0:
             continue

@@ -1,4 +1,4 @@
-"""Figures 4 to 15 of the paper, from our runs: all runs faint, one highlighted, and the band of 5 to 95 %."""
+"""Figures 4 to 15 of the paper from our runs: all runs faint, one highlighted, the 5 to 95 % band shaded."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ import numpy as np
 from matplotlib.collections import LineCollection
 from numpy.typing import NDArray
 
-from diffbot_lab.paper.experiment import Group
+from diffbot_lab.paper.scenarios import Group
 from diffbot_lab.plotting import new_figure, save
 
 Array = NDArray[np.float64]
 
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#999933")
 FIRST_FIGURE = {"law 13": 4, "law 17": 7, "heading 0 deg": 10, "heading 220 deg": 13}
-"""Number in the paper of the path's figure of each group; pose and velocities follow it."""
+"""The paper's number of each group's path figure; pose and command have the next two."""
 
 
 class Sheet(NamedTuple):
@@ -31,7 +31,7 @@ class Sheet(NamedTuple):
     histories: Array
     """(runs, steps + 1, 8)"""
     starts: int
-    """run i began at start i modulo this"""
+    """number of starts; run i begins at start i modulo this"""
 
 
 def figure_paths(groups: list[Group], folder: Path, pool: Executor) -> Iterator[Future[list[Path]]]:
@@ -81,7 +81,7 @@ def _draw_pose(sheet: Sheet) -> Any:
 
 
 def _draw_command(sheet: Sheet) -> Any:
-    # The last row has no command that follows it.
+    # The last row is a pose without a command.
     cut = Sheet(sheet.title, sheet.time[:-1], sheet.histories[:, :-1], sheet.starts)
     columns = [cut.histories[:, :, 6], cut.histories[:, :, 7]]
     return _draw_series(cut, columns, ("v [m/s]", "omega [rad/s]"), f"Command: {sheet.title}")
@@ -105,5 +105,5 @@ def _draw_series(sheet: Sheet, columns: list[Array], labels: tuple[str, ...], ti
 
 
 def _faint(axes: Any, lines: list[Array], colour: str) -> None:
-    # Rasterised: a hundred paths as vectors would make the SVG a hundred times as large.
+    # Rasterised: as vectors, a hundred paths make the SVG a hundred times larger.
     axes.add_collection(LineCollection(lines, colors=colour, linewidths=0.5, alpha=0.15, rasterized=True))

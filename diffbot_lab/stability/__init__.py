@@ -1,1 +1,1 @@
-"""Where the Lyapunov function decreases on a grid of states under bounded noise."""
+"""Where the Lyapunov function decreases under bounded noise: a certificate on a grid of states, and simulated runs."""

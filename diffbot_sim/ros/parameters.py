@@ -1,11 +1,9 @@
-"""Parameters of the nodes ``plant`` and ``demo``."""
+"""Parameters of the node ``plant``."""
 
 from __future__ import annotations
 
-import math
 from typing import Annotated, NamedTuple
 
-from diffbot_core.errors import InvalidValueError
 from diffbot_core.schema import Spec
 from diffbot_sim.model.simulator import WorldConfig
 from diffbot_sim.ros.pacing import CLOCKS, WALL
@@ -58,31 +56,3 @@ class PlantNodeConfig(NamedTuple):
     odom_frame: Annotated[str, Spec("frame of the odometry", read_only=True)] = "odom"
     base_link_frame: Annotated[str, Spec("frame of the robot", read_only=True)] = "base_link"
     publish_tf: Annotated[bool, Spec("publish odom -> base_link", read_only=True)] = True
-
-
-class DemoNodeConfig(NamedTuple):
-    """Parameters of the node ``demo``."""
-
-    goals: Annotated[
-        tuple[float, ...],
-        Spec("x, y, heading of one goal after the other, in map", "m, m, rad", read_only=True),
-    ] = (0.0, 0.0, 0.0)
-    recorded_topics: Annotated[
-        tuple[str, ...],
-        Spec("topics that the recorder has to hear before the start", read_only=True),
-    ] = ()
-    hold: Annotated[float, Spec("time to stay at a reached goal", "s", minimum=0.0, read_only=True)] = 3.0
-    goal_timeout: Annotated[
-        float,
-        Spec("time after which a goal is given up", "s", minimum=0.0, exclusive_minimum=True, read_only=True),
-    ] = 120.0
-    map_frame: Annotated[str, Spec("frame of the goals", read_only=True)] = "map"
-
-    def check(self) -> None:
-        """Refuse goals that are no triples.
-
-        Raises:
-            InvalidValueError: if they are not.
-        """
-        if not self.goals or len(self.goals) % 3 or not all(map(math.isfinite, self.goals)):
-            raise InvalidValueError("goals", list(self.goals), "finite triples x, y, heading")
