@@ -14,8 +14,8 @@ from diffbot_core.kinematics import Twist, WheelSpeeds
 from diffbot_core.uncertainty import largest_deviation
 from diffbot_sim.compiled.scalar_ekf import Covariance
 from diffbot_sim.compiled.scalar_filter import Track, new_track
-from diffbot_sim.compiled.sensing import NoiseKey, Robot, observe
-from diffbot_sim.model.philox import START_BLOCK, WHEEL_BLOCK, direction, draw
+from diffbot_sim.compiled.sensing import Robot, observe
+from diffbot_sim.model.philox import START_BLOCK, WHEEL_BLOCK, NoiseKey, direction, draw
 from diffbot_sim.model.plant import PlantState, plant_step
 from diffbot_sim.model.sensors import due
 

@@ -42,7 +42,7 @@ class Inputs(NamedTuple):
 def inputs() -> Inputs:
     """Drive the closed loop once and keep its poses, fixes and odometry."""
     recording = simulate(WorldConfig(), ControllerConfig(), _GOAL, _STEPS)
-    poses = [Pose(*row) for row in recording.seen.tolist()]
+    poses = [Pose(*row) for row in recording.feedback.tolist()]
     world, memory, config = World(WorldConfig()), ControllerMemory(), ControllerConfig()
     fixes, odometry = [], []
     for pose in poses:
