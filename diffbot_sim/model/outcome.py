@@ -74,7 +74,7 @@ def add_step(
     Args:
         totals: of the steps before.
         criteria: of the run.
-        step: its number, 0 .. ``criteria.steps``; the last one is only looked at, nothing moves in it.
+        step: its number, 0 .. ``criteria.steps``; in the last one nothing moves.
         region: in force at its start.
         command: [m/s, rad/s] held over it.
         before: true pose at its start, in map.

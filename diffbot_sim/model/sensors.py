@@ -1,4 +1,7 @@
-"""Absolute measurements of the true pose: when they are taken, when they arrive, and how wrong they are."""
+"""Absolute measurements of the true pose: when they are taken, when they arrive, and their errors.
+
+``..._at`` functions name the noise by (seed, run, step); both loops sense with them.
+"""
 
 from __future__ import annotations
 
@@ -51,16 +54,16 @@ class SensorConfig(NamedTuple):
 
 
 def due(step: int, rate: float, sampling_time: float) -> bool:
-    """Whether a sensor of ``rate`` [Hz] measures at ``step``: it does when its count of periods moves on."""
+    """Return True if a sensor of ``rate`` [Hz] measures at ``step``: when its count of whole periods increases."""
     if rate <= 0.0:
         return False
     per_step = rate * sampling_time
-    # A hair more than the product, so that 10 Hz at 0.1 s means each step whatever the rounding.
+    # With a margin for rounding, so that 10 Hz at 0.1 s means each step.
     return step == 0 or math.floor(step * per_step + 1e-9) > math.floor((step - 1) * per_step + 1e-9)
 
 
 def delay_in_steps(delay: float, sampling_time: float) -> int:
-    """Steps after which a measurement arrives: it waits for the first step that is not before its time."""
+    """Return the steps after which a measurement arrives: at the first step that is not before its delay is over."""
     return math.ceil(delay / sampling_time - 1e-9)
 
 
@@ -91,12 +94,12 @@ def measured_landmark(pose: Pose, x: float, y: float, noise: Draw, config: Senso
 
 
 def is_lost(fault: Draw, config: SensorConfig) -> bool:
-    """Whether a fix is dropped; ``fault`` is (dropout, outlier, direction, -)."""
+    """Return True if a fix is dropped; ``fault`` is (dropout, outlier, direction, -)."""
     return probability(fault.a) < config.fix_dropout
 
 
 def with_outlier(measured: Pose, fault: Draw, config: SensorConfig) -> Pose:
-    """Throw a fix off by ``fix_outlier_distance`` in a random direction if it is an outlier."""
+    """Displace a fix by ``fix_outlier_distance`` in a random direction if it is an outlier."""
     if probability(fault.b) >= config.fix_outlier:
         return measured
     angle = direction(fault.c)
@@ -108,7 +111,10 @@ def with_outlier(measured: Pose, fault: Draw, config: SensorConfig) -> Pose:
 
 
 def uniform_variance(bound: float) -> float:
-    """Variance of an error uniform within +-``bound``, not below (1e-4)^2: a filter cannot use an exact sensor."""
+    """Return the variance of an error uniform within +-``bound``, at least (1e-4)^2.
+
+    A filter cannot use an exact sensor.
+    """
     return max(bound * bound / 3.0, 1e-8)
 
 

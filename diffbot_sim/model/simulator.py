@@ -1,4 +1,4 @@
-"""The plant with its sensors and its time: what the plant node and the ROS-free closed loop both drive."""
+"""The plant with its sensors and its clock, driven by the plant node and by the reference loop."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from diffbot_sim.model.sensors import (
 )
 
 _MAX = 1e6
-"""[m] bound of the coordinates of the start"""
+"""[m] bound of the start's coordinates"""
 
 
 class StartPose(NamedTuple):
@@ -111,7 +111,7 @@ class World:
         self._grow_odometry_covariance(before)
 
     def odometry(self) -> OdometryStep:
-        """Return the mean twist over the last step as the encoders saw it, with covariance."""
+        """Return the mean twist over the last step as the encoders measured it, with covariance."""
         plant = self.config.plant
         encoder = self.state.encoder
         return OdometryStep(
