@@ -92,9 +92,8 @@ class Answers:
         self.sent += 1
 
     def count_command(self) -> None:
-        """Count a command; one that comes before the first sending is no answer."""
-        if self.sent > 0:
-            self.received += 1
+        """Count a command."""
+        self.received += 1
 
     def settle(self) -> bool:
         """Handle a silence: True if the answers so far complete the step, False if it must be sent again."""
@@ -184,7 +183,6 @@ class LockStep:
 
         Answers to what was sent before the reset arrive during that wait and are not counted.
         """
-        self._command = _STOP
         self._answers.begin_step()
         self._started, self._settled_polls = False, 0
         self._topics_sent.clear()
