@@ -47,7 +47,7 @@ class Plant(Protocol):
         """Send all messages of the present step; the filter and then the controller answer the last of them."""
 
     def publish_truth(self) -> None:
-        """Send only time and true state of the present step, which nobody answers."""
+        """Send only time and true state of the present step, which get no answer."""
 
     def awaits_first_fix(self) -> bool:
         """True if there are fixes, and none arrives at the present step."""
@@ -92,9 +92,8 @@ class Answers:
         self.sent += 1
 
     def count_command(self) -> None:
-        """Count a command; before the first sending it answers nothing."""
-        if self.sent > 0:
-            self.received += 1
+        """Count a command."""
+        self.received += 1
 
     def settle(self) -> bool:
         """Handle a silence: True if the answers so far complete the step, False if it must be sent again."""
@@ -184,7 +183,6 @@ class LockStep:
 
         Answers to what was sent before the reset arrive during that wait and are not counted.
         """
-        self._command = _STOP
         self._answers.begin_step()
         self._started, self._settled_polls = False, 0
         self._topics_sent.clear()
@@ -198,8 +196,8 @@ class LockStep:
     def _try_to_start(self) -> None:
         """Send the first step once a filter is connected and has a fix to start from.
 
-        A first fix that got lost would give a different run. While it is late only time passes: without a pose the
-        filter cannot answer odometry, and an answer to it after the fix would count for another step.
+        A first fix that the filter misses would give a different run. While it is late only time passes: without a pose
+        the filter cannot answer odometry, and an answer to it after the fix would count for another step.
         """
         if self._settled_polls < SETTLED_POLLS:
             self._plant.report(NO_FILTER)

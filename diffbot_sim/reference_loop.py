@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -11,17 +12,19 @@ from diffbot_control.filter.covariance import uncertainty_of
 from diffbot_control.filter.localization import Estimate, Localization, LocalizationConfig
 from diffbot_control.filter.measurements import Measurement
 from diffbot_control.law.controller import ControllerConfig, ControllerMemory, step
+from diffbot_control.law.regions import OMEGA_G
 from diffbot_core.errors import BadMessageError, InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import CERTAIN, Uncertainty
+from diffbot_sim.model.outcome import Criteria, Outcome, add_step, new_totals, outcome_of
 from diffbot_sim.model.simulator import World, WorldConfig
 
 Array = NDArray[np.float64]
 
 EKF, RAW, TRUTH = "ekf", "raw", "truth"
 FEEDBACKS = (EKF, RAW, TRUTH)
-"""What the controller sees: the filter's estimate, the newest fix as in the paper's simulations, or the true pose."""
+"""The controller's feedback: the filter's estimate, the newest fix as in the paper's simulations, or the true pose."""
 
 
 class Recording(NamedTuple):
@@ -31,12 +34,32 @@ class Recording(NamedTuple):
     """(n,) [s]"""
     truth: Array
     """(n, 3) true pose [m, m, rad]"""
-    seen: Array
+    feedback: Array
     """(n, 3) pose given to the controller; nan before there is one"""
     command: Array
     """(n, 2) v, omega of the command that follows [m/s, rad/s]"""
     region: NDArray[np.int64]
     """(n,) region in force"""
+
+    def outcome(self, goal: Pose, xy_tolerance: float, yaw_tolerance: float) -> Outcome:
+        """Return what a batch keeps of such a run.
+
+        Args:
+            goal: of the run, in map.
+            xy_tolerance: [m] for the settling time.
+            yaw_tolerance: [rad] for the settling time.
+        """
+        steps = len(self.time) - 1
+        sampling_time = float(self.time[1] - self.time[0])
+        criteria = Criteria(goal, xy_tolerance, yaw_tolerance, sampling_time, steps)
+        poses = [Pose(*row) for row in self.truth.tolist()]
+        totals = new_totals()
+        for index, (region, row) in enumerate(zip(self.region.tolist(), self.command.tolist(), strict=True)):
+            after = poses[min(index + 1, steps)]
+            totals = add_step(totals, criteria, index, region, Twist(*row), poses[index], after)
+        switches = int(np.count_nonzero(np.diff(self.region, prepend=OMEGA_G)))
+        feedback = Pose(*self.feedback[-1].tolist())
+        return outcome_of(totals, criteria, switches, feedback, not math.isnan(feedback.x), poses[-1])
 
 
 def simulate(
@@ -61,16 +84,16 @@ def simulate(
         raise InvalidValueError("steps", steps, ">= 1")
     world = World(world_config)
     separation = world_config.plant.wheels.wheel_separation
-    observer = _Observer(feedback, Localization(localization or LocalizationConfig(), separation))
+    source = _Feedback(feedback, Localization(localization or LocalizationConfig(), separation))
     memory = ControllerMemory()
     t_s = world_config.plant.sampling_time
     rows: Array = np.full((steps + 1, 8), np.nan)
     regions = np.zeros(steps + 1, dtype=np.int64)
     for index in range(steps + 1):
-        pose = observer.pose(world)
+        pose = source.pose(world)
         command = Twist(0.0, 0.0)
         if pose is not None:
-            memory, command, _ = step(memory, pose, goal, t_s if index else 0.0, controller, observer.uncertainty())
+            memory, command, _ = step(memory, pose, goal, t_s if index else 0.0, controller, source.uncertainty())
             rows[index, 3:6] = pose
         rows[index, 0:3] = world.state.pose
         rows[index, 6:8] = command
@@ -81,8 +104,8 @@ def simulate(
     return Recording(time, rows[:, 0:3], rows[:, 3:6], rows[:, 6:8], regions)
 
 
-class _Observer:
-    """What the controller sees of the world."""
+class _Feedback:
+    """Source of the poses that the controller gets."""
 
     def __init__(self, feedback: str, localization: Localization) -> None:
         self._feedback = feedback
@@ -91,6 +114,7 @@ class _Observer:
         self._estimate: Estimate | None = None
 
     def pose(self, world: World) -> Pose | None:
+        """Return the pose at the present step, None before there is one; to be called once a step."""
         arrivals = world.sense()
         if self._feedback == TRUTH:
             return world.state.pose
@@ -112,5 +136,5 @@ class _Observer:
         return self._estimate.pose
 
     def uncertainty(self) -> Uncertainty:
-        """Of the newest pose; a fix or the truth is taken at its word."""
+        """Return the standard deviations of the newest pose; fixes and true poses come without any."""
         return CERTAIN if self._estimate is None else uncertainty_of(self._estimate.P)

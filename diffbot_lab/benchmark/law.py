@@ -35,12 +35,12 @@ from diffbot_lab.benchmark.law_cases import (
     case_of,
 )
 from diffbot_lab.benchmark.law_report import conclusions, table
-from diffbot_lab.metrics import goal_metrics, quantiles
+from diffbot_lab.metrics import quantiles
 from diffbot_lab.paper.scenarios import GOAL
 from diffbot_sim.compiled.batch import COLUMNS, HISTORY_COLUMNS, Starts, run_batch, run_histories
 from diffbot_sim.compiled.peer_laws import OURS
 from diffbot_sim.model.simulator import StartPose, WorldConfig
-from diffbot_sim.reference_loop import Recording, simulate
+from diffbot_sim.reference_loop import simulate
 
 Array = NDArray[np.float64]
 
@@ -178,18 +178,7 @@ def _delayed(start: Array, seed: int, run: int) -> Array:
     steps = round(DURATION / DELAYED.plant.sampling_time)
     config = LocalizationConfig(filter=FilterConfig(filter=DELAYED.filter))
     recording = simulate(world, DELAYED.controller, GOAL, steps, localization=config)
-    return _outcome(recording, DELAYED.plant.sampling_time)
-
-
-def _outcome(recording: Recording, t_s: float) -> Array:
-    """Return a recorded run as a row of batch.COLUMNS."""
-    metrics = goal_metrics(recording.time, recording.truth, GOAL, XY_TOLERANCE, YAW_TOLERANCE)
-    effort = float((recording.command[:-1] ** 2).sum()) * t_s
-    switches = float(np.count_nonzero(np.diff(recording.region, prepend=0)))
-    inside = np.flatnonzero(recording.region)
-    local = float(recording.time[inside[0]]) if len(inside) else math.nan
-    error = float(np.hypot(*(recording.seen[-1] - recording.truth[-1])[:2]))
-    return np.array([*metrics.final, metrics.settling_time, metrics.path_length, effort, switches, local, error])
+    return np.array(recording.outcome(GOAL, XY_TOLERANCE, YAW_TOLERANCE))
 
 
 def paths_of(law: Law, seed: int) -> Array:

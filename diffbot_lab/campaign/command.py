@@ -1,4 +1,4 @@
-"""``diffbot campaign``: read, run or go on, report."""
+"""``diffbot campaign``: read, run or resume, report."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from diffbot_lab.campaign.spec import Campaign, read_campaign
 
 
 def run(file: Path | None, flags: Mapping[str, Any], out: Path, workers: int | None, scheduler: str | None) -> int:
-    """Run the campaign of a YAML file and flags, or go on with it; write its results to ``out``.
+    """Run or resume the campaign of a YAML file and flags; write its results to ``out``.
 
     Returns:
-        0, or 130 if it was interrupted; what was finished by then is kept.
+        0, or 130 if it was interrupted; finished chunks are kept.
 
     Raises:
         DiffbotError: for a bad description, another campaign's folder, an unreachable scheduler.
@@ -59,7 +59,7 @@ def run(file: Path | None, flags: Mapping[str, Any], out: Path, workers: int | N
 
 
 def _refuse_results_of_another(out: Path, campaign: Campaign) -> None:
-    """Where results stand without their journal, only those of this very campaign may be written over."""
+    """Refuse to overwrite results without a journal, unless they are of this campaign."""
     path = out / "results.json"
     if (out / JOURNAL).exists() or not path.exists():
         return

@@ -1,4 +1,4 @@
-"""The plain values of a campaign; apart from the rest so that the command line knows them without numba."""
+"""The plain values of a campaign, in a module of their own so that the command line can list them without numba."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class CampaignOptions(NamedTuple):
 
 
 class _Loader(yaml.SafeLoader):
-    """Takes no key twice, of which YAML keeps the last, and no aliases, which can unfold to more than any memory."""
+    """Refuses duplicate keys, of which YAML keeps the last, and aliases, which can expand beyond any memory."""
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         if self.check_event(yaml.AliasEvent):
@@ -40,11 +40,11 @@ class _Loader(yaml.SafeLoader):
         return super().compose_node(parent, index)
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
-        seen = set()
+        found = set()
         for key, _ in node.value:
-            if key.value in seen:
+            if key.value in found:
                 raise yaml.MarkedYAMLError(problem=f"{key.value!r} stands there twice", problem_mark=key.start_mark)
-            seen.add(key.value if isinstance(key, yaml.ScalarNode) else id(key))
+            found.add(key.value if isinstance(key, yaml.ScalarNode) else id(key))
         return super().construct_mapping(node, deep)
 
 
@@ -63,16 +63,16 @@ def load_yaml(text: str) -> Any:
 
 
 def is_number(value: Any) -> bool:
-    """Whether a value out of YAML is a finite number."""
-    # By comparison: a whole number may be too large to be asked as a float.
+    """Return True if a value from YAML is a finite number."""
+    # By comparison: an integer may be too large to convert to a float.
     return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
 
 
 def triple(name: str, value: Any) -> tuple[float, float, float]:
-    """Return a value out of YAML as three numbers.
+    """Return a value from YAML as three numbers.
 
     Raises:
-        InvalidValueError: naming ``name`` if it is something else.
+        InvalidValueError: naming ``name`` if it is anything else.
     """
     if not isinstance(value, (list, tuple)) or len(value) != 3 or not all(is_number(one) for one in value):
         raise InvalidValueError(name, value, "three finite numbers x, y, heading")

@@ -1,4 +1,4 @@
-"""What a campaign found: results.json, results.csv, results.parquet, heat maps and cumulative distributions."""
+"""Results of a campaign: results.json, results.csv, results.parquet, heat maps and cumulative distributions."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ _ECDF_METRICS = (
     ("position_error", "final position error [m]"),
     ("heading_error", "final heading error [rad]"),
 )
-_MOST_CURVES = 12
-"""Cells drawn in one picture of distributions; more would be a thicket."""
-_MOST_LABELS = 30
-"""Columns or rows of a heat map that are all labelled and numbered."""
+_MAX_CURVES = 12
+"""Cells drawn in one figure of distributions; more are not legible."""
+_MAX_LABELS = 30
+"""Columns or rows of a heat map up to which each is labelled and each cell shows its number."""
 
 
 def write_report(campaign: Campaign, statistics: list[CellStatistics], folder: Path) -> list[Path]:
@@ -107,12 +107,12 @@ def _draw_heat_map(
     axes.grid(visible=False)
     image = axes.imshow(table, aspect="auto", origin="lower", cmap="viridis", vmin=limits[0], vmax=limits[1])
     for set_ticks, values in ((axes.set_xticks, across[1]), (axes.set_yticks, down[1])):
-        shown = range(0, len(values), math.ceil(len(values) / _MOST_LABELS))
+        shown = range(0, len(values), math.ceil(len(values) / _MAX_LABELS))
         set_ticks(shown, [f"{values[i]:g}" if isinstance(values[i], float) else f"{values[i]}" for i in shown])
     axes.set_xlabel(across[0])
     axes.set_ylabel(down[0] or "")
     low, high = image.get_clim()
-    for (y, x), value in np.ndenumerate(table) if max(table.shape) <= _MOST_LABELS else ():
+    for (y, x), value in np.ndenumerate(table) if max(table.shape) <= _MAX_LABELS else ():
         text = "none" if np.isnan(value) else f"{value:.3g}"
         dark = not np.isnan(value) and value < 0.5 * (low + high)
         axes.text(x, y, text, ha="center", va="center", color="white" if dark else "black", fontsize="small")
@@ -122,7 +122,7 @@ def _draw_heat_map(
 
 def _draw_distributions(campaign: Campaign, statistics: list[CellStatistics], path: Path) -> None:
     figure, all_axes = new_figure(len(_ECDF_METRICS), (7.0, 8.0), sharex=False)
-    shown = list(zip(campaign.cells, statistics, strict=True))[:_MOST_CURVES]
+    shown = list(zip(campaign.cells, statistics, strict=True))[:_MAX_CURVES]
     for axes, (metric, label) in zip(all_axes, _ECDF_METRICS, strict=True):
         for cell, one in shown:
             values, shares = one.ecdf(metric)

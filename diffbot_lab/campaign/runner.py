@@ -1,7 +1,7 @@
-"""Running a campaign: chunks through ``Executor.submit``, a journal that survives any end, and one result at last.
+"""Running a campaign: chunks of runs through ``Executor.submit``, and a journal that survives interruptions.
 
-The journal (``campaign.jsonl``) holds a line of counts for each finished chunk; a campaign that was cut short goes on
-from it. Counts add up exactly, so the result does not depend on chunks, order, workers or interruptions.
+The journal (``campaign.jsonl``) holds a line of counts for each finished chunk; an interrupted campaign resumes from
+it. Counts add up exactly, so the result does not depend on chunks, order, workers or interruptions.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ from diffbot_sim.compiled.closed_loop import Case
 FORMAT = 1
 JOURNAL = "campaign.jsonl"
 _STEPS_PER_CHUNK = 2_000_000
-"""About half a second of one core: often enough for the progress bar and for what a crash may cost."""
+"""About half a second of one core: frequent enough for the progress bar, and little is lost in a crash."""
 _RUNS_PER_CHUNK = 100_000
-"""A worker has the outcomes of all runs of a chunk in memory."""
+"""A worker holds the outcomes of all runs of a chunk in memory."""
 _RETRIES = 3
-"""Times that a pool is started again after one of its workers was killed, without a chunk finished in between."""
+"""Times in a row that a pool is restarted after a killed worker without any chunk finished in between."""
 
 
 class Chunk(NamedTuple):
-    """Runs ``first`` to ``first + number - 1`` of one cell; all that a worker needs to do them."""
+    """Runs ``first`` to ``first + number - 1`` of one cell; all that a worker needs to run them."""
 
     cell: int
     first: int
@@ -48,7 +48,7 @@ class Chunk(NamedTuple):
 
 
 def run_chunk(chunk: Chunk) -> dict[str, Any]:
-    """Do a chunk in a worker; return its line of the journal.
+    """Run a chunk in a worker; return its line of the journal.
 
     Raises:
         DiffbotError: on a worker that has another version of the code.
@@ -60,7 +60,7 @@ def run_chunk(chunk: Chunk) -> dict[str, Any]:
 
 
 def _parsed(line: bytes) -> Any:
-    """Return what the line says, None if it is no JSON."""
+    """Return the content of a line, None if it is not JSON."""
     try:
         return json.loads(line)
     except (ValueError, RecursionError):
@@ -68,14 +68,14 @@ def _parsed(line: bytes) -> Any:
 
 
 class Journal:
-    """The finished chunks of one campaign, a line each, first a line that says which campaign it is."""
+    """The finished chunks of one campaign, a line each, after a header line that names the campaign and the code."""
 
     def __init__(self, path: Path, campaign: Campaign) -> None:
         """Open or begin the journal.
 
         Raises:
-            DiffbotError: if it belongs to another campaign or another version of the code, is no journal, or cannot be
-                written. It is left as it is then.
+            DiffbotError: if it belongs to another campaign or another version of the code, is not a journal, or cannot
+                be written; it is left as it is.
         """
         self._path = path
         self._runs = campaign.options.runs
@@ -90,7 +90,7 @@ class Journal:
             "campaign": campaign.description,
         }
         try:
-            # Unbuffered: nothing is left to be written when closing, where it would fail once more.
+            # Unbuffered: a failed write would otherwise fail again on closing.
             self._file = path.open("ab", buffering=0)
             try:
                 self._begin(header)
@@ -113,7 +113,7 @@ class Journal:
             self._append(header)
 
     def _load(self, header: dict[str, Any]) -> int:
-        """Take in the lines; return the length of what is whole: the last line may have been cut off."""
+        """Count the lines; return the length of all complete ones: the last line may be cut off."""
         kept = 0
         with self._path.open("rb") as file:
             for number, line in enumerate(file, 1):
@@ -130,14 +130,14 @@ class Journal:
                 kept += len(line)
         return kept
 
-    def _check_header(self, found: Any, wanted: dict[str, Any]) -> None:
+    def _check_header(self, found: Any, expected: dict[str, Any]) -> None:
         if not isinstance(found, dict) or found.get("format") != FORMAT:
             raise DiffbotError(f"{self._path} is no journal of a campaign (format {FORMAT}): not touched")
-        if found.get("identity") != wanted["identity"]:
+        if found.get("identity") != expected["identity"]:
             raise DiffbotError(f"{self._path} belongs to another campaign: not touched; choose another --out")
-        if found.get("sources") != wanted["sources"]:
+        if found.get("sources") != expected["sources"]:
             raise DiffbotError(f"{self._path} was begun with another version of the code: choose another --out")
-        if found.get("cases") != wanted["cases"]:
+        if found.get("cases") != expected["cases"]:
             raise DiffbotError(f"{self._path} was begun with other values of its parameters: choose another --out")
 
     def _take(self, entry: dict[str, Any]) -> None:
@@ -167,7 +167,7 @@ class Journal:
 
 
 def open_chunks(campaign: Campaign, done: list[dict[int, int]]) -> Iterator[Chunk]:
-    """Yield the chunks that are not in ``done``, cell by cell; gaps are kept small enough for one worker."""
+    """Yield chunks for all runs that are not in ``done``, cell by cell."""
     for number, cell in enumerate(campaign.cells):
         size = campaign.options.chunk or min(max(1, _STEPS_PER_CHUNK // cell.case.steps), _RUNS_PER_CHUNK)
         first = 0
@@ -182,13 +182,13 @@ def open_chunks(campaign: Campaign, done: list[dict[int, int]]) -> Iterator[Chun
 
 
 def run_campaign(campaign: Campaign, journal: Journal, make_executor: Callable[[], Executor], workers: int) -> None:
-    """Do what the journal lacks.
+    """Run what is missing in the journal.
 
     Args:
         campaign: what to run.
         journal: where finished chunks go.
-        make_executor: called at the start, and again if a worker was killed and took the pool with it.
-        workers: how many chunks are worked on at a time; twice as many are handed out.
+        make_executor: called at the start, and again if a killed worker broke the pool.
+        workers: how many chunks run at a time; twice as many are submitted.
 
     Raises:
         DiffbotError: if the workers keep dying, or a chunk cannot be written.
@@ -212,7 +212,7 @@ def run_campaign(campaign: Campaign, journal: Journal, make_executor: Callable[[
 
 
 def _completed(chunks: Iterator[Chunk], make_executor: Callable[[], Executor], window: int) -> Iterator[dict[str, Any]]:
-    """Yield results as they come; never more than ``window`` chunks are handed out, so memory stays flat."""
+    """Yield results in order of completion; at most ``window`` chunks are submitted at a time, to bound memory."""
     executor = make_executor()
     running: set[Future[dict[str, Any]]] = set()
     try:
@@ -246,7 +246,7 @@ def process_pool(workers: int) -> Executor:
 
 
 def _ignore_interrupt() -> None:
-    # Ctrl-C reaches all processes of the terminal; the campaign itself winds up.
+    # Ctrl-C reaches all processes of the terminal; the campaign itself ends the workers.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
@@ -270,6 +270,6 @@ def cluster_executor(address: str, timeout: float = 10.0) -> tuple[Callable[[], 
     return lambda: client.get_executor(retries=_RETRIES, pure=False), workers
 
 
-def campaign_workers(wanted: int | None) -> int:
-    """Return how many processes to use: ``wanted``, or one for each core that this process may use."""
-    return wanted or len(os.sched_getaffinity(0))
+def campaign_workers(requested: int | None) -> int:
+    """Return how many processes to use: ``requested``, or one for each core that this process may use."""
+    return requested or len(os.sched_getaffinity(0))

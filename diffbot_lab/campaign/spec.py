@@ -1,4 +1,4 @@
-"""What a campaign is: read from YAML and flags, checked, and unfolded into cells."""
+"""Description of a campaign: read from YAML and flags, checked, and expanded into cells."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from diffbot_sim.compiled.batch import Starts, check_case
 from diffbot_sim.compiled.closed_loop import Case
 from diffbot_sim.compiled.jit import LIBRARIES, PACKAGES
 
-_CELLS_MOST = 10_000
+_MAX_CELLS = 10_000
 _LISTS = ("start", "grid", "set")
 
 
@@ -48,11 +48,11 @@ class Campaign(NamedTuple):
     starts: Starts
     cells: list[Cell]
     description: dict[str, Any]
-    """what it was made from, for the record"""
+    """values of YAML and flags, for the record"""
 
     @property
     def identity(self) -> str:
-        """Hash of the description: what was asked for; the chunk size decides nothing."""
+        """Hash of the description, without the chunk size, which does not affect the results."""
         decisive = {name: value for name, value in self.description.items() if name != "chunk"}
         return hashlib.sha256(json.dumps(decisive, sort_keys=True).encode()).hexdigest()[:16]
 
@@ -63,7 +63,7 @@ class Campaign(NamedTuple):
 
 
 def read_campaign(path: Path | None, flags: Mapping[str, Any]) -> Campaign:
-    """Make a campaign from a YAML file and flags, which win.
+    """Make a campaign from a YAML file and flags, which take precedence.
 
     Raises:
         DiffbotError: in one line: a file that cannot be read, an unknown key, a value that is not allowed.
@@ -77,7 +77,7 @@ def read_campaign(path: Path | None, flags: Mapping[str, Any]) -> Campaign:
         except ValueError as error:
             raise DiffbotError(f"{path} is no YAML: {error}") from None
     if not isinstance(content, dict):
-        raise DiffbotError(f"{path}: a mapping of keys is wanted, found {type(content).__name__}")
+        raise DiffbotError(f"{path}: must be a mapping of keys, found {type(content).__name__}")
     merged = {**content, **flags}
     for part in ("grid", "set"):
         merged[part] = {**_mapping(part, content.get(part)), **_mapping(part, flags.get(part))}
@@ -85,7 +85,7 @@ def read_campaign(path: Path | None, flags: Mapping[str, Any]) -> Campaign:
 
 
 def make_campaign(content: Mapping[str, Any]) -> Campaign:
-    """Check a campaign's description and unfold its grid.
+    """Check a campaign's description and expand its grid.
 
     Raises:
         InvalidValueError: naming the key, its value and the bound.
@@ -106,8 +106,8 @@ def make_campaign(content: Mapping[str, Any]) -> Campaign:
         if name in fixed:
             raise InvalidValueError(f"set.{name}", fixed[name], "in set or in grid, not in both")
     number = math.prod(len(values) for values in grid.values())
-    if number > _CELLS_MOST:
-        raise InvalidValueError("grid", f"{number} cells", f"<= {_CELLS_MOST} cells")
+    if number > _MAX_CELLS:
+        raise InvalidValueError("grid", f"{number} cells", f"<= {_MAX_CELLS} cells")
     cells = [
         _cell(options, fixed, dict(zip(grid, values, strict=True))) for values in itertools.product(*grid.values())
     ]

@@ -1,6 +1,6 @@
-"""Statistics of very many runs in little memory, the same whatever the order in which they come.
+"""Statistics of very many runs in little memory, independent of the order of the runs.
 
-Only counts are kept, and counts add up exactly. A value is counted in a bin that is 0.5 % wide, so a quantile is right
+Only counts are kept, and counts add up exactly. A value is counted in a bin that is 0.5 % wide, so a quantile is exact
 to 0.25 %.
 """
 
@@ -52,11 +52,11 @@ def quantile(bins: Counter[int], q: float) -> float:
     total = sum(bins.values())
     if total == 0:
         return math.nan
-    wanted = max(1, math.ceil(q * total))
-    seen = 0
+    rank = max(1, math.ceil(q * total))
+    counted = 0
     for key in sorted(bins):
-        seen += bins[key]
-        if seen >= wanted:
+        counted += bins[key]
+        if counted >= rank:
             return value_of(key)
     return value_of(max(bins))
 

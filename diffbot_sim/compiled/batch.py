@@ -1,7 +1,7 @@
-"""Many closed loops, compiled from the very functions that the nodes call.
+"""Many closed loops, compiled from the functions that the nodes call.
 
-A run is named by (seed, run). What it does depends on nothing else, so results are the same to the bit in any chunking,
-order and number of workers.
+A run is named by (seed, run) and depends on nothing else, so results are the same to the bit in any chunking, order and
+number of workers.
 """
 
 from __future__ import annotations
@@ -15,22 +15,24 @@ from numpy.typing import NDArray
 
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose, wrap_angle
-from diffbot_sim.compiled.closed_loop import EKF, RAW, TRUTH, Case, Outcome, run_loop
+from diffbot_sim.compiled.closed_loop import EKF, RAW, TRUTH, Case, run_loop
 from diffbot_sim.compiled.jit import compile_kernel, make_callable
+from diffbot_sim.model.outcome import Outcome
 from diffbot_sim.model.philox import START_BLOCK, draw
 
 Array = NDArray[np.float64]
 
 FEEDBACK_CODES = {"truth": TRUTH, "raw": RAW, "ekf": EKF}
-"""The words of closed_loop.FEEDBACKS as the loop's numbers."""
+"""Codes of reference_loop.FEEDBACKS in the compiled loop."""
 COLUMNS = Outcome._fields
 HISTORY_COLUMNS = ("x", "y", "theta", "seen_x", "seen_y", "seen_theta", "v", "omega")
+"""True pose, pose given to the controller (seen_*), command."""
 _CHUNK, _LONG_CHUNK = 512, 16
 """Runs that a thread takes at a time, without and with histories."""
 
 
 class Starts(NamedTuple):
-    """Where runs begin, in map: run i takes row i modulo their number, and a place in the box about it."""
+    """Where runs begin, in map: run i starts at a random pose in the box about row i modulo the number of rows."""
 
     poses: Array
     """(n, 3) rows x, y, theta"""
@@ -39,7 +41,7 @@ class Starts(NamedTuple):
 
 
 def check_case(case: Case, starts: Starts) -> None:
-    """Refuse what the compiled loop does not do.
+    """Refuse what the compiled loop does not support.
 
     Raises:
         InvalidValueError: for delayed measurements, which need the filter's history; less than one step; no start.
@@ -103,7 +105,7 @@ def run_histories(case: Case, starts: Starts, seed: int, first: int, count: int,
 def _filled(
     case: Case, starts: Starts, seed: int, first: int, count: int, threads: int | None, *, with_histories: bool
 ) -> tuple[Array, Array]:
-    """Outcomes, and histories with no rows if none are wanted: one kernel serves both."""
+    """Return outcomes and histories; without histories these have no rows, so that one kernel serves both."""
     check_case(case, starts)
     if case.feedback != EKF:
         case = case._replace(filter=None)

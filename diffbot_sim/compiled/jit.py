@@ -20,7 +20,7 @@ from diffbot_core import geometry, kinematics, uncertainty
 from diffbot_core.code_hash import hash_of_code
 from diffbot_core.errors import DiffbotError
 from diffbot_sim.compiled import closed_loop, open_loop, peer_laws, scalar_ekf, scalar_filter, sensing
-from diffbot_sim.model import philox, plant, sensors
+from diffbot_sim.model import outcome, philox, plant, sensors
 
 MODULES = (
     geometry,
@@ -37,6 +37,7 @@ MODULES = (
     philox,
     plant,
     sensors,
+    outcome,
     gate,
     adaptation,
     scalar_ekf,

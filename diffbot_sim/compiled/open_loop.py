@@ -1,6 +1,7 @@
-"""A drive that nothing steers, with the filter looking on: what the benchmark of the filter does, in plain numbers.
+"""An open-loop drive with a constant command, followed by the filter, for the benchmark of the filter.
 
-The form that compiles, and that runs as plain Python too; a test holds it to the world and the filter of the nodes.
+Plain numbers only: the form that compiles, and that runs as plain Python too; a test compares it with the world and the
+filter of the nodes.
 """
 
 from __future__ import annotations
@@ -14,13 +15,13 @@ from diffbot_core.kinematics import Twist, WheelSpeeds
 from diffbot_core.uncertainty import largest_deviation
 from diffbot_sim.compiled.scalar_ekf import Covariance
 from diffbot_sim.compiled.scalar_filter import Track, new_track
-from diffbot_sim.compiled.sensing import NoiseKey, Robot, observe
-from diffbot_sim.model.philox import START_BLOCK, WHEEL_BLOCK, direction, draw
+from diffbot_sim.compiled.sensing import Robot, observe
+from diffbot_sim.model.philox import START_BLOCK, WHEEL_BLOCK, NoiseKey, direction, draw
 from diffbot_sim.model.plant import PlantState, plant_step
 from diffbot_sim.model.sensors import due
 
 AWAY = 0.5
-"""[m] a filter that is wrong by more is lost"""
+"""[m] position error above which a filter counts as lost"""
 V_MIDDLE, V_HALF, OMEGA_HALF = 0.7, 0.3, 0.3
 """[m/s], [m/s], [rad/s] of the drives: v is in 0.4 .. 1.0 m/s, omega in +-0.3 rad/s"""
 
@@ -33,7 +34,7 @@ class OpenLoopCase(NamedTuple):
     skipped: int
     """steps at the start that do not count"""
     kidnapped: int
-    """step after which the robot stands somewhere else; -1 for never"""
+    """first step at which the robot stands at its new place; -1 for never"""
 
 
 class Tracking(NamedTuple):
@@ -59,7 +60,7 @@ class Tracking(NamedTuple):
     rejected: float
     """fixes"""
     relocated: float
-    """fixes that the filter gave up its belief for"""
+    """fixes after which the filter was relocated"""
 
 
 class Sums(NamedTuple):
@@ -87,13 +88,13 @@ class Errors(NamedTuple):
 
 
 def twist_of(seed: int, run: int) -> Twist:
-    """Return the constant twist that the run drives with."""
+    """Return the constant twist of a run."""
     noise = draw(seed, run, 0, START_BLOCK)
     return Twist(V_MIDDLE + V_HALF * noise.a, OMEGA_HALF * noise.b)
 
 
 def start_of(seed: int, run: int) -> Pose:
-    """Return where the run begins: at the origin, in any direction."""
+    """Return the start of a run: the origin with a random heading."""
     return Pose(0.0, 0.0, direction(draw(seed, run, 0, START_BLOCK).c))
 
 
@@ -127,9 +128,9 @@ def drive(case: OpenLoopCase, seed: int, run: int, history: Any) -> Tracking:
 
 
 def errors_of(track: Track, truth: Pose) -> Errors:
-    """Return what the filter is wrong by."""
-    seen = track.belief.pose
-    return Errors(seen.x - truth.x, seen.y - truth.y, wrap_angle(seen.theta - truth.theta))
+    """Return the errors of the filter's estimate."""
+    estimate = track.belief.pose
+    return Errors(estimate.x - truth.x, estimate.y - truth.y, wrap_angle(estimate.theta - truth.theta))
 
 
 def nees_of(errors: Errors, P: Covariance) -> float:
@@ -155,7 +156,7 @@ def _summed(sums: Sums, robot: Robot, step: int, track: Track, errors: Errors) -
     """Add one step."""
     sensors, t_s = robot.sensors, robot.plant.sampling_time
     fixed = due(step, sensors.fix_rate, t_s)
-    # The filter tells the innovation of the newest measurement only, and headings and landmarks come after the fix.
+    # The filter keeps only the innovation of the newest measurement, and headings and landmarks come after the fix.
     alone = fixed and not due(step, sensors.heading_rate, t_s) and not due(step, sensors.landmark_rate, t_s)
     away = math.hypot(errors.x, errors.y)
     return Sums(

@@ -16,7 +16,7 @@ from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import Twist
 
 OURS, GRACEFUL_POSE, GRACEFUL, GRACEFUL_SHIPPED, POLAR, POLAR_FAST, AICARDI, AICARDI_ENDLESS = 0, 1, 2, 3, 4, 5, 6, 7
-"""Codes of ``loop.Case.peer``; 0 is this project's controller."""
+"""Codes of ``closed_loop.Case.peer``; 0 is this project's controller."""
 _NEAR = 1e-9
 """[m] below it a curvature 1 / r is taken at this distance"""
 
@@ -248,8 +248,8 @@ def polar_step(memory: PeerMemory, local: Pose, config: PolarConfig) -> tuple[Pe
     if direction > 0.0:
         return after, polar_law(rho, alpha, -beta, config)
     behind = wrap_angle(alpha + math.pi)
-    wanted = polar_law(rho, behind, wrap_angle(-local.theta - behind), config)
-    return after, Twist(-wanted.v, wanted.omega)
+    forwards = polar_law(rho, behind, wrap_angle(-local.theta - behind), config)
+    return after, Twist(-forwards.v, forwards.omega)
 
 
 def aicardi_step(memory: PeerMemory, local: Pose, config: AicardiConfig) -> tuple[PeerMemory, Twist]:

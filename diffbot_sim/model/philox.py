@@ -15,10 +15,18 @@ _W0, _W1 = 0x9E3779B9, 0xBB67AE85
 _LOW = 0xFFFFFFFF
 _UNIT = 2.0**-32
 
-# Blocks of four numbers that one step may draw; a number keeps its place whatever else is switched on.
+# Blocks of four numbers that one step may draw; each purpose has its own, whatever else is switched on.
 WHEEL_BLOCK, FIX_BLOCK, FAULT_BLOCK, START_BLOCK = 0, 1, 2, 3
 LANDMARK_BLOCK = 16
 """of the first landmark of the map; the next ones follow"""
+
+
+class NoiseKey(NamedTuple):
+    """Names the noise of one step."""
+
+    seed: int
+    run: int
+    step: int
 
 
 class Words(NamedTuple):

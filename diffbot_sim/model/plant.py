@@ -1,9 +1,9 @@
-"""The robot as it really moves: drives, noise, kinematics, encoders. Pure functions of floats.
+"""The true motion of the robot: drives, noise, kinematics, encoders. Pure functions of floats.
 
-What is commanded reaches the wheels through limits and a drive that does not hold its speed exactly; the body moves
-with the true wheels; the encoders see the true wheel angles, inexactly. The paper's input noise (Eqs. (6), (7)) comes
-in two forms that may be combined: added to v and omega (``eps_v_max``, ``eps_omega_max``, section 4.1), and as its
-cause, a relative error of each wheel's speed (``drive_noise``).
+A command reaches the wheels through limits and a drive that does not hold its speed exactly; the body moves with the
+true wheels; the encoders measure the true wheel angles with an error. The paper's input noise (Eqs. (6), (7)) comes in
+two forms that may be combined: added to v and omega (``eps_v_max``, ``eps_omega_max``, section 4.1), and as its cause,
+a relative error of each wheel's speed (``drive_noise``).
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ from diffbot_core.schema import Spec
 from diffbot_sim.model.philox import Draw
 
 _INF = math.inf
-_FAR = 1e6
+_MAX_SHIFT = 1e6
+"""[m]"""
 _STRAIGHT = 1e-6
 """[rad] turns below it are integrated by their series: the quotient of the arc loses digits there."""
 
@@ -55,8 +56,8 @@ class PlantConfig(NamedTuple):
     slip_start: Annotated[float, Spec("time at which the slip begins", "s", minimum=0.0)] = 0.0
     slip_duration: Annotated[float, Spec("how long it lasts", "s", minimum=0.0)] = 0.0
     kidnap_time: Annotated[float, Spec("time at which the robot is carried away; 0: never", "s", minimum=0.0)] = 0.0
-    kidnap_x: Annotated[float, Spec("how far, along x of map", "m", minimum=-_FAR, maximum=_FAR)] = 0.0
-    kidnap_y: Annotated[float, Spec("how far, along y of map", "m", minimum=-_FAR, maximum=_FAR)] = 0.0
+    kidnap_x: Annotated[float, Spec("how far, along x of map", "m", minimum=-_MAX_SHIFT, maximum=_MAX_SHIFT)] = 0.0
+    kidnap_y: Annotated[float, Spec("how far, along y of map", "m", minimum=-_MAX_SHIFT, maximum=_MAX_SHIFT)] = 0.0
     kidnap_yaw: Annotated[float, Spec("how far it is turned", "rad", minimum=-math.pi, maximum=math.pi)] = 0.0
     wheel_speed_max: Annotated[
         float,
@@ -87,13 +88,13 @@ class PlantState(NamedTuple):
     drive: WheelSpeeds = WheelSpeeds(0.0, 0.0)
     """[rad/s] speeds that the drives aimed at in the last step, for the acceleration limit"""
     encoder: WheelSpeeds = WheelSpeeds(0.0, 0.0)
-    """[rad/s] mean speeds over the last step as the encoders saw them"""
+    """[rad/s] mean speeds over the last step as the encoders measured them"""
     angles: WheelSpeeds = WheelSpeeds(0.0, 0.0)
-    """[rad] wheel angles summed up by the encoders"""
+    """[rad] wheel angles counted by the encoders"""
     odometry: Pose = Pose(0.0, 0.0, 0.0)
     """pose in ``odom``, integrated from the encoders"""
     step: int = 0
-    """steps done"""
+    """number of steps taken"""
 
 
 def plant_step(state: PlantState, command: Twist, noise: Draw, config: PlantConfig) -> PlantState:
@@ -101,7 +102,7 @@ def plant_step(state: PlantState, command: Twist, noise: Draw, config: PlantConf
 
     Args:
         state: before the step.
-        command: twist asked for, held over the step.
+        command: requested twist, held over the step.
         noise: (left drive or v, right drive or omega, left encoder, right encoder), uniform in (-1, 1).
         config: robot, noise bounds and faults.
     """
@@ -115,7 +116,7 @@ def plant_step(state: PlantState, command: Twist, noise: Draw, config: PlantConf
     ideal = body_twist(rolled, config.wheels)
     eps_v, eps_omega = config.eps_v_max * noise.a, config.eps_omega_max * noise.b
     twist = Twist(ideal.v + eps_v, ideal.omega + eps_omega)
-    # The wheels turn as the added noise has them, so the encoders see it too.
+    # The added noise turns the wheels, so the encoders measure it too.
     added = wheel_speeds(Twist(eps_v, eps_omega), config.wheels)
     encoder = WheelSpeeds(
         (turned.left + added.left) * (1.0 + config.encoder_noise * noise.c),
@@ -123,7 +124,7 @@ def plant_step(state: PlantState, command: Twist, noise: Draw, config: PlantConf
     )
     angles = WheelSpeeds(state.angles.left + encoder.left * t_s, state.angles.right + encoder.right * t_s)
     return PlantState(
-        _carried(integrate(state.pose, twist, t_s, config.exact_arc), state.step, config),
+        _kidnapped(integrate(state.pose, twist, t_s, config.exact_arc), state.step, config),
         twist,
         drive,
         encoder,
@@ -150,18 +151,18 @@ def integrate(pose: Pose, twist: Twist, t_s: float, exact_arc: bool) -> Pose:
     )
 
 
-def _drive(before: WheelSpeeds, wanted: WheelSpeeds, config: PlantConfig) -> WheelSpeeds:
-    """Speeds that the drives aim at: both scaled down to the speed limit, then each held to its acceleration."""
-    fastest = max(abs(wanted.left), abs(wanted.right))
+def _drive(before: WheelSpeeds, requested: WheelSpeeds, config: PlantConfig) -> WheelSpeeds:
+    """Return the target speeds of the drives: scaled together to the speed limit, then limited in acceleration."""
+    fastest = max(abs(requested.left), abs(requested.right))
     scale = config.wheel_speed_max / fastest if fastest > config.wheel_speed_max else 1.0
     change = config.wheel_acceleration_max * config.sampling_time
-    left = min(max(wanted.left * scale, before.left - change), before.left + change)
-    right = min(max(wanted.right * scale, before.right - change), before.right + change)
+    left = min(max(requested.left * scale, before.left - change), before.left + change)
+    right = min(max(requested.right * scale, before.right - change), before.right + change)
     return WheelSpeeds(left, right)
 
 
-def _carried(pose: Pose, step: int, config: PlantConfig) -> Pose:
-    """Return the pose after somebody may have carried the robot away, in the step that ends at ``kidnap_time``."""
+def _kidnapped(pose: Pose, step: int, config: PlantConfig) -> Pose:
+    """Return the pose, displaced if the robot is kidnapped in this step, the one that ends at ``kidnap_time``."""
     if config.kidnap_time <= 0.0 or step + 1 != max(math.ceil(config.kidnap_time / config.sampling_time - 1e-9), 1):
         return pose
     x, y, theta = pose
@@ -169,10 +170,10 @@ def _carried(pose: Pose, step: int, config: PlantConfig) -> Pose:
 
 
 def _rolled(turned: WheelSpeeds, step: int, config: PlantConfig) -> WheelSpeeds:
-    """Speeds at the ground, as of wheels of nominal radius: radius errors and slip taken in."""
+    """Return the speeds of nominal wheels that move the robot as the true ones do, with radius errors and slip."""
     left = turned.left * (1.0 + config.left_radius_error)
     right = turned.right * (1.0 + config.right_radius_error)
-    # In steps and a hair early: 1.1 s and 3.2 s make 43 steps of 0.1 s whatever the rounding.
+    # In steps, with a margin for rounding: 1.1 s and 3.2 s make 43 steps of 0.1 s.
     begin = config.slip_start / config.sampling_time - 1e-9
     end = (config.slip_start + config.slip_duration) / config.sampling_time - 1e-9
     if begin <= step < end:

@@ -1,4 +1,7 @@
-"""Absolute measurements of the true pose: when they are taken, when they arrive, and how wrong they are."""
+"""Absolute measurements of the true pose: when they are taken, when they arrive, and their errors.
+
+``..._at`` functions name the noise by (seed, run, step); both loops sense with them.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,16 @@ from typing import Annotated, NamedTuple
 
 from diffbot_core.geometry import Pose, range_and_bearing, wrap_angle
 from diffbot_core.schema import Spec
-from diffbot_sim.model.philox import Draw, direction, probability
+from diffbot_sim.model.philox import (
+    FAULT_BLOCK,
+    FIX_BLOCK,
+    LANDMARK_BLOCK,
+    Draw,
+    NoiseKey,
+    direction,
+    draw,
+    probability,
+)
 
 
 class SensorConfig(NamedTuple):
@@ -41,16 +53,16 @@ class SensorConfig(NamedTuple):
 
 
 def due(step: int, rate: float, sampling_time: float) -> bool:
-    """Whether a sensor of ``rate`` [Hz] measures at ``step``: it does when its count of periods moves on."""
+    """Return True if a sensor of ``rate`` [Hz] measures at ``step``: when its count of whole periods increases."""
     if rate <= 0.0:
         return False
     per_step = rate * sampling_time
-    # A hair more than the product, so that 10 Hz at 0.1 s means each step whatever the rounding.
+    # With a margin for rounding, so that 10 Hz at 0.1 s means each step.
     return step == 0 or math.floor(step * per_step + 1e-9) > math.floor((step - 1) * per_step + 1e-9)
 
 
 def delay_in_steps(delay: float, sampling_time: float) -> int:
-    """Steps after which a measurement arrives: it waits for the first step that is not before its time."""
+    """Return the steps after which a measurement arrives: at the first step that is not before its delay is over."""
     return math.ceil(delay / sampling_time - 1e-9)
 
 
@@ -81,12 +93,12 @@ def measured_landmark(pose: Pose, x: float, y: float, noise: Draw, config: Senso
 
 
 def is_lost(fault: Draw, config: SensorConfig) -> bool:
-    """Whether a fix is dropped; ``fault`` is (dropout, outlier, direction, -)."""
+    """Return True if a fix is dropped; ``fault`` is (dropout, outlier, direction, -)."""
     return probability(fault.a) < config.fix_dropout
 
 
 def with_outlier(measured: Pose, fault: Draw, config: SensorConfig) -> Pose:
-    """Throw a fix off by ``fix_outlier_distance`` in a random direction if it is an outlier."""
+    """Displace a fix by ``fix_outlier_distance`` in a random direction if it is an outlier."""
     if probability(fault.b) >= config.fix_outlier:
         return measured
     angle = direction(fault.c)
@@ -98,5 +110,45 @@ def with_outlier(measured: Pose, fault: Draw, config: SensorConfig) -> Pose:
 
 
 def uniform_variance(bound: float) -> float:
-    """Variance of an error uniform within +-``bound``, not below (1e-4)^2: a filter cannot use an exact sensor."""
+    """Return the variance of an error uniform within +-``bound``, at least (1e-4)^2.
+
+    A filter cannot use an exact sensor.
+    """
     return max(bound * bound / 3.0, 1e-8)
+
+
+def fix_variances(config: SensorConfig) -> tuple[float, float, float]:
+    """Return the variances that a fix claims for x [m^2], y [m^2] and theta [rad^2]."""
+    scale = config.fix_covariance_scale
+    var_x, var_y = uniform_variance(config.eps_x_max), uniform_variance(config.eps_y_max)
+    return scale * var_x, scale * var_y, scale * uniform_variance(config.eps_theta_max)
+
+
+def landmark_variances(config: SensorConfig) -> tuple[float, float]:
+    """Return the variances of a range [m^2] and of a bearing [rad^2]."""
+    return uniform_variance(config.landmark_range_error_max), uniform_variance(config.landmark_bearing_error_max)
+
+
+def fix_at(key: NoiseKey, pose: Pose, config: SensorConfig) -> tuple[Pose, bool]:
+    """Measure the true ``pose`` at a step; also True if the fix is lost."""
+    fix = measured_pose(pose, draw(key.seed, key.run, key.step, FIX_BLOCK), config)
+    if config.fix_dropout == 0.0 and config.fix_outlier == 0.0:
+        return fix, False
+    fault = draw(key.seed, key.run, key.step, FAULT_BLOCK)
+    return with_outlier(fix, fault, config), is_lost(fault, config)
+
+
+def heading_at(key: NoiseKey, pose: Pose, config: SensorConfig) -> float:
+    """Measure the heading [rad] of the true ``pose`` at a step."""
+    return measured_heading(pose, draw(key.seed, key.run, key.step, FIX_BLOCK), config)
+
+
+def in_range(pose: Pose, x: float, y: float, config: SensorConfig) -> bool:
+    """Return True if the robot is near enough to measure a landmark at ``x``, ``y`` [m]."""
+    dx, dy = x - pose.x, y - pose.y
+    return dx * dx + dy * dy <= config.landmark_range * config.landmark_range
+
+
+def landmark_at(key: NoiseKey, index: int, pose: Pose, x: float, y: float, config: SensorConfig) -> tuple[float, float]:
+    """Measure range [m] and bearing [rad] of the landmark ``index`` of the map, at ``x``, ``y`` [m], at a step."""
+    return measured_landmark(pose, x, y, draw(key.seed, key.run, key.step, LANDMARK_BLOCK + index), config)

@@ -1,4 +1,4 @@
-"""The plant with its sensors and its time: what the plant node and the ROS-free closed loop both drive."""
+"""The plant with its sensors and its clock, driven by the plant node and by the reference loop."""
 
 from __future__ import annotations
 
@@ -14,29 +14,37 @@ from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist, body_twist, encoder_covariance
 from diffbot_core.schema import Spec
 from diffbot_core.units import NS_PER_S
-from diffbot_sim.model.philox import FAULT_BLOCK, FIX_BLOCK, LANDMARK_BLOCK, WHEEL_BLOCK, draw
+from diffbot_sim.model.philox import WHEEL_BLOCK, NoiseKey, draw
 from diffbot_sim.model.plant import PlantConfig, PlantState, plant_step
 from diffbot_sim.model.sensors import (
     SensorConfig,
     delay_in_steps,
     due,
-    is_lost,
-    measured_heading,
-    measured_landmark,
-    measured_pose,
+    fix_at,
+    fix_variances,
+    heading_at,
+    in_range,
+    landmark_at,
+    landmark_variances,
     uniform_variance,
-    with_outlier,
 )
 
-_FAR = 1e6
+_MAX = 1e6
+"""[m] bound of the start's coordinates"""
 _Sensed = TypeVar("_Sensed", PoseFix, Heading)
 
 
 class StartPose(NamedTuple):
-    """Where the robot stands at first; the default is the start of the paper's simulation A."""
+    """Where the robot starts; the default is the start of the paper's simulation A."""
 
-    x: Annotated[float, Spec("start x in map", "m", minimum=-_FAR, maximum=_FAR, parameter="initial_pose.x")] = -2.0
-    y: Annotated[float, Spec("start y in map", "m", minimum=-_FAR, maximum=_FAR, parameter="initial_pose.y")] = -5.5
+    x: Annotated[
+        float,
+        Spec("start x in map", "m", minimum=-_MAX, maximum=_MAX, parameter="initial_pose.x"),
+    ] = -2.0
+    y: Annotated[
+        float,
+        Spec("start y in map", "m", minimum=-_MAX, maximum=_MAX, parameter="initial_pose.y"),
+    ] = -5.5
     theta: Annotated[float, Spec("start heading in map", "rad", parameter="initial_pose.yaw")] = 0.5235987755982988
 
 
@@ -60,7 +68,7 @@ class ObservedLandmark(NamedTuple):
 
 
 class Arrivals(NamedTuple):
-    """What the sensors deliver at one step, oldest first."""
+    """Measurements that arrive at one step, oldest first; some may have been taken earlier."""
 
     fixes: list[PoseFix]
     headings: list[Heading]
@@ -76,7 +84,7 @@ class World:
         self.period = round(config.plant.sampling_time * NS_PER_S)
         self.state = PlantState(Pose(*config.start))
         self.odometry_P = np.zeros((3, 3))
-        """(3, 3) covariance of the odometry's pose: what its errors have added up to"""
+        """(3, 3) covariance of the odometry's pose, accumulated from the start"""
         self._fixes: deque[tuple[int, PoseFix]] = deque()
         self._headings: deque[tuple[int, Heading]] = deque()
         self.configure(config)
@@ -85,13 +93,9 @@ class World:
         """Take over noise bounds, rates and faults from the next step on; the sampling time stays."""
         self.config = config
         sensors = config.sensors
-        self._fix_R = sensors.fix_covariance_scale * np.diag(
-            [uniform_variance(b) for b in (sensors.eps_x_max, sensors.eps_y_max, sensors.eps_theta_max)]
-        )
+        self._fix_R = np.diag(fix_variances(sensors))
         self._heading_R = np.array([[uniform_variance(sensors.heading_error_max)]])
-        self._landmark_R = np.diag(
-            [uniform_variance(b) for b in (sensors.landmark_range_error_max, sensors.landmark_bearing_error_max)]
-        )
+        self._landmark_R = np.diag(landmark_variances(sensors))
 
     @property
     def stamp(self) -> int:
@@ -107,7 +111,7 @@ class World:
         self._grow_odometry_covariance(before)
 
     def odometry(self) -> OdometryStep:
-        """Return the mean twist over the last step as the encoders saw it, with covariance."""
+        """Return the mean twist over the last step as the encoders measured it, with covariance."""
         plant = self.config.plant
         encoder = self.state.encoder
         return OdometryStep(
@@ -130,42 +134,29 @@ class World:
     def sense(self) -> Arrivals:
         """Measure at the present step and return what arrives at it; to be called once a step, step 0 included."""
         config, sensors, step = self.config, self.config.sensors, self.state.step
-        t_s = config.plant.sampling_time
-        wants_fix, wants_heading = (
-            due(step, sensors.fix_rate, t_s),
-            due(step, sensors.heading_rate, t_s),
-        )
-        if wants_fix or wants_heading:
-            noise = draw(config.seed, config.run, step, FIX_BLOCK)
-            if wants_heading:
-                heading = measured_heading(self.state.pose, noise, sensors)
-                arrival = step + delay_in_steps(sensors.heading_delay, t_s)
-                self._headings.append((arrival, Heading(self.stamp, heading, self._heading_R)))
-            if wants_fix:
-                self._take_fix(measured_pose(self.state.pose, noise, sensors))
-        landmarks = self._observed_landmarks() if due(step, sensors.landmark_rate, t_s) else []
+        t_s, pose = config.plant.sampling_time, self.state.pose
+        key = NoiseKey(config.seed, config.run, step)
+        if due(step, sensors.heading_rate, t_s):
+            heading = heading_at(key, pose, sensors)
+            arrival = step + delay_in_steps(sensors.heading_delay, t_s)
+            self._headings.append((arrival, Heading(self.stamp, heading, self._heading_R)))
+        if due(step, sensors.fix_rate, t_s):
+            fix, lost = fix_at(key, pose, sensors)
+            if not lost:
+                arrival = step + delay_in_steps(sensors.fix_delay, t_s)
+                self._fixes.append((arrival, PoseFix(self.stamp, fix, self._fix_R)))
+        landmarks = self._measure_landmarks(key) if due(step, sensors.landmark_rate, t_s) else []
         return Arrivals(_arrived(self._fixes, step), _arrived(self._headings, step), landmarks)
 
-    def _observed_landmarks(self) -> list[ObservedLandmark]:
-        config, sensors, pose = self.config, self.config.sensors, self.state.pose
+    def _measure_landmarks(self, key: NoiseKey) -> list[ObservedLandmark]:
+        sensors, pose = self.config.sensors, self.state.pose
         observed: list[ObservedLandmark] = []
-        for index, (number, point) in enumerate(config.landmarks.points().items()):
-            if math.hypot(point.x - pose.x, point.y - pose.y) <= sensors.landmark_range:
-                noise = draw(config.seed, config.run, self.state.step, LANDMARK_BLOCK + index)
-                distance, bearing = measured_landmark(pose, point.x, point.y, noise, sensors)
+        for index, (number, point) in enumerate(self.config.landmarks.points().items()):
+            if in_range(pose, point.x, point.y, sensors):
+                distance, bearing = landmark_at(key, index, pose, point.x, point.y, sensors)
                 measured = LandmarkMeasurement(self.stamp, distance, bearing, self._landmark_R, point)
                 observed.append(ObservedLandmark(number, measured))
         return observed
-
-    def _take_fix(self, measured: Pose) -> None:
-        config, sensors, step = self.config, self.config.sensors, self.state.step
-        if sensors.fix_dropout > 0.0 or sensors.fix_outlier > 0.0:
-            fault = draw(config.seed, config.run, step, FAULT_BLOCK)
-            if is_lost(fault, sensors):
-                return
-            measured = with_outlier(measured, fault, sensors)
-        arrival = step + delay_in_steps(sensors.fix_delay, config.plant.sampling_time)
-        self._fixes.append((arrival, PoseFix(self.stamp, measured, self._fix_R)))
 
 
 def _arrived(waiting: deque[tuple[int, _Sensed]], step: int) -> list[_Sensed]:

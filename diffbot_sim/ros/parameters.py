@@ -49,7 +49,7 @@ class PlantNodeConfig(NamedTuple):
             minimum=0.01,
         ),
     ] = 1.0
-    enable_stamped_cmd_vel: Annotated[bool, Spec("hear TwistStamped instead of Twist", read_only=True)] = False
+    enable_stamped_cmd_vel: Annotated[bool, Spec("subscribe to TwistStamped instead of Twist", read_only=True)] = False
     left_wheel_name: Annotated[str, Spec("joint of the left wheel", read_only=True)] = "left_wheel_joint"
     right_wheel_name: Annotated[str, Spec("joint of the right wheel", read_only=True)] = "right_wheel_joint"
     map_frame: Annotated[str, Spec("frame of fixes and truth", read_only=True)] = "map"

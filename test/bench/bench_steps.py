@@ -43,7 +43,7 @@ class Inputs(NamedTuple):
 def inputs() -> Inputs:
     """Drive the closed loop once and keep its poses, fixes and odometry."""
     recording = simulate(WorldConfig(), PRESETS[PAPER], _GOAL, _STEPS)
-    poses = [Pose(*row) for row in recording.seen.tolist()]
+    poses = [Pose(*row) for row in recording.feedback.tolist()]
     world, memory, config = World(WorldConfig()), ControllerMemory(), PRESETS[PAPER]
     fixes, odometry = [], []
     for pose in poses:

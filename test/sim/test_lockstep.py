@@ -274,6 +274,17 @@ def test_a_pause_holds_the_step_and_its_answer_counts_when_it_ends():
     assert (plant.moves, plant.sent) == ([command(1)], [0, 1])
 
 
+def test_an_unanswered_step_is_not_sent_again_in_a_pause():
+    plant, lockstep = started()
+    lockstep.set_paused(True)
+    stall(lockstep)
+    stall(lockstep)
+    assert (plant.sent, lockstep.repeats) == ([0], 0)
+    lockstep.set_paused(False)
+    stall(lockstep)
+    assert (plant.sent, lockstep.repeats) == ([0, 0], 1)
+
+
 def test_paused_at_the_start_the_neighbours_are_watched_and_nothing_is_sent():
     plant = FakePlant()
     lockstep = LockStep(plant, paused=True)
@@ -313,12 +324,24 @@ def test_after_a_reset_all_begins_again_and_answers_to_what_was_sent_before_move
     assert plant.moves == []
 
 
+def test_a_reset_among_resends_forgets_them():
+    plant, lockstep = started(FakePlant(optional={0: {"headings"}}))
+    lockstep.on_command(command(1))
+    poll(plant, lockstep)
+    plant.optional = {}
+    lockstep.reset()
+    poll(plant, lockstep, 11)
+    lockstep.on_command(command(2))
+    assert plant.moves == [command(2)]
+
+
 def test_after_a_reset_the_robot_stands_still_while_it_awaits_a_fix():
     plant, lockstep = started()
     lockstep.on_command(command(3))
     plant.step, plant.first_fix = 0, 3
     plant.moves.clear()
     lockstep.reset()
+    lockstep.on_command(command(4))  # of the drive before
     poll(plant, lockstep, 11)
     assert plant.moves == [STOP] * 3
     assert plant.sent[-1] == 3

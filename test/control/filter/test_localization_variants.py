@@ -19,7 +19,8 @@ from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_sim.compiled.scalar_filter import new_track
-from diffbot_sim.compiled.sensing import NoiseKey, Robot, observe
+from diffbot_sim.compiled.sensing import Robot, observe
+from diffbot_sim.model.philox import NoiseKey
 from diffbot_sim.model.plant import PlantConfig
 from diffbot_sim.model.sensors import SensorConfig
 from diffbot_sim.model.simulator import StartPose, World, WorldConfig

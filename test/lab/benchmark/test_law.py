@@ -136,7 +136,7 @@ def test_the_row_of_a_recording_is_that_of_the_batch():
     case = case_of(Challenge("now", "", DELAYED.controller, filter=CALIBRATING))  # the default, as simulate has it
     expected = run_batch(case, Starts(start[np.newaxis]), 5, 2, 1)[0]
     world = WorldConfig(start=StartPose(*start.tolist()), seed=5, run=2)
-    row = benchmark._outcome(simulate(world, DELAYED.controller, ORIGIN, case.steps), 0.1)
+    row = simulate(world, DELAYED.controller, ORIGIN, case.steps).outcome(ORIGIN, case.xy_tolerance, case.yaw_tolerance)
     np.testing.assert_allclose(row, expected, rtol=1e-6, atol=1e-6)
 
 

@@ -106,7 +106,7 @@ def test_it_is_the_closed_loop(name, feedback):
         expected = simulate(world, controller, goal, case.steps, feedback)
         history = run_histories(case, Starts(np.array([start])), seed, run, 1)[0]
         assert_same_poses(history[:, :3], expected.truth, 1e-9)
-        assert_same_poses(history[:, 3:6], expected.seen, 1e-9)
+        assert_same_poses(history[:, 3:6], expected.feedback, 1e-9)
         np.testing.assert_allclose(history[:, 6:], expected.command, rtol=0.0, atol=1e-9)
         moved += np.hypot(*(expected.truth[-1, :2] - expected.truth[0, :2]))
 
@@ -122,7 +122,7 @@ def test_it_is_the_closed_loop(name, feedback):
         assert outcome["switches"] == np.count_nonzero(np.diff(expected.region, prepend=0))
         local = np.flatnonzero(expected.region)
         assert outcome["local_time"] == pytest.approx(expected.time[local[0]] if local.size else math.nan, nan_ok=True)
-        error = np.hypot(*(expected.seen[-1] - expected.truth[-1])[:2])
+        error = np.hypot(*(expected.feedback[-1] - expected.truth[-1])[:2])
         assert outcome["estimation_error"] == pytest.approx(error, abs=1e-9, nan_ok=True)
     assert moved > 1.0  # what is compared is a drive
 

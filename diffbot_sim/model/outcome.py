@@ -1,0 +1,126 @@
+"""What is kept of a run: figures summed up step by step. One formula for the reference loop and the compiled loop."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from diffbot_control.law.regions import OMEGA_L
+from diffbot_core.geometry import Pose, into_frame
+from diffbot_core.kinematics import Twist
+
+
+class Outcome(NamedTuple):
+    """What is kept of a run."""
+
+    x: float
+    """[m] true end pose in the goal's frame"""
+    y: float
+    """[m]"""
+    theta: float
+    """[rad]"""
+    settling_time: float
+    """[s] until the last entry into the tolerances; nan if the run ends outside"""
+    path_length: float
+    """[m]"""
+    effort: float
+    """integral of v^2 + omega^2 over time [m^2/s + rad^2/s]"""
+    switches: float
+    """changes of region"""
+    local_time: float
+    """[s] when Omega_L was entered first; nan if never"""
+    estimation_error: float
+    """[m] distance of the controller's last feedback from the truth; nan if it never had one"""
+
+
+class Criteria(NamedTuple):
+    """What a run is measured by."""
+
+    goal: Pose
+    """in map"""
+    xy_tolerance: float
+    """[m] for the settling time"""
+    yaw_tolerance: float
+    """[rad] for the settling time"""
+    sampling_time: float
+    """[s]"""
+    steps: int
+    """of the run; poses are one more"""
+
+
+class RunTotals(NamedTuple):
+    """What is summed up along a run."""
+
+    last_outside: int
+    """last step outside the tolerances, -1 for none"""
+    path_length: float
+    """[m]"""
+    effort: float
+    """[m^2/s + rad^2/s]"""
+    local_time: float
+    """[s] nan until Omega_L is entered"""
+
+
+def new_totals() -> RunTotals:
+    """Return the totals before the first step."""
+    return RunTotals(-1, 0.0, 0.0, math.nan)
+
+
+def add_step(
+    totals: RunTotals, criteria: Criteria, step: int, region: int, command: Twist, before: Pose, after: Pose
+) -> RunTotals:
+    """Add one step.
+
+    Args:
+        totals: of the steps before.
+        criteria: of the run.
+        step: its number, 0 .. ``criteria.steps``; in the last one nothing moves.
+        region: in force at its start.
+        command: [m/s, rad/s] held over it.
+        before: true pose at its start, in map.
+        after: true pose at its end, in map; ``before`` in the last step.
+    """
+    t_s = criteria.sampling_time
+    local = into_frame(before, criteria.goal)
+    inside = math.hypot(local.x, local.y) <= criteria.xy_tolerance and abs(local.theta) <= criteria.yaw_tolerance
+    enters_local = region == OMEGA_L and math.isnan(totals.local_time)
+    power = command.v * command.v + command.omega * command.omega if step < criteria.steps else 0.0
+    return RunTotals(
+        totals.last_outside if inside else step,  # nan is not inside
+        totals.path_length + math.hypot(after.x - before.x, after.y - before.y),
+        totals.effort + power * t_s,
+        step * t_s if enters_local else totals.local_time,
+    )
+
+
+def outcome_of(
+    totals: RunTotals, criteria: Criteria, switches: int, feedback: Pose, has_feedback: bool, pose: Pose
+) -> Outcome:
+    """Return the outcome of a run.
+
+    Args:
+        totals: of all its steps.
+        criteria: of the run.
+        switches: changes of region.
+        feedback: last pose given to the controller.
+        has_feedback: False if there never was one.
+        pose: true pose at the end, in map.
+    """
+    local = into_frame(pose, criteria.goal)
+    settling_time = math.nan
+    if totals.last_outside < criteria.steps:
+        settling_time = (totals.last_outside + 1) * criteria.sampling_time
+    error = math.nan
+    if has_feedback:
+        error = math.hypot(feedback.x - pose.x, feedback.y - pose.y)
+    return Outcome(
+        local.x,
+        local.y,
+        local.theta,
+        settling_time,
+        totals.path_length,
+        totals.effort,
+        float(switches),
+        totals.local_time,
+        error,
+    )
