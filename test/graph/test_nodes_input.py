@@ -146,7 +146,7 @@ def filtered(time, *pose):
 
 
 def bad_estimates(good):
-    """Changes of what the controller takes for the robot's pose; without any covariance it is taken at its word."""
+    """Invalid changes of the controller's pose; one without any covariance is valid, its uncertainty unknown."""
     covariances = bad_covariances(good, "pose__covariance", (0, 1, 6))
     bad = [
         *bad_poses(good, "pose__pose"),

@@ -32,7 +32,7 @@ def test_drives_by_odometry_filtered_as_by_pose():
 
 @pytest.fixture
 def fed():
-    """A controller that hears no one but the test."""
+    """A controller that receives messages from the test alone."""
     with robot(controller=FILTERED, only=("controller",), namespace="/fed") as running:
         running.odometry = running.peer.publisher(Odometry, "odometry/filtered")
         running.peer.wait_for_subscribers(running.odometry)
@@ -47,12 +47,12 @@ def feed(running, state, variance):
     message.pose.pose = pose_stamped(*GOAL).pose
     message.pose.covariance[[0, 7, 35]] = variance
 
-    def told():
+    def reported():
         set_stamp(message.header.stamp, time.monotonic_ns())
         running.odometry.publish(message)
         return running.state() == state
 
-    running.peer.spin_until(told, 5.0, f"the state {state!r}")
+    running.peer.spin_until(reported, 5.0, f"the state {state!r}")
     return running.controller_states[-1]
 
 
@@ -71,3 +71,23 @@ def test_covariance_of_the_odometry_decides_whether_the_goal_is_reached(fed):
     values = graph.values(status)
     assert float(values["smallest tolerance [m]"]) == pytest.approx(0.02)
     assert values["goals reached"] == "1"
+
+
+def test_a_pose_without_covariance_has_the_uncertainty_of_the_parameters(fed):
+    status = feed(fed, "goal reached", 0.0)
+    values = graph.values(status)
+    # Two standard deviations of 0.02 m and 0.02 rad.
+    assert float(values["smallest tolerance [m]"]) == pytest.approx(0.04)
+    assert float(values["smallest tolerance [rad]"]) == pytest.approx(0.04)
+    output = fed.processes["controller"].output
+    assert output.count("covariance is all zero") == 1
+    assert "odometry/filtered: covariance is all zero, i.e. unknown: assuming pose_sigma_xy = 0.02 m" in output
+    diagnosis = fed.diagnosis("controller")
+    received = int(diagnosis["odometry/filtered received"])
+    assert received >= 5
+    assert int(diagnosis["odometry/filtered with the covariance of the parameters"]) == received
+    fed.set_parameter("controller", "pose_sigma_xy", 0.03)
+    status = feed(fed, "goal reached", 0.0)
+    fed.peer.spin_until(
+        lambda: graph.values(fed.controller_states[-1])["smallest tolerance [m]"] == "0.0600", 5.0, "the new value"
+    )

@@ -135,6 +135,15 @@ REFUSED = {
     "key that is no text": ("1: 5", "key = 1"),
     "unknown parameter in set": ("set: {kk: 5}", "kk = 5"),
     "unknown parameter in grid": ("grid: {kk: [5]}", "kk = 5"),
+    "replaced parameter in set": (
+        "set: {follow_covariance: true}",
+        "follow_covariance = True: was replaced by region_policy (fixed or covariance)",
+    ),
+    "replaced parameter in grid": (
+        "grid: {follow_covariance: [false, true]}",
+        "follow_covariance = False: was replaced by region_policy (fixed or covariance)",
+    ),
+    "index instead of a word": ("set: {region_policy: 1}", "region_policy = 1"),
     "parameter that is no text": ("set: {1: 5}", "set = {1: 5}"),
     "empty grid": ("grid: {k: []}", "grid.k = []"),
     "grid without a list": ("grid: {k: 5}", "grid.k = 5"),
