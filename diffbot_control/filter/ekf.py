@@ -73,7 +73,8 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
     def update_pose(self, measured: Pose, R: Array) -> float:
         """Correct with a pose fix of covariance ``R`` (3, 3); return the NIS."""
         x = self.x
-        return self._update(pose_innovation(measured, Pose(x.item(0), x.item(1), x.item(2))), R, self._H_pose)
+        dx, dy, turn = pose_innovation(measured, Pose(x.item(0), x.item(1), x.item(2)))
+        return self._update((dx, dy, turn), R, self._H_pose)
 
     def update_heading(self, measured: float, R: Array) -> float:
         """Correct with a heading [rad] of variance ``R`` (1, 1) [rad^2]; return the NIS."""
@@ -106,16 +107,11 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
     def _update(self, innovation: tuple[float, ...], R: Array, H: Array) -> float:
         """Run filterpy's ``update`` with an innovation and a Jacobian that are known already; return the NIS."""
         self.R = R  # as an argument it would pass through numpy's slow isscalar
-        y = np.array(tuple(innovation))
+        y = np.array(innovation)
         self.update(_NO_Z, lambda _x: H, _no_measurement, residual=lambda _z, _expected: y)
         x = self.x
         x[2] = wrap_angle(x.item(2))
-        # Plain floats: numpy takes several times as long for vectors so small.
-        nis = 0.0
-        for one, row in zip(innovation, self.SI.tolist(), strict=True):
-            for other, weight in zip(innovation, row, strict=True):
-                nis += one * weight * other
-        return nis
+        return float(y.dot(self.SI).dot(y))
 
 
 class CalibratingEkf(PoseEkf):

@@ -54,9 +54,13 @@ class Decision(NamedTuple):
     """of a fix that is not accepted: correct the candidate with it; if False, start a new candidate at the fix"""
 
 
+_NO_STREAK = RejectionStreak(0, 0.0)
+_ACCEPT = Decision(ACCEPTED, False)
+
+
 def new_gate() -> GateMemory:
     """Return the memory of a gate that has rejected nothing."""
-    return GateMemory(RejectionStreak(0, 0.0), 0, 0.0, RejectionStreak(0, 0.0))
+    return GateMemory(_NO_STREAK, 0, 0.0, _NO_STREAK)
 
 
 def age(memory: GateMemory, dt: float) -> GateMemory:
@@ -112,30 +116,30 @@ def gate_fix(
 ) -> tuple[GateMemory, Decision]:
     """Decide on a fix; arguments as of :func:`decide`."""
     streak = memory.fixes
-    none = RejectionStreak(0, 0.0)
     if is_expected(memory, nis, FIX, options):
         if streak.rejected == 0 and memory.slack == 0.0 and memory.others.rejected == 0:
-            return memory, Decision(ACCEPTED, False)
-        return GateMemory(none, 0, max(memory.slack - _SLACK_DOWN, 0.0), none), Decision(ACCEPTED, False)
+            return memory, _ACCEPT
+        return GateMemory(_NO_STREAK, 0, max(memory.slack - _SLACK_DOWN, 0.0), _NO_STREAK), _ACCEPT
     agrees = streak.rejected > 0 and is_expected(memory, candidate_nis, FIX, options)
     agreeing = memory.agreeing + 1 if agrees else 1
     slack = memory.slack + _SLACK_UP
     if agreeing >= options.relocation_fixes:
         # The gate was right to reject them: they were not noise.
-        return GateMemory(none, 0, max(slack - agreeing * _SLACK_UP, 0.0), none), Decision(RELOCATED, agrees)
+        return GateMemory(_NO_STREAK, 0, max(slack - agreeing * _SLACK_UP, 0.0), _NO_STREAK), Decision(
+            RELOCATED, agrees
+        )
     streak = count_rejection(streak)
     if diverged(streak, options):
-        return GateMemory(none, 0, slack, none), Decision(RELOCATED, agrees)
+        return GateMemory(_NO_STREAK, 0, slack, _NO_STREAK), Decision(RELOCATED, agrees)
     return GateMemory(streak, agreeing, slack, memory.others), Decision(REJECTED, agrees)
 
 
 def _gate_other(memory: GateMemory, nis: float, kind: int, options: FilterOptions) -> tuple[GateMemory, Decision]:
     if nis == math.inf:
         return memory, Decision(IGNORED, False)
-    none = RejectionStreak(0, 0.0)
-    cleared = GateMemory(memory.fixes, memory.agreeing, memory.slack, none)
+    cleared = GateMemory(memory.fixes, memory.agreeing, memory.slack, _NO_STREAK)
     if is_expected(memory, nis, kind, options):
-        return cleared, Decision(ACCEPTED, False)
+        return cleared, _ACCEPT
     streak = count_rejection(memory.others)
     if diverged(streak, options):
         return cleared, Decision(RELOCATED, False)

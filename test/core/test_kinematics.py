@@ -89,8 +89,8 @@ def test_encoder_covariance_against_sampling():
 
 
 def test_a_faster_right_wheel_makes_v_and_omega_err_together():
-    assert encoder_covariance(WheelSpeeds(1.0, 20.0), 0.05, PAPER)[1] > 0.0
-    assert encoder_covariance(WheelSpeeds(20.0, 1.0), 0.05, PAPER)[1] < 0.0
+    assert encoder_covariance(WheelSpeeds(1.0, 20.0), 0.05, PAPER).cov_v_omega > 0.0
+    assert encoder_covariance(WheelSpeeds(20.0, 1.0), 0.05, PAPER).cov_v_omega < 0.0
 
 
 @pytest.mark.parametrize("bound", [0.0, 0.05, 1.0])
@@ -107,5 +107,5 @@ def test_the_variance_does_not_depend_on_the_sign_of_the_speed():
     forward = encoder_covariance(WheelSpeeds(5.0, 7.0), 0.1, PAPER)
     assert encoder_covariance(WheelSpeeds(-5.0, -7.0), 0.1, PAPER) == forward
     # (0.1 / sqrt(3))^2 (25 + 49) = 0.24667, and 2e-6 at rest; times R^2 / 4.
-    assert forward[0] == pytest.approx(0.25 * 0.05**2 * (0.01 / 3.0 * 74.0 + 2e-6))
-    assert math.isclose(forward[1], 0.5 * 0.05**2 / 0.6 * 0.01 / 3.0 * 24.0, rel_tol=1e-9)
+    assert forward.var_v == pytest.approx(0.25 * 0.05**2 * (0.01 / 3.0 * 74.0 + 2e-6))
+    assert math.isclose(forward.cov_v_omega, 0.5 * 0.05**2 / 0.6 * 0.01 / 3.0 * 24.0, rel_tol=1e-9)

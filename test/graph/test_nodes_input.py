@@ -16,12 +16,12 @@ from sensor_msgs.msg import Imu, JointState
 from std_srvs.srv import Trigger
 
 from diffbot_control.filter.localization import Localization, LocalizationConfig
-from diffbot_control.filter.measurements import Measurement, OdometryStep
+from diffbot_control.filter.measurements import Heading, OdometryStep, PoseFix
 from diffbot_control.law.controller import ControllerMemory, step
 from diffbot_control.law.presets import PRESETS
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist as TwistValue
-from diffbot_core.kinematics import WheelGeometry, WheelSpeeds, body_twist, encoder_covariance
+from diffbot_core.kinematics import TwistCovariance, WheelGeometry, WheelSpeeds, body_twist, encoder_covariance
 
 NAN, INF, HUGE = math.nan, math.inf, 1e308
 LONG = "x" * 1_000_000
@@ -282,7 +282,7 @@ def assert_same_estimate(pose, estimate):
 
 def measured(message):
     pose = planar(message.pose.pose)
-    return Measurement(stamp(message), np.array(pose), R_FIX)
+    return PoseFix(stamp(message), Pose(*pose), R_FIX)
 
 
 @pytest.mark.parametrize("source", ["odom", "joint_states"])
@@ -299,10 +299,10 @@ def test_filter_goes_on_as_if_the_bad_messages_had_not_come(start, source):
         message = odometry(time) if source == "odom" else joint_state(time)
         pose = ask(subject, source, message, poses, time)
         if source == "odom":
-            step = OdometryStep(stamp(message), TwistValue(0.4, 0.1), *VARIANCES)
+            step = OdometryStep(stamp(message), TwistValue(0.4, 0.1), TwistCovariance(*VARIANCES))
         else:
             speeds = WheelSpeeds(5.0, 6.0)
-            step = OdometryStep(stamp(message), body_twist(speeds, wheels), *encoder_covariance(speeds, 0.05, wheels))
+            step = OdometryStep(stamp(message), body_twist(speeds, wheels), encoder_covariance(speeds, 0.05, wheels))
         assert_same_estimate(pose, reference.on_odometry(step))
 
     def spoil(topic, bad):
@@ -324,7 +324,7 @@ def test_filter_goes_on_as_if_the_bad_messages_had_not_come(start, source):
     subject.peer.spin_for(0.2)
     move()
     subject.publish("heading", heading(time))
-    reference.on_measurement(Measurement(round(time * 1e9), np.array([0.6]), np.array([[0.01]])))
+    reference.on_measurement(Heading(round(time * 1e9), 0.6, np.array([[0.01]])))
     move()
     spoil("global_pose", bad_fixes())
     spoil("initialpose", bad_fixes())

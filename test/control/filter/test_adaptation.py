@@ -4,7 +4,15 @@ import math
 
 import numpy as np
 import pytest
-from filter_runs import R_FIX, Robot, estimator, jacobian, winding
+from filter_runs import (
+    R_FIX,
+    Robot,
+    build_measurement,
+    build_motion,
+    gated_filter,
+    jacobian,
+    winding,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -13,20 +21,20 @@ from diffbot_control.filter.adaptation import (
     _Q_RULES,
     _RATE,
     _RULES,
+    Normalised,
     Rule,
     Rules,
-    adapted,
+    adapt,
     infer,
+    inflation,
     membership,
     new_adaptation,
     q_scale,
     r_scales,
-    rescaled,
-    trained,
+    train,
 )
-from diffbot_control.filter.ekf import Motion
 from diffbot_control.filter.gate import ACCEPTED, REJECTED
-from diffbot_control.filter.measurements import Measurement
+from diffbot_core.geometry import Pose
 
 CHECK = settings(derandomize=True, deadline=None, max_examples=100)
 ADAPTIVE = ("ekf_fnn", "ekf_fnn_calibrating")
@@ -70,16 +78,16 @@ def test_training_is_a_step_down_the_gradient(value, error, seed):
         return  # clamped there
     moved = at - _RATE * gradient
     expected = moved + _LEAK * (start - moved)
-    np.testing.assert_allclose(np.array(trained(rules, value, error)).reshape(9), expected, atol=1e-7)
+    np.testing.assert_allclose(np.array(train(rules, value, error)).reshape(9), expected, atol=1e-7)
 
 
 @CHECK
 @given(st.lists(st.tuples(st.floats(-50.0, 50.0), st.floats(-50.0, 50.0)), min_size=1, max_size=60), st.integers(1, 40))
-def test_rules_stay_near_their_start_however_they_are_trained(steps, repeat):
+def test_rules_stay_near_their_start_however_they_are_train(steps, repeat):
     rules, start = _RULES, np.array(_RULES)
     for value, error in steps:
         for _ in range(repeat):
-            rules = trained(rules, value, error)
+            rules = train(rules, value, error)
         away = np.abs(np.array(rules) - start)
         assert (away <= np.array([0.3, 0.3, 0.2]) + 1e-12).all()
         assert rules.low.center < rules.middle.center < rules.high.center
@@ -90,10 +98,10 @@ def test_rules_stay_near_their_start_however_they_are_trained(steps, repeat):
 def test_without_an_error_the_rules_return_to_their_start():
     rules = _RULES
     for _ in range(100):
-        rules = trained(rules, 0.5, 10.0)
+        rules = train(rules, 0.5, 10.0)
     assert np.abs(np.array(rules) - np.array(_RULES)).max() > 0.05
     for _ in range(500):
-        rules = trained(rules, 0.5, 0.0)
+        rules = train(rules, 0.5, 0.0)
     np.testing.assert_allclose(rules, _RULES, atol=1e-4)
 
 
@@ -110,7 +118,7 @@ def fed(count, position=1.0, heading=1.0, seed=0, offset=(0.0, 0.0, 0.0), outlie
         thrown = rng.random() < outliers
         if thrown:
             y[:2] += 30.0 * rng.choice([-1.0, 1.0], 2)
-        state = adapted(state, *y.tolist(), not thrown)
+        state = adapt(state, Normalised(*y.tolist()), not thrown)
         scales.append(r_scales(state))
         q.append(q_scale(state))
     return state, np.array(scales), np.array(q)
@@ -164,18 +172,18 @@ def test_the_drift_is_a_slow_mean_of_the_innovations_of_accepted_fixes():
     rng = np.random.default_rng(3)
     for _ in range(200):
         y, expected = rng.normal(0.5, 1.0, 3), bool(rng.random() < 0.7)
-        state = adapted(state, *y.tolist(), expected)
+        state = adapt(state, Normalised(*y.tolist()), expected)
         if expected:
             mean += 0.1 * (y - mean)
-        assert (state.drift_x, state.drift_y, state.drift_theta) == pytest.approx(tuple(mean))
+        assert tuple(state.drift) == pytest.approx(tuple(mean))
 
 
 def test_q_of_a_drift_by_hand():
     # Of white noise the mean of memory 0.1 has the variance 0.1 / 1.9 in each of three numbers: 0.397 is not yet drift.
-    state = new_adaptation()._replace(drift_x=0.397)
+    state = new_adaptation()._replace(drift=Normalised(0.397, 0.0, 0.0))
     assert q_scale(state) == pytest.approx(q_scale(new_adaptation()), rel=1e-3)
     for drift in (0.8, 1.4, 2.0, 9.0):
-        state = new_adaptation()._replace(drift_x=0.6 * drift, drift_theta=0.8 * drift)
+        state = new_adaptation()._replace(drift=Normalised(0.6 * drift, 0.0, 0.8 * drift))
         expected = math.exp(sugeno(_Q_RULES, min(max(drift - math.sqrt(0.3 / 1.9), 0.0), 2.0)))
         assert q_scale(state) == pytest.approx(expected, rel=1e-6)
 
@@ -193,13 +201,13 @@ def test_but_when_all_fixes_are_rejected_r_is_what_was_wrong():
     rng = np.random.default_rng(0)
     for _ in range(60):
         scale = math.sqrt(r_scales(state)[0])
-        state = adapted(state, *(10.0 * rng.normal(size=3) / scale).tolist(), False)
+        state = adapt(state, Normalised(*(10.0 * rng.normal(size=3) / scale).tolist()), False)
     assert r_scales(state)[0] > 20.0
-    assert (state.drift_x, state.drift_y, state.drift_theta) == (0.0, 0.0, 0.0)
+    assert tuple(state.drift) == (0.0, 0.0, 0.0)
 
 
 def test_the_first_fix_alone_says_nothing():
-    state = adapted(new_adaptation(), 50.0, -50.0, 50.0, True)
+    state = adapt(new_adaptation(), Normalised(50.0, -50.0, 50.0), True)
     assert r_scales(state) == (1.0, 1.0)
     assert (state.position.pairs, state.fixes) == (0, 1)
 
@@ -214,17 +222,17 @@ def test_whatever_comes_all_numbers_stay_within_their_bounds(fixes, repeat):
     for fix in fixes:
         for sign in (1.0, -1.0) * repeat:
             before = state
-            state = adapted(state, sign * fix[0], fix[1], sign * fix[2], fix[3])
+            state = adapt(state, Normalised(sign * fix[0], fix[1], sign * fix[2]), fix[3])
             for channel in (state.position, state.heading):
                 assert abs(channel.log_scale) <= math.log(1e3)
                 assert 0.0 <= channel.mean <= 30.0 * math.exp(0.4)
                 assert (np.abs(np.array(channel.rules) - np.array(_RULES)) <= np.array([0.3, 0.3, 0.2]) + 1e-12).all()
             assert all(1e-3 * (1 - 1e-9) <= scale <= 1e3 * (1 + 1e-9) for scale in r_scales(state))
             assert 1.0 <= q_scale(state) <= math.exp(4.0)
-            assert np.isfinite([state.drift_x, state.drift_y, state.drift_theta]).all()
+            assert np.isfinite(state.drift).all()
             old, new = r_scales(before), r_scales(state)
             grown = math.sqrt(new[0] / old[0] * new[1] / old[1])
-            assert rescaled(before, state) == pytest.approx(max(grown, 1.0))
+            assert inflation(before, state) == pytest.approx(max(grown, 1.0))
 
 
 @pytest.mark.parametrize("limit", [1e-6, 1e6])
@@ -237,7 +245,7 @@ def test_the_scale_ends_at_a_thousand(limit):
 @pytest.mark.parametrize("factor", [0.1, 1.0, 10.0])
 def test_the_filter_finds_the_right_r_whatever_the_fixes_claim(variant, factor):
     robot = Robot(np.random.default_rng(2))
-    found, scales, errors = estimator(variant, P=factor * R_FIX), [], []
+    found, scales, errors = gated_filter(variant, P=factor * R_FIX), [], []
     for step in range(900):
         found.predict(robot.move(*winding(step)))
         found.take(robot.fix(factor))
@@ -254,18 +262,18 @@ def test_the_filter_gives_the_adaptation_each_innovation_by_its_own_deviation(va
     rng = np.random.default_rng(8)
     root = rng.normal(size=(3, 3))
     P = 0.01 * (root @ root.T + np.eye(3))
-    found = estimator(variant, (1.0, 2.0, 3.1), P)
+    found = gated_filter(variant, (1.0, 2.0, 3.1), P)
     found.memory = found.memory._replace(
         adaptation=found.memory.adaptation._replace(
             position=found.memory.adaptation.position._replace(log_scale=math.log(4.0)),
             heading=found.memory.adaptation.heading._replace(log_scale=math.log(9.0)),
         )
     )
-    found.take(Robot(rng).fix()._replace(z=np.array([1.1, 1.8, -3.1])))
+    found.take(Robot(rng).fix()._replace(pose=Pose(1.1, 1.8, -3.1)))
     S = P.diagonal() + R_FIX.diagonal() * (4.0, 4.0, 9.0)
     expected = np.array([0.1, -0.2, 2.0 * math.pi - 6.2]) / np.sqrt(S)
     kept = found.memory.adaptation
-    assert (kept.x, kept.y, kept.theta) == pytest.approx(tuple(expected))
+    assert tuple(kept.innovation) == pytest.approx(tuple(expected))
     # The R that it used is the scaled one: K = P S^-1 of the textbook.
     scale = np.diag([2.0, 2.0, 3.0])
     S_whole = P + scale @ R_FIX @ scale
@@ -277,7 +285,7 @@ def test_the_filter_gives_the_adaptation_each_innovation_by_its_own_deviation(va
 def test_the_poses_part_of_p_grows_with_the_root_of_both_scales_and_never_shrinks(variant):
     rng, found, factors = (
         np.random.default_rng(1),
-        estimator(variant, relocation_fixes=100, gate_probability=0.99999),
+        gated_filter(variant, relocation_fixes=100, gate_probability=0.99999),
         [],
     )
     for _ in range(12):
@@ -286,15 +294,15 @@ def test_the_poses_part_of_p_grows_with_the_root_of_both_scales_and_never_shrink
         H = np.eye(3, len(x))
         K = np.linalg.solve(H @ P @ H.T + root @ R_FIX @ root, H @ P).T
         z = x[:3] + rng.normal(0.0, 1.0, 3) * (0.1, 0.1, 0.06)
-        assert found.take(Measurement(0, z, R_FIX)) == ACCEPTED
+        assert found.take(build_measurement(0, z, R_FIX)) == ACCEPTED
         after = r_scales(found.memory.adaptation)
         factors.append(max(math.sqrt(after[0] / r_scales(before)[0] * after[1] / r_scales(before)[1]), 1.0))
         T = np.diag([*[math.sqrt(factors[-1])] * 3, *[1.0] * (len(x) - 3)])
         np.testing.assert_allclose(found.memory.belief.P, T @ (P - K @ H @ P) @ T, rtol=1e-9, atol=1e-15)
     # A rejected fix rescales the candidate, too.
-    found.take(Measurement(0, np.array([50.0, 0.0, 0.0]), R_FIX))
+    found.take(build_measurement(0, np.array([50.0, 0.0, 0.0]), R_FIX))
     P, candidate, before = found.memory.belief.P, found.memory.candidate, r_scales(found.memory.adaptation)
-    assert found.take(Measurement(0, np.array([90.0, 0.0, 0.0]), R_FIX)) == REJECTED
+    assert found.take(build_measurement(0, np.array([90.0, 0.0, 0.0]), R_FIX)) == REJECTED
     after = r_scales(found.memory.adaptation)
     factors.append(max(math.sqrt(after[0] / before[0] * after[1] / before[1]), 1.0))
     T = np.diag([*[math.sqrt(factors[-1])] * 3, *[1.0] * (len(x) - 3)])
@@ -309,10 +317,10 @@ def test_the_poses_part_of_p_grows_with_the_root_of_both_scales_and_never_shrink
 def test_a_drift_widens_the_prediction_by_the_factor_on_q(variant):
     grown, factors = [], []
     for drift in (0.0, 3.0):
-        found = estimator(variant, wheel_radius_sigma=1e-6, wheel_radius_walk=0.0)
-        state = found.memory.adaptation._replace(drift_x=drift)
+        found = gated_filter(variant, wheel_radius_sigma=1e-6, wheel_radius_walk=0.0)
+        state = found.memory.adaptation._replace(drift=Normalised(drift, 0.0, 0.0))
         found.memory = found.memory._replace(adaptation=state)
-        found.predict(Motion(0.0, 0.0, 1.0, 0.0, 0.0, 0.04))
+        found.predict(build_motion(0.0, 0.0, 1.0, 0.0, 0.0, 0.04))
         grown.append(found.memory.belief.P[2, 2] - R_FIX[2, 2])
         factors.append(q_scale(state))
     assert grown == pytest.approx([0.04 * factor for factor in factors])

@@ -4,13 +4,25 @@ import math
 
 import numpy as np
 import pytest
-from filter_runs import SEPARATION, Robot, covariance, estimator, jacobian, landmark, winding, wrapped
+from filter_runs import (
+    SEPARATION,
+    Robot,
+    build_motion,
+    covariance,
+    gated_filter,
+    jacobian,
+    landmark,
+    numbers_of,
+    winding,
+    wrapped,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2, multivariate_normal
 
-from diffbot_control.filter.ekf import CalibratingEkf, Motion, PoseEkf
+from diffbot_control.filter.ekf import CalibratingEkf, PoseEkf
 from diffbot_control.filter.options import MIN_LANDMARK_DISTANCE
+from diffbot_core.geometry import Point, Pose
 
 CHECK = settings(derandomize=True, deadline=None, max_examples=100)
 POSES = st.tuples(st.floats(-10.0, 10.0), st.floats(-10.0, 10.0), st.floats(-3.1, 3.1))
@@ -40,7 +52,7 @@ def model(state, v, omega, dt, separation):
 
 def calibrating(state, P, separation=SEPARATION, walk=0.0):
     ekf = CalibratingEkf()
-    ekf.wheel_separation, ekf.walk = separation, walk
+    ekf.wheel_separation, ekf.random_walk = separation, walk
     ekf.set_state(np.array(state), P)
     return ekf
 
@@ -59,7 +71,7 @@ def test_predict_is_the_textbook_step_of_the_documented_model(pose, errors, twis
     rng = np.random.default_rng(seed)
     state, P, M = (*pose, *errors), covariance(rng, 5), 0.1 * covariance(rng, 2)
     ekf = calibrating(state, P, separation, walk)
-    ekf.predict(Motion(v, omega, dt, M[0, 0], M[0, 1], M[1, 1]))
+    ekf.predict(build_motion(v, omega, dt, M[0, 0], M[0, 1], M[1, 1]))
     F = jacobian(lambda s: model(s, v, omega, dt, separation), state)
     # The noise acts on the twist of the body; two wheels of other errors each gain walk dt.
     moved = body(v, omega, *errors, separation)
@@ -76,7 +88,7 @@ def test_predict_is_the_textbook_step_of_the_documented_model(pose, errors, twis
 def test_turning_radii_by_hand():
     # 1 m/s straight for 0.5 s, the right wheel 10 % larger, L = 0.5 m: v = 1.05 m/s, omega = 0.1 / 0.5 = 0.2 rad/s.
     ekf = calibrating([0.0, 0.0, 0.0, 0.0, 0.1], np.zeros((5, 5)), separation=0.5)
-    ekf.predict(Motion(1.0, 0.0, 0.5, 0.0, 0.0, 0.0))
+    ekf.predict(build_motion(1.0, 0.0, 0.5, 0.0, 0.0, 0.0))
     expected = 0.525 * math.cos(0.05), 0.525 * math.sin(0.05), 0.1, 0.0, 0.1
     np.testing.assert_allclose(ekf.x, expected, atol=1e-15)
 
@@ -89,7 +101,7 @@ def test_q_is_that_of_the_measured_twist_but_for_the_errors_themselves(pose, twi
     rng = np.random.default_rng(seed)
     errors, M = rng.uniform(-0.03, 0.03, 2), 0.1 * covariance(rng, 2)
     ekf = calibrating([*pose, *errors], np.zeros((5, 5)))
-    ekf.predict(Motion(v, omega, dt, M[0, 0], M[0, 1], M[1, 1]))
+    ekf.predict(build_motion(v, omega, dt, M[0, 0], M[0, 1], M[1, 1]))
     G = jacobian(lambda u: model([*pose, *errors], u[0], u[1], dt, SEPARATION)[:3], (v, omega))
     Q = G @ M @ G.T
     assert np.abs(ekf.Q[:3, :3] - Q).max() <= 0.15 * np.abs(Q).max()
@@ -99,20 +111,20 @@ def of_both(rng, three, five):
     """Give both filters the same random event; return their NIS, if it was a measurement."""
     if rng.random() < 0.5:
         M = 0.1 * covariance(rng, 2)
-        motion = Motion(*rng.normal(0.0, 1.5, 2), rng.uniform(0.01, 0.4), M[0, 0], M[0, 1], M[1, 1])
+        motion = build_motion(*rng.normal(0.0, 1.5, 2), rng.uniform(0.01, 0.4), M[0, 0], M[0, 1], M[1, 1])
         for ekf in (three, five):
             ekf.predict(motion)
         return 0.0, 0.0
     kind = rng.integers(3)
     if kind == 0:
         z, R = three.x + rng.normal(0.0, 0.3, 3), covariance(rng, 3)
-        return three.update_pose(z, R), five.update_pose(z, R)
+        return three.update_pose(Pose(*z), R), five.update_pose(Pose(*z), R)
     if kind == 1:
         z, R = three.x[2:] + rng.normal(0.0, 0.3, 1), covariance(rng, 1)
-        return three.update_heading(z, R), five.update_heading(z, R)
+        return three.update_heading(float(z[0]), R), five.update_heading(float(z[0]), R)
     point, R = rng.uniform(-10.0, 10.0, 2), covariance(rng, 2)
-    z = landmark(three.x, point, R).z + rng.normal(0.0, 0.1, 2)
-    return three.update_landmark(z, R, point), five.update_landmark(z, R, point)
+    z = numbers_of(landmark(three.x, point, R)) + rng.normal(0.0, 0.1, 2)
+    return three.update_landmark(*z, R, Point(*point)), five.update_landmark(*z, R, Point(*point))
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -136,8 +148,8 @@ def test_with_wheels_known_to_be_wrong_it_is_that_filter_on_the_body_s_twist():
     for _ in range(60):
         v, omega, dt = *rng.normal(0.0, 1.5, 2), rng.uniform(0.01, 0.4)
         noise = 0.02, 0.01, 0.03
-        five.predict(Motion(v, omega, dt, *noise))
-        three.predict(Motion(*body(v, omega, *errors, separation), dt, *noise))
+        five.predict(build_motion(v, omega, dt, *noise))
+        three.predict(build_motion(*body(v, omega, *errors, separation), dt, *noise))
         same_pose(five.x, [*three.x, *errors])
         np.testing.assert_allclose(five.P[:3, :3], three.P, rtol=1e-9, atol=1e-12)
 
@@ -146,9 +158,9 @@ def test_with_wheels_known_to_be_wrong_it_is_that_filter_on_the_body_s_twist():
 def test_which_wheel_it_is_shows_in_one_straight_metre(wheel, forward, turn):
     # From a known pose 1 m ahead; the exact fix at its end is off by what an error of 1 % of one wheel does.
     ekf = calibrating(np.zeros(5), np.diag([0.0, 0.0, 0.0, 4e-4, 4e-4]))
-    ekf.predict(Motion(1.0, 0.0, 1.0, 0.0, 0.0, 0.0))
+    ekf.predict(build_motion(1.0, 0.0, 1.0, 0.0, 0.0, 0.0))
     z = np.array([1.0 + 0.01 * forward, 0.5 * 0.01 * turn, 0.01 * turn])
-    ekf.update_pose(z, 1e-14 * np.eye(3))
+    ekf.update_pose(Pose(*z), 1e-14 * np.eye(3))
     expected = [0.0, 0.0]
     expected[wheel - 3] = 0.01
     np.testing.assert_allclose(ekf.x[3:], expected, atol=1e-4)
@@ -193,7 +205,7 @@ def test_landmark_update_is_the_textbook_s_with_a_jacobian_by_finite_differences
         spread = P[0, 0] + P[1, 1]
         wider = R + np.diag([0.5 * (spread / distance) ** 2, (spread / distance**2) ** 2])
         x, P_after, nis = textbook(state, P, y, jacobian(steady, state), wider)
-        assert ekf.update_landmark(z, R, point) == pytest.approx(nis, rel=1e-5, abs=1e-7)
+        assert ekf.update_landmark(*z, R, Point(*point)) == pytest.approx(nis, rel=1e-5, abs=1e-7)
         same_pose(ekf.x, x, 1e-6)
         np.testing.assert_allclose(ekf.P, P_after, rtol=1e-5, atol=1e-6)
 
@@ -209,7 +221,7 @@ def test_nis_of_fix_and_heading_is_that_of_scipy_s_density(pose, errors, seed):
             z = columns @ state + y
             z[-1] = wrapped(z[-1])
             x, P_after, nis = textbook(state, P, y, columns, R)
-            found = ekf.update_pose(z, R) if size == 3 else ekf.update_heading(z, R)
+            found = ekf.update_pose(Pose(*z), R) if size == 3 else ekf.update_heading(float(z[0]), R)
             assert found == pytest.approx(nis, rel=1e-8, abs=1e-10)
             same_pose(ekf.x, x)
             np.testing.assert_allclose(ekf.P, P_after, rtol=1e-8, atol=1e-9)
@@ -223,7 +235,7 @@ def test_a_landmark_behind_goes_the_short_way_across_pi(states):
         np.array([0.0, 0.0, 0.1, *[0.0] * (states - 3)]),
         1e-12 * np.eye(states) + np.diag([0, 0, 1.0, 0, 0])[:states, :states],
     )
-    nis = ekf.update_landmark(np.array([5.0, -math.pi + 0.1]), np.eye(2), (-5.0, 0.0))
+    nis = ekf.update_landmark(5.0, -math.pi + 0.1, np.eye(2), Point(-5.0, 0.0))
     # Expected at pi - 0.1; the innovation of 0.2 and not -6.08 turns it by -0.1.
     assert nis == pytest.approx(0.04 / 2.0)
     assert ekf.x[2] == pytest.approx(0.0, abs=1e-9)
@@ -234,7 +246,7 @@ def test_a_landmark_behind_goes_the_short_way_across_pi(states):
 def test_at_the_landmark_nothing_is_corrected(away, angle):
     for ekf, state, P in filters((1.0, 2.0, 3.0, 0.01, 0.02), np.random.default_rng(0)):
         point = 1.0 + away * math.cos(angle), 2.0 + away * math.sin(angle)
-        assert ekf.update_landmark(np.array([0.5, 0.1]), 0.1 * np.eye(2), point) == math.inf
+        assert ekf.update_landmark(0.5, 0.1, 0.1 * np.eye(2), Point(*point)) == math.inf
         np.testing.assert_array_equal(ekf.x, state)
         np.testing.assert_array_equal(ekf.P, P)
 
@@ -242,7 +254,7 @@ def test_at_the_landmark_nothing_is_corrected(away, angle):
 def test_a_little_off_the_landmark_its_range_counts_again():
     for ekf, state, P in filters((1.0, 2.0, 3.0, 0.01, 0.02), np.random.default_rng(0)):
         point = 1.0 + 1.01 * MIN_LANDMARK_DISTANCE, 2.0
-        assert math.isfinite(ekf.update_landmark(np.array([0.5, 0.1]), 0.1 * np.eye(2), point))
+        assert math.isfinite(ekf.update_landmark(0.5, 0.1, 0.1 * np.eye(2), Point(*point)))
         assert np.isfinite(ekf.x).all()
         # Seen from 0.5 m, so the robot stands further back than it believed.
         assert ekf.x[0] < state[0]
@@ -256,7 +268,7 @@ def test_a_little_off_the_landmark_its_range_counts_again():
 )
 def test_radius_errors_are_found(variant, errors):
     robot = Robot(np.random.default_rng(7), errors)
-    found = estimator(variant)
+    found = gated_filter(variant)
     for step in range(450):
         found.predict(robot.move(*winding(step)))
         if step % 2 == 0:
@@ -275,9 +287,11 @@ def wheel_nees(runs, claimed=0.02, steps=120):
         rng = np.random.default_rng(run)
         errors = rng.normal(0.0, 0.02, 2)
         robot = Robot(rng, errors)
-        found = estimator("ekf_calibrating", gate_probability=1.0, wheel_radius_sigma=claimed, wheel_radius_walk=0.0)
+        found = gated_filter("ekf_calibrating", gate_probability=1.0, wheel_radius_sigma=claimed, wheel_radius_walk=0.0)
         start = robot.fix()
-        found.memory = found.memory._replace(belief=found.memory.belief._replace(x=np.array([*start.z, 0.0, 0.0])))
+        found.memory = found.memory._replace(
+            belief=found.memory.belief._replace(x=np.array([*numbers_of(start), 0.0, 0.0]))
+        )
         for step in range(steps):
             found.predict(robot.move(*winding(step + 20 * run)))
             if step % 3 == 0:
@@ -299,16 +313,16 @@ def test_a_wrong_sigma_at_the_start_would_show():
 
 @pytest.mark.parametrize("walk", [0.0, 1e-3])
 def test_the_walk_lets_the_sigma_grow(walk):
-    found = estimator("ekf_calibrating", wheel_radius_walk=walk, wheel_radius_sigma=0.02)
+    found = gated_filter("ekf_calibrating", wheel_radius_walk=walk, wheel_radius_sigma=0.02)
     for _ in range(100):
-        found.predict(Motion(0.0, 0.0, 0.1, 1e-6, 0.0, 1e-6))
+        found.predict(build_motion(0.0, 0.0, 0.1, 1e-6, 0.0, 1e-6))
     # 1e-3 per sqrt(s) for 10 s on top of 2 %.
     assert found.memory.belief.P[3, 3] == pytest.approx(0.02**2 + 10.0 * walk**2)
 
 
 def test_an_impossible_error_of_a_wheel_is_forgotten():
     # 5 sigma of 2 % is 10 %; one that slips by 60 % is taken for a radius only until then.
-    found = estimator("ekf_calibrating", gate_probability=1.0, wheel_radius_sigma=0.02)
+    found = gated_filter("ekf_calibrating", gate_probability=1.0, wheel_radius_sigma=0.02)
     robot = Robot(np.random.default_rng(1), (-0.6, 0.0))
     forgotten = 0
     for _ in range(80):

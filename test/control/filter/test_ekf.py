@@ -4,11 +4,15 @@ import math
 
 import numpy as np
 import pytest
+from filter_runs import (
+    build_motion,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
-from diffbot_control.filter.ekf import Motion, PoseEkf
+from diffbot_control.filter.ekf import PoseEkf
+from diffbot_core.geometry import Pose
 
 CHECK = settings(derandomize=True, deadline=None, max_examples=150)
 STATES = st.tuples(st.floats(-10.0, 10.0), st.floats(-10.0, 10.0), st.floats(-3.1, 3.1))
@@ -61,7 +65,7 @@ def test_predict_is_the_textbook_step_of_the_documented_model(state, twist, seed
     v, omega, dt = twist
     P, M = covariance(seed), 0.01 * covariance(seed + 1, 2)
     ekf = started(state, P)
-    ekf.predict(Motion(v, omega, dt, M[0, 0], M[0, 1], M[1, 1]))
+    ekf.predict(build_motion(v, omega, dt, M[0, 0], M[0, 1], M[1, 1]))
     F = jacobian(lambda s: model(s, v, omega, dt), state)
     G = jacobian(lambda u: model(state, u[0], u[1], dt), [v, omega])
     expected = model(state, v, omega, dt)
@@ -77,7 +81,7 @@ def test_q_by_hand():
     # Straight along +y for 0.5 s at 2 m/s: 1 m; M = [[0.04, 0.01], [0.01, 0.09]].
     # G = [[0, -0.5], [0.5, 0], [0, 0.5]]: an error of omega moves the end to the side by v dt^2 / 2 = 0.25 m s.
     ekf = started((0.0, 0.0, 0.5 * math.pi), np.zeros((3, 3)))
-    ekf.predict(Motion(2.0, 0.0, 0.5, 0.04, 0.01, 0.09))
+    ekf.predict(build_motion(2.0, 0.0, 0.5, 0.04, 0.01, 0.09))
     G = np.array([[0.0, -0.25], [0.5, 0.0], [0.0, 0.5]])
     expected = G @ np.array([[0.04, 0.01], [0.01, 0.09]]) @ G.T
     np.testing.assert_allclose(ekf.P, expected, atol=1e-15)
@@ -101,7 +105,7 @@ def test_the_model_follows_the_arc_to_second_order():
     errors = []
     for dt in (0.2, 0.1):
         ekf = started((1.0, -2.0, 0.4), np.eye(3))
-        ekf.predict(Motion(1.2, 0.9, dt, 0.0, 0.0, 0.0))
+        ekf.predict(build_motion(1.2, 0.9, dt, 0.0, 0.0, 0.0))
         errors.append(np.linalg.norm(ekf.x - arc((1.0, -2.0, 0.4), 1.2, 0.9, dt)))
     assert 7.8 < errors[0] / errors[1] < 8.2
 
@@ -113,7 +117,7 @@ def test_pose_update_is_the_textbooks(state, offset, seed):
     z = np.array(state) + offset
     z[2] = wrapped(z[2])
     ekf = started(state, P)
-    ekf.update_pose(z, R)
+    ekf.update_pose(Pose(*z), R)
     x, P_after = textbook_update(np.array(state), P, np.array(offset), np.eye(3), R)
     np.testing.assert_allclose(ekf.x[:2], x[:2], rtol=1e-9, atol=1e-9)
     assert wrapped(ekf.x[2] - x[2]) == pytest.approx(0.0, abs=1e-9)
@@ -128,7 +132,7 @@ def test_heading_update_is_the_textbooks(state, offset, seed, variance):
     P = covariance(seed)
     H, R = np.array([[0.0, 0.0, 1.0]]), np.array([[variance]])
     ekf = started(state, P)
-    ekf.update_heading(np.array([wrapped(state[2] + offset)]), R)
+    ekf.update_heading(wrapped(state[2] + offset), R)
     x, P_after = textbook_update(np.array(state), P, np.array([offset]), H, R)
     np.testing.assert_allclose(ekf.x[:2], x[:2], rtol=1e-9, atol=1e-9)
     assert wrapped(ekf.x[2] - x[2]) == pytest.approx(0.0, abs=1e-9)
@@ -148,13 +152,13 @@ def test_updates_go_the_short_way_across_pi(side):
 
 def test_predicting_across_pi_wraps():
     ekf = started((0.0, 0.0, 3.1), np.eye(3))
-    ekf.predict(Motion(0.0, 1.0, 0.1, 0.0, 0.0, 0.0))
+    ekf.predict(build_motion(0.0, 1.0, 0.1, 0.0, 0.0, 0.0))
     assert ekf.x[2] == pytest.approx(3.2 - 2.0 * math.pi)
 
 
 def test_it_starts_knowing_nothing():
     ekf = PoseEkf()
-    ekf.update_pose(np.array([5.0, -7.0, 2.0]), np.diag([0.03, 0.03, 0.01]))
+    ekf.update_pose(Pose(5.0, -7.0, 2.0), np.diag([0.03, 0.03, 0.01]))
     np.testing.assert_allclose(ekf.x, [5.0, -7.0, 2.0], rtol=2e-3)
     np.testing.assert_allclose(ekf.P, np.diag([0.03, 0.03, 0.01]), rtol=2e-3, atol=1e-9)
 
@@ -165,9 +169,9 @@ def test_neither_inputs_nor_old_results_are_changed():
     ekf = PoseEkf()
     ekf.set_state(x, P)
     old_x, old_P = ekf.x, ekf.P
-    ekf.predict(Motion(1.0, 1.0, 0.1, 0.1, 0.0, 0.1))
-    ekf.update_pose(z, R)
-    ekf.update_heading(np.array([3.0]), np.array([[0.1]]))
+    ekf.predict(build_motion(1.0, 1.0, 0.1, 0.1, 0.0, 0.1))
+    ekf.update_pose(Pose(*z), R)
+    ekf.update_heading(3.0, np.array([[0.1]]))
     np.testing.assert_array_equal(x, [1.0, 2.0, 3.0])
     np.testing.assert_array_equal(P, np.eye(3))
     np.testing.assert_array_equal(z, [1.5, 2.5, -3.0])
@@ -191,13 +195,13 @@ def normalised_errors(q_factor=1.0, r_factor=1.0, runs=200, steps=30):
             real_v, real_omega = rng.multivariate_normal([v, omega], M)
             truth = arc(truth, real_v, real_omega, 0.1)
             Q = q_factor * M
-            ekf.predict(Motion(v, omega, 0.1, Q[0, 0], Q[0, 1], Q[1, 1]))
+            ekf.predict(build_motion(v, omega, 0.1, Q[0, 0], Q[0, 1], Q[1, 1]))
             if step % 3 == 0:
                 z = truth + rng.multivariate_normal(np.zeros(3), R)
-                ekf.update_pose(z, r_factor * R)
+                ekf.update_pose(Pose(*z), r_factor * R)
             if step % 5 == 0:
                 z = np.array([truth[2] + rng.normal(0.0, 0.1)])
-                ekf.update_heading(z, np.array([[r_factor * 0.01]]))
+                ekf.update_heading(float(z[0]), np.array([[r_factor * 0.01]]))
         error = ekf.x - truth
         error[2] = wrapped(error[2])
         found.append(error @ np.linalg.solve(ekf.P, error))

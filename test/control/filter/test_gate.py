@@ -1,4 +1,4 @@
-"""The gate, its slack and the ways back, against chi-square quantiles, counting by hand and a second filter."""
+"""The gate, its slack and relocation, against chi-square quantiles, counting by hand and a second filter."""
 
 import math
 
@@ -8,11 +8,14 @@ from filter_runs import (
     R_FIX,
     SEPARATION,
     Robot,
+    build_measurement,
+    build_motion,
     covariance,
-    estimator,
     fix,
+    gated_filter,
     heading,
     landmark,
+    numbers_of,
     straight,
     winding,
     wrapped,
@@ -21,10 +24,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import binom, chi2
 
-from diffbot_control.filter.ekf import Motion
-from diffbot_control.filter.gate import ACCEPTED, REJECTED, RELOCATED, Doubt, FixGate, doubted, judged, passed
-from diffbot_control.filter.gated_filter import GatedFilter
-from diffbot_control.filter.measurements import Measurement
+from diffbot_control.filter.gate import (
+    ACCEPTED,
+    FIX,
+    HEADING,
+    IGNORED,
+    LANDMARK,
+    REJECTED,
+    RELOCATED,
+    Decision,
+    GateMemory,
+    RejectionStreak,
+    age,
+    decide,
+    new_gate,
+)
+from diffbot_control.filter.gated_filter import GatedFilter, WheelEstimate
 from diffbot_control.filter.options import FILTERS, FilterConfig, options_of
 from diffbot_core.geometry import Pose
 
@@ -57,11 +72,22 @@ def test_options_of_the_variants():
         found = options(filter=variant, wheel_radius_sigma=0.04, wheel_radius_walk=0.003)
         assert found.adaptive == adaptive
         assert found.radius_variance == pytest.approx(1.6e-3 if calibrating else 0.0)
-        assert found.radius_walk == pytest.approx(9e-6 if calibrating else 0.0)
-        assert found.radius_most == pytest.approx(0.2 if calibrating else 0.0)
+        assert found.radius_random_walk == pytest.approx(9e-6 if calibrating else 0.0)
+        assert found.max_radius_error == pytest.approx(0.2 if calibrating else 0.0)
 
 
 # The functions.
+
+
+NONE = RejectionStreak(0, 0.0)
+
+
+def decide_fix(memory, expected, agrees, config):
+    """Decide on a fix that is far within or far beyond the gates of estimate and candidate."""
+    memory, decision = decide(memory, 0.5 if expected else 1e9, 0.5 if agrees else 1e9, FIX, config)
+    assert decision.agrees <= agrees
+    return memory, decision.outcome
+
 
 TRIES = st.lists(st.tuples(st.booleans(), st.booleans(), st.floats(0.0, 1.0)), max_size=40)
 
@@ -70,10 +96,10 @@ TRIES = st.lists(st.tuples(st.booleans(), st.booleans(), st.floats(0.0, 1.0)), m
 @given(TRIES, st.integers(2, 6), st.floats(0.1, 5.0))
 def test_the_memory_of_the_gate_is_what_a_count_of_its_history_says(tries, wanted, timeout):
     config = options(relocation_fixes=wanted, relocation_timeout=timeout)
-    gate, history, time = FixGate(), [], 0.0
+    gate, history, time = new_gate(), [], 0.0
     for expected, agrees, dt in tries:
-        gate, time = passed(gate, dt), time + dt
-        gate, verdict = judged(gate, expected, agrees and bool(history), config)
+        gate, time = age(gate, dt), time + dt
+        gate, verdict = decide_fix(gate, expected, agrees and bool(history), config)
         if expected:
             assert verdict == ACCEPTED
             history = []
@@ -88,16 +114,16 @@ def test_the_memory_of_the_gate_is_what_a_count_of_its_history_says(tries, wante
             assert verdict == (RELOCATED if run >= wanted or (len(history) >= wanted and since > timeout) else REJECTED)
             if verdict == RELOCATED:
                 history = []
-        assert gate.rejected == len(history)
-        assert gate.elapsed == pytest.approx(time - history[0][0] if history else 0.0, abs=1e-9)
+        assert gate.fixes.rejected == len(history)
+        assert gate.fixes.elapsed == pytest.approx(time - history[0][0] if history else 0.0, abs=1e-9)
         assert gate.slack >= 0.0
 
 
 def test_slack_by_hand():
-    config, gate, seen = options(relocation_fixes=3, relocation_timeout=100.0), FixGate(), []
+    config, gate, seen = options(relocation_fixes=3, relocation_timeout=100.0), new_gate(), []
     steps = [False] * 4 + [True] * 10 + [False] + [True] * 20
     for expected in steps:
-        gate, _ = judged(gate, expected, False, config)
+        gate, _ = decide_fix(gate, expected, False, config)
         seen.append(gate.slack)
     expected = [0.2, 0.4, 0.6, 0.8, *np.arange(0.75, 0.25, -0.05), 0.5, *np.arange(0.45, 0.0, -0.05), *[0.0] * 11]
     assert seen == pytest.approx(expected, abs=1e-9)
@@ -105,19 +131,67 @@ def test_slack_by_hand():
 
 
 def test_fixes_that_agree_were_no_noise_and_leave_no_slack():
-    config, gate = options(relocation_fixes=3), FixGate(slack=0.3)
+    config, gate = options(relocation_fixes=3), GateMemory(NONE, 0, 0.3, NONE)
     for agrees, verdict in ((False, REJECTED), (False, REJECTED), (True, REJECTED), (True, RELOCATED)):
-        gate, found = judged(gate, False, agrees, config)
+        gate, found = decide_fix(gate, False, agrees, config)
         assert found == verdict
     # The first of the four did not agree, and counts: 0.3 + 0.2.
-    assert gate == pytest.approx((0, 0, 0.0, 0.5), abs=1e-12)
+    assert gate._replace(slack=0.0) == new_gate()
+    assert gate.slack == pytest.approx(0.5, abs=1e-12)
 
 
-def test_time_counts_only_while_there_is_something_to_wait_for():
-    assert passed(FixGate(), 1.0) == FixGate()
-    assert passed(FixGate(2, 1, 0.5, 0.4), 1.0) == FixGate(2, 1, 1.5, 0.4)
-    assert doubted(Doubt(), 1.0) == Doubt()
-    assert doubted(Doubt(2, 0.25), 1.0) == Doubt(2, 1.25)
+def test_time_counts_only_during_a_streak_and_for_each_streak_by_itself():
+    fixes, others = RejectionStreak(2, 0.5), RejectionStreak(3, 0.25)
+    assert age(new_gate(), 1.0) == new_gate()
+    assert age(GateMemory(NONE, 0, 0.4, NONE), 1.0) == GateMemory(NONE, 0, 0.4, NONE)
+    assert age(GateMemory(fixes, 1, 0.4, NONE), 1.0) == GateMemory(RejectionStreak(2, 1.5), 1, 0.4, NONE)
+    assert age(GateMemory(NONE, 0, 0.4, others), 1.0) == GateMemory(NONE, 0, 0.4, RejectionStreak(3, 1.25))
+    both = GateMemory(RejectionStreak(2, 1.5), 1, 0.4, RejectionStreak(3, 1.25))
+    assert age(GateMemory(fixes, 1, 0.4, others), 1.0) == both
+
+
+@pytest.mark.parametrize(("kind", "numbers"), [(HEADING, 1), (LANDMARK, 2), (FIX, 3)])
+def test_the_gate_of_each_kind_is_the_quantile_of_its_numbers_widened_for_fixes_only(kind, numbers):
+    config = options(gate_probability=0.99)
+    for slack in (0.0, 0.7):
+        bound = chi2.ppf(0.99, numbers) * (math.exp(slack) if kind == FIX else 1.0)
+        memory = GateMemory(NONE, 0, slack, NONE)
+        for nis, outcome in ((0.0, ACCEPTED), (0.999 * bound, ACCEPTED), (1.001 * bound, REJECTED)):
+            assert decide(memory, nis, math.nan, kind, config)[1] == Decision(outcome, False)
+        for nis in (math.nan, -1e-6):
+            assert decide(memory, nis, math.nan, kind, config)[1].outcome == REJECTED
+
+
+def test_a_fix_agrees_only_within_the_candidates_gate_and_only_if_there_is_one():
+    config = options(relocation_fixes=5)
+    memory = GateMemory(RejectionStreak(1, 0.0), 1, 0.0, NONE)
+    bound = chi2.ppf(0.999, 3)
+    for candidate_nis, agrees in ((0.99 * bound, True), (1.01 * bound, False), (math.nan, False)):
+        assert decide(memory, 1e6, candidate_nis, FIX, config)[1] == Decision(REJECTED, agrees)
+    assert decide(new_gate(), 1e6, 0.5, FIX, config)[1] == Decision(REJECTED, False)
+
+
+def test_which_decision_ends_which_streak():
+    config = options(relocation_fixes=3, relocation_timeout=1.0)
+    fixes, others = RejectionStreak(1, 0.2), RejectionStreak(1, 0.3)
+    memory = GateMemory(fixes, 1, 0.2, others)
+    assert decide(memory, 0.5, 0.5, FIX, config)[0] == GateMemory(NONE, 0, pytest.approx(0.15), NONE)
+    rejected, _ = decide(memory, 1e6, 0.5, FIX, config)
+    assert rejected == GateMemory(RejectionStreak(2, 0.2), 2, pytest.approx(0.4), others)
+    for kind in (HEADING, LANDMARK):
+        assert decide(memory, 0.5, math.nan, kind, config) == (
+            GateMemory(fixes, 1, 0.2, NONE),
+            Decision(ACCEPTED, False),
+        )
+        counted = GateMemory(fixes, 1, 0.2, RejectionStreak(2, 0.3))
+        assert decide(memory, 1e6, math.nan, kind, config) == (counted, Decision(REJECTED, False))
+        # Both the number and the time are needed.
+        for streak, outcome in (((2, 1.0), RELOCATED), ((2, 0.999), REJECTED), ((1, 5.0), REJECTED)):
+            found, decision = decide(memory._replace(others=RejectionStreak(*streak)), 1e6, math.nan, kind, config)
+            assert decision.outcome == outcome
+            assert found.others == (NONE if outcome == RELOCATED else RejectionStreak(streak[0] + 1, streak[1]))
+            assert found.fixes == fixes
+        assert decide(memory, math.inf, math.nan, kind, config) == (memory, Decision(IGNORED, False))
 
 
 # The share of good measurements that a gate refuses.
@@ -137,12 +211,12 @@ def refused(kind, probability, trials, inflated=1.0):
         3: np.eye(3),
     }[kind]
     root = np.linalg.cholesky(inflated * (H @ P @ H.T + R))
-    expected = {1: np.array(pose[2:]), 2: landmark(pose, point, R).z, 3: np.array(pose)}[kind]
+    expected = {1: np.array(pose[2:]), 2: numbers_of(landmark(pose, point, R)), 3: np.array(pose)}[kind]
     for _ in range(trials):
-        found.start(Pose(*pose), P)
+        found.reset_to(Pose(*pose), P)
         z = expected + root @ rng.normal(size=kind)
         z[-1] = wrapped(z[-1])
-        count += found.take(Measurement(0, z, R, point if kind == 2 else None)) == REJECTED
+        count += found.take(build_measurement(0, z, R, point if kind == 2 else None)) == REJECTED
     return count
 
 
@@ -162,24 +236,24 @@ def test_a_wrong_gate_would_show(kind):
 
 @EVERY
 def test_without_a_gate_all_is_accepted(variant):
-    found, rng = estimator(variant, gate_probability=1.0), np.random.default_rng(3)
+    found, rng = gated_filter(variant, gate_probability=1.0), np.random.default_rng(3)
     for size in (0.1, 10.0, 1e3, 1e6):
         for _ in range(10):
             found.predict(straight(1.0))
             for one in (
                 fix(*rng.normal(0.0, size, 2), rng.uniform(-3.0, 3.0)),
                 heading(rng.uniform(-3.0, 3.0), 1e-4),
-                Measurement(0, np.array([size, 1.0]), 1e-3 * np.eye(2), (3.0, 4.0)),
+                build_measurement(0, np.array([size, 1.0]), 1e-3 * np.eye(2), (3.0, 4.0)),
             ):
                 assert found.take(one) == ACCEPTED
-    assert found.memory.gate == FixGate()
-    assert found.memory.doubt == Doubt()
+    assert found.memory.gate == new_gate()
+    assert found.memory.gate.others == RejectionStreak(0, 0.0)
 
 
 def shares(variant, factor, steps, seed=0):
     """Verdicts and slack over a run whose fixes claim ``factor`` times their R, and the filter and robot at its end."""
     robot = Robot(np.random.default_rng(seed))
-    found, verdicts, slack = estimator(variant, P=factor * R_FIX, gate_probability=0.999), [], []
+    found, verdicts, slack = gated_filter(variant, P=factor * R_FIX, gate_probability=0.999), [], []
     for step in range(steps):
         found.predict(robot.move(*winding(step)))
         verdicts.append(found.take(robot.fix(factor)))
@@ -215,37 +289,37 @@ def test_with_the_right_r_next_to_nothing_is_rejected(variant):
     assert slack.max() <= 0.4 + 1e-9
 
 
-# The way back.
+# Relocation.
 
 
 @EVERY
-@pytest.mark.parametrize("wanted", [2, 3, 5])
-def test_fixes_that_agree_are_believed_after_so_many_and_not_before(variant, wanted):
-    found = estimator(variant, relocation_fixes=wanted, relocation_timeout=60.0)
-    for number in range(1, wanted + 1):
+@pytest.mark.parametrize("count", [2, 3, 5])
+def test_fixes_that_agree_relocate_after_so_many_and_not_before(variant, count):
+    found = gated_filter(variant, relocation_fixes=count, relocation_timeout=60.0)
+    for number in range(1, count + 1):
         found.predict(straight())
         before = found.memory.belief
         verdict = found.take(fix(20.0 + 0.02 * number, -5.0, 1.0))
-        assert verdict == (RELOCATED if number == wanted else REJECTED)
+        assert verdict == (RELOCATED if number == count else REJECTED)
         if verdict == REJECTED:
             np.testing.assert_array_equal(found.memory.belief.x, before.x)
-    np.testing.assert_allclose(found.memory.belief.x[:3], [20.0 + 0.01 * (wanted + 1), -5.0, 1.0], atol=0.02)
-    assert (found.memory.candidate, found.memory.gate) == (None, FixGate())
+    np.testing.assert_allclose(found.memory.belief.x[:3], [20.0 + 0.01 * (count + 1), -5.0, 1.0], atol=0.02)
+    assert (found.memory.candidate, found.memory.gate) == (None, new_gate())
     assert found.take(fix(20.0, -5.0, 1.0)) == ACCEPTED
 
 
 @pytest.mark.parametrize("variant", NOT_ADAPTIVE)
 def test_the_candidate_is_a_filter_of_its_own_started_at_the_first_rejected_fix(variant):
     rng = np.random.default_rng(2)
-    found = estimator(variant, relocation_fixes=4, relocation_timeout=60.0)
-    second = estimator(variant, (30.0, 10.0, 2.0), gate_probability=1.0)
-    motions = [Motion(*rng.normal(1.0, 0.3, 2), 0.5, 0.01, 0.002, 0.02) for _ in range(4)]
+    found = gated_filter(variant, relocation_fixes=4, relocation_timeout=60.0)
+    second = gated_filter(variant, (30.0, 10.0, 2.0), gate_probability=1.0)
+    motions = [build_motion(*rng.normal(1.0, 0.3, 2), 0.5, 0.01, 0.002, 0.02) for _ in range(4)]
     found.predict(motions[0])
-    second.set_wheels(found.memory.belief.x[3:], found.memory.belief.P[3:, 3:])
+    second.set_wheels(WheelEstimate(found.memory.belief.x[3:], found.memory.belief.P[3:, 3:]))
     assert found.take(fix(30.0, 10.0, 2.0)) == REJECTED
-    for number, motion in enumerate(motions[1:], 1):
-        found.predict(motion)
-        second.predict(motion)
+    for number, one in enumerate(motions[1:], 1):
+        found.predict(one)
+        second.predict(one)
         x, y, theta = second.memory.belief.x[:3] + rng.normal(0.0, 0.1, 3)
         R = covariance(rng, 3, 0.1, 0.3)
         verdict = found.take(fix(x, y, theta, R))
@@ -260,7 +334,7 @@ def test_the_candidate_is_a_filter_of_its_own_started_at_the_first_rejected_fix(
 
 def test_the_candidate_moves_with_the_robot_and_a_fix_left_behind_does_not_agree():
     for moved, verdict in ((True, RELOCATED), (False, REJECTED)):
-        found = estimator("ekf", relocation_fixes=2, relocation_timeout=60.0)
+        found = gated_filter("ekf", relocation_fixes=2, relocation_timeout=60.0)
         assert found.take(fix(20.0)) == REJECTED
         for _ in range(10):
             found.predict(straight(2.0))
@@ -270,7 +344,7 @@ def test_the_candidate_moves_with_the_robot_and_a_fix_left_behind_does_not_agree
 @EVERY
 def test_outliers_that_disagree_do_not_relocate_before_the_timeout(variant):
     # Steps of 1/8 s, exact in binary: the fix 3 s after the first rejected one is number 25.
-    found = estimator(variant, relocation_fixes=2, relocation_timeout=3.0)
+    found = gated_filter(variant, relocation_fixes=2, relocation_timeout=3.0)
     verdicts, thrown = [], []
     for number in range(25):
         angle, distance = 2.4 * number, 1e5 * 3.0**number
@@ -285,8 +359,8 @@ def test_outliers_that_disagree_do_not_relocate_before_the_timeout(variant):
 
 
 @EVERY
-def test_one_good_fix_ends_the_doubts_about_all_before(variant):
-    found = estimator(variant, relocation_fixes=2, relocation_timeout=1.0)
+def test_one_good_fix_ends_the_streak(variant):
+    found = gated_filter(variant, relocation_fixes=2, relocation_timeout=1.0)
     for number in range(30):
         found.predict(straight(dt=0.25))
         outlier = number % 2 == 0
@@ -300,8 +374,8 @@ def test_one_good_fix_ends_the_doubts_about_all_before(variant):
 def test_what_is_known_of_the_wheels_survives(variant):
     known, P = np.array([0.03, -0.02]), np.array([[4e-6, 1e-6], [1e-6, 3e-6]])
     for jumps in (True, False):
-        found = estimator(variant, relocation_fixes=3, relocation_timeout=0.3)
-        found.set_wheels(known, P)
+        found = gated_filter(variant, relocation_fixes=3, relocation_timeout=0.3)
+        found.set_wheels(WheelEstimate(known, P))
         verdict = ACCEPTED
         for number in range(10):
             found.predict(straight(1.0))
@@ -324,7 +398,7 @@ def test_what_is_known_of_the_wheels_survives(variant):
 @EVERY
 def test_at_1_hz_a_kidnapped_robot_is_back_with_the_third_fix(variant):
     robot = Robot(np.random.default_rng(5))
-    found, verdicts = estimator(variant), []
+    found, verdicts = gated_filter(variant), []
     for step in range(400):
         found.predict(robot.move(*winding(step)))
         if step == 304:
@@ -346,7 +420,7 @@ def test_at_1_hz_a_kidnapped_robot_is_back_with_the_third_fix(variant):
 @EVERY
 @pytest.mark.parametrize("timeout", [1.0, 3.0])
 def test_headings_that_contradict_for_long_open_the_pose(variant, timeout):
-    found = estimator(variant, (1.0, 2.0, 0.0), 1e-4 * np.eye(3), relocation_timeout=timeout)
+    found = gated_filter(variant, (1.0, 2.0, 0.0), 1e-4 * np.eye(3), relocation_timeout=timeout)
     wheels = found.memory.belief
     for number in range(round(8 * timeout) + 1):
         found.predict(straight(dt=0.125, variance=0.0))
@@ -355,9 +429,9 @@ def test_headings_that_contradict_for_long_open_the_pose(variant, timeout):
         if number < 8 * timeout:
             assert verdict == REJECTED
             assert found.memory.belief is before
-            assert found.memory.doubt == Doubt(number + 1, number * 0.125)
+            assert found.memory.gate.others == RejectionStreak(number + 1, number * 0.125)
     assert verdict == RELOCATED
-    assert found.memory.doubt == Doubt()
+    assert found.memory.gate.others == RejectionStreak(0, 0.0)
     # A prior of (1 rad)^2 and one heading of variance 0.01; nothing is known of the position, and nothing correlates.
     x, P = found.memory.belief
     np.testing.assert_allclose(x[:3], [1.0, 2.0, 2.0 / 1.01])
@@ -371,7 +445,7 @@ def test_headings_that_contradict_for_long_open_the_pose(variant, timeout):
 @EVERY
 def test_landmarks_alone_bring_a_kidnapped_robot_back(variant):
     points, R = ((4.0, 1.0), (-3.0, 5.0), (1.0, -6.0)), np.diag([1e-3, 1e-3])
-    found = estimator(variant, P=1e-3 * np.eye(3), relocation_timeout=3.0)
+    found = gated_filter(variant, P=1e-3 * np.eye(3), relocation_timeout=3.0)
     truth, verdicts = (1.5, 1.0, 0.6), []
     for number in range(80):
         found.predict(straight(dt=0.125))
@@ -384,14 +458,14 @@ def test_landmarks_alone_bring_a_kidnapped_robot_back(variant):
 
 @EVERY
 @pytest.mark.parametrize("comforter", [heading(0.0), landmark((0.0, 0.0, 0.0), (4.0, 1.0), 0.01 * np.eye(2)), fix(0.0)])
-def test_an_accepted_measurement_clears_the_doubt(variant, comforter):
-    found = estimator(variant, P=1e-3 * np.eye(3), relocation_timeout=1.0)
+def test_an_accepted_measurement_ends_the_streak(variant, comforter):
+    found = gated_filter(variant, P=1e-3 * np.eye(3), relocation_timeout=1.0)
     for number in range(40):
         found.predict(straight(dt=0.125, variance=0.0))
         assert found.take(heading(2.0)) == REJECTED
         if number % 8 == 7:
             assert found.take(comforter) == ACCEPTED
-            assert found.memory.doubt == Doubt()
+            assert found.memory.gate.others == RejectionStreak(0, 0.0)
     for _ in range(9):
         found.predict(straight(dt=0.125, variance=0.0))
         verdict = found.take(heading(2.0))
@@ -400,20 +474,20 @@ def test_an_accepted_measurement_clears_the_doubt(variant, comforter):
 
 @EVERY
 def test_a_rejected_fix_does_not_clear_it_and_a_relocation_does(variant):
-    found = estimator(variant, P=1e-3 * np.eye(3), relocation_timeout=1.0, relocation_fixes=3)
+    found = gated_filter(variant, P=1e-3 * np.eye(3), relocation_timeout=1.0, relocation_fixes=3)
     found.take(heading(2.0))
     for expected in (REJECTED, REJECTED, RELOCATED):
         found.predict(straight(dt=0.125))
-        doubt = found.memory.doubt
+        streak = found.memory.gate.others
         assert found.take(fix(50.0, 0.0, 2.0)) == expected
-        assert found.memory.doubt == (Doubt() if expected == RELOCATED else doubt)
-        assert doubt.rejected
+        assert found.memory.gate.others == (RejectionStreak(0, 0.0) if expected == RELOCATED else streak)
+        assert streak.rejected
     assert found.take(heading(2.0)) == ACCEPTED
 
 
 @EVERY
 def test_headings_and_landmarks_do_not_touch_the_fixes_gate(variant):
-    found = estimator(variant, relocation_timeout=60.0)
+    found = gated_filter(variant, relocation_timeout=60.0)
     found.take(fix(50.0))
     gate, candidate = found.memory.gate, found.memory.candidate
     for one in (heading(0.0), heading(3.0), landmark((0.0, 0.0, 0.0), (4.0, 1.0), 0.01 * np.eye(2))):
@@ -424,14 +498,14 @@ def test_headings_and_landmarks_do_not_touch_the_fixes_gate(variant):
 
 def test_two_bad_headings_far_apart_open_nothing():
     # Silence is no contradiction: it takes as many rejections as for fixes, too.
-    found = estimator("ekf", P=1e-3 * np.eye(3), relocation_timeout=1.5, relocation_fixes=3)
+    found = gated_filter("ekf", P=1e-3 * np.eye(3), relocation_timeout=1.5, relocation_fixes=3)
     for expected in (REJECTED, REJECTED, RELOCATED):
         found.predict(straight(dt=2.0))
         assert found.take(heading(2.0)) == expected
 
 
 def test_two_outliers_of_a_slow_sensor_are_not_believed():
-    found = estimator("ekf", P=1e-3 * np.eye(3), relocation_timeout=1.5, relocation_fixes=3)
+    found = gated_filter("ekf", P=1e-3 * np.eye(3), relocation_timeout=1.5, relocation_fixes=3)
     for offset in ((3.0, 0.0), (0.0, 3.0)):
         found.predict(straight(dt=2.0))
         x, y, _ = found.memory.belief.x

@@ -4,14 +4,24 @@ import math
 
 import numpy as np
 import pytest
-from filter_runs import R_FIX, SEPARATION, covariance, estimator, fix, heading, straight
+from filter_runs import (
+    R_FIX,
+    SEPARATION,
+    build_measurement,
+    build_motion,
+    covariance,
+    fix,
+    gated_filter,
+    heading,
+    numbers_of,
+    straight,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from diffbot_control.filter.ekf import Motion
 from diffbot_control.filter.gate import ACCEPTED, REJECTED
-from diffbot_control.filter.gated_filter import GatedFilter
-from diffbot_control.filter.measurements import Measurement
+from diffbot_control.filter.gated_filter import GatedFilter, WheelEstimate
+from diffbot_control.filter.models import Motion
 from diffbot_control.filter.options import FILTERS, FilterConfig, options_of
 from diffbot_core.geometry import Pose
 
@@ -48,22 +58,22 @@ def event(rng, kind):
     """A motion or a measurement with numbers of very different sizes."""
     if kind == "drive":
         M = covariance(rng, 2, 1e-3, 3.0)
-        return Motion(*signed(rng, -3, 1, 2), 10.0 ** rng.uniform(-9.0, 0.0), M[0, 0], M[0, 1], M[1, 1])
+        return build_motion(*signed(rng, -3, 1, 2), 10.0 ** rng.uniform(-9.0, 0.0), M[0, 0], M[0, 1], M[1, 1])
     angle = rng.uniform(-math.pi, math.pi)
     if kind == "heading":
-        return Measurement(0, np.array([angle]), covariance(rng, 1, 1e-3, 10.0))
+        return build_measurement(0, np.array([angle]), covariance(rng, 1, 1e-3, 10.0))
     if kind == "landmark":
-        return Measurement(
+        return build_measurement(
             0,
             np.array([10.0 ** rng.uniform(-3, 2), angle]),
             covariance(rng, 2, 1e-3, 10.0),
             tuple(signed(rng, -3, 2, 2)),
         )
     if kind == "singular":
-        return Measurement(0, np.array([*signed(rng, -3, 0, 2), angle]), nearly_singular(rng, 3))
+        return build_measurement(0, np.array([*signed(rng, -3, 0, 2), angle]), nearly_singular(rng, 3))
     size = 7 if kind == "huge" else 2
     R = covariance(rng, 3, 1e-2, 10.0)
-    return Measurement(0, np.array([*signed(rng, -3, size, 2), angle]), R)
+    return build_measurement(0, np.array([*signed(rng, -3, size, 2), angle]), R)
 
 
 def assert_healthy(found, config):
@@ -82,7 +92,7 @@ def assert_healthy(found, config):
         assert (found.memory.candidate.P.diagonal() > 0.0).all()
     assert found.nis >= 0.0
     assert math.isfinite(found.memory.gate.slack)
-    assert (found.memory.candidate is None) == (found.memory.gate.rejected == 0)
+    assert (found.memory.candidate is None) == (found.memory.gate.fixes.rejected == 0)
 
 
 @EVERY
@@ -91,7 +101,7 @@ def assert_healthy(found, config):
 def test_the_state_stays_finite_symmetric_and_positive_definite(variant, events, config):
     config = config._replace(filter=variant)
     found = GatedFilter(options_of(config), SEPARATION)
-    found.start(Pose(1.0, -2.0, 3.0), R_FIX)
+    found.reset_to(Pose(1.0, -2.0, 3.0), R_FIX)
     last = fix(0.0)
     for kind, seed in events:
         one = last if kind == "fix again" else event(np.random.default_rng(seed), kind)
@@ -100,7 +110,7 @@ def test_the_state_stays_finite_symmetric_and_positive_definite(variant, events,
             continue
         before = found.memory
         verdict = found.take(one)
-        last = one if one.z.size == 3 else last
+        last = one if numbers_of(one).size == 3 else last
         if verdict == REJECTED and not found.options.adaptive:
             assert found.memory.belief is before.belief
         if config.gate_probability == 1.0:
@@ -111,7 +121,7 @@ def test_the_state_stays_finite_symmetric_and_positive_definite(variant, events,
 @EVERY
 @pytest.mark.parametrize("probability", [0.999, 1.0])
 def test_after_innovations_of_ten_thousand_kilometres_it_comes_back(variant, probability):
-    found = estimator(variant, gate_probability=probability)
+    found = gated_filter(variant, gate_probability=probability)
     for number in range(60):
         found.predict(straight())
         found.take(fix(1e7 * (-1.0) ** number, -1e7, 3.0 * (-1.0) ** number))
@@ -122,14 +132,14 @@ def test_after_innovations_of_ten_thousand_kilometres_it_comes_back(variant, pro
         found.take(fix(1.0 + 0.1 * (-1.0) ** number, 2.0, 0.5))
     if probability < 1.0:
         np.testing.assert_allclose(found.memory.belief.x[:3], [1.0, 2.0, 0.5], atol=0.1)
-        assert found.memory.gate.rejected == 0
+        assert found.memory.gate.fixes.rejected == 0
 
 
 @pytest.mark.parametrize("variant", ["ekf", "ekf_calibrating"])
 @pytest.mark.parametrize("value", [math.nan, math.inf])
 def test_a_fix_without_numbers_is_not_accepted(variant, value):
     # The nodes let none through; whoever uses the filter without them must not lose the state to one.
-    found = estimator(variant)
+    found = gated_filter(variant)
     before = found.memory.belief
     with np.errstate(invalid="ignore"):
         assert found.take(fix(value, 0.0)) == REJECTED
@@ -144,10 +154,10 @@ def test_a_fix_without_numbers_is_not_accepted(variant, value):
 @pytest.mark.parametrize("dt", [1e-9, 1e-6])
 def test_many_tiny_steps_are_one_large_one(variant, dt):
     # Without noise and turning the way is the sum of the parts, whatever is left of the digits.
-    many, one = estimator(variant), estimator(variant)
+    many, one = gated_filter(variant), gated_filter(variant)
     for _ in range(1000):
-        many.predict(Motion(1.0, 0.0, dt, 0.0, 0.0, 0.0))
-    one.predict(Motion(1.0, 0.0, 1000.0 * dt, 0.0, 0.0, 0.0))
+        many.predict(build_motion(1.0, 0.0, dt, 0.0, 0.0, 0.0))
+    one.predict(build_motion(1.0, 0.0, 1000.0 * dt, 0.0, 0.0, 0.0))
     np.testing.assert_allclose(many.memory.belief.x, one.memory.belief.x, rtol=1e-9)
     np.testing.assert_allclose(many.memory.belief.P, one.memory.belief.P, rtol=1e-9, atol=1e-12)
 
@@ -155,7 +165,7 @@ def test_many_tiny_steps_are_one_large_one(variant, dt):
 @EVERY
 def test_an_old_memory_can_be_returned_to(variant):
     rng = np.random.default_rng(3)
-    found, results = estimator(variant), []
+    found, results = gated_filter(variant), []
     kinds = ["drive", "fix", "heading", "landmark", "drive", "singular", "huge", "drive"] * 4
     events = [event(rng, kind) for kind in kinds]
     old = found.memory
@@ -171,8 +181,8 @@ def test_an_old_memory_can_be_returned_to(variant):
 
 @pytest.mark.parametrize("variant", ["ekf", "ekf_fnn"])
 def test_a_filter_without_wheels_ignores_what_is_said_of_them(variant):
-    found = estimator(variant)
+    found = gated_filter(variant)
     before = found.memory
-    found.set_wheels(np.array([0.1, 0.1]), np.eye(2))
+    found.set_wheels(WheelEstimate(np.array([0.1, 0.1]), np.eye(2)))
     assert found.memory is before
     assert before.belief.x.size == 3

@@ -4,19 +4,22 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from diffbot_control.filter.gate import ACCEPTED, REJECTED, RELOCATED
-from diffbot_control.filter.innovation_monitor import WINDOW, Consistency
+from diffbot_control.filter.gate import ACCEPTED, FIX, HEADING, LANDMARK, REJECTED, RELOCATED
+from diffbot_control.filter.innovation_monitor import WINDOW, InnovationMonitor
+
+KINDS = {1: HEADING, 2: LANDMARK, 3: FIX}
+"""by the numbers that they measure"""
 
 
 def noted(entries):
-    record = Consistency()
-    for size, nis, verdict in entries:
-        record.note(size, nis, verdict)
+    record = InnovationMonitor()
+    for size, nis, outcome in entries:
+        record.record(KINDS[size], nis, outcome)
     return record
 
 
 def test_at_first_there_is_nothing():
-    record = Consistency()
+    record = InnovationMonitor()
     assert record.nis() is None
     assert record.values() == {"fixes rejected": "0", "relocations by fixes": "0"}
 
@@ -54,7 +57,7 @@ def test_a_relocation_starts_the_mean_anew_and_keeps_the_counts():
     record = noted([(3, 2.0, ACCEPTED), (3, 900.0, REJECTED), (3, 950.0, RELOCATED)])
     assert record.nis() is None
     assert (record.rejected, record.relocated) == ({"fixes": 1}, {"fixes": 1})
-    record.note(1, 0.25, ACCEPTED)
+    record.record(HEADING, 0.25, ACCEPTED)
     assert record.nis().mean == pytest.approx(0.25)
     record.clear()
     assert record.nis() is None

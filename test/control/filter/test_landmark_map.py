@@ -5,16 +5,19 @@ import math
 
 import numpy as np
 import pytest
+from filter_runs import (
+    build_measurement,
+    build_motion,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from diffbot_control.filter.ekf import Motion
 from diffbot_control.filter.gated_filter import GatedFilter
-from diffbot_control.filter.landmark_map import LandmarkMap, linearisation_variance, range_and_bearing
-from diffbot_control.filter.measurements import Measurement
+from diffbot_control.filter.landmark_map import LandmarkMap
+from diffbot_control.filter.models import linearisation_variance
 from diffbot_control.filter.options import FilterConfig, options_of
 from diffbot_core.errors import InvalidValueError
-from diffbot_core.geometry import Pose
+from diffbot_core.geometry import Pose, range_and_bearing
 from diffbot_core.schema import build
 
 CHECK = settings(derandomize=True, deadline=None, max_examples=200)
@@ -76,14 +79,14 @@ def nees_over_markers(variant, seen_within, runs=25):
         rng = np.random.default_rng(run)
         made, truth = GatedFilter(options, 0.6), np.array([0.0, rng.uniform(-0.1, 0.1), 0.0])
         fix_R, R = np.diag([0.03, 0.03, 0.01]), np.diag([0.06**2, 0.03**2])
-        made.start(Pose(*(truth + rng.normal(size=3) * np.sqrt(fix_R.diagonal()))), fix_R)
+        made.reset_to(Pose(*(truth + rng.normal(size=3) * np.sqrt(fix_R.diagonal()))), fix_R)
         for step in range(1, 400):
             noise = rng.normal(size=2) * (0.02, 0.1)
             truth += [0.06 * math.cos(truth[2]), 0.06 * math.sin(truth[2]), 0.0]
-            made.predict(Motion(0.6 + noise[0], noise[1], 0.1, 4e-4, 0.0, 0.01))
+            made.predict(build_motion(0.6 + noise[0], noise[1], 0.1, 4e-4, 0.0, 0.01))
             if step % 10 == 0:
                 z = truth + rng.normal(size=3) * np.sqrt(fix_R.diagonal())
-                made.take(Measurement(0, z, fix_R))
+                made.take(build_measurement(0, z, fix_R))
             for x in np.arange(1.5, 30.0, 3.0):
                 dx, dy = x - truth[0], -truth[1]
                 if 0.01 < math.hypot(dx, dy) <= seen_within:
@@ -91,7 +94,7 @@ def nees_over_markers(variant, seen_within, runs=25):
                     z += rng.normal(size=2) * (0.06, 0.03)
                     if z[0] > 0.0:
                         z[1] = math.remainder(z[1], 2.0 * math.pi)
-                        made.take(Measurement(0, z, R, (x, 0.0)))
+                        made.take(build_measurement(0, z, R, (x, 0.0)))
             if step > 50:
                 x, P = made.memory.belief
                 error = x[:3] - truth

@@ -5,11 +5,16 @@ import math
 
 import numpy as np
 import pytest
+from filter_runs import (
+    build_measurement,
+    numbers_of,
+    odometry_step,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from diffbot_control.filter.localization import Localization, LocalizationConfig
-from diffbot_control.filter.measurements import Measurement, OdometryStep
+from diffbot_control.filter.measurements import Heading, PoseFix
 from diffbot_control.filter.options import FilterConfig
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose
@@ -30,17 +35,17 @@ def plain(history=1.0):
 
 def odometry(number, v=1.2, omega=0.7):
     """Return the odometry of one period, its end stamped ``number`` periods after 0."""
-    return OdometryStep(number * PERIOD, Twist(v, omega), 4e-3, 1e-3, 0.02)
+    return odometry_step(number * PERIOD, Twist(v, omega), 4e-3, 1e-3, 0.02)
 
 
 def fix(stamp, seed=0):
     rng = np.random.default_rng([stamp, seed])
-    return Measurement(stamp, np.array([1.0, 2.0, 3.0]) + rng.normal(0.0, 0.2, 3), R_POSE)
+    return build_measurement(stamp, np.array([1.0, 2.0, 3.0]) + rng.normal(0.0, 0.2, 3), R_POSE)
 
 
 def heading(stamp):
     rng = np.random.default_rng([stamp, 99])
-    return Measurement(stamp, 3.0 + rng.normal(0.0, 0.1, 1), np.array([[0.02]]))
+    return build_measurement(stamp, 3.0 + rng.normal(0.0, 0.1, 1), np.array([[0.02]]))
 
 
 def fresh(history=1.0, stamp=0):
@@ -63,13 +68,14 @@ class Textbook:
         self.x = np.array([x + v * dt * c, y + v * dt * s, theta + omega * dt])
         F = np.array([[1.0, 0.0, -v * dt * s], [0.0, 1.0, v * dt * c], [0.0, 0.0, 1.0]])
         G = np.array([[dt * c, -0.5 * v * dt**2 * s], [dt * s, 0.5 * v * dt**2 * c], [0.0, dt]])
-        M = np.array([[step.var_v, step.cov_v_omega], [step.cov_v_omega, step.var_omega]])
+        var_v, cov, var_omega = step.covariance
+        M = np.array([[var_v, cov], [cov, var_omega]])
         self.P = F @ self.P @ F.T + G @ (M * whole / dt) @ G.T
 
     def update(self, measurement):
-        size = measurement.z.size
+        size = numbers_of(measurement).size
         H = np.eye(3)[3 - size :]
-        innovation = measurement.z - H @ self.x
+        innovation = numbers_of(measurement) - H @ self.x
         innovation[-1] = math.remainder(innovation[-1], 2.0 * math.pi)
         K = self.P @ H.T @ np.linalg.inv(H @ self.P @ H.T + measurement.R)
         self.x = self.x + K @ innovation
@@ -139,7 +145,7 @@ def test_any_order_of_arrival_gives_the_same(events, random):
     arrivals += [(step.stamp, random.random(), step) for step in steps]
     localization = fresh()
     for _, _, arrived in sorted(arrivals, key=lambda one: one[:2]):
-        if isinstance(arrived, Measurement):
+        if isinstance(arrived, (PoseFix, Heading)):
             localization.on_measurement(arrived)
         else:
             localization.on_odometry(arrived)
@@ -312,10 +318,10 @@ def test_time_that_jumps_back_resets():
     # The next fix starts anew, and nothing of the old time is left waiting.
     localization.on_measurement(fix(3 * PERIOD))
     found = localization.on_odometry(odometry(3))
-    np.testing.assert_array_equal(found.pose, fix(3 * PERIOD).z)
+    np.testing.assert_array_equal(found.pose, numbers_of(fix(3 * PERIOD)))
     np.testing.assert_array_equal(found.P, R_POSE)
     reference = Localization(plain())
-    reference.initialise(Pose(*fix(3 * PERIOD).z), R_POSE, 3 * PERIOD)
+    reference.initialise(Pose(*numbers_of(fix(3 * PERIOD))), R_POSE, 3 * PERIOD)
     for number in range(4, 70):
         localization.on_odometry(odometry(number))
         reference.on_odometry(odometry(number))
@@ -340,7 +346,7 @@ def test_the_first_fix_is_the_first_state():
     localization.on_measurement(fix(PERIOD))
     found = localization.estimate()
     assert (found.stamp, found.odometry) == (PERIOD, None)
-    np.testing.assert_array_equal(found.pose, fix(PERIOD).z)
+    np.testing.assert_array_equal(found.pose, numbers_of(fix(PERIOD)))
     np.testing.assert_array_equal(found.P, R_POSE)
 
 
@@ -355,7 +361,7 @@ def test_a_reset_forgets_everything():
     found = localization.on_odometry(odometry(21))
     assert found.stamp == 21 * PERIOD
     twin = fresh(stamp=20 * PERIOD)
-    twin.initialise(Pose(*fix(20 * PERIOD).z), R_POSE)
+    twin.initialise(Pose(*numbers_of(fix(20 * PERIOD))), R_POSE)
     assert_equal_estimates(localization, *twin.on_odometry(odometry(21))[1:3])
 
 
@@ -405,9 +411,9 @@ def test_splitting_a_step_conserves_the_noise(parts):
     whole, split = fresh(), fresh()
     for one in (whole, split):
         one.initialise(Pose(0.0, 0.0, 0.0), np.zeros((3, 3)) + 1e-12 * np.eye(3))
-    step = OdometryStep(PERIOD, Twist(1.5, 0.0), 0.04, 0.01, 0.09)
+    step = odometry_step(PERIOD, Twist(1.5, 0.0), 0.04, 0.01, 0.09)
     for part in range(1, parts):
-        blind = Measurement(part * PERIOD // parts, np.zeros(1), np.array([[1e12]]))
+        blind = build_measurement(part * PERIOD // parts, np.zeros(1), np.array([[1e12]]))
         split.on_measurement(blind)
     expected, found = whole.on_odometry(step).P, split.on_odometry(step).P
     seen = np.ix_([0, 2], [0, 2])
@@ -453,7 +459,7 @@ def test_a_measurement_that_is_sent_again_is_refused_and_changes_nothing(make, l
         one.on_measurement(measurement)
     for _ in range(3):
         with pytest.raises(BadMessageError) as caught:
-            localization.on_measurement(Measurement(measurement.stamp, measurement.z.copy(), measurement.R))
+            localization.on_measurement(build_measurement(measurement.stamp, numbers_of(measurement), measurement.R))
         assert caught.value.kind == "duplicate"
         assert_equal_estimates(localization, once.estimate().pose, once.estimate().P)
     # Nor later, when what followed is computed again.
@@ -490,9 +496,9 @@ def test_another_value_or_another_time_is_no_duplicate():
         fix(PERIOD),
         fix(PERIOD, seed=1),
         heading(PERIOD),
-        Measurement(PERIOD - 1, fix(PERIOD).z, R_POSE),
+        build_measurement(PERIOD - 1, numbers_of(fix(PERIOD)), R_POSE),
         # A heading equal to the first number of a fix is another measurement.
-        Measurement(PERIOD, fix(PERIOD).z[:1], np.array([[0.02]])),
+        build_measurement(PERIOD, numbers_of(fix(PERIOD))[:1], np.array([[0.02]])),
     ):
         localization.on_measurement(measurement)
         assert localization.estimate().P.trace() < trace
@@ -515,7 +521,7 @@ def test_after_a_reset_the_same_measurements_are_new():
     localization.on_measurement(fix(PERIOD))
     localization.reset()
     localization.on_measurement(fix(PERIOD))
-    np.testing.assert_array_equal(localization.estimate().pose, fix(PERIOD).z)
+    np.testing.assert_array_equal(localization.estimate().pose, numbers_of(fix(PERIOD)))
 
 
 def test_what_is_known_does_not_grow():
@@ -524,7 +530,7 @@ def test_what_is_known_does_not_grow():
         localization.on_odometry(odometry(number))
         localization.on_measurement(fix(number * PERIOD - 50 * MS))
         localization.on_measurement(heading(number * PERIOD))
-        assert len(localization._known) <= 2 * 7
+        assert len(localization._keys) <= 2 * 7
 
 
 def test_nor_does_one_stamp_far_ahead_make_it_grow_for_ever():
@@ -533,10 +539,10 @@ def test_nor_does_one_stamp_far_ahead_make_it_grow_for_ever():
     blind = np.array([[1e6]])
     for number in range(1, 121):
         for part in range(100):
-            localization.on_measurement(Measurement((number - 1) * PERIOD + part * MS + MS, np.zeros(1), blind))
+            localization.on_measurement(build_measurement((number - 1) * PERIOD + part * MS + MS, np.zeros(1), blind))
         localization.on_odometry(odometry(number))
-    assert len(localization._known) <= 10_000
+    assert len(localization._keys) <= 10_000
     # Sent again within the history, each is still known.
     with pytest.raises(BadMessageError) as caught:
-        localization.on_measurement(Measurement(119 * PERIOD + MS, np.zeros(1), blind))
+        localization.on_measurement(build_measurement(119 * PERIOD + MS, np.zeros(1), blind))
     assert caught.value.kind == "duplicate"

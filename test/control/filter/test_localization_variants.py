@@ -6,14 +6,23 @@ import math
 
 import numpy as np
 import pytest
-from filter_runs import SEPARATION, landmark, wrapped
+from filter_runs import (
+    SEPARATION,
+    build_measurement,
+    build_motion,
+    landmark,
+    numbers_of,
+    odometry_step,
+    wrapped,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from diffbot_control.filter.ekf import Motion
+from diffbot_control.filter.gate import FIX
+from diffbot_control.filter.gated_filter import WheelEstimate
 from diffbot_control.filter.landmark_map import LandmarkMap
 from diffbot_control.filter.localization import Localization, LocalizationConfig
-from diffbot_control.filter.measurements import Measurement, OdometryStep
+from diffbot_control.filter.measurements import Heading, LandmarkMeasurement, PoseFix
 from diffbot_control.filter.options import FILTERS, FilterConfig, options_of
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose
@@ -44,7 +53,7 @@ def localization(variant, history=1.0, **options):
 
 
 def odometry(number, v=1.2, omega=0.7):
-    return OdometryStep(number * PERIOD, Twist(v, omega), 4e-3, 1e-3, 0.02)
+    return odometry_step(number * PERIOD, Twist(v, omega), 4e-3, 1e-3, 0.02)
 
 
 def circle(pose, t):
@@ -65,18 +74,18 @@ def truth(stamp):
 def fix(stamp, offset=(0.0, 0.0, 0.0), seed=0):
     rng = np.random.default_rng([stamp, 1, seed])
     z = truth(stamp) + np.sqrt(R_FIX.diagonal()) * rng.normal(size=3) + offset
-    return Measurement(stamp, np.array([z[0], z[1], wrapped(z[2])]), R_FIX)
+    return build_measurement(stamp, np.array([z[0], z[1], wrapped(z[2])]), R_FIX)
 
 
 def heading(stamp):
     z = truth(stamp)[2] + 0.1 * np.random.default_rng([stamp, 2]).normal()
-    return Measurement(stamp, np.array([wrapped(z)]), np.array([[0.01]]))
+    return build_measurement(stamp, np.array([wrapped(z)]), np.array([[0.01]]))
 
 
 def sighting(stamp, number=0):
     seen = landmark(truth(stamp), POINTS[number], np.diag([0.01, 0.004]))
     noise = np.random.default_rng([stamp, 3, number]).normal(0.0, 0.1, 2)
-    return seen._replace(stamp=stamp, z=seen.z + noise * (1.0, 0.5))
+    return build_measurement(stamp, numbers_of(seen) + noise * (1.0, 0.5), seen.R, seen.landmark)
 
 
 MAKERS = (fix, fix, heading, sighting)
@@ -94,14 +103,16 @@ def flat(value):
 
 
 def assert_same_memory(one, other):
-    """To the bit, and all of it: belief with the wheels, candidate, gate, doubt and adaptation."""
-    assert flat(one.estimator.memory) == flat(other.estimator.memory)
+    """To the bit, and all of it: belief with the wheels, candidate, gate and adaptation."""
+    assert flat(one.filter.memory) == flat(other.filter.memory)
     assert one.estimate().stamp == other.estimate().stamp
 
 
 def deliver(made, arrivals):
     for _, _, arrived in sorted(arrivals, key=lambda one: one[:2]):
-        (made.on_measurement if isinstance(arrived, Measurement) else made.on_odometry)(arrived)
+        (made.on_measurement if isinstance(arrived, (PoseFix, Heading, LandmarkMeasurement)) else made.on_odometry)(
+            arrived
+        )
     return made
 
 
@@ -111,7 +122,10 @@ def with_odometry(arrivals, steps=STEPS):
 
 def in_order(made, measurements, steps=STEPS):
     """Each before the odometry that covers it; of equal stamps the fix first, then by value."""
-    order = sorted(measurements, key=lambda one: (one.stamp, -one.z.size, *one.z.tolist(), *(one.landmark or ())))
+    order = sorted(
+        measurements,
+        key=lambda one: (one.stamp, -numbers_of(one).size, *one.values),
+    )
     return deliver(made, with_odometry([(one.stamp, 0.0001 * rank, one) for rank, one in enumerate(order)], steps))
 
 
@@ -147,10 +161,10 @@ def test_late_across_a_relocation(variant, late):
     measurements = [fix(number * PERIOD - 30 * MS) for number in range(1, STEPS + 1 - late)]
     measurements += [heading(one.stamp) for one in measurements]
     punctual = in_order(localization(variant), measurements)
-    arrivals = [(one.stamp + late * PERIOD, one.z.size, one) for one in measurements]
+    arrivals = [(one.stamp + late * PERIOD, numbers_of(one).size, one) for one in measurements]
     found = deliver(localization(variant), with_odometry(arrivals))
     assert_same_memory(found, punctual)
-    assert punctual.consistency.relocated == found.consistency.relocated == {"fixes": 1}
+    assert punctual.monitor.relocated == found.monitor.relocated == {"fixes": 1}
     assert np.hypot(*(punctual.estimate().pose[:2] - truth(STEPS * PERIOD)[:2])) < 0.5
 
 
@@ -162,10 +176,10 @@ def test_one_late_fix_can_change_the_verdict_on_all_that_came_after(variant):
     made = localization(variant, **options)
     others = [one for number, one in enumerate(fixes) if number != 2]
     deliver(made, with_odometry([(one.stamp, 0.0, one) for one in others[:3]], 12))
-    assert made.estimator.memory.gate.rejected == 3
+    assert made.filter.memory.gate.fixes.rejected == 3
     before = made.estimate().pose
     made.on_measurement(fixes[2])
-    assert made.estimator.memory.gate.rejected == 0
+    assert made.filter.memory.gate.fixes.rejected == 0
     assert np.hypot(made.estimate().pose.x - before.x, made.estimate().pose.y - before.y) > 2.0
     assert_same_memory(made, in_order(localization(variant, **options), fixes[:4], 12))
 
@@ -193,7 +207,9 @@ def test_equal_stamps_give_the_same_in_any_order_of_arrival(variant, stamp, orde
 def test_landmarks_sent_twice_count_once_in_any_order_of_arrival(variant, order):
     measurements = [sighting(stamp * MS, number) for stamp in (330, 470) for number in range(3)]
     once = in_order(localization(variant), measurements, 8)
-    twice = [Measurement(one.stamp, one.z.copy(), one.R, one.landmark) for one in (*measurements, *measurements)]
+    twice = [
+        build_measurement(one.stamp, numbers_of(one), one.R, one.landmark) for one in (*measurements, *measurements)
+    ]
     made, kinds = localization(variant), []
     for number in range(1, 9):
         made.on_odometry(odometry(number))
@@ -210,10 +226,10 @@ def test_two_landmarks_seen_alike_are_two():
     made = localization("ekf")
     R = np.diag([0.01, 0.004])
     z = np.array([3.0, 0.5])
-    made.on_measurement(Measurement(50 * MS, z, R, (1.0, 1.0)))
-    made.on_measurement(Measurement(50 * MS, z, R, (1.5, 1.0)))
+    made.on_measurement(build_measurement(50 * MS, z, R, (1.0, 1.0)))
+    made.on_measurement(build_measurement(50 * MS, z, R, (1.5, 1.0)))
     with pytest.raises(BadMessageError):
-        made.on_measurement(Measurement(50 * MS, z.copy(), R, (1.0, 1.0)))
+        made.on_measurement(build_measurement(50 * MS, z.copy(), R, (1.0, 1.0)))
 
 
 @EVERY
@@ -225,22 +241,22 @@ def test_a_late_measurement_is_counted_once_and_the_others_not_again(variant):
         if number % 2 == 0:
             made.on_measurement(fix(number * PERIOD - 10 * MS, far, number))
         made.on_odometry(odometry(number))
-    assert made.consistency.rejected == {"fixes": 3}
-    assert len(made.consistency._window) == 7
+    assert made.monitor.rejected == {"fixes": 3}
+    assert len(made.monitor._window) == 7
     for count, ms in enumerate((120, 130, 140), 1):
         made.on_measurement(heading(ms * MS))
-        assert made.consistency.rejected == {"fixes": 3}
-        assert len(made.consistency._window) == 7 + count
+        assert made.monitor.rejected == {"fixes": 3}
+        assert len(made.monitor._window) == 7 + count
     made.on_measurement(fix(125 * MS, far))
-    assert made.consistency.rejected == {"fixes": 4}
-    assert len(made.consistency._window) == 10
+    assert made.monitor.rejected == {"fixes": 4}
+    assert len(made.monitor._window) == 10
 
 
 @pytest.mark.parametrize("variant", CALIBRATING)
 def test_a_reset_forgets_the_wheels_and_a_new_pose_does_not(variant):
     made = localization(variant)
     P = np.array([[4e-6, 1e-6], [1e-6, 3e-6]])
-    made.estimator.set_wheels(np.array([0.03, -0.02]), P)
+    made.filter.set_wheels(WheelEstimate(np.array([0.03, -0.02]), P))
     made.initialise(Pose(7.0, 8.0, -1.0), np.eye(3))
     belief = made.estimate().belief
     np.testing.assert_array_equal(belief.x, [7.0, 8.0, -1.0, 0.03, -0.02])
@@ -250,7 +266,7 @@ def test_a_reset_forgets_the_wheels_and_a_new_pose_does_not(variant):
     made.reset()
     made.on_measurement(fix(30 * PERIOD))
     belief = made.estimate().belief
-    np.testing.assert_array_equal(belief.x, [*fix(30 * PERIOD).z, 0.0, 0.0])
+    np.testing.assert_array_equal(belief.x, [*numbers_of(fix(30 * PERIOD)), 0.0, 0.0])
     np.testing.assert_allclose(belief.P[3:, 3:], FilterConfig().wheel_radius_sigma ** 2 * np.eye(2))
 
 
@@ -260,13 +276,13 @@ def test_a_reset_forgets_the_adaptation_and_a_new_pose_does_not(variant):
     for number in range(1, 8):
         made.on_measurement(fix(number * PERIOD - MS, (0.5 * (-1) ** number, 0.0, 0.0)))
         made.on_odometry(odometry(number))
-    learnt = made.estimator.memory.adaptation
+    learnt = made.filter.memory.adaptation
     assert learnt.position.log_scale > 0.0
     made.initialise(Pose(7.0, 8.0, -1.0), np.eye(3))
-    assert made.estimator.memory.adaptation == learnt
+    assert made.filter.memory.adaptation == learnt
     made.reset()
-    assert made.estimator.memory.adaptation.position.log_scale == 0.0
-    assert made.estimator.memory.adaptation.fixes == 0
+    assert made.filter.memory.adaptation.position.log_scale == 0.0
+    assert made.filter.memory.adaptation.fixes == 0
 
 
 @EVERY
@@ -275,15 +291,15 @@ def test_neither_leaves_anything_of_the_gate(variant, forget):
     made = localization(variant)
     made.on_measurement(fix(50 * MS, (50.0, 0.0, 0.0)))
     made.on_odometry(odometry(1))
-    made.on_measurement(Measurement(2 * PERIOD, np.array([-1.0]), np.array([[1e-3]])))
+    made.on_measurement(build_measurement(2 * PERIOD, np.array([-1.0]), np.array([[1e-3]])))
     made.on_odometry(odometry(2))
-    made.consistency.note(3, 2.0, 0)
-    assert made.estimator.memory.candidate is not None
-    assert made.estimator.memory.doubt.rejected
+    made.monitor.record(FIX, 2.0, 0)
+    assert made.filter.memory.candidate is not None
+    assert made.filter.memory.gate.others.rejected
     forget(made)
-    assert made.estimator.memory.candidate is None
-    assert (made.estimator.memory.gate.rejected, made.estimator.memory.doubt.rejected) == (0, False)
-    assert made.consistency.nis() is None
+    assert made.filter.memory.candidate is None
+    assert (made.filter.memory.gate.fixes.rejected, made.filter.memory.gate.others.rejected) == (0, False)
+    assert made.monitor.nis() is None
 
 
 @EVERY
@@ -292,33 +308,35 @@ def test_the_gate_can_be_changed_at_runtime(variant):
     outlier = fix(50 * MS, (5.0, 0.0, 0.0))
     made.on_odometry(odometry(1))
     made.on_measurement(outlier)
-    assert made.consistency.rejected["fixes"] == 1
+    assert made.monitor.rejected["fixes"] == 1
     config = LocalizationConfig(1.0, FilterConfig(filter=variant, gate_probability=1.0))
     made.configure(config, SEPARATION)
     made.on_measurement(fix(60 * MS, (5.0, 0.0, 0.0)))
-    assert made.consistency.rejected["fixes"] == 1
+    assert made.monitor.rejected["fixes"] == 1
     assert made.estimate().pose.x > 0.5
     assert made.config == config
 
 
 def test_relocation_can_be_changed_at_runtime():
     made = localization("ekf", relocation_fixes=50, relocation_timeout=60.0)
-    far = [Measurement(number * PERIOD, np.array([50.0 + number, 0.0, 0.0]), 10.0 * R_FIX) for number in range(1, 9)]
-    still = [OdometryStep(number * PERIOD, Twist(0.0, 0.0), 4e-3, 1e-3, 0.02) for number in range(1, 9)]
+    far = [
+        build_measurement(number * PERIOD, np.array([50.0 + number, 0.0, 0.0]), 10.0 * R_FIX) for number in range(1, 9)
+    ]
+    still = [odometry_step(number * PERIOD, Twist(0.0, 0.0), 4e-3, 1e-3, 0.02) for number in range(1, 9)]
     for one, step in zip(far[:5], still, strict=False):
         made.on_measurement(one)
         made.on_odometry(step)
-    assert not made.consistency.relocated
+    assert not made.monitor.relocated
     made.configure(LocalizationConfig(1.0, FilterConfig(filter="ekf", relocation_fixes=3)), SEPARATION)
     made.on_measurement(far[5])
     made.on_odometry(still[5])
-    assert made.consistency.relocated == {"fixes": 1}
+    assert made.monitor.relocated == {"fixes": 1}
 
 
 @pytest.mark.parametrize("variant", CALIBRATING)
 def test_wheel_separation_and_walk_can_be_changed_at_runtime(variant):
     made = localization(variant)
-    made.estimator.set_wheels(np.array([0.0, 0.1]), 1e-6 * np.eye(2))
+    made.filter.set_wheels(WheelEstimate(np.array([0.0, 0.1]), 1e-6 * np.eye(2)))
     config = FilterConfig(filter=variant, wheel_radius_walk=0.05)
     made.configure(LocalizationConfig(1.0, config), 0.3)
     found = made.on_odometry(odometry(1, 1.0, 0.0))
@@ -342,11 +360,11 @@ def test_a_configuration_of_another_variant_changes_neither_number_of_states():
 def test_each_part_of_a_step_is_predicted_with_its_share_of_the_noise(variant):
     made = localization(variant)
     made.on_measurement(heading(30 * MS))
-    alone = localization(variant).estimator
+    alone = localization(variant).filter
     assert options_of(FilterConfig(filter=variant)) == alone.options
     for dt in (0.03, 0.07):
         share = 0.1 / dt
-        alone.predict(Motion(1.2, 0.7, dt, 4e-3 * share, 1e-3 * share, 0.02 * share))
+        alone.predict(build_motion(1.2, 0.7, dt, 4e-3 * share, 1e-3 * share, 0.02 * share))
         if dt == 0.03:
             alone.take(heading(30 * MS))
     made.on_odometry(odometry(1))
@@ -369,7 +387,7 @@ def test_measurements_of_the_newest_stamp_have_one_result_in_any_order_of_arriva
 
 def test_a_late_measurement_does_not_change_the_order_of_others():
     made = [localization("ekf"), localization("ekf")]
-    blind = Measurement(650 * MS, np.zeros(1), np.array([[1e7]]))
+    blind = build_measurement(650 * MS, np.zeros(1), np.array([[1e7]]))
     for one, early in zip(made, (True, False), strict=True):
         for number in range(1, 8):
             if number == 7 and early:
@@ -385,8 +403,8 @@ def test_a_late_measurement_does_not_change_the_order_of_others():
 def test_the_variant_stays_when_options_change():
     made = localization("ekf")
     made.configure(LocalizationConfig(1.0, FilterConfig(filter="ekf_fnn", gate_probability=0.9)), SEPARATION)
-    assert not made.estimator.options.adaptive
-    assert made.estimator.options.gates[0] < 3.0
+    assert not made.filter.options.adaptive
+    assert made.filter.options.gates[0] < 3.0
     made = localization("ekf_calibrating")
     made.configure(LocalizationConfig(1.0, FilterConfig(filter="ekf")), SEPARATION)
     made.on_odometry(odometry(1))
@@ -407,28 +425,28 @@ def test_what_was_dropped_while_it_waited_may_come_again():
 def test_numbers_that_are_none_are_refused(z):
     made = localization("ekf")
     with pytest.raises(BadMessageError, match="measurement not finite"):
-        made.on_measurement(Measurement(50 * MS, np.array(z), np.eye(len(z))))
+        made.on_measurement(build_measurement(50 * MS, np.array(z), np.eye(len(z))))
 
 
 @pytest.mark.parametrize("probability", [0.999, 1.0])
-def test_a_landmark_under_the_robot_neither_counts_nor_casts_doubt(probability):
+def test_a_landmark_under_the_robot_is_ignored(probability):
     made = localization("ekf", gate_probability=probability)
     made.initialise(Pose(*POINTS[0], 0.0), 1e-4 * np.eye(3))
     for number in range(1, 60):
-        made.on_odometry(OdometryStep(number * PERIOD, Twist(0.0, 0.0), 1e-8, 0.0, 1e-8))
+        made.on_odometry(odometry_step(number * PERIOD, Twist(0.0, 0.0), 1e-8, 0.0, 1e-8))
         z = np.array([1e-3 + 1e-6 * number, 0.3])
-        made.on_measurement(Measurement(number * PERIOD, z, np.diag([1e-4, 1e-3]), POINTS[0]))
-    assert made.consistency.nis() is None
-    assert not made.consistency.rejected
+        made.on_measurement(build_measurement(number * PERIOD, z, np.diag([1e-4, 1e-3]), POINTS[0]))
+    assert made.monitor.nis() is None
+    assert not made.monitor.rejected
     assert made.estimate().P[0, 0] < 1e-3
 
 
 def test_a_singular_innovation_is_rejected():
     made = localization("ekf")
     made.initialise(Pose(0.0, 0.0, 3.0), np.zeros((3, 3)))
-    made.on_odometry(OdometryStep(PERIOD, Twist(0.0, 0.0), 0.0, 0.0, 0.0))
-    made.on_measurement(Measurement(PERIOD, np.array([0.1, 0.0, 3.0]), np.zeros((3, 3))))
-    assert made.consistency.rejected["fixes"] == 1
+    made.on_odometry(odometry_step(PERIOD, Twist(0.0, 0.0), 0.0, 0.0, 0.0))
+    made.on_measurement(build_measurement(PERIOD, np.array([0.1, 0.0, 3.0]), np.zeros((3, 3))))
+    assert made.monitor.rejected["fixes"] == 1
     assert made.estimate().pose == (0.0, 0.0, 3.0)
 
 
@@ -436,8 +454,8 @@ def test_the_heading_of_a_fix_that_relocates_is_wrapped():
     made = localization("ekf", relocation_timeout=0.01)
     for number in range(1, 4):
         made.on_odometry(odometry(number, 0.0, 0.0))
-        made.on_measurement(Measurement(number * PERIOD, np.array([50.0 * (-1.0) ** number, 0.0, 7.0]), R_FIX))
-    assert made.consistency.relocated["fixes"] > 0
+        made.on_measurement(build_measurement(number * PERIOD, np.array([50.0 * (-1.0) ** number, 0.0, 7.0]), R_FIX))
+    assert made.monitor.relocated["fixes"] > 0
     assert made.estimate().pose.theta == pytest.approx(7.0 - 2.0 * math.pi)
 
 
@@ -453,7 +471,7 @@ def test_the_compiled_filter_takes_fix_heading_and_landmarks_in_the_same_order(v
         arrivals = world.sense()
         sightings = [one.measurement for one in arrivals.landmarks]
         for measurement in (*sightings, *arrivals.headings, *arrivals.fixes):
-            if made.initialised or measurement.z.size == 3:
+            if made.initialised or numbers_of(measurement).size == 3:
                 made.on_measurement(measurement)
         if step == 0:
             # The start is the first fix; what came before it was not taken.
@@ -471,7 +489,7 @@ def test_what_waits_since_before_the_first_odometry_is_dropped_and_counted():
     for number in range(1, 6):
         made.on_measurement(fix(number * MS))
     made.on_odometry(odometry(1))
-    assert made.waited_in_vain == 5
+    assert made.dropped_before_odometry == 5
     assert made.estimate().pose == (0.0, 0.0, 3.0)
 
 
@@ -487,5 +505,5 @@ def test_a_sensor_without_stamps_fills_no_memory():
     made = localization("ekf")
     for number in range(20_000):
         with contextlib.suppress(BadMessageError):
-            made.on_measurement(Measurement(0, np.array([1e-4 * number, 0.0, 3.0]), R_FIX))
-    assert len(made._known) <= 10_000
+            made.on_measurement(build_measurement(0, np.array([1e-4 * number, 0.0, 3.0]), R_FIX))
+    assert len(made._keys) <= 10_000

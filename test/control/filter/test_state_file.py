@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from diffbot_control.filter.gated_filter import WheelEstimate
 from diffbot_control.filter.state_file import BrokenStateError, SavedState, load_state, save_state, state_path
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.geometry import Pose
@@ -26,15 +27,18 @@ GOOD = {
 }
 
 
-@pytest.mark.parametrize("wheels", [(WHEELS, WHEELS_P), (None, None)])
+@pytest.mark.parametrize("wheels", [WheelEstimate(WHEELS, WHEELS_P), None])
 def test_what_is_written_is_read_to_the_bit(tmp_path, wheels):
     path = tmp_path / "new" / "state.json"
-    save_state(path, SavedState(Pose(1.0, -2.0, 3.0), P, *wheels, GEOMETRY))
+    save_state(path, SavedState(Pose(1.0, -2.0, 3.0), P, wheels, GEOMETRY))
     found = load_state(path)
     assert (found.pose, found.geometry) == ((1.0, -2.0, 3.0), GEOMETRY)
     np.testing.assert_array_equal(found.P, P)
-    for one, other in zip((found.wheels, found.wheels_P), wheels, strict=True):
-        assert (one is None and other is None) or (one == other).all()
+    if wheels is None:
+        assert found.wheels is None
+    else:
+        np.testing.assert_array_equal(found.wheels.errors, WHEELS)
+        np.testing.assert_array_equal(found.wheels.P, WHEELS_P)
     assert [one.name for one in path.parent.iterdir()] == ["state.json"]
 
 
@@ -93,7 +97,7 @@ def test_the_old_state_stays_if_the_new_one_cannot_be_written(tmp_path, monkeypa
 
     monkeypatch.setattr(Path, "replace", full)
     with pytest.raises(OSError, match="No space left"):
-        save_state(path, SavedState(Pose(0.0, 0.0, 0.0), P, None, None, GEOMETRY))
+        save_state(path, SavedState(Pose(0.0, 0.0, 0.0), P, None, GEOMETRY))
     assert load_state(path).pose == (1.0, -2.0, 3.0)
     assert [one.name for one in tmp_path.iterdir()] == ["state.json"]
 

@@ -11,7 +11,7 @@ import pytest
 from scipy import stats
 
 from diffbot_control.filter.covariance import uncertainty_of
-from diffbot_control.filter.gate import REJECTED, RELOCATED
+from diffbot_control.filter.gate import FIX, REJECTED, RELOCATED
 from diffbot_control.filter.landmark_map import LandmarkMap
 from diffbot_control.filter.localization import Localization, LocalizationConfig
 from diffbot_control.filter.options import CALIBRATING, EKF, FILTERS, FNN, FilterConfig
@@ -66,9 +66,9 @@ def driven(case, filter_name, seed, run):
     config = LocalizationConfig(filter=FilterConfig(filter=filter_name))
     localization = Localization(config, plant.wheels.wheel_separation)
     noted = []
-    consistency = localization.consistency
-    note = consistency.note
-    consistency.note = lambda size, nis, verdict: (noted.append((size, nis, verdict)), note(size, nis, verdict))
+    monitor = localization.monitor
+    record = monitor.record
+    monitor.record = lambda kind, nis, verdict: (noted.append((kind, nis, verdict)), record(kind, nis, verdict))
     errors, covariances, fixes = [], [], []
     for step in range(case.steps + 1):
         arrivals = world.sense()
@@ -80,7 +80,7 @@ def driven(case, filter_name, seed, run):
         error = np.subtract(estimate.pose, world.state.pose)
         errors.append([error[0], error[1], wrapped(error[2])])
         covariances.append(estimate.P)
-        found = [(nis, verdict) for size, nis, verdict in noted if size == 3]
+        found = [(nis, verdict) for kind, nis, verdict in noted if kind == FIX]
         assert len(found) == (len(arrivals.fixes) if step else 0)  # the first fix is where it starts
         fixes += [(step, *one, len(noted) == 1) for one in found]
         world.advance(twist_of(seed, run))

@@ -5,15 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from diffbot_control.filter.ekf import Motion
 from diffbot_control.filter.gate import ACCEPTED, REJECTED, RELOCATED
 from diffbot_control.filter.gated_filter import GatedFilter
-from diffbot_control.filter.measurements import Measurement
+from diffbot_control.filter.measurements import Heading, LandmarkMeasurement, PoseFix
+from diffbot_control.filter.models import Motion
 from diffbot_control.filter.options import FILTERS, FilterConfig, options_of
-from diffbot_core.geometry import Pose
-from diffbot_core.kinematics import Twist
+from diffbot_core.geometry import Point, Pose
+from diffbot_core.kinematics import Twist, TwistCovariance
+from diffbot_sim.compiled import scalar_ekf
 from diffbot_sim.compiled import scalar_filter as twin
-from diffbot_sim.compiled.scalar_ekf import Fix, Sighting
 
 SEPARATION = 0.6
 LANDMARKS = ((3.0, 1.0), (-2.0, 4.0), (0.5, -3.0))
@@ -30,21 +30,38 @@ def matrix_of(P):
     return full + np.triu(full, 1).T
 
 
-def assert_same(reference, track, tolerance=1e-9):
-    x, P = reference.memory.belief
-    found = np.array([*track.belief.pose, track.belief.left, track.belief.right])
+def flat(adaptation):
+    """All its numbers but the rules."""
+    return [
+        *adaptation.innovation,
+        *adaptation.drift,
+        adaptation.fixes,
+        adaptation.expected,
+        *adaptation.position[1:],
+        *adaptation.heading[1:],
+    ]
+
+
+def same_belief(belief, reference, tolerance):
+    x, P = reference
+    found = np.array([*belief.pose, *belief.errors])
     states = len(x)
     np.testing.assert_allclose(found[:2], x[:2], rtol=tolerance, atol=tolerance)
     assert wrapped(found[2] - x[2]) == pytest.approx(0.0, abs=tolerance)
     assert -math.pi < found[2] <= math.pi
     np.testing.assert_allclose(found[3:states], x[3:], atol=tolerance)
-    np.testing.assert_allclose(matrix_of(track.belief.P)[:states, :states], P, rtol=tolerance, atol=tolerance)
-    assert track.gate == pytest.approx(reference.memory.gate, abs=tolerance)
-    assert track.doubt == pytest.approx(reference.memory.doubt, abs=tolerance)
-    assert (reference.memory.candidate is None) == (track.gate.rejected == 0)
-    flat = [*track.adaptation[2:], *track.adaptation.position[1:], *track.adaptation.heading[1:]]
+    np.testing.assert_allclose(matrix_of(belief.P)[:states, :states], P, rtol=tolerance, atol=tolerance)
+
+
+def assert_same(reference, track, tolerance=1e-9):
+    same_belief(track.belief, reference.memory.belief, tolerance)
+    # The same functions of nearly the same numbers: counts and times have no tolerance.
+    assert track.gate == reference.memory.gate
+    assert (reference.memory.candidate is None) == (track.gate.fixes.rejected == 0)
+    if reference.memory.candidate is not None:
+        same_belief(track.candidate, reference.memory.candidate, tolerance)
     other = reference.memory.adaptation
-    assert flat == pytest.approx([*other[2:], *other.position[1:], *other.heading[1:]], rel=1e-6, abs=1e-7)
+    assert flat(track.adaptation) == pytest.approx(flat(other), rel=1e-6, abs=1e-7)
     rules = zip(
         (*track.adaptation.position.rules, *track.adaptation.heading.rules),
         (*other.position.rules, *other.heading.rules),
@@ -63,16 +80,16 @@ def test_the_compiled_filter_is_filterpys(variant, seed):
     reference, track = GatedFilter(options, SEPARATION), twin.new_track(options)
     truth = np.array([*rng.uniform(-1.0, 1.0, 2), math.pi - 0.01 if seed % 2 else rng.uniform(-math.pi, math.pi)])
     R = np.diag(rng.uniform(1e-3, 0.05, 3))
-    reference.start(Pose(*truth), R)
-    track = twin.take_fix(track, Fix(Pose(*truth), *np.diag(R)), options)
+    reference.reset_to(Pose(*truth), R)
+    track = twin.take_fix(track, scalar_ekf.PoseFix(Pose(*truth), *np.diag(R)), options)
     assert_same(reference, track)
     verdicts, kinds = set(), ["fix"] * 4 + ["heading", "landmark", "outlier"]
     for step in range(300):
         v, omega, dt = rng.uniform(-1.0, 2.0), rng.uniform(-4.0, 4.0), rng.uniform(0.01, 0.3)
         a, b, rho = *rng.uniform(1e-3, 0.1, 2), rng.uniform(-0.9, 0.9)
-        M = (a * a, rho * a * b, b * b)
-        reference.predict(Motion(v, omega, dt, *M))
-        track = twin.move(track, Twist(v, omega), dt, M, SEPARATION, options)
+        motion = Motion(Twist(v, omega), dt, TwistCovariance(a * a, rho * a * b, b * b))
+        reference.predict(motion)
+        track = twin.advance(track, motion, SEPARATION, options)
         middle = truth[2] + 0.5 * omega * dt
         truth += [v * dt * math.cos(middle), v * dt * math.sin(middle), omega * dt]
         if step in (100, 101, 200):
@@ -84,20 +101,21 @@ def test_the_compiled_filter_is_filterpys(variant, seed):
             z = truth + rng.normal(0.0, 0.1, 3) + (rng.uniform(-3.0, 3.0, 3) if kind == "outlier" else 0.0)
             pose = Pose(z[0], z[1], wrapped(z[2]))
             R = rng.uniform(1e-3, 0.05, 3)
-            verdict = reference.take(Measurement(0, np.array(pose), np.diag(R)))
-            track = twin.take_fix(track, Fix(pose, *R), options)
-            assert track.verdict == verdict
+            verdict = reference.take(PoseFix(0, pose, np.diag(R)))
+            track = twin.take_fix(track, scalar_ekf.PoseFix(pose, *R), options)
+            assert track.newest.fix_outcome == verdict
             verdicts.add(verdict)
         elif kind == "heading":
             z, variance = wrapped(truth[2] + rng.normal(0.0, 0.1)), rng.uniform(1e-3, 0.05)
-            verdict = reference.take(Measurement(0, np.array([z]), np.array([[variance]])))
+            reference.take(Heading(0, z, np.array([[variance]])))
             track = twin.take_heading(track, z, variance, options)
         else:
             x, y = LANDMARKS[rng.integers(3)]
-            seen = math.hypot(x - truth[0], y - truth[1]), wrapped(math.atan2(y - truth[1], x - truth[0]) - truth[2])
-            verdict = reference.take(Measurement(0, np.array(seen), np.diag([0.01, 0.004]), (x, y)))
-            track = twin.take_landmark(track, Sighting(*seen, x, y, 0.01, 0.004), options)
-        assert track.nis == pytest.approx(reference.nis, rel=1e-6)
+            exact = math.hypot(x - truth[0], y - truth[1]), wrapped(math.atan2(y - truth[1], x - truth[0]) - truth[2])
+            reference.take(LandmarkMeasurement(0, *exact, np.diag([0.01, 0.004]), Point(x, y)))
+            measured = scalar_ekf.LandmarkMeasurement(*exact, Point(x, y), 0.01, 0.004)
+            track = twin.take_landmark(track, measured, options)
+        assert track.newest.nis == pytest.approx(reference.nis, rel=1e-6)
         # Each step is held together by itself: a difference in the last digit must not grow over hundreds of steps.
         assert_same(reference, track, 1e-7)
     assert verdicts == ({ACCEPTED} if probability == 1.0 else {ACCEPTED, REJECTED, RELOCATED})

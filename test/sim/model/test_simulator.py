@@ -26,8 +26,8 @@ def lived(config, steps, command=ARC, start_stamp=0):
     world, seen = World(config, start_stamp), []
     for _ in range(steps + 1):
         arrivals = world.sense()
-        fixes = [(one.stamp, tuple(one.z)) for one in arrivals.fixes]
-        headings = [(one.stamp, tuple(one.z)) for one in arrivals.headings]
+        fixes = [(one.stamp, tuple(one.pose)) for one in arrivals.fixes]
+        headings = [(one.stamp, one.theta) for one in arrivals.headings]
         seen.append((world.stamp, world.state.pose, world.odometry(), fixes, headings))
         world.advance(command)
     return seen
@@ -107,7 +107,7 @@ def test_the_odometry_is_what_the_encoders_saw():
         G = 0.05 * np.array([[0.5, 0.5], [-1.0 / 0.6, 1.0 / 0.6]])
         wheel = np.diag([0.05**2 / 3.0 * speed**2 + 1e-6 for speed in (left, right)])
         M = G @ wheel @ G.T
-        assert (step.var_v, step.cov_v_omega, step.var_omega) == pytest.approx((M[0, 0], M[0, 1], M[1, 1]))
+        assert tuple(step.covariance) == pytest.approx((M[0, 0], M[0, 1], M[1, 1]))
 
 
 def test_lost_fixes_and_outliers_come_in_their_shares():
@@ -136,7 +136,7 @@ def test_new_noise_counts_from_the_next_step():
     assert world.state.pose == quiet
     fix = world.sense().fixes[0]
     assert fix.R[0, 0] == pytest.approx(0.25 / 3.0)
-    assert abs(fix.z[0] - quiet.x) > 1e-6
+    assert abs(fix.pose.x - quiet.x) > 1e-6
     world.advance(ARC)
     assert world.state.twist != pytest.approx(ARC)
 
@@ -178,7 +178,8 @@ def test_the_odometrys_covariance_against_finite_differences():
         at = np.array([*before, *step.twist])
         columns = [(arc(*(at + h)) - arc(*(at - h))) / 2e-6 for h in 1e-6 * np.eye(5)]
         F, G = np.column_stack(columns[:3]), np.column_stack(columns[3:])
-        M = np.array([[step.var_v, step.cov_v_omega], [step.cov_v_omega, step.var_omega]])
+        var_v, cov, var_omega = step.covariance
+        M = np.array([[var_v, cov], [cov, var_omega]])
         Q = G @ M @ G.T
         # The chord's middle stands for the arc's: right up to the square of the turn of one step, 0.04 rad.
         allowed = 5e-3 * np.sqrt(np.outer(Q.diagonal(), Q.diagonal()))
@@ -202,7 +203,7 @@ def test_fixes_claim_a_multiple_of_their_covariance_and_are_as_wrong_as_ever(sca
     scaled = config._replace(sensors=sensors._replace(fix_covariance_scale=scale))
     plain, other = World(config).sense(), World(scaled).sense()
     np.testing.assert_allclose(other.fixes[0].R, scale * np.diag([0.03, 0.12, 0.17**2 / 3.0]))
-    np.testing.assert_array_equal(other.fixes[0].z, plain.fixes[0].z)
+    np.testing.assert_array_equal(other.fixes[0].pose, plain.fixes[0].pose)
     np.testing.assert_array_equal(other.headings[0].R, plain.headings[0].R)
     np.testing.assert_array_equal(other.landmarks[0].measurement.R, plain.landmarks[0].measurement.R)
 
@@ -239,8 +240,8 @@ def test_errors_of_landmarks_are_as_large_as_they_claim_and_their_own():
     world, errors = World(QUIET._replace(sensors=sensors, landmarks=landmarks, seed=5)), []
     for _ in range(3000):
         arrivals = world.sense()
-        ranges = [(one.measurement.z[0] - 6.0, one.measurement.z[1]) for one in arrivals.landmarks]
-        errors.append([*ranges[0], *ranges[1], arrivals.fixes[0].z[0], arrivals.headings[0].z[0]])
+        ranges = [(one.measurement.range - 6.0, one.measurement.bearing) for one in arrivals.landmarks]
+        errors.append([*ranges[0], *ranges[1], arrivals.fixes[0].pose.x, arrivals.headings[0].theta])
         world.advance(Twist(0.0, 0.0))
     R = arrivals.landmarks[0].measurement.R
     np.testing.assert_allclose(R, np.diag([0.1**2 / 3.0, 0.05**2 / 3.0]))
