@@ -164,7 +164,7 @@ def test_a_missing_bag_and_an_empty_folder(tmp_path):
 def test_a_truncated_file(broken, share):
     path, content = broken
     path.write_bytes(content[: max(9, int(len(content) * share))])
-    assert "truncated, its recording did not end" in error_of(path)
+    assert "truncated: its recording was cut off" in error_of(path)
 
 
 @pytest.mark.parametrize(

@@ -114,7 +114,7 @@ def test_what_waits_for_its_turn_at_the_end_is_recorded(tmp_path, peer):
         # It finds the topic by itself but is never given the time to take a message.
         node = RecorderNode()
         graph.wait_for(lambda: node.count_publishers("/waiting"), what="the publisher in the graph")
-        node.look_for_topics()
+        node.update_subscriptions()
         peer.wait_for_subscribers(publisher)
         sent = publish(publisher, twists(100))
         wait_until_arrived(publisher)
@@ -263,7 +263,7 @@ def test_without_a_clock_messages_keep_the_time_of_reception(tmp_path, peer):
         start = peer.node.get_clock().now().nanoseconds
         sent = publish(data, twists(8))
         assert running.stop() == 0
-        assert "no /clock came: 5 messages are stamped with the time of reception" in running.output
+        assert "no /clock received: 5 messages keep their time of reception" in running.output
     assert recorded(tmp_path / "run", "/data") == sent[:5]
     with BagReader(tmp_path / "run") as reader:
         assert reader.start >= start
@@ -312,7 +312,7 @@ def test_a_folder_that_cannot_be_made_is_one_line_before_anything_is_recorded(tm
         assert running.wait() == 1
         (line,) = running.output.splitlines()
         assert line.startswith("error: ")
-        assert "exists already" in line if where == "taken" else "cannot make the bag" in line
+        assert "exists already" in line if where == "taken" else "cannot create the bag" in line
     assert not list((tmp_path / "taken").iterdir())
 
 
@@ -376,7 +376,9 @@ def test_a_type_that_is_not_installed_is_said_once_and_not_fatal(tmp_path, peer)
     good, foreign = peer.publisher(Twist, "good"), peer.publisher(TwistStamped, "foreign")
     parameters = ["-p", f"uri:={tmp_path / 'run'}", "-p", "topic_polling_interval:=0.02"]
     with graph.process(sys.executable, "-c", HIDE_A_TYPE, "--ros-args", *parameters) as running:
-        running.wait_for_output("/foreign is not recorded: it has a type that cannot be read: type geometry_msgs/msg/")
+        running.wait_for_output(
+            "/foreign is not recorded: it has a type that cannot be loaded: type geometry_msgs/msg/"
+        )
         wait_until_recorded(peer, good)
         sent = publish(good, twists(3))
         assert foreign.get_subscription_count() == 0

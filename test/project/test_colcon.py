@@ -23,7 +23,7 @@ NODES = ("controller_node", "ekf_node", "plant_node", "recorder_node", "replay_n
 INSTALLATIONS = ("pip", "colcon", "colcon --symlink-install")
 
 # The first test of a worker also installs colcon and builds.
-pytestmark = pytest.mark.timeout(600)
+pytestmark = [pytest.mark.install, pytest.mark.timeout(600)]
 
 
 class Installation(NamedTuple):
