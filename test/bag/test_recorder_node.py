@@ -28,6 +28,8 @@ from diffbot_bag import metadata
 from diffbot_bag.reader import BagReader
 from diffbot_bag.recorder_node import RecorderNode
 
+pytestmark = pytest.mark.graph
+
 RECORDER = "diffbot_bag.recorder_node"
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 BEST_EFFORT = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)

@@ -20,6 +20,8 @@ from diffbot_bag.reader import BagReader
 from diffbot_bag.ros_conversions import from_ros, to_ros
 from diffbot_bag.writer import BagWriter
 
+pytestmark = pytest.mark.graph
+
 REPLAY = "diffbot_bag.replay_node"
 RECORDER = "diffbot_bag.recorder_node"
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
