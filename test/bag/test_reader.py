@@ -69,8 +69,12 @@ def test_what_is_in_a_bag(bag, what):
             "/b": (POINT, 300, (Qos(),)),
         }
         if what == "folder":
-            told = reader.metadata
-            assert (told.message_count, told.start, told.start + told.duration) == (600, reader.start, reader.end)
+            stored = reader.metadata
+            assert (stored.message_count, stored.start, stored.start + stored.duration) == (
+                600,
+                reader.start,
+                reader.end,
+            )
 
 
 def test_messages_come_in_the_order_of_log_time_with_their_bytes(bag):

@@ -44,13 +44,14 @@ def recorder(folder, parameters=None, arguments=(), **options):
 
 
 def wait_until_recorded(peer, *publishers):
-    """Wait as an orchestrator can: for the recorder's own word that these topics are subscribed."""
-    said = peer.subscribe(DiagnosticStatus, "/recorder/status", LATCHED)
-    wanted = {publisher.topic_name for publisher in publishers}
+    """Wait until the recorder reports these topics as subscribed."""
+    reports = peer.subscribe(DiagnosticStatus, "/recorder/status", LATCHED)
+    expected_topics = {publisher.topic_name for publisher in publishers}
     peer.spin_until(
-        lambda: said and wanted <= set(graph.values(said[-1])["topics"].split()), what=f"{wanted} in ~/status"
+        lambda: reports and expected_topics <= set(graph.values(reports[-1])["topics"].split()),
+        what=f"{expected_topics} in ~/status",
     )
-    return said
+    return reports
 
 
 def twists(count):
@@ -132,11 +133,11 @@ def test_topics_qos_hashes_and_times_are_recorded(tmp_path, peer):
     before = publish(latched, [String(data="<robot/>")])
     with recorder(tmp_path / "run") as running:
         unreliable = peer.publisher(Twist, "/deep/noise", BEST_EFFORT)
-        said = wait_until_recorded(peer, unreliable, latched)
+        reports = wait_until_recorded(peer, unreliable, latched)
         start = peer.node.get_clock().now().nanoseconds
         sent = publish(unreliable, twists(20))
         end = peer.node.get_clock().now().nanoseconds
-        peer.spin_until(lambda: count(said) >= 21, what="all messages")
+        peer.spin_until(lambda: count(reports) >= 21, what="all messages")
         assert running.stop() == 0
     assert recorded(tmp_path / "run", "/description") == before
     assert recorded(tmp_path / "run", "/deep/noise") == sent
@@ -166,9 +167,9 @@ def test_mixed_qos_on_one_topic_is_recorded_from_all(tmp_path, peer):
     ]
     with recorder(tmp_path / "run") as running:
         peer.wait_for_subscribers(*mixed)
-        said = wait_until_recorded(peer, mixed[0])
+        reports = wait_until_recorded(peer, mixed[0])
         sent = [publish(publisher, twists(10)) for publisher in mixed]
-        peer.spin_until(lambda: count(said) >= 30, what="all messages")
+        peer.spin_until(lambda: count(reports) >= 30, what="all messages")
         assert running.stop() == 0
         assert " 0 lost" in running.output
     assert sorted(recorded(tmp_path / "run", "/mixed")) == sorted(itertools.chain(*sent))
@@ -187,9 +188,9 @@ def test_selection_and_namespace(tmp_path, peer):
 
 
 def test_hidden_topics_are_left_out_by_default(tmp_path, peer):
-    hidden, seen = peer.publisher(Twist, "/a/_b/c"), peer.publisher(Twist, "/a/b/c")
+    hidden, visible = peer.publisher(Twist, "/a/_b/c"), peer.publisher(Twist, "/a/b/c")
     with recorder(tmp_path / "run") as running:
-        wait_until_recorded(peer, seen)
+        wait_until_recorded(peer, visible)
         assert hidden.get_subscription_count() == 0
         assert running.stop() == 0
 
@@ -197,11 +198,11 @@ def test_hidden_topics_are_left_out_by_default(tmp_path, peer):
 def test_lost_messages_are_counted_told_and_kept(tmp_path, peer):
     publisher = peer.publisher(Twist, "noise", BEST_EFFORT)
     with recorder(tmp_path / "run", {"depth": 5, "topics": ["/noise"]}) as running:
-        said = wait_until_recorded(peer, publisher)
+        reports = wait_until_recorded(peer, publisher)
         health = peer.subscribe(DiagnosticArray, "/diagnostics", 100)
-        # Losses are seen between two messages: this is the first.
+        # A loss is detected between two messages: this is the first.
         publish(publisher, twists(1))
-        peer.spin_until(lambda: count(said) == 1, what="the first message")
+        peer.spin_until(lambda: count(reports) == 1, what="the first message")
         # A recorder that does not run cannot take anything; its queue holds the newest five.
         running.send(signal.SIGSTOP)
         publish(publisher, twists(50))
@@ -209,11 +210,11 @@ def test_lost_messages_are_counted_told_and_kept(tmp_path, peer):
         # What was dropped shows with the next message that is not.
         later = []
         peer.spin_until(
-            lambda: later.extend(publish(publisher, twists(1))) or graph.values(said[-1])["lost"] != "0",
+            lambda: later.extend(publish(publisher, twists(1))) or graph.values(reports[-1])["lost"] != "0",
             what="lost messages in ~/status",
         )
-        assert said[-1].level == DiagnosticStatus.WARN
-        lost = graph.values(said[-1])["lost"]
+        assert reports[-1].level == DiagnosticStatus.WARN
+        lost = graph.values(reports[-1])["lost"]
         peer.spin_until(
             lambda: any(graph.values(s).get("/noise dropped: lost") == lost for a in health for s in a.status),
             what="lost messages in /diagnostics",
@@ -227,16 +228,16 @@ def test_lost_messages_are_counted_told_and_kept(tmp_path, peer):
 def test_what_a_node_of_simulated_time_records(tmp_path, peer):
     clock, data = peer.publisher(Clock, "/clock"), peer.publisher(Twist, "data", 100)
     with recorder(tmp_path / "run", {"use_sim_time": True}) as running:
-        said = wait_until_recorded(peer, data)
-        assert said[-1].message == "waiting for /clock"
+        reports = wait_until_recorded(peer, data)
+        assert reports[-1].message == "waiting for /clock"
         early = publish(data, twists(3))
-        peer.spin_until(lambda: int(graph.values(said[-1])["held"]) >= 3, what="held messages")
+        peer.spin_until(lambda: int(graph.values(reports[-1])["held"]) >= 3, what="held messages")
         tick(clock, 500)
-        peer.spin_until(lambda: said[-1].message == "recording", what="recording")
+        peer.spin_until(lambda: reports[-1].message == "recording", what="recording")
         tick(clock, 900)
         # /clock and /data are not ordered among each other: the recorder has both only when it says so.
-        before = count(said)
-        peer.spin_until(lambda: count(said) > before, what="/clock in the bag")
+        before = count(reports)
+        peer.spin_until(lambda: count(reports) > before, what="/clock in the bag")
         later = publish(data, twists(5))
         assert running.stop() == 0
     with BagReader(tmp_path / "run") as reader:
@@ -254,8 +255,8 @@ def tick(clock, seconds):
     clock.publish(message)
 
 
-def count(said):
-    return int(graph.values(said[-1])["messages"])
+def count(reports):
+    return int(graph.values(reports[-1])["messages"])
 
 
 def test_without_a_clock_messages_keep_the_time_of_reception(tmp_path, peer):
@@ -274,9 +275,9 @@ def test_without_a_clock_messages_keep_the_time_of_reception(tmp_path, peer):
 def test_a_killed_recorder_loses_at_most_one_flush_period(tmp_path, peer):
     publisher = peer.publisher(Twist, "data", DEEP)
     with recorder(tmp_path / "run", {"flush_period": 0.3, "topics": ["/data"]}) as running:
-        said = wait_until_recorded(peer, publisher)
+        reports = wait_until_recorded(peer, publisher)
         sent = publish(publisher, twists(500))
-        peer.spin_until(lambda: count(said) >= 500, what="500 messages")
+        peer.spin_until(lambda: count(reports) >= 500, what="500 messages")
         path = tmp_path / "run" / "run_0.mcap"
         # One flush later they are on the disk; the process gets no chance to add anything.
         graph.wait_for(lambda: len([r for r in whole_records(path) if isinstance(r, Message)]) == 500, 3.0, "a flush")
@@ -389,13 +390,13 @@ def test_a_type_that_is_not_installed_is_said_once_and_not_fatal(tmp_path, peer)
     assert recorded(tmp_path / "run", "/good") == sent
 
 
-# Which of two types is seen first is chance; here both are there from the start.
+# The order in which two types are discovered is random; here both are present from the start.
 TWO_TYPES = """
 import sys
 from diffbot_bag.recorder_node import RecorderNode, main
-seen = RecorderNode.get_topic_names_and_types
+original = RecorderNode.get_topic_names_and_types
 RecorderNode.get_topic_names_and_types = lambda node: [
-    (name, [*types, "std_msgs/msg/String"] if name == "/odd" else types) for name, types in seen(node)
+    (name, [*types, "std_msgs/msg/String"] if name == "/odd" else types) for name, types in original(node)
 ]
 sys.exit(main())
 """

@@ -1,4 +1,4 @@
-"""Bags as written, seen by readers that were written elsewhere: rosbags, mcap-ros2-support, mcap and PyYAML."""
+"""Bags as other libraries read them: rosbags, mcap-ros2-support, mcap and PyYAML."""
 
 import resource
 import subprocess

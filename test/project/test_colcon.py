@@ -107,7 +107,7 @@ def running(command, folder):
 
 @pytest.fixture
 def graph():
-    """Return a function that lists the names of the nodes that can be seen."""
+    """Return a function that lists the names of the nodes in the graph."""
     context = rclpy.Context()
     rclpy.init(context=context)
     node = rclpy.create_node("observer", context=context)
