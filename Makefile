@@ -14,13 +14,14 @@ SOURCES := package.xml setup.py setup.cfg $(shell find diffbot_* launch config r
 unexport PYTHONPATH PYTHONHOME LD_LIBRARY_PATH AMENT_PREFIX_PATH RMW_IMPLEMENTATION _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint bench docs clean
+.PHONY: help setup demo test test-fast lint bench docs clean
 .DELETE_ON_ERROR:
 
 help:
 	@echo "make setup   create $(VENV) with the package, ROS 2 Jazzy from wheels and all tools"
 	@echo "make demo    drive a simulated robot to a goal pose, record a bag, write the report"
 	@echo "make test    run the tests"
+	@echo "make test-fast   run those that need neither nodes nor an installation: a minute"
 	@echo "make lint    run ruff, mypy and import-linter"
 	@echo "make bench   measure speed"
 	@echo "make docs    write the generated parts of docs/"
@@ -35,6 +36,9 @@ demo: setup
 # Not `python -m pytest`, which would put the source tree before the installed package.
 test: setup
 	@$(BIN)/pytest -n 2 --dist loadfile $(ARGS)
+
+test-fast: setup
+	@$(BIN)/pytest -n 2 -m 'not graph and not install' $(ARGS)
 
 lint: setup
 	@$(BIN)/ruff check

@@ -2,10 +2,10 @@
 
 Conventions, stated once:
 
-- Times are integers of nanoseconds: ``log_time`` is when a message was received (or the simulated time then),
-  ``publish_time`` when it was sent. Time in a bag means ``log_time``.
-- A message stays the bytes (CDR) that came over the wire; only reports decode it.
-- Quality of service is held as rosbag2's words (:class:`diffbot_bag.qos.Qos`).
+- Times are integers [ns]: ``log_time`` is the time of reception (simulated time, if that is in use), ``publish_time``
+  the time of sending. The time of a bag is its ``log_time``.
+- A message is kept as the bytes (CDR) received; only reports decode it.
+- Quality of service is kept in rosbag2's words (:class:`diffbot_bag.qos.Qos`).
 
-Every module here but ``*_node.py`` and ``ros_conversions.py`` is free of ROS.
+Only ``*_node.py`` and ``ros_conversions.py`` import ROS.
 """

@@ -1,4 +1,4 @@
-"""Count lost messages from the sequence numbers that each publisher gives its messages."""
+"""Count lost messages by the sequence numbers of the publishers."""
 
 from __future__ import annotations
 
@@ -6,20 +6,20 @@ from __future__ import annotations
 class GapCounter:
     """Lost messages of one topic.
 
-    A message tells its number but not its publisher, so with several publishers the numbers form several chains: a
-    message continues the chain whose last number precedes its own. Exact for one publisher; with more it is an
-    estimate, since a new publisher looks like a gap when the graph has not told of it yet.
+    A message carries its sequence number but not its publisher, so the numbers of several publishers form interleaved
+    chains; a message continues the chain whose last number precedes its own. The count is exact for one publisher and
+    an estimate for several: a publisher that discovery has not reported yet looks like a gap.
     """
 
     def __init__(self) -> None:
-        """Begin without a publisher."""
+        """Start with one publisher, of which nothing has been received."""
         self.lost = 0
         self.publishers = 1
-        """Publishers known on the topic; chains beyond this number are gaps."""
+        """number of publishers on the topic; a number that would start one more chain is a gap instead"""
         self._last: list[int] = []
 
     def note(self, number: int) -> int:
-        """Take the number of the next message received; return how many were lost before it."""
+        """Record the sequence number of a received message; return how many messages were lost before it."""
         last = self._last
         if number - 1 in last:
             last[last.index(number - 1)] = number
@@ -29,7 +29,7 @@ class GapCounter:
             return 0
         before = [index for index, value in enumerate(last) if value < number]
         if not before:
-            # Numbers begin anew: a publisher was replaced by another.
+            # The number is below all chains: a publisher was replaced by a new one, which counts from 1.
             last[last.index(min(last))] = number
             return 0
         nearest = max(before, key=last.__getitem__)

@@ -1,4 +1,4 @@
-"""One MCAP file with its index: opened only if it is whole, read in the order of log time."""
+"""One indexed MCAP file: verified when opened, read in the order of log time."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from diffbot_core.errors import DiffbotError
 
 MAGIC = b"\x89MCAP0\r\n"
 SUMMARY_START = struct.Struct("<QQ")
-"""Where the summary and its offsets begin: the end of the file but for its checksum and MAGIC."""
+"""offsets of the summary and of its index; they precede the checksum and MAGIC at the end of the file"""
 CRC = struct.Struct("<I")
 DAMAGE = (
     McapError,
@@ -35,7 +35,7 @@ DAMAGE = (
     MemoryError,
     OverflowError,
 )
-"""What the mcap library raises on bytes that are not what they should be."""
+"""Exceptions with which the mcap library reacts to corrupt data."""
 
 
 class McapFile:
@@ -45,7 +45,7 @@ class McapFile:
         """Open the file and read its index.
 
         Raises:
-            DiffbotError: if it is missing, foreign, truncated or damaged.
+            DiffbotError: if it is missing, not an MCAP file, truncated or damaged.
         """
         self.path = path
         try:
@@ -54,8 +54,8 @@ class McapFile:
             raise DiffbotError(f"cannot open {path}: {error.strerror}") from error
         try:
             self._check_ends()
-            with self._one_line():
-                # Fields of a damaged record may ask for any amount of memory.
+            with self._damage_as_error():
+                # The length fields of a corrupt record could request any amount of memory.
                 self._reader = SeekingReader(self._stream, validate_crcs=True, record_size_limit=2**31)
                 summary = self._reader.get_summary()
                 if summary is not None:
@@ -76,25 +76,25 @@ class McapFile:
             raise DiffbotError(f"{self.path} is not an MCAP file")
         self._stream.seek(max(size - len(MAGIC), len(MAGIC)))
         if self._stream.read() != MAGIC:
-            raise DiffbotError(f"{self.path} is truncated, its recording did not end")
+            raise DiffbotError(f"{self.path} is truncated: its recording was cut off")
         self._stream.seek(0)
 
     @contextlib.contextmanager
-    def _one_line(self) -> Iterator[None]:
+    def _damage_as_error(self) -> Iterator[None]:
         try:
             yield
         except DAMAGE as error:
             raise self._damaged(type(error).__name__) from error
         except OSError as error:
             if error.errno == errno.EINVAL:
-                raise self._damaged("an offset outside of the file") from error
+                raise self._damaged("an offset beyond the file") from error
             raise DiffbotError(f"cannot read {self.path}: {error.strerror}") from error
 
     def _damaged(self, what: str) -> DiffbotError:
         return DiffbotError(f"{self.path} is damaged ({what})")
 
     def _check_summary(self) -> None:
-        """Compare the checksum of the index, which mcap's reader leaves unread."""
+        """Verify the checksum of the summary, which mcap's reader ignores."""
         size = self._stream.seek(0, os.SEEK_END)
         end = size - len(MAGIC) - CRC.size
         self._stream.seek(end - SUMMARY_START.size)
@@ -114,7 +114,7 @@ class McapFile:
         return self._statistics.message_count
 
     def span(self) -> tuple[int, int]:
-        """Return first and last log time [ns], zeros if there is no message."""
+        """Return the first and the last log time [ns]; zeros if there is no message."""
         return self._statistics.message_start_time, self._statistics.message_end_time
 
     def topics(self) -> list[Topic]:
@@ -144,7 +144,7 @@ class McapFile:
         """Iterate over schema, channel and message in the order of log time.
 
         Raises:
-            DiffbotError: if the file turns out to be damaged.
+            DiffbotError: if the data turn out to be damaged.
         """
-        with self._one_line():
+        with self._damage_as_error():
             yield from self._reader.iter_messages(topics, reverse=reverse, starting_at=start, ending_at=end)

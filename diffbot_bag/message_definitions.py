@@ -21,20 +21,20 @@ _FIELD_TYPE = re.compile(r"^[ \t]*([a-zA-Z][\w/]*)(?:<=\d+)?(?:\[[^\]]*\])?[ \t]
 
 
 class DefinitionNotFoundError(DiffbotError):
-    """An interface type is not installed, or not as text."""
+    """An interface type is not installed, or without its definition."""
 
 
 def ament_prefixes() -> list[Path]:
-    """Return where packages are installed: AMENT_PREFIX_PATH, then the environment of this Python.
+    """Return the prefixes of installed packages: AMENT_PREFIX_PATH, then ``sys.prefix``.
 
-    Wheels from PyPI put ``share/`` into sys.prefix and set no AMENT_PREFIX_PATH.
+    Wheels install ``share/`` into ``sys.prefix`` and set no AMENT_PREFIX_PATH.
     """
     paths = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
     return list(dict.fromkeys(Path(path) for path in [*paths, sys.prefix] if path))
 
 
 class MessageDefinitions:
-    """Texts and hashes of message types, each file read once."""
+    """Definitions and hashes of message types; each definition is read once."""
 
     def __init__(self, prefixes: Sequence[Path] | None = None) -> None:
         """Search these prefixes in order; default: those of :func:`ament_prefixes`."""
@@ -42,31 +42,31 @@ class MessageDefinitions:
         self._texts: dict[str, str] = {}
 
     def schema_text(self, type_name: str) -> str:
-        """Return the definition of ``pkg/msg/Type`` followed by those of all types in it, depth first, once each.
+        """Return the definition of ``pkg/msg/Type`` followed by those of all nested types, depth first, once each.
 
-        The types a message uses follow in alphabetical order, as rosbag2 writes them.
+        Types at one level come in alphabetical order, as in bags of rosbag2.
 
         Raises:
             DefinitionNotFoundError: if a definition is not installed.
         """
-        seen: set[str] = set()
+        included: set[str] = set()
 
         def append(name: str) -> str:
             text = self._text(name)
             package = name.split("/", 1)[0]
             for part in sorted(_types_in(text, package)):
-                if part not in seen:
-                    seen.add(part)
+                if part not in included:
+                    included.add(part)
                     text += f"\n{SEPARATOR}\nMSG: {part}\n{append(part)}"
             return text
 
         return append(type_name)
 
     def type_hash(self, type_name: str) -> str:
-        """Return the hash (``RIHS01_...``) of ``pkg/msg/Type`` as its package states it.
+        """Return the hash (``RIHS01_...``) of ``pkg/msg/Type`` that its package declares.
 
         Raises:
-            DefinitionNotFoundError: if the package does not state one.
+            DefinitionNotFoundError: if the package declares none.
         """
         path = self._find(type_name, ".json")
         try:
@@ -77,7 +77,7 @@ class MessageDefinitions:
 
     def _text(self, type_name: str) -> str:
         if type_name not in self._texts:
-            # Bytes, since reading as text would turn \r\n into \n and the schema into another one.
+            # Read as bytes: text mode would turn \r\n into \n and so change the schema.
             self._texts[type_name] = self._find(type_name, ".msg").read_bytes().decode()
         return self._texts[type_name]
 

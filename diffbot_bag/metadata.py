@@ -1,4 +1,4 @@
-"""metadata.yaml of a rosbag2 bag (version 9): written whole or not at all, read with one line on what is wrong."""
+"""metadata.yaml of a rosbag2 bag: written as version 9, read in any version; errors are one line."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Topic(NamedTuple):
 
 
 class BagMetadata(NamedTuple):
-    """What metadata.yaml tells of a bag; times in [ns]."""
+    """Contents of metadata.yaml; times in [ns]."""
 
     files: tuple[str, ...] = ()
     """Names of the MCAP files, relative to the folder, in the order of recording."""
@@ -53,7 +53,7 @@ def to_yaml(bag: BagMetadata, *, root: bool = True) -> str:
         "starting_time": starting_time,
         "message_count": bag.message_count,
         "topics_with_message_count": [_topic_to_plain(topic) for topic in bag.topics],
-        # The chunks of the MCAP file are compressed; these two are for rosbag2's own compression around it.
+        # These two describe rosbag2's compression of whole files or messages, not that of MCAP's chunks.
         "compression_format": "",
         "compression_mode": "",
         "relative_file_paths": list(bag.files),
@@ -86,10 +86,10 @@ def _topic_to_plain(topic: Topic) -> dict[str, Any]:
 
 
 def write(folder: Path, bag: BagMetadata) -> None:
-    """Write metadata.yaml under a temporary name and rename it, so that no reader ever sees half of it.
+    """Write metadata.yaml; it appears whole or not at all.
 
     Raises:
-        OSError: if the disk is full or the folder gone.
+        OSError: if the disk is full or the folder is missing.
     """
     write_text(folder / FILE_NAME, to_yaml(bag), durable=True)
 
@@ -98,7 +98,7 @@ def read(folder: Path) -> BagMetadata:
     """Read metadata.yaml of a bag's folder, of any version of rosbag2.
 
     Raises:
-        DiffbotError: if it is not YAML, not a rosbag2 file, or of a bag that is not MCAP.
+        DiffbotError: if it is not YAML, not the metadata of a rosbag2 bag, or that of a bag that is not MCAP.
     """
     path = folder / FILE_NAME
     try:

@@ -91,5 +91,5 @@ class ReplayConfig(NamedTuple):
     )
 
     def check(self) -> None:
-        """Raise InvalidValueError if a remapping is not one."""
+        """Raise InvalidValueError if a rule of ``remap`` is malformed."""
         parse_remap(self.remap)

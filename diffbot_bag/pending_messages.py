@@ -1,4 +1,4 @@
-"""Messages on their way into a bag, and those that wait for the first simulated time."""
+"""Received messages that wait for the first simulated time before they are written."""
 
 from __future__ import annotations
 
@@ -20,28 +20,28 @@ class Held(NamedTuple):
 
 
 class HeldMessages:
-    """Messages that came before the first /clock, in order, at most ``limit``.
+    """Messages received before the first /clock, in order, at most ``limit``.
 
-    Stamping them 0 would put them half a century before the others.
+    Writing them at once with time 0 would stretch the bag by decades.
     """
 
     def __init__(self, limit: int) -> None:
-        """Hold at most ``limit`` messages."""
+        """Start empty, with room for ``limit`` messages."""
         self._limit = limit
         self._messages: list[Held] = []
 
     def __len__(self) -> int:
-        """Messages held."""
+        """Return the number of messages held."""
         return len(self._messages)
 
     def hold(self, message: Held) -> bool:
-        """Keep a message; False if there is no room for it."""
+        """Add a message; return False if there is no room for it."""
         if len(self._messages) >= self._limit:
             return False
         self._messages.append(message)
         return True
 
     def release(self) -> list[Held]:
-        """Return the messages held, in order, and hold none any more."""
+        """Return the messages held, in order, and remove them."""
         messages, self._messages = self._messages, []
         return messages

@@ -1,4 +1,4 @@
-"""When each message of a bag is due in replay: the part that is played and the course of time, as pure functions."""
+"""Time in a replay: the part of the bag that is played and when each message is due; pure functions."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def window(
         playback_until: [s] time of the bag at which to end; negative for none. The earlier end counts.
 
     Raises:
-        InvalidValueError: if nothing of the bag is left.
+        InvalidValueError: if no part of the bag remains.
     """
     start = first + nanoseconds(start_offset)
     if start > last:
@@ -54,14 +54,14 @@ def window(
 def nanoseconds(seconds: float) -> int:
     """Return a time [s] as [ns]; a time since 1970 keeps the digits that its float has."""
     whole = math.floor(seconds)
-    # The product of both at once would be rounded to 256 ns.
+    # Multiplied as one float, a time since 1970 would be rounded to 256 ns.
     return whole * SECOND + round((seconds - whole) * SECOND)
 
 
 class Timeline(NamedTuple):
-    """The course of replay: at steady time ``steady`` the time of the bag is ``bag``; both [ns].
+    """Relation of the bag's time to steady time: at ``steady`` [ns] the bag is at ``bag`` [ns].
 
-    From there the bag's time runs ``rate`` times as fast, or not at all while ``paused``.
+    From there on the bag's time advances ``rate`` times as fast as steady time, and not at all while ``paused``.
     """
 
     bag: int
@@ -78,37 +78,37 @@ def bag_time(timeline: Timeline, now: int) -> int:
 
 
 def due(timeline: Timeline, log_time: int) -> int:
-    """Return the steady time [ns] at which a message is due if nothing pauses the replay."""
+    """Return the steady time [ns] at which a message is due, provided that the replay is not paused before."""
     return timeline.steady + round((log_time - timeline.bag) / timeline.rate)
 
 
 def paused(timeline: Timeline, now: int) -> Timeline:
-    """Stop the bag's time at steady time ``now`` [ns]."""
+    """Return the timeline paused at steady time ``now`` [ns]."""
     return timeline._replace(bag=bag_time(timeline, now), steady=now, paused=True)
 
 
 def resumed(timeline: Timeline, now: int) -> Timeline:
-    """Let the bag's time run on from steady time ``now`` [ns]."""
+    """Return the timeline resumed at steady time ``now`` [ns]; unchanged if it is not paused."""
     return timeline._replace(steady=now, paused=False) if timeline.paused else timeline
 
 
 def stepped(timeline: Timeline, log_time: int) -> Timeline:
-    """Move a paused replay on to a message that is sent out of time."""
+    """Return a paused timeline advanced to a message that is sent by request."""
     return timeline._replace(bag=max(timeline.bag, log_time))
 
 
 def first_tick(now: int, period: int, last: int | None) -> int:
-    """Return the steady time [ns] of the next /clock tick after one at ``last``, late ticks left out."""
+    """Return the steady time [ns] of the next /clock tick after the one at ``last``; overdue ticks are skipped."""
     if last is None:
         return now
     return max(last + period, now - (now - last) % period)
 
 
 def parse_remap(rules: tuple[str, ...]) -> dict[str, str]:
-    """Return ``old: new`` names of rules ``old:=new``, as absolute names.
+    """Return the absolute names ``{old: new}`` of rules ``old:=new``.
 
     Raises:
-        InvalidValueError: if a rule has not this form.
+        InvalidValueError: if a rule does not have this form.
     """
     names = {}
     for rule in rules:

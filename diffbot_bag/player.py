@@ -1,4 +1,4 @@
-"""Play messages in time: a thread's loop that can be paused, stepped and stopped from other threads; free of ROS."""
+"""Send the messages of a bag on time; can be paused, stepped and stopped from other threads. Free of ROS."""
 
 from __future__ import annotations
 
@@ -23,45 +23,45 @@ from diffbot_bag.read_ahead import ReadAhead
 from diffbot_bag.reader import RawMessage
 
 COARSE = 2_000_000
-"""[ns] before a deadline up to which the player can be woken; after that it only sleeps and spins."""
+"""[ns] before a deadline, the player stops waiting for requests of other threads and only sleeps or spins."""
 SPIN = 100_000
-"""[ns] before a deadline in which the player does not sleep: about what a sleep is late."""
+"""[ns] before a deadline, the player spins instead of sleeping, since a sleep ends about that late."""
 LATENESS_SAMPLES = 20_000
-"""Newest deadlines of which the lateness is kept."""
+"""Number of recent deadlines whose lateness is kept."""
 _now = time.perf_counter_ns
 
 
 class Progress(NamedTuple):
-    """How far a replay has come."""
+    """Progress of a replay."""
 
     bag_time: int
     """[ns]"""
     sent: int
-    """Messages sent in all rounds."""
+    """messages sent, over all rounds"""
     is_paused: bool
     rounds: int
-    """Rounds begun."""
+    """rounds begun"""
 
 
 class Pace(NamedTuple):
-    """How a bag is played."""
+    """Speed and course of a replay."""
 
     rate: float = 1.0
-    """Speed; 2 plays twice as fast."""
+    """2 plays twice as fast"""
     loop: bool = False
-    """Begin again at the end."""
+    """start again at the end"""
     delay: float = 0.0
-    """[s] to wait before each round."""
+    """[s] wait before each round"""
     start_paused: bool = False
-    """Begin with the bag's time standing still."""
+    """start paused"""
     clock: float = 0.0
-    """[Hz] of /clock, paused or not; 0 for none."""
+    """[Hz] rate of /clock, also while paused; 0: no /clock"""
     read_ahead: int = 1000
-    """Messages kept ready."""
+    """messages read in advance"""
 
 
 class Player:
-    """Sends messages when they are due; ``play`` runs in a thread of its own, the rest is for other threads."""
+    """Sends messages when they are due; :meth:`play` blocks its thread, the other methods are for other threads."""
 
     def __init__(
         self,
@@ -71,17 +71,17 @@ class Player:
         pace: Pace | None = None,
         send_clock: Callable[[int], None] | None = None,
     ) -> None:
-        """Prepare to play.
+        """Prepare the replay of a window.
 
         Args:
-            window: part of the bag to play; its start is where the bag's time begins.
-            messages: returns the messages of the window in the order of log time, anew for each round.
+            window: part of the bag to play.
+            messages: called once per round; returns the messages of the window in the order of log time.
             send: sends one message.
-            pace: how to play.
-            send_clock: sends a time of the bag [ns].
+            pace: speed and course.
+            send_clock: publishes a time of the bag [ns] on /clock.
         """
         self.lateness: deque[int] = deque(maxlen=LATENESS_SAMPLES)
-        """[ns] by which the newest messages were sent after they were due."""
+        """[ns] delays of recent messages behind their due times"""
         self._window = window
         self._messages = messages
         self._send = send
@@ -95,30 +95,30 @@ class Player:
         self._ended = False
         self._sent = 0
         self._rounds = 0
-        self._steps_wanted = 0
+        self._steps_requested = 0
         self._steps_done = 0
 
     def progress(self) -> Progress:
-        """Tell how far the replay has come."""
+        """Return the progress of the replay."""
         with self._changed:
             begun = bag_time(self._timeline, _now()) if self._rounds else self._window.start
             now = min(max(begun, self._window.start), self._window.end)
             return Progress(now, self._sent, self._timeline.paused, self._rounds)
 
     def pause(self) -> None:
-        """Let the bag's time stand still."""
+        """Pause the replay."""
         with self._changed:
             self._timeline = paused(self._timeline, _now())
             self._changed.notify_all()
 
     def resume(self) -> None:
-        """Let the bag's time run on."""
+        """Resume the replay."""
         with self._changed:
             self._timeline = resumed(self._timeline, _now())
             self._changed.notify_all()
 
     def toggle_paused(self) -> bool:
-        """Pause or resume; return True if the replay is paused now."""
+        """Pause or resume; return whether the replay is now paused."""
         with self._changed:
             change = resumed if self._timeline.paused else paused
             self._timeline = change(self._timeline, _now())
@@ -126,26 +126,26 @@ class Player:
             return self._timeline.paused
 
     def stop(self) -> None:
-        """End the replay after the message that is being sent."""
+        """Stop the replay after the message that is being sent."""
         with self._changed:
             self._stopped = True
             self._changed.notify_all()
 
     def play_next(self, timeout: float = 1.0) -> bool:
-        """Send the next message of a paused replay; False if there was none.
+        """Send the next message of a paused replay; return False if it is not paused or no message is left.
 
         Args:
-            timeout: [s] to wait for it.
+            timeout: [s] maximum wait until it is sent.
         """
         with self._changed:
             if not self._timeline.paused or self._ended:
                 return False
-            self._steps_wanted += 1
-            number = self._steps_wanted
+            self._steps_requested += 1
+            number = self._steps_requested
             self._changed.notify_all()
             self._changed.wait_for(lambda: self._steps_done >= number or self._ended, timeout)
-            # A step that did not come in time must not come as a surprise later.
-            self._steps_wanted = min(self._steps_wanted, self._steps_done)
+            # Withdraw a request that timed out, so that its message is not sent later.
+            self._steps_requested = min(self._steps_requested, self._steps_done)
             return self._steps_done >= number
 
     def play(self) -> None:
@@ -158,7 +158,7 @@ class Player:
             while not self._stopped:
                 before = self._sent
                 self._play_round()
-                # A part of the bag without messages would be played over and over at full speed.
+                # Without messages a loop would never wait.
                 if not self._pace.loop or self._sent == before:
                     return
         finally:
@@ -173,7 +173,7 @@ class Player:
                 self._timeline = self._timeline._replace(
                     bag=self._window.start, steady=_now() + round(self._pace.delay * SECOND)
                 )
-            # The delay is a stretch in which the bag's time has not yet come to its start.
+            # During the delay the bag's time lies before the start of the window.
             for message in messages:
                 if not self._wait_until_due(message.log_time):
                     return
@@ -183,12 +183,12 @@ class Player:
                     self._changed.notify_all()
 
     def _wait_until_due(self, log_time: int) -> bool:
-        """Wait, and tick the clock meanwhile; False if the replay was stopped."""
+        """Wait until a message is due and publish /clock meanwhile; return False if the replay was stopped."""
         while True:
             with self._changed:
                 if self._stopped:
                     return False
-                if self._timeline.paused and self._steps_wanted > self._steps_done:
+                if self._timeline.paused and self._steps_requested > self._steps_done:
                     self._steps_done += 1
                     self._timeline = stepped(self._timeline, log_time)
                     return True

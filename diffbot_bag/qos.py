@@ -10,10 +10,10 @@ import yaml
 from diffbot_core.errors import DiffbotError
 
 INFINITE = 2**63 - 1
-"""[ns] What ROS writes for an infinite duration: 9223372036 s 854775807 ns."""
+"""[ns] ROS's value of an infinite duration: 9223372036 s 854775807 ns"""
 REPLAY_DEPTH = 10_000
-"""Messages kept per volatile topic in replay: DDS repeats what a busy machine dropped only every 3 s."""
-# Up to version 8 of metadata.yaml the policies were the numbers of rmw.
+"""Messages kept per volatile topic in replay: DDS resends what a busy machine dropped only every 3 s."""
+# Up to version 8, metadata.yaml holds policies as the integers of rmw.
 _WORDS = {
     "history": ("system_default", "keep_last", "keep_all", "unknown"),
     "reliability": ("system_default", "reliable", "best_effort", "unknown", "best_available"),
@@ -26,7 +26,7 @@ _DURATIONS = ("deadline", "lifespan", "liveliness_lease_duration")
 
 
 class Qos(NamedTuple):
-    """One QoS profile; policies are rosbag2's words, durations are [ns] with INFINITE for none."""
+    """One QoS profile; policies in rosbag2's words, durations [ns] (INFINITE: no limit)."""
 
     history: str = "unknown"
     depth: int = 0
@@ -40,7 +40,7 @@ class Qos(NamedTuple):
 
 
 def to_plain(qos: Qos) -> dict[str, Any]:
-    """Return the profile as rosbag2's YAML holds it."""
+    """Return the profile in the form of rosbag2's YAML."""
     plain: dict[str, Any] = qos._asdict()
     for name in _DURATIONS:
         sec, nsec = divmod(plain[name], 10**9)
@@ -49,10 +49,10 @@ def to_plain(qos: Qos) -> dict[str, Any]:
 
 
 def from_plain(plain: Mapping[str, Any]) -> Qos:
-    """Read a profile of any version of rosbag2; what is missing or unknown gets the default.
+    """Read a profile written by any version of rosbag2; missing fields get their defaults, unknown ones are ignored.
 
     Raises:
-        DiffbotError: if a value has no meaning, such as a depth that is not a number.
+        DiffbotError: if a value is invalid, such as a depth that is not a number.
     """
     known = {name: value for name, value in plain.items() if name in Qos._fields}
     try:
@@ -70,7 +70,7 @@ def from_plain(plain: Mapping[str, Any]) -> Qos:
 
 def _nanoseconds(duration: Mapping[str, int]) -> int:
     total = int(duration["sec"]) * 10**9 + int(duration["nsec"])
-    # Foxy wrote 2147483647 s 4294967295 ns for infinite; such a span of time is never meant.
+    # Foxy wrote 2147483647 s 4294967295 ns for an infinite duration.
     return INFINITE if total <= 0 or total >= 2147483647 * 10**9 else total
 
 
@@ -97,9 +97,9 @@ def load_profiles(stored: Any) -> tuple[Qos, ...]:
 
 
 def to_request(offers: Sequence[Qos], depth: int) -> Qos:
-    """Choose the QoS of a subscription that matches every offer and keeps ``depth`` messages.
+    """Return the QoS of a subscription that is compatible with every offer and queues ``depth`` messages.
 
-    Reliable only if all offer it, transient local likewise; the rest asks for nothing.
+    Reliable and transient local only where every publisher offers it; nothing else is requested.
     """
     reliable = bool(offers) and all(offer.reliability == "reliable" for offer in offers)
     latched = bool(offers) and all(offer.durability == "transient_local" for offer in offers)
@@ -112,16 +112,16 @@ def to_request(offers: Sequence[Qos], depth: int) -> Qos:
 
 
 def to_offer(recorded: Sequence[Qos]) -> Qos:
-    """Choose the QoS with which one publisher stands for all that were recorded on a topic.
+    """Return the QoS of the one publisher that replaces all recorded publishers of a topic.
 
-    The strongest of reliability and durability, which every subscriber of the originals accepts; deadline, lifespan
-    and liveliness only where all originals agree. History is not part of what the graph tells: a latched topic keeps
-    one message per original publisher, others keep REPLAY_DEPTH.
+    It offers the strongest reliability and durability recorded, which every subscriber accepts; deadline, lifespan and
+    liveliness only where all publishers agree. Discovery does not report the history: a latched topic keeps one message
+    per original publisher, other topics keep REPLAY_DEPTH.
     """
     if not recorded:
         return Qos(history="keep_last", depth=REPLAY_DEPTH)
     agreed = recorded[0] if len(set(recorded)) == 1 else Qos()
-    # A replay cannot know how a node asserted that it lives.
+    # The replay does not assert liveliness by hand, so a manual policy would be violated.
     by_itself = agreed.liveliness == "automatic"
     latched = any(offer.durability == "transient_local" for offer in recorded)
     known_depth = max(offer.depth for offer in recorded)

@@ -1,4 +1,4 @@
-"""Read a bag ahead of its replay, so that unpacking a chunk never makes a message late."""
+"""Read messages ahead of their replay, so that decompressing a chunk does not delay a message."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from types import TracebackType
 from diffbot_bag.reader import RawMessage
 
 BATCH = 50
-"""Messages handed over at a time: one by one, the queue's locks would cost more than the reading."""
+"""Messages per queue item: one by one, the queue's locks would cost more than reading."""
 
 
 class ReadAhead:
-    """Iterator over messages that another thread reads; use it in a ``with`` statement, which ends the thread."""
+    """Iterator over messages that a thread reads in advance; leaving the ``with`` block ends the thread."""
 
     def __init__(self, messages: Iterable[RawMessage], size: int) -> None:
-        """Begin to read; about ``size`` messages are kept ready."""
+        """Start to read; at most about ``size`` messages are held."""
         self._batch = max(1, min(BATCH, size))
         self._queue: queue.Queue[list[RawMessage] | Exception | None] = queue.Queue(max(1, size // self._batch))
         self._stop = threading.Event()
@@ -36,7 +36,7 @@ class ReadAhead:
     ) -> None:
         """End the reading thread."""
         self._stop.set()
-        # A reader that waits for room wakes up when there is some.
+        # Empty the queue: the reading thread may be blocked on a full one.
         while self._thread.is_alive():
             try:
                 self._queue.get_nowait()
@@ -44,7 +44,7 @@ class ReadAhead:
                 self._thread.join(0.01)
 
     def __iter__(self) -> Iterator[RawMessage]:
-        """Iterate over the messages; what the reading raised is raised here.
+        """Iterate over the messages; an exception of the reading thread is raised here.
 
         Raises:
             DiffbotError: if the bag is damaged.
@@ -68,7 +68,7 @@ class ReadAhead:
                     batch = []
                 if self._stop.is_set():
                     return
-        except Exception as error:  # it belongs to the thread that plays, after what was read before
+        except Exception as error:  # passed on to the consumer, after the messages read before it
             end = error
         self._queue.put(batch)
         self._queue.put(end)

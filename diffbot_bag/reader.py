@@ -1,4 +1,4 @@
-"""Read rosbag2 MCAP bags: what is in them, the raw messages in time order, and decoded ones for reports."""
+"""Read rosbag2 MCAP bags: topics, raw messages in the order of log time, and decoded messages for reports."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class BagReader:
         """Open the bag and read its index.
 
         Raises:
-            DiffbotError: in one line: what is missing, foreign, truncated or empty.
+            DiffbotError: if it is missing, not a rosbag2 MCAP bag, truncated or empty.
         """
         self.path = path.expanduser()
         self.metadata: BagMetadata | None = None
@@ -131,7 +131,7 @@ class BagReader:
             reverse: latest first.
 
         Raises:
-            DiffbotError: if the file turns out to be damaged.
+            DiffbotError: if a file turns out to be damaged.
         """
         for _, channel, message in self._records(topics, start, end, reverse):
             yield RawMessage(channel.topic, message.data, message.log_time, message.publish_time)
@@ -140,7 +140,7 @@ class BagReader:
         """Return the last message before ``time`` [ns] of each of these topics that has one, in the order of log time.
 
         Raises:
-            DiffbotError: if the file turns out to be damaged.
+            DiffbotError: if a file turns out to be damaged.
         """
         missing = set(topics)
         found = []
@@ -164,7 +164,7 @@ class BagReader:
         for schema, channel, message in self._records(topics, start, end, False):
             key = (schema.name, schema.data) if schema else ("", b"")
             if key not in decoders:
-                # The factory keeps decoders by schema id, which means something else in each file.
+                # The factory caches decoders by schema id, which is unique only within a file.
                 decoders[key] = _decoder(DecoderFactory(), channel, schema)
             try:
                 content = decoders[key](message.data)
@@ -188,7 +188,7 @@ def _decoder(factory: DecoderFactory, channel: Channel, schema: Schema | None) -
     try:
         decoder = factory.decoder_for(channel.message_encoding, schema)
     except DAMAGE as error:
-        raise DiffbotError(f"{channel.topic}: its message definition cannot be read") from error
+        raise DiffbotError(f"{channel.topic}: its message definition cannot be parsed") from error
     if decoder is None or channel.message_encoding != MessageEncoding.CDR:
         raise DiffbotError(f"{channel.topic}: no message definition in the bag")
     return decoder

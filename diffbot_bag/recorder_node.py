@@ -1,4 +1,4 @@
-"""Record topics into a rosbag2 MCAP bag: the bytes as they come, the times, the offered QoS, and what was lost."""
+"""The node ``recorder``: writes the messages of topics, their times, offered QoS and losses to a rosbag2 MCAP bag."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from diffbot_bag import ros_conversions as ros_qos
+from diffbot_bag import ros_conversions
 from diffbot_bag.lost_messages import GapCounter
 from diffbot_bag.parameters import RecorderConfig
 from diffbot_bag.pending_messages import Held, HeldMessages
@@ -26,16 +26,16 @@ from diffbot_core.errors import DiffbotError
 from diffbot_core.ros.node import LATCHED, DiffbotNode, run, status_message
 
 STATUS_PERIOD = 0.5
-"""[s] between two ~/status messages when nothing changes but counts."""
+"""[s] between two ~/status messages while only counts change"""
 QUIET = 0.05
-"""[s] without a message after which, at the end, nothing more is on its way."""
+"""[s] without a message after which, at the end, no more are expected"""
 
 
 class Recorded:
     """One topic that is being recorded."""
 
     def __init__(self, name: str, channel: int) -> None:
-        """Name the topic and its channel in the bag."""
+        """Start with a topic and its channel in the bag."""
         self.name = name
         self.channel = channel
         self.gaps = GapCounter()
@@ -44,13 +44,13 @@ class Recorded:
 
 
 class RecorderNode(DiffbotNode[RecorderConfig]):
-    """Subscribes to every selected topic that has a publisher and writes what comes."""
+    """Subscribes to each selected topic that has a publisher and writes its messages."""
 
     def __init__(self) -> None:
-        """Make the bag's folder and begin to look for topics.
+        """Create the bag and subscribe to the topics present.
 
         Raises:
-            DiffbotError: if a parameter is not allowed or the folder cannot be made.
+            DiffbotError: if a parameter is not allowed or the bag cannot be created.
         """
         super().__init__("recorder", RecorderConfig)
         try:
@@ -69,13 +69,13 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         if self._use_sim_time:
             self._state = "waiting for /clock"
         for period, work in (
-            (self.config.topic_polling_interval, self.look_for_topics),
+            (self.config.topic_polling_interval, self.update_subscriptions),
             (self.config.flush_period, self._flush),
-            (STATUS_PERIOD, self._tell),
+            (STATUS_PERIOD, self._publish_status),
         ):
             self.create_timer(period, self._unless_failed(work), clock=self.steady_clock)
         self.get_logger().info(f"recording to {self._writer.folder}")
-        self.look_for_topics()
+        self.update_subscriptions()
 
     def _make_selection(self) -> TopicSelection:
         config, namespace = self.config, self.get_namespace()
@@ -111,16 +111,16 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
     def _fail(self, error: BagWriteError) -> None:
         self.get_logger().error(str(error))
         self._state = "write error"
-        self._tell()
+        self._publish_status()
         self.finish(1)
 
-    def look_for_topics(self) -> None:
-        """Subscribe to what is new in the graph; called at each polling interval."""
+    def update_subscriptions(self) -> None:
+        """Subscribe to new topics of the graph; called at each polling interval."""
         own = self._status.topic_name
         for name, types in self.get_topic_names_and_types():
             if name in self._topics or name in self._refused or name == own:
                 continue
-            if not self._selection.wants(name):
+            if not self._selection.selects(name):
                 self._refused.add(name)
             elif len(types) > 1:
                 self._refuse(name, f"has several types ({', '.join(types)})")
@@ -130,7 +130,7 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
             topic.gaps.publishers = max(topic.gaps.publishers, topic.subscription.get_publisher_count())
             topic.polls += 1
         if self._subscribed() != self._last_status:
-            self._tell()
+            self._publish_status()
 
     def _refuse(self, name: str, reason: str) -> None:
         self._refused.add(name)
@@ -141,26 +141,26 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         if not publishers:
             return
         try:
-            message_class = ros_qos.message_class(type_name)
+            message_class = ros_conversions.message_class(type_name)
         except DiffbotError as error:
-            self._refuse(name, f"has a type that cannot be read: {error}")
+            self._refuse(name, f"has a type that cannot be loaded: {error}")
             return
-        offered = ros_qos.offers(publishers)
-        channel = self._writer.add_topic(name, type_name, offered, ros_qos.type_hash(publishers))
+        offered = ros_conversions.offers(publishers)
+        channel = self._writer.add_topic(name, type_name, offered, ros_conversions.type_hash(publishers))
         topic = Recorded(name, channel)
         topic.gaps.publishers = len(publishers)
         topic.subscription = self.create_subscription(
             message_class,
             name,
-            ros_qos.with_info(self._receiver(topic)),
-            ros_qos.to_ros(to_request(offered, self.config.depth)),
+            ros_conversions.with_info(self._receiver(topic)),
+            ros_conversions.to_ros(to_request(offered, self.config.depth)),
             raw=True,
         )
         self._topics[name] = topic
         self.get_logger().info(f"subscribed to {name} [{type_name}]")
 
     def _subscribed(self) -> tuple[str, ...]:
-        """Topics whose publishers are matched, seen a poll after the subscription so that they know it too."""
+        """Return topics with a matched publisher, a poll after subscribing: the publisher is matched by then, too."""
         return tuple(
             sorted(
                 topic.name
@@ -214,7 +214,7 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
     def _lost(self) -> int:
         return sum(topic.gaps.lost for topic in self._topics.values())
 
-    def _tell(self) -> None:
+    def _publish_status(self) -> None:
         self._last_status = self._subscribed()
         lost = self._lost()
         level = DiagnosticStatus.WARN if lost else DiagnosticStatus.OK
@@ -230,12 +230,12 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         self._status.publish(status_message(self.get_fully_qualified_name(), level[0], self._state, values))
 
     def before_shutdown(self) -> None:
-        """Write what has arrived by now, close the bag and say what is in it."""
+        """Write what was sent before now, close the bag and log the counts."""
         try:
             self._take_pending()
             if self._held and not self._writer.closed:
                 self.get_logger().warning(
-                    f"no /clock came: {len(self._held)} messages are stamped with the time of reception"
+                    f"no /clock received: {len(self._held)} messages keep their time of reception"
                 )
                 self._release(None)
             self._writer.close(self._custom_data())
@@ -243,17 +243,17 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
             self._fail(error)
         if self._state != "write error":
             self._state = "closed"
-            self._tell()
+            self._publish_status()
         self.get_logger().info(f"{self._writer.count} messages, {self._lost()} lost, {self._writer.folder}")
 
     def _take_pending(self) -> None:
-        """Write what was sent before this moment: what waits for its turn, and what is still on its way."""
+        """Write messages sent before now that are queued or still in transit."""
         stop = time.time_ns()
         receivers = {topic.name: self._receiver(topic) for topic in self._topics.values()}
         last = time.monotonic()
         while receivers and not self._writer.closed and time.monotonic() - last < QUIET:
             for name, receive in list(receivers.items()):
-                while name in receivers and (taken := ros_qos.take_pending(self._topics[name].subscription)):
+                while name in receivers and (taken := ros_conversions.take_pending(self._topics[name].subscription)):
                     receive(*taken)
                     last = time.monotonic()
                     if taken[1]["source_timestamp"] > stop:

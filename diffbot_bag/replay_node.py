@@ -1,4 +1,4 @@
-"""Play a bag: publish its bytes with the recorded QoS at the recorded times, scaled, cut, looped or stepped."""
+"""The node ``replay``: publishes the messages of a bag with the recorded QoS at the recorded times."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from rclpy.exceptions import InvalidTopicNameException
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
-from diffbot_bag import ros_conversions as ros_qos
+from diffbot_bag import ros_conversions
 from diffbot_bag.metadata import Topic
 from diffbot_bag.parameters import ReplayConfig
 from diffbot_bag.playback_clock import SECOND, Window, parse_remap, window
@@ -36,14 +36,14 @@ STATUS_PERIOD = 0.5
 """[s] between two ~/status messages."""
 CLOCK_TOPIC = "/clock"
 SWITCH_INTERVAL = 0.0005
-"""[s] after which Python lets another thread run, so that reading ahead does not make a message 5 ms late."""
+"""[s] after which Python switches threads; with the default of 5 ms, reading ahead would delay messages"""
 
 
 class ReplayNode(DiffbotNode[ReplayConfig]):
-    """Publishes the messages of one bag, then ends."""
+    """Publishes the messages of one bag, then exits."""
 
     def __init__(self) -> None:
-        """Open the bag, create a publisher per topic and begin to play.
+        """Open the bag, create a publisher per topic and start to play.
 
         Raises:
             DiffbotError: if a parameter is not allowed or the bag cannot be read.
@@ -63,7 +63,7 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
         self._player = self._make_player()
         self._ending = threading.Event()
         self._offer_services()
-        self.create_timer(STATUS_PERIOD, self._tell, clock=self.steady_clock)
+        self.create_timer(STATUS_PERIOD, self._publish_status, clock=self.steady_clock)
         sys.setswitchinterval(SWITCH_INTERVAL)
         self._thread = threading.Thread(target=self._play, name="player", daemon=True)
         self._thread.start()
@@ -87,9 +87,9 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
         for name in selection.topics:
             if name not in known:
                 self.get_logger().warning(f"{name} is not in the bag")
-        selected = {name: topic for name, topic in known.items() if selection.wants(name)}
+        selected = {name: topic for name, topic in known.items() if selection.selects(name)}
         if config.clock > 0.0:
-            # Two clocks would let time jump to and fro.
+            # Two publishers of /clock would make time jump back and forth.
             selected.pop(CLOCK_TOPIC, None)
         if not any(topic.message_count for topic in selected.values()):
             raise DiffbotError(f"{self._reader.path} has no message to play")
@@ -111,9 +111,9 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
         for name, topic in self._topics.items():
             try:
                 publishers[name] = self.create_publisher(
-                    ros_qos.message_class(topic.type),
+                    ros_conversions.message_class(topic.type),
                     names.get(name, name),
-                    ros_qos.to_ros(to_offer(topic.qos)),
+                    ros_conversions.to_ros(to_offer(topic.qos)),
                 )
             except (DiffbotError, InvalidTopicNameException) as error:
                 self.get_logger().warning(f"{name} is not played: {' '.join(str(error).split())}")
@@ -163,14 +163,14 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
         config = self.config
         named = {absolute(name, self.get_namespace()) for name in config.wait_for_topics}
         if unknown := named - set(self._outputs):
-            self.get_logger().warning(f"not played, so not waited for: {' '.join(sorted(unknown))}")
-        wanted = (named & set(self._outputs)) or set(self._outputs)
-        missing = wait_for_subscribers(self._outputs, wanted, config.wait_timeout, self._ending)
+            self.get_logger().warning(f"wait_for_topics that are not played are ignored: {' '.join(sorted(unknown))}")
+        required = (named & set(self._outputs)) or set(self._outputs)
+        missing = wait_for_subscribers(self._outputs, required, config.wait_timeout, self._ending)
         if missing and named:
             self.get_logger().warning(f"no subscriber after {config.wait_timeout:g} s: {' '.join(sorted(missing))}")
 
     def _send_latched(self) -> None:
-        """Send the last message before the start of each topic whose last message was kept for latecomers."""
+        """Send, for each transient local topic, the last message before the start of the window."""
         latched = {
             name for name in self._outputs if any(qos.durability == "transient_local" for qos in self._topics[name].qos)
         }
@@ -238,7 +238,7 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
     def _answering(self, action: Callable[[], tuple[bool, str]]) -> Callable[[Any, Any], Any]:
         def answer(_request: Any, response: Any) -> Any:
             response.success, response.message = action()
-            self._tell()
+            self._publish_status()
             return response
 
         return answer
@@ -247,7 +247,7 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
         self._ending.set()
         self._player.stop()
 
-    def _tell(self) -> None:
+    def _publish_status(self) -> None:
         progress = self._player.progress()
         start, end = self._window
         state = self._state
@@ -266,10 +266,10 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
         self._status.publish(status_message(self.get_fully_qualified_name(), level[0], state, values))
 
     def before_shutdown(self) -> None:
-        """End the player and close the bag."""
+        """Stop the player and close the bag."""
         self._end()
         self._thread.join()
-        self._tell()
+        self._publish_status()
         self._reader.close()
 
 

@@ -1,4 +1,4 @@
-"""Conversions between ROS and this package: QoS profiles, message types, and what a raw subscription hands over."""
+"""Conversions between ROS and this package: QoS profiles, message types, and the data of raw subscriptions."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from diffbot_core.errors import DiffbotError
 
 
 def from_ros(profile: QoSProfile) -> Qos:
-    """Return a profile as plain words; a duration of zero stands for none in a profile that was not negotiated."""
+    """Return a profile in rosbag2's words; a duration of zero means no limit."""
     return Qos(
         history=profile.history.name.lower(),
         depth=profile.depth,
@@ -37,7 +37,7 @@ def from_ros(profile: QoSProfile) -> Qos:
 
 
 def to_ros(qos: Qos) -> QoSProfile:
-    """Return the profile for a publisher or subscription; INFINITE durations are left at ROS's default."""
+    """Return the profile for a publisher or subscription; an INFINITE duration is left at the default of ROS."""
     durations = {
         name: Duration(nanoseconds=value)
         for name in ("deadline", "lifespan", "liveliness_lease_duration")
@@ -55,12 +55,12 @@ def to_ros(qos: Qos) -> QoSProfile:
 
 
 def offers(publishers: list[TopicEndpointInfo]) -> tuple[Qos, ...]:
-    """Return what each publisher of a topic offers."""
+    """Return the QoS that each publisher of a topic offers."""
     return tuple(from_ros(publisher.qos_profile) for publisher in publishers)
 
 
 def type_hash(publishers: list[TopicEndpointInfo]) -> str:
-    """Return the hash that the publishers tell of their type, empty if they tell none."""
+    """Return the type hash that the publishers report; empty if they report none."""
     hashes = (str(publisher.topic_type_hash) for publisher in publishers)
     return next((text for text in hashes if text != "INVALID"), "")
 
@@ -75,32 +75,32 @@ def message_class(type_name: str) -> Any:
     kind, _, name = rest.partition("/")
     try:
         found = getattr(importlib.import_module(f"{package}.{kind}"), name)
-        # The C library behind the class is loaded only now, and may be missing.
+        # Loads the C library behind the class, which may be missing.
         type(found).__import_type_support__()
     except (ImportError, AttributeError, ValueError) as error:
         raise DiffbotError(f"type {type_name} is not installed") from error
-    except Exception as error:  # rosidl raises its own family, which has no common base to import
+    except Exception as error:  # the exceptions of rosidl have no common base class
         raise DiffbotError(f"type {type_name} cannot be loaded: {error}") from error
     return found
 
 
 def with_info(callback: Callable[[bytes, dict[str, Any]], None]) -> Callable[..., None]:
-    """Wrap a callback of message and info so that every executor of rclpy can call it.
+    """Wrap a callback of message and info for every executor of rclpy.
 
-    The executors call it with two arguments, but rclpy 7.1.6's EventsExecutor with one: the pair of both.
+    Executors pass two arguments, except for the EventsExecutor of rclpy 7.1.6, which passes one pair.
     """
 
     def adapted(*received: Any) -> None:
         data, info = received if len(received) == 2 else received[0]
         callback(data, info)
 
-    # rclpy looks at the signature to learn that the info is wanted.
+    # rclpy inspects the signature to find out whether to pass the info.
     adapted.__signature__ = inspect.signature(callback)  # type: ignore[attr-defined]
     return adapted
 
 
 def take_pending(subscription: Any) -> tuple[bytes, dict[str, Any]] | None:
-    """Take a message that has arrived and that no executor has taken yet, with its info; None if there is none."""
+    """Take a received message that no executor has taken yet, with its info; None if there is none."""
     with subscription.handle:
         taken: tuple[bytes, dict[str, Any]] | None = subscription.handle.take_message(subscription.msg_type, True)
     return taken

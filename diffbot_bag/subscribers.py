@@ -1,4 +1,4 @@
-"""Waiting for the subscribers of a replay: until they are there, and until they have everything; free of ROS."""
+"""Wait for the subscribers of a replay: until they are matched, and until they have acknowledged. Free of ROS."""
 
 from __future__ import annotations
 
@@ -9,36 +9,36 @@ from collections.abc import Collection, Mapping
 from typing import Any, Protocol
 
 POLL = 0.02
-"""[s] between two looks at the subscribers."""
+"""[s] between two checks of the subscribers"""
 SETTLE = 0.25
-"""[s] in which discovery and the last messages reach the other side, of which a publisher hears nothing."""
+"""[s] allowance for discovery and last messages to reach the subscribers, which publishers cannot observe"""
 
 
 class Output(Protocol):
-    """What is asked of a publisher of rclpy."""
+    """The part of rclpy's Publisher that is used here."""
 
     def get_subscription_count(self) -> int:
-        """Return the number of subscribers that know the publisher."""
+        """Return the number of matched subscribers."""
 
     def wait_for_all_acked(self, timeout: Any) -> bool:
-        """Return True once all reliable subscribers have all messages, False after ``timeout``."""
+        """Return True once all reliable subscribers have acknowledged all messages, False after ``timeout``."""
 
 
 def wait_for_subscribers(
     outputs: Mapping[str, Output], topics: Collection[str], timeout: float, stop: threading.Event
 ) -> set[str]:
-    """Wait until each of these topics has a subscriber, since what is sent before is lost to it.
+    """Wait until each of these topics has a subscriber; messages sent earlier would be lost to it.
 
-    A publisher knows its subscriber a moment before it is known itself: that moment is waited for, too.
+    A publisher is matched a moment before its subscriber is, hence the additional wait of SETTLE.
 
     Args:
         outputs: publishers by topic.
-        topics: the topics waited for; all have a publisher.
-        timeout: [s] longest wait.
+        topics: topics to wait for; each has a publisher.
+        timeout: [s] maximum wait.
         stop: ends the wait when set.
 
     Returns:
-        Topics that still have none.
+        Topics without a subscriber.
     """
     missing = set(topics)
     deadline = time.monotonic() + timeout
@@ -59,12 +59,12 @@ def wait_until_acknowledged(
 
     Args:
         outputs: publishers by topic.
-        timeout: [s] longest wait; 0 for no limit, negative for none at all.
-        poll: a short time in the form that publishers take, after which ``stop`` is looked at.
+        timeout: [s] maximum wait; 0: no limit, negative: no wait.
+        poll: interval at which ``stop`` is checked, as a Duration of rclpy.
         stop: ends the wait when set.
 
     Returns:
-        Topics of which something is not acknowledged.
+        Topics with messages that are not acknowledged.
     """
     missing = set(outputs) if timeout >= 0.0 else set()
     deadline = time.monotonic() + (timeout or math.inf)

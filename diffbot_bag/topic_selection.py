@@ -1,4 +1,4 @@
-"""Which topics are recorded or replayed: names, patterns, and rosbag2's defaults on hidden topics."""
+"""Selection of topics by name and regular expression, with rosbag2's defaults for hidden topics."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from diffbot_core.errors import InvalidValueError
 
 
 class TopicSelection(NamedTuple):
-    """Topics by name and by regular expression (whole name); nothing named means all. Excluding goes first."""
+    """Topics by name and by regular expression of the whole name; neither given: all. Exclusions take precedence."""
 
     topics: tuple[str, ...] = ()
     regex: str = ""
@@ -18,7 +18,7 @@ class TopicSelection(NamedTuple):
     include_hidden_topics: bool = False
 
     def check(self) -> None:
-        """Raise InvalidValueError if an expression is none."""
+        """Raise InvalidValueError if a regular expression is invalid."""
         for name in ("regex", "exclude_regex"):
             pattern = getattr(self, name)
             try:
@@ -26,11 +26,10 @@ class TopicSelection(NamedTuple):
             except re.error as error:
                 raise InvalidValueError(name, pattern, f"a regular expression ({error})") from error
 
-    def wants(self, topic: str) -> bool:
-        """Tell whether a topic (absolute name) is selected.
+    def selects(self, topic: str) -> bool:
+        """Return whether a topic (absolute name) is selected.
 
-        Hidden topics, those with a part that begins with ``_``, are left out unless they are named or
-        ``include_hidden_topics`` is set.
+        A hidden topic is selected only if it is named or ``include_hidden_topics`` is set.
         """
         if topic in self.exclude_topics:
             return False
@@ -46,7 +45,7 @@ class TopicSelection(NamedTuple):
 
 
 def is_hidden(topic: str) -> bool:
-    """Tell whether a part of the name begins with an underscore."""
+    """Return whether a part of the name begins with an underscore."""
     return "/_" in f"/{topic}"
 
 

@@ -1,4 +1,4 @@
-"""Write a rosbag2 bag: a folder with one MCAP file and metadata.yaml, readable up to the last flush at all times."""
+"""Write a rosbag2 bag: a folder with one MCAP file, readable up to the last flush at any time, and metadata.yaml."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from diffbot_bag.qos import Qos, dump_profiles
 from diffbot_core.errors import DiffbotError
 
 CHUNK_SIZE = 512 * 1024
-"""[bytes] of messages per chunk before compression; what is not yet in a chunk is lost with the process."""
+"""[bytes] size of a chunk before compression; messages not yet in a chunk are lost if the process dies"""
 
 
 class BagWriteError(DiffbotError):
-    """The bag cannot be written (any more); what was flushed before stays readable."""
+    """The bag cannot be written; what was flushed before remains readable."""
 
 
 class BagWriter:
-    """Writer of one bag. Nothing is left out silently: an error of the disk raises and ends the bag."""
+    """Writer of one bag. A disk error raises BagWriteError and closes the bag."""
 
     def __init__(
         self,
@@ -36,10 +36,10 @@ class BagWriter:
         chunk_size: int = CHUNK_SIZE,
         compress: bool = True,
     ) -> None:
-        """Make the folder and begin the file ``<folder name>_0.mcap`` in it.
+        """Create the folder and the file ``<folder name>_0.mcap`` in it.
 
         Raises:
-            BagWriteError: if the folder exists already or cannot be made.
+            BagWriteError: if the folder exists already or cannot be created.
         """
         self.folder = folder.expanduser().absolute()
         self._definitions = definitions or MessageDefinitions()
@@ -57,7 +57,7 @@ class BagWriter:
         try:
             self._writer.start(profile="ros2", library="diffbot")
             self._add_metadata_record({})
-            # A disk without room is known now, not when the first chunk is full.
+            # Detect a full disk now rather than when the first chunk is full.
             self.flush()
         except OSError as error:
             raise self._failure(error) from error
@@ -74,7 +74,7 @@ class BagWriter:
 
     @property
     def closed(self) -> bool:
-        """True after :meth:`close` or a failure: nothing more can be written."""
+        """True after :meth:`close` or an error; nothing more can be written."""
         return self._stream.closed
 
     def _create(self) -> BinaryIO:
@@ -84,13 +84,13 @@ class BagWriter:
         except FileExistsError as error:
             raise BagWriteError(f"{self.folder} exists already: choose another name for the bag") from error
         except OSError as error:
-            raise BagWriteError(f"cannot make the bag {self.folder}: {error.strerror}") from error
+            raise BagWriteError(f"cannot create the bag {self.folder}: {error.strerror}") from error
 
     def add_topic(self, name: str, type_name: str, qos: Sequence[Qos] = (), type_hash: str = "") -> int:
         """Register a topic and return its channel for :meth:`write`.
 
-        ``type_hash`` defaults to the installed one. A type without an installed definition gets an empty schema: its
-        messages are kept and can be replayed, but no tool can decode them from the bag alone.
+        ``type_hash`` defaults to that of the installed type. A type without an installed definition gets an empty
+        schema: its messages can be replayed, but not decoded from the bag alone.
 
         Raises:
             BagWriteError: if the disk is full.
@@ -144,7 +144,7 @@ class BagWriter:
         self._end = max(self._end, log_time)
 
     def flush(self) -> None:
-        """Bring everything written so far to the disk, so that it survives the end of process and machine.
+        """Bring everything written so far to the disk, so that it survives a crash of the process or the machine.
 
         Raises:
             BagWriteError: if the disk is full; the bag is then closed.
@@ -156,7 +156,7 @@ class BagWriter:
             raise self._failure(error) from error
 
     def close(self, custom_data: Mapping[str, str] | None = None) -> None:
-        """Finish the file and write metadata.yaml; without effect on a closed bag.
+        """Finish the file and write metadata.yaml; no effect on a closed bag.
 
         Raises:
             BagWriteError: if the disk is full.
@@ -191,10 +191,10 @@ class BagWriter:
         )
 
     def _failure(self, error: OSError) -> BagWriteError:
-        # The rest of the buffer does not fit either; the file is given back all the same.
+        # Closing flushes the rest of the buffer, which fails for the same reason.
         with contextlib.suppress(OSError):
             self._stream.close()
         return BagWriteError(
             f"cannot write {self.path}: {error.strerror}; the bag ends after about {self.count} messages"
-            " (it has no end, but its full chunks can be read as a stream)"
+            " (it has no index; complete chunks can be read as a stream)"
         )

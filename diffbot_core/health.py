@@ -1,4 +1,4 @@
-"""Counting what a node took in, dropped and sent, for /diagnostics; free of ROS."""
+"""Counters of received, dropped and sent messages, for /diagnostics; free of ROS."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ class Health:
         self.dropped: Counter[tuple[str, str]] = Counter()
         self.notes: dict[str, str] = {}
         self.counted: Counter[str] = Counter()
-        """what else a node counts, by its words for it"""
-        self.heard: dict[str, float] = {}
-        """[s] steady time of the last message accepted, per topic"""
+        """further counters, by their key in the report"""
+        self.last_received: dict[str, float] = {}
+        """[s] steady time of the last accepted message, by topic"""
         self._reported: Counter[str] = Counter()
 
     def drop(self, topic: str, kind: str) -> bool:
-        """Count a drop; True if it is the first of its topic and kind, i.e. worth a line in the log."""
+        """Count a dropped message; return True for the first of its topic and kind, which is worth a log entry."""
         self.dropped[topic, kind] += 1
         return self.dropped[topic, kind] == 1
 
     def accept(self, topic: str, now: float) -> None:
-        """Count a message taken at the steady time ``now`` [s]."""
+        """Count a message accepted at steady time ``now`` [s]."""
         self.accepted[topic] += 1
-        self.heard[topic] = now
+        self.last_received[topic] = now
 
     def ages(self, now: float) -> dict[str, str]:
-        """Return the time since the last message of each topic, for a diagnostic status."""
-        return {f"{topic} age [s]": f"{now - heard:.2f}" for topic, heard in sorted(self.heard.items())}
+        """Return the age [s] of the last message of each topic as key-value pairs."""
+        return {f"{topic} age [s]": f"{now - last:.2f}" for topic, last in sorted(self.last_received.items())}
 
     def report(self, period: float) -> dict[str, str]:
-        """Return key-value pairs for a diagnostic status; rates [Hz] are over ``period`` [s] since the last report."""
+        """Return all counters as key-value pairs; rates [Hz] are over the ``period`` [s] since the last report."""
         values = {}
         for label, counter in (("received", self.accepted), ("sent", self.sent)):
             for topic, count in sorted(counter.items()):

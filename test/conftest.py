@@ -6,6 +6,7 @@ import tempfile
 from pathlib import Path
 
 import graph
+import pytest
 
 # Wrong types in a message field raise instead of being sent.
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
@@ -15,3 +16,12 @@ os.environ["ROS_LOG_DIR"] = str(Path(tempfile.gettempdir()) / "diffbot_test_logs
 # With wheels the packages stand in the environment itself; another installation's must not be found before them.
 if (Path(sys.prefix) / "share" / "std_msgs").is_dir():
     os.environ.pop("AMENT_PREFIX_PATH", None)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """Mark all of test/graph with ``graph``; tests of other rooms that start nodes carry the mark themselves."""
+    room = Path(__file__).parent / "graph"
+    for item in items:
+        if item.path.is_relative_to(room):
+            item.add_marker(pytest.mark.graph)

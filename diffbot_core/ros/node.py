@@ -1,4 +1,4 @@
-"""What all nodes of diffbot share: guarded subscriptions, health reports, executor choice, signals and exit codes."""
+"""Base of all nodes: checked parameters, guarded subscriptions, health reports, executor, signals and exit status."""
 
 from __future__ import annotations
 
@@ -25,25 +25,31 @@ from diffbot_core.ros.parameters import NodeParameters
 from diffbot_core.schema import C
 
 DIAGNOSTICS_PERIOD = 1.0
-"""[s] between two /diagnostics messages of a node."""
+"""[s] between two /diagnostics messages of a node"""
 SPIN_TIMEOUT = 0.05
-"""[s] after which the spin loop looks at the signal flag even if no message comes."""
+"""[s] maximum time between two checks of the signal flag"""
 QUEUE = QoSProfile(depth=10)
-"""Reliable, volatile: the default of what is sent and heard here."""
+"""Reliable and volatile: the default of publishers and subscriptions."""
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""The last message is kept for those who come later."""
+"""Transient local: late subscribers receive the last message."""
 
 
 class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
-    """A node with checked parameters (``self.config``), guarded subscriptions and a 1 Hz report on /diagnostics."""
+    """A node with checked parameters (``config``), guarded subscriptions and a 1 Hz report on /diagnostics."""
 
     def __init__(
         self, name: str, config_type: type[C], presets: Mapping[str, C] | None = None, **node_options: Any
     ) -> None:
-        """Create the node; ``presets``: defaults by the parameter ``preset``, ``node_options``: those of rclpy's Node.
+        """Create the node.
+
+        Args:
+            name: name of the node.
+            config_type: configuration from which the parameters are declared.
+            presets: configurations selected by the parameter ``preset``, whose values are the defaults.
+            node_options: options of rclpy's Node.
 
         Raises:
-            DiffbotError: if a parameter is not allowed.
+            DiffbotError: if the value of a parameter is not allowed.
         """
         super().__init__(name, **node_options)
         try:
@@ -60,14 +66,14 @@ class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
 
     @property
     def config(self) -> C:
-        """The valid configuration of this moment."""
+        """The present configuration, always valid."""
         return self._checked_parameters.config
 
     def on_config(self, config: C) -> None:
-        """Called after parameters were changed from outside; for nodes that keep something derived from them."""
+        """Called after a change of parameters, for nodes that keep values derived from them."""
 
     def before_shutdown(self) -> None:
-        """Called once while messages can still be sent: stop the robot, close the file."""
+        """Called once, while messages can still be sent: to stop the robot or to close a file."""
 
     def finish(self, exit_code: int) -> None:
         """End the spin loop of :func:`run` with this exit status."""
@@ -80,33 +86,33 @@ class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
         callback: Callable[[Any], None],
         qos: QoSProfile = QUEUE,
     ) -> Any:
-        """Subscribe; a BadMessageError from ``callback`` drops the message: counted, and said once per kind."""
+        """Subscribe; a BadMessageError of ``callback`` drops the message, which is counted and logged once per kind."""
 
         def guarded(message: Any) -> None:
             try:
                 callback(message)
             except BadMessageError as error:
                 if self.health.drop(topic, error.kind):
-                    self.get_logger().warning(f"{topic}: message dropped: {error} (said once; see /diagnostics)")
+                    self.get_logger().warning(f"{topic}: message dropped: {error} (logged once; see /diagnostics)")
             else:
                 self.health.accept(topic, time.monotonic())
 
         return self.create_subscription(message_type, topic, guarded, qos)
 
     def health_level(self) -> tuple[int, str]:
-        """Level and one line for /diagnostics; nodes with a state of their own say more."""
+        """Return level and message for /diagnostics; nodes with a state add it."""
         dropped = sum(self.health.dropped.values())
         if dropped:
             return DiagnosticStatus.WARN[0], f"{dropped} messages dropped"
         return DiagnosticStatus.OK[0], "ok"
 
     def details(self) -> dict[str, str]:
-        """Return what a node shows in /diagnostics beside its counts; for nodes that have something."""
+        """Return further key-value pairs for /diagnostics."""
         return {}
 
     def _report(self) -> None:
         now = self.steady_clock.now().nanoseconds
-        level, text = self.health_level()  # first: it may write the notes that the report shows
+        level, text = self.health_level()  # first, since it may set notes of the report
         values = self.health.report((now - self._last_report) * 1e-9) | self.details()
         values |= self.health.ages(time.monotonic())
         self._last_report = now
@@ -116,16 +122,16 @@ class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
 
 
 def status_message(name: str, level: int, text: str, values: dict[str, str]) -> DiagnosticStatus:
-    """Fill a DiagnosticStatus; ``level`` is its number, which the message holds as one byte."""
+    """Return a DiagnosticStatus; ``level`` is an integer, which the message holds as one byte."""
     pairs = [KeyValue(key=key, value=value) for key, value in values.items()]
     return DiagnosticStatus(name=name, level=bytes([level]), message=text, values=pairs)
 
 
 def make_executor(context: rclpy.Context | None = None) -> Executor:
-    """Return the executor all nodes run on: rclpy's EventsExecutor, or the default where it is missing.
+    """Return the executor of all nodes: rclpy's EventsExecutor, or the SingleThreadedExecutor where it is missing.
 
-    Driven by ``spin_once(timeout_sec=...)`` it needs about a third of the CPU of the default one; its ``spin()`` must
-    not be used (rclpy 7.1.6: no callback runs). ``DIFFBOT_EXECUTOR=single`` asks for the SingleThreadedExecutor.
+    The EventsExecutor needs about a third of the CPU time. It must be driven by ``spin_once(timeout_sec=...)``: with
+    its ``spin()``, no callback runs in rclpy 7.1.6. ``DIFFBOT_EXECUTOR=single`` selects the SingleThreadedExecutor.
     """
     if os.environ.get("DIFFBOT_EXECUTOR", "events") != "single":
         try:
@@ -138,9 +144,9 @@ def make_executor(context: rclpy.Context | None = None) -> Executor:
 
 
 class StopFlag:
-    """Set by SIGINT and SIGTERM; further signals are swallowed, so that a clean end is not cut short.
+    """Set by SIGINT and SIGTERM; further signals have no effect, so that the shutdown is not interrupted.
 
-    rclpy's own handlers shut the context down at once, and then no stop command can be sent and no bag be told.
+    rclpy's own handlers would shut the context down at once, before a stop command is sent or a bag is closed.
     """
 
     def __init__(self) -> None:
@@ -153,7 +159,7 @@ class StopFlag:
         self.is_set = True
 
     def ignore(self) -> None:
-        """Let signals pass without effect until the process ends."""
+        """Ignore both signals until the process exits."""
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)
 
@@ -161,15 +167,15 @@ class StopFlag:
 def run(factory: Callable[[], DiffbotNode[Any]], args: list[str] | None = None) -> int:
     """Run one node until a signal or its own :meth:`DiffbotNode.finish`; return the exit status of the process.
 
-    0 after a signal; 1 with one line on stderr if the node refuses to start.
+    0 after a signal; 1, with one line on stderr, if the node cannot start.
     """
     stop = StopFlag()
     try:
-        # What is wrong with the arguments is said once, below.
+        # Invalid arguments are reported once, below.
         set_logger_level("rcl", LoggingSeverity.FATAL)
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-    except Exception as error:  # rclpy raises many types here, all of them mean unusable arguments
-        print(f"error: unusable arguments: {_one_line(error)}", file=sys.stderr)
+    except Exception as error:  # rclpy raises many types here, all for invalid arguments
+        print(f"error: invalid arguments: {_one_line(error)}", file=sys.stderr)
         return 1
     if get_logger_effective_level("rcl") == LoggingSeverity.FATAL:  # unless --log-level rcl:=... was given
         set_logger_level("rcl", LoggingSeverity.UNSET)
@@ -189,9 +195,9 @@ def run(factory: Callable[[], DiffbotNode[Any]], args: list[str] | None = None) 
             node.before_shutdown()
             node.destroy_node()
         rclpy.try_shutdown()
-        # Python gives its own handlers up before it ends; a late second signal would then kill what ended well.
+        # Python restores the default handlers when it exits; a second signal would then change the exit status.
         stop.ignore()
-    # Only now: a node may still fail in before_shutdown, such as a recorder on a full disk.
+    # Read last: before_shutdown may still fail, such as a recorder on a full disk.
     return node.exit_code or 0
 
 

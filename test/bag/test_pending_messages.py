@@ -89,7 +89,7 @@ def test_a_held_message_gets_the_log_time_it_is_told():
 def test_which_topics_are_taken(selection, taken):
     selection.check()
     topics = {"/odom", "/robot/odom", "/rosout", "/_hidden", "/a/_b/c"}
-    assert {topic for topic in topics if selection.wants(topic)} == taken
+    assert {topic for topic in topics if selection.selects(topic)} == taken
 
 
 @pytest.mark.parametrize("name", ["regex", "exclude_regex"])

@@ -94,7 +94,7 @@ def test_a_pause_holds_everything_back_and_a_step_sends_one():
 
 
 def graph_changes(condition, duration):
-    """Tell whether a condition comes true within ``duration`` [s]."""
+    """Return whether a condition becomes true within ``duration`` [s]."""
     try:
         return graph.wait_for(condition, duration)
     except AssertionError:
@@ -162,9 +162,9 @@ def test_the_clock_stands_while_paused():
         graph.wait_for(lambda: run.sent, what="the first message")
         run.player.pause()
         graph.wait_for(lambda: len(run.clock) > 2, what="ticks")
-        seen = len(run.clock)
-        graph.wait_for(lambda: len(run.clock) > seen + 5, what="ticks in the pause")
-        assert len({stamp for _, stamp in run.clock[seen + 1 :]}) == 1
+        before = len(run.clock)
+        graph.wait_for(lambda: len(run.clock) > before + 5, what="ticks in the pause")
+        assert len({stamp for _, stamp in run.clock[before + 1 :]}) == 1
 
 
 def test_what_reading_raises_ends_the_replay():

@@ -69,8 +69,12 @@ def test_what_is_in_a_bag(bag, what):
             "/b": (POINT, 300, (Qos(),)),
         }
         if what == "folder":
-            told = reader.metadata
-            assert (told.message_count, told.start, told.start + told.duration) == (600, reader.start, reader.end)
+            stored = reader.metadata
+            assert (stored.message_count, stored.start, stored.start + stored.duration) == (
+                600,
+                reader.start,
+                reader.end,
+            )
 
 
 def test_messages_come_in_the_order_of_log_time_with_their_bytes(bag):
@@ -164,7 +168,7 @@ def test_a_missing_bag_and_an_empty_folder(tmp_path):
 def test_a_truncated_file(broken, share):
     path, content = broken
     path.write_bytes(content[: max(9, int(len(content) * share))])
-    assert "truncated, its recording did not end" in error_of(path)
+    assert "truncated: its recording was cut off" in error_of(path)
 
 
 @pytest.mark.parametrize(

@@ -28,6 +28,8 @@ from diffbot_bag import metadata
 from diffbot_bag.reader import BagReader
 from diffbot_bag.recorder_node import RecorderNode
 
+pytestmark = pytest.mark.graph
+
 RECORDER = "diffbot_bag.recorder_node"
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 BEST_EFFORT = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -42,13 +44,14 @@ def recorder(folder, parameters=None, arguments=(), **options):
 
 
 def wait_until_recorded(peer, *publishers):
-    """Wait as an orchestrator can: for the recorder's own word that these topics are subscribed."""
-    said = peer.subscribe(DiagnosticStatus, "/recorder/status", LATCHED)
-    wanted = {publisher.topic_name for publisher in publishers}
+    """Wait until the recorder reports these topics as subscribed."""
+    reports = peer.subscribe(DiagnosticStatus, "/recorder/status", LATCHED)
+    expected_topics = {publisher.topic_name for publisher in publishers}
     peer.spin_until(
-        lambda: said and wanted <= set(graph.values(said[-1])["topics"].split()), what=f"{wanted} in ~/status"
+        lambda: reports and expected_topics <= set(graph.values(reports[-1])["topics"].split()),
+        what=f"{expected_topics} in ~/status",
     )
-    return said
+    return reports
 
 
 def twists(count):
@@ -114,7 +117,7 @@ def test_what_waits_for_its_turn_at_the_end_is_recorded(tmp_path, peer):
         # It finds the topic by itself but is never given the time to take a message.
         node = RecorderNode()
         graph.wait_for(lambda: node.count_publishers("/waiting"), what="the publisher in the graph")
-        node.look_for_topics()
+        node.update_subscriptions()
         peer.wait_for_subscribers(publisher)
         sent = publish(publisher, twists(100))
         wait_until_arrived(publisher)
@@ -130,11 +133,11 @@ def test_topics_qos_hashes_and_times_are_recorded(tmp_path, peer):
     before = publish(latched, [String(data="<robot/>")])
     with recorder(tmp_path / "run") as running:
         unreliable = peer.publisher(Twist, "/deep/noise", BEST_EFFORT)
-        said = wait_until_recorded(peer, unreliable, latched)
+        reports = wait_until_recorded(peer, unreliable, latched)
         start = peer.node.get_clock().now().nanoseconds
         sent = publish(unreliable, twists(20))
         end = peer.node.get_clock().now().nanoseconds
-        peer.spin_until(lambda: count(said) >= 21, what="all messages")
+        peer.spin_until(lambda: count(reports) >= 21, what="all messages")
         assert running.stop() == 0
     assert recorded(tmp_path / "run", "/description") == before
     assert recorded(tmp_path / "run", "/deep/noise") == sent
@@ -164,9 +167,9 @@ def test_mixed_qos_on_one_topic_is_recorded_from_all(tmp_path, peer):
     ]
     with recorder(tmp_path / "run") as running:
         peer.wait_for_subscribers(*mixed)
-        said = wait_until_recorded(peer, mixed[0])
+        reports = wait_until_recorded(peer, mixed[0])
         sent = [publish(publisher, twists(10)) for publisher in mixed]
-        peer.spin_until(lambda: count(said) >= 30, what="all messages")
+        peer.spin_until(lambda: count(reports) >= 30, what="all messages")
         assert running.stop() == 0
         assert " 0 lost" in running.output
     assert sorted(recorded(tmp_path / "run", "/mixed")) == sorted(itertools.chain(*sent))
@@ -185,9 +188,9 @@ def test_selection_and_namespace(tmp_path, peer):
 
 
 def test_hidden_topics_are_left_out_by_default(tmp_path, peer):
-    hidden, seen = peer.publisher(Twist, "/a/_b/c"), peer.publisher(Twist, "/a/b/c")
+    hidden, visible = peer.publisher(Twist, "/a/_b/c"), peer.publisher(Twist, "/a/b/c")
     with recorder(tmp_path / "run") as running:
-        wait_until_recorded(peer, seen)
+        wait_until_recorded(peer, visible)
         assert hidden.get_subscription_count() == 0
         assert running.stop() == 0
 
@@ -195,11 +198,11 @@ def test_hidden_topics_are_left_out_by_default(tmp_path, peer):
 def test_lost_messages_are_counted_told_and_kept(tmp_path, peer):
     publisher = peer.publisher(Twist, "noise", BEST_EFFORT)
     with recorder(tmp_path / "run", {"depth": 5, "topics": ["/noise"]}) as running:
-        said = wait_until_recorded(peer, publisher)
+        reports = wait_until_recorded(peer, publisher)
         health = peer.subscribe(DiagnosticArray, "/diagnostics", 100)
-        # Losses are seen between two messages: this is the first.
+        # A loss is detected between two messages: this is the first.
         publish(publisher, twists(1))
-        peer.spin_until(lambda: count(said) == 1, what="the first message")
+        peer.spin_until(lambda: count(reports) == 1, what="the first message")
         # A recorder that does not run cannot take anything; its queue holds the newest five.
         running.send(signal.SIGSTOP)
         publish(publisher, twists(50))
@@ -207,11 +210,11 @@ def test_lost_messages_are_counted_told_and_kept(tmp_path, peer):
         # What was dropped shows with the next message that is not.
         later = []
         peer.spin_until(
-            lambda: later.extend(publish(publisher, twists(1))) or graph.values(said[-1])["lost"] != "0",
+            lambda: later.extend(publish(publisher, twists(1))) or graph.values(reports[-1])["lost"] != "0",
             what="lost messages in ~/status",
         )
-        assert said[-1].level == DiagnosticStatus.WARN
-        lost = graph.values(said[-1])["lost"]
+        assert reports[-1].level == DiagnosticStatus.WARN
+        lost = graph.values(reports[-1])["lost"]
         peer.spin_until(
             lambda: any(graph.values(s).get("/noise dropped: lost") == lost for a in health for s in a.status),
             what="lost messages in /diagnostics",
@@ -225,16 +228,16 @@ def test_lost_messages_are_counted_told_and_kept(tmp_path, peer):
 def test_what_a_node_of_simulated_time_records(tmp_path, peer):
     clock, data = peer.publisher(Clock, "/clock"), peer.publisher(Twist, "data", 100)
     with recorder(tmp_path / "run", {"use_sim_time": True}) as running:
-        said = wait_until_recorded(peer, data)
-        assert said[-1].message == "waiting for /clock"
+        reports = wait_until_recorded(peer, data)
+        assert reports[-1].message == "waiting for /clock"
         early = publish(data, twists(3))
-        peer.spin_until(lambda: int(graph.values(said[-1])["held"]) >= 3, what="held messages")
+        peer.spin_until(lambda: int(graph.values(reports[-1])["held"]) >= 3, what="held messages")
         tick(clock, 500)
-        peer.spin_until(lambda: said[-1].message == "recording", what="recording")
+        peer.spin_until(lambda: reports[-1].message == "recording", what="recording")
         tick(clock, 900)
         # /clock and /data are not ordered among each other: the recorder has both only when it says so.
-        before = count(said)
-        peer.spin_until(lambda: count(said) > before, what="/clock in the bag")
+        before = count(reports)
+        peer.spin_until(lambda: count(reports) > before, what="/clock in the bag")
         later = publish(data, twists(5))
         assert running.stop() == 0
     with BagReader(tmp_path / "run") as reader:
@@ -252,8 +255,8 @@ def tick(clock, seconds):
     clock.publish(message)
 
 
-def count(said):
-    return int(graph.values(said[-1])["messages"])
+def count(reports):
+    return int(graph.values(reports[-1])["messages"])
 
 
 def test_without_a_clock_messages_keep_the_time_of_reception(tmp_path, peer):
@@ -263,7 +266,7 @@ def test_without_a_clock_messages_keep_the_time_of_reception(tmp_path, peer):
         start = peer.node.get_clock().now().nanoseconds
         sent = publish(data, twists(8))
         assert running.stop() == 0
-        assert "no /clock came: 5 messages are stamped with the time of reception" in running.output
+        assert "no /clock received: 5 messages keep their time of reception" in running.output
     assert recorded(tmp_path / "run", "/data") == sent[:5]
     with BagReader(tmp_path / "run") as reader:
         assert reader.start >= start
@@ -272,9 +275,9 @@ def test_without_a_clock_messages_keep_the_time_of_reception(tmp_path, peer):
 def test_a_killed_recorder_loses_at_most_one_flush_period(tmp_path, peer):
     publisher = peer.publisher(Twist, "data", DEEP)
     with recorder(tmp_path / "run", {"flush_period": 0.3, "topics": ["/data"]}) as running:
-        said = wait_until_recorded(peer, publisher)
+        reports = wait_until_recorded(peer, publisher)
         sent = publish(publisher, twists(500))
-        peer.spin_until(lambda: count(said) >= 500, what="500 messages")
+        peer.spin_until(lambda: count(reports) >= 500, what="500 messages")
         path = tmp_path / "run" / "run_0.mcap"
         # One flush later they are on the disk; the process gets no chance to add anything.
         graph.wait_for(lambda: len([r for r in whole_records(path) if isinstance(r, Message)]) == 500, 3.0, "a flush")
@@ -312,7 +315,7 @@ def test_a_folder_that_cannot_be_made_is_one_line_before_anything_is_recorded(tm
         assert running.wait() == 1
         (line,) = running.output.splitlines()
         assert line.startswith("error: ")
-        assert "exists already" in line if where == "taken" else "cannot make the bag" in line
+        assert "exists already" in line if where == "taken" else "cannot create the bag" in line
     assert not list((tmp_path / "taken").iterdir())
 
 
@@ -376,7 +379,9 @@ def test_a_type_that_is_not_installed_is_said_once_and_not_fatal(tmp_path, peer)
     good, foreign = peer.publisher(Twist, "good"), peer.publisher(TwistStamped, "foreign")
     parameters = ["-p", f"uri:={tmp_path / 'run'}", "-p", "topic_polling_interval:=0.02"]
     with graph.process(sys.executable, "-c", HIDE_A_TYPE, "--ros-args", *parameters) as running:
-        running.wait_for_output("/foreign is not recorded: it has a type that cannot be read: type geometry_msgs/msg/")
+        running.wait_for_output(
+            "/foreign is not recorded: it has a type that cannot be loaded: type geometry_msgs/msg/"
+        )
         wait_until_recorded(peer, good)
         sent = publish(good, twists(3))
         assert foreign.get_subscription_count() == 0
@@ -385,13 +390,13 @@ def test_a_type_that_is_not_installed_is_said_once_and_not_fatal(tmp_path, peer)
     assert recorded(tmp_path / "run", "/good") == sent
 
 
-# Which of two types is seen first is chance; here both are there from the start.
+# The order in which two types are discovered is random; here both are present from the start.
 TWO_TYPES = """
 import sys
 from diffbot_bag.recorder_node import RecorderNode, main
-seen = RecorderNode.get_topic_names_and_types
+original = RecorderNode.get_topic_names_and_types
 RecorderNode.get_topic_names_and_types = lambda node: [
-    (name, [*types, "std_msgs/msg/String"] if name == "/odd" else types) for name, types in seen(node)
+    (name, [*types, "std_msgs/msg/String"] if name == "/odd" else types) for name, types in original(node)
 ]
 sys.exit(main())
 """

@@ -20,6 +20,8 @@ from diffbot_bag.reader import BagReader
 from diffbot_bag.ros_conversions import from_ros, to_ros
 from diffbot_bag.writer import BagWriter
 
+pytestmark = pytest.mark.graph
+
 REPLAY = "diffbot_bag.replay_node"
 RECORDER = "diffbot_bag.recorder_node"
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -74,7 +76,7 @@ def peer():
         yield running
 
 
-class Heard:
+class Received:
     """What a subscriber of the test received, with the time of reception."""
 
     def __init__(self, peer, *topics):
@@ -93,8 +95,8 @@ class Heard:
         return times[-1] - times[0]
 
 
-def hear_all(peer):
-    return Heard(
+def collect_all(peer):
+    return Received(
         peer,
         ("/a", Twist, DEEP),
         ("/noise", Twist, BEST_EFFORT),
@@ -131,66 +133,66 @@ def play(peer, folder, parameters=None, arguments=()):
 
 
 def test_bytes_order_count_and_time_come_back(peer, bag):
-    heard = hear_all(peer)
+    collected = collect_all(peer)
     output = play(peer, bag)
     for topic in ("/a", "/noise", "/text", "/clock"):
-        assert heard.of(topic) == in_bag(bag, topic, end=2.0), topic
-    assert 0.95 < heard.span("/a") < 1.5
+        assert collected.of(topic) == in_bag(bag, topic, end=2.0), topic
+    assert 0.95 < collected.span("/a") < 1.5
     assert "215 messages in " in output
 
 
 @pytest.mark.parametrize("rate", [0.5, 5.0])
 def test_the_rate_changes_the_time_alone(peer, bag, rate):
-    heard = hear_all(peer)
+    collected = collect_all(peer)
     play(peer, bag, {"rate": rate})
-    assert heard.of("/a") == in_bag(bag, "/a")
-    assert 0.9 / rate < heard.span("/a") < 1.0 / rate + 0.5
+    assert collected.of("/a") == in_bag(bag, "/a")
+    assert 0.9 / rate < collected.span("/a") < 1.0 / rate + 0.5
 
 
 def test_offset_and_duration_cut_but_the_latched_message_of_before_comes(peer, bag):
-    heard = hear_all(peer)
+    collected = collect_all(peer)
     play(peer, bag, {"start_offset": 0.5, "playback_duration": 0.2})
-    assert heard.of("/a") == in_bag(bag, "/a", 0.5, 0.7)
-    assert heard.of("/text") == [string("text at 30")]
+    assert collected.of("/a") == in_bag(bag, "/a", 0.5, 0.7)
+    assert collected.of("/text") == [string("text at 30")]
 
 
 def test_until_and_topics(peer, bag):
-    heard = hear_all(peer)
+    collected = collect_all(peer)
     play(peer, bag, {"playback_until": BEGIN / 1e9 + 0.25, "topics": ["/a", "/text"]})
-    assert (len(heard.of("/a")), len(heard.of("/text"))) == (26, 1)
-    assert not heard.of("/noise") + heard.of("/clock")
+    assert (len(collected.of("/a")), len(collected.of("/text"))) == (26, 1)
+    assert not collected.of("/noise") + collected.of("/clock")
 
 
 def test_exclude_regex_and_both_kinds_of_remapping(peer, bag):
-    heard = Heard(
+    collected = Received(
         peer, ("/b", Twist, DEEP), ("/robot/text", String, LATCHED), ("/a", Twist, DEEP), ("/noise", Twist, 10)
     )
     parameters = {"regex": "/a|/text|/noise", "exclude_topics": ["/noise"], "remap": ["a:=/b"], "rate": 10.0}
     play(peer, bag, parameters, ("-r", "/text:=/robot/text"))
-    assert heard.of("/b") == in_bag(bag, "/a")
-    assert heard.of("/robot/text") == in_bag(bag, "/text")
-    assert not heard.of("/a") + heard.of("/noise")
+    assert collected.of("/b") == in_bag(bag, "/a")
+    assert collected.of("/robot/text") == in_bag(bag, "/text")
+    assert not collected.of("/a") + collected.of("/noise")
 
 
 def test_a_loop_goes_on_until_a_signal(peer, bag):
-    heard = hear_all(peer)
+    collected = collect_all(peer)
     with replay(bag, {"loop": True, "playback_duration": 0.1, "rate": 2.0}) as running:
-        peer.spin_until(lambda: len(heard.of("/a")) >= 40, what="four rounds")
+        peer.spin_until(lambda: len(collected.of("/a")) >= 40, what="four rounds")
         assert running.stop(signal.SIGTERM) == 0
     one = in_bag(bag, "/a", 0.0, 0.1)
-    assert heard.of("/a")[:33] == one * 3
+    assert collected.of("/a")[:33] == one * 3
 
 
 def test_the_clock_replaces_a_recorded_one(peer, bag):
-    heard = hear_all(peer)
+    collected = collect_all(peer)
     play(peer, bag, {"clock": 50.0, "start_offset": 0.2})
-    stamps = [deserialize_message(data, Clock).clock for data in heard.of("/clock")]
+    stamps = [deserialize_message(data, Clock).clock for data in collected.of("/clock")]
     times = [stamp.sec * 10**9 + stamp.nanosec for stamp in stamps]
     assert BEGIN + 200 * MS <= times[0] < BEGIN + 350 * MS
     assert times == sorted(times)
     assert times[-1] > BEGIN + 900 * MS
     assert len(times) > 25
-    assert heard.of("/a") == in_bag(bag, "/a", 0.2)
+    assert collected.of("/a") == in_bag(bag, "/a", 0.2)
 
 
 def test_publishers_offer_the_recorded_qos(peer, bag):
@@ -211,15 +213,15 @@ def test_publishers_offer_the_recorded_qos(peer, bag):
 def test_a_latecomer_gets_the_latched_message(peer, bag):
     with replay(bag, {"rate": 20.0, "loop": True, "delay": 0.3, "wait_timeout": 0.0}) as running:
         running.wait_for_output("ready")
-        said = peer.subscribe(DiagnosticStatus, "/replay/status", LATCHED)
-        peer.spin_until(lambda: said and int(graph.values(said[-1])["messages"]) >= 200, what="a round")
-        heard = Heard(peer, ("/text", String, LATCHED))
-        peer.spin_until(lambda: heard.of("/text"), what="the latched message")
-    assert heard.of("/text")[0] in (string("text at 0"), string("text at 30"))
+        reports = peer.subscribe(DiagnosticStatus, "/replay/status", LATCHED)
+        peer.spin_until(lambda: reports and int(graph.values(reports[-1])["messages"]) >= 200, what="a round")
+        collected = Received(peer, ("/text", String, LATCHED))
+        peer.spin_until(lambda: collected.of("/text"), what="the latched message")
+    assert collected.of("/text")[0] in (string("text at 0"), string("text at 30"))
 
 
 def test_services_pause_step_resume_and_stop(peer, bag):
-    heard = hear_all(peer)
+    collected = collect_all(peer)
 
     def call(name):
         return peer.call(Trigger, f"/replay/{name}")
@@ -229,27 +231,27 @@ def test_services_pause_step_resume_and_stop(peer, bag):
         # It first waits for its subscriber, which is here: the step is possible from then on.
         peer.spin_until(lambda: call("play_next").success, what="a step")
         assert call("play_next").success
-        peer.spin_until(lambda: len(heard.of("/a")) >= 2, what="two steps")
-        assert heard.of("/a") == in_bag(bag, "/a")[:2]
+        peer.spin_until(lambda: len(collected.of("/a")) >= 2, what="two steps")
+        assert collected.of("/a") == in_bag(bag, "/a")[:2]
         assert call("toggle_paused").message == "playing"
-        peer.spin_until(lambda: len(heard.of("/a")) > 10, what="messages after the pause")
+        peer.spin_until(lambda: len(collected.of("/a")) > 10, what="messages after the pause")
         assert call("pause").success
         assert call("is_paused").message == "paused"
         peer.spin_for(0.05)
-        count = len(heard.of("/a"))
-        said = peer.subscribe(DiagnosticStatus, "/replay/status", LATCHED)
-        peer.spin_until(lambda: said and said[-1].message == "paused", what="paused in ~/status")
+        count = len(collected.of("/a"))
+        reports = peer.subscribe(DiagnosticStatus, "/replay/status", LATCHED)
+        peer.spin_until(lambda: reports and reports[-1].message == "paused", what="paused in ~/status")
         peer.spin_for(0.2)
-        assert len(heard.of("/a")) == count
-        values = graph.values(said[-1])
+        assert len(collected.of("/a")) == count
+        values = graph.values(reports[-1])
         assert values["uri"] == str(bag)
         assert float(values["progress"]) == pytest.approx(count / 100, abs=0.03)
         assert call("resume").message == "playing"
         assert not call("play_next").success
-        peer.spin_until(lambda: len(heard.of("/a")) > count, what="messages after the second pause")
+        peer.spin_until(lambda: len(collected.of("/a")) > count, what="messages after the second pause")
         assert call("stop").success
         assert running.wait() == 0
-    assert heard.of("/a") == in_bag(bag, "/a")[: len(heard.of("/a"))]
+    assert collected.of("/a") == in_bag(bag, "/a")[: len(collected.of("/a"))]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -265,7 +267,7 @@ def test_a_signal_ends_it_at_once_even_in_a_long_gap(tmp_path, number):
 
 
 def test_the_end_waits_until_subscribers_have_everything(peer, bag):
-    Heard(peer, ("/a", Twist, DEEP))
+    Received(peer, ("/a", Twist, DEEP))
     quick = {"topics": ["/a"], "rate": 20.0}
     assert "not acknowledged" not in play(peer, bag, {**quick, "wait_acked_timeout": 20.0})
 
@@ -275,7 +277,7 @@ def test_waiting_for_named_topics_is_said_and_ends(bag):
     with graph.node(REPLAY, {"uri": bag, **parameters}) as running:
         assert running.wait() == 0
         assert "no subscriber after 0.3 s: /a" in running.output
-        assert "not played, so not waited for: /none" in running.output
+        assert "wait_for_topics that are not played are ignored: /none" in running.output
 
 
 def test_a_type_that_is_not_installed_is_said_and_the_rest_played(peer, tmp_path):
@@ -286,10 +288,10 @@ def test_a_type_that_is_not_installed_is_said_and_the_rest_played(peer, tmp_path
         writer.write(a, twist(index), BEGIN + index, BEGIN)
         writer.write(b, b"\0\1\0\0", BEGIN + index, BEGIN)
     writer.close()
-    heard = Heard(peer, ("/a", Twist, DEEP))
+    collected = Received(peer, ("/a", Twist, DEEP))
     output = play(peer, tmp_path / "run")
     assert output.count("/b is not played: type my_msgs/msg/Thing is not installed") == 1
-    assert len(heard.of("/a")) == 5
+    assert len(collected.of("/a")) == 5
     with graph.node(REPLAY, {"uri": tmp_path / "run", "topics": ["/b"]}) as running:
         assert running.wait() == 1
         assert "can be published" in running.output

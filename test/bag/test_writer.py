@@ -1,4 +1,4 @@
-"""Bags as written, seen by readers that were written elsewhere: rosbags, mcap-ros2-support, mcap and PyYAML."""
+"""Bags as other libraries read them: rosbags, mcap-ros2-support, mcap and PyYAML."""
 
 import resource
 import subprocess
@@ -224,7 +224,7 @@ def test_an_existing_folder_is_refused_and_left_alone(tmp_path):
 @pytest.mark.parametrize("parent", ["file", "/proc/none"])
 def test_a_folder_that_cannot_be_made_is_refused(tmp_path, parent):
     (tmp_path / "file").write_text("")
-    with pytest.raises(BagWriteError, match=r"cannot make the bag .*: \w") as error:
+    with pytest.raises(BagWriteError, match=r"cannot create the bag .*: \w") as error:
         BagWriter(tmp_path / parent / "run")
     assert "\n" not in str(error.value)
 

@@ -2,7 +2,7 @@
 
 Machines are shared and noisy, so what counts are ratios: each round measures both sides right after each
 other, the figure is the median of the rounds' ratios, and the spread of the rounds stands beside it. A
-missed target is said, not hidden, and is no error (except with --strict); the exit status is 1 if something
+missed target is reported and is no error (except with --strict); the exit status is 1 if something
 could not be measured. Ctrl-C ends with what is done so far.
 """
 
@@ -124,8 +124,10 @@ def write_docs(rows: list[Row], where: dict[str, str]) -> None:
     """Put the table between the markers of docs/performance.md."""
     before, rest = DOCS.read_text(encoding="utf-8").split(BEGIN)
     _, after = rest.split(END)
-    said = f"{where['date']}, {where['cpu']}, Python {where['python']}, load average {where['load']} at the start."
-    write_text(DOCS, f"{before}{BEGIN}\n{said}\n\n{markdown_table(rows)}\n{END}{after}")
+    conditions = (
+        f"{where['date']}, {where['cpu']}, Python {where['python']}, load average {where['load']} at the start."
+    )
+    write_text(DOCS, f"{before}{BEGIN}\n{conditions}\n\n{markdown_table(rows)}\n{END}{after}")
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:

@@ -67,7 +67,7 @@ def replay(folder: Path, rate: float) -> str:
         writer.write(channel, data, stamp, stamp)
     writer.close()
     with graph.peer() as peer, graph.node(REPLAY, {"uri": folder, "wait_timeout": 10.0}) as running:
-        heard = peer.subscribe(Twist, "/bench", DEPTH, raw=True)
+        received = peer.subscribe(Twist, "/bench", DEPTH, raw=True)
         begin = cpu(running.popen.pid)
         used = begin
 
@@ -81,7 +81,9 @@ def replay(folder: Path, rate: float) -> str:
         peer.spin_until(ended, 60.0, "the end of the replay")
         peer.spin_until_quiet()
         late = re.search(r"late: (.*)", running.output)[1]
-    return f"{len(heard)} of {int(rate * SECONDS)} received; late: {late}; {100 * (used - begin) / SECONDS:.0f} % CPU"
+    return (
+        f"{len(received)} of {int(rate * SECONDS)} received; late: {late}; {100 * (used - begin) / SECONDS:.0f} % CPU"
+    )
 
 
 def main() -> int:

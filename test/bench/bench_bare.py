@@ -41,7 +41,7 @@ _PATIENCE = 0.5
 """[s] without an answer after which it is taken as lost."""
 
 
-def tell(event: str, **values: Any) -> None:
+def report(event: str, **values: Any) -> None:
     """Print one line for the parent."""
     print(json.dumps({"event": event, **values}), flush=True)
 
@@ -85,7 +85,7 @@ class ClockedSource(Node):
         self.waiting: deque[int] = deque()
         self.unasked = 0
         self.step = self.steady = 0
-        self.measuring = self.heard = False
+        self.measuring = self.goal_received = False
         self.make_messages()
         self.odometries = self.create_publisher(Odometry, "odom", 10)
         self.fixes = self.create_publisher(PoseWithCovarianceStamped, "global_pose", 10)
@@ -117,14 +117,14 @@ class ClockedSource(Node):
 
     def warm_up(self) -> None:
         """Send goals until commands come; begin when the chain has answered for a while without delay."""
-        self.steady = 0 if self.waiting or not self.heard else self.steady + 1
+        self.steady = 0 if self.waiting or not self.goal_received else self.steady + 1
         self.waiting.clear()
-        if not self.heard and self.step % FIX_EVERY == 0 and self.goals.get_subscription_count():
+        if not self.goal_received and self.step % FIX_EVERY == 0 and self.goals.get_subscription_count():
             self.goals.publish(goal_message(GOAL, "map", time.time_ns()))
         if self.steady == _STEADY:
             self.measuring, self.unasked = True, 0
             self.steps_left -= 1
-            tell("begin")
+            report("begin")
 
     def send(self, stamp: int) -> None:
         """Send the fix, if one is due, and the odometry, as the plant does."""
@@ -142,7 +142,7 @@ class ClockedSource(Node):
 
     def on_command(self, _message: TwistMessage) -> None:
         now = time.monotonic_ns()
-        self.heard = True
+        self.goal_received = True
         if not self.waiting:
             self.unasked += 1
             return
@@ -152,7 +152,7 @@ class ClockedSource(Node):
 
     def end(self) -> None:
         self.done = True
-        tell("end", latencies=self.latencies, lost=len(self.waiting), unasked=self.unasked)
+        report("end", latencies=self.latencies, lost=len(self.waiting), unasked=self.unasked)
 
 
 class BarePlant(Node):

@@ -112,10 +112,10 @@ def reference(count: int) -> Any:
 
 
 def row(
-    measure: str, unit: str, ours: float, other: float | None, judged: float, target: str, met: bool
+    measure: str, unit: str, ours: float, other: float | None, compared: float, target: str, met: bool
 ) -> dict[str, Any]:
-    """Return one row; what is judged is the ratio where there is another side."""
-    ratio = judged if other is not None else None
+    """Return one row; the target is compared with the ratio where there is another side."""
+    ratio = compared if other is not None else None
     return {
         "measure": measure,
         "unit": unit,

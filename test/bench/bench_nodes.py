@@ -22,7 +22,7 @@ import time
 from typing import Any
 
 import rclpy
-from bench_bare import GOAL, BarePlant, ClockedSource, OdometryRelay, TwistRelay, tell
+from bench_bare import GOAL, BarePlant, ClockedSource, OdometryRelay, TwistRelay, report
 from geometry_msgs.msg import PoseStamped
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.parameter import Parameter
@@ -58,12 +58,12 @@ class StepRate:
         if self.measuring:
             if now - self.began >= self.seconds:
                 self.done = True
-                tell("end", rate=(step - self.first_step) / (now - self.began))
+                report("end", rate=(step - self.first_step) / (now - self.began))
         elif step > 1:
             self.first = self.first or now
             if now - self.first > _WARM_UP:
                 self.measuring, self.began, self.first_step = True, now, step
-                tell("begin")
+                report("begin")
 
 
 def make_control(scenario: str) -> ControllerNode:

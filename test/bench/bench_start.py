@@ -54,7 +54,7 @@ def measure_start(command: list[str], environment: dict[str, str], folder: Path)
     """Start a node, wait for ``ready``, end it.
 
     Raises:
-        BenchError: if the node ends or says nothing within the time limit.
+        BenchError: if the node ends or is not ready within the time limit.
     """
     began = time.perf_counter()
     with subprocess.Popen(

@@ -119,8 +119,8 @@ def make_row(measure: Measure, pairs: list[Pair]) -> Row:
     if references:
         each = [pair.ours / pair.reference for pair in pairs if pair.reference is not None]
         ratio = statistics.median(each)
-        judged = ratio if measure.target_of == RATIO else ours
-        met, reference = measure.is_met(judged), statistics.median(references)
+        compared = ratio if measure.target_of == RATIO else ours
+        met, reference = measure.is_met(compared), statistics.median(references)
         return Row(measure, ours, reference, ratio, met, (min(each), max(each)), len(pairs))
     each = [pair.ours for pair in pairs]
     return Row(measure, ours, None, None, measure.is_met(ours), (min(each), max(each)), len(pairs))

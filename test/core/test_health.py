@@ -38,11 +38,28 @@ def test_no_rate_over_no_time():
     health = Health()
     health.accepted["odom"] += 5
     assert health.report(0.0) == {"odom received": "5"}
-    # What was told then is not told again as a rate.
+    # Messages counted in that report do not enter the next rate.
     assert health.report(1.0)["odom received [Hz]"] == "0.0"
 
 
-def test_notes_are_told():
+def test_notes_are_part_of_the_report():
     health = Health()
     health.notes = {"steps": "7"}
     assert health.report(1.0) == {"steps": "7"}
+
+
+def test_counters_of_a_node_are_reported_in_alphabetical_order():
+    health = Health()
+    health.counted["relocations"] += 2
+    health.counted["lost"] += 1
+    assert list(health.report(1.0).items()) == [("lost", "1"), ("relocations", "2")]
+
+
+def test_ages_are_since_the_last_accepted_message_of_each_topic():
+    health = Health()
+    health.accept("odom", 10.0)
+    health.accept("fix", 11.0)
+    health.accept("odom", 12.5)
+    health.drop("fix", "not finite")
+    assert health.ages(13.0) == {"fix age [s]": "2.00", "odom age [s]": "0.50"}
+    assert (health.accepted["odom"], health.accepted["fix"]) == (2, 1)

@@ -7,13 +7,13 @@ from collections import Counter
 import graph
 import numpy as np
 import pytest
+from filter_input import fix, heading, odometry
 from graph import values
 from lockstep_drive import go
 from nav_msgs.msg import Odometry
 from robot import DEEP, distance, lockstep, planar, robot, stamp, turned
 from sensor_msgs.msg import PointCloud2, PointField
 from std_srvs.srv import Trigger
-from test_nodes_input import fix, heading, odometry
 
 from diffbot_control.law.presets import PRESETS
 from diffbot_core.geometry import Pose

@@ -8,11 +8,11 @@ import graph
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
+from filter_input import R_FIX, START, VARIANCES, fix, heading, joint_state, odometry, timed
 from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
 from graph import MODULES
 from nav_msgs.msg import Odometry
 from robot import DEEP, planar, pose_stamped, stamp, yaw
-from sensor_msgs.msg import Imu, JointState
 from std_srvs.srv import Trigger
 
 from diffbot_control.filter.localization import Localization, LocalizationConfig
@@ -25,47 +25,6 @@ from diffbot_core.kinematics import TwistCovariance, WheelGeometry, WheelSpeeds,
 
 NAN, INF, HUGE = math.nan, math.inf, 1e308
 LONG = "x" * 1_000_000
-START = 1000.0
-VARIANCES = 1e-3, 1e-5, 2e-3
-R_FIX = np.diag([0.03, 0.03, 0.01])
-
-
-def timed(message, time):
-    message.header.stamp.sec, message.header.stamp.nanosec = divmod(round(time * 1e9), 10**9)
-    return message
-
-
-def fix(time=START, x=1.0, y=2.0, theta=0.5):
-    message = timed(PoseWithCovarianceStamped(), time)
-    message.header.frame_id = "map"
-    message.pose.pose = pose_stamped(x, y, theta).pose
-    message.pose.covariance[[0, 7, 35]] = R_FIX.diagonal()
-    return message
-
-
-def heading(time=START, theta=0.6):
-    message = timed(Imu(), time)
-    message.header.frame_id = "base_link"
-    message.orientation = pose_stamped(0, 0, theta).pose.orientation
-    message.orientation_covariance[8] = 0.01
-    return message
-
-
-def odometry(time, v=0.4, omega=0.1):
-    message = timed(Odometry(), time)
-    message.header.frame_id, message.child_frame_id = "odom", "base_link"
-    message.pose.pose.orientation.w = 1.0
-    message.twist.twist.linear.x, message.twist.twist.angular.z = v, omega
-    message.twist.covariance[[0, 5, 30, 35]] = VARIANCES[0], VARIANCES[1], VARIANCES[1], VARIANCES[2]
-    return message
-
-
-def joint_state(time, left=5.0, right=6.0):
-    message = timed(JointState(), time)
-    message.name = ["caster_joint", "right_wheel_joint", "left_wheel_joint"]
-    message.position = [0.0, 0.0, 0.0]
-    message.velocity = [NAN, right, left]
-    return message
 
 
 def changed(message, **fields):

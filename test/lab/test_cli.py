@@ -98,6 +98,7 @@ def test_replay_of_a_file_that_is_no_bag_is_one_line(tmp_path):
     assert str(file) in ended.stderr
 
 
+@pytest.mark.graph
 def test_run_starts_a_node_with_its_ros_arguments_and_a_signal_ends_it():
     arguments = ("run", "controller", "--ros-args", "-r", "__ns:=/cli", "-p", "gamma:=2", "-p", "gama:=1.0")
     with graph.process(*DIFFBOT, *arguments) as process:
@@ -108,6 +109,7 @@ def test_run_starts_a_node_with_its_ros_arguments_and_a_signal_ends_it():
         assert "Traceback" not in process.output
 
 
+@pytest.mark.graph
 def test_run_returns_the_status_of_a_node_that_refuses_to_start():
     ended = diffbot("run", "ekf", "--ros-args", "-p", "wheel_radius:=0.0")
     assert ended.returncode == 1

@@ -23,7 +23,7 @@ NODES = ("controller_node", "ekf_node", "plant_node", "recorder_node", "replay_n
 INSTALLATIONS = ("pip", "colcon", "colcon --symlink-install")
 
 # The first test of a worker also installs colcon and builds.
-pytestmark = pytest.mark.timeout(600)
+pytestmark = [pytest.mark.install, pytest.mark.timeout(600)]
 
 
 class Installation(NamedTuple):
@@ -107,7 +107,7 @@ def running(command, folder):
 
 @pytest.fixture
 def graph():
-    """Return a function that lists the names of the nodes that can be seen."""
+    """Return a function that lists the names of the nodes in the graph."""
     context = rclpy.Context()
     rclpy.init(context=context)
     node = rclpy.create_node("observer", context=context)

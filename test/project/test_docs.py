@@ -1,4 +1,4 @@
-"""The generated parts of docs/ are what the code says today."""
+"""The generated parts of docs/ are up to date with the code."""
 
 import importlib.util
 from pathlib import Path

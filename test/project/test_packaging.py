@@ -1,4 +1,4 @@
-"""What the package says about itself agrees in all places, and agrees with what was installed."""
+"""The package's metadata agree in all places, and with what is installed."""
 
 import ast
 import importlib.metadata
@@ -165,13 +165,13 @@ def test_constraints_pin_every_direct_dependency_within_its_bound(python):
 
 def test_constraints_pin_what_is_installed():
     python = f"{sys.version_info.major}.{sys.version_info.minor}"
-    waiting, seen, wrong = list(DIRECT), set(), []
+    waiting, visited, wrong = list(DIRECT), set(), []
     while waiting:
         requirement = waiting.pop()
         key = (canonicalize_name(requirement.name), frozenset(requirement.extras))
-        if key in seen:
+        if key in visited:
             continue
-        seen.add(key)
+        visited.add(key)
         distribution = importlib.metadata.distribution(requirement.name)
         if pins(requirement.name, python) != [distribution.version]:
             wrong.append(f"{requirement.name} {distribution.version}")

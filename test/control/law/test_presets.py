@@ -96,6 +96,7 @@ def expected_of(preset, **changes):
     return {**values, **changes}
 
 
+@pytest.mark.graph
 @pytest.mark.parametrize(
     ("preset", "overrides"),
     [("paper", {"k": 2.0}), ("tuned", {}), ("tuned", {"xy_goal_tolerance": 0.03, "reapproach_tries": 7})],
@@ -128,6 +129,7 @@ def test_the_node_takes_its_defaults_from_the_preset_and_overrides_win(preset, o
         assert "unknown parameter" not in process.output
 
 
+@pytest.mark.graph
 def test_bad_presets_are_refused_at_the_start_in_one_line():
     cases = [
         (["preset:=papre"], f"preset = 'papre': must be {CHOICES}"),

@@ -23,6 +23,8 @@ from diffbot_lab.demo.processes import PrivateDomain
 from diffbot_sim.model.simulator import WorldConfig
 from diffbot_sim.reference_loop import simulate
 
+pytestmark = pytest.mark.graph
+
 COMMAND = (sys.executable, "-m", "diffbot_lab.cli", "demo")
 GOALS = [(0.0, 0.0, 0.0), (3.0, 2.0, math.pi / 2), (1.0, -2.0, math.pi)]
 TOPICS = {
