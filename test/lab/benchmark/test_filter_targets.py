@@ -29,7 +29,11 @@ OF_THE_DEFAULT = [
     ("kidnapped_10_5", "back after, median [s]", ("back_median",), 1.0),
     ("kidnapped_10_5", "back after, longest [s]", ("back_max",), 3.0),
     ("all_10_5", "runs lost", ("lost",), 0.0),
-    *((f"{case}_{rates}", "mean NEES, upper bound", ("nees",), 3.3) for case in ("nominal", "radius") for rates in RATES),
+    *(
+        (f"{case}_{rates}", "mean NEES, upper bound", ("nees",), 3.3)
+        for case in ("nominal", "radius")
+        for rates in RATES
+    ),
 ]
 NIS = [(f"nominal_{rates}", variant) for rates in RATES for variant in (EKF, CALIBRATING)]
 ADAPTED = [(f"{case}_{rates}", f"nominal_{rates}") for case in ("r_10", "r_01") for rates in RATES]
@@ -80,7 +84,7 @@ def test_the_targets_are_these(good):
 
 
 @pytest.mark.parametrize("variant", FILTERS)
-@pytest.mark.parametrize(("case", "text", "path", "bound"), OF_THE_DEFAULT, ids=lambda one: str(one))
+@pytest.mark.parametrize(("case", "text", "path", "bound"), OF_THE_DEFAULT, ids=str)
 def test_a_figure_of_the_default_decides_its_own_target_alone(good, case, text, path, bound, variant):
     put(figures(good, case, variant), path, bound)
     # The plain filter's RMSE is also what the adaptive one is compared with, which a larger value only helps.

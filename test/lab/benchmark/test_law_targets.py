@@ -83,7 +83,7 @@ def test_the_targets_are_these(good):
     assert missed(good) == []
 
 
-@pytest.mark.parametrize(("name", "text", "path", "bound", "at_least"), TARGETS, ids=lambda one: str(one))
+@pytest.mark.parametrize(("name", "text", "path", "bound", "at_least"), TARGETS, ids=str)
 def test_a_figure_decides_its_own_target_alone(good, name, text, path, bound, at_least):
     step = 1 if path in (SETTLED, ("moving",)) else 1e-6
     put(rows(good)[name], path, bound)

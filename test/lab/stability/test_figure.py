@@ -39,6 +39,7 @@ def axes(drawn):  # noqa: F811
 
 @pytest.mark.parametrize(("panel", "rates"), [(0, OVER_ALPHA), (1, OVER_BETA)], ids=["alpha", "beta"])
 def test_each_point_of_a_map_has_the_colour_of_its_own_rate(axes, panel, rates):
+    axes[panel].get_legend().remove()  # it covers a corner
     points = [(rho + 0.2, angle + 0.2) for rho in RHO for angle in ANGLE]  # beside the grid lines
     colours = figures.colours_at(axes[panel], points).reshape(*rates.shape, 3)
     red, _, blue = np.moveaxis(colours, -1, 0)
