@@ -1,4 +1,4 @@
-"""``diffbot demo``: its results against the bag as another library reads it, its failures, its end by signals."""
+"""``diffbot demo``: its results against the bag as rosbags reads it, its failures, its end by signals."""
 
 import contextlib
 import itertools
@@ -64,9 +64,9 @@ class Bag:
         with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
             self.count = reader.message_count
             self.counts = {connection.topic: connection.msgcount for connection in reader.connections}
-            wanted = [one for one in reader.connections if one.topic in ("/ground_truth", "/goal_pose", "/pose")]
-            self.messages = {one.topic: [] for one in wanted}
-            for connection, time, data in reader.messages(wanted):
+            chosen = [one for one in reader.connections if one.topic in ("/ground_truth", "/goal_pose", "/pose")]
+            self.messages = {one.topic: [] for one in chosen}
+            for connection, time, data in reader.messages(chosen):
                 self.messages[connection.topic].append((time, reader.deserialize(data, connection.msgtype)))
 
     def poses(self, topic):
@@ -146,16 +146,9 @@ def test_truth_of_the_first_goal_is_that_of_the_closed_loop(bag):
         assert truth[when] == pytest.approx(tuple(reference[index]), abs=1e-9)
 
 
-def test_picture_is_a_png_with_something_on_it(demo):
-    file = demo[0] / "path.png"
-    assert file.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
-    pixels = matplotlib.image.imread(file)
-    height, width = pixels.shape[:2]
-    assert (width, height) == (1200, 1000)
-    colours = (pixels[:, :, :3] * 255).round().astype(int)
-    for name, colour in {"truth": (0, 0x72, 0xB2), "estimate": (0xD5, 0x5E, 0), "goals": (0, 0x9E, 0x73)}.items():
-        assert (np.abs(colours - colour).max(axis=2) < 30).sum() > 200, name
-    assert 0.5 < (colours.min(axis=2) > 250).mean() < 0.99, "mostly white, not all"
+def test_the_picture_is_written(demo):
+    # What it shows is tested in test_figure.py.
+    assert matplotlib.image.imread(demo[0] / "path.png").shape[:2] == (1000, 1200)
 
 
 def test_table_is_printed_and_nothing_is_left_over(demo):
@@ -182,7 +175,7 @@ def is_running(pid):
 
 
 def test_a_slow_recorder_changes_no_result(demo, tmp_path):
-    """The simulation runs ahead of it, so the times at which it hears of a goal say little."""
+    """The simulation runs ahead of it, so its reception times of the goals say little."""
     out = tmp_path / "out"
     with graph.process(*command(out, "--seed", SEED)) as process:
         log = out / "log" / "controller.log"

@@ -1,43 +1,26 @@
-"""The paper's experiments: what they show, the page made from them, and their figures."""
+"""The paper's experiments: their runs, their results and their command."""
 
-import copy
 import json
 import math
-import os
-import subprocess
-import sys
-from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
-from xml.etree import ElementTree
 
-import matplotlib.image
 import numpy as np
 import pytest
-from reproduction import page, statements
 
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_lab import cli
-from diffbot_lab.paper.experiment import (
+from diffbot_lab.paper.experiment import QUANTILES, run_experiment, summarise, table
+from diffbot_lab.paper.scenarios import (
     GOAL,
     HEADINGS_B,
     LAWS,
     PAPER_END_STATES,
-    QUANTILES,
     SETTINGS,
-    STEPS,
     case_of,
-    run_experiment,
     starts_of,
-    summarise,
-    table,
 )
-from diffbot_lab.paper.figures import FIRST_FIGURE, figure_paths
 from diffbot_sim.compiled.batch import HISTORY_COLUMNS, run_histories
 
-ROOT = Path(__file__).resolve().parents[3]
-DOCS = ROOT / "docs"
 RAW, EKF, QUIET = SETTINGS
-SVG = "{http://www.w3.org/2000/svg}"
 
 
 def wrapped(angles):
@@ -54,18 +37,13 @@ def results(groups):
     return {name: summarise(name, 12, 1, groups[name]) for name in groups}
 
 
-@pytest.fixture(scope="module")
-def kept():
-    return json.loads((DOCS / "reproduction.json").read_text())
-
-
 def of(groups, label, setting):
     (found,) = [one for one in groups if one.label == label and one.setting.name == setting]
     return found
 
 
 def test_the_settings_are_the_papers(groups):
-    assert STEPS * RAW.plant.sampling_time == pytest.approx(30.0)
+    assert case_of("law 17", RAW).steps * RAW.plant.sampling_time == pytest.approx(30.0)
     assert GOAL == (0.0, 0.0, 0.0)
     a = of(groups["a"], "law 17", "raw").histories
     assert (a[:, 0, :3] == [-2.0, -5.5, math.pi / 6.0]).all()
@@ -171,7 +149,7 @@ def test_the_results_are_numpys(groups, results):
                 "distance_at_10_s": np.hypot(histories[:, 100, 0], histories[:, 100, 1]),
             }
             for key, values in expected.items():
-                assert one[key] == {f"{q:g}": pytest.approx(np.quantile(values, q)) for q in QUANTILES}
+                assert one[key] == {name: pytest.approx(np.quantile(values, q)) for name, q in QUANTILES.items()}
             assert one["max_speed"] == np.abs(histories[:, :, 6]).max()
             assert one["settled"] == np.isfinite(outcomes[:, 3]).sum()
             assert one["reached_local_region"] == np.isfinite(outcomes[:, 7]).sum()
@@ -186,120 +164,6 @@ def test_the_results_are_numpys(groups, results):
     lines = table(results["a"]).splitlines()
     assert len(lines) == 8
     assert "0.0000" not in lines[2]
-
-
-def assert_close(found, wanted, where=""):
-    if isinstance(wanted, dict):
-        assert found.keys() == wanted.keys(), where
-        for key in wanted:
-            assert_close(found[key], wanted[key], f"{where}.{key}")
-    elif isinstance(wanted, list):
-        assert len(found) == len(wanted), where
-        for number, (one, other) in enumerate(zip(found, wanted, strict=True)):
-            assert_close(one, other, f"{where}[{number}]")
-    else:
-        expected = pytest.approx(wanted, rel=1e-6, abs=1e-9) if isinstance(wanted, float) else wanted
-        assert found == expected, where
-
-
-@pytest.mark.parametrize("name", ["a", "b"])
-def test_the_kept_results_are_todays(name, kept):
-    runs, seed = kept[name]["runs"], kept[name]["seed"]
-    found = summarise(name, runs, seed, run_experiment(name, runs, seed))
-    assert_close(json.loads(json.dumps(found)), kept[name])
-
-
-def test_the_page_is_made_from_the_kept_results(kept):
-    assert (DOCS / "reproduction.md").read_text() == page(kept["a"], kept["b"])
-
-
-def test_all_statements_hold_in_the_kept_results(kept):
-    assert [one.text for one in statements(kept["a"], kept["b"]) if not one.holds] == []
-    assert "NO |" not in page(kept["a"], kept["b"])
-
-
-def change(results, law=None, setting=None, **changes):
-    for one in results["groups"]:
-        if law in (None, one["law"]) and setting in (None, one["setting"]):
-            for key, value in changes.items():
-                if isinstance(value, dict):
-                    one[key] = {**one[key], **value}
-                else:
-                    one[key] = value
-
-
-MUTATIONS = {
-    "|v| never": lambda a, b: change(b, "law 17", "quiet", max_speed=1.3001),
-    "Law (13) brings": lambda a, b: change(a, "law 13", "raw", abs_theta={"0.95": 1.9}),
-    "Law (13) brings the position": lambda a, b: change(a, "law 13", "raw", position={"0.95": 0.21}),
-    "Law (17) brings |theta|": lambda a, b: change(b, "law 17", "ekf", abs_theta={"0.5": 0.11}),
-    "Law (17) leaves": lambda a, b: change(a, "law 17", "quiet", position={"0.5": 0.09}),
-    "Law (17) leaves a lateral": lambda a, b: change(a, "law 17", "raw", position={"0.5": 0.09}),
-    "B: all 16 starts": lambda a, b: change(b, None, "raw", reached_local_region=799),
-    "With the rear sector": lambda a, b: b["literal_rear_sector"]["raw as printed"]["position"].update({"0.5": 0.3}),
-}
-
-
-@pytest.mark.parametrize("start", MUTATIONS)
-def test_the_page_says_no_to_what_does_not_hold(start, kept):
-    a, b = copy.deepcopy(kept["a"]), copy.deepcopy(kept["b"])
-    MUTATIONS[start](a, b)
-    failing = [one.text for one in statements(a, b) if not one.holds]
-    assert len(failing) == 1
-    assert failing[0].startswith(start)
-    lines = [line for line in page(a, b).splitlines() if line.endswith("| NO |")]
-    assert len(lines) == 1
-    assert lines[0].startswith("| " + start.replace("|", "\\|"))
-
-
-def assert_a_figure(stem):
-    pixels = matplotlib.image.imread(stem.with_suffix(".png"))[:, :, :3]
-    assert min(pixels.shape[:2]) > 300
-    assert len(np.unique((pixels.reshape(-1, 3) * 255).astype(int), axis=0)) > 50
-    assert 0.01 < (pixels < 0.9).any(axis=2).mean() < 0.9
-    root = ElementTree.parse(stem.with_suffix(".svg")).getroot()
-    assert root.tag == f"{SVG}svg"
-    assert len(list(root.iter(f"{SVG}path"))) > 20
-
-
-def test_each_group_has_its_figures(groups, tmp_path):
-    shown = [one._replace(histories=one.histories[:16]) for one in groups["b"] if one.setting.name == "raw"]
-    shown[1] = shown[1]._replace(setting=QUIET)
-    with ThreadPoolExecutor(1) as pool:
-        for future in list(figure_paths(shown, tmp_path, pool)):
-            future.result()
-    names = {
-        "raw": ("figure_10_path", "figure_11_pose", "figure_12_command"),
-        "quiet": ("figure_13_path", "figure_14_pose", "figure_15_command"),
-    }
-    for setting, stems in names.items():
-        assert {path.name for path in (tmp_path / setting).iterdir()} == {
-            f"{stem}.{kind}" for stem in stems for kind in ("png", "svg")
-        }
-        for stem in stems:
-            assert_a_figure(tmp_path / setting / stem)
-
-
-def test_figures_are_numbered_as_the_papers():
-    assert FIRST_FIGURE == {"law 13": 4, "law 17": 7, "heading 0 deg": 10, "heading 220 deg": 13}
-
-
-def test_the_command_draws_all_figures_of_a(tmp_path):
-    command = [sys.executable, "-m", "diffbot_lab.cli", "experiment", "a", "--runs", "3", "--out", str(tmp_path)]
-    result = subprocess.run(command, capture_output=True, text=True, timeout=110, check=False, env=os.environ)
-    assert result.returncode == 0, result.stderr
-    content = json.loads((tmp_path / "a" / "results.json").read_text())
-    assert content["runs"] == 3
-    assert table(content) in result.stdout
-    stems = [
-        f"figure_{number:02d}_{what}"
-        for number, what in zip(range(4, 10), ("path", "pose", "command") * 2, strict=True)
-    ]
-    for setting in ("raw", "ekf", "quiet"):
-        found = {path.name for path in (tmp_path / "a" / setting).iterdir()}
-        assert found == {f"{stem}.{kind}" for stem in stems for kind in ("png", "svg")}
-        for stem in stems:
-            assert_a_figure(tmp_path / "a" / setting / stem)
 
 
 def test_without_figures_there_are_only_results(tmp_path, capsys):

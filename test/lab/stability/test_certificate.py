@@ -1,10 +1,8 @@
 """The certificate is sound: no admissible noise does worse; and without noise it is exact."""
 
 import itertools
-import json
 import math
 
-import matplotlib.image
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -14,10 +12,7 @@ from diffbot_control.law.lyapunov_law import PAPER_GAINS, Gains, global_law, hea
 from diffbot_control.law.polar_coordinates import discrete_model, in_front, navigation_variables
 from diffbot_control.law.presets import PAPER, PRESETS
 from diffbot_control.law.regions import FixedRegionPolicy, RegionPolicy
-from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose
-from diffbot_lab import cli
-from diffbot_lab.stability import command as stability_command
 from diffbot_lab.stability.certificate import (
     Grid,
     NoiseBox,
@@ -279,102 +274,6 @@ def test_the_box_is_what_plant_and_sensors_do():
     assert box.eps_position == pytest.approx(math.sqrt(0.05))
 
 
-def assert_a_picture(path):
-    pixels = matplotlib.image.imread(path)[:, :, :3]
-    assert min(pixels.shape[:2]) > 500
-    assert len(np.unique((pixels.reshape(-1, 3) * 255).astype(int), axis=0)) > 200
-
-
-def test_what_is_written(tmp_path, capsys):
-    out = tmp_path / "new" / "folder"
-    assert cli.main(["stability", "--points", "21", "--runs", "500", "--seed", "3", "--out", str(out)]) == 0
-    assert sorted(path.name for path in out.iterdir()) == ["stability.json", "stability.png"]
-    assert_a_picture(out / "stability.png")
-    content = json.loads((out / "stability.json").read_text())
-    assert content["noise"] == pytest.approx(PAPER_BOX._asdict())
-    assert content["gains"] == PAPER_GAINS._asdict()
-    proved, observed = content["proved_at_grid_points"], content["only_observed"]
-    direct = certify(PRESETS[PAPER], PAPER_BOX, T_S, 12.0, 21)
-    assert proved == {name: value for name, value in direct.items() if name != "maps"}
-    assert proved["grid_points"] == 21**3
-    assert proved["radius_condition"] == pytest.approx(0.474264, abs=1e-6)
-    assert proved["heading_bound_local"] == pytest.approx(0.17 + 0.2167 / 2.7)
-    assert (observed["runs"], observed["seed"]) == (500, 3)
-    assert observed["position"]["median"] < observed["position"]["q99"] <= observed["position"]["max"]
-    # What is proved holds in what is observed.
-    assert observed["position"]["max"] < proved["ultimate_distance"]
-    text = capsys.readouterr().out
-    assert "> 0.4743 m: met" in text
-    assert f"distance at most {proved['ultimate_distance']:.3f} m" in text
-    assert ("beyond the grid" in text) == (not proved["inside_grid"])
-
-
-def test_beyond_the_grid_is_said(tmp_path, capsys):
-    assert cli.main(["stability", "--points", "11", "--runs", "10", "--rho-max", "2", "--out", str(tmp_path)]) == 0
-    assert "(beyond the grid: not proved, take a larger --rho-max)" in capsys.readouterr().out
-    assert json.loads((tmp_path / "stability.json").read_text())["proved_at_grid_points"]["inside_grid"] is False
-
-
-def test_a_small_radius_is_not_met(tmp_path, capsys):
-    settings_ = ["--set", "eps_P=0.4", "eps_P_leave=0.5", "k_2=3"]
-    assert cli.main(["stability", "--points", "11", "--runs", "10", *settings_, "--out", str(tmp_path)]) == 0
-    assert "eps_P = 0.4 m against the paper's condition > 0.4743 m: NOT met" in capsys.readouterr().out
-    assert json.loads((tmp_path / "stability.json").read_text())["gains"]["k_2"] == 3.0
-
-
-def test_extreme_values_are_drawn_and_written_as_json(tmp_path):
-    values = {
-        "k_2": 25.0,
-        "eps_x_max": 0.0,
-        "eps_y_max": 0.0,
-        "eps_theta_max": 0.0,
-        "eps_v_max": 0.0,
-        "eps_omega_max": 0.0,
-    }
-    assert stability_command.run(values, 5.0, 11, 10, 1, tmp_path) == 0
-    assert_a_picture(tmp_path / "stability.png")
-
-    def refuse(text):
-        raise AssertionError(text)
-
-    json.loads((tmp_path / "stability.json").read_text(), parse_constant=refuse)
-
-
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("angular.z.max_velocity", 1.0),
-        ("wheel.max_velocity", 5.0),
-        ("wheel_acceleration_max", 5.0),
-        ("left_radius_error", 0.1),
-        ("slip_left", 0.5),
-        ("fix_outlier", 0.1),
-        ("fix_rate", 2.0),
-    ],
-)
-def test_what_the_certificate_does_not_know_is_refused(name, value, tmp_path):
-    with pytest.raises(InvalidValueError, match=f"{name} = {value}"):
-        stability_command.run({name: value}, 5.0, 11, 10, 1, tmp_path)
-
-
-def test_observed_is_the_law_without_limits(tmp_path, monkeypatch):
-    seen = []
-    run_batch = stability_command.run_batch
-    monkeypatch.setattr(
-        stability_command, "run_batch", lambda *arguments: seen.append(arguments) or run_batch(*arguments)
-    )
-    monkeypatch.setattr(stability_command, "_RUNS_AT_A_TIME", 7)
-    stability_command.run({"gamma": 2.0}, 5.0, 11, 20, 1, tmp_path)
-    assert [arguments[3:5] for arguments in seen] == [(0, 7), (7, 7), (14, 6)]
-    case = seen[0][0]
-    assert case.controller.gains.gamma == 2.0
-    assert set(case.controller.limits) == {math.inf}
-    ends = run_batch(case, seen[0][1], 1, 0, 20)
-    observed = json.loads((tmp_path / "stability.json").read_text())["only_observed"]
-    assert observed["position"]["max"] == np.hypot(ends[:, 0], ends[:, 1]).max()
-    assert observed["abs_theta"]["median"] == pytest.approx(np.median(np.abs(ends[:, 2])))
-
-
 def test_in_pieces_the_grid_is_the_same(monkeypatch):
     whole = certify(PRESETS[PAPER], PAPER_BOX, T_S, 12.0, 21)
     monkeypatch.setattr("diffbot_lab.stability.certificate._POINTS_AT_A_TIME", 1000)
@@ -390,50 +289,6 @@ def test_in_pieces_the_grid_is_the_same(monkeypatch):
     assert whole["ultimate_level"] == level[bad].max() + T_S * worst[bad].max()
     assert whole["share_decreasing"] == pytest.approx((~bad).mean(), abs=1e-12)
     assert whole["largest_distance_without_decrease"] == np.broadcast_to(grid.rho, bad.shape)[bad].max()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "status", "part"),
-    [
-        (["--rho-max", "0"], 1, "--rho-max = 0.0"),
-        (["--rho-max", "-3"], 1, "--rho-max = -3.0"),
-        (["--rho-max", "nan"], 1, "--rho-max = nan"),
-        (["--rho-max", "inf"], 1, "--rho-max = inf"),
-        (["--rho-max", "far"], 2, "--rho-max"),
-        (["--points", "10"], 2, "--points"),
-        (["--points", "402"], 2, "--points"),
-        (["--runs", "0"], 2, "--runs"),
-        (["--seed", "-1"], 2, "--seed"),
-        (["--set", "kk=1"], 1, "kk = 1"),
-        (["--set", "k=-1"], 1, "k = -1.0"),
-        (["--set", "k=.nan"], 1, "k = nan"),
-        (["--set", "k=fast"], 1, "k = 'fast'"),
-        (["--set", "k"], 2, "NAME=VALUE"),
-        (["--set", "k=1", "k=2"], 1, "--set k = 2"),
-        (["--set", "eps_P=0.9"], 1, "eps_P_leave"),
-        (["--set", "fix_delay=0.5"], 1, "fix_delay = 0.5"),
-    ],
-)
-def test_refused_in_one_line(arguments, status, part, tmp_path, capsys):
-    out = tmp_path / "out"
-    try:
-        found = cli.main(["stability", "--points", "11", "--runs", "5", "--out", str(out), *arguments])
-    except SystemExit as end:
-        found = end.code
-    assert found == status
-    lines = capsys.readouterr().err.strip().splitlines()
-    assert part in lines[-1]
-    assert status == 2 or len(lines) == 1
-    assert not out.exists()
-
-
-def test_an_impossible_folder_is_one_line(tmp_path, capsys):
-    (tmp_path / "file").write_text("mine")
-    for out in (tmp_path / "file", tmp_path / "file" / "out"):
-        assert cli.main(["stability", "--points", "11", "--runs", "5", "--out", str(out)]) == 1
-        error = capsys.readouterr().err
-        assert error.startswith("diffbot: cannot write to ")
-        assert error.count("\n") == 1
 
 
 def test_the_leaving_radius_does_not_matter():

@@ -1,0 +1,104 @@
+"""The page docs/reproduction.md: the kept results are today's, and every number and claim follows from them."""
+
+import copy
+import json
+from pathlib import Path
+
+import pytest
+from page_tables import assert_shows, tables
+from reproduction import page, statements
+
+from diffbot_lab.paper.experiment import run_experiment, summarise
+
+DOCS = Path(__file__).resolve().parents[3] / "docs"
+
+
+@pytest.fixture(scope="module")
+def kept():
+    return json.loads((DOCS / "reproduction.json").read_text())
+
+
+def assert_close(found, wanted, where=""):
+    if isinstance(wanted, dict):
+        assert found.keys() == wanted.keys(), where
+        for key in wanted:
+            assert_close(found[key], wanted[key], f"{where}.{key}")
+    elif isinstance(wanted, list):
+        assert len(found) == len(wanted), where
+        for number, (one, other) in enumerate(zip(found, wanted, strict=True)):
+            assert_close(one, other, f"{where}[{number}]")
+    else:
+        expected = pytest.approx(wanted, rel=1e-6, abs=1e-9) if isinstance(wanted, float) else wanted
+        assert found == expected, where
+
+
+@pytest.mark.parametrize("name", ["a", "b"])
+def test_the_kept_results_are_todays(name, kept):
+    runs, seed = kept[name]["runs"], kept[name]["seed"]
+    found = summarise(name, runs, seed, run_experiment(name, runs, seed))
+    assert_close(json.loads(json.dumps(found)), kept[name])
+
+
+def test_the_page_is_made_from_the_kept_results(kept):
+    assert (DOCS / "reproduction.md").read_text() == page(kept["a"], kept["b"])
+
+
+def test_all_claims_hold_in_the_kept_results(kept):
+    assert [one.text for one in statements(kept["a"], kept["b"]) if not one.holds] == []
+    assert "NO |" not in page(kept["a"], kept["b"])
+
+
+def change(results, law=None, setting=None, **changes):
+    for one in results["groups"]:
+        if law in (None, one["law"]) and setting in (None, one["setting"]):
+            for key, value in changes.items():
+                if isinstance(value, dict):
+                    one[key] = {**one[key], **value}
+                else:
+                    one[key] = value
+
+
+MUTATIONS = {
+    "|v| never": lambda a, b: change(b, "law 17", "quiet", max_speed=1.3001),
+    "Law (13) brings": lambda a, b: change(a, "law 13", "raw", abs_theta={"0.95": 1.9}),
+    "Law (13) brings the position": lambda a, b: change(a, "law 13", "raw", position={"0.95": 0.21}),
+    "Law (17) brings |theta|": lambda a, b: change(b, "law 17", "ekf", abs_theta={"0.5": 0.11}),
+    "Law (17) leaves": lambda a, b: change(a, "law 17", "quiet", position={"0.5": 0.09}),
+    "Law (17) leaves a lateral": lambda a, b: change(a, "law 17", "raw", position={"0.5": 0.09}),
+    "B: all 16 starts": lambda a, b: change(b, None, "raw", reached_local_region=799),
+    "With the rear sector": lambda a, b: b["literal_rear_sector"]["raw as printed"]["position"].update({"0.5": 0.3}),
+}
+
+
+@pytest.mark.parametrize("start", MUTATIONS)
+def test_the_page_says_no_to_what_does_not_hold(start, kept):
+    a, b = copy.deepcopy(kept["a"]), copy.deepcopy(kept["b"])
+    MUTATIONS[start](a, b)
+    failing = [one.text for one in statements(a, b) if not one.holds]
+    assert len(failing) == 1
+    assert failing[0].startswith(start)
+    lines = [line for line in page(a, b).splitlines() if line.endswith("| NO |")]
+    assert len(lines) == 1
+    assert lines[0].startswith("| " + start.replace("|", "\\|"))
+
+
+def test_every_number_of_the_page_is_that_of_the_results(kept):
+    ranks, distances, claims, readings = tables(page(kept["a"], kept["b"]))
+    groups = [one for one in kept["a"]["groups"] if "paper" in one]
+    expected = [(one, name) for one in groups for name in ("x", "y", "theta")]
+    for row, (one, name) in zip(ranks[1:], expected, strict=True):
+        assert row[:3] == [one["law"], one["setting"], f"{name} [{'rad' if name == 'theta' else 'm'}]"]
+        paper, ours = one["paper"][name], one[name]
+        assert_shows(row[3:7], [paper["value"], ours["0.5"], ours["0.05"], ours["0.95"]])
+        assert row[7] == ("yes" if paper["inside_1_99"] else "**no**")
+        assert_shows(row[8:], [100.0 * paper["share_below"]])
+    expected = [(content, one) for content in (kept["a"], kept["b"]) for one in content["groups"]]
+    for row, (content, one) in zip(distances[1:], expected, strict=True):
+        assert row[:2] == [f"{content['experiment'].upper()}, {one['label']}", one["setting"]]
+        values = [one["runs"], one["reached_local_region"]]
+        values += [one[part][key] for part in ("position", "abs_theta") for key in ("0.5", "0.95")]
+        assert_shows(row[2:], [*values, one["path_length"]["0.5"], one["max_speed"]])
+    assert len(claims) == 7
+    for row, (name, one) in zip(readings[1:], kept["b"]["literal_rear_sector"].items(), strict=True):
+        assert row[0] == name
+        assert_shows(row[1:], [one[part][key] for part in ("position", "abs_theta") for key in ("0.5", "0.95")])
