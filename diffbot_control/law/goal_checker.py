@@ -45,6 +45,8 @@ class Settling(NamedTuple):
 
 def next_settling(before: Settling, inside: bool, tolerance: GoalTolerance) -> Settling:
     """Count one more pose, ``inside`` the tolerances or not."""
+    if not inside and before.steps_within == 0 and (tolerance.stateful or not before.reached):
+        return before  # as in most steps: a new tuple costs time
     steps_within = before.steps_within + 1 if inside else 0
     reached = steps_within >= tolerance.settling_steps or (tolerance.stateful and before.reached)
     return Settling(steps_within, reached)

@@ -66,6 +66,8 @@ class Reapproach(NamedTuple):
 
 def without_reapproach(state: Reapproach) -> Reapproach:
     """Return the state at rest, with the tries and the time of this goal kept."""
+    if state.phase == RESTING and state.quiet_steps == 0 and state.retreat_distance == 0.0:
+        return state
     return Reapproach(RESTING, state.tries, 0, state.time, 0.0)
 
 

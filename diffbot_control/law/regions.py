@@ -169,8 +169,12 @@ def next_switching(
     else:
         region, steps_outside = fixed_region(before.region, rho, policy.fixed), 0
         radius = policy.fixed.eps_P_leave if region == OMEGA_L else policy.fixed.eps_P
-    switches = before.switches + (1 if region != before.region else 0)
-    return Switching(region, switches, steps_outside), radius
+    if region != before.region:
+        return Switching(region, before.switches + 1, steps_outside), radius
+    # Most steps change nothing, and a new tuple costs more time than the policy.
+    return before if steps_outside == before.steps_outside else Switching(
+        region, before.switches, steps_outside
+    ), radius
 
 
 def smallest_radius(eps_x: float, eps_y: float, eps_v: float, gamma: float) -> float:
