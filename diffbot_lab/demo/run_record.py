@@ -68,7 +68,7 @@ def read_run(bag: Path, namespace: str = "") -> RunRecord:
         name: np.array([((row[0] - origin) * 1e-9, *row[1:]) for row in found]).reshape(-1, 4)
         for name, found in rows.items()
     }
-    odometry = _laid_on(paths[TRUTH], paths[ODOMETRY])
+    odometry = _aligned(paths[TRUTH], paths[ODOMETRY])
     goals = [(row[0], Pose(*row[1:])) for row in paths[GOALS].tolist()]
     return RunRecord(paths[TRUTH], paths[ESTIMATE], odometry, paths[FIXES], goals, messages, lost)
 
@@ -91,7 +91,7 @@ def _read_rows(bag: Path, namespace: str) -> tuple[dict[str, list[tuple[float, .
         return rows, received, reader.message_count, lost
 
 
-def _laid_on(truth: Array, odometry: Array) -> Array:
+def _aligned(truth: Array, odometry: Array) -> Array:
     """Move the odometry rigidly so that its first pose coincides with the true pose at that time."""
     if len(odometry) == 0:
         return odometry

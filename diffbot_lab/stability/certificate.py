@@ -1,9 +1,9 @@
-"""Where V decreases whatever the noise does, and what follows: ``diffbot stability``.
+"""Certificate of ``diffbot stability``: where V decreases for every admissible noise, and the bounds that follow.
 
-For a state, the noise box gives intervals of what the controller may measure, and interval arithmetic on the law gives
-intervals of v and omega that hold all commands it may send. One step of the paper's models (6), (7) is affine in them
-and V is a convex quadratic form, so V after the step is largest in a corner: an upper bound of dV for *every*
-admissible noise. That is proved at each point of the grid; between the points, and beyond the grid, it is not.
+For a state, the noise box gives intervals of the measured rho, alpha and beta, and interval arithmetic on the law gives
+intervals of v and omega that contain every possible command. One step of the paper's models (6), (7) is affine in v and
+omega, and V is a convex quadratic form, so V after the step is largest at a corner: an upper bound of dV for *every*
+admissible noise. This is proved at the points of the grid, neither between them nor beyond the grid.
 """
 
 from __future__ import annotations
@@ -74,18 +74,18 @@ def noise_box(plant: PlantConfig, sensors: SensorConfig, controller: ControllerC
 
 
 def make_grid(rho_max: float, number: int) -> Grid:
-    """Return ``number`` distances up to ``rho_max`` [m], closer where it is near, and angles all round."""
+    """Return ``number`` distances up to ``rho_max`` [m], denser near the goal, and angles in (-pi, pi]."""
     rho = rho_max * (np.arange(1, number + 1) / number) ** 2
-    # (-pi, pi]: the cut itself is approached, not met twice.
+    # (-pi, pi]: the cut itself occurs once.
     angles = np.linspace(-math.pi, math.pi, (number | 1) + 1)[1:]
     return Grid(rho[:, None, None], angles[None, :, None], angles[None, None, :])
 
 
 def measured(grid: Grid, box: NoiseBox) -> tuple[Interval, list[Interval], list[Interval]]:
-    """What the controller may see: the interval of rho, and two intervals each whose union holds alpha and beta.
+    """Return the interval of the measured rho, and two intervals each whose union contains alpha and beta.
 
-    Two, because an angle near pi may be seen on the other side of the cut, where the law jumps. Where the goal is
-    nearer than the error of the position its bearing may be anything.
+    Two, because an angle near pi may be measured on the other side of the cut, where the law is discontinuous. If the
+    goal is nearer than the position error, its bearing is arbitrary.
     """
     shift = np.full_like(grid.rho, math.pi)
     known = grid.rho > box.eps_position
@@ -95,7 +95,7 @@ def measured(grid: Grid, box: NoiseBox) -> tuple[Interval, list[Interval], list[
 
 
 def _pieces(centre: Array, half: Array) -> list[Interval]:
-    """Cut [centre - half, centre + half] at +-pi and wrap it; both pieces are the same where nothing is cut."""
+    """Split [centre - half, centre + half] at +-pi and wrap it; both pieces are equal where it is not split."""
     low, high = centre - half, centre + half
     everywhere = half >= math.pi
     below, above = low < -math.pi, high > math.pi
@@ -110,10 +110,10 @@ def _pieces(centre: Array, half: Array) -> list[Interval]:
 
 
 def commands(rho: Interval, alpha: Interval, beta: Interval, gains: Gains) -> tuple[Interval, Interval]:
-    """Intervals that hold v and omega of law (13) for all rho, alpha, beta of the given ones."""
+    """Return intervals that contain v and omega of law (13) for all rho, alpha, beta in the given intervals."""
     cosine, sine = _cosine(alpha), _sine(alpha)
     v = _product(Interval(gains.gamma * np.tanh(rho.low), gains.gamma * np.tanh(rho.high)), cosine)
-    # omega = k alpha + gamma tanhc(rho) cos(alpha) (sin(alpha) + h beta sinc(alpha)); tanhc falls with rho.
+    # omega = k alpha + gamma tanhc(rho) cos(alpha) (sin(alpha) + h beta sinc(alpha)); tanhc decreases with rho.
     turn = Interval(gains.gamma * _tanhc(rho.high), gains.gamma * _tanhc(rho.low))
     lateral = _product(Interval(gains.h * beta.low, gains.h * beta.high), _sinc(alpha))
     steer = _product(_product(turn, cosine), Interval(sine.low + lateral.low, sine.high + lateral.high))
@@ -142,7 +142,7 @@ def _largest_next_level(grid: Grid, v: Interval, omega: Interval, gains: Gains, 
         corners.append((grid.rho - ahead * speed, grid.alpha + moved - t_s * turn, grid.beta + moved))
     squares = [(rho**2, _wrapped(alpha) ** 2, gains.h * _wrapped(beta) ** 2) for rho, alpha, beta in corners]
     largest = np.max([rho + alpha + beta for rho, alpha, beta in squares], axis=0)
-    # Across the cut an angle's square is no longer convex, and may be pi^2 between two smaller ones.
+    # Across the cut the square of an angle is not convex: between the corners it may reach pi^2.
     alpha_cut, beta_cut = _crosses_cut([c[1] for c in corners]), _crosses_cut([c[2] for c in corners])
     rho_part, alpha_part, beta_part = (np.max([parts[i] for parts in squares], axis=0) for i in range(3))
     apart = rho_part + np.where(alpha_cut, math.pi**2, alpha_part) + np.where(beta_cut, gains.h * math.pi**2, beta_part)
@@ -154,7 +154,7 @@ def _wrapped(angle: Array) -> Array:
 
 
 def _crosses_cut(corners: list[Array]) -> NDArray[np.bool_]:
-    """Whether the cut at an odd multiple of pi lies between the corner values of an angle."""
+    """True where the cut, an odd multiple of pi, lies between the corner values of an angle."""
     turns = [np.ceil((angle - math.pi) / (2.0 * math.pi)) for angle in corners]
     return np.asarray(np.max(turns, axis=0) > np.min(turns, axis=0))
 
@@ -165,7 +165,7 @@ def level_of(grid: Grid, gains: Gains) -> Array:
 
 
 def certified_level(level: Array, worst: Array) -> float:
-    """Smallest c such that V decreases at every point of the grid with V > c whatever the noise."""
+    """Return the smallest c such that V decreases at every point with V > c for every admissible noise."""
     failing = level[worst >= 0.0]
     return float(failing.max()) if failing.size else 0.0
 
@@ -173,7 +173,7 @@ def certified_level(level: Array, worst: Array) -> float:
 def heading_bound(gains: Gains, box: NoiseBox, t_s: float) -> float:
     """Ultimate bound [rad] of |theta| in Omega_L, by algebra; inf if the sampled loop is not contracting.
 
-    theta+ = (1 - k_2 Ts) theta - Ts (k_2 eps_theta + eps_omega), so |theta| comes below
+    theta+ = (1 - k_2 Ts) theta - Ts (k_2 eps_theta + eps_omega), so |theta| converges below
     Ts (k_2 eps_theta + eps_omega) / (1 - |1 - k_2 Ts|).
     """
     contraction = abs(1.0 - gains.k_2 * t_s)
@@ -210,7 +210,7 @@ def _sine(angle: Interval) -> Interval:
 
 
 def _sinc(angle: Interval) -> Interval:
-    """Return the interval of sin(a)/a within [-pi, pi], where it falls with |a|."""
+    """Return the interval of sin(a)/a within [-pi, pi], where it decreases with |a|."""
     largest = np.maximum(np.abs(angle.low), np.abs(angle.high))
     smallest = np.where(
         (angle.low <= 0.0) & (angle.high >= 0.0), 0.0, np.minimum(np.abs(angle.low), np.abs(angle.high))
@@ -219,12 +219,12 @@ def _sinc(angle: Interval) -> Interval:
 
 
 def certify(controller: ControllerConfig, box: NoiseBox, t_s: float, rho_max: float, number: int) -> dict[str, Any]:
-    """Evaluate the grid and return the certified figures; arrays under ``maps`` are for the figure only."""
+    """Evaluate the grid; return the certified figures, and under ``maps`` the arrays for the figure."""
     grid = make_grid(rho_max, number)
     c = step = farthest = 0.0
     failing = 0
     over_alpha, over_beta = [], []
-    # A few distances at a time: the whole grid would take gigabytes.
+    # In slabs of a few distances: the whole grid would need gigabytes.
     size = max(1, _POINTS_AT_A_TIME // (grid.alpha.size * grid.beta.size))
     for at in range(0, number, size):
         slab = Grid(grid.rho[at : at + size], grid.alpha, grid.beta)
@@ -235,7 +235,7 @@ def certify(controller: ControllerConfig, box: NoiseBox, t_s: float, rho_max: fl
         if bad.any():
             failing += int(bad.sum())
             c = max(c, certified_level(level_of(slab, controller.gains), worst))
-            # One step may lift V above c from inside; then it decreases again.
+            # From inside, one step may raise V above c; after it V decreases again.
             step = max(step, t_s * float(worst[bad].max()))
             farthest = max(farthest, float(slab.rho[bad.any(axis=(1, 2))].max()))
     points = number * grid.alpha.size * grid.beta.size

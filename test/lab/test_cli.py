@@ -1,4 +1,4 @@
-"""The command diffbot: usage, exit statuses, and one line for what is wrong. The demo has a file of its own."""
+"""The command diffbot: usage, exit statuses, one-line errors. The demonstration has a file of its own."""
 
 import signal
 import subprocess

@@ -1,4 +1,4 @@
-"""The numbers in the tables of the filter's benchmark, and what is said of missed targets."""
+"""The numbers in the tables of the filter's benchmark, and the missed targets on the terminal."""
 
 import copy
 import json

@@ -76,12 +76,12 @@ def test_the_same_seed_gives_the_same_results(benchmarked):
 
 
 def test_all_laws_meet_the_same_noise():
-    seen = []
+    estimates = []
     for one in LAWS:
         history = run_histories(case_of(one), Starts(arena_starts()), 1, 0, 3)
-        seen.append(history[:, 0, 3:6])  # the first estimate is the first fix
-        np.testing.assert_array_equal(seen[-1], seen[0])
-    assert np.abs(seen[0] - arena_starts()[:3]).max() > 0.01
+        estimates.append(history[:, 0, 3:6])  # the first estimate is the first fix
+        np.testing.assert_array_equal(estimates[-1], estimates[0])
+    assert np.abs(estimates[0] - arena_starts()[:3]).max() > 0.01
 
 
 def test_the_starts():
@@ -138,15 +138,15 @@ def test_the_row_of_a_recording_is_that_of_the_batch():
 
 
 def test_random_runs_fill_the_disc(monkeypatch):
-    seen = []
+    calls = []
 
     def spy(case, starts, seed, first, count, threads):
-        seen.append((first, *case.goal, *starts.poses[0]))
+        calls.append((first, *case.goal, *starts.poses[0]))
         return np.zeros((count, len(COLUMNS)))
 
     monkeypatch.setattr(benchmark, "run_batch", spy)
     figures = benchmark._random(CHALLENGES[0], 15.0, 2000, 3)
-    run, goal_x, goal_y, turn, x, y, heading = np.array(seen).T
+    run, goal_x, goal_y, turn, x, y, heading = np.array(calls).T
     distance = np.hypot(x - goal_x, y - goal_y)
     assert distance.max() <= 15.0
     assert np.median(distance) == pytest.approx(15.0 / math.sqrt(2.0), rel=0.03)  # even by area

@@ -175,7 +175,7 @@ def is_running(pid):
 
 
 def test_a_slow_recorder_changes_no_result(demo, tmp_path):
-    """The simulation runs ahead of it, so its reception times of the goals say little."""
+    """The simulation runs ahead of it, so its reception times of the goals are late."""
     out = tmp_path / "out"
     with graph.process(*command(out, "--seed", SEED)) as process:
         log = out / "log" / "controller.log"

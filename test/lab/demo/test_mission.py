@@ -1,4 +1,4 @@
-"""Going through a list of goals, by stories with made-up news."""
+"""A list of goals, driven by made-up reports of the controller."""
 
 import pytest
 
@@ -66,9 +66,9 @@ def test_a_reached_goal_is_not_given_up_while_it_is_held():
     assert mission.legs == [Leg(A, 0.0, 29.0, True)]
 
 
-def test_old_news_is_not_taken_for_the_next_goal():
+def test_a_late_report_does_not_count_for_the_next_goal():
     mission = Mission([A, B], hold=0.0, timeout=60.0)
-    # Told before any navigation of this goal: it cannot be about it.
+    # Received before any navigation for this goal, so it refers to an earlier one.
     mission.on_goals_reached(1)
     mission.on_navigation(0.0, 5.0)
     assert not mission.legs

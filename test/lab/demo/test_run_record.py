@@ -1,4 +1,4 @@
-"""What a bag tells about a run, on bags made up here."""
+"""The record of a run, from made-up bags."""
 
 import math
 from pathlib import Path
@@ -109,7 +109,7 @@ def test_a_goal_begins_by_its_stamp_if_that_is_of_this_run(bag):
     assert [time for time, _ in read_run(path).goals] == pytest.approx([3.0, 6.0])
 
 
-def test_an_odometry_that_did_not_begin_at_its_origin_is_laid_on_the_truth(bag):
+def test_an_odometry_that_did_not_begin_at_its_origin_is_moved_onto_the_truth(bag):
     # A recording that starts in the middle of a drive.
     path = bag(
         stamped("/ground_truth", T0, (1.0, 2.0, 0.0)),
@@ -147,7 +147,7 @@ def line(goals, estimate=NOTHING):
     return RunRecord(truth, estimate, NOTHING, NOTHING, goals, 0, 0)
 
 
-def test_each_goal_is_judged_over_its_own_time():
+def test_each_goal_is_evaluated_over_its_own_time():
     estimate = np.array([[4.0, 4.1, 0.0, 0.0], [9.5, 9.5, 0.2, 0.0], [10.0, 10.0, 0.3, 0.0]])
     first, second = evaluate(
         line([(-1.0, Pose(4.0, 0.0, 0.0)), (4.0, Pose(10.5, 0.0, 0.0))], estimate), xy_tolerance=1.0, yaw_tolerance=0.1

@@ -84,8 +84,8 @@ def law(x, y, theta, near):
 @pytest.mark.parametrize("setting", [RAW, QUIET], ids=["raw", "quiet"])
 def test_the_commands_are_the_papers_law(name, setting):
     history = run_histories(case_of(name, setting), starts_of("b", 220.0), 2, 0, 16)[:, :100]
-    seen = history[..., 3:6] if setting is RAW else history[..., :3]
-    x, y, theta = np.moveaxis(seen, -1, 0)
+    feedback = history[..., 3:6] if setting is RAW else history[..., :3]
+    x, y, theta = np.moveaxis(feedback, -1, 0)
     near = np.hypot(x, y) < 0.5 if name == "law 17" else np.zeros(x.shape, bool)
     v, omega = law(x, y, theta, near)
     assert near.any() == (name == "law 17")
@@ -107,7 +107,7 @@ def test_as_printed_the_rear_sector_drives_away():
     assert (np.diff(distance[1])[behind] > 0.0).all()
 
 
-def test_what_the_page_says_holds_in_shape(groups):
+def test_each_law_has_the_errors_that_the_page_claims(groups):
     ends = {(one.label, one.setting.name): one.outcomes for name in groups for one in groups[name]}
     position = {key: np.hypot(table[:, 0], table[:, 1]) for key, table in ends.items()}
     theta = {key: np.abs(table[:, 2]) for key, table in ends.items()}

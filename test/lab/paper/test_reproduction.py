@@ -18,17 +18,17 @@ def kept():
     return json.loads((DOCS / "reproduction.json").read_text())
 
 
-def assert_close(found, wanted, where=""):
-    if isinstance(wanted, dict):
-        assert found.keys() == wanted.keys(), where
-        for key in wanted:
-            assert_close(found[key], wanted[key], f"{where}.{key}")
-    elif isinstance(wanted, list):
-        assert len(found) == len(wanted), where
-        for number, (one, other) in enumerate(zip(found, wanted, strict=True)):
+def assert_close(found, kept_value, where=""):
+    if isinstance(kept_value, dict):
+        assert found.keys() == kept_value.keys(), where
+        for key in kept_value:
+            assert_close(found[key], kept_value[key], f"{where}.{key}")
+    elif isinstance(kept_value, list):
+        assert len(found) == len(kept_value), where
+        for number, (one, other) in enumerate(zip(found, kept_value, strict=True)):
             assert_close(one, other, f"{where}[{number}]")
     else:
-        expected = pytest.approx(wanted, rel=1e-6, abs=1e-9) if isinstance(wanted, float) else wanted
+        expected = pytest.approx(kept_value, rel=1e-6, abs=1e-9) if isinstance(kept_value, float) else kept_value
         assert found == expected, where
 
 

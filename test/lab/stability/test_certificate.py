@@ -140,8 +140,8 @@ def test_soundness_with_the_projects_own_law_and_models(rho, alpha, beta, share)
     gains = PAPER_GAINS
     noise = [one * bound for one, bound in zip(share, PAPER_BOX, strict=True)]
     x, y, theta = -rho * math.cos(beta), -rho * math.sin(beta), beta - alpha
-    seen = navigation_variables(Pose(x + noise[0], y + noise[1], float(wrapped(theta + noise[2]))))
-    command = global_law(seen, gains)
+    measured = navigation_variables(Pose(x + noise[0], y + noise[1], float(wrapped(theta + noise[2]))))
+    command = global_law(measured, gains)
     navigation = navigation_variables(Pose(x, y, float(wrapped(theta))))._replace(rho=rho, alpha=alpha, beta=beta)
     sign = 1.0 if in_front(alpha) else -1.0  # the models count v along the paper's forward direction
     after = discrete_model(navigation, sign * command.v, command.omega, T_S, sign * noise[3], noise[4])
@@ -255,8 +255,8 @@ def test_the_bound_of_the_heading_is_reached_and_not_passed(k_2):
     rng = np.random.default_rng(7)
     theta = rng.uniform(-bound, bound, 1000)
     for _ in range(300):
-        seen = theta + rng.uniform(-1.0, 1.0, 1000) * PAPER_BOX.eps_theta
-        theta = theta + T_S * (-k_2 * seen + rng.uniform(-1.0, 1.0, 1000) * PAPER_BOX.eps_omega)
+        measured = theta + rng.uniform(-1.0, 1.0, 1000) * PAPER_BOX.eps_theta
+        theta = theta + T_S * (-k_2 * measured + rng.uniform(-1.0, 1.0, 1000) * PAPER_BOX.eps_omega)
         assert np.abs(theta).max() <= bound
 
 
@@ -281,7 +281,7 @@ def test_in_pieces_the_grid_is_the_same(monkeypatch):
     for key, value in whole.pop("maps").items():
         np.testing.assert_array_equal(pieces["maps"][key], value)
     assert {key: pieces[key] for key in whole} == whole
-    # And what it says is what all its points say.
+    # The figures follow from all points of the grid.
     grid = make_grid(12.0, 21)
     worst, level = worst_rate(grid, PAPER_GAINS, PAPER_BOX, T_S), level_of(grid, PAPER_GAINS)
     bad = worst >= 0.0

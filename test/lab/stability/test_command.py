@@ -42,7 +42,7 @@ def test_what_is_written(tmp_path, capsys):
     assert ("beyond the grid" in text) == (not proved["inside_grid"])
 
 
-def test_beyond_the_grid_is_said(tmp_path, capsys):
+def test_a_bound_beyond_the_grid_is_marked(tmp_path, capsys):
     assert cli.main(["stability", "--points", "11", "--runs", "10", "--rho-max", "2", "--out", str(tmp_path)]) == 0
     assert "(beyond the grid: not proved, take a larger --rho-max)" in capsys.readouterr().out
     assert json.loads((tmp_path / "stability.json").read_text())["proved_at_grid_points"]["inside_grid"] is False
@@ -85,24 +85,24 @@ def test_extreme_values_are_drawn_and_written_as_json(tmp_path):
         ("fix_rate", 2.0),
     ],
 )
-def test_what_the_certificate_does_not_know_is_refused(name, value, tmp_path):
+def test_parameters_that_the_certificate_does_not_cover_are_refused(name, value, tmp_path):
     with pytest.raises(InvalidValueError, match=f"{name} = {value}"):
         stability_command.run({name: value}, 5.0, 11, 10, 1, tmp_path)
 
 
 def test_observed_is_the_law_without_limits(tmp_path, monkeypatch):
-    seen = []
+    calls = []
     run_batch = stability_command.run_batch
     monkeypatch.setattr(
-        stability_command, "run_batch", lambda *arguments: seen.append(arguments) or run_batch(*arguments)
+        stability_command, "run_batch", lambda *arguments: calls.append(arguments) or run_batch(*arguments)
     )
     monkeypatch.setattr(stability_command, "_RUNS_AT_A_TIME", 7)
     stability_command.run({"gamma": 2.0}, 5.0, 11, 20, 1, tmp_path)
-    assert [arguments[3:5] for arguments in seen] == [(0, 7), (7, 7), (14, 6)]
-    case = seen[0][0]
+    assert [arguments[3:5] for arguments in calls] == [(0, 7), (7, 7), (14, 6)]
+    case = calls[0][0]
     assert case.controller.gains.gamma == 2.0
     assert set(case.controller.limits) == {math.inf}
-    ends = run_batch(case, seen[0][1], 1, 0, 20)
+    ends = run_batch(case, calls[0][1], 1, 0, 20)
     observed = json.loads((tmp_path / "stability.json").read_text())["only_observed"]
     assert observed["position"]["max"] == np.hypot(ends[:, 0], ends[:, 1]).max()
     assert observed["abs_theta"]["median"] == pytest.approx(np.median(np.abs(ends[:, 2])))
