@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 from scipy.stats import chi2, multivariate_normal
 
 from diffbot_control.filter.ekf import CalibratingEkf, PoseEkf
-from diffbot_control.filter.options import MIN_LANDMARK_DISTANCE
+from diffbot_control.filter.models import MIN_LANDMARK_DISTANCE
 from diffbot_core.geometry import Point, Pose
 
 CHECK = settings(derandomize=True, deadline=None, max_examples=100)

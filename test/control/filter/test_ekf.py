@@ -143,10 +143,10 @@ def test_heading_update_is_the_textbooks(state, offset, seed, variance):
 def test_updates_go_the_short_way_across_pi(side):
     # Estimate and fix lie 0.1 rad to either side of pi with equal weights: the answer lies on pi, not on 0.
     start = (0.0, 0.0, side * (math.pi - 0.1))
-    for update, position in (("update_pose", [0.0, 0.0]), ("update_heading", [])):
+    measured = -side * (math.pi - 0.1)
+    for update, z, numbers in (("update_pose", Pose(0.0, 0.0, measured), 3), ("update_heading", measured, 1)):
         ekf = started(start, np.eye(3))
-        z = np.array([*position, -side * (math.pi - 0.1)])
-        getattr(ekf, update)(z, np.eye(len(z)))
+        getattr(ekf, update)(z, np.eye(numbers))
         assert abs(ekf.x[2]) == pytest.approx(math.pi, abs=1e-12)
 
 

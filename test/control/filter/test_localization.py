@@ -187,9 +187,15 @@ def test_a_measurement_may_be_as_late_as_the_history(late_ms):
     localization = fresh(history=1.0)
     for number in range(1, 31):
         localization.on_odometry(odometry(number))
-    before = localization.estimate().P.trace()
-    localization.on_measurement(fix(30 * PERIOD - late_ms * MS))
-    assert localization.estimate().P.trace() < before
+    measured = fix(30 * PERIOD - late_ms * MS)
+    localization.on_measurement(measured)
+    textbook = Textbook().run([odometry(number) for number in range(1, 31)], [measured])
+    assert_equal_estimates(localization, textbook.x, textbook.P, 1e-9)
+    # One period earlier or later would be another estimate.
+    for shift in (-PERIOD, PERIOD):
+        moved = measured._replace(stamp=measured.stamp + shift)
+        wrong = Textbook().run([odometry(number) for number in range(1, 31)], [moved])
+        assert np.hypot(*(wrong.x[:2] - textbook.x[:2])) > 1e-3
 
 
 def test_a_measurement_at_the_very_start_may_be_late_too():

@@ -1,5 +1,6 @@
 """The plant with sensors and time: stamps, delays, faults, repeatability and honest covariances."""
 
+import cmath
 import math
 
 import numpy as np
@@ -86,7 +87,7 @@ def test_a_fix_belongs_to_its_stamp_and_comes_late(delay, steps):
     assert headings
     for number, stamp, z in headings:
         assert number * 10**8 - stamp == math.ceil(20.0 * delay - 1e-9) * 10**8
-        assert z[0] == pytest.approx(poses[stamp].theta, abs=1e-12)
+        assert z == pytest.approx(poses[stamp].theta, abs=1e-12)
 
 
 def test_the_covariances_sent_are_those_of_the_noise():
@@ -224,9 +225,9 @@ def test_landmarks_are_seen_at_their_rate_within_their_range_where_they_are():
         assert not arrivals.fixes
         near = {n for n, point in points.items() if math.dist(point, pose[:2]) <= 4.0} if step % 2 == 0 else set()
         assert [one.number for one in arrivals.landmarks] == [n for n in sorted(points, key=points.get) if n in near]
-        for number, (stamp, z, R, place) in arrivals.landmarks:
+        for number, (stamp, distance, bearing, R, place) in arrivals.landmarks:
             assert (stamp, place) == (world.stamp, points[number])
-            end = complex(pose.x, pose.y) + z[0] * complex(math.cos(pose.theta + z[1]), math.sin(pose.theta + z[1]))
+            end = complex(pose.x, pose.y) + cmath.rect(distance, pose.theta + bearing)
             assert abs(end - complex(*points[number])) < 1e-9
             np.testing.assert_allclose(R, 1e-8 * np.eye(2))
         numbers |= near
