@@ -18,7 +18,7 @@ from diffbot_control.filter import adaptation, gate, models
 from diffbot_control.law import controller, goal_checker, limits, lyapunov_law, polar_coordinates, reapproach, regions
 from diffbot_core import geometry, kinematics, uncertainty
 from diffbot_core.errors import DiffbotError
-from diffbot_sim.compiled import closed_loop, open_loop, peer_laws, scalar_ekf, scalar_filter, sensing
+from diffbot_sim.compiled import closed_loop, open_loop, peer_laws, scalar_belief, scalar_ekf, scalar_filter, sensing
 from diffbot_sim.model import philox, plant, sensors
 
 MODULES = (
@@ -38,6 +38,7 @@ MODULES = (
     sensors,
     gate,
     adaptation,
+    scalar_belief,
     scalar_ekf,
     scalar_filter,
     sensing,

@@ -22,7 +22,7 @@ from diffbot_lab.benchmark.filter import COLUMNS, figures_of, run_benchmark, run
 from diffbot_lab.benchmark.filter_cases import RATES, SCENARIOS, SECTIONS, drive_of, name_of
 from diffbot_lab.benchmark.filter_report import page_part, table, targets
 from diffbot_sim.compiled.open_loop import Errors, Tracking, drive, nees_of, start_of, twist_of
-from diffbot_sim.compiled.scalar_ekf import Covariance
+from diffbot_sim.compiled.scalar_belief import Covariance
 from diffbot_sim.model.simulator import StartPose, World, WorldConfig
 
 ROOT = Path(__file__).resolve().parents[3]
