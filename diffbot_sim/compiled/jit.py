@@ -19,13 +19,8 @@ from diffbot_control.law import controller, goal_checker, limits, lyapunov_law, 
 from diffbot_core import geometry, kinematics, uncertainty
 from diffbot_core.code_hash import hash_of_code
 from diffbot_core.errors import DiffbotError
-<<<<<<< HEAD
-from diffbot_sim.compiled import closed_loop, open_loop, peer_laws, scalar_ekf, scalar_filter, sensing
-from diffbot_sim.model import outcome, philox, plant, sensors
-=======
 from diffbot_sim.compiled import closed_loop, open_loop, peer_laws, scalar_belief, scalar_ekf, scalar_filter, sensing
-from diffbot_sim.model import philox, plant, sensors
->>>>>>> h-filter
+from diffbot_sim.model import outcome, philox, plant, sensors
 
 MODULES = (
     geometry,
