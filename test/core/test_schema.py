@@ -102,7 +102,7 @@ def test_every_bound_is_kept(config_type):
         outside = []
         step = 1 if parameter.type is int else 1e-9
         if spec.minimum > -math.inf:
-            outside.append(spec.minimum if spec.above else spec.minimum - step * (1 + abs(spec.minimum)))
+            outside.append(spec.minimum if spec.exclusive_minimum else spec.minimum - step * (1 + abs(spec.minimum)))
         if spec.maximum < math.inf:
             outside.append(spec.maximum + step * (1 + abs(spec.maximum)))
         if not spec.allow_inf:
@@ -112,7 +112,7 @@ def test_every_bound_is_kept(config_type):
                 build(config_type, {parameter.name: value})
             assert caught.value.name == parameter.name
             assert caught.value.value == pytest.approx(value)
-        if spec.minimum > -math.inf and not spec.above:
+        if spec.minimum > -math.inf and not spec.exclusive_minimum:
             assert checked(parameter, parameter.type(spec.minimum)) == spec.minimum
         if spec.maximum < math.inf:
             assert checked(parameter, parameter.type(spec.maximum)) == spec.maximum

@@ -284,6 +284,7 @@ def test_figures_are_numbered_as_the_papers():
     assert FIRST_FIGURE == {"law 13": 4, "law 17": 7, "heading 0 deg": 10, "heading 220 deg": 13}
 
 
+@pytest.mark.graph
 def test_the_command_draws_all_figures_of_a(tmp_path):
     command = [sys.executable, "-m", "diffbot_lab.cli", "experiment", "a", "--runs", "3", "--out", str(tmp_path)]
     result = subprocess.run(command, capture_output=True, text=True, timeout=110, check=False, env=os.environ)
