@@ -38,7 +38,7 @@ test: setup
 	@$(BIN)/pytest -n 2 --dist loadfile $(ARGS)
 
 test-fast: setup
-	@$(BIN)/pytest -n 2 -m 'not graph and not install' $(ARGS)
+	@$(BIN)/pytest -n 2 --dist loadfile -m 'not graph and not install' $(ARGS)
 
 lint: setup
 	@$(BIN)/ruff check
