@@ -2,8 +2,9 @@
 
 Sources: docs/parameters.md, the configuration types; the table in docs/control.md, 100 runs of the closed loop;
 docs/reproduction.md, docs/reproduction.json; docs/benchmark.md, docs/benchmark.json; the tables in
-docs/localization.md, docs/localization.json. ``--experiments`` and ``--benchmark`` repeat the runs behind the JSON
-files and draw their figures. ``--check`` writes nothing and fails if a page is out of date.
+docs/localization.md, docs/localization.json; docs/rooms.svg, the imports. ``--experiments`` and ``--benchmark``
+repeat the runs behind the JSON files and draw their figures. ``--check`` writes nothing and fails if a page is out of
+date.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from typing import Any
 
 import numpy as np
 from reproduction import page as reproduction_page
+from rooms import picture as rooms_picture
 
 from diffbot_bag.parameters import RecorderConfig, ReplayConfig
 from diffbot_control.filter.localization import LocalizationConfig
@@ -186,6 +188,7 @@ def main() -> int:
         DOCS / "reproduction.md": reproduction_page(experiments["a"], experiments["b"]),
         DOCS / "benchmark.md": law_report.page(json.loads((DOCS / "benchmark.json").read_text())),
         DOCS / "localization.md": localization_page(),
+        DOCS / "rooms.svg": rooms_picture(),
         control: between_markers(control.read_text(), "scenario A", scenario_a_table()),
     }
     stale = [path for path, text in pages.items() if not path.is_file() or path.read_text() != text]
