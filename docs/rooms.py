@@ -22,7 +22,7 @@ TOP = {
     "diffbot_core": "base",
     "diffbot_control": "nodes",
     "diffbot_bag": "bags",
-    "diffbot_sim": "node, reference loop",
+    "diffbot_sim": "node and loop",
     "diffbot_lab": "command",
 }
 """What stands in a package outside its sub-packages."""
