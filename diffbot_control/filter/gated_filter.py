@@ -205,8 +205,10 @@ class GatedFilter:
             else:
                 _, distance, bearing, R, landmark = measurement
                 nis = ekf.update_landmark(distance, bearing, R, landmark)
-        except (np.linalg.LinAlgError, ValueError):
-            return belief, math.nan  # S is singular to working precision or not finite
+        except np.linalg.LinAlgError:
+            return belief, math.nan  # S is singular to working precision
+        if math.isnan(nis):
+            return belief, math.nan
         return self._with_possible_radii(Belief(ekf.x, ekf.P)), nis
 
     def _with_possible_radii(self, belief: Belief) -> Belief:

@@ -7,6 +7,7 @@ import pytest
 from filter_runs import (
     build_motion,
 )
+from filterpy.kalman import ExtendedKalmanFilter
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
@@ -220,3 +221,29 @@ def test_wrong_noise_would_show(q_factor, r_factor):
     total = normalised_errors(q_factor, r_factor, runs=100).sum()
     low, high = chi2.ppf([0.005, 0.995], 300)
     assert not low < total < high
+
+
+@pytest.mark.parametrize("states", [3, 5])
+def test_a_correction_is_that_of_filterpys_own_update(states):
+    rng = np.random.default_rng(states)
+    for _ in range(50):
+        root, noise = rng.normal(size=(states, states)), rng.normal(size=(3, 3))
+        x, P, R = rng.normal(size=states), root @ root.T, noise @ noise.T + 0.1 * np.eye(3)
+        measured = Pose(*(x[:3] + rng.normal(scale=0.3, size=3)))
+        ours = PoseEkf(states)
+        ours.set_state(x, P)
+        nis = ours.update_pose(measured, R)
+        theirs = ExtendedKalmanFilter(dim_x=states, dim_z=3)
+        theirs.x, theirs.P = x.copy(), P.copy()
+        H = np.eye(3, states)
+
+        def residual(z, expected):
+            y = z - expected
+            y[2] = math.remainder(y[2], 2.0 * math.pi)
+            return y
+
+        theirs.update(np.array(measured), lambda _, H=H: H, lambda x, H=H: H @ x, R=R, residual=residual)
+        theirs.x[2] = math.remainder(theirs.x[2], 2.0 * math.pi)
+        np.testing.assert_allclose(ours.x, theirs.x, rtol=1e-10, atol=1e-10)
+        np.testing.assert_allclose(ours.P, theirs.P, rtol=1e-10, atol=1e-10)
+        assert nis == pytest.approx(float(theirs.y @ theirs.SI @ theirs.y), rel=1e-9)
