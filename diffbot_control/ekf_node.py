@@ -46,7 +46,7 @@ from diffbot_control.ros.sensor_messages import (
 )
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose, into_frame, out_of_frame
-from diffbot_core.kinematics import Twist, body_twist, encoder_covariance, wheel_speeds
+from diffbot_core.kinematics import Twist, body_twist, encoder_covariance
 from diffbot_core.ros.node import LATCHED, QUEUE, DiffbotNode, run, status_message
 from diffbot_core.units import S_PER_NS
 
@@ -190,11 +190,7 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         self.get_logger().info(f"initialised at x {x:.3f} m, y {y:.3f} m, heading {theta:.3f} rad")
 
     def _on_odometry(self, message: Odometry) -> None:
-        odometry, config = odometry_from(message, self.config.base_link_frame), self.config
-        if not any(odometry.covariance):  # unknown
-            wheels = wheel_speeds(odometry.twist, config.wheels)
-            odometry = odometry._replace(covariance=encoder_covariance(wheels, config.wheel_noise, config.wheels))
-        estimate = self._answer(odometry)
+        estimate = self._answer(odometry_from(message, self.config.base_link_frame))
         if self._transforms is not None:
             self._send_transform(estimate, pose_of(message.pose.pose))
 

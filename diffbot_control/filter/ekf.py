@@ -21,6 +21,7 @@ from diffbot_control.filter.models import (
     expect_landmark,
     heading_innovation,
     is_at_landmark,
+    lateral_noise,
     motion_noise,
     move,
     pose_innovation,
@@ -64,6 +65,9 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         F, Q = self.F, self.Q
         F[0, 2], F[1, 2] = arc.x_theta, arc.y_theta
         xx, xy, xt, yy, yt, tt = motion_noise(arc, v, u.dt, u.covariance)
+        if u.var_lateral > 0.0:
+            add_xx, add_xy, add_yy = lateral_noise(arc, u.dt, u.var_lateral)
+            xx, xy, yy = xx + add_xx, xy + add_xy, yy + add_yy
         Q[0, 0], Q[1, 1], Q[2, 2] = xx, yy, tt
         Q[0, 1] = Q[1, 0] = xy
         Q[0, 2] = Q[2, 0] = xt
@@ -142,7 +146,7 @@ class CalibratingEkf(PoseEkf):
 
     def predict_x(self, u: Any = 0) -> None:
         """Move the mean by the :class:`Motion` ``u`` and set F and Q for filterpy's ``predict``."""
-        measured, dt, _ = u
+        measured, dt = u.twist, u.dt
         L = self.wheel_separation
         x, y, theta, left, right = self.x.tolist()
         twist = with_radius_errors(measured, RadiusErrors(left, right), L)

@@ -119,8 +119,9 @@ class GatedFilter:
         """Move estimate and candidate."""
         belief, candidate, gate, adaptation = self.memory
         if self.options.adaptive:
-            twist, dt, covariance = motion
-            motion = Motion(twist, dt, scale_twist_covariance(covariance, q_scale(adaptation)))
+            twist, dt, covariance, lateral = motion
+            q = q_scale(adaptation)
+            motion = Motion(twist, dt, scale_twist_covariance(covariance, q), q * lateral)
         belief = self._moved(belief, motion)
         if candidate is not None:
             candidate = self._moved(candidate, motion)

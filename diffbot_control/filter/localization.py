@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from bisect import insort
 from collections import OrderedDict, deque
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 from diffbot_control.filter.gate import FIX, HEADING, LANDMARK
 from diffbot_control.filter.gated_filter import Belief, GatedFilter, Memory
@@ -23,7 +23,9 @@ from diffbot_control.filter.measurements import (
     PoseFix,
 )
 from diffbot_control.filter.models import Motion
+from diffbot_control.filter.odometry_noise import OdometryConfig, density_of, over_time
 from diffbot_control.filter.options import FilterConfig, options_of
+from diffbot_control.filter.stamp_order import Key, key_of, order_of, split_at
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import WheelGeometry, scale_twist_covariance
@@ -37,10 +39,6 @@ _MAX_GAP = 1000 * 10**9
 _MAX_KEYS = 10_000
 """Number of measurements whose keys are kept to recognise duplicates."""
 _KINDS = {PoseFix: FIX, Heading: HEADING, LandmarkMeasurement: LANDMARK}
-_RANKS = {PoseFix: 0, Heading: 1, LandmarkMeasurement: 2}
-"""Order of fusion of measurements with equal stamps."""
-
-_Key = tuple[int, tuple[float, ...]]
 
 
 class LocalizationConfig(NamedTuple):
@@ -48,6 +46,7 @@ class LocalizationConfig(NamedTuple):
 
     history_length: Annotated[float, Spec("how late a measurement may come", "s", minimum=0.0, maximum=60.0)] = 1.0
     filter: FilterConfig = FilterConfig()
+    odometry: OdometryConfig = OdometryConfig()
 
 
 class Estimate(NamedTuple):
@@ -76,24 +75,6 @@ class _Step:
         self.measurements = measurements
 
 
-def _order(measurement: Measurement) -> tuple[Any, ...]:
-    """Sort by stamp; at equal stamps fixes, headings, landmarks by position, then by value: independent of arrival."""
-    position = measurement.landmark if isinstance(measurement, LandmarkMeasurement) else ()
-    return measurement.stamp, _RANKS[type(measurement)], position, measurement.values
-
-
-def _key(measurement: Measurement) -> _Key:
-    return measurement.stamp, measurement.values
-
-
-def _split(measurements: list[Measurement], stamp: int) -> tuple[list[Measurement], list[Measurement]]:
-    """Part ordered measurements into those up to ``stamp`` [ns] and those after it."""
-    if not measurements or measurements[-1].stamp <= stamp:
-        return measurements, []
-    ready = [one for one in measurements if one.stamp <= stamp]
-    return ready, measurements[len(ready) :]
-
-
 class Localization:
     """A filter that fuses measurements by their stamps; it starts with the first fix, or by :meth:`initialise`."""
 
@@ -110,7 +91,7 @@ class Localization:
         self._odometry: OdometryStep | None = None
         self._steps: deque[_Step] = deque()
         self._pending: list[Measurement] = []
-        self._keys: OrderedDict[_Key, None] = OrderedDict()
+        self._keys: OrderedDict[Key, None] = OrderedDict()
 
     def configure(self, config: LocalizationConfig, wheel_separation: float) -> None:
         """Apply changed options from the next message on; the variant of the filter stays."""
@@ -176,7 +157,7 @@ class Localization:
         if late >= 0 or late < -_MAX_GAP:
             self._check_time(late)
             return self.estimate()
-        ready, self._pending = _split(self._pending, odometry.stamp)
+        ready, self._pending = split_at(self._pending, odometry.stamp)
         step = _Step(self._stamp, odometry, self.filter.memory, ready)
         self._steps.append(step)
         self._propagate(step, None)
@@ -239,13 +220,13 @@ class Localization:
             # Drop the one furthest ahead: a sender with a wrong clock must not block the others.
             self._forget_key(self._pending.pop())
         if self._pending:
-            insort(self._pending, measurement, key=_order)
+            insort(self._pending, measurement, key=order_of)
         else:
             self._pending.append(measurement)
 
     def _forget_key(self, dropped: Measurement) -> None:
         """Allow a measurement that was never fused to be sent again."""
-        self._keys.pop(_key(dropped), None)
+        self._keys.pop(key_of(dropped), None)
 
     def _insert_late(self, measurement: Measurement) -> None:
         for index in range(len(self._steps) - 1, -1, -1):
@@ -253,7 +234,7 @@ class Localization:
             # A stamp equal to the start of the history belongs to the state that the history starts from.
             covered = step.start < measurement.stamp or (index == 0 and step.start == measurement.stamp)
             if covered and measurement.stamp <= step.odometry.stamp:
-                insort(step.measurements, measurement, key=_order)
+                insort(step.measurements, measurement, key=order_of)
                 self.filter.memory = step.memory
                 for again in range(index, len(self._steps)):
                     step = self._steps[again]
@@ -276,6 +257,10 @@ class Localization:
 
     def _predict(self, odometry: OdometryStep, dt: float, whole: float) -> None:
         _, twist, covariance = odometry
+        density = density_of(twist, covariance, self.config.odometry)
+        if density is not None:
+            self.filter.predict(Motion(twist, dt, *over_time(density, twist.v, dt)))
+            return
         if dt != whole:
             # The twist's error is constant over the interval: the variances of its parts must add up to the whole.
             covariance = scale_twist_covariance(covariance, whole / dt)

@@ -24,6 +24,8 @@ class Motion(NamedTuple):
     dt: float
     """[s]"""
     covariance: TwistCovariance
+    var_lateral: float = 0.0
+    """[m^2] variance of the motion across the robot, independent of the twist's"""
 
 
 class RadiusErrors(NamedTuple):
@@ -127,6 +129,12 @@ def motion_noise(arc: Arc, v: float, dt: float, covariance: TwistCovariance) -> 
         dt * (y_v * cov + y_omega * var_omega),
         dt * dt * var_omega,
     )
+
+
+def lateral_noise(arc: Arc, dt: float, variance: float) -> tuple[float, float, float]:
+    """Return what a motion across the robot of this ``variance`` [m^2] adds to the xx, xy and yy of Q [m^2]."""
+    sine, cosine = arc.y_v / dt, arc.x_v / dt
+    return variance * sine * sine, -variance * sine * cosine, variance * cosine * cosine
 
 
 def _rim_speeds(twist: Twist, separation: float) -> tuple[float, float]:

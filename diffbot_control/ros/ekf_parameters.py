@@ -66,7 +66,7 @@ class EkfNodeConfig(NamedTuple):
     wheel_noise: Annotated[
         float,
         Spec(
-            "bound of the relative wheel-speed error, for odometry with an all-zero covariance",
+            "bound of the relative error of each wheel speed, independent from message to message, for joint_states",
             minimum=0.0,
             maximum=1.0,
         ),

@@ -84,8 +84,8 @@ def new_track(options: FilterOptions) -> Track:
 def advance(track: Track, motion: Motion, separation: float, options: FilterOptions) -> Track:
     """Predict; ``separation`` is the distance of the wheels [m]."""
     if options.adaptive:
-        covariance = scale_twist_covariance(motion.covariance, q_scale(track.adaptation))
-        motion = Motion(motion.twist, motion.dt, covariance)
+        q = q_scale(track.adaptation)
+        motion = Motion(motion.twist, motion.dt, scale_twist_covariance(motion.covariance, q), q * motion.var_lateral)
     belief = predict(track.belief, motion, separation, options.radius_random_walk)
     candidate = track.candidate
     if track.gate.fixes.rejected > 0:
