@@ -19,9 +19,10 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu, JointState, PointCloud2
 from std_srvs.srv import Trigger
 
+from diffbot_control.filter.innovation_monitor import KINDS
 from diffbot_control.filter.localization import Estimate, Localization
 from diffbot_control.filter.measurements import Array, Measurement, OdometryStep
-from diffbot_control.filter.models import RadiusErrors, with_radius_errors
+from diffbot_control.filter.models import RadiusErrors, with_radius_errors, with_separation_error
 from diffbot_control.filter.state_file import BrokenStateError, StateKeeper, state_path
 from diffbot_control.ros.ekf_parameters import EkfNodeConfig
 from diffbot_control.ros.messages import (
@@ -116,6 +117,8 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         state, nis = self.state(), self.localization.monitor.nis()
         if nis is not None and nis.mean > nis.alarm:
             level, text = DiagnosticStatus.WARN[0], f"innovations larger than the covariances allow; {text}"
+        for kind in self.localization.correlated():
+            level, text = DiagnosticStatus.WARN[0], f"innovations of {KINDS[kind]} correlated in time; {text}"
         return max(level, 0 if state == RUNNING else DiagnosticStatus.WARN[0]), f"{state}; {text}"
 
     def _transform_publisher(self, enabled: bool) -> Any:
@@ -132,7 +135,8 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         xy, yaw = noise.global_pose_sigma_xy, noise.global_pose_sigma_yaw
         self._fix_noise = KnownNoise(_diagonal((xy, xy, yaw)), always)
         self._heading_noise = KnownNoise(_diagonal((noise.heading_sigma,)), always)
-        self._landmark_noise = KnownNoise(_diagonal((noise.landmark_range_sigma, noise.landmark_bearing_sigma)), always)
+        landmark = _diagonal((noise.landmark_range_sigma, noise.landmark_bearing_sigma))
+        self._landmark_noise = KnownNoise(landmark, always, noise.landmark_range_sigma_per_metre)
 
     def _on_fix(self, message: PoseWithCovarianceStamped) -> None:
         fix = fix_from(message, self.config.map_frame, self._fix_noise)
@@ -210,7 +214,7 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         if self._last_state != RUNNING:
             self._publish_status()
         if self._filtered_odometry.get_subscription_count():
-            self._send_filtered(estimate, odometry)
+            self._send_filtered(estimate, estimate.odometry or odometry)
         return estimate
 
     def _send_filtered(self, estimate: Estimate, odometry: OdometryStep) -> None:
@@ -224,12 +228,13 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         self.health.sent["odometry/filtered"] += 1
 
     def _true_twist(self, measured: Twist) -> Twist:
-        """Return the twist corrected by the estimated radius errors."""
+        """Return the twist corrected by the estimated wheel errors."""
         wheels = self.localization.filter.wheels()
         if wheels is None:
             return measured
-        left, right = wheels.errors.tolist()
-        return with_radius_errors(measured, RadiusErrors(left, right), self.config.wheels.wheel_separation)
+        left, right, *separation = wheels.errors.tolist()
+        twist = with_radius_errors(measured, RadiusErrors(left, right), self.config.wheels.wheel_separation)
+        return with_separation_error(twist, separation[0]) if separation else twist
 
     def _send_transform(self, estimate: Estimate, in_odom: Pose) -> None:
         origin = into_frame(Pose(0.0, 0.0, 0.0), in_odom)  # of odom in the robot's frame
@@ -264,9 +269,9 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         if self.localization.initialised:
             values |= self.localization.monitor.values()
             if wheels is not None:
-                for index, name in enumerate(("left", "right")):
-                    deviation = float(np.sqrt(wheels.P[index, index]))
-                    values[f"{name} wheel radius error"] = f"{wheels.errors[index]:+.4f} +- {deviation:.4f}"
+                names = ("left wheel radius", "right wheel radius", "wheel separation")
+                for name, error, variance in zip(names, wheels.errors, np.diagonal(wheels.P), strict=False):
+                    values[f"{name} error"] = f"{error:+.4f} +- {math.sqrt(variance):.4f}"
         if self.localization.dropped_before_odometry:
             values["measurements before the first odometry"] = str(self.localization.dropped_before_odometry)
         return values

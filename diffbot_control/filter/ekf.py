@@ -8,7 +8,7 @@ measurement Jacobian ``H``, measurement noise ``R``.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,11 +26,39 @@ from diffbot_control.filter.models import (
     move,
     pose_innovation,
     radius_derivatives,
+    separation_derivatives,
     with_radius_errors,
+    with_separation_error,
 )
 from diffbot_core.geometry import Point, Pose, wrap_angle
 
 _invert = np.linalg.inv
+
+
+class Robust(NamedTuple):
+    """How a correction is made weaker than its covariance R says."""
+
+    inflation: float = 1.0
+    """factor on R in the gain, for errors that are correlated with those of the measurement before"""
+    gate: float = math.inf
+    """NIS beyond which the gain falls in proportion to gate / NIS"""
+
+
+PLAIN = Robust()
+"""The textbook's correction."""
+
+
+def _weakened(R: Array, S: Array, nis: float, robust: Robust) -> tuple[Array, Array]:
+    """Return the R and the inverse of the S to correct with.
+
+    The gain K and the reduction K S K' of P are multiplied by w = gate / NIS beyond the gate, which is the correction
+    with S / w. The shift of the state then falls with 1 / |y|: a misread number is harmless, and a filter that is lost
+    is never locked out. The NIS stays that of the plain S.
+    """
+    used = S + (robust.inflation - 1.0) * R
+    if nis > robust.gate:
+        used = used * (nis / robust.gate)
+    return R + (used - S), np.asarray(_invert(used), dtype=np.float64)
 
 
 class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
@@ -45,6 +73,8 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         super().__init__(dim_x=states, dim_z=3, dim_u=2)
         self._H_pose: Array = np.eye(3, states)
         self._H_heading = self._H_pose[2:]
+        self.var_lateral = 0.0
+        """[m^2] variance of the next motion across the robot, independent of its twist's"""
         self.set_state(np.zeros(states), np.diag([1e6, 1e6, math.pi**2, *[0.0] * (states - 3)]))
 
     def set_state(self, x: Array, P: Array) -> None:
@@ -65,32 +95,36 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         F, Q = self.F, self.Q
         F[0, 2], F[1, 2] = arc.x_theta, arc.y_theta
         xx, xy, xt, yy, yt, tt = motion_noise(arc, v, u.dt, u.covariance)
-        if u.var_lateral > 0.0:
-            add_xx, add_xy, add_yy = lateral_noise(arc, u.dt, u.var_lateral)
+        if self.var_lateral > 0.0:
+            add_xx, add_xy, add_yy = lateral_noise(arc, u.dt, self.var_lateral)
             xx, xy, yy = xx + add_xx, xy + add_xy, yy + add_yy
         Q[0, 0], Q[1, 1], Q[2, 2] = xx, yy, tt
         Q[0, 1] = Q[1, 0] = xy
         Q[0, 2] = Q[2, 0] = xt
         Q[1, 2] = Q[2, 1] = yt
 
-    def update_pose(self, measured: Pose, R: Array) -> float:
+    def update_pose(self, measured: Pose, R: Array, robust: Robust = PLAIN) -> float:
         """Correct with a pose fix of covariance ``R`` (3, 3); return the NIS."""
         x = self.x
         dx, dy, turn = pose_innovation(measured, Pose(x.item(0), x.item(1), x.item(2)))
-        return self._update((dx, dy, turn), R, self._H_pose)
+        return self._update((dx, dy, turn), R, self._H_pose, robust)
 
-    def update_heading(self, measured: float, R: Array) -> float:
+    def update_heading(self, measured: float, R: Array, robust: Robust = PLAIN) -> float:
         """Correct with a heading [rad] of variance ``R`` (1, 1) [rad^2]; return the NIS."""
-        return self._update((heading_innovation(measured, self.x.item(2)),), R, self._H_heading)
+        return self._update((heading_innovation(measured, self.x.item(2)),), R, self._H_heading, robust)
 
-    def update_landmark(self, distance: float, bearing: float, R: Array, landmark: Point) -> float:
-        """Correct with range and bearing of a known point.
+    def update_landmark(
+        self, distance: float, bearing: float, R: Array, landmark: Point, robust: Robust = PLAIN
+    ) -> float:
+        """Correct with range and bearing of a known point, or with one of them.
 
         Args:
             distance: range [m].
             bearing: [rad] in the robot's frame.
-            R: (2, 2) their covariance; the variance of the linearisation error is added.
+            R: (2, 2) their covariance; the variance of the linearisation error is added. A number whose variance is not
+                finite is missing; the other is used alone.
             landmark: position of the point in the frame of the state [m].
+            robust: see :class:`Robust`.
 
         Returns:
             The NIS; inf, and nothing is corrected, if the estimated position is at the landmark, where no bearing is
@@ -104,10 +138,16 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         H = np.zeros((2, self.x.size))
         H[0, 0], H[0, 1] = expected.range_x, expected.range_y
         H[1, 0], H[1, 1], H[1, 2] = expected.bearing_x, expected.bearing_y, -1.0
+        innovation = distance - expected.range, heading_innovation(bearing, expected.bearing)
+        var_range, var_bearing = R.item(0), R.item(3)
+        if not math.isfinite(var_bearing):
+            return self._update(innovation[:1], np.array([[var_range + expected.added_var_range]]), H[:1], robust)
+        if not math.isfinite(var_range):
+            return self._update(innovation[1:], np.array([[var_bearing + expected.added_var_bearing]]), H[1:], robust)
         R = R + np.diag((expected.added_var_range, expected.added_var_bearing))
-        return self._update((distance - expected.range, heading_innovation(bearing, expected.bearing)), R, H)
+        return self._update(innovation, R, H, robust)
 
-    def _update(self, innovation: tuple[float, ...], R: Array, H: Array) -> float:
+    def _update(self, innovation: tuple[float, ...], R: Array, H: Array, robust: Robust) -> float:
         """Correct with an innovation and a Jacobian that are known already; return the NIS.
 
         The equations of filterpy's ``update``, to which a test holds it, without the copies of measurement, prior and
@@ -119,6 +159,9 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         PHT = P.dot(H.T)
         S = H.dot(PHT) + R
         SI = _invert(S)
+        nis = float(y.dot(SI).dot(y))
+        if robust is not PLAIN:
+            R, SI = _weakened(R, S, nis, robust)
         K = PHT.dot(SI)
         x = self.x + K.dot(y)
         x[2] = wrap_angle(x.item(2))
@@ -127,7 +170,7 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         # Joseph form: stays symmetric and positive definite under rounding.
         self.P = I_KH.dot(P).dot(I_KH.T) + K.dot(R).dot(K.T)
         self.y, self.S = y, S
-        return float(y.dot(SI).dot(y))
+        return nis
 
 
 class CalibratingEkf(PoseEkf):
@@ -136,9 +179,9 @@ class CalibratingEkf(PoseEkf):
     The measured twist is that of wheels of the configured radius, see :func:`models.with_radius_errors`.
     """
 
-    def __init__(self) -> None:
-        """Start as :class:`PoseEkf`, with radius errors known to be zero."""
-        super().__init__(states=5)
+    def __init__(self, states: int = 5) -> None:
+        """Start as :class:`PoseEkf`, with wheel errors known to be zero."""
+        super().__init__(states)
         self.wheel_separation = 1.0
         """L [m]"""
         self.random_walk = 0.0
@@ -146,7 +189,7 @@ class CalibratingEkf(PoseEkf):
 
     def predict_x(self, u: Any = 0) -> None:
         """Move the mean by the :class:`Motion` ``u`` and set F and Q for filterpy's ``predict``."""
-        measured, dt = u.twist, u.dt
+        measured, dt, _ = u
         L = self.wheel_separation
         x, y, theta, left, right = self.x.tolist()
         twist = with_radius_errors(measured, RadiusErrors(left, right), L)
@@ -157,3 +200,35 @@ class CalibratingEkf(PoseEkf):
         Q[3, 3] = Q[4, 4] = self.random_walk * dt
         x, y, theta = arc.end
         self.x = np.array((x, y, theta, left, right))
+
+
+class SeparationEkf(CalibratingEkf):
+    """The same with the relative error of the wheel separation as state 5: v and omega have scales of their own."""
+
+    def __init__(self) -> None:
+        """Start as :class:`CalibratingEkf`."""
+        super().__init__(states=6)
+
+    def predict_x(self, u: Any = 0) -> None:
+        """Move the mean by the :class:`Motion` ``u`` and set F and Q for filterpy's ``predict``."""
+        measured, dt, _ = u
+        L = self.wheel_separation
+        x, y, theta, left, right, separation = self.x.tolist()
+        twist = with_separation_error(with_radius_errors(measured, RadiusErrors(left, right), L), separation)
+        arc = move(Pose(x, y, theta), twist, dt)
+        self._set_pose_part(arc, twist.v, u)
+        F, Q = self.F, self.Q
+        F[0, 3], F[0, 4], F[1, 3], F[1, 4], F[2, 3], F[2, 4] = radius_derivatives(
+            arc, measured, dt, L, 1.0 + separation
+        )
+        F[0, 5], F[1, 5], F[2, 5] = separation_derivatives(arc, twist, dt, separation)
+        Q[3, 3] = Q[4, 4] = Q[5, 5] = self.random_walk * dt
+        x, y, theta = arc.end
+        self.x = np.array((x, y, theta, left, right, separation))
+
+
+def ekf_of(radii: bool, separation: bool) -> PoseEkf:
+    """Return the filter whose states are the pose, the errors of the ``radii``, and also that of the ``separation``."""
+    if not radii:
+        return PoseEkf()
+    return SeparationEkf() if separation else CalibratingEkf()

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from diffbot_control.filter.options import FilterOptions
 
-ACCEPTED, REJECTED, RELOCATED, IGNORED = 0, 1, 2, 3
+ACCEPTED, REJECTED, RELOCATED, IGNORED, WEIGHED = 0, 1, 2, 3, 4
 HEADING, LANDMARK, FIX = 0, 1, 2
 """Kinds of measurement, of one, two and three numbers; indices of FilterOptions.gates."""
 RESET_VAR_XY, RESET_VAR_THETA = 25.0, 1.0
@@ -49,7 +49,8 @@ class Decision(NamedTuple):
 
     outcome: int
     """ACCEPTED: correct the estimate with it. REJECTED: keep the estimate. RELOCATED: of a fix, the candidate replaces
-    the estimate; of a heading or landmark, reset the pose and correct it with the measurement. IGNORED: do nothing."""
+    the estimate; of a heading or landmark, reset the pose and correct it with the measurement. IGNORED: do nothing.
+    WEIGHED: of a landmark, correct the estimate with a part of its gain."""
     agrees: bool
     """of a fix that is not accepted: correct the candidate with it; if False, start a new candidate at the fix"""
 
@@ -91,6 +92,16 @@ def is_expected(memory: GateMemory, nis: float, kind: int, options: FilterOption
     if kind == FIX and memory.slack > 0.0:
         bound = math.exp(memory.slack) * bound
     return 0.0 <= nis <= bound
+
+
+def decide_weight(memory: GateMemory, nis: float, kind: int, options: FilterOptions) -> tuple[GateMemory, Decision]:
+    """Decide on a landmark that is weighed beyond the gate and never rejected; arguments as of :func:`decide`."""
+    if nis == math.inf:
+        return memory, Decision(IGNORED, False)
+    if math.isnan(nis):
+        return memory, Decision(REJECTED, False)
+    cleared = GateMemory(memory.fixes, memory.agreeing, memory.slack, _NO_STREAK)
+    return cleared, _ACCEPT if is_expected(memory, nis, kind, options) else Decision(WEIGHED, False)
 
 
 def decide(

@@ -19,7 +19,8 @@ from diffbot_control.filter.adaptation import (
     q_scale,
     r_scales,
 )
-from diffbot_control.filter.ekf import CalibratingEkf, PoseEkf
+from diffbot_control.filter.correlation import NO_STAMPS, Stamps, inflation_of, with_stamp
+from diffbot_control.filter.ekf import PLAIN, CalibratingEkf, PoseEkf, Robust, ekf_of
 from diffbot_control.filter.gate import (
     ACCEPTED,
     FIX,
@@ -28,12 +29,15 @@ from diffbot_control.filter.gate import (
     RELOCATED,
     RESET_VAR_THETA,
     RESET_VAR_XY,
+    WEIGHED,
     GateMemory,
     age,
     decide,
+    decide_weight,
     is_expected,
     new_gate,
 )
+from diffbot_control.filter.innovation_monitor import Innovation
 from diffbot_control.filter.measurements import Array, Heading, LandmarkMeasurement, Measurement, PoseFix
 from diffbot_control.filter.models import Motion
 from diffbot_control.filter.options import FilterOptions
@@ -58,15 +62,17 @@ class Memory(NamedTuple):
     """hypothesis of the rejected fixes; None if there are none"""
     gate: GateMemory
     adaptation: Adaptation
+    stamps: Stamps = NO_STAMPS
+    """of the newest measurement of each source whose errors are correlated in time"""
 
 
 class WheelEstimate(NamedTuple):
-    """Estimated relative radius errors."""
+    """Estimated relative errors of the wheels."""
 
     errors: Array
-    """(2,) left, right"""
+    """(2,) of the radii, left, right; (3,) with that of the wheel separation"""
     P: Array
-    """(2, 2)"""
+    """(2, 2) or (3, 3)"""
 
 
 class GatedFilter:
@@ -75,7 +81,7 @@ class GatedFilter:
     def __init__(self, options: FilterOptions, wheel_separation: float) -> None:
         """Choose the filter; ``wheel_separation`` is L [m]."""
         self.calibrating = options.radius_variance > 0.0
-        self._ekf: PoseEkf = CalibratingEkf() if self.calibrating else PoseEkf()
+        self._ekf: PoseEkf = ekf_of(options.radius_variance > 0.0, options.separation_variance > 0.0)
         self.configure(options, wheel_separation)
         self.reset()
 
@@ -88,12 +94,25 @@ class GatedFilter:
 
     def reset(self) -> None:
         """Reset pose, radius errors and adaptation to unknown; :meth:`reset_to` has to be called next."""
-        states = 5 if self.calibrating else 3
+        states = self._ekf.x.size
         P = np.zeros((states, states))
-        P[3:, 3:] = self.options.radius_variance * np.eye(states - 3)
+        P[3:, 3:] = self._wheel_prior()
         self.memory = Memory(Belief(np.zeros(states), P), None, new_gate(), new_adaptation())
         self.nis = math.nan
         """normalised innovation squared of the newest measurement"""
+        self.innovation: Innovation | None = None
+        """of the newest measurement, if it could be computed"""
+
+    def _wheel_prior(self) -> Array:
+        """Return the covariance (m, m) of the m wheel errors at the start; m is 0, 2 or 3."""
+        left_right = self.options.radius_variance
+        variances = (left_right, left_right, self.options.separation_variance)
+        return np.diag(variances[: self._ekf.x.size - 3])
+
+    def start_from(self, fix: PoseFix) -> None:
+        """Put the filter at a fix, as :meth:`reset_to`; the errors of later fixes may be correlated with its."""
+        self.reset_to(fix.pose, fix.R)
+        self.memory = self.memory._replace(stamps=with_stamp(NO_STAMPS, fix, self.options.correlation_times))
 
     def reset_to(self, pose: Pose, P: Array) -> None:
         """Put the filter at a pose with covariance ``P`` (3, 3); radius errors and adaptation stay."""
@@ -108,24 +127,25 @@ class GatedFilter:
         return WheelEstimate(x[3:], P[3:, 3:])
 
     def set_wheels(self, wheels: WheelEstimate) -> None:
-        """Set the radius errors, uncorrelated with the pose; does nothing if they are not states."""
-        if self.calibrating:
+        """Set the radius errors, uncorrelated with the pose; does nothing if they are not the states."""
+        if self.calibrating and self._ekf.x.size == 3 + len(wheels.errors):
             x, P = self.memory.belief.x.copy(), self.memory.belief.P.copy()
             x[3:], P[3:, 3:] = wheels
             P[3:, :3] = P[:3, 3:] = 0.0
             self.memory = self.memory._replace(belief=Belief(x, P))
 
-    def predict(self, motion: Motion) -> None:
-        """Move estimate and candidate."""
-        belief, candidate, gate, adaptation = self.memory
+    def predict(self, motion: Motion, var_lateral: float = 0.0) -> None:
+        """Move estimate and candidate; ``var_lateral`` is the variance of the motion across the robot [m^2]."""
+        belief, candidate, gate, adaptation, stamps = self.memory
         if self.options.adaptive:
-            twist, dt, covariance, lateral = motion
+            twist, dt, covariance = motion
             q = q_scale(adaptation)
-            motion = Motion(twist, dt, scale_twist_covariance(covariance, q), q * lateral)
+            motion, var_lateral = Motion(twist, dt, scale_twist_covariance(covariance, q)), q * var_lateral
+        self._ekf.var_lateral = var_lateral
         belief = self._moved(belief, motion)
         if candidate is not None:
             candidate = self._moved(candidate, motion)
-        self.memory = Memory(belief, candidate, age(gate, motion.dt), adaptation)
+        self.memory = Memory(belief, candidate, age(gate, motion.dt), adaptation, stamps)
 
     def take(self, measurement: Measurement) -> int:
         """Correct with a measurement as the gate decides.
@@ -138,15 +158,17 @@ class GatedFilter:
         return self._take_other(measurement)
 
     def _take_fix(self, fix: PoseFix) -> int:
-        before, candidate, gate, old = self.memory
+        before, candidate, gate, old, stamps = self.memory
         adaptation, options, adaptive = old, self.options, self.options.adaptive
         if adaptive:
             fix = PoseFix(fix.stamp, fix.pose, _scaled_noise(fix.R, old))
-        belief, self.nis = self._corrected(before, fix)
+        robust = self._robust(fix)
+        belief, self.nis = self._corrected(before, fix, robust)
+        self.innovation = self._newest_innovation()
         innovation = self._normalised_innovation() if adaptive else None
         other, candidate_nis = None, math.nan
         if candidate is not None and not is_expected(gate, self.nis, FIX, options):
-            other, candidate_nis = self._corrected(candidate, fix)
+            other, candidate_nis = self._corrected(candidate, fix, robust)
         gate, decision = decide(gate, self.nis, candidate_nis, FIX, options)
         if innovation is not None:
             adaptation = adapt(old, innovation, decision.outcome == ACCEPTED)
@@ -161,8 +183,12 @@ class GatedFilter:
             factor = inflation(old, adaptation)
             belief = _inflate(belief, factor)
             candidate = None if candidate is None else _inflate(candidate, factor)
-        self.memory = Memory(belief, candidate, gate, adaptation)
+        stamps = with_stamp(stamps, fix, options.correlation_times)
+        self.memory = Memory(belief, candidate, gate, adaptation, stamps)
         return decision.outcome
+
+    def _newest_innovation(self) -> Innovation | None:
+        return Innovation(self._ekf.y, self._ekf.S) if math.isfinite(self.nis) else None
 
     def _normalised_innovation(self) -> Normalised | None:
         """Innovation of the newest fix; None if it could not be computed."""
@@ -176,17 +202,33 @@ class GatedFilter:
         return Normalised(x / math.sqrt(S[0]), y / math.sqrt(S[1]), theta / math.sqrt(S[2]))
 
     def _take_other(self, measurement: Heading | LandmarkMeasurement) -> int:
-        before, candidate, gate, adaptation = self.memory
-        kind = HEADING if isinstance(measurement, Heading) else LANDMARK
-        belief, self.nis = self._corrected(before, measurement)
-        gate, decision = decide(gate, self.nis, math.nan, kind, self.options)
+        before, candidate, gate, adaptation, stamps = self.memory
+        # The gate's bound is that of the numbers measured.
+        kind = LANDMARK if isinstance(measurement, LandmarkMeasurement) and measurement.numbers == 2 else HEADING
+        robust = self._robust(measurement, kind)
+        belief, self.nis = self._corrected(before, measurement, robust)
+        self.innovation = self._newest_innovation()
+        if self.options.weigh_landmarks and isinstance(measurement, LandmarkMeasurement):
+            gate, decision = decide_weight(gate, self.nis, kind, self.options)
+        else:
+            gate, decision = decide(gate, self.nis, math.nan, kind, self.options)
         if decision.outcome == RELOCATED:
             x, y, theta = before.x.tolist()[:3]
-            belief, _ = self._corrected(_with_pose(before, Pose(x, y, theta), _RESET_P), measurement)
-        elif decision.outcome != ACCEPTED:
+            belief, _ = self._corrected(_with_pose(before, Pose(x, y, theta), _RESET_P), measurement, robust)
+        elif decision.outcome not in (ACCEPTED, WEIGHED):
             belief = before
-        self.memory = Memory(belief, candidate, gate, adaptation)
+        stamps = with_stamp(stamps, measurement, self.options.correlation_times)
+        self.memory = Memory(belief, candidate, gate, adaptation, stamps)
         return decision.outcome
+
+    def _robust(self, measurement: Measurement, kind: int = FIX) -> Robust:
+        """Return how much weaker the correction with a measurement is than its R says."""
+        options = self.options
+        weighed = options.weigh_landmarks and isinstance(measurement, LandmarkMeasurement)
+        if not weighed and not any(options.correlation_times):
+            return PLAIN
+        inflation = inflation_of(self.memory.stamps, measurement, options.correlation_times)
+        return Robust(inflation, options.gates[kind] if weighed else math.inf)
 
     def _moved(self, belief: Belief, motion: Motion) -> Belief:
         ekf = self._ekf
@@ -194,18 +236,18 @@ class GatedFilter:
         ekf.predict(motion)
         return Belief(ekf.x, ekf.P)
 
-    def _corrected(self, belief: Belief, measurement: Measurement) -> tuple[Belief, float]:
+    def _corrected(self, belief: Belief, measurement: Measurement, robust: Robust) -> tuple[Belief, float]:
         """Return the belief after the measurement, and its NIS; nan if it cannot be computed."""
         ekf = self._ekf
         ekf.x, ekf.P = belief
         try:
             if isinstance(measurement, PoseFix):
-                nis = ekf.update_pose(measurement.pose, measurement.R)
+                nis = ekf.update_pose(measurement.pose, measurement.R, robust)
             elif isinstance(measurement, Heading):
-                nis = ekf.update_heading(measurement.theta, measurement.R)
+                nis = ekf.update_heading(measurement.theta, measurement.R, robust)
             else:
                 _, distance, bearing, R, landmark = measurement
-                nis = ekf.update_landmark(distance, bearing, R, landmark)
+                nis = ekf.update_landmark(distance, bearing, R, landmark, robust)
         except np.linalg.LinAlgError:
             return belief, math.nan  # S is singular to working precision
         if math.isnan(nis):
@@ -217,12 +259,14 @@ class GatedFilter:
         if not self.calibrating:
             return belief
         bound = self.options.max_radius_error
-        if abs(belief.x.item(3)) <= bound and abs(belief.x.item(4)) <= bound:
+        _, _, _, left, right, *other = belief.x.tolist()
+        separation = abs(other[0]) if other else 0.0
+        if abs(left) <= bound and abs(right) <= bound and separation <= self.options.max_separation_error:
             return belief
         x, P = belief.x.copy(), belief.P.copy()
         x[3:] = 0.0
         P[3:, :] = P[:, 3:] = 0.0
-        P[3, 3] = P[4, 4] = self.options.radius_variance
+        P[3:, 3:] = self._wheel_prior()
         return Belief(x, P)
 
 

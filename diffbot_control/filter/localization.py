@@ -11,18 +11,17 @@ from bisect import insort
 from collections import OrderedDict, deque
 from typing import Annotated, NamedTuple
 
-from diffbot_control.filter.gate import FIX, HEADING, LANDMARK
+from diffbot_control.filter.correlation import KIND_OF, source_of
 from diffbot_control.filter.gated_filter import Belief, GatedFilter, Memory
 from diffbot_control.filter.innovation_monitor import InnovationMonitor
 from diffbot_control.filter.measurements import (
     Array,
-    Heading,
-    LandmarkMeasurement,
     Measurement,
     OdometryStep,
     PoseFix,
 )
 from diffbot_control.filter.models import Motion
+from diffbot_control.filter.odometry_delay import DelayLine
 from diffbot_control.filter.odometry_noise import OdometryConfig, density_of, over_time
 from diffbot_control.filter.options import FilterConfig, options_of
 from diffbot_control.filter.stamp_order import Key, key_of, order_of, split_at
@@ -38,7 +37,6 @@ _MAX_GAP = 1000 * 10**9
 """[ns] between two odometry messages; a longer motion is not described by its mean twist."""
 _MAX_KEYS = 10_000
 """Number of measurements whose keys are kept to recognise duplicates."""
-_KINDS = {PoseFix: FIX, Heading: HEADING, LandmarkMeasurement: LANDMARK}
 
 
 class LocalizationConfig(NamedTuple):
@@ -58,7 +56,7 @@ class Estimate(NamedTuple):
     P: Array
     """(3, 3) covariance of x, y, theta [m, m, rad]"""
     odometry: OdometryStep | None
-    """the newest input, None before the first"""
+    """what moved the robot to this time; None at first"""
     belief: Belief
     """all states, including the radius errors where they are states"""
 
@@ -66,11 +64,14 @@ class Estimate(NamedTuple):
 class _Step:
     """One odometry step of the history with the filter's memory before it, so that it can be computed again."""
 
-    __slots__ = ("measurements", "memory", "odometry", "start")
+    __slots__ = ("measurements", "memory", "odometry", "start", "whole")
 
-    def __init__(self, start: int, odometry: OdometryStep, memory: Memory, measurements: list[Measurement]) -> None:
+    def __init__(
+        self, start: int, odometry: OdometryStep, whole: int, memory: Memory, measurements: list[Measurement]
+    ) -> None:
         self.start = start
         self.odometry = odometry
+        self.whole = whole
         self.memory = memory
         self.measurements = measurements
 
@@ -90,6 +91,7 @@ class Localization:
         self._stamp: int | None = None
         self._odometry: OdometryStep | None = None
         self._steps: deque[_Step] = deque()
+        self._delayed = DelayLine()
         self._pending: list[Measurement] = []
         self._keys: OrderedDict[Key, None] = OrderedDict()
 
@@ -107,6 +109,7 @@ class Localization:
         self._stamp = None
         self._odometry = None
         self._steps.clear()
+        self._delayed.clear()
         self._pending.clear()
         self._keys.clear()
 
@@ -139,6 +142,11 @@ class Localization:
         pose = Pose(x.item(0), x.item(1), x.item(2))
         return Estimate(self._stamp, pose, P[:3, :3], self._odometry, belief)
 
+    def correlated(self) -> list[int]:
+        """Return the kinds of measurement whose errors are correlated in time, but independent by the options."""
+        times, found = self.filter.options.correlation_times, self.monitor.whiteness()
+        return [kind for kind, one in found.items() if times[kind] == 0.0 and one.correlation > one.alarm]
+
     def on_odometry(self, odometry: OdometryStep) -> Estimate:
         """Move to the stamp of ``odometry`` and fuse the measurements that waited for it.
 
@@ -157,14 +165,20 @@ class Localization:
         if late >= 0 or late < -_MAX_GAP:
             self._check_time(late)
             return self.estimate()
+        delay = round(self.config.odometry.odometry_delay / S_PER_NS)
+        for piece, whole in self._delayed.pieces(self._stamp, odometry, delay) if delay else ((odometry, -late),):
+            self._step(self._stamp, piece, whole)
+        self._trim()
+        return self.estimate()
+
+    def _step(self, start: int, odometry: OdometryStep, whole: int) -> None:
+        """Move with a twist from ``start`` [ns] to its stamp; it is the mean twist of ``whole`` [ns]."""
         ready, self._pending = split_at(self._pending, odometry.stamp)
-        step = _Step(self._stamp, odometry, self.filter.memory, ready)
+        step = _Step(start, odometry, whole, self.filter.memory, ready)
         self._steps.append(step)
         self._propagate(step, None)
         self._stamp = odometry.stamp
         self._odometry = odometry
-        self._trim()
-        return self.estimate()
 
     def _check_time(self, late: int) -> None:
         """Refuse an odometry that is ``late`` [ns] behind the newest; negative: ahead of it; 0: a repetition."""
@@ -205,6 +219,7 @@ class Localization:
             if not isinstance(measurement, PoseFix):
                 raise BadMessageError("no fix yet")
             self.initialise(measurement.pose, measurement.R, measurement.stamp)
+            self.filter.start_from(measurement)
         elif self._stamp is None or measurement.stamp > self._stamp:
             self._wait(measurement)
         elif measurement.stamp == self._stamp and not self._steps:
@@ -246,7 +261,7 @@ class Localization:
     def _propagate(self, step: _Step, late: Measurement | None) -> None:
         """Compute a step; if it is repeated for a ``late`` measurement, only that one is new to the monitor."""
         odometry, now = step.odometry, step.start
-        whole = (odometry.stamp - now) * S_PER_NS
+        whole = step.whole * S_PER_NS
         for measurement in step.measurements:
             if measurement.stamp > now:
                 self._predict(odometry, (measurement.stamp - now) * S_PER_NS, whole)
@@ -259,7 +274,8 @@ class Localization:
         _, twist, covariance = odometry
         density = density_of(twist, covariance, self.config.odometry)
         if density is not None:
-            self.filter.predict(Motion(twist, dt, *over_time(density, twist.v, dt)))
+            covariance, lateral = over_time(density, twist.v, dt)
+            self.filter.predict(Motion(twist, dt, covariance), lateral)
             return
         if dt != whole:
             # The twist's error is constant over the interval: the variances of its parts must add up to the whole.
@@ -269,7 +285,8 @@ class Localization:
     def _update(self, measurement: Measurement, new: bool = True) -> None:
         outcome = self.filter.take(measurement)
         if new:
-            self.monitor.record(_KINDS[type(measurement)], self.filter.nis, outcome)
+            kind, source = KIND_OF[type(measurement)], source_of(measurement)
+            self.monitor.record(kind, self.filter.nis, outcome, self.filter.innovation, source)
 
     def _trim(self) -> None:
         steps, keys = self._steps, self._keys

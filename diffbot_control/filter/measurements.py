@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -63,9 +64,14 @@ class LandmarkMeasurement(NamedTuple):
     bearing: float
     """[rad]"""
     R: Array
-    """(2, 2) covariance [m, rad]"""
+    """(2, 2) covariance [m, rad]; a variance that is not finite marks a missing number"""
     landmark: Point
     """position in the frame of the estimate [m]"""
+
+    @property
+    def numbers(self) -> int:
+        """How many numbers were measured: 2, or 1 if the variance of range or bearing is not finite."""
+        return 2 if math.isfinite(self.R.item(0) + self.R.item(3)) else 1
 
     @property
     def values(self) -> tuple[float, ...]:

@@ -24,8 +24,6 @@ class Motion(NamedTuple):
     dt: float
     """[s]"""
     covariance: TwistCovariance
-    var_lateral: float = 0.0
-    """[m^2] variance of the motion across the robot, independent of the twist's"""
 
 
 class RadiusErrors(NamedTuple):
@@ -157,16 +155,20 @@ def with_radius_errors(twist: Twist, errors: RadiusErrors, separation: float) ->
     )
 
 
-def radius_derivatives(arc: Arc, measured: Twist, dt: float, separation: float) -> RadiusDerivatives:
+def radius_derivatives(
+    arc: Arc, measured: Twist, dt: float, separation: float, stretch: float = 1.0
+) -> RadiusDerivatives:
     """Derivatives of the end of ``arc`` by the relative radius errors.
 
     Args:
         arc: the motion with the corrected twist.
         measured: the twist for wheels of the configured radius.
         dt: duration [s].
-        separation: distance of the wheels [m].
+        separation: configured distance of the wheels [m].
+        stretch: real distance of the wheels, divided by it.
     """
     rim_left, rim_right = _rim_speeds(measured, separation)
+    separation *= stretch
     _, x_v, y_v, x_theta, y_theta = arc
     theta_left, theta_right = -dt * rim_left / separation, dt * rim_right / separation
     # An error turns the midpoint heading by half of what it turns the heading by.
@@ -178,6 +180,24 @@ def radius_derivatives(arc: Arc, measured: Twist, dt: float, separation: float) 
         theta_left,
         theta_right,
     )
+
+
+def with_separation_error(twist: Twist, error: float) -> Twist:
+    """Return the twist of wheels whose distance is (1 + ``error``) times the configured one: omega / (1 + error)."""
+    return Twist(twist.v, twist.omega / (1.0 + error))
+
+
+def separation_derivatives(arc: Arc, twist: Twist, dt: float, error: float) -> tuple[float, float, float]:
+    """Derivatives of the end of ``arc`` by the relative error of the wheel separation [m], [m], [rad].
+
+    Args:
+        arc: the motion with the corrected ``twist``.
+        twist: of the wheels, with this ``error``.
+        dt: duration [s].
+        error: of the wheel separation.
+    """
+    theta = -dt * twist.omega / (1.0 + error)
+    return 0.5 * arc.x_theta * theta, 0.5 * arc.y_theta * theta, theta
 
 
 def heading_innovation(measured: float, theta: float) -> float:

@@ -18,7 +18,7 @@ _MAX_DENSITY = 100.0
 
 
 class OdometryConfig(NamedTuple):
-    """Noise of the odometry.
+    """Noise and dead time of the odometry.
 
     alpha1 to alpha4 have the letters of AMCL, but are variances per radian or metre of one motion: AMCL multiplies by
     the *square* of the distance between two updates, and so depends on the rate.
@@ -51,6 +51,15 @@ class OdometryConfig(NamedTuple):
     density_theta: Annotated[
         float, Spec("variance of the heading per second", "rad^2/s", minimum=1e-12, maximum=_MAX_DENSITY)
     ] = 1e-4
+    odometry_delay: Annotated[
+        float,
+        Spec(
+            "dead time: the twist of an odometry message acts this much later than stamped",
+            "s",
+            minimum=0.0,
+            maximum=2.0,
+        ),
+    ] = 0.0
 
 
 class MotionDensity(NamedTuple):

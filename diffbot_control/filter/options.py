@@ -7,12 +7,16 @@ from typing import Annotated, NamedTuple
 
 from scipy.special import chdtri
 
+from diffbot_core.errors import InvalidValueError
 from diffbot_core.schema import Spec
 
 EKF, CALIBRATING, FNN, FNN_CALIBRATING = "ekf", "ekf_calibrating", "ekf_fnn", "ekf_fnn_calibrating"
 FILTERS = (EKF, CALIBRATING, FNN, FNN_CALIBRATING)
 """Three states; with the radius errors of both wheels as two more; with a fuzzy-neural adaptation of R and Q."""
 
+REJECT, WEIGH = "reject", "weigh"
+_MAX_TIME = 1e4
+"""[s] A correlation time; errors that last longer are an offset."""
 _MAX_SIGMAS, _MAX_ERROR = 5.0, 0.1
 """An estimated radius error beyond five initial deviations and beyond 10 % is a slipping wheel, not a radius error."""
 
@@ -42,6 +46,42 @@ class FilterConfig(NamedTuple):
         float, Spec("standard deviation of each wheel's relative radius error at the start", minimum=1e-6, maximum=0.2)
     ] = 0.01
     wheel_radius_walk: Annotated[float, Spec("how fast it may change", "1/sqrt(s)", minimum=0.0, maximum=0.1)] = 1e-4
+    wheel_separation_sigma: Annotated[
+        float,
+        Spec(
+            "standard deviation of the wheel separation's relative error at the start, one more state of the "
+            "calibrating variants; it changes as fast as the radii; 0: no state",
+            minimum=0.0,
+            maximum=0.2,
+            read_only=True,
+        ),
+    ] = 0.0
+    landmark_gate: Annotated[
+        str,
+        Spec(
+            "landmarks beyond the gate: reject them, or weigh them by bound / NIS, which needs no relocation",
+            choices=(REJECT, WEIGH),
+        ),
+    ] = REJECT
+    fix_correlation_time: Annotated[
+        float,
+        Spec("how long the errors of fixes last; 0: independent from fix to fix", "s", minimum=0.0, maximum=_MAX_TIME),
+    ] = 0.0
+    heading_correlation_time: Annotated[float, Spec("the same of headings", "s", minimum=0.0, maximum=_MAX_TIME)] = 0.0
+    landmark_correlation_time: Annotated[
+        float, Spec("the same of each landmark", "s", minimum=0.0, maximum=_MAX_TIME)
+    ] = 0.0
+
+    def check(self) -> None:
+        """Refuse options that contradict each other.
+
+        Raises:
+            InvalidValueError: if the errors of fixes are correlated and R is to be learnt from their differences.
+        """
+        if self.fix_correlation_time > 0.0 and self.filter in (FNN, FNN_CALIBRATING):
+            raise InvalidValueError(
+                "fix_correlation_time", self.fix_correlation_time, f"0 with {self.filter}: it learns R from differences"
+            )
 
 
 class FilterOptions(NamedTuple):
@@ -59,6 +99,14 @@ class FilterOptions(NamedTuple):
     """[1/s] its random-walk variance per second"""
     max_radius_error: float
     """bound of its estimate; beyond it the estimate is reset"""
+    separation_variance: float
+    """of the wheel separation's relative error at the start; 0 if it is no state"""
+    max_separation_error: float
+    """bound of its estimate"""
+    weigh_landmarks: bool
+    """weigh landmarks beyond the gate instead of rejecting them"""
+    correlation_times: tuple[float, float, float]
+    """[s] of headings, of each landmark, of fixes; 0: independent errors"""
 
 
 def options_of(config: FilterConfig) -> FilterOptions:
@@ -74,4 +122,8 @@ def options_of(config: FilterConfig) -> FilterOptions:
         config.wheel_radius_sigma**2 if calibrating else 0.0,
         config.wheel_radius_walk**2 if calibrating else 0.0,
         max(_MAX_SIGMAS * config.wheel_radius_sigma, _MAX_ERROR) if calibrating else 0.0,
+        config.wheel_separation_sigma**2 if calibrating else 0.0,
+        max(_MAX_SIGMAS * config.wheel_separation_sigma, _MAX_ERROR) if calibrating else 0.0,
+        config.landmark_gate == WEIGH,
+        (config.heading_correlation_time, config.landmark_correlation_time, config.fix_correlation_time),
     )

@@ -93,8 +93,9 @@ def load_state(path: Path) -> SavedState | None:
     geometry = WheelGeometry(radius, separation)
     if "wheels" not in content:
         return SavedState(Pose(x, y, wrap_angle(theta)), P, None, geometry)
-    errors = _numbers(path, content, "wheels", (2,), _MAX_RADIUS_ERROR)
-    wheels = WheelEstimate(errors, _covariance(path, content, "wheels_P", 2))
+    size = 3 if isinstance(content["wheels"], list) and len(content["wheels"]) == 3 else 2
+    errors = _numbers(path, content, "wheels", (size,), _MAX_RADIUS_ERROR)
+    wheels = WheelEstimate(errors, _covariance(path, content, "wheels_P", size))
     return SavedState(Pose(x, y, wrap_angle(theta)), P, wheels, geometry)
 
 

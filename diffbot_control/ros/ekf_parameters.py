@@ -36,6 +36,9 @@ class SensorNoise(NamedTuple):
     landmark_range_sigma: Annotated[
         float, Spec("deviation of a range to a landmark without variances", "m", minimum=_MIN_SIGMA, maximum=_MAX_SIGMA)
     ] = 0.06
+    landmark_range_sigma_per_metre: Annotated[
+        float, Spec("by what landmark_range_sigma grows with the range", "m/m", minimum=0.0, maximum=1.0)
+    ] = 0.0
     landmark_bearing_sigma: Annotated[
         float,
         Spec("deviation of a bearing to a landmark without variances", "rad", minimum=_MIN_SIGMA, maximum=_MAX_SIGMA),

@@ -1,7 +1,9 @@
 """Landmarks in a sensor_msgs/PointCloud2, read and written; free of ROS: a message is anything with its fields.
 
 A point has ``x`` and ``y`` [m] in the frame of the robot (float32 or float64) and the landmark's number ``id`` (an
-integer), and may have ``range_variance`` [m^2] and ``bearing_variance`` [rad^2]; other fields are ignored.
+integer), and may have ``range_variance`` [m^2] and ``bearing_variance`` [rad^2]; other fields are ignored. A variance
+that is NaN or infinite marks a number that was not measured: a range alone comes as a point in any direction, a bearing
+alone as a point at any distance.
 """
 
 from __future__ import annotations
@@ -34,9 +36,9 @@ class LandmarkPoint(NamedTuple):
     bearing: float
     """[rad]"""
     var_range: float
-    """[m^2]; 0: unknown"""
+    """[m^2]; 0: unknown; not finite: there is no range"""
     var_bearing: float
-    """[rad^2]; 0: unknown"""
+    """[rad^2]; 0: unknown; not finite: there is no bearing"""
 
 
 def landmark_points(message: Any) -> list[LandmarkPoint]:
@@ -44,7 +46,7 @@ def landmark_points(message: Any) -> list[LandmarkPoint]:
 
     Raises:
         BadMessageError: if the cloud does not have the fields above, its sizes contradict each other, it has more than
-            100 points or one landmark twice, or a number in it is not finite, a variance negative, or a range not
+            100 points or one landmark twice, or a coordinate is not finite, a variance negative, or a range not
             positive or beyond MAX_COORDINATE.
     """
     count = message.width * message.height
@@ -57,7 +59,7 @@ def landmark_points(message: Any) -> list[LandmarkPoint]:
         columns.append(points[name].astype(float).tolist() if known else [0.0] * count)
     found = []
     for number, x, y, var_range, var_bearing in zip(points["id"].tolist(), *columns, strict=True):
-        if not math.isfinite(x + y + var_range + var_bearing):
+        if not math.isfinite(x + y):
             raise BadMessageError("point not finite", f"of landmark {number}")
         if var_range < 0.0 or var_bearing < 0.0:
             raise BadMessageError("variance negative", f"of landmark {number}")

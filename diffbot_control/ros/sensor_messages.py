@@ -6,6 +6,7 @@ dropped.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
@@ -40,6 +41,8 @@ class KnownNoise(NamedTuple):
     """fallback covariance; None if there is none"""
     always: bool = False
     """use R even if a message has a covariance"""
+    range_sigma_per_metre: float = 0.0
+    """of landmarks: by what the standard deviation of R[0, 0] grows with the range [m/m]"""
 
 
 MESSAGE_NOISE = KnownNoise()
@@ -77,9 +80,34 @@ def landmarks_from(
         if one.number not in points:
             unknown += 1
             continue
-        R = noise_of(partial(_landmark_covariance, one), noise)
+        R = _landmark_noise(one, _at_range(noise, one.range))
         measurements.append(LandmarkMeasurement(stamp, one.range, one.bearing, R, points[one.number]))
     return measurements, unknown
+
+
+def _at_range(noise: KnownNoise, distance: float) -> KnownNoise:
+    """Return the noise of a landmark at a ``distance`` [m]."""
+    if noise.R is None or noise.range_sigma_per_metre == 0.0:
+        return noise
+    sigma = math.sqrt(noise.R[0, 0]) + noise.range_sigma_per_metre * distance
+    return KnownNoise(np.diag((sigma * sigma, noise.R[1, 1])), noise.always)
+
+
+def _landmark_noise(point: LandmarkPoint, noise: KnownNoise) -> Array:
+    """Return R (2, 2); the variance of a missing number is inf."""
+    variances = point.var_range, point.var_bearing
+    measured = [index for index in (0, 1) if math.isfinite(variances[index])]
+    if len(measured) == 2:
+        return noise_of(partial(_landmark_covariance, point), noise)
+    if not measured:
+        raise BadMessageError("no finite variance", f"of landmark {point.number}")
+    one = measured[0]
+    fallback = None if noise.R is None else noise.R[one : one + 1, one : one + 1]
+    R = np.diag((math.inf, math.inf))
+    R[one, one] = noise_of(lambda: check_covariance(np.array([[variances[one]]])), KnownNoise(fallback, noise.always))[
+        0, 0
+    ]
+    return R
 
 
 def _landmark_covariance(point: LandmarkPoint) -> Array:

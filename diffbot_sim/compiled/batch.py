@@ -17,6 +17,7 @@ from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_sim.compiled.closed_loop import EKF, RAW, TRUTH, Case, run_loop
 from diffbot_sim.compiled.jit import compile_kernel, make_callable
+from diffbot_sim.compiled.scalar_filter import check_supported
 from diffbot_sim.model.outcome import Outcome
 from diffbot_sim.model.philox import START_BLOCK, draw
 
@@ -44,11 +45,14 @@ def check_case(case: Case, starts: Starts) -> None:
     """Refuse what the compiled loop does not support.
 
     Raises:
-        InvalidValueError: for delayed measurements, which need the filter's history; less than one step; no start.
+        InvalidValueError: for delayed measurements, which need the filter's history; for options of the filter that it
+            does not have; less than one step; no start.
     """
     for name in ("fix_delay", "heading_delay"):
         if getattr(case.sensors, name) > 0.0:
             raise InvalidValueError(name, getattr(case.sensors, name), "0 in a batch")
+    if case.filter is not None:
+        check_supported(case.filter)
     if case.steps < 1:
         raise InvalidValueError("steps", case.steps, ">= 1")
     if starts.poses.ndim != 2 or starts.poses.shape[1:] != (3,) or len(starts.poses) == 0:

@@ -19,7 +19,6 @@ from diffbot_control.filter.models import (
     expect_landmark,
     heading_innovation,
     is_at_landmark,
-    lateral_noise,
     motion_noise,
     move,
     pose_innovation,
@@ -75,18 +74,9 @@ def predict(belief: Belief, motion: Motion, separation: float, random_walk: floa
     twist = with_radius_errors(motion.twist, belief.errors, separation)
     arc = move(belief.pose, twist, motion.dt)
     by_radii = radius_derivatives(arc, motion.twist, motion.dt, separation)
-    noise = _with_lateral(motion_noise(arc, twist.v, motion.dt, motion.covariance), arc, motion)
+    noise = motion_noise(arc, twist.v, motion.dt, motion.covariance)
     P = _propagate(belief.P, arc, by_radii, noise, random_walk * motion.dt)
     return Belief(arc.end, belief.errors, P)
-
-
-def _with_lateral(noise: MotionNoise, arc: Arc, motion: Motion) -> MotionNoise:
-    """Add the noise across the robot."""
-    if motion.var_lateral <= 0.0:
-        return noise
-    xx, xy, xt, yy, yt, tt = noise
-    add_xx, add_xy, add_yy = lateral_noise(arc, motion.dt, motion.var_lateral)
-    return MotionNoise(xx + add_xx, xy + add_xy, xt, yy + add_yy, yt, tt)
 
 
 def _propagate(

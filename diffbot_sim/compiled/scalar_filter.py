@@ -32,7 +32,8 @@ from diffbot_control.filter.gate import (
     new_gate,
 )
 from diffbot_control.filter.models import Motion, pose_innovation
-from diffbot_control.filter.options import FilterOptions
+from diffbot_control.filter.options import REJECT, WEIGH, FilterOptions
+from diffbot_core.errors import InvalidValueError
 from diffbot_core.kinematics import scale_twist_covariance
 from diffbot_sim.compiled.scalar_belief import (
     Belief,
@@ -75,6 +76,20 @@ class Track(NamedTuple):
     newest: Newest
 
 
+def check_supported(options: FilterOptions) -> None:
+    """Refuse options that only the filter of the node has.
+
+    Raises:
+        InvalidValueError: for a wheel separation that is a state, weighed landmarks, or errors correlated in time.
+    """
+    if options.separation_variance > 0.0:
+        raise InvalidValueError("wheel_separation_sigma", math.sqrt(options.separation_variance), "0 in a batch")
+    if options.weigh_landmarks:
+        raise InvalidValueError("landmark_gate", WEIGH, f"{REJECT} in a batch")
+    if any(options.correlation_times):
+        raise InvalidValueError("correlation times", options.correlation_times, "0 in a batch")
+
+
 def new_track(options: FilterOptions) -> Track:
     """Return the state before the first fix."""
     belief = unknown(options.radius_variance)
@@ -84,8 +99,8 @@ def new_track(options: FilterOptions) -> Track:
 def advance(track: Track, motion: Motion, separation: float, options: FilterOptions) -> Track:
     """Predict; ``separation`` is the distance of the wheels [m]."""
     if options.adaptive:
-        q = q_scale(track.adaptation)
-        motion = Motion(motion.twist, motion.dt, scale_twist_covariance(motion.covariance, q), q * motion.var_lateral)
+        covariance = scale_twist_covariance(motion.covariance, q_scale(track.adaptation))
+        motion = Motion(motion.twist, motion.dt, covariance)
     belief = predict(track.belief, motion, separation, options.radius_random_walk)
     candidate = track.candidate
     if track.gate.fixes.rejected > 0:

@@ -87,8 +87,7 @@ def test_the_compiled_filter_is_filterpys(variant, seed):
     for step in range(300):
         v, omega, dt = rng.uniform(-1.0, 2.0), rng.uniform(-4.0, 4.0), rng.uniform(0.01, 0.3)
         a, b, rho = *rng.uniform(1e-3, 0.1, 2), rng.uniform(-0.9, 0.9)
-        lateral = rng.uniform(1e-4, 0.01) if step % 3 == 0 else 0.0
-        motion = Motion(Twist(v, omega), dt, TwistCovariance(a * a, rho * a * b, b * b), lateral)
+        motion = Motion(Twist(v, omega), dt, TwistCovariance(a * a, rho * a * b, b * b))
         reference.predict(motion)
         track = twin.advance(track, motion, SEPARATION, options)
         middle = truth[2] + 0.5 * omega * dt
