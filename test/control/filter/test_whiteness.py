@@ -1,0 +1,110 @@
+"""Autocorrelation of the innovations: white ones are inside its bounds, those of errors that last are not."""
+
+import math
+
+import numpy as np
+import pytest
+
+from diffbot_control.filter.gate import ACCEPTED, FIX, LANDMARK, REJECTED, RELOCATED, WEIGHED
+from diffbot_control.filter.innovation_monitor import Innovation, InnovationMonitor, whiteness_of
+from diffbot_control.filter.localization import Localization, LocalizationConfig
+from diffbot_control.filter.measurements import OdometryStep, PoseFix
+from diffbot_control.filter.options import FilterConfig
+from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import Twist, TwistCovariance
+
+S = np.array([[0.04, 0.01, 0.0], [0.01, 0.09, 0.002], [0.0, 0.002, 0.01]])
+
+
+def innovations(rng, count, rho=0.0, factor=1.0):
+    """First-order Markov sequence with covariance ``factor`` S and autocorrelation ``rho``."""
+    root, u = np.linalg.cholesky(factor * S), rng.normal(size=3)
+    found = []
+    for _ in range(count):
+        found.append((None, Innovation(root @ u, S)))
+        u = rho * u + math.sqrt(1.0 - rho * rho) * rng.normal(size=3)
+    return found
+
+
+def test_white_innovations_are_inside_the_bound_as_often_as_it_says():
+    found = [whiteness_of(innovations(np.random.default_rng([1, run]), 100)) for run in range(1500)]
+    inside = np.mean([abs(one.correlation) < one.bound for one in found])
+    assert 0.935 < inside < 0.975
+    assert not any(one.correlation > one.alarm for one in found)
+    assert np.std([one.correlation / one.bound for one in found]) == pytest.approx(1.0 / 1.96, rel=0.06)
+
+
+@pytest.mark.parametrize("rho", [0.3, 0.6, 0.9])
+@pytest.mark.parametrize("factor", [0.1, 1.0, 10.0])
+def test_the_correlation_is_that_of_the_sequence_whatever_its_size(rho, factor):
+    rng = np.random.default_rng(2)
+    found = [whiteness_of(innovations(rng, 100, rho, factor)).correlation for _ in range(200)]
+    assert np.mean(found) == pytest.approx(rho, abs=0.04)
+
+
+def test_only_innovations_of_one_source_are_compared():
+    """Two landmarks in turn, each with an offset of its own: compared in the order of time they would cancel."""
+    monitor, rng, y = InnovationMonitor(), np.random.default_rng(3), {}
+    for number in range(100):
+        source = number % 2
+        y = np.array([0.2, 0.2]) * (1.0 if source else -1.0) + rng.normal(0.0, 0.05, 2)
+        monitor.record(LANDMARK, 2.0, ACCEPTED, Innovation(y, 0.04 * np.eye(2)), source)
+    found = monitor.whiteness()
+    assert set(found) == {LANDMARK}
+    assert found[LANDMARK].correlation > 0.8
+
+
+def test_only_accepted_measurements_count_and_a_relocation_starts_anew():
+    monitor, (_, innovation) = InnovationMonitor(), innovations(np.random.default_rng(0), 1)[0]
+    for outcome in (REJECTED, WEIGHED):
+        for _ in range(50):
+            monitor.record(FIX, 1.0, outcome, innovation)
+    assert monitor.whiteness() == {}
+    assert monitor.weighed == 50
+    for _ in range(50):
+        monitor.record(FIX, 1.0, ACCEPTED, innovation)
+    assert monitor.whiteness()[FIX].correlation == pytest.approx(1.0)
+    assert monitor.values()["autocorrelation of fixes"] == "1.000"
+    monitor.record(FIX, 1.0, RELOCATED, innovation)
+    assert monitor.whiteness() == {}
+
+
+def test_too_few_innovations_say_nothing():
+    assert whiteness_of(innovations(np.random.default_rng(0), 10)) is None
+    assert whiteness_of(innovations(np.random.default_rng(0), 11)) is not None
+
+
+def test_landmarks_of_one_number_count_as_one():
+    monitor = InnovationMonitor()
+    for _ in range(20):
+        monitor.record(LANDMARK, 1.5, ACCEPTED, Innovation(np.array([0.1]), np.eye(1)))
+    assert monitor.nis().mean == pytest.approx(1.5)
+
+
+def drive(c, seed, **options):
+    """Fixes at 5 Hz whose errors last, odometry at 10 Hz; the fusion after a minute."""
+    rng, sigmas, period = np.random.default_rng([seed, 11]), np.array([0.17, 0.17, 0.1]), 0.1
+    found = Localization(LocalizationConfig(filter=FilterConfig(**options)))
+    truth, noise = np.zeros(3), rng.normal(0.0, sigmas)
+    for step in range(600):
+        if step % 2 == 0:
+            noise = c * noise + math.sqrt(1.0 - c * c) * rng.normal(0.0, sigmas)
+            x, y, theta = truth + noise
+            fix = Pose(x, y, math.remainder(theta, 2.0 * math.pi))
+            found.on_measurement(PoseFix(step * 10**8, fix, np.diag(sigmas**2)))
+        found.on_odometry(OdometryStep(step * 10**8, Twist(0.4, 0.2), TwistCovariance(4e-4, 0.0, 4e-4)))
+        v, omega = 0.4 + rng.normal(0.0, 0.02), 0.2 + rng.normal(0.0, 0.02)
+        middle = truth[2] + 0.5 * omega * period
+        truth = truth + np.array([v * period * math.cos(middle), v * period * math.sin(middle), omega * period])
+    return found
+
+
+@pytest.mark.parametrize("c", [0.5, 0.9])
+def test_fixes_whose_errors_last_raise_the_alarm(c):
+    alarms = [drive(c, seed).correlated() for seed in range(8)]
+    assert alarms == [[FIX]] * 8
+
+
+def test_white_fixes_and_a_known_correlation_raise_none():
+    assert [drive(0.0, seed).correlated() for seed in range(8)] == [[]] * 8
+    assert drive(0.9, 0, fix_correlation_time=1.9).correlated() == []
