@@ -41,6 +41,11 @@ OPTIONS = st.builds(
     relocation_timeout=st.floats(0.01, 5.0),
     wheel_radius_sigma=st.floats(1e-3, 0.2),
     wheel_radius_walk=st.floats(0.0, 0.1),
+    wheel_separation_sigma=st.just(0.0) | st.floats(1e-3, 0.2),
+    landmark_gate=st.sampled_from(["reject", "weigh"]),
+    fix_correlation_time=st.just(0.0) | st.floats(0.01, 1e4),
+    heading_correlation_time=st.just(0.0) | st.floats(0.01, 1e4),
+    landmark_correlation_time=st.just(0.0) | st.floats(0.01, 1e4),
 )
 
 

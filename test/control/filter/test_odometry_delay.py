@@ -103,7 +103,3 @@ def test_the_pieces_cover_each_interval_once():
         start = stamp
     found = [(piece.odometry.stamp, piece.odometry.twist.omega, piece.whole) for piece in pieces]
     assert found == [(530, 400.0, 80), (630, 500.0, 100), (640, 640.0, 140)]
-        (530, 400.0, 80),
-        (630, 500.0, 100),
-        (640, 640.0, 140),
-    ]
