@@ -15,9 +15,11 @@ import numpy as np
 from diffbot_control.filter.filterpy_ekf import ExtendedKalmanFilter
 from diffbot_control.filter.measurements import Array
 from diffbot_control.filter.models import (
+    TURNED_VARIANCE,
     Arc,
     Motion,
     RadiusErrors,
+    arc_correction,
     expect_landmark,
     heading_innovation,
     is_at_landmark,
@@ -163,14 +165,29 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         if robust is not PLAIN:
             R, SI = _weakened(R, S, nis, robust)
         K = PHT.dot(SI)
-        x = self.x + K.dot(y)
+        shift = K.dot(y)
+        x = self.x + shift
         x[2] = wrap_angle(x.item(2))
         I_KH = self._I - K.dot(H)
         self.x = x
         # Joseph form: stays symmetric and positive definite under rounding.
         self.P = I_KH.dot(P).dot(I_KH.T) + K.dot(R).dot(K.T)
+        if P.item(2, 2) > TURNED_VARIANCE:
+            self._turn(shift)
         self.y, self.S = y, S
         return nis
+
+    def _turn(self, shift: Array) -> None:
+        """Apply a correction ``shift`` (n,) of the mean along an arc, see :func:`models.arc_correction`."""
+        dx, dy, turn = shift.tolist()[:3]
+        along_x, along_y = arc_correction(dx, dy, turn)
+        self.x[0] += along_x - dx
+        self.x[1] += along_y - dy
+        T = np.eye(self.x.size)
+        T[0, 0] = T[1, 1] = math.cos(turn)
+        T[1, 0] = math.sin(turn)
+        T[0, 1] = -T[1, 0]
+        self.P = T.dot(self.P).dot(T.T)
 
 
 class CalibratingEkf(PoseEkf):

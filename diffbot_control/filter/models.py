@@ -17,6 +17,10 @@ MIN_LANDMARK_DISTANCE = 1e-3
 """[m] The bearing of a landmark that is nearer carries no information."""
 
 
+TURNED_VARIANCE = 0.04
+"""[rad^2] Heading variance from which a correction is applied along an arc; below, both forms agree in first order."""
+
+
 class Motion(NamedTuple):
     """Mean twist over a time with its covariance: the filter's input u."""
 
@@ -209,6 +213,19 @@ def pose_innovation(measured: Pose, expected: Pose) -> Pose:
     """Measured minus expected pose, the short way round in heading."""
     x, y, theta = measured
     return Pose(x - expected.x, y - expected.y, heading_innovation(theta, expected.theta))
+
+
+def arc_correction(dx: float, dy: float, turn: float) -> tuple[float, float]:
+    """Return what a correction of x and y becomes along an arc that turns by ``turn`` [rad]: V(turn) (dx, dy).
+
+    V is the left Jacobian of SE(2). Together with the position's part of P turned by ``turn``, this is the invariant
+    extended Kalman filter (Barrau and Bonnabel 2017): with an uncertain heading, the error of the position is spread
+    along an arc, not along a straight line.
+    """
+    if abs(turn) < 1e-9:
+        return dx, dy
+    a, b = math.sin(turn) / turn, (1.0 - math.cos(turn)) / turn
+    return a * dx - b * dy, b * dx + a * dy
 
 
 def is_at_landmark(pose: Pose, landmark: Point) -> bool:

@@ -6,7 +6,7 @@ import math
 from typing import NamedTuple
 
 from diffbot_control.filter.gate import RESET_VAR_THETA, RESET_VAR_XY
-from diffbot_control.filter.models import RadiusErrors
+from diffbot_control.filter.models import TURNED_VARIANCE, RadiusErrors, arc_correction
 from diffbot_core.geometry import Pose, wrap_angle
 
 
@@ -103,6 +103,37 @@ def with_possible_radii(belief: Belief, bound: float, variance: float) -> Belief
     b, z = belief.P, 0.0
     P = Covariance(b.xx, b.xy, b.xt, z, z, b.yy, b.yt, z, z, b.tt, z, z, variance, z, variance)
     return Belief(belief.pose, RadiusErrors(0.0, 0.0), P)
+
+
+def turned(before: Belief, after: Belief) -> Belief:
+    """Apply the correction from ``before`` to ``after`` along an arc if the heading was uncertain; wrap it.
+
+    See :func:`models.arc_correction`; the position's rows and columns of P are turned by the correction of the heading.
+    """
+    if before.P.tt <= TURNED_VARIANCE:
+        return wrapped(after)
+    x, y, theta = before.pose
+    turn = after.pose.theta - theta
+    dx, dy = arc_correction(after.pose.x - x, after.pose.y - y, turn)
+    c, s, b = math.cos(turn), math.sin(turn), after.P
+    P = Covariance(
+        c * c * b.xx - 2.0 * c * s * b.xy + s * s * b.yy,
+        c * s * (b.xx - b.yy) + (c * c - s * s) * b.xy,
+        c * b.xt - s * b.yt,
+        c * b.xl - s * b.yl,
+        c * b.xr - s * b.yr,
+        s * s * b.xx + 2.0 * c * s * b.xy + c * c * b.yy,
+        s * b.xt + c * b.yt,
+        s * b.xl + c * b.yl,
+        s * b.xr + c * b.yr,
+        b.tt,
+        b.tl,
+        b.tr,
+        b.ll,
+        b.lr,
+        b.rr,
+    )
+    return wrapped(Belief(Pose(x + dx, y + dy, after.pose.theta), after.errors, P))
 
 
 def wrapped(belief: Belief) -> Belief:

@@ -26,7 +26,7 @@ from diffbot_control.filter.models import (
     with_radius_errors,
 )
 from diffbot_core.geometry import Point, Pose
-from diffbot_sim.compiled.scalar_belief import Belief, Covariance, PoseFix, wrapped
+from diffbot_sim.compiled.scalar_belief import Belief, Covariance, PoseFix, turned
 
 
 class Row(NamedTuple):
@@ -190,14 +190,14 @@ def update_pose(belief: Belief, fix: PoseFix) -> Corrected:
     one = correct(belief, belief, Row(1.0, 0.0, 0.0, 0.0, 0.0), innovation.x, fix.var_x)
     two = correct(one.belief, belief, Row(0.0, 1.0, 0.0, 0.0, 0.0), innovation.y, fix.var_y)
     three = correct(two.belief, belief, Row(0.0, 0.0, 1.0, 0.0, 0.0), innovation.theta, fix.var_theta)
-    return Corrected(wrapped(three.belief), one.nis + two.nis + three.nis)
+    return Corrected(turned(belief, three.belief), one.nis + two.nis + three.nis)
 
 
 def update_heading(belief: Belief, heading: float, variance: float) -> Corrected:
     """Correct with a heading [rad] of this variance [rad^2]."""
     residual = heading_innovation(heading, belief.pose.theta)
     after = correct(belief, belief, Row(0.0, 0.0, 1.0, 0.0, 0.0), residual, variance)
-    return Corrected(wrapped(after.belief), after.nis)
+    return Corrected(turned(belief, after.belief), after.nis)
 
 
 def update_landmark(belief: Belief, measured: LandmarkMeasurement) -> Corrected:
@@ -212,4 +212,4 @@ def update_landmark(belief: Belief, measured: LandmarkMeasurement) -> Corrected:
     var_bearing = measured.var_bearing + expected.added_var_bearing
     one = correct(belief, belief, along, measured.range - expected.range, var_range)
     two = correct(one.belief, belief, across, turn, var_bearing)
-    return Corrected(wrapped(two.belief), one.nis + two.nis)
+    return Corrected(turned(belief, two.belief), one.nis + two.nis)
