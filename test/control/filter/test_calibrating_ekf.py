@@ -32,6 +32,14 @@ SEEDS = st.integers(0, 10_000)
 CALIBRATING = ("ekf_calibrating", "ekf_fnn_calibrating")
 
 
+@pytest.fixture(scope="module", autouse=True)
+def straight_corrections():
+    """The textbook's corrections are straight; those along an arc, of a lost heading, have tests of their own."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("diffbot_control.filter.ekf.TURNED_VARIANCE", math.inf)
+        yield
+
+
 def body(v, omega, left, right, separation):
     """The twist of a body on wheels with relative radius errors, from the speeds of their rims."""
     v_l = (v - 0.5 * omega * separation) * (1.0 + left)

@@ -20,6 +20,14 @@ STATES = st.tuples(st.floats(-10.0, 10.0), st.floats(-10.0, 10.0), st.floats(-3.
 TWISTS = st.tuples(st.floats(-2.0, 2.0), st.floats(-3.0, 3.0), st.floats(0.01, 0.5))
 
 
+@pytest.fixture(scope="module", autouse=True)
+def straight_corrections():
+    """The textbook's corrections are straight; those along an arc, of a lost heading, have tests of their own."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("diffbot_control.filter.ekf.TURNED_VARIANCE", math.inf)
+        yield
+
+
 def wrapped(angle):
     return math.remainder(angle, 2.0 * math.pi)
 

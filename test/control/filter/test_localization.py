@@ -28,6 +28,14 @@ P0 = np.diag([0.2, 0.3, 0.1])
 R_POSE = np.array([[0.03, 0.01, 0.0], [0.01, 0.03, 0.0], [0.0, 0.0, 0.01]])
 
 
+@pytest.fixture(scope="module", autouse=True)
+def straight_corrections():
+    """The textbook's corrections are straight; those along an arc, of a lost heading, have tests of their own."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("diffbot_control.filter.ekf.TURNED_VARIANCE", math.inf)
+        yield
+
+
 def plain(history=1.0):
     """The filter of three states that believes everything: what the textbook below does."""
     return LocalizationConfig(history, FilterConfig(filter="ekf", gate_probability=1.0))
