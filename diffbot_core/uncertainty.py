@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from diffbot_core.geometry import Pose
+
 
 class Uncertainty(NamedTuple):
     """Standard deviations of the estimate."""
@@ -13,6 +15,13 @@ class Uncertainty(NamedTuple):
     """[m] of the position, along the longer axis of its error ellipse"""
     theta: float
     """[rad]"""
+
+
+class Estimate(NamedTuple):
+    """What a controller receives: the robot's pose and how well it is known, in the frame of the goal pose."""
+
+    pose: Pose
+    uncertainty: Uncertainty
 
 
 CERTAIN = Uncertainty(0.0, 0.0)

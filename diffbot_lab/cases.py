@@ -13,7 +13,6 @@ from diffbot_core.geometry import Pose
 from diffbot_core.schema import build, parameters_of, refuse_replaced
 from diffbot_sim.compiled.batch import FEEDBACK_CODES
 from diffbot_sim.compiled.closed_loop import Case
-from diffbot_sim.compiled.peer_laws import OURS
 from diffbot_sim.model.plant import PlantConfig
 from diffbot_sim.model.sensors import SensorConfig
 
@@ -68,7 +67,6 @@ def make_case(
     goal: Pose = ORIGIN,
     tolerance: tuple[float, float] | None = None,
     literal_rear: bool = False,
-    peer: int = OURS,
 ) -> Case:
     """Assemble what the runs of one case share.
 
@@ -79,7 +77,6 @@ def make_case(
         goal: [m, m, rad] in map.
         tolerance: [m], [rad] within which a run has settled; None for the controller's own.
         literal_rear: use the sign that the paper prints for the velocity in the rear sector.
-        peer: law that drives, see :mod:`diffbot_sim.compiled.peer_laws`.
     """
     plant, sensors, controller, filter_config = configuration
     own = controller.tolerance.xy_goal_tolerance, controller.tolerance.yaw_goal_tolerance
@@ -95,5 +92,4 @@ def make_case(
         xy_tolerance,
         yaw_tolerance,
         filter=options_of(filter_config),
-        peer=peer,
     )

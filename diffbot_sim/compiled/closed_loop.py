@@ -1,27 +1,28 @@
 """One closed loop with plain numbers only: the form that compiles, and that runs as plain Python too.
 
 It does what :func:`diffbot_sim.reference_loop.simulate` does, with the filter of :mod:`scalar_filter`; a test holds
-the two equal.
+the two equal. The loop of a law is made by :func:`make_loop`, since compiled code calls a function by its name.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from diffbot_control.filter.options import FilterConfig, FilterOptions, options_of
-from diffbot_control.law.controller import ControllerConfig, new_memory, step
-from diffbot_control.law.limits import limit_velocity
 from diffbot_control.law.polar_coordinates import in_front
-from diffbot_core.geometry import Pose, into_frame
+from diffbot_control.law.protocol import Law
+from diffbot_control.law.regions import OMEGA_G
+from diffbot_control.law.switching_law import SwitchingLaw
+from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist, WheelSpeeds
-from diffbot_core.uncertainty import Uncertainty, largest_deviation
-from diffbot_sim.compiled.peer_laws import OURS, new_peer_memory, peer_step
+from diffbot_core.uncertainty import Estimate, Uncertainty, largest_deviation
 from diffbot_sim.compiled.scalar_filter import Track, new_track
 from diffbot_sim.compiled.sensing import Robot, observe
-from diffbot_sim.model.outcome import Criteria, Outcome, add_step, new_totals, outcome_of
+from diffbot_sim.model.outcome import Criteria, LawState, Outcome, add_step, new_totals, outcome_of
 from diffbot_sim.model.philox import WHEEL_BLOCK, NoiseKey, draw
 from diffbot_sim.model.plant import PlantConfig, PlantState, plant_step
 from diffbot_sim.model.sensors import SensorConfig, due, fix_at
@@ -37,7 +38,8 @@ class Case(NamedTuple):
 
     plant: PlantConfig
     sensors: SensorConfig
-    controller: ControllerConfig
+    controller: Any
+    """configuration of the law, an instance of its Config"""
     goal: Pose
     feedback: int
     literal_rear: bool
@@ -51,8 +53,6 @@ class Case(NamedTuple):
     """None for a feedback without a filter: the compiler then leaves the filter out, see :func:`_filtered`"""
     landmarks: Any = NO_LANDMARKS
     """(n, 2) array of their x, y [m]"""
-    peer: int = OURS
-    """which law drives, see :mod:`peer_laws`; of ``controller`` a peer keeps the limits of the velocity"""
 
 
 class Feedback(NamedTuple):
@@ -66,43 +66,55 @@ class Feedback(NamedTuple):
     """False before there is one"""
 
 
-def run_loop(case: Case, seed: int, run: int, start: Pose, history: Any) -> Outcome:
-    """Do one run.
+def make_loop(law: Law) -> Callable[[Case, int, int, Pose, Any], Outcome]:
+    """Return the function that does one run under a law; it compiles if the law's functions do."""
+    new_memory, step = law.new_memory, law.step
 
-    Args:
-        case: what all runs share.
-        seed: of the campaign.
-        run: number of the run.
-        start: true pose at first, in map.
-        history: (steps + 1, 8) array whose rows are filled, or (0, 8) for none.
-    """
-    t_s = case.plant.sampling_time
-    criteria = Criteria(case.goal, case.xy_tolerance, case.yaw_tolerance, t_s, case.steps)
+    def run_loop(case: Case, seed: int, run: int, start: Pose, history: Any) -> Outcome:
+        """Do one run.
+
+        Args:
+            case: what all runs share; ``controller`` is of the law's Config.
+            seed: of the campaign.
+            run: number of the run.
+            start: true pose at first, in map.
+            history: (steps + 1, 8) array whose rows are filled, or (0, 8) for none.
+        """
+        t_s = case.plant.sampling_time
+        criteria = Criteria(case.goal, case.xy_tolerance, case.yaw_tolerance, t_s, case.steps)
+        state = _at_rest(start)
+        memory = new_memory(case.controller)
+        answer = LawState(OMEGA_G, False)
+        feedback = Feedback(_new_track(case.filter), start, False)
+        totals = new_totals()
+        for index in range(case.steps + 1):
+            feedback = _observe(case, NoiseKey(seed, run, index), state, feedback)
+            command = Twist(0.0, 0.0)
+            if feedback.known:
+                dt = t_s if index > 0 else 0.0
+                estimate = Estimate(feedback.pose, _uncertainty(case, feedback))
+                memory, command, report = step(memory, estimate, case.goal, dt, case.controller)
+                answer = LawState(report.region, memory.reached)
+                if case.literal_rear and not in_front(report.alpha):
+                    command = Twist(-command.v, command.omega)
+            if len(history) > 0:
+                _record(history, index, state.pose, feedback, command)
+            before = state.pose
+            if index < case.steps:
+                state = plant_step(state, command, draw(seed, run, index, WHEEL_BLOCK), case.plant)
+            totals = add_step(totals, criteria, index, answer, command, before, state.pose)
+        return outcome_of(totals, criteria, feedback.pose, feedback.known, state.pose)
+
+    return run_loop
+
+
+run_loop = make_loop(SwitchingLaw)
+"""One run under this project's law."""
+
+
+def _at_rest(pose: Pose) -> PlantState:
     rest = WheelSpeeds(0.0, 0.0)
-    state = PlantState(start, Twist(0.0, 0.0), rest, rest, rest, Pose(0.0, 0.0, 0.0), 0)
-    memory = new_memory()
-    peer_memory = new_peer_memory()
-    feedback = Feedback(_new_track(case.filter), start, False)
-    totals = new_totals()
-    for index in range(case.steps + 1):
-        feedback = _observe(case, NoiseKey(seed, run, index), state, feedback)
-        command = Twist(0.0, 0.0)
-        if feedback.known and case.peer != OURS:
-            peer_memory, requested = peer_step(case.peer, peer_memory, into_frame(feedback.pose, case.goal))
-            command = limit_velocity(requested, case.controller.limits, case.controller.wheels)
-        elif feedback.known:
-            dt = t_s if index > 0 else 0.0
-            uncertainty = _uncertainty(case, feedback)
-            memory, command, report = step(memory, feedback.pose, case.goal, dt, case.controller, uncertainty)
-            if case.literal_rear and not in_front(report.alpha):
-                command = Twist(-command.v, command.omega)
-        if len(history) > 0:
-            _record(history, index, state.pose, feedback, command)
-        before = state.pose
-        if index < case.steps:
-            state = plant_step(state, command, draw(seed, run, index, WHEEL_BLOCK), case.plant)
-        totals = add_step(totals, criteria, index, memory.switching.region, command, before, state.pose)
-    return outcome_of(totals, criteria, memory.switching.switches, feedback.pose, feedback.known, state.pose)
+    return PlantState(pose, Twist(0.0, 0.0), rest, rest, rest, Pose(0.0, 0.0, 0.0), 0)
 
 
 def _uncertainty(case: Case, feedback: Feedback) -> Uncertainty:
