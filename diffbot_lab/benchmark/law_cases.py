@@ -14,7 +14,7 @@ from diffbot_control.law.presets import PAPER, PAPER_COVARIANCE, PRESETS, TUNED
 from diffbot_core.geometry import Pose
 from diffbot_lab.cases import Configuration, make_case
 from diffbot_lab.paper.scenarios import GOAL, HEADINGS_B, starts_of
-from diffbot_sim.compiled import peer_laws as peers
+
 from diffbot_sim.compiled.closed_loop import Case
 from diffbot_sim.model.plant import PlantConfig
 from diffbot_sim.model.sensors import SensorConfig
@@ -60,7 +60,7 @@ LAWS = (
     Law(
         "tuned",
         "switching law, tuned",
-        peers.OURS,
+        0,
         TUNED_CONTROLLER,
         "law (17) of the paper, gains for a double pole, radius from the covariance (control.md)",
         "go-to-pose in open space with a noisy estimate; forwards or backwards",
@@ -68,7 +68,7 @@ LAWS = (
     Law(
         "paper_covariance",
         "switching law, paper's gains",
-        peers.OURS,
+        0,
         PRESETS[PAPER_COVARIANCE],
         "law (17) with the paper's gains, radius from the covariance",
         "what the gains alone change",
@@ -76,7 +76,7 @@ LAWS = (
     Law(
         "paper_fixed",
         "switching law, paper's",
-        peers.OURS,
+        0,
         PRESETS[PAPER],
         "law (17) with the paper's gains and a fixed radius of 0.5 m",
         "the paper's law as published; made for a heading, not for a position within 0.1 m",
@@ -84,7 +84,7 @@ LAWS = (
     Law(
         "graceful_pose",
         "Park & Kuipers, to the pose",
-        peers.GRACEFUL_POSE,
+        0,
         _LIMITS_ONLY,
         f"{_PARK}, 1.3 m/s, initial rotation, straight to the goal's pose",
         "comfortable forward motion of a wheelchair along a smooth curve to a pose; forwards only",
@@ -92,7 +92,7 @@ LAWS = (
     Law(
         "graceful",
         "Nav2 graceful, 1.3 m/s",
-        peers.GRACEFUL,
+        0,
         _LIMITS_ONLY,
         f"{_PARK}, 1.3 m/s, allow_backward, prefer_final_rotation",
         "following a planned path; here straight to the goal, then a rotation in place",
@@ -100,7 +100,7 @@ LAWS = (
     Law(
         "graceful_shipped",
         "Nav2 graceful, as shipped",
-        peers.GRACEFUL_SHIPPED,
+        0,
         _LIMITS_ONLY,
         f"{_PARK}, all defaults: 0.5 m/s, target 1 m ahead on the path",
         "following a planned path indoors at 0.33 m/s (a target 1 m ahead is inside its slowdown_radius)",
@@ -108,7 +108,7 @@ LAWS = (
     Law(
         "polar",
         "polar law, Siegwart's gains",
-        peers.POLAR,
+        0,
         _LIMITS_ONLY,
         "A. Astolfi, J. Dyn. Syst. Meas. Control 121 (1999); gains of Siegwart and Nourbakhsh (2004)",
         "exponential convergence from an exact pose; textbook",
@@ -116,7 +116,7 @@ LAWS = (
     Law(
         "polar_fast",
         "polar law, PythonRobotics",
-        peers.POLAR_FAST,
+        0,
         _LIMITS_ONLY,
         "the same law with gains and sectors of PythonRobotics' move_to_pose",
         "teaching, in a simulation without noise at 100 Hz",
@@ -124,7 +124,7 @@ LAWS = (
     Law(
         "aicardi",
         "Aicardi, stopping",
-        peers.AICARDI,
+        0,
         _LIMITS_ONLY,
         f"{_AICARDI}, holding still once the goal is reached",
         "smooth steering of a unicycle from an exact pose; forwards or backwards",
@@ -132,7 +132,7 @@ LAWS = (
     Law(
         "aicardi_endless",
         "Aicardi, never stopping",
-        peers.AICARDI_ENDLESS,
+        0,
         _LIMITS_ONLY,
         f"{_AICARDI}, without an end",
         "the same as the paper simulates it: what holding still is worth",
