@@ -37,8 +37,8 @@ _NEAR = 1e-9
 class GracefulConfig(NamedTuple):
     """Parameters under their names in Nav2's parameter_handler.cpp (github.com/ros-navigation/navigation2).
 
-    Nav2 drives to a target on a planned path, at most ``max_lookahead`` ahead. There is no planner here: the path is the
-    straight line from the robot to the goal, planned anew at each pose.
+    Nav2 drives to a target on a planned path, at most ``max_lookahead`` ahead. There is no planner here: the path is
+    the straight line from the robot to the goal, planned anew at each pose.
     """
 
     prefer_final_rotation: Annotated[
