@@ -16,6 +16,7 @@ from diffbot_lab.cases import Configuration, make_case
 from diffbot_lab.paper.scenarios import GOAL, HEADINGS_B, starts_of
 from diffbot_sim.compiled import peer_laws as peers
 from diffbot_sim.compiled.closed_loop import Case
+from diffbot_sim.model.actuators import ActuatorConfig
 from diffbot_sim.model.plant import PlantConfig
 from diffbot_sim.model.sensors import SensorConfig
 
@@ -167,7 +168,10 @@ CHALLENGES = (
         filter=CALIBRATING,
     ),
     Challenge(
-        "wheels_limited", "wheel speeds limited to v_max", TUNED_CONTROLLER, PlantConfig(wheel_speed_max=V_MAX / 0.05)
+        "wheels_limited",
+        "wheel speeds limited to v_max",
+        TUNED_CONTROLLER,
+        PlantConfig(actuators=ActuatorConfig(wheel_speed_max=V_MAX / 0.05)),
     ),
 )
 DELAYED = Challenge("fix_delay", "fixes 100 ms late", TUNED_CONTROLLER, sensors=SensorConfig(fix_delay=0.1))

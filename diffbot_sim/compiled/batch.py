@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose, wrap_angle
-from diffbot_sim.compiled.closed_loop import EKF, RAW, TRUTH, Case, run_loop
+from diffbot_sim.compiled.closed_loop import EKF, RAW, TRUTH, Case, prepared, run_loop
 from diffbot_sim.compiled.jit import compile_kernel, make_callable
 from diffbot_sim.model.outcome import Outcome
 from diffbot_sim.model.philox import START_BLOCK, draw
@@ -44,11 +44,18 @@ def check_case(case: Case, starts: Starts) -> None:
     """Refuse what the compiled loop does not support.
 
     Raises:
-        InvalidValueError: for delayed measurements, which need the filter's history; less than one step; no start.
+        InvalidValueError: for measurements later than the history; less than one step; no start.
     """
-    for name in ("fix_delay", "heading_delay"):
-        if getattr(case.sensors, name) > 0.0:
-            raise InvalidValueError(name, getattr(case.sensors, name), "0 in a batch")
+    sensors, bound = case.sensors, case.history_length
+    for name, delay in (
+        (
+            "fix_delay + fix_delay_jitter" if sensors.fix_delay_jitter > 0.0 else "fix_delay",
+            sensors.fix_delay + sensors.fix_delay_jitter,
+        ),
+        ("heading_delay", sensors.heading_delay),
+    ):
+        if delay > bound:
+            raise InvalidValueError(name, delay, f"<= {bound:g} s, the length of the filter's history")
     if case.steps < 1:
         raise InvalidValueError("steps", case.steps, ">= 1")
     if starts.poses.ndim != 2 or starts.poses.shape[1:] != (3,) or len(starts.poses) == 0:
@@ -107,8 +114,7 @@ def _filled(
 ) -> tuple[Array, Array]:
     """Return outcomes and histories; without histories these have no rows, so that one kernel serves both."""
     check_case(case, starts)
-    if case.feedback != EKF:
-        case = case._replace(filter=None)
+    case = prepared(case)
     outcomes: Array = np.empty((count, len(COLUMNS)))
     histories: Array = np.empty((count, case.steps + 1 if with_histories else 0, len(HISTORY_COLUMNS)))
     chunk = _LONG_CHUNK if with_histories else _CHUNK

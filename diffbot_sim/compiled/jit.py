@@ -19,8 +19,8 @@ from diffbot_control.law import controller, goal_checker, limits, lyapunov_law, 
 from diffbot_core import geometry, kinematics, uncertainty
 from diffbot_core.code_hash import hash_of_code
 from diffbot_core.errors import DiffbotError
-from diffbot_sim.compiled import closed_loop, open_loop, peer_laws, scalar_ekf, scalar_filter, sensing
-from diffbot_sim.model import outcome, philox, plant, sensors
+from diffbot_sim.compiled import closed_loop, late_fusion, open_loop, peer_laws, scalar_ekf, scalar_filter, sensing
+from diffbot_sim.model import actuators, outcome, philox, plant, sensors
 
 MODULES = (
     geometry,
@@ -35,6 +35,7 @@ MODULES = (
     reapproach,
     controller,
     philox,
+    actuators,
     plant,
     sensors,
     outcome,
@@ -43,6 +44,7 @@ MODULES = (
     scalar_ekf,
     scalar_filter,
     sensing,
+    late_fusion,
     peer_laws,
     closed_loop,
     open_loop,
