@@ -20,7 +20,7 @@ from diffbot_control.law.protocol import Law
 from diffbot_control.law.switching_law import SwitchingLaw
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose, wrap_angle
-from diffbot_sim.compiled.closed_loop import EKF, RAW, TRUTH, Case, make_loop
+from diffbot_sim.compiled.closed_loop import EKF, RAW, TRUTH, Case, make_loop, prepared
 from diffbot_sim.compiled.jit import compile_kernel, make_callable, make_law_callable
 from diffbot_sim.model.outcome import Outcome
 from diffbot_sim.model.philox import START_BLOCK, draw
@@ -51,11 +51,18 @@ def check_case(case: Case, starts: Starts) -> None:
     """Refuse what the compiled loop does not support.
 
     Raises:
-        InvalidValueError: for delayed measurements, which need the filter's history; less than one step; no start.
+        InvalidValueError: for measurements later than the history; less than one step; no start.
     """
-    for name in ("fix_delay", "heading_delay"):
-        if getattr(case.sensors, name) > 0.0:
-            raise InvalidValueError(name, getattr(case.sensors, name), "0 in a batch")
+    sensors, bound = case.sensors, case.history_length
+    for name, delay in (
+        (
+            "fix_delay + fix_delay_jitter" if sensors.fix_delay_jitter > 0.0 else "fix_delay",
+            sensors.fix_delay + sensors.fix_delay_jitter,
+        ),
+        ("heading_delay", sensors.heading_delay),
+    ):
+        if delay > bound:
+            raise InvalidValueError(name, delay, f"<= {bound:g} s, the length of the filter's history")
     if case.steps < 1:
         raise InvalidValueError("steps", case.steps, ">= 1")
     if starts.poses.ndim != 2 or starts.poses.shape[1:] != (3,) or len(starts.poses) == 0:
@@ -167,8 +174,7 @@ def _filled(
 ) -> tuple[Array, Array]:
     """Return outcomes and histories; without histories these have no rows, so that one kernel serves both."""
     check_case(case, starts)
-    if case.feedback != EKF:
-        case = case._replace(filter=None)
+    case = prepared(case)
     count = len(runs)
     outcomes: Array = np.empty((count, len(COLUMNS)))
     histories: Array = np.empty((count, case.steps + 1 if with_histories else 0, len(HISTORY_COLUMNS)))

@@ -30,9 +30,9 @@ from diffbot_control.law.protocol import Law
 from diffbot_core import geometry, kinematics, uncertainty
 from diffbot_core.code_hash import DIGITS, hash_of_code
 from diffbot_core.errors import DiffbotError
-from diffbot_sim.compiled import closed_loop, open_loop, scalar_ekf, scalar_filter, sensing
+from diffbot_sim.compiled import closed_loop, late_fusion, open_loop, scalar_ekf, scalar_filter, sensing
 from diffbot_sim.compiled.reachable import reachable_functions, source_files
-from diffbot_sim.model import outcome, philox, plant, sensors
+from diffbot_sim.model import actuators, outcome, philox, plant, sensors
 
 MODULES = (
     geometry,
@@ -48,6 +48,7 @@ MODULES = (
     controller,
     switching_law,
     philox,
+    actuators,
     plant,
     sensors,
     outcome,
@@ -56,6 +57,7 @@ MODULES = (
     scalar_ekf,
     scalar_filter,
     sensing,
+    late_fusion,
     closed_loop,
     open_loop,
 )

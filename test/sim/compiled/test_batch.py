@@ -19,6 +19,7 @@ from diffbot_lab.metrics import goal_metrics, path_length
 from diffbot_sim.compiled import batch
 from diffbot_sim.compiled.batch import COLUMNS, FEEDBACK_CODES, HISTORY_COLUMNS, Starts, run_batch, run_histories
 from diffbot_sim.compiled.closed_loop import Case, run_loop
+from diffbot_sim.model.actuators import ActuatorConfig
 from diffbot_sim.model.plant import PlantConfig
 from diffbot_sim.model.sensors import SensorConfig
 from diffbot_sim.model.simulator import StartPose, WorldConfig
@@ -71,7 +72,7 @@ WORLDS = {
         START,
     ),
     "limits everywhere": (
-        PlantConfig(wheel_speed_max=18.0, wheel_acceleration_max=30.0),
+        PlantConfig(actuators=ActuatorConfig(wheel_speed_max=18.0, wheel_acceleration_max=30.0)),
         SensorConfig(),
         LIMITED,
         ORIGIN,
