@@ -17,7 +17,7 @@ from diffbot_control.law.limits import limit_velocity
 from diffbot_control.law.polar_coordinates import in_front
 from diffbot_core.geometry import Pose, into_frame
 from diffbot_core.kinematics import Twist, WheelSpeeds
-from diffbot_core.uncertainty import Uncertainty, largest_deviation
+from diffbot_core.uncertainty import Estimate, Uncertainty, largest_deviation
 from diffbot_sim.compiled.peer_laws import OURS, new_peer_memory, peer_step
 from diffbot_sim.compiled.scalar_filter import Track, new_track
 from diffbot_sim.compiled.sensing import Robot, observe
@@ -89,11 +89,13 @@ def run_loop(case: Case, seed: int, run: int, start: Pose, history: Any) -> Outc
         command = Twist(0.0, 0.0)
         if feedback.known and case.peer != OURS:
             peer_memory, requested = peer_step(case.peer, peer_memory, into_frame(feedback.pose, case.goal))
-            command = limit_velocity(requested, case.controller.limits, case.controller.wheels)
+            command = limit_velocity(requested, case.controller.data_sheet)
         elif feedback.known:
             dt = t_s if index > 0 else 0.0
             uncertainty = _uncertainty(case, feedback)
-            memory, command, report = step(memory, feedback.pose, case.goal, dt, case.controller, uncertainty)
+            memory, command, report = step(
+                memory, Estimate(feedback.pose, uncertainty), case.goal, dt, case.controller
+            )
             if case.literal_rear and not in_front(report.alpha):
                 command = Twist(-command.v, command.omega)
         if len(history) > 0:

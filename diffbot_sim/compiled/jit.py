@@ -15,8 +15,23 @@ from types import ModuleType
 from typing import Any
 
 from diffbot_control.filter import adaptation, gate, models
-from diffbot_control.law import controller, goal_checker, limits, lyapunov_law, polar_coordinates, reapproach, regions
-from diffbot_core import geometry, kinematics, uncertainty
+from diffbot_control.law import (
+    braking_step,
+    configuration,
+    controller,
+    finish,
+    goal_checker,
+    latency,
+    limits,
+    lyapunov_law,
+    paper_step,
+    polar_coordinates,
+    reapproach,
+    regions,
+    speed_profile,
+    steering,
+)
+from diffbot_core import data_sheet, geometry, kinematics, uncertainty
 from diffbot_core.code_hash import hash_of_code
 from diffbot_core.errors import DiffbotError
 from diffbot_sim.compiled import closed_loop, open_loop, peer_laws, scalar_ekf, scalar_filter, sensing
@@ -33,6 +48,14 @@ MODULES = (
     limits,
     goal_checker,
     reapproach,
+    data_sheet,
+    speed_profile,
+    steering,
+    latency,
+    finish,
+    configuration,
+    paper_step,
+    braking_step,
     controller,
     philox,
     plant,
