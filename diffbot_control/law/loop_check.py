@@ -28,7 +28,7 @@ def unstable_gains(config: ControllerConfig, t_s: float) -> str:
         parts = _steep_profiles(config, t_s)
     if not parts:
         return ""
-    return f"gains are not stable at {t_s:.3g} s per step: {'; '.join(parts)}"
+    return f"gains are not stable at {t_s:.3g} s per step, {'; '.join(parts)}"
 
 
 def _unstable_poles(gains: Gains, t_s: float) -> list[str]:
@@ -39,7 +39,8 @@ def _unstable_poles(gains: Gains, t_s: float) -> list[str]:
         ("gamma (distance)", distance),
         ("k_2 (heading in Omega_L)", heading),
     )
-    return [f"{name}: eigenvalue {size:.2f}, must be inside the unit circle" for name, size in parts if size >= 1.0]
+    found = [f"{name}: {size:.2f}" for name, size in parts if size >= 1.0]
+    return [f"eigenvalues must be inside the unit circle: {', '.join(found)}"] if found else []
 
 
 def _steps_late(data_sheet: DataSheet, t_s: float) -> int:
