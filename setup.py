@@ -18,7 +18,7 @@ EXECUTABLES = {
     "diffbot": "diffbot_lab.cli:main",
 }
 LAWS = {
-    "switching": "diffbot_control.law.switching_law:SwitchingLaw",
+    "switching": "diffbot_control.law.controller:SwitchingLaw",
     "aicardi": "diffbot_lab.laws.aicardi:Aicardi",
     "feedback_linearisation": "diffbot_lab.laws.feedback_linearisation:FeedbackLinearisation",
     "graceful": "diffbot_lab.laws.graceful:Graceful",

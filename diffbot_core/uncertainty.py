@@ -17,18 +17,19 @@ class Uncertainty(NamedTuple):
     """[rad]"""
 
 
-class Estimate(NamedTuple):
-    """What a controller receives: the robot's pose and how well it is known, in the frame of the goal pose."""
-
-    pose: Pose
-    uncertainty: Uncertainty
-
-
 CERTAIN = Uncertainty(0.0, 0.0)
 """Of an estimate assumed exact: the default of library calls without an uncertainty.
 
 A message never means this: its all-zero covariance means *unknown*.
 """
+
+
+class Estimate(NamedTuple):
+    """What a controller receives: where the robot is, and how well that is known."""
+
+    pose: Pose
+    """in the frame of the goal's pose, e.g. ``map``"""
+    uncertainty: Uncertainty = CERTAIN
 
 
 def largest_deviation(xx: float, xy: float, yy: float) -> float:

@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diffbot_control.filter.covariance import uncertainty_of
-from diffbot_control.filter.localization import Estimate, Localization, LocalizationConfig
+from diffbot_control.filter.localization import Estimate as FilterEstimate
+from diffbot_control.filter.localization import Localization, LocalizationConfig
 from diffbot_control.filter.measurements import Measurement
 from diffbot_control.law.controller import ControllerConfig, ControllerMemory, step
 from diffbot_core.errors import BadMessageError, InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
-from diffbot_core.uncertainty import CERTAIN, Uncertainty
+from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
 from diffbot_sim.model.outcome import Criteria, LawState, Outcome, add_step, new_totals, outcome_of
 from diffbot_sim.model.simulator import World, WorldConfig
 
@@ -96,7 +97,9 @@ def simulate(
         pose = source.pose(world)
         command = Twist(0.0, 0.0)
         if pose is not None:
-            memory, command, _ = step(memory, pose, goal, t_s if index else 0.0, controller, source.uncertainty())
+            memory, command, _ = step(
+                memory, Estimate(pose, source.uncertainty()), goal, t_s if index else 0.0, controller
+            )
             rows[index, 3:6] = pose
         rows[index, 0:3] = world.state.pose
         rows[index, 6:8] = command
@@ -115,7 +118,7 @@ class _Feedback:
         self._feedback = feedback
         self._localization = localization
         self._newest: Pose | None = None
-        self._estimate: Estimate | None = None
+        self._estimate: FilterEstimate | None = None
 
     def pose(self, world: World) -> Pose | None:
         """Return the pose at the present step, None before there is one; to be called once a step."""

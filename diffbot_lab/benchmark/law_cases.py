@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diffbot_control.filter.options import CALIBRATING, EKF, FilterConfig
+from diffbot_control.law.presets import PRECISE, PRESETS, TUNED
 from diffbot_core.errors import InvalidValueError
-from diffbot_core.schema import build, parameters_of
+from diffbot_core.schema import build, parameters_of, to_dict
 from diffbot_lab.paper.scenarios import HEADINGS_B, starts_of
 from diffbot_sim.model.plant import PlantConfig
 from diffbot_sim.model.sensors import SensorConfig
@@ -51,6 +52,7 @@ class ArenaCase(NamedTuple):
     xy_tolerance: float = XY_TOLERANCE
 
 
+_PRECISE = {name: value for name, value in to_dict(PRESETS[PRECISE]).items() if value != to_dict(PRESETS[TUNED])[name]}
 _RIM_DEAD_BAND = 0.03
 """[m/s]"""
 _STICTION = {"dead_band": _RIM_DEAD_BAND / WHEEL_RADIUS, "breakaway": _RIM_DEAD_BAND / WHEEL_RADIUS}
@@ -128,7 +130,7 @@ CASES = (
     ArenaCase("acceleration_docking", "docking starts", ACCELERATION, _ACCELERATION, _KNOWN_ACCELERATION, DOCKING),
     ArenaCase("mix", "realistic mix, data sheet known", ACCELERATION, _MIX, _KNOWN_MIX, filter=CALIBRATING),
     ArenaCase("random_mix", "realistic mix, starts 0.2 to 15 m away", ACCELERATION, _MIX, _KNOWN_MIX, FAR, CALIBRATING),
-    ArenaCase("precise", "xy_goal_tolerance 0.03 m", OWN, own={"xy_goal_tolerance": 0.03}),
+    ArenaCase("precise", "preset precise: xy_goal_tolerance 0.03 m", OWN, own=_PRECISE),
     ArenaCase("ts_005", "Ts 0.05 s", OWN, {"sampling_time": 0.05}),
     ArenaCase("ts_02", "Ts 0.2 s", OWN, {"sampling_time": 0.2}),
     ArenaCase("fixes_2_hz", "fixes at 2 Hz", OWN, {"fix_rate": 2.0}),

@@ -34,13 +34,16 @@ class Entry(NamedTuple):
 
 
 _OWN_SPACE: Space = {
-    "k": (1.0, 8.0),
-    "h": (0.1, 4.0),
-    "k_2": (1.0, 8.0),
-    "gamma": (0.8, 3.0),
-    "eps_P_sigmas": (1.0, 3.0),
+    "brake": (1.0, 8.0),
+    "react": (0.2, 1.2),
+    "sigma_known": (0.01, 0.1),
+    "bearing_weight": (0.05, 4.0),
+    "turn_brake": (2.0, 20.0),
+    "turn_react": (0.12, 1.0),
+    "hold_brake": (2.0, 20.0),
+    "hold_react": (0.12, 1.0),
+    "eps_P_sigmas": (0.5, 4.0),
     "eps_P_min": (0.0, 0.05),
-    "reapproach_share": (0.3, 1.0),
 }
 _STOP: Space = {"stop_distance": (0.005, 0.09), "stop_angle": (0.01, 0.09)}
 _TURNING: Space = {"turn_brake": (2.0, 20.0), "turn_time": (0.12, 1.0)}

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from typing import Annotated, NamedTuple
 
-from diffbot_control.law.controller import Report
+from diffbot_control.law.configuration import Report
+from diffbot_control.law.latency import Actuation, coast, is_immediate, resting_actuation
 from diffbot_control.law.polar_coordinates import Navigation, navigation_variables
 from diffbot_control.law.regions import OMEGA_G
 from diffbot_core.data_sheet import DataSheet
@@ -13,7 +14,6 @@ from diffbot_core.geometry import Pose, into_frame, wrap_angle
 from diffbot_core.kinematics import Twist, WheelGeometry
 from diffbot_core.schema import Spec
 from diffbot_core.uncertainty import Estimate
-from diffbot_lab.laws.compensation import UnderWay, coasted, moved, nothing_under_way, sent
 
 ROTATING, DRIVING, FINISHING, REACHED = 0, 1, 2, 3
 """Phases: turning towards the goal, driving there, turning to the goal's heading, holding still."""
@@ -56,7 +56,10 @@ class LawMemory(NamedTuple):
     """Memory of a law of this room."""
 
     state: LawState
-    under_way: UnderWay
+    actuation: Actuation
+    """commands under way"""
+    command: Twist
+    """the last one"""
     reached: bool
 
 
@@ -68,21 +71,25 @@ class Situation(NamedTuple):
     navigation: Navigation
     sigma: float
     """[m] standard deviation of the position"""
-    under_way: UnderWay
+    actuation: Actuation
+    last: Twist
+    """command of the last step"""
     dt: float
     """[s] since the last step"""
 
 
 def new_law_memory() -> LawMemory:
     """Return the memory at rest with a new goal."""
-    return LawMemory(LawState(ROTATING, 0.0, 0.0), nothing_under_way(), False)
+    return LawMemory(LawState(ROTATING, 0.0, 0.0), resting_actuation(), Twist(0.0, 0.0), False)
 
 
 def situation_of(memory: LawMemory, estimate: Estimate, goal: Pose, dt: float, sheet: DataSheet) -> Situation:
     """Return the situation at a step."""
-    under_way = moved(memory.under_way, dt, sheet)
-    pose = coasted(into_frame(estimate.pose, goal), under_way, dt, sheet)
-    return Situation(pose, navigation_variables(pose), estimate.uncertainty.xy, under_way, dt)
+    pose, actuation = into_frame(estimate.pose, goal), memory.actuation
+    if not is_immediate(sheet):
+        coasted = coast(pose, actuation, memory.command, dt, sheet)
+        pose, actuation = coasted.pose, coasted.actuation
+    return Situation(pose, navigation_variables(pose), estimate.uncertainty.xy, actuation, memory.command, dt)
 
 
 def conclude(
@@ -90,12 +97,12 @@ def conclude(
 ) -> tuple[LawMemory, Twist, Report]:
     """Bring a requested command within the data sheet; return memory, command and report."""
     command = lifted(limit_speed(requested, sheet), sheet)
-    command = limit_change(command, situation.under_way.commands[-1], situation.dt, sheet)
+    command = limit_change(command, situation.last, situation.dt, sheet)
     if not (math.isfinite(command.v) and math.isfinite(command.omega)):
         command = STOP
     rho, alpha, beta = situation.navigation
     report = Report(rho, alpha, beta, situation.pose.theta, 0.0, region, math.nan)
-    return LawMemory(state, sent(situation.under_way, command), state.phase == REACHED), command, report
+    return LawMemory(state, situation.actuation, command, state.phase == REACHED), command, report
 
 
 def braking_speed(distance: float, brake: float, time: float) -> float:

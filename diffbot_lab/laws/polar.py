@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, NamedTuple
 
-from diffbot_control.law.controller import Report
+from diffbot_control.law.configuration import Report
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import Twist

@@ -16,8 +16,8 @@ import numpy as np
 from numba.core.errors import NumbaError
 from numpy.typing import NDArray
 
+from diffbot_control.law.controller import SwitchingLaw
 from diffbot_control.law.protocol import Law
-from diffbot_control.law.switching_law import SwitchingLaw
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_sim.compiled.closed_loop import EKF, RAW, TRUTH, Case, make_loop, prepared

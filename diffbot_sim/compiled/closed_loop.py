@@ -14,10 +14,10 @@ import numpy as np
 
 from diffbot_control.filter.localization import LocalizationConfig
 from diffbot_control.filter.options import FilterConfig, FilterOptions, options_of
+from diffbot_control.law.controller import SwitchingLaw
 from diffbot_control.law.polar_coordinates import in_front
 from diffbot_control.law.protocol import Law
 from diffbot_control.law.regions import OMEGA_G
-from diffbot_control.law.switching_law import SwitchingLaw
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import Estimate, Uncertainty, largest_deviation

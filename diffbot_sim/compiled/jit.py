@@ -17,17 +17,23 @@ from typing import Any
 
 from diffbot_control.filter import adaptation, gate, models
 from diffbot_control.law import (
+    braking_step,
+    configuration,
     controller,
+    finish,
     goal_checker,
+    latency,
     limits,
     lyapunov_law,
+    paper_step,
     polar_coordinates,
     reapproach,
     regions,
-    switching_law,
+    speed_profile,
+    steering,
 )
 from diffbot_control.law.protocol import Law
-from diffbot_core import geometry, kinematics, uncertainty
+from diffbot_core import data_sheet, geometry, kinematics, uncertainty
 from diffbot_core.code_hash import DIGITS, hash_of_code
 from diffbot_core.errors import DiffbotError
 from diffbot_sim.compiled import closed_loop, late_fusion, open_loop, scalar_ekf, scalar_filter, sensing
@@ -45,8 +51,15 @@ MODULES = (
     limits,
     goal_checker,
     reapproach,
+    data_sheet,
+    speed_profile,
+    steering,
+    latency,
+    finish,
+    configuration,
+    paper_step,
+    braking_step,
     controller,
-    switching_law,
     philox,
     actuators,
     plant,

@@ -8,15 +8,16 @@ import pytest
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
 
-from diffbot_control.law.controller import ControllerConfig, ControllerMemory, step
+from diffbot_control.law import controller
+from diffbot_control.law.controller import ControllerConfig, ControllerMemory
 from diffbot_control.law.lyapunov_law import sampled_poles
 from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.regions import OMEGA_G, OMEGA_L, Switching, smallest_radius
 from diffbot_control.law.supervisor import SupervisorConfig
 from diffbot_control.ros.controller_parameters import CONTROLLER_PRESETS, ControllerNodeConfig
+from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
 from diffbot_core.geometry import Pose
 from diffbot_core.schema import build, parameters_of, to_dict
-from diffbot_core.uncertainty import Uncertainty
 from diffbot_sim.model.sensors import SensorConfig
 
 ORIGIN = Pose(0.0, 0.0, 0.0)
@@ -27,6 +28,11 @@ FIELDS = {
     ParameterType.PARAMETER_DOUBLE: "double_value",
     ParameterType.PARAMETER_STRING: "string_value",
 }
+
+
+def step(memory, pose, goal, dt, config, uncertainty=CERTAIN):
+    """Step with the pose and its uncertainty side by side."""
+    return controller.step(memory, Estimate(pose, uncertainty), goal, dt, config)
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -81,9 +87,9 @@ def test_only_the_papers_preset_accepts_the_lateral_error_of_its_fixed_region(na
     memory = ControllerMemory(Switching(OMEGA_L))
     for _ in range(4):
         memory, _, _ = step(memory, Pose(0.0028, 0.1049, 0.0066), ORIGIN, 0.1, PRESETS[name])
-    assert memory.settling.reached is False
+    assert memory.reached is False
     memory, _, _ = step(memory, Pose(0.0028, 0.1049, 0.0066), ORIGIN, 0.1, PRESETS[name])
-    assert memory.settling.reached is reached
+    assert memory.reached is reached
 
 
 def parameters(peer, name, names):

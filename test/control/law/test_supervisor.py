@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from diffbot_control.law.controller import ControllerConfig, ControllerMemory, step
-from diffbot_control.law.limits import Limits
+from diffbot_control.law import controller
+from diffbot_control.law.controller import ControllerConfig, ControllerMemory
 from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.regions import OMEGA_G, OMEGA_L
 from diffbot_control.law.supervisor import (
@@ -19,8 +19,9 @@ from diffbot_control.law.supervisor import (
     Supervisor,
     SupervisorConfig,
 )
+from diffbot_core.data_sheet import PAPER_DATA_SHEET
+from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
 from diffbot_core.geometry import Pose
-from diffbot_core.uncertainty import CERTAIN, Uncertainty
 
 ZERO = (0.0, 0.0)
 GOAL = Pose(0.0, 0.0, 0.0)
@@ -28,9 +29,14 @@ AWAY = Pose(-3.0, 0.0, 0.0)
 AT_GOAL = Pose(-0.01, 0.0, 0.0)
 PAPER = PRESETS["paper"]
 QUICK = PAPER._replace(tolerance=PAPER.tolerance._replace(settling_steps=2))
-SLOW_DOWN = PAPER._replace(limits=Limits(a_max=1.0))
+SLOW_DOWN = PAPER._replace(data_sheet=PAPER_DATA_SHEET._replace(a_max=1.0))
 UNSURE = Uncertainty(0.3, 0.01)
 """Twice that does not fit into the 0.4 m of the paper's preset."""
+
+
+def step(memory, pose, goal, dt, config, uncertainty=CERTAIN):
+    """Step with the pose and its uncertainty side by side."""
+    return controller.step(memory, Estimate(pose, uncertainty), goal, dt, config)
 
 
 class Story:
@@ -108,7 +114,7 @@ def test_the_time_between_stamps_goes_to_the_acceleration_limits():
     speeds = [story.pose(far, after).v for after in (0.1, 0.1, 0.3, 0.0)]
     assert speeds == pytest.approx([0.0, 0.1, 0.4, 0.4])
     assert story.pose(far, 0.25).v == pytest.approx(0.65)
-    story = Story(controller=PAPER._replace(limits=Limits(a_max=0.1)))
+    story = Story(controller=PAPER._replace(data_sheet=PAPER_DATA_SHEET._replace(a_max=0.1)))
     story.supervisor.on_goal(GOAL)
     story.pose(far)
     assert story.pose(far, 30.0).v == pytest.approx(0.1)
@@ -307,7 +313,7 @@ def test_a_new_goal_after_a_reached_one_drives_again():
     assert story.state == DRIVING
     story.pose(AT_GOAL)
     assert story.state == DRIVING
-    assert story.supervisor.memory.settling.reached is False
+    assert story.supervisor.memory.reached is False
     assert story.supervisor.report.rho == pytest.approx(5.01)
 
 
@@ -383,7 +389,7 @@ def test_an_uncertainty_that_fits_is_not_complained_of():
 
 def test_standing_in_omega_g_is_not_resting():
     # Abreast of the goal, far away: the command is small only where a turn has just ended.
-    config = PRESETS["paper"]._replace(limits=Limits(v_max=0.01, omega_max=0.01))
+    config = PRESETS["paper"]._replace(data_sheet=PAPER_DATA_SHEET._replace(v_max=0.01, omega_max=0.01))
     story = Story(controller=config)
     story.supervisor.on_goal(GOAL)
     story.pose(AWAY, uncertainty=UNSURE)
@@ -586,7 +592,7 @@ def test_the_newest_goal_or_path_wins(size):
     assert progress(story) == (1, size, ROUTE[0])
     story.supervisor.on_path(ROUTE[1:])
     assert progress(story) == (1, 2, ROUTE[1])
-    assert story.supervisor.memory.settling.reached is False
+    assert story.supervisor.memory.reached is False
     story.pose(AWAY)
     assert story.state == DRIVING
 
