@@ -23,8 +23,8 @@ from diffbot_control.law.registry import resolve_law
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.files import output_folder, write_json
 from diffbot_core.schema import parameters_of
-from diffbot_lab.benchmark.law_cases import DURATION, TRAINING, ArenaCase, cases_named
-from diffbot_lab.benchmark.law_entries import Entry, Values, entries_for
+from diffbot_lab.benchmark.law_cases import DURATION, TRAINING, ArenaCase, Values, cases_named
+from diffbot_lab.benchmark.law_entries import Entry, entries_for
 from diffbot_lab.benchmark.law_runs import run_case
 from diffbot_sim.compiled.batch import COLUMNS
 

@@ -23,6 +23,8 @@ _BRAKE_TIME = 0.1
 """[s] reaction time of braking before the goal"""
 _LIFTED_SHARE = 0.4
 """of the least command that moves: from there on a command is raised to it, below it becomes zero"""
+_REST_V, _REST_OMEGA, _REST_WAY = 0.05, 0.1, 0.01
+"""[m/s], [rad/s], [m] a robot with less rests"""
 STOP = Twist(0.0, 0.0)
 
 
@@ -74,6 +76,10 @@ class Situation(NamedTuple):
     actuation: Actuation
     last: Twist
     """command of the last step"""
+    coasting: float
+    """[m] from the estimated pose to the coasted one"""
+    reached: bool
+    """the law reported the goal as reached before"""
     dt: float
     """[s] since the last step"""
 
@@ -85,11 +91,14 @@ def new_law_memory() -> LawMemory:
 
 def situation_of(memory: LawMemory, estimate: Estimate, goal: Pose, dt: float, sheet: DataSheet) -> Situation:
     """Return the situation at a step."""
-    pose, actuation = into_frame(estimate.pose, goal), memory.actuation
+    local, actuation = into_frame(estimate.pose, goal), memory.actuation
+    pose, coasting = local, 0.0
     if not is_immediate(sheet):
-        coasted = coast(pose, actuation, memory.command, dt, sheet)
+        coasted = coast(local, actuation, memory.command, dt, sheet)
         pose, actuation = coasted.pose, coasted.actuation
-    return Situation(pose, navigation_variables(pose), estimate.uncertainty.xy, actuation, memory.command, dt)
+        coasting = math.hypot(pose.x - local.x, pose.y - local.y)
+    sigma = estimate.uncertainty.xy
+    return Situation(pose, navigation_variables(pose), sigma, actuation, memory.command, coasting, memory.reached, dt)
 
 
 def conclude(
@@ -101,8 +110,11 @@ def conclude(
     if not (math.isfinite(command.v) and math.isfinite(command.omega)):
         command = STOP
     rho, alpha, beta = situation.navigation
+    # Said when the robot rests, not while it coasts to the goal.
+    at_rest = abs(command.v) <= _REST_V and abs(command.omega) <= _REST_OMEGA and situation.coasting <= _REST_WAY
+    reached = situation.reached or (state.phase == REACHED and at_rest)
     report = Report(rho, alpha, beta, situation.pose.theta, 0.0, region, math.nan)
-    return LawMemory(state, situation.actuation, command, state.phase == REACHED), command, report
+    return LawMemory(state, situation.actuation, command, reached), command, report
 
 
 def braking_speed(distance: float, brake: float, time: float) -> float:

@@ -49,7 +49,7 @@ class FeedbackLinearisationConfig(NamedTuple):
     region_min: Annotated[float, Spec("least radius of Omega_L", "m", 0.0, 1.0)] = 0.04
     near_slope: Annotated[float, Spec("speed per distance in Omega_L", "1/s", 0.0, 20.0)] = 2.3
     turning: Turning = Turning(6.9, 0.25)
-    stop: Stop = Stop(0.1, 0.05)
+    stop: Stop = Stop(0.05, 0.05)
     data_sheet: DataSheet = DataSheet()
 
 

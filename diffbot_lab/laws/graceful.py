@@ -89,7 +89,8 @@ def graceful_speed(r: float, curvature: float, config: GracefulConfig) -> float:
     v_max = min(config.v_linear_max, config.data_sheet.v_max)
     v = v_max / (1.0 + config.beta * abs(curvature) ** config.lambda_)
     v = min(v, v_max * r / config.slowdown_radius, approach_speed(r, config.data_sheet))
-    return min(max(v, config.v_linear_min), v_max)
+    bounded: float = min(max(v, config.v_linear_min), v_max)
+    return bounded
 
 
 def graceful(state: LawState, now: Situation, config: GracefulConfig) -> tuple[LawState, Twist]:
