@@ -13,7 +13,6 @@ from threading import Lock
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba.core.errors import NumbaError
 from numpy.typing import NDArray
 
 from diffbot_control.law.controller import SwitchingLaw
@@ -124,7 +123,7 @@ class _Kernels:
             *before, outcomes, histories = example
             try:
                 kernel(*before, outcomes[:0], histories[:0])  # compiles, and runs nothing
-            except NumbaError as error:
+            except Exception as error:  # not all of numba's errors have a base in common
                 kernel = kernel.py_func
                 self._kernels[id(law)] = law, kernel
                 _log.warning("law %s runs as plain Python, numba cannot compile it: %s", law.name, _first_line(error))

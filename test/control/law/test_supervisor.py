@@ -20,8 +20,8 @@ from diffbot_control.law.supervisor import (
     SupervisorConfig,
 )
 from diffbot_core.data_sheet import PAPER_DATA_SHEET
-from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
 from diffbot_core.geometry import Pose
+from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
 
 ZERO = (0.0, 0.0)
 GOAL = Pose(0.0, 0.0, 0.0)
