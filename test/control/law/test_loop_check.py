@@ -15,12 +15,7 @@ CHECK = settings(derandomize=True, deadline=None, max_examples=200)
 PAPER = PRESETS["paper"]
 TUNED = PRESETS["tuned"]
 FAST = PAPER._replace(gains=Gains())
-GAINS = Gains()
-ANGLES = st.floats(-math.pi, math.pi, exclude_min=True)
-DISTANCES = st.floats(0.0, 1e12)
-NAVIGATIONS = st.builds(Navigation, DISTANCES, ANGLES, ANGLES)
 GAINS = st.builds(Gains, st.floats(0.1, 5.0), st.floats(0.1, 10.0), st.floats(0.01, 10.0), st.floats(0.1, 10.0))
-STEP = 1e-5
 
 
 def test_gains_that_are_stable_are_not_warned_of():
