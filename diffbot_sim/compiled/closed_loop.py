@@ -93,9 +93,7 @@ def run_loop(case: Case, seed: int, run: int, start: Pose, history: Any) -> Outc
         elif feedback.known:
             dt = t_s if index > 0 else 0.0
             uncertainty = _uncertainty(case, feedback)
-            memory, command, report = step(
-                memory, Estimate(feedback.pose, uncertainty), case.goal, dt, case.controller
-            )
+            memory, command, report = step(memory, Estimate(feedback.pose, uncertainty), case.goal, dt, case.controller)
             if case.literal_rear and not in_front(report.alpha):
                 command = Twist(-command.v, command.omega)
         if len(history) > 0:

@@ -52,7 +52,7 @@ ANGLES = st.floats(-math.pi, math.pi)
 
 
 def rate_of_v(rho, alpha, beta, v, omega, weight):
-    """dV/dt with the kinematics (3): rho' = -v cos(alpha), alpha' = v sin(alpha)/rho - omega, beta' = v sin(alpha)/rho."""
+    """dV/dt with the kinematics: rho' = -v cos(alpha), alpha' = v sin(alpha)/rho - omega, beta' = v sin(alpha)/rho."""
     turn = v * math.sin(alpha) / rho
     terms = (rho * -v * math.cos(alpha), alpha * (turn - omega), weight * beta * turn)
     return sum(terms), sum(abs(term) for term in terms) + abs(alpha * omega)
@@ -70,9 +70,11 @@ def test_the_lyapunov_function_falls_in_omega_g_with_any_profile_and_limits(rho,
 @given(st.floats(1e-3, 50.0), ANGLES, ANGLES, GAINS, SHEETS)
 def test_it_falls_with_the_back_leading_too(rho, alpha, beta, gains, sheet):
     """The robot turned round sees the goal at alpha - pi in a goal turned round, and drives the other way."""
-    v, omega = drive_and_steer(led_by(Navigation(rho, alpha, beta), BACK), 0.0, BACK, gains, sheet)
-    turned_alpha, turned_beta = math.remainder(alpha - math.pi, math.tau), math.remainder(beta - math.pi, math.tau)
-    rate, size = rate_of_v(rho, turned_alpha, turned_beta, -v, omega, gains.bearing_weight)
+    led = led_by(Navigation(rho, alpha, beta), BACK)
+    assert abs(math.remainder(led.alpha - alpha, math.tau)) == pytest.approx(math.pi)
+    assert abs(math.remainder(led.beta - beta, math.tau)) == pytest.approx(math.pi)
+    v, omega = drive_and_steer(led, 0.0, BACK, gains, sheet)
+    rate, size = rate_of_v(rho, led.alpha, led.beta, -v, omega, gains.bearing_weight)
     assert rate <= 1e-11 * (1.0 + size)
 
 
@@ -204,9 +206,7 @@ def test_a_robot_whose_data_sheet_is_known_arrives_without_spinning(start, laten
 
 
 @pytest.mark.parametrize("angle", [0.5, 1.5, 2.5, 3.1, -3.0])
-@pytest.mark.parametrize(
-    ("latency", "omega_dot"), [(0.0, INF), (0.3, INF), (0.0, 1.5), (0.2, 1.5), (0.3, 0.5)]
-)
+@pytest.mark.parametrize(("latency", "omega_dot"), [(0.0, INF), (0.3, INF), (0.0, 1.5), (0.2, 1.5), (0.3, 0.5)])
 def test_a_turn_on_the_spot_does_not_overshoot(angle, latency, omega_dot):
     sheet = TUNED.data_sheet._replace(command_latency=latency, omega_dot_max=omega_dot)
     run = Run((0.0, 0.0, angle), TUNED._replace(data_sheet=sheet), 200, latency)
@@ -266,7 +266,7 @@ def noisy(index):
     return Uncertainty(0.012 + 0.05 * math.exp(-0.03 * index), 0.005)
 
 
-@pytest.mark.parametrize("tolerance", [0.05, 0.1, 0.5, 2.0])
+@pytest.mark.parametrize("tolerance", [0.05, 0.1, 0.3])
 @pytest.mark.parametrize("y", [-1.9, -0.9, -0.6, 0.3, 0.5, 0.7, 0.93])
 def test_a_lateral_error_is_worked_off_inside_the_tolerance_before_the_goal_counts_as_reached(tolerance, y):
     goal = TUNED.tolerance._replace(xy_goal_tolerance=tolerance)
@@ -308,7 +308,9 @@ def test_the_goal_does_not_count_as_reached_while_a_try_is_due():
     memory = new_memory()._replace(switching=Switching(OMEGA_L))
     seen = []
     for _ in range(12):
-        memory, _, _ = controller.step(memory, Estimate(Pose(0.0, 0.03, 0.0), Uncertainty(0.01, 0.01)), ORIGIN, T_S, TUNED)
+        memory, _, _ = controller.step(
+            memory, Estimate(Pose(0.0, 0.03, 0.0), Uncertainty(0.01, 0.01)), ORIGIN, T_S, TUNED
+        )
         seen.append((memory.finish.phase != RESTING, memory.reached))
     assert not any(reached for _, reached in seen)
     assert seen[-1][0]

@@ -22,9 +22,9 @@ from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.reapproach import RETREATING, Reapproach
 from diffbot_control.law.regions import OMEGA_G, OMEGA_L, FixedRegionPolicy, Switching
 from diffbot_core.data_sheet import PAPER_DATA_SHEET, DataSheet
-from diffbot_core.uncertainty import CERTAIN, Estimate
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
+from diffbot_core.uncertainty import CERTAIN, Estimate
 
 CHECK = settings(derandomize=True, deadline=None, max_examples=200)
 INF = math.inf

@@ -25,10 +25,10 @@ from diffbot_control.law.regions import (
     fixed_region,
     smallest_radius,
 )
-from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
 from diffbot_core.errors import BadMessageError, InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_core.schema import build
+from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
 from diffbot_sim.model.simulator import StartPose, World, WorldConfig
 
 CHECK = settings(derandomize=True, deadline=None, max_examples=200)

@@ -15,9 +15,9 @@ from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.regions import OMEGA_G, OMEGA_L, Switching, smallest_radius
 from diffbot_control.law.supervisor import SupervisorConfig
 from diffbot_control.ros.controller_parameters import CONTROLLER_PRESETS, ControllerNodeConfig
-from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
 from diffbot_core.geometry import Pose
 from diffbot_core.schema import build, parameters_of, to_dict
+from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
 from diffbot_sim.model.sensors import SensorConfig
 
 ORIGIN = Pose(0.0, 0.0, 0.0)

@@ -37,8 +37,8 @@ from diffbot_control.law.regions import (
     Switching,
 )
 from diffbot_core.data_sheet import PAPER_DATA_SHEET
-from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
 from diffbot_core.geometry import Pose
+from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
 from diffbot_sim.model.plant import PlantConfig
 from diffbot_sim.model.sensors import SensorConfig
 from diffbot_sim.model.simulator import StartPose, WorldConfig

@@ -21,8 +21,8 @@ from diffbot_control.law.supervisor import (
     SupervisorConfig,
 )
 from diffbot_core.data_sheet import PAPER_DATA_SHEET
-from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
 from diffbot_core.geometry import Pose
+from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
 
 ZERO = (0.0, 0.0)
 GOAL = Pose(0.0, 0.0, 0.0)
@@ -332,7 +332,7 @@ def test_time_that_jumps_back_does_not_silence_the_watch():
 @pytest.mark.parametrize("hold", [True, False])
 @pytest.mark.parametrize("when_idle", [True, False])
 def test_every_state_reached_is_a_documented_one(hold, when_idle):
-    story = Story(controller=QUICK, hold_goal=hold, publish_when_idle=when_idle, goal_timeout=4.0)
+    story = Story(controller=QUICK, hold_goal=hold, publish_when_idle=when_idle, goal_timeout=0.3)
     story.supervisor.on_goal(GOAL)
     states, number = {story.state}, 7
     actions = (
