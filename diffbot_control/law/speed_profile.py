@@ -24,7 +24,7 @@ _UNKNOWN_LATENCY = 0.2
 _UNKNOWN_SHARE = 0.1
 """share of the known latency and time constant that automatic gains take for not known"""
 _DRIVE_LOOPS, _TURN_LOOPS, _HOLD_LOOPS = 2.0, 1.8, 1.6
-"""reaction times in multiples of the loop's delay; a gain of pi / 2 per delay would be the stability limit, 0.63 is used"""
+"""reaction times in multiples of the loop's delay; 2 / pi would be the limit of stability"""
 
 
 class ProfileGains(NamedTuple):
