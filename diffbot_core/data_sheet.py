@@ -36,9 +36,7 @@ class DataSheet(NamedTuple):
     ] = _INF
     omega_dot_max: Annotated[
         float,
-        Spec(
-            "bound of |domega/dt|", "rad/s^2", 0.0, 1e4, True, allow_inf=True, parameter="angular.z.max_acceleration"
-        ),
+        Spec("bound of |domega/dt|", "rad/s^2", 0.0, 1e4, True, allow_inf=True, parameter="angular.z.max_acceleration"),
     ] = _INF
     wheels: WheelGeometry = WheelGeometry()
     command_latency: Annotated[

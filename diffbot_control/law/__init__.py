@@ -21,8 +21,8 @@ from diffbot_control.law.controller import (
     step,
     stop_step,
 )
-from diffbot_control.law.goal_checker import GoalTolerance, Settling, is_knowable, within
 from diffbot_control.law.finish import Finish, FinishConfig
+from diffbot_control.law.goal_checker import GoalTolerance, Settling, is_knowable, within
 from diffbot_control.law.latency import coast
 from diffbot_control.law.limits import limit_acceleration, limit_change, limit_velocity
 from diffbot_control.law.loop_check import unstable_gains

@@ -8,6 +8,7 @@ from diffbot_control.law.configuration import AUTO, ControllerConfig, Controller
 from diffbot_control.law.finish import (
     RESTING,
     Finish,
+    Standing,
     finish_command,
     is_pending,
     next_finish,
@@ -111,14 +112,12 @@ def _switching_after(
 
 
 def _course_after(memory: ControllerMemory, region: int, upright: Pose, config: ControllerConfig) -> Course:
-    """Choose the course at a new goal and when Omega_L is left; ``upright`` is the pose in the goal's frame as given."""
+    """Choose the course at a new goal and when Omega_L is left; ``upright`` is in the frame of the goal as given."""
     course, driving = memory.course, config.driving
     if region == OMEGA_G:
         if course.leading != UNDECIDED and memory.switching.region == OMEGA_G:
             return course
-        return chosen_course(
-            navigation_variables(upright), driving.allow_backward, driving.symmetric_yaw_tolerance
-        )
+        return chosen_course(navigation_variables(upright), driving.allow_backward, driving.symmetric_yaw_tolerance)
     if course.leading == UNDECIDED and not course.turned and driving.symmetric_yaw_tolerance:
         # The first pose with this goal is already near it: only the heading is left to choose.
         return Course(UNDECIDED, memory.finish.time == 0.0 and abs(upright.theta) > HALF_PI)
@@ -137,7 +136,7 @@ def _finish_after(
         and abs(local.theta) <= tolerance.yaw_goal_tolerance
     )
     reached = memory.reached and rho <= tolerance.xy_goal_tolerance
-    return next_finish(memory.finish, local, resting, reached, uncertainty, dt, tolerance, config.finish)
+    return next_finish(memory.finish, local, Standing(resting, reached, dt), uncertainty, tolerance, config.finish)
 
 
 def _near(
@@ -157,9 +156,7 @@ def _near(
     return Twist(0.0, command.omega)
 
 
-def _far(
-    led: Navigation, sigma_xy: float, leading: int, gains: ProfileGains, config: ControllerConfig
-) -> Twist:
+def _far(led: Navigation, sigma_xy: float, leading: int, gains: ProfileGains, config: ControllerConfig) -> Twist:
     """Return the command of Omega_G; ``led`` is as of the end that leads."""
     if not config.driving.allow_backward and abs(led.alpha) >= HALF_PI and leading != BACK:
         return turn_to_the_goal(led.alpha, gains, config.data_sheet)

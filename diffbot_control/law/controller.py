@@ -71,7 +71,7 @@ class SwitchingLaw:
     Config = ControllerConfig
 
     @staticmethod
-    def new_memory(config: ControllerConfig) -> ControllerMemory:  # noqa: ARG004 - other laws may need it
+    def new_memory(config: ControllerConfig) -> ControllerMemory:
         """Return the memory at rest with a new goal."""
         return new_memory()
 

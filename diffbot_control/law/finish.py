@@ -99,6 +99,17 @@ class Finish(NamedTuple):
     """ended in this try"""
 
 
+class Standing(NamedTuple):
+    """How the robot stands at a pose."""
+
+    resting: bool
+    """speed and heading are within the tolerances"""
+    reached: bool
+    """the goal is reached and the error within the tolerance: nothing begins any more"""
+    dt: float
+    """[s] since the last pose"""
+
+
 class FinishScale(NamedTuple):
     """Sizes that follow from goal and uncertainty."""
 
@@ -117,7 +128,9 @@ def without_finish(state: Finish) -> Finish:
     return Finish(RESTING, 0.0, 0.0, state.tries, 0, state.time, 0)
 
 
-def finish_scale(lateral: float, uncertainty: Uncertainty, tolerance: GoalTolerance, config: FinishConfig) -> FinishScale:
+def finish_scale(
+    lateral: float, uncertainty: Uncertainty, tolerance: GoalTolerance, config: FinishConfig
+) -> FinishScale:
     """Work out the sizes for a lateral error [m] >= 0.
 
     A try begins early enough for the goal to count as reached without one.
@@ -139,10 +152,8 @@ def finish_scale(lateral: float, uncertainty: Uncertainty, tolerance: GoalTolera
 def next_finish(
     state: Finish,
     local: Pose,
-    resting: bool,
-    reached: bool,
+    standing: Standing,
     uncertainty: Uncertainty,
-    dt: float,
     tolerance: GoalTolerance,
     config: FinishConfig,
 ) -> Finish:
@@ -151,14 +162,13 @@ def next_finish(
     Args:
         state: as left by the last pose.
         local: estimate in the goal's frame.
-        resting: whether speed and heading are within the tolerances.
-        reached: whether the goal is reached and the error within the tolerance: then nothing begins.
+        standing: whether it rests, and where.
         uncertainty: of the estimate.
-        dt: [s] since the last pose.
         tolerance: of the goal.
         config: when and how.
     """
     lateral = abs(local.y)
+    resting, reached, dt = standing
     time = state.time + dt if resting or state.time > 0.0 else 0.0
     scale = finish_scale(lateral, uncertainty, tolerance, config)
     if state.phase != RESTING:

@@ -77,10 +77,12 @@ def remembered(under_way: UnderWay, command: Twist, dt: float, data_sheet: DataS
     newest = under_way[SLOTS - 1]
     span = newest.span + dt
     if span > (data_sheet.command_latency + dt) * (2.0 / SLOTS):
-        return (*under_way[1:], Held(command.v, command.omega, dt))  # type: ignore[return-value]
+        return (*under_way[1:], Held(command.v, command.omega, dt))
     share = dt / span
-    joined = Held(newest.v + share * (command.v - newest.v), newest.omega + share * (command.omega - newest.omega), span)
-    return (*under_way[:-1], joined)  # type: ignore[return-value]
+    joined = Held(
+        newest.v + share * (command.v - newest.v), newest.omega + share * (command.omega - newest.omega), span
+    )
+    return (*under_way[:-1], joined)
 
 
 def coast(pose: Pose, actuation: Actuation, command: Twist, dt: float, data_sheet: DataSheet) -> Coasted:
@@ -150,7 +152,7 @@ def _moved(x: float, y: float, theta: float, forward: float, turn: float) -> tup
 
 
 def grown(uncertainty: Uncertainty, way: float, turn: float, share: float) -> Uncertainty:
-    """Return the uncertainty after ``way`` [m] and ``turn`` [rad] with a relative error of the motion, uniform in +-share."""
+    """Return the uncertainty after ``way`` [m] and ``turn`` [rad] with a relative error uniform in +-``share``."""
     deviation = share / math.sqrt(3.0)
     along, across = deviation * way, uncertainty.theta * way
     return Uncertainty(

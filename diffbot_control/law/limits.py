@@ -52,7 +52,7 @@ def limit_acceleration(command: Twist, previous: Twist, dt: float, data_sheet: D
 
 
 def _changes(dt: float, data_sheet: DataSheet) -> tuple[float, float]:
-    """Largest changes of v [m/s] and omega [rad/s] within ``dt`` [s]; an absent limit stays absent: inf * 0 is no number."""
+    """Largest changes of v [m/s] and omega [rad/s] within ``dt`` [s]; inf * 0 is no number, and means no limit."""
     dv = data_sheet.a_max * dt if data_sheet.a_max < _INF else _INF
     domega = data_sheet.omega_dot_max * dt if data_sheet.omega_dot_max < _INF else _INF
     return dv, domega

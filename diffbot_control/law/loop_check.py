@@ -83,7 +83,7 @@ def _braking_needed(config: ControllerConfig) -> list[str]:
             overshoot = math.pi - 2.0 * error
             if overshoot > _OVERSHOOT:
                 found.append(
-                    f"{name}: angular.z.max_acceleration {a:g} rad/s^2 lets a half turn overshoot by {overshoot:.1f} rad"
+                    f"{name}: with angular.z.max_acceleration {a:g} a half turn overshoots by {overshoot:.1f} rad"
                 )
     needed = _STEEPEST * gains.gamma * gains.gamma
     if needed > data_sheet.a_max:

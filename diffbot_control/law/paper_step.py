@@ -51,9 +51,7 @@ def paper_step(
     rho, alpha, beta = navigation
     report = Report(rho, alpha, beta, local.theta, radius, switching.region, lyapunov)
     finish, course, actuation = memory.finish, memory.course, memory.actuation
-    after = ControllerMemory(
-        switching, command, settling, reapproach, finish, course, actuation, settling.reached
-    )
+    after = ControllerMemory(switching, command, settling, reapproach, finish, course, actuation, settling.reached)
     return after, command, report
 
 

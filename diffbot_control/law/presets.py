@@ -45,6 +45,6 @@ PRESETS: dict[str, ControllerConfig] = {
     ),
 }
 """``tuned``: the defaults; braking profiles, a region that follows the covariance, a finish inside the tolerance.
-``precise``: the same with a position tolerance of 0.03 m and a finish to match. ``paper_covariance``: the paper's law and
-gains with the region that follows the covariance. ``paper``: gains and fixed region of the paper, and a wide position
-tolerance, because its law with a fixed region leaves a lateral error of some 0.2 m."""
+``precise``: the same with a position tolerance of 0.03 m and a finish to match. ``paper_covariance``: the paper's law
+and gains with the region that follows the covariance. ``paper``: gains and fixed region of the paper, and a wide
+position tolerance, because its law with a fixed region leaves a lateral error of some 0.2 m."""

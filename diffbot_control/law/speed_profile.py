@@ -24,7 +24,7 @@ _UNKNOWN_LATENCY = 0.2
 _UNKNOWN_SHARE = 0.1
 """share of the known latency and time constant that automatic gains take for not known"""
 _DRIVE_LOOPS, _TURN_LOOPS, _HOLD_LOOPS = 2.0, 1.8, 1.6
-"""reaction times in multiples of the loop's delay; 1.6 keeps the hold's gain at 0.63 per delay, of pi/2 that is stable"""
+"""reaction times in multiples of the loop's delay; 2 / pi would be the limit of stability"""
 
 
 class ProfileGains(NamedTuple):
@@ -36,17 +36,27 @@ class ProfileGains(NamedTuple):
     react: Annotated[float, Spec("reaction time of the speed", "s", 0.01, 60.0)] = 0.5
     sigma_known: Annotated[
         float,
-        Spec("a position less certain than this is approached more slowly: react grows with the square", "m", 1e-4, 10.0),
+        Spec(
+            "a position less certain than this is approached more slowly: react grows with the square", "m", 1e-4, 10.0
+        ),
     ] = 0.033
     bearing_weight: Annotated[float, Spec("weight of beta in Omega_G, the paper's h", "-", 0.0, 100.0, True)] = 0.8
     turn_brake: Annotated[
         float,
-        Spec("deceleration that turning to the goal is planned with, at most 0.65 of the limit", "rad/s^2", 0.0, 1e3, True),
+        Spec(
+            "deceleration that turning to the goal is planned with, at most 0.65 of the limit",
+            "rad/s^2",
+            0.0,
+            1e3,
+            True,
+        ),
     ] = 7.0
     turn_react: Annotated[float, Spec("reaction time of turning to the goal", "s", 0.01, 60.0)] = 0.45
     hold_brake: Annotated[
         float,
-        Spec("deceleration that turning in Omega_L is planned with, at most 0.65 of the limit", "rad/s^2", 0.0, 1e3, True),
+        Spec(
+            "deceleration that turning in Omega_L is planned with, at most 0.65 of the limit", "rad/s^2", 0.0, 1e3, True
+        ),
     ] = 5.0
     hold_react: Annotated[float, Spec("reaction time of the heading in Omega_L", "s", 0.01, 60.0)] = 0.4
 

@@ -54,7 +54,6 @@ class ControllerNodeConfig(NamedTuple):
     enable_stamped_cmd_vel: Annotated[bool, Spec("publish TwistStamped instead of Twist", read_only=True)] = False
 
 
-
 def _supervisor_of(controller: ControllerConfig) -> SupervisorConfig:
     """Return the supervisor of a preset: the paper's law is never given up, as it was published."""
     if controller.profile == TANH:

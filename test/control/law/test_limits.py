@@ -15,6 +15,12 @@ WHEELS = WheelGeometry(0.05, 0.6)
 FREE = DataSheet(math.inf, math.inf, math.inf, math.inf, math.inf)
 TWISTS = st.builds(Twist, st.floats(-5.0, 5.0), st.floats(-5.0, 5.0))
 BOUNDS = st.floats(0.01, 6.0) | st.just(math.inf)
+SHEETS = st.builds(
+    lambda v_max, omega_max, wheel_max: FREE._replace(v_max=v_max, omega_max=omega_max, wheel_max=wheel_max),
+    BOUNDS,
+    BOUNDS,
+    BOUNDS | st.floats(1.0, 150.0),
+)
 SLACK = 1.0 + 1e-12
 
 
@@ -47,7 +53,7 @@ def test_velocity_limits_by_hand(limits, expected):
 
 
 @CHECK
-@given(TWISTS, st.builds(DataSheet, BOUNDS, BOUNDS, BOUNDS | st.floats(1.0, 150.0)))
+@given(TWISTS, SHEETS)
 def test_velocity_limits_scale_by_the_largest_factor_allowed(wanted, limits):
     command = limit_velocity(wanted, limits)
     share = used(wanted, limits)

@@ -70,13 +70,13 @@ def test_the_papers_preset_has_a_radius_that_meets_its_own_condition():
             assert memory.switching.region == region
 
 
-@pytest.mark.parametrize("name", ["tuned", "paper_covariance"])
-def test_the_other_presets_switch_where_the_estimate_is_uncertain_to(name):
-    """Eps_P covers some two standard deviations of the position and 5 % of the speed."""
+@pytest.mark.parametrize(("name", "sigmas"), [("tuned", 1.6), ("precise", 1.6), ("paper_covariance", 2.2)])
+def test_the_other_presets_switch_where_the_estimate_is_uncertain_to(name, sigmas):
+    """Eps_P covers its share of standard deviations of the position and 5 % of the speed."""
     for sigma in (0.05, 0.1, 0.2):
         inside, outside = (
             step(ControllerMemory(), Pose(-rho, 0.0, 0.0), ORIGIN, 0.1, PRESETS[name], Uncertainty(sigma, 0.0))[0]
-            for rho in (2.0 * sigma, 2.5 * sigma + 0.05)
+            for rho in (0.95 * sigmas * sigma, 1.05 * sigmas * sigma + 0.05)
         )
         assert (inside.switching.region, outside.switching.region) == (OMEGA_L, OMEGA_G)
 

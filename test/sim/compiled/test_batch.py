@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from diffbot_control.law.limits import Limits
 from diffbot_control.law.lyapunov_law import PAPER_GAINS, Gains
 from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.regions import FIXED, FixedRegionPolicy, RegionPolicy
+from diffbot_core.data_sheet import DataSheet
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_lab.metrics import goal_metrics, path_length
@@ -31,7 +31,7 @@ PAPER = PlantConfig(exact_arc=False, drive_noise=0.0, encoder_noise=0.0, eps_v_m
 QUIET = PlantConfig(drive_noise=0.0, encoder_noise=0.0)
 SENSORS, CONTROLLER = SensorConfig(), PRESETS["paper"]
 EXACT = SensorConfig(eps_x_max=0.0, eps_y_max=0.0, eps_theta_max=0.0)
-LIMITED = CONTROLLER._replace(limits=Limits(1.0, 1.5, 15.0, 0.8, 2.0))
+LIMITED = CONTROLLER._replace(data_sheet=DataSheet(1.0, 1.5, 15.0, 0.8, 2.0))
 FASTER = CONTROLLER._replace(
     gains=Gains(1.1, 2.5, 0.6, 1.9), region_policy=RegionPolicy(FIXED, FixedRegionPolicy(0.25, 0.3))
 )
