@@ -2,8 +2,8 @@
 
 A command reaches the wheels through :mod:`actuators` and a drive that does not hold its speed exactly; the body moves
 with the true wheels; the encoders measure the true wheel angles with an error. The paper's input noise (Eqs. (6), (7))
-comes in two forms that may be combined: added to v and omega (``eps_v_max``, ``eps_omega_max``, section 4.1), and as its
-cause, a relative error of each wheel's speed (``drive_noise``).
+comes in two forms that may be combined: added to v and omega (``eps_v_max``, ``eps_omega_max``, section 4.1), and as
+its cause, a relative error of each wheel's speed (``drive_noise``).
 """
 
 from __future__ import annotations
