@@ -19,7 +19,16 @@ from diffbot_control.law import controller, goal_checker, limits, lyapunov_law, 
 from diffbot_core import geometry, kinematics, uncertainty
 from diffbot_core.code_hash import hash_of_code
 from diffbot_core.errors import DiffbotError
-from diffbot_sim.compiled import closed_loop, late_fusion, open_loop, peer_laws, scalar_ekf, scalar_filter, sensing
+from diffbot_sim.compiled import (
+    closed_loop,
+    late_fusion,
+    open_loop,
+    peer_laws,
+    scalar_belief,
+    scalar_ekf,
+    scalar_filter,
+    sensing,
+)
 from diffbot_sim.model import actuators, outcome, philox, plant, sensors
 
 MODULES = (
@@ -41,6 +50,7 @@ MODULES = (
     outcome,
     gate,
     adaptation,
+    scalar_belief,
     scalar_ekf,
     scalar_filter,
     sensing,

@@ -228,6 +228,7 @@ def test_bitwise_the_same_in_any_pieces(case, threads, size, monkeypatch):
         np.testing.assert_array_equal(run_batch(case, BOX, 11, 5 + at, number, threads), whole[at : at + number])
 
 
+@pytest.mark.graph
 def test_bitwise_the_same_in_other_processes():
     whole = run_batch(CASES[1], BOX, 11, 0, 40)
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
