@@ -21,7 +21,7 @@ help:
 	@echo "make setup   create $(VENV) with the package, ROS 2 Jazzy from wheels and all tools"
 	@echo "make demo    drive a simulated robot to a goal pose, record a bag, write the report"
 	@echo "make test    run the tests"
-	@echo "make test-fast   run those that need neither nodes nor an installation: a minute"
+	@echo "make test-fast   run those without nodes, studies and installations: a minute"
 	@echo "make lint    run ruff, mypy and import-linter"
 	@echo "make bench   measure speed"
 	@echo "make docs    write the generated parts of docs/"
@@ -38,7 +38,7 @@ test: setup
 	@$(BIN)/pytest -n 2 --dist loadfile $(ARGS)
 
 test-fast: setup
-	@$(BIN)/pytest -n 2 -m 'not graph and not install' $(ARGS)
+	@$(BIN)/pytest -n 2 --dist loadfile -m 'not graph and not install and not study' $(ARGS)
 
 lint: setup
 	@$(BIN)/ruff check

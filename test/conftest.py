@@ -17,11 +17,18 @@ os.environ["ROS_LOG_DIR"] = str(Path(tempfile.gettempdir()) / "diffbot_test_logs
 if (Path(sys.prefix) / "share" / "std_msgs").is_dir():
     os.environ.pop("AMENT_PREFIX_PATH", None)
 
+TESTS = Path(__file__).parent
+STUDIES = ("lab/benchmark", "lab/campaign", "lab/paper", "lab/stability", "sim/compiled", "project/test_docs.py")
+
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """Mark all of test/graph with ``graph``; tests of other rooms that start nodes carry the mark themselves."""
-    room = Path(__file__).parent / "graph"
+    """Mark rooms as a whole: test/graph with ``graph``, compiled loops and what runs them with ``study``.
+
+    Tests of other rooms that start nodes carry the mark themselves.
+    """
     for item in items:
-        if item.path.is_relative_to(room):
+        if item.path.is_relative_to(TESTS / "graph"):
             item.add_marker(pytest.mark.graph)
+        if any(item.path.is_relative_to(TESTS / room) for room in STUDIES):
+            item.add_marker(pytest.mark.study)

@@ -36,7 +36,15 @@ from diffbot_control.law.protocol import Law
 from diffbot_core import data_sheet, geometry, kinematics, uncertainty
 from diffbot_core.code_hash import DIGITS, hash_of_code
 from diffbot_core.errors import DiffbotError
-from diffbot_sim.compiled import closed_loop, late_fusion, open_loop, scalar_ekf, scalar_filter, sensing
+from diffbot_sim.compiled import (
+    closed_loop,
+    late_fusion,
+    open_loop,
+    scalar_belief,
+    scalar_ekf,
+    scalar_filter,
+    sensing,
+)
 from diffbot_sim.compiled.reachable import reachable_functions, source_files
 from diffbot_sim.model import actuators, outcome, philox, plant, sensors
 
@@ -67,6 +75,7 @@ MODULES = (
     outcome,
     gate,
     adaptation,
+    scalar_belief,
     scalar_ekf,
     scalar_filter,
     sensing,

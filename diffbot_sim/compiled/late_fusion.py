@@ -17,7 +17,7 @@ import numpy as np
 from diffbot_control.filter.models import Motion
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import WheelSpeeds, body_twist, encoder_covariance, scale_twist_covariance
-from diffbot_sim.compiled.scalar_ekf import PoseFix
+from diffbot_sim.compiled.scalar_belief import PoseFix
 from diffbot_sim.compiled.scalar_filter import Track, advance, new_track, take_fix, take_heading
 from diffbot_sim.compiled.sensing import Robot, observe, take_landmarks
 from diffbot_sim.model.philox import Draw, NoiseKey

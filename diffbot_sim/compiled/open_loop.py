@@ -15,7 +15,7 @@ from diffbot_control.filter.gate import REJECTED, RELOCATED
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import largest_deviation
-from diffbot_sim.compiled.scalar_ekf import Covariance
+from diffbot_sim.compiled.scalar_belief import Covariance
 from diffbot_sim.compiled.scalar_filter import Track, new_track
 from diffbot_sim.compiled.sensing import Robot, observe
 from diffbot_sim.model.actuators import command_rows, delayed_command

@@ -10,9 +10,11 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from diffbot_control.filter.gate import RESET_VAR_THETA, RESET_VAR_XY
 from diffbot_control.filter.models import (
+    Arc,
     Motion,
+    MotionNoise,
+    RadiusDerivatives,
     RadiusErrors,
     expect_landmark,
     heading_innovation,
@@ -23,35 +25,8 @@ from diffbot_control.filter.models import (
     radius_derivatives,
     with_radius_errors,
 )
-from diffbot_core.geometry import Point, Pose, wrap_angle
-
-
-class Covariance(NamedTuple):
-    """Upper triangle of P; t stands for theta, l and r for the wheels."""
-
-    xx: float
-    xy: float
-    xt: float
-    xl: float
-    xr: float
-    yy: float
-    yt: float
-    yl: float
-    yr: float
-    tt: float
-    tl: float
-    tr: float
-    ll: float
-    lr: float
-    rr: float
-
-
-class Belief(NamedTuple):
-    """Mean and covariance of the pose and of the relative radius errors of both wheels."""
-
-    pose: Pose
-    errors: RadiusErrors
-    P: Covariance
+from diffbot_core.geometry import Point, Pose
+from diffbot_sim.compiled.scalar_belief import Belief, Covariance, PoseFix, wrapped
 
 
 class Row(NamedTuple):
@@ -62,18 +37,6 @@ class Row(NamedTuple):
     t: float
     l: float  # noqa: E741 - the wheel's letter
     r: float
-
-
-class PoseFix(NamedTuple):
-    """A measured pose with independent errors."""
-
-    pose: Pose
-    var_x: float
-    """[m^2]"""
-    var_y: float
-    """[m^2]"""
-    var_theta: float
-    """[rad^2]"""
 
 
 class LandmarkMeasurement(NamedTuple):
@@ -99,22 +62,6 @@ class Corrected(NamedTuple):
     """normalised innovation squared"""
 
 
-def unknown(radius_variance: float) -> Belief:
-    """Return the belief before the first fix: unknown pose, independent radius errors of mean 0 and this variance."""
-    z = 0.0
-    P = Covariance(z, z, z, z, z, z, z, z, z, z, z, z, radius_variance, z, radius_variance)
-    return Belief(Pose(0.0, 0.0, 0.0), RadiusErrors(0.0, 0.0), P)
-
-
-def reset_to(fix: PoseFix, belief: Belief) -> Belief:
-    """Return a belief with the pose of ``fix``; the radius errors of ``belief`` stay."""
-    z = 0.0
-    ll, lr, rr = belief.P.ll, belief.P.lr, belief.P.rr
-    pose = Pose(fix.pose.x, fix.pose.y, wrap_angle(fix.pose.theta))
-    P = Covariance(fix.var_x, z, z, z, z, fix.var_y, z, z, z, fix.var_theta, z, z, ll, lr, rr)
-    return Belief(pose, belief.errors, P)
-
-
 def predict(belief: Belief, motion: Motion, separation: float, random_walk: float) -> Belief:
     """Move: P = F P F' + G M G' + W.
 
@@ -124,12 +71,21 @@ def predict(belief: Belief, motion: Motion, separation: float, random_walk: floa
         separation: distance of the wheels [m].
         random_walk: [1/s] random-walk variance per second of each radius error.
     """
-    b, dt = belief.P, motion.dt
     twist = with_radius_errors(motion.twist, belief.errors, separation)
-    arc = move(belief.pose, twist, dt)
+    arc = move(belief.pose, twist, motion.dt)
+    by_radii = radius_derivatives(arc, motion.twist, motion.dt, separation)
+    noise = motion_noise(arc, twist.v, motion.dt, motion.covariance)
+    P = _propagate(belief.P, arc, by_radii, noise, random_walk * motion.dt)
+    return Belief(arc.end, belief.errors, P)
+
+
+def _propagate(
+    b: Covariance, arc: Arc, by_radii: RadiusDerivatives, noise: MotionNoise, random_walk: float
+) -> Covariance:
+    """Return F P F' + Q; ``random_walk`` is the variance that each radius error gains."""
     # F adds these multiples of theta and of the radius errors to x, y and theta.
     xt, yt = arc.x_theta, arc.y_theta
-    xl, xr, yl, yr, tl, tr = radius_derivatives(arc, motion.twist, dt, separation)
+    xl, xr, yl, yr, tl, tr = by_radii
     # First the rows of F P ...
     fxx = b.xx + xt * b.xt + xl * b.xl + xr * b.xr
     fxy = b.xy + xt * b.yt + xl * b.yl + xr * b.yr
@@ -144,8 +100,8 @@ def predict(belief: Belief, motion: Motion, separation: float, random_walk: floa
     ftl = b.tl + tl * b.ll + tr * b.lr
     ftr = b.tr + tl * b.lr + tr * b.rr
     # ... then their products with F', and the noise.
-    q_xx, q_xy, q_xt, q_yy, q_yt, q_tt = motion_noise(arc, twist.v, dt, motion.covariance)
-    P = Covariance(
+    q_xx, q_xy, q_xt, q_yy, q_yt, q_tt = noise
+    return Covariance(
         fxx + xt * fxt + xl * fxl + xr * fxr + q_xx,
         fxy + yt * fxt + yl * fxl + yr * fxr + q_xy,
         fxt + tl * fxl + tr * fxr + q_xt,
@@ -158,11 +114,10 @@ def predict(belief: Belief, motion: Motion, separation: float, random_walk: floa
         ftt + tl * ftl + tr * ftr + q_tt,
         ftl,
         ftr,
-        b.ll + random_walk * dt,
+        b.ll + random_walk,
         b.lr,
-        b.rr + random_walk * dt,
+        b.rr + random_walk,
     )
-    return Belief(arc.end, belief.errors, P)
 
 
 def product(P: Covariance, h: Row) -> Row:
@@ -203,8 +158,14 @@ def correct(belief: Belief, before: Belief, h: Row, residual: float, variance: f
         + h.r * (belief.errors.right - before.errors.right)
     )
     gain = residual / s
-    b = belief.P
-    P = Covariance(
+    pose = Pose(x + p.x * gain, y + p.y * gain, theta + p.t * gain)
+    errors = RadiusErrors(belief.errors.left + p.l * gain, belief.errors.right + p.r * gain)
+    return Corrected(Belief(pose, errors, _reduce(belief.P, p, s)), residual * gain)
+
+
+def _reduce(b: Covariance, p: Row, s: float) -> Covariance:
+    """Return P - p p' / s, with p = P h'."""
+    return Covariance(
         b.xx - p.x * p.x / s,
         b.xy - p.x * p.y / s,
         b.xt - p.x * p.t / s,
@@ -221,9 +182,6 @@ def correct(belief: Belief, before: Belief, h: Row, residual: float, variance: f
         b.lr - p.l * p.r / s,
         b.rr - p.r * p.r / s,
     )
-    pose = Pose(x + p.x * gain, y + p.y * gain, theta + p.t * gain)
-    errors = RadiusErrors(belief.errors.left + p.l * gain, belief.errors.right + p.r * gain)
-    return Corrected(Belief(pose, errors, P), residual * gain)
 
 
 def update_pose(belief: Belief, fix: PoseFix) -> Corrected:
@@ -255,48 +213,3 @@ def update_landmark(belief: Belief, measured: LandmarkMeasurement) -> Corrected:
     one = correct(belief, belief, along, measured.range - expected.range, var_range)
     two = correct(one.belief, belief, across, turn, var_bearing)
     return Corrected(wrapped(two.belief), one.nis + two.nis)
-
-
-def reset_pose(belief: Belief) -> Belief:
-    """Return a belief with a nearly unknown pose at the same mean; the radius errors stay."""
-    b, z = belief.P, 0.0
-    P = Covariance(RESET_VAR_XY, z, z, z, z, RESET_VAR_XY, z, z, z, RESET_VAR_THETA, z, z, b.ll, b.lr, b.rr)
-    return Belief(belief.pose, belief.errors, P)
-
-
-def inflate(belief: Belief, factor: float) -> Belief:
-    """Multiply the pose's part of P; the covariance of the radius errors stays."""
-    b, f, g = belief.P, factor, math.sqrt(factor)
-    P = Covariance(
-        f * b.xx,
-        f * b.xy,
-        f * b.xt,
-        g * b.xl,
-        g * b.xr,
-        f * b.yy,
-        f * b.yt,
-        g * b.yl,
-        g * b.yr,
-        f * b.tt,
-        g * b.tl,
-        g * b.tr,
-        b.ll,
-        b.lr,
-        b.rr,
-    )
-    return Belief(belief.pose, belief.errors, P)
-
-
-def with_possible_radii(belief: Belief, bound: float, variance: float) -> Belief:
-    """Reset the radius errors, to zero with the initial ``variance``, if one is beyond +-``bound``."""
-    if abs(belief.errors.left) <= bound and abs(belief.errors.right) <= bound:
-        return belief
-    b, z = belief.P, 0.0
-    P = Covariance(b.xx, b.xy, b.xt, z, z, b.yy, b.yt, z, z, b.tt, z, z, variance, z, variance)
-    return Belief(belief.pose, RadiusErrors(0.0, 0.0), P)
-
-
-def wrapped(belief: Belief) -> Belief:
-    """Return the belief with its heading in (-pi, pi]."""
-    x, y, theta = belief.pose
-    return Belief(Pose(x, y, wrap_angle(theta)), belief.errors, belief.P)

@@ -34,20 +34,22 @@ from diffbot_control.filter.gate import (
 from diffbot_control.filter.models import Motion, pose_innovation
 from diffbot_control.filter.options import FilterOptions
 from diffbot_core.kinematics import scale_twist_covariance
-from diffbot_sim.compiled.scalar_ekf import (
+from diffbot_sim.compiled.scalar_belief import (
     Belief,
-    Corrected,
-    LandmarkMeasurement,
     PoseFix,
     inflate,
-    predict,
     reset_pose,
     reset_to,
     unknown,
+    with_possible_radii,
+)
+from diffbot_sim.compiled.scalar_ekf import (
+    Corrected,
+    LandmarkMeasurement,
+    predict,
     update_heading,
     update_landmark,
     update_pose,
-    with_possible_radii,
 )
 
 

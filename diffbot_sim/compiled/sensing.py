@@ -8,7 +8,8 @@ from diffbot_control.filter.models import Motion
 from diffbot_control.filter.options import FilterOptions
 from diffbot_core.geometry import Point, Pose
 from diffbot_core.kinematics import body_twist, encoder_covariance
-from diffbot_sim.compiled.scalar_ekf import LandmarkMeasurement, PoseFix
+from diffbot_sim.compiled.scalar_belief import PoseFix
+from diffbot_sim.compiled.scalar_ekf import LandmarkMeasurement
 from diffbot_sim.compiled.scalar_filter import Track, advance, take_fix, take_heading, take_landmark
 from diffbot_sim.model.philox import Draw, NoiseKey
 from diffbot_sim.model.plant import PlantConfig, PlantState

@@ -281,7 +281,7 @@ def test_an_unanswered_step_is_not_sent_again_in_a_pause():
     stall(lockstep)
     assert (plant.sent, lockstep.repeats) == ([0], 0)
     lockstep.set_paused(False)
-    stall(lockstep)
+    lockstep.on_stall_check()
     assert (plant.sent, lockstep.repeats) == ([0, 0], 1)
 
 

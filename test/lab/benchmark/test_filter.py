@@ -21,7 +21,7 @@ from diffbot_lab.benchmark.filter import figures_of, run_benchmark, run_drives, 
 from diffbot_lab.benchmark.filter_cases import RATES, SCENARIOS, SECTIONS, drive_of, name_of
 from diffbot_lab.benchmark.filter_report import conclusions
 from diffbot_sim.compiled.open_loop import Errors, Tracking, drive, nees_of, start_of, twist_of
-from diffbot_sim.compiled.scalar_ekf import Covariance
+from diffbot_sim.compiled.scalar_belief import Covariance
 from diffbot_sim.model.simulator import StartPose, World, WorldConfig
 
 RUNS = 2

@@ -347,6 +347,7 @@ class Killer(Journal):
             self.killed += 1
 
 
+@pytest.mark.graph
 def test_killed_workers_change_nothing(tmp_path, expected):
     campaign = make_campaign(SMALL)
     journal = Killer(tmp_path / JOURNAL, campaign)
@@ -368,6 +369,7 @@ def _die():
     os._exit(1)
 
 
+@pytest.mark.graph
 def test_workers_that_keep_dying_are_given_up(tmp_path, expected):
     pools = []
 
@@ -418,6 +420,7 @@ def contents(folder):
 LONGER = {**SMALL, "runs": 10_000, "duration": 25.0, "chunk": 100}
 
 
+@pytest.mark.graph
 def test_interrupted_and_gone_on_it_is_the_same_to_the_byte(tmp_path):
     one, two = tmp_path / "one", tmp_path / "two"
     command = [*COMMAND, *flags(LONGER, one), "--workers", "2"]
@@ -492,6 +495,7 @@ def cluster(tmp_path_factory):
         process.wait(30)
 
 
+@pytest.mark.graph
 def test_a_cluster_with_a_worker_killed_half_way_gives_the_same(cluster, tmp_path):
     address, pids = cluster
     description = {**LONGER, "runs": 3000}
@@ -510,6 +514,7 @@ def test_a_cluster_with_a_worker_killed_half_way_gives_the_same(cluster, tmp_pat
     assert contents(tmp_path / "cluster") == contents(tmp_path / "again") == contents(tmp_path / "here")
 
 
+@pytest.mark.graph
 def test_no_workers_are_one_line(monkeypatch):
     class Client:
         def __init__(self, *_arguments, **_options):

@@ -12,7 +12,7 @@ from diffbot_control.filter.models import Motion
 from diffbot_control.filter.options import FILTERS, FilterConfig, options_of
 from diffbot_core.geometry import Point, Pose
 from diffbot_core.kinematics import Twist, TwistCovariance
-from diffbot_sim.compiled import scalar_ekf
+from diffbot_sim.compiled import scalar_belief, scalar_ekf
 from diffbot_sim.compiled import scalar_filter as twin
 
 SEPARATION = 0.6
@@ -81,7 +81,7 @@ def test_the_compiled_filter_is_filterpys(variant, seed):
     truth = np.array([*rng.uniform(-1.0, 1.0, 2), math.pi - 0.01 if seed % 2 else rng.uniform(-math.pi, math.pi)])
     R = np.diag(rng.uniform(1e-3, 0.05, 3))
     reference.reset_to(Pose(*truth), R)
-    track = twin.take_fix(track, scalar_ekf.PoseFix(Pose(*truth), *np.diag(R)), options)
+    track = twin.take_fix(track, scalar_belief.PoseFix(Pose(*truth), *np.diag(R)), options)
     assert_same(reference, track)
     verdicts, kinds = set(), ["fix"] * 4 + ["heading", "landmark", "outlier"]
     for step in range(300):
@@ -102,7 +102,7 @@ def test_the_compiled_filter_is_filterpys(variant, seed):
             pose = Pose(z[0], z[1], wrapped(z[2]))
             R = rng.uniform(1e-3, 0.05, 3)
             verdict = reference.take(PoseFix(0, pose, np.diag(R)))
-            track = twin.take_fix(track, scalar_ekf.PoseFix(pose, *R), options)
+            track = twin.take_fix(track, scalar_belief.PoseFix(pose, *R), options)
             assert track.newest.fix_outcome == verdict
             verdicts.add(verdict)
         elif kind == "heading":
