@@ -76,7 +76,7 @@ def test_flags_win_and_grids_are_merged_by_name(tmp_path):
 
 def test_a_wheel_radius_is_the_plants_and_the_controllers():
     plant, _, controller, _ = configure({"wheel_radius": 0.07})
-    assert plant.wheels.wheel_radius == controller.wheels.wheel_radius == 0.07
+    assert plant.wheels.wheel_radius == controller.data_sheet.wheels.wheel_radius == 0.07
 
 
 def test_the_length_follows_the_sampling_time_of_each_cell():

@@ -101,7 +101,7 @@ def test_observed_is_the_law_without_limits(tmp_path, monkeypatch):
     assert [arguments[3:5] for arguments in calls] == [(0, 7), (7, 7), (14, 6)]
     case = calls[0][0]
     assert case.controller.gains.gamma == 2.0
-    assert set(case.controller.limits) == {math.inf}
+    assert set(case.controller.data_sheet[:5]) == {math.inf}
     ends = run_batch(case, calls[0][1], 1, 0, 20)
     observed = json.loads((tmp_path / "stability.json").read_text())["only_observed"]
     assert observed["position"]["max"] == np.hypot(ends[:, 0], ends[:, 1]).max()
