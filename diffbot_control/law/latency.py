@@ -97,31 +97,45 @@ def coast(pose: Pose, actuation: Actuation, command: Twist, dt: float, data_shee
     """
     under_way = remembered(actuation.under_way, command, dt, data_sheet)
     lag, latency = data_sheet.drive_time_constant, data_sheet.command_latency
-    age = 0.0
-    for held in under_way:
-        age += held.span
-    motion = actuation.motion if lag <= 0.0 else _motion_after(actuation.motion, under_way, age, dt, data_sheet)
+    motion = actuation.motion if lag <= 0.0 else _motion_after(actuation.motion, under_way, dt, data_sheet)
     v, omega = motion
     x, y, theta = pose
     way = turned = 0.0
-    for held in under_way:
-        ended = age - held.span
-        span = min(age, latency) - ended
-        age = ended
-        if span <= _SHORTEST:
-            continue
-        forward, turn = held.v * span, held.omega * span
+    first, skipped, _ = _since(under_way, latency)
+    for index in range(first, SLOTS):
+        held_v, held_omega, span = under_way[index]
+        span, skipped = span - skipped, 0.0
+        forward, turn = held_v * span, held_omega * span
         if lag > 0.0:
             left = math.exp(-span / lag)
-            dv, domega, gone = v - held.v, omega - held.omega, lag * (1.0 - left)
+            dv, domega, gone = v - held_v, omega - held_omega, lag * (1.0 - left)
             forward, turn = forward + dv * gone, turn + domega * gone
-            v, omega = held.v + dv * left, held.omega + domega * left
-        x, y, theta = _moved(x, y, theta, forward, turn)
-        way, turned = way + abs(forward), turned + abs(turn)
+            v, omega = held_v + dv * left, held_omega + domega * left
+        # As in _moved, without its call.
+        half = 0.5 * turn
+        if half > _STRAIGHT or half < -_STRAIGHT:
+            chord = forward * math.sin(half) / half
+        else:
+            chord = forward * (1.0 - half * half / 6.0)
+        middle = theta + half
+        x += chord * math.cos(middle)
+        y += chord * math.sin(middle)
+        theta += turn
+        way += abs(forward)
+        turned += abs(turn)
     if lag > 0.0:
         x, y, theta = _moved(x, y, theta, v * lag, omega * lag)
         way, turned = way + abs(v) * lag, turned + abs(omega) * lag
     return Coasted(Actuation(motion, under_way), Pose(x, y, wrap_angle(theta)), way, turned)
+
+
+def _since(under_way: UnderWay, age: float) -> tuple[int, float, float]:
+    """Find what was in force ``age`` [s] ago: its index, how long [s] it had been then, and the time [s] before all."""
+    first, missing = SLOTS, age
+    while missing > _SHORTEST and first > 0:
+        first -= 1
+        missing -= under_way[first].span
+    return first, max(-missing, 0.0), max(missing, 0.0)
 
 
 def after_a_period(actuation: Actuation, command: Twist, dt: float, data_sheet: DataSheet) -> Actuation:
@@ -129,17 +143,20 @@ def after_a_period(actuation: Actuation, command: Twist, dt: float, data_sheet: 
     return coast(Pose(0.0, 0.0, 0.0), actuation, command, dt, data_sheet).actuation
 
 
-def _motion_after(motion: Twist, under_way: UnderWay, age: float, dt: float, data_sheet: DataSheet) -> Twist:
-    """Motion [m/s], [rad/s] now, ``dt`` [s] after ``motion``; ``age`` [s] is that of the oldest command."""
-    lag, latency = data_sheet.drive_time_constant, data_sheet.command_latency
+def _motion_after(motion: Twist, under_way: UnderWay, dt: float, data_sheet: DataSheet) -> Twist:
+    """Motion [m/s], [rad/s] now, ``dt`` [s] after ``motion``; before the first command the robot stood."""
+    lag = data_sheet.drive_time_constant
+    index, skipped, missing = _since(under_way, data_sheet.command_latency + dt)
     v, omega = motion
-    for held in under_way:
-        ended = age - held.span
-        span = min(age, latency + dt) - max(ended, latency)
-        age = ended
-        if span > _SHORTEST:
-            left = math.exp(-span / lag)
-            v, omega = held.v + (v - held.v) * left, held.omega + (omega - held.omega) * left
+    to_go = dt - missing
+    while to_go > _SHORTEST and index < SLOTS:
+        held = under_way[index]
+        span = min(held.span - skipped, to_go)
+        left = math.exp(-span / lag)
+        v, omega = held.v + (v - held.v) * left, held.omega + (omega - held.omega) * left
+        to_go -= span
+        skipped = 0.0
+        index += 1
     return Twist(v, omega)
 
 

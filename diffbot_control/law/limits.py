@@ -120,13 +120,15 @@ def limit_global(phi: float, v: float, turn: float, data_sheet: DataSheet) -> Tw
         turn: [rad/s] rotation that belongs to v.
         data_sheet: the bounds.
     """
-    phi, v, turn = _lifted_parts(phi, v, turn, data_sheet)
+    if data_sheet.min_velocity > 0.0 or data_sheet.min_rotation > 0.0:
+        phi, v, turn = _lifted_parts(phi, v, turn, data_sheet)
+    v_max, omega_max = data_sheet.v_max, data_sheet.omega_max
     rim, half = rim_speed(data_sheet), 0.5 * data_sheet.wheels.wheel_separation
-    phi = _clip(phi, min(data_sheet.omega_max, rim / half))
+    phi = _clip(phi, min(omega_max, rim / half))
     speed = abs(v)
-    s = 1.0 if speed <= data_sheet.v_max else data_sheet.v_max / speed
-    if abs(phi + s * turn) > data_sheet.omega_max:
-        room = data_sheet.omega_max - phi if turn > 0.0 else data_sheet.omega_max + phi
+    s = 1.0 if speed <= v_max else v_max / speed
+    if abs(phi + s * turn) > omega_max:
+        room = omega_max - phi if turn > 0.0 else omega_max + phi
         s = min(s, room / abs(turn))
     # The bound of the rims on both sides of phi + s turn = 0; it holds for s = 0.
     up, down = speed + half * turn, speed - half * turn

@@ -17,7 +17,7 @@ _PAPER_GOAL_SIGMAS = 2.0
 PRESETS: dict[str, ControllerConfig] = {
     TUNED: ControllerConfig(),
     PRECISE: ControllerConfig(
-        tolerance=GoalTolerance(xy_goal_tolerance=0.03, goal_sigmas=2.0),
+        tolerance=GoalTolerance(xy_goal_tolerance=0.03, goal_sigmas=2.5),
         finish=FinishConfig(
             finish_tries=20,
             finish_window=45.0,
