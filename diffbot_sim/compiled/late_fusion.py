@@ -18,7 +18,7 @@ from diffbot_control.filter.models import Motion
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import WheelSpeeds, body_twist, encoder_covariance, scale_twist_covariance
 from diffbot_sim.compiled.scalar_belief import PoseFix
-from diffbot_sim.compiled.scalar_filter import Track, advance, new_track, take_fix, take_heading
+from diffbot_sim.compiled.scalar_filter import Track, advance, initialise, new_track, take_fix, take_heading
 from diffbot_sim.compiled.sensing import Robot, observe, take_landmarks
 from diffbot_sim.model.philox import Draw, NoiseKey
 from diffbot_sim.model.plant import PlantState
@@ -157,10 +157,8 @@ def _fuse_arrivals(track: Any, record: LateRecord, moment: NoiseKey, robot: Robo
     track, oldest = _take_fixes(track, record, now, robot)
     if not track.initialised:
         return track
-    track, oldest = _take_others(track, record, oldest, moment, robot)
-    if now == marks[_ORIGIN]:
-        return track
-    if marks[_FIRST_END] < 0:
+    oldest = min(oldest, _mark_others(record, now, robot))
+    if marks[_FIRST_END] < 0 and now > marks[_ORIGIN]:
         marks[_FIRST_END] = now
     first = max(oldest, marks[_FIRST_END])
     for end in range(first, now + 1):
@@ -168,6 +166,10 @@ def _fuse_arrivals(track: Any, record: LateRecord, moment: NoiseKey, robot: Robo
             track = tracks[end % len(rows)]
         tracks[end % len(rows)] = track
         track = _propagated(track, record, end, moment, robot)
+    if now == marks[_ORIGIN]:
+        # Fused before the first odometry step, to which they therefore do not belong.
+        row = rows[now % len(rows)]
+        row[_HEADING_FUSED], row[_LANDMARKS_FUSED] = 0.0, 0.0
     return track
 
 
@@ -178,7 +180,7 @@ def _take_fixes(track: Any, record: LateRecord, now: int, robot: Robot) -> tuple
         row = rows[stamp % len(rows)]
         if row[_FIX_ARRIVAL] == now:
             if not track.initialised:
-                track = take_fix(track, _fix_of(row, robot.sensors), robot.filter)
+                track = initialise(track, _fix_of(row, robot.sensors))
                 marks[_ORIGIN] = stamp
             elif stamp > marks[_ORIGIN]:
                 row[_FIX_FUSED] = 1.0
@@ -186,32 +188,27 @@ def _take_fixes(track: Any, record: LateRecord, now: int, robot: Robot) -> tuple
     return track, oldest
 
 
-def _take_others(track: Any, record: LateRecord, oldest: int, moment: NoiseKey, robot: Robot) -> tuple[Any, int]:
-    """Mark headings and landmarks; those of the first fix's stamp are fused at once before the first odometry step."""
-    rows, origin, now = record.rows, record.marks[_ORIGIN], moment.step
-    at_start = record.marks[_FIRST_END] < 0
-    for stamp in range(max(now - len(rows) + 1, origin), now + 1):
+def _mark_others(record: LateRecord, now: int, robot: Robot) -> int:
+    """Mark the headings and landmarks that arrive; return the oldest stamp marked, ``now`` for none."""
+    rows, oldest = record.rows, now
+    for stamp in range(max(now - len(rows) + 1, record.marks[_ORIGIN]), now + 1):
         row = rows[stamp % len(rows)]
         if row[_HEADING_ARRIVAL] == now:
-            if at_start and stamp == origin:
-                variance = uniform_variance(robot.sensors.heading_error_max)
-                track = take_heading(track, row[_HEADING], variance, robot.filter)
-            else:
-                row[_HEADING_FUSED] = 1.0
-                oldest = min(oldest, stamp)
+            row[_HEADING_FUSED] = 1.0
+            oldest = min(oldest, stamp)
     if due(now, robot.sensors.landmark_rate, robot.plant.sampling_time):
-        if now == origin:
-            track = take_landmarks(track, moment, _true_pose(rows[now % len(rows)]), robot)
-        else:
-            rows[now % len(rows), _LANDMARKS_FUSED] = 1.0
-    return track, oldest
+        rows[now % len(rows), _LANDMARKS_FUSED] = 1.0
+    return oldest
 
 
 def _propagated(track: Any, record: LateRecord, end: int, moment: NoiseKey, robot: Robot) -> Any:
-    """Compute the odometry step that ends at ``end``, with the measurements in it."""
+    """Compute the odometry step that ends at ``end``, with the measurements in it.
+
+    At the stamp of the first fix itself there is none, only measurements.
+    """
     rows, plant, t_s = record.rows, robot.plant, robot.plant.sampling_time
     is_first = end == record.marks[_FIRST_END]
-    now = record.marks[_ORIGIN] if is_first else end - 1
+    now = record.marks[_ORIGIN] if is_first else max(end - 1, record.marks[_ORIGIN])
     row = rows[end % len(rows)]
     encoder = WheelSpeeds(row[_LEFT], row[_RIGHT])
     twist, noise = body_twist(encoder, plant.wheels), encoder_covariance(encoder, plant.encoder_noise, plant.wheels)

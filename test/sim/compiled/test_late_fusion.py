@@ -42,6 +42,8 @@ SENSORS = {
     "landmarks in time": SensorConfig(fix_delay_jitter=0.6, landmark_rate=5.0, heading_rate=10.0, heading_delay=0.1),
     "the whole history": SensorConfig(fix_rate=5.0, fix_delay=0.6, fix_delay_jitter=0.4),
 }
+pytestmark = pytest.mark.timeout(600)
+"""The first run compiles: on a busy machine for minutes."""
 
 
 def case_of(sensors, feedback="ekf", variant="ekf_calibrating", plant=PLANT, steps=120):

@@ -11,7 +11,7 @@ from scipy.integrate import quad
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
-from diffbot_core.schema import build
+from diffbot_core.schema import build, parameters_of
 from diffbot_sim.model.actuators import ActuatorConfig, command_rows, delayed_command, lost_shares
 from diffbot_sim.model.philox import SLIP_BLOCK, Draw, NoiseKey, draw
 from diffbot_sim.model.plant import PlantConfig, new_plant, plant_step, plant_step_at
@@ -239,4 +239,11 @@ def test_off_means_not_a_bit_different():
 def test_the_plant_refuses_what_no_robot_has(name, value):
     with pytest.raises(InvalidValueError, match=name):
         build(PlantConfig, {name: value})
-    assert name in str(InvalidValueError(name, value, ""))
+
+
+def test_actuators_are_parameters_beside_the_plants_own():
+    names = {one.name for one in parameters_of(WorldConfig)}
+    assert set(ActuatorConfig._fields) | {"fix_delay_jitter", "fix_noise_correlation"} <= names
+    config = build(WorldConfig, {"dead_band": 0.6, "fix_noise_correlation": 0.9, "drive_noise": 0.0})
+    assert config.plant == PlantConfig(drive_noise=0.0, actuators=ActuatorConfig(dead_band=0.6))
+    assert config.sensors.fix_noise_correlation == 0.9
