@@ -301,5 +301,5 @@ def test_a_campaign_runs_any_law():
 
 @pytest.mark.parametrize("content", [{"law": "dancing"}, {"law": "polar", "set": {"preset": "tuned"}}])
 def test_a_wrong_law_or_a_parameter_of_another_is_refused(content):
-    with pytest.raises(InvalidValueError, match="dancing|preset"):
+    with pytest.raises(InvalidValueError, match=r"dancing|preset"):
         make_campaign(content)
