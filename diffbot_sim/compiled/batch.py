@@ -108,16 +108,20 @@ class _Kernels:
         self._kernels: dict[int, tuple[Law, Any]] = {}
         self._lock = Lock()
 
+    def newest(self, law: Law) -> Any:
+        """Return the kernel of a law, made but perhaps not compiled yet."""
+        if id(law) not in self._kernels:
+            version = make_law_callable(law)
+            self._kernels[id(law)] = law, compile_kernel(_make_fill(law), version)
+        return self._kernels[id(law)][1]
+
     def kernel(self, law: Law, example: tuple[Any, ...]) -> Any:
         """Return the kernel of a law, compiled for arguments like those of ``example``.
 
         If numba cannot compile it, the kernel is plain Python, which is logged once.
         """
         with self._lock:
-            if id(law) not in self._kernels:
-                version = make_law_callable(law)
-                self._kernels[id(law)] = law, compile_kernel(_make_fill(law), version)
-            kernel = self._kernels[id(law)][1]
+            kernel = self.newest(law)
             if not hasattr(kernel, "py_func"):
                 return kernel
             *before, outcomes, histories = example

@@ -285,3 +285,21 @@ def test_flags_refused_in_one_line(flags, status, part, tmp_path, capsys):
     assert_one_line(error.strip().splitlines()[-1], part)
     assert "Traceback" not in error
     assert not out.exists()
+
+
+def test_a_campaign_runs_any_law():
+    campaign = make_campaign(
+        {"law": "polar", "set": {"k_rho": 2.0, "wheel_radius": 0.07}, "grid": {"k_alpha": [5.0, 6.0]}}
+    )
+    configs = [cell.case.controller for cell in campaign.cells]
+    assert [(one.k_rho, one.k_alpha) for one in configs] == [(2.0, 5.0), (2.0, 6.0)]
+    assert {one.data_sheet.wheels.wheel_radius for one in configs} == {0.07}
+    assert {cell.law.split()[0] for cell in campaign.cells} == {"polar"}
+    same = make_campaign({"law": "diffbot_lab.laws.polar:Polar", "set": {"k_rho": 2.0, "wheel_radius": 0.07}})
+    assert same.resolved != campaign.resolved
+
+
+@pytest.mark.parametrize("content", [{"law": "dancing"}, {"law": "polar", "set": {"preset": "tuned"}}])
+def test_a_wrong_law_or_a_parameter_of_another_is_refused(content):
+    with pytest.raises(InvalidValueError, match=r"dancing|preset"):
+        make_campaign(content)
