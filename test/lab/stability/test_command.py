@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from diffbot_control.law.lyapunov_law import Gains
+from diffbot_control.law.lyapunov_law import PAPER_GAINS
 from diffbot_control.law.presets import PAPER, PRESETS
 from diffbot_core.errors import InvalidValueError
 from diffbot_lab import cli
@@ -25,7 +25,7 @@ def test_what_is_written(tmp_path, capsys):
     assert (out / "stability.png").read_bytes().startswith(PNG)
     content = json.loads((out / "stability.json").read_text())
     assert content["noise"] == pytest.approx(PAPER_BOX._asdict())
-    assert content["gains"] == Gains()._asdict()
+    assert content["gains"] == PAPER_GAINS._asdict()
     proved, observed = content["proved_at_grid_points"], content["only_observed"]
     direct = certify(PRESETS[PAPER], PAPER_BOX, T_S, 12.0, 21)
     assert proved == {name: value for name, value in direct.items() if name != "maps"}
