@@ -88,21 +88,17 @@ def simulate(
     world = World(world_config)
     separation = world_config.plant.wheels.wheel_separation
     source = _Feedback(feedback, Localization(localization or LocalizationConfig(), separation))
-    memory = ControllerMemory()
-    t_s = world_config.plant.sampling_time
+    memory, t_s = ControllerMemory(), world_config.plant.sampling_time
     rows: Array = np.full((steps + 1, 8), np.nan)
-    regions = np.zeros(steps + 1, dtype=np.int64)
-    reached = np.zeros(steps + 1, dtype=np.bool_)
+    regions, reached = np.zeros(steps + 1, dtype=np.int64), np.zeros(steps + 1, dtype=np.bool_)
     for index in range(steps + 1):
         pose = source.pose(world)
         command = Twist(0.0, 0.0)
         if pose is not None:
-            memory, command, _ = step(
-                memory, Estimate(pose, source.uncertainty()), goal, t_s if index else 0.0, controller
-            )
+            estimate = Estimate(pose, source.uncertainty())
+            memory, command, _ = step(memory, estimate, goal, t_s if index else 0.0, controller)
             rows[index, 3:6] = pose
-        rows[index, 0:3] = world.state.pose
-        rows[index, 6:8] = command
+        rows[index, 0:3], rows[index, 6:8] = world.state.pose, command
         regions[index] = memory.switching.region
         reached[index] = memory.settling.reached
         if index < steps:

@@ -98,8 +98,7 @@ def coast(pose: Pose, actuation: Actuation, command: Twist, dt: float, data_shee
     under_way = remembered(actuation.under_way, command, dt, data_sheet)
     lag, latency = data_sheet.drive_time_constant, data_sheet.command_latency
     motion = actuation.motion if lag <= 0.0 else _motion_after(actuation.motion, under_way, dt, data_sheet)
-    v, omega = motion
-    x, y, theta = pose
+    (v, omega), (x, y, theta) = motion, pose
     way = turned = 0.0
     first, skipped, _ = _since(under_way, latency)
     for index in range(first, SLOTS):
@@ -121,8 +120,7 @@ def coast(pose: Pose, actuation: Actuation, command: Twist, dt: float, data_shee
         x += chord * math.cos(middle)
         y += chord * math.sin(middle)
         theta += turn
-        way += abs(forward)
-        turned += abs(turn)
+        way, turned = way + abs(forward), turned + abs(turn)
     if lag > 0.0:
         x, y, theta = _moved(x, y, theta, v * lag, omega * lag)
         way, turned = way + abs(v) * lag, turned + abs(omega) * lag

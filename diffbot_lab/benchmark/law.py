@@ -104,19 +104,21 @@ def run_benchmark(options: ArenaOptions) -> tuple[dict[str, Any], dict[str, Arra
                 bar.update()
             row = {"name": case.name, "text": case.text, "table": case.table, "laws": laws}
             rows.append(row | _moving(case, entries, tuned, options))
-    results: dict[str, Any] = {
+    results = _arena(options) | {"tuning": tuning, "laws": [_described(entry) for entry in entries], "cases": rows}
+    return results | conclusions(results), outcomes
+
+
+def _arena(options: ArenaOptions) -> dict[str, Any]:
+    """Return what all laws and cases share."""
+    return {
         "runs_of_each_start": options.runs,
-        "starts": starts,
+        "starts": len(arena_starts()),
         "seed": options.seed,
         "duration": DURATION,
         "xy_tolerance": XY_TOLERANCE,
         "yaw_tolerance": YAW_TOLERANCE,
         "limits": dict(LIMITS),
-        "tuning": tuning,
-        "laws": [_described(entry) for entry in entries],
-        "cases": rows,
     }
-    return results | conclusions(results), outcomes
 
 
 def _number(entries: tuple[Entry, ...], cases: tuple[ArenaCase, ...]) -> int:

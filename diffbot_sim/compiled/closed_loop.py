@@ -101,15 +101,12 @@ def make_loop(law: Law) -> Callable[[Case, int, int, Pose, Any], Outcome]:
             start: true pose at first, in map.
             history: (steps + 1, 8) array whose rows are filled, or (0, 8) for none.
         """
-        t_s = case.plant.sampling_time
+        t_s, delay = case.plant.sampling_time, case.plant.actuators.command_delay
         criteria = Criteria(case.goal, case.xy_tolerance, case.yaw_tolerance, t_s, case.steps)
-        delay = case.plant.actuators.command_delay
         commands = np.zeros((command_rows(delay, t_s), 2))
-        state = new_plant(start)
-        memory = new_memory(case.controller)
+        state, memory, totals = new_plant(start), new_memory(case.controller), new_totals()
         answer = LawState(OMEGA_G, False)
         feedback = Feedback(new_sensed(case.filter, case.late_steps), start, False)
-        totals = new_totals()
         for index in range(case.steps + 1):
             key = NoiseKey(seed, run, index)
             feedback = _observe(case, key, state, feedback)
