@@ -35,7 +35,7 @@ _SHORTEST_LEG = 0.3
 _ENOUGH_CERTAIN = 0.2
 """share: with a position as certain as this, the shortest leg is allowed whatever the room"""
 _MISSED_CERTAIN = 0.3
-"""share: with a position as certain as this, an error beyond ``finish_missed`` is believed"""
+"""share: with a position as certain as this, an error beyond ``finish_missed`` is acted on"""
 _LEGS = 12
 """legs of one try"""
 _OUT_SLOPE = 2.0
