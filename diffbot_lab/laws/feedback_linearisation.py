@@ -6,6 +6,7 @@ import math
 from typing import Annotated, Any, NamedTuple
 
 from diffbot_control.law.configuration import Report
+from diffbot_control.law.limits import limit_velocity
 from diffbot_control.law.regions import OMEGA_G, OMEGA_L
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose
@@ -23,7 +24,6 @@ from diffbot_lab.laws.common import (
     Turning,
     chosen_direction,
     conclude,
-    limit_speed,
     new_law_memory,
     situation_of,
     turn_rate,
@@ -76,7 +76,7 @@ def feedback_linearisation(
     if abs(speed) < _LEAST_SPEED:
         speed = math.copysign(_LEAST_SPEED, direction)
     limit = config.data_sheet.omega_max
-    requested = limit_speed(Twist(speed, min(max(across / speed, -limit), limit)), config.data_sheet)
+    requested = limit_velocity(Twist(speed, min(max(across / speed, -limit), limit)), config.data_sheet)
     if abs(requested.v) >= _LEAST_SPEED:
         speed = requested.v
     return LawState(DRIVING, direction, speed), requested

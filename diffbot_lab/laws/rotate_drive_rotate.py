@@ -6,7 +6,8 @@ import math
 from typing import Annotated, Any, NamedTuple
 
 from diffbot_control.law.configuration import Report
-from diffbot_core.data_sheet import DataSheet
+from diffbot_control.law.speed_profile import braking
+from diffbot_core.data_sheet import DataSheet, rim_speed
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.schema import Spec
@@ -22,11 +23,9 @@ from diffbot_lab.laws.common import (
     Turning,
     approach_speed,
     bearing,
-    braking_speed,
     chosen_direction,
     conclude,
     final_turn,
-    max_rim_speed,
     new_law_memory,
     situation_of,
     turn_rate,
@@ -69,12 +68,12 @@ def rotate_drive_rotate(state: LawState, now: Situation, config: RotateDriveRota
     line = Turning(config.turning.turn_brake, 1.0 / config.line_gain)
     omega = turn_rate(angle, line, sheet) * min(1.0, rho / _NEAR)
     v = 0.0 if abs(angle) > _OFF_LINE else _drive_speed(rho, config) * math.cos(angle)
-    v = min(v, max(max_rim_speed(sheet) - 0.5 * sheet.wheels.wheel_separation * abs(omega), 0.0))
+    v = min(v, max(rim_speed(sheet) - 0.5 * sheet.wheels.wheel_separation * abs(omega), 0.0))
     return LawState(DRIVING, direction, 0.0), Twist(direction * v, omega)
 
 
 def _drive_speed(rho: float, config: RotateDriveRotateConfig) -> float:
-    fast = braking_speed(max(rho - config.slow_distance, 0.0), config.drive_brake, config.drive_time)
+    fast = braking(max(rho - config.slow_distance, 0.0), config.drive_brake, config.drive_time)
     return min(config.data_sheet.v_max, config.slow_slope * rho + fast, approach_speed(rho, config.data_sheet))
 
 

@@ -7,7 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from diffbot_control.law.limits import limit_change
 from diffbot_control.law.registry import registered_laws, resolve_law
+from diffbot_control.law.speed_profile import braking
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
@@ -15,7 +17,7 @@ from diffbot_core.uncertainty import CERTAIN, Estimate
 from diffbot_lab.benchmark.law_cases import cases_named
 from diffbot_lab.benchmark.law_entries import ENTRIES
 from diffbot_lab.benchmark.law_runs import case_of
-from diffbot_lab.laws.common import approach_speed, braking_speed, limit_change
+from diffbot_lab.laws.common import approach_speed
 from diffbot_lab.laws.graceful import graceful_curvature
 from diffbot_lab.laws.polar import Polar, PolarConfig, polar_law
 from diffbot_sim.compiled.batch import COLUMNS, Starts, run_batch
@@ -104,9 +106,9 @@ def test_no_limit_is_broken_whatever_the_estimates(name, jumps, a_max, omega_dot
 
 @given(st.floats(0.0, 20.0), st.floats(0.1, 20.0), st.floats(0.05, 3.0))
 def test_the_braking_speed_stops_in_the_distance(distance, brake, time):
-    speed = braking_speed(distance, brake, time)
+    speed = braking(distance, brake, time)
     assert speed**2 / (2.0 * brake) + speed * time == pytest.approx(distance, abs=1e-9)
-    assert braking_speed(distance, math.inf, time) == pytest.approx(distance / time)
+    assert braking(distance, math.inf, time) == pytest.approx(distance / time)
 
 
 def test_without_a_limit_of_acceleration_nothing_brakes():
