@@ -17,6 +17,15 @@ EXECUTABLES = {
     "replay_node": "diffbot_bag.executables:replay_node",
     "diffbot": "diffbot_lab.cli:main",
 }
+LAWS = {
+    "switching": "diffbot_control.law.controller:SwitchingLaw",
+    "aicardi": "diffbot_lab.laws.aicardi:Aicardi",
+    "feedback_linearisation": "diffbot_lab.laws.feedback_linearisation:FeedbackLinearisation",
+    "graceful": "diffbot_lab.laws.graceful:Graceful",
+    "polar": "diffbot_lab.laws.polar:Polar",
+    "pure_pursuit": "diffbot_lab.laws.pure_pursuit:PurePursuit",
+    "rotate_drive_rotate": "diffbot_lab.laws.rotate_drive_rotate:RotateDriveRotate",
+}
 SHIM = """\
 #!/bin/sh
 # `ros2 run` and `ros2 launch` look here, pip installs commands in bin only.
@@ -50,13 +59,17 @@ setup(
     maintainer_email="diffbot@users.noreply.example",
     python_requires=">=3.10",
     packages=find_packages(include=["diffbot_*"]),
+    package_data={"diffbot_lab.benchmark": ["*.json"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
         (f"share/{NAME}/launch", sorted(glob("launch/*.launch.py"))),
         (f"share/{NAME}/config", sorted(glob("config/*.yaml"))),
     ],
-    entry_points={"console_scripts": [f"{name} = {function}" for name, function in EXECUTABLES.items()]},
+    entry_points={
+        "console_scripts": [f"{name} = {function}" for name, function in EXECUTABLES.items()],
+        "diffbot.controllers": [f"{name} = {place}" for name, place in LAWS.items()],
+    },
     cmdclass={"install_data": InstallDataAndShims},
     zip_safe=False,
     # Not what a ROS installation brings without pip knowing it (rclpy, messages): see jazzy below.

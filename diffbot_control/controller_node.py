@@ -26,7 +26,9 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
 from diffbot_control.law import supervisor
-from diffbot_control.law.lyapunov_law import unstable_gains
+from diffbot_control.law.configuration import TANH
+from diffbot_control.law.finish import FINISH_NAMES
+from diffbot_control.law.loop_check import unstable_gains
 from diffbot_control.law.reapproach import PHASE_NAMES
 from diffbot_control.law.regions import REGION_NAMES
 from diffbot_control.law.supervisor import Supervisor
@@ -50,6 +52,7 @@ _LEVELS = {
     supervisor.STALE: DiagnosticStatus.ERROR[0],
     supervisor.WAITING: DiagnosticStatus.WARN[0],
     supervisor.UNCERTAIN: DiagnosticStatus.WARN[0],
+    supervisor.NOT_REACHED: DiagnosticStatus.ERROR[0],
 }
 _STATUS_PERIOD = 0.5
 _STOP_DELIVERY = Duration(seconds=0.2)
@@ -126,7 +129,7 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
         if self._gains_checked or before is None or stamp <= before:
             return
         self._gains_checked = True
-        warning = unstable_gains(self.config.supervisor.controller.gains, (stamp - before) / NS_PER_S)
+        warning = unstable_gains(self.config.supervisor.controller, (stamp - before) / NS_PER_S)
         if warning:
             self.get_logger().warning(warning)
 
@@ -207,13 +210,18 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
             values["distance [m]"] = f"{self.supervisor.report.rho:.4f}"
             values["heading error [rad]"] = f"{self.supervisor.report.theta:.4f}"
             values["eps_P [m]"] = f"{self.supervisor.report.eps_P:.4f}"
-            values["re-approach"] = f"{PHASE_NAMES[memory.reapproach.phase]}, {memory.reapproach.tries} begun"
+            if self.config.supervisor.controller.profile == TANH:
+                values["re-approach"] = f"{PHASE_NAMES[memory.reapproach.phase]}, {memory.reapproach.tries} begun"
+            else:
+                values["finish"] = f"{FINISH_NAMES[memory.finish.phase]}, {memory.finish.tries} begun"
             xy, theta = self.supervisor.smallest_tolerance()
             values["smallest tolerance [m]"], values["smallest tolerance [rad]"] = f"{xy:.4f}", f"{theta:.4f}"
         if self.supervisor.waypoints:
             values["waypoint"] = f"{self.supervisor.waypoint}/{self.supervisor.waypoints}"
+        if self.supervisor.reason:
+            values["reason"] = self.supervisor.reason
         if state != self._last_status[0]:
-            self.get_logger().info(state)
+            self.get_logger().info(f"{state}: {self.supervisor.reason}" if self.supervisor.reason else state)
         self._last_status = (state, self.supervisor.waypoint)
         self._statuses.publish(status_message("controller", _LEVELS.get(state, 0), state, values))
 

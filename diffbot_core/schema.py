@@ -207,7 +207,8 @@ def _check_number(name: str, value: float, spec: Spec) -> None:
     too_low = value <= spec.minimum if spec.exclusive_minimum else value < spec.minimum
     # An int is finite, and may be too large to convert to a float.
     finite = isinstance(value, int) or math.isfinite(value)
-    if (not finite and not infinite_allowed) or too_low or value > spec.maximum:
+    too_high = value > spec.maximum and not infinite_allowed
+    if (not finite and not infinite_allowed) or too_low or too_high:
         raise InvalidValueError(name, value, spec.bound())
 
 

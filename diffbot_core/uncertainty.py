@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from diffbot_core.geometry import Pose
+
 
 class Uncertainty(NamedTuple):
     """Standard deviations of the estimate."""
@@ -20,6 +22,14 @@ CERTAIN = Uncertainty(0.0, 0.0)
 
 A message never means this: its all-zero covariance means *unknown*.
 """
+
+
+class Estimate(NamedTuple):
+    """What a controller receives: where the robot is, and how well that is known."""
+
+    pose: Pose
+    """in the frame of the goal's pose, e.g. ``map``"""
+    uncertainty: Uncertainty = CERTAIN
 
 
 def largest_deviation(xx: float, xy: float, yy: float) -> float:

@@ -6,14 +6,15 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from diffbot_control.filter.options import FilterConfig, options_of
-from diffbot_control.law.controller import ControllerConfig
+from diffbot_control.law.controller import ControllerConfig, SwitchingLaw
+from diffbot_control.law.goal_checker import GoalTolerance
 from diffbot_control.law.presets import PAPER, PRESETS
+from diffbot_control.law.protocol import Law
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_core.schema import build, parameters_of, refuse_replaced
 from diffbot_sim.compiled.batch import FEEDBACK_CODES
 from diffbot_sim.compiled.closed_loop import Case
-from diffbot_sim.compiled.peer_laws import OURS
 from diffbot_sim.model.plant import PlantConfig
 from diffbot_sim.model.sensors import SensorConfig
 
@@ -25,37 +26,36 @@ class Configuration(NamedTuple):
 
     plant: PlantConfig = PlantConfig()
     sensors: SensorConfig = SensorConfig()
-    controller: ControllerConfig = ControllerConfig()
+    controller: Any = ControllerConfig()
+    """of the Config of the law that drives"""
     filter: FilterConfig = FilterConfig()
 
 
-_PARTS: tuple[type[Any], ...] = (PlantConfig, SensorConfig, ControllerConfig, FilterConfig)
-"""types of the fields of :class:`Configuration`, in their order"""
-
-
-def configure(values: Mapping[str, Any]) -> Configuration:
+def configure(values: Mapping[str, Any], law: Law = SwitchingLaw) -> Configuration:
     """Build the configurations from parameter values; each value goes to every configuration that has its name.
 
-    So ``wheel_radius`` sets the plant's and the controller's. ``preset`` selects the controller's defaults.
+    So ``wheel_radius`` sets the plant's and the controller's. ``preset`` selects the defaults of this project's law.
 
     Raises:
         InvalidValueError: for an unknown name or a value that is not allowed.
     """
     values = dict(values)
-    preset = values.pop("preset", PAPER)
+    parts: tuple[type[Any], ...] = (PlantConfig, SensorConfig, law.Config, FilterConfig)
+    is_own = law.Config is ControllerConfig
+    preset = values.pop("preset", PAPER) if is_own else PAPER
     if preset not in PRESETS:
         raise InvalidValueError("preset", preset, "one of " + ", ".join(PRESETS))
-    for part in _PARTS:
+    for part in parts:
         refuse_replaced(part, values)
-    names = [{parameter.name for parameter in parameters_of(part)} for part in _PARTS]
+    names = [{parameter.name for parameter in parameters_of(part)} for part in parts]
     for name, value in values.items():
         if not any(name in own for own in names):
             raise InvalidValueError(name, value, f"a parameter: {', '.join(sorted(set().union(*names)))}")
-    bases = {ControllerConfig: PRESETS[preset]}
+    bases: dict[type[Any], Any] = {ControllerConfig: PRESETS[preset]} if is_own else {}
     return Configuration(
         *(
             build(part, {name: value for name, value in values.items() if name in own}, bases.get(part))
-            for part, own in zip(_PARTS, names, strict=True)
+            for part, own in zip(parts, names, strict=True)
         )
     )
 
@@ -68,7 +68,6 @@ def make_case(
     goal: Pose = ORIGIN,
     tolerance: tuple[float, float] | None = None,
     literal_rear: bool = False,
-    peer: int = OURS,
 ) -> Case:
     """Assemble what the runs of one case share.
 
@@ -77,12 +76,12 @@ def make_case(
         duration: [s] of each run, rounded to whole steps, at least one.
         feedback: one of FEEDBACK_CODES: which pose the controller receives.
         goal: [m, m, rad] in map.
-        tolerance: [m], [rad] within which a run has settled; None for the controller's own.
+        tolerance: [m], [rad] within which a run has settled; None for the law's own, if it has a ``tolerance``.
         literal_rear: use the sign that the paper prints for the velocity in the rear sector.
-        peer: law that drives, see :mod:`diffbot_sim.compiled.peer_laws`.
     """
     plant, sensors, controller, filter_config = configuration
-    own = controller.tolerance.xy_goal_tolerance, controller.tolerance.yaw_goal_tolerance
+    stop = getattr(controller, "tolerance", GoalTolerance())
+    own = stop.xy_goal_tolerance, stop.yaw_goal_tolerance
     xy_tolerance, yaw_tolerance = own if tolerance is None else tolerance
     return Case(
         plant,
@@ -95,5 +94,4 @@ def make_case(
         xy_tolerance,
         yaw_tolerance,
         filter=options_of(filter_config),
-        peer=peer,
     )

@@ -25,10 +25,11 @@ NODES = {
     "replay": "diffbot_bag.replay_node",
 }
 BENCHMARKS = {
-    "switching": ("diffbot_lab.benchmark.law", 100, Path("out/benchmark")),
-    "localization": ("diffbot_lab.benchmark.filter", 200, Path("out/localization")),
+    "switching": (100, Path("out/benchmark")),
+    "localization": (200, Path("out/localization")),
+    "tune": (102, Path("out/tuning")),
 }
-"""Module, default number of runs, default folder."""
+"""Default number of runs, default folder."""
 MAX_SEED = 2**63 - 1
 
 
@@ -105,19 +106,30 @@ def _add_stability(commands: Any) -> None:
 
 
 def _add_benchmark(commands: Any) -> None:
-    benchmark = commands.add_parser(
-        "benchmark", help="the law and its peers, or the filter's variants, on the same drives and noise"
-    )
+    benchmark = commands.add_parser("benchmark", help="the law and its peers, their tuning, or the filter's variants")
     benchmark.add_argument(
         "what", nargs="?", choices=tuple(BENCHMARKS), default="switching", help="%(default)s if none"
     )
     benchmark.add_argument(
         "--runs",
         type=_whole(1, 10**5),
-        help="switching: of each start (default: 100); localization: of each case (default: 200)",
+        help="switching: of each start (default: 100); localization: of each case (default: 200); "
+        "tune: of each case in an evaluation (default: 102)",
     )
     benchmark.add_argument("--seed", type=_whole(0, MAX_SEED), default=1, help="seed of all noise")
-    benchmark.add_argument("--out", type=Path, help="folder (default: out/benchmark, out/localization)")
+    benchmark.add_argument("--out", type=Path, help="folder (default: out/benchmark, out/localization, out/tuning)")
+    benchmark.add_argument(
+        "--law",
+        action="append",
+        default=[],
+        metavar="LAW",
+        help="compare the switching law with this one alone: a name, or package.module:Class; may be repeated",
+    )
+    benchmark.add_argument("--case", action="append", default=[], help="run this case alone; may be repeated")
+    benchmark.add_argument("--tuning", type=Path, metavar="FILE", help="tuning.json of diffbot benchmark tune")
+    benchmark.add_argument(
+        "--budget", type=_whole(1, 10**6), default=480, help="tune: evaluations for each law (default: %(default)s)"
+    )
     benchmark.add_argument("--no-figures", dest="figures", action="store_false", help="results.json and table only")
     benchmark.set_defaults(call=_benchmark)
 
@@ -227,10 +239,21 @@ def _stability(options: argparse.Namespace) -> int:
 
 
 def _benchmark(options: argparse.Namespace) -> int:
-    module, runs, folder = BENCHMARKS[options.what]
-    out = folder if options.out is None else options.out
-    run_and_report = importlib.import_module(module).run_and_report
-    return int(run_and_report(options.runs or runs, options.seed, out, options.figures))
+    number, folder = BENCHMARKS[options.what]
+    runs, out = options.runs or number, options.out or folder
+    laws, cases = tuple(options.law), tuple(options.case)
+    if options.what == "localization":
+        from diffbot_lab.benchmark import filter as filter_benchmark  # noqa: PLC0415
+
+        return filter_benchmark.run_and_report(runs, options.seed, out, options.figures)
+    if options.what == "tune":
+        from diffbot_lab.benchmark import law_tuning  # noqa: PLC0415
+
+        return law_tuning.run_and_report(laws, options.budget, runs, cases, out)
+    from diffbot_lab.benchmark import law as law_benchmark  # noqa: PLC0415
+
+    arena = law_benchmark.ArenaOptions(runs, options.seed, laws, cases, options.tuning)
+    return law_benchmark.run_and_report(arena, out, options.figures)
 
 
 def _run_node(options: argparse.Namespace) -> int:

@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diffbot_control.filter.covariance import uncertainty_of
-from diffbot_control.filter.localization import Estimate, Localization, LocalizationConfig
+from diffbot_control.filter.localization import Estimate as FilterEstimate
+from diffbot_control.filter.localization import Localization, LocalizationConfig
 from diffbot_control.filter.measurements import Measurement
 from diffbot_control.law.controller import ControllerConfig, ControllerMemory, step
-from diffbot_control.law.regions import OMEGA_G
 from diffbot_core.errors import BadMessageError, InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
-from diffbot_core.uncertainty import CERTAIN, Uncertainty
-from diffbot_sim.model.outcome import Criteria, Outcome, add_step, new_totals, outcome_of
+from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
+from diffbot_sim.model.outcome import Criteria, LawState, Outcome, add_step, new_totals, outcome_of
 from diffbot_sim.model.simulator import World, WorldConfig
 
 Array = NDArray[np.float64]
@@ -40,6 +40,8 @@ class Recording(NamedTuple):
     """(n, 2) v, omega of the command that follows [m/s, rad/s]"""
     region: NDArray[np.int64]
     """(n,) region in force"""
+    reached: NDArray[np.bool_]
+    """(n,) True once the controller has reported the goal as reached"""
 
     def outcome(self, goal: Pose, xy_tolerance: float, yaw_tolerance: float) -> Outcome:
         """Return what a batch keeps of such a run.
@@ -54,12 +56,13 @@ class Recording(NamedTuple):
         criteria = Criteria(goal, xy_tolerance, yaw_tolerance, sampling_time, steps)
         poses = [Pose(*row) for row in self.truth.tolist()]
         totals = new_totals()
-        for index, (region, row) in enumerate(zip(self.region.tolist(), self.command.tolist(), strict=True)):
+        rows = zip(self.region.tolist(), self.reached.tolist(), self.command.tolist(), strict=True)
+        for index, (region, reached, row) in enumerate(rows):
             after = poses[min(index + 1, steps)]
-            totals = add_step(totals, criteria, index, region, Twist(*row), poses[index], after)
-        switches = int(np.count_nonzero(np.diff(self.region, prepend=OMEGA_G)))
+            law = LawState(region, reached)
+            totals = add_step(totals, criteria, index, law, Twist(*row), poses[index], after)
         feedback = Pose(*self.feedback[-1].tolist())
-        return outcome_of(totals, criteria, switches, feedback, not math.isnan(feedback.x), poses[-1])
+        return outcome_of(totals, criteria, feedback, not math.isnan(feedback.x), poses[-1])
 
 
 def simulate(
@@ -85,23 +88,23 @@ def simulate(
     world = World(world_config)
     separation = world_config.plant.wheels.wheel_separation
     source = _Feedback(feedback, Localization(localization or LocalizationConfig(), separation))
-    memory = ControllerMemory()
-    t_s = world_config.plant.sampling_time
+    memory, t_s = ControllerMemory(), world_config.plant.sampling_time
     rows: Array = np.full((steps + 1, 8), np.nan)
-    regions = np.zeros(steps + 1, dtype=np.int64)
+    regions, reached = np.zeros(steps + 1, dtype=np.int64), np.zeros(steps + 1, dtype=np.bool_)
     for index in range(steps + 1):
         pose = source.pose(world)
         command = Twist(0.0, 0.0)
         if pose is not None:
-            memory, command, _ = step(memory, pose, goal, t_s if index else 0.0, controller, source.uncertainty())
+            estimate = Estimate(pose, source.uncertainty())
+            memory, command, _ = step(memory, estimate, goal, t_s if index else 0.0, controller)
             rows[index, 3:6] = pose
-        rows[index, 0:3] = world.state.pose
-        rows[index, 6:8] = command
+        rows[index, 0:3], rows[index, 6:8] = world.state.pose, command
         regions[index] = memory.switching.region
+        reached[index] = memory.settling.reached
         if index < steps:
             world.advance(command)
     time: Array = np.arange(steps + 1) * np.float64(t_s)
-    return Recording(time, rows[:, 0:3], rows[:, 3:6], rows[:, 6:8], regions)
+    return Recording(time, rows[:, 0:3], rows[:, 3:6], rows[:, 6:8], regions, reached)
 
 
 class _Feedback:
@@ -111,7 +114,7 @@ class _Feedback:
         self._feedback = feedback
         self._localization = localization
         self._newest: Pose | None = None
-        self._estimate: Estimate | None = None
+        self._estimate: FilterEstimate | None = None
 
     def pose(self, world: World) -> Pose | None:
         """Return the pose at the present step, None before there is one; to be called once a step."""

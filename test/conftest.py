@@ -1,6 +1,7 @@
 """Surroundings of all tests, set before anything of ROS is imported: each pytest worker has a graph of its own."""
 
 import os
+import signal
 import sys
 import tempfile
 from pathlib import Path
@@ -8,6 +9,9 @@ from pathlib import Path
 import graph
 import pytest
 
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    # Started in the background of a shell; processes that the tests start would ignore SIGINT, too.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 # Wrong types in a message field raise instead of being sent.
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"

@@ -2,9 +2,11 @@
 
 One step of the controller, with its memory as argument and result::
 
-    from diffbot_control.law import PRESETS, ControllerConfig, ControllerMemory, step
+    from diffbot_control.law import PRESETS, ControllerMemory, step
+    from diffbot_core import Estimate, Uncertainty
 
-    memory, command, report = step(ControllerMemory(), pose, goal, 0.1, ControllerConfig())
+    estimate = Estimate(pose, Uncertainty(0.02, 0.01))
+    memory, command, report = step(ControllerMemory(), estimate, goal, 0.1, PRESETS["tuned"])
 
 :class:`Supervisor` adds goals, paths and timeouts. Nothing here needs more than ``math``.
 """
@@ -14,12 +16,16 @@ from diffbot_control.law.controller import (
     ControllerMemory,
     Driving,
     Report,
+    SwitchingLaw,
     memory_for_new_goal,
     step,
     stop_step,
 )
+from diffbot_control.law.finish import Finish, FinishConfig
 from diffbot_control.law.goal_checker import GoalTolerance, Settling, is_knowable, within
-from diffbot_control.law.limits import Limits, limit_acceleration, limit_velocity
+from diffbot_control.law.latency import coast
+from diffbot_control.law.limits import limit_acceleration, limit_change, limit_velocity
+from diffbot_control.law.loop_check import unstable_gains
 from diffbot_control.law.lyapunov_law import (
     PAPER_GAINS,
     Gains,
@@ -28,10 +34,10 @@ from diffbot_control.law.lyapunov_law import (
     local_law,
     local_lyapunov,
     sampled_poles,
-    unstable_gains,
 )
 from diffbot_control.law.polar_coordinates import Navigation, navigation_variables
-from diffbot_control.law.presets import PAPER, PAPER_COVARIANCE, PRESETS, TUNED
+from diffbot_control.law.presets import PAPER, PAPER_COVARIANCE, PRECISE, PRESETS, TUNED
+from diffbot_control.law.protocol import Law
 from diffbot_control.law.reapproach import Reapproach, ReapproachConfig
 from diffbot_control.law.regions import (
     COVARIANCE,
@@ -44,6 +50,8 @@ from diffbot_control.law.regions import (
     Switching,
     smallest_radius,
 )
+from diffbot_control.law.speed_profile import ProfileGains, auto_gains
+from diffbot_control.law.steering import Course
 from diffbot_control.law.supervisor import Supervisor, SupervisorConfig
 
 __all__ = [
@@ -54,17 +62,22 @@ __all__ = [
     "PAPER",
     "PAPER_COVARIANCE",
     "PAPER_GAINS",
+    "PRECISE",
     "PRESETS",
     "TUNED",
     "ControllerConfig",
     "ControllerMemory",
+    "Course",
     "CovarianceRegionPolicy",
     "Driving",
+    "Finish",
+    "FinishConfig",
     "FixedRegionPolicy",
     "Gains",
     "GoalTolerance",
-    "Limits",
+    "Law",
     "Navigation",
+    "ProfileGains",
     "Reapproach",
     "ReapproachConfig",
     "RegionPolicy",
@@ -73,10 +86,14 @@ __all__ = [
     "Supervisor",
     "SupervisorConfig",
     "Switching",
+    "SwitchingLaw",
+    "auto_gains",
+    "coast",
     "global_law",
     "global_lyapunov",
     "is_knowable",
     "limit_acceleration",
+    "limit_change",
     "limit_velocity",
     "local_law",
     "local_lyapunov",

@@ -31,7 +31,7 @@ class GoalTolerance(NamedTuple):
         int,
         Spec("poses in a row that have to be within the tolerances", "-", minimum=1, maximum=100000),
     ] = 5
-    goal_sigmas: Annotated[float, Spec("standard deviations of the estimate added to its errors", minimum=0.0)] = 2.0
+    goal_sigmas: Annotated[float, Spec("standard deviations of the estimate added to its errors", minimum=0.0)] = 3.8
     stateful: Annotated[bool, Spec("once reached, a goal stays reached until the next one")] = True
 
 

@@ -1,109 +1,61 @@
-"""Limits of the command that keep the curvature of the path: both velocities shrink by one factor."""
+"""Limits of the command: bounds of the velocities and of their changes, and the dead bands.
+
+Two rules. The paper's presets scale v and omega by one factor, which keeps the curvature of the path. The law with
+braking profiles lets the speed give way to the steering, in a way that keeps dV <= 0.
+"""
 
 from __future__ import annotations
 
 import math
-from typing import Annotated, NamedTuple
 
-from diffbot_core.kinematics import Twist, WheelGeometry, wheel_speeds
-from diffbot_core.schema import Spec
+from diffbot_core.data_sheet import DataSheet, rim_speed
+from diffbot_core.kinematics import Twist, wheel_speeds
 
 _INF = math.inf
+_LIFTED_SHARE = 0.4
+"""A command below this share of the dead band becomes zero, one above it the smallest that moves the robot."""
+_ROUNDING = 1.0 + 1e-12
+"""A command that a limit has put onto a bound must not count as beyond it."""
 
 
-class Limits(NamedTuple):
-    """Bounds of the command; ``inf`` is no limit. Parameter names are those of diff_drive_controller."""
-
-    v_max: Annotated[
-        float,
-        Spec(
-            "bound of |v|",
-            "m/s",
-            minimum=0.0,
-            exclusive_minimum=True,
-            allow_inf=True,
-            parameter="linear.x.max_velocity",
-        ),
-    ] = 1.3
-    omega_max: Annotated[
-        float,
-        Spec(
-            "bound of |omega|",
-            "rad/s",
-            minimum=0.0,
-            exclusive_minimum=True,
-            allow_inf=True,
-            parameter="angular.z.max_velocity",
-        ),
-    ] = _INF
-    wheel_max: Annotated[
-        float,
-        Spec(
-            "bound of each wheel's |speed|",
-            "rad/s",
-            minimum=0.0,
-            exclusive_minimum=True,
-            allow_inf=True,
-            parameter="wheel.max_velocity",
-        ),
-    ] = _INF
-    a_max: Annotated[
-        float,
-        Spec(
-            "bound of |dv/dt|",
-            "m/s^2",
-            minimum=0.0,
-            exclusive_minimum=True,
-            allow_inf=True,
-            parameter="linear.x.max_acceleration",
-        ),
-    ] = _INF
-    omega_dot_max: Annotated[
-        float,
-        Spec(
-            "bound of |domega/dt|",
-            "rad/s^2",
-            minimum=0.0,
-            exclusive_minimum=True,
-            allow_inf=True,
-            parameter="angular.z.max_acceleration",
-        ),
-    ] = _INF
-
-
-def limit_velocity(command: Twist, limits: Limits, geometry: WheelGeometry) -> Twist:
+def limit_velocity(command: Twist, data_sheet: DataSheet) -> Twist:
     """Scale ``command`` down until v, omega and both wheel speeds are within bounds; omega / v does not change."""
     scale = 1.0
-    if abs(command.v) > limits.v_max:
-        scale = limits.v_max / abs(command.v)
-    if abs(command.omega) * scale > limits.omega_max:
-        scale = limits.omega_max / abs(command.omega)
-    wheels = wheel_speeds(command, geometry)
+    if abs(command.v) > data_sheet.v_max:
+        scale = data_sheet.v_max / abs(command.v)
+    if abs(command.omega) * scale > data_sheet.omega_max:
+        scale = data_sheet.omega_max / abs(command.omega)
+    wheels = wheel_speeds(command, data_sheet.wheels)
     fastest = max(abs(wheels.left), abs(wheels.right))
-    if fastest * scale > limits.wheel_max:
-        scale = limits.wheel_max / fastest
+    if fastest * scale > data_sheet.wheel_max:
+        scale = data_sheet.wheel_max / fastest
     return Twist(command.v * scale, command.omega * scale)
 
 
-def limit_acceleration(command: Twist, previous: Twist, dt: float, limits: Limits) -> Twist:
-    """Return the twist nearest to ``command`` that can be reached from ``previous`` within ``dt`` [s].
+def limit_acceleration(command: Twist, previous: Twist, dt: float, data_sheet: DataSheet) -> Twist:
+    """Return the twist nearest to ``command`` that can be reached from ``previous`` within ``dt`` [s], on its curve.
 
     It is s * command with the largest factor s in [0, 1] that changes neither velocity by more than its bound times dt:
     the path keeps its curvature, and only the timing changes. If there is no such factor (the robot still moves along
-    another curve), each velocity moves towards the command as far as its bound allows.
+    another curve), each velocity moves towards the command: see :func:`limit_change`.
     """
-    if limits.a_max == _INF and limits.omega_dot_max == _INF:
+    if data_sheet.a_max == _INF and data_sheet.omega_dot_max == _INF:
         return command
-    # An absent limit must stay absent for dt = 0: inf * 0 is not a number.
-    dv = limits.a_max * dt if limits.a_max < _INF else _INF
-    domega = limits.omega_dot_max * dt if limits.omega_dot_max < _INF else _INF
+    dv, domega = _changes(dt, data_sheet)
     low_v, high_v = _factors(command.v, previous.v, dv)
     low_w, high_w = _factors(command.omega, previous.omega, domega)
     low = max(low_v, low_w, 0.0)
     high = min(high_v, high_w, 1.0)
     if low <= high:
         return Twist(command.v * high, command.omega * high)
-    return Twist(_towards(command.v, previous.v, dv), _towards(command.omega, previous.omega, domega))
+    return limit_change(command, previous, dt, data_sheet)
+
+
+def _changes(dt: float, data_sheet: DataSheet) -> tuple[float, float]:
+    """Largest changes of v [m/s] and omega [rad/s] within ``dt`` [s]; inf * 0 is no number, and means no limit."""
+    dv = data_sheet.a_max * dt if data_sheet.a_max < _INF else _INF
+    domega = data_sheet.omega_dot_max * dt if data_sheet.omega_dot_max < _INF else _INF
+    return dv, domega
 
 
 def _factors(requested: float, previous: float, change: float) -> tuple[float, float]:
@@ -117,3 +69,116 @@ def _factors(requested: float, previous: float, change: float) -> tuple[float, f
 
 def _towards(requested: float, previous: float, change: float) -> float:
     return min(max(requested, previous - change), previous + change)
+
+
+def limit_change(command: Twist, previous: Twist, dt: float, data_sheet: DataSheet) -> Twist:
+    """Move each velocity from ``previous`` towards ``command`` as far as ``dt`` [s] allows, within all bounds.
+
+    Where the rims' bound asks for less, the speed gives way as far as it can in one period, and the rotation the rest.
+    The commands within the bounds are a convex set: if ``previous`` and ``command`` are in it, so is the result. If
+    ``previous`` is not, because a bound was lowered since, it moves straight towards ``command``, which leads into it.
+    """
+    if data_sheet.a_max == _INF and data_sheet.omega_dot_max == _INF:
+        return command
+    dv, domega = _changes(dt, data_sheet)
+    rim, half = rim_speed(data_sheet), 0.5 * data_sheet.wheels.wheel_separation
+    if (
+        abs(previous.v) > data_sheet.v_max * _ROUNDING
+        or abs(previous.omega) > data_sheet.omega_max * _ROUNDING
+        or abs(previous.v) + half * abs(previous.omega) > rim * _ROUNDING
+    ):
+        return _straight_towards(command, previous, dv, domega)
+    v = _towards(command.v, previous.v, dv)
+    omega = _towards(command.omega, previous.omega, domega)
+    if abs(v) + half * abs(omega) > rim:
+        slower = max(rim - half * abs(omega), abs(previous.v) - dv, 0.0)
+        v = _clip(v, slower)
+        omega = _clip(omega, max(rim - abs(v), 0.0) / half)
+    return Twist(v, omega)
+
+
+def slowed(previous: Twist, dt: float, data_sheet: DataSheet) -> Twist:
+    """Brake from ``previous`` for ``dt`` [s] along its curve, as hard as the limits of the accelerations allow."""
+    dv, domega = _changes(dt, data_sheet)
+    left = 0.0
+    if abs(previous.v) > dv:
+        left = 1.0 - dv / abs(previous.v)
+    if abs(previous.omega) > domega:
+        left = max(left, 1.0 - domega / abs(previous.omega))
+    return Twist(left * previous.v, left * previous.omega)
+
+
+def limit_global(phi: float, v: float, turn: float, data_sheet: DataSheet) -> Twist:
+    """Return (s v, phi + s turn) within the bounds of the velocities, with the largest s in [0, 1] that there is.
+
+    The steering keeps its rate phi and the speed gives way. In Omega_G dV is linear in the command, and each
+    (s v, q phi + s turn) with s, q >= 0 has dV <= 0, so these limits cannot spoil it.
+
+    Args:
+        phi: [rad/s] steering to the goal; clipped to what a rotation on the spot may have.
+        v: [m/s].
+        turn: [rad/s] rotation that belongs to v.
+        data_sheet: the bounds.
+    """
+    if data_sheet.min_velocity > 0.0 or data_sheet.min_rotation > 0.0:
+        phi, v, turn = _lifted_parts(phi, v, turn, data_sheet)
+    v_max, omega_max = data_sheet.v_max, data_sheet.omega_max
+    rim, half = rim_speed(data_sheet), 0.5 * data_sheet.wheels.wheel_separation
+    phi = _clip(phi, min(omega_max, rim / half))
+    speed = abs(v)
+    s = 1.0 if speed <= v_max else v_max / speed
+    if abs(phi + s * turn) > omega_max:
+        room = omega_max - phi if turn > 0.0 else omega_max + phi
+        s = min(s, room / abs(turn))
+    # The bound of the rims on both sides of phi + s turn = 0; it holds for s = 0.
+    up, down = speed + half * turn, speed - half * turn
+    if half * phi + s * up > rim and up > 0.0:
+        s = (rim - half * phi) / up
+    if s * down - half * phi > rim and down > 0.0:
+        s = (rim + half * phi) / down
+    s = max(s, 0.0)
+    return Twist(s * v, phi + s * turn)
+
+
+def limit_local(command: Twist, data_sheet: DataSheet) -> Twist:
+    """Return a command of Omega_L within the bounds of the velocities: the heading first, the speed with what is left.
+
+    Each velocity has its own term of dV there, so each may shrink by itself.
+    """
+    v, omega = command
+    if data_sheet.min_velocity > 0.0 or data_sheet.min_rotation > 0.0:
+        v, omega = lifted(v, data_sheet.min_velocity), lifted(omega, data_sheet.min_rotation)
+    rim, half = rim_speed(data_sheet), 0.5 * data_sheet.wheels.wheel_separation
+    omega = _clip(omega, min(data_sheet.omega_max, rim / half))
+    return Twist(_clip(v, min(data_sheet.v_max, max(rim - half * abs(omega), 0.0))), omega)
+
+
+def lifted(value: float, least: float) -> float:
+    """Return a velocity that moves the robot for one inside its dead band, or zero; the sign stays."""
+    if abs(value) >= least:
+        return value
+    return math.copysign(least, value) if abs(value) > _LIFTED_SHARE * least else 0.0
+
+
+def _lifted_parts(phi: float, v: float, turn: float, data_sheet: DataSheet) -> tuple[float, float, float]:
+    """Lift the command (v, phi + turn) out of the dead bands, before the limits; v and turn keep their ratio."""
+    if data_sheet.min_velocity > 0.0 and v != 0.0:
+        factor = lifted(v, data_sheet.min_velocity) / v
+        v, turn = factor * v, factor * turn
+    if data_sheet.min_rotation > 0.0:
+        phi = lifted(phi + turn, data_sheet.min_rotation) - turn
+    return phi, v, turn
+
+
+def _straight_towards(command: Twist, previous: Twist, dv: float, domega: float) -> Twist:
+    way_v, way_omega = command.v - previous.v, command.omega - previous.omega
+    share = 1.0
+    if abs(way_v) > dv:
+        share = dv / abs(way_v)
+    if abs(way_omega) * share > domega:
+        share = domega / abs(way_omega)
+    return Twist(previous.v + share * way_v, previous.omega + share * way_omega)
+
+
+def _clip(value: float, bound: float) -> float:
+    return min(max(value, -bound), bound)

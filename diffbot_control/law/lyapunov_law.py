@@ -55,22 +55,6 @@ def sampled_poles(gains: Gains, t_s: float) -> tuple[float, float, float]:
     return angles, abs(1.0 - t_s * gains.gamma), abs(1.0 - t_s * gains.k_2)
 
 
-def unstable_gains(gains: Gains, t_s: float) -> str:
-    """Return a one-line warning if the sampled loop near the goal is unstable at ``t_s`` [s]; empty if it is stable."""
-    angles, distance, heading = sampled_poles(gains, t_s)
-    parts = (
-        ("k, h and gamma (angles in Omega_G)", angles),
-        ("gamma (distance)", distance),
-        ("k_2 (heading in Omega_L)", heading),
-    )
-    found = [f"{name}: {size:.2f}" for name, size in parts if size >= 1.0]
-    if not found:
-        return ""
-    return (
-        f"gains are not stable at {t_s:.3g} s per step, eigenvalues must be inside the unit circle: {', '.join(found)}"
-    )
-
-
 def sinc(angle: float) -> float:
     """sin(angle) / angle, 1 at 0."""
     if abs(angle) < _SERIES:

@@ -66,7 +66,7 @@ class CovarianceRegionPolicy(NamedTuple):
 
     eps_P_min: Annotated[float, Spec("smallest radius", "m", minimum=0.0)] = 0.02
     eps_P_sigmas: Annotated[float, Spec("standard deviations of the position that the radius covers", minimum=0.0)] = (
-        2.15
+        1.6
     )
     eps_P_speed_error: Annotated[
         float, Spec("bound of the relative error of the speed, |eps_v| / |v|", minimum=0.0, maximum=1.0)

@@ -17,7 +17,7 @@ from diffbot_control.law.regions import OMEGA_L
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.schema import Spec
-from diffbot_core.uncertainty import CERTAIN, Uncertainty
+from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
 from diffbot_core.units import S_PER_NS
 
 IDLE = "idle"
@@ -26,7 +26,8 @@ DRIVING = "driving"
 REACHED = "goal reached"
 UNCERTAIN = "tolerance below uncertainty"
 STALE = "stale pose"
-STATES = (IDLE, WAITING, DRIVING, REACHED, UNCERTAIN, STALE)
+NOT_REACHED = "goal not reached"
+STATES = (IDLE, WAITING, DRIVING, REACHED, UNCERTAIN, STALE, NOT_REACHED)
 """All messages of ~/status."""
 
 _MAX_STEP = 1.0
@@ -47,6 +48,12 @@ class SupervisorConfig(NamedTuple):
         Spec("distance at which a waypoint of a path is passed; 0: each is reached first", "m", minimum=0.0),
     ] = 0.0
     hold_goal: Annotated[bool, Spec("keep controlling at a reached goal; otherwise go idle")] = True
+    goal_timeout: Annotated[
+        float, Spec("the robot gives a goal up that is not reached after this time; 0: never", "s", 0.0, 1e6)
+    ] = 0.0
+    max_departures: Annotated[
+        int, Spec("the robot gives a goal up when it has left Omega_L so often (hunting); 0: never", "-", 0, 100000)
+    ] = 10
     publish_when_idle: Annotated[
         bool, Spec("answer every pose, with zero when there is no goal (lock-step needs it)")
     ] = False
@@ -70,6 +77,8 @@ class Supervisor:
         self.goal: Pose | None = None
         self.state = IDLE
         self.report: Report | None = None
+        self.reason = ""
+        """why the last goal was not reached; empty if it was, or is still driven to"""
         self.goals_reached = 0
         """goals reached so far; one that is lost and reached again, or held through silence, counts once"""
         self.waypoint = 0
@@ -81,6 +90,8 @@ class Supervisor:
         self._route: list[Pose] = []
         self._counted = False
         """the present goal is among goals_reached"""
+        self._goal_stamp: int | None = None
+        """[ns] of the first pose with the present goal"""
         self._stamp: int | None = None
         self._pose: Pose | None = None
         self._answer: Twist | None = None
@@ -109,7 +120,9 @@ class Supervisor:
         self._step_input = None
         self.state = WAITING if self._last_pose_time is None else DRIVING
         self.report = None
+        self.reason = ""
         self._counted = False
+        self._goal_stamp = None
 
     def on_cancel(self) -> Twist | None:
         """Drop the goal, if there is one, and start to come to rest at once, with or without a pose."""
@@ -147,9 +160,11 @@ class Supervisor:
 
     def _take_step(self, goal: Pose, pose: Pose, dt: float) -> Twist:
         self._step_input = _StepInput(self.memory, dt)
-        self.memory, command, self.report = step(self.memory, pose, goal, dt, self.config.controller, self.uncertainty)
+        self.memory, command, self.report = step(
+            self.memory, Estimate(pose, self.uncertainty), goal, dt, self.config.controller
+        )
         self.state = self._state_of_drive(command)
-        reached = self.memory.settling.reached
+        reached = self.memory.reached
         if reached and not self._counted:
             self._counted = True
             self.goals_reached += 1
@@ -158,10 +173,28 @@ class Supervisor:
         if self._route and (reached or self.report.rho < self.config.waypoint_radius):
             self.waypoint += 1
             self._drive_to(self._route.pop(0))
+        elif not self._counted:
+            self.reason = self._reason_to_give_up()
+            if self.reason:
+                self._go_idle(NOT_REACHED)
         return command
 
+    def _reason_to_give_up(self) -> str:
+        """Return why the present goal is given up, empty if it is not."""
+        if self._stamp is None:
+            return ""
+        if self._goal_stamp is None:
+            self._goal_stamp = self._stamp
+        timeout, most = self.config.goal_timeout, self.config.max_departures
+        if 0.0 < timeout <= (self._stamp - self._goal_stamp) * S_PER_NS:
+            return f"not reached within goal_timeout = {timeout:g} s"
+        departures = self.memory.switching.switches // 2
+        if 0 < most <= departures:
+            return f"hunting: left Omega_L {departures} times (max_departures = {most})"
+        return ""
+
     def _state_of_drive(self, command: Twist) -> str:
-        if self.memory.settling.reached:
+        if self.memory.reached:
             return REACHED
         tolerance = self.config.controller.tolerance
         at_rest = (
@@ -169,12 +202,17 @@ class Supervisor:
             and abs(command.v) <= tolerance.trans_stopped_velocity
             and abs(command.omega) <= tolerance.rot_stopped_velocity
         )
-        return UNCERTAIN if at_rest and not is_knowable(tolerance, self.uncertainty) else DRIVING
+        return UNCERTAIN if at_rest and not is_knowable(tolerance, self._counting_uncertainty()) else DRIVING
+
+    def _counting_uncertainty(self) -> Uncertainty:
+        scale = self.config.controller.uncertainty_scale
+        return Uncertainty(scale * self.uncertainty.xy, scale * self.uncertainty.theta)
 
     def smallest_tolerance(self) -> tuple[float, float]:
         """Position [m] and heading [rad] tolerance that the present uncertainty allows at best."""
         sigmas = self.config.controller.tolerance.goal_sigmas
-        return sigmas * self.uncertainty.xy, sigmas * self.uncertainty.theta
+        xy, theta = self._counting_uncertainty()
+        return sigmas * xy, sigmas * theta
 
     def on_tick(self, now: float) -> Twist | None:
         """Watch for missing poses: zero if the robot may be moving and no pose came for ``pose_timeout``."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, NamedTuple
 
+from diffbot_control.law.configuration import TANH, ControllerConfig
 from diffbot_control.law.presets import PRESETS, TUNED
 from diffbot_control.law.supervisor import SupervisorConfig
 from diffbot_core.schema import Spec
@@ -53,8 +54,15 @@ class ControllerNodeConfig(NamedTuple):
     enable_stamped_cmd_vel: Annotated[bool, Spec("publish TwistStamped instead of Twist", read_only=True)] = False
 
 
+def _supervisor_of(controller: ControllerConfig) -> SupervisorConfig:
+    """Return the supervisor of a preset: the paper's law is never given up, as it was published."""
+    if controller.profile == TANH:
+        return SupervisorConfig(controller=controller, max_departures=0)
+    return SupervisorConfig(controller=controller)
+
+
 CONTROLLER_PRESETS = {
-    name: ControllerNodeConfig(preset=name, supervisor=SupervisorConfig(controller=controller))
+    name: ControllerNodeConfig(preset=name, supervisor=_supervisor_of(controller))
     for name, controller in PRESETS.items()
 }
 """The sets of defaults that the parameter ``preset`` selects."""

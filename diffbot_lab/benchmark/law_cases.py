@@ -1,176 +1,190 @@
-"""What the benchmark of the law compares: laws, starts, and harder cases for this project's own law."""
+"""Cases of the arena: what the robot, its sensors and its data sheet are, and where runs start."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from diffbot_control.filter.options import CALIBRATING, EKF, FilterConfig
-from diffbot_control.law.controller import ControllerConfig
-from diffbot_control.law.goal_checker import GoalTolerance
-from diffbot_control.law.presets import PAPER, PAPER_COVARIANCE, PRESETS, TUNED
-from diffbot_core.geometry import Pose
-from diffbot_lab.cases import Configuration, make_case
-from diffbot_lab.paper.scenarios import GOAL, HEADINGS_B, starts_of
-from diffbot_sim.compiled import peer_laws as peers
-from diffbot_sim.compiled.closed_loop import Case
+from diffbot_control.law.presets import PRECISE, PRESETS, TUNED
+from diffbot_core.errors import InvalidValueError
+from diffbot_core.schema import build, parameters_of, to_dict
+from diffbot_lab.paper.scenarios import HEADINGS_B, starts_of
 from diffbot_sim.model.plant import PlantConfig
 from diffbot_sim.model.sensors import SensorConfig
 
 Array = NDArray[np.float64]
+Values = Mapping[str, Any]
 
+NONE: Values = MappingProxyType({})
 DURATION = 60.0
 """[s] of a run"""
 XY_TOLERANCE, YAW_TOLERANCE = 0.1, 0.1
 """[m], [rad] within which a run has to end"""
-V_MAX = 1.3
-"""[m/s] bound of |v| for every law; no run takes less than distance / V_MAX"""
+WHEEL_RADIUS = 0.05
+"""[m]"""
+LIMITS: Values = {"linear.x.max_velocity": 1.3, "angular.z.max_velocity": 2.6, "wheel.max_velocity": 1.3 / WHEEL_RADIUS}
+"""Data sheet of every case: 1.3 m/s at the rims, 2.6 rad/s."""
+ARENA, TRAINING, FAR, NEAR, DOCKING = "arena", "training", "far", "near", "docking"
+SPEED, ACCELERATION, OWN = "speed", "acceleration", "own"
+"""Tables: bounded speeds; bounded accelerations, too; this project's law alone."""
 
 
-class Law(NamedTuple):
-    """One law of the comparison."""
-
-    name: str
-    label: str
-    peer: int
-    controller: ControllerConfig
-    source: str
-    purpose: str
-
-
-class Challenge(NamedTuple):
-    """A harder case for this project's law."""
+class ArenaCase(NamedTuple):
+    """One case, by the names of the parameters that differ from the defaults."""
 
     name: str
     text: str
-    controller: ControllerConfig
-    plant: PlantConfig = PlantConfig()
-    sensors: SensorConfig = SensorConfig()
-    xy_tolerance: float = XY_TOLERANCE
+    table: str = SPEED
+    world: Values = NONE
+    """of plant and sensors"""
+    sheet: Values = NONE
+    """of the data sheet, known to every law"""
+    starts: str = ARENA
     filter: str = EKF
+    own: Values = NONE
+    """of this project's law alone"""
+    xy_tolerance: float = XY_TOLERANCE
 
 
-TUNED_CONTROLLER = PRESETS[TUNED]
-_LIMITS_ONLY = ControllerConfig()
-_PARK = "J. J. Park, B. Kuipers, ICRA 2011, with the parameters and the finish of nav2_graceful_controller"
-_AICARDI = "M. Aicardi et al., IEEE Robotics and Automation Magazine 2 (1995); law (13) of the paper, its gains"
-LAWS = (
-    Law(
-        "tuned",
-        "switching law, tuned",
-        peers.OURS,
-        TUNED_CONTROLLER,
-        "law (17) of the paper, gains for a double pole, radius from the covariance (control.md)",
-        "go-to-pose in open space with a noisy estimate; forwards or backwards",
-    ),
-    Law(
-        "paper_covariance",
-        "switching law, paper's gains",
-        peers.OURS,
-        PRESETS[PAPER_COVARIANCE],
-        "law (17) with the paper's gains, radius from the covariance",
-        "what the gains alone change",
-    ),
-    Law(
-        "paper_fixed",
-        "switching law, paper's",
-        peers.OURS,
-        PRESETS[PAPER],
-        "law (17) with the paper's gains and a fixed radius of 0.5 m",
-        "the paper's law as published; made for a heading, not for a position within 0.1 m",
-    ),
-    Law(
-        "graceful_pose",
-        "Park & Kuipers, to the pose",
-        peers.GRACEFUL_POSE,
-        _LIMITS_ONLY,
-        f"{_PARK}, 1.3 m/s, initial rotation, straight to the goal's pose",
-        "comfortable forward motion of a wheelchair along a smooth curve to a pose; forwards only",
-    ),
-    Law(
-        "graceful",
-        "Nav2 graceful, 1.3 m/s",
-        peers.GRACEFUL,
-        _LIMITS_ONLY,
-        f"{_PARK}, 1.3 m/s, allow_backward, prefer_final_rotation",
-        "following a planned path; here straight to the goal, then a rotation in place",
-    ),
-    Law(
-        "graceful_shipped",
-        "Nav2 graceful, as shipped",
-        peers.GRACEFUL_SHIPPED,
-        _LIMITS_ONLY,
-        f"{_PARK}, all defaults: 0.5 m/s, target 1 m ahead on the path",
-        "following a planned path indoors at 0.33 m/s (a target 1 m ahead is inside its slowdown_radius)",
-    ),
-    Law(
-        "polar",
-        "polar law, Siegwart's gains",
-        peers.POLAR,
-        _LIMITS_ONLY,
-        "A. Astolfi, J. Dyn. Syst. Meas. Control 121 (1999); gains of Siegwart and Nourbakhsh (2004)",
-        "exponential convergence from an exact pose; textbook",
-    ),
-    Law(
-        "polar_fast",
-        "polar law, PythonRobotics",
-        peers.POLAR_FAST,
-        _LIMITS_ONLY,
-        "the same law with gains and sectors of PythonRobotics' move_to_pose",
-        "teaching, in a simulation without noise at 100 Hz",
-    ),
-    Law(
-        "aicardi",
-        "Aicardi, stopping",
-        peers.AICARDI,
-        _LIMITS_ONLY,
-        f"{_AICARDI}, holding still once the goal is reached",
-        "smooth steering of a unicycle from an exact pose; forwards or backwards",
-    ),
-    Law(
-        "aicardi_endless",
-        "Aicardi, never stopping",
-        peers.AICARDI_ENDLESS,
-        _LIMITS_ONLY,
-        f"{_AICARDI}, without an end",
-        "the same as the paper simulates it: what holding still is worth",
-    ),
-)
+_PRECISE = {name: value for name, value in to_dict(PRESETS[PRECISE]).items() if value != to_dict(PRESETS[TUNED])[name]}
+_RIM_DEAD_BAND = 0.03
+"""[m/s]"""
+_STICTION = {"dead_band": _RIM_DEAD_BAND / WHEEL_RADIUS, "breakaway": _RIM_DEAD_BAND / WHEEL_RADIUS}
+_MIN_COMMANDS = {"min_velocity": 0.032, "min_rotation": 0.11}
+_ACCELERATION = {"acceleration_max": 0.5, "angular_acceleration_max": 1.5}
+_KNOWN_ACCELERATION = {"linear.x.max_acceleration": 0.5, "angular.z.max_acceleration": 1.5}
+_LATE = {"fix_rate": 5.0, "fix_delay": 0.15}
+_MIX = {
+    **_ACCELERATION,
+    **_STICTION,
+    **_LATE,
+    "command_delay": 0.1,
+    "drive_time_constant": 0.1,
+    "left_radius_error": 0.02,
+    "separation_error": 0.03,
+}
+_KNOWN_MIX = {
+    **_KNOWN_ACCELERATION,
+    **_MIN_COMMANDS,
+    "command_latency": 0.1,
+    "drive_time_constant": 0.1,
+    "angular.z.max_velocity": 1.5,
+}
 
 
-def _tuned(xy: float) -> ControllerConfig:
-    return TUNED_CONTROLLER._replace(tolerance=GoalTolerance(xy_goal_tolerance=xy, yaw_goal_tolerance=YAW_TOLERANCE))
+def _dead_time(seconds: float, known: bool, table: str = SPEED) -> ArenaCase:
+    name = f"dead_time_{round(10 * seconds):02d}" + ("" if known else "_unknown")
+    text = f"dead time {seconds:g} s, {'known' if known else 'not known to the laws'}"
+    return ArenaCase(name, text, table, {"command_delay": seconds}, {"command_latency": seconds} if known else {})
 
 
-def _noise(share: float) -> SensorConfig:
-    base = SensorConfig()
-    return SensorConfig(
-        eps_x_max=share * base.eps_x_max, eps_y_max=share * base.eps_y_max, eps_theta_max=share * base.eps_theta_max
+def _lag(seconds: float) -> ArenaCase:
+    values = {"drive_time_constant": seconds}
+    return ArenaCase(
+        f"lag_{round(100 * seconds):03d}", f"lag of the drives {seconds:g} s, known", SPEED, values, values
     )
 
 
-CHALLENGES = (
-    Challenge("precise", "xy_goal_tolerance 0.03 m", _tuned(0.03)),
-    Challenge("ts_005", "Ts 0.05 s", TUNED_CONTROLLER, PlantConfig(sampling_time=0.05)),
-    Challenge("ts_02", "Ts 0.2 s", TUNED_CONTROLLER, PlantConfig(sampling_time=0.2)),
-    Challenge("fixes_2_hz", "fixes at 2 Hz", TUNED_CONTROLLER, sensors=SensorConfig(fix_rate=2.0)),
-    Challenge("noise_half", "fix noise halved, tolerance 0.05 m", _tuned(0.05), sensors=_noise(0.5), xy_tolerance=0.05),
-    Challenge("noise_double", "fix noise doubled, tolerance 0.2 m", _tuned(0.2), sensors=_noise(2.0), xy_tolerance=0.2),
-    Challenge("calibrating", "filter ekf_calibrating, the default", TUNED_CONTROLLER, filter=CALIBRATING),
-    Challenge(
-        "radius_error",
-        "the same, one wheel's radius 2 % too large",
-        TUNED_CONTROLLER,
-        PlantConfig(right_radius_error=0.02),
+def _noise(share: float) -> Values:
+    base = SensorConfig()
+    return {name: share * getattr(base, name) for name in ("eps_x_max", "eps_y_max", "eps_theta_max")}
+
+
+CASES = (
+    ArenaCase("nominal", "bounded speeds, nothing added"),
+    *(_dead_time(seconds, known=True) for seconds in (0.1, 0.2, 0.3)),
+    _dead_time(0.2, known=False),
+    _lag(0.15),
+    _lag(0.3),
+    ArenaCase("dead_band", "dead band with stiction, 0.03 m/s at the rims, known", SPEED, _STICTION, _MIN_COMMANDS),
+    ArenaCase(
+        "slip",
+        "5 % half-normal slip of each wheel, filter ekf_calibrating",
+        world={"slip_noise": 0.05},
         filter=CALIBRATING,
     ),
-    Challenge(
-        "wheels_limited", "wheel speeds limited to v_max", TUNED_CONTROLLER, PlantConfig(wheel_speed_max=V_MAX / 0.05)
+    ArenaCase("separation", "distance of the wheels 3 % larger than known", world={"separation_error": 0.03}),
+    ArenaCase("coloured_05", "coloured fixes, correlation 0.5", world={"fix_noise_correlation": 0.5}),
+    ArenaCase("coloured_09", "coloured fixes, correlation 0.9", world={"fix_noise_correlation": 0.9}),
+    ArenaCase("late_fixes", "fixes at 5 Hz, 0.15 s late", world=_LATE),
+    ArenaCase("random_far", "starts 0.2 to 15 m away, any heading", starts=FAR),
+    ArenaCase("random_near", "starts within 1 m, any heading", starts=NEAR),
+    ArenaCase("docking", "starts 0.5 to 3 m before the goal, up to 0.3 m beside its axis", starts=DOCKING),
+    ArenaCase("acceleration", "0.5 m/s^2 and 1.5 rad/s^2, known", ACCELERATION, _ACCELERATION, _KNOWN_ACCELERATION),
+    ArenaCase(
+        "acceleration_dead_time",
+        "the same with a dead time of 0.3 s, known",
+        ACCELERATION,
+        {**_ACCELERATION, "command_delay": 0.3},
+        {**_KNOWN_ACCELERATION, "command_latency": 0.3},
+    ),
+    ArenaCase(
+        "acceleration_near", "starts within 1 m, any heading", ACCELERATION, _ACCELERATION, _KNOWN_ACCELERATION, NEAR
+    ),
+    ArenaCase("acceleration_docking", "docking starts", ACCELERATION, _ACCELERATION, _KNOWN_ACCELERATION, DOCKING),
+    ArenaCase("mix", "realistic mix, data sheet known", ACCELERATION, _MIX, _KNOWN_MIX, filter=CALIBRATING),
+    ArenaCase("random_mix", "realistic mix, starts 0.2 to 15 m away", ACCELERATION, _MIX, _KNOWN_MIX, FAR, CALIBRATING),
+    ArenaCase("precise", "preset precise: xy_goal_tolerance 0.03 m", OWN, own=_PRECISE),
+    ArenaCase("ts_005", "Ts 0.05 s", OWN, {"sampling_time": 0.05}),
+    ArenaCase("ts_02", "Ts 0.2 s", OWN, {"sampling_time": 0.2}),
+    ArenaCase("fixes_2_hz", "fixes at 2 Hz", OWN, {"fix_rate": 2.0}),
+    ArenaCase(
+        "noise_half",
+        "fix noise halved, tolerance 0.05 m",
+        OWN,
+        _noise(0.5),
+        own={"xy_goal_tolerance": 0.05},
+        xy_tolerance=0.05,
+    ),
+    ArenaCase(
+        "noise_double",
+        "fix noise doubled, tolerance 0.2 m",
+        OWN,
+        _noise(2.0),
+        own={"xy_goal_tolerance": 0.2},
+        xy_tolerance=0.2,
+    ),
+    ArenaCase("calibrating", "filter ekf_calibrating, the default", OWN, filter=CALIBRATING),
+    ArenaCase(
+        "radius_error",
+        "the same, one wheel's radius 2 % too large",
+        OWN,
+        {"right_radius_error": 0.02},
+        filter=CALIBRATING,
     ),
 )
-DELAYED = Challenge("fix_delay", "fixes 100 ms late", TUNED_CONTROLLER, sensors=SensorConfig(fix_delay=0.1))
+
+
+def cases_named(names: tuple[str, ...]) -> tuple[ArenaCase, ...]:
+    """Return the cases of these names, all for none.
+
+    Raises:
+        InvalidValueError: for an unknown name.
+    """
+    known = {one.name: one for one in CASES}
+    for name in names:
+        if name not in known:
+            raise InvalidValueError("case", name, "one of " + ", ".join(known))
+    return tuple(known[name] for name in names) or CASES
+
+
+def world_of(case: ArenaCase) -> tuple[PlantConfig, SensorConfig, FilterConfig]:
+    """Return plant, sensors and filter of a case; the plant's wheels reach what the data sheet allows.
+
+    Raises:
+        InvalidValueError: for a value that neither plant nor sensors have.
+    """
+    values = {"wheel_speed_max": LIMITS["wheel.max_velocity"], **case.world}
+    plant = {one.name for one in parameters_of(PlantConfig)}
+    of_plant = {name: value for name, value in values.items() if name in plant}
+    of_sensors = {name: value for name, value in values.items() if name not in plant}
+    return build(PlantConfig, of_plant), build(SensorConfig, of_sensors), FilterConfig(filter=case.filter)
 
 
 def arena_starts() -> Array:
@@ -178,10 +192,18 @@ def arena_starts() -> Array:
     return np.concatenate([*(starts_of("b", heading).poses for heading in HEADINGS_B), starts_of("a").poses])
 
 
-def case_of(one: Law | Challenge, goal: Pose = GOAL) -> Case:
-    """Return what all runs of a law or challenge share; laws are compared in the default case."""
-    if isinstance(one, Law):
-        shared = Configuration(controller=one.controller, filter=FilterConfig(filter=EKF))
-        return make_case(shared, DURATION, goal=goal, tolerance=(XY_TOLERANCE, YAW_TOLERANCE), peer=one.peer)
-    harder = Configuration(one.plant, one.sensors, one.controller, FilterConfig(filter=one.filter))
-    return make_case(harder, DURATION, goal=goal, tolerance=(one.xy_tolerance, YAW_TOLERANCE))
+def starts_named(kind: str, count: int, seed: int) -> Array:
+    """Return ``count`` starting poses of a kind, (count, 3) [m, m, rad]; the goal is at the origin, heading along x.
+
+    Random ones follow from ``seed`` and the kind; distances are uniform.
+    """
+    if kind == ARENA:
+        poses: Array = np.resize(arena_starts(), (count, 3))
+        return poses
+    rng = np.random.default_rng((seed, (TRAINING, FAR, NEAR, DOCKING).index(kind)))
+    if kind == DOCKING:
+        low, high = (-3.0, -0.3, -0.4), (-0.5, 0.3, 0.4)
+        return rng.uniform(low, high, (count, 3))
+    distance = rng.uniform(*((0.0, 1.0) if kind == NEAR else (0.2, 15.0)), count)
+    bearing, heading = rng.uniform(-math.pi, math.pi, (2, count))
+    return np.column_stack((distance * np.cos(bearing), distance * np.sin(bearing), heading))

@@ -13,18 +13,14 @@ from diffbot_sim.compiled.batch import COLUMNS
 
 Array = NDArray[np.float64]
 
-_STYLES = {
-    "tuned": ("#0072B2", "-", 2.4),
-    "paper_covariance": ("#0072B2", "--", 1.4),
-    "paper_fixed": ("#0072B2", ":", 1.4),
-    "graceful_pose": ("#D55E00", "--", 1.4),
-    "graceful": ("#D55E00", "-", 1.4),
-    "graceful_shipped": ("#D55E00", ":", 1.4),
-    "polar": ("#009E73", "-", 1.4),
-    "polar_fast": ("#009E73", "--", 1.4),
-    "aicardi": ("#CC79A7", "-", 1.4),
-    "aicardi_endless": ("#CC79A7", "--", 1.4),
-}
+_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+_LINES = ("-", "--", ":")
+
+
+def style_of(index: int) -> tuple[str, str, float]:
+    """Return colour, line and width of the law with this place in the figure; the first one stands out."""
+    line = _LINES[index // len(_COLOURS) % len(_LINES)]
+    return _COLOURS[index % len(_COLOURS)], line, 2.4 if index == 0 else 1.4
 
 
 class Sheet(NamedTuple):
@@ -33,7 +29,7 @@ class Sheet(NamedTuple):
     name: str
     label: str
     outcomes: Array
-    """(runs, 9) see batch.COLUMNS"""
+    """(runs, 12) see batch.COLUMNS"""
     paths: Array
     """(runs, steps + 1, 3) [m, m, rad]"""
 
@@ -47,8 +43,8 @@ def draw_benchmark(sheets: list[Sheet], path: Path) -> None:
     figure, panels, curves = new_grid(len(sheets), 3, (15.0, 7.8))
     low = np.min([sheet.paths.min(axis=(0, 1)) for sheet in sheets], axis=0)[:2] - np.array((0.8, 0.8))
     high = np.max([sheet.paths.max(axis=(0, 1)) for sheet in sheets], axis=0)[:2] + np.array((2.0, 0.8))
-    for axes, sheet in zip(panels, sheets, strict=True):
-        _draw_paths(axes, sheet)
+    for index, (axes, sheet) in enumerate(zip(panels, sheets, strict=True)):
+        _draw_paths(axes, sheet, style_of(index)[0])
         axes.set_xlim(low[0], high[0])
         axes.set_ylim(low[1], high[1])
         axes.set_aspect("equal")
@@ -63,22 +59,21 @@ def draw_benchmark(sheets: list[Sheet], path: Path) -> None:
     save(figure, path)
 
 
-def _draw_paths(axes: Any, sheet: Sheet) -> None:
-    colour = _STYLES[sheet.name][0]
+def _draw_paths(axes: Any, sheet: Sheet, colour: str) -> None:
     for run in sheet.paths:
         axes.plot(run[:, 0], run[:, 1], color=colour, linewidth=0.8, alpha=0.4)
-    for x, y, heading, colour in ((*sheet.paths[0, 0], "black"), (0.0, 0.0, 0.0, "#666666")):
-        axes.plot(x, y, "o", color=colour, markersize=4)
-        axes.arrow(x, y, 1.2 * np.cos(heading), 1.2 * np.sin(heading), width=0.12, color=colour, zorder=3)
+    for x, y, heading, shade in ((*sheet.paths[0, 0], "black"), (0.0, 0.0, 0.0, "#666666")):
+        axes.plot(x, y, "o", color=shade, markersize=4)
+        axes.arrow(x, y, 1.2 * np.cos(heading), 1.2 * np.sin(heading), width=0.12, color=shade, zorder=3)
     axes.set_title(sheet.label.replace(", ", ",\n"), fontsize="medium")
     axes.tick_params(labelsize="small")
 
 
 def _draw_shares(curves: list[Any], sheets: list[Sheet]) -> None:
     column = COLUMNS.index
-    for sheet in sheets:
+    for index, sheet in enumerate(sheets):
         out = sheet.outcomes
-        colour, line, width = _STYLES[sheet.name]
+        colour, line, width = style_of(index)
         quantities = (
             out[:, column("settling_time")],
             np.maximum(np.hypot(out[:, column("x")], out[:, column("y")]), 1e-4),

@@ -19,6 +19,7 @@ class CampaignOptions(NamedTuple):
     seed: Annotated[int, Spec("seed of all noise", minimum=0, maximum=2**63 - 1)] = 1
     duration: Annotated[float, Spec("length of each run", "s", minimum=0.0, exclusive_minimum=True, maximum=1e5)] = 60.0
     feedback: Annotated[str, Spec("what the controller sees", choices=FEEDBACKS)] = EKF
+    law: Annotated[str, Spec("law that drives: a registered name, or package.module:Class")] = "switching"
     goal: Annotated[tuple[float, ...], Spec("x, y, heading of the goal in map", "m, m, rad")] = (0.0, 0.0, 0.0)
     chunk: Annotated[int, Spec("runs that a worker does at a time; 0: about a second's work", minimum=0)] = 0
 

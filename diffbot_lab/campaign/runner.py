@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 
 from tqdm import tqdm
 
+from diffbot_control.law.registry import resolve_law
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.campaign.spec import Campaign, code_version
 from diffbot_lab.campaign.statistics import CellStatistics, count_outcomes
@@ -43,6 +44,8 @@ class Chunk(NamedTuple):
     case: Case
     starts: Starts
     seed: int
+    law: str
+    """as for resolve_law"""
     sources: str
     """hash of the code that the campaign runs"""
 
@@ -55,7 +58,9 @@ def run_chunk(chunk: Chunk) -> dict[str, Any]:
     """
     if chunk.sources != code_version():
         raise DiffbotError("a worker has another version of the code")
-    outcomes = run_batch(chunk.case, chunk.starts, chunk.seed, chunk.first, chunk.number, threads=1)
+    outcomes = run_batch(
+        chunk.case, chunk.starts, chunk.seed, chunk.first, chunk.number, threads=1, law=resolve_law(chunk.law)
+    )
     return {"cell": chunk.cell, "first": chunk.first, "count": chunk.number, **count_outcomes(outcomes)}
 
 
@@ -177,7 +182,9 @@ def open_chunks(campaign: Campaign, done: list[dict[int, int]]) -> Iterator[Chun
                 continue
             later = [begin for begin in done[number] if begin > first]
             end = min(first + size, campaign.options.runs, *later)
-            yield Chunk(number, first, end - first, cell.case, campaign.starts, campaign.options.seed, code_version())
+            options = campaign.options
+            runs = first, end - first
+            yield Chunk(number, *runs, cell.case, campaign.starts, options.seed, options.law, code_version())
             first = end
 
 

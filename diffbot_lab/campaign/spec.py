@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from diffbot_control.law.registry import resolve_law
 from diffbot_core.code_hash import hash_of_code, hash_of_values
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.geometry import Pose
@@ -21,7 +22,7 @@ from diffbot_lab.campaign.options import CampaignOptions, is_number, load_yaml, 
 from diffbot_lab.cases import configure, make_case
 from diffbot_sim.compiled.batch import Starts, check_case
 from diffbot_sim.compiled.closed_loop import Case
-from diffbot_sim.compiled.jit import LIBRARIES, PACKAGES
+from diffbot_sim.compiled.jit import LIBRARIES, PACKAGES, law_version
 
 _MAX_CELLS = 10_000
 _LISTS = ("start", "grid", "set")
@@ -39,6 +40,8 @@ class Cell(NamedTuple):
     values: dict[str, Any]
     """the grid's parameters at this point"""
     case: Case
+    law: str
+    """as in the options, for the resolved identity"""
 
 
 class Campaign(NamedTuple):
@@ -119,10 +122,11 @@ def make_campaign(content: Mapping[str, Any]) -> Campaign:
 
 
 def _cell(options: CampaignOptions, fixed: Mapping[str, Any], point: dict[str, Any]) -> Cell:
+    law = resolve_law(options.law)
     case = make_case(
-        configure({**fixed, **point}), options.duration, feedback=options.feedback, goal=Pose(*options.goal)
+        configure({**fixed, **point}, law), options.duration, feedback=options.feedback, goal=Pose(*options.goal)
     )
-    return Cell(point, case)
+    return Cell(point, case, f"{options.law} {law_version(law)}")
 
 
 def _starts(start: Any) -> Starts:

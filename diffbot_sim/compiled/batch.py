@@ -6,20 +6,26 @@ number of workers.
 
 from __future__ import annotations
 
+import logging
 import os
 from concurrent.futures import ThreadPoolExecutor
+from threading import Lock
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from diffbot_control.law.controller import SwitchingLaw
+from diffbot_control.law.protocol import Law
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose, wrap_angle
-from diffbot_sim.compiled.closed_loop import EKF, RAW, TRUTH, Case, run_loop
-from diffbot_sim.compiled.jit import compile_kernel, make_callable
+from diffbot_sim.compiled.closed_loop import EKF, RAW, TRUTH, Case, make_loop, prepared
+from diffbot_sim.compiled.jit import compile_kernel, make_callable, make_law_callable
 from diffbot_sim.compiled.scalar_filter import check_supported
 from diffbot_sim.model.outcome import Outcome
 from diffbot_sim.model.philox import START_BLOCK, draw
+
+_log = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
 
@@ -45,14 +51,21 @@ def check_case(case: Case, starts: Starts) -> None:
     """Refuse what the compiled loop does not support.
 
     Raises:
-        InvalidValueError: for delayed measurements, which need the filter's history; for options of the filter that it
-            does not have; less than one step; no start.
+        InvalidValueError: for measurements later than the history; for options of the filter that it does not have; less
+            than one step; no start.
     """
-    for name in ("fix_delay", "heading_delay"):
-        if getattr(case.sensors, name) > 0.0:
-            raise InvalidValueError(name, getattr(case.sensors, name), "0 in a batch")
     if case.filter is not None:
         check_supported(case.filter)
+    sensors, bound = case.sensors, case.history_length
+    for name, delay in (
+        (
+            "fix_delay + fix_delay_jitter" if sensors.fix_delay_jitter > 0.0 else "fix_delay",
+            sensors.fix_delay + sensors.fix_delay_jitter,
+        ),
+        ("heading_delay", sensors.heading_delay),
+    ):
+        if delay > bound:
+            raise InvalidValueError(name, delay, f"<= {bound:g} s, the length of the filter's history")
     if case.steps < 1:
         raise InvalidValueError("steps", case.steps, ">= 1")
     if starts.poses.ndim != 2 or starts.poses.shape[1:] != (3,) or len(starts.poses) == 0:
@@ -68,20 +81,74 @@ def _start_pose(poses: Any, half: tuple[float, float, float], seed: int, run: in
 make_callable(_start_pose)
 
 
-def _fill(case: Case, poses: Any, half: Any, seed: int, first: int, outcomes: Any, histories: Any) -> None:
-    for index in range(len(outcomes)):
-        run = first + index
-        outcome = run_loop(case, seed, run, _start_pose(poses, half, seed, run), histories[index])
-        row = outcomes[index]
-        row[0], row[1], row[2] = outcome.x, outcome.y, outcome.theta
-        row[3], row[4], row[5] = outcome.settling_time, outcome.path_length, outcome.effort
-        row[6], row[7], row[8] = outcome.switches, outcome.local_time, outcome.estimation_error
+def _make_fill(law: Law) -> Any:
+    """Return the function that fills outcomes and histories of a chunk of runs under a law."""
+    run_loop = make_loop(law)
+    make_callable(run_loop)
+
+    def fill(case: Case, poses: Any, half: Any, seed: int, first: int, outcomes: Any, histories: Any) -> None:
+        for index in range(len(outcomes)):
+            run = first + index
+            outcome = run_loop(case, seed, run, _start_pose(poses, half, seed, run), histories[index])
+            _put(outcomes[index], outcome)
+
+    return fill
 
 
-_kernel = compile_kernel(_fill)
+def _put(row: Any, outcome: Outcome) -> None:
+    row[0], row[1], row[2] = outcome.x, outcome.y, outcome.theta
+    row[3], row[4], row[5] = outcome.settling_time, outcome.path_length, outcome.effort
+    row[6], row[7], row[8] = outcome.switches, outcome.local_time, outcome.estimation_error
+    row[9], row[10], row[11] = outcome.turning, outcome.reached_time, outcome.false_reached
 
 
-def run_batch(case: Case, starts: Starts, seed: int, first: int, count: int, threads: int | None = None) -> Array:
+make_callable(_put)
+
+
+class _Kernels:
+    """Compiled kernels by law, and the plain ones of laws that do not compile."""
+
+    def __init__(self) -> None:
+        self._kernels: dict[int, tuple[Law, Any]] = {}
+        self._lock = Lock()
+
+    def newest(self, law: Law) -> Any:
+        """Return the kernel of a law, made but perhaps not compiled yet."""
+        if id(law) not in self._kernels:
+            version = make_law_callable(law)
+            self._kernels[id(law)] = law, compile_kernel(_make_fill(law), version)
+        return self._kernels[id(law)][1]
+
+    def kernel(self, law: Law, example: tuple[Any, ...]) -> Any:
+        """Return the kernel of a law, compiled for arguments like those of ``example``.
+
+        If numba cannot compile it, the kernel is plain Python, which is logged once.
+        """
+        with self._lock:
+            kernel = self.newest(law)
+            if not hasattr(kernel, "py_func"):
+                return kernel
+            *before, outcomes, histories = example
+            try:
+                kernel(*before, outcomes[:0], histories[:0])  # compiles, and runs nothing
+            except Exception as error:  # not all of numba's errors have a base in common
+                kernel = kernel.py_func
+                self._kernels[id(law)] = law, kernel
+                _log.warning("law %s runs as plain Python, numba cannot compile it: %s", law.name, _first_line(error))
+            return kernel
+
+
+def _first_line(error: Exception) -> str:
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    return next((line for line in lines if not line.startswith(("Failed in", "-"))), type(error).__name__)
+
+
+_kernels = _Kernels()
+
+
+def run_batch(
+    case: Case, starts: Starts, seed: int, first: int, count: int, threads: int | None = None, law: Law = SwitchingLaw
+) -> Array:
     """Do the runs ``first`` to ``first + count - 1`` under ``seed``.
 
     Args:
@@ -91,36 +158,40 @@ def run_batch(case: Case, starts: Starts, seed: int, first: int, count: int, thr
         first: number of the first run.
         count: how many.
         threads: how many at a time; None for one on each core.
+        law: that drives; ``case.controller`` is of its Config.
 
     Returns:
-        (count, 9), a row per run, columns as COLUMNS.
+        (count, 12), a row per run, columns as COLUMNS.
 
     Raises:
         InvalidValueError: see :func:`check_case`.
     """
-    return _filled(case, starts, seed, first, count, threads, with_histories=False)[0]
+    return _filled(law, case, starts, seed, range(first, first + count), threads, with_histories=False)[0]
 
 
-def run_histories(case: Case, starts: Starts, seed: int, first: int, count: int, threads: int | None = None) -> Array:
+def run_histories(
+    case: Case, starts: Starts, seed: int, first: int, count: int, threads: int | None = None, law: Law = SwitchingLaw
+) -> Array:
     """Do runs as :func:`run_batch` does, and return their histories (count, steps + 1, 8), see HISTORY_COLUMNS."""
-    return _filled(case, starts, seed, first, count, threads, with_histories=True)[1]
+    return _filled(law, case, starts, seed, range(first, first + count), threads, with_histories=True)[1]
 
 
 def _filled(
-    case: Case, starts: Starts, seed: int, first: int, count: int, threads: int | None, *, with_histories: bool
+    law: Law, case: Case, starts: Starts, seed: int, runs: range, threads: int | None, *, with_histories: bool
 ) -> tuple[Array, Array]:
     """Return outcomes and histories; without histories these have no rows, so that one kernel serves both."""
     check_case(case, starts)
-    if case.feedback != EKF:
-        case = case._replace(filter=None)
+    case = prepared(case)
+    count = len(runs)
     outcomes: Array = np.empty((count, len(COLUMNS)))
     histories: Array = np.empty((count, case.steps + 1 if with_histories else 0, len(HISTORY_COLUMNS)))
     chunk = _LONG_CHUNK if with_histories else _CHUNK
     parts = []
     for at in range(0, count, chunk):
         rows = slice(at, at + chunk)
-        parts.append((case, starts.poses, starts.half, seed, first + at, outcomes[rows], histories[rows]))
-    in_threads(_kernel, parts, threads)
+        parts.append((case, starts.poses, starts.half, seed, runs.start + at, outcomes[rows], histories[rows]))
+    example = (case, starts.poses, starts.half, seed, runs.start, outcomes, histories)
+    in_threads(_kernels.kernel(law, example), parts, threads)
     return outcomes, histories
 
 

@@ -1,29 +1,41 @@
 """One closed loop with plain numbers only: the form that compiles, and that runs as plain Python too.
 
 It does what :func:`diffbot_sim.reference_loop.simulate` does, with the filter of :mod:`scalar_filter`; a test holds
-the two equal.
+the two equal. The loop of a law is made by :func:`make_loop`, since compiled code calls a function by its name.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from diffbot_control.filter.localization import LocalizationConfig
 from diffbot_control.filter.options import FilterConfig, FilterOptions, options_of
-from diffbot_control.law.controller import ControllerConfig, new_memory, step
-from diffbot_control.law.limits import limit_velocity
+from diffbot_control.law.controller import SwitchingLaw
 from diffbot_control.law.polar_coordinates import in_front
-from diffbot_core.geometry import Pose, into_frame
-from diffbot_core.kinematics import Twist, WheelSpeeds
-from diffbot_core.uncertainty import Uncertainty, largest_deviation
-from diffbot_sim.compiled.peer_laws import OURS, new_peer_memory, peer_step
-from diffbot_sim.compiled.scalar_filter import Track, new_track
-from diffbot_sim.compiled.sensing import Robot, observe
-from diffbot_sim.model.outcome import Criteria, Outcome, add_step, new_totals, outcome_of
-from diffbot_sim.model.philox import WHEEL_BLOCK, NoiseKey, draw
-from diffbot_sim.model.plant import PlantConfig, PlantState, plant_step
+from diffbot_control.law.protocol import Law
+from diffbot_control.law.regions import OMEGA_G
+from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import Twist
+from diffbot_core.uncertainty import Estimate, Uncertainty, largest_deviation
+from diffbot_sim.compiled.late_fusion import (
+    LateRecord,
+    Sensed,
+    arrived_fix,
+    late_steps,
+    new_sensed,
+    record_step,
+    sense,
+)
+from diffbot_sim.compiled.scalar_filter import Track
+from diffbot_sim.compiled.sensing import Robot
+from diffbot_sim.model.actuators import command_rows, delayed_command
+from diffbot_sim.model.outcome import Criteria, LawState, Outcome, add_step, new_totals, outcome_of
+from diffbot_sim.model.philox import NoiseKey
+from diffbot_sim.model.plant import PlantConfig, PlantState, new_plant, plant_step_at
 from diffbot_sim.model.sensors import SensorConfig, due, fix_at
 
 TRUTH, RAW, EKF = 0, 1, 2
@@ -37,7 +49,8 @@ class Case(NamedTuple):
 
     plant: PlantConfig
     sensors: SensorConfig
-    controller: ControllerConfig
+    controller: Any
+    """configuration of the law, an instance of its Config"""
     goal: Pose
     feedback: int
     literal_rear: bool
@@ -51,65 +64,80 @@ class Case(NamedTuple):
     """None for a feedback without a filter: the compiler then leaves the filter out, see :func:`_filtered`"""
     landmarks: Any = NO_LANDMARKS
     """(n, 2) array of their x, y [m]"""
-    peer: int = OURS
-    """which law drives, see :mod:`peer_laws`; of ``controller`` a peer keeps the limits of the velocity"""
+    history_length: float = LocalizationConfig().history_length
+    """[s] how late a measurement may come at most; longer delays are refused"""
+    late_steps: int | None = None
+    """the longest delay in steps; :func:`prepared` sets it, None if no measurement is late"""
 
 
 class Feedback(NamedTuple):
     """What is known of the robot."""
 
-    track: Track | None
-    """state of the filter; None without one"""
+    sensed: Sensed
+    """state of the sensors and of the filter"""
     pose: Pose
     """what the controller gets"""
     known: bool
     """False before there is one"""
 
 
-def run_loop(case: Case, seed: int, run: int, start: Pose, history: Any) -> Outcome:
-    """Do one run.
+def prepared(case: Case) -> Case:
+    """Return the case as :func:`run_loop` takes it: None stands for the parts that it does not need."""
+    late = None if case.feedback == TRUTH else late_steps(case.sensors, case.plant.sampling_time)
+    return case._replace(filter=case.filter if case.feedback == EKF else None, late_steps=late)
 
-    Args:
-        case: what all runs share.
-        seed: of the campaign.
-        run: number of the run.
-        start: true pose at first, in map.
-        history: (steps + 1, 8) array whose rows are filled, or (0, 8) for none.
-    """
-    t_s = case.plant.sampling_time
-    criteria = Criteria(case.goal, case.xy_tolerance, case.yaw_tolerance, t_s, case.steps)
-    rest = WheelSpeeds(0.0, 0.0)
-    state = PlantState(start, Twist(0.0, 0.0), rest, rest, rest, Pose(0.0, 0.0, 0.0), 0)
-    memory = new_memory()
-    peer_memory = new_peer_memory()
-    feedback = Feedback(_new_track(case.filter), start, False)
-    totals = new_totals()
-    for index in range(case.steps + 1):
-        feedback = _observe(case, NoiseKey(seed, run, index), state, feedback)
-        command = Twist(0.0, 0.0)
-        if feedback.known and case.peer != OURS:
-            peer_memory, requested = peer_step(case.peer, peer_memory, into_frame(feedback.pose, case.goal))
-            command = limit_velocity(requested, case.controller.limits, case.controller.wheels)
-        elif feedback.known:
-            dt = t_s if index > 0 else 0.0
-            uncertainty = _uncertainty(case, feedback)
-            memory, command, report = step(memory, feedback.pose, case.goal, dt, case.controller, uncertainty)
-            if case.literal_rear and not in_front(report.alpha):
-                command = Twist(-command.v, command.omega)
-        if len(history) > 0:
-            _record(history, index, state.pose, feedback, command)
-        before = state.pose
-        if index < case.steps:
-            state = plant_step(state, command, draw(seed, run, index, WHEEL_BLOCK), case.plant)
-        totals = add_step(totals, criteria, index, memory.switching.region, command, before, state.pose)
-    return outcome_of(totals, criteria, memory.switching.switches, feedback.pose, feedback.known, state.pose)
+
+def make_loop(law: Law) -> Callable[[Case, int, int, Pose, Any], Outcome]:
+    """Return the function that does one run under a law; it compiles if the law's functions do."""
+    new_memory, step = law.new_memory, law.step
+
+    def run_loop(case: Case, seed: int, run: int, start: Pose, history: Any) -> Outcome:
+        """Do one run.
+
+        Args:
+            case: what all runs share, from :func:`prepared`; ``controller`` is of the law's Config.
+            seed: of the campaign.
+            run: number of the run.
+            start: true pose at first, in map.
+            history: (steps + 1, 8) array whose rows are filled, or (0, 8) for none.
+        """
+        t_s, delay = case.plant.sampling_time, case.plant.actuators.command_delay
+        criteria = Criteria(case.goal, case.xy_tolerance, case.yaw_tolerance, t_s, case.steps)
+        commands = np.zeros((command_rows(delay, t_s), 2))
+        state, memory, totals = new_plant(start), new_memory(case.controller), new_totals()
+        answer = LawState(OMEGA_G, False)
+        feedback = Feedback(new_sensed(case.filter, case.late_steps), start, False)
+        for index in range(case.steps + 1):
+            key = NoiseKey(seed, run, index)
+            feedback = _observe(case, key, state, feedback)
+            command = Twist(0.0, 0.0)
+            if feedback.known:
+                dt = t_s if index > 0 else 0.0
+                estimate = Estimate(feedback.pose, _uncertainty(case, feedback))
+                memory, command, report = step(memory, estimate, case.goal, dt, case.controller)
+                answer = LawState(report.region, memory.reached)
+                if case.literal_rear and not in_front(report.alpha):
+                    command = Twist(-command.v, command.omega)
+            if len(history) > 0:
+                _record(history, index, state.pose, feedback, command)
+            before = state.pose
+            if index < case.steps:
+                state = plant_step_at(key, state, delayed_command(commands, index, command, delay, t_s), case.plant)
+            totals = add_step(totals, criteria, index, answer, command, before, state.pose)
+        return outcome_of(totals, criteria, feedback.pose, feedback.known, state.pose)
+
+    return run_loop
+
+
+run_loop = make_loop(SwitchingLaw)
+"""One run under this project's law."""
 
 
 def _uncertainty(case: Case, feedback: Feedback) -> Uncertainty:
     """Return the standard deviations of the estimate; a fix and the true pose come without any."""
     if case.feedback != EKF:
         return Uncertainty(0.0, 0.0)
-    return _deviations(feedback.track)
+    return _deviations(feedback.sensed.track)
 
 
 def _deviations(track: Track | None) -> Uncertainty:
@@ -122,30 +150,42 @@ def _deviations(track: Track | None) -> Uncertainty:
 def _observe(case: Case, key: NoiseKey, state: PlantState, feedback: Feedback) -> Feedback:
     """Sense and filter."""
     if case.feedback == TRUTH:
-        return Feedback(feedback.track, state.pose, True)
+        return Feedback(feedback.sensed, state.pose, True)
     if case.feedback == RAW:
-        if due(key.step, case.sensors.fix_rate, case.plant.sampling_time):
-            fix, lost = fix_at(key, state.pose, case.sensors)
-            if not lost:
-                return Feedback(feedback.track, fix, True)
+        return _newest_fix(feedback.sensed.record, case, key, state, feedback)
+    return _filtered(feedback.sensed.track, case.filter, case, key, state, feedback.sensed)
+
+
+def _newest_fix(
+    record: LateRecord | None, case: Case, key: NoiseKey, state: PlantState, feedback: Feedback
+) -> Feedback:
+    """Return the fix that arrived last; numba leaves out the branch behind an argument that is None by its type."""
+    sensors, sensed, t_s = case.sensors, feedback.sensed, case.plant.sampling_time
+    if record is not None:
+        errors = record_step(record, sensed.errors, key, state, t_s, sensors)
+        pose, known = arrived_fix(record, key.step, feedback.pose, feedback.known)
+        return Feedback(Sensed(sensed.track, errors, sensed.record), pose, known)
+    if not due(key.step, sensors.fix_rate, t_s):
         return feedback
-    return _filtered(feedback.track, case.filter, case, key, state)
-
-
-def _new_track(options: FilterOptions | None) -> Track | None:
-    if options is None:
-        return None
-    return new_track(options)
+    fix = fix_at(key, state.pose, sensed.errors, sensors)
+    after = Sensed(sensed.track, fix.errors, sensed.record)
+    if fix.lost:
+        return Feedback(after, feedback.pose, feedback.known)
+    return Feedback(after, fix.pose, True)
 
 
 def _filtered(
-    track: Track | None, options: FilterOptions | None, case: Case, key: NoiseKey, state: PlantState
+    track: Track | None, options: FilterOptions | None, case: Case, key: NoiseKey, state: PlantState, sensed: Sensed
 ) -> Feedback:
     """Sense and filter; numba leaves out the branch behind an argument that is None by its type."""
     if track is None or options is None:
-        return Feedback(track, state.pose, False)
-    track = observe(track, key, state, Robot(case.plant, case.sensors, options, case.landmarks))
-    return Feedback(track, track.belief.pose, track.initialised)
+        return Feedback(sensed, state.pose, False)
+    sensed = sense(sensed, key, state, Robot(case.plant, case.sensors, options, case.landmarks))
+    return _feedback_of(sensed, sensed.track)
+
+
+def _feedback_of(sensed: Sensed, track: Any) -> Feedback:
+    return Feedback(sensed, track.belief.pose, track.initialised)
 
 
 def _record(history: Any, index: int, pose: Pose, feedback: Feedback, command: Twist) -> None:

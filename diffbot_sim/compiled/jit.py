@@ -7,6 +7,7 @@ plain Python function.
 from __future__ import annotations
 
 import functools
+import hashlib
 import inspect
 import os
 import tempfile
@@ -15,12 +16,37 @@ from types import ModuleType
 from typing import Any
 
 from diffbot_control.filter import adaptation, gate, models
-from diffbot_control.law import controller, goal_checker, limits, lyapunov_law, polar_coordinates, reapproach, regions
-from diffbot_core import geometry, kinematics, uncertainty
-from diffbot_core.code_hash import hash_of_code
+from diffbot_control.law import (
+    braking_step,
+    configuration,
+    controller,
+    finish,
+    goal_checker,
+    latency,
+    limits,
+    lyapunov_law,
+    paper_step,
+    polar_coordinates,
+    reapproach,
+    regions,
+    speed_profile,
+    steering,
+)
+from diffbot_control.law.protocol import Law
+from diffbot_core import data_sheet, geometry, kinematics, uncertainty
+from diffbot_core.code_hash import DIGITS, hash_of_code
 from diffbot_core.errors import DiffbotError
-from diffbot_sim.compiled import closed_loop, open_loop, peer_laws, scalar_belief, scalar_ekf, scalar_filter, sensing
-from diffbot_sim.model import outcome, philox, plant, sensors
+from diffbot_sim.compiled import (
+    closed_loop,
+    late_fusion,
+    open_loop,
+    scalar_belief,
+    scalar_ekf,
+    scalar_filter,
+    sensing,
+)
+from diffbot_sim.compiled.reachable import reachable_functions, source_files
+from diffbot_sim.model import actuators, outcome, philox, plant, sensors
 
 MODULES = (
     geometry,
@@ -33,8 +59,17 @@ MODULES = (
     limits,
     goal_checker,
     reapproach,
+    data_sheet,
+    speed_profile,
+    steering,
+    latency,
+    finish,
+    configuration,
+    paper_step,
+    braking_step,
     controller,
     philox,
+    actuators,
     plant,
     sensors,
     outcome,
@@ -44,7 +79,7 @@ MODULES = (
     scalar_ekf,
     scalar_filter,
     sensing,
-    peer_laws,
+    late_fusion,
     closed_loop,
     open_loop,
 )
@@ -99,19 +134,50 @@ def make_callable(function: Any, *, inline: bool = True) -> None:
         inline: put it into its callers: the parts of a case stay in registers, which more than doubles the speed of the
             loop.
     """
-    register_jitable(forceinline=inline, no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
+    if function not in _registered:
+        _registered.add(function)
+        register_jitable(forceinline=inline, no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
 
+
+_registered: set[Any] = set()
+"""functions that compiled code may call"""
 
 for _module in MODULES:
     for _function in _functions(_module):
-        # Inlined, a peer's law would be specialised for its constants, and ** 2.0 become a product: other last bits.
-        make_callable(_function, inline=_module is not peer_laws)
+        make_callable(_function)
 
 
-def compile_kernel(function: Any) -> Any:
-    """Compile a function that calls the pure ones; it releases the interpreter's lock, so threads run in parallel."""
+def make_law_callable(law: Law) -> str:
+    """Let compiled code call a law: its functions and all that they call.
+
+    Returns:
+        A hash of the law's name and source files, for the cache of what is compiled with it.
+    """
+    functions = reachable_functions(law.new_memory, law.step)
+    for function in functions:
+        make_callable(function)
+    return law_version(law)
+
+
+def law_version(law: Law) -> str:
+    """Return a hash of a law's name and of the files that its functions and its configuration are in."""
+    files = source_files(reachable_functions(law.new_memory, law.step))
+    config = inspect.getsourcefile(law.Config)
+    digest = hashlib.sha256(law.name.encode())
+    for path in sorted({*files, *([Path(config)] if config else [])}, key=lambda one: one.name):
+        digest.update(f"{path.name}\n".encode() + path.read_bytes())
+    return digest.hexdigest()[:DIGITS]
+
+
+def compile_kernel(function: Any, version: str = "") -> Any:
+    """Compile a function that calls the pure ones; it releases the interpreter's lock, so threads run in parallel.
+
+    Args:
+        function: to be compiled, at its first call.
+        version: hash of code that is not of this package; the cache is in a folder of its own.
+    """
     # Set here and not in the environment, which numba reads only at its first import, possibly by other code.
-    usual, _settings.CACHE_DIR = _settings.CACHE_DIR, _cache_folder()
+    usual, _settings.CACHE_DIR = _settings.CACHE_DIR, str(Path(_cache_folder(), version))
     try:
         return numba.njit(
             function,

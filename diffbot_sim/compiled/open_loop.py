@@ -9,16 +9,19 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from diffbot_control.filter.gate import REJECTED, RELOCATED
 from diffbot_core.geometry import Pose, wrap_angle
-from diffbot_core.kinematics import Twist, WheelSpeeds
+from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import largest_deviation
 from diffbot_sim.compiled.scalar_belief import Covariance
 from diffbot_sim.compiled.scalar_filter import Track, new_track
 from diffbot_sim.compiled.sensing import Robot, observe
-from diffbot_sim.model.philox import START_BLOCK, WHEEL_BLOCK, NoiseKey, direction, draw
-from diffbot_sim.model.plant import PlantState, plant_step
-from diffbot_sim.model.sensors import due
+from diffbot_sim.model.actuators import command_rows, delayed_command
+from diffbot_sim.model.philox import START_BLOCK, NoiseKey, direction, draw
+from diffbot_sim.model.plant import new_plant, plant_step_at
+from diffbot_sim.model.sensors import NO_ERRORS, due
 
 AWAY = 0.5
 """[m] position error above which a filter counts as lost"""
@@ -108,14 +111,16 @@ def drive(case: OpenLoopCase, seed: int, run: int, history: Any) -> Tracking:
         history: (steps + 1, 4) array whose rows are filled with the errors of position and heading and the deviations
             that the filter gives for them, or (0, 4) for none.
     """
-    rest = WheelSpeeds(0.0, 0.0)
-    command = twist_of(seed, run)
-    state = PlantState(start_of(seed, run), Twist(0.0, 0.0), rest, rest, rest, Pose(0.0, 0.0, 0.0), 0)
-    track = new_track(case.robot.filter)
+    command, plant = twist_of(seed, run), case.robot.plant
+    t_s, delay = plant.sampling_time, plant.actuators.command_delay
+    commands = np.zeros((command_rows(delay, t_s), 2))
+    state = new_plant(start_of(seed, run))
+    track, newest_errors = new_track(case.robot.filter), NO_ERRORS
     sums = Sums(0.0, 0.0, 0.0, -1, 0.0, 0, 0.0, 0, 0, 0)
     end = 0.0
     for step in range(case.steps + 1):
-        track = observe(track, NoiseKey(seed, run, step), state, case.robot)
+        key = NoiseKey(seed, run, step)
+        track, newest_errors = observe(track, newest_errors, key, state, case.robot)
         errors = errors_of(track, state.pose)
         end = math.hypot(errors.x, errors.y)
         if len(history) > 0:
@@ -123,7 +128,7 @@ def drive(case: OpenLoopCase, seed: int, run: int, history: Any) -> Tracking:
         if step > case.skipped:
             sums = _summed(sums, case.robot, step, track, errors)
         if step < case.steps:
-            state = plant_step(state, command, draw(seed, run, step, WHEEL_BLOCK), case.robot.plant)
+            state = plant_step_at(key, state, delayed_command(commands, step, command, delay, t_s), plant)
     return _tracking(case, sums, end)
 
 

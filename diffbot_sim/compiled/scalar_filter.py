@@ -108,12 +108,17 @@ def advance(track: Track, motion: Motion, separation: float, options: FilterOpti
     return Track(True, belief, candidate, age(track.gate, motion.dt), track.adaptation, track.newest)
 
 
+def initialise(track: Track, fix: PoseFix) -> Track:
+    """Put the filter at a fix; radius errors and adaptation stay."""
+    belief = reset_to(fix, track.belief)
+    return Track(True, belief, belief, new_gate(), track.adaptation, Newest(math.nan, ACCEPTED))
+
+
 def take_fix(track: Track, fix: PoseFix, options: FilterOptions) -> Track:
     """Initialise with a fix, or correct with it as the gate decides."""
     before, old = track.belief, track.adaptation
     if not track.initialised:
-        belief = reset_to(fix, before)
-        return Track(True, belief, belief, new_gate(), old, Newest(math.nan, ACCEPTED))
+        return initialise(track, fix)
     if options.adaptive:
         position, heading = r_scales(old)
         fix = PoseFix(fix.pose, position * fix.var_x, position * fix.var_y, heading * fix.var_theta)

@@ -11,7 +11,7 @@ from diffbot_core.kinematics import body_twist, encoder_covariance
 from diffbot_sim.compiled.scalar_belief import PoseFix
 from diffbot_sim.compiled.scalar_ekf import LandmarkMeasurement
 from diffbot_sim.compiled.scalar_filter import Track, advance, take_fix, take_heading, take_landmark
-from diffbot_sim.model.philox import NoiseKey
+from diffbot_sim.model.philox import Draw, NoiseKey
 from diffbot_sim.model.plant import PlantConfig, PlantState
 from diffbot_sim.model.sensors import (
     SensorConfig,
@@ -36,8 +36,19 @@ class Robot(NamedTuple):
     """(n, 2) array of their x, y [m]"""
 
 
-def observe(track: Track, moment: NoiseKey, state: PlantState, robot: Robot) -> Track:
-    """Predict with the encoders, then correct with the fix, the heading and the landmarks that are due."""
+def observe(track: Any, errors: Draw, moment: NoiseKey, state: PlantState, robot: Robot) -> tuple[Any, Draw]:
+    """Predict with the encoders, then correct with the fix, the heading and the landmarks that are due, none late.
+
+    Args:
+        track: state of the filter, a :class:`Track`.
+        errors: of the newest fix, NO_ERRORS before the first.
+        moment: this step.
+        state: of the plant.
+        robot: that measures.
+
+    Returns:
+        The track, and the errors of the newest fix.
+    """
     plant, sensors, options = robot.plant, robot.sensors, robot.filter
     t_s, step = plant.sampling_time, moment.step
     if step > 0 and track.initialised:
@@ -45,19 +56,21 @@ def observe(track: Track, moment: NoiseKey, state: PlantState, robot: Robot) -> 
         twist = body_twist(state.encoder, plant.wheels)
         track = advance(track, Motion(twist, t_s, noise), plant.wheels.wheel_separation, options)
     if due(step, sensors.fix_rate, t_s):
-        fix, lost = fix_at(moment, state.pose, sensors)
-        if not lost:
+        fix = fix_at(moment, state.pose, errors, sensors)
+        errors = fix.errors
+        if not fix.lost:
             var_x, var_y, var_theta = fix_variances(sensors)
-            track = take_fix(track, PoseFix(fix, var_x, var_y, var_theta), options)
+            track = take_fix(track, PoseFix(fix.pose, var_x, var_y, var_theta), options)
     if track.initialised and due(step, sensors.heading_rate, t_s):
         heading = heading_at(moment, state.pose, sensors)
         track = take_heading(track, heading, uniform_variance(sensors.heading_error_max), options)
     if track.initialised and due(step, sensors.landmark_rate, t_s):
-        track = _with_landmarks(track, moment, state.pose, robot)
-    return track
+        track = take_landmarks(track, moment, state.pose, robot)
+    return track, errors
 
 
-def _with_landmarks(track: Track, moment: NoiseKey, pose: Pose, robot: Robot) -> Track:
+def take_landmarks(track: Track, moment: NoiseKey, pose: Pose, robot: Robot) -> Track:
+    """Correct with the landmarks in range of the true ``pose``."""
     sensors = robot.sensors
     var_range, var_bearing = landmark_variances(sensors)
     for index in range(len(robot.landmarks)):

@@ -5,9 +5,12 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from diffbot_control.law.regions import OMEGA_L
-from diffbot_core.geometry import Pose, into_frame
+from diffbot_control.law.regions import OMEGA_G, OMEGA_L
+from diffbot_core.geometry import Pose, into_frame, wrap_angle
 from diffbot_core.kinematics import Twist
+
+TURNING_RADIUS = 1.0
+"""[m] turns are summed up while the robot is that near"""
 
 
 class Outcome(NamedTuple):
@@ -31,6 +34,12 @@ class Outcome(NamedTuple):
     """[s] when Omega_L was entered first; nan if never"""
     estimation_error: float
     """[m] distance of the controller's last feedback from the truth; nan if it never had one"""
+    turning: float
+    """[rad] sum of |turns| of the true pose while within TURNING_RADIUS of the goal"""
+    reached_time: float
+    """[s] when the law reported the goal as reached first; nan if never"""
+    false_reached: float
+    """1 if the true pose was outside the tolerances then, else 0"""
 
 
 class Criteria(NamedTuple):
@@ -48,6 +57,15 @@ class Criteria(NamedTuple):
     """of the run; poses are one more"""
 
 
+class LawState(NamedTuple):
+    """What the law reports at the start of a step."""
+
+    region: int
+    """in force"""
+    reached: bool
+    """the goal is reached"""
+
+
 class RunTotals(NamedTuple):
     """What is summed up along a run."""
 
@@ -59,15 +77,25 @@ class RunTotals(NamedTuple):
     """[m^2/s + rad^2/s]"""
     local_time: float
     """[s] nan until Omega_L is entered"""
+    region: int
+    """in force in the last step"""
+    switches: int
+    """changes of region"""
+    turning: float
+    """[rad] within TURNING_RADIUS"""
+    reached_time: float
+    """[s] nan until the law reports the goal as reached"""
+    false_reached: float
+    """1 if that was outside the tolerances"""
 
 
 def new_totals() -> RunTotals:
     """Return the totals before the first step."""
-    return RunTotals(-1, 0.0, 0.0, math.nan)
+    return RunTotals(-1, 0.0, 0.0, math.nan, OMEGA_G, 0, 0.0, math.nan, 0.0)
 
 
 def add_step(
-    totals: RunTotals, criteria: Criteria, step: int, region: int, command: Twist, before: Pose, after: Pose
+    totals: RunTotals, criteria: Criteria, step: int, law: LawState, command: Twist, before: Pose, after: Pose
 ) -> RunTotals:
     """Add one step.
 
@@ -75,33 +103,38 @@ def add_step(
         totals: of the steps before.
         criteria: of the run.
         step: its number, 0 .. ``criteria.steps``; in the last one nothing moves.
-        region: in force at its start.
+        law: region and answer of the law at its start.
         command: [m/s, rad/s] held over it.
         before: true pose at its start, in map.
         after: true pose at its end, in map; ``before`` in the last step.
     """
     t_s = criteria.sampling_time
     local = into_frame(before, criteria.goal)
-    inside = math.hypot(local.x, local.y) <= criteria.xy_tolerance and abs(local.theta) <= criteria.yaw_tolerance
-    enters_local = region == OMEGA_L and math.isnan(totals.local_time)
+    distance = math.hypot(local.x, local.y)
+    inside = distance <= criteria.xy_tolerance and abs(local.theta) <= criteria.yaw_tolerance
+    enters_local = law.region == OMEGA_L and math.isnan(totals.local_time)
+    turn = abs(wrap_angle(after.theta - before.theta)) if distance <= TURNING_RADIUS else 0.0
+    first_reached = law.reached and math.isnan(totals.reached_time)
     power = command.v * command.v + command.omega * command.omega if step < criteria.steps else 0.0
     return RunTotals(
         totals.last_outside if inside else step,  # nan is not inside
         totals.path_length + math.hypot(after.x - before.x, after.y - before.y),
         totals.effort + power * t_s,
         step * t_s if enters_local else totals.local_time,
+        law.region,
+        totals.switches + 1 if law.region != totals.region else totals.switches,
+        totals.turning + turn,
+        step * t_s if first_reached else totals.reached_time,
+        1.0 if first_reached and not inside else totals.false_reached,
     )
 
 
-def outcome_of(
-    totals: RunTotals, criteria: Criteria, switches: int, feedback: Pose, has_feedback: bool, pose: Pose
-) -> Outcome:
+def outcome_of(totals: RunTotals, criteria: Criteria, feedback: Pose, has_feedback: bool, pose: Pose) -> Outcome:
     """Return the outcome of a run.
 
     Args:
         totals: of all its steps.
         criteria: of the run.
-        switches: changes of region.
         feedback: last pose given to the controller.
         has_feedback: False if there never was one.
         pose: true pose at the end, in map.
@@ -120,7 +153,10 @@ def outcome_of(
         settling_time,
         totals.path_length,
         totals.effort,
-        float(switches),
+        float(totals.switches),
         totals.local_time,
         error,
+        totals.turning,
+        totals.reached_time,
+        totals.false_reached,
     )

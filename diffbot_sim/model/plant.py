@@ -1,9 +1,9 @@
 """The true motion of the robot: drives, noise, kinematics, encoders. Pure functions of floats.
 
-A command reaches the wheels through limits and a drive that does not hold its speed exactly; the body moves with the
-true wheels; the encoders measure the true wheel angles with an error. The paper's input noise (Eqs. (6), (7)) comes in
-two forms that may be combined: added to v and omega (``eps_v_max``, ``eps_omega_max``, section 4.1), and as its cause,
-a relative error of each wheel's speed (``drive_noise``).
+A command reaches the wheels through :mod:`actuators` and a drive that does not hold its speed exactly; the body moves
+with the true wheels; the encoders measure the true wheel angles with an error. The paper's input noise (Eqs. (6), (7))
+comes in two forms that may be combined: added to v and omega (``eps_v_max``, ``eps_omega_max``, section 4.1), and as
+its cause, a relative error of each wheel's speed (``drive_noise``).
 """
 
 from __future__ import annotations
@@ -14,9 +14,17 @@ from typing import Annotated, NamedTuple
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import Twist, WheelGeometry, WheelSpeeds, body_twist, wheel_speeds
 from diffbot_core.schema import Spec
-from diffbot_sim.model.philox import Draw
+from diffbot_sim.model.actuators import (
+    NO_LOSS,
+    ActuatorConfig,
+    ActuatorState,
+    LostShares,
+    actuate,
+    lost_shares,
+    new_actuators,
+)
+from diffbot_sim.model.philox import SLIP_BLOCK, WHEEL_BLOCK, Draw, NoiseKey, draw
 
-_INF = math.inf
 _MAX_SHIFT = 1e6
 """[m]"""
 _STRAIGHT = 1e-6
@@ -59,20 +67,7 @@ class PlantConfig(NamedTuple):
     kidnap_x: Annotated[float, Spec("how far, along x of map", "m", minimum=-_MAX_SHIFT, maximum=_MAX_SHIFT)] = 0.0
     kidnap_y: Annotated[float, Spec("how far, along y of map", "m", minimum=-_MAX_SHIFT, maximum=_MAX_SHIFT)] = 0.0
     kidnap_yaw: Annotated[float, Spec("how far it is turned", "rad", minimum=-math.pi, maximum=math.pi)] = 0.0
-    wheel_speed_max: Annotated[
-        float,
-        Spec("bound of each wheel's |speed|", "rad/s", minimum=0.0, exclusive_minimum=True, allow_inf=True),
-    ] = _INF
-    wheel_acceleration_max: Annotated[
-        float,
-        Spec(
-            "bound of each wheel's |acceleration|",
-            "rad/s^2",
-            minimum=0.0,
-            exclusive_minimum=True,
-            allow_inf=True,
-        ),
-    ] = _INF
+    actuators: ActuatorConfig = ActuatorConfig()
     cmd_vel_timeout: Annotated[
         float, Spec("without a command for so long the robot stops", "s", minimum=0.0, exclusive_minimum=True)
     ] = 0.5
@@ -85,8 +80,8 @@ class PlantState(NamedTuple):
     """true pose in ``map``"""
     twist: Twist = Twist(0.0, 0.0)
     """true mean twist over the last step"""
-    drive: WheelSpeeds = WheelSpeeds(0.0, 0.0)
-    """[rad/s] speeds that the drives aimed at in the last step, for the acceleration limit"""
+    actuators: ActuatorState = ActuatorState()
+    """what they remember of the last step"""
     encoder: WheelSpeeds = WheelSpeeds(0.0, 0.0)
     """[rad/s] mean speeds over the last step as the encoders measured them"""
     angles: WheelSpeeds = WheelSpeeds(0.0, 0.0)
@@ -97,23 +92,41 @@ class PlantState(NamedTuple):
     """number of steps taken"""
 
 
-def plant_step(state: PlantState, command: Twist, noise: Draw, config: PlantConfig) -> PlantState:
+def new_plant(pose: Pose) -> PlantState:
+    """Return the robot at rest at ``pose`` in map, before step 0."""
+    rest = WheelSpeeds(0.0, 0.0)
+    return PlantState(pose, Twist(0.0, 0.0), new_actuators(), rest, rest, Pose(0.0, 0.0, 0.0), 0)
+
+
+def plant_step_at(key: NoiseKey, state: PlantState, command: Twist, config: PlantConfig) -> PlantState:
+    """Move the robot for one sampling time with the noise of this step; see :func:`plant_step`."""
+    noise, scale = draw(key.seed, key.run, key.step, WHEEL_BLOCK), config.actuators.slip_noise
+    lost = NO_LOSS
+    if scale > 0.0:
+        lost = lost_shares(draw(key.seed, key.run, key.step, SLIP_BLOCK), scale)
+    return plant_step(state, command, noise, config, lost)
+
+
+def plant_step(
+    state: PlantState, command: Twist, noise: Draw, config: PlantConfig, lost: LostShares = NO_LOSS
+) -> PlantState:
     """Move the robot for one sampling time.
 
     Args:
         state: before the step.
-        command: requested twist, held over the step.
+        command: requested twist, held over the step; after the dead time, see :func:`actuators.delayed_command`.
         noise: (left drive or v, right drive or omega, left encoder, right encoder), uniform in (-1, 1).
         config: robot, noise bounds and faults.
+        lost: shares of the wheels' motion that slip takes in this step.
     """
     t_s = config.sampling_time
-    drive = _drive(state.drive, wheel_speeds(command, config.wheels), config)
+    actuators = actuate(state.actuators, command, config.wheels, t_s, config.actuators)
     turned = WheelSpeeds(
-        drive.left * (1.0 + config.drive_noise * noise.a),
-        drive.right * (1.0 + config.drive_noise * noise.b),
+        actuators.turning.left * (1.0 + config.drive_noise * noise.a),
+        actuators.turning.right * (1.0 + config.drive_noise * noise.b),
     )
-    rolled = _rolled(turned, state.step, config)
-    ideal = body_twist(rolled, config.wheels)
+    rolled = _rolled(turned, lost, state.step, config)
+    ideal = body_twist(rolled, _true_wheels(config))
     eps_v, eps_omega = config.eps_v_max * noise.a, config.eps_omega_max * noise.b
     twist = Twist(ideal.v + eps_v, ideal.omega + eps_omega)
     # The added noise turns the wheels, so the encoders measure it too.
@@ -126,7 +139,7 @@ def plant_step(state: PlantState, command: Twist, noise: Draw, config: PlantConf
     return PlantState(
         _kidnapped(integrate(state.pose, twist, t_s, config.exact_arc), state.step, config),
         twist,
-        drive,
+        actuators,
         encoder,
         angles,
         integrate(state.odometry, body_twist(encoder, config.wheels), t_s, True),
@@ -151,14 +164,10 @@ def integrate(pose: Pose, twist: Twist, t_s: float, exact_arc: bool) -> Pose:
     )
 
 
-def _drive(before: WheelSpeeds, requested: WheelSpeeds, config: PlantConfig) -> WheelSpeeds:
-    """Return the target speeds of the drives: scaled together to the speed limit, then limited in acceleration."""
-    fastest = max(abs(requested.left), abs(requested.right))
-    scale = config.wheel_speed_max / fastest if fastest > config.wheel_speed_max else 1.0
-    change = config.wheel_acceleration_max * config.sampling_time
-    left = min(max(requested.left * scale, before.left - change), before.left + change)
-    right = min(max(requested.right * scale, before.right - change), before.right + change)
-    return WheelSpeeds(left, right)
+def _true_wheels(config: PlantConfig) -> WheelGeometry:
+    """Return the nominal wheels at their true distance."""
+    wheels = config.wheels
+    return WheelGeometry(wheels.wheel_radius, wheels.wheel_separation * (1.0 + config.actuators.separation_error))
 
 
 def _kidnapped(pose: Pose, step: int, config: PlantConfig) -> Pose:
@@ -169,10 +178,10 @@ def _kidnapped(pose: Pose, step: int, config: PlantConfig) -> Pose:
     return Pose(x + config.kidnap_x, y + config.kidnap_y, wrap_angle(theta + config.kidnap_yaw))
 
 
-def _rolled(turned: WheelSpeeds, step: int, config: PlantConfig) -> WheelSpeeds:
+def _rolled(turned: WheelSpeeds, lost: LostShares, step: int, config: PlantConfig) -> WheelSpeeds:
     """Return the speeds of nominal wheels that move the robot as the true ones do, with radius errors and slip."""
-    left = turned.left * (1.0 + config.left_radius_error)
-    right = turned.right * (1.0 + config.right_radius_error)
+    left = turned.left * (1.0 + config.left_radius_error) * (1.0 - lost.left)
+    right = turned.right * (1.0 + config.right_radius_error) * (1.0 - lost.right)
     # In steps, with a margin for rounding: 1.1 s and 3.2 s make 43 steps of 0.1 s.
     begin = config.slip_start / config.sampling_time - 1e-9
     end = (config.slip_start + config.slip_duration) / config.sampling_time - 1e-9

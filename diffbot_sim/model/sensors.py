@@ -1,6 +1,10 @@
 """Absolute measurements of the true pose: when they are taken, when they arrive, and their errors.
 
 ``..._at`` functions name the noise by (seed, run, step); both loops sense with them.
+
+Successive fixes may have correlated errors (``fix_noise_correlation``): e_n = a e_(n-1) + sqrt(1 - a^2) u_n with u_n
+uniform within the bound and e_0 = u_0. The variance stays bound^2 / 3 at every fix and the autocorrelation is a^|lag|,
+whatever the distribution of u; the errors themselves then reach up to sqrt((1 + a) / (1 - a)) times the bound.
 """
 
 from __future__ import annotations
@@ -33,6 +37,13 @@ class SensorConfig(NamedTuple):
     eps_y_max: Annotated[float, Spec("bound of the error of y", "m", minimum=0.0)] = 0.3
     eps_theta_max: Annotated[float, Spec("bound of the error of theta", "rad", minimum=0.0, maximum=math.pi)] = 0.17
     fix_delay: Annotated[float, Spec("time from measuring to arriving", "s", minimum=0.0, maximum=60.0)] = 0.0
+    fix_delay_jitter: Annotated[
+        float, Spec("bound of a random delay that is added, uniform from 0", "s", minimum=0.0, maximum=60.0)
+    ] = 0.0
+    fix_noise_correlation: Annotated[
+        float,
+        Spec("correlation of the errors of successive fixes, AR(1); their variance stays", minimum=0.0, maximum=0.999),
+    ] = 0.0
     fix_dropout: Annotated[float, Spec("share of fixes that are lost", minimum=0.0, maximum=1.0)] = 0.0
     fix_outlier: Annotated[float, Spec("share of fixes that are outliers", minimum=0.0, maximum=1.0)] = 0.0
     fix_outlier_distance: Annotated[float, Spec("how far an outlier is off", "m", minimum=0.0)] = 3.0
@@ -52,6 +63,22 @@ class SensorConfig(NamedTuple):
     ] = 0.05
 
 
+NO_ERRORS = Draw(math.nan, math.nan, math.nan, math.nan)
+"""Before the first fix."""
+
+
+class Fix(NamedTuple):
+    """A measured pose, and what happens to it."""
+
+    pose: Pose
+    """[m, m, rad] in map"""
+    errors: Draw
+    """errors of x, y, theta in shares of their bounds, without an outlier's; the next fix depends on them"""
+    lost: bool
+    delay: float
+    """[s] from measuring to arriving"""
+
+
 def due(step: int, rate: float, sampling_time: float) -> bool:
     """Return True if a sensor of ``rate`` [Hz] measures at ``step``: when its count of whole periods increases."""
     if rate <= 0.0:
@@ -67,7 +94,7 @@ def delay_in_steps(delay: float, sampling_time: float) -> int:
 
 
 def measured_pose(pose: Pose, noise: Draw, config: SensorConfig) -> Pose:
-    """Return the true pose with errors uniform within the bounds; ``noise`` is (x, y, theta, -)."""
+    """Return the true pose with errors of these shares of the bounds; ``noise`` is (x, y, theta, -)."""
     return Pose(
         pose.x + config.eps_x_max * noise.a,
         pose.y + config.eps_y_max * noise.b,
@@ -93,7 +120,7 @@ def measured_landmark(pose: Pose, x: float, y: float, noise: Draw, config: Senso
 
 
 def is_lost(fault: Draw, config: SensorConfig) -> bool:
-    """Return True if a fix is dropped; ``fault`` is (dropout, outlier, direction, -)."""
+    """Return True if a fix is dropped; ``fault`` is (dropout, outlier, direction, delay)."""
     return probability(fault.a) < config.fix_dropout
 
 
@@ -129,13 +156,35 @@ def landmark_variances(config: SensorConfig) -> tuple[float, float]:
     return uniform_variance(config.landmark_range_error_max), uniform_variance(config.landmark_bearing_error_max)
 
 
-def fix_at(key: NoiseKey, pose: Pose, config: SensorConfig) -> tuple[Pose, bool]:
-    """Measure the true ``pose`` at a step; also True if the fix is lost."""
-    fix = measured_pose(pose, draw(key.seed, key.run, key.step, FIX_BLOCK), config)
-    if config.fix_dropout == 0.0 and config.fix_outlier == 0.0:
-        return fix, False
+def correlated(before: Draw, noise: Draw, correlation: float) -> Draw:
+    """Return the errors of a fix after one with the errors ``before``, in shares of their bounds.
+
+    Args:
+        before: NO_ERRORS for none.
+        noise: uniform in (-1, 1).
+        correlation: a of the AR(1) process, 0 <= a < 1.
+    """
+    if correlation == 0.0 or math.isnan(before.a):
+        return noise
+    fresh = math.sqrt(1.0 - correlation * correlation)
+    return Draw(
+        correlation * before.a + fresh * noise.a,
+        correlation * before.b + fresh * noise.b,
+        correlation * before.c + fresh * noise.c,
+        noise.d,
+    )
+
+
+def fix_at(key: NoiseKey, pose: Pose, before: Draw, config: SensorConfig) -> Fix:
+    """Measure the true ``pose`` at a step; ``before`` are the errors of the fix before, NO_ERRORS if there is none."""
+    noise = draw(key.seed, key.run, key.step, FIX_BLOCK)
+    errors = correlated(before, noise, config.fix_noise_correlation)
+    measured = measured_pose(pose, errors, config)
+    if config.fix_dropout == 0.0 and config.fix_outlier == 0.0 and config.fix_delay_jitter == 0.0:
+        return Fix(measured, errors, False, config.fix_delay)
     fault = draw(key.seed, key.run, key.step, FAULT_BLOCK)
-    return with_outlier(fix, fault, config), is_lost(fault, config)
+    delay = config.fix_delay + config.fix_delay_jitter * probability(fault.d)
+    return Fix(with_outlier(measured, fault, config), errors, is_lost(fault, config), delay)
 
 
 def heading_at(key: NoiseKey, pose: Pose, config: SensorConfig) -> float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from typing import Annotated, NamedTuple, TypeVar
 
 import numpy as np
@@ -14,9 +13,11 @@ from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist, body_twist, encoder_covariance
 from diffbot_core.schema import Spec
 from diffbot_core.units import NS_PER_S
-from diffbot_sim.model.philox import WHEEL_BLOCK, NoiseKey, draw
-from diffbot_sim.model.plant import PlantConfig, PlantState, plant_step
+from diffbot_sim.model.actuators import MAX_COMMAND_DELAY, command_rows, delayed_command
+from diffbot_sim.model.philox import NoiseKey
+from diffbot_sim.model.plant import PlantConfig, new_plant, plant_step_at
 from diffbot_sim.model.sensors import (
+    NO_ERRORS,
     SensorConfig,
     delay_in_steps,
     due,
@@ -82,11 +83,14 @@ class World:
         """Put the robot at the start, step 0."""
         self.start_stamp = start_stamp
         self.period = round(config.plant.sampling_time * NS_PER_S)
-        self.state = PlantState(Pose(*config.start))
+        self.state = new_plant(Pose(*config.start))
         self.odometry_P = np.zeros((3, 3))
         """(3, 3) covariance of the odometry's pose, accumulated from the start"""
-        self._fixes: deque[tuple[int, PoseFix]] = deque()
-        self._headings: deque[tuple[int, Heading]] = deque()
+        self._fixes: list[tuple[int, PoseFix]] = []
+        self._headings: list[tuple[int, Heading]] = []
+        self._fix_errors = NO_ERRORS
+        # Long enough for any delay that may be set later.
+        self._commands = np.zeros((command_rows(MAX_COMMAND_DELAY, config.plant.sampling_time), 2))
         self.configure(config)
 
     def configure(self, config: WorldConfig) -> None:
@@ -103,11 +107,11 @@ class World:
         return self.start_stamp + self.state.step * self.period
 
     def advance(self, command: Twist) -> None:
-        """Hold ``command`` for one sampling time."""
-        config = self.config
-        noise = draw(config.seed, config.run, self.state.step, WHEEL_BLOCK)
-        before = self.state.odometry
-        self.state = plant_step(self.state, command, noise, config.plant)
+        """Request ``command`` for one sampling time; it reaches the wheels after ``command_delay``."""
+        config, step = self.config, self.state.step
+        plant, before = config.plant, self.state.odometry
+        arrived = delayed_command(self._commands, step, command, plant.actuators.command_delay, plant.sampling_time)
+        self.state = plant_step_at(NoiseKey(config.seed, config.run, step), self.state, arrived, plant)
         self._grow_odometry_covariance(before)
 
     def odometry(self) -> OdometryStep:
@@ -141,10 +145,11 @@ class World:
             arrival = step + delay_in_steps(sensors.heading_delay, t_s)
             self._headings.append((arrival, Heading(self.stamp, heading, self._heading_R)))
         if due(step, sensors.fix_rate, t_s):
-            fix, lost = fix_at(key, pose, sensors)
-            if not lost:
-                arrival = step + delay_in_steps(sensors.fix_delay, t_s)
-                self._fixes.append((arrival, PoseFix(self.stamp, fix, self._fix_R)))
+            fix = fix_at(key, pose, self._fix_errors, sensors)
+            self._fix_errors = fix.errors
+            if not fix.lost:
+                arrival = step + delay_in_steps(fix.delay, t_s)
+                self._fixes.append((arrival, PoseFix(self.stamp, fix.pose, self._fix_R)))
         landmarks = self._measure_landmarks(key) if due(step, sensors.landmark_rate, t_s) else []
         return Arrivals(_arrived(self._fixes, step), _arrived(self._headings, step), landmarks)
 
@@ -159,8 +164,9 @@ class World:
         return observed
 
 
-def _arrived(waiting: deque[tuple[int, _Sensed]], step: int) -> list[_Sensed]:
-    ready = []
-    while waiting and waiting[0][0] <= step:
-        ready.append(waiting.popleft()[1])
+def _arrived(waiting: list[tuple[int, _Sensed]], step: int) -> list[_Sensed]:
+    """Remove and return what arrives at ``step``, oldest first; a random delay lets measurements overtake others."""
+    ready = [measured for arrival, measured in waiting if arrival <= step]
+    if ready:
+        waiting[:] = [one for one in waiting if one[0] > step]
     return ready

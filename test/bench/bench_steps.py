@@ -21,6 +21,7 @@ from diffbot_control.law.controller import ControllerMemory, step
 from diffbot_control.law.presets import PAPER, PRESETS
 from diffbot_control.law.supervisor import Supervisor, SupervisorConfig
 from diffbot_core.geometry import Pose
+from diffbot_core.uncertainty import Estimate
 from diffbot_sim.model.simulator import World, WorldConfig
 from diffbot_sim.reference_loop import simulate
 
@@ -49,7 +50,7 @@ def inputs() -> Inputs:
     for pose in poses:
         fixes += world.sense().fixes
         odometry.append(world.odometry())
-        memory, command, _ = step(memory, pose, _GOAL, 0.1, config)
+        memory, command, _ = step(memory, Estimate(pose), _GOAL, 0.1, config)
         world.advance(command)
     return Inputs(poses, fixes, odometry)
 
@@ -63,7 +64,7 @@ def controller_step() -> float:
     poses, memory, config = inputs().poses, ControllerMemory(), PRESETS[PAPER]
     began = time.thread_time_ns()
     for pose in poses:
-        memory, _, _ = step(memory, pose, _GOAL, 0.1, config)
+        memory, _, _ = step(memory, Estimate(pose), _GOAL, 0.1, config)
     return _per_step(began, len(poses))
 
 

@@ -15,9 +15,9 @@ import diffbot_control
 import diffbot_core
 import diffbot_sim
 from diffbot_control.law.controller import ControllerConfig
-from diffbot_control.law.limits import Limits
 from diffbot_control.law.lyapunov_law import Gains
 from diffbot_control.law.supervisor import SupervisorConfig
+from diffbot_core.data_sheet import DataSheet
 from diffbot_core.errors import InvalidValueError, ReplacedNameError
 from diffbot_core.schema import Parameter, Spec, build, checked, parameters_of, replaced_by, to_dict
 from diffbot_sim.model.sensors import SensorConfig
@@ -56,7 +56,7 @@ def config_type(request):
 
 def test_the_configurations_are_found():
     names = {name.rpartition(".")[2] for name in CONFIGS}
-    assert {"Gains", "FixedRegionPolicy", "RegionPolicy", "Limits", "WheelGeometry", "GoalTolerance"} <= names
+    assert {"Gains", "FixedRegionPolicy", "RegionPolicy", "DataSheet", "WheelGeometry", "GoalTolerance"} <= names
     assert {"SupervisorConfig", "LocalizationConfig", "PlantConfig", "SensorConfig"} <= names
     assert {"StartPose", "WorldConfig", "ControllerNodeConfig", "EkfNodeConfig"} <= names
     assert {"PlantNodeConfig", "RecorderConfig", "ReplayConfig"} <= names
@@ -165,9 +165,9 @@ def test_choices_are_kept(config_type):
         (Gains, {"h": "big"}, "h = 'big': must be a number"),
         (Gains, {"h": True}, "h = True: must be a number"),
         (
-            Limits,
+            DataSheet,
             {"linear.x.max_velocity": -1.0},
-            "linear.x.max_velocity = -1.0: must be > 0 (inf: no limit)",
+            "linear.x.max_velocity = -1.0: must be > 0 and <= 100 (inf: no limit)",
         ),
         (
             SensorConfig,
@@ -218,7 +218,7 @@ def test_an_unknown_name_is_refused_with_those_known():
     assert "(gamma, h, k, k_2)" in str(caught.value)
     # The field's own name is none where a parameter name stands beside it.
     with pytest.raises(InvalidValueError, match=r"a_max = 1\.0: must be a known name"):
-        build(Limits, {"a_max": 1.0})
+        build(DataSheet, {"a_max": 1.0})
 
 
 def test_a_refused_value_changes_nothing():
@@ -262,7 +262,7 @@ def test_build_and_to_dict_undo_each_other(values):
     named = to_dict(config)
     assert {name: named[name] for name in values} == values
     assert build(SupervisorConfig, named) == config
-    assert config.controller.limits.omega_max == values["angular.z.max_velocity"]
+    assert config.controller.data_sheet.omega_max == values["angular.z.max_velocity"]
 
 
 class Inner(NamedTuple):

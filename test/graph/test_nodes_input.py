@@ -22,9 +22,12 @@ from diffbot_control.law.presets import PRESETS
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist as TwistValue
 from diffbot_core.kinematics import TwistCovariance, WheelGeometry, WheelSpeeds, body_twist, encoder_covariance
+from diffbot_core.uncertainty import Estimate, Uncertainty
 
 NAN, INF, HUGE = math.nan, math.inf, 1e308
 LONG = "x" * 1_000_000
+UNCERTAINTY = Uncertainty(math.sqrt(R_FIX[0, 0]), math.sqrt(R_FIX[2, 2]))
+"""of the poses that the controller gets: the error ellipse of a fix is a circle"""
 
 
 def changed(message, **fields):
@@ -367,7 +370,7 @@ def test_controller_goes_on_as_if_the_bad_messages_had_not_come(start, source, t
         pose = Pose(0.01 * (time - START), 0.5, 0.2)
         subject.publish(topic, estimate(time, *pose))
         subject.peer.spin_until(lambda: len(commands) > count, 5.0, "a command")
-        memory, command, _ = step(memory, pose, goal, 0.1, PRESETS["tuned"])
+        memory, command, _ = step(memory, Estimate(pose, UNCERTAINTY), goal, 0.1, PRESETS["tuned"])
         assert len(commands) == count + 1, "one pose, one command"
         assert (commands[-1].linear.x, commands[-1].angular.z) == pytest.approx(tuple(command), abs=1e-9)
 

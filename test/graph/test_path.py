@@ -13,6 +13,7 @@ from robot import distance, lockstep, planar, pose_stamped, stamp, turned
 
 from diffbot_control.filter.covariance import uncertainty_of
 from diffbot_control.filter.localization import Localization, LocalizationConfig
+from diffbot_control.law.finish import FINISH_NAMES, FinishConfig
 from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.supervisor import STATES, Supervisor, SupervisorConfig
 from diffbot_core.geometry import Pose
@@ -142,7 +143,7 @@ def test_a_path_is_driven_waypoint_by_waypoint_to_its_end(robot):
     assert robot.states[-1].message == "goal reached"
 
 
-def test_the_status_tells_radius_re_approach_and_smallest_tolerance(robot):
+def test_the_status_shows_radius_finish_and_smallest_tolerance(robot):
     # The robot stands still; a status that was sent since then tells of the newest pose.
     robot.catch_up()
     robot.states.clear()
@@ -156,19 +157,20 @@ def test_the_status_tells_radius_re_approach_and_smallest_tolerance(robot):
         "distance [m]",
         "heading error [rad]",
         "eps_P [m]",
-        "re-approach",
+        "finish",
         "smallest tolerance [m]",
         "smallest tolerance [rad]",
         "waypoint",
     }
     assert values["region"] == "Omega_L"
     assert float(values["eps_P [m]"]) >= 0.3
-    phase, begun = values["re-approach"].split(", ")
-    assert phase in ("resting", "retreating", "approaching")
-    assert int(begun.split()[0]) <= 3
-    # Two standard deviations of the newest pose, to the digits that are shown.
+    phase, begun = values["finish"].split(", ")
+    assert phase in FINISH_NAMES
+    assert int(begun.split()[0]) <= FinishConfig().finish_tries
+    # As many standard deviations of the newest pose as count, to the digits that are shown.
+    sigmas = PRESETS["tuned"].tolerance.goal_sigmas
     P = np.array(robot.poses[-1].pose.covariance).reshape(6, 6)
-    expected = 2.0 * math.sqrt(np.linalg.eigvalsh(P[:2, :2])[-1]), 2.0 * math.sqrt(P[5, 5])
+    expected = sigmas * math.sqrt(np.linalg.eigvalsh(P[:2, :2])[-1]), sigmas * math.sqrt(P[5, 5])
     found = float(values["smallest tolerance [m]"]), float(values["smallest tolerance [rad]"])
     assert found == pytest.approx(expected, abs=6e-5)
     assert all(status.message in STATES for status in robot.states)

@@ -9,8 +9,10 @@ from lockstep_drive import assert_same_path, go
 from nav_msgs.msg import Odometry
 from robot import distance, lockstep, pose_stamped, robot, turned, twist
 
+from diffbot_control.law.presets import PRESETS
 from diffbot_control.ros.messages import set_stamp
 
+SIGMAS = PRESETS["tuned"].tolerance.goal_sigmas
 FILTERED = {"pose_source": "odometry"}
 GOAL = (1.0, 2.0, 0.5)
 
@@ -62,23 +64,23 @@ def test_covariance_of_the_odometry_decides_whether_the_goal_is_reached(fed):
     fed.peer.spin_until(lambda: fed.commands, 5.0, "a command")
     assert twist(fed.commands[-1]) == pytest.approx((0.0, 0.0), abs=1e-9)
     values = graph.values(status)
-    # Two standard deviations.
-    assert float(values["smallest tolerance [m]"]) == pytest.approx(4.0)
-    assert float(values["smallest tolerance [rad]"]) == pytest.approx(4.0)
+    # Of a deviation of 2 m and 2 rad.
+    assert float(values["smallest tolerance [m]"]) == pytest.approx(2.0 * SIGMAS)
+    assert float(values["smallest tolerance [rad]"]) == pytest.approx(2.0 * SIGMAS)
     assert values["goals reached"] == "0"
     status = feed(fed, "goal reached", 1e-4)
     assert status.level == DiagnosticStatus.OK
     values = graph.values(status)
-    assert float(values["smallest tolerance [m]"]) == pytest.approx(0.02)
+    assert float(values["smallest tolerance [m]"]) == pytest.approx(0.01 * SIGMAS)
     assert values["goals reached"] == "1"
 
 
 def test_a_pose_without_covariance_has_the_uncertainty_of_the_parameters(fed):
     status = feed(fed, "goal reached", 0.0)
     values = graph.values(status)
-    # Two standard deviations of 0.02 m and 0.02 rad.
-    assert float(values["smallest tolerance [m]"]) == pytest.approx(0.04)
-    assert float(values["smallest tolerance [rad]"]) == pytest.approx(0.04)
+    # Of a deviation of 0.02 m and 0.02 rad.
+    assert float(values["smallest tolerance [m]"]) == pytest.approx(0.02 * SIGMAS)
+    assert float(values["smallest tolerance [rad]"]) == pytest.approx(0.02 * SIGMAS)
     output = fed.processes["controller"].output
     assert output.count("covariance is all zero") == 1
     assert "odometry/filtered: covariance is all zero, i.e. unknown: assuming pose_sigma_xy = 0.02 m" in output
@@ -89,5 +91,7 @@ def test_a_pose_without_covariance_has_the_uncertainty_of_the_parameters(fed):
     fed.set_parameter("controller", "pose_sigma_xy", 0.03)
     status = feed(fed, "goal reached", 0.0)
     fed.peer.spin_until(
-        lambda: graph.values(fed.controller_states[-1])["smallest tolerance [m]"] == "0.0600", 5.0, "the new value"
+        lambda: graph.values(fed.controller_states[-1])["smallest tolerance [m]"] == f"{0.03 * SIGMAS:.4f}",
+        5.0,
+        "the new value",
     )

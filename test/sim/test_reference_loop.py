@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from diffbot_control.filter.localization import LocalizationConfig
-from diffbot_control.law.limits import Limits
 from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.regions import OMEGA_L, FixedRegionPolicy
+from diffbot_core.data_sheet import DataSheet
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_sim.model.plant import PlantConfig
@@ -163,7 +163,7 @@ def test_a_compass_helps():
 
 
 def test_the_first_command_has_no_time_to_accelerate():
-    controller = PAPER._replace(limits=Limits(1.3, INF, INF, 1.0, INF))
+    controller = PAPER._replace(data_sheet=DataSheet(1.3, INF, INF, 1.0, INF))
     recording = simulate(QUIET, controller, GOAL, 30, TRUTH)
     assert recording.command[0, 0] == 0.0
     assert np.diff(recording.command[:, 0]).max() <= 0.1 + 1e-12

@@ -218,6 +218,13 @@ class Peer:
                 f"a subscriber of {publisher.topic_name}",
             )
 
+    def wait_for_publishers(self, *topics, timeout=10.0):
+        """Wait until the subscription of each topic knows a publisher: discovery may take seconds on a busy machine."""
+        for topic in topics:
+            name = self.node.resolve_topic_name(topic)
+            subscription = next(each for each in self.node.subscriptions if each.topic_name == name)
+            self.spin_until(subscription.get_publisher_count, timeout, f"a publisher of {name}")
+
     def call(self, service_type, name, request=None, timeout=10.0):
         """Call a service and return its response."""
         client = self.node.create_client(service_type, name)

@@ -17,6 +17,12 @@ SIMULATED = {"use_sim_time": True}
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 DEEP = QoSProfile(depth=100_000)
 """The test takes a message later than it comes: none may be pushed out."""
+TOPICS = {
+    "plant": ("ground_truth",),
+    "ekf": ("pose", "ekf/status"),
+    "controller": ("cmd_vel", "controller/status"),
+}
+"""What the test hears of each node."""
 
 
 def yaw(orientation):
@@ -82,8 +88,15 @@ class Robot:
         if name == "controller" and not self.commands:
             self.commands = self.peer.subscribe(TwistStamped if stamped else Twist, "cmd_vel", DEEP)
         process = self.launch(name, parameters)
-        process.wait_for_output("]: ready")
+        self.wait_until_ready(name)
         return process
+
+    def wait_until_ready(self, *names):
+        """Wait until nodes say that they are ready, and the test hears them."""
+        for name in names:
+            self.processes[name].wait_for_output("]: ready")
+        for name in names:
+            self.peer.wait_for_publishers(*TOPICS[name])
 
     def launch(self, name, parameters=None):
         """Start one of the nodes and do not wait for it."""
@@ -172,8 +185,7 @@ def robot(plant=None, ekf=None, controller=None, namespace="", only=("ekf", "con
         running.commands = peer.subscribe(TwistStamped if stamped else Twist, "cmd_vel", DEEP)
         for name in only:
             running.launch(name, given[name])
-        for name in only:
-            running.processes[name].wait_for_output("]: ready")
+        running.wait_until_ready(*only)
         yield running
 
 

@@ -31,7 +31,7 @@ from diffbot_sim.compiled.scalar_filter import new_track
 from diffbot_sim.compiled.sensing import Robot, observe
 from diffbot_sim.model.philox import NoiseKey
 from diffbot_sim.model.plant import PlantConfig
-from diffbot_sim.model.sensors import SensorConfig
+from diffbot_sim.model.sensors import NO_ERRORS, SensorConfig
 from diffbot_sim.model.simulator import StartPose, World, WorldConfig
 
 CHECK = settings(derandomize=True, deadline=None, max_examples=25)
@@ -478,7 +478,7 @@ def test_the_compiled_filter_takes_fix_heading_and_landmarks_in_the_same_order(v
             for measurement in (*arrivals.headings, *sightings):
                 made.on_measurement(measurement)
         estimate = made.on_odometry(world.odometry())
-        track = observe(track, NoiseKey(1, 0, step), world.state, robot)
+        track, _ = observe(track, NO_ERRORS, NoiseKey(1, 0, step), world.state, robot)
         assert track.belief.pose[:2] == pytest.approx(estimate.pose[:2], abs=1e-8), step
         world.advance(Twist(0.8, 0.4))
 

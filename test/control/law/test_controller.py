@@ -9,26 +9,27 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from diffbot_control.law import controller
 from diffbot_control.law.controller import (
     ControllerMemory,
     memory_for_new_goal,
     new_memory,
-    step,
     stop_step,
 )
 from diffbot_control.law.goal_checker import Settling
-from diffbot_control.law.limits import Limits
 from diffbot_control.law.lyapunov_law import Gains
 from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.reapproach import RETREATING, Reapproach
 from diffbot_control.law.regions import OMEGA_G, OMEGA_L, FixedRegionPolicy, Switching
+from diffbot_core.data_sheet import PAPER_DATA_SHEET, DataSheet
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
+from diffbot_core.uncertainty import CERTAIN, Estimate
 
 CHECK = settings(derandomize=True, deadline=None, max_examples=200)
 INF = math.inf
 PAPER = PRESETS["paper"]
-FREE = PAPER._replace(limits=Limits(INF, INF, INF, INF, INF))
+FREE = PAPER._replace(data_sheet=DataSheet(INF, INF, INF, INF, INF))
 ORIGIN = Pose(0.0, 0.0, 0.0)
 T_S = 0.1
 POSES = st.builds(Pose, st.floats(-20.0, 20.0), st.floats(-20.0, 20.0), st.floats(-math.pi, math.pi))
@@ -38,6 +39,11 @@ MEMORIES = st.builds(
     st.builds(Twist, st.floats(-1.3, 1.3), st.floats(-3.0, 3.0)),
     st.builds(Settling, st.integers(0, 10), st.booleans()),
 )
+
+
+def step(memory, pose, goal, dt, config, uncertainty=CERTAIN):
+    """Step with the pose and its uncertainty side by side."""
+    return controller.step(memory, Estimate(pose, uncertainty), goal, dt, config)
 
 
 def printed_law_17(pose, near):
@@ -118,7 +124,7 @@ def test_the_mirror_image_turns_the_other_way(pose, memory):
 
 def test_many_steps_in_any_order_equal_single_ones():
     rng = random.Random(5)
-    limited = PAPER._replace(limits=Limits(1.0, 2.0, 15.0, 1.0, 3.0))
+    limited = PAPER._replace(data_sheet=DataSheet(1.0, 2.0, 15.0, 1.0, 3.0))
 
     def state():
         memory = ControllerMemory(
@@ -156,25 +162,25 @@ def test_a_goal_is_reached_after_settling_steps_in_a_row():
     config = PAPER._replace(tolerance=PAPER.tolerance._replace(settling_steps=3))
     memories = driven(config, [AT_GOAL, AT_GOAL, AWAY, AT_GOAL, AT_GOAL, AT_GOAL, AT_GOAL])
     assert [memory.settling.steps_within for memory in memories] == [1, 2, 0, 1, 2, 3, 4]
-    assert [memory.settling.reached for memory in memories] == [False] * 5 + [True] * 2
+    assert [memory.reached for memory in memories] == [False] * 5 + [True] * 2
 
 
 @pytest.mark.parametrize(("stateful", "stays"), [(True, True), (False, False)])
 def test_a_reached_goal_stays_reached_if_stateful(stateful, stays):
     config = PAPER._replace(tolerance=PAPER.tolerance._replace(settling_steps=1, stateful=stateful))
     memories = driven(config, [AT_GOAL, AWAY, AT_GOAL])
-    assert [memory.settling.reached for memory in memories] == [True, stays, True]
+    assert [memory.reached for memory in memories] == [True, stays, True]
 
 
 def test_one_settling_step_is_enough_if_asked():
     config = PAPER._replace(tolerance=PAPER.tolerance._replace(settling_steps=1))
-    assert driven(config, [AT_GOAL])[0].settling.reached
+    assert driven(config, [AT_GOAL])[0].reached
 
 
 def test_moving_fast_through_the_goal_is_not_reaching_it():
     # Within 0.4 m and 0.1 rad, but v = 1.3 tanh(0.35) = 0.44 m/s.
     config = PAPER._replace(tolerance=PAPER.tolerance._replace(settling_steps=1))
-    assert not driven(config, [Pose(-0.35, 0.0, 0.0)])[0].settling.reached
+    assert not driven(config, [Pose(-0.35, 0.0, 0.0)])[0].reached
 
 
 def test_switches_count_every_change_of_region():
@@ -199,8 +205,8 @@ def test_the_report_holds_the_variables_of_the_step():
 
 
 def test_limits_of_velocity_come_before_those_of_acceleration():
-    limits = Limits(0.5, INF, INF, 1.0, INF)
-    config = PAPER._replace(limits=limits)
+    limits = DataSheet(0.5, INF, INF, 1.0, INF)
+    config = PAPER._replace(data_sheet=limits)
     memory = ControllerMemory()
     speeds = []
     for _ in range(8):
@@ -222,13 +228,14 @@ def test_coming_to_rest():
     stopped, command = stop_step(memory, T_S, PAPER)
     assert command == (0.0, 0.0)
     assert stopped == memory._replace(command=Twist(0.0, 0.0))
-    config = PAPER._replace(limits=Limits(a_max=1.0, omega_dot_max=2.0))
+    config = PAPER._replace(data_sheet=PAPER_DATA_SHEET._replace(a_max=1.0, omega_dot_max=2.0))
     commands = []
     for _ in range(4):
         memory, command = stop_step(memory, T_S, config)
         commands.append(command)
+    # On the same curve, omega / v = -1.2 /m, as fast as the slower of the two allows.
     assert [one.v for one in commands] == pytest.approx([0.15, 0.05, 0.0, 0.0])
-    assert [one.omega for one in commands] == pytest.approx([-0.1, 0.0, 0.0, 0.0])
+    assert [one.omega for one in commands] == pytest.approx([-0.18, -0.06, 0.0, 0.0])
 
 
 @pytest.mark.parametrize(
@@ -247,7 +254,7 @@ def test_numbers_that_overflow_stop_the_robot(pose, goal, region):
     after, command, _ = step(memory, pose, goal, T_S, PAPER)
     assert command == (0.0, 0.0)
     assert after.command == (0.0, 0.0)
-    assert not after.settling.reached
+    assert not after.reached
 
 
 def test_gains_that_overflow_stop_the_robot():
@@ -260,8 +267,8 @@ def test_gains_that_overflow_stop_the_robot():
 @CHECK
 @given(POSES, POSES, MEMORIES)
 def test_the_command_is_within_limits_everywhere(pose, goal, memory):
-    limits = Limits(0.8, 1.5, 18.0, INF, INF)
-    config = PAPER._replace(limits=limits)
+    limits = DataSheet(0.8, 1.5, 18.0, INF, INF)
+    config = PAPER._replace(data_sheet=limits)
     _, (v, omega), _ = step(memory, pose, goal, T_S, config)
     assert abs(v) <= 0.8 * (1.0 + 1e-12)
     assert abs(omega) <= 1.5 * (1.0 + 1e-12)

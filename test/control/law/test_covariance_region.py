@@ -10,7 +10,9 @@ from hypothesis import strategies as st
 
 from diffbot_control.filter.covariance import uncertainty_of
 from diffbot_control.filter.localization import Localization, LocalizationConfig
-from diffbot_control.law.controller import ControllerMemory, step
+from diffbot_control.law import controller
+from diffbot_control.law.controller import ControllerMemory
+from diffbot_control.law.lyapunov_law import Gains
 from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.regions import (
     COVARIANCE,
@@ -26,15 +28,20 @@ from diffbot_control.law.regions import (
 from diffbot_core.errors import BadMessageError, InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_core.schema import build
-from diffbot_core.uncertainty import CERTAIN, Uncertainty
+from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
 from diffbot_sim.model.simulator import StartPose, World, WorldConfig
 
 CHECK = settings(derandomize=True, deadline=None, max_examples=200)
 ORIGIN = Pose(0.0, 0.0, 0.0)
 POLICY = CovarianceRegionPolicy(0.02, 2.2, 0.05, 3.0, 0.3, 3)
-TUNED = PRESETS["tuned"]._replace(region_policy=RegionPolicy(COVARIANCE, covariance=POLICY))
+TUNED = PRESETS["paper_covariance"]._replace(gains=Gains(), region_policy=RegionPolicy(COVARIANCE, covariance=POLICY))
 DISTANCES = st.floats(0.0, 100.0)
 SIGMAS = st.floats(0.0, 10.0)
+
+
+def step(memory, pose, goal, dt, config, uncertainty=CERTAIN):
+    """Step with the pose and its uncertainty side by side."""
+    return controller.step(memory, Estimate(pose, uncertainty), goal, dt, config)
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import CERTAIN, Uncertainty, largest_deviation
 
-TOLERANCE = GoalTolerance(0.4, 0.1, 0.05, 0.2)
+TOLERANCE = GoalTolerance(0.4, 0.1, 0.05, 0.2, goal_sigmas=2.0)
 
 
 def judged(rho=0.4, theta=0.1, v=0.05, omega=0.2):

@@ -6,14 +6,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from diffbot_control.law.limits import Limits, limit_acceleration, limit_velocity
+from diffbot_control.law.limits import limit_acceleration, limit_velocity
+from diffbot_core.data_sheet import DataSheet
 from diffbot_core.kinematics import Twist, WheelGeometry, wheel_speeds
 
 CHECK = settings(derandomize=True, deadline=None, max_examples=300)
 WHEELS = WheelGeometry(0.05, 0.6)
-FREE = Limits(math.inf, math.inf, math.inf, math.inf, math.inf)
+FREE = DataSheet(math.inf, math.inf, math.inf, math.inf, math.inf)
 TWISTS = st.builds(Twist, st.floats(-5.0, 5.0), st.floats(-5.0, 5.0))
 BOUNDS = st.floats(0.01, 6.0) | st.just(math.inf)
+SHEETS = st.builds(
+    lambda v_max, omega_max, wheel_max: FREE._replace(v_max=v_max, omega_max=omega_max, wheel_max=wheel_max),
+    BOUNDS,
+    BOUNDS,
+    BOUNDS | st.floats(1.0, 150.0),
+)
 SLACK = 1.0 + 1e-12
 
 
@@ -40,15 +47,15 @@ def used(command, limits):
     ],
 )
 def test_velocity_limits_by_hand(limits, expected):
-    assert limit_velocity(Twist(2.0, 1.0), limits, WHEELS) == pytest.approx(expected)
-    mirrored = limit_velocity(Twist(-2.0, -1.0), limits, WHEELS)
+    assert limit_velocity(Twist(2.0, 1.0), limits) == pytest.approx(expected)
+    mirrored = limit_velocity(Twist(-2.0, -1.0), limits)
     assert mirrored == pytest.approx(tuple(-number for number in expected))
 
 
 @CHECK
-@given(TWISTS, st.builds(Limits, BOUNDS, BOUNDS, BOUNDS | st.floats(1.0, 150.0)))
+@given(TWISTS, SHEETS)
 def test_velocity_limits_scale_by_the_largest_factor_allowed(wanted, limits):
-    command = limit_velocity(wanted, limits, WHEELS)
+    command = limit_velocity(wanted, limits)
     share = used(wanted, limits)
     factor = 1.0 if share <= 1.0 else 1.0 / share
     assert used(command, limits) <= SLACK
@@ -58,14 +65,10 @@ def test_velocity_limits_scale_by_the_largest_factor_allowed(wanted, limits):
         assert command == wanted
 
 
-@pytest.mark.parametrize("limits", [FREE, Limits(1.0, 1.0, 1.0, 1.0, 1.0)])
+@pytest.mark.parametrize("limits", [FREE, DataSheet(1.0, 1.0, 1.0, 1.0, 1.0)])
 def test_zero_stays_zero(limits):
-    assert limit_velocity(Twist(0.0, 0.0), limits, WHEELS) == (0.0, 0.0)
+    assert limit_velocity(Twist(0.0, 0.0), limits) == (0.0, 0.0)
     assert limit_acceleration(Twist(0.0, 0.0), Twist(0.0, 0.0), 0.1, limits) == (0.0, 0.0)
-
-
-def test_no_limit_by_default_but_the_papers_speed():
-    assert Limits() == (1.3, math.inf, math.inf, math.inf, math.inf)
 
 
 def reachable(factor, wanted, previous, dt, limits):
@@ -159,10 +162,10 @@ def test_no_time_with_one_limit_keeps_the_curvature():
 
 @pytest.mark.parametrize("tiny", [5e-324, 1e-310, -1e-200])
 def test_tiny_commands_give_numbers(tiny):
-    limits = Limits(1.0, 1.0, 10.0, 1.0, 1.0)
+    limits = DataSheet(1.0, 1.0, 10.0, 1.0, 1.0)
     for wanted in (Twist(tiny, 0.5), Twist(0.5, tiny), Twist(tiny, tiny)):
         for previous in (Twist(0.0, 0.0), Twist(0.5, -0.5)):
-            command = limit_acceleration(limit_velocity(wanted, limits, WHEELS), previous, 0.1, limits)
+            command = limit_acceleration(limit_velocity(wanted, limits), previous, 0.1, limits)
             assert all(math.isfinite(number) for number in command)
             assert abs(command.v - previous.v) <= 0.1 * SLACK
             assert abs(command.omega - previous.omega) <= 0.1 * SLACK

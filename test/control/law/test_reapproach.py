@@ -12,9 +12,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from diffbot_control.law.controller import ControllerMemory, memory_for_new_goal, step
-from diffbot_control.law.limits import Limits
-from diffbot_control.law.lyapunov_law import global_lyapunov
+from diffbot_control.law import controller
+from diffbot_control.law.controller import ControllerMemory, memory_for_new_goal
+from diffbot_control.law.lyapunov_law import Gains, global_lyapunov
 from diffbot_control.law.polar_coordinates import Navigation
 from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.reapproach import (
@@ -36,8 +36,9 @@ from diffbot_control.law.regions import (
     RegionPolicy,
     Switching,
 )
+from diffbot_core.data_sheet import PAPER_DATA_SHEET
 from diffbot_core.geometry import Pose
-from diffbot_core.uncertainty import CERTAIN, Uncertainty
+from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
 from diffbot_sim.model.plant import PlantConfig
 from diffbot_sim.model.sensors import SensorConfig
 from diffbot_sim.model.simulator import StartPose, WorldConfig
@@ -47,11 +48,13 @@ CHECK = settings(derandomize=True, deadline=None, max_examples=100)
 T_S = 0.1
 ORIGIN = Pose(0.0, 0.0, 0.0)
 # As the preset was when these numbers were worked out: a finer tuning must not break what follows.
-TUNED = PRESETS["tuned"]._replace(
+# The paper's law with the gains of a double pole at -2 /s.
+TUNED = PRESETS["paper_covariance"]._replace(
+    gains=Gains(),
     region_policy=RegionPolicy(COVARIANCE, covariance=CovarianceRegionPolicy(0.02, 2.2, 0.05, 3.0, 0.3, 3)),
     reapproach=ReapproachConfig(3, 35.0, 0.25, 0.25, 0.15, 0.7, 3.0, 8.0, 1.3),
 )
-AS_SHIPPED = PRESETS["tuned"]
+AS_SHIPPED = PRESETS["paper_covariance"]._replace(gains=Gains())
 TIGHT = AS_SHIPPED._replace(tolerance=TUNED.tolerance._replace(xy_goal_tolerance=0.03))
 FORWARD = TUNED._replace(driving=TUNED.driving._replace(allow_backward=False))
 AT_REST = ControllerMemory(Switching(OMEGA_L))
@@ -59,6 +62,11 @@ QUIET = WorldConfig(
     PlantConfig(drive_noise=0.0, encoder_noise=0.0), SensorConfig(eps_x_max=0.0, eps_y_max=0.0, eps_theta_max=0.0)
 )
 BOUND = TUNED.reapproach.reapproach_heading
+
+
+def step(memory, pose, goal, dt, config, uncertainty=CERTAIN):
+    """Step with the pose and its uncertainty side by side."""
+    return controller.step(memory, Estimate(pose, uncertainty), goal, dt, config)
 
 
 def with_tolerance(tolerance, config=TUNED):
@@ -126,7 +134,7 @@ def test_a_lateral_error_at_rest_is_removed_gently(tolerance):
         # One try is enough without noise, and what is allowed begins none.
         begins = y > 0.7 * tolerance
         assert run.memories[-1].reapproach.tries == int(begins)
-        assert run.memories[-1].settling.reached
+        assert run.memories[-1].reached
         assert {memory.switching.region for memory in run.memories} == {OMEGA_L}
         order = [phase for phase, _ in itertools.groupby(run.phases)]
         assert order == ([RESTING, RETREATING, APPROACHING, RESTING] if begins else [RESTING])
@@ -166,7 +174,7 @@ def test_it_begins_after_settling_steps_at_rest_in_a_row():
 
 def test_it_begins_only_when_the_heading_is_straight():
     # Turning so slowly that it counts as standing: the count of poses starts where the heading is within 0.1 rad.
-    config = TUNED._replace(limits=Limits(omega_max=0.05))
+    config = TUNED._replace(data_sheet=PAPER_DATA_SHEET._replace(omega_max=0.05))
     run = Run((0.0, 0.12, 0.3), config, 100)
     first = run.phases.index(RETREATING)
     assert abs(run.poses[first - 4].theta) <= 0.1 < abs(run.poses[first - 5].theta)
@@ -350,9 +358,9 @@ def test_a_goal_is_not_reached_while_a_re_approach_is_under_way():
     for memory in run.memories:
         if memory.reapproach.phase != RESTING:
             assert memory.settling.steps_within == 0
-            assert not memory.settling.reached
+            assert not memory.reached
     assert {RETREATING, APPROACHING} < set(run.phases)
-    assert run.memories[-1].settling.reached
+    assert run.memories[-1].reached
 
 
 def test_the_command_by_hand():
@@ -462,7 +470,7 @@ def test_forward_only_works_with_the_papers_law_too():
         assert heading[-1] < 0.01
 
 
-@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("preset", ["paper", "paper_covariance"])
 @CHECK
 @given(st.floats(-12.0, 12.0), st.floats(-12.0, 12.0), st.floats(-3.1, 3.1))
 def test_on_the_spot_the_lyapunov_function_falls(preset, x, y, theta):

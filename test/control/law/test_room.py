@@ -27,10 +27,10 @@ def test_every_public_name_exists_and_belongs_to_the_room(room):
 
 def test_a_step_with_the_public_names_alone_drives_towards_the_goal():
     from diffbot_control.law import ControllerConfig, ControllerMemory, step
-    from diffbot_core import Pose
+    from diffbot_core import CERTAIN, Estimate, Pose
 
     memory, command, report = step(
-        ControllerMemory(), Pose(-2.0, 0.0, 0.0), Pose(0.0, 0.0, 0.0), 0.1, ControllerConfig()
+        ControllerMemory(), Estimate(Pose(-2.0, 0.0, 0.0), CERTAIN), Pose(0.0, 0.0, 0.0), 0.1, ControllerConfig()
     )
     assert command.v > 1.0
     assert abs(command.omega) < 1e-12

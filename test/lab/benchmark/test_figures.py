@@ -8,7 +8,7 @@ from figures import drawn  # noqa: F401 - a fixture
 from diffbot_control.filter.options import FILTERS
 from diffbot_lab.benchmark import filter_figure, law_figure
 from diffbot_lab.benchmark.filter_cases import RATES, SCENARIOS, name_of
-from diffbot_lab.benchmark.law_cases import LAWS
+from diffbot_lab.benchmark.law_entries import ENTRIES
 from diffbot_sim.compiled.batch import COLUMNS
 
 RUNS, STEPS = 4, 10
@@ -18,7 +18,7 @@ RUNS, STEPS = 4, 10
 def sheets():
     rng = np.random.default_rng(1)
     made = []
-    for law in LAWS[:3]:
+    for law in ENTRIES[:3]:
         outcomes = rng.uniform(0.01, 1.0, (RUNS, len(COLUMNS)))
         outcomes[:, COLUMNS.index("settling_time")] = (*rng.uniform(10.0, 50.0, RUNS - 1), np.nan)
         made.append(law_figure.Sheet(law.name, law.label, outcomes, rng.normal(size=(RUNS, STEPS + 1, 3))))

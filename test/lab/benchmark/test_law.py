@@ -1,32 +1,38 @@
-"""The benchmark of the law: its runs, its figures and its command."""
+"""The arena: its runs, its figures and its command."""
 
 import copy
 import json
 import math
+import os
 import signal
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from diffbot_control.filter.options import CALIBRATING
 from diffbot_core.errors import DiffbotError, InvalidValueError
-from diffbot_core.geometry import Pose
 from diffbot_lab import cli
 from diffbot_lab.benchmark import law as benchmark
-from diffbot_lab.benchmark.law import figures_of, run_and_report, run_benchmark, still_moving
-from diffbot_lab.benchmark.law_cases import CHALLENGES, DELAYED, LAWS, Challenge, arena_starts, case_of
+from diffbot_lab.benchmark import law_tuning
+from diffbot_lab.benchmark.law import ArenaOptions, run_benchmark, still_moving, takes_part
+from diffbot_lab.benchmark.law_cases import CASES, OWN, arena_starts, cases_named, starts_named, world_of
+from diffbot_lab.benchmark.law_entries import ENTRIES, OWN_NAME, config_of, entries_for
 from diffbot_lab.benchmark.law_report import conclusions
-from diffbot_sim.compiled.batch import COLUMNS, Starts, run_batch, run_histories
-from diffbot_sim.model.simulator import StartPose, WorldConfig
-from diffbot_sim.reference_loop import simulate
+from diffbot_lab.benchmark.law_runs import case_of, run_case, run_paths
 
-ORIGIN = Pose(0.0, 0.0, 0.0)
-SPREADS = ("settling_time", "over_bound", "position", "heading", "filter", "path_ratio", "effort", "switches")
+ROOT = Path(__file__).resolve().parents[3]
+PEER = "rotate_drive_rotate"
+SPREADS = ("settling_time", "position", "heading", "filter", "effort", "switches", "reached_time")
+FEW = ArenaOptions(1, 7, (PEER,), ("nominal", "random_near", "precise"))
+(NOMINAL,) = cases_named(("nominal",))
+BY_NAME = {one.name: one for one in ENTRIES}
 
 
 @pytest.fixture(scope="module")
 def benchmarked():
-    return run_benchmark(1, 1)
+    return run_benchmark(FEW)
 
 
 @pytest.fixture
@@ -43,79 +49,83 @@ def here():
         signal.signal(number, handler)
 
 
-def challenge(results, name):
-    return next(one for one in results["challenges"] if one["name"] == name)
-
-
 def test_results_have_the_documented_shape(results):
     assert json.loads(json.dumps(results, allow_nan=False)) == results
-    assert [one["name"] for one in results["laws"]] == [one.name for one in LAWS]
-    names = [one["name"] for one in results["challenges"]]
-    assert names == [*(one.name for one in CHALLENGES), "random_far", "random_near", "fix_delay"]
-    for one in (*results["laws"], *results["challenges"]):
-        assert 0 <= one["settled"] <= one["runs"]
+    assert [one["name"] for one in results["laws"]] == [OWN_NAME, PEER]
+    assert [one["name"] for one in results["cases"]] == ["nominal", "random_near", "precise"]
+    assert [[one["name"] for one in row["laws"]] for row in results["cases"]] == [[OWN_NAME, PEER]] * 2 + [[OWN_NAME]]
+    for one in (one for row in results["cases"] for one in row["laws"]):
+        assert one["runs"] == 17
+        low, high = one["settled_interval"]
+        assert 0.0 <= low <= one["settled"] / 17 <= high <= 1.0
         for spread in SPREADS:
             values = [one[spread][key] for key in ("median", "p95", "p99", "max")]
             assert values == [None] * 4 or values == sorted(values)
-    assert [one["runs"] for one in results["laws"]] == [17] * len(LAWS)
-    assert challenge(results, "random_far")["runs"] == 10
-    assert isinstance(challenge(results, "precise")["moving"], int)
-    assert sum(one["ours"] for one in results["laws"]) == 3
-    assert all(one["source"] and one["purpose"] for one in results["laws"])
-
-
-def test_results_hold_their_conclusions(results):
-    assert {key: results[key] for key in ("targets", "not_leading")} == conclusions(results)
+    assert isinstance(results["cases"][2]["moving"], int)
+    assert {key: results[key] for key in ("targets", "ahead")} == conclusions(results)
 
 
 def test_the_same_seed_gives_the_same_results(benchmarked):
-    outcomes = benchmarked[1]
-    for one in LAWS[::4]:
-        again = run_batch(case_of(one), Starts(arena_starts()), 1, 0, 17)
-        np.testing.assert_array_equal(again, outcomes[one.name])
+    for name, found in benchmarked[1].items():
+        np.testing.assert_array_equal(run_case(BY_NAME[name], NOMINAL, {}, 17, 7), found)
 
 
 def test_all_laws_meet_the_same_noise():
-    estimates = []
-    for one in LAWS:
-        history = run_histories(case_of(one), Starts(arena_starts()), 1, 0, 3)
-        estimates.append(history[:, 0, 3:6])  # the first estimate is the first fix
-        np.testing.assert_array_equal(estimates[-1], estimates[0])
-    assert np.abs(estimates[0] - arena_starts()[:3]).max() > 0.01
+    first = [run_paths(BY_NAME[name], NOMINAL, {}, arena_starts()[2], 3, 1)[:, 0, 3:6] for name in (OWN_NAME, PEER)]
+    np.testing.assert_array_equal(*first)
+    assert np.ptp(first[0][:, 0]) > 0.01
+
+
+def test_a_bound_is_fed_with_the_true_pose():
+    assert case_of(BY_NAME["truth"], NOMINAL, {}).feedback != case_of(BY_NAME[PEER], NOMINAL, {}).feedback
 
 
 def test_the_starts():
     starts = arena_starts()
-    assert starts.shape == (17, 3)
     np.testing.assert_allclose(np.hypot(starts[:16, 0], starts[:16, 1]), 12.0)
-    np.testing.assert_allclose(starts[:8, 2], 0.0)
     np.testing.assert_allclose(starts[8:16, 2], math.radians(220.0 - 360.0))
-    np.testing.assert_allclose(starts[16], (-2.0, -5.5, math.radians(30.0)))
+    np.testing.assert_array_equal(starts_named("arena", 20, 3)[17:], starts[:3])
+    far, near, docking = (starts_named(kind, 4000, 3) for kind in ("far", "near", "docking"))
+    for poses, low, high in ((far, 0.2, 15.0), (near, 0.0, 1.0)):
+        distance = np.hypot(poses[:, 0], poses[:, 1])
+        assert low <= distance.min() < low + 0.05 * (high - low)
+        assert high - 0.05 * (high - low) < distance.max() <= high
+        assert np.median(distance) == pytest.approx(0.5 * (low + high), rel=0.05)  # even by distance
+        for angle in (poses[:, 2], np.arctan2(poses[:, 1], poses[:, 0])):
+            assert abs(np.exp(1j * angle).mean()) < 0.05
+    assert -3.0 <= docking[:, 0].min() < docking[:, 0].max() <= -0.5
+    assert np.abs(docking[:, 1]).max() == pytest.approx(0.3, abs=0.01)
+    assert not np.array_equal(starts_named("training", 9, 3), starts_named("far", 9, 3))
+    assert not np.array_equal(starts_named("far", 9, 3), starts_named("far", 9, 4))
 
 
-def test_figures_by_hand():
-    outcomes = np.zeros((4, len(COLUMNS)))
-    column = {name: outcomes[:, index] for index, name in enumerate(COLUMNS)}
-    column["x"][:] = (0.03, 0.06, 0.0, 0.3)
-    column["y"][:] = (0.04, 0.08, 0.0, 0.4)
-    column["theta"][:] = (-0.2, 0.1, 0.0, 0.3)
-    column["settling_time"][:] = (117 * 0.1, 20.0, 10.0, math.nan)
-    column["path_length"][:] = (13.0, 26.0, 13.0, 39.0)
-    column["switches"][:] = (1.0, 1.0, 1.0, 3.0)
-    column["effort"][:] = 2.0
-    figures = figures_of(outcomes, np.full(4, 13.0))
-    assert (figures["runs"], figures["settled"]) == (4, 3)
-    assert figures["settling_time"]["median"] == 11.7  # not 11.700000000000001
-    assert figures["settling_time"]["max"] == 20.0
-    assert figures["bound"] == pytest.approx(10.0)
-    assert figures["over_bound"]["median"] == pytest.approx(1.17)
-    assert figures["position"]["median"] == pytest.approx(0.075)
-    assert figures["position"]["max"] == pytest.approx(0.5)
-    assert figures["heading"]["max"] == pytest.approx(0.3)
-    assert figures["path_ratio"]["median"] == pytest.approx(1.5)
-    assert figures["one_switch"] == 0.75
-    outcomes[:, 3] = math.nan
-    assert figures_of(outcomes, np.full(4, 13.0))["settling_time"] == dict.fromkeys(("median", "p95", "p99", "max"))
+def test_every_law_has_the_data_sheet_of_every_case():
+    for case in CASES:
+        for entry in (one for one in ENTRIES if takes_part(one, case)):
+            sheet = config_of(entry, case, {}).data_sheet
+            limits = (sheet.v_max, sheet.omega_max, sheet.wheel_max * sheet.wheels.wheel_radius)
+            assert limits == (1.3, 1.5 if case.name.endswith("mix") else 2.6, pytest.approx(1.3)), entry.name
+            known = sheet.command_latency, sheet.drive_time_constant, sheet.a_max
+            found = (case.sheet.get("command_latency", 0.0), case.sheet.get("drive_time_constant", 0.0))
+            assert known == (*found, case.sheet.get("linear.x.max_acceleration", math.inf))
+
+
+def test_the_plant_of_a_known_case_is_that_of_its_data_sheet():
+    for case in CASES:
+        actuators = world_of(case)[0].actuators
+        if case.name != "dead_time_02_unknown":
+            assert actuators.command_delay == case.sheet.get("command_latency", 0.0)
+        assert actuators.drive_time_constant == case.sheet.get("drive_time_constant", 0.0)
+        assert actuators.acceleration_max == case.sheet.get("linear.x.max_acceleration", math.inf)
+        assert actuators.angular_acceleration_max == case.sheet.get("angular.z.max_acceleration", math.inf)
+    (unknown,) = cases_named(("dead_time_02_unknown",))
+    assert (world_of(unknown)[0].actuators.command_delay, dict(unknown.sheet)) == (0.2, {})
+
+
+def test_only_this_law_runs_in_its_own_cases():
+    own = [case for case in CASES if case.table == OWN]
+    assert own
+    assert all([one.name for one in ENTRIES if takes_part(one, case)] == [OWN_NAME] for case in own)
 
 
 def test_still_moving_looks_at_the_last_second():
@@ -128,59 +138,25 @@ def test_still_moving_looks_at_the_last_second():
     assert still_moving(histories, 0.05) == 2
 
 
-def test_the_row_of_a_recording_is_that_of_the_batch():
-    start = arena_starts()[3]
-    case = case_of(Challenge("now", "", DELAYED.controller, filter=CALIBRATING))  # the default, as simulate has it
-    expected = run_batch(case, Starts(start[np.newaxis]), 5, 2, 1)[0]
-    world = WorldConfig(start=StartPose(*start.tolist()), seed=5, run=2)
-    row = simulate(world, DELAYED.controller, ORIGIN, case.steps).outcome(ORIGIN, case.xy_tolerance, case.yaw_tolerance)
-    np.testing.assert_allclose(row, expected, rtol=1e-6, atol=1e-6)
-
-
-def test_random_runs_fill_the_disc(monkeypatch):
-    calls = []
-
-    def spy(case, starts, seed, first, count, threads):
-        calls.append((first, *case.goal, *starts.poses[0]))
-        return np.zeros((count, len(COLUMNS)))
-
-    monkeypatch.setattr(benchmark, "run_batch", spy)
-    figures = benchmark._random(CHALLENGES[0], 15.0, 2000, 3)
-    run, goal_x, goal_y, turn, x, y, heading = np.array(calls).T
-    distance = np.hypot(x - goal_x, y - goal_y)
-    assert distance.max() <= 15.0
-    assert np.median(distance) == pytest.approx(15.0 / math.sqrt(2.0), rel=0.03)  # even by area
-    assert figures["bound"] == pytest.approx(np.median(distance) / 1.3)
-    np.testing.assert_array_equal(run, np.arange(2000))
-    for angle in (turn, heading, np.arctan2(y - goal_y, x - goal_x)):
-        assert np.abs(angle).max() <= math.pi
-        assert abs(np.exp(1j * angle).mean()) < 0.06
-    assert np.unique(goal_x).size == 2000
-
-
 def test_command_writes_results_and_figure(tmp_path, monkeypatch, benchmarked, capsys, here):
-    monkeypatch.setattr(benchmark, "run_benchmark", lambda runs, seed: benchmarked)
+    monkeypatch.setattr(benchmark, "run_benchmark", lambda options: benchmarked)
     out = tmp_path / "deep" / "folder"
-    assert cli.main(["benchmark", "--runs", "1", "--out", str(out)]) == 0
+    assert cli.main(["benchmark", "--runs", "1", "--law", PEER, "--out", str(out)]) == 0
     assert json.loads((out / "results.json").read_text()) == benchmarked[0]
     assert (out / "benchmark.png").read_bytes().startswith(b"\x89PNG")
     assert sorted(path.name for path in out.iterdir()) == ["benchmark.png", "results.json"]
     written = capsys.readouterr()
-    assert "switching law, tuned" in written.out
+    assert "rotate, drive, rotate" in written.out
     assert "Targets:" in written.out
 
 
 def test_command_passes_its_flags_on(tmp_path, monkeypatch, benchmarked, here):
     asked = []
-
-    def fake(runs, seed):
-        asked.append((runs, seed))
-        return benchmarked
-
-    monkeypatch.setattr(benchmark, "run_benchmark", fake)
-    flags = ["--runs", "3", "--seed", "9", "--out", str(tmp_path), "--no-figures"]
+    monkeypatch.setattr(benchmark, "run_benchmark", lambda options: asked.append(options) or benchmarked)
+    flags = ["--runs", "3", "--seed", "9", "--out", str(tmp_path), "--no-figures", "--law", "polar", "--law", "a.b:C"]
+    flags += ["--case", "mix", "--tuning", "file.json"]
     assert cli.main(["benchmark", "switching", *flags]) == 0
-    assert asked == [(3, 9)]
+    assert asked == [ArenaOptions(3, 9, ("polar", "a.b:C"), ("mix",), Path("file.json"))]
     assert [path.name for path in tmp_path.iterdir()] == ["results.json"]
 
 
@@ -192,8 +168,26 @@ def test_wrong_usage_is_status_2(arguments, capsys):
     assert capsys.readouterr().err.startswith("usage: diffbot")
 
 
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["--law", "dancing"], "law = 'dancing': must be package.module:Class or one of aicardi, "),
+        (["--law", "no_such_module:Law"], "ModuleNotFoundError"),
+        (["--law", "math:pi"], "a law with a text 'name'"),
+        (["--case", "sunny"], "case = 'sunny': must be one of nominal, "),
+        (["--seed", str(law_tuning.TRAINING_SEED)], "another one than that of the tuning"),
+        (["--tuning", "no_such.json"], "cannot read no_such.json"),
+    ],
+)
+def test_bad_values_end_in_one_line(arguments, text, tmp_path, capsys, here):
+    assert cli.main(["benchmark", "--out", str(tmp_path), *arguments]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert text in line
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_folder_that_is_a_file_is_refused_before_the_runs(tmp_path, monkeypatch, capsys, here):
-    monkeypatch.setattr(benchmark, "run_benchmark", lambda runs, seed: pytest.fail("ran"))
+    monkeypatch.setattr(benchmark, "run_benchmark", lambda options: pytest.fail("ran"))
     (tmp_path / "file").write_text("")
     assert cli.main(["benchmark", "--out", str(tmp_path / "file")]) == 1
     assert "cannot write to" in capsys.readouterr().err
@@ -203,12 +197,32 @@ def test_interrupted_leaves_nothing_behind(tmp_path, monkeypatch, here):
     def interrupted(*arguments):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(benchmark, "run_batch", interrupted)
+    monkeypatch.setattr(benchmark, "run_case", interrupted)
     assert cli.main(["benchmark", "--runs", "1", "--out", str(tmp_path)]) == 130
     assert list(tmp_path.iterdir()) == []
 
 
-def test_no_runs_are_refused(tmp_path):
+def test_no_runs_are_refused():
     with pytest.raises(InvalidValueError, match="runs = 0"):
-        run_and_report(0, 1, tmp_path, False)
+        run_benchmark(ArenaOptions(0, 1))
     assert issubclass(InvalidValueError, DiffbotError)
+
+
+def test_the_example_of_the_docs_runs_in_the_arena(tmp_path):
+    command = [Path(sys.executable).with_name("diffbot"), "benchmark", "--runs", "2", "--no-figures"]
+    command += ["--law", "straight_line:StraightLine", "--case", "nominal", "--out", tmp_path]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT / "docs" / "examples")}
+    done = subprocess.run(command, check=False, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "plain Python" not in done.stderr
+    (row,) = json.loads((tmp_path / "results.json").read_text())["cases"]
+    ours, example = row["laws"]
+    assert (ours["name"], example["name"]) == (OWN_NAME, "straight_line")
+    assert example["settled"] > 0.8 * example["runs"] == 0.8 * 34
+    assert example["settling_time"]["median"] > 9.2  # 12 m at 1.3 m/s
+
+
+def test_a_foreign_law_has_its_own_name_and_no_tuning():
+    ours, polar, foreign = entries_for(("polar", "diffbot_lab.laws.polar:Polar"))
+    assert (ours.name, polar, foreign.law) == (OWN_NAME, BY_NAME["polar"], "diffbot_lab.laws.polar:Polar")
+    assert not foreign.space

@@ -1,18 +1,19 @@
-"""Conclusions of the law's benchmark, and the numbers in its tables."""
+"""Where a peer is ahead, the promised figures, and the numbers in the page's tables."""
 
 import copy
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
-from page_tables import assert_shows, assert_shows_targets, tables
+from page_tables import assert_shows_targets, shows, tables
 
-from diffbot_lab.benchmark.law_cases import LAWS
-from diffbot_lab.benchmark.law_report import conclusions, not_leading, page, table, targets
+from diffbot_lab.benchmark.law_report import conclusions, page, table
+from diffbot_lab.benchmark.law_statistics import figures_of
+from diffbot_lab.benchmark.law_targets import peers_ahead, targets
+from diffbot_sim.compiled.batch import COLUMNS
 
 ROOT = Path(__file__).resolve().parents[3]
-FIGURES = ("settling_time", "over_bound", "position", "heading", "filter", "path_ratio", "effort", "switches")
-NONE = dict.fromkeys(("median", "p95", "p99", "max"))
 
 
 @pytest.fixture(scope="module")
@@ -20,108 +21,124 @@ def kept():
     return json.loads((ROOT / "docs" / "benchmark.json").read_text())
 
 
+def figures(seed=1):
+    rng = np.random.default_rng(seed)
+    outcomes = np.zeros((200, len(COLUMNS)))
+    outcomes[:, COLUMNS.index("settling_time")] = rng.uniform(10.0, 11.0, 200)
+    outcomes[:, COLUMNS.index("x")] = rng.uniform(0.0, 0.04, 200)
+    outcomes[:, COLUMNS.index("reached_time")] = 12.0
+    return figures_of(outcomes)
+
+
 @pytest.fixture
-def results(kept):
-    return copy.deepcopy(kept)
+def equal():
+    """Results in which a peer and a bound have the figures of this project's law."""
+    names = ("switching", "polar", "truth")
+    laws = [
+        {"name": name, "label": f"law {name}", "source": "-", "purpose": "-", "ours": name == names[0]}
+        | {"bound": name == "truth", "tuned": True}
+        for name in names
+    ]
+    cases = [
+        {"name": name, "text": name, "table": "speed", "laws": [{"name": one} | figures() for one in names]}
+        for name in ("nominal", "mix")
+    ]
+    return {"laws": laws, "cases": cases, "tuning": {"laws": {}}, "starts": 17, "runs_of_each_start": 1} | {
+        "seed": 7,
+        "duration": 60.0,
+        "xy_tolerance": 0.1,
+        "yaw_tolerance": 0.1,
+    }
 
 
-def law(results, name):
-    return next(one for one in results["laws"] if one["name"] == name)
-
-
-@pytest.fixture
-def equal(results):
-    """Results in which every peer has exactly the figures of the tuned law."""
-    ours = law(results, "tuned")
-    for one in results["laws"]:
-        if not one["ours"]:
-            one.update({key: copy.deepcopy(ours[key]) for key in ("runs", "settled", *FIGURES)})
-    return results
-
-
-def test_with_equal_figures_no_peer_is_better(equal):
-    assert not_leading(equal) == []
+def test_with_equal_figures_no_peer_is_ahead(equal):
+    assert peers_ahead(equal) == []
     assert "Nowhere" in page(equal)
 
 
 @pytest.mark.parametrize(
     ("part", "key", "figure"),
     [
-        ("position", "median", "final position error, median"),
+        ("settling_time", "median", "settling time, median"),
+        ("settling_time", "p99", "settling time, 99 %"),
         ("position", "p95", "final position error, 95 %"),
-        ("position", "max", "final position error, largest"),
-        ("heading", "median", "final heading error, median"),
-        ("heading", "p95", "final heading error, 95 %"),
-        ("heading", "max", "final heading error, largest"),
-        ("settling_time", "median", "settling time of settled runs, median"),
-        ("settling_time", "p99", "settling time of settled runs, 99 %"),
     ],
 )
-def test_a_smaller_error_or_time_of_a_peer_is_listed_alone(equal, part, key, figure):
-    own = law(equal, "tuned")[part][key]
-    law(equal, "polar")[part][key] = 0.5 * own
-    law(equal, "graceful")[part][key] = 2.0 * own
-    (lost,) = not_leading(equal)
-    assert (lost["peer"], lost["figure"]) == ("polar law, Siegwart's gains", figure)
-    assert (lost["ours"], lost["peers"]) == (own, 0.5 * own)
+def test_a_smaller_figure_of_a_peer_is_listed_alone_and_first(equal, part, key, figure):
+    own, peer, bound = equal["cases"][1]["laws"]
+    peer[part][key] *= 0.9
+    bound[part][key] *= 0.5  # a bound is no peer
+    (found,) = peers_ahead(equal)
+    assert (found["case"], found["peer"], found["figure"]) == ("mix", "law polar", figure)
+    assert (found["peers"], found["ours"]) == (peer[part][key], own[part][key])
+    assert not found["apart"]
+    peer[part][f"{key}_interval"] = [0.0, 0.001]
+    assert peers_ahead(equal)[0]["apart"]
+    text = page(equal)
+    assert text.index(figure) < text.index("## Conditions")
 
 
-def test_a_larger_share_of_settled_runs_is_listed(equal):
-    law(equal, "tuned")["settled"] -= 1
-    lost = not_leading(equal)
-    assert {one["figure"] for one in lost} == {"share settled"}
-    assert len(lost) == sum(not one["ours"] for one in equal["laws"])
-    assert lost[0]["ours"] < lost[0]["peers"] <= 1.0
+def test_a_larger_share_is_listed_and_no_settled_run_leads_in_no_time(equal):
+    own, peer, _ = equal["cases"][0]["laws"]
+    own["settled"] -= 1
+    assert [one["figure"] for one in peers_ahead(equal)] == ["share settled"]
+    peer["settling_time"] = dict.fromkeys(peer["settling_time"])
+    assert [one["figure"] for one in peers_ahead(equal)] == ["share settled"]
+    assert "| - |" in page(equal)
 
 
-def test_a_peer_without_settled_runs_leads_in_no_time(equal):
-    law(equal, "polar_fast")["settling_time"] = dict(NONE)
-    assert not_leading(equal) == []
-    assert "- |" in page(equal)
+def value(results, case, text):
+    (found,) = (one for one in targets(results) if (one.case, one.text) == (case, text))
+    return found.value
+
+
+def test_targets_follow_their_figures(equal):
+    own = equal["cases"][0]["laws"][0]
+    mixed = equal["cases"][1]["laws"][0]
+    mixed["settling_time"]["median"] = 1.3 * own["settling_time"]["median"]
+    mixed["settling_time"]["p99"] = 1.6 * own["settling_time"]["p99"]
+    mixed["position"]["p95"] = 1.2 * own["position"]["p95"]
+    mixed["settled"] = 150
+    mixed["revolutions"] = 1.2
+    assert value(equal, "mix", "settling time, median / nominal") == pytest.approx(1.3)
+    assert value(equal, "mix", "settling time, 99 % / nominal") == pytest.approx(1.6)
+    assert value(equal, "mix", "final position error, 95 % / nominal") == pytest.approx(1.2)
+    assert value(equal, "mix", "share settled") == 0.75
+    assert value(equal, "every case", "most revolutions within 1 m of the goal") == 1.2
+    assert value(equal, "every case", "peers ahead in share settled") == 1.0
+    assert value(equal, "every case", "peers behind in fewer than two of three figures") == 1.0
+    assert value(equal, "nominal", "final position error, largest [m]") == own["position"]["max"]
 
 
 def test_the_kept_results_hold_their_conclusions(kept):
-    assert {key: kept[key] for key in ("targets", "not_leading")} == conclusions(kept)
-    assert [one["name"] for one in kept["laws"]] == [one.name for one in LAWS]
-    for one, described in zip(kept["laws"], LAWS, strict=True):
-        assert (one["label"], one["source"], one["purpose"]) == described[1:2] + described[4:]
-
-
-def pick(one, *pairs):
-    return [one[part][key] for part, key in pairs]
-
-
-ERRORS = tuple((part, key) for part in ("position", "heading") for key in ("median", "p95", "max"))
+    assert {key: kept[key] for key in ("targets", "ahead")} == conclusions(kept)
 
 
 def test_every_number_of_the_page_is_that_of_the_results(kept):
     text = (ROOT / "docs" / "benchmark.md").read_text()
     assert text == page(kept)
-    laws, sources, challenges, goals = tables(text)
-    assert [row[0] for row in laws[1:]] == [one["label"] for one in kept["laws"]]
-    for (_, *cells), one in zip(laws[1:], kept["laws"], strict=True):
-        values = [100.0 * one["settled"] / one["runs"]]
-        values += pick(one, ("settling_time", "median"), ("settling_time", "p99"), ("over_bound", "median"), *ERRORS)
-        values += pick(one, ("path_ratio", "median"), ("effort", "median"))
-        assert_shows(cells, [*values, one["switches"]["p99"] if one["ours"] else None])
-    assert sources[1:] == [[one["label"], one["source"], one["purpose"]] for one in kept["laws"]]
-    for (name, *cells), one in zip(challenges[1:], kept["challenges"], strict=True):
-        assert name == f"`{one['name']}`: {one['text']}"
-        values = [one["runs"], 100.0 * one["settled"] / one["runs"]]
-        values += pick(one, ("settling_time", "median"), ("settling_time", "p99"), *ERRORS[:3], ("filter", "p95"))
-        assert_shows(cells, [*values, *pick(one, ("heading", "p95"), ("heading", "max"), ("switches", "p99"))])
-    assert_shows_targets(goals, kept["targets"])
+    labels = {one["name"]: one["label"] for one in kept["laws"]}
+    found = [rows for rows in tables(text) if rows[0][0] == "law" and "settled [%]" in rows[0]]
+    assert len(found) == len(kept["cases"])
+    order = [row for kind in ("speed", "acceleration", "own") for row in kept["cases"] if row["table"] == kind]
+    for rows, case in zip(found, order, strict=True):
+        for cells, one in zip(rows[1:], case["laws"], strict=True):
+            assert cells[0] == labels[one["name"]]
+            time, position = one["settling_time"], one["position"]
+            values = [100.0 * one["settled"] / one["runs"], time["median"], time["p99"], position["p95"]]
+            values += [position["max"], one["heading"]["max"], one["revolutions"], one["spinning"]]
+            values += [one["reached"], one["false_reached"]]
+            assert all(shows(cell.split(" [")[0], number) for cell, number in zip(cells[1:], values, strict=True))
+            interval = time["p99_interval"]
+            if interval:
+                ends = cells[3].split("[")[1].strip("]").split(", ")
+                assert all(shows(end, number) for end, number in zip(ends, interval, strict=True))
+    assert_shows_targets(tables(text)[-1], kept["targets"])
 
 
-def test_the_terminal_shows_the_same_numbers_and_what_is_missed(results):
-    law(results, "tuned")["position"]["p95"] = 0.0512
-    lines = table(results).splitlines()
-    for one in (*results["laws"], *results["challenges"]):
-        label = one.get("label", one["name"])
-        (line,) = (line for line in lines if line.startswith(f"{label:<30}"))
-        values = [100.0 * one["settled"] / one["runs"]]
-        values += pick(one, ("settling_time", "median"), ("settling_time", "p99"), *ERRORS)
-        values += pick(one, ("path_ratio", "median"), ("effort", "median"), ("switches", "p99"))
-        assert_shows(line[len(label) :].replace("%", "").split(), values)
-    assert f"Targets: {len(targets(results)) - 1} met, 1 missed" in lines
-    assert "  missed: tuned, final position error, 95 % [m]: 0.051, not <= 0.05" in lines
+def test_the_terminal_shows_the_same_and_what_is_missed(equal):
+    results = copy.deepcopy(equal)
+    results["cases"][0]["laws"][0]["position"]["p95"] = 0.0512
+    text = table(results)
+    assert "law polar" in text
+    assert "  missed: nominal, final position error, 95 % [m]: 0.051, not <= 0.05" in text.splitlines()

@@ -76,7 +76,7 @@ def test_flags_win_and_grids_are_merged_by_name(tmp_path):
 
 def test_a_wheel_radius_is_the_plants_and_the_controllers():
     plant, _, controller, _ = configure({"wheel_radius": 0.07})
-    assert plant.wheels.wheel_radius == controller.wheels.wheel_radius == 0.07
+    assert plant.wheels.wheel_radius == controller.data_sheet.wheels.wheel_radius == 0.07
 
 
 def test_the_length_follows_the_sampling_time_of_each_cell():
@@ -171,8 +171,8 @@ REFUSED = {
     "negative chunk": ("chunk: -1", "chunk = -1"),
     "in set and in grid": ("set: {k: 1.0}\ngrid: {k: [1.0]}", "set.k = 1.0"),
     "hysteresis turned round": ("set: {eps_P: 0.9}", "eps_P_leave = 0.6"),
-    "delay": ("set: {fix_delay: 0.2}", "fix_delay = 0.2"),
-    "delay in one cell": ("grid: {heading_delay: [0.0, 0.2]}", "heading_delay = 0.2"),
+    "delay": ("set: {fix_delay: 1.2}", "fix_delay = 1.2"),
+    "delay in one cell": ("grid: {heading_delay: [0.0, 1.2]}", "heading_delay = 1.2"),
     "start of nothing": ("start: ", "start = None"),
     "start of a list": ("start: [1, 2, 3]", "start = [1, 2, 3]"),
     "unknown start": ("start: {line: [1]}", "start = {'line': [1]}"),
@@ -285,3 +285,21 @@ def test_flags_refused_in_one_line(flags, status, part, tmp_path, capsys):
     assert_one_line(error.strip().splitlines()[-1], part)
     assert "Traceback" not in error
     assert not out.exists()
+
+
+def test_a_campaign_runs_any_law():
+    campaign = make_campaign(
+        {"law": "polar", "set": {"k_rho": 2.0, "wheel_radius": 0.07}, "grid": {"k_alpha": [5.0, 6.0]}}
+    )
+    configs = [cell.case.controller for cell in campaign.cells]
+    assert [(one.k_rho, one.k_alpha) for one in configs] == [(2.0, 5.0), (2.0, 6.0)]
+    assert {one.data_sheet.wheels.wheel_radius for one in configs} == {0.07}
+    assert {cell.law.split()[0] for cell in campaign.cells} == {"polar"}
+    same = make_campaign({"law": "diffbot_lab.laws.polar:Polar", "set": {"k_rho": 2.0, "wheel_radius": 0.07}})
+    assert same.resolved != campaign.resolved
+
+
+@pytest.mark.parametrize("content", [{"law": "dancing"}, {"law": "polar", "set": {"preset": "tuned"}}])
+def test_a_wrong_law_or_a_parameter_of_another_is_refused(content):
+    with pytest.raises(InvalidValueError, match=r"dancing|preset"):
+        make_campaign(content)

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from diffbot_control.law.lyapunov_law import Gains
+from diffbot_control.law.lyapunov_law import PAPER_GAINS
 from diffbot_control.law.presets import PAPER, PRESETS
 from diffbot_core.errors import InvalidValueError
 from diffbot_lab import cli
@@ -25,7 +25,7 @@ def test_what_is_written(tmp_path, capsys):
     assert (out / "stability.png").read_bytes().startswith(PNG)
     content = json.loads((out / "stability.json").read_text())
     assert content["noise"] == pytest.approx(PAPER_BOX._asdict())
-    assert content["gains"] == Gains()._asdict()
+    assert content["gains"] == PAPER_GAINS._asdict()
     proved, observed = content["proved_at_grid_points"], content["only_observed"]
     direct = certify(PRESETS[PAPER], PAPER_BOX, T_S, 12.0, 21)
     assert proved == {name: value for name, value in direct.items() if name != "maps"}
@@ -101,7 +101,7 @@ def test_observed_is_the_law_without_limits(tmp_path, monkeypatch):
     assert [arguments[3:5] for arguments in calls] == [(0, 7), (7, 7), (14, 6)]
     case = calls[0][0]
     assert case.controller.gains.gamma == 2.0
-    assert set(case.controller.limits) == {math.inf}
+    assert set(case.controller.data_sheet[:5]) == {math.inf}
     ends = run_batch(case, calls[0][1], 1, 0, 20)
     observed = json.loads((tmp_path / "stability.json").read_text())["only_observed"]
     assert observed["position"]["max"] == np.hypot(ends[:, 0], ends[:, 1]).max()

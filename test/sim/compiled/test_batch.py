@@ -9,16 +9,17 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from diffbot_control.law.limits import Limits
 from diffbot_control.law.lyapunov_law import PAPER_GAINS, Gains
 from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.regions import FIXED, FixedRegionPolicy, RegionPolicy
+from diffbot_core.data_sheet import DataSheet
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_lab.metrics import goal_metrics, path_length
 from diffbot_sim.compiled import batch
 from diffbot_sim.compiled.batch import COLUMNS, FEEDBACK_CODES, HISTORY_COLUMNS, Starts, run_batch, run_histories
-from diffbot_sim.compiled.closed_loop import Case, run_loop
+from diffbot_sim.compiled.closed_loop import Case, prepared, run_loop
+from diffbot_sim.model.actuators import ActuatorConfig
 from diffbot_sim.model.plant import PlantConfig
 from diffbot_sim.model.sensors import SensorConfig
 from diffbot_sim.model.simulator import StartPose, WorldConfig
@@ -30,12 +31,15 @@ PAPER = PlantConfig(exact_arc=False, drive_noise=0.0, encoder_noise=0.0, eps_v_m
 QUIET = PlantConfig(drive_noise=0.0, encoder_noise=0.0)
 SENSORS, CONTROLLER = SensorConfig(), PRESETS["paper"]
 EXACT = SensorConfig(eps_x_max=0.0, eps_y_max=0.0, eps_theta_max=0.0)
-LIMITED = CONTROLLER._replace(limits=Limits(1.0, 1.5, 15.0, 0.8, 2.0))
+LIMITED = CONTROLLER._replace(data_sheet=DataSheet(1.0, 1.5, 15.0, 0.8, 2.0))
 FASTER = CONTROLLER._replace(
     gains=Gains(1.1, 2.5, 0.6, 1.9), region_policy=RegionPolicy(FIXED, FixedRegionPolicy(0.25, 0.3))
 )
 START = (-2.0, -5.5, math.radians(30.0))
+TOO_LATE = "must be <= 1 s, the length of the filter's history"
 SEEDS = (1, 2**40 + 3, 2**63 - 1)
+pytestmark = pytest.mark.timeout(600)
+"""The first run compiles: on a busy machine for minutes."""
 
 
 def case_of(plant=PAPER, sensors=SENSORS, controller=CONTROLLER, goal=ORIGIN, feedback="raw", steps=150):
@@ -71,7 +75,7 @@ WORLDS = {
         START,
     ),
     "limits everywhere": (
-        PlantConfig(wheel_speed_max=18.0, wheel_acceleration_max=30.0),
+        PlantConfig(actuators=ActuatorConfig(wheel_speed_max=18.0, wheel_acceleration_max=30.0)),
         SensorConfig(),
         LIMITED,
         ORIGIN,
@@ -91,6 +95,14 @@ WORLDS = {
         Pose(4.0, -3.0, 2.5),
         (9.0, 2.0, -2.9),
     ),
+    "actuators": (
+        PlantConfig(actuators=ActuatorConfig(0.23, 0.2, 0.5, 1.5, 20.0, 30.0, 0.4, 0.8, 0.05, 0.03)),
+        SensorConfig(fix_noise_correlation=0.9, fix_dropout=0.1),
+        CONTROLLER,
+        ORIGIN,
+        START,
+    ),
+    "late fixes": (PlantConfig(), SensorConfig(fix_rate=5.0, fix_delay=0.15), FASTER, ORIGIN, START),
     "late first fix": (PlantConfig(), SensorConfig(fix_dropout=0.9, heading_rate=10.0), FASTER, ORIGIN, START),
 }
 
@@ -176,7 +188,8 @@ def test_a_pose_that_is_no_number_has_not_settled():
 @pytest.mark.parametrize("feedback", FEEDBACKS)
 def test_uncompiled_is_the_same(feedback):
     plant, sensors, controller, goal, start = WORLDS["3 Hz, dropouts, outliers"]
-    case = case_of(plant, sensors._replace(fix_dropout=0.2), controller, goal, feedback)
+    sensors = sensors._replace(fix_dropout=0.2, fix_delay_jitter=0.3)
+    case = prepared(case_of(plant, sensors, controller, goal, feedback))
     compiled = run_histories(case, Starts(np.array([start])), 7, 0, 3)
     outcomes = run_batch(case, Starts(np.array([start])), 7, 0, 3)
     for run in range(3):
@@ -194,11 +207,17 @@ CASES = (
         feedback="ekf",
         steps=60,
     ),
+    case_of(
+        PlantConfig(actuators=ActuatorConfig(0.17, 0.1, 0.5, slip_noise=0.05)),
+        SensorConfig(fix_delay=0.1, fix_delay_jitter=0.2, fix_noise_correlation=0.5),
+        feedback="ekf",
+        steps=60,
+    ),
 )
 BOX = Starts(np.array([START, (3.0, 1.0, 2.0), (0.0, 7.0, -1.0)]), (1.0, 2.0, 0.3))
 
 
-@pytest.mark.parametrize("case", CASES, ids=["raw", "ekf"])
+@pytest.mark.parametrize("case", CASES, ids=["raw", "ekf", "actuators, late"])
 @pytest.mark.parametrize("threads", [1, 2, 5])
 @pytest.mark.parametrize("size", [1, 7, 64, 1000])
 def test_bitwise_the_same_in_any_pieces(case, threads, size, monkeypatch):
@@ -291,8 +310,13 @@ def test_runs_take_the_listed_starts_in_turn():
 @pytest.mark.parametrize(
     ("case", "poses", "message"),
     [
-        (case_of(sensors=SensorConfig(fix_delay=0.1)), [START], "fix_delay = 0.1: must be 0 in a batch"),
-        (case_of(sensors=SensorConfig(heading_delay=0.2)), [START], "heading_delay = 0.2: must be 0 in a batch"),
+        (case_of(sensors=SensorConfig(fix_delay=1.1)), [START], "fix_delay = 1.1: " + TOO_LATE),
+        (
+            case_of(sensors=SensorConfig(fix_delay=0.5, fix_delay_jitter=0.75)),
+            [START],
+            "fix_delay + fix_delay_jitter = 1.25: " + TOO_LATE,
+        ),
+        (case_of(sensors=SensorConfig(heading_delay=1.2)), [START], "heading_delay = 1.2: " + TOO_LATE),
         (case_of(steps=0), [START], "steps = 0: must be >= 1"),
         (case_of(steps=-3), [START], "steps = -3: must be >= 1"),
         (case_of(), np.empty((0, 3)), "starts = (0, 3): must be (n, 3) with n >= 1"),

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import diffbot_sim
+from diffbot_control.law.controller import SwitchingLaw
 from diffbot_core.code_hash import hash_of_folders
 from diffbot_sim.compiled import batch
 from diffbot_sim.compiled.jit import LIBRARIES, MODULES, PACKAGES, code_version
@@ -53,11 +54,12 @@ CACHE = """
 import numba  # first, as a user's program may have it
 from pathlib import Path
 from diffbot_control.filter import options
+from diffbot_control.law.controller import SwitchingLaw
 from diffbot_core.code_hash import hash_of_folders
 from diffbot_sim.compiled import batch, jit
 
 assert str(Path(options.__file__).parents[2]) == str(Path.cwd())
-print(jit.code_version(), batch._kernel.stats.cache_path, str(numba.config.CACHE_DIR), sep="\\n")
+print(jit.code_version(), batch._kernels.newest(SwitchingLaw).stats.cache_path, str(numba.config.CACHE_DIR), sep="\\n")
 """
 
 
@@ -81,4 +83,4 @@ def test_another_default_of_the_filter_is_compiled_into_another_folder(copied, t
         options.write_text(before)
     assert found[0] == code_version()
     assert found[1] != found[0]
-    assert f"/{code_version()}/" in batch._kernel.stats.cache_path
+    assert f"/{code_version()}/" in batch._kernels.newest(SwitchingLaw).stats.cache_path

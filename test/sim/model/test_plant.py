@@ -9,9 +9,10 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from diffbot_core.geometry import Pose
-from diffbot_core.kinematics import Twist, WheelGeometry, WheelSpeeds
+from diffbot_core.kinematics import Twist, WheelGeometry
+from diffbot_sim.model.actuators import ActuatorConfig
 from diffbot_sim.model.philox import Draw
-from diffbot_sim.model.plant import PlantConfig, PlantState, integrate, plant_step
+from diffbot_sim.model.plant import PlantConfig, PlantState, integrate, new_plant, plant_step
 
 CHECK = settings(derandomize=True, deadline=None, max_examples=150)
 QUIET = PlantConfig(drive_noise=0.0, encoder_noise=0.0)
@@ -99,15 +100,15 @@ def test_without_noise_the_robot_does_as_told(exact_arc, command):
     state = plant_step(START, command, SILENCE, QUIET._replace(exact_arc=exact_arc))
     assert state.pose == pytest.approx(integrate(START.pose, command, 0.1, exact_arc), abs=1e-12)
     assert state.twist == pytest.approx(command, abs=1e-12)
-    assert state.drive == pytest.approx(wheels(*command), abs=1e-9)
-    assert state.encoder == pytest.approx(state.drive, abs=1e-9)
+    assert state.actuators.drive == pytest.approx(wheels(*command), abs=1e-9)
+    assert state.encoder == pytest.approx(state.actuators.drive, abs=1e-9)
     assert state.step == 1
 
 
 def test_the_wheels_of_the_configuration_are_used():
     config = QUIET._replace(wheels=WheelGeometry(0.1, 1.0))
     state = plant_step(START, Twist(1.0, 2.0), SILENCE, config)
-    assert state.drive == pytest.approx((0.0, 20.0), abs=1e-12)
+    assert state.actuators.drive == pytest.approx((0.0, 20.0), abs=1e-12)
     assert state.twist == pytest.approx((1.0, 2.0))
 
 
@@ -118,7 +119,7 @@ def test_drive_and_encoder_noise_by_hand(command, noise, drive_noise, encoder_no
     state = plant_step(START, command, noise, config)
     left, right = wheels(*command)
     left, right = left * (1.0 + drive_noise * noise.a), right * (1.0 + drive_noise * noise.b)
-    assert state.drive == pytest.approx(wheels(*command), abs=1e-9)
+    assert state.actuators.drive == pytest.approx(wheels(*command), abs=1e-9)
     assert state.twist == pytest.approx((R * (left + right) / 2.0, R * (right - left) / L), abs=1e-9)
     seen = left * (1.0 + encoder_noise * noise.c), right * (1.0 + encoder_noise * noise.d)
     assert state.encoder == pytest.approx(seen, abs=1e-9)
@@ -197,9 +198,9 @@ def test_the_robot_is_carried_away_once_in_the_step_that_ends_at_its_time(t_s, t
             plant_step(state, Twist(0.8, 0.5), SILENCE, one) for state, one in ((here, config), (there, kidnapped))
         )
         # Neither wheels nor odometry feel it.
-        assert (there.twist, there.drive, there.encoder, there.angles) == (
+        assert (there.twist, there.actuators.drive, there.encoder, there.angles) == (
             here.twist,
-            here.drive,
+            here.actuators.drive,
             here.encoder,
             here.angles,
         )
@@ -230,23 +231,23 @@ def test_without_a_time_nobody_carries_it():
 
 
 def test_the_speed_limit_keeps_the_curvature():
-    config = QUIET._replace(wheel_speed_max=11.5)
+    config = QUIET._replace(actuators=ActuatorConfig(wheel_speed_max=11.5))
     # 1 m/s and 0.5 rad/s: wheels of 17 and 23 rad/s; half of it.
     state = plant_step(START, Twist(1.0, 0.5), SILENCE, config)
-    assert state.drive == pytest.approx((8.5, 11.5))
+    assert state.actuators.drive == pytest.approx((8.5, 11.5))
     assert state.twist == pytest.approx((0.5, 0.25))
     state = plant_step(START, Twist(-1.0, -0.5), SILENCE, config)
-    assert state.drive == pytest.approx((-8.5, -11.5))
+    assert state.actuators.drive == pytest.approx((-8.5, -11.5))
     state = plant_step(START, Twist(0.4, 0.5), SILENCE, config)
     assert state.twist == pytest.approx((0.4, 0.5))
 
 
 def test_the_acceleration_limit_holds_each_wheel():
-    config = QUIET._replace(wheel_acceleration_max=50.0)
+    config = QUIET._replace(actuators=ActuatorConfig(wheel_acceleration_max=50.0))
     state, seen = START, []
     for command in [Twist(1.0, 0.0)] * 5 + [Twist(-0.3, 0.0)] * 6 + [Twist(0.0, 1.0)] * 3:
         state = plant_step(state, command, SILENCE, config)
-        seen.append(state.drive)
+        seen.append(state.actuators.drive)
     left = [5, 10, 15, 20, 20, 15, 10, 5, 0, -5, -6, -6, -6, -6]
     right = [*left[:11], -1, 4, 6]
     assert [one.left for one in seen] == pytest.approx(left, abs=1e-9)
@@ -254,11 +255,11 @@ def test_the_acceleration_limit_holds_each_wheel():
 
 
 def test_noise_of_the_drive_does_not_feed_back_into_the_limit():
-    config = QUIET._replace(wheel_acceleration_max=50.0, drive_noise=0.5)
+    config = QUIET._replace(actuators=ActuatorConfig(wheel_acceleration_max=50.0), drive_noise=0.5)
     state = plant_step(START, Twist(1.0, 0.0), Draw(1.0, 1.0, 0.0, 0.0), config)
-    assert state.drive == pytest.approx((5.0, 5.0))
+    assert state.actuators.drive == pytest.approx((5.0, 5.0))
     assert state.twist.v == pytest.approx(1.5 * 5.0 * R)
-    assert plant_step(state, Twist(1.0, 0.0), SILENCE, config).drive == pytest.approx((10.0, 10.0))
+    assert plant_step(state, Twist(1.0, 0.0), SILENCE, config).actuators.drive == pytest.approx((10.0, 10.0))
 
 
 def test_odometry_and_angles_add_up_what_the_encoders_saw():
@@ -309,4 +310,4 @@ def test_the_default_is_the_papers_robot():
     config = PlantConfig()
     assert (config.wheels, config.sampling_time) == ((0.05, 0.6), 0.1)
     assert (config.drive_noise, config.encoder_noise) == (0.05, 0.05)
-    assert PlantState(Pose(0.0, 0.0, 0.0)).drive == WheelSpeeds(0.0, 0.0)
+    assert PlantState(Pose(0.0, 0.0, 0.0)) == new_plant(Pose(0.0, 0.0, 0.0))

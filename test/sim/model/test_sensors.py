@@ -9,11 +9,13 @@ from hypothesis import strategies as st
 from scipy.stats import kstest
 
 from diffbot_core.geometry import Pose
-from diffbot_sim.model.philox import Draw, draw
+from diffbot_sim.model.philox import Draw, NoiseKey, draw
 from diffbot_sim.model.sensors import (
+    NO_ERRORS,
     SensorConfig,
     delay_in_steps,
     due,
+    fix_at,
     is_lost,
     measured_heading,
     measured_landmark,
@@ -196,3 +198,51 @@ def test_variances_of_uniform_errors():
 def test_the_default_is_the_papers_noise():
     assert (DEFAULT.eps_x_max, DEFAULT.eps_y_max, DEFAULT.eps_theta_max) == (0.3, 0.3, 0.17)
     assert (DEFAULT.fix_dropout, DEFAULT.fix_outlier, DEFAULT.heading_rate) == (0.0, 0.0, 0.0)
+
+
+def fixes_of(config, run, count):
+    """Fixes of one run, all at the same true pose."""
+    errors, found = NO_ERRORS, []
+    for step in range(count):
+        found.append(fix_at(NoiseKey(11, run, step), Pose(0.0, 0.0, 0.0), errors, config))
+        errors = found[-1].errors
+    return found
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.5, 0.9])
+def test_correlated_errors_have_the_same_variance_at_every_fix_and_decay_geometrically(correlation):
+    config = SensorConfig(eps_x_max=0.3, eps_y_max=0.6, eps_theta_max=0.1, fix_noise_correlation=correlation)
+    errors = np.array([[one.pose for one in fixes_of(config, run, 12)] for run in range(4000)])
+    for axis, bound in enumerate((0.3, 0.6, 0.1)):
+        # The runs are independent: 4000 samples for each fix; the kurtosis is at most a normal one's.
+        variance = errors[:, :, axis].var(axis=0)
+        assert variance == pytest.approx(np.full(12, bound**2 / 3.0), rel=4.0 * math.sqrt(2.0 / 4000))
+        scaled = errors[:, :, axis] / math.sqrt(bound**2 / 3.0)
+        for lag in (1, 2, 5):
+            product = (scaled[:, lag:] * scaled[:, :-lag]).mean()
+            assert product == pytest.approx(correlation**lag, abs=0.05)
+    assert abs((errors[:, :, 0] * errors[:, :, 1]).mean()) / (0.3 * 0.6 / 3.0) < 0.05
+    assert np.abs(errors[:, 0]).max() <= 0.6  # the first is uniform
+    largest = math.sqrt((1.0 + correlation) / (1.0 - correlation))
+    assert np.abs(errors / (0.3, 0.6, 0.1)).max() <= largest
+
+
+def test_correlated_errors_by_hand():
+    config = SensorConfig(fix_noise_correlation=0.8)
+    first, second = fixes_of(config, 4, 2)
+    plain = [one.errors for one in fixes_of(SensorConfig(), 4, 2)]
+    assert first.errors == plain[0]
+    expected = [0.8 * a + 0.6 * b for a, b in zip(plain[0][:3], plain[1][:3], strict=True)]
+    assert second.errors[:3] == pytest.approx(expected, abs=1e-15)
+    assert second.pose == pytest.approx((0.3 * expected[0], 0.3 * expected[1], 0.17 * expected[2]))
+
+
+def test_the_random_delay_is_uniform_and_independent_of_the_errors():
+    config = SensorConfig(fix_delay=0.1, fix_delay_jitter=0.4)
+    found = fixes_of(config, 0, 5000)
+    delays = np.array([one.delay for one in found])
+    assert kstest(delays, "uniform", (0.1, 0.4)).pvalue > 1e-3
+    assert abs(np.corrcoef(delays[1:], delays[:-1])[0, 1]) < 0.06
+    # Neither do the errors change with it, nor is a fix lost.
+    assert [one.errors for one in found] == [one.errors for one in fixes_of(SensorConfig(), 0, 5000)]
+    assert not any(one.lost for one in found)

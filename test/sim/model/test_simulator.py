@@ -90,6 +90,23 @@ def test_a_fix_belongs_to_its_stamp_and_comes_late(delay, steps):
         assert z == pytest.approx(poses[stamp].theta, abs=1e-12)
 
 
+def test_fixes_with_a_random_delay_overtake_each_other_and_come_once():
+    sensors = QUIET.sensors._replace(fix_delay=0.2, fix_delay_jitter=0.5)
+    seen = lived(QUIET._replace(sensors=sensors), 200)
+    poses = {stamp: pose for stamp, pose, *_ in seen}
+    arrivals = [(number, stamp, z) for number, step in enumerate(seen) for stamp, z in step[3]]
+    stamps = [stamp for _, stamp, _ in arrivals]
+    assert len(set(stamps)) == len(stamps)
+    assert set(range(0, 190 * 10**8, 10**8)) <= set(stamps)
+    assert sorted(stamps) != stamps
+    for number, stamp, z in arrivals:
+        # More than 0.2 s and at most 0.7 s, at the next step.
+        assert 3 <= number - stamp // 10**8 <= 7
+        assert z == pytest.approx(poses[stamp], abs=1e-12)
+    for step in seen:
+        assert [stamp for stamp, _ in step[3]] == sorted(stamp for stamp, _ in step[3])
+
+
 def test_the_covariances_sent_are_those_of_the_noise():
     sensors = SensorConfig(eps_x_max=0.3, eps_y_max=0.6, eps_theta_max=0.17, heading_rate=10.0)
     arrivals = World(WorldConfig(sensors=sensors)).sense()

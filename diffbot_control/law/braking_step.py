@@ -1,0 +1,163 @@
+"""One step of the law with braking profiles: latency, regions, course, limits and the finish put together."""
+
+from __future__ import annotations
+
+import math
+
+from diffbot_control.law.configuration import AUTO, ControllerConfig, ControllerMemory, Report
+from diffbot_control.law.finish import (
+    RESTING,
+    Finish,
+    Standing,
+    finish_command,
+    is_pending,
+    next_finish,
+    without_finish,
+)
+from diffbot_control.law.goal_checker import next_settling, within
+from diffbot_control.law.latency import Actuation, coast, is_immediate, predicted
+from diffbot_control.law.limits import limit_change
+from diffbot_control.law.lyapunov_law import local_lyapunov
+from diffbot_control.law.polar_coordinates import HALF_PI, Navigation, navigation_variables
+from diffbot_control.law.regions import OMEGA_G, OMEGA_L, RegionPolicy, Switching, forward_only, next_switching
+from diffbot_control.law.speed_profile import ProfileGains, auto_gains, within_data_sheet
+from diffbot_control.law.steering import (
+    BACK,
+    UNDECIDED,
+    Course,
+    chosen_course,
+    course_lyapunov,
+    drive_and_hold,
+    drive_and_steer,
+    led_by,
+    turn_to_the_goal,
+)
+from diffbot_core.geometry import Pose, into_frame, wrap_angle
+from diffbot_core.kinematics import Twist
+from diffbot_core.uncertainty import Estimate, Uncertainty
+
+
+def braking_step(
+    memory: ControllerMemory, estimate: Estimate, goal: Pose, dt: float, config: ControllerConfig
+) -> tuple[ControllerMemory, Twist, Report]:
+    """The law of steering.py for any goal pose; arguments and result are those of ``controller.step``."""
+    actuation, estimate = _seen_by_the_law(memory, estimate, dt, config)
+    uncertainty = estimate.uncertainty
+    upright = into_frame(estimate.pose, goal)
+    local = _turned(upright) if memory.course.turned else upright
+    navigation = navigation_variables(local)
+    switching, radius = _switching_after(memory, navigation.rho, uncertainty.xy, config)
+    course = _course_after(memory, switching.region, upright, config)
+    if course.turned != memory.course.turned:
+        local = _turned(upright) if course.turned else upright
+        navigation = navigation_variables(local)
+    gains = _gains_in_force(config, dt)
+    if switching.region == OMEGA_L:
+        finish = _finish_after(memory, local, navigation.rho, uncertainty, dt, config)
+        lyapunov = local_lyapunov(navigation, local.theta)
+        requested = _near(navigation, local, uncertainty.xy, finish, gains, config)
+    else:
+        finish = without_finish(memory.finish)
+        led = led_by(navigation, course.leading)
+        lyapunov = course_lyapunov(led, gains)
+        requested = _far(led, uncertainty.xy, course.leading, gains, config)
+    command = limit_change(requested, memory.command, dt, config.data_sheet)
+    rho, alpha, beta = navigation
+    if not math.isfinite(rho + alpha + local.theta + command.v + command.omega):
+        command = Twist(0.0, 0.0)
+    inside = (
+        switching.region == OMEGA_L
+        and not is_pending(finish, config.finish)
+        and within(local, rho, command, config.tolerance, uncertainty)
+    )
+    settling = next_settling(memory.settling, inside, config.tolerance)
+    report = Report(rho, alpha, beta, local.theta, radius, switching.region, lyapunov)
+    after = ControllerMemory(
+        switching, command, settling, memory.reapproach, finish, course, actuation, settling.reached
+    )
+    return after, command, report
+
+
+def _seen_by_the_law(
+    memory: ControllerMemory, estimate: Estimate, dt: float, config: ControllerConfig
+) -> tuple[Actuation, Estimate]:
+    """Return the estimate of the pose in which a command acts at once."""
+    if is_immediate(config.data_sheet):
+        return memory.actuation, estimate
+    coasted = coast(estimate.pose, memory.actuation, memory.command, dt, config.data_sheet)
+    share = config.region_policy.covariance.eps_P_speed_error
+    return coasted.actuation, predicted(coasted, estimate.uncertainty, share)
+
+
+def _gains_in_force(config: ControllerConfig, dt: float) -> ProfileGains:
+    if config.gain_source == AUTO:
+        return auto_gains(config.data_sheet, dt)
+    return within_data_sheet(config.profile_gains, config.data_sheet)
+
+
+def _turned(local: Pose) -> Pose:
+    """Return the pose in the frame of the goal turned round."""
+    return Pose(-local.x, -local.y, wrap_angle(local.theta - math.pi))
+
+
+def _switching_after(
+    memory: ControllerMemory, rho: float, sigma_xy: float, config: ControllerConfig
+) -> tuple[Switching, float]:
+    policy, tolerance = config.region_policy, config.tolerance.xy_goal_tolerance
+    if not config.driving.allow_backward:
+        policy = RegionPolicy(policy.kind, policy.fixed, forward_only(policy.covariance, tolerance))
+    # A reached goal is not approached again while the error is within the tolerance.
+    away = max(memory.finish.reach, tolerance if memory.reached else 0.0)
+    return next_switching(memory.switching, rho, sigma_xy, policy, away)
+
+
+def _course_after(memory: ControllerMemory, region: int, upright: Pose, config: ControllerConfig) -> Course:
+    """Choose the course at a new goal and when Omega_L is left; ``upright`` is in the frame of the goal as given."""
+    course, driving = memory.course, config.driving
+    if region == OMEGA_G:
+        if course.leading != UNDECIDED and memory.switching.region == OMEGA_G:
+            return course
+        return chosen_course(navigation_variables(upright), driving.allow_backward, driving.symmetric_yaw_tolerance)
+    if course.leading == UNDECIDED and not course.turned and driving.symmetric_yaw_tolerance:
+        # The first pose with this goal is already near it: only the heading is left to choose.
+        return Course(UNDECIDED, memory.finish.time == 0.0 and abs(upright.theta) > HALF_PI)
+    return course
+
+
+def _finish_after(
+    memory: ControllerMemory, local: Pose, rho: float, uncertainty: Uncertainty, dt: float, config: ControllerConfig
+) -> Finish:
+    tolerance = config.tolerance
+    if not config.driving.allow_backward:
+        return without_finish(memory.finish)
+    resting = (
+        abs(memory.command.v) <= tolerance.trans_stopped_velocity
+        and abs(memory.command.omega) <= tolerance.rot_stopped_velocity
+        and abs(local.theta) <= tolerance.yaw_goal_tolerance
+    )
+    reached = memory.reached and rho <= tolerance.xy_goal_tolerance
+    return next_finish(memory.finish, local, Standing(resting, reached, dt), uncertainty, tolerance, config.finish)
+
+
+def _near(
+    navigation: Navigation,
+    local: Pose,
+    sigma_xy: float,
+    finish: Finish,
+    gains: ProfileGains,
+    config: ControllerConfig,
+) -> Twist:
+    """Return the command of Omega_L."""
+    if finish.phase != RESTING:
+        return finish_command(finish, local, config.tolerance, config.finish, gains, config.data_sheet)
+    command = drive_and_hold(navigation, local.theta, sigma_xy, gains, config.data_sheet)
+    if config.driving.allow_backward or command.v >= 0.0:
+        return command
+    return Twist(0.0, command.omega)
+
+
+def _far(led: Navigation, sigma_xy: float, leading: int, gains: ProfileGains, config: ControllerConfig) -> Twist:
+    """Return the command of Omega_G; ``led`` is as of the end that leads."""
+    if not config.driving.allow_backward and abs(led.alpha) >= HALF_PI and leading != BACK:
+        return turn_to_the_goal(led.alpha, gains, config.data_sheet)
+    return drive_and_steer(led, sigma_xy, leading, gains, config.data_sheet)

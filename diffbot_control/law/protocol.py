@@ -1,0 +1,38 @@
+"""What a control law has to offer, this project's own and those of others."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+from diffbot_control.law.configuration import Report
+from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import Twist
+from diffbot_core.uncertainty import Estimate
+
+
+class Law(Protocol):
+    """A law: a class or an object with these names, whose functions are pure.
+
+    ``Config`` is a NamedTuple whose fields carry a ``Spec`` and a default, one of them ``data_sheet: DataSheet``.
+    The memory is a NamedTuple with a field ``reached: bool``; a law that cannot say whether the goal is reached leaves
+    it False.
+    """
+
+    name: str
+    Config: type[Any]
+
+    def new_memory(self, config: Any) -> Any:
+        """Return the memory at rest with a new goal."""
+        ...
+
+    def step(self, memory: Any, estimate: Estimate, goal: Pose, dt: float, config: Any) -> tuple[Any, Twist, Report]:
+        """Answer an estimate: the next memory, the command, and what the step worked with.
+
+        Args:
+            memory: as left by the last step.
+            estimate: pose of the robot in the frame of ``goal``, and its standard deviations.
+            goal: target pose.
+            dt: [s] since the last step; 0 at the first one.
+            config: parameters and data sheet.
+        """
+        ...

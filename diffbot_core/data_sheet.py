@@ -1,0 +1,71 @@
+"""The data sheet of a robot: bounds of its commands, and what lies between a command and the motion."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, NamedTuple
+
+from diffbot_core.errors import InvalidValueError
+from diffbot_core.kinematics import WheelGeometry
+from diffbot_core.schema import Spec
+
+_INF = math.inf
+
+
+class DataSheet(NamedTuple):
+    """What every law may know of the robot; ``inf`` is no limit. Parameter names are those of diff_drive_controller.
+
+    The default velocities are those of the paper's robot at 1.3 m/s per wheel rim: 26 rad/s with its wheels.
+    """
+
+    v_max: Annotated[
+        float,
+        Spec("bound of |v|", "m/s", 0.0, 100.0, True, allow_inf=True, parameter="linear.x.max_velocity"),
+    ] = 1.3
+    omega_max: Annotated[
+        float,
+        Spec("bound of |omega|", "rad/s", 0.0, 1000.0, True, allow_inf=True, parameter="angular.z.max_velocity"),
+    ] = 2.6
+    wheel_max: Annotated[
+        float,
+        Spec("bound of each wheel's |speed|", "rad/s", 0.0, 1e5, True, allow_inf=True, parameter="wheel.max_velocity"),
+    ] = 26.0
+    a_max: Annotated[
+        float,
+        Spec("bound of |dv/dt|", "m/s^2", 0.0, 1000.0, True, allow_inf=True, parameter="linear.x.max_acceleration"),
+    ] = _INF
+    omega_dot_max: Annotated[
+        float,
+        Spec("bound of |domega/dt|", "rad/s^2", 0.0, 1e4, True, allow_inf=True, parameter="angular.z.max_acceleration"),
+    ] = _INF
+    wheels: WheelGeometry = WheelGeometry()
+    command_latency: Annotated[
+        float, Spec("dead time between a pose's stamp and the motion that its command causes", "s", 0.0, 5.0)
+    ] = 0.0
+    drive_time_constant: Annotated[
+        float, Spec("time constant of the drives, which follow their command as a first-order lag", "s", 0.0, 5.0)
+    ] = 0.0
+    min_velocity: Annotated[float, Spec("smallest |v| that moves the robot (dead band)", "m/s", 0.0, 1.0)] = 0.0
+    min_rotation: Annotated[float, Spec("smallest |omega| that turns the robot (dead band)", "rad/s", 0.0, 10.0)] = 0.0
+
+    def check(self) -> None:
+        """Refuse a dead band above the bound of the velocity: no command would move the robot.
+
+        Raises:
+            InvalidValueError: if it is.
+        """
+        pairs = (("min_velocity", self.min_velocity, self.v_max), ("min_rotation", self.min_rotation, self.omega_max))
+        for name, least, largest in pairs:
+            if least > largest:
+                raise InvalidValueError(name, least, f"<= the bound of the velocity, {largest:g}")
+
+
+UNLIMITED = DataSheet(_INF, _INF, _INF, _INF, _INF)
+"""No limit at all, the paper's wheels."""
+PAPER_DATA_SHEET = DataSheet(1.3, _INF, _INF, _INF, _INF)
+"""The paper's robot: nothing but |v| is bounded."""
+
+
+def rim_speed(data_sheet: DataSheet) -> float:
+    """Bound [m/s] of |v| + |omega| L / 2, the speed of the faster wheel's rim."""
+    return data_sheet.wheel_max * data_sheet.wheels.wheel_radius

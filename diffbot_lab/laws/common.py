@@ -1,0 +1,157 @@
+"""What all laws of this room share: memory, situation, braking, limits, the turn at the end."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, NamedTuple
+
+from diffbot_control.law.configuration import Report
+from diffbot_control.law.latency import Actuation, coast, is_immediate, resting_actuation
+from diffbot_control.law.limits import lifted as lifted_velocity
+from diffbot_control.law.limits import limit_change, limit_velocity
+from diffbot_control.law.polar_coordinates import Navigation, navigation_variables
+from diffbot_control.law.regions import OMEGA_G
+from diffbot_control.law.speed_profile import braking
+from diffbot_core.data_sheet import DataSheet
+from diffbot_core.geometry import Pose, into_frame, wrap_angle
+from diffbot_core.kinematics import Twist
+from diffbot_core.schema import Spec
+from diffbot_core.uncertainty import Estimate
+
+ROTATING, DRIVING, FINISHING, REACHED = 0, 1, 2, 3
+"""Phases: turning towards the goal, driving there, turning to the goal's heading, holding still."""
+_BRAKE_SHARE, _TURN_SHARE = 0.9, 0.7
+"""of the acceleration limits: the profiles brake with less, so that the limits bind at the start only"""
+_BRAKE_TIME = 0.1
+"""[s] reaction time of braking before the goal"""
+_REST_V, _REST_OMEGA, _REST_WAY = 0.05, 0.1, 0.01
+"""[m/s], [rad/s], [m] a robot with less rests"""
+STOP = Twist(0.0, 0.0)
+
+
+class Stop(NamedTuple):
+    """When a law holds still, by its estimate."""
+
+    stop_distance: Annotated[float, Spec("the position counts as reached below this distance", "m", 0.0, 1.0)] = 0.035
+    stop_angle: Annotated[float, Spec("the heading counts as reached below this error", "rad", 0.0, 1.0)] = 0.025
+
+
+class Turning(NamedTuple):
+    """Turns on the spot: the largest rate that stops within the angle left, after a reaction time."""
+
+    turn_brake: Annotated[float, Spec("angular deceleration of turns", "rad/s^2", 0.1, 100.0)] = 8.0
+    turn_time: Annotated[
+        float, Spec("reaction time of turns; its inverse is the gain near the end", "s", 0.01, 5.0)
+    ] = 0.4
+
+
+class LawState(NamedTuple):
+    """What a law itself keeps from step to step; each uses what it needs."""
+
+    phase: int
+    direction: float
+    """1 forwards, -1 backwards, 0 not chosen yet"""
+    value: float
+    """of the law's own"""
+
+
+class LawMemory(NamedTuple):
+    """Memory of a law of this room."""
+
+    state: LawState
+    actuation: Actuation
+    """commands under way"""
+    command: Twist
+    """the last one"""
+    reached: bool
+
+
+class Situation(NamedTuple):
+    """What a law decides on, all in the goal's frame."""
+
+    pose: Pose
+    """estimate, coasted over latency and lag"""
+    navigation: Navigation
+    sigma: float
+    """[m] standard deviation of the position"""
+    actuation: Actuation
+    last: Twist
+    """command of the last step"""
+    coasting: float
+    """[m] from the estimated pose to the coasted one"""
+    reached: bool
+    """the law reported the goal as reached before"""
+    dt: float
+    """[s] since the last step"""
+
+
+def new_law_memory() -> LawMemory:
+    """Return the memory at rest with a new goal."""
+    return LawMemory(LawState(ROTATING, 0.0, 0.0), resting_actuation(), Twist(0.0, 0.0), False)
+
+
+def situation_of(memory: LawMemory, estimate: Estimate, goal: Pose, dt: float, sheet: DataSheet) -> Situation:
+    """Return the situation at a step."""
+    local, actuation = into_frame(estimate.pose, goal), memory.actuation
+    pose, coasting = local, 0.0
+    if not is_immediate(sheet):
+        coasted = coast(local, actuation, memory.command, dt, sheet)
+        pose, actuation = coasted.pose, coasted.actuation
+        coasting = math.hypot(pose.x - local.x, pose.y - local.y)
+    sigma = estimate.uncertainty.xy
+    return Situation(pose, navigation_variables(pose), sigma, actuation, memory.command, coasting, memory.reached, dt)
+
+
+def conclude(
+    state: LawState, requested: Twist, situation: Situation, sheet: DataSheet, region: int = OMEGA_G
+) -> tuple[LawMemory, Twist, Report]:
+    """Bring a requested command within the data sheet; return memory, command and report."""
+    command = lifted(limit_velocity(requested, sheet), sheet)
+    command = limit_change(command, situation.last, situation.dt, sheet)
+    if not (math.isfinite(command.v) and math.isfinite(command.omega)):
+        command = STOP
+    rho, alpha, beta = situation.navigation
+    # Said when the robot rests, not while it coasts to the goal.
+    at_rest = abs(command.v) <= _REST_V and abs(command.omega) <= _REST_OMEGA and situation.coasting <= _REST_WAY
+    reached = situation.reached or (state.phase == REACHED and at_rest)
+    report = Report(rho, alpha, beta, situation.pose.theta, 0.0, region, math.nan)
+    return LawMemory(state, situation.actuation, command, reached), command, report
+
+
+def approach_speed(distance: float, sheet: DataSheet) -> float:
+    """Return the speed [m/s] from which the robot can stop within ``distance`` [m]; inf without a limit."""
+    if sheet.a_max == math.inf:
+        return math.inf
+    return braking(distance, _BRAKE_SHARE * sheet.a_max, _BRAKE_TIME)
+
+
+def turn_rate(angle: float, turning: Turning, sheet: DataSheet) -> float:
+    """Return the rate [rad/s] with which to turn by ``angle`` [rad], still to go."""
+    brake = min(turning.turn_brake, _TURN_SHARE * sheet.omega_dot_max)
+    return math.copysign(min(sheet.omega_max, braking(abs(angle), brake, turning.turn_time)), angle)
+
+
+def final_turn(state: LawState, theta: float, stop: Stop, turning: Turning, sheet: DataSheet) -> tuple[LawState, Twist]:
+    """Turn to the goal's heading, then hold still for good."""
+    if state.phase == REACHED or abs(theta) < stop.stop_angle:
+        return LawState(REACHED, state.direction, state.value), STOP
+    return LawState(FINISHING, state.direction, state.value), Twist(0.0, -turn_rate(theta, turning, sheet))
+
+
+def bearing(navigation: Navigation, direction: float) -> float:
+    """Return the bearing [rad] of the goal from the end of the robot that leads."""
+    return navigation.alpha if direction > 0.0 else wrap_angle(navigation.alpha - math.pi)
+
+
+def chosen_direction(navigation: Navigation) -> float:
+    """Return 1 or -1, the direction of travel with less turning at the start and at the goal."""
+    forwards = abs(navigation.alpha) + abs(navigation.beta)
+    backwards = abs(wrap_angle(navigation.alpha - math.pi)) + abs(wrap_angle(navigation.beta - math.pi))
+    return 1.0 if forwards <= backwards else -1.0
+
+
+def lifted(command: Twist, sheet: DataSheet) -> Twist:
+    """Raise what is too small to move the robot to what moves it, or drop it."""
+    if sheet.min_velocity <= 0.0 and sheet.min_rotation <= 0.0:
+        return command
+    return Twist(lifted_velocity(command.v, sheet.min_velocity), lifted_velocity(command.omega, sheet.min_rotation))

@@ -1,0 +1,129 @@
+"""Dynamic feedback linearisation to the goal, with the switching law's Omega_L at its end."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, NamedTuple
+
+from diffbot_control.law.configuration import Report
+from diffbot_control.law.limits import limit_velocity
+from diffbot_control.law.regions import OMEGA_G, OMEGA_L
+from diffbot_core.data_sheet import DataSheet
+from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import Twist
+from diffbot_core.schema import Spec
+from diffbot_core.uncertainty import Estimate
+from diffbot_lab.laws.common import (
+    DRIVING,
+    FINISHING,
+    REACHED,
+    LawMemory,
+    LawState,
+    Situation,
+    Stop,
+    Turning,
+    chosen_direction,
+    conclude,
+    new_law_memory,
+    situation_of,
+    turn_rate,
+)
+
+_START_SPEED, _LEAST_SPEED = 0.15, 0.05
+"""[m/s] of the integrator: the linearisation is singular at rest"""
+_LEAVING = 0.4
+"""[m] Omega_L is left beyond this distance"""
+_SPEED_SHARE, _BRAKE_SHARE = 0.97, 0.9
+"""of the bounds of speed and acceleration that the linear law asks for"""
+
+
+class FeedbackLinearisationConfig(NamedTuple):
+    """Gains of the linear system, and Omega_L."""
+
+    k_p: Annotated[float, Spec("proportional gain of the linear system", "1/s^2", 0.01, 20.0)] = 1.5
+    damping: Annotated[float, Spec("damping ratio of the linear system", "-", 1.001, 5.0)] = 1.02
+    along_max: Annotated[float, Spec("bound of the acceleration along the path", "m/s^2", 0.05, 50.0)] = 0.93
+    region_sigmas: Annotated[float, Spec("standard deviations of the position that Omega_L covers", "-", 0.0, 10.0)] = (
+        1.2
+    )
+    region_min: Annotated[float, Spec("least radius of Omega_L", "m", 0.0, 1.0)] = 0.04
+    near_slope: Annotated[float, Spec("speed per distance in Omega_L", "1/s", 0.0, 20.0)] = 2.3
+    turning: Turning = Turning(6.9, 0.25)
+    stop: Stop = Stop(0.05, 0.05)
+    data_sheet: DataSheet = DataSheet()
+
+
+def feedback_linearisation(
+    state: LawState, now: Situation, config: FeedbackLinearisationConfig
+) -> tuple[LawState, Twist]:
+    """Return the next state, its value the speed of the integrator, and the requested command.
+
+    Source: G. Oriolo, A. De Luca, M. Vendittelli, "WMR control via dynamic feedback linearization", IEEE Transactions
+    on Control Systems Technology 10 (2002), posture regulation; law (17) of the paper inside Omega_L.
+    """
+    rho = now.navigation.rho
+    direction, speed = state.direction, state.value
+    local = state.phase >= FINISHING
+    if not local and rho < max(config.region_min, config.region_sigmas * now.sigma):
+        local = True
+    elif direction == 0.0 or (local and rho > _LEAVING):
+        local, direction = False, chosen_direction(now.navigation)
+        speed = direction * _START_SPEED
+    if local:
+        return _in_region(state, now, config)
+    along, across = _acceleration(now.pose, speed, config)
+    speed = min(max(speed + now.dt * along, -config.data_sheet.v_max), config.data_sheet.v_max)
+    if abs(speed) < _LEAST_SPEED:
+        speed = math.copysign(_LEAST_SPEED, direction)
+    limit = config.data_sheet.omega_max
+    requested = limit_velocity(Twist(speed, min(max(across / speed, -limit), limit)), config.data_sheet)
+    if abs(requested.v) >= _LEAST_SPEED:
+        speed = requested.v
+    return LawState(DRIVING, direction, speed), requested
+
+
+def _acceleration(pose: Pose, speed: float, config: FeedbackLinearisationConfig) -> tuple[float, float]:
+    """Acceleration [m/s^2] that the linear system asks for, along the robot and across."""
+    sheet = config.data_sheet
+    c, s = math.cos(pose.theta), math.sin(pose.theta)
+    k_d = 2.0 * config.damping * math.sqrt(config.k_p)
+    # A saturated error of position: the linear system goes no faster than v_max.
+    rho = max(math.hypot(pose.x, pose.y), 1e-9)
+    k_p = config.k_p * min(1.0, _SPEED_SHARE * sheet.v_max * k_d / (config.k_p * rho))
+    a_x = -k_p * pose.x - k_d * speed * c
+    a_y = -k_p * pose.y - k_d * speed * s
+    limit = min(config.along_max, _BRAKE_SHARE * sheet.a_max)
+    return min(max(a_x * c + a_y * s, -limit), limit), a_y * c - a_x * s
+
+
+def _in_region(state: LawState, now: Situation, config: FeedbackLinearisationConfig) -> tuple[LawState, Twist]:
+    rho, alpha, _ = now.navigation
+    inside = rho < config.stop.stop_distance and abs(now.pose.theta) < config.stop.stop_angle
+    phase = REACHED if inside or state.phase == REACHED else FINISHING
+    v = min(config.near_slope * rho, config.data_sheet.v_max) * math.cos(alpha)
+    omega = -turn_rate(now.pose.theta, config.turning, config.data_sheet)
+    return LawState(phase, state.direction, state.value), Twist(v, omega)
+
+
+def linearisation_memory(config: Any) -> LawMemory:
+    """Return the memory at rest with a new goal."""
+    return new_law_memory()
+
+
+def linearisation_step(
+    memory: LawMemory, estimate: Estimate, goal: Pose, dt: float, config: FeedbackLinearisationConfig
+) -> tuple[LawMemory, Twist, Report]:
+    """One step of the law."""
+    now = situation_of(memory, estimate, goal, dt, config.data_sheet)
+    state, requested = feedback_linearisation(memory.state, now, config)
+    region = OMEGA_L if state.phase >= FINISHING else OMEGA_G
+    return conclude(state, requested, now, config.data_sheet, region)
+
+
+class FeedbackLinearisation:
+    """G. Oriolo et al., IEEE Trans. Control Systems Technology 10 (2002), with Omega_L of the switching law."""
+
+    name = "feedback_linearisation"
+    Config = FeedbackLinearisationConfig
+    new_memory = staticmethod(linearisation_memory)
+    step = staticmethod(linearisation_step)

@@ -1,0 +1,100 @@
+"""Turn towards the goal, drive straight there, turn to its heading: what most robots do."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, NamedTuple
+
+from diffbot_control.law.configuration import Report
+from diffbot_control.law.speed_profile import braking
+from diffbot_core.data_sheet import DataSheet, rim_speed
+from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import Twist
+from diffbot_core.schema import Spec
+from diffbot_core.uncertainty import Estimate
+from diffbot_lab.laws.common import (
+    DRIVING,
+    FINISHING,
+    ROTATING,
+    LawMemory,
+    LawState,
+    Situation,
+    Stop,
+    Turning,
+    approach_speed,
+    bearing,
+    chosen_direction,
+    conclude,
+    final_turn,
+    new_law_memory,
+    situation_of,
+    turn_rate,
+)
+
+_PASSED = 0.5
+"""[m] the drive ends when the goal is passed within this distance"""
+_OFF_LINE = 0.7
+"""[rad] beyond this bearing the robot turns without driving"""
+_NEAR = 0.3
+"""[m] below it the steering fades: there the bearing is noise"""
+
+
+class RotateDriveRotateConfig(NamedTuple):
+    """Profiles of both turns and of the drive."""
+
+    turning: Turning = Turning()
+    stop: Stop = Stop()
+    drive_brake: Annotated[float, Spec("deceleration of the drive", "m/s^2", 0.05, 100.0)] = 5.0
+    drive_time: Annotated[float, Spec("reaction time of the drive", "s", 0.02, 10.0)] = 1.0
+    slow_distance: Annotated[float, Spec("the drive ends slowly below this distance; 0: nowhere", "m", 0.0, 5.0)] = 0.0
+    slow_slope: Annotated[float, Spec("speed per distance of the slow end", "1/s", 0.0, 10.0)] = 0.0
+    start_angle: Annotated[float, Spec("the drive begins below this bearing", "rad", 0.01, 1.5)] = 0.2
+    line_gain: Annotated[float, Spec("steering gain of the drive", "1/s", 0.01, 50.0)] = 4.0
+    data_sheet: DataSheet = DataSheet()
+
+
+def rotate_drive_rotate(state: LawState, now: Situation, config: RotateDriveRotateConfig) -> tuple[LawState, Twist]:
+    """Return the next state and the requested command."""
+    sheet = config.data_sheet
+    rho = now.navigation.rho
+    direction = state.direction if state.direction != 0.0 else chosen_direction(now.navigation)
+    angle = bearing(now.navigation, direction)
+    if state.phase >= FINISHING:
+        return final_turn(state, now.pose.theta, config.stop, config.turning, sheet)
+    if state.phase == ROTATING and abs(angle) >= config.start_angle:
+        return LawState(ROTATING, direction, 0.0), Twist(0.0, turn_rate(angle, config.turning, sheet))
+    if rho < config.stop.stop_distance or (rho < _PASSED and abs(angle) > 0.5 * math.pi):
+        return final_turn(LawState(FINISHING, direction, 0.0), now.pose.theta, config.stop, config.turning, sheet)
+    line = Turning(config.turning.turn_brake, 1.0 / config.line_gain)
+    omega = turn_rate(angle, line, sheet) * min(1.0, rho / _NEAR)
+    v = 0.0 if abs(angle) > _OFF_LINE else _drive_speed(rho, config) * math.cos(angle)
+    v = min(v, max(rim_speed(sheet) - 0.5 * sheet.wheels.wheel_separation * abs(omega), 0.0))
+    return LawState(DRIVING, direction, 0.0), Twist(direction * v, omega)
+
+
+def _drive_speed(rho: float, config: RotateDriveRotateConfig) -> float:
+    fast = braking(max(rho - config.slow_distance, 0.0), config.drive_brake, config.drive_time)
+    return min(config.data_sheet.v_max, config.slow_slope * rho + fast, approach_speed(rho, config.data_sheet))
+
+
+def rdr_memory(config: Any) -> LawMemory:
+    """Return the memory at rest with a new goal."""
+    return new_law_memory()
+
+
+def rdr_step(
+    memory: LawMemory, estimate: Estimate, goal: Pose, dt: float, config: RotateDriveRotateConfig
+) -> tuple[LawMemory, Twist, Report]:
+    """One step of the law."""
+    now = situation_of(memory, estimate, goal, dt, config.data_sheet)
+    state, requested = rotate_drive_rotate(memory.state, now, config)
+    return conclude(state, requested, now, config.data_sheet)
+
+
+class RotateDriveRotate:
+    """Rotate, drive, rotate; with a slow end or without. Source: common practice, e.g. Nav2's rotation shim."""
+
+    name = "rotate_drive_rotate"
+    Config = RotateDriveRotateConfig
+    new_memory = staticmethod(rdr_memory)
+    step = staticmethod(rdr_step)

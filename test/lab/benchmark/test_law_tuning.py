@@ -1,0 +1,92 @@
+"""Tuning: the same budget for every law, the law's own values among the candidates, nothing from the tables."""
+
+import json
+
+import numpy as np
+import pytest
+
+from diffbot_core.errors import DiffbotError, InvalidValueError
+from diffbot_lab.benchmark import law_tuning
+from diffbot_lab.benchmark.law_cases import TRAINING, cases_named
+from diffbot_lab.benchmark.law_entries import ENTRIES, config_of
+from diffbot_lab.benchmark.law_tuning import POPULATION, TRAINING_CASES, cost_of, read_tuning, tune_all, tuned_values
+from diffbot_sim.compiled.batch import COLUMNS
+
+TUNED = tuple(one for one in ENTRIES if one.space)
+
+
+@pytest.fixture
+def landscape(monkeypatch):
+    """Replace the runs by outcomes whose cost is a bowl around the middle of each range; collect what was asked."""
+    asked = []
+
+    def run(entry, case, values, count, seed):
+        asked.append((entry.name, case.name, case.starts, count, seed, dict(values)))
+        away = [(values[name] - low) / (high - low) - 0.5 for name, (low, high) in entry.space.items()]
+        outcomes = np.zeros((count, len(COLUMNS)))
+        outcomes[:, COLUMNS.index("settling_time")] = 10.0 + 50.0 * float(np.square(away).mean())
+        return outcomes
+
+    monkeypatch.setattr(law_tuning, "run_case", run)
+    return asked
+
+
+def test_every_law_has_the_same_budget_and_runs(landscape):
+    tuning = tune_all(TUNED[:3], 4 * POPULATION, 34, ())
+    assert list(tuning["laws"]) == [one.name for one in TUNED[:3]]
+    assert {one["evaluations"] for one in tuning["laws"].values()} == {4 * POPULATION}
+    assert {one[1] for one in landscape} == set(TRAINING_CASES)
+    assert {one[2:5] for one in landscape} == {(TRAINING, 34, law_tuning.TRAINING_SEED)}
+
+
+def test_tuning_starts_with_the_laws_values_and_never_ends_worse(landscape):
+    (entry,) = (one for one in ENTRIES if one.name == "graceful_pose")
+    tuning = tune_all((entry,), 8 * POPULATION, 10, ("nominal",))
+    (nominal,) = cases_named(("nominal",))
+    own = config_of(entry, nominal, {})
+    first = landscape[0][5]
+    assert (first["k_phi"], first["stop_distance"]) == (own.k_phi, own.stop.stop_distance)
+    found = tuning["laws"]["graceful_pose"]
+    assert found["cost"] < found["untuned_cost"]
+    for name, value in found["values"].items():
+        assert entry.space[name][0] <= value <= entry.space[name][1]
+    assert tune_all((entry,), 8 * POPULATION, 10, ("nominal",)) == tuning  # by its seed
+
+
+def outcomes(**columns):
+    made = np.zeros((100, len(COLUMNS)))
+    made[:, COLUMNS.index("settling_time")] = 12.0
+    for name, values in columns.items():
+        made[: len(values), COLUMNS.index(name)] = values
+    return made
+
+
+def test_the_cost_by_hand():
+    assert cost_of(outcomes()) == pytest.approx(12.0 / 12.0 + 12.0 / 14.0)
+    failed = outcomes(settling_time=[np.nan] * 2)
+    assert cost_of(failed) == pytest.approx(1.0 + 60.0 / 14.0 + 20.0 * 0.02)
+    assert cost_of(outcomes(turning=[9.5])) == pytest.approx(cost_of(outcomes()) + 0.2)
+    assert cost_of(outcomes(x=[0.1] * 100)) == pytest.approx(cost_of(outcomes()) + 2.0)
+
+
+def test_every_tuned_parameter_is_one_of_its_law_within_its_range():
+    (nominal,) = cases_named(("nominal",))
+    for entry in TUNED:
+        for end in (0, 1):
+            config_of(entry, nominal, {name: float(ends[end]) for name, ends in entry.space.items()})
+
+
+def test_tuned_values_are_read_and_checked(tmp_path):
+    path = tmp_path / "tuning.json"
+    path.write_text(json.dumps({"laws": {"polar": {"values": {"k_rho": 2.0}}}}))
+    (polar,) = (one for one in ENTRIES if one.name == "polar")
+    assert tuned_values(read_tuning(path), polar) == {"k_rho": 2.0}
+    assert tuned_values(read_tuning(path), ENTRIES[0]) == {}
+    with pytest.raises(InvalidValueError, match="tuning of polar = 'gain'"):
+        tuned_values({"laws": {"polar": {"values": {"gain": 2.0}}}}, polar)
+    for text in ("{", "[]", "{}"):
+        path.write_text(text)
+        with pytest.raises(DiffbotError, match=r"tuning\.json is no"):
+            read_tuning(path)
+    with pytest.raises(InvalidValueError, match="budget = 5"):
+        tune_all(TUNED, 5, 1, ())

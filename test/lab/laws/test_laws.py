@@ -1,0 +1,159 @@
+"""The laws of others: their formulas against closed forms, their limits, and compiled against plain."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from diffbot_control.law.limits import limit_change
+from diffbot_control.law.registry import registered_laws, resolve_law
+from diffbot_control.law.speed_profile import braking
+from diffbot_core.data_sheet import DataSheet
+from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import Twist
+from diffbot_core.uncertainty import CERTAIN, Estimate
+from diffbot_lab.benchmark.law_cases import cases_named
+from diffbot_lab.benchmark.law_entries import ENTRIES
+from diffbot_lab.benchmark.law_runs import case_of
+from diffbot_lab.laws.common import approach_speed
+from diffbot_lab.laws.graceful import graceful_curvature
+from diffbot_lab.laws.polar import Polar, PolarConfig, polar_law
+from diffbot_sim.compiled.batch import COLUMNS, Starts, run_batch
+from diffbot_sim.compiled.closed_loop import make_loop, prepared
+
+ORIGIN = Pose(0.0, 0.0, 0.0)
+LAWS = [name for name in registered_laws() if name != "switching"]
+STOPPING = [name for name in LAWS if name != "aicardi"]
+(MIX,) = cases_named(("mix",))
+SHEET = DataSheet(1.3, 2.6, 26.0, 0.5, 1.5)
+NO_HISTORY = np.empty((0, 8))
+
+
+def drive(law, config, pose, seconds, t_s=0.1):
+    """Drive a perfect robot; return the final pose, the commands and the last memory."""
+    memory, commands = law.new_memory(config), []
+    for index in range(round(seconds / t_s)):
+        memory, command, _ = law.step(memory, Estimate(pose, CERTAIN), ORIGIN, t_s if index else 0.0, config)
+        half = 0.5 * command.omega * t_s
+        chord = command.v * t_s * np.sinc(half / math.pi)
+        x, y = pose.x + chord * math.cos(pose.theta + half), pose.y + chord * math.sin(pose.theta + half)
+        pose = Pose(x, y, math.remainder(pose.theta + 2.0 * half, 2.0 * math.pi))
+        commands.append(command)
+    return pose, commands, memory
+
+
+def test_all_six_laws_are_registered():
+    assert [
+        *("aicardi", "feedback_linearisation", "graceful", "polar", "pure_pursuit", "rotate_drive_rotate"),
+    ] == LAWS
+    assert {one.law for one in ENTRIES} == {*LAWS, "switching"}
+
+
+@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("start", [(-3.0, 1.0, 0.5), (2.0, -1.0, -2.5), (0.5, 2.0, 3.0)])
+def test_a_law_drives_to_the_pose_and_says_so(name, start):
+    law = resolve_law(name)
+    pose, commands, memory = drive(law, law.Config(), Pose(*start), 60.0)
+    assert math.hypot(pose.x, pose.y) < 0.1
+    assert abs(pose.theta) < 0.1
+    assert memory.reached
+    assert commands[-1] == (
+        Twist(0.0, 0.0) if name != "feedback_linearisation" else pytest.approx((0.0, 0.0), abs=1e-2)
+    )
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_reached_is_not_said_while_the_robot_coasts(name):
+    """With a dead time the coasted pose is at the goal before the robot is."""
+    law = resolve_law(name)
+    config = law.Config()._replace(data_sheet=SHEET._replace(command_latency=0.5))
+    memory, queue, pose = law.new_memory(config), [Twist(0.0, 0.0)] * 5, Pose(-3.0, 0.1, 0.0)
+    for index in range(600):
+        memory, command, _ = law.step(memory, Estimate(pose, CERTAIN), ORIGIN, 0.1 if index else 0.0, config)
+        if memory.reached:
+            break
+        queue.append(command)
+        v, omega = queue.pop(0)
+        half = 0.05 * omega
+        x, y = pose.x + 0.1 * v * math.cos(pose.theta + half), pose.y + 0.1 * v * math.sin(pose.theta + half)
+        pose = Pose(x, y, pose.theta + 2.0 * half)
+    assert memory.reached
+    assert math.hypot(pose.x, pose.y) < 0.1
+
+
+poses = st.builds(Pose, *(st.floats(-5.0, 5.0),) * 2, st.floats(-3.1, 3.1))
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.sampled_from(LAWS), st.lists(poses, min_size=2, max_size=6), st.floats(0.2, 2.0), st.floats(0.3, 3.0))
+def test_no_limit_is_broken_whatever_the_estimates(name, jumps, a_max, omega_dot_max):
+    law = resolve_law(name)
+    sheet = SHEET._replace(a_max=a_max, omega_dot_max=omega_dot_max, command_latency=0.2, drive_time_constant=0.1)
+    config = law.Config()._replace(data_sheet=sheet)
+    memory, last = law.new_memory(config), Twist(0.0, 0.0)
+    for index, pose in enumerate(jumps * 3):
+        dt = 0.1 if index else 0.0
+        memory, command, _ = law.step(memory, Estimate(pose, CERTAIN), ORIGIN, dt, config)
+        assert abs(command.v) <= 1.3 + 1e-9
+        assert abs(command.omega) <= 2.6 + 1e-9
+        assert abs(command.v) + 0.3 * abs(command.omega) <= 1.3 + 1e-9
+        assert abs(command.v - last.v) <= a_max * dt + 1e-9
+        assert abs(command.omega - last.omega) <= omega_dot_max * dt + 1e-9
+        last = command
+
+
+@given(st.floats(0.0, 20.0), st.floats(0.1, 20.0), st.floats(0.05, 3.0))
+def test_the_braking_speed_stops_in_the_distance(distance, brake, time):
+    speed = braking(distance, brake, time)
+    assert speed**2 / (2.0 * brake) + speed * time == pytest.approx(distance, abs=1e-9)
+    assert braking(distance, math.inf, time) == pytest.approx(distance / time)
+
+
+def test_without_a_limit_of_acceleration_nothing_brakes():
+    assert approach_speed(0.01, DataSheet()) == math.inf
+    assert limit_change(Twist(1.0, 0.5), Twist(-1.0, 0.0), 0.1, DataSheet()) == Twist(1.0, 0.5)
+
+
+def test_the_curvature_of_park_and_kuipers():
+    # On the manifold, delta = atan(-k_phi phi), only the second term is left; the formula is theirs, Eq. (13).
+    phi, k_phi = 0.7, 1.5
+    delta = math.atan(-k_phi * phi)
+    expected = -(1.0 + k_phi / (1.0 + (k_phi * phi) ** 2)) * math.sin(delta) / 2.0
+    assert graceful_curvature(2.0, phi, delta, k_phi, 3.0) == pytest.approx(expected)
+    assert graceful_curvature(2.0, phi, delta, k_phi, 9.0) == pytest.approx(expected)
+    assert graceful_curvature(2.0, 0.0, 0.2, 0.0, 3.0) == pytest.approx(-(0.6 + math.sin(0.2)) / 2.0)
+
+
+def test_the_polar_law_near_the_goal_has_the_poles_of_its_linear_system():
+    """rho' = -k_rho rho; the poles of alpha and beta are those of the matrix in Siegwart and Nourbakhsh, Eq. (3.60)."""
+    config = PolarConfig(3.0, 8.0, -1.5)
+    twist = polar_law(2.0, 0.1, -0.2, config)
+    assert twist == pytest.approx((6.0, 8.0 * 0.1 + 1.5 * 0.2))
+    pose, _, _ = drive(
+        Polar, config._replace(stop=config.stop._replace(stop_distance=0.0)), Pose(-0.2, 0, 0), 1.0, 1e-3
+    )
+    assert math.hypot(pose.x, pose.y) == pytest.approx(0.2 * math.exp(-3.0), rel=0.02)
+
+
+@pytest.mark.parametrize("entry", [one for one in ENTRIES if one.everywhere], ids=lambda one: one.name)
+def test_compiled_and_plain_python_agree_in_the_realistic_mix(entry):
+    law = resolve_law(entry.law)
+    case = prepared(case_of(entry, MIX, {})._replace(steps=120))
+    start = Pose(-3.0, 1.5, 2.0)
+    compiled = run_batch(case, Starts(np.array([start])), 5, 2, 1, 1, law)[0]
+    plain = make_loop(law)(case, 5, 2, start, NO_HISTORY)
+    for name, one, other in zip(COLUMNS, compiled, plain, strict=True):
+        assert one == pytest.approx(other, rel=1e-7, abs=1e-7, nan_ok=True), name
+
+
+def test_each_law_goes_its_own_way():
+    (nominal,) = cases_named(("nominal",))
+    ends = set()
+    for entry in (one for one in ENTRIES if one.everywhere):
+        case = case_of(entry, nominal, {})._replace(steps=60)
+        ends.add(
+            tuple(run_batch(case, Starts(np.array([(-6.0, 3.0, 2.0)])), 1, 0, 1, 1, resolve_law(entry.law))[0][:2])
+        )
+    assert len(ends) == sum(one.everywhere for one in ENTRIES)

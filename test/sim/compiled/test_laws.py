@@ -1,0 +1,135 @@
+"""The loop under any law: found functions, the cache's version, plain Python where numba gives up."""
+
+import logging
+import math
+import sys
+
+import numpy as np
+import pytest
+
+from diffbot_control.law.controller import SwitchingLaw
+from diffbot_control.law.registry import resolve_law
+from diffbot_core.geometry import wrap_angle
+from diffbot_lab.cases import Configuration, configure, make_case
+from diffbot_sim.compiled.batch import Starts, run_batch
+from diffbot_sim.compiled.jit import law_version
+from diffbot_sim.compiled.reachable import reachable_functions
+
+LAW = """
+import math
+from typing import NamedTuple
+from diffbot_control.law import Report
+from diffbot_core import geometry
+from diffbot_core.kinematics import Twist
+
+class Config(NamedTuple):
+    gain: float = 0.5
+
+class Memory(NamedTuple):
+    reached: bool
+
+def helper(theta):
+    return geometry.wrap_angle(-theta)
+
+def new_memory(config):
+    return Memory(False)
+
+def step(memory, estimate, goal, dt, config):
+    omega = config.gain * helper(estimate.pose.theta)
+    return Memory(abs(omega) < 0.01), Twist(0.1, omega), Report(1.0, 0.0, 0.0, 0.0, 0.0, 0, 0.0)
+
+class Law:
+    name = "turner"
+    Config = Config
+    new_memory = staticmethod(new_memory)
+    step = staticmethod(step)
+"""
+START = Starts(np.array([(0.0, 0.0, 1.0)]))
+
+
+@pytest.fixture
+def write(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    names = []
+
+    def law(text, name="turning_law"):
+        names.append(name)
+        (tmp_path / f"{name}.py").write_text(text)
+        sys.modules.pop(name, None)
+        return resolve_law(f"{name}:Law")
+
+    yield law
+    for name in names:
+        sys.modules.pop(name, None)
+
+
+def case_for(law, **config):
+    return make_case(Configuration(), 5.0, feedback="truth")._replace(controller=law.Config(**config))
+
+
+def test_functions_are_found_through_modules_and_closures(write):
+    law = write(LAW)
+    found = reachable_functions(law.new_memory, law.step)
+    assert {one.__name__ for one in found} == {"new_memory", "step", "helper", "wrap_angle"}
+    assert wrap_angle in found
+
+    def inner():
+        return wrap_angle(1.0)
+
+    def outer():
+        return inner()
+
+    assert set(reachable_functions(outer)) == {outer, inner, wrap_angle}
+
+
+def test_a_law_of_another_module_is_compiled_and_its_config_counts(write, caplog):
+    law = write(LAW)
+    ends = [run_batch(case_for(law, gain=gain), START, 1, 0, 1, 1, law)[0] for gain in (0.5, 1.0)]
+    assert caplog.records == []
+    # theta' = -gain theta, and 0.1 m/s ahead; +-5 % noise per wheel.
+    for gain, end in zip((0.5, 1.0), ends, strict=True):
+        assert end[2] == pytest.approx((1.0 - 0.1 * gain) ** 50, abs=0.03)
+
+
+def test_a_law_that_does_not_compile_runs_as_plain_python_and_says_so_once(write, caplog):
+    # numba knows no import inside a function.
+    plain = LAW.replace("    return geometry", "    import decimal\n    return geometry")
+    law = write(plain.replace('"turner"', '"plain"'), "plain_law")
+    with caplog.at_level(logging.WARNING):
+        found = [run_batch(case_for(law), START, 1, 0, 1, 1, law)[0] for _ in range(2)]
+    said = [record.getMessage() for record in caplog.records]
+    assert len(said) == 1
+    assert said[0].startswith("law plain runs as plain Python, numba cannot compile it: ")
+    assert "\n" not in said[0]
+    compiled = write(LAW, "compiled_law")
+    expected = run_batch(case_for(compiled), START, 1, 0, 1, 1, compiled)[0]
+    for one in found:
+        np.testing.assert_allclose(one, expected, rtol=1e-9, atol=1e-12)
+
+
+def test_another_source_is_another_version(write):
+    assert law_version(write(LAW)) == law_version(write(LAW))
+    assert law_version(write(LAW)) != law_version(write(LAW + "\n# changed\n", "turning_law_2"))
+
+
+def test_reached_and_turning_are_counted():
+    case = make_case(Configuration(), 20.0, feedback="truth")
+    turned = run_batch(case, Starts(np.array([(0.0, 0.0, 2.0)])), 1, 0, 1, 1)[0]
+    assert turned[9] == pytest.approx(2.0, abs=0.2)  # [rad] on the spot
+    assert 1.0 < turned[10] < 10.0
+    assert turned[11] == 0.0
+    far = run_batch(case, Starts(np.array([(500.0, 0.0, 2.0)])), 1, 0, 1, 1)[0]
+    assert far[9] == 0.0
+    assert math.isnan(far[10])
+
+
+def test_a_wrong_reached_is_counted(write):
+    liar = write(LAW.replace("abs(omega) < 0.01", "True"), "lying_law")
+    assert run_batch(case_for(liar), START, 1, 0, 1, 1, liar)[0][10:].tolist() == [0.0, 1.0]
+
+
+def test_parameters_go_to_the_law_that_drives():
+    polar = resolve_law("polar")
+    found = configure({"k_rho": 2.0, "linear.x.max_velocity": 0.7}, polar).controller
+    assert (found.k_rho, found.data_sheet.v_max) == (2.0, 0.7)
+    assert isinstance(configure({}).controller, SwitchingLaw.Config)
