@@ -52,6 +52,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     for add in (_add_demo, _add_experiment, _add_campaign, _add_stability, _add_benchmark, _add_run, _add_replay):
         add(commands)
+    _add_import(commands)
     return parser
 
 
@@ -137,6 +138,18 @@ def _add_replay(commands: Any) -> None:
     _add_flags(replay, ReplayConfig, without=("uri",))
     replay.add_argument("--ros-args", dest="ros_args", nargs=argparse.REMAINDER, default=[], help="remappings ...")
     replay.set_defaults(call=_replay)
+
+
+def _add_import(commands: Any) -> None:
+    datasets = commands.add_parser("import", help="write a bag of a public data set (docs/real-robots.md)")
+    names = datasets.add_subparsers(required=True, metavar="DATASET", dest="dataset")
+    mrclam = names.add_parser("mrclam", help="one robot of a set of MR.CLAM")
+    labyrinth = names.add_parser("labyrinth", help="the Labyrinth data set, indoor radio ranges")
+    for one in (mrclam, labyrinth):
+        one.add_argument("folder", type=Path, help="folder of the downloaded text files")
+        one.add_argument("--out", type=Path, required=True, help="folder of the bag, which must not exist")
+        one.set_defaults(call=_import)
+    mrclam.add_argument("--robot", type=_whole(1, 5), required=True, help="its number, 1 to 5")
 
 
 def _add_flags(parser: argparse.ArgumentParser, config_type: type[Any], without: tuple[str, ...] = ()) -> None:
@@ -231,6 +244,14 @@ def _benchmark(options: argparse.Namespace) -> int:
     out = folder if options.out is None else options.out
     run_and_report = importlib.import_module(module).run_and_report
     return int(run_and_report(options.runs or runs, options.seed, out, options.figures))
+
+
+def _import(options: argparse.Namespace) -> int:
+    from diffbot_lab.dataset import command as dataset_command  # noqa: PLC0415
+
+    if options.dataset == "mrclam":
+        return dataset_command.import_mrclam(options.folder, options.robot, options.out)
+    return dataset_command.import_labyrinth(options.folder, options.out)
 
 
 def _run_node(options: argparse.Namespace) -> int:
