@@ -53,6 +53,7 @@ def _parser() -> argparse.ArgumentParser:
     for add in (_add_demo, _add_experiment, _add_campaign, _add_stability, _add_benchmark, _add_run, _add_replay):
         add(commands)
     _add_import(commands)
+    _add_refilter(commands)
     return parser
 
 
@@ -150,6 +151,26 @@ def _add_import(commands: Any) -> None:
         one.add_argument("--out", type=Path, required=True, help="folder of the bag, which must not exist")
         one.set_defaults(call=_import)
     mrclam.add_argument("--robot", type=_whole(1, 5), required=True, help="its number, 1 to 5")
+
+
+def _add_refilter(commands: Any) -> None:
+    refilter = commands.add_parser("refilter", help="run the filter over a recorded bag, without a graph")
+    refilter.add_argument("bag", type=Path, help="folder of the bag, or an .mcap file")
+    refilter.add_argument("--params", type=Path, help="ROS parameter file (default: ekf.yaml in the folder of the bag)")
+    refilter.add_argument("--out", type=Path, required=True, help="folder of the new bag, which must not exist")
+    refilter.add_argument("--compare", metavar="TOPIC", help="true poses in the bag, e.g. /ground_truth")
+    refilter.add_argument(
+        "--remap", type=_remapping, nargs="+", default=[], metavar="NAME:=TOPIC", help="e.g. odom:=/robot1/odom"
+    )
+    refilter.set_defaults(call=_refilter)
+
+
+def _remapping(text: str) -> tuple[str, str]:
+    name, found, topic = text.partition(":=")
+    inputs = ("global_pose", "heading", "landmarks", "initialpose", "odom", "joint_states")
+    if not found or not topic or name.lstrip("/") not in inputs:
+        raise argparse.ArgumentTypeError(f"{text!r}: must be NAME:=TOPIC with a NAME of {', '.join(inputs)}")
+    return name.lstrip("/"), topic
 
 
 def _add_flags(parser: argparse.ArgumentParser, config_type: type[Any], without: tuple[str, ...] = ()) -> None:
@@ -252,6 +273,13 @@ def _import(options: argparse.Namespace) -> int:
     if options.dataset == "mrclam":
         return dataset_command.import_mrclam(options.folder, options.robot, options.out)
     return dataset_command.import_labyrinth(options.folder, options.out)
+
+
+def _refilter(options: argparse.Namespace) -> int:
+    from diffbot_lab.refilter import command as refilter_command  # noqa: PLC0415
+
+    remap = {name: str(topic) for name, topic in _once("--remap", options.remap).items()}
+    return refilter_command.run(options.bag, options.params, options.out, options.compare, remap)
 
 
 def _run_node(options: argparse.Namespace) -> int:

@@ -94,6 +94,8 @@ class GatedFilter:
         self.memory = Memory(Belief(np.zeros(states), P), None, new_gate(), new_adaptation())
         self.nis = math.nan
         """normalised innovation squared of the newest measurement"""
+        self.innovation: tuple[Array, Array] = (np.zeros(0), np.zeros((0, 0)))
+        """its innovation (m,) and the covariance S (m, m); valid if the NIS is finite"""
 
     def reset_to(self, pose: Pose, P: Array) -> None:
         """Put the filter at a pose with covariance ``P`` (3, 3); radius errors and adaptation stay."""
@@ -142,6 +144,7 @@ class GatedFilter:
         if adaptive:
             fix = PoseFix(fix.stamp, fix.pose, _scaled_noise(fix.R, old))
         belief, self.nis = self._corrected(before, fix)
+        self.innovation = self._ekf.y, self._ekf.S
         innovation = self._normalised_innovation() if adaptive else None
         other, candidate_nis = None, math.nan
         if candidate is not None and not is_expected(gate, self.nis, FIX, options):
@@ -178,6 +181,7 @@ class GatedFilter:
         before, candidate, gate, adaptation = self.memory
         kind = HEADING if isinstance(measurement, Heading) else LANDMARK
         belief, self.nis = self._corrected(before, measurement)
+        self.innovation = self._ekf.y, self._ekf.S
         gate, decision = decide(gate, self.nis, math.nan, kind, self.options)
         if decision.outcome == RELOCATED:
             x, y, theta = before.x.tolist()[:3]

@@ -18,6 +18,7 @@ from diffbot_bag.new_bag import new_bag
 from diffbot_bag.qos import Qos
 from diffbot_control.filter.models import move
 from diffbot_control.ros.landmark_cloud import fill_landmark_points
+from diffbot_control.ros.message_fields import fill_unestimated
 from diffbot_core.geometry import Pose, quaternion_of_yaw
 from diffbot_core.units import NS_PER_S, S_PER_NS
 from diffbot_lab.dataset.drive import Cloud, Drive, Measured, TruePose, start_of
@@ -83,7 +84,7 @@ def _initialpose(drive: Drive, stamp: int, pose: Pose) -> bytes:
     xy, yaw = drive.start_sigmas
     _fill(message, pose)
     message.pose_covariance[[0, 7, 35]] = xy**2, xy**2, yaw**2
-    message.pose_covariance[[14, 21, 28]] = UNKNOWN_VARIANCE
+    fill_unestimated(message.pose_covariance)
     return message.encode(stamp)
 
 
@@ -96,7 +97,7 @@ def _cloud(encoder: Encoder, cloud: Cloud) -> _Event:
 
 def _truth(truth: list[TruePose]) -> Iterator[_Event]:
     message = NumbersMessage(ODOMETRY, MAP, BASE)
-    message.pose_covariance[[14, 21, 28]] = UNKNOWN_VARIANCE
+    fill_unestimated(message.pose_covariance)
     message.twist_covariance[::7] = UNKNOWN_VARIANCE
     for stamp, pose in truth:
         known = math.isfinite(pose.theta)

@@ -9,7 +9,7 @@ from lockstep_drive import assert_same_path, go
 from nav_msgs.msg import Odometry
 from robot import distance, lockstep, pose_stamped, robot, turned, twist
 
-from diffbot_control.ros.messages import set_stamp
+from diffbot_control.ros.message_fields import set_stamp
 
 FILTERED = {"pose_source": "odometry"}
 GOAL = (1.0, 2.0, 0.5)
