@@ -16,6 +16,7 @@ from diffbot_control.law.presets import PRESETS, TUNED
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.schema import build, parameters_of, to_dict
 from diffbot_lab.campaign.options import CampaignOptions, load_yaml
+from diffbot_lab.data_commands import add_import, add_refilter
 
 NODES = {
     "plant": "diffbot_sim.plant_node",
@@ -29,6 +30,7 @@ BENCHMARKS = {
     "localization": ("diffbot_lab.benchmark.filter", 200, Path("out/localization")),
 }
 """Module, default number of runs, default folder."""
+REAL = "real"
 MAX_SEED = 2**63 - 1
 
 
@@ -52,8 +54,8 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     for add in (_add_demo, _add_experiment, _add_campaign, _add_stability, _add_benchmark, _add_run, _add_replay):
         add(commands)
-    _add_import(commands)
-    _add_refilter(commands)
+    add_import(commands)
+    add_refilter(commands)
     return parser
 
 
@@ -108,18 +110,19 @@ def _add_stability(commands: Any) -> None:
 
 def _add_benchmark(commands: Any) -> None:
     benchmark = commands.add_parser(
-        "benchmark", help="the law and its peers, or the filter's variants, on the same drives and noise"
+        "benchmark", help="the law and its peers, the filter's variants, or the filter on drives of real robots"
     )
     benchmark.add_argument(
-        "what", nargs="?", choices=tuple(BENCHMARKS), default="switching", help="%(default)s if none"
+        "what", nargs="?", choices=(*BENCHMARKS, REAL), default="switching", help="%(default)s if none"
     )
+    benchmark.add_argument("folder", type=Path, nargs="?", help="real: folder of a data set (docs/real-robots.md)")
     benchmark.add_argument(
         "--runs",
         type=_whole(1, 10**5),
         help="switching: of each start (default: 100); localization: of each case (default: 200)",
     )
     benchmark.add_argument("--seed", type=_whole(0, MAX_SEED), default=1, help="seed of all noise")
-    benchmark.add_argument("--out", type=Path, help="folder (default: out/benchmark, out/localization)")
+    benchmark.add_argument("--out", type=Path, help="folder (default: out/benchmark, out/localization, out/real)")
     benchmark.add_argument("--no-figures", dest="figures", action="store_false", help="results.json and table only")
     benchmark.set_defaults(call=_benchmark)
 
@@ -139,38 +142,6 @@ def _add_replay(commands: Any) -> None:
     _add_flags(replay, ReplayConfig, without=("uri",))
     replay.add_argument("--ros-args", dest="ros_args", nargs=argparse.REMAINDER, default=[], help="remappings ...")
     replay.set_defaults(call=_replay)
-
-
-def _add_import(commands: Any) -> None:
-    datasets = commands.add_parser("import", help="write a bag of a public data set (docs/real-robots.md)")
-    names = datasets.add_subparsers(required=True, metavar="DATASET", dest="dataset")
-    mrclam = names.add_parser("mrclam", help="one robot of a set of MR.CLAM")
-    labyrinth = names.add_parser("labyrinth", help="the Labyrinth data set, indoor radio ranges")
-    for one in (mrclam, labyrinth):
-        one.add_argument("folder", type=Path, help="folder of the downloaded text files")
-        one.add_argument("--out", type=Path, required=True, help="folder of the bag, which must not exist")
-        one.set_defaults(call=_import)
-    mrclam.add_argument("--robot", type=_whole(1, 5), required=True, help="its number, 1 to 5")
-
-
-def _add_refilter(commands: Any) -> None:
-    refilter = commands.add_parser("refilter", help="run the filter over a recorded bag, without a graph")
-    refilter.add_argument("bag", type=Path, help="folder of the bag, or an .mcap file")
-    refilter.add_argument("--params", type=Path, help="ROS parameter file (default: ekf.yaml in the folder of the bag)")
-    refilter.add_argument("--out", type=Path, required=True, help="folder of the new bag, which must not exist")
-    refilter.add_argument("--compare", metavar="TOPIC", help="true poses in the bag, e.g. /ground_truth")
-    refilter.add_argument(
-        "--remap", type=_remapping, nargs="+", default=[], metavar="NAME:=TOPIC", help="e.g. odom:=/robot1/odom"
-    )
-    refilter.set_defaults(call=_refilter)
-
-
-def _remapping(text: str) -> tuple[str, str]:
-    name, found, topic = text.partition(":=")
-    inputs = ("global_pose", "heading", "landmarks", "initialpose", "odom", "joint_states")
-    if not found or not topic or name.lstrip("/") not in inputs:
-        raise argparse.ArgumentTypeError(f"{text!r}: must be NAME:=TOPIC with a NAME of {', '.join(inputs)}")
-    return name.lstrip("/"), topic
 
 
 def _add_flags(parser: argparse.ArgumentParser, config_type: type[Any], without: tuple[str, ...] = ()) -> None:
@@ -261,25 +232,16 @@ def _stability(options: argparse.Namespace) -> int:
 
 
 def _benchmark(options: argparse.Namespace) -> int:
+    if (options.what == REAL) != (options.folder is not None):
+        raise DiffbotError(f"benchmark: {REAL} needs the folder of a data set, the others take none")
+    if options.what == REAL:
+        from diffbot_lab.dataset import benchmark as real_benchmark  # noqa: PLC0415
+
+        return real_benchmark.run_and_report(options.folder, options.out or Path("out/real"), options.figures)
     module, runs, folder = BENCHMARKS[options.what]
     out = folder if options.out is None else options.out
     run_and_report = importlib.import_module(module).run_and_report
     return int(run_and_report(options.runs or runs, options.seed, out, options.figures))
-
-
-def _import(options: argparse.Namespace) -> int:
-    from diffbot_lab.dataset import command as dataset_command  # noqa: PLC0415
-
-    if options.dataset == "mrclam":
-        return dataset_command.import_mrclam(options.folder, options.robot, options.out)
-    return dataset_command.import_labyrinth(options.folder, options.out)
-
-
-def _refilter(options: argparse.Namespace) -> int:
-    from diffbot_lab.refilter import command as refilter_command  # noqa: PLC0415
-
-    remap = {name: str(topic) for name, topic in _once("--remap", options.remap).items()}
-    return refilter_command.run(options.bag, options.params, options.out, options.compare, remap)
 
 
 def _run_node(options: argparse.Namespace) -> int:

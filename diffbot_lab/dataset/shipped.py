@@ -15,7 +15,8 @@ MRCLAM = MappingProxyType(
         # Its odometry is the command, uncalibrated: scale errors of about 10 %.
         "wheel_radius_sigma": 0.1,
         "wheel_radius_walk": 1e-3,
-        "wheel_noise": 0.5,
+        # An error per message, so at 67 Hz even the largest value allowed is little per metre.
+        "wheel_noise": 1.0,
         # Measurements of neighbouring times share their errors, so one is worth less than its scatter says.
         "landmark_range_sigma": 0.15,
         "landmark_bearing_sigma": 0.06,
