@@ -50,9 +50,9 @@ class _RecordingMonitor(InnovationMonitor):
 
     outcome = IGNORED
 
-    def record(self, kind: int, nis: float, outcome: int) -> None:
+    def record(self, kind: int, nis: float, outcome: int, *more: Any) -> None:
         """Add a measurement, as the base class does."""
-        super().record(kind, nis, outcome)
+        super().record(kind, nis, outcome, *more)
         self.outcome = outcome
 
 

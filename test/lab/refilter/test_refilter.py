@@ -215,3 +215,12 @@ def test_command_refuses_in_one_line(bag, tmp_path, arguments, words):
     assert len(done.stderr.splitlines()) == 1, done.stderr
     assert words in done.stderr
     assert not (tmp_path / "out").exists()
+
+
+def test_remapping_of_an_unknown_input_is_a_usage_error(bag, tmp_path):
+    command = ["refilter", str(bag), "--out", str(tmp_path / "out"), "--remap", "odometry:=/odom"]
+    done = subprocess.run(
+        [sys.executable, "-m", "diffbot_lab.cli", *command], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 2
+    assert "must be NAME:=TOPIC" in done.stderr
