@@ -36,10 +36,11 @@ def add_refilter(commands: Any) -> None:
 
 
 def _remapping(text: str) -> tuple[str, str]:
+    from diffbot_lab.refilter.filter_run import INPUTS  # noqa: PLC0415 - loads scipy
+
     name, found, topic = text.partition(":=")
-    inputs = ("global_pose", "heading", "landmarks", "initialpose", "odom", "joint_states")
-    if not found or not topic or name.lstrip("/") not in inputs:
-        raise argparse.ArgumentTypeError(f"{text!r}: must be NAME:=TOPIC with a NAME of {', '.join(inputs)}")
+    if not found or not topic or name.lstrip("/") not in INPUTS:
+        raise argparse.ArgumentTypeError(f"{text!r}: must be NAME:=TOPIC with a NAME of {', '.join(INPUTS)}")
     return name.lstrip("/"), topic
 
 
