@@ -13,6 +13,7 @@ from mcap.well_known import MessageEncoding
 from mcap_ros2.decoder import DecoderFactory
 
 from diffbot_bag import metadata
+from diffbot_bag.encoding import decode_numbers_message
 from diffbot_bag.mcap_file import DAMAGE, McapFile
 from diffbot_bag.metadata import BagMetadata, Topic
 from diffbot_core.errors import DiffbotError
@@ -167,7 +168,7 @@ class BagReader:
                 # The factory caches decoders by schema id, which is unique only within a file.
                 decoders[key] = _decoder(DecoderFactory(), channel, schema)
             try:
-                content = decoders[key](message.data)
+                content = decode_numbers_message(key[0], message.data) or decoders[key](message.data)
             except DAMAGE as error:
                 raise DiffbotError(f"{self.path}: cannot decode {channel.topic} at {message.log_time} ns") from error
             yield DecodedMessage(channel.topic, content, message.log_time, message.publish_time)

@@ -33,13 +33,12 @@ from diffbot_control.law.reapproach import PHASE_NAMES
 from diffbot_control.law.regions import REGION_NAMES
 from diffbot_control.law.supervisor import Supervisor
 from diffbot_control.ros.controller_parameters import CONTROLLER_PRESETS, ControllerNodeConfig
+from diffbot_control.ros.message_fields import fill_twist, set_stamp
 from diffbot_control.ros.messages import (
-    fill_twist,
     goal_from,
     labelled_array,
     path_from,
     pose_from,
-    set_stamp,
     twist_message,
 )
 from diffbot_core.kinematics import Twist

@@ -9,7 +9,6 @@ if __name__ == "__main__":  # before the imports that take long: see launcher
 
 import math
 import time
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -21,33 +20,22 @@ from std_srvs.srv import Trigger
 
 from diffbot_control.filter.innovation_monitor import KINDS
 from diffbot_control.filter.localization import Estimate, Localization
-from diffbot_control.filter.measurements import Array, Measurement, OdometryStep
-from diffbot_control.filter.models import RadiusErrors, with_radius_errors, with_separation_error
+from diffbot_control.filter.measurements import Measurement, OdometryStep
 from diffbot_control.filter.state_file import BrokenStateError, StateKeeper, state_path
+from diffbot_control.ros.ekf_messages import EkfInputs, corrected_twist
 from diffbot_control.ros.ekf_parameters import EkfNodeConfig
-from diffbot_control.ros.messages import (
-    TFMessage,
+from diffbot_control.ros.message_fields import (
     fill_planar_covariance,
     fill_pose,
     fill_twist,
     fill_twist_covariance,
-    odometry_message,
-    pose_message,
     pose_of,
     set_stamp,
-    transform_message,
 )
-from diffbot_control.ros.sensor_messages import (
-    KnownNoise,
-    fix_from,
-    heading_from,
-    landmarks_from,
-    odometry_from,
-    wheel_speeds_from,
-)
+from diffbot_control.ros.messages import TFMessage, odometry_message, pose_message, transform_message
+from diffbot_control.ros.sensor_messages import KnownNoise
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose, into_frame, out_of_frame
-from diffbot_core.kinematics import Twist, body_twist, encoder_covariance
 from diffbot_core.ros.node import LATCHED, QUEUE, DiffbotNode, run, status_message
 from diffbot_core.units import S_PER_NS
 
@@ -75,13 +63,12 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         self._transforms = self._transform_publisher(config.publish_tf)
         self._last_state = ""
         self._last_odometry: int | None = None
-        self._landmarks = config.landmarks.points()
-        self._configure_noise()
+        self._inputs = EkfInputs(config)
         self._keeper = self._restore()
         # Fixes before odometry: an executor that finds both waiting handles them in this order.
         self.subscribe(PoseWithCovarianceStamped, "global_pose", self._on_fix)
         self.subscribe(Imu, "heading", self._on_heading)
-        if self._landmarks:
+        if self._inputs.landmark_points:
             self.subscribe(PointCloud2, "landmarks", self._on_landmarks)
         self.subscribe(PoseWithCovarianceStamped, "initialpose", self._on_initialpose)
         if config.odometry_source == "odom":
@@ -97,7 +84,7 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
     def on_config(self, config: EkfNodeConfig) -> None:
         """Apply changed options."""
         self.localization.configure(config.localization, config.wheels.wheel_separation)
-        self._configure_noise()
+        self._inputs = EkfInputs(config)
 
     def before_shutdown(self) -> None:
         """Save the state, if there is a state file."""
@@ -129,28 +116,18 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
             return None
         return self.create_publisher(TFMessage, "/tf", QUEUE)
 
-    def _configure_noise(self) -> None:
-        noise = self.config.noise
-        always = noise.override_covariance
-        xy, yaw = noise.global_pose_sigma_xy, noise.global_pose_sigma_yaw
-        self._fix_noise = KnownNoise(_diagonal((xy, xy, yaw)), always)
-        self._heading_noise = KnownNoise(_diagonal((noise.heading_sigma,)), always)
-        landmark = _diagonal((noise.landmark_range_sigma, noise.landmark_bearing_sigma))
-        self._landmark_noise = KnownNoise(landmark, always, noise.landmark_range_sigma_per_metre)
-
     def _on_fix(self, message: PoseWithCovarianceStamped) -> None:
-        fix = fix_from(message, self.config.map_frame, self._fix_noise)
+        fix = self._inputs.fix(message)
         self.localization.on_measurement(fix)
-        self._count_fallback("global_pose", fix, self._fix_noise)
+        self._count_fallback("global_pose", fix, self._inputs.fix_noise)
 
     def _on_heading(self, message: Imu) -> None:
-        heading = heading_from(message, self.config.base_link_frame, self._heading_noise)
+        heading = self._inputs.heading(message)
         self.localization.on_measurement(heading)
-        self._count_fallback("heading", heading, self._heading_noise)
+        self._count_fallback("heading", heading, self._inputs.heading_noise)
 
     def _on_landmarks(self, message: PointCloud2) -> None:
-        frame = self.config.base_link_frame
-        measurements, unknown = landmarks_from(message, frame, self._landmarks, self._landmark_noise)
+        measurements, unknown = self._inputs.landmarks(message)
         if unknown:
             self.health.counted["landmarks of unknown number"] += unknown
         for measurement in measurements:
@@ -186,22 +163,19 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
             self.get_logger().error(f"cannot write state_file: {error.strerror or error}", throttle_duration_sec=60.0)
 
     def _on_initialpose(self, message: PoseWithCovarianceStamped) -> None:
-        # Its covariance was chosen by the user, so override_covariance does not apply; the fallback does.
-        fix = fix_from(message, self.config.map_frame, self._fix_noise._replace(always=False))
-        self._count_fallback("initialpose", fix, self._fix_noise)
+        fix = self._inputs.initialpose(message)
+        self._count_fallback("initialpose", fix, self._inputs.fix_noise)
         x, y, theta = fix.pose
         self.localization.initialise(fix.pose, fix.R, fix.stamp or None)
         self.get_logger().info(f"initialised at x {x:.3f} m, y {y:.3f} m, heading {theta:.3f} rad")
 
     def _on_odometry(self, message: Odometry) -> None:
-        estimate = self._answer(odometry_from(message, self.config.base_link_frame))
+        estimate = self._answer(self._inputs.odometry(message))
         if self._transforms is not None:
             self._send_transform(estimate, pose_of(message.pose.pose))
 
     def _on_joint_states(self, message: JointState) -> None:
-        stamp, speeds = wheel_speeds_from(message, self.config.left_wheel_name, self.config.right_wheel_name)
-        covariance = encoder_covariance(speeds, self.config.wheel_noise, self.config.wheels)
-        self._answer(OdometryStep(stamp, body_twist(speeds, self.config.wheels), covariance))
+        self._answer(self._inputs.joint_states(message))
 
     def _answer(self, odometry: OdometryStep) -> Estimate:
         self._last_odometry = time.monotonic_ns()
@@ -222,19 +196,11 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         set_stamp(message.header.stamp, estimate.stamp)
         fill_pose(message.pose.pose, estimate.pose)
         fill_planar_covariance(message.pose.covariance, estimate.P)
-        fill_twist(message.twist.twist, self._true_twist(odometry.twist))
+        L = self.config.wheels.wheel_separation
+        fill_twist(message.twist.twist, corrected_twist(odometry.twist, self.localization.filter, L))
         fill_twist_covariance(message.twist.covariance, odometry.covariance)
         self._filtered_odometry.publish(message)
         self.health.sent["odometry/filtered"] += 1
-
-    def _true_twist(self, measured: Twist) -> Twist:
-        """Return the twist corrected by the estimated wheel errors."""
-        wheels = self.localization.filter.wheels()
-        if wheels is None:
-            return measured
-        left, right, *separation = wheels.errors.tolist()
-        twist = with_radius_errors(measured, RadiusErrors(left, right), self.config.wheels.wheel_separation)
-        return with_separation_error(twist, separation[0]) if separation else twist
 
     def _send_transform(self, estimate: Estimate, in_odom: Pose) -> None:
         origin = into_frame(Pose(0.0, 0.0, 0.0), in_odom)  # of odom in the robot's frame
@@ -275,11 +241,6 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         if self.localization.dropped_before_odometry:
             values["measurements before the first odometry"] = str(self.localization.dropped_before_odometry)
         return values
-
-
-def _diagonal(sigmas: Sequence[float]) -> Array | None:
-    """Return the covariance of independent errors; None if a standard deviation is 0: unknown."""
-    return np.diag(np.square(sigmas)) if all(sigmas) else None
 
 
 def main(args: list[str] | None = None) -> int:

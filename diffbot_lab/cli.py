@@ -16,6 +16,7 @@ from diffbot_control.law.presets import PRESETS, TUNED
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.schema import build, parameters_of, to_dict
 from diffbot_lab.campaign.options import CampaignOptions, load_yaml
+from diffbot_lab.data_commands import add_import, add_refilter
 
 NODES = {
     "plant": "diffbot_sim.plant_node",
@@ -30,6 +31,7 @@ BENCHMARKS = {
     "tune": (102, Path("out/tuning")),
 }
 """Default number of runs, default folder."""
+REAL = "real"
 MAX_SEED = 2**63 - 1
 
 
@@ -53,6 +55,8 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     for add in (_add_demo, _add_experiment, _add_campaign, _add_stability, _add_benchmark, _add_run, _add_replay):
         add(commands)
+    add_import(commands)
+    add_refilter(commands)
     return parser
 
 
@@ -106,10 +110,13 @@ def _add_stability(commands: Any) -> None:
 
 
 def _add_benchmark(commands: Any) -> None:
-    benchmark = commands.add_parser("benchmark", help="the law and its peers, their tuning, or the filter's variants")
-    benchmark.add_argument(
-        "what", nargs="?", choices=tuple(BENCHMARKS), default="switching", help="%(default)s if none"
+    benchmark = commands.add_parser(
+        "benchmark", help="the law and its peers, their tuning, the filter's variants, or the filter on real drives"
     )
+    benchmark.add_argument(
+        "what", nargs="?", choices=(*BENCHMARKS, REAL), default="switching", help="%(default)s if none"
+    )
+    benchmark.add_argument("folder", type=Path, nargs="?", help="real: folder of a data set (docs/real-robots.md)")
     benchmark.add_argument(
         "--runs",
         type=_whole(1, 10**5),
@@ -117,7 +124,7 @@ def _add_benchmark(commands: Any) -> None:
         "tune: of each case in an evaluation (default: 102)",
     )
     benchmark.add_argument("--seed", type=_whole(0, MAX_SEED), default=1, help="seed of all noise")
-    benchmark.add_argument("--out", type=Path, help="folder (default: out/benchmark, out/localization, out/tuning)")
+    benchmark.add_argument("--out", type=Path, help="folder (default: out/benchmark, localization, tuning, real)")
     benchmark.add_argument(
         "--law",
         action="append",
@@ -239,6 +246,12 @@ def _stability(options: argparse.Namespace) -> int:
 
 
 def _benchmark(options: argparse.Namespace) -> int:
+    if (options.what == REAL) != (options.folder is not None):
+        raise DiffbotError(f"benchmark: {REAL} needs the folder of a data set, the others take none")
+    if options.what == REAL:
+        from diffbot_lab.dataset import benchmark as real_benchmark  # noqa: PLC0415
+
+        return real_benchmark.run_and_report(options.folder, options.out or Path("out/real"), options.figures)
     number, folder = BENCHMARKS[options.what]
     runs, out = options.runs or number, options.out or folder
     laws, cases = tuple(options.law), tuple(options.case)

@@ -15,7 +15,7 @@ from geometry_msgs.msg import TwistStamped
 from rclpy.qos import QoSProfile
 from std_srvs.srv import SetBool, Trigger
 
-from diffbot_control.ros.messages import twist_from
+from diffbot_control.ros.message_fields import twist_from
 from diffbot_core.kinematics import Twist
 from diffbot_core.ros.node import DiffbotNode, run
 from diffbot_core.units import NS_PER_S

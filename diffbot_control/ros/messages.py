@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable
 from typing import Any
 
-import numpy as np
-from builtin_interfaces.msg import Time
 from geometry_msgs.msg import (
     PoseStamped,
     PoseWithCovarianceStamped,
-    Quaternion,
     TransformStamped,
     TwistStamped,
 )
@@ -22,79 +17,24 @@ from nav_msgs.msg import Odometry, Path
 from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension
 
 from diffbot_control.filter.covariance import check_covariance, uncertainty_of
-from diffbot_control.filter.measurements import Array
+from diffbot_control.ros.message_fields import (
+    check_frame,
+    fill_pose,
+    fill_unestimated,
+    planar_block,
+    pose_of,
+    set_stamp,
+    stamp_ns,
+)
 from diffbot_core.errors import BadMessageError
-from diffbot_core.geometry import MAX_COORDINATE, Pose, quaternion_of_yaw, yaw_of_quaternion
-from diffbot_core.kinematics import Twist, TwistCovariance
+from diffbot_core.geometry import Pose, quaternion_of_yaw
 from diffbot_core.uncertainty import Uncertainty
-from diffbot_core.units import NS_PER_S
 
 try:
     # The alias marks it as a re-export.
     from tf2_msgs.msg import TFMessage as TFMessage  # noqa: PLC0414
 except ImportError:  # no wheel contains tf2_msgs; the nodes log once that they publish no TF
     TFMessage = None
-
-
-MAX_SPEED = 1e4
-"""[m/s], [rad/s] larger speeds are refused as errors."""
-
-# Places of (x, y, yaw) in the row-major 6 x 6 covariance of REP-103's (x, y, z, roll, pitch, yaw).
-_PLANAR = np.array([0, 1, 5, 6, 7, 11, 30, 31, 35])
-
-
-def stamp_ns(stamp: Time) -> int:
-    """Return a stamp as nanoseconds; it is copied to answers, so it must be one that :func:`set_stamp` can write."""
-    if stamp.nanosec >= NS_PER_S:
-        raise BadMessageError("stamp not normalised", f"{stamp.nanosec} ns")
-    return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
-
-
-def set_stamp(stamp: Time, nanoseconds: int) -> None:
-    """Write nanoseconds into a stamp in place."""
-    stamp.sec, stamp.nanosec = divmod(nanoseconds, NS_PER_S)
-
-
-def check_frame(frame: str, expected: str, field: str = "frame_id") -> None:
-    """Refuse a message in another frame than ``expected``."""
-    if frame != expected:
-        raise BadMessageError(f"wrong {field}", f"{frame[:80]!r}, not {expected!r}")
-
-
-def check_numbers(numbers: Iterable[float], limit: float, what: str) -> None:
-    """Refuse numbers that are not finite or larger than ``limit``; ``what`` names them in the error."""
-    for number in numbers:
-        if not -limit <= number <= limit:
-            kind = f"{what} out of range" if math.isfinite(number) else f"{what} not finite"
-            raise BadMessageError(kind, f"{number!r}")
-
-
-def yaw_of(orientation: Quaternion) -> float:
-    """Yaw [rad] of an orientation; its squared length may differ from 1 by a tenth, for rounding by hand."""
-    x, y, z, w = orientation.x, orientation.y, orientation.z, orientation.w
-    square = x * x + y * y + z * z + w * w
-    if not math.isfinite(square):
-        raise BadMessageError("orientation not finite")
-    if not 0.9 <= square <= 1.1:
-        raise BadMessageError("orientation is no unit quaternion", f"squared length {square:g}")
-    return yaw_of_quaternion(x, y, z, w)
-
-
-def pose_of(message: Any) -> Pose:
-    """Planar pose of a geometry_msgs/Pose."""
-    x, y = message.position.x, message.position.y
-    check_numbers((x, y), MAX_COORDINATE, "position")
-    return Pose(x, y, yaw_of(message.orientation))
-
-
-def planar_covariance(covariance: Any) -> Array:
-    """(3, 3) covariance of x, y, yaw out of the 36 numbers of a pose covariance."""
-    return check_covariance(_planar_block(covariance))
-
-
-def _planar_block(covariance: Any) -> Array:
-    block: Array = np.asarray(covariance, dtype=float)[_PLANAR].reshape(3, 3)
-    return block
 
 
 def goal_from(message: PoseStamped, frame: str) -> Pose:
@@ -124,45 +64,9 @@ def pose_from(
     if isinstance(message, Odometry):
         check_frame(message.child_frame_id, child_frame, "child_frame_id")
     pose = pose_of(message.pose.pose)
-    covariance = _planar_block(message.pose.covariance)
+    covariance = planar_block(message.pose.covariance)
     uncertainty = uncertainty_of(check_covariance(covariance)) if covariance.any() else None
     return stamp_ns(message.header.stamp), pose, uncertainty
-
-
-def twist_from(message: TwistMessage) -> Twist:
-    """Return the planar part of a twist."""
-    v, omega = message.linear.x, message.angular.z
-    check_numbers((v, omega), MAX_SPEED, "velocity")
-    return Twist(v, omega)
-
-
-def fill_pose(message: Any, pose: Pose) -> None:
-    """Write ``pose`` into a geometry_msgs/Pose in place."""
-    message.position.x = float(pose.x)
-    message.position.y = float(pose.y)
-    fill_yaw(message.orientation, pose.theta)
-
-
-def fill_yaw(orientation: Quaternion, yaw: float) -> None:
-    """Write a rotation by ``yaw`` [rad] about z in place; x and y have to be 0 already."""
-    orientation.z, orientation.w = quaternion_of_yaw(float(yaw))
-
-
-def fill_planar_covariance(covariance: Any, P: Array) -> None:
-    """Write a (3, 3) covariance of x, y, yaw into the 36 numbers of a message, whose other entries stay."""
-    covariance[_PLANAR] = P.reshape(9)
-
-
-def fill_twist(message: TwistMessage, twist: Twist) -> None:
-    """Write ``twist`` into a message in place."""
-    message.linear.x = float(twist.v)
-    message.angular.z = float(twist.omega)
-
-
-def fill_twist_covariance(covariance: Any, M: TwistCovariance) -> None:
-    """Write ``M`` into the 36 numbers of a twist covariance."""
-    covariance[0], covariance[35] = M.var_v, M.var_omega
-    covariance[5] = covariance[30] = M.cov_v_omega
 
 
 def goal_message(pose: Pose, frame: str, nanoseconds: int) -> PoseStamped:
@@ -176,16 +80,14 @@ def goal_message(pose: Pose, frame: str, nanoseconds: int) -> PoseStamped:
 def odometry_message(frame: str, child_frame: str) -> Odometry:
     """Return an Odometry to be filled repeatedly; z, roll and pitch, which are not estimated, get a huge variance."""
     message = Odometry(header=Header(frame_id=frame), child_frame_id=child_frame)
-    for covariance in (message.pose.covariance, message.twist.covariance):
-        covariance[[14, 21, 28]] = 1e6
-    message.twist.covariance[7] = 1e-9  # no motion sideways
+    fill_unestimated(message.pose.covariance, message.twist.covariance)
     return message
 
 
 def pose_message(frame: str) -> PoseWithCovarianceStamped:
     """Return a PoseWithCovarianceStamped to be filled repeatedly."""
     message = PoseWithCovarianceStamped(header=Header(frame_id=frame))
-    message.pose.covariance[[14, 21, 28]] = 1e6
+    fill_unestimated(message.pose.covariance)
     return message
 
 

@@ -1,5 +1,7 @@
 """Messages of sensors to measurements of the filter; a bad message raises BadMessageError.
 
+Free of ROS: a message is anything with the fields of its type, from rclpy or decoded from a bag.
+
 An all-zero covariance in a message means *unknown*, never *exact*: the fallback is used, and without one the message is
 dropped.
 """
@@ -9,17 +11,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from geometry_msgs.msg import PoseWithCovarianceStamped
-from nav_msgs.msg import Odometry
-from sensor_msgs.msg import Imu, JointState, PointCloud2
 
 from diffbot_control.filter.covariance import check_covariance
 from diffbot_control.filter.measurements import Array, Heading, LandmarkMeasurement, OdometryStep, PoseFix
 from diffbot_control.ros.landmark_cloud import LandmarkPoint, landmark_points
-from diffbot_control.ros.messages import (
+from diffbot_control.ros.message_fields import (
     MAX_SPEED,
     check_frame,
     check_numbers,
@@ -49,16 +48,16 @@ MESSAGE_NOISE = KnownNoise()
 """The messages' covariances are used, and a message without one is dropped."""
 
 
-def fix_from(message: PoseWithCovarianceStamped, frame: str, noise: KnownNoise = MESSAGE_NOISE) -> PoseFix:
-    """Return a pose fix in ``frame``; for its covariance see :func:`noise_of`."""
+def fix_from(message: Any, frame: str, noise: KnownNoise = MESSAGE_NOISE) -> PoseFix:
+    """Return the pose fix of a PoseWithCovarianceStamped in ``frame``; for its covariance see :func:`noise_of`."""
     check_frame(message.header.frame_id, frame)
     pose = pose_of(message.pose.pose)
     R = noise_of(lambda: planar_covariance(message.pose.covariance), noise)
     return PoseFix(stamp_ns(message.header.stamp), pose, R)
 
 
-def heading_from(message: Imu, frame: str, noise: KnownNoise = MESSAGE_NOISE) -> Heading:
-    """Return a compass heading of a sensor fixed to ``frame``; REP-145: covariance[0] = -1 means no orientation."""
+def heading_from(message: Any, frame: str, noise: KnownNoise = MESSAGE_NOISE) -> Heading:
+    """Return the compass heading of an Imu fixed to ``frame``; REP-145: covariance[0] = -1 means no orientation."""
     check_frame(message.header.frame_id, frame)
     if message.orientation_covariance[0] == -1.0:
         raise BadMessageError("no orientation in it")
@@ -68,7 +67,7 @@ def heading_from(message: Imu, frame: str, noise: KnownNoise = MESSAGE_NOISE) ->
 
 
 def landmarks_from(
-    message: PointCloud2, frame: str, points: dict[int, Point], noise: KnownNoise
+    message: Any, frame: str, points: dict[int, Point], noise: KnownNoise
 ) -> tuple[list[LandmarkMeasurement], int]:
     """Return the measurements of known landmarks in a cloud in ``frame``, and how many of its landmarks are unknown.
 
@@ -133,7 +132,7 @@ def noise_of(read: Callable[[], Array], noise: KnownNoise) -> Array:
         return noise.R
 
 
-def odometry_from(message: Odometry, child_frame: str) -> OdometryStep:
+def odometry_from(message: Any, child_frame: str) -> OdometryStep:
     """Return stamp, twist in ``child_frame`` and its covariance; all zero if unknown: the caller has the fallback."""
     check_frame(message.child_frame_id, child_frame, "child_frame_id")
     twist = twist_from(message.twist.twist)
@@ -144,7 +143,7 @@ def odometry_from(message: Odometry, child_frame: str) -> OdometryStep:
     return OdometryStep(stamp_ns(message.header.stamp), twist, TwistCovariance(var_v, cov, var_omega))
 
 
-def wheel_speeds_from(message: JointState, left: str, right: str) -> tuple[int, WheelSpeeds]:
+def wheel_speeds_from(message: Any, left: str, right: str) -> tuple[int, WheelSpeeds]:
     """Stamp [ns] and speeds of the two wheels of these joint names."""
     try:
         speeds = WheelSpeeds(message.velocity[message.name.index(left)], message.velocity[message.name.index(right)])

@@ -51,8 +51,8 @@ def check_case(case: Case, starts: Starts) -> None:
     """Refuse what the compiled loop does not support.
 
     Raises:
-        InvalidValueError: for measurements later than the history; for options of the filter that it does not have; less
-            than one step; no start.
+        InvalidValueError: for measurements later than the history; for options of the filter that it does not have;
+            for less than one step; for no start.
     """
     if case.filter is not None:
         check_supported(case.filter)

@@ -11,18 +11,15 @@ from sensor_msgs.msg import Imu, JointState, PointCloud2, PointField
 
 from diffbot_control.filter.measurements import Heading, PoseFix
 from diffbot_control.ros.landmark_cloud import LandmarkPoint, fill_landmark_points
-from diffbot_control.ros.messages import (
-    TFMessage,
+from diffbot_control.ros.message_fields import (
     fill_planar_covariance,
     fill_pose,
     fill_twist,
     fill_twist_covariance,
     fill_yaw,
-    odometry_message,
-    pose_message,
     set_stamp,
-    transform_message,
 )
+from diffbot_control.ros.messages import TFMessage, odometry_message, pose_message, transform_message
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.ros.node import QUEUE, DiffbotNode

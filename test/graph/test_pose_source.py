@@ -10,7 +10,7 @@ from nav_msgs.msg import Odometry
 from robot import distance, lockstep, pose_stamped, robot, turned, twist
 
 from diffbot_control.law.presets import PRESETS
-from diffbot_control.ros.messages import set_stamp
+from diffbot_control.ros.message_fields import set_stamp
 
 SIGMAS = PRESETS["tuned"].tolerance.goal_sigmas
 FILTERED = {"pose_source": "odometry"}

@@ -1,0 +1,39 @@
+"""A bag that is written as a whole: under a temporary name, which becomes the real one when it is complete."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from diffbot_bag.message_definitions import MessageDefinitions
+from diffbot_bag.writer import BagWriteError, BagWriter
+
+
+@contextmanager
+def new_bag(folder: Path, definitions: MessageDefinitions | None = None) -> Iterator[BagWriter]:
+    """Yield the writer of a bag that appears at ``folder`` when the ``with`` block ends; after a failure, nothing does.
+
+    Other files of the bag belong into the writer's ``folder``.
+
+    Raises:
+        BagWriteError: if ``folder`` exists already or cannot be written.
+    """
+    folder = folder.expanduser().absolute()
+    if os.path.lexists(folder):
+        raise BagWriteError(f"{folder} exists already: choose another name for the bag")
+    part = folder.with_name(f".{folder.name}.{os.getpid()}.part")
+    try:
+        # The file's name contains the bag's, so the bag has its own name in a temporary folder.
+        writer = BagWriter(part / folder.name, definitions)
+        try:
+            yield writer
+        finally:
+            writer.close()
+        writer.folder.rename(folder)
+    except OSError as error:
+        raise BagWriteError(f"cannot write the bag {folder}: {error.strerror or error}") from error
+    finally:
+        shutil.rmtree(part, ignore_errors=True)

@@ -1,0 +1,86 @@
+"""What the ekf reads from messages and writes into them, for the node and for recorded bags; free of ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from diffbot_control.filter.gated_filter import GatedFilter
+from diffbot_control.filter.measurements import Array, Heading, LandmarkMeasurement, OdometryStep, PoseFix
+from diffbot_control.filter.models import RadiusErrors, with_radius_errors, with_separation_error
+from diffbot_control.ros.ekf_parameters import EkfNodeConfig
+from diffbot_control.ros.sensor_messages import (
+    KnownNoise,
+    fix_from,
+    heading_from,
+    landmarks_from,
+    odometry_from,
+    wheel_speeds_from,
+)
+from diffbot_core.kinematics import Twist, body_twist, encoder_covariance
+
+
+class EkfInputs:
+    """Conversion of each input of the ekf with the frames, the noise and the map of its configuration.
+
+    Every method raises BadMessageError for a message that cannot be used.
+    """
+
+    def __init__(self, config: EkfNodeConfig) -> None:
+        """Derive the fallback covariances from the configuration."""
+        noise = config.noise
+        always = noise.override_covariance
+        xy, yaw = noise.global_pose_sigma_xy, noise.global_pose_sigma_yaw
+        self._config = config
+        self.landmark_points = config.landmarks.points()
+        self.fix_noise = KnownNoise(_diagonal((xy, xy, yaw)), always)
+        self.heading_noise = KnownNoise(_diagonal((noise.heading_sigma,)), always)
+        landmark = _diagonal((noise.landmark_range_sigma, noise.landmark_bearing_sigma))
+        self._landmark_noise = KnownNoise(landmark, always, noise.landmark_range_sigma_per_metre)
+
+    def fix(self, message: Any) -> PoseFix:
+        """Return the fix of a PoseWithCovarianceStamped."""
+        return fix_from(message, self._config.map_frame, self.fix_noise)
+
+    def initialpose(self, message: Any) -> PoseFix:
+        """Return the pose at which to put the filter.
+
+        Its covariance was chosen by the user, so override_covariance does not apply; the fallback does.
+        """
+        return fix_from(message, self._config.map_frame, self.fix_noise._replace(always=False))
+
+    def heading(self, message: Any) -> Heading:
+        """Return the heading of an Imu."""
+        return heading_from(message, self._config.base_link_frame, self.heading_noise)
+
+    def landmarks(self, message: Any) -> tuple[list[LandmarkMeasurement], int]:
+        """Return the measurements of known landmarks in a PointCloud2, and how many of its landmarks are unknown."""
+        return landmarks_from(message, self._config.base_link_frame, self.landmark_points, self._landmark_noise)
+
+    def odometry(self, message: Any) -> OdometryStep:
+        """Return the step of an Odometry; an all-zero covariance means unknown, and the localization has its own."""
+        return odometry_from(message, self._config.base_link_frame)
+
+    def joint_states(self, message: Any) -> OdometryStep:
+        """Return the step of a JointState."""
+        config = self._config
+        stamp, speeds = wheel_speeds_from(message, config.left_wheel_name, config.right_wheel_name)
+        covariance = encoder_covariance(speeds, config.wheel_noise, config.wheels)
+        return OdometryStep(stamp, body_twist(speeds, config.wheels), covariance)
+
+
+def corrected_twist(measured: Twist, ekf: GatedFilter, wheel_separation: float) -> Twist:
+    """Return the twist corrected by the estimated wheel errors, if there are any; ``wheel_separation`` is L [m]."""
+    wheels = ekf.wheels()
+    if wheels is None:
+        return measured
+    left, right, *separation = wheels.errors.tolist()
+    twist = with_radius_errors(measured, RadiusErrors(left, right), wheel_separation)
+    return with_separation_error(twist, separation[0]) if separation else twist
+
+
+def _diagonal(sigmas: Sequence[float]) -> Array | None:
+    """Return the covariance of independent errors; None if a standard deviation is 0: unknown."""
+    return np.diag(np.square(sigmas)) if all(sigmas) else None

@@ -1,0 +1,61 @@
+"""Arguments and calls of the commands on recorded data: ``diffbot import`` and ``diffbot refilter``."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from diffbot_core.errors import DiffbotError
+
+
+def add_import(commands: Any) -> None:
+    """Add ``diffbot import`` to the subparsers of the command line."""
+    datasets = commands.add_parser("import", help="write a bag of a public data set (docs/real-robots.md)")
+    names = datasets.add_subparsers(required=True, metavar="DATASET", dest="dataset")
+    mrclam = names.add_parser("mrclam", help="one robot of a set of MR.CLAM")
+    labyrinth = names.add_parser("labyrinth", help="the Labyrinth data set, indoor radio ranges")
+    for one in (mrclam, labyrinth):
+        one.add_argument("folder", type=Path, help="folder of the downloaded text files")
+        one.add_argument("--out", type=Path, required=True, help="folder of the bag, which must not exist")
+        one.set_defaults(call=_import)
+    mrclam.add_argument("--robot", type=int, choices=range(1, 6), required=True, help="its number, 1 to 5")
+
+
+def add_refilter(commands: Any) -> None:
+    """Add ``diffbot refilter`` to the subparsers of the command line."""
+    refilter = commands.add_parser("refilter", help="run the filter over a recorded bag, without a graph")
+    refilter.add_argument("bag", type=Path, help="folder of the bag, or an .mcap file")
+    refilter.add_argument("--params", type=Path, help="ROS parameter file (default: ekf.yaml in the folder of the bag)")
+    refilter.add_argument("--out", type=Path, required=True, help="folder of the new bag, which must not exist")
+    refilter.add_argument("--compare", metavar="TOPIC", help="true poses in the bag, e.g. /ground_truth")
+    refilter.add_argument(
+        "--remap", type=_remapping, nargs="+", default=[], metavar="NAME:=TOPIC", help="e.g. odom:=/robot1/odom"
+    )
+    refilter.set_defaults(call=_refilter)
+
+
+def _remapping(text: str) -> tuple[str, str]:
+    from diffbot_lab.refilter.filter_run import INPUTS  # noqa: PLC0415 - loads scipy
+
+    name, found, topic = text.partition(":=")
+    if not found or not topic or name.lstrip("/") not in INPUTS:
+        raise argparse.ArgumentTypeError(f"{text!r}: must be NAME:=TOPIC with a NAME of {', '.join(INPUTS)}")
+    return name.lstrip("/"), topic
+
+
+def _import(options: argparse.Namespace) -> int:
+    from diffbot_lab.dataset import command as dataset_command  # noqa: PLC0415
+
+    if options.dataset == "mrclam":
+        return dataset_command.import_mrclam(options.folder, options.robot, options.out)
+    return dataset_command.import_labyrinth(options.folder, options.out)
+
+
+def _refilter(options: argparse.Namespace) -> int:
+    from diffbot_lab.refilter import command as refilter_command  # noqa: PLC0415
+
+    remap = dict(options.remap)
+    if len(remap) < len(options.remap):
+        raise DiffbotError("--remap: each name can be given once")
+    return refilter_command.run(options.bag, options.params, options.out, options.compare, remap)

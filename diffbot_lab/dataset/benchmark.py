@@ -1,0 +1,136 @@
+"""``diffbot benchmark real``: the shipped settings on every drive of a data set, against its reference system."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from diffbot_bag.reader import BagReader
+from diffbot_control.filter.localization import Estimate
+from diffbot_core.errors import DiffbotError
+from diffbot_core.files import output_folder, write_json, write_text
+from diffbot_lab.benchmark.targets import markdown_table
+from diffbot_lab.dataset.bag import EKF_FILE, write_drive
+from diffbot_lab.dataset.drive import Drive
+from diffbot_lab.dataset.labyrinth import INPUT, read_labyrinth
+from diffbot_lab.dataset.mrclam import read_mrclam, robots_in
+from diffbot_lab.refilter.command import drive, filter_run
+from diffbot_lab.refilter.comparison import (
+    Consistency,
+    Errors,
+    Figures,
+    consistency_of,
+    errors_of,
+    figures_of,
+    read_truth,
+)
+from diffbot_lab.refilter.parameters import read_config
+
+TITLES = (
+    "drive", "time [s]", "RMSE [m]", "largest [m]", "heading [rad]", "NEES", "NIS per number", "whiteness", "rejected",
+)  # fmt: skip
+
+
+class DriveResult(NamedTuple):
+    """The filter on one drive."""
+
+    name: str
+    figures: Figures
+    consistency: Consistency
+    errors: Errors
+
+
+def drives_in(folder: Path) -> list[Callable[[], Drive]]:
+    """Return a reader for each drive in a folder: all robots of a set of MR.CLAM, or the Labyrinth data set.
+
+    Raises:
+        DiffbotError: if the folder has the files of neither.
+    """
+    robots = robots_in(folder)
+    if robots:
+        return [lambda robot=robot: read_mrclam(folder, robot) for robot in robots]  # type: ignore[misc]
+    if (folder / INPUT).is_file():
+        return [lambda: read_labyrinth(folder)]
+    raise DiffbotError(f"{folder} has neither RobotN_Odometry.dat of MR.CLAM nor {INPUT} of the Labyrinth data set")
+
+
+def evaluate(recorded: Drive, folder: Path) -> DriveResult:
+    """Import a drive to a bag in ``folder`` and filter it with the settings that the import ships.
+
+    Raises:
+        DiffbotError: if the drive cannot be imported or the filter never starts.
+    """
+    bag = folder / recorded.name.replace(" ", "_")
+    write_drive(recorded, bag)
+    config, _ = read_config(bag / EKF_FILE)
+    estimates: list[Estimate] = []
+    with BagReader(bag) as reader:
+        truth = read_truth(reader, "/ground_truth")
+        filtered = filter_run(reader, config, {})
+        drive(filtered, reader, lambda answer, _: estimates.append(answer.estimate))
+    errors = errors_of(estimates, truth)
+    consistency = consistency_of(filtered.localization.innovations)
+    return DriveResult(recorded.name, figures_of(errors), consistency, errors)
+
+
+def results_of(found: list[DriveResult]) -> dict[str, Any]:
+    """Return the content of results.json; what was not measured is null."""
+    drives = [
+        {"name": one.name}
+        | {name: _known(value) for name, value in (one.figures._asdict() | one.consistency._asdict()).items()}
+        for one in found
+    ]
+    return {"drives": drives}
+
+
+def _known(value: float) -> float | None:
+    return None if math.isnan(value) else value
+
+
+def table(results: dict[str, Any]) -> str:
+    """Return the table of all drives in Markdown, with the mean of several."""
+    drives = results["drives"]
+    lines = [_row(one) for one in drives]
+    if len(drives) > 1:
+        names = ("seconds", "rmse", "largest", "heading_rmse", "nees", "nis", "correlation", "rejected", "accepted")
+        columns = {name: [one[name] for one in drives] for name in names}
+        mean = {name: None if None in values else sum(values) / len(values) for name, values in columns.items()}
+        lines.append(_row({"name": "mean"} | mean))
+    return "\n".join(markdown_table(TITLES, lines))
+
+
+def _row(one: dict[str, Any]) -> tuple[str, ...]:
+    formats = {
+        "seconds": ".0f", "rmse": ".3f", "largest": ".2f", "heading_rmse": ".3f", "nees": ".1f", "nis": ".2f",
+        "correlation": "+.2f",
+    }  # fmt: skip
+    values = ["-" if one[name] is None else format(one[name], form) for name, form in formats.items()]
+    total = one["accepted"] + one["rejected"]
+    return one["name"], *values, f"{100.0 * one['rejected'] / total:.1f} %" if total else "-"
+
+
+def run_and_report(data: Path, out: Path, figures: bool) -> int:
+    """Evaluate all drives of a folder; write results.json, table.md and a figure per drive to ``out``.
+
+    Raises:
+        DiffbotError: if the folder holds no known data set, a file is bad, or ``out`` cannot be written.
+    """
+    readers = drives_in(data)
+    with output_folder(out):
+        with tempfile.TemporaryDirectory() as folder:
+            found = [evaluate(read(), Path(folder)) for read in readers]
+        results = results_of(found)
+        write_json(out / "results.json", results)
+        write_text(out / "table.md", table(results) + "\n")
+        if figures:
+            # Loads matplotlib.
+            from diffbot_lab.dataset.figure import draw_drive  # noqa: PLC0415
+
+            for one in found:
+                draw_drive(one.name, one.errors, out / f"{one.name.replace(' ', '_')}.png")
+    print(table(results))
+    print(f"Results in {out}")
+    return 0

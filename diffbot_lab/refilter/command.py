@@ -1,0 +1,119 @@
+"""``diffbot refilter``: the filter over a bag; its estimates and innovations in a new bag."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+from tqdm import tqdm
+
+from diffbot_bag.encoding import Encoder
+from diffbot_bag.new_bag import new_bag
+from diffbot_bag.reader import BagReader
+from diffbot_control.ros.ekf_parameters import EkfNodeConfig
+from diffbot_core.errors import DiffbotError
+from diffbot_core.units import S_PER_NS
+from diffbot_lab.refilter.comparison import (
+    consistency_of,
+    describe_consistency,
+    describe_figures,
+    errors_of,
+    figures_of,
+    read_truth,
+)
+from diffbot_lab.refilter.filter_run import INPUTS, Answer, FilterRun
+from diffbot_lab.refilter.output import OutputTopics
+from diffbot_lab.refilter.parameters import read_config
+
+PARAMETERS = "ekf.yaml"
+"""Parameter file in the folder of a bag, for a bag without --params."""
+
+
+def run(bag: Path, params: Path | None, out: Path, compare: str | None, remap: dict[str, str]) -> int:
+    """Filter a bag, write the new one and print what was dropped, the consistency and, with ``compare``, the errors.
+
+    Args:
+        bag: folder, or an .mcap file.
+        params: ROS parameter file; None for ``ekf.yaml`` in the folder of the bag.
+        out: folder of the new bag.
+        compare: topic of true poses in ``bag``.
+        remap: topic in the bag for each of INPUTS that has another name there.
+
+    Raises:
+        DiffbotError: if a file or topic is missing, a parameter is not allowed, or ``out`` exists already.
+    """
+    if os.path.lexists(out):
+        raise DiffbotError(f"{out} exists already: choose another name for the bag")
+    config, text = read_config(_parameter_file(bag) if params is None else params)
+    with BagReader(bag) as reader:
+        truth = None if compare is None else read_truth(reader, compare)
+        with new_bag(out) as writer:
+            (writer.folder / PARAMETERS).write_text(text, encoding="utf-8")
+            topics = OutputTopics(writer, Encoder(), config.map_frame, config.base_link_frame)
+            estimates = []
+
+            def write(answer: Answer, log_time: int) -> None:
+                estimates.append(answer.estimate)
+                topics.write(answer, log_time)
+                topics.write_innovations(filtered.localization.innovations, log_time)
+
+            filtered = filter_run(reader, config, remap)
+            drive(filtered, reader, write)
+    for (topic, kind), count in sorted(filtered.dropped.items()):
+        print(f"{topic}: dropped {count}: {kind}")
+    seconds = (estimates[-1].stamp - estimates[0].stamp) * S_PER_NS
+    print(f"estimates             {len(estimates)} in {seconds:.1f} s")
+    print(describe_consistency(consistency_of(filtered.localization.innovations)))
+    if truth is not None:
+        print(describe_figures(figures_of(errors_of(estimates, truth))))
+    print(out)
+    return 0
+
+
+def filter_run(reader: BagReader, config: EkfNodeConfig, remap: dict[str, str]) -> FilterRun:
+    """Return a filter for a bag.
+
+    Raises:
+        DiffbotError: if the bag has no odometry, or a remapped topic is not in it.
+    """
+    names = {name: f"/{name}" for name in INPUTS} | {name: "/" + topic.lstrip("/") for name, topic in remap.items()}
+    found = reader.topics
+    for name in (*remap, config.odometry_source):
+        if names[name] not in found:
+            raise DiffbotError(
+                f"{reader.path} has no topic {names[name]} for {name}: it has {', '.join(sorted(found))}"
+            )
+    return FilterRun(config, {topic: name for name, topic in names.items() if topic in found})
+
+
+def drive(filtered: FilterRun, reader: BagReader, on_answer: Callable[[Answer, int], None]) -> None:
+    """Give the filter all messages in the order of their log times, with a progress bar on a terminal.
+
+    Args:
+        filtered: the filter.
+        reader: the bag.
+        on_answer: called with each answer and the log time [ns] of its odometry.
+
+    Raises:
+        DiffbotError: if the filter never started.
+    """
+    total = sum(reader.topics[topic].message_count for topic in filtered.topics)
+    messages = reader.decoded(filtered.topics)
+    answers = 0
+    for message in tqdm(messages, desc="refilter", total=total, unit="message", disable=None):
+        answer = filtered.take(message)
+        if answer is not None:
+            answers += 1
+            on_answer(answer, message.log_time)
+    if not answers:
+        reasons = "; ".join(f"{topic}: {kind} ({count})" for (topic, kind), count in filtered.dropped.most_common(3))
+        raise DiffbotError(f"{reader.path}: no estimate: {reasons or 'no message'}")
+
+
+def _parameter_file(bag: Path) -> Path:
+    folder = bag.expanduser() if bag.is_dir() else bag.expanduser().parent
+    path = folder / PARAMETERS
+    if not path.is_file():
+        raise DiffbotError(f"no {PARAMETERS} in {folder}: name a parameter file with --params")
+    return path

@@ -1,0 +1,196 @@
+"""Figures of a filter's run: errors and NEES against recorded true poses, NIS and whiteness of its innovations."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diffbot_bag.reader import BagReader
+from diffbot_control.filter.localization import Estimate
+from diffbot_control.ros.message_fields import pose_of, stamp_ns
+from diffbot_core.errors import BadMessageError, DiffbotError
+from diffbot_core.geometry import TWO_PI
+from diffbot_core.units import S_PER_NS
+from diffbot_lab.refilter.filter_run import Innovation
+
+Array = NDArray[np.float64]
+
+MAX_GAP = 500_000_000
+"""[ns] between true poses; no error is computed in a longer gap"""
+MAX_VAR_THETA = math.pi**2
+"""[rad^2] a true heading with a larger variance is not one"""
+
+
+class Truth(NamedTuple):
+    """True poses in the order of their stamps."""
+
+    stamps: NDArray[np.int64]
+    """(n,) [ns], increasing"""
+    poses: Array
+    """(n, 3) [m, m, rad], the heading without jumps; nan if it is not known"""
+
+
+class Errors(NamedTuple):
+    """Estimates against true poses, at the stamps where a true pose is known."""
+
+    time: Array
+    """(n,) [s] since the first estimate"""
+    truth: Array
+    """(n, 3) true poses [m, m, rad]"""
+    error: Array
+    """(n, 3) estimate minus truth [m, m, rad]"""
+    P: Array
+    """(n, 3, 3) covariances of the estimates"""
+
+
+class Figures(NamedTuple):
+    """What :func:`figures_of` computes; nan where nothing was measured."""
+
+    seconds: float
+    """duration of the estimates that could be compared"""
+    rmse: float
+    """[m] of the position"""
+    largest: float
+    """[m] of the position"""
+    heading_rmse: float
+    """[rad]"""
+    nees: float
+    """mean; its expectation is :attr:`nees_numbers`"""
+    nees_numbers: int
+    """3, or 2 without a true heading"""
+
+
+class Consistency(NamedTuple):
+    """Innovations of the accepted measurements."""
+
+    accepted: int
+    rejected: int
+    nis: float
+    """mean per number measured; 1 if the covariances are right"""
+    correlation: float
+    """of neighbouring innovations of one source: 0 if they are white"""
+    bound: float
+    """95 % of the correlations of white innovations are within +- this"""
+
+
+def read_truth(reader: BagReader, topic: str) -> Truth:
+    """Read true poses: Odometry, PoseWithCovarianceStamped or PoseStamped.
+
+    Raises:
+        DiffbotError: if the bag has no such topic, or no pose in it.
+    """
+    if topic not in reader.topics:
+        raise DiffbotError(f"{reader.path} has no topic {topic}: it has {', '.join(sorted(reader.topics))}")
+    found: dict[int, tuple[float, float, float]] = {}
+    for message in reader.decoded((topic,)):
+        try:
+            stamp, pose = _true_pose(message.content)
+        except (AttributeError, BadMessageError) as error:
+            raise DiffbotError(f"{topic} at {message.log_time} ns: not a pose: {error}") from error
+        found[stamp] = pose
+    if len(found) < 2:
+        raise DiffbotError(f"{reader.path}: fewer than two poses in {topic}")
+    stamps = np.array(sorted(found), dtype=np.int64)
+    poses = np.array([found[stamp] for stamp in stamps.tolist()])
+    poses[:, 2] = np.unwrap(poses[:, 2])
+    return Truth(stamps, poses)
+
+
+def _true_pose(message: Any) -> tuple[int, tuple[float, float, float]]:
+    covariance = getattr(message.pose, "covariance", None)
+    x, y, theta = pose_of(message.pose if covariance is None else message.pose.pose)
+    unknown = covariance is not None and covariance[35] > MAX_VAR_THETA
+    return stamp_ns(message.header.stamp), (x, y, math.nan if unknown else theta)
+
+
+def errors_of(estimates: list[Estimate], truth: Truth) -> Errors:
+    """Compare estimates with the true poses, which are interpolated linearly between neighbours.
+
+    Raises:
+        DiffbotError: if no estimate has a true pose at its time.
+    """
+    stamps = np.array([one.stamp for one in estimates], dtype=np.int64)
+    after = np.clip(np.searchsorted(truth.stamps, stamps), 1, len(truth.stamps) - 1)
+    before = after - 1
+    gap = truth.stamps[after] - truth.stamps[before]
+    use = (stamps >= truth.stamps[0]) & (stamps <= truth.stamps[-1]) & (gap <= MAX_GAP)
+    if not use.any():
+        raise DiffbotError("no estimate at a time with a true pose")
+    share = ((stamps - truth.stamps[before]) / gap)[use, None]
+    expected = (1.0 - share) * truth.poses[before[use]] + share * truth.poses[after[use]]
+    error = np.array([one.pose for one in estimates])[use] - expected
+    error[:, 2] -= TWO_PI * np.round(error[:, 2] / TWO_PI)
+    time = (stamps[use] - stamps[0]) * S_PER_NS
+    return Errors(time, expected, error, np.array([one.P for one in estimates])[use])
+
+
+def figures_of(errors: Errors) -> Figures:
+    """Return the figures of a drive; without true headings, those of the position alone."""
+    distance = np.hypot(errors.error[:, 0], errors.error[:, 1])
+    numbers = 3 if np.isfinite(errors.error).all() else 2
+    e, P = errors.error[:, :numbers], errors.P[:, :numbers, :numbers]
+    return Figures(
+        float(errors.time[-1] - errors.time[0]),
+        float(np.sqrt(np.mean(distance**2))),
+        float(distance.max()),
+        float(np.sqrt(np.mean(errors.error[:, 2] ** 2))),
+        float(np.mean(np.einsum("ni,ni->n", e, np.linalg.solve(P, e[:, :, None])[:, :, 0]))),
+        numbers,
+    )
+
+
+def consistency_of(innovations: list[Innovation]) -> Consistency:
+    """Return mean NIS and lag-1 correlation of the accepted measurements.
+
+    An innovation is whitened by the Cholesky factor of its S, and paired with the one before of the same source: the
+    same landmark, or the same type of measurement.
+    """
+    accepted = [one for one in innovations if one.accepted]
+    last: dict[Any, Array] = {}
+    products = squares = 0.0
+    numbers = pairs = 0
+    for one in accepted:
+        white = np.linalg.solve(np.linalg.cholesky(one.S), one.y)
+        numbers += len(white)
+        before = last.get(one.source)
+        if before is not None:
+            pairs += len(white)
+            products += float(white @ before)
+            squares += 0.5 * float(white @ white + before @ before)
+        last[one.source] = white
+    return Consistency(
+        len(accepted),
+        len(innovations) - len(accepted),
+        sum(one.nis for one in accepted) / numbers if numbers else math.nan,
+        products / squares if squares else math.nan,
+        1.96 / math.sqrt(pairs) if pairs else math.nan,
+    )
+
+
+def describe_figures(figures: Figures) -> str:
+    """Return the figures as lines of text."""
+    heading = "not measured" if math.isnan(figures.heading_rmse) else f"{figures.heading_rmse:.4f} rad"
+    return "\n".join(
+        (
+            f"compared              {figures.seconds:.1f} s",
+            f"position, RMSE        {figures.rmse:.4f} m",
+            f"position, largest     {figures.largest:.4f} m",
+            f"heading, RMSE         {heading}",
+            f"NEES, mean            {figures.nees:.3f} ({figures.nees_numbers} if consistent)",
+        )
+    )
+
+
+def describe_consistency(consistency: Consistency) -> str:
+    """Return the consistency as lines of text."""
+    accepted, rejected, nis, correlation, bound = consistency
+    return "\n".join(
+        (
+            f"measurements          {accepted} accepted, {rejected} rejected",
+            f"NIS per number, mean  {nis:.3f} (1 if consistent)",
+            f"whiteness, lag 1      {correlation:+.3f} (white: within +-{bound:.3f})",
+        )
+    )

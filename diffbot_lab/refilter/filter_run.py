@@ -1,0 +1,140 @@
+"""The filter over messages in the order of a recording, as the node ``ekf`` handles them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from diffbot_bag.reader import DecodedMessage
+from diffbot_control.filter.gate import ACCEPTED, IGNORED, WEIGHED
+from diffbot_control.filter.innovation_monitor import InnovationMonitor
+from diffbot_control.filter.localization import Estimate, Localization
+from diffbot_control.filter.measurements import Array, LandmarkMeasurement, Measurement, OdometryStep
+from diffbot_control.ros.ekf_messages import EkfInputs, corrected_twist
+from diffbot_control.ros.ekf_parameters import EkfNodeConfig
+from diffbot_core.errors import BadMessageError
+from diffbot_core.kinematics import Twist
+
+INPUTS = ("global_pose", "heading", "landmarks", "initialpose", "odom", "joint_states")
+"""Topics that the filter reads, as the node names them."""
+
+
+class Innovation(NamedTuple):
+    """One measurement at the filter."""
+
+    stamp: int
+    """[ns]"""
+    source: tuple[str, tuple[float, ...]]
+    """type of the measurement, and the landmark's position"""
+    y: Array
+    """(m,) innovation"""
+    S: Array
+    """(m, m) its covariance"""
+    nis: float
+    accepted: bool
+
+
+class Answer(NamedTuple):
+    """What the filter makes of one odometry message."""
+
+    estimate: Estimate
+    odometry: OdometryStep
+    twist: Twist
+    """corrected by the estimated radius errors"""
+
+
+class _RecordingMonitor(InnovationMonitor):
+    """A monitor that keeps the newest outcome."""
+
+    outcome = IGNORED
+
+    def record(self, kind: int, nis: float, outcome: int, *more: Any) -> None:
+        """Add a measurement, as the base class does."""
+        super().record(kind, nis, outcome, *more)
+        self.outcome = outcome
+
+
+class RecordingLocalization(Localization):
+    """A localization that keeps the innovations of its measurements, each once, however late it was fused."""
+
+    def __init__(self, config: EkfNodeConfig) -> None:
+        """Start unknown."""
+        super().__init__(config.localization, config.wheels.wheel_separation)
+        self.monitor = self._recorder = _RecordingMonitor()
+        self.innovations: list[Innovation] = []
+
+    def _update(self, measurement: Measurement, new: bool = True) -> None:
+        super()._update(measurement, new)
+        innovation = self.filter.innovation
+        if not new or innovation is None:
+            return
+        place = tuple(measurement.landmark) if isinstance(measurement, LandmarkMeasurement) else ()
+        source, (y, S) = (type(measurement).__name__, place), innovation
+        used = self._recorder.outcome in (ACCEPTED, WEIGHED)
+        self.innovations.append(Innovation(measurement.stamp, source, y, S, self.filter.nis, used))
+
+
+class FilterRun:
+    """A filter that takes recorded messages, and counts those that it drops."""
+
+    def __init__(self, config: EkfNodeConfig, topics: dict[str, str]) -> None:
+        """Start unknown; ``topics`` maps the topics of the bag to INPUTS."""
+        self._inputs = EkfInputs(config)
+        self._L = config.wheels.wheel_separation
+        self.localization = RecordingLocalization(config)
+        self.dropped: Counter[tuple[str, str]] = Counter()
+        """messages that were not used, by topic and reason"""
+        handlers: dict[str, Callable[[str, Any], Answer | None]] = {
+            "global_pose": self._on_fix,
+            "heading": self._on_heading,
+            "initialpose": self._on_initialpose,
+            config.odometry_source: self._on_odometry if config.odometry_source == "odom" else self._on_joint_states,
+        }
+        if self._inputs.landmark_points:
+            handlers["landmarks"] = self._on_landmarks
+        self._handlers = {topic: handlers[name] for topic, name in topics.items() if name in handlers}
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """Topics of the bag that the filter reads."""
+        return tuple(self._handlers)
+
+    def take(self, message: DecodedMessage) -> Answer | None:
+        """Handle one message of :attr:`topics`; return the filter's answer to an odometry that it can use."""
+        try:
+            return self._handlers[message.topic](message.topic, message.content)
+        except BadMessageError as error:
+            self.dropped[message.topic, error.kind] += 1
+            return None
+
+    def _on_fix(self, _topic: str, message: Any) -> None:
+        self.localization.on_measurement(self._inputs.fix(message))
+
+    def _on_heading(self, _topic: str, message: Any) -> None:
+        self.localization.on_measurement(self._inputs.heading(message))
+
+    def _on_landmarks(self, topic: str, message: Any) -> None:
+        measurements, unknown = self._inputs.landmarks(message)
+        if unknown:
+            self.dropped[topic, "landmark of unknown number"] += unknown
+        for measurement in measurements:
+            try:
+                self.localization.on_measurement(measurement)
+            except BadMessageError as error:
+                self.dropped[topic, error.kind] += 1
+
+    def _on_initialpose(self, _topic: str, message: Any) -> None:
+        fix = self._inputs.initialpose(message)
+        self.localization.initialise(fix.pose, fix.R, fix.stamp or None)
+
+    def _on_odometry(self, _topic: str, message: Any) -> Answer:
+        return self._answer(self._inputs.odometry(message))
+
+    def _on_joint_states(self, _topic: str, message: Any) -> Answer:
+        return self._answer(self._inputs.joint_states(message))
+
+    def _answer(self, odometry: OdometryStep) -> Answer:
+        estimate = self.localization.on_odometry(odometry)
+        odometry = estimate.odometry or odometry
+        return Answer(estimate, odometry, corrected_twist(odometry.twist, self.localization.filter, self._L))

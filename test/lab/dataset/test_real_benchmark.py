@@ -1,0 +1,87 @@
+"""The benchmark on real drives: each row is the filter's run on that drive, and failures leave nothing behind."""
+
+import json
+import math
+import subprocess
+import sys
+
+import pytest
+from dataset_files import write_mrclam
+
+from diffbot_core.errors import DiffbotError
+from diffbot_lab.dataset.benchmark import drives_in, results_of, run_and_report, table
+from diffbot_lab.dataset.command import import_mrclam
+from diffbot_lab.refilter.command import run
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("data") / "set"
+    write_mrclam(folder, 2, duration=6.0)
+    write_mrclam(folder, 4, duration=9.0)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def out(data):
+    folder = data.parent / "out"
+    assert run_and_report(data, folder, True) == 0
+    return folder
+
+
+def test_each_robot_has_a_row_a_figure_and_a_mean(out):
+    lines = (out / "table.md").read_text().splitlines()
+    assert [line.split(" | ")[0] for line in lines[2:]] == ["| set robot 2", "| set robot 4", "| mean"]
+    drives = json.loads((out / "results.json").read_text())["drives"]
+    assert [round(one["seconds"]) for one in drives] == [6, 9]
+    mean = sum(one["nees"] for one in drives) / 2.0
+    assert float(lines[4].split(" | ")[5]) == pytest.approx(mean, abs=0.051)
+    assert sorted(path.name for path in out.iterdir()) == [
+        "results.json", "set_robot_2.png", "set_robot_4.png", "table.md",
+    ]  # fmt: skip
+
+
+def test_figures_are_those_of_import_and_refilter(data, out, capsys):
+    import_mrclam(data, 4, data.parent / "bag")
+    capsys.readouterr()
+    run(data.parent / "bag", None, data.parent / "again", "/ground_truth", {})
+    printed = dict(line.split("  ", 1) for line in capsys.readouterr().out.splitlines() if "  " in line)
+    drive = json.loads((out / "results.json").read_text())["drives"][1]
+    for name, key in {
+        "position, RMSE": "rmse",
+        "position, largest": "largest",
+        "heading, RMSE": "heading_rmse",
+        "NEES, mean": "nees",
+        "NIS per number, mean": "nis",
+        "whiteness, lag 1": "correlation",
+    }.items():
+        assert float(printed[name].split()[0]) == pytest.approx(drive[key], abs=6e-4), name
+
+
+def test_what_is_not_measured_is_null_and_a_dash():
+    from diffbot_lab.dataset.benchmark import DriveResult
+    from diffbot_lab.refilter.comparison import Consistency, Figures
+
+    nan = math.nan
+    one = DriveResult("d", Figures(1.0, 0.1, 0.2, nan, 2.0, 2), Consistency(0, 0, nan, nan, nan), None)
+    results = results_of([one])
+    assert results["drives"][0]["heading_rmse"] is None
+    assert table(results).splitlines()[2] == "| d | 1 | 0.100 | 0.20 | - | 2.0 | - | - | - |"
+
+
+def test_folder_without_a_data_set_is_refused(tmp_path):
+    with pytest.raises(DiffbotError, match="has neither RobotN_Odometry"):
+        drives_in(tmp_path)
+    with pytest.raises(DiffbotError):
+        run_and_report(tmp_path, tmp_path / "out", False)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("arguments", [["real"], ["localization", "folder"]])
+def test_command_refuses_in_one_line(arguments):
+    done = subprocess.run(
+        [sys.executable, "-m", "diffbot_lab.cli", "benchmark", *arguments],
+        capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert (done.returncode, len(done.stderr.splitlines())) == (1, 1)
+    assert "needs the folder of a data set" in done.stderr

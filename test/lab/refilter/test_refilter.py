@@ -1,0 +1,226 @@
+"""The filter over a bag: held to the node's own answers, to the truth, and to itself."""
+
+import contextlib
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import rclpy
+import yaml
+from dataset_files import OMEGA, write_mrclam
+from graph import free_domain
+from rclpy.parameter import Parameter
+from rclpy.serialization import deserialize_message
+from rosbags.highlevel import AnyReader
+
+from diffbot_bag.encoding import ODOMETRY, NumbersMessage
+from diffbot_bag.new_bag import new_bag
+from diffbot_bag.reader import BagReader
+from diffbot_bag.ros_conversions import message_class
+from diffbot_control.ekf_node import EkfNode
+from diffbot_core.errors import BadMessageError, DiffbotError
+from diffbot_lab.dataset.command import import_mrclam
+from diffbot_lab.refilter.command import run
+
+HANDLERS = {
+    "/initialpose": EkfNode._on_initialpose,
+    "/landmarks": EkfNode._on_landmarks,
+    "/odom": EkfNode._on_odometry,
+}
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("data")
+    out = folder / "bag"
+    import_mrclam(write_mrclam(folder / "set"), 1, out)
+    return out
+
+
+@pytest.fixture(scope="module")
+def refiltered(bag):
+    out = bag.parent / "out"
+    assert run(bag, None, out, None, {}) == 0
+    return out
+
+
+def read(path):
+    found = {}
+    with AnyReader([path]) as reader:
+        for connection, _, data in reader.messages():
+            found.setdefault(connection.topic, []).append(reader.deserialize(data, connection.msgtype))
+    return found
+
+
+def row(message):
+    p, q = message.pose.pose.position, message.pose.pose.orientation
+    return [message.header.stamp.sec, message.header.stamp.nanosec, p.x, p.y, q.z, q.w, *message.pose.covariance]
+
+
+@pytest.mark.graph
+def test_answers_are_those_of_the_node(bag, refiltered):
+    """The node's own callbacks get the messages of the bag, as ROS decodes them, one after the other."""
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=free_domain())
+    values = yaml.safe_load((bag / "ekf.yaml").read_text())["/**/ekf"]["ros__parameters"]
+    overrides = [Parameter(name, value=value) for name, value in values.items()]
+    node = EkfNode(context=context, parameter_overrides=overrides)
+    poses, filtered = [], []
+    try:
+        node._poses.publish = lambda message: poses.append(row(message))
+        node._filtered_odometry = type(
+            "Publisher",
+            (),
+            {
+                "get_subscription_count": lambda _: 1,
+                "publish": lambda _, message: filtered.append(
+                    [
+                        *row(message),
+                        message.twist.twist.linear.x,
+                        message.twist.twist.angular.z,
+                        *message.twist.covariance.tolist(),
+                    ]
+                ),
+            },
+        )()
+        with BagReader(bag) as reader:
+            types = {name: message_class(topic.type) for name, topic in reader.topics.items()}
+            for message in reader.messages(HANDLERS):
+                with contextlib.suppress(BadMessageError):
+                    HANDLERS[message.topic](node, deserialize_message(message.data, types[message.topic]))
+    finally:
+        node.destroy_node()
+        rclpy.shutdown(context=context)
+    found = read(refiltered)
+    assert len(poses) == 400
+    assert np.array([row(message) for message in found["/pose"]]).tolist() == poses
+    again = [
+        [*row(one), one.twist.twist.linear.x, one.twist.twist.angular.z, *one.twist.covariance]
+        for one in found["/odometry/filtered"]
+    ]
+    assert again == filtered
+    assert found["/odometry/filtered"][0].child_frame_id == "base_link"
+
+
+def test_output_is_the_same_to_the_bit(bag, refiltered, tmp_path):
+    assert run(bag, None, tmp_path / "out", None, {}) == 0
+    assert (tmp_path / "out" / "out_0.mcap").read_bytes() == (refiltered / "out_0.mcap").read_bytes()
+
+
+def test_each_measurement_has_one_nis(bag, refiltered):
+    expected = sum(message.width for message in read(bag)["/landmarks"])
+    found = read(refiltered)["/ekf/nis"]
+    assert len(found) == expected
+    assert [one.label for one in found[0].layout.dim] == ["nis", "numbers", "accepted"]
+    assert {message.data[1] for message in found} == {2.0}
+    # Exact measurements: the first ones are off by less than the start's 0.01 m, of 0.15 m and 0.06 rad.
+    assert all(0.0 <= message.data[0] < 0.1 for message in found[:10])
+    assert {message.data[2] for message in found} == {1.0}
+
+
+def test_comparison_prints_the_errors_against_the_truth(bag, tmp_path, capsys):
+    """Computed again here from the written bag and the circle of the files."""
+    run(bag, None, tmp_path / "out", "/ground_truth", {})
+    lines = dict(line.split("  ", 1) for line in capsys.readouterr().out.splitlines() if "  " in line)
+    errors, squares = [], []
+    start = 1_248_446_190
+    for message in read(tmp_path / "out")["/pose"]:
+        p, q = message.pose.pose.position, message.pose.pose.orientation
+        time = message.header.stamp.sec - start + message.header.stamp.nanosec * 1e-9
+        angle = OMEGA * time
+        e = np.array([p.x - 1.5 * math.cos(angle), p.y - 1.5 * math.sin(angle), 0.0])
+        e[2] = math.remainder(2.0 * math.atan2(q.z, q.w) - angle - 0.5 * math.pi, 2.0 * math.pi)
+        P = message.pose.covariance.reshape(6, 6)[np.ix_([0, 1, 5], [0, 1, 5])]
+        errors.append(e)
+        squares.append(e @ np.linalg.inv(P) @ e)
+    distance = np.hypot(*np.array(errors).T[:2])
+    expected = {
+        "position, RMSE": math.sqrt(np.mean(distance**2)),
+        "position, largest": distance.max(),
+        "heading, RMSE": math.sqrt(np.mean(np.array(errors)[:, 2] ** 2)),
+        "NEES, mean": np.mean(squares),
+    }
+    for name, value in expected.items():
+        assert float(lines[name].split()[0]) == pytest.approx(value, abs=1.1e-3), name
+    assert lines["measurements"].split()[0] == str(sum(m.width for m in read(bag)["/landmarks"]))
+
+
+def test_parameters_of_a_file_are_used(bag, refiltered, tmp_path):
+    values = yaml.safe_load((bag / "ekf.yaml").read_text())["/**/ekf"]["ros__parameters"]
+    params = tmp_path / "other.yaml"
+    params.write_text(yaml.safe_dump({"/robot/ekf": {"ros__parameters": values | {"wheel_noise": 0.01}}}))
+    run(bag, params, tmp_path / "out", None, {})
+    one, other = (read(path)["/pose"][300].pose.covariance[0] for path in (refiltered, tmp_path / "out"))
+    assert other < one
+    assert (tmp_path / "out" / "ekf.yaml").read_text() == params.read_text()
+
+
+def test_topic_of_another_name_is_remapped(tmp_path):
+    path = tmp_path / "bag"
+    write_odometry(path, "/robot/odom")
+    params = tmp_path / "p.yaml"
+    params.write_text("/**/ekf: {ros__parameters: {}}\n")
+    with pytest.raises(DiffbotError, match="has no topic /odom for odom: it has /robot/odom"):
+        run(path, params, tmp_path / "out", None, {})
+    with pytest.raises(DiffbotError, match=r"no estimate: /robot/odom: no fix yet \(3\)"):
+        run(path, params, tmp_path / "out", None, {"odom": "/robot/odom"})
+    assert not (tmp_path / "out").exists()
+
+
+def write_odometry(path, topic):
+    message = NumbersMessage(ODOMETRY, "odom", "base_link")
+    with new_bag(path) as writer:
+        channel = writer.add_topic(topic, ODOMETRY)
+        for stamp in (10**9, 2 * 10**9, 3 * 10**9):
+            writer.write(channel, message.encode(stamp), stamp, stamp)
+
+
+BAD_FILES = {
+    "missing": (None, "cannot read"),
+    "no YAML": ("a: [", "is not a parameter file"),
+    "another node": ("/**/plant: {ros__parameters: {}}", "has no entry /\\*\\*/ekf"),
+    "a list": ("- 1", "has no entry"),
+    "unknown name": ("/**/ekf: {ros__parameters: {wheel_nose: 1}}", "wheel_nose = 1: must be a known name"),
+    "out of bounds": ("/**/ekf: {ros__parameters: {wheel_noise: -1.0}}", "wheel_noise = -1.0: must be"),
+}
+
+
+@pytest.mark.parametrize(("text", "words"), BAD_FILES.values(), ids=BAD_FILES)
+def test_bad_parameter_file_is_refused(bag, tmp_path, text, words):
+    params = tmp_path / "p.yaml"
+    if text is not None:
+        params.write_text(text)
+    with pytest.raises(DiffbotError, match=words):
+        run(bag, params, tmp_path / "out", None, {})
+    assert not (tmp_path / "out").exists()
+
+
+BAD_COMMANDS = {
+    "no bag": (["/nowhere/bag", "--params", "{bag}/ekf.yaml"], "no bag /nowhere/bag"),
+    "no parameters": (["{bag}/../set"], "no ekf.yaml in"),
+    "no such truth": (["{bag}", "--compare", "/truth"], "has no topic /truth"),
+    "truth of another type": (["{bag}", "--compare", "/landmarks"], "not a pose"),
+}
+
+
+@pytest.mark.parametrize(("arguments", "words"), BAD_COMMANDS.values(), ids=BAD_COMMANDS)
+def test_command_refuses_in_one_line(bag, tmp_path, arguments, words):
+    command = ["refilter", *(one.format(bag=bag) for one in arguments), "--out", str(tmp_path / "out")]
+    done = subprocess.run(
+        [sys.executable, "-m", "diffbot_lab.cli", *command], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 1
+    assert len(done.stderr.splitlines()) == 1, done.stderr
+    assert words in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_remapping_of_an_unknown_input_is_a_usage_error(bag, tmp_path):
+    command = ["refilter", str(bag), "--out", str(tmp_path / "out"), "--remap", "odometry:=/odom"]
+    done = subprocess.run(
+        [sys.executable, "-m", "diffbot_lab.cli", *command], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 2
+    assert "must be NAME:=TOPIC" in done.stderr
