@@ -12,21 +12,27 @@ MRCLAM = MappingProxyType(
         # iRobot Create.
         "wheel_separation": 0.26,
         "wheel_radius": 0.033,
-        # Its odometry is the command, uncalibrated: scale errors of about 10 %.
+        # Its odometry is the command, uncalibrated: scale errors of about 10 %, and a dead time.
         "wheel_radius_sigma": 0.1,
+        "wheel_separation_sigma": 0.1,
         "wheel_radius_walk": 1e-3,
-        # An error per message, so at 67 Hz even the largest value allowed is little per metre.
-        "wheel_noise": 1.0,
-        # Measurements of neighbouring times share their errors, so one is worth less than its scatter says.
-        "landmark_range_sigma": 0.15,
-        "landmark_bearing_sigma": 0.06,
+        "odometry_delay": 0.25,
+        # A camera at markers: the error grows with the distance and lasts longer than the time between two frames; some
+        # markers are misread.
+        "landmark_range_sigma": 0.03,
+        "landmark_range_sigma_per_metre": 0.025,
+        "landmark_bearing_sigma": 0.02,
+        "landmark_correlation_time": 1.0,
+        "landmark_gate": "weigh",
+        "gate_probability": 0.99,
     }
 )
 LABYRINTH = MappingProxyType(
     {
         "wheel_radius_sigma": 0.1,
+        "wheel_separation_sigma": 0.1,
         "wheel_radius_walk": 1e-3,
-        "wheel_noise": 1.0,
+        "landmark_gate": "weigh",
     }
 )
 """Beside the wheel separation, which the data name."""

@@ -150,7 +150,7 @@ def test_comparison_prints_the_errors_against_the_truth(bag, tmp_path, capsys):
 def test_parameters_of_a_file_are_used(bag, refiltered, tmp_path):
     values = yaml.safe_load((bag / "ekf.yaml").read_text())["/**/ekf"]["ros__parameters"]
     params = tmp_path / "other.yaml"
-    params.write_text(yaml.safe_dump({"/robot/ekf": {"ros__parameters": values | {"wheel_noise": 0.01}}}))
+    params.write_text(yaml.safe_dump({"/robot/ekf": {"ros__parameters": values | {"alpha3": 1e-4}}}))
     run(bag, params, tmp_path / "out", None, {})
     one, other = (read(path)["/pose"][300].pose.covariance[0] for path in (refiltered, tmp_path / "out"))
     assert other < one
