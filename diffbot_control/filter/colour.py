@@ -8,21 +8,31 @@ whose R is merely too large do not. The smaller of both answers counts, if the s
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
-from diffbot_control.filter.models import Motion, pose_innovation
-from diffbot_core.geometry import Pose
+from diffbot_control.filter.models import Motion, heading_innovation
+from diffbot_core.geometry import Pose, wrap_angle
 
-_MEMORY = 1.0 / 200.0
-"""Share of the newest fix in the slow means."""
+_MEMORY = 200
+"""Pairs of fixes that the slow means remember."""
 _SIGNIFICANT = 2.0
 """[standard deviations] of the mean product of white innovations"""
 _MAX_CORRELATION = 0.99
 _MAX_SQUARE = 30.0
-"""Bound of a normalised square: a single outlier must not dominate the mean."""
+"""Bound of a normalised square: an outlier that no gate kept out has no partner."""
 _SIZE = 3
 """Numbers of a fix."""
+
+
+class Variances(NamedTuple):
+    """Of a fix."""
+
+    x: float
+    """[m^2]"""
+    y: float
+    """[m^2]"""
+    theta: float
+    """[rad^2]"""
 
 
 class Travelled(NamedTuple):
@@ -54,7 +64,7 @@ class Colour(NamedTuple):
     product: float
     """mean product of neighbouring innovations over R"""
     pairs: int
-    """number of pairs so far"""
+    """number of pairs so far, up to those remembered"""
     inflation: float
     """factor on R: (1 + c) / (1 - c)"""
 
@@ -70,35 +80,20 @@ def new_colour() -> Colour:
 
 def unpaired(colour: Colour) -> Colour:
     """Return the memory after a fix that was not accepted, or a jump of the estimate."""
-    return Colour(
-        False,
-        colour.innovation,
-        colour.residual,
-        colour.estimate,
-        colour.var_theta,
-        colour.difference,
-        colour.motion,
-        colour.product,
-        colour.pairs,
-        colour.inflation,
-    )
+    _, innovation, residual, estimate, var_theta, difference, motion, product, pairs, inflation = colour
+    return Colour(False, innovation, residual, estimate, var_theta, difference, motion, product, pairs, inflation)
 
 
 def travel(travelled: Travelled, motion: Motion, var_lateral: float) -> Travelled:
     """Add a motion; ``var_lateral`` is its variance across the robot [m^2]."""
-    var_v, _, var_omega = motion.covariance
-    squared = motion.dt * motion.dt
-    return Travelled(travelled.along + squared * var_v + var_lateral, travelled.turn + squared * var_omega)
+    along, turn = travelled
+    _, dt, (var_v, _, var_omega) = motion
+    dt *= dt
+    return Travelled(along + dt * var_v + var_lateral, turn + dt * var_omega)
 
 
 def with_fix(
-    colour: Colour,
-    travelled: Travelled,
-    fix: Pose,
-    variances: tuple[float, float, float],
-    before: Pose,
-    after: Pose,
-    var_theta: float,
+    colour: Colour, travelled: Travelled, fix: Pose, R: Variances, before: Pose, after: Pose, var_theta: float
 ) -> Colour:
     """Update the memory with an accepted fix.
 
@@ -106,45 +101,47 @@ def with_fix(
         colour: the memory.
         travelled: since the fix before.
         fix: the measured pose.
-        variances: of its errors, as claimed [m^2, m^2, rad^2].
+        R: of its errors, as claimed.
         before: the estimate before its correction.
         after: the estimate after it.
         var_theta: of that estimate [rad^2].
     """
-    y, residual = pose_innovation(fix, before), pose_innovation(fix, after)
-    if not colour.paired:
-        return Colour(True, y, residual, after, var_theta, *_means(colour))
-    last, old = colour.innovation, colour.residual
-    by_x, by_y, by_theta = 1.0 / variances[0], 1.0 / variances[1], 1.0 / variances[2]
-    turned = pose_innovation(y, old)
-    r_x, r_y, r_theta = turned
-    dx, dy = before.x - colour.estimate.x, before.y - colour.estimate.y
-    # An error of the heading turns what was driven: it moves the end across.
-    moved = 0.5 * (travelled.along + (dx * dx + dy * dy) * colour.var_theta) * (by_x + by_y)
-    half = 0.5 / _SIZE
-    difference = half * (r_x * r_x * by_x + r_y * r_y * by_y + r_theta * r_theta * by_theta)
-    motion = half * (moved + travelled.turn * by_theta)
-    product = (y.x * last.x * by_x + y.y * last.y * by_y + y.theta * last.theta * by_theta) / _SIZE
-    share = max(_MEMORY, 1.0 / (colour.pairs + 1.0))
-    difference = colour.difference + share * (min(difference, _MAX_SQUARE) - colour.difference)
-    motion = colour.motion + share * (min(motion, _MAX_SQUARE) - colour.motion)
-    bounded = min(max(product, -_MAX_SQUARE), _MAX_SQUARE)
-    product = colour.product + share * (bounded - colour.product)
-    c = correlation_of(difference, motion, product, 1.0 / share)
-    inflation = (1.0 + c) / (1.0 - c)
-    return Colour(True, y, residual, after, var_theta, difference, motion, product, colour.pairs + 1, inflation)
+    paired, last, old, start, old_var_theta, difference, motion, product, pairs, inflation = colour
+    x, y, theta = fix.x - before.x, fix.y - before.y, heading_innovation(fix.theta, before.theta)
+    innovation = Pose(x, y, theta)
+    residual = Pose(fix.x - after.x, fix.y - after.y, theta - wrap_angle(after.theta - before.theta))
+    if paired:
+        by_x, by_y, by_theta = 1.0 / R.x, 1.0 / R.y, 1.0 / R.theta
+        r_x, r_y, r_theta = x - old.x, y - old.y, theta - old.theta
+        newest = (r_x * r_x * by_x + r_y * r_y * by_y + r_theta * r_theta * by_theta) * (0.5 / _SIZE)
+        if newest < _MAX_SQUARE:
+            # An error of the heading turns what was driven: it moves the end across.
+            dx, dy = before.x - start.x, before.y - start.y
+            moved = 0.5 * (travelled.along + (dx * dx + dy * dy) * old_var_theta) * (by_x + by_y)
+            both = (x * last.x * by_x + y * last.y * by_y + theta * last.theta * by_theta) / _SIZE
+            if pairs < _MEMORY:
+                pairs += 1
+            difference += (newest - difference) / pairs
+            motion += ((moved + travelled.turn * by_theta) * (0.5 / _SIZE) - motion) / pairs
+            product += (both - product) / pairs
+            c = correlation_of(difference, motion, product, pairs)
+            inflation = (1.0 + c) / (1.0 - c)
+    return Colour(True, innovation, residual, after, var_theta, difference, motion, product, pairs, inflation)
 
 
-def _means(colour: Colour) -> tuple[float, float, float, int, float]:
-    return colour.difference, colour.motion, colour.product, colour.pairs, colour.inflation
+def growth(before: Colour, after: Colour) -> float:
+    """Factor on the pose's part of P after a fix: P was computed with too small an R if the inflation has grown."""
+    return max(after.inflation / before.inflation, 1.0)
 
 
-def correlation_of(difference: float, motion: float, product: float, pairs: float) -> float:
+def correlation_of(difference: float, motion: float, product: float, pairs: int) -> float:
     """Return c from the means over ``pairs`` pairs of fixes, see :class:`Colour`."""
-    # White innovations have a product of mean 0; its deviation is their variance over the root of the number.
-    noise = max(difference - motion, 1e-3)
-    if product <= _SIGNIFICANT * (difference + product) / math.sqrt(_SIZE * pairs):
-        return 0.0
     by_difference = 1.0 + motion - difference
-    by_product = product / (product + noise)
-    return min(max(min(by_difference, by_product), 0.0), _MAX_CORRELATION)
+    if by_difference <= 0.0 or product <= 0.0:
+        return 0.0
+    # White innovations have a product of mean 0; its deviation is their variance over the root of the number.
+    variance = difference + product
+    if product * product * (_SIZE * pairs) <= (_SIGNIFICANT * variance) ** 2:
+        return 0.0
+    by_product = product / (product + max(difference - motion, 1e-3))
+    return min(by_difference, by_product, _MAX_CORRELATION)

@@ -6,7 +6,6 @@ Its memory is one immutable value, :attr:`GatedFilter.memory`: assigning an olde
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -20,8 +19,15 @@ from diffbot_control.filter.adaptation import (
     r_scales,
 )
 from diffbot_control.filter.belief import Belief, ErrorEstimate, inflate, pose_of, with_errors, with_pose
-from diffbot_control.filter.colour import STANDING, Colour, Travelled, new_colour, travel, unpaired, with_fix
-from diffbot_control.filter.correlation import NO_STAMPS, Stamps, inflation_of, with_stamp
+from diffbot_control.filter.colour import (
+    Colour,
+    Variances,
+    growth,
+    travel,
+    unpaired,
+    with_fix,
+)
+from diffbot_control.filter.correlation import NO_STAMPS, inflation_of, with_stamp
 from diffbot_control.filter.ekf import PLAIN, PoseEkf, Robust
 from diffbot_control.filter.gate import (
     ACCEPTED,
@@ -32,7 +38,6 @@ from diffbot_control.filter.gate import (
     RESET_VAR_THETA,
     RESET_VAR_XY,
     WEIGHED,
-    GateMemory,
     age,
     decide,
     decide_weight,
@@ -42,28 +47,13 @@ from diffbot_control.filter.gate import (
 from diffbot_control.filter.innovation_monitor import Innovation
 from diffbot_control.filter.landmark_calibration import NO_ERRORS
 from diffbot_control.filter.measurements import Array, Heading, LandmarkMeasurement, Measurement, PoseFix
+from diffbot_control.filter.memory import Memory
 from diffbot_control.filter.models import Motion
 from diffbot_control.filter.options import FilterOptions
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import scale_twist_covariance
 
 _RESET_P = np.diag((RESET_VAR_XY, RESET_VAR_XY, RESET_VAR_THETA))
-
-
-class Memory(NamedTuple):
-    """State of the filter."""
-
-    belief: Belief
-    candidate: Belief | None
-    """hypothesis of the rejected fixes; None if there are none"""
-    gate: GateMemory
-    adaptation: Adaptation
-    stamps: Stamps = NO_STAMPS
-    """of the newest measurement of each source whose errors are correlated in time"""
-    colour: Colour = new_colour()
-    """of the fixes, where it is to be found"""
-    travelled: Travelled = STANDING
-    """since the newest fix"""
 
 
 class GatedFilter:
@@ -205,11 +195,10 @@ class GatedFilter:
         memory = self.memory
         if not accepted:
             return after, unpaired(memory.colour)
-        variances = fix.R.item(0), fix.R.item(4), fix.R.item(8)
+        variances = Variances(fix.R.item(0), fix.R.item(4), fix.R.item(8))
         poses = pose_of(memory.belief), pose_of(after)
         colour = with_fix(memory.colour, memory.travelled, fix.pose, variances, *poses, after.P.item(2, 2))
-        # P was computed with too small an R before.
-        return inflate(after, max(colour.inflation / memory.colour.inflation, 1.0)), colour
+        return inflate(after, growth(memory.colour, colour)), colour
 
     def _newest_innovation(self) -> Innovation | None:
         return Innovation(self._ekf.y, self._ekf.S) if math.isfinite(self.nis) else None

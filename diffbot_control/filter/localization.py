@@ -13,14 +13,10 @@ from typing import Annotated, NamedTuple
 
 from diffbot_control.filter.belief import Belief
 from diffbot_control.filter.correlation import KIND_OF, source_of
-from diffbot_control.filter.gated_filter import GatedFilter, Memory
+from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.innovation_monitor import InnovationMonitor
-from diffbot_control.filter.measurements import (
-    Array,
-    Measurement,
-    OdometryStep,
-    PoseFix,
-)
+from diffbot_control.filter.measurements import Array, Measurement, OdometryStep, PoseFix
+from diffbot_control.filter.memory import Memory
 from diffbot_control.filter.models import Motion
 from diffbot_control.filter.odometry_delay import DelayLine
 from diffbot_control.filter.odometry_noise import OdometryConfig, density_of, over_time

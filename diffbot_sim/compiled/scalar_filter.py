@@ -18,7 +18,17 @@ from diffbot_control.filter.adaptation import (
     q_scale,
     r_scales,
 )
-from diffbot_control.filter.colour import STANDING, Colour, Travelled, new_colour, travel, unpaired, with_fix
+from diffbot_control.filter.colour import (
+    STANDING,
+    Colour,
+    Travelled,
+    Variances,
+    growth,
+    new_colour,
+    travel,
+    unpaired,
+    with_fix,
+)
 from diffbot_control.filter.gate import (
     ACCEPTED,
     FIX,
@@ -166,10 +176,10 @@ def _coloured(track: Track, fix: PoseFix, after: Belief, accepted: bool) -> tupl
     """Return the belief after a fix and what it says about the correlation of the errors of fixes."""
     if not accepted:
         return after, unpaired(track.colour)
-    variances = (fix.var_x, fix.var_y, fix.var_theta)
+    variances = Variances(fix.var_x, fix.var_y, fix.var_theta)
     before = track.belief.pose
     colour = with_fix(track.colour, track.travelled, fix.pose, variances, before, after.pose, after.P.tt)
-    return inflate(after, max(colour.inflation / track.colour.inflation, 1.0)), colour
+    return inflate(after, growth(track.colour, colour)), colour
 
 
 def _apply(track: Track, fix: PoseFix, after: Corrected, other: Corrected, decision: Decision) -> tuple[Belief, Belief]:

@@ -1,0 +1,27 @@
+"""State of the filter between two messages: one immutable value."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from diffbot_control.filter.adaptation import Adaptation
+from diffbot_control.filter.belief import Belief
+from diffbot_control.filter.colour import STANDING, Colour, Travelled, new_colour
+from diffbot_control.filter.correlation import NO_STAMPS, Stamps
+from diffbot_control.filter.gate import GateMemory
+
+
+class Memory(NamedTuple):
+    """State of the filter."""
+
+    belief: Belief
+    candidate: Belief | None
+    """hypothesis of the rejected fixes; None if there are none"""
+    gate: GateMemory
+    adaptation: Adaptation
+    stamps: Stamps = NO_STAMPS
+    """of the newest measurement of each source whose errors are correlated in time"""
+    colour: Colour = new_colour()
+    """of the fixes, where it is to be found"""
+    travelled: Travelled = STANDING
+    """since the newest fix"""
