@@ -122,6 +122,11 @@ class GatedFilter:
         """Set the errors of landmarks, uncorrelated with all else; does nothing if they are not states."""
         self._set_errors(self._ekf.landmark_part, errors)
 
+    def fix_correlation(self) -> float | None:
+        """Return the correlation found between the errors of neighbouring fixes; None if it is not looked for."""
+        factor = self.memory.colour.inflation
+        return (factor - 1.0) / (factor + 1.0) if self.options.detects_colour else None
+
     def _errors(self, part: slice) -> ErrorEstimate | None:
         if part.start == part.stop:
             return None

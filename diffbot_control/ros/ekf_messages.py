@@ -86,12 +86,15 @@ def corrected_twist(measured: Twist, ekf: GatedFilter, wheel_separation: float) 
 
 
 def error_values(ekf: GatedFilter) -> dict[str, str]:
-    """Return the estimated errors of wheels and landmarks with their standard deviations as key-value pairs."""
+    """Return key-value pairs of the estimated errors with their standard deviations, and of what fixes correlate by."""
     found = {}
     for names, estimate in ((_WHEEL_ERRORS, ekf.wheels()), (_LANDMARK_ERRORS, ekf.landmark_errors())):
         if estimate is not None:
             for name, error, variance in zip(names, estimate.errors, np.diagonal(estimate.P), strict=False):
                 found[f"{name} error"] = f"{error:+.4f} +- {math.sqrt(max(variance, 0.0)):.4f}"
+    c = ekf.fix_correlation()
+    if c is not None:
+        found["correlation of neighbouring fixes found"] = f"{c:.2f}"
     return found
 
 

@@ -53,6 +53,13 @@ def same_belief(belief, reference, tolerance):
     np.testing.assert_allclose(matrix_of(belief.P)[:states, :states], P, rtol=tolerance, atol=tolerance)
 
 
+def assert_same_colour(mine, theirs):
+    """The means of what the fixes say about the correlation of their errors."""
+    assert (mine.paired, mine.pairs) == (theirs.paired, theirs.pairs)
+    numbers = [(*one.innovation, *one.residual, *one[4:]) for one in (mine, theirs)]
+    assert numbers[0] == pytest.approx(numbers[1], rel=1e-6, abs=1e-7)
+
+
 def assert_same(reference, track, tolerance=1e-9):
     same_belief(track.belief, reference.memory.belief, tolerance)
     # The same functions of nearly the same numbers: counts and times have no tolerance.
@@ -60,6 +67,7 @@ def assert_same(reference, track, tolerance=1e-9):
     assert (reference.memory.candidate is None) == (track.gate.fixes.rejected == 0)
     if reference.memory.candidate is not None:
         same_belief(track.candidate, reference.memory.candidate, tolerance)
+    assert_same_colour(track.colour, reference.memory.colour)
     other = reference.memory.adaptation
     assert flat(track.adaptation) == pytest.approx(flat(other), rel=1e-6, abs=1e-7)
     rules = zip(
@@ -119,3 +127,28 @@ def test_the_compiled_filter_is_filterpys(variant, seed):
         # Each step is held together by itself: a difference in the last digit must not grow over hundreds of steps.
         assert_same(reference, track, 1e-7)
     assert verdicts == ({ACCEPTED} if probability == 1.0 else {ACCEPTED, REJECTED, RELOCATED})
+
+
+@pytest.mark.parametrize("variant", ["ekf", "ekf_calibrating"])
+@pytest.mark.parametrize("seed", range(3))
+def test_it_finds_the_same_correlation_of_fixes(variant, seed):
+    rng, R = np.random.default_rng(seed), np.array([0.03, 0.03, 0.01])
+    options = options_of(FilterConfig(filter=variant))
+    reference, track = GatedFilter(options, SEPARATION), twin.new_track(options)
+    reference.reset_to(Pose(0.0, 0.0, 0.0), np.diag(R))
+    track = twin.take_fix(track, scalar_belief.PoseFix(Pose(0.0, 0.0, 0.0), *R), options)
+    truth, noise, largest = np.zeros(3), rng.normal(size=3), 1.0
+    for step in range(200):
+        motion = Motion(Twist(0.4, 0.3), 0.2, TwistCovariance(4e-4, 1e-5, 4e-4))
+        reference.predict(motion)
+        track = twin.advance(track, motion, SEPARATION, options)
+        middle = truth[2] + 0.03
+        truth += [0.08 * math.cos(middle), 0.08 * math.sin(middle), 0.06]
+        noise = 0.9 * noise + math.sqrt(0.19) * rng.normal(size=3)
+        z = truth + np.sqrt(R) * noise + (4.0 if step == 120 else 0.0)
+        pose = Pose(z[0], z[1], wrapped(z[2]))
+        assert reference.take(PoseFix(0, pose, np.diag(R))) == (REJECTED if step == 120 else ACCEPTED)
+        track = twin.take_fix(track, scalar_belief.PoseFix(pose, *R), options)
+        assert_same(reference, track, 1e-7)
+        largest = max(largest, track.colour.inflation)
+    assert largest > 5.0

@@ -1,0 +1,139 @@
+"""Fixes whose errors last: the default filter finds out from the fixes, and its covariance stays honest."""
+
+import math
+
+import numpy as np
+import pytest
+from filter_runs import R_FIX, gated_filter, wrapped
+
+from diffbot_control.filter.colour import correlation_of, new_colour, unpaired
+from diffbot_control.filter.gate import ACCEPTED, REJECTED
+from diffbot_control.filter.gated_filter import GatedFilter
+from diffbot_control.filter.measurements import PoseFix
+from diffbot_control.filter.models import Motion
+from diffbot_control.filter.options import FilterConfig, options_of
+from diffbot_control.ros.ekf_messages import error_values
+from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import Twist, TwistCovariance
+
+SIGMAS = np.sqrt(R_FIX.diagonal())
+
+
+class Run:
+    """40 s at 10 Hz with a fix at 5 Hz; the NEES after 10 s."""
+
+    def __init__(self, c, seed, claimed=1.0, outliers=(), **options):
+        rng, dt = np.random.default_rng(seed), 0.1
+        self.found = gated_filter(options.pop("variant", "ekf"), P=R_FIX, **options)
+        noise = rng.normal(size=3)
+        x = -SIGMAS * noise  # the filter starts at the first fix, which is coloured, too
+        self.nees, self.square, self.outcomes = [], [], []
+        for step in range(400):
+            v, omega = 0.5 + 0.2 * math.sin(0.05 * step), 0.4 * math.sin(0.03 * step)
+            self.found.predict(Motion(Twist(v, omega), dt, TwistCovariance(9e-4, 0.0, 9e-4)))
+            v, omega = v + rng.normal(0.0, 0.03), omega + rng.normal(0.0, 0.03)
+            middle = x[2] + 0.5 * omega * dt
+            x = x + np.array([v * dt * math.cos(middle), v * dt * math.sin(middle), omega * dt])
+            if step % 2 == 0:
+                noise = c * noise + math.sqrt(1.0 - c * c) * rng.normal(size=3)
+                z = x + SIGMAS * noise + (5.0 if step in outliers else 0.0)
+                self.outcomes.append(self.found.take(PoseFix(step, Pose(z[0], z[1], wrapped(z[2])), claimed * R_FIX)))
+            if step >= 100:
+                belief = self.found.memory.belief
+                e = belief.x[:3] - x
+                e[2] = wrapped(e[2])
+                self.nees.append(e @ np.linalg.solve(belief.P[:3, :3], e))
+                self.square.append(e[0] ** 2 + e[1] ** 2)
+
+
+def together(c, runs=12, **options):
+    """Mean NEES and RMSE [m] over runs, and the mean correlation found."""
+    done = [Run(c, seed, **options) for seed in range(runs)]
+    factors = np.array([one.found.memory.colour.inflation for one in done])
+    found = ((factors - 1.0) / (factors + 1.0)).mean()
+    return np.mean([one.nees for one in done]), math.sqrt(np.mean([one.square for one in done])), found
+
+
+@pytest.mark.parametrize(("c", "blind"), [(0.5, 5.0), (0.9, 12.0), (0.98, 20.0)])
+def test_the_covariance_is_honest_with_coloured_fixes(c, blind):
+    nees, rmse, found = together(c)
+    without, rmse_without, _ = together(c, detect_fix_correlation=False)
+    assert 1.0 < nees < 6.0
+    assert without > blind
+    assert rmse < 1.05 * rmse_without
+    assert found == pytest.approx(c, abs=0.2)
+
+
+def test_it_is_reported():
+    found = Run(0.9, 0).found
+    c = float(error_values(found)["correlation of neighbouring fixes found"])
+    assert (1.0 + c) / (1.0 - c) == pytest.approx(found.memory.colour.inflation, rel=0.1)
+    assert not error_values(gated_filter("ekf_fnn"))
+
+
+def test_with_white_fixes_nothing_changes():
+    nees, rmse, found = together(0.0)
+    without, rmse_without, _ = together(0.0, detect_fix_correlation=False)
+    assert nees == pytest.approx(without, rel=0.1)
+    assert rmse == pytest.approx(rmse_without, rel=0.02)
+    assert found < 0.05
+
+
+def test_white_fixes_of_too_large_a_claimed_covariance_are_not_taken_as_coloured():
+    """Their differences are as small as those of fixes with c = 0.9."""
+    assert together(0.0, runs=6, claimed=10.0)[2] < 0.3
+    assert together(0.9, runs=6)[2] > 0.8
+
+
+def test_the_option_and_the_other_mechanisms_switch_it_off():
+    assert options_of(FilterConfig()).detects_colour
+    assert not options_of(FilterConfig(detect_fix_correlation=False)).detects_colour
+    assert not options_of(FilterConfig(fix_correlation_time=1.0)).detects_colour
+    assert not options_of(FilterConfig(filter="ekf_fnn")).detects_colour
+    assert not options_of(FilterConfig(filter="ekf_fnn_calibrating")).detects_colour
+    told = Run(0.9, 0, fix_correlation_time=-0.2 / math.log(0.9)).found
+    assert told.memory.colour == new_colour()
+
+
+def test_a_rejected_fix_has_no_partner():
+    with_outliers = Run(0.9, 3, outliers=(200, 300))
+    assert with_outliers.outcomes[100] == with_outliers.outcomes[150] == REJECTED
+    # The first fix of the 200, and two for each outlier: its own pair and the next.
+    accepted = sum(one == ACCEPTED for one in with_outliers.outcomes)
+    assert with_outliers.found.memory.colour.pairs == accepted - 3
+
+
+def test_it_survives_a_relocation_but_no_reset():
+    found = Run(0.9, 1).found
+    colour = found.memory.colour
+    assert colour.inflation > 3.0
+    found.reset_to(Pose(9.0, 9.0, 0.0), R_FIX)
+    assert found.memory.colour == unpaired(colour)
+    found.reset()
+    assert found.memory.colour == new_colour()
+
+
+@pytest.mark.parametrize("c", [0.3, 0.6, 0.9])
+def test_right_means_give_the_correlation(c):
+    # Of noise with variance R: half the squared difference 1 - c, the product of neighbours c.
+    assert correlation_of(1.0 - c, 0.0, c, 200) == pytest.approx(c)
+    assert correlation_of(1.0 - c + 0.1, 0.1, c, 200) == pytest.approx(c)
+    assert correlation_of(0.1 * (1.0 - c), 0.0, 0.1 * c, 200) == pytest.approx(c)  # R claimed ten times as large
+    assert correlation_of(1.0 - c, 0.0, 0.0, 200) == 0.0
+    assert correlation_of(1.0, 0.0, c, 200) == 0.0  # a drift
+    assert correlation_of(1.0 - c, 0.0, c, 1) == 0.0  # too few
+
+
+def test_a_weaker_correction_is_that_of_a_larger_covariance():
+    coloured = Run(0.9, 2).found
+    memory = coloured.memory
+    plain = GatedFilter(options_of(FilterConfig(filter="ekf", detect_fix_correlation=False)), 0.6)
+    plain.reset_to(Pose(0.0, 0.0, 0.0), R_FIX)
+    plain.memory = plain.memory._replace(belief=memory.belief)
+    x, y, theta = memory.belief.x
+    z = Pose(x + 0.1, y - 0.1, theta + 0.05)
+    coloured.take(PoseFix(0, z, R_FIX))
+    plain.take(PoseFix(0, z, memory.colour.inflation * R_FIX))
+    grown = max(coloured.memory.colour.inflation / memory.colour.inflation, 1.0)
+    np.testing.assert_allclose(coloured.memory.belief.x, plain.memory.belief.x, atol=1e-12)
+    np.testing.assert_allclose(coloured.memory.belief.P, grown * plain.memory.belief.P, rtol=1e-9)
