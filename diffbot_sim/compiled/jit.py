@@ -15,7 +15,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from diffbot_control.filter import adaptation, gate, models
+from diffbot_control.filter import adaptation, colour, gate, models
 from diffbot_control.law import (
     braking_step,
     configuration,
@@ -75,6 +75,7 @@ MODULES = (
     outcome,
     gate,
     adaptation,
+    colour,
     scalar_belief,
     scalar_ekf,
     scalar_filter,
