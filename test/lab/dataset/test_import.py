@@ -13,8 +13,11 @@ from rosbags.highlevel import AnyReader
 from diffbot_control.ros.ekf_parameters import EkfNodeConfig
 from diffbot_control.ros.landmark_cloud import landmark_points
 from diffbot_core.errors import DiffbotError
+from diffbot_core.kinematics import Twist
 from diffbot_core.schema import build
 from diffbot_lab.dataset.command import import_labyrinth, import_mrclam
+from diffbot_lab.dataset.drive import Measured
+from diffbot_lab.dataset.mrclam import held
 
 START = 1_248_446_190_000_000_000
 
@@ -134,6 +137,11 @@ def test_repeated_lines_are_left_out_and_a_landmark_twice_at_one_time_needs_two_
     printed = capsys.readouterr().out
     assert "1 of 3 measurements are repetitions" in printed
     assert "1 of 401 odometry lines repeat a time" in printed
+
+
+def test_a_command_holds_until_the_next():
+    commands = [Measured(stamp, Twist(v, 0.0)) for stamp, v in ((0, 1.0), (10, 2.0), (1500, 3.0))]
+    assert [(one.stamp, one.twist.v) for one in held(commands)] == [(0, 1.0), (10, 1.0), (1500, 2.0)]
 
 
 def test_odometry_before_the_truth_is_left_out(tmp_path):
