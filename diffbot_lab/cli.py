@@ -116,6 +116,12 @@ def _add_benchmark(commands: Any) -> None:
         help="switching: of each start (default: 100); localization: of each case (default: 200); "
         "tune: of each case in an evaluation (default: 102)",
     )
+    benchmark.add_argument(
+        "--own-runs",
+        type=_whole(1, 10**5),
+        default=1,
+        help="switching: runs of each start for this project's law alone",
+    )
     benchmark.add_argument("--seed", type=_whole(0, MAX_SEED), default=1, help="seed of all noise")
     benchmark.add_argument("--out", type=Path, help="folder (default: out/benchmark, out/localization, out/tuning)")
     benchmark.add_argument(
@@ -252,7 +258,7 @@ def _benchmark(options: argparse.Namespace) -> int:
         return law_tuning.run_and_report(laws, options.budget, runs, cases, out)
     from diffbot_lab.benchmark import law as law_benchmark  # noqa: PLC0415
 
-    arena = law_benchmark.ArenaOptions(runs, options.seed, laws, cases, options.tuning)
+    arena = law_benchmark.ArenaOptions(runs, options.seed, laws, cases, options.tuning, options.own_runs)
     return law_benchmark.run_and_report(arena, out, options.figures)
 
 

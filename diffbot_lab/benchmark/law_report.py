@@ -91,6 +91,8 @@ def _ahead_section(results: Results) -> list[str]:
 def _introduction(results: Results) -> list[str]:
     tolerance = f"({results['xy_tolerance']:g} m, {results['yaw_tolerance']:g} rad)"
     runs = results["starts"] * results["runs_of_each_start"]
+    own = results["starts"] * results["own_runs_of_each_start"]
+    number_of_runs = f"{runs} runs in each case" + (f" ({own} of the switching law)" if own > runs else "")
     return [
         "## Conditions",
         "",
@@ -99,7 +101,7 @@ def _introduction(results: Results) -> list[str]:
         "a law of yours ([laws.md](laws.md)).",
         "",
         f"Every law has the same {results['starts']} starts (8 points of the 12 m circle with headings 0 and 220 deg, "
-        f"and the start of the paper's simulation A) or as many random ones, {runs} runs in each case, seed "
+        f"and the start of the paper's simulation A) or as many random ones, {number_of_runs}, seed "
         f"{results['seed']}, and run i has the same noise under every law: fixes at 10 Hz with the paper's bounds "
         "(+-0.3 m, +-0.3 m, +-0.17 rad), +-5 % per wheel in drive and encoder. A run lasts "
         f"{results['duration']:.0f} s with Ts = 0.1 s. Every law has the same data sheet: limits, latency, lag and "
