@@ -143,6 +143,13 @@ def test_this_projects_law_keeps_what_it_kept():
     assert memory_for_new_goal(memory).command.v > 0.3
 
 
+@pytest.mark.parametrize("pose", [Pose(1e300, -1e300, 1.0), Pose(math.nan, 0.0, 0.0), Pose(0.0, math.inf, 0.0)])
+def test_this_projects_law_fails_like_others_or_answers_with_a_finite_command(pose):
+    drive = Drive(SwitchingLaw)
+    drive.pose()
+    assert all(math.isfinite(velocity) for velocity in drive.pose(pose))
+
+
 def raising(_memory):
     raise ValueError("two\nlines")
 
