@@ -35,9 +35,10 @@ from diffbot_lab.benchmark import filter as filter_benchmark
 from diffbot_lab.benchmark import filter_report, law_report
 from diffbot_lab.benchmark import law as law_benchmark
 from diffbot_lab.benchmark.targets import markdown_table
-from diffbot_lab.cli import BENCHMARKS
+from diffbot_lab.cli import BENCHMARKS, RUNS_OF_SCAN, SEED_OF_SCAN
 from diffbot_lab.paper.experiment import run_experiment, summarise
 from diffbot_lab.paper.figures import figure_paths
+from diffbot_lab.paper.scan import run_scan
 from diffbot_lab.paper.scenarios import SETTINGS
 from diffbot_sim.model.plant import PlantConfig
 from diffbot_sim.model.sensors import SensorConfig
@@ -132,8 +133,8 @@ def _end_state(world: WorldConfig, feedback: str) -> tuple[float, float]:
 
 
 def write_experiments() -> None:
-    """Run A and B; write their results and two of their figures to docs/."""
-    results = {}
+    """Run A, B and the scan; write their results and two of their figures to docs/."""
+    results = {"scan": run_scan(RUNS_OF_SCAN, SEED_OF_SCAN)}
     for name, law_label, figure in (
         ("a", "law 17", "figure_07_path.png"),
         ("b", "heading 0 deg", "figure_10_path.png"),
@@ -192,7 +193,7 @@ def main() -> int:
     experiments = json.loads((DOCS / "reproduction.json").read_text())
     pages = {
         DOCS / "parameters.md": parameters_page(),
-        DOCS / "reproduction.md": reproduction_page(experiments["a"], experiments["b"]),
+        DOCS / "reproduction.md": reproduction_page(experiments["a"], experiments["b"], experiments["scan"]),
         DOCS / "benchmark.md": law_report.page(json.loads((DOCS / "benchmark.json").read_text())),
         DOCS / "localization.md": localization_page(),
         DOCS / "rooms.svg": rooms_picture(),
