@@ -89,7 +89,7 @@ def drives(options: AnimationOptions) -> tuple[list[Drive], float]:
 
 def _settled(poses: Array, t_s: float) -> float:
     inside = (np.hypot(poses[:, 0], poses[:, 1]) <= XY_TOLERANCE) & (np.abs(poses[:, 2]) <= YAW_TOLERANCE)
-    time: Array = t_s * np.arange(len(poses))
+    time: Array = np.arange(len(poses)) * np.float64(t_s)
     return settling_time(time, inside)
 
 

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 MAX_DURATION = 18.0
 """[s] of the picture, real time"""
-_HOLD = 2.0
+_HOLD = 1.5
 """[s] after the last robot has settled"""
 _DOTS = 100
 """[1/inch]: 800 pixels wide"""
@@ -70,17 +70,17 @@ def write_movie(shown: list[Drive], t_s: float, path: Path) -> None:
     ]
     clock, texts = _captions(figure, wide, shown)
     with replacing(path.absolute()) as part:
-        # The writer takes the format from the suffix, and writes what there is after an error, too.
-        file = part.with_suffix(".gif")
+        file = part.with_suffix(".gif")  # the writer takes the format from it
         writer = PillowWriter(fps=round(1.0 / t_s))
+        writer.setup(figure, str(file), _DOTS)
         try:
-            with writer.saving(figure, str(file), _DOTS):
-                for frame in tqdm(range(frames_of(shown, t_s)), desc="frames", unit="frame", disable=None):
-                    _show(marks, shown, frame)
-                    clock.set_text(f"{frame * t_s:.1f} s")
-                    for text, one in zip(texts, shown, strict=True):
-                        text.set_text(f"settled at {one.settled:.1f} s" if frame * t_s >= one.settled else "")
-                    writer.grab_frame()
+            for frame in tqdm(range(frames_of(shown, t_s)), desc="frames", unit="frame", disable=None):
+                _show(marks, shown, frame)
+                clock.set_text(f"{frame * t_s:.1f} s")
+                for text, one in zip(texts, shown, strict=True):
+                    text.set_text(f"settled at {one.settled:.1f} s" if frame * t_s >= one.settled else "")
+                writer.grab_frame()
+            writer.finish()
             file.replace(part)
         finally:
             file.unlink(missing_ok=True)
@@ -111,9 +111,9 @@ def _frame(wide: Any, near: Any, shown: list[Drive]) -> None:
 
 def _marks(axes: Any, index: int, length: float) -> _Marks:
     colour, _, width = style_of(index)
-    above = 20 - index
-    (trail,) = axes.plot([], [], color=colour, linewidth=width, alpha=0.7, zorder=above)
-    (body,) = axes.fill([0.0], [0.0], facecolor=colour, edgecolor="white", linewidth=0.6, alpha=0.85, zorder=above + 20)
+    above = 20 + index
+    (trail,) = axes.plot([], [], color=colour, linewidth=width, zorder=above)
+    (body,) = axes.fill([0.0], [0.0], facecolor=colour, edgecolor="white", linewidth=0.6, zorder=above + 20)
     return _Marks(trail, body, length)
 
 

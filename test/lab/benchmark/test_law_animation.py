@@ -36,7 +36,7 @@ def test_a_robot_points_along_its_heading():
 
 
 def test_the_picture_ends_after_the_last_has_settled_but_is_not_long():
-    assert frames_of([drive("a", 3.0), drive("b", 5.0)], 0.1) == 71
+    assert frames_of([drive("a", 3.0), drive("b", 5.0)], 0.1) == 66
     assert frames_of([drive("a", 3.0), drive("b", math.nan)], 0.1) == 181
     assert frames_of([drive("a", 3.0, 40)], 0.1) == 40
 
@@ -63,7 +63,7 @@ def test_an_interrupted_picture_leaves_no_file(tmp_path, monkeypatch):
     path = tmp_path / "run.gif"
     path.write_text("old")
     monkeypatch.setattr(PillowWriter, "grab_frame", interrupted)
-    with pytest.raises((KeyboardInterrupt, IndexError)):
+    with pytest.raises(KeyboardInterrupt):
         write_movie([drive("ours", 0.3, 5)], 0.1, path)
     assert [(one.name, one.read_text()) for one in tmp_path.iterdir()] == [("run.gif", "old")]
 
