@@ -28,8 +28,11 @@ BENCHMARKS = {
     "switching": (100, Path("out/benchmark")),
     "localization": (200, Path("out/localization")),
     "tune": (102, Path("out/tuning")),
+    "animate": (200, Path("out/animation")),
 }
 """Default number of runs, default folder."""
+RUNS_OF_EXPERIMENTS, RUNS_OF_SCAN, SEED_OF_SCAN = 100, 2000, 2
+"""Defaults; the scan's seed is held out: its box was chosen on other runs."""
 MAX_SEED = 2**63 - 1
 
 
@@ -69,9 +72,13 @@ def _add_demo(commands: Any) -> None:
 
 def _add_experiment(commands: Any) -> None:
     experiment = commands.add_parser("experiment", help="reproduce the paper's simulations A and B, figures 4 to 15")
-    experiment.add_argument("names", nargs="+", choices=("a", "b"), help="simulation A, B or both")
-    experiment.add_argument("--runs", type=_whole(1, 10**6), default=100, help="of each start (default: %(default)s)")
-    experiment.add_argument("--seed", type=_whole(0, MAX_SEED), default=1, help="seed of all noise")
+    experiment.add_argument(
+        "names", nargs="+", choices=("a", "b", "scan"), help="simulation A, B; scan: readings of A over eps_P"
+    )
+    experiment.add_argument(
+        "--runs", type=_whole(1, 10**6), help="a, b: of each start (default: 100); scan: of each cell (default: 2000)"
+    )
+    experiment.add_argument("--seed", type=_whole(0, MAX_SEED), help="seed of all noise (default: 1; scan: 2)")
     experiment.add_argument("--out", type=Path, default=Path("out/experiment"), help="folder (default: %(default)s)")
     experiment.add_argument("--no-figures", dest="figures", action="store_false", help="results.json and table only")
     experiment.set_defaults(call=_experiment)
@@ -106,7 +113,9 @@ def _add_stability(commands: Any) -> None:
 
 
 def _add_benchmark(commands: Any) -> None:
-    benchmark = commands.add_parser("benchmark", help="the law and its peers, their tuning, or the filter's variants")
+    benchmark = commands.add_parser(
+        "benchmark", help="the law and its peers, their tuning, a moving picture, or the filter's variants"
+    )
     benchmark.add_argument(
         "what", nargs="?", choices=tuple(BENCHMARKS), default="switching", help="%(default)s if none"
     )
@@ -114,7 +123,7 @@ def _add_benchmark(commands: Any) -> None:
         "--runs",
         type=_whole(1, 10**5),
         help="switching: of each start (default: 100); localization: of each case (default: 200); "
-        "tune: of each case in an evaluation (default: 102)",
+        "tune: of each case in an evaluation (default: 102); animate: the most typical one of these (default: 200)",
     )
     benchmark.add_argument(
         "--own-runs",
@@ -123,7 +132,7 @@ def _add_benchmark(commands: Any) -> None:
         help="switching: runs of each start for this project's law alone",
     )
     benchmark.add_argument("--seed", type=_whole(0, MAX_SEED), default=1, help="seed of all noise")
-    benchmark.add_argument("--out", type=Path, help="folder (default: out/benchmark, out/localization, out/tuning)")
+    benchmark.add_argument("--out", type=Path, help="folder (default: out/benchmark, out/localization, ...)")
     benchmark.add_argument(
         "--law",
         action="append",
@@ -220,8 +229,13 @@ def _demo(options: argparse.Namespace) -> int:
 
 def _experiment(options: argparse.Namespace) -> int:
     from diffbot_lab.paper.experiment import run_and_report  # noqa: PLC0415
+    from diffbot_lab.paper.scan import run_and_report as run_and_report_scan  # noqa: PLC0415
 
-    run_and_report(tuple(dict.fromkeys(options.names)), options.runs, options.seed, options.out, options.figures)
+    runs, seed = options.runs, options.seed
+    if drives := tuple(dict.fromkeys(name for name in options.names if name != "scan")):
+        run_and_report(drives, runs or RUNS_OF_EXPERIMENTS, 1 if seed is None else seed, options.out, options.figures)
+    if "scan" in options.names:
+        run_and_report_scan(runs or RUNS_OF_SCAN, SEED_OF_SCAN if seed is None else seed, options.out / "scan")
     return 0
 
 
@@ -256,6 +270,12 @@ def _benchmark(options: argparse.Namespace) -> int:
         from diffbot_lab.benchmark import law_tuning  # noqa: PLC0415
 
         return law_tuning.run_and_report(laws, options.budget, runs, cases, out)
+    if options.what == "animate":
+        from diffbot_lab.benchmark import law_animation  # noqa: PLC0415
+
+        return law_animation.run_and_report(
+            law_animation.AnimationOptions(runs, options.seed, laws, options.tuning), out
+        )
     from diffbot_lab.benchmark import law as law_benchmark  # noqa: PLC0415
 
     arena = law_benchmark.ArenaOptions(runs, options.seed, laws, cases, options.tuning, options.own_runs)

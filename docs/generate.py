@@ -3,8 +3,8 @@
 Sources: docs/parameters.md, the configuration types; the table in docs/control.md, 100 runs of the closed loop;
 docs/reproduction.md, docs/reproduction.json; docs/benchmark.md, docs/benchmark.json; the tables in
 docs/localization.md, docs/localization.json; docs/rooms.svg, the imports. ``--experiments`` and ``--benchmark``
-repeat the runs behind the JSON files and draw their figures. ``--check`` writes nothing and fails if a page is out of
-date.
+repeat the runs behind the JSON files and draw their figures; ``--animation`` draws docs/run.gif. ``--check`` writes
+nothing and fails if a page or rooms.svg is out of date.
 """
 
 from __future__ import annotations
@@ -34,10 +34,13 @@ from diffbot_core.schema import parameters_of, to_dict
 from diffbot_lab.benchmark import filter as filter_benchmark
 from diffbot_lab.benchmark import filter_report, law_report
 from diffbot_lab.benchmark import law as law_benchmark
+from diffbot_lab.benchmark.law_animation import AnimationOptions, drives
+from diffbot_lab.benchmark.law_movie import write_movie
 from diffbot_lab.benchmark.targets import markdown_table
-from diffbot_lab.cli import BENCHMARKS
+from diffbot_lab.cli import BENCHMARKS, RUNS_OF_SCAN, SEED_OF_SCAN
 from diffbot_lab.paper.experiment import run_experiment, summarise
 from diffbot_lab.paper.figures import figure_paths
+from diffbot_lab.paper.scan import run_scan
 from diffbot_lab.paper.scenarios import SETTINGS
 from diffbot_sim.model.plant import PlantConfig
 from diffbot_sim.model.sensors import SensorConfig
@@ -132,8 +135,8 @@ def _end_state(world: WorldConfig, feedback: str) -> tuple[float, float]:
 
 
 def write_experiments() -> None:
-    """Run A and B; write their results and two of their figures to docs/."""
-    results = {}
+    """Run A, B and the scan; write their results and two of their figures to docs/."""
+    results = {"scan": run_scan(RUNS_OF_SCAN, SEED_OF_SCAN)}
     for name, law_label, figure in (
         ("a", "law 17", "figure_07_path.png"),
         ("b", "heading 0 deg", "figure_10_path.png"),
@@ -153,6 +156,12 @@ def write_switching() -> None:
     results, outcomes = law_benchmark.run_benchmark(options)
     write_json(DOCS / "benchmark.json", results)
     law_benchmark.draw(outcomes, options, DOCS / "benchmark.png")
+
+
+def write_animation() -> None:
+    """Draw docs/run.gif, as ``diffbot benchmark animate`` does."""
+    shown, sampling_time = drives(AnimationOptions(BENCHMARKS["animate"][0], 1))
+    write_movie(shown, sampling_time, DOCS / "run.gif")
 
 
 def write_localization() -> None:
@@ -181,6 +190,7 @@ def main() -> int:
         const="both",
         help="repeat both benchmarks, or one",
     )
+    parser.add_argument("--animation", action="store_true", help="draw run.gif again")
     options = parser.parse_args()
     if options.experiments:
         write_experiments()
@@ -188,11 +198,13 @@ def main() -> int:
         write_switching()
     if options.benchmark in ("both", "localization"):
         write_localization()
+    if options.animation:
+        write_animation()
     control = DOCS / "control.md"
     experiments = json.loads((DOCS / "reproduction.json").read_text())
     pages = {
         DOCS / "parameters.md": parameters_page(),
-        DOCS / "reproduction.md": reproduction_page(experiments["a"], experiments["b"]),
+        DOCS / "reproduction.md": reproduction_page(experiments["a"], experiments["b"], experiments["scan"]),
         DOCS / "benchmark.md": law_report.page(json.loads((DOCS / "benchmark.json").read_text())),
         DOCS / "localization.md": localization_page(),
         DOCS / "rooms.svg": rooms_picture(),
