@@ -28,6 +28,7 @@ BENCHMARKS = {
     "switching": (100, Path("out/benchmark")),
     "localization": (200, Path("out/localization")),
     "tune": (102, Path("out/tuning")),
+    "bound": (2, Path("out/bound")),
 }
 """Default number of runs, default folder."""
 MAX_SEED = 2**63 - 1
@@ -106,7 +107,9 @@ def _add_stability(commands: Any) -> None:
 
 
 def _add_benchmark(commands: Any) -> None:
-    benchmark = commands.add_parser("benchmark", help="the law and its peers, their tuning, or the filter's variants")
+    benchmark = commands.add_parser(
+        "benchmark", help="the law and its peers, their tuning or bounds, or the filter's variants"
+    )
     benchmark.add_argument(
         "what", nargs="?", choices=tuple(BENCHMARKS), default="switching", help="%(default)s if none"
     )
@@ -114,10 +117,10 @@ def _add_benchmark(commands: Any) -> None:
         "--runs",
         type=_whole(1, 10**5),
         help="switching: of each start (default: 100); localization: of each case (default: 200); "
-        "tune: of each case in an evaluation (default: 102)",
+        "tune: of each case in an evaluation (default: 102); bound: of each start (default: 2)",
     )
     benchmark.add_argument("--seed", type=_whole(0, MAX_SEED), default=1, help="seed of all noise")
-    benchmark.add_argument("--out", type=Path, help="folder (default: out/benchmark, out/localization, out/tuning)")
+    benchmark.add_argument("--out", type=Path, help="folder (default: out/benchmark, out/localization ...)")
     benchmark.add_argument(
         "--law",
         action="append",
@@ -250,6 +253,10 @@ def _benchmark(options: argparse.Namespace) -> int:
         from diffbot_lab.benchmark import law_tuning  # noqa: PLC0415
 
         return law_tuning.run_and_report(laws, options.budget, runs, cases, out)
+    if options.what == "bound":
+        from diffbot_lab.benchmark import bound  # noqa: PLC0415
+
+        return bound.run_and_report(bound.BoundOptions(runs, options.seed, cases), out)
     from diffbot_lab.benchmark import law as law_benchmark  # noqa: PLC0415
 
     arena = law_benchmark.ArenaOptions(runs, options.seed, laws, cases, options.tuning)
