@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 from diffbot_lab.benchmark.law_targets import Results, share
 from diffbot_lab.benchmark.targets import markdown_table, number, with_interval
 
-Figure = tuple[str, str, int, Callable[[Results], float | None]]
-_FIGURES: tuple[Figure, ...] = (
-    ("settling time, median", "s", 1, lambda one: _part(one, "settling_time", "median")),
-    ("settling time, 99 %", "s", 1, lambda one: _part(one, "settling_time", "p99")),
-    ("final position error, 95 %", "m", 3, lambda one: _part(one, "position", "p95")),
+_FIGURES = (
+    ("settling time, median", "s", 1, "settling_time", "median"),
+    ("settling time, 99 %", "s", 1, "settling_time", "p99"),
+    ("final position error, 95 %", "m", 3, "position", "p95"),
 )
+"""Text, unit, digits, and where the figure is."""
 _TIME_HEAD = ("case", "target", "starts confirmed", "least time [s]: median", "largest")
 _NMPC_HEAD = (
     *("case", "law", "runs", "settled [%]", "settling time [s]: median", "99 %", "\\|position\\| [m]: 95 %"),
@@ -29,7 +26,7 @@ def table(bounds: Results) -> str:
     lines += ["", f"{'':<14}{'':<40}{'settled':>9}{'time [s]: median':>18}{'99 %':>7}{'|pos| [m]: 95 %':>17}"]
     for case in bounds["cases"]:
         for one in case["nmpc"]:
-            figures = [number(value(one), digits) for _, _, digits, value in _FIGURES]
+            figures = [number(one[part][key], digits) for _, _, digits, part, key in _FIGURES]
             settled = f"{one['settled']}/{one['runs']}"
             widths = zip(figures, (18, 7, 17), strict=True)
             cells = "".join(f"{text:>{width}}" for text, width in widths)
@@ -79,10 +76,12 @@ def _ahead(law: Results, nmpc: Results) -> list[list[str]]:
     # The settling time of a few settled runs says nothing: only a law that settles as often is compared in the others.
     if share(law) < share(nmpc):
         return found
-    for text, unit, digits, value in _FIGURES:
-        ours, theirs = value(law), value(nmpc)
-        if ours is not None and (theirs is None or ours < theirs):
-            found.append([text, f"{number(ours, digits)} {unit}, {number(theirs, digits)} {unit}"])
+    for text, unit, digits, part, key in _FIGURES:
+        ours, theirs = law[part], nmpc[part]
+        if ours[key] is not None and (theirs[key] is None or ours[key] < theirs[key]):
+            apart = theirs[key] is None or ours[f"{key}_interval"][1] < theirs[f"{key}_interval"][0]
+            pair = f"{number(ours[key], digits)} {unit}, {number(theirs[key], digits)} {unit}"
+            found.append([text, pair if apart else f"{pair} (intervals overlap)"])
     return found
 
 
@@ -98,8 +97,8 @@ def _meaning(bounds: Results) -> list[str]:
         "limits kept. "
         "Each is a local optimum, the best of those found, and no proof that there is none faster. No estimate, dead "
         "time or lag is in it: a dead time d adds d. Noise of the drives may help a run by a little, and settling "
-        "times are whole steps of 0.1 s.",
-        "",
+        "times are whole steps of 0.1 s. Commands are held over periods of about 0.1 s as in the arena, and may change "
+        "at the start of the first one: with bounded acceleration a drive is one period shorter than a continuous one.",
     ]
 
 
@@ -148,7 +147,3 @@ def _nmpc_row(case: str, one: Results) -> list[str]:
         str(one["reached"]),
         str(one["false_reached"]),
     ]
-
-
-def _part(one: Results, part: str, key: str) -> Any:
-    return one[part][key]

@@ -96,7 +96,7 @@ def test_a_drive_that_misses_or_leaves_the_target_does_not_count():
     drive, start = straight(bang_bang(26, 40, 0.5))
     assert not arrives(start._replace(x=start.x - 0.002), drive, PLANT, SHEET, AT_THE_POSE)
     assert not arrives(start._replace(theta=0.002), drive, PLANT, SHEET, AT_THE_POSE)
-    # 6 periods earlier it is 0.05 m (5 + 4 + 3 + 2 + 1 + 0.. steps of 5 mm) before the goal, and brakes inside.
+    # 5 periods earlier it is 0.1 s * (0.25 + 0.2 + 0.15 + 0.1 + 0.05) m/s = 0.075 m before the goal, and brakes inside.
     earlier = drive._replace(arrival=drive.arrival - 5)
     assert arrives(start, earlier, PLANT, SHEET, INTO_TOLERANCE)
     assert not arrives(start, earlier, PLANT, SHEET, AT_THE_POSE)

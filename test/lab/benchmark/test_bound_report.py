@@ -75,9 +75,10 @@ def test_a_law_ahead_of_nmpc_on_the_estimate_is_listed_and_a_bound_is_not(bounds
     assert laws_ahead(bounds, arena(figures(12.0, 0.06))) == []
     assert laws_ahead(bounds, arena(figures(12.0, 0.04))) == [
         ["nominal", "law switching", "final position error, 95 %", "0.040 m, 0.050 m"]
-    ]
+    ]  # all positions are equal, so the intervals are points
     found = laws_ahead(bounds, arena(figures(9.5, 0.06)))
     assert [row[2] for row in found] == ["settling time, median", "settling time, 99 %"]
+    assert [row[3].endswith("(intervals overlap)") for row in found] == [True, False]
     # A law that settles less often is not ahead by the time of the runs that do.
     assert laws_ahead(bounds, arena(figures(9.5, 0.04, settled=20))) == []
 
