@@ -116,7 +116,8 @@ def _nmpc_text(bounds: Results) -> list[str]:
         f"solution before. It holds still within {nmpc['stop_distance']:g} m and {nmpc['stop_angle']:g} rad. Its "
         "weights were chosen by hand after a few trials, not tuned with the budget of the laws. On the true pose it "
         "shows what planning with the right model reaches under the noise of the drives, on the estimate what is left "
-        f"of that. {runs} runs of each kind, seed {bounds['seed']}: with so few, 99 % is about the largest.",
+        "of that. It is slower than the least time by what its coarse horizon, its weights and the noise cost, so its "
+        f"settling time is no lower bound. {runs} runs of each kind, seed {bounds['seed']}: with so few, 99 % is about the largest.",
     ]
 
 
