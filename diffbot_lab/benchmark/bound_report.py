@@ -117,7 +117,8 @@ def _nmpc_text(bounds: Results) -> list[str]:
         "weights were chosen by hand after a few trials, not tuned with the budget of the laws. On the true pose it "
         "shows what planning with the right model reaches under the noise of the drives, on the estimate what is left "
         "of that. It is slower than the least time by what its coarse horizon, its weights and the noise cost, so its "
-        f"settling time is no lower bound. {runs} runs of each kind, seed {bounds['seed']}: with so few, 99 % is about the largest.",
+        f"settling time is no lower bound. {runs} runs of each kind, seed {bounds['seed']}: with so few, 99 % is "
+        "about the largest.",
     ]
 
 
