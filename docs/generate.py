@@ -1,10 +1,11 @@
 """Write the generated parts of docs/: ``python docs/generate.py [--check]``.
 
 Sources: docs/parameters.md, the configuration types; the table in docs/control.md, 100 runs of the closed loop;
-docs/reproduction.md, docs/reproduction.json; docs/benchmark.md, docs/benchmark.json; the tables in
-docs/localization.md, docs/localization.json; docs/rooms.svg, the imports. ``--experiments`` and ``--benchmark``
-repeat the runs behind the JSON files and draw their figures; ``--animation`` draws docs/run.gif. ``--check`` writes
-nothing and fails if a page or rooms.svg is out of date.
+docs/reproduction.md, docs/reproduction.json; docs/benchmark.md, docs/benchmark.json and docs/benchmark_bound.json;
+the tables in docs/localization.md, docs/localization.json; docs/rooms.svg, the imports. ``--experiments`` and
+``--benchmark`` repeat the runs behind the JSON files and draw their figures; those behind docs/benchmark_bound.json
+need casadi (extra ``bound``) and are repeated by ``--benchmark bound`` alone. ``--animation`` draws docs/run.gif.
+``--check`` writes nothing and fails if a page or rooms.svg is out of date.
 """
 
 from __future__ import annotations
@@ -31,13 +32,15 @@ from diffbot_control.ros.ekf_parameters import EkfNodeConfig
 from diffbot_core.files import write_json
 from diffbot_core.geometry import Pose
 from diffbot_core.schema import parameters_of, to_dict
+from diffbot_lab.benchmark import bound as bound_benchmark
 from diffbot_lab.benchmark import filter as filter_benchmark
 from diffbot_lab.benchmark import filter_report, law_report
 from diffbot_lab.benchmark import law as law_benchmark
 from diffbot_lab.benchmark.law_animation import AnimationOptions, drives
 from diffbot_lab.benchmark.law_movie import write_movie
 from diffbot_lab.benchmark.targets import markdown_table
-from diffbot_lab.cli import BENCHMARKS, RUNS_OF_SCAN, SEED_OF_SCAN
+from diffbot_lab.benchmark_commands import BENCHMARKS
+from diffbot_lab.cli import RUNS_OF_SCAN, SEED_OF_SCAN
 from diffbot_lab.paper.experiment import run_experiment, summarise
 from diffbot_lab.paper.figures import figure_paths
 from diffbot_lab.paper.scan import run_scan
@@ -171,6 +174,18 @@ def write_localization() -> None:
     filter_benchmark.draw(results, DOCS / "localization.png")
 
 
+def write_bound() -> None:
+    """Compute the bounds of the arena; write them to docs/. Needs casadi."""
+    options = bound_benchmark.BoundOptions(BENCHMARKS["bound"][0], SWITCHING_SEED)
+    bound_benchmark.run_bound(options, lambda found: write_json(DOCS / "benchmark_bound.json", found))
+
+
+def benchmark_page() -> str:
+    """Return docs/benchmark.md."""
+    results, bounds = (json.loads((DOCS / name).read_text()) for name in ("benchmark.json", "benchmark_bound.json"))
+    return law_report.page(results, bounds)
+
+
 def between_markers(page: str, name: str, text: str) -> str:
     """Replace the text between the comments ``<!-- name -->`` and ``<!-- /name -->``."""
     start, end = f"<!-- {name} -->\n", f"\n<!-- /{name} -->"
@@ -186,7 +201,7 @@ def main() -> int:
     parser.add_argument(
         "--benchmark",
         nargs="?",
-        choices=("both", "switching", "localization"),
+        choices=("both", "switching", "localization", "bound"),
         const="both",
         help="repeat both benchmarks, or one",
     )
@@ -200,12 +215,14 @@ def main() -> int:
         write_localization()
     if options.animation:
         write_animation()
+    if options.benchmark == "bound":
+        write_bound()
     control = DOCS / "control.md"
     experiments = json.loads((DOCS / "reproduction.json").read_text())
     pages = {
         DOCS / "parameters.md": parameters_page(),
         DOCS / "reproduction.md": reproduction_page(experiments["a"], experiments["b"], experiments["scan"]),
-        DOCS / "benchmark.md": law_report.page(json.loads((DOCS / "benchmark.json").read_text())),
+        DOCS / "benchmark.md": benchmark_page(),
         DOCS / "localization.md": localization_page(),
         DOCS / "rooms.svg": rooms_picture(),
         control: between_markers(control.read_text(), "scenario A", scenario_a_table()),

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from diffbot_lab.benchmark.bound_report import bound_section
 from diffbot_lab.benchmark.law_cases import ACCELERATION, OWN, SPEED
 from diffbot_lab.benchmark.law_targets import Results, peers_ahead, share, targets
-from diffbot_lab.benchmark.targets import evaluate_targets, markdown_table, number, summary, target_table
+from diffbot_lab.benchmark.targets import evaluate_targets, markdown_table, number, summary, target_table, with_interval
 
 _TITLES = {
     SPEED: "Bounded speeds: 1.3 m/s at the rims, 2.6 rad/s",
@@ -62,13 +63,15 @@ def _pair(one: dict[str, Any]) -> str:
     return f"{one['peers']:.{digits}f}{unit}, ours {one['ours']:.{digits}f}{unit}{sure}"
 
 
-def page(results: Results) -> str:
-    """Return docs/benchmark.md: first where a peer is ahead, then the tables."""
+def page(results: Results, bounds: Results | None = None) -> str:
+    """Return docs/benchmark.md: first where a peer is ahead, then the tables, and the bounds if there are any."""
     lines = ["# The law and its peers", "", *_ahead_section(results), "", *_introduction(results)]
     for kind, title in _TITLES.items():
         rows = [row for row in results["cases"] if row["table"] == kind]
         if rows:
             lines += ["", f"## {title}", *_table_section(results, rows)]
+    if bounds is not None:
+        lines += ["", *bound_section(bounds, results)]
     lines += ["", *_laws_section(results), "", *_tuning_section(results)]
     lines += ["", "## Targets", "", *target_table(targets(results))]
     return "\n".join(lines) + "\n"
@@ -135,9 +138,9 @@ def _law_row(label: str, one: Results) -> list[str]:
     return [
         label,
         f"{100.0 * share(one):.2f} [{100.0 * low:.2f}, {100.0 * high:.2f}]",
-        _with_interval(time, "median", 1),
-        _with_interval(time, "p99", 1),
-        _with_interval(position, "p95", 3),
+        with_interval(time, "median", 1),
+        with_interval(time, "p99", 1),
+        with_interval(position, "p95", 3),
         number(position["max"]),
         number(one["heading"]["max"]),
         number(one["revolutions"], 2),
@@ -145,13 +148,6 @@ def _law_row(label: str, one: Results) -> list[str]:
         str(one["reached"]),
         str(one["false_reached"]),
     ]
-
-
-def _with_interval(part: Results, key: str, digits: int) -> str:
-    interval = part[f"{key}_interval"]
-    if interval is None:
-        return "-"
-    return f"{part[key]:.{digits}f} [{interval[0]:.{digits}f}, {interval[1]:.{digits}f}]"
 
 
 def _laws_section(results: Results) -> list[str]:
