@@ -6,6 +6,7 @@ from typing import Any
 
 from diffbot_lab.benchmark.bound_report import bound_section
 from diffbot_lab.benchmark.law_cases import ACCELERATION, OWN, SPEED
+from diffbot_lab.benchmark.law_entries import EQUAL_NAME
 from diffbot_lab.benchmark.law_targets import Results, peers_ahead, share, targets
 from diffbot_lab.benchmark.targets import evaluate_targets, markdown_table, number, summary, target_table, with_interval
 
@@ -78,17 +79,43 @@ def page(results: Results, bounds: Results | None = None) -> str:
 
 
 def _ahead_section(results: Results) -> list[str]:
-    ahead = peers_ahead(results)
     lines = ["## Where a peer is ahead", ""]
-    if not ahead:
-        return [*lines, "Nowhere: the switching law leads in share settled, settling time and final position error."]
-    rows = [(one["case"], one["peer"], one["figure"], _pair(one)) for one in ahead]
-    return [
-        *lines,
-        "In share settled, settling time of settled runs (median, 99 %) and final position error (95 %):",
-        "",
-        *markdown_table(("case", "peer", "figure", "peer's, ours"), rows),
-    ]
+    ahead = peers_ahead(results)
+    if ahead:
+        lines += ["In share settled, settling time of settled runs (median, 99 %) and final position error (95 %):", ""]
+        lines += _ahead_table(ahead)
+        lines += ["", "Peers in *italics*: the 95 % intervals overlap."]
+    else:
+        lines += ["Nowhere: the switching law leads in share settled, settling time and final position error."]
+    if any(one["name"] == EQUAL_NAME for one in results["laws"]):
+        cases = {one["case"] for one in ahead}
+        equal = peers_ahead(results, EQUAL_NAME)
+        lines += [
+            "",
+            "The preset had more work than the tuning that the peers had. With the same budget "
+            f"(row *{_label(results, EQUAL_NAME)}*) peers are ahead in {len(equal)} figures instead of {len(ahead)}, "
+            f"in {len({one['case'] for one in equal})} cases instead of {len(cases)}.",
+        ]
+    return lines
+
+
+def _label(results: Results, name: str) -> str:
+    return next(str(one["label"]) for one in results["laws"] if one["name"] == name)
+
+
+def _ahead_table(ahead: list[dict[str, Any]]) -> list[str]:
+    """One row for each case and figure, the peers in the order of the laws."""
+    rows: dict[tuple[str, str], list[str]] = {}
+    for one in ahead:
+        unit = f" {one['unit']}" if one["unit"] else ""
+        # As many digits as show a difference.
+        own, other = one["ours"], one["peers"]
+        digits = next((d for d in (3, 4, 5) if own is None or f"{other:.{d}f}" != f"{own:.{d}f}"), 6)
+        row = rows.setdefault((one["case"], one["figure"]), ["none" if own is None else f"{own:.{digits}f}{unit}"])
+        text = f"{one['peer']} {other:.{digits}f}"
+        row.append(text if one["apart"] else f"*{text}*")
+    cells = [(case, figure, own, "; ".join(peers)) for (case, figure), (own, *peers) in rows.items()]
+    return markdown_table(("case", "figure", "ours", "peers ahead"), cells)
 
 
 def _introduction(results: Results) -> list[str]:

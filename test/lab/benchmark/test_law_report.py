@@ -44,6 +44,7 @@ def equal():
         for name in ("nominal", "mix")
     ]
     return {"laws": laws, "cases": cases, "tuning": {"laws": {}}, "starts": 17, "runs_of_each_start": 1} | {
+        "own_runs_of_each_start": 1,
         "seed": 7,
         "duration": 60.0,
         "xy_tolerance": 0.1,
