@@ -87,6 +87,7 @@ setup(
     extras_require={
         "jazzy": ["ros-jazzy-common-interfaces>=5.3", "ros-jazzy-rclpy[fastrtps]>=7.1"],
         "batch": ["numba>=0.60", "pyarrow>=18.0"],
+        "bound": ["casadi>=3.6"],
         "cluster": ["distributed>=2024.12"],
         "test": [
             "evo>=1.31",

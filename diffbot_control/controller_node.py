@@ -8,6 +8,7 @@ if __name__ == "__main__":  # before the imports that take long: see launcher
     raise SystemExit(launch("diffbot_control.controller_node"))
 
 from array import array
+from collections.abc import Mapping
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -26,13 +27,16 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
 from diffbot_control.law import supervisor
-from diffbot_control.law.configuration import TANH
-from diffbot_control.law.finish import FINISH_NAMES
+from diffbot_control.law.controller import SwitchingLaw
 from diffbot_control.law.loop_check import unstable_gains
-from diffbot_control.law.reapproach import PHASE_NAMES
-from diffbot_control.law.regions import REGION_NAMES
 from diffbot_control.law.supervisor import Supervisor
-from diffbot_control.ros.controller_parameters import CONTROLLER_PRESETS, ControllerNodeConfig
+from diffbot_control.ros.controller_parameters import (
+    CONTROLLER_PRESETS,
+    ControllerNodeConfig,
+    law_of,
+    parameter_set_of,
+)
+from diffbot_control.ros.controller_status import status_values
 from diffbot_control.ros.message_fields import fill_twist, set_stamp
 from diffbot_control.ros.messages import (
     goal_from,
@@ -67,7 +71,8 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
         """Create publishers, subscriptions, the timer for missing poses and the service ~/cancel."""
         super().__init__("controller", ControllerNodeConfig, CONTROLLER_PRESETS, **node_options)
         config = self.config
-        self.supervisor = Supervisor(config.supervisor)
+        self.law = law_of(config.law)
+        self.supervisor = Supervisor(config.supervisor, self.law)
         self._command = twist_message(config.enable_stamped_cmd_vel, config.base_link_frame)
         command_type = TwistStamped if config.enable_stamped_cmd_vel else TwistMessage
         self._commands = self.create_publisher(command_type, "cmd_vel", QoSProfile(depth=1))
@@ -86,6 +91,15 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
         self._watch = self.create_timer(self._watch_period(), self._on_tick, clock=self.steady_clock)
         self.create_timer(_STATUS_PERIOD, self._publish_status, clock=self.steady_clock)
         self._publish_status()
+
+    def parameter_set(
+        self,
+        config_type: type[ControllerNodeConfig],
+        presets: Mapping[str, ControllerNodeConfig] | None,
+        overrides: Mapping[str, Any],
+    ) -> tuple[type[ControllerNodeConfig], Mapping[str, ControllerNodeConfig] | None]:
+        """Return the parameters for the law among the overrides."""
+        return parameter_set_of(overrides)
 
     def on_config(self, config: ControllerNodeConfig) -> None:
         """Use changed gains, limits and tolerances from the next pose on."""
@@ -125,7 +139,7 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
     def _check_gains(self, stamp: int) -> None:
         """Warn once of gains that cannot be stable at the rate of the poses."""
         before, self._pose_stamp = self._pose_stamp, stamp
-        if self._gains_checked or before is None or stamp <= before:
+        if self._gains_checked or before is None or stamp <= before or self.law is not SwitchingLaw:
             return
         self._gains_checked = True
         warning = unstable_gains(self.config.supervisor.controller, (stamp - before) / NS_PER_S)
@@ -197,29 +211,11 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
             self._publish_status()
 
     def _publish_status(self) -> None:
-        state, memory = self.supervisor.state, self.supervisor.memory
-        values = {
-            "region": REGION_NAMES[memory.switching.region],
-            "switches": str(memory.switching.switches),
-            "goals reached": str(self.supervisor.goals_reached),
-        }
-        if self.supervisor.goal is not None:
-            values["goal"] = " ".join(f"{number:.6g}" for number in self.supervisor.goal)
-        if self.supervisor.report is not None:
-            values["distance [m]"] = f"{self.supervisor.report.rho:.4f}"
-            values["heading error [rad]"] = f"{self.supervisor.report.theta:.4f}"
-            values["eps_P [m]"] = f"{self.supervisor.report.eps_P:.4f}"
-            if self.config.supervisor.controller.profile == TANH:
-                values["re-approach"] = f"{PHASE_NAMES[memory.reapproach.phase]}, {memory.reapproach.tries} begun"
-            else:
-                values["finish"] = f"{FINISH_NAMES[memory.finish.phase]}, {memory.finish.tries} begun"
-            xy, theta = self.supervisor.smallest_tolerance()
-            values["smallest tolerance [m]"], values["smallest tolerance [rad]"] = f"{xy:.4f}", f"{theta:.4f}"
-        if self.supervisor.waypoints:
-            values["waypoint"] = f"{self.supervisor.waypoint}/{self.supervisor.waypoints}"
-        if self.supervisor.reason:
-            values["reason"] = self.supervisor.reason
-        if state != self._last_status[0]:
+        state = self.supervisor.state
+        values = status_values(self.supervisor, self.law)
+        if self.supervisor.has_failed and state != self._last_status[0]:
+            self.get_logger().error(f"{state}: {self.supervisor.reason}")
+        elif state != self._last_status[0]:
             self.get_logger().info(f"{state}: {self.supervisor.reason}" if self.supervisor.reason else state)
         self._last_status = (state, self.supervisor.waypoint)
         self._statuses.publish(status_message("controller", _LEVELS.get(state, 0), state, values))

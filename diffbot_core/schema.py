@@ -21,12 +21,15 @@ that names the new parameter: by :func:`build`, and by a node that is started wi
 from __future__ import annotations
 
 import math
+from collections import namedtuple
 from collections.abc import Mapping
 from typing import Annotated, Any, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
 
-from diffbot_core.errors import InvalidValueError, ReplacedNameError
+from diffbot_core.errors import DiffbotError, InvalidValueError, ReplacedNameError
 
 C = TypeVar("C", bound=tuple[Any, ...])
+PARTIAL = "fields of this group without a Spec are no parameters"
+"""Annotation of a group whose type is not this project's: ``Annotated[Group, PARTIAL]``."""
 
 
 class Spec(NamedTuple):
@@ -91,6 +94,8 @@ class Parameter(NamedTuple):
 def parameters_of(config_type: type[Any]) -> list[Parameter]:
     """List the fields of a configuration type, groups unfolded, in the order of definition.
 
+    In a group marked as PARTIAL, fields without a Spec are left out.
+
     Raises:
         TypeError: if a field carries no Spec or two fields share a name (a programming error).
     """
@@ -102,21 +107,37 @@ def parameters_of(config_type: type[Any]) -> list[Parameter]:
     return found
 
 
-def _unfold(config_type: type[Any], default: Any, path: tuple[str, ...]) -> list[Parameter]:
+def variant(config_type: type[Any], groups: Mapping[str, Any], without: tuple[str, ...] = ()) -> type[Any]:
+    """Return a configuration type like another one.
+
+    Args:
+        config_type: the other one.
+        groups: annotation of each group that has another type, by the name of its field.
+        without: names of fields to leave out.
+    """
+    hints = {**get_type_hints(config_type, include_extras=True), **groups}
+    defaults = {**config_type()._asdict(), **{name: (get_args(hint) or (hint,))[0]() for name, hint in groups.items()}}
+    names = [name for name in config_type._fields if name not in without]
+    made = namedtuple(config_type.__name__, names, defaults=[defaults[name] for name in names])  # type: ignore[misc]
+    made.__annotations__ = {name: hints[name] for name in names}
+    return made
+
+
+def _unfold(config_type: type[Any], default: Any, path: tuple[str, ...], partial: bool = False) -> list[Parameter]:
     found: list[Parameter] = []
     hints = get_type_hints(config_type, include_extras=True)
     for field in config_type._fields:
         hint = hints[field]
         here = (*path, field)
         value = getattr(default, field)
-        if get_origin(hint) is Annotated:
-            kind, spec = get_args(hint)[:2]
+        kind, spec = get_args(hint)[:2] if get_origin(hint) is Annotated else (hint, None)
+        if isinstance(spec, Spec):
             coded = kind is int and bool(spec.choices)
             parameter = Parameter(spec.parameter or field, here, str if coded else kind, value, spec, coded)
             found.append(parameter._replace(default=parameter.decode(value)))
-        elif hasattr(hint, "_fields"):
-            found.extend(_unfold(hint, value, here))
-        else:
+        elif hasattr(kind, "_fields"):
+            found.extend(_unfold(kind, value, here, partial or spec == PARTIAL))
+        elif not partial:
             raise TypeError(f"{config_type.__name__}.{field} has no Spec")
     return found
 
@@ -225,5 +246,9 @@ def _check_groups(config: Any) -> None:
         if hasattr(value, "_fields"):
             _check_groups(value)
     check = getattr(config, "check", None)
-    if check is not None:
+    if check is None:
+        return
+    try:
         check()
+    except (ValueError, ArithmeticError) as error:  # of a configuration that is not this project's
+        raise DiffbotError(" ".join(f"{type(config).__name__}: {error}".split())) from error

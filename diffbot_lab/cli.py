@@ -7,7 +7,6 @@ import importlib
 import json
 import signal
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, get_args
 
@@ -15,6 +14,8 @@ from diffbot_bag.parameters import ReplayConfig
 from diffbot_control.law.presets import PRESETS, TUNED
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.schema import build, parameters_of, to_dict
+from diffbot_lab.arguments import MAX_SEED, whole
+from diffbot_lab.benchmark_commands import add_benchmark
 from diffbot_lab.campaign.options import CampaignOptions, load_yaml
 from diffbot_lab.data_commands import add_import, add_refilter
 
@@ -25,14 +26,8 @@ NODES = {
     "recorder": "diffbot_bag.recorder_node",
     "replay": "diffbot_bag.replay_node",
 }
-BENCHMARKS = {
-    "switching": (100, Path("out/benchmark")),
-    "localization": (200, Path("out/localization")),
-    "tune": (102, Path("out/tuning")),
-}
-"""Default number of runs, default folder."""
-REAL = "real"
-MAX_SEED = 2**63 - 1
+RUNS_OF_EXPERIMENTS, RUNS_OF_SCAN, SEED_OF_SCAN = 100, 2000, 2
+"""Defaults; the scan's seed is held out: its box was chosen on other runs."""
 
 
 def main(args: list[str] | None = None) -> int:
@@ -53,7 +48,7 @@ def main(args: list[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="diffbot", description="Go-to-pose stack for differential-drive robots.")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for add in (_add_demo, _add_experiment, _add_campaign, _add_stability, _add_benchmark, _add_run, _add_replay):
+    for add in (_add_demo, _add_experiment, _add_campaign, _add_stability, add_benchmark, _add_run, _add_replay):
         add(commands)
     add_import(commands)
     add_refilter(commands)
@@ -63,19 +58,23 @@ def _parser() -> argparse.ArgumentParser:
 def _add_demo(commands: Any) -> None:
     demo = commands.add_parser("demo", help="drive to three goals with the whole graph, record and evaluate the run")
     demo.add_argument("--out", type=Path, default=Path("out/demo"), help="output folder (default: %(default)s)")
-    demo.add_argument("--seed", type=_whole(0, MAX_SEED), default=1, help="seed of all noise (default: %(default)s)")
+    demo.add_argument("--seed", type=whole(0, MAX_SEED), default=1, help="seed of all noise (default: %(default)s)")
     demo.add_argument("--real-time", action="store_true", help="run in real time, for watching")
     demo.add_argument("--overwrite", action="store_true", help="replace the bag of an earlier run")
-    demo.add_argument("--domain", type=_whole(0, 232), help="ROS_DOMAIN_ID, to observe the graph (default: a free one)")
+    demo.add_argument("--domain", type=whole(0, 232), help="ROS_DOMAIN_ID, to observe the graph (default: a free one)")
     demo.add_argument("--preset", choices=tuple(PRESETS), default=TUNED, help="controller (default: %(default)s)")
     demo.set_defaults(call=_demo)
 
 
 def _add_experiment(commands: Any) -> None:
     experiment = commands.add_parser("experiment", help="reproduce the paper's simulations A and B, figures 4 to 15")
-    experiment.add_argument("names", nargs="+", choices=("a", "b"), help="simulation A, B or both")
-    experiment.add_argument("--runs", type=_whole(1, 10**6), default=100, help="of each start (default: %(default)s)")
-    experiment.add_argument("--seed", type=_whole(0, MAX_SEED), default=1, help="seed of all noise")
+    experiment.add_argument(
+        "names", nargs="+", choices=("a", "b", "scan"), help="simulation A, B; scan: readings of A over eps_P"
+    )
+    experiment.add_argument(
+        "--runs", type=whole(1, 10**6), help="a, b: of each start (default: 100); scan: of each cell (default: 2000)"
+    )
+    experiment.add_argument("--seed", type=whole(0, MAX_SEED), help="seed of all noise (default: 1; scan: 2)")
     experiment.add_argument("--out", type=Path, default=Path("out/experiment"), help="folder (default: %(default)s)")
     experiment.add_argument("--no-figures", dest="figures", action="store_false", help="results.json and table only")
     experiment.set_defaults(call=_experiment)
@@ -91,7 +90,7 @@ def _add_campaign(commands: Any) -> None:
         "--grid", type=_setting, nargs="+", default=[], metavar="NAME=[A,B]", help="one cell per combination"
     )
     campaign.add_argument("--out", type=Path, default=Path("out/campaign"), help="folder (default: %(default)s)")
-    campaign.add_argument("--workers", type=_whole(1, 1024), help="processes (default: one per core)")
+    campaign.add_argument("--workers", type=whole(1, 1024), help="processes (default: one per core)")
     campaign.add_argument(
         "--scheduler", metavar="ADDRESS", help="run on a dask.distributed cluster, e.g. tcp://host:8786"
     )
@@ -102,43 +101,11 @@ def _add_stability(commands: Any) -> None:
     stability = commands.add_parser("stability", help="where V decreases under bounded noise, and what runs show")
     stability.add_argument("--set", type=_setting, nargs="+", default=[], metavar="NAME=VALUE", help="gains, noise ...")
     stability.add_argument("--rho-max", type=float, default=12.0, help="size of the grid [m] (default: %(default)s)")
-    stability.add_argument("--points", type=_whole(11, 401), default=81, help="along each axis (default: %(default)s)")
-    stability.add_argument("--runs", type=_whole(1, 10**7), default=100_000, help="simulated (default: %(default)s)")
-    stability.add_argument("--seed", type=_whole(0, MAX_SEED), default=1, help="seed of their noise")
+    stability.add_argument("--points", type=whole(11, 401), default=81, help="along each axis (default: %(default)s)")
+    stability.add_argument("--runs", type=whole(1, 10**7), default=100_000, help="simulated (default: %(default)s)")
+    stability.add_argument("--seed", type=whole(0, MAX_SEED), default=1, help="seed of their noise")
     stability.add_argument("--out", type=Path, default=Path("out/stability"), help="folder (default: %(default)s)")
     stability.set_defaults(call=_stability)
-
-
-def _add_benchmark(commands: Any) -> None:
-    benchmark = commands.add_parser(
-        "benchmark", help="the law and its peers, their tuning, the filter's variants, or the filter on real drives"
-    )
-    benchmark.add_argument(
-        "what", nargs="?", choices=(*BENCHMARKS, REAL), default="switching", help="%(default)s if none"
-    )
-    benchmark.add_argument("folder", type=Path, nargs="?", help="real: folder of a data set (docs/real-robots.md)")
-    benchmark.add_argument(
-        "--runs",
-        type=_whole(1, 10**5),
-        help="switching: of each start (default: 100); localization: of each case (default: 200); "
-        "tune: of each case in an evaluation (default: 102)",
-    )
-    benchmark.add_argument("--seed", type=_whole(0, MAX_SEED), default=1, help="seed of all noise")
-    benchmark.add_argument("--out", type=Path, help="folder (default: out/benchmark, localization, tuning, real)")
-    benchmark.add_argument(
-        "--law",
-        action="append",
-        default=[],
-        metavar="LAW",
-        help="compare the switching law with this one alone: a name, or package.module:Class; may be repeated",
-    )
-    benchmark.add_argument("--case", action="append", default=[], help="run this case alone; may be repeated")
-    benchmark.add_argument("--tuning", type=Path, metavar="FILE", help="tuning.json of diffbot benchmark tune")
-    benchmark.add_argument(
-        "--budget", type=_whole(1, 10**6), default=480, help="tune: evaluations for each law (default: %(default)s)"
-    )
-    benchmark.add_argument("--no-figures", dest="figures", action="store_false", help="results.json and table only")
-    benchmark.set_defaults(call=_benchmark)
 
 
 def _add_run(commands: Any) -> None:
@@ -178,16 +145,6 @@ def _add_flags(parser: argparse.ArgumentParser, config_type: type[Any], without:
         parser.add_argument("--" + parameter.name.replace("_", "-").replace(".", "-"), dest=parameter.name, **options)
 
 
-def _whole(low: int, high: int) -> Callable[[str], int]:
-    def whole(text: str) -> int:
-        number = int(text)
-        if not low <= number <= high:
-            raise argparse.ArgumentTypeError(f"{text}: must be from {low} to {high}")
-        return number
-
-    return whole
-
-
 def _yaml(text: str) -> Any:
     try:
         return load_yaml(text)
@@ -221,8 +178,13 @@ def _demo(options: argparse.Namespace) -> int:
 
 def _experiment(options: argparse.Namespace) -> int:
     from diffbot_lab.paper.experiment import run_and_report  # noqa: PLC0415
+    from diffbot_lab.paper.scan import run_and_report as run_and_report_scan  # noqa: PLC0415
 
-    run_and_report(tuple(dict.fromkeys(options.names)), options.runs, options.seed, options.out, options.figures)
+    runs, seed = options.runs, options.seed
+    if drives := tuple(dict.fromkeys(name for name in options.names if name != "scan")):
+        run_and_report(drives, runs or RUNS_OF_EXPERIMENTS, 1 if seed is None else seed, options.out, options.figures)
+    if "scan" in options.names:
+        run_and_report_scan(runs or RUNS_OF_SCAN, SEED_OF_SCAN if seed is None else seed, options.out / "scan")
     return 0
 
 
@@ -243,30 +205,6 @@ def _stability(options: argparse.Namespace) -> int:
         raise InvalidValueError("--rho-max", options.rho_max, "> 0 and < 1e6")
     values = _once("--set", options.set)
     return stability_command.run(values, options.rho_max, options.points, options.runs, options.seed, options.out)
-
-
-def _benchmark(options: argparse.Namespace) -> int:
-    if (options.what == REAL) != (options.folder is not None):
-        raise DiffbotError(f"benchmark: {REAL} needs the folder of a data set, the others take none")
-    if options.what == REAL:
-        from diffbot_lab.dataset import benchmark as real_benchmark  # noqa: PLC0415
-
-        return real_benchmark.run_and_report(options.folder, options.out or Path("out/real"), options.figures)
-    number, folder = BENCHMARKS[options.what]
-    runs, out = options.runs or number, options.out or folder
-    laws, cases = tuple(options.law), tuple(options.case)
-    if options.what == "localization":
-        from diffbot_lab.benchmark import filter as filter_benchmark  # noqa: PLC0415
-
-        return filter_benchmark.run_and_report(runs, options.seed, out, options.figures)
-    if options.what == "tune":
-        from diffbot_lab.benchmark import law_tuning  # noqa: PLC0415
-
-        return law_tuning.run_and_report(laws, options.budget, runs, cases, out)
-    from diffbot_lab.benchmark import law as law_benchmark  # noqa: PLC0415
-
-    arena = law_benchmark.ArenaOptions(runs, options.seed, laws, cases, options.tuning)
-    return law_benchmark.run_and_report(arena, out, options.figures)
 
 
 def _run_node(options: argparse.Namespace) -> int:

@@ -1,10 +1,11 @@
 """Write the generated parts of docs/: ``python docs/generate.py [--check]``.
 
 Sources: docs/parameters.md, the configuration types; the table in docs/control.md, 100 runs of the closed loop;
-docs/reproduction.md, docs/reproduction.json; docs/benchmark.md, docs/benchmark.json; the tables in
-docs/localization.md, docs/localization.json; docs/rooms.svg, the imports. ``--experiments`` and ``--benchmark``
-repeat the runs behind the JSON files and draw their figures. ``--check`` writes nothing and fails if a page is out of
-date.
+docs/reproduction.md, docs/reproduction.json; docs/benchmark.md, docs/benchmark.json and docs/benchmark_bound.json;
+the tables in docs/localization.md, docs/localization.json; docs/rooms.svg, the imports. ``--experiments`` and
+``--benchmark`` repeat the runs behind the JSON files and draw their figures; those behind docs/benchmark_bound.json
+need casadi (extra ``bound``) and are repeated by ``--benchmark bound`` alone. ``--animation`` draws docs/run.gif.
+``--check`` writes nothing and fails if a page or rooms.svg is out of date.
 """
 
 from __future__ import annotations
@@ -31,13 +32,18 @@ from diffbot_control.ros.ekf_parameters import EkfNodeConfig
 from diffbot_core.files import write_json
 from diffbot_core.geometry import Pose
 from diffbot_core.schema import parameters_of, to_dict
+from diffbot_lab.benchmark import bound as bound_benchmark
 from diffbot_lab.benchmark import filter as filter_benchmark
 from diffbot_lab.benchmark import filter_report, law_report
 from diffbot_lab.benchmark import law as law_benchmark
+from diffbot_lab.benchmark.law_animation import AnimationOptions, drives
+from diffbot_lab.benchmark.law_movie import write_movie
 from diffbot_lab.benchmark.targets import markdown_table
-from diffbot_lab.cli import BENCHMARKS
+from diffbot_lab.benchmark_commands import BENCHMARKS
+from diffbot_lab.cli import RUNS_OF_SCAN, SEED_OF_SCAN
 from diffbot_lab.paper.experiment import run_experiment, summarise
 from diffbot_lab.paper.figures import figure_paths
+from diffbot_lab.paper.scan import run_scan
 from diffbot_lab.paper.scenarios import SETTINGS
 from diffbot_sim.model.plant import PlantConfig
 from diffbot_sim.model.sensors import SensorConfig
@@ -132,8 +138,8 @@ def _end_state(world: WorldConfig, feedback: str) -> tuple[float, float]:
 
 
 def write_experiments() -> None:
-    """Run A and B; write their results and two of their figures to docs/."""
-    results = {}
+    """Run A, B and the scan; write their results and two of their figures to docs/."""
+    results = {"scan": run_scan(RUNS_OF_SCAN, SEED_OF_SCAN)}
     for name, law_label, figure in (
         ("a", "law 17", "figure_07_path.png"),
         ("b", "heading 0 deg", "figure_10_path.png"),
@@ -155,11 +161,29 @@ def write_switching() -> None:
     law_benchmark.draw(outcomes, options, DOCS / "benchmark.png")
 
 
+def write_animation() -> None:
+    """Draw docs/run.gif, as ``diffbot benchmark animate`` does."""
+    shown, sampling_time = drives(AnimationOptions(BENCHMARKS["animate"][0], 1))
+    write_movie(shown, sampling_time, DOCS / "run.gif")
+
+
 def write_localization() -> None:
     """Run the benchmark of the filter; write its results and its figure to docs/."""
     results = filter_benchmark.run_benchmark(BENCHMARKS["localization"][0], 1)
     write_json(DOCS / "localization.json", results)
     filter_benchmark.draw(results, DOCS / "localization.png")
+
+
+def write_bound() -> None:
+    """Compute the bounds of the arena; write them to docs/. Needs casadi."""
+    options = bound_benchmark.BoundOptions(BENCHMARKS["bound"][0], SWITCHING_SEED)
+    bound_benchmark.run_bound(options, lambda found: write_json(DOCS / "benchmark_bound.json", found))
+
+
+def benchmark_page() -> str:
+    """Return docs/benchmark.md."""
+    results, bounds = (json.loads((DOCS / name).read_text()) for name in ("benchmark.json", "benchmark_bound.json"))
+    return law_report.page(results, bounds)
 
 
 def between_markers(page: str, name: str, text: str) -> str:
@@ -177,10 +201,11 @@ def main() -> int:
     parser.add_argument(
         "--benchmark",
         nargs="?",
-        choices=("both", "switching", "localization"),
+        choices=("both", "switching", "localization", "bound"),
         const="both",
         help="repeat both benchmarks, or one",
     )
+    parser.add_argument("--animation", action="store_true", help="draw run.gif again")
     options = parser.parse_args()
     if options.experiments:
         write_experiments()
@@ -188,12 +213,16 @@ def main() -> int:
         write_switching()
     if options.benchmark in ("both", "localization"):
         write_localization()
+    if options.animation:
+        write_animation()
+    if options.benchmark == "bound":
+        write_bound()
     control = DOCS / "control.md"
     experiments = json.loads((DOCS / "reproduction.json").read_text())
     pages = {
         DOCS / "parameters.md": parameters_page(),
-        DOCS / "reproduction.md": reproduction_page(experiments["a"], experiments["b"]),
-        DOCS / "benchmark.md": law_report.page(json.loads((DOCS / "benchmark.json").read_text())),
+        DOCS / "reproduction.md": reproduction_page(experiments["a"], experiments["b"], experiments["scan"]),
+        DOCS / "benchmark.md": benchmark_page(),
         DOCS / "localization.md": localization_page(),
         DOCS / "rooms.svg": rooms_picture(),
         control: between_markers(control.read_text(), "scenario A", scenario_a_table()),

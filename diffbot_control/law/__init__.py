@@ -21,6 +21,7 @@ from diffbot_control.law.controller import (
     step,
     stop_step,
 )
+from diffbot_control.law.driver import LawError
 from diffbot_control.law.finish import Finish, FinishConfig
 from diffbot_control.law.goal_checker import GoalTolerance, Settling, is_knowable, within
 from diffbot_control.law.latency import coast
@@ -76,6 +77,7 @@ __all__ = [
     "Gains",
     "GoalTolerance",
     "Law",
+    "LawError",
     "Navigation",
     "ProfileGains",
     "Reapproach",

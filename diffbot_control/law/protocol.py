@@ -15,7 +15,9 @@ class Law(Protocol):
 
     ``Config`` is a NamedTuple whose fields carry a ``Spec`` and a default, one of them ``data_sheet: DataSheet``.
     The memory is a NamedTuple with a field ``reached: bool``; a law that cannot say whether the goal is reached leaves
-    it False.
+    it False. Two more fields outlive a goal, since they describe the robot's motion: ``command: Twist``, the last
+    command, and ``actuation: Actuation``, the commands under way (:mod:`diffbot_control.law.latency`). Both are kept
+    for a new goal, and follow the robot while it comes to rest without one.
     """
 
     name: str

@@ -36,7 +36,7 @@ def resolve_law(text: str) -> Law:
         law: Any = importlib.import_module(module_name)
         for part in attribute.split("."):
             law = getattr(law, part)
-    except Exception as error:
+    except (Exception, SystemExit) as error:  # a module may end the interpreter when it is imported
         cause = " ".join(f"{type(error).__name__}: {error}".split())
         raise InvalidValueError("law", text, f"importable ({cause})") from None
     _check(text, law)

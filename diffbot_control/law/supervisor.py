@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
-from diffbot_control.law.controller import (
-    ControllerConfig,
-    ControllerMemory,
-    Report,
-    memory_for_new_goal,
-    step,
-    stop_step,
-)
-from diffbot_control.law.goal_checker import is_knowable
-from diffbot_control.law.regions import OMEGA_L
+from diffbot_control.law.configuration import ControllerConfig, Report
+from diffbot_control.law.controller import SwitchingLaw
+from diffbot_control.law.driver import STOP, LawError, counting_uncertainty, driver_of
+from diffbot_control.law.protocol import Law
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.schema import Spec
@@ -62,7 +56,8 @@ class SupervisorConfig(NamedTuple):
 class _StepInput(NamedTuple):
     """What the newest step started from, so that it can be repeated with a corrected pose."""
 
-    memory: ControllerMemory
+    memory: Any
+    """of the law"""
     dt: float
     """[s]"""
 
@@ -70,15 +65,19 @@ class _StepInput(NamedTuple):
 class Supervisor:
     """Turns goals, poses and the passing of time into commands; each method returns the command to send, or None."""
 
-    def __init__(self, config: SupervisorConfig) -> None:
-        """Start idle."""
+    def __init__(self, config: SupervisorConfig, law: Law = SwitchingLaw) -> None:
+        """Start idle; ``config.controller`` is a configuration of ``law``, which may raise LawError if it is unfit."""
         self.config = config
-        self.memory = ControllerMemory()
+        self._driver = driver_of(law)
+        self.memory: Any = self._driver.new_memory(config.controller)
+        """of the law"""
         self.goal: Pose | None = None
         self.state = IDLE
         self.report: Report | None = None
         self.reason = ""
         """why the last goal was not reached; empty if it was, or is still driven to"""
+        self.has_failed = False
+        """the last goal was given up because the law raised, or its answer could not be used"""
         self.goals_reached = 0
         """goals reached so far; one that is lost and reached again, or held through silence, counts once"""
         self.waypoint = 0
@@ -96,6 +95,8 @@ class Supervisor:
         self._pose: Pose | None = None
         self._answer: Twist | None = None
         """to the newest pose"""
+        self._command = STOP
+        """the last one"""
         self._step_input: _StepInput | None = None
         self._last_pose_time: float | None = None
         self._zeros_due = 0
@@ -116,13 +117,17 @@ class Supervisor:
 
     def _drive_to(self, goal: Pose) -> None:
         self.goal = goal
-        self.memory = memory_for_new_goal(self.memory)
         self._step_input = None
         self.state = WAITING if self._last_pose_time is None else DRIVING
         self.report = None
         self.reason = ""
+        self.has_failed = False
         self._counted = False
         self._goal_stamp = None
+        try:
+            self.memory = self._driver.memory_for_new_goal(self.memory, self.config.controller)
+        except LawError as error:
+            self._give_up(str(error), has_failed=True)
 
     def on_cancel(self) -> Twist | None:
         """Drop the goal, if there is one, and start to come to rest at once, with or without a pose."""
@@ -160,9 +165,15 @@ class Supervisor:
 
     def _take_step(self, goal: Pose, pose: Pose, dt: float) -> Twist:
         self._step_input = _StepInput(self.memory, dt)
-        self.memory, command, self.report = step(
-            self.memory, Estimate(pose, self.uncertainty), goal, dt, self.config.controller
-        )
+        estimate = Estimate(pose, self.uncertainty)
+        try:
+            self.memory, command, self.report = self._driver.step(
+                self.memory, estimate, goal, dt, self.config.controller
+            )
+        except LawError as error:
+            self._give_up(str(error), has_failed=True)
+            return self._come_to_rest(dt) or STOP
+        self._command = command
         self.state = self._state_of_drive(command)
         reached = self.memory.reached
         if reached and not self._counted:
@@ -174,9 +185,9 @@ class Supervisor:
             self.waypoint += 1
             self._drive_to(self._route.pop(0))
         elif not self._counted:
-            self.reason = self._reason_to_give_up()
-            if self.reason:
-                self._go_idle(NOT_REACHED)
+            reason = self._reason_to_give_up()
+            if reason:
+                self._give_up(reason)
         return command
 
     def _reason_to_give_up(self) -> str:
@@ -185,33 +196,22 @@ class Supervisor:
             return ""
         if self._goal_stamp is None:
             self._goal_stamp = self._stamp
-        timeout, most = self.config.goal_timeout, self.config.max_departures
+        timeout = self.config.goal_timeout
         if 0.0 < timeout <= (self._stamp - self._goal_stamp) * S_PER_NS:
             return f"not reached within goal_timeout = {timeout:g} s"
-        departures = self.memory.switching.switches // 2
-        if 0 < most <= departures:
-            return f"hunting: left Omega_L {departures} times (max_departures = {most})"
-        return ""
+        return self._driver.reason_to_give_up(self.memory, self.config)
 
     def _state_of_drive(self, command: Twist) -> str:
         if self.memory.reached:
             return REACHED
-        tolerance = self.config.controller.tolerance
-        at_rest = (
-            self.memory.switching.region == OMEGA_L
-            and abs(command.v) <= tolerance.trans_stopped_velocity
-            and abs(command.omega) <= tolerance.rot_stopped_velocity
-        )
-        return UNCERTAIN if at_rest and not is_knowable(tolerance, self._counting_uncertainty()) else DRIVING
-
-    def _counting_uncertainty(self) -> Uncertainty:
-        scale = self.config.controller.uncertainty_scale
-        return Uncertainty(scale * self.uncertainty.xy, scale * self.uncertainty.theta)
+        config = self.config.controller
+        kept = self._driver.is_kept_from_knowing(self.memory, command, self.uncertainty, config)
+        return UNCERTAIN if kept else DRIVING
 
     def smallest_tolerance(self) -> tuple[float, float]:
-        """Position [m] and heading [rad] tolerance that the present uncertainty allows at best."""
+        """Position [m] and heading [rad] tolerance that the present uncertainty allows this project's law at best."""
         sigmas = self.config.controller.tolerance.goal_sigmas
-        xy, theta = self._counting_uncertainty()
+        xy, theta = counting_uncertainty(self.uncertainty, self.config.controller)
         return sigmas * xy, sigmas * theta
 
     def on_tick(self, now: float) -> Twist | None:
@@ -222,13 +222,17 @@ class Supervisor:
         self._last_pose_time = min(self._last_pose_time, now)
         if now - self._last_pose_time <= self.config.pose_timeout:
             return None
-        settling = self.memory.settling._replace(steps_within=0)
-        self.memory = self.memory._replace(command=Twist(0.0, 0.0), settling=settling)
+        self.memory = self._driver.halted(self.memory)
+        self._command = STOP
         if self.goal is None:
             self._zeros_due -= 1
         else:
             self.state = STALE
-        return Twist(0.0, 0.0)
+        return STOP
+
+    def _give_up(self, reason: str, has_failed: bool = False) -> None:
+        self.reason, self.has_failed = reason, has_failed
+        self._go_idle(NOT_REACHED)
 
     def _go_idle(self, state: str) -> None:
         self.goal = None
@@ -238,7 +242,8 @@ class Supervisor:
         self._zeros_due = _STOP_REPEATS
 
     def _come_to_rest(self, dt: float) -> Twist | None:
-        self.memory, command = stop_step(self.memory, dt, self.config.controller)
+        self.memory, command = self._driver.slow_down(self.memory, self._command, dt, self.config.controller)
+        self._command = command
         if command != (0.0, 0.0):
             return command
         if self._zeros_due > 0:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Annotated, NamedTuple
+from collections.abc import Mapping
+from typing import Annotated, Any, NamedTuple
 
 from diffbot_control.law.configuration import TANH, ControllerConfig
+from diffbot_control.law.controller import SwitchingLaw
 from diffbot_control.law.presets import PRESETS, TUNED
+from diffbot_control.law.protocol import Law
 from diffbot_control.law.supervisor import SupervisorConfig
-from diffbot_core.schema import Spec
+from diffbot_core.errors import InvalidValueError
+from diffbot_core.schema import PARTIAL, Spec, checked, parameters_of, variant
 from diffbot_core.uncertainty import Uncertainty
 
 
@@ -32,8 +36,11 @@ class PoseFallback(NamedTuple):
 
 
 class ControllerNodeConfig(NamedTuple):
-    """Parameters of the node ``controller``."""
+    """Parameters of the node ``controller``, of the law ``switching``; see :func:`parameter_set_of` for others."""
 
+    law: Annotated[str, Spec("law that drives: a registered name, or package.module:Class", read_only=True)] = (
+        SwitchingLaw.name
+    )
     preset: Annotated[str, Spec("set of defaults for the other parameters", choices=tuple(PRESETS), read_only=True)] = (
         TUNED
     )
@@ -66,3 +73,53 @@ CONTROLLER_PRESETS = {
     for name, controller in PRESETS.items()
 }
 """The sets of defaults that the parameter ``preset`` selects."""
+
+_NOT_OF_OTHERS = ("preset", "max_departures")
+"""Parameters that only this project's law has a meaning for."""
+_KINDS = (float, int, bool, str, tuple[float, ...], tuple[str, ...])
+_ROS_NAMES = ("use_sim_time",)
+"""Parameters that every node has."""
+
+
+def law_of(text: str) -> Law:
+    """Return the law of the parameter ``law``.
+
+    Raises:
+        InvalidValueError: in one line, if there is none or it is unfit.
+    """
+    if text == SwitchingLaw.name:
+        return SwitchingLaw
+    # Not before it is needed: the entry points of all installed packages take time to read.
+    from diffbot_control.law.registry import resolve_law  # noqa: PLC0415
+
+    return resolve_law(text)
+
+
+def parameter_set_of(overrides: Mapping[str, Any]) -> tuple[type[Any], Mapping[str, Any] | None]:
+    """Return configuration type and presets of the node for the law among its ``overrides``.
+
+    Another law than this project's brings the fields of its ``Config`` that carry a Spec.
+
+    Raises:
+        InvalidValueError: in one line, if there is no such law, or it cannot be used.
+    """
+    parameter = next(one for one in parameters_of(ControllerNodeConfig) if one.name == "law")
+    text = checked(parameter, overrides.get("law", parameter.default))
+    law = law_of(text)
+    if law is SwitchingLaw:
+        return ControllerNodeConfig, CONTROLLER_PRESETS
+    try:
+        supervisor = variant(SupervisorConfig, {"controller": Annotated[law.Config, PARTIAL]}, _NOT_OF_OTHERS)
+        config_type = variant(ControllerNodeConfig, {"supervisor": supervisor}, _NOT_OF_OTHERS)
+        found = parameters_of(config_type)
+    except Exception as error:  # names used twice, annotations that do not resolve, ...
+        cause = " ".join(f"{type(error).__name__}: {error}".split())
+        raise InvalidValueError("law", text, f"a law with usable parameters ({cause})") from None
+    for one in found:
+        if one.type not in _KINDS:
+            raise InvalidValueError(
+                "law", text, f"a law with numbers, booleans and texts as parameters, not {one.name}"
+            )
+        if one.name in _ROS_NAMES:
+            raise InvalidValueError("law", text, f"a law without a parameter {one.name}, which every node has")
+    return config_type, None

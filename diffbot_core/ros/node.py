@@ -21,7 +21,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from diffbot_core.errors import BadMessageError, DiffbotError
 from diffbot_core.health import Health
-from diffbot_core.ros.parameters import NodeParameters
+from diffbot_core.ros.parameters import NodeParameters, overrides_of
 from diffbot_core.schema import C
 
 DIAGNOSTICS_PERIOD = 1.0
@@ -53,6 +53,7 @@ class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
         """
         super().__init__(name, **node_options)
         try:
+            config_type, presets = self.parameter_set(config_type, presets, overrides_of(self))
             self._checked_parameters = NodeParameters(self, config_type, self.on_config, presets)
         except BaseException:
             self.destroy_node()
@@ -68,6 +69,15 @@ class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
     def config(self) -> C:
         """The present configuration, always valid."""
         return self._checked_parameters.config
+
+    def parameter_set(
+        self, config_type: type[C], presets: Mapping[str, C] | None, overrides: Mapping[str, Any]
+    ) -> tuple[type[C], Mapping[str, C] | None]:
+        """Return configuration type and presets, for nodes whose parameters depend on one of the ``overrides``.
+
+        Called once, before the parameters are declared.
+        """
+        return config_type, presets
 
     def on_config(self, config: C) -> None:
         """Called after a change of parameters, for nodes that keep values derived from them."""

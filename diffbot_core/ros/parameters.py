@@ -13,6 +13,13 @@ from diffbot_core.errors import DiffbotError
 from diffbot_core.schema import C, Parameter, build, checked, parameters_of, refuse_replaced, to_dict
 
 
+def overrides_of(node: Node) -> dict[str, Any]:
+    """Return the values given to ``node`` from outside, declared or not, by name."""
+    # rclpy ignores an override that is never declared and has no public way to list them.
+    given = getattr(node, "_parameter_overrides", {})
+    return {name: parameter.value for name, parameter in given.items()}
+
+
 class NodeParameters(Generic[C]):
     """The parameters of one node as one configuration, valid at all times.
 
@@ -35,7 +42,7 @@ class NodeParameters(Generic[C]):
                 given under a name that was replaced.
         """
         self._node = node
-        refuse_replaced(config_type, self._overrides())
+        refuse_replaced(config_type, overrides_of(node))
         self._fields: dict[str, Parameter] = {parameter.name: parameter for parameter in parameters_of(config_type)}
         self._on_change = on_change
         self._type = config_type
@@ -68,13 +75,8 @@ class NodeParameters(Generic[C]):
         # rcl knows no type for [] and drops it.
         return () if value is None and isinstance(parameter.default, tuple) else value
 
-    def _overrides(self) -> dict[str, Any]:
-        # rclpy ignores an override that is never declared and has no public way to list them.
-        given = getattr(self._node, "_parameter_overrides", {})
-        return {name: parameter.value for name, parameter in given.items()}
-
     def _warn_of_unknown_overrides(self) -> None:
-        for name in sorted(self._overrides()):
+        for name in sorted(overrides_of(self._node)):
             if not self._node.has_parameter(name):
                 self._node.get_logger().warning(f"unknown parameter '{name}' is ignored")
 

@@ -54,6 +54,13 @@ class ArenaOptions(NamedTuple):
     """names; none: all"""
     tuning: Path | None = None
     """a tuning.json; None: the one installed"""
+    own_runs: int = 0
+    """of each start for this project's law, if more than ``runs``: narrower intervals where its targets are"""
+
+    def runs_of(self, entry: Entry) -> int:
+        """Return the number of runs of a law in a case."""
+        runs = max(self.runs, self.own_runs) if entry.name == OWN_NAME else self.runs
+        return runs * len(arena_starts())
 
 
 def still_moving(histories: Array, sampling_time: float) -> int:
@@ -90,14 +97,14 @@ def run_benchmark(options: ArenaOptions) -> tuple[dict[str, Any], dict[str, Arra
         world_of(case)
         for entry in entries:
             config_of(entry, case, tuned[entry.name])
-    starts = len(arena_starts())
     outcomes: dict[str, Array] = {}
     rows = []
     with tqdm(total=_number(entries, cases), desc="benchmark", unit="law", disable=None) as bar:
         for case in cases:
             laws = []
             for entry in (one for one in entries if takes_part(one, case)):
-                found = run_case(entry, case, tuned[entry.name], options.runs * starts, options.seed)
+                count, most = options.runs_of(entry), options.runs_of(entries[0])
+                found = run_case(entry, case, tuned[entry.name], count, options.seed, most)
                 if case.name == NOMINAL:
                     outcomes[entry.name] = found
                 laws.append({"name": entry.name} | figures_of(found))
@@ -112,6 +119,7 @@ def _arena(options: ArenaOptions) -> dict[str, Any]:
     """Return what all laws and cases share."""
     return {
         "runs_of_each_start": options.runs,
+        "own_runs_of_each_start": max(options.runs, options.own_runs),
         "starts": len(arena_starts()),
         "seed": options.seed,
         "duration": DURATION,

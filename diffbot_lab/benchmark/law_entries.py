@@ -12,7 +12,8 @@ from diffbot_lab.benchmark.law_cases import LIMITS, NONE, ArenaCase, Values
 
 Space = Mapping[str, tuple[float, float]]
 """Ranges of the parameters that are tuned."""
-OWN_NAME = "switching"
+OWN_NAME, EQUAL_NAME = "switching", "switching_tuned"
+"""This project's law with its default preset, and with the tuning budget of the peers."""
 
 
 class Entry(NamedTuple):
@@ -88,6 +89,13 @@ ENTRIES = (
         OWN_NAME,
         "law (17) of the paper; control.md",
         "go-to-pose in open space with a noisy estimate; forwards or backwards",
+    ),
+    Entry(
+        EQUAL_NAME,
+        "switching law, tuned like the peers",
+        OWN_NAME,
+        "the same; parameters from the tuning that the peers had",
+        "what the comparison is worth where the preset had more work than the peers",
         space=_OWN_SPACE,
     ),
     Entry(
@@ -265,5 +273,5 @@ def config_of(entry: Entry, case: ArenaCase, tuned: Values) -> Any:
     law = resolve_law(entry.law)
     names = {one.name for one in parameters_of(law.Config)}
     sheet = {name: value for name, value in {**LIMITS, **case.sheet}.items() if name in names}
-    own = case.own if entry.name == OWN_NAME else {}
+    own = case.own if entry.name in (OWN_NAME, EQUAL_NAME) else {}
     return build(law.Config, {**entry.values, **tuned, **own, **sheet})

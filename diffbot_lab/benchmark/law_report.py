@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+from diffbot_lab.benchmark.bound_report import bound_section
 from diffbot_lab.benchmark.law_cases import ACCELERATION, OWN, SPEED
+from diffbot_lab.benchmark.law_entries import EQUAL_NAME
 from diffbot_lab.benchmark.law_targets import Results, peers_ahead, share, targets
-from diffbot_lab.benchmark.targets import evaluate_targets, markdown_table, number, summary, target_table
+from diffbot_lab.benchmark.targets import evaluate_targets, markdown_table, number, summary, target_table, with_interval
 
 _TITLES = {
     SPEED: "Bounded speeds: 1.3 m/s at the rims, 2.6 rad/s",
@@ -62,35 +64,65 @@ def _pair(one: dict[str, Any]) -> str:
     return f"{one['peers']:.{digits}f}{unit}, ours {one['ours']:.{digits}f}{unit}{sure}"
 
 
-def page(results: Results) -> str:
-    """Return docs/benchmark.md: first where a peer is ahead, then the tables."""
+def page(results: Results, bounds: Results | None = None) -> str:
+    """Return docs/benchmark.md: first where a peer is ahead, then the tables, and the bounds if there are any."""
     lines = ["# The law and its peers", "", *_ahead_section(results), "", *_introduction(results)]
     for kind, title in _TITLES.items():
         rows = [row for row in results["cases"] if row["table"] == kind]
         if rows:
             lines += ["", f"## {title}", *_table_section(results, rows)]
+    if bounds is not None:
+        lines += ["", *bound_section(bounds, results)]
     lines += ["", *_laws_section(results), "", *_tuning_section(results)]
     lines += ["", "## Targets", "", *target_table(targets(results))]
     return "\n".join(lines) + "\n"
 
 
 def _ahead_section(results: Results) -> list[str]:
-    ahead = peers_ahead(results)
     lines = ["## Where a peer is ahead", ""]
-    if not ahead:
-        return [*lines, "Nowhere: the switching law leads in share settled, settling time and final position error."]
-    rows = [(one["case"], one["peer"], one["figure"], _pair(one)) for one in ahead]
-    return [
-        *lines,
-        "In share settled, settling time of settled runs (median, 99 %) and final position error (95 %):",
-        "",
-        *markdown_table(("case", "peer", "figure", "peer's, ours"), rows),
-    ]
+    ahead = peers_ahead(results)
+    if ahead:
+        lines += ["In share settled, settling time of settled runs (median, 99 %) and final position error (95 %):", ""]
+        lines += _ahead_table(ahead)
+        lines += ["", "Peers in *italics*: the 95 % intervals overlap."]
+    else:
+        lines += ["Nowhere: the switching law leads in share settled, settling time and final position error."]
+    if any(one["name"] == EQUAL_NAME for one in results["laws"]):
+        cases = {one["case"] for one in ahead}
+        equal = peers_ahead(results, EQUAL_NAME)
+        lines += [
+            "",
+            "The preset had more work than the tuning that the peers had. With the same budget "
+            f"(row *{_label(results, EQUAL_NAME)}*) peers are ahead in {len(equal)} figures instead of {len(ahead)}, "
+            f"in {len({one['case'] for one in equal})} cases instead of {len(cases)}.",
+        ]
+    return lines
+
+
+def _label(results: Results, name: str) -> str:
+    return next(str(one["label"]) for one in results["laws"] if one["name"] == name)
+
+
+def _ahead_table(ahead: list[dict[str, Any]]) -> list[str]:
+    """One row for each case and figure, the peers in the order of the laws."""
+    rows: dict[tuple[str, str], list[str]] = {}
+    for one in ahead:
+        unit = f" {one['unit']}" if one["unit"] else ""
+        # As many digits as show a difference.
+        own, other = one["ours"], one["peers"]
+        digits = next((d for d in (3, 4, 5) if own is None or f"{other:.{d}f}" != f"{own:.{d}f}"), 6)
+        row = rows.setdefault((one["case"], one["figure"]), ["none" if own is None else f"{own:.{digits}f}{unit}"])
+        text = f"{one['peer']} {other:.{digits}f}"
+        row.append(text if one["apart"] else f"*{text}*")
+    cells = [(case, figure, own, "; ".join(peers)) for (case, figure), (own, *peers) in rows.items()]
+    return markdown_table(("case", "figure", "ours", "peers ahead"), cells)
 
 
 def _introduction(results: Results) -> list[str]:
     tolerance = f"({results['xy_tolerance']:g} m, {results['yaw_tolerance']:g} rad)"
     runs = results["starts"] * results["runs_of_each_start"]
+    own = results["starts"] * results["own_runs_of_each_start"]
+    number_of_runs = f"{runs} runs in each case" + (f" ({own} of the switching law)" if own > runs else "")
     return [
         "## Conditions",
         "",
@@ -99,7 +131,7 @@ def _introduction(results: Results) -> list[str]:
         "a law of yours ([laws.md](laws.md)).",
         "",
         f"Every law has the same {results['starts']} starts (8 points of the 12 m circle with headings 0 and 220 deg, "
-        f"and the start of the paper's simulation A) or as many random ones, {runs} runs in each case, seed "
+        f"and the start of the paper's simulation A) or as many random ones, {number_of_runs}, seed "
         f"{results['seed']}, and run i has the same noise under every law: fixes at 10 Hz with the paper's bounds "
         "(+-0.3 m, +-0.3 m, +-0.17 rad), +-5 % per wheel in drive and encoder. A run lasts "
         f"{results['duration']:.0f} s with Ts = 0.1 s. Every law has the same data sheet: limits, latency, lag and "
@@ -133,9 +165,9 @@ def _law_row(label: str, one: Results) -> list[str]:
     return [
         label,
         f"{100.0 * share(one):.2f} [{100.0 * low:.2f}, {100.0 * high:.2f}]",
-        _with_interval(time, "median", 1),
-        _with_interval(time, "p99", 1),
-        _with_interval(position, "p95", 3),
+        with_interval(time, "median", 1),
+        with_interval(time, "p99", 1),
+        with_interval(position, "p95", 3),
         number(position["max"]),
         number(one["heading"]["max"]),
         number(one["revolutions"], 2),
@@ -143,13 +175,6 @@ def _law_row(label: str, one: Results) -> list[str]:
         str(one["reached"]),
         str(one["false_reached"]),
     ]
-
-
-def _with_interval(part: Results, key: str, digits: int) -> str:
-    interval = part[f"{key}_interval"]
-    if interval is None:
-        return "-"
-    return f"{part[key]:.{digits}f} [{interval[0]:.{digits}f}, {interval[1]:.{digits}f}]"
 
 
 def _laws_section(results: Results) -> list[str]:

@@ -28,9 +28,18 @@ def case_of(entry: Entry, case: ArenaCase, tuned: Values) -> Case:
     return shared._replace(controller=config_of(entry, case, tuned))
 
 
-def run_case(entry: Entry, case: ArenaCase, tuned: Values, count: int, seed: int) -> Array:
-    """Return the outcomes (count, 12) of ``count`` runs; run i has the same start and noise under every law."""
-    starts = Starts(starts_named(case.starts, count, seed))
+def run_case(entry: Entry, case: ArenaCase, tuned: Values, count: int, seed: int, most: int = 0) -> Array:
+    """Return the outcomes (count, 12) of ``count`` runs; run i has the same start and noise under every law.
+
+    Args:
+        entry: the law.
+        case: what is run.
+        tuned: its parameters that are not the entry's.
+        count: number of runs.
+        seed: of noise and random starts.
+        most: runs of the law that has most of them, if these are more: random starts are drawn for all at once.
+    """
+    starts = Starts(starts_named(case.starts, max(count, most), seed)[:count])
     return run_batch(case_of(entry, case, tuned), starts, seed, 0, count, law=resolve_law(entry.law))
 
 

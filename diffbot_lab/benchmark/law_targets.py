@@ -145,12 +145,12 @@ def better(ours: Results | None, peer: Results) -> list[tuple[str, str, float, f
     return found
 
 
-def peers_ahead(results: Results) -> list[dict[str, Any]]:
-    """List every figure of every case in which a peer is better than this project's law."""
+def peers_ahead(results: Results, law: str = OWN_NAME) -> list[dict[str, Any]]:
+    """List every figure of every case in which a peer is better than this project's law of the name ``law``."""
     labels = {one["name"]: one["label"] for one in results["laws"] if not one["ours"] and not one["bound"]}
     found = []
     for row in results["cases"]:
-        ours = figures_of_law(results, row["name"])
+        ours = figures_of_law(results, row["name"], law)
         for peer in (one for one in row["laws"] if one["name"] in labels):
             found += [
                 {

@@ -63,3 +63,11 @@ def _line(cells: Iterable[str]) -> str:
 def number(value: float | None, digits: int = 3) -> str:
     """Format a figure, ``-`` for none."""
     return "-" if value is None else f"{value:.{digits}f}"
+
+
+def with_interval(part: dict[str, Any], key: str, digits: int) -> str:
+    """Format a quantile with its interval, ``-`` for none; see law_statistics.spread."""
+    interval = part[f"{key}_interval"]
+    if interval is None:
+        return "-"
+    return f"{part[key]:.{digits}f} [{interval[0]:.{digits}f}, {interval[1]:.{digits}f}]"

@@ -16,7 +16,6 @@ from diffbot_core.errors import InvalidValueError
 from diffbot_core.files import output_folder, write_json
 from diffbot_lab.metrics import quantiles
 from diffbot_lab.paper.scenarios import (
-    EPS_P,
     HEADINGS_B,
     LAWS,
     PAPER_END_STATES,
@@ -83,7 +82,6 @@ def summarise(name: str, runs: int, seed: int, groups: list[Group]) -> dict[str,
         "seed": seed,
         "steps": groups[0].histories.shape[1] - 1,
         "sampling_time": groups[0].setting.plant.sampling_time,
-        "eps_P": EPS_P,
         "groups": [_summary(group) for group in groups],
         "literal_rear_sector": _literal_rear_sector(runs, seed),
     }
@@ -96,6 +94,7 @@ def _summary(group: Group) -> dict[str, Any]:
         "label": group.label,
         "law": group.law,
         "setting": group.setting.name,
+        "eps_P": group.setting.eps_P if group.law == "law 17" else 0.0,
         "runs": len(position),
         "reached_local_region": int(np.isfinite(column["local_time"]).sum()),
         "settled": int(np.isfinite(column["settling_time"]).sum()),
@@ -144,7 +143,7 @@ def _literal_rear_sector(runs: int, seed: int) -> dict[str, dict[str, Any]]:
 
 
 def run_and_report(names: tuple[str, ...], runs: int, seed: int, folder: Path, figures: bool) -> None:
-    """Run experiments, write results.json and figures below ``folder``, and print a table.
+    """Run experiments ``a`` and ``b``, write results.json and figures below ``folder``, and print a table.
 
     Raises:
         DiffbotError: if the folder cannot be written or a value is not allowed.
@@ -170,11 +169,11 @@ def run_and_report(names: tuple[str, ...], runs: int, seed: int, folder: Path, f
 
 def table(results: dict[str, Any]) -> str:
     """Lay out the end states of an experiment for a terminal."""
-    head = f"{'experiment ' + results['experiment']:<18}{'setting':<8}{'runs':>6}{'Omega_L':>9}"
+    head = f"{'experiment ' + results['experiment']:<18}{'setting':<10}{'runs':>6}{'Omega_L':>9}"
     head += f"{'|pos| median':>14}{'p95 [m]':>9}{'|theta| median':>16}{'p95 [rad]':>11}{'max |v|':>9}"
     rows = [head, "-" * len(head)]
     rows += [
-        f"{one['label']:<18}{one['setting']:<8}{one['runs']:>6}{one['reached_local_region']:>9}"
+        f"{one['label']:<18}{one['setting']:<10}{one['runs']:>6}{one['reached_local_region']:>9}"
         f"{one['position']['0.5']:>14.4f}{one['position']['0.95']:>9.4f}{one['abs_theta']['0.5']:>16.4f}"
         f"{one['abs_theta']['0.95']:>11.4f}{one['max_speed']:>9.4f}"
         for one in results["groups"]

@@ -25,6 +25,10 @@ DURATION = 30.0
 """[s] of a run; the paper does not state it"""
 EPS_P = 0.5
 """[m] the paper states a condition, which holds above 0.474 m, but no value"""
+VANISHING_EPS_P = 0.25
+"""[m] of the reading in which the position noise vanishes at the goal; see scan.py"""
+NEAR_GOAL = 1.0
+"""[m] in that reading, distance from the goal within which the position noise shrinks"""
 GOAL = Pose(0.0, 0.0, 0.0)
 START_A = (-2.0, -5.5, math.radians(30.0))
 RADIUS_B = 12.0
@@ -49,13 +53,16 @@ class Setting(NamedTuple):
     plant: PlantConfig
     sensors: SensorConfig
     feedback: str
+    eps_P: float = EPS_P
+    """[m] radius of Omega_L under law (17)"""
 
 
+_INPUT_NOISE = PlantConfig(exact_arc=False, drive_noise=0.0, encoder_noise=0.0, eps_v_max=0.065, eps_omega_max=0.2167)
 SETTINGS = (
     Setting(
         "raw",
         "the paper's noise: uniform +-0.3 m, +-0.3 m, +-0.17 rad, fed to the law without a filter; input noise added",
-        PlantConfig(exact_arc=False, drive_noise=0.0, encoder_noise=0.0, eps_v_max=0.065, eps_omega_max=0.2167),
+        _INPUT_NOISE,
         SensorConfig(),
         "raw",
     ),
@@ -73,6 +80,14 @@ SETTINGS = (
         SensorConfig(eps_x_max=0.0, eps_y_max=0.0, eps_theta_max=0.0),
         "truth",
     ),
+    Setting(
+        "vanishing",
+        f"as raw, but the position noise is proportional to the distance from the goal within {NEAR_GOAL:g} m",
+        _INPUT_NOISE,
+        SensorConfig(eps_xy_distance=NEAR_GOAL),
+        "raw",
+        VANISHING_EPS_P,
+    ),
 )
 
 
@@ -89,9 +104,9 @@ class Group(NamedTuple):
     """(runs, steps + 1, 8) see batch.HISTORY_COLUMNS"""
 
 
-def controller_of(law: str) -> ControllerConfig:
-    """Return the paper's gains with the region of one of LAWS, without hysteresis as in the paper."""
-    radius = {"law 13": 0.0, "law 17": EPS_P}[law]
+def controller_of(law: str, eps_P: float) -> ControllerConfig:
+    """Return the paper's gains with the region of one of LAWS, without hysteresis as in the paper; ``eps_P`` in m."""
+    radius = {"law 13": 0.0, "law 17": eps_P}[law]
     paper = PRESETS[PAPER]
     return paper._replace(region_policy=paper.region_policy._replace(fixed=FixedRegionPolicy(radius, radius)))
 
@@ -99,7 +114,7 @@ def controller_of(law: str) -> ControllerConfig:
 def case_of(law: str, setting: Setting, literal_rear: bool = False) -> Case:
     """Return the case of a law under a setting; ``literal_rear`` uses the printed sign of v in the rear sector."""
     return make_case(
-        Configuration(setting.plant, setting.sensors, controller_of(law), TEXTBOOK_FILTER),
+        Configuration(setting.plant, setting.sensors, controller_of(law, setting.eps_P), TEXTBOOK_FILTER),
         DURATION,
         feedback=setting.feedback,
         goal=GOAL,

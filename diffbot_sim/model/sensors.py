@@ -36,6 +36,12 @@ class SensorConfig(NamedTuple):
     eps_x_max: Annotated[float, Spec("bound of the error of x", "m", minimum=0.0)] = 0.3
     eps_y_max: Annotated[float, Spec("bound of the error of y", "m", minimum=0.0)] = 0.3
     eps_theta_max: Annotated[float, Spec("bound of the error of theta", "rad", minimum=0.0, maximum=math.pi)] = 0.17
+    eps_xy_distance: Annotated[
+        float,
+        Spec(
+            "distance from map's origin within which the errors of x, y shrink in proportion; 0: none", "m", minimum=0.0
+        ),
+    ] = 0.0
     fix_delay: Annotated[float, Spec("time from measuring to arriving", "s", minimum=0.0, maximum=60.0)] = 0.0
     fix_delay_jitter: Annotated[
         float, Spec("bound of a random delay that is added, uniform from 0", "s", minimum=0.0, maximum=60.0)
@@ -93,11 +99,22 @@ def delay_in_steps(delay: float, sampling_time: float) -> int:
     return math.ceil(delay / sampling_time - 1e-9)
 
 
+def position_share(pose: Pose, config: SensorConfig) -> float:
+    """Return the share of their bounds that the errors of x and y reach at ``pose``, from 0 to 1.
+
+    It is proportional to the distance from the origin within ``eps_xy_distance``, as with a beacon at the goal.
+    The covariance that a fix claims does not follow it.
+    """
+    distance = math.sqrt(pose.x * pose.x + pose.y * pose.y)
+    return distance / config.eps_xy_distance if distance < config.eps_xy_distance else 1.0
+
+
 def measured_pose(pose: Pose, noise: Draw, config: SensorConfig) -> Pose:
     """Return the true pose with errors of these shares of the bounds; ``noise`` is (x, y, theta, -)."""
+    share = position_share(pose, config)
     return Pose(
-        pose.x + config.eps_x_max * noise.a,
-        pose.y + config.eps_y_max * noise.b,
+        pose.x + share * config.eps_x_max * noise.a,
+        pose.y + share * config.eps_y_max * noise.b,
         wrap_angle(pose.theta + config.eps_theta_max * noise.c),
     )
 

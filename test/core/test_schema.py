@@ -18,8 +18,8 @@ from diffbot_control.law.controller import ControllerConfig
 from diffbot_control.law.lyapunov_law import Gains
 from diffbot_control.law.supervisor import SupervisorConfig
 from diffbot_core.data_sheet import DataSheet
-from diffbot_core.errors import InvalidValueError, ReplacedNameError
-from diffbot_core.schema import Parameter, Spec, build, checked, parameters_of, replaced_by, to_dict
+from diffbot_core.errors import DiffbotError, InvalidValueError, ReplacedNameError
+from diffbot_core.schema import PARTIAL, Parameter, Spec, build, checked, parameters_of, replaced_by, to_dict, variant
 from diffbot_sim.model.sensors import SensorConfig
 from diffbot_sim.model.simulator import WorldConfig
 
@@ -288,6 +288,45 @@ class NoSpec(NamedTuple):
 class Twice(NamedTuple):
     one: Annotated[float, Spec("one", parameter="same")] = 1.0
     two: Annotated[float, Spec("two", parameter="same")] = 1.0
+
+
+class Mixed(NamedTuple):
+    """Of someone else: not every field has a Spec."""
+
+    known: Annotated[float, Spec("known")] = 1.0
+    noted: Annotated[float, "a note"] = 2.0
+    bare: list = ()
+    inner: NoSpec = NoSpec()
+
+
+class Checking(NamedTuple):
+    value: Annotated[float, Spec("value")] = 0.0
+
+    def check(self):
+        if self.value > 1.0:
+            raise ValueError("too\nlarge")
+
+
+class Outer(NamedTuple):
+    group: Inner = Inner()
+    left_out: Annotated[float, Spec("left out")] = 1.0
+    kept: Annotated[float, Spec("kept")] = 5.0
+
+
+def test_a_variant_has_other_groups_and_fewer_fields():
+    made = variant(Outer, {"group": Annotated[Mixed, PARTIAL]}, ("left_out",))
+    assert made() == (Mixed(), 5.0)
+    assert [one.name for one in parameters_of(made)] == ["known", "kept"]
+    assert build(made, {"known": 3.0}).group == Mixed(known=3.0)
+    assert parameters_of(variant(Outer, {})) == parameters_of(Outer)
+    with pytest.raises(TypeError, match=r"Mixed\.noted has no Spec"):
+        parameters_of(variant(Outer, {"group": Mixed}))
+
+
+def test_a_check_that_raises_a_value_error_becomes_one_line():
+    assert build(Checking, {"value": 1.0}).value == 1.0
+    with pytest.raises(DiffbotError, match=r"^Checking: too large$"):
+        build(Checking, {"value": 2.0})
 
 
 def test_lists():

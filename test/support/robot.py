@@ -98,10 +98,10 @@ class Robot:
         for name in names:
             self.peer.wait_for_publishers(*TOPICS[name])
 
-    def launch(self, name, parameters=None):
-        """Start one of the nodes and do not wait for it."""
+    def launch(self, name, parameters=None, **options):
+        """Start one of the nodes and do not wait for it; ``options`` are those of subprocess.Popen."""
         arguments = ("-r", f"__ns:={self.namespace}") if self.namespace else ()
-        process = self._stack.enter_context(graph.node(graph.MODULES[name], parameters, arguments))
+        process = self._stack.enter_context(graph.node(graph.MODULES[name], parameters, arguments, **options))
         self.processes[name] = process
         return process
 

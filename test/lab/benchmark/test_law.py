@@ -66,8 +66,19 @@ def test_results_have_the_documented_shape(results):
 
 
 def test_the_same_seed_gives_the_same_results(benchmarked):
+    tuning = law_tuning.read_tuning(None)
     for name, found in benchmarked[1].items():
-        np.testing.assert_array_equal(run_case(BY_NAME[name], NOMINAL, {}, 17, 7), found)
+        values = law_tuning.tuned_values(tuning, BY_NAME[name])
+        np.testing.assert_array_equal(run_case(BY_NAME[name], NOMINAL, values, 17, 7), found)
+
+
+def test_more_runs_of_the_own_law_begin_with_those_of_the_peers(benchmarked):
+    for name in ("nominal", "random_near"):
+        (case,) = cases_named((name,))
+        many, few = run_case(BY_NAME[OWN_NAME], case, {}, 51, 7), run_case(BY_NAME[OWN_NAME], case, {}, 17, 7, 51)
+        np.testing.assert_array_equal(many[:17], few)
+    more = ArenaOptions(1, 7, own_runs=3)
+    assert [more.runs_of(BY_NAME[name]) for name in (OWN_NAME, "switching_tuned", PEER)] == [51, 17, 17]
 
 
 def test_all_laws_meet_the_same_noise():
@@ -154,9 +165,9 @@ def test_command_passes_its_flags_on(tmp_path, monkeypatch, benchmarked, here):
     asked = []
     monkeypatch.setattr(benchmark, "run_benchmark", lambda options: asked.append(options) or benchmarked)
     flags = ["--runs", "3", "--seed", "9", "--out", str(tmp_path), "--no-figures", "--law", "polar", "--law", "a.b:C"]
-    flags += ["--case", "mix", "--tuning", "file.json"]
+    flags += ["--case", "mix", "--tuning", "file.json", "--own-runs", "5"]
     assert cli.main(["benchmark", "switching", *flags]) == 0
-    assert asked == [ArenaOptions(3, 9, ("polar", "a.b:C"), ("mix",), Path("file.json"))]
+    assert asked == [ArenaOptions(3, 9, ("polar", "a.b:C"), ("mix",), Path("file.json"), 5)]
     assert [path.name for path in tmp_path.iterdir()] == ["results.json"]
 
 

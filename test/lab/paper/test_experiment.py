@@ -20,7 +20,20 @@ from diffbot_lab.paper.scenarios import (
 )
 from diffbot_sim.compiled.batch import HISTORY_COLUMNS, run_histories
 
-RAW, EKF, QUIET = SETTINGS
+RAW, EKF, QUIET, VANISHING = SETTINGS
+
+
+def test_the_vanishing_noise_is_proportional_to_the_distance():
+    assert VANISHING.eps_P == 0.25
+    near = run_histories(case_of("law 17", VANISHING), starts_of("a"), 3, 0, 40)
+    rho = np.hypot(near[..., 0], near[..., 1])
+    for column, bound in ((0, 0.3), (1, 0.3)):
+        share = (near[..., 3 + column] - near[..., column]) / (bound * np.minimum(rho, 1.0))
+        for where in (rho > 1.0, rho < 0.3):
+            assert 0.98 < np.abs(share[where]).max() <= 1.0 + 1e-9
+            assert share[where].std() == pytest.approx(1.0 / math.sqrt(3.0), rel=0.03)
+    error = wrapped(near[..., 5] - near[..., 2])[rho < 0.3]
+    assert error.std() == pytest.approx(0.17 / math.sqrt(3.0), rel=0.03)
 
 
 def wrapped(angles):
@@ -137,7 +150,7 @@ def test_the_results_are_numpys(groups, results):
     for name in ("a", "b"):
         content = results[name]
         assert (content["experiment"], content["runs"], content["seed"], content["steps"]) == (name, 12, 1, 300)
-        assert len(content["groups"]) == len(groups[name]) == 6
+        assert len(content["groups"]) == len(groups[name]) == 8
         for one, group in zip(content["groups"], groups[name], strict=True):
             outcomes, histories = group.outcomes, group.histories
             assert one["runs"] == len(outcomes) == (12 if name == "a" else 96)
@@ -162,7 +175,7 @@ def test_the_results_are_numpys(groups, results):
                     smaller = (np.abs(outcomes[:, column]) < abs(value)).mean()
                     assert one["paper"][key]["magnitude_share_below"] == smaller
     lines = table(results["a"]).splitlines()
-    assert len(lines) == 8
+    assert len(lines) == 10
     assert "0.0000" not in lines[2]
 
 

@@ -40,12 +40,12 @@ def test_the_kept_results_are_todays(name, kept):
 
 
 def test_the_page_is_made_from_the_kept_results(kept):
-    assert (DOCS / "reproduction.md").read_text() == page(kept["a"], kept["b"])
+    assert (DOCS / "reproduction.md").read_text() == page(kept["a"], kept["b"], kept["scan"])
 
 
 def test_all_claims_hold_in_the_kept_results(kept):
-    assert [one.text for one in statements(kept["a"], kept["b"]) if not one.holds] == []
-    assert "NO |" not in page(kept["a"], kept["b"])
+    assert [one.text for one in statements(kept["a"], kept["b"], kept["scan"]) if not one.holds] == []
+    assert "NO |" not in page(kept["a"], kept["b"], kept["scan"])
 
 
 def change(results, law=None, setting=None, **changes):
@@ -59,31 +59,38 @@ def change(results, law=None, setting=None, **changes):
 
 
 MUTATIONS = {
-    "|v| never": lambda a, b: change(b, "law 17", "quiet", max_speed=1.3001),
-    "Law (13) brings": lambda a, b: change(a, "law 13", "raw", abs_theta={"0.95": 1.9}),
-    "Law (13) brings the position": lambda a, b: change(a, "law 13", "raw", position={"0.95": 0.21}),
-    "Law (17) brings |theta|": lambda a, b: change(b, "law 17", "ekf", abs_theta={"0.5": 0.11}),
-    "Law (17) leaves": lambda a, b: change(a, "law 17", "quiet", position={"0.5": 0.09}),
-    "Law (17) leaves a lateral": lambda a, b: change(a, "law 17", "raw", position={"0.5": 0.09}),
-    "B: all 16 starts": lambda a, b: change(b, None, "raw", reached_local_region=799),
-    "With the rear sector": lambda a, b: b["literal_rear_sector"]["raw as printed"]["position"].update({"0.5": 0.3}),
+    "|v| never": lambda a, b, scan: change(b, "law 17", "quiet", max_speed=1.3001),
+    "Law (13) brings": lambda a, b, scan: change(a, "law 13", "raw", abs_theta={"0.95": 1.9}),
+    "Law (13) brings the position": lambda a, b, scan: change(a, "law 13", "raw", position={"0.95": 0.21}),
+    "Law (17) brings |theta|": lambda a, b, scan: change(b, "law 17", "ekf", abs_theta={"0.5": 0.11}),
+    "Law (17) leaves": lambda a, b, scan: change(a, "law 17", "quiet", position={"0.5": 0.09}),
+    "Law (17) leaves a lateral": lambda a, b, scan: change(a, "law 17", "raw", position={"0.5": 0.09}),
+    "B: all 16 starts": lambda a, b, scan: change(b, None, "raw", reached_local_region=799),
+    "With the rear sector": lambda a, b, scan: b["literal_rear_sector"]["raw as printed"]["position"].update(
+        {"0.5": 0.3}
+    ),
+    "Without position noise": lambda a, b, scan: scan["law 13"][2].update(agree_interval=[0.49, 0.6]),
+    "Without position noise at": lambda a, b, scan: scan["law 13"][0].update(agree_interval=[0.09, 0.11]),
+    "Without it and": lambda a, b, scan: scan["law 17"][0].update(agree_interval=[0.2, 0.25]),
+    "Without it, law (17)": lambda a, b, scan: scan["law 17"][2].update(median_sd_v=0.19),
+    "In no reading": lambda a, b, scan: scan["law 17"][9].update(agree_positive_y=0.02),
 }
 
 
 @pytest.mark.parametrize("start", MUTATIONS)
 def test_the_page_says_no_to_what_does_not_hold(start, kept):
-    a, b = copy.deepcopy(kept["a"]), copy.deepcopy(kept["b"])
-    MUTATIONS[start](a, b)
-    failing = [one.text for one in statements(a, b) if not one.holds]
+    a, b, scan = (copy.deepcopy(kept[name]) for name in ("a", "b", "scan"))
+    MUTATIONS[start](a, b, scan)
+    failing = [one.text for one in statements(a, b, scan) if not one.holds]
     assert len(failing) == 1
     assert failing[0].startswith(start)
-    lines = [line for line in page(a, b).splitlines() if line.endswith("| NO |")]
+    lines = [line for line in page(a, b, scan).splitlines() if line.endswith("| NO |")]
     assert len(lines) == 1
     assert lines[0].startswith("| " + start.replace("|", "\\|"))
 
 
 def test_every_number_of_the_page_is_that_of_the_results(kept):
-    ranks, distances, claims, readings = tables(page(kept["a"], kept["b"]))
+    ranks, distances, near, box, claims, readings = tables(page(kept["a"], kept["b"], kept["scan"]))
     groups = [one for one in kept["a"]["groups"] if "paper" in one]
     expected = [(one, name) for one in groups for name in ("x", "y", "theta")]
     for row, (one, name) in zip(ranks[1:], expected, strict=True):
@@ -98,7 +105,18 @@ def test_every_number_of_the_page_is_that_of_the_results(kept):
         values = [one["runs"], one["reached_local_region"]]
         values += [one[part][key] for part in ("position", "abs_theta") for key in ("0.5", "0.95")]
         assert_shows(row[2:], [*values, one["path_length"]["0.5"], one["max_speed"]])
-    assert len(claims) == 7
+    for shown, law in ((near, "law 13"), (box, "law 17")):
+        for row, one in zip(shown[1:], kept["scan"][law], strict=True):
+            assert row.pop(0) == one["reading"]
+            share, interval = row[-4 if law == "law 17" else -2].split(" % ")
+            values = [one["agree"], *one["agree_interval"]]
+            assert_shows([share, *interval.strip("[]").split(", ")], [100.0 * value for value in values])
+            if law == "law 17":
+                assert_shows(row[:1], [one["eps_P"]])
+                assert_shows(row[2:], [one["median_abs_y"], 100.0 * one["positive_y"], one["median_sd_v"]])
+            else:
+                assert_shows(row[1:], [one["median_sd_v"]])
+    assert len(claims) == 11
     for row, (name, one) in zip(readings[1:], kept["b"]["literal_rear_sector"].items(), strict=True):
         assert row[0] == name
         assert_shows(row[1:], [one[part][key] for part in ("position", "abs_theta") for key in ("0.5", "0.95")])

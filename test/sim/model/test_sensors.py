@@ -16,6 +16,7 @@ from diffbot_sim.model.sensors import (
     delay_in_steps,
     due,
     fix_at,
+    fix_variances,
     is_lost,
     measured_heading,
     measured_landmark,
@@ -107,6 +108,14 @@ def test_errors_of_a_fix_fill_their_bounds_evenly():
     assert all(-math.pi < fix.theta <= math.pi for fix in fixes)
     variances = [uniform_variance(bound) for bound in (0.3, 0.2, 0.17)]
     np.testing.assert_allclose(errors.var(axis=0), variances, rtol=0.06)
+
+
+@pytest.mark.parametrize(("x", "y", "share"), [(0.0, 0.0, 0.0), (0.3, -0.4, 0.25), (-2.0, 0.0, 1.0), (9.0, 9.0, 1.0)])
+def test_position_errors_may_shrink_towards_the_origin(x, y, share):
+    config = SensorConfig(eps_x_max=0.3, eps_y_max=0.2, eps_theta_max=0.17, eps_xy_distance=2.0)
+    fix = measured_pose(Pose(x, y, 0.5), Draw(0.5, -1.0, 1.0, 0.0), config)
+    assert fix == pytest.approx((x + 0.15 * share, y - 0.2 * share, 0.67), abs=1e-12)
+    assert fix_variances(config) == fix_variances(config._replace(eps_xy_distance=0.0))
 
 
 def test_errors_of_the_heading_fill_theirs_and_are_not_those_of_the_fix():

@@ -1,0 +1,46 @@
+"""Values of ~/status of the node ``controller``."""
+
+from __future__ import annotations
+
+from diffbot_control.law.configuration import TANH
+from diffbot_control.law.controller import SwitchingLaw
+from diffbot_control.law.finish import FINISH_NAMES
+from diffbot_control.law.protocol import Law
+from diffbot_control.law.reapproach import PHASE_NAMES
+from diffbot_control.law.regions import REGION_NAMES
+from diffbot_control.law.supervisor import Supervisor
+
+
+def status_values(supervisor: Supervisor, law: Law) -> dict[str, str]:
+    """Return what the status says besides the state; regions and tolerances only of this project's law."""
+    is_own, memory, report = law is SwitchingLaw, supervisor.memory, supervisor.report
+    values = {}
+    if is_own:
+        values["region"] = REGION_NAMES[memory.switching.region]
+        values["switches"] = str(memory.switching.switches)
+    else:
+        values["law"] = law.name
+    values["goals reached"] = str(supervisor.goals_reached)
+    if supervisor.goal is not None:
+        values["goal"] = " ".join(f"{number:.6g}" for number in supervisor.goal)
+    if report is not None:
+        values["distance [m]"] = f"{report.rho:.4f}"
+        values["heading error [rad]"] = f"{report.theta:.4f}"
+        if is_own:
+            values["eps_P [m]"] = f"{report.eps_P:.4f}"
+            values |= _switching_values(supervisor)
+    if supervisor.waypoints:
+        values["waypoint"] = f"{supervisor.waypoint}/{supervisor.waypoints}"
+    if supervisor.reason:
+        values["reason"] = supervisor.reason
+    return values
+
+
+def _switching_values(supervisor: Supervisor) -> dict[str, str]:
+    memory = supervisor.memory
+    if supervisor.config.controller.profile == TANH:
+        values = {"re-approach": f"{PHASE_NAMES[memory.reapproach.phase]}, {memory.reapproach.tries} begun"}
+    else:
+        values = {"finish": f"{FINISH_NAMES[memory.finish.phase]}, {memory.finish.tries} begun"}
+    xy, theta = supervisor.smallest_tolerance()
+    return {**values, "smallest tolerance [m]": f"{xy:.4f}", "smallest tolerance [rad]": f"{theta:.4f}"}

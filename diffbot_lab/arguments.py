@@ -1,0 +1,21 @@
+"""Types of command-line arguments."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+
+MAX_SEED = 2**63 - 1
+
+
+def whole(low: int, high: int) -> Callable[[str], int]:
+    """Return a type for argparse: a whole number from ``low`` to ``high``."""
+
+    def whole_number(text: str) -> int:
+        number = int(text)
+        if not low <= number <= high:
+            raise argparse.ArgumentTypeError(f"{text}: must be from {low} to {high}")
+        return number
+
+    whole_number.__name__ = "whole number"  # of argparse's message
+    return whole_number

@@ -1,0 +1,203 @@
+"""The supervisor with laws of others: motion that outlives a goal, coming to rest, and laws that fail."""
+
+import math
+from typing import NamedTuple
+
+import pytest
+
+from diffbot_control.law.configuration import Report
+from diffbot_control.law.controller import ControllerConfig, ControllerMemory, SwitchingLaw, memory_for_new_goal, step
+from diffbot_control.law.driver import LawError, driver_of
+from diffbot_control.law.supervisor import DRIVING, IDLE, NOT_REACHED, REACHED, STALE, Supervisor, SupervisorConfig
+from diffbot_core.data_sheet import DataSheet
+from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import Twist
+from diffbot_core.uncertainty import Estimate, Uncertainty
+from diffbot_lab.laws.rotate_drive_rotate import RotateDriveRotate, RotateDriveRotateConfig
+
+ZERO = (0.0, 0.0)
+SLOW = DataSheet(a_max=1.0, omega_dot_max=2.0)
+UNSURE = Uncertainty(0.03, 0.01)
+AWAY, GOAL = Pose(-9.0, 0.0, 0.0), Pose(0.0, 0.0, 0.0)
+GOOD_REPORT = Report(9.0, 0.0, 0.0, 0.0, 0.0, 0, 0.0)
+
+
+class Config(NamedTuple):
+    data_sheet: DataSheet = SLOW
+
+
+class Memory(NamedTuple):
+    reached: bool = False
+    seen: float = 0.0
+    command: float = 7.0
+    """of a law that means something else by this name"""
+
+
+class Scripted:
+    """A law that answers what the test says, and remembers what it was asked."""
+
+    name, Config = "scripted", Config
+
+    def __init__(self, answer=None):
+        self.answer = answer or (lambda memory: (memory, Twist(0.5, 0.1), GOOD_REPORT))
+        self.asked = []
+
+    def new_memory(self, config):
+        return Memory()
+
+    def step(self, memory, estimate, goal, dt, config):
+        self.asked.append((memory, estimate, goal, dt, config))
+        return self.answer(memory)
+
+
+class Drive:
+    """A supervisor with a law; poses come every 0.1 s."""
+
+    def __init__(self, law, controller=None, **options):
+        config = SupervisorConfig(law.Config() if controller is None else controller, **options)
+        self.supervisor, self.now = Supervisor(config, law), 100.0
+        self.supervisor.on_goal(GOAL)
+
+    def pose(self, pose=AWAY, uncertainty=UNSURE):
+        self.now += 0.1
+        return self.supervisor.on_pose(round(self.now * 1e9), self.now, pose, uncertainty)
+
+
+def test_the_law_gets_pose_uncertainty_goal_period_and_its_configuration():
+    law = Scripted()
+    drive = Drive(law)
+    assert drive.pose() == (0.5, 0.1)
+    drive.pose()
+    estimate = Estimate(AWAY, UNSURE)
+    assert law.asked == [(Memory(), estimate, GOAL, dt, Config()) for dt in (0.0, pytest.approx(0.1))]
+    assert drive.supervisor.state == DRIVING
+
+
+def test_reached_is_what_the_law_says_and_counts_once():
+    drive = Drive(Scripted(lambda memory: (Memory(reached=True), Twist(0.0, 0.0), GOOD_REPORT)))
+    for _ in range(3):
+        drive.pose()
+        assert drive.supervisor.state == REACHED
+    assert drive.supervisor.goals_reached == 1
+
+
+def test_a_path_timeout_and_silence_are_the_same_for_every_law():
+    near = GOOD_REPORT._replace(rho=0.2)
+    drive = Drive(Scripted(lambda memory: (memory, Twist(0.5, 0.0), near)), waypoint_radius=0.3, goal_timeout=0.25)
+    drive.supervisor.on_path([GOAL, AWAY])
+    drive.pose()
+    assert (drive.supervisor.waypoint, drive.supervisor.goal) == (2, AWAY)
+    drive.pose()
+    assert drive.supervisor.on_tick(drive.now + 1.0) == ZERO
+    assert drive.supervisor.state == STALE
+    for _ in range(3):
+        drive.pose()
+    assert drive.supervisor.state == NOT_REACHED
+    assert drive.supervisor.reason == "not reached within goal_timeout = 0.25 s"
+
+
+@pytest.mark.parametrize("sheet", [SLOW, None])
+def test_a_cancelled_robot_brakes_within_the_limits_or_at_once_without_a_data_sheet(sheet):
+    drive = Drive(Scripted(), controller=Config(sheet))
+    drive.pose()
+    drive.supervisor.on_cancel()
+    speeds = [drive.pose() or ZERO for _ in range(6)]
+    # 0.1 m/s in 0.1 s; both velocities together, along the curve.
+    expected = [(0.5 - 0.1 * n, 0.1 - 0.02 * n) for n in range(1, 6)] if sheet else [ZERO] * 5
+    assert speeds[:5] == [pytest.approx(one, abs=1e-12) for one in expected]
+    assert speeds[5] == pytest.approx(ZERO, abs=1e-12)
+    assert drive.supervisor.state == IDLE
+    assert drive.supervisor.memory == Memory(), "a field of the same name and another type is the law's own"
+
+
+def test_the_motion_of_a_law_that_remembers_it_outlives_goal_and_cancel():
+    config = RotateDriveRotateConfig(data_sheet=SLOW._replace(command_latency=0.3))
+    drive = Drive(RotateDriveRotate, config)
+    commands = [drive.pose().v for _ in range(8)]
+    assert commands[-1] == pytest.approx(0.7)
+    drive.supervisor.on_goal(Pose(1.0, 0.0, 0.0))
+    assert drive.supervisor.memory.state.direction == 0.0, "the law begins anew"
+    assert drive.supervisor.memory.command.v == pytest.approx(0.7)
+    # Turning comes first with a new goal, but not faster than the limits allow.
+    assert drive.pose().v == pytest.approx(0.8, abs=0.11)
+    drive.supervisor.on_cancel()
+    drive.pose()
+    last = drive.supervisor.memory.command.v
+    drive.pose()
+    newest = drive.supervisor.memory.actuation.under_way[-1]
+    assert (newest.v, newest.span) == (pytest.approx(last), pytest.approx(0.1))
+    drive.supervisor.on_goal(GOAL)
+    drive.supervisor.on_tick(drive.now + 1.0)
+    assert drive.supervisor.memory.command == ZERO
+
+
+def test_this_projects_law_keeps_what_it_kept():
+    driver, config = driver_of(SwitchingLaw), ControllerConfig(data_sheet=SLOW._replace(command_latency=0.2))
+    memory = driver.new_memory(config)
+    assert memory == ControllerMemory()
+    for _ in range(5):
+        expected = step(memory, Estimate(AWAY), GOAL, 0.1, config)
+        assert driver.step(memory, Estimate(AWAY), GOAL, 0.1, config) == expected
+        memory = expected[0]
+    assert driver.memory_for_new_goal(memory, config) == memory_for_new_goal(memory)
+    assert memory_for_new_goal(memory).command.v > 0.3
+
+
+@pytest.mark.parametrize("pose", [Pose(1e300, -1e300, 1.0), Pose(math.nan, 0.0, 0.0), Pose(0.0, math.inf, 0.0)])
+def test_this_projects_law_fails_like_others_or_answers_with_a_finite_command(pose):
+    drive = Drive(SwitchingLaw)
+    drive.pose()
+    assert all(math.isfinite(velocity) for velocity in drive.pose(pose))
+
+
+def raising(_memory):
+    raise ValueError("two\nlines")
+
+
+FAILURES = {
+    "nan": (lambda memory: (memory, Twist(math.nan, 0.0), GOOD_REPORT), "v = nan m/s, omega = 0.0 rad/s: must be fin"),
+    "inf": (lambda memory: (memory, Twist(0.0, -math.inf), GOOD_REPORT), "omega = -inf rad/s: must be finite"),
+    "raises": (raising, "ValueError: two lines (test_driver.py:"),
+    "text": (lambda memory: (memory, Twist("fast", 0.0), GOOD_REPORT), "ValueError: could not convert"),
+    "no command": (lambda memory: (memory, None, GOOD_REPORT), "AttributeError: "),
+    "two values": (lambda memory: (memory, Twist(0.0, 0.0)), "ValueError: not enough values"),
+    "no memory": (lambda memory: (None, Twist(0.0, 0.0), GOOD_REPORT), "AttributeError: "),
+    "no report": (lambda memory: (memory, Twist(0.0, 0.0), None), "TypeError: "),
+    "short report": (
+        lambda memory: (memory, Twist(0.0, 0.0), (1.0,)),
+        "'reached' or the report is not as the protocol",
+    ),
+    "odd reached": (lambda memory: (Memory("yes"), Twist(0.0, 0.0), GOOD_REPORT), "'reached' or the report is not as"),
+}
+
+
+@pytest.mark.parametrize("failure", FAILURES)
+def test_a_law_that_fails_on_the_way_ends_the_goal_with_the_reason_and_the_robot_brakes(failure):
+    answer, reason = FAILURES[failure]
+    law = Scripted()
+    drive = Drive(law)
+    drive.pose()
+    law.answer = answer
+    assert drive.pose() == pytest.approx((0.4, 0.08))
+    supervisor = drive.supervisor
+    assert (supervisor.state, supervisor.goal, supervisor.has_failed) == (NOT_REACHED, None, True)
+    assert supervisor.reason.startswith("law scripted failed: ")
+    assert reason in supervisor.reason
+    assert "\n" not in supervisor.reason
+    assert [drive.pose() for _ in range(4)][-1] == pytest.approx(ZERO, abs=1e-12)
+    law.answer = lambda memory: (memory, Twist(0.1, 0.0), GOOD_REPORT)
+    supervisor.on_goal(GOAL)
+    assert (drive.pose(), supervisor.reason, supervisor.has_failed) == ((0.1, 0.0), "", False)
+
+
+def test_a_memory_that_cannot_be_made_is_refused_at_the_start_and_ends_a_later_goal(monkeypatch):
+    def refuse(_config):
+        raise ValueError("gain too small")
+
+    drive = Drive(Scripted())
+    monkeypatch.setattr(Scripted, "new_memory", staticmethod(refuse))
+    with pytest.raises(LawError, match=r"^law scripted failed: ValueError: gain too small \(test_driver\.py:\d+\)$"):
+        Drive(Scripted())
+    drive.supervisor.on_goal(GOAL)
+    assert drive.supervisor.state == NOT_REACHED
+    assert "gain too small" in drive.supervisor.reason

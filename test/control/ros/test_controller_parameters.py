@@ -1,0 +1,98 @@
+"""Which parameters the controller has with a law of others, and which laws it refuses."""
+
+import sys
+from typing import Annotated, NamedTuple
+
+import pytest
+
+from diffbot_control.law.controller import SwitchingLaw
+from diffbot_control.ros.controller_parameters import CONTROLLER_PRESETS, ControllerNodeConfig, parameter_set_of
+from diffbot_core.data_sheet import DataSheet
+from diffbot_core.errors import InvalidValueError
+from diffbot_core.schema import Spec, build, parameters_of
+from diffbot_lab.laws.rotate_drive_rotate import RotateDriveRotateConfig
+
+
+class Gain(NamedTuple):
+    gain: Annotated[float, Spec("a gain", "-", 0.0, 2.0)] = 1.5
+    bare: float = 3.0
+    remark: Annotated[str, "no Spec"] = "x"
+    data_sheet: DataSheet = DataSheet()
+
+
+class Clash(NamedTuple):
+    hold_goal: Annotated[float, Spec("a name that the node has")] = 1.0
+
+
+class Simulated(NamedTuple):
+    use_sim_time: Annotated[bool, Spec("a name that every node has")] = False
+
+
+class Complex(NamedTuple):
+    gain: Annotated[complex, Spec("not a kind of parameter")] = 1j
+
+
+class Memory(NamedTuple):
+    reached: bool = False
+
+
+def law_with(config):
+    """A law as the text of the parameter ``law``; its step is never taken."""
+    members = {
+        "name": "mine",
+        "Config": config,
+        "new_memory": staticmethod(lambda _: Memory()),
+        "step": staticmethod(lambda memory, estimate, goal, dt, config: (memory, None, None)),
+    }
+    setattr(sys.modules[__name__], f"Law{config.__name__}", type("Law", (), members))
+    return f"{__name__}:Law{config.__name__}"
+
+
+@pytest.mark.parametrize("text", [None, "switching", "diffbot_control.law.controller:SwitchingLaw"])
+def test_this_projects_law_has_presets(text):
+    overrides = {} if text is None else {"law": text}
+    assert parameter_set_of(overrides) == (ControllerNodeConfig, CONTROLLER_PRESETS)
+
+
+def test_a_registered_law_brings_its_parameters_and_the_node_keeps_its_own():
+    config_type, presets = parameter_set_of({"law": "rotate_drive_rotate"})
+    names = {one.name for one in parameters_of(config_type)}
+    own = {one.name for one in parameters_of(ControllerNodeConfig)}
+    of_laws = {one.name for law in (SwitchingLaw.Config, RotateDriveRotateConfig) for one in parameters_of(law)}
+    assert presets is None
+    assert names - of_laws == own - of_laws - {"preset", "max_departures"}
+    assert {one.name for one in parameters_of(RotateDriveRotateConfig)} <= names
+    config = build(config_type, {"command_latency": 0.2, "drive_brake": 2.0, "hold_goal": False})
+    controller = config.supervisor.controller
+    assert isinstance(controller, RotateDriveRotateConfig)
+    assert (controller.data_sheet.command_latency, controller.drive_brake) == (0.2, 2.0)
+    assert (config.supervisor.hold_goal, config.supervisor.pose_timeout) == (False, 0.5)
+
+
+def test_fields_without_a_spec_are_no_parameters_and_keep_their_defaults():
+    config_type, _ = parameter_set_of({"law": law_with(Gain)})
+    names = {one.name for one in parameters_of(config_type)}
+    assert {"gain", "linear.x.max_velocity"} <= names
+    assert not {"bare", "remark"} & names
+    assert build(config_type, {"gain": 0.5}).supervisor.controller == Gain(gain=0.5)
+    with pytest.raises(InvalidValueError, match=r"^gain = 3\.0: must be >= 0 and <= 2$"):
+        build(config_type, {"gain": 3.0})
+
+
+@pytest.mark.parametrize(
+    ("config", "reason"),
+    [
+        (Clash, r"a law with usable parameters \(TypeError: .*used twice: \['hold_goal'\]\)"),
+        (Simulated, "a law without a parameter use_sim_time, which every node has"),
+        (Complex, "a law with numbers, booleans and texts as parameters, not gain"),
+    ],
+)
+def test_a_law_whose_parameters_the_node_cannot_have_is_refused(config, reason):
+    with pytest.raises(InvalidValueError, match=f"must be {reason}$"):
+        parameter_set_of({"law": law_with(config)})
+
+
+@pytest.mark.parametrize("value", [5, True, [1.0], None])
+def test_a_law_is_a_text(value):
+    with pytest.raises(InvalidValueError, match=r"^law = .*: must be a text$"):
+        parameter_set_of({"law": value})
