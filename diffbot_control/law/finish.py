@@ -36,6 +36,8 @@ _ENOUGH_CERTAIN = 0.2
 """share: with a position as certain as this, the shortest leg is allowed whatever the room"""
 _MISSED_CERTAIN = 0.3
 """share: with a position as certain as this, an error beyond ``finish_missed`` is acted on"""
+_MISSED_SIGMAS = 2.0
+"""... or with an error of so many standard deviations: errors of fixes that last may keep the position uncertain"""
 _LEGS = 12
 """legs of one try"""
 _OUT_SLOPE = 2.0
@@ -145,7 +147,8 @@ def finish_scale(
         begins = allowed
     room = config.finish_room * length - config.finish_room_sigmas * sigma
     free = math.sqrt(room * room - lateral * lateral) if room > lateral else 0.0
-    missed = lateral > config.finish_missed * length and sigma < _MISSED_CERTAIN * length
+    certain = sigma < max(_MISSED_CERTAIN * length, lateral / _MISSED_SIGMAS)
+    missed = lateral > config.finish_missed * length and certain
     return FinishScale(
         length, max(begins, config.finish_begin_sigmas * sigma), min(config.finish_reach * length, free), missed
     )
