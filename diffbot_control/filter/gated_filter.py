@@ -97,7 +97,8 @@ class GatedFilter:
         states = self._ekf.x.size
         P = np.zeros((states, states))
         P[3:, 3:] = self._wheel_prior()
-        self.memory = Memory(Belief(np.zeros(states), P), None, new_gate(), new_adaptation())
+        x = np.array((0.0, 0.0, 0.0, *self.options.wheel_errors))[:states]
+        self.memory = Memory(Belief(x, P), None, new_gate(), new_adaptation())
         self.nis = math.nan
         """normalised innovation squared of the newest measurement"""
         self.innovation: Innovation | None = None
@@ -259,12 +260,14 @@ class GatedFilter:
         if not self.calibrating:
             return belief
         bound = self.options.max_radius_error
+        start = self.options.wheel_errors
         _, _, _, left, right, *other = belief.x.tolist()
-        separation = abs(other[0]) if other else 0.0
-        if abs(left) <= bound and abs(right) <= bound and separation <= self.options.max_separation_error:
+        separation = abs(other[0] - start[2]) if other else 0.0
+        radii = max(abs(left - start[0]), abs(right - start[1]))
+        if radii <= bound and separation <= self.options.max_separation_error:
             return belief
         x, P = belief.x.copy(), belief.P.copy()
-        x[3:] = 0.0
+        x[3:] = start[: x.size - 3]
         P[3:, :] = P[:, 3:] = 0.0
         P[3:, 3:] = self._wheel_prior()
         return Belief(x, P)
