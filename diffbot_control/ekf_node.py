@@ -11,7 +11,6 @@ import math
 import time
 from typing import Any
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
@@ -22,7 +21,7 @@ from diffbot_control.filter.innovation_monitor import KINDS
 from diffbot_control.filter.localization import Estimate, Localization
 from diffbot_control.filter.measurements import Measurement, OdometryStep
 from diffbot_control.filter.state_file import BrokenStateError, StateKeeper, state_path
-from diffbot_control.ros.ekf_messages import EkfInputs, corrected_twist
+from diffbot_control.ros.ekf_messages import EkfInputs, corrected_twist, error_values
 from diffbot_control.ros.ekf_parameters import EkfNodeConfig
 from diffbot_control.ros.message_fields import (
     fill_planar_covariance,
@@ -231,13 +230,8 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
     def details(self) -> dict[str, str]:
         """Return the filter's values for ~/status and /diagnostics."""
         values = {"filter": self.config.localization.filter.filter}
-        wheels = self.localization.filter.wheels()
         if self.localization.initialised:
-            values |= self.localization.monitor.values()
-            if wheels is not None:
-                names = ("left wheel radius", "right wheel radius", "wheel separation")
-                for name, error, variance in zip(names, wheels.errors, np.diagonal(wheels.P), strict=False):
-                    values[f"{name} error"] = f"{error:+.4f} +- {math.sqrt(variance):.4f}"
+            values |= self.localization.monitor.values() | error_values(self.localization.filter)
         if self.localization.dropped_before_odometry:
             values["measurements before the first odometry"] = str(self.localization.dropped_before_odometry)
         return values

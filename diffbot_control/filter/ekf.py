@@ -1,8 +1,8 @@
 """The filter: filterpy's extended Kalman filter for a planar pose, with the models of :mod:`models`.
 
-State ``x = (x, y, theta)`` in the frame of the absolute fixes [m, m, rad], and in :class:`CalibratingEkf` the relative
-radius errors of both wheels; letters as in the field: covariance ``P``, transition Jacobian ``F``, process noise ``Q``,
-measurement Jacobian ``H``, measurement noise ``R``.
+State ``x = (x, y, theta)`` in the frame of the absolute fixes [m, m, rad], and behind it the constant errors that are
+estimated, see :class:`PoseEkf`; letters as in the field: covariance ``P``, transition Jacobian ``F``, process noise
+``Q``, measurement Jacobian ``H``, measurement noise ``R``.
 """
 
 from __future__ import annotations
@@ -13,10 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from diffbot_control.filter.filterpy_ekf import ExtendedKalmanFilter
+from diffbot_control.filter.landmark_calibration import NO_ERRORS, LandmarkErrors, with_landmark_errors
 from diffbot_control.filter.measurements import Array
 from diffbot_control.filter.models import (
     TURNED_VARIANCE,
     Arc,
+    LandmarkExpectation,
     Motion,
     RadiusErrors,
     arc_correction,
@@ -33,6 +35,7 @@ from diffbot_control.filter.models import (
     with_separation_error,
 )
 from diffbot_core.geometry import Point, Pose, wrap_angle
+from diffbot_core.kinematics import Twist
 
 _invert = np.linalg.inv
 
@@ -66,15 +69,36 @@ def _weakened(R: Array, S: Array, nis: float, robust: Robust) -> tuple[Array, Ar
 class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
     """EKF with midpoint motion model, driven by a measured twist.
 
+    Its states are the pose; then, by choice, the errors of the wheels: of the radii left and right, and of the wheel
+    separation; then, by choice, the three of :class:`LandmarkErrors`. The measured twist is that of wheels of the
+    configured size, see :func:`models.with_radius_errors`.
+
     Always use :meth:`predict` with a :class:`Motion` and the ``update_`` methods: filterpy's own ``update`` and
     ``predict_update`` know neither these models nor the wrapping of angles.
     """
 
-    def __init__(self, states: int = 3) -> None:
-        """Start at the origin with a covariance that stands for an unknown pose; see :meth:`set_state`."""
+    def __init__(self, wheels: int = 0, *, landmark_states: bool = False) -> None:
+        """Start at the origin with a covariance that stands for an unknown pose; see :meth:`set_state`.
+
+        Args:
+            wheels: number of errors of the wheels that are states: 0, 2 or 3.
+            landmark_states: the errors of landmarks are states.
+        """
+        states = 3 + wheels + (3 if landmark_states else 0)
         super().__init__(dim_x=states, dim_z=3, dim_u=2)
+        self._wheels = wheels
+        self.wheel_part = slice(3, 3 + wheels)
+        """of the states: the errors of the wheels"""
+        self.landmark_part = slice(3 + wheels, states)
+        """of the states: the errors of landmarks"""
         self._H_pose: Array = np.eye(3, states)
         self._H_heading = self._H_pose[2:]
+        self.wheel_separation = 1.0
+        """L [m]"""
+        self.random_walk = 0.0
+        """[1/s] random-walk variance per second of each error of the wheels"""
+        self.landmark_errors = NO_ERRORS
+        """the errors of landmarks, if they are not states"""
         self.var_lateral = 0.0
         """[m^2] variance of the next motion across the robot, independent of its twist's"""
         self.set_state(np.zeros(states), np.diag([1e6, 1e6, math.pi**2, *[0.0] * (states - 3)]))
@@ -86,11 +110,33 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
 
     def predict_x(self, u: Any = 0) -> None:
         """Move the mean by the :class:`Motion` ``u`` and set F and Q for filterpy's ``predict``."""
-        x, y, theta = self.x.tolist()
-        arc = move(Pose(x, y, theta), u.twist, u.dt)
-        self._set_pose_part(arc, u.twist.v, u)
+        twist, dt, _ = u
+        x, y, theta, *errors = self.x.tolist()
+        if self._wheels:
+            twist = self._corrected(twist, errors)
+        arc = move(Pose(x, y, theta), twist, dt)
+        self._set_pose_part(arc, twist.v, u)
+        if self._wheels:
+            self._set_wheel_part(arc, twist, errors, u)
         x, y, theta = arc.end
-        self.x = np.array((x, y, theta))
+        self.x = np.array((x, y, theta, *errors))
+
+    def _corrected(self, measured: Twist, errors: list[float]) -> Twist:
+        """Return the twist of wheels with the first of these ``errors``."""
+        twist = with_radius_errors(measured, RadiusErrors(errors[0], errors[1]), self.wheel_separation)
+        return with_separation_error(twist, errors[2]) if self._wheels == 3 else twist
+
+    def _set_wheel_part(self, arc: Arc, twist: Twist, errors: list[float], u: Motion) -> None:
+        """Set the part of F and Q that belongs to the errors of the wheels; ``twist`` is the corrected one."""
+        F, Q, dt = self.F, self.Q, u.dt
+        separation = errors[2] if self._wheels == 3 else 0.0
+        F[0, 3], F[0, 4], F[1, 3], F[1, 4], F[2, 3], F[2, 4] = radius_derivatives(
+            arc, u.twist, dt, self.wheel_separation, 1.0 + separation
+        )
+        Q[3, 3] = Q[4, 4] = self.random_walk * dt
+        if self._wheels == 3:
+            F[0, 5], F[1, 5], F[2, 5] = separation_derivatives(arc, twist, dt, separation)
+            Q[5, 5] = self.random_walk * dt
 
     def _set_pose_part(self, arc: Arc, v: float, u: Motion) -> None:
         """Set the pose's part of F and Q; ``v`` is the velocity along the arc [m/s]."""
@@ -136,10 +182,7 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         pose = Pose(x, y, theta)
         if is_at_landmark(pose, landmark):
             return math.inf
-        expected = expect_landmark(pose, landmark, self.P.item(0, 0) + self.P.item(1, 1))
-        H = np.zeros((2, self.x.size))
-        H[0, 0], H[0, 1] = expected.range_x, expected.range_y
-        H[1, 0], H[1, 1], H[1, 2] = expected.bearing_x, expected.bearing_y, -1.0
+        expected, H = self._expected(pose, landmark)
         innovation = distance - expected.range, heading_innovation(bearing, expected.bearing)
         var_range, var_bearing = R.item(0), R.item(3)
         if not math.isfinite(var_bearing):
@@ -148,6 +191,22 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
             return self._update(innovation[1:], np.array([[var_bearing + expected.added_var_bearing]]), H[1:], robust)
         R = R + np.diag((expected.added_var_range, expected.added_var_bearing))
         return self._update(innovation, R, H, robust)
+
+    def _expected(self, pose: Pose, landmark: Point) -> tuple[LandmarkExpectation, Array]:
+        """Return the expected measurement of a landmark and its Jacobian (2, n)."""
+        expected = expect_landmark(pose, landmark, self.P.item(0, 0) + self.P.item(1, 1))
+        H = np.zeros((2, self.x.size))
+        H[1, 2] = -1.0
+        part = self.landmark_part
+        if part.start < part.stop:
+            H[0, part] = 1.0, expected.range, 0.0
+            H[1, part.stop - 1] = 1.0
+            expected = with_landmark_errors(expected, LandmarkErrors(*self.x[part].tolist()))
+        elif self.landmark_errors is not NO_ERRORS:
+            expected = with_landmark_errors(expected, self.landmark_errors)
+        H[0, 0], H[0, 1] = expected.range_x, expected.range_y
+        H[1, 0], H[1, 1] = expected.bearing_x, expected.bearing_y
+        return expected, H
 
     def _update(self, innovation: tuple[float, ...], R: Array, H: Array, robust: Robust) -> float:
         """Correct with an innovation and a Jacobian that are known already; return the NIS.
@@ -188,64 +247,3 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         T[1, 0] = math.sin(turn)
         T[0, 1] = -T[1, 0]
         self.P = T.dot(self.P).dot(T.T)
-
-
-class CalibratingEkf(PoseEkf):
-    """The same with the relative errors of the radii of the left and right wheel as states 3 and 4.
-
-    The measured twist is that of wheels of the configured radius, see :func:`models.with_radius_errors`.
-    """
-
-    def __init__(self, states: int = 5) -> None:
-        """Start as :class:`PoseEkf`, with wheel errors known to be zero."""
-        super().__init__(states)
-        self.wheel_separation = 1.0
-        """L [m]"""
-        self.random_walk = 0.0
-        """[1/s] random-walk variance per second of each radius error"""
-
-    def predict_x(self, u: Any = 0) -> None:
-        """Move the mean by the :class:`Motion` ``u`` and set F and Q for filterpy's ``predict``."""
-        measured, dt, _ = u
-        L = self.wheel_separation
-        x, y, theta, left, right = self.x.tolist()
-        twist = with_radius_errors(measured, RadiusErrors(left, right), L)
-        arc = move(Pose(x, y, theta), twist, dt)
-        self._set_pose_part(arc, twist.v, u)
-        F, Q = self.F, self.Q
-        F[0, 3], F[0, 4], F[1, 3], F[1, 4], F[2, 3], F[2, 4] = radius_derivatives(arc, measured, dt, L)
-        Q[3, 3] = Q[4, 4] = self.random_walk * dt
-        x, y, theta = arc.end
-        self.x = np.array((x, y, theta, left, right))
-
-
-class SeparationEkf(CalibratingEkf):
-    """The same with the relative error of the wheel separation as state 5: v and omega have scales of their own."""
-
-    def __init__(self) -> None:
-        """Start as :class:`CalibratingEkf`."""
-        super().__init__(states=6)
-
-    def predict_x(self, u: Any = 0) -> None:
-        """Move the mean by the :class:`Motion` ``u`` and set F and Q for filterpy's ``predict``."""
-        measured, dt, _ = u
-        L = self.wheel_separation
-        x, y, theta, left, right, separation = self.x.tolist()
-        twist = with_separation_error(with_radius_errors(measured, RadiusErrors(left, right), L), separation)
-        arc = move(Pose(x, y, theta), twist, dt)
-        self._set_pose_part(arc, twist.v, u)
-        F, Q = self.F, self.Q
-        F[0, 3], F[0, 4], F[1, 3], F[1, 4], F[2, 3], F[2, 4] = radius_derivatives(
-            arc, measured, dt, L, 1.0 + separation
-        )
-        F[0, 5], F[1, 5], F[2, 5] = separation_derivatives(arc, twist, dt, separation)
-        Q[3, 3] = Q[4, 4] = Q[5, 5] = self.random_walk * dt
-        x, y, theta = arc.end
-        self.x = np.array((x, y, theta, left, right, separation))
-
-
-def ekf_of(radii: bool, separation: bool) -> PoseEkf:
-    """Return the filter whose states are the pose, the errors of the ``radii``, and also that of the ``separation``."""
-    if not radii:
-        return PoseEkf()
-    return SeparationEkf() if separation else CalibratingEkf()

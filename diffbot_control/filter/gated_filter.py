@@ -19,8 +19,9 @@ from diffbot_control.filter.adaptation import (
     q_scale,
     r_scales,
 )
+from diffbot_control.filter.belief import Belief, ErrorEstimate, inflate, with_errors, with_pose
 from diffbot_control.filter.correlation import NO_STAMPS, Stamps, inflation_of, with_stamp
-from diffbot_control.filter.ekf import PLAIN, CalibratingEkf, PoseEkf, Robust, ekf_of
+from diffbot_control.filter.ekf import PLAIN, PoseEkf, Robust
 from diffbot_control.filter.gate import (
     ACCEPTED,
     FIX,
@@ -38,20 +39,14 @@ from diffbot_control.filter.gate import (
     new_gate,
 )
 from diffbot_control.filter.innovation_monitor import Innovation
+from diffbot_control.filter.landmark_calibration import NO_ERRORS
 from diffbot_control.filter.measurements import Array, Heading, LandmarkMeasurement, Measurement, PoseFix
 from diffbot_control.filter.models import Motion
 from diffbot_control.filter.options import FilterOptions
-from diffbot_core.geometry import Pose, wrap_angle
+from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import scale_twist_covariance
 
 _RESET_P = np.diag((RESET_VAR_XY, RESET_VAR_XY, RESET_VAR_THETA))
-
-
-class Belief(NamedTuple):
-    """Mean (n,) and covariance (n, n) of x, y, theta [m, m, rad] and, where they are states, of the radius errors."""
-
-    x: Array
-    P: Array
 
 
 class Memory(NamedTuple):
@@ -66,38 +61,33 @@ class Memory(NamedTuple):
     """of the newest measurement of each source whose errors are correlated in time"""
 
 
-class WheelEstimate(NamedTuple):
-    """Estimated relative errors of the wheels."""
-
-    errors: Array
-    """(2,) of the radii, left, right; (3,) with that of the wheel separation"""
-    P: Array
-    """(2, 2) or (3, 3)"""
-
-
 class GatedFilter:
     """One of the filters of FILTERS; make it, call :meth:`reset_to`, then :meth:`predict` and :meth:`take`."""
 
     def __init__(self, options: FilterOptions, wheel_separation: float) -> None:
         """Choose the filter; ``wheel_separation`` is L [m]."""
         self.calibrating = options.radius_variance > 0.0
-        self._ekf: PoseEkf = ekf_of(options.radius_variance > 0.0, options.separation_variance > 0.0)
+        wheels = 0 if not self.calibrating else 3 if options.separation_variance > 0.0 else 2
+        self._ekf = PoseEkf(wheels, landmark_states=options.landmark_sigmas is not None)
         self.configure(options, wheel_separation)
         self.reset()
 
     def configure(self, options: FilterOptions, wheel_separation: float) -> None:
         """Apply changed options; the number of states stays."""
         self.options = options
-        if isinstance(self._ekf, CalibratingEkf):
-            self._ekf.wheel_separation = wheel_separation
-            self._ekf.random_walk = options.radius_random_walk
+        self._ekf.wheel_separation = wheel_separation
+        self._ekf.random_walk = options.radius_random_walk
+        self._ekf.landmark_errors = options.landmark_errors if any(options.landmark_errors) else NO_ERRORS
 
     def reset(self) -> None:
-        """Reset pose, radius errors and adaptation to unknown; :meth:`reset_to` has to be called next."""
-        states = self._ekf.x.size
-        P = np.zeros((states, states))
-        P[3:, 3:] = self._wheel_prior()
-        x = np.array((0.0, 0.0, 0.0, *self.options.wheel_errors))[:states]
+        """Reset pose, estimated errors and adaptation to unknown; :meth:`reset_to` has to be called next."""
+        ekf, options = self._ekf, self.options
+        x, P = np.zeros(ekf.x.size), np.zeros(ekf.P.shape)
+        P[ekf.wheel_part, ekf.wheel_part] = prior = self._wheel_prior()
+        x[ekf.wheel_part] = options.wheel_errors[: len(prior)]
+        if options.landmark_sigmas is not None:
+            x[ekf.landmark_part] = options.landmark_errors
+            P[ekf.landmark_part, ekf.landmark_part] = np.diag(np.square(options.landmark_sigmas))
         self.memory = Memory(Belief(x, P), None, new_gate(), new_adaptation())
         self.nis = math.nan
         """normalised innovation squared of the newest measurement"""
@@ -108,7 +98,8 @@ class GatedFilter:
         """Return the covariance (m, m) of the m wheel errors at the start; m is 0, 2 or 3."""
         left_right = self.options.radius_variance
         variances = (left_right, left_right, self.options.separation_variance)
-        return np.diag(variances[: self._ekf.x.size - 3])
+        part = self._ekf.wheel_part
+        return np.diag(variances[: part.stop - part.start])
 
     def start_from(self, fix: PoseFix) -> None:
         """Put the filter at a fix, as :meth:`reset_to`; the errors of later fixes may be correlated with its."""
@@ -116,24 +107,36 @@ class GatedFilter:
         self.memory = self.memory._replace(stamps=with_stamp(NO_STAMPS, fix, self.options.correlation_times))
 
     def reset_to(self, pose: Pose, P: Array) -> None:
-        """Put the filter at a pose with covariance ``P`` (3, 3); radius errors and adaptation stay."""
-        belief = _with_pose(self.memory.belief, pose, P)
+        """Put the filter at a pose with covariance ``P`` (3, 3); estimated errors and adaptation stay."""
+        belief = with_pose(self.memory.belief, pose, P)
         self.memory = Memory(belief, None, new_gate(), self.memory.adaptation)
 
-    def wheels(self) -> WheelEstimate | None:
-        """Return the estimated radius errors; None if they are not states."""
-        if not self.calibrating:
+    def wheels(self) -> ErrorEstimate | None:
+        """Return the estimated errors of the wheels; None if they are not states."""
+        return self._errors(self._ekf.wheel_part)
+
+    def landmark_errors(self) -> ErrorEstimate | None:
+        """Return the estimated errors of landmarks, see :class:`LandmarkErrors`; None if they are not states."""
+        return self._errors(self._ekf.landmark_part)
+
+    def set_wheels(self, wheels: ErrorEstimate) -> None:
+        """Set the errors of the wheels, uncorrelated with all else; does nothing if they are not the states."""
+        self._set_errors(self._ekf.wheel_part, wheels)
+
+    def set_landmark_errors(self, errors: ErrorEstimate) -> None:
+        """Set the errors of landmarks, uncorrelated with all else; does nothing if they are not states."""
+        self._set_errors(self._ekf.landmark_part, errors)
+
+    def _errors(self, part: slice) -> ErrorEstimate | None:
+        if part.start == part.stop:
             return None
         x, P = self.memory.belief
-        return WheelEstimate(x[3:], P[3:, 3:])
+        return ErrorEstimate(x[part], P[part, part])
 
-    def set_wheels(self, wheels: WheelEstimate) -> None:
-        """Set the radius errors, uncorrelated with the pose; does nothing if they are not the states."""
-        if self.calibrating and self._ekf.x.size == 3 + len(wheels.errors):
-            x, P = self.memory.belief.x.copy(), self.memory.belief.P.copy()
-            x[3:], P[3:, 3:] = wheels
-            P[3:, :3] = P[:3, 3:] = 0.0
-            self.memory = self.memory._replace(belief=Belief(x, P))
+    def _set_errors(self, part: slice, estimate: ErrorEstimate) -> None:
+        if part.start < part.stop == part.start + len(estimate.errors):
+            belief = self.memory.belief
+            self.memory = self.memory._replace(belief=with_errors(belief, part, estimate.errors, estimate.P))
 
     def predict(self, motion: Motion, var_lateral: float = 0.0) -> None:
         """Move estimate and candidate; ``var_lateral`` is the variance of the motion across the robot [m^2]."""
@@ -176,14 +179,14 @@ class GatedFilter:
         if decision.outcome == ACCEPTED:
             candidate = None
         else:
-            candidate = other if decision.agrees else _with_pose(before, fix.pose, fix.R)
+            candidate = other if decision.agrees else with_pose(before, fix.pose, fix.R)
             belief = before
             if decision.outcome == RELOCATED and candidate is not None:
                 belief, candidate = candidate, None
         if adaptive:
             factor = inflation(old, adaptation)
-            belief = _inflate(belief, factor)
-            candidate = None if candidate is None else _inflate(candidate, factor)
+            belief = inflate(belief, factor)
+            candidate = None if candidate is None else inflate(candidate, factor)
         stamps = with_stamp(stamps, fix, options.correlation_times)
         self.memory = Memory(belief, candidate, gate, adaptation, stamps)
         return decision.outcome
@@ -215,7 +218,7 @@ class GatedFilter:
             gate, decision = decide(gate, self.nis, math.nan, kind, self.options)
         if decision.outcome == RELOCATED:
             x, y, theta = before.x.tolist()[:3]
-            belief, _ = self._corrected(_with_pose(before, Pose(x, y, theta), _RESET_P), measurement, robust)
+            belief, _ = self._corrected(with_pose(before, Pose(x, y, theta), _RESET_P), measurement, robust)
         elif decision.outcome not in (ACCEPTED, WEIGHED):
             belief = before
         stamps = with_stamp(stamps, measurement, self.options.correlation_times)
@@ -256,40 +259,18 @@ class GatedFilter:
         return self._with_possible_radii(Belief(ekf.x, ekf.P)), nis
 
     def _with_possible_radii(self, belief: Belief) -> Belief:
-        """Reset the radius errors if one is beyond its bound."""
+        """Reset the errors of the wheels if one is beyond its bound."""
         if not self.calibrating:
             return belief
-        bound = self.options.max_radius_error
+        bound, part = self.options.max_radius_error, self._ekf.wheel_part
+        left, right, *other = belief.x[part].tolist()
         start = self.options.wheel_errors
-        _, _, _, left, right, *other = belief.x.tolist()
         separation = abs(other[0] - start[2]) if other else 0.0
         radii = max(abs(left - start[0]), abs(right - start[1]))
         if radii <= bound and separation <= self.options.max_separation_error:
             return belief
-        x, P = belief.x.copy(), belief.P.copy()
-        x[3:] = start[: x.size - 3]
-        P[3:, :] = P[:, 3:] = 0.0
-        P[3:, 3:] = self._wheel_prior()
-        return Belief(x, P)
-
-
-def _with_pose(belief: Belief, pose: Pose, P: Array) -> Belief:
-    """Replace the pose and its covariance (3, 3), uncorrelated with the radius errors, which stay."""
-    x, whole = belief.x.copy(), belief.P.copy()
-    x[:3] = pose.x, pose.y, wrap_angle(pose.theta)
-    whole[:3, :] = whole[:, :3] = 0.0
-    whole[:3, :3] = P
-    return Belief(x, whole)
-
-
-def _inflate(belief: Belief, factor: float) -> Belief:
-    """Multiply the pose's part of P; the covariance of the radius errors stays."""
-    if factor == 1.0:
-        return belief
-    P = belief.P.copy()
-    P[:3, :] *= math.sqrt(factor)
-    P[:, :3] *= math.sqrt(factor)
-    return Belief(belief.x, P)
+        prior = self._wheel_prior()
+        return with_errors(belief, part, np.array(start[: len(prior)]), prior)
 
 
 def _scaled_noise(R: Array, adaptation: Adaptation) -> Array:

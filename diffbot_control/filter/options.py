@@ -7,6 +7,7 @@ from typing import Annotated, NamedTuple
 
 from scipy.special import chdtri
 
+from diffbot_control.filter.landmark_calibration import LandmarkErrors
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.schema import Spec
 
@@ -17,6 +18,8 @@ FILTERS = (EKF, CALIBRATING, FNN, FNN_CALIBRATING)
 REJECT, WEIGH = "reject", "weigh"
 _MAX_TIME = 1e4
 """[s] A correlation time; errors that last longer are an offset."""
+_KNOWN_SIGMA = 1e-6
+"""[m], [rad] Deviation of a known error that is a state because the others are: P stays positive definite."""
 _MAX_SIGMAS, _MAX_ERROR = 5.0, 0.1
 """An estimated radius error beyond five initial deviations and beyond 10 % is a slipping wheel, not a radius error."""
 
@@ -81,6 +84,40 @@ class FilterConfig(NamedTuple):
         float, Spec("the same of each landmark", "s", minimum=0.0, maximum=_MAX_TIME)
     ] = 0.0
 
+    landmark_range_offset: Annotated[
+        float,
+        Spec("what every range to a landmark has too much", "m", minimum=-10.0, maximum=10.0, read_only=True),
+    ] = 0.0
+    landmark_range_offset_sigma: Annotated[
+        float,
+        Spec(
+            "its standard deviation; if one of the three is > 0, offset, scale and bearing offset are states",
+            "m",
+            minimum=0.0,
+            maximum=10.0,
+            read_only=True,
+        ),
+    ] = 0.0
+    landmark_range_scale: Annotated[
+        float,
+        Spec(
+            "relative error of the ranges' scale; 0.02: they are 2 % too long",
+            minimum=-0.5,
+            maximum=1.0,
+            read_only=True,
+        ),
+    ] = 0.0
+    landmark_range_scale_sigma: Annotated[
+        float, Spec("its standard deviation", minimum=0.0, maximum=0.5, read_only=True)
+    ] = 0.0
+    landmark_bearing_offset: Annotated[
+        float,
+        Spec("what every bearing of a landmark has too much", "rad", minimum=-math.pi, maximum=math.pi, read_only=True),
+    ] = 0.0
+    landmark_bearing_offset_sigma: Annotated[
+        float, Spec("its standard deviation", "rad", minimum=0.0, maximum=math.pi, read_only=True)
+    ] = 0.0
+
     def check(self) -> None:
         """Refuse options that contradict each other.
 
@@ -118,6 +155,10 @@ class FilterOptions(NamedTuple):
     """weigh landmarks beyond the gate instead of rejecting them"""
     correlation_times: tuple[float, float, float]
     """[s] of headings, of each landmark, of fixes; 0: independent errors"""
+    landmark_errors: LandmarkErrors
+    """of the sensor of landmarks, at the start where they are states"""
+    landmark_sigmas: LandmarkErrors | None
+    """their standard deviations at the start, all > 0; None if they are no states"""
 
 
 def options_of(config: FilterConfig) -> FilterOptions:
@@ -140,4 +181,16 @@ def options_of(config: FilterConfig) -> FilterOptions:
         else (0.0, 0.0, 0.0),
         config.landmark_gate == WEIGH,
         (config.heading_correlation_time, config.landmark_correlation_time, config.fix_correlation_time),
+        LandmarkErrors(config.landmark_range_offset, config.landmark_range_scale, config.landmark_bearing_offset),
+        _landmark_sigmas(config),
     )
+
+
+def _landmark_sigmas(config: FilterConfig) -> LandmarkErrors | None:
+    """Return the deviations of the errors of landmarks; None if all are known."""
+    sigmas = (
+        config.landmark_range_offset_sigma,
+        config.landmark_range_scale_sigma,
+        config.landmark_bearing_offset_sigma,
+    )
+    return LandmarkErrors(*(max(one, _KNOWN_SIGMA) for one in sigmas)) if any(sigmas) else None

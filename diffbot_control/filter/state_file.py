@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from diffbot_control.filter.belief import ErrorEstimate
 from diffbot_control.filter.covariance import check_covariance
-from diffbot_control.filter.gated_filter import WheelEstimate
 from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.measurements import Array
 from diffbot_core.errors import BadMessageError, DiffbotError, InvalidValueError
@@ -20,6 +20,7 @@ from diffbot_core.kinematics import WheelGeometry
 
 _VERSION = 1
 _MAX_RADIUS_ERROR = 1.0
+_MAX_LANDMARK_ERROR = 100.0
 
 
 class BrokenStateError(DiffbotError):
@@ -32,10 +33,12 @@ class SavedState(NamedTuple):
     pose: Pose
     P: Array
     """(3, 3) [m, m, rad]"""
-    wheels: WheelEstimate | None
+    wheels: ErrorEstimate | None
     """None if the filter does not estimate them"""
     geometry: WheelGeometry
     """to which the radius errors are relative"""
+    landmarks: ErrorEstimate | None = None
+    """the errors that measurements of landmarks have in common; None if the filter does not estimate them"""
 
 
 def state_path(text: str) -> Path | None:
@@ -66,6 +69,8 @@ def save_state(path: Path, state: SavedState) -> None:
     content["geometry"] = list(state.geometry)
     if state.wheels is not None:
         content |= {"wheels": state.wheels.errors.tolist(), "wheels_P": state.wheels.P.tolist()}
+    if state.landmarks is not None:
+        content |= {"landmarks": state.landmarks.errors.tolist(), "landmarks_P": state.landmarks.P.tolist()}
     path.parent.mkdir(parents=True, exist_ok=True)
     write_text(path, json.dumps(content), durable=True)
 
@@ -91,12 +96,21 @@ def load_state(path: Path) -> SavedState | None:
     P = _covariance(path, content, "P", 3)
     radius, separation = _numbers(path, content, "geometry", (2,), math.inf).tolist()
     geometry = WheelGeometry(radius, separation)
-    if "wheels" not in content:
-        return SavedState(Pose(x, y, wrap_angle(theta)), P, None, geometry)
-    size = 3 if isinstance(content["wheels"], list) and len(content["wheels"]) == 3 else 2
-    errors = _numbers(path, content, "wheels", (size,), _MAX_RADIUS_ERROR)
-    wheels = WheelEstimate(errors, _covariance(path, content, "wheels_P", size))
-    return SavedState(Pose(x, y, wrap_angle(theta)), P, wheels, geometry)
+    wheels = _errors(path, content, "wheels", (2, 3), _MAX_RADIUS_ERROR)
+    landmarks = _errors(path, content, "landmarks", (3,), _MAX_LANDMARK_ERROR)
+    return SavedState(Pose(x, y, wrap_angle(theta)), P, wheels, geometry, landmarks)
+
+
+def _errors(
+    path: Path, content: dict[str, Any], key: str, sizes: tuple[int, ...], limit: float
+) -> ErrorEstimate | None:
+    """Return the errors ``key`` (m,) with m one of ``sizes`` and their covariance; None if there are none."""
+    if key not in content:
+        return None
+    found = content[key]
+    size = len(found) if isinstance(found, list) and len(found) in sizes else sizes[0]
+    errors = _numbers(path, content, key, (size,), limit)
+    return ErrorEstimate(errors, _covariance(path, content, f"{key}_P", size))
 
 
 def _numbers(path: Path, content: dict[str, Any], key: str, shape: tuple[int, ...], limit: float) -> Array:
@@ -148,6 +162,8 @@ class StateKeeper:
         if saved is None:
             return "no state to restore"
         self._localization.initialise(saved.pose, saved.P)
+        if saved.landmarks is not None:
+            self._localization.filter.set_landmark_errors(saved.landmarks)
         done = "state restored: x {:.3f} m, y {:.3f} m, heading {:.3f} rad".format(*saved.pose)
         if saved.geometry != geometry:
             return f"{done}; wheel errors not restored: found with another wheel radius or separation"
@@ -167,8 +183,9 @@ class StateKeeper:
             return  # no fix yet
         if estimate.stamp == self._saved or not np.isfinite(estimate.belief.P).all():
             return
-        wheels = self._localization.filter.wheels()
-        save_state(self._path, SavedState(estimate.pose, estimate.P, wheels, geometry))
+        found = self._localization.filter
+        state = SavedState(estimate.pose, estimate.P, found.wheels(), geometry, found.landmark_errors())
+        save_state(self._path, state)
         self._saved = estimate.stamp
 
     def delete(self) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -20,6 +21,9 @@ from diffbot_control.ros.sensor_messages import (
     wheel_speeds_from,
 )
 from diffbot_core.kinematics import Twist, body_twist, encoder_covariance
+
+_WHEEL_ERRORS = ("left wheel radius", "right wheel radius", "wheel separation")
+_LANDMARK_ERRORS = ("landmark range offset", "landmark range scale", "landmark bearing offset")
 
 
 class EkfInputs:
@@ -79,6 +83,16 @@ def corrected_twist(measured: Twist, ekf: GatedFilter, wheel_separation: float) 
     left, right, *separation = wheels.errors.tolist()
     twist = with_radius_errors(measured, RadiusErrors(left, right), wheel_separation)
     return with_separation_error(twist, separation[0]) if separation else twist
+
+
+def error_values(ekf: GatedFilter) -> dict[str, str]:
+    """Return the estimated errors of wheels and landmarks with their standard deviations as key-value pairs."""
+    found = {}
+    for names, estimate in ((_WHEEL_ERRORS, ekf.wheels()), (_LANDMARK_ERRORS, ekf.landmark_errors())):
+        if estimate is not None:
+            for name, error, variance in zip(names, estimate.errors, np.diagonal(estimate.P), strict=False):
+                found[f"{name} error"] = f"{error:+.4f} +- {math.sqrt(max(variance, 0.0)):.4f}"
+    return found
 
 
 def _diagonal(sigmas: Sequence[float]) -> Array | None:

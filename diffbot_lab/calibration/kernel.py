@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from diffbot_control.filter.correlation import inflation_after
+from diffbot_control.filter.landmark_calibration import LandmarkErrors, with_landmark_errors
 from diffbot_control.filter.models import (
     TURNED_VARIANCE,
     RadiusErrors,
@@ -280,17 +281,17 @@ def fill_landmark(x: Any, P: Any, work: Work, values: Any, R: Any, place: Point,
     pose = Pose(x[0], x[1], x[2])
     if is_at_landmark(pose, place):
         return 0
-    expected = expect_landmark(pose, place, P[0, 0] + P[1, 1])
+    known = expect_landmark(pose, place, P[0, 0] + P[1, 1])
+    expected = with_landmark_errors(known, LandmarkErrors(x[6], x[7], x[8]))
     y, H, row = work.y, work.H, 0
     if math.isfinite(R[0, 0]):
-        stretch = 1.0 + x[7]
-        y[0] = values[0] - stretch * expected.range - x[6]
-        H[0, 0], H[0, 1] = stretch * expected.range_x, stretch * expected.range_y
-        H[0, 6], H[0, 7] = 1.0, expected.range
+        y[0] = values[0] - expected.range
+        H[0, 0], H[0, 1] = expected.range_x, expected.range_y
+        H[0, 6], H[0, 7] = 1.0, known.range
         work.R[0, 0] = R[0, 0] * s.range_factor**2 + expected.added_var_range
         row = 1
     if math.isfinite(R[1, 1]):
-        y[row] = heading_innovation(values[1], expected.bearing + x[8])
+        y[row] = heading_innovation(values[1], expected.bearing)
         H[row, 0], H[row, 1], H[row, 2], H[row, 8] = expected.bearing_x, expected.bearing_y, -1.0, 1.0
         work.R[row, row] = R[1, 1] * s.bearing_factor**2 + expected.added_var_bearing
         row += 1

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from diffbot_control.filter import correlation, odometry_noise
+from diffbot_control.filter import correlation, landmark_calibration, odometry_noise
 from diffbot_control.filter.options import options_of
 from diffbot_control.ros.ekf_parameters import EkfNodeConfig
 from diffbot_core.code_hash import hash_of_folders
@@ -92,7 +92,12 @@ def compiled() -> Any:
     # Loads numba, and so not at the import of this module.
     from diffbot_sim.compiled.jit import LIBRARIES, compile_kernel, make_callable  # noqa: PLC0415
 
-    for function in (correlation.inflation_after, odometry_noise.motion_density, odometry_noise.over_time):
+    for function in (
+        correlation.inflation_after,
+        landmark_calibration.with_landmark_errors,
+        odometry_noise.motion_density,
+        odometry_noise.over_time,
+    ):
         make_callable(function)
     for function in _helpers(kernel):
         make_callable(function, inline=False)

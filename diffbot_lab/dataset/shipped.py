@@ -23,6 +23,11 @@ MRCLAM = MappingProxyType(
         "landmark_range_sigma_per_metre": 0.025,
         "landmark_bearing_sigma": 0.02,
         "landmark_correlation_time": 1.0,
+        "landmark_range_offset": 0.04,
+        "landmark_range_offset_sigma": 0.03,
+        "landmark_range_scale": 0.025,
+        "landmark_range_scale_sigma": 0.02,
+        "landmark_bearing_offset_sigma": 0.01,
         "landmark_gate": "weigh",
         "gate_probability": 0.99,
     }

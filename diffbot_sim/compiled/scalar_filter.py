@@ -80,8 +80,8 @@ def check_supported(options: FilterOptions) -> None:
     """Refuse options that only the filter of the node has.
 
     Raises:
-        InvalidValueError: for a wheel separation that is a state, calibrated wheels, weighed landmarks, or errors
-            correlated in time.
+        InvalidValueError: for a wheel separation that is a state, calibrated wheels, weighed or calibrated landmarks,
+            or errors correlated in time.
     """
     if any(options.wheel_errors):
         raise InvalidValueError("wheel errors at the start", options.wheel_errors, "0 in a batch")
@@ -89,6 +89,8 @@ def check_supported(options: FilterOptions) -> None:
         raise InvalidValueError("wheel_separation_sigma", math.sqrt(options.separation_variance), "0 in a batch")
     if options.weigh_landmarks:
         raise InvalidValueError("landmark_gate", WEIGH, f"{REJECT} in a batch")
+    if options.landmark_sigmas is not None or any(options.landmark_errors):
+        raise InvalidValueError("landmark_range_offset and the like", options.landmark_errors, "0 in a batch")
     if any(options.correlation_times):
         raise InvalidValueError("correlation times", options.correlation_times, "0 in a batch")
 

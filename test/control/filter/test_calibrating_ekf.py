@@ -20,7 +20,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2, multivariate_normal
 
-from diffbot_control.filter.ekf import CalibratingEkf, PoseEkf
+from diffbot_control.filter.ekf import PoseEkf
 from diffbot_control.filter.models import MIN_LANDMARK_DISTANCE
 from diffbot_core.geometry import Point, Pose
 
@@ -59,7 +59,7 @@ def model(state, v, omega, dt, separation):
 
 
 def calibrating(state, P, separation=SEPARATION, walk=0.0):
-    ekf = CalibratingEkf()
+    ekf = PoseEkf(2)
     ekf.wheel_separation, ekf.random_walk = separation, walk
     ekf.set_state(np.array(state), P)
     return ekf
@@ -238,7 +238,7 @@ def test_nis_of_fix_and_heading_is_that_of_scipy_s_density(pose, errors, seed):
 @pytest.mark.parametrize("states", [3, 5])
 def test_a_landmark_behind_goes_the_short_way_across_pi(states):
     # Straight behind, seen 0.1 rad to one side of pi by a robot that believes it to be 0.1 rad to the other.
-    ekf = PoseEkf() if states == 3 else CalibratingEkf()
+    ekf = PoseEkf() if states == 3 else PoseEkf(2)
     ekf.set_state(
         np.array([0.0, 0.0, 0.1, *[0.0] * (states - 3)]),
         1e-12 * np.eye(states) + np.diag([0, 0, 1.0, 0, 0])[:states, :states],

@@ -238,7 +238,7 @@ def test_a_correction_is_that_of_filterpys_own_update(states):
         root, noise = rng.normal(size=(states, states)), rng.normal(size=(3, 3))
         x, P, R = rng.normal(size=states), root @ root.T, noise @ noise.T + 0.1 * np.eye(3)
         measured = Pose(*(x[:3] + rng.normal(scale=0.3, size=3)))
-        ours = PoseEkf(states)
+        ours = PoseEkf(states - 3)
         ours.set_state(x, P)
         nis = ours.update_pose(measured, R)
         theirs = ExtendedKalmanFilter(dim_x=states, dim_z=3)

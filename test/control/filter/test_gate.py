@@ -24,6 +24,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import binom, chi2
 
+from diffbot_control.filter.belief import ErrorEstimate
 from diffbot_control.filter.gate import (
     ACCEPTED,
     FIX,
@@ -39,7 +40,7 @@ from diffbot_control.filter.gate import (
     decide,
     new_gate,
 )
-from diffbot_control.filter.gated_filter import GatedFilter, WheelEstimate
+from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.options import FILTERS, FilterConfig, options_of
 from diffbot_core.geometry import Pose
 
@@ -315,7 +316,7 @@ def test_the_candidate_is_a_filter_of_its_own_started_at_the_first_rejected_fix(
     second = gated_filter(variant, (30.0, 10.0, 2.0), gate_probability=1.0)
     motions = [build_motion(*rng.normal(1.0, 0.3, 2), 0.5, 0.01, 0.002, 0.02) for _ in range(4)]
     found.predict(motions[0])
-    second.set_wheels(WheelEstimate(found.memory.belief.x[3:], found.memory.belief.P[3:, 3:]))
+    second.set_wheels(ErrorEstimate(found.memory.belief.x[3:], found.memory.belief.P[3:, 3:]))
     assert found.take(fix(30.0, 10.0, 2.0)) == REJECTED
     for number, one in enumerate(motions[1:], 1):
         found.predict(one)
@@ -375,7 +376,7 @@ def test_what_is_known_of_the_wheels_survives(variant):
     known, P = np.array([0.03, -0.02]), np.array([[4e-6, 1e-6], [1e-6, 3e-6]])
     for jumps in (True, False):
         found = gated_filter(variant, relocation_fixes=3, relocation_timeout=0.3)
-        found.set_wheels(WheelEstimate(known, P))
+        found.set_wheels(ErrorEstimate(known, P))
         verdict = ACCEPTED
         for number in range(10):
             found.predict(straight(1.0))

@@ -19,8 +19,9 @@ from filter_runs import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from diffbot_control.filter.belief import ErrorEstimate
 from diffbot_control.filter.gate import ACCEPTED, REJECTED
-from diffbot_control.filter.gated_filter import GatedFilter, WheelEstimate
+from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.models import Motion
 from diffbot_control.filter.options import FILTERS, FilterConfig, options_of
 from diffbot_core.geometry import Pose
@@ -188,6 +189,6 @@ def test_an_old_memory_can_be_returned_to(variant):
 def test_a_filter_without_wheels_ignores_what_is_said_of_them(variant):
     found = gated_filter(variant)
     before = found.memory
-    found.set_wheels(WheelEstimate(np.array([0.1, 0.1]), np.eye(2)))
+    found.set_wheels(ErrorEstimate(np.array([0.1, 0.1]), np.eye(2)))
     assert found.memory is before
     assert before.belief.x.size == 3

@@ -18,8 +18,8 @@ from filter_runs import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from diffbot_control.filter.belief import ErrorEstimate
 from diffbot_control.filter.gate import FIX
-from diffbot_control.filter.gated_filter import WheelEstimate
 from diffbot_control.filter.landmark_map import LandmarkMap
 from diffbot_control.filter.localization import Localization, LocalizationConfig
 from diffbot_control.filter.measurements import Heading, LandmarkMeasurement, PoseFix
@@ -256,7 +256,7 @@ def test_a_late_measurement_is_counted_once_and_the_others_not_again(variant):
 def test_a_reset_forgets_the_wheels_and_a_new_pose_does_not(variant):
     made = localization(variant)
     P = np.array([[4e-6, 1e-6], [1e-6, 3e-6]])
-    made.filter.set_wheels(WheelEstimate(np.array([0.03, -0.02]), P))
+    made.filter.set_wheels(ErrorEstimate(np.array([0.03, -0.02]), P))
     made.initialise(Pose(7.0, 8.0, -1.0), np.eye(3))
     belief = made.estimate().belief
     np.testing.assert_array_equal(belief.x, [7.0, 8.0, -1.0, 0.03, -0.02])
@@ -336,7 +336,7 @@ def test_relocation_can_be_changed_at_runtime():
 @pytest.mark.parametrize("variant", CALIBRATING)
 def test_wheel_separation_and_walk_can_be_changed_at_runtime(variant):
     made = localization(variant)
-    made.filter.set_wheels(WheelEstimate(np.array([0.0, 0.1]), 1e-6 * np.eye(2)))
+    made.filter.set_wheels(ErrorEstimate(np.array([0.0, 0.1]), 1e-6 * np.eye(2)))
     config = FilterConfig(filter=variant, wheel_radius_walk=0.05)
     made.configure(LocalizationConfig(1.0, config), 0.3)
     found = made.on_odometry(odometry(1, 1.0, 0.0))

@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from diffbot_control.filter.ekf import SeparationEkf
-from diffbot_control.filter.gated_filter import GatedFilter, WheelEstimate
+from diffbot_control.filter.belief import ErrorEstimate
+from diffbot_control.filter.ekf import PoseEkf
+from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.localization import Localization, LocalizationConfig
 from diffbot_control.filter.measurements import PoseFix
 from diffbot_control.filter.models import Motion
@@ -37,7 +38,7 @@ def test_mean_and_jacobian_are_those_of_the_wheels(seed):
     rng = np.random.default_rng(seed)
     x = np.array([*rng.uniform(-1.0, 1.0, 3), *rng.uniform(-0.15, 0.15, 3)])
     v, omega, dt = rng.uniform(-1.0, 1.0), rng.uniform(-2.0, 2.0), 0.2
-    ekf = SeparationEkf()
+    ekf = PoseEkf(3)
     ekf.wheel_separation, ekf.random_walk = L, 1e-3
     ekf.set_state(x, np.eye(6))
     ekf.predict(Motion(Twist(v, omega), dt, TwistCovariance(0.0, 0.0, 0.0)))
@@ -73,14 +74,14 @@ def test_an_error_beyond_its_bound_resets_all_three(index):
     for size, kept in ((0.49, True), (0.51, False)):
         errors = np.zeros(3)
         errors[index] = size
-        found.set_wheels(WheelEstimate(errors, 1e-8 * np.eye(3)))
+        found.set_wheels(ErrorEstimate(errors, 1e-8 * np.eye(3)))
         found.take(PoseFix(0, Pose(0.0, 0.0, 0.0), np.eye(3)))
         assert (found.wheels().errors == 0.0).all() != kept
     np.testing.assert_allclose(found.wheels().P, 0.01 * np.eye(3))
 
 
 def test_a_saved_state_has_the_three_errors(tmp_path):
-    wheels = WheelEstimate(np.array([0.01, -0.02, 0.05]), np.diag([1e-4, 2e-4, 3e-4]))
+    wheels = ErrorEstimate(np.array([0.01, -0.02, 0.05]), np.diag([1e-4, 2e-4, 3e-4]))
     path = tmp_path / "state"
     save_state(path, SavedState(Pose(1.0, 2.0, 3.0), np.eye(3), wheels, WheelGeometry()))
     loaded = load_state(path).wheels

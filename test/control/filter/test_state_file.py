@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diffbot_control.filter.gated_filter import WheelEstimate
+from diffbot_control.filter.belief import ErrorEstimate
 from diffbot_control.filter.state_file import BrokenStateError, SavedState, load_state, save_state, state_path
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.geometry import Pose
@@ -27,7 +27,7 @@ GOOD = {
 }
 
 
-@pytest.mark.parametrize("wheels", [WheelEstimate(WHEELS, WHEELS_P), None])
+@pytest.mark.parametrize("wheels", [ErrorEstimate(WHEELS, WHEELS_P), None])
 def test_what_is_written_is_read_to_the_bit(tmp_path, wheels):
     path = tmp_path / "new" / "state.json"
     save_state(path, SavedState(Pose(1.0, -2.0, 3.0), P, wheels, GEOMETRY))
