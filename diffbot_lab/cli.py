@@ -16,7 +16,7 @@ from diffbot_control.law.presets import PRESETS, TUNED
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.schema import build, parameters_of, to_dict
 from diffbot_lab.campaign.options import CampaignOptions, load_yaml
-from diffbot_lab.data_commands import add_import, add_refilter
+from diffbot_lab.data_commands import add_calibrate, add_import, add_refilter
 
 NODES = {
     "plant": "diffbot_sim.plant_node",
@@ -57,6 +57,7 @@ def _parser() -> argparse.ArgumentParser:
         add(commands)
     add_import(commands)
     add_refilter(commands)
+    add_calibrate(commands)
     return parser
 
 

@@ -63,6 +63,8 @@ class Events(NamedTuple):
     name: str
     odometry: Odometry
     measurements: Measurements
+    zero: int
+    """[ns] stamp of time 0"""
     starts_from_fix: bool
     """the first reset is a fix, whose error later fixes may repeat"""
 
@@ -97,7 +99,9 @@ class _Collector:
         if odometry.stamp <= last:
             raise BadMessageError("odometry out of order or repeated")
         if (odometry.stamp - last) * S_PER_NS > _MAX_GAP:
-            raise DiffbotError(f"odometry has a gap of {(odometry.stamp - last) * S_PER_NS:.0f} s: at most {_MAX_GAP:g}")
+            raise DiffbotError(
+                f"odometry has a gap of {(odometry.stamp - last) * S_PER_NS:.0f} s: at most {_MAX_GAP:g}"
+            )
         self.segments.append((last, odometry))
 
     def on_measurement(self, measurement: Measurement) -> None:
@@ -129,8 +133,8 @@ class EventReader(FilterRun):
         self._collector.on_odometry(odometry)
         return None
 
-    def events(self, name: str) -> Events:
-        """Return what was collected.
+    def events(self, name: str, until: float = math.inf) -> Events:
+        """Return what was collected in the first ``until`` [s].
 
         Raises:
             DiffbotError: if that is too little to determine anything.
@@ -138,7 +142,9 @@ class EventReader(FilterRun):
         found = self._collector
         if not found.segments:
             raise DiffbotError(f"{name}: no odometry that the filter can use{_reasons(self.dropped)}")
-        first, last = found.segments[0][0], found.segments[-1][1].stamp
+        first = found.segments[0][0]
+        segments = [one for one in found.segments if (one[1].stamp - first) * S_PER_NS <= until] or found.segments[:1]
+        last = segments[-1][1].stamp
         measured = sorted((one for one in found.measured if first <= one.stamp <= last), key=order_of)
         duration = (last - first) * S_PER_NS
         if len(measured) < MIN_MEASUREMENTS:
@@ -148,8 +154,9 @@ class EventReader(FilterRun):
             )
         if duration < MIN_DURATION:
             raise DiffbotError(f"{name}: {duration:.1f} s of odometry, at least {MIN_DURATION:g} s are needed")
-        resets = [one._replace(stamp=min(max(one.stamp, first), last)) for one in found.resets]
-        return Events(name, _odometry(found.segments, first), _measurements(resets, measured, first), found.starts_from_fix)
+        resets = [one._replace(stamp=max(one.stamp, first)) for one in found.resets if one.stamp <= last]
+        odometry, measurements = _odometry(segments, first), _measurements(resets, measured, first)
+        return Events(name, odometry, measurements, first, found.starts_from_fix)
 
 
 def _reasons(dropped: Counter[tuple[str, str]]) -> str:

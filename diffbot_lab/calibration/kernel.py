@@ -98,7 +98,9 @@ class Work(NamedTuple):
     """(3,)"""
 
 
-def run_filter(odometry: Any, measurements: Any, starts_from_fix: bool, x: Any, P: Any, result: Any, s: Settings) -> None:
+def run_filter(
+    odometry: Any, measurements: Any, starts_from_fix: bool, x: Any, P: Any, result: Any, s: Settings
+) -> None:
     """Filter a drive.
 
     Args:
@@ -113,7 +115,13 @@ def run_filter(odometry: Any, measurements: Any, starts_from_fix: bool, x: Any, 
     """
     n = len(x)
     work = Work(
-        np.zeros((3, n)), np.zeros((3, n)), np.zeros((n, 3)), np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
+        np.zeros((3, n)),
+        np.zeros((3, n)),
+        np.zeros((n, 3)),
+        np.zeros(3),
+        np.zeros((3, 3)),
+        np.zeros((3, 3)),
+        np.zeros(3),
     )
     last = np.full(len(measurements.time) + 1, _NEVER)
     now, index = 0.0, 0

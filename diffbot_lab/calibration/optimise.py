@@ -44,7 +44,8 @@ class Likelihood:
     ) -> None:
         """Take the drives and, for each, a mask (k,) of the measurements that count."""
         self.drives, self.settings, self.prior, self.quantities = drives, settings, prior, quantities
-        self._use = use
+        self.use = use
+        """mask (k,) of each drive"""
         self._pool: ThreadPoolExecutor | None = None
         self.on_evaluation: Callable[[], object] = lambda: None
 
@@ -66,7 +67,7 @@ class Likelihood:
     def log_likelihood(self, values: Array) -> float:
         """Return the log likelihood of the measurements that count."""
         found = self.filtered(values)
-        return sum(log_likelihood(one, use) for one, use in zip(found, self._use, strict=True))
+        return sum(log_likelihood(one, use) for one, use in zip(found, self.use, strict=True))
 
     def cost(self, values: Array) -> float:
         """Return the negative log likelihood with the priors."""
