@@ -25,6 +25,12 @@ class ErrorEstimate(NamedTuple):
     """(m, m)"""
 
 
+def pose_of(belief: Belief) -> Pose:
+    """Return the mean pose."""
+    x = belief.x
+    return Pose(x.item(0), x.item(1), x.item(2))
+
+
 def with_errors(belief: Belief, part: slice, errors: Array, P: Array) -> Belief:
     """Replace the ``part`` of the states by errors (m,) of covariance (m, m), uncorrelated with the others."""
     x, whole = belief.x.copy(), belief.P.copy()

@@ -86,6 +86,7 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         """
         states = 3 + wheels + (3 if landmark_states else 0)
         super().__init__(dim_x=states, dim_z=3, dim_u=2)
+        self.Q = np.zeros((states, states))
         self._wheels = wheels
         self.wheel_part = slice(3, 3 + wheels)
         """of the states: the errors of the wheels"""

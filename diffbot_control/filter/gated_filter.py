@@ -19,7 +19,8 @@ from diffbot_control.filter.adaptation import (
     q_scale,
     r_scales,
 )
-from diffbot_control.filter.belief import Belief, ErrorEstimate, inflate, with_errors, with_pose
+from diffbot_control.filter.belief import Belief, ErrorEstimate, inflate, pose_of, with_errors, with_pose
+from diffbot_control.filter.colour import STANDING, Colour, Travelled, new_colour, travel, unpaired, with_fix
 from diffbot_control.filter.correlation import NO_STAMPS, Stamps, inflation_of, with_stamp
 from diffbot_control.filter.ekf import PLAIN, PoseEkf, Robust
 from diffbot_control.filter.gate import (
@@ -59,6 +60,10 @@ class Memory(NamedTuple):
     adaptation: Adaptation
     stamps: Stamps = NO_STAMPS
     """of the newest measurement of each source whose errors are correlated in time"""
+    colour: Colour = new_colour()
+    """of the fixes, where it is to be found"""
+    travelled: Travelled = STANDING
+    """since the newest fix"""
 
 
 class GatedFilter:
@@ -109,7 +114,8 @@ class GatedFilter:
     def reset_to(self, pose: Pose, P: Array) -> None:
         """Put the filter at a pose with covariance ``P`` (3, 3); estimated errors and adaptation stay."""
         belief = with_pose(self.memory.belief, pose, P)
-        self.memory = Memory(belief, None, new_gate(), self.memory.adaptation)
+        old = self.memory
+        self.memory = Memory(belief, None, new_gate(), old.adaptation, NO_STAMPS, unpaired(old.colour))
 
     def wheels(self) -> ErrorEstimate | None:
         """Return the estimated errors of the wheels; None if they are not states."""
@@ -140,7 +146,7 @@ class GatedFilter:
 
     def predict(self, motion: Motion, var_lateral: float = 0.0) -> None:
         """Move estimate and candidate; ``var_lateral`` is the variance of the motion across the robot [m^2]."""
-        belief, candidate, gate, adaptation, stamps = self.memory
+        belief, candidate, gate, adaptation, stamps, colour, travelled = self.memory
         if self.options.adaptive:
             twist, dt, covariance = motion
             q = q_scale(adaptation)
@@ -149,7 +155,9 @@ class GatedFilter:
         belief = self._moved(belief, motion)
         if candidate is not None:
             candidate = self._moved(candidate, motion)
-        self.memory = Memory(belief, candidate, age(gate, motion.dt), adaptation, stamps)
+        if self.options.detects_colour:
+            travelled = travel(travelled, motion, var_lateral)
+        self.memory = Memory(belief, candidate, age(gate, motion.dt), adaptation, stamps, colour, travelled)
 
     def take(self, measurement: Measurement) -> int:
         """Correct with a measurement as the gate decides.
@@ -162,7 +170,7 @@ class GatedFilter:
         return self._take_other(measurement)
 
     def _take_fix(self, fix: PoseFix) -> int:
-        before, candidate, gate, old, stamps = self.memory
+        before, candidate, gate, old, stamps, colour, _ = self.memory
         adaptation, options, adaptive = old, self.options, self.options.adaptive
         if adaptive:
             fix = PoseFix(fix.stamp, fix.pose, _scaled_noise(fix.R, old))
@@ -187,9 +195,22 @@ class GatedFilter:
             factor = inflation(old, adaptation)
             belief = inflate(belief, factor)
             candidate = None if candidate is None else inflate(candidate, factor)
+        if options.detects_colour:
+            belief, colour = self._coloured(fix, belief, decision.outcome == ACCEPTED)
         stamps = with_stamp(stamps, fix, options.correlation_times)
-        self.memory = Memory(belief, candidate, gate, adaptation, stamps)
+        self.memory = Memory(belief, candidate, gate, adaptation, stamps, colour)
         return decision.outcome
+
+    def _coloured(self, fix: PoseFix, after: Belief, accepted: bool) -> tuple[Belief, Colour]:
+        """Return the belief after a fix and what it says about the correlation of the errors of fixes."""
+        memory = self.memory
+        if not accepted:
+            return after, unpaired(memory.colour)
+        variances = fix.R.item(0), fix.R.item(4), fix.R.item(8)
+        poses = pose_of(memory.belief), pose_of(after)
+        colour = with_fix(memory.colour, memory.travelled, fix.pose, variances, *poses, after.P.item(2, 2))
+        # P was computed with too small an R before.
+        return inflate(after, max(colour.inflation / memory.colour.inflation, 1.0)), colour
 
     def _newest_innovation(self) -> Innovation | None:
         return Innovation(self._ekf.y, self._ekf.S) if math.isfinite(self.nis) else None
@@ -206,7 +227,7 @@ class GatedFilter:
         return Normalised(x / math.sqrt(S[0]), y / math.sqrt(S[1]), theta / math.sqrt(S[2]))
 
     def _take_other(self, measurement: Heading | LandmarkMeasurement) -> int:
-        before, candidate, gate, adaptation, stamps = self.memory
+        before, candidate, gate, adaptation, stamps, colour, travelled = self.memory
         # The gate's bound is that of the numbers measured.
         kind = LANDMARK if isinstance(measurement, LandmarkMeasurement) and measurement.numbers == 2 else HEADING
         robust = self._robust(measurement, kind)
@@ -222,12 +243,15 @@ class GatedFilter:
         elif decision.outcome not in (ACCEPTED, WEIGHED):
             belief = before
         stamps = with_stamp(stamps, measurement, self.options.correlation_times)
-        self.memory = Memory(belief, candidate, gate, adaptation, stamps)
+        self.memory = Memory(belief, candidate, gate, adaptation, stamps, colour, travelled)
         return decision.outcome
 
     def _robust(self, measurement: Measurement, kind: int = FIX) -> Robust:
         """Return how much weaker the correction with a measurement is than its R says."""
         options = self.options
+        if options.detects_colour and isinstance(measurement, PoseFix):
+            inflation = self.memory.colour.inflation
+            return PLAIN if inflation == 1.0 else Robust(inflation)
         weighed = options.weigh_landmarks and isinstance(measurement, LandmarkMeasurement)
         if not weighed and not any(options.correlation_times):
             return PLAIN

@@ -11,8 +11,9 @@ from bisect import insort
 from collections import OrderedDict, deque
 from typing import Annotated, NamedTuple
 
+from diffbot_control.filter.belief import Belief
 from diffbot_control.filter.correlation import KIND_OF, source_of
-from diffbot_control.filter.gated_filter import Belief, GatedFilter, Memory
+from diffbot_control.filter.gated_filter import GatedFilter, Memory
 from diffbot_control.filter.innovation_monitor import InnovationMonitor
 from diffbot_control.filter.measurements import (
     Array,

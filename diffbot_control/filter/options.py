@@ -79,6 +79,13 @@ class FilterConfig(NamedTuple):
         float,
         Spec("how long the errors of fixes last; 0: independent from fix to fix", "s", minimum=0.0, maximum=_MAX_TIME),
     ] = 0.0
+    detect_fix_correlation: Annotated[
+        bool,
+        Spec(
+            "find out from the fixes how long their errors last, unless fix_correlation_time tells; not with the "
+            "ekf_fnn variants"
+        ),
+    ] = True
     heading_correlation_time: Annotated[float, Spec("the same of headings", "s", minimum=0.0, maximum=_MAX_TIME)] = 0.0
     landmark_correlation_time: Annotated[
         float, Spec("the same of each landmark", "s", minimum=0.0, maximum=_MAX_TIME)
@@ -155,6 +162,8 @@ class FilterOptions(NamedTuple):
     """weigh landmarks beyond the gate instead of rejecting them"""
     correlation_times: tuple[float, float, float]
     """[s] of headings, of each landmark, of fixes; 0: independent errors"""
+    detects_colour: bool
+    """find the correlation of the errors of fixes"""
     landmark_errors: LandmarkErrors
     """of the sensor of landmarks, at the start where they are states"""
     landmark_sigmas: LandmarkErrors | None
@@ -163,11 +172,12 @@ class FilterOptions(NamedTuple):
 
 def options_of(config: FilterConfig) -> FilterOptions:
     """Derive the filter's numbers from its configuration; the bounds are chi-square quantiles."""
+    adaptive = config.filter in (FNN, FNN_CALIBRATING)
     calibrating = config.filter in (CALIBRATING, FNN_CALIBRATING)
     rest = 1.0 - config.gate_probability
     first, second, third = (float(chdtri(dof, rest)) if rest > 0.0 else math.inf for dof in (1, 2, 3))
     return FilterOptions(
-        config.filter in (FNN, FNN_CALIBRATING),
+        adaptive,
         (first, second, third),
         config.relocation_fixes,
         config.relocation_timeout,
@@ -181,6 +191,7 @@ def options_of(config: FilterConfig) -> FilterOptions:
         else (0.0, 0.0, 0.0),
         config.landmark_gate == WEIGH,
         (config.heading_correlation_time, config.landmark_correlation_time, config.fix_correlation_time),
+        config.detect_fix_correlation and config.fix_correlation_time == 0.0 and not adaptive,
         LandmarkErrors(config.landmark_range_offset, config.landmark_range_scale, config.landmark_bearing_offset),
         _landmark_sigmas(config),
     )

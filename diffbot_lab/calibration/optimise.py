@@ -16,8 +16,12 @@ from diffbot_lab.calibration.kernel import Settings
 from diffbot_lab.calibration.likelihood import Filtered, Prior, log_likelihood, run_events
 from diffbot_lab.calibration.quantities import Quantity, with_values
 
-_STEP, _CURVATURE_STEP = 0.01, 0.02
-"""[s] and in logarithms, for central differences of first and second order"""
+_STEP = 0.01
+"""[s] and in logarithms, for the gradient"""
+_DELAY_STEP, _LOG_STEP = 0.02, 0.1
+"""[s] and in logarithms, for the curvature"""
+_LEAST = 1e-2
+"""Least eigenvalue of the curvature scaled to a unit diagonal; a smaller one is a rounding error."""
 _THREADS = 2
 _HUGE = 1e12
 _NEAR = 1e-3
@@ -131,26 +135,32 @@ def _with_gradient(likelihood: Likelihood, values: Array) -> tuple[float, Array]
 def _covariance(likelihood: Likelihood, values: Array, bounded: list[bool]) -> Array:
     """Return the inverse of the curvature of the likelihood with the wide side of the priors."""
     free = [index for index, one in enumerate(bounded) if not one]
-    count, h = len(free), _CURVATURE_STEP
+    count, steps = len(free), np.diag([_step(one) for one in likelihood.quantities])
     covariance = np.zeros((len(values), len(values)))
     if not free:
         return covariance
     pairs = [(i, j) for i in range(count) for j in range(i + 1)]
     points = []
     for i, j in pairs:
-        a, b = np.zeros(len(values)), np.zeros(len(values))
-        a[free[i]], b[free[j]] = h, h
+        a, b = steps[free[i]], steps[free[j]]
         points += [values + a + b, values + a - b, values - a + b, values - a - b]
     f = likelihood.map(likelihood.negative, points).reshape(-1, 4)
     curvature = np.zeros((count, count))
     for (i, j), one in zip(pairs, f, strict=True):
-        curvature[i, j] = curvature[j, i] = (one[0] - one[1] - one[2] + one[3]) / (4.0 * h * h)
-    curvature += np.diag([likelihood.quantities[index].up ** -2.0 for index in free])
-    # Along what the drive does not determine the curvature may come out negative; the prior bounds it there.
+        area = 4.0 * steps[free[i]].sum() * steps[free[j]].sum()
+        curvature[i, j] = curvature[j, i] = (one[0] - one[1] - one[2] + one[3]) / area
+    prior = np.array([likelihood.quantities[index].spread ** -2.0 for index in free])
+    # Along what the drive does not determine the curvature may come out negative; there the prior alone counts.
+    scale = np.sqrt(np.maximum(np.diag(curvature), 0.0) + prior)
+    curvature = (curvature + np.diag(prior)) / np.outer(scale, scale)
     eigenvalues, vectors = np.linalg.eigh(curvature)
-    floor = min(likelihood.quantities[index].up ** -2.0 for index in free)
-    covariance[np.ix_(free, free)] = (vectors / np.maximum(eigenvalues, floor)) @ vectors.T
+    inverse = (vectors / np.maximum(eigenvalues, _LEAST)) @ vectors.T
+    covariance[np.ix_(free, free)] = inverse / np.outer(scale, scale)
     return covariance
+
+
+def _step(quantity: Quantity) -> float:
+    return _LOG_STEP if quantity.logarithmic else _DELAY_STEP
 
 
 def constants_of(likelihood: Likelihood, found: Fit) -> tuple[Array, Array]:
@@ -163,9 +173,9 @@ def constants_of(likelihood: Likelihood, found: Fit) -> tuple[Array, Array]:
     for index, bounded in enumerate(found.at_bound):
         if not bounded:
             step = np.zeros(len(found.values))
-            step[index] = _CURVATURE_STEP
+            step[index] = size = _step(likelihood.quantities[index])
             ahead, behind = (_joined(likelihood, found.values + sign * step)[0] for sign in (1.0, -1.0))
-            J[:, index] = (ahead - behind) / (2.0 * _CURVATURE_STEP)
+            J[:, index] = (ahead - behind) / (2.0 * size)
     return mean, P + J @ found.covariance @ J.T
 
 

@@ -13,7 +13,7 @@ from diffbot_core.schema import parameters_of, to_dict
 from diffbot_lab.calibration.calibrate import Calibration
 from diffbot_lab.calibration.events import FIX, HEADING, LANDMARK, Array, Events
 from diffbot_lab.calibration.latency import Latency
-from diffbot_lab.calibration.quantities import CONSTANTS, MAX_DELAY
+from diffbot_lab.calibration.quantities import CONSTANTS
 
 UNDETERMINED = 0.7
 """A posterior deviation above this share of the prior's: the drive does not determine the number."""
@@ -65,8 +65,7 @@ def outcome_of(calibration: Calibration, config: EkfNodeConfig) -> Outcome:
     for one, value, sigma, bounded in zip(
         calibration.quantities, calibration.found.values.tolist(), deviations, calibration.found.at_bound, strict=True
     ):
-        spread = one.up if one.logarithmic else MAX_DELAY / math.sqrt(12.0)
-        known = bounded or sigma <= UNDETERMINED * spread
+        known = bounded or sigma <= UNDETERMINED * one.spread
         if not known:
             undetermined.append((one.name, MANOEUVRES.get(one.name, MORE)))
         used = value if known else one.start

@@ -42,8 +42,15 @@ class Quantity(NamedTuple):
     up: float
     """deviation of the prior above the start"""
 
+    @property
+    def spread(self) -> float:
+        """Deviation of what is thought possible before the drive."""
+        return self.up if self.logarithmic else MAX_DELAY / math.sqrt(12.0)
+
     def penalty(self, value: float) -> float:
         """Return the negative logarithm of the prior at ``value``, up to a constant."""
+        if not self.logarithmic:
+            return 0.0
         away = value - self.start
         return 0.5 * (away / (self.down if away < 0.0 else self.up)) ** 2
 
@@ -53,9 +60,7 @@ def quantities_of(drives: list[Events], config: EkfNodeConfig) -> list[Quantity]
     kinds = {int(kind) for one in drives for kind in np.unique(one.measurements.kind)}
     lowering = DOWN if LANDMARK in kinds and FIX not in kinds else UP
     delay = config.localization.odometry.odometry_delay
-    spread = MAX_DELAY / math.sqrt(12.0)
     found = [Quantity("odometry_delay", False, min(delay, MAX_DELAY), 0.0, MAX_DELAY, math.inf, math.inf)]
-    found[0] = found[0]._replace(up=spread * 1e3, down=spread * 1e3)
     for name in _motion_names(drives, config):
         found.append(Quantity(name, True, 0.0, -_MAX_LOG, _MAX_LOG, lowering, UP))
     factors = {"xy_factor": FIX, "yaw_factor": FIX, "heading_factor": HEADING}

@@ -37,12 +37,21 @@ def read_mrclam(folder: Path, robot: int) -> Drive:
     notes: list[str] = []
     landmarks = _landmarks(folder / "Landmark_Groundtruth.dat")
     subjects = _subjects(folder / "Barcodes.dat")
-    odometry = in_order(_odometry(folder / f"Robot{robot}_Odometry.dat"), notes)
+    odometry = held(in_order(_odometry(folder / f"Robot{robot}_Odometry.dat"), notes))
     measured = _measurements(folder / f"Robot{robot}_Measurement.dat", subjects, landmarks, notes)
     truth = _truth(folder / f"Robot{robot}_Groundtruth.dat")
     return Drive(
         f"{folder.name} robot {robot}", odometry, clouds_of(measured), truth, landmarks, START_SIGMAS, MRCLAM, notes
     )
+
+
+def held(commands: list[Measured]) -> list[Measured]:
+    """Turn commands, each of which holds until the next, into mean twists over the time before each stamp.
+
+    The log has gaps of up to 1.4 s in which a robot turns by half a radian; nothing is known from before the first one.
+    """
+    twists = [commands[0].twist, *(one.twist for one in commands)]
+    return [Measured(one.stamp, twist) for one, twist in zip(commands, twists, strict=False)]
 
 
 def _landmarks(path: Path) -> dict[int, Point]:

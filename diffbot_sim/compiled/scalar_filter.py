@@ -18,6 +18,7 @@ from diffbot_control.filter.adaptation import (
     q_scale,
     r_scales,
 )
+from diffbot_control.filter.colour import STANDING, Colour, Travelled, new_colour, travel, unpaired, with_fix
 from diffbot_control.filter.gate import (
     ACCEPTED,
     FIX,
@@ -74,6 +75,10 @@ class Track(NamedTuple):
     gate: GateMemory
     adaptation: Adaptation
     newest: Newest
+    colour: Colour
+    """of the fixes, where it is to be found"""
+    travelled: Travelled
+    """since the newest fix"""
 
 
 def check_supported(options: FilterOptions) -> None:
@@ -98,7 +103,8 @@ def check_supported(options: FilterOptions) -> None:
 def new_track(options: FilterOptions) -> Track:
     """Return the state before the first fix."""
     belief = unknown(options.radius_variance)
-    return Track(False, belief, belief, new_gate(), new_adaptation(), Newest(math.nan, ACCEPTED))
+    newest = Newest(math.nan, ACCEPTED)
+    return Track(False, belief, belief, new_gate(), new_adaptation(), newest, new_colour(), STANDING)
 
 
 def advance(track: Track, motion: Motion, separation: float, options: FilterOptions) -> Track:
@@ -110,13 +116,18 @@ def advance(track: Track, motion: Motion, separation: float, options: FilterOpti
     candidate = track.candidate
     if track.gate.fixes.rejected > 0:
         candidate = predict(candidate, motion, separation, options.radius_random_walk)
-    return Track(True, belief, candidate, age(track.gate, motion.dt), track.adaptation, track.newest)
+    travelled = track.travelled
+    if options.detects_colour:
+        travelled = travel(travelled, motion, 0.0)
+    gate = age(track.gate, motion.dt)
+    return Track(True, belief, candidate, gate, track.adaptation, track.newest, track.colour, travelled)
 
 
 def initialise(track: Track, fix: PoseFix) -> Track:
     """Put the filter at a fix; radius errors and adaptation stay."""
     belief = reset_to(fix, track.belief)
-    return Track(True, belief, belief, new_gate(), track.adaptation, Newest(math.nan, ACCEPTED))
+    newest = Newest(math.nan, ACCEPTED)
+    return Track(True, belief, belief, new_gate(), track.adaptation, newest, unpaired(track.colour), STANDING)
 
 
 def take_fix(track: Track, fix: PoseFix, options: FilterOptions) -> Track:
@@ -127,10 +138,10 @@ def take_fix(track: Track, fix: PoseFix, options: FilterOptions) -> Track:
     if options.adaptive:
         position, heading = r_scales(old)
         fix = PoseFix(fix.pose, position * fix.var_x, position * fix.var_y, heading * fix.var_theta)
-    after = _possible(update_pose(before, fix), options)
+    after = _corrected(before, fix, track.colour.inflation, options)
     other = Corrected(track.candidate, math.nan)
     if track.gate.fixes.rejected > 0 and not is_expected(track.gate, after.nis, FIX, options):
-        other = _possible(update_pose(track.candidate, fix), options)
+        other = _corrected(track.candidate, fix, track.colour.inflation, options)
     gate, decision = decide(track.gate, after.nis, other.nis, FIX, options)
     belief, candidate = _apply(track, fix, after, other, decision)
     adaptation = old
@@ -138,7 +149,30 @@ def take_fix(track: Track, fix: PoseFix, options: FilterOptions) -> Track:
         adaptation = _adapted(old, before, fix, after.nis, decision.outcome == ACCEPTED)
         factor = inflation(old, adaptation)
         belief, candidate = inflate(belief, factor), inflate(candidate, factor)
-    return Track(True, belief, candidate, gate, adaptation, Newest(after.nis, decision.outcome))
+    colour = track.colour
+    if options.detects_colour:
+        belief, colour = _coloured(track, fix, belief, decision.outcome == ACCEPTED)
+    newest = Newest(after.nis, decision.outcome)
+    return Track(True, belief, candidate, gate, adaptation, newest, colour, STANDING)
+
+
+def _corrected(before: Belief, fix: PoseFix, factor: float, options: FilterOptions) -> Corrected:
+    """Correct with a fix and its R times ``factor``; the NIS is that of R itself."""
+    after = update_pose(before, fix)
+    if factor > 1.0:
+        weaker = PoseFix(fix.pose, factor * fix.var_x, factor * fix.var_y, factor * fix.var_theta)
+        after = Corrected(update_pose(before, weaker).belief, after.nis)
+    return _possible(after, options)
+
+
+def _coloured(track: Track, fix: PoseFix, after: Belief, accepted: bool) -> tuple[Belief, Colour]:
+    """Return the belief after a fix and what it says about the correlation of the errors of fixes."""
+    if not accepted:
+        return after, unpaired(track.colour)
+    variances = (fix.var_x, fix.var_y, fix.var_theta)
+    before = track.belief.pose
+    colour = with_fix(track.colour, track.travelled, fix.pose, variances, before, after.pose, after.P.tt)
+    return inflate(after, max(colour.inflation / track.colour.inflation, 1.0)), colour
 
 
 def _apply(track: Track, fix: PoseFix, after: Corrected, other: Corrected, decision: Decision) -> tuple[Belief, Belief]:
@@ -185,7 +219,7 @@ def take_landmark(track: Track, measured: LandmarkMeasurement, options: FilterOp
 
 def _with_other(track: Track, belief: Belief, gate: GateMemory, nis: float) -> Track:
     newest = Newest(nis, track.newest.fix_outcome)
-    return Track(True, belief, track.candidate, gate, track.adaptation, newest)
+    return Track(True, belief, track.candidate, gate, track.adaptation, newest, track.colour, track.travelled)
 
 
 def _possible(after: Corrected, options: FilterOptions) -> Corrected:
