@@ -74,8 +74,8 @@ class Events(NamedTuple):
         return float(self.odometry.end[-1])
 
 
-class _Collector:
-    """Stands in the place of a localization and keeps its input, dropping what the filter would drop."""
+class Collector:
+    """Stands in the place of a localization and keeps its input; refuses what the filter would drop."""
 
     def __init__(self) -> None:
         """Start without a pose."""
@@ -87,11 +87,18 @@ class _Collector:
         self._keys: set[Key] = set()
 
     def initialise(self, pose: Pose, P: Any, stamp: int | None = None) -> None:
+        """Put the filter at a pose with covariance ``P`` (3, 3)."""
         if self._stamp is None:
             self._stamp = stamp
         self.resets.append(PoseFix(-1 if self._stamp is None else self._stamp, pose, P))
 
     def on_odometry(self, odometry: OdometryStep) -> None:
+        """Add a message.
+
+        Raises:
+            BadMessageError: if the filter would not use it.
+            DiffbotError: after a gap at which the filter would start again.
+        """
         if not self.resets:
             raise BadMessageError("no fix yet")
         last = odometry.stamp if self._stamp is None else self._stamp
@@ -105,6 +112,11 @@ class _Collector:
         self.segments.append((last, odometry))
 
     def on_measurement(self, measurement: Measurement) -> None:
+        """Add a measurement; the first fix puts the filter there.
+
+        Raises:
+            BadMessageError: if the filter would not use it.
+        """
         key = key_of(measurement)
         if key in self._keys:
             raise BadMessageError("duplicate")
@@ -119,6 +131,30 @@ class _Collector:
         self._keys.add(key)
         self.measured.append(measurement)
 
+    def events(self, name: str, until: float = math.inf, reasons: str = "") -> Events:
+        """Return what was collected in the first ``until`` [s]; ``reasons`` why messages were dropped, for an error.
+
+        Raises:
+            DiffbotError: if that is too little to determine anything.
+        """
+        if not self.segments:
+            raise DiffbotError(f"{name}: no odometry that the filter can use{reasons}")
+        first = self.segments[0][0]
+        segments = [one for one in self.segments if (one[1].stamp - first) * S_PER_NS <= until] or self.segments[:1]
+        last = segments[-1][1].stamp
+        measured = sorted((one for one in self.measured if first <= one.stamp <= last), key=order_of)
+        duration = (last - first) * S_PER_NS
+        if len(measured) < MIN_MEASUREMENTS:
+            raise DiffbotError(
+                f"{name}: {len(measured)} measurements while driving, at least {MIN_MEASUREMENTS} are needed"
+                f"{reasons}"
+            )
+        if duration < MIN_DURATION:
+            raise DiffbotError(f"{name}: {duration:.1f} s of odometry, at least {MIN_DURATION:g} s are needed")
+        resets = [one._replace(stamp=max(one.stamp, first)) for one in self.resets if one.stamp <= last]
+        odometry, measurements = _odometry(segments, first), _measurements(resets, measured, first)
+        return Events(name, odometry, measurements, first, self.starts_from_fix)
+
 
 class EventReader(FilterRun):
     """Takes recorded messages as a filter does, with the same conversions, and keeps them instead."""
@@ -126,7 +162,7 @@ class EventReader(FilterRun):
     def __init__(self, config: EkfNodeConfig, topics: dict[str, str]) -> None:
         """Start empty; arguments as of the base class."""
         super().__init__(config, topics)
-        self._collector = _Collector()
+        self._collector = Collector()
         self.localization: Any = self._collector
 
     def _answer(self, odometry: OdometryStep) -> Answer | None:  # type: ignore[override]
@@ -134,29 +170,8 @@ class EventReader(FilterRun):
         return None
 
     def events(self, name: str, until: float = math.inf) -> Events:
-        """Return what was collected in the first ``until`` [s].
-
-        Raises:
-            DiffbotError: if that is too little to determine anything.
-        """
-        found = self._collector
-        if not found.segments:
-            raise DiffbotError(f"{name}: no odometry that the filter can use{_reasons(self.dropped)}")
-        first = found.segments[0][0]
-        segments = [one for one in found.segments if (one[1].stamp - first) * S_PER_NS <= until] or found.segments[:1]
-        last = segments[-1][1].stamp
-        measured = sorted((one for one in found.measured if first <= one.stamp <= last), key=order_of)
-        duration = (last - first) * S_PER_NS
-        if len(measured) < MIN_MEASUREMENTS:
-            raise DiffbotError(
-                f"{name}: {len(measured)} measurements while driving, at least {MIN_MEASUREMENTS} are needed"
-                f"{_reasons(self.dropped)}"
-            )
-        if duration < MIN_DURATION:
-            raise DiffbotError(f"{name}: {duration:.1f} s of odometry, at least {MIN_DURATION:g} s are needed")
-        resets = [one._replace(stamp=max(one.stamp, first)) for one in found.resets if one.stamp <= last]
-        odometry, measurements = _odometry(segments, first), _measurements(resets, measured, first)
-        return Events(name, odometry, measurements, first, found.starts_from_fix)
+        """Return what was collected in the first ``until`` [s]; see :meth:`Collector.events`."""
+        return self._collector.events(name, until, _reasons(self.dropped))
 
 
 def _reasons(dropped: Counter[tuple[str, str]]) -> str:
