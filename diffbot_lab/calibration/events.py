@@ -146,8 +146,7 @@ class Collector:
         duration = (last - first) * S_PER_NS
         if len(measured) < MIN_MEASUREMENTS:
             raise DiffbotError(
-                f"{name}: {len(measured)} measurements while driving, at least {MIN_MEASUREMENTS} are needed"
-                f"{reasons}"
+                f"{name}: {len(measured)} measurements while driving, at least {MIN_MEASUREMENTS} are needed{reasons}"
             )
         if duration < MIN_DURATION:
             raise DiffbotError(f"{name}: {duration:.1f} s of odometry, at least {MIN_DURATION:g} s are needed")

@@ -56,7 +56,7 @@ class Settings(NamedTuple):
     """[s]"""
     noise: int
     """MESSAGE, DENSITY or MOTION"""
-    covariance_scale: float
+    odometry_covariance_scale: float
     alpha1: float
     alpha2: float
     alpha3: float
@@ -166,7 +166,7 @@ def advance(
         dt = end - now
         twist = Twist(odometry.twist[index, 0], odometry.twist[index, 1])
         row = odometry.covariance[index]
-        covariance = scale_twist_covariance(TwistCovariance(row[0], row[1], row[2]), s.covariance_scale)
+        covariance = scale_twist_covariance(TwistCovariance(row[0], row[1], row[2]), s.odometry_covariance_scale)
         lateral = 0.0
         known = row[0] != 0.0 or row[1] != 0.0 or row[2] != 0.0
         if known and s.noise == 0:

@@ -42,7 +42,9 @@ class Recording(NamedTuple):
     """stamp [ns] and requested twist"""
 
 
-def record(errors: Errors, seed: int, seconds: float = 300.0, fixes_every: int = 2, *, turning: bool = True) -> Recording:
+def record(
+    errors: Errors, seed: int, seconds: float = 300.0, fixes_every: int = 2, *, turning: bool = True
+) -> Recording:
     """Drive curves, or straight on, with the plant; noise from ``seed``.
 
     Args:
@@ -70,7 +72,9 @@ def record(errors: Errors, seed: int, seconds: float = 300.0, fixes_every: int =
         stamp = _START_NS + round((now + t_s) * NS_PER_S)
         found.commands.append((stamp - round(t_s * NS_PER_S), command))
         covariance = encoder_covariance(state.encoder, NOISE, config.wheels)
-        step = OdometryStep(stamp - round(errors.delay * NS_PER_S), body_twist(state.encoder, config.wheels), covariance)
+        step = OdometryStep(
+            stamp - round(errors.delay * NS_PER_S), body_twist(state.encoder, config.wheels), covariance
+        )
         found.odometry.append(step)
         if (k + 1) % fixes_every == 0:
             x, y, theta = state.pose
