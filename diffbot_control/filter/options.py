@@ -157,7 +157,7 @@ class FilterOptions(NamedTuple):
     max_separation_error: float
     """bound of its estimate"""
     wheel_errors: tuple[float, float, float]
-    """relative errors of the radii, left, right, and of the wheel separation at the start; the bounds are around them"""
+    """relative errors of the radii, left, right, and of the wheel separation at the start"""
     weigh_landmarks: bool
     """weigh landmarks beyond the gate instead of rejecting them"""
     correlation_times: tuple[float, float, float]

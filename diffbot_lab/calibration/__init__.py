@@ -1,1 +1,1 @@
-"""Calibration of a robot from a recorded drive: maximum likelihood of the filter's innovations, without a ground truth."""
+"""Calibration of a robot from a recorded drive: maximum likelihood of the innovations, no ground truth."""

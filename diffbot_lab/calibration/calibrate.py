@@ -9,8 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from diffbot_control.ros.ekf_parameters import EkfNodeConfig
-from diffbot_lab.calibration.events import FIX, Array, Events, averaged
-from diffbot_lab.calibration.kernel import DENSITY, NIS, NUMBERS, TERM, WHITE, Settings
+from diffbot_lab.calibration.events import FIX, Array, Events, Mask, averaged
 from diffbot_lab.calibration.likelihood import Filtered, Prior, run_events, settings_of
 from diffbot_lab.calibration.optimise import Fit, Likelihood, constants_of, fit
 from diffbot_lab.calibration.quantities import (
@@ -22,6 +21,7 @@ from diffbot_lab.calibration.quantities import (
     search_settings,
     with_values,
 )
+from diffbot_lab.calibration.settings import DENSITY, NIS, NUMBERS, TERM, WHITE, Settings
 from diffbot_lab.refilter.comparison import Consistency, consistency_of
 from diffbot_lab.refilter.filter_run import Innovation
 
@@ -75,7 +75,7 @@ def calibrate(drives: list[Events], config: EkfNodeConfig, on_evaluation: Callab
     coarse = [one if settings.noise == DENSITY else averaged(one, PERIOD) for one in drives]
     train = [_every_other(one) for one in coarse]
 
-    def likelihood(use: list[Array]) -> Likelihood:
+    def likelihood(use: list[Mask]) -> Likelihood:
         made = Likelihood(coarse, use, settings, prior, quantities)
         made.on_evaluation = on_evaluation
         return made
@@ -104,10 +104,11 @@ def calibrate(drives: list[Events], config: EkfNodeConfig, on_evaluation: Callab
     )
 
 
-def _every_other(events: Events) -> Array:
+def _every_other(events: Events) -> Mask:
     """Return a mask (k,) of the measurements in the even blocks of time."""
     block = min(_BLOCK, events.duration / _MIN_BLOCKS)
-    return (events.measurements.time // block).astype(int) % 2 == 0
+    even: Mask = np.floor_divide(events.measurements.time, block) % 2.0 == 0.0
+    return even
 
 
 def _starts(quantities: list[Quantity]) -> list[Array]:
@@ -140,7 +141,7 @@ def _with_correlation(white: Likelihood, first: Fit) -> tuple[Settings, list[Qua
     return settings, quantities, found
 
 
-def _judge(drives: list[Events], filtered: list[Filtered], use: list[Array]) -> Judged:
+def _judge(drives: list[Events], filtered: list[Filtered], use: list[Mask]) -> Judged:
     innovations: list[Innovation] = []
     total = 0.0
     for number, (events, one, mask) in enumerate(zip(drives, filtered, use, strict=True)):

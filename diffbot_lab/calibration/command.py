@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from diffbot_control.ros.message_fields import stamp_ns
 from diffbot_core.errors import BadMessageError, DiffbotError
 from diffbot_core.files import write_text
 from diffbot_core.units import S_PER_NS
-from diffbot_lab.calibration.calibrate import Calibration, calibrate
+from diffbot_lab.calibration.calibrate import Calibration, Judged, calibrate
 from diffbot_lab.calibration.events import Array, EventReader, Events
 from diffbot_lab.calibration.latency import Latency, latency_of
 from diffbot_lab.calibration.parameters import Outcome, given_parameters, outcome_of, parameter_file
@@ -67,10 +68,7 @@ def read_drive(bag: Path, config: EkfNodeConfig, until: float, remap: dict[str, 
     """
     with BagReader(bag) as reader:
         collected = EventReader(config, topics_of(reader, config, remap))
-        if COMMANDS in reader.topics:
-            topics = (*collected.topics, COMMANDS)
-        else:
-            topics = collected.topics
+        topics = (*collected.topics, COMMANDS) if COMMANDS in reader.topics else collected.topics
         total = sum(reader.topics[topic].message_count for topic in topics)
         rows = []
         for message in tqdm(reader.decoded(topics), desc=bag.name, total=total, unit="message", disable=None):
@@ -112,12 +110,13 @@ def describe(calibration: Calibration, outcome: Outcome, latency: Latency | None
         lines.append(f"{'command_latency':28}{'':12}{latency.dead_time:12.4g}{latency.sigma:12.2g}")
         lines.append(f"{'drive_time_constant':28}{'':12}{latency.time_constant:12.4g}")
     lines += ["", f"{'held-out half':28}{'before':>12}{'after':>12}"]
-    for title, form, value in (
+    figures: tuple[tuple[str, str, Callable[[Judged], float]], ...] = (
         ("log likelihood per number", ".3f", lambda one: one.log_likelihood),
         ("NIS per number (1)", ".3f", lambda one: one.consistency.nis),
         ("whiteness, lag 1 (0)", "+.3f", lambda one: one.consistency.correlation),
         ("  white: within +-", ".3f", lambda one: one.consistency.bound),
-    ):
+    )
+    for title, form, value in figures:
         before, after = (format(value(one), form) for one in (calibration.before, calibration.after))
         lines.append(f"{title:28}{before:>12}{after:>12}")
     if outcome.undetermined:

@@ -18,6 +18,8 @@ from diffbot_core.units import S_PER_NS
 from diffbot_lab.refilter.filter_run import Answer, FilterRun
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+"""(k,) which measurements count"""
 HEADING, LANDMARK, FIX, RESET = 0, 1, 2, 3
 """Kinds of event; the first three as in :mod:`diffbot_control.filter.gate`."""
 MIN_MEASUREMENTS, MIN_DURATION = 30, 10.0

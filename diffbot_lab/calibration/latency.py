@@ -1,4 +1,4 @@
-"""Dead time from a velocity command to the motion, by the least squared difference of commanded and measured velocity."""
+"""Dead time from a velocity command to the motion, by least squares of commanded and measured velocity."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def latency_of(commands: Array, odometry: Odometry, odometry_delay: float) -> La
         if best is None or costs.min() < best[0]:
             best = float(costs.min()), lag, costs
     assert best is not None
-    lowest, lag, costs = best
+    _, lag, costs = best
     at = int(costs.argmin())
     return Latency(at * _STEP, _sigma(costs, at, len(grid) * _STEP), lag)
 

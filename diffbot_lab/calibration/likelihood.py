@@ -15,9 +15,9 @@ from diffbot_control.filter import correlation, landmark_calibration, odometry_n
 from diffbot_control.filter.options import options_of
 from diffbot_control.ros.ekf_parameters import EkfNodeConfig
 from diffbot_core.code_hash import hash_of_folders
-from diffbot_lab.calibration import kernel
-from diffbot_lab.calibration.events import Array, Events
-from diffbot_lab.calibration.kernel import COLUMNS, STATES, WITH_BIAS, Settings
+from diffbot_lab.calibration import kernel, measurement_update, motion_update
+from diffbot_lab.calibration.events import Array, Events, Mask
+from diffbot_lab.calibration.settings import COLUMNS, STATES, TERM, WITH_BIAS, Settings
 
 
 class Prior(NamedTuple):
@@ -59,8 +59,12 @@ def settings_of(config: EkfNodeConfig) -> Settings:
         odometry.density_theta,
         options.gates,
         options.correlation_times,
-        False,
-        *[1.0] * 5,
+        fix_bias=False,
+        range_factor=1.0,
+        bearing_factor=1.0,
+        heading_factor=1.0,
+        xy_factor=1.0,
+        yaw_factor=1.0,
         split=False,
     )
 
@@ -76,9 +80,9 @@ def run_events(events: Events, prior: Prior, settings: Settings) -> Filtered:
     return Filtered(result, x, P)
 
 
-def log_likelihood(found: Filtered, use: Array) -> float:
+def log_likelihood(found: Filtered, use: Mask) -> float:
     """Return the sum over the measurements in ``use`` (k,), a mask; -inf if the filter has broken down."""
-    total = float(found.result[use, kernel.TERM].sum())
+    total = float(found.result[use, TERM].sum())
     return total if math.isfinite(total) else -math.inf
 
 
@@ -99,11 +103,12 @@ def compiled() -> Any:
         odometry_noise.over_time,
     ):
         make_callable(function)
-    for function in _helpers(kernel):
-        make_callable(function, inline=False)
+    for module in (kernel, measurement_update, motion_update):
+        for function in _helpers(module):
+            make_callable(function, inline=False)
     return compile_kernel(kernel.run_filter, hash_of_folders([Path(kernel.__file__).parent], LIBRARIES))
 
 
 def _helpers(module: ModuleType) -> list[Any]:
     functions = [one for _, one in inspect.getmembers(module, inspect.isfunction) if one.__module__ == module.__name__]
-    return [one for one in functions if one is not module.run_filter]
+    return [one for one in functions if one is not kernel.run_filter]

@@ -11,10 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import minimize
 
-from diffbot_lab.calibration.events import Array, Events
-from diffbot_lab.calibration.kernel import Settings
+from diffbot_lab.calibration.events import Array, Events, Mask
 from diffbot_lab.calibration.likelihood import Filtered, Prior, log_likelihood, run_events
 from diffbot_lab.calibration.quantities import Quantity, with_values
+from diffbot_lab.calibration.settings import Settings
 
 _STEP = 0.01
 """[s] and in logarithms, for the gradient"""
@@ -44,7 +44,7 @@ class Likelihood:
     """Negative log likelihood of drives, as a function of the quantities; evaluated for several points at a time."""
 
     def __init__(
-        self, drives: list[Events], use: list[Array], settings: Settings, prior: Prior, quantities: list[Quantity]
+        self, drives: list[Events], use: list[Mask], settings: Settings, prior: Prior, quantities: list[Quantity]
     ) -> None:
         """Take the drives and, for each, a mask (k,) of the measurements that count."""
         self.drives, self.settings, self.prior, self.quantities = drives, settings, prior, quantities

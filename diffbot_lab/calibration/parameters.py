@@ -186,9 +186,9 @@ def _bounded(parameters: dict[str, Any]) -> dict[str, Any]:
     found = {}
     for name, value in parameters.items():
         spec = specs[name]
-        if isinstance(value, float):
-            value = min(max(float(f"{value:.4g}"), spec.minimum), spec.maximum)
         found[name] = value
+        if isinstance(value, float):
+            found[name] = min(max(float(f"{value:.4g}"), spec.minimum), spec.maximum)
     return found
 
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from diffbot_control.ros.ekf_parameters import EkfNodeConfig
 from diffbot_lab.calibration.events import FIX, HEADING, LANDMARK, Array, Events
-from diffbot_lab.calibration.kernel import MESSAGE, MOTION, Settings
 from diffbot_lab.calibration.likelihood import Prior
+from diffbot_lab.calibration.settings import MESSAGE, MOTION, Settings
 
 DOWN, UP = 0.2, 3.0
 """Prior deviations of ln(noise / given) below and above the given value, where landmarks are the only measurements: a
@@ -31,7 +31,7 @@ class Quantity(NamedTuple):
     """A number to be estimated by the optimiser: a delay in seconds, or a factor by its logarithm."""
 
     name: str
-    """parameter, or factor of :class:`kernel.Settings`"""
+    """parameter, or factor of :class:`settings.Settings`"""
     logarithmic: bool
     start: float
     """of the optimisation: the delay, or 0 for the given value"""

@@ -3,6 +3,7 @@
 import math
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -78,7 +79,7 @@ def test_errors_of_the_robot_are_found(calibrated):
 
 
 def test_latency_of_the_commands_is_for_the_controller(calibrated):
-    """Commands are logged 0.1 s before they act; the odometry is the mean over 0.1 s, which the plant starts at once."""
+    """Commands are logged 0.1 s before they act; the plant obeys at once."""
     found = yaml.safe_load(calibrated.read_text())["/**/controller"]["ros__parameters"]
     assert found["command_latency"] + found["drive_time_constant"] == pytest.approx(0.1, abs=0.07)
 
@@ -89,11 +90,12 @@ def test_file_is_one_that_the_filter_takes(calibrated):
     assert config.noise.override_covariance
 
 
-def test_command_prints_the_table(bag, tmp_path, capsys):
-    command = [sys.executable, "-m", "diffbot_lab.cli", "calibrate", str(bag), "--out", str(bag.parent / "found.yaml")]
+def test_existing_output_is_refused(bag, calibrated):
+    command = [str(Path(sys.executable).with_name("diffbot")), "calibrate", str(bag), "--out", str(calibrated)]
     again = subprocess.run(command, capture_output=True, text=True, check=False)
     assert again.returncode == 1
-    assert again.stderr.count("\n") == 1 and "exists already" in again.stderr
+    assert again.stderr.count("\n") == 1
+    assert "exists already" in again.stderr
 
 
 @pytest.mark.parametrize(

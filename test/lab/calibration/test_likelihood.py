@@ -9,7 +9,7 @@ from diffbot_control.filter.measurements import Heading, LandmarkMeasurement
 from diffbot_control.ros.ekf_parameters import EkfNodeConfig
 from diffbot_core.geometry import Point, wrap_angle
 from diffbot_core.schema import build
-from diffbot_lab.calibration import kernel
+from diffbot_lab.calibration import settings as kernel
 from diffbot_lab.calibration.events import Collector, averaged
 from diffbot_lab.calibration.likelihood import run_events, settings_of
 from diffbot_lab.calibration.quantities import given_prior
@@ -112,7 +112,9 @@ def test_term_is_the_gaussian_density_of_the_innovation(recording):
     config = build(EkfNodeConfig, WIDE | {"gate_probability": 1.0})
     filtered, collector = RecordingLocalization(config), Collector()
     for target in (filtered, collector):
-        for fix, pair in zip(recording.fixes, zip(recording.odometry[::2], recording.odometry[1::2], strict=True)):
+        for fix, pair in zip(
+            recording.fixes, zip(recording.odometry[::2], recording.odometry[1::2], strict=True), strict=False
+        ):
             target.on_measurement(fix)
             for step in pair:
                 target.on_odometry(step)
