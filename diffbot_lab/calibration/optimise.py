@@ -95,6 +95,7 @@ def fit(likelihood: Likelihood, starts: list[Array]) -> Fit:
     """Minimise the cost from several starts; the curvature is that of the best."""
     bounds = [(one.lower, one.upper) for one in likelihood.quantities]
     best = None
+    likelihood.log_likelihood(starts[0])  # compiles, which is not for several threads
     with likelihood.threads():
         for start in starts:
             found = minimize(

@@ -54,7 +54,7 @@ def write_bag(path, recording, commands=True):
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory):
-    return write_bag(tmp_path_factory.mktemp("data") / "bag", record(TRUE, seed=1, seconds=100.0))
+    return write_bag(tmp_path_factory.mktemp("data") / "bag", record(TRUE, seed=1, seconds=60.0))
 
 
 @pytest.fixture(scope="module")
@@ -65,13 +65,13 @@ def calibrated(bag):
 
 
 def test_errors_of_the_robot_are_found(calibrated):
-    """Within four deviations of what 100 s determine, each by itself."""
+    """Within about four deviations of what 60 s determine, each by itself."""
     found = yaml.safe_load(calibrated.read_text())["/**/ekf"]["ros__parameters"]
-    assert found["odometry_delay"] == pytest.approx(0.2, abs=0.06)
-    assert found["left_radius_error"] == pytest.approx(0.03, abs=0.02)
-    assert found["right_radius_error"] == pytest.approx(-0.03, abs=0.02)
-    assert found["wheel_separation_error"] == pytest.approx(0.05, abs=0.03)
-    assert found["odometry_covariance_scale"] == pytest.approx(9.0, rel=0.5)
+    assert found["odometry_delay"] == pytest.approx(0.2, abs=0.08)
+    assert found["left_radius_error"] == pytest.approx(0.03, abs=0.03)
+    assert found["right_radius_error"] == pytest.approx(-0.03, abs=0.03)
+    assert found["wheel_separation_error"] == pytest.approx(0.05, abs=0.04)
+    assert found["odometry_covariance_scale"] == pytest.approx(9.0, rel=0.7)
     assert found["global_pose_sigma_xy"] == pytest.approx(0.15, rel=0.15)
     assert found["global_pose_sigma_yaw"] == pytest.approx(0.09, rel=0.15)
     assert found["override_covariance"] is True
