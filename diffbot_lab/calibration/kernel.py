@@ -19,6 +19,22 @@ from diffbot_lab.calibration.motion_update import advance
 from diffbot_lab.calibration.settings import NEVER, Settings, Work
 
 
+def new_work(x: Any, P: Any) -> Work:
+    """Return the arrays for a belief."""
+    n = len(x)
+    return Work(
+        x,
+        P,
+        np.zeros((3, n)),
+        np.zeros((3, n)),
+        np.zeros((n, 3)),
+        np.zeros(3),
+        np.zeros((3, 3)),
+        np.zeros((3, 3)),
+        np.zeros(3),
+    )
+
+
 def run_filter(
     odometry: Any, measurements: Any, starts_from_fix: bool, x: Any, P: Any, result: Any, s: Settings
 ) -> None:
@@ -34,18 +50,7 @@ def run_filter(
             zero numbers.
         s: of the filter.
     """
-    n = len(x)
-    work = Work(
-        x,
-        P,
-        np.zeros((3, n)),
-        np.zeros((3, n)),
-        np.zeros((n, 3)),
-        np.zeros(3),
-        np.zeros((3, 3)),
-        np.zeros((3, 3)),
-        np.zeros(3),
-    )
+    work, n = new_work(x, P), len(x)
     last = np.full(len(measurements.time) + 1, NEVER)
     now, index = 0.0, 0
     for k in range(len(measurements.time)):

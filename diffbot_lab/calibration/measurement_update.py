@@ -67,8 +67,8 @@ def fill_landmark(work: Work, values: Any, R: Any, place: Point, s: Settings) ->
 def correct(work: Work, m: int, inflation: float, gate: float, result: Any) -> None:
     """Correct with what was filled in; write the figures to ``result`` (COLUMNS,).
 
-    Beyond the gate the gain is weighed by gate / NIS, and in the likelihood the NIS counts as gate (1 + ln(NIS / gate)),
-    whose derivative is this weight.
+    Beyond the gate the gain is weighed by gate / NIS, and in the likelihood the NIS counts as
+    gate (1 + ln(NIS / gate)), whose derivative is this weight.
     """
     n, P = len(work.x), work.P
     y, H, L, w, PHT = work.y, work.H, work.L, work.w, work.PHT
