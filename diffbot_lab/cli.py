@@ -17,7 +17,7 @@ from diffbot_core.schema import build, parameters_of, to_dict
 from diffbot_lab.arguments import MAX_SEED, whole
 from diffbot_lab.benchmark_commands import add_benchmark
 from diffbot_lab.campaign.options import CampaignOptions, load_yaml
-from diffbot_lab.data_commands import add_import, add_refilter
+from diffbot_lab.data_commands import add_calibrate, add_import, add_refilter
 
 NODES = {
     "plant": "diffbot_sim.plant_node",
@@ -52,6 +52,7 @@ def _parser() -> argparse.ArgumentParser:
         add(commands)
     add_import(commands)
     add_refilter(commands)
+    add_calibrate(commands)
     return parser
 
 

@@ -51,4 +51,9 @@ def inflation_of(stamps: Stamps, measurement: Measurement, times: tuple[float, f
     time, last = times[KIND_OF[type(measurement)]], stamps.get(source_of(measurement))
     if time == 0.0 or last is None:
         return 1.0
-    return 1.0 / math.tanh(0.5 * max((measurement.stamp - last) * S_PER_NS, _MIN_DT) / time)
+    return inflation_after((measurement.stamp - last) * S_PER_NS, time)
+
+
+def inflation_after(dt: float, time: float) -> float:
+    """Return (1 + c) / (1 - c) with c = exp(-dt / time) for measurements ``dt`` [s] apart; ``time`` > 0 [s]."""
+    return 1.0 / math.tanh(0.5 * max(dt, _MIN_DT) / time)

@@ -78,7 +78,8 @@ class GatedFilter:
         """Reset pose, estimated errors and adaptation to unknown; :meth:`reset_to` has to be called next."""
         ekf, options = self._ekf, self.options
         x, P = np.zeros(ekf.x.size), np.zeros(ekf.P.shape)
-        P[ekf.wheel_part, ekf.wheel_part] = self._wheel_prior()
+        P[ekf.wheel_part, ekf.wheel_part] = prior = self._wheel_prior()
+        x[ekf.wheel_part] = options.wheel_errors[: len(prior)]
         if options.landmark_sigmas is not None:
             x[ekf.landmark_part] = options.landmark_errors
             P[ekf.landmark_part, ekf.landmark_part] = np.diag(np.square(options.landmark_sigmas))
@@ -281,11 +282,13 @@ class GatedFilter:
             return belief
         bound, part = self.options.max_radius_error, self._ekf.wheel_part
         left, right, *other = belief.x[part].tolist()
-        separation = abs(other[0]) if other else 0.0
-        if abs(left) <= bound and abs(right) <= bound and separation <= self.options.max_separation_error:
+        start = self.options.wheel_errors
+        separation = abs(other[0] - start[2]) if other else 0.0
+        radii = max(abs(left - start[0]), abs(right - start[1]))
+        if radii <= bound and separation <= self.options.max_separation_error:
             return belief
         prior = self._wheel_prior()
-        return with_errors(belief, part, np.zeros(len(prior)), prior)
+        return with_errors(belief, part, np.array(start[: len(prior)]), prior)
 
 
 def _scaled_noise(R: Array, adaptation: Adaptation) -> Array:

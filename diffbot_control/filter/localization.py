@@ -274,9 +274,10 @@ class Localization:
             covariance, lateral = over_time(density, twist.v, dt)
             self.filter.predict(Motion(twist, dt, covariance), lateral)
             return
-        if dt != whole:
-            # The twist's error is constant over the interval: the variances of its parts must add up to the whole.
-            covariance = scale_twist_covariance(covariance, whole / dt)
+        # The twist's error is constant over the interval: the variances of its parts must add up to the whole.
+        factor = self.config.odometry.odometry_covariance_scale * (whole / dt)
+        if factor != 1.0:
+            covariance = scale_twist_covariance(covariance, factor)
         self.filter.predict(Motion(twist, dt, covariance))
 
     def _update(self, measurement: Measurement, new: bool = True) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Annotated, NamedTuple
 
-from diffbot_core.kinematics import Twist, TwistCovariance
+from diffbot_core.kinematics import Twist, TwistCovariance, scale_twist_covariance
 from diffbot_core.schema import Spec
 
 MESSAGE, DENSITY, MOTION = "message", "density", "motion"
@@ -32,6 +32,14 @@ class OdometryConfig(NamedTuple):
             choices=(MESSAGE, DENSITY, MOTION),
         ),
     ] = MESSAGE
+    odometry_covariance_scale: Annotated[
+        float,
+        Spec(
+            "factor on the covariance of each odometry message, with odometry_noise message or density",
+            minimum=1e-6,
+            maximum=1e6,
+        ),
+    ] = 1.0
     alpha1: Annotated[
         float, Spec("variance of the heading per radian turned", "rad^2/rad", minimum=0.0, maximum=_MAX_DENSITY)
     ] = 0.012
@@ -90,7 +98,7 @@ def density_of(twist: Twist, covariance: TwistCovariance, config: OdometryConfig
     if config.odometry_noise == MESSAGE and any(covariance):
         return None
     if config.odometry_noise == DENSITY and any(covariance):
-        return MotionDensity(covariance, 0.0)
+        return MotionDensity(scale_twist_covariance(covariance, config.odometry_covariance_scale), 0.0)
     return motion_density(twist, config)
 
 

@@ -59,6 +59,15 @@ class FilterConfig(NamedTuple):
             read_only=True,
         ),
     ] = 0.0
+    left_radius_error: Annotated[
+        float,
+        Spec("relative error of the left wheel's radius at the start, e.g. by calibration", minimum=-0.5, maximum=0.5),
+    ] = 0.0
+    right_radius_error: Annotated[float, Spec("the same of the right wheel", minimum=-0.5, maximum=0.5)] = 0.0
+    wheel_separation_error: Annotated[
+        float,
+        Spec("the same of the wheel separation; without effect if it is no state", minimum=-0.5, maximum=0.5),
+    ] = 0.0
     landmark_gate: Annotated[
         str,
         Spec(
@@ -147,6 +156,8 @@ class FilterOptions(NamedTuple):
     """of the wheel separation's relative error at the start; 0 if it is no state"""
     max_separation_error: float
     """bound of its estimate"""
+    wheel_errors: tuple[float, float, float]
+    """relative errors of the radii, left, right, and of the wheel separation at the start"""
     weigh_landmarks: bool
     """weigh landmarks beyond the gate instead of rejecting them"""
     correlation_times: tuple[float, float, float]
@@ -175,6 +186,9 @@ def options_of(config: FilterConfig) -> FilterOptions:
         max(_MAX_SIGMAS * config.wheel_radius_sigma, _MAX_ERROR) if calibrating else 0.0,
         config.wheel_separation_sigma**2 if calibrating else 0.0,
         max(_MAX_SIGMAS * config.wheel_separation_sigma, _MAX_ERROR) if calibrating else 0.0,
+        (config.left_radius_error, config.right_radius_error, config.wheel_separation_error)
+        if calibrating
+        else (0.0, 0.0, 0.0),
         config.landmark_gate == WEIGH,
         (config.heading_correlation_time, config.landmark_correlation_time, config.fix_correlation_time),
         config.detect_fix_correlation and config.fix_correlation_time == 0.0 and not adaptive,

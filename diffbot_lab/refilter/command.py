@@ -72,7 +72,12 @@ def run(bag: Path, params: Path | None, out: Path, compare: str | None, remap: d
 
 
 def filter_run(reader: BagReader, config: EkfNodeConfig, remap: dict[str, str]) -> FilterRun:
-    """Return a filter for a bag.
+    """Return a filter for a bag; see :func:`topics_of`."""
+    return FilterRun(config, topics_of(reader, config, remap))
+
+
+def topics_of(reader: BagReader, config: EkfNodeConfig, remap: dict[str, str]) -> dict[str, str]:
+    """Map the topics of a bag to INPUTS.
 
     Raises:
         DiffbotError: if the bag has no odometry, or a remapped topic is not in it.
@@ -84,7 +89,7 @@ def filter_run(reader: BagReader, config: EkfNodeConfig, remap: dict[str, str]) 
             raise DiffbotError(
                 f"{reader.path} has no topic {names[name]} for {name}: it has {', '.join(sorted(found))}"
             )
-    return FilterRun(config, {topic: name for name, topic in names.items() if topic in found})
+    return {topic: name for name, topic in names.items() if topic in found}
 
 
 def drive(filtered: FilterRun, reader: BagReader, on_answer: Callable[[Answer, int], None]) -> None:

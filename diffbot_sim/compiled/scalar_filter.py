@@ -95,8 +95,11 @@ def check_supported(options: FilterOptions) -> None:
     """Refuse options that only the filter of the node has.
 
     Raises:
-        InvalidValueError: for a wheel separation that is a state, weighed or calibrated landmarks, correlation times.
+        InvalidValueError: for a wheel separation that is a state, calibrated wheels, weighed or calibrated landmarks,
+            or errors correlated in time.
     """
+    if any(options.wheel_errors):
+        raise InvalidValueError("wheel errors at the start", options.wheel_errors, "0 in a batch")
     if options.separation_variance > 0.0:
         raise InvalidValueError("wheel_separation_sigma", math.sqrt(options.separation_variance), "0 in a batch")
     if options.weigh_landmarks:

@@ -1,0 +1,125 @@
+"""``diffbot calibrate``: parameters of the ekf and of the controller from recorded drives, without a ground truth."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from diffbot_bag.reader import BagReader
+from diffbot_control.ros.ekf_parameters import EkfNodeConfig
+from diffbot_control.ros.message_fields import stamp_ns
+from diffbot_core.errors import BadMessageError, DiffbotError
+from diffbot_core.files import write_text
+from diffbot_core.units import S_PER_NS
+from diffbot_lab.calibration.calibrate import Calibration, Judged, calibrate
+from diffbot_lab.calibration.events import Array, EventReader, Events
+from diffbot_lab.calibration.latency import Latency, latency_of
+from diffbot_lab.calibration.parameters import Outcome, given_parameters, outcome_of, parameter_file
+from diffbot_lab.refilter.command import PARAMETERS, topics_of
+from diffbot_lab.refilter.parameters import read_config
+
+COMMANDS = "/cmd_vel"
+
+
+def run(bags: list[Path], params: Path | None, out: Path, until: float, remap: dict[str, str]) -> int:
+    """Calibrate, write the parameter file and print the tables.
+
+    Args:
+        bags: of one robot; folders, or .mcap files.
+        params: ROS parameter file; None for ``ekf.yaml`` in the folder of the first bag.
+        out: parameter file to write.
+        until: [s] of each drive that is used, from its first odometry.
+        remap: topic in the bags for each input that has another name there.
+
+    Raises:
+        DiffbotError: if a file or topic is missing, a parameter is not allowed, ``out`` exists already, or the drives
+            are too short.
+    """
+    if os.path.lexists(out):
+        raise DiffbotError(f"{out} exists already: choose another name for the parameter file")
+    if not out.absolute().parent.is_dir():
+        raise DiffbotError(f"{out.parent} is no folder to write {out.name} to")
+    folder = bags[0] if bags[0].is_dir() else bags[0].parent
+    config, _ = read_config(folder / PARAMETERS if params is None else params)
+    drives, commands = zip(*(read_drive(bag, config, until, remap) for bag in bags), strict=True)
+    with tqdm(desc="calibrate", unit="run", disable=None) as bar:
+        calibration = calibrate(list(drives), config, bar.update)
+    outcome = outcome_of(calibration, config)
+    delay = float(outcome.parameters["odometry_delay"])
+    latency = _latency(list(drives), list(commands), delay)
+    head = f"Calibrated from {', '.join(bag.name for bag in bags)} by diffbot calibrate."
+    write_text(out, parameter_file(given_parameters(config), outcome, latency, head))
+    print(describe(calibration, outcome, latency))
+    print(out)
+    return 0
+
+
+def read_drive(bag: Path, config: EkfNodeConfig, until: float, remap: dict[str, str]) -> tuple[Events, Array]:
+    """Return the events of a bag, and its velocity commands (n, 3): time [s], v and omega; none if it has none.
+
+    Raises:
+        DiffbotError: if the bag cannot be read or has too little in it.
+    """
+    with BagReader(bag) as reader:
+        collected = EventReader(config, topics_of(reader, config, remap))
+        topics = (*collected.topics, COMMANDS) if COMMANDS in reader.topics else collected.topics
+        total = sum(reader.topics[topic].message_count for topic in topics)
+        rows = []
+        for message in tqdm(reader.decoded(topics), desc=bag.name, total=total, unit="message", disable=None):
+            if message.topic == COMMANDS:
+                rows.append(_command(message))
+            else:
+                collected.take(message)
+    events = collected.events(str(bag), until)
+    commands = np.array([row for row in rows if row is not None], dtype=np.float64).reshape(-1, 3)
+    commands[:, 0] -= events.zero * S_PER_NS
+    return events, commands[np.argsort(commands[:, 0], kind="stable")]
+
+
+def _command(message: Any) -> tuple[float, float, float] | None:
+    """Return time [s], v and omega of a Twist, at its log time, or of a TwistStamped; None if it is neither."""
+    content = message.content
+    try:
+        twist = getattr(content, "twist", content)
+        time = stamp_ns(content.header.stamp) if hasattr(content, "header") else message.log_time
+        row = time * S_PER_NS, float(twist.linear.x), float(twist.angular.z)
+    except (AttributeError, BadMessageError):
+        return None
+    return row if all(map(math.isfinite, row)) else None
+
+
+def _latency(drives: list[Events], commands: list[Array], delay: float) -> Latency | None:
+    """Return the latency by the drive that determines it best."""
+    found = [latency_of(rows, one.odometry, delay) for one, rows in zip(drives, commands, strict=True)]
+    known = [one for one in found if one is not None and math.isfinite(one.sigma)]
+    return min(known, key=lambda one: one.sigma, default=None)
+
+
+def describe(calibration: Calibration, outcome: Outcome, latency: Latency | None) -> str:
+    """Return the tables as text."""
+    lines = [f"{'':28}{'before':>12}{'after':>12}{'deviation':>12}"]
+    for row in outcome.rows:
+        lines.append(f"{row.name:28}{row.before:12.4g}{row.after:12.4g}{row.deviation:>12}  {row.note}".rstrip())
+    if latency is not None:
+        lines.append(f"{'command_latency':28}{'':12}{latency.dead_time:12.4g}{latency.sigma:12.2g}")
+        lines.append(f"{'drive_time_constant':28}{'':12}{latency.time_constant:12.4g}")
+    lines += ["", f"{'held-out half':28}{'before':>12}{'after':>12}"]
+    figures: tuple[tuple[str, str, Callable[[Judged], float]], ...] = (
+        ("log likelihood per number", ".3f", lambda one: one.log_likelihood),
+        ("NIS per number (1)", ".3f", lambda one: one.consistency.nis),
+        ("whiteness, lag 1 (0)", "+.3f", lambda one: one.consistency.correlation),
+        ("  white: within +-", ".3f", lambda one: one.consistency.bound),
+    )
+    for title, form, value in figures:
+        before, after = (format(value(one), form) for one in (calibration.before, calibration.after))
+        lines.append(f"{title:28}{before:>12}{after:>12}")
+    if outcome.undetermined:
+        lines += ["", "Not determined by this drive, kept as given:"]
+        lines += [f"  {name}: {manoeuvre}" for name, manoeuvre in outcome.undetermined]
+    return "\n".join(lines)

@@ -1,0 +1,114 @@
+"""Likelihood of the innovations of a drive, by the compiled filter."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import math
+from pathlib import Path
+from types import ModuleType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from diffbot_control.filter import correlation, landmark_calibration, odometry_noise
+from diffbot_control.filter.options import options_of
+from diffbot_control.ros.ekf_parameters import EkfNodeConfig
+from diffbot_core.code_hash import hash_of_folders
+from diffbot_lab.calibration import kernel, measurement_update, motion_update
+from diffbot_lab.calibration.events import Array, Events, Mask
+from diffbot_lab.calibration.settings import COLUMNS, STATES, TERM, WITH_BIAS, Settings
+
+
+class Prior(NamedTuple):
+    """Constant states before the drive: errors of the radii and the separation, range offset, scale, bearing offset."""
+
+    mean: Array
+    """(6,)"""
+    sigma: Array
+    """(6,) standard deviations"""
+
+
+class Filtered(NamedTuple):
+    """A drive at the filter."""
+
+    result: Array
+    """(k, COLUMNS) figures of each measurement, see :mod:`kernel`"""
+    x: Array
+    """(n,) states at the end"""
+    P: Array
+    """(n, n) their covariance"""
+
+
+def settings_of(config: EkfNodeConfig) -> Settings:
+    """Return the numbers of a configuration."""
+    localization, odometry = config.localization, config.localization.odometry
+    options = options_of(localization.filter)
+    names = (odometry_noise.MESSAGE, odometry_noise.DENSITY, odometry_noise.MOTION)
+    return Settings(
+        config.wheels.wheel_separation,
+        localization.filter.wheel_radius_walk**2,
+        odometry.odometry_delay,
+        names.index(odometry.odometry_noise),
+        odometry.odometry_covariance_scale,
+        odometry.alpha1,
+        odometry.alpha2,
+        odometry.alpha3,
+        odometry.alpha4,
+        odometry.density_xy,
+        odometry.density_theta,
+        options.gates,
+        options.correlation_times,
+        fix_bias=False,
+        range_factor=1.0,
+        bearing_factor=1.0,
+        heading_factor=1.0,
+        xy_factor=1.0,
+        yaw_factor=1.0,
+        split=False,
+    )
+
+
+def run_events(events: Events, prior: Prior, settings: Settings) -> Filtered:
+    """Filter a drive; the compiled code releases the interpreter's lock."""
+    n = WITH_BIAS if settings.fix_bias else STATES
+    x, P = np.zeros(n), np.zeros((n, n))
+    x[3:STATES] = prior.mean
+    P[range(3, STATES), range(3, STATES)] = np.square(prior.sigma)
+    result = np.zeros((len(events.measurements.time), COLUMNS))
+    compiled()(events.odometry, events.measurements, events.starts_from_fix, x, P, result, settings)
+    return Filtered(result, x, P)
+
+
+def log_likelihood(found: Filtered, use: Mask) -> float:
+    """Return the sum over the measurements in ``use`` (k,), a mask; -inf if the filter has broken down."""
+    total = float(found.result[use, TERM].sum())
+    return total if math.isfinite(total) else -math.inf
+
+
+@functools.cache
+def compiled() -> Any:
+    """Return the compiled :func:`kernel.run_filter`.
+
+    Raises:
+        DiffbotError: if numba is not installed.
+    """
+    # Loads numba, and so not at the import of this module.
+    from diffbot_sim.compiled.jit import LIBRARIES, compile_kernel, make_callable  # noqa: PLC0415
+
+    for function in (
+        correlation.inflation_after,
+        landmark_calibration.with_landmark_errors,
+        odometry_noise.motion_density,
+        odometry_noise.over_time,
+    ):
+        make_callable(function)
+    for module in (kernel, measurement_update, motion_update):
+        for function in _helpers(module):
+            make_callable(function, inline=False)
+    return compile_kernel(kernel.run_filter, hash_of_folders([Path(kernel.__file__).parent], LIBRARIES))
+
+
+def _helpers(module: ModuleType) -> list[Any]:
+    functions = [one for _, one in inspect.getmembers(module, inspect.isfunction) if one.__module__ == module.__name__]
+    return [one for one in functions if one is not kernel.run_filter]

@@ -1,0 +1,130 @@
+"""A calibration finds the errors that a simulated robot was given, from a bag, and writes what the filter reads."""
+
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from diffbot_bag.encoding import ODOMETRY, POSE, Encoder, NumbersMessage
+from diffbot_bag.new_bag import new_bag
+from diffbot_control.ros.message_fields import fill_twist_covariance
+from diffbot_core.errors import DiffbotError
+from diffbot_core.geometry import quaternion_of_yaw
+from diffbot_lab.calibration.command import run
+from diffbot_lab.calibration.events import Odometry
+from diffbot_lab.calibration.latency import latency_of
+from diffbot_lab.calibration.simulation import Errors, record
+from diffbot_lab.refilter.parameters import read_config
+
+TRUE = Errors(0.03, -0.03, 0.05, 0.2, 3.0)
+TWIST = "geometry_msgs/msg/Twist"
+
+
+def write_bag(path, recording, commands=True):
+    """Write odometry, fixes and commands in the order of their stamps; commands 0.1 s before they are obeyed."""
+    odometry, pose, encoder = NumbersMessage(ODOMETRY, "odom", "base_link"), NumbersMessage(POSE, "map"), Encoder()
+    rows = []
+    for step in recording.odometry:
+        odometry.twist[[0, 5]] = step.twist
+        fill_twist_covariance(odometry.twist_covariance, step.covariance)
+        rows.append((step.stamp, 1, odometry.encode(step.stamp)))
+    for fix in recording.fixes:
+        pose.position[:2] = fix.pose[:2]
+        pose.orientation[2:] = quaternion_of_yaw(fix.pose.theta)
+        pose.pose_covariance[[0, 7, 35]] = np.diag(fix.R)
+        rows.append((fix.stamp, 0, pose.encode(fix.stamp)))
+    for stamp, twist in recording.commands if commands else ():
+        message = {"linear": {"x": twist.v}, "angular": {"z": twist.omega}}
+        rows.append((stamp - 100_000_000, 2, encoder.encode(TWIST, message)))
+    with new_bag(path) as writer:
+        topics = [
+            writer.add_topic("/global_pose", POSE),
+            writer.add_topic("/odom", ODOMETRY),
+            writer.add_topic("/cmd_vel", TWIST),
+        ]
+        (writer.folder / "ekf.yaml").write_text("/**/ekf: {ros__parameters: {gate_probability: 1.0}}")
+        for stamp, topic, data in sorted(rows):
+            writer.write(topics[topic], data, stamp, stamp)
+    return path
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    return write_bag(tmp_path_factory.mktemp("data") / "bag", record(TRUE, seed=1, seconds=60.0))
+
+
+@pytest.fixture(scope="module")
+def calibrated(bag):
+    out = bag.parent / "found.yaml"
+    assert run([bag], None, out, math.inf, {}) == 0
+    return out
+
+
+def test_errors_of_the_robot_are_found(calibrated):
+    """Within about four deviations of what 60 s determine, each by itself."""
+    found = yaml.safe_load(calibrated.read_text())["/**/ekf"]["ros__parameters"]
+    assert found["odometry_delay"] == pytest.approx(0.2, abs=0.08)
+    assert found["left_radius_error"] == pytest.approx(0.03, abs=0.03)
+    assert found["right_radius_error"] == pytest.approx(-0.03, abs=0.03)
+    assert found["wheel_separation_error"] == pytest.approx(0.05, abs=0.04)
+    assert found["odometry_covariance_scale"] == pytest.approx(9.0, rel=0.7)
+    assert found["global_pose_sigma_xy"] == pytest.approx(0.15, rel=0.15)
+    assert found["global_pose_sigma_yaw"] == pytest.approx(0.09, rel=0.15)
+    assert found["override_covariance"] is True
+    assert found["gate_probability"] == 1.0
+
+
+def test_latency_of_the_commands_is_for_the_controller(calibrated):
+    """Commands are logged 0.1 s before they act; the plant obeys at once."""
+    found = yaml.safe_load(calibrated.read_text())["/**/controller"]["ros__parameters"]
+    assert found["command_latency"] + found["drive_time_constant"] == pytest.approx(0.1, abs=0.07)
+
+
+def test_file_is_one_that_the_filter_takes(calibrated):
+    config, _ = read_config(calibrated)
+    assert config.localization.filter.filter == "ekf_calibrating"
+    assert config.noise.override_covariance
+
+
+def test_existing_output_is_refused(bag, calibrated):
+    command = [str(Path(sys.executable).with_name("diffbot")), "calibrate", str(bag), "--out", str(calibrated)]
+    again = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert again.returncode == 1
+    assert again.stderr.count("\n") == 1
+    assert "exists already" in again.stderr
+
+
+@pytest.mark.parametrize(
+    ("seconds", "every", "message"), [(5.0, 1, "5.0 s of odometry"), (20.0, 40, "measurements while driving")]
+)
+def test_too_little_is_refused_in_one_line(tmp_path, seconds, every, message):
+    short = write_bag(tmp_path / "bag", record(TRUE, seed=2, seconds=seconds, fixes_every=every), commands=False)
+    with pytest.raises(DiffbotError, match=message) as refused:
+        run([short], None, tmp_path / "out.yaml", math.inf, {})
+    assert "\n" not in str(refused.value)
+    assert not (tmp_path / "out.yaml").exists()
+
+
+def test_dead_time_and_time_constant_of_a_first_order_drive():
+    """Held steps of random height through a dead time of 0.25 s and a lag of 0.2 s, integrated exactly."""
+    rng, lag, dead = np.random.default_rng(4), 0.2, 0.25
+    times = np.arange(0.0, 60.0, 0.5)
+    commands = np.column_stack((times, rng.uniform(-0.5, 0.5, (len(times), 2))))
+    end = np.arange(0.02, 60.0, 0.02)
+    twist, state, measured = np.zeros(2), np.zeros(2), []
+    for time in end:
+        index = np.searchsorted(times, time - dead, side="right") - 1
+        twist = commands[index, 1:] if index >= 0 else np.zeros(2)
+        state = twist + (state - twist) * math.exp(-0.02 / lag)
+        measured.append(state)
+    odometry = Odometry(end - 0.02, end, np.array(measured), np.zeros((len(end), 3)))
+    found = latency_of(commands, odometry, 0.0)
+    assert found.time_constant == lag
+    assert found.dead_time == pytest.approx(dead, abs=0.03)
+    later = latency_of(commands, odometry, 0.1)
+    assert later.dead_time == pytest.approx(found.dead_time + 0.1, abs=0.011)
+    assert latency_of(commands[:5], odometry, 0.0) is None

@@ -1,0 +1,176 @@
+"""The compiled filter against the filter itself: the same innovations, whatever the drive."""
+
+import math
+
+import numpy as np
+import pytest
+
+from diffbot_control.filter.measurements import Heading, LandmarkMeasurement
+from diffbot_control.ros.ekf_parameters import EkfNodeConfig
+from diffbot_core.geometry import Point, wrap_angle
+from diffbot_core.schema import build
+from diffbot_lab.calibration import settings as kernel
+from diffbot_lab.calibration.events import Collector, averaged
+from diffbot_lab.calibration.likelihood import run_events, settings_of
+from diffbot_lab.calibration.quantities import given_prior
+from diffbot_lab.calibration.simulation import Errors, record
+from diffbot_lab.refilter.filter_run import RecordingLocalization
+
+PLACES = (Point(4.0, 1.0), Point(-3.0, 5.0))
+WIDE = {
+    "detect_fix_correlation": False,
+    "wheel_radius_sigma": 0.05,
+    "wheel_separation_sigma": 0.05,
+    "wheel_radius_walk": 1e-3,
+    "landmark_gate": "weigh",
+    "left_radius_error": 0.01,
+    "wheel_separation_error": -0.02,
+}
+LANDMARKS = {
+    "landmark_range_offset": 0.02, "landmark_range_offset_sigma": 0.1, "landmark_range_scale_sigma": 0.03,
+    "landmark_bearing_offset_sigma": 0.02, "landmark_correlation_time": 1.0,
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def recording():
+    return record(Errors(0.03, -0.02, 0.04), seed=3, seconds=20.0)
+
+
+def others(recording):
+    """Headings, and landmarks: both numbers, a range or a bearing, one of twenty misread."""
+    rng, found = np.random.default_rng(5), []
+    for index, fix in enumerate(recording.fixes[1:-1]):
+        x, y, theta = fix.pose
+        stamp = fix.stamp + 30_000_000
+        found.append(Heading(stamp, wrap_angle(theta + 0.05 * rng.normal()), np.array([[0.0025]])))
+        place = PLACES[index % 2]
+        distance = math.hypot(place.x - x, place.y - y) + 0.1 * rng.normal()
+        bearing = wrap_angle(math.atan2(place.y - y, place.x - x) - theta + 0.05 * rng.normal())
+        R = np.diag((0.01, 0.0025))
+        if index % 5 == 1:
+            R[0, 0] = math.inf
+        elif index % 5 == 3:
+            R[1, 1] = math.inf
+        elif index % 20 == 0:
+            distance += 3.0
+        found.append(LandmarkMeasurement(stamp, distance, bearing, R, place))
+    return found
+
+
+CASES = {
+    "fixes": ({}, 1),
+    "few fixes, correlated": ({"fix_correlation_time": 2.0}, 4),
+    "motion noise, delay": ({"odometry_noise": "motion", "odometry_delay": 0.2, **LANDMARKS}, 10),
+    "density, delay within a message": (
+        {
+            "odometry_noise": "density",
+            "odometry_delay": 0.13,
+            "odometry_covariance_scale": 2.0,
+            "heading_correlation_time": 1.0,
+        },
+        10,
+    ),
+    "landmarks alone": ({"odometry_covariance_scale": 4.0, **LANDMARKS}, 10**6),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_innovations_are_those_of_the_filter(recording, case):
+    options, keep = CASES[case]
+    config = build(EkfNodeConfig, WIDE | options)
+    measured = [one for index, one in enumerate(recording.fixes) if index % keep == 0] + others(recording)
+    measured.sort(key=lambda one: one.stamp)
+    filtered, collector = RecordingLocalization(config), Collector()
+    for target in (filtered, collector):
+        waiting = list(measured)
+        for step in recording.odometry:
+            while waiting and waiting[0].stamp <= step.stamp:
+                target.on_measurement(waiting.pop(0))
+            target.on_odometry(step)
+    found = run_events(collector.events(case), given_prior(config), settings_of(config)._replace(split=True))
+    rows = found.result[found.result[:, kernel.NUMBERS] > 0]
+    expected = filtered.innovations
+    assert len(rows) == len(expected) > 180
+    np.testing.assert_allclose(rows[:, kernel.NIS], [one.nis for one in expected], rtol=1e-7, atol=1e-10)
+    for row, one in zip(rows, expected, strict=True):
+        m = len(one.y)
+        np.testing.assert_allclose(row[kernel.INNOVATION : kernel.INNOVATION + m], one.y, atol=1e-9)
+        white = np.linalg.solve(np.linalg.cholesky(one.S), one.y)
+        np.testing.assert_allclose(row[kernel.WHITE : kernel.WHITE + m], white, atol=1e-7)
+    belief = filtered.filter.memory.belief
+    # The pose is that of the last measurement here; the constant states stay until the end of the drive.
+    constant = slice(3, len(belief.x))
+    np.testing.assert_allclose(found.x[constant], belief.x[constant], atol=1e-9)
+    rest = (belief.P - np.diag(np.diag(belief.P)))[constant, constant]
+    np.testing.assert_allclose((found.P - np.diag(np.diag(found.P)))[constant, constant], rest, rtol=1e-6, atol=1e-12)
+
+
+def test_term_is_the_gaussian_density_of_the_innovation(recording):
+    """Of each innovation, by scipy, from the filter's own y and S; divided by the inflation of R."""
+    stats = pytest.importorskip("scipy.stats")
+    config = build(EkfNodeConfig, WIDE | {"gate_probability": 1.0})
+    filtered, collector = RecordingLocalization(config), Collector()
+    for target in (filtered, collector):
+        for fix, pair in zip(
+            recording.fixes, zip(recording.odometry[::2], recording.odometry[1::2], strict=True), strict=False
+        ):
+            target.on_measurement(fix)
+            for step in pair:
+                target.on_odometry(step)
+    found = run_events(collector.events("gauss"), given_prior(config), settings_of(config))
+    expected = [stats.multivariate_normal(np.zeros(3), one.S).logpdf(one.y) for one in filtered.innovations]
+    rows = found.result[found.result[:, kernel.NUMBERS] > 0]
+    np.testing.assert_allclose(rows[:, kernel.TERM], expected, rtol=1e-8)
+
+
+def test_coloured_fixes_are_whitened_by_their_states():
+    """With the true correlation time, innovations of first-order Markov errors are white and their NIS is right."""
+    recording = record(Errors(), seed=11, seconds=200.0)
+    rng, c, tau = np.random.default_rng(2), math.exp(-0.2 / 2.0), 2.0
+    error, fixes = rng.normal(size=3), []
+    for fix in record(Errors(noise=1e-9), seed=11, seconds=200.0).fixes:
+        dx, dy, turn = error * (0.05, 0.05, 0.03)
+        fixes.append(
+            fix._replace(pose=type(fix.pose)(fix.pose.x + dx, fix.pose.y + dy, wrap_angle(fix.pose.theta + turn)))
+        )
+        error = c * error + math.sqrt(1.0 - c * c) * rng.normal(size=3)
+    collector = Collector()
+    for fix in fixes:
+        collector.on_measurement(fix)
+    for step in recording.odometry:
+        collector.on_odometry(step)
+    config = build(EkfNodeConfig, {"detect_fix_correlation": False, "gate_probability": 1.0})
+    settings = settings_of(config)
+    nis, rho = {}, {}
+    for bias in (False, True):
+        times = (0.0, 0.0, tau if bias else 0.0)
+        found = run_events(
+            collector.events("coloured"), given_prior(config), settings._replace(fix_bias=bias, times=times)
+        )
+        white = found.result[1:, kernel.WHITE : kernel.WHITE + 3]
+        nis[bias] = found.result[1:, kernel.NIS].mean()
+        rho[bias] = (white[1:] * white[:-1]).sum() / (white * white).sum()
+    bound = 3.0 / math.sqrt(3 * 1000)
+    assert rho[False] > 5 * bound
+    assert abs(rho[True]) < 1.5 * bound
+    assert nis[True] == pytest.approx(3.0, abs=0.35)
+
+
+def test_averaged_odometry_keeps_the_way_and_its_variance(recording):
+    collector = Collector()
+    for fix in recording.fixes:
+        collector.on_measurement(fix)
+    for step in recording.odometry:
+        collector.on_odometry(step)
+    fine = collector.events("fine")
+    coarse = averaged(fine, 0.5)
+    for events in (fine, coarse):
+        np.testing.assert_allclose(events.odometry.start[1:], events.odometry.end[:-1])
+    assert len(coarse.odometry.end) == 40
+    sums = []
+    for events in (fine, coarse):
+        dt = (events.odometry.end - events.odometry.start)[:, None]
+        way, variance = events.odometry.twist * dt, events.odometry.covariance * dt * dt
+        sums.append([*way.sum(axis=0), *variance.sum(axis=0)])
+    np.testing.assert_allclose(sums[0], sums[1])
