@@ -87,7 +87,10 @@ def assert_healthy(found, config):
     assert np.isfinite(x).all()
     assert np.isfinite(P).all()
     assert -math.pi < x[2] <= math.pi
-    assert np.abs(x[3:]).max(initial=0.0) <= max(5.0 * config.wheel_radius_sigma, 0.1) + 1e-12
+    wheels = found.wheels()
+    if wheels is not None:
+        bound = max(5.0 * max(config.wheel_radius_sigma, config.wheel_separation_sigma), 0.1)
+        assert np.abs(wheels.errors).max() <= bound + 1e-12
     deviations = np.sqrt(P.diagonal())
     assert (deviations > 0.0).all()
     correlations = P / np.outer(deviations, deviations)

@@ -38,7 +38,7 @@ def straight_corrections():
 
 def plain(history=1.0):
     """The filter of three states that believes everything: what the textbook below does."""
-    return LocalizationConfig(history, FilterConfig(filter="ekf", gate_probability=1.0))
+    return LocalizationConfig(history, FilterConfig(filter="ekf", gate_probability=1.0, detect_fix_correlation=False))
 
 
 def odometry(number, v=1.2, omega=0.7):

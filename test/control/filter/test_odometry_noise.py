@@ -116,7 +116,7 @@ def test_each_alpha_has_its_own_motion():
         ("density_xy", rest, 1.0, 0.0),
         ("density_theta", rest, 0.0, 1.0),
     ):
-        zero = OdometryConfig(MOTION, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        zero = OdometryConfig(MOTION, alpha1=0.0, alpha2=0.0, alpha3=0.0, alpha4=0.0, density_xy=0.0, density_theta=0.0)
         density = motion_density(twist, zero._replace(**{name: 0.7}))
         assert density.twist == pytest.approx((0.7 * along, 0.0, 0.7 * heading))
         assert density.lateral == (0.7 if name == "density_xy" else 0.0)

@@ -66,7 +66,10 @@ def driven(case, filter_name, seed, run):
     noted = []
     monitor = localization.monitor
     record = monitor.record
-    monitor.record = lambda kind, nis, verdict: (noted.append((kind, nis, verdict)), record(kind, nis, verdict))
+    monitor.record = lambda kind, nis, verdict, *more: (
+        noted.append((kind, nis, verdict)),
+        record(kind, nis, verdict, *more),
+    )
     errors, covariances, fixes = [], [], []
     for step in range(case.steps + 1):
         arrivals = world.sense()
