@@ -47,6 +47,16 @@ OPTIONS = st.builds(
     fix_correlation_time=st.just(0.0) | st.floats(0.01, 1e4),
     heading_correlation_time=st.just(0.0) | st.floats(0.01, 1e4),
     landmark_correlation_time=st.just(0.0) | st.floats(0.01, 1e4),
+    detect_fix_correlation=st.booleans(),
+    left_radius_error=st.floats(-0.5, 0.5),
+    right_radius_error=st.floats(-0.5, 0.5),
+    wheel_separation_error=st.floats(-0.5, 0.5),
+    landmark_range_offset=st.floats(-0.5, 0.5),
+    landmark_range_offset_sigma=st.just(0.0) | st.floats(1e-3, 0.5),
+    landmark_range_scale=st.floats(-0.2, 0.2),
+    landmark_range_scale_sigma=st.just(0.0) | st.floats(1e-3, 0.2),
+    landmark_bearing_offset=st.floats(-0.5, 0.5),
+    landmark_bearing_offset_sigma=st.just(0.0) | st.floats(1e-3, 0.5),
 )
 
 
@@ -90,7 +100,8 @@ def assert_healthy(found, config):
     wheels = found.wheels()
     if wheels is not None:
         bound = max(5.0 * max(config.wheel_radius_sigma, config.wheel_separation_sigma), 0.1)
-        assert np.abs(wheels.errors).max() <= bound + 1e-12
+        start = (config.left_radius_error, config.right_radius_error, config.wheel_separation_error)
+        assert np.abs(wheels.errors - start[: wheels.errors.size]).max() <= bound + 1e-12
     deviations = np.sqrt(P.diagonal())
     assert (deviations > 0.0).all()
     correlations = P / np.outer(deviations, deviations)
