@@ -99,7 +99,8 @@ def test_existing_output_is_refused(bag, calibrated):
 
 
 @pytest.mark.parametrize(
-    ("seconds", "every", "message"), [(5.0, 1, "5.0 s of odometry"), (20.0, 40, "measurements while driving")]
+    ("seconds", "every", "message"),
+    [(5.0, 1, "s of odometry, at least 10 s are needed"), (20.0, 40, "measurements while driving")],
 )
 def test_too_little_is_refused_in_one_line(tmp_path, seconds, every, message):
     short = write_bag(tmp_path / "bag", record(TRUE, seed=2, seconds=seconds, fixes_every=every), commands=False)
