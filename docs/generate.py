@@ -61,7 +61,7 @@ NODES = {
 }
 RUNS = 100
 SWITCHING_RUNS, OWN_RUNS, SWITCHING_SEED = 200, 1000, 7
-"""Runs of each start in the comparison of the laws, of this project's law, and a seed that is not that of their tuning."""
+"""Runs of each start in the comparison of the laws, of this one's, and a seed that is not that of their tuning."""
 STEPS = 300
 PAPER_PLANT = next(one.plant for one in SETTINGS if one.name == "raw")
 QUIET = WorldConfig(
