@@ -21,7 +21,7 @@ help:
 	@echo "make setup   create $(VENV) with the package, ROS 2 Jazzy from wheels and all tools"
 	@echo "make demo    drive a simulated robot to a goal pose, record a bag, write the report"
 	@echo "make test    run the tests"
-	@echo "make test-fast   run those without nodes, studies and installations: a minute"
+	@echo "make test-fast   run those without nodes, studies and installations: two minutes"
 	@echo "make lint    run ruff, mypy and import-linter"
 	@echo "make bench   measure speed"
 	@echo "make docs    write the generated parts of docs/"

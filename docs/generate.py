@@ -60,8 +60,8 @@ NODES = {
     "replay": ReplayConfig,
 }
 RUNS = 100
-SWITCHING_RUNS, SWITCHING_SEED = 100, 7
-"""of each start in the comparison of the laws; not the seed of their tuning"""
+SWITCHING_RUNS, OWN_RUNS, SWITCHING_SEED = 200, 1000, 7
+"""Runs of each start in the comparison of the laws, of this one's, and a seed that is not that of their tuning."""
 STEPS = 300
 PAPER_PLANT = next(one.plant for one in SETTINGS if one.name == "raw")
 QUIET = WorldConfig(
@@ -155,7 +155,7 @@ def write_experiments() -> None:
 
 def write_switching() -> None:
     """Run the benchmark of the law; write its results and its figure to docs/."""
-    options = law_benchmark.ArenaOptions(SWITCHING_RUNS, SWITCHING_SEED)
+    options = law_benchmark.ArenaOptions(SWITCHING_RUNS, SWITCHING_SEED, own_runs=OWN_RUNS)
     results, outcomes = law_benchmark.run_benchmark(options)
     write_json(DOCS / "benchmark.json", results)
     law_benchmark.draw(outcomes, options, DOCS / "benchmark.png")

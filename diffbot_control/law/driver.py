@@ -66,12 +66,14 @@ class Driver:
             after, command, report = self.law.step(memory, estimate, goal, dt, config)
             v, omega = float(command.v), float(command.omega)
             finite = math.isfinite(v) and math.isfinite(omega)
-            whole = after.reached in (True, False) and len([float(number) for number in report]) == len(Report._fields)
+            complete = after.reached in (True, False) and len([float(number) for number in report]) == len(
+                Report._fields
+            )
         except Exception as error:
             raise self._error(error) from error
         if not finite:
             raise LawError(f"law {self.law.name} failed: v = {v} m/s, omega = {omega} rad/s: must be finite")
-        if not whole:
+        if not complete:
             raise LawError(f"law {self.law.name} failed: 'reached' or the report is not as the protocol says")
         return after, Twist(v, omega), report
 
@@ -101,8 +103,8 @@ class Driver:
         """Return why the law cannot reach the goal, empty if it may; ``config`` is the supervisor's."""
         return ""
 
-    def is_kept_from_knowing(self, memory: Any, command: Twist, uncertainty: Uncertainty, config: Any) -> bool:
-        """Whether the robot rests where the goal cannot count as reached, as the estimate is too uncertain."""
+    def is_too_uncertain(self, memory: Any, command: Twist, uncertainty: Uncertainty, config: Any) -> bool:
+        """True if the robot rests with an estimate too uncertain for the goal to count as reached."""
         return False
 
     def _error(self, error: Exception) -> LawError:
@@ -136,15 +138,15 @@ class SwitchingDriver(Driver):
             return f"hunting: left Omega_L {departures} times (max_departures = {config.max_departures})"
         return ""
 
-    def is_kept_from_knowing(self, memory: Any, command: Twist, uncertainty: Uncertainty, config: Any) -> bool:
-        """Whether the robot rests in Omega_L with an estimate too uncertain for the tolerances."""
+    def is_too_uncertain(self, memory: Any, command: Twist, uncertainty: Uncertainty, config: Any) -> bool:
+        """True if the robot rests in Omega_L with an estimate too uncertain for the tolerances."""
         tolerance = config.tolerance
         at_rest = (
             memory.switching.region == OMEGA_L
             and abs(command.v) <= tolerance.trans_stopped_velocity
             and abs(command.omega) <= tolerance.rot_stopped_velocity
         )
-        return at_rest and not is_knowable(tolerance, counting_uncertainty(uncertainty, config))
+        return at_rest and not is_knowable(tolerance, scaled_uncertainty(uncertainty, config))
 
 
 def driver_of(law: Law) -> Driver:
@@ -152,8 +154,8 @@ def driver_of(law: Law) -> Driver:
     return SwitchingDriver(law) if law is SwitchingLaw else Driver(law)
 
 
-def counting_uncertainty(uncertainty: Uncertainty, config: Any) -> Uncertainty:
-    """Return the uncertainty as this project's law counts it; ``config`` is the law's."""
+def scaled_uncertainty(uncertainty: Uncertainty, config: Any) -> Uncertainty:
+    """Return the uncertainty times ``uncertainty_scale`` of this project's law; ``config`` is the law's."""
     scale = config.uncertainty_scale
     return Uncertainty(scale * uncertainty.xy, scale * uncertainty.theta)
 

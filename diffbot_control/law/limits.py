@@ -145,9 +145,7 @@ def limit_local(command: Twist, data_sheet: DataSheet) -> Twist:
 
     Each velocity has its own term of dV there, so each may shrink by itself.
     """
-    v, omega = command
-    if data_sheet.min_velocity > 0.0 or data_sheet.min_rotation > 0.0:
-        v, omega = lifted(v, data_sheet.min_velocity), lifted(omega, data_sheet.min_rotation)
+    v, omega = lifted_command(command, data_sheet)
     rim, half = rim_speed(data_sheet), 0.5 * data_sheet.wheels.wheel_separation
     omega = _clip(omega, min(data_sheet.omega_max, rim / half))
     return Twist(_clip(v, min(data_sheet.v_max, max(rim - half * abs(omega), 0.0))), omega)
@@ -158,6 +156,13 @@ def lifted(value: float, least: float) -> float:
     if abs(value) >= least:
         return value
     return math.copysign(least, value) if abs(value) > _LIFTED_SHARE * least else 0.0
+
+
+def lifted_command(command: Twist, data_sheet: DataSheet) -> Twist:
+    """Lift each velocity of a command out of its dead band, see :func:`lifted`."""
+    if data_sheet.min_velocity <= 0.0 and data_sheet.min_rotation <= 0.0:
+        return command
+    return Twist(lifted(command.v, data_sheet.min_velocity), lifted(command.omega, data_sheet.min_rotation))
 
 
 def _lifted_parts(phi: float, v: float, turn: float, data_sheet: DataSheet) -> tuple[float, float, float]:

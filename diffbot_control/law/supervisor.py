@@ -6,7 +6,7 @@ from typing import Annotated, Any, NamedTuple
 
 from diffbot_control.law.configuration import ControllerConfig, Report
 from diffbot_control.law.controller import SwitchingLaw
-from diffbot_control.law.driver import STOP, LawError, counting_uncertainty, driver_of
+from diffbot_control.law.driver import STOP, LawError, driver_of, scaled_uncertainty
 from diffbot_control.law.protocol import Law
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
@@ -205,13 +205,13 @@ class Supervisor:
         if self.memory.reached:
             return REACHED
         config = self.config.controller
-        kept = self._driver.is_kept_from_knowing(self.memory, command, self.uncertainty, config)
-        return UNCERTAIN if kept else DRIVING
+        uncertain = self._driver.is_too_uncertain(self.memory, command, self.uncertainty, config)
+        return UNCERTAIN if uncertain else DRIVING
 
     def smallest_tolerance(self) -> tuple[float, float]:
         """Position [m] and heading [rad] tolerance that the present uncertainty allows this project's law at best."""
         sigmas = self.config.controller.tolerance.goal_sigmas
-        xy, theta = counting_uncertainty(self.uncertainty, self.config.controller)
+        xy, theta = scaled_uncertainty(self.uncertainty, self.config.controller)
         return sigmas * xy, sigmas * theta
 
     def on_tick(self, now: float) -> Twist | None:

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from diffbot_control.law.limits import limit_velocity
 from diffbot_core.data_sheet import DataSheet, rim_speed
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import Twist
@@ -126,19 +127,21 @@ def arrives(start: Pose, drive: Drive, plant: PlantConfig, sheet: DataSheet, tar
     state = new_plant(start)
     inside = [_inside(state.pose, target)]
     for v, omega in [*drive.commands.tolist(), (0.0, 0.0)]:
-        if not _allowed(v, omega, sheet):
+        command = Twist(v, omega)
+        if not _allowed(command, sheet):
             return False
-        state = plant_step(state, Twist(v, omega), _NO_NOISE, quiet)
+        state = plant_step(state, command, _NO_NOISE, quiet)
         if abs(state.twist.v - v) > ROUNDING or abs(state.twist.omega - omega) > ROUNDING:
             return False
         inside.append(_inside(state.pose, target))
     return all(inside[drive.arrival :])
 
 
-def _allowed(v: float, omega: float, sheet: DataSheet) -> bool:
-    rim = abs(v) + 0.5 * sheet.wheels.wheel_separation * abs(omega)
-    bounds = ((abs(v), sheet.v_max), (abs(omega), sheet.omega_max), (rim, rim_speed(sheet)))
-    return all(value <= bound * (1.0 + ROUNDING) for value, bound in bounds)
+def _allowed(command: Twist, sheet: DataSheet) -> bool:
+    limited = limit_velocity(command, sheet)
+    return math.isclose(limited.v, command.v, rel_tol=ROUNDING) and math.isclose(
+        limited.omega, command.omega, rel_tol=ROUNDING
+    )
 
 
 def _inside(pose: Pose, target: Target) -> bool:

@@ -1,11 +1,22 @@
-"""What both bounds share of CasADi: loading it, and the unicycle over one period as its expressions."""
+"""What both bounds share of CasADi: loading it, the unicycle over one period, constraints and options of the solver."""
 
 from __future__ import annotations
 
 import math
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from diffbot_core.data_sheet import DataSheet, rim_speed
 from diffbot_core.errors import DiffbotError
+
+Array = NDArray[np.float64]
+Row = tuple[Any, float, float]
+"""A constraint: expression, lower and upper bound."""
+
+QUIET = {"print_time": False, "expand": True, "ipopt.print_level": 0, "ipopt.sb": "yes"}
+"""Options of every solver: expressions expanded to scalars, nothing printed."""
 
 _TERMS = 10
 """of the series of sin(a) / a: exact to 1e-11 for |a| <= 2.6 rad, half the turn of the longest period"""
@@ -37,3 +48,15 @@ def moved(casadi: Any, pose: Any, command: Any, period: Any) -> Any:
     return casadi.vertcat(
         pose[0] + chord * casadi.cos(middle), pose[1] + chord * casadi.sin(middle), pose[2] + 2.0 * half
     )
+
+
+def rim_rows(v: Any, omega: Any, sheet: DataSheet) -> list[Row]:
+    """Return the constraints that keep both rims of a command within their bound."""
+    half, rim = 0.5 * sheet.wheels.wheel_separation, rim_speed(sheet)
+    return [(v + sign * half * omega, -rim, rim) for sign in (1.0, -1.0)]
+
+
+def stacked(casadi: Any, rows: list[Row]) -> tuple[Any, Array, Array]:
+    """Return all constraints as one expression (n,), and its lower and upper bounds (n,)."""
+    low, high = (np.concatenate([np.full(row[0].numel(), row[side]) for row in rows]) for side in (1, 2))
+    return casadi.vertcat(*(row[0] for row in rows)), low, high

@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diffbot_control.law.configuration import Report
-from diffbot_core.data_sheet import DataSheet, rim_speed
+from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import Twist
 from diffbot_core.schema import Spec
 from diffbot_core.uncertainty import Estimate
 from diffbot_lab.benchmark.bound_drive import GUESSES, guessed, sampled
-from diffbot_lab.benchmark.bound_model import load_casadi, moved
+from diffbot_lab.benchmark.bound_model import QUIET, Row, load_casadi, moved, rim_rows, stacked
 from diffbot_lab.laws.common import (
     DRIVING,
     REACHED,
@@ -42,10 +42,7 @@ Array = NDArray[np.float64]
 _SLOW_V, _SLOW_OMEGA = 0.1, 0.3
 """[m/s], [rad/s] a faster robot does not stop yet"""
 _IPOPT = {
-    "print_time": False,
-    "expand": True,
-    "ipopt.print_level": 0,
-    "ipopt.sb": "yes",
+    **QUIET,
     "ipopt.tol": 1e-3,
     "ipopt.max_iter": 60,
     "ipopt.mu_init": 1e-3,
@@ -154,12 +151,12 @@ def _solver(config: NmpcConfig) -> tuple[Any, dict[str, Any]]:
     """Return the solver and its bounds; parameters are the coasted pose (3,) and the last command (2,)."""
     casadi, sheet, n = load_casadi(), config.data_sheet, config.periods
     poses, commands, given = casadi.SX.sym("X", 3, n + 1), casadi.SX.sym("U", 2, n), casadi.SX.sym("p", 5)
-    half, rim = 0.5 * sheet.wheels.wheel_separation, rim_speed(sheet)
-    rows, cost, last = [(poses[:, 0] - given[:3], 0.0, 0.0)], 0.0, given[3:]
+    rows: list[Row] = [(poses[:, 0] - given[:3], 0.0, 0.0)]
+    cost, last = 0.0, given[3:]
     for k, h in enumerate(horizon(config).tolist()):
         command, pose = commands[:, k], poses[:, k + 1]
         rows.append((pose - moved(casadi, poses[:, k], command, h), 0.0, 0.0))
-        rows += [(command[0] + sign * half * command[1], -rim, rim) for sign in (1.0, -1.0)]
+        rows += rim_rows(command[0], command[1], sheet)
         for axis, bound in enumerate((sheet.a_max, sheet.omega_dot_max)):
             if bound < math.inf:
                 rows.append((command[axis] - last[axis], -bound * h, bound * h))
@@ -167,9 +164,9 @@ def _solver(config: NmpcConfig) -> tuple[Any, dict[str, Any]]:
         heading = casadi.sqrt(pose[2] ** 2 + config.eps_yaw**2)
         effort = config.effort_weight * (command[0] ** 2 + command[1] ** 2)
         cost, last = cost + h * (distance + config.heading_weight * heading + effort), command
-    low, high = (np.concatenate([np.full(row[0].numel(), row[side]) for row in rows]) for side in (1, 2))
+    constraints, low, high = stacked(casadi, rows)
     upper = np.concatenate([np.full(3 * (n + 1), math.inf), np.tile([sheet.v_max, sheet.omega_max], n)])
-    program = {"x": casadi.veccat(poses, commands), "p": given, "f": cost, "g": casadi.vertcat(*(r[0] for r in rows))}
+    program = {"x": casadi.veccat(poses, commands), "p": given, "f": cost, "g": constraints}
     solver = casadi.nlpsol("nmpc", "ipopt", program, _IPOPT)
     return solver, {"lbx": -upper, "ubx": upper, "lbg": low, "ubg": high}
 

@@ -14,7 +14,7 @@ _FIGURES = (
 _TIME_HEAD = ("case", "target", "starts confirmed", "least time [s]: median", "largest")
 _NMPC_HEAD = (
     *("case", "law", "runs", "settled [%]", "settling time [s]: median", "99 %", "\\|position\\| [m]: 95 %"),
-    *("reached: said", "false"),
+    *("reached: reported", "false"),
 )
 
 

@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from diffbot_core.data_sheet import DataSheet, rim_speed
+from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose
 from diffbot_lab.benchmark.bound_drive import GUESSES, Drive, Target, arrives, guessed, path_of, sampled
-from diffbot_lab.benchmark.bound_model import load_casadi, moved
+from diffbot_lab.benchmark.bound_model import QUIET, Row, load_casadi, moved, rim_rows, stacked
 from diffbot_sim.model.plant import PlantConfig
 
 Array = NDArray[np.float64]
@@ -29,10 +29,7 @@ _MIN_PERIODS = 20
 _MARGIN = 1e-5
 """[m], [rad] by which the solver's target is smaller than that of the check"""
 _IPOPT = {
-    "print_time": False,
-    "expand": True,
-    "ipopt.print_level": 0,
-    "ipopt.sb": "yes",
+    **QUIET,
     "ipopt.tol": 1e-6,
     "ipopt.constr_viol_tol": 1e-8,
     "ipopt.max_iter": 500,
@@ -95,7 +92,7 @@ def _problem(casadi: Any, sheet: DataSheet, target: Target, size: tuple[int, int
     periods, arrival = size
     period, poses = casadi.SX.sym("h"), casadi.SX.sym("X", 3, periods + 1)
     commands, given = casadi.SX.sym("U", 2, periods), casadi.SX.sym("p", 4)
-    rows = [(poses[:, 0] - given[:3], 0.0, 0.0)]
+    rows: list[Row] = [(poses[:, 0] - given[:3], 0.0, 0.0)]
     for k in range(periods):
         rows.append((poses[:, k + 1] - moved(casadi, poses[:, k], commands[:, k], period), 0.0, 0.0))
     rows += _limits(casadi, commands, period, periods, sheet)
@@ -103,20 +100,18 @@ def _problem(casadi: Any, sheet: DataSheet, target: Target, size: tuple[int, int
         pose, xy, yaw = poses[:, k], max(target.xy - _MARGIN, 0.0), max(target.yaw - _MARGIN, 0.0)
         rows.append((pose[0] ** 2 + pose[1] ** 2, -math.inf, xy * xy))
         rows.append((pose[2] - given[3], -yaw, yaw))
-    g = casadi.vertcat(*(row[0] for row in rows))
-    low, high = (np.concatenate([np.full(row[0].numel(), row[side]) for row in rows]) for side in (1, 2))
+    constraints, low, high = stacked(casadi, rows)
     free = np.full(3 * (periods + 1), math.inf)
     upper = np.concatenate([[5.0 * PERIOD], free, np.tile([sheet.v_max, sheet.omega_max], periods)])
     lower = -upper
     lower[0] = 1e-3
-    program = {"x": casadi.veccat(period, poses, commands), "p": given, "f": arrival * period, "g": g}
+    program = {"x": casadi.veccat(period, poses, commands), "p": given, "f": arrival * period, "g": constraints}
     return program, {"lbx": lower, "ubx": upper, "lbg": low, "ubg": high}
 
 
-def _limits(casadi: Any, commands: Any, period: Any, periods: int, sheet: DataSheet) -> list[tuple[Any, float, float]]:
+def _limits(casadi: Any, commands: Any, period: Any, periods: int, sheet: DataSheet) -> list[Row]:
     """Return the limits of rims and accelerations as rows (expression, low, high); at first and at last it rests."""
-    half, rim = 0.5 * sheet.wheels.wheel_separation, rim_speed(sheet)
-    rows = [(commands[0, :].T + sign * half * commands[1, :].T, -rim, rim) for sign in (1.0, -1.0)]
+    rows = rim_rows(commands[0, :].T, commands[1, :].T, sheet)
     rest = casadi.SX.zeros(2, 1)
     changes = casadi.horzcat(commands, rest) - casadi.horzcat(rest, commands)
     for axis, bound in enumerate((sheet.a_max, sheet.omega_dot_max)):

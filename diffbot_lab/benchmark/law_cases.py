@@ -130,7 +130,7 @@ CASES = (
     ArenaCase("acceleration_docking", "docking starts", ACCELERATION, _ACCELERATION, _KNOWN_ACCELERATION, DOCKING),
     ArenaCase("mix", "realistic mix, data sheet known", ACCELERATION, _MIX, _KNOWN_MIX, filter=CALIBRATING),
     ArenaCase("random_mix", "realistic mix, starts 0.2 to 15 m away", ACCELERATION, _MIX, _KNOWN_MIX, FAR, CALIBRATING),
-    ArenaCase("precise", "preset precise: xy_goal_tolerance 0.03 m", OWN, own=_PRECISE),
+    ArenaCase("precise", "preset precise: xy_goal_tolerance 0.03 m", OWN, own=_PRECISE, xy_tolerance=0.03),
     ArenaCase("ts_005", "Ts 0.05 s", OWN, {"sampling_time": 0.05}),
     ArenaCase("ts_02", "Ts 0.2 s", OWN, {"sampling_time": 0.2}),
     ArenaCase("fixes_2_hz", "fixes at 2 Hz", OWN, {"fix_rate": 2.0}),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,6 +16,8 @@ Array = NDArray[np.float64]
 
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 _LINES = ("-", "--", ":")
+_TITLE_WIDTH = 17
+"""characters in a line above a narrow panel"""
 
 
 def style_of(index: int) -> tuple[str, str, float]:
@@ -65,7 +68,7 @@ def _draw_paths(axes: Any, sheet: Sheet, colour: str) -> None:
     for x, y, heading, shade in ((*sheet.paths[0, 0], "black"), (0.0, 0.0, 0.0, "#666666")):
         axes.plot(x, y, "o", color=shade, markersize=4)
         axes.arrow(x, y, 1.2 * np.cos(heading), 1.2 * np.sin(heading), width=0.12, color=shade, zorder=3)
-    axes.set_title(sheet.label.replace(", ", ",\n"), fontsize="medium")
+    axes.set_title(textwrap.fill(sheet.label, _TITLE_WIDTH), fontsize="small")
     axes.tick_params(labelsize="small")
 
 

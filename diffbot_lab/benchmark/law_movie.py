@@ -24,8 +24,8 @@ MAX_DURATION = 18.0
 """[s] of the picture, real time"""
 _HOLD = 1.5
 """[s] after the last robot has settled"""
-_DOTS = 100
-"""[1/inch]: 800 pixels wide"""
+_DOTS = 92
+"""[1/inch]: 736 pixels wide, less than 2 MB"""
 _WIDE, _NEAR = 0.36, 0.075
 """[m] length of a robot's triangle in each panel"""
 _HALF = 0.5

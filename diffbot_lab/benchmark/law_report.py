@@ -17,7 +17,7 @@ _TITLES = {
 }
 _HEAD = (
     *("law", "settled [%]", "settling time [s]: median", "99 %", "\\|position\\| [m]: 95 %", "max"),
-    *("\\|theta\\| [rad]: max", "revolutions within 1 m: most", "> 1.5", "reached: said", "false"),
+    *("\\|theta\\| [rad]: max", "revolutions within 1 m: most", "> 1.5", "reached: reported", "false"),
 )
 
 
@@ -55,13 +55,22 @@ def _ahead_lines(ahead: list[dict[str, Any]]) -> list[str]:
 
 
 def _pair(one: dict[str, Any]) -> str:
-    unit = f" {one['unit']}" if one["unit"] else ""
-    if one["ours"] is None:
-        return f"{one['peers']:.3f}{unit}, ours none"
-    # As many digits as show a difference.
-    digits = next((d for d in (3, 4, 5) if f"{one['peers']:.{d}f}" != f"{one['ours']:.{d}f}"), 6)
-    sure = "" if one["apart"] else " (intervals overlap)"
-    return f"{one['peers']:.{digits}f}{unit}, ours {one['ours']:.{digits}f}{unit}{sure}"
+    peers, ours = _figures(one)
+    sure = "" if one["apart"] or one["ours"] is None else " (intervals overlap)"
+    return f"{peers}{_unit(one)}, ours {ours}{sure}"
+
+
+def _figures(one: dict[str, Any]) -> tuple[str, str]:
+    """Return the peer's figure, and this project's with its unit, with as many digits as show a difference."""
+    ours, peers = one["ours"], one["peers"]
+    if ours is None:
+        return f"{peers:.3f}", "none"
+    digits = next((d for d in (3, 4, 5) if f"{peers:.{d}f}" != f"{ours:.{d}f}"), 6)
+    return f"{peers:.{digits}f}", f"{ours:.{digits}f}{_unit(one)}"
+
+
+def _unit(one: dict[str, Any]) -> str:
+    return f" {one['unit']}" if one["unit"] else ""
 
 
 def page(results: Results, bounds: Results | None = None) -> str:
@@ -107,12 +116,9 @@ def _ahead_table(ahead: list[dict[str, Any]]) -> list[str]:
     """One row for each case and figure, the peers in the order of the laws."""
     rows: dict[tuple[str, str], list[str]] = {}
     for one in ahead:
-        unit = f" {one['unit']}" if one["unit"] else ""
-        # As many digits as show a difference.
-        own, other = one["ours"], one["peers"]
-        digits = next((d for d in (3, 4, 5) if own is None or f"{other:.{d}f}" != f"{own:.{d}f}"), 6)
-        row = rows.setdefault((one["case"], one["figure"]), ["none" if own is None else f"{own:.{digits}f}{unit}"])
-        text = f"{one['peer']} {other:.{digits}f}"
+        peers, ours = _figures(one)
+        row = rows.setdefault((one["case"], one["figure"]), [ours])
+        text = f"{one['peer']} {peers}"
         row.append(text if one["apart"] else f"*{text}*")
     cells = [(case, figure, own, "; ".join(peers)) for (case, figure), (own, *peers) in rows.items()]
     return markdown_table(("case", "figure", "ours", "peers ahead"), cells)
@@ -135,7 +141,7 @@ def _introduction(results: Results) -> list[str]:
         f"{results['seed']}, and run i has the same noise under every law: fixes at 10 Hz with the paper's bounds "
         "(+-0.3 m, +-0.3 m, +-0.17 rad), +-5 % per wheel in drive and encoder. A run lasts "
         f"{results['duration']:.0f} s with Ts = 0.1 s. Every law has the same data sheet: limits, latency, lag and "
-        "dead band where they are known. Every law sees the pose in which the robot would come to rest, is brought "
+        "dead band where they are known. Every law is given the pose in which the robot would come to rest, is brought "
         "within the limits, brakes within them, and may drive backwards.",
         "",
         f"- *Settled*: the true pose ends within {tolerance} of the goal. The *settling time* is the time of the last "

@@ -7,8 +7,7 @@ from typing import Annotated, NamedTuple
 
 from diffbot_control.law.configuration import Report
 from diffbot_control.law.latency import Actuation, coast, is_immediate, resting_actuation
-from diffbot_control.law.limits import lifted as lifted_velocity
-from diffbot_control.law.limits import limit_change, limit_velocity
+from diffbot_control.law.limits import lifted_command, limit_change, limit_velocity
 from diffbot_control.law.polar_coordinates import Navigation, navigation_variables
 from diffbot_control.law.regions import OMEGA_G
 from diffbot_control.law.speed_profile import braking
@@ -106,12 +105,12 @@ def conclude(
     state: LawState, requested: Twist, situation: Situation, sheet: DataSheet, region: int = OMEGA_G
 ) -> tuple[LawMemory, Twist, Report]:
     """Bring a requested command within the data sheet; return memory, command and report."""
-    command = lifted(limit_velocity(requested, sheet), sheet)
+    command = lifted_command(limit_velocity(requested, sheet), sheet)
     command = limit_change(command, situation.last, situation.dt, sheet)
     if not (math.isfinite(command.v) and math.isfinite(command.omega)):
         command = STOP
     rho, alpha, beta = situation.navigation
-    # Said when the robot rests, not while it coasts to the goal.
+    # Reported at rest, not while the robot coasts to the goal.
     at_rest = abs(command.v) <= _REST_V and abs(command.omega) <= _REST_OMEGA and situation.coasting <= _REST_WAY
     reached = situation.reached or (state.phase == REACHED and at_rest)
     report = Report(rho, alpha, beta, situation.pose.theta, 0.0, region, math.nan)
@@ -148,10 +147,3 @@ def chosen_direction(navigation: Navigation) -> float:
     forwards = abs(navigation.alpha) + abs(navigation.beta)
     backwards = abs(wrap_angle(navigation.alpha - math.pi)) + abs(wrap_angle(navigation.beta - math.pi))
     return 1.0 if forwards <= backwards else -1.0
-
-
-def lifted(command: Twist, sheet: DataSheet) -> Twist:
-    """Raise what is too small to move the robot to what moves it, or drop it."""
-    if sheet.min_velocity <= 0.0 and sheet.min_rotation <= 0.0:
-        return command
-    return Twist(lifted_velocity(command.v, sheet.min_velocity), lifted_velocity(command.omega, sheet.min_rotation))

@@ -64,15 +64,6 @@ def test_process_ends_with_the_status_of_main():
     assert "Traceback" not in ended.stderr
 
 
-@pytest.fixture
-def here():
-    """Keep the handlers of the test process: the command sets its own."""
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    yield
-    for number, handler in handlers.items():
-        signal.signal(number, handler)
-
-
 BAD_REPLAYS = {
     "missing": (["/nowhere/at/all"], "/nowhere/at/all"),
     "rate of zero": (["/nowhere", "--rate", "0"], "rate = 0.0: must be"),
@@ -116,11 +107,11 @@ def test_run_returns_the_status_of_a_node_that_refuses_to_start():
     assert ended.stderr == "error: wheel_radius = 0.0: must be finite and > 0\n"
 
 
-def test_every_node_of_the_command_exists(here):
+def test_every_node_of_the_command_exists(kept_signal_handlers):
     assert set(cli.NODES) == {"plant", "ekf", "controller", "recorder", "replay"}
 
 
-def test_demo_refuses_what_it_cannot_write_before_anything_starts(tmp_path, here, capsys, monkeypatch):
+def test_demo_refuses_what_it_cannot_write_before_anything_starts(tmp_path, kept_signal_handlers, capsys, monkeypatch):
     def start(*_args, **_options):
         raise AssertionError("a node was started")
 

@@ -22,7 +22,7 @@ TOPICS = {
     "ekf": ("pose", "ekf/status"),
     "controller": ("cmd_vel", "controller/status"),
 }
-"""What the test hears of each node."""
+"""Topics of each node that the test subscribes to."""
 
 
 def yaw(orientation):
@@ -68,7 +68,7 @@ def parameter_value(value):
 
 
 class Robot:
-    """The processes of one robot, and what the test hears of them: lists that grow while the test's node spins."""
+    """The processes of one robot, and what the test receives from them: lists that grow while the test's node spins."""
 
     def __init__(self, stack, peer, namespace):
         self._stack = stack
@@ -92,7 +92,7 @@ class Robot:
         return process
 
     def wait_until_ready(self, *names):
-        """Wait until nodes say that they are ready, and the test hears them."""
+        """Wait until the nodes have reported that they are ready, and the test has discovered their publishers."""
         for name in names:
             self.processes[name].wait_for_output("]: ready")
         for name in names:
@@ -113,7 +113,7 @@ class Robot:
         self.peer.spin_until(lambda: self.state() == state, timeout, f"the controller's state {state!r}")
 
     def catch_up(self):
-        """Hear what has waited for the test's node, so that the newest messages in the lists are new."""
+        """Receive what has waited for the test's node, so that the newest messages in the lists are new."""
         lists = (self.truths, self.poses, self.commands, self.diagnostics)
 
         def quiet():

@@ -2,7 +2,6 @@
 
 import json
 import math
-import signal
 import sys
 
 import numpy as np
@@ -32,15 +31,6 @@ PERIOD = 0.1
 (ACCELERATION,) = cases_named(("acceleration",))
 PLANT, _, _ = world_of(ACCELERATION)
 SHEET = build(DataSheet, {**LIMITS, **ACCELERATION.sheet})
-
-
-@pytest.fixture
-def here():
-    """Keep the handlers of the test process: the command sets its own."""
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    yield
-    for number, handler in handlers.items():
-        signal.signal(number, handler)
 
 
 def bang_bang(steps_up, steps_at_top, acceleration):
@@ -119,7 +109,7 @@ def test_a_path_keeps_its_heading_continuous():
     assert path[-1] == pytest.approx([1.0, 2.0, 4.0])
 
 
-def test_without_casadi_the_command_says_what_to_install(monkeypatch, tmp_path, capsys, here):
+def test_without_casadi_the_command_says_what_to_install(monkeypatch, tmp_path, capsys, kept_signal_handlers):
     monkeypatch.setitem(sys.modules, "casadi", None)
     assert cli.main(["benchmark", "bound", "--out", str(tmp_path)]) == 1
     written = capsys.readouterr()
@@ -127,12 +117,12 @@ def test_without_casadi_the_command_says_what_to_install(monkeypatch, tmp_path, 
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_unknown_case_is_refused_by_name(tmp_path, capsys, here):
+def test_an_unknown_case_is_refused_by_name(tmp_path, capsys, kept_signal_handlers):
     assert cli.main(["benchmark", "bound", "--case", "slip", "--out", str(tmp_path)]) == 1
     assert capsys.readouterr().err.startswith("diffbot: case = 'slip': must be one of nominal, ")
 
 
-def test_an_interrupt_keeps_the_cases_that_are_finished(monkeypatch, tmp_path, capsys, here):
+def test_an_interrupt_keeps_the_cases_that_are_finished(monkeypatch, tmp_path, capsys, kept_signal_handlers):
     def driven(entry, case, options, report):
         if case.name == "acceleration":
             raise KeyboardInterrupt

@@ -3,7 +3,6 @@
 import copy
 import json
 import math
-import signal
 
 import numpy as np
 import pytest
@@ -44,15 +43,6 @@ def benchmarked():
 @pytest.fixture
 def results(benchmarked):
     return copy.deepcopy(benchmarked)
-
-
-@pytest.fixture
-def here():
-    """Keep the handlers of the test process: the command sets its own."""
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    yield
-    for number, handler in handlers.items():
-        signal.signal(number, handler)
 
 
 def driven(case, filter_name, seed, run):
@@ -223,7 +213,7 @@ def test_results_hold_their_conclusions(results):
     assert results["targets"] == conclusions(results)["targets"]
 
 
-def test_command_writes_results_and_figure(tmp_path, benchmarked, capsys, here):
+def test_command_writes_results_and_figure(tmp_path, benchmarked, capsys, kept_signal_handlers):
     out = tmp_path / "deep" / "folder"
     assert cli.main(["benchmark", "localization", "--runs", str(RUNS), "--seed", "1", "--out", str(out)]) == 0
     assert json.loads((out / "results.json").read_text()) == benchmarked
@@ -234,7 +224,7 @@ def test_command_writes_results_and_figure(tmp_path, benchmarked, capsys, here):
     assert "Targets:" in written
 
 
-def test_command_passes_its_flags_on(tmp_path, monkeypatch, benchmarked, here):
+def test_command_passes_its_flags_on(tmp_path, monkeypatch, benchmarked, kept_signal_handlers):
     asked = []
 
     def fake(runs, seed):
@@ -248,7 +238,7 @@ def test_command_passes_its_flags_on(tmp_path, monkeypatch, benchmarked, here):
     assert [path.name for path in (tmp_path / "out" / "localization").iterdir()] == ["results.json"]
 
 
-def test_a_folder_that_is_a_file_is_refused_before_the_runs(tmp_path, monkeypatch, capsys, here):
+def test_a_folder_that_is_a_file_is_refused_before_the_runs(tmp_path, monkeypatch, capsys, kept_signal_handlers):
     monkeypatch.setattr(localization_benchmark, "run_benchmark", lambda runs, seed: pytest.fail("ran"))
     (tmp_path / "file").write_text("")
     assert cli.main(["benchmark", "localization", "--out", str(tmp_path / "file")]) == 1

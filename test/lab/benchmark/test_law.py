@@ -4,7 +4,6 @@ import copy
 import json
 import math
 import os
-import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -38,15 +37,6 @@ def benchmarked():
 @pytest.fixture
 def results(benchmarked):
     return copy.deepcopy(benchmarked[0])
-
-
-@pytest.fixture
-def here():
-    """Keep the handlers of the test process: the command sets its own."""
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    yield
-    for number, handler in handlers.items():
-        signal.signal(number, handler)
 
 
 def test_results_have_the_documented_shape(results):
@@ -149,7 +139,7 @@ def test_still_moving_looks_at_the_last_second():
     assert still_moving(histories, 0.05) == 2
 
 
-def test_command_writes_results_and_figure(tmp_path, monkeypatch, benchmarked, capsys, here):
+def test_command_writes_results_and_figure(tmp_path, monkeypatch, benchmarked, capsys, kept_signal_handlers):
     monkeypatch.setattr(benchmark, "run_benchmark", lambda options: benchmarked)
     out = tmp_path / "deep" / "folder"
     assert cli.main(["benchmark", "--runs", "1", "--law", PEER, "--out", str(out)]) == 0
@@ -161,7 +151,7 @@ def test_command_writes_results_and_figure(tmp_path, monkeypatch, benchmarked, c
     assert "Targets:" in written.out
 
 
-def test_command_passes_its_flags_on(tmp_path, monkeypatch, benchmarked, here):
+def test_command_passes_its_flags_on(tmp_path, monkeypatch, benchmarked, kept_signal_handlers):
     asked = []
     monkeypatch.setattr(benchmark, "run_benchmark", lambda options: asked.append(options) or benchmarked)
     flags = ["--runs", "3", "--seed", "9", "--out", str(tmp_path), "--no-figures", "--law", "polar", "--law", "a.b:C"]
@@ -190,21 +180,21 @@ def test_wrong_usage_is_status_2(arguments, capsys):
         (["--tuning", "no_such.json"], "cannot read no_such.json"),
     ],
 )
-def test_bad_values_end_in_one_line(arguments, text, tmp_path, capsys, here):
+def test_bad_values_end_in_one_line(arguments, text, tmp_path, capsys, kept_signal_handlers):
     assert cli.main(["benchmark", "--out", str(tmp_path), *arguments]) == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert text in line
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_folder_that_is_a_file_is_refused_before_the_runs(tmp_path, monkeypatch, capsys, here):
+def test_a_folder_that_is_a_file_is_refused_before_the_runs(tmp_path, monkeypatch, capsys, kept_signal_handlers):
     monkeypatch.setattr(benchmark, "run_benchmark", lambda options: pytest.fail("ran"))
     (tmp_path / "file").write_text("")
     assert cli.main(["benchmark", "--out", str(tmp_path / "file")]) == 1
     assert "cannot write to" in capsys.readouterr().err
 
 
-def test_interrupted_leaves_nothing_behind(tmp_path, monkeypatch, here):
+def test_interrupted_leaves_nothing_behind(tmp_path, monkeypatch, kept_signal_handlers):
     def interrupted(*arguments):
         raise KeyboardInterrupt
 

@@ -48,7 +48,7 @@ def test_the_file_is_an_endless_picture_in_real_time(tmp_path):
     content = path.read_bytes()
     assert content[:6] in (b"GIF87a", b"GIF89a")
     assert b"NETSCAPE2.0\x03\x01\x00\x00" in content
-    assert (int.from_bytes(content[6:8], "little"), int.from_bytes(content[8:10], "little")) == (800, 450)
+    assert (int.from_bytes(content[6:8], "little"), int.from_bytes(content[8:10], "little")) == (736, 414)
     # Each frame has a control block with its duration, here 10 hundredths of a second.
     assert content.count(b"\x21\xf9\x04") == 5
     first = content.index(b"\x21\xf9\x04")

@@ -17,6 +17,7 @@ from diffbot_core.uncertainty import CERTAIN, Estimate
 from diffbot_lab.benchmark.law_cases import cases_named
 from diffbot_lab.benchmark.law_entries import ENTRIES
 from diffbot_lab.benchmark.law_runs import case_of
+from diffbot_lab.benchmark.law_tuning import read_tuning, tuned_values
 from diffbot_lab.laws.common import approach_speed
 from diffbot_lab.laws.graceful import graceful_curvature
 from diffbot_lab.laws.polar import Polar, PolarConfig, polar_law
@@ -150,9 +151,9 @@ def test_compiled_and_plain_python_agree_in_the_realistic_mix(entry):
 
 def test_each_law_goes_its_own_way():
     (nominal,) = cases_named(("nominal",))
-    ends = set()
+    ends, tuning = set(), read_tuning(None)
     for entry in (one for one in ENTRIES if one.everywhere):
-        case = case_of(entry, nominal, {})._replace(steps=60)
+        case = case_of(entry, nominal, tuned_values(tuning, entry))._replace(steps=60)
         ends.add(
             tuple(run_batch(case, Starts(np.array([(-6.0, 3.0, 2.0)])), 1, 0, 1, 1, resolve_law(entry.law))[0][:2])
         )
