@@ -36,6 +36,9 @@ from diffbot_core.geometry import Pose, into_frame, wrap_angle
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import Estimate, Uncertainty
 
+_SIGMAS_IN_TOLERANCE = 3.0
+"""A position tolerance of more than this many ``sigma_known`` raises the latter."""
+
 
 def braking_step(
     memory: ControllerMemory, estimate: Estimate, goal: Pose, dt: float, config: ControllerConfig
@@ -52,15 +55,16 @@ def braking_step(
         local = _turned(upright) if course.turned else upright
         navigation = navigation_variables(local)
     gains = _gains_in_force(config, dt)
+    slowing = _slowing_sigma(uncertainty.xy, gains, config.tolerance.xy_goal_tolerance)
     if switching.region == OMEGA_L:
         finish = _finish_after(memory, local, navigation.rho, uncertainty, dt, config)
         lyapunov = local_lyapunov(navigation, local.theta)
-        requested = _near(navigation, local, uncertainty.xy, finish, gains, config)
+        requested = _near(navigation, local, slowing, finish, gains, config)
     else:
         finish = without_finish(memory.finish)
         led = led_by(navigation, course.leading)
         lyapunov = course_lyapunov(led, gains)
-        requested = _far(led, uncertainty.xy, course.leading, gains, config)
+        requested = _far(led, slowing, course.leading, gains, config)
     command = limit_change(requested, memory.command, dt, config.data_sheet)
     rho, alpha, beta = navigation
     if not math.isfinite(rho + alpha + local.theta + command.v + command.omega):
@@ -93,6 +97,12 @@ def _gains_in_force(config: ControllerConfig, dt: float) -> ProfileGains:
     if config.gain_source == AUTO:
         return auto_gains(config.data_sheet, dt)
     return within_data_sheet(config.profile_gains, config.data_sheet)
+
+
+def _slowing_sigma(sigma_xy: float, gains: ProfileGains, tolerance: float) -> float:
+    """Return the deviation [m] that slows the approach: a wide tolerance needs less certainty."""
+    enough = tolerance / _SIGMAS_IN_TOLERANCE
+    return sigma_xy if enough <= gains.sigma_known else sigma_xy * gains.sigma_known / enough
 
 
 def _turned(local: Pose) -> Pose:

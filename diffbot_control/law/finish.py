@@ -36,8 +36,13 @@ _ENOUGH_CERTAIN = 0.2
 """share: with a position as certain as this, the shortest leg is allowed whatever the room"""
 _MISSED_CERTAIN = 0.3
 """share: with a position as certain as this, an error beyond ``finish_missed`` is acted on"""
-_MISSED_SIGMAS = 2.0
+_MISSED_SIGMAS = 1.2
 """... or with an error of so many standard deviations: errors of fixes that last may keep the position uncertain"""
+_PATIENCE = 6.0
+"""[s] at rest after which ..."""
+_PATIENT_SIGMAS = 1.0
+"""... the shortest leg needs room for so many standard deviations only: errors of fixes that last keep the position
+uncertain for longer than it is worth waiting for"""
 _LEGS = 12
 """legs of one try"""
 _OUT_SLOPE = 2.0
@@ -146,11 +151,10 @@ def finish_scale(
     if config.finish_end * length < allowed < begins:
         begins = allowed
     room = config.finish_room * length - config.finish_room_sigmas * sigma
-    free = math.sqrt(room * room - lateral * lateral) if room > lateral else 0.0
     certain = sigma < max(_MISSED_CERTAIN * length, lateral / _MISSED_SIGMAS)
     missed = lateral > config.finish_missed * length and certain
     return FinishScale(
-        length, max(begins, config.finish_begin_sigmas * sigma), min(config.finish_reach * length, free), missed
+        length, max(begins, config.finish_begin_sigmas * sigma), min(config.finish_reach * length, _free(lateral, room)), missed
     )
 
 
@@ -185,12 +189,18 @@ def next_finish(
     if scale.missed:
         return _way_out(lateral, state.tries + 1, time, scale)
     reach, shortest = scale.room, _SHORTEST_LEG * scale.length
-    if reach < shortest and uncertainty.xy < _ENOUGH_CERTAIN * scale.length:
+    patient = time >= _PATIENCE and _free(lateral, scale.length - _PATIENT_SIGMAS * uncertainty.xy) > shortest
+    if reach < shortest and (patient or uncertainty.xy < _ENOUGH_CERTAIN * scale.length):
         reach = shortest
     if reach < shortest:
         # Not yet: the tolerance might be left. At rest the estimate gets better.
         return waiting
     return Finish(SHUTTLING, -1.0 if local.x >= 0.0 else 1.0, reach, state.tries + 1, 0, time, 0)
+
+
+def _free(lateral: float, room: float) -> float:
+    """Return the half chord [m] of a circle of radius ``room``, at the distance ``lateral`` from its centre."""
+    return math.sqrt(room * room - lateral * lateral) if room > lateral else 0.0
 
 
 def _way_out(lateral: float, tries: int, time: float, scale: FinishScale) -> Finish:

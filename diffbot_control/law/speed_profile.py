@@ -37,7 +37,11 @@ class ProfileGains(NamedTuple):
     sigma_known: Annotated[
         float,
         Spec(
-            "a position less certain than this is approached more slowly: react grows with the square", "m", 1e-4, 10.0
+            "a position less certain than this, or than a third of xy_goal_tolerance if that is more, is approached more "
+            "slowly: react grows with the square",
+            "m",
+            1e-4,
+            10.0,
         ),
     ] = 0.033
     bearing_weight: Annotated[float, Spec("weight of beta in Omega_G, the paper's h", "-", 0.0, 100.0, True)] = 0.8
