@@ -41,7 +41,8 @@ _MISSED_SIGMAS = 1.2
 _PATIENCE = 6.0
 """[s] at rest after which ..."""
 _PATIENT_SIGMAS = 1.0
-"""... the shortest leg needs room for so many standard deviations only: errors of fixes that last keep the position
+"""... the shortest leg needs room for so many standard deviations only, and, while the goal cannot count as reached
+with this uncertainty, an error this near to the tolerance is acted on: errors of fixes that last keep the position
 uncertain for longer than it is worth waiting for"""
 _LEGS = 12
 """legs of one try"""
@@ -138,9 +139,9 @@ def without_finish(state: Finish) -> Finish:
 
 
 def finish_scale(
-    lateral: float, uncertainty: Uncertainty, tolerance: GoalTolerance, config: FinishConfig
+    lateral: float, uncertainty: Uncertainty, tolerance: GoalTolerance, config: FinishConfig, patient: bool
 ) -> FinishScale:
-    """Work out the sizes for a lateral error [m] >= 0.
+    """Work out the sizes for a lateral error [m] >= 0; ``patient`` after a while at rest.
 
     A try begins early enough for the goal to count as reached without one.
     """
@@ -152,9 +153,15 @@ def finish_scale(
         begins = allowed
     room = config.finish_room * length - config.finish_room_sigmas * sigma
     certain = sigma < max(_MISSED_CERTAIN * length, lateral / _MISSED_SIGMAS)
-    missed = lateral > config.finish_missed * length and certain
+    bound = config.finish_missed * length
+    if patient and allowed <= 0.0:
+        bound = min(bound, length - _PATIENT_SIGMAS * sigma)
+    missed = lateral > bound and certain
     return FinishScale(
-        length, max(begins, config.finish_begin_sigmas * sigma), min(config.finish_reach * length, _free(lateral, room)), missed
+        length,
+        max(begins, config.finish_begin_sigmas * sigma),
+        min(config.finish_reach * length, _free(lateral, room)),
+        missed,
     )
 
 
@@ -179,7 +186,8 @@ def next_finish(
     lateral = abs(local.y)
     resting, reached, dt = standing
     time = state.time + dt if resting or state.time > 0.0 else 0.0
-    scale = finish_scale(lateral, uncertainty, tolerance, config)
+    patient = time >= _PATIENCE
+    scale = finish_scale(lateral, uncertainty, tolerance, config, patient)
     if state.phase != RESTING:
         return _next_leg(state, local, time, scale, uncertainty, config)
     quiet_steps = state.quiet_steps + 1 if resting and not reached and lateral > scale.begins else 0
@@ -189,7 +197,7 @@ def next_finish(
     if scale.missed:
         return _way_out(lateral, state.tries + 1, time, scale)
     reach, shortest = scale.room, _SHORTEST_LEG * scale.length
-    patient = time >= _PATIENCE and _free(lateral, scale.length - _PATIENT_SIGMAS * uncertainty.xy) > shortest
+    patient = patient and _free(lateral, scale.length - _PATIENT_SIGMAS * uncertainty.xy) > shortest
     if reach < shortest and (patient or uncertainty.xy < _ENOUGH_CERTAIN * scale.length):
         reach = shortest
     if reach < shortest:

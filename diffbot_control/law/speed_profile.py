@@ -37,8 +37,8 @@ class ProfileGains(NamedTuple):
     sigma_known: Annotated[
         float,
         Spec(
-            "a position less certain than this, or than a third of xy_goal_tolerance if that is more, is approached more "
-            "slowly: react grows with the square",
+            "a position less certain than this, or than a third of xy_goal_tolerance if that is more, is approached "
+            "more slowly: react grows with the square",
             "m",
             1e-4,
             10.0,
