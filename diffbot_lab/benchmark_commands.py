@@ -16,6 +16,7 @@ BENCHMARKS = {
     "tune": (102, Path("out/tuning")),
     "animate": (200, Path("out/animation")),
     "bound": (2, Path("out/bound")),
+    "calibration": (40, Path("out/calibration")),
     REAL: (1, Path("out/real")),
 }
 """Default number of runs, default folder."""
@@ -25,7 +26,8 @@ def add_benchmark(commands: Any) -> None:
     """Add ``diffbot benchmark`` to the subparsers of the command line."""
     benchmark = commands.add_parser(
         "benchmark",
-        help="the law and its peers, their tuning, bounds or picture; the filter, simulated or on real drives",
+        help="the law and its peers, their tuning, bounds or picture; the filter, simulated or on real drives; "
+        "calibration",
     )
     benchmark.add_argument(
         "what", nargs="?", choices=tuple(BENCHMARKS), default="switching", help="%(default)s if none"
@@ -36,7 +38,7 @@ def add_benchmark(commands: Any) -> None:
         type=whole(1, 10**5),
         help="switching: of each start (default: 100); localization: of each case (default: 200); "
         "tune: of each case in an evaluation (default: 102); animate: the most typical one of these (default: 200); "
-        "bound: of each start (default: 2)",
+        "bound: of each start (default: 2); calibration: drives (default: 40)",
     )
     benchmark.add_argument(
         "--own-runs",
@@ -57,6 +59,9 @@ def add_benchmark(commands: Any) -> None:
     benchmark.add_argument("--tuning", type=Path, metavar="FILE", help="tuning.json of diffbot benchmark tune")
     benchmark.add_argument(
         "--budget", type=whole(1, 10**6), default=480, help="tune: evaluations for each law (default: %(default)s)"
+    )
+    benchmark.add_argument(
+        "--calibrate", action="store_true", help="real: calibrate on the first third of each drive, too"
     )
     benchmark.add_argument("--no-figures", dest="figures", action="store_false", help="results.json and table only")
     benchmark.set_defaults(call=_benchmark)
@@ -105,7 +110,13 @@ def _bound(options: argparse.Namespace, runs: int, out: Path) -> int:
 def _real(options: argparse.Namespace, runs: int, out: Path) -> int:
     from diffbot_lab.dataset import benchmark  # noqa: PLC0415
 
-    return benchmark.run_and_report(options.folder, out, options.figures)
+    return benchmark.run_and_report(options.folder, out, options.figures, calibrated=options.calibrate)
+
+
+def _calibration(options: argparse.Namespace, runs: int, out: Path) -> int:
+    from diffbot_lab.calibration import benchmark  # noqa: PLC0415
+
+    return benchmark.run_and_report(runs, options.seed, out)
 
 
 _CALLS = {
@@ -114,5 +125,6 @@ _CALLS = {
     "tune": _tune,
     "animate": _animate,
     "bound": _bound,
+    "calibration": _calibration,
     REAL: _real,
 }

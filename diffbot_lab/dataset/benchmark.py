@@ -8,6 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from tqdm import tqdm
+
 from diffbot_bag.reader import BagReader
 from diffbot_control.filter.localization import Estimate
 from diffbot_core.errors import DiffbotError
@@ -38,6 +40,7 @@ class DriveResult(NamedTuple):
     """The filter on one drive."""
 
     name: str
+    bag: Path
     figures: Figures
     consistency: Consistency
     errors: Errors
@@ -63,17 +66,30 @@ def evaluate(recorded: Drive, folder: Path) -> DriveResult:
     Raises:
         DiffbotError: if the drive cannot be imported or the filter never starts.
     """
-    bag = folder / recorded.name.replace(" ", "_")
+    bag = bag_of(recorded, folder)
     write_drive(recorded, bag)
-    config, _ = read_config(bag / EKF_FILE)
+    errors, consistency = filtered_with(bag, bag / EKF_FILE)
+    return DriveResult(recorded.name, bag, figures_of(errors), consistency, errors)
+
+
+def bag_of(recorded: Drive, folder: Path) -> Path:
+    """Return the path of the bag of a drive."""
+    return folder / recorded.name.replace(" ", "_").replace(",", "")
+
+
+def filtered_with(bag: Path, parameters: Path) -> tuple[Errors, Consistency]:
+    """Filter a bag with a parameter file, and compare with its /ground_truth.
+
+    Raises:
+        DiffbotError: if a file is bad, or the filter never starts.
+    """
+    config, _ = read_config(parameters)
     estimates: list[Estimate] = []
     with BagReader(bag) as reader:
         truth = read_truth(reader, "/ground_truth")
         filtered = filter_run(reader, config, {})
         drive(filtered, reader, lambda answer, _: estimates.append(answer.estimate))
-    errors = errors_of(estimates, truth)
-    consistency = consistency_of(filtered.localization.innovations)
-    return DriveResult(recorded.name, figures_of(errors), consistency, errors)
+    return errors_of(estimates, truth), consistency_of(filtered.localization.innovations)
 
 
 def results_of(found: list[DriveResult]) -> dict[str, Any]:
@@ -112,8 +128,14 @@ def _row(one: dict[str, Any]) -> tuple[str, ...]:
     return one["name"], *values, f"{100.0 * one['rejected'] / total:.1f} %" if total else "-"
 
 
-def run_and_report(data: Path, out: Path, figures: bool) -> int:
+def run_and_report(data: Path, out: Path, figures: bool, *, calibrated: bool = False) -> int:
     """Evaluate all drives of a folder; write results.json, table.md and a figure per drive to ``out``.
+
+    Args:
+        data: folder of a data set.
+        out: folder for the results.
+        figures: draw each drive.
+        calibrated: calibrate on the first third of each drive, too.
 
     Raises:
         DiffbotError: if the folder holds no known data set, a file is bad, or ``out`` cannot be written.
@@ -121,16 +143,24 @@ def run_and_report(data: Path, out: Path, figures: bool) -> int:
     readers = drives_in(data)
     with output_folder(out):
         with tempfile.TemporaryDirectory() as folder:
-            found = [evaluate(read(), Path(folder)) for read in readers]
-        results = results_of(found)
+            bar = tqdm(readers, desc="filter", unit="drive", disable=None)
+            found = [evaluate(read(), Path(folder)) for read in bar]
+            results = results_of(found)
+            text = table(results)
+            if calibrated:
+                # Loads numba.
+                from diffbot_lab.dataset.calibrated import calibrated_table, study  # noqa: PLC0415
+
+                results["calibrated"] = study(found, Path(folder))
+                text += "\n\n" + calibrated_table(results["calibrated"])
         write_json(out / "results.json", results)
-        write_text(out / "table.md", table(results) + "\n")
+        write_text(out / "table.md", text + "\n")
         if figures:
             # Loads matplotlib.
             from diffbot_lab.dataset.figure import draw_drive  # noqa: PLC0415
 
             for one in found:
                 draw_drive(one.name, one.errors, out / f"{one.name.replace(' ', '_')}.png")
-    print(table(results))
+    print(text)
     print(f"Results in {out}")
     return 0

@@ -4,6 +4,7 @@ import json
 import math
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from dataset_files import write_mrclam
@@ -58,12 +59,30 @@ def test_figures_are_those_of_import_and_refilter(data, out, capsys):
         assert float(printed[name].split()[0]) == pytest.approx(drive[key], abs=6e-4), name
 
 
+def test_calibration_is_judged_on_what_it_did_not_use(tmp_path):
+    """The rest of a drive begins at a third of it; the first robot's file is judged on the others alone."""
+    folder = tmp_path / "set"
+    for robot in (1, 3):
+        write_mrclam(folder, robot, duration=90.0)
+    assert run_and_report(folder, tmp_path / "out", False, calibrated=True) == 0
+    results = json.loads((tmp_path / "out" / "results.json").read_text())
+    rows = results["calibrated"]
+    assert [row["whole_with_first"] is None for row in rows] == [True, False]
+    for row, whole in zip(rows, results["drives"], strict=True):
+        assert row["whole_shipped"] == {name: whole[name] for name in ("rmse", "largest", "nees")}
+        assert row["rest_calibrated"] != row["rest_shipped"]
+        # The files are without noise.
+        assert row["rest_calibrated"]["rmse"] < 0.05
+    last = (tmp_path / "out" / "table.md").read_text().splitlines()[-1]
+    assert last.startswith(f"| mean of all but the first | {rows[1]['rest_shipped']['rmse']:.3f} | ")
+
+
 def test_what_is_not_measured_is_null_and_a_dash():
     from diffbot_lab.dataset.benchmark import DriveResult
     from diffbot_lab.refilter.comparison import Consistency, Figures
 
     nan = math.nan
-    one = DriveResult("d", Figures(1.0, 0.1, 0.2, nan, 2.0, 2), Consistency(0, 0, nan, nan, nan), None)
+    one = DriveResult("d", Path("bag"), Figures(1.0, 0.1, 0.2, nan, 2.0, 2), Consistency(0, 0, nan, nan, nan), None)
     results = results_of([one])
     assert results["drives"][0]["heading_rmse"] is None
     assert table(results).splitlines()[2] == "| d | 1 | 0.100 | 0.20 | - | 2.0 | - | - | - |"
