@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from diffbot_control.law import controller
 from diffbot_control.law.controller import ControllerMemory, new_memory
-from diffbot_control.law.finish import RESTING
+from diffbot_control.law.finish import LEAVING, RESTING, SHUTTLING, Finish, Standing, next_finish
 from diffbot_control.law.polar_coordinates import Navigation, navigation_variables
 from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.regions import OMEGA_G, OMEGA_L, Switching
@@ -302,6 +302,40 @@ def test_nothing_begins_after_reached_while_the_error_is_within_the_tolerance():
             assert memory.finish.phase == RESTING
             assert memory.switching.region == OMEGA_L
             assert abs(command.v) < 0.25
+
+
+@pytest.mark.parametrize(
+    ("lateral", "sigma", "rested", "phase"),
+    [
+        (0.06, 0.04, 5.0, RESTING),  # at first it waits for a better estimate
+        (0.06, 0.04, 7.0, SHUTTLING),
+        (0.06, 0.09, 7.0, RESTING),  # not even one deviation of room for the shortest leg
+        (0.12, 0.06, 5.0, RESTING),
+        (0.12, 0.06, 7.0, LEAVING),  # nearer than one deviation to the tolerance of 0.15 m
+        (0.12, 0.02, 7.0, SHUTTLING),  # the goal will count as reached: no reason to leave
+        (0.16, 0.06, 1.0, LEAVING),  # 2.7 deviations are no accident
+        (0.16, 0.14, 1.0, RESTING),
+    ],
+)
+def test_what_begins_after_a_while_at_rest_with_errors_of_fixes_that_last(lateral, sigma, rested, phase):
+    tolerance, config = TUNED.tolerance._replace(xy_goal_tolerance=0.15), TUNED.finish
+    state = Finish(quiet_steps=tolerance.settling_steps, time=rested)
+    standing = Standing(resting=True, reached=False, dt=0.1)
+    after = next_finish(state, Pose(0.0, lateral, 0.0), standing, Uncertainty(sigma, 0.01), tolerance, config)
+    assert after.phase == phase
+
+
+@pytest.mark.parametrize(("tolerance", "enough"), [(0.03, 0.033), (0.1, 0.1 / 3.0), (0.3, 0.1), (1.5, 0.5)])
+def test_a_position_known_to_a_third_of_the_tolerance_is_approached_at_full_speed(tolerance, enough):
+    config = TUNED._replace(tolerance=TUNED.tolerance._replace(xy_goal_tolerance=tolerance))
+
+    def speed(sigma):
+        pose = Estimate(Pose(-0.8, 0.0, 0.0), Uncertainty(sigma, 0.01))
+        memory = new_memory()._replace(switching=Switching(OMEGA_G))
+        return controller.step(memory, pose, ORIGIN, T_S, config)[1].v
+
+    assert speed(enough) == pytest.approx(speed(0.0), rel=1e-9)
+    assert speed(2.0 * enough) < 0.8 * speed(0.0)
 
 
 def test_the_goal_does_not_count_as_reached_while_a_try_is_due():
