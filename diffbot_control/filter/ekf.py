@@ -11,6 +11,7 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.linalg.lapack import dposv
 
 from diffbot_control.filter.filterpy_ekf import ExtendedKalmanFilter
 from diffbot_control.filter.landmark_calibration import NO_ERRORS, LandmarkErrors, with_landmark_errors
@@ -37,7 +38,22 @@ from diffbot_control.filter.models import (
 from diffbot_core.geometry import Point, Pose, wrap_angle
 from diffbot_core.kinematics import Twist
 
-_invert = np.linalg.inv
+_POSE, _HEADING = slice(0, 3), slice(2, 3)
+"""States that a fix and a heading measure."""
+_IDENTITIES = tuple(np.eye(size, order="F") for size in range(4))
+
+
+def _invert(S: Array) -> Array:
+    """Return the inverse of a covariance (m, m), m <= 3: numpy's inverse of any matrix takes three times as long.
+
+    Raises:
+        LinAlgError: if it is not positive definite to working precision.
+    """
+    _, inverse, failed = dposv(S, _IDENTITIES[len(S)])
+    if failed:
+        raise np.linalg.LinAlgError("covariance of the innovation not positive definite")
+    found: Array = inverse
+    return found
 
 
 class Robust(NamedTuple):
@@ -63,7 +79,7 @@ def _weakened(R: Array, S: Array, nis: float, robust: Robust) -> tuple[Array, Ar
     used = S + (robust.inflation - 1.0) * R
     if nis > robust.gate:
         used = used * (nis / robust.gate)
-    return R + (used - S), np.asarray(_invert(used), dtype=np.float64)
+    return R + (used - S), _invert(used)
 
 
 class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
@@ -92,8 +108,6 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         """of the states: the errors of the wheels"""
         self.landmark_part = slice(3 + wheels, states)
         """of the states: the errors of landmarks"""
-        self._H_pose: Array = np.eye(3, states)
-        self._H_heading = self._H_pose[2:]
         self.wheel_separation = 1.0
         """L [m]"""
         self.random_walk = 0.0
@@ -109,8 +123,14 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         self.x = np.array(x, dtype=float)
         self.P = np.array(P, dtype=float)
 
+    def predict(self, u: Any = 0) -> None:
+        """Move mean and covariance by the :class:`Motion` ``u``, as filterpy's ``predict`` without copies of both."""
+        self.predict_x(u)
+        F = self.F
+        self.P = F.dot(self.P).dot(F.T) + self.Q
+
     def predict_x(self, u: Any = 0) -> None:
-        """Move the mean by the :class:`Motion` ``u`` and set F and Q for filterpy's ``predict``."""
+        """Move the mean by the :class:`Motion` ``u`` and set F and Q."""
         twist, dt, _ = u
         x, y, theta, *errors = self.x.tolist()
         if self._wheels:
@@ -156,11 +176,11 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         """Correct with a pose fix of covariance ``R`` (3, 3); return the NIS."""
         x = self.x
         dx, dy, turn = pose_innovation(measured, Pose(x.item(0), x.item(1), x.item(2)))
-        return self._update((dx, dy, turn), R, self._H_pose, robust)
+        return self._update((dx, dy, turn), R, _POSE, robust)
 
     def update_heading(self, measured: float, R: Array, robust: Robust = PLAIN) -> float:
         """Correct with a heading [rad] of variance ``R`` (1, 1) [rad^2]; return the NIS."""
-        return self._update((heading_innovation(measured, self.x.item(2)),), R, self._H_heading, robust)
+        return self._update((heading_innovation(measured, self.x.item(2)),), R, _HEADING, robust)
 
     def update_landmark(
         self, distance: float, bearing: float, R: Array, landmark: Point, robust: Robust = PLAIN
@@ -209,17 +229,20 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         H[1, 0], H[1, 1] = expected.bearing_x, expected.bearing_y
         return expected, H
 
-    def _update(self, innovation: tuple[float, ...], R: Array, H: Array, robust: Robust) -> float:
+    def _update(self, innovation: tuple[float, ...], R: Array, H: Array | slice, robust: Robust) -> float:
         """Correct with an innovation and a Jacobian that are known already; return the NIS.
 
         The equations of filterpy's ``update``, to which a test holds it, without the copies of measurement, prior and
-        posterior that nothing here reads, and with numpy's inverse: scipy's checks of a 3 x 3 matrix take a fifth of
-        the whole step of the filter.
+        posterior that nothing here reads. ``H`` may be the states that are measured themselves.
         """
         P = self.P
         y = np.array(innovation)
-        PHT = P.dot(H.T)
-        S = H.dot(PHT) + R
+        if isinstance(H, slice):
+            PHT = P[:, H]
+            S = PHT[H] + R
+        else:
+            PHT = P.dot(H.T)
+            S = H.dot(PHT) + R
         SI = _invert(S)
         nis = float(y.dot(SI).dot(y))
         if robust is not PLAIN:
@@ -228,7 +251,11 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         shift = K.dot(y)
         x = self.x + shift
         x[2] = wrap_angle(x.item(2))
-        I_KH = self._I - K.dot(H)
+        if isinstance(H, slice):
+            I_KH = self._I.copy()
+            I_KH[:, H] -= K
+        else:
+            I_KH = self._I - K.dot(H)
         self.x = x
         # Joseph form: stays symmetric and positive definite under rounding.
         self.P = I_KH.dot(P).dot(I_KH.T) + K.dot(R).dot(K.T)
