@@ -38,8 +38,6 @@ from diffbot_control.filter.models import (
 from diffbot_core.geometry import Point, Pose, wrap_angle
 from diffbot_core.kinematics import Twist
 
-_POSE, _HEADING = slice(0, 3), slice(2, 3)
-"""States that a fix and a heading measure."""
 _IDENTITIES = tuple(np.eye(size, order="F") for size in range(4))
 
 
@@ -108,6 +106,8 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         """of the states: the errors of the wheels"""
         self.landmark_part = slice(3 + wheels, states)
         """of the states: the errors of landmarks"""
+        self._H_pose: Array = np.eye(3, states)
+        self._H_heading = self._H_pose[2:]
         self.wheel_separation = 1.0
         """L [m]"""
         self.random_walk = 0.0
@@ -176,11 +176,11 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         """Correct with a pose fix of covariance ``R`` (3, 3); return the NIS."""
         x = self.x
         dx, dy, turn = pose_innovation(measured, Pose(x.item(0), x.item(1), x.item(2)))
-        return self._update((dx, dy, turn), R, _POSE, robust)
+        return self._update((dx, dy, turn), R, self._H_pose, robust)
 
     def update_heading(self, measured: float, R: Array, robust: Robust = PLAIN) -> float:
         """Correct with a heading [rad] of variance ``R`` (1, 1) [rad^2]; return the NIS."""
-        return self._update((heading_innovation(measured, self.x.item(2)),), R, _HEADING, robust)
+        return self._update((heading_innovation(measured, self.x.item(2)),), R, self._H_heading, robust)
 
     def update_landmark(
         self, distance: float, bearing: float, R: Array, landmark: Point, robust: Robust = PLAIN
@@ -229,20 +229,16 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         H[1, 0], H[1, 1] = expected.bearing_x, expected.bearing_y
         return expected, H
 
-    def _update(self, innovation: tuple[float, ...], R: Array, H: Array | slice, robust: Robust) -> float:
+    def _update(self, innovation: tuple[float, ...], R: Array, H: Array, robust: Robust) -> float:
         """Correct with an innovation and a Jacobian that are known already; return the NIS.
 
         The equations of filterpy's ``update``, to which a test holds it, without the copies of measurement, prior and
-        posterior that nothing here reads. ``H`` may be the states that are measured themselves.
+        posterior that nothing here reads.
         """
         P = self.P
         y = np.array(innovation)
-        if isinstance(H, slice):
-            PHT = P[:, H]
-            S = PHT[H] + R
-        else:
-            PHT = P.dot(H.T)
-            S = H.dot(PHT) + R
+        PHT = P.dot(H.T)
+        S = H.dot(PHT) + R
         SI = _invert(S)
         nis = float(y.dot(SI).dot(y))
         if robust is not PLAIN:
@@ -251,11 +247,7 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         shift = K.dot(y)
         x = self.x + shift
         x[2] = wrap_angle(x.item(2))
-        if isinstance(H, slice):
-            I_KH = self._I.copy()
-            I_KH[:, H] -= K
-        else:
-            I_KH = self._I - K.dot(H)
+        I_KH = self._I - K.dot(H)
         self.x = x
         # Joseph form: stays symmetric and positive definite under rounding.
         self.P = I_KH.dot(P).dot(I_KH.T) + K.dot(R).dot(K.T)

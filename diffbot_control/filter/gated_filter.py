@@ -19,14 +19,7 @@ from diffbot_control.filter.adaptation import (
     r_scales,
 )
 from diffbot_control.filter.belief import Belief, ErrorEstimate, inflate, pose_of, with_errors, with_pose
-from diffbot_control.filter.colour import (
-    Colour,
-    Variances,
-    growth,
-    travel,
-    unpaired,
-    with_fix,
-)
+from diffbot_control.filter.colour import Colour, Variances, growth, travel, unpaired, with_fix
 from diffbot_control.filter.correlation import NO_STAMPS, inflation_of, with_stamp
 from diffbot_control.filter.ekf import PLAIN, PoseEkf, Robust
 from diffbot_control.filter.gate import (
@@ -70,6 +63,7 @@ class GatedFilter:
     def configure(self, options: FilterOptions, wheel_separation: float) -> None:
         """Apply changed options; the number of states stays."""
         self.options = options
+        self._correlated = any(options.correlation_times)
         self._ekf.wheel_separation = wheel_separation
         self._ekf.random_walk = options.radius_random_walk
         self._ekf.landmark_errors = options.landmark_errors if any(options.landmark_errors) else NO_ERRORS
@@ -192,7 +186,8 @@ class GatedFilter:
             candidate = None if candidate is None else inflate(candidate, factor)
         if options.detects_colour:
             belief, colour = self._coloured(fix, belief, decision.outcome == ACCEPTED)
-        stamps = with_stamp(stamps, fix, options.correlation_times)
+        if self._correlated:
+            stamps = with_stamp(stamps, fix, options.correlation_times)
         self.memory = Memory(belief, candidate, gate, adaptation, stamps, colour)
         return decision.outcome
 
@@ -236,7 +231,8 @@ class GatedFilter:
             belief, _ = self._corrected(with_pose(before, Pose(x, y, theta), _RESET_P), measurement, robust)
         elif decision.outcome not in (ACCEPTED, WEIGHED):
             belief = before
-        stamps = with_stamp(stamps, measurement, self.options.correlation_times)
+        if self._correlated:
+            stamps = with_stamp(stamps, measurement, self.options.correlation_times)
         self.memory = Memory(belief, candidate, gate, adaptation, stamps, colour, travelled)
         return decision.outcome
 
@@ -247,7 +243,7 @@ class GatedFilter:
             inflation = self.memory.colour.inflation
             return PLAIN if inflation == 1.0 else Robust(inflation)
         weighed = options.weigh_landmarks and isinstance(measurement, LandmarkMeasurement)
-        if not weighed and not any(options.correlation_times):
+        if not weighed and not self._correlated:
             return PLAIN
         inflation = inflation_of(self.memory.stamps, measurement, options.correlation_times)
         return Robust(inflation, options.gates[kind] if weighed else math.inf)
@@ -280,12 +276,12 @@ class GatedFilter:
         """Reset the errors of the wheels if one is beyond its bound."""
         if not self.calibrating:
             return belief
-        bound, part = self.options.max_radius_error, self._ekf.wheel_part
-        left, right, *other = belief.x[part].tolist()
-        start = self.options.wheel_errors
-        separation = abs(other[0] - start[2]) if other else 0.0
-        radii = max(abs(left - start[0]), abs(right - start[1]))
-        if radii <= bound and separation <= self.options.max_separation_error:
+        options, part = self.options, self._ekf.wheel_part
+        errors = belief.x.tolist()[part]
+        start = options.wheel_errors
+        radii = max(abs(errors[0] - start[0]), abs(errors[1] - start[1]))
+        separation = abs(errors[2] - start[2]) if len(errors) == 3 else 0.0
+        if radii <= options.max_radius_error and separation <= options.max_separation_error:
             return belief
         prior = self._wheel_prior()
         return with_errors(belief, part, np.array(start[: len(prior)]), prior)
