@@ -2,8 +2,8 @@
 
 Sources: docs/parameters.md, the configuration types; the table in docs/control.md, 100 runs of the closed loop;
 docs/reproduction.md, docs/reproduction.json; docs/benchmark.md, docs/benchmark.json and docs/benchmark_bound.json;
-the tables in docs/localization.md, docs/localization.json; docs/rooms.svg, the imports. ``--experiments`` and
-``--benchmark`` repeat the runs behind the JSON files and draw their figures; those behind docs/benchmark_bound.json
+the tables in docs/localization.md, the configuration types; those in docs/localization-results.md,
+docs/localization.json and docs/localization_colour.json; docs/rooms.svg, the imports. ``--experiments`` and ``--benchmark`` repeat the runs behind the JSON files and draw their figures; those behind docs/benchmark_bound.json
 need casadi (extra ``bound``) and are repeated by ``--benchmark bound`` alone. ``--animation`` draws docs/run.gif.
 ``--check`` writes nothing and fails if a page or rooms.svg is out of date.
 """
@@ -34,7 +34,7 @@ from diffbot_core.geometry import Pose
 from diffbot_core.schema import parameters_of, to_dict
 from diffbot_lab.benchmark import bound as bound_benchmark
 from diffbot_lab.benchmark import filter as filter_benchmark
-from diffbot_lab.benchmark import filter_report, law_report
+from diffbot_lab.benchmark import filter_colour, filter_colour_report, filter_report, law_report
 from diffbot_lab.benchmark import law as law_benchmark
 from diffbot_lab.benchmark.law_animation import AnimationOptions, drives
 from diffbot_lab.benchmark.law_movie import write_movie
@@ -52,6 +52,8 @@ from diffbot_sim.reference_loop import EKF, RAW, TRUTH, simulate
 from diffbot_sim.ros.parameters import PlantNodeConfig
 
 DOCS = Path(__file__).parent
+LOCALIZATION, COLOUR = "localization", "localization_colour"
+"""Names of the results of the filter's benchmarks."""
 NODES = {
     "controller": ControllerNodeConfig,
     "ekf": EkfNodeConfig,
@@ -100,10 +102,16 @@ def _parameter_table(config_type: type[Any], tuned: dict[str, Any], paper: dict[
 
 
 def localization_page() -> str:
-    """Return docs/localization.md with current parameters and benchmark tables."""
+    """Return docs/localization.md with current parameters."""
     text = (DOCS / "localization.md").read_text()
-    text = between_markers(text, "parameters", "\n".join(_parameter_table(LocalizationConfig, {}, {})))
-    results = json.loads((DOCS / "localization.json").read_text())
+    return between_markers(text, "parameters", "\n".join(_parameter_table(LocalizationConfig, {}, {})))
+
+
+def localization_results_page() -> str:
+    """Return docs/localization-results.md with the tables of both benchmarks of the filter."""
+    text = (DOCS / "localization-results.md").read_text()
+    results, coloured = (json.loads((DOCS / f"{name}.json").read_text()) for name in (LOCALIZATION, COLOUR))
+    text = between_markers(text, "colour", filter_colour_report.page_part(coloured))
     return between_markers(text, "benchmark", filter_report.page_part(results))
 
 
@@ -170,8 +178,13 @@ def write_animation() -> None:
 def write_localization() -> None:
     """Run the benchmark of the filter; write its results and its figure to docs/."""
     results = filter_benchmark.run_benchmark(BENCHMARKS["localization"][0], 1)
-    write_json(DOCS / "localization.json", results)
+    write_json(DOCS / f"{LOCALIZATION}.json", results)
     filter_benchmark.draw(results, DOCS / "localization.png")
+
+
+def write_colour() -> None:
+    """Run the benchmark of coloured fixes; write its results to docs/."""
+    write_json(DOCS / f"{COLOUR}.json", filter_colour.run_benchmark(BENCHMARKS["colour"][0], 1))
 
 
 def write_bound() -> None:
@@ -201,9 +214,9 @@ def main() -> int:
     parser.add_argument(
         "--benchmark",
         nargs="?",
-        choices=("both", "switching", "localization", "bound"),
+        choices=("both", "switching", "localization", "colour", "bound"),
         const="both",
-        help="repeat both benchmarks, or one",
+        help="repeat those of the law and of the filter, or one",
     )
     parser.add_argument("--animation", action="store_true", help="draw run.gif again")
     options = parser.parse_args()
@@ -213,6 +226,8 @@ def main() -> int:
         write_switching()
     if options.benchmark in ("both", "localization"):
         write_localization()
+    if options.benchmark in ("both", "colour"):
+        write_colour()
     if options.animation:
         write_animation()
     if options.benchmark == "bound":
@@ -224,6 +239,7 @@ def main() -> int:
         DOCS / "reproduction.md": reproduction_page(experiments["a"], experiments["b"], experiments["scan"]),
         DOCS / "benchmark.md": benchmark_page(),
         DOCS / "localization.md": localization_page(),
+        DOCS / "localization-results.md": localization_results_page(),
         DOCS / "rooms.svg": rooms_picture(),
         control: between_markers(control.read_text(), "scenario A", scenario_a_table()),
     }

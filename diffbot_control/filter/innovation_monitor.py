@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter, deque
-from collections.abc import Hashable, Iterable
+from collections.abc import Collection, Hashable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -53,7 +53,7 @@ class Whiteness(NamedTuple):
     """above it the errors are correlated in time"""
 
 
-def whiteness_of(innovations: Iterable[tuple[Hashable, Innovation]]) -> Whiteness | None:
+def whiteness_of(innovations: Collection[tuple[Hashable, Innovation]]) -> Whiteness | None:
     """Return the lag-1 autocorrelation of innovations (source, innovation) in the order of time; None if too few.
 
     Each is divided by the Cholesky factor of its S. For white innovations, the sum of n products of neighbours divided
@@ -61,17 +61,28 @@ def whiteness_of(innovations: Iterable[tuple[Hashable, Innovation]]) -> Whitenes
     """
     last: dict[Hashable, Array] = {}
     energy, numbers, product, pairs = 0.0, 0, 0.0, 0
-    for source, (y, S) in innovations:
-        u = np.linalg.solve(np.linalg.cholesky(S), y)
-        energy, numbers = energy + float(u @ u), numbers + u.size
+    for (source, _), u in zip(innovations, _whitened([one for _, one in innovations]), strict=True):
+        energy, numbers = energy + float(u.dot(u)), numbers + u.size
         before = last.get(source)
         if before is not None and before.size == u.size:
-            product, pairs = product + float(u @ before), pairs + u.size
+            product, pairs = product + float(u.dot(before)), pairs + u.size
         last[source] = u
     if pairs < _MIN_PAIRS or energy <= 0.0:
         return None
     deviation = 1.0 / math.sqrt(pairs)
     return Whiteness(product / pairs / (energy / numbers), _SIGMAS_95 * deviation, _SIGMAS_ALARM * deviation)
+
+
+def _whitened(innovations: Sequence[Innovation]) -> list[Array]:
+    """Return L^-1 y of each innovation, S = L L'; all of one size in one call, which takes a tenth of the time."""
+    found: list[Array] = [np.empty(0)] * len(innovations)
+    for size in {one.y.size for one in innovations}:
+        places = [place for place, one in enumerate(innovations) if one.y.size == size]
+        L = np.linalg.cholesky(np.array([innovations[place].S for place in places]))
+        y = np.array([innovations[place].y for place in places])
+        for place, u in zip(places, np.linalg.solve(L, y[:, :, None])[:, :, 0], strict=True):
+            found[place] = u
+    return found
 
 
 class Nis(NamedTuple):
