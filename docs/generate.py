@@ -3,7 +3,8 @@
 Sources: docs/parameters.md, the configuration types; the table in docs/control.md, 100 runs of the closed loop;
 docs/reproduction.md, docs/reproduction.json; docs/benchmark.md, docs/benchmark.json and docs/benchmark_bound.json;
 the tables in docs/localization.md, the configuration types; those in docs/localization-results.md,
-docs/localization.json and docs/localization_colour.json; docs/rooms.svg, the imports. ``--experiments`` and ``--benchmark`` repeat the runs behind the JSON files and draw their figures; those behind docs/benchmark_bound.json
+docs/localization.json and docs/localization_colour.json; docs/rooms.svg, the imports. ``--experiments`` and
+``--benchmark`` repeat the runs behind the JSON files and draw their figures; those behind docs/benchmark_bound.json
 need casadi (extra ``bound``) and are repeated by ``--benchmark bound`` alone. ``--animation`` draws docs/run.gif.
 ``--check`` writes nothing and fails if a page or rooms.svg is out of date.
 """
@@ -25,7 +26,7 @@ from reproduction import page as reproduction_page
 from rooms import picture as rooms_picture
 
 from diffbot_bag.parameters import RecorderConfig, ReplayConfig
-from diffbot_control.filter.localization import LocalizationConfig
+from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.law.presets import PAPER, PRESETS, TUNED
 from diffbot_control.ros.controller_parameters import CONTROLLER_PRESETS, ControllerNodeConfig
 from diffbot_control.ros.ekf_parameters import EkfNodeConfig

@@ -87,6 +87,14 @@ def unpaired(colour: Colour) -> Colour:
     return Colour(False, innovation, residual, estimate, var_theta, difference, motion, product, pairs, inflation)
 
 
+def shifted(colour: Colour, before: Pose, after: Pose) -> Colour:
+    """Return the memory after fixes of another source have moved the estimate: it is no motion of the robot."""
+    dx, dy, turn = after.x - before.x, after.y - before.y, wrap_angle(after.theta - before.theta)
+    (x, y, theta), start = colour.residual, colour.estimate
+    moved = Pose(start.x + dx, start.y + dy, wrap_angle(start.theta + turn))
+    return colour._replace(residual=(x - dx, y - dy, theta - turn), estimate=moved)
+
+
 def travel(travelled: Travelled, motion: Motion, var_lateral: float) -> Travelled:
     """Add a motion; ``var_lateral`` is its variance across the robot [m^2]."""
     along, turn = travelled

@@ -19,7 +19,7 @@ from diffbot_control.filter.adaptation import (
     r_scales,
 )
 from diffbot_control.filter.belief import Belief, ErrorEstimate, inflate, pose_of, with_errors, with_pose
-from diffbot_control.filter.colour import Colour, Variances, growth, travel, unpaired, with_fix
+from diffbot_control.filter.colour import STANDING, Colour, Variances, growth, shifted, travel, unpaired, with_fix
 from diffbot_control.filter.correlation import NO_STAMPS, inflation_of, with_stamp
 from diffbot_control.filter.ekf import PLAIN, PoseEkf, Robust
 from diffbot_control.filter.gate import (
@@ -159,10 +159,10 @@ class GatedFilter:
         return self._take_other(measurement)
 
     def _take_fix(self, fix: PoseFix) -> int:
-        before, candidate, gate, old, stamps, colour, _ = self.memory
+        before, candidate, gate, old, stamps, colour, travelled = self.memory
         adaptation, options, adaptive = old, self.options, self.options.adaptive
         if adaptive:
-            fix = PoseFix(fix.stamp, fix.pose, _scaled_noise(fix.R, old))
+            fix = fix._replace(R=_scaled_noise(fix.R, old))
         robust = self._robust(fix)
         belief, self.nis = self._corrected(before, fix, robust)
         self.innovation = self._newest_innovation()
@@ -185,19 +185,21 @@ class GatedFilter:
             belief = inflate(belief, factor)
             candidate = None if candidate is None else inflate(candidate, factor)
         if options.detects_colour:
-            belief, colour = self._coloured(fix, belief, decision.outcome == ACCEPTED)
+            belief, colour = self._coloured(fix, belief, decision.outcome)
         if self._correlated:
             stamps = with_stamp(stamps, fix, options.correlation_times)
-        self.memory = Memory(belief, candidate, gate, adaptation, stamps, colour)
+        self.memory = Memory(belief, candidate, gate, adaptation, stamps, colour, travelled if fix.source else STANDING)
         return decision.outcome
 
-    def _coloured(self, fix: PoseFix, after: Belief, accepted: bool) -> tuple[Belief, Colour]:
-        """Return the belief after a fix and what it says about the correlation of the errors of fixes."""
+    def _coloured(self, fix: PoseFix, after: Belief, outcome: int) -> tuple[Belief, Colour]:
+        """Return the belief after a fix and what it says about the correlation of the errors of global_pose."""
         memory = self.memory
-        if not accepted:
+        if outcome == RELOCATED or (outcome != ACCEPTED and not fix.source):
             return after, unpaired(memory.colour)
-        variances = Variances(fix.R.item(0), fix.R.item(4), fix.R.item(8))
         poses = pose_of(memory.belief), pose_of(after)
+        if fix.source:
+            return after, shifted(memory.colour, *poses)
+        variances = Variances(fix.R.item(0), fix.R.item(4), fix.R.item(8))
         colour = with_fix(memory.colour, memory.travelled, fix.pose, variances, *poses, after.P.item(2, 2))
         return inflate(after, growth(memory.colour, colour)), colour
 
@@ -239,7 +241,7 @@ class GatedFilter:
     def _robust(self, measurement: Measurement, kind: int = FIX) -> Robust:
         """Return how much weaker the correction with a measurement is than its R says."""
         options = self.options
-        if options.detects_colour and isinstance(measurement, PoseFix):
+        if options.detects_colour and isinstance(measurement, PoseFix) and not measurement.source:
             inflation = self.memory.colour.inflation
             return PLAIN if inflation == 1.0 else Robust(inflation)
         weighed = options.weigh_landmarks and isinstance(measurement, LandmarkMeasurement)

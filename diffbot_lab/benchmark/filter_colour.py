@@ -17,7 +17,8 @@ import numpy as np
 from tqdm import tqdm
 
 from diffbot_control.filter.gate import FIX
-from diffbot_control.filter.localization import Localization, LocalizationConfig
+from diffbot_control.filter.localization import Localization
+from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.filter.measurements import Measurement, OdometryStep
 from diffbot_control.filter.options import FilterConfig
 from diffbot_core.errors import InvalidValueError

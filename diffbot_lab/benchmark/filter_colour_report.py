@@ -71,8 +71,8 @@ def page_part(results: Results) -> str:
     rates = f"{results['odometry_rate']}/{results['fix_rate']} Hz"
     return "\n".join(
         [
-            f"{results['runs']} runs of {results['duration']:.0f} s each at {rates}, seed {results['seed']}; RMSE and NEES "
-            f"without the first {results['skipped']:.0f} s, the alarm looked at once a second. `{results['filter']}`.",
+            f"{results['runs']} runs of {results['duration']:.0f} s each at {rates} with `{results['filter']}`, seed "
+            f"{results['seed']}. RMSE and NEES are without the first {results['skipped']:.0f} s.",
             "",
             *markdown_table(head, rows),
             "",
