@@ -9,6 +9,7 @@ if __name__ == "__main__":  # before the imports that take long: see launcher
 
 import math
 import time
+from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -17,7 +18,6 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu, JointState, PointCloud2
 from std_srvs.srv import Trigger
 
-from diffbot_control.filter.innovation_monitor import KINDS
 from diffbot_control.filter.localization import Estimate, Localization
 from diffbot_control.filter.measurements import Measurement, OdometryStep
 from diffbot_control.filter.state_file import BrokenStateError, StateKeeper, state_path
@@ -66,6 +66,8 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         self._keeper = self._restore()
         # Fixes before odometry: an executor that finds both waiting handles them in this order.
         self.subscribe(PoseWithCovarianceStamped, "global_pose", self._on_fix)
+        for index, topic in enumerate(config.localization.sources.pose_sources):
+            self.subscribe(PoseWithCovarianceStamped, topic, partial(self._on_source_fix, index, topic))
         self.subscribe(Imu, "heading", self._on_heading)
         if self._inputs.landmark_points:
             self.subscribe(PointCloud2, "landmarks", self._on_landmarks)
@@ -104,7 +106,8 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         if nis is not None and nis.mean > nis.alarm:
             level, text = DiagnosticStatus.WARN[0], f"innovations larger than the covariances allow; {text}"
         for kind in self.localization.correlated():
-            level, text = DiagnosticStatus.WARN[0], f"innovations of {KINDS[kind]} correlated in time; {text}"
+            name = self.localization.monitor.names[kind]
+            level, text = DiagnosticStatus.WARN[0], f"innovations of {name} correlated in time; {text}"
         return max(level, 0 if state == RUNNING else DiagnosticStatus.WARN[0]), f"{state}; {text}"
 
     def _transform_publisher(self, enabled: bool) -> Any:
@@ -119,6 +122,11 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         fix = self._inputs.fix(message)
         self.localization.on_measurement(fix)
         self._count_fallback("global_pose", fix, self._inputs.fix_noise)
+
+    def _on_source_fix(self, index: int, topic: str, message: PoseWithCovarianceStamped) -> None:
+        fix = self._inputs.source_fix(index, message)
+        self.localization.on_measurement(fix)
+        self._count_fallback(topic, fix, self._inputs.source_noises[index])
 
     def _on_heading(self, message: Imu) -> None:
         heading = self._inputs.heading(message)

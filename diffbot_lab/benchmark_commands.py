@@ -13,6 +13,7 @@ REAL = "real"
 BENCHMARKS = {
     "switching": (100, Path("out/benchmark")),
     "localization": (200, Path("out/localization")),
+    "colour": (400, Path("out/colour")),
     "tune": (102, Path("out/tuning")),
     "animate": (200, Path("out/animation")),
     "bound": (2, Path("out/bound")),
@@ -38,7 +39,8 @@ def add_benchmark(commands: Any) -> None:
         type=whole(1, 10**5),
         help="switching: of each start (default: 100); localization: of each case (default: 200); "
         "tune: of each case in an evaluation (default: 102); animate: the most typical one of these (default: 200); "
-        "bound: of each start (default: 2); calibration: drives (default: 40)",
+        "colour: drives at each correlation (default: 400); bound: of each start (default: 2); "
+        "calibration: drives (default: 40)",
     )
     benchmark.add_argument(
         "--own-runs",
@@ -88,6 +90,12 @@ def _localization(options: argparse.Namespace, runs: int, out: Path) -> int:
     return filter_benchmark.run_and_report(runs, options.seed, out, options.figures)
 
 
+def _colour(options: argparse.Namespace, runs: int, out: Path) -> int:
+    from diffbot_lab.benchmark import filter_colour  # noqa: PLC0415
+
+    return filter_colour.run_and_report(runs, options.seed, out)
+
+
 def _tune(options: argparse.Namespace, runs: int, out: Path) -> int:
     from diffbot_lab.benchmark import law_tuning  # noqa: PLC0415
 
@@ -122,6 +130,7 @@ def _calibration(options: argparse.Namespace, runs: int, out: Path) -> int:
 _CALLS = {
     "switching": _switching,
     "localization": _localization,
+    "colour": _colour,
     "tune": _tune,
     "animate": _animate,
     "bound": _bound,

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from diffbot_control.filter.covariance import uncertainty_of
 from diffbot_control.filter.localization import Estimate as FilterEstimate
-from diffbot_control.filter.localization import Localization, LocalizationConfig
+from diffbot_control.filter.localization import Localization
+from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.filter.measurements import Measurement
 from diffbot_control.law.controller import ControllerConfig, ControllerMemory, step
 from diffbot_core.errors import BadMessageError, InvalidValueError

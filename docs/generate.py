@@ -2,7 +2,9 @@
 
 Sources: docs/parameters.md, the configuration types; the table in docs/control.md, 100 runs of the closed loop;
 docs/reproduction.md, docs/reproduction.json; docs/benchmark.md, docs/benchmark.json and docs/benchmark_bound.json;
-the tables in docs/localization.md, docs/localization.json; docs/rooms.svg, the imports. ``--experiments`` and
+the tables in docs/localization.md, the configuration types; those in docs/localization-results.md,
+docs/localization.json and docs/localization_colour.json; those in docs/real-robots.md, docs/real.json and
+docs/calibration.json; docs/rooms.svg, the imports. ``--experiments`` and
 ``--benchmark`` repeat the runs behind the JSON files and draw their figures; those behind docs/benchmark_bound.json
 need casadi (extra ``bound``) and are repeated by ``--benchmark bound`` alone. ``--animation`` draws docs/run.gif.
 ``--check`` writes nothing and fails if a page or rooms.svg is out of date.
@@ -25,7 +27,7 @@ from reproduction import page as reproduction_page
 from rooms import picture as rooms_picture
 
 from diffbot_bag.parameters import RecorderConfig, ReplayConfig
-from diffbot_control.filter.localization import LocalizationConfig
+from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.law.presets import PAPER, PRESETS, TUNED
 from diffbot_control.ros.controller_parameters import CONTROLLER_PRESETS, ControllerNodeConfig
 from diffbot_control.ros.ekf_parameters import EkfNodeConfig
@@ -34,13 +36,16 @@ from diffbot_core.geometry import Pose
 from diffbot_core.schema import parameters_of, to_dict
 from diffbot_lab.benchmark import bound as bound_benchmark
 from diffbot_lab.benchmark import filter as filter_benchmark
-from diffbot_lab.benchmark import filter_report, law_report
+from diffbot_lab.benchmark import filter_colour, filter_colour_report, filter_report, law_report
 from diffbot_lab.benchmark import law as law_benchmark
 from diffbot_lab.benchmark.law_animation import AnimationOptions, drives
 from diffbot_lab.benchmark.law_movie import write_movie
 from diffbot_lab.benchmark.targets import markdown_table
 from diffbot_lab.benchmark_commands import BENCHMARKS
+from diffbot_lab.calibration import benchmark as calibration_benchmark
 from diffbot_lab.cli import RUNS_OF_SCAN, SEED_OF_SCAN
+from diffbot_lab.dataset import benchmark as real_benchmark
+from diffbot_lab.dataset.calibrated import calibrated_table
 from diffbot_lab.paper.experiment import run_experiment, summarise
 from diffbot_lab.paper.figures import figure_paths
 from diffbot_lab.paper.scan import run_scan
@@ -52,6 +57,10 @@ from diffbot_sim.reference_loop import EKF, RAW, TRUTH, simulate
 from diffbot_sim.ros.parameters import PlantNodeConfig
 
 DOCS = Path(__file__).parent
+LOCALIZATION, COLOUR = "localization", "localization_colour"
+"""Names of the results of the filter's benchmarks."""
+REAL, CALIBRATION = "real", "calibration"
+"""Names of the results on real drives, which no download repeats here, and of the calibration of simulated ones."""
 NODES = {
     "controller": ControllerNodeConfig,
     "ekf": EkfNodeConfig,
@@ -62,6 +71,8 @@ NODES = {
 RUNS = 100
 SWITCHING_RUNS, OWN_RUNS, SWITCHING_SEED = 200, 1000, 7
 """Runs of each start in the comparison of the laws, of this one's, and a seed that is not that of their tuning."""
+CALIBRATION_SEED = 3000
+"""First seed of the calibrations: none of those that it was developed with."""
 STEPS = 300
 PAPER_PLANT = next(one.plant for one in SETTINGS if one.name == "raw")
 QUIET = WorldConfig(
@@ -100,11 +111,26 @@ def _parameter_table(config_type: type[Any], tuned: dict[str, Any], paper: dict[
 
 
 def localization_page() -> str:
-    """Return docs/localization.md with current parameters and benchmark tables."""
+    """Return docs/localization.md with current parameters."""
     text = (DOCS / "localization.md").read_text()
-    text = between_markers(text, "parameters", "\n".join(_parameter_table(LocalizationConfig, {}, {})))
-    results = json.loads((DOCS / "localization.json").read_text())
+    return between_markers(text, "parameters", "\n".join(_parameter_table(LocalizationConfig, {}, {})))
+
+
+def localization_results_page() -> str:
+    """Return docs/localization-results.md with the tables of both benchmarks of the filter."""
+    text = (DOCS / "localization-results.md").read_text()
+    results, coloured = (json.loads((DOCS / f"{name}.json").read_text()) for name in (LOCALIZATION, COLOUR))
+    text = between_markers(text, "colour", filter_colour_report.page_part(coloured))
     return between_markers(text, "benchmark", filter_report.page_part(results))
+
+
+def real_robots_page() -> str:
+    """Return docs/real-robots.md with the tables of real drives, and of calibrations on simulated ones."""
+    text = (DOCS / "real-robots.md").read_text()
+    real, simulated = (json.loads((DOCS / f"{name}.json").read_text()) for name in (REAL, CALIBRATION))
+    text = between_markers(text, "shipped", "\n\n".join(real_benchmark.table(one) for one in real["sets"]))
+    text = between_markers(text, "calibrated", "\n\n".join(calibrated_table(one["calibrated"]) for one in real["sets"]))
+    return between_markers(text, "simulated", calibration_benchmark.table(simulated))
 
 
 def _shown(value: Any) -> str:
@@ -170,8 +196,30 @@ def write_animation() -> None:
 def write_localization() -> None:
     """Run the benchmark of the filter; write its results and its figure to docs/."""
     results = filter_benchmark.run_benchmark(BENCHMARKS["localization"][0], 1)
-    write_json(DOCS / "localization.json", results)
+    write_json(DOCS / f"{LOCALIZATION}.json", results)
     filter_benchmark.draw(results, DOCS / "localization.png")
+
+
+def write_colour() -> None:
+    """Run the benchmark of coloured fixes; write its results to docs/."""
+    write_json(DOCS / f"{COLOUR}.json", filter_colour.run_benchmark(BENCHMARKS["colour"][0], 1))
+
+
+def write_real(folders: list[Path]) -> None:
+    """Filter and calibrate the drives of data sets; write the results to docs/."""
+    sets = []
+    for folder in folders:
+        with tempfile.TemporaryDirectory() as out:
+            real_benchmark.run_and_report(folder, Path(out) / REAL, figures=False, calibrated=True)
+            sets.append(json.loads((Path(out) / REAL / "results.json").read_text()))
+    write_json(DOCS / f"{REAL}.json", {"sets": sets})
+
+
+def write_calibration() -> None:
+    """Run the benchmark of the calibration; write its results to docs/."""
+    with tempfile.TemporaryDirectory() as out:
+        calibration_benchmark.run_and_report(BENCHMARKS[CALIBRATION][0], CALIBRATION_SEED, Path(out) / CALIBRATION)
+        shutil.copy(Path(out) / CALIBRATION / "results.json", DOCS / f"{CALIBRATION}.json")
 
 
 def write_bound() -> None:
@@ -201,9 +249,12 @@ def main() -> int:
     parser.add_argument(
         "--benchmark",
         nargs="?",
-        choices=("both", "switching", "localization", "bound"),
+        choices=("both", "switching", "localization", "colour", "calibration", "bound"),
         const="both",
-        help="repeat both benchmarks, or one",
+        help="repeat those of the law and of the filter, or one",
+    )
+    parser.add_argument(
+        "--real", type=Path, nargs="+", metavar="FOLDER", help="repeat those on the drives of data sets"
     )
     parser.add_argument("--animation", action="store_true", help="draw run.gif again")
     options = parser.parse_args()
@@ -213,6 +264,12 @@ def main() -> int:
         write_switching()
     if options.benchmark in ("both", "localization"):
         write_localization()
+    if options.benchmark in ("both", "colour"):
+        write_colour()
+    if options.benchmark in ("both", CALIBRATION):
+        write_calibration()
+    if options.real:
+        write_real(options.real)
     if options.animation:
         write_animation()
     if options.benchmark == "bound":
@@ -224,6 +281,8 @@ def main() -> int:
         DOCS / "reproduction.md": reproduction_page(experiments["a"], experiments["b"], experiments["scan"]),
         DOCS / "benchmark.md": benchmark_page(),
         DOCS / "localization.md": localization_page(),
+        DOCS / "localization-results.md": localization_results_page(),
+        DOCS / "real-robots.md": real_robots_page(),
         DOCS / "rooms.svg": rooms_picture(),
         control: between_markers(control.read_text(), "scenario A", scenario_a_table()),
     }

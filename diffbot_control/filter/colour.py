@@ -22,6 +22,8 @@ _MAX_SQUARE = 30.0
 """Bound of a normalised square: an outlier that no gate kept out has no partner."""
 _SIZE = 3
 """Numbers of a fix."""
+Numbers = tuple[float, float, float]
+"""x [m], y [m], theta [rad]"""
 
 
 class Variances(NamedTuple):
@@ -49,9 +51,9 @@ class Colour(NamedTuple):
 
     paired: bool
     """False if the newest fix was not accepted: the next one has no partner"""
-    innovation: Pose
+    innovation: Numbers
     """of the newest fix: measured minus expected pose"""
-    residual: Pose
+    residual: Numbers
     """the same after its correction"""
     estimate: Pose
     """after its correction"""
@@ -69,19 +71,28 @@ class Colour(NamedTuple):
     """factor on R: (1 + c) / (1 - c)"""
 
 
-_ZERO = Pose(0.0, 0.0, 0.0)
+_ZERO = (0.0, 0.0, 0.0)
+_ORIGIN = Pose(0.0, 0.0, 0.0)
 STANDING = Travelled(0.0, 0.0)
 
 
 def new_colour() -> Colour:
     """Return the memory before the first fix: independent errors."""
-    return Colour(False, _ZERO, _ZERO, _ZERO, 0.0, 1.0, 0.0, 0.0, 0, 1.0)
+    return Colour(False, _ZERO, _ZERO, _ORIGIN, 0.0, 1.0, 0.0, 0.0, 0, 1.0)
 
 
 def unpaired(colour: Colour) -> Colour:
     """Return the memory after a fix that was not accepted, or a jump of the estimate."""
     _, innovation, residual, estimate, var_theta, difference, motion, product, pairs, inflation = colour
     return Colour(False, innovation, residual, estimate, var_theta, difference, motion, product, pairs, inflation)
+
+
+def shifted(colour: Colour, before: Pose, after: Pose) -> Colour:
+    """Return the memory after fixes of another source have moved the estimate: it is no motion of the robot."""
+    dx, dy, turn = after.x - before.x, after.y - before.y, wrap_angle(after.theta - before.theta)
+    (x, y, theta), start = colour.residual, colour.estimate
+    moved = Pose(start.x + dx, start.y + dy, wrap_angle(start.theta + turn))
+    return colour._replace(residual=(x - dx, y - dy, theta - turn), estimate=moved)
 
 
 def travel(travelled: Travelled, motion: Motion, var_lateral: float) -> Travelled:
@@ -107,18 +118,18 @@ def with_fix(
         var_theta: of that estimate [rad^2].
     """
     paired, last, old, start, old_var_theta, difference, motion, product, pairs, inflation = colour
-    x, y, theta = fix.x - before.x, fix.y - before.y, heading_innovation(fix.theta, before.theta)
-    innovation = Pose(x, y, theta)
-    residual = Pose(fix.x - after.x, fix.y - after.y, theta - wrap_angle(after.theta - before.theta))
+    (fix_x, fix_y, fix_theta), (x_before, y_before, theta_before) = fix, before
+    x, y, theta = fix_x - x_before, fix_y - y_before, heading_innovation(fix_theta, theta_before)
     if paired:
+        (last_x, last_y, last_theta), (old_x, old_y, old_theta) = last, old
         by_x, by_y, by_theta = 1.0 / R.x, 1.0 / R.y, 1.0 / R.theta
-        r_x, r_y, r_theta = x - old.x, y - old.y, theta - old.theta
+        r_x, r_y, r_theta = x - old_x, y - old_y, theta - old_theta
         newest = (r_x * r_x * by_x + r_y * r_y * by_y + r_theta * r_theta * by_theta) * (0.5 / _SIZE)
         if newest < _MAX_SQUARE:
             # An error of the heading turns what was driven: it moves the end across.
-            dx, dy = before.x - start.x, before.y - start.y
+            dx, dy = x_before - start.x, y_before - start.y
             moved = 0.5 * (travelled.along + (dx * dx + dy * dy) * old_var_theta) * (by_x + by_y)
-            both = (x * last.x * by_x + y * last.y * by_y + theta * last.theta * by_theta) / _SIZE
+            both = (x * last_x * by_x + y * last_y * by_y + theta * last_theta * by_theta) / _SIZE
             if pairs < _MEMORY:
                 pairs += 1
             difference += (newest - difference) / pairs
@@ -126,7 +137,8 @@ def with_fix(
             product += (both - product) / pairs
             c = correlation_of(difference, motion, product, pairs)
             inflation = (1.0 + c) / (1.0 - c)
-    return Colour(True, innovation, residual, after, var_theta, difference, motion, product, pairs, inflation)
+    residual = (fix_x - after.x, fix_y - after.y, theta - wrap_angle(after.theta - theta_before))
+    return Colour(True, (x, y, theta), residual, after, var_theta, difference, motion, product, pairs, inflation)
 
 
 def growth(before: Colour, after: Colour) -> float:

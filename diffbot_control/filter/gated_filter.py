@@ -19,14 +19,7 @@ from diffbot_control.filter.adaptation import (
     r_scales,
 )
 from diffbot_control.filter.belief import Belief, ErrorEstimate, inflate, pose_of, with_errors, with_pose
-from diffbot_control.filter.colour import (
-    Colour,
-    Variances,
-    growth,
-    travel,
-    unpaired,
-    with_fix,
-)
+from diffbot_control.filter.colour import STANDING, Colour, Variances, growth, shifted, travel, unpaired, with_fix
 from diffbot_control.filter.correlation import NO_STAMPS, inflation_of, with_stamp
 from diffbot_control.filter.ekf import PLAIN, PoseEkf, Robust
 from diffbot_control.filter.gate import (
@@ -70,6 +63,7 @@ class GatedFilter:
     def configure(self, options: FilterOptions, wheel_separation: float) -> None:
         """Apply changed options; the number of states stays."""
         self.options = options
+        self._correlated = any(options.correlation_times)
         self._ekf.wheel_separation = wheel_separation
         self._ekf.random_walk = options.radius_random_walk
         self._ekf.landmark_errors = options.landmark_errors if any(options.landmark_errors) else NO_ERRORS
@@ -165,10 +159,10 @@ class GatedFilter:
         return self._take_other(measurement)
 
     def _take_fix(self, fix: PoseFix) -> int:
-        before, candidate, gate, old, stamps, colour, _ = self.memory
+        before, candidate, gate, old, stamps, colour, travelled = self.memory
         adaptation, options, adaptive = old, self.options, self.options.adaptive
         if adaptive:
-            fix = PoseFix(fix.stamp, fix.pose, _scaled_noise(fix.R, old))
+            fix = fix._replace(R=_scaled_noise(fix.R, old))
         robust = self._robust(fix)
         belief, self.nis = self._corrected(before, fix, robust)
         self.innovation = self._newest_innovation()
@@ -191,18 +185,21 @@ class GatedFilter:
             belief = inflate(belief, factor)
             candidate = None if candidate is None else inflate(candidate, factor)
         if options.detects_colour:
-            belief, colour = self._coloured(fix, belief, decision.outcome == ACCEPTED)
-        stamps = with_stamp(stamps, fix, options.correlation_times)
-        self.memory = Memory(belief, candidate, gate, adaptation, stamps, colour)
+            belief, colour = self._coloured(fix, belief, decision.outcome)
+        if self._correlated:
+            stamps = with_stamp(stamps, fix, options.correlation_times)
+        self.memory = Memory(belief, candidate, gate, adaptation, stamps, colour, travelled if fix.source else STANDING)
         return decision.outcome
 
-    def _coloured(self, fix: PoseFix, after: Belief, accepted: bool) -> tuple[Belief, Colour]:
-        """Return the belief after a fix and what it says about the correlation of the errors of fixes."""
+    def _coloured(self, fix: PoseFix, after: Belief, outcome: int) -> tuple[Belief, Colour]:
+        """Return the belief after a fix and what it says about the correlation of the errors of global_pose."""
         memory = self.memory
-        if not accepted:
+        if outcome == RELOCATED or (outcome != ACCEPTED and not fix.source):
             return after, unpaired(memory.colour)
-        variances = Variances(fix.R.item(0), fix.R.item(4), fix.R.item(8))
         poses = pose_of(memory.belief), pose_of(after)
+        if fix.source:
+            return after, shifted(memory.colour, *poses)
+        variances = Variances(fix.R.item(0), fix.R.item(4), fix.R.item(8))
         colour = with_fix(memory.colour, memory.travelled, fix.pose, variances, *poses, after.P.item(2, 2))
         return inflate(after, growth(memory.colour, colour)), colour
 
@@ -236,18 +233,19 @@ class GatedFilter:
             belief, _ = self._corrected(with_pose(before, Pose(x, y, theta), _RESET_P), measurement, robust)
         elif decision.outcome not in (ACCEPTED, WEIGHED):
             belief = before
-        stamps = with_stamp(stamps, measurement, self.options.correlation_times)
+        if self._correlated:
+            stamps = with_stamp(stamps, measurement, self.options.correlation_times)
         self.memory = Memory(belief, candidate, gate, adaptation, stamps, colour, travelled)
         return decision.outcome
 
     def _robust(self, measurement: Measurement, kind: int = FIX) -> Robust:
         """Return how much weaker the correction with a measurement is than its R says."""
         options = self.options
-        if options.detects_colour and isinstance(measurement, PoseFix):
+        if options.detects_colour and isinstance(measurement, PoseFix) and not measurement.source:
             inflation = self.memory.colour.inflation
             return PLAIN if inflation == 1.0 else Robust(inflation)
         weighed = options.weigh_landmarks and isinstance(measurement, LandmarkMeasurement)
-        if not weighed and not any(options.correlation_times):
+        if not weighed and not self._correlated:
             return PLAIN
         inflation = inflation_of(self.memory.stamps, measurement, options.correlation_times)
         return Robust(inflation, options.gates[kind] if weighed else math.inf)
@@ -280,12 +278,12 @@ class GatedFilter:
         """Reset the errors of the wheels if one is beyond its bound."""
         if not self.calibrating:
             return belief
-        bound, part = self.options.max_radius_error, self._ekf.wheel_part
-        left, right, *other = belief.x[part].tolist()
-        start = self.options.wheel_errors
-        separation = abs(other[0] - start[2]) if other else 0.0
-        radii = max(abs(left - start[0]), abs(right - start[1]))
-        if radii <= bound and separation <= self.options.max_separation_error:
+        options, part = self.options, self._ekf.wheel_part
+        errors = belief.x.tolist()[part]
+        start = options.wheel_errors
+        radii = max(abs(errors[0] - start[0]), abs(errors[1] - start[1]))
+        separation = abs(errors[2] - start[2]) if len(errors) == 3 else 0.0
+        if radii <= options.max_radius_error and separation <= options.max_separation_error:
             return belief
         prior = self._wheel_prior()
         return with_errors(belief, part, np.array(start[: len(prior)]), prior)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter, deque
-from collections.abc import Hashable, Iterable
+from collections.abc import Collection, Hashable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -51,9 +51,11 @@ class Whiteness(NamedTuple):
     """95 % of the absolute values of a consistent filter are below it"""
     alarm: float
     """above it the errors are correlated in time"""
+    nis: float
+    """mean of the same innovations per number measured; 1 if their covariance is right"""
 
 
-def whiteness_of(innovations: Iterable[tuple[Hashable, Innovation]]) -> Whiteness | None:
+def whiteness_of(innovations: Collection[tuple[Hashable, Innovation]]) -> Whiteness | None:
     """Return the lag-1 autocorrelation of innovations (source, innovation) in the order of time; None if too few.
 
     Each is divided by the Cholesky factor of its S. For white innovations, the sum of n products of neighbours divided
@@ -61,17 +63,29 @@ def whiteness_of(innovations: Iterable[tuple[Hashable, Innovation]]) -> Whitenes
     """
     last: dict[Hashable, Array] = {}
     energy, numbers, product, pairs = 0.0, 0, 0.0, 0
-    for source, (y, S) in innovations:
-        u = np.linalg.solve(np.linalg.cholesky(S), y)
-        energy, numbers = energy + float(u @ u), numbers + u.size
+    for (source, _), u in zip(innovations, _whitened([one for _, one in innovations]), strict=True):
+        energy, numbers = energy + float(u.dot(u)), numbers + u.size
         before = last.get(source)
         if before is not None and before.size == u.size:
-            product, pairs = product + float(u @ before), pairs + u.size
+            product, pairs = product + float(u.dot(before)), pairs + u.size
         last[source] = u
     if pairs < _MIN_PAIRS or energy <= 0.0:
         return None
     deviation = 1.0 / math.sqrt(pairs)
-    return Whiteness(product / pairs / (energy / numbers), _SIGMAS_95 * deviation, _SIGMAS_ALARM * deviation)
+    nis = energy / numbers
+    return Whiteness(product / pairs / nis, _SIGMAS_95 * deviation, _SIGMAS_ALARM * deviation, nis)
+
+
+def _whitened(innovations: Sequence[Innovation]) -> list[Array]:
+    """Return L^-1 y of each innovation, S = L L'; all of one size in one call, which takes a tenth of the time."""
+    found: list[Array] = [np.empty(0)] * len(innovations)
+    for size in {one.y.size for one in innovations}:
+        places = [place for place, one in enumerate(innovations) if one.y.size == size]
+        L = np.linalg.cholesky(np.array([innovations[place].S for place in places]))
+        y = np.array([innovations[place].y for place in places])
+        for place, u in zip(places, np.linalg.solve(L, y[:, :, None])[:, :, 0], strict=True):
+            found[place] = u
+    return found
 
 
 class Nis(NamedTuple):
@@ -88,15 +102,17 @@ class Nis(NamedTuple):
 class InnovationMonitor:
     """Record of a filter's innovations."""
 
-    def __init__(self) -> None:
-        """Start with an empty record."""
+    def __init__(self, sources: tuple[str, ...] = ()) -> None:
+        """Start with an empty record; ``sources`` are the names of further sources of fixes, kinds FIX + 1, ..."""
+        self.names = KINDS | {FIX + 1 + index: f"fixes of {name}" for index, name in enumerate(sources)}
+        """of the kinds of measurement"""
         self.rejected: Counter[str] = Counter()
         self.relocated: Counter[str] = Counter()
         self.weighed = 0
         """number of landmarks beyond the gate that were weighed"""
         self._window: deque[tuple[float, int]] = deque(maxlen=WINDOW)
         self._innovations: dict[int, deque[tuple[Hashable, Innovation]]] = {
-            kind: deque(maxlen=_WHITENESS_WINDOW) for kind in KINDS
+            kind: deque(maxlen=_WHITENESS_WINDOW) for kind in self.names
         }
 
     def clear(self) -> None:
@@ -111,23 +127,23 @@ class InnovationMonitor:
         """Add a measurement.
 
         Args:
-            kind: FIX, LANDMARK or HEADING.
+            kind: FIX, LANDMARK or HEADING, or FIX + 1, ... for further sources of fixes.
             nis: its NIS.
             outcome: of the gate's decision.
             innovation: None if it is not known.
             source: of the measurement; only innovations of one source are compared with each other.
         """
         if outcome == ACCEPTED:
-            numbers = _NUMBERS[kind] if innovation is None else innovation.y.size
+            numbers = _NUMBERS[min(kind, FIX)] if innovation is None else innovation.y.size
             self._window.append((nis, numbers))
             if innovation is not None:
                 self._innovations[kind].append((source, innovation))
         elif outcome == WEIGHED:
             self.weighed += 1
         elif outcome == REJECTED:
-            self.rejected[KINDS[kind]] += 1
+            self.rejected[self.names[kind]] += 1
         elif outcome == RELOCATED:
-            self.relocated[KINDS[kind]] += 1
+            self.relocated[self.names[kind]] += 1
             self.clear()  # those innovations belong to the estimate that was given up
 
     def nis(self) -> Nis | None:
@@ -151,11 +167,13 @@ class InnovationMonitor:
             values["NIS per number"] = f"{nis.mean:.3f}"
             values["NIS 95 % bounds"] = f"{nis.low:.3f} {nis.high:.3f}"
         for number, white in self.whiteness().items():
-            values[f"autocorrelation of {KINDS[number]}"] = f"{white.correlation:.3f}"
-            values[f"autocorrelation of {KINDS[number]}, 95 % bound"] = f"{white.bound:.3f}"
+            name = self.names[number]
+            values[f"NIS per number of {name}"] = f"{white.nis:.3f}"
+            values[f"autocorrelation of {name}"] = f"{white.correlation:.3f}"
+            values[f"autocorrelation of {name}, 95 % bound"] = f"{white.bound:.3f}"
         if self.weighed:
             values["landmarks weighed"] = str(self.weighed)
-        for kind in KINDS.values():
+        for kind in self.names.values():
             if self.rejected[kind] or self.relocated[kind] or kind == "fixes":
                 values[f"{kind} rejected"] = str(self.rejected[kind])
                 values[f"relocations by {kind}"] = str(self.relocated[kind])

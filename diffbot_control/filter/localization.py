@@ -9,23 +9,22 @@ from __future__ import annotations
 import math
 from bisect import insort
 from collections import OrderedDict, deque
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 from diffbot_control.filter.belief import Belief
-from diffbot_control.filter.correlation import KIND_OF, source_of
+from diffbot_control.filter.correlation import kind_of, source_of
 from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.innovation_monitor import InnovationMonitor
+from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.filter.measurements import Array, Measurement, OdometryStep, PoseFix
 from diffbot_control.filter.memory import Memory
 from diffbot_control.filter.models import Motion
 from diffbot_control.filter.odometry_delay import DelayLine
-from diffbot_control.filter.odometry_noise import OdometryConfig, density_of, over_time
-from diffbot_control.filter.options import FilterConfig, options_of
+from diffbot_control.filter.odometry_noise import density_of, over_time
 from diffbot_control.filter.stamp_order import Key, key_of, order_of, split_at
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import WheelGeometry, scale_twist_covariance
-from diffbot_core.schema import Spec
 from diffbot_core.units import S_PER_NS
 
 _MAX_PENDING = 1000
@@ -34,14 +33,6 @@ _MAX_GAP = 1000 * 10**9
 """[ns] between two odometry messages; a longer motion is not described by its mean twist."""
 _MAX_KEYS = 10_000
 """Number of measurements whose keys are kept to recognise duplicates."""
-
-
-class LocalizationConfig(NamedTuple):
-    """Options of the fusion."""
-
-    history_length: Annotated[float, Spec("how late a measurement may come", "s", minimum=0.0, maximum=60.0)] = 1.0
-    filter: FilterConfig = FilterConfig()
-    odometry: OdometryConfig = OdometryConfig()
 
 
 class Estimate(NamedTuple):
@@ -80,8 +71,8 @@ class Localization:
         """Start unknown: :attr:`initialised` is False until a pose comes; ``wheel_separation`` is L [m]."""
         self.config = config
         self._history = round(config.history_length / S_PER_NS)
-        self.filter = GatedFilter(options_of(config.filter), wheel_separation)
-        self.monitor = InnovationMonitor()
+        self.filter = GatedFilter(config.options(), wheel_separation)
+        self.monitor = InnovationMonitor(config.sources.pose_sources)
         self.dropped_before_odometry = 0
         """number of measurements dropped because their stamps are before the first odometry's"""
         self.initialised = False
@@ -96,7 +87,7 @@ class Localization:
         """Apply changed options from the next message on; the variant of the filter stays."""
         self._history = round(config.history_length / S_PER_NS)
         self.config = config._replace(filter=config.filter._replace(filter=self.config.filter.filter))
-        self.filter.configure(options_of(self.config.filter), wheel_separation)
+        self.filter.configure(self.config.options(), wheel_separation)
 
     def reset(self) -> None:
         """Reset everything to unknown; the next fix initialises the filter."""
@@ -283,7 +274,7 @@ class Localization:
     def _update(self, measurement: Measurement, new: bool = True) -> None:
         outcome = self.filter.take(measurement)
         if new:
-            kind, source = KIND_OF[type(measurement)], source_of(measurement)
+            kind, source = kind_of(measurement), source_of(measurement)
             self.monitor.record(kind, self.filter.nis, outcome, self.filter.innovation, source)
 
     def _trim(self) -> None:

@@ -31,11 +31,13 @@ class PoseFix(NamedTuple):
     pose: Pose
     R: Array
     """(3, 3) covariance [m, m, rad]"""
+    source: int = 0
+    """0: global_pose; 1, 2, ...: the further sources"""
 
     @property
     def values(self) -> tuple[float, ...]:
-        """The measured numbers x, y, theta."""
-        return self.pose
+        """The measured numbers x, y, theta, and a further source: two sources may measure alike."""
+        return (*self.pose, float(self.source)) if self.source else self.pose
 
 
 class Heading(NamedTuple):

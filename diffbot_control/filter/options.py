@@ -160,8 +160,8 @@ class FilterOptions(NamedTuple):
     """relative errors of the radii, left, right, and of the wheel separation at the start"""
     weigh_landmarks: bool
     """weigh landmarks beyond the gate instead of rejecting them"""
-    correlation_times: tuple[float, float, float]
-    """[s] of headings, of each landmark, of fixes; 0: independent errors"""
+    correlation_times: tuple[float, ...]
+    """[s] of headings, of each landmark, of fixes, and of the fixes of each further source; 0: independent errors"""
     detects_colour: bool
     """find the correlation of the errors of fixes"""
     landmark_errors: LandmarkErrors
@@ -170,11 +170,15 @@ class FilterOptions(NamedTuple):
     """their standard deviations at the start, all > 0; None if they are no states"""
 
 
-def options_of(config: FilterConfig) -> FilterOptions:
-    """Derive the filter's numbers from its configuration; the bounds are chi-square quantiles."""
+def options_of(config: FilterConfig, source_times: tuple[float, ...] = ()) -> FilterOptions:
+    """Derive the filter's numbers from its configuration; the bounds are chi-square quantiles.
+
+    ``source_times``: correlation time [s] of each further source of fixes.
+    """
     adaptive = config.filter in (FNN, FNN_CALIBRATING)
     calibrating = config.filter in (CALIBRATING, FNN_CALIBRATING)
     rest = 1.0 - config.gate_probability
+    times = config.heading_correlation_time, config.landmark_correlation_time, config.fix_correlation_time
     first, second, third = (float(chdtri(dof, rest)) if rest > 0.0 else math.inf for dof in (1, 2, 3))
     return FilterOptions(
         adaptive,
@@ -190,7 +194,7 @@ def options_of(config: FilterConfig) -> FilterOptions:
         if calibrating
         else (0.0, 0.0, 0.0),
         config.landmark_gate == WEIGH,
-        (config.heading_correlation_time, config.landmark_correlation_time, config.fix_correlation_time),
+        (*times, *source_times),
         config.detect_fix_correlation and config.fix_correlation_time == 0.0 and not adaptive,
         LandmarkErrors(config.landmark_range_offset, config.landmark_range_scale, config.landmark_bearing_offset),
         _landmark_sigmas(config),

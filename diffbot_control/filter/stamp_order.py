@@ -12,9 +12,16 @@ _RANKS = {PoseFix: 0, Heading: 1, LandmarkMeasurement: 2}
 
 
 def order_of(measurement: Measurement) -> tuple[Any, ...]:
-    """Sort by stamp; at equal stamps fixes, headings, landmarks by position, then by value: independent of arrival."""
-    position = measurement.landmark if isinstance(measurement, LandmarkMeasurement) else ()
-    return measurement.stamp, _RANKS[type(measurement)], position, measurement.values
+    """Sort by stamp, whatever the order of arrival.
+
+    At equal stamps fixes by source, then headings, then landmarks by position; in each of these by value.
+    """
+    place: tuple[float, ...] = ()
+    if isinstance(measurement, LandmarkMeasurement):
+        place = measurement.landmark
+    elif isinstance(measurement, PoseFix):
+        place = (measurement.source,)
+    return measurement.stamp, _RANKS[type(measurement)], place, measurement.values
 
 
 def key_of(measurement: Measurement) -> Key:

@@ -21,6 +21,7 @@ from diffbot_control.ros.sensor_messages import (
     wheel_speeds_from,
 )
 from diffbot_core.kinematics import Twist, body_twist, encoder_covariance
+from diffbot_core.units import S_PER_NS
 
 _WHEEL_ERRORS = ("left wheel radius", "right wheel radius", "wheel separation")
 _LANDMARK_ERRORS = ("landmark range offset", "landmark range scale", "landmark bearing offset")
@@ -40,6 +41,11 @@ class EkfInputs:
         self._config = config
         self.landmark_points = config.landmarks.points()
         self.fix_noise = KnownNoise(_diagonal((xy, xy, yaw)), always)
+        self._sources = config.localization.sources.settings()
+        self.source_noises = [
+            KnownNoise(_diagonal((one.sigma_xy, one.sigma_xy, one.sigma_yaw)), always) for one in self._sources
+        ]
+        """of the further sources of fixes"""
         self.heading_noise = KnownNoise(_diagonal((noise.heading_sigma,)), always)
         landmark = _diagonal((noise.landmark_range_sigma, noise.landmark_bearing_sigma))
         self._landmark_noise = KnownNoise(landmark, always, noise.landmark_range_sigma_per_metre)
@@ -47,6 +53,11 @@ class EkfInputs:
     def fix(self, message: Any) -> PoseFix:
         """Return the fix of a PoseWithCovarianceStamped."""
         return fix_from(message, self._config.map_frame, self.fix_noise)
+
+    def source_fix(self, index: int, message: Any) -> PoseFix:
+        """Return the fix of the further source ``index``, stamped when it was measured."""
+        fix = fix_from(message, self._config.map_frame, self.source_noises[index])
+        return fix._replace(stamp=fix.stamp - round(self._sources[index].delay / S_PER_NS), source=index + 1)
 
     def initialpose(self, message: Any) -> PoseFix:
         """Return the pose at which to put the filter.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, NamedTuple
 
 from diffbot_control.filter.landmark_map import LandmarkMap
-from diffbot_control.filter.localization import LocalizationConfig
+from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.kinematics import WheelGeometry
 from diffbot_core.schema import Spec

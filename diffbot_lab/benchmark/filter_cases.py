@@ -41,8 +41,9 @@ class Scenario(NamedTuple):
     rates: tuple[tuple[int, int], ...] = RATES
 
 
-_NOMINAL, _MODEL, _FAULTS, _SENSORS = "Right model", "Wrong model", "Faults", "Further sensors"
-SECTIONS = (_NOMINAL, _MODEL, _FAULTS, _SENSORS)
+_NOMINAL, _MESSAGES = "Right model", "Rates of the odometry"
+_MODEL, _FAULTS, _SENSORS = "Wrong model", "Faults", "Further sensors"
+SECTIONS = (_NOMINAL, _MESSAGES, _MODEL, _FAULTS, _SENSORS)
 _RADIUS_ERROR = 0.02
 _OUTLIERS = SensorConfig(fix_outlier=0.05, fix_outlier_distance=3.0)
 _SLIP = PlantConfig(slip_right=0.6, slip_start=SLIP_START, slip_duration=SLIP_DURATION)
@@ -54,6 +55,7 @@ def _kidnapped(plant: PlantConfig, time: float) -> PlantConfig:
 
 SCENARIOS = (
     Scenario("nominal", _NOMINAL, "noise as the filter is told"),
+    Scenario("rates", _MESSAGES, "the same at 10, 50 and 100 Hz", rates=((10, 5), (50, 5), (100, 5))),
     Scenario("radius", _MODEL, "right wheel's radius 2 % too large", PlantConfig(right_radius_error=_RADIUS_ERROR)),
     Scenario("r_10", _MODEL, "R claimed 10 times as large", sensors=SensorConfig(fix_covariance_scale=10.0)),
     Scenario("r_01", _MODEL, "R claimed a tenth as large", sensors=SensorConfig(fix_covariance_scale=0.1)),

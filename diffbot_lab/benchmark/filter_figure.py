@@ -15,7 +15,7 @@ from diffbot_lab.plotting import new_grid, save
 Array = NDArray[np.float64]
 
 _COLOURS = {EKF: "#999999", CALIBRATING: "#0072B2", FNN: "#E69F00", FNN_CALIBRATING: "#009E73"}
-_LABELS = {
+_LABELS = {  # the scenarios that are drawn
     "nominal": "right\nmodel",
     "radius": "radius\n+2 %",
     "r_10": "R x 10",
@@ -72,7 +72,8 @@ def _draw_run(axes: Any, name: str, history: Array, t_s: float) -> None:
 
 
 def _draw_bars(axes: Any, results: dict[str, Any], rates: tuple[int, int]) -> None:
-    cases = [one for one in results["cases"] if (one["odometry_rate"], one["fix_rate"]) == rates]
+    shown = [one for one in results["cases"] if one["scenario"] in _LABELS]
+    cases = [one for one in shown if (one["odometry_rate"], one["fix_rate"]) == rates]
     places = np.arange(len(cases))
     width = 0.8 / len(FILTERS)
     for index, name in enumerate(FILTERS):

@@ -116,7 +116,7 @@ def _terminal_row(name: str, one: Results) -> str:
 
 
 def page_part(results: Results) -> str:
-    """Return the tables of docs/localization.md."""
+    """Return the tables of docs/localization-results.md."""
     lines = [
         f"{results['runs']} runs of {results['duration']:.0f} s each, seed {results['seed']}; the first "
         f"{results['skipped']:.0f} s do not count. The default is `{results['default_filter']}`.",

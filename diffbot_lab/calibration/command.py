@@ -14,7 +14,7 @@ from tqdm import tqdm
 from diffbot_bag.reader import BagReader
 from diffbot_control.ros.ekf_parameters import EkfNodeConfig
 from diffbot_control.ros.message_fields import stamp_ns
-from diffbot_core.errors import BadMessageError, DiffbotError
+from diffbot_core.errors import BadMessageError, DiffbotError, InvalidValueError
 from diffbot_core.files import write_text
 from diffbot_core.units import S_PER_NS
 from diffbot_lab.calibration.calibrate import Calibration, Judged, calibrate
@@ -47,6 +47,9 @@ def run(bags: list[Path], params: Path | None, out: Path, until: float, remap: d
         raise DiffbotError(f"{out.parent} is no folder to write {out.name} to")
     folder = bags[0] if bags[0].is_dir() else bags[0].parent
     config, _ = read_config(folder / PARAMETERS if params is None else params)
+    sources = config.localization.sources.pose_sources
+    if sources:
+        raise InvalidValueError("pose_sources", list(sources), "empty for calibrate: it knows global_pose alone")
     drives, commands = zip(*(read_drive(bag, config, until, remap) for bag in bags), strict=True)
     with tqdm(desc="calibrate", unit="run", disable=None) as bar:
         calibration = calibrate(list(drives), config, bar.update)

@@ -43,11 +43,12 @@ class Filtered(NamedTuple):
 def settings_of(config: EkfNodeConfig) -> Settings:
     """Return the numbers of a configuration."""
     localization, odometry = config.localization, config.localization.odometry
-    options = options_of(localization.filter)
+    ekf = localization.filter
+    options = options_of(ekf)
     names = (odometry_noise.MESSAGE, odometry_noise.DENSITY, odometry_noise.MOTION)
     return Settings(
         config.wheels.wheel_separation,
-        localization.filter.wheel_radius_walk**2,
+        ekf.wheel_radius_walk**2,
         odometry.odometry_delay,
         names.index(odometry.odometry_noise),
         odometry.odometry_covariance_scale,
@@ -58,7 +59,7 @@ def settings_of(config: EkfNodeConfig) -> Settings:
         odometry.density_xy,
         odometry.density_theta,
         options.gates,
-        options.correlation_times,
+        (ekf.heading_correlation_time, ekf.landmark_correlation_time, ekf.fix_correlation_time),
         fix_bias=False,
         range_factor=1.0,
         bearing_factor=1.0,

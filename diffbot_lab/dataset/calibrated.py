@@ -1,4 +1,7 @@
-"""Calibration on real drives: on the first third of each, judged on the rest; and the first robot's on the others."""
+"""Calibration on real drives: on the first third of each, judged on the rest; and the first robot's on the others.
+
+A drive of less than three minutes is calibrated on, and judged on, as a whole.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +22,10 @@ from diffbot_lab.refilter.parameters import read_config
 
 SHARE = 1.0 / 3.0
 """of each drive that is calibrated on"""
+_SHORT = 180.0
+"""[s]"""
 TITLES = (
-    "drive", "rest, shipped: RMSE [m]", "NEES", "rest, calibrated: RMSE [m]", "NEES",
+    "drive", "calibrated on", "rest, shipped: RMSE [m]", "NEES", "rest, calibrated: RMSE [m]", "NEES",
     "whole drive, shipped: RMSE [m]", "NEES", "with the first one's calibration: RMSE [m]", "NEES",
 )  # fmt: skip
 _COLUMNS = ("rest_shipped", "rest_calibrated", "whole_shipped", "whole_with_first")
@@ -39,6 +44,7 @@ def study(found: list[DriveResult], folder: Path) -> list[dict[str, Any]]:
         own, _ = filtered_with(one.bag, parameters)
         row = {
             "name": one.name,
+            "calibrated_on": "the whole" if used_of(one.errors) == 1.0 else "the first third",
             "rest_shipped": _figures(rest_of(one.errors)),
             "rest_calibrated": _figures(rest_of(own)),
             "whole_shipped": _figures(one.errors),
@@ -52,17 +58,23 @@ def study(found: list[DriveResult], folder: Path) -> list[dict[str, Any]]:
 def calibrated_file(one: DriveResult, path: Path) -> Path:
     """Calibrate on the first part of a drive and write the parameter file, which is returned."""
     config, _ = read_config(one.bag / EKF_FILE)
-    until = SHARE * float(one.errors.time[-1])
+    until = used_of(one.errors) * float(one.errors.time[-1])
     events, _ = read_drive(one.bag, config, until, {})
     with tqdm(desc=f"calibrate {one.name}", unit="run", disable=None) as bar:
         outcome = outcome_of(calibrate([events], config, bar.update), config)
-    write_text(path, parameter_file(given_parameters(config), outcome, None, f"First third of {one.name}."))
+    write_text(path, parameter_file(given_parameters(config), outcome, None, f"Calibrated on {one.name}."))
     return path
 
 
+def used_of(errors: Errors) -> float:
+    """Return the share of a drive that is calibrated on."""
+    return 1.0 if errors.time[-1] < _SHORT else SHARE
+
+
 def rest_of(errors: Errors) -> Errors:
-    """Return the errors after the part that a calibration has used."""
-    use = errors.time >= SHARE * float(errors.time[-1])
+    """Return the errors that a calibration is judged by: after the part that it has used, or all."""
+    share = used_of(errors)
+    use = errors.time >= (0.0 if share == 1.0 else share * float(errors.time[-1]))
     return Errors(errors.time[use], errors.truth[use], errors.error[use], errors.P[use])
 
 
@@ -73,7 +85,7 @@ def _figures(errors: Errors) -> dict[str, Any]:
 
 def calibrated_table(rows: list[dict[str, Any]]) -> str:
     """Return the table of all drives in Markdown, with the mean of the drives that have a column."""
-    lines = [_line(row["name"], row) for row in rows]
+    lines = [_line(row["name"], row, row["calibrated_on"]) for row in rows]
     if len(rows) > 1:
         lines.append(_line("mean", {column: _mean(rows, column) for column in _COLUMNS}))
         others = [row for row in rows if row["whole_with_first"] is not None]
@@ -88,9 +100,9 @@ def _mean(rows: list[dict[str, Any]], column: str) -> dict[str, float] | None:
     return {name: sum(one[name] for one in known) / len(known) for name in ("rmse", "nees")}
 
 
-def _line(name: str, row: dict[str, Any]) -> tuple[str, ...]:
+def _line(name: str, row: dict[str, Any], share: str = "") -> tuple[str, ...]:
     cells = []
     for column in _COLUMNS:
         one = row[column]
         cells += ["-", "-"] if one is None else [f"{one['rmse']:.3f}", f"{one['nees']:.1f}"]
-    return name, *cells
+    return name, share, *cells

@@ -22,7 +22,7 @@ from diffbot_lab.refilter.comparison import (
     figures_of,
     read_truth,
 )
-from diffbot_lab.refilter.filter_run import INPUTS, Answer, FilterRun
+from diffbot_lab.refilter.filter_run import Answer, FilterRun, inputs_of
 from diffbot_lab.refilter.output import OutputTopics
 from diffbot_lab.refilter.parameters import read_config
 
@@ -77,14 +77,16 @@ def filter_run(reader: BagReader, config: EkfNodeConfig, remap: dict[str, str]) 
 
 
 def topics_of(reader: BagReader, config: EkfNodeConfig, remap: dict[str, str]) -> dict[str, str]:
-    """Map the topics of a bag to INPUTS.
+    """Map the topics of a bag to :func:`inputs_of`; the further sources of fixes have to be in it, too.
 
     Raises:
-        DiffbotError: if the bag has no odometry, or a remapped topic is not in it.
+        DiffbotError: if the bag has no odometry or source of fixes, or a remapped topic is not in it.
     """
-    names = {name: f"/{name}" for name in INPUTS} | {name: "/" + topic.lstrip("/") for name, topic in remap.items()}
+    names = {name: "/" + name.lstrip("/") for name in inputs_of(config)} | {
+        name: "/" + topic.lstrip("/") for name, topic in remap.items()
+    }
     found = reader.topics
-    for name in (*remap, config.odometry_source):
+    for name in (*remap, config.odometry_source, *config.localization.sources.pose_sources):
         if names[name] not in found:
             raise DiffbotError(
                 f"{reader.path} has no topic {names[name]} for {name}: it has {', '.join(sorted(found))}"

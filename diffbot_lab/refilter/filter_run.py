@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 from diffbot_bag.reader import DecodedMessage
 from diffbot_control.filter.gate import ACCEPTED, IGNORED, WEIGHED
 from diffbot_control.filter.innovation_monitor import InnovationMonitor
 from diffbot_control.filter.localization import Estimate, Localization
-from diffbot_control.filter.measurements import Array, LandmarkMeasurement, Measurement, OdometryStep
+from diffbot_control.filter.measurements import Array, LandmarkMeasurement, Measurement, OdometryStep, PoseFix
 from diffbot_control.ros.ekf_messages import EkfInputs, corrected_twist
 from diffbot_control.ros.ekf_parameters import EkfNodeConfig
 from diffbot_core.errors import BadMessageError
@@ -20,13 +21,18 @@ INPUTS = ("global_pose", "heading", "landmarks", "initialpose", "odom", "joint_s
 """Topics that the filter reads, as the node names them."""
 
 
+def inputs_of(config: EkfNodeConfig) -> tuple[str, ...]:
+    """Return INPUTS and the further sources of fixes of a configuration."""
+    return (*INPUTS, *config.localization.sources.pose_sources)
+
+
 class Innovation(NamedTuple):
     """One measurement at the filter."""
 
     stamp: int
     """[ns]"""
     source: tuple[str, tuple[float, ...]]
-    """type of the measurement, and the landmark's position"""
+    """type of the measurement, and the landmark's position or the number of a further source of fixes"""
     y: Array
     """(m,) innovation"""
     S: Array
@@ -61,7 +67,7 @@ class RecordingLocalization(Localization):
     def __init__(self, config: EkfNodeConfig) -> None:
         """Start unknown."""
         super().__init__(config.localization, config.wheels.wheel_separation)
-        self.monitor = self._recorder = _RecordingMonitor()
+        self.monitor = self._recorder = _RecordingMonitor(config.localization.sources.pose_sources)
         self.innovations: list[Innovation] = []
 
     def _update(self, measurement: Measurement, new: bool = True) -> None:
@@ -69,7 +75,11 @@ class RecordingLocalization(Localization):
         innovation = self.filter.innovation
         if not new or innovation is None:
             return
-        place = tuple(measurement.landmark) if isinstance(measurement, LandmarkMeasurement) else ()
+        place: tuple[float, ...] = ()
+        if isinstance(measurement, LandmarkMeasurement):
+            place = tuple(measurement.landmark)
+        elif isinstance(measurement, PoseFix) and measurement.source:
+            place = (float(measurement.source),)
         source, (y, S) = (type(measurement).__name__, place), innovation
         used = self._recorder.outcome in (ACCEPTED, WEIGHED)
         self.innovations.append(Innovation(measurement.stamp, source, y, S, self.filter.nis, used))
@@ -79,7 +89,7 @@ class FilterRun:
     """A filter that takes recorded messages, and counts those that it drops."""
 
     def __init__(self, config: EkfNodeConfig, topics: dict[str, str]) -> None:
-        """Start unknown; ``topics`` maps the topics of the bag to INPUTS."""
+        """Start unknown; ``topics`` maps the topics of the bag to those of :func:`inputs_of`."""
         self._inputs = EkfInputs(config)
         self._L = config.wheels.wheel_separation
         self.localization = RecordingLocalization(config)
@@ -91,6 +101,8 @@ class FilterRun:
             "initialpose": self._on_initialpose,
             config.odometry_source: self._on_odometry if config.odometry_source == "odom" else self._on_joint_states,
         }
+        for index, name in enumerate(config.localization.sources.pose_sources):
+            handlers[name] = partial(self._on_source_fix, index)
         if self._inputs.landmark_points:
             handlers["landmarks"] = self._on_landmarks
         self._handlers = {topic: handlers[name] for topic, name in topics.items() if name in handlers}
@@ -110,6 +122,9 @@ class FilterRun:
 
     def _on_fix(self, _topic: str, message: Any) -> None:
         self.localization.on_measurement(self._inputs.fix(message))
+
+    def _on_source_fix(self, index: int, _topic: str, message: Any) -> None:
+        self.localization.on_measurement(self._inputs.source_fix(index, message))
 
     def _on_heading(self, _topic: str, message: Any) -> None:
         self.localization.on_measurement(self._inputs.heading(message))

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from diffbot_control.filter.localization import LocalizationConfig
+from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.filter.options import FilterConfig, FilterOptions, options_of
 from diffbot_control.law.controller import SwitchingLaw
 from diffbot_control.law.polar_coordinates import in_front

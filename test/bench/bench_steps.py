@@ -14,7 +14,8 @@ import numpy as np
 from bench_table import Pair
 from filterpy.kalman import ExtendedKalmanFilter
 
-from diffbot_control.filter.localization import Localization, LocalizationConfig
+from diffbot_control.filter.localization import Localization
+from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.filter.measurements import OdometryStep, PoseFix
 from diffbot_control.filter.options import EKF, FNN, FilterConfig
 from diffbot_control.law.controller import ControllerMemory, step

@@ -15,7 +15,8 @@ from nav_msgs.msg import Odometry
 from robot import DEEP, planar, pose_stamped, stamp, yaw
 from std_srvs.srv import Trigger
 
-from diffbot_control.filter.localization import Localization, LocalizationConfig
+from diffbot_control.filter.localization import Localization
+from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.filter.measurements import Heading, OdometryStep, PoseFix
 from diffbot_control.law.controller import ControllerMemory, step
 from diffbot_control.law.presets import PRESETS

@@ -12,7 +12,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from robot import distance, lockstep, planar, pose_stamped, stamp, turned
 
 from diffbot_control.filter.covariance import uncertainty_of
-from diffbot_control.filter.localization import Localization, LocalizationConfig
+from diffbot_control.filter.localization import Localization
+from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.law.finish import FINISH_NAMES, FinishConfig
 from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.supervisor import STATES, Supervisor, SupervisorConfig

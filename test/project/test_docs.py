@@ -1,6 +1,7 @@
 """The generated parts of docs/ are up to date with the code."""
 
 import importlib.util
+import re
 from pathlib import Path
 
 import pytest
@@ -27,6 +28,22 @@ def test_scenario_a_table_is_up_to_date(generate):
 
 def test_localization_page_is_up_to_date(generate):
     assert (ROOT / "docs" / "localization.md").read_text() == generate.localization_page()
+
+
+def test_localization_results_are_up_to_date(generate):
+    page = ROOT / "docs" / "localization-results.md"
+    assert page.read_text() == generate.localization_results_page()
+
+
+def test_every_link_between_pages_has_a_target():
+    for page in (ROOT / "docs").glob("*.md"):
+        links = re.findall(r"\]\(([^)#:]+\.(?:md|png|svg|gif))(?:#([^)]+))?\)", page.read_text())
+        for name, section in links:
+            target = page.parent / name
+            assert target.is_file(), (page.name, name)
+            titles = re.findall(r"^#+ (.*)$", target.read_text(), re.MULTILINE) if section else []
+            anchors = {re.sub(r"[^a-z0-9 -]", "", title.lower()).replace(" ", "-") for title in titles}
+            assert not section or section in anchors, (page.name, name, section)
 
 
 def test_every_page_of_the_readme_exists():

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from diffbot_control.filter.localization import LocalizationConfig
+from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.regions import OMEGA_L, FixedRegionPolicy
 from diffbot_core.data_sheet import DataSheet

@@ -10,7 +10,8 @@ from diffbot_control.filter.belief import ErrorEstimate
 from diffbot_control.filter.ekf import PoseEkf
 from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.landmark_calibration import LandmarkErrors
-from diffbot_control.filter.localization import Localization, LocalizationConfig
+from diffbot_control.filter.localization import Localization
+from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.filter.measurements import LandmarkMeasurement, PoseFix
 from diffbot_control.filter.models import Motion
 from diffbot_control.filter.options import FilterConfig, options_of

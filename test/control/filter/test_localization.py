@@ -13,7 +13,8 @@ from filter_runs import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from diffbot_control.filter.localization import Localization, LocalizationConfig
+from diffbot_control.filter.localization import Localization
+from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.filter.measurements import Heading, PoseFix
 from diffbot_control.filter.options import FilterConfig
 from diffbot_core.errors import BadMessageError

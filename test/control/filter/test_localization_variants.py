@@ -21,7 +21,8 @@ from hypothesis import strategies as st
 from diffbot_control.filter.belief import ErrorEstimate
 from diffbot_control.filter.gate import FIX
 from diffbot_control.filter.landmark_map import LandmarkMap
-from diffbot_control.filter.localization import Localization, LocalizationConfig
+from diffbot_control.filter.localization import Localization
+from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.filter.measurements import Heading, LandmarkMeasurement, PoseFix
 from diffbot_control.filter.options import FILTERS, FilterConfig, options_of
 from diffbot_core.errors import BadMessageError

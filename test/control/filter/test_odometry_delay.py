@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from diffbot_control.filter.localization import Localization, LocalizationConfig
+from diffbot_control.filter.localization import Localization
+from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.filter.measurements import OdometryStep, PoseFix
 from diffbot_control.filter.odometry_delay import DelayLine
 from diffbot_control.filter.odometry_noise import MESSAGE, MOTION, OdometryConfig

@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from diffbot_control.filter.localization import Localization, LocalizationConfig
+from diffbot_control.filter.localization import Localization
+from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.filter.measurements import OdometryStep, PoseFix
 from diffbot_control.filter.odometry_noise import DENSITY, MESSAGE, MOTION, OdometryConfig, motion_density
 from diffbot_control.filter.options import EKF, FNN, FilterConfig

@@ -7,7 +7,8 @@ import pytest
 
 from diffbot_control.filter.gate import ACCEPTED, FIX, LANDMARK, REJECTED, RELOCATED, WEIGHED
 from diffbot_control.filter.innovation_monitor import Innovation, InnovationMonitor, whiteness_of
-from diffbot_control.filter.localization import Localization, LocalizationConfig
+from diffbot_control.filter.localization import Localization
+from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.filter.measurements import OdometryStep, PoseFix
 from diffbot_control.filter.options import FilterConfig
 from diffbot_core.geometry import Pose

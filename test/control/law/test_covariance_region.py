@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from diffbot_control.filter.covariance import uncertainty_of
-from diffbot_control.filter.localization import Localization, LocalizationConfig
+from diffbot_control.filter.localization import Localization
+from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.law import controller
 from diffbot_control.law.controller import ControllerMemory
 from diffbot_control.law.lyapunov_law import Gains

@@ -11,7 +11,8 @@ from scipy import stats
 from diffbot_control.filter.covariance import uncertainty_of
 from diffbot_control.filter.gate import FIX, REJECTED, RELOCATED
 from diffbot_control.filter.landmark_map import LandmarkMap
-from diffbot_control.filter.localization import Localization, LocalizationConfig
+from diffbot_control.filter.localization import Localization
+from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.filter.options import CALIBRATING, EKF, FILTERS, FNN, FilterConfig
 from diffbot_core.errors import InvalidValueError
 from diffbot_lab import cli

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from diffbot_control.filter.landmark_map import LandmarkMap
-from diffbot_control.filter.localization import LocalizationConfig
+from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.filter.options import FILTERS, FilterConfig, options_of
 from diffbot_control.law.presets import PRESETS
 from diffbot_core.geometry import Pose
