@@ -3,6 +3,7 @@
 import graph
 import numpy as np
 import pytest
+from filter_input import fix, odometry
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from graph import MODULES
 from nav_msgs.msg import Odometry
@@ -108,3 +109,33 @@ def test_reset_forgets_and_the_next_fix_starts_anew(twins):
     first = np.array(twins.poses[count].pose.covariance)[[0, 7]]
     assert first == pytest.approx([0.03, 0.03], rel=0.3)
     assert np.all(first > 3 * np.array(twins.poses[count - 1].pose.covariance)[[0, 7]])
+
+
+def test_a_further_source_of_fixes_has_its_own_deviations_and_delay():
+    """Its fix is measured 0.1 s before its stamp: taken as later, the odometry would come out of order."""
+    parameters = {
+        "pose_sources": ["gps"],
+        "pose_source_sigma_xy": [0.2],
+        "pose_source_sigma_yaw": [0.1],
+        "pose_source_delay": [0.1],
+    }
+    with (
+        graph.node(MODULES["ekf"], parameters, ("-r", "__ns:=/sources")) as process,
+        graph.peer(namespace="/sources") as peer,
+    ):
+        process.wait_for_output("]: ready")
+        poses = peer.subscribe(PoseWithCovarianceStamped, "pose", DEEP)
+        gps, odom = peer.publisher(PoseWithCovarianceStamped, "gps"), peer.publisher(Odometry, "odom")
+        peer.wait_for_subscribers(gps, odom)
+        message = fix(1000.1)
+        message.pose.covariance[:] = 0.0
+        gps.publish(message)
+
+        def answered():
+            odom.publish(odometry(1000.0))
+            return poses
+
+        peer.spin_until(answered, 5.0, "a pose")
+        assert stamp(poses[0]) == 1000 * 10**9
+        assert planar(poses[0].pose.pose) == pytest.approx((1.0, 2.0, 0.5))
+        assert np.array(poses[0].pose.covariance)[[0, 7, 35]] == pytest.approx([0.04, 0.04, 0.01])

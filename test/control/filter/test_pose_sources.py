@@ -1,0 +1,222 @@
+"""Several sources of fixes: each is used with its own noise, correlation time and delay, and watched by itself."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from diffbot_control.filter.colour import shifted
+from diffbot_control.filter.gate import FIX
+from diffbot_control.filter.localization import Localization
+from diffbot_control.filter.localization_config import LocalizationConfig
+from diffbot_control.filter.measurements import OdometryStep, PoseFix
+from diffbot_control.filter.options import FilterConfig
+from diffbot_control.filter.pose_sources import PoseSources
+from diffbot_control.ros.ekf_messages import EkfInputs
+from diffbot_control.ros.ekf_parameters import EkfNodeConfig
+from diffbot_core.errors import BadMessageError, InvalidValueError
+from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import Twist, TwistCovariance
+from diffbot_core.schema import build, to_dict
+from diffbot_lab.refilter.filter_run import FilterRun
+
+TENTH = 10**8
+CAMERA, GPS = np.array([0.17, 0.17, 0.1]), np.array([0.5, 0.5, 0.4])
+C = 0.9
+"""Correlation of neighbouring errors of the GPS, at 2 Hz."""
+TIME = -0.5 / math.log(C)
+
+
+class Drive:
+    """40 s: odometry at 10 Hz, white fixes of a camera at 1 Hz, fixes of a GPS at 2 Hz whose errors last."""
+
+    def __init__(self, seed, config, gps=True):
+        rng = np.random.default_rng([seed, 5])
+        self.found = Localization(config)
+        truth, noise = np.zeros(3), rng.normal(0.0, GPS)
+        self.nees, self.square = [], []
+        for step in range(401):
+            camera = truth + rng.normal(0.0, CAMERA)
+            if step % 10 == 0:
+                self.take(step, camera, CAMERA, 0)
+            if step % 5 == 0:
+                noise = C * noise + math.sqrt(1.0 - C * C) * rng.normal(0.0, GPS)
+                if gps:
+                    self.take(step, truth + noise, GPS, 1)
+            estimate = self.found.on_odometry(OdometryStep(step * TENTH, *self.odometry))
+            if step > 100:
+                e = np.array(estimate.pose) - truth
+                e[2] = math.remainder(e[2], 2.0 * math.pi)
+                self.nees.append(e @ np.linalg.solve(estimate.P, e))
+                self.square.append(e[0] ** 2 + e[1] ** 2)
+            v, omega = 0.5 + rng.normal(0.0, 0.03), 0.2 + rng.normal(0.0, 0.03)
+            middle = truth[2] + 0.05 * omega
+            truth = truth + 0.1 * np.array([v * math.cos(middle), v * math.sin(middle), omega])
+
+    odometry = Twist(0.5, 0.2), TwistCovariance(9e-4, 0.0, 9e-4)
+
+    def take(self, step, z, sigmas, source):
+        pose = Pose(z[0], z[1], math.remainder(z[2], 2.0 * math.pi))
+        self.found.on_measurement(PoseFix(step * TENTH, pose, np.diag(sigmas**2), source))
+
+
+def config(time=TIME, **options):
+    sources = PoseSources(("gps",), pose_source_correlation_time=(time,))
+    return LocalizationConfig(filter=FilterConfig(filter="ekf", **options), sources=sources)
+
+
+def together(**options):
+    """Mean NEES and RMSE [m] of twelve drives."""
+    drives = [Drive(seed, config(**options)) for seed in range(12)]
+    return np.mean([one.nees for one in drives]), math.sqrt(np.mean([one.square for one in drives])), drives
+
+
+@pytest.fixture(scope="module")
+def told():
+    return together()
+
+
+@pytest.fixture(scope="module")
+def independent():
+    return together(time=0.0)
+
+
+def test_two_sources_of_different_noise_leave_the_covariance_honest(told, independent):
+    assert 2.0 < told[0] < 4.0
+    assert independent[0] > told[0] + 1.0  # the errors of the GPS taken as white
+    alone = math.sqrt(np.mean([Drive(seed, config(), gps=False).square for seed in range(12)]))
+    # Such a GPS adds next to nothing to the camera; taken as white it does harm.
+    assert told[1] < 1.02 * alone
+    assert told[1] < 0.8 * independent[1]
+
+
+def test_each_source_has_its_own_nis_and_whiteness(told, independent):
+    values = told[2][0].found.monitor.values()
+    assert float(values["NIS per number of fixes"]) == pytest.approx(1.0, abs=0.4)
+    assert float(values["autocorrelation of fixes of gps"]) > 0.5
+    assert abs(float(values["autocorrelation of fixes"])) < 0.4
+    assert values["fixes of gps rejected"] == "0" if "fixes of gps rejected" in values else True
+    # Only the source whose correlation nobody gave raises the alarm.
+    assert [one.found.correlated() for one in told[2]] == [[]] * 12
+    assert [one.found.correlated() for one in independent[2]] == [[FIX + 1]] * 12
+
+
+def test_the_correlation_of_global_pose_is_not_found_in_another_source(independent):
+    for one in independent[2]:
+        assert one.found.filter.fix_correlation() < 0.3
+
+
+def test_the_move_by_another_source_is_no_motion_between_two_fixes():
+    found = Drive(0, config()).found.filter.memory.colour
+    before, after = Pose(1.0, 2.0, 3.1), Pose(1.5, 1.8, -3.1)
+    moved = shifted(found, before, after)
+    turn = 2.0 * math.pi - 6.2
+    np.testing.assert_allclose(np.subtract(moved.residual, found.residual), [-0.5, 0.2, -turn], atol=1e-12)
+    np.testing.assert_allclose(np.subtract(moved.estimate, found.estimate)[:2], [0.5, -0.2], atol=1e-12)
+    assert moved._replace(residual=found.residual, estimate=found.estimate) == found
+
+
+def test_fixes_of_two_sources_are_no_duplicates_and_are_fused_in_their_order():
+    results = []
+    for order in ((0, 1), (1, 0)):
+        found = Localization(config())
+        found.on_measurement(PoseFix(0, Pose(0.0, 0.0, 0.0), np.eye(3)))
+        found.on_odometry(OdometryStep(0, *Drive.odometry))
+        for source in order:
+            R = np.diag((GPS if source else CAMERA) ** 2)
+            found.on_measurement(PoseFix(TENTH, Pose(0.3, 0.1, 0.0), R, source))
+            with pytest.raises(BadMessageError, match="duplicate"):
+                found.on_measurement(PoseFix(TENTH, Pose(0.3, 0.1, 0.0), R, source))
+        results.append(found.on_odometry(OdometryStep(TENTH, *Drive.odometry)))
+    assert results[0].pose == results[1].pose
+    assert (results[0].P == results[1].P).all()
+
+
+def message(x, variance, stamp=5):
+    covariance = np.zeros(36)
+    covariance[[0, 7, 35]] = variance
+    pose = SimpleNamespace(
+        position=SimpleNamespace(x=x, y=0.0, z=0.0), orientation=SimpleNamespace(x=0.0, y=0.0, z=0.0, w=1.0)
+    )
+    header = SimpleNamespace(frame_id="map", stamp=SimpleNamespace(sec=stamp, nanosec=0))
+    return SimpleNamespace(header=header, pose=SimpleNamespace(pose=pose, covariance=covariance))
+
+
+NODE = {
+    "pose_sources": ["gps", "uwb/pose"],
+    "pose_source_sigma_xy": [0.0, 0.2],
+    "pose_source_sigma_yaw": [0.0, 1000.0],
+    "pose_source_delay": [0.25, 0.0],
+}
+
+
+def test_messages_get_the_deviations_and_the_delay_of_their_source():
+    inputs = EkfInputs(build(EkfNodeConfig, NODE))
+    fix = inputs.source_fix(0, message(1.0, 0.5))
+    assert (fix.stamp, fix.source, fix.pose.x) == (4_750_000_000, 1, 1.0)
+    assert fix.R.tolist() == np.diag([0.5] * 3).tolist()
+    with pytest.raises(BadMessageError, match="covariance is zero"):
+        inputs.source_fix(0, message(1.0, 0.0))
+    fix = inputs.source_fix(1, message(1.0, 0.0))
+    assert (fix.stamp, fix.source) == (5_000_000_000, 2)
+    np.testing.assert_allclose(fix.R.diagonal(), [0.04, 0.04, 1e6])
+    assert inputs.fix(message(1.0, 0.5)).source == 0
+
+
+def test_refilter_reads_the_topics_of_the_sources():
+    twist = SimpleNamespace(linear=SimpleNamespace(x=0.1, y=0.0, z=0.0), angular=SimpleNamespace(x=0.0, y=0.0, z=0.0))
+    odom = SimpleNamespace(
+        child_frame_id="base_link",
+        header=SimpleNamespace(stamp=SimpleNamespace(sec=5, nanosec=0)),
+        twist=SimpleNamespace(twist=twist, covariance=np.zeros(36)),
+    )
+    config = build(EkfNodeConfig, NODE)
+    run = FilterRun(config, {"/global_pose": "global_pose", "/gps": "gps", "/uwb/pose": "uwb/pose", "/odom": "odom"})
+    assert set(run.topics) == {"/global_pose", "/gps", "/uwb/pose", "/odom"}
+    for topic, content in (
+        ("/global_pose", message(0.0, 0.1, 4)),
+        ("/odom", SimpleNamespace(**{**vars(odom), "header": message(0.0, 0.1, 4).header})),
+        ("/gps", message(0.1, 0.1)),
+        ("/uwb/pose", message(0.1, 0.1)),
+        ("/odom", odom),
+    ):
+        run.take(SimpleNamespace(topic=topic, content=content))
+    assert not run.dropped
+    assert [(one.stamp, one.source) for one in run.localization.innovations] == [
+        (4_750_000_000, ("PoseFix", (1.0,))),
+        (5_000_000_000, ("PoseFix", (2.0,))),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("values", "name"),
+    [
+        ({"pose_sources": ["global_pose"]}, "pose_sources"),
+        ({"pose_sources": ["gps", "gps"]}, "pose_sources"),
+        ({"pose_sources": [f"gps{i}" for i in range(9)]}, "pose_sources"),
+        ({"pose_sources": [""]}, "pose_sources"),
+        ({"pose_sources": ["a b"]}, "pose_sources"),
+        ({"pose_sources": ["1gps"]}, "pose_sources"),
+        ({"pose_sources": ["gps\n"]}, "pose_sources"),
+        ({"pose_sources": ["gps"], "pose_source_delay": [0.1, 0.2]}, "pose_source_delay"),
+        ({"pose_source_correlation_time": [1.0]}, "pose_source_correlation_time"),
+        ({"pose_sources": ["gps"], "pose_source_delay": [1.5]}, "pose_source_delay"),
+        ({"pose_sources": ["gps"], "pose_source_sigma_xy": [1e-5]}, "pose_source_sigma_xy"),
+        ({"pose_sources": ["gps"], "pose_source_sigma_yaw": [math.nan]}, "pose_source_sigma_yaw"),
+        ({"pose_sources": ["gps"], "filter": "ekf_fnn"}, "pose_sources"),
+    ],
+)
+def test_settings_that_do_not_fit_are_refused(values, name):
+    with pytest.raises(InvalidValueError) as caught:
+        build(EkfNodeConfig, values)
+    assert str(caught.value).startswith(name)
+    assert "\n" not in str(caught.value)
+
+
+def test_settings_are_accepted_with_their_defaults():
+    assert [one.topic for one in build(EkfNodeConfig, NODE).localization.sources.settings()] == ["gps", "uwb/pose"]
+    assert build(EkfNodeConfig, to_dict(build(EkfNodeConfig, NODE))) == build(EkfNodeConfig, NODE)
+    assert [one.correlation_time for one in build(EkfNodeConfig, NODE).localization.sources.settings()] == [0.0, 0.0]
+    longer = build(EkfNodeConfig, {"pose_sources": ["/a/gps"], "pose_source_delay": [1.5], "history_length": 2.0})
+    assert longer.localization.sources.settings()[0].delay == 1.5
