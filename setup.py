@@ -65,6 +65,8 @@ setup(
         (f"share/{NAME}", ["package.xml"]),
         (f"share/{NAME}/launch", sorted(glob("launch/*.launch.py"))),
         (f"share/{NAME}/config", sorted(glob("config/*.yaml"))),
+        (f"share/{NAME}/rviz", sorted(glob("rviz/*.rviz"))),
+        (f"share/{NAME}/urdf", sorted(glob("urdf/*.urdf"))),
     ],
     entry_points={
         "console_scripts": [f"{name} = {function}" for name, function in EXECUTABLES.items()],
