@@ -11,6 +11,7 @@ from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
 
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.bringup.arguments import ROBOT, SIMULATION, Argument, parse
@@ -57,13 +58,18 @@ def _action(node: NodePlan) -> Any:
         executable=node.executable,
         name=node.name or None,
         namespace=node.namespace,
-        parameters=[*node.files, dict(node.parameters)],
+        parameters=[*node.files, {name: _verbatim(value) for name, value in node.parameters.items()}],
         remappings=list(node.remappings),
         arguments=list(node.arguments),
         ros_arguments=list(node.ros_arguments),
         on_exit=_on_exit(node.executable) if node.required else None,
         output="screen",
     )
+
+
+def _verbatim(value: Any) -> Any:
+    """Return a parameter's value for launch_ros, which would read a text as YAML: a bag named 2026 as a number."""
+    return ParameterValue(value, value_type=str) if isinstance(value, str) else value
 
 
 def _is_installed(package: str) -> bool:
