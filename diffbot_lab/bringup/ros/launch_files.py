@@ -43,11 +43,16 @@ def _actions(arguments: tuple[Argument, ...], simulate: bool, context: LaunchCon
     """Return the actions for the values of the arguments; launch reports an exception in one line and starts nothing.
 
     Raises:
-        InvalidValueError: naming argument, value and bound.
+        DiffbotError: naming argument, value and bound, or a package that is not installed.
     """
     texts = {one.name: LaunchConfiguration(one.name).perform(context) for one in arguments}
     share = Path(get_package_share_directory(PACKAGE))
-    return [_action(node) for node in plan(parse(arguments, texts), share, simulate=simulate)]
+    nodes = plan(parse(arguments, texts), share, simulate=simulate)
+    for node in nodes:
+        # launch itself would find out when the nodes before it are starting, and leave those running.
+        if not node.optional and not _is_installed(node.package):
+            raise DiffbotError(f"{node.package} is not installed")
+    return [_action(node) for node in nodes]
 
 
 def _action(node: NodePlan) -> Any:

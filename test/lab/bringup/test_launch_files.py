@@ -63,6 +63,17 @@ def actions(entities, **texts):
     return function.options["function"](SimpleNamespace(texts={**defaults, **texts}, is_shutdown=False))
 
 
+def installed(*packages):
+    """Return what ament's get_package_prefix does where only these packages are installed."""
+
+    def prefix(package):
+        if package not in packages:
+            raise PackageNotFoundError(package)
+        return "/opt/ros/jazzy"
+
+    return prefix
+
+
 @pytest.mark.parametrize(("name", "arguments"), [("robot.launch.py", ROBOT), ("simulation.launch.py", SIMULATION)])
 def test_every_argument_is_declared_with_text_and_choices(load, name, arguments):
     *declared, _ = load(name)
@@ -93,8 +104,17 @@ def test_nodes_get_texts_verbatim_and_numbers_as_they_are(load, tmp_path):
     assert {tuple(node.options["remappings"]) for node in nodes} == {(("/tf", "tf"), ("/tf_static", "tf_static"))}
 
 
-def test_the_end_of_a_required_node_ends_the_launch_with_its_reason(load):
-    ends = [node.options["on_exit"] for node in actions(load("simulation.launch.py"), description="false", rviz="true")]
+def test_a_package_that_is_asked_for_and_missing_is_found_before_anything_starts(load, monkeypatch):
+    entities = load("robot.launch.py")
+    monkeypatch.setattr(sys.modules[MODULE], "get_package_prefix", installed("diffbot"))
+    with pytest.raises(DiffbotError, match=r"^rviz2 is not installed$"):
+        actions(entities, rviz="true")
+
+
+def test_the_end_of_a_required_node_ends_the_launch_with_its_reason(load, monkeypatch):
+    entities = load("simulation.launch.py")
+    monkeypatch.setattr(sys.modules[MODULE], "get_package_prefix", installed("diffbot", "rviz2"))
+    ends = [node.options["on_exit"] for node in actions(entities, description="false", rviz="true")]
     assert ends[-1] is None, "RViz may be closed"
     ended = SimpleNamespace(returncode=-9)
     with pytest.raises(DiffbotError, match=r"^plant_node ended with exit code -9"):
@@ -103,16 +123,13 @@ def test_the_end_of_a_required_node_ends_the_launch_with_its_reason(load):
 
 
 def test_a_missing_robot_state_publisher_is_reported_once(load, monkeypatch):
-    def missing(package):
-        raise PackageNotFoundError(package)
-
     entities = load("simulation.launch.py")
-    monkeypatch.setattr(sys.modules[MODULE], "get_package_prefix", missing)
+    monkeypatch.setattr(sys.modules[MODULE], "get_package_prefix", installed("diffbot"))
     notes = [one for one in actions(entities) if type(one).__name__ == "LogInfo"]
     assert [one.options["msg"] for one in notes] == ["robot_state_publisher is not installed and is left out"]
 
 
 def test_robot_state_publisher_is_started_where_it_is_installed(load, monkeypatch):
     entities = load("simulation.launch.py")
-    monkeypatch.setattr(sys.modules[MODULE], "get_package_prefix", lambda package: "/opt/ros/jazzy")
+    monkeypatch.setattr(sys.modules[MODULE], "get_package_prefix", installed("diffbot", "robot_state_publisher"))
     assert [one.options["package"] for one in actions(entities)] == 3 * ["diffbot"] + ["robot_state_publisher"]
