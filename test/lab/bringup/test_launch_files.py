@@ -1,7 +1,6 @@
 """The launch files, run with a stand-in for ROS's launch, which has no wheel: it keeps what it is given."""
 
 import importlib.util
-import os
 import sys
 import types
 from pathlib import Path
@@ -44,13 +43,13 @@ def load(monkeypatch):
             setattr(module, one, type(one, (Kept,), {}))
         monkeypatch.setitem(sys.modules, name, module)
     monkeypatch.delitem(sys.modules, MODULE, raising=False)
-    if "AMENT_PREFIX_PATH" not in os.environ:  # with wheels the packages stand in the environment itself
-        monkeypatch.setenv("AMENT_PREFIX_PATH", sys.prefix)
 
     def description(name):
         spec = importlib.util.spec_from_file_location("launch_file", ROOT / "launch" / name)
         module = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(module)
+        monkeypatch.setattr(sys.modules[MODULE], "get_package_share_directory", lambda package: str(ROOT))
+        monkeypatch.setattr(sys.modules[MODULE], "get_package_prefix", installed("diffbot"))
         return module.generate_launch_description().arguments[0]
 
     yield description
@@ -104,9 +103,8 @@ def test_nodes_get_texts_verbatim_and_numbers_as_they_are(load, tmp_path):
     assert {tuple(node.options["remappings"]) for node in nodes} == {(("/tf", "tf"), ("/tf_static", "tf_static"))}
 
 
-def test_a_package_that_is_asked_for_and_missing_is_found_before_anything_starts(load, monkeypatch):
+def test_a_package_that_is_asked_for_and_missing_is_found_before_anything_starts(load):
     entities = load("robot.launch.py")
-    monkeypatch.setattr(sys.modules[MODULE], "get_package_prefix", installed("diffbot"))
     with pytest.raises(DiffbotError, match=r"^rviz2 is not installed$"):
         actions(entities, rviz="true")
 
@@ -122,9 +120,8 @@ def test_the_end_of_a_required_node_ends_the_launch_with_its_reason(load, monkey
     assert ends[-2](ended, SimpleNamespace(is_shutdown=True)) is None
 
 
-def test_a_missing_robot_state_publisher_is_reported_once(load, monkeypatch):
+def test_a_missing_robot_state_publisher_is_reported_once(load):
     entities = load("simulation.launch.py")
-    monkeypatch.setattr(sys.modules[MODULE], "get_package_prefix", installed("diffbot"))
     notes = [one for one in actions(entities) if type(one).__name__ == "LogInfo"]
     assert [one.options["msg"] for one in notes] == ["robot_state_publisher is not installed and is left out"]
 
