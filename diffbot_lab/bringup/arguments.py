@@ -62,7 +62,9 @@ def _common(description: str) -> tuple[Argument, ...]:
         _of_node(ControllerNodeConfig, "preset"),
         _option("localization", "start the ekf; false if another localization publishes the pose", "true", bool),
         _option("composed", "ekf and controller in one process, robot_node", "false", bool),
-        _option("autostart", "whether robot_node activates itself; only with composed", kind=bool),
+        _option(
+            "autostart", "whether ekf and controller activate themselves; false: a lifecycle manager does", kind=bool
+        ),
         _option("stamped_cmd_vel", "cmd_vel as TwistStamped instead of Twist", kind=bool),
         _option("bag", "record everything into this folder, which must not exist"),
         _option("log_level", "smallest level that is logged", "info", choices=LOG_LEVELS),
@@ -105,8 +107,6 @@ def parse(arguments: tuple[Argument, ...], texts: Mapping[str, str]) -> dict[str
             values[argument.name] = _value(argument.parameter, text)
     if values.get("composed") and not values["localization"]:
         raise InvalidValueError("composed", True, "false with localization:=false: there is no ekf to share a process")
-    if "autostart" in values and not values["composed"]:
-        raise InvalidValueError("autostart", values["autostart"], "left out without composed:=true")
     return values
 
 

@@ -44,12 +44,13 @@ def plan(values: Mapping[str, Any], share: Path, *, simulate: bool) -> list[Node
     preset = _given(values, preset="preset")
     stamped = _given(values, enable_stamped_cmd_vel="stamped_cmd_vel")
     prefix = _given(values, frame_prefix="frame_prefix")
+    managed = prefix | _given(values, autostart="autostart")
     found = [("recorder", {"uri": values["bag"]})] if "bag" in values else []
     if values["composed"]:
-        found.append(("robot", preset | stamped | prefix | lockstep | _given(values, autostart="autostart")))
+        found.append(("robot", preset | stamped | managed | lockstep))
     else:
-        found += [("ekf", prefix)] if values["localization"] else []
-        found.append(("controller", preset | stamped | prefix | lockstep))
+        found += [("ekf", managed)] if values["localization"] else []
+        found.append(("controller", preset | stamped | managed | lockstep))
     if simulate:
         found.append(("plant", stamped | prefix | _plant_parameters(values)))
     file = values.get("parameters", str(share / "config" / "diffbot.yaml"))

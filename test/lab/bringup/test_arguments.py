@@ -55,7 +55,6 @@ def test_every_default_is_one_of_the_choices(arguments):
         ({"parameters": "none.yaml"}, "parameters = 'none.yaml': must be an existing file"),
         ({"urdf": "none.urdf"}, "urdf = 'none.urdf': must be an existing file"),
         ({"composed": "true", "localization": "false"}, "composed = True: must be false with localization:=false"),
-        ({"autostart": "true"}, "autostart = True: must be left out without composed:=true"),
     ],
 )
 def test_refusals_name_argument_value_and_bound(texts, line):

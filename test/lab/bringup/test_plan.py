@@ -85,6 +85,15 @@ def test_each_argument_reaches_its_nodes():
     }
 
 
+def test_a_lifecycle_manager_gets_both_nodes_and_no_other():
+    found = parameters(simulation(autostart="false"))
+    assert {name: values.get("autostart") for name, values in found.items()} == {
+        "ekf": False,
+        "controller": False,
+        "plant": None,
+    }
+
+
 def test_one_process_gets_the_parameters_of_both_nodes():
     (node,) = robot(composed="true", preset="paper", stamped_cmd_vel="true", autostart="false")
     assert (node.executable, node.name) == ("robot_node", "")
