@@ -65,6 +65,8 @@ setup(
         (f"share/{NAME}", ["package.xml"]),
         (f"share/{NAME}/launch", sorted(glob("launch/*.launch.py"))),
         (f"share/{NAME}/config", sorted(glob("config/*.yaml"))),
+        (f"share/{NAME}/rviz", sorted(glob("rviz/*.rviz"))),
+        (f"share/{NAME}/urdf", sorted(glob("urdf/*.urdf"))),
     ],
     entry_points={
         "console_scripts": [f"{name} = {function}" for name, function in EXECUTABLES.items()],
@@ -75,7 +77,7 @@ setup(
     # Not what a ROS installation brings without pip knowing it (rclpy, messages): see jazzy below.
     install_requires=[
         "filterpy>=2.0",
-        "matplotlib>=3.8",
+        "matplotlib>=3.6",
         "mcap>=1.5",
         "mcap-ros2-support>=0.5",
         "numpy>=1.26",

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import graph
 import pytest
+import requirements
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     # Started in the background of a shell; processes that the tests start would ignore SIGINT, too.
@@ -22,6 +23,8 @@ if (Path(sys.prefix) / "share" / "std_msgs").is_dir():
     os.environ.pop("AMENT_PREFIX_PATH", None)
 
 TESTS = Path(__file__).parent
+LEFT_OUT = requirements.left_out(requirements.missing_packages())
+collect_ignore = list(LEFT_OUT)
 STUDIES = ("lab/benchmark", "lab/campaign", "lab/paper", "lab/stability", "sim/compiled", "project/test_docs.py")
 
 
@@ -36,3 +39,14 @@ def pytest_collection_modifyitems(items):
             item.add_marker(pytest.mark.graph)
         if any(item.path.is_relative_to(TESTS / room) for room in STUDIES):
             item.add_marker(pytest.mark.study)
+
+
+def pytest_report_header():
+    """Name what the installation cannot run, as `colcon test` in a workspace of ROS."""
+    return requirements.summary(LEFT_OUT)
+
+
+def pytest_terminal_summary(terminalreporter):
+    """Say it again where the result stands, and with -q, which has no header."""
+    if LEFT_OUT:
+        terminalreporter.write_line(requirements.summary(LEFT_OUT), yellow=True)

@@ -47,6 +47,7 @@ def _draw_map(panel: Any, maps: dict[str, Array], rates: Array) -> Any:
     """Draw rates (n_rho, n_angle) over rho (horizontal) and the angle (vertical)."""
     scale = float(np.abs(rates).max())
     grid = maps["rho"], maps["angle"], rates.T
+    panel.grid(False)  # which matplotlib 3.6 requires here
     mesh = panel.pcolormesh(*grid, cmap="RdBu_r", norm="symlog", vmin=-scale, vmax=scale, rasterized=True)
     if (rates >= 0.0).any() and (rates < 0.0).any():
         panel.contour(*grid, levels=[0.0], colors="black", linewidths=1.0)

@@ -160,7 +160,7 @@ def test_sourced_workspace_runs_its_own_modules(installation, tmp_path):
 def test_ros_finds_package_launch_and_configuration(installation):
     share = installation.prefix / "share"
     assert (share / "ament_index" / "resource_index" / "packages" / "diffbot").is_file()
-    for pattern in ("launch/*.launch.py", "config/*.yaml"):
+    for pattern in ("launch/*.launch.py", "config/*.yaml", "rviz/*.rviz", "urdf/*.urdf"):
         expected = {path.name for path in ROOT.glob(pattern)}
         assert expected
         assert {path.name for path in share.glob(f"diffbot/{pattern}")} == expected

@@ -37,7 +37,9 @@ REQUIREMENTS = {
     for extra in ("", *INSTALLED.metadata.get_all("Provides-Extra"))
 }
 """Direct dependencies by extra; "" are those that every installation has."""
-KEY_OF_ROSDEP = {"python3-filterpy-pip": "filterpy", "python3-yaml": "pyyaml"}
+KEY_OF_ROSDEP = {"python3-yaml": "pyyaml"}
+NOBLE = {"matplotlib": "3.6.3", "numpy": "1.26.4", "pyyaml": "6.0.1", "scipy": "1.11.4", "tqdm": "4.66.2"}
+"""Ubuntu 24.04's versions of what rosdep installs."""
 SOURCES = [path for package in PACKAGES for path in sorted(ROOT.glob(f"{package}/**/*.py"))]
 MANIFEST = ET.parse(ROOT / "package.xml").getroot()
 
@@ -140,6 +142,18 @@ def test_manifest_and_setup_name_the_same_python_packages():
     assert from_rosdep & from_pip == set()
     assert from_rosdep | from_pip == set(REQUIREMENTS[""])
     assert {key for key in keys if f"`{key}`" not in page} == set()
+
+
+def test_no_lower_bound_is_above_what_rosdep_installs():
+    keys = {element.text for element in MANIFEST.iter("exec_depend") if element.text.startswith("python3-")}
+    assert {canonicalize_name(KEY_OF_ROSDEP.get(key, key.removeprefix("python3-"))) for key in keys} == set(NOBLE)
+    bounds = {canonicalize_name(one.name): one.specifier for one in DIRECT if one.marker is None}
+    assert [name for name, version in NOBLE.items() if not bounds[name].contains(version)] == []
+
+
+def test_rosdep_is_not_asked_for_what_only_pip_has():
+    """On an externally managed Python rosdep fails with such a key, and with it the whole installation."""
+    assert [element.text for element in MANIFEST.iter() if (element.text or "").endswith("-pip")] == []
 
 
 def test_lower_bounds_are_the_same_wherever_they_are_named():

@@ -53,8 +53,12 @@ def _udp_ports():
 
 
 def environment(**changes):
-    """Return the environment for a process of the graph: the one under test comes first on its path."""
-    return {**os.environ, "PYTHONPATH": str(SOURCE), "PYTHONUNBUFFERED": "1", **changes}
+    """Return the environment for a process of the graph: the one under test comes first on its path.
+
+    A ROS installation has rclpy on PYTHONPATH, so that what is on it stays.
+    """
+    path = os.pathsep.join(filter(None, (str(SOURCE), os.environ.get("PYTHONPATH", ""))))
+    return {**os.environ, "PYTHONPATH": path, "PYTHONUNBUFFERED": "1", **changes}
 
 
 def wait_for(condition, timeout=10.0, what="the condition"):

@@ -1,0 +1,1 @@
+"""What the launch files start: their arguments and the nodes that follow from them, as plain data."""

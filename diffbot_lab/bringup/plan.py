@@ -1,0 +1,109 @@
+"""The nodes that a launch file starts, as plain data, from the values of its arguments."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+PACKAGE = "diffbot"
+RELATIVE_TF = (("/tf", "tf"), ("/tf_static", "tf_static"))
+"""Remappings that put TF into the namespace of the robot, as Nav2's launch files do."""
+
+
+class NodePlan(NamedTuple):
+    """One process that a launch file starts."""
+
+    executable: str
+    package: str = PACKAGE
+    name: str = ""
+    """Name of the node; empty: the executable's own, as with several nodes in one process."""
+    namespace: str = ""
+    files: tuple[str, ...] = ()
+    """Parameter files."""
+    parameters: Mapping[str, Any] = {}
+    """These come after the files."""
+    remappings: tuple[tuple[str, str], ...] = ()
+    arguments: tuple[str, ...] = ()
+    ros_arguments: tuple[str, ...] = ()
+    required: bool = True
+    """Its end ends the launch."""
+    optional: bool = False
+    """Left out, with a line in the log, if its package is not installed."""
+
+
+def plan(values: Mapping[str, Any], share: Path, *, simulate: bool) -> list[NodePlan]:
+    """Return what to start, the recorder first, so that the bag misses nothing.
+
+    Args:
+        values: of the arguments, by name, as :func:`~diffbot_lab.bringup.arguments.parse` returns them.
+        share: folder of this package's config, rviz and urdf.
+        simulate: whether to start the plant.
+    """
+    lockstep = {"publish_when_idle": True} if values.get("clock") == "lockstep" else {}
+    preset = _given(values, preset="preset")
+    stamped = _given(values, enable_stamped_cmd_vel="stamped_cmd_vel")
+    prefix = _given(values, frame_prefix="frame_prefix")
+    managed = prefix | _given(values, autostart="autostart")
+    found = [("recorder", {"uri": values["bag"]})] if "bag" in values else []
+    if values["composed"]:
+        found.append(("robot", preset | stamped | managed | lockstep))
+    else:
+        found += [("ekf", managed)] if values["localization"] else []
+        found.append(("controller", preset | stamped | managed | lockstep))
+    if simulate:
+        found.append(("plant", stamped | prefix | _plant_parameters(values)))
+    file = values.get("parameters", str(share / "config" / "diffbot.yaml"))
+    time = {"use_sim_time": _uses_sim_time(values, simulate)}
+    nodes = [
+        NodePlan(
+            executable=f"{kind}_node",
+            # robot_node holds two nodes, which keep their names.
+            name="" if kind == "robot" else kind,
+            files=(file,),
+            parameters={**time, **parameters},
+        )
+        for kind, parameters in found
+    ]
+    return [_in_namespace(node, values) for node in [*nodes, *_displays(values, share, time)]]
+
+
+def _given(values: Mapping[str, Any], **argument_of: str) -> dict[str, Any]:
+    """Return the parameters whose arguments have values; the others are left to parameter file and node."""
+    return {parameter: values[name] for parameter, name in argument_of.items() if name in values}
+
+
+def _plant_parameters(values: Mapping[str, Any]) -> dict[str, Any]:
+    start = {f"initial_pose.{name}": values[name] for name in ("x", "y", "yaw") if name in values}
+    same = _given(
+        values, clock="clock", seed="seed", real_time_factor="real_time_factor", publish_clock="publish_clock"
+    )
+    # The plant makes the time that the others use.
+    return {**start, **same, "use_sim_time": False}
+
+
+def _uses_sim_time(values: Mapping[str, Any], simulate: bool) -> bool:
+    return values["clock"] != "wall" if simulate else bool(values["use_sim_time"])
+
+
+def _displays(values: Mapping[str, Any], share: Path, time: dict[str, Any]) -> list[NodePlan]:
+    nodes = []
+    if values["description"]:
+        urdf = Path(values.get("urdf", share / "urdf" / "diffbot.urdf"))
+        description = {"robot_description": urdf.read_text(encoding="utf-8")}
+        publisher = "robot_state_publisher"
+        parameters = {**time, **description, **_given(values, frame_prefix="frame_prefix")}
+        nodes.append(NodePlan(publisher, publisher, publisher, parameters=parameters, required=False, optional=True))
+    if values["rviz"]:
+        rviz = ("-d", str(share / "rviz" / "diffbot.rviz"))
+        nodes.append(NodePlan("rviz2", "rviz2", "rviz2", parameters=time, arguments=rviz, required=False))
+    return nodes
+
+
+def _in_namespace(node: NodePlan, values: Mapping[str, Any]) -> NodePlan:
+    return node._replace(
+        namespace=values.get("namespace", ""),
+        # Frames that carry a prefix are for a /tf that all robots share.
+        remappings=() if "frame_prefix" in values else RELATIVE_TF,
+        ros_arguments=("--log-level", values["log_level"]),
+    )

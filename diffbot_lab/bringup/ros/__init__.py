@@ -1,0 +1,1 @@
+"""The plan of a launch as actions of ROS's launch."""

@@ -1,0 +1,95 @@
+"""Launch descriptions from the plan: the only module that needs ROS's launch and launch_ros."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from ament_index_python.packages import PackageNotFoundError, get_package_prefix, get_package_share_directory
+from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
+
+from diffbot_core.errors import DiffbotError
+from diffbot_lab.bringup.arguments import ROBOT, SIMULATION, Argument, parse
+from diffbot_lab.bringup.plan import PACKAGE, NodePlan, plan
+from launch import LaunchContext, LaunchDescription
+
+
+def robot() -> LaunchDescription:
+    """Return the description of robot.launch.py."""
+    return _description(ROBOT, simulate=False)
+
+
+def simulation() -> LaunchDescription:
+    """Return the description of simulation.launch.py."""
+    return _description(SIMULATION, simulate=True)
+
+
+def _description(arguments: tuple[Argument, ...], *, simulate: bool) -> LaunchDescription:
+    declared = [
+        DeclareLaunchArgument(
+            one.name, default_value=one.default, description=one.description(), choices=list(one.choices()) or None
+        )
+        for one in arguments
+    ]
+    return LaunchDescription([*declared, OpaqueFunction(function=partial(_actions, arguments, simulate))])
+
+
+def _actions(arguments: tuple[Argument, ...], simulate: bool, context: LaunchContext) -> list[Any]:
+    """Return the actions for the values of the arguments; launch reports an exception in one line and starts nothing.
+
+    Raises:
+        DiffbotError: naming argument, value and bound, or a package that is not installed.
+    """
+    texts = {one.name: LaunchConfiguration(one.name).perform(context) for one in arguments}
+    share = Path(get_package_share_directory(PACKAGE))
+    nodes = plan(parse(arguments, texts), share, simulate=simulate)
+    for node in nodes:
+        # launch itself would find out when the nodes before it are starting, and leave those running.
+        if not node.optional and not _is_installed(node.package):
+            raise DiffbotError(f"{node.package} is not installed")
+    return [_action(node) for node in nodes]
+
+
+def _action(node: NodePlan) -> Any:
+    if node.optional and not _is_installed(node.package):
+        return LogInfo(msg=f"{node.package} is not installed and is left out")
+    return Node(
+        package=node.package,
+        executable=node.executable,
+        name=node.name or None,
+        namespace=node.namespace,
+        parameters=[*node.files, {name: _verbatim(value) for name, value in node.parameters.items()}],
+        remappings=list(node.remappings),
+        arguments=list(node.arguments),
+        ros_arguments=list(node.ros_arguments),
+        on_exit=_on_exit(node.executable) if node.required else None,
+        output="screen",
+    )
+
+
+def _verbatim(value: Any) -> Any:
+    """Return a parameter's value for launch_ros, which would read a text as YAML: a bag named 2026 as a number."""
+    return ParameterValue(value, value_type=str) if isinstance(value, str) else value
+
+
+def _is_installed(package: str) -> bool:
+    try:
+        get_package_prefix(package)
+    except PackageNotFoundError:
+        return False
+    return True
+
+
+def _on_exit(executable: str) -> Callable[[Any, LaunchContext], None]:
+    """Return what to do when a required node ends: raise, so that the launch ends with this reason and status 1."""
+
+    def end(event: Any, context: LaunchContext) -> None:
+        if not context.is_shutdown:
+            raise DiffbotError(f"{executable} ended with exit code {event.returncode}, so everything is shut down")
+
+    return end

@@ -1,0 +1,8 @@
+"""The same nodes with a simulated robot, the plant.
+
+ros2 launch diffbot simulation.launch.py --show-args
+"""
+
+from diffbot_lab.bringup.ros.launch_files import simulation
+
+generate_launch_description = simulation

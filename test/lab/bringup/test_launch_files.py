@@ -1,0 +1,132 @@
+"""The launch files, run with a stand-in for ROS's launch, which has no wheel: it keeps what it is given."""
+
+import importlib.util
+import sys
+import types
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from ament_index_python.packages import PackageNotFoundError
+
+from diffbot_core.errors import DiffbotError, InvalidValueError
+from diffbot_lab.bringup.arguments import ROBOT, SIMULATION
+
+ROOT = Path(__file__).resolve().parents[3]
+MODULE = "diffbot_lab.bringup.ros.launch_files"
+NAMES = {
+    "launch": ("LaunchContext", "LaunchDescription"),
+    "launch.actions": ("DeclareLaunchArgument", "LogInfo", "OpaqueFunction"),
+    "launch.substitutions": ("LaunchConfiguration",),
+    "launch_ros": (),
+    "launch_ros.actions": ("Node",),
+    "launch_ros.parameter_descriptions": ("ParameterValue",),
+}
+
+
+class Kept:
+    """Stands for any class of launch."""
+
+    def __init__(self, *arguments, **options):
+        self.arguments, self.options = arguments, options
+
+    def perform(self, context):
+        return context.texts[self.arguments[0]]
+
+
+@pytest.fixture
+def load(monkeypatch):
+    """Return a function that gives the description of a launch file; a context holds the texts of its arguments."""
+    for name, classes in NAMES.items():
+        module = types.ModuleType(name)
+        for one in classes:
+            setattr(module, one, type(one, (Kept,), {}))
+        monkeypatch.setitem(sys.modules, name, module)
+    monkeypatch.delitem(sys.modules, MODULE, raising=False)
+
+    def description(name):
+        spec = importlib.util.spec_from_file_location("launch_file", ROOT / "launch" / name)
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        monkeypatch.setattr(sys.modules[MODULE], "get_package_share_directory", lambda package: str(ROOT))
+        monkeypatch.setattr(sys.modules[MODULE], "get_package_prefix", installed("diffbot"))
+        return module.generate_launch_description().arguments[0]
+
+    yield description
+    sys.modules.pop(MODULE, None)
+
+
+def actions(entities, **texts):
+    *declared, function = entities
+    defaults = {one.arguments[0]: one.options["default_value"] for one in declared}
+    return function.options["function"](SimpleNamespace(texts={**defaults, **texts}, is_shutdown=False))
+
+
+def installed(*packages):
+    """Return what ament's get_package_prefix does where only these packages are installed."""
+
+    def prefix(package):
+        if package not in packages:
+            raise PackageNotFoundError(package)
+        return "/opt/ros/jazzy"
+
+    return prefix
+
+
+@pytest.mark.parametrize(("name", "arguments"), [("robot.launch.py", ROBOT), ("simulation.launch.py", SIMULATION)])
+def test_every_argument_is_declared_with_text_and_choices(load, name, arguments):
+    *declared, _ = load(name)
+    assert [one.arguments[0] for one in declared] == [one.name for one in arguments]
+    assert all(one.options["description"] for one in declared)
+    choices = {one.arguments[0]: one.options["choices"] for one in declared}
+    assert choices["log_level"] == ["debug", "info", "warn", "error", "fatal"]
+    assert choices["bag"] is None
+
+
+def test_bad_arguments_start_nothing(load, tmp_path):
+    with pytest.raises(InvalidValueError, match=r"^bag = "):
+        actions(load("robot.launch.py"), bag=str(tmp_path))
+
+
+def test_nodes_get_texts_verbatim_and_numbers_as_they_are(load, tmp_path):
+    nodes = actions(
+        load("simulation.launch.py"), bag=str(tmp_path / "2026"), namespace="r1", x="1.5", description="false"
+    )
+    recorder, plant = nodes[0].options, nodes[-1].options
+    assert (recorder["package"], recorder["executable"], recorder["name"]) == ("diffbot", "recorder_node", "recorder")
+    file, values = recorder["parameters"]
+    assert Path(file).name == "diffbot.yaml"
+    assert values["uri"].arguments == (str(tmp_path / "2026"),)
+    assert values["uri"].options == {"value_type": str}
+    assert plant["parameters"][1]["initial_pose.x"] == 1.5
+    assert {node.options["namespace"] for node in nodes} == {"r1"}
+    assert {tuple(node.options["remappings"]) for node in nodes} == {(("/tf", "tf"), ("/tf_static", "tf_static"))}
+
+
+def test_a_package_that_is_asked_for_and_missing_is_found_before_anything_starts(load):
+    entities = load("robot.launch.py")
+    with pytest.raises(DiffbotError, match=r"^rviz2 is not installed$"):
+        actions(entities, rviz="true")
+
+
+def test_the_end_of_a_required_node_ends_the_launch_with_its_reason(load, monkeypatch):
+    entities = load("simulation.launch.py")
+    monkeypatch.setattr(sys.modules[MODULE], "get_package_prefix", installed("diffbot", "rviz2"))
+    ends = [node.options["on_exit"] for node in actions(entities, description="false", rviz="true")]
+    assert ends[-1] is None, "RViz may be closed"
+    ended = SimpleNamespace(returncode=-9)
+    with pytest.raises(DiffbotError, match=r"^plant_node ended with exit code -9"):
+        ends[-2](ended, SimpleNamespace(is_shutdown=False))
+    assert ends[-2](ended, SimpleNamespace(is_shutdown=True)) is None
+
+
+def test_a_missing_robot_state_publisher_is_reported_once(load):
+    entities = load("simulation.launch.py")
+    notes = [one for one in actions(entities) if type(one).__name__ == "LogInfo"]
+    assert [one.options["msg"] for one in notes] == ["robot_state_publisher is not installed and is left out"]
+
+
+def test_robot_state_publisher_is_started_where_it_is_installed(load, monkeypatch):
+    entities = load("simulation.launch.py")
+    monkeypatch.setattr(sys.modules[MODULE], "get_package_prefix", installed("diffbot", "robot_state_publisher"))
+    assert [one.options["package"] for one in actions(entities)] == 3 * ["diffbot"] + ["robot_state_publisher"]

@@ -1,0 +1,164 @@
+"""The nodes of a launch: that each argument reaches those that need it, and no other."""
+
+import importlib.metadata
+from pathlib import Path
+
+import pytest
+
+from diffbot_bag.parameters import RecorderConfig
+from diffbot_control.ros.controller_parameters import ControllerNodeConfig
+from diffbot_control.ros.ekf_parameters import EkfNodeConfig
+from diffbot_core.schema import build, parameters_of
+from diffbot_lab.bringup.arguments import ROBOT, SIMULATION, parse
+from diffbot_lab.bringup.plan import plan
+from diffbot_sim.ros.parameters import PlantNodeConfig
+
+ROOT = Path(__file__).resolve().parents[3]
+CONFIGS = {
+    "recorder": RecorderConfig,
+    "ekf": EkfNodeConfig,
+    "controller": ControllerNodeConfig,
+    "plant": PlantNodeConfig,
+}
+
+
+def robot(**texts):
+    return plan(parse(ROBOT, texts), ROOT, simulate=False)
+
+
+def simulation(**texts):
+    return plan(parse(SIMULATION, {"description": "false", **texts}), ROOT, simulate=True)
+
+
+def executables(nodes):
+    return [node.executable for node in nodes]
+
+
+def parameters(nodes):
+    return {node.name: dict(node.parameters) for node in nodes}
+
+
+def test_a_robot_gets_filter_and_controller_and_a_simulation_the_plant_too():
+    assert executables(robot()) == ["ekf_node", "controller_node"]
+    assert executables(simulation()) == ["ekf_node", "controller_node", "plant_node"]
+    assert executables(robot(localization="false")) == ["controller_node"]
+    assert executables(robot(composed="true")) == ["robot_node"]
+
+
+def test_the_recorder_starts_first(tmp_path):
+    nodes = simulation(bag=str(tmp_path / "run"))
+    assert executables(nodes)[0] == "recorder_node"
+    assert parameters(nodes)["recorder"] == {"use_sim_time": False, "uri": str(tmp_path / "run")}
+
+
+def test_without_arguments_only_the_time_is_set():
+    wall = {"use_sim_time": False}
+    assert parameters(simulation()) == {"ekf": wall, "controller": wall, "plant": {**wall, "clock": "wall"}}
+    assert parameters(robot(use_sim_time="true")) == {
+        "ekf": {"use_sim_time": True},
+        "controller": {"use_sim_time": True},
+    }
+
+
+def test_each_argument_reaches_its_nodes():
+    found = parameters(
+        simulation(preset="paper", stamped_cmd_vel="true", x="1.0", y="2.0", yaw="0.5", seed="3", frame_prefix="r1/")
+    )
+    assert found == {
+        "ekf": {"use_sim_time": False, "frame_prefix": "r1/"},
+        "controller": {
+            "use_sim_time": False,
+            "preset": "paper",
+            "enable_stamped_cmd_vel": True,
+            "frame_prefix": "r1/",
+        },
+        "plant": {
+            "use_sim_time": False,
+            "clock": "wall",
+            "enable_stamped_cmd_vel": True,
+            "frame_prefix": "r1/",
+            "initial_pose.x": 1.0,
+            "initial_pose.y": 2.0,
+            "initial_pose.yaw": 0.5,
+            "seed": 3,
+        },
+    }
+
+
+def test_a_lifecycle_manager_gets_both_nodes_and_no_other():
+    found = parameters(simulation(autostart="false"))
+    assert {name: values.get("autostart") for name, values in found.items()} == {
+        "ekf": False,
+        "controller": False,
+        "plant": None,
+    }
+
+
+def test_one_process_gets_the_parameters_of_both_nodes():
+    (node,) = robot(composed="true", preset="paper", stamped_cmd_vel="true", autostart="false")
+    assert (node.executable, node.name) == ("robot_node", "")
+    given = {"preset": "paper", "enable_stamped_cmd_vel": True, "autostart": False}
+    assert node.parameters == {"use_sim_time": False, **given}
+
+
+@pytest.mark.parametrize(
+    ("clock", "simulated", "idle"), [("scaled", True, {}), ("lockstep", True, {"publish_when_idle": True})]
+)
+def test_all_but_the_plant_follow_its_clock(clock, simulated, idle):
+    found = parameters(simulation(clock=clock, real_time_factor="2", publish_clock="false"))
+    assert found == {
+        "ekf": {"use_sim_time": True},
+        "controller": {"use_sim_time": True, **idle},
+        "plant": {"use_sim_time": False, "clock": clock, "real_time_factor": 2.0, "publish_clock": False},
+    }
+
+
+def test_parameters_are_those_of_the_nodes(tmp_path):
+    """What one of the nodes does not declare would be ignored."""
+    nodes = simulation(
+        bag=str(tmp_path / "run"), preset="paper", stamped_cmd_vel="true", x="1", y="1", yaw="1", seed="1",
+        clock="lockstep", real_time_factor="2",
+    )  # fmt: skip
+    for node in nodes:
+        given = {name: value for name, value in node.parameters.items() if name != "use_sim_time"}
+        build(CONFIGS[node.name], given)  # raises for a name that is not known
+        assert {one.name for one in parameters_of(CONFIGS[node.name])} >= set(given)
+
+
+def test_namespace_log_level_and_tf_are_those_of_every_node():
+    for node in simulation(namespace="r1", log_level="warn", rviz="true", description="true"):
+        assert (node.namespace, node.ros_arguments) == ("r1", ("--log-level", "warn"))
+        assert node.remappings == (("/tf", "tf"), ("/tf_static", "tf_static"))
+
+
+def test_frames_with_a_prefix_share_tf():
+    assert {node.remappings for node in simulation(frame_prefix="r1/", rviz="true")} == {()}
+
+
+def test_the_parameter_file_is_the_packages_or_the_users(tmp_path):
+    assert {node.files for node in robot()} == {(str(ROOT / "config" / "diffbot.yaml"),)}
+    mine = tmp_path / "mine.yaml"
+    mine.touch()
+    assert {node.files for node in robot(parameters=str(mine))} == {(str(mine),)}
+
+
+def test_description_and_rviz_end_nothing(tmp_path):
+    urdf = tmp_path / "mine.urdf"
+    urdf.write_text("<robot name='mine'/>")
+    nodes = robot(description="true", rviz="true", urdf=str(urdf), frame_prefix="r1/", use_sim_time="true")
+    publisher, rviz = nodes[-2:]
+    assert [node.executable for node in nodes if node.required] == ["ekf_node", "controller_node"]
+    assert (publisher.package, publisher.optional) == ("robot_state_publisher", True)
+    assert publisher.parameters == {
+        "use_sim_time": True,
+        "frame_prefix": "r1/",
+        "robot_description": "<robot name='mine'/>",
+    }
+    assert rviz.arguments == ("-d", str(ROOT / "rviz" / "diffbot.rviz"))
+    assert (rviz.package, rviz.optional, rviz.parameters) == ("rviz2", False, {"use_sim_time": True})
+
+
+def test_every_executable_of_the_package_is_installed():
+    scripts = importlib.metadata.distribution("diffbot").entry_points.select(group="console_scripts")
+    nodes = simulation(bag="/nonexistent/run")
+    assert {node.executable for node in nodes} <= {script.name for script in scripts}

@@ -1,0 +1,111 @@
+"""Which test files the present installation can run: a ROS workspace has neither all extras nor the pinned set."""
+
+import ast
+import importlib.metadata
+import importlib.util
+from collections import Counter
+from functools import cache
+from pathlib import Path
+
+TESTS = Path(__file__).resolve().parent.parent
+ROOT = TESTS.parent
+PACKAGES = {
+    "distributed": "distributed",
+    "evo": "evo",
+    "hypothesis": "hypothesis",
+    "mcap_ros2": "mcap-ros2-support",
+    "numba": "numba",
+    "packaging": "packaging",
+    "pandas": "pandas",
+    "pyarrow": "pyarrow",
+    "rosbags": "rosbags",
+}
+"""What tests need beyond package.xml, by the name that is imported; pip's name of each."""
+WHEELS = "ros-jazzy-rclpy"
+PINNED_SET = "project"
+"""Folder of the tests that look at the environment of `make setup` itself: pins, tools, colcon and pip."""
+AT_RUN_TIME = {
+    "diffbot_lab.calibration.likelihood": {"numba"},
+    "diffbot_sim.compiled.jit": {"numba"},
+    "test.core.test_schema": {"numba"},
+    "test.lab.campaign.test_runner": {"distributed", "pyarrow"},
+}
+"""What modules need that they import in a function, by name or in a program that they start."""
+
+
+def missing_packages():
+    """Return pip's names of the packages that are not installed."""
+    missing = {pip for name, pip in PACKAGES.items() if importlib.util.find_spec(name) is None}
+    return missing if _has_wheels() else {*missing, WHEELS}
+
+
+def left_out(missing):
+    """Return the packages that each test file lacks, by its path relative to test/; only files that lack any.
+
+    Args:
+        missing: pip's names, as :func:`missing_packages` returns them.
+    """
+    if not missing:
+        return {}
+    lacking = {}
+    for path in sorted(TESTS.rglob("test_*.py")):
+        name = str(path.relative_to(TESTS))
+        needed = {PACKAGES[one] for one in needs_of(path)} | ({WHEELS} if path.parent.name == PINNED_SET else set())
+        if needed & missing:
+            lacking[name] = needed & missing
+    return lacking
+
+
+def summary(lacking):
+    """Return the one line for the report of pytest; empty if nothing is left out."""
+    if not lacking:
+        return ""
+    counts = Counter(package for packages in lacking.values() for package in packages)
+    named = ", ".join(f"{package} ({count})" for package, count in sorted(counts.items()))
+    return f"{len(lacking)} test files are left out, since packages that they need are not installed: {named}"
+
+
+@cache
+def needs_of(path):
+    """Return the names in PACKAGES that a file imports, itself or through modules of this project."""
+    names, modules = set(), [path]
+    visited = set()
+    while modules:
+        module = modules.pop()
+        if module in visited:
+            continue
+        visited.add(module)
+        imported = _imports(module, everywhere=module.is_relative_to(TESTS))
+        names |= {name.partition(".")[0] for name in imported}
+        names |= AT_RUN_TIME.get(".".join(module.relative_to(ROOT).with_suffix("").parts), set())
+        modules += [found for name in imported for found in _files_of(name)]
+    return names & set(PACKAGES)
+
+
+@cache
+def _imports(path, everywhere):
+    """Return the dotted names that a file imports; ``everywhere``: in functions, too."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    names = set()
+    for node in ast.walk(tree) if everywhere else tree.body:
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+    return names
+
+
+def _files_of(name):
+    """Return the files of this project that an import of ``name`` runs."""
+    place = Path(*name.split("."))
+    bases = [ROOT] if name.startswith("diffbot_") else [TESTS / "support", TESTS / "bench"]
+    files = [base / place.with_suffix(".py") for base in bases]
+    return [file for file in files if file.is_file()]
+
+
+def _has_wheels():
+    try:
+        importlib.metadata.distribution(WHEELS)
+    except importlib.metadata.PackageNotFoundError:
+        return False
+    return True
