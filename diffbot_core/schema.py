@@ -30,6 +30,8 @@ from diffbot_core.errors import DiffbotError, InvalidValueError, ReplacedNameErr
 C = TypeVar("C", bound=tuple[Any, ...])
 PARTIAL = "fields of this group without a Spec are no parameters"
 """Annotation of a group whose type is not this project's: ``Annotated[Group, PARTIAL]``."""
+_INFINITE_TEXTS = {"inf": math.inf, ".inf": math.inf, "-inf": -math.inf, "-.inf": -math.inf}
+"""Texts that tools make of an infinite number: ``ros2 param load`` sends ``.inf`` of a YAML file as the text inf."""
 
 
 class Spec(NamedTuple):
@@ -194,7 +196,8 @@ def to_dict(config: tuple[Any, ...]) -> dict[str, Any]:
 def checked(parameter: Parameter, value: Any) -> Any:
     """Return ``value`` as the parameter's type if it is allowed.
 
-    A whole number is accepted for a float, since YAML writes ``2`` for 2.0; nothing else is converted.
+    For a float a whole number is accepted, since YAML writes ``2`` for 2.0, and the text ``inf`` or ``.inf``; nothing
+    else is converted.
 
     Raises:
         InvalidValueError: naming the parameter, the value and the bound.
@@ -205,6 +208,8 @@ def checked(parameter: Parameter, value: Any) -> Any:
             raise InvalidValueError(name, value, "a list")
         item = parameter._replace(type=get_args(kind)[0])
         return tuple(checked(item, one) for one in value)
+    if kind is float and isinstance(value, str):
+        value = _INFINITE_TEXTS.get(value.lower(), value)
     if kind is float and isinstance(value, int) and not isinstance(value, bool):
         try:
             value = float(value)

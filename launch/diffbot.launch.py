@@ -52,10 +52,10 @@ def _nodes(context: LaunchContext) -> list[Node]:
             output="screen",
         )
 
-    lockstep = {"publish_when_idle": True} if value["clock"] == "lockstep" else {}
-    nodes = [node("controller", lockstep)]
+    lockstep = {"reliable_inputs": True} if value["clock"] == "lockstep" else {}
+    nodes = [node("controller", lockstep | ({"publish_when_idle": True} if lockstep else {}))]
     if localization:
-        nodes.insert(0, node("ekf"))
+        nodes.insert(0, node("ekf", lockstep))
     if value["bag"]:
         nodes.insert(0, node("recorder", {"uri": value["bag"]}))
     if simulate:
