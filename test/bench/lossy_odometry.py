@@ -14,7 +14,7 @@ from tqdm import tqdm
 def main():
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 20
     with tqdm(total=count, unit="goal", disable=None) as bar:
-        ends, reached, relays = drive(count, on_goal=lambda _: bar.update())
+        ends, reached, relays = drive(count, 600.0, on_goal=lambda _: bar.update())
     pairs = list(zip(ends, goals(count), strict=True))
     lost = [f"{relay.lost} of {relay.lost + relay.passed}" for relay in relays]
     print(f"{reached} of {count} goals reached; lost: {lost[0]} odometry messages, {lost[1]} fixes")
