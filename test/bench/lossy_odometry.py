@@ -14,13 +14,13 @@ from tqdm import tqdm
 def main():
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 20
     with tqdm(total=count, unit="goal", disable=None) as bar:
-        ends, reached, relays = drive(count, 600.0, on_goal=lambda _: bar.update())
-    pairs = list(zip(ends, goals(count), strict=True))
-    lost = [f"{relay.lost} of {relay.lost + relay.passed}" for relay in relays]
-    print(f"{reached} of {count} goals reached; lost: {lost[0]} odometry messages, {lost[1]} fixes")
-    errors = [max(measure(*one) for one in pairs) for measure in (distance, turned)]
+        ends, running = drive(count, lambda _: bar.update())
+    pairs = [(end, goal) for end, goal in zip(ends, goals(count), strict=True) if end is not None]
+    lost = [f"{relay.lost} of {relay.lost + relay.passed}" for relay in (running.odometry, running.fixes)]
+    print(f"{len(pairs)} of {count} goals reached; lost: {lost[0]} odometry messages, {lost[1]} fixes")
+    errors = [max((measure(*one) for one in pairs), default=0.0) for measure in (distance, turned)]
     print(f"largest errors at the ends: {errors[0]:.3f} m, {errors[1]:.3f} rad")
-    return 0 if reached == count else 1
+    return 0 if len(pairs) == count else 1
 
 
 if __name__ == "__main__":
