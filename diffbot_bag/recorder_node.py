@@ -46,6 +46,8 @@ class Recorded:
 class RecorderNode(DiffbotNode[RecorderConfig]):
     """Subscribes to each selected topic that has a publisher and writes its messages."""
 
+    qos_by_parameters = False
+
     def __init__(self) -> None:
         """Create the bag and subscribe to the topics present.
 

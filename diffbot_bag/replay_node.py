@@ -42,6 +42,8 @@ SWITCH_INTERVAL = 0.0005
 class ReplayNode(DiffbotNode[ReplayConfig]):
     """Publishes the messages of one bag, then exits."""
 
+    qos_by_parameters = False
+
     def __init__(self) -> None:
         """Open the bag, create a publisher per topic and start to play.
 

@@ -7,6 +7,7 @@ if __name__ == "__main__":  # before the imports that take long: see launcher
 
     raise SystemExit(launch("diffbot_control.controller_node"))
 
+import time
 from array import array
 from collections.abc import Mapping
 from typing import Any
@@ -37,6 +38,7 @@ from diffbot_control.ros.controller_parameters import (
     parameter_set_of,
 )
 from diffbot_control.ros.controller_status import status_values
+from diffbot_control.ros.frames import robot_frame
 from diffbot_control.ros.message_fields import fill_twist, set_stamp
 from diffbot_control.ros.messages import (
     goal_from,
@@ -45,8 +47,11 @@ from diffbot_control.ros.messages import (
     pose_from,
     twist_message,
 )
+from diffbot_control.ros.tf import transforms_of
+from diffbot_core.health import Throttle
 from diffbot_core.kinematics import Twist
 from diffbot_core.ros.node import LATCHED, DiffbotNode, run, status_message
+from diffbot_core.ros.qos import sensor_qos
 from diffbot_core.uncertainty import Uncertainty
 from diffbot_core.units import NS_PER_S
 
@@ -58,6 +63,8 @@ _LEVELS = {
     supervisor.NOT_REACHED: DiagnosticStatus.ERROR[0],
 }
 _STATUS_PERIOD = 0.5
+_STATE_LOG_PERIOD = 2.0
+"""[s] a state is logged again, for one goal, only after so long: two that alternate take a line a second"""
 _STOP_DELIVERY = Duration(seconds=0.2)
 """Time allowed at shutdown for the delivery of the stop command."""
 _MIN_WATCH_PERIOD = 1e-3
@@ -73,20 +80,23 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
         config = self.config
         self.law = law_of(config.law)
         self.supervisor = Supervisor(config.supervisor, self.law)
-        self._command = twist_message(config.enable_stamped_cmd_vel, config.base_link_frame)
+        self._robot_frame = robot_frame(config)
+        self._command = twist_message(config.enable_stamped_cmd_vel, self._robot_frame)
         command_type = TwistStamped if config.enable_stamped_cmd_vel else TwistMessage
         self._commands = self.create_publisher(command_type, "cmd_vel", QoSProfile(depth=1))
         self._statuses = self.create_publisher(DiagnosticStatus, "~/status", LATCHED)
         self._navigations = self.create_publisher(Float64MultiArray, "~/navigation", QoSProfile(depth=10))
         self._navigation = labelled_array(NAVIGATION_LABELS)
         self._last_status = ("", 0)
+        self._state_log = Throttle(_STATE_LOG_PERIOD)
+        self._transforms = transforms_of(self, config.transform_tolerance)
         self._pose_stamp: int | None = None
         self._gains_checked = False
         self.subscribe(PoseStamped, "goal_pose", self._on_goal)
         self.subscribe(Path, "path", self._on_path)
         self._pose_topic = "pose" if config.pose_source == "pose" else "odometry/filtered"
         pose_type = PoseWithCovarianceStamped if config.pose_source == "pose" else Odometry
-        self.subscribe(pose_type, self._pose_topic, self._on_pose)
+        self.subscribe(pose_type, self._pose_topic, self._on_pose, sensor_qos(config.reliable_inputs))
         self.create_service(Trigger, "~/cancel", self._on_cancel)
         self._watch = self.create_timer(self._watch_period(), self._on_tick, clock=self.steady_clock)
         self.create_timer(_STATUS_PERIOD, self._publish_status, clock=self.steady_clock)
@@ -122,16 +132,16 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
         return min(max(0.25 * self.config.supervisor.pose_timeout, _MIN_WATCH_PERIOD), 0.1)
 
     def _now(self) -> float:
-        return float(self.get_clock().now().nanoseconds / NS_PER_S)
+        return self.clock_watch.now()
 
     def _on_goal(self, message: PoseStamped) -> None:
-        goal = goal_from(message, self.config.map_frame)
+        goal = goal_from(message, self.config.map_frame, self._transforms)
         self.supervisor.on_goal(goal)
         self.get_logger().info(f"goal: x {goal.x:.3f} m, y {goal.y:.3f} m, heading {goal.theta:.3f} rad")
         self._publish_status()
 
     def _on_path(self, message: Path) -> None:
-        goals = path_from(message, self.config.map_frame)
+        goals = path_from(message, self.config.map_frame, self._transforms)
         self.supervisor.on_path(goals)
         self.get_logger().info(f"path of {len(goals)} goals")
         self._publish_status()
@@ -147,7 +157,7 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
             self.get_logger().warning(warning)
 
     def _on_pose(self, message: PoseWithCovarianceStamped | Odometry) -> None:
-        stamp, pose, uncertainty = pose_from(message, self.config.map_frame, self.config.base_link_frame)
+        stamp, pose, uncertainty = pose_from(message, self.config.map_frame, self._robot_frame)
         if uncertainty is None:
             uncertainty = self._fallback()
         self._check_gains(stamp)
@@ -215,10 +225,10 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
         values = status_values(self.supervisor, self.law)
         if self.supervisor.has_failed and state != self._last_status[0]:
             self.get_logger().error(f"{state}: {self.supervisor.reason}")
-        elif state != self._last_status[0]:
+        elif state != self._last_status[0] and self._state_log.is_due((state, self.supervisor.goal), time.monotonic()):
             self.get_logger().info(f"{state}: {self.supervisor.reason}" if self.supervisor.reason else state)
         self._last_status = (state, self.supervisor.waypoint)
-        self._statuses.publish(status_message("controller", _LEVELS.get(state, 0), state, values))
+        self._statuses.publish(status_message(self.get_fully_qualified_name(), _LEVELS.get(state, 0), state, values))
 
 
 def main(args: list[str] | None = None) -> int:

@@ -20,9 +20,11 @@ from std_srvs.srv import Trigger
 
 from diffbot_control.filter.localization import Estimate, Localization
 from diffbot_control.filter.measurements import Measurement, OdometryStep
+from diffbot_control.filter.models import move
 from diffbot_control.filter.state_file import BrokenStateError, StateKeeper, state_path
 from diffbot_control.ros.ekf_messages import EkfInputs, corrected_twist, error_values
 from diffbot_control.ros.ekf_parameters import EkfNodeConfig
+from diffbot_control.ros.frames import odometry_frame, robot_frame
 from diffbot_control.ros.message_fields import (
     fill_planar_covariance,
     fill_pose,
@@ -31,11 +33,12 @@ from diffbot_control.ros.message_fields import (
     pose_of,
     set_stamp,
 )
-from diffbot_control.ros.messages import TFMessage, odometry_message, pose_message, transform_message
+from diffbot_control.ros.messages import odometry_message, pose_message
 from diffbot_control.ros.sensor_messages import KnownNoise
+from diffbot_control.ros.tf import TransformSender, transform_sender
 from diffbot_core.errors import BadMessageError
-from diffbot_core.geometry import Pose, into_frame, out_of_frame
 from diffbot_core.ros.node import LATCHED, QUEUE, DiffbotNode, run, status_message
+from diffbot_core.ros.qos import sensor_qos
 from diffbot_core.units import S_PER_NS
 
 WAITING = "waiting for first fix"
@@ -55,27 +58,31 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         config = self.config
         self.localization = Localization(config.localization, config.wheels.wheel_separation)
         self._pose = pose_message(config.map_frame)
-        self._filtered = odometry_message(config.map_frame, config.base_link_frame)
+        self._filtered = odometry_message(config.map_frame, robot_frame(config))
         self._poses = self.create_publisher(PoseWithCovarianceStamped, "pose", QUEUE)
         self._filtered_odometry = self.create_publisher(Odometry, "odometry/filtered", QUEUE)
         self._statuses = self.create_publisher(DiagnosticStatus, "~/status", LATCHED)
-        self._transforms = self._transform_publisher(config.publish_tf)
+        self._transforms = self._transform_sender() if config.publish_tf else None
+        self._newest: tuple[Estimate, OdometryStep] | None = None
         self._last_state = ""
         self._last_odometry: int | None = None
         self._inputs = EkfInputs(config)
         self._keeper = self._restore()
+        qos = sensor_qos(config.reliable_inputs)
         # Fixes before odometry: an executor that finds both waiting handles them in this order.
-        self.subscribe(PoseWithCovarianceStamped, "global_pose", self._on_fix)
+        self.subscribe(PoseWithCovarianceStamped, "global_pose", self._on_fix, qos)
         for index, topic in enumerate(config.localization.sources.pose_sources):
-            self.subscribe(PoseWithCovarianceStamped, topic, partial(self._on_source_fix, index, topic))
-        self.subscribe(Imu, "heading", self._on_heading)
+            self.subscribe(PoseWithCovarianceStamped, topic, partial(self._on_source_fix, index, topic), qos)
+        self.subscribe(Imu, "heading", self._on_heading, qos)
         if self._inputs.landmark_points:
-            self.subscribe(PointCloud2, "landmarks", self._on_landmarks)
+            self.subscribe(PointCloud2, "landmarks", self._on_landmarks, qos)
         self.subscribe(PoseWithCovarianceStamped, "initialpose", self._on_initialpose)
         if config.odometry_source == "odom":
-            self.subscribe(Odometry, "odom", self._on_odometry)
+            self.subscribe(Odometry, "odom", self._on_odometry, qos)
         else:
-            self.subscribe(JointState, "joint_states", self._on_joint_states)
+            self.subscribe(JointState, "joint_states", self._on_joint_states, qos)
+            if self._transforms is not None:
+                self.subscribe(Odometry, "odom", self._on_odometry_pose, qos)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_timer(_STATUS_PERIOD, self._publish_status, clock=self.steady_clock)
         if self._keeper is not None:
@@ -110,13 +117,9 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
             level, text = DiagnosticStatus.WARN[0], f"innovations of {name} correlated in time; {text}"
         return max(level, 0 if state == RUNNING else DiagnosticStatus.WARN[0]), f"{state}; {text}"
 
-    def _transform_publisher(self, enabled: bool) -> Any:
-        if not enabled:
-            return None
-        if TFMessage is None:
-            self.get_logger().info("tf2_msgs is not installed: no TF is published")
-            return None
-        return self.create_publisher(TFMessage, "/tf", QUEUE)
+    def _transform_sender(self) -> TransformSender | None:
+        config = self.config
+        return transform_sender(self, config.map_frame, odometry_frame(config), config.transform_tolerance)
 
     def _on_fix(self, message: PoseWithCovarianceStamped) -> None:
         fix = self._inputs.fix(message)
@@ -179,10 +182,21 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
     def _on_odometry(self, message: Odometry) -> None:
         estimate = self._answer(self._inputs.odometry(message))
         if self._transforms is not None:
-            self._send_transform(estimate, pose_of(message.pose.pose))
+            self._transforms.send(estimate.stamp, estimate.pose, pose_of(message.pose.pose))
 
     def _on_joint_states(self, message: JointState) -> None:
-        self._answer(self._inputs.joint_states(message))
+        step = self._inputs.joint_states(message)
+        self._newest = self._answer(step), step
+
+    def _on_odometry_pose(self, message: Odometry) -> None:
+        """Send the transform to the odometry's frame, though the motion is that of joint_states."""
+        stamp, in_odom = self._inputs.odometry(message).stamp, pose_of(message.pose.pose)
+        if self._transforms is None or self._newest is None:
+            return
+        estimate, step = self._newest
+        dt = (stamp - estimate.stamp) * S_PER_NS
+        if abs(dt) <= self.config.sensor_timeout:
+            self._transforms.send(stamp, move(estimate.pose, step.twist, dt).end, in_odom)
 
     def _answer(self, odometry: OdometryStep) -> Estimate:
         self._last_odometry = time.monotonic_ns()
@@ -209,14 +223,10 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         self._filtered_odometry.publish(message)
         self.health.sent["odometry/filtered"] += 1
 
-    def _send_transform(self, estimate: Estimate, in_odom: Pose) -> None:
-        origin = into_frame(Pose(0.0, 0.0, 0.0), in_odom)  # of odom in the robot's frame
-        in_map = out_of_frame(origin, estimate.pose)
-        config = self.config
-        self._transforms.publish(transform_message(estimate.stamp, config.map_frame, config.odom_frame, in_map))
-
     def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self.localization.reset()
+        self._newest = None
+        self.health.reset()
         if self._keeper is not None:
             try:
                 self._keeper.delete()
@@ -233,7 +243,7 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
             self.get_logger().info(state)
         self._last_state = state
         level = 0 if state == RUNNING else DiagnosticStatus.WARN[0]
-        self._statuses.publish(status_message("ekf", level, state, values))
+        self._statuses.publish(status_message(self.get_fully_qualified_name(), level, state, values))
 
     def details(self) -> dict[str, str]:
         """Return the filter's values for ~/status and /diagnostics."""

@@ -1,8 +1,9 @@
-"""Counters of received, dropped and sent messages, for /diagnostics; free of ROS."""
+"""Counters of received, dropped and sent messages for /diagnostics, and a limit of log entries; free of ROS."""
 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Hashable
 
 
 class Health:
@@ -19,6 +20,12 @@ class Health:
         self.last_received: dict[str, float] = {}
         """[s] steady time of the last accepted message, by topic"""
         self._reported: Counter[str] = Counter()
+
+    def reset(self) -> None:
+        """Set all counters to zero, as after a reset of the node; rates count from here."""
+        for counter in (self.accepted, self.sent, self.dropped, self.counted, self._reported):
+            counter.clear()
+        self.last_received.clear()
 
     def drop(self, topic: str, kind: str) -> bool:
         """Count a dropped message; return True for the first of its topic and kind, which is worth a log entry."""
@@ -49,3 +56,20 @@ class Health:
         values.update({note: str(count) for note, count in sorted(self.counted.items())})
         values.update(self.notes)
         return values
+
+
+class Throttle:
+    """Lets each key pass once in a period."""
+
+    def __init__(self, period: float) -> None:
+        """Let everything pass at first; ``period`` [s]."""
+        self._period = period
+        self._passed: dict[Hashable, float] = {}
+
+    def is_due(self, key: Hashable, now: float) -> bool:
+        """Return True, and remember it, if ``key`` did not pass within the period before ``now`` [s]."""
+        self._passed = {one: last for one, last in self._passed.items() if now - last < self._period}
+        if key in self._passed:
+            return False
+        self._passed[key] = now
+        return True

@@ -21,6 +21,7 @@ that names the new parameter: by :func:`build`, and by a node that is started wi
 from __future__ import annotations
 
 import math
+import re
 from collections import namedtuple
 from collections.abc import Mapping
 from typing import Annotated, Any, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
@@ -30,6 +31,8 @@ from diffbot_core.errors import DiffbotError, InvalidValueError, ReplacedNameErr
 C = TypeVar("C", bound=tuple[Any, ...])
 PARTIAL = "fields of this group without a Spec are no parameters"
 """Annotation of a group whose type is not this project's: ``Annotated[Group, PARTIAL]``."""
+_NUMBER_AS_TEXT = re.compile(r"[+-]?(\d+(\.\d*)?e[+-]?\d+|\.?inf)", re.IGNORECASE)
+"""Numbers that YAML 1.1 reads as texts: ``ros2 param load`` sends 1.0e-06 and .inf of a file as 1e-06 and inf."""
 
 
 class Spec(NamedTuple):
@@ -194,7 +197,8 @@ def to_dict(config: tuple[Any, ...]) -> dict[str, Any]:
 def checked(parameter: Parameter, value: Any) -> Any:
     """Return ``value`` as the parameter's type if it is allowed.
 
-    A whole number is accepted for a float, since YAML writes ``2`` for 2.0; nothing else is converted.
+    For a float a whole number is accepted, since YAML writes ``2`` for 2.0, and the texts ``inf``, ``.inf`` and
+    ``1e-06``; nothing else is converted.
 
     Raises:
         InvalidValueError: naming the parameter, the value and the bound.
@@ -205,6 +209,8 @@ def checked(parameter: Parameter, value: Any) -> Any:
             raise InvalidValueError(name, value, "a list")
         item = parameter._replace(type=get_args(kind)[0])
         return tuple(checked(item, one) for one in value)
+    if kind is float and isinstance(value, str) and _NUMBER_AS_TEXT.fullmatch(value):
+        value = float(value.lower().replace(".inf", "inf"))
     if kind is float and isinstance(value, int) and not isinstance(value, bool):
         try:
             value = float(value)

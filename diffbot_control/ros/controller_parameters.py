@@ -10,6 +10,7 @@ from diffbot_control.law.controller import SwitchingLaw
 from diffbot_control.law.presets import PRESETS, TUNED
 from diffbot_control.law.protocol import Law
 from diffbot_control.law.supervisor import SupervisorConfig
+from diffbot_control.ros.frames import PREFIX_TEXT, RELIABLE_TEXT
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.schema import PARTIAL, Spec, checked, parameters_of, variant
 from diffbot_core.uncertainty import Uncertainty
@@ -58,6 +59,18 @@ class ControllerNodeConfig(NamedTuple):
     base_link_frame: Annotated[
         str, Spec("frame of the stamped command; child frame of odometry/filtered", read_only=True)
     ] = "base_link"
+    frame_prefix: Annotated[str, Spec(PREFIX_TEXT, read_only=True)] = ""
+    transform_tolerance: Annotated[
+        float,
+        Spec(
+            "age of the newest transform, before the stamp of a goal in another frame, up to which it is used",
+            "s",
+            minimum=0.0,
+            maximum=60.0,
+            read_only=True,
+        ),
+    ] = 0.3
+    reliable_inputs: Annotated[bool, Spec(RELIABLE_TEXT, read_only=True)] = False
     enable_stamped_cmd_vel: Annotated[bool, Spec("publish TwistStamped instead of Twist", read_only=True)] = False
 
 

@@ -12,6 +12,7 @@ from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.measurements import Array, Heading, LandmarkMeasurement, OdometryStep, PoseFix
 from diffbot_control.filter.models import RadiusErrors, with_radius_errors, with_separation_error
 from diffbot_control.ros.ekf_parameters import EkfNodeConfig
+from diffbot_control.ros.frames import robot_frame
 from diffbot_control.ros.sensor_messages import (
     KnownNoise,
     fix_from,
@@ -39,6 +40,7 @@ class EkfInputs:
         always = noise.override_covariance
         xy, yaw = noise.global_pose_sigma_xy, noise.global_pose_sigma_yaw
         self._config = config
+        self._robot_frame = robot_frame(config)
         self.landmark_points = config.landmarks.points()
         self.fix_noise = KnownNoise(_diagonal((xy, xy, yaw)), always)
         self._sources = config.localization.sources.settings()
@@ -68,15 +70,15 @@ class EkfInputs:
 
     def heading(self, message: Any) -> Heading:
         """Return the heading of an Imu."""
-        return heading_from(message, self._config.base_link_frame, self.heading_noise)
+        return heading_from(message, self._robot_frame, self.heading_noise)
 
     def landmarks(self, message: Any) -> tuple[list[LandmarkMeasurement], int]:
         """Return the measurements of known landmarks in a PointCloud2, and how many of its landmarks are unknown."""
-        return landmarks_from(message, self._config.base_link_frame, self.landmark_points, self._landmark_noise)
+        return landmarks_from(message, self._robot_frame, self.landmark_points, self._landmark_noise)
 
     def odometry(self, message: Any) -> OdometryStep:
         """Return the step of an Odometry; an all-zero covariance means unknown, and the localization has its own."""
-        return odometry_from(message, self._config.base_link_frame)
+        return odometry_from(message, self._robot_frame)
 
     def joint_states(self, message: Any) -> OdometryStep:
         """Return the step of a JointState."""

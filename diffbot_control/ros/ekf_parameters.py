@@ -6,6 +6,7 @@ from typing import Annotated, NamedTuple
 
 from diffbot_control.filter.landmark_map import LandmarkMap
 from diffbot_control.filter.localization_config import LocalizationConfig
+from diffbot_control.ros.frames import PREFIX_TEXT, RELIABLE_TEXT
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.kinematics import WheelGeometry
 from diffbot_core.schema import Spec
@@ -91,4 +92,16 @@ class EkfNodeConfig(NamedTuple):
     map_frame: Annotated[str, Spec("frame of fixes and estimates", read_only=True)] = "map"
     odom_frame: Annotated[str, Spec("frame of the odometry", read_only=True)] = "odom"
     base_link_frame: Annotated[str, Spec("frame of the robot", read_only=True)] = "base_link"
+    frame_prefix: Annotated[str, Spec(PREFIX_TEXT, read_only=True)] = ""
     publish_tf: Annotated[bool, Spec("publish map -> odom", read_only=True)] = True
+    transform_tolerance: Annotated[
+        float,
+        Spec(
+            "time by which map -> odom is stamped into the future: for so long it is valid",
+            "s",
+            minimum=0.0,
+            maximum=60.0,
+            read_only=True,
+        ),
+    ] = 0.0
+    reliable_inputs: Annotated[bool, Spec(RELIABLE_TEXT, read_only=True)] = False

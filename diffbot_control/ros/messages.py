@@ -26,6 +26,7 @@ from diffbot_control.ros.message_fields import (
     set_stamp,
     stamp_ns,
 )
+from diffbot_control.ros.transforms import NO_TRANSFORMS, Transforms, pose_in_frame
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose, quaternion_of_yaw
 from diffbot_core.uncertainty import Uncertainty
@@ -37,20 +38,21 @@ except ImportError:  # no wheel contains tf2_msgs; the nodes log once that they 
     TFMessage = None
 
 
-def goal_from(message: PoseStamped, frame: str) -> Pose:
-    """Return the goal, which has to be given in ``frame``."""
-    check_frame(message.header.frame_id, frame)
-    return pose_of(message.pose)
+def goal_from(message: PoseStamped, frame: str, transforms: Transforms = NO_TRANSFORMS) -> Pose:
+    """Return the goal in ``frame``; one that is given in another frame is transformed, once."""
+    return pose_in_frame(message.pose, message.header, frame, transforms)
 
 
-def path_from(message: Path, frame: str) -> list[Pose]:
-    """Return the poses of a path, which has to be given in ``frame``; a pose without a frame is in the path's."""
-    check_frame(message.header.frame_id, frame)
+def path_from(message: Path, frame: str, transforms: Transforms = NO_TRANSFORMS) -> list[Pose]:
+    """Return the poses of a path in ``frame``; a pose without a frame has frame and time of the path."""
+    if not message.header.frame_id:
+        check_frame(message.header.frame_id, frame)
     if not message.poses:
         raise BadMessageError("path is empty")
-    for pose in message.poses:
-        check_frame(pose.header.frame_id or frame, frame)
-    return [pose_of(pose.pose) for pose in message.poses]
+    return [
+        pose_in_frame(one.pose, one.header if one.header.frame_id else message.header, frame, transforms)
+        for one in message.poses
+    ]
 
 
 def pose_from(

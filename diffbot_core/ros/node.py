@@ -15,27 +15,28 @@ from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import InvalidParameterTypeException, ParameterException
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.logging import LoggingSeverity, get_logger_effective_level, set_logger_level
-from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 
 from diffbot_core.errors import BadMessageError, DiffbotError
 from diffbot_core.health import Health
+from diffbot_core.ros.base_node import BaseNode
+from diffbot_core.ros.clock_watch import ClockWatch
 from diffbot_core.ros.parameters import NodeParameters, overrides_of
+from diffbot_core.ros.qos import LATCHED as LATCHED  # noqa: PLC0414 - re-exported, as is QUEUE
+from diffbot_core.ros.qos import QUEUE as QUEUE  # noqa: PLC0414
 from diffbot_core.schema import C
 
 DIAGNOSTICS_PERIOD = 1.0
 """[s] between two /diagnostics messages of a node"""
 SPIN_TIMEOUT = 0.05
 """[s] maximum time between two checks of the signal flag"""
-QUEUE = QoSProfile(depth=10)
-"""Reliable and volatile: the default of publishers and subscriptions."""
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""Transient local: late subscribers receive the last message."""
 
 
-class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
+class DiffbotNode(BaseNode, Generic[C]):
     """A node with checked parameters (``config``), guarded subscriptions and a 1 Hz report on /diagnostics."""
+
+    _checked_parameters: NodeParameters[C]
 
     def __init__(
         self, name: str, config_type: type[C], presets: Mapping[str, C] | None = None, **node_options: Any
@@ -59,6 +60,7 @@ class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
             self.destroy_node()
             raise
         self.health = Health()
+        self.clock_watch = ClockWatch(self)
         self.exit_code: int | None = None
         self.steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", QUEUE)
@@ -111,6 +113,8 @@ class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
 
     def health_level(self) -> tuple[int, str]:
         """Return level and message for /diagnostics; nodes with a state add it."""
+        if self.clock_watch.problem:
+            return self.clock_watch.level, self.clock_watch.problem
         dropped = sum(self.health.dropped.values())
         if dropped:
             return DiagnosticStatus.WARN[0], f"{dropped} messages dropped"
@@ -121,6 +125,7 @@ class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
         return {}
 
     def _report(self) -> None:
+        self.clock_watch.check()
         now = self.steady_clock.now().nanoseconds
         level, text = self.health_level()  # first, since it may set notes of the report
         values = self.health.report((now - self._last_report) * 1e-9) | self.details()

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import math
+import re
 from array import array
 from collections.abc import Callable, Mapping
-from typing import Any, Generic
+from typing import Any, Generic, get_origin
 
-from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
 
-from diffbot_core.errors import DiffbotError
 from diffbot_core.schema import C, Parameter, build, checked, parameters_of, refuse_replaced, to_dict
+
+_QOS_OVERRIDE = re.compile(r"qos_overrides\./.+\.(publisher|subscription)(_\w+)?\.[a-z_]+")
+"""Names that rclpy declares when the topic is created; a file for several nodes holds those of all."""
 
 
 def overrides_of(node: Node) -> dict[str, Any]:
@@ -42,14 +47,15 @@ class NodeParameters(Generic[C]):
                 given under a name that was replaced.
         """
         self._node = node
-        refuse_replaced(config_type, overrides_of(node))
+        self._overrides = overrides_of(node)
+        refuse_replaced(config_type, self._overrides)
         self._fields: dict[str, Parameter] = {parameter.name: parameter for parameter in parameters_of(config_type)}
         self._on_change = on_change
         self._type = config_type
         base = config_type()
         if presets is not None:
             parameter = self._fields["preset"]
-            base = presets[checked(parameter, self._declare(parameter, parameter.default))]
+            base = presets[self._declare(parameter, parameter.default)]
         defaults = to_dict(base)
         values = {
             name: self._declare(parameter, defaults[name])
@@ -58,46 +64,78 @@ class NodeParameters(Generic[C]):
         }
         self.config: C = build(config_type, values, base)
         self._warn_of_unknown_overrides()
-        node.add_on_set_parameters_callback(self._validate)
         node.add_post_set_parameters_callback(self._apply)
 
     def _declare(self, parameter: Parameter, default: Any) -> Any:
-        spec = parameter.spec
-        default = list(default) if isinstance(default, tuple) else default
-        descriptor = ParameterDescriptor(
-            description=f"{spec.text} [{spec.unit}]",
-            additional_constraints=spec.bound() if parameter.type in (float, int) or spec.choices else "",
-            read_only=spec.read_only,
-            # Whole numbers are accepted for floats; schema.checked() checks the types.
-            dynamic_typing=True,
-        )
-        value = self._node.declare_parameter(parameter.name, default, descriptor).value
-        # rcl knows no type for [] and drops it.
-        return () if value is None and isinstance(parameter.default, tuple) else value
+        """Declare a parameter and return its value: the override from outside if there is one."""
+        value = self._overrides.get(parameter.name, default)
+        if value is None and get_origin(parameter.type) is tuple:
+            # rcl knows no type for [] and gives the override no value.
+            value = ()
+        value = checked(parameter, value)
+        stored = list(value) if isinstance(value, tuple) else value
+        self._node.declare_parameter(parameter.name, stored, descriptor_of(parameter), ignore_override=True)
+        return value
 
     def _warn_of_unknown_overrides(self) -> None:
-        for name in sorted(overrides_of(self._node)):
-            if not self._node.has_parameter(name):
+        unknown = [name for name in sorted(self._overrides) if not self._node.has_parameter(name)]
+        if not unknown:
+            return
+        # Not before it is needed, which is rare.
+        from diffbot_core.ros.parameter_names import PARAMETER_NAMES  # noqa: PLC0415
+
+        for name in unknown:
+            # A section /** of a file holds the parameters of all nodes.
+            if name not in PARAMETER_NAMES and not _QOS_OVERRIDE.fullmatch(name):
                 self._node.get_logger().warning(f"unknown parameter '{name}' is ignored")
 
-    def _ours(self, changes: list[Any]) -> dict[str, Any]:
-        # rclpy gives lists as array.array, which prints differently from the list given at the start.
-        return {
-            change.name: change.value.tolist() if isinstance(change.value, array) else change.value
-            for change in changes
-            if change.name in self._fields
-        }
+    def converted(self, changes: list[RosParameter]) -> list[RosParameter]:
+        """Return ``changes`` with whole numbers and the text ``inf`` as the floats that they stand for.
 
-    def _validate(self, changes: list[Any]) -> SetParametersResult:
-        ours = self._ours(changes)
-        try:
-            build(self._type, ours, self.config)
-        except DiffbotError as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        return SetParametersResult(successful=True)
+        Raises:
+            DiffbotError: naming parameter, value and bound, if a change is not allowed.
+        """
+        ours = {change.name: _plain(change.value) for change in changes if change.name in self._fields}
+        build(self._type, ours, self.config)
+        result = []
+        for change in changes:
+            parameter = self._fields.get(change.name)
+            if parameter is not None and parameter.type is float:
+                value = checked(parameter, change.value)
+                result.append(RosParameter(change.name, RosParameter.Type.DOUBLE, value))
+            else:
+                result.append(change)
+        return result
 
-    def _apply(self, changes: list[Any]) -> None:
-        ours = self._ours(changes)
+    def _apply(self, changes: list[RosParameter]) -> None:
+        ours = {change.name: _plain(change.value) for change in changes if change.name in self._fields}
         if ours:
             self.config = build(self._type, ours, self.config)
             self._on_change(self.config)
+
+
+def descriptor_of(parameter: Parameter) -> ParameterDescriptor:
+    """Return text, unit and bounds of a parameter; a range only where both bounds are allowed and ``inf`` is not.
+
+    rclpy enforces a range by itself, and ROS has no words for an open one.
+    """
+    spec = parameter.spec
+    descriptor = ParameterDescriptor(
+        description=f"{spec.text} [{spec.unit}]",
+        additional_constraints=spec.bound() if parameter.type in (float, int) or spec.choices else "",
+        read_only=spec.read_only,
+        # The element type of an empty list is unknown; schema.checked() checks the types.
+        dynamic_typing=True,
+    )
+    closed = math.isfinite(spec.minimum) and math.isfinite(spec.maximum)
+    if parameter.type is float and closed and not spec.exclusive_minimum and not spec.allow_inf:
+        descriptor.floating_point_range = [FloatingPointRange(from_value=spec.minimum, to_value=float(spec.maximum))]
+    elif parameter.type is int and closed:
+        lowest = int(spec.minimum) + spec.exclusive_minimum
+        descriptor.integer_range = [IntegerRange(from_value=lowest, to_value=int(spec.maximum), step=1)]
+    return descriptor
+
+
+def _plain(value: Any) -> Any:
+    """Return a list for an array, as rclpy gives lists later: it prints differently from the list at the start."""
+    return value.tolist() if isinstance(value, array) else value

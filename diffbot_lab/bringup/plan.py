@@ -40,7 +40,10 @@ def plan(values: Mapping[str, Any], share: Path, *, simulate: bool) -> list[Node
         share: folder of this package's config, rviz and urdf.
         simulate: whether to start the plant.
     """
-    lockstep = {"publish_when_idle": True} if values.get("clock") == "lockstep" else {}
+    in_step = values.get("clock") == "lockstep"
+    # Every step waits for its messages: none may be lost, and each needs an answer.
+    reliable = {"reliable_inputs": True} if in_step else {}
+    lockstep = {"publish_when_idle": True, **reliable} if in_step else {}
     preset = _given(values, preset="preset")
     stamped = _given(values, enable_stamped_cmd_vel="stamped_cmd_vel")
     prefix = _given(values, frame_prefix="frame_prefix")
@@ -49,7 +52,7 @@ def plan(values: Mapping[str, Any], share: Path, *, simulate: bool) -> list[Node
     if values["composed"]:
         found.append(("robot", preset | stamped | managed | lockstep))
     else:
-        found += [("ekf", managed)] if values["localization"] else []
+        found += [("ekf", managed | reliable)] if values["localization"] else []
         found.append(("controller", preset | stamped | managed | lockstep))
     if simulate:
         found.append(("plant", stamped | prefix | _plant_parameters(values)))

@@ -133,11 +133,12 @@ def _drive(options: DemoOptions, folder: Path, domain: int) -> None:
         )
         plant = {"clock": _clock(options), "seed": options.seed, "start_paused": True}
         nodes.start("plant", "diffbot_sim.plant_node", plant)
-        nodes.start("ekf", "diffbot_control.ekf_node", simulated)
+        lockstep = {"reliable_inputs": _clock(options) == "lockstep"}
+        nodes.start("ekf", "diffbot_control.ekf_node", {**lockstep, **simulated})
         nodes.start(
             "controller",
             "diffbot_control.controller_node",
-            {"publish_when_idle": True, "preset": options.preset, **simulated},
+            {"publish_when_idle": True, "preset": options.preset, **lockstep, **simulated},
         )
         demo = nodes.start(
             "demo",

@@ -12,6 +12,7 @@ from diffbot_bag.encoding import Encoder
 from diffbot_bag.new_bag import new_bag
 from diffbot_bag.reader import BagReader
 from diffbot_control.ros.ekf_parameters import EkfNodeConfig
+from diffbot_control.ros.frames import robot_frame
 from diffbot_core.errors import DiffbotError
 from diffbot_core.units import S_PER_NS
 from diffbot_lab.refilter.comparison import (
@@ -50,7 +51,7 @@ def run(bag: Path, params: Path | None, out: Path, compare: str | None, remap: d
         truth = None if compare is None else read_truth(reader, compare)
         with new_bag(out) as writer:
             (writer.folder / PARAMETERS).write_text(text, encoding="utf-8")
-            topics = OutputTopics(writer, Encoder(), config.map_frame, config.base_link_frame)
+            topics = OutputTopics(writer, Encoder(), config.map_frame, robot_frame(config))
             estimates = []
 
             def write(answer: Answer, log_time: int) -> None:

@@ -15,9 +15,10 @@ _EARLY = 0.1
 class ClockPace:
     """Steps due by a steady clock; a late caller catches up a few steps, a very late one skips the rest."""
 
-    def __init__(self, period: float, now: float) -> None:
-        """Begin at ``now`` [s]; a step is due each ``period`` [s] of the steady clock."""
+    def __init__(self, period: float, now: float, max_catch_up: int = _MAX_CATCH_UP) -> None:
+        """Begin at ``now`` [s]; a step is due each ``period`` [s] of the clock, at most ``max_catch_up`` at a time."""
         self.period = period
+        self._max_catch_up = max_catch_up
         self.skipped = 0
         """steps left out because a call came too late"""
         self._next = now + period
@@ -32,7 +33,7 @@ class ClockPace:
         if count < 1:
             return 0
         self._next += count * self.period
-        if count > _MAX_CATCH_UP:
-            self.skipped += count - _MAX_CATCH_UP
-            return _MAX_CATCH_UP
+        if count > self._max_catch_up:
+            self.skipped += count - self._max_catch_up
+            return self._max_catch_up
         return count

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import Annotated, NamedTuple
 
+from diffbot_control.ros.frames import PREFIX_TEXT
+from diffbot_core.errors import InvalidValueError
 from diffbot_core.schema import Spec
 from diffbot_sim.model.simulator import WorldConfig
-from diffbot_sim.ros.pacing import CLOCKS, WALL
+from diffbot_sim.ros.pacing import CLOCKS, LOCKSTEP, SCALED, WALL
 
 
 class PlantNodeConfig(NamedTuple):
@@ -30,6 +32,10 @@ class PlantNodeConfig(NamedTuple):
             read_only=True,
         ),
     ] = 1.0
+    publish_clock: Annotated[
+        bool,
+        Spec("publish /clock, for clock: scaled; false: take the steps by the /clock of another plant", read_only=True),
+    ] = True
     start_time: Annotated[
         float,
         Spec(
@@ -55,4 +61,22 @@ class PlantNodeConfig(NamedTuple):
     map_frame: Annotated[str, Spec("frame of fixes and truth", read_only=True)] = "map"
     odom_frame: Annotated[str, Spec("frame of the odometry", read_only=True)] = "odom"
     base_link_frame: Annotated[str, Spec("frame of the robot", read_only=True)] = "base_link"
+    frame_prefix: Annotated[str, Spec(PREFIX_TEXT, read_only=True)] = ""
     publish_tf: Annotated[bool, Spec("publish odom -> base_link", read_only=True)] = True
+
+    def owns_time(self) -> bool:
+        """Return True if the plant publishes /clock."""
+        return self.clock != WALL and self.publish_clock
+
+    def follows_time(self) -> bool:
+        """Return True if the plant takes its steps by the /clock of another one."""
+        return self.clock == SCALED and not self.publish_clock
+
+    def check(self) -> None:
+        """Refuse lock-step without a clock.
+
+        Raises:
+            InvalidValueError: since no node could follow.
+        """
+        if self.clock == LOCKSTEP and not self.publish_clock:
+            raise InvalidValueError("publish_clock", self.publish_clock, "true with clock = 'lockstep'")

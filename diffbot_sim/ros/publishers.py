@@ -10,6 +10,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState, PointCloud2, PointField
 
 from diffbot_control.filter.measurements import Heading, PoseFix
+from diffbot_control.ros.frames import odometry_frame, robot_frame
 from diffbot_control.ros.landmark_cloud import LandmarkPoint, fill_landmark_points
 from diffbot_control.ros.message_fields import (
     fill_planar_covariance,
@@ -20,11 +21,12 @@ from diffbot_control.ros.message_fields import (
     set_stamp,
 )
 from diffbot_control.ros.messages import TFMessage, odometry_message, pose_message, transform_message
+from diffbot_control.ros.tf import TF_TOPIC
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.ros.node import QUEUE, DiffbotNode
+from diffbot_core.ros.qos import TRANSFORMS
 from diffbot_sim.model.simulator import Arrivals, ObservedLandmark, World
-from diffbot_sim.ros.pacing import WALL
 from diffbot_sim.ros.parameters import PlantNodeConfig
 
 
@@ -34,19 +36,19 @@ class PlantTopics:
     def __init__(self, node: DiffbotNode[PlantNodeConfig]) -> None:
         """Create the publishers on ``node``, whose health counts what is sent."""
         config = node.config
-        self._frames = config.odom_frame, config.base_link_frame
+        self._frames = odometry_frame(config), robot_frame(config)
         self._sent = node.health.sent
-        self._odometry = odometry_message(config.odom_frame, config.base_link_frame)
-        self._truth = odometry_message(config.map_frame, config.base_link_frame)
+        self._odometry = odometry_message(*self._frames)
+        self._truth = odometry_message(config.map_frame, robot_frame(config))
         self._fix = pose_message(config.map_frame)
         self._heading = Imu()
-        self._heading.header.frame_id = config.base_link_frame
+        self._heading.header.frame_id = robot_frame(config)
         # REP-145: no angular velocity, no acceleration in it.
         self._heading.angular_velocity_covariance[0] = -1.0
         self._heading.linear_acceleration_covariance[0] = -1.0
         self._heading.orientation_covariance[[0, 4]] = 1e6
         self._cloud = PointCloud2()
-        self._cloud.header.frame_id = config.base_link_frame
+        self._cloud.header.frame_id = robot_frame(config)
         self._joints = JointState(name=[config.left_wheel_name, config.right_wheel_name])
         self._clock_message = Clock()
         self._odometries = node.create_publisher(Odometry, "odom", QUEUE)
@@ -55,12 +57,12 @@ class PlantTopics:
         self._headings = node.create_publisher(Imu, "heading", QUEUE)
         self._clouds = node.create_publisher(PointCloud2, "landmarks", QUEUE)
         self._joint_states = node.create_publisher(JointState, "joint_states", QUEUE)
-        self._clocks = node.create_publisher(Clock, "/clock", QUEUE) if config.clock != WALL else None
+        self._clocks = node.create_publisher(Clock, "/clock", QUEUE) if config.owns_time() else None
         self._transforms = None
         if config.publish_tf and TFMessage is None:
             node.get_logger().info("tf2_msgs is not installed: no TF is published")
         elif config.publish_tf:
-            self._transforms = node.create_publisher(TFMessage, "/tf", QUEUE)
+            self._transforms = node.create_publisher(TFMessage, TF_TOPIC, TRANSFORMS)
 
     def required(self, fixes: bool) -> list[Any]:
         """Publishers that a filter must subscribe to before the first step; with joint_states it needs no odom.

@@ -69,7 +69,12 @@ class StepRate:
 def make_control(scenario: str) -> ControllerNode:
     """Create the controller with its default options; in lock-step it answers from the first pose on, goal or not."""
     overrides = [Parameter("publish_when_idle", value=True)] if scenario == LOCKSTEP else []
-    return ControllerNode(parameter_overrides=overrides)
+    return ControllerNode(parameter_overrides=[*overrides, reliable_inputs(scenario)])
+
+
+def reliable_inputs(scenario: str) -> Parameter:
+    """Return the parameter by which a node loses no message in lock-step."""
+    return Parameter("reliable_inputs", value=scenario == LOCKSTEP)
 
 
 def make_plant() -> PlantNode:
@@ -86,7 +91,9 @@ def make_nodes(scenario: str, side: str, names: list[str], seconds: float) -> li
     # In lock-step the chain to beat has neither parameter services nor rosout; at 50 Hz it is as rclpy makes it.
     lean = {"start_parameter_services": False, "enable_rosout": False} if scenario == LOCKSTEP else {}
     makers = {
-        FILTER: EkfNode if side == OURS else lambda: OdometryRelay(**lean),
+        FILTER: (lambda: EkfNode(parameter_overrides=[reliable_inputs(scenario)]))
+        if side == OURS
+        else lambda: OdometryRelay(**lean),
         CONTROL: (lambda: make_control(scenario)) if side == OURS else lambda: TwistRelay(**lean),
     }
     if scenario == CLOCKED:

@@ -1,6 +1,6 @@
 """Counters of a node and what they say in /diagnostics."""
 
-from diffbot_core.health import Health
+from diffbot_core.health import Health, Throttle
 
 
 def test_only_the_first_drop_of_a_kind_is_worth_a_line():
@@ -63,3 +63,24 @@ def test_ages_are_since_the_last_accepted_message_of_each_topic():
     health.drop("fix", "not finite")
     assert health.ages(13.0) == {"fix age [s]": "2.00", "odom age [s]": "0.50"}
     assert (health.accepted["odom"], health.accepted["fix"]) == (2, 1)
+
+
+def test_after_a_reset_counters_and_rates_begin_at_zero():
+    health = Health()
+    health.accept("odom", 10.0)
+    health.sent["pose"] += 4
+    health.counted["lost"] += 1
+    health.drop("fix", "not finite")
+    health.report(1.0)
+    health.reset()
+    assert health.report(1.0) == {}
+    assert health.ages(11.0) == {}
+    health.sent["pose"] += 3
+    assert health.report(2.0) == {"pose sent": "3", "pose sent [Hz]": "1.5"}
+    assert health.drop("fix", "not finite"), "worth a line again"
+
+
+def test_a_key_passes_once_in_a_period():
+    throttle = Throttle(2.0)
+    assert [throttle.is_due("a", now) for now in (5.0, 5.1, 6.9, 7.0, 7.1)] == [True, False, False, True, False]
+    assert throttle.is_due("b", 7.1)

@@ -400,3 +400,18 @@ def test_a_bound_of_any_kind_stops_the_number_beyond_it():
     for value in (math.nextafter(0.5, 0.0), math.nextafter(2.0, 3.0), -math.inf, math.inf, math.nan):
         with pytest.raises(InvalidValueError):
             checked(parameter, value)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"), [("1e-06", 1e-6), ("2.5E+3", 2500.0), ("inf", math.inf), (".INF", math.inf)]
+)
+def test_numbers_that_yaml_reads_as_texts_are_floats(text, value):
+    parameter = Parameter("limit", (), float, 1.0, Spec("a limit", allow_inf=True))
+    assert checked(parameter, text) == value
+
+
+@pytest.mark.parametrize("text", ["2", "1.5", "x", "", "nan", "1e", "infinite", "-inf"])
+def test_other_texts_are_not(text):
+    parameter = Parameter("limit", (), float, 1.0, Spec("a limit", allow_inf=True))
+    with pytest.raises(InvalidValueError, match=r"limit = .*: must be "):
+        checked(parameter, text)

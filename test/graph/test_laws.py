@@ -74,7 +74,7 @@ def driven_by(law, folder=EXAMPLES, plant=None, **parameters):
     """Run a robot in lock-step whose controller finds laws in ``folder``; it stands until it is let go."""
     path = os.pathsep.join((str(graph.SOURCE), str(folder)))
     with lockstep(plant, only=("ekf", "plant")) as robot:
-        given = {"publish_when_idle": True, **SIMULATED, "law": law, **parameters}
+        given = {"publish_when_idle": True, "reliable_inputs": True, **SIMULATED, "law": law, **parameters}
         robot.launch("controller", given, env=graph.environment(PYTHONPATH=path))
         robot.wait_until_ready("controller")
         yield robot

@@ -82,7 +82,7 @@ class Filter:
 
 
 def alone(parameters=None):
-    return robot(ekf=parameters or {}, only=("ekf",))
+    return robot(ekf={"reliable_inputs": True, **(parameters or {})}, only=("ekf",))
 
 
 def settle(subject, x=1.0, y=2.0, theta=0.5):

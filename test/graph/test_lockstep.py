@@ -100,7 +100,7 @@ def test_without_answers_the_plant_says_so_once_and_keeps_asking():
         assert {stamp(message) for message in robot.poses} == {START}
         assert robot.processes["plant"].output.count("no command on cmd_vel") == 1
         # A controller that comes late takes the loop up.
-        robot.start("controller", {"publish_when_idle": True})
+        robot.start("controller", {"publish_when_idle": True, "reliable_inputs": True})
         robot.peer.spin_until(lambda: robot.truths and stamp(robot.truths[-1]) > START + 20 * PERIOD, 10.0, "steps")
 
 

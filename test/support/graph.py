@@ -168,8 +168,8 @@ def _yaml(value):
 class Peer:
     """A node of the test itself, in a context of its own."""
 
-    def __init__(self, name="peer", **options):
-        """Create the node; ``options`` are those of rclpy's Node."""
+    def __init__(self, name="peer", executor=None, **options):
+        """Create the node; ``options`` are those of rclpy's Node, ``executor`` makes its executor from a context."""
         import rclpy
         from rclpy.executors import SingleThreadedExecutor
         from rclpy.node import Node
@@ -177,8 +177,16 @@ class Peer:
         self.context = rclpy.Context()
         rclpy.init(context=self.context)
         self.node = Node(name, context=self.context, **options)
-        self._executor = SingleThreadedExecutor(context=self.context)
+        self._executor = executor(self.context) if executor else SingleThreadedExecutor(context=self.context)
         self._executor.add_node(self.node)
+
+    def add_node(self, node):
+        """Spin another node, of the same context, together with this one."""
+        self._executor.add_node(node)
+
+    def remove_node(self, node):
+        """Spin it no more."""
+        self._executor.remove_node(node)
 
     def spin_until(self, condition, timeout=10.0, what="the condition"):
         """Handle callbacks until ``condition()`` is true and return its value; fail after ``timeout`` [s]."""

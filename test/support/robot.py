@@ -193,8 +193,8 @@ def robot(plant=None, ekf=None, controller=None, namespace="", only=("ekf", "con
 def lockstep(plant=None, ekf=None, controller=None, **options):
     """Run a robot as fast as it goes; it stands still until ``pause(False)``."""
     plant = {"clock": "lockstep", "start_paused": True, "start_time": 1000.0, **(plant or {})}
-    ekf = {**SIMULATED, **(ekf or {})}
-    controller = {"publish_when_idle": True, **SIMULATED, **(controller or {})}
+    ekf = {"reliable_inputs": True, **SIMULATED, **(ekf or {})}
+    controller = {"publish_when_idle": True, "reliable_inputs": True, **SIMULATED, **(controller or {})}
     with robot(plant, ekf, controller, **options) as running:
         yield running
 

@@ -1,0 +1,91 @@
+"""TF: the transforms that a node looks up, and ``map`` -> ``odom``, which the ekf sends.
+
+tf2 exists in full ROS installations only; what needs it says so where it is missing.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rclpy.time import Time
+
+from diffbot_control.ros.message_fields import stamp_ns
+from diffbot_control.ros.messages import TFMessage, transform_message
+from diffbot_control.ros.transforms import NO_TRANSFORMS, Transforms
+from diffbot_core.errors import BadMessageError
+from diffbot_core.geometry import Pose, into_frame, out_of_frame
+from diffbot_core.ros.qos import TRANSFORMS
+from diffbot_core.units import NS_PER_S
+
+TF_TOPIC = "/tf"
+
+
+class Tf2Transforms:
+    """The transforms that tf2_ros receives for a node."""
+
+    def __init__(self, tf2_ros: Any, node: Any, tolerance: float) -> None:
+        """Listen to /tf and /tf_static.
+
+        Args:
+            tf2_ros: the module.
+            node: the node that spins.
+            tolerance: [s] by which the newest transform may be older than what is to be transformed.
+        """
+        self._tf2_ros = tf2_ros
+        self._tolerance = round(tolerance * NS_PER_S)
+        self._buffer = tf2_ros.Buffer()
+        self._listener = tf2_ros.TransformListener(self._buffer, node)
+
+    def lookup(self, target: str, source: str, stamp: int) -> Any:
+        """Return a transform; the newest one if it is older than ``stamp`` by no more than the tolerance."""
+        try:
+            try:
+                return self._buffer.lookup_transform(target, source, Time(nanoseconds=stamp)).transform
+            except self._tf2_ros.ExtrapolationException:
+                newest = self._buffer.lookup_transform(target, source, Time())
+                if not 0 <= stamp - stamp_ns(newest.header.stamp) <= self._tolerance:
+                    raise
+                return newest.transform
+        except self._tf2_ros.TransformException as error:
+            reason = " ".join(str(error).split())
+            raise BadMessageError("no transform", f"{source[:80]!r} to {target!r}: {reason}") from None
+
+
+def transforms_of(node: Any, tolerance: float) -> Transforms:
+    """Return the transforms that ``node`` can look up; ``tolerance`` is that of :class:`Tf2Transforms` [s]."""
+    try:
+        import tf2_ros  # noqa: PLC0415 - not everywhere
+    except ImportError:
+        return NO_TRANSFORMS
+    return Tf2Transforms(tf2_ros, node, tolerance)
+
+
+class TransformSender:
+    """Publishes ``map`` -> ``odom`` from the estimates and the pose in the odometry's own frame."""
+
+    def __init__(self, node: Any, map_frame: str, odom_frame: str, tolerance: float) -> None:
+        """Create the publisher of /tf.
+
+        Args:
+            node: that gets it.
+            map_frame: the parent.
+            odom_frame: the child, with its prefix.
+            tolerance: [s] by which stamps are set into the future: so long the transform is valid, as with AMCL.
+        """
+        self._frames = map_frame, odom_frame
+        self._tolerance = round(tolerance * NS_PER_S)
+        self._publisher = node.create_publisher(TFMessage, TF_TOPIC, TRANSFORMS)
+
+    def send(self, stamp: int, in_map: Pose, in_odom: Pose) -> None:
+        """Send the transform from two poses of the robot at ``stamp`` [ns]: the estimate and the odometry's own."""
+        origin = into_frame(Pose(0.0, 0.0, 0.0), in_odom)  # of odom in the robot's frame
+        of_odom = out_of_frame(origin, in_map)
+        self._publisher.publish(transform_message(stamp + self._tolerance, *self._frames, of_odom))
+
+
+def transform_sender(node: Any, map_frame: str, odom_frame: str, tolerance: float) -> TransformSender | None:
+    """Return a sender, or None, said once, where tf2_msgs is missing."""
+    if TFMessage is None:
+        node.get_logger().info("tf2_msgs is not installed: no TF is published")
+        return None
+    return TransformSender(node, map_frame, odom_frame, tolerance)

@@ -1,0 +1,178 @@
+"""Poses in other frames: the algebra against scipy's rotations, the refusals, and which transform tf2 is asked for."""
+
+import math
+import types
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import Pose, PoseStamped, Transform, TransformStamped
+from nav_msgs.msg import Path
+from rclpy.time import Time
+from robot import pose_stamped
+from scipy.spatial.transform import Rotation
+
+from diffbot_control.ros.frames import prefixed
+from diffbot_control.ros.messages import goal_from, path_from
+from diffbot_control.ros.tf import Tf2Transforms
+from diffbot_control.ros.transforms import transformed
+from diffbot_core.errors import BadMessageError, InvalidValueError
+
+SECOND = 10**9
+
+
+def filled(message, translation, rotation, place="translation", turn="rotation"):
+    x, y, z = translation
+    where, how = getattr(message, place), getattr(message, turn)
+    where.x, where.y, where.z = float(x), float(y), float(z)
+    how.x, how.y, how.z, how.w = rotation.as_quat().tolist()
+    return message
+
+
+def matrix(translation, rotation):
+    result = np.eye(4)
+    result[:3, :3], result[:3, 3] = rotation.as_matrix(), translation
+    return result
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_pose_is_transformed_as_homogeneous_matrices_do_it(seed):
+    draw = np.random.default_rng(seed)
+    t, p = draw.normal(size=3), draw.normal(size=3)
+    # Tilted like the optical frame of a camera, so that the yaw is not a sum of two.
+    q = Rotation.from_euler("ZYX", draw.uniform(-1.2, 1.2, 3))
+    pose = Rotation.from_euler("ZYX", draw.uniform(-1.2, 1.2, 3))
+    expected = matrix(t, q) @ matrix(p, pose)
+    found = transformed(
+        filled(Pose(), p, pose, "position", "orientation"),
+        filled(Transform(), t, q),
+    )
+    assert found[:2] == pytest.approx(expected[:2, 3], abs=1e-12)
+    assert found.theta == pytest.approx(math.atan2(expected[1, 0], expected[0, 0]), abs=1e-12)
+
+
+class Known:
+    """Transforms from one frame only; remembers what it was asked for."""
+
+    def __init__(self, source, transform):
+        self.source, self.transform, self.asked = source, transform, []
+
+    def lookup(self, target, source, stamp):
+        self.asked.append((target, source, stamp))
+        if source != self.source:
+            raise BadMessageError("no transform", f"{source!r} to {target!r}")
+        return self.transform
+
+
+QUARTER = filled(Transform(), (10.0, 0.0, 0.0), Rotation.from_euler("z", math.pi / 2))
+"""odom lies at x 10 m in map and is turned by a quarter."""
+
+
+def test_a_goal_in_odom_is_given_in_map():
+    goal = pose_stamped(2.0, 1.0, 0.5, "odom")
+    goal.header.stamp.sec = 7
+    known = Known("odom", QUARTER)
+    assert goal_from(goal, "map", known) == pytest.approx((9.0, 2.0, 0.5 + math.pi / 2))
+    assert known.asked == [("map", "odom", 7 * SECOND)]
+
+
+def test_a_goal_in_map_asks_for_no_transform():
+    known = Known("odom", QUARTER)
+    assert goal_from(pose_stamped(2.0, 1.0, 0.5), "map", known) == pytest.approx((2.0, 1.0, 0.5))
+    assert not known.asked
+
+
+def test_poses_of_a_path_have_its_frame_and_time_unless_they_have_their_own():
+    path = Path()
+    path.header.frame_id, path.header.stamp.sec = "odom", 5
+    bare, own = pose_stamped(1.0, 0.0, 0.0, ""), pose_stamped(4.0, 5.0, 0.0, "map")
+    bare.header.stamp.sec = 99
+    path.poses = [bare, own]
+    known = Known("odom", QUARTER)
+    found = path_from(path, "map", known)
+    assert found[0] == pytest.approx((10.0, 1.0, math.pi / 2))
+    assert found[1] == pytest.approx((4.0, 5.0, 0.0))
+    assert known.asked == [("map", "odom", 5 * SECOND)]
+
+
+def broken(x=1.0, y=2.0, z=0.0, w=1.0):
+    message = PoseStamped()
+    message.header.frame_id = "odom"
+    message.pose.position.x, message.pose.position.y, message.pose.position.z = x, y, z
+    message.pose.orientation.w = w
+    return message
+
+
+@pytest.mark.parametrize(
+    ("message", "kind"),
+    [
+        (pose_stamped(0.0, 0.0, 0.0, "elsewhere"), "no transform"),
+        (pose_stamped(0.0, 0.0, 0.0, ""), "wrong frame_id"),
+        (broken(z=math.nan), "position not finite"),
+        (broken(x=1e9), "position out of range"),
+        (broken(w=2.0), "orientation is no unit quaternion"),
+    ],
+)
+def test_what_cannot_be_transformed_is_refused(message, kind):
+    with pytest.raises(BadMessageError) as caught:
+        goal_from(message, "map", Known("odom", QUARTER))
+    assert caught.value.kind == kind
+
+
+def test_without_tf2_the_refusal_says_so_in_one_line():
+    with pytest.raises(BadMessageError) as caught:
+        goal_from(pose_stamped(0.0, 0.0, 0.0, "odom"), "map")
+    assert str(caught.value) == "wrong frame_id: 'odom', not 'map', and tf2_ros is not installed"
+
+
+class FakeTf2(types.SimpleNamespace):
+    """The part of tf2_ros that is used, with one transform odom -> map of a known time."""
+
+    class TransformException(Exception):  # noqa: N818 - its name in tf2
+        pass
+
+    class ExtrapolationException(TransformException):
+        pass
+
+    def __init__(self, newest):
+        self.newest, self.listeners = newest, []
+        super().__init__(Buffer=lambda: self, TransformListener=self.listen)
+
+    def listen(self, buffer, node):
+        self.listeners.append((buffer, node))
+
+    def lookup_transform(self, target, source, time):
+        assert isinstance(time, Time)
+        if (target, source) != ("map", "odom"):
+            raise self.TransformException(f'"{source}" passed to lookupTransform does not exist.\n')
+        if time.nanoseconds > self.newest:
+            raise self.ExtrapolationException("Lookup would require extrapolation into the future.\n Details")
+        found = TransformStamped(transform=QUARTER)
+        found.header.stamp.sec, found.header.stamp.nanosec = divmod(self.newest, SECOND)
+        return found
+
+
+@pytest.mark.parametrize(("late", "is_found"), [(-1.0, True), (0.0, True), (0.29, True), (0.31, False)])
+def test_the_newest_transform_may_be_older_than_the_goal_by_the_tolerance(late, is_found):
+    newest = 50 * SECOND
+    transforms = Tf2Transforms(FakeTf2(newest), "node", 0.3)
+    stamp = newest + round(late * SECOND)
+    if is_found:
+        assert transforms.lookup("map", "odom", stamp) is QUARTER
+        return
+    with pytest.raises(BadMessageError, match=r"^no transform: 'odom' to 'map': Lookup .* future\. Details$"):
+        transforms.lookup("map", "odom", stamp)
+
+
+def test_a_frame_that_tf2_does_not_know_is_refused_in_one_line():
+    tf2 = FakeTf2(SECOND)
+    transforms = Tf2Transforms(tf2, "node", 0.3)
+    assert tf2.listeners == [(tf2, "node")]
+    with pytest.raises(BadMessageError, match=r"^no transform: 'moon' to 'map': .*does not exist\.$"):
+        transforms.lookup("map", "moon", 0)
+
+
+def test_a_prefix_is_put_before_a_frame_and_must_not_begin_with_a_slash():
+    assert prefixed("robot1/", "odom") == "robot1/odom"
+    assert prefixed("", "odom") == "odom"
+    with pytest.raises(InvalidValueError, match=r"frame_prefix = '/robot1/': must be without a slash"):
+        prefixed("/robot1/", "odom")
