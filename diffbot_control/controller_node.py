@@ -7,6 +7,7 @@ if __name__ == "__main__":  # before the imports that take long: see launcher
 
     raise SystemExit(launch("diffbot_control.controller_node"))
 
+import time
 from array import array
 from collections.abc import Mapping
 from typing import Any
@@ -45,6 +46,7 @@ from diffbot_control.ros.messages import (
     pose_from,
     twist_message,
 )
+from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.ros.node import LATCHED, DiffbotNode, run, status_message
 from diffbot_core.uncertainty import Uncertainty
@@ -85,12 +87,15 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
         self.subscribe(PoseStamped, "goal_pose", self._on_goal)
         self.subscribe(Path, "path", self._on_path)
         self._pose_topic = "pose" if config.pose_source == "pose" else "odometry/filtered"
-        pose_type = PoseWithCovarianceStamped if config.pose_source == "pose" else Odometry
-        self.subscribe(pose_type, self._pose_topic, self._on_pose)
+        self._receive_poses(self._pose_topic)
         self.create_service(Trigger, "~/cancel", self._on_cancel)
         self._watch = self.create_timer(self._watch_period(), self._on_tick, clock=self.steady_clock)
         self.create_timer(_STATUS_PERIOD, self._publish_status, clock=self.steady_clock)
         self._publish_status()
+
+    def _receive_poses(self, topic: str) -> None:
+        """Subscribe to the pose's topic."""
+        self.subscribe(PoseWithCovarianceStamped if topic == "pose" else Odometry, topic, self._on_pose)
 
     def parameter_set(
         self,
@@ -148,8 +153,20 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
 
     def _on_pose(self, message: PoseWithCovarianceStamped | Odometry) -> None:
         stamp, pose, uncertainty = pose_from(message, self.config.map_frame, self.config.base_link_frame)
-        if uncertainty is None:
-            uncertainty = self._fallback()
+        self._answer(stamp, pose, self._fallback() if uncertainty is None else uncertainty)
+
+    def take_pose(self, stamp: int, pose: Pose, uncertainty: Uncertainty) -> None:
+        """Answer an estimate handed over in this process, as if it had come as a message.
+
+        Args:
+            stamp: [ns] time the pose belongs to.
+            pose: in ``map_frame``.
+            uncertainty: of the pose; it has to be known.
+        """
+        self._answer(stamp, pose, uncertainty)
+        self.health.accept(self._pose_topic, time.monotonic())
+
+    def _answer(self, stamp: int, pose: Pose, uncertainty: Uncertainty) -> None:
         self._check_gains(stamp)
         command = self.supervisor.on_pose(stamp, self._now(), pose, uncertainty)
         if command is not None:

@@ -9,6 +9,7 @@ if __name__ == "__main__":  # before the imports that take long: see launcher
 
 import math
 import time
+from collections.abc import Callable
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -17,6 +18,7 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu, JointState, PointCloud2
 from std_srvs.srv import Trigger
 
+from diffbot_control.filter.covariance import uncertainty_of
 from diffbot_control.filter.innovation_monitor import KINDS
 from diffbot_control.filter.localization import Estimate, Localization
 from diffbot_control.filter.measurements import Measurement, OdometryStep
@@ -28,6 +30,7 @@ from diffbot_control.ros.message_fields import (
     fill_pose,
     fill_twist,
     fill_twist_covariance,
+    pose_in_message,
     pose_of,
     set_stamp,
 )
@@ -36,6 +39,7 @@ from diffbot_control.ros.sensor_messages import KnownNoise
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose, into_frame, out_of_frame
 from diffbot_core.ros.node import LATCHED, QUEUE, DiffbotNode, run, status_message
+from diffbot_core.uncertainty import Uncertainty
 from diffbot_core.units import S_PER_NS
 
 WAITING = "waiting for first fix"
@@ -44,6 +48,9 @@ SILENT = "no odometry"
 _STATUS_PERIOD = 0.5
 _SAVE_PERIOD = 5.0
 """[s] between two saves of the state file: what a crash can lose."""
+
+PoseReceiver = Callable[[int, Pose, Uncertainty], None]
+"""Takes stamp [ns], pose in ``map_frame`` and uncertainty of an estimate."""
 
 
 class EkfNode(DiffbotNode[EkfNodeConfig]):
@@ -54,6 +61,8 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         super().__init__("ekf", EkfNodeConfig, **node_options)
         config = self.config
         self.localization = Localization(config.localization, config.wheels.wheel_separation)
+        self.pose_receiver: PoseReceiver | None = None
+        """called with each estimate before it is published, see robot_node"""
         self._pose = pose_message(config.map_frame)
         self._filtered = odometry_message(config.map_frame, config.base_link_frame)
         self._poses = self.create_publisher(PoseWithCovarianceStamped, "pose", QUEUE)
@@ -179,6 +188,8 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
     def _answer(self, odometry: OdometryStep) -> Estimate:
         self._last_odometry = time.monotonic_ns()
         estimate = self.localization.on_odometry(odometry)
+        if self.pose_receiver is not None:
+            self._hand_over(estimate, self.pose_receiver)
         set_stamp(self._pose.header.stamp, estimate.stamp)
         fill_pose(self._pose.pose.pose, estimate.pose)
         fill_planar_covariance(self._pose.pose.covariance, estimate.P)
@@ -189,6 +200,13 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         if self._filtered_odometry.get_subscription_count():
             self._send_filtered(estimate, estimate.odometry or odometry)
         return estimate
+
+    def _hand_over(self, estimate: Estimate, receiver: PoseReceiver) -> None:
+        """Give an estimate to the controller of this process, which receives the numbers that the message carries."""
+        pose, uncertainty = pose_in_message(estimate.pose), uncertainty_of(estimate.P)
+        # All that the checks of a message would find here: the robot must not be driven by a filter that has failed.
+        if math.isfinite(sum(pose) + sum(uncertainty)):
+            receiver(estimate.stamp, pose, uncertainty)
 
     def _send_filtered(self, estimate: Estimate, odometry: OdometryStep) -> None:
         message = self._filtered

@@ -23,6 +23,7 @@ NODES = {
     "plant": "diffbot_sim.plant_node",
     "ekf": "diffbot_control.ekf_node",
     "controller": "diffbot_control.controller_node",
+    "robot": "diffbot_control.robot_node",
     "recorder": "diffbot_bag.recorder_node",
     "replay": "diffbot_bag.replay_node",
 }

@@ -6,7 +6,8 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack
 from typing import Any, Generic
 
 import rclpy
@@ -179,6 +180,15 @@ def run(factory: Callable[[], DiffbotNode[Any]], args: list[str] | None = None) 
 
     0 after a signal; 1, with one line on stderr, if the node cannot start.
     """
+    return run_together(lambda: (make() for make in (factory,)), args)
+
+
+def run_together(make_nodes: Callable[[], Iterator[DiffbotNode[Any]]], args: list[str] | None = None) -> int:
+    """Run several nodes on one executor until a signal, or until one of them ends; return the exit status.
+
+    ``make_nodes`` creates one after the other; none handles a message before all are there. At the end the first one is
+    shut down first. The status is the largest one of :meth:`DiffbotNode.finish`; otherwise see :func:`run`.
+    """
     stop = StopFlag()
     try:
         # Invalid arguments are reported once, below.
@@ -189,26 +199,29 @@ def run(factory: Callable[[], DiffbotNode[Any]], args: list[str] | None = None) 
         return 1
     if get_logger_effective_level("rcl") == LoggingSeverity.FATAL:  # unless --log-level rcl:=... was given
         set_logger_level("rcl", LoggingSeverity.UNSET)
-    node: DiffbotNode[Any] | None = None
+    nodes: list[DiffbotNode[Any]] = []
     try:
-        node = factory()
+        for node in make_nodes():
+            nodes.append(node)  # one by one: those made before a failure are destroyed, too
         executor = make_executor()
-        executor.add_node(node)
-        node.get_logger().info("ready")
-        while not stop.is_set and node.exit_code is None:
+        for node in nodes:
+            executor.add_node(node)
+            node.get_logger().info("ready")
+        while not stop.is_set and all(node.exit_code is None for node in nodes):
             executor.spin_once(timeout_sec=SPIN_TIMEOUT)
     except (DiffbotError, ParameterException, InvalidParameterTypeException) as error:
         print(f"error: {_one_line(error)}", file=sys.stderr)
         return 1
     finally:
-        if node is not None:
-            node.before_shutdown()
-            node.destroy_node()
-        rclpy.try_shutdown()
-        # Python restores the default handlers when it exits; a second signal would then change the exit status.
-        stop.ignore()
+        with ExitStack() as last_first:
+            # Python restores the default handlers when it exits; a second signal would then change the exit status.
+            last_first.callback(stop.ignore)
+            last_first.callback(rclpy.try_shutdown)
+            for node in reversed(nodes):
+                last_first.callback(node.destroy_node)
+                last_first.callback(node.before_shutdown)
     # Read last: before_shutdown may still fail, such as a recorder on a full disk.
-    return node.exit_code or 0
+    return max(node.exit_code or 0 for node in nodes)
 
 
 def _one_line(error: Exception) -> str:
