@@ -35,6 +35,7 @@ from diffbot_control.ros.message_fields import (
     set_stamp,
 )
 from diffbot_control.ros.messages import TFMessage, odometry_message, pose_message, transform_message
+from diffbot_control.ros.odometry_bytes import read_odometry
 from diffbot_control.ros.sensor_messages import KnownNoise
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose, into_frame, out_of_frame
@@ -80,7 +81,7 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
             self.subscribe(PointCloud2, "landmarks", self._on_landmarks)
         self.subscribe(PoseWithCovarianceStamped, "initialpose", self._on_initialpose)
         if config.odometry_source == "odom":
-            self.subscribe(Odometry, "odom", self._on_odometry)
+            self.subscribe(Odometry, "odom", lambda data: self._on_odometry(read_odometry(data)), raw=True)
         else:
             self.subscribe(JointState, "joint_states", self._on_joint_states)
         self.create_service(Trigger, "~/reset", self._on_reset)
@@ -190,11 +191,8 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         estimate = self.localization.on_odometry(odometry)
         if self.pose_receiver is not None:
             self._hand_over(estimate, self.pose_receiver)
-        set_stamp(self._pose.header.stamp, estimate.stamp)
-        fill_pose(self._pose.pose.pose, estimate.pose)
-        fill_planar_covariance(self._pose.pose.covariance, estimate.P)
-        self._poses.publish(self._pose)
-        self.health.sent["pose"] += 1
+        if self._poses.get_subscription_count():
+            self._send_pose(estimate)
         if self._last_state != RUNNING:
             self._publish_status()
         if self._filtered_odometry.get_subscription_count():
@@ -207,6 +205,13 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         # All that the checks of a message would find here: the robot must not be driven by a filter that has failed.
         if math.isfinite(sum(pose) + sum(uncertainty)):
             receiver(estimate.stamp, pose, uncertainty)
+
+    def _send_pose(self, estimate: Estimate) -> None:
+        set_stamp(self._pose.header.stamp, estimate.stamp)
+        fill_pose(self._pose.pose.pose, estimate.pose)
+        fill_planar_covariance(self._pose.pose.covariance, estimate.P)
+        self._poses.publish(self._pose)
+        self.health.sent["pose"] += 1
 
     def _send_filtered(self, estimate: Estimate, odometry: OdometryStep) -> None:
         message = self._filtered

@@ -53,16 +53,20 @@ class Whiteness(NamedTuple):
     """above it the errors are correlated in time"""
 
 
-def whiteness_of(innovations: Iterable[tuple[Hashable, Innovation]]) -> Whiteness | None:
-    """Return the lag-1 autocorrelation of innovations (source, innovation) in the order of time; None if too few.
+def whitened(innovation: Innovation) -> Array:
+    """Return an innovation divided by the Cholesky factor of its S."""
+    u: Array = np.linalg.solve(np.linalg.cholesky(innovation.S), innovation.y)
+    return u
 
-    Each is divided by the Cholesky factor of its S. For white innovations, the sum of n products of neighbours divided
-    by the mean square has mean 0 and variance n.
+
+def whiteness_of(whitened: Iterable[tuple[Hashable, Array]]) -> Whiteness | None:
+    """Return the lag-1 autocorrelation of whitened innovations (source, u) in the order of time; None if too few.
+
+    For white innovations, the sum of n products of neighbours divided by the mean square has mean 0 and variance n.
     """
     last: dict[Hashable, Array] = {}
     energy, numbers, product, pairs = 0.0, 0, 0.0, 0
-    for source, (y, S) in innovations:
-        u = np.linalg.solve(np.linalg.cholesky(S), y)
+    for source, u in whitened:
         energy, numbers = energy + float(u @ u), numbers + u.size
         before = last.get(source)
         if before is not None and before.size == u.size:
@@ -98,12 +102,19 @@ class InnovationMonitor:
         self._innovations: dict[int, deque[tuple[Hashable, Innovation]]] = {
             kind: deque(maxlen=_WHITENESS_WINDOW) for kind in KINDS
         }
+        """not yet whitened"""
+        self._whitened: dict[int, deque[tuple[Hashable, Array]]] = {
+            kind: deque(maxlen=_WHITENESS_WINDOW) for kind in KINDS
+        }
+        self._whiteness: dict[int, Whiteness | None] = dict.fromkeys(KINDS)
 
     def clear(self) -> None:
         """Clear the innovations; the counters stay."""
         self._window.clear()
-        for innovations in self._innovations.values():
-            innovations.clear()
+        for kind in KINDS:
+            self._innovations[kind].clear()
+            self._whitened[kind].clear()
+            self._whiteness[kind] = None
 
     def record(
         self, kind: int, nis: float, outcome: int, innovation: Innovation | None = None, source: Hashable = None
@@ -140,8 +151,13 @@ class InnovationMonitor:
 
     def whiteness(self) -> dict[int, Whiteness]:
         """Return the autocorrelation of each kind of measurement of which there are enough."""
-        found = {kind: whiteness_of(innovations) for kind, innovations in self._innovations.items()}
-        return {kind: one for kind, one in found.items() if one is not None}
+        # Computed when asked for, and each innovation once: a status that is sent twice a second needs it.
+        for kind, fresh in self._innovations.items():
+            if fresh:
+                self._whitened[kind].extend((source, whitened(innovation)) for source, innovation in fresh)
+                self._whiteness[kind] = whiteness_of(self._whitened[kind])
+                fresh.clear()
+        return {kind: one for kind, one in self._whiteness.items() if one is not None}
 
     def values(self) -> dict[str, str]:
         """Return key-value pairs for a diagnostic status."""

@@ -96,8 +96,12 @@ class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
         topic: str,
         callback: Callable[[Any], None],
         qos: QoSProfile = QUEUE,
+        raw: bool = False,
     ) -> Any:
-        """Subscribe; a BadMessageError of ``callback`` drops the message, which is counted and logged once per kind."""
+        """Subscribe; a BadMessageError of ``callback`` drops the message, which is counted and logged once per kind.
+
+        With ``raw`` the callback receives the message's bytes.
+        """
 
         def guarded(message: Any) -> None:
             try:
@@ -108,7 +112,7 @@ class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
             else:
                 self.health.accept(topic, time.monotonic())
 
-        return self.create_subscription(message_type, topic, guarded, qos)
+        return self.create_subscription(message_type, topic, guarded, qos, raw=raw)
 
     def health_level(self) -> tuple[int, str]:
         """Return level and message for /diagnostics; nodes with a state add it."""

@@ -31,7 +31,7 @@ from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedE
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
-from diffbot_control import robot_node
+from diffbot_control import ekf_node, robot_node
 from diffbot_control.controller_node import ControllerNode
 from diffbot_control.ekf_node import EkfNode
 from diffbot_control.ros.messages import goal_message
@@ -169,17 +169,17 @@ class Watch:
         """Watch all nodes that this process makes from now on."""
         self.durations: list[float] = []
         self.began = 0
-        receive, send = EkfNode._on_odometry, ControllerNode._send
+        read, send = ekf_node.read_odometry, ControllerNode._send
 
-        def timed_receive(node: EkfNode, message: Any) -> None:
+        def timed_read(data: bytes) -> Any:
             self.began = time.perf_counter_ns()
-            receive(node, message)
+            return read(data)
 
         def timed_send(node: ControllerNode, *arguments: Any) -> None:
             send(node, *arguments)
             self.durations.append((time.perf_counter_ns() - self.began) * 1e-6)
 
-        EkfNode._on_odometry, ControllerNode._send = timed_receive, timed_send
+        ekf_node.read_odometry, ControllerNode._send = timed_read, timed_send
 
 
 def main() -> int:

@@ -1,0 +1,126 @@
+"""An Odometry as DDS carries it, read without making the message.
+
+rclpy spends about 0.3 ms of a 50 Hz step on the Python objects of an Odometry, most of them never looked at. A
+subscription with ``raw=True`` gives the bytes; this module reads the numbers that the filter needs.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import Any, NamedTuple
+
+from nav_msgs.msg import Odometry
+from rclpy.serialization import deserialize_message
+
+_LITTLE_ENDIAN = b"\x00\x01"
+"""First bytes of the encapsulation header of plain CDR, in which all common middlewares send messages."""
+_HEADER = 4
+"""Bytes of that header; CDR aligns relative to its end."""
+_STAMP = struct.Struct("<iI")
+_LENGTH = struct.Struct("<I")
+_NUMBERS = struct.Struct("<85d")
+"""Pose (7), its covariance (36), twist (6), its covariance (36)."""
+
+
+class Stamp(NamedTuple):
+    """builtin_interfaces/Time."""
+
+    sec: int
+    nanosec: int
+
+
+class Header(NamedTuple):
+    """std_msgs/Header without the frame, which the filter does not use."""
+
+    stamp: Stamp
+
+
+class Vector(NamedTuple):
+    """geometry_msgs/Vector3 or Point."""
+
+    x: float
+    y: float
+    z: float
+
+
+class Quaternion(NamedTuple):
+    """geometry_msgs/Quaternion."""
+
+    x: float
+    y: float
+    z: float
+    w: float
+
+
+class PoseFields(NamedTuple):
+    """geometry_msgs/Pose."""
+
+    position: Vector
+    orientation: Quaternion
+
+
+class TwistFields(NamedTuple):
+    """geometry_msgs/Twist."""
+
+    linear: Vector
+    angular: Vector
+
+
+class PoseWithCovariance(NamedTuple):
+    """geometry_msgs/PoseWithCovariance."""
+
+    pose: PoseFields
+    covariance: tuple[float, ...]
+
+
+class TwistWithCovariance(NamedTuple):
+    """geometry_msgs/TwistWithCovariance."""
+
+    twist: TwistFields
+    covariance: tuple[float, ...]
+
+
+class OdometryFields(NamedTuple):
+    """nav_msgs/Odometry, as far as it is needed."""
+
+    header: Header
+    child_frame_id: str
+    pose: PoseWithCovariance
+    twist: TwistWithCovariance
+
+
+def read_odometry(data: bytes) -> Any:
+    """Return something with the fields of an Odometry; the message itself if its encoding is not the usual one."""
+    try:
+        return _read(data)
+    except (struct.error, UnicodeDecodeError, ValueError):
+        return deserialize_message(data, Odometry)
+
+
+def _read(data: bytes) -> OdometryFields:
+    if data[:2] != _LITTLE_ENDIAN:
+        raise ValueError("not little-endian CDR")
+    stamp = Stamp(*_STAMP.unpack_from(data, _HEADER))
+    _, end = _text(data, _HEADER + _STAMP.size)
+    child_frame, end = _text(data, end)
+    n = _NUMBERS.unpack_from(data, _HEADER + _aligned(end - _HEADER, 8))
+    pose = PoseFields(Vector(n[0], n[1], n[2]), Quaternion(n[3], n[4], n[5], n[6]))
+    twist = TwistFields(Vector(n[43], n[44], n[45]), Vector(n[46], n[47], n[48]))
+    return OdometryFields(
+        Header(stamp),
+        child_frame.decode(),
+        PoseWithCovariance(pose, n[7:43]),
+        TwistWithCovariance(twist, n[49:85]),
+    )
+
+
+def _text(data: bytes, start: int) -> tuple[bytes, int]:
+    """Return the text whose length stands at or after ``start``, without its final zero, and the end of it."""
+    start = _HEADER + _aligned(start - _HEADER, 4)
+    (length,) = _LENGTH.unpack_from(data, start)
+    first = start + _LENGTH.size
+    return data[first : first + length - 1], first + length
+
+
+def _aligned(offset: int, size: int) -> int:
+    return -(-offset // size) * size

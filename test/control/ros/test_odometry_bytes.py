@@ -1,0 +1,71 @@
+"""Reading an Odometry from its bytes gives what rclpy's own deserialisation gives."""
+
+import random
+import struct
+
+import pytest
+from nav_msgs.msg import Odometry
+from rclpy.serialization import serialize_message
+
+from diffbot_control.ros.message_fields import pose_of
+from diffbot_control.ros.odometry_bytes import OdometryFields, read_odometry
+from diffbot_control.ros.sensor_messages import odometry_from
+from diffbot_core.errors import BadMessageError
+
+
+def odometry(seed=1, frame="odom", child_frame="base_link"):
+    draw = random.Random(seed).uniform
+    message = Odometry(child_frame_id=child_frame)
+    message.header.frame_id = frame
+    message.header.stamp.sec, message.header.stamp.nanosec = -5, 999_999_999
+    for part in (message.pose.pose.position, message.twist.twist.linear, message.twist.twist.angular):
+        part.x, part.y, part.z = draw(-9, 9), draw(-9, 9), draw(-9, 9)
+    message.pose.pose.orientation.z, message.pose.pose.orientation.w = 0.6, -0.8
+    message.twist.covariance[:] = [draw(-1, 1) for _ in range(36)]
+    message.twist.covariance[[0, 5, 30, 35]] = 0.25, 0.01, 0.01, 0.04
+    return message
+
+
+# All four alignments of both texts, and characters of several bytes.
+@pytest.mark.parametrize("frame", ["", "o", "odom", "robot1/odom", "ödom"])
+@pytest.mark.parametrize("child_frame", ["", "b", "ba", "bas", "base", "Fuß/base_link"])
+def test_fields_are_those_of_the_message(frame, child_frame):
+    message = odometry(len(frame), frame, child_frame)
+    found = read_odometry(serialize_message(message))
+    assert isinstance(found, OdometryFields)
+    assert found.child_frame_id == child_frame
+    assert odometry_from(found, child_frame) == odometry_from(message, child_frame)
+    assert pose_of(found.pose.pose) == pose_of(message.pose.pose)
+    for part in ("linear", "angular"):
+        mine, other = getattr(found.twist.twist, part), getattr(message.twist.twist, part)
+        assert tuple(mine) == (other.x, other.y, other.z)
+    assert list(found.twist.covariance) == message.twist.covariance.tolist()
+    assert list(found.pose.covariance) == message.pose.covariance.tolist()
+
+
+def big_endian(message):
+    """Encode a message by hand, most significant byte first."""
+    stamp, pose, twist = message.header.stamp, message.pose, message.twist
+    data = struct.pack(">iI", stamp.sec, stamp.nanosec)
+    for text in (message.header.frame_id, message.child_frame_id):
+        data += bytes(-len(data) % 4)
+        data += struct.pack(">I", len(text) + 1) + text.encode() + b"\0"
+    data += bytes(-len(data) % 8)
+    p, q = pose.pose.position, pose.pose.orientation
+    numbers = [p.x, p.y, p.z, q.x, q.y, q.z, q.w, *pose.covariance]
+    for part in (twist.twist.linear, twist.twist.angular):
+        numbers += [part.x, part.y, part.z]
+    return b"\0\0\0\0" + data + struct.pack(">85d", *numbers, *twist.covariance)
+
+
+def test_another_byte_order_is_left_to_rclpy():
+    message = odometry()
+    found = read_odometry(big_endian(message))
+    assert found == message
+    assert isinstance(found, Odometry)
+
+
+def test_a_wrong_frame_is_refused_as_in_a_message():
+    found = read_odometry(serialize_message(odometry(child_frame="camera")))
+    with pytest.raises(BadMessageError, match="wrong child_frame_id"):
+        odometry_from(found, "base_link")
