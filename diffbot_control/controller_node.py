@@ -48,7 +48,8 @@ from diffbot_control.ros.messages import (
 )
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
-from diffbot_core.ros.node import LATCHED, DiffbotNode, run, status_message
+from diffbot_core.ros.managed_node import INACTIVE, ManagedNode
+from diffbot_core.ros.node import LATCHED, run, status_message
 from diffbot_core.uncertainty import Uncertainty
 from diffbot_core.units import NS_PER_S
 
@@ -61,17 +62,20 @@ _LEVELS = {
 }
 _STATUS_PERIOD = 0.5
 _STOP_DELIVERY = Duration(seconds=0.2)
-"""Time allowed at shutdown for the delivery of the stop command."""
+"""Time allowed for the delivery of the stop command."""
 _MIN_WATCH_PERIOD = 1e-3
 """[s] a timer with a period of 0 would use a whole processor."""
 
 
-class ControllerNode(DiffbotNode[ControllerNodeConfig]):
+class ControllerNode(ManagedNode[ControllerNodeConfig]):
     """Answers every pose with one command while a goal is driven to or held."""
 
     def __init__(self, **node_options: Any) -> None:
-        """Create publishers, subscriptions, the timer for missing poses and the service ~/cancel."""
+        """Create the node, and with ``autostart`` start it."""
         super().__init__("controller", ControllerNodeConfig, CONTROLLER_PRESETS, **node_options)
+
+    def configure(self) -> None:
+        """Create publishers, subscriptions, the timer for missing poses and the service ~/cancel."""
         config = self.config
         self.law = law_of(config.law)
         self.supervisor = Supervisor(config.supervisor, self.law)
@@ -91,6 +95,18 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
         self.create_service(Trigger, "~/cancel", self._on_cancel)
         self._watch = self.create_timer(self._watch_period(), self._on_tick, clock=self.steady_clock)
         self.create_timer(_STATUS_PERIOD, self._publish_status, clock=self.steady_clock)
+
+    def activate(self) -> None:
+        """Start idle."""
+        self.supervisor = Supervisor(self.config.supervisor, self.law)
+        self._publish_status()
+
+    def deactivate(self) -> None:
+        """Stop the robot and leave cmd_vel to others; the goal is dropped."""
+        self.supervisor.on_cancel()
+        self._send(Twist(0.0, 0.0))
+        # Before the publisher may be destroyed, and with it what it has not delivered.
+        self._commands.wait_for_all_acked(_STOP_DELIVERY)
         self._publish_status()
 
     def _receive_poses(self, topic: str) -> None:
@@ -112,12 +128,6 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
         self._gains_checked = False
         self._watch.timer_period_ns = int(self._watch_period() * NS_PER_S)
 
-    def before_shutdown(self) -> None:
-        """Stop the robot."""
-        self._send(Twist(0.0, 0.0))
-        # The publisher is destroyed with the node, and with it what it has not delivered.
-        self._commands.wait_for_all_acked(_STOP_DELIVERY)
-
     def health_level(self) -> tuple[int, str]:
         """Report the controller's state in /diagnostics."""
         level, text = super().health_level()
@@ -132,15 +142,25 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
 
     def _on_goal(self, message: PoseStamped) -> None:
         goal = goal_from(message, self.config.map_frame)
+        if self._ignores("goal"):
+            return
         self.supervisor.on_goal(goal)
         self.get_logger().info(f"goal: x {goal.x:.3f} m, y {goal.y:.3f} m, heading {goal.theta:.3f} rad")
         self._publish_status()
 
     def _on_path(self, message: Path) -> None:
         goals = path_from(message, self.config.map_frame)
+        if self._ignores("path"):
+            return
         self.supervisor.on_path(goals)
         self.get_logger().info(f"path of {len(goals)} goals")
         self._publish_status()
+
+    def _ignores(self, what: str) -> bool:
+        """Return whether the node is inactive; logged."""
+        if not self.is_active:
+            self.get_logger().warning(f"{what} ignored: the controller is inactive")
+        return not self.is_active
 
     def _check_gains(self, stamp: int) -> None:
         """Warn once of gains that cannot be stable at the rate of the poses."""
@@ -168,6 +188,8 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
         self.health.accept(self._pose_topic, time.monotonic())
 
     def _answer(self, stamp: int, pose: Pose, uncertainty: Uncertainty) -> None:
+        if not self.is_active:
+            return
         self._check_gains(stamp)
         command = self.supervisor.on_pose(stamp, self._now(), pose, uncertainty)
         if command is not None:
@@ -190,6 +212,8 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
         return fallback.uncertainty()
 
     def _on_tick(self) -> None:
+        if not self.is_active:
+            return
         command = self.supervisor.on_tick(self._now())
         if command is not None:
             self._send(command)
@@ -229,7 +253,7 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
             self._publish_status()
 
     def _publish_status(self) -> None:
-        state = self.supervisor.state
+        state = self.supervisor.state if self.is_active else INACTIVE
         values = status_values(self.supervisor, self.law)
         if self.supervisor.has_failed and state != self._last_status[0]:
             self.get_logger().error(f"{state}: {self.supervisor.reason}")

@@ -39,7 +39,8 @@ from diffbot_control.ros.odometry_bytes import read_odometry
 from diffbot_control.ros.sensor_messages import KnownNoise
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose, into_frame, out_of_frame
-from diffbot_core.ros.node import LATCHED, QUEUE, DiffbotNode, run, status_message
+from diffbot_core.ros.managed_node import INACTIVE, ManagedNode
+from diffbot_core.ros.node import LATCHED, QUEUE, run, status_message
 from diffbot_core.uncertainty import Uncertainty
 from diffbot_core.units import S_PER_NS
 
@@ -54,16 +55,20 @@ PoseReceiver = Callable[[int, Pose, Uncertainty], None]
 """Takes stamp [ns], pose in ``map_frame`` and uncertainty of an estimate."""
 
 
-class EkfNode(DiffbotNode[EkfNodeConfig]):
+class EkfNode(ManagedNode[EkfNodeConfig]):
     """Answers each odometry message with one pose that has the same stamp."""
 
+    pose_receiver: PoseReceiver | None = None
+    """called with each estimate before it is published, see robot_node"""
+
     def __init__(self, **node_options: Any) -> None:
-        """Create publishers, subscriptions and the service ~/reset."""
+        """Create the node, and with ``autostart`` start it."""
         super().__init__("ekf", EkfNodeConfig, **node_options)
+
+    def configure(self) -> None:
+        """Create publishers, subscriptions and the service ~/reset."""
         config = self.config
         self.localization = Localization(config.localization, config.wheels.wheel_separation)
-        self.pose_receiver: PoseReceiver | None = None
-        """called with each estimate before it is published, see robot_node"""
         self._pose = pose_message(config.map_frame)
         self._filtered = odometry_message(config.map_frame, config.base_link_frame)
         self._poses = self.create_publisher(PoseWithCovarianceStamped, "pose", QUEUE)
@@ -88,19 +93,28 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         self.create_timer(_STATUS_PERIOD, self._publish_status, clock=self.steady_clock)
         if self._keeper is not None:
             self.create_timer(_SAVE_PERIOD, self._save, clock=self.steady_clock)
-        self._publish_status()
 
     def on_config(self, config: EkfNodeConfig) -> None:
         """Apply changed options."""
         self.localization.configure(config.localization, config.wheels.wheel_separation)
         self._inputs = EkfInputs(config)
 
-    def before_shutdown(self) -> None:
+    def activate(self) -> None:
+        """Publish from the next odometry on; an inactive filter fuses, too, so that its estimate is the present one."""
+        self._publish_status()
+
+    def deactivate(self) -> None:
+        """Publish no more poses."""
+        self._publish_status()
+
+    def cleanup(self) -> None:
         """Save the state, if there is a state file."""
         self._save()
 
     def state(self) -> str:
-        """Return the message of ~/status: one of WAITING, RUNNING, SILENT."""
+        """Return the message of ~/status: one of WAITING, RUNNING, SILENT, INACTIVE."""
+        if not self.is_active:
+            return INACTIVE
         if not self.localization.initialised:
             return WAITING
         last = self._last_odometry
@@ -180,7 +194,7 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
 
     def _on_odometry(self, message: Odometry) -> None:
         estimate = self._answer(self._inputs.odometry(message))
-        if self._transforms is not None:
+        if self._transforms is not None and self.is_active:
             self._send_transform(estimate, pose_of(message.pose.pose))
 
     def _on_joint_states(self, message: JointState) -> None:
@@ -189,6 +203,8 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
     def _answer(self, odometry: OdometryStep) -> Estimate:
         self._last_odometry = time.monotonic_ns()
         estimate = self.localization.on_odometry(odometry)
+        if not self.is_active:
+            return estimate
         if self.pose_receiver is not None:
             self._hand_over(estimate, self.pose_receiver)
         if self._poses.get_subscription_count():
@@ -247,7 +263,7 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         if state != self._last_state:
             self.get_logger().info(state)
         self._last_state = state
-        level = 0 if state == RUNNING else DiagnosticStatus.WARN[0]
+        level = 0 if state in (RUNNING, INACTIVE) else DiagnosticStatus.WARN[0]
         self._statuses.publish(status_message("ekf", level, state, values))
 
     def details(self) -> dict[str, str]:

@@ -16,7 +16,7 @@ from diffbot_core.errors import DiffbotError
 from diffbot_core.ros.node import run_together
 
 
-class AttachedControllerNode(ControllerNode):
+class RobotControllerNode(ControllerNode):
     """The controller, with the filter of its own process as the source of the pose."""
 
     def __init__(self, ekf: EkfNode, **node_options: Any) -> None:
@@ -50,7 +50,7 @@ def make_nodes() -> Iterator[EkfNode | ControllerNode]:
     """Create the two nodes, the filter first."""
     ekf = EkfNode()
     yield ekf
-    yield AttachedControllerNode(ekf)
+    yield RobotControllerNode(ekf)
 
 
 def main(args: list[str] | None = None) -> int:

@@ -11,6 +11,7 @@ from diffbot_control.law.presets import PRESETS, TUNED
 from diffbot_control.law.protocol import Law
 from diffbot_control.law.supervisor import SupervisorConfig
 from diffbot_core.errors import InvalidValueError
+from diffbot_core.ros.lifecycle_parameters import LifecycleConfig
 from diffbot_core.schema import PARTIAL, Spec, checked, parameters_of, variant
 from diffbot_core.uncertainty import Uncertainty
 
@@ -59,6 +60,7 @@ class ControllerNodeConfig(NamedTuple):
         str, Spec("frame of the stamped command; child frame of odometry/filtered", read_only=True)
     ] = "base_link"
     enable_stamped_cmd_vel: Annotated[bool, Spec("publish TwistStamped instead of Twist", read_only=True)] = False
+    lifecycle: LifecycleConfig = LifecycleConfig()
 
 
 def _supervisor_of(controller: ControllerConfig) -> SupervisorConfig:

@@ -8,6 +8,7 @@ from diffbot_control.filter.landmark_map import LandmarkMap
 from diffbot_control.filter.localization import LocalizationConfig
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.kinematics import WheelGeometry
+from diffbot_core.ros.lifecycle_parameters import LifecycleConfig
 from diffbot_core.schema import Spec
 
 _MIN_SIGMA, _MAX_SIGMA = 1e-4, 1e3
@@ -92,3 +93,4 @@ class EkfNodeConfig(NamedTuple):
     odom_frame: Annotated[str, Spec("frame of the odometry", read_only=True)] = "odom"
     base_link_frame: Annotated[str, Spec("frame of the robot", read_only=True)] = "base_link"
     publish_tf: Annotated[bool, Spec("publish map -> odom", read_only=True)] = True
+    lifecycle: LifecycleConfig = LifecycleConfig()

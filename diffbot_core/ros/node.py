@@ -38,6 +38,9 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
     """A node with checked parameters (``config``), guarded subscriptions and a 1 Hz report on /diagnostics."""
 
+    is_configured = True
+    """False while a managed node has only its parameters"""
+
     def __init__(
         self, name: str, config_type: type[C], presets: Mapping[str, C] | None = None, **node_options: Any
     ) -> None:
@@ -55,7 +58,7 @@ class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
         super().__init__(name, **node_options)
         try:
             config_type, presets = self.parameter_set(config_type, presets, overrides_of(self))
-            self._checked_parameters = NodeParameters(self, config_type, self.on_config, presets)
+            self._checked_parameters = NodeParameters(self, config_type, self._use_config, presets)
         except BaseException:
             self.destroy_node()
             raise
@@ -82,6 +85,10 @@ class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
 
     def on_config(self, config: C) -> None:
         """Called after a change of parameters, for nodes that keep values derived from them."""
+
+    def _use_config(self, config: C) -> None:
+        if self.is_configured:
+            self.on_config(config)
 
     def before_shutdown(self) -> None:
         """Called once, while messages can still be sent: to stop the robot or to close a file."""
@@ -125,10 +132,14 @@ class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
         """Return further key-value pairs for /diagnostics."""
         return {}
 
+    def diagnosis(self) -> tuple[int, str, dict[str, str]]:
+        """Return level, message and further key-value pairs for /diagnostics."""
+        return *self.health_level(), self.details()
+
     def _report(self) -> None:
         now = self.steady_clock.now().nanoseconds
-        level, text = self.health_level()  # first, since it may set notes of the report
-        values = self.health.report((now - self._last_report) * 1e-9) | self.details()
+        level, text, details = self.diagnosis()  # first, since it may set notes of the report
+        values = self.health.report((now - self._last_report) * 1e-9) | details
         values |= self.health.ages(time.monotonic())
         self._last_report = now
         message = DiagnosticArray(status=[status_message(self.get_fully_qualified_name(), level, text, values)])
