@@ -52,31 +52,31 @@ class Quaternion(NamedTuple):
     w: float
 
 
-class PoseFields(NamedTuple):
+class Pose(NamedTuple):
     """geometry_msgs/Pose."""
 
     position: Vector
     orientation: Quaternion
 
 
-class TwistFields(NamedTuple):
+class PoseWithCovariance(NamedTuple):
+    """geometry_msgs/PoseWithCovariance."""
+
+    pose: Pose
+    covariance: tuple[float, ...]
+
+
+class Twist(NamedTuple):
     """geometry_msgs/Twist."""
 
     linear: Vector
     angular: Vector
 
 
-class PoseWithCovariance(NamedTuple):
-    """geometry_msgs/PoseWithCovariance."""
-
-    pose: PoseFields
-    covariance: tuple[float, ...]
-
-
 class TwistWithCovariance(NamedTuple):
     """geometry_msgs/TwistWithCovariance."""
 
-    twist: TwistFields
+    twist: Twist
     covariance: tuple[float, ...]
 
 
@@ -85,8 +85,20 @@ class OdometryFields(NamedTuple):
 
     header: Header
     child_frame_id: str
-    pose: PoseWithCovariance
-    twist: TwistWithCovariance
+    numbers: tuple[float, ...]
+    """(85,) all numbers but the stamp, in the order of the message"""
+
+    @property
+    def pose(self) -> PoseWithCovariance:
+        """Pose and covariance, which are only needed for TF."""
+        n = self.numbers
+        return PoseWithCovariance(Pose(Vector(*n[:3]), Quaternion(*n[3:7])), n[7:43])
+
+    @property
+    def twist(self) -> TwistWithCovariance:
+        """Twist and covariance."""
+        n = self.numbers
+        return TwistWithCovariance(Twist(Vector(*n[43:46]), Vector(*n[46:49])), n[49:])
 
 
 def read_odometry(data: bytes) -> Any:
@@ -103,15 +115,8 @@ def _read(data: bytes) -> OdometryFields:
     stamp = Stamp(*_STAMP.unpack_from(data, _HEADER))
     _, end = _text(data, _HEADER + _STAMP.size)
     child_frame, end = _text(data, end)
-    n = _NUMBERS.unpack_from(data, _HEADER + _aligned(end - _HEADER, 8))
-    pose = PoseFields(Vector(n[0], n[1], n[2]), Quaternion(n[3], n[4], n[5], n[6]))
-    twist = TwistFields(Vector(n[43], n[44], n[45]), Vector(n[46], n[47], n[48]))
-    return OdometryFields(
-        Header(stamp),
-        child_frame.decode(),
-        PoseWithCovariance(pose, n[7:43]),
-        TwistWithCovariance(twist, n[49:85]),
-    )
+    numbers = _NUMBERS.unpack_from(data, _HEADER + _aligned(end - _HEADER, 8))
+    return OdometryFields(Header(stamp), child_frame.decode(), numbers)
 
 
 def _text(data: bytes, start: int) -> tuple[bytes, int]:
