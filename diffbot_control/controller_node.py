@@ -38,6 +38,7 @@ from diffbot_control.ros.controller_parameters import (
     parameter_set_of,
 )
 from diffbot_control.ros.controller_status import status_values
+from diffbot_control.ros.message_bytes import read_pose
 from diffbot_control.ros.message_fields import fill_twist, set_stamp
 from diffbot_control.ros.messages import (
     goal_from,
@@ -111,7 +112,10 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
 
     def _receive_poses(self, topic: str) -> None:
         """Subscribe to the pose's topic."""
-        self.subscribe(PoseWithCovarianceStamped if topic == "pose" else Odometry, topic, self._on_pose)
+        if topic == "pose":
+            self.subscribe(PoseWithCovarianceStamped, topic, lambda data: self._on_pose(read_pose(data)), raw=True)
+        else:
+            self.subscribe(Odometry, topic, self._on_pose)
 
     def parameter_set(
         self,

@@ -25,6 +25,7 @@ from diffbot_control.filter.measurements import Measurement, OdometryStep
 from diffbot_control.filter.state_file import BrokenStateError, StateKeeper, state_path
 from diffbot_control.ros.ekf_messages import EkfInputs, corrected_twist, error_values
 from diffbot_control.ros.ekf_parameters import EkfNodeConfig
+from diffbot_control.ros.message_bytes import read_odometry, read_pose
 from diffbot_control.ros.message_fields import (
     fill_planar_covariance,
     fill_pose,
@@ -35,7 +36,6 @@ from diffbot_control.ros.message_fields import (
     set_stamp,
 )
 from diffbot_control.ros.messages import TFMessage, odometry_message, pose_message, transform_message
-from diffbot_control.ros.odometry_bytes import read_odometry
 from diffbot_control.ros.sensor_messages import KnownNoise
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose, into_frame, out_of_frame
@@ -80,7 +80,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         self._inputs = EkfInputs(config)
         self._keeper = self._restore()
         # Fixes before odometry: an executor that finds both waiting handles them in this order.
-        self.subscribe(PoseWithCovarianceStamped, "global_pose", self._on_fix)
+        self.subscribe(PoseWithCovarianceStamped, "global_pose", lambda data: self._on_fix(read_pose(data)), raw=True)
         self.subscribe(Imu, "heading", self._on_heading)
         if self._inputs.landmark_points:
             self.subscribe(PointCloud2, "landmarks", self._on_landmarks)

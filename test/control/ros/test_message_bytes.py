@@ -1,15 +1,17 @@
-"""Reading an Odometry from its bytes gives what rclpy's own deserialisation gives."""
+"""Reading a message from its bytes gives what rclpy's own deserialisation gives."""
 
 import random
 import struct
 
 import pytest
+from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
 
+from diffbot_control.ros.message_bytes import OdometryFields, PoseStampedFields, read_odometry, read_pose
 from diffbot_control.ros.message_fields import pose_of
-from diffbot_control.ros.odometry_bytes import OdometryFields, read_odometry
-from diffbot_control.ros.sensor_messages import odometry_from
+from diffbot_control.ros.messages import pose_from
+from diffbot_control.ros.sensor_messages import fix_from, odometry_from
 from diffbot_core.errors import BadMessageError
 
 
@@ -69,3 +71,23 @@ def test_a_wrong_frame_is_refused_as_in_a_message():
     found = read_odometry(serialize_message(odometry(child_frame="camera")))
     with pytest.raises(BadMessageError, match="wrong child_frame_id"):
         odometry_from(found, "base_link")
+
+
+@pytest.mark.parametrize("frame", ["", "m", "ma", "map", "Straße/map"])
+def test_a_pose_is_that_of_the_message(frame):
+    whole = odometry(len(frame))
+    whole.pose.covariance[[0, 7, 35]] = 0.04, 0.09, 0.01
+    message = PoseWithCovarianceStamped(header=whole.header, pose=whole.pose)
+    message.header.frame_id = frame
+    found = read_pose(serialize_message(message))
+    assert isinstance(found, PoseStampedFields)
+    assert pose_from(found, frame, "") == pose_from(message, frame, "")
+    (stamp, pose, R), (same_stamp, same_pose, same_R) = fix_from(found, frame), fix_from(message, frame)
+    assert (stamp, pose, R.tolist()) == (same_stamp, same_pose, same_R.tolist())
+    assert list(found.pose.covariance) == message.pose.covariance.tolist()
+
+
+def test_bytes_that_are_no_message_are_left_to_rclpy():
+    data = serialize_message(PoseWithCovarianceStamped())
+    with pytest.raises(Exception, match="deserialize"):
+        read_pose(data[:-8])
