@@ -1,7 +1,6 @@
-import importlib
-
 """The command diffbot: usage, exit statuses, one-line errors. The demonstration has a file of its own."""
 
+import importlib
 import signal
 import subprocess
 import sys
