@@ -9,10 +9,11 @@ from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
 
 from diffbot_control.ros.message_bytes import OdometryFields, PoseStampedFields, read_odometry, read_pose
-from diffbot_control.ros.message_fields import pose_of
+from diffbot_control.ros.message_fields import fill_pose, pose_in_message, pose_of
 from diffbot_control.ros.messages import pose_from
 from diffbot_control.ros.sensor_messages import fix_from, odometry_from
 from diffbot_core.errors import BadMessageError
+from diffbot_core.geometry import Pose
 
 
 def odometry(seed=1, frame="odom", child_frame="base_link"):
@@ -91,3 +92,13 @@ def test_bytes_that_are_no_message_are_left_to_rclpy():
     data = serialize_message(PoseWithCovarianceStamped())
     with pytest.raises(Exception, match="deserialize"):
         read_pose(data[:-8])
+
+
+def test_a_pose_handed_over_is_the_one_that_a_message_carries():
+    message, draw, changed = PoseWithCovarianceStamped(), random.Random(3).uniform, 0
+    for _ in range(300):
+        pose = Pose(draw(-9, 9), draw(-9, 9), draw(-9, 9))
+        fill_pose(message.pose.pose, pose)
+        assert pose_in_message(pose) == pose_of(message.pose.pose)
+        changed += pose_in_message(pose) != pose
+    assert changed > 30  # the yaw of a quaternion is another number
