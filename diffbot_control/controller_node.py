@@ -39,6 +39,7 @@ from diffbot_control.ros.controller_parameters import (
 )
 from diffbot_control.ros.controller_status import status_values
 from diffbot_control.ros.frames import robot_frame
+from diffbot_control.ros.message_bytes import read_pose
 from diffbot_control.ros.message_fields import fill_twist, set_stamp
 from diffbot_control.ros.messages import (
     goal_from,
@@ -48,9 +49,11 @@ from diffbot_control.ros.messages import (
     twist_message,
 )
 from diffbot_control.ros.tf import transforms_of
+from diffbot_core.geometry import Pose
 from diffbot_core.health import Throttle
 from diffbot_core.kinematics import Twist
-from diffbot_core.ros.node import LATCHED, DiffbotNode, run, status_message
+from diffbot_core.ros.managed_node import INACTIVE, ManagedNode
+from diffbot_core.ros.node import LATCHED, run, status_message
 from diffbot_core.ros.qos import sensor_qos
 from diffbot_core.uncertainty import Uncertainty
 from diffbot_core.units import NS_PER_S
@@ -66,17 +69,20 @@ _STATUS_PERIOD = 0.5
 _STATE_LOG_PERIOD = 2.0
 """[s] a state is logged again, for one goal, only after so long: two that alternate take a line a second"""
 _STOP_DELIVERY = Duration(seconds=0.2)
-"""Time allowed at shutdown for the delivery of the stop command."""
+"""Time allowed for the delivery of the stop command."""
 _MIN_WATCH_PERIOD = 1e-3
 """[s] a timer with a period of 0 would use a whole processor."""
 
 
-class ControllerNode(DiffbotNode[ControllerNodeConfig]):
+class ControllerNode(ManagedNode[ControllerNodeConfig]):
     """Answers every pose with one command while a goal is driven to or held."""
 
     def __init__(self, **node_options: Any) -> None:
-        """Create publishers, subscriptions, the timer for missing poses and the service ~/cancel."""
+        """Create the node, and with ``autostart`` start it."""
         super().__init__("controller", ControllerNodeConfig, CONTROLLER_PRESETS, **node_options)
+
+    def configure(self) -> None:
+        """Create publishers, subscriptions, the timer for missing poses and the service ~/cancel."""
         config = self.config
         self.law = law_of(config.law)
         self.supervisor = Supervisor(config.supervisor, self.law)
@@ -95,12 +101,31 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
         self.subscribe(PoseStamped, "goal_pose", self._on_goal)
         self.subscribe(Path, "path", self._on_path)
         self._pose_topic = "pose" if config.pose_source == "pose" else "odometry/filtered"
-        pose_type = PoseWithCovarianceStamped if config.pose_source == "pose" else Odometry
-        self.subscribe(pose_type, self._pose_topic, self._on_pose, sensor_qos(config.reliable_inputs))
+        self._receive_poses(self._pose_topic)
         self.create_service(Trigger, "~/cancel", self._on_cancel)
         self._watch = self.create_timer(self._watch_period(), self._on_tick, clock=self.steady_clock)
         self.create_timer(_STATUS_PERIOD, self._publish_status, clock=self.steady_clock)
+
+    def activate(self) -> None:
+        """Start idle."""
+        self.supervisor = Supervisor(self.config.supervisor, self.law)
         self._publish_status()
+
+    def deactivate(self) -> None:
+        """Stop the robot and leave cmd_vel to others; the goal is dropped."""
+        self.supervisor.on_cancel()
+        self._send(Twist(0.0, 0.0))
+        # Before the publisher may be destroyed, and with it what it has not delivered.
+        self._commands.wait_for_all_acked(_STOP_DELIVERY)
+        self._publish_status()
+
+    def _receive_poses(self, topic: str) -> None:
+        """Subscribe to the pose's topic."""
+        qos = sensor_qos(self.config.reliable_inputs)
+        if topic == "pose":
+            self.subscribe(PoseWithCovarianceStamped, topic, lambda data: self._on_pose(read_pose(data)), qos, raw=True)
+        else:
+            self.subscribe(Odometry, topic, self._on_pose, qos)
 
     def parameter_set(
         self,
@@ -117,12 +142,6 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
         self._gains_checked = False
         self._watch.timer_period_ns = int(self._watch_period() * NS_PER_S)
 
-    def before_shutdown(self) -> None:
-        """Stop the robot."""
-        self._send(Twist(0.0, 0.0))
-        # The publisher is destroyed with the node, and with it what it has not delivered.
-        self._commands.wait_for_all_acked(_STOP_DELIVERY)
-
     def health_level(self) -> tuple[int, str]:
         """Report the controller's state in /diagnostics."""
         level, text = super().health_level()
@@ -136,15 +155,25 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
 
     def _on_goal(self, message: PoseStamped) -> None:
         goal = goal_from(message, self.config.map_frame, self._transforms)
+        if self._ignores("goal"):
+            return
         self.supervisor.on_goal(goal)
         self.get_logger().info(f"goal: x {goal.x:.3f} m, y {goal.y:.3f} m, heading {goal.theta:.3f} rad")
         self._publish_status()
 
     def _on_path(self, message: Path) -> None:
         goals = path_from(message, self.config.map_frame, self._transforms)
+        if self._ignores("path"):
+            return
         self.supervisor.on_path(goals)
         self.get_logger().info(f"path of {len(goals)} goals")
         self._publish_status()
+
+    def _ignores(self, what: str) -> bool:
+        """Return whether the node is inactive; logged."""
+        if not self.is_active:
+            self.get_logger().warning(f"{what} ignored: the controller is inactive")
+        return not self.is_active
 
     def _check_gains(self, stamp: int) -> None:
         """Warn once of gains that cannot be stable at the rate of the poses."""
@@ -158,8 +187,22 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
 
     def _on_pose(self, message: PoseWithCovarianceStamped | Odometry) -> None:
         stamp, pose, uncertainty = pose_from(message, self.config.map_frame, self._robot_frame)
-        if uncertainty is None:
-            uncertainty = self._fallback()
+        self._answer(stamp, pose, self._fallback() if uncertainty is None else uncertainty)
+
+    def take_pose(self, stamp: int, pose: Pose, uncertainty: Uncertainty) -> None:
+        """Answer an estimate handed over in this process, as if it had come as a message.
+
+        Args:
+            stamp: [ns] time the pose belongs to.
+            pose: in ``map_frame``.
+            uncertainty: of the pose; it has to be known.
+        """
+        self._answer(stamp, pose, uncertainty)
+        self.health.accept(self._pose_topic, time.monotonic())
+
+    def _answer(self, stamp: int, pose: Pose, uncertainty: Uncertainty) -> None:
+        if not self.is_active:
+            return
         self._check_gains(stamp)
         command = self.supervisor.on_pose(stamp, self._now(), pose, uncertainty)
         if command is not None:
@@ -182,6 +225,8 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
         return fallback.uncertainty()
 
     def _on_tick(self) -> None:
+        if not self.is_active:
+            return
         command = self.supervisor.on_tick(self._now())
         if command is not None:
             self._send(command)
@@ -221,7 +266,7 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
             self._publish_status()
 
     def _publish_status(self) -> None:
-        state = self.supervisor.state
+        state = self.supervisor.state if self.is_active else INACTIVE
         values = status_values(self.supervisor, self.law)
         if self.supervisor.has_failed and state != self._last_status[0]:
             self.get_logger().error(f"{state}: {self.supervisor.reason}")

@@ -9,6 +9,7 @@ if __name__ == "__main__":  # before the imports that take long: see launcher
 
 import math
 import time
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -18,6 +19,7 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu, JointState, PointCloud2
 from std_srvs.srv import Trigger
 
+from diffbot_control.filter.covariance import uncertainty_of
 from diffbot_control.filter.localization import Estimate, Localization
 from diffbot_control.filter.measurements import Measurement, OdometryStep
 from diffbot_control.filter.models import move
@@ -25,11 +27,13 @@ from diffbot_control.filter.state_file import BrokenStateError, StateKeeper, sta
 from diffbot_control.ros.ekf_messages import EkfInputs, corrected_twist, error_values
 from diffbot_control.ros.ekf_parameters import EkfNodeConfig
 from diffbot_control.ros.frames import odometry_frame, robot_frame
+from diffbot_control.ros.message_bytes import read_odometry, read_pose
 from diffbot_control.ros.message_fields import (
     fill_planar_covariance,
     fill_pose,
     fill_twist,
     fill_twist_covariance,
+    pose_in_message,
     pose_of,
     set_stamp,
 )
@@ -37,8 +41,11 @@ from diffbot_control.ros.messages import odometry_message, pose_message
 from diffbot_control.ros.sensor_messages import KnownNoise
 from diffbot_control.ros.tf import TransformSender, transform_sender
 from diffbot_core.errors import BadMessageError
-from diffbot_core.ros.node import LATCHED, QUEUE, DiffbotNode, run, status_message
+from diffbot_core.geometry import Pose
+from diffbot_core.ros.managed_node import INACTIVE, ManagedNode
+from diffbot_core.ros.node import LATCHED, QUEUE, run, status_message
 from diffbot_core.ros.qos import sensor_qos
+from diffbot_core.uncertainty import Uncertainty
 from diffbot_core.units import S_PER_NS
 
 WAITING = "waiting for first fix"
@@ -48,13 +55,22 @@ _STATUS_PERIOD = 0.5
 _SAVE_PERIOD = 5.0
 """[s] between two saves of the state file: what a crash can lose."""
 
+PoseReceiver = Callable[[int, Pose, Uncertainty], None]
+"""Takes stamp [ns], pose in ``map_frame`` and uncertainty of an estimate."""
 
-class EkfNode(DiffbotNode[EkfNodeConfig]):
+
+class EkfNode(ManagedNode[EkfNodeConfig]):
     """Answers each odometry message with one pose that has the same stamp."""
 
+    pose_receiver: PoseReceiver | None = None
+    """called with each estimate before it is published, see robot_node"""
+
     def __init__(self, **node_options: Any) -> None:
-        """Create publishers, subscriptions and the service ~/reset."""
+        """Create the node, and with ``autostart`` start it."""
         super().__init__("ekf", EkfNodeConfig, **node_options)
+
+    def configure(self) -> None:
+        """Create publishers, subscriptions and the service ~/reset."""
         config = self.config
         self.localization = Localization(config.localization, config.wheels.wheel_separation)
         self._pose = pose_message(config.map_frame)
@@ -70,15 +86,16 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         self._keeper = self._restore()
         qos = sensor_qos(config.reliable_inputs)
         # Fixes before odometry: an executor that finds both waiting handles them in this order.
-        self.subscribe(PoseWithCovarianceStamped, "global_pose", self._on_fix, qos)
+        fix_type = PoseWithCovarianceStamped
+        self.subscribe(fix_type, "global_pose", lambda data: self._on_fix(read_pose(data)), qos, raw=True)
         for index, topic in enumerate(config.localization.sources.pose_sources):
-            self.subscribe(PoseWithCovarianceStamped, topic, partial(self._on_source_fix, index, topic), qos)
+            self.subscribe(fix_type, topic, partial(self._on_source_fix, index, topic), qos)
         self.subscribe(Imu, "heading", self._on_heading, qos)
         if self._inputs.landmark_points:
             self.subscribe(PointCloud2, "landmarks", self._on_landmarks, qos)
         self.subscribe(PoseWithCovarianceStamped, "initialpose", self._on_initialpose)
         if config.odometry_source == "odom":
-            self.subscribe(Odometry, "odom", self._on_odometry, qos)
+            self.subscribe(Odometry, "odom", lambda data: self._on_odometry(read_odometry(data)), qos, raw=True)
         else:
             self.subscribe(JointState, "joint_states", self._on_joint_states, qos)
             if self._transforms is not None:
@@ -87,19 +104,28 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         self.create_timer(_STATUS_PERIOD, self._publish_status, clock=self.steady_clock)
         if self._keeper is not None:
             self.create_timer(_SAVE_PERIOD, self._save, clock=self.steady_clock)
-        self._publish_status()
 
     def on_config(self, config: EkfNodeConfig) -> None:
         """Apply changed options."""
         self.localization.configure(config.localization, config.wheels.wheel_separation)
         self._inputs = EkfInputs(config)
 
-    def before_shutdown(self) -> None:
+    def activate(self) -> None:
+        """Publish from the next odometry on; an inactive filter fuses, too, so that its estimate is the present one."""
+        self._publish_status()
+
+    def deactivate(self) -> None:
+        """Publish no more poses."""
+        self._publish_status()
+
+    def cleanup(self) -> None:
         """Save the state, if there is a state file."""
         self._save()
 
     def state(self) -> str:
-        """Return the message of ~/status: one of WAITING, RUNNING, SILENT."""
+        """Return the message of ~/status: one of WAITING, RUNNING, SILENT, INACTIVE."""
+        if not self.is_active:
+            return INACTIVE
         if not self.localization.initialised:
             return WAITING
         last = self._last_odometry
@@ -181,7 +207,7 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
 
     def _on_odometry(self, message: Odometry) -> None:
         estimate = self._answer(self._inputs.odometry(message))
-        if self._transforms is not None:
+        if self._transforms is not None and self.is_active:
             self._transforms.send(estimate.stamp, estimate.pose, pose_of(message.pose.pose))
 
     def _on_joint_states(self, message: JointState) -> None:
@@ -201,16 +227,31 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
     def _answer(self, odometry: OdometryStep) -> Estimate:
         self._last_odometry = time.monotonic_ns()
         estimate = self.localization.on_odometry(odometry)
-        set_stamp(self._pose.header.stamp, estimate.stamp)
-        fill_pose(self._pose.pose.pose, estimate.pose)
-        fill_planar_covariance(self._pose.pose.covariance, estimate.P)
-        self._poses.publish(self._pose)
-        self.health.sent["pose"] += 1
+        if not self.is_active:
+            return estimate
+        if self.pose_receiver is not None:
+            self._hand_over(estimate, self.pose_receiver)
+        if self._poses.get_subscription_count():
+            self._send_pose(estimate)
         if self._last_state != RUNNING:
             self._publish_status()
         if self._filtered_odometry.get_subscription_count():
             self._send_filtered(estimate, estimate.odometry or odometry)
         return estimate
+
+    def _hand_over(self, estimate: Estimate, receiver: PoseReceiver) -> None:
+        """Give an estimate to the controller of this process, which receives the numbers that the message carries."""
+        pose, uncertainty = pose_in_message(estimate.pose), uncertainty_of(estimate.P)
+        # All that the checks of a message would find here: the robot must not be driven by a filter that has failed.
+        if math.isfinite(sum(pose) + sum(uncertainty)):
+            receiver(estimate.stamp, pose, uncertainty)
+
+    def _send_pose(self, estimate: Estimate) -> None:
+        set_stamp(self._pose.header.stamp, estimate.stamp)
+        fill_pose(self._pose.pose.pose, estimate.pose)
+        fill_planar_covariance(self._pose.pose.covariance, estimate.P)
+        self._poses.publish(self._pose)
+        self.health.sent["pose"] += 1
 
     def _send_filtered(self, estimate: Estimate, odometry: OdometryStep) -> None:
         message = self._filtered
@@ -242,7 +283,7 @@ class EkfNode(DiffbotNode[EkfNodeConfig]):
         if state != self._last_state:
             self.get_logger().info(state)
         self._last_state = state
-        level = 0 if state == RUNNING else DiagnosticStatus.WARN[0]
+        level = 0 if state in (RUNNING, INACTIVE) else DiagnosticStatus.WARN[0]
         self._statuses.publish(status_message(self.get_fully_qualified_name(), level, state, values))
 
     def details(self) -> dict[str, str]:

@@ -18,14 +18,8 @@ from diffbot_lab.arguments import MAX_SEED, whole
 from diffbot_lab.benchmark_commands import add_benchmark
 from diffbot_lab.campaign.options import CampaignOptions, load_yaml
 from diffbot_lab.data_commands import add_calibrate, add_import, add_refilter
+from diffbot_lab.run_command import NODES, add_run
 
-NODES = {
-    "plant": "diffbot_sim.plant_node",
-    "ekf": "diffbot_control.ekf_node",
-    "controller": "diffbot_control.controller_node",
-    "recorder": "diffbot_bag.recorder_node",
-    "replay": "diffbot_bag.replay_node",
-}
 RUNS_OF_EXPERIMENTS, RUNS_OF_SCAN, SEED_OF_SCAN = 100, 2000, 2
 """Defaults; the scan's seed is held out: its box was chosen on other runs."""
 
@@ -48,7 +42,7 @@ def main(args: list[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="diffbot", description="Go-to-pose stack for differential-drive robots.")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for add in (_add_demo, _add_experiment, _add_campaign, _add_stability, add_benchmark, _add_run, _add_replay):
+    for add in (_add_demo, _add_experiment, _add_campaign, _add_stability, add_benchmark, add_run, _add_replay):
         add(commands)
     add_import(commands)
     add_refilter(commands)
@@ -107,15 +101,6 @@ def _add_stability(commands: Any) -> None:
     stability.add_argument("--seed", type=whole(0, MAX_SEED), default=1, help="seed of their noise")
     stability.add_argument("--out", type=Path, default=Path("out/stability"), help="folder (default: %(default)s)")
     stability.set_defaults(call=_stability)
-
-
-def _add_run(commands: Any) -> None:
-    node = commands.add_parser(
-        "run", help="run one node, as ros2 run does", description="Run one node in this process."
-    )
-    node.add_argument("node", choices=sorted(NODES))
-    node.add_argument("ros_args", nargs=argparse.REMAINDER, help="--ros-args ...")
-    node.set_defaults(call=_run_node)
 
 
 def _add_replay(commands: Any) -> None:
@@ -208,17 +193,13 @@ def _stability(options: argparse.Namespace) -> int:
     return stability_command.run(values, options.rho_max, options.points, options.runs, options.seed, options.out)
 
 
-def _run_node(options: argparse.Namespace) -> int:
-    return int(importlib.import_module(NODES[options.node]).main(options.ros_args))
-
-
 def _replay(options: argparse.Namespace) -> int:
     given = {name: value for name, value in vars(options).items() if name in to_dict(ReplayConfig())}
     given["uri"] = str(options.bag)
     build(ReplayConfig, given)  # refuses a bad value by the flag's name
     # ROS parses values as YAML, of which JSON is a subset.
     arguments = [part for name, value in given.items() for part in ("-p", f"{name}:={json.dumps(value)}")]
-    node = importlib.import_module(NODES["replay"])
+    node = importlib.import_module(NODES["replay"].module)
     return int(node.main(["--ros-args", *arguments, *options.ros_args]))
 
 

@@ -28,7 +28,12 @@ def check_covariance(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
         BadMessageError: naming the property that it lacks; "covariance is zero" if it is unknown.
     """
     # Plain floats: this runs for each message, and numpy takes several times as long for matrices so small.
-    rows: list[list[float]] = matrix.tolist()
+    check_rows(matrix.tolist())
+    return matrix
+
+
+def check_rows(rows: list[list[float]]) -> None:
+    """Check a covariance given by its rows, which are overwritten, as :func:`check_covariance` does."""
     # A NaN or Inf anywhere makes the sum NaN or Inf.
     if not math.isfinite(sum(map(sum, rows))):
         raise BadMessageError("covariance not finite")
@@ -45,7 +50,6 @@ def check_covariance(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
                 raise BadMessageError("covariance not symmetric")
     if not _has_cholesky_factor(rows):
         raise BadMessageError("covariance not positive definite")
-    return matrix
 
 
 def _has_cholesky_factor(rows: list[list[float]]) -> bool:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter, deque
-from collections.abc import Collection, Hashable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -55,15 +55,26 @@ class Whiteness(NamedTuple):
     """mean of the same innovations per number measured; 1 if their covariance is right"""
 
 
-def whiteness_of(innovations: Collection[tuple[Hashable, Innovation]]) -> Whiteness | None:
-    """Return the lag-1 autocorrelation of innovations (source, innovation) in the order of time; None if too few.
+def whitened(innovations: Sequence[Innovation]) -> list[Array]:
+    """Return L^-1 y of each innovation, S = L L'; all of one size in one call, which takes a tenth of the time."""
+    found: list[Array] = [np.empty(0)] * len(innovations)
+    for size in {one.y.size for one in innovations}:
+        places = [place for place, one in enumerate(innovations) if one.y.size == size]
+        L = np.linalg.cholesky(np.array([innovations[place].S for place in places]))
+        y = np.array([innovations[place].y for place in places])
+        for place, u in zip(places, np.linalg.solve(L, y[:, :, None])[:, :, 0], strict=True):
+            found[place] = u
+    return found
 
-    Each is divided by the Cholesky factor of its S. For white innovations, the sum of n products of neighbours divided
-    by the mean square has mean 0 and variance n.
+
+def whiteness_of(whitened: Iterable[tuple[Hashable, Array]]) -> Whiteness | None:
+    """Return the lag-1 autocorrelation of whitened innovations (source, u) in the order of time; None if too few.
+
+    For white innovations, the sum of n products of neighbours divided by the mean square has mean 0 and variance n.
     """
     last: dict[Hashable, Array] = {}
     energy, numbers, product, pairs = 0.0, 0, 0.0, 0
-    for (source, _), u in zip(innovations, _whitened([one for _, one in innovations]), strict=True):
+    for source, u in whitened:
         energy, numbers = energy + float(u.dot(u)), numbers + u.size
         before = last.get(source)
         if before is not None and before.size == u.size:
@@ -74,18 +85,6 @@ def whiteness_of(innovations: Collection[tuple[Hashable, Innovation]]) -> Whiten
     deviation = 1.0 / math.sqrt(pairs)
     nis = energy / numbers
     return Whiteness(product / pairs / nis, _SIGMAS_95 * deviation, _SIGMAS_ALARM * deviation, nis)
-
-
-def _whitened(innovations: Sequence[Innovation]) -> list[Array]:
-    """Return L^-1 y of each innovation, S = L L'; all of one size in one call, which takes a tenth of the time."""
-    found: list[Array] = [np.empty(0)] * len(innovations)
-    for size in {one.y.size for one in innovations}:
-        places = [place for place, one in enumerate(innovations) if one.y.size == size]
-        L = np.linalg.cholesky(np.array([innovations[place].S for place in places]))
-        y = np.array([innovations[place].y for place in places])
-        for place, u in zip(places, np.linalg.solve(L, y[:, :, None])[:, :, 0], strict=True):
-            found[place] = u
-    return found
 
 
 class Nis(NamedTuple):
@@ -114,12 +113,19 @@ class InnovationMonitor:
         self._innovations: dict[int, deque[tuple[Hashable, Innovation]]] = {
             kind: deque(maxlen=_WHITENESS_WINDOW) for kind in self.names
         }
+        """not yet whitened"""
+        self._whitened: dict[int, deque[tuple[Hashable, Array]]] = {
+            kind: deque(maxlen=_WHITENESS_WINDOW) for kind in self.names
+        }
+        self._whiteness: dict[int, Whiteness | None] = dict.fromkeys(self.names)
 
     def clear(self) -> None:
         """Clear the innovations; the counters stay."""
         self._window.clear()
-        for innovations in self._innovations.values():
-            innovations.clear()
+        for kind in self.names:
+            self._innovations[kind].clear()
+            self._whitened[kind].clear()
+            self._whiteness[kind] = None
 
     def record(
         self, kind: int, nis: float, outcome: int, innovation: Innovation | None = None, source: Hashable = None
@@ -156,8 +162,14 @@ class InnovationMonitor:
 
     def whiteness(self) -> dict[int, Whiteness]:
         """Return the autocorrelation of each kind of measurement of which there are enough."""
-        found = {kind: whiteness_of(innovations) for kind, innovations in self._innovations.items()}
-        return {kind: one for kind, one in found.items() if one is not None}
+        # Computed when asked for, and each innovation once: a status that is sent twice a second needs it.
+        for kind, fresh in self._innovations.items():
+            if fresh:
+                sources, innovations = zip(*fresh, strict=True)
+                self._whitened[kind].extend(zip(sources, whitened(innovations), strict=True))
+                self._whiteness[kind] = whiteness_of(self._whitened[kind])
+                fresh.clear()
+        return {kind: one for kind, one in self._whiteness.items() if one is not None}
 
     def values(self) -> dict[str, str]:
         """Return key-value pairs for a diagnostic status."""

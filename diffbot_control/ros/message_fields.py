@@ -94,6 +94,12 @@ def fill_pose(message: Any, pose: Pose) -> None:
     fill_yaw(message.orientation, pose.theta)
 
 
+def pose_in_message(pose: Pose) -> Pose:
+    """Return the pose that :func:`pose_of` reads from what :func:`fill_pose` writes: its yaw is a quaternion's."""
+    z, w = quaternion_of_yaw(pose.theta)
+    return Pose(pose.x, pose.y, yaw_of_quaternion(0.0, 0.0, z, w))
+
+
 def fill_yaw(orientation: Any, yaw: float) -> None:
     """Write a rotation by ``yaw`` [rad] about z in place; x and y have to be 0 already."""
     orientation.z, orientation.w = quaternion_of_yaw(float(yaw))

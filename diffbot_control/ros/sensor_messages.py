@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from diffbot_control.filter.covariance import check_covariance
+from diffbot_control.filter.covariance import check_covariance, check_rows
 from diffbot_control.filter.measurements import Array, Heading, LandmarkMeasurement, OdometryStep, PoseFix
 from diffbot_control.ros.landmark_cloud import LandmarkPoint, landmark_points
 from diffbot_control.ros.message_fields import (
@@ -135,11 +135,11 @@ def noise_of(read: Callable[[], Array], noise: KnownNoise) -> Array:
 def odometry_from(message: Any, child_frame: str) -> OdometryStep:
     """Return stamp, twist in ``child_frame`` and its covariance; all zero if unknown: the caller has the fallback."""
     check_frame(message.child_frame_id, child_frame, "child_frame_id")
-    twist = twist_from(message.twist.twist)
-    covariance = message.twist.covariance
+    measured = message.twist
+    twist, covariance = twist_from(measured.twist), measured.covariance
     var_v, cov, var_omega = float(covariance[0]), float(covariance[5]), float(covariance[35])
     if any((var_v, cov, var_omega)):
-        check_covariance(np.array([[var_v, cov], [cov, var_omega]]))
+        check_rows([[var_v, cov], [cov, var_omega]])
     return OdometryStep(stamp_ns(message.header.stamp), twist, TwistCovariance(var_v, cov, var_omega))
 
 

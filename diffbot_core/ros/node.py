@@ -6,7 +6,8 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack
 from typing import Any, Generic
 
 import rclpy
@@ -37,6 +38,8 @@ class DiffbotNode(BaseNode, Generic[C]):
     """A node with checked parameters (``config``), guarded subscriptions and a 1 Hz report on /diagnostics."""
 
     _checked_parameters: NodeParameters[C]
+    is_configured = True
+    """False while a managed node has only its parameters"""
 
     def __init__(
         self, name: str, config_type: type[C], presets: Mapping[str, C] | None = None, **node_options: Any
@@ -55,7 +58,7 @@ class DiffbotNode(BaseNode, Generic[C]):
         super().__init__(name, **node_options)
         try:
             config_type, presets = self.parameter_set(config_type, presets, overrides_of(self))
-            self._checked_parameters = NodeParameters(self, config_type, self.on_config, presets)
+            self._checked_parameters = NodeParameters(self, config_type, self._use_config, presets)
         except BaseException:
             self.destroy_node()
             raise
@@ -84,6 +87,10 @@ class DiffbotNode(BaseNode, Generic[C]):
     def on_config(self, config: C) -> None:
         """Called after a change of parameters, for nodes that keep values derived from them."""
 
+    def _use_config(self, config: C) -> None:
+        if self.is_configured:
+            self.on_config(config)
+
     def before_shutdown(self) -> None:
         """Called once, while messages can still be sent: to stop the robot or to close a file."""
 
@@ -97,8 +104,12 @@ class DiffbotNode(BaseNode, Generic[C]):
         topic: str,
         callback: Callable[[Any], None],
         qos: QoSProfile = QUEUE,
+        raw: bool = False,
     ) -> Any:
-        """Subscribe; a BadMessageError of ``callback`` drops the message, which is counted and logged once per kind."""
+        """Subscribe; a BadMessageError of ``callback`` drops the message, which is counted and logged once per kind.
+
+        With ``raw`` the callback receives the message's bytes.
+        """
 
         def guarded(message: Any) -> None:
             try:
@@ -109,7 +120,7 @@ class DiffbotNode(BaseNode, Generic[C]):
             else:
                 self.health.accept(topic, time.monotonic())
 
-        return self.create_subscription(message_type, topic, guarded, qos)
+        return self.create_subscription(message_type, topic, guarded, qos, raw=raw)
 
     def health_level(self) -> tuple[int, str]:
         """Return level and message for /diagnostics; nodes with a state add it."""
@@ -124,11 +135,15 @@ class DiffbotNode(BaseNode, Generic[C]):
         """Return further key-value pairs for /diagnostics."""
         return {}
 
+    def diagnosis(self) -> tuple[int, str, dict[str, str]]:
+        """Return level, message and further key-value pairs for /diagnostics."""
+        return *self.health_level(), self.details()
+
     def _report(self) -> None:
         self.clock_watch.check()
         now = self.steady_clock.now().nanoseconds
-        level, text = self.health_level()  # first, since it may set notes of the report
-        values = self.health.report((now - self._last_report) * 1e-9) | self.details()
+        level, text, details = self.diagnosis()  # first, since it may set notes of the report
+        values = self.health.report((now - self._last_report) * 1e-9) | details
         values |= self.health.ages(time.monotonic())
         self._last_report = now
         message = DiagnosticArray(status=[status_message(self.get_fully_qualified_name(), level, text, values)])
@@ -184,6 +199,15 @@ def run(factory: Callable[[], DiffbotNode[Any]], args: list[str] | None = None) 
 
     0 after a signal; 1, with one line on stderr, if the node cannot start.
     """
+    return run_together(lambda: (make() for make in (factory,)), args)
+
+
+def run_together(make_nodes: Callable[[], Iterator[DiffbotNode[Any]]], args: list[str] | None = None) -> int:
+    """Run several nodes on one executor until a signal, or until one of them ends; return the exit status.
+
+    ``make_nodes`` creates one after the other; none handles a message before all are there. At the end the first one is
+    shut down first. The status is the largest one of :meth:`DiffbotNode.finish`; otherwise see :func:`run`.
+    """
     stop = StopFlag()
     try:
         # Invalid arguments are reported once, below.
@@ -194,26 +218,29 @@ def run(factory: Callable[[], DiffbotNode[Any]], args: list[str] | None = None) 
         return 1
     if get_logger_effective_level("rcl") == LoggingSeverity.FATAL:  # unless --log-level rcl:=... was given
         set_logger_level("rcl", LoggingSeverity.UNSET)
-    node: DiffbotNode[Any] | None = None
+    nodes: list[DiffbotNode[Any]] = []
     try:
-        node = factory()
+        for node in make_nodes():
+            nodes.append(node)  # one by one: those made before a failure are destroyed, too
         executor = make_executor()
-        executor.add_node(node)
-        node.get_logger().info("ready")
-        while not stop.is_set and node.exit_code is None:
+        for node in nodes:
+            executor.add_node(node)
+            node.get_logger().info("ready")
+        while not stop.is_set and all(node.exit_code is None for node in nodes):
             executor.spin_once(timeout_sec=SPIN_TIMEOUT)
     except (DiffbotError, ParameterException, InvalidParameterTypeException) as error:
         print(f"error: {_one_line(error)}", file=sys.stderr)
         return 1
     finally:
-        if node is not None:
-            node.before_shutdown()
-            node.destroy_node()
-        rclpy.try_shutdown()
-        # Python restores the default handlers when it exits; a second signal would then change the exit status.
-        stop.ignore()
+        with ExitStack() as last_first:
+            # Python restores the default handlers when it exits; a second signal would then change the exit status.
+            last_first.callback(stop.ignore)
+            last_first.callback(rclpy.try_shutdown)
+            for node in reversed(nodes):
+                last_first.callback(node.destroy_node)
+                last_first.callback(node.before_shutdown)
     # Read last: before_shutdown may still fail, such as a recorder on a full disk.
-    return node.exit_code or 0
+    return max(node.exit_code or 0 for node in nodes)
 
 
 def _one_line(error: Exception) -> str:

@@ -19,7 +19,7 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from bench_graph import ONE, THREE, Chains, clocked_round, lockstep_round
+from bench_graph import ONE, THREE, TWO, Chains, clocked_round, lockstep_round, robot_round
 from bench_start import NODES, start_round
 from bench_steps import steps_round
 from bench_table import BenchError, Pair, Row, make_rows, markdown_table, text_table
@@ -31,20 +31,21 @@ from diffbot_lab.demo.processes import PrivateDomain
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs" / "performance.md"
 BEGIN, END = "<!-- bench -->", "<!-- /bench -->"
-PARTS = ("clocked", "lockstep", "steps", "start")
+PARTS = ("clocked", "robot", "lockstep", "steps", "start")
 
 
 class Effort(NamedTuple):
     """Rounds and seconds per turn."""
 
     clocked: tuple[int, float]
+    robot: tuple[int, float]
     lockstep: tuple[int, float]
     steps: int
     start: int
 
 
-FULL = Effort(clocked=(5, 2.5), lockstep=(4, 1.0), steps=40, start=7)
-QUICK = Effort(clocked=(1, 1.2), lockstep=(1, 0.6), steps=5, start=1)
+FULL = Effort(clocked=(5, 2.5), robot=(7, 4.0), lockstep=(4, 1.0), steps=40, start=7)
+QUICK = Effort(clocked=(1, 1.2), robot=(1, 1.2), lockstep=(1, 0.6), steps=5, start=1)
 
 Job = tuple[str, Callable[[], dict[str, Pair]]]
 
@@ -60,10 +61,15 @@ def plan(chains: Chains, effort: Effort, parts: list[str]) -> list[Job]:
             for number in range(effort.start)
             for name in NODES
         ]
-    for part, function in (("clocked", clocked_round), ("lockstep", lockstep_round)):
+    one_and_three = (("1p", ONE), ("3p", THREE))
+    for part, function, variants in (
+        ("clocked", clocked_round, one_and_three),
+        ("robot", robot_round, (("2p", TWO),)),
+        ("lockstep", lockstep_round, one_and_three),
+    ):
         rounds, seconds = getattr(effort, part)
         for number in range(rounds if part in parts else 0):
-            for name, groups in ((f"{part}_1p", ONE), (f"{part}_3p", THREE)):
+            for name, groups in ((f"{part}_{variant}", groups) for variant, groups in variants):
                 jobs.append((name, partial(function, chains, name, groups, number, seconds)))
     return jobs
 

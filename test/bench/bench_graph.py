@@ -21,9 +21,10 @@ from bench_table import BenchError, Pair
 from diffbot_lab.demo.processes import graph_environment
 
 CLOCKED, LOCKSTEP = "clocked", "lockstep"
-OURS, BARE, EVENTS = "ours", "bare", "events"
+OURS, BARE, EVENTS, ROBOT = "ours", "bare", "events", "robot"
 ONE = ("source,filter,control",)
 THREE = ("filter", "control", "source")
+TWO = ("filter,control", "source")
 """Which nodes share a process; the source comes last because it begins to measure."""
 _STOP_TIMEOUT = 5.0
 _ATTEMPTS = 2
@@ -62,6 +63,9 @@ class Chains:
             began, used = time.monotonic(), cpu_seconds(measured)
             result = self._expect("end", source)
             result["cpu"] = 100.0 * (cpu_seconds(measured) - used) / (time.monotonic() - began)
+            if groups == TWO and side != BARE:
+                processes[0].send_signal(signal.SIGINT)
+                result["inside"] = self._expect("inside", processes[0])["durations"]
             return result
         finally:
             for process in reversed(processes):
@@ -89,7 +93,7 @@ class Chains:
         assert source.stdout is not None
         line = source.stdout.readline()
         if not line:
-            raise BenchError(f"no '{event}' from the source; last words: {self._last_words()}")
+            raise BenchError(f"no '{event}' from its process; last words: {self._last_words()}")
         result: dict[str, Any] = json.loads(line)
         return result
 
@@ -129,12 +133,25 @@ def _in_turn(number: int, sides: tuple[str, ...]) -> tuple[str, ...]:
 def clocked_round(chains: Chains, name: str, groups: tuple[str, ...], number: int, seconds: float) -> dict[str, Pair]:
     """Latency [ms] and CPU [% of a core] of both sides at 50 Hz."""
     results = {side: chains.turn(CLOCKED, side, groups, seconds) for side in _in_turn(number, (OURS, BARE))}
-    figures = {
-        side: (statistics.median(result["latencies"]), percentile(result["latencies"], 0.99), result["cpu"])
-        for side, result in results.items()
-    }
+    return _compared(name, results[OURS], results[BARE])
+
+
+def _compared(name: str, *results: dict[str, Any]) -> dict[str, Pair]:
+    """Return the figures of two turns: ours, then the reference."""
+    figures = [
+        (statistics.median(result["latencies"]), percentile(result["latencies"], 0.99), result["cpu"])
+        for result in results
+    ]
     keys = (f"{name}_median", f"{name}_p99", f"{name}_cpu")
-    return {key: Pair(*pair) for key, *pair in zip(keys, figures[OURS], figures[BARE], strict=True)}
+    return {key: Pair(*pair) for key, *pair in zip(keys, *figures, strict=True)}
+
+
+def robot_round(chains: Chains, name: str, groups: tuple[str, ...], number: int, seconds: float) -> dict[str, Pair]:
+    """Latency [ms] and CPU [% of a core] of robot_node beside two relays; its inner time [ms] beside the two nodes'."""
+    sides = _in_turn(number, (ROBOT, BARE, OURS))
+    results = {side: chains.turn(CLOCKED, side, groups, seconds) for side in sides}
+    inside = {side: statistics.median(results[side]["inside"]) for side in (ROBOT, OURS)}
+    return {**_compared(name, results[ROBOT], results[BARE]), f"{name}_inside": Pair(inside[ROBOT], inside[OURS])}
 
 
 def lockstep_round(chains: Chains, name: str, groups: tuple[str, ...], number: int, seconds: float) -> dict[str, Pair]:

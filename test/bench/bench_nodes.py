@@ -6,11 +6,14 @@
   and subscriber that sends odometry at 50 Hz and fixes at 10 Hz and times the commands that come back.
   ``lockstep``: the source is a plant that takes its next step when the command of this one has come.
 - SIDE ``ours``: EkfNode, ControllerNode and PlantNode on the executor that ros_runtime chooses.
+  ``robot``: filter and controller as robot_node has them, the pose handed over by a call.
   ``bare``: relays without any work on the SingleThreadedExecutor.
   ``events``: the same relays on ros_runtime's executor.
 
 The process of the source prints two JSON lines, ``{"event": "begin"}`` when the chain has warmed up and
-``{"event": "end", ...}`` with what it measured, and ends; the others run until SIGINT.
+``{"event": "end", ...}`` with what it measured, and ends; the others run until SIGINT. Filter and controller in one
+process without the source then print ``{"event": "inside", ...}``: milliseconds from each callback of the odometry to
+the return of the publication of its command.
 """
 
 from __future__ import annotations
@@ -28,14 +31,15 @@ from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedE
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
+from diffbot_control import ekf_node, robot_node
 from diffbot_control.controller_node import ControllerNode
 from diffbot_control.ekf_node import EkfNode
 from diffbot_control.ros.messages import goal_message
-from diffbot_core.ros.node import SPIN_TIMEOUT, make_executor, run
+from diffbot_core.ros.node import SPIN_TIMEOUT, make_executor, run_together
 from diffbot_sim.plant_node import PlantNode
 
 CLOCKED, LOCKSTEP = "clocked", "lockstep"
-OURS, BARE, EVENTS = "ours", "bare", "events"
+OURS, BARE, EVENTS, ROBOT = "ours", "bare", "events", "robot"
 SOURCE, FILTER, CONTROL = "source", "filter", "control"
 _WARM_UP = 0.3
 """[s] of lock-step before the measurement."""
@@ -142,13 +146,47 @@ def measure(scenario: str, side: str, nodes: list[Any], seconds: float) -> None:
 
 
 def relay_forever(scenario: str, side: str, names: list[str]) -> None:
-    """Run one node of the other side until SIGINT, as its user would: ``rclpy.spin`` on the default executor."""
+    """Run nodes of the other side until SIGINT, as their user would: ``spin`` of the default executor."""
     rclpy.init()
     try:
-        (node,) = make_nodes(scenario, side, names, 0.0)
-        rclpy.spin(node)
+        executor = SingleThreadedExecutor()
+        for node in make_nodes(scenario, side, names, 0.0):
+            executor.add_node(node)
+        executor.spin()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
+
+
+def work_forever(scenario: str, side: str, names: list[str]) -> int:
+    """Run nodes of this stack until SIGINT as their executables do; return the exit status."""
+    watch = Watch() if {FILTER, CONTROL} <= set(names) else None
+    if side == ROBOT:
+        status = run_together(robot_node.make_nodes)
+    else:
+        status = run_together(lambda: iter(make_nodes(scenario, side, names, 0.0)))
+    if watch is not None:
+        report("inside", durations=watch.durations)
+    return status
+
+
+class Watch:
+    """Times from each callback of the odometry to the return of the publication of its command."""
+
+    def __init__(self) -> None:
+        """Watch all nodes that this process makes from now on."""
+        self.durations: list[float] = []
+        self.began = 0
+        read, send = ekf_node.read_odometry, ControllerNode._send
+
+        def timed_read(data: bytes) -> Any:
+            self.began = time.perf_counter_ns()
+            return read(data)
+
+        def timed_send(node: ControllerNode, *arguments: Any) -> None:
+            send(node, *arguments)
+            self.durations.append((time.perf_counter_ns() - self.began) * 1e-6)
+
+        ekf_node.read_odometry, ControllerNode._send = timed_read, timed_send
 
 
 def main() -> int:
@@ -157,8 +195,8 @@ def main() -> int:
     # Whatever goes wrong, here or in the parent: nothing runs on for ever.
     signal.alarm(math.ceil(seconds) + _LIFE)
     if SOURCE not in names:
-        if side == OURS:
-            return run(lambda: make_nodes(scenario, side, names, 0.0)[0])
+        if side in (OURS, ROBOT):
+            return work_forever(scenario, side, names)
         relay_forever(scenario, side, names)
         return 0
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)

@@ -19,7 +19,8 @@ from typing import NamedTuple
 
 from bench_table import BenchError, Pair
 
-NODES = ("controller", "plant", "recorder", "ekf")
+NODES = ("controller", "plant", "recorder", "ekf", "robot")
+"""``robot``: robot_node with plant and recorder in its process."""
 BARE = """
 import rclpy
 from rclpy.node import Node
@@ -47,6 +48,8 @@ class Start(NamedTuple):
 
 def executable(name: str) -> list[str]:
     """Return the command of a node as its users start it."""
+    if name == "robot":
+        return [str(Path(sys.executable).with_name("diffbot")), "run", "robot", "--with", "plant", "recorder"]
     return [str(Path(sys.executable).with_name(f"{name}_node"))]
 
 
@@ -104,8 +107,8 @@ def start_round(name: str, environment: dict[str, str], folder: Path, number: in
         BenchError: if one of them does not come up.
     """
     commands = {"ours": executable(name), "bare": [sys.executable, "-c", BARE]}
-    if name == "recorder":
-        commands["ours"] += ["--ros-args", "-p", f"uri:={folder / f'bag_{number}'}"]
+    if name in ("recorder", "robot"):
+        commands["ours"] += ["--ros-args", "-p", f"recorder:uri:={folder / f'bag_{name}_{number}'}"]
     order = ("ours", "bare") if number % 2 else ("bare", "ours")
     starts = {side: measure_start(commands[side], environment, folder) for side in order}
     ours, bare = starts["ours"], starts["bare"]

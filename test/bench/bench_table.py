@@ -51,6 +51,12 @@ MEASURES = (
     Measure("clocked_3p_median", "50 Hz, three processes: latency, median", "ms", at_most=1.0),
     Measure("clocked_3p_p99", "50 Hz, three processes: latency, p99", "ms", at_most=1.2),
     Measure("clocked_3p_cpu", "50 Hz, three processes: CPU of the two nodes", "%", at_most=1.0),
+    Measure("robot_2p_median", "50 Hz, robot_node, driver apart: latency, median", "ms", at_most=0.85),
+    Measure("robot_2p_p99", "50 Hz, robot_node, driver apart: latency, p99", "ms", at_most=1.0),
+    Measure("robot_2p_cpu", "50 Hz, robot_node, driver apart: CPU of one core", "%", at_most=0.6),
+    Measure(
+        "robot_2p_inside", "robot_node: odometry's callback to cmd_vel sent, against two nodes", "ms", at_most=0.75
+    ),
     Measure("lockstep_1p", "lock-step, one process", "steps/s", at_least=0.75),
     Measure("lockstep_1p_rate", "lock-step, one process: our rate", "steps/s", OURS, at_least=1200.0),
     Measure("lockstep_1p_events", "lock-step, one process, against relays on our executor", "steps/s"),
@@ -65,12 +71,14 @@ MEASURES = (
     Measure("start_plant", "plant: the same", "s", at_most=1.7),
     Measure("start_recorder", "recorder: the same", "s", at_most=1.7),
     Measure("start_ekf", "ekf: the same", "s", at_most=4.5),
+    Measure("start_robot", "robot_node with plant and recorder in one process: the same", "s"),
     Measure(
         "memory_controller", "controller: resident memory when ready, against a bare rclpy node", "MB", at_most=1.3
     ),
     Measure("memory_plant", "plant: the same memory", "MB", at_most=1.3),
     Measure("memory_recorder", "recorder: the same memory", "MB", at_most=1.3),
     Measure("memory_ekf", "ekf: the same memory", "MB", at_most=2.2),
+    Measure("memory_robot", "robot_node with plant and recorder: the same memory", "MB", at_most=2.4),
 )
 HEADER = ("measure", "ours", "reference", "ratio", "target", "met", "spread", "rounds")
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import graph
 import pytest
 
-EXECUTABLES = ("controller_node", "ekf_node", "plant_node", "recorder_node", "replay_node")
+EXECUTABLES = ("controller_node", "ekf_node", "robot_node", "plant_node", "recorder_node", "replay_node")
 STARTS = 10
 
 

@@ -48,7 +48,8 @@ def test_every_topic_of_the_design_carries_messages(walking):
 def test_no_node_hears_or_sends_a_topic_that_is_not_in_the_design(walking):
     names = {name.lstrip("/") for name, _ in walking.peer.node.get_topic_names_and_types()}
     known = {name.lstrip("/") for name in TOPICS} | {
-        *("goal_pose", "path", "initialpose", "heading", "landmarks", "clock", "tf")
+        *("goal_pose", "path", "initialpose", "heading", "landmarks", "clock", "tf"),
+        *("controller/transition_event", "ekf/transition_event"),
     }
     assert names - known <= {"parameter_events", "rosout"}
 

@@ -1,5 +1,6 @@
 """The command diffbot: usage, exit statuses, one-line errors. The demonstration has a file of its own."""
 
+import importlib
 import signal
 import subprocess
 import sys
@@ -30,6 +31,8 @@ WRONG = {
     "flag without value": ["demo", "--out"],
     "unknown node": ["run", "coffee"],
     "no node": ["run"],
+    "unknown node beside another": ["run", "robot", "--with", "coffee"],
+    "argument of no node": ["run", "plant", "now"],
     "no bag": ["replay"],
     "rate is no number": ["replay", "somewhere", "--rate", "fast"],
 }
@@ -108,7 +111,9 @@ def test_run_returns_the_status_of_a_node_that_refuses_to_start():
 
 
 def test_every_node_of_the_command_exists(kept_signal_handlers):
-    assert set(cli.NODES) == {"plant", "ekf", "controller", "recorder", "replay"}
+    assert set(cli.NODES) == {"plant", "ekf", "controller", "robot", "recorder", "replay"}
+    for entry in cli.NODES.values():
+        assert callable(getattr(importlib.import_module(entry.module), entry.factory))
 
 
 def test_demo_refuses_what_it_cannot_write_before_anything_starts(tmp_path, kept_signal_handlers, capsys, monkeypatch):

@@ -22,8 +22,8 @@ SOURCES = {
 MODULES = [name.removesuffix(".py").removesuffix("/__init__").replace("/", ".") for name in SOURCES]
 ROS = {
     "action_msgs", "ament_index_python", "builtin_interfaces", "diagnostic_msgs", "geometry_msgs", "launch",
-    "launch_ros", "nav_msgs", "rcl_interfaces", "rclpy", "rosbag2_py", "rosgraph_msgs", "rosidl_runtime_py",
-    "rpyutils", "sensor_msgs", "std_msgs", "std_srvs", "tf2_msgs", "tf2_ros",
+    "launch_ros", "lifecycle_msgs", "nav_msgs", "rcl_interfaces", "rclpy", "rosbag2_py", "rosgraph_msgs",
+    "rosidl_runtime_py", "rpyutils", "sensor_msgs", "std_msgs", "std_srvs", "tf2_msgs", "tf2_ros",
 }  # fmt: skip
 
 

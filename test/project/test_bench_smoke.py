@@ -53,7 +53,7 @@ def test_quick_run_of_the_starts(tmp_path):
     result = run_bench("--quick", "--only", "start", "--out", str(out))
     assert result.returncode == 0, result.stderr
     rows = {row["key"]: row for row in json.loads(out.read_text())["rows"]}
-    nodes = ("controller", "plant", "recorder", "ekf")
+    nodes = ("controller", "plant", "recorder", "ekf", "robot")
     assert list(rows) == [f"{kind}_{node}" for kind in ("start", "memory") for node in nodes]
     for name, row in rows.items():
         assert row["ratio"] == pytest.approx(row["ours"] / row["reference"]), name

@@ -23,6 +23,7 @@ EXECUTABLES = {
     "plant_node",
     "recorder_node",
     "replay_node",
+    "robot_node",
 }
 PACKAGE_OF_IMPORT = {"mcap_ros2": "mcap-ros2-support", "yaml": "PyYAML"}
 INSTALLED = importlib.metadata.distribution("diffbot")

@@ -20,6 +20,7 @@ MODULES = {
     "plant": "diffbot_sim.plant_node",
     "ekf": "diffbot_control.ekf_node",
     "controller": "diffbot_control.controller_node",
+    "robot": "diffbot_control.robot_node",
 }
 DOMAINS = range(20, 100)
 SOURCE = Path(diffbot_control.__file__).resolve().parent.parent

@@ -21,6 +21,7 @@ TOPICS = {
     "plant": ("ground_truth",),
     "ekf": ("pose", "ekf/status"),
     "controller": ("cmd_vel", "controller/status"),
+    "robot": ("pose", "ekf/status", "cmd_vel", "controller/status"),
 }
 """Topics of each node that the test subscribes to."""
 
@@ -177,8 +178,14 @@ class Robot:
 
 @contextlib.contextmanager
 def robot(plant=None, ekf=None, controller=None, namespace="", only=("ekf", "controller", "plant"), stamped=False):
-    """Run a robot while the ``with`` block lasts; the nodes start at the same time, ``None`` means no parameters."""
+    """Run a robot while the ``with`` block lasts; the nodes start at the same time, ``None`` means no parameters.
+
+    ``only`` may name ``robot``: filter and controller in one process.
+    """
     given = {"plant": plant, "ekf": ekf, "controller": controller}
+    given["robot"] = {
+        f"{node}:{name}": value for node in ("ekf", "controller") for name, value in (given[node] or {}).items()
+    }
     with contextlib.ExitStack() as stack:
         peer = stack.enter_context(graph.peer(namespace=namespace or None))
         running = Robot(stack, peer, namespace)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from diffbot_control.filter.gate import ACCEPTED, FIX, LANDMARK, REJECTED, RELOCATED, WEIGHED
-from diffbot_control.filter.innovation_monitor import Innovation, InnovationMonitor, whiteness_of
+from diffbot_control.filter.innovation_monitor import Innovation, InnovationMonitor, whitened, whiteness_of
 from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.filter.measurements import OdometryStep, PoseFix
@@ -27,8 +27,13 @@ def innovations(rng, count, rho=0.0, factor=1.0):
     return found
 
 
+def whiteness(found):
+    sources, innovations = zip(*found, strict=True) if found else ((), ())
+    return whiteness_of(zip(sources, whitened(innovations), strict=True))
+
+
 def test_white_innovations_are_inside_the_bound_as_often_as_it_says():
-    found = [whiteness_of(innovations(np.random.default_rng([1, run]), 100)) for run in range(1500)]
+    found = [whiteness(innovations(np.random.default_rng([1, run]), 100)) for run in range(1500)]
     inside = np.mean([abs(one.correlation) < one.bound for one in found])
     assert 0.935 < inside < 0.975
     assert not any(one.correlation > one.alarm for one in found)
@@ -39,7 +44,7 @@ def test_white_innovations_are_inside_the_bound_as_often_as_it_says():
 @pytest.mark.parametrize("factor", [0.1, 1.0, 10.0])
 def test_the_correlation_is_that_of_the_sequence_whatever_its_size(rho, factor):
     rng = np.random.default_rng(2)
-    found = [whiteness_of(innovations(rng, 100, rho, factor)).correlation for _ in range(200)]
+    found = [whiteness(innovations(rng, 100, rho, factor)).correlation for _ in range(200)]
     assert np.mean(found) == pytest.approx(rho, abs=0.04)
 
 
@@ -71,8 +76,19 @@ def test_only_accepted_measurements_count_and_a_relocation_starts_anew():
 
 
 def test_too_few_innovations_say_nothing():
-    assert whiteness_of(innovations(np.random.default_rng(0), 10)) is None
-    assert whiteness_of(innovations(np.random.default_rng(0), 11)) is not None
+    assert whiteness(innovations(np.random.default_rng(0), 10)) is None
+    assert whiteness(innovations(np.random.default_rng(0), 11)) is not None
+
+
+def test_asking_in_between_changes_nothing():
+    found = innovations(np.random.default_rng(4), 250, 0.5)
+    often, once = InnovationMonitor(), InnovationMonitor()
+    for number, (_, innovation) in enumerate(found):
+        for monitor in (often, once):
+            monitor.record(FIX, 1.0, ACCEPTED, innovation)
+        if number % 7 == 0:
+            often.whiteness()
+    assert often.whiteness() == once.whiteness() == {FIX: whiteness(found[-100:])}
 
 
 def test_landmarks_of_one_number_count_as_one():

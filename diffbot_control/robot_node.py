@@ -1,0 +1,58 @@
+"""The nodes ``ekf`` and ``controller`` in one process: each pose is handed over by a call, before it is published."""
+
+from __future__ import annotations
+
+if __name__ == "__main__":  # before the imports that take long: see launcher
+    from diffbot_core.launcher import launch
+
+    raise SystemExit(launch("diffbot_control.robot_node"))
+
+from collections.abc import Iterator
+from typing import Any
+
+from diffbot_control.controller_node import ControllerNode
+from diffbot_control.ekf_node import EkfNode
+from diffbot_core.errors import DiffbotError
+from diffbot_core.ros.node import run_together
+
+
+class RobotControllerNode(ControllerNode):
+    """The controller, with the filter of its own process as the source of the pose."""
+
+    def __init__(self, ekf: EkfNode, **node_options: Any) -> None:
+        """Create the node.
+
+        Args:
+            ekf: the filter; it has to be in the same context.
+            node_options: options of rclpy's Node.
+
+        Raises:
+            DiffbotError: if the frames of the two nodes differ, or a parameter is not allowed.
+        """
+        self._ekf = ekf
+        super().__init__(**node_options)
+
+    def _receive_poses(self, topic: str) -> None:
+        """Receive the pose by a call; if its topic is remapped to another one than the filter's, subscribe to that."""
+        if self.resolve_topic_name(topic) != self._ekf.resolve_topic_name(topic):
+            self.get_logger().info(f"{topic} is not that of this process's ekf: subscribing to it")
+            super()._receive_poses(topic)
+            return
+        # Those that the check of a message compares.
+        for frame in ("map_frame",) if topic == "pose" else ("map_frame", "base_link_frame", "frame_prefix"):
+            mine, other = getattr(self.config, frame), getattr(self._ekf.config, frame)
+            if mine != other:
+                raise DiffbotError(f"{frame}: the controller has {mine!r}, the ekf {other!r}: must be the same")
+        self._ekf.pose_receiver = self.take_pose
+
+
+def make_nodes() -> Iterator[EkfNode | ControllerNode]:
+    """Create the two nodes, the filter first."""
+    ekf = EkfNode()
+    yield ekf
+    yield RobotControllerNode(ekf)
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run both nodes on one executor; return the exit status of the process."""
+    return run_together(make_nodes, args)

@@ -1,0 +1,167 @@
+"""Managed nodes: configured, activated and deactivated by services, as Nav2's lifecycle manager does it, or by itself.
+
+The states are those of https://design.ros2.org/articles/node_lifecycle.html. *Unconfigured* nodes have their parameters
+and their diagnostics only; *inactive* ones receive messages and do not act on them; *active* ones work. With the
+parameter ``autostart`` a node is active before it is ready.
+"""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from lifecycle_msgs.srv import ChangeState
+from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallbackReturn
+
+from diffbot_core.errors import DiffbotError
+from diffbot_core.ros.node import DiffbotNode
+from diffbot_core.schema import C
+
+UNCONFIGURED, INACTIVE = "unconfigured", "inactive"
+
+
+class ManagedNode(LifecycleNodeMixin, DiffbotNode[C]):  # type: ignore[misc]
+    """A DiffbotNode with the states and services of a lifecycle node.
+
+    A node creates its publishers, subscriptions, services and timers in :meth:`configure`; they are destroyed when it
+    is cleaned up. Its configuration has the fields of LifecycleConfig.
+    """
+
+    def __init__(
+        self, name: str, config_type: type[C], presets: Mapping[str, C] | None = None, **node_options: Any
+    ) -> None:
+        """Create the node, see :class:`DiffbotNode`; with ``autostart`` it is active then.
+
+        Raises:
+            DiffbotError: if the value of a parameter is not allowed, or the node cannot be configured.
+        """
+        self.is_active = self.is_configured = False
+        self._failure: Exception | None = None
+        DiffbotNode.__init__(self, name, config_type, presets, **node_options)
+        LifecycleNodeMixin.__init__(self)
+        self._guard_requests()
+        self._kept = self._entities()
+        if self.get_parameter("autostart").value:
+            for transition in (self.trigger_configure, self.trigger_activate):
+                transition()
+                if self._failure is not None:
+                    self.destroy_node()
+                    raise self._failure
+
+    def configure(self) -> None:
+        """Create what the node works with, from its present configuration.
+
+        Raises:
+            DiffbotError: if that is not possible; the node stays unconfigured.
+        """
+
+    def activate(self) -> None:
+        """Begin to work."""
+
+    def deactivate(self) -> None:
+        """Stop working, while messages can still be sent."""
+
+    def cleanup(self) -> None:
+        """Release what is neither publisher, subscription, client, service nor timer: these are destroyed after it."""
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Configure the node; nothing remains of a failed attempt."""
+        result = self._attempt(self.configure)
+        self.is_configured = result == TransitionCallbackReturn.SUCCESS
+        if not self.is_configured:
+            self._destroy_entities()
+        return result
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Activate the node."""
+        self.is_active = True
+        result = self._attempt(self.activate)
+        self.is_active = result == TransitionCallbackReturn.SUCCESS
+        return result
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Deactivate the node."""
+        self.is_active = False
+        return self._attempt(self.deactivate)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Destroy what was configured."""
+        was_configured, self.is_configured = self.is_configured, False
+        result = self._attempt(self.cleanup) if was_configured else TransitionCallbackReturn.SUCCESS
+        self._destroy_entities()
+        return result
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Deactivate and clean up for good; the process waits for its signal, as Nav2's do."""
+        if self.is_active:
+            self.on_deactivate(state)
+        return self.on_cleanup(state)
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Return to unconfigured after a transition that raised."""
+        return self.on_shutdown(state)
+
+    def before_shutdown(self) -> None:
+        """Deactivate and clean up before the process ends."""
+        if self.is_active:
+            self.is_active = False
+            self.deactivate()
+        if self.is_configured:
+            self.is_configured = False
+            self.cleanup()
+
+    def diagnosis(self) -> tuple[int, str, dict[str, str]]:
+        """Return level, message and values for /diagnostics; the state of a node that is not active is no fault."""
+        if not self.is_configured:
+            return DiagnosticStatus.OK[0], UNCONFIGURED, {}
+        level, text, values = super().diagnosis()
+        return (level, text, values) if self.is_active else (DiagnosticStatus.OK[0], INACTIVE, values)
+
+    def _attempt(self, work: Callable[[], None]) -> TransitionCallbackReturn:
+        """Run the work of a transition; rclpy itself would swallow what it raises."""
+        self._failure = None
+        try:
+            work()
+        except DiffbotError as error:
+            self._failure = error
+            self.get_logger().error(f"{work.__name__}: {error}")
+            return TransitionCallbackReturn.FAILURE
+        except Exception as error:
+            self._failure = error
+            self.get_logger().error(f"{work.__name__}: {traceback.format_exc()}")
+            return TransitionCallbackReturn.ERROR
+        return TransitionCallbackReturn.SUCCESS
+
+    def _entities(self) -> dict[Any, Callable[[Any], Any]]:
+        """Return all publishers and the like of the node, with what destroys each."""
+        kinds = (
+            (self.publishers, self.destroy_publisher),
+            (self.subscriptions, self.destroy_subscription),
+            (self.clients, self.destroy_client),
+            (self.services, self.destroy_service),
+            (self.timers, self.destroy_timer),
+        )
+        return {entity: destroy for entities, destroy in kinds for entity in entities}
+
+    def _destroy_entities(self) -> None:
+        """Destroy what was created since the node itself was."""
+        for entity, destroy in self._entities().items():
+            if entity not in self._kept:
+                destroy(entity)
+
+    def _guard_requests(self) -> None:
+        """Refuse a transition that the present state does not have; in rclpy 7.1 such a request ends the node."""
+        service = next(one for one in self.services if one.srv_type is ChangeState)
+        change: Callable[[Any, Any], Any] = service.callback
+
+        def guarded(request: Any, response: Any) -> Any:
+            asked = request.transition.label or request.transition.id
+            if not any(asked in transition[:2] for transition in self._state_machine.available_transitions):
+                self.get_logger().warning(f"no transition {asked} from {self._state_machine.current_state[1]}: refused")
+                response.success = False
+                return response
+            return change(request, response)
+
+        service.callback = guarded

@@ -1,0 +1,83 @@
+"""The command ``diffbot run``: one node, or several in one process on one executor."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+from diffbot_core.errors import InvalidValueError
+
+
+class Entry(NamedTuple):
+    """Where a node is found; nothing of it is imported before it runs."""
+
+    module: str
+    factory: str
+    """name in the module: called without arguments, it returns a node or an iterator over nodes"""
+    members: tuple[str, ...] = ()
+    """names of the nodes, if they are several"""
+
+
+NODES = {
+    "robot": Entry("diffbot_control.robot_node", "make_nodes", ("ekf", "controller")),
+    "ekf": Entry("diffbot_control.ekf_node", "EkfNode"),
+    "controller": Entry("diffbot_control.controller_node", "ControllerNode"),
+    "plant": Entry("diffbot_sim.plant_node", "PlantNode"),
+    "replay": Entry("diffbot_bag.replay_node", "ReplayNode"),
+    "recorder": Entry("diffbot_bag.recorder_node", "RecorderNode"),
+}
+"""In the order in which they start and stop in one process: the bag is closed when all others have ended."""
+
+
+def add_run(commands: Any) -> None:
+    """Add ``diffbot run`` to the subparsers of the command line."""
+    node = commands.add_parser(
+        "run",
+        help="run one node, or several in one process, as ros2 run does",
+        description="Run nodes in this process until a signal, or until one of them ends.",
+    )
+    node.add_argument("node", choices=sorted(NODES))
+    node.add_argument(
+        "--with",
+        dest="others",
+        nargs="+",
+        choices=sorted(NODES),
+        default=[],
+        metavar="NODE",
+        help=f"more nodes in the same process: {', '.join(sorted(NODES))}",
+    )
+    node.add_argument(
+        "--ros-args",
+        dest="ros_args",
+        nargs=argparse.REMAINDER,
+        default=[],
+        help="parameters and remappings; NODE:NAME:=VALUE is for one of several nodes",
+    )
+    node.set_defaults(call=lambda options: run_nodes([options.node, *options.others], options.ros_args))
+
+
+def run_nodes(names: list[str], ros_args: list[str]) -> int:
+    """Run the nodes in one process; return its exit status.
+
+    Raises:
+        InvalidValueError: if a node is named twice, by itself or as a part of another.
+    """
+    members = [member for name in names for member in NODES[name].members or (name,)]
+    for member in members:
+        if members.count(member) > 1:
+            raise InvalidValueError("--with", " ".join(names[1:]), f"each node once, {member} is in it twice")
+    entries = [entry for name, entry in NODES.items() if name in names]
+    factories = [getattr(importlib.import_module(entry.module), entry.factory) for entry in entries]
+
+    def make_nodes() -> Iterator[Any]:
+        for entry, factory in zip(entries, factories, strict=True):
+            if entry.members:
+                yield from factory()
+            else:
+                yield factory()
+
+    # By name, as the nodes: this room can be imported without ROS.
+    status: int = importlib.import_module("diffbot_core.ros.node").run_together(make_nodes, ["--ros-args", *ros_args])
+    return status
