@@ -37,11 +37,10 @@ from diffbot_control.ros.controller_parameters import (
     parameter_set_of,
 )
 from diffbot_control.ros.controller_status import status_values
+from diffbot_control.ros.goal_server import GoalServer
 from diffbot_control.ros.message_fields import fill_twist, set_stamp
 from diffbot_control.ros.messages import (
-    goal_from,
     labelled_array,
-    path_from,
     pose_from,
     twist_message,
 )
@@ -82,6 +81,7 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
         self._last_status = ("", 0)
         self._pose_stamp: int | None = None
         self._gains_checked = False
+        self.goals = GoalServer(self, self.supervisor, self._now, self.cancel, self._publish_status)
         self.subscribe(PoseStamped, "goal_pose", self._on_goal)
         self.subscribe(Path, "path", self._on_path)
         self._pose_topic = "pose" if config.pose_source == "pose" else "odometry/filtered"
@@ -125,16 +125,10 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
         return float(self.get_clock().now().nanoseconds / NS_PER_S)
 
     def _on_goal(self, message: PoseStamped) -> None:
-        goal = goal_from(message, self.config.map_frame)
-        self.supervisor.on_goal(goal)
-        self.get_logger().info(f"goal: x {goal.x:.3f} m, y {goal.y:.3f} m, heading {goal.theta:.3f} rad")
-        self._publish_status()
+        self.goals.accept(message, "goal_pose")
 
     def _on_path(self, message: Path) -> None:
-        goals = path_from(message, self.config.map_frame)
-        self.supervisor.on_path(goals)
-        self.get_logger().info(f"path of {len(goals)} goals")
-        self._publish_status()
+        self.goals.accept(message, "path")
 
     def _check_gains(self, stamp: int) -> None:
         """Warn once of gains that cannot be stable at the rate of the poses."""
@@ -178,13 +172,19 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
         self._publish_changes()
 
     def _on_cancel(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success = self.supervisor.goal is not None
+        response.success = self.cancel()
         response.message = "cancelled" if response.success else "there was no goal"
+        return response
+
+    def cancel(self) -> bool:
+        """Drop the goal and start to come to rest; return whether there was one."""
+        had_goal = self.supervisor.goal is not None
         command = self.supervisor.on_cancel()
         if command is not None:
             self._send(command)
         self._publish_status()
-        return response
+        self.goals.publish_changes(force=had_goal)
+        return had_goal
 
     def _send(self, command: Twist, stamp: int | None = None) -> None:
         if isinstance(self._command, TwistStamped):
@@ -209,6 +209,7 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
     def _publish_changes(self) -> None:
         if (self.supervisor.state, self.supervisor.waypoint) != self._last_status:
             self._publish_status()
+        self.goals.publish_changes()
 
     def _publish_status(self) -> None:
         state = self.supervisor.state
