@@ -44,6 +44,7 @@ from diffbot_control.ros.messages import (
     pose_from,
     twist_message,
 )
+from diffbot_control.ros.nav2_actions import serve_nav2_actions
 from diffbot_core.kinematics import Twist
 from diffbot_core.ros.node import LATCHED, DiffbotNode, run, status_message
 from diffbot_core.uncertainty import Uncertainty
@@ -82,6 +83,7 @@ class ControllerNode(DiffbotNode[ControllerNodeConfig]):
         self._pose_stamp: int | None = None
         self._gains_checked = False
         self.goals = GoalServer(self, self.supervisor, self._now, self.cancel, self._publish_status)
+        self._actions = serve_nav2_actions(self, self.goals)
         self.subscribe(PoseStamped, "goal_pose", self._on_goal)
         self.subscribe(Path, "path", self._on_path)
         self._pose_topic = "pose" if config.pose_source == "pose" else "odometry/filtered"

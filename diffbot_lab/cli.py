@@ -19,6 +19,7 @@ from diffbot_lab.benchmark_commands import add_benchmark
 from diffbot_lab.campaign.options import CampaignOptions, load_yaml
 from diffbot_lab.data_commands import add_calibrate, add_import, add_refilter
 from diffbot_lab.goal_command import add_goal
+from diffbot_lab.interfaces.command import add_interfaces
 
 NODES = {
     "plant": "diffbot_sim.plant_node",
@@ -63,6 +64,7 @@ def _parser() -> argparse.ArgumentParser:
     add_import(commands)
     add_refilter(commands)
     add_calibrate(commands)
+    add_interfaces(commands)
     return parser
 
 

@@ -23,6 +23,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from diffbot_control.law import goal_record
 from diffbot_control.ros.goal_request import goal_request, new_goal_id
+from diffbot_control.ros.message_fields import fill_duration
 from diffbot_control.ros.messages import goal_message
 from diffbot_core.errors import DiffbotError
 from diffbot_core.geometry import Pose
@@ -35,7 +36,6 @@ ANSWER_TIMEOUT = 1.0
 _POLL_PERIOD = 2.0
 """[s] without news after which the controller is asked for the state of the goal."""
 _SPIN = 0.02
-_MAX_SECONDS = 2.0**31 - 1.0
 
 
 class GoalRefusedError(DiffbotError):
@@ -221,15 +221,13 @@ class GoalClient(Node):  # type: ignore[misc]
         self._last_news = time.monotonic()
         values = {pair.key: pair.value for pair in message.values}
         numbers = [float(word) for word in values.get("pose", "nan nan nan").split()]
-        self.task.feedback = Feedback(
+        feedback = Feedback(
             goal_message(Pose(*numbers), self.frame, self.get_clock().now().nanoseconds),
-            _duration(float(values["elapsed time [s]"])),
-            _duration(float(values["estimated time remaining [s]"])),
+            Duration(),
+            Duration(),
             float(values["distance remaining [m]"]),
             int(values["poses remaining"]),
         )
-
-
-def _duration(seconds: float) -> Duration:
-    nanoseconds = round(min(max(seconds, 0.0), _MAX_SECONDS) * 1e9)
-    return Duration(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
+        fill_duration(feedback.navigation_time, float(values["elapsed time [s]"]))
+        fill_duration(feedback.estimated_time_remaining, float(values["estimated time remaining [s]"]))
+        self.task.feedback = feedback

@@ -96,19 +96,23 @@ class GoalServer:
         Raises:
             BadMessageError: if it cannot be used; nothing changes then.
         """
-        frame, request = self._node.config.map_frame, GoalRequest(goal_id or new_goal_id(), source, self._now())
+        goals = self.check(message)
+        request = GoalRequest(goal_id or new_goal_id(), source, self._now())
         if isinstance(message, Path):
-            goals = path_from(message, frame)
             self.supervisor.on_path(goals, request)
             text = f"path of {len(goals)} goals"
         else:
-            goal = goal_from(message, frame)
-            self.supervisor.on_goal(goal, request)
-            text = f"goal: x {goal.x:.3f} m, y {goal.y:.3f} m, heading {goal.theta:.3f} rad"
+            self.supervisor.on_goal(goals[0], request)
+            text = "goal: x {:.3f} m, y {:.3f} m, heading {:.3f} rad".format(*goals[0])
         self._first_distance = 0.0
         self._node.get_logger().info(text)
         self._changed()
         self.publish_changes(force=True)
+
+    def check(self, message: PoseStamped | Path) -> list[Pose]:
+        """Return the goals of a message; see :meth:`accept`."""
+        frame = self._node.config.map_frame
+        return path_from(message, frame) if isinstance(message, Path) else [goal_from(message, frame)]
 
     def cancel(self, goal_id: str) -> bool:
         """Cancel the present goal if it is ``goal_id``; return whether it was."""
