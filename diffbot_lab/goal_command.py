@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from tqdm import tqdm
 
 from diffbot_control.law import goal_record
-from diffbot_core.errors import DiffbotError
+from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.geometry import MAX_COORDINATE, Pose
 
 ENDS = {
@@ -99,6 +99,8 @@ def run(options: GoalOptions) -> int:
     Raises:
         DiffbotError: in one line, if no controller is found or it refuses the goal.
     """
+    if not options.controller:
+        raise InvalidValueError("--controller", options.controller, "the name of a node")
     # ROS is not imported by the command line: it starts without it.
     client_type = importlib.import_module("diffbot_control.ros.goal_client").GoalClient
     stop = _Stop()

@@ -220,7 +220,7 @@ class GoalClient(Node):  # type: ignore[misc]
             return
         self._last_news = time.monotonic()
         values = {pair.key: pair.value for pair in message.values}
-        numbers = [float(word) for word in values.get("pose", "nan nan nan").split()]
+        numbers = [float(word) for word in values["pose"].split()]
         feedback = Feedback(
             goal_message(Pose(*numbers), self.frame, self.get_clock().now().nanoseconds),
             Duration(),

@@ -45,7 +45,7 @@ class GoalFeedback(NamedTuple):
     id: str
     state: str
     """DRIVING or CANCELLING"""
-    pose: Pose | None
+    pose: Pose
     distance: float
     """[m] that remains, along straight lines"""
     elapsed: float
@@ -138,10 +138,10 @@ class GoalServer:
                 listener(record)
 
     def feedback(self) -> GoalFeedback | None:
-        """Return how far the present goal is, None without one."""
+        """Return how far the present goal is, None without a goal or before the first pose."""
         supervisor = self.supervisor
         present = supervisor.goals.present
-        if present is None:
+        if present is None or supervisor.pose is None:
             return None
         distance, elapsed = supervisor.distance_remaining(), present.elapsed(self._now())
         self._first_distance = max(self._first_distance, distance)
@@ -153,8 +153,6 @@ class GoalServer:
         )
 
     def _publish_feedback(self) -> None:
-        if self.supervisor.goals.present is None:
-            return
         feedback = self.feedback()
         if feedback is None:
             return
@@ -243,7 +241,6 @@ def _feedback_message(feedback: GoalFeedback) -> DiagnosticStatus:
         "elapsed time [s]": f"{feedback.elapsed:.3f}",
         "estimated time remaining [s]": f"{feedback.remaining:.3f}",
         "poses remaining": str(feedback.poses),
+        "pose": " ".join(f"{number:.6g}" for number in feedback.pose),
     }
-    if feedback.pose is not None:
-        values["pose"] = " ".join(f"{number:.6g}" for number in feedback.pose)
     return status_message(feedback.id, 0, feedback.state, values)

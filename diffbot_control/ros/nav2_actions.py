@@ -20,7 +20,6 @@ from diffbot_control.ros.goal_server import GoalFeedback, GoalServer, state_text
 from diffbot_control.ros.message_fields import fill_duration
 from diffbot_control.ros.messages import goal_message
 from diffbot_core.errors import BadMessageError
-from diffbot_core.geometry import Pose
 from diffbot_core.ros.node import DiffbotNode
 
 SOURCE = "action"
@@ -116,8 +115,7 @@ class Nav2Actions:
             return
         message = server.action_type.Feedback()
         now = self._node.get_clock().now().nanoseconds
-        pose = Pose(0.0, 0.0, 0.0) if feedback.pose is None else feedback.pose
-        message.current_pose = goal_message(pose, self._node.config.map_frame, now)
+        message.current_pose = goal_message(feedback.pose, self._node.config.map_frame, now)
         fill_duration(message.navigation_time, feedback.elapsed)
         fill_duration(message.estimated_time_remaining, feedback.remaining)
         message.distance_remaining = feedback.distance
@@ -129,10 +127,9 @@ class Nav2Actions:
 def _message_of(goal: Any) -> PoseStamped | Path:
     if hasattr(goal, "pose"):
         return goal.pose
-    message = Path(poses=list(goal.poses))
-    if goal.poses:
-        message.header = goal.poses[0].header
-    return message
+    if not goal.poses:
+        raise BadMessageError("path is empty")
+    return Path(header=goal.poses[0].header, poses=list(goal.poses))
 
 
 def serve_nav2_actions(node: DiffbotNode[Any], goals: GoalServer) -> Nav2Actions | None:

@@ -13,7 +13,7 @@ from rclpy.action import ActionClient
 from robot import DEEP, SIMULATED, Robot, distance, pose_stamped, twist
 
 A_MAX = 0.5
-NEAR, FAR = (-3.0, 4.5, 0.5), (6.0, -6.0, 0.0)
+NEAR, FAR = (-3.0, 4.5, 0.5), (60.0, -60.0, 0.0)
 PLANT = {"clock": "scaled", "real_time_factor": 5.0, "seed": 3}
 CONTROLLER = {"linear.x.max_acceleration": A_MAX, "angular.z.max_acceleration": 1.0, **SIMULATED}
 
@@ -144,10 +144,12 @@ def test_a_path_is_driven_through_its_poses(driven):
     handle = through.send((-2.5, 4.0, 0.0), NEAR)
     status, _ = through.result(handle)
     assert status == GoalStatus.STATUS_SUCCEEDED
+    assert through.feedback, "more than one pose takes a while"
     remaining = [feedback.number_of_poses_remaining for feedback in through.feedback]
     assert remaining[0] == 2
     assert remaining[-1] == 1
     assert not through.send().accepted, "an empty path"
+    assert "navigate_through_poses: goal rejected: path is empty" in driven.processes["controller"].output
 
 
 def test_a_waiting_action_takes_no_processor(driven, to_pose):
