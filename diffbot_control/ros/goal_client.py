@@ -167,8 +167,11 @@ class GoalClient(Node):  # type: ignore[misc]
 
     def wait_for_end(self, timeout: float) -> bool:
         """Handle messages until the newest goal has ended; False if it has not within ``timeout`` [s]."""
-        done = self.spin_until(lambda: self._poll() or self.task.end, timeout)
-        return done or bool(self.task.end)
+        return self.spin_until(self._has_ended, timeout) or bool(self.task.end)
+
+    def _has_ended(self) -> bool:
+        self._poll()
+        return bool(self.task.end)
 
     def _poll(self) -> None:
         """Ask for the state of the goal if nothing was received for long."""

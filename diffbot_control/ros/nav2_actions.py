@@ -55,7 +55,7 @@ class Nav2Actions:
         self._servers = [self._create(name, action_type) for name, action_type in types.items()]
 
     def _create(self, name: str, action_type: Any) -> _DeferredActionServer:
-        server = _DeferredActionServer(
+        server: _DeferredActionServer = _DeferredActionServer(
             self._node,
             action_type,
             name,
