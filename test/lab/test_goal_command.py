@@ -1,5 +1,9 @@
 """The command ``diffbot goal``, without ROS: usage and exit statuses."""
 
+import ast
+import subprocess
+import sys
+
 import pytest
 
 from diffbot_control.law import goal_record
@@ -49,3 +53,11 @@ def test_a_name_that_no_node_has_is_an_error_in_one_line(arguments, capsys):
     assert written.out == ""
     assert written.err.startswith(("diffbot: namespace ", "diffbot: --controller "))
     assert written.err.count("\n") == 1
+
+
+def test_the_command_line_starts_without_heavy_libraries():
+    """A goal is sent at once: scipy alone takes longer to load than the controller to answer."""
+    program = "import sys, diffbot_lab.cli; print(sorted({m.partition('.')[0] for m in sys.modules}))"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True)
+    loaded = set(ast.literal_eval(done.stdout))
+    assert loaded & {"scipy", "filterpy", "numpy", "matplotlib", "numba", "pandas", "rclpy"} == set()
