@@ -26,9 +26,12 @@ ENDS = {
 }
 """Exit status of each end; 1 is an error such as a refused goal, 2 wrong usage."""
 TIMED_OUT, INTERRUPTED = 8, 130
-DISCOVERY_TIMEOUT = 10.0
-"""[s] within which the controller has to be found"""
-_CANCEL_TIMEOUT = 5.0
+DISCOVERY_TIMEOUT = 30.0
+"""[s] within which the controller has to answer: it may just be starting"""
+_PATIENCE = 3.0
+"""[s] after which the user is told what is waited for"""
+_CANCEL_TIMEOUT, _LAST_TIMEOUT = 5.0, 1.0
+"""[s] for a cancellation, and for one of a goal that was never answered"""
 
 
 class GoalOptions(NamedTuple):
@@ -115,19 +118,27 @@ def run(options: GoalOptions) -> int:
         ) from None
     try:
         client.is_stopped = lambda: stop.is_set
-        limit = min(options.timeout, DISCOVERY_TIMEOUT)
         try:
-            client.send_goal([options.pose], timeout=limit)
+            _send(client, options, began)
         except DiffbotError:
-            if not stop.is_set:
-                raise
-            return _cancel(client, "interrupted", INTERRUPTED)
+            if stop.is_set:
+                return _cancel(client, "interrupted", INTERRUPTED)
+            if client.task.is_sent:
+                client.cancel(_LAST_TIMEOUT)
+            raise
         if not options.wait:
             print(f"goal {client.task.id} accepted")
             return 0
         return _follow(client, options, began, stop)
     finally:
         client.close()
+
+
+def _send(client: Any, options: GoalOptions, began: float) -> None:
+    deadline = began + min(options.timeout, DISCOVERY_TIMEOUT)
+    if not client.wait_until_ready(min(_PATIENCE, options.timeout)) and not client.is_stopped():
+        print("waiting for the controller ...", file=sys.stderr)
+    client.send_goal([options.pose], timeout=max(deadline - time.monotonic(), 0.0))
 
 
 class _Stop:
@@ -162,7 +173,9 @@ def _follow(client: Any, options: GoalOptions, began: float, stop: _Stop) -> int
 
 def _cancel(client: Any, why: str, status: int) -> int:
     client.is_stopped = lambda: False
-    if client.cancel(_CANCEL_TIMEOUT):
+    if not client.task.is_sent:
+        ending = "no goal was sent"
+    elif client.cancel(_CANCEL_TIMEOUT):
         ending = (
             "goal cancelled" if client.task.end == goal_record.CANCELLED else f"the goal ended: {_words(client.task)}"
         )

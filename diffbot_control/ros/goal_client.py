@@ -69,6 +69,8 @@ class Task:
         self.reason = ""
         """of the end, where there is more to say"""
         self.feedback: Feedback | None = None
+        self.is_sent = False
+        """the controller may have received it"""
 
     def note(self, state: str) -> None:
         """Take a state as the service answers it."""
@@ -144,7 +146,8 @@ class GoalClient(Node):  # type: ignore[misc]
 
         Raises:
             GoalRefusedError: in one line, if it is refused; ``task`` is the former one then.
-            NoControllerError: in one line, if no controller answers within ``timeout`` [s].
+            NoControllerError: in one line, if no controller answers within ``timeout`` [s], or ``is_stopped``; with
+                ``task.is_sent`` the goal may have been accepted all the same, and :meth:`cancel` cancels it.
         """
         former, self.task = self.task, Task(new_goal_id())
         answer = self._ask(goal_request(self.task.id, poses, frame or self.frame), timeout)
@@ -159,11 +162,12 @@ class GoalClient(Node):  # type: ignore[misc]
         deadline = time.monotonic() + timeout
         while (left := deadline - time.monotonic()) > 0.0 and self.spin_until(self._send.service_is_ready, left):
             future = self._send.call_async(request)
+            self.task.is_sent = True
             if self.spin_until(future.done, min(left, ANSWER_TIMEOUT)):
                 return future.result().result
             self._send.remove_pending_request(future)
         name = self.resolve_service_name(f"{self.controller}/send_goal")
-        raise NoControllerError(f"no answer from {name}" + (f" within {timeout:g} s" if timeout < math.inf else ""))
+        raise NoControllerError(f"no answer from {name}")
 
     def wait_for_end(self, timeout: float) -> bool:
         """Handle messages until the newest goal has ended; False if it has not within ``timeout`` [s]."""
@@ -197,7 +201,7 @@ class GoalClient(Node):  # type: ignore[misc]
 
         It may end otherwise at the last moment: ``task.end`` tells.
         """
-        if not self.task.id:
+        if not self.task.is_sent:
             return True
         request = CancelGoal.Request()
         request.goal_info.goal_id.uuid = list(bytes.fromhex(self.task.id))

@@ -128,11 +128,11 @@ class GoalServer:
         if not (force or book.has_news):
             return
         news = book.take_news()
+        ended = [record for record in book.ended if record.request.id]
         if news:
-            results = [_result_message(record) for record in book.ended if record.request.id]
-            self._results.publish(DiagnosticArray(status=results))
-        records = [*book.ended, *([book.present] if book.present is not None else [])]
-        self._statuses.publish(GoalStatusArray(status_list=[_status_of(record) for record in records]))
+            self._results.publish(DiagnosticArray(status=[_result_message(record) for record in ended]))
+        present = [book.present] if book.present is not None and book.present.request.id else []
+        self._statuses.publish(GoalStatusArray(status_list=[_status_of(record) for record in (*ended, *present)]))
         for record in news:
             for listener in self.on_end:
                 listener(record)

@@ -107,7 +107,14 @@ def test_a_refused_goal_and_a_missing_controller_are_errors_in_one_line(driven):
         assert refused.wait(30.0) == 1
         assert refused.output == "diffbot: goal refused: wrong frame_id: 'odom', not 'map'\n"
         assert missing.wait(30.0) == 1
-        assert missing.output == "diffbot: no answer from /pilot/send_goal within 1 s\n"
+        assert missing.output == "waiting for the controller ...\ndiffbot: no answer from /pilot/send_goal\n"
+
+
+def test_an_interrupt_before_the_goal_was_sent():
+    with goal_process(*NEAR, "--controller", "pilot") as command:
+        command.wait_for_output("waiting for the controller")
+        assert command.stop(signal.SIGINT) == 130
+        assert command.output.endswith("interrupted: no goal was sent\n")
 
 
 def test_the_command_says_by_whom_its_goal_was_replaced(driven, navigator):
