@@ -39,6 +39,7 @@ from diffbot_control.ros.controller_parameters import (
 )
 from diffbot_control.ros.controller_status import status_values
 from diffbot_control.ros.frames import robot_frame
+from diffbot_control.ros.goal_server import GoalServer
 from diffbot_control.ros.message_bytes import read_pose
 from diffbot_control.ros.message_fields import fill_twist, set_stamp
 from diffbot_control.ros.messages import (
@@ -48,7 +49,9 @@ from diffbot_control.ros.messages import (
     pose_from,
     twist_message,
 )
+from diffbot_control.ros.nav2_actions import serve_nav2_actions
 from diffbot_control.ros.tf import transforms_of
+from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose
 from diffbot_core.health import Throttle
 from diffbot_core.kinematics import Twist
@@ -98,6 +101,8 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self._transforms = transforms_of(self, config.transform_tolerance)
         self._pose_stamp: int | None = None
         self._gains_checked = False
+        self.goals = GoalServer(self, self.supervisor, self._goals_of, self._now, self.cancel, self._publish_status)
+        self._actions = serve_nav2_actions(self, self.goals)
         self.subscribe(PoseStamped, "goal_pose", self._on_goal)
         self.subscribe(Path, "path", self._on_path)
         self._pose_topic = "pose" if config.pose_source == "pose" else "odometry/filtered"
@@ -108,16 +113,26 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
 
     def activate(self) -> None:
         """Start idle."""
-        self.supervisor = Supervisor(self.config.supervisor, self.law)
+        book = self.supervisor.goals
+        self.supervisor = self.goals.supervisor = Supervisor(self.config.supervisor, self.law)
+        # How earlier goals ended is still to be answered.
+        self.supervisor.goals = book
         self._publish_status()
 
     def deactivate(self) -> None:
-        """Stop the robot and leave cmd_vel to others; the goal is dropped."""
+        """Stop the robot and leave cmd_vel to others; the goal is cancelled."""
         self.supervisor.on_cancel()
+        self.supervisor.goals.close_cancelled()
         self._send(Twist(0.0, 0.0))
         # Before the publisher may be destroyed, and with it what it has not delivered.
         self._commands.wait_for_all_acked(_STOP_DELIVERY)
         self._publish_status()
+        self.goals.publish_changes()
+
+    def cleanup(self) -> None:
+        """Take the actions out of service."""
+        if self._actions is not None:
+            self._actions.destroy()
 
     def _receive_poses(self, topic: str) -> None:
         """Subscribe to the pose's topic."""
@@ -154,26 +169,23 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         return self.clock_watch.now()
 
     def _on_goal(self, message: PoseStamped) -> None:
-        goal = goal_from(message, self.config.map_frame, self._transforms)
-        if self._ignores("goal"):
-            return
-        self.supervisor.on_goal(goal)
-        self.get_logger().info(f"goal: x {goal.x:.3f} m, y {goal.y:.3f} m, heading {goal.theta:.3f} rad")
-        self._publish_status()
+        self.goals.accept(message, "goal_pose")
 
     def _on_path(self, message: Path) -> None:
-        goals = path_from(message, self.config.map_frame, self._transforms)
-        if self._ignores("path"):
-            return
-        self.supervisor.on_path(goals)
-        self.get_logger().info(f"path of {len(goals)} goals")
-        self._publish_status()
+        self.goals.accept(message, "path")
 
-    def _ignores(self, what: str) -> bool:
-        """Return whether the node is inactive; logged."""
+    def _goals_of(self, message: PoseStamped | Path) -> list[Pose]:
+        """Return the goals of a message in ``map_frame``.
+
+        Raises:
+            BadMessageError: if it cannot be used, or the node is inactive.
+        """
         if not self.is_active:
-            self.get_logger().warning(f"{what} ignored: the controller is inactive")
-        return not self.is_active
+            raise BadMessageError("the controller is inactive")
+        frame = self.config.map_frame
+        if isinstance(message, Path):
+            return path_from(message, frame, self._transforms)
+        return [goal_from(message, frame, self._transforms)]
 
     def _check_gains(self, stamp: int) -> None:
         """Warn once of gains that cannot be stable at the rate of the poses."""
@@ -233,13 +245,19 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self._publish_changes()
 
     def _on_cancel(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success = self.supervisor.goal is not None
+        response.success = self.cancel()
         response.message = "cancelled" if response.success else "there was no goal"
+        return response
+
+    def cancel(self) -> bool:
+        """Drop the goal and start to come to rest; return whether there was one."""
+        had_goal = self.supervisor.goal is not None
         command = self.supervisor.on_cancel()
         if command is not None:
             self._send(command)
         self._publish_status()
-        return response
+        self.goals.publish_changes(force=had_goal)
+        return had_goal
 
     def _send(self, command: Twist, stamp: int | None = None) -> None:
         if isinstance(self._command, TwistStamped):
@@ -264,6 +282,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
     def _publish_changes(self) -> None:
         if (self.supervisor.state, self.supervisor.waypoint) != self._last_status:
             self._publish_status()
+        self.goals.publish_changes()
 
     def _publish_status(self) -> None:
         state = self.supervisor.state if self.is_active else INACTIVE

@@ -18,6 +18,8 @@ from diffbot_lab.arguments import MAX_SEED, whole
 from diffbot_lab.benchmark_commands import add_benchmark
 from diffbot_lab.campaign.options import CampaignOptions, load_yaml
 from diffbot_lab.data_commands import add_calibrate, add_import, add_refilter
+from diffbot_lab.goal_command import add_goal
+from diffbot_lab.interfaces.command import add_interfaces
 from diffbot_lab.run_command import NODES, add_run
 
 RUNS_OF_EXPERIMENTS, RUNS_OF_SCAN, SEED_OF_SCAN = 100, 2000, 2
@@ -42,11 +44,21 @@ def main(args: list[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="diffbot", description="Go-to-pose stack for differential-drive robots.")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for add in (_add_demo, _add_experiment, _add_campaign, _add_stability, add_benchmark, add_run, _add_replay):
+    for add in (
+        _add_demo,
+        _add_experiment,
+        _add_campaign,
+        _add_stability,
+        add_benchmark,
+        add_run,
+        add_goal,
+        _add_replay,
+    ):
         add(commands)
     add_import(commands)
     add_refilter(commands)
     add_calibrate(commands)
+    add_interfaces(commands)
     return parser
 
 

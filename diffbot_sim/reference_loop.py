@@ -18,14 +18,11 @@ from diffbot_core.errors import BadMessageError, InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
+from diffbot_sim.feedback import EKF, FEEDBACKS, RAW, TRUTH
 from diffbot_sim.model.outcome import Criteria, LawState, Outcome, add_step, new_totals, outcome_of
 from diffbot_sim.model.simulator import World, WorldConfig
 
 Array = NDArray[np.float64]
-
-EKF, RAW, TRUTH = "ekf", "raw", "truth"
-FEEDBACKS = (EKF, RAW, TRUTH)
-"""The controller's feedback: the filter's estimate, the newest fix as in the paper's simulations, or the true pose."""
 
 
 class Recording(NamedTuple):

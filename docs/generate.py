@@ -51,10 +51,11 @@ from diffbot_lab.paper.experiment import run_experiment, summarise
 from diffbot_lab.paper.figures import figure_paths
 from diffbot_lab.paper.scan import run_scan
 from diffbot_lab.paper.scenarios import SETTINGS
+from diffbot_sim.feedback import EKF, RAW, TRUTH
 from diffbot_sim.model.plant import PlantConfig
 from diffbot_sim.model.sensors import SensorConfig
 from diffbot_sim.model.simulator import WorldConfig
-from diffbot_sim.reference_loop import EKF, RAW, TRUTH, simulate
+from diffbot_sim.reference_loop import simulate
 from diffbot_sim.ros.parameters import PlantNodeConfig
 
 DOCS = Path(__file__).parent

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import Annotated, Any, NamedTuple
 
+from diffbot_control.law import goal_record
 from diffbot_control.law.configuration import ControllerConfig, Report
 from diffbot_control.law.controller import SwitchingLaw
 from diffbot_control.law.driver import STOP, LawError, driver_of, scaled_uncertainty
+from diffbot_control.law.goal_record import ANONYMOUS, GoalBook, GoalRequest, distance_along
 from diffbot_control.law.protocol import Law
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
@@ -37,6 +39,9 @@ class SupervisorConfig(NamedTuple):
     pose_timeout: Annotated[
         float, Spec("the robot is stopped after this time without a pose", "s", minimum=0.0, exclusive_minimum=True)
     ] = 0.5
+    pose_lost_timeout: Annotated[
+        float, Spec("the robot gives a goal up after this time without a pose; 0: never", "s", 0.0, 1e6)
+    ] = 30.0
     waypoint_radius: Annotated[
         float,
         Spec("distance at which a waypoint of a path is passed; 0: each is reached first", "m", minimum=0.0),
@@ -72,6 +77,8 @@ class Supervisor:
         self.memory: Any = self._driver.new_memory(config.controller)
         """of the law"""
         self.goal: Pose | None = None
+        self.goals = GoalBook()
+        """which goals were accepted, and how each ended"""
         self.state = IDLE
         self.report: Report | None = None
         self.reason = ""
@@ -99,21 +106,45 @@ class Supervisor:
         """the last one"""
         self._step_input: _StepInput | None = None
         self._last_pose_time: float | None = None
+        self._silent_since = 0.0
+        """[s] of the newest pose or goal"""
         self._zeros_due = 0
 
-    def on_goal(self, goal: Pose) -> None:
+    def on_goal(self, goal: Pose, request: GoalRequest = ANONYMOUS) -> None:
         """Drive to ``goal`` (frame of the poses) from the next pose on; the newest goal or path wins."""
+        self._accept(request)
         self._route = []
         self.waypoint = self.waypoints = 0
         self._answer = None
         self._drive_to(goal)
 
-    def on_path(self, goals: list[Pose]) -> None:
+    def on_path(self, goals: list[Pose], request: GoalRequest = ANONYMOUS) -> None:
         """Drive to ``goals`` one after the other (at least one); the last one is held."""
+        self._accept(request)
         self.waypoint, self.waypoints = 1, len(goals)
         self._route = goals[1:]
         self._answer = None
         self._drive_to(goals[0])
+
+    def _accept(self, request: GoalRequest) -> None:
+        self.goals.accept(request)
+        self._silent_since = request.time
+
+    def distance_remaining(self) -> float:
+        """Return the length [m] of the straight lines to the goal, or through what is left of the path; 0 if idle."""
+        if self.goal is None or self._pose is None:
+            return 0.0
+        return distance_along(self._pose, (self.goal, *self._route))
+
+    @property
+    def pose(self) -> Pose | None:
+        """The newest pose."""
+        return self._pose
+
+    @property
+    def poses_remaining(self) -> int:
+        """Goals of the path that are not passed yet, the present one included; 0 if idle."""
+        return 0 if self.goal is None else 1 + len(self._route)
 
     def _drive_to(self, goal: Pose) -> None:
         self.goal = goal
@@ -135,6 +166,9 @@ class Supervisor:
             return None
         self._go_idle(IDLE)
         self.waypoint = self.waypoints = 0
+        self.goals.cancel()
+        if self._last_pose_time is None:
+            self.goals.close_cancelled()
         return None if self.config.publish_when_idle else self._come_to_rest(0.0)
 
     def on_pose(self, stamp: int, now: float, pose: Pose, uncertainty: Uncertainty = CERTAIN) -> Twist | None:
@@ -149,7 +183,7 @@ class Supervisor:
         dt = 0.0 if self._stamp is None else min(max((stamp - self._stamp) * S_PER_NS, 0.0), _MAX_STEP)
         same_step, same_pose = stamp == self._stamp, pose == self._pose
         self._stamp, self._pose = stamp, pose
-        self._last_pose_time = now
+        self._last_pose_time = self._silent_since = self.goals.now = now
         if self.goal is None:
             return self._come_to_rest(dt)
         if same_step and self._answer is not None and self.state != STALE:
@@ -179,6 +213,8 @@ class Supervisor:
         if reached and not self._counted:
             self._counted = True
             self.goals_reached += 1
+            if not self._route:
+                self.goals.close(goal_record.REACHED)
             if not self.config.hold_goal and not self._route:
                 self._go_idle(REACHED)
         if self._route and (reached or self.report.rho < self.config.waypoint_radius):
@@ -216,6 +252,8 @@ class Supervisor:
 
     def on_tick(self, now: float) -> Twist | None:
         """Watch for missing poses: zero if the robot may be moving and no pose came for ``pose_timeout``."""
+        self.goals.now = now
+        self._watch_for_loss(now)
         if self._last_pose_time is None or (self.goal is None and self._zeros_due == 0):
             return None
         # Time that runs backwards (a restarted simulation) must not disable the timeout.
@@ -224,14 +262,23 @@ class Supervisor:
             return None
         self.memory = self._driver.halted(self.memory)
         self._command = STOP
+        self.goals.close_cancelled()
         if self.goal is None:
             self._zeros_due -= 1
         else:
             self.state = STALE
         return STOP
 
-    def _give_up(self, reason: str, has_failed: bool = False) -> None:
+    def _watch_for_loss(self, now: float) -> None:
+        """Give the goal up if no pose has come for ``pose_lost_timeout``; a goal that was reached is kept."""
+        self._silent_since = min(self._silent_since, now)
+        timeout = self.config.pose_lost_timeout
+        if self.goal is not None and self.goals.present is not None and 0.0 < timeout <= now - self._silent_since:
+            self._give_up(f"no pose for pose_lost_timeout = {timeout:g} s", end=goal_record.POSE_LOST)
+
+    def _give_up(self, reason: str, has_failed: bool = False, end: str = goal_record.NOT_REACHED) -> None:
         self.reason, self.has_failed = reason, has_failed
+        self.goals.close(end, reason)
         self._go_idle(NOT_REACHED)
 
     def _go_idle(self, state: str) -> None:
@@ -246,6 +293,7 @@ class Supervisor:
         self._command = command
         if command != (0.0, 0.0):
             return command
+        self.goals.close_cancelled()
         if self._zeros_due > 0:
             self._zeros_due -= 1
             return command

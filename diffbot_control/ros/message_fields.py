@@ -21,6 +21,8 @@ from diffbot_core.units import NS_PER_S
 MAX_SPEED = 1e4
 """[m/s], [rad/s] larger speeds are refused as errors."""
 
+_MAX_SECONDS = 2.0**31 - 1.0
+
 # Places of (x, y, yaw) in the row-major 6 x 6 covariance of REP-103's (x, y, z, roll, pitch, yaw).
 _PLANAR = np.array([0, 1, 5, 6, 7, 11, 30, 31, 35])
 
@@ -35,6 +37,12 @@ def stamp_ns(stamp: Any) -> int:
 def set_stamp(stamp: Any, nanoseconds: int) -> None:
     """Write nanoseconds into a stamp in place."""
     stamp.sec, stamp.nanosec = divmod(nanoseconds, NS_PER_S)
+
+
+def fill_duration(duration: Any, seconds: float) -> None:
+    """Write a time [s] into a Duration in place, cut to what it can hold."""
+    nanoseconds = round(min(max(seconds, 0.0), _MAX_SECONDS) * NS_PER_S)
+    duration.sec, duration.nanosec = divmod(nanoseconds, NS_PER_S)
 
 
 def check_frame(frame: str, expected: str, field: str = "frame_id") -> None:

@@ -9,7 +9,7 @@ import yaml
 
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.schema import Spec
-from diffbot_sim.reference_loop import EKF, FEEDBACKS
+from diffbot_sim.feedback import EKF, FEEDBACKS
 
 
 class CampaignOptions(NamedTuple):

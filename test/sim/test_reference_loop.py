@@ -11,10 +11,11 @@ from diffbot_control.law.regions import OMEGA_L, FixedRegionPolicy
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose
+from diffbot_sim.feedback import EKF, FEEDBACKS, RAW, TRUTH
 from diffbot_sim.model.plant import PlantConfig
 from diffbot_sim.model.sensors import SensorConfig
 from diffbot_sim.model.simulator import StartPose, WorldConfig
-from diffbot_sim.reference_loop import EKF, FEEDBACKS, RAW, TRUTH, simulate
+from diffbot_sim.reference_loop import simulate
 
 PAPER = PRESETS["paper"]
 GOAL = Pose(0.0, 0.0, 0.0)

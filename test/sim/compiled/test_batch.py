@@ -19,11 +19,12 @@ from diffbot_lab.metrics import goal_metrics, path_length
 from diffbot_sim.compiled import batch
 from diffbot_sim.compiled.batch import COLUMNS, FEEDBACK_CODES, HISTORY_COLUMNS, Starts, run_batch, run_histories
 from diffbot_sim.compiled.closed_loop import Case, prepared, run_loop
+from diffbot_sim.feedback import FEEDBACKS
 from diffbot_sim.model.actuators import ActuatorConfig
 from diffbot_sim.model.plant import PlantConfig
 from diffbot_sim.model.sensors import SensorConfig
 from diffbot_sim.model.simulator import StartPose, WorldConfig
-from diffbot_sim.reference_loop import FEEDBACKS, simulate
+from diffbot_sim.reference_loop import simulate
 
 INF = math.inf
 ORIGIN = Pose(0.0, 0.0, 0.0)

@@ -1,0 +1,283 @@
+"""Each goal that is accepted ends exactly once, whatever happens to it."""
+
+import math
+
+import hypothesis.strategies as st
+import pytest
+from hypothesis import given, settings
+
+from diffbot_control.law.goal_record import (
+    CANCELLED,
+    ENDS,
+    NOT_REACHED,
+    POSE_LOST,
+    REACHED,
+    REPLACED,
+    GoalBook,
+    GoalRequest,
+    distance_along,
+    time_remaining,
+)
+from diffbot_control.law.presets import PRESETS
+from diffbot_control.law.supervisor import IDLE, STALE, Supervisor, SupervisorConfig
+from diffbot_control.law.supervisor import NOT_REACHED as GIVEN_UP
+from diffbot_core.data_sheet import PAPER_DATA_SHEET
+from diffbot_core.geometry import Pose
+
+PAPER = PRESETS["paper"]
+QUICK = PAPER._replace(tolerance=PAPER.tolerance._replace(settling_steps=1))
+BRAKING = PAPER._replace(data_sheet=PAPER_DATA_SHEET._replace(a_max=1.0, omega_dot_max=2.0))
+GOAL, AWAY, THERE = Pose(0.0, 0.0, 0.0), Pose(-3.0, 0.5, 0.3), Pose(-0.01, 0.0, 0.0)
+OTHER = Pose(5.0, 5.0, 0.0)
+
+
+class Drive:
+    """A supervisor whose goals are numbered, with a clock of its own."""
+
+    def __init__(self, **options):
+        self.supervisor = Supervisor(SupervisorConfig(**{"controller": QUICK, **options}))
+        self.now, self.count = 50.0, 0
+
+    def request(self):
+        self.count += 1
+        return GoalRequest(f"{self.count}", "test", self.now)
+
+    def goal(self, goal=GOAL):
+        self.supervisor.on_goal(goal, self.request())
+
+    def path(self, goals=(AWAY, GOAL)):
+        self.supervisor.on_path(list(goals), self.request())
+
+    def pose(self, pose=AWAY, after=0.1):
+        self.now += after
+        return self.supervisor.on_pose(round(self.now * 1e9), self.now, pose)
+
+    def silence(self, seconds):
+        for _ in range(round(seconds * 10)):
+            self.now += 0.1
+            self.supervisor.on_tick(self.now)
+
+    def ends(self):
+        return [(record.request.id, record.end) for record in self.supervisor.goals.ended]
+
+    def reason(self):
+        return self.supervisor.goals.ended[-1].reason
+
+
+def test_a_goal_that_is_reached():
+    drive = Drive()
+    drive.goal()
+    drive.pose(AWAY)
+    assert drive.supervisor.goals.present.request.id == "1"
+    drive.pose(THERE)
+    drive.pose(THERE)
+    assert drive.ends() == [("1", REACHED)]
+    assert drive.supervisor.goals.present is None
+    assert drive.supervisor.goals.ended[0].elapsed(99.0) == pytest.approx(drive.supervisor.goals.ended[0].ended - 50.0)
+
+
+def test_a_path_is_one_goal_and_ends_at_its_last_pose():
+    drive = Drive(waypoint_radius=0.2)
+    drive.path([AWAY, GOAL])
+    drive.pose(AWAY)
+    assert drive.supervisor.poses_remaining == 1
+    assert drive.ends() == []
+    drive.pose(THERE)
+    drive.pose(THERE)
+    assert drive.ends() == [("1", REACHED)]
+
+
+def test_what_happens_after_the_end_changes_nothing():
+    drive = Drive(pose_lost_timeout=2.0)
+    drive.goal()
+    for _ in range(3):
+        drive.pose(THERE)
+    drive.silence(5.0)
+    assert drive.supervisor.state == STALE, "a goal that is held is kept through silence"
+    drive.pose(THERE)
+    drive.supervisor.on_cancel()
+    assert drive.ends() == [("1", REACHED)]
+
+
+def test_a_newer_goal_replaces_the_older():
+    drive = Drive()
+    drive.goal()
+    drive.pose()
+    drive.path()
+    assert drive.ends() == [("1", REPLACED)]
+    assert drive.reason() == "by a newer goal (test)"
+    assert drive.supervisor.goals.present.request.id == "2"
+
+
+def test_a_cancelled_goal_ends_when_the_robot_has_come_to_rest_along_its_curve():
+    drive = Drive(controller=BRAKING)
+    drive.goal()
+    commands = [drive.pose() for _ in range(5)]
+    moving = commands[-1]
+    assert abs(moving.v) > 0.3
+    assert abs(moving.omega) > 0.01
+    assert drive.supervisor.on_cancel() == moving
+    assert drive.ends() == []
+    assert drive.supervisor.goals.present.is_cancelling
+    previous = moving
+    while previous != (0.0, 0.0):
+        command = drive.pose()
+        assert abs(command.v - previous.v) <= 0.1 + 1e-12
+        assert abs(command.omega - previous.omega) <= 0.2 + 1e-12
+        assert command.v * moving.omega == pytest.approx(command.omega * moving.v, abs=1e-12), "the same curvature"
+        assert (drive.ends() == [("1", CANCELLED)]) == (command == (0.0, 0.0))
+        previous = command
+
+
+def test_a_goal_that_comes_while_the_robot_brakes_does_not_change_the_end_of_the_cancelled_one():
+    drive = Drive(controller=BRAKING)
+    drive.goal()
+    for _ in range(5):
+        drive.pose()
+    drive.supervisor.on_cancel()
+    drive.goal(OTHER)
+    assert drive.ends() == [("1", CANCELLED)]
+    assert not drive.supervisor.goals.present.is_cancelling
+
+
+@pytest.mark.parametrize("poses", [0, 3])
+def test_a_cancelled_goal_ends_without_further_poses(poses):
+    drive = Drive(controller=BRAKING)
+    drive.goal()
+    for _ in range(poses):
+        drive.pose()
+    drive.supervisor.on_cancel()
+    drive.silence(1.0)
+    assert drive.ends() == [("1", CANCELLED)]
+
+
+def test_a_goal_that_is_given_up_says_why():
+    drive = Drive(goal_timeout=1.0)
+    drive.goal()
+    for _ in range(15):
+        drive.pose()
+    assert drive.ends() == [("1", NOT_REACHED)]
+    assert drive.reason() == "not reached within goal_timeout = 1 s"
+
+
+@pytest.mark.parametrize("poses", [0, 1])
+def test_a_goal_without_poses_ends_after_pose_lost_timeout(poses):
+    drive = Drive(pose_lost_timeout=2.0)
+    drive.goal()
+    for _ in range(poses):
+        drive.pose()
+    drive.silence(1.8)
+    assert drive.ends() == []
+    drive.silence(0.4)
+    assert drive.ends() == [("1", POSE_LOST)]
+    assert drive.reason() == "no pose for pose_lost_timeout = 2 s"
+    assert drive.supervisor.state == GIVEN_UP
+    assert drive.supervisor.goal is None
+
+
+def test_a_goal_after_a_long_silence_has_the_whole_timeout():
+    drive = Drive(pose_lost_timeout=2.0)
+    drive.pose()
+    drive.silence(10.0)
+    drive.goal()
+    drive.silence(1.8)
+    assert drive.ends() == []
+    drive.silence(0.4)
+    assert drive.ends() == [("1", POSE_LOST)]
+
+
+def test_pose_lost_timeout_of_zero_waits_for_ever():
+    drive = Drive(pose_lost_timeout=0.0)
+    drive.goal()
+    drive.silence(100.0)
+    assert drive.ends() == []
+
+
+def test_a_clock_that_runs_backwards_does_not_delay_the_loss():
+    drive = Drive(pose_lost_timeout=2.0)
+    drive.goal()
+    drive.pose()
+    drive.now = 0.0
+    drive.silence(2.3)
+    assert drive.ends() == [("1", POSE_LOST)]
+
+
+def broken(*_):
+    raise ValueError("broken")
+
+
+def test_a_goal_whose_law_fails_ends_once(monkeypatch):
+    drive = Drive()
+    drive.goal()
+    drive.pose()
+    monkeypatch.setattr(drive.supervisor._driver, "law", type("Law", (), {"name": "x", "step": broken}))
+    drive.pose()
+    drive.pose()
+    assert drive.ends() == [("1", NOT_REACHED)]
+    assert "law x failed: ValueError: broken" in drive.reason()
+
+
+EVENTS = st.sampled_from(["goal", "path", "cancel", "away", "there", "short silence", "long silence", "idle"])
+
+
+@settings(max_examples=80, deadline=None)
+@given(st.lists(EVENTS, max_size=40), st.sampled_from([QUICK, BRAKING]), st.booleans(), st.booleans())
+def test_every_goal_ends_exactly_once(events, controller, hold_goal, publish_when_idle):
+    drive = Drive(
+        controller=controller,
+        hold_goal=hold_goal,
+        publish_when_idle=publish_when_idle,
+        pose_lost_timeout=2.0,
+        goal_timeout=3.0,
+    )
+    taken = []
+    actions = {
+        "goal": drive.goal,
+        "path": drive.path,
+        "cancel": drive.supervisor.on_cancel,
+        "away": drive.pose,
+        "there": lambda: drive.pose(THERE),
+        "short silence": lambda: drive.silence(1.0),
+        "long silence": lambda: drive.silence(2.5),
+        "idle": lambda: drive.silence(0.1),
+    }
+    for event in events:
+        actions[event]()
+        taken += drive.supervisor.goals.take_news()
+        present = drive.supervisor.goals.present
+        assert len(taken) + (present is not None) == drive.count
+        if present is not None and not present.is_cancelling:
+            assert drive.supervisor.goal is not None
+    drive.supervisor.on_cancel()
+    drive.silence(3.0)
+    taken += drive.supervisor.goals.take_news()
+    assert [record.request.id for record in taken] == [str(number + 1) for number in range(drive.count)]
+    assert {record.end for record in taken} <= set(ENDS)
+    assert all(record.request.time <= record.ended <= drive.now for record in taken)
+    assert drive.supervisor.state in (IDLE, GIVEN_UP, "goal reached")
+
+
+def test_a_book_knows_its_goals_by_their_ids_and_forgets_the_oldest():
+    book = GoalBook()
+    for number in range(40):
+        book.accept(GoalRequest(str(number)))
+    assert book.find("39") is book.present
+    assert book.find("38").end == REPLACED
+    assert book.find("7").end == REPLACED
+    assert book.find("6") is None
+    assert GoalBook().find("") is None
+    book.accept(GoalRequest())
+    assert book.find("") is None, "a goal without an id cannot be asked for"
+
+
+def test_distance_runs_through_all_goals():
+    assert distance_along(Pose(0.0, 0.0, 1.0), [Pose(3.0, 4.0, 0.0), Pose(3.0, 5.0, 2.0)]) == pytest.approx(6.0)
+    assert distance_along(Pose(0.0, 0.0, 1.0), []) == 0.0
+
+
+def test_time_remaining_begins_with_the_limit_and_goes_on_with_the_mean_speed():
+    assert time_remaining(4.0, 4.0, 0.0, 0.5) == pytest.approx(8.0)
+    assert time_remaining(3.9, 4.0, 10.0, 0.5) == pytest.approx(7.8), "too early for a mean"
+    assert time_remaining(1.0, 4.0, 6.0, 0.5) == pytest.approx(2.0), "3 m in 6 s"
+    assert time_remaining(0.0, 4.0, 6.0, 0.5) == 0.0
+    assert time_remaining(4.0, 4.0, 0.0, math.inf) == 0.0

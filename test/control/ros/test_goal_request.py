@@ -1,0 +1,116 @@
+"""Goals by request: what the client writes the controller reads, and every bad field is named in one line."""
+
+import math
+
+import pytest
+from rcl_interfaces.msg import Parameter
+from rcl_interfaces.srv import SetParametersAtomically
+from robot import parameter_value
+
+from diffbot_control.ros.goal_request import checked_goal_id, goal_request, new_goal_id, read_goal_request
+from diffbot_control.ros.message_fields import pose_of
+from diffbot_core.errors import InvalidValueError
+from diffbot_core.geometry import Pose
+
+ID = "0123456789abcdef0123456789abcdef"
+GOOD = {"goal_id": ID, "frame_id": "map", "x": 1.0, "y": -2.0, "yaw": 0.5}
+
+
+def request(values):
+    pairs = values.items() if isinstance(values, dict) else values
+    parameters = [Parameter(name=name, value=parameter_value(value)) for name, value in pairs]
+    return SetParametersAtomically.Request(parameters=parameters)
+
+
+def near(pose, other):
+    return tuple(pose) == pytest.approx(tuple(other))
+
+
+def test_one_goal():
+    sent = read_goal_request(goal_request(ID, [Pose(1.0, -2.0, 0.5)], "odom"), "map")
+    assert sent.id == ID
+    assert sent.message.header.frame_id == "odom"
+    assert near(pose_of(sent.message.pose), (1.0, -2.0, 0.5))
+
+
+def test_a_path():
+    poses = [Pose(1.0, -2.0, 0.5), Pose(3.0, 4.0, -1.0)]
+    sent = read_goal_request(goal_request(ID, poses, "map"), "elsewhere")
+    assert sent.message.header.frame_id == "map"
+    assert len(sent.message.poses) == 2
+    for message, pose in zip(sent.message.poses, poses, strict=True):
+        assert near(pose_of(message.pose), pose)
+
+
+def test_a_list_of_one_is_a_path_of_one():
+    sent = read_goal_request(request({**GOOD, "x": [1.0], "y": [2.0], "yaw": [0.5]}), "map")
+    assert len(sent.message.poses) == 1
+
+
+def test_an_id_alone_is_a_question():
+    assert read_goal_request(goal_request(ID, (), ""), "map") == (ID, None)
+
+
+def test_what_may_be_left_out_or_written_otherwise():
+    values = {"goal_id": "01234567-89AB-CDEF-0123-456789abcdef", "x": 1, "y": 2, "yaw": 0}
+    sent = read_goal_request(request(values), "the_map")
+    assert sent.id == ID
+    assert sent.message.header.frame_id == "the_map"
+    assert near(pose_of(sent.message.pose), (1.0, 2.0, 0.0))
+
+
+def test_ids_are_new_and_valid():
+    ids = {new_goal_id() for _ in range(100)}
+    assert len(ids) == 100
+    assert all(checked_goal_id(one) == one for one in ids)
+
+
+HOSTILE = {
+    "no id": ({**GOOD, "goal_id": ""}, "goal_id = ''"),
+    "missing id": ({"x": 1.0, "y": 1.0, "yaw": 0.0}, "goal_id = ''"),
+    "nothing": ({}, "goal_id = ''"),
+    "short id": ({**GOOD, "goal_id": ID[:-1]}, "goal_id = '0123456789abcdef0123456789abcde'"),
+    "id with line breaks": ({**GOOD, "goal_id": ID + "\n"}, "goal_id = '0123456789abcdef0123456789abcdef\\n'"),
+    "zero id": ({**GOOD, "goal_id": "0" * 32}, "not all zero"),
+    "id is a number": ({**GOOD, "goal_id": 7}, "goal_id = 7"),
+    "endless id": ({**GOOD, "goal_id": "a" * 10**6}, "goal_id = 'aaaaaaaaaa"),
+    "x is nan": ({**GOOD, "x": math.nan}, "x = nan: must be a finite number [m]"),
+    "y is infinite": ({**GOOD, "y": -math.inf}, "y = -inf: must be a finite number [m]"),
+    "x is far": ({**GOOD, "x": 1.1e7}, "x = 11000000.0: must be from -1e+07 to 1e+07 m"),
+    "yaw is huge": ({**GOOD, "yaw": 1001.0}, "yaw = 1001.0: must be from -1000 to 1000 rad"),
+    "x is a text": ({**GOOD, "x": "1.0"}, "x = '1.0': must be a finite number [m]"),
+    "yaw is true": ({**GOOD, "yaw": True}, "yaw = True: must be a finite number [rad]"),
+    "yaw is not set": ({**GOOD, "yaw": None}, "yaw = None: must be a finite number [rad]"),
+    "no yaw": ({name: value for name, value in GOOD.items() if name != "yaw"}, "yaw = None: must be given"),
+    "a frame alone": ({"goal_id": ID, "frame_id": "map"}, "x = None: must be given"),
+    "frame is empty": ({**GOOD, "frame_id": ""}, "frame_id = ''"),
+    "frame is a number": ({**GOOD, "frame_id": 3.0}, "frame_id = 3.0"),
+    "unknown field": ({**GOOD, "z": 1.0}, "field = 'z': must be one of goal_id, frame_id, x, y, yaw"),
+    "unknown field with a line break": ({**GOOD, "z\ny": 1.0}, "field = 'z\\ny'"),
+    "field twice": ([*GOOD.items(), ("x", 2.0)], "x = 2.0: must be given once"),
+    "one list": ({**GOOD, "x": [1.0, 2.0]}, "y = -2.0: must be a list of 2 numbers, as x is"),
+    "lists of two lengths": ({**GOOD, "x": [1.0, 2.0], "y": [1.0, 2.0], "yaw": [0.0]}, "yaw = [0.0]: must be a list"),
+    "empty lists": ({**GOOD, "x": [], "y": [], "yaw": []}, "x = '0 values': must be from 1 to 1000 values"),
+    "a list with nan": ({**GOOD, "x": [1.0, math.nan], "y": [1.0, 2.0], "yaw": [0.0, 0.0]}, "x = nan"),
+    "endless lists": (
+        {**GOOD, "x": [0.0] * 1001, "y": [0.0] * 1001, "yaw": [0.0] * 1001},
+        "x = '1001 values': must be from 1 to 1000 values",
+    ),
+}
+
+
+@pytest.mark.parametrize(("values", "text"), HOSTILE.values(), ids=HOSTILE)
+def test_a_bad_field_is_named_in_one_short_line(values, text):
+    with pytest.raises(InvalidValueError) as refused:
+        read_goal_request(request(values), "map")
+    reason = str(refused.value)
+    assert text in reason
+    assert "\n" not in reason
+    assert len(reason) < 250
+
+
+def test_a_type_that_no_parameter_has_is_refused():
+    message = request(GOOD)
+    message.parameters[2].value.type = 200
+    with pytest.raises(InvalidValueError, match="x = None"):
+        read_goal_request(message, "map")

@@ -1,0 +1,245 @@
+"""Goals with answers: the command, the Navigator and the bare services, with real processes."""
+
+import signal
+import sys
+
+import graph
+import pytest
+from action_msgs.msg import GoalStatus, GoalStatusArray
+from action_msgs.srv import CancelGoal
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped
+from rcl_interfaces.srv import SetParametersAtomically
+from robot import DEEP, LATCHED, SIMULATED, distance, initialpose, planar, pose_stamped, robot, twist
+
+from diffbot_control.ros.goal_client import LOST
+from diffbot_control.ros.goal_request import goal_request, new_goal_id
+from diffbot_control.ros.navigator import Navigator, TaskResult
+from diffbot_core.geometry import Pose
+
+NEAR, BESIDE, FAR = (-3.0, 4.5, 0.5), (-1.0, 4.0, 0.0), (60.0, -60.0, 0.0)
+PLANT = {"clock": "scaled", "real_time_factor": 5.0, "seed": 3}
+DIFFBOT = (sys.executable, "-m", "diffbot_lab.cli")
+
+
+@pytest.fixture(scope="module")
+def driven(tmp_path_factory):
+    """A robot beside a recorder and a second subscriber of the goals."""
+    bag = str(tmp_path_factory.mktemp("goals") / "bag")
+    with graph.node("diffbot_bag.recorder_node", {"uri": bag}) as recorder, robot(PLANT, SIMULATED, SIMULATED) as one:
+        one.peer.subscribe(PoseStamped, "goal_pose", DEEP)
+        recorder.wait_for_output("]: ready")
+        one.peer.spin_until(lambda: one.truths and one.poses, 10.0, "the first poses")
+        yield one
+
+
+@pytest.fixture(autouse=True)
+def _without_a_goal(driven):
+    """No goal of the test before is under way."""
+    driven.cancel()
+    driven.peer.spin_until(lambda: not goal_of(driven), 5.0, "no goal")
+
+
+@pytest.fixture(scope="module")
+def navigator():
+    one = Navigator.in_own_context()
+    assert one.waitUntilReady(15.0)
+    yield one
+    one.close()
+
+
+def goal_process(*arguments):
+    return graph.process(*DIFFBOT, "goal", *map(str, arguments))
+
+
+def send(driven, goal_id, *poses):
+    """Call the service ~/send_goal and return its result."""
+    poses = [Pose(*pose) for pose in poses]
+    return driven.peer.call(SetParametersAtomically, "controller/send_goal", goal_request(goal_id, poses, "map")).result
+
+
+def cancel_goal(driven, goal_id="0" * 32, sec=0):
+    request = CancelGoal.Request()
+    request.goal_info.goal_id.uuid = list(bytes.fromhex(goal_id))
+    request.goal_info.stamp.sec = sec
+    return driven.peer.call(CancelGoal, "controller/cancel_goal", request)
+
+
+def test_the_command_drives_there_and_says_so(driven):
+    with goal_process(*NEAR) as command:
+        assert command.wait(60.0) == 0
+        assert command.output.startswith("reached, ")
+        assert command.output.count("\n") == 1
+    assert distance(driven.true_pose(), NEAR) <= 0.4
+
+
+def test_the_command_does_not_wait_if_told_so(driven):
+    with goal_process(*FAR, "--no-wait") as command:
+        assert command.wait(30.0) == 0
+        assert command.output.endswith("accepted\n")
+    assert driven.peer.spin_until(lambda: driven.state() == "driving", 5.0, "driving")
+
+
+def test_an_interrupt_cancels_the_goal(driven):
+    with goal_process(*FAR) as command:
+        driven.peer.spin_until(lambda: "60 -60 0" in goal_of(driven), 30.0, "the goal")
+        assert command.stop(signal.SIGINT) == 130
+        assert command.output == "interrupted: goal cancelled\n"
+    driven.wait_for_state("idle")
+
+
+def goal_of(driven):
+    return graph.values(driven.controller_states[-1]).get("goal", "") if driven.controller_states else ""
+
+
+def test_a_timeout_cancels_the_goal(driven):
+    with goal_process(*FAR, "--timeout", 3.0) as command:
+        assert command.wait(30.0) == 8
+        assert command.output == "not reached within --timeout 3 s: goal cancelled\n"
+    driven.wait_for_state("idle")
+
+
+def test_a_refused_goal_and_a_missing_controller_are_errors_in_one_line(driven):
+    with (
+        goal_process(*NEAR, "--frame", "odom") as refused,
+        goal_process(*NEAR, "--controller", "pilot", "--timeout", 1.0) as missing,
+    ):
+        assert refused.wait(30.0) == 1
+        assert refused.output == "diffbot: goal refused: wrong frame_id: 'odom', not 'map'\n"
+        assert missing.wait(30.0) == 1
+        assert missing.output == "waiting for the controller ...\ndiffbot: no answer from /pilot/send_goal\n"
+
+
+def test_an_interrupt_before_the_goal_was_sent():
+    with goal_process(*NEAR, "--controller", "pilot") as command:
+        command.wait_for_output("waiting for the controller")
+        assert command.stop(signal.SIGINT) == 130
+        assert command.output.endswith("interrupted: no goal was sent\n")
+
+
+def test_the_command_says_by_whom_its_goal_was_replaced(driven, navigator):
+    with goal_process(*FAR) as command:
+        driven.peer.spin_until(lambda: "60 -60 0" in goal_of(driven), 30.0, "the goal")
+        driven.send_goal(*NEAR)
+        assert command.wait(30.0) == 4
+        assert command.output.startswith("replaced: by a newer goal (goal_pose), ")
+
+
+def test_the_navigator_reaches_a_goal_with_feedback(driven, navigator):
+    assert navigator.goToPose(pose_stamped(*NEAR))
+    while not navigator.isTaskComplete():
+        pass
+    assert navigator.getResult() == TaskResult.SUCCEEDED
+    assert navigator.getReason() == "reached"
+    assert navigator.goThroughPoses([pose_stamped(*BESIDE), pose_stamped(*NEAR)])
+    seen = set()
+    while not navigator.isTaskComplete():
+        if (feedback := navigator.getFeedback()) is not None:
+            seen.add(feedback.number_of_poses_remaining)
+            assert feedback.current_pose.header.frame_id == "map"
+            here = planar(feedback.current_pose.pose)
+            left = distance(here, NEAR)
+            if feedback.number_of_poses_remaining == 2:
+                left = distance(here, BESIDE) + distance(BESIDE, NEAR)
+            assert feedback.distance_remaining == pytest.approx(left, abs=1e-3)
+    assert navigator.getResult() == TaskResult.SUCCEEDED
+    assert {2, 1} <= seen
+
+
+def test_the_navigator_cancels_and_is_refused(driven, navigator):
+    assert navigator.goToPose(pose_stamped(*FAR))
+    assert not navigator.isTaskComplete()
+    assert navigator.getResult() == TaskResult.UNKNOWN
+    assert not navigator.goToPose(pose_stamped(0, 0, 0, frame="odom"))
+    assert not navigator.goThroughPoses([])
+    assert not navigator.isTaskComplete(), "a refused goal changes nothing"
+    assert navigator.cancelTask()
+    assert navigator.isTaskComplete()
+    assert navigator.getResult() == TaskResult.CANCELED
+
+
+def test_the_navigator_sets_the_initial_pose(driven, navigator):
+    here = driven.true_pose()
+    assert navigator.setInitialPose(pose_stamped(*here), timeout=20.0)
+    moved = initialpose(here[0] + 3.0, here[1], here[2])
+    wanted = PoseStamped(header=moved.header, pose=moved.pose.pose)
+    assert navigator.setInitialPose(wanted, sigma_xy=0.01, timeout=20.0)
+    assert navigator.setInitialPose(pose_stamped(*here), sigma_xy=0.01, timeout=20.0)
+
+
+def test_a_request_that_is_repeated_is_the_same_goal(driven):
+    goal_id = new_goal_id()
+    assert send(driven, goal_id, FAR).reason == "driving"
+    assert send(driven, goal_id, FAR).reason == "driving"
+    assert send(driven, goal_id).reason == "driving", "a question"
+    assert send(driven, new_goal_id(), NEAR).successful
+    again = send(driven, goal_id, FAR)
+    assert (again.successful, again.reason) == (True, "replaced: by a newer goal (request)")
+    assert "-3 4.5 0.5" in goal_of(driven), "the newer goal is kept"
+    unknown = new_goal_id()
+    answer = send(driven, unknown)
+    assert (answer.successful, answer.reason) == (False, f"goal {unknown} is unknown")
+
+
+def test_a_hostile_request_changes_nothing(driven):
+    goal_id = new_goal_id()
+    assert send(driven, goal_id, FAR).successful
+    bad = goal_request(new_goal_id(), [Pose(float("nan"), 0.0, 0.0)], "map")
+    answer = driven.peer.call(SetParametersAtomically, "controller/send_goal", bad).result
+    assert (answer.successful, answer.reason) == (False, "x = nan: must be a finite number [m]")
+    assert send(driven, goal_id).reason == "driving"
+
+
+def test_cancel_goal_follows_action_msgs(driven):
+    goal_id, other = new_goal_id(), new_goal_id()
+    send(driven, goal_id, FAR)
+    response = CancelGoal.Response
+    assert cancel_goal(driven, other).return_code == response.ERROR_UNKNOWN_GOAL_ID
+    assert cancel_goal(driven, sec=1).return_code == response.ERROR_REJECTED, "no goal is that old"
+    assert send(driven, goal_id).reason == "driving"
+    answer = cancel_goal(driven, goal_id)
+    assert answer.return_code == response.ERROR_NONE
+    assert [bytes(info.goal_id.uuid).hex() for info in answer.goals_canceling] == [goal_id]
+    assert send(driven, goal_id).reason == "cancelled"
+    assert cancel_goal(driven, goal_id).return_code == response.ERROR_GOAL_TERMINATED
+    send(driven, other, FAR)
+    assert len(cancel_goal(driven).goals_canceling) == 1, "all"
+    assert cancel_goal(driven).return_code == response.ERROR_REJECTED
+    send(driven, new_goal_id(), FAR)
+    assert len(cancel_goal(driven, sec=2**31 - 1).goals_canceling) == 1, "all until then"
+    driven.peer.spin_until(lambda: twist(driven.commands[-1]) == (0.0, 0.0), 5.0, "rest")
+
+
+def test_who_comes_late_receives_states_and_ends(driven):
+    goal_id = new_goal_id()
+    send(driven, goal_id, FAR)
+    send(driven, new_goal_id(), NEAR)
+    with graph.peer("late") as late:
+        states = late.subscribe(GoalStatusArray, "controller/goal_status", LATCHED)
+        results = late.subscribe(DiagnosticArray, "controller/goal_results", LATCHED)
+        late.spin_until(lambda: states and results, 10.0, "the latched messages")
+        by_id = {bytes(one.goal_info.goal_id.uuid).hex(): one.status for one in states[-1].status_list}
+        assert by_id[goal_id] == GoalStatus.STATUS_ABORTED
+        assert states[-1].status_list[-1].status == GoalStatus.STATUS_EXECUTING
+        ends = {one.name: one for one in results[-1].status}
+        assert ends[goal_id].message == "replaced"
+        assert graph.values(ends[goal_id])["reason"] == "by a newer goal (request)"
+
+
+def test_a_restarted_controller_and_lost_poses_are_reported():
+    """Without a plant: no pose ever comes."""
+    with robot(only=("controller",), controller={"pose_lost_timeout": 2.0}, namespace="/lonely") as one:
+        navigator = Navigator.in_own_context(namespace="/lonely")
+        try:
+            assert navigator.goToPose(pose_stamped(*NEAR))
+            one.peer.spin_until(navigator.isTaskComplete, 10.0, "the end")
+            assert navigator.getResult() == TaskResult.FAILED
+            assert navigator.getReason() == "pose lost: no pose for pose_lost_timeout = 2 s"
+            assert navigator.goToPose(pose_stamped(*NEAR))
+            one.processes["controller"].stop(signal.SIGKILL)
+            one.launch("controller").wait_for_output("]: ready")
+            one.peer.spin_until(navigator.isTaskComplete, 30.0, "the end")
+            assert navigator.task.end == LOST
+            assert navigator.getResult() == TaskResult.UNKNOWN
+        finally:
+            navigator.close()
