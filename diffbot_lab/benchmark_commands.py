@@ -50,6 +50,12 @@ def add_benchmark(commands: Any) -> None:
     )
     benchmark.add_argument("--seed", type=whole(0, MAX_SEED), default=1, help="seed of all noise")
     benchmark.add_argument("--out", type=Path, help="folder (default: out/benchmark, out/localization, ...)")
+    _add_choices(benchmark)
+    benchmark.set_defaults(call=_benchmark)
+
+
+def _add_choices(benchmark: argparse.ArgumentParser) -> None:
+    """Add the arguments that choose a part of a benchmark."""
     benchmark.add_argument(
         "--law",
         action="append",
@@ -66,7 +72,6 @@ def add_benchmark(commands: Any) -> None:
         "--calibrate", action="store_true", help="real: calibrate on the first third of each drive, too"
     )
     benchmark.add_argument("--no-figures", dest="figures", action="store_false", help="results.json and table only")
-    benchmark.set_defaults(call=_benchmark)
 
 
 def _benchmark(options: argparse.Namespace) -> int:

@@ -83,7 +83,7 @@ def test_a_pose_is_that_of_the_message(frame):
     found = read_pose(serialize_message(message))
     assert isinstance(found, PoseStampedFields)
     assert pose_from(found, frame, "") == pose_from(message, frame, "")
-    (stamp, pose, R), (same_stamp, same_pose, same_R) = fix_from(found, frame), fix_from(message, frame)
+    (stamp, pose, R), (same_stamp, same_pose, same_R) = fix_from(found, frame)[:3], fix_from(message, frame)[:3]
     assert (stamp, pose, R.tolist()) == (same_stamp, same_pose, same_R.tolist())
     assert list(found.pose.covariance) == message.pose.covariance.tolist()
 
