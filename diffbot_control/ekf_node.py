@@ -39,7 +39,7 @@ from diffbot_control.ros.message_fields import (
 )
 from diffbot_control.ros.messages import odometry_message, pose_message
 from diffbot_control.ros.sensor_messages import KnownNoise
-from diffbot_control.ros.tf import TransformSender, transform_sender
+from diffbot_control.ros.tf import transform_sender
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose
 from diffbot_core.ros.managed_node import INACTIVE, ManagedNode
@@ -78,7 +78,8 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         self._poses = self.create_publisher(PoseWithCovarianceStamped, "pose", QUEUE)
         self._filtered_odometry = self.create_publisher(Odometry, "odometry/filtered", QUEUE)
         self._statuses = self.create_publisher(DiagnosticStatus, "~/status", LATCHED)
-        self._transforms = self._transform_sender() if config.publish_tf else None
+        frames = config.map_frame, odometry_frame(config)
+        self._transforms = transform_sender(self, *frames, config.transform_tolerance) if config.publish_tf else None
         self._newest: tuple[Estimate, OdometryStep] | None = None
         self._last_state = ""
         self._last_odometry: int | None = None
@@ -142,10 +143,6 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
             name = self.localization.monitor.names[kind]
             level, text = DiagnosticStatus.WARN[0], f"innovations of {name} correlated in time; {text}"
         return max(level, 0 if state == RUNNING else DiagnosticStatus.WARN[0]), f"{state}; {text}"
-
-    def _transform_sender(self) -> TransformSender | None:
-        config = self.config
-        return transform_sender(self, config.map_frame, odometry_frame(config), config.transform_tolerance)
 
     def _on_fix(self, message: PoseWithCovarianceStamped) -> None:
         fix = self._inputs.fix(message)
