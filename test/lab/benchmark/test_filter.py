@@ -189,7 +189,7 @@ def test_results_have_the_documented_shape(results):
     assert json.loads(json.dumps(results, allow_nan=False)) == results
     expected = [name_of(one.name, *rates) for one in SCENARIOS for rates in one.rates]
     assert [one["name"] for one in results["cases"]] == expected
-    assert len(expected) == len(set(expected)) == 8 * 3 + 2
+    assert len(expected) == len(set(expected)) == 9 * 3 + 2
     assert {one["section"] for one in results["cases"]} == set(SECTIONS)
     for case in results["cases"]:
         assert tuple(case["filters"]) == FILTERS
