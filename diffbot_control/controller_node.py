@@ -13,14 +13,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import (
-    PoseStamped,
-    PoseWithCovarianceStamped,
-    TwistStamped,
-)
-from geometry_msgs.msg import (
-    Twist as TwistMessage,
-)
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TwistStamped
+from geometry_msgs.msg import Twist as TwistMessage
 from nav_msgs.msg import Odometry, Path
 from rclpy.duration import Duration
 from rclpy.qos import QoSProfile
@@ -100,8 +94,10 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self._state_log = Throttle(_STATE_LOG_PERIOD)
         self._transforms = transforms_of(self, config.transform_tolerance)
         self._pose_stamp: int | None = None
+        self._last_input = time.monotonic()
         self._gains_checked = False
-        self.goals = GoalServer(self, self.supervisor, self._goals_of, self._now, self.cancel, self._publish_status)
+        now = self.clock_watch.now
+        self.goals = GoalServer(self, self.supervisor, self._goals_of, now, self.cancel, self._publish_status)
         self._actions = serve_nav2_actions(self, self.goals)
         self.subscribe(PoseStamped, "goal_pose", self._on_goal)
         self.subscribe(Path, "path", self._on_path)
@@ -165,9 +161,6 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
     def _watch_period(self) -> float:
         return min(max(0.25 * self.config.supervisor.pose_timeout, _MIN_WATCH_PERIOD), 0.1)
 
-    def _now(self) -> float:
-        return self.clock_watch.now()
-
     def _on_goal(self, message: PoseStamped) -> None:
         self.goals.accept(message, "goal_pose")
 
@@ -182,6 +175,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         """
         if not self.is_active:
             raise BadMessageError("the controller is inactive")
+        self._last_input = time.monotonic()
         frame = self.config.map_frame
         if isinstance(message, Path):
             return path_from(message, frame, self._transforms)
@@ -215,8 +209,9 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
     def _answer(self, stamp: int, pose: Pose, uncertainty: Uncertainty) -> None:
         if not self.is_active:
             return
+        self._last_input = time.monotonic()
         self._check_gains(stamp)
-        command = self.supervisor.on_pose(stamp, self._now(), pose, uncertainty)
+        command = self.supervisor.on_pose(stamp, self.clock_watch.now(), pose, uncertainty)
         if command is not None:
             self._send(command, stamp)
         if self.supervisor.report is not None:
@@ -239,7 +234,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
     def _on_tick(self) -> None:
         if not self.is_active:
             return
-        command = self.supervisor.on_tick(self._now())
+        command = self.supervisor.on_tick(self.clock_watch.now(), time.monotonic() - self._last_input)
         if command is not None:
             self._send(command)
         self._publish_changes()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any, NamedTuple
 
 from diffbot_control.law import goal_record
@@ -250,10 +251,16 @@ class Supervisor:
         xy, theta = scaled_uncertainty(self.uncertainty, self.config.controller)
         return sigmas * xy, sigmas * theta
 
-    def on_tick(self, now: float) -> Twist | None:
-        """Watch for missing poses: zero if the robot may be moving and no pose came for ``pose_timeout``."""
+    def on_tick(self, now: float, silence: float = math.inf) -> Twist | None:
+        """Watch for missing poses: zero if the robot may be moving and no pose came for ``pose_timeout``.
+
+        Args:
+            now: time [s].
+            silence: [s] since the last pose or goal by a clock that neither jumps nor runs fast. A goal is given up
+                only if this, too, exceeds ``pose_lost_timeout``.
+        """
         self.goals.now = now
-        self._watch_for_loss(now)
+        self._watch_for_loss(now, silence)
         if self._last_pose_time is None or (self.goal is None and self._zeros_due == 0):
             return None
         # Time that runs backwards (a restarted simulation) must not disable the timeout.
@@ -269,11 +276,12 @@ class Supervisor:
             self.state = STALE
         return STOP
 
-    def _watch_for_loss(self, now: float) -> None:
+    def _watch_for_loss(self, now: float, silence: float) -> None:
         """Give the goal up if no pose has come for ``pose_lost_timeout``; a goal that was reached is kept."""
         self._silent_since = min(self._silent_since, now)
         timeout = self.config.pose_lost_timeout
-        if self.goal is not None and self.goals.present is not None and 0.0 < timeout <= now - self._silent_since:
+        is_lost = 0.0 < timeout <= min(now - self._silent_since, silence)
+        if self.goal is not None and self.goals.present is not None and is_lost:
             self._give_up(f"no pose for pose_lost_timeout = {timeout:g} s", end=goal_record.POSE_LOST)
 
     def _give_up(self, reason: str, has_failed: bool = False, end: str = goal_record.NOT_REACHED) -> None:

@@ -45,8 +45,12 @@ def goal_from(message: PoseStamped, frame: str, transforms: Transforms = NO_TRAN
 
 def path_from(message: Path, frame: str, transforms: Transforms = NO_TRANSFORMS) -> list[Pose]:
     """Return the poses of a path in ``frame``; a pose without a frame has frame and time of the path."""
-    if not message.header.frame_id:
-        check_frame(message.header.frame_id, frame)
+    header = message.header
+    if not header.frame_id:
+        check_frame(header.frame_id, frame)
+    if header.frame_id != frame:
+        # Refused also if each pose has a frame of its own: what the path says of itself is wrong then.
+        transforms.lookup(frame, header.frame_id, stamp_ns(header.stamp))
     if not message.poses:
         raise BadMessageError("path is empty")
     return [

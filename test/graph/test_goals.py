@@ -105,7 +105,9 @@ def test_a_refused_goal_and_a_missing_controller_are_errors_in_one_line(driven):
         goal_process(*NEAR, "--controller", "pilot", "--timeout", 1.0) as missing,
     ):
         assert refused.wait(30.0) == 1
-        assert refused.output == "diffbot: goal refused: wrong frame_id: 'odom', not 'map'\n"
+        assert (
+            refused.output == "diffbot: goal refused: wrong frame_id: 'odom', not 'map', and tf2_ros is not installed\n"
+        )
         assert missing.wait(30.0) == 1
         assert missing.output == "waiting for the controller ...\ndiffbot: no answer from /pilot/send_goal\n"
 

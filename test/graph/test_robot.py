@@ -50,6 +50,7 @@ def test_no_node_hears_or_sends_a_topic_that_is_not_in_the_design(walking):
     known = {name.lstrip("/") for name in TOPICS} | {
         *("goal_pose", "path", "initialpose", "heading", "landmarks", "clock", "tf"),
         *("controller/transition_event", "ekf/transition_event"),
+        *("controller/goal_status", "controller/goal_results", "controller/goal_feedback"),
     }
     assert names - known <= {"parameter_events", "rosout"}
 

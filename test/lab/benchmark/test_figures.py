@@ -103,8 +103,8 @@ def test_each_variant_has_a_panel_of_its_error_and_three_deviations(filter_axes,
 def test_each_bar_is_the_rmse_of_its_case_and_variant(filter_axes, results):
     for axes, rates in zip(filter_axes[len(FILTERS) :], RATES, strict=True):
         # The rates of the odometry have a table.
-        drawn = [one for one in results["cases"] if one["scenario"] != "rates"]
-        cases = [one for one in drawn if (one["odometry_rate"], one["fix_rate"]) == rates]
+        shown = [one for one in results["cases"] if one["scenario"] != "rates"]
+        cases = [one for one in shown if (one["odometry_rate"], one["fix_rate"]) == rates]
         for container, name in zip(axes.containers, FILTERS, strict=True):
             assert container.get_label() == name
             heights = [bar.get_height() for bar in container]
