@@ -100,7 +100,7 @@ class Supervisor:
         self._goal_stamp: int | None = None
         """[ns] of the first pose with the present goal"""
         self._stamp: int | None = None
-        self._pose: Pose | None = None
+        self.pose: Pose | None = None
         self._answer: Twist | None = None
         """to the newest pose"""
         self._command = STOP
@@ -133,14 +133,9 @@ class Supervisor:
 
     def distance_remaining(self) -> float:
         """Return the length [m] of the straight lines to the goal, or through what is left of the path; 0 if idle."""
-        if self.goal is None or self._pose is None:
+        if self.goal is None or self.pose is None:
             return 0.0
-        return distance_along(self._pose, (self.goal, *self._route))
-
-    @property
-    def pose(self) -> Pose | None:
-        """The newest pose."""
-        return self._pose
+        return distance_along(self.pose, (self.goal, *self._route))
 
     @property
     def poses_remaining(self) -> int:
@@ -182,8 +177,8 @@ class Supervisor:
             uncertainty: of the pose; by default the pose is assumed exact.
         """
         dt = 0.0 if self._stamp is None else min(max((stamp - self._stamp) * S_PER_NS, 0.0), _MAX_STEP)
-        same_step, same_pose = stamp == self._stamp, pose == self._pose
-        self._stamp, self._pose = stamp, pose
+        same_step, same_pose = stamp == self._stamp, pose == self.pose
+        self._stamp, self.pose = stamp, pose
         self._last_pose_time = self._silent_since = self.goals.now = now
         if self.goal is None:
             return self._come_to_rest(dt)
@@ -254,10 +249,7 @@ class Supervisor:
     def on_tick(self, now: float, silence: float = math.inf) -> Twist | None:
         """Watch for missing poses: zero if the robot may be moving and no pose came for ``pose_timeout``.
 
-        Args:
-            now: time [s].
-            silence: [s] since the last pose or goal by a clock that neither jumps nor runs fast. A goal is given up
-                only if this, too, exceeds ``pose_lost_timeout``.
+        A goal is given up only if ``silence`` [s], by a clock that neither jumps nor runs fast, is too long as well.
         """
         self.goals.now = now
         self._watch_for_loss(now, silence)

@@ -161,6 +161,8 @@ class GoalClient(Node):  # type: ignore[misc]
     def _ask(self, request: SetParametersAtomically.Request, timeout: float) -> Any:
         deadline = time.monotonic() + timeout
         while (left := deadline - time.monotonic()) > 0.0 and self.spin_until(self._send.service_is_ready, left):
+            if self.is_stopped():
+                break
             future = self._send.call_async(request)
             self.task.is_sent = True
             if self.spin_until(future.done, min(left, ANSWER_TIMEOUT)):
@@ -225,11 +227,16 @@ class GoalClient(Node):  # type: ignore[misc]
     def _on_feedback(self, message: DiagnosticStatus) -> None:
         if message.name != self.task.id:
             return
+        try:
+            self.task.feedback = self._feedback_of({pair.key: pair.value for pair in message.values})
+        except (KeyError, ValueError, TypeError, OverflowError):
+            return  # of another publisher on this topic; the end of the goal is known without it
         self._last_news = time.monotonic()
-        values = {pair.key: pair.value for pair in message.values}
-        numbers = [float(word) for word in values["pose"].split()]
+
+    def _feedback_of(self, values: dict[str, str]) -> Feedback:
+        x, y, theta = (float(word) for word in values["pose"].split())
         feedback = Feedback(
-            goal_message(Pose(*numbers), self.frame, self.get_clock().now().nanoseconds),
+            goal_message(Pose(x, y, theta), self.frame, self.get_clock().now().nanoseconds),
             Duration(),
             Duration(),
             float(values["distance remaining [m]"]),
@@ -237,4 +244,4 @@ class GoalClient(Node):  # type: ignore[misc]
         )
         fill_duration(feedback.navigation_time, float(values["elapsed time [s]"]))
         fill_duration(feedback.estimated_time_remaining, float(values["estimated time remaining [s]"]))
-        self.task.feedback = feedback
+        return feedback

@@ -176,6 +176,7 @@ def test_a_node_that_cannot_be_configured_stays_unconfigured_and_says_why():
         assert not manager.request("controller", Transition.TRANSITION_CONFIGURE)
         assert manager.state("controller").id == State.PRIMARY_STATE_UNCONFIGURED
         assert "map_frame: the controller has 'world', the ekf 'map': must be the same" in manager.process.output
-        assert "/cmd_vel" not in topics(manager.peer)
+        node = manager.peer.node
+        manager.peer.spin_until(lambda: not node.get_publishers_info_by_topic("/cmd_vel"), 5.0, "no publisher")
         manager.change("ekf", *SEQUENCE[0])
         assert manager.process.stop() == 0
