@@ -14,7 +14,7 @@ SOURCES := package.xml setup.py setup.cfg $(shell find diffbot_* launch config r
 unexport PYTHONPATH PYTHONHOME LD_LIBRARY_PATH AMENT_PREFIX_PATH RMW_IMPLEMENTATION _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-fast lint bench docs clean
+.PHONY: help setup compilers demo test test-fast lint bench docs clean
 .DELETE_ON_ERROR:
 
 help:
@@ -34,8 +34,16 @@ demo: setup
 	@$(BIN)/diffbot demo --overwrite $(ARGS)
 
 # Not `python -m pytest`, which would put the source tree before the installed package.
-test: setup
+test: setup compilers
 	@$(BIN)/pytest -n 2 --dist loadfile $(ARGS)
+
+# For the tests of Nav2's actions, which are built from their definitions.
+compilers:
+	@{ command -v gcc && command -v g++; } >/dev/null || if [ "$$(id -u)" = 0 ]; then \
+		echo "Installing gcc and g++ ..."; apt-get update -qq && apt-get install -y -qq gcc g++ >/dev/null; \
+	else \
+		echo "The tests need gcc and g++: sudo apt-get install gcc g++" >&2; exit 1; \
+	fi
 
 test-fast: setup
 	@$(BIN)/pytest -n 2 --dist loadfile -m 'not graph and not install and not study' $(ARGS)
