@@ -81,8 +81,8 @@ def _plant_parameters(values: Mapping[str, Any]) -> dict[str, Any]:
     same = _given(
         values, clock="clock", seed="seed", real_time_factor="real_time_factor", publish_clock="publish_clock"
     )
-    # The plant makes the time that the others use.
-    return {**start, **same, "use_sim_time": False}
+    # The plant makes the time that the others use, or follows that of another plant.
+    return {**start, **same, "use_sim_time": not values.get("publish_clock", True)}
 
 
 def _uses_sim_time(values: Mapping[str, Any], simulate: bool) -> bool:

@@ -42,8 +42,9 @@ CASES = [
 ]
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def nodes():
+    """A context for each test: what a node has published stays listed as long as an executor holds its handles."""
     with one_process.nodes() as running:
         yield running
 
@@ -85,15 +86,19 @@ OUTPUTS = {
 
 
 def test_publishers_offer_what_rviz_nav2_and_robot_localization_ask_for(nodes):
-    running = [nodes.add(EkfNode), nodes.add(ControllerNode), nodes.add(PlantNode, {"start_paused": True})]
+    for kind, parameters in ((EkfNode, {}), (ControllerNode, {}), (PlantNode, {"start_paused": True})):
+        nodes.add(kind, parameters)
     for topic, expected in OUTPUTS.items():
-        found = nodes.peer.node.get_publishers_info_by_topic(f"/{topic}")
-        (info,) = [one for one in found if one.node_name in ("ekf", "controller", "plant")]
+
+        def found(topic=topic):
+            infos = nodes.peer.node.get_publishers_info_by_topic(f"/{topic}")
+            return [one for one in infos if one.node_name in ("ekf", "controller", "plant")]
+
+        nodes.peer.spin_until(lambda found=found: len(found()) == 1, 30.0, f"one publisher of {topic}")
+        (info,) = found()
         assert (info.qos_profile.reliability.name, info.qos_profile.durability.name) == expected, topic
     late = nodes.peer.subscribe(DiagnosticStatus, "ekf/status", LATCHED)
     nodes.peer.spin_until(lambda: late, 3.0, "the latched status")
-    for node in running:
-        nodes.remove(node)
 
 
 def test_a_goal_is_reached_with_a_fifth_of_odometry_and_fixes_lost():

@@ -102,14 +102,16 @@ def test_one_process_gets_the_parameters_of_both_nodes():
 
 
 @pytest.mark.parametrize(
-    ("clock", "simulated", "idle"), [("scaled", True, {}), ("lockstep", True, {"publish_when_idle": True})]
+    ("clock", "reliable", "idle"),
+    [("scaled", {}, {}), ("lockstep", {"reliable_inputs": True}, {"publish_when_idle": True})],
 )
-def test_all_but_the_plant_follow_its_clock(clock, simulated, idle):
-    found = parameters(simulation(clock=clock, real_time_factor="2", publish_clock="false"))
+@pytest.mark.parametrize("publishes", [True, False])
+def test_all_follow_the_clock_of_the_plant_that_publishes_it(clock, reliable, idle, publishes):
+    found = parameters(simulation(clock=clock, real_time_factor="2", publish_clock=str(publishes).lower()))
     assert found == {
-        "ekf": {"use_sim_time": True},
-        "controller": {"use_sim_time": True, **idle},
-        "plant": {"use_sim_time": False, "clock": clock, "real_time_factor": 2.0, "publish_clock": False},
+        "ekf": {"use_sim_time": True, **reliable},
+        "controller": {"use_sim_time": True, **reliable, **idle},
+        "plant": {"use_sim_time": not publishes, "clock": clock, "real_time_factor": 2.0, "publish_clock": publishes},
     }
 
 
