@@ -114,6 +114,7 @@ def test_reset_forgets_and_the_next_fix_starts_anew(twins):
 def test_a_further_source_of_fixes_has_its_own_deviations_and_delay():
     """Its fix is measured 0.1 s before its stamp: taken as later, the odometry would come out of order."""
     parameters = {
+        "reliable_inputs": True,  # the fix is sent once
         "pose_sources": ["gps"],
         "pose_source_sigma_xy": [0.2],
         "pose_source_sigma_yaw": [0.1],

@@ -54,6 +54,8 @@ def test_no_node_hears_or_sends_a_topic_that_is_not_in_the_design(walking):
 
     def others():
         found = {name.lstrip("/") for name, _ in walking.peer.node.get_topic_names_and_types()}
+        # rclpy keeps this publisher of a lifecycle node until the process ends, here that of other tests.
+        found = {name for name in found if not name.endswith("/transition_event")}
         return found - known - {"parameter_events", "rosout"}
 
     # Nodes that were killed before may stay listed for 20 s.
