@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Callable
 
 MAX_SEED = 2**63 - 1
@@ -19,3 +20,14 @@ def whole(low: int, high: int) -> Callable[[str], int]:
 
     whole_number.__name__ = "whole number"  # of argparse's message
     return whole_number
+
+
+def duration(text: str) -> float:
+    """Return a time > 0 [s], which may be infinite; a type for argparse."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not value > 0.0:
+        raise argparse.ArgumentTypeError(f"{text!r}: must be a time > 0 [s]")
+    return value

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from diffbot_core.errors import DiffbotError
+from diffbot_lab.arguments import duration
 
 
 def add_import(commands: Any) -> None:
@@ -45,7 +46,7 @@ def add_calibrate(commands: Any) -> None:
         "--out", type=Path, default=Path("calibrated.yaml"), help="parameter file to write (default: %(default)s)"
     )
     calibrate.add_argument(
-        "--until", type=_seconds, default=math.inf, metavar="SECONDS", help="use only the beginning of each drive"
+        "--until", type=duration, default=math.inf, metavar="SECONDS", help="use only the beginning of each drive"
     )
     _add_remap(calibrate)
     calibrate.set_defaults(call=_calibrate)
@@ -55,16 +56,6 @@ def _add_remap(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--remap", type=_remapping, nargs="+", default=[], metavar="NAME:=TOPIC", help="e.g. odom:=/robot1/odom"
     )
-
-
-def _seconds(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not value > 0.0:
-        raise argparse.ArgumentTypeError(f"{text!r}: must be a time > 0 [s]")
-    return value
 
 
 def _remapping(text: str) -> tuple[str, str]:

@@ -1,4 +1,4 @@
-"""The command ``diffbot goal``: sends a goal, shows the way as a bar, and says in one line how it ended."""
+"""The command ``diffbot goal``: sends a goal, shows a progress bar, and reports its end in one line."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from tqdm import tqdm
 from diffbot_control.law import goal_record
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.geometry import MAX_COORDINATE, Pose
+from diffbot_lab.arguments import duration
 
 ENDS = {
     goal_record.REACHED: 0,
@@ -29,13 +30,13 @@ TIMED_OUT, INTERRUPTED = 8, 130
 DISCOVERY_TIMEOUT = 30.0
 """[s] within which the controller has to answer: it may just be starting"""
 _PATIENCE = 3.0
-"""[s] after which the user is told what is waited for"""
+"""[s] without a controller after which the command reports that it waits for one"""
 _CANCEL_TIMEOUT, _LAST_TIMEOUT = 5.0, 1.0
 """[s] for a cancellation, and for one of a goal that was never answered"""
 
 
 class GoalOptions(NamedTuple):
-    """What the command line says."""
+    """Options of the command line."""
 
     pose: Pose
     frame: str
@@ -62,7 +63,7 @@ def add_goal(commands: Any) -> None:
     goal.add_argument(
         "--wait", action=argparse.BooleanOptionalAction, default=True, help="wait for the end (default: --wait)"
     )
-    goal.add_argument("--timeout", type=_timeout, default=math.inf, metavar="S", help="cancel after this time [s]")
+    goal.add_argument("--timeout", type=duration, default=math.inf, metavar="S", help="cancel after this time [s]")
     goal.add_argument("--namespace", default="", metavar="NS", help="namespace of the robot")
     goal.add_argument("--controller", default="controller", metavar="NAME", help="its node (default: %(default)s)")
     goal.set_defaults(call=_call)
@@ -78,16 +79,6 @@ def number_within(limit: float) -> Any:
         return value
 
     return number
-
-
-def _timeout(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not value > 0.0:
-        raise argparse.ArgumentTypeError(f"{text!r}: must be a time > 0 [s]")
-    return value
 
 
 def _call(options: argparse.Namespace) -> int:

@@ -1,9 +1,9 @@
 """How long the errors of fixes last, found from the fixes themselves: pure functions with their memory.
 
 If the error of a fix is c times that of the fix before plus something new, two numbers show it. The difference of
-neighbouring fixes, less what the odometry says in between, has the variance 2 R (1 - c) and that of the motion; a drift
-of the estimate cancels in it. And neighbouring innovations have a product of positive mean, while those of a filter
-whose R is merely too large do not. The smaller of both answers counts, if the second is significant.
+neighbouring fixes, less the odometry's displacement between them, has the variance 2 R (1 - c) and that of the motion;
+a drift of the estimate cancels in it. And neighbouring innovations have a product of positive mean, while those of a
+filter whose R is merely too large do not. The smaller of both answers counts, if the second is significant.
 """
 
 from __future__ import annotations

@@ -82,7 +82,7 @@ class FilterConfig(NamedTuple):
     detect_fix_correlation: Annotated[
         bool,
         Spec(
-            "find out from the fixes how long their errors last, unless fix_correlation_time tells; not with the "
+            "estimate the correlation of neighbouring fixes' errors while fix_correlation_time is 0; not with the "
             "ekf_fnn variants"
         ),
     ] = True

@@ -19,7 +19,7 @@ ENDS = (REACHED, CANCELLED, REPLACED, NOT_REACHED, POSE_LOST)
 HISTORY = 32
 """Ended goals that are remembered: a request that is repeated this late is still recognised."""
 _MIN_SHARE = 0.05
-"""Share of the distance that has to be covered before the mean speed so far says something."""
+"""Share of the distance to cover before the mean speed so far is meaningful."""
 
 
 class GoalRequest(NamedTuple):

@@ -49,7 +49,7 @@ def path_from(message: Path, frame: str, transforms: Transforms = NO_TRANSFORMS)
     if not header.frame_id:
         check_frame(header.frame_id, frame)
     if header.frame_id != frame:
-        # Refused also if each pose has a frame of its own: what the path says of itself is wrong then.
+        # Refused even if each pose has a frame of its own: the header is wrong.
         transforms.lookup(frame, header.frame_id, stamp_ns(header.stamp))
     if not message.poses:
         raise BadMessageError("path is empty")

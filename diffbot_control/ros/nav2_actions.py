@@ -24,7 +24,7 @@ from diffbot_core.ros.node import DiffbotNode
 
 SOURCE = "action"
 FAILED = 9000
-"""error_code of a goal that was not reached: Nav2's *unknown* of this action, as error_msg says more"""
+"""error_code of a goal that was not reached: Nav2's *unknown* of this action; error_msg has the reason"""
 
 
 class _DeferredActionServer(ActionServer):  # type: ignore[misc]

@@ -1,6 +1,6 @@
 """TF: the transforms that a node looks up, and ``map`` -> ``odom``, which the ekf sends.
 
-tf2 exists in full ROS installations only; what needs it says so where it is missing.
+tf2 exists in full ROS installations only; where it is missing, its absence is logged.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ class TransformSender:
 
 
 def transform_sender(node: Any, map_frame: str, odom_frame: str, tolerance: float) -> TransformSender | None:
-    """Return a sender, or None, said once, where tf2_msgs is missing."""
+    """Return a sender, or None, logged once, where tf2_msgs is missing."""
     if TFMessage is None:
         node.get_logger().info("tf2_msgs is not installed: no TF is published")
         return None

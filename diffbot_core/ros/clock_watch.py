@@ -1,8 +1,8 @@
 """Watch over /clock: two sources of simulated time, or none, are reported in words.
 
-With two publishers ROS time jumps to and fro, and whatever compares two readings of it goes wrong at random. The cause
-cannot be seen in the symptoms, so it is looked for: by the number of publishers, and by the jumps themselves, since a
-bridge may pass on two clocks as one publisher.
+With two publishers ROS time jumps to and fro, and every difference of two readings may be wrong. The symptoms do not
+show the cause. It is detected by the number of publishers, and by the jumps, since a bridge may forward two clocks as
+one publisher.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Quality of service: the profiles of this project, and their overrides by parameters as rclpy names them.
 
 A subscription that asks for reliable delivery gets nothing from a best-effort publisher, while best effort accepts
-both. So sensors are received best effort; whoever needs every message, as lock-step does, asks for it.
+both. So sensors are received best effort, unless every message is needed, as in lock-step.
 """
 
 from __future__ import annotations

@@ -58,7 +58,7 @@ class ColourRun(NamedTuple):
     square: float
     """[m^2] mean squared error of the position"""
     alarm: float
-    """[s] when the whiteness alarm of the fixes was first seen; nan if never"""
+    """[s] of the first whiteness alarm of the fixes; nan if there was none"""
 
 
 def record_drive(c: float, seed: int, run: int, duration: float = DURATION) -> list[DriveStep]:

@@ -56,16 +56,14 @@ def latency_of(commands: Array, odometry: Odometry, odometry_delay: float) -> La
     use = spread > 1e-6
     scale = np.where(measured.std(axis=0) > 1e-9, measured.std(axis=0), 1.0)
     shifts = round(MAX_LATENCY / _STEP)
-    best: tuple[float, float, Array] | None = None
-    for lag in LAGS:
+
+    def costs_of(lag: float) -> Array:
         answer = _filtered(held, lag)
-        costs = np.array(
+        return np.array(
             [_cost(answer[: len(grid) - shift], measured[shift:], scale, use) for shift in range(shifts + 1)]
         )
-        if best is None or costs.min() < best[0]:
-            best = float(costs.min()), lag, costs
-    assert best is not None
-    _, lag, costs = best
+
+    lag, costs = min(((lag, costs_of(lag)) for lag in LAGS), key=lambda found: float(found[1].min()))
     at = int(costs.argmin())
     return Latency(at * _STEP, _sigma(costs, at, len(grid) * _STEP), lag)
 

@@ -116,7 +116,7 @@ def search_prior(drives: list[Events], config: EkfNodeConfig) -> Prior:
         BEARING_OFFSET_SIGMA if bearings else 0.0,
     )
     sigma = np.array(wide)
-    # What a parameter file says of landmarks is knowledge of the sensor; without it, the search is wide.
+    # Priors of the landmarks in a parameter file are knowledge of the sensor; without them, the search is wide.
     sigma[3:] = np.where((given.sigma[3:] > 0.0) & (sigma[3:] > 0.0), given.sigma[3:], sigma[3:])
     return Prior(given.mean, sigma)
 

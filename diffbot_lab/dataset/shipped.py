@@ -1,6 +1,6 @@
 """Parameters of the node ``ekf`` that imported bags are given: one table for all robots of a data set.
 
-None of them was fitted to a single robot. Whatever the filter can be told of the kind of robot goes here.
+None of them was fitted to a single robot: they describe the kind of robot and its sensors.
 """
 
 from __future__ import annotations

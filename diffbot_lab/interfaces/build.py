@@ -213,8 +213,8 @@ def _run(command: list[str]) -> None:
 
 def _python_part(package: Path, target: Path) -> Path:
     """Copy what Python needs: its modules and the library."""
-    wanted = ("*.py", "*.so")
-    for path in (file for pattern in wanted for file in package.rglob(pattern)):
+    patterns = ("*.py", "*.so")
+    for path in (file for pattern in patterns for file in package.rglob(pattern)):
         goal = target / path.relative_to(package)
         goal.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(path, goal)

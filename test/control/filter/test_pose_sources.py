@@ -73,7 +73,7 @@ def together(**options):
 
 
 @pytest.fixture(scope="module")
-def told():
+def given():
     return together()
 
 
@@ -82,23 +82,23 @@ def independent():
     return together(time=0.0)
 
 
-def test_two_sources_of_different_noise_leave_the_covariance_honest(told, independent):
-    assert 2.0 < told[0] < 4.0
-    assert independent[0] > told[0] + 1.0  # the errors of the GPS taken as white
+def test_two_sources_of_different_noise_leave_the_covariance_honest(given, independent):
+    assert 2.0 < given[0] < 4.0
+    assert independent[0] > given[0] + 1.0  # the errors of the GPS taken as white
     alone = math.sqrt(np.mean([Drive(seed, config(), gps=False).square for seed in range(12)]))
     # Such a GPS adds next to nothing to the camera; taken as white it does harm.
-    assert told[1] < 1.02 * alone
-    assert told[1] < 0.8 * independent[1]
+    assert given[1] < 1.02 * alone
+    assert given[1] < 0.8 * independent[1]
 
 
-def test_each_source_has_its_own_nis_and_whiteness(told, independent):
-    values = told[2][0].found.monitor.values()
+def test_each_source_has_its_own_nis_and_whiteness(given, independent):
+    values = given[2][0].found.monitor.values()
     assert float(values["NIS per number of fixes"]) == pytest.approx(1.0, abs=0.4)
     assert float(values["autocorrelation of fixes of gps"]) > 0.5
     assert abs(float(values["autocorrelation of fixes"])) < 0.4
     assert values["fixes of gps rejected"] == "0" if "fixes of gps rejected" in values else True
     # Only the source whose correlation nobody gave raises the alarm.
-    assert [one.found.correlated() for one in told[2]] == [[]] * 12
+    assert [one.found.correlated() for one in given[2]] == [[]] * 12
     assert [one.found.correlated() for one in independent[2]] == [[FIX + 1]] * 12
 
 
