@@ -21,7 +21,6 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
-from diffbot_control.law import supervisor
 from diffbot_control.law.controller import SwitchingLaw
 from diffbot_control.law.loop_check import unstable_gains
 from diffbot_control.law.supervisor import Supervisor
@@ -31,7 +30,7 @@ from diffbot_control.ros.controller_parameters import (
     law_of,
     parameter_set_of,
 )
-from diffbot_control.ros.controller_status import status_values
+from diffbot_control.ros.controller_status import BEYOND_LIMITS, LEVELS, status_values
 from diffbot_control.ros.frames import robot_frame
 from diffbot_control.ros.goal_server import GoalServer
 from diffbot_control.ros.message_bytes import read_pose
@@ -56,12 +55,6 @@ from diffbot_core.uncertainty import Uncertainty
 from diffbot_core.units import NS_PER_S
 
 NAVIGATION_LABELS = ("stamp", "rho", "alpha", "beta", "theta", "eps_P", "region", "V")
-_LEVELS = {
-    supervisor.STALE: DiagnosticStatus.ERROR[0],
-    supervisor.WAITING: DiagnosticStatus.WARN[0],
-    supervisor.UNCERTAIN: DiagnosticStatus.WARN[0],
-    supervisor.NOT_REACHED: DiagnosticStatus.ERROR[0],
-}
 _STATUS_PERIOD = 0.5
 _STATE_LOG_PERIOD = 2.0
 """[s] a state is logged again, for one goal, only after so long: two that alternate take a line a second"""
@@ -156,7 +149,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
     def health_level(self) -> tuple[int, str]:
         """Report the controller's state in /diagnostics."""
         level, text = super().health_level()
-        return max(level, _LEVELS.get(self.supervisor.state, 0)), f"{self.supervisor.state}; {text}"
+        return max(level, LEVELS.get(self.supervisor.state, 0)), f"{self.supervisor.state}; {text}"
 
     def _watch_period(self) -> float:
         return min(max(0.25 * self.config.supervisor.pose_timeout, _MIN_WATCH_PERIOD), 0.1)
@@ -214,9 +207,15 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         command = self.supervisor.on_pose(stamp, self.clock_watch.now(), pose, uncertainty)
         if command is not None:
             self._send(command, stamp)
+            self._report_limits()
         if self.supervisor.report is not None:
             self._publish_navigation(stamp)
         self._publish_changes()
+
+    def _report_limits(self) -> None:
+        if self.supervisor.is_beyond_limits:
+            self.health.counted["commands beyond lowered limits"] += 1
+            self.get_logger().warning(BEYOND_LIMITS, throttle_duration_sec=_STATE_LOG_PERIOD)
 
     def _fallback(self) -> Uncertainty:
         """Return the uncertainty of a pose without covariance; counted, and logged once."""
@@ -287,7 +286,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         elif state != self._last_status[0] and self._state_log.is_due((state, self.supervisor.goal), time.monotonic()):
             self.get_logger().info(f"{state}: {self.supervisor.reason}" if self.supervisor.reason else state)
         self._last_status = (state, self.supervisor.waypoint)
-        self._statuses.publish(status_message(self.get_fully_qualified_name(), _LEVELS.get(state, 0), state, values))
+        self._statuses.publish(status_message(self.get_fully_qualified_name(), LEVELS.get(state, 0), state, values))
 
 
 def main(args: list[str] | None = None) -> int:
