@@ -33,15 +33,9 @@ from diffbot_control.ros.controller_parameters import (
 from diffbot_control.ros.controller_status import BEYOND_LIMITS, LEVELS, status_values
 from diffbot_control.ros.frames import robot_frame
 from diffbot_control.ros.goal_server import GoalServer
-from diffbot_control.ros.message_bytes import read_pose
+from diffbot_control.ros.message_bytes import read_path, read_pose
 from diffbot_control.ros.message_fields import fill_twist, set_stamp
-from diffbot_control.ros.messages import (
-    goal_from,
-    labelled_array,
-    path_from,
-    pose_from,
-    twist_message,
-)
+from diffbot_control.ros.messages import goal_from, labelled_array, path_from, pose_from, poses_along, twist_message
 from diffbot_control.ros.nav2_actions import serve_nav2_actions
 from diffbot_control.ros.tf import transforms_of
 from diffbot_core.errors import BadMessageError
@@ -93,7 +87,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self.goals = GoalServer(self, self.supervisor, self._goals_of, now, self.cancel, self._publish_status)
         self._actions = serve_nav2_actions(self, self.goals)
         self.subscribe(PoseStamped, "goal_pose", self._on_goal)
-        self.subscribe(Path, "path", self._on_path)
+        self.subscribe(Path, "path", self._on_path, raw=True)
         self._pose_topic = "pose" if config.pose_source == "pose" else "odometry/filtered"
         self._receive_poses(self._pose_topic)
         self.create_service(Trigger, "~/cancel", self._on_cancel)
@@ -110,6 +104,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
 
     def deactivate(self) -> None:
         """Stop the robot and leave cmd_vel to others; the goal is cancelled."""
+        self.goals.paths.drop()
         self.supervisor.on_cancel()
         self.supervisor.goals.close_cancelled()
         self._send(Twist(0.0, 0.0))
@@ -157,8 +152,10 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
     def _on_goal(self, message: PoseStamped) -> None:
         self.goals.accept(message, "goal_pose")
 
-    def _on_path(self, message: Path) -> None:
-        self.goals.accept(message, "path")
+    def _on_path(self, data: bytes) -> None:
+        self._check_active()
+        config = self.config
+        self.goals.paths.start(poses_along(read_path(data), config.map_frame, self._transforms, config.max_path_poses))
 
     def _goals_of(self, message: PoseStamped | Path) -> list[Pose]:
         """Return the goals of a message in ``map_frame``.
@@ -166,13 +163,16 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         Raises:
             BadMessageError: if it cannot be used, or the node is inactive.
         """
+        self._check_active()
+        frame = self.config.map_frame
+        if isinstance(message, Path):
+            return path_from(message, frame, self._transforms, self.config.max_path_poses)
+        return [goal_from(message, frame, self._transforms)]
+
+    def _check_active(self) -> None:
         if not self.is_active:
             raise BadMessageError("the controller is inactive")
         self._last_input = time.monotonic()
-        frame = self.config.map_frame
-        if isinstance(message, Path):
-            return path_from(message, frame, self._transforms)
-        return [goal_from(message, frame, self._transforms)]
 
     def _check_gains(self, stamp: int) -> None:
         """Warn once of gains that cannot be stable at the rate of the poses."""
@@ -245,7 +245,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
 
     def cancel(self) -> bool:
         """Drop the goal and start to come to rest; return whether there was one."""
-        had_goal = self.supervisor.goal is not None
+        had_goal = self.goals.paths.drop() or self.supervisor.goal is not None
         command = self.supervisor.on_cancel()
         if command is not None:
             self._send(command)
