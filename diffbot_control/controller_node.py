@@ -21,7 +21,6 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
-from diffbot_control.law import supervisor
 from diffbot_control.law.controller import SwitchingLaw
 from diffbot_control.law.loop_check import unstable_gains
 from diffbot_control.law.supervisor import Supervisor
@@ -31,18 +30,12 @@ from diffbot_control.ros.controller_parameters import (
     law_of,
     parameter_set_of,
 )
-from diffbot_control.ros.controller_status import status_values
+from diffbot_control.ros.controller_status import BEYOND_LIMITS, LEVELS, status_values
 from diffbot_control.ros.frames import robot_frame
 from diffbot_control.ros.goal_server import GoalServer
-from diffbot_control.ros.message_bytes import read_pose
+from diffbot_control.ros.message_bytes import read_path, read_pose
 from diffbot_control.ros.message_fields import fill_twist, set_stamp
-from diffbot_control.ros.messages import (
-    goal_from,
-    labelled_array,
-    path_from,
-    pose_from,
-    twist_message,
-)
+from diffbot_control.ros.messages import goal_from, labelled_array, path_from, pose_from, poses_along, twist_message
 from diffbot_control.ros.nav2_actions import serve_nav2_actions
 from diffbot_control.ros.tf import transforms_of
 from diffbot_core.errors import BadMessageError
@@ -56,12 +49,6 @@ from diffbot_core.uncertainty import Uncertainty
 from diffbot_core.units import NS_PER_S
 
 NAVIGATION_LABELS = ("stamp", "rho", "alpha", "beta", "theta", "eps_P", "region", "V")
-_LEVELS = {
-    supervisor.STALE: DiagnosticStatus.ERROR[0],
-    supervisor.WAITING: DiagnosticStatus.WARN[0],
-    supervisor.UNCERTAIN: DiagnosticStatus.WARN[0],
-    supervisor.NOT_REACHED: DiagnosticStatus.ERROR[0],
-}
 _STATUS_PERIOD = 0.5
 _STATE_LOG_PERIOD = 2.0
 """[s] a state is logged again, for one goal, only after so long: two that alternate take a line a second"""
@@ -100,7 +87,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self.goals = GoalServer(self, self.supervisor, self._goals_of, now, self.cancel, self._publish_status)
         self._actions = serve_nav2_actions(self, self.goals)
         self.subscribe(PoseStamped, "goal_pose", self._on_goal)
-        self.subscribe(Path, "path", self._on_path)
+        self.subscribe(Path, "path", self._on_path, raw=True)
         self._pose_topic = "pose" if config.pose_source == "pose" else "odometry/filtered"
         self._receive_poses(self._pose_topic)
         self.create_service(Trigger, "~/cancel", self._on_cancel)
@@ -117,6 +104,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
 
     def deactivate(self) -> None:
         """Stop the robot and leave cmd_vel to others; the goal is cancelled."""
+        self.goals.paths.drop()
         self.supervisor.on_cancel()
         self.supervisor.goals.close_cancelled()
         self._send(Twist(0.0, 0.0))
@@ -156,7 +144,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
     def health_level(self) -> tuple[int, str]:
         """Report the controller's state in /diagnostics."""
         level, text = super().health_level()
-        return max(level, _LEVELS.get(self.supervisor.state, 0)), f"{self.supervisor.state}; {text}"
+        return max(level, LEVELS.get(self.supervisor.state, 0)), f"{self.supervisor.state}; {text}"
 
     def _watch_period(self) -> float:
         return min(max(0.25 * self.config.supervisor.pose_timeout, _MIN_WATCH_PERIOD), 0.1)
@@ -164,8 +152,10 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
     def _on_goal(self, message: PoseStamped) -> None:
         self.goals.accept(message, "goal_pose")
 
-    def _on_path(self, message: Path) -> None:
-        self.goals.accept(message, "path")
+    def _on_path(self, data: bytes) -> None:
+        self._check_active()
+        config = self.config
+        self.goals.paths.start(poses_along(read_path(data), config.map_frame, self._transforms, config.max_path_poses))
 
     def _goals_of(self, message: PoseStamped | Path) -> list[Pose]:
         """Return the goals of a message in ``map_frame``.
@@ -173,13 +163,16 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         Raises:
             BadMessageError: if it cannot be used, or the node is inactive.
         """
+        self._check_active()
+        frame = self.config.map_frame
+        if isinstance(message, Path):
+            return path_from(message, frame, self._transforms, self.config.max_path_poses)
+        return [goal_from(message, frame, self._transforms)]
+
+    def _check_active(self) -> None:
         if not self.is_active:
             raise BadMessageError("the controller is inactive")
         self._last_input = time.monotonic()
-        frame = self.config.map_frame
-        if isinstance(message, Path):
-            return path_from(message, frame, self._transforms)
-        return [goal_from(message, frame, self._transforms)]
 
     def _check_gains(self, stamp: int) -> None:
         """Warn once of gains that cannot be stable at the rate of the poses."""
@@ -214,9 +207,15 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         command = self.supervisor.on_pose(stamp, self.clock_watch.now(), pose, uncertainty)
         if command is not None:
             self._send(command, stamp)
+            self._report_limits()
         if self.supervisor.report is not None:
             self._publish_navigation(stamp)
         self._publish_changes()
+
+    def _report_limits(self) -> None:
+        if self.supervisor.is_beyond_limits:
+            self.health.counted["commands beyond lowered limits"] += 1
+            self.get_logger().warning(BEYOND_LIMITS, throttle_duration_sec=_STATE_LOG_PERIOD)
 
     def _fallback(self) -> Uncertainty:
         """Return the uncertainty of a pose without covariance; counted, and logged once."""
@@ -246,7 +245,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
 
     def cancel(self) -> bool:
         """Drop the goal and start to come to rest; return whether there was one."""
-        had_goal = self.supervisor.goal is not None
+        had_goal = self.goals.paths.drop() or self.supervisor.goal is not None
         command = self.supervisor.on_cancel()
         if command is not None:
             self._send(command)
@@ -287,7 +286,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         elif state != self._last_status[0] and self._state_log.is_due((state, self.supervisor.goal), time.monotonic()):
             self.get_logger().info(f"{state}: {self.supervisor.reason}" if self.supervisor.reason else state)
         self._last_status = (state, self.supervisor.waypoint)
-        self._statuses.publish(status_message(self.get_fully_qualified_name(), _LEVELS.get(state, 0), state, values))
+        self._statuses.publish(status_message(self.get_fully_qualified_name(), LEVELS.get(state, 0), state, values))
 
 
 def main(args: list[str] | None = None) -> int:

@@ -18,6 +18,8 @@ ENDS = (REACHED, CANCELLED, REPLACED, NOT_REACHED, POSE_LOST)
 """How a goal can end."""
 HISTORY = 32
 """Ended goals that are remembered: a request that is repeated this late is still recognised."""
+MAX_PATH_POSES = 10_000
+"""Default of the parameter max_path_poses."""
 _MIN_SHARE = 0.05
 """Share of the distance to cover before the mean speed so far is meaningful."""
 

@@ -75,37 +75,45 @@ def limit_change(command: Twist, previous: Twist, dt: float, data_sheet: DataShe
     """Move each velocity from ``previous`` towards ``command`` as far as ``dt`` [s] allows, within all bounds.
 
     Where the rims' bound asks for less, the speed gives way as far as it can in one period, and the rotation the rest.
-    The commands within the bounds are a convex set: if ``previous`` and ``command`` are in it, so is the result. If
-    ``previous`` is not, because a bound was lowered since, it moves straight towards ``command``, which leads into it.
+    If no reachable command is within the bounds, because one was lowered while driving, the result exceeds each bound
+    by no more than the hardest braking leaves: it comes within them as fast as the accelerations allow.
     """
     if data_sheet.a_max == _INF and data_sheet.omega_dot_max == _INF:
         return command
     dv, domega = _changes(dt, data_sheet)
     rim, half = rim_speed(data_sheet), 0.5 * data_sheet.wheels.wheel_separation
-    if (
-        abs(previous.v) > data_sheet.v_max * _ROUNDING
-        or abs(previous.omega) > data_sheet.omega_max * _ROUNDING
-        or abs(previous.v) + half * abs(previous.omega) > rim * _ROUNDING
-    ):
-        return _straight_towards(command, previous, dv, domega)
-    v = _towards(command.v, previous.v, dv)
-    omega = _towards(command.omega, previous.omega, domega)
+    v = _towards(_clip(command.v, data_sheet.v_max), previous.v, dv)
+    omega = _towards(_clip(command.omega, data_sheet.omega_max), previous.omega, domega)
     if abs(v) + half * abs(omega) > rim:
-        slower = max(rim - half * abs(omega), abs(previous.v) - dv, 0.0)
-        v = _clip(v, slower)
-        omega = _clip(omega, max(rim - abs(v), 0.0) / half)
+        v = _clip(v, max(rim - half * abs(omega), abs(previous.v) - dv, 0.0))
+        # The second bound counts only beyond the rims' bound: a rotation cannot end at once.
+        omega = _clip(omega, max((rim - abs(v)) / half, abs(previous.omega) - domega, 0.0))
     return Twist(v, omega)
 
 
 def slowed(previous: Twist, dt: float, data_sheet: DataSheet) -> Twist:
-    """Brake from ``previous`` for ``dt`` [s] along its curve, as hard as the limits of the accelerations allow."""
+    """Brake from ``previous`` for ``dt`` [s] along its curve, as hard as the limits of the accelerations allow.
+
+    A velocity beyond a bound that was lowered while driving brakes by itself: see :func:`limit_change`.
+    """
     dv, domega = _changes(dt, data_sheet)
     left = 0.0
     if abs(previous.v) > dv:
         left = 1.0 - dv / abs(previous.v)
     if abs(previous.omega) > domega:
         left = max(left, 1.0 - domega / abs(previous.omega))
-    return Twist(left * previous.v, left * previous.omega)
+    slower = Twist(left * previous.v, left * previous.omega)
+    return limit_change(slower, previous, dt, data_sheet) if is_beyond(slower, data_sheet) else slower
+
+
+def is_beyond(command: Twist, data_sheet: DataSheet) -> bool:
+    """True if a command exceeds a bound of the velocities by more than rounding."""
+    rim, half = rim_speed(data_sheet), 0.5 * data_sheet.wheels.wheel_separation
+    return (
+        abs(command.v) > data_sheet.v_max * _ROUNDING
+        or abs(command.omega) > data_sheet.omega_max * _ROUNDING
+        or abs(command.v) + half * abs(command.omega) > rim * _ROUNDING
+    )
 
 
 def limit_global(phi: float, v: float, turn: float, data_sheet: DataSheet) -> Twist:
@@ -173,16 +181,6 @@ def _lifted_parts(phi: float, v: float, turn: float, data_sheet: DataSheet) -> t
     if data_sheet.min_rotation > 0.0:
         phi = lifted(phi + turn, data_sheet.min_rotation) - turn
     return phi, v, turn
-
-
-def _straight_towards(command: Twist, previous: Twist, dv: float, domega: float) -> Twist:
-    way_v, way_omega = command.v - previous.v, command.omega - previous.omega
-    share = 1.0
-    if abs(way_v) > dv:
-        share = dv / abs(way_v)
-    if abs(way_omega) * share > domega:
-        share = domega / abs(way_omega)
-    return Twist(previous.v + share * way_v, previous.omega + share * way_omega)
 
 
 def _clip(value: float, bound: float) -> float:

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from diffbot_control.law import goal_record
-from diffbot_control.law.configuration import ControllerConfig, Report
+from diffbot_control.law.configuration import Report
 from diffbot_control.law.controller import SwitchingLaw
 from diffbot_control.law.driver import STOP, LawError, driver_of, scaled_uncertainty
 from diffbot_control.law.goal_record import ANONYMOUS, GoalBook, GoalRequest, distance_along
+from diffbot_control.law.limits import is_beyond
 from diffbot_control.law.protocol import Law
+from diffbot_control.law.supervisor_config import SupervisorConfig as SupervisorConfig  # noqa: PLC0414 - re-exported
+from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
-from diffbot_core.schema import Spec
 from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
 from diffbot_core.units import S_PER_NS
 
@@ -31,32 +33,6 @@ _MAX_STEP = 1.0
 """[s] a longer gap between poses counts as this long for the acceleration limits."""
 _STOP_REPEATS = 5
 """Zero commands sent after a stop, so that one lost message does not leave the robot driving."""
-
-
-class SupervisorConfig(NamedTuple):
-    """Options of the controller beyond the law."""
-
-    controller: ControllerConfig = ControllerConfig()
-    pose_timeout: Annotated[
-        float, Spec("the robot is stopped after this time without a pose", "s", minimum=0.0, exclusive_minimum=True)
-    ] = 0.5
-    pose_lost_timeout: Annotated[
-        float, Spec("the robot gives a goal up after this time without a pose; 0: never", "s", 0.0, 1e6)
-    ] = 30.0
-    waypoint_radius: Annotated[
-        float,
-        Spec("distance at which a waypoint of a path is passed; 0: each is reached first", "m", minimum=0.0),
-    ] = 0.0
-    hold_goal: Annotated[bool, Spec("keep controlling at a reached goal; otherwise go idle")] = True
-    goal_timeout: Annotated[
-        float, Spec("the robot gives a goal up that is not reached after this time; 0: never", "s", 0.0, 1e6)
-    ] = 0.0
-    max_departures: Annotated[
-        int, Spec("the robot gives a goal up when it has left Omega_L so often (hunting); 0: never", "-", 0, 100000)
-    ] = 10
-    publish_when_idle: Annotated[
-        bool, Spec("answer every pose, with zero when there is no goal (lock-step needs it)")
-    ] = False
 
 
 class _StepInput(NamedTuple):
@@ -141,6 +117,12 @@ class Supervisor:
     def poses_remaining(self) -> int:
         """Goals of the path that are not passed yet, the present one included; 0 if idle."""
         return 0 if self.goal is None else 1 + len(self._route)
+
+    @property
+    def is_beyond_limits(self) -> bool:
+        """True if the last command exceeds a bound: it was lowered while driving, and the robot still brakes."""
+        sheet = getattr(self.config.controller, "data_sheet", None)
+        return isinstance(sheet, DataSheet) and is_beyond(self._command, sheet)
 
     def _drive_to(self, goal: Pose) -> None:
         self.goal = goal

@@ -7,6 +7,7 @@ from typing import Annotated, Any, NamedTuple
 
 from diffbot_control.law.configuration import TANH, ControllerConfig
 from diffbot_control.law.controller import SwitchingLaw
+from diffbot_control.law.goal_record import MAX_PATH_POSES
 from diffbot_control.law.presets import PRESETS, TUNED
 from diffbot_control.law.protocol import Law
 from diffbot_control.law.supervisor import SupervisorConfig
@@ -71,6 +72,9 @@ class ControllerNodeConfig(NamedTuple):
             read_only=True,
         ),
     ] = 0.3
+    max_path_poses: Annotated[
+        int, Spec("largest number of poses of a path; a longer path is refused", "-", 1, 1_000_000)
+    ] = MAX_PATH_POSES
     reliable_inputs: Annotated[bool, Spec(RELIABLE_TEXT, read_only=True)] = False
     enable_stamped_cmd_vel: Annotated[bool, Spec("publish TwistStamped instead of Twist", read_only=True)] = False
     lifecycle: LifecycleConfig = LifecycleConfig()

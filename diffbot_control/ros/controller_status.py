@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from diagnostic_msgs.msg import DiagnosticStatus
+
+from diffbot_control.law import supervisor as states
 from diffbot_control.law.configuration import TANH
 from diffbot_control.law.controller import SwitchingLaw
 from diffbot_control.law.finish import FINISH_NAMES
@@ -9,6 +12,15 @@ from diffbot_control.law.protocol import Law
 from diffbot_control.law.reapproach import PHASE_NAMES
 from diffbot_control.law.regions import REGION_NAMES
 from diffbot_control.law.supervisor import Supervisor
+
+LEVELS = {
+    states.STALE: DiagnosticStatus.ERROR[0],
+    states.WAITING: DiagnosticStatus.WARN[0],
+    states.UNCERTAIN: DiagnosticStatus.WARN[0],
+    states.NOT_REACHED: DiagnosticStatus.ERROR[0],
+}
+"""Of the states that are not OK."""
+BEYOND_LIMITS = "the command exceeds limits that were lowered: braking as fast as the accelerations allow"
 
 
 def status_values(supervisor: Supervisor, law: Law) -> dict[str, str]:
@@ -31,6 +43,8 @@ def status_values(supervisor: Supervisor, law: Law) -> dict[str, str]:
             values |= _switching_values(supervisor)
     if supervisor.waypoints:
         values["waypoint"] = f"{supervisor.waypoint}/{supervisor.waypoints}"
+    if supervisor.is_beyond_limits:
+        values["limits"] = BEYOND_LIMITS
     if supervisor.reason:
         values["reason"] = supervisor.reason
     return values

@@ -21,6 +21,8 @@ from diffbot_control.law.goal_record import GoalRecord, GoalRequest, time_remain
 from diffbot_control.law.supervisor import Supervisor
 from diffbot_control.ros.goal_request import new_goal_id, read_goal_request
 from diffbot_control.ros.message_fields import set_stamp
+from diffbot_control.ros.path_intake import TOPIC as PATH_TOPIC
+from diffbot_control.ros.path_intake import PathIntake
 from diffbot_core.errors import DiffbotError
 from diffbot_core.geometry import Pose
 from diffbot_core.ros.node import LATCHED, QUEUE, DiffbotNode, status_message
@@ -84,6 +86,8 @@ class GoalServer:
         """called once with each goal that has ended"""
         self.on_feedback: list[Callable[[GoalFeedback], None]] = []
         """called every FEEDBACK_PERIOD while a goal is driven to"""
+        self.paths = PathIntake(node, lambda goals: self.accept_goals(goals, True, PATH_TOPIC))
+        """reads paths from the topic"""
         self._first_distance = 0.0
         self._statuses = node.create_publisher(GoalStatusArray, "~/goal_status", LATCHED)
         self._results = node.create_publisher(DiagnosticArray, "~/goal_results", LATCHED)
@@ -98,9 +102,13 @@ class GoalServer:
         Raises:
             BadMessageError: if it cannot be used; nothing changes then.
         """
-        goals = self.check(message)
+        self.accept_goals(self.check(message), isinstance(message, Path), source, goal_id)
+
+    def accept_goals(self, goals: list[Pose], is_path: bool, source: str, goal_id: str = "") -> None:
+        """Drive to a checked goal or along a path of checked goals; a path that is still being read is dropped."""
+        self.paths.drop()
         request = GoalRequest(goal_id or new_goal_id(), source, self._now())
-        if isinstance(message, Path):
+        if is_path:
             self.supervisor.on_path(goals, request)
             text = f"path of {len(goals)} goals"
         else:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 from geometry_msgs.msg import (
@@ -17,6 +18,8 @@ from nav_msgs.msg import Odometry, Path
 from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension
 
 from diffbot_control.filter.covariance import check_covariance, uncertainty_of
+from diffbot_control.law.goal_record import MAX_PATH_POSES
+from diffbot_control.ros.message_bytes import PathFields
 from diffbot_control.ros.message_fields import (
     check_frame,
     fill_pose,
@@ -26,7 +29,7 @@ from diffbot_control.ros.message_fields import (
     set_stamp,
     stamp_ns,
 )
-from diffbot_control.ros.transforms import NO_TRANSFORMS, Transforms, pose_in_frame
+from diffbot_control.ros.transforms import NO_TRANSFORMS, LastTransform, Transforms, pose_in_frame
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose, quaternion_of_yaw
 from diffbot_core.uncertainty import Uncertainty
@@ -43,20 +46,35 @@ def goal_from(message: PoseStamped, frame: str, transforms: Transforms = NO_TRAN
     return pose_in_frame(message.pose, message.header, frame, transforms)
 
 
-def path_from(message: Path, frame: str, transforms: Transforms = NO_TRANSFORMS) -> list[Pose]:
+def path_from(
+    message: Path, frame: str, transforms: Transforms = NO_TRANSFORMS, max_poses: int = MAX_PATH_POSES
+) -> list[Pose]:
     """Return the poses of a path in ``frame``; a pose without a frame has frame and time of the path."""
-    header = message.header
+    return list(
+        poses_along(PathFields(message.header, len(message.poses), message.poses), frame, transforms, max_poses)
+    )
+
+
+def poses_along(path: PathFields, frame: str, transforms: Transforms, max_poses: int) -> Iterator[Pose]:
+    """Check a path's header and length, and return an iterator that checks and transforms pose by pose.
+
+    Raises:
+        BadMessageError: if the path cannot be used; the iterator raises it for a pose.
+    """
+    header = path.header
     if not header.frame_id:
         check_frame(header.frame_id, frame)
+    if not path.length:
+        raise BadMessageError("path is empty")
+    if path.length > max_poses:
+        raise BadMessageError("path too long", f"{path.length} poses, max_path_poses = {max_poses}")
+    transforms = LastTransform(transforms)
     if header.frame_id != frame:
         # Refused even if each pose has a frame of its own: the header is wrong.
         transforms.lookup(frame, header.frame_id, stamp_ns(header.stamp))
-    if not message.poses:
-        raise BadMessageError("path is empty")
-    return [
-        pose_in_frame(one.pose, one.header if one.header.frame_id else message.header, frame, transforms)
-        for one in message.poses
-    ]
+    return (
+        pose_in_frame(one.pose, one.header if one.header.frame_id else header, frame, transforms) for one in path.poses
+    )
 
 
 def pose_from(

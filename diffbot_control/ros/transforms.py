@@ -39,6 +39,22 @@ class NoTransforms:
 NO_TRANSFORMS = NoTransforms()
 
 
+class LastTransform:
+    """Keeps the last transform that was looked up: the poses of a path mostly share frame and time."""
+
+    def __init__(self, transforms: Transforms) -> None:
+        """Take what looks up."""
+        self._transforms = transforms
+        self._last: tuple[tuple[str, str, int], Any] | None = None
+
+    def lookup(self, target: str, source: str, stamp: int) -> Any:
+        """Return a transform as :meth:`Transforms.lookup` does."""
+        key = target, source, stamp
+        if self._last is None or self._last[0] != key:
+            self._last = key, self._transforms.lookup(target, source, stamp)
+        return self._last[1]
+
+
 def pose_in_frame(pose: Any, header: Any, frame: str, transforms: Transforms) -> Pose:
     """Return a geometry_msgs/Pose as a planar pose in ``frame``.
 

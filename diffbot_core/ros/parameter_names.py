@@ -128,6 +128,7 @@ PARAMETER_NAMES = frozenset(
         "map_frame",
         "max_departures",
         "max_held",
+        "max_path_poses",
         "min_rotation",
         "min_velocity",
         "odom_frame",

@@ -716,3 +716,18 @@ def test_a_robot_that_keeps_leaving_omega_l_gives_up(most):
             return
         assert story.state == DRIVING
     assert most == 0
+
+
+def test_a_command_beyond_lowered_limits_is_reported_until_the_limits_hold():
+    story = Story(controller=SLOW_DOWN)
+    story.supervisor.on_goal(GOAL)
+    for _ in range(10):
+        story.pose()
+    assert not story.supervisor.is_beyond_limits
+    lowered = SLOW_DOWN._replace(data_sheet=SLOW_DOWN.data_sheet._replace(v_max=0.65))
+    story.supervisor.config = SupervisorConfig(controller=lowered)
+    reports = []
+    for _ in range(5):
+        command = story.pose()
+        reports.append((round(command.v, 3), story.supervisor.is_beyond_limits))
+    assert reports == [(0.8, True), (0.7, True), (0.65, False), (0.65, False), (0.65, False)]

@@ -4,14 +4,15 @@ import random
 import struct
 
 import pytest
-from geometry_msgs.msg import PoseWithCovarianceStamped
-from nav_msgs.msg import Odometry
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry, Path
 from rclpy.serialization import serialize_message
 
-from diffbot_control.ros.message_bytes import OdometryFields, PoseStampedFields, read_odometry, read_pose
+from diffbot_control.ros.message_bytes import OdometryFields, PoseStampedFields, read_odometry, read_path, read_pose
 from diffbot_control.ros.message_fields import fill_pose, pose_in_message, pose_of
-from diffbot_control.ros.messages import pose_from
+from diffbot_control.ros.messages import path_from, pose_from, poses_along
 from diffbot_control.ros.sensor_messages import fix_from, odometry_from
+from diffbot_control.ros.transforms import NO_TRANSFORMS
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose
 
@@ -102,3 +103,78 @@ def test_a_pose_handed_over_is_the_one_that_a_message_carries():
         assert pose_in_message(pose) == pose_of(message.pose.pose)
         changed += pose_in_message(pose) != pose
     assert changed > 30  # the yaw of a quaternion is another number
+
+
+FRAMES = ["map", "", "m", "mäp", "robot1/map"]
+"""Of the poses: all four alignments, and characters of several bytes."""
+
+
+def path(frame="map"):
+    message = Path()
+    message.header.frame_id, message.header.stamp.sec = frame, 7
+    draw = random.Random(3).uniform
+    for index in range(25):
+        pose = PoseStamped()
+        pose.header.frame_id, pose.header.stamp.nanosec = FRAMES[index % 5], index
+        pose.pose.position.x, pose.pose.position.y, pose.pose.position.z = draw(-9, 9), draw(-9, 9), draw(-9, 9)
+        pose.pose.orientation.z, pose.pose.orientation.w = 0.6, -0.8
+        message.poses.append(pose)
+    return message
+
+
+def fields(message):
+    """The numbers and texts of a PoseStamped."""
+    header, p, q = message.header, message.pose.position, message.pose.orientation
+    return (header.stamp.sec, header.stamp.nanosec, header.frame_id, p.x, p.y, p.z, q.x, q.y, q.z, q.w)
+
+
+def big_endian_path(message):
+    """Encode a path by hand, most significant byte first."""
+    data = b""
+
+    def header(data, one):
+        data += bytes(-len(data) % 4) + struct.pack(">iI", one.stamp.sec, one.stamp.nanosec)
+        text = one.frame_id.encode() + b"\0"
+        return data + struct.pack(">I", len(text)) + text
+
+    data = header(data, message.header)
+    data += bytes(-len(data) % 4) + struct.pack(">I", len(message.poses))
+    for one in message.poses:
+        data = header(data, one.header)
+        data += bytes(-len(data) % 8) + struct.pack(">7d", *fields(one)[3:])
+    return b"\0\0\0\0" + data
+
+
+@pytest.mark.parametrize("encode", [serialize_message, big_endian_path])
+@pytest.mark.parametrize("frame", ["", "m", "ma", "map"])
+def test_a_path_read_pose_by_pose_is_that_of_the_message(frame, encode):
+    message = path(frame)
+    found = read_path(encode(message))
+    assert (found.header.frame_id, found.header.stamp.sec, found.length) == (frame, 7, 25)
+    assert [fields(one) for one in found.poses] == [fields(one) for one in message.poses]
+
+
+def test_a_path_that_ends_early_is_a_bad_message_wherever_it_ends():
+    data = serialize_message(path())
+    for end in range(0, len(data) - 1, 7):
+        with pytest.raises(BadMessageError, match=r"cannot be read|unknown encoding"):
+            list(read_path(data[:end]).poses)
+
+
+def test_a_length_that_is_not_there_is_refused_before_the_poses_are_read():
+    message = Path()
+    message.header.frame_id = "map"
+    data = bytearray(serialize_message(message))
+    data[20:24] = b"\xff" * 4
+    assert read_path(bytes(data)).length == 2**32 - 1
+    with pytest.raises(BadMessageError, match=r"path too long.*4294967295 poses, max_path_poses = 100"):
+        poses_along(read_path(bytes(data)), "map", NO_TRANSFORMS, 100)
+
+
+def test_a_path_has_max_path_poses_at_most():
+    message = path()
+    for one in message.poses:
+        one.header.frame_id = ""
+    assert len(path_from(message, "map", max_poses=25)) == 25
+    with pytest.raises(BadMessageError, match="25 poses, max_path_poses = 24"):
+        path_from(message, "map", max_poses=24)
