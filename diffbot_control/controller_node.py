@@ -23,6 +23,7 @@ from std_srvs.srv import Trigger
 
 from diffbot_control.law import supervisor
 from diffbot_control.law.controller import SwitchingLaw
+from diffbot_control.law.driver import STOP
 from diffbot_control.law.loop_check import unstable_gains
 from diffbot_control.law.supervisor import Supervisor
 from diffbot_control.ros.controller_parameters import (
@@ -36,13 +37,7 @@ from diffbot_control.ros.frames import robot_frame
 from diffbot_control.ros.goal_server import GoalServer
 from diffbot_control.ros.message_bytes import read_pose
 from diffbot_control.ros.message_fields import fill_twist, set_stamp
-from diffbot_control.ros.messages import (
-    goal_from,
-    labelled_array,
-    path_from,
-    pose_from,
-    twist_message,
-)
+from diffbot_control.ros.messages import goal_from, labelled_array, path_from, pose_from, twist_message
 from diffbot_control.ros.nav2_actions import serve_nav2_actions
 from diffbot_control.ros.tf import transforms_of
 from diffbot_core.errors import BadMessageError
@@ -119,11 +114,18 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         """Stop the robot and leave cmd_vel to others; the goal is cancelled."""
         self.supervisor.on_cancel()
         self.supervisor.goals.close_cancelled()
-        self._send(Twist(0.0, 0.0))
+        self._send(STOP)
         # Before the publisher may be destroyed, and with it what it has not delivered.
         self._commands.wait_for_all_acked(_STOP_DELIVERY)
         self._publish_status()
         self.goals.publish_changes()
+
+    def halt(self) -> None:
+        """Stop the robot and cancel the goal; it stands until the next one."""
+        if self.is_active:
+            self._send(STOP)  # first: what follows may fail, too
+            self.deactivate()
+            self.activate()
 
     def cleanup(self) -> None:
         """Take the actions out of service."""

@@ -66,6 +66,10 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
         self._plant.world.configure(config.world)
         self._warn_of_idle_rates()
 
+    def halt(self) -> None:
+        """Stand still until the next command."""
+        self._command = _STOP
+
     def _warn_of_idle_rates(self) -> None:
         """Warn of a sensor that has a rate, but nothing to measure."""
         world = self.config.world

@@ -12,6 +12,7 @@ from diffbot_control.law.protocol import Law
 from diffbot_control.law.supervisor import SupervisorConfig
 from diffbot_control.ros.frames import PREFIX_TEXT, RELIABLE_TEXT
 from diffbot_core.errors import InvalidValueError
+from diffbot_core.ros.fault_parameters import FaultConfig
 from diffbot_core.ros.lifecycle_parameters import LifecycleConfig
 from diffbot_core.schema import PARTIAL, Spec, checked, parameters_of, variant
 from diffbot_core.uncertainty import Uncertainty
@@ -74,6 +75,7 @@ class ControllerNodeConfig(NamedTuple):
     reliable_inputs: Annotated[bool, Spec(RELIABLE_TEXT, read_only=True)] = False
     enable_stamped_cmd_vel: Annotated[bool, Spec("publish TwistStamped instead of Twist", read_only=True)] = False
     lifecycle: LifecycleConfig = LifecycleConfig()
+    faults: FaultConfig = FaultConfig()
 
 
 def _supervisor_of(controller: ControllerConfig) -> SupervisorConfig:

@@ -49,6 +49,7 @@ PARAMETER_NAMES = frozenset(
         "exact_arc",
         "exclude_regex",
         "exclude_topics",
+        "exit_on_error",
         "filter",
         "finish_begin",
         "finish_begin_sigmas",
