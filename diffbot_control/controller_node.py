@@ -39,6 +39,7 @@ from diffbot_control.ros.message_bytes import read_pose
 from diffbot_control.ros.message_fields import fill_twist, set_stamp
 from diffbot_control.ros.messages import goal_from, labelled_array, path_from, pose_from, twist_message
 from diffbot_control.ros.nav2_actions import serve_nav2_actions
+from diffbot_control.ros.pose_watch import PoseWatch
 from diffbot_control.ros.tf import transforms_of
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose
@@ -89,13 +90,13 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self._state_log = Throttle(_STATE_LOG_PERIOD)
         self._transforms = transforms_of(self, config.transform_tolerance)
         self._pose_stamp: int | None = None
-        self._last_input = time.monotonic()
+        self._pose_watch = PoseWatch(self.clock_watch)
         self._gains_checked = False
         now = self.clock_watch.now
         self.goals = GoalServer(self, self.supervisor, self._goals_of, now, self.cancel, self._publish_status)
         self._actions = serve_nav2_actions(self, self.goals)
-        self.subscribe(PoseStamped, "goal_pose", self._on_goal)
-        self.subscribe(Path, "path", self._on_path)
+        self.subscribe(PoseStamped, "goal_pose", lambda message: self.goals.accept(message, "goal_pose"))
+        self.subscribe(Path, "path", lambda message: self.goals.accept(message, "path"))
         self._pose_topic = "pose" if config.pose_source == "pose" else "odometry/filtered"
         self._receive_poses(self._pose_topic)
         self.create_service(Trigger, "~/cancel", self._on_cancel)
@@ -158,16 +159,12 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
     def health_level(self) -> tuple[int, str]:
         """Report the controller's state in /diagnostics."""
         level, text = super().health_level()
+        problem = self._pose_watch.clock_problem(self.config) if self.is_configured else ""
+        text = text if problem in text else f"{problem}; {text}"
         return max(level, _LEVELS.get(self.supervisor.state, 0)), f"{self.supervisor.state}; {text}"
 
     def _watch_period(self) -> float:
         return min(max(0.25 * self.config.supervisor.pose_timeout, _MIN_WATCH_PERIOD), 0.1)
-
-    def _on_goal(self, message: PoseStamped) -> None:
-        self.goals.accept(message, "goal_pose")
-
-    def _on_path(self, message: Path) -> None:
-        self.goals.accept(message, "path")
 
     def _goals_of(self, message: PoseStamped | Path) -> list[Pose]:
         """Return the goals of a message in ``map_frame``.
@@ -177,7 +174,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         """
         if not self.is_active:
             raise BadMessageError("the controller is inactive")
-        self._last_input = time.monotonic()
+        self._pose_watch.on_goal()
         frame = self.config.map_frame
         if isinstance(message, Path):
             return path_from(message, frame, self._transforms)
@@ -211,8 +208,11 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
     def _answer(self, stamp: int, pose: Pose, uncertainty: Uncertainty) -> None:
         if not self.is_active:
             return
-        self._last_input = time.monotonic()
+        self._pose_watch.on_pose()
         self._check_gains(stamp)
+        if self._pose_watch.clock_problem(self.config):
+            self._on_tick()
+            return
         command = self.supervisor.on_pose(stamp, self.clock_watch.now(), pose, uncertainty)
         if command is not None:
             self._send(command, stamp)
@@ -236,7 +236,8 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
     def _on_tick(self) -> None:
         if not self.is_active:
             return
-        command = self.supervisor.on_tick(self.clock_watch.now(), time.monotonic() - self._last_input)
+        watch = self._pose_watch
+        command = self.supervisor.on_tick(self.clock_watch.now(), watch.silence(), watch.is_stale(self.config))
         if command is not None:
             self._send(command)
         self._publish_changes()

@@ -57,6 +57,15 @@ class ControllerNodeConfig(NamedTuple):
         ),
     ] = "pose"
     pose_fallback: PoseFallback = PoseFallback()
+    real_timeout_factor: Annotated[
+        float,
+        Spec(
+            "with use_sim_time, the robot is also stopped after this many pose_timeout of real time without a pose, or"
+            " with /clock standing still; > 1 for a simulation slower than real time (publish_when_idle: never)",
+            minimum=1.0,
+            allow_inf=True,
+        ),
+    ] = 1.0
     map_frame: Annotated[str, Spec("frame of poses and goals", read_only=True)] = "map"
     base_link_frame: Annotated[
         str, Spec("frame of the stamped command; child frame of odometry/filtered", read_only=True)

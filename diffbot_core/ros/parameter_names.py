@@ -157,6 +157,7 @@ PARAMETER_NAMES = frozenset(
         "react",
         "read_ahead_queue_size",
         "real_time_factor",
+        "real_timeout_factor",
         "reapproach_distance",
         "reapproach_distance_gain",
         "reapproach_heading",
