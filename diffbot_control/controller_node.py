@@ -8,20 +8,15 @@ if __name__ == "__main__":  # before the imports that take long: see launcher
     raise SystemExit(launch("diffbot_control.controller_node"))
 
 import time
-from array import array
 from collections.abc import Mapping
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TwistStamped
-from geometry_msgs.msg import Twist as TwistMessage
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry, Path
-from rclpy.duration import Duration
-from rclpy.qos import QoSProfile
-from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
 from diffbot_control.law.controller import SwitchingLaw
+from diffbot_control.law.driver import STOP
 from diffbot_control.law.loop_check import unstable_gains
 from diffbot_control.law.supervisor import Supervisor
 from diffbot_control.ros.controller_parameters import (
@@ -30,30 +25,24 @@ from diffbot_control.ros.controller_parameters import (
     law_of,
     parameter_set_of,
 )
-from diffbot_control.ros.controller_status import BEYOND_LIMITS, LEVELS, status_values
+from diffbot_control.ros.controller_publishers import STATE_LOG_PERIOD, ControllerPublishers
+from diffbot_control.ros.controller_status import BEYOND_LIMITS, LEVELS
 from diffbot_control.ros.frames import robot_frame
 from diffbot_control.ros.goal_server import GoalServer
 from diffbot_control.ros.message_bytes import read_path, read_pose
-from diffbot_control.ros.message_fields import fill_twist, set_stamp
-from diffbot_control.ros.messages import goal_from, labelled_array, path_from, pose_from, poses_along, twist_message
+from diffbot_control.ros.messages import goal_from, path_from, pose_from, poses_along
 from diffbot_control.ros.nav2_actions import serve_nav2_actions
+from diffbot_control.ros.pose_watch import PoseWatch
 from diffbot_control.ros.tf import transforms_of
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose
-from diffbot_core.health import Throttle
-from diffbot_core.kinematics import Twist
-from diffbot_core.ros.managed_node import INACTIVE, ManagedNode
-from diffbot_core.ros.node import LATCHED, run, status_message
+from diffbot_core.ros.managed_node import ManagedNode
+from diffbot_core.ros.node import run
 from diffbot_core.ros.qos import sensor_qos
 from diffbot_core.uncertainty import Uncertainty
 from diffbot_core.units import NS_PER_S
 
-NAVIGATION_LABELS = ("stamp", "rho", "alpha", "beta", "theta", "eps_P", "region", "V")
 _STATUS_PERIOD = 0.5
-_STATE_LOG_PERIOD = 2.0
-"""[s] a state is logged again, for one goal, only after so long: two that alternate take a line a second"""
-_STOP_DELIVERY = Duration(seconds=0.2)
-"""Time allowed for the delivery of the stop command."""
 _MIN_WATCH_PERIOD = 1e-3
 """[s] a timer with a period of 0 would use a whole processor."""
 
@@ -71,22 +60,15 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self.law = law_of(config.law)
         self.supervisor = Supervisor(config.supervisor, self.law)
         self._robot_frame = robot_frame(config)
-        self._command = twist_message(config.enable_stamped_cmd_vel, self._robot_frame)
-        command_type = TwistStamped if config.enable_stamped_cmd_vel else TwistMessage
-        self._commands = self.create_publisher(command_type, "cmd_vel", QoSProfile(depth=1))
-        self._statuses = self.create_publisher(DiagnosticStatus, "~/status", LATCHED)
-        self._navigations = self.create_publisher(Float64MultiArray, "~/navigation", QoSProfile(depth=10))
-        self._navigation = labelled_array(NAVIGATION_LABELS)
-        self._last_status = ("", 0)
-        self._state_log = Throttle(_STATE_LOG_PERIOD)
+        self.outputs = ControllerPublishers(self)
         self._transforms = transforms_of(self, config.transform_tolerance)
         self._pose_stamp: int | None = None
-        self._last_input = time.monotonic()
+        self._pose_watch = PoseWatch(self.clock_watch)
         self._gains_checked = False
         now = self.clock_watch.now
         self.goals = GoalServer(self, self.supervisor, self._goals_of, now, self.cancel, self._publish_status)
         self._actions = serve_nav2_actions(self, self.goals)
-        self.subscribe(PoseStamped, "goal_pose", self._on_goal)
+        self.subscribe(PoseStamped, "goal_pose", lambda message: self.goals.accept(message, "goal_pose"))
         self.subscribe(Path, "path", self._on_path, raw=True)
         self._pose_topic = "pose" if config.pose_source == "pose" else "odometry/filtered"
         self._receive_poses(self._pose_topic)
@@ -107,11 +89,18 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self.goals.paths.drop()
         self.supervisor.on_cancel()
         self.supervisor.goals.close_cancelled()
-        self._send(Twist(0.0, 0.0))
+        self.outputs.send(STOP)
         # Before the publisher may be destroyed, and with it what it has not delivered.
-        self._commands.wait_for_all_acked(_STOP_DELIVERY)
+        self.outputs.wait_for_delivery()
         self._publish_status()
         self.goals.publish_changes()
+
+    def halt(self) -> None:
+        """Stop the robot and cancel the goal; it stands until the next one."""
+        if self.is_active:
+            self.outputs.send(STOP)  # first: what follows may fail, too
+            self.deactivate()
+            self.activate()
 
     def cleanup(self) -> None:
         """Take the actions out of service."""
@@ -144,13 +133,12 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
     def health_level(self) -> tuple[int, str]:
         """Report the controller's state in /diagnostics."""
         level, text = super().health_level()
+        problem = self._pose_watch.clock_problem(self.config) if self.is_configured else ""
+        text = text if problem in text else f"{problem}; {text}"
         return max(level, LEVELS.get(self.supervisor.state, 0)), f"{self.supervisor.state}; {text}"
 
     def _watch_period(self) -> float:
         return min(max(0.25 * self.config.supervisor.pose_timeout, _MIN_WATCH_PERIOD), 0.1)
-
-    def _on_goal(self, message: PoseStamped) -> None:
-        self.goals.accept(message, "goal_pose")
 
     def _on_path(self, data: bytes) -> None:
         self._check_active()
@@ -172,7 +160,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
     def _check_active(self) -> None:
         if not self.is_active:
             raise BadMessageError("the controller is inactive")
-        self._last_input = time.monotonic()
+        self._pose_watch.on_goal()
 
     def _check_gains(self, stamp: int) -> None:
         """Warn once of gains that cannot be stable at the rate of the poses."""
@@ -202,20 +190,22 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
     def _answer(self, stamp: int, pose: Pose, uncertainty: Uncertainty) -> None:
         if not self.is_active:
             return
-        self._last_input = time.monotonic()
+        self._pose_watch.on_pose()
         self._check_gains(stamp)
+        if self._pose_watch.clock_problem(self.config):
+            self._on_tick()
+            return
         command = self.supervisor.on_pose(stamp, self.clock_watch.now(), pose, uncertainty)
         if command is not None:
-            self._send(command, stamp)
+            self.outputs.send(command, stamp)
             self._report_limits()
-        if self.supervisor.report is not None:
-            self._publish_navigation(stamp)
+        self.outputs.publish_navigation(stamp, self.supervisor)
         self._publish_changes()
 
     def _report_limits(self) -> None:
         if self.supervisor.is_beyond_limits:
             self.health.counted["commands beyond lowered limits"] += 1
-            self.get_logger().warning(BEYOND_LIMITS, throttle_duration_sec=_STATE_LOG_PERIOD)
+            self.get_logger().warning(BEYOND_LIMITS, throttle_duration_sec=STATE_LOG_PERIOD)
 
     def _fallback(self) -> Uncertainty:
         """Return the uncertainty of a pose without covariance; counted, and logged once."""
@@ -233,9 +223,10 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
     def _on_tick(self) -> None:
         if not self.is_active:
             return
-        command = self.supervisor.on_tick(self.clock_watch.now(), time.monotonic() - self._last_input)
+        watch = self._pose_watch
+        command = self.supervisor.on_tick(self.clock_watch.now(), watch.silence(), watch.is_stale(self.config))
         if command is not None:
-            self._send(command)
+            self.outputs.send(command)
         self._publish_changes()
 
     def _on_cancel(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -248,45 +239,17 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         had_goal = self.goals.paths.drop() or self.supervisor.goal is not None
         command = self.supervisor.on_cancel()
         if command is not None:
-            self._send(command)
+            self.outputs.send(command)
         self._publish_status()
         self.goals.publish_changes(force=had_goal)
         return had_goal
 
-    def _send(self, command: Twist, stamp: int | None = None) -> None:
-        if isinstance(self._command, TwistStamped):
-            set_stamp(
-                self._command.header.stamp,
-                self.get_clock().now().nanoseconds if stamp is None else stamp,
-            )
-            fill_twist(self._command.twist, command)
-        else:
-            fill_twist(self._command, command)
-        self._commands.publish(self._command)
-        self.health.sent["cmd_vel"] += 1
-
-    def _publish_navigation(self, stamp: int) -> None:
-        report = self.supervisor.report
-        if report is None or not self._navigations.get_subscription_count():
-            return
-        variables = (report.rho, report.alpha, report.beta, report.theta, report.eps_P, report.region, report.lyapunov)
-        self._navigation.data = array("d", (stamp / NS_PER_S, *variables))
-        self._navigations.publish(self._navigation)
-
     def _publish_changes(self) -> None:
-        if (self.supervisor.state, self.supervisor.waypoint) != self._last_status:
-            self._publish_status()
+        self.outputs.publish_status(self.supervisor, self.law, only_changes=True)
         self.goals.publish_changes()
 
     def _publish_status(self) -> None:
-        state = self.supervisor.state if self.is_active else INACTIVE
-        values = status_values(self.supervisor, self.law)
-        if self.supervisor.has_failed and state != self._last_status[0]:
-            self.get_logger().error(f"{state}: {self.supervisor.reason}")
-        elif state != self._last_status[0] and self._state_log.is_due((state, self.supervisor.goal), time.monotonic()):
-            self.get_logger().info(f"{state}: {self.supervisor.reason}" if self.supervisor.reason else state)
-        self._last_status = (state, self.supervisor.waypoint)
-        self._statuses.publish(status_message(self.get_fully_qualified_name(), LEVELS.get(state, 0), state, values))
+        self.outputs.publish_status(self.supervisor, self.law)
 
 
 def main(args: list[str] | None = None) -> int:

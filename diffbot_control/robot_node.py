@@ -43,7 +43,8 @@ class RobotControllerNode(ControllerNode):
             mine, other = getattr(self.config, frame), getattr(self._ekf.config, frame)
             if mine != other:
                 raise DiffbotError(f"{frame}: the controller has {mine!r}, the ekf {other!r}: must be the same")
-        self._ekf.pose_receiver = self.take_pose
+        # An error of the controller is no error of the filter that hands the pose over.
+        self._ekf.pose_receiver = self.contained(self.take_pose, topic)
 
 
 def make_nodes() -> Iterator[EkfNode | ControllerNode]:

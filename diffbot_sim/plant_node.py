@@ -50,7 +50,7 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
         self.create_service(SetBool, "~/pause", self._on_pause)
         factor = 1.0 if config.clock == WALL else config.real_time_factor
         period = config.world.plant.sampling_time / factor
-        self._pace = ClockPace(period, self._now())
+        self._pace = ClockPace(period, self._now(), skips=config.clock != WALL)
         self._lockstep = LockStep(self._plant, paused=self.paused) if config.clock == LOCKSTEP else None
         self._foreign_clock = ForeignClock(self._plant.world.period) if config.follows_time() else None
         if self._foreign_clock is not None:
@@ -65,6 +65,10 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
         """Take over changed noise, faults and rates; a changed start counts from the next reset."""
         self._plant.world.configure(config.world)
         self._warn_of_idle_rates()
+
+    def halt(self) -> None:
+        """Stand still until the next command."""
+        self._command = _STOP
 
     def _warn_of_idle_rates(self) -> None:
         """Warn of a sensor that has a rate, but nothing to measure."""

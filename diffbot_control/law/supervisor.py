@@ -228,8 +228,8 @@ class Supervisor:
         xy, theta = scaled_uncertainty(self.uncertainty, self.config.controller)
         return sigmas * xy, sigmas * theta
 
-    def on_tick(self, now: float, silence: float = math.inf) -> Twist | None:
-        """Watch for missing poses: zero if the robot may be moving and no pose came for ``pose_timeout``.
+    def on_tick(self, now: float, silence: float = math.inf, is_stale: bool = False) -> Twist | None:
+        """Watch for missing poses: zero if the robot may be moving and ``is_stale``, or no pose for ``pose_timeout``.
 
         A goal is given up only if ``silence`` [s], by a clock that neither jumps nor runs fast, is too long as well.
         """
@@ -239,7 +239,7 @@ class Supervisor:
             return None
         # Time that runs backwards (a restarted simulation) must not disable the timeout.
         self._last_pose_time = min(self._last_pose_time, now)
-        if now - self._last_pose_time <= self.config.pose_timeout:
+        if not is_stale and now - self._last_pose_time <= self.config.pose_timeout:
             return None
         self.memory = self._driver.halted(self.memory)
         self._command = STOP

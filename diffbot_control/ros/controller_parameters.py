@@ -13,6 +13,7 @@ from diffbot_control.law.protocol import Law
 from diffbot_control.law.supervisor import SupervisorConfig
 from diffbot_control.ros.frames import PREFIX_TEXT, RELIABLE_TEXT
 from diffbot_core.errors import InvalidValueError
+from diffbot_core.ros.fault_parameters import FaultConfig
 from diffbot_core.ros.lifecycle_parameters import LifecycleConfig
 from diffbot_core.schema import PARTIAL, Spec, checked, parameters_of, variant
 from diffbot_core.uncertainty import Uncertainty
@@ -57,6 +58,15 @@ class ControllerNodeConfig(NamedTuple):
         ),
     ] = "pose"
     pose_fallback: PoseFallback = PoseFallback()
+    real_timeout_factor: Annotated[
+        float,
+        Spec(
+            "with use_sim_time, the robot is also stopped after this many pose_timeout of real time without a pose, or"
+            " with /clock standing still; > 1 for a simulation slower than real time (publish_when_idle: never)",
+            minimum=1.0,
+            allow_inf=True,
+        ),
+    ] = 1.0
     map_frame: Annotated[str, Spec("frame of poses and goals", read_only=True)] = "map"
     base_link_frame: Annotated[
         str, Spec("frame of the stamped command; child frame of odometry/filtered", read_only=True)
@@ -78,6 +88,7 @@ class ControllerNodeConfig(NamedTuple):
     reliable_inputs: Annotated[bool, Spec(RELIABLE_TEXT, read_only=True)] = False
     enable_stamped_cmd_vel: Annotated[bool, Spec("publish TwistStamped instead of Twist", read_only=True)] = False
     lifecycle: LifecycleConfig = LifecycleConfig()
+    faults: FaultConfig = FaultConfig()
 
 
 def _supervisor_of(controller: ControllerConfig) -> SupervisorConfig:

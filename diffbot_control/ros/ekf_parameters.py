@@ -9,6 +9,7 @@ from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.ros.frames import PREFIX_TEXT, RELIABLE_TEXT
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.kinematics import WheelGeometry
+from diffbot_core.ros.fault_parameters import FaultConfig
 from diffbot_core.ros.lifecycle_parameters import LifecycleConfig
 from diffbot_core.schema import Spec
 
@@ -107,3 +108,4 @@ class EkfNodeConfig(NamedTuple):
     ] = 0.0
     reliable_inputs: Annotated[bool, Spec(RELIABLE_TEXT, read_only=True)] = False
     lifecycle: LifecycleConfig = LifecycleConfig()
+    faults: FaultConfig = FaultConfig()

@@ -1,7 +1,9 @@
-"""rclpy's Node with checked parameters, and with QoS overrides of all its topics."""
+"""rclpy's Node with checked parameters, QoS overrides of all its topics, and callbacks whose errors are contained."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import wraps
 from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
@@ -11,6 +13,7 @@ from rclpy.qos import QoSProfile
 
 from diffbot_core.errors import DiffbotError
 from diffbot_core.ros.clock_watch import CLOCK_TOPIC
+from diffbot_core.ros.faults import fill_refusal, one_line
 from diffbot_core.ros.parameters import NodeParameters, overrides_of
 from diffbot_core.ros.qos import PUBLISHER, SUBSCRIPTION, check_overrides, overridable
 
@@ -24,6 +27,34 @@ class BaseNode(Node):  # type: ignore[misc]
     qos_by_parameters = True
     """Topics have parameters ``qos_overrides...``; not for nodes whose topics are those of a bag."""
     _checked_parameters: NodeParameters[Any] | None = None
+
+    def contain(self, error: Exception, where: str) -> None:
+        """Handle what the callback of ``where`` (a topic, a service, a timer) raised; here it is raised again."""
+        raise error
+
+    def contained(self, callback: Callable[..., Any], where: str) -> Callable[..., Any]:
+        """Return ``callback`` with :meth:`contain` around it; one that fails returns None."""
+
+        @wraps(callback)
+        def guarded(*arguments: Any) -> Any:
+            try:
+                return callback(*arguments)
+            except Exception as error:
+                self.contain(error, where)
+
+        return guarded
+
+    def contained_service(self, callback: Callable[[Any, Any], Any], name: str) -> Callable[[Any, Any], Any]:
+        """Return the callback of a service with :meth:`contain` around it; one that fails is answered, too."""
+
+        def guarded(request: Any, response: Any) -> Any:
+            try:
+                return callback(request, response)
+            except Exception as error:
+                self.contain(error, name)
+                return fill_refusal(request, response, one_line(error))
+
+        return guarded
 
     def set_parameters(self, parameter_list: list[Parameter]) -> list[SetParametersResult]:
         """Change parameters one by one."""
@@ -61,7 +92,16 @@ class BaseNode(Node):  # type: ignore[misc]
         """
         if self._has_qos_parameters(topic, SUBSCRIPTION):
             qos_profile, options["qos_overriding_options"] = overridable(qos_profile)
-        return super().create_subscription(msg_type, topic, callback, qos_profile, **options)
+        return super().create_subscription(msg_type, topic, self.contained(callback, topic), qos_profile, **options)
+
+    def create_service(self, srv_type: Any, srv_name: str, callback: Any, **options: Any) -> Any:
+        """Create a service."""
+        return super().create_service(srv_type, srv_name, self.contained_service(callback, srv_name), **options)
+
+    def create_timer(self, timer_period_sec: float, callback: Any, *arguments: Any, **options: Any) -> Any:
+        """Create a timer."""
+        name = f"the timer {getattr(callback, '__name__', 'callback').strip('_')}"
+        return super().create_timer(timer_period_sec, self.contained(callback, name), *arguments, **options)
 
     def _has_qos_parameters(self, topic: str, entity: str) -> bool:
         # rclpy subscribes to /clock whenever use_sim_time is set.

@@ -25,6 +25,8 @@ _JUMPS, _WINDOW = 3, 2.0
 """So many jumps back within so many seconds are two clocks; one is a simulation that was started again."""
 _FORWARD = Duration(seconds=0.5)
 """A jump forward that makes :meth:`ClockWatch.now` look at the publishers before it answers."""
+_SETTLE = 1.0
+"""[s] for which time is not relied on after a jump back"""
 _LOG_PERIOD = 1.0
 """[s] least time between two log entries"""
 
@@ -43,6 +45,8 @@ class ClockWatch:
         self._clock_seen = time.monotonic()
         self._jumps_back: deque[float] = deque(maxlen=_JUMPS)
         self._jumped = False
+        self._ros_seen: int | None = None
+        self._ros_changed = 0.0
         self._last: tuple[int, int] | None = None
         self._offset = 0
         threshold = JumpThreshold(min_forward=_FORWARD, min_backward=Duration(nanoseconds=-1), on_clock_change=False)
@@ -54,6 +58,28 @@ class ClockWatch:
         if self.contradictory:
             return int(DiagnosticStatus.ERROR[0])
         return int((DiagnosticStatus.WARN if self.problem else DiagnosticStatus.OK)[0])
+
+    @property
+    def is_simulated(self) -> bool:
+        """True if the node follows /clock."""
+        return self._uses_clock()
+
+    @property
+    def is_unreliable(self) -> bool:
+        """True while two clocks contradict each other, and for a second after time has jumped back."""
+        if self._jumped:
+            self._jumped = False
+            self.check()
+        return self.contradictory or self._has_jumped_back()
+
+    def standstill(self) -> float:
+        """Return for how long [s, steady clock] calls of this method have found the same simulated time."""
+        if not self._uses_clock():
+            return 0.0
+        ros, now = int(self._node.get_clock().handle.get_now().nanoseconds), time.monotonic()
+        if ros != self._ros_seen:
+            self._ros_seen, self._ros_changed = ros, now
+        return now - self._ros_changed
 
     def now(self) -> float:
         """Return the node's time [s]; while two clocks contradict each other it runs on with the steady clock."""
@@ -97,12 +123,17 @@ class ClockWatch:
             return f"{len(publishers)} publishers of /clock, only one may own time: {', '.join(publishers)}", True
         if len(self._jumps_back) == _JUMPS and now - self._jumps_back[0] <= _WINDOW:
             return f"time on /clock jumps to and fro, as with two clocks; its publisher: {', '.join(publishers)}", True
+        if self._has_jumped_back():
+            return "time on /clock jumped back", False
         if now - self._clock_seen >= GRACE:
             return "use_sim_time is set, but nothing publishes /clock: time stands still", False
         return "", False
 
     def _uses_clock(self) -> bool:
         return bool(self._node.get_clock().ros_time_is_active)
+
+    def _has_jumped_back(self) -> bool:
+        return bool(self._jumps_back) and time.monotonic() - self._jumps_back[-1] < _SETTLE
 
     def _publishes_clock(self) -> bool:
         return any(publisher.topic_name == CLOCK_TOPIC for publisher in self._node.publishers)

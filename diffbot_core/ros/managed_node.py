@@ -165,3 +165,7 @@ class ManagedNode(LifecycleNodeMixin, DiffbotNode[C]):  # type: ignore[misc]
             return change(request, response)
 
         service.callback = guarded
+        for one in self.services:
+            if one.srv_type.__module__.startswith("lifecycle_msgs."):
+                # These are made without create_service().
+                one.callback = self.contained_service(one.callback, one.service_name)

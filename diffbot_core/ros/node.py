@@ -14,7 +14,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import InvalidParameterTypeException, ParameterException
-from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.logging import LoggingSeverity, get_logger_effective_level, set_logger_level
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
@@ -23,6 +23,8 @@ from diffbot_core.errors import BadMessageError, DiffbotError
 from diffbot_core.health import Health
 from diffbot_core.ros.base_node import BaseNode
 from diffbot_core.ros.clock_watch import ClockWatch
+from diffbot_core.ros.fault_parameters import FaultConfig
+from diffbot_core.ros.faults import FaultRecord, is_refusal, one_line
 from diffbot_core.ros.parameters import NodeParameters, overrides_of
 from diffbot_core.ros.qos import LATCHED as LATCHED  # noqa: PLC0414 - re-exported, as is QUEUE
 from diffbot_core.ros.qos import QUEUE as QUEUE  # noqa: PLC0414
@@ -63,6 +65,7 @@ class DiffbotNode(BaseNode, Generic[C]):
             self.destroy_node()
             raise
         self.health = Health()
+        self.faults = FaultRecord()
         self.clock_watch = ClockWatch(self)
         self.exit_code: int | None = None
         self.steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
@@ -90,6 +93,26 @@ class DiffbotNode(BaseNode, Generic[C]):
     def _use_config(self, config: C) -> None:
         if self.is_configured:
             self.on_config(config)
+
+    def halt(self) -> None:
+        """Called after an internal error, for nodes that move the robot: it has to stop, and nothing may move it."""
+
+    def contain(self, error: Exception, where: str) -> None:
+        """Record what the callback of ``where`` raised, so that the node works on; after an internal error, halt."""
+        if is_refusal(error):
+            if self.health.drop(where, f"malformed, {type(error).__name__}"):
+                self.get_logger().warning(f"{where}: refused: {one_line(error)} (logged once; see /diagnostics)")
+            return
+        self.health.counted["internal errors"] += 1
+        if self.faults.add(error, where):
+            self.get_logger().error(f"{self.faults.newest} (logged once)\n{self.faults.trace}")
+        try:
+            self.halt()
+        except Exception as failure:
+            if self.faults.add(failure, "the halt"):
+                self.get_logger().error(f"{self.faults.newest} (logged once)\n{self.faults.trace}")
+        if getattr(self.config, "faults", FaultConfig()).exit_on_error:
+            self.finish(1)
 
     def before_shutdown(self) -> None:
         """Called once, while messages can still be sent: to stop the robot or to close a file."""
@@ -124,6 +147,8 @@ class DiffbotNode(BaseNode, Generic[C]):
 
     def health_level(self) -> tuple[int, str]:
         """Return level and message for /diagnostics; nodes with a state add it."""
+        if self.faults.newest:
+            return DiagnosticStatus.ERROR[0], self.faults.newest
         if self.clock_watch.problem:
             return self.clock_watch.level, self.clock_watch.problem
         dropped = sum(self.health.dropped.values())
@@ -145,6 +170,8 @@ class DiffbotNode(BaseNode, Generic[C]):
         level, text, details = self.diagnosis()  # first, since it may set notes of the report
         values = self.health.report((now - self._last_report) * 1e-9) | details
         values |= self.health.ages(time.monotonic())
+        if self.faults.trace:
+            values["traceback"] = self.faults.trace
         self._last_report = now
         message = DiagnosticArray(status=[status_message(self.get_fully_qualified_name(), level, text, values)])
         message.header.stamp = self.get_clock().now().to_msg()
@@ -222,12 +249,7 @@ def run_together(make_nodes: Callable[[], Iterator[DiffbotNode[Any]]], args: lis
     try:
         for node in make_nodes():
             nodes.append(node)  # one by one: those made before a failure are destroyed, too
-        executor = make_executor()
-        for node in nodes:
-            executor.add_node(node)
-            node.get_logger().info("ready")
-        while not stop.is_set and all(node.exit_code is None for node in nodes):
-            executor.spin_once(timeout_sec=SPIN_TIMEOUT)
+        _spin(nodes, stop)
     except (DiffbotError, ParameterException, InvalidParameterTypeException) as error:
         print(f"error: {_one_line(error)}", file=sys.stderr)
         return 1
@@ -241,6 +263,31 @@ def run_together(make_nodes: Callable[[], Iterator[DiffbotNode[Any]]], args: lis
                 last_first.callback(node.before_shutdown)
     # Read last: before_shutdown may still fail, such as a recorder on a full disk.
     return max(node.exit_code or 0 for node in nodes)
+
+
+def _spin(nodes: list[DiffbotNode[Any]], stop: StopFlag) -> None:
+    """Spin until the signal flag is set or one of the nodes ends."""
+    executor = _executor_of(nodes)
+    for node in nodes:
+        node.get_logger().info("ready")
+    while not stop.is_set and all(node.exit_code is None for node in nodes):
+        try:
+            executor.spin_once(timeout_sec=SPIN_TIMEOUT)
+        except ExternalShutdownException:
+            raise
+        except Exception as error:  # not of a callback: these are contained by their nodes
+            for node in nodes:
+                node.contain(error, "the executor")
+            executor.shutdown()
+            # After an exception an EventsExecutor calls nothing any more.
+            executor = _executor_of(nodes)
+
+
+def _executor_of(nodes: list[DiffbotNode[Any]]) -> Executor:
+    executor = make_executor()
+    for node in nodes:
+        executor.add_node(node)
+    return executor
 
 
 def _one_line(error: Exception) -> str:

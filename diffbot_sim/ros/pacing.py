@@ -13,11 +13,15 @@ _EARLY = 0.1
 
 
 class ClockPace:
-    """Steps due by a steady clock; a late caller catches up a few steps, a very late one skips the rest."""
+    """Steps due by a steady clock; a late caller catches up a few steps at a time, a very late one skips the rest."""
 
-    def __init__(self, period: float, now: float, max_catch_up: int = _MAX_CATCH_UP) -> None:
-        """Begin at ``now`` [s]; a step is due each ``period`` [s] of the clock, at most ``max_catch_up`` at a time."""
+    def __init__(self, period: float, now: float, max_catch_up: int = _MAX_CATCH_UP, skips: bool = True) -> None:
+        """Begin at ``now`` [s]; a step is due each ``period`` [s] of the clock, at most ``max_catch_up`` at a time.
+
+        Without ``skips`` the steps beyond that stay due, as they must where each has the time of day.
+        """
         self.period = period
+        self._skips = skips
         self._max_catch_up = max_catch_up
         self.skipped = 0
         """steps left out because a call came too late"""
@@ -32,6 +36,8 @@ class ClockPace:
         count = math.floor((now - self._next) / self.period + _EARLY) + 1
         if count < 1:
             return 0
+        if not self._skips:
+            count = min(count, self._max_catch_up)
         self._next += count * self.period
         if count > self._max_catch_up:
             self.skipped += count - self._max_catch_up

@@ -6,6 +6,7 @@ from typing import Annotated, NamedTuple
 
 from diffbot_control.ros.frames import PREFIX_TEXT
 from diffbot_core.errors import InvalidValueError
+from diffbot_core.ros.fault_parameters import FaultConfig
 from diffbot_core.schema import Spec
 from diffbot_sim.model.simulator import WorldConfig
 from diffbot_sim.ros.pacing import CLOCKS, LOCKSTEP, SCALED, WALL
@@ -63,6 +64,7 @@ class PlantNodeConfig(NamedTuple):
     base_link_frame: Annotated[str, Spec("frame of the robot", read_only=True)] = "base_link"
     frame_prefix: Annotated[str, Spec(PREFIX_TEXT, read_only=True)] = ""
     publish_tf: Annotated[bool, Spec("publish odom -> base_link", read_only=True)] = True
+    faults: FaultConfig = FaultConfig()
 
     def owns_time(self) -> bool:
         """Return True if the plant publishes /clock."""
