@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from mcap.well_known import MessageEncoding, SchemaEncoding
-from mcap.writer import CompressionType, Writer
+from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
 from diffbot_bag import metadata
 from diffbot_bag.message_definitions import DefinitionNotFoundError, MessageDefinitions
@@ -198,3 +198,17 @@ class BagWriter:
             f"cannot write {self.path}: {error.strerror}; the bag ends after about {self.count} messages"
             " (it has no index; complete chunks can be read as a stream)"
         )
+
+
+def is_unfinished(folder: Path) -> bool:
+    """True if a folder has nothing in it but what a killed BagWriter leaves: its file, and parts of metadata.yaml."""
+    for path in folder.iterdir():
+        regular = path.is_file() and not path.is_symlink()
+        if regular and path.name.startswith(f".{metadata.FILE_NAME}.") and path.suffix == ".part":
+            continue
+        if not regular or path.name != f"{folder.name}_0.mcap":
+            return False
+        with path.open("rb") as file:
+            if file.read(len(MCAP0_MAGIC)) not in (b"", MCAP0_MAGIC):
+                return False
+    return True
