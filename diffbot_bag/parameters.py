@@ -26,6 +26,9 @@ class RecorderConfig(NamedTuple):
     chunk_size: Annotated[
         int, Spec("size of a chunk before compression", "bytes", 1024, 64 * 1024**2, read_only=True)
     ] = CHUNK_SIZE
+    min_free_space: Annotated[
+        int, Spec("recording ends with less space on the disk", "bytes", 0, 2**50, read_only=True)
+    ] = 64 * 1024**2
     compression: Annotated[str, Spec("of the chunks", choices=("zstd", "none"), read_only=True)] = "zstd"
     depth: Annotated[
         int,

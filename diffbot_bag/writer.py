@@ -48,6 +48,7 @@ class BagWriter:
         self._schemas: dict[str, int] = {}
         self._start = 0
         self._end = 0
+        self._flushed = 0
         self._stream = self._create()
         self._writer = Writer(
             self._stream,
@@ -154,6 +155,27 @@ class BagWriter:
             os.fsync(self._stream.fileno())
         except OSError as error:
             raise self._failure(error) from error
+        self._flushed = self.count
+
+    @property
+    def unflushed(self) -> int:
+        """Messages since the last flush; after an error, at most so many of those counted are not in the file."""
+        return self.count - self._flushed
+
+    def check_disk(self, min_free: int) -> None:
+        """Check that the file is still where it was created, with ``min_free`` [bytes] of free space beside it.
+
+        Raises:
+            BagWriteError: if not. The bag stays open: what is left of the space is for its index.
+        """
+        try:
+            found, space = os.stat(self.path), os.statvfs(self.folder)
+        except OSError as error:
+            raise BagWriteError(f"{self.path} has gone while it was written: {error.strerror}") from error
+        if not os.path.samestat(found, os.fstat(self._stream.fileno())):
+            raise BagWriteError(f"{self.path} was replaced while it was written")
+        if (free := space.f_bavail * space.f_frsize) < min_free:
+            raise BagWriteError(f"recording ends: {self.folder} has {free} bytes free: must be >= {min_free}")
 
     def close(self, custom_data: Mapping[str, str] | None = None) -> None:
         """Finish the file and write metadata.yaml; no effect on a closed bag.

@@ -130,6 +130,7 @@ PARAMETER_NAMES = frozenset(
         "max_departures",
         "max_held",
         "max_unpacked_size",
+        "min_free_space",
         "min_rotation",
         "min_velocity",
         "odom_frame",
