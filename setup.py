@@ -78,6 +78,7 @@ setup(
     # Not what a ROS installation brings without pip knowing it (rclpy, messages): see jazzy below.
     install_requires=[
         "filterpy>=2.0",
+        "lz4>=4.0",
         "matplotlib>=3.6",
         "mcap>=1.5",
         "mcap-ros2-support>=0.5",

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from diffbot_bag.foreign_files import shown
 from diffbot_core.errors import DiffbotError
 
 SEPARATOR = "=" * 80
@@ -16,7 +17,9 @@ SEPARATOR = "=" * 80
 PRIMITIVE_TYPES = frozenset({"bool", "byte", "char", "float32", "float64", "string", "wstring"}) | {
     f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)
 }
-_TYPE_NAME = re.compile(r"([a-zA-Z]\w*)/(?:(msg|srv|action)/)?([a-zA-Z]\w*)")
+_TYPE_NAME = re.compile(r"([a-zA-Z]\w*)/(?:(msg|srv|action)/)?([a-zA-Z]\w*)", re.ASCII)
+_INDEX = Path("share/ament_index/resource_index/rosidl_interfaces")
+"""where a package with interfaces registers itself, below its prefix"""
 _FIELD_TYPE = re.compile(r"^[ \t]*([a-zA-Z][\w/]*)(?:<=\d+)?(?:\[[^\]]*\])?[ \t]+[a-zA-Z]", re.MULTILINE)
 
 
@@ -31,6 +34,24 @@ def ament_prefixes() -> list[Path]:
     """
     paths = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
     return list(dict.fromkeys(Path(path) for path in [*paths, sys.prefix] if path))
+
+
+def interface_prefixes(package: str) -> list[Path]:
+    """Return the prefixes whose ament index has ``package`` as one with interfaces."""
+    return [prefix for prefix in ament_prefixes() if (prefix / _INDEX / package).is_file()]
+
+
+def split_type_name(type_name: str) -> tuple[str, str, str]:
+    """Return package, kind (msg, srv or action) and name of ``pkg/msg/Type``.
+
+    Raises:
+        DefinitionNotFoundError: if it is no such name.
+    """
+    match = _TYPE_NAME.fullmatch(type_name)
+    if match is None:
+        raise DefinitionNotFoundError(f"{shown(type_name)!r} is not the name of a message type")
+    package, kind, name = match.groups()
+    return package, kind or "msg", name
 
 
 class MessageDefinitions:
@@ -82,15 +103,12 @@ class MessageDefinitions:
         return self._texts[type_name]
 
     def _find(self, type_name: str, suffix: str) -> Path:
-        match = _TYPE_NAME.fullmatch(type_name)
-        if match is None:
-            raise DefinitionNotFoundError(f"{type_name!r} is not the name of a message type")
-        package, kind, name = match.groups()
+        package, kind, name = split_type_name(type_name)
         for prefix in self._prefixes:
-            path = prefix / "share" / package / (kind or "msg") / f"{name}{suffix}"
+            path = prefix / "share" / package / kind / f"{name}{suffix}"
             if path.is_file():
                 return path
-        raise DefinitionNotFoundError(f"{type_name}: no share/{package}/{kind or 'msg'}/{name}{suffix} installed")
+        raise DefinitionNotFoundError(f"{type_name}: no share/{package}/{kind}/{name}{suffix} installed")
 
 
 def _types_in(text: str, package: str) -> set[str]:

@@ -8,6 +8,8 @@ from typing import Any, NamedTuple
 
 import yaml
 
+from diffbot_bag.bounded_yaml import MAX_CHARACTERS, load_yaml
+from diffbot_bag.foreign_files import read_text, shown
 from diffbot_bag.qos import Qos, load_profiles, to_plain
 from diffbot_core.errors import DiffbotError
 from diffbot_core.files import write_text
@@ -101,20 +103,15 @@ def read(folder: Path) -> BagMetadata:
         DiffbotError: if it is not YAML, not the metadata of a rosbag2 bag, or that of a bag that is not MCAP.
     """
     path = folder / FILE_NAME
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise DiffbotError(f"cannot read {path}: {error.strerror}") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise DiffbotError(f"{path} is not a YAML file") from error
+    content = load_yaml(read_text(path, MAX_CHARACTERS), shown(path))
     inner = content.get(ROOT) if isinstance(content, dict) else None
     if not isinstance(inner, dict):
         raise DiffbotError(f"{path} has no {ROOT}: not the metadata of a rosbag2 bag")
     storage = inner.get("storage_identifier")
     if storage != "mcap":
-        raise DiffbotError(f"{path}: storage_identifier = {storage!r}: must be mcap (see `ros2 bag convert`)")
+        raise DiffbotError(f"{path}: storage_identifier = {shown(storage)!r}: must be mcap (see `ros2 bag convert`)")
     if inner.get("compression_mode"):
-        raise DiffbotError(f"{path}: compression_mode = {inner['compression_mode']!r}: must be empty")
+        raise DiffbotError(f"{path}: compression_mode = {shown(inner['compression_mode'])!r}: must be empty")
     try:
         return BagMetadata(
             files=tuple(str(name) for name in inner["relative_file_paths"]),
@@ -125,8 +122,8 @@ def read(folder: Path) -> BagMetadata:
             custom_data=dict(inner.get("custom_data") or {}),
             ros_distro=str(inner.get("ros_distro", "")),
         )
-    except (KeyError, TypeError, ValueError) as error:
-        raise DiffbotError(f"{path} is incomplete: {type(error).__name__} {error}") from error
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        raise DiffbotError(f"{shown(path)} is incomplete: {type(error).__name__} {shown(error)}") from error
 
 
 def _topic_from_plain(plain: Mapping[str, Any]) -> Topic:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, NamedTuple
 
+from diffbot_bag.chunks import BagLimits
 from diffbot_bag.playback_clock import parse_remap
 from diffbot_bag.writer import CHUNK_SIZE
 from diffbot_core.schema import Spec
@@ -25,6 +26,9 @@ class RecorderConfig(NamedTuple):
     chunk_size: Annotated[
         int, Spec("size of a chunk before compression", "bytes", 1024, 64 * 1024**2, read_only=True)
     ] = CHUNK_SIZE
+    min_free_space: Annotated[
+        int, Spec("recording ends with less space on the disk", "bytes", 0, 2**50, read_only=True)
+    ] = 64 * 1024**2
     compression: Annotated[str, Spec("of the chunks", choices=("zstd", "none"), read_only=True)] = "zstd"
     depth: Annotated[
         int,
@@ -86,6 +90,14 @@ class ReplayConfig(NamedTuple):
             read_only=True,
         ),
     ] = 5.0
+    max_compression_ratio: Annotated[
+        float,
+        Spec("what the chunks of a file beyond 64 MiB may unpack to, for their size", "-", 1.0, 1e6, read_only=True),
+    ] = BagLimits().max_compression_ratio
+    max_unpacked_size: Annotated[
+        int,
+        Spec("what chunks that overlap in time may unpack to", "bytes", 1024**2, 2**40, read_only=True),
+    ] = BagLimits().max_unpacked_size
     read_ahead_queue_size: Annotated[int, Spec("messages read ahead", minimum=1, maximum=1_000_000, read_only=True)] = (
         1000
     )

@@ -22,6 +22,8 @@ from diffbot_bag.playback_clock import (
 from diffbot_bag.read_ahead import ReadAhead
 from diffbot_bag.reader import RawMessage
 
+LONGEST_WAIT = 3600.0
+"""[s] A gap in a bag may be longer than a lock can wait."""
 COARSE = 2_000_000
 """[ns] before a deadline, the player stops waiting for requests of other threads and only sleeps or spins."""
 SPIN = 100_000
@@ -200,7 +202,7 @@ class Player:
                     self._changed.wait()
                     continue
                 if target - now > COARSE:
-                    self._changed.wait((target - now - COARSE // 2) / SECOND)
+                    self._changed.wait(min((target - now - COARSE // 2) / SECOND, LONGEST_WAIT))
                     continue
             self._sleep_until(target)
             if self._stopped or self._timeline is not timeline:

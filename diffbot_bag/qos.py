@@ -7,10 +7,14 @@ from typing import Any, NamedTuple
 
 import yaml
 
+from diffbot_bag.bounded_yaml import load_yaml
+from diffbot_bag.foreign_files import shown
 from diffbot_core.errors import DiffbotError
 
 INFINITE = 2**63 - 1
 """[ns] ROS's value of an infinite duration: 9223372036 s 854775807 ns"""
+MAX_DEPTH = 1_000_000
+"""Most messages that a replay keeps, whatever depth was recorded."""
 REPLAY_DEPTH = 10_000
 """Messages kept per volatile topic in replay: DDS resends what a busy machine dropped only every 3 s."""
 # Up to version 8, metadata.yaml holds policies as the integers of rmw.
@@ -57,15 +61,25 @@ def from_plain(plain: Mapping[str, Any]) -> Qos:
     known = {name: value for name, value in plain.items() if name in Qos._fields}
     try:
         for name, words in _WORDS.items():
-            if isinstance(known.get(name), int):
-                known[name] = words[known[name]]
+            if name in known:
+                known[name] = _word(known[name], words)
         for name in _DURATIONS:
             if name in known:
                 known[name] = _nanoseconds(known[name])
         known["depth"] = int(known.get("depth", 0))
+        if not 0 <= known["depth"] < 2**64 or not isinstance(known.get("avoid_ros_namespace_conventions", False), bool):
+            raise ValueError("depth")
         return Qos(**known)
-    except (IndexError, KeyError, TypeError, ValueError) as error:
-        raise DiffbotError(f"not a QoS profile: {dict(plain)!r}") from error
+    except (IndexError, KeyError, TypeError, ValueError, OverflowError) as error:
+        raise DiffbotError(f"not a QoS profile: {shown(dict(plain))}") from error
+
+
+def _word(value: Any, words: tuple[str, ...]) -> str:
+    """Return a policy's word, which the value is or numbers."""
+    number = value if isinstance(value, int) else words.index(value)
+    if number < 0:
+        raise IndexError(number)
+    return words[number]
 
 
 def _nanoseconds(duration: Mapping[str, int]) -> int:
@@ -85,14 +99,11 @@ def load_profiles(stored: Any) -> tuple[Qos, ...]:
     Raises:
         DiffbotError: if it is neither.
     """
-    try:
-        profiles = yaml.safe_load(stored) if isinstance(stored, str) else stored
-    except yaml.YAMLError as error:
-        raise DiffbotError("offered_qos_profiles is not YAML") from error
+    profiles = load_yaml(stored, "offered_qos_profiles") if isinstance(stored, str) else stored
     if not profiles:
         return ()
     if not isinstance(profiles, list) or not all(isinstance(item, Mapping) for item in profiles):
-        raise DiffbotError(f"offered_qos_profiles is not a list of profiles: {profiles!r}")
+        raise DiffbotError(f"offered_qos_profiles is not a list of profiles: {shown(profiles)}")
     return tuple(from_plain(item) for item in profiles)
 
 
@@ -124,7 +135,7 @@ def to_offer(recorded: Sequence[Qos]) -> Qos:
     # The replay does not assert liveliness by hand, so a manual policy would be violated.
     by_itself = agreed.liveliness == "automatic"
     latched = any(offer.durability == "transient_local" for offer in recorded)
-    known_depth = max(offer.depth for offer in recorded)
+    known_depth = min(max(offer.depth for offer in recorded), MAX_DEPTH)
     return Qos(
         history="keep_last",
         depth=max(known_depth, len(recorded)) if latched else max(known_depth, REPLAY_DEPTH),

@@ -13,10 +13,15 @@ from mcap.well_known import MessageEncoding
 from mcap_ros2.decoder import DecoderFactory
 
 from diffbot_bag import metadata
+from diffbot_bag.chunks import BagLimits
 from diffbot_bag.encoding import decode_numbers_message
+from diffbot_bag.foreign_files import inside, shown
 from diffbot_bag.mcap_file import DAMAGE, McapFile
 from diffbot_bag.metadata import BagMetadata, Topic
 from diffbot_core.errors import DiffbotError
+
+MAX_FILES = 1000
+"""of one bag; all of them are open together"""
 
 
 class RawMessage(NamedTuple):
@@ -40,34 +45,43 @@ class DecodedMessage(NamedTuple):
 class BagReader:
     """An open bag: a folder of rosbag2 or one MCAP file. Close it, or use it in a ``with`` statement."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, limits: BagLimits | None = None) -> None:
         """Open the bag and read its index.
 
+        Args:
+            path: folder or file; nothing outside of it is read, whatever its metadata name.
+            limits: how much each file may unpack to; default: those of BagLimits.
+
         Raises:
-            DiffbotError: if it is missing, not a rosbag2 MCAP bag, truncated or empty.
+            DiffbotError: if it is missing, not a rosbag2 MCAP bag, truncated, empty, or beyond the limits.
         """
         self.path = path.expanduser()
         self.metadata: BagMetadata | None = None
         self._files: list[McapFile] = []
         try:
             for file in self._file_paths():
-                self._files.append(McapFile(file))
+                self._files.append(McapFile(file, limits))
         except DiffbotError:
             self.close()
             raise
 
     def _file_paths(self) -> list[Path]:
-        if self.path.is_file():
-            return [self.path]
+        if "\0" in str(self.path) or not self.path.exists():
+            raise DiffbotError(f"no bag {shown(self.path)}: no such file or folder")
         if not self.path.is_dir():
-            raise DiffbotError(f"no bag {self.path}: no such file or folder")
-        if (self.path / metadata.FILE_NAME).is_file():
+            return [self.path]
+        if (self.path / metadata.FILE_NAME).exists():
             self.metadata = metadata.read(self.path)
-            found = [self.path / name for name in self.metadata.files]
+            names = list(self.metadata.files)
         else:
-            found = sorted(self.path.glob("*.mcap"))
-        if not found:
+            names = sorted(file.name for file in self.path.glob("*.mcap"))
+        if not names:
             raise DiffbotError(f"no bag in {self.path}: neither {metadata.FILE_NAME} nor an MCAP file")
+        found = [inside(self.path, name) for name in names[: MAX_FILES + 1]]
+        if len(found) > MAX_FILES:
+            raise DiffbotError(f"{self.path} has {len(names)} files: must be <= {MAX_FILES}")
+        if len({file.resolve() for file in found}) < len(found):
+            raise DiffbotError(f"{self.path / metadata.FILE_NAME} lists a file twice")
         return found
 
     def __enter__(self) -> BagReader:
@@ -170,7 +184,9 @@ class BagReader:
             try:
                 content = decode_numbers_message(key[0], message.data) or decoders[key](message.data)
             except DAMAGE as error:
-                raise DiffbotError(f"{self.path}: cannot decode {channel.topic} at {message.log_time} ns") from error
+                raise DiffbotError(
+                    f"{self.path}: cannot decode {shown(channel.topic)} at {message.log_time} ns"
+                ) from error
             yield DecodedMessage(channel.topic, content, message.log_time, message.publish_time)
 
     def _records(
@@ -189,7 +205,7 @@ def _decoder(factory: DecoderFactory, channel: Channel, schema: Schema | None) -
     try:
         decoder = factory.decoder_for(channel.message_encoding, schema)
     except DAMAGE as error:
-        raise DiffbotError(f"{channel.topic}: its message definition cannot be parsed") from error
+        raise DiffbotError(f"{shown(channel.topic)}: its message definition cannot be parsed") from error
     if decoder is None or channel.message_encoding != MessageEncoding.CDR:
-        raise DiffbotError(f"{channel.topic}: no message definition in the bag")
+        raise DiffbotError(f"{shown(channel.topic)}: no message definition in the bag")
     return decoder

@@ -27,6 +27,10 @@ from diffbot_core.ros.node import LATCHED, DiffbotNode, run, status_message
 
 STATUS_PERIOD = 0.5
 """[s] between two ~/status messages while only counts change"""
+WATCH_PERIOD = 0.5
+"""[s] between two looks at the free space and at the file"""
+UNMATCHED_POLLS = 10
+"""Polls in a row with an unmatched publisher before it is reported: discovery takes a moment."""
 QUIET = 0.05
 """[s] without a message after which, at the end, no more are expected"""
 
@@ -36,11 +40,16 @@ class Recorded:
 
     def __init__(self, name: str, channel: int) -> None:
         """Start with a topic and its channel in the bag."""
-        self.name = name
-        self.channel = channel
+        self.name, self.channel = name, channel
         self.gaps = GapCounter()
         self.subscription: Any = None
         self.polls = 0
+        self.unmatched_polls = 0
+
+    @property
+    def incomplete(self) -> bool:
+        """True while a publisher is not matched: it has another type, or offers less than the others."""
+        return self.unmatched_polls >= UNMATCHED_POLLS
 
 
 class RecorderNode(DiffbotNode[RecorderConfig]):
@@ -63,6 +72,7 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
             raise
         self._topics: dict[str, Recorded] = {}
         self._refused: set[str] = set()
+        self._unwritten = 0
         self._status = self.create_publisher(DiagnosticStatus, "~/status", LATCHED)
         self._last_status: tuple[str, ...] = ("",)
         self._state = "recording"
@@ -74,6 +84,7 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
             (self.config.topic_polling_interval, self.update_subscriptions),
             (self.config.flush_period, self._flush),
             (STATUS_PERIOD, self._publish_status),
+            (WATCH_PERIOD, lambda: self._writer.check_disk(self.config.min_free_space)),
         ):
             self.create_timer(period, self._unless_failed(work), clock=self.steady_clock)
         self.get_logger().info(f"recording to {self._writer.folder}")
@@ -111,6 +122,8 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         return guarded
 
     def _fail(self, error: BagWriteError) -> None:
+        if self._writer.closed and self._state != "write error":
+            self._unwritten += self._writer.unflushed
         self.get_logger().error(str(error))
         self._state = "write error"
         self._publish_status()
@@ -131,7 +144,17 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         for topic in self._topics.values():
             topic.gaps.publishers = max(topic.gaps.publishers, topic.subscription.get_publisher_count())
             topic.polls += 1
+            self._note_unmatched(topic)
         if self._subscribed() != self._last_status:
+            self._publish_status()
+
+    def _note_unmatched(self, topic: Recorded) -> None:
+        if self.count_publishers(topic.name) <= topic.subscription.get_publisher_count():
+            topic.unmatched_polls = 0
+            return
+        topic.unmatched_polls += 1
+        if topic.unmatched_polls == UNMATCHED_POLLS:
+            self.get_logger().warning(f"{topic.name}: a publisher of another type or weaker QoS is not recorded")
             self._publish_status()
 
     def _refuse(self, name: str, reason: str) -> None:
@@ -176,6 +199,7 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
 
         def receive(data: bytes, info: dict[str, Any]) -> None:
             if writer.closed:
+                self._unwritten += 1
                 return
             number = info["publication_sequence_number"]
             if number is not None and topic.gaps.note(number):
@@ -189,6 +213,7 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
                 else:
                     writer.write(*message.at(received))
             except BagWriteError as error:
+                self._unwritten += 1
                 self._fail(error)
 
         return receive
@@ -214,12 +239,13 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         self._writer.flush()
 
     def _lost(self) -> int:
-        return sum(topic.gaps.lost for topic in self._topics.values())
+        return self._unwritten + sum(topic.gaps.lost for topic in self._topics.values())
 
     def _publish_status(self) -> None:
         self._last_status = self._subscribed()
         lost = self._lost()
-        level = DiagnosticStatus.WARN if lost else DiagnosticStatus.OK
+        incomplete = sorted(topic.name for topic in self._topics.values() if topic.incomplete)
+        level = DiagnosticStatus.WARN if lost or incomplete else DiagnosticStatus.OK
         if self._state == "write error":
             level = DiagnosticStatus.ERROR
         values = {
@@ -227,6 +253,7 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
             "topics": " ".join(self._last_status),
             "messages": str(self._writer.count),
             "lost": str(lost),
+            "incomplete": " ".join(incomplete),
             "held": str(len(self._held)),
         }
         self._status.publish(status_message(self.get_fully_qualified_name(), level[0], self._state, values))

@@ -21,6 +21,8 @@ from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
 from diffbot_bag import ros_conversions
+from diffbot_bag.chunks import BagLimits
+from diffbot_bag.foreign_files import shown
 from diffbot_bag.metadata import Topic
 from diffbot_bag.parameters import ReplayConfig
 from diffbot_bag.playback_clock import SECOND, Window, parse_remap, window
@@ -35,6 +37,8 @@ from diffbot_core.ros.node import LATCHED, QUEUE, DiffbotNode, run, status_messa
 STATUS_PERIOD = 0.5
 """[s] between two ~/status messages."""
 CLOCK_TOPIC = "/clock"
+MAX_CLOCK = 2**31 * SECOND
+"""[ns] times that do not fit into builtin_interfaces/Time"""
 SWITCH_INTERVAL = 0.0005
 """[s] after which Python switches threads; with the default of 5 ms, reading ahead would delay messages"""
 
@@ -73,7 +77,8 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
     def _open(self) -> BagReader:
         if not self.config.uri:
             raise InvalidValueError("uri", "", "the folder of a bag or an MCAP file")
-        return BagReader(Path(self.config.uri))
+        limits = BagLimits(self.config.max_compression_ratio, self.config.max_unpacked_size)
+        return BagReader(Path(self.config.uri), limits)
 
     def _selected_topics(self) -> dict[str, Topic]:
         config, namespace = self.config, self.get_namespace()
@@ -99,6 +104,8 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
 
     def _make_window(self) -> Window:
         config = self.config
+        if config.clock > 0.0 and self._reader.end >= MAX_CLOCK:
+            raise DiffbotError(f"{self._reader.path} ends at {self._reader.end} ns, which /clock cannot hold")
         return window(
             self._reader.start,
             self._reader.end,
@@ -118,7 +125,7 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
                     ros_conversions.to_ros(to_offer(topic.qos)),
                 )
             except (DiffbotError, InvalidTopicNameException) as error:
-                self.get_logger().warning(f"{name} is not played: {' '.join(str(error).split())}")
+                self.get_logger().warning(f"{shown(name)} is not played: {shown(' '.join(str(error).split()))}")
         if not publishers:
             raise DiffbotError(f"no topic of {self._reader.path} can be published")
         return publishers

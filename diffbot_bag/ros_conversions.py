@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import inspect
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from rclpy.duration import Duration
@@ -17,6 +19,8 @@ from rclpy.qos import (
 )
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
+from diffbot_bag.foreign_files import shown
+from diffbot_bag.message_definitions import interface_prefixes, split_type_name
 from diffbot_bag.qos import INFINITE, Qos
 from diffbot_core.errors import DiffbotError
 
@@ -68,20 +72,31 @@ def type_hash(publishers: list[TopicEndpointInfo]) -> str:
 def message_class(type_name: str) -> Any:
     """Import the Python class of ``pkg/msg/Type``.
 
+    The name may come from a bag or a publisher of unknown origin, and an import runs code: only packages with
+    interfaces are imported, and only from the prefix whose ament index has them.
+
     Raises:
         DiffbotError: if the type is not installed.
     """
-    package, _, rest = type_name.partition("/")
-    kind, _, name = rest.partition("/")
+    package, kind, name = split_type_name(type_name)
+    prefixes = interface_prefixes(package)
     try:
+        origin = getattr(importlib.util.find_spec(package), "origin", None) if prefixes else None
+        if origin is None or not any(_contains(prefix, Path(origin)) for prefix in prefixes):
+            raise ImportError("not an installed package with interfaces")
         found = getattr(importlib.import_module(f"{package}.{kind}"), name)
         # Loads the C library behind the class, which may be missing.
         type(found).__import_type_support__()
     except (ImportError, AttributeError, ValueError) as error:
-        raise DiffbotError(f"type {type_name} is not installed") from error
+        raise DiffbotError(f"type {shown(type_name)} is not installed") from error
     except Exception as error:  # the exceptions of rosidl have no common base class
         raise DiffbotError(f"type {type_name} cannot be loaded: {error}") from error
     return found
+
+
+def _contains(prefix: Path, origin: Path) -> bool:
+    # As it is found, and as it is: builds with symbolic links install links.
+    return origin.is_relative_to(prefix) or origin.resolve().is_relative_to(prefix.resolve())
 
 
 def with_info(callback: Callable[[bytes, dict[str, Any]], None]) -> Callable[..., None]:

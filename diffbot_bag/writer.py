@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from mcap.well_known import MessageEncoding, SchemaEncoding
-from mcap.writer import CompressionType, Writer
+from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
 from diffbot_bag import metadata
 from diffbot_bag.message_definitions import DefinitionNotFoundError, MessageDefinitions
@@ -48,6 +48,7 @@ class BagWriter:
         self._schemas: dict[str, int] = {}
         self._start = 0
         self._end = 0
+        self._flushed = 0
         self._stream = self._create()
         self._writer = Writer(
             self._stream,
@@ -154,6 +155,27 @@ class BagWriter:
             os.fsync(self._stream.fileno())
         except OSError as error:
             raise self._failure(error) from error
+        self._flushed = self.count
+
+    @property
+    def unflushed(self) -> int:
+        """Messages since the last flush; after an error, at most so many of those counted are not in the file."""
+        return self.count - self._flushed
+
+    def check_disk(self, min_free: int) -> None:
+        """Check that the file is still where it was created, with ``min_free`` [bytes] of free space beside it.
+
+        Raises:
+            BagWriteError: if not. The bag stays open: what is left of the space is for its index.
+        """
+        try:
+            found, space = os.stat(self.path), os.statvfs(self.folder)
+        except OSError as error:
+            raise BagWriteError(f"{self.path} has gone while it was written: {error.strerror}") from error
+        if not os.path.samestat(found, os.fstat(self._stream.fileno())):
+            raise BagWriteError(f"{self.path} was replaced while it was written")
+        if (free := space.f_bavail * space.f_frsize) < min_free:
+            raise BagWriteError(f"recording ends: {self.folder} has {free} bytes free: must be >= {min_free}")
 
     def close(self, custom_data: Mapping[str, str] | None = None) -> None:
         """Finish the file and write metadata.yaml; no effect on a closed bag.
@@ -198,3 +220,17 @@ class BagWriter:
             f"cannot write {self.path}: {error.strerror}; the bag ends after about {self.count} messages"
             " (it has no index; complete chunks can be read as a stream)"
         )
+
+
+def is_unfinished(folder: Path) -> bool:
+    """True if a folder has nothing in it but what a killed BagWriter leaves: its file, and parts of metadata.yaml."""
+    for path in folder.iterdir():
+        regular = path.is_file() and not path.is_symlink()
+        if regular and path.name.startswith(f".{metadata.FILE_NAME}.") and path.suffix == ".part":
+            continue
+        if not regular or path.name != f"{folder.name}_0.mcap":
+            return False
+        with path.open("rb") as file:
+            if file.read(len(MCAP0_MAGIC)) not in (b"", MCAP0_MAGIC):
+                return False
+    return True

@@ -61,11 +61,11 @@ def run(file: Path | None, flags: Mapping[str, Any], out: Path, workers: int | N
 def _refuse_results_of_another(out: Path, campaign: Campaign) -> None:
     """Refuse to overwrite results without a journal, unless they are of this campaign."""
     path = out / "results.json"
-    if (out / JOURNAL).exists() or not path.exists():
+    if (out / JOURNAL).exists() or not path.is_file():
         return
     try:
         identity = json.loads(path.read_text())["identity"]
-    except (OSError, ValueError, LookupError, TypeError):
+    except (OSError, ValueError, LookupError, TypeError, RecursionError):
         identity = None
     if identity != campaign.identity:
         raise DiffbotError(f"{path} is of another campaign: not touched; choose another --out")

@@ -6,6 +6,7 @@ it. Counts add up exactly, so the result does not depend on chunks, order, worke
 
 from __future__ import annotations
 
+import bisect
 import fcntl
 import json
 import os
@@ -20,6 +21,7 @@ from tqdm import tqdm
 
 from diffbot_control.law.registry import resolve_law
 from diffbot_core.errors import DiffbotError
+from diffbot_lab.campaign.journal_lines import MAX_LINE, check_chunk, parsed
 from diffbot_lab.campaign.spec import Campaign, code_version
 from diffbot_lab.campaign.statistics import CellStatistics, count_outcomes
 from diffbot_sim.compiled.batch import Starts, run_batch
@@ -64,14 +66,6 @@ def run_chunk(chunk: Chunk) -> dict[str, Any]:
     return {"cell": chunk.cell, "first": chunk.first, "count": chunk.number, **count_outcomes(outcomes)}
 
 
-def _parsed(line: bytes) -> Any:
-    """Return the content of a line, None if it is not JSON."""
-    try:
-        return json.loads(line)
-    except (ValueError, RecursionError):
-        return None
-
-
 class Journal:
     """The finished chunks of one campaign, a line each, after a header line that names the campaign and the code."""
 
@@ -87,6 +81,7 @@ class Journal:
         self.statistics = [CellStatistics() for _ in campaign.cells]
         self.done: list[dict[int, int]] = [{} for _ in campaign.cells]
         """for each cell the finished chunks, first run -> number of runs"""
+        self._starts: list[list[int]] = [[] for _ in campaign.cells]
         header = {
             "format": FORMAT,
             "identity": campaign.identity,
@@ -94,6 +89,8 @@ class Journal:
             "cases": campaign.resolved,
             "campaign": campaign.description,
         }
+        if path.exists() and not path.is_file() and not path.is_dir():
+            raise DiffbotError(f"{path} is not a regular file")
         try:
             # Unbuffered: a failed write would otherwise fail again on closing.
             self._file = path.open("ab", buffering=0)
@@ -121,14 +118,14 @@ class Journal:
         """Count the lines; return the length of all complete ones: the last line may be cut off."""
         kept = 0
         with self._path.open("rb") as file:
-            for number, line in enumerate(file, 1):
-                whole = line.endswith(b"\n")
+            for number, line in enumerate(iter(lambda: file.readline(MAX_LINE), b""), 1):
+                whole = line.endswith(b"\n") or len(line) == MAX_LINE
                 if number == 1:
-                    self._check_header(_parsed(line) if whole else None, header)
+                    self._check_header(parsed(line) if whole else None, header)
                 elif whole:
                     try:
-                        self._take(_parsed(line))
-                    except (IndexError, KeyError, TypeError, ValueError):
+                        self._take(parsed(line))
+                    except ValueError:
                         raise DiffbotError(f"{self._path}: line {number} is damaged: not touched") from None
                 else:
                     break
@@ -145,18 +142,37 @@ class Journal:
         if found.get("cases") != expected["cases"]:
             raise DiffbotError(f"{self._path} was begun with other values of its parameters: choose another --out")
 
-    def _take(self, entry: dict[str, Any]) -> None:
-        cell, first, count = entry["cell"], entry["first"], entry["count"]
-        done = self.done[cell]
-        if min(cell, first) < 0 or count != entry["runs"] or first in done or first + count > self._runs:
-            raise ValueError("not a chunk of this campaign")
-        self.statistics[cell].add(entry)
-        done[first] = count
+    def _take(self, entry: Any) -> None:
+        self._check(entry)
+        self._count(entry)
+
+    def _check(self, entry: Any) -> None:
+        """Raise ValueError if this is no chunk of the campaign, or if one of its runs is counted already."""
+        check_chunk(entry, len(self.done), self._runs)
+        first, starts = entry["first"], self._starts[entry["cell"]]
+        place = bisect.bisect(starts, first)
+        before = starts[place - 1] + self.done[entry["cell"]][starts[place - 1]] if place else 0
+        after = starts[place] if place < len(starts) else self._runs
+        if not before <= first <= first + entry["count"] <= after:
+            raise ValueError("runs that are counted already")
+
+    def _count(self, entry: dict[str, Any]) -> None:
+        self.statistics[entry["cell"]].add(entry)
+        self.done[entry["cell"]][entry["first"]] = entry["count"]
+        bisect.insort(self._starts[entry["cell"]], entry["first"])
 
     def add(self, entry: dict[str, Any]) -> None:
-        """Write and count a finished chunk."""
+        """Write and count a finished chunk.
+
+        Raises:
+            DiffbotError: if the counts of the worker cannot be right, or the journal cannot be written.
+        """
+        try:
+            self._check(entry)
+        except ValueError as error:
+            raise DiffbotError(f"a worker returned {error}; finished chunks are kept") from None
         self._append(entry)
-        self._take(entry)
+        self._count(entry)
 
     def _append(self, entry: dict[str, Any]) -> None:
         line = memoryview(json.dumps(entry, separators=(",", ":")).encode() + b"\n")

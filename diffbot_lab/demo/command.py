@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 from tqdm import tqdm
 
+from diffbot_bag.writer import is_unfinished
 from diffbot_control.law.presets import PRESETS, TUNED
 from diffbot_core.errors import DiffbotError
 from diffbot_core.files import write_json
@@ -114,7 +115,7 @@ def _make_room_for_bag(bag: Path, overwrite: bool) -> None:
         return
     if not overwrite:
         raise DiffbotError(f"{bag} exists: choose another folder with --out, or replace it with --overwrite")
-    if not bag.is_dir() or (not (bag / "metadata.yaml").is_file() and any(bag.iterdir())):
+    if not bag.is_dir() or not ((bag / "metadata.yaml").is_file() or is_unfinished(bag)):
         raise DiffbotError(f"{bag} exists and is no bag: not replaced")
     shutil.rmtree(bag)
     for result in ("summary.json", "path.png"):  # of the old run: misleading if the new one is interrupted

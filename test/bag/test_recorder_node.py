@@ -422,3 +422,32 @@ def test_keep_all_publishers_do_not_disturb(tmp_path, peer):
         sent = publish(publisher, twists(100))
         assert running.stop() == 0
     assert recorded(tmp_path / "run", "/all") == sent
+
+
+def test_a_deleted_folder_ends_the_recording(tmp_path, peer):
+    with recorder(tmp_path / "run") as running:
+        (tmp_path / "run").rename(tmp_path / "gone")
+        peer.spin_until(lambda: running.popen.poll() is not None, 20.0, "the end of the recorder")
+        assert running.popen.returncode == 1
+        assert "has gone while it was written" in running.output
+        assert "Traceback" not in running.output
+
+
+def test_a_disk_with_too_little_space_ends_the_recording_with_a_whole_bag(tmp_path, peer):
+    with graph.node(RECORDER, {"uri": tmp_path / "run", "min_free_space": 2**50}) as running:
+        peer.spin_until(lambda: running.popen.poll() is not None, 30.0, "the end of the recorder")
+        assert running.popen.returncode == 1
+        assert "must be >= 1125899906842624" in running.output
+    with BagReader(tmp_path / "run") as reader:
+        assert reader.metadata is not None
+
+
+def test_a_second_type_on_a_recorded_topic_is_reported(tmp_path, peer):
+    first = peer.publisher(Twist, "shared", 10)
+    with recorder(tmp_path / "run") as running:
+        reports = wait_until_recorded(peer, first)
+        with graph.peer() as other:
+            other.publisher(String, "shared", 10)
+            peer.spin_until(lambda: graph.values(reports[-1])["incomplete"] == "/shared", 20.0, "the report")
+        assert reports[-1].level == DiagnosticStatus.WARN
+        assert "/shared: a publisher of another type or weaker QoS is not recorded" in running.output

@@ -291,3 +291,18 @@ def test_a_disk_that_is_full_from_the_start_is_known_at_once(tmp_path):
         timeout=60,
     )
     assert "BagWriteError: cannot write" in done.stderr
+
+
+def test_the_disk_is_watched(tmp_path):
+    writer = BagWriter(tmp_path / "run")
+    writer.check_disk(0)
+    with pytest.raises(BagWriteError, match=r"recording ends: .* bytes free: must be >= 1125899906842624"):
+        writer.check_disk(2**50)
+    assert not writer.closed
+    writer.path.rename(tmp_path / "moved")
+    with pytest.raises(BagWriteError, match="has gone while it was written"):
+        writer.check_disk(0)
+    writer.path.touch()
+    with pytest.raises(BagWriteError, match="was replaced while it was written"):
+        writer.check_disk(0)
+    writer.close()

@@ -33,6 +33,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from diffbot_control import ekf_node, robot_node
 from diffbot_control.controller_node import ControllerNode
+from diffbot_control.ros.controller_publishers import ControllerPublishers
 from diffbot_control.ekf_node import EkfNode
 from diffbot_control.ros.messages import goal_message
 from diffbot_core.ros.node import SPIN_TIMEOUT, make_executor, run_together
@@ -176,17 +177,17 @@ class Watch:
         """Watch all nodes that this process makes from now on."""
         self.durations: list[float] = []
         self.began = 0
-        read, send = ekf_node.read_odometry, ControllerNode._send
+        read, send = ekf_node.read_odometry, ControllerPublishers.send
 
         def timed_read(data: bytes) -> Any:
             self.began = time.perf_counter_ns()
             return read(data)
 
-        def timed_send(node: ControllerNode, *arguments: Any) -> None:
-            send(node, *arguments)
+        def timed_send(publishers: ControllerPublishers, *arguments: Any) -> None:
+            send(publishers, *arguments)
             self.durations.append((time.perf_counter_ns() - self.began) * 1e-6)
 
-        ekf_node.read_odometry, ControllerNode._send = timed_read, timed_send
+        ekf_node.read_odometry, ControllerPublishers.send = timed_read, timed_send
 
 
 def main() -> int:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import resource
 import shutil
 import signal
@@ -145,6 +146,21 @@ def damaged_lines(lines):
         yield json.dumps({**entry, **change}).encode() + b"\n"
     yield from (b"5\n", b"null\n", b"[]\n", b"{}\n", b"\n", b"\x00\xff\n", lines[2][:50] + b"\n", b"[" * 9999 + b"\n")
     yield lines[1]  # a chunk twice would count twice
+    for bins in hostile_bins():
+        yield json.dumps({**entry, "bins": {**entry["bins"], "effort": bins}}).encode() + b"\n"
+    whole = json.dumps({**entry, "more": 1}).encode()
+    yield whole + b"\n"
+    for name in ("cell", "first", "count", "settled", "reached_local"):
+        for value in ("NaN", "Infinity", "1e999", "0.0", "true", '"0"', "null", "[]", "-1", "1" + "0" * 300):
+            yield re.sub(rf'"{name}": ?\d+'.encode(), f'"{name}":{value}'.encode(), lines[2])
+    number = json.loads(lines[1])["count"]
+    yield json.dumps({**entry, "first": number - 1, "count": 1, "runs": 1}).encode() + b"\n"  # within another chunk
+    yield json.dumps(dict(json.loads(lines[1]), first=1)).encode() + b"\n"
+
+
+def hostile_bins():
+    yield from (None, 5, "ab", {}, [5], [[1]], [[1, 2, 3]], [["1", 1]], [[1.0, 1]], [[1, 0]], [[1, -1]], [[1, True]])
+    yield from ([[-2, 1]], [[10**9, 1]], [[10**400, 1]], [[1, 10**400]], [[5, 1], [5, 1]], [[5, 1], [4, 1]], [[0, 61]])
 
 
 def test_a_journal_that_is_damaged_in_the_middle_is_not_touched(tmp_path):
@@ -157,6 +173,24 @@ def test_a_journal_that_is_damaged_in_the_middle_is_not_touched(tmp_path):
         with pytest.raises(DiffbotError, match=r"campaign\.jsonl: line 3 is damaged: not touched$"):
             do(tmp_path)
         assert path.read_bytes() == before
+
+
+def test_a_worker_with_impossible_counts_is_not_believed(tmp_path):
+    do(tmp_path)
+    before = (tmp_path / JOURNAL).read_bytes()
+    journal = Journal(tmp_path / JOURNAL, make_campaign(SMALL))
+    entry = json.loads(before.splitlines()[1])
+    for changed in (entry, {**entry, "settled": 10**6}, None):
+        with pytest.raises(DiffbotError, match=r"a worker returned .*; finished chunks are kept"):
+            journal.add(changed)
+    journal.close()
+    assert (tmp_path / JOURNAL).read_bytes() == before
+
+
+def test_a_fifo_is_no_journal(tmp_path):
+    os.mkfifo(tmp_path / JOURNAL)
+    with pytest.raises(DiffbotError, match="is not a regular file"):
+        do(tmp_path)
 
 
 FOREIGN = {

@@ -6,6 +6,7 @@ import json
 import math
 import os
 import signal
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -18,7 +19,10 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from diffbot_control.law.presets import PRESETS
+from diffbot_core.errors import DiffbotError
 from diffbot_core.geometry import Pose
+from diffbot_lab.demo import bound_process
+from diffbot_lab.demo.command import _make_room_for_bag
 from diffbot_lab.demo.processes import PrivateDomain
 from diffbot_sim.model.simulator import WorldConfig
 from diffbot_sim.reference_loop import simulate
@@ -233,6 +237,52 @@ def test_signals_end_all_processes_and_leave_a_readable_bag(numbers, tmp_path):
     assert found.counts["/ground_truth"] >= 1
     assert found.counts["/goal_pose"] == 1
     assert "Traceback" not in (out / "log" / "recorder.log").read_text()
+
+
+def test_a_killed_demo_leaves_no_process_and_its_bag_can_be_replaced(tmp_path):
+    out = tmp_path / "out"
+    with graph.process(*command(out, "--real-time")) as process:
+        log = out / "log" / "recorder.log"
+        graph.wait_for(lambda: log.is_file() and "]: ready" in log.read_text(), 60.0, "the recorder")
+        graph.wait_for(lambda: len(children(process.popen.pid)) == 5, 20.0, "all nodes")
+        nodes = children(process.popen.pid)
+        process.popen.kill()
+        graph.wait_for(lambda: not any(map(is_running, nodes)), 30.0, "the end of the nodes")
+    (out / "bag" / "metadata.yaml").unlink(missing_ok=True)
+    _make_room_for_bag(out / "bag", overwrite=True)
+    assert not (out / "bag").exists()
+
+
+@pytest.mark.parametrize(
+    ("files", "replaced"),
+    [
+        ({}, True),
+        ({"bag_0.mcap": b""}, True),
+        ({"bag_0.mcap": b"\x89MCAP0\r\nrest"}, True),
+        ({"bag_0.mcap": b"\x89MCAP0\r\n", ".metadata.yaml.77.part": b"x"}, True),
+        ({"metadata.yaml": b""}, True),
+        ({"bag_0.mcap": b"a text of mine"}, False),
+        ({"bag_0.mcap": b"\x89MCAP0\r\n", "notes.txt": b""}, False),
+        ({"other_0.mcap": b"\x89MCAP0\r\n"}, False),
+    ],
+)
+def test_overwrite_replaces_an_unfinished_bag_and_nothing_else(tmp_path, files, replaced):
+    bag = tmp_path / "bag"
+    bag.mkdir()
+    for name, content in files.items():
+        (bag / name).write_bytes(content)
+    with contextlib.nullcontext() if replaced else pytest.raises(DiffbotError, match="is no bag: not replaced"):
+        _make_room_for_bag(bag, overwrite=True)
+    assert bag.exists() != replaced
+    assert replaced or {path.name: path.read_bytes() for path in bag.iterdir()} == files
+
+
+def test_a_process_whose_parent_is_gone_already_does_not_start(tmp_path):
+    mark = tmp_path / "ran"
+    program = [sys.executable, "-c", f"open({str(mark)!r}, 'w')"]
+    for parent, ran in ((os.getpid() + 1, False), (os.getpid(), True)):
+        subprocess.run([sys.executable, bound_process.__file__, str(parent), *program], check=True, timeout=60)
+        assert mark.exists() == ran
 
 
 def test_a_node_that_cannot_start_is_one_line_and_status_1(tmp_path):

@@ -1,0 +1,111 @@
+"""Chunks of an MCAP file of unknown origin: how much they may unpack to, and unpacking them within that bound."""
+
+from __future__ import annotations
+
+import io
+import zlib
+from collections.abc import Sequence
+from typing import BinaryIO, NamedTuple
+
+import lz4.frame  # type: ignore[import-untyped, unused-ignore]
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Chunk, ChunkIndex, Message
+from mcap.stream_reader import breakup_chunk
+
+from diffbot_core.errors import DiffbotError
+
+_PREFIX = 9
+"""[bytes] opcode and length of a record"""
+_SMALL = 64 * 2**20
+"""[bytes] what a bag may always unpack to, whatever its ratio"""
+
+
+class BagLimits(NamedTuple):
+    """How much the chunks of one file may unpack to."""
+
+    max_compression_ratio: float = 1000.0
+    """Unpacked size of all chunks to their size in the file; recorded drives have 2 to 30."""
+    max_unpacked_size: int = 512 * 2**20
+    """[bytes] of chunks that overlap in time: their messages are held in memory together."""
+
+
+def check_chunks(chunks: Sequence[ChunkIndex], file_size: int, limits: BagLimits) -> None:
+    """Check the index of all chunks.
+
+    Raises:
+        McapError: if chunks share bytes of the file or lie outside of it.
+        DiffbotError: if they unpack to more than the limits allow.
+    """
+    end = 0
+    for chunk in sorted(chunks, key=lambda chunk: chunk.chunk_start_offset):
+        if chunk.chunk_start_offset < end or chunk.message_start_time > chunk.message_end_time:
+            raise McapError("chunks that overlap")
+        end = chunk.chunk_start_offset + chunk.chunk_length
+    if end > file_size:
+        raise McapError("a chunk beyond the file")
+    total, packed = sum(chunk.uncompressed_size for chunk in chunks), sum(chunk.chunk_length for chunk in chunks)
+    if total > max(_SMALL, limits.max_compression_ratio * packed):
+        raise DiffbotError(
+            f"its {packed} bytes of chunks unpack to {total}: must be <= max_compression_ratio"
+            f" = {limits.max_compression_ratio:g} times as many"
+        )
+    if (held := _held_together(chunks)) > limits.max_unpacked_size:
+        raise DiffbotError(
+            f"chunks that overlap in time unpack to {held} bytes:"
+            f" must be <= max_unpacked_size = {limits.max_unpacked_size}"
+        )
+
+
+def _held_together(chunks: Sequence[ChunkIndex]) -> int:
+    """Return the largest sum of unpacked sizes [bytes] of chunks that share a time."""
+    changes = [(chunk.message_start_time, 0, chunk.uncompressed_size) for chunk in chunks]
+    changes += [(chunk.message_end_time, 1, -chunk.uncompressed_size) for chunk in chunks]
+    held = most = 0
+    for _, _, change in sorted(changes):
+        held += change
+        most = max(most, held)
+    return most
+
+
+def read_chunk(stream: BinaryIO, index: ChunkIndex) -> list[Message]:
+    """Return the messages of one chunk in the order of the file.
+
+    Raises:
+        McapError, ValueError, struct.error, ...: DAMAGE of the module ``mcap_file``, if it is not what its index says.
+    """
+    stream.seek(index.chunk_start_offset)
+    record = stream.read(index.chunk_length)
+    if record[:1] != bytes((Opcode.CHUNK,)):
+        raise McapError("no chunk where the index has one")
+    chunk = Chunk.read(ReadDataStream(io.BytesIO(record[_PREFIX:])))
+    data = _unpacked(chunk, index.uncompressed_size)
+    if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
+        raise McapError("checksum of a chunk")
+    chunk.compression, chunk.data = "", data
+    messages = [record for record in breakup_chunk(chunk) if isinstance(record, Message)]
+    times = [message.log_time for message in messages]
+    if times and not index.message_start_time <= min(times) <= max(times) <= index.message_end_time:
+        raise McapError("a message outside of its chunk's times")
+    return messages
+
+
+def _unpacked(chunk: Chunk, size: int) -> bytes:
+    """Return the contents of a chunk, whose size the index gives; what would be longer is not unpacked."""
+    if chunk.compression == "":
+        data = chunk.data
+    elif chunk.compression == "zstd":
+        # Declared in the frame, this size is allocated whatever the limit.
+        declared = zstandard.frame_content_size(chunk.data)
+        if declared not in (-1, size):
+            raise McapError("size of a chunk")
+        data = zstandard.decompress(chunk.data, max_output_size=size)
+    elif chunk.compression == "lz4":
+        data = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=size + 1)
+    else:
+        raise McapError("unknown compression of a chunk")
+    if len(data) != size:
+        raise McapError("size of a chunk")
+    return data
