@@ -21,12 +21,12 @@ from diffbot_control.ros.message_fields import fill_twist, set_stamp
 from diffbot_control.ros.messages import labelled_array, twist_message
 from diffbot_core.health import Throttle
 from diffbot_core.kinematics import Twist
-from diffbot_core.ros.managed_node import INACTIVE
+from diffbot_core.ros.managed_node import INACTIVE, ManagedNode
 from diffbot_core.ros.node import LATCHED, status_message
 from diffbot_core.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from diffbot_control.controller_node import ControllerNode
+    from diffbot_control.ros.controller_parameters import ControllerNodeConfig
 
 NAVIGATION_LABELS = ("stamp", "rho", "alpha", "beta", "theta", "eps_P", "region", "V")
 STATE_LOG_PERIOD = 2.0
@@ -38,7 +38,7 @@ _STOP_DELIVERY = Duration(seconds=0.2)
 class ControllerPublishers:
     """Publishes commands, the variables of the law, and the state."""
 
-    def __init__(self, node: ControllerNode) -> None:
+    def __init__(self, node: ManagedNode[ControllerNodeConfig]) -> None:
         """Create the publishers in the types that the node's configuration asks for."""
         self._node = node
         config = node.config

@@ -87,7 +87,8 @@ def drive(robot, goal, timeout=20.0):
     robot.peer.spin_until(lambda: robot.state() in ("goal reached", "goal not reached"), timeout, f"an end at {goal}")
     count = len(robot.truths)
     robot.peer.spin_until(lambda: len(robot.truths) > count + SETTLED, 10.0, "a while at the goal")
-    robot.peer.spin_until(lambda: twist(robot.commands[-1]) == (0.0, 0.0), 10.0, "the command to stand")
+    if robot.state() == "goal not reached":
+        robot.peer.spin_until(lambda: twist(robot.commands[-1]) == (0.0, 0.0), 10.0, "the command to stand")
     robot.pause(True)
     return robot.true_pose()
 
