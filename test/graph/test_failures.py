@@ -46,7 +46,7 @@ def test_a_dead_filter_stops_the_robot_and_a_new_one_lets_it_drive_on(walking):
     assert {twist(command) for command in walking.commands[count:]} == {(0.0, 0.0)}
     assert distance(walking.true_pose(), goal) > 0.5, "the way is still to go"
     walking.start("ekf")
-    walking.wait_for_state("goal reached", 40.0)
+    walking.wait_for_state("goal reached", 90.0)
     walking.peer.spin_for(0.5)
     assert distance(walking.true_pose(), goal) <= 0.4
     assert turned(walking.true_pose(), goal) <= 0.1
