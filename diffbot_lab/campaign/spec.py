@@ -108,12 +108,7 @@ def make_campaign(content: Mapping[str, Any]) -> Campaign:
             raise InvalidValueError(f"grid.{name}", values, "values that differ")
         if name in fixed:
             raise InvalidValueError(f"set.{name}", fixed[name], "in set or in grid, not in both")
-    number = math.prod(len(values) for values in grid.values())
-    if number > _MAX_CELLS:
-        raise InvalidValueError("grid", f"{number} cells", f"<= {_MAX_CELLS} cells")
-    cells = [
-        _cell(options, fixed, dict(zip(grid, values, strict=True))) for values in itertools.product(*grid.values())
-    ]
+    cells = _cells(options, fixed, grid)
     for cell in cells:
         check_case(cell.case, starts)
     description = {**to_dict(options), "start": content.get("start"), "set": fixed, "grid": grid}
@@ -121,12 +116,19 @@ def make_campaign(content: Mapping[str, Any]) -> Campaign:
     return Campaign(options, starts, cells, description)
 
 
-def _cell(options: CampaignOptions, fixed: Mapping[str, Any], point: dict[str, Any]) -> Cell:
+def _cells(options: CampaignOptions, fixed: Mapping[str, Any], grid: Mapping[str, list[Any]]) -> list[Cell]:
+    number = math.prod(len(values) for values in grid.values())
+    if number > _MAX_CELLS:
+        raise InvalidValueError("grid", f"{number} cells", f"<= {_MAX_CELLS} cells")
     law = resolve_law(options.law)
-    case = make_case(
-        configure({**fixed, **point}, law), options.duration, feedback=options.feedback, goal=Pose(*options.goal)
-    )
-    return Cell(point, case, f"{options.law} {law_version(law)}")
+    law_name = f"{options.law} {law_version(law)}"
+    cells = []
+    for values in itertools.product(*grid.values()):
+        point = dict(zip(grid, values, strict=True))
+        config = configure({**fixed, **point}, law)
+        case = make_case(config, options.duration, feedback=options.feedback, goal=Pose(*options.goal))
+        cells.append(Cell(point, case, law_name))
+    return cells
 
 
 def _starts(start: Any) -> Starts:
