@@ -3,7 +3,7 @@
 A configuration is a ``NamedTuple`` whose fields are annotated with a :class:`Spec`::
 
     class Gains(NamedTuple):
-        gamma: Annotated[float, Spec("bound of |v|", "m/s", minimum=0.0, exclusive_minimum=True)] = 1.3
+        gamma: Annotated[float, Spec("bound of |v|", "m/s", minimum=1e-3, maximum=100.0)] = 1.3
 
 ROS parameters (``ros.parameters``), YAML files, flags and the tables in docs/ derive from it. A field whose type is
 again a configuration is a group; its fields stand on the same level, since ROS parameter names are flat unless
@@ -46,8 +46,6 @@ class Spec(NamedTuple):
     """Smallest value allowed."""
     maximum: float = math.inf
     """Largest value allowed."""
-    exclusive_minimum: bool = False
-    """The minimum itself is not allowed."""
     allow_inf: bool = False
     """``inf`` is allowed and means: no limit."""
     choices: tuple[str, ...] = ()
@@ -63,7 +61,7 @@ class Spec(NamedTuple):
         """Describe the allowed values, as error messages and the docs show them."""
         if self.choices:
             return "one of " + ", ".join(self.choices)
-        low = "" if self.minimum == -math.inf else f"{'>' if self.exclusive_minimum else '>='} {self.minimum:g}"
+        low = "" if self.minimum == -math.inf else f">= {self.minimum:g}"
         high = "" if self.maximum == math.inf else f"<= {self.maximum:g}"
         words = " and ".join(part for part in (low, high) if part)
         if self.allow_inf:
@@ -231,11 +229,9 @@ def checked(parameter: Parameter, value: Any) -> Any:
 
 def _check_number(name: str, value: float, spec: Spec) -> None:
     infinite_allowed = spec.allow_inf and value == math.inf
-    too_low = value <= spec.minimum if spec.exclusive_minimum else value < spec.minimum
     # An int is finite, and may be too large to convert to a float.
     finite = isinstance(value, int) or math.isfinite(value)
-    too_high = value > spec.maximum and not infinite_allowed
-    if (not finite and not infinite_allowed) or too_low or too_high:
+    if not infinite_allowed and not (finite and spec.minimum <= value <= spec.maximum):
         raise InvalidValueError(name, value, spec.bound())
 
 

@@ -113,11 +113,10 @@ def bad_values(parameter):
         return [5, None, *(["surely not one of them"] if parameter.spec.choices else [])]
     below = [] if parameter.spec.minimum == -math.inf else [parameter.spec.minimum - 1]
     above = [] if parameter.spec.maximum == math.inf else [parameter.spec.maximum * 2 + 1]
-    edge = [parameter.spec.minimum] if parameter.spec.exclusive_minimum else []
     if parameter.type is int:
-        return [0.5, "x", None, True, *(int(number) for number in below + above + edge if abs(number) < 2**62)]
+        return [0.5, "x", None, True, *(int(number) for number in below + above if abs(number) < 2**62)]
     endless = [] if parameter.spec.allow_inf else [math.inf]
-    return [math.nan, -math.inf, "x", None, True, [1.0, 2.0], *endless, *map(float, below + above + edge)]
+    return [math.nan, -math.inf, "x", None, True, [1.0, 2.0], *endless, *map(float, below + above)]
 
 
 @pytest.mark.parametrize("node", CONFIGS)
