@@ -20,6 +20,7 @@ that names the new parameter: by :func:`build`, and by a node that is started wi
 
 from __future__ import annotations
 
+import functools
 import math
 import re
 from collections import namedtuple
@@ -100,12 +101,17 @@ def parameters_of(config_type: type[Any]) -> list[Parameter]:
     Raises:
         TypeError: if a field carries no Spec or two fields share a name (a programming error).
     """
+    return list(_parameters(config_type))
+
+
+@functools.cache  # resolving annotations takes milliseconds
+def _parameters(config_type: type[Any]) -> tuple[Parameter, ...]:
     found = _unfold(config_type, config_type(), ())
     names = [parameter.name for parameter in found]
     twice = {name for name in names if names.count(name) > 1}
     if twice:
         raise TypeError(f"{config_type.__name__}: parameter names used twice: {sorted(twice)}")
-    return found
+    return tuple(found)
 
 
 def variant(config_type: type[Any], groups: Mapping[str, Any], without: tuple[str, ...] = ()) -> type[Any]:
