@@ -6,15 +6,21 @@ from typing import get_origin
 import numpy as np
 
 from diffbot_core.errors import DiffbotError
-from diffbot_core.schema import build, parameters_of
+from diffbot_core.schema import build, parameters_of, to_dict
 
 SMALLEST = 1e-12
 """Random values near a bound that is 0 come down to this share of the range."""
 
 
-def extreme_values(parameter, rng, randoms=1):
-    """Both bounds, no limit where that is allowed, and random values between; all choices of words and booleans."""
+def extreme_values(parameter, present, rng):
+    """Both bounds, no limit where that is allowed, and a random value between; all choices of words and booleans.
+
+    A list has the length that it has at ``present``, each number at the extreme.
+    """
     kind, spec = parameter.type, parameter.spec
+    if get_origin(kind) is tuple and present and isinstance(present[0], float):
+        one = parameter._replace(type=float)
+        return [(value,) * len(present) for value in extreme_values(one, present[0], rng)]
     if get_origin(kind) is tuple or (kind is str and not spec.choices):
         return []
     if kind is bool:
@@ -22,7 +28,7 @@ def extreme_values(parameter, rng, randoms=1):
     if spec.choices:
         return list(spec.choices)
     values = [spec.minimum, spec.maximum, *([math.inf] if spec.allow_inf else [])]
-    values += [log_between(spec.minimum, spec.maximum, rng) for _ in range(randoms)]
+    values.append(log_between(spec.minimum, spec.maximum, rng))
     return [round(value) if kind is int else value for value in values]
 
 
@@ -41,19 +47,23 @@ def extreme_configs(config_type, seed, pairs, base=None, without=()):
     Combinations that the configuration refuses in one line are left out.
     """
     rng = np.random.default_rng(seed)
+    base = config_type() if base is None else base
+    present = to_dict(base)
     parameters = [one for one in parameters_of(config_type) if one.name not in without]
-    drawn = [(one.name, value) for one in parameters for value in extreme_values(one, rng)]
+    drawn = [(one.name, value) for one in parameters for value in extreme_values(one, present[one.name], rng)]
     for count in [1] * len(drawn) + [2] * pairs + [6] * (pairs // 4):
         if count == 1:
             values = dict([drawn.pop()])
         else:
             chosen = rng.choice(len(parameters), count, replace=False)
-            options = {parameters[place].name: extreme_values(parameters[place], rng) for place in chosen}
-            values = {name: one[rng.integers(len(one))] for name, one in options.items() if one}
+            several = (parameters[place] for place in chosen)
+            options = {one.name: extreme_values(one, present[one.name], rng) for one in several}
+            values = {name: values[rng.integers(len(values))] for name, values in options.items() if values}
         try:
-            yield values, build(config_type, values, base)
-        except DiffbotError as error:
-            assert "\n" not in str(error)
+            config = build(config_type, values, base)
+        except DiffbotError:
+            continue
+        yield values, config
 
 
 def numbers_in(thing):
@@ -73,5 +83,3 @@ def numbers_in(thing):
 def assert_finite(thing, *context):
     """Fail with the context if a number is not finite."""
     assert all(map(math.isfinite, numbers_in(thing))), (thing, *context)
-
-
