@@ -186,6 +186,11 @@ def test_choices_are_kept(config_type):
         (Gains, {"gamma": 0}, "gamma = 0.0: must be >= 1e-06 and <= 1000"),
         (Gains, {"k": math.nan}, "k = nan: must be >= 1e-06 and <= 1000"),
         (Gains, {"h": math.inf}, "h = inf: must be >= 1e-06 and <= 1000"),
+        (WorldConfig, {"wheel_separation": 1e308}, "wheel_separation = 1e+308: must be >= 0.001 and <= 10"),
+        (WorldConfig, {"wheel_separation": 1e-160}, "wheel_separation = 1e-160: must be >= 0.001 and <= 10"),
+        (WorldConfig, {"wheel_separation": 5e-324}, "wheel_separation = 5e-324: must be >= 0.001 and <= 10"),
+        (WorldConfig, {"wheel_radius": 1e308}, "wheel_radius = 1e+308: must be >= 0.001 and <= 10"),
+        (WorldConfig, {"eps_omega_max": 1e308}, "eps_omega_max = 1e+308: must be >= 0 and <= 1000"),
         (Gains, {"h": "big"}, "h = 'big': must be a number"),
         (Gains, {"h": True}, "h = True: must be a number"),
         (
