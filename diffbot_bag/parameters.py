@@ -9,6 +9,9 @@ from diffbot_bag.playback_clock import parse_remap
 from diffbot_bag.writer import CHUNK_SIZE
 from diffbot_core.schema import Spec
 
+_MAX_TIME = 9e9
+"""[s] since 1970, what 64 bits of nanoseconds hold"""
+
 
 class RecorderConfig(NamedTuple):
     """What is recorded, where to, and how safely."""
@@ -59,16 +62,16 @@ class ReplayConfig(NamedTuple):
     exclude_topics: Annotated[tuple[str, ...], Spec("topics to leave out", read_only=True)] = ()
     exclude_regex: Annotated[str, Spec("leave out topics whose whole name matches", read_only=True)] = ""
     remap: Annotated[tuple[str, ...], Spec("old:=new names, besides ROS's own remapping", read_only=True)] = ()
-    rate: Annotated[float, Spec("speed", minimum=0.0, exclusive_minimum=True, maximum=1e6, read_only=True)] = 1.0
-    start_offset: Annotated[float, Spec("begin this long after the bag's first message", "s", 0.0, read_only=True)] = (
-        0.0
-    )
+    rate: Annotated[float, Spec("speed", minimum=1e-6, maximum=1e6, read_only=True)] = 1.0
+    start_offset: Annotated[
+        float, Spec("begin this long after the bag's first message", "s", 0.0, _MAX_TIME, read_only=True)
+    ] = 0.0
     playback_duration: Annotated[
-        float, Spec("play this much of the bag's time; negative: all", "s", -1.0, read_only=True)
+        float, Spec("play this much of the bag's time; negative: all", "s", -1.0, _MAX_TIME, read_only=True)
     ] = -1.0
     playback_until: Annotated[
         float,
-        Spec("play until this time of the bag (since 1970); negative: all", "s", -1.0, read_only=True),
+        Spec("play until this time of the bag (since 1970); negative: all", "s", -1.0, _MAX_TIME, read_only=True),
     ] = -1.0
     loop: Annotated[bool, Spec("begin again at the end", read_only=True)] = False
     delay: Annotated[float, Spec("wait before each round", "s", 0.0, 86400.0, read_only=True)] = 0.0
@@ -87,6 +90,7 @@ class ReplayConfig(NamedTuple):
             "longest wait at the end for reliable subscribers; 0: forever, negative: none",
             "s",
             -1.0,
+            86400.0,
             read_only=True,
         ),
     ] = 5.0

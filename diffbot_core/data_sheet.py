@@ -7,6 +7,7 @@ from typing import Annotated, NamedTuple
 
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.kinematics import WheelGeometry
+from diffbot_core.ranges import ACCELERATION, ANGULAR_ACCELERATION, SPEED, TURN_RATE, WHEEL_SPEED
 from diffbot_core.schema import Spec
 
 _INF = math.inf
@@ -20,23 +21,29 @@ class DataSheet(NamedTuple):
 
     v_max: Annotated[
         float,
-        Spec("bound of |v|", "m/s", 0.0, 100.0, True, allow_inf=True, parameter="linear.x.max_velocity"),
+        Spec("bound of |v|", "m/s", *SPEED, allow_inf=True, parameter="linear.x.max_velocity"),
     ] = 1.3
     omega_max: Annotated[
         float,
-        Spec("bound of |omega|", "rad/s", 0.0, 1000.0, True, allow_inf=True, parameter="angular.z.max_velocity"),
+        Spec("bound of |omega|", "rad/s", *TURN_RATE, allow_inf=True, parameter="angular.z.max_velocity"),
     ] = 2.6
     wheel_max: Annotated[
         float,
-        Spec("bound of each wheel's |speed|", "rad/s", 0.0, 1e5, True, allow_inf=True, parameter="wheel.max_velocity"),
+        Spec("bound of each wheel's |speed|", "rad/s", *WHEEL_SPEED, allow_inf=True, parameter="wheel.max_velocity"),
     ] = 26.0
     a_max: Annotated[
         float,
-        Spec("bound of |dv/dt|", "m/s^2", 0.0, 1000.0, True, allow_inf=True, parameter="linear.x.max_acceleration"),
+        Spec("bound of |dv/dt|", "m/s^2", *ACCELERATION, allow_inf=True, parameter="linear.x.max_acceleration"),
     ] = _INF
     omega_dot_max: Annotated[
         float,
-        Spec("bound of |domega/dt|", "rad/s^2", 0.0, 1e4, True, allow_inf=True, parameter="angular.z.max_acceleration"),
+        Spec(
+            "bound of |domega/dt|",
+            "rad/s^2",
+            *ANGULAR_ACCELERATION,
+            allow_inf=True,
+            parameter="angular.z.max_acceleration",
+        ),
     ] = _INF
     wheels: WheelGeometry = WheelGeometry()
     command_latency: Annotated[

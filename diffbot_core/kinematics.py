@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, NamedTuple
 
+from diffbot_core.ranges import WHEEL_SIZE
 from diffbot_core.schema import Spec
 
 RESTING_SIGMA = 1e-3
@@ -41,8 +42,8 @@ class WheelSpeeds(NamedTuple):
 class WheelGeometry(NamedTuple):
     """R and L of the paper (section 4.1); it calls R a diameter but uses it as the radius."""
 
-    wheel_radius: Annotated[float, Spec("wheel radius R", "m", minimum=0.0, exclusive_minimum=True)] = 0.05
-    wheel_separation: Annotated[float, Spec("distance of the wheels L", "m", minimum=0.0, exclusive_minimum=True)] = 0.6
+    wheel_radius: Annotated[float, Spec("wheel radius R", "m", *WHEEL_SIZE)] = 0.05
+    wheel_separation: Annotated[float, Spec("distance of the wheels L", "m", *WHEEL_SIZE)] = 0.6
 
 
 def wheel_speeds(twist: Twist, geometry: WheelGeometry) -> WheelSpeeds:

@@ -3,7 +3,7 @@
 A configuration is a ``NamedTuple`` whose fields are annotated with a :class:`Spec`::
 
     class Gains(NamedTuple):
-        gamma: Annotated[float, Spec("bound of |v|", "m/s", minimum=0.0, exclusive_minimum=True)] = 1.3
+        gamma: Annotated[float, Spec("bound of |v|", "m/s", minimum=1e-3, maximum=100.0)] = 1.3
 
 ROS parameters (``ros.parameters``), YAML files, flags and the tables in docs/ derive from it. A field whose type is
 again a configuration is a group; its fields stand on the same level, since ROS parameter names are flat unless
@@ -20,6 +20,7 @@ that names the new parameter: by :func:`build`, and by a node that is started wi
 
 from __future__ import annotations
 
+import functools
 import math
 import re
 from collections import namedtuple
@@ -46,8 +47,6 @@ class Spec(NamedTuple):
     """Smallest value allowed."""
     maximum: float = math.inf
     """Largest value allowed."""
-    exclusive_minimum: bool = False
-    """The minimum itself is not allowed."""
     allow_inf: bool = False
     """``inf`` is allowed and means: no limit."""
     choices: tuple[str, ...] = ()
@@ -63,7 +62,7 @@ class Spec(NamedTuple):
         """Describe the allowed values, as error messages and the docs show them."""
         if self.choices:
             return "one of " + ", ".join(self.choices)
-        low = "" if self.minimum == -math.inf else f"{'>' if self.exclusive_minimum else '>='} {self.minimum:g}"
+        low = "" if self.minimum == -math.inf else f">= {self.minimum:g}"
         high = "" if self.maximum == math.inf else f"<= {self.maximum:g}"
         words = " and ".join(part for part in (low, high) if part)
         if self.allow_inf:
@@ -102,12 +101,17 @@ def parameters_of(config_type: type[Any]) -> list[Parameter]:
     Raises:
         TypeError: if a field carries no Spec or two fields share a name (a programming error).
     """
+    return list(_parameters(config_type))
+
+
+@functools.cache  # resolving annotations takes milliseconds
+def _parameters(config_type: type[Any]) -> tuple[Parameter, ...]:
     found = _unfold(config_type, config_type(), ())
     names = [parameter.name for parameter in found]
     twice = {name for name in names if names.count(name) > 1}
     if twice:
         raise TypeError(f"{config_type.__name__}: parameter names used twice: {sorted(twice)}")
-    return found
+    return tuple(found)
 
 
 def variant(config_type: type[Any], groups: Mapping[str, Any], without: tuple[str, ...] = ()) -> type[Any]:
@@ -231,11 +235,9 @@ def checked(parameter: Parameter, value: Any) -> Any:
 
 def _check_number(name: str, value: float, spec: Spec) -> None:
     infinite_allowed = spec.allow_inf and value == math.inf
-    too_low = value <= spec.minimum if spec.exclusive_minimum else value < spec.minimum
     # An int is finite, and may be too large to convert to a float.
     finite = isinstance(value, int) or math.isfinite(value)
-    too_high = value > spec.maximum and not infinite_allowed
-    if (not finite and not infinite_allowed) or too_low or too_high:
+    if not infinite_allowed and not (finite and spec.minimum <= value <= spec.maximum):
         raise InvalidValueError(name, value, spec.bound())
 
 

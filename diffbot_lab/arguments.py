@@ -22,6 +22,19 @@ def whole(low: int, high: int) -> Callable[[str], int]:
     return whole_number
 
 
+def number_between(low: float, high: float) -> Callable[[str], float]:
+    """Return a type for argparse: a number from ``low`` to ``high``."""
+
+    def one_number(text: str) -> float:
+        value = float(text)
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{text}: must be from {low:g} to {high:g}")
+        return value
+
+    one_number.__name__ = "number"  # of argparse's message
+    return one_number
+
+
 def duration(text: str) -> float:
     """Return a time > 0 [s], which may be infinite; a type for argparse."""
     try:

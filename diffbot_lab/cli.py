@@ -13,8 +13,9 @@ from typing import Any, get_args
 from diffbot_bag.parameters import ReplayConfig
 from diffbot_control.law.presets import PRESETS, TUNED
 from diffbot_core.errors import DiffbotError, InvalidValueError
+from diffbot_core.ranges import LENGTH
 from diffbot_core.schema import build, parameters_of, to_dict
-from diffbot_lab.arguments import MAX_SEED, whole
+from diffbot_lab.arguments import MAX_SEED, number_between, whole
 from diffbot_lab.benchmark_commands import add_benchmark
 from diffbot_lab.campaign.options import CampaignOptions, load_yaml
 from diffbot_lab.data_commands import add_calibrate, add_import, add_refilter
@@ -107,7 +108,7 @@ def _add_campaign(commands: Any) -> None:
 def _add_stability(commands: Any) -> None:
     stability = commands.add_parser("stability", help="where V decreases under bounded noise, and what runs show")
     stability.add_argument("--set", type=_setting, nargs="+", default=[], metavar="NAME=VALUE", help="gains, noise ...")
-    stability.add_argument("--rho-max", type=float, default=12.0, help="size of the grid [m] (default: %(default)s)")
+    stability.add_argument("--rho-max", type=number_between(*LENGTH), default=12.0, help="size of the grid [m] (12)")
     stability.add_argument("--points", type=whole(11, 401), default=81, help="along each axis (default: %(default)s)")
     stability.add_argument("--runs", type=whole(1, 10**7), default=100_000, help="simulated (default: %(default)s)")
     stability.add_argument("--seed", type=whole(0, MAX_SEED), default=1, help="seed of their noise")

@@ -15,7 +15,8 @@ from tqdm import tqdm
 from diffbot_control.law import goal_record
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.geometry import MAX_COORDINATE, Pose
-from diffbot_lab.arguments import duration
+from diffbot_core.ranges import HEADING
+from diffbot_lab.arguments import duration, number_between
 
 ENDS = {
     goal_record.REACHED: 0,
@@ -56,9 +57,9 @@ def add_goal(commands: Any) -> None:
         "4 replaced by another goal, 5 cancelled by others, 6 pose lost, 7 controller restarted, 8 timeout, "
         "130 interrupted",
     )
-    goal.add_argument("x", type=number_within(MAX_COORDINATE), help="position [m]")
-    goal.add_argument("y", type=number_within(MAX_COORDINATE), help="position [m]")
-    goal.add_argument("yaw", type=number_within(1e3), help="heading [rad]")
+    goal.add_argument("x", type=number_between(-MAX_COORDINATE, MAX_COORDINATE), help="position [m]")
+    goal.add_argument("y", type=number_between(-MAX_COORDINATE, MAX_COORDINATE), help="position [m]")
+    goal.add_argument("yaw", type=number_between(*HEADING), help="heading [rad]")
     goal.add_argument("--frame", default="map", help="frame of the goal (default: %(default)s)")
     goal.add_argument(
         "--wait", action=argparse.BooleanOptionalAction, default=True, help="wait for the end (default: --wait)"
@@ -67,18 +68,6 @@ def add_goal(commands: Any) -> None:
     goal.add_argument("--namespace", default="", metavar="NS", help="namespace of the robot")
     goal.add_argument("--controller", default="controller", metavar="NAME", help="its node (default: %(default)s)")
     goal.set_defaults(call=_call)
-
-
-def number_within(limit: float) -> Any:
-    """Return a type for argparse: a number from ``-limit`` to ``limit``."""
-
-    def number(text: str) -> float:
-        value = float(text)
-        if not -limit <= value <= limit:
-            raise argparse.ArgumentTypeError(f"{text}: must be from {-limit:g} to {limit:g}")
-        return value
-
-    return number
 
 
 def _call(options: argparse.Namespace) -> int:

@@ -9,6 +9,7 @@ from scipy.special import chdtri
 
 from diffbot_control.filter.landmark_calibration import LandmarkErrors
 from diffbot_core.errors import InvalidValueError
+from diffbot_core.ranges import TIMEOUT
 from diffbot_core.schema import Spec
 
 EKF, CALIBRATING, FNN, FNN_CALIBRATING = "ekf", "ekf_calibrating", "ekf_fnn", "ekf_fnn_calibrating"
@@ -41,8 +42,7 @@ class FilterConfig(NamedTuple):
         Spec(
             "duration of a streak of at least relocation_fixes rejections after which the newest measurement relocates",
             "s",
-            minimum=0.0,
-            exclusive_minimum=True,
+            *TIMEOUT,
         ),
     ] = 1.5
     wheel_radius_sigma: Annotated[

@@ -19,6 +19,7 @@ from diffbot_control.law.speed_profile import ProfileGains, signed_braking
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
+from diffbot_core.ranges import SHARE, SPEED
 from diffbot_core.schema import Spec
 from diffbot_core.uncertainty import Uncertainty
 
@@ -81,9 +82,9 @@ class FinishConfig(NamedTuple):
         float, Spec("... with so many standard deviations of the position", "-", 0.0, 10.0)
     ] = 2.5
     finish_heading: Annotated[
-        float, Spec("bound of |heading| during a try, share of yaw_goal_tolerance", "-", 0.0, 1.0, True)
+        float, Spec("bound of |heading| during a try, share of yaw_goal_tolerance", "-", *SHARE)
     ] = 0.5
-    finish_speed: Annotated[float, Spec("bound of |v| during a try", "m/s", 0.0, 10.0, True)] = 0.15
+    finish_speed: Annotated[float, Spec("bound of |v| during a try", "m/s", *SPEED)] = 0.15
     finish_missed: Annotated[
         float, Spec("lateral error that makes the robot leave the tolerance, share of the length", "-", 0.0, 100.0)
     ] = 0.95

@@ -6,6 +6,7 @@ from typing import Annotated, NamedTuple
 
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
+from diffbot_core.ranges import ANGLE, LENGTH, SIGMAS, SPEED, TURN_RATE
 from diffbot_core.schema import Spec
 from diffbot_core.uncertainty import CERTAIN, Uncertainty
 
@@ -13,25 +14,21 @@ from diffbot_core.uncertainty import CERTAIN, Uncertainty
 class GoalTolerance(NamedTuple):
     """Tolerances with the names of Nav2's StoppedGoalChecker."""
 
-    xy_goal_tolerance: Annotated[
-        float, Spec("distance at which the position is reached", "m", minimum=0.0, exclusive_minimum=True)
-    ] = 0.1
-    yaw_goal_tolerance: Annotated[
-        float, Spec("heading error at which the heading is reached", "rad", minimum=0.0, exclusive_minimum=True)
-    ] = 0.1
+    xy_goal_tolerance: Annotated[float, Spec("distance at which the position is reached", "m", *LENGTH)] = 0.1
+    yaw_goal_tolerance: Annotated[float, Spec("heading error at which the heading is reached", "rad", *ANGLE)] = 0.1
     trans_stopped_velocity: Annotated[
         float,
-        Spec("commanded |v| below which the robot counts as stopped", "m/s", minimum=0.0, exclusive_minimum=True),
+        Spec("commanded |v| below which the robot counts as stopped", "m/s", *SPEED),
     ] = 0.05
     rot_stopped_velocity: Annotated[
         float,
-        Spec("commanded |omega| below which it counts as stopped", "rad/s", minimum=0.0, exclusive_minimum=True),
+        Spec("commanded |omega| below which it counts as stopped", "rad/s", *TURN_RATE),
     ] = 0.1
     settling_steps: Annotated[
         int,
         Spec("poses in a row that have to be within the tolerances", "-", minimum=1, maximum=100000),
     ] = 5
-    goal_sigmas: Annotated[float, Spec("standard deviations of the estimate added to its errors", minimum=0.0)] = 3.8
+    goal_sigmas: Annotated[float, Spec("standard deviations of the estimate added to its errors", "-", *SIGMAS)] = 3.8
     stateful: Annotated[bool, Spec("once reached, a goal stays reached until the next one")] = True
 
 

@@ -12,6 +12,7 @@ from typing import Annotated, NamedTuple
 
 from diffbot_control.law.polar_coordinates import Navigation
 from diffbot_core.kinematics import Twist
+from diffbot_core.ranges import GAIN, SPEED
 from diffbot_core.schema import Spec
 
 _SERIES = 1e-4
@@ -25,10 +26,10 @@ class Gains(NamedTuple):
     docs/control.md.
     """
 
-    gamma: Annotated[float, Spec("gamma, bound of |v|", "m/s", minimum=0.0, exclusive_minimum=True)] = 1.3
-    k: Annotated[float, Spec("weight of alpha in Omega_G", "1/s", minimum=0.0, exclusive_minimum=True)] = 4.0
-    h: Annotated[float, Spec("weight of beta in Omega_G", "-", minimum=0.0, exclusive_minimum=True)] = 2.37
-    k_2: Annotated[float, Spec("heading gain in Omega_L", "1/s", minimum=0.0, exclusive_minimum=True)] = 4.0
+    gamma: Annotated[float, Spec("gamma, bound of |v|", "m/s", *SPEED)] = 1.3
+    k: Annotated[float, Spec("weight of alpha in Omega_G", "1/s", *GAIN)] = 4.0
+    h: Annotated[float, Spec("weight of beta in Omega_G", "-", *GAIN)] = 2.37
+    k_2: Annotated[float, Spec("heading gain in Omega_L", "1/s", *GAIN)] = 4.0
 
 
 PAPER_GAINS = Gains(1.3, 1.0, 0.17, 2.7)

@@ -12,6 +12,7 @@ from typing import Annotated, NamedTuple
 from diffbot_control.law.goal_checker import GoalTolerance
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
+from diffbot_core.ranges import GAIN, SHARE, SLOPE, SPEED
 from diffbot_core.schema import Spec
 from diffbot_core.uncertainty import Uncertainty
 
@@ -29,25 +30,16 @@ class ReapproachConfig(NamedTuple):
     reapproach_window: Annotated[
         float, Spec("time after coming to rest in which one may begin", "s", minimum=0.0, maximum=3600.0)
     ] = 35.0
-    reapproach_speed: Annotated[float, Spec("speed", "m/s", minimum=0.0, exclusive_minimum=True)] = 0.25
-    reapproach_heading: Annotated[
-        float, Spec("bound of |heading|", "rad", minimum=0.0, exclusive_minimum=True, maximum=1.0)
-    ] = 0.25
+    reapproach_speed: Annotated[float, Spec("speed", "m/s", *SPEED)] = 0.25
+    reapproach_heading: Annotated[float, Spec("bound of |heading|", "rad", minimum=1e-3, maximum=1.0)] = 0.25
     reapproach_distance: Annotated[float, Spec("smallest retreat distance", "m", minimum=0.05, maximum=10.0)] = 0.15
     reapproach_share: Annotated[
         float,
-        Spec(
-            "share of xy_goal_tolerance that a lateral error may use",
-            minimum=0.0,
-            exclusive_minimum=True,
-            maximum=1.0,
-        ),
+        Spec("share of xy_goal_tolerance that a lateral error may use", "-", *SHARE),
     ] = 0.75
-    reapproach_slope: Annotated[float, Spec("retreat distance added per metre of lateral error", minimum=0.0)] = 3.0
-    reapproach_line_gain: Annotated[float, Spec("heading per metre of lateral error", "rad/m", minimum=0.0)] = 8.0
-    reapproach_distance_gain: Annotated[
-        float, Spec("speed per metre from the end of the phase", "1/s", minimum=0.0, exclusive_minimum=True)
-    ] = 1.3
+    reapproach_slope: Annotated[float, Spec("retreat distance added per metre of lateral error", "-", *SLOPE)] = 3.0
+    reapproach_line_gain: Annotated[float, Spec("heading per metre of lateral error", "rad/m", *SLOPE)] = 8.0
+    reapproach_distance_gain: Annotated[float, Spec("speed per metre from the end of the phase", "1/s", *GAIN)] = 1.3
 
 
 class Reapproach(NamedTuple):

@@ -6,6 +6,7 @@ import math
 from typing import Annotated, NamedTuple
 
 from diffbot_core.errors import InvalidValueError
+from diffbot_core.ranges import DISTANCE, SIGMAS
 from diffbot_core.schema import Spec
 
 OMEGA_G = 0
@@ -39,11 +40,15 @@ class FixedRegionPolicy(NamedTuple):
 
     eps_P: Annotated[
         float,
-        Spec("Omega_L is entered below this distance (region_policy fixed); 0: never, law (13) everywhere", "m", 0.0),
+        Spec(
+            "Omega_L is entered below this distance (region_policy fixed); 0: never, law (13) everywhere",
+            "m",
+            *DISTANCE,
+        ),
     ] = 0.5
-    eps_P_leave: Annotated[
-        float, Spec("Omega_L is left above this distance (region_policy fixed)", "m", minimum=0.0)
-    ] = 0.6
+    eps_P_leave: Annotated[float, Spec("Omega_L is left above this distance (region_policy fixed)", "m", *DISTANCE)] = (
+        0.6
+    )
 
     def check(self) -> None:
         """Refuse a leaving radius below the entering one: the region would flicker.
@@ -64,17 +69,17 @@ class CovarianceRegionPolicy(NamedTuple):
     to be corrected when Omega_L is entered.
     """
 
-    eps_P_min: Annotated[float, Spec("smallest radius", "m", minimum=0.0)] = 0.02
-    eps_P_sigmas: Annotated[float, Spec("standard deviations of the position that the radius covers", minimum=0.0)] = (
+    eps_P_min: Annotated[float, Spec("smallest radius", "m", *DISTANCE)] = 0.02
+    eps_P_sigmas: Annotated[float, Spec("standard deviations of the position that the radius covers", "-", *SIGMAS)] = (
         1.6
     )
     eps_P_speed_error: Annotated[
         float, Spec("bound of the relative error of the speed, |eps_v| / |v|", minimum=0.0, maximum=1.0)
     ] = 0.05
     eps_P_leave_factor: Annotated[
-        float, Spec("Omega_L is left beyond this multiple of the radius ...", minimum=1.0)
+        float, Spec("Omega_L is left beyond this multiple of the radius ...", minimum=1.0, maximum=1e3)
     ] = 3.0
-    eps_P_leave_min: Annotated[float, Spec("... and not below this distance", "m", minimum=0.0)] = 0.3
+    eps_P_leave_min: Annotated[float, Spec("... and not below this distance", "m", *DISTANCE)] = 0.3
     eps_P_leave_steps: Annotated[int, Spec("... after this number of poses in a row", minimum=1, maximum=1000)] = 3
 
 

@@ -13,6 +13,7 @@ import math
 from typing import Annotated, NamedTuple
 
 from diffbot_core.data_sheet import DataSheet
+from diffbot_core.ranges import ACCELERATION, ANGULAR_ACCELERATION, GAIN
 from diffbot_core.schema import Spec
 
 _BRAKE_SHARE = 0.86
@@ -31,7 +32,7 @@ class ProfileGains(NamedTuple):
     """Gains of the braking profiles; 1 / ``turn_react`` and 1 / ``hold_react`` are the paper's k and k_2 near 0."""
 
     brake: Annotated[
-        float, Spec("deceleration that the speed is planned with, at most 0.86 of the limit", "m/s^2", 0.0, 100.0, True)
+        float, Spec("deceleration that the speed is planned with, at most 0.86 of the limit", "m/s^2", *ACCELERATION)
     ] = 3.0
     react: Annotated[float, Spec("reaction time of the speed", "s", 0.01, 60.0)] = 0.5
     sigma_known: Annotated[
@@ -44,22 +45,22 @@ class ProfileGains(NamedTuple):
             10.0,
         ),
     ] = 0.033
-    bearing_weight: Annotated[float, Spec("weight of beta in Omega_G, the paper's h", "-", 0.0, 100.0, True)] = 0.8
+    bearing_weight: Annotated[float, Spec("weight of beta in Omega_G, the paper's h", "-", *GAIN)] = 0.8
     turn_brake: Annotated[
         float,
         Spec(
             "deceleration that turning to the goal is planned with, at most 0.65 of the limit",
             "rad/s^2",
-            0.0,
-            1e3,
-            True,
+            *ANGULAR_ACCELERATION,
         ),
     ] = 7.0
     turn_react: Annotated[float, Spec("reaction time of turning to the goal", "s", 0.01, 60.0)] = 0.45
     hold_brake: Annotated[
         float,
         Spec(
-            "deceleration that turning in Omega_L is planned with, at most 0.65 of the limit", "rad/s^2", 0.0, 1e3, True
+            "deceleration that turning in Omega_L is planned with, at most 0.65 of the limit",
+            "rad/s^2",
+            *ANGULAR_ACCELERATION,
         ),
     ] = 5.0
     hold_react: Annotated[float, Spec("reaction time of the heading in Omega_L", "s", 0.01, 60.0)] = 0.4

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Annotated, NamedTuple
 
 from diffbot_control.law.configuration import ControllerConfig
+from diffbot_core.ranges import DISTANCE, TIME, TIMEOUT
 from diffbot_core.schema import Spec
 
 
@@ -12,19 +13,17 @@ class SupervisorConfig(NamedTuple):
     """Options of the controller beyond the law."""
 
     controller: ControllerConfig = ControllerConfig()
-    pose_timeout: Annotated[
-        float, Spec("the robot is stopped after this time without a pose", "s", minimum=0.0, exclusive_minimum=True)
-    ] = 0.5
+    pose_timeout: Annotated[float, Spec("the robot is stopped after this time without a pose", "s", *TIMEOUT)] = 0.5
     pose_lost_timeout: Annotated[
-        float, Spec("the robot gives a goal up after this time without a pose; 0: never", "s", 0.0, 1e6)
+        float, Spec("the robot gives a goal up after this time without a pose; 0: never", "s", *TIME)
     ] = 30.0
     waypoint_radius: Annotated[
         float,
-        Spec("distance at which a waypoint of a path is passed; 0: each is reached first", "m", minimum=0.0),
+        Spec("distance at which a waypoint of a path is passed; 0: each is reached first", "m", *DISTANCE),
     ] = 0.0
     hold_goal: Annotated[bool, Spec("keep controlling at a reached goal; otherwise go idle")] = True
     goal_timeout: Annotated[
-        float, Spec("the robot gives a goal up that is not reached after this time; 0: never", "s", 0.0, 1e6)
+        float, Spec("the robot gives a goal up that is not reached after this time; 0: never", "s", *TIME)
     ] = 0.0
     max_departures: Annotated[
         int, Spec("the robot gives a goal up when it has left Omega_L so often (hunting); 0: never", "-", 0, 100000)

@@ -64,6 +64,7 @@ class ControllerNodeConfig(NamedTuple):
             "with use_sim_time, the robot is also stopped after this many pose_timeout of real time without a pose, or"
             " with /clock standing still; > 1 for a simulation slower than real time (publish_when_idle: never)",
             minimum=1.0,
+            maximum=1e6,
             allow_inf=True,
         ),
     ] = 1.0

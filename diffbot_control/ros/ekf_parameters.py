@@ -9,6 +9,7 @@ from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.ros.frames import PREFIX_TEXT, RELIABLE_TEXT
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.kinematics import WheelGeometry
+from diffbot_core.ranges import TIMEOUT
 from diffbot_core.ros.fault_parameters import FaultConfig
 from diffbot_core.ros.lifecycle_parameters import LifecycleConfig
 from diffbot_core.schema import Spec
@@ -88,9 +89,7 @@ class EkfNodeConfig(NamedTuple):
     ] = ""
     left_wheel_name: Annotated[str, Spec("joint of the left wheel", read_only=True)] = "left_wheel_joint"
     right_wheel_name: Annotated[str, Spec("joint of the right wheel", read_only=True)] = "right_wheel_joint"
-    sensor_timeout: Annotated[
-        float, Spec("time without odometry that is reported as silence", "s", minimum=0.0, exclusive_minimum=True)
-    ] = 1.0
+    sensor_timeout: Annotated[float, Spec("time without odometry that is reported as silence", "s", *TIMEOUT)] = 1.0
     map_frame: Annotated[str, Spec("frame of fixes and estimates", read_only=True)] = "map"
     odom_frame: Annotated[str, Spec("frame of the odometry", read_only=True)] = "odom"
     base_link_frame: Annotated[str, Spec("frame of the robot", read_only=True)] = "base_link"

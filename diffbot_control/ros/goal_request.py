@@ -23,11 +23,12 @@ from rclpy.parameter import parameter_value_to_python
 from diffbot_control.ros.message_fields import fill_pose
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import MAX_COORDINATE, Pose
+from diffbot_core.ranges import HEADING
 
 NUMBERS = ("x", "y", "yaw")
 NAMES = ("goal_id", "frame_id", *NUMBERS)
 MAX_POSES = 1000
-MAX_YAW = 1e3
+MAX_YAW = HEADING[1]
 """[rad] larger angles have lost their meaning to rounding or to a mistaken unit."""
 _MAX_SHOWN = 60
 _ID = re.compile(r"[0-9a-f]{32}")

@@ -115,9 +115,9 @@ class NodeParameters(Generic[C]):
 
 
 def descriptor_of(parameter: Parameter) -> ParameterDescriptor:
-    """Return text, unit and bounds of a parameter; a range only where both bounds are allowed and ``inf`` is not.
+    """Return text, unit and bounds of a parameter, and a range unless ``inf`` is allowed.
 
-    rclpy enforces a range by itself, and ROS has no words for an open one.
+    rclpy enforces a range by itself, and ROS has no words for inf beyond it.
     """
     spec = parameter.spec
     descriptor = ParameterDescriptor(
@@ -128,11 +128,10 @@ def descriptor_of(parameter: Parameter) -> ParameterDescriptor:
         dynamic_typing=True,
     )
     closed = math.isfinite(spec.minimum) and math.isfinite(spec.maximum)
-    if parameter.type is float and closed and not spec.exclusive_minimum and not spec.allow_inf:
+    if parameter.type is float and closed and not spec.allow_inf:
         descriptor.floating_point_range = [FloatingPointRange(from_value=spec.minimum, to_value=float(spec.maximum))]
     elif parameter.type is int and closed:
-        lowest = int(spec.minimum) + spec.exclusive_minimum
-        descriptor.integer_range = [IntegerRange(from_value=lowest, to_value=int(spec.maximum), step=1)]
+        descriptor.integer_range = [IntegerRange(from_value=int(spec.minimum), to_value=int(spec.maximum), step=1)]
     return descriptor
 
 

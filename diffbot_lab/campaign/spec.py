@@ -17,8 +17,9 @@ from diffbot_control.law.registry import resolve_law
 from diffbot_core.code_hash import hash_of_code, hash_of_values
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.geometry import Pose
+from diffbot_core.ranges import LENGTH, POSITION
 from diffbot_core.schema import build, to_dict
-from diffbot_lab.campaign.options import CampaignOptions, is_number, load_yaml, triple
+from diffbot_lab.campaign.options import CampaignOptions, is_coordinate, is_number, load_yaml, triple
 from diffbot_lab.cases import configure, make_case
 from diffbot_sim.compiled.batch import Starts, check_case
 from diffbot_sim.compiled.closed_loop import Case
@@ -149,12 +150,12 @@ def _starts(start: Any) -> Starts:
     value = _only("start.circle", value, ("radius", "points", "headings"))
     radius, points = value.get("radius"), value.get("points", 8)
     headings = value.get("headings", [0.0])
-    if not is_number(radius) or radius <= 0.0:
-        raise InvalidValueError("start.circle.radius", radius, "finite and > 0")
+    if not is_number(radius) or not LENGTH[0] <= radius <= LENGTH[1]:
+        raise InvalidValueError("start.circle.radius", radius, f">= {LENGTH[0]:g} and <= {LENGTH[1]:g}")
     if not isinstance(points, int) or isinstance(points, bool) or not 1 <= points <= 100_000:
         raise InvalidValueError("start.circle.points", points, "a whole number from 1 to 100000")
-    if not isinstance(headings, list) or not headings or not all(is_number(one) for one in headings):
-        raise InvalidValueError("start.circle.headings", headings, "a list of finite numbers [rad]")
+    if not isinstance(headings, list) or not headings or not all(map(is_coordinate, headings)):
+        raise InvalidValueError("start.circle.headings", headings, f"a list of numbers [rad] within +-{POSITION[1]:g}")
     angles = [2.0 * math.pi * index / points for index in range(points)]
     return Starts(np.array([(radius * math.cos(a), radius * math.sin(a), h) for h in headings for a in angles]))
 
@@ -177,8 +178,8 @@ def _only(name: str, value: Any, keys: tuple[str, ...]) -> Any:
 
 
 def _interval(name: str, value: Any) -> tuple[float, float]:
-    if not isinstance(value, (list, tuple)) or len(value) != 2 or not all(is_number(one) for one in value):
-        raise InvalidValueError(name, value, "two finite numbers [low, high]")
+    if not isinstance(value, (list, tuple)) or len(value) != 2 or not all(map(is_coordinate, value)):
+        raise InvalidValueError(name, value, f"two numbers [low, high] within +-{POSITION[1]:g}")
     if value[0] > value[1]:
         raise InvalidValueError(name, value, "[low, high] with low <= high")
     return float(value[0]), float(value[1])

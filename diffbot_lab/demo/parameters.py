@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from typing import Annotated, NamedTuple
 
 from diffbot_core.errors import InvalidValueError
+from diffbot_core.ranges import POSITION, TIME, TIMEOUT
 from diffbot_core.schema import Spec
 
 
@@ -14,16 +14,16 @@ class DemoNodeConfig(NamedTuple):
 
     goals: Annotated[
         tuple[float, ...],
-        Spec("x, y, heading of each goal in map, in order", "m, m, rad", read_only=True),
+        Spec("x, y, heading of each goal in map, in order", "m, m, rad", *POSITION, read_only=True),
     ] = (0.0, 0.0, 0.0)
     recorded_topics: Annotated[
         tuple[str, ...],
         Spec("topics that the recorder must be subscribed to before the start", read_only=True),
     ] = ()
-    hold: Annotated[float, Spec("time to stay at a reached goal", "s", minimum=0.0, read_only=True)] = 3.0
+    hold: Annotated[float, Spec("time to stay at a reached goal", "s", *TIME, read_only=True)] = 3.0
     goal_timeout: Annotated[
         float,
-        Spec("time to reach a goal before giving up", "s", minimum=0.0, exclusive_minimum=True, read_only=True),
+        Spec("time to reach a goal before giving up", "s", *TIMEOUT, read_only=True),
     ] = 120.0
     map_frame: Annotated[str, Spec("frame of the goals", read_only=True)] = "map"
 
@@ -33,5 +33,5 @@ class DemoNodeConfig(NamedTuple):
         Raises:
             InvalidValueError: if they are not.
         """
-        if not self.goals or len(self.goals) % 3 or not all(map(math.isfinite, self.goals)):
-            raise InvalidValueError("goals", list(self.goals), "finite triples x, y, heading")
+        if not self.goals or len(self.goals) % 3:
+            raise InvalidValueError("goals", list(self.goals), "triples x, y, heading")

@@ -45,7 +45,7 @@ class GracefulConfig(NamedTuple):
         bool, Spec("head straight for the goal and turn to its heading at the end; otherwise drive to the pose")
     ] = True
     max_lookahead: Annotated[
-        float, Spec("the target is a point of the line so far ahead", "m", 0.01, allow_inf=True)
+        float, Spec("the target is a point of the line so far ahead", "m", 0.01, 1e6, allow_inf=True)
     ] = math.inf
     v_linear_max: Annotated[float, Spec("bound of the speed", "m/s", 0.01, 10.0)] = 1.3
     v_linear_min: Annotated[float, Spec("least speed", "m/s", 0.0, 1.0)] = 0.025

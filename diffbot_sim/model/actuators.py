@@ -17,6 +17,7 @@ import math
 from typing import Annotated, Any, NamedTuple
 
 from diffbot_core.kinematics import Twist, WheelGeometry, WheelSpeeds, wheel_speeds
+from diffbot_core.ranges import ACCELERATION, ANGULAR_ACCELERATION, WHEEL_ACCELERATION, WHEEL_SPEED
 from diffbot_core.schema import Spec
 from diffbot_sim.model.philox import Draw, direction, probability
 
@@ -36,19 +37,19 @@ class ActuatorConfig(NamedTuple):
     ] = 0.0
     acceleration_max: Annotated[
         float,
-        Spec("bound of |dv/dt| in the base driver", "m/s^2", minimum=0.0, exclusive_minimum=True, allow_inf=True),
+        Spec("bound of |dv/dt| in the base driver", "m/s^2", *ACCELERATION, allow_inf=True),
     ] = _INF
     angular_acceleration_max: Annotated[
         float,
-        Spec("bound of |domega/dt| in the base driver", "rad/s^2", minimum=0.0, exclusive_minimum=True, allow_inf=True),
+        Spec("bound of |domega/dt| in the base driver", "rad/s^2", *ANGULAR_ACCELERATION, allow_inf=True),
     ] = _INF
     wheel_speed_max: Annotated[
         float,
-        Spec("bound of each wheel's |speed|", "rad/s", minimum=0.0, exclusive_minimum=True, allow_inf=True),
+        Spec("bound of each wheel's |speed|", "rad/s", *WHEEL_SPEED, allow_inf=True),
     ] = _INF
     wheel_acceleration_max: Annotated[
         float,
-        Spec("bound of each wheel's |acceleration|", "rad/s^2", minimum=0.0, exclusive_minimum=True, allow_inf=True),
+        Spec("bound of each wheel's |acceleration|", "rad/s^2", *WHEEL_ACCELERATION, allow_inf=True),
     ] = _INF
     dead_band: Annotated[
         float, Spec("|speed| below which a turning wheel stops", "rad/s", minimum=0.0, maximum=1000.0)

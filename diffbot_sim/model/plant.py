@@ -13,6 +13,7 @@ from typing import Annotated, NamedTuple
 
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import Twist, WheelGeometry, WheelSpeeds, body_twist, wheel_speeds
+from diffbot_core.ranges import POSITION, TIME, TIMEOUT
 from diffbot_core.schema import Spec
 from diffbot_sim.model.actuators import (
     NO_LOSS,
@@ -25,8 +26,8 @@ from diffbot_sim.model.actuators import (
 )
 from diffbot_sim.model.philox import SLIP_BLOCK, WHEEL_BLOCK, Draw, NoiseKey, draw
 
-_MAX_SHIFT = 1e6
-"""[m]"""
+_ADDED = 0.0, 1e3
+"""[m/s], [rad/s] noise added to the twist"""
 _STRAIGHT = 1e-6
 """[rad] turns below it are integrated by their series: the quotient of the arc loses digits there."""
 
@@ -40,10 +41,8 @@ class PlantConfig(NamedTuple):
     drive_noise: Annotated[
         float, Spec("bound of the relative error of each wheel's speed", minimum=0.0, maximum=1.0)
     ] = 0.05
-    eps_v_max: Annotated[float, Spec("bound of the noise added to v (paper: 0.065)", "m/s", minimum=0.0)] = 0.0
-    eps_omega_max: Annotated[float, Spec("bound of the noise added to omega (paper: 0.2167)", "rad/s", minimum=0.0)] = (
-        0.0
-    )
+    eps_v_max: Annotated[float, Spec("bound of the noise added to v (paper: 0.065)", "m/s", *_ADDED)] = 0.0
+    eps_omega_max: Annotated[float, Spec("bound of the noise added to omega (paper: 0.2167)", "rad/s", *_ADDED)] = 0.0
     encoder_noise: Annotated[
         float, Spec("bound of the relative error of each encoder's speed", minimum=0.0, maximum=1.0)
     ] = 0.05
@@ -61,16 +60,14 @@ class PlantConfig(NamedTuple):
         float,
         Spec("share of the right wheel's motion lost while it slips", minimum=0.0, maximum=1.0),
     ] = 0.0
-    slip_start: Annotated[float, Spec("time at which the slip begins", "s", minimum=0.0)] = 0.0
-    slip_duration: Annotated[float, Spec("how long it lasts", "s", minimum=0.0)] = 0.0
-    kidnap_time: Annotated[float, Spec("time at which the robot is carried away; 0: never", "s", minimum=0.0)] = 0.0
-    kidnap_x: Annotated[float, Spec("how far, along x of map", "m", minimum=-_MAX_SHIFT, maximum=_MAX_SHIFT)] = 0.0
-    kidnap_y: Annotated[float, Spec("how far, along y of map", "m", minimum=-_MAX_SHIFT, maximum=_MAX_SHIFT)] = 0.0
+    slip_start: Annotated[float, Spec("time at which the slip begins", "s", *TIME)] = 0.0
+    slip_duration: Annotated[float, Spec("how long it lasts", "s", *TIME)] = 0.0
+    kidnap_time: Annotated[float, Spec("time at which the robot is carried away; 0: never", "s", *TIME)] = 0.0
+    kidnap_x: Annotated[float, Spec("how far, along x of map", "m", *POSITION)] = 0.0
+    kidnap_y: Annotated[float, Spec("how far, along y of map", "m", *POSITION)] = 0.0
     kidnap_yaw: Annotated[float, Spec("how far it is turned", "rad", minimum=-math.pi, maximum=math.pi)] = 0.0
     actuators: ActuatorConfig = ActuatorConfig()
-    cmd_vel_timeout: Annotated[
-        float, Spec("without a command for so long the robot stops", "s", minimum=0.0, exclusive_minimum=True)
-    ] = 0.5
+    cmd_vel_timeout: Annotated[float, Spec("without a command for so long the robot stops", "s", *TIMEOUT)] = 0.5
 
 
 class PlantState(NamedTuple):

@@ -13,6 +13,7 @@ import math
 from typing import Annotated, NamedTuple
 
 from diffbot_core.geometry import Pose, range_and_bearing, wrap_angle
+from diffbot_core.ranges import DISTANCE
 from diffbot_core.schema import Spec
 from diffbot_sim.model.philox import (
     FAULT_BLOCK,
@@ -33,13 +34,15 @@ class SensorConfig(NamedTuple):
         float,
         Spec("rate of global_pose; 0: none; at most one a step", "Hz", minimum=0.0, maximum=1000.0),
     ] = 10.0
-    eps_x_max: Annotated[float, Spec("bound of the error of x", "m", minimum=0.0)] = 0.3
-    eps_y_max: Annotated[float, Spec("bound of the error of y", "m", minimum=0.0)] = 0.3
+    eps_x_max: Annotated[float, Spec("bound of the error of x", "m", *DISTANCE)] = 0.3
+    eps_y_max: Annotated[float, Spec("bound of the error of y", "m", *DISTANCE)] = 0.3
     eps_theta_max: Annotated[float, Spec("bound of the error of theta", "rad", minimum=0.0, maximum=math.pi)] = 0.17
     eps_xy_distance: Annotated[
         float,
         Spec(
-            "distance from map's origin within which the errors of x, y shrink in proportion; 0: none", "m", minimum=0.0
+            "distance from map's origin within which the errors of x, y shrink in proportion; 0: none",
+            "m",
+            *DISTANCE,
         ),
     ] = 0.0
     fix_delay: Annotated[float, Spec("time from measuring to arriving", "s", minimum=0.0, maximum=60.0)] = 0.0
@@ -52,7 +55,7 @@ class SensorConfig(NamedTuple):
     ] = 0.0
     fix_dropout: Annotated[float, Spec("share of fixes that are lost", minimum=0.0, maximum=1.0)] = 0.0
     fix_outlier: Annotated[float, Spec("share of fixes that are outliers", minimum=0.0, maximum=1.0)] = 0.0
-    fix_outlier_distance: Annotated[float, Spec("how far an outlier is off", "m", minimum=0.0)] = 3.0
+    fix_outlier_distance: Annotated[float, Spec("how far an outlier is off", "m", *DISTANCE)] = 3.0
     fix_covariance_scale: Annotated[
         float, Spec("factor on the covariance that fixes claim; 1: the right one", minimum=1e-6, maximum=1e6)
     ] = 1.0
@@ -62,8 +65,8 @@ class SensorConfig(NamedTuple):
     )
     heading_delay: Annotated[float, Spec("time from measuring to arriving", "s", minimum=0.0, maximum=60.0)] = 0.0
     landmark_rate: Annotated[float, Spec("rate of landmarks; 0: none", "Hz", minimum=0.0, maximum=1000.0)] = 0.0
-    landmark_range: Annotated[float, Spec("how far landmarks are seen", "m", minimum=0.0)] = 15.0
-    landmark_range_error_max: Annotated[float, Spec("bound of the error of a range", "m", minimum=0.0)] = 0.1
+    landmark_range: Annotated[float, Spec("how far landmarks are seen", "m", *DISTANCE)] = 15.0
+    landmark_range_error_max: Annotated[float, Spec("bound of the error of a range", "m", *DISTANCE)] = 0.1
     landmark_bearing_error_max: Annotated[
         float, Spec("bound of the error of a bearing", "rad", minimum=0.0, maximum=math.pi)
     ] = 0.05

@@ -11,6 +11,7 @@ from diffbot_control.filter.landmark_map import LandmarkMap
 from diffbot_control.filter.measurements import Heading, LandmarkMeasurement, OdometryStep, PoseFix
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist, body_twist, encoder_covariance
+from diffbot_core.ranges import HEADING, POSITION
 from diffbot_core.schema import Spec
 from diffbot_core.units import NS_PER_S
 from diffbot_sim.model.actuators import MAX_COMMAND_DELAY, command_rows, delayed_command
@@ -30,8 +31,6 @@ from diffbot_sim.model.sensors import (
     uniform_variance,
 )
 
-_MAX = 1e6
-"""[m] bound of the start's coordinates"""
 _Sensed = TypeVar("_Sensed", PoseFix, Heading)
 
 
@@ -40,13 +39,15 @@ class StartPose(NamedTuple):
 
     x: Annotated[
         float,
-        Spec("start x in map", "m", minimum=-_MAX, maximum=_MAX, parameter="initial_pose.x"),
+        Spec("start x in map", "m", *POSITION, parameter="initial_pose.x"),
     ] = -2.0
     y: Annotated[
         float,
-        Spec("start y in map", "m", minimum=-_MAX, maximum=_MAX, parameter="initial_pose.y"),
+        Spec("start y in map", "m", *POSITION, parameter="initial_pose.y"),
     ] = -5.5
-    theta: Annotated[float, Spec("start heading in map", "rad", parameter="initial_pose.yaw")] = 0.5235987755982988
+    theta: Annotated[float, Spec("start heading in map", "rad", *HEADING, parameter="initial_pose.yaw")] = (
+        0.5235987755982988
+    )
 
 
 class WorldConfig(NamedTuple):

@@ -6,6 +6,7 @@ from typing import Annotated, NamedTuple
 
 from diffbot_control.ros.frames import PREFIX_TEXT
 from diffbot_core.errors import InvalidValueError
+from diffbot_core.ranges import TIMEOUT
 from diffbot_core.ros.fault_parameters import FaultConfig
 from diffbot_core.schema import Spec
 from diffbot_sim.model.simulator import WorldConfig
@@ -54,6 +55,7 @@ class PlantNodeConfig(NamedTuple):
             "without an answer for so long a step's messages are sent again (clock: lockstep)",
             "s",
             minimum=0.01,
+            maximum=TIMEOUT[1],
         ),
     ] = 1.0
     enable_stamped_cmd_vel: Annotated[bool, Spec("subscribe to TwistStamped instead of Twist", read_only=True)] = False

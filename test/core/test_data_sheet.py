@@ -10,9 +10,9 @@ from diffbot_core.kinematics import WheelGeometry
 from diffbot_core.schema import build, parameters_of
 
 NAMES = {
-    "linear.x.max_velocity": 100.0,
+    "linear.x.max_velocity": 1000.0,
     "angular.z.max_velocity": 1000.0,
-    "wheel.max_velocity": 1e5,
+    "wheel.max_velocity": 1e6,
     "linear.x.max_acceleration": 1000.0,
     "angular.z.max_acceleration": 1e4,
 }

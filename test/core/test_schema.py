@@ -4,7 +4,8 @@ import importlib
 import inspect
 import math
 import pkgutil
-from typing import Annotated, NamedTuple, get_origin
+from pathlib import Path
+from typing import Annotated, NamedTuple, get_args, get_origin
 
 import pytest
 from hypothesis import given, settings
@@ -13,6 +14,7 @@ from hypothesis import strategies as st
 import diffbot_bag
 import diffbot_control
 import diffbot_core
+import diffbot_lab
 import diffbot_sim
 from diffbot_control.law.controller import ControllerConfig
 from diffbot_control.law.lyapunov_law import Gains
@@ -39,14 +41,25 @@ def pure_configs():
         for module in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
             if module.ispkg or module.name.endswith("_node") or module.name.startswith("diffbot_core.ros"):
                 continue
-            loaded = importlib.import_module(module.name)
-            for name, thing in vars(loaded).items():
-                if is_config(thing) and thing.__module__ == module.name:
-                    found[f"{module.name}.{name}"] = thing
+            found |= configs_in(module.name)
     return found
 
 
-CONFIGS = pure_configs()
+def configs_in(module):
+    things = vars(importlib.import_module(module)).items()
+    return {f"{module}.{name}": one for name, one in things if is_config(one) and one.__module__ == module}
+
+
+def lab_configs():
+    """Return those of the laboratory, from the modules that write ``Spec(``; to load all would take seconds."""
+    folder, found = Path(diffbot_lab.__file__).parent, {}
+    for path in sorted(folder.rglob("*.py")):
+        if "Spec(" in path.read_text():
+            found |= configs_in(".".join(path.relative_to(folder.parent).with_suffix("").parts))
+    return found
+
+
+CONFIGS = pure_configs() | lab_configs()
 
 
 @pytest.fixture(params=sorted(CONFIGS))
@@ -60,6 +73,7 @@ def test_the_configurations_are_found():
     assert {"SupervisorConfig", "LocalizationConfig", "PlantConfig", "SensorConfig"} <= names
     assert {"StartPose", "WorldConfig", "ControllerNodeConfig", "EkfNodeConfig"} <= names
     assert {"PlantNodeConfig", "RecorderConfig", "ReplayConfig"} <= names
+    assert {"CampaignOptions", "DemoNodeConfig", "GracefulConfig"} <= names
 
 
 def test_every_parameter_is_described_and_allowed_by_default(config_type):
@@ -75,6 +89,16 @@ def test_every_parameter_is_described_and_allowed_by_default(config_type):
         if kind is float:
             assert isinstance(parameter.default, float), f"{parameter.name}: default is no float"
     assert len({parameter.name for parameter in parameters}) == len(parameters)
+
+
+def test_every_number_has_two_bounds_between_which_formulas_stay_finite(config_type):
+    for parameter in parameters_of(config_type):
+        spec, item = parameter.spec, (get_args(parameter.type) or (parameter.type,))[0]
+        if item not in (float, int):
+            continue
+        assert -1e10 <= spec.minimum < spec.maximum <= (1e10 if item is float else 2**63), parameter.name
+        # One that must not be 0 is no smaller than what its reciprocal can be squared with.
+        assert spec.minimum <= 0.0 or spec.minimum >= 1e-12, parameter.name
 
 
 def test_defaults_are_built_from_nothing_and_come_back(config_type):
@@ -102,7 +126,7 @@ def test_every_bound_is_kept(config_type):
         outside = []
         step = 1 if parameter.type is int else 1e-9
         if spec.minimum > -math.inf:
-            outside.append(spec.minimum if spec.exclusive_minimum else spec.minimum - step * (1 + abs(spec.minimum)))
+            outside.append(spec.minimum - step * (1 + abs(spec.minimum)))
         if spec.maximum < math.inf:
             outside.append(spec.maximum + step * (1 + abs(spec.maximum)))
         if not spec.allow_inf:
@@ -112,7 +136,7 @@ def test_every_bound_is_kept(config_type):
                 build(config_type, {parameter.name: value})
             assert caught.value.name == parameter.name
             assert caught.value.value == pytest.approx(value)
-        if spec.minimum > -math.inf and not spec.exclusive_minimum:
+        if spec.minimum > -math.inf:
             assert checked(parameter, parameter.type(spec.minimum)) == spec.minimum
         if spec.maximum < math.inf:
             assert checked(parameter, parameter.type(spec.maximum)) == spec.maximum
@@ -158,16 +182,21 @@ def test_choices_are_kept(config_type):
 @pytest.mark.parametrize(
     ("config", "values", "message"),
     [
-        (Gains, {"gamma": -1.5}, "gamma = -1.5: must be finite and > 0"),
-        (Gains, {"gamma": 0}, "gamma = 0.0: must be finite and > 0"),
-        (Gains, {"k": math.nan}, "k = nan: must be finite and > 0"),
-        (Gains, {"h": math.inf}, "h = inf: must be finite and > 0"),
+        (Gains, {"gamma": -1.5}, "gamma = -1.5: must be >= 1e-06 and <= 1000"),
+        (Gains, {"gamma": 0}, "gamma = 0.0: must be >= 1e-06 and <= 1000"),
+        (Gains, {"k": math.nan}, "k = nan: must be >= 1e-06 and <= 1000"),
+        (Gains, {"h": math.inf}, "h = inf: must be >= 1e-06 and <= 1000"),
+        (WorldConfig, {"wheel_separation": 1e308}, "wheel_separation = 1e+308: must be >= 0.001 and <= 10"),
+        (WorldConfig, {"wheel_separation": 1e-160}, "wheel_separation = 1e-160: must be >= 0.001 and <= 10"),
+        (WorldConfig, {"wheel_separation": 5e-324}, "wheel_separation = 5e-324: must be >= 0.001 and <= 10"),
+        (WorldConfig, {"wheel_radius": 1e308}, "wheel_radius = 1e+308: must be >= 0.001 and <= 10"),
+        (WorldConfig, {"eps_omega_max": 1e308}, "eps_omega_max = 1e+308: must be >= 0 and <= 1000"),
         (Gains, {"h": "big"}, "h = 'big': must be a number"),
         (Gains, {"h": True}, "h = True: must be a number"),
         (
             DataSheet,
             {"linear.x.max_velocity": -1.0},
-            "linear.x.max_velocity = -1.0: must be > 0 and <= 100 (inf: no limit)",
+            "linear.x.max_velocity = -1.0: must be >= 1e-06 and <= 1000 (inf: no limit)",
         ),
         (
             SensorConfig,
@@ -249,7 +278,7 @@ def test_cross_checks_see_the_whole_not_the_order():
         {
             "gamma": st.floats(1e-3, 1e3),
             "angular.z.max_velocity": st.floats(1e-3, 1e3) | st.just(math.inf),
-            "wheel_radius": st.floats(1e-3, 1e3),
+            "wheel_radius": st.floats(1e-3, 10.0),
             "settling_steps": st.integers(1, 100000),
             "stateful": st.booleans(),
             "region_policy": st.sampled_from(("fixed", "covariance")),
@@ -381,10 +410,9 @@ def test_programming_errors_raise_type_error(config, message):
     [
         (Spec("x"), "finite"),
         (Spec("x", minimum=0.0), "finite and >= 0"),
-        (Spec("x", minimum=0.0, exclusive_minimum=True), "finite and > 0"),
         (Spec("x", maximum=2.5), "<= 2.5"),
         (Spec("x", minimum=-1.0, maximum=1.0), ">= -1 and <= 1"),
-        (Spec("x", minimum=0.0, exclusive_minimum=True, allow_inf=True), "> 0 (inf: no limit)"),
+        (Spec("x", minimum=0.5, maximum=9.0, allow_inf=True), ">= 0.5 and <= 9 (inf: no limit)"),
         (Spec("x", allow_inf=True), "a number (inf: no limit)"),
         (Spec("x", choices=("a", "b")), "one of a, b"),
     ],

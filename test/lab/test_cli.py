@@ -107,7 +107,7 @@ def test_run_starts_a_node_with_its_ros_arguments_and_a_signal_ends_it():
 def test_run_returns_the_status_of_a_node_that_refuses_to_start():
     ended = diffbot("run", "ekf", "--ros-args", "-p", "wheel_radius:=0.0")
     assert ended.returncode == 1
-    assert ended.stderr == "error: wheel_radius = 0.0: must be finite and > 0\n"
+    assert ended.stderr == "error: wheel_radius = 0.0: must be >= 0.001 and <= 10\n"
 
 
 def test_every_node_of_the_command_exists(kept_signal_handlers):

@@ -1,0 +1,84 @@
+"""At the bounds of its parameters and between them, the controller publishes finite numbers only."""
+
+from typing import Annotated
+
+import numpy as np
+import pytest
+from extremes import assert_finite, extreme_configs
+
+from diffbot_control.law import paper_step
+from diffbot_control.law.controller import SwitchingLaw
+from diffbot_control.law.loop_check import unstable_gains
+from diffbot_control.law.presets import PRESETS
+from diffbot_control.law.registry import registered_laws, resolve_law
+from diffbot_control.law.supervisor import Supervisor, SupervisorConfig
+from diffbot_core.geometry import MAX_COORDINATE, Pose
+from diffbot_core.schema import PARTIAL, variant
+from diffbot_core.uncertainty import Uncertainty
+
+PAIRS = 60
+PERIODS = (0.0, 1e-3, 0.1, 10.0)
+GOAL = Pose(1.0, -2.0, 0.5)
+
+
+def poses(rng):
+    """Yield [s] since the pose before, pose and uncertainty: at the goal, far away, and at rest near the goal."""
+    away = (0.0, *10.0 ** rng.uniform(-9.0, np.log10(MAX_COORDINATE), 5))
+    for distance in away:
+        x, y = np.clip(np.add(GOAL[:2], distance * rng.uniform(-1.0, 1.0, 2)), -MAX_COORDINATE, MAX_COORDINATE).tolist()
+        theta = GOAL.theta + float(rng.uniform(-4.0, 4.0)) * min(distance, 1.0)
+        yield float(rng.choice(PERIODS)), Pose(x, y, theta), Uncertainty(*(10.0 ** rng.uniform(-8.0, 4.0, 2)).tolist())
+    # Long enough for a re-approach or a finish to begin.
+    beside = Pose(GOAL.x, GOAL.y + 10.0 ** float(rng.uniform(-3.0, 0.0)), GOAL.theta)
+    for _ in range(12):
+        yield 0.1, beside, Uncertainty(1e-3, 1e-3)
+
+
+def drive(config, law, rng):
+    """Yield command and supervisor after each pose, and at last after a long silence."""
+    supervisor = Supervisor(config, law)
+    supervisor.on_goal(GOAL)
+    stamp = 0
+    for period, pose, uncertainty in poses(rng):
+        stamp += round(period * 1e9)
+        yield supervisor.on_pose(stamp, stamp * 1e-9, pose, uncertainty), supervisor
+        if law is SwitchingLaw:
+            unstable_gains(config.controller, period)
+    yield supervisor.on_tick(stamp * 1e-9 + 1e7, 1e7), supervisor
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_the_switching_law_commands_finite_numbers(preset, monkeypatch):
+    limited = paper_step.limit_acceleration
+
+    # Before the last check, which would replace a command that is not finite.
+    def checked(*given):
+        result = limited(*given)
+        assert_finite(result, given)
+        return result
+
+    monkeypatch.setattr(paper_step, "limit_acceleration", checked)
+    rng = np.random.default_rng(1)
+    base = SupervisorConfig(controller=PRESETS[preset])
+    tried = 0
+    for values, config in extreme_configs(SupervisorConfig, 2, PAIRS, base):
+        for command, supervisor in drive(config, SwitchingLaw, rng):
+            assert_finite((command, supervisor.report), values)
+            assert not supervisor.has_failed, (supervisor.reason, values)
+            assert_finite((supervisor.distance_remaining(), supervisor.smallest_tolerance()), values)
+            supervisor.is_beyond_limits  # noqa: B018
+        tried += 1
+    assert tried > PAIRS
+
+
+@pytest.mark.parametrize("name", sorted({*registered_laws()} - {"switching"}))
+def test_a_registered_law_commands_finite_numbers(name):
+    law = resolve_law(name)
+    config_type = variant(SupervisorConfig, {"controller": Annotated[law.Config, PARTIAL]}, ("max_departures",))
+    rng = np.random.default_rng(1)
+    for values, config in extreme_configs(config_type, 3, PAIRS):
+        for command, supervisor in drive(config, law, rng):
+            report = supervisor.report
+            # A law without a Lyapunov function reports nan for it.
+            assert_finite((command, report and report._replace(lyapunov=0.0)), values)
+            assert not supervisor.has_failed, (supervisor.reason, values)
