@@ -1,0 +1,84 @@
+"""Watch over topics that one node has to own: a second publisher of them is reported with the names of all."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.node import Node
+
+
+class _Owned(NamedTuple):
+    role: str
+    limit: int
+
+
+def publisher_names(node: Node, topic: str) -> list[str]:
+    """Return the full names of the nodes that publish a topic, sorted, one for each publisher; no remapping is done."""
+    found = node.get_publishers_info_by_topic(topic)
+    return sorted(f"{one.node_namespace.rstrip('/')}/{one.node_name}" for one in found)
+
+
+def too_many(topic: str, names: list[str], limit: int, role: str) -> str:
+    """Return in words that a topic has more publishers than ``limit``; empty if it has not.
+
+    Args:
+        topic: its full name.
+        names: of the nodes that publish it, one for each publisher.
+        limit: how many may publish it.
+        role: what only they may do, as in "only one may own time".
+    """
+    if len(names) <= limit:
+        return ""
+    allowed = "one" if limit == 1 else str(limit)
+    return f"{len(names)} publishers of {topic}, only {allowed} may {role}: {', '.join(names)}"
+
+
+class PublisherWatch:
+    """What is wrong with the publishers of the topics that a node uses.
+
+    With two controllers on one cmd_vel the robot obeys each in turn, and with two sources of the pose it is steered by
+    two estimates. Nothing else shows it: every message is valid. Publishers are counted whether they send or not.
+    """
+
+    def __init__(self, node: Node) -> None:
+        """Watch nothing yet; the topics are those that ``node`` resolves."""
+        self._node = node
+        self.problem = ""
+        """the topics with too many publishers, in words; empty if there is none"""
+        self._owned: dict[str, _Owned] = {}
+        self._reported: dict[str, str] = {}
+
+    @property
+    def level(self) -> int:
+        """Level of the problem in /diagnostics."""
+        return int((DiagnosticStatus.ERROR if self.problem else DiagnosticStatus.OK)[0])
+
+    def watch(self, topic: str, role: str, limit: int = 1) -> None:
+        """Watch one more topic, or the same one with another limit.
+
+        Args:
+            topic: as the node names it; remapped as its publishers and subscriptions are.
+            role: what only the allowed publishers may do, see :func:`too_many`.
+            limit: how many publishers are allowed, the node's own included.
+        """
+        self._owned[self._node.resolve_topic_name(topic)] = _Owned(role, limit)
+
+    def check(self, active: bool = True) -> None:
+        """Count publishers and log each change; called once a second.
+
+        Args:
+            active: False for a node that leaves its topics to others; it has no problem with them.
+        """
+        found = {}
+        for topic, (role, limit) in self._owned.items() if active else ():
+            if text := too_many(topic, publisher_names(self._node, topic), limit, role):
+                found[topic] = text
+        logger = self._node.get_logger()
+        for topic, text in found.items():
+            if text != self._reported.get(topic):
+                logger.error(text)
+        for topic in self._reported.keys() - found.keys():
+            logger.info(f"{topic}: no more publishers than allowed")
+        self._reported = found
+        self.problem = "; ".join(found.values())
