@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import time
 from typing import NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
+
+LEASE = 20.0
+"""[s] for which DDS (Fast DDS by default) counts the publishers of a process that was killed"""
 
 
 class _Owned(NamedTuple):
@@ -48,11 +52,9 @@ class PublisherWatch:
         """the topics with too many publishers, in words; empty if there is none"""
         self._owned: dict[str, _Owned] = {}
         self._reported: dict[str, str] = {}
-
-    @property
-    def level(self) -> int:
-        """Level of the problem in /diagnostics."""
-        return int((DiagnosticStatus.ERROR if self.problem else DiagnosticStatus.OK)[0])
+        self._since: dict[str, float] = {}
+        self.level = int(DiagnosticStatus.OK[0])
+        """of the problem in /diagnostics: WARN while the surplus publishers may be those of a killed process"""
 
     def watch(self, topic: str, role: str, limit: int = 1) -> None:
         """Watch one more topic, or the same one with another limit.
@@ -70,10 +72,23 @@ class PublisherWatch:
         Args:
             active: False for a node that leaves its topics to others; it has no problem with them.
         """
-        found = {}
+        found, level, now = {}, DiagnosticStatus.OK, time.monotonic()
         for topic, (role, limit) in self._owned.items() if active else ():
-            if text := too_many(topic, publisher_names(self._node, topic), limit, role):
-                found[topic] = text
+            names = publisher_names(self._node, topic)
+            if not (text := too_many(topic, names, limit, role)):
+                continue
+            since = self._since.setdefault(topic, now)
+            if len(set(names)) <= limit and now - since <= 1.5 * LEASE:
+                text += f" (one that was killed still counts for {LEASE:g} s)"
+                level = max(level, DiagnosticStatus.WARN)
+            else:
+                level = DiagnosticStatus.ERROR
+            found[topic] = text
+        self._log(found)
+        self._since = {topic: since for topic, since in self._since.items() if topic in found}
+        self.problem, self.level = "; ".join(found.values()), int(level[0])
+
+    def _log(self, found: dict[str, str]) -> None:
         logger = self._node.get_logger()
         for topic, text in found.items():
             if text != self._reported.get(topic):
@@ -81,4 +96,3 @@ class PublisherWatch:
         for topic in self._reported.keys() - found.keys():
             logger.info(f"{topic}: no more publishers than allowed")
         self._reported = found
-        self.problem = "; ".join(found.values())
