@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
@@ -19,8 +19,16 @@ class _Owned(NamedTuple):
 
 def publisher_names(node: Node, topic: str) -> list[str]:
     """Return the full names of the nodes that publish a topic, sorted, one for each publisher; no remapping is done."""
-    found = node.get_publishers_info_by_topic(topic)
-    return sorted(f"{one.node_namespace.rstrip('/')}/{one.node_name}" for one in found)
+    return sorted(map(full_name, node.get_publishers_info_by_topic(topic)))
+
+
+def full_name(endpoint: Any) -> str:
+    """Return the full name of the node of a publisher or subscription.
+
+    DDS tells it a moment after the endpoint, and never of a program that is no ROS node.
+    """
+    name = f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}"
+    return "an unknown node" if "_UNKNOWN_" in name else name
 
 
 def too_many(topic: str, names: list[str], limit: int, role: str) -> str:
