@@ -59,7 +59,7 @@ class ReplayConfig(NamedTuple):
     exclude_topics: Annotated[tuple[str, ...], Spec("topics to leave out", read_only=True)] = ()
     exclude_regex: Annotated[str, Spec("leave out topics whose whole name matches", read_only=True)] = ""
     remap: Annotated[tuple[str, ...], Spec("old:=new names, besides ROS's own remapping", read_only=True)] = ()
-    rate: Annotated[float, Spec("speed", minimum=0.0, exclusive_minimum=True, maximum=1e6, read_only=True)] = 1.0
+    rate: Annotated[float, Spec("speed", minimum=1e-6, maximum=1e6, read_only=True)] = 1.0
     start_offset: Annotated[float, Spec("begin this long after the bag's first message", "s", 0.0, read_only=True)] = (
         0.0
     )
