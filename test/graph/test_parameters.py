@@ -44,7 +44,7 @@ AT_START = [
     ("plant", ["-p", "clock:=sundial"], ["clock = 'sundial'", "one of wall, scaled, lockstep"]),
     ("plant", ["-p", "start_time:=3e9"], ["start_time = 3000000000.0", "<= 2e+09"]),
     ("recorder", ["-p", "compression:=rar"], ["compression = 'rar'", "one of zstd, none"]),
-    ("replay", ["-p", "rate:=0.0"], ["rate = 0.0", "> 0"]),
+    ("replay", ["-p", "rate:=0.0"], ["rate = 0.0", ">= 1e-06"]),
     ("controller", ["--params-file", "/nowhere/at/all.yaml"], ["invalid arguments", "/nowhere/at/all.yaml"]),
     ("controller", ["--params-file", __file__], ["invalid arguments", __file__]),
     ("controller", ["--nonsense"], ["invalid arguments", "--nonsense"]),
