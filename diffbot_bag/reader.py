@@ -22,6 +22,8 @@ from diffbot_core.errors import DiffbotError
 
 MAX_FILES = 1000
 """of one bag; all of them are open together"""
+MAX_DECODED = 1024**2
+"""[bytes] of a message that is decoded: each byte may become an object of a hundred and more"""
 
 
 class RawMessage(NamedTuple):
@@ -173,7 +175,7 @@ class BagReader:
         """Iterate over decoded messages in the order of log time; arguments as for :meth:`messages`.
 
         Raises:
-            DiffbotError: if a message cannot be decoded or the file is damaged.
+            DiffbotError: if a message cannot be decoded or is larger than MAX_DECODED, or the file is damaged.
         """
         decoders: dict[tuple[str, bytes], Any] = {}
         for schema, channel, message in self._records(topics, start, end, False):
@@ -181,6 +183,11 @@ class BagReader:
             if key not in decoders:
                 # The factory caches decoders by schema id, which is unique only within a file.
                 decoders[key] = _decoder(DecoderFactory(), channel, schema)
+            if (size := len(message.data)) > MAX_DECODED:
+                raise DiffbotError(
+                    f"{self.path}: {shown(channel.topic)} at {message.log_time} ns has {size} bytes:"
+                    f" must be <= {MAX_DECODED} to be decoded"
+                )
             try:
                 content = decode_numbers_message(key[0], message.data) or decoders[key](message.data)
             except DAMAGE as error:

@@ -16,10 +16,11 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from diffbot_bag import ros_conversions
-from diffbot_bag.lost_messages import GapCounter
 from diffbot_bag.parameters import RecorderConfig
 from diffbot_bag.pending_messages import Held, HeldMessages
 from diffbot_bag.qos import to_request
+from diffbot_bag.ros.recorded_topic import RecordedTopic
+from diffbot_bag.ros.unmatched_messages import UnmatchedMessages
 from diffbot_bag.topic_selection import TopicSelection, absolute
 from diffbot_bag.writer import BagWriteError, BagWriter
 from diffbot_core.errors import DiffbotError
@@ -29,27 +30,8 @@ STATUS_PERIOD = 0.5
 """[s] between two ~/status messages while only counts change"""
 WATCH_PERIOD = 0.5
 """[s] between two looks at the free space and at the file"""
-UNMATCHED_POLLS = 10
-"""Polls in a row with an unmatched publisher before it is reported: discovery takes a moment."""
 QUIET = 0.05
 """[s] without a message after which, at the end, no more are expected"""
-
-
-class Recorded:
-    """One topic that is being recorded."""
-
-    def __init__(self, name: str, channel: int) -> None:
-        """Start with a topic and its channel in the bag."""
-        self.name, self.channel = name, channel
-        self.gaps = GapCounter()
-        self.subscription: Any = None
-        self.polls = 0
-        self.unmatched_polls = 0
-
-    @property
-    def incomplete(self) -> bool:
-        """True while a publisher is not matched: it has another type, or offers less than the others."""
-        return self.unmatched_polls >= UNMATCHED_POLLS
 
 
 class RecorderNode(DiffbotNode[RecorderConfig]):
@@ -70,9 +52,11 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         except DiffbotError:
             self.destroy_node()
             raise
-        self._topics: dict[str, Recorded] = {}
+        self._topics: dict[str, RecordedTopic] = {}
         self._refused: set[str] = set()
         self._unwritten = 0
+        self._unmatched = UnmatchedMessages(self, self.config.depth)
+        self._at_end = False
         self._status = self.create_publisher(DiagnosticStatus, "~/status", LATCHED)
         self._last_status: tuple[str, ...] = ("",)
         self._state = "recording"
@@ -141,21 +125,20 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
                 self._refuse(name, f"has several types ({', '.join(types)})")
             else:
                 self._subscribe(name, types[0])
+        self._unmatched.poll()
         for topic in self._topics.values():
-            topic.gaps.publishers = max(topic.gaps.publishers, topic.subscription.get_publisher_count())
-            topic.polls += 1
-            self._note_unmatched(topic)
+            self._note_unmatched(topic, topic.update(self))
         if self._subscribed() != self._last_status:
             self._publish_status()
 
-    def _note_unmatched(self, topic: Recorded) -> None:
-        if self.count_publishers(topic.name) <= topic.subscription.get_publisher_count():
-            topic.unmatched_polls = 0
-            return
-        topic.unmatched_polls += 1
-        if topic.unmatched_polls == UNMATCHED_POLLS:
-            self.get_logger().warning(f"{topic.name}: a publisher of another type or weaker QoS is not recorded")
+    def _note_unmatched(self, topic: RecordedTopic, found: dict[str, str]) -> None:
+        for name, reason in found.items():
+            self.get_logger().warning(f"{topic.name}: {name} is not recorded: {reason}")
+        if found:
+            self._unmatched.watch(topic, self._counted(topic))
             self._publish_status()
+        if missing := self._unmatched.lost(topic, self._counted(topic)):
+            self.health.dropped[topic.name, "publisher not matched"] = missing
 
     def _refuse(self, name: str, reason: str) -> None:
         self._refused.add(name)
@@ -171,14 +154,15 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
             self._refuse(name, f"has a type that cannot be loaded: {error}")
             return
         offered = ros_conversions.offers(publishers)
+        request = to_request(offered, self.config.depth)
         channel = self._writer.add_topic(name, type_name, offered, ros_conversions.type_hash(publishers))
-        topic = Recorded(name, channel)
+        topic = RecordedTopic(name, type_name, channel, request)
         topic.gaps.publishers = len(publishers)
         topic.subscription = self.create_subscription(
             message_class,
             name,
             ros_conversions.with_info(self._receiver(topic)),
-            ros_conversions.to_ros(to_request(offered, self.config.depth)),
+            ros_conversions.to_ros(request),
             raw=True,
         )
         self._topics[name] = topic
@@ -194,7 +178,7 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
             )
         )
 
-    def _receiver(self, topic: Recorded) -> Callable[[bytes, dict[str, Any]], None]:
+    def _receiver(self, topic: RecordedTopic) -> Callable[[bytes, dict[str, Any]], None]:
         accepted, writer = self.health.accepted, self._writer
 
         def receive(data: bytes, info: dict[str, Any]) -> None:
@@ -238,13 +222,19 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
             self._release(now)
         self._writer.flush()
 
+    def _counted(self, topic: RecordedTopic) -> int:
+        return self.health.accepted[topic.name] + topic.gaps.lost
+
+    def _lost_of(self, topic: RecordedTopic) -> int:
+        return topic.gaps.lost + self._unmatched.lost(topic, self._counted(topic), self._at_end)
+
     def _lost(self) -> int:
-        return self._unwritten + sum(topic.gaps.lost for topic in self._topics.values())
+        return self._unwritten + sum(map(self._lost_of, self._topics.values()))
 
     def _publish_status(self) -> None:
         self._last_status = self._subscribed()
         lost = self._lost()
-        incomplete = sorted(topic.name for topic in self._topics.values() if topic.incomplete)
+        incomplete = sorted(topic.name for topic in self._topics.values() if topic.unmatched)
         level = DiagnosticStatus.WARN if lost or incomplete else DiagnosticStatus.OK
         if self._state == "write error":
             level = DiagnosticStatus.ERROR
@@ -262,6 +252,8 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         """Write what was sent before now, close the bag and log the counts."""
         try:
             self._take_pending()
+            self._unmatched.poll()
+            self._at_end = True
             if self._held and not self._writer.closed:
                 self.get_logger().warning(
                     f"no /clock received: {len(self._held)} messages keep their time of reception"
@@ -273,6 +265,7 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         if self._state != "write error":
             self._state = "closed"
             self._publish_status()
+        self._unmatched.close()
         self.get_logger().info(f"{self._writer.count} messages, {self._lost()} lost, {self._writer.folder}")
 
     def _take_pending(self) -> None:
@@ -290,8 +283,8 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
             time.sleep(QUIET / 10)
 
     def _custom_data(self) -> dict[str, str]:
-        lost = {f"lost {topic.name}": str(topic.gaps.lost) for topic in self._topics.values() if topic.gaps.lost}
-        return {"lost_messages": str(self._lost()), **lost}
+        lost = {topic.name: self._lost_of(topic) for topic in self._topics.values()}
+        return {"lost_messages": str(self._lost())} | {f"lost {name}": str(n) for name, n in lost.items() if n}
 
 
 def main(args: list[str] | None = None) -> int:

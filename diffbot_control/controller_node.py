@@ -72,6 +72,8 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self.subscribe(Path, "path", self._on_path, raw=True)
         self._pose_topic = "pose" if config.pose_source == "pose" else "odometry/filtered"
         self._receive_poses(self._pose_topic)
+        self.publisher_watch.watch("cmd_vel", "drive the robot", config.commands.max_cmd_vel_publishers)
+        self.publisher_watch.watch(self._pose_topic, "estimate the pose")
         self.create_service(Trigger, "~/cancel", self._on_cancel)
         self._watch = self.create_timer(self._watch_period(), self._on_tick, clock=self.steady_clock)
         self.create_timer(_STATUS_PERIOD, self._publish_status, clock=self.steady_clock)

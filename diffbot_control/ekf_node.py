@@ -24,26 +24,18 @@ from diffbot_control.filter.localization import Estimate, Localization
 from diffbot_control.filter.measurements import Measurement, OdometryStep
 from diffbot_control.filter.models import move
 from diffbot_control.filter.state_file import BrokenStateError, StateKeeper, state_path
-from diffbot_control.ros.ekf_messages import EkfInputs, corrected_twist, error_values
+from diffbot_control.ros.ekf_messages import EkfInputs, error_values
 from diffbot_control.ros.ekf_parameters import EkfNodeConfig
-from diffbot_control.ros.frames import odometry_frame, robot_frame
+from diffbot_control.ros.ekf_publishers import EkfPublishers
+from diffbot_control.ros.frames import odometry_frame
 from diffbot_control.ros.message_bytes import read_odometry, read_pose
-from diffbot_control.ros.message_fields import (
-    fill_planar_covariance,
-    fill_pose,
-    fill_twist,
-    fill_twist_covariance,
-    pose_in_message,
-    pose_of,
-    set_stamp,
-)
-from diffbot_control.ros.messages import odometry_message, pose_message
+from diffbot_control.ros.message_fields import pose_in_message, pose_of
 from diffbot_control.ros.sensor_messages import KnownNoise
 from diffbot_control.ros.tf import transform_sender
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose
 from diffbot_core.ros.managed_node import INACTIVE, ManagedNode
-from diffbot_core.ros.node import LATCHED, QUEUE, run, status_message
+from diffbot_core.ros.node import LATCHED, run, status_message
 from diffbot_core.ros.qos import sensor_qos
 from diffbot_core.uncertainty import Uncertainty
 from diffbot_core.units import S_PER_NS
@@ -73,10 +65,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         """Create publishers, subscriptions and the service ~/reset."""
         config = self.config
         self.localization = Localization(config.localization, config.wheels.wheel_separation)
-        self._pose = pose_message(config.map_frame)
-        self._filtered = odometry_message(config.map_frame, robot_frame(config))
-        self._poses = self.create_publisher(PoseWithCovarianceStamped, "pose", QUEUE)
-        self._filtered_odometry = self.create_publisher(Odometry, "odometry/filtered", QUEUE)
+        self._outputs = EkfPublishers(self)
         self._statuses = self.create_publisher(DiagnosticStatus, "~/status", LATCHED)
         frames = config.map_frame, odometry_frame(config)
         self._transforms = transform_sender(self, *frames, config.transform_tolerance) if config.publish_tf else None
@@ -96,6 +85,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
             self.subscribe(PointCloud2, "landmarks", self._on_landmarks, qos)
         self.subscribe(PoseWithCovarianceStamped, "initialpose", self._on_initialpose)
         if config.odometry_source == "odom":
+            self.publisher_watch.watch("odom", "measure the motion")
             self.subscribe(Odometry, "odom", lambda data: self._on_odometry(read_odometry(data)), qos, raw=True)
         else:
             self.subscribe(JointState, "joint_states", self._on_joint_states, qos)
@@ -228,12 +218,11 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
             return estimate
         if self.pose_receiver is not None:
             self._hand_over(estimate, self.pose_receiver)
-        if self._poses.get_subscription_count():
-            self._send_pose(estimate)
+        self._outputs.send_pose(estimate)
         if self._last_state != RUNNING:
             self._publish_status()
-        if self._filtered_odometry.get_subscription_count():
-            self._send_filtered(estimate, estimate.odometry or odometry)
+        separation = self.config.wheels.wheel_separation
+        self._outputs.send_filtered(estimate, estimate.odometry or odometry, self.localization.filter, separation)
         return estimate
 
     def _hand_over(self, estimate: Estimate, receiver: PoseReceiver) -> None:
@@ -242,24 +231,6 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         # All that the checks of a message would find here: the robot must not be driven by a filter that has failed.
         if math.isfinite(sum(pose) + sum(uncertainty)):
             receiver(estimate.stamp, pose, uncertainty)
-
-    def _send_pose(self, estimate: Estimate) -> None:
-        set_stamp(self._pose.header.stamp, estimate.stamp)
-        fill_pose(self._pose.pose.pose, estimate.pose)
-        fill_planar_covariance(self._pose.pose.covariance, estimate.P)
-        self._poses.publish(self._pose)
-        self.health.sent["pose"] += 1
-
-    def _send_filtered(self, estimate: Estimate, odometry: OdometryStep) -> None:
-        message = self._filtered
-        set_stamp(message.header.stamp, estimate.stamp)
-        fill_pose(message.pose.pose, estimate.pose)
-        fill_planar_covariance(message.pose.covariance, estimate.P)
-        L = self.config.wheels.wheel_separation
-        fill_twist(message.twist.twist, corrected_twist(odometry.twist, self.localization.filter, L))
-        fill_twist_covariance(message.twist.covariance, odometry.covariance)
-        self._filtered_odometry.publish(message)
-        self.health.sent["odometry/filtered"] += 1
 
     def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self.localization.reset()

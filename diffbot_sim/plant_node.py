@@ -45,6 +45,7 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
         self._started = False
         start = round(config.start_time * NS_PER_S) or time.time_ns()
         self._plant = GraphPlant(self, start, self._subscribe_to_commands())
+        self.publisher_watch.watch("cmd_vel", "drive the robot", config.commands.max_cmd_vel_publishers)
         self._warn_of_idle_rates()
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SetBool, "~/pause", self._on_pause)

@@ -7,7 +7,8 @@ the tables in docs/localization.md, the configuration types; those in docs/local
 docs/localization.json and docs/localization_colour.json; those in docs/real-robots.md, docs/real.json and
 docs/calibration.json; docs/rooms.svg, the imports. ``--experiments`` and
 ``--benchmark`` repeat the runs behind the JSON files and draw their figures; those behind docs/benchmark_bound.json
-need casadi (extra ``bound``) and are repeated by ``--benchmark bound`` alone. ``--animation`` draws docs/run.gif.
+need casadi (extra ``bound``) and are repeated by ``--benchmark bound`` alone. ``--animation`` draws docs/run.gif,
+``--policy`` runs the nodes and writes config/sros2_policy.xml.
 ``--check`` writes nothing and fails if a page or rooms.svg is out of date.
 """
 
@@ -51,6 +52,7 @@ from diffbot_lab.paper.experiment import run_experiment, summarise
 from diffbot_lab.paper.figures import figure_paths
 from diffbot_lab.paper.scan import run_scan
 from diffbot_lab.paper.scenarios import SETTINGS
+from diffbot_lab.security import policy
 from diffbot_sim.feedback import EKF, RAW, TRUTH
 from diffbot_sim.model.plant import PlantConfig
 from diffbot_sim.model.sensors import SensorConfig
@@ -210,6 +212,14 @@ def write_animation() -> None:
     write_movie(shown, sampling_time, DOCS / "run.gif")
 
 
+def write_policy() -> None:
+    """Run the nodes and write config/sros2_policy.xml from what they publish, subscribe to and serve."""
+    # Only here: the rest of this program needs no ROS.
+    from diffbot_lab.security.ros.reference_graph import reference_rights  # noqa: PLC0415
+
+    policy.write_policy(DOCS.parent / "config/sros2_policy.xml", reference_rights(), policy.COMMENT)
+
+
 def write_localization() -> None:
     """Run the benchmark of the filter; write its results and its figure to docs/."""
     results = filter_benchmark.run_benchmark(BENCHMARKS["localization"][0], 1)
@@ -274,6 +284,7 @@ def main() -> int:
         "--real", type=Path, nargs="+", metavar="FOLDER", help="repeat those on the drives of data sets"
     )
     parser.add_argument("--animation", action="store_true", help="draw run.gif again")
+    parser.add_argument("--policy", action="store_true", help="write config/sros2_policy.xml from running nodes")
     options = parser.parse_args()
     if options.experiments:
         write_experiments()
@@ -289,6 +300,8 @@ def main() -> int:
         write_real(options.real)
     if options.animation:
         write_animation()
+    if options.policy:
+        write_policy()
     if options.benchmark == "bound":
         write_bound()
     control = DOCS / "control.md"

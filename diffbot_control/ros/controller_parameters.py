@@ -13,6 +13,7 @@ from diffbot_control.law.protocol import Law
 from diffbot_control.law.supervisor import SupervisorConfig
 from diffbot_control.ros.frames import PREFIX_TEXT, RELIABLE_TEXT
 from diffbot_core.errors import InvalidValueError
+from diffbot_core.ros.command_parameters import CommandSourceConfig
 from diffbot_core.ros.fault_parameters import FaultConfig
 from diffbot_core.ros.lifecycle_parameters import LifecycleConfig
 from diffbot_core.schema import PARTIAL, Spec, checked, parameters_of, variant
@@ -88,6 +89,7 @@ class ControllerNodeConfig(NamedTuple):
     ] = MAX_PATH_POSES
     reliable_inputs: Annotated[bool, Spec(RELIABLE_TEXT, read_only=True)] = False
     enable_stamped_cmd_vel: Annotated[bool, Spec("publish TwistStamped instead of Twist", read_only=True)] = False
+    commands: CommandSourceConfig = CommandSourceConfig()
     lifecycle: LifecycleConfig = LifecycleConfig()
     faults: FaultConfig = FaultConfig()
 

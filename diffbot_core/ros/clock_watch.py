@@ -16,6 +16,7 @@ from rclpy.clock import JumpThreshold
 from rclpy.duration import Duration
 from rclpy.node import Node
 
+from diffbot_core.ros.publisher_watch import publisher_names, too_many
 from diffbot_core.units import NS_PER_S
 
 CLOCK_TOPIC = "/clock"
@@ -113,14 +114,14 @@ class ClockWatch:
             self._logged, self._log_time = self.problem, now
 
     def _find_problem(self) -> tuple[str, bool]:
-        publishers = sorted(map(_full_name, self._node.get_publishers_info_by_topic(CLOCK_TOPIC)))
+        publishers = publisher_names(self._node, CLOCK_TOPIC)
         now = time.monotonic()
         if publishers or not self._uses_clock():
             self._clock_seen = now
         if not self._uses_clock() and not self._publishes_clock():
             return "", False
-        if len(publishers) > 1:
-            return f"{len(publishers)} publishers of /clock, only one may own time: {', '.join(publishers)}", True
+        if text := too_many(CLOCK_TOPIC, publishers, 1, "own time"):
+            return text, True
         if len(self._jumps_back) == _JUMPS and now - self._jumps_back[0] <= _WINDOW:
             return f"time on /clock jumps to and fro, as with two clocks; its publisher: {', '.join(publishers)}", True
         if self._has_jumped_back():
@@ -143,7 +144,3 @@ class ClockWatch:
         self._jumped = True
         if jump.delta.nanoseconds < 0:
             self._jumps_back.append(time.monotonic())
-
-
-def _full_name(endpoint: Any) -> str:
-    return f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}"

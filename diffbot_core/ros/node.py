@@ -26,6 +26,7 @@ from diffbot_core.ros.clock_watch import ClockWatch
 from diffbot_core.ros.fault_parameters import FaultConfig
 from diffbot_core.ros.faults import FaultRecord, is_refusal, one_line
 from diffbot_core.ros.parameters import NodeParameters, overrides_of
+from diffbot_core.ros.publisher_watch import PublisherWatch
 from diffbot_core.ros.qos import LATCHED as LATCHED  # noqa: PLC0414 - re-exported, as is QUEUE
 from diffbot_core.ros.qos import QUEUE as QUEUE  # noqa: PLC0414
 from diffbot_core.schema import C
@@ -42,6 +43,8 @@ class DiffbotNode(BaseNode, Generic[C]):
     _checked_parameters: NodeParameters[C]
     is_configured = True
     """False while a managed node has only its parameters"""
+    is_active = True
+    """False while a managed node does not work"""
 
     def __init__(
         self, name: str, config_type: type[C], presets: Mapping[str, C] | None = None, **node_options: Any
@@ -67,6 +70,7 @@ class DiffbotNode(BaseNode, Generic[C]):
         self.health = Health()
         self.faults = FaultRecord()
         self.clock_watch = ClockWatch(self)
+        self.publisher_watch = PublisherWatch(self)
         self.exit_code: int | None = None
         self.steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", QUEUE)
@@ -149,8 +153,8 @@ class DiffbotNode(BaseNode, Generic[C]):
         """Return level and message for /diagnostics; nodes with a state add it."""
         if self.faults.newest:
             return DiagnosticStatus.ERROR[0], self.faults.newest
-        if self.clock_watch.problem:
-            return self.clock_watch.level, self.clock_watch.problem
+        if watches := [one for one in (self.clock_watch, self.publisher_watch) if one.problem]:
+            return max(one.level for one in watches), "; ".join(one.problem for one in watches)
         dropped = sum(self.health.dropped.values())
         if dropped:
             return DiagnosticStatus.WARN[0], f"{dropped} messages dropped"
@@ -166,6 +170,7 @@ class DiffbotNode(BaseNode, Generic[C]):
 
     def _report(self) -> None:
         self.clock_watch.check()
+        self.publisher_watch.check(self.is_active)
         now = self.steady_clock.now().nanoseconds
         level, text, details = self.diagnosis()  # first, since it may set notes of the report
         values = self.health.report((now - self._last_report) * 1e-9) | details

@@ -127,6 +127,7 @@ PARAMETER_NAMES = frozenset(
         "lockstep_timeout",
         "loop",
         "map_frame",
+        "max_cmd_vel_publishers",
         "max_compression_ratio",
         "max_departures",
         "max_held",

@@ -13,6 +13,8 @@ from diffbot_core.errors import InvalidValueError
 from diffbot_core.schema import Parameter, Spec, checked, parameters_of
 from diffbot_sim.ros.parameters import PlantNodeConfig
 
+DISCOVERY_RANGES = ("localhost", "subnet", "off", "system_default")
+"""Values of ROS_AUTOMATIC_DISCOVERY_RANGE, in small letters."""
 LOG_LEVELS = ("debug", "info", "warn", "error", "fatal")
 _BOOLEANS = {"true": True, "True": True, "false": False, "False": False}
 _NAMESPACE = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*")
@@ -54,7 +56,7 @@ def _of_node(config_type: type[Any], target: str, name: str = "", default: str =
     return Argument(found._replace(name=name or target), default)
 
 
-def _common(description: str) -> tuple[Argument, ...]:
+def _common(description: str, discovery_default: str = "") -> tuple[Argument, ...]:
     return (
         _option("namespace", "namespace of the robot; a second one makes a second robot"),
         _option("frame_prefix", "put before the robot's own frames, e.g. robot1/; /tf is then shared by all robots"),
@@ -67,6 +69,12 @@ def _common(description: str) -> tuple[Argument, ...]:
         ),
         _option("stamped_cmd_vel", "cmd_vel as TwistStamped instead of Twist", kind=bool),
         _option("bag", "record everything into this folder, which must not exist"),
+        _option(
+            "discovery_range",
+            "hosts that the nodes are visible to, ROS_AUTOMATIC_DISCOVERY_RANGE; empty: as in the environment"
+            + discovery_default,
+            choices=DISCOVERY_RANGES,
+        ),
         _option("log_level", "smallest level that is logged", "info", choices=LOG_LEVELS),
         _option("rviz", "start RViz", "false", bool),
         _option("description", "start robot_state_publisher, if it is installed", description, bool),
@@ -80,7 +88,7 @@ ROBOT = (
 )
 """Of robot.launch.py."""
 SIMULATION = (
-    *_common(description="true"),
+    *_common(description="true", discovery_default=", or localhost if it is not set there"),
     _of_node(PlantNodeConfig, "initial_pose.x", "x"),
     _of_node(PlantNodeConfig, "initial_pose.y", "y"),
     _of_node(PlantNodeConfig, "initial_pose.yaw", "yaw"),

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 PACKAGE = "diffbot"
+DISCOVERY_RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 RELATIVE_TF = (("/tf", "tf"), ("/tf_static", "tf_static"))
 """Remappings that put TF into the namespace of the robot, as Nav2's launch files do."""
 
@@ -69,6 +70,23 @@ def plan(values: Mapping[str, Any], share: Path, *, simulate: bool) -> list[Node
         for kind, parameters in found
     ]
     return [_in_namespace(node, values) for node in [*nodes, *_displays(values, share, time)]]
+
+
+def environment(values: Mapping[str, Any], outer: Mapping[str, str], *, simulate: bool) -> dict[str, str]:
+    """Return the environment variables to set for the nodes.
+
+    A robot is restricted on request only: it may be driven from another host. A simulated one obeys any cmd_vel and may
+    own /clock, so that it stays on its host unless argument or environment say otherwise.
+
+    Args:
+        values: as for :func:`plan`.
+        outer: environment of the launch.
+        simulate: as for :func:`plan`.
+    """
+    chosen = values.get("discovery_range", "")
+    if not chosen and simulate and not outer.get(DISCOVERY_RANGE):
+        chosen = "localhost"
+    return {DISCOVERY_RANGE: chosen.upper()} if chosen else {}
 
 
 def _given(values: Mapping[str, Any], **argument_of: str) -> dict[str, Any]:

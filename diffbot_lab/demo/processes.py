@@ -25,6 +25,8 @@ DOMAINS = range(1, 102)
 """Domain ids whose ports are below Linux's range of ephemeral ports."""
 _BOUND = [sys.executable, "-I", "-S", str(Path(__file__).with_name("bound_process.py"))]
 """Begins the command of a process that ends with this one; -I and -S make it start quickly."""
+DISCOVERY_RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+"""Environment variable: SUBNET (ROS's default), LOCALHOST, OFF or SYSTEM_DEFAULT."""
 STOP_TIMEOUT = 15.0
 """[s] between SIGINT and SIGKILL."""
 
@@ -77,7 +79,7 @@ def graph_environment(domain: int) -> dict[str, str]:
     return {
         **os.environ,
         "ROS_DOMAIN_ID": str(domain),
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        DISCOVERY_RANGE: "LOCALHOST",
         "RCUTILS_COLORIZED_OUTPUT": "0",
         "PYTHONUNBUFFERED": "1",
     }
@@ -99,8 +101,9 @@ class NodeProcesses:
     If this process is killed, or the thread that started them ends, they get SIGTERM.
     """
 
-    def __init__(self, domain: int, folder: Path) -> None:
+    def __init__(self, domain: int, folder: Path, namespace: str = "") -> None:
         """Logs and the parameter file of each node go to ``folder``, which must exist."""
+        self._namespace = namespace
         self._environment = graph_environment(domain)
         self._folder = folder
         self._running: dict[str, subprocess.Popen[str]] = {}
@@ -109,10 +112,12 @@ class NodeProcesses:
     def start(self, name: str, module: str, parameters: dict[str, Any], **options: Any) -> subprocess.Popen[str]:
         """Start the node ``name`` of ``module`` with ROS parameters; ``options`` go to Popen."""
         file = self._folder / f"{name}.yaml"
-        file.write_text(yaml.safe_dump({f"/{name}": {"ros__parameters": parameters}}))
+        file.write_text(yaml.safe_dump({f"{self._namespace}/{name}": {"ros__parameters": parameters}}))
         log = (self._folder / f"{name}.log").open("w")
         self._logs.append(log)
         command = [*_BOUND, str(os.getpid()), sys.executable, "-m", module, "--ros-args", "--params-file", str(file)]
+        if self._namespace:
+            command += ["-r", f"__ns:={self._namespace}"]
         options = {"stdout": log, "stderr": log, "text": True, "stdin": subprocess.DEVNULL, **options}
         process = subprocess.Popen(command, env=self._environment, **options)
         self._running[name] = process

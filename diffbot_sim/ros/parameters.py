@@ -7,6 +7,7 @@ from typing import Annotated, NamedTuple
 from diffbot_control.ros.frames import PREFIX_TEXT
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.ranges import TIMEOUT
+from diffbot_core.ros.command_parameters import CommandSourceConfig
 from diffbot_core.ros.fault_parameters import FaultConfig
 from diffbot_core.schema import Spec
 from diffbot_sim.model.simulator import WorldConfig
@@ -66,6 +67,7 @@ class PlantNodeConfig(NamedTuple):
     base_link_frame: Annotated[str, Spec("frame of the robot", read_only=True)] = "base_link"
     frame_prefix: Annotated[str, Spec(PREFIX_TEXT, read_only=True)] = ""
     publish_tf: Annotated[bool, Spec("publish odom -> base_link", read_only=True)] = True
+    commands: CommandSourceConfig = CommandSourceConfig()
     faults: FaultConfig = FaultConfig()
 
     def owns_time(self) -> bool:

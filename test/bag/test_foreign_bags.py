@@ -53,12 +53,12 @@ def change_metadata(folder, **changes):
     return folder
 
 
-def mcap_of(messages, compression=CompressionType.ZSTD, chunk_size=MB, qos="", **options):
+def mcap_of(messages, compression=CompressionType.ZSTD, chunk_size=MB, qos="", definition=b"", **options):
     """Bytes of a file with one topic and these messages, pairs of time and data."""
     stream = io.BytesIO()
     writer = McapWriter(stream, chunk_size=chunk_size, compression=compression, **options)
     writer.start(profile="ros2")
-    schema = writer.register_schema("std_msgs/msg/Empty", "ros2msg", b"")
+    schema = writer.register_schema("std_msgs/msg/Empty", "ros2msg", definition)
     channel = writer.register_channel("/a", "cdr", schema, {"offered_qos_profiles": qos})
     for time, data in messages:
         writer.add_message(channel, time, data, time)
@@ -98,6 +98,20 @@ HOSTILE_YAML = {
     "key": ("? [1, 2]\n: 3", "is not a YAML file"),
     "merge": ("<<: 5", "is not a YAML file"),
 }
+
+
+def test_a_message_that_decodes_to_millions_of_objects_is_refused(mcap):
+    """A list of empty messages has an object for each byte."""
+    definition = b"Nothing[] all\n===\nMSG: std_msgs/Nothing\n"
+
+    def decoded(count):
+        data = b"\0\1\0\0" + count.to_bytes(4, "little") + bytes(count)
+        with BagReader(mcap(mcap_of([(BEGIN, data)], definition=definition))) as reader:
+            return list(reader.decoded())
+
+    assert len(decoded(1000)[0].content.all) == 1000
+    with pytest.raises(DiffbotError, match="has 1048577 bytes: must be <= 1048576 to be decoded"):
+        decoded(MB - 7)
 
 
 @pytest.mark.parametrize("kind", HOSTILE_YAML)

@@ -123,7 +123,13 @@ def test_every_default_is_allowed_and_described(config):
     assert all(parameter.spec.text for parameter in parameters)
 
 
-@pytest.mark.parametrize("rate", [0.0, -1.0, float("nan"), float("inf")])
-def test_a_rate_is_a_positive_number(rate):
-    with pytest.raises(InvalidValueError, match="rate = "):
+@pytest.mark.parametrize("rate", [0.0, -1.0, 5e-324, 9e-7, 2e6, float("nan"), float("inf")])
+def test_a_rate_out_of_its_bounds_is_refused(rate):
+    with pytest.raises(InvalidValueError, match=r"rate = .*: must be >= 1e-06 and <= 1e\+06"):
         build(ReplayConfig, {"rate": rate})
+
+
+@pytest.mark.parametrize("rate", [1e-6, 1e6])
+def test_the_longest_bag_has_a_due_time_at_both_bounds_of_the_rate(rate):
+    last = 2**63 - 1
+    assert due(Timeline(0, 0, rate), last) == pytest.approx(last / rate)

@@ -424,12 +424,11 @@ def test_keep_all_publishers_do_not_disturb(tmp_path, peer):
     assert recorded(tmp_path / "run", "/all") == sent
 
 
-def test_a_deleted_folder_ends_the_recording(tmp_path, peer):
+def test_a_deleted_folder_is_noticed_within_two_seconds(tmp_path, peer):
     with recorder(tmp_path / "run") as running:
         (tmp_path / "run").rename(tmp_path / "gone")
-        peer.spin_until(lambda: running.popen.poll() is not None, 20.0, "the end of the recorder")
-        assert running.popen.returncode == 1
-        assert "has gone while it was written" in running.output
+        peer.spin_until(lambda: "has gone while it was written" in running.output, 2.0, "the line of the recorder")
+        assert running.wait() == 1
         assert "Traceback" not in running.output
 
 
@@ -442,12 +441,52 @@ def test_a_disk_with_too_little_space_ends_the_recording_with_a_whole_bag(tmp_pa
         assert reader.metadata is not None
 
 
-def test_a_second_type_on_a_recorded_topic_is_reported(tmp_path, peer):
+def wait_for_count(peer, reports, key, value):
+    peer.spin_until(lambda: graph.values(reports[-1])[key] == value, 20.0, f"{key} = {value}")
+
+
+def test_messages_of_a_second_type_are_reported_at_once_and_counted_as_lost(tmp_path, peer):
     first = peer.publisher(Twist, "shared", 10)
-    with recorder(tmp_path / "run") as running:
+    with recorder(tmp_path / "run", {"topics": ["/shared"], "topic_polling_interval": 0.05}) as running:
         reports = wait_until_recorded(peer, first)
-        with graph.peer() as other:
-            other.publisher(String, "shared", 10)
-            peer.spin_until(lambda: graph.values(reports[-1])["incomplete"] == "/shared", 20.0, "the report")
-        assert reports[-1].level == DiagnosticStatus.WARN
-        assert "/shared: a publisher of another type or weaker QoS is not recorded" in running.output
+        sent = publish(first, twists(3))
+        wait_for_count(peer, reports, "messages", "3")
+        peer.spin_for(0.05 * 20)
+        with graph.peer("intruder") as other:
+            second = other.publisher(String, "shared", DEEP)
+            publish(second, [String(data="before anybody listens")] * 4)
+            wait_for_count(peer, reports, "incomplete", "/shared")
+            assert reports[-1].level == DiagnosticStatus.WARN
+            other.wait_for_subscribers(second)
+            publish(second, [String(data="not recorded")] * 20)
+            wait_for_count(peer, reports, "lost", "24")
+        assert running.stop() == 0
+        assert running.output.count(" is not recorded: its type is std_msgs/msg/String") <= 2, "also before its name"
+        assert "3 messages, 24 lost" in running.output
+    assert recorded(tmp_path / "run", "/shared") == sent
+    assert metadata.read(tmp_path / "run").custom_data == {"lost_messages": "24", "lost /shared": "24"}
+
+
+def test_messages_of_a_weaker_publisher_that_joins_are_counted_as_lost(tmp_path, peer):
+    first = peer.publisher(Twist, "shared", 100)
+    with recorder(tmp_path / "run", {"topics": ["/shared"]}) as running:
+        reports = wait_until_recorded(peer, first)
+        publish(first, twists(5))
+        with graph.peer("intruder") as other:
+            second = other.publisher(Twist, "shared", BEST_EFFORT)
+            wait_for_count(peer, reports, "incomplete", "/shared")
+            # What was sent to nobody is not known.
+            peer.spin_until(
+                lambda: publish(second, twists(1)) and graph.values(reports[-1])["lost"] != "0", 20.0, "a loss"
+            )
+            peer.wait_for_subscribers(first, count=2)
+            sent = publish(first, twists(10))
+            wait_for_count(peer, reports, "messages", "15")
+            peer.spin_for(1.0)
+            before = int(graph.values(reports[-1])["lost"])
+            publish(second, twists(7))
+            wait_for_count(peer, reports, "lost", str(before + 7))
+        assert running.stop() == 0
+        assert "is not recorded: it offers best effort only" in running.output
+        assert f"15 messages, {before + 7} lost" in running.output
+    assert recorded(tmp_path / "run", "/shared")[5:] == sent

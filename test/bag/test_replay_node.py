@@ -324,7 +324,8 @@ def test_every_wrong_bag_is_one_line_and_status_one(bag, tmp_path):
 def test_wrong_parameters_are_one_line_and_status_one(bag):
     cases = [
         ({}, "uri = '': must be the folder of a bag or an MCAP file"),
-        ({"uri": bag, "rate": 0.0}, "rate = 0.0: must be >= 1e-06"),
+        ({"uri": bag, "rate": 0.0}, "rate = 0.0: must be >= 1e-06 and <= 1e+06"),
+        ({"uri": bag, "rate": 5e-324}, "rate = 5e-324: must be >= 1e-06"),
         ({"uri": bag, "start_offset": 5.0}, "start_offset = 5.0: must be <= 1 s, the bag's length"),
         ({"uri": bag, "remap": ["a"]}, "remap = 'a': must be old:=new"),
     ]

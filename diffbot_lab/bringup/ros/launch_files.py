@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix, get_package_share_directory
-from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction
+from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction, SetEnvironmentVariable
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.bringup.arguments import ROBOT, SIMULATION, Argument, parse
-from diffbot_lab.bringup.plan import PACKAGE, NodePlan, plan
+from diffbot_lab.bringup.plan import PACKAGE, NodePlan, environment, plan
 from launch import LaunchContext, LaunchDescription
 
 
@@ -47,12 +48,16 @@ def _actions(arguments: tuple[Argument, ...], simulate: bool, context: LaunchCon
     """
     texts = {one.name: LaunchConfiguration(one.name).perform(context) for one in arguments}
     share = Path(get_package_share_directory(PACKAGE))
-    nodes = plan(parse(arguments, texts), share, simulate=simulate)
+    values = parse(arguments, texts)
+    nodes = plan(values, share, simulate=simulate)
     for node in nodes:
         # launch itself would find out when the nodes before it are starting, and leave those running.
         if not node.optional and not _is_installed(node.package):
             raise DiffbotError(f"{node.package} is not installed")
-    return [_action(node) for node in nodes]
+    variables = environment(values, os.environ, simulate=simulate)
+    settings = [SetEnvironmentVariable(name, value) for name, value in variables.items()]
+    notes = [LogInfo(msg=f"{name}={value}") for name, value in variables.items()]
+    return [*notes, *settings, *map(_action, nodes)]
 
 
 def _action(node: NodePlan) -> Any:

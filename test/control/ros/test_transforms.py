@@ -91,7 +91,7 @@ def test_poses_of_a_path_have_its_frame_and_time_unless_they_have_their_own():
     found = path_from(path, "map", known)
     assert found[0] == pytest.approx((10.0, 1.0, math.pi / 2))
     assert found[1] == pytest.approx((4.0, 5.0, 0.0))
-    # For the path itself; the pose without a frame has the same.
+    # For the path itself; the pose without a frame has the same transform.
     assert known.asked == [("map", "odom", 5 * SECOND)]
 
 

@@ -49,6 +49,10 @@ def test_every_default_is_one_of_the_choices(arguments):
         ({"seed": "1.5"}, "seed = '1.5': must be a whole number, >= 0 and <= 9.22337e+18"),
         ({"rviz": "yes"}, "rviz = 'yes': must be true or false"),
         ({"clock": "fast"}, "clock = 'fast': must be one of wall, scaled, lockstep"),
+        (
+            {"discovery_range": "world"},
+            "discovery_range = 'world': must be one of localhost, subnet, off, system_default",
+        ),
         ({"log_level": "loud"}, "log_level = 'loud': must be one of debug, info, warn, error, fatal"),
         ({"namespace": "my robot"}, "namespace = 'my robot': must be words of letters, digits and _ with / between"),
         ({"frame_prefix": "/r1/"}, "frame_prefix = '/r1/': must be letters, digits, _, - and /, without a leading /"),

@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parents[3]
 MODULE = "diffbot_lab.bringup.ros.launch_files"
 NAMES = {
     "launch": ("LaunchContext", "LaunchDescription"),
-    "launch.actions": ("DeclareLaunchArgument", "LogInfo", "OpaqueFunction"),
+    "launch.actions": ("DeclareLaunchArgument", "LogInfo", "OpaqueFunction", "SetEnvironmentVariable"),
     "launch.substitutions": ("LaunchConfiguration",),
     "launch_ros": (),
     "launch_ros.actions": ("Node",),
@@ -57,6 +57,16 @@ def load(monkeypatch):
 
 
 def actions(entities, **texts):
+    """Return what is started; environment variables are set before all nodes."""
+    found = all_actions(entities, **texts)
+    return [one for one in found if type(one).__name__ != "SetEnvironmentVariable" and not is_setting(one)]
+
+
+def is_setting(action):
+    return type(action).__name__ == "LogInfo" and action.options["msg"].startswith("ROS_AUTOMATIC_DISCOVERY_RANGE=")
+
+
+def all_actions(entities, **texts):
     *declared, function = entities
     defaults = {one.arguments[0]: one.options["default_value"] for one in declared}
     return function.options["function"](SimpleNamespace(texts={**defaults, **texts}, is_shutdown=False))
@@ -101,6 +111,13 @@ def test_nodes_get_texts_verbatim_and_numbers_as_they_are(load, tmp_path):
     assert plant["parameters"][1]["initial_pose.x"] == 1.5
     assert {node.options["namespace"] for node in nodes} == {"r1"}
     assert {tuple(node.options["remappings"]) for node in nodes} == {(("/tf", "tf"), ("/tf_static", "tf_static"))}
+
+
+def test_the_discovery_range_is_set_before_the_nodes_start_and_logged(load, monkeypatch):
+    first, second, *nodes = all_actions(load("robot.launch.py"), discovery_range="localhost")
+    assert first.options["msg"] == "ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
+    assert second.arguments == ("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    assert {type(one).__name__ for one in nodes} == {"Node"}
 
 
 def test_a_package_that_is_asked_for_and_missing_is_found_before_anything_starts(load):

@@ -10,7 +10,7 @@ from diffbot_control.ros.controller_parameters import ControllerNodeConfig
 from diffbot_control.ros.ekf_parameters import EkfNodeConfig
 from diffbot_core.schema import build, parameters_of
 from diffbot_lab.bringup.arguments import ROBOT, SIMULATION, parse
-from diffbot_lab.bringup.plan import plan
+from diffbot_lab.bringup.plan import environment, plan
 from diffbot_sim.ros.parameters import PlantNodeConfig
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -164,3 +164,23 @@ def test_every_executable_of_the_package_is_installed():
     scripts = importlib.metadata.distribution("diffbot").entry_points.select(group="console_scripts")
     nodes = simulation(bag="/nonexistent/run")
     assert {node.executable for node in nodes} <= {script.name for script in scripts}
+
+
+RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "simulate", "texts", "outer", "expected"),
+    [
+        (ROBOT, False, {}, {}, {}),
+        (ROBOT, False, {"discovery_range": "off"}, {RANGE: "SUBNET"}, {RANGE: "OFF"}),
+        (SIMULATION, True, {}, {}, {RANGE: "LOCALHOST"}),
+        (SIMULATION, True, {}, {RANGE: ""}, {RANGE: "LOCALHOST"}),
+        (SIMULATION, True, {}, {RANGE: "SUBNET"}, {}),
+        (SIMULATION, True, {"discovery_range": "subnet"}, {}, {RANGE: "SUBNET"}),
+    ],
+)
+def test_a_simulation_stays_on_its_host_and_a_robot_is_restricted_on_request(
+    arguments, simulate, texts, outer, expected
+):
+    assert environment(parse(arguments, texts), outer, simulate=simulate) == expected

@@ -1,0 +1,72 @@
+"""The estimate as the node ``ekf`` publishes it: pose and odometry/filtered."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
+
+from diffbot_control.filter.gated_filter import GatedFilter
+from diffbot_control.filter.localization import Estimate
+from diffbot_control.filter.measurements import OdometryStep
+from diffbot_control.ros.ekf_messages import corrected_twist
+from diffbot_control.ros.frames import robot_frame
+from diffbot_control.ros.message_fields import (
+    fill_planar_covariance,
+    fill_pose,
+    fill_twist,
+    fill_twist_covariance,
+    set_stamp,
+)
+from diffbot_control.ros.messages import odometry_message, pose_message
+from diffbot_core.ros.managed_node import ManagedNode
+from diffbot_core.ros.node import QUEUE
+
+if TYPE_CHECKING:
+    from diffbot_control.ros.ekf_parameters import EkfNodeConfig
+
+
+class EkfPublishers:
+    """Publishes estimates to those that subscribe; messages are made once and filled again."""
+
+    def __init__(self, node: ManagedNode[EkfNodeConfig]) -> None:
+        """Create the publishers on ``node``, whose health counts what is sent."""
+        config = node.config
+        self._sent = node.health.sent
+        self._pose = pose_message(config.map_frame)
+        self._filtered = odometry_message(config.map_frame, robot_frame(config))
+        self._poses = node.create_publisher(PoseWithCovarianceStamped, "pose", QUEUE)
+        self._filtered_odometry = node.create_publisher(Odometry, "odometry/filtered", QUEUE)
+        for topic in ("pose", "odometry/filtered"):
+            node.publisher_watch.watch(topic, "estimate the pose")
+
+    def send_pose(self, estimate: Estimate) -> None:
+        """Publish the pose, if anybody listens."""
+        if not self._poses.get_subscription_count():
+            return
+        set_stamp(self._pose.header.stamp, estimate.stamp)
+        fill_pose(self._pose.pose.pose, estimate.pose)
+        fill_planar_covariance(self._pose.pose.covariance, estimate.P)
+        self._poses.publish(self._pose)
+        self._sent["pose"] += 1
+
+    def send_filtered(self, estimate: Estimate, odometry: OdometryStep, ekf: GatedFilter, separation: float) -> None:
+        """Publish the estimate with the twist of ``odometry``, if anybody listens.
+
+        Args:
+            estimate: pose and covariance.
+            odometry: of the same stamp.
+            ekf: the filter, whose estimated wheel errors correct the twist.
+            separation: wheel separation L [m].
+        """
+        if not self._filtered_odometry.get_subscription_count():
+            return
+        message = self._filtered
+        set_stamp(message.header.stamp, estimate.stamp)
+        fill_pose(message.pose.pose, estimate.pose)
+        fill_planar_covariance(message.pose.covariance, estimate.P)
+        fill_twist(message.twist.twist, corrected_twist(odometry.twist, ekf, separation))
+        fill_twist_covariance(message.twist.covariance, odometry.covariance)
+        self._filtered_odometry.publish(message)
+        self._sent["odometry/filtered"] += 1

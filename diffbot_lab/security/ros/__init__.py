@@ -1,0 +1,1 @@
+"""The rights that running nodes use."""
