@@ -23,7 +23,7 @@ from diffbot_control.filter.covariance import uncertainty_of
 from diffbot_control.filter.localization import Estimate, Localization
 from diffbot_control.filter.measurements import Measurement, OdometryStep
 from diffbot_control.filter.models import move
-from diffbot_control.filter.state_file import BrokenStateError, StateKeeper, state_path
+from diffbot_control.filter.state_file import BrokenStateError, StateKeeper
 from diffbot_control.ros.ekf_messages import EkfInputs, corrected_twist, error_values
 from diffbot_control.ros.ekf_parameters import EkfNodeConfig
 from diffbot_control.ros.frames import odometry_frame, robot_frame
@@ -41,10 +41,11 @@ from diffbot_control.ros.messages import odometry_message, pose_message
 from diffbot_control.ros.sensor_messages import KnownNoise
 from diffbot_control.ros.tf import transform_sender
 from diffbot_core.errors import BadMessageError
+from diffbot_core.files import file_path
 from diffbot_core.geometry import Pose
 from diffbot_core.ros.managed_node import INACTIVE, ManagedNode
-from diffbot_core.ros.node import LATCHED, QUEUE, run, status_message
-from diffbot_core.ros.qos import sensor_qos
+from diffbot_core.ros.node import QUEUE, run, status_message
+from diffbot_core.ros.qos import STATUS, sensor_qos
 from diffbot_core.uncertainty import Uncertainty
 from diffbot_core.units import S_PER_NS
 
@@ -77,7 +78,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         self._filtered = odometry_message(config.map_frame, robot_frame(config))
         self._poses = self.create_publisher(PoseWithCovarianceStamped, "pose", QUEUE)
         self._filtered_odometry = self.create_publisher(Odometry, "odometry/filtered", QUEUE)
-        self._statuses = self.create_publisher(DiagnosticStatus, "~/status", LATCHED)
+        self._statuses = self.create_publisher(DiagnosticStatus, "~/status", STATUS)
         frames = config.map_frame, odometry_frame(config)
         self._transforms = transform_sender(self, *frames, config.transform_tolerance) if config.publish_tf else None
         self._newest: tuple[Estimate, OdometryStep] | None = None
@@ -176,7 +177,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
             self.health.counted[f"{topic} with the covariance of the parameters"] += 1
 
     def _restore(self) -> StateKeeper | None:
-        path = state_path(self.config.state_file)
+        path = file_path("state_file", self.config.state_file)
         if path is None:
             return None
         keeper = StateKeeper(path, self.localization)
