@@ -5,14 +5,11 @@ import time
 
 import graph
 import pytest
-from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
-from robot import distance, initialpose, robot, twist
+from robot import distance, robot, twist
 
 from diffbot_control.ros.controller_watch import SILENCE
 from diffbot_control.ros.goal_client import LOST, GoalClient, Task
 from diffbot_core.geometry import Pose
-from diffbot_core.ros.qos import STATUS
 
 START = Pose(-4.0, 0.2, 0.0)
 PLANT = {"initial_pose.x": START.x, "initial_pose.y": START.y, "initial_pose.yaw": START.theta}
@@ -61,6 +58,7 @@ def test_a_path_is_resumed_where_it_was_left_and_its_client_learns_its_end(bare,
         assert task.id in goal_file.read_text()
         start(bare, goal_file, resume_goal=True, waypoint_radius=0.3)
         assert f"the controller was restarted: goal {task.id} is driven to again" in bare.processes["controller"].output
+        bare.peer.spin_until(lambda: bare.controller_states, 5.0, "a status")
         assert graph.values(bare.controller_states[0])["waypoint"] == "2/2"
         assert ahead.wait_for_end(40.0)
         assert (task.end, task.reason) == ("reached", "")
@@ -74,8 +72,9 @@ def test_a_path_is_resumed_where_it_was_left_and_its_client_learns_its_end(bare,
 @pytest.mark.timeout(120)
 def test_by_default_a_goal_is_given_up_with_an_answer_and_the_robot_stands(bare, goal_file):
     start(bare, goal_file)
-    waiting, later = client(), client(node_name="later")
+    waiting, later = client(), client(node_name="later", restart_timeout=20.0)
     try:
+        bare.commands.clear()
         task = waiting.send_goal([Pose(3.0, 0.2, 0.0)])
         bare.peer.spin_until(lambda: is_driving(bare), 10.0, "motion")
         killed = kill(bare)
