@@ -83,8 +83,8 @@ def test_by_default_a_goal_is_given_up_with_an_answer_and_the_robot_stands(bare,
         print(f"known to be gone after {time.monotonic() - killed:.2f} s")
         assert 1.0 < time.monotonic() - killed < 5.0
         bare.peer.spin_until(lambda: bare.truths[-1].twist.twist.linear.x == 0.0, 5.0, "standstill")
-        bare.commands.clear()
         place = bare.true_pose()
+        bare.commands.clear()
         start(bare, goal_file)
         bare.wait_for_state("goal not reached", 5.0)
         assert graph.values(bare.controller_states[-1])["reason"] == "the controller was restarted"
