@@ -45,7 +45,7 @@ class GoalOptions(NamedTuple):
     """[s]; inf: none"""
     namespace: str
     controller: str
-    restart_timeout: float = 1.0
+    restart_timeout: float
     """[s] for which the controller may be away"""
 
 
@@ -71,7 +71,7 @@ def add_goal(commands: Any) -> None:
     goal.add_argument(
         "--restart-timeout",
         type=duration,
-        default=1.0,
+        default=goal_record.RESTART_TIMEOUT,
         metavar="S",
         help="time for a controller that died to come back and resume the goal [s] (default: %(default)g)",
     )

@@ -1,8 +1,8 @@
 """Whether the controller that a client waits for still lives.
 
 Its latched status stays with its subscribers when it dies, whatever it says. But the publisher of the status has a
-lease: DDS reports when the process no longer renews it, however busy the process may be. Where that is not reported,
-silence has to do: the status comes twice a second.
+lease: DDS reports when the process no longer renews it, however busy the process may be. A process that lives but hangs,
+or DDS without such reports, shows by its silence: the status comes twice a second.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from rclpy.node import Node
 from diffbot_core.ros.qos import STATUS
 
 SILENCE = 10.0
-"""[s] without any message after which a controller is taken for dead that DDS has not reported"""
+"""[s] without any message after which a controller is taken for dead though DDS has not reported it"""
 _PAUSE = 0.5
 """[s] a client that looks less often has not received what came meanwhile"""
 

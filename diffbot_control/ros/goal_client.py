@@ -32,8 +32,6 @@ from diffbot_core.ros.node import LATCHED, QUEUE
 
 LOST = "lost"
 """End of a goal whose controller is gone, or no longer knows it, since it was restarted."""
-RESTART_TIMEOUT = 1.0
-"""[s] for which a controller may be away, after its lease of a second; a restart takes longer"""
 ANSWER_TIMEOUT = 1.0
 """[s] after which a request is repeated: an answer can be lost while both sides discover each other."""
 _POLL_PERIOD = 2.0
@@ -91,7 +89,7 @@ class GoalClient(Node):  # type: ignore[misc]
         namespace: str = "",
         controller: str = "controller",
         frame: str = "map",
-        restart_timeout: float = RESTART_TIMEOUT,
+        restart_timeout: float = goal_record.RESTART_TIMEOUT,
         **node_options: Any,
     ) -> None:
         """Create the node and its clients.
