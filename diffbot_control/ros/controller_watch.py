@@ -1,8 +1,8 @@
 """Whether the controller that a client waits for still lives.
 
 Its latched status stays with its subscribers when it dies, whatever it says. But the publisher of the status has a
-lease: DDS reports when the process no longer renews it, however busy the process may be. A process that lives but hangs,
-or DDS without such reports, shows by its silence: the status comes twice a second.
+lease: DDS reports when the process no longer renews it, however busy the process may be. A process that hangs
+shows by its silence, as does a dead one where DDS reports nothing: the status comes twice a second.
 """
 
 from __future__ import annotations
