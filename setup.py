@@ -16,7 +16,7 @@ EXECUTABLES = {
     "robot_node": "diffbot_control.executables:robot_node",
     "recorder_node": "diffbot_bag.executables:recorder_node",
     "replay_node": "diffbot_bag.executables:replay_node",
-    "diffbot": "diffbot_lab.cli:main",
+    "diffbot": "diffbot_lab.executables:diffbot",
 }
 LAWS = {
     "switching": "diffbot_control.law.controller:SwitchingLaw",

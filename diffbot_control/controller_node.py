@@ -28,6 +28,7 @@ from diffbot_control.ros.controller_parameters import (
 from diffbot_control.ros.controller_publishers import STATE_LOG_PERIOD, ControllerPublishers
 from diffbot_control.ros.controller_status import BEYOND_LIMITS, LEVELS
 from diffbot_control.ros.frames import robot_frame
+from diffbot_control.ros.goal_keeper import GoalKeeper
 from diffbot_control.ros.goal_server import GoalServer
 from diffbot_control.ros.message_bytes import read_path, read_pose
 from diffbot_control.ros.messages import goal_from, path_from, pose_from, poses_along
@@ -67,6 +68,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self._gains_checked = False
         now = self.clock_watch.now
         self.goals = GoalServer(self, self.supervisor, self._goals_of, now, self.cancel, self._publish_status)
+        self._keeper = GoalKeeper(self, self.goals)
         self._actions = serve_nav2_actions(self, self.goals)
         self.subscribe(PoseStamped, "goal_pose", lambda message: self.goals.accept(message, "goal_pose"))
         self.subscribe(Path, "path", self._on_path, raw=True)
@@ -79,12 +81,17 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self.create_timer(_STATUS_PERIOD, self._publish_status, clock=self.steady_clock)
 
     def activate(self) -> None:
-        """Start idle."""
+        """Start idle, or with the goal of the controller before; see :class:`GoalKeeper`."""
+        self._start_anew()
+        self._pose_watch.on_goal()
+        self._keeper.restore()
+        self._publish_status()
+
+    def _start_anew(self) -> None:
         book = self.supervisor.goals
         self.supervisor = self.goals.supervisor = Supervisor(self.config.supervisor, self.law)
         # How earlier goals ended is still to be answered.
         self.supervisor.goals = book
-        self._publish_status()
 
     def deactivate(self) -> None:
         """Stop the robot and leave cmd_vel to others; the goal is cancelled."""
@@ -98,11 +105,17 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self.goals.publish_changes()
 
     def halt(self) -> None:
-        """Stop the robot and cancel the goal; it stands until the next one."""
-        if self.is_active:
-            self.outputs.send(STOP)  # first: what follows may fail, too
-            self.deactivate()
-            self.activate()
+        """Stop the robot and end the goal as not reached; it stands until the next one."""
+        if not self.is_active:
+            return
+        self.outputs.send(STOP)  # first: what follows may fail, too
+        has_goal = self.goals.paths.drop() or self.supervisor.goal is not None
+        # Where it has failed is unknown: nothing of it is used again.
+        self._start_anew()
+        if has_goal or self.supervisor.goals.present is not None:
+            self.supervisor.give_up(self.faults.newest, has_failed=True)
+        self._publish_status()
+        self.goals.publish_changes(force=True)
 
     def cleanup(self) -> None:
         """Take the actions out of service."""
@@ -251,6 +264,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self.goals.publish_changes()
 
     def _publish_status(self) -> None:
+        self._keeper.save()
         self.outputs.publish_status(self.supervisor, self.law)
 
 

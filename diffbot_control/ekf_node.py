@@ -23,7 +23,7 @@ from diffbot_control.filter.covariance import uncertainty_of
 from diffbot_control.filter.localization import Estimate, Localization
 from diffbot_control.filter.measurements import Measurement, OdometryStep
 from diffbot_control.filter.models import move
-from diffbot_control.filter.state_file import BrokenStateError, StateKeeper, state_path
+from diffbot_control.filter.state_file import BrokenStateError, StateKeeper
 from diffbot_control.ros.ekf_messages import EkfInputs, error_values
 from diffbot_control.ros.ekf_parameters import EkfNodeConfig
 from diffbot_control.ros.ekf_publishers import EkfPublishers
@@ -33,10 +33,11 @@ from diffbot_control.ros.message_fields import pose_in_message, pose_of
 from diffbot_control.ros.sensor_messages import KnownNoise
 from diffbot_control.ros.tf import transform_sender
 from diffbot_core.errors import BadMessageError
+from diffbot_core.files import file_path
 from diffbot_core.geometry import Pose
 from diffbot_core.ros.managed_node import INACTIVE, ManagedNode
-from diffbot_core.ros.node import LATCHED, run, status_message
-from diffbot_core.ros.qos import sensor_qos
+from diffbot_core.ros.node import run, status_message
+from diffbot_core.ros.qos import STATUS, sensor_qos
 from diffbot_core.uncertainty import Uncertainty
 from diffbot_core.units import S_PER_NS
 
@@ -66,7 +67,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         config = self.config
         self.localization = Localization(config.localization, config.wheels.wheel_separation)
         self._outputs = EkfPublishers(self)
-        self._statuses = self.create_publisher(DiagnosticStatus, "~/status", LATCHED)
+        self._statuses = self.create_publisher(DiagnosticStatus, "~/status", STATUS)
         frames = config.map_frame, odometry_frame(config)
         self._transforms = transform_sender(self, *frames, config.transform_tolerance) if config.publish_tf else None
         self._newest: tuple[Estimate, OdometryStep] | None = None
@@ -166,7 +167,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
             self.health.counted[f"{topic} with the covariance of the parameters"] += 1
 
     def _restore(self) -> StateKeeper | None:
-        path = state_path(self.config.state_file)
+        path = file_path("state_file", self.config.state_file)
         if path is None:
             return None
         keeper = StateKeeper(path, self.localization)

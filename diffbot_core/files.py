@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from diffbot_core.errors import DiffbotError
+from diffbot_core.errors import DiffbotError, InvalidValueError
 
 
 @contextmanager
@@ -27,6 +27,25 @@ def output_folder(folder: Path) -> Iterator[Path]:
         yield folder
     except OSError as error:
         raise DiffbotError(f"cannot write to {folder}: {error.strerror}") from None
+
+
+def file_path(name: str, text: str) -> Path | None:
+    """Return the path that the parameter ``name`` gives, ``~`` expanded; None for an empty text.
+
+    Raises:
+        InvalidValueError: if it cannot be the path of a file.
+    """
+    if not text:
+        return None
+    try:
+        path = Path(text).expanduser()
+        # A pipe or a device would be waited for.
+        usable = bool(path.name) and "\0" not in text and (path.is_file() or not path.exists())
+    except (OSError, RuntimeError, ValueError):
+        usable = False
+    if not usable:
+        raise InvalidValueError(name, text, "the path of a file")
+    return path
 
 
 @contextmanager

@@ -1,22 +1,39 @@
-"""Start an executable whose imports take a moment, so that a signal meanwhile ends it without a traceback.
+"""Start an executable whose imports take a moment, so that a signal meanwhile ends it at once, without a traceback.
 
 Python turns SIGINT into a KeyboardInterrupt wherever the program is, in the middle of an import, too. A node handles
-SIGINT and SIGTERM once it runs; until then both have to do what they do to any other program: end it.
+SIGINT and SIGTERM once it runs; from here until then, both end the process with the status of a node that was stopped.
+Before, while the interpreter itself starts (some 50 ms), no code of this project runs: a signal then has the effect
+that Python gives it.
 """
 
 from __future__ import annotations
 
+import os
 import signal
+from functools import partial
 from importlib import import_module
 
+_DEFAULTS = (signal.SIG_DFL, signal.default_int_handler)
 
-def launch(module: str, args: list[str] | None = None) -> int:
+
+def launch(module: str, args: list[str] | None = None, status: int = 0) -> int:
     """Import ``module`` and run its ``main(args)``; return its exit status.
 
-    SIGINT ends the process with the status of a signal until ``main`` installs a handler of its own. A process that
-    was started with SIGINT ignored, or that has a handler already, keeps it.
+    Until ``main`` installs handlers of its own, SIGINT and SIGTERM end the process with ``status``.
     """
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
-    status: int = import_module(module).main(args)
-    return status
+    end_on_signals(status)
+    result: int = import_module(module).main(args)
+    return result
+
+
+def end_on_signals(status: int) -> None:
+    """Let SIGINT and SIGTERM end the process with ``status``; a signal that is ignored or handled already stays so."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if signal.getsignal(number) in _DEFAULTS:
+            # Nothing has begun that would have to be ended first.
+            signal.signal(number, partial(_end, status))
+
+
+def _end(status: int, _number: int, _frame: object) -> None:
+    # No exception, which an import may catch, or report as ignored where it cannot be raised.
+    os._exit(status)

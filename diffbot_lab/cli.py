@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+if __name__ == "__main__":  # before the other imports: see launcher
+    from diffbot_lab.executables import diffbot
+
+    raise SystemExit(diffbot())
+
 import argparse
 import importlib
 import json
@@ -13,6 +18,7 @@ from typing import Any, get_args
 from diffbot_bag.parameters import ReplayConfig
 from diffbot_control.law.presets import PRESETS, TUNED
 from diffbot_core.errors import DiffbotError, InvalidValueError
+from diffbot_core.launcher import end_on_signals
 from diffbot_core.ranges import LENGTH
 from diffbot_core.schema import build, parameters_of, to_dict
 from diffbot_lab.arguments import MAX_SEED, number_between, whole
@@ -31,7 +37,9 @@ def main(args: list[str] | None = None) -> int:
     """Run the command line; return 0, 1 after an error or a missed goal, 2 for wrong usage, 130 after an interrupt."""
     options = _parser().parse_args(args)
     # SIGTERM unwinds like Ctrl-C, so started processes are stopped; nodes set handlers of their own.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, signal.default_int_handler)
     try:
         return int(options.call(options))
     except DiffbotError as error:
@@ -212,9 +220,6 @@ def _replay(options: argparse.Namespace) -> int:
     build(ReplayConfig, given)  # refuses a bad value by the flag's name
     # ROS parses values as YAML, of which JSON is a subset.
     arguments = [part for name, value in given.items() for part in ("-p", f"{name}:={json.dumps(value)}")]
+    end_on_signals(0)
     node = importlib.import_module(NODES["replay"].module)
     return int(node.main(["--ros-args", *arguments, *options.ros_args]))
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -46,6 +46,8 @@ class GoalOptions(NamedTuple):
     """[s]; inf: none"""
     namespace: str
     controller: str
+    restart_timeout: float
+    """[s] for which the controller may be away"""
 
 
 def add_goal(commands: Any) -> None:
@@ -54,7 +56,7 @@ def add_goal(commands: Any) -> None:
         "goal",
         help="drive to a goal pose and report how it ended",
         epilog="exit status: 0 reached (or accepted, with --no-wait), 1 error or refused, 2 usage, 3 not reached, "
-        "4 replaced by another goal, 5 cancelled by others, 6 pose lost, 7 controller restarted, 8 timeout, "
+        "4 replaced by another goal, 5 cancelled by others, 6 pose lost, 7 controller gone or restarted, 8 timeout, "
         "130 interrupted",
     )
     goal.add_argument("x", type=number_between(-MAX_COORDINATE, MAX_COORDINATE), help="position [m]")
@@ -67,13 +69,20 @@ def add_goal(commands: Any) -> None:
     goal.add_argument("--timeout", type=duration, default=math.inf, metavar="S", help="cancel after this time [s]")
     goal.add_argument("--namespace", default="", metavar="NS", help="namespace of the robot")
     goal.add_argument("--controller", default="controller", metavar="NAME", help="its node (default: %(default)s)")
+    goal.add_argument(
+        "--restart-timeout",
+        type=duration,
+        default=goal_record.RESTART_TIMEOUT,
+        metavar="S",
+        help="time for a controller that died to come back and resume the goal [s] (default: %(default)g)",
+    )
     goal.set_defaults(call=_call)
 
 
 def _call(options: argparse.Namespace) -> int:
     pose = Pose(options.x, options.y, options.yaw)
-    given = GoalOptions(pose, options.frame, options.wait, options.timeout, options.namespace, options.controller)
-    return run(given)
+    names = options.namespace, options.controller
+    return run(GoalOptions(pose, options.frame, options.wait, options.timeout, *names, options.restart_timeout))
 
 
 def run(options: GoalOptions) -> int:
@@ -90,7 +99,10 @@ def run(options: GoalOptions) -> int:
     began = time.monotonic()
     try:
         client = client_type.in_own_context(
-            namespace=options.namespace, controller=options.controller, frame=options.frame
+            namespace=options.namespace,
+            controller=options.controller,
+            frame=options.frame,
+            restart_timeout=options.restart_timeout,
         )
     except Exception as error:  # rclpy raises several types for names that no node can have
         raise DiffbotError(

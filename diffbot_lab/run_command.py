@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 from diffbot_core.errors import InvalidValueError
+from diffbot_core.launcher import end_on_signals
 
 
 class Entry(NamedTuple):
@@ -69,6 +70,7 @@ def run_nodes(names: list[str], ros_args: list[str]) -> int:
         if members.count(member) > 1:
             raise InvalidValueError("--with", " ".join(names[1:]), f"each node once, {member} is in it twice")
     entries = [entry for name, entry in NODES.items() if name in names]
+    end_on_signals(0)
     factories = [getattr(importlib.import_module(entry.module), entry.factory) for entry in entries]
 
     def make_nodes() -> Iterator[Any]:

@@ -11,8 +11,8 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.linalg.lapack import dposv
 
+from diffbot_control.filter.covariance import inverse
 from diffbot_control.filter.filterpy_ekf import ExtendedKalmanFilter
 from diffbot_control.filter.landmark_calibration import NO_ERRORS, LandmarkErrors, with_landmark_errors
 from diffbot_control.filter.measurements import Array
@@ -38,21 +38,6 @@ from diffbot_control.filter.models import (
 from diffbot_core.geometry import Point, Pose, wrap_angle
 from diffbot_core.kinematics import Twist
 
-_IDENTITIES = tuple(np.eye(size, order="F") for size in range(4))
-
-
-def _invert(S: Array) -> Array:
-    """Return the inverse of a covariance (m, m), m <= 3: numpy's inverse of any matrix takes three times as long.
-
-    Raises:
-        LinAlgError: if it is not positive definite to working precision.
-    """
-    _, inverse, failed = dposv(S, _IDENTITIES[len(S)])
-    if failed:
-        raise np.linalg.LinAlgError("covariance of the innovation not positive definite")
-    found: Array = inverse
-    return found
-
 
 class Robust(NamedTuple):
     """How a correction is made weaker than its covariance R says."""
@@ -77,7 +62,7 @@ def _weakened(R: Array, S: Array, nis: float, robust: Robust) -> tuple[Array, Ar
     used = S + (robust.inflation - 1.0) * R
     if nis > robust.gate:
         used = used * (nis / robust.gate)
-    return R + (used - S), _invert(used)
+    return R + (used - S), inverse(used)
 
 
 class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
@@ -239,7 +224,7 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         y = np.array(innovation)
         PHT = P.dot(H.T)
         S = H.dot(PHT) + R
-        SI = _invert(S)
+        SI = inverse(S)
         nis = float(y.dot(SI).dot(y))
         if robust is not PLAIN:
             R, SI = _weakened(R, S, nis, robust)

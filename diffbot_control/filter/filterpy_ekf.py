@@ -1,9 +1,8 @@
-"""filterpy's extended Kalman filter, imported without scipy.stats.
+"""filterpy's extended Kalman filter, imported without scipy.
 
-filterpy needs two distributions of scipy.stats, for the likelihood of an innovation and for functions that nothing here
-calls; loading them takes longer, and more memory, than the rest of the filter's imports together. So while filterpy is
-imported, stand-ins take their place, which load scipy.stats when they are first used. Everything in filterpy works as
-before, only later.
+filterpy loads large parts of scipy for functions that nothing here calls; that takes longer, and more memory, than
+all other imports of a filter together. So while filterpy is imported, stand-ins take the place of scipy's modules; they
+load the real ones when something of them is used. Everything in filterpy works as before, only later.
 """
 
 from __future__ import annotations
@@ -15,52 +14,56 @@ from contextlib import contextmanager
 from types import ModuleType
 from typing import Any
 
-_DEFERRED = "scipy.stats"
-_NAMES = ("norm", "multivariate_normal")
+_SLOWEST = "scipy.stats"
+_DEFERRED = ("scipy", "scipy.linalg", "scipy.ndimage", "scipy.sparse", "scipy.sparse.linalg", _SLOWEST)
+"""All that filterpy imports of scipy."""
 
 
-class _Distribution:
-    """Stands for a distribution of scipy.stats, which it loads at its first use."""
+class _Object:
+    """Stands for a function or a distribution of a module, which is loaded at its first use."""
 
-    def __init__(self, name: str) -> None:
-        self._name = name
+    def __init__(self, module: str, name: str) -> None:
+        self._module, self._name = module, name
 
     def __getattr__(self, attribute: str) -> Any:
-        """Return the attribute of the distribution itself."""
-        module = sys.modules.get(_DEFERRED)
-        if isinstance(module, _StandIn):
+        """Return the attribute of the object itself."""
+        if isinstance(sys.modules.get(self._module), _StandIn):
             # filterpy asks at its import whether logpdf takes allow_singular, as it has done since scipy 0.14.
             return lambda *_args, **_options: None
-        return getattr(getattr(importlib.import_module(_DEFERRED), self._name), attribute)
+        return getattr(getattr(importlib.import_module(self._module), self._name), attribute)
 
     def __call__(self, *args: Any, **options: Any) -> Any:
-        """Freeze the distribution, as calling it does."""
-        return self.__getattr__("__call__")(*args, **options)
+        """Call the object itself."""
+        return getattr(importlib.import_module(self._module), self._name)(*args, **options)
 
 
 class _StandIn(ModuleType):
-    """Stands for scipy.stats while filterpy is imported."""
+    """Stands for a module of scipy while filterpy is imported; filterpy's modules keep it, and use it later."""
 
-    def __init__(self) -> None:
-        super().__init__(_DEFERRED)
-        for name in _NAMES:
-            setattr(self, name, _Distribution(name))
+    def __getattr__(self, name: str) -> Any:
+        """Return what ``name`` stands for in the module."""
+        if name.startswith("__"):
+            raise AttributeError(name)
+        if sys.modules.get(self.__name__) is not self:
+            return getattr(importlib.import_module(self.__name__), name)
+        part = sys.modules.get(f"{self.__name__}.{name}")
+        return _Object(self.__name__, name) if part is None else part
 
 
 @contextmanager
-def _without_scipy_stats() -> Iterator[None]:
-    """Put the stand-in into the place of scipy.stats, unless that is loaded already."""
-    if _DEFERRED in sys.modules:
-        yield
-        return
-    sys.modules[_DEFERRED] = _StandIn()
+def _without_scipy() -> Iterator[None]:
+    """Put stand-ins into the places of scipy's modules; of a scipy that is loaded already, only of scipy.stats."""
+    wanted = [_SLOWEST] if "scipy" in sys.modules else _DEFERRED
+    names = [name for name in wanted if name not in sys.modules]
+    sys.modules.update({name: _StandIn(name) for name in names})
     try:
         yield
     finally:
-        del sys.modules[_DEFERRED]
+        for name in names:
+            del sys.modules[name]
 
 
-with _without_scipy_stats():
+with _without_scipy():
     from filterpy.kalman import ExtendedKalmanFilter
 
 __all__ = ["ExtendedKalmanFilter"]

@@ -12,8 +12,8 @@ from collections.abc import Hashable, Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import chdtri
 
+from diffbot_control.filter.chi_square import chi_square_bound
 from diffbot_control.filter.gate import ACCEPTED, FIX, HEADING, LANDMARK, REJECTED, RELOCATED, WEIGHED
 from diffbot_control.filter.measurements import Array
 
@@ -157,7 +157,7 @@ class InnovationMonitor:
         if not self._window:
             return None
         numbers = sum(count for _, count in self._window)
-        low, high, alarm = (float(chdtri(numbers, tail)) / numbers for tail in (0.975, 0.025, _FALSE_ALARM))
+        low, high, alarm = (chi_square_bound(numbers, tail) / numbers for tail in (0.975, 0.025, _FALSE_ALARM))
         return Nis(sum(nis for nis, _ in self._window) / numbers, low, high, alarm)
 
     def whiteness(self) -> dict[int, Whiteness]:

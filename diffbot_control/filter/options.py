@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, NamedTuple
 
-from scipy.special import chdtri
-
+from diffbot_control.filter.chi_square import chi_square_bound
 from diffbot_control.filter.landmark_calibration import LandmarkErrors
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.ranges import TIMEOUT
@@ -179,7 +178,7 @@ def options_of(config: FilterConfig, source_times: tuple[float, ...] = ()) -> Fi
     calibrating = config.filter in (CALIBRATING, FNN_CALIBRATING)
     rest = 1.0 - config.gate_probability
     times = config.heading_correlation_time, config.landmark_correlation_time, config.fix_correlation_time
-    first, second, third = (float(chdtri(dof, rest)) if rest > 0.0 else math.inf for dof in (1, 2, 3))
+    first, second, third = (chi_square_bound(dof, rest) if rest > 0.0 else math.inf for dof in (1, 2, 3))
     return FilterOptions(
         adaptive,
         (first, second, third),

@@ -13,7 +13,7 @@ from diffbot_control.filter.belief import ErrorEstimate
 from diffbot_control.filter.covariance import check_covariance
 from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.measurements import Array
-from diffbot_core.errors import BadMessageError, DiffbotError, InvalidValueError
+from diffbot_core.errors import BadMessageError, DiffbotError
 from diffbot_core.files import write_text
 from diffbot_core.geometry import MAX_COORDINATE, Pose, wrap_angle
 from diffbot_core.kinematics import WheelGeometry
@@ -39,24 +39,6 @@ class SavedState(NamedTuple):
     """to which the radius errors are relative"""
     landmarks: ErrorEstimate | None = None
     """the errors that measurements of landmarks have in common; None if the filter does not estimate them"""
-
-
-def state_path(text: str) -> Path | None:
-    """Return the path of the state file, ``~`` expanded; None for an empty text.
-
-    Raises:
-        InvalidValueError: if it cannot be the path of a file.
-    """
-    if not text:
-        return None
-    try:
-        path = Path(text).expanduser()
-        usable = bool(path.name) and "\0" not in text and not path.is_dir()
-    except (OSError, RuntimeError, ValueError):
-        usable = False
-    if not usable:
-        raise InvalidValueError("state_file", text, "the path of a file")
-    return path
 
 
 def save_state(path: Path, state: SavedState) -> None:

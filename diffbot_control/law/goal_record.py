@@ -18,6 +18,8 @@ ENDS = (REACHED, CANCELLED, REPLACED, NOT_REACHED, POSE_LOST)
 """How a goal can end."""
 HISTORY = 32
 """Ended goals that are remembered: a request that is repeated this late is still recognised."""
+RESTART_TIMEOUT = 1.0
+"""[s] for which a client lets a controller be away, after its lease of a second; a restart takes longer"""
 MAX_PATH_POSES = 10_000
 """Default of the parameter max_path_poses."""
 _MIN_SHARE = 0.05

@@ -61,7 +61,7 @@ class Supervisor:
         self.reason = ""
         """why the last goal was not reached; empty if it was, or is still driven to"""
         self.has_failed = False
-        """the last goal was given up because the law raised, or its answer could not be used"""
+        """the last goal was given up because of an error: the law's or the node's own"""
         self.goals_reached = 0
         """goals reached so far; one that is lost and reached again, or held through silence, counts once"""
         self.waypoint = 0
@@ -119,6 +119,11 @@ class Supervisor:
         return 0 if self.goal is None else 1 + len(self._route)
 
     @property
+    def goals_ahead(self) -> list[Pose]:
+        """The goals that :attr:`poses_remaining` counts, in their order."""
+        return [] if self.goal is None else [self.goal, *self._route]
+
+    @property
     def is_beyond_limits(self) -> bool:
         """True if the last command exceeds a bound: it was lowered while driving, and the robot still brakes."""
         sheet = getattr(self.config.controller, "data_sheet", None)
@@ -136,7 +141,7 @@ class Supervisor:
         try:
             self.memory = self._driver.memory_for_new_goal(self.memory, self.config.controller)
         except LawError as error:
-            self._give_up(str(error), has_failed=True)
+            self.give_up(str(error), has_failed=True)
 
     def on_cancel(self) -> Twist | None:
         """Drop the goal, if there is one, and start to come to rest at once, with or without a pose."""
@@ -183,7 +188,7 @@ class Supervisor:
                 self.memory, estimate, goal, dt, self.config.controller
             )
         except LawError as error:
-            self._give_up(str(error), has_failed=True)
+            self.give_up(str(error), has_failed=True)
             return self._come_to_rest(dt) or STOP
         self._command = command
         self.state = self._state_of_drive(command)
@@ -201,7 +206,7 @@ class Supervisor:
         elif not self._counted:
             reason = self._reason_to_give_up()
             if reason:
-                self._give_up(reason)
+                self.give_up(reason)
         return command
 
     def _reason_to_give_up(self) -> str:
@@ -256,9 +261,10 @@ class Supervisor:
         timeout = self.config.pose_lost_timeout
         is_lost = 0.0 < timeout <= min(now - self._silent_since, silence)
         if self.goal is not None and self.goals.present is not None and is_lost:
-            self._give_up(f"no pose for pose_lost_timeout = {timeout:g} s", end=goal_record.POSE_LOST)
+            self.give_up(f"no pose for pose_lost_timeout = {timeout:g} s", end=goal_record.POSE_LOST)
 
-    def _give_up(self, reason: str, has_failed: bool = False, end: str = goal_record.NOT_REACHED) -> None:
+    def give_up(self, reason: str, has_failed: bool = False, end: str = goal_record.NOT_REACHED) -> None:
+        """End the present goal with a reason, and come to rest; ``has_failed`` if the law or the node is at fault."""
         self.reason, self.has_failed = reason, has_failed
         self.goals.close(end, reason)
         self._go_idle(NOT_REACHED)

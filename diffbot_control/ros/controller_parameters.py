@@ -12,6 +12,7 @@ from diffbot_control.law.presets import PRESETS, TUNED
 from diffbot_control.law.protocol import Law
 from diffbot_control.law.supervisor import SupervisorConfig
 from diffbot_control.ros.frames import PREFIX_TEXT, RELIABLE_TEXT
+from diffbot_control.ros.restart_parameters import RestartConfig
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.ros.command_parameters import CommandSourceConfig
 from diffbot_core.ros.fault_parameters import FaultConfig
@@ -90,6 +91,7 @@ class ControllerNodeConfig(NamedTuple):
     reliable_inputs: Annotated[bool, Spec(RELIABLE_TEXT, read_only=True)] = False
     enable_stamped_cmd_vel: Annotated[bool, Spec("publish TwistStamped instead of Twist", read_only=True)] = False
     commands: CommandSourceConfig = CommandSourceConfig()
+    restart: RestartConfig = RestartConfig()
     lifecycle: LifecycleConfig = LifecycleConfig()
     faults: FaultConfig = FaultConfig()
 

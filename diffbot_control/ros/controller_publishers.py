@@ -22,7 +22,8 @@ from diffbot_control.ros.messages import labelled_array, twist_message
 from diffbot_core.health import Throttle
 from diffbot_core.kinematics import Twist
 from diffbot_core.ros.managed_node import INACTIVE, ManagedNode
-from diffbot_core.ros.node import LATCHED, status_message
+from diffbot_core.ros.node import status_message
+from diffbot_core.ros.qos import STATUS
 from diffbot_core.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -45,7 +46,7 @@ class ControllerPublishers:
         self._command = twist_message(config.enable_stamped_cmd_vel, robot_frame(config))
         command_type = TwistStamped if config.enable_stamped_cmd_vel else TwistMessage
         self._commands = node.create_publisher(command_type, "cmd_vel", QoSProfile(depth=1))
-        self._statuses = node.create_publisher(DiagnosticStatus, "~/status", LATCHED)
+        self._statuses = node.create_publisher(DiagnosticStatus, "~/status", STATUS)
         self._navigations = node.create_publisher(Float64MultiArray, "~/navigation", QoSProfile(depth=10))
         self._navigation = labelled_array(NAVIGATION_LABELS)
         self._last_status = ("", 0)

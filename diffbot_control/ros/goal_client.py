@@ -22,6 +22,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from diffbot_control.law import goal_record
+from diffbot_control.ros.controller_watch import ControllerWatch
 from diffbot_control.ros.goal_request import goal_request, new_goal_id
 from diffbot_control.ros.message_fields import fill_duration
 from diffbot_control.ros.messages import goal_message
@@ -30,7 +31,7 @@ from diffbot_core.geometry import Pose
 from diffbot_core.ros.node import LATCHED, QUEUE
 
 LOST = "lost"
-"""End of a goal that the controller no longer knows, since it was restarted."""
+"""End of a goal whose controller is gone, or no longer knows it, since it was restarted."""
 ANSWER_TIMEOUT = 1.0
 """[s] after which a request is repeated: an answer can be lost while both sides discover each other."""
 _POLL_PERIOD = 2.0
@@ -88,6 +89,7 @@ class GoalClient(Node):  # type: ignore[misc]
         namespace: str = "",
         controller: str = "controller",
         frame: str = "map",
+        restart_timeout: float = goal_record.RESTART_TIMEOUT,
         **node_options: Any,
     ) -> None:
         """Create the node and its clients.
@@ -97,6 +99,8 @@ class GoalClient(Node):  # type: ignore[misc]
             namespace: namespace of this node and of the robot.
             controller: name of the robot's controller.
             frame: of goals without a frame, and of the poses in the feedback.
+            restart_timeout: [s] for which a controller may be away before its goals are LOST; longer for one that
+                is started again and resumes its goal.
             node_options: options of rclpy's Node, such as ``context``.
         """
         super().__init__(node_name, namespace=namespace or None, **node_options)
@@ -111,6 +115,7 @@ class GoalClient(Node):  # type: ignore[misc]
         self._cancel = self.create_client(CancelGoal, f"{controller}/cancel_goal")
         self.create_subscription(DiagnosticArray, f"{controller}/goal_results", self._on_results, LATCHED)
         self.create_subscription(DiagnosticStatus, f"{controller}/goal_feedback", self._on_feedback, QUEUE)
+        self._watch = ControllerWatch(self, controller, restart_timeout)
         self._executor = SingleThreadedExecutor(context=self.context)
         self._executor.add_node(self)
 
@@ -180,9 +185,13 @@ class GoalClient(Node):  # type: ignore[misc]
         return bool(self.task.end)
 
     def _poll(self) -> None:
-        """Ask for the state of the goal if nothing was received for long."""
+        """Ask for the state of the goal if nothing was received for long; without a controller, it is lost."""
         now = time.monotonic()
-        if not self.task.id or self.task.end or now - self._last_news < _POLL_PERIOD:
+        if not self.task.id or self.task.end:
+            return
+        if self._watch.is_gone():
+            self.task.note(f"{LOST}: the controller is gone")
+        if self.task.end or now - self._last_news < _POLL_PERIOD:
             return
         self._last_news = now
         if self._question is not None:
@@ -196,6 +205,7 @@ class GoalClient(Node):  # type: ignore[misc]
         if response is None:
             return
         self._last_news = time.monotonic()
+        self._watch.note_sign()
         task.note(response.result.reason if response.result.successful else f"{LOST}: the controller was restarted")
 
     def cancel(self, timeout: float = 5.0) -> bool:

@@ -112,6 +112,15 @@ class ManagedNode(LifecycleNodeMixin, DiffbotNode[C]):  # type: ignore[misc]
             self.is_configured = False
             self.cleanup()
 
+    def destroy_node(self) -> None:
+        """Destroy the node with its state machine, whose publisher of ~/transition_event rclpy would keep."""
+        super().destroy_node()
+        # None of a node whose parameters were refused.
+        machine = getattr(self, "_state_machine", None)
+        if machine is not None:
+            # Last: the services of the node are handles of it.
+            machine.destroy_when_not_in_use()
+
     def diagnosis(self) -> tuple[int, str, dict[str, str]]:
         """Return level, message and values for /diagnostics; the state of a node that is not active is no fault."""
         if not self.is_configured:

@@ -10,7 +10,8 @@ from collections.abc import Mapping
 from copy import copy
 from typing import Any
 
-from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
+from rclpy.duration import Duration
+from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from diffbot_core.schema import Parameter, Spec, checked
@@ -19,6 +20,13 @@ QUEUE = QoSProfile(depth=10)
 """Reliable and volatile: the default of publishers and subscriptions."""
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Transient local: late subscribers receive the last message."""
+STATUS = QoSProfile(
+    depth=1,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    liveliness=LivelinessPolicy.AUTOMATIC,
+    liveliness_lease_duration=Duration(seconds=1),
+)
+"""Latched, with a lease: a subscriber that asks for it learns within a second that the process has died."""
 SENSOR = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Of subscriptions: accepts any publisher; deep enough for 0.1 s at 200 Hz, more than rclpy's 5 for sensors."""
 TRANSFORMS = QoSProfile(depth=100)

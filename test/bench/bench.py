@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from bench_graph import ONE, THREE, TWO, Chains, clocked_round, lockstep_round, robot_round
-from bench_start import NODES, start_round
+from bench_start import NODES, first_pose_round, start_round
 from bench_steps import steps_round
 from bench_table import BenchError, Pair, Row, make_rows, markdown_table, text_table
 from tqdm import tqdm
@@ -61,6 +61,7 @@ def plan(chains: Chains, effort: Effort, parts: list[str]) -> list[Job]:
             for number in range(effort.start)
             for name in NODES
         ]
+        jobs += [("first pose", partial(first_pose_round, chains.environment, chains.folder))] * effort.start
     one_and_three = (("1p", ONE), ("3p", THREE))
     for part, function, variants in (
         ("clocked", clocked_round, one_and_three),

@@ -79,6 +79,22 @@ def measure_start(command: list[str], environment: dict[str, str], folder: Path)
     return Start(seconds, resident)
 
 
+def first_pose_round(environment: dict[str, str], folder: Path) -> dict[str, Pair]:
+    """Measure from the start of the filter, with a state file, to its first pose at a subscriber; return the row.
+
+    Raises:
+        BenchError: if it does not come.
+    """
+    program = Path(__file__).with_name("bench_first_pose.py")
+    ours = subprocess.run(
+        [sys.executable, str(program), "--starts", "1"], env=environment, cwd=folder, capture_output=True, check=False
+    )
+    if ours.returncode:
+        raise BenchError(" ".join(ours.stderr.decode(errors="replace").split()))
+    bare = measure_start([sys.executable, "-c", BARE], environment, folder)
+    return {"first_pose_ekf": Pair(float(ours.stdout), bare.seconds)}
+
+
 def _read_until_ready(process: subprocess.Popen[bytes], deadline: float) -> bytes:
     """Return what the process wrote up to ``ready``, its end or the deadline (of ``time.perf_counter``)."""
     assert process.stdout is not None

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from diffbot_core.errors import DiffbotError
-from diffbot_core.files import output_folder, replacing, write_json, write_text
+from diffbot_core.errors import DiffbotError, InvalidValueError
+from diffbot_core.files import file_path, output_folder, replacing, write_json, write_text
 
 
 def names(folder):
@@ -108,3 +108,16 @@ def test_a_file_in_the_place_of_the_folder_is_reported_in_one_line(tmp_path):
 def test_a_full_disk_during_the_work_is_reported_as_the_folders_failure(tmp_path):
     with pytest.raises(DiffbotError, match=r": No space left on device$"), output_folder(tmp_path):
         raise OSError(28, os.strerror(28))
+
+
+def test_the_path_of_a_file_in_a_parameter(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert file_path("state_file", "") is None
+    assert file_path("state_file", "~/state.json") == tmp_path / "state.json"
+    assert file_path("state_file", "state.json") == Path("state.json")
+    (tmp_path / "there").touch()
+    assert file_path("state_file", "~/there") == tmp_path / "there"
+    os.mkfifo(tmp_path / "pipe")
+    for text in (str(tmp_path), "~", "/", ".", "~nobody-of-this-name/x.json", "a\x00b", "~/pipe", "/dev/zero"):
+        with pytest.raises(InvalidValueError, match=r"state_file = .* must be the path of a file"):
+            file_path("state_file", text)

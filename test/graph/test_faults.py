@@ -129,7 +129,9 @@ def test_unforeseen_error_stops_the_robot_is_reported_once_and_the_next_goal_is_
     assert statuses[0].level == DiagnosticStatus.ERROR
     assert 'raise RuntimeError("broken law")' in graph.values(statuses[0])["traceback"]
     log = capfd.readouterr().err
-    assert log.count(text) == 1
+    assert log.count(f"{text} (logged once)") == 1
+    record = node.supervisor.goals.ended[-1]
+    assert (record.end, record.reason) == ("not reached", text)
     assert log.count("Traceback") == 1
     commands.clear()
     go()

@@ -3,6 +3,7 @@
 import contextlib
 
 import graph
+import one_process
 import pytest
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist
 from lifecycle_msgs.msg import State, Transition, TransitionEvent
@@ -10,6 +11,7 @@ from lifecycle_msgs.srv import ChangeState, GetAvailableStates, GetState
 from nav_msgs.msg import Odometry
 from robot import initialpose, pose_stamped, twist
 
+from diffbot_control.controller_node import ControllerNode
 from diffbot_control.ros.message_fields import set_stamp
 
 MANAGED = {"autostart": False}
@@ -180,3 +182,13 @@ def test_a_node_that_cannot_be_configured_stays_unconfigured_and_says_why():
         manager.peer.spin_until(lambda: not node.get_publishers_info_by_topic("/cmd_vel"), 5.0, "no publisher")
         manager.change("ekf", *SEQUENCE[0])
         assert manager.process.stop() == 0
+
+
+def test_a_destroyed_node_leaves_no_topic_behind():
+    with one_process.nodes() as nodes:
+        node = nodes.add(ControllerNode)
+        nodes.peer.spin_until(lambda: "/controller/transition_event" in topics(nodes.peer), 5.0, "the node's topics")
+        nodes.remove(node)
+        nodes.peer.spin_until(
+            lambda: not [topic for topic in topics(nodes.peer) if "controller" in topic], 5.0, "the end of its topics"
+        )

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from diffbot_control.filter.covariance import check_covariance
+from diffbot_control.filter.covariance import check_covariance, inverse
 from diffbot_core.errors import BadMessageError
 
 
@@ -74,3 +74,31 @@ def test_numbers_that_overflow_are_refused_without_a_warning(bad):
     # Warnings are errors in these tests; on a robot each would be a line on the console.
     with pytest.raises(BadMessageError):
         check_covariance(bad)
+
+
+@pytest.mark.parametrize("size", [1, 2, 3])
+def test_the_inverse_is_lapacks(size):
+    rng = np.random.default_rng(size)
+    for _ in range(100):
+        root = rng.normal(size=(size, size)) * 10.0 ** rng.uniform(-4, 3)
+        S = root @ root.T + 1e-3 * np.trace(root @ root.T) * np.eye(size)
+        found = inverse(S)
+        np.testing.assert_allclose(found, np.linalg.inv(S), rtol=1e-10, atol=1e-12 * np.abs(found).max())
+        np.testing.assert_array_equal(found, found.T)
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        np.array([[-1.0]]),
+        np.array([[math.nan]]),
+        np.array([[1.0, 1.1], [1.1, 1.0]]),
+        np.diag([1.0, 0.0]),
+        np.diag([1.0, 1.0, -1e-9]),
+        np.diag([1.0, math.nan, 1.0]),
+        np.array([[1.0, 0.9, -0.9], [0.9, 1.0, 0.9], [-0.9, 0.9, 1.0]]),
+    ],
+)
+def test_a_matrix_that_is_no_covariance_has_no_inverse_here(bad):
+    with pytest.raises(np.linalg.LinAlgError):
+        inverse(bad)

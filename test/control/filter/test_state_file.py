@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from diffbot_control.filter.belief import ErrorEstimate
-from diffbot_control.filter.state_file import BrokenStateError, SavedState, load_state, save_state, state_path
-from diffbot_core.errors import DiffbotError, InvalidValueError
+from diffbot_control.filter.state_file import BrokenStateError, SavedState, load_state, save_state
+from diffbot_core.errors import DiffbotError
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import WheelGeometry
 
@@ -100,13 +100,3 @@ def test_the_old_state_stays_if_the_new_one_cannot_be_written(tmp_path, monkeypa
         save_state(path, SavedState(Pose(0.0, 0.0, 0.0), P, None, GEOMETRY))
     assert load_state(path).pose == (1.0, -2.0, 3.0)
     assert [one.name for one in tmp_path.iterdir()] == ["state.json"]
-
-
-def test_paths(tmp_path, monkeypatch):
-    monkeypatch.setenv("HOME", str(tmp_path))
-    assert state_path("") is None
-    assert state_path("~/state.json") == tmp_path / "state.json"
-    assert state_path("state.json") == Path("state.json")
-    for text in (str(tmp_path), "~", "/", ".", "~nobody-of-this-name/x.json", "a\x00b"):
-        with pytest.raises(InvalidValueError, match=r"state_file = .* must be the path of a file"):
-            state_path(text)

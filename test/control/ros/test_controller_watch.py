@@ -1,0 +1,77 @@
+"""When a client takes its controller for dead: by the lease of the status, or by long silence."""
+
+from types import SimpleNamespace
+
+import pytest
+from rclpy.event_handler import UnsupportedEventTypeError
+
+from diffbot_control.ros import controller_watch
+from diffbot_control.ros.controller_watch import SILENCE, ControllerWatch
+
+
+class FakeNode:
+    """Notes the subscription's callbacks."""
+
+    def __init__(self, has_events=True):
+        self.has_events = has_events
+
+    def create_subscription(self, _type, topic, callback, _qos, event_callbacks=None):
+        if event_callbacks is not None and not self.has_events:
+            raise UnsupportedEventTypeError
+        self.topic, self.on_status = topic, callback
+        self.on_liveliness = event_callbacks.liveliness if event_callbacks else None
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """Return a clock that a client lets run by looking every 0.1 s."""
+    now = [100.0]
+    monkeypatch.setattr(controller_watch.time, "monotonic", lambda: now[0])
+
+    def wait(watch, seconds):
+        for _ in range(round(10 * seconds)):
+            now[0] += 0.1
+            if watch.is_gone():
+                return True
+        return False
+
+    wait.now = now
+    return wait
+
+
+def alive(count):
+    return SimpleNamespace(alive_count=count)
+
+
+def test_a_lost_lease_that_is_not_renewed_in_time(clock):
+    node = FakeNode()
+    watch = ControllerWatch(node, "controller", 1.0)
+    assert node.topic == "controller/status"
+    node.on_liveliness(alive(1))
+    assert not clock(watch, 5.0)
+    node.on_liveliness(alive(0))
+    assert not clock(watch, 0.9)
+    node.on_liveliness(alive(1))
+    node.on_status(None)
+    assert not clock(watch, 5.0)
+    node.on_liveliness(alive(0))
+    assert not clock(watch, 0.5)
+    node.on_liveliness(alive(0))
+    assert clock(watch, 0.6)
+
+
+@pytest.mark.parametrize("has_events", [True, False])
+def test_silence_where_no_lease_is_reported(has_events, clock):
+    node = FakeNode(has_events)
+    watch = ControllerWatch(node, "controller", 1.0)
+    for sign in (lambda: node.on_status(None), watch.note_sign):
+        assert not clock(watch, SILENCE + 0.9)
+        sign()
+    assert not clock(watch, SILENCE + 0.9)
+    assert clock(watch, 0.2)
+
+
+def test_a_client_that_did_not_look_has_not_heard_silence(clock):
+    watch = ControllerWatch(FakeNode(), "controller", 1.0)
+    clock.now[0] += 100.0
+    assert not watch.is_gone()

@@ -1,0 +1,134 @@
+"""The file of the present goal, while a controller runs and when it starts again, in one process."""
+
+import os
+import time
+
+import one_process
+import pytest
+
+from diffbot_control.controller_node import ControllerNode
+from diffbot_control.ros.goal_file import SavedGoal, load_goal, save_goal
+from diffbot_core.geometry import Pose
+
+ID = "0123456789abcdef" * 2
+SINGLE = SavedGoal(ID, "request", "map", [Pose(1.0, 2.0, 0.5)])
+PATH = SavedGoal(ID, "path", "map", [Pose(1.0, 2.0, 0.5), Pose(3.0, 2.0, 0.0)], 4, 5)
+
+
+@pytest.fixture(scope="module")
+def nodes():
+    with one_process.nodes() as running:
+        yield running
+
+
+@pytest.fixture
+def start(nodes, tmp_path):
+    """Return a function that starts a controller with the file; the test's last one is destroyed."""
+    running = []
+
+    def start(**parameters):
+        while running:
+            nodes.remove(running.pop())
+        node = nodes.add(ControllerNode, {"goal_file": str(tmp_path / "goal"), **parameters})
+        running.append(node)
+        return node
+
+    yield start
+    for node in running:
+        nodes.remove(node)
+
+
+def ends(node):
+    return [(record.request.id, record.end, record.reason) for record in node.supervisor.goals.ended]
+
+
+@pytest.mark.parametrize("goal", [SINGLE, PATH])
+def test_a_goal_is_given_up_by_default(goal, start, tmp_path):
+    save_goal(tmp_path / "goal", goal)
+    node = start()
+    assert ends(node) == [(ID, "not reached", "the controller was restarted")]
+    assert node.supervisor.goal is None
+    assert not (tmp_path / "goal").exists()
+
+
+@pytest.mark.parametrize("goal", [SINGLE, PATH])
+def test_a_goal_is_resumed_where_that_is_asked_for(goal, start, tmp_path):
+    save_goal(tmp_path / "goal", goal)
+    node = start(resume_goal=True)
+    present = node.supervisor.goals.present
+    assert (present.request.id, present.request.source) == (ID, goal.source)
+    assert node.supervisor.goals_ahead == goal.poses
+    assert (node.supervisor.waypoint, node.supervisor.waypoints) == (goal.waypoint, goal.waypoints)
+    # It is still known after another death.
+    assert load_goal(tmp_path / "goal", 10) == goal
+
+
+def test_a_goal_that_was_being_cancelled_is_never_resumed(start, tmp_path):
+    save_goal(tmp_path / "goal", SINGLE._replace(poses=[], is_cancelling=True))
+    assert ends(start(resume_goal=True)) == [(ID, "cancelled", "")]
+
+
+@pytest.mark.parametrize("age", [100.0, -100.0])
+def test_a_goal_of_long_ago_is_given_up_and_one_of_the_future_too(age, start, tmp_path):
+    path = tmp_path / "goal"
+    save_goal(path, SINGLE)
+    os.utime(path, (0.0, time.time() - age))
+    assert ends(start(resume_goal=True, resume_timeout=60.0)) == [
+        (ID, "not reached", f"the controller was restarted, and was last alive {age:.0f} s before")
+    ]
+    save_goal(path, SINGLE)
+    os.utime(path, (0.0, time.time() - 50.0))
+    assert ends(start(resume_goal=True, resume_timeout=60.0)) == []
+
+
+def test_a_goal_in_another_frame_is_given_up(start, tmp_path):
+    save_goal(tmp_path / "goal", SINGLE._replace(frame="floor_2"))
+    assert ends(start(resume_goal=True)) == [
+        (ID, "not reached", "the controller was restarted, with another map_frame than floor_2")
+    ]
+
+
+def test_another_file_is_kept_aside_with_one_warning(start, tmp_path, capfd):
+    (tmp_path / "goal").write_text("my only copy of something else")
+    node = start(resume_goal=True)
+    assert ends(node) == []
+    assert (tmp_path / "goal.bad").read_text() == "my only copy of something else"
+    assert "goal is no JSON; the file is kept as goal.bad" in capfd.readouterr().err
+
+
+def test_the_file_follows_the_goal(start, tmp_path, monkeypatch):
+    path, now = tmp_path / "goal", [1000.0]
+    monkeypatch.setattr("diffbot_control.ros.goal_keeper.time.monotonic", lambda: now[0])
+    node = start()
+    assert not path.exists()
+    node.goals.accept_goals(SINGLE.poses, False, "request", ID)
+    assert load_goal(path, 10) == SINGLE
+    # The next one comes too soon for another write, but the former one has ended.
+    node.goals.accept_goals(PATH.poses, True, "path", ID[::-1])
+    assert not path.exists()
+    now[0] += 0.2
+    node._publish_status()
+    assert load_goal(path, 10) == PATH._replace(id=ID[::-1], waypoint=1, waypoints=2)
+    os.utime(path, (0.0, 0.0))
+    node._publish_status()
+    assert time.time() - path.stat().st_mtime < 5.0, "the controller is alive"
+    path.unlink()
+    node._publish_status()
+    now[0] += 0.2
+    node._publish_status()
+    assert load_goal(path, 10).id == ID[::-1], "deleted by someone, written again"
+    node.cancel()
+    assert not path.exists()
+
+
+def test_a_folder_that_cannot_be_written_to_is_reported_and_the_goal_is_driven_to(start, tmp_path, capfd):
+    (tmp_path / "file").touch()
+    node = start(goal_file=str(tmp_path / "file" / "goal"))
+    node.goals.accept_goals(SINGLE.poses, False, "request", ID)
+    assert node.supervisor.goal == SINGLE.poses[0]
+    assert "cannot write goal_file: " in capfd.readouterr().err
+
+
+def test_resuming_needs_a_file(nodes):
+    with pytest.raises(Exception, match=r"resume_goal = True: must be false without a goal_file"):
+        nodes.add(ControllerNode, {"resume_goal": True})
