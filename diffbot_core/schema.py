@@ -24,8 +24,8 @@ import functools
 import math
 import re
 from collections import namedtuple
-from collections.abc import Mapping
-from typing import Annotated, Any, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
+from collections.abc import Hashable, Mapping
+from typing import Annotated, Any, NamedTuple, TypeVar, cast, get_args, get_origin, get_type_hints
 
 from diffbot_core.errors import DiffbotError, InvalidValueError, ReplacedNameError
 
@@ -101,11 +101,11 @@ def parameters_of(config_type: type[Any]) -> list[Parameter]:
     Raises:
         TypeError: if a field carries no Spec or two fields share a name (a programming error).
     """
-    return list(_parameters(config_type))
+    return list(_parameters(cast(Hashable, config_type)))
 
 
 @functools.cache  # resolving annotations takes milliseconds
-def _parameters(config_type: type[Any]) -> tuple[Parameter, ...]:
+def _parameters(config_type: Any) -> tuple[Parameter, ...]:
     found = _unfold(config_type, config_type(), ())
     names = [parameter.name for parameter in found]
     twice = {name for name in names if names.count(name) > 1}
