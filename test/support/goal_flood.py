@@ -1,16 +1,18 @@
 """Goals as fast as asked for, as a process: ``python goal_flood.py RATE SECONDS X``; prints how many it sent."""
 
+import contextlib
 import sys
 import time
 
 import rclpy
 from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 
 
 def main():
     rate, seconds, x = map(float, sys.argv[1:])
-    rclpy.init()
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     publisher = Node("goal_flood").create_publisher(PoseStamped, "goal_pose", 10)
     message = PoseStamped()
     message.header.frame_id = "map"
@@ -26,8 +28,8 @@ def main():
             sent += 1
         time.sleep(1e-3)
     print(f"sent {sent}", flush=True)
-    rclpy.shutdown()
 
 
 if __name__ == "__main__":
-    main()
+    with contextlib.suppress(KeyboardInterrupt):
+        main()

@@ -60,6 +60,7 @@ class Trials:
             shown: context in which output reaches the terminal.
         """
         self.key, self.promise = key, PROMISES[key]
+        self._full = full
         self.count = self.promise.full if full else self.promise.short
         self._heartbeat, self._shown = heartbeat, shown
         self.results = []
@@ -67,7 +68,7 @@ class Trials:
 
     def __iter__(self):
         with self._shown():
-            bar = tqdm(total=self.count, desc=self.key, unit="trial", leave=False)
+            bar = tqdm(total=self.count, desc=self.key, unit="trial", leave=False, disable=not self._full)
         for number in range(self.count):
             yield number
             with self._shown():
