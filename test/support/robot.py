@@ -175,9 +175,9 @@ class Robot:
 
         def newest():
             news = (status for array in self.diagnostics[before:] for status in array.status)
-            return next((graph.values(status) for status in news if status.name == full), None)
+            return next((status for status in news if status.name == full), None)
 
-        return self.peer.spin_until(newest, 5.0, f"{full} on /diagnostics")
+        return graph.values(self.peer.spin_until(newest, 20.0, f"{full} on /diagnostics"))
 
     def wait_for_odometry_rate(self, rate):
         """Wait until the plant itself reports steps at ``rate`` [Hz], within a fifth."""

@@ -67,12 +67,20 @@ class Trials:
         """of each trial: value or None, allowance for the scheduler, whether the promise was kept"""
 
     def __iter__(self):
+        """Return the numbers of the trials."""
+        return iter(self._shown_progress([1] * self.count))
+
+    def shares(self, size=500):
+        """Return the numbers of trials, ``size`` or less, that are made together."""
+        return self._shown_progress([min(size, self.count - begin) for begin in range(0, self.count, size)])
+
+    def _shown_progress(self, sizes):
         with self._shown():
             bar = tqdm(total=self.count, desc=self.key, unit="trial", leave=False, disable=not self._full)
-        for number in range(self.count):
-            yield number
+        for number, size in enumerate(sizes):
+            yield number if size == 1 else size
             with self._shown():
-                bar.update()
+                bar.update(size)
         with self._shown():
             bar.close()
 
@@ -90,9 +98,9 @@ class Trials:
         within = bound is None or value <= bound + allowance
         self.results.append((value, allowance, bool(kept and within)))
 
-    def add_many(self, total, kept):
-        """Add ``total`` results, ``kept`` of them good."""
-        self.results += [(None, 0.0, number < kept) for number in range(total)]
+    def add_many(self, count, kept):
+        """Add the same result ``count`` times."""
+        self.results += [(None, 0.0, bool(kept))] * count
 
     def check(self):
         """Fail if the promise was broken once."""
