@@ -39,7 +39,9 @@ _END = "status 0 within 2 s, no traceback"
 PROMISES = {
     "kill ekf": Promise("kill -9 of ekf", f"{_STOP}; with a new ekf the robot drives on", 20, 1, LOST_INPUT),
     "kill plant": Promise("kill -9 of the plant: no odometry, no fixes", f"{_STOP}; drives on", 20, 1, LOST_INPUT),
-    "kill controller": Promise("kill -9 of the controller", f"{_BASE}; a new one drives to goals", 20, 1, LOST_COMMANDS),
+    "kill controller": Promise(
+        "kill -9 of the controller", f"{_BASE}; a new one drives to goals", 20, 1, LOST_COMMANDS
+    ),
     "kill robot": Promise("kill -9 of robot_node", f"{_BASE}; a new one drives to goals", 20, 1, LOST_COMMANDS),
     "kill recorder": Promise(
         "kill -9 of the recorder",
@@ -53,7 +55,9 @@ PROMISES = {
     "stop controller": Promise(
         "SIGSTOP of the controller, then SIGCONT", f"{_BASE}; then it drives on", 10, 1, LOST_COMMANDS
     ),
-    "stop recorder": Promise("SIGSTOP of the recorder for 2 s", "no message is missing in the bag", 5, 1, None),
+    "stop recorder": Promise(
+        "SIGSTOP of the recorder for 2 s", "what the publisher's queue could not hold is counted as lost, exactly", 5, 1
+    ),
     "clock stands": Promise("/clock stands still, poses go on", f"{_STOP}; then it drives on", 20, 1, LOST_INPUT),
     "clock back": Promise("/clock jumps back by 500 s", f"{_STOP}; then it drives on", 10, 1, LOST_INPUT),
     "clock two": Promise("a second publisher of /clock", f"{_STOP}; named in /diagnostics", 10, 1, LOST_INPUT),
@@ -71,12 +75,18 @@ PROMISES = {
         "messages with mutated CDR bodies on every input", "all nodes live, outputs finite", 10_000, 500, unit="message"
     ),
     "hostile calls": Promise(
-        "parameter calls with hostile names, types and values", "all are answered; all nodes live", 3000, 100, unit="call"
+        "parameter calls with hostile names, types and values",
+        "all are answered; all nodes live",
+        3000,
+        100,
+        unit="call",
     ),
     "two controllers": Promise(
         "a second controller on the same cmd_vel", "ERROR in /diagnostics within 3 s, with its name", 10, 1, 3.0
     ),
-    "disk full": Promise("the disk is full while recording", "status 1, one ERROR, what was written is readable", 10, 2),
+    "disk full": Promise(
+        "the disk is full while recording", "status 1, one ERROR, what was written is readable", 10, 2
+    ),
     "end controller": Promise("SIGINT or SIGTERM to the controller", f"{_END}", 20, 2, 2.0),
     "end controller, stop": Promise(
         "SIGINT or SIGTERM to the driving controller", "zero received on cmd_vel within 0.2 s", 20, 2, 0.2

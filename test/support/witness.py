@@ -70,8 +70,10 @@ class Witness:
         self.robot.catch_up()
         commands, truths = len(self.commands), len(self.truths)
         self.peer.spin_until(
-            lambda: any(abs(v) > 0.3 for _, (v, _) in self.commands[commands:])
-            and any(abs(v) > 0.3 for _, (v, _) in self.truths[truths:]),
+            lambda: (
+                any(abs(v) > 0.3 for _, (v, _) in self.commands[commands:])
+                and any(abs(v) > 0.3 for _, (v, _) in self.truths[truths:])
+            ),
             timeout,
             "motion",
         )

@@ -89,7 +89,6 @@ def test_a_pose_is_that_of_the_message(frame):
     assert list(found.pose.covariance) == message.pose.covariance.tolist()
 
 
-
 @pytest.mark.parametrize(("read", "message_type"), [(read_pose, PoseWithCovarianceStamped), (read_odometry, Odometry)])
 def test_bytes_that_are_no_message_are_a_bad_message_wherever_they_end(read, message_type):
     data = serialize_message(message_type())
