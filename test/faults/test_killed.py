@@ -88,7 +88,7 @@ def test_held_up_controller_lets_the_base_stop(driving, trials, seeded):
 
 
 def test_killed_robot_node_lets_the_base_stop(observed, trials, seeded):
-    with observed(NEAR, only=("robot", "plant")) as witness, trials("kill robot") as running:
+    with observed(NEAR, only=("robot", "plant"), namespace="/together") as witness, trials("kill robot") as running:
         for _ in running:
             witness.drive()
             witness.wait(seeded)
