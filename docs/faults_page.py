@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Any
 
 from diffbot_lab.benchmark.targets import markdown_table
@@ -23,7 +24,8 @@ The interval is Wilson's, 95 %, of the share of trials in which the promise was 
 
 def page(content: dict[str, Any]) -> str:
     """Return the page; ``content`` is what the JSON file holds."""
-    machine, suite = content["machine"], content["suite"]
+    machine = content["machine"]
+    suite = sum((Counter(one) for one in content["suite"].values()), Counter())
     rows = [_row(one) for one in content["faults"].values()]
     head = ("fault", "promised", "trials", "kept", "95 %", "median", "worst", "allowed for the scheduler")
     parts = [

@@ -61,7 +61,7 @@ def seeded(request):
 
 
 @pytest.fixture(scope="module")
-def observed(record):
+def observed(record, request):
     """Return a context of a robot with its witness; at the end its processes and messages are audited."""
 
     @contextlib.contextmanager
@@ -69,6 +69,6 @@ def observed(record):
         with robot(*arguments, **options) as running:
             witness = Witness(running)
             yield witness
-            witness.audit(record.suite)
+            witness.audit(record.counts(request.path.stem))
 
     return begin

@@ -98,7 +98,7 @@ class Robot:
     def wait_until_ready(self, *names):
         """Wait until the nodes have reported that they are ready, and the test has discovered their publishers."""
         for name in names:
-            text = "[controller]: ready" if name == "robot" else "]: ready"
+            text = "controller]: ready" if name == "robot" else "]: ready"
             self.processes[name].wait_for_output(text, START_TIMEOUT)
         for name in names:
             self.peer.wait_for_publishers(*TOPICS[name], timeout=START_TIMEOUT)

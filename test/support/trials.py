@@ -13,6 +13,7 @@ from tqdm import tqdm
 
 from diffbot_core.files import write_json
 
+COUNTS = ("processes", "deaths", "tracebacks", "messages", "non_finite")
 WAKE_UPS = 2
 """Between a fault and its receipt by the observer lie a node's timer and the observer's own thread."""
 
@@ -131,7 +132,12 @@ class Record:
     def __init__(self):
         """Start empty."""
         self.rows = {}
-        self.suite = dict.fromkeys(("processes", "deaths", "tracebacks", "messages", "non_finite"), 0)
+        self.suite = {}
+        """counts of the processes and messages of each file of tests"""
+
+    def counts(self, name):
+        """Return the counts of one file of tests, to be added to."""
+        return self.suite.setdefault(name, dict.fromkeys(COUNTS, 0))
 
     @contextmanager
     def trials(self, key, *options):
@@ -149,7 +155,7 @@ class Record:
         content = json.loads(path.read_text()) if path.is_file() else {}
         rows = content.get("faults", {}) | self.rows
         content["faults"] = {key: rows[key] for key in PROMISES if key in rows}
-        content["suite"] = self.suite
+        content["suite"] = content.get("suite", {}) | self.suite
         content["machine"] = {
             "processors": os.cpu_count(),
             "python": platform.python_version(),

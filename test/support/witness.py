@@ -62,6 +62,8 @@ class Witness:
 
     def drive(self):
         """Send the far goal and wait for motion."""
+        # A dead controller's last status may name the same goal.
+        self.robot.controller_states.clear()
         self.robot.send_goal(*FAR, tries=5)
         self.until_moving()
 
