@@ -5,9 +5,10 @@ the table in docs/control.md, 100 runs of the closed loop;
 docs/reproduction.md, docs/reproduction.json; docs/benchmark.md, docs/benchmark.json and docs/benchmark_bound.json;
 the tables in docs/localization.md, the configuration types; those in docs/localization-results.md,
 docs/localization.json and docs/localization_colour.json; those in docs/real-robots.md, docs/real.json and
-docs/calibration.json; docs/faults.md, docs/faults.json (`make faults`, `make soak`); docs/rooms.svg, the imports. ``--experiments`` and
-``--benchmark`` repeat the runs behind the JSON files and draw their figures; those behind docs/benchmark_bound.json
-need casadi (extra ``bound``) and are repeated by ``--benchmark bound`` alone. ``--animation`` draws docs/run.gif.
+docs/calibration.json; docs/faults.md, docs/faults.json (`make faults`, `make soak`); docs/rooms.svg, the imports.
+``--experiments`` and ``--benchmark`` repeat the runs behind the JSON files and draw their figures; those behind
+docs/benchmark_bound.json need casadi (extra ``bound``) and are repeated by ``--benchmark bound`` alone.
+``--animation`` draws docs/run.gif.
 ``--check`` writes nothing and fails if a page or rooms.svg is out of date.
 """
 

@@ -1,4 +1,4 @@
-"""Goals and faults for ten minutes: ``python test/faults/soak.py [--minutes M] [--seed N] [--json FILE]``.
+"""Goals and faults for ten minutes: ``python test/bench/soak.py [--minutes M] [--seed N] [--json FILE]``.
 
 A fault strikes during every other goal. Exit status 1, with one line for each promise that was broken.
 """
@@ -108,7 +108,8 @@ def broken_promises(result):
     return lines + result["defects"]
 
 
-def main():
+def arguments():
+    """Return the options of the command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--minutes", type=float, default=10.0, help="(default: %(default)g)")
     parser.add_argument("--seed", type=int, default=1)
@@ -116,10 +117,14 @@ def main():
     options = parser.parse_args()
     if not 0.1 <= options.minutes <= 10_000:
         parser.error(f"--minutes {options.minutes:g}: must be >= 0.1 and <= 10000")
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    return options
+
+
+def run(options, folder):
+    """Drive for the time asked for, or until Ctrl-C; return the result."""
     begin = time.monotonic()
     end = begin + 60.0 * options.minutes
-    with tempfile.TemporaryDirectory() as folder, Graph(Path(folder)) as graph:
+    with Graph(folder) as graph:
         soak = Soak(graph, options.seed, begin + 20.0 * options.minutes)
         with tqdm(total=round(60 * options.minutes), unit="s") as bar, contextlib.suppress(KeyboardInterrupt):
             while time.monotonic() < end:
@@ -131,7 +136,7 @@ def main():
         soak.close()
         minutes = (time.monotonic() - begin) / 60.0
         nodes, defects = graph.finish()
-    result = {
+    return {
         "minutes": minutes,
         "seed": options.seed,
         "warm_up": WARM_UP,
@@ -140,6 +145,13 @@ def main():
         "nodes": nodes,
         "defects": defects,
     }
+
+
+def main():
+    options = arguments()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    with tempfile.TemporaryDirectory() as folder:
+        result = run(options, Path(folder))
     if options.json:
         content = json.loads(options.json.read_text()) if options.json.is_file() else {}
         write_json(options.json, content | {"soak": result})
