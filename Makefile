@@ -14,7 +14,7 @@ SOURCES := package.xml setup.py setup.cfg $(shell find diffbot_* launch config r
 unexport PYTHONPATH PYTHONHOME LD_LIBRARY_PATH AMENT_PREFIX_PATH RMW_IMPLEMENTATION _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
 .DEFAULT_GOAL := help
-.PHONY: help setup compilers demo test test-fast lint bench docs clean
+.PHONY: help setup compilers demo test test-fast faults soak lint bench docs clean
 .DELETE_ON_ERROR:
 
 help:
@@ -22,6 +22,8 @@ help:
 	@echo "make demo    drive a simulated robot to a goal pose, record a bag, write the report"
 	@echo "make test    run the tests"
 	@echo "make test-fast   run those without nodes, studies and installations: two minutes"
+	@echo "make faults  try each fault many times, half an hour; results to docs/faults.json"
+	@echo "make soak    goals and faults for ten minutes: does memory grow, is every goal reached?"
 	@echo "make lint    run ruff, mypy and import-linter"
 	@echo "make bench   measure speed"
 	@echo "make docs    write the generated parts of docs/"
@@ -47,6 +49,12 @@ compilers:
 
 test-fast: setup
 	@$(BIN)/pytest -n 2 --dist loadfile -m 'not graph and not install and not study' $(ARGS)
+
+faults: setup
+	@$(BIN)/pytest test/faults --faults full --faults-json docs/faults.json $(ARGS)
+
+soak: setup
+	@PYTHONPATH=test/support $(BIN)/python -P test/bench/soak.py --json docs/faults.json $(ARGS)
 
 lint: setup
 	@$(BIN)/ruff check

@@ -70,7 +70,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self.goals = GoalServer(self, self.supervisor, self._goals_of, now, self.cancel, self._publish_status)
         self._keeper = GoalKeeper(self, self.goals)
         self._actions = serve_nav2_actions(self, self.goals)
-        self.subscribe(PoseStamped, "goal_pose", lambda message: self.goals.accept(message, "goal_pose"))
+        self.subscribe(PoseStamped, "goal_pose", lambda message: self.goals.singles.take(self._goals_of(message)[0]))
         self.subscribe(Path, "path", self._on_path, raw=True)
         self._pose_topic = "pose" if config.pose_source == "pose" else "odometry/filtered"
         self._receive_poses(self._pose_topic)
@@ -95,7 +95,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
 
     def deactivate(self) -> None:
         """Stop the robot and leave cmd_vel to others; the goal is cancelled."""
-        self.goals.paths.drop()
+        self.goals.drop_pending()
         self.supervisor.on_cancel()
         self.supervisor.goals.close_cancelled()
         self.outputs.send(STOP)
@@ -251,7 +251,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
 
     def cancel(self) -> bool:
         """Drop the goal and start to come to rest; return whether there was one."""
-        had_goal = self.goals.paths.drop() or self.supervisor.goal is not None
+        had_goal = self.goals.drop_pending() or self.supervisor.goal is not None
         command = self.supervisor.on_cancel()
         if command is not None:
             self.outputs.send(command)

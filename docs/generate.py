@@ -5,10 +5,10 @@ the table in docs/control.md, 100 runs of the closed loop;
 docs/reproduction.md, docs/reproduction.json; docs/benchmark.md, docs/benchmark.json and docs/benchmark_bound.json;
 the tables in docs/localization.md, the configuration types; those in docs/localization-results.md,
 docs/localization.json and docs/localization_colour.json; those in docs/real-robots.md, docs/real.json and
-docs/calibration.json; docs/rooms.svg, the imports. ``--experiments`` and
-``--benchmark`` repeat the runs behind the JSON files and draw their figures; those behind docs/benchmark_bound.json
-need casadi (extra ``bound``) and are repeated by ``--benchmark bound`` alone. ``--animation`` draws docs/run.gif,
-``--policy`` runs the nodes and writes config/sros2_policy.xml.
+docs/calibration.json; docs/faults.md, docs/faults.json (`make faults`, `make soak`); docs/rooms.svg, the imports.
+``--experiments`` and ``--benchmark`` repeat the runs behind the JSON files and draw their figures; those behind
+docs/benchmark_bound.json need casadi (extra ``bound``) and are repeated by ``--benchmark bound`` alone.
+``--animation`` draws docs/run.gif, ``--policy`` runs the nodes and writes config/sros2_policy.xml.
 ``--check`` writes nothing and fails if a page or rooms.svg is out of date.
 """
 
@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from faults_page import page as faults_page
 from reproduction import page as reproduction_page
 from rooms import picture as rooms_picture
 
@@ -314,6 +315,7 @@ def main() -> int:
         DOCS / "localization.md": localization_page(),
         DOCS / "localization-results.md": localization_results_page(),
         DOCS / "real-robots.md": real_robots_page(),
+        DOCS / "faults.md": faults_page(json.loads((DOCS / "faults.json").read_text())),
         DOCS / "rooms.svg": rooms_picture(),
         control: between_markers(control.read_text(), "scenario A", scenario_a_table()),
     }

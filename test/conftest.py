@@ -28,15 +28,24 @@ collect_ignore = list(LEFT_OUT)
 STUDIES = ("lab/benchmark", "lab/campaign", "lab/paper", "lab/stability", "sim/compiled", "project/test_docs.py")
 
 
+def pytest_addoption(parser):
+    """Add the options of the fault suite (test/faults)."""
+    group = parser.getgroup("faults")
+    group.addoption("--faults", choices=("short", "full"), default="short", help="how often each fault is tried")
+    group.addoption("--faults-json", metavar="FILE", help="where the results of the fault suite are written")
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """Mark rooms as a whole: test/graph with ``graph``, compiled loops and what runs them with ``study``.
+    """Mark rooms as a whole: test/graph and test/faults with ``graph``, compiled loops and their runs with ``study``.
 
     Tests of other rooms that start nodes carry the mark themselves.
     """
     for item in items:
-        if item.path.is_relative_to(TESTS / "graph"):
+        if any(item.path.is_relative_to(TESTS / room) for room in ("graph", "faults")):
             item.add_marker(pytest.mark.graph)
+        if item.path.is_relative_to(TESTS / "faults"):
+            item.add_marker(pytest.mark.fault)
         if any(item.path.is_relative_to(TESTS / room) for room in STUDIES):
             item.add_marker(pytest.mark.study)
 

@@ -19,6 +19,8 @@ from rcl_interfaces.srv import SetParametersAtomically
 from diffbot_control.law import goal_record
 from diffbot_control.law.goal_record import GoalRecord, GoalRequest, time_remaining
 from diffbot_control.law.supervisor import Supervisor
+from diffbot_control.ros.goal_intake import TOPIC as GOAL_TOPIC
+from diffbot_control.ros.goal_intake import GoalIntake
 from diffbot_control.ros.goal_request import new_goal_id, read_goal_request
 from diffbot_control.ros.message_fields import set_stamp
 from diffbot_control.ros.path_intake import TOPIC as PATH_TOPIC
@@ -88,6 +90,8 @@ class GoalServer:
         """called every FEEDBACK_PERIOD while a goal is driven to"""
         self.paths = PathIntake(node, lambda goals: self.accept_goals(goals, True, PATH_TOPIC))
         """reads paths from the topic"""
+        self.singles = GoalIntake(node, lambda goal: self.accept_goals([goal], False, GOAL_TOPIC))
+        """accepts goals from the topic"""
         self._first_distance = 0.0
         self._statuses = node.create_publisher(GoalStatusArray, "~/goal_status", LATCHED)
         self._results = node.create_publisher(DiagnosticArray, "~/goal_results", LATCHED)
@@ -105,8 +109,8 @@ class GoalServer:
         self.accept_goals(self.check(message), isinstance(message, Path), source, goal_id)
 
     def accept_goals(self, goals: list[Pose], is_path: bool, source: str, goal_id: str = "") -> None:
-        """Drive to a checked goal or along a path of checked goals; a path that is still being read is dropped."""
-        self.paths.drop()
+        """Drive to a checked goal or along a path of checked goals; what is not accepted yet is dropped."""
+        self.drop_pending()
         request = GoalRequest(goal_id or new_goal_id(), source, self._now())
         if is_path:
             self.supervisor.on_path(goals, request)
@@ -118,6 +122,11 @@ class GoalServer:
         self._node.get_logger().info(text)
         self._changed()
         self.publish_changes(force=True)
+
+    def drop_pending(self) -> bool:
+        """Drop a path that is still being read, and a goal that waits; return whether there was one."""
+        # Both are dropped, whatever the first one returns.
+        return any([self.paths.drop(), self.singles.drop()])
 
     def cancel(self, goal_id: str) -> bool:
         """Cancel the present goal if it is ``goal_id``; return whether it was."""

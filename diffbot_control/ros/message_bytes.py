@@ -137,13 +137,17 @@ class PathFields(NamedTuple):
 
 
 def read_odometry(data: bytes) -> Any:
-    """Return something with the fields of an Odometry; the message itself if its encoding is not the usual one."""
+    """Return something with the fields of an Odometry; the message itself if its encoding is not the usual one.
+
+    Raises:
+        BadMessageError: if the bytes are no Odometry.
+    """
     try:
         header, end = _little_endian_header(data)
         child_frame, end = _text(data, end)
         return OdometryFields(header, child_frame, _ODOMETRY.unpack_from(data, _aligned(end, 8)))
     except (struct.error, ValueError):
-        return deserialize_message(data, Odometry)
+        return _message_of(data, Odometry)
 
 
 def read_pose(data: bytes) -> Any:
@@ -152,7 +156,14 @@ def read_pose(data: bytes) -> Any:
         header, end = _little_endian_header(data)
         return PoseStampedFields(header, _pose_of(_POSE.unpack_from(data, _aligned(end, 8))))
     except (struct.error, ValueError):
-        return deserialize_message(data, PoseWithCovarianceStamped)
+        return _message_of(data, PoseWithCovarianceStamped)
+
+
+def _message_of(data: bytes, message_type: Any) -> Any:
+    try:
+        return deserialize_message(data, message_type)
+    except Exception as error:  # rclpy's own types, ValueError, MemoryError: all are about the bytes
+        raise BadMessageError("message cannot be read", " ".join(str(error).split())) from None
 
 
 def read_path(data: bytes) -> PathFields:

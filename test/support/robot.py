@@ -17,6 +17,8 @@ SIMULATED = {"use_sim_time": True}
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 DEEP = QoSProfile(depth=100_000)
 """The test takes a message later than it comes: none may be pushed out."""
+START_TIMEOUT = 60.0
+"""[s] for a node to start and to be discovered on a busy machine"""
 TOPICS = {
     "plant": ("ground_truth",),
     "ekf": ("pose", "ekf/status"),
@@ -76,6 +78,7 @@ class Robot:
         self.peer = peer
         self.namespace = namespace
         self.processes = {}
+        self.launched = []
         self.truths = peer.subscribe(Odometry, "ground_truth", DEEP)
         self.poses = peer.subscribe(PoseWithCovarianceStamped, "pose", DEEP)
         self.controller_states = peer.subscribe(DiagnosticStatus, "controller/status", LATCHED)
@@ -95,15 +98,18 @@ class Robot:
     def wait_until_ready(self, *names):
         """Wait until the nodes have reported that they are ready, and the test has discovered their publishers."""
         for name in names:
-            self.processes[name].wait_for_output("]: ready")
+            text = "controller]: ready" if name == "robot" else "]: ready"
+            self.processes[name].wait_for_output(text, START_TIMEOUT)
         for name in names:
-            self.peer.wait_for_publishers(*TOPICS[name])
+            self.peer.wait_for_publishers(*TOPICS[name], timeout=START_TIMEOUT)
 
-    def launch(self, name, parameters=None, **options):
+    def launch(self, name, parameters=None, arguments=(), **options):
         """Start one of the nodes and do not wait for it; ``options`` are those of subprocess.Popen."""
-        arguments = ("-r", f"__ns:={self.namespace}") if self.namespace else ()
+        if self.namespace:
+            arguments = (*arguments, "-r", f"__ns:={self.namespace}")
         process = self._stack.enter_context(graph.node(graph.MODULES[name], parameters, arguments, **options))
         self.processes[name] = process
+        self.launched.append(process)
         return process
 
     def state(self):
@@ -130,17 +136,26 @@ class Robot:
         self.catch_up()
         return planar(self.truths[-1].pose.pose)
 
-    def send_goal(self, *goal):
-        """Send a goal, and have the controller's word that it has it."""
-        self.peer.wait_for_subscribers(self.goals)
+    def send_goal(self, *goal, tries=1):
+        """Send a goal, and have the controller's word that it has it.
+
+        More ``tries`` are for a controller that has just started: it may not have discovered this publisher yet.
+        """
+        self.peer.wait_for_subscribers(self.goals, timeout=START_TIMEOUT)
         wanted = [round(float(number), 4) for number in goal]
 
         def known():
             text = graph.values(self.controller_states[-1]).get("goal", "") if self.controller_states else ""
             return [round(float(number), 4) for number in text.split()] == wanted
 
-        self.goals.publish(pose_stamped(*goal))
-        self.peer.spin_until(known, 5.0, f"goal {goal} in the controller's status")
+        for left in reversed(range(tries)):
+            self.goals.publish(pose_stamped(*goal))
+            try:
+                self.peer.spin_until(known, 5.0, f"goal {goal} in the controller's status")
+                return
+            except AssertionError:
+                if not left:
+                    raise
 
     def pause(self, paused):
         return self.peer.call(SetBool, "plant/pause", SetBool.Request(data=paused))
@@ -160,9 +175,9 @@ class Robot:
 
         def newest():
             news = (status for array in self.diagnostics[before:] for status in array.status)
-            return next((graph.values(status) for status in news if status.name == full), None)
+            return next((status for status in news if status.name == full), None)
 
-        return self.peer.spin_until(newest, 5.0, f"{full} on /diagnostics")
+        return graph.values(self.peer.spin_until(newest, 20.0, f"{full} on /diagnostics"))
 
     def wait_for_odometry_rate(self, rate):
         """Wait until the plant itself reports steps at ``rate`` [Hz], within a fifth."""
@@ -177,10 +192,18 @@ class Robot:
 
 
 @contextlib.contextmanager
-def robot(plant=None, ekf=None, controller=None, namespace="", only=("ekf", "controller", "plant"), stamped=False):
+def robot(
+    plant=None,
+    ekf=None,
+    controller=None,
+    namespace="",
+    only=("ekf", "controller", "plant"),
+    stamped=False,
+    arguments=None,
+):
     """Run a robot while the ``with`` block lasts; the nodes start at the same time, ``None`` means no parameters.
 
-    ``only`` may name ``robot``: filter and controller in one process.
+    ``only`` may name ``robot``: filter and controller in one process. ``arguments`` are further ROS arguments by node.
     """
     given = {"plant": plant, "ekf": ekf, "controller": controller}
     given["robot"] = {
@@ -191,7 +214,7 @@ def robot(plant=None, ekf=None, controller=None, namespace="", only=("ekf", "con
         running = Robot(stack, peer, namespace)
         running.commands = peer.subscribe(TwistStamped if stamped else Twist, "cmd_vel", DEEP)
         for name in only:
-            running.launch(name, given[name])
+            running.launch(name, given[name], (arguments or {}).get(name, ()))
         running.wait_until_ready(*only)
         yield running
 

@@ -89,10 +89,12 @@ def test_a_pose_is_that_of_the_message(frame):
     assert list(found.pose.covariance) == message.pose.covariance.tolist()
 
 
-def test_bytes_that_are_no_message_are_left_to_rclpy():
-    data = serialize_message(PoseWithCovarianceStamped())
-    with pytest.raises(Exception, match="deserialize"):
-        read_pose(data[:-8])
+@pytest.mark.parametrize(("read", "message_type"), [(read_pose, PoseWithCovarianceStamped), (read_odometry, Odometry)])
+def test_bytes_that_are_no_message_are_a_bad_message_wherever_they_end(read, message_type):
+    data = serialize_message(message_type())
+    for end in range(4, len(data) - 8):
+        with pytest.raises(BadMessageError, match="cannot be read"):
+            read(data[:end])
 
 
 def test_a_pose_handed_over_is_the_one_that_a_message_carries():

@@ -1,0 +1,140 @@
+"""Faults of /clock while poses go on: it stands still, jumps back or ahead, or has two publishers."""
+
+import threading
+import time
+from contextlib import contextmanager
+
+import graph
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from promises import NEVER
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from robot import SIMULATED
+from rosgraph_msgs.msg import Clock
+from witness import NEAR
+
+JUMP = 500 * 10**9
+"""[ns]"""
+CLOCK_PERIOD = 0.01
+
+
+class ClockSource:
+    """Publishes the time of day, with an offset, from a thread of its own."""
+
+    def __init__(self, peer, offset=0):
+        """Create the publisher; ``offset`` [ns]."""
+        qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+        self.publisher = peer.publisher(Clock, "/clock", qos)
+        self.offset = offset
+        self.stands = False
+        self.changed = 0.0
+        """monotonic time of the last message sent"""
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    def start(self):
+        """Begin to publish; return the time before."""
+        since = time.monotonic()
+        self._thread.start()
+        return since
+
+    def _run(self):
+        message = Clock()
+        while not self._ended.wait(CLOCK_PERIOD):
+            if not self.stands:
+                now = time.time_ns() + self.offset
+                message.clock.sec, message.clock.nanosec = divmod(now, 10**9)
+                self.changed = time.monotonic()
+                self.publisher.publish(message)
+
+    def end(self):
+        """End the thread."""
+        self._ended.set()
+        self._thread.join()
+
+
+@contextmanager
+def clock(offset=0):
+    with graph.peer("clock_source") as peer:
+        source = ClockSource(peer, offset)
+        try:
+            yield source
+        finally:
+            source.end()
+
+
+@pytest.fixture(scope="module")
+def timed(observed):
+    with clock() as source:
+        source.start()
+        plant = {**NEAR, "clock": "wall", "cmd_vel_timeout": NEVER}
+        with observed(plant, SIMULATED, SIMULATED) as witness:
+            witness.source = source
+            witness.drive()
+            yield witness
+
+
+def test_clock_that_stands_still_stops_the_robot(timed, trials, seeded):
+    with trials("clock stands") as running:
+        for _ in running:
+            timed.until_moving()
+            timed.wait(seeded)
+            timed.source.stands = True
+            try:
+                timed.peer.spin_for(2 * CLOCK_PERIOD)
+                since = timed.source.changed
+                running.measure(timed.stop_after(since), since)
+            finally:
+                timed.source.stands = False
+        timed.until_moving()
+
+
+def test_clock_that_jumps_back_stops_the_robot(timed, trials, seeded):
+    with trials("clock back") as running:
+        for _ in running:
+            timed.until_moving()
+            timed.wait(seeded)
+            since = time.monotonic()
+            timed.source.offset -= JUMP
+            running.measure(time_of_first_stop(timed, since), since)
+        timed.until_moving()
+
+
+def time_of_first_stop(witness, since):
+    """Return when the robot stood first: after a jump it drives on a second later."""
+    witness.peer.spin_until(
+        lambda: any(at >= since and value == (0.0, 0.0) for at, value in witness.commands), 5.0, "a zero"
+    )
+    return next(at for at, value in witness.commands if at >= since and value == (0.0, 0.0)) - since
+
+
+def test_clock_that_jumps_ahead_leaves_the_goal(timed, trials, seeded):
+    with trials("clock forward") as running:
+        for _ in running:
+            timed.until_moving()
+            timed.wait(seeded)
+            since = time.monotonic()
+            timed.source.offset += JUMP
+            timed.peer.spin_for(0.3)
+            later = since + 0.2
+            timed.peer.spin_until(lambda later=later: [1 for at, (v, _) in timed.commands if at > later and v > 0.3])
+            first = next(at for at, (v, _) in timed.commands if at > later and v > 0.3)
+            running.measure(first - since, since)
+
+
+def test_second_publisher_of_clock_stops_the_robot_and_is_named(timed, trials, seeded):
+    with trials("clock two") as running:
+        for _ in running:
+            timed.until_moving()
+            timed.wait(seeded)
+            with graph.peer("second_clock") as peer:
+                second = ClockSource(peer, -JUMP)
+                peer.wait_for_subscribers(second.publisher, count=2)
+                since = second.start()
+                try:
+                    first = time_of_first_stop(timed, since)
+                    timed.report_with("controller", "/clock", "second_clock", level=DiagnosticStatus.ERROR)
+                finally:
+                    second.end()
+                running.measure(first, since)
+        timed.until_moving()

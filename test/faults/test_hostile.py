@@ -1,0 +1,183 @@
+"""Hostile messages, mutated CDR bodies and parameter calls on ekf, controller and plant, each fed by the test."""
+
+import contextlib
+import itertools
+
+import pytest
+from filter_input import START, fix, heading, joint_state, odometry, timed
+from geometry_msgs.msg import Twist
+from hostile import mutated_body, parameter_call, spoiled
+from nav_msgs.msg import Path
+from promises import RECEIVED_SHARE
+from rcl_interfaces.msg import Parameter, ParameterType
+from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
+from rclpy._rclpy_pybind11 import RCLError
+from robot import pose_stamped
+from std_srvs.srv import Trigger
+
+NODES = ("ekf", "controller", "plant")
+REMAPPED = {
+    "ekf": ("odom", "joint_states", "global_pose", "initialpose", "heading", "landmarks"),
+    "controller": ("pose", "odometry/filtered", "goal_pose", "path"),
+    "plant": ("cmd_vel",),
+}
+"""Inputs of the test, so that what the nodes send stands alone under its own name."""
+BURST = 12
+"""messages on each topic between two turns of the executor: less than the depth of the queues"""
+
+
+def path(time):
+    message = timed(Path(), time)
+    message.header.frame_id = "map"
+    message.poses = [pose_stamped(number, 0.0, 0.0) for number in range(4)]
+    return message
+
+
+def command(_time):
+    message = Twist()
+    message.linear.x = 0.4
+    return message
+
+
+MAKERS = {
+    "odom": odometry,
+    "joint_states": joint_state,
+    "global_pose": fix,
+    "initialpose": fix,
+    "heading": heading,
+    "pose": fix,
+    "goal_pose": lambda time: timed(pose_stamped(50.0, 1.0, 1.0), time),
+    "path": path,
+    "cmd_vel": command,
+}
+
+
+class Target:
+    """The three nodes, the publishers of their inputs, and a time that runs on."""
+
+    def __init__(self, witness):
+        self.witness, self.peer = witness, witness.peer
+        self.publishers = {
+            topic: self.peer.publisher(type(make(START)), f"in/{topic}", 100)
+            for topic, make in MAKERS.items()
+            if topic != "joint_states"
+        }
+        self.peer.wait_for_subscribers(*self.publishers.values(), timeout=30.0)
+        self._ticks = itertools.count()
+        self.sent = 0
+
+    def time(self):
+        return round(START + 0.002 * next(self._ticks), 3)
+
+    def send(self, topic, message):
+        # A body longer than its fixed size is refused by the sender itself.
+        with contextlib.suppress(RCLError):
+            self.publishers[topic].publish(message)
+            self.sent += 1
+
+    def good(self, topic):
+        self.publishers[topic].publish(MAKERS[topic](self.time()))
+
+    def flood(self, count, rng, make):
+        """Send ``count`` messages that ``make`` returns for (topic, good message), good ones in between."""
+        topics = list(self.publishers)
+        goal = self.sent + count
+        while self.sent < goal:
+            for topic in topics[: goal - self.sent] * min(BURST, max((goal - self.sent) // len(topics), 1)):
+                self.send(topic, make(MAKERS[topic](self.time())))
+                if rng.random() < 0.3:
+                    self.good(topic)
+            self.peer.spin_until_quiet(0.01)
+
+    def handled(self):
+        """Messages that the nodes report as received or dropped."""
+        total = 0
+        for name in NODES:
+            report = self.witness.robot.diagnosis(name)
+            total += sum(
+                int(value) for key, value in report.items() if " dropped: " in key or key.endswith(" received")
+            )
+        return total
+
+    def works(self):
+        """Check that good messages are answered: a pose by the filter, a command by the controller, motion."""
+        peer, witness = self.peer, self.witness
+        poses, truths = witness.robot.poses, witness.truths
+        peer.call(Trigger, "ekf/reset")
+        before = len(poses), len(witness.commands), len(truths)
+
+        def answered():
+            for topic in ("global_pose", "odom", "goal_pose", "pose", "cmd_vel"):
+                self.good(topic)
+            peer.spin_for(0.1)
+            moves = any(v == pytest.approx(0.4, abs=0.1) for _, (v, _) in truths[before[2] :])
+            return len(poses) > before[0] and len(witness.commands) > before[1] and moves
+
+        peer.spin_until(answered, 30.0, "answers to good messages")
+
+
+@pytest.fixture(scope="module")
+def target(observed):
+    arguments = {
+        name: [word for topic in topics for word in ("-r", f"{topic}:=in/{topic}")] for name, topics in REMAPPED.items()
+    }
+    reliable = {"reliable_inputs": True}
+    with observed(None, reliable, reliable, arguments=arguments) as witness:
+        yield Target(witness)
+
+
+def alive(target):
+    return all(process.popen.poll() is None for process in target.witness.robot.processes.values())
+
+
+def test_hostile_messages_leave_nodes_alive_and_outputs_finite(target, trials, seeded):
+    with trials("hostile messages") as running:
+        before = target.handled()
+        for share in running.shares():
+            target.flood(share, seeded, lambda good: spoiled(seeded, good))
+            running.add_many(share, alive(target) and not target.witness.non_finite)
+        assert target.handled() - before >= RECEIVED_SHARE * target.sent
+        target.works()
+
+
+def test_mutated_bodies_leave_nodes_alive_and_outputs_finite(target, trials, seeded):
+    with trials("mutated bodies") as running:
+        for share in running.shares():
+            target.flood(share, seeded, lambda good: mutated_body(seeded, good))
+            running.add_many(share, alive(target) and not target.witness.non_finite)
+        target.works()
+
+
+def test_hostile_parameter_calls_are_answered_and_leave_nodes_alive(target, trials, seeded):
+    peer = target.peer
+    with trials("hostile calls") as running:
+        names = {name: peer.call(ListParameters, f"{name}/list_parameters").result.names for name in NODES}
+        saved = {name: saved_parameters(peer, name, found) for name, found in names.items()}
+        clients = {}
+        for number in running:
+            name = NODES[number % len(NODES)]
+            kind, service, request = parameter_call(seeded, names[name])
+            full = f"{name}/{service}"
+            client = clients.setdefault(full, clients.get(full) or peer.node.create_client(kind, full))
+            peer.spin_until(client.service_is_ready, 20.0, f"the service {full}")
+            future = client.call_async(request)
+            target.good(seeded.choice(list(target.publishers)))
+            peer.spin_until(future.done, 20.0, f"an answer of {full}")
+            running.add(kept=alive(target) and not target.witness.non_finite)
+        for name, parameters in saved.items():
+            request = SetParameters.Request(parameters=parameters)
+            results = peer.call(SetParameters, f"{name}/set_parameters", request, 30.0).results
+            assert not [result.reason for result in results if not result.successful]
+        target.works()
+
+
+def saved_parameters(peer, name, names):
+    """Return the parameters of a node that can be changed, with their values."""
+    found = peer.call(GetParameters, f"{name}/get_parameters", GetParameters.Request(names=names)).values
+    request = DescribeParameters.Request(names=names)
+    described = peer.call(DescribeParameters, f"{name}/describe_parameters", request).descriptors
+    return [
+        Parameter(name=one, value=value)
+        for one, value, descriptor in zip(names, found, described, strict=True)
+        if value.type != ParameterType.PARAMETER_NOT_SET and not descriptor.read_only
+    ]

@@ -1,0 +1,159 @@
+"""kill -9, SIGSTOP and SIGCONT of each node while the robot drives."""
+
+import re
+import signal
+import time
+
+import graph
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from mcap.exceptions import EndOfFile
+from mcap.records import Channel, Message
+from mcap.stream_reader import StreamReader
+from nav_msgs.msg import Odometry
+from promises import COMMAND_TIMEOUT, FLUSH_PERIOD, NEVER, PERIOD
+from rclpy.serialization import deserialize_message
+from robot import LATCHED, stamp
+from witness import NEAR
+
+RECORDER = "diffbot_bag.recorder_node"
+
+
+@pytest.fixture(scope="module")
+def driving(observed):
+    with observed(NEAR) as witness:
+        yield witness
+
+
+@pytest.fixture
+def patient_base(driving):
+    """Make the base hold its last command, so that the controller has to stop the robot; drive."""
+    assert driving.robot.set_parameter("plant", "cmd_vel_timeout", NEVER).successful
+    driving.drive()
+    yield driving
+    assert driving.robot.set_parameter("plant", "cmd_vel_timeout", COMMAND_TIMEOUT).successful
+
+
+@pytest.mark.parametrize("name", ["ekf", "plant"])
+def test_killed_source_of_poses_stops_the_robot(name, patient_base, trials, seeded):
+    witness = patient_base
+    parameters = {**NEAR, "cmd_vel_timeout": NEVER} if name == "plant" else None
+    with trials(f"kill {name}") as running:
+        for _ in running:
+            witness.until_moving()
+            witness.wait(seeded)
+            since = witness.kill(name)
+            running.measure(witness.stop_after(since), since)
+            witness.robot.start(name, parameters)
+        witness.until_moving()
+
+
+@pytest.mark.parametrize("name", ["ekf", "plant"])
+def test_held_up_source_of_poses_stops_the_robot(name, patient_base, trials, seeded):
+    witness = patient_base
+    with trials(f"stop {name}") as running:
+        for _ in running:
+            witness.until_moving()
+            witness.wait(seeded)
+            since = witness.kill(name, signal.SIGSTOP)
+            try:
+                running.measure(witness.stop_after(since), since)
+            finally:
+                witness.kill(name, signal.SIGCONT)
+        witness.until_moving()
+
+
+def test_killed_controller_lets_the_base_stop(driving, trials, seeded):
+    with trials("kill controller") as running:
+        for _ in running:
+            driving.drive()
+            driving.wait(seeded)
+            since = driving.kill("controller")
+            running.measure(driving.stop_after(since, driving.truths), since)
+            driving.robot.start("controller")
+        driving.drive()
+
+
+def test_held_up_controller_lets_the_base_stop(driving, trials, seeded):
+    with trials("stop controller") as running:
+        for _ in running:
+            driving.drive()
+            driving.wait(seeded)
+            since = driving.kill("controller", signal.SIGSTOP)
+            try:
+                running.measure(driving.stop_after(since, driving.truths), since)
+            finally:
+                driving.kill("controller", signal.SIGCONT)
+            driving.until_moving()
+
+
+def test_killed_robot_node_lets_the_base_stop(observed, trials, seeded):
+    with observed(NEAR, only=("robot", "plant"), namespace="/together") as witness, trials("kill robot") as running:
+        for _ in running:
+            witness.drive()
+            witness.wait(seeded)
+            since = witness.kill("robot")
+            running.measure(witness.stop_after(since, witness.truths), since)
+            witness.robot.start("robot")
+        witness.drive()
+
+
+def recording(driving, folder):
+    """Run a recorder of the true poses; it has ten of them when it is given."""
+    parameters = {"uri": folder, "flush_period": FLUSH_PERIOD, "topics": ["/ground_truth"]}
+    context = graph.node(RECORDER, parameters)
+    reports = driving.peer.subscribe(DiagnosticStatus, "recorder/status", LATCHED)
+    return context, lambda: reports and int(graph.values(reports[-1]).get("messages", 0)) >= 10
+
+
+def true_poses(folder):
+    """Return the true poses in a bag that may be unfinished, with their times of receipt [ns]."""
+    found = []
+    with (folder / f"{folder.name}_0.mcap").open("rb") as file:
+        try:
+            for one in StreamReader(file).records:
+                assert not isinstance(one, Channel) or one.topic == "/ground_truth"
+                if isinstance(one, Message):
+                    found.append((one.log_time, deserialize_message(one.data, Odometry)))
+        except EndOfFile:
+            pass
+    return found
+
+
+def test_killed_recorder_leaves_the_robot_driving_and_a_readable_bag(driving, trials, seeded, tmp_path):
+    driving.drive()
+    with trials("kill recorder") as running:
+        for number in running:
+            folder = tmp_path / f"killed_{number}"
+            context, has_recorded = recording(driving, folder)
+            with context as recorder:
+                driving.peer.spin_until(has_recorded, 20.0, "ten messages in the bag")
+                driving.wait(seeded)
+                since, wall = time.monotonic(), time.time_ns()
+                recorder.send(signal.SIGKILL)
+                recorder.wait()
+                driving.until_moving()
+                stopped = [value for at, value in driving.commands if at >= since and value == (0.0, 0.0)]
+                running.measure((wall - true_poses(folder)[-1][0]) * 1e-9, since, kept=not stopped)
+                assert "Traceback" not in recorder.output
+
+
+def test_held_up_recorder_counts_what_it_missed(driving, trials, tmp_path):
+    driving.drive()
+    with trials("stop recorder") as running:
+        for number in running:
+            folder = tmp_path / f"stopped_{number}"
+            context, has_recorded = recording(driving, folder)
+            with context as recorder:
+                driving.peer.spin_until(has_recorded, 20.0, "ten messages in the bag")
+                recorder.send(signal.SIGSTOP)
+                driving.peer.spin_for(2.0)
+                recorder.send(signal.SIGCONT)
+                driving.until_moving()
+                assert recorder.stop() == 0
+                output = recorder.output
+            lost = int(re.search(r"(\d+) lost", output)[1])
+            stamps = [stamp(truth) for _, truth in true_poses(folder)]
+            expected = round((stamps[-1] - stamps[0]) / (PERIOD * 1e9)) + 1
+            assert expected >= 20
+            running.add(kept=len(stamps) + lost == expected)

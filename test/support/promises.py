@@ -1,0 +1,99 @@
+"""What is promised for each fault: its bound, and how often it is tried by ``make faults`` and by ``make test``."""
+
+from typing import NamedTuple
+
+POSE_TIMEOUT = 0.5
+"""[s] the controller's default"""
+COMMAND_TIMEOUT = 0.5
+"""[s] cmd_vel_timeout, the plant's default"""
+PERIOD = 0.1
+"""[s] of plant, poses and commands"""
+LOST_INPUT = POSE_TIMEOUT + PERIOD
+LOST_COMMANDS = COMMAND_TIMEOUT + PERIOD
+FLUSH_PERIOD = 0.5
+"""[s] of the recorders here"""
+RECEIVED_SHARE = 0.9
+"""Share of the hostile messages that the nodes have to have handled for the test to count."""
+NEVER = 3600.0
+"""[s] cmd_vel_timeout where the controller has to stop the robot, not its base"""
+
+
+class Promise(NamedTuple):
+    """A fault, what holds then, and how often it is tried."""
+
+    fault: str
+    text: str
+    full: int
+    """trials of ``make faults``"""
+    short: int
+    """trials of ``make test``"""
+    bound: float | None = None
+    """largest value allowed; without one a trial is only kept or broken"""
+    unit: str = "s"
+
+
+_STOP = "zero on cmd_vel within pose_timeout + one period"
+_BASE = "the base's own cmd_vel_timeout stops it, + one period"
+_END = "status 0 within 2 s, no traceback"
+
+PROMISES = {
+    "kill ekf": Promise("kill -9 of ekf", f"{_STOP}; with a new ekf the robot drives on", 20, 1, LOST_INPUT),
+    "kill plant": Promise("kill -9 of the plant: no odometry, no fixes", f"{_STOP}; drives on", 20, 1, LOST_INPUT),
+    "kill controller": Promise(
+        "kill -9 of the controller", f"{_BASE}; a new one drives to goals", 20, 1, LOST_COMMANDS
+    ),
+    "kill robot": Promise("kill -9 of robot_node", f"{_BASE}; a new one drives to goals", 20, 1, LOST_COMMANDS),
+    "kill recorder": Promise(
+        "kill -9 of the recorder",
+        "the robot drives on; all but the last flush_period + one period is in the bag",
+        20,
+        1,
+        FLUSH_PERIOD + PERIOD,
+    ),
+    "stop ekf": Promise("SIGSTOP of ekf, then SIGCONT", f"{_STOP}; then it drives on", 20, 1, LOST_INPUT),
+    "stop plant": Promise("SIGSTOP of the plant, then SIGCONT", f"{_STOP}; then it drives on", 10, 1, LOST_INPUT),
+    "stop controller": Promise(
+        "SIGSTOP of the controller, then SIGCONT", f"{_BASE}; then it drives on", 10, 1, LOST_COMMANDS
+    ),
+    "stop recorder": Promise(
+        "SIGSTOP of the recorder for 2 s", "what the publisher's queue could not hold is counted as lost, exactly", 5, 1
+    ),
+    "clock stands": Promise("/clock stands still, poses go on", f"{_STOP}; then it drives on", 20, 1, LOST_INPUT),
+    "clock back": Promise("/clock jumps back by 500 s", f"{_STOP}; then it drives on", 10, 1, LOST_INPUT),
+    "clock two": Promise("a second publisher of /clock", f"{_STOP}; named in /diagnostics", 10, 1, LOST_INPUT),
+    "clock forward": Promise("/clock jumps ahead by 500 s", "the goal is kept; drives on within 1 s", 10, 1, 1.0),
+    "network": Promise(
+        "odometry and fixes: 20 % lost, 200 to 300 ms late, 5 % twice, in another order", "goals are reached", 20, 1
+    ),
+    "flood": Promise(
+        "goals at 1 kHz", "p99 of the control period at most 1.5 times the quiet one", 3, 1, 1.5, "quiet p99"
+    ),
+    "hostile messages": Promise(
+        "messages with hostile values on every input", "all nodes live, outputs finite", 100_000, 2000, unit="message"
+    ),
+    "mutated bodies": Promise(
+        "messages with mutated CDR bodies on every input", "all nodes live, outputs finite", 10_000, 500, unit="message"
+    ),
+    "hostile calls": Promise(
+        "parameter calls with hostile names, types and values",
+        "all are answered; all nodes live",
+        3000,
+        100,
+        unit="call",
+    ),
+    "two controllers": Promise(
+        "a second controller on the same cmd_vel", "ERROR in /diagnostics within 3 s, with its name", 10, 1, 3.0
+    ),
+    "disk full": Promise(
+        "the disk is full while recording", "status 1, one ERROR, what was written is readable", 10, 2
+    ),
+    "end controller": Promise("SIGINT or SIGTERM to the controller", f"{_END}", 20, 2, 2.0),
+    "end controller, stop": Promise(
+        "SIGINT or SIGTERM to the driving controller", "zero received on cmd_vel within 0.2 s", 20, 2, 0.2
+    ),
+    "end ekf": Promise("SIGINT or SIGTERM to ekf", _END, 20, 2, 2.0),
+    "end plant": Promise("SIGINT or SIGTERM to the plant", _END, 20, 2, 2.0),
+    "end recorder": Promise("SIGINT or SIGTERM to the recorder", f"{_END}, the bag is closed", 20, 2, 2.0),
+    "end robot": Promise("SIGINT or SIGTERM to robot_node", f"{_END}, zero received", 20, 1, 2.0),
+    "end at start": Promise("SIGINT or SIGTERM while a node starts", _END, 50, 5, 2.0),
+}

@@ -1,0 +1,164 @@
+"""Trials of one promise: values, the scheduler's share in them, and the results of a whole run as JSON."""
+
+import json
+import os
+import platform
+import statistics
+import threading
+import time
+from contextlib import contextmanager
+
+from promises import PROMISES
+from tqdm import tqdm
+
+from diffbot_core.files import write_json
+
+COUNTS = ("processes", "deaths", "tracebacks", "messages", "non_finite")
+WAKE_UPS = 2
+"""Between a fault and its receipt by the observer lie a node's timer and the observer's own thread."""
+
+
+class Heartbeat:
+    """A thread that wakes each 2 ms and notes when it could not: the scheduler held this process up meanwhile."""
+
+    PERIOD = 0.002
+
+    def __init__(self):
+        """Begin."""
+        self._gaps = []
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._beat, daemon=True)
+        self._thread.start()
+
+    def _beat(self):
+        last = time.monotonic()
+        while not self._ended.wait(self.PERIOD):
+            now = time.monotonic()
+            if now - last > 2 * self.PERIOD:
+                self._gaps.append((last, now))
+            last = now
+
+    def longest(self, since):
+        """Return the longest gap [s] that ended after ``since`` (monotonic)."""
+        return max((end - max(begin, since) for begin, end in self._gaps if end > since), default=0.0)
+
+    def end(self):
+        """End the thread."""
+        self._ended.set()
+        self._thread.join()
+
+
+class Trials:
+    """The trials of one promise; iterating gives their numbers and shows a progress bar."""
+
+    def __init__(self, key, full, heartbeat, shown):
+        """Start without a result.
+
+        Args:
+            key: of PROMISES.
+            full: all trials, not the short form.
+            heartbeat: its gaps are allowed on top of the bound.
+            shown: context in which output reaches the terminal.
+        """
+        self.key, self.promise = key, PROMISES[key]
+        self._full = full
+        self.count = self.promise.full if full else self.promise.short
+        self._heartbeat, self._shown = heartbeat, shown
+        self.results = []
+        """of each trial: value or None, allowance for the scheduler, whether the promise was kept"""
+
+    def __iter__(self):
+        """Return the numbers of the trials."""
+        return iter(self._shown_progress([1] * self.count))
+
+    def shares(self, size=500):
+        """Return the numbers of trials, ``size`` or less, that are made together."""
+        return self._shown_progress([min(size, self.count - begin) for begin in range(0, self.count, size)])
+
+    def _shown_progress(self, sizes):
+        with self._shown():
+            bar = tqdm(total=self.count, desc=self.key, unit="trial", leave=False, disable=not self._full)
+        for number, size in enumerate(sizes):
+            yield number if size == 1 else size
+            with self._shown():
+                bar.update(size)
+        with self._shown():
+            bar.close()
+
+    def delay(self, since):
+        """Return what the scheduler may have added after ``since`` (monotonic): the longest gap for each wake-up."""
+        return WAKE_UPS * self._heartbeat.longest(since)
+
+    def measure(self, value, since, kept=True):
+        """Add a value; what the scheduler may have added after ``since`` is allowed on top of the bound."""
+        self.add(value, self.delay(since), kept)
+
+    def add(self, value=None, allowance=0.0, kept=True):
+        """Add a result."""
+        bound = self.promise.bound
+        within = bound is None or value <= bound + allowance
+        self.results.append((value, allowance, bool(kept and within)))
+
+    def add_many(self, count, kept):
+        """Add the same result ``count`` times."""
+        self.results += [(None, 0.0, bool(kept))] * count
+
+    def check(self):
+        """Fail if the promise was broken once."""
+        broken = [result for result in self.results if not result[2]]
+        assert self.results, f"{self.key}: not tried"
+        assert not broken, f"{self.key}: bound {self.promise.bound}, (value, allowance, kept): {broken[:10]}"
+
+    def summary(self):
+        """Return the row of the JSON file."""
+        values = [value for value, _, _ in self.results if value is not None]
+        worst = max(self.results, key=lambda result: result[0]) if values else (None, 0.0, True)
+        return {
+            "fault": self.promise.fault,
+            "promise": self.promise.text,
+            "unit": self.promise.unit,
+            "bound": self.promise.bound,
+            "trials": len(self.results),
+            "kept": sum(kept for _, _, kept in self.results),
+            "median": statistics.median(values) if values else None,
+            "worst": worst[0],
+            "allowance_of_worst": worst[1],
+        }
+
+
+class Record:
+    """The results of a run, and what holds for the suite as a whole."""
+
+    def __init__(self):
+        """Start empty."""
+        self.rows = {}
+        self.suite = {}
+        """counts of the processes and messages of each file of tests"""
+
+    def counts(self, name):
+        """Return the counts of one file of tests, to be added to."""
+        return self.suite.setdefault(name, dict.fromkeys(COUNTS, 0))
+
+    @contextmanager
+    def trials(self, key, *options):
+        """Give the trials of one promise; at the end they are recorded, then checked."""
+        running = Trials(key, *options)
+        try:
+            yield running
+        finally:
+            if running.results:
+                self.rows[key] = running.summary()
+        running.check()
+
+    def write(self, path):
+        """Write the JSON file; rows of faults that were not tried stay."""
+        content = json.loads(path.read_text()) if path.is_file() else {}
+        rows = content.get("faults", {}) | self.rows
+        content["faults"] = {key: rows[key] for key in PROMISES if key in rows}
+        content["suite"] = content.get("suite", {}) | self.suite
+        content["machine"] = {
+            "processors": os.cpu_count(),
+            "python": platform.python_version(),
+            "load": round(os.getloadavg()[2], 1),
+        }
+        write_json(path, content)

@@ -1,0 +1,141 @@
+"""An independent observer of a robot: when it received which command, and whether anything non-finite came out."""
+
+import array
+import math
+import signal
+import time
+
+import graph
+from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
+from nav_msgs.msg import Odometry
+from robot import DEEP, twist
+
+FAR = (5000.0, 0.0, 0.0)
+"""A goal that is not reached during a test."""
+NEAR = {"initial_pose.x": -4.0, "initial_pose.y": 0.2, "initial_pose.yaw": 0.0}
+OUTPUTS = {
+    "cmd_vel": Twist,
+    "pose": PoseWithCovarianceStamped,
+    "odometry/filtered": Odometry,
+    "ground_truth": Odometry,
+    "odom": Odometry,
+}
+
+
+def numbers_of(message):
+    """Return all floats of a message."""
+    found = []
+    for name in message.get_fields_and_field_types():
+        value = getattr(message, name)
+        if hasattr(value, "get_fields_and_field_types"):
+            found += numbers_of(value)
+        elif isinstance(value, float):
+            found.append(value)
+        elif isinstance(value, array.array) or type(value).__name__ == "ndarray":
+            found += map(float, value)
+    return found
+
+
+class Witness:
+    """Notes commands and true speeds with their times of receipt (monotonic), and checks every output."""
+
+    def __init__(self, robot, watched=tuple(OUTPUTS)):
+        """Subscribe to the ``watched`` outputs with the test's node of the robot."""
+        self.robot, self.peer = robot, robot.peer
+        self.commands, self.truths = [], []
+        self.messages, self.non_finite = 0, []
+        self.killed = set()
+        for topic in watched:
+            self.peer.node.create_subscription(
+                OUTPUTS[topic], topic, lambda message, topic=topic: self._check(topic, message), DEEP
+            )
+
+    def _check(self, topic, message):
+        now = time.monotonic()
+        self.messages += 1
+        if not all(map(math.isfinite, numbers_of(message))):
+            self.non_finite.append((topic, message))
+        if topic == "cmd_vel":
+            self.commands.append((now, twist(message)))
+        elif topic == "ground_truth":
+            self.truths.append((now, twist(message.twist)))
+
+    def drive(self):
+        """Send the far goal and wait for motion."""
+        # A dead controller's last status may name the same goal.
+        self.robot.controller_states.clear()
+        self.robot.send_goal(*FAR, tries=5)
+        self.until_moving()
+
+    def until_moving(self, timeout=30.0):
+        """Wait for a fast command that is newer than this call, and for the base's motion."""
+        self.robot.catch_up()
+        commands, truths = len(self.commands), len(self.truths)
+        self.peer.spin_until(
+            lambda: (
+                any(abs(v) > 0.3 for _, (v, _) in self.commands[commands:])
+                and any(abs(v) > 0.3 for _, (v, _) in self.truths[truths:])
+            ),
+            timeout,
+            "motion",
+        )
+
+    def wait(self, random):
+        """Let a random part of a period pass, so that faults come at all of its phases."""
+        self.peer.spin_for(random.uniform(0.0, 0.1))
+
+    def stop_after(self, since, received=None, timeout=10.0):
+        """Return the time [s] from ``since`` to the first zero received after which all others are zero.
+
+        Args:
+            since: monotonic time of the fault.
+            received: list of (time, twist); the commands by default, the true speeds for a base that stops by itself.
+            timeout: [s] without a zero the test fails.
+        """
+        received = self.commands if received is None else received
+        zero = (0.0, 0.0)
+
+        def stopped():
+            return received and received[-1][0] >= since and received[-1][1] == zero
+
+        self.peer.spin_until(stopped, timeout, "standstill")
+        self.peer.spin_for(0.25)
+        after = [(at, value) for at, value in received if at >= since]
+        last_motion = max((number for number, (_, value) in enumerate(after) if value != zero), default=-1)
+        assert last_motion + 1 < len(after), "the robot moved again"
+        return after[last_motion + 1][0] - since
+
+    def kill(self, name, number=signal.SIGKILL):
+        """Send a signal to a node; return the time before."""
+        process = self.robot.processes[name]
+        since = time.monotonic()
+        process.send(number)
+        if number == signal.SIGKILL:
+            self.killed.add(process)
+        return since
+
+    def report_with(self, *texts, timeout=10.0, level=None):
+        """Wait for a report on /diagnostics, newer than this call, that contains the texts; return it."""
+        begin = len(self.robot.diagnostics)
+
+        def found():
+            for report in (one for message in self.robot.diagnostics[begin:] for one in message.status):
+                words = " ".join((report.name, report.message, *graph.values(report).values()))
+                if all(text in words for text in texts) and level in (None, report.level):
+                    return report
+            return None
+
+        return self.peer.spin_until(found, timeout, f"{texts} on /diagnostics")
+
+    def audit(self, suite):
+        """Add what the processes and messages of this robot showed to the counts of the suite; fail on a defect."""
+        counts = dict.fromkeys(suite, 0)
+        for process in self.robot.launched:
+            counts["processes"] += 1
+            counts["tracebacks"] += process.output.count("Traceback")
+            counts["deaths"] += process not in self.killed and process.popen.poll() not in (None, 0)
+        counts["messages"], counts["non_finite"] = self.messages, len(self.non_finite)
+        for key, count in counts.items():
+            suite[key] += count
+        assert (counts["deaths"], counts["tracebacks"]) == (0, 0), "see the logs of the processes"
+        assert not self.non_finite, self.non_finite[0]
