@@ -1,6 +1,7 @@
 """When messages are due: pure functions against numbers worked out by hand."""
 
 import pytest
+from extremes import extreme_configs
 
 from diffbot_bag.parameters import RecorderConfig, ReplayConfig
 from diffbot_bag.playback_clock import (
@@ -133,3 +134,19 @@ def test_a_rate_out_of_its_bounds_is_refused(rate):
 def test_the_longest_bag_has_a_due_time_at_both_bounds_of_the_rate(rate):
     last = 2**63 - 1
     assert due(Timeline(0, 0, rate), last) == pytest.approx(last / rate)
+
+
+def test_at_the_bounds_of_its_parameters_a_replay_has_whole_times_in_order():
+    first, last = 1_700_000_000 * SECOND, 1_700_086_400 * SECOND
+    played = 0
+    for values, config in extreme_configs(ReplayConfig, 1, 100, without=("topics",)):
+        try:
+            part = window(first, last, config.start_offset, config.playback_duration, config.playback_until)
+        except InvalidValueError:
+            continue
+        timeline = Timeline(part.start, 10**15, config.rate)
+        times = due(timeline, part.start), due(timeline, part.end)
+        assert 10**15 == times[0] <= times[1], values
+        assert bag_time(timeline, times[1]) == pytest.approx(part.end, abs=1 + config.rate), values
+        played += 1
+    assert played > 100

@@ -191,7 +191,7 @@ def test_a_misspelt_parameter_is_said_in_the_log(nodes):
 
 def test_pose_timeout_changes_the_watch_and_a_tiny_one_does_not_take_the_processor():
     with (
-        graph.node(MODULES["controller"], {"pose_timeout": 1e-9}, ("-r", "__ns:=/tiny")) as process,
+        graph.node(MODULES["controller"], {"pose_timeout": 1e-3}, ("-r", "__ns:=/tiny")) as process,
         graph.peer() as peer,
     ):
         process.wait_for_output("ready")

@@ -1,0 +1,43 @@
+"""Which files of the project a program reads: found by running it, from no list of the project's own."""
+
+import importlib.metadata
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import diffbot_core
+
+SITE = Path(diffbot_core.__file__).parents[1]
+AUDIT = """
+import atexit, sys
+read = []
+sys.addaudithook(lambda event, given: read.append(given[0]) if event == "open" else None)
+@atexit.register
+def tell():
+    modules = [getattr(module, "__file__", None) for module in sys.modules.values()]
+    others = [str(one) for one in read if not str(one).endswith((".py", ".pyc"))]
+    for one in sorted({one for one in [*others, *modules] if one}):
+        print("read", one)
+"""
+
+
+def files_read_by(program):
+    """Return the project's installed files that a Python program imports, and others that it opens.
+
+    Modules that it only opens do not count: the project opens them to hash them. Nor does the metadata of the package,
+    where the names of laws stand: what a name stands for is hashed by itself.
+    """
+    command = [sys.executable, "-P", "-c", AUDIT + program]
+    result = subprocess.run(command, check=True, capture_output=True, text=True)
+    owned = {str(path) for path in importlib.metadata.files("diffbot") or ()}
+    paths = (Path(line.removeprefix("read ")) for line in result.stdout.splitlines() if line.startswith("read "))
+    inside = {path.relative_to(SITE) for path in paths if path.is_relative_to(SITE)}
+    return sorted(path for path in inside if str(path) in owned and not path.parts[0].endswith(".dist-info"))
+
+
+def run_in(folder, program, *arguments):
+    """Run a program that finds the project's packages in ``folder`` first; return its output."""
+    environment = {**os.environ, "PYTHONPATH": str(folder)}
+    command = [sys.executable, "-P", "-c", program, *map(str, arguments)]
+    return subprocess.run(command, env=environment, cwd=folder, capture_output=True, text=True, check=False)
