@@ -2,6 +2,7 @@
 
 import contextlib
 import itertools
+import re
 import signal
 import time
 
@@ -29,6 +30,8 @@ BEST_EFFORT = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
 DEEP = 10_000
 BEGIN = 1_700_000_000_000_000_000
 MS = 1_000_000
+PATIENCE = 60.0
+"""[s] for a process to start, or to play a bag of a second: on a machine without a free core, importing takes 15 s."""
 
 
 def twist(x):
@@ -126,10 +129,15 @@ def ended(running):
 def play(peer, folder, parameters=None, arguments=()):
     """Play to the end and hand back the process."""
     with replay(folder, parameters, arguments) as running:
-        peer.spin_until(ended(running), 30.0, "the end of the replay")
+        peer.spin_until(ended(running), PATIENCE, "the end of the replay")
         peer.spin_until_quiet()
-        assert running.wait() == 0, running.output
+        assert running.wait(PATIENCE) == 0, running.output
         return running.output
+
+
+def duration(output):
+    """Return how long [s] a replay says that it sent; when messages are received depends on the test's process, too."""
+    return float(re.search(r"messages in ([\d.]+) s", output)[1])
 
 
 def test_bytes_order_count_and_time_come_back(peer, bag):
@@ -137,16 +145,18 @@ def test_bytes_order_count_and_time_come_back(peer, bag):
     output = play(peer, bag)
     for topic in ("/a", "/noise", "/text", "/clock"):
         assert collected.of(topic) == in_bag(bag, topic, end=2.0), topic
-    assert 0.95 < collected.span("/a") < 1.5
+    assert collected.span("/a") > 0.95
+    assert duration(output) < 1.5
     assert "215 messages in " in output
 
 
 @pytest.mark.parametrize("rate", [0.5, 5.0])
 def test_the_rate_changes_the_time_alone(peer, bag, rate):
     collected = collect_all(peer)
-    play(peer, bag, {"rate": rate})
+    output = play(peer, bag, {"rate": rate})
     assert collected.of("/a") == in_bag(bag, "/a")
-    assert 0.9 / rate < collected.span("/a") < 1.0 / rate + 0.5
+    assert 0.9 / rate < collected.span("/a")
+    assert duration(output) < 1.0 / rate + 0.5
 
 
 def test_offset_and_duration_cut_but_the_latched_message_of_before_comes(peer, bag):
@@ -177,7 +187,7 @@ def test_exclude_regex_and_both_kinds_of_remapping(peer, bag):
 def test_a_loop_goes_on_until_a_signal(peer, bag):
     collected = collect_all(peer)
     with replay(bag, {"loop": True, "playback_duration": 0.1, "rate": 2.0}) as running:
-        peer.spin_until(lambda: len(collected.of("/a")) >= 40, what="four rounds")
+        peer.spin_until(lambda: len(collected.of("/a")) >= 40, timeout=PATIENCE, what="four rounds")
         assert running.stop(signal.SIGTERM) == 0
     one = in_bag(bag, "/a", 0.0, 0.1)
     assert collected.of("/a")[:33] == one * 3
@@ -203,7 +213,7 @@ def test_publishers_offer_the_recorded_qos(peer, bag):
             infos.update({name: peer.node.get_publishers_info_by_topic(name) for name in ("/a", "/noise", "/text")})
             return all(infos.values())
 
-        peer.spin_until(seen, what="publishers")
+        peer.spin_until(seen, PATIENCE, "publishers")
         offered = {name: from_ros(info[0].qos_profile) for name, info in infos.items()}
     assert (offered["/a"].reliability, offered["/a"].durability) == ("reliable", "volatile")
     assert (offered["/noise"].reliability, offered["/noise"].durability) == ("best_effort", "volatile")
@@ -212,9 +222,9 @@ def test_publishers_offer_the_recorded_qos(peer, bag):
 
 def test_a_latecomer_gets_the_latched_message(peer, bag):
     with replay(bag, {"rate": 20.0, "loop": True, "delay": 0.3, "wait_timeout": 0.0}) as running:
-        running.wait_for_output("ready")
+        running.wait_for_output("ready", PATIENCE)
         reports = peer.subscribe(DiagnosticStatus, "/replay/status", LATCHED)
-        peer.spin_until(lambda: reports and int(graph.values(reports[-1])["messages"]) >= 200, what="a round")
+        peer.spin_until(lambda: reports and int(graph.values(reports[-1])["messages"]) >= 200, PATIENCE, "a round")
         collected = Received(peer, ("/text", String, LATCHED))
         peer.spin_until(lambda: collected.of("/text"), what="the latched message")
     assert collected.of("/text")[0] in (string("text at 0"), string("text at 30"))
@@ -250,7 +260,7 @@ def test_services_pause_step_resume_and_stop(peer, bag):
         assert not call("play_next").success
         peer.spin_until(lambda: len(collected.of("/a")) > count, what="messages after the second pause")
         assert call("stop").success
-        assert running.wait() == 0
+        assert running.wait(PATIENCE) == 0
     assert collected.of("/a") == in_bag(bag, "/a")[: len(collected.of("/a"))]
 
 
@@ -262,7 +272,7 @@ def test_a_signal_ends_it_at_once_even_in_a_long_gap(tmp_path, number):
     writer.write(channel, twist(1), BEGIN + 3600 * 10**9, BEGIN)
     writer.close()
     with graph.node(REPLAY, {"uri": tmp_path / "run", "wait_timeout": 0.0}) as running:
-        running.wait_for_output("ready")
+        running.wait_for_output("ready", PATIENCE)
         assert running.stop(number, timeout=3.0) == 0
 
 
@@ -275,7 +285,7 @@ def test_the_end_waits_until_subscribers_have_everything(peer, bag):
 def test_waiting_for_named_topics_is_said_and_ends(bag):
     parameters = {"wait_for_topics": ["/a", "/none"], "wait_timeout": 0.3, "rate": 20.0}
     with graph.node(REPLAY, {"uri": bag, **parameters}) as running:
-        assert running.wait() == 0
+        assert running.wait(PATIENCE) == 0
         assert "no subscriber after 0.3 s: /a" in running.output
         assert "wait_for_topics that are not played are ignored: /none" in running.output
 
@@ -293,7 +303,7 @@ def test_a_type_that_is_not_installed_is_said_and_the_rest_played(peer, tmp_path
     assert output.count("/b is not played: type my_msgs/msg/Thing is not installed") == 1
     assert len(collected.of("/a")) == 5
     with graph.node(REPLAY, {"uri": tmp_path / "run", "topics": ["/b"]}) as running:
-        assert running.wait() == 1
+        assert running.wait(PATIENCE) == 1
         assert "can be published" in running.output
 
 
@@ -315,7 +325,7 @@ def test_every_wrong_bag_is_one_line_and_status_one(bag, tmp_path):
             name: stack.enter_context(graph.node(REPLAY, {"uri": tmp_path / name, "rate": 10.0})) for name in cases
         }
         for name, words in cases.items():
-            assert running[name].wait() == 1
+            assert running[name].wait(PATIENCE) == 1
             (line,) = running[name].output.splitlines()
             assert line.startswith("error: ")
             assert words in line
@@ -332,7 +342,7 @@ def test_wrong_parameters_are_one_line_and_status_one(bag):
     with contextlib.ExitStack() as stack:
         running = [stack.enter_context(graph.node(REPLAY, parameters)) for parameters, _ in cases]
         for process, (_, words) in zip(running, cases, strict=True):
-            assert process.wait() == 1
+            assert process.wait(PATIENCE) == 1
             (line,) = process.output.splitlines()
             assert words in line
 
@@ -342,7 +352,7 @@ def test_damage_found_while_playing_is_one_line_and_status_one(bag, tmp_path):
     content[len(content) // 2] ^= 0x55
     (tmp_path / "damaged.mcap").write_bytes(content)
     with graph.node(REPLAY, {"uri": tmp_path / "damaged.mcap", "rate": 10.0, "wait_timeout": 0.0}) as running:
-        assert running.wait() == 1
+        assert running.wait(PATIENCE) == 1
         errors = [line for line in running.output.splitlines() if "ERROR" in line]
         assert len(errors) == 1
         assert "damaged.mcap is damaged" in errors[0]
@@ -351,10 +361,10 @@ def test_damage_found_while_playing_is_one_line_and_status_one(bag, tmp_path):
 
 def test_a_bag_recorded_from_its_own_replay_is_the_same(bag, tmp_path):
     with graph.node(RECORDER, {"uri": tmp_path / "copy", "topics": ["/a", "/noise", "/text"]}) as recorder:
-        recorder.wait_for_output("ready")
+        recorder.wait_for_output("ready", PATIENCE)
         parameters = {"uri": bag, "topics": ["/a", "/noise", "/text"], "rate": 2.0, "wait_timeout": 10.0}
         with graph.node(REPLAY, parameters) as running:
-            assert running.wait() == 0
+            assert running.wait(PATIENCE) == 0
         assert recorder.stop() == 0
         assert " 0 lost" in recorder.output
     for topic in ("/a", "/noise", "/text"):
