@@ -76,29 +76,27 @@ def inverse(S: NDArray[np.float64]) -> NDArray[np.float64]:
     Raises:
         LinAlgError: if it is not positive definite to working precision.
     """
+    # Flat lists and one array: half of the time goes into the conversions. A smaller S is filled up by the identity.
     size = len(S)
     if size == 3:
-        (a, b, c), (_, d, e), (_, _, f) = S.tolist()
+        a, b, c, _, d, e, _, _, f = S.ravel().tolist()
     elif size == 2:
-        ((a, b), (_, d)), c, e, f = S.tolist(), 0.0, 0.0, 1.0
+        (a, b, _, d), c, e, f = S.ravel().tolist(), 0.0, 0.0, 1.0
     else:
         a, b, c, d, e, f = S.item(), 0.0, 0.0, 1.0, 0.0, 1.0
-    if not a > 0.0:
-        raise np.linalg.LinAlgError(_NOT_POSITIVE)
-    p, q = b / a, c / a
-    second, t = d - p * b, e - q * b
-    if not second > 0.0:
-        raise np.linalg.LinAlgError(_NOT_POSITIVE)
-    r = t / second
-    third = f - q * c - r * t
-    if not third > 0.0:
-        raise np.linalg.LinAlgError(_NOT_POSITIVE)
-    i, j, k, s = 1.0 / a, 1.0 / second, 1.0 / third, p * r - q
-    yz, xz = -r * k, s * k
-    xy, yy = -p * j - r * xz, j - r * yz
-    xx = i + p * p * j + s * xz
-    rows = ((xx, xy, xz), (xy, yy, yz), (xz, yz, k))
-    return np.array(rows if size == 3 else [row[:size] for row in rows[:size]])
+    if a > 0.0:
+        p, q = b / a, c / a
+        second, t = d - p * b, e - q * b
+        if second > 0.0:
+            r = t / second
+            third = f - q * c - r * t
+            if third > 0.0:
+                j, k, s = 1.0 / second, 1.0 / third, p * r - q
+                yz, xz = -r * k, s * k
+                xy = -p * j - r * xz
+                found = np.array((1.0 / a + p * p * j + s * xz, xy, xz, xy, j - r * yz, yz, xz, yz, k)).reshape(3, 3)
+                return found if size == 3 else found[:size, :size]
+    raise np.linalg.LinAlgError(_NOT_POSITIVE)
 
 
 def uncertainty_of(P: NDArray[np.float64]) -> Uncertainty:

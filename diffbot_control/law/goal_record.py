@@ -78,6 +78,11 @@ class GoalBook:
         self.close(REPLACED, f"by a newer goal ({request.source})" if request.source else "")
         self.present = GoalRecord(request)
 
+    def count_time_from(self, now: float) -> None:
+        """Count the time of the present goal from ``now`` on: it came before the clock was known."""
+        if self.present is not None:
+            self.present = self.present._replace(request=self.present.request._replace(time=now))
+
     def cancel(self) -> None:
         """Note that the present goal is cancelled: whatever ends it now, it ends as cancelled."""
         if self.present is not None:

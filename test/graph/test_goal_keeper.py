@@ -5,6 +5,8 @@ import time
 
 import one_process
 import pytest
+from builtin_interfaces.msg import Time
+from rosgraph_msgs.msg import Clock
 
 from diffbot_control.controller_node import ControllerNode
 from diffbot_control.ros.goal_file import SavedGoal, load_goal, save_goal
@@ -79,6 +81,16 @@ def test_a_goal_of_long_ago_is_given_up_and_one_of_the_future_too(age, start, tm
     save_goal(path, SINGLE)
     os.utime(path, (0.0, time.time() - 50.0))
     assert ends(start(resume_goal=True, resume_timeout=60.0)) == []
+
+
+def test_a_goal_that_is_resumed_before_the_first_clock_has_the_time_since_then(nodes, start, tmp_path):
+    save_goal(tmp_path / "goal", SINGLE)
+    node = start(resume_goal=True, use_sim_time=True)
+    assert node.supervisor.goals.present.request.time == 0.0
+    clocks = nodes.peer.publisher(Clock, "/clock")
+    nodes.peer.wait_for_subscribers(clocks)
+    clocks.publish(Clock(clock=Time(sec=5000)))
+    nodes.peer.spin_until(lambda: node.supervisor.goals.present.request.time == 5000.0, 5.0, "the time of the goal")
 
 
 def test_a_goal_in_another_frame_is_given_up(start, tmp_path):
