@@ -16,7 +16,7 @@ from witness import FAR, NEAR
 
 RELAYED = ("odom:relayed/odom:nav_msgs/Odometry", "global_pose:relayed/fix:geometry_msgs/PoseWithCovarianceStamped")
 LATE = {"command_latency": bad_network.DELAY + bad_network.JITTER / 2}
-GOAL_TIMEOUT = 60.0
+GOAL_TIMEOUT = 120.0
 FLOOD_RATE = 1000.0
 
 
@@ -32,7 +32,8 @@ def test_goals_are_reached_over_a_bad_network(observed, trials, seeded):
         for _ in running:
             angle = seeded.uniform(-math.pi, math.pi)
             place = (place[0] + math.cos(angle), place[1] + math.sin(angle))
-            goal = (*place, seeded.uniform(-math.pi, math.pi))
+            # The status names few digits.
+            goal = tuple(round(number, 2) for number in (*place, seeded.uniform(-math.pi, math.pi)))
             robot.send_goal(*goal, tries=5)
             robot.wait_for_state("goal reached", GOAL_TIMEOUT)
             running.add(kept=distance(robot.true_pose(), goal) <= 0.4)
@@ -73,7 +74,8 @@ def test_flood_of_goals_leaves_the_control_period(observed, trials, pytestconfig
                 loaded = periods.p99(witness.peer, seconds)
                 # The scheduler may have held the quiet phase up, too, but never lowered its figure.
                 excess = max(running.delay(since) - quiet_delay, 0.0)
-                flood.wait_for_output("sent", 10.0)
+                flood.wait_for_output("sent", 30.0)
+                flood.wait()
                 sent = int(re.search(r"sent (\d+)", flood.output)[1])
             running.add(loaded / quiet, excess / quiet, kept=sent >= 0.9 * FLOOD_RATE * seconds)
 

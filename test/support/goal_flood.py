@@ -1,6 +1,5 @@
 """Goals as fast as asked for, as a process: ``python goal_flood.py RATE SECONDS X``; prints how many it sent."""
 
-import contextlib
 import sys
 import time
 
@@ -31,5 +30,4 @@ def main():
 
 
 if __name__ == "__main__":
-    with contextlib.suppress(KeyboardInterrupt):
-        main()
+    main()
