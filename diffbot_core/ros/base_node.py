@@ -7,6 +7,7 @@ from functools import wraps
 from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
@@ -16,6 +17,8 @@ from diffbot_core.ros.clock_watch import CLOCK_TOPIC
 from diffbot_core.ros.faults import fill_refusal, one_line
 from diffbot_core.ros.parameters import NodeParameters, overrides_of
 from diffbot_core.ros.qos import PUBLISHER, SUBSCRIPTION, check_overrides, overridable
+
+RCLError = rclpy_implementation.RCLError
 
 
 class BaseNode(Node):  # type: ignore[misc]
@@ -27,6 +30,17 @@ class BaseNode(Node):  # type: ignore[misc]
     qos_by_parameters = True
     """Topics have parameters ``qos_overrides...``; not for nodes whose topics are those of a bag."""
     _checked_parameters: NodeParameters[Any] | None = None
+
+    def __init__(self, name: str, **options: Any) -> None:
+        """Create the node.
+
+        Raises:
+            DiffbotError: in one line, if the middleware refuses it: without DDS Security, when that is enforced.
+        """
+        try:
+            super().__init__(name, **options)
+        except RCLError as error:
+            raise DiffbotError(f"cannot create the node {name}: {' '.join(str(error).split())}") from error
 
     def contain(self, error: Exception, where: str) -> None:
         """Handle what the callback of ``where`` (a topic, a service, a timer) raised; here it is raised again."""

@@ -2,6 +2,8 @@
 
 import contextlib
 import re
+import subprocess
+import sys
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -141,3 +143,22 @@ def test_the_policy_is_what_the_running_nodes_do():
             graph.wait_for(lambda: present_rights(observer) == expected, 15.0, "the rights of the policy")
         assert present_rights(observer) == expected
     domain.release()
+
+
+@pytest.mark.graph
+def test_a_node_that_cannot_be_protected_does_not_start_and_says_so_in_one_line(tmp_path):
+    """Keys that are empty files; the wheels' middleware is built without DDS Security and refuses any."""
+    (tmp_path / "enclaves").mkdir()
+    for name in ("identity_ca.cert", "permissions_ca.cert", "cert", "key"):
+        (tmp_path / "enclaves" / f"{name}.pem").touch()
+    for name in ("governance", "permissions"):
+        (tmp_path / "enclaves" / f"{name}.p7s").touch()
+    keys = {"ROS_SECURITY_KEYSTORE": str(tmp_path), "ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce"}
+    command = [sys.executable, "-m", "diffbot_sim.plant_node"]
+    found = subprocess.run(
+        command, env={**graph.environment(), **keys}, capture_output=True, text=True, timeout=60, check=False
+    )
+    assert found.returncode == 1
+    (line,) = [line for line in found.stderr.splitlines() if line.startswith("error: ")]
+    assert "cannot create the node plant: " in line
+    assert "Traceback" not in found.stderr + found.stdout
