@@ -101,7 +101,7 @@ def parameters_of(config_type: type[Any]) -> list[Parameter]:
     Raises:
         TypeError: if a field carries no Spec or two fields share a name (a programming error).
     """
-    return list(_parameters(config_type))
+    return list(_parameters(config_type))  # type: ignore[arg-type]  # a class is hashable
 
 
 @functools.cache  # resolving annotations takes milliseconds
