@@ -139,7 +139,7 @@ def test_the_longest_bag_has_a_due_time_at_both_bounds_of_the_rate(rate):
 def test_at_the_bounds_of_its_parameters_a_replay_has_whole_times_in_order():
     first, last = 1_700_000_000 * SECOND, 1_700_086_400 * SECOND
     played = 0
-    for values, config in extreme_configs(ReplayConfig, 1, 100, without=("topics",)):
+    for values, config in extreme_configs(ReplayConfig, 1, 100):
         try:
             part = window(first, last, config.start_offset, config.playback_duration, config.playback_until)
         except InvalidValueError:
