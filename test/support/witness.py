@@ -1,9 +1,12 @@
 """An independent observer of a robot: when it received which command, and whether anything non-finite came out."""
 
 import array
+import contextlib
 import math
+import os
 import signal
 import time
+from pathlib import Path
 
 import graph
 from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
@@ -45,6 +48,7 @@ class Witness:
         self.commands, self.truths = [], []
         self.messages, self.non_finite = 0, []
         self.killed = set()
+        self._waited = {}
         for topic in watched:
             self.peer.node.create_subscription(
                 OUTPUTS[topic], topic, lambda message, topic=topic: self._check(topic, message), DEEP
@@ -108,11 +112,33 @@ class Witness:
     def kill(self, name, number=signal.SIGKILL):
         """Send a signal to a node; return the time before."""
         process = self.robot.processes[name]
-        since = time.monotonic()
+        since = self.mark()
         process.send(number)
         if number == signal.SIGKILL:
             self.killed.add(process)
         return since
+
+    def mark(self):
+        """Begin a trial: return the time, and note what threads have waited for a processor so far."""
+        self._waited = self._waits()
+        return time.monotonic()
+
+    def delay(self):
+        """Return what the scheduler may have added since :meth:`mark` [s]: of each process its most delayed thread."""
+        longest = {}
+        for (pid, thread), waited in self._waits().items():
+            longest[pid] = max(longest.get(pid, 0.0), waited - self._waited.get((pid, thread), waited))
+        return sum(longest.values())
+
+    def _waits(self):
+        """Return for how long [s] each thread of the robot and of this process has waited, by process and thread."""
+        pids = [os.getpid(), *(one.popen.pid for one in self.robot.processes.values() if one.popen.poll() is None)]
+        found = {}
+        for path in (path for pid in pids for path in Path(f"/proc/{pid}/task").glob("*/schedstat")):
+            # A thread may end meanwhile.
+            with contextlib.suppress(OSError):
+                found[path.parts[2], path.parts[4]] = int(path.read_text().split()[1]) * 1e-9
+        return found
 
     def report_with(self, *texts, timeout=10.0, level=None):
         """Wait for a report on /diagnostics, newer than this call, that contains the texts; return it."""
