@@ -16,6 +16,8 @@ from robot import DEEP, twist
 FAR = (5000.0, 0.0, 0.0)
 """A goal that is not reached during a test."""
 NEAR = {"initial_pose.x": -4.0, "initial_pose.y": 0.2, "initial_pose.yaw": 0.0}
+STANDSTILL = 0.2
+"""[s] for which a robot has to stand before it counts as stopped"""
 OUTPUTS = {
     "cmd_vel": Twist,
     "pose": PoseWithCovarianceStamped,
@@ -89,7 +91,7 @@ class Witness:
         self.peer.spin_for(random.uniform(0.0, 0.1))
 
     def stop_after(self, since, received=None, timeout=10.0):
-        """Return the time [s] from ``since`` to the first zero received after which all others are zero.
+        """Return the time [s] from ``since`` to the first of the zeros that are received without motion in between.
 
         Args:
             since: monotonic time of the fault.
@@ -99,15 +101,21 @@ class Witness:
         received = self.commands if received is None else received
         zero = (0.0, 0.0)
 
-        def stopped():
-            return received and received[-1][0] >= since and received[-1][1] == zero
+        def stands():
+            if not received or received[-1][0] < since or received[-1][1] != zero:
+                return False
+            return received[-1][0] - first_of_the_last_zeros() >= STANDSTILL
 
-        self.peer.spin_until(stopped, timeout, "standstill")
-        self.peer.spin_for(0.25)
-        after = [(at, value) for at, value in received if at >= since]
-        last_motion = max((number for number, (_, value) in enumerate(after) if value != zero), default=-1)
-        assert last_motion + 1 < len(after), "the robot moved again"
-        return after[last_motion + 1][0] - since
+        def first_of_the_last_zeros():
+            first = received[-1][0]
+            for at, value in reversed(received):
+                if value != zero or at < since:
+                    break
+                first = at
+            return first
+
+        self.peer.spin_until(stands, timeout, "standstill")
+        return first_of_the_last_zeros() - since
 
     def kill(self, name, number=signal.SIGKILL):
         """Send a signal to a node; return the time before."""
