@@ -104,7 +104,7 @@ class Witness:
         def stands():
             if not received or received[-1][0] < since or received[-1][1] != zero:
                 return False
-            return received[-1][0] - first_of_the_last_zeros() >= STANDSTILL
+            return time.monotonic() - first_of_the_last_zeros() >= STANDSTILL
 
         def first_of_the_last_zeros():
             first = received[-1][0]
