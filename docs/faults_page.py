@@ -33,11 +33,13 @@ def page(content: dict[str, Any]) -> str:
     parts = [
         INTRODUCTION,
         "\n".join(markdown_table(head, rows)),
-        f"In the whole suite: {suite['processes']} processes, {suite['deaths']} deaths, {suite['tracebacks']} "
+        f"In the tests that ran to their end: {suite['processes']} processes, {suite['deaths']} deaths, {suite['tracebacks']} "
         f"tracebacks in their logs; {suite['messages']} messages checked, {suite['non_finite']} of them with a number "
         f"that is not finite. Measured with {machine['processors']} processors under a load of {machine['load']} "
         f"(15 minutes), Python {machine['python']}.",
     ]
+    if "note" in content:
+        parts.insert(1, content["note"])
     if "soak" in content:
         parts += _soak(content["soak"])
     return "\n\n".join(parts) + "\n"
