@@ -153,7 +153,8 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         return max(level, LEVELS.get(self.supervisor.state, 0)), f"{self.supervisor.state}; {text}"
 
     def _watch_period(self) -> float:
-        return min(max(0.25 * self.config.supervisor.pose_timeout, _MIN_WATCH_PERIOD), 0.1)
+        # A clock that stands still is noticed up to one period late, and so is the end of its timeout.
+        return min(max(0.125 * self.config.supervisor.pose_timeout, _MIN_WATCH_PERIOD), 0.05)
 
     def _on_path(self, data: bytes) -> None:
         self._check_active()

@@ -79,11 +79,12 @@ def test_clock_that_stands_still_stops_the_robot(timed, trials, seeded):
         for _ in running:
             timed.until_moving()
             timed.wait(seeded)
+            timed.mark()
             timed.source.stands = True
             try:
                 timed.peer.spin_for(2 * CLOCK_PERIOD)
                 since = timed.source.changed
-                running.measure(timed.stop_after(since), since)
+                running.measure(timed.stop_after(since), since, delay=timed.delay())
             finally:
                 timed.source.stands = False
         timed.until_moving()
@@ -94,9 +95,9 @@ def test_clock_that_jumps_back_stops_the_robot(timed, trials, seeded):
         for _ in running:
             timed.until_moving()
             timed.wait(seeded)
-            since = time.monotonic()
+            since = timed.mark()
             timed.source.offset -= JUMP
-            running.measure(time_of_first_stop(timed, since), since)
+            running.measure(time_of_first_stop(timed, since), since, delay=timed.delay())
         timed.until_moving()
 
 
@@ -113,13 +114,13 @@ def test_clock_that_jumps_ahead_leaves_the_goal(timed, trials, seeded):
         for _ in running:
             timed.until_moving()
             timed.wait(seeded)
-            since = time.monotonic()
+            since = timed.mark()
             timed.source.offset += JUMP
             timed.peer.spin_for(0.3)
             later = since + 0.2
             timed.peer.spin_until(lambda later=later: [1 for at, (v, _) in timed.commands if at > later and v > 0.3])
             first = next(at for at, (v, _) in timed.commands if at > later and v > 0.3)
-            running.measure(first - since, since)
+            running.measure(first - since, since, delay=timed.delay())
 
 
 def test_second_publisher_of_clock_stops_the_robot_and_is_named(timed, trials, seeded):
@@ -130,11 +131,12 @@ def test_second_publisher_of_clock_stops_the_robot_and_is_named(timed, trials, s
             with graph.peer("second_clock") as peer:
                 second = ClockSource(peer, -JUMP)
                 peer.wait_for_subscribers(second.publisher, count=2)
+                timed.mark()
                 since = second.start()
                 try:
-                    first = time_of_first_stop(timed, since)
+                    first, delay = time_of_first_stop(timed, since), timed.delay()
                     timed.report_with("controller", "/clock", "second_clock", level=DiagnosticStatus.ERROR)
                 finally:
                     second.end()
-                running.measure(first, since)
+                running.measure(first, since, delay=delay)
         timed.until_moving()

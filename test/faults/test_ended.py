@@ -53,7 +53,7 @@ def test_signals_end_each_node_stop_the_robot_and_close_the_bag(observed, trials
                         # What follows has been waited for: the end may be earlier than it is measured.
                     seconds, good = ended(process, since)
                     if name == "recorder":
-                        good = good and (folder / "metadata.yaml").is_file() and messages_in(folder) > 20
+                        good = good and (folder / "metadata.yaml").is_file() and messages_in(folder) > 0
                     running[name].measure(seconds, since, good)
 
 

@@ -43,7 +43,7 @@ def test_killed_source_of_poses_stops_the_robot(name, patient_base, trials, seed
             witness.until_moving()
             witness.wait(seeded)
             since = witness.kill(name)
-            running.measure(witness.stop_after(since), since)
+            running.measure(witness.stop_after(since), since, delay=witness.delay())
             witness.robot.start(name, parameters)
         witness.until_moving()
 
@@ -57,7 +57,7 @@ def test_held_up_source_of_poses_stops_the_robot(name, patient_base, trials, see
             witness.wait(seeded)
             since = witness.kill(name, signal.SIGSTOP)
             try:
-                running.measure(witness.stop_after(since), since)
+                running.measure(witness.stop_after(since), since, delay=witness.delay())
             finally:
                 witness.kill(name, signal.SIGCONT)
         witness.until_moving()
@@ -69,7 +69,7 @@ def test_killed_controller_lets_the_base_stop(driving, trials, seeded):
             driving.drive()
             driving.wait(seeded)
             since = driving.kill("controller")
-            running.measure(driving.stop_after(since, driving.truths), since)
+            running.measure(driving.stop_after(since, driving.truths), since, delay=driving.delay())
             driving.robot.start("controller")
         driving.drive()
 
@@ -81,7 +81,7 @@ def test_held_up_controller_lets_the_base_stop(driving, trials, seeded):
             driving.wait(seeded)
             since = driving.kill("controller", signal.SIGSTOP)
             try:
-                running.measure(driving.stop_after(since, driving.truths), since)
+                running.measure(driving.stop_after(since, driving.truths), since, delay=driving.delay())
             finally:
                 driving.kill("controller", signal.SIGCONT)
             driving.until_moving()
@@ -93,7 +93,7 @@ def test_killed_robot_node_lets_the_base_stop(observed, trials, seeded):
             witness.drive()
             witness.wait(seeded)
             since = witness.kill("robot")
-            running.measure(witness.stop_after(since, witness.truths), since)
+            running.measure(witness.stop_after(since, witness.truths), since, delay=witness.delay())
             witness.robot.start("robot")
         witness.drive()
 

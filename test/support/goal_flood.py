@@ -1,4 +1,8 @@
-"""Goals as fast as asked for, as a process: ``python goal_flood.py RATE SECONDS X``; prints how many it sent."""
+"""Goals as fast as asked for, with pauses, as a process: ``python goal_flood.py RATE SECONDS TIMES X``.
+
+Floods for SECONDS and pauses as long, TIMES times. Prints a line for each: ``flood BEGIN END SENT`` and
+``pause BEGIN END``, in ns since 1970.
+"""
 
 import sys
 import time
@@ -8,9 +12,12 @@ from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+SETTLING = 0.5
+"""[s] after a flood that belong to neither"""
+
 
 def main():
-    rate, seconds, x = map(float, sys.argv[1:])
+    rate, seconds, times, x = map(float, sys.argv[1:])
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     publisher = Node("goal_flood").create_publisher(PoseStamped, "goal_pose", 10)
     message = PoseStamped()
@@ -18,15 +25,19 @@ def main():
     message.pose.orientation.w = 1.0
     while not publisher.get_subscription_count():
         time.sleep(0.01)
-    print("ready", flush=True)
-    begin, sent = time.monotonic(), 0
-    while (passed := time.monotonic() - begin) < seconds:
-        while sent < passed * rate:
-            message.pose.position.x = x + sent % 10
-            publisher.publish(message)
-            sent += 1
-        time.sleep(1e-3)
-    print(f"sent {sent}", flush=True)
+    for _ in range(int(times)):
+        begin, wall, sent = time.monotonic(), time.time_ns(), 0
+        while (passed := time.monotonic() - begin) < seconds:
+            while sent < passed * rate:
+                message.pose.position.x = x + sent % 10
+                publisher.publish(message)
+                sent += 1
+            time.sleep(1e-3)
+        print(f"flood {wall} {time.time_ns()} {sent}", flush=True)
+        time.sleep(SETTLING)
+        wall = time.time_ns()
+        time.sleep(seconds)
+        print(f"pause {wall} {time.time_ns()}", flush=True)
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ import signal
 import threading
 import time
 from pathlib import Path
+from statistics import median_high
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
@@ -128,13 +129,13 @@ class Graph:
 
 
 def growth(samples):
-    """Return slope, and threads and descriptors as (largest of the first half, largest of the second half)."""
+    """Return slope, and threads and descriptors as (median of the first half, median of the second half)."""
     times, memory, threads, descriptors = zip(*samples, strict=True)
     half = len(samples) // 2
     return {
         "minutes": (times[-1] - times[0]) / 60.0,
         "rss": memory[-1],
         "slope": float(theilslopes(memory, [one / 60.0 for one in times]).slope),
-        "threads": [max(threads[:half]), max(threads[half:])],
-        "descriptors": [max(descriptors[:half]), max(descriptors[half:])],
+        "threads": [median_high(threads[:half]), median_high(threads[half:])],
+        "descriptors": [median_high(descriptors[:half]), median_high(descriptors[half:])],
     }

@@ -89,9 +89,12 @@ class Trials:
         """Return what the scheduler may have added after ``since`` (monotonic): the longest gap for each wake-up."""
         return WAKE_UPS * self._heartbeat.longest(since)
 
-    def measure(self, value, since, kept=True):
-        """Add a value; what the scheduler may have added after ``since`` is allowed on top of the bound."""
-        self.add(value, self.delay(since), kept)
+    def measure(self, value, since, kept=True, delay=0.0):
+        """Add a value; what the scheduler may have added after ``since`` is allowed on top of the bound.
+
+        ``delay`` [s] is what the kernel knows of it, where the processes live on to be asked.
+        """
+        self.add(value, max(self.delay(since), delay), kept)
 
     def add(self, value=None, allowance=0.0, kept=True):
         """Add a result."""

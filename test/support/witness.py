@@ -1,9 +1,12 @@
 """An independent observer of a robot: when it received which command, and whether anything non-finite came out."""
 
 import array
+import contextlib
 import math
+import os
 import signal
 import time
+from pathlib import Path
 
 import graph
 from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
@@ -13,6 +16,8 @@ from robot import DEEP, twist
 FAR = (5000.0, 0.0, 0.0)
 """A goal that is not reached during a test."""
 NEAR = {"initial_pose.x": -4.0, "initial_pose.y": 0.2, "initial_pose.yaw": 0.0}
+STANDSTILL = 0.2
+"""[s] for which a robot has to stand before it counts as stopped"""
 OUTPUTS = {
     "cmd_vel": Twist,
     "pose": PoseWithCovarianceStamped,
@@ -45,6 +50,7 @@ class Witness:
         self.commands, self.truths = [], []
         self.messages, self.non_finite = 0, []
         self.killed = set()
+        self._waited = {}
         for topic in watched:
             self.peer.node.create_subscription(
                 OUTPUTS[topic], topic, lambda message, topic=topic: self._check(topic, message), DEEP
@@ -85,7 +91,7 @@ class Witness:
         self.peer.spin_for(random.uniform(0.0, 0.1))
 
     def stop_after(self, since, received=None, timeout=10.0):
-        """Return the time [s] from ``since`` to the first zero received after which all others are zero.
+        """Return the time [s] from ``since`` to the first of the zeros that are received without motion in between.
 
         Args:
             since: monotonic time of the fault.
@@ -95,24 +101,52 @@ class Witness:
         received = self.commands if received is None else received
         zero = (0.0, 0.0)
 
-        def stopped():
-            return received and received[-1][0] >= since and received[-1][1] == zero
+        def stands():
+            if not received or received[-1][0] < since or received[-1][1] != zero:
+                return False
+            return time.monotonic() - first_of_the_last_zeros() >= STANDSTILL
 
-        self.peer.spin_until(stopped, timeout, "standstill")
-        self.peer.spin_for(0.25)
-        after = [(at, value) for at, value in received if at >= since]
-        last_motion = max((number for number, (_, value) in enumerate(after) if value != zero), default=-1)
-        assert last_motion + 1 < len(after), "the robot moved again"
-        return after[last_motion + 1][0] - since
+        def first_of_the_last_zeros():
+            first = received[-1][0]
+            for at, value in reversed(received):
+                if value != zero or at < since:
+                    break
+                first = at
+            return first
+
+        self.peer.spin_until(stands, timeout, "standstill")
+        return first_of_the_last_zeros() - since
 
     def kill(self, name, number=signal.SIGKILL):
         """Send a signal to a node; return the time before."""
         process = self.robot.processes[name]
-        since = time.monotonic()
+        since = self.mark()
         process.send(number)
         if number == signal.SIGKILL:
             self.killed.add(process)
         return since
+
+    def mark(self):
+        """Begin a trial: return the time, and note what threads have waited for a processor so far."""
+        self._waited = self._waits()
+        return time.monotonic()
+
+    def delay(self):
+        """Return what the scheduler may have added since :meth:`mark` [s]: of each process its most delayed thread."""
+        longest = {}
+        for (pid, thread), waited in self._waits().items():
+            longest[pid] = max(longest.get(pid, 0.0), waited - self._waited.get((pid, thread), waited))
+        return sum(longest.values())
+
+    def _waits(self):
+        """Return for how long [s] each thread of the robot and of this process has waited, by process and thread."""
+        pids = [os.getpid(), *(one.popen.pid for one in self.robot.processes.values() if one.popen.poll() is None)]
+        found = {}
+        for path in (path for pid in pids for path in Path(f"/proc/{pid}/task").glob("*/schedstat")):
+            # A thread may end meanwhile.
+            with contextlib.suppress(OSError):
+                found[path.parts[2], path.parts[4]] = int(path.read_text().split()[1]) * 1e-9
+        return found
 
     def report_with(self, *texts, timeout=10.0, level=None):
         """Wait for a report on /diagnostics, newer than this call, that contains the texts; return it."""
