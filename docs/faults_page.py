@@ -33,10 +33,10 @@ def page(content: dict[str, Any]) -> str:
     parts = [
         INTRODUCTION,
         "\n".join(markdown_table(head, rows)),
-        f"In the tests that ran to their end: {suite['processes']} processes, {suite['deaths']} deaths, {suite['tracebacks']} "
-        f"tracebacks in their logs; {suite['messages']} messages checked, {suite['non_finite']} of them with a number "
-        f"that is not finite. Measured with {machine['processors']} processors under a load of {machine['load']} "
-        f"(15 minutes), Python {machine['python']}.",
+        f"In the tests that ran to their end: {suite['processes']} processes, {suite['deaths']} deaths, "
+        f"{suite['tracebacks']} tracebacks in their logs; {suite['messages']} messages checked, "
+        f"{suite['non_finite']} of them with a number that is not finite. Measured with {machine['processors']} "
+        f"processors under a load of {machine['load']} (15 minutes), Python {machine['python']}.",
     ]
     if "note" in content:
         parts.insert(1, content["note"])
