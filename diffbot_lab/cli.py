@@ -208,8 +208,6 @@ def _campaign(options: argparse.Namespace) -> int:
 def _stability(options: argparse.Namespace) -> int:
     from diffbot_lab.stability import command as stability_command  # noqa: PLC0415
 
-    if not 0.0 < options.rho_max < 1e6:
-        raise InvalidValueError("--rho-max", options.rho_max, "> 0 and < 1e6")
     values = _once("--set", options.set)
     return stability_command.run(values, options.rho_max, options.points, options.runs, options.seed, options.out)
 

@@ -127,17 +127,17 @@ def test_the_known_names_are_those_of_all_nodes():
     assert "gama" not in PARAMETER_NAMES
 
 
-def test_ranges_are_described_where_both_bounds_are_allowed(running):
+def test_ranges_are_described_unless_a_number_may_be_infinite(running):
     node = running.add(PlantNode, {"start_paused": True})
-    names = ["fix_rate", "seed", "wheel_radius", "eps_x_max", "fix_dropout"]
+    names = ["fix_rate", "seed", "wheel_radius", "wheel_speed_max", "fix_dropout"]
     request = DescribeParameters.Request(names=names)
     found = running.peer.call(DescribeParameters, "plant/describe_parameters", request).descriptors
-    fix_rate, seed, wheel_radius, eps_x_max, fix_dropout = found
+    fix_rate, seed, wheel_radius, wheel_speed_max, fix_dropout = found
     assert [(one.from_value, one.to_value) for one in fix_rate.floating_point_range] == [(0.0, 1000.0)]
     assert [(one.from_value, one.to_value, one.step) for one in seed.integer_range] == [(0, 2**63 - 1, 1)]
     assert [(one.from_value, one.to_value) for one in fix_dropout.floating_point_range] == [(0.0, 1.0)]
-    assert not wheel_radius.floating_point_range  # open below
-    assert not eps_x_max.floating_point_range  # no upper bound
+    assert [(one.from_value, one.to_value) for one in wheel_radius.floating_point_range] == [(1e-3, 10.0)]
+    assert not wheel_speed_max.floating_point_range  # inf: no limit
     running.remove(node)
 
 

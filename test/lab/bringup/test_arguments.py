@@ -45,7 +45,7 @@ def test_every_default_is_one_of_the_choices(arguments):
         ({"preset": "fast"}, "preset = 'fast': must be one of tuned, precise, paper_covariance, paper"),
         ({"x": "1e9"}, "x = 1000000000.0: must be >= -1e+06 and <= 1e+06"),
         ({"x": "nan"}, "x = nan: must be >= -1e+06 and <= 1e+06"),
-        ({"yaw": "north"}, "yaw = 'north': must be a number, finite"),
+        ({"yaw": "north"}, "yaw = 'north': must be a number, >= -1000 and <= 1000"),
         ({"seed": "1.5"}, "seed = '1.5': must be a whole number, >= 0 and <= 9.22337e+18"),
         ({"rviz": "yes"}, "rviz = 'yes': must be true or false"),
         ({"clock": "fast"}, "clock = 'fast': must be one of wall, scaled, lockstep"),

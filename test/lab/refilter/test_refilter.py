@@ -69,12 +69,12 @@ def test_answers_are_those_of_the_node(bag, refiltered):
     node = EkfNode(context=context, parameter_overrides=overrides)
     poses, filtered = [], []
     try:
-        node._poses = type(
+        node._outputs._poses = type(
             "Publisher",
             (),
             {"get_subscription_count": lambda _: 1, "publish": lambda _, message: poses.append(row(message))},
         )()
-        node._filtered_odometry = type(
+        node._outputs._filtered_odometry = type(
             "Publisher",
             (),
             {

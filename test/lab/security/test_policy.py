@@ -137,12 +137,14 @@ def test_the_policy_is_what_the_running_nodes_do():
 
     expected = read_policy(POLICY)
     domain = PrivateDomain()
-    with running_graph(domain.id) as observer:
-        graph.wait_for(lambda: present_rights(observer), 60.0, "all nodes")
-        with contextlib.suppress(AssertionError):
-            graph.wait_for(lambda: present_rights(observer) == expected, 15.0, "the rights of the policy")
-        assert present_rights(observer) == expected
-    domain.release()
+    try:
+        with running_graph(domain.id) as observer:
+            graph.wait_for(lambda: present_rights(observer), 60.0, "all nodes")
+            with contextlib.suppress(AssertionError):
+                graph.wait_for(lambda: present_rights(observer) == expected, 15.0, "the rights of the policy")
+            assert present_rights(observer) == expected
+    finally:
+        domain.release()
 
 
 @pytest.mark.graph

@@ -111,10 +111,10 @@ def test_observed_is_the_law_without_limits(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "status", "part"),
     [
-        (["--rho-max", "0"], 1, "--rho-max = 0.0"),
-        (["--rho-max", "-3"], 1, "--rho-max = -3.0"),
-        (["--rho-max", "nan"], 1, "--rho-max = nan"),
-        (["--rho-max", "inf"], 1, "--rho-max = inf"),
+        (["--rho-max", "0"], 2, "argument --rho-max: 0: must be from"),
+        (["--rho-max", "-3"], 2, "argument --rho-max: -3: must be from"),
+        (["--rho-max", "nan"], 2, "argument --rho-max: nan: must be from"),
+        (["--rho-max", "inf"], 2, "argument --rho-max: inf: must be from"),
         (["--rho-max", "far"], 2, "--rho-max"),
         (["--points", "10"], 2, "--points"),
         (["--points", "402"], 2, "--points"),
