@@ -54,7 +54,7 @@ faults: setup
 	@$(BIN)/pytest test/faults --faults full --faults-json docs/faults.json $(ARGS)
 
 soak: setup
-	@PYTHONPATH=test/support $(BIN)/python -P test/bench/soak.py --json docs/faults.json $(ARGS)
+	@PYTHONPATH=test/support $(BIN)/python test/bench/soak.py --json docs/faults.json $(ARGS)
 
 lint: setup
 	@$(BIN)/ruff check

@@ -17,11 +17,11 @@ test/support/promises.py, the tests in test/faults.
 
 A time runs from the fault to the receipt by an observer in a process of its own. Where the controller has to stop the
 robot, the base's own cmd_vel_timeout is switched off; where the controller itself is lost, the base has to stop.
-*pose_timeout*, *cmd_vel_timeout* and *flush_period* are 0.5 s, a period is 0.1 s. On top of the bound each trial
-allows what the scheduler may have added: the longest wait for a processor of a thread, by the kernel's count
-(/proc/PID/task/TID/schedstat), summed over the processes that live on, or twice the longest gap of a thread of the
-observer that wakes each 2 ms, whichever is more. The table names it for the worst trial. The interval is Wilson's,
-95 %, of the share of trials in which the promise was kept."""
+*pose_timeout*, *cmd_vel_timeout* and *flush_period* are 0.5 s, a period is 0.1 s. *Kept* counts the trials within the
+bound itself; the interval is Wilson's, 95 %, of their share. The tests fail beyond the bound and what the scheduler may
+have added: the longest wait for a processor of a thread, by the kernel's count (/proc/PID/task/TID/schedstat), summed
+over the processes that live on, or twice the longest gap of a thread of the observer that wakes each 2 ms, whichever
+is more. The table names it for the worst trial, and the number of trials that were kept with it."""
 
 
 def page(content: dict[str, Any]) -> str:
@@ -29,7 +29,7 @@ def page(content: dict[str, Any]) -> str:
     machine = content["machine"]
     suite = sum((Counter(one) for one in content["suite"].values()), Counter())
     rows = [_row(one) for one in content["faults"].values()]
-    head = ("fault", "promised", "trials", "kept", "95 %", "median", "worst", "allowed for the scheduler")
+    head = ("fault", "promised", "trials", "kept", "95 %", "median", "worst", "scheduler", "kept with it")
     parts = [
         INTRODUCTION,
         "\n".join(markdown_table(head, rows)),
@@ -52,7 +52,8 @@ def _row(one: dict[str, Any]) -> list[str]:
     allowed = f"{one['allowance_of_worst']:.3f}{unit}" if one["worst"] is not None else ""
     interval = f"{100 * low:.1f} to {100 * high:.1f}"
     bound = f" (<= {one['bound']:g}{unit})" if one["bound"] is not None else ""
-    return [one["fault"], one["promise"] + bound, str(one["trials"]), str(one["kept"]), interval, *numbers, allowed]
+    counts = str(one["trials"]), str(one["kept"]), interval
+    return [one["fault"], one["promise"] + bound, *counts, *numbers, allowed, str(one["kept_with_allowance"])]
 
 
 def _soak(soak: dict[str, Any]) -> list[str]:

@@ -65,7 +65,7 @@ class Trials:
         self.count = self.promise.full if full else self.promise.short
         self._heartbeat, self._shown = heartbeat, shown
         self.results = []
-        """of each trial: value or None, allowance for the scheduler, whether the promise was kept"""
+        """of each trial: value or None, allowance for the scheduler, whether it is kept with it, and without"""
 
     def __iter__(self):
         """Return the numbers of the trials."""
@@ -99,30 +99,31 @@ class Trials:
     def add(self, value=None, allowance=0.0, kept=True):
         """Add a result."""
         bound = self.promise.bound
-        within = bound is None or value <= bound + allowance
-        self.results.append((value, allowance, bool(kept and within)))
+        within, strictly = (bound is None or value <= bound + more for more in (allowance, 0.0))
+        self.results.append((value, allowance, bool(kept and within), bool(kept and strictly)))
 
     def add_many(self, count, kept):
         """Add the same result ``count`` times."""
-        self.results += [(None, 0.0, bool(kept))] * count
+        self.results += [(None, 0.0, bool(kept), bool(kept))] * count
 
     def check(self):
         """Fail if the promise was broken once."""
         broken = [result for result in self.results if not result[2]]
         assert self.results, f"{self.key}: not tried"
-        assert not broken, f"{self.key}: bound {self.promise.bound}, (value, allowance, kept): {broken[:10]}"
+        assert not broken, f"{self.key}: bound {self.promise.bound}, (value, allowance, ...): {broken[:10]}"
 
     def summary(self):
         """Return the row of the JSON file."""
-        values = [value for value, _, _ in self.results if value is not None]
-        worst = max(self.results, key=lambda result: result[0]) if values else (None, 0.0, True)
+        values = [value for value, *_ in self.results if value is not None]
+        worst = max(self.results, key=lambda result: result[0]) if values else (None, 0.0)
         return {
             "fault": self.promise.fault,
             "promise": self.promise.text,
             "unit": self.promise.unit,
             "bound": self.promise.bound,
             "trials": len(self.results),
-            "kept": sum(kept for _, _, kept in self.results),
+            "kept": sum(strictly for *_, strictly in self.results),
+            "kept_with_allowance": sum(kept for _, _, kept, _ in self.results),
             "median": statistics.median(values) if values else None,
             "worst": worst[0],
             "allowance_of_worst": worst[1],
