@@ -4,6 +4,7 @@ import importlib.metadata
 import os
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import diffbot_core
@@ -28,8 +29,9 @@ def files_read_by(program):
     Modules that it only opens do not count: the project opens them to hash them. Nor does the metadata of the package,
     where the names of laws stand: what a name stands for is hashed by itself.
     """
-    command = [sys.executable, "-P", "-c", AUDIT + program]
-    result = subprocess.run(command, check=True, capture_output=True, text=True)
+    command = [sys.executable, "-c", AUDIT + program]
+    # Not in the source tree, which would be found before the installed package.
+    result = subprocess.run(command, cwd=tempfile.gettempdir(), check=True, capture_output=True, text=True)
     owned = {str(path) for path in importlib.metadata.files("diffbot") or ()}
     paths = (Path(line.removeprefix("read ")) for line in result.stdout.splitlines() if line.startswith("read "))
     inside = {path.relative_to(SITE) for path in paths if path.is_relative_to(SITE)}
@@ -39,5 +41,5 @@ def files_read_by(program):
 def run_in(folder, program, *arguments):
     """Run a program that finds the project's packages in ``folder`` first; return its output."""
     environment = {**os.environ, "PYTHONPATH": str(folder)}
-    command = [sys.executable, "-P", "-c", program, *map(str, arguments)]
+    command = [sys.executable, "-c", program, *map(str, arguments)]
     return subprocess.run(command, env=environment, cwd=folder, capture_output=True, text=True, check=False)
