@@ -120,7 +120,7 @@ def pair():
 
 def test_graph_is_that_of_two_nodes(pair):
     expected = sorted(("controller", "ekf", "peer", "plant"))
-    pair.peer.spin_until(lambda: sorted(pair.peer.node.get_node_names()) == expected, 10.0, f"the nodes {expected}")
+    pair.peer.spin_until(lambda: sorted(pair.peer.node.get_node_names()) == expected, 40.0, f"the nodes {expected}")
     filtered = pair.peer.subscribe(Odometry, "odometry/filtered")
     pair.peer.spin_until(lambda: filtered and pair.poses, 10.0, "pose and odometry/filtered")
     pair.send_goal(*GOAL)
