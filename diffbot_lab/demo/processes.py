@@ -54,8 +54,12 @@ class PrivateDomain:
         path = Path(tempfile.gettempdir()) / f"diffbot-domain-{domain}.lock"
         try:
             lock = path.open("a")
+        except OSError:
+            return None
+        try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
+            lock.close()
             return None
         return lock
 

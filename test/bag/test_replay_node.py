@@ -175,7 +175,7 @@ def test_until_and_topics(peer, bag):
 
 def test_exclude_regex_and_both_kinds_of_remapping(peer, bag):
     collected = Received(
-        peer, ("/b", Twist, DEEP), ("/robot/text", String, LATCHED), ("/a", Twist, DEEP), ("/noise", Twist, 10)
+        peer, ("/b", Twist, DEEP), ("/robot/text", String, DEEP), ("/a", Twist, DEEP), ("/noise", Twist, 10)
     )
     parameters = {"regex": "/a|/text|/noise", "exclude_topics": ["/noise"], "remap": ["a:=/b"], "rate": 10.0}
     play(peer, bag, parameters, ("-r", "/text:=/robot/text"))

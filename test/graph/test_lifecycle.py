@@ -187,8 +187,8 @@ def test_a_node_that_cannot_be_configured_stays_unconfigured_and_says_why():
 def test_a_destroyed_node_leaves_no_topic_behind():
     with one_process.nodes() as nodes:
         node = nodes.add(ControllerNode)
-        nodes.peer.spin_until(lambda: "/controller/transition_event" in topics(nodes.peer), 5.0, "the node's topics")
+        nodes.peer.spin_until(lambda: "/controller/transition_event" in topics(nodes.peer), 30.0, "the node's topics")
         nodes.remove(node)
         nodes.peer.spin_until(
-            lambda: not [topic for topic in topics(nodes.peer) if "controller" in topic], 5.0, "the end of its topics"
+            lambda: not [topic for topic in topics(nodes.peer) if "controller" in topic], 30.0, "the end of its topics"
         )
