@@ -185,10 +185,11 @@ def test_a_node_that_cannot_be_configured_stays_unconfigured_and_says_why():
 
 
 def test_a_destroyed_node_leaves_no_topic_behind():
+    # A name of its own: the peer of the module's robot still subscribes to topics of "controller".
     with one_process.nodes() as nodes:
-        node = nodes.add(ControllerNode)
-        nodes.peer.spin_until(lambda: "/controller/transition_event" in topics(nodes.peer), 30.0, "the node's topics")
+        node = nodes.add(ControllerNode, arguments=("-r", "__node:=destroyed"))
+        nodes.peer.spin_until(lambda: "/destroyed/transition_event" in topics(nodes.peer), 30.0, "the node's topics")
         nodes.remove(node)
         nodes.peer.spin_until(
-            lambda: not [topic for topic in topics(nodes.peer) if "controller" in topic], 30.0, "the end of its topics"
+            lambda: not [topic for topic in topics(nodes.peer) if "destroyed" in topic], 30.0, "the end of its topics"
         )
