@@ -1,0 +1,77 @@
+"""The messages of a bag that consist of texts: states, ends of goals, diagnostics and logs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from diffbot_bag.cdr import CdrCursor
+
+MAX_TEXT = 300
+"""characters that are kept of one text"""
+
+
+class Status(NamedTuple):
+    """A diagnostic_msgs/DiagnosticStatus."""
+
+    level: int
+    """0 to 3: ok, warning, error, stale"""
+    name: str
+    message: str
+    values: Mapping[str, str]
+
+
+class LogLine(NamedTuple):
+    """A rcl_interfaces/Log."""
+
+    stamp: int
+    """[ns]"""
+    level: int
+    """10, 20, 30, 40, 50: debug to fatal"""
+    name: str
+    message: str
+
+
+def read_status(data: bytes) -> Status:
+    """Read a DiagnosticStatus.
+
+    Raises:
+        CdrError: if it is none.
+    """
+    return _status(CdrCursor(data))
+
+
+def read_statuses(data: bytes) -> list[Status]:
+    """Read a DiagnosticArray.
+
+    Raises:
+        CdrError: if it is none.
+    """
+    cursor = CdrCursor(data)
+    cursor.stamp()
+    cursor.text()
+    return [_status(cursor) for _ in range(cursor.length())]
+
+
+def read_log(data: bytes) -> LogLine:
+    """Read a line of /rosout.
+
+    Raises:
+        CdrError: if it is none.
+    """
+    cursor = CdrCursor(data)
+    return LogLine(cursor.stamp(), cursor.byte(), _cut(cursor.text()), _cut(cursor.text()))
+
+
+def _status(cursor: CdrCursor) -> Status:
+    level, name, message = cursor.byte(), cursor.text(), cursor.text()
+    cursor.text()
+    values = {}
+    for _ in range(cursor.length()):
+        key = cursor.text()
+        values[_cut(key)] = _cut(cursor.text())
+    return Status(level, _cut(name), _cut(message), values)
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= MAX_TEXT else text[: MAX_TEXT - 3] + "..."
