@@ -103,6 +103,13 @@ setup(
             "pytest-xdist>=3.5",
             "rosbags>=0.10",
         ],
-        "lint": ["import-linter>=2.1", "mypy>=1.13", "oxlint>=1.0", "pre-commit>=3.8", "ruff>=0.8", "types-PyYAML>=6.0"],
+        "lint": [
+            "import-linter>=2.1",
+            "mypy>=1.13",
+            "oxlint>=1.0",
+            "pre-commit>=3.8",
+            "ruff>=0.8",
+            "types-PyYAML>=6.0",
+        ],
     },
 )

@@ -121,7 +121,7 @@ def _verified_chunk(stream: BinaryIO, index: ChunkIndex) -> Chunk:
     record = stream.read(index.chunk_length)
     if record[:1] != bytes((Opcode.CHUNK,)):
         raise McapError("no chunk where the index has one")
-    chunk = Chunk.read(ReadDataStream(io.BytesIO(record[_PREFIX:])))
+    chunk: Chunk = Chunk.read(ReadDataStream(io.BytesIO(record[_PREFIX:])))
     data = _unpacked(chunk, index.uncompressed_size)
     if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
         raise McapError("checksum of a chunk")

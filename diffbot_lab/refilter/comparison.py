@@ -144,7 +144,8 @@ def errors_at(stamps: NDArray[np.int64], poses: Array, P: Array, truth: Truth) -
 
 def nees_of(error: Array, P: Array) -> Array:
     """Return e' P^-1 e for each row of ``error`` (n, k), with its covariance ``P`` (n, k, k)."""
-    return np.einsum("ni,ni->n", error, np.linalg.solve(P, error[:, :, None])[:, :, 0])
+    nees: Array = np.einsum("ni,ni->n", error, np.linalg.solve(P, error[:, :, None])[:, :, 0])
+    return nees
 
 
 def figures_of(errors: Errors) -> Figures:

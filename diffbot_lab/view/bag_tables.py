@@ -227,5 +227,6 @@ def _tables(robot: RobotTopics, made: dict[str, Any], types: dict[str, str]) -> 
         elif isinstance(collector, _Transforms):
             transforms = collector.rows.path()
         else:
-            tables[role] = Table(*collector.columns(), types[robot.names[role]])
+            stamps, log_times, numbers = collector.columns()
+            tables[role] = Table(stamps, log_times, numbers, types[robot.names[role]])
     return RobotTables(robot.namespace, tables, texts, transforms)

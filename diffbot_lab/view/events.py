@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 from diffbot_control.law.regions import REGION_NAMES
-from diffbot_core.geometry import MAX_COORDINATE, Pose
+from diffbot_core.geometry import MAX_COORDINATE, Pose, yaw_of_quaternion
 from diffbot_lab.view.bag_tables import RobotTables, Timed
 from diffbot_lab.view.signals import Clock, Columns
 
 OK, WARNING, ERROR = 0, 1, 2
 MAX_EVENTS = 2000
 """that are kept of a robot; the later ones are left out"""
+_STATUS_DELAY = 2.0
+"""[s] between a goal and the status that names it"""
 _LEVEL_OF_END = {"reached": OK, "cancelled": OK, "replaced": OK}
 _WARNING_LINE, _ERROR_LINE = 30, 40
 _COUNTED = (" rejected", "relocations by ")
@@ -45,19 +48,21 @@ def goals_of(robot: RobotTables, clock: Clock) -> list[GoalSent]:
     if (table := robot.tables.get("goals")) is not None:
         for stamp, log_time, row in zip(table.stamps.tolist(), table.log_times.tolist(), table.numbers, strict=True):
             x, y, qx, qy, qz, qw = row.tolist()
-            yaw = float(np.arctan2(2.0 * (qw * qz + qx * qy), qw * qw + qx * qx - qy * qy - qz * qz))
+            yaw = yaw_of_quaternion(qx, qy, qz, qw)
             # A goal from a command line has no stamp.
             time = (stamp - clock.origin) * 1e-9 if stamp >= clock.origin else clock.of_log_time(log_time)
             if np.isfinite([x, y, yaw]).all() and max(abs(x), abs(y)) <= MAX_COORDINATE:
                 found.append(GoalSent(time, Pose(x, y, yaw)))
+    found.sort(key=lambda one: one.time)
     for log_time, status in robot.texts.get("controller", []):
         pose, time = goal_in(status.values), clock.of_log_time(log_time)
         if pose is None:
             continue
-        before = [one for one in found if one.time <= time + 0.5]
-        if not before or not _same(before[-1].pose, pose):
-            found.append(GoalSent(time, pose))
-            found.sort(key=lambda one: one.time)
+        index = bisect_right(found, time, key=lambda one: one.time)
+        # The status of the goal before may come a moment after the next one's message.
+        near = [one for one in found[index:] if one.time <= time + _STATUS_DELAY]
+        if not any(_same(one.pose, pose) for one in (*found[max(index - 1, 0) : index], *near)):
+            found.insert(index, GoalSent(time, pose))
     return found
 
 

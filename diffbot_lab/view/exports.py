@@ -71,7 +71,7 @@ def csv_text(robot: RobotRun) -> str:
 
 
 def tum_text(path: Columns, origin: int) -> str:
-    """Return lines ``stamp x y z qx qy qz qw``; the stamp [s] is that of the messages, ``origin`` [ns] that of t = 0."""
+    """Return lines ``stamp x y z qx qy qz qw``; stamps [s] are those of the messages, ``origin`` [ns] that of t = 0."""
     lines = []
     rows = zip(*(path[name].tolist() for name in ("t", "x", "y", "theta")), strict=True)
     for t, x, y, theta in rows:

@@ -1,4 +1,4 @@
-"""Which topics of a bag are a robot's odometry, estimate, commands ..., by name and type; several robots by namespace."""
+"""Which topics of a bag are a robot's odometry, estimate, commands ..., by name and type; robots by namespace."""
 
 from __future__ import annotations
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
+from diffbot_bag.cdr import LABELLED
 from diffbot_core.errors import DiffbotError
 from diffbot_core.geometry import MAX_COORDINATE, Pose, into_frame, out_of_frame
 from diffbot_core.units import S_PER_NS
@@ -22,6 +23,8 @@ NEES_BOUNDS = tuple(float(chdtri(3, tail)) for tail in (0.975, 0.025))
 """95 % of the NEES of a consistent estimate of three numbers are between these"""
 FILTER_COLUMNS = ("nis", "nis_low", "nis_high", "whiteness", "whiteness_bound", "left", "right")
 """Mean NIS per number and its 95 % bounds, autocorrelation of the first kind of measurement, wheel radius errors."""
+_LATEST = 2.0**31
+"""[s] of the stamps of messages"""
 _FOREIGN_CLOCK = 1.0
 """[s] stamps that differ by more from the log times are of another clock"""
 
@@ -36,7 +39,7 @@ class Clock(NamedTuple):
 
     def of_stamps(self, stamps: NDArray[np.int64]) -> Array:
         """Return times [s] of stamps [ns]."""
-        return (stamps - self.origin) * S_PER_NS
+        return np.asarray((stamps - self.origin) * S_PER_NS, float)
 
     def of_log_time(self, log_time: int) -> float:
         """Return the time [s] of a log time [ns]."""
@@ -83,16 +86,18 @@ def curves_of(robot: RobotTables, clock: Clock) -> dict[str, Columns]:
 
 
 def _checked(table: Table) -> Table:
-    """Leave out rows with positions or velocities that no robot has."""
+    """Leave out rows with positions or velocities that no robot has; of the law, with times that are none."""
     with np.errstate(invalid="ignore"):
-        good = (np.abs(table.numbers[:, :2]) <= MAX_COORDINATE).all(axis=1)
+        limits = (_LATEST, MAX_COORDINATE) if table.type == LABELLED else (MAX_COORDINATE, MAX_COORDINATE)
+        good = (np.abs(table.numbers[:, :2]) <= limits).all(axis=1)
     return table if good.all() else Table(table.stamps[good], table.log_times[good], table.numbers[good], table.type)
 
 
-def _yaw(quaternions: Array) -> Array:
+def yaw_of(quaternions: Array) -> Array:
     """Vectorised :func:`diffbot_core.geometry.yaw_of_quaternion`."""
     x, y, z, w = quaternions.T
-    return np.arctan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
+    yaw: Array = np.arctan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
+    return yaw
 
 
 def _pose_columns(table: Table, clock: Clock) -> Columns:
@@ -101,7 +106,7 @@ def _pose_columns(table: Table, clock: Clock) -> Columns:
         "t": clock.of_stamps(table.stamps),
         "x": numbers[:, 0],
         "y": numbers[:, 1],
-        "theta": _yaw(numbers[:, 2:6]),
+        "theta": yaw_of(numbers[:, 2:6]),
     }
     if numbers.shape[1] > 6 and np.any(numbers[:, 6]):
         columns |= {"xx": numbers[:, 6], "xy": numbers[:, 7], "yy": numbers[:, 9], "tt": numbers[:, 11]}
@@ -123,7 +128,7 @@ def _errors(tables: dict[str, Table]) -> Errors | None:
     stamps, first = np.unique(truth.stamps, return_index=True)
     if len(stamps) < 2:
         return None
-    poses = np.column_stack((truth.numbers[first, :2], np.unwrap(_yaw(truth.numbers[first, 2:6]))))
+    poses = np.column_stack((truth.numbers[first, :2], np.unwrap(yaw_of(truth.numbers[first, 2:6]))))
     if truth.numbers.shape[1] > 11:
         poses[truth.numbers[first, 11] > MAX_VAR_THETA, 2] = np.nan
     numbers = estimate.numbers
@@ -132,7 +137,7 @@ def _errors(tables: dict[str, Table]) -> Errors | None:
         P = numbers[:, (6, 7, 8, 7, 9, 10, 8, 10, 11)].reshape(-1, 3, 3)
     try:
         return errors_at(
-            estimate.stamps, np.column_stack((numbers[:, :2], _yaw(numbers[:, 2:6]))), P, Truth(stamps, poses)
+            estimate.stamps, np.column_stack((numbers[:, :2], yaw_of(numbers[:, 2:6]))), P, Truth(stamps, poses)
         )
     except DiffbotError:
         return None
@@ -143,7 +148,7 @@ def _error_columns(errors: Errors, start: float) -> Columns:
     variances = np.diagonal(errors.P, axis1=1, axis2=2)
     sigmas = np.sqrt(np.where(variances > 0.0, variances, np.nan))
     nees = np.full(len(errors.time), np.nan)
-    regular = np.isfinite(errors.error).all(axis=1) & np.isfinite(sigmas).all(axis=1)
+    regular: NDArray[np.bool_] = np.isfinite(errors.error).all(axis=1) & np.isfinite(sigmas).all(axis=1)
     regular[regular] &= np.linalg.det(errors.P[regular]) > 0.0
     if regular.any():
         nees[regular] = nees_of(errors.error[regular], errors.P[regular])

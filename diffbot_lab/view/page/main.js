@@ -154,7 +154,8 @@ function startMap(onPose) {
     const box = add(label, "input", "", { type: "checkbox" });
     box.checked = true;
     const swatch = add(label, "span", "", { class: "swatch" });
-    swatch.style.background = `var(--${name === "ellipses" ? "band" : name})`;
+    swatch.style.background = `var(--${name === "ellipses" ? "estimate" : name})`;
+    if (name === "ellipses") swatch.style.opacity = "0.4";
     add(label, "span", name === "ellipses" ? "95 % ellipses" : name);
     box.addEventListener("change", () => {
       page.hidden[box.checked ? "delete" : "add"](name);
