@@ -148,7 +148,7 @@ def _error_columns(errors: Errors, start: float) -> Columns:
     variances = np.diagonal(errors.P, axis1=1, axis2=2)
     sigmas = np.sqrt(np.where(variances > 0.0, variances, np.nan))
     nees = np.full(len(errors.time), np.nan)
-    regular: NDArray[np.bool_] = np.isfinite(errors.error).all(axis=1) & np.isfinite(sigmas).all(axis=1)
+    regular = np.isfinite(np.column_stack((errors.error, sigmas))).all(axis=1)
     regular[regular] &= np.linalg.det(errors.P[regular]) > 0.0
     if regular.any():
         nees[regular] = nees_of(errors.error[regular], errors.P[regular])

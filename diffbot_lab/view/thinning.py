@@ -27,4 +27,5 @@ def kept_rows(columns: Array, max_rows: int) -> NDArray[np.int64]:
     low = first + np.argmin(np.where(np.isnan(blocks), np.inf, blocks), axis=1)
     high = first + np.argmax(np.where(np.isnan(blocks), -np.inf, blocks), axis=1)
     kept: NDArray[np.int64] = np.unique(np.concatenate((low.ravel(), high.ravel(), [0, n - 1])))
-    return kept[kept < n]
+    inside: NDArray[np.int64] = kept[kept < n]
+    return inside
