@@ -22,6 +22,7 @@ from diffbot_lab.goal_command import add_goal
 from diffbot_lab.interfaces.command import add_interfaces
 from diffbot_lab.run_command import NODES, add_run
 from diffbot_lab.view.report_command import add_report
+from diffbot_lab.watch.command import add_watch
 
 RUNS_OF_EXPERIMENTS, RUNS_OF_SCAN, SEED_OF_SCAN = 100, 2000, 2
 """Defaults; the scan's seed is held out: its box was chosen on other runs."""
@@ -59,6 +60,7 @@ def _parser() -> argparse.ArgumentParser:
     add_import(commands)
     add_refilter(commands)
     add_calibrate(commands)
+    add_watch(commands)
     add_report(commands)
     add_interfaces(commands)
     return parser

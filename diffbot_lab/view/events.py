@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Iterator, Mapping
-from typing import NamedTuple
+from collections.abc import Callable, Mapping
+from math import degrees
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from diffbot_control.law.regions import REGION_NAMES
 from diffbot_core.geometry import MAX_COORDINATE, Pose, yaw_of_quaternion
 from diffbot_lab.view.bag_tables import RobotTables, Timed
 from diffbot_lab.view.signals import Clock, Columns
+from diffbot_lab.view.texts import LogLine, Status
 
 OK, WARNING, ERROR = 0, 1, 2
 MAX_EVENTS = 2000
@@ -20,7 +22,7 @@ _STATUS_DELAY = 2.0
 """[s] between a goal and the status that names it"""
 _LEVEL_OF_END = {"reached": OK, "cancelled": OK, "replaced": OK}
 _WARNING_LINE, _ERROR_LINE = 30, 40
-_COUNTED = (" rejected", "relocations by ")
+_REJECTED, _RELOCATED = " rejected", "relocations by "
 
 
 class Event(NamedTuple):
@@ -79,6 +81,84 @@ def _same(a: Pose, b: Pose) -> bool:
     return all(abs(p - q) <= 1e-4 * max(1.0, abs(p)) for p, q in zip(a, b, strict=True))
 
 
+class EventMaker:
+    """Turns the messages of one robot, in the order of time, into events: for a bag as for a live robot."""
+
+    def __init__(self, namespace: str = "") -> None:
+        """Keep of /diagnostics and /rosout what comes from nodes in ``namespace``, such as ``/robot1``."""
+        self._namespace = namespace
+        self._states: dict[str, str] = {}
+        self._counts: dict[str, int] = {}
+        self._ends: set[str] = set()
+        self._faults: dict[str, str] = {}
+        self._region: float | None = None
+
+    def of_goal(self, time: float, number: int, pose: Pose) -> Event:
+        """Return the event of a new goal."""
+        return Event(
+            time, "goal", OK, f"goal {number}: x {pose.x:.2f} m, y {pose.y:.2f} m, {degrees(pose.theta):.0f} deg"
+        )
+
+    def of_status(self, time: float, who: str, status: Status) -> list[Event]:
+        """Return the events of a ~/status: a new state, and counters of the filter that have grown."""
+        found = []
+        if status.message != self._states.get(who, ""):
+            reason = status.values.get("reason", "")
+            text = f"{_short(status.name)}: {status.message}" + (f" ({reason})" if reason else "")
+            found.append(Event(time, "state", min(status.level, ERROR), text))
+        self._states[who] = status.message
+        for key, value in status.values.items():
+            is_relocation = key.startswith(_RELOCATED)
+            if not (is_relocation or key.endswith(_REJECTED)) or not value.isdigit():
+                continue
+            count = int(value[:15])
+            if (more := count - self._counts.get(key, 0)) > 0:
+                kind = "relocation" if is_relocation else "rejection"
+                found.append(Event(time, kind, WARNING, f"{key}: {more} more, {count} in all"))
+            self._counts[key] = count
+        return found
+
+    def of_results(self, time: float, statuses: list[Status]) -> list[Event]:
+        """Return the ends of goals that are new in ~/goal_results."""
+        found = []
+        for status in statuses:
+            if status.name in self._ends:
+                continue
+            self._ends.add(status.name)
+            reason, source = (status.values.get(key, "") for key in ("reason", "source"))
+            words = f"goal {status.message}" + (f": {reason}" if reason else "") + (f" [{source}]" if source else "")
+            found.append(Event(time, "end", _LEVEL_OF_END.get(status.message, ERROR), words))
+        return found
+
+    def of_region(self, time: float, region: float) -> list[Event]:
+        """Return a switch of the law's region."""
+        before, self._region = self._region, region
+        if before is None or region == before or region not in (0.0, 1.0):
+            return []
+        return [Event(time, "switch", OK, f"region {REGION_NAMES[int(region)]}")]
+
+    def of_diagnostics(self, time: float, statuses: list[Status]) -> list[Event]:
+        """Return the nodes whose diagnosis has become an error, or another one."""
+        found = []
+        for status in statuses:
+            if not self._is_own(status.name):
+                continue
+            diagnosis = status.message if status.level == ERROR else ""
+            if diagnosis and self._faults.get(status.name) != diagnosis:
+                found.append(Event(time, "fault", ERROR, f"{_short(status.name)}: {diagnosis}"))
+            self._faults[status.name] = diagnosis
+        return found
+
+    def of_log(self, time: float, line: LogLine) -> list[Event]:
+        """Return a warning or error of /rosout."""
+        if line.level < _WARNING_LINE or not self._is_own("/" + line.name.replace(".", "/")):
+            return []
+        return [Event(time, "fault", ERROR if line.level >= _ERROR_LINE else WARNING, f"{line.name}: {line.message}")]
+
+    def _is_own(self, node: str) -> bool:
+        return not self._namespace or node.startswith(self._namespace + "/")
+
+
 def events_of(
     robot: RobotTables,
     curves: Mapping[str, Columns],
@@ -87,88 +167,26 @@ def events_of(
     clock: Clock,
 ) -> list[Event]:
     """Return the events of a robot in the order of time."""
-    found = [
-        Event(time, "goal", OK, f"goal {number}: x {x:.2f} m, y {y:.2f} m, {np.degrees(theta):.0f} deg")
-        for number, (time, (x, y, theta)) in enumerate(goals, 1)
+    maker = EventMaker(robot.namespace)
+    found = [maker.of_goal(time, number, pose) for number, (time, pose) in enumerate(goals, 1)]
+    texts = robot.texts
+    sources: list[tuple[list[Timed], Callable[[float, Any], list[Event]]]] = [
+        (texts.get("controller", []), lambda time, status: maker.of_status(time, "controller", status)),
+        (texts.get("filter", []), lambda time, status: maker.of_status(time, "filter", status)),
+        (texts.get("results", []), maker.of_results),
+        (common.get("/diagnostics", []), maker.of_diagnostics),
+        (common.get("/rosout", []), maker.of_log),
     ]
-    for who in ("controller", "filter"):
-        found += _states(robot.texts.get(who, []), clock)
-        found += _counts(robot.texts.get(who, []), clock)
-    found += _ends(robot.texts.get("results", []), clock)
+    for messages, events_in in sources:
+        for log_time, content in messages:
+            found += events_in(clock.of_log_time(log_time), content)
     if "law" in curves:
-        found += _switches(curves["law"])
-    found += _faults(common.get("/diagnostics", []), robot.namespace, clock)
-    found += _log_lines(common.get("/rosout", []), robot.namespace, clock)
+        region = curves["law"]["region"]
+        changes = np.flatnonzero(np.diff(region, prepend=np.nan) != 0.0)
+        for index in changes.tolist():
+            found += maker.of_region(float(curves["law"]["t"][index]), float(region[index]))
     found.sort(key=lambda event: event.time)
     return found[:MAX_EVENTS]
-
-
-def _states(statuses: list[Timed], clock: Clock) -> Iterator[Event]:
-    before = ""
-    for log_time, status in statuses:
-        if status.message != before:
-            reason = status.values.get("reason", "")
-            text = f"{_short(status.name)}: {status.message}" + (f" ({reason})" if reason else "")
-            yield Event(clock.of_log_time(log_time), "state", min(status.level, ERROR), text)
-        before = status.message
-
-
-def _counts(statuses: list[Timed], clock: Clock) -> Iterator[Event]:
-    """Yield an event when one of the filter's counters has grown."""
-    last: dict[str, int] = {}
-    for log_time, status in statuses:
-        for key, value in status.values.items():
-            if not (key.endswith(_COUNTED[0]) or key.startswith(_COUNTED[1])) or not value.isdigit():
-                continue
-            count = int(value[:15])
-            if (more := count - last.get(key, 0)) > 0:
-                kind = "relocation" if key.startswith(_COUNTED[1]) else "rejection"
-                yield Event(clock.of_log_time(log_time), kind, WARNING, f"{key}: {more} more, {count} in all")
-            last[key] = count
-
-
-def _ends(results: list[Timed], clock: Clock) -> Iterator[Event]:
-    known: set[str] = set()
-    for log_time, statuses in results:
-        for status in statuses:
-            if status.name not in known:
-                known.add(status.name)
-                reason, source = (status.values.get(key, "") for key in ("reason", "source"))
-                words = (
-                    f"goal {status.message}" + (f": {reason}" if reason else "") + (f" [{source}]" if source else "")
-                )
-                yield Event(clock.of_log_time(log_time), "end", _LEVEL_OF_END.get(status.message, ERROR), words)
-
-
-def _switches(law: Columns) -> Iterator[Event]:
-    region = law["region"]
-    for index in (np.flatnonzero(np.diff(region)) + 1).tolist():
-        if region[index] in (0.0, 1.0):
-            yield Event(float(law["t"][index]), "switch", OK, f"region {REGION_NAMES[int(region[index])]}")
-
-
-def _faults(diagnostics: list[Timed], namespace: str, clock: Clock) -> Iterator[Event]:
-    """Yield an event when a node's diagnosis becomes an error, or another one."""
-    last: dict[str, str] = {}
-    for log_time, statuses in diagnostics:
-        for status in statuses:
-            if not _is_of(status.name, namespace):
-                continue
-            diagnosis = status.message if status.level >= ERROR else ""
-            if diagnosis and last.get(status.name) != diagnosis:
-                yield Event(clock.of_log_time(log_time), "fault", ERROR, f"{_short(status.name)}: {diagnosis}")
-            last[status.name] = diagnosis
-
-
-def _log_lines(lines: list[Timed], namespace: str, clock: Clock) -> Iterator[Event]:
-    for log_time, line in lines:
-        if line.level >= _WARNING_LINE and _is_of("/" + line.name.replace(".", "/"), namespace):
-            level = ERROR if line.level >= _ERROR_LINE else WARNING
-            yield Event(clock.of_log_time(log_time), "fault", level, f"{line.name}: {line.message}")
-
-
-def _is_of(node: str, namespace: str) -> bool:
-    return not namespace or node.startswith(namespace + "/")
 
 
 def _short(node: str) -> str:

@@ -3,8 +3,8 @@
 const RETRY = 1500;
 
 export class Live {
-  constructor({ onHello, onState, onEvents, onAnswer, onConnected }) {
-    this.handlers = { hello: onHello, state: onState, events: onEvents, answer: onAnswer };
+  constructor({ onHello, onHistory, onState, onEvents, onAnswer, onConnected }) {
+    this.handlers = { hello: onHello, history: onHistory, state: onState, events: onEvents, answer: onAnswer };
     this.onConnected = onConnected;
     this.connect();
   }

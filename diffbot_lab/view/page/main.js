@@ -233,6 +233,9 @@ function startLive() {
       setRobots(message.robots.map((name) => new Robot(name)));
       choose("pan");
     },
+    onHistory({ robot, curve, rows }) {
+      for (const row of rows) find(robot)?.append(curve, columns[curve], row);
+    },
     onState(message) {
       for (const [name, news] of Object.entries(message.robots)) {
         const robot = find(name);
