@@ -45,7 +45,7 @@ class WatchNode(DiffbotNode[WatchConfig]):
         self._state = LiveState(self._names)
         self._constants = constants_of(PRESETS[TUNED])
         self._diagnoses: dict[str, Status] = {}
-        self._services: dict[str, dict[str, bool]] = {}
+        self._found_services: dict[str, dict[str, bool]] = {}
         self._recording = Recording(Path(config.record_folder)) if config.record_folder else None
         self._record_lock = threading.Lock()
         self.server = PageServer(self._state, self._constants, self._on_request, Address(config.host, config.port))
@@ -88,7 +88,7 @@ class WatchNode(DiffbotNode[WatchConfig]):
     def _on_found(self, name: str, found: Found) -> None:
         """Take what the graph of a robot has; called in the thread of its errands."""
         if name == self._names[0]:
-            self._services = found.services
+            self._found_services = found.services
             self._put_services()
         if found.constants is not None:
             self._state.put("", "constants", {**self._constants, **found.constants})
@@ -97,7 +97,7 @@ class WatchNode(DiffbotNode[WatchConfig]):
         missing = {"isThere": False, "isOn": False}
         is_on = self._recording is not None and self._recording.is_on
         record = {"isThere": self._recording is not None, "isOn": is_on}
-        self._state.put("", "services", {"pause": missing, "reset": missing, **self._services, "record": record})
+        self._state.put("", "services", {"pause": missing, "reset": missing, **self._found_services, "record": record})
 
     def _on_diagnostics(self, data: bytes) -> None:
         try:
