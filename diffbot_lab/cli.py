@@ -74,6 +74,7 @@ def _add_demo(commands: Any) -> None:
     demo.add_argument("--overwrite", action="store_true", help="replace the bag of an earlier run")
     demo.add_argument("--domain", type=whole(0, 232), help="ROS_DOMAIN_ID, to observe the graph (default: a free one)")
     demo.add_argument("--preset", choices=tuple(PRESETS), default=TUNED, help="controller (default: %(default)s)")
+    demo.add_argument("--watch", action="store_true", help="in real time, on a page in the browser, until Ctrl-C")
     demo.set_defaults(call=_demo)
 
 
@@ -173,9 +174,8 @@ def _once(flag: str, settings: list[tuple[str, Any]]) -> dict[str, Any]:
 def _demo(options: argparse.Namespace) -> int:
     from diffbot_lab.demo.command import DemoOptions, run_demo  # noqa: PLC0415 - only the called command is imported
 
-    return run_demo(
-        DemoOptions(options.out, options.seed, options.real_time, options.overwrite, options.domain, options.preset)
-    )
+    out, seed, real_time, overwrite = options.out, options.seed, options.real_time, options.overwrite
+    return run_demo(DemoOptions(out, seed, real_time, overwrite, options.domain, options.preset, options.watch))
 
 
 def _experiment(options: argparse.Namespace) -> int:

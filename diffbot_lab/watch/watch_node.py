@@ -7,6 +7,7 @@ if __name__ == "__main__":  # before the imports that take long: see launcher
 
     raise SystemExit(launch("diffbot_lab.watch.watch_node"))
 
+import os
 import threading
 import webbrowser
 from functools import partial
@@ -65,7 +66,8 @@ class WatchNode(DiffbotNode[WatchConfig]):
         self.create_timer(_LOOK_PERIOD, self._look_around, clock=self.steady_clock)
         self._put_services()
         print(f"Page: {self.server.url}", flush=True)
-        if config.open_browser:
+        # Without a screen, webbrowser would start one of text in the terminal.
+        if config.open_browser and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
             threading.Thread(target=webbrowser.open, args=(self.server.url,), daemon=True).start()
 
     def _on_request(self, request: Request, reply: Reply) -> None:

@@ -112,8 +112,9 @@ function showState() {
 }
 
 let hintTimer = 0;
-function alarm(text, seconds = 6) {
+function alarm(text, seconds = 6, level = 2) {
   $("alarm").textContent = text;
+  $("alarm").dataset.level = String(level);
   $("alarm").classList.toggle("hidden", !text);
   clearTimeout(hintTimer);
   if (text && seconds < Infinity) hintTimer = setTimeout(() => alarm(""), seconds * 1000);
@@ -261,7 +262,7 @@ function startLive() {
       robot.events.push(...message.events);
       if (robot === page.robot) events.append(message.events);
     },
-    onAnswer: (message) => alarm(message.text, message.level ? 12 : 4),
+    onAnswer: (message) => alarm(message.text, message.level ? 12 : 5, message.level),
     onConnected: (isOn) => alarm(isOn ? "" : "No connection to diffbot watch: trying again ...", Infinity),
   });
 }
