@@ -115,7 +115,9 @@ def _thinned(columns: Columns) -> Columns:
 
 def _span(robots: list[RobotRun]) -> list[float]:
     times = [columns["t"] for robot in robots for columns in robot.curves.values()]
-    return [min(float(t[0]) for t in times), max(float(t[-1]) for t in times)]
+    # To whole milliseconds, outwards: the slider's text must not end before the last row.
+    begin, end = min(float(t[0]) for t in times), max(float(t[-1]) for t in times)
+    return [math.floor(1000.0 * begin) / 1000.0, math.ceil(1000.0 * end + 0.1) / 1000.0]
 
 
 def summary_of(robot: RobotRun, config: ControllerConfig) -> list[dict[str, Any]]:
