@@ -69,7 +69,7 @@ def test_paths_and_charts_are_drawn(page):
     charts = [one for one in page.tab.locator(".chart").all() if one.is_visible()]
     titles = [one.locator("p > span").first.inner_text() for one in charts]
     assert len(titles) == 12
-    assert page.count(ESTIMATE, ".chart canvas >> nth=0") > 100
+    assert page.count(ESTIMATE, ".chart canvas >> nth=0", apart=140) > 100
 
 
 def test_the_slider_moves_the_robot(page):
