@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from diffbot_core.errors import DiffbotError
 from diffbot_core.files import write_text
 from diffbot_core.geometry import quaternion_of_yaw
+from diffbot_lab.view.clock import Columns
 from diffbot_lab.view.report import BagRun, RobotRun
-from diffbot_lab.view.signals import Columns
 
 Array = NDArray[np.float64]
 

@@ -13,9 +13,11 @@ from diffbot_control.law.configuration import ControllerConfig
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.metrics import goal_metrics
 from diffbot_lab.view.bag_tables import BagTables, RobotTables, TopicTimes, read_tables
+from diffbot_lab.view.clock import Clock, Columns
+from diffbot_lab.view.constants import constants_of
 from diffbot_lab.view.events import Event, GoalSent, events_of, goals_of
 from diffbot_lab.view.packing import Packer
-from diffbot_lab.view.signals import NEES_BOUNDS, Clock, Columns, clock_of, curves_of
+from diffbot_lab.view.signals import NEES_BOUNDS, clock_of, curves_of
 from diffbot_lab.view.thinning import kept_rows
 
 Array = NDArray[np.float64]
@@ -88,22 +90,10 @@ def page_data(run: BagRun, config: ControllerConfig) -> dict[str, Any]:
         "messages": run.tables.messages,
         "lost": run.tables.lost,
         "malformed": run.tables.malformed,
-        "constants": constants_of(config),
+        "constants": {**constants_of(config), "nees": NEES_BOUNDS},
         "robots": robots,
         "topics": [topic_figures(topic) for topic in run.tables.topics[:MAX_TOPICS]],
         "packed": packer.text(),
-    }
-
-
-def constants_of(config: ControllerConfig) -> dict[str, Any]:
-    """Return tolerances, limits and bounds for the page; None for no limit."""
-    sheet, tolerance = config.data_sheet, config.tolerance
-    limits = {"v": sheet.v_max, "omega": sheet.omega_max}
-    return {
-        "xy_tolerance": tolerance.xy_goal_tolerance,
-        "yaw_tolerance": tolerance.yaw_goal_tolerance,
-        "limits": {name: value if math.isfinite(value) else None for name, value in limits.items()},
-        "nees": NEES_BOUNDS,
     }
 
 

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import NamedTuple
-
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from diffbot_bag.cdr import LABELLED
@@ -15,35 +11,15 @@ from diffbot_core.geometry import MAX_COORDINATE, Pose, into_frame, out_of_frame
 from diffbot_core.units import S_PER_NS
 from diffbot_lab.refilter.comparison import MAX_VAR_THETA, Errors, Truth, errors_at, nees_of
 from diffbot_lab.view.bag_tables import LAW_COLUMNS, RobotTables, Table, Timed
-
-Array = NDArray[np.float64]
-Columns = dict[str, Array]
+from diffbot_lab.view.clock import Array, Clock, Columns
+from diffbot_lab.view.texts import FILTER_COLUMNS, filter_numbers
 
 NEES_BOUNDS = tuple(float(chdtri(3, tail)) for tail in (0.975, 0.025))
 """95 % of the NEES of a consistent estimate of three numbers are between these"""
-FILTER_COLUMNS = ("nis", "nis_low", "nis_high", "whiteness", "whiteness_bound", "left", "right")
-"""Mean NIS per number and its 95 % bounds, autocorrelation of the first kind of measurement, wheel radius errors."""
 _LATEST = 2.0**31
 """[s] of the stamps of messages"""
 _FOREIGN_CLOCK = 1.0
 """[s] stamps that differ by more from the log times are of another clock"""
-
-
-class Clock(NamedTuple):
-    """Times of the page: seconds since the first stamp of the bag."""
-
-    origin: int
-    """[ns] first stamp"""
-    offset: int
-    """[ns] log time minus stamp, if both are of different clocks; else 0"""
-
-    def of_stamps(self, stamps: NDArray[np.int64]) -> Array:
-        """Return times [s] of stamps [ns]."""
-        return np.asarray((stamps - self.origin) * S_PER_NS, float)
-
-    def of_log_time(self, log_time: int) -> float:
-        """Return the time [s] of a log time [ns]."""
-        return (log_time - self.offset - self.origin) * S_PER_NS
 
 
 def clock_of(robots: list[RobotTables]) -> Clock:
@@ -165,28 +141,6 @@ def _filter_columns(statuses: list[Timed], clock: Clock) -> Columns:
     ]
     table = np.array(rows).reshape(-1, 1 + len(FILTER_COLUMNS))
     return dict(zip(("t", *FILTER_COLUMNS), table.T, strict=True))
-
-
-def filter_numbers(values: Mapping[str, str]) -> tuple[float, ...]:
-    """Return FILTER_COLUMNS from the values of ekf/status; NaN for what is not in them."""
-    bounds = values.get("NIS 95 % bounds", "").split()
-    kinds = [key for key in values if key.startswith("autocorrelation of ") and not key.endswith(" bound")]
-    kind = kinds[0] if kinds else ""
-    return (
-        number(values.get("NIS per number")),
-        *(number(bounds[index] if len(bounds) == 2 else None) for index in (0, 1)),
-        number(values.get(kind)),
-        number(values.get(f"{kind}, 95 % bound")),
-        *(number(values.get(f"{side} wheel radius error")) for side in ("left", "right")),
-    )
-
-
-def number(text: str | None) -> float:
-    """Return the first number of a text, NaN if it does not begin with one."""
-    try:
-        return float((text or "").split()[0])
-    except (IndexError, ValueError):
-        return np.nan
 
 
 def _align(odometry: Columns, reference: Columns | None) -> None:

@@ -20,9 +20,9 @@ from diffbot_bag.cdr import CdrError
 from diffbot_control.law.presets import PRESETS, TUNED
 from diffbot_core.errors import BadMessageError, DiffbotError
 from diffbot_core.ros.node import QUEUE, DiffbotNode, run
+from diffbot_lab.view.constants import constants_of
 from diffbot_lab.view.intake import Request
 from diffbot_lab.view.live_state import LiveState
-from diffbot_lab.view.report import constants_of
 from diffbot_lab.view.server import Address, PageServer, Reply
 from diffbot_lab.view.texts import Status, read_statuses
 from diffbot_lab.watch.parameters import WatchConfig, robot_names

@@ -25,8 +25,7 @@ from diffbot_core.units import S_PER_NS
 from diffbot_lab.view.bag_tables import LAW_COLUMNS
 from diffbot_lab.view.events import EventMaker, goal_in
 from diffbot_lab.view.live_state import COLUMNS, LiveState
-from diffbot_lab.view.signals import filter_numbers, number
-from diffbot_lab.view.texts import Status, read_status, read_statuses
+from diffbot_lab.view.texts import Status, filter_numbers, number, read_status, read_statuses
 from diffbot_lab.watch.parameters import WatchConfig
 
 MAX_PLAN = 500
