@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Collection
 from typing import Any, NamedTuple
 
@@ -61,7 +60,8 @@ def read_request(text: str | bytes, robots: Collection[str]) -> Request:
 
 def _number(content: dict[str, Any], name: str, limit: float) -> float:
     value = content.get(name)
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value) or abs(value) > limit:
+    # Compared, not converted: a whole number can be too large for a float.
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not -limit <= value <= limit:
         raise InvalidValueError(name, _shown(value), f"a number from {-limit:g} to {limit:g}")
     return float(value)
 
