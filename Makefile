@@ -66,6 +66,7 @@ lint: setup
 bench: setup
 	@PYTHONPATH=test/support $(BIN)/python test/bench/bench.py $(ARGS)
 	@$(BIN)/python test/bench/bench_batch.py $(filter --quick,$(ARGS))
+	@PYTHONPATH=test/support:test/bench $(BIN)/python test/bench/bench_view.py $(filter --quick,$(ARGS))
 
 docs: setup
 	@$(BIN)/python docs/generate.py $(ARGS)

@@ -23,7 +23,8 @@ COLUMNS: dict[str, tuple[str, ...]] = {
 """Of the live curves."""
 EVENTS, HISTORY = 500, 6000
 """Number of events, and of rows of each path, that a browser gets when it connects: ten minutes at 10 Hz."""
-_HISTORY_PERIOD = 0.1
+_HISTORY_PERIOD = 0.1 - 1e-6
+"""[s]; the margin is for the rounding of times"""
 _PATHS = ("estimate", "truth")
 
 Key = tuple[str, str, str]
