@@ -4,6 +4,7 @@ import { ellipseOf, roundStep, TWO_PI } from "./geometry.js";
 
 const PATHS = ["odometry", "truth", "estimate"];
 const RADIUS = 0.3;
+const MAX_ELLIPSES = 60;
 
 /** A canvas with sharp pixels: returns its context, cleared, in units of CSS pixels. */
 export function cleared(canvas) {
@@ -45,7 +46,7 @@ function drawGrid(context, view, colours) {
   context.stroke();
 }
 
-/** Trace rows from `begin` to `end`; points closer than a pixel to the last one are left out. */
+/** Trace rows from `begin` to `end`; points closer than 3 pixels to the last one are left out, as nobody sees them. */
 function tracePath(context, view, curve, begin, end) {
   const { x, y } = curve.columns;
   let lastX = Infinity;
@@ -54,7 +55,7 @@ function tracePath(context, view, curve, begin, end) {
   for (let i = begin; i < end; i += 1) {
     const px = view.width / 2 + (x[i] - view.x) * view.scale;
     const py = view.height / 2 - (y[i] - view.y) * view.scale;
-    if (Math.abs(px - lastX) + Math.abs(py - lastY) < 1 && i < end - 1) continue;
+    if (Math.abs(px - lastX) + Math.abs(py - lastY) < 3 && i < end - 1) continue;
     if (lastX === Infinity) context.moveTo(px, py);
     else context.lineTo(px, py);
     lastX = px;
@@ -62,18 +63,55 @@ function tracePath(context, view, curve, begin, end) {
   }
 }
 
-function drawPath(context, view, curve, time, colour, width) {
-  const now = curve.indexAt(time) + 1;
-  context.strokeStyle = colour;
-  context.lineJoin = "round";
-  context.globalAlpha = 0.22;
-  context.lineWidth = width;
-  tracePath(context, view, curve, Math.max(now - 1, 0), curve.rows);
-  context.stroke();
-  context.globalAlpha = 1;
-  tracePath(context, view, curve, 0, now);
-  context.stroke();
+/**
+ * The paths, kept as an image: while the view stays, only what is new since the last frame is added to it. Paths of many
+ * minutes overlap themselves, and to stroke them anew in each frame takes longer than a frame.
+ */
+class PathLayer {
+  constructor() {
+    this.canvas = document.createElement("canvas");
+    this.key = "";
+    this.drawn = {};
+  }
+
+  /** Bring the image up to a time and draw it. */
+  draw(context, view, robot, time, hidden, colours) {
+    const { width, height } = context.canvas;
+    const shown = PATHS.filter((name) => robot.curves[name] && !hidden.has(name));
+    const ends = Object.fromEntries(shown.map((name) => [name, robot.curves[name].indexAt(time) + 1]));
+    const key = [view.x, view.y, view.scale, width, height, robot.name, colours.page, ...shown].join(" ");
+    const layer = this.canvas.getContext("2d");
+    if (key !== this.key || shown.some((name) => !(ends[name] >= this.drawn[name]))) {
+      this.key = key;
+      this.drawn = Object.fromEntries(shown.map((name) => [name, 0]));
+      Object.assign(this.canvas, { width, height }); // clears it
+      layer.setTransform(context.getTransform());
+      for (const name of shown) {
+        const curve = robot.curves[name];
+        if (ends[name] < curve.rows) this.add(layer, view, curve, Math.max(ends[name] - 1, 0), curve.rows, name, colours, 0.22);
+      }
+    }
+    for (const name of shown) {
+      // From the last point on: joined to what is there.
+      if (ends[name] > this.drawn[name]) this.add(layer, view, robot.curves[name], Math.max(this.drawn[name] - 1, 0), ends[name], name, colours, 1);
+      this.drawn[name] = ends[name];
+    }
+    context.save();
+    context.setTransform(1, 0, 0, 1, 0, 0);
+    context.drawImage(this.canvas, 0, 0);
+    context.restore();
+  }
+
+  add(layer, view, curve, begin, end, name, colours, alpha) {
+    layer.strokeStyle = colours[name];
+    layer.lineWidth = name === "truth" ? 3 : 1.5;
+    layer.lineJoin = "bevel"; // the cheapest
+    layer.globalAlpha = alpha;
+    tracePath(layer, view, curve, begin, end);
+    layer.stroke();
+  }
 }
+const pathLayer = new PathLayer();
 
 function drawFixes(context, view, curve, time, colour) {
   const { x, y } = curve.columns;
@@ -88,31 +126,37 @@ function drawFixes(context, view, curve, time, colour) {
   context.globalAlpha = 1;
 }
 
-function traceEllipse(context, view, columns, index) {
+function addEllipse(context, view, columns, index) {
   const { a, b, angle } = ellipseOf(columns.xx[index], columns.xy[index], columns.yy[index]);
   const [px, py] = view.toScreen(columns.x[index], columns.y[index]);
-  context.beginPath();
-  if (Number.isFinite(a)) context.ellipse(px, py, a * view.scale, b * view.scale, -angle, 0, TWO_PI);
+  if (!Number.isFinite(a)) return;
+  const radius = a * view.scale;
+  context.moveTo(px + radius * Math.cos(angle), py - radius * Math.sin(angle));
+  context.ellipse(px, py, radius, b * view.scale, -angle, 0, TWO_PI);
 }
 
-/** Ellipses of 95 % along the path, at least 60 pixels apart, and the present one filled. */
+/** Ellipses of 95 % along the path, at least 60 pixels apart and not too many, and the present one filled. */
 function drawEllipses(context, view, curve, time, colours) {
   if (!curve.columns.xx) return;
   const { x, y } = curve.columns;
   const now = curve.indexAt(time);
+  const chosen = [];
+  for (let i = 0, last = -1; i < now; i += 1) {
+    if (last >= 0 && Math.hypot(x[i] - x[last], y[i] - y[last]) * view.scale < 60) continue;
+    last = i;
+    chosen.push(i);
+  }
+  const every = Math.ceil(chosen.length / MAX_ELLIPSES);
   context.strokeStyle = colours.estimate;
   context.lineWidth = 1;
   context.globalAlpha = 0.55;
-  let last = -1;
-  for (let i = 0; i < now; i += 1) {
-    if (last >= 0 && Math.hypot(x[i] - x[last], y[i] - y[last]) * view.scale < 60) continue;
-    last = i;
-    traceEllipse(context, view, curve.columns, i);
-    context.stroke();
-  }
+  context.beginPath();
+  for (let k = 0; k < chosen.length; k += every) addEllipse(context, view, curve.columns, chosen[k]);
+  context.stroke();
   context.globalAlpha = 1;
   if (now < 0) return;
-  traceEllipse(context, view, curve.columns, now);
+  context.beginPath();
+  addEllipse(context, view, curve.columns, now);
   context.fillStyle = colours.band;
   context.fill();
   context.stroke();
@@ -201,9 +245,7 @@ export function drawMap(canvas, view, robots, robot, time, constants, hidden, co
   drawGrid(context, view, colours);
   const { curves } = robot;
   if (curves.fixes && !hidden.has("fixes")) drawFixes(context, view, curves.fixes, time, colours.fixes);
-  for (const name of PATHS) {
-    if (curves[name] && !hidden.has(name)) drawPath(context, view, curves[name], time, colours[name], name === "truth" ? 3 : 1.5);
-  }
+  pathLayer.draw(context, view, robot, time, hidden, colours);
   if (curves.estimate && !hidden.has("ellipses")) drawEllipses(context, view, curves.estimate, time, colours);
   drawPlan(context, view, robot, colours);
   drawGoal(context, view, robot, time, constants, colours);
