@@ -219,6 +219,12 @@ class NumberRows:
         self._flush()
         if not self._times:
             return np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, len(self._keep)))
-        times, numbers = np.concatenate(self._times), np.concatenate(self._numbers)
-        order = np.argsort(times[:, 0], kind="stable")
-        return times[order, 0], times[order, 1], numbers[order]
+        # Batches and result together would be most of the memory of a report.
+        times = np.concatenate(self._times)
+        self._times = [times]
+        numbers = np.concatenate(self._numbers)
+        self._numbers = [numbers]
+        if np.any(np.diff(times[:, 0]) < 0):
+            order = np.argsort(times[:, 0], kind="stable")
+            times, numbers = times[order], numbers[order]
+        return times[:, 0], times[:, 1], numbers

@@ -159,7 +159,10 @@ class _Times:
                 self._delays.append((log_time - stamp) * 1e-9)
 
     def result(self) -> TopicTimes:
-        return TopicTimes(self._name, self._type, np.sort(np.array(self._log_times, np.int64)), np.array(self._delays))
+        # No copies: of a long bag, these are tens of megabytes.
+        log_times = np.frombuffer(self._log_times, np.int64) if self._log_times else np.empty(0, np.int64)
+        delays = np.frombuffer(self._delays) if self._delays else np.empty(0)
+        return TopicTimes(self._name, self._type, np.sort(log_times), delays)
 
 
 def read_tables(path: Path) -> BagTables:

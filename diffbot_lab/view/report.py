@@ -59,7 +59,7 @@ def read_bag_run(bag: Path) -> BagRun:
     robots = [robot for robot in robots if {"truth", "estimate", "odometry"} & set(robot.curves)]
     if not robots:
         raise DiffbotError(f"{bag}: no pose of a robot in it: no odometry, pose or transform that could be read")
-    return BagRun(bag.resolve().name, clock, robots, tables)
+    return BagRun("/".join(bag.resolve().parts[-2:]), clock, robots, tables)
 
 
 def _robot_run(robot: RobotTables, tables: BagTables, clock: Clock) -> RobotRun:
