@@ -13,18 +13,19 @@ from tqdm import tqdm
 
 from diffbot_bag.cdr import HEADER, LAYOUTS, CdrError, Layout, NumberRows, labelled_layout, labels_of
 from diffbot_bag.reader import BagReader
-from diffbot_lab.view.robot_topics import COMMON, LOG, POSE, STATUS, STATUSES, TRANSFORMS, RobotTopics, robots_in
+from diffbot_lab.view.robot_topics import COMMON, LOG, STATUS, STATUSES, TRANSFORMS, RobotTopics, robots_in
 from diffbot_lab.view.texts import read_log, read_status, read_statuses
 from diffbot_lab.view.transforms import TransformRows
 
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
-_POSE_NUMBERS = (0, 1, 3, 4, 5, 6)
-"""x, y and the quaternion"""
-_COVARIANCE_NUMBERS = tuple(7 + place for place in (0, 1, 5, 7, 11, 35))
-"""xx, xy, x theta, yy, y theta, theta theta"""
-_TWIST_OF_ODOMETRY, _TWIST = (43, 48), (0, 5)
+_POSE = {"x": 0, "y": 1, "qx": 3, "qy": 4, "qz": 5, "qw": 6}
+_COVARIANCE = {"xx": 7, "xy": 8, "xt": 12, "yy": 14, "yt": 18, "tt": 42}
+"""of x, y and theta (t)"""
+_TWIST_OF_ODOMETRY = {"v": 43, "omega": 48}
+"""Places of these numbers in the messages, after the texts."""
+QUATERNION = ("qx", "qy", "qz", "qw")
 LAW_COLUMNS = ("stamp", "rho", "alpha", "beta", "theta", "eps_P", "region", "V")
 MAX_TEXTS = 200_000
 """messages with texts that are kept of one topic; later ones are counted"""
@@ -39,8 +40,14 @@ class Table(NamedTuple):
     log_times: Stamps
     """(n,) [ns]"""
     numbers: Array
-    """(n, k), in the order of the reader's indices"""
+    """(n, k)"""
+    names: tuple[str, ...]
+    """(k,) of the columns"""
     type: str
+
+    def of(self, *names: str) -> Array:
+        """Return columns (n, len(names))."""
+        return self.numbers[:, [self.names.index(name) for name in names]]
 
 
 class Timed(NamedTuple):
@@ -209,17 +216,23 @@ def _collector(role: str, type_name: str) -> Any:
     if role == "law":
         return _Law()
     layout: Layout = LAYOUTS[type_name]
-    return NumberRows(layout, _numbers_of(role, type_name))
+    return NumberRows(layout, tuple(_places(role, type_name).values()))
 
 
-def _numbers_of(role: str, type_name: str) -> tuple[int, ...]:
+def _places(role: str, type_name: str) -> dict[str, int]:
+    """Return the numbers that are read of a topic; of hours of 50 Hz, each costs megabytes."""
+    if role == "law":
+        return {name: index for index, name in enumerate(LAW_COLUMNS)}
     if role == "command":
-        return _TWIST
-    if type_name == POSE:
-        return _POSE_NUMBERS + _COVARIANCE_NUMBERS
-    if type_name in LAYOUTS and LAYOUTS[type_name].numbers == 7:
-        return _POSE_NUMBERS
-    return _POSE_NUMBERS + _COVARIANCE_NUMBERS + _TWIST_OF_ODOMETRY
+        return {"v": 0, "omega": 5}
+    places, numbers = dict(_POSE), LAYOUTS[type_name].numbers
+    if role == "estimate":
+        places |= _COVARIANCE
+    elif role == "truth" and numbers > 7:
+        places["tt"] = _COVARIANCE["tt"]
+    if role in ("truth", "odometry") and numbers == 85:
+        places |= _TWIST_OF_ODOMETRY
+    return places
 
 
 def _tables(robot: RobotTopics, made: dict[str, Any], types: dict[str, str]) -> RobotTables:
@@ -231,5 +244,6 @@ def _tables(robot: RobotTopics, made: dict[str, Any], types: dict[str, str]) -> 
             transforms = collector.rows.path()
         else:
             stamps, log_times, numbers = collector.columns()
-            tables[role] = Table(stamps, log_times, numbers, types[robot.names[role]])
+            type_name = types[robot.names[role]]
+            tables[role] = Table(stamps, log_times, numbers, tuple(_places(role, type_name)), type_name)
     return RobotTables(robot.namespace, tables, texts, transforms)

@@ -10,7 +10,7 @@ from diffbot_core.errors import DiffbotError
 from diffbot_core.geometry import MAX_COORDINATE, Pose, into_frame, out_of_frame
 from diffbot_core.units import S_PER_NS
 from diffbot_lab.refilter.comparison import MAX_VAR_THETA, Errors, Truth, errors_at, nees_of
-from diffbot_lab.view.bag_tables import LAW_COLUMNS, RobotTables, Table, Timed
+from diffbot_lab.view.bag_tables import LAW_COLUMNS, QUATERNION, RobotTables, Table, Timed
 from diffbot_lab.view.clock import Array, Clock, Columns
 from diffbot_lab.view.texts import FILTER_COLUMNS, filter_numbers
 
@@ -48,7 +48,7 @@ def curves_of(robot: RobotTables, clock: Clock) -> dict[str, Columns]:
         curves["estimate"] = {"t": clock.of_stamps(stamps), "x": path[:, 0], "y": path[:, 1], "theta": path[:, 2]}
     if (command := tables.get("command")) is not None and len(command.stamps):
         shift = 0 if command.type.endswith("Stamped") else clock.offset
-        v, omega = command.numbers.T
+        v, omega = command.of("v", "omega").T
         curves["command"] = {"t": clock.of_stamps(command.stamps - shift), "v": v, "omega": omega}
     if (law := tables.get("law")) is not None and len(law.stamps):
         curves["law"] = _law_columns(law, clock)
@@ -66,7 +66,11 @@ def _checked(table: Table) -> Table:
     with np.errstate(invalid="ignore"):
         limits = (_LATEST, MAX_COORDINATE) if table.type == LABELLED else (MAX_COORDINATE, MAX_COORDINATE)
         good = (np.abs(table.numbers[:, :2]) <= limits).all(axis=1)
-    return table if good.all() else Table(table.stamps[good], table.log_times[good], table.numbers[good], table.type)
+    return (
+        table
+        if good.all()
+        else table._replace(stamps=table.stamps[good], log_times=table.log_times[good], numbers=table.numbers[good])
+    )
 
 
 def yaw_of(quaternions: Array) -> Array:
@@ -77,17 +81,13 @@ def yaw_of(quaternions: Array) -> Array:
 
 
 def _pose_columns(table: Table, clock: Clock) -> Columns:
-    numbers = table.numbers
-    columns = {
-        "t": clock.of_stamps(table.stamps),
-        "x": numbers[:, 0],
-        "y": numbers[:, 1],
-        "theta": yaw_of(numbers[:, 2:6]),
-    }
-    if numbers.shape[1] > 6 and np.any(numbers[:, 6]):
-        columns |= {"xx": numbers[:, 6], "xy": numbers[:, 7], "yy": numbers[:, 9], "tt": numbers[:, 11]}
-    if numbers.shape[1] > 12:
-        columns |= {"v": numbers[:, 12], "omega": numbers[:, 13]}
+    x, y = table.of("x", "y").T
+    columns = {"t": clock.of_stamps(table.stamps), "x": x, "y": y, "theta": yaw_of(table.of(*QUATERNION))}
+    # All zero: unknown.
+    if "xx" in table.names and np.any(table.of("xx")):
+        columns |= {name: table.of(name)[:, 0] for name in ("xx", "xy", "yy", "tt")}
+    if "v" in table.names:
+        columns |= {name: table.of(name)[:, 0] for name in ("v", "omega")}
     return columns
 
 
@@ -104,17 +104,13 @@ def _errors(tables: dict[str, Table]) -> Errors | None:
     stamps, first = np.unique(truth.stamps, return_index=True)
     if len(stamps) < 2:
         return None
-    poses = np.column_stack((truth.numbers[first, :2], np.unwrap(yaw_of(truth.numbers[first, 2:6]))))
-    if truth.numbers.shape[1] > 11:
-        poses[truth.numbers[first, 11] > MAX_VAR_THETA, 2] = np.nan
-    numbers = estimate.numbers
-    P = np.full((len(numbers), 3, 3), np.nan)
-    if numbers.shape[1] > 11:
-        P = numbers[:, (6, 7, 8, 7, 9, 10, 8, 10, 11)].reshape(-1, 3, 3)
+    poses = np.column_stack((truth.of("x", "y")[first], np.unwrap(yaw_of(truth.of(*QUATERNION)[first]))))
+    if "tt" in truth.names:
+        poses[truth.of("tt")[first, 0] > MAX_VAR_THETA, 2] = np.nan
+    estimates = np.column_stack((estimate.of("x", "y"), yaw_of(estimate.of(*QUATERNION))))
+    P = estimate.of("xx", "xy", "xt", "xy", "yy", "yt", "xt", "yt", "tt").reshape(-1, 3, 3)
     try:
-        return errors_at(
-            estimate.stamps, np.column_stack((numbers[:, :2], yaw_of(numbers[:, 2:6]))), P, Truth(stamps, poses)
-        )
+        return errors_at(estimate.stamps, estimates, P, Truth(stamps, poses))
     except DiffbotError:
         return None
 
