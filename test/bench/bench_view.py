@@ -15,14 +15,17 @@ import statistics
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import browser
 import numpy as np
 from bench_graph import CLOCKED, OURS, THREE, Chains, cpu_seconds, percentile
 from bench_table import BenchError
+from websockets.sync.client import connect
 
 from diffbot_bag.encoding import ODOMETRY, POSE, Encoder, NumbersMessage
 from diffbot_bag.new_bag import new_bag
@@ -117,8 +120,29 @@ def bench_frames() -> None:
 
 
 @contextlib.contextmanager
-def watched(chains: Chains) -> Iterator[subprocess.Popen[str]]:
-    """Run ``diffbot watch`` with three browsers while the ``with`` block lasts."""
+def three_pages(url: str) -> Iterator[None]:
+    """Have three browsers on this machine, which draw without a graphics card."""
+    with browser.chromium() as new_page:
+        pages = [new_page().open(url) for _ in range(3)]
+        yield
+        assert all(page.errors == [] for page in pages)
+
+
+@contextlib.contextmanager
+def three_readers(url: str) -> Iterator[None]:
+    """Have three connections like those of browsers on other machines: nothing is drawn here."""
+    address = url.split("/")[2]
+    with contextlib.ExitStack() as stack:
+        for _ in range(3):
+            reader = connect(f"ws://{address}/ws?{url.split('?')[1]}", origin=f"http://{address}", compression=None)
+            threading.Thread(target=lambda reader=reader: list(reader), daemon=True).start()
+            stack.callback(reader.close)
+        yield
+
+
+@contextlib.contextmanager
+def watched(chains: Chains, browsers: Any) -> Iterator[subprocess.Popen[str]]:
+    """Run ``diffbot watch`` with browsers while the ``with`` block lasts."""
     process = subprocess.Popen(
         [*DIFFBOT, "watch", "--port", "0"],
         env=chains.environment,
@@ -128,17 +152,15 @@ def watched(chains: Chains) -> Iterator[subprocess.Popen[str]]:
     )
     try:
         url = process.stdout.readline().split()[-1]
-        with browser.chromium() as new_page:
-            pages = [new_page().open(url) for _ in range(3)]
+        with browsers(url):
             yield process
-            assert all(page.errors == [] for page in pages)
     finally:
         process.terminate()
         process.wait(10.0)
 
 
-def bench_watch(folder: Path, rounds: int, seconds: float) -> None:
-    """Latency of the control loop at 50 Hz with three browsers, against the same without them; in pairs."""
+def bench_watch(folder: Path, rounds: int, seconds: float, browsers: Any, what: str) -> None:
+    """Latency of the control loop at 50 Hz with ``diffbot watch``, against the same without it; in pairs."""
     domain = PrivateDomain()
     chains = Chains(domain.id, folder)
     p99s, medians, shares = [], [], []
@@ -146,7 +168,7 @@ def bench_watch(folder: Path, rounds: int, seconds: float) -> None:
         for _ in range(rounds):
             try:
                 bare = chains.turn(CLOCKED, OURS, THREE, seconds)
-                with watched(chains) as process:
+                with watched(chains, browsers) as process:
                     used, begin = cpu_seconds([process]), time.monotonic()
                     seen = chains.turn(CLOCKED, OURS, THREE, seconds)
                     share = 100.0 * (cpu_seconds([process]) - used) / (time.monotonic() - begin)
@@ -162,9 +184,9 @@ def bench_watch(folder: Path, rounds: int, seconds: float) -> None:
     if not shares:
         return
     spread = f"{min(p99s):.2f} .. {max(p99s):.2f}"
-    show("latency at 50 Hz with three browsers, p99, to that without", statistics.median(p99s), "x", 1.1, spread)
+    show(f"latency at 50 Hz with {what}, p99, to that without", statistics.median(p99s), "x", 1.1, spread)
     show("the same, median", statistics.median(medians), "x", None, f"{min(medians):.2f} .. {max(medians):.2f}")
-    show("diffbot watch with three browsers, CPU of one core", statistics.median(shares), "%", 10.0)
+    show(f"diffbot watch with {what}, CPU of one core", statistics.median(shares), "%", 10.0)
 
 
 def show(what: str, value: float, unit: str, bound: float | None, note: str = "", at_least: bool = False) -> None:
@@ -189,7 +211,9 @@ def main() -> int:
         if options.long:
             bench_report("2 hours", folder, 7200.0, (60.0, 15.0, 500.0))
         bench_frames()
-        bench_watch(folder, 1 if options.quick else 5, 2.0 if options.quick else 6.0)
+        rounds, seconds = (1, 2.0) if options.quick else (5, 6.0)
+        bench_watch(folder, rounds, seconds, three_readers, "three browsers elsewhere")
+        bench_watch(folder, rounds, seconds, three_pages, "three browsers here")
     return 0
 
 

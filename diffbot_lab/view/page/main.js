@@ -76,7 +76,7 @@ function drawFrame(now) {
   const context = drawMap($("map"), page.view, page.robots, page.robot, time, page.constants, page.hidden, colours);
   if (page.tools.draw) drawArrow(context, page.view, page.tools.draw, 50, page.tools.current === "goal" ? colours.goal : colours.plan);
   const isMoving = !page.player || Number($("window").value) < page.player.end - page.player.begin;
-  if ((areChartsDirty || isMoving) && (areChartsDirty ? now - lastCharts > 15 : now - lastCharts > 90)) {
+  if ((areChartsDirty || isMoving) && now - lastCharts > (areChartsDirty ? 15 : page.player ? 90 : 200)) {
     const [t0, t1] = chartSpan(time);
     for (const chart of charts) chart.draw(page.robot, t0, t1, page.constants, colours);
     lastCharts = now;
