@@ -14,7 +14,7 @@ SOURCES := package.xml setup.py setup.cfg $(shell find diffbot_* launch config r
 unexport PYTHONPATH PYTHONHOME LD_LIBRARY_PATH AMENT_PREFIX_PATH RMW_IMPLEMENTATION _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
 .DEFAULT_GOAL := help
-.PHONY: help setup compilers demo test test-fast faults soak lint bench docs clean
+.PHONY: help setup compilers browser demo test test-fast faults soak lint bench docs clean
 .DELETE_ON_ERROR:
 
 help:
@@ -24,7 +24,7 @@ help:
 	@echo "make test-fast   run those without nodes, studies and installations: two minutes"
 	@echo "make faults  try each fault many times, half an hour; results to docs/faults.json"
 	@echo "make soak    goals and faults for ten minutes: does memory grow, is every goal reached?"
-	@echo "make lint    run ruff, mypy and import-linter"
+	@echo "make lint    run ruff, mypy, import-linter and oxlint"
 	@echo "make bench   measure speed"
 	@echo "make docs    write the generated parts of docs/"
 	@echo "make clean   remove $(VENV) and everything built"
@@ -36,7 +36,7 @@ demo: setup
 	@$(BIN)/diffbot demo --overwrite $(ARGS)
 
 # Not `python -m pytest`, which would put the source tree before the installed package.
-test: setup compilers
+test: setup compilers browser
 	@$(BIN)/pytest -n 3 --dist loadfile $(ARGS)
 
 # For the tests of Nav2's actions, which are built from their definitions.
@@ -45,6 +45,14 @@ compilers:
 		echo "Installing gcc and g++ ..."; apt-get update -qq && apt-get install -y -qq gcc g++ >/dev/null; \
 	else \
 		echo "The tests need gcc and g++: sudo apt-get install gcc g++" >&2; exit 1; \
+	fi
+
+# For the tests of the page; without a browser they are left out, and the report says so.
+browser:
+	@command -v chromium chromium-browser google-chrome >/dev/null || if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
+		echo "Installing chromium ..."; apt-get update -qq && apt-get install -y -qq --no-install-recommends chromium >/dev/null || true; \
+	else \
+		echo "Without a browser the tests of the page are left out: sudo apt-get install chromium" >&2; \
 	fi
 
 test-fast: setup
@@ -61,10 +69,12 @@ lint: setup
 	@$(BIN)/ruff format --check
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports --no-cache
+	@$(BIN)/oxlint --quiet diffbot_lab/view/page
 
 bench: setup
 	@PYTHONPATH=test/support $(BIN)/python test/bench/bench.py $(ARGS)
 	@$(BIN)/python test/bench/bench_batch.py $(filter --quick,$(ARGS))
+	@PYTHONPATH=test/support:test/bench $(BIN)/python test/bench/bench_view.py $(filter --quick,$(ARGS))
 
 docs: setup
 	@$(BIN)/python docs/generate.py $(ARGS)

@@ -60,12 +60,15 @@ setup(
     maintainer_email="diffbot@users.noreply.example",
     python_requires=">=3.10",
     packages=find_packages(include=["diffbot_*"]),
-    package_data={"diffbot_lab.benchmark": ["*.json"]},
+    package_data={"diffbot_lab.benchmark": ["*.json"], "diffbot_lab.view": ["page/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
         (f"share/{NAME}/launch", sorted(glob("launch/*.launch.py"))),
-        (f"share/{NAME}/config", sorted(glob("config/*.yaml") + glob("config/*.xml"))),
+        (
+            f"share/{NAME}/config",
+            sorted(glob("config/*.yaml") + glob("config/*.xml") + glob("config/*.json")),
+        ),
         (f"share/{NAME}/rviz", sorted(glob("rviz/*.rviz"))),
         (f"share/{NAME}/urdf", sorted(glob("urdf/*.urdf"))),
     ],
@@ -86,6 +89,7 @@ setup(
         "PyYAML>=6.0",
         "scipy>=1.11",
         "tqdm>=4.60",
+        "websockets>=14.0",
         "zstandard>=0.20",
     ],
     extras_require={
@@ -96,11 +100,19 @@ setup(
         "test": [
             "evo>=1.31",
             "hypothesis>=6.100",
+            "playwright>=1.49",
             "pytest>=8.0",
             "pytest-timeout>=2.2",
             "pytest-xdist>=3.5",
             "rosbags>=0.10",
         ],
-        "lint": ["import-linter>=2.1", "mypy>=1.13", "pre-commit>=3.8", "ruff>=0.8", "types-PyYAML>=6.0"],
+        "lint": [
+            "import-linter>=2.1",
+            "mypy>=1.13",
+            "oxlint>=1.0",
+            "pre-commit>=3.8",
+            "ruff>=0.8",
+            "types-PyYAML>=6.0",
+        ],
     },
 )

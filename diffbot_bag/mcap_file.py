@@ -19,7 +19,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, ChunkIndex, Message, Schema, Statistics
 from mcap.stream_reader import StreamReader
 
-from diffbot_bag.chunks import BagLimits, check_chunks, read_chunk
+from diffbot_bag.chunks import BagLimits, check_chunks, read_chunk, read_rows
 from diffbot_bag.foreign_files import open_regular, shown
 from diffbot_bag.metadata import Topic
 from diffbot_bag.qos import Qos, load_profiles
@@ -195,6 +195,23 @@ class McapFile:
                 channel = self._channels[message.channel_id]
                 if earliest <= message.log_time <= latest and (topics is None or channel.topic in topics):
                     yield self._schemas[channel.schema_id] if channel.schema_id else None, channel, message
+
+    def rows(self, topics: Collection[str]) -> Iterator[tuple[Channel, int, int, bytes]]:
+        """Iterate over channel, log time [ns], publish time [ns] and data, in the order of the file.
+
+        Raises:
+            DiffbotError: if the data turn out to be damaged.
+        """
+        chosen = {number: channel for number, channel in self._channels.items() if channel.topic in topics}
+        with self._damage_as_error():
+            for chunk in self._chunks:
+                for number, log_time, publish_time, data in read_rows(self._stream, chunk):
+                    if (channel := chosen.get(number)) is not None:
+                        yield channel, log_time, publish_time, data
+            if not self._chunks:
+                for message in self._messages_without_chunks(False):
+                    if (channel := chosen.get(message.channel_id)) is not None:
+                        yield channel, message.log_time, message.publish_time, message.data
 
     def _messages(self, earliest: int, latest: int, reverse: bool) -> Iterator[Message]:
         """Yield all messages of the chunks that reach into a range of times [ns], in the order of log time."""

@@ -153,6 +153,17 @@ class BagReader:
         for _, channel, message in self._records(topics, start, end, reverse):
             yield RawMessage(channel.topic, message.data, message.log_time, message.publish_time)
 
+    def unordered(self, topics: Iterable[str]) -> Iterator[RawMessage]:
+        """Iterate over the bytes in the order of the files, which is not always that of time; the fastest way.
+
+        Raises:
+            DiffbotError: if a file turns out to be damaged.
+        """
+        names = frozenset(topics)
+        for file in self._files:
+            for channel, log_time, publish_time, data in file.rows(names):
+                yield RawMessage(channel.topic, data, log_time, publish_time)
+
     def last_before(self, time: int, topics: Iterable[str]) -> list[RawMessage]:
         """Return the last message before ``time`` [ns] of each of these topics that has one, in the order of log time.
 

@@ -28,6 +28,8 @@ from diffbot_lab.data_commands import add_calibrate, add_import, add_refilter
 from diffbot_lab.goal_command import add_goal
 from diffbot_lab.interfaces.command import add_interfaces
 from diffbot_lab.run_command import NODES, add_run
+from diffbot_lab.view.report_command import add_report
+from diffbot_lab.watch.command import add_watch
 
 RUNS_OF_EXPERIMENTS, RUNS_OF_SCAN, SEED_OF_SCAN = 100, 2000, 2
 """Defaults; the scan's seed is held out: its box was chosen on other runs."""
@@ -67,6 +69,8 @@ def _parser() -> argparse.ArgumentParser:
     add_import(commands)
     add_refilter(commands)
     add_calibrate(commands)
+    add_watch(commands)
+    add_report(commands)
     add_interfaces(commands)
     return parser
 
@@ -79,6 +83,7 @@ def _add_demo(commands: Any) -> None:
     demo.add_argument("--overwrite", action="store_true", help="replace the bag of an earlier run")
     demo.add_argument("--domain", type=whole(0, 232), help="ROS_DOMAIN_ID, to observe the graph (default: a free one)")
     demo.add_argument("--preset", choices=tuple(PRESETS), default=TUNED, help="controller (default: %(default)s)")
+    demo.add_argument("--watch", action="store_true", help="in real time, on a page in the browser, until Ctrl-C")
     demo.set_defaults(call=_demo)
 
 
@@ -178,9 +183,8 @@ def _once(flag: str, settings: list[tuple[str, Any]]) -> dict[str, Any]:
 def _demo(options: argparse.Namespace) -> int:
     from diffbot_lab.demo.command import DemoOptions, run_demo  # noqa: PLC0415 - only the called command is imported
 
-    return run_demo(
-        DemoOptions(options.out, options.seed, options.real_time, options.overwrite, options.domain, options.preset)
-    )
+    out, seed, real_time, overwrite = options.out, options.seed, options.real_time, options.overwrite
+    return run_demo(DemoOptions(out, seed, real_time, overwrite, options.domain, options.preset, options.watch))
 
 
 def _experiment(options: argparse.Namespace) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import os
@@ -22,6 +23,7 @@ from diffbot_core.geometry import Pose
 from diffbot_lab.demo.figure import draw_run
 from diffbot_lab.demo.processes import NodeProcesses, PrivateDomain, wait_until
 from diffbot_lab.demo.run_record import GoalResult, RunRecord, evaluate, read_run
+from diffbot_lab.view.report_command import write_report
 
 GOALS = (Pose(0.0, 0.0, 0.0), Pose(3.0, 2.0, math.pi / 2), Pose(1.0, -2.0, math.pi))
 """The goal of the paper's simulation A, then two others; the last one lies behind the robot."""
@@ -53,10 +55,12 @@ class DemoOptions(NamedTuple):
     """ROS_DOMAIN_ID; None: a private one"""
     preset: str = TUNED
     """of the controller; the end poses must be within its tolerances"""
+    watch: bool = False
+    """run in real time, show the page, and go on until an interrupt"""
 
 
 def run_demo(options: DemoOptions) -> int:
-    """Run the demonstration, print a table, and write bag, summary.json and path.png to ``options.out``.
+    """Run the demonstration, print a table, and write bag, summary.json, path.png and report.html to ``options.out``.
 
     Returns:
         0, or 1 after printing the reason if a true end pose is not within the tolerances.
@@ -64,16 +68,26 @@ def run_demo(options: DemoOptions) -> int:
     Raises:
         DiffbotError: if the output folder is in use or a node fails.
     """
+    options = options._replace(real_time=options.real_time or options.watch)
     folder = _output_folder(options)
     began = time.monotonic()
     domain = PrivateDomain() if options.domain is None else None
     number = options.domain if domain is None else domain.id
     print(f"Graph on ROS_DOMAIN_ID {number} (localhost), clock {_clock(options)}, seed {options.seed}")
     try:
-        _drive(options, folder, int(number or 0))
+        with NodeProcesses(int(number or 0), folder / "log") as nodes:
+            _drive(options, folder, nodes)
+            status = _evaluate(options, folder, began)
+            if options.watch:
+                _stay(nodes)
     finally:
         if domain is not None:
             domain.release()
+    return status
+
+
+def _evaluate(options: DemoOptions, folder: Path, began: float) -> int:
+    """Evaluate the bag, print the table and write the results; return the exit status."""
     record = read_run(folder / "bag")
     results = evaluate(record, *_tolerances(options))
     reason = _reason(results, *_tolerances(options))
@@ -83,7 +97,9 @@ def run_demo(options: DemoOptions) -> int:
     print(_table(results))
     simulated = float(record.truth[-1, 0])
     print(f"{record.messages} messages recorded, {record.lost} lost; {simulated:.1f} s simulated in {wall:.1f} s")
+    write_report(folder / "bag", folder / "report.html", options.preset)
     print(f"Bag {folder / 'bag'}, figures {folder / 'summary.json'}, picture {folder / 'path.png'}")
+    print(f"Report {folder / 'report.html'} (open it in a browser)")
     if reason:
         print(f"FAILED: {reason}")
     return 1 if reason else 0
@@ -118,41 +134,70 @@ def _make_room_for_bag(bag: Path, overwrite: bool) -> None:
     if not bag.is_dir() or not ((bag / "metadata.yaml").is_file() or is_unfinished(bag)):
         raise DiffbotError(f"{bag} exists and is no bag: not replaced")
     shutil.rmtree(bag)
-    for result in ("summary.json", "path.png"):  # of the old run: misleading if the new one is interrupted
+    for result in (
+        "summary.json",
+        "path.png",
+        "report.html",
+    ):  # of the old run: misleading if the new one is interrupted
         (bag.parent / result).unlink(missing_ok=True)
 
 
-def _drive(options: DemoOptions, folder: Path, domain: int) -> None:
-    """Run the graph until the demo node ends."""
+def _drive(options: DemoOptions, folder: Path, nodes: NodeProcesses) -> None:
+    """Run the graph until the demo node ends; after it, only what the page needs goes on."""
+    demo = _start_nodes(options, folder, nodes)
+    _follow(demo, nodes)
+    # The recorder stops last: it records the final messages of the others.
+    for name in ("recorder",) if options.watch else ("controller", "ekf", "plant", "recorder"):
+        status = nodes.stop(name)
+        if status != 0:
+            raise DiffbotError(f"{name} ended with status {status}: {nodes.last_log_line(name)}")
+
+
+def _start_nodes(options: DemoOptions, folder: Path, nodes: NodeProcesses) -> subprocess.Popen[str]:
+    """Start all nodes; return the one that sends the goals."""
     simulated = {"use_sim_time": not options.real_time}
     goals = [float(number) for goal in GOALS for number in goal]
-    with NodeProcesses(domain, folder / "log") as nodes:
-        nodes.start(
-            "recorder",
-            "diffbot_bag.recorder_node",
-            {"uri": str((folder / "bag").resolve()), "topics": list(RECORDED_TOPICS), **simulated},
-        )
-        plant = {"clock": _clock(options), "seed": options.seed, "start_paused": True}
-        nodes.start("plant", "diffbot_sim.plant_node", plant)
-        lockstep = {"reliable_inputs": _clock(options) == "lockstep"}
-        nodes.start("ekf", "diffbot_control.ekf_node", {**lockstep, **simulated})
-        nodes.start(
-            "controller",
-            "diffbot_control.controller_node",
-            {"publish_when_idle": True, "preset": options.preset, **lockstep, **simulated},
-        )
-        demo = nodes.start(
-            "demo",
-            "diffbot_lab.demo.demo_node",
-            {"goals": goals, "recorded_topics": list(RECORDED_TOPICS)},
+    nodes.start(
+        "recorder",
+        "diffbot_bag.recorder_node",
+        {"uri": str((folder / "bag").resolve()), "topics": list(RECORDED_TOPICS), **simulated},
+    )
+    plant = {"clock": _clock(options), "seed": options.seed, "start_paused": True}
+    nodes.start("plant", "diffbot_sim.plant_node", plant)
+    lockstep = {"reliable_inputs": _clock(options) == "lockstep"}
+    nodes.start("ekf", "diffbot_control.ekf_node", {**lockstep, **simulated})
+    nodes.start(
+        "controller",
+        "diffbot_control.controller_node",
+        {"publish_when_idle": True, "preset": options.preset, **lockstep, **simulated},
+    )
+    if options.watch:
+        page = nodes.start(
+            "watch",
+            "diffbot_lab.watch.watch_node",
+            {"port": 0, "open_browser": True, "record_folder": str((folder / "recorded").resolve())},
             stdout=subprocess.PIPE,
         )
-        _follow(demo, nodes)
-        # The recorder stops last: it records the final messages of the others.
-        for name in ("controller", "ekf", "plant", "recorder"):
-            status = nodes.stop(name)
-            if status != 0:
-                raise DiffbotError(f"{name} ended with status {status}: {nodes.last_log_line(name)}")
+        print((page.stdout.readline() if page.stdout else "").strip() or nodes.last_log_line("watch"), flush=True)
+    parameters = {"goals": goals, "recorded_topics": list(RECORDED_TOPICS), "pause_at_end": not options.watch}
+    return nodes.start("demo", "diffbot_lab.demo.demo_node", parameters, stdout=subprocess.PIPE)
+
+
+def _stay(nodes: NodeProcesses) -> None:
+    """Leave robot and page running until an interrupt.
+
+    Raises:
+        DiffbotError: if a node ends.
+    """
+    nodes.stop("demo")
+    print("The robot is yours: draw goals on the page. Ctrl-C ends it.", flush=True)
+    failure = ""
+    with contextlib.suppress(KeyboardInterrupt):
+        while not failure:
+            time.sleep(0.2)
+            failure = nodes.failed()
+    if failure:
+        raise DiffbotError(failure)
 
 
 def _follow(demo: subprocess.Popen[str], nodes: NodeProcesses) -> None:

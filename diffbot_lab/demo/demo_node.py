@@ -66,8 +66,11 @@ class DemoNode(DiffbotNode[DemoNodeConfig]):
         if self.mission.on_navigation(self._now, distance):
             self._send_goal()
         if self.mission.done and self._phase == "driving":
-            self._set_paused(True)
             self._phase = "stopping"
+            if self.config.pause_at_end:
+                self._set_paused(True)
+            else:
+                self._end()
 
     def _on_tick(self) -> None:
         self._ready_ticks = self._ready_ticks + 1 if self._graph_is_ready() else 0

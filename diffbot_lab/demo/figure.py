@@ -29,7 +29,7 @@ _STYLES: dict[str, dict[str, Any]] = {
 
 
 def draw_run(record: RunRecord, title: str, path: Path) -> None:
-    """Draw truth, estimate, odometry, fixes and goals of a run as a PNG of 1200 x 1000 pixels.
+    """Draw truth, estimate, odometry, fixes and goals of a run as a PNG of 1200 x 1000 pixels; paths may be empty.
 
     Raises:
         OSError: if the file cannot be written.
@@ -37,9 +37,11 @@ def draw_run(record: RunRecord, title: str, path: Path) -> None:
     figure, axes = plt.subplots(figsize=(8.0, 20.0 / 3.0), dpi=150, layout="constrained")
     for name, style in _STYLES.items():
         path_xy = getattr(record, name)[:, 1:3]
-        axes.plot(*path_xy.T, **style)
-    span = max(float(np.ptp(record.truth[:, 1])), float(np.ptp(record.truth[:, 2])), 1.0)
-    start = Pose(*record.truth[0, 1:].tolist())
+        if len(path_xy):
+            axes.plot(*path_xy.T, **style)
+    main = next(path for path in (record.truth, record.estimate, record.odometry) if len(path))
+    span = max(float(np.ptp(main[:, 1])), float(np.ptp(main[:, 2])), 1.0)
+    start = Pose(*main[0, 1:].tolist())
     _arrow(axes, start, 0.07 * span, BLUE, "start")
     for number, (_, goal) in enumerate(record.goals, 1):
         _arrow(axes, goal, 0.07 * span, GREEN, f"goal {number}")

@@ -25,6 +25,9 @@ class DemoNodeConfig(NamedTuple):
         float,
         Spec("time to reach a goal before giving up", "s", *TIMEOUT, read_only=True),
     ] = 120.0
+    pause_at_end: Annotated[
+        bool, Spec("stop simulated time after the last goal; else the robot takes further goals", read_only=True)
+    ] = True
     map_frame: Annotated[str, Spec("frame of the goals", read_only=True)] = "map"
 
     def check(self) -> None:

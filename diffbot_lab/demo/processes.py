@@ -23,7 +23,7 @@ from diffbot_core.errors import DiffbotError
 
 DOMAINS = range(1, 102)
 """Domain ids whose ports are below Linux's range of ephemeral ports."""
-_BOUND = [sys.executable, "-I", "-S", str(Path(__file__).with_name("bound_process.py"))]
+BOUND = [sys.executable, "-I", "-S", str(Path(__file__).with_name("bound_process.py"))]
 """Begins the command of a process that ends with this one; -I and -S make it start quickly."""
 DISCOVERY_RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 """Environment variable: SUBNET (ROS's default), LOCALHOST, OFF or SYSTEM_DEFAULT."""
@@ -119,7 +119,7 @@ class NodeProcesses:
         file.write_text(yaml.safe_dump({f"{self._namespace}/{name}": {"ros__parameters": parameters}}))
         log = (self._folder / f"{name}.log").open("w")
         self._logs.append(log)
-        command = [*_BOUND, str(os.getpid()), sys.executable, "-m", module, "--ros-args", "--params-file", str(file)]
+        command = [*BOUND, str(os.getpid()), sys.executable, "-m", module, "--ros-args", "--params-file", str(file)]
         if self._namespace:
             command += ["-r", f"__ns:={self._namespace}"]
         options = {"stdout": log, "stderr": log, "text": True, "stdin": subprocess.DEVNULL, **options}

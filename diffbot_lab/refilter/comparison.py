@@ -113,6 +113,21 @@ def errors_of(estimates: list[Estimate], truth: Truth) -> Errors:
         DiffbotError: if no estimate has a true pose at its time.
     """
     stamps = np.array([one.stamp for one in estimates], dtype=np.int64)
+    return errors_at(stamps, np.array([one.pose for one in estimates]), np.array([one.P for one in estimates]), truth)
+
+
+def errors_at(stamps: NDArray[np.int64], poses: Array, P: Array, truth: Truth) -> Errors:
+    """Do the same with columns.
+
+    Args:
+        stamps: (n,) [ns] of the estimates, in order.
+        poses: (n, 3) [m, m, rad].
+        P: (n, 3, 3) covariances.
+        truth: at least two true poses.
+
+    Raises:
+        DiffbotError: if no estimate has a true pose at its time.
+    """
     after = np.clip(np.searchsorted(truth.stamps, stamps), 1, len(truth.stamps) - 1)
     before = after - 1
     gap = truth.stamps[after] - truth.stamps[before]
@@ -121,10 +136,16 @@ def errors_of(estimates: list[Estimate], truth: Truth) -> Errors:
         raise DiffbotError("no estimate at a time with a true pose")
     share = ((stamps - truth.stamps[before]) / gap)[use, None]
     expected = (1.0 - share) * truth.poses[before[use]] + share * truth.poses[after[use]]
-    error = np.array([one.pose for one in estimates])[use] - expected
+    error = poses[use] - expected
     error[:, 2] -= TWO_PI * np.round(error[:, 2] / TWO_PI)
     time = (stamps[use] - stamps[0]) * S_PER_NS
-    return Errors(time, expected, error, np.array([one.P for one in estimates])[use])
+    return Errors(time, expected, error, P[use])
+
+
+def nees_of(error: Array, P: Array) -> Array:
+    """Return e' P^-1 e for each row of ``error`` (n, k), with its covariance ``P`` (n, k, k)."""
+    nees: Array = np.einsum("ni,ni->n", error, np.linalg.solve(P, error[:, :, None])[:, :, 0])
+    return nees
 
 
 def figures_of(errors: Errors) -> Figures:
@@ -137,7 +158,7 @@ def figures_of(errors: Errors) -> Figures:
         float(np.sqrt(np.mean(distance**2))),
         float(distance.max()),
         float(np.sqrt(np.mean(errors.error[:, 2] ** 2))),
-        float(np.mean(np.einsum("ni,ni->n", e, np.linalg.solve(P, e[:, :, None])[:, :, 0]))),
+        float(np.mean(nees_of(e, P))),
         numbers,
     )
 

@@ -277,3 +277,31 @@ def test_a_message_that_does_not_fit_its_definition(tmp_path):
         with pytest.raises(DiffbotError, match="/b: no message definition in the bag"):
             list(reader.decoded(["/b"]))
         assert len(list(reader.messages())) == 2
+
+
+def test_unordered_reading_yields_the_same_messages(bag):
+    with BagReader(bag) as reader:
+        ordered = list(reader.messages(["/a"]))
+        found = list(reader.unordered(["/a"]))
+        assert sorted(found, key=lambda message: message.log_time) == ordered
+        assert {message.topic for message in reader.unordered(reader.topics)} == {"/a", "/b"}
+
+
+def test_unordered_reading_of_a_file_without_chunks(tmp_path):
+    with (tmp_path / "plain.mcap").open("wb") as stream:
+        writer = McapWriter(stream, use_chunking=False)
+        writer.start("ros2")
+        channel = writer.register_channel("/a", "cdr", writer.register_schema(POINT, "ros2msg", b"float64 x"))
+        writer.add_message(channel, 5, b"data", 4)
+        writer.finish()
+    with BagReader(tmp_path / "plain.mcap") as reader:
+        assert [(one.log_time, one.publish_time, one.data) for one in reader.unordered(["/a"])] == [(5, 4, b"data")]
+
+
+def test_unordered_reading_finds_damage_too(broken):
+    path, content = broken
+    middle = len(content) // 3
+    path.write_bytes(content[:middle] + bytes(64) + content[middle + 64 :])
+    with pytest.raises(DiffbotError, match="damaged") as error, BagReader(path) as reader:
+        list(reader.unordered(["/a", "/b"]))
+    assert "\n" not in str(error.value)

@@ -35,10 +35,17 @@ def collect(names, *arguments):
     return done.returncode, done.stdout + done.stderr
 
 
-def test_nothing_is_left_out_here():
-    assert requirements.missing_packages() == set()
-    assert requirements.left_out(requirements.missing_packages()) == {}
+def test_nothing_is_left_out_here_unless_there_is_no_browser():
+    """A browser is no package of the environment: `make test` installs one only as root."""
+    assert requirements.missing_packages() - {requirements.BROWSER} == set()
+    assert requirements.left_out(set()) == {}
     assert requirements.summary({}) == ""
+
+
+def test_tests_of_the_page_need_a_browser():
+    lacking = requirements.left_out({requirements.BROWSER})
+    assert {"lab/view/test_page.py", "graph/test_watch.py"} <= set(lacking)
+    assert set(map(frozenset, lacking.values())) == {frozenset({requirements.BROWSER})}
 
 
 def test_files_without_their_package_are_left_out_and_the_others_are_not():

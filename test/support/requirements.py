@@ -3,6 +3,7 @@
 import ast
 import importlib.metadata
 import importlib.util
+import shutil
 from collections import Counter
 from functools import cache
 from pathlib import Path
@@ -17,11 +18,16 @@ PACKAGES = {
     "numba": "numba",
     "packaging": "packaging",
     "pandas": "pandas",
+    "playwright": "playwright",
     "pyarrow": "pyarrow",
     "rosbags": "rosbags",
+    "websockets": "websockets",
 }
 """What tests need beyond package.xml, by the name that is imported; pip's name of each."""
 WHEELS = "ros-jazzy-rclpy"
+BROWSER = "chromium"
+BROWSERS = (BROWSER, "chromium-browser", "google-chrome")
+"""Programs that playwright can drive, instead of one that it would download."""
 PINNED_SET = "project"
 """Folder of the tests that look at the environment of `make setup` itself: pins, tools, colcon and pip."""
 AT_RUN_TIME = {
@@ -36,7 +42,14 @@ AT_RUN_TIME = {
 def missing_packages():
     """Return pip's names of the packages that are not installed."""
     missing = {pip for name, pip in PACKAGES.items() if importlib.util.find_spec(name) is None}
+    if browser() is None:
+        missing.add(BROWSER)
     return missing if _has_wheels() else {*missing, WHEELS}
+
+
+def browser():
+    """Return the path of a browser, None if there is none."""
+    return next(filter(None, map(shutil.which, BROWSERS)), None)
 
 
 def left_out(missing):
@@ -51,6 +64,7 @@ def left_out(missing):
     for path in sorted(TESTS.rglob("test_*.py")):
         name = str(path.relative_to(TESTS))
         needed = {PACKAGES[one] for one in needs_of(path)} | ({WHEELS} if path.parent.name == PINNED_SET else set())
+        needed |= {BROWSER} if "playwright" in needed else set()
         if needed & missing:
             lacking[name] = needed & missing
     return lacking

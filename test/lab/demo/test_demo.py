@@ -5,6 +5,7 @@ import itertools
 import json
 import math
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -161,10 +162,34 @@ def test_table_is_printed_and_nothing_is_left_over(demo):
         assert words in output
     assert "Traceback" not in output
     assert "FAILED" not in output
-    assert sorted(entry.name for entry in folder.iterdir()) == ["bag", "log", "path.png", "summary.json"]
+    assert sorted(entry.name for entry in folder.iterdir()) == ["bag", "log", "path.png", "report.html", "summary.json"]
+    assert f"Report {folder / 'report.html'}" in output
     logs = "".join(file.read_text() for file in (folder / "log").glob("*.log"))
     assert "Traceback" not in logs
     assert "[ERROR]" not in logs
+
+
+def test_the_report_holds_the_figures_of_the_summary(demo):
+    """Both from the bag, the report by way of its own reader."""
+    text = (demo[0] / "report.html").read_text()
+    data = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.DOTALL)[1])
+    rows = data["robots"][0]["summary"]
+    goals = json.loads((demo[0] / "summary.json").read_text())["goals"]
+    assert [row["end"] for row in rows] == ["reached"] * 3
+    for row, found in zip(rows, goals, strict=True):
+        assert row["position_error"] == pytest.approx(found["position_error"], abs=1e-6)
+        assert row["path"] == pytest.approx(found["path_length"], abs=1e-6)
+    assert data["messages"] == json.loads((demo[0] / "summary.json").read_text())["messages"]
+
+
+def test_watched_it_shows_a_page_and_stays_until_an_interrupt(tmp_path):
+    out = tmp_path / "out"
+    with graph.process(*command(out, "--watch")) as process:
+        process.wait_for_output("Page: http://127.0.0.1:", 40.0)
+        process.wait_for_output("The robot is yours", 100.0)
+        assert (out / "report.html").is_file()
+        assert process.stop(signal.SIGINT, 40.0) == 0
+        assert "Traceback" not in process.output
 
 
 def children(pid):
@@ -305,7 +330,7 @@ def test_overwrite_replaces_the_results_and_a_dead_node_ends_the_demo(demo, tmp_
     (out / "bag").mkdir(parents=True)
     for name in ("bag_0.mcap", "metadata.yaml"):
         (out / "bag" / name).write_bytes((demo[0] / "bag" / name).read_bytes())
-    for name in ("summary.json", "path.png"):
+    for name in ("summary.json", "path.png", "report.html"):
         (out / name).write_bytes((demo[0] / name).read_bytes())
     with graph.process(*command(out, "--overwrite", "--real-time")) as process:
         log = out / "log" / "plant.log"
@@ -319,6 +344,7 @@ def test_overwrite_replaces_the_results_and_a_dead_node_ends_the_demo(demo, tmp_
         assert not any(map(is_running, nodes))
     assert not (out / "summary.json").exists()
     assert not (out / "path.png").exists()
+    assert not (out / "report.html").exists()
 
 
 def test_private_domains_are_not_shared_and_can_be_had_again():

@@ -1,0 +1,249 @@
+"""Everything of a bag that the page shows, read in one pass: numbers as tables, texts with their times."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from diffbot_bag.cdr import HEADER, LAYOUTS, CdrError, Layout, NumberRows, labelled_layout, labels_of
+from diffbot_bag.reader import BagReader
+from diffbot_lab.view.robot_topics import COMMON, LOG, STATUS, STATUSES, TRANSFORMS, RobotTopics, robots_in
+from diffbot_lab.view.texts import read_log, read_status, read_statuses
+from diffbot_lab.view.transforms import TransformRows
+
+Array = NDArray[np.float64]
+Stamps = NDArray[np.int64]
+
+_POSE = {"x": 0, "y": 1, "qx": 3, "qy": 4, "qz": 5, "qw": 6}
+_COVARIANCE = {"xx": 7, "xy": 8, "xt": 12, "yy": 14, "yt": 18, "tt": 42}
+"""of x, y and theta (t)"""
+_TWIST_OF_ODOMETRY = {"v": 43, "omega": 48}
+"""Places of these numbers in the messages, after the texts."""
+QUATERNION = ("qx", "qy", "qz", "qw")
+LAW_COLUMNS = ("stamp", "rho", "alpha", "beta", "theta", "eps_P", "region", "V")
+MAX_TEXTS = 200_000
+"""messages with texts that are kept of one topic; later ones are counted"""
+_HEADERS_FIRST = ("sensor_msgs/", "nav_msgs/")
+
+
+class Table(NamedTuple):
+    """The messages of one topic as columns."""
+
+    stamps: Stamps
+    """(n,) [ns], increasing"""
+    log_times: Stamps
+    """(n,) [ns]"""
+    numbers: Array
+    """(n, k)"""
+    names: tuple[str, ...]
+    """(k,) of the columns"""
+    type: str
+
+    def of(self, *names: str) -> Array:
+        """Return columns (n, len(names))."""
+        return self.numbers[:, [self.names.index(name) for name in names]]
+
+
+class Timed(NamedTuple):
+    """A message with texts."""
+
+    log_time: int
+    """[ns]"""
+    content: Any
+
+
+class RobotTables(NamedTuple):
+    """What the bag holds of one robot."""
+
+    namespace: str
+    tables: dict[str, Table]
+    """by role, see robot_topics"""
+    texts: dict[str, list[Timed]]
+    """by role"""
+    transforms: tuple[Stamps, Array]
+    """path by /tf: stamps [ns] and poses (n, 3)"""
+
+
+class TopicTimes(NamedTuple):
+    """When the messages of a topic came."""
+
+    name: str
+    type: str
+    log_times: Stamps
+    """(n,) [ns], increasing"""
+    delays: Array
+    """(m,) [s] log time minus stamp, of the messages with a stamp"""
+
+
+class BagTables(NamedTuple):
+    """A whole bag."""
+
+    robots: list[RobotTables]
+    common: dict[str, list[Timed]]
+    """/diagnostics and /rosout"""
+    topics: list[TopicTimes]
+    messages: int
+    lost: int
+    malformed: int
+    """messages that could not be read"""
+
+
+class _Texts:
+    """Collects the messages of a topic with texts, and those that are none."""
+
+    def __init__(self, read: Callable[[bytes], Any]) -> None:
+        self._read = read
+        self.found: list[Timed] = []
+        self.malformed = 0
+
+    def add(self, log_time: int, data: bytes) -> None:
+        try:
+            content = self._read(data)
+        except CdrError:
+            self.malformed += 1
+            return
+        if len(self.found) < MAX_TEXTS:
+            self.found.append(Timed(log_time, content))
+
+
+class _Law:
+    """Rows of the law's variables; their labels come with the first message that has them all."""
+
+    def __init__(self) -> None:
+        self._rows: NumberRows | None = None
+        self._malformed = 0
+
+    def add(self, log_time: int, data: bytes) -> None:
+        if self._rows is None:
+            try:
+                labels = labels_of(data)
+                self._rows = NumberRows(labelled_layout(labels), [labels.index(name) for name in LAW_COLUMNS])
+            except ValueError:
+                self._malformed += 1
+                return
+        self._rows.add(log_time, data)
+
+    @property
+    def malformed(self) -> int:
+        return self._malformed + (self._rows.malformed if self._rows else 0)
+
+    def columns(self) -> tuple[Stamps, Stamps, Array]:
+        rows = self._rows or NumberRows(labelled_layout(LAW_COLUMNS), range(len(LAW_COLUMNS)))
+        return rows.columns()
+
+
+class _Transforms:
+    def __init__(self) -> None:
+        self.rows, self.malformed = TransformRows(), 0
+
+    def add(self, _log_time: int, data: bytes) -> None:
+        try:
+            self.rows.add(data)
+        except CdrError:
+            self.malformed += 1
+
+
+class _Times:
+    """Log times of a topic, and stamps where the type begins with a header."""
+
+    def __init__(self, name: str, type_name: str) -> None:
+        self._name, self._type = name, type_name
+        self._log_times, self._delays = array("q"), array("d")
+        layout = LAYOUTS.get(type_name)
+        self._is_stamped = type_name.startswith(_HEADERS_FIRST) or (layout is not None and layout.is_stamped)
+
+    def add(self, log_time: int, data: bytes) -> None:
+        self._log_times.append(log_time)
+        if self._is_stamped and len(data) >= 12 and data[:4] == HEADER:
+            stamp = int.from_bytes(data[4:8], "little", signed=True) * 10**9 + int.from_bytes(data[8:12], "little")
+            if stamp:
+                self._delays.append((log_time - stamp) * 1e-9)
+
+    def result(self) -> TopicTimes:
+        # No copies: of a long bag, these are tens of megabytes.
+        log_times = np.frombuffer(self._log_times, np.int64) if self._log_times else np.empty(0, np.int64)
+        delays = np.frombuffer(self._delays) if self._delays else np.empty(0)
+        return TopicTimes(self._name, self._type, np.sort(log_times), delays)
+
+
+def read_tables(path: Path) -> BagTables:
+    """Read a bag, with a progress bar on a terminal.
+
+    Raises:
+        DiffbotError: if it is no bag, or is damaged.
+    """
+    with BagReader(path) as reader:
+        types = {topic.name: topic.type for topic in reader.topics.values()}
+        robots = robots_in(types)
+        collectors: dict[str, list[Any]] = {name: [_Times(name, kind)] for name, kind in types.items()}
+        by_robot = [_collect(robot, types, collectors) for robot in robots]
+        common = _collect(
+            RobotTopics("", {name: name for name in COMMON if types.get(name) == COMMON[name]}), types, collectors
+        )
+        messages = reader.unordered(types)
+        for message in tqdm(messages, path.name, reader.message_count, unit="message", unit_scale=True, disable=None):
+            for collector in collectors[message.topic]:
+                collector.add(message.log_time, message.data)
+        lost = reader.metadata.custom_data.get("lost_messages", "0") if reader.metadata else "0"
+        times = [first.result() for first, *_ in collectors.values()]
+        malformed = sum(getattr(one, "malformed", 0) for many in collectors.values() for one in many)
+        found = [_tables(robot, roles, types) for robot, roles in zip(robots, by_robot, strict=True)]
+        texts = _tables(RobotTopics("", {}), common, types).texts
+        return BagTables(found, texts, times, reader.message_count, int(lost) if lost.isdigit() else 0, malformed)
+
+
+def _collect(robot: RobotTopics, types: dict[str, str], collectors: dict[str, list[Any]]) -> dict[str, Any]:
+    """Make the collectors of a robot's topics; return them by role."""
+    made = {}
+    for role, topic in robot.names.items():
+        made[role] = _collector(role, types[topic])
+        collectors[topic].append(made[role])
+    return made
+
+
+def _collector(role: str, type_name: str) -> Any:
+    readers = {STATUS: read_status, STATUSES: read_statuses, LOG: read_log}
+    if type_name in readers:
+        return _Texts(readers[type_name])
+    if type_name == TRANSFORMS:
+        return _Transforms()
+    if role == "law":
+        return _Law()
+    layout: Layout = LAYOUTS[type_name]
+    return NumberRows(layout, tuple(_places(role, type_name).values()))
+
+
+def _places(role: str, type_name: str) -> dict[str, int]:
+    """Return the numbers that are read of a topic; of hours of 50 Hz, each costs megabytes."""
+    if role == "law":
+        return {name: index for index, name in enumerate(LAW_COLUMNS)}
+    if role == "command":
+        return {"v": 0, "omega": 5}
+    places, numbers = dict(_POSE), LAYOUTS[type_name].numbers
+    if role == "estimate":
+        places |= _COVARIANCE
+    elif role == "truth" and numbers > 7:
+        places["tt"] = _COVARIANCE["tt"]
+    if role in ("truth", "odometry") and numbers == 85:
+        places |= _TWIST_OF_ODOMETRY
+    return places
+
+
+def _tables(robot: RobotTopics, made: dict[str, Any], types: dict[str, str]) -> RobotTables:
+    tables, texts, transforms = {}, {}, (np.empty(0, np.int64), np.empty((0, 3)))
+    for role, collector in made.items():
+        if isinstance(collector, _Texts):
+            texts[role] = sorted(collector.found, key=lambda one: one.log_time)
+        elif isinstance(collector, _Transforms):
+            transforms = collector.rows.path()
+        else:
+            stamps, log_times, numbers = collector.columns()
+            type_name = types[robot.names[role]]
+            tables[role] = Table(stamps, log_times, numbers, tuple(_places(role, type_name)), type_name)
+    return RobotTables(robot.namespace, tables, texts, transforms)

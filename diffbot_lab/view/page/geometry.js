@@ -1,0 +1,52 @@
+// Angles, ellipses, scales and searches: plain numbers in, plain numbers out.
+
+export const TWO_PI = 2 * Math.PI;
+
+/** Wrap an angle [rad] to (-pi, pi]. */
+export function wrapAngle(angle) {
+  const wrapped = angle - TWO_PI * Math.floor((angle + Math.PI) / TWO_PI);
+  return wrapped === -Math.PI ? Math.PI : wrapped;
+}
+
+/** Semi-axes and direction [rad] of the ellipse that holds 95 % of a position with this covariance. */
+export function ellipseOf(xx, xy, yy) {
+  const mean = (xx + yy) / 2;
+  const spread = Math.hypot((xx - yy) / 2, xy);
+  const axis = (variance) => Math.sqrt(5.991 * Math.max(variance, 0));
+  return { a: axis(mean + spread), b: axis(mean - spread), angle: Math.atan2(2 * xy, xx - yy) / 2 };
+}
+
+/** The largest of 1, 2, 5 times a power of ten that is at most `length`. */
+export function roundStep(length) {
+  const power = 10 ** Math.floor(Math.log10(length));
+  const share = length / power;
+  return power * (share >= 5 ? 5 : share >= 2 ? 2 : 1);
+}
+
+/** Index of the last of `count` increasing `values` that is at most `value`; -1 if there is none. */
+export function lastAtMost(values, count, value) {
+  let low = 0;
+  let high = count;
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (values[middle] <= value) low = middle + 1;
+    else high = middle;
+  }
+  return low - 1;
+}
+
+/** Smallest and largest of the finite values with indices from `begin` to `end`, widened by `extra`; null for none. */
+export function rangeOf(values, begin, end, extra = null) {
+  let [low, high] = extra ?? [Infinity, -Infinity];
+  for (let i = begin; i < end; i += 1) {
+    const value = values[i];
+    if (value < low && value > -Infinity) low = value;
+    if (value > high && value < Infinity) high = value;
+  }
+  return low <= high ? [low, high] : null;
+}
+
+/** A number with a fixed number of digits, or a dash. */
+export function shown(value, digits = 2) {
+  return Number.isFinite(value) ? value.toFixed(digits) : "–";
+}

@@ -1,0 +1,272 @@
+import { makeCharts } from "./charts.js";
+import { shown } from "./geometry.js";
+import { Live } from "./live.js";
+import { drawArrow, drawMap } from "./map.js";
+import { unpackRobots } from "./packing.js";
+import { add, EventList, showDiagnostics, showSummary, showTopics, showValues } from "./panels.js";
+import { Player } from "./player.js";
+import { startPointer } from "./pointer.js";
+import { Robot } from "./store.js";
+import { coloursOf, startTheme } from "./theme.js";
+import { View } from "./view.js";
+
+// Puts the parts together: one page for a report with its data inside, and for a live robot.
+
+const $ = (id) => document.getElementById(id);
+const page = {
+  data: JSON.parse($("data").textContent),
+  robots: [],
+  robot: new Robot(""),
+  constants: { xy_tolerance: 0.1, yaw_tolerance: 0.1, limits: {}, nees: [0, 0] },
+  view: new View(),
+  tools: { current: "pan", draw: null },
+  hidden: new Set(),
+  frames: 0,
+};
+globalThis.diffbotPage = page; // for the console and the tests
+const WINDOWS = [["everything", Infinity], ["10 s", 10], ["60 s", 60], ["5 min", 300]];
+const LEGEND = ["truth", "estimate", "odometry", "fixes", "ellipses"];
+
+let colours = {};
+let isDirty = true;
+let areChartsDirty = true;
+let lastCharts = 0;
+const redraw = (withCharts = false) => {
+  isDirty = true;
+  areChartsDirty ||= withCharts;
+};
+const changeTheme = startTheme(document.documentElement, () => {
+  colours = coloursOf(document.documentElement);
+  redraw(true);
+});
+
+/** The time [s] that is shown: the slider's, or that of the newest row. */
+function timeNow() {
+  if (page.player) return page.player.time;
+  const curve = page.robot.main;
+  return curve?.rows ? curve.t[curve.rows - 1] : 0;
+}
+
+function goTo(time) {
+  page.player?.go(time);
+}
+
+const charts = makeCharts($("charts"), goTo);
+const events = new EventList($("events"), $("filters"), goTo);
+
+function chartSpan(time) {
+  const length = Number($("window").value);
+  if (page.player) {
+    const { begin, end } = page.player;
+    if (length >= end - begin) return [begin, Math.max(end, begin + 1e-3)];
+    const from = Math.min(Math.max(time - length / 2, begin), end - length);
+    return [from, from + length];
+  }
+  const main = page.robot.main;
+  return [Math.max(time - length, main?.rows ? main.t[0] : 0), time + 1e-3];
+}
+
+function drawFrame(now) {
+  requestAnimationFrame(drawFrame);
+  page.player?.step(now);
+  if (!isDirty) return;
+  isDirty = false;
+  page.frames += 1;
+  const time = timeNow();
+  const context = drawMap($("map"), page.view, page.robots, page.robot, time, page.constants, page.hidden, colours);
+  if (page.tools.draw) drawArrow(context, page.view, page.tools.draw, 50, page.tools.current === "goal" ? colours.goal : colours.plan);
+  const isMoving = !page.player || Number($("window").value) < page.player.end - page.player.begin;
+  if ((areChartsDirty || isMoving) && now - lastCharts > (areChartsDirty ? 15 : page.player ? 90 : 200)) {
+    const [t0, t1] = chartSpan(time);
+    for (const chart of charts) chart.draw(page.robot, t0, t1, page.constants, colours);
+    lastCharts = now;
+    areChartsDirty = false;
+  } else if (areChartsDirty || isMoving) isDirty = page.player?.isPlaying !== true && areChartsDirty;
+  for (const chart of charts) chart.point(page.robot, time, colours);
+  events.point(time);
+  showValues($("values"), page.robot, time);
+  $("clock").textContent = page.player ? `${shown(time, 1)} s of ${shown(page.player.end, 1)} s` : `${shown(time, 1)} s`;
+}
+
+function chooseRobot(name) {
+  page.robot = page.robots.find((one) => one.name === name) ?? page.robot;
+  events.clear();
+  events.append(page.robot.events);
+  showSummary($("summary"), page.robot);
+  page.view.fit(page.robot);
+  showState();
+  redraw(true);
+}
+
+function setRobots(robots) {
+  page.robots = robots;
+  $("robot").replaceChildren(...robots.map((one) => new Option(one.name, one.name)));
+  $("robot-label").classList.toggle("hidden", robots.length < 2);
+  chooseRobot(robots[0].name);
+}
+
+function showState() {
+  const { status } = page.robot;
+  $("state").textContent = status?.text ?? "";
+  $("state").dataset.level = String(status?.level ?? 0);
+}
+
+let hintTimer = 0;
+function alarm(text, seconds = 6, level = 2) {
+  $("alarm").textContent = text;
+  $("alarm").dataset.level = String(level);
+  $("alarm").classList.toggle("hidden", !text);
+  clearTimeout(hintTimer);
+  if (text && seconds < Infinity) hintTimer = setTimeout(() => alarm(""), seconds * 1000);
+}
+
+function makeButton(text, key, action, isToggle = false) {
+  const button = add($("tools"), "button", text, { type: "button", title: `${text} (${key})` });
+  if (isToggle) button.setAttribute("aria-pressed", "false");
+  button.addEventListener("click", action);
+  keys.set(key, () => button.click());
+  return button;
+}
+
+const keys = new Map([["d", changeTheme]]);
+document.addEventListener("keydown", (event) => {
+  if (event.ctrlKey || event.altKey || event.metaKey) return;
+  if (event.target.closest("input:not([type=range], [type=checkbox]), select")) return;
+  if (event.key === " " && event.target.closest("button, input")) return;
+  const action = keys.get(event.key);
+  if (!action) return;
+  event.preventDefault();
+  action();
+});
+
+function startMap(onPose) {
+  makeButton("Show all", "0", () => {
+    page.view.fit(page.robot);
+    redraw();
+  });
+  const follow = makeButton("Follow", "f", () => {
+    page.view.follow = !page.view.follow;
+    redraw();
+  }, true);
+  startPointer($("map"), page.view, page.tools, { onPose, onHint: alarm, onChange: () => redraw() });
+  setInterval(() => follow.setAttribute("aria-pressed", String(page.view.follow)), 200);
+  for (const name of LEGEND) {
+    const label = add($("legend"), "label");
+    const box = add(label, "input", "", { type: "checkbox" });
+    box.checked = true;
+    const swatch = add(label, "span", "", { class: "swatch" });
+    swatch.style.background = `var(--${name === "ellipses" ? "estimate" : name})`;
+    if (name === "ellipses") swatch.style.opacity = "0.4";
+    add(label, "span", name === "ellipses" ? "95 % ellipses" : name);
+    box.addEventListener("change", () => {
+      page.hidden[box.checked ? "delete" : "add"](name);
+      redraw();
+    });
+  }
+  for (const [text, length] of WINDOWS) $("window").add(new Option(text, String(length)));
+  $("window").addEventListener("change", () => redraw(true));
+  $("robot").addEventListener("change", () => chooseRobot($("robot").value));
+  $("theme").addEventListener("click", changeTheme);
+  new ResizeObserver(() => redraw(true)).observe(document.body);
+}
+
+async function startReport() {
+  const { data } = page;
+  document.title = `${data.title} – diffbot`;
+  $("title").textContent = data.title;
+  page.constants = data.constants;
+  const robots = await unpackRobots(data);
+  startMap(() => {});
+  $("player").classList.remove("hidden");
+  page.player = new Player({ slider: $("slider"), button: $("play"), speed: $("speed") }, data.span, () => redraw());
+  keys.set(" ", () => page.player.toggle());
+  showTopics($("topics"), data.topics);
+  const notes = [`${data.messages} messages`, `${data.lost} lost`, ...(data.malformed ? [`${data.malformed} unreadable`] : [])];
+  add($("topics"), "p", `${new Date(data.origin).toISOString()}: ${notes.join(", ")}`);
+  page.view.width = $("map").clientWidth;
+  page.view.height = $("map").clientHeight;
+  setRobots(robots);
+  page.player.go(data.span[1]);
+}
+
+function startLive() {
+  const send = (request) => {
+    if (!live.send({ robot: page.robot.name, ...request })) alarm("Not connected: nothing was sent.");
+  };
+  const sendPose = (kind, { x, y, theta }) => {
+    send({ type: kind, x, y, yaw: theta });
+    choose("pan");
+  };
+  const buttons = {};
+  const choose = (tool) => {
+    page.tools.current = tool;
+    for (const [name, button] of Object.entries(buttons)) button.setAttribute("aria-pressed", String(name === tool));
+    $("map").style.cursor = tool === "pan" ? "grab" : "crosshair";
+  };
+  const toggle = (tool) => choose(page.tools.current === tool ? "pan" : tool);
+  startMap(sendPose);
+  buttons.goal = makeButton("Goal pose", "g", () => toggle("goal"), true);
+  buttons.initialpose = makeButton("Initial pose", "i", () => toggle("initialpose"), true);
+  keys.set("Escape", () => choose("pan"));
+  makeButton("Cancel goal", "c", () => send({ type: "cancel" }));
+  const extras = {
+    pause: makeButton("Pause", "p", () => send({ type: "pause", on: extras.pause.getAttribute("aria-pressed") !== "true" }), true),
+    reset: makeButton("Reset", "x", () => send({ type: "reset" })),
+    record: makeButton("Record", "r", () => send({ type: "record", on: extras.record.getAttribute("aria-pressed") !== "true" }), true),
+  };
+  $("window").value = "60";
+  $("pose-form").classList.remove("hidden");
+  $("pose-form").addEventListener("submit", (event) => {
+    event.preventDefault();
+    const form = new FormData(event.target);
+    const [x, y, heading] = ["x", "y", "heading"].map((name) => Number.parseFloat(form.get(name)));
+    if (![x, y, heading].every(Number.isFinite)) alarm("x, y and heading must be numbers.");
+    else sendPose(event.submitter.value, { x, y, theta: (heading * Math.PI) / 180 });
+  });
+  let columns = {};
+  const find = (name) => page.robots.find((one) => one.name === name);
+  const live = new Live({
+    onHello(message) {
+      ({ columns } = message);
+      page.constants = message.constants;
+      page.view.width = $("map").clientWidth;
+      page.view.height = $("map").clientHeight;
+      setRobots(message.robots.map((name) => new Robot(name)));
+      choose("pan");
+    },
+    onHistory({ robot, curve, rows }) {
+      for (const row of rows) find(robot)?.append(curve, columns[curve], row);
+    },
+    onState(message) {
+      for (const [name, news] of Object.entries(message.robots)) {
+        const robot = find(name);
+        if (!robot) continue;
+        const isNew = !robot.main;
+        for (const [curve, row] of Object.entries(news.rows ?? {})) robot.append(curve, columns[curve], row);
+        for (const key of ["status", "plan", "landmarks"]) if (news[key]) robot[key] = news[key];
+        if (news.goal) robot.goals = [...robot.goals.filter((goal) => goal[0] < news.goal[0]), news.goal].slice(-50);
+        if (robot === page.robot && isNew && robot.main) page.view.fit(robot);
+      }
+      if (message.diagnostics) showDiagnostics($("diagnostics"), message.diagnostics);
+      if (message.constants) page.constants = message.constants;
+      for (const [name, { isThere, isOn }] of Object.entries(message.services ?? {})) {
+        extras[name].disabled = !isThere;
+        extras[name].setAttribute("aria-pressed", String(isOn));
+      }
+      showState();
+      redraw();
+    },
+    onEvents(message) {
+      const robot = find(message.robot);
+      if (!robot) return;
+      robot.events.push(...message.events);
+      if (robot === page.robot) events.append(message.events);
+    },
+    onAnswer: (message) => alarm(message.text, message.level ? 12 : 5, message.level),
+    onConnected: (isOn) => alarm(isOn ? "" : "No connection to diffbot watch: trying again ...", Infinity),
+  });
+}
+
+if (page.data.kind === "report") await startReport();
+else startLive();
+requestAnimationFrame(drawFrame);

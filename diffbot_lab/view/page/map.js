@@ -1,0 +1,264 @@
+import { ellipseOf, roundStep, TWO_PI } from "./geometry.js";
+
+// Draws the map: grid, paths, fixes, goals with tolerance and region, robots.
+
+const PATHS = ["odometry", "truth", "estimate"];
+const RADIUS = 0.3;
+const MAX_ELLIPSES = 60;
+
+/** A canvas with sharp pixels: returns its context, cleared, in units of CSS pixels. */
+export function cleared(canvas) {
+  const ratio = Math.min(globalThis.devicePixelRatio || 1, 2);
+  const width = canvas.clientWidth;
+  const height = canvas.clientHeight;
+  if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
+    canvas.width = Math.round(width * ratio);
+    canvas.height = Math.round(height * ratio);
+  }
+  const context = canvas.getContext("2d");
+  context.setTransform(ratio, 0, 0, ratio, 0, 0);
+  context.clearRect(0, 0, width, height);
+  return context;
+}
+
+function drawGrid(context, view, colours) {
+  const step = roundStep(110 / view.scale);
+  const [left, top] = view.toWorld(0, 0);
+  const [right, bottom] = view.toWorld(view.width, view.height);
+  context.strokeStyle = colours.line;
+  context.fillStyle = colours.faint;
+  context.lineWidth = 1;
+  context.font = "11px system-ui, sans-serif";
+  const digits = Math.max(0, -Math.floor(Math.log10(step)));
+  context.beginPath();
+  for (let k = Math.ceil(left / step); k * step <= right; k += 1) {
+    const [px] = view.toScreen(k * step, 0);
+    context.moveTo(px, 0);
+    context.lineTo(px, view.height);
+    context.fillText((k * step).toFixed(digits), px + 2, view.height - 4);
+  }
+  for (let k = Math.ceil(bottom / step); k * step <= top; k += 1) {
+    const [, py] = view.toScreen(0, k * step);
+    context.moveTo(0, py);
+    context.lineTo(view.width, py);
+    context.fillText((k * step).toFixed(digits), 2, py - 2);
+  }
+  context.stroke();
+}
+
+/** Trace rows from `begin` to `end`; points closer than 3 pixels to the last one are left out, as nobody sees them. */
+function tracePath(context, view, curve, begin, end) {
+  const { x, y } = curve.columns;
+  let lastX = Infinity;
+  let lastY = Infinity;
+  context.beginPath();
+  for (let i = begin; i < end; i += 1) {
+    const px = view.width / 2 + (x[i] - view.x) * view.scale;
+    const py = view.height / 2 - (y[i] - view.y) * view.scale;
+    if (Math.abs(px - lastX) + Math.abs(py - lastY) < 3 && i < end - 1) continue;
+    if (lastX === Infinity) context.moveTo(px, py);
+    else context.lineTo(px, py);
+    lastX = px;
+    lastY = py;
+  }
+}
+
+/**
+ * The paths, kept as an image: while the view stays, only what is new since the last frame is added to it. Paths of many
+ * minutes overlap themselves, and to stroke them anew in each frame takes longer than a frame.
+ */
+class PathLayer {
+  constructor() {
+    this.canvas = document.createElement("canvas");
+    this.key = "";
+    this.drawn = {};
+  }
+
+  /** Bring the image up to a time and draw it. */
+  draw(context, view, robot, time, hidden, colours) {
+    const { width, height } = context.canvas;
+    const shown = PATHS.filter((name) => robot.curves[name] && !hidden.has(name));
+    const ends = Object.fromEntries(shown.map((name) => [name, robot.curves[name].indexAt(time) + 1]));
+    const key = [view.x, view.y, view.scale, width, height, robot.name, colours.page, ...shown].join(" ");
+    const layer = this.canvas.getContext("2d");
+    if (key !== this.key || shown.some((name) => !(ends[name] >= this.drawn[name]))) {
+      this.key = key;
+      this.drawn = Object.fromEntries(shown.map((name) => [name, 0]));
+      Object.assign(this.canvas, { width, height }); // clears it
+      layer.setTransform(context.getTransform());
+      for (const name of shown) {
+        const curve = robot.curves[name];
+        if (ends[name] < curve.rows) this.add(layer, view, curve, Math.max(ends[name] - 1, 0), curve.rows, name, colours, 0.22);
+      }
+    }
+    for (const name of shown) {
+      // From the last point on: joined to what is there.
+      if (ends[name] > this.drawn[name]) this.add(layer, view, robot.curves[name], Math.max(this.drawn[name] - 1, 0), ends[name], name, colours, 1);
+      this.drawn[name] = ends[name];
+    }
+    context.save();
+    context.setTransform(1, 0, 0, 1, 0, 0);
+    context.drawImage(this.canvas, 0, 0);
+    context.restore();
+  }
+
+  add(layer, view, curve, begin, end, name, colours, alpha) {
+    layer.strokeStyle = colours[name];
+    layer.lineWidth = name === "truth" ? 3 : 1.5;
+    layer.lineJoin = "bevel"; // the cheapest
+    layer.globalAlpha = alpha;
+    tracePath(layer, view, curve, begin, end);
+    layer.stroke();
+  }
+}
+const pathLayer = new PathLayer();
+
+function drawFixes(context, view, curve, time, colour) {
+  const { x, y } = curve.columns;
+  const end = curve.indexAt(time) + 1;
+  const every = Math.max(1, Math.floor(end / 3000));
+  context.fillStyle = colour;
+  context.globalAlpha = 0.7;
+  for (let i = (end - 1) % every; i < end; i += every) {
+    const [px, py] = view.toScreen(x[i], y[i]);
+    if (px > 0 && py > 0 && px < view.width && py < view.height) context.fillRect(px - 1, py - 1, 2, 2);
+  }
+  context.globalAlpha = 1;
+}
+
+function addEllipse(context, view, columns, index) {
+  const { a, b, angle } = ellipseOf(columns.xx[index], columns.xy[index], columns.yy[index]);
+  const [px, py] = view.toScreen(columns.x[index], columns.y[index]);
+  if (!Number.isFinite(a)) return;
+  const radius = a * view.scale;
+  context.moveTo(px + radius * Math.cos(angle), py - radius * Math.sin(angle));
+  context.ellipse(px, py, radius, b * view.scale, -angle, 0, TWO_PI);
+}
+
+/** Ellipses of 95 % along the path, at least 60 pixels apart and not too many, and the present one filled. */
+function drawEllipses(context, view, curve, time, colours) {
+  if (!curve.columns.xx) return;
+  const { x, y } = curve.columns;
+  const now = curve.indexAt(time);
+  const chosen = [];
+  for (let i = 0, last = -1; i < now; i += 1) {
+    if (last >= 0 && Math.hypot(x[i] - x[last], y[i] - y[last]) * view.scale < 60) continue;
+    last = i;
+    chosen.push(i);
+  }
+  const every = Math.ceil(chosen.length / MAX_ELLIPSES);
+  context.strokeStyle = colours.estimate;
+  context.lineWidth = 1;
+  context.globalAlpha = 0.55;
+  context.beginPath();
+  for (let k = 0; k < chosen.length; k += every) addEllipse(context, view, curve.columns, chosen[k]);
+  context.stroke();
+  context.globalAlpha = 1;
+  if (now < 0) return;
+  context.beginPath();
+  addEllipse(context, view, curve.columns, now);
+  context.fillStyle = colours.band;
+  context.fill();
+  context.stroke();
+}
+
+/** An arrow of `length` pixels from a pose. */
+export function drawArrow(context, view, pose, length, colour) {
+  const [px, py] = view.toScreen(pose.x, pose.y);
+  const [dx, dy] = [Math.cos(pose.theta), -Math.sin(pose.theta)];
+  context.strokeStyle = colour;
+  context.fillStyle = colour;
+  context.lineWidth = 3;
+  context.beginPath();
+  context.moveTo(px, py);
+  context.lineTo(px + length * dx, py + length * dy);
+  context.stroke();
+  context.beginPath();
+  context.moveTo(px + (length + 8) * dx, py + (length + 8) * dy);
+  context.lineTo(px + (length - 4) * dx - 6 * dy, py + (length - 4) * dy + 6 * dx);
+  context.lineTo(px + (length - 4) * dx + 6 * dy, py + (length - 4) * dy - 6 * dx);
+  context.fill();
+}
+
+function drawGoal(context, view, robot, time, constants, colours) {
+  const goal = robot.goalAt(time);
+  for (const [, x, y, theta] of robot.goals) {
+    context.globalAlpha = goal && goal[1] === x && goal[2] === y ? 1 : 0.35;
+    drawArrow(context, view, { x, y, theta }, 26, colours.goal);
+  }
+  context.globalAlpha = 1;
+  if (!goal) return;
+  const [px, py] = view.toScreen(goal[1], goal[2]);
+  context.lineWidth = 1.5;
+  context.beginPath();
+  context.arc(px, py, constants.xy_tolerance * view.scale, 0, TWO_PI);
+  context.stroke();
+  const { law } = robot.curves;
+  const radius = law ? law.at("eps_P", time) : NaN;
+  if (!(radius > 0)) return;
+  context.beginPath();
+  context.arc(px, py, radius * view.scale, 0, TWO_PI);
+  context.fillStyle = colours.near;
+  if (law.at("region", time) === 1) context.fill();
+  context.setLineDash([5, 4]);
+  context.stroke();
+  context.setLineDash([]);
+}
+
+function drawRobot(context, view, pose, colour, filled) {
+  const [px, py] = view.toScreen(pose.x, pose.y);
+  const r = Math.max(RADIUS * view.scale, 7);
+  context.strokeStyle = colour;
+  context.fillStyle = colour;
+  context.lineWidth = 2;
+  context.beginPath();
+  context.arc(px, py, r, 0, TWO_PI);
+  context.globalAlpha = 0.25;
+  if (filled) context.fill();
+  context.globalAlpha = 1;
+  context.moveTo(px, py);
+  context.lineTo(px + 1.4 * r * Math.cos(pose.theta), py - 1.4 * r * Math.sin(pose.theta));
+  context.stroke();
+}
+
+function drawPlan(context, view, robot, colours) {
+  context.strokeStyle = colours.plan;
+  context.lineWidth = 1.5;
+  context.beginPath();
+  for (const [x, y] of robot.plan) context.lineTo(...view.toScreen(x, y));
+  context.stroke();
+  context.fillStyle = colours.plan;
+  for (const [x, y, number] of robot.landmarks) {
+    const [px, py] = view.toScreen(x, y);
+    context.fillRect(px - 3, py - 3, 6, 6);
+    context.fillText(String(number), px + 5, py - 3);
+  }
+}
+
+/** Draw everything of one robot, and where the others are. */
+export function drawMap(canvas, view, robots, robot, time, constants, hidden, colours) {
+  const context = cleared(canvas);
+  view.width = canvas.clientWidth;
+  view.height = canvas.clientHeight;
+  const present = robot.main?.poseAt(time);
+  if (view.follow && present) Object.assign(view, { x: present.x, y: present.y });
+  drawGrid(context, view, colours);
+  const { curves } = robot;
+  if (curves.fixes && !hidden.has("fixes")) drawFixes(context, view, curves.fixes, time, colours.fixes);
+  pathLayer.draw(context, view, robot, time, hidden, colours);
+  if (curves.estimate && !hidden.has("ellipses")) drawEllipses(context, view, curves.estimate, time, colours);
+  drawPlan(context, view, robot, colours);
+  drawGoal(context, view, robot, time, constants, colours);
+  for (const other of robots) {
+    for (const name of ["truth", "estimate"]) {
+      const pose = other.curves[name]?.poseAt(time);
+      if (pose && !hidden.has(name) && (other === robot || other.curves[name] === other.main)) {
+        drawRobot(context, view, pose, other === robot ? colours[name] : colours.faint, name === "estimate");
+      }
+    }
+    if (!other.curves.truth && !other.curves.estimate && other.main?.poseAt(time)) {
+      drawRobot(context, view, other.main.poseAt(time), colours.odometry, true);
+    }
+  }
+  return context;
+}

@@ -1,0 +1,60 @@
+import { rangeOf } from "./geometry.js";
+
+// What part of the plane the map shows: x to the right and y up, as on paper.
+
+const SMALLEST = 0.5;
+const LARGEST = 5000;
+
+export class View {
+  constructor() {
+    Object.assign(this, { x: 0, y: 0, scale: 60, width: 300, height: 200, follow: false });
+  }
+
+  /** Pixels of a point [m]. */
+  toScreen(x, y) {
+    return [this.width / 2 + (x - this.x) * this.scale, this.height / 2 - (y - this.y) * this.scale];
+  }
+
+  /** Point [m] of pixels. */
+  toWorld(px, py) {
+    return [this.x + (px - this.width / 2) / this.scale, this.y - (py - this.height / 2) / this.scale];
+  }
+
+  /** Move the content by pixels. */
+  pan(dx, dy) {
+    this.x -= dx / this.scale;
+    this.y += dy / this.scale;
+    this.follow = false;
+  }
+
+  /** Zoom about a pixel, which keeps its point. */
+  zoom(factor, px = this.width / 2, py = this.height / 2) {
+    const [x, y] = this.toWorld(px, py);
+    this.scale = Math.min(Math.max(this.scale * factor, SMALLEST), LARGEST);
+    const [newX, newY] = this.toWorld(px, py);
+    this.x += x - newX;
+    this.y += y - newY;
+  }
+
+  /** Show all paths and goals of a robot. */
+  fit(robot) {
+    let xs = null;
+    let ys = null;
+    for (const name of ["truth", "estimate", "odometry"]) {
+      const curve = robot.curves[name];
+      if (!curve) continue;
+      xs = rangeOf(curve.columns.x, 0, curve.rows, xs);
+      ys = rangeOf(curve.columns.y, 0, curve.rows, ys);
+    }
+    for (const [, x, y] of robot.goals) {
+      xs = rangeOf([x], 0, 1, xs);
+      ys = rangeOf([y], 0, 1, ys);
+    }
+    if (!xs || !ys) return;
+    this.x = (xs[0] + xs[1]) / 2;
+    this.y = (ys[0] + ys[1]) / 2;
+    const wide = Math.min(this.width / (xs[1] - xs[0] + 2), this.height / (ys[1] - ys[0] + 2));
+    this.scale = Math.min(Math.max(wide, SMALLEST), 200);
+    this.follow = false;
+  }
+}

@@ -1,0 +1,161 @@
+"""The report of a bag: what the page shows of it, thinned and packed."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diffbot_control.law.configuration import ControllerConfig
+from diffbot_core.errors import DiffbotError
+from diffbot_lab.metrics import goal_metrics
+from diffbot_lab.view.bag_tables import BagTables, RobotTables, TopicTimes, read_tables
+from diffbot_lab.view.clock import Clock, Columns
+from diffbot_lab.view.constants import constants_of
+from diffbot_lab.view.events import Event, GoalSent, events_of, goals_of
+from diffbot_lab.view.packing import Packer
+from diffbot_lab.view.signals import NEES_BOUNDS, clock_of, curves_of
+from diffbot_lab.view.thinning import kept_rows
+
+Array = NDArray[np.float64]
+
+MAX_ROWS = 40_000
+"""of a curve in the page: 13 minutes at 50 Hz are not thinned"""
+MAX_TOPICS = 500
+"""in the table of topics"""
+
+
+class RobotRun(NamedTuple):
+    """One robot of a bag, at full rate."""
+
+    name: str
+    """its namespace without the first slash; ``robot`` without one"""
+    curves: dict[str, Columns]
+    goals: list[GoalSent]
+    events: list[Event]
+
+
+class BagRun(NamedTuple):
+    """A bag as the report needs it."""
+
+    title: str
+    clock: Clock
+    robots: list[RobotRun]
+    tables: BagTables
+
+
+def read_bag_run(bag: Path) -> BagRun:
+    """Read a bag.
+
+    Raises:
+        DiffbotError: if it cannot be read, or holds no robot's pose.
+    """
+    tables = read_tables(bag)
+    clock = clock_of(tables.robots)
+    robots = [_robot_run(robot, tables, clock) for robot in tables.robots]
+    robots = [robot for robot in robots if {"truth", "estimate", "odometry"} & set(robot.curves)]
+    if not robots:
+        raise DiffbotError(f"{bag}: no pose of a robot in it: no odometry, pose or transform that could be read")
+    return BagRun("/".join(bag.resolve().parts[-2:]), clock, robots, tables)
+
+
+def _robot_run(robot: RobotTables, tables: BagTables, clock: Clock) -> RobotRun:
+    curves = curves_of(robot, clock)
+    goals = goals_of(robot, clock)
+    events = events_of(robot, curves, goals, tables.common, clock)
+    return RobotRun(robot.namespace.lstrip("/") or "robot", curves, goals, events)
+
+
+def page_data(run: BagRun, config: ControllerConfig) -> dict[str, Any]:
+    """Return what the page embeds; tolerances and limits are those of ``config``."""
+    packer = Packer()
+    robots = [
+        {
+            "name": robot.name,
+            "curves": {name: packer.table(_thinned(columns)) for name, columns in robot.curves.items()},
+            "goals": [[goal.time, *goal.pose] for goal in robot.goals],
+            "events": [list(event) for event in robot.events],
+            "summary": summary_of(robot, config),
+        }
+        for robot in run.robots
+    ]
+    return {
+        "kind": "report",
+        "title": run.title,
+        "origin": run.clock.origin // 10**6,
+        "span": _span(run.robots),
+        "messages": run.tables.messages,
+        "lost": run.tables.lost,
+        "malformed": run.tables.malformed,
+        "constants": {**constants_of(config), "nees": NEES_BOUNDS},
+        "robots": robots,
+        "topics": [topic_figures(topic) for topic in run.tables.topics[:MAX_TOPICS]],
+        "packed": packer.text(),
+    }
+
+
+def _thinned(columns: Columns) -> Columns:
+    watched = np.column_stack([values for name, values in columns.items() if name != "t"])
+    kept = kept_rows(watched, MAX_ROWS)
+    return {name: values[kept] for name, values in columns.items()}
+
+
+def _span(robots: list[RobotRun]) -> list[float]:
+    times = [columns["t"] for robot in robots for columns in robot.curves.values()]
+    # To whole milliseconds, outwards: the slider's text must not end before the last row.
+    begin, end = min(float(t[0]) for t in times), max(float(t[-1]) for t in times)
+    return [math.floor(1000.0 * begin) / 1000.0, math.ceil(1000.0 * end + 0.1) / 1000.0]
+
+
+def summary_of(robot: RobotRun, config: ControllerConfig) -> list[dict[str, Any]]:
+    """Return a row per goal: how it ended, and figures from the true path, or the estimated one."""
+    columns = robot.curves.get("truth", robot.curves.get("estimate"))
+    rows = []
+    for index, (time, pose) in enumerate(robot.goals):
+        following = robot.goals[index + 1].time if index + 1 < len(robot.goals) else math.inf
+        row: dict[str, Any] = {"goal": list(pose), "time": time, "end": _end_of(robot.events, time, following)}
+        if columns is not None:
+            part = (columns["t"] >= time) & (columns["t"] <= following)
+            if part.any():
+                poses = np.column_stack([columns[name][part] for name in ("x", "y", "theta")])
+                tolerance = config.tolerance
+                found = goal_metrics(
+                    columns["t"][part], poses, pose, tolerance.xy_goal_tolerance, tolerance.yaw_goal_tolerance
+                )
+                row |= {
+                    "position_error": found.position_error,
+                    "heading_error": found.heading_error,
+                    "settled": None if math.isnan(found.settling_time) else found.settling_time,
+                    "path": found.path_length,
+                    "direct": found.direct_distance,
+                }
+        rows.append(row)
+    return rows
+
+
+def _end_of(events: list[Event], begin: float, following: float) -> str:
+    """Return how the goal of this interval ended, in words; empty if the bag does not tell."""
+    # A goal that is replaced ends when the next one comes, and its state arrives a moment later.
+    inside = [event for event in events if begin <= event.time <= following + 0.5]
+    for event in inside:
+        if event.kind == "end":
+            return event.text.removeprefix("goal ")
+    states = [event.text.partition(": ")[2] for event in inside if event.kind == "state" and event.time <= following]
+    return next((state.removeprefix("goal ") for state in states if state.startswith("goal ")), "")
+
+
+def topic_figures(topic: TopicTimes) -> dict[str, Any]:
+    """Return number, rate, largest gap and delays of a topic."""
+    times, delays = topic.log_times, topic.delays
+    gaps = np.diff(times) * 1e-9
+    length = float(times[-1] - times[0]) * 1e-9 if len(times) > 1 else 0.0
+    figures: dict[str, Any] = {"name": topic.name, "type": topic.type, "count": len(times)}
+    figures["rate"] = (len(times) - 1) / length if length > 0.0 else None
+    figures["gap"] = float(gaps.max()) if len(gaps) else None
+    if len(delays):
+        median, late = np.quantile(delays, (0.5, 0.99)).tolist()
+        figures |= {"delay": median, "delay99": late}
+    return figures

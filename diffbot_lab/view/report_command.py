@@ -1,0 +1,83 @@
+"""The command ``diffbot report``: a bag to one HTML file, and files beside it."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from diffbot_core.errors import DiffbotError
+
+
+class ReportOptions(NamedTuple):
+    """Options of the command line."""
+
+    bag: Path
+    out: Path
+    preset: str
+    csv: bool = False
+    tum: bool = False
+    png: bool = False
+
+
+def add_report(commands: Any) -> None:
+    """Add ``diffbot report`` to the subparsers of the command line."""
+    from diffbot_control.law.presets import PRESETS, TUNED  # noqa: PLC0415
+
+    report = commands.add_parser("report", help="write a page about a recorded bag, one HTML file")
+    report.add_argument("bag", type=Path, help="folder of the bag, or an .mcap file")
+    report.add_argument("-o", "--out", type=Path, help="file to write (default: BAG.html beside the bag)")
+    report.add_argument(
+        "--preset",
+        choices=tuple(PRESETS),
+        default=TUNED,
+        help="whose tolerances and limits are drawn (default: %(default)s)",
+    )
+    for flag, what in (("csv", "a table"), ("tum", "trajectories for evo"), ("png", "a picture")):
+        report.add_argument(f"--{flag}", action="store_true", help=f"write {what} beside it, too")
+    report.set_defaults(call=_call)
+
+
+def _call(options: argparse.Namespace) -> int:
+    bag: Path = options.bag
+    out = options.out or bag.resolve().with_suffix(".html")
+    return run(ReportOptions(bag, out, options.preset, options.csv, options.tum, options.png))
+
+
+def run(options: ReportOptions) -> int:
+    """Write the report and name the files.
+
+    Raises:
+        DiffbotError: if the bag cannot be read, or a file cannot be written.
+    """
+    out = options.out.expanduser()
+    if out.suffix.lower() not in (".html", ".htm"):
+        raise DiffbotError(f"--out {out}: must end with .html")
+    if not out.parent.is_dir():
+        raise DiffbotError(f"--out {out}: no folder {out.parent}")
+    files = write_report(options.bag.expanduser(), out, options.preset, options.csv, options.tum, options.png)
+    print(f"Report {out}" + (f", beside it {', '.join(path.name for path in files)}" if files else ""))
+    return 0
+
+
+def write_report(
+    bag: Path, out: Path, preset: str, csv: bool = False, tum: bool = False, png: bool = False
+) -> list[Path]:
+    """Write the page ``out``, which appears whole or not at all; return the files beside it.
+
+    Raises:
+        DiffbotError: if the bag cannot be read, or a file cannot be written.
+    """
+    # Only the called command loads what it needs.
+    from diffbot_control.law.presets import PRESETS  # noqa: PLC0415
+    from diffbot_core.files import write_text  # noqa: PLC0415
+    from diffbot_lab.view.exports import export  # noqa: PLC0415
+    from diffbot_lab.view.page_file import html  # noqa: PLC0415
+    from diffbot_lab.view.report import page_data, read_bag_run  # noqa: PLC0415
+
+    found = read_bag_run(bag)
+    try:
+        write_text(out, html(page_data(found, PRESETS[preset])))
+        return export(found, out, csv, tum, png)
+    except OSError as error:
+        raise DiffbotError(f"cannot write {out}: {error.strerror or error}") from error

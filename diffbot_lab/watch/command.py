@@ -1,0 +1,44 @@
+"""The command ``diffbot watch``."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+from pathlib import Path
+from typing import Any
+
+from diffbot_lab.arguments import whole
+from diffbot_lab.watch.parameters import WatchConfig
+
+
+def add_watch(commands: Any) -> None:
+    """Add ``diffbot watch`` to the subparsers of the command line."""
+    defaults = WatchConfig()
+    watch = commands.add_parser("watch", help="show a running robot in the browser, and send it goals from there")
+    watch.add_argument("--host", default=defaults.host, help="address to listen on (default: %(default)s)")
+    watch.add_argument(
+        "--port", type=whole(0, 65535), default=defaults.port, help="port; 0: a free one (default: %(default)s)"
+    )
+    watch.add_argument(
+        "--namespace", nargs="+", default=[""], metavar="NS", help="namespaces of the robots (default: none)"
+    )
+    watch.add_argument("--record", type=Path, metavar="FOLDER", help="where the page may record bags")
+    watch.add_argument("--open", action="store_true", help="open the page in the browser")
+    watch.add_argument("--ros-args", dest="ros_args", nargs=argparse.REMAINDER, default=[], help="remappings ...")
+    watch.set_defaults(call=_call)
+
+
+def _call(options: argparse.Namespace) -> int:
+    values = {
+        "host": options.host,
+        "port": options.port,
+        "namespaces": options.namespace,
+        "record_folder": str(options.record.expanduser().absolute()) if options.record else "",
+        "open_browser": options.open,
+    }
+    # ROS parses values as YAML, of which JSON is a subset.
+    arguments = [part for name, value in values.items() for part in ("-p", f"{name}:={json.dumps(value)}")]
+    # By name: the command line can be imported without ROS.
+    node = importlib.import_module("diffbot_lab.watch.watch_node")
+    return int(node.main(["--ros-args", *arguments, *options.ros_args]))

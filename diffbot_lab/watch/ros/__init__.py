@@ -1,0 +1,1 @@
+"""What of the live page speaks ROS."""

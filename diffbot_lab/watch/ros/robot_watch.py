@@ -1,0 +1,196 @@
+"""The topics of one robot, as rows and texts for the page. Subscriptions with raw bytes, so that they cost little."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
+from geometry_msgs.msg import Twist as TwistMessage
+from nav_msgs.msg import Odometry, Path
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Float64MultiArray
+
+from diffbot_bag.cdr import CdrError
+from diffbot_control.ros.landmark_cloud import landmark_points
+from diffbot_control.ros.message_bytes import read_odometry, read_path, read_pose
+from diffbot_control.ros.message_fields import pose_of, stamp_ns, twist_from
+from diffbot_core.errors import BadMessageError
+from diffbot_core.geometry import Pose, into_frame, out_of_frame
+from diffbot_core.ros.node import LATCHED, QUEUE, DiffbotNode
+from diffbot_core.ros.qos import SENSOR
+from diffbot_core.units import S_PER_NS
+from diffbot_lab.view.bag_tables import LAW_COLUMNS
+from diffbot_lab.view.events import EventMaker, goal_in
+from diffbot_lab.view.live_state import COLUMNS, LiveState
+from diffbot_lab.view.texts import Status, filter_numbers, number, read_status, read_statuses
+from diffbot_lab.watch.parameters import WatchConfig
+
+MAX_PLAN = 500
+"""poses of a path that are shown"""
+_TWISTS = {"geometry_msgs/msg/Twist": TwistMessage, "geometry_msgs/msg/TwistStamped": TwistStamped}
+
+
+class SharedClock:
+    """Times of the page [s], since the first stamp of any robot."""
+
+    def __init__(self) -> None:
+        """Start without a stamp."""
+        self._origin: int | None = None
+
+    def of(self, stamp: int) -> float:
+        """Return the time of a stamp [ns]."""
+        if self._origin is None:
+            self._origin = stamp
+        return (stamp - self._origin) * S_PER_NS
+
+
+class RobotWatch:
+    """Subscribes to the topics of one robot."""
+
+    def __init__(
+        self, node: DiffbotNode[WatchConfig], name: str, namespace: str, state: LiveState, clock: SharedClock
+    ) -> None:
+        """Subscribe; what comes goes to ``state`` as the robot ``name``."""
+        self._node, self._name, self._state, self._clock = node, name, state, clock
+        self._prefix = f"/{namespace.strip('/')}" if namespace.strip("/") else ""
+        self._events = EventMaker(self._prefix)
+        self._time = 0.0
+        self._estimate: Pose | None = None
+        self._odometry_origin: Pose | None = None
+        self._goal: Pose | None = None
+        self._goals = 0
+        self._status: dict[str, Any] = {"text": "no controller yet", "level": 1}
+        self._has_commands = False
+        controller, ekf = node.config.controller, node.config.ekf
+        self._raw(PoseWithCovarianceStamped, "pose", lambda data: self._on_pose(read_pose(data)))
+        self._raw(PoseWithCovarianceStamped, "global_pose", lambda data: self._on_fix(read_pose(data)))
+        self._raw(Odometry, "ground_truth", lambda data: self._on_truth(read_odometry(data)))
+        self._raw(Odometry, "odom", lambda data: self._on_odometry(read_odometry(data)))
+        self._raw(Path, "path", self._on_path, QUEUE)
+        node.subscribe(PointCloud2, self._topic("landmarks"), self._on_landmarks, SENSOR)
+        node.subscribe(Float64MultiArray, self._topic(f"{controller}/navigation"), self._on_law, SENSOR)
+        self._raw(DiagnosticStatus, f"{controller}/status", self._on_controller, LATCHED)
+        self._raw(DiagnosticStatus, f"{ekf}/status", self._on_filter, LATCHED)
+        self._raw(DiagnosticArray, f"{controller}/goal_results", self._on_results, LATCHED)
+        self._raw(DiagnosticStatus, f"{controller}/goal_feedback", self._on_feedback, QUEUE)
+
+    def _topic(self, name: str) -> str:
+        return f"{self._prefix}/{name}"
+
+    def _raw(self, message_type: Any, name: str, callback: Callable[[bytes], None], qos: Any = SENSOR) -> None:
+        def read(data: bytes) -> None:
+            try:
+                callback(data)
+            except CdrError as error:
+                raise BadMessageError("unreadable", str(error)) from None
+
+        self._node.subscribe(message_type, self._topic(name), read, qos, raw=True)
+
+    def look_for_commands(self, types: dict[str, list[str]]) -> None:
+        """Subscribe to cmd_vel once the graph tells its type."""
+        topic = self._topic("cmd_vel")
+        found = [name for name in types.get(topic, []) if name in _TWISTS]
+        if found and not self._has_commands:
+            self._has_commands = True
+            self._node.subscribe(_TWISTS[found[0]], topic, self._on_command, SENSOR)
+
+    def on_diagnostics(self, statuses: list[Status]) -> None:
+        """Take the diagnoses of all nodes, of which some are this robot's."""
+        self._state.add_events(self._name, self._events.of_diagnostics(self._time, statuses))
+
+    def _row(self, curve: str, *values: float) -> None:
+        self._state.put_row(self._name, curve, values)
+
+    def _on_pose(self, message: Any) -> None:
+        pose, P = pose_of(message.pose.pose), message.pose.covariance
+        self._time = self._clock.of(stamp_ns(message.header.stamp))
+        self._estimate = pose
+        covariance = (P[0], P[1], P[7], P[35]) if any(P) else (math.nan,) * 4
+        self._row("estimate", self._time, *pose, *covariance)
+
+    def _on_fix(self, message: Any) -> None:
+        self._row("fixes", self._clock.of(stamp_ns(message.header.stamp)), *pose_of(message.pose.pose))
+
+    def _on_truth(self, message: Any) -> None:
+        twist = twist_from(message.twist.twist)
+        self._row("truth", self._clock.of(stamp_ns(message.header.stamp)), *pose_of(message.pose.pose), *twist)
+
+    def _on_odometry(self, message: Any) -> None:
+        pose, twist = pose_of(message.pose.pose), twist_from(message.twist.twist)
+        time = self._clock.of(stamp_ns(message.header.stamp))
+        if self._odometry_origin is None and self._estimate is not None:
+            # From here on odometry alone: what the filter adds is the distance between both.
+            self._odometry_origin = out_of_frame(into_frame(Pose(0.0, 0.0, 0.0), pose), self._estimate)
+        if self._odometry_origin is not None:
+            pose = out_of_frame(pose, self._odometry_origin)
+        if self._estimate is None:
+            self._time = time
+        self._row("odometry", time, *pose, *twist)
+
+    def _on_command(self, message: Any) -> None:
+        is_stamped = isinstance(message, TwistStamped)
+        time = self._clock.of(stamp_ns(message.header.stamp)) if is_stamped else self._time
+        self._row("command", time, *twist_from(message.twist if is_stamped else message))
+
+    def _on_law(self, message: Float64MultiArray) -> None:
+        labels = [dimension.label for dimension in message.layout.dim]
+        if len(message.data) != len(labels) or not set(LAW_COLUMNS) <= set(labels):
+            raise BadMessageError("labels missing")
+        named = dict(zip(labels, message.data, strict=True))
+        time = self._clock.of(round(named["stamp"] * 1e9)) if math.isfinite(named["stamp"]) else self._time
+        self._row("law", time, *(named[name] for name in COLUMNS["law"][1:]))
+        self._add(self._events.of_region(time, named["region"]))
+
+    def _add(self, events: Any) -> None:
+        self._state.add_events(self._name, events)
+
+    def _on_path(self, data: bytes) -> None:
+        path = read_path(data)
+        every = max(1, math.ceil(path.length / MAX_PLAN))
+        points = [
+            [one.pose.position.x, one.pose.position.y]
+            for index, one in enumerate(path.poses)
+            if index % every == 0 and math.isfinite(one.pose.position.x + one.pose.position.y)
+        ]
+        self._state.put(self._name, "plan", points)
+
+    def _on_landmarks(self, message: PointCloud2) -> None:
+        if self._estimate is None:
+            return
+        seen = []
+        for point in landmark_points(message):
+            local = Pose(point.range * math.cos(point.bearing), point.range * math.sin(point.bearing), 0.0)
+            seen.append([*out_of_frame(local, self._estimate)[:2], point.number])
+        self._state.put(self._name, "landmarks", seen)
+
+    def _on_controller(self, data: bytes) -> None:
+        status = read_status(data)
+        self._set_status(text=status.message, level=status.level, reason=status.values.get("reason", ""))
+        goal = goal_in(status.values)
+        if goal is not None and goal != self._goal:
+            self._goals += 1
+            self._add([self._events.of_goal(self._time, self._goals, goal)])
+            self._state.put(self._name, "goal", [self._time, *goal])
+            self._state.put(self._name, "plan", []) if "waypoint" not in status.values else None
+        self._goal = goal
+        self._add(self._events.of_status(self._time, "controller", status))
+
+    def _set_status(self, **values: Any) -> None:
+        self._status = self._status | values
+        self._state.put(self._name, "status", self._status)
+
+    def _on_filter(self, data: bytes) -> None:
+        status = read_status(data)
+        if "NIS per number" in status.values:
+            self._row("filter", self._time, *filter_numbers(status.values))
+        self._add(self._events.of_status(self._time, "filter", status))
+
+    def _on_results(self, data: bytes) -> None:
+        self._add(self._events.of_results(self._time, read_statuses(data)))
+
+    def _on_feedback(self, data: bytes) -> None:
+        elapsed = number(read_status(data).values.get("elapsed time [s]"))
+        self._set_status(clock=elapsed if math.isfinite(elapsed) else None)

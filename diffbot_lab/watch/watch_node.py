@@ -1,0 +1,134 @@
+"""The node ``watch``: hands the topics of robots to a page server, and requests of browsers to the robots."""
+
+from __future__ import annotations
+
+if __name__ == "__main__":  # before the imports that take long: see launcher
+    from diffbot_core.launcher import launch
+
+    raise SystemExit(launch("diffbot_lab.watch.watch_node"))
+
+import os
+import threading
+import webbrowser
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+
+from diffbot_bag.cdr import CdrError
+from diffbot_control.law.presets import PRESETS, TUNED
+from diffbot_core.errors import BadMessageError, DiffbotError
+from diffbot_core.ros.node import QUEUE, DiffbotNode, run
+from diffbot_lab.view.constants import constants_of
+from diffbot_lab.view.intake import Request
+from diffbot_lab.view.live_state import LiveState
+from diffbot_lab.view.server import Address, PageServer, Reply
+from diffbot_lab.view.texts import Status, read_statuses
+from diffbot_lab.watch.parameters import WatchConfig, robot_names
+from diffbot_lab.watch.recording import Recording
+from diffbot_lab.watch.ros.errands import Errands, Found
+from diffbot_lab.watch.ros.robot_watch import RobotWatch, SharedClock
+
+_LOOK_PERIOD = 1.0
+MAX_NODES = 100
+"""whose diagnoses are shown"""
+
+
+class WatchNode(DiffbotNode[WatchConfig]):
+    """Subscribes for the page; browsers are served in a thread, requests done in one per robot."""
+
+    def __init__(self, **node_options: Any) -> None:
+        """Start the server and subscribe."""
+        super().__init__("watch", WatchConfig, **node_options)
+        config = self.config
+        self._names = robot_names(config.namespaces)
+        self._state = LiveState(self._names)
+        self._constants = constants_of(PRESETS[TUNED])
+        self._diagnoses: dict[str, Status] = {}
+        self._found_services: dict[str, dict[str, bool]] = {}
+        self._recording = Recording(Path(config.record_folder)) if config.record_folder else None
+        self._record_lock = threading.Lock()
+        self.server = PageServer(self._state, self._constants, self._on_request, Address(config.host, config.port))
+        try:
+            self.server.start()
+        except DiffbotError:
+            self.destroy_node()
+            raise
+        clock = SharedClock()
+        robots = zip(self._names, config.namespaces, strict=True)
+        self._robots = [RobotWatch(self, name, namespace, self._state, clock) for name, namespace in robots]
+        self._errands = {
+            name: Errands(namespace, config, partial(self._on_found, name))
+            for name, namespace in zip(self._names, config.namespaces, strict=True)
+        }
+        self.subscribe(DiagnosticArray, "/diagnostics", self._on_diagnostics, QUEUE, raw=True)
+        self.create_timer(_LOOK_PERIOD, self._look_around, clock=self.steady_clock)
+        self._put_services()
+        print(f"Page: {self.server.url}", flush=True)
+        # Without a screen, webbrowser would start one of text in the terminal.
+        if config.open_browser and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+            threading.Thread(target=webbrowser.open, args=(self.server.url,), daemon=True).start()
+
+    def _on_request(self, request: Request, reply: Reply) -> None:
+        """Hand a request on; called in the server's thread."""
+        if request.kind == "record":
+            threading.Thread(target=self._record, args=(request.is_on, reply), daemon=True).start()
+        else:
+            self._errands[request.robot].add(request, reply)
+
+    def _record(self, is_on: bool, reply: Reply) -> None:
+        with self._record_lock:
+            try:
+                if self._recording is None:
+                    raise DiffbotError("recording is off: start diffbot watch with --record FOLDER")
+                reply(self._recording.start() if is_on else self._recording.stop(), 0)
+            except DiffbotError as error:
+                reply(str(error), 2)
+        self._put_services()
+
+    def _on_found(self, name: str, found: Found) -> None:
+        """Take what the graph of a robot has; called in the thread of its errands."""
+        if name == self._names[0]:
+            self._found_services = found.services
+            self._put_services()
+        if found.constants is not None:
+            self._state.put("", "constants", {**self._constants, **found.constants})
+
+    def _put_services(self) -> None:
+        missing = {"isThere": False, "isOn": False}
+        is_on = self._recording is not None and self._recording.is_on
+        record = {"isThere": self._recording is not None, "isOn": is_on}
+        self._state.put("", "services", {"pause": missing, "reset": missing, **self._found_services, "record": record})
+
+    def _on_diagnostics(self, data: bytes) -> None:
+        try:
+            statuses = read_statuses(data)
+        except CdrError as error:
+            raise BadMessageError("unreadable", str(error)) from None
+        for status in statuses:
+            if status.name in self._diagnoses or len(self._diagnoses) < MAX_NODES:
+                self._diagnoses[status.name] = status
+        for robot in self._robots:
+            robot.on_diagnostics(statuses)
+        shown = [{"name": one.name, "level": one.level, "message": one.message} for one in self._diagnoses.values()]
+        self._state.put("", "diagnostics", shown)
+
+    def _look_around(self) -> None:
+        types = dict(self.get_topic_names_and_types())
+        for robot in self._robots:
+            robot.look_for_commands(types)
+        self._put_services()
+
+    def before_shutdown(self) -> None:
+        """Close the page, the errands and a recording."""
+        self.server.stop()
+        for errands in self._errands.values():
+            errands.stop()
+        if self._recording is not None and self._recording.is_on:
+            self.get_logger().info(self._recording.stop())
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node; return the exit status of the process."""
+    return run(WatchNode, args)

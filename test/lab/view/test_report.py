@@ -1,0 +1,234 @@
+"""What a report says of a bag: curves, goals, events and topics, of complete, poor, foreign and hostile bags."""
+
+import json
+import math
+import re
+
+import numpy as np
+import pytest
+import view_bags
+from evo.tools import file_interface
+
+from diffbot_control.law.presets import PRESETS
+from diffbot_core.errors import DiffbotError
+from diffbot_lab.view.exports import export
+from diffbot_lab.view.page_file import MODULES, embedded_json, html, page_text, script
+from diffbot_lab.view.report import page_data, read_bag_run
+from diffbot_lab.view.report_command import ReportOptions, run, write_report
+
+BEGIN, DELAY = view_bags.BEGIN, view_bags.DELAY
+
+
+@pytest.fixture(scope="module")
+def run_of_circle(circle):
+    return read_bag_run(circle)
+
+
+def bag(folder, messages):
+    return view_bags.write(folder / "bag", messages)
+
+
+def only_robot(path):
+    (robot,) = read_bag_run(path).robots
+    return robot
+
+
+def test_errors_and_nees_are_those_that_were_put_in(run_of_circle):
+    error = run_of_circle.robots[0].curves["error"]
+    assert len(error["t"]) == 500
+    assert error["x"] == pytest.approx(np.full(500, 0.03), abs=1e-9)
+    assert error["y"] == pytest.approx(np.full(500, -0.02), abs=1e-9)
+    assert error["theta"] == pytest.approx(np.full(500, 0.01), abs=1e-9)
+    assert error["three_sigma_y"] == pytest.approx(np.full(500, 0.15))
+    assert error["nees"] == pytest.approx(np.full(500, (0.03**2 + 0.02**2 + 0.01**2) / 0.05**2))
+
+
+def test_odometry_is_moved_to_where_the_truth_begins(run_of_circle):
+    curves = run_of_circle.robots[0].curves
+    for name in ("x", "y"):
+        assert curves["odometry"][name] == pytest.approx(curves["truth"][name], abs=1e-9)
+
+
+def test_events_in_the_order_of_time(run_of_circle):
+    events = run_of_circle.robots[0].events
+    assert [event.time for event in events] == sorted(event.time for event in events)
+    found = {(event.kind, event.text): event for event in events}
+    assert found["goal", "goal 1: x 1.00 m, y 0.50 m, 14 deg"].time == pytest.approx(DELAY * 1e-9)
+    assert found["goal", "goal 2: x 2.00 m, y 0.50 m, 14 deg"].time == pytest.approx(5.0)
+    assert found["switch", "region Omega_L"].time == pytest.approx(5.0)
+    assert found["switch", "region Omega_G"].time == pytest.approx(499 / 50)
+    assert found["rejection", "fixes rejected: 1 more, 1 in all"].level == 1
+    assert found["end", "goal reached [goal_pose]"].level == 0
+    (failed,) = [event for event in events if event.text.startswith("goal not reached")]
+    assert failed.level == 2
+    assert [event.text for event in events if event.kind == "state"] == ["ekf: running", "controller: driving"]
+
+
+def test_topics_with_rates_and_delays(run_of_circle):
+    data = page_data(run_of_circle, PRESETS["tuned"])
+    topics = {topic["name"]: topic for topic in data["topics"]}
+    pose = topics["/pose"]
+    assert (pose["count"], pose["rate"], pose["gap"]) == (500, pytest.approx(50.0), pytest.approx(0.02))
+    assert (pose["delay"], pose["delay99"]) == (pytest.approx(0.002), pytest.approx(0.002))
+    assert "delay" not in topics["/cmd_vel"]
+    assert data["messages"] == sum(topic["count"] for topic in data["topics"])
+
+
+def test_goals_of_a_service_come_from_the_status(tmp_path):
+    def messages():
+        yield "/odom", BEGIN, view_bags.odometry(BEGIN, 0.0, 0.0, 0.0)
+        for second, goal in ((1, "1 2 0.5"), (2, "1 2 0.5"), (3, "-3 0 0"), (4, "nonsense")):
+            yield "/controller/status", BEGIN + second * 10**9, view_bags.status("/controller", "driving", goal=goal)
+        yield "/odom", BEGIN + 5 * 10**9, view_bags.odometry(BEGIN + 5 * 10**9, 1.0, 0.0, 0.0)
+
+    goals = only_robot(bag(tmp_path, messages())).goals
+    assert [(goal.time, tuple(goal.pose)) for goal in goals] == [(1.0, (1.0, 2.0, 0.5)), (3.0, (-3.0, 0.0, 0.0))]
+
+
+def test_only_odometry(tmp_path):
+    robot = only_robot(bag(tmp_path, view_bags.drive(50, truth=False, filtered=False)))
+    assert set(robot.curves) == {"odometry", "command"}
+    assert robot.curves["odometry"]["x"][0] == pytest.approx(0.0)
+    assert robot.goals == robot.events == []
+
+
+def test_only_transforms(tmp_path):
+    def messages():
+        for step in range(10):
+            time = BEGIN + step * 10**8
+            edges = [("odom", "base_link", 0.1 * step, 0.0, 0.0), ("base_link", "wheel", 0.0, 0.3, 1.0)]
+            if step % 5 == 0:
+                edges.append(("map", "odom", 1.0, 2.0, math.pi / 2))
+            yield "/tf", time, view_bags.transforms(time, *edges)
+
+    path = only_robot(bag(tmp_path, messages())).curves["estimate"]
+    assert path["x"] == pytest.approx(np.full(10, 1.0))
+    assert path["y"] == pytest.approx(2.0 + 0.1 * np.arange(10))
+    assert path["theta"] == pytest.approx(np.full(10, math.pi / 2))
+
+
+def test_a_robot_with_other_names(tmp_path):
+    time = BEGIN
+    messages = [("/husky/wheel_odom", time, view_bags.odometry(time, 1.0, 2.0, 0.0))]
+    assert only_robot(bag(tmp_path, messages)).name == "husky/wheel_odom"
+
+
+def test_two_robots(tmp_path):
+    streams = [view_bags.drive(40, namespace=f"/robot{number}") for number in (1, 2)]
+    found = read_bag_run(bag(tmp_path, (message for pair in zip(*streams, strict=True) for message in pair)))
+    assert [robot.name for robot in found.robots] == ["robot1", "robot2"]
+    for robot in found.robots:
+        assert len(robot.curves["error"]["t"]) == 40
+        assert len(robot.goals) == 2
+
+
+def test_log_times_of_another_clock(tmp_path):
+    """Stamps of a simulation, log times of the wall."""
+    shift = 10**15
+
+    def messages():
+        for topic, time, message in view_bags.drive(20):
+            yield topic, time + shift, message
+
+    robot = only_robot(bag(tmp_path, messages()))
+    assert robot.curves["command"]["t"][0] == pytest.approx(0.0, abs=1e-6)
+    assert [event.time for event in robot.events if event.kind == "state"] == pytest.approx([0.0, 0.0], abs=1e-3)
+
+
+def test_a_long_bag_keeps_its_peaks(tmp_path, monkeypatch):
+    monkeypatch.setattr("diffbot_lab.view.report.MAX_ROWS", 200)
+    robot = only_robot(bag(tmp_path, view_bags.drive(600)))
+    robot.curves["command"]["v"][333] = 9.0
+    from diffbot_lab.view.report import _thinned
+
+    thinned = _thinned(robot.curves["command"])
+    assert len(thinned["t"]) <= 200
+    assert thinned["v"].max() == 9.0
+    assert thinned["t"][thinned["v"].argmax()] == robot.curves["command"]["t"][333]
+
+
+@pytest.mark.parametrize(
+    "messages",
+    [
+        [],
+        [("/chatter", BEGIN, ("std_msgs/msg/String", view_bags.make("std_msgs/msg/String", data="x")))],
+        [("/odom", BEGIN, view_bags.odometry(BEGIN, math.nan, 0.0, 0.0))],
+    ],
+    ids=["empty", "no pose", "no finite pose"],
+)
+def test_a_bag_without_a_pose_is_one_line(tmp_path, messages):
+    with pytest.raises(DiffbotError, match="no pose") as error:
+        write_report(bag(tmp_path, messages), tmp_path / "out.html", "tuned")
+    assert "\n" not in str(error.value)
+    assert not (tmp_path / "out.html").exists()
+
+
+def test_bad_paths_are_one_line(circle, tmp_path):
+    for path, out, words in (
+        (tmp_path / "none", tmp_path / "a.html", "no bag"),
+        (circle, tmp_path / "a.txt", "must end with .html"),
+        (circle, tmp_path / "no" / "a.html", "no folder"),
+    ):
+        with pytest.raises(DiffbotError, match=words) as error:
+            run(ReportOptions(path, out, "tuned"))
+        assert "\n" not in str(error.value)
+
+
+def test_numbers_beyond_all_bounds_do_not_reach_the_page(tmp_path):
+    def messages():
+        yield from view_bags.drive(20)
+        late = BEGIN + 10**9
+        yield "/pose", late, view_bags.estimate(late, 1e300, 0.0, 0.0)
+        yield "/ekf/status", late, view_bags.status("/ekf", "running", fixes_rejected="9" * 500)
+        yield "/diagnostics", late, view_bags.statuses(late, view_bags.status(view_bags.HOSTILE, "broken", 2))
+        yield "/rosout", late, view_bags.log(late, "ekf", "x" * 10_000)
+
+    found = read_bag_run(bag(tmp_path, messages()))
+    data = json.loads(embedded_json(page_data(found, PRESETS["tuned"])))
+    assert max(map(abs, found.robots[0].curves["estimate"]["x"])) < 2.0
+    assert max(len(event[3]) for event in data["robots"][0]["events"]) < 1000
+
+
+def test_files_beside_the_report(circle, run_of_circle, tmp_path):
+    written = export(run_of_circle, tmp_path / "run.html", csv=True, tum=True, png=True)
+    assert {path.name for path in written} == {
+        "run.csv", "run_truth.tum", "run_estimate.tum", "run_odometry.tum", "run.png",
+    }  # fmt: skip
+    trajectory = file_interface.read_tum_trajectory_file(tmp_path / "run_truth.tum")
+    _, x, y, _ = view_bags.at(100)
+    assert trajectory.timestamps[100] == pytest.approx((BEGIN + 2 * 10**9) * 1e-9, abs=1e-6)
+    assert trajectory.positions_xyz[100, :2] == pytest.approx([x, y], abs=1e-6)
+    table = np.genfromtxt(tmp_path / "run.csv", delimiter=",", names=True, deletechars="")
+    assert table["error.x"][7] == pytest.approx(0.03)
+    assert table["law.rho"][250] == pytest.approx(1.5)
+    assert (tmp_path / "run.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_nothing_in_the_data_can_end_its_element():
+    text = embedded_json({"a": view_bags.HOSTILE, "b": "<!--"})
+    assert "<" not in text
+    assert text.isascii()
+    assert json.loads(text)["a"] == view_bags.HOSTILE
+
+
+def test_the_page_is_one_file_without_addresses(circle, tmp_path):
+    write_report(circle, tmp_path / "out.html", "tuned")
+    text = (tmp_path / "out.html").read_text()
+    assert not re.search(r"https?://|//\w+\.\w+/|\bimport \{|@import|url\(", text)
+    assert text.count("<script") == text.count("</script>") == 2
+    assert re.search(r"script-src 'sha256-[\w+/=]{44}'; style-src 'sha256-", text)
+    assert html({"kind": "live"}).count("{{") == 0
+
+
+def test_the_modules_fit_into_one():
+    """They are joined: no name twice, each imports only from those before it, and nothing is left out."""
+    names, lines = [], 0
+    for position, module in enumerate(MODULES):
+        text = page_text(module)
+        lines += text.count("\n")
+        names += re.findall(r"^(?:export )?(?:async )?(?:function|class|const|let) (\w+|\$)", text, re.MULTILINE)
+        assert set(re.findall(r'from "\./([\w.]+)"', text)) <= set(MODULES[:position]), module
+    assert len(names) == len(set(names))
+    assert lines <= 1500
+    assert "import " not in script()
+    assert "innerHTML" not in script()

@@ -1,0 +1,241 @@
+"""The page's server: who may connect, what may be asked, and that a browser that does not read holds nobody up."""
+
+import http.client
+import json
+import math
+import socket
+import time
+
+import graph
+import pytest
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
+
+from diffbot_core.errors import DiffbotError, InvalidValueError
+from diffbot_core.geometry import Pose
+from diffbot_lab.view.events import Event
+from diffbot_lab.view.intake import MAX_MESSAGE, Request, read_request
+from diffbot_lab.view.live_state import COLUMNS, LiveState
+from diffbot_lab.view.server import MAX_BAD, MAX_BROWSERS, Address, PageServer
+
+
+@pytest.fixture
+def state():
+    return LiveState(["robot"])
+
+
+@pytest.fixture
+def requests():
+    return []
+
+
+@pytest.fixture
+def server(state, requests):
+    def on_request(request, reply):
+        requests.append(request)
+        reply("done", 0)
+
+    running = PageServer(state, {"limits": {}}, on_request, Address())
+    running.start()
+    yield running
+    running.stop()
+
+
+def get(server, path, **headers):
+    connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=5.0)
+    connection.request("GET", path, headers=headers)
+    answer = connection.getresponse()
+    body = answer.read().decode()
+    connection.close()
+    return answer, body
+
+
+def browse(server, token=None, origin=None, **options):
+    address = f"127.0.0.1:{server.port}"
+    url = f"ws://{address}/ws?token={server.token if token is None else token}"
+    return connect(url, origin=origin or f"http://{address}", open_timeout=5.0, compression=None, **options)
+
+
+def receive(browser, kind):
+    while True:
+        message = json.loads(browser.recv(timeout=5.0))
+        if message["type"] == kind:
+            return message
+
+
+def test_the_page_needs_its_token(server):
+    answer, body = get(server, f"/?token={server.token}")
+    assert answer.status == 200
+    assert '{"kind":"live"}' in body
+    policy = answer.headers["Content-Security-Policy"]
+    assert f"connect-src ws://127.0.0.1:{server.port};" in policy
+    assert "default-src 'none'" in policy
+    assert answer.headers["Referrer-Policy"] == "no-referrer"
+    for path in ("/", "/?token=", "/?token=x", f"/?token={server.token}x", "/?token=%00%C3%A9"):
+        answer, body = get(server, path)
+        assert answer.status == 403
+        assert server.token not in body
+    assert get(server, f"/etc/passwd?token={server.token}")[0].status == 404
+
+
+@pytest.mark.parametrize(
+    "host", ["evil.example", "evil.example:{port}", "127.0.0.1:1", "127.0.0.1.evil.example:{port}"]
+)
+def test_another_name_of_the_host_is_refused(server, host):
+    """A page of a foreign name that was rebound to this machine."""
+    assert get(server, f"/?token={server.token}", Host=host.format(port=server.port))[0].status == 403
+
+
+@pytest.mark.parametrize("host", ["localhost", "127.0.0.1", "[::1]"])
+def test_this_machine_by_number_or_localhost_is_accepted(server, host):
+    assert get(server, f"/?token={server.token}", Host=f"{host}:{server.port}")[0].status == 200
+
+
+@pytest.mark.parametrize("origin", ["http://evil.example", "null", "https://127.0.0.1:{port}", "http://127.0.0.1:1"])
+def test_a_foreign_page_cannot_connect(server, origin):
+    with pytest.raises(InvalidStatus) as error:
+        browse(server, origin=origin.format(port=server.port))
+    assert error.value.response.status_code == 403
+
+
+def test_no_connection_without_the_token(server):
+    with pytest.raises(InvalidStatus) as error:
+        browse(server, token="guess")
+    assert error.value.response.status_code == 403
+
+
+def test_a_browser_gets_the_state_and_its_changes(server, state):
+    state.put_row("robot", "estimate", (1.0, 2.0, 3.0, math.nan, *[0.1] * 4))
+    state.add_events("robot", [Event(1.0, "goal", 0, "first")])
+    with browse(server) as browser:
+        hello = receive(browser, "hello")
+        assert hello["robots"] == ["robot"]
+        assert hello["columns"]["estimate"] == list(COLUMNS["estimate"])
+        assert receive(browser, "history")["rows"] == [[1.0, 2.0, 3.0, None, 0.1, 0.1, 0.1, 0.1]]
+        assert receive(browser, "state")["robots"]["robot"]["rows"]["estimate"][1] == 2.0
+        assert receive(browser, "events")["events"] == [[1.0, "goal", 0, "first"]]
+        state.put("robot", "status", {"text": "driving"})
+        assert receive(browser, "state")["robots"] == {"robot": {"status": {"text": "driving"}}}
+        state.add_events("robot", [Event(2.0, "end", 0, "second")])
+        assert receive(browser, "events")["events"] == [[2.0, "end", 0, "second"]]
+
+
+def test_a_good_request_is_handed_on_and_answered(server, requests):
+    with browse(server) as browser:
+        browser.send(json.dumps({"type": "goal", "robot": "robot", "x": 1, "y": -2.5, "yaw": 0.5}))
+        assert receive(browser, "answer") == {"type": "answer", "text": "done", "level": 0}
+    assert requests == [Request("goal", "robot", Pose(1.0, -2.5, 0.5))]
+
+
+def test_garbage_is_refused_and_at_last_disconnected(server, requests):
+    with browse(server) as browser:
+        browser.send("garbage")
+        assert "must be a JSON object" in receive(browser, "answer")["text"]
+
+        def send_garbage():
+            for _ in range(10 * MAX_BAD):
+                browser.send(b"\x00\xff")
+                browser.recv(timeout=5.0)
+
+        with pytest.raises(ConnectionClosed):
+            send_garbage()
+    assert requests == []
+    graph.wait_for(lambda: server.browsers == 0, 5.0, "the end of the connection")
+
+
+def test_a_message_that_is_too_long_ends_the_connection(server, requests):
+    with browse(server) as browser:
+        browser.send("x" * (MAX_MESSAGE + 1))
+        with pytest.raises(ConnectionClosed):
+            receive(browser, "never")
+    assert requests == []
+
+
+def test_too_many_browsers_are_refused(server):
+    browsers = [browse(server) for _ in range(MAX_BROWSERS)]
+    graph.wait_for(lambda: server.browsers == MAX_BROWSERS, 5.0, "all browsers")
+    with pytest.raises(InvalidStatus) as error:
+        browse(server)
+    assert error.value.response.status_code == 503
+    for browser in browsers:
+        browser.close()
+
+
+def test_a_browser_that_does_not_read_holds_nobody_up_and_then_gets_the_newest(server, state):
+    small = socket.create_connection(("127.0.0.1", server.port))
+    small.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    with browse(server, sock=small, max_queue=1) as slow, browse(server, max_queue=None) as quick:
+        longest = 0.0
+        for number in range(3000):
+            begin = time.perf_counter()
+            state.put("robot", "plan", [[float(number), 0.0]] * 500)
+            longest = max(longest, time.perf_counter() - begin)
+            if number % 100 == 0:
+                receive(quick, "state")
+        assert longest < 0.5
+        news = [receive(quick, "state")["robots"]["robot"]["plan"][0][0]]
+        while news[-1] < 2999:
+            news.append(receive(quick, "state")["robots"]["robot"]["plan"][0][0])
+        first = receive(slow, "state")["robots"]["robot"]["plan"][0][0]
+        later = first
+        count = 0
+        while later < 2999:
+            later = receive(slow, "state")["robots"]["robot"]["plan"][0][0]
+            count += 1
+        assert count < 1000  # not one for each change
+
+
+def test_a_port_in_use_is_one_line(server, state):
+    second = PageServer(state, {}, lambda *_: None, Address(port=server.port))
+    with pytest.raises(DiffbotError, match=f"cannot listen on 127.0.0.1 port {server.port}") as error:
+        second.start()
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("message", "field"),
+    [
+        ("[]", "message"),
+        ("[" * 3000, "message"),
+        (b"{}", "message"),
+        ('{"type": "drive"}', "type"),
+        ('{"type": ["goal"], "robot": "robot"}', "type"),
+        ('{"type": "cancel", "robot": "other"}', "robot"),
+        ('{"type": "cancel", "robot": {}}', "robot"),
+        ('{"type": "goal", "robot": "robot", "x": 1, "y": 2}', "yaw"),
+        ('{"type": "goal", "robot": "robot", "x": NaN, "y": 2, "yaw": 0}', "x"),
+        ('{"type": "goal", "robot": "robot", "x": 1e400, "y": 2, "yaw": 0}', "x"),
+        ('{"type": "goal", "robot": "robot", "x": true, "y": 2, "yaw": 0}', "x"),
+        ('{"type": "goal", "robot": "robot", "x": "1", "y": 2, "yaw": 0}', "x"),
+        ('{"type": "goal", "robot": "robot", "x": 1, "y": 2e7, "yaw": 0}', "y"),
+        ('{"type": "goal", "robot": "robot", "x": 1' + "0" * 4000 + ', "y": 2, "yaw": 0}', "x"),
+        ('{"type": "initialpose", "robot": "robot", "x": 1, "y": 2, "yaw": -1001}', "yaw"),
+        ('{"type": "pause", "robot": "robot", "on": 1}', "on"),
+        ('{"type": "record", "robot": "robot"}', "on"),
+    ],
+)
+def test_bad_requests_are_refused_by_field(message, field):
+    with pytest.raises(InvalidValueError, match=rf"^{field}\b") as error:
+        read_request(message, ["robot"])
+    assert "\n" not in str(error.value)
+    assert len(str(error.value)) < 200
+
+
+@pytest.mark.parametrize("kind", ["cancel", "reset"])
+def test_actions(kind):
+    assert read_request(json.dumps({"type": kind, "robot": "robot"}), ["robot"]) == Request(kind, "robot")
+
+
+def test_switches_and_wrapped_headings():
+    assert read_request('{"type": "pause", "robot": "robot", "on": true}', ["robot"]).is_on is True
+    pose = read_request('{"type": "goal", "robot": "robot", "x": 0, "y": 0, "yaw": 7}', ["robot"]).pose
+    assert pose.theta == pytest.approx(7.0 - 2.0 * math.pi)
+
+
+def test_history_is_thinned_and_begins_anew_when_time_jumps_back(state):
+    for step in range(128):
+        state.put_row("robot", "estimate", (step / 32, float(step), *[0.0] * 6))
+    (message,) = state.history()
+    assert [row[1] for row in message["rows"]] == list(range(0, 128, 4))
+    state.put_row("robot", "estimate", (0.5, 7.0, *[0.0] * 6))
+    assert [row[1] for row in state.history()[0]["rows"]] == [7.0]

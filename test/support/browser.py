@@ -1,0 +1,96 @@
+"""A headless Chromium for the tests of the page; it can reach this machine only."""
+
+import contextlib
+import io
+import os
+
+import graph
+import matplotlib.image
+import numpy as np
+import requirements
+from playwright.sync_api import sync_playwright
+
+WIDE, NARROW = (1440, 900), (390, 844)
+
+
+class Page:
+    """A tab that notes what must not happen: errors in its console, requests to other places."""
+
+    def __init__(self, tab):
+        self.tab = tab
+        self.errors = []
+        self.requests = []
+        tab.on("console", lambda line: self.errors.append(line.text) if line.type in ("error", "warning") else None)
+        tab.on("pageerror", lambda error: self.errors.append(str(error)))
+        tab.on("request", lambda request: self.requests.append(request.url))
+        tab.on("websocket", lambda socket: self.requests.append(socket.url))
+
+    def open(self, url):
+        """Open an address and wait until the page has drawn."""
+        self.tab.goto(url)
+        self.wait("globalThis.diffbotPage?.frames > 0", "the first frame")
+        return self
+
+    def get(self, expression):
+        """Return the value of a JavaScript expression."""
+        return self.tab.evaluate(expression)
+
+    def wait(self, expression, what, timeout=15.0):
+        """Wait until an expression is true and return its value. The page's policy forbids playwright's own waiting."""
+
+        def value():
+            self.tab.wait_for_timeout(20)
+            return self.get(expression)
+
+        return graph.wait_for(value, timeout, what)
+
+    def next_frame(self):
+        """Wait until what has changed is drawn: the page draws in each frame that the browser shows."""
+        self.get("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done())))")
+
+    def drag(self, start, end):
+        """Press, drag and release on the map, between pixels of it."""
+        box = self.tab.locator("#map").bounding_box()
+        (x0, y0), (x1, y1) = ((box["x"] + x, box["y"] + y) for x, y in (start, end))
+        self.tab.mouse.move(x0, y0)
+        self.tab.mouse.down()
+        self.tab.mouse.move(x1, y1, steps=4)
+        self.tab.mouse.up()
+
+    def text(self, selector):
+        return self.tab.locator(selector).inner_text()
+
+    def count(self, colour, selector="#map", apart=60):
+        """Return the number of pixels of about this colour: thin lines are blended with what is behind them."""
+        return sum(
+            number
+            for found, number in self.colours(selector).items()
+            if sum(abs(a - b) for a, b in zip(found, colour, strict=True)) <= apart
+        )
+
+    def colours(self, selector="#map"):
+        """Return the number of pixels of each colour of a part of the page, as (r, g, b)."""
+        image = matplotlib.image.imread(io.BytesIO(self.tab.locator(selector).screenshot()))
+        pixels = np.round(255 * image[:, :, :3]).astype(int).reshape(-1, 3)
+        found, counts = np.unique(pixels, axis=0, return_counts=True)
+        return dict(zip(map(tuple, found.tolist()), counts.tolist(), strict=True))
+
+
+@contextlib.contextmanager
+def chromium():
+    """Yield a function that opens a tab of a size, light or dark, as a Page."""
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=requirements.browser(),
+            args=["--disable-gpu", "--host-resolver-rules=MAP * ~NOTFOUND , EXCLUDE 127.0.0.1"]
+            + (["--no-sandbox"] if os.geteuid() == 0 else []),
+        )
+
+        def new_page(size=WIDE, scheme="light"):
+            width, height = size
+            return Page(browser.new_page(viewport={"width": width, "height": height}, color_scheme=scheme))
+
+        try:
+            yield new_page
+        finally:
+            browser.close()

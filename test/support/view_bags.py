@@ -1,0 +1,183 @@
+"""Bags for the report, written by rosbags: a robot on a circle of 1 m radius, with whatever topics a test wants."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+TYPES = STORE.types
+BEGIN = 1_700_000_000_000_000_000
+LABELS = ("stamp", "rho", "alpha", "beta", "theta", "eps_P", "region", "V")
+SIGMA = 0.05
+"""[m], [rad] of the estimate"""
+SPEED = 0.5
+"""[m/s]"""
+HOSTILE = '</script><script>globalThis.broken = 1</script><img src=x onerror="globalThis.broken = 1">\u2028'
+DELAY = 2_000_000
+"""[ns] between stamp and log time"""
+
+
+def make(name, /, **fields):
+    """Return a message; fields that are not given are zero or empty."""
+    return TYPES[name](**fields)
+
+
+def stamp_of(time):
+    return make("builtin_interfaces/msg/Time", sec=time // 10**9, nanosec=time % 10**9)
+
+
+def header(time, frame="map"):
+    return make("std_msgs/msg/Header", stamp=stamp_of(time), frame_id=frame)
+
+
+def vector(kind, x, y=0.0, z=0.0):
+    return make(f"geometry_msgs/msg/{kind}", x=float(x), y=float(y), z=float(z))
+
+
+def quaternion(yaw):
+    return make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=math.sin(yaw / 2), w=math.cos(yaw / 2))
+
+
+def pose(x, y, yaw):
+    return make("geometry_msgs/msg/Pose", position=vector("Point", x, y), orientation=quaternion(yaw))
+
+
+def twist(v, omega):
+    return make("geometry_msgs/msg/Twist", linear=vector("Vector3", v), angular=vector("Vector3", 0, 0, omega))
+
+
+def covariance(sigma):
+    return np.diag([sigma**2] * 6).ravel()
+
+
+def with_covariance(x, y, yaw, sigma):
+    return make("geometry_msgs/msg/PoseWithCovariance", pose=pose(x, y, yaw), covariance=covariance(sigma))
+
+
+def estimate(time, x, y, yaw, sigma=SIGMA):
+    kind = "geometry_msgs/msg/PoseWithCovarianceStamped"
+    return kind, make(kind, header=header(time), pose=with_covariance(x, y, yaw, sigma))
+
+
+def odometry(time, x, y, yaw, v=SPEED, omega=SPEED, frame="map"):
+    kind = "nav_msgs/msg/Odometry"
+    moving = make("geometry_msgs/msg/TwistWithCovariance", twist=twist(v, omega), covariance=covariance(0.01))
+    place = with_covariance(x, y, yaw, 0.0)
+    return kind, make(kind, header=header(time, frame), child_frame_id="base_link", pose=place, twist=moving)
+
+
+def goal(time, x, y, yaw):
+    kind = "geometry_msgs/msg/PoseStamped"
+    return kind, make(kind, header=header(time), pose=pose(x, y, yaw))
+
+
+def command(v, omega):
+    return "geometry_msgs/msg/Twist", twist(v, omega)
+
+
+def law(time, rho, region):
+    kind = "std_msgs/msg/Float64MultiArray"
+    dims = [make("std_msgs/msg/MultiArrayDimension", label=label, size=1, stride=1) for label in LABELS]
+    data = np.array([time * 1e-9, rho, 0.1, 0.2, 0.3, 0.4, region, rho**2])
+    return kind, make(kind, layout=make("std_msgs/msg/MultiArrayLayout", dim=dims, data_offset=0), data=data)
+
+
+def status(name, message, level=0, **values):
+    kind = "diagnostic_msgs/msg/DiagnosticStatus"
+    pairs = [
+        make("diagnostic_msgs/msg/KeyValue", key=key.replace("_", " "), value=value) for key, value in values.items()
+    ]
+    return kind, make(kind, level=level, name=name, message=message, hardware_id="", values=pairs)
+
+
+def statuses(time, *parts):
+    kind = "diagnostic_msgs/msg/DiagnosticArray"
+    return kind, make(kind, header=header(time, ""), status=[part for _, part in parts])
+
+
+def log(time, name, text, level=40):
+    kind = "rcl_interfaces/msg/Log"
+    where = {"file": "", "function": "", "line": 1}
+    return kind, make(kind, stamp=stamp_of(time), level=level, name=name, msg=text, **where)
+
+
+def transforms(time, *edges):
+    """Return a TFMessage of (parent, child, x, y, yaw)."""
+    made = [
+        make(
+            "geometry_msgs/msg/TransformStamped",
+            header=header(time, parent),
+            child_frame_id=child,
+            transform=make(
+                "geometry_msgs/msg/Transform", translation=vector("Vector3", x, y), rotation=quaternion(yaw)
+            ),
+        )
+        for parent, child, x, y, yaw in edges
+    ]
+    return "tf2_msgs/msg/TFMessage", make("tf2_msgs/msg/TFMessage", transforms=made)
+
+
+def write(folder, messages):
+    """Write (topic, log time [ns], (type, message)), in this order."""
+    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connections = {}
+        for topic, time, (kind, message) in messages:
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, kind, typestore=STORE)
+            writer.write(connections[topic], time, STORE.serialize_cdr(message, kind))
+    return folder
+
+
+def at(step, rate=50):
+    """Stamp [ns] and true pose of a step on the circle."""
+    angle = SPEED * step / rate
+    return BEGIN + step * 10**9 // rate, math.cos(angle), math.sin(angle), angle + math.pi / 2
+
+
+def drive(steps=500, rate=50, namespace="", error=(0.03, -0.02, 0.01), truth=True, filtered=True):
+    """Yield the messages of a drive: two goals, a switch of the region, a rejected fix, the end of the first goal."""
+    robot = SimpleNamespace(**{name: f"{namespace}/{name}" for name in ("pose", "odom", "cmd_vel", "ground_truth")})
+    half, end = steps // 2, steps - 1
+    for step in range(steps):
+        time, x, y, yaw = at(step, rate)
+        later = time + DELAY
+        if truth:
+            yield robot.ground_truth, later, odometry(time, x, y, yaw)
+        if filtered:
+            ex, ey, eyaw = error
+            yield robot.pose, later, estimate(time, x + ex, y + ey, yaw + eyaw)
+            yield f"{namespace}/controller/navigation", later, law(time, 2.0 - step / steps, float(half <= step < end))
+        yield robot.odom, later, odometry(time, x - 1.0, y, yaw, frame="odom")
+        yield robot.cmd_vel, later, command(SPEED, SPEED)
+        if filtered and step in (0, half):
+            number = 1 if step == 0 else 2
+            yield f"{namespace}/goal_pose", later, goal(0 if step == 0 else time, float(number), 0.5, 0.25)
+            yield f"{namespace}/ekf/status", later, filter_status(f"{namespace}/ekf", number)
+            words = {"goal": f"{number} 0.5 0.25", "goals_reached": str(number - 1)}
+            yield f"{namespace}/controller/status", later + 1, status(f"{namespace}/controller", "driving", **words)
+    if filtered:
+        last = BEGIN + steps * 10**9 // rate
+        ends = [
+            status("a" * 32, "reached", source="goal_pose"),
+            status("b" * 32, "not reached", 1, reason=HOSTILE, source="goal_pose"),
+        ]
+        yield f"{namespace}/controller/goal_results", BEGIN + half * 10**9 // rate - 1, statuses(0, ends[0])
+        yield f"{namespace}/controller/goal_results", last, statuses(0, *ends)
+
+
+def filter_status(name, number):
+    values = {
+        "NIS per number": f"{0.9 + 0.1 * number:.3f}",
+        "NIS 95 % bounds": "0.700 1.300",
+        "autocorrelation of fixes": "0.020",
+        "autocorrelation of fixes, 95 % bound": "0.150",
+        "left wheel radius error": "+0.0100 +- 0.0020",
+        "right wheel radius error": "-0.0200 +- 0.0020",
+        "fixes rejected": str(number - 1),
+    }
+    kind, message = status(name, "running")
+    message.values = [make("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in values.items()]
+    return kind, message
