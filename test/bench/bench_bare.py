@@ -72,7 +72,7 @@ class ClockedSource(Node):
 
     A latency runs from the timer's callback, before its messages are filled, to the callback of the command, on the
     monotonic clock. Commands carry no stamp: they come in the order of the odometry, and if as many came as were
-    sent, each latency is that of its own step.
+    sent, each latency is that of its own step. A period is the time between two commands.
     """
 
     def __init__(self, seconds: float) -> None:
@@ -80,6 +80,8 @@ class ClockedSource(Node):
         self.done = False
         self.steps_left = round(seconds * RATE)
         self.latencies: list[float] = []
+        self.periods: list[float] = []
+        self.last_command = 0
         self.waiting: deque[int] = deque()
         self.unasked = 0
         self.step = self.steady = 0
@@ -147,10 +149,12 @@ class ClockedSource(Node):
         sent = self.waiting.popleft()
         if self.measuring:
             self.latencies.append((now - sent) * 1e-6)
+            self.periods.append((now - self.last_command) * 1e-6)
+        self.last_command = now
 
     def end(self) -> None:
         self.done = True
-        report("end", latencies=self.latencies, lost=len(self.waiting), unasked=self.unasked)
+        report("end", latencies=self.latencies, periods=self.periods, lost=len(self.waiting), unasked=self.unasked)
 
 
 class BarePlant(Node):
