@@ -25,16 +25,37 @@ const page = {
 };
 globalThis.diffbotPage = page; // for the console and the tests
 const WINDOWS = [["everything", Infinity], ["10 s", 10], ["60 s", 60], ["5 min", 300]];
+const FAST_FRAME = 22; // [ms] of a display of 50 Hz
+const PAUSE_FRAMES = 7; // a slow browser draws new data an eighth of the time
 const LEGEND = ["truth", "estimate", "odometry", "fixes", "ellipses"];
 
 let colours = {};
 let isDirty = true;
 let areChartsDirty = true;
 let lastCharts = 0;
+let isFrameAsked = false;
+let dataTimer = 0;
+let frameTime = 0; // [ms] from one frame to the next when there is something to draw
+
+function askFrame() {
+  if (!isFrameAsked) requestAnimationFrame(drawFrame);
+  isFrameAsked = true;
+}
+
 const redraw = (withCharts = false) => {
   isDirty = true;
   areChartsDirty ||= withCharts;
+  askFrame();
 };
+
+/** Redraw for new data: at once where a frame costs nothing, else seldom enough to leave the processor to the robot. */
+function redrawForData() {
+  dataTimer ||= setTimeout(() => {
+    dataTimer = 0;
+    redraw();
+  }, frameTime < FAST_FRAME ? 0 : PAUSE_FRAMES * frameTime);
+}
+
 const changeTheme = startTheme(document.documentElement, () => {
   colours = coloursOf(document.documentElement);
   redraw(true);
@@ -67,11 +88,14 @@ function chartSpan(time) {
 }
 
 function drawFrame(now) {
-  requestAnimationFrame(drawFrame);
+  isFrameAsked = false;
   page.player?.step(now);
   if (!isDirty) return;
   isDirty = false;
   page.frames += 1;
+  requestAnimationFrame((next) => {
+    frameTime += 0.3 * (next - now - frameTime);
+  });
   const time = timeNow();
   const context = drawMap($("map"), page.view, page.robots, page.robot, time, page.constants, page.hidden, colours);
   if (page.tools.draw) drawArrow(context, page.view, page.tools.draw, 50, page.tools.current === "goal" ? colours.goal : colours.plan);
@@ -81,7 +105,7 @@ function drawFrame(now) {
     for (const chart of charts) chart.draw(page.robot, t0, t1, page.constants, colours);
     lastCharts = now;
     areChartsDirty = false;
-  } else if (areChartsDirty || isMoving) isDirty = page.player?.isPlaying !== true && areChartsDirty;
+  } else if (areChartsDirty && page.player?.isPlaying !== true) redraw();
   for (const chart of charts) chart.point(page.robot, time, colours);
   events.point(time);
   showValues($("values"), page.robot, time);
@@ -254,7 +278,7 @@ function startLive() {
         extras[name].setAttribute("aria-pressed", String(isOn));
       }
       showState();
-      redraw();
+      redrawForData();
     },
     onEvents(message) {
       const robot = find(message.robot);
@@ -269,4 +293,4 @@ function startLive() {
 
 if (page.data.kind === "report") await startReport();
 else startLive();
-requestAnimationFrame(drawFrame);
+askFrame();
