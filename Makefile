@@ -49,7 +49,7 @@ compilers:
 
 # For the tests of the page; without a browser they are left out, and the report says so.
 browser:
-	@command -v chromium chromium-browser google-chrome >/dev/null || if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
+	@{ command -v chromium || command -v chromium-browser || command -v google-chrome; } >/dev/null || if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
 		echo "Installing chromium ..."; apt-get update -qq && apt-get install -y -qq --no-install-recommends chromium >/dev/null || true; \
 	else \
 		echo "Without a browser the tests of the page are left out: sudo apt-get install chromium" >&2; \
