@@ -128,18 +128,32 @@ def errors_at(stamps: NDArray[np.int64], poses: Array, P: Array, truth: Truth) -
     Raises:
         DiffbotError: if no estimate has a true pose at its time.
     """
-    after = np.clip(np.searchsorted(truth.stamps, stamps), 1, len(truth.stamps) - 1)
-    before = after - 1
-    gap = truth.stamps[after] - truth.stamps[before]
-    use = (stamps >= truth.stamps[0]) & (stamps <= truth.stamps[-1]) & (gap <= MAX_GAP)
+    expected = poses_at(stamps, truth)
+    use = np.isfinite(expected[:, :2]).all(axis=1)
     if not use.any():
         raise DiffbotError("no estimate at a time with a true pose")
-    share = ((stamps - truth.stamps[before]) / gap)[use, None]
-    expected = (1.0 - share) * truth.poses[before[use]] + share * truth.poses[after[use]]
+    expected = expected[use]
     error = poses[use] - expected
     error[:, 2] -= TWO_PI * np.round(error[:, 2] / TWO_PI)
     time = (stamps[use] - stamps[0]) * S_PER_NS
     return Errors(time, expected, error, P[use])
+
+
+def poses_at(stamps: NDArray[np.int64], path: Truth) -> Array:
+    """Return the poses (n, 3) of a path at these times [ns], interpolated linearly between neighbours.
+
+    They are NaN before and after the path, and in gaps longer than MAX_GAP.
+    """
+    found = np.full((len(stamps), 3), np.nan)
+    if len(path.stamps) < 2:
+        return found
+    after = np.clip(np.searchsorted(path.stamps, stamps), 1, len(path.stamps) - 1)
+    before = after - 1
+    gap = path.stamps[after] - path.stamps[before]
+    use = (stamps >= path.stamps[0]) & (stamps <= path.stamps[-1]) & (gap <= MAX_GAP)
+    share = ((stamps - path.stamps[before]) / gap)[use, None]
+    found[use] = (1.0 - share) * path.poses[before[use]] + share * path.poses[after[use]]
+    return found
 
 
 def nees_of(error: Array, P: Array) -> Array:

@@ -62,10 +62,12 @@ def curves_of(robot: RobotTables, clock: Clock) -> dict[str, Columns]:
 
 
 def _checked(table: Table) -> Table:
-    """Leave out rows with positions or velocities that no robot has; of the law, with times that are none."""
+    """Leave out rows with poses or velocities that no robot has; of the law, with times that are none."""
     with np.errstate(invalid="ignore"):
         limits = (_LATEST, MAX_COORDINATE) if table.type == LABELLED else (MAX_COORDINATE, MAX_COORDINATE)
         good = (np.abs(table.numbers[:, :2]) <= limits).all(axis=1)
+        if "qx" in table.names:
+            good &= np.isfinite(table.of(*QUATERNION)).all(axis=1)
     return (
         table
         if good.all()

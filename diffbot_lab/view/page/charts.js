@@ -218,11 +218,12 @@ export class Chart {
     context.font = "10px system-ui, sans-serif";
     context.textAlign = "right";
     const step = roundStep((high - low) / 2);
-    const digits = Math.min(Math.max(0, -Math.floor(Math.log10(step))), 6);
+    const digits = Math.max(0, -Math.floor(Math.log10(step)));
     context.beginPath();
     for (let k = Math.ceil(low / step); k * step <= high; k += 1) {
       const y = scale.y(k * step);
-      context.fillText((k * step).toFixed(digits), LEFT - 4, Math.min(Math.max(y + 3, 9), HEIGHT - 2));
+      const text = digits > 4 && k !== 0 ? (k * step).toExponential(0) : (k * step).toFixed(Math.min(digits, 4));
+      context.fillText(text, LEFT - 4, Math.min(Math.max(y + 3, 9), HEIGHT - 2));
       if (k === 0) context.rect(LEFT, y, scale.width, 0);
     }
     context.stroke();
