@@ -42,7 +42,7 @@ class LandmarkPlacer:
         self._clouds.append((message.header.stamp, local_points(message)))
 
     def newest(self) -> tuple[int, list[list[float]]] | None:
-        """Return the newest cloud that can be placed, once: its stamp [ns], and x, y [m] and number of the landmarks."""
+        """Return the newest cloud that can be placed, once: its stamp [ns]; x, y [m] and number of its landmarks."""
         if not self._clouds or not self._poses:
             return None
         ready = [cloud for cloud in self._clouds if cloud[0] <= self._poses[-1][0]]

@@ -87,7 +87,7 @@ export class Robot {
 
   /** Settling clock [s] at a time: since the goal was sent, at most until it was settled in; NaN without a goal. */
   clockAt(time) {
-    if (this.status?.clock !== undefined) return this.status.clock ?? NaN; // live
+    if (this.status) return this.status.clock ?? NaN; // live
     const goal = this.goalAt(time);
     const settled = this.summary.find((one) => goal && one.time === goal[0])?.settled ?? Infinity;
     return goal ? Math.min(time - goal[0], settled) : NaN;
