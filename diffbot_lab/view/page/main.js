@@ -108,7 +108,7 @@ function setRobots(robots) {
 
 function showState() {
   const { status } = page.robot;
-  $("state").textContent = status?.text ?? "";
+  $("state").textContent = [status?.text, status?.reason].filter(Boolean).join(": ");
   $("state").dataset.level = String(status?.level ?? 0);
 }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -30,6 +31,8 @@ from diffbot_lab.view.plans import PlanEnd, read_plan, thinned
 from diffbot_lab.view.texts import Status, filter_numbers, number, read_status, read_statuses
 from diffbot_lab.watch.parameters import WatchConfig
 
+SILENCE = 2.0
+"""[s] without a status, which comes every 0.5 s"""
 _TWISTS = {"geometry_msgs/msg/Twist": TwistMessage, "geometry_msgs/msg/TwistStamped": TwistStamped}
 
 
@@ -63,6 +66,7 @@ class RobotWatch:
         self._goal: Pose | None = None
         self._goals = 0
         self._status: dict[str, Any] = {"text": "no controller yet", "level": 1}
+        self._status_received: float | None = None
         self._has_commands = False
         self._plan_end = PlanEnd()
         self._landmarks = LandmarkPlacer()
@@ -98,6 +102,11 @@ class RobotWatch:
         if found and not self._has_commands:
             self._has_commands = True
             self._node.subscribe(_TWISTS[found[0]], topic, self._on_command, SENSOR)
+
+    def look_for_silence(self) -> None:
+        """Show if the controller has stopped sending its status: what is latched of a dead one may be ``driving``."""
+        if self._status_received is not None and time.monotonic() - self._status_received > SILENCE:
+            self._set_status(text="no status from the controller", level=2, reason="")
 
     def on_diagnostics(self, statuses: list[Status]) -> None:
         """Take the diagnoses of all nodes, of which some are this robot's."""
@@ -165,6 +174,7 @@ class RobotWatch:
 
     def _on_controller(self, data: bytes) -> None:
         status = read_status(data)
+        self._status_received = time.monotonic()
         self._set_status(text=status.message, level=status.level, reason=status.values.get("reason", ""))
         goal = goal_in(status.values)
         if goal is not None and goal != self._goal:
