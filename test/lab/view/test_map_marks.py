@@ -20,7 +20,7 @@ from diffbot_lab.view.report import read_bag_run
 from diffbot_lab.view.report_command import write_report
 
 BEGIN = view_bags.BEGIN
-TREE, POST = (2.0, 0.5), (-1.5, 1.0)
+TREE, POST = (2.0, 0.5), (-1.5, 5.0)
 """True places of the landmarks 7 and 40."""
 CORNERS = ((0.0, 0.0), (1.5, 0.5), (1.5, 1.5))
 LANDMARK, PLAN = (26, 28, 30), (168, 68, 127)
