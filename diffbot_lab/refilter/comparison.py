@@ -15,22 +15,12 @@ from diffbot_core.errors import BadMessageError, DiffbotError
 from diffbot_core.geometry import TWO_PI
 from diffbot_core.units import S_PER_NS
 from diffbot_lab.refilter.filter_run import Innovation
+from diffbot_lab.trajectory import Trajectory, poses_at
 
 Array = NDArray[np.float64]
 
-MAX_GAP = 500_000_000
-"""[ns] between true poses; no error is computed in a longer gap"""
 MAX_VAR_THETA = math.pi**2
 """[rad^2] a true heading with a larger variance is not one"""
-
-
-class Truth(NamedTuple):
-    """True poses in the order of their stamps."""
-
-    stamps: NDArray[np.int64]
-    """(n,) [ns], increasing"""
-    poses: Array
-    """(n, 3) [m, m, rad], the heading without jumps; nan if it is not known"""
 
 
 class Errors(NamedTuple):
@@ -76,7 +66,7 @@ class Consistency(NamedTuple):
     """95 % of the correlations of white innovations are within +- this"""
 
 
-def read_truth(reader: BagReader, topic: str) -> Truth:
+def read_truth(reader: BagReader, topic: str) -> Trajectory:
     """Read true poses: Odometry, PoseWithCovarianceStamped or PoseStamped.
 
     Raises:
@@ -96,7 +86,7 @@ def read_truth(reader: BagReader, topic: str) -> Truth:
     stamps = np.array(sorted(found), dtype=np.int64)
     poses = np.array([found[stamp] for stamp in stamps.tolist()])
     poses[:, 2] = np.unwrap(poses[:, 2])
-    return Truth(stamps, poses)
+    return Trajectory(stamps, poses)
 
 
 def _true_pose(message: Any) -> tuple[int, tuple[float, float, float]]:
@@ -106,7 +96,7 @@ def _true_pose(message: Any) -> tuple[int, tuple[float, float, float]]:
     return stamp_ns(message.header.stamp), (x, y, math.nan if unknown else theta)
 
 
-def errors_of(estimates: list[Estimate], truth: Truth) -> Errors:
+def errors_of(estimates: list[Estimate], truth: Trajectory) -> Errors:
     """Compare estimates with the true poses, which are interpolated linearly between neighbours.
 
     Raises:
@@ -116,7 +106,7 @@ def errors_of(estimates: list[Estimate], truth: Truth) -> Errors:
     return errors_at(stamps, np.array([one.pose for one in estimates]), np.array([one.P for one in estimates]), truth)
 
 
-def errors_at(stamps: NDArray[np.int64], poses: Array, P: Array, truth: Truth) -> Errors:
+def errors_at(stamps: NDArray[np.int64], poses: Array, P: Array, truth: Trajectory) -> Errors:
     """Do the same with columns.
 
     Args:
@@ -137,23 +127,6 @@ def errors_at(stamps: NDArray[np.int64], poses: Array, P: Array, truth: Truth) -
     error[:, 2] -= TWO_PI * np.round(error[:, 2] / TWO_PI)
     time = (stamps[use] - stamps[0]) * S_PER_NS
     return Errors(time, expected, error, P[use])
-
-
-def poses_at(stamps: NDArray[np.int64], path: Truth) -> Array:
-    """Return the poses (n, 3) of a path at these times [ns], interpolated linearly between neighbours.
-
-    They are NaN before and after the path, and in gaps longer than MAX_GAP.
-    """
-    found = np.full((len(stamps), 3), np.nan)
-    if len(path.stamps) < 2:
-        return found
-    after = np.clip(np.searchsorted(path.stamps, stamps), 1, len(path.stamps) - 1)
-    before = after - 1
-    gap = path.stamps[after] - path.stamps[before]
-    use = (stamps >= path.stamps[0]) & (stamps <= path.stamps[-1]) & (gap <= MAX_GAP)
-    share = ((stamps - path.stamps[before]) / gap)[use, None]
-    found[use] = (1.0 - share) * path.poses[before[use]] + share * path.poses[after[use]]
-    return found
 
 
 def nees_of(error: Array, P: Array) -> Array:

@@ -14,7 +14,7 @@ from diffbot_bag.cdr import CdrCursor, CdrError
 from diffbot_control.ros.landmark_cloud import landmark_points
 from diffbot_core.errors import BadMessageError
 from diffbot_core.units import S_PER_NS
-from diffbot_lab.refilter.comparison import Truth, poses_at
+from diffbot_lab.trajectory import Trajectory, poses_at
 from diffbot_lab.view.clock import Clock
 from diffbot_lab.view.transforms import BASES, base_name
 
@@ -125,7 +125,7 @@ class CloudRows:
         return Measured(stamps, numbers, np.array(self._points).reshape(-1, 2))
 
 
-def placed(measured: Measured, path: Truth) -> Array:
+def placed(measured: Measured, path: Trajectory) -> Array:
     """Return the points (n, 2) [m] in the map; NaN where the path of the robot has no pose within 0.5 s.
 
     Args:
@@ -140,7 +140,7 @@ def placed(measured: Measured, path: Truth) -> Array:
     return np.column_stack((x + c * p - s * q, y + s * p + c * q))
 
 
-def landmarks_on_map(measured: Measured, path: Truth, clock: Clock) -> list[Landmark]:
+def landmarks_on_map(measured: Measured, path: Trajectory, clock: Clock) -> list[Landmark]:
     """Return the landmarks that were measured, in the order of their numbers."""
     places = placed(measured, path)
     known = np.isfinite(places).all(axis=1)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from diffbot_core.geometry import Pose
-from diffbot_lab.refilter.comparison import Truth
+from diffbot_lab.trajectory import Trajectory
 from diffbot_lab.view.landmarks import Measured, local_points, placed
 
 _MAX_POSES, _MAX_CLOUDS = 200, 20
@@ -57,7 +57,7 @@ class LandmarkPlacer:
         found = zip(places.tolist(), numbers, strict=True)
         return stamp, [[*place, number] for place, number in found if all(map(math.isfinite, place))]
 
-    def _path(self) -> Truth:
+    def _path(self) -> Trajectory:
         poses = np.array([pose for _, pose in self._poses])
         poses[:, 2] = np.unwrap(poses[:, 2])
-        return Truth(np.array([stamp for stamp, _ in self._poses], np.int64), poses)
+        return Trajectory(np.array([stamp for stamp, _ in self._poses], np.int64), poses)

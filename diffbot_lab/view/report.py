@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from diffbot_control.law.configuration import ControllerConfig
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.metrics import goal_metrics
-from diffbot_lab.refilter.comparison import Truth
+from diffbot_lab.trajectory import Trajectory
 from diffbot_lab.view.bag_tables import BagTables, RobotTables, TopicTimes, read_tables
 from diffbot_lab.view.clock import Clock, Columns
 from diffbot_lab.view.constants import constants_of
@@ -82,14 +82,14 @@ def _ends_of_plans(robot: RobotTables) -> list[Plan]:
     return [Plan(time, []) for time, status in robot.texts.get("controller", []) if end.is_over(status.values)]
 
 
-def _path_of(curves: dict[str, Columns], clock: Clock) -> Truth:
+def _path_of(curves: dict[str, Columns], clock: Clock) -> Trajectory:
     """Return the path by which landmarks are placed; without an estimate, the best that there is."""
     columns = next((curves[name] for name in ("estimate", "truth", "odometry") if name in curves), None)
     if columns is None:
-        return Truth(np.empty(0, np.int64), np.empty((0, 3)))
+        return Trajectory(np.empty(0, np.int64), np.empty((0, 3)))
     times, first = np.unique(clock.stamps_of(columns["t"]), return_index=True)
     x, y, theta = (columns[name][first] for name in ("x", "y", "theta"))
-    return Truth(times, np.column_stack((x, y, np.unwrap(theta))))
+    return Trajectory(times, np.column_stack((x, y, np.unwrap(theta))))
 
 
 def page_data(run: BagRun, config: ControllerConfig) -> dict[str, Any]:
