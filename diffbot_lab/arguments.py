@@ -5,34 +5,32 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Callable
+from typing import TypeVar
 
 MAX_SEED = 2**63 - 1
+Number = TypeVar("Number", int, float)
 
 
 def whole(low: int, high: int) -> Callable[[str], int]:
     """Return a type for argparse: a whole number from ``low`` to ``high``."""
-
-    def whole_number(text: str) -> int:
-        number = int(text)
-        if not low <= number <= high:
-            raise argparse.ArgumentTypeError(f"{text}: must be from {low} to {high}")
-        return number
-
-    whole_number.__name__ = "whole number"  # of argparse's message
-    return whole_number
+    return _between(int, "whole number", low, high)
 
 
 def number_between(low: float, high: float) -> Callable[[str], float]:
     """Return a type for argparse: a number from ``low`` to ``high``."""
+    return _between(float, "number", low, high)
 
-    def one_number(text: str) -> float:
-        value = float(text)
+
+def _between(kind: Callable[[str], Number], name: str, low: Number, high: Number) -> Callable[[str], Number]:
+    def checked(text: str) -> Number:
+        value = kind(text)
         if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"{text}: must be from {low:g} to {high:g}")
+            bounds = (f"{bound:g}" if isinstance(bound, float) else str(bound) for bound in (low, high))
+            raise argparse.ArgumentTypeError(f"{text}: must be from {' to '.join(bounds)}")
         return value
 
-    one_number.__name__ = "number"  # of argparse's message
-    return one_number
+    checked.__name__ = name  # of argparse's message
+    return checked
 
 
 def duration(text: str) -> float:

@@ -15,22 +15,12 @@ from diffbot_core.errors import BadMessageError, DiffbotError
 from diffbot_core.geometry import TWO_PI
 from diffbot_core.units import S_PER_NS
 from diffbot_lab.refilter.filter_run import Innovation
+from diffbot_lab.trajectory import Trajectory, poses_at
 
 Array = NDArray[np.float64]
 
-MAX_GAP = 500_000_000
-"""[ns] between true poses; no error is computed in a longer gap"""
 MAX_VAR_THETA = math.pi**2
 """[rad^2] a true heading with a larger variance is not one"""
-
-
-class Truth(NamedTuple):
-    """True poses in the order of their stamps."""
-
-    stamps: NDArray[np.int64]
-    """(n,) [ns], increasing"""
-    poses: Array
-    """(n, 3) [m, m, rad], the heading without jumps; nan if it is not known"""
 
 
 class Errors(NamedTuple):
@@ -76,7 +66,7 @@ class Consistency(NamedTuple):
     """95 % of the correlations of white innovations are within +- this"""
 
 
-def read_truth(reader: BagReader, topic: str) -> Truth:
+def read_truth(reader: BagReader, topic: str) -> Trajectory:
     """Read true poses: Odometry, PoseWithCovarianceStamped or PoseStamped.
 
     Raises:
@@ -96,7 +86,7 @@ def read_truth(reader: BagReader, topic: str) -> Truth:
     stamps = np.array(sorted(found), dtype=np.int64)
     poses = np.array([found[stamp] for stamp in stamps.tolist()])
     poses[:, 2] = np.unwrap(poses[:, 2])
-    return Truth(stamps, poses)
+    return Trajectory(stamps, poses)
 
 
 def _true_pose(message: Any) -> tuple[int, tuple[float, float, float]]:
@@ -106,7 +96,7 @@ def _true_pose(message: Any) -> tuple[int, tuple[float, float, float]]:
     return stamp_ns(message.header.stamp), (x, y, math.nan if unknown else theta)
 
 
-def errors_of(estimates: list[Estimate], truth: Truth) -> Errors:
+def errors_of(estimates: list[Estimate], truth: Trajectory) -> Errors:
     """Compare estimates with the true poses, which are interpolated linearly between neighbours.
 
     Raises:
@@ -116,7 +106,7 @@ def errors_of(estimates: list[Estimate], truth: Truth) -> Errors:
     return errors_at(stamps, np.array([one.pose for one in estimates]), np.array([one.P for one in estimates]), truth)
 
 
-def errors_at(stamps: NDArray[np.int64], poses: Array, P: Array, truth: Truth) -> Errors:
+def errors_at(stamps: NDArray[np.int64], poses: Array, P: Array, truth: Trajectory) -> Errors:
     """Do the same with columns.
 
     Args:
@@ -128,14 +118,11 @@ def errors_at(stamps: NDArray[np.int64], poses: Array, P: Array, truth: Truth) -
     Raises:
         DiffbotError: if no estimate has a true pose at its time.
     """
-    after = np.clip(np.searchsorted(truth.stamps, stamps), 1, len(truth.stamps) - 1)
-    before = after - 1
-    gap = truth.stamps[after] - truth.stamps[before]
-    use = (stamps >= truth.stamps[0]) & (stamps <= truth.stamps[-1]) & (gap <= MAX_GAP)
+    expected = poses_at(stamps, truth)
+    use = np.isfinite(expected[:, :2]).all(axis=1)
     if not use.any():
         raise DiffbotError("no estimate at a time with a true pose")
-    share = ((stamps - truth.stamps[before]) / gap)[use, None]
-    expected = (1.0 - share) * truth.poses[before[use]] + share * truth.poses[after[use]]
+    expected = expected[use]
     error = poses[use] - expected
     error[:, 2] -= TWO_PI * np.round(error[:, 2] / TWO_PI)
     time = (stamps[use] - stamps[0]) * S_PER_NS

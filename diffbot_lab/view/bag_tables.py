@@ -13,7 +13,19 @@ from tqdm import tqdm
 
 from diffbot_bag.cdr import HEADER, LAYOUTS, CdrError, Layout, NumberRows, labelled_layout, labels_of
 from diffbot_bag.reader import BagReader
-from diffbot_lab.view.robot_topics import COMMON, LOG, STATUS, STATUSES, TRANSFORMS, RobotTopics, robots_in
+from diffbot_lab.view.landmarks import CloudRows, Measured
+from diffbot_lab.view.plans import Plan, PlanRows
+from diffbot_lab.view.robot_topics import (
+    CLOUD,
+    COMMON,
+    LOG,
+    PATH,
+    STATUS,
+    STATUSES,
+    TRANSFORMS,
+    RobotTopics,
+    robots_in,
+)
 from diffbot_lab.view.texts import read_log, read_status, read_statuses
 from diffbot_lab.view.transforms import TransformRows
 
@@ -68,6 +80,8 @@ class RobotTables(NamedTuple):
     """by role"""
     transforms: tuple[Stamps, Array]
     """path by /tf: stamps [ns] and poses (n, 3)"""
+    plans: list[Plan]
+    landmarks: Measured
 
 
 class TopicTimes(NamedTuple):
@@ -213,6 +227,10 @@ def _collector(role: str, type_name: str) -> Any:
         return _Texts(readers[type_name])
     if type_name == TRANSFORMS:
         return _Transforms()
+    if type_name == PATH:
+        return PlanRows()
+    if type_name == CLOUD:
+        return CloudRows()
     if role == "law":
         return _Law()
     layout: Layout = LAYOUTS[type_name]
@@ -237,8 +255,13 @@ def _places(role: str, type_name: str) -> dict[str, int]:
 
 def _tables(robot: RobotTopics, made: dict[str, Any], types: dict[str, str]) -> RobotTables:
     tables, texts, transforms = {}, {}, (np.empty(0, np.int64), np.empty((0, 3)))
+    plans, landmarks = PlanRows(), CloudRows()
     for role, collector in made.items():
-        if isinstance(collector, _Texts):
+        if isinstance(collector, PlanRows):
+            plans = collector
+        elif isinstance(collector, CloudRows):
+            landmarks = collector
+        elif isinstance(collector, _Texts):
             texts[role] = sorted(collector.found, key=lambda one: one.log_time)
         elif isinstance(collector, _Transforms):
             transforms = collector.rows.path()
@@ -246,4 +269,4 @@ def _tables(robot: RobotTopics, made: dict[str, Any], types: dict[str, str]) -> 
             stamps, log_times, numbers = collector.columns()
             type_name = types[robot.names[role]]
             tables[role] = Table(stamps, log_times, numbers, tuple(_places(role, type_name)), type_name)
-    return RobotTables(robot.namespace, tables, texts, transforms)
+    return RobotTables(robot.namespace, tables, texts, transforms, plans.found, landmarks.measured())

@@ -26,6 +26,10 @@ class Clock(NamedTuple):
         """Return times [s] of stamps [ns]."""
         return np.asarray((stamps - self.origin) * S_PER_NS, float)
 
+    def stamps_of(self, times: Array) -> NDArray[np.int64]:
+        """Return stamps [ns] of times [s]: the inverse of :meth:`of_stamps`, to a microsecond for days."""
+        return self.origin + np.round(times / S_PER_NS).astype(np.int64)
+
     def of_log_time(self, log_time: int) -> float:
         """Return the time [s] of a log time [ns]."""
         return (log_time - self.offset - self.origin) * S_PER_NS

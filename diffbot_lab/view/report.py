@@ -12,11 +12,14 @@ from numpy.typing import NDArray
 from diffbot_control.law.configuration import ControllerConfig
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.metrics import goal_metrics
+from diffbot_lab.trajectory import Trajectory
 from diffbot_lab.view.bag_tables import BagTables, RobotTables, TopicTimes, read_tables
 from diffbot_lab.view.clock import Clock, Columns
 from diffbot_lab.view.constants import constants_of
 from diffbot_lab.view.events import Event, GoalSent, events_of, goals_of
+from diffbot_lab.view.landmarks import Landmark, landmarks_on_map
 from diffbot_lab.view.packing import Packer
+from diffbot_lab.view.plans import Plan, PlanEnd, plan_columns
 from diffbot_lab.view.signals import NEES_BOUNDS, clock_of, curves_of
 from diffbot_lab.view.thinning import kept_rows
 
@@ -36,6 +39,9 @@ class RobotRun(NamedTuple):
     curves: dict[str, Columns]
     goals: list[GoalSent]
     events: list[Event]
+    plan: Columns
+    """see plans.plan_columns"""
+    landmarks: list[Landmark]
 
 
 class BagRun(NamedTuple):
@@ -66,7 +72,24 @@ def _robot_run(robot: RobotTables, tables: BagTables, clock: Clock) -> RobotRun:
     curves = curves_of(robot, clock)
     goals = goals_of(robot, clock)
     events = events_of(robot, curves, goals, tables.common, clock)
-    return RobotRun(robot.namespace.lstrip("/") or "robot", curves, goals, events)
+    plan = plan_columns([*robot.plans, *_ends_of_plans(robot)], clock)
+    landmarks = landmarks_on_map(robot.landmarks, _path_of(curves, clock), clock)
+    return RobotRun(robot.namespace.lstrip("/") or "robot", curves, goals, events, plan, landmarks)
+
+
+def _ends_of_plans(robot: RobotTables) -> list[Plan]:
+    end = PlanEnd()
+    return [Plan(time, []) for time, status in robot.texts.get("controller", []) if end.is_over(status.values)]
+
+
+def _path_of(curves: dict[str, Columns], clock: Clock) -> Trajectory:
+    """Return the path by which landmarks are placed; without an estimate, the best that there is."""
+    columns = next((curves[name] for name in ("estimate", "truth", "odometry") if name in curves), None)
+    if columns is None:
+        return Trajectory(np.empty(0, np.int64), np.empty((0, 3)))
+    times, first = np.unique(clock.stamps_of(columns["t"]), return_index=True)
+    x, y, theta = (columns[name][first] for name in ("x", "y", "theta"))
+    return Trajectory(times, np.column_stack((x, y, np.unwrap(theta))))
 
 
 def page_data(run: BagRun, config: ControllerConfig) -> dict[str, Any]:
@@ -75,7 +98,9 @@ def page_data(run: BagRun, config: ControllerConfig) -> dict[str, Any]:
     robots = [
         {
             "name": robot.name,
-            "curves": {name: packer.table(_thinned(columns)) for name, columns in robot.curves.items()},
+            "curves": {name: packer.table(_thinned(columns)) for name, columns in robot.curves.items()}
+            | {"plan": packer.table(robot.plan)},
+            "landmarks": [list(landmark) for landmark in robot.landmarks],
             "goals": [[goal.time, *goal.pose] for goal in robot.goals],
             "events": [list(event) for event in robot.events],
             "summary": summary_of(robot, config),

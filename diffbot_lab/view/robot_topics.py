@@ -12,6 +12,7 @@ POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 POSE_STAMPED = "geometry_msgs/msg/PoseStamped"
 TWIST, TWIST_STAMPED = "geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"
 STATUS, STATUSES = "diagnostic_msgs/msg/DiagnosticStatus", "diagnostic_msgs/msg/DiagnosticArray"
+PATH, CLOUD = "nav_msgs/msg/Path", "sensor_msgs/msg/PointCloud2"
 LOG, TRANSFORMS = "rcl_interfaces/msg/Log", "tf2_msgs/msg/TFMessage"
 
 ROLES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
@@ -25,6 +26,8 @@ ROLES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "filter": (("ekf/status",), (STATUS,)),
     "goals": (("goal_pose",), (POSE_STAMPED,)),
     "results": (("controller/goal_results",), (STATUSES,)),
+    "plan": (("path",), (PATH,)),
+    "landmarks": (("landmarks",), (CLOUD,)),
     "transforms": (("tf",), (TRANSFORMS,)),
 }
 """Names below the robot's namespace, the best first, and the types that are understood."""

@@ -9,7 +9,8 @@ from diffbot_bag.cdr import LABELLED
 from diffbot_core.errors import DiffbotError
 from diffbot_core.geometry import MAX_COORDINATE, Pose, into_frame, out_of_frame
 from diffbot_core.units import S_PER_NS
-from diffbot_lab.refilter.comparison import MAX_VAR_THETA, Errors, Truth, errors_at, nees_of
+from diffbot_lab.refilter.comparison import MAX_VAR_THETA, Errors, errors_at, nees_of
+from diffbot_lab.trajectory import Trajectory
 from diffbot_lab.view.bag_tables import LAW_COLUMNS, QUATERNION, RobotTables, Table, Timed
 from diffbot_lab.view.clock import Array, Clock, Columns
 from diffbot_lab.view.texts import FILTER_COLUMNS, filter_numbers
@@ -62,10 +63,12 @@ def curves_of(robot: RobotTables, clock: Clock) -> dict[str, Columns]:
 
 
 def _checked(table: Table) -> Table:
-    """Leave out rows with positions or velocities that no robot has; of the law, with times that are none."""
+    """Leave out rows with poses or velocities that no robot has; of the law, with times that are none."""
     with np.errstate(invalid="ignore"):
         limits = (_LATEST, MAX_COORDINATE) if table.type == LABELLED else (MAX_COORDINATE, MAX_COORDINATE)
         good = (np.abs(table.numbers[:, :2]) <= limits).all(axis=1)
+        if "qx" in table.names:
+            good &= np.isfinite(table.of(*QUATERNION)).all(axis=1)
     return (
         table
         if good.all()
@@ -110,7 +113,7 @@ def _errors(tables: dict[str, Table]) -> Errors | None:
     estimates = np.column_stack((estimate.of("x", "y"), yaw_of(estimate.of(*QUATERNION))))
     P = estimate.of("xx", "xy", "xt", "xy", "yy", "yt", "xt", "yt", "tt").reshape(-1, 3, 3)
     try:
-        return errors_at(estimate.stamps, estimates, P, Truth(stamps, poses))
+        return errors_at(estimate.stamps, estimates, P, Trajectory(stamps, poses))
     except DiffbotError:
         return None
 

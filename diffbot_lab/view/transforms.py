@@ -16,6 +16,16 @@ MAX_EDGES = 200
 """pairs of frames that are kept; a robot with more joints keeps the first ones"""
 
 
+def base_name(frame: str) -> str:
+    """Return a frame without the robot's prefix, such as ``robot1/``."""
+    return frame.rpartition("/")[2]
+
+
+def is_local(frame: str) -> bool:
+    """Return whether a frame moves with the robot or drifts with its odometry, going by its name."""
+    return base_name(frame) in (*BASES, "odom")
+
+
 class TransformRows:
     """Collects the transforms of /tf in the plane."""
 

@@ -9,6 +9,7 @@ if __name__ == "__main__":  # before the imports that take long: see launcher
 
 import os
 import threading
+import time
 import webbrowser
 from functools import partial
 from pathlib import Path
@@ -31,6 +32,8 @@ from diffbot_lab.watch.ros.errands import Errands, Found
 from diffbot_lab.watch.ros.robot_watch import RobotWatch, SharedClock
 
 _LOOK_PERIOD = 1.0
+_OUTDATED, _STALE = 5.0, 3
+"""[s] after which a diagnosis, which comes once a second, is no longer valid; level of such a one"""
 MAX_NODES = 100
 """whose diagnoses are shown"""
 
@@ -45,7 +48,7 @@ class WatchNode(DiffbotNode[WatchConfig]):
         self._names = robot_names(config.namespaces)
         self._state = LiveState(self._names)
         self._constants = constants_of(PRESETS[TUNED])
-        self._diagnoses: dict[str, Status] = {}
+        self._diagnoses: dict[str, tuple[float, Status]] = {}
         self._found_services: dict[str, dict[str, bool]] = {}
         self._recording = Recording(Path(config.record_folder)) if config.record_folder else None
         self._record_lock = threading.Lock()
@@ -108,16 +111,26 @@ class WatchNode(DiffbotNode[WatchConfig]):
             raise BadMessageError("unreadable", str(error)) from None
         for status in statuses:
             if status.name in self._diagnoses or len(self._diagnoses) < MAX_NODES:
-                self._diagnoses[status.name] = status
+                self._diagnoses[status.name] = time.monotonic(), status
         for robot in self._robots:
             robot.on_diagnostics(statuses)
-        shown = [{"name": one.name, "level": one.level, "message": one.message} for one in self._diagnoses.values()]
+        self._put_diagnoses()
+
+    def _put_diagnoses(self) -> None:
+        now = time.monotonic()
+        shown = [
+            {"name": one.name, "level": one.level if now - received <= _OUTDATED else _STALE, "message": one.message}
+            for received, one in self._diagnoses.values()
+        ]
         self._state.put("", "diagnostics", shown)
 
     def _look_around(self) -> None:
         types = dict(self.get_topic_names_and_types())
         for robot in self._robots:
             robot.look_for_commands(types)
+            robot.look_for_silence()
+        if self._diagnoses:
+            self._put_diagnoses()
         self._put_services()
 
     def before_shutdown(self) -> None:

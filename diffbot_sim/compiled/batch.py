@@ -20,7 +20,7 @@ from diffbot_control.law.protocol import Law
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_sim.compiled.closed_loop import EKF, RAW, TRUTH, Case, make_loop, prepared
-from diffbot_sim.compiled.jit import compile_kernel, make_callable, make_law_callable
+from diffbot_sim.compiled.jit import compile_kernel, make_callable, make_law_callable, one_compiler
 from diffbot_sim.compiled.scalar_filter import check_supported
 from diffbot_sim.model.outcome import Outcome
 from diffbot_sim.model.philox import START_BLOCK, draw
@@ -126,11 +126,12 @@ class _Kernels:
         """
         with self._lock:
             kernel = self.newest(law)
-            if not hasattr(kernel, "py_func"):
+            if not hasattr(kernel, "py_func") or tuple(map(kernel.typeof_pyval, example)) in kernel.overloads:
                 return kernel
             *before, outcomes, histories = example
             try:
-                kernel(*before, outcomes[:0], histories[:0])  # compiles, and runs nothing
+                with one_compiler():
+                    kernel(*before, outcomes[:0], histories[:0])  # compiles, and runs nothing
             except Exception as error:  # not all of numba's errors have a base in common
                 kernel = kernel.py_func
                 self._kernels[id(law)] = law, kernel

@@ -6,11 +6,14 @@ plain Python function.
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import functools
 import hashlib
 import inspect
 import os
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -125,6 +128,21 @@ def _cache_folder() -> str:
 
 
 _settings: Any = numba.config
+
+
+@contextlib.contextmanager
+def one_compiler() -> Iterator[None]:
+    """Compile in one process at a time while the ``with`` block lasts: the others find the result in the cache."""
+    folder = Path(_cache_folder())
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = (folder / "compiling.lock").open("w")
+    except OSError:  # no cache to share
+        yield
+        return
+    with lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
 
 
 def make_callable(function: Any, *, inline: bool = True) -> None:

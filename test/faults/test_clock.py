@@ -76,29 +76,23 @@ def timed(observed):
 
 def test_clock_that_stands_still_stops_the_robot(timed, trials, seeded):
     with trials("clock stands") as running:
-        for _ in running:
-            timed.until_moving()
-            timed.wait(seeded)
+        for _ in timed.moments(running, seeded):
             timed.mark()
             timed.source.stands = True
             try:
                 timed.peer.spin_for(2 * CLOCK_PERIOD)
                 since = timed.source.changed
-                running.measure(timed.stop_after(since), since, delay=timed.delay())
+                timed.measure_stop(running, since)
             finally:
                 timed.source.stands = False
-        timed.until_moving()
 
 
 def test_clock_that_jumps_back_stops_the_robot(timed, trials, seeded):
     with trials("clock back") as running:
-        for _ in running:
-            timed.until_moving()
-            timed.wait(seeded)
+        for _ in timed.moments(running, seeded):
             since = timed.mark()
             timed.source.offset -= JUMP
             running.measure(time_of_first_stop(timed, since), since, delay=timed.delay())
-        timed.until_moving()
 
 
 def time_of_first_stop(witness, since):
@@ -111,9 +105,7 @@ def time_of_first_stop(witness, since):
 
 def test_clock_that_jumps_ahead_leaves_the_goal(timed, trials, seeded):
     with trials("clock forward") as running:
-        for _ in running:
-            timed.until_moving()
-            timed.wait(seeded)
+        for _ in timed.moments(running, seeded):
             since = timed.mark()
             timed.source.offset += JUMP
             timed.peer.spin_for(0.3)
@@ -125,9 +117,7 @@ def test_clock_that_jumps_ahead_leaves_the_goal(timed, trials, seeded):
 
 def test_second_publisher_of_clock_stops_the_robot_and_is_named(timed, trials, seeded):
     with trials("clock two") as running:
-        for _ in running:
-            timed.until_moving()
-            timed.wait(seeded)
+        for _ in timed.moments(running, seeded):
             with graph.peer("second_clock") as peer:
                 second = ClockSource(peer, -JUMP)
                 peer.wait_for_subscribers(second.publisher, count=2)
@@ -139,4 +129,3 @@ def test_second_publisher_of_clock_stops_the_robot_and_is_named(timed, trials, s
                 finally:
                     second.end()
                 running.measure(first, since, delay=delay)
-        timed.until_moving()

@@ -6,6 +6,7 @@ import signal
 import struct
 import sys
 import time
+from functools import partial
 
 import graph
 from mcap.exceptions import EndOfFile
@@ -19,6 +20,8 @@ RECORDER = "diffbot_bag.recorder_node"
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 FILE_LIMIT = 20_000
 """bytes; what the system answers beyond is the same error as on a full disk"""
+MAX_START_LINES = 700
+"""more than any node writes until it is ready, about 500: some of the signals come afterwards"""
 STARTED = {**graph.MODULES, "recorder": RECORDER}
 
 
@@ -74,9 +77,13 @@ def test_signals_end_robot_node_and_stop_the_robot(observed, trials, seeded):
             witness.robot.start("robot")
 
 
-def is_launched(process):
-    """Return whether the node has begun its own imports; before, signals still have the interpreter's default."""
-    return "diffbot_core.launcher\nimport time:" in process.output.replace("\r", "")
+def has_begun(process, lines):
+    """Return whether a node has written this many lines since it began its own imports, or is ready.
+
+    Before, signals still have the interpreter's default.
+    """
+    _, launcher, after = process.output.replace("\r", "").partition("diffbot_core.launcher\nimport time:")
+    return bool(launcher) and (after.count("\n") >= lines or "ready" in after)
 
 
 def test_signals_at_the_start_end_a_node_well(trials, seeded, tmp_path):
@@ -87,8 +94,8 @@ def test_signals_at_the_start_end_a_node_well(trials, seeded, tmp_path):
             name = list(STARTED)[number % len(STARTED)]
             bag = ("--ros-args", "-p", f"uri:={tmp_path / str(number)}") if name == "recorder" else ()
             with graph.process(sys.executable, "-m", STARTED[name], *bag, env=environment) as process:
-                graph.wait_for(lambda process=process: is_launched(process), 30.0, "the launcher")
-                time.sleep(seeded.uniform(0.0, 1.5))
+                begun = partial(has_begun, process, seeded.randrange(MAX_START_LINES))
+                graph.wait_for(begun, 30.0, "a moment of the start")
                 since = time.monotonic()
                 process.send(SIGNALS[number // len(STARTED) % 2])
                 seconds, good = ended(process, since)

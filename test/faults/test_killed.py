@@ -39,63 +39,47 @@ def test_killed_source_of_poses_stops_the_robot(name, patient_base, trials, seed
     witness = patient_base
     parameters = {**NEAR, "cmd_vel_timeout": NEVER} if name == "plant" else None
     with trials(f"kill {name}") as running:
-        for _ in running:
-            witness.until_moving()
-            witness.wait(seeded)
-            since = witness.kill(name)
-            running.measure(witness.stop_after(since), since, delay=witness.delay())
+        for _ in witness.moments(running, seeded):
+            witness.measure_stop(running, witness.kill(name))
             witness.robot.start(name, parameters)
-        witness.until_moving()
 
 
 @pytest.mark.parametrize("name", ["ekf", "plant"])
 def test_held_up_source_of_poses_stops_the_robot(name, patient_base, trials, seeded):
     witness = patient_base
     with trials(f"stop {name}") as running:
-        for _ in running:
-            witness.until_moving()
-            witness.wait(seeded)
+        for _ in witness.moments(running, seeded):
             since = witness.kill(name, signal.SIGSTOP)
             try:
-                running.measure(witness.stop_after(since), since, delay=witness.delay())
+                witness.measure_stop(running, since)
             finally:
                 witness.kill(name, signal.SIGCONT)
-        witness.until_moving()
 
 
 def test_killed_controller_lets_the_base_stop(driving, trials, seeded):
     with trials("kill controller") as running:
-        for _ in running:
-            driving.drive()
-            driving.wait(seeded)
-            since = driving.kill("controller")
-            running.measure(driving.stop_after(since, driving.truths), since, delay=driving.delay())
+        for _ in driving.moments(running, seeded, driving.drive):
+            driving.measure_stop(running, driving.kill("controller"), driving.truths)
             driving.robot.start("controller")
-        driving.drive()
 
 
 def test_held_up_controller_lets_the_base_stop(driving, trials, seeded):
     with trials("stop controller") as running:
-        for _ in running:
-            driving.drive()
-            driving.wait(seeded)
+        driving.drive()
+        # Held up, the controller keeps its goal.
+        for _ in driving.moments(running, seeded):
             since = driving.kill("controller", signal.SIGSTOP)
             try:
-                running.measure(driving.stop_after(since, driving.truths), since, delay=driving.delay())
+                driving.measure_stop(running, since, driving.truths)
             finally:
                 driving.kill("controller", signal.SIGCONT)
-            driving.until_moving()
 
 
 def test_killed_robot_node_lets_the_base_stop(observed, trials, seeded):
     with observed(NEAR, only=("robot", "plant"), namespace="/together") as witness, trials("kill robot") as running:
-        for _ in running:
-            witness.drive()
-            witness.wait(seeded)
-            since = witness.kill("robot")
-            running.measure(witness.stop_after(since, witness.truths), since, delay=witness.delay())
+        for _ in witness.moments(running, seeded, witness.drive):
+            witness.measure_stop(running, witness.kill("robot"), witness.truths)
             witness.robot.start("robot")
-        witness.drive()
 
 
 def recording(driving, folder):

@@ -8,9 +8,13 @@ import browser
 import graph
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from nav_msgs.msg import Odometry
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry, Path
+from robot import pose_stamped
+from sensor_msgs.msg import PointCloud2, PointField
 
 from diffbot_bag.reader import BagReader
+from diffbot_control.ros.landmark_cloud import LandmarkPoint, fill_landmark_points
 from diffbot_core.ros.node import LATCHED
 
 DIFFBOT = (sys.executable, "-m", "diffbot_lab.cli")
@@ -153,6 +157,56 @@ def test_initial_pose_reset_and_pause(page, peer):
     start = page.get("diffbotPage.view.toScreen(-2.2, -5.5)")
     page.drag(start, (start[0] + 60, start[1]))
     wait_for_answer(page, "initial pose set")
+
+
+def placed_by(pose, x, y):
+    """Return where a point in the frame of the robot is in the map."""
+    px, py, theta = place(pose)
+    point = complex(px, py) + complex(x, y) * complex(math.cos(theta), math.sin(theta))
+    return point.real, point.imag
+
+
+def test_landmarks_and_planned_path_appear_on_the_map(page, peer):
+    estimates = peer.subscribe(PoseWithCovarianceStamped, "pose")
+    clouds, paths = peer.publisher(PointCloud2, "landmarks"), peer.publisher(Path, "path")
+    peer.wait_for_subscribers(clouds, paths)
+    peer.spin_until(lambda: len(estimates) > 5, what="estimates")
+    cloud = PointCloud2(header=estimates[-2].header)
+    cloud.header.frame_id = "base_link"
+    points = [LandmarkPoint(31, 2.0, 0.5, 0.01, 0.001), LandmarkPoint(32, 3.0, -1.0, math.inf, 0.001)]
+    fill_landmark_points(cloud, points, PointField)
+    clouds.publish(cloud)
+    page.wait("diffbotPage.robot.landmarks.size", "a landmark")
+    # 32 has no range: it is somewhere on a ray.
+    ((number, x, y),) = page.get("[...diffbotPage.robot.landmarks.values()].map(({number, x, y}) => [number, x, y])")
+    expected = placed_by(estimates[-2], 2.0 * math.cos(0.5), 2.0 * math.sin(0.5))
+    assert number == 31
+    assert (x, y) == pytest.approx(expected, abs=1e-5)
+    page.wait("!diffbotPage.robot.planAt(1e9).length", "no path yet")
+    start = place(estimates[-1])
+    corners = [[start[0] + 2.0, start[1]], [start[0] + 2.0, start[1] + 2.0]]
+    path = Path(poses=[pose_stamped(*corner, 0.5) for corner in corners])
+    path.header.frame_id = "map"
+    paths.publish(path)
+    page.wait("diffbotPage.robot.planAt(1e9).length === 2", "the path")
+    assert page.get("diffbotPage.robot.planAt(1e9)") == [pytest.approx(corner) for corner in corners]
+    peer.spin_until(lambda: "waypoint" in graph.values(peer.statuses[-1]), 15.0, "the drive along the path")
+    page.tab.locator("#map").focus()
+    page.tab.keyboard.press("c")
+    page.wait("!diffbotPage.robot.planAt(1e9).length", "the end of the path", 20.0)
+
+
+def test_the_page_tells_when_the_robot_stops_reporting(page, robot):
+    assert page.text("#state") != "no status from the controller"
+    robot.send(signal.SIGSTOP)
+    try:
+        page.wait("document.getElementById('state').textContent === 'no status from the controller'", "the silence")
+        assert page.get("document.getElementById('state').dataset.level") == "2"
+        page.wait("document.querySelectorAll('#diagnostics .bad').length >= 3", "the missing diagnoses")
+    finally:
+        robot.send(signal.SIGCONT)
+    page.wait("document.getElementById('state').dataset.level === '0'", "the status")
+    page.wait("document.querySelectorAll('#diagnostics .bad').length === 0", "the diagnoses")
 
 
 def test_the_record_button_writes_a_bag(page, bags):

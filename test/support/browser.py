@@ -62,18 +62,12 @@ class Page:
 
     def count(self, colour, selector="#map", apart=60):
         """Return the number of pixels of about this colour: thin lines are blended with what is behind them."""
-        return sum(
-            number
-            for found, number in self.colours(selector).items()
-            if sum(abs(a - b) for a, b in zip(found, colour, strict=True)) <= apart
-        )
+        return int(np.count_nonzero(np.abs(self.pixels(selector) - np.array(colour)).sum(axis=1) <= apart))
 
-    def colours(self, selector="#map"):
-        """Return the number of pixels of each colour of a part of the page, as (r, g, b)."""
+    def pixels(self, selector="#map"):
+        """Return the pixels (n, 3) of a part of the page as r, g, b from 0 to 255."""
         image = matplotlib.image.imread(io.BytesIO(self.tab.locator(selector).screenshot()))
-        pixels = np.round(255 * image[:, :, :3]).astype(int).reshape(-1, 3)
-        found, counts = np.unique(pixels, axis=0, return_counts=True)
-        return dict(zip(map(tuple, found.tolist()), counts.tolist(), strict=True))
+        return np.round(255 * image[:, :, :3]).astype(int).reshape(-1, 3)
 
 
 @contextlib.contextmanager

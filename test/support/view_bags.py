@@ -120,6 +120,28 @@ def transforms(time, *edges):
     return "tf2_msgs/msg/TFMessage", make("tf2_msgs/msg/TFMessage", transforms=made)
 
 
+def path(time, *points, frame="map"):
+    """Return a Path through (x, y), as a user sends it: without stamps."""
+    kind = "nav_msgs/msg/Path"
+    poses = [make("geometry_msgs/msg/PoseStamped", header=header(0, ""), pose=pose(*point, 0.0)) for point in points]
+    return kind, make(kind, header=header(time, frame), poses=poses)
+
+
+def cloud(time, *landmarks, frame="base_link"):
+    """Return a PointCloud2 of (number, x, y) or (number, x, y, variance of the range)."""
+    kind = "sensor_msgs/msg/PointCloud2"
+    layout = [("id", "<u2"), ("x", "<f8"), ("y", "<f8"), ("range_variance", "<f4")]
+    data = np.array([(*one, 0.01)[:4] for one in landmarks], layout)
+    fields = [
+        make("sensor_msgs/msg/PointField", name=name, offset=offset, datatype=number, count=1)
+        for (name, _), offset, number in zip(layout, (0, 2, 10, 18), (4, 8, 8, 7), strict=True)
+    ]
+    sizes = {"height": 1, "width": len(data), "point_step": 22, "row_step": 22 * len(data)}
+    flags = {"is_bigendian": False, "is_dense": True}
+    bytes_of = np.frombuffer(data.tobytes(), np.uint8)
+    return kind, make(kind, header=header(time, frame), fields=fields, data=bytes_of, **sizes, **flags)
+
+
 def write(folder, messages):
     """Write (topic, log time [ns], (type, message)), in this order."""
     with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:

@@ -90,6 +90,25 @@ class Witness:
         """Let a random part of a period pass, so that faults come at all of its phases."""
         self.peer.spin_for(random.uniform(0.0, 0.1))
 
+    def moments(self, running, random, drive=None):
+        """Yield the number of each trial at a random moment of a drive, and check that the robot moves after the last.
+
+        Args:
+            running: the trials.
+            random: of this test.
+            drive: what makes the robot move; by default it does so by itself once the fault has ended.
+        """
+        drive = drive or self.until_moving
+        for number in running:
+            drive()
+            self.wait(random)
+            yield number
+        drive()
+
+    def measure_stop(self, running, since, received=None):
+        """Add to the trials how long after a fault at ``since`` the robot stopped, see :meth:`stop_after`."""
+        running.measure(self.stop_after(since, received), since, delay=self.delay())
+
     def stop_after(self, since, received=None, timeout=10.0):
         """Return the time [s] from ``since`` to the first of the zeros that are received without motion in between.
 

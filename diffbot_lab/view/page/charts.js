@@ -52,6 +52,13 @@ const hasNumbers = (robot, one) => {
   return found !== null && rangeOf(found.columns[one.column], 0, found.rows) !== null;
 };
 
+/** A number of an axis with this step, short enough to stand beside it. */
+function axisNumber(value, step) {
+  const power = Math.floor(Math.log10(step));
+  if (power >= -4 || value === 0) return value.toFixed(Math.min(Math.max(-power, 0), 4));
+  return value.toExponential(Math.max(Math.floor(Math.log10(Math.abs(value))) - power, 0));
+}
+
 /** Trace a column between two times, at most a low and a high point a pixel. */
 function trace(context, curve, values, scale, sign, isAngle) {
   const { t } = curve.columns;
@@ -218,11 +225,10 @@ export class Chart {
     context.font = "10px system-ui, sans-serif";
     context.textAlign = "right";
     const step = roundStep((high - low) / 2);
-    const digits = Math.min(Math.max(0, -Math.floor(Math.log10(step))), 6);
     context.beginPath();
     for (let k = Math.ceil(low / step); k * step <= high; k += 1) {
       const y = scale.y(k * step);
-      context.fillText((k * step).toFixed(digits), LEFT - 4, Math.min(Math.max(y + 3, 9), HEIGHT - 2));
+      context.fillText(axisNumber(k * step, step), LEFT - 4, Math.min(Math.max(y + 3, 9), HEIGHT - 2));
       if (k === 0) context.rect(LEFT, y, scale.width, 0);
     }
     context.stroke();

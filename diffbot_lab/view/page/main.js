@@ -27,7 +27,8 @@ globalThis.diffbotPage = page; // for the console and the tests
 const WINDOWS = [["everything", Infinity], ["10 s", 10], ["60 s", 60], ["5 min", 300]];
 const FAST_FRAME = 22; // [ms] of a display of 50 Hz
 const PAUSE_FRAMES = 7; // a slow browser draws new data an eighth of the time
-const LEGEND = ["truth", "estimate", "odometry", "fixes", "ellipses"];
+const LEGEND = ["truth", "estimate", "odometry", "fixes", "ellipses", "plan", "landmarks"];
+const WORDS = { ellipses: "95 % ellipses", plan: "planned path" };
 
 let colours = {};
 let isDirty = true;
@@ -131,7 +132,7 @@ function setRobots(robots) {
 
 function showState() {
   const { status } = page.robot;
-  $("state").textContent = status?.text ?? "";
+  $("state").textContent = [status?.text, status?.reason].filter(Boolean).join(": ");
   $("state").dataset.level = String(status?.level ?? 0);
 }
 
@@ -181,7 +182,7 @@ function startMap(onPose) {
     const swatch = add(label, "span", "", { class: "swatch" });
     swatch.style.background = `var(--${name === "ellipses" ? "estimate" : name})`;
     if (name === "ellipses") swatch.style.opacity = "0.4";
-    add(label, "span", name === "ellipses" ? "95 % ellipses" : name);
+    add(label, "span", WORDS[name] ?? name);
     box.addEventListener("change", () => {
       page.hidden[box.checked ? "delete" : "add"](name);
       redraw();
@@ -267,7 +268,9 @@ function startLive() {
         if (!robot) continue;
         const isNew = !robot.main;
         for (const [curve, row] of Object.entries(news.rows ?? {})) robot.append(curve, columns[curve], row);
-        for (const key of ["status", "plan", "landmarks"]) if (news[key]) robot[key] = news[key];
+        if (news.status) robot.status = news.status;
+        if (news.plan) robot.setPlan(news.plan);
+        if (news.landmarks) robot.see(news.landmarks);
         if (news.goal) robot.goals = [...robot.goals.filter((goal) => goal[0] < news.goal[0]), news.goal].slice(-50);
         if (robot === page.robot && isNew && robot.main) page.view.fit(robot);
       }

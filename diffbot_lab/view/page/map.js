@@ -1,10 +1,11 @@
-import { ellipseOf, roundStep, TWO_PI } from "./geometry.js";
+import { ellipseOf, lastAtMost, roundStep, shown, TWO_PI } from "./geometry.js";
 
 // Draws the map: grid, paths, fixes, goals with tolerance and region, robots.
 
 const PATHS = ["odometry", "truth", "estimate"];
 const RADIUS = 0.3;
 const MAX_ELLIPSES = 60;
+const MAX_WAYPOINTS = 50;
 
 /** A canvas with sharp pixels: returns its context, cleared, in units of CSS pixels. */
 export function cleared(canvas) {
@@ -198,11 +199,14 @@ function drawGoal(context, view, robot, time, constants, colours) {
   if (!(radius > 0)) return;
   context.beginPath();
   context.arc(px, py, radius * view.scale, 0, TWO_PI);
+  const isNear = law.at("region", time) === 1;
   context.fillStyle = colours.near;
-  if (law.at("region", time) === 1) context.fill();
+  if (isNear) context.fill();
   context.setLineDash([5, 4]);
   context.stroke();
   context.setLineDash([]);
+  context.fillStyle = colours.goal;
+  context.fillText(`${isNear ? "in Omega_L" : "Omega_L"}, eps_P ${shown(radius)} m`, px + 10, py + Math.max(radius * view.scale, RADIUS * view.scale) + 14);
 }
 
 function drawRobot(context, view, pose, colour, filled) {
@@ -221,17 +225,40 @@ function drawRobot(context, view, pose, colour, filled) {
   context.stroke();
 }
 
-function drawPlan(context, view, robot, colours) {
-  context.strokeStyle = colours.plan;
-  context.lineWidth = 1.5;
+function drawPlan(context, view, points, colour) {
+  context.strokeStyle = colour;
+  context.fillStyle = colour;
+  context.lineWidth = 2;
   context.beginPath();
-  for (const [x, y] of robot.plan) context.lineTo(...view.toScreen(x, y));
+  for (const [x, y] of points) context.lineTo(...view.toScreen(x, y));
+  context.setLineDash([9, 5]);
   context.stroke();
-  context.fillStyle = colours.plan;
-  for (const [x, y, number] of robot.landmarks) {
+  context.setLineDash([]);
+  if (points.length > MAX_WAYPOINTS) return;
+  context.beginPath();
+  for (const [x, y] of points) {
     const [px, py] = view.toScreen(x, y);
-    context.fillRect(px - 3, py - 3, 6, 6);
-    context.fillText(String(number), px + 5, py - 3);
+    context.moveTo(px, py);
+    context.arc(px, py, 3.5, 0, TWO_PI);
+  }
+  context.fill();
+}
+
+/** A diamond with its number per landmark: filled while it is in view, else its outline. */
+function drawLandmarks(context, view, robot, time, colours) {
+  context.strokeStyle = colours.landmarks;
+  context.fillStyle = colours.landmarks;
+  context.lineWidth = 1.5;
+  for (const { number, x, y, inView } of robot.landmarks.values()) {
+    const [px, py] = view.toScreen(x, y);
+    if (!(px > -9 && py > -9 && px < view.width + 9 && py < view.height + 9)) continue;
+    context.beginPath();
+    for (const [dx, dy] of [[0, -7], [7, 0], [0, 7], [-7, 0]]) context.lineTo(px + dx, py + dy);
+    context.closePath();
+    // Begin and end of each interval take turns.
+    if (lastAtMost(inView, inView.length, time) % 2 === 0) context.fill();
+    context.stroke();
+    context.fillText(String(number), px + 8, py - 5);
   }
 }
 
@@ -247,7 +274,8 @@ export function drawMap(canvas, view, robots, robot, time, constants, hidden, co
   if (curves.fixes && !hidden.has("fixes")) drawFixes(context, view, curves.fixes, time, colours.fixes);
   pathLayer.draw(context, view, robot, time, hidden, colours);
   if (curves.estimate && !hidden.has("ellipses")) drawEllipses(context, view, curves.estimate, time, colours);
-  drawPlan(context, view, robot, colours);
+  if (!hidden.has("plan")) drawPlan(context, view, robot.planAt(time), colours.plan);
+  if (!hidden.has("landmarks")) drawLandmarks(context, view, robot, time, colours);
   drawGoal(context, view, robot, time, constants, colours);
   for (const other of robots) {
     for (const name of ["truth", "estimate"]) {

@@ -30,6 +30,8 @@ export async function unpackRobots(data) {
       const unpacked = Object.entries(columns).map(([key, place]) => [key, column(bytes, place, rows)]);
       robot.curves[name] = new Curve(Object.fromEntries(unpacked), rows);
     }
-    return Object.assign(robot, { goals: one.goals, events: one.events, summary: one.summary });
+    const { plan, ...curves } = robot.curves;
+    const landmarks = new Map(one.landmarks.map(([number, x, y, inView]) => [number, { number, x, y, inView }]));
+    return Object.assign(robot, { curves, plan, landmarks, goals: one.goals, events: one.events, summary: one.summary });
   });
 }

@@ -140,7 +140,7 @@ export function showValues(parent, robot, time) {
     ["beta", shown(at("law", "beta"), 3), "rad"],
     ["eps_P", shown(at("law", "eps_P"), 3), "m"],
     ["NIS", shown(at("filter", "nis")), ""],
-    ...(robot.status?.clock === undefined ? [] : [["to the goal", shown(robot.status.clock, 1), "s"]]),
+    ["since goal", shown(robot.clockAt(time), 1), "s"],
   ];
   if (parent.children.length !== values.length) {
     parent.replaceChildren();

@@ -3,6 +3,8 @@ import { lastAtMost, wrapAngle } from "./geometry.js";
 // What the page knows: curves over time, goals and events of each robot. A report fills it once, the live page appends.
 
 const LIVE_ROWS = 40000;
+const MAX_LANDMARKS = 500;
+const IN_VIEW = 1; // [s] after a measurement
 
 /** Columns of numbers over the column `t` [s]. */
 export class Curve {
@@ -73,14 +75,47 @@ export class Robot {
     this.events = [];
     this.summary = [];
     this.status = null;
-    this.plan = [];
-    this.landmarks = [];
+    this.plan = new Curve({ t: [], x: [], y: [] }, 0);
+    this.landmarks = new Map();
   }
 
   /** Add a row to a curve, which begins with its first row. */
   append(curve, names, row) {
     this.curves[curve] ??= Curve.growing(names);
     this.curves[curve].append(row);
+  }
+
+  /** Settling clock [s] at a time: since the goal was sent, at most until it was settled in; NaN without a goal. */
+  clockAt(time) {
+    if (this.status) return this.status.clock ?? NaN; // live
+    const goal = this.goalAt(time);
+    const settled = this.summary.find((one) => goal && one.time === goal[0])?.settled ?? Infinity;
+    return goal ? Math.min(time - goal[0], settled) : NaN;
+  }
+
+  /** Set the planned path, which holds from a time on; no points: there is none. */
+  setPlan([time, points]) {
+    const rows = points.length ? points : [[NaN, NaN]];
+    this.plan = new Curve({ t: rows.map(() => time), x: rows.map(([x]) => x), y: rows.map(([, y]) => y) }, rows.length);
+  }
+
+  /** The points [x, y] of the planned path at a time. */
+  planAt(time) {
+    const { t, x, y } = this.plan.columns;
+    const points = [];
+    for (let i = this.plan.indexAt(time), begin = t[i]; i >= 0 && t[i] === begin; i -= 1) {
+      if (Number.isFinite(x[i])) points.unshift([x[i], y[i]]);
+    }
+    return points;
+  }
+
+  /** Set where landmarks [x, y, number] are, which were measured at a time. */
+  see([time, landmarks]) {
+    for (const [x, y, number] of landmarks) this.landmarks.set(number, { number, x, y, inView: [time, time + IN_VIEW] });
+    for (const number of this.landmarks.keys()) {
+      if (this.landmarks.size <= MAX_LANDMARKS) break;
+      this.landmarks.delete(number);
+    }
   }
 
   /** The curve that tells best where the robot is. */

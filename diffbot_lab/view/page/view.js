@@ -36,7 +36,7 @@ export class View {
     this.y += y - newY;
   }
 
-  /** Show all paths and goals of a robot. */
+  /** Show all paths, goals and landmarks of a robot. */
   fit(robot) {
     let xs = null;
     let ys = null;
@@ -46,10 +46,10 @@ export class View {
       xs = rangeOf(curve.columns.x, 0, curve.rows, xs);
       ys = rangeOf(curve.columns.y, 0, curve.rows, ys);
     }
-    for (const [, x, y] of robot.goals) {
-      xs = rangeOf([x], 0, 1, xs);
-      ys = rangeOf([y], 0, 1, ys);
-    }
+    const { plan } = robot;
+    const points = [...robot.goals.map(([, x, y]) => ({ x, y })), ...robot.landmarks.values()];
+    xs = rangeOf([...points.map(({ x }) => x), ...plan.columns.x], 0, points.length + plan.rows, xs);
+    ys = rangeOf([...points.map(({ y }) => y), ...plan.columns.y], 0, points.length + plan.rows, ys);
     if (!xs || !ys) return;
     this.x = (xs[0] + xs[1]) / 2;
     this.y = (ys[0] + ys[1]) / 2;

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -14,8 +15,7 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Float64MultiArray
 
 from diffbot_bag.cdr import CdrError
-from diffbot_control.ros.landmark_cloud import landmark_points
-from diffbot_control.ros.message_bytes import read_odometry, read_path, read_pose
+from diffbot_control.ros.message_bytes import read_odometry, read_pose
 from diffbot_control.ros.message_fields import pose_of, stamp_ns, twist_from
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose, into_frame, out_of_frame
@@ -24,12 +24,15 @@ from diffbot_core.ros.qos import SENSOR
 from diffbot_core.units import S_PER_NS
 from diffbot_lab.view.bag_tables import LAW_COLUMNS
 from diffbot_lab.view.events import EventMaker, goal_in
+from diffbot_lab.view.landmarks import read_cloud
+from diffbot_lab.view.live_landmarks import LandmarkPlacer
 from diffbot_lab.view.live_state import COLUMNS, LiveState
+from diffbot_lab.view.plans import PlanEnd, read_plan, thinned
 from diffbot_lab.view.texts import Status, filter_numbers, number, read_status, read_statuses
 from diffbot_lab.watch.parameters import WatchConfig
 
-MAX_PLAN = 500
-"""poses of a path that are shown"""
+SILENCE = 2.0
+"""[s] without a status, which comes every 0.5 s"""
 _TWISTS = {"geometry_msgs/msg/Twist": TwistMessage, "geometry_msgs/msg/TwistStamped": TwistStamped}
 
 
@@ -63,14 +66,17 @@ class RobotWatch:
         self._goal: Pose | None = None
         self._goals = 0
         self._status: dict[str, Any] = {"text": "no controller yet", "level": 1}
+        self._status_received: float | None = None
         self._has_commands = False
+        self._plan_end = PlanEnd()
+        self._landmarks = LandmarkPlacer()
         controller, ekf = node.config.controller, node.config.ekf
         self._raw(PoseWithCovarianceStamped, "pose", lambda data: self._on_pose(read_pose(data)))
         self._raw(PoseWithCovarianceStamped, "global_pose", lambda data: self._on_fix(read_pose(data)))
         self._raw(Odometry, "ground_truth", lambda data: self._on_truth(read_odometry(data)))
         self._raw(Odometry, "odom", lambda data: self._on_odometry(read_odometry(data)))
         self._raw(Path, "path", self._on_path, QUEUE)
-        node.subscribe(PointCloud2, self._topic("landmarks"), self._on_landmarks, SENSOR)
+        self._raw(PointCloud2, "landmarks", self._on_landmarks)
         node.subscribe(Float64MultiArray, self._topic(f"{controller}/navigation"), self._on_law, SENSOR)
         self._raw(DiagnosticStatus, f"{controller}/status", self._on_controller, LATCHED)
         self._raw(DiagnosticStatus, f"{ekf}/status", self._on_filter, LATCHED)
@@ -97,6 +103,11 @@ class RobotWatch:
             self._has_commands = True
             self._node.subscribe(_TWISTS[found[0]], topic, self._on_command, SENSOR)
 
+    def look_for_silence(self) -> None:
+        """Show if the controller has stopped sending its status: what is latched of a dead one may be ``driving``."""
+        if self._status_received is not None and time.monotonic() - self._status_received > SILENCE:
+            self._set_status(text="no status from the controller", level=2, reason="")
+
     def on_diagnostics(self, statuses: list[Status]) -> None:
         """Take the diagnoses of all nodes, of which some are this robot's."""
         self._state.add_events(self._name, self._events.of_diagnostics(self._time, statuses))
@@ -110,6 +121,8 @@ class RobotWatch:
         self._estimate = pose
         covariance = (P[0], P[1], P[7], P[35]) if any(P) else (math.nan,) * 4
         self._row("estimate", self._time, *pose, *covariance)
+        self._landmarks.add_pose(stamp_ns(message.header.stamp), pose)
+        self._put_landmarks()
 
     def _on_fix(self, message: Any) -> None:
         self._row("fixes", self._clock.of(stamp_ns(message.header.stamp)), *pose_of(message.pose.pose))
@@ -148,34 +161,29 @@ class RobotWatch:
         self._state.add_events(self._name, events)
 
     def _on_path(self, data: bytes) -> None:
-        path = read_path(data)
-        every = max(1, math.ceil(path.length / MAX_PLAN))
-        points = [
-            [one.pose.position.x, one.pose.position.y]
-            for index, one in enumerate(path.poses)
-            if index % every == 0 and math.isfinite(one.pose.position.x + one.pose.position.y)
-        ]
-        self._state.put(self._name, "plan", points)
+        self._state.put(self._name, "plan", [self._time, thinned(read_plan(data))])
 
-    def _on_landmarks(self, message: PointCloud2) -> None:
-        if self._estimate is None:
-            return
-        seen = []
-        for point in landmark_points(message):
-            local = Pose(point.range * math.cos(point.bearing), point.range * math.sin(point.bearing), 0.0)
-            seen.append([*out_of_frame(local, self._estimate)[:2], point.number])
-        self._state.put(self._name, "landmarks", seen)
+    def _on_landmarks(self, data: bytes) -> None:
+        self._landmarks.add_cloud(read_cloud(data))
+        self._put_landmarks()
+
+    def _put_landmarks(self) -> None:
+        if (found := self._landmarks.newest()) is not None:
+            stamp, points = found
+            self._state.put(self._name, "landmarks", [self._clock.of(stamp), points])
 
     def _on_controller(self, data: bytes) -> None:
         status = read_status(data)
+        self._status_received = time.monotonic()
         self._set_status(text=status.message, level=status.level, reason=status.values.get("reason", ""))
         goal = goal_in(status.values)
         if goal is not None and goal != self._goal:
             self._goals += 1
             self._add([self._events.of_goal(self._time, self._goals, goal)])
             self._state.put(self._name, "goal", [self._time, *goal])
-            self._state.put(self._name, "plan", []) if "waypoint" not in status.values else None
         self._goal = goal
+        if self._plan_end.is_over(status.values):
+            self._state.put(self._name, "plan", [self._time, []])
         self._add(self._events.of_status(self._time, "controller", status))
 
     def _set_status(self, **values: Any) -> None:

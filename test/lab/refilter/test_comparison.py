@@ -9,8 +9,9 @@ from diffbot_control.filter.gated_filter import Belief
 from diffbot_control.filter.localization import Estimate
 from diffbot_core.errors import DiffbotError
 from diffbot_core.geometry import Pose
-from diffbot_lab.refilter.comparison import Truth, consistency_of, errors_of, figures_of
+from diffbot_lab.refilter.comparison import consistency_of, errors_of, figures_of
 from diffbot_lab.refilter.filter_run import Innovation
+from diffbot_lab.trajectory import Trajectory
 
 SECOND = 10**9
 P = np.diag([0.04, 0.01, 0.0025])
@@ -22,7 +23,7 @@ def estimate(stamp, *pose):
 
 def test_errors_are_taken_at_interpolated_truth_across_the_cut_of_the_heading():
     stamps = np.array([0, 400_000_000], dtype=np.int64)
-    truth = Truth(stamps, np.array([[0.0, 0.0, 3.1], [4.0, 2.0, 3.3]]))  # without jumps, beyond pi
+    truth = Trajectory(stamps, np.array([[0.0, 0.0, 3.1], [4.0, 2.0, 3.3]]))  # without jumps, beyond pi
     errors = errors_of([estimate(100_000_000, 1.2, 0.4, 3.15 - 2 * math.pi)], truth)
     assert errors.error[0] == pytest.approx([0.2, -0.1, 0.0], abs=1e-12)
     figures = figures_of(errors)
@@ -33,7 +34,7 @@ def test_errors_are_taken_at_interpolated_truth_across_the_cut_of_the_heading():
 
 def test_gaps_and_times_outside_are_left_out():
     stamps = np.array([SECOND, SECOND + 100, 3 * SECOND], dtype=np.int64)
-    truth = Truth(stamps, np.zeros((3, 3)))
+    truth = Trajectory(stamps, np.zeros((3, 3)))
     estimates = [estimate(t, 1.0, 0.0, 0.0) for t in (SECOND - 1, SECOND, SECOND + 50, 2 * SECOND, 3 * SECOND + 1)]
     assert len(errors_of(estimates, truth).error) == 2
     with pytest.raises(DiffbotError, match="no estimate at a time with a true pose"):
@@ -41,7 +42,7 @@ def test_gaps_and_times_outside_are_left_out():
 
 
 def test_without_true_heading_only_the_position_counts():
-    truth = Truth(np.array([0, 100], dtype=np.int64), np.array([[0.0, 0.0, np.nan]] * 2))
+    truth = Trajectory(np.array([0, 100], dtype=np.int64), np.array([[0.0, 0.0, np.nan]] * 2))
     figures = figures_of(errors_of([estimate(0, 0.2, 0.1, 2.0), estimate(100, 0.0, 0.0, 1.0)], truth))
     assert (figures.nees, figures.nees_numbers) == (pytest.approx(1.0), 2)
     assert math.isnan(figures.heading_rmse)

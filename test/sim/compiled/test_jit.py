@@ -1,17 +1,19 @@
 """The cache of compiled code is named by all code that can decide a result."""
 
+import fcntl
 import os
 import shutil
 import subprocess
 import sys
 
+import numba
 import pytest
 from project_files import SITE, files_read_by
 
 from diffbot_control.law.controller import SwitchingLaw
 from diffbot_core.code_hash import hash_of_folders
 from diffbot_sim.compiled import batch
-from diffbot_sim.compiled.jit import LIBRARIES, MODULES, PACKAGES, code_version
+from diffbot_sim.compiled.jit import LIBRARIES, MODULES, PACKAGES, code_version, one_compiler
 
 
 @pytest.fixture(scope="module")
@@ -38,6 +40,24 @@ def test_a_change_in_any_file_that_a_batch_reads_is_another_version(copied):
         found = hash_of_folders([copied / package for package in PACKAGES], LIBRARIES)
         (copied / path).write_text(before)
         assert found != code_version(), path
+
+
+def test_one_process_compiles_at_a_time(tmp_path, monkeypatch):
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    with one_compiler():
+        (lock,) = tmp_path.rglob("*.lock")
+        with lock.open() as other, pytest.raises(BlockingIOError):
+            fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    with lock.open() as other:
+        fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def test_without_a_folder_for_the_cache_it_compiles_without_a_lock(tmp_path, monkeypatch):
+    file = tmp_path / "file"
+    file.touch()
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(file))
+    with one_compiler():
+        assert file.read_bytes() == b""
 
 
 CACHE = """

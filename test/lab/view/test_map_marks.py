@@ -1,0 +1,244 @@
+"""Landmarks and planned paths on the map: of a bag, on the page, and of a running robot."""
+
+import itertools
+import math
+import random
+
+import browser
+import numpy as np
+import pytest
+import view_bags
+
+from diffbot_bag.cdr import CdrError
+from diffbot_core.errors import BadMessageError
+from diffbot_core.geometry import Pose
+from diffbot_lab.view import landmarks as landmarks_module
+from diffbot_lab.view.landmarks import read_cloud
+from diffbot_lab.view.live_landmarks import LandmarkPlacer
+from diffbot_lab.view.plans import MAX_POINTS, PlanEnd, read_plan, thinned
+from diffbot_lab.view.report import read_bag_run
+from diffbot_lab.view.report_command import write_report
+
+BEGIN = view_bags.BEGIN
+TREE, POST = (2.0, 0.5), (-1.5, 5.0)
+"""True places of the landmarks 7 and 40."""
+CORNERS = ((0.0, 0.0), (1.5, 0.5), (1.5, 1.5))
+LANDMARK, PLAN = (26, 28, 30), (168, 68, 127)
+"""Colours of the light style."""
+
+
+def seen(place, time):
+    """Return where a robot on the circle sees a place at a time [s], in its own frame."""
+    angle = view_bags.SPEED * time
+    offset = complex(*place) - complex(math.cos(angle), math.sin(angle))
+    turned = offset * complex(0.0, -1.0) * complex(math.cos(angle), -math.sin(angle))
+    return turned.real, turned.imag
+
+
+def marked_drive():
+    """Yield a drive with landmarks at 5 Hz between two estimates: the post until 2 s and from 6 s; and with paths."""
+    yield from view_bags.drive(500, error=(0.0, 0.0, 0.0))
+    for step in range(48):
+        time = 0.2 * step + 0.007
+        stamp = BEGIN + step * 200_000_000 + 7_000_000
+        points = [(7, *seen(TREE, time))]
+        if time < 2.0 or time > 6.0:
+            points.append((40, *seen(POST, time)))
+        yield "/landmarks", stamp, view_bags.cloud(stamp, *points, (99, 1.0, 1.0, math.nan))
+    yield "/landmarks", BEGIN, view_bags.cloud(BEGIN, (1, 1.0, 0.0), frame="camera")
+    yield "/landmarks", BEGIN, view_bags.cloud(BEGIN, (1, math.nan, 0.0))
+    yield "/landmarks", BEGIN, view_bags.cloud(BEGIN + 10**15, (1, 1.0, 0.0))
+    broken = (math.nan, 1.0), (1e300, 0.0)
+    yield "/path", BEGIN + 10**9, view_bags.path(0, *CORNERS[:2], *broken, CORNERS[2])
+    yield "/path", BEGIN + 2 * 10**9, view_bags.path(0, (5.0, 5.0), frame="robot/odom")
+    for second, values in ((1.1, {"waypoint": "1/3"}), (2.0, {"waypoint": "2/3"}), (4.0, {}), (5.0, {})):
+        status = view_bags.status("/controller", "driving", goal="1.5 1.5 0", **values)
+        yield "/controller/status", BEGIN + round(second * 1e9), status
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    # The writer of rosbags keeps the order, the reader sorts by log time where it matters.
+    return view_bags.write(tmp_path_factory.mktemp("marks") / "bag", sorted(marked_drive(), key=lambda one: one[1]))
+
+
+@pytest.fixture(scope="module")
+def run(bag):
+    return read_bag_run(bag)
+
+
+@pytest.fixture(scope="module")
+def page(bag, tmp_path_factory):
+    path = tmp_path_factory.mktemp("page") / "report.html"
+    write_report(bag, path, "tuned")
+    with browser.chromium() as new_page:
+        yield new_page().open(path.as_uri())
+
+
+def test_landmarks_are_placed_by_the_estimate_of_their_own_time(run):
+    tree, post = run.robots[0].landmarks
+    assert (tree.number, post.number) == (7, 40)
+    # 7 ms are 3.5 mm of the path; between two estimates the circle is taken as straight.
+    assert (tree.x, tree.y) == pytest.approx(TREE, abs=1e-4)
+    assert (post.x, post.y) == pytest.approx(POST, abs=1e-4)
+
+
+def test_landmarks_are_in_view_while_they_are_measured(run):
+    tree, post = run.robots[0].landmarks
+    # In view until two periods after the last measurement.
+    assert tree.in_view == pytest.approx([0.007, 9.407 + 0.4], abs=1e-3)
+    assert post.in_view == pytest.approx([0.007, 1.807 + 0.4, 6.007, 9.407 + 0.4], abs=1e-3)
+
+
+def test_clouds_and_paths_that_cannot_be_used_are_counted(run):
+    assert run.tables.malformed == 3
+
+
+def test_the_path_holds_until_the_controller_leaves_it(run):
+    plan = run.robots[0].plan
+    assert plan["t"].tolist() == pytest.approx([1.0, 1.0, 1.0, 4.0])
+    assert np.column_stack((plan["x"], plan["y"]))[:3].tolist() == [list(corner) for corner in CORNERS]
+    assert math.isnan(plan["x"][3])
+
+
+def test_numbers_of_landmarks_and_visits_are_bounded(tmp_path, monkeypatch):
+    def messages():
+        yield from view_bags.drive(100)
+        for step in range(20):
+            stamp = BEGIN + step * 100_000_000
+            often = [(5, 1.0, 1.0)] if step % 4 == 0 else []
+            yield "/landmarks", stamp, view_bags.cloud(stamp, *often, *((100 + step, 1.0, 1.0),) * (step % 2))
+
+    monkeypatch.setattr(landmarks_module, "MAX_LANDMARKS", 3)
+    monkeypatch.setattr(landmarks_module, "MAX_VISITS", 4)
+    found = read_bag_run(view_bags.write(tmp_path / "bag", messages())).robots[0].landmarks
+    assert len(found) == 3
+    assert found[0].number == 5
+    assert sum(len(one.in_view) for one in found) <= 2 * 4
+
+
+def drawn(page, time, colour):
+    page.get(f"diffbotPage.player.go({time})")
+    page.next_frame()
+    return page.count(colour)
+
+
+def test_the_page_draws_the_path_while_it_holds(page):
+    assert page.get("diffbotPage.robot.planAt(0.9)") == []
+    assert page.get("diffbotPage.robot.planAt(3.9)") == pytest.approx(np.array(CORNERS), abs=1e-5)
+    assert page.get("diffbotPage.robot.planAt(4.1)") == []
+    assert drawn(page, 3.9, PLAN) > 150
+    assert drawn(page, 4.1, PLAN) < 20
+
+
+def test_the_page_fills_the_landmarks_in_view(page):
+    views = page.get(
+        "[...diffbotPage.robot.landmarks.values()].map(({ number, x, y }) => [number, diffbotPage.view.toScreen(x, y)])"
+    )
+    assert [number for number, _ in views] == [7, 40]
+    in_view, out_of_view = drawn(page, 7.0, LANDMARK), drawn(page, 4.0, LANDMARK)
+    # The inside of one diamond of 7 pixels.
+    assert 40 < in_view - out_of_view < 110
+    box = page.tab.locator("#legend label", has_text="landmarks").locator("input")
+    box.uncheck()
+    assert drawn(page, 7.0, LANDMARK) < 0.2 * out_of_view
+    box.check()
+    assert page.errors == []
+
+
+def test_show_all_shows_landmarks_and_path(page):
+    page.tab.locator("#map").focus()
+    page.tab.keyboard.press("0")
+    left, top = page.get("diffbotPage.view.toWorld(0, 0)")
+    right, bottom = page.get("diffbotPage.view.toWorld(diffbotPage.view.width, diffbotPage.view.height)")
+    for x, y in (TREE, POST, *CORNERS):
+        assert left < x < right
+        assert bottom < y < top
+
+
+def test_the_near_region_is_drawn_around_the_goal(page):
+    """Its radius eps_P is 0.4 m in this bag; Omega_L holds from 5 s on."""
+    page.get("Object.assign(diffbotPage.view, { x: 2, y: 0.5, scale: 300, follow: false })")
+    page.next_frame()
+    x, y = page.get("diffbotPage.view.toScreen(2, 0.5)")
+    near = {}
+    for time in (4.9, 7.0):
+        page.get(f"diffbotPage.player.go({time})")
+        page.next_frame()
+        pixel = "Array.from(document.getElementById('map').getContext('2d').getImageData({}, {}, 1, 1).data)"
+        # Inside the circle of 0.4 m and outside, off the axes of the arrow and the grid.
+        near[time] = [page.get(pixel.format(x + 300 * r * 0.6, y + 300 * r * 0.8)) for r in (0.36, 0.44)]
+    assert near[7.0][0] != near[4.9][0]
+    assert near[7.0][1] == near[4.9][1]
+
+
+def cloud_of(stamp, *landmarks, frame="base_link"):
+    kind, message = view_bags.cloud(stamp, *landmarks, frame=frame)
+    return read_cloud(bytes(view_bags.STORE.serialize_cdr(message, kind)))
+
+
+def test_a_live_cloud_waits_for_the_estimate_of_its_time():
+    placer = LandmarkPlacer()
+    placer.add_pose(BEGIN, Pose(0.0, 0.0, 3.0))
+    placer.add_cloud(cloud_of(BEGIN + 50_000_000, (4, 1.0, 0.0), (5, 1.0, 2.0, math.inf)))
+    assert placer.newest() is None
+    # The heading passes pi: halfway it is 3.1, not 0.
+    placer.add_pose(BEGIN + 100_000_000, Pose(2.0, 0.0, 3.2 - 2.0 * math.pi))
+    stamp, found = placer.newest()
+    assert stamp == BEGIN + 50_000_000
+    assert found == [pytest.approx([1.0 + math.cos(3.1), math.sin(3.1), 4])]
+    assert placer.newest() is None
+
+
+def test_live_landmarks_of_a_new_run_do_not_wait_for_the_old_time():
+    placer = LandmarkPlacer()
+    placer.add_pose(BEGIN + 10**12, Pose(9.0, 9.0, 0.0))
+    for late in range(100):
+        placer.add_cloud(cloud_of(BEGIN + 10**13 + late, (4, 1.0, 0.0)))
+    for step in range(3):
+        placer.add_pose(BEGIN + step * 10**8, Pose(float(step), 0.0, 0.0))
+    placer.add_cloud(cloud_of(BEGIN + 10**8, (4, 1.0, 0.0)))
+    assert placer.newest() == (BEGIN + 10**8, [pytest.approx([2.0, 0.0, 4])])
+
+
+@pytest.mark.parametrize("frame", ["map", "", "laser"])
+def test_a_cloud_in_another_frame_is_refused(frame):
+    with pytest.raises(BadMessageError, match="not in the frame of the robot"):
+        LandmarkPlacer().add_cloud(cloud_of(BEGIN, (4, 1.0, 0.0), frame=frame))
+
+
+def test_changed_bytes_are_refused_or_read_as_bounded_points():
+    rng = random.Random(5)
+    bodies = []
+    for reader, (kind, message) in (
+        (read_plan, view_bags.path(BEGIN, *CORNERS)),
+        (lambda data: LandmarkPlacer().add_cloud(read_cloud(data)), view_bags.cloud(BEGIN, (4, 1.0, 0.0))),
+    ):
+        bodies.append((reader, bytes(view_bags.STORE.serialize_cdr(message, kind))))
+    refused = 0
+    for _ in range(2000):
+        reader, body = rng.choice(bodies)
+        data = bytearray(body[: rng.randrange(4, len(body))] if rng.random() < 0.3 else body)
+        for _ in range(rng.randrange(1, 6)):
+            data[rng.randrange(len(data))] = rng.choice((0, 1, 127, 255, rng.randrange(256)))
+        try:
+            points = reader(bytes(data)) or []
+        except (CdrError, BadMessageError):
+            refused += 1
+            continue
+        assert all(abs(x) <= 1e7 and abs(y) <= 1e7 for x, y in points)
+    assert 200 < refused < 2000
+
+
+def test_a_long_path_is_thinned_with_its_ends():
+    points = [(float(k), -float(k)) for k in range(9999)]
+    found = thinned(points)
+    assert len(found) == MAX_POINTS
+    assert (found[0], found[-1]) == (points[0], points[-1])
+    assert max(b[0] - a[0] for a, b in itertools.pairwise(found)) <= 9998 / (MAX_POINTS - 1) + 1
+
+
+def test_a_path_ends_once():
+    end = PlanEnd()
+    statuses = [{}, {"waypoint": "1/2"}, {"waypoint": "2/2"}, {}, {}]
+    assert [end.is_over(values) for values in statuses] == [False, False, False, True, False]
