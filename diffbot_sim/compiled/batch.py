@@ -109,15 +109,15 @@ class _Kernels:
     """Compiled kernels by law, and the plain ones of laws that do not compile."""
 
     def __init__(self) -> None:
-        self._kernels: dict[int, tuple[Law, Any]] = {}
+        self._kernels: dict[int, tuple[Law, str, Any]] = {}
         self._lock = Lock()
 
     def newest(self, law: Law) -> Any:
         """Return the kernel of a law, made but perhaps not compiled yet."""
         if id(law) not in self._kernels:
             version = make_law_callable(law)
-            self._kernels[id(law)] = law, compile_kernel(_make_fill(law), version)
-        return self._kernels[id(law)][1]
+            self._kernels[id(law)] = law, version, compile_kernel(_make_fill(law), version)
+        return self._kernels[id(law)][2]
 
     def kernel(self, law: Law, example: tuple[Any, ...]) -> Any:
         """Return the kernel of a law, compiled for arguments like those of ``example``.
@@ -129,12 +129,13 @@ class _Kernels:
             if not hasattr(kernel, "py_func") or tuple(map(kernel.typeof_pyval, example)) in kernel.overloads:
                 return kernel
             *before, outcomes, histories = example
+            version = self._kernels[id(law)][1]
             try:
-                with one_compiler():
+                with one_compiler(version):
                     kernel(*before, outcomes[:0], histories[:0])  # compiles, and runs nothing
             except Exception as error:  # not all of numba's errors have a base in common
                 kernel = kernel.py_func
-                self._kernels[id(law)] = law, kernel
+                self._kernels[id(law)] = law, version, kernel
                 _log.warning("law %s runs as plain Python, numba cannot compile it: %s", law.name, _first_line(error))
             return kernel
 

@@ -131,9 +131,9 @@ _settings: Any = numba.config
 
 
 @contextlib.contextmanager
-def one_compiler() -> Iterator[None]:
-    """Compile in one process at a time while the ``with`` block lasts: the others find the result in the cache."""
-    folder = Path(_cache_folder())
+def one_compiler(version: str) -> Iterator[None]:
+    """Compile a version in one process at a time while the ``with`` block lasts: the others find it in the cache."""
+    folder = Path(_cache_folder(), version)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         lock = (folder / "compiling.lock").open("w")

@@ -46,7 +46,6 @@ def reports(peer, found, nodes, condition):
     peer.spin_until(met, 10.0, f"reports of {nodes}")
 
 
-@pytest.mark.timeout(120)
 def test_malformed_calls_and_times_are_refused_counted_and_harmless(simulated):
     peer, processes = simulated
     names = ("ekf", "controller", "plant")

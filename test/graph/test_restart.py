@@ -46,7 +46,6 @@ def start(robot, goal_file, **parameters):
     robot.start("controller", {"goal_file": goal_file, **parameters})
 
 
-@pytest.mark.timeout(120)
 def test_a_path_is_resumed_where_it_was_left_and_its_client_learns_its_end(bare, goal_file):
     start(bare, goal_file, resume_goal=True, waypoint_radius=0.3)
     ahead = client(restart_timeout=30.0)
@@ -69,7 +68,6 @@ def test_a_path_is_resumed_where_it_was_left_and_its_client_learns_its_end(bare,
         bare.processes["controller"].stop()
 
 
-@pytest.mark.timeout(120)
 def test_by_default_a_goal_is_given_up_with_an_answer_and_the_robot_stands(bare, goal_file):
     start(bare, goal_file)
     waiting, later = client(), client(node_name="later", restart_timeout=20.0)

@@ -23,7 +23,7 @@ STEPS = (
 
 def run_bench(*arguments):
     command = [sys.executable, str(ROOT / "test" / "bench" / "bench.py"), *arguments]
-    return subprocess.run(command, capture_output=True, text=True, timeout=110, check=False)
+    return subprocess.run(command, capture_output=True, text=True, timeout=280, check=False)
 
 
 def test_quick_run_of_the_steps(tmp_path):

@@ -31,7 +31,7 @@ def collect(names, *arguments):
     options = ["--collect-only", "-q", "-p", "no:cacheprovider", *arguments]
     program = BLOCKED.format(names=set(names), arguments=options)
     command = [sys.executable, "-c", program]
-    done = subprocess.run(command, cwd=TESTS.parent, capture_output=True, text=True, timeout=110, check=False)
+    done = subprocess.run(command, cwd=TESTS.parent, capture_output=True, text=True, timeout=280, check=False)
     return done.returncode, done.stdout + done.stderr
 
 

@@ -120,7 +120,7 @@ def assert_files(stem):
 
 def test_the_command_draws_all_figures_of_a(tmp_path):
     command = [sys.executable, "-m", "diffbot_lab.cli", "experiment", "a", "--runs", "3", "--out", str(tmp_path)]
-    result = subprocess.run(command, capture_output=True, text=True, timeout=110, check=False, env=os.environ)
+    result = subprocess.run(command, capture_output=True, text=True, timeout=280, check=False, env=os.environ)
     assert result.returncode == 0, result.stderr
     content = json.loads((tmp_path / "a" / "results.json").read_text())
     assert content["runs"] == 3

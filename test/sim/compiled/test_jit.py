@@ -44,7 +44,7 @@ def test_a_change_in_any_file_that_a_batch_reads_is_another_version(copied):
 
 def test_one_process_compiles_at_a_time(tmp_path, monkeypatch):
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
-    with one_compiler():
+    with one_compiler("version"):
         (lock,) = tmp_path.rglob("*.lock")
         with lock.open() as other, pytest.raises(BlockingIOError):
             fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -56,7 +56,7 @@ def test_without_a_folder_for_the_cache_it_compiles_without_a_lock(tmp_path, mon
     file = tmp_path / "file"
     file.touch()
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(file))
-    with one_compiler():
+    with one_compiler("version"):
         assert file.read_bytes() == b""
 
 
