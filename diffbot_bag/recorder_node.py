@@ -19,6 +19,7 @@ from diffbot_bag import ros_conversions
 from diffbot_bag.parameters import RecorderConfig
 from diffbot_bag.pending_messages import Held, HeldMessages
 from diffbot_bag.qos import to_request
+from diffbot_bag.recording.mcap_writer import Compression
 from diffbot_bag.ros.recorded_topic import RecordedTopic
 from diffbot_bag.ros.unmatched_messages import UnmatchedMessages
 from diffbot_bag.topic_selection import TopicSelection, absolute
@@ -91,7 +92,7 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         return BagWriter(
             Path(name),
             chunk_size=self.config.chunk_size,
-            compress=self.config.compression == "zstd",
+            compression=Compression(self.config.compression),
         )
 
     def _unless_failed(self, work: Callable[[], None]) -> Callable[[], None]:
