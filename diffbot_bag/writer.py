@@ -2,28 +2,27 @@
 
 from __future__ import annotations
 
-import os
 import re
 import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
-from mcap.records import Channel, Schema
-from mcap.well_known import MessageEncoding, SchemaEncoding
+from mcap.records import Channel
+from mcap.well_known import MessageEncoding
 from mcap.writer import MCAP0_MAGIC
 
 from diffbot_bag import metadata
-from diffbot_bag.message_definitions import DefinitionNotFoundError, MessageDefinitions
+from diffbot_bag.message_definitions import MessageDefinitions
 from diffbot_bag.metadata import Topic
 from diffbot_bag.pending_messages import Held
 from diffbot_bag.qos import Qos, dump_profiles
-from diffbot_bag.recording.bag_files import Attached, BagFiles
+from diffbot_bag.recording.bag_files import NO_LIMITS, Attached, BagFiles, FileLimits
 from diffbot_bag.recording.chunk import ChunkBuilder
 from diffbot_bag.recording.disk import Disk
 from diffbot_bag.recording.latched import LatchedMessages
-from diffbot_bag.recording.mcap_writer import Compression
+from diffbot_bag.recording.mcap_writer import DEFAULT_COMPRESSION, Compression
+from diffbot_bag.recording.schemas import Schemas
 from diffbot_core.errors import DiffbotError
 
 CHUNK_SIZE = 512 * 1024
@@ -34,17 +33,6 @@ _NEVER = 2**64
 
 class BagWriteError(DiffbotError):
     """The bag cannot be written; what was flushed before remains readable."""
-
-
-class FileLimits(NamedTuple):
-    """When a file ends and the next one begins; 0: no limit."""
-
-    max_size: int = 0
-    """[bytes] of a file; the chunk that reaches it is its last one."""
-    max_duration: int = 0
-    """[ns] between the first message of a file and those that still belong to it."""
-    max_files: int = 0
-    """Files that are kept; the oldest are deleted."""
 
 
 class BagWriter:
@@ -59,8 +47,8 @@ class BagWriter:
         definitions: MessageDefinitions | None = None,
         *,
         chunk_size: int = CHUNK_SIZE,
-        compression: Compression = Compression(),
-        limits: FileLimits = FileLimits(),
+        compression: Compression = DEFAULT_COMPRESSION,
+        limits: FileLimits = NO_LIMITS,
         disk: Disk | None = None,
     ) -> None:
         """Create the folder and the file ``<folder name>_0.mcap`` in it.
@@ -78,10 +66,8 @@ class BagWriter:
             BagWriteError: if the folder exists already or cannot be created.
         """
         self.folder = folder.expanduser().absolute()
-        self._definitions = definitions or MessageDefinitions()
+        self._schemas, self._channels = Schemas(definitions or MessageDefinitions()), 0
         self._chunk_size, self._limits, self._disk = chunk_size, limits, disk or Disk()
-        self._topics: list[Topic] = []
-        self._schemas: dict[str, Schema] = {}
         self._latched: dict[int, LatchedMessages] = {}
         self._chunk = ChunkBuilder()
         self._flushed = self._number = self._given = 0
@@ -125,36 +111,20 @@ class BagWriter:
         Raises:
             BagWriteError: if the disk is full.
         """
-        topic = Topic(name, type_name, type_hash or self._installed_hash(type_name), tuple(qos))
-        added = None
-        if type_name not in self._schemas:
-            self._schemas[type_name] = added = self._schema(type_name)
-        self._topics.append(topic)
+        topic = Topic(name, type_name, type_hash or self._schemas.type_hash(type_name), tuple(qos))
+        schema_id, added = self._schemas.add(type_name)
+        self._channels += 1
         channel = Channel(
-            id=len(self._topics),
+            id=self._channels,
             topic=name,
             message_encoding=MessageEncoding.CDR,
             metadata={"offered_qos_profiles": dump_profiles(topic.qos), "topic_type_hash": topic.type_hash},
-            schema_id=self._schemas[type_name].id,
+            schema_id=schema_id,
         )
         self._run(partial(self._files.add_topic, topic, channel, added))
         if any(one.durability == "transient_local" for one in topic.qos):
             self._latched[channel.id] = LatchedMessages(len(topic.qos))
         return channel.id
-
-    def _schema(self, type_name: str) -> Schema:
-        number = len(self._schemas) + 1
-        try:
-            text = self._definitions.schema_text(type_name)
-        except DefinitionNotFoundError:
-            return Schema(id=number, name=type_name, encoding=SchemaEncoding.SelfDescribing, data=b"")
-        return Schema(id=number, name=type_name, encoding=SchemaEncoding.ROS2, data=text.encode())
-
-    def _installed_hash(self, type_name: str) -> str:
-        try:
-            return self._definitions.type_hash(type_name)
-        except DefinitionNotFoundError:
-            return ""
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
         """Add an attachment to this file and the next ones; one of the same name counts instead of earlier ones.
@@ -268,15 +238,8 @@ class BagWriter:
         Raises:
             BagWriteError: if not. The bag stays open: what is left of the space is for its index.
         """
-        path, created = self._files.present
-        try:
-            found, space = os.stat(path), os.statvfs(self.folder)
-        except OSError as error:
-            raise BagWriteError(f"{path} has gone while it was written: {error.strerror}") from error
-        if created is not None and not os.path.samestat(found, created):
-            raise BagWriteError(f"{path} was replaced while it was written")
-        if (free := space.f_bavail * space.f_frsize) < min_free:
-            raise BagWriteError(f"recording ends: {self.folder} has {free} bytes free: must be >= {min_free}")
+        if problem := self._files.problem(min_free):
+            raise BagWriteError(problem)
 
     def close(self, custom_data: Mapping[str, str] | None = None) -> None:
         """Finish the file and write metadata.yaml; no effect on a closed bag.

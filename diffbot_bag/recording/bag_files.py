@@ -16,6 +16,20 @@ from diffbot_bag.recording.chunk import SealedChunk
 from diffbot_bag.recording.mcap_writer import Compression, McapWriter
 
 
+class FileLimits(NamedTuple):
+    """When a file ends and the next one begins; 0: no limit."""
+
+    max_size: int = 0
+    """[bytes] of a file; the chunk that reaches it is its last one."""
+    max_duration: int = 0
+    """[ns] between the first message of a file and those that still belong to it."""
+    max_files: int = 0
+    """Files that are kept; the oldest are deleted."""
+
+
+NO_LIMITS = FileLimits()
+
+
 class Attached(NamedTuple):
     """An attachment; time in [ns]."""
 
@@ -144,6 +158,19 @@ class BagFiles:
             self._writer = None
             self._finished.append(done)
         metadata.write(self._folder, self._metadata(self._finished))
+
+    def problem(self, min_free: int) -> str:
+        """Return why recording must end: the newest file is not in place, or less than ``min_free`` [bytes] are free."""
+        path, created = self.present
+        try:
+            found, space = os.stat(path), os.statvfs(self._folder)
+        except OSError as error:
+            return f"{path} has gone while it was written: {error.strerror}"
+        if created is not None and not os.path.samestat(found, created):
+            return f"{path} was replaced while it was written"
+        if (free := space.f_bavail * space.f_frsize) < min_free:
+            return f"recording ends: {self._folder} has {free} bytes free: must be >= {min_free}"
+        return ""
 
     def abandon(self) -> None:
         """Leave the present file as it is, after an error."""

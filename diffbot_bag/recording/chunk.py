@@ -25,7 +25,7 @@ class SealedChunk(NamedTuple):
 
     data: bytes | bytearray
     """Message records, as they stand in the file before compression."""
-    index: dict[int, list[int]]
+    entries: dict[int, list[int]]
     """By channel: log time and offset in ``data`` of each message, alternately."""
     start: int
     end: int
@@ -33,7 +33,7 @@ class SealedChunk(NamedTuple):
     @property
     def counts(self) -> dict[int, int]:
         """Number of messages, by channel."""
-        return {channel: len(entries) // 2 for channel, entries in self.index.items()}
+        return {channel: len(entries) // 2 for channel, entries in self.entries.items()}
 
 
 class ChunkBuilder:
@@ -54,9 +54,7 @@ class ChunkBuilder:
         """Append a message, times in [ns]; return the size [bytes] of the chunk so far."""
         buffer = self._buffer
         self._index[channel] += (log_time, len(buffer))
-        buffer += _HEAD.pack(
-            _MESSAGE, _FIELDS + len(data), channel, sequence & _MASK, log_time, publish_time
-        )
+        buffer += _HEAD.pack(_MESSAGE, _FIELDS + len(data), channel, sequence & _MASK, log_time, publish_time)
         buffer += data
         return len(buffer)
 

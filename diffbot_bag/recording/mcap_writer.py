@@ -53,6 +53,9 @@ class Compression(NamedTuple):
     """Larger is smaller and slower; 0: the library's default."""
 
 
+DEFAULT_COMPRESSION = Compression()
+
+
 def _compressor(compression: Compression) -> Callable[[bytes | bytearray], bytes | bytearray]:
     kind, level = compression
     if kind == "zstd":
@@ -71,7 +74,8 @@ class McapWriter:
         self.size = 0
         """[bytes] written so far"""
         self.statistics = Statistics(0, 0, {}, 0, 0, 0, 0, 0, 0)
-        self._compress, self._name = _compressor(compression), b"" if compression.kind == "none" else compression.kind.encode()
+        self._compress = _compressor(compression)
+        self._name = b"" if compression.kind == "none" else compression.kind.encode()
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._chunks: list[ChunkIndex] = []
@@ -107,7 +111,7 @@ class McapWriter:
         )  # fmt: skip
         self._write(packed)
         length, offsets = self.size - offset, {}
-        for channel, entries in chunk.index.items():
+        for channel, entries in chunk.entries.items():
             offsets[channel] = self.size
             size = 8 * len(entries)
             self._write(_INDEX.pack(Opcode.MESSAGE_INDEX, 6 + size, channel, size))
@@ -171,7 +175,7 @@ class McapWriter:
         offset_start = start + builder.count
         for offset in offsets:
             offset.write(builder)
-        summary = builder.end()
+        summary = builder.end()  # type: ignore[no-untyped-call]
         checksum = zlib.crc32(_FOOTER.pack(Opcode.FOOTER, 20, start, offset_start), zlib.crc32(summary))
         self._write(summary)
         self._record(Footer(start, offset_start, checksum))
@@ -194,7 +198,7 @@ class McapWriter:
     def _record(self, record: Any) -> None:
         builder = RecordBuilder()
         record.write(builder)
-        self._write(builder.end())
+        self._write(builder.end())  # type: ignore[no-untyped-call]
 
     def _write(self, data: bytes | bytearray) -> None:
         self._stream.write(data)
