@@ -40,7 +40,7 @@ class RecorderConfig(NamedTuple):
     ] = 0.0
     max_bag_files: Annotated[
         int,
-        Spec("files that are kept, of which the oldest is deleted; 0: all", minimum=0, maximum=1000, read_only=True),
+        Spec("files that are kept, the oldest are deleted; 0: all", minimum=0, maximum=1000, read_only=True),
     ] = 0
     snapshot_mode: Annotated[
         bool, Spec("keep messages in memory and write them only when ~/snapshot is called", read_only=True)
@@ -50,7 +50,7 @@ class RecorderConfig(NamedTuple):
     ] = 0.0
     max_cache_size: Annotated[
         int,
-        Spec("messages in memory: those that wait for the disk, or a snapshot", "bytes", 2**20, 2**36, read_only=True),
+        Spec("messages that wait for the disk, or for a snapshot", "bytes", 2**20, 2**36, read_only=True),
     ] = 100 * 1024**2
     start_paused: Annotated[bool, Spec("record latched topics only until ~/resume", read_only=True)] = False
     qos_profile_overrides_path: Annotated[

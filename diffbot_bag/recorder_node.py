@@ -9,18 +9,22 @@ if __name__ == "__main__":  # before the imports that take long: see launcher
 
 import datetime
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
+from diffbot_bag.attachments import HOST, MEDIA_TYPE, PARAMETERS, dump
 from diffbot_bag.parameters import RecorderConfig
 from diffbot_bag.pending_messages import HeldMessages
 from diffbot_bag.qos_overrides import read_overrides
 from diffbot_bag.recording.bag_files import FileLimits
 from diffbot_bag.recording.disk import DiskThread
+from diffbot_bag.recording.host import host_facts
 from diffbot_bag.recording.mcap_writer import Compression
 from diffbot_bag.recording.recording import Recording
 from diffbot_bag.recording.snapshot import SnapshotBuffer
+from diffbot_bag.ros.node_parameters import NodeParameters
 from diffbot_bag.ros.recorded_topics import RecordedTopics
 from diffbot_bag.ros.recorder_services import offer_services
 from diffbot_bag.topic_selection import TopicSelection, absolute
@@ -32,6 +36,8 @@ STATUS_PERIOD = 0.5
 """[s] between two ~/status messages while only counts change"""
 WATCH_PERIOD = 0.5
 """[s] between two looks at the free space and at the file"""
+QUESTION_PERIOD = 0.1
+"""[s] between two steps of asking all nodes for their parameters"""
 SNAPSHOT_PERIOD = 0.01
 """[s] between two parts of a snapshot that is being written"""
 SECOND = 10**9
@@ -64,6 +70,8 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         self._status = self.create_publisher(DiagnosticStatus, "~/status", LATCHED)
         self._last_status: tuple[str, ...] = ("",)
         self._error_reported = False
+        self._writer.attach(HOST, MEDIA_TYPE, dump(host_facts()))
+        self._parameters_of_all = NodeParameters(self, partial(self._writer.attach, PARAMETERS, MEDIA_TYPE))
         offer_services(self, self._writer, self._recording, self._fail, self._publish_status)
         for period, work in self._work():
             self.create_timer(period, self._unless_failed(work), clock=self.steady_clock)
@@ -117,6 +125,8 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
             (STATUS_PERIOD, self._publish_status),
             (WATCH_PERIOD, lambda: writer.check_disk(config.min_free_space)),
         ]
+        if config.record_parameters:
+            work.append((QUESTION_PERIOD, self._parameters_of_all.poll))
         if config.snapshot_mode:
             work.append((SNAPSHOT_PERIOD, self._recording.write_snapshot))
         return work
@@ -190,6 +200,7 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
                 )
                 self._recording.release(None)
             self._recording.finish()
+            self._parameters_of_all.close()
             self._writer.close(self._custom_data())
         except BagWriteError as error:
             self._fail(error)

@@ -160,7 +160,7 @@ class BagFiles:
         metadata.write(self._folder, self._metadata(self._finished))
 
     def problem(self, min_free: int) -> str:
-        """Return why recording must end: the newest file is not in place, or less than ``min_free`` [bytes] are free."""
+        """Return why recording must end: the newest file is gone, or less than ``min_free`` [bytes] are free."""
         path, created = self.present
         try:
             found, space = os.stat(path), os.statvfs(self._folder)

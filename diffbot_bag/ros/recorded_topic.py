@@ -1,4 +1,4 @@
-"""One topic that is being recorded: its subscription, and those of its publishers that the subscription does not match."""
+"""One topic that is being recorded: its subscription, and the publishers that this does not match."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ class RecordedTopic:
             self._first_time(data, info)
 
     def _continue_replacement(self, node: Any) -> None:
-        """Change over once the new subscription has as many publishers as there are; forget duplicates a while later."""
+        """Change over once the new subscription has all publishers; forget duplicates a while later."""
         if (made := self._replacement) is None:
             self._forget -= 1
             if self._forget == 0:
