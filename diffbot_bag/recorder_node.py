@@ -70,7 +70,6 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         self._status = self.create_publisher(DiagnosticStatus, "~/status", LATCHED)
         self._last_status: tuple[str, ...] = ("",)
         self._error_reported = False
-        self._writer.attach(HOST, MEDIA_TYPE, dump(host_facts()))
         self._parameters_of_all = NodeParameters(self, partial(self._writer.attach, PARAMETERS, MEDIA_TYPE))
         offer_services(self, self._writer, self._recording, self._fail, self._publish_status)
         for period, work in self._work():
@@ -93,13 +92,15 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
     def _make_writer(self) -> BagWriter:
         config = self.config
         name = config.uri or datetime.datetime.now().strftime("rosbag2_%Y_%m_%d-%H_%M_%S")
-        return BagWriter(
+        writer = BagWriter(
             Path(name),
             chunk_size=config.chunk_size,
             compression=Compression(config.compression, config.compression_level),
             limits=FileLimits(config.max_bag_size, round(config.max_bag_duration * SECOND), config.max_bag_files),
             disk=DiskThread(),
         )
+        writer.attach(HOST, MEDIA_TYPE, dump(host_facts()))
+        return writer
 
     def _make_recording(self) -> Recording:
         config = self.config
