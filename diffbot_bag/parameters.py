@@ -50,7 +50,7 @@ class RecorderConfig(NamedTuple):
     ] = 0.0
     max_cache_size: Annotated[
         int,
-        Spec("messages that wait for the disk, or for a snapshot", "bytes", 2**20, 2**36, read_only=True),
+        Spec("messages in memory that wait for the disk, or for a snapshot", "bytes", 2**20, 2**36, read_only=True),
     ] = 100 * 1024**2
     start_paused: Annotated[bool, Spec("record latched topics only until ~/resume", read_only=True)] = False
     qos_profile_overrides_path: Annotated[
@@ -68,7 +68,7 @@ class RecorderConfig(NamedTuple):
     compression: Annotated[str, Spec("of the chunks", choices=("zstd", "lz4", "none"), read_only=True)] = "zstd"
     compression_level: Annotated[
         int, Spec("larger is smaller and slower; 0: the library's default", minimum=-7, maximum=19, read_only=True)
-    ] = 0
+    ] = 1
     depth: Annotated[
         int,
         Spec(

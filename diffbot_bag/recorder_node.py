@@ -71,7 +71,7 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         self._last_status: tuple[str, ...] = ("",)
         self._error_reported = False
         self._parameters_of_all = NodeParameters(self, partial(self._writer.attach, PARAMETERS, MEDIA_TYPE))
-        offer_services(self, self._writer, self._recording, self._fail, self._publish_status)
+        offer_services(self, self._writer, self._recording, self._fail, self._on_service)
         for period, work in self._work():
             self.create_timer(period, self._unless_failed(work), clock=self.steady_clock)
         self.get_logger().info(f"recording to {self._writer.folder}")
@@ -99,6 +99,7 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
             limits=FileLimits(config.max_bag_size, round(config.max_bag_duration * SECOND), config.max_bag_files),
             disk=DiskThread(),
         )
+        writer.max_backlog = config.max_cache_size
         writer.attach(HOST, MEDIA_TYPE, dump(host_facts()))
         return writer
 
@@ -107,7 +108,6 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         simulated = bool(self.get_parameter("use_sim_time").value)
         recording = Recording(
             self._writer,
-            config.max_cache_size,
             snapshot=SnapshotBuffer(config.max_cache_size, round(config.snapshot_duration * SECOND))
             if config.snapshot_mode
             else None,
@@ -151,6 +151,10 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         self._publish_status()
         self.finish(1)
 
+    def _on_service(self) -> None:
+        self._topics.is_direct = self._recording.is_direct
+        self._publish_status()
+
     def update_subscriptions(self) -> None:
         """Subscribe to new topics of the graph; called at each polling interval."""
         if self._topics.update(self._status.topic_name) or self._topics.matched() != self._last_status:
@@ -187,7 +191,7 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
             "incomplete": " ".join(incomplete),
             "held": str(self._recording.held),
             "in memory": str(self._recording.in_memory),
-            "stall": f"{self._recording.stall / SECOND:.6f}",
+            "stall": f"{self._topics.stall / SECOND:.6f}",
         }
         self._status.publish(status_message(self.get_fully_qualified_name(), level[0], state, values))
 

@@ -27,6 +27,7 @@ from diffbot_core.errors import DiffbotError
 
 CHUNK_SIZE = 512 * 1024
 """[bytes] size of a chunk before compression; messages not yet in a chunk are lost if the process dies"""
+MAX_BACKLOG = 100 * 2**20
 _NEVER = 2**64
 """[ns]"""
 
@@ -76,6 +77,8 @@ class BagWriter:
         """returns custom_data of metadata.yaml at the end of each file"""
         self.count = 0
         """messages written so far, without latched ones that were repeated"""
+        self.max_backlog = MAX_BACKLOG
+        """[bytes] that may wait for the disk; beyond, :meth:`write` does"""
         self.closed = False
         """True after :meth:`close` or an error; nothing more can be written"""
         self._split_time = -1
@@ -178,6 +181,8 @@ class BagWriter:
     def _seal(self) -> None:
         if (chunk := self._chunk.seal()) is not None:
             self._given += len(chunk.data)
+            if self._disk.backlog > self.max_backlog:
+                self._wait()
             self._run(partial(self._files.add_chunk, chunk), len(chunk.data))
 
     def _split_large_file(self) -> None:
@@ -221,11 +226,6 @@ class BagWriter:
     def _flush(self, sync: bool, count: int) -> None:
         self._files.flush(sync)
         self._flushed = count
-
-    @property
-    def backlog(self) -> int:
-        """Bytes that wait for the disk."""
-        return self._disk.backlog
 
     @property
     def unflushed(self) -> int:

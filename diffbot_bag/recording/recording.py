@@ -12,7 +12,7 @@ from diffbot_bag.writer import BagWriter
 
 SLICE = 4_000_000
 """[ns] for which the writing of a snapshot keeps the caller, at a time"""
-NO_CLOCK, DISK_TOO_SLOW, PAUSED = "no /clock yet", "disk too slow", "paused"
+NO_CLOCK, PAUSED = "no /clock yet", "paused"
 """Why a message is not recorded."""
 
 
@@ -22,7 +22,6 @@ class Recording:
     def __init__(
         self,
         writer: BagWriter,
-        max_backlog: int,
         *,
         snapshot: SnapshotBuffer | None = None,
         held: HeldMessages | None = None,
@@ -32,17 +31,19 @@ class Recording:
 
         Args:
             writer: of the bag.
-            max_backlog: [bytes] that may wait for the disk; beyond, messages are dropped.
             snapshot: keeps the newest messages until :meth:`take_snapshot`; None: all messages are written.
             held: keeps messages until the first simulated time; together with ``now``.
             now: returns the simulated time [ns], 0 before the first one; None: log times are times of reception.
         """
-        self._writer, self._max_backlog = writer, max_backlog
+        self._writer = writer
         self._snapshot, self._held, self._now = snapshot, held, now
         self._unwritten_snapshot: deque[Held] = deque()
         self.is_paused = False
-        self.stall = 0
-        """[ns] longest time between the reception of a message and the end of its writing"""
+
+    @property
+    def is_direct(self) -> bool:
+        """Whether :meth:`accept` does nothing at present but BagWriter.write, which may then be called instead."""
+        return not (self.is_paused or self._snapshot is not None or self._now is not None)
 
     @property
     def held(self) -> int:
@@ -75,11 +76,7 @@ class Recording:
         if self._snapshot is not None:
             self._keep(Held(channel, data, log_time, published, number))
             return ""
-        if self._writer.backlog > self._max_backlog:
-            return DISK_TOO_SLOW
         self._writer.write(channel, data, log_time, published, number)
-        if (late := time.time_ns() - received) > self.stall:
-            self.stall = late
         return ""
 
     def _keep(self, message: Held) -> None:

@@ -46,31 +46,30 @@ class RecordedTopic:
         self._receive: Receive = _nothing
         self._class: Any = None
         self._replacement: _Replacement | None = None
-        self._seen: set[tuple[int, int]] | None = None
+        self.seen: set[tuple[int, int | None]] | None = None
+        """source timestamp and number of messages received while there are two subscriptions"""
         self._forget = 0
 
     def subscribe(self, node: Any, message_class: Any, receive: Receive) -> None:
         """Subscribe; ``receive`` gets the bytes and the info of each message once."""
         self._class, self._receive = message_class, receive
-        self.subscription = self._make(node, self.request, self._first_time)
+        self.subscription = self._make(node, self.request, self._receive)
 
     def _make(self, node: Any, request: Qos, callback: Receive) -> Any:
         return node.create_subscription(self._class, self.name, with_info(callback), to_ros(request), raw=True)
 
-    def _first_time(self, data: bytes, info: dict[str, Any]) -> None:
-        """Receive a message unless the other subscription, old or new, received it before."""
-        if self._seen is not None:
-            key = info["source_timestamp"], info["publication_sequence_number"] or 0
-            if key in self._seen:
-                return
-            self._seen.add(key)
-        self._receive(data, info)
+    def is_first(self, published: int, number: int | None) -> bool:
+        """Return whether neither subscription, old or new, received this message before; to be called if ``seen``."""
+        if self.seen is None or (key := (published, number)) in self.seen:
+            return self.seen is None
+        self.seen.add(key)
+        return True
 
     def take_pending(self) -> int | None:
         """Receive a message that waits for the executor; return its source timestamp [ns], None if there was none."""
         if (taken := take_pending(self.subscription)) is None:
             return None
-        self._first_time(*taken)
+        self._receive(*taken)
         return int(taken[1]["source_timestamp"])
 
     def update(self, node: Any) -> dict[str, str]:
@@ -115,7 +114,7 @@ class RecordedTopic:
             return False
         if self._replacement is None:
             self._replacement = made = _Replacement(request)
-            self._seen = set()
+            self.seen = set()
             made.subscription = self._make(node, request, lambda data, info: self._wait(made, data, info))
         return True
 
@@ -123,14 +122,14 @@ class RecordedTopic:
         if self._replacement is replacement:
             replacement.waiting.append((data, info))
         else:
-            self._first_time(data, info)
+            self._receive(data, info)
 
     def _continue_replacement(self, node: Any) -> None:
         """Change over once the new subscription has all publishers; forget duplicates a while later."""
         if (made := self._replacement) is None:
             self._forget -= 1
             if self._forget == 0:
-                self._seen = None
+                self.seen = None
             return
         made.polls += 1
         complete = made.subscription.get_publisher_count() >= node.count_publishers(self.name)
@@ -143,7 +142,7 @@ class RecordedTopic:
         self._replacement, self._forget = None, _MAX_OVERLAP_POLLS
         self.gaps.publishers = max(self.gaps.publishers, made.subscription.get_publisher_count())
         for data, info in made.waiting:
-            self._first_time(data, info)
+            self._receive(data, info)
         node.destroy_subscription(old)
 
     def finish(self, node: Any) -> None:

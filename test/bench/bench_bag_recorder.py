@@ -1,10 +1,10 @@
 """The recorder at 8 kHz: messages missing, CPU time beside a bare raw subscriber, longest stall, and what splits do.
 
-Both processes in turn receive the same: eight topics of Odometry with other numbers in each message, and one latched
+Both processes in turn receive the same: eight topics of a robot with other numbers in each message, and one latched
 text. The bare one has the same executor and QoS, and a callback that only counts. CPU time is that of the process while
 messages are sent. A *stall* is the longest time between the reception of a message by DDS and the end of its writing by
 the node, for any message of the run; a machine that does not give the process a core lengthens it as much as the node
-does, which is why the bare subscriber's is given as well: the time until its callback.
+does.
 
     python test/bench/bench_bag_recorder.py [--quick] [--seconds 20] [--rate 8000]
 """
@@ -26,16 +26,14 @@ from typing import Any, NamedTuple
 import graph
 from bench_bags import cpu
 
-TOPICS = 8
 DEPTH = 10_000
-MAX_BAG_SIZE = 8 * 2**20
+MAX_BAG_SIZE = 4 * 2**20
 """[bytes] so that a run has several files"""
 BARE = """
 import sys, time
 import rclpy
-from nav_msgs.msg import Odometry
+from bench_bag_recorder import kinds
 from rclpy.node import Node
-from diffbot_bag.ros_conversions import with_info
 from diffbot_core.ros.node import StopFlag, make_executor
 stop = StopFlag()
 rclpy.init(signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
@@ -44,8 +42,8 @@ count = 0
 def counted(data):
     global count
     count += 1
-for index in range({topics}):
-    node.create_subscription(Odometry, f"/bench_{{index}}", counted, {depth}, raw=True)
+for index, kind in enumerate(kinds()):
+    node.create_subscription(kind, f"/bench_{{index}}", counted, {depth}, raw=True)
 executor = make_executor()
 executor.add_node(node)
 print("ready", flush=True)
@@ -53,6 +51,15 @@ while not stop.is_set:
     executor.spin_once(timeout_sec=0.05)
 print(f"{{count}} messages", flush=True)
 """
+
+
+def kinds() -> list[Any]:
+    """Return the types of the topics, those of a robot that drives: 300 bytes in the mean."""
+    from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist, TwistStamped
+    from nav_msgs.msg import Odometry
+    from sensor_msgs.msg import Imu, JointState
+
+    return [Odometry, Odometry, PoseWithCovarianceStamped, PoseStamped, Twist, TwistStamped, JointState, Imu]
 
 
 class Run(NamedTuple):
@@ -74,31 +81,30 @@ class Run(NamedTuple):
 
 def send(peer: Any, running: Any, seconds: float, rate: float) -> tuple[int, float, float]:
     """Publish ``rate`` [Hz] messages altogether; return their number, the time [s], and the receiver's CPU time [s]."""
-    from nav_msgs.msg import Odometry
     from rclpy.serialization import serialize_message
 
-    publishers = [peer.publisher(Odometry, f"/bench_{index}", DEPTH) for index in range(TOPICS)]
+    publishers = [peer.publisher(kind, f"/bench_{index}", DEPTH) for index, kind in enumerate(kinds())]
     peer.wait_for_subscribers(*publishers)
     peer.spin_for(2.0)  # so that discovery and questions for parameters are over
-    data = bytearray(serialize_message(Odometry()))
-    rounds = int(seconds * rate / TOPICS)
+    filled = [bytearray(serialize_message(kind())) for kind in kinds()]
+    rounds = int(seconds * rate / len(publishers))
     before, begin = cpu(running.popen.pid), time.perf_counter()
     for index in range(rounds):
-        data[-80:-16] = os.urandom(64)
-        packed = bytes(data)
-        for publisher in publishers:
-            publisher.publish(packed)
-        if (left := begin + (index + 1) * TOPICS / rate - time.perf_counter()) > 0.0:
+        for publisher, data in zip(publishers, filled, strict=True):
+            data[-40:] = os.urandom(40)
+            publisher.publish(bytes(data))
+        if (left := begin + (index + 1) * len(publishers) / rate - time.perf_counter()) > 0.0:
             time.sleep(left)
     took = time.perf_counter() - begin
     peer.spin_for(3.5)  # a message that shared memory dropped is sent again after at most 3 s
-    return rounds * TOPICS, took, cpu(running.popen.pid) - before
+    return rounds * len(publishers), took, cpu(running.popen.pid) - before
 
 
 def run_bare(seconds: float, rate: float) -> Run:
     """Let a bare subscriber receive the messages."""
-    code = BARE.format(topics=TOPICS, depth=DEPTH)
-    with graph.peer() as peer, graph.process(sys.executable, "-c", code) as running:
+    code, environment = BARE.format(depth=DEPTH), graph.environment()
+    environment["PYTHONPATH"] += os.pathsep + str(Path(__file__).parent) + os.pathsep + str(Path(graph.__file__).parent)
+    with graph.peer() as peer, graph.process(sys.executable, "-c", code, env=environment) as running:
         running.wait_for_output("ready")
         sent, took, used = send(peer, running, seconds, rate)
         running.stop(signal.SIGINT)
@@ -120,9 +126,8 @@ def run_recorder(folder: Path, seconds: float, rate: float, **parameters: Any) -
         reports = peer.subscribe(DiagnosticStatus, "/recorder/status", LATCHED)
         sent, took, used = send(peer, running, seconds, rate)
         running.stop(signal.SIGINT, timeout=60.0)
-        received, lost = map(int, re.search(r"(\d+) messages, (\d+) lost", running.output).groups())
+        received = int(re.search(r"(\d+) messages, \d+ lost", running.output)[1])
         stall = float(graph.values(reports[-1])["stall"])
-    assert lost == 0 or received < sent + 1, "lost messages that were recorded"
     return Run(sent, took, received - 1, used, stall)
 
 
@@ -159,8 +164,9 @@ def main() -> int:
             recorder = run_recorder(folder, seconds, options.rate)
         for name, run in (("bare", bare), ("recorder", recorder)):
             print(
-                f"{name}: {run.sent} messages in {run.seconds:.2f} s ({run.sent / run.seconds:.0f} Hz), {run.received} received,"
-                f" {run.per_message:.1f} us CPU a message, {100 * run.used / run.seconds:.0f} % of a core"
+                f"{name}: {run.sent} messages in {run.seconds:.2f} s ({run.sent / run.seconds:.0f} Hz),"
+                f" {run.received} received, {run.per_message:.1f} us CPU a message,"
+                f" {100 * run.used / run.seconds:.0f} % of a core"
             )
         print(f"CPU time: {recorder.used / bare.used:.2f} times that of the bare subscriber; target <= 1.25")
         print(f"longest stall: {1e3 * recorder.stall:.1f} ms; target <= 10 ms")
