@@ -172,15 +172,14 @@ class BagWriter:
             self.split()
         self._is_begun = True
         self._split_time = log_time + self._limits.max_duration if self._limits.max_duration else _NEVER
-        if self._number:
-            # With the time of the file's beginning: an earlier one would stretch the file.
-            for channel, latched in self._latched.items():
-                for message in latched:
-                    self._chunk.add(channel, message.data, log_time, message.published, message.number)
+        # With the time of the file's beginning: an earlier one would stretch the file.
+        for channel, latched in self._latched.items():
+            for message in latched:
+                self._chunk.add(channel, message.data, log_time, message.published, message.number)
 
     def _seal(self) -> None:
         if (chunk := self._chunk.seal()) is not None:
-            self._given += len(chunk.data)
+            self._given += chunk.size
             if self._disk.backlog > self.max_backlog:
                 self._wait()
             self._run(partial(self._files.add_chunk, chunk), len(chunk.data))
@@ -189,7 +188,7 @@ class BagWriter:
         if not self._limits.max_size:
             return
         file, size, unpacked = self._files.progress
-        written = size - unpacked if file == self._number else 0
+        written = size - unpacked if file == self._number else self._files.head
         # What is not written yet is counted in full, as if it could not be compressed.
         if written + self._given >= self._limits.max_size:
             self.split()

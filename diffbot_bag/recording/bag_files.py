@@ -47,7 +47,7 @@ class Progress(NamedTuple):
     size: int
     """[bytes] of it."""
     unpacked: int
-    """[bytes] of its chunks before compression."""
+    """[bytes] that its chunks would take without compression."""
 
 
 class _Finished(NamedTuple):
@@ -74,6 +74,8 @@ class BagFiles:
         self._attachments: dict[str, Attached] = {}
         self._custom_data: Mapping[str, str] = {}
         self._unpacked = 0
+        self.head = 0
+        """[bytes] of the newest file before its first chunk"""
         self.progress = Progress(0, 0, 0)
         self.present: tuple[Path, os.stat_result | None] = (self._path(0), None)
         """the newest file and what it was when it was created"""
@@ -99,6 +101,7 @@ class BagFiles:
         for attachment in self._attachments.values():
             writer.add_attachment(*attachment)
         writer.add_metadata("rosbag2", self._record(_Finished(FileInformation(path.name), {})))
+        self.head = writer.size
         self._note_progress()
 
     def _delete_oldest(self, kept: int) -> None:
@@ -133,7 +136,7 @@ class BagFiles:
         self.begin()
         if self._writer is not None:
             self._writer.add_chunk(chunk)
-            self._unpacked += len(chunk.data)
+            self._unpacked += chunk.size
             self._note_progress()
 
     def _note_progress(self) -> None:

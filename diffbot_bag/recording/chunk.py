@@ -16,6 +16,8 @@ _HEAD = struct.Struct("<BQHIQQ")
 """Opcode, length, channel, sequence, log time and publish time; the data follow."""
 _FIELDS = 22
 """[bytes] of a message's record between its length and its data"""
+_INDEX_HEAD, _CHUNK_HEAD = 15, 53
+"""[bytes] of the index of one channel, and of a chunk, besides their contents"""
 _MASK = 0xFFFFFFFF
 _MESSAGE = int(Opcode.MESSAGE)
 
@@ -29,6 +31,11 @@ class SealedChunk(NamedTuple):
     """By channel: log time and offset in ``data`` of each message, alternately."""
     start: int
     end: int
+
+    @property
+    def size(self) -> int:
+        """What the chunk and its index take in a file if nothing is compressed [bytes]."""
+        return len(self.data) + sum(_INDEX_HEAD + 8 * len(entries) for entries in self.entries.values()) + _CHUNK_HEAD
 
     @property
     def counts(self) -> dict[int, int]:
