@@ -26,7 +26,7 @@ from diffbot_bag.recording.recording import Recording
 from diffbot_bag.recording.snapshot import SnapshotBuffer
 from diffbot_bag.ros.node_parameters import NodeParameters
 from diffbot_bag.ros.recorded_topics import RecordedTopics
-from diffbot_bag.ros.recorder_services import offer_services
+from diffbot_bag.ros.recorder_services import RecorderServices
 from diffbot_bag.topic_selection import TopicSelection, absolute
 from diffbot_bag.writer import BagWriteError, BagWriter
 from diffbot_core.errors import DiffbotError
@@ -71,7 +71,7 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         self._last_status: tuple[str, ...] = ("",)
         self._error_reported = False
         self._parameters_of_all = NodeParameters(self, partial(self._writer.attach, PARAMETERS, MEDIA_TYPE))
-        offer_services(self, self._writer, self._recording, self._fail, self._on_service)
+        RecorderServices(self, self._writer, self._recording, self._fail, self._on_service)
         for period, work in self._work():
             self.create_timer(period, self._unless_failed(work), clock=self.steady_clock)
         self.get_logger().info(f"recording to {self._writer.folder}")

@@ -83,6 +83,9 @@ class BagWriter:
         """True after :meth:`close` or an error; nothing more can be written"""
         self._split_time = -1
         self._files = BagFiles(self.folder, compression, limits.max_files)
+        self._begin()
+
+    def _begin(self) -> None:
         try:
             self.folder.mkdir(parents=True)
         except FileExistsError as error:

@@ -13,59 +13,58 @@ from diffbot_bag.writer import BagWriteError, BagWriter
 Answer = tuple[bool, str]
 
 
-def offer_services(
-    node: Any,
-    writer: BagWriter,
-    recording: Recording,
-    fail: Callable[[BagWriteError], None],
-    changed: Callable[[], None],
-) -> None:
-    """Offer ``~/split_bagfile``, ``~/snapshot``, ``~/pause``, ``~/resume`` and ``~/is_paused``.
+class RecorderServices:
+    """Offers ``~/split_bagfile``, ``~/snapshot``, ``~/pause``, ``~/resume`` and ``~/is_paused``."""
 
-    Args:
-        node: the recorder.
-        writer: of the bag.
-        recording: what is paused, or has messages in memory.
-        fail: called when the bag cannot be written.
-        changed: called after each service.
-    """
+    def __init__(
+        self,
+        node: Any,
+        writer: BagWriter,
+        recording: Recording,
+        fail: Callable[[BagWriteError], None],
+        changed: Callable[[], None],
+    ) -> None:
+        """Offer the services.
 
-    def split() -> Answer:
-        name = writer.path.name
-        return (True, f"{name} is complete") if writer.split() else (False, f"{name} has no message yet")
+        Args:
+            node: the recorder.
+            writer: of the bag.
+            recording: what is paused, or has messages in memory.
+            fail: called when the bag cannot be written.
+            changed: called after each service.
+        """
+        self._writer, self._recording, self._fail, self._changed = writer, recording, fail, changed
+        for name, action in (
+            ("split_bagfile", self._split),
+            ("snapshot", recording.take_snapshot),
+            ("pause", lambda: self._pause(True)),
+            ("resume", lambda: self._pause(False)),
+            ("is_paused", self._is_paused),
+        ):
+            node.create_service(Trigger, f"~/{name}", self._answering(action))
 
-    def pause() -> Answer:
-        recording.is_paused = True
-        return True, "paused"
+    def _split(self) -> Answer:
+        name = self._writer.path.name
+        return (True, f"{name} is complete") if self._writer.split() else (False, f"{name} has no message yet")
 
-    def resume() -> Answer:
-        recording.is_paused = False
-        return True, "recording"
+    def _pause(self, paused: bool) -> Answer:
+        self._recording.is_paused = paused
+        return self._is_paused()
 
-    def is_paused() -> Answer:
-        return True, "paused" if recording.is_paused else "recording"
+    def _is_paused(self) -> Answer:
+        return True, "paused" if self._recording.is_paused else "recording"
 
-    def answering(action: Callable[[], Answer]) -> Callable[[Any, Any], Any]:
+    def _answering(self, action: Callable[[], Answer]) -> Callable[[Any, Any], Any]:
         def answer(_request: Any, response: Any) -> Any:
-            if writer.closed:
+            if self._writer.closed:
                 response.success, response.message = False, "the bag is closed"
                 return response
             try:
                 response.success, response.message = action()
             except BagWriteError as error:
                 response.success, response.message = False, str(error)
-                fail(error)
-            changed()
+                self._fail(error)
+            self._changed()
             return response
 
         return answer
-
-    actions: dict[str, Callable[[], Answer]] = {
-        "split_bagfile": split,
-        "snapshot": recording.take_snapshot,
-        "pause": pause,
-        "resume": resume,
-        "is_paused": is_paused,
-    }
-    for name, action in actions.items():
-        node.create_service(Trigger, f"~/{name}", answering(action))

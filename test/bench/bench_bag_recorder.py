@@ -27,7 +27,7 @@ import graph
 from bench_bags import cpu
 
 DEPTH = 10_000
-MAX_BAG_SIZE = 4 * 2**20
+MAX_BAG_SIZE = 2**20
 """[bytes] so that a run has several files"""
 BARE = """
 import sys, time
