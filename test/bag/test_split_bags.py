@@ -1,6 +1,7 @@
 """Bags of several files: where files end, what each contains and what metadata.yaml says, for other libraries."""
 
 import json
+import threading
 
 import pytest
 import yaml
@@ -327,3 +328,20 @@ def test_a_higher_level_makes_smaller_files_of_the_same_contents(tmp_path, kind,
         assert len(texts(path)) == 2000
         sizes.append(path.stat().st_size)
     assert sizes[1] < sizes[0]
+
+
+def test_after_an_error_nothing_is_written():
+    disk, gate, ran = DiskThread(), threading.Event(), []
+
+    def fail():
+        raise OSError(28, "No space left on device")
+
+    for job in (gate.wait, fail, lambda: ran.append("after")):
+        disk.run(job, 10)
+    assert disk.backlog == 30
+    gate.set()
+    with pytest.raises(OSError, match="No space left"):
+        disk.wait()
+    assert not ran
+    assert disk.backlog == 0
+    disk.close()
