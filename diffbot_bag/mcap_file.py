@@ -16,9 +16,10 @@ from typing import Any
 import zstandard
 from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, ChunkIndex, Message, Schema, Statistics
+from mcap.records import AttachmentIndex, Channel, Chunk, ChunkIndex, Message, Schema, Statistics
 from mcap.stream_reader import StreamReader
 
+from diffbot_bag.attachments import MAX_ATTACHMENT, read_attachment
 from diffbot_bag.chunks import BagLimits, check_chunks, read_chunk, read_rows
 from diffbot_bag.foreign_files import open_regular, shown
 from diffbot_bag.metadata import Topic
@@ -65,6 +66,7 @@ class McapFile:
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._chunks: list[ChunkIndex] = []
+        self._attachments: dict[str, AttachmentIndex] = {}
         self._stream = open_regular(path)
         try:
             self._size = os.fstat(self._stream.fileno()).st_size
@@ -128,15 +130,22 @@ class McapFile:
         for record in StreamReader(io.BytesIO(summary), skip_magic=True, emit_chunks=True).records:
             if isinstance(record, Statistics):
                 statistics = record
-            elif isinstance(record, Schema):
-                self._schemas[record.id] = record
-            elif isinstance(record, Channel):
-                self._channels[record.id] = record
-            elif isinstance(record, ChunkIndex):
-                self._chunks.append(record)
+            else:
+                self._note(record)
         if statistics is None:
             raise DiffbotError("has no index")
         return statistics
+
+    def _note(self, record: object) -> None:
+        """Keep a record of the summary that is of use."""
+        if isinstance(record, Schema):
+            self._schemas[record.id] = record
+        elif isinstance(record, Channel):
+            self._channels[record.id] = record
+        elif isinstance(record, ChunkIndex):
+            self._chunks.append(record)
+        elif isinstance(record, AttachmentIndex):
+            self._attachments[record.name] = record
 
     def close(self) -> None:
         """Close the file."""
@@ -180,6 +189,19 @@ class McapFile:
             return load_profiles(text)
         except DiffbotError as error:
             raise DiffbotError(f"{shown(self.path)}: {shown(topic)}: {error}") from error
+
+    def attachment(self, name: str) -> bytes | None:
+        """Return the data of the last attachment of a name; None without one.
+
+        Raises:
+            DiffbotError: if it is larger than MAX_ATTACHMENT or damaged.
+        """
+        if (index := self._attachments.get(name)) is None:
+            return None
+        if index.length > MAX_ATTACHMENT:
+            raise DiffbotError(f"{self.path}: {shown(name)} has {index.length} bytes: must be <= {MAX_ATTACHMENT}")
+        with self._damage_as_error():
+            return read_attachment(self._stream, index)
 
     def records(
         self, topics: Collection[str] | None, start: int | None, end: int | None, reverse: bool

@@ -7,8 +7,11 @@ from typing import Annotated, NamedTuple
 from diffbot_bag.chunks import BagLimits
 from diffbot_bag.playback_clock import parse_remap
 from diffbot_bag.writer import CHUNK_SIZE
+from diffbot_core.errors import InvalidValueError
 from diffbot_core.schema import Spec
 
+MIN_DURATION = 0.1
+"""[s] of a file"""
 _MAX_TIME = 9e9
 """[s] since 1970, what 64 bits of nanoseconds hold"""
 
@@ -26,13 +29,46 @@ class RecorderConfig(NamedTuple):
         float, Spec("time between two looks for new topics", "s", 0.01, 60.0, read_only=True)
     ] = 0.1
     flush_period: Annotated[float, Spec("most that a crash can lose", "s", 0.05, 60.0, read_only=True)] = 1.0
+    fsync: Annotated[bool, Spec("a flush reaches the disk, so that it survives a power cut, too", read_only=True)] = (
+        True
+    )
+    max_bag_size: Annotated[
+        int, Spec("size at which a file ends and the next one begins; 0: no limit", "bytes", 0, 2**50, read_only=True)
+    ] = 0
+    max_bag_duration: Annotated[
+        float, Spec("duration after which a file ends; 0: no limit, else >= 0.1", "s", 0.0, 1e6, read_only=True)
+    ] = 0.0
+    max_bag_files: Annotated[
+        int,
+        Spec("files that are kept, the oldest are deleted; 0: all", minimum=0, maximum=1000, read_only=True),
+    ] = 0
+    snapshot_mode: Annotated[
+        bool, Spec("keep messages in memory and write them only when ~/snapshot is called", read_only=True)
+    ] = False
+    snapshot_duration: Annotated[
+        float, Spec("age of the oldest message of a snapshot; 0: no limit", "s", 0.0, 1e6, read_only=True)
+    ] = 0.0
+    max_cache_size: Annotated[
+        int,
+        Spec("messages in memory that wait for the disk, or for a snapshot", "bytes", 2**20, 2**36, read_only=True),
+    ] = 100 * 1024**2
+    start_paused: Annotated[bool, Spec("record latched topics only until ~/resume", read_only=True)] = False
+    qos_profile_overrides_path: Annotated[
+        str, Spec("YAML file with the QoS of subscriptions by topic, as rosbag2's; empty: none", read_only=True)
+    ] = ""
+    record_parameters: Annotated[
+        bool, Spec("ask all nodes for their parameters and attach them to the bag", read_only=True)
+    ] = True
     chunk_size: Annotated[
         int, Spec("size of a chunk before compression", "bytes", 1024, 64 * 1024**2, read_only=True)
     ] = CHUNK_SIZE
     min_free_space: Annotated[
         int, Spec("recording ends with less space on the disk", "bytes", 0, 2**50, read_only=True)
     ] = 64 * 1024**2
-    compression: Annotated[str, Spec("of the chunks", choices=("zstd", "none"), read_only=True)] = "zstd"
+    compression: Annotated[str, Spec("of the chunks", choices=("zstd", "lz4", "none"), read_only=True)] = "zstd"
+    compression_level: Annotated[
+        int, Spec("larger is smaller and slower; 0: the library's default", minimum=-7, maximum=19, read_only=True)
+    ] = 1
     depth: Annotated[
         int,
         Spec(
@@ -51,6 +87,13 @@ class RecorderConfig(NamedTuple):
             read_only=True,
         ),
     ] = 10_000
+
+    def check(self) -> None:
+        """Raise InvalidValueError if a limit of files would make each a handful of messages."""
+        if 0 < self.max_bag_size < self.chunk_size:
+            raise InvalidValueError("max_bag_size", self.max_bag_size, f"0 or >= chunk_size = {self.chunk_size}")
+        if 0.0 < self.max_bag_duration < MIN_DURATION:
+            raise InvalidValueError("max_bag_duration", self.max_bag_duration, f"0 or >= {MIN_DURATION:g}")
 
 
 class ReplayConfig(NamedTuple):

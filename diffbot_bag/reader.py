@@ -13,6 +13,7 @@ from mcap.well_known import MessageEncoding
 from mcap_ros2.decoder import DecoderFactory
 
 from diffbot_bag import metadata
+from diffbot_bag.attachments import PARAMETERS, Parameters, load_parameters
 from diffbot_bag.chunks import BagLimits
 from diffbot_bag.encoding import decode_numbers_message
 from diffbot_bag.foreign_files import inside, shown
@@ -152,6 +153,23 @@ class BagReader:
         """
         for _, channel, message in self._records(topics, start, end, reverse):
             yield RawMessage(channel.topic, message.data, message.log_time, message.publish_time)
+
+    def attachment(self, name: str) -> bytes | None:
+        """Return the data of the newest attachment of a name, such as ``parameters.json``; None without one.
+
+        Raises:
+            DiffbotError: if it is larger than MAX_ATTACHMENT of the module ``attachments``, or damaged.
+        """
+        found = (file.attachment(name) for file in reversed(self._files))
+        return next((data for data in found if data is not None), None)
+
+    def node_parameters(self) -> Parameters:
+        """Return the parameters of all nodes, as they were when recording began; empty if they were not recorded.
+
+        Raises:
+            DiffbotError: if the attachment is damaged.
+        """
+        return load_parameters(self.attachment(PARAMETERS), self.path)
 
     def unordered(self, topics: Iterable[str]) -> Iterator[RawMessage]:
         """Iterate over the bytes in the order of the files, which is not always that of time; the fastest way.

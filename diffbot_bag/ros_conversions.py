@@ -105,8 +105,9 @@ def with_info(callback: Callable[[bytes, dict[str, Any]], None]) -> Callable[...
     Executors pass two arguments, except for the EventsExecutor of rclpy 7.1.6, which passes one pair.
     """
 
-    def adapted(*received: Any) -> None:
-        data, info = received if len(received) == 2 else received[0]
+    def adapted(data: Any, info: Any = None) -> None:
+        if info is None:
+            data, info = data
         callback(data, info)
 
     # rclpy inspects the signature to find out whether to pass the info.

@@ -1,24 +1,35 @@
-"""Write a rosbag2 bag: a folder with one MCAP file, readable up to the last flush at any time, and metadata.yaml."""
+"""Write a rosbag2 bag: a folder with MCAP files, readable up to the last flush at any time, and metadata.yaml."""
 
 from __future__ import annotations
 
-import contextlib
-import os
-from collections.abc import Mapping, Sequence
+import re
+import time
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
-from typing import BinaryIO
 
-from mcap.well_known import MessageEncoding, SchemaEncoding
-from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
+from mcap.records import Channel
+from mcap.well_known import MessageEncoding
+from mcap.writer import MCAP0_MAGIC
 
 from diffbot_bag import metadata
-from diffbot_bag.message_definitions import DefinitionNotFoundError, MessageDefinitions
-from diffbot_bag.metadata import BagMetadata, Topic
+from diffbot_bag.message_definitions import MessageDefinitions
+from diffbot_bag.metadata import Topic
+from diffbot_bag.pending_messages import Held
 from diffbot_bag.qos import Qos, dump_profiles
+from diffbot_bag.recording.bag_files import NO_LIMITS, Attached, BagFiles, FileLimits
+from diffbot_bag.recording.chunk import ChunkBuilder
+from diffbot_bag.recording.disk import Disk
+from diffbot_bag.recording.latched import LatchedMessages
+from diffbot_bag.recording.mcap_writer import DEFAULT_COMPRESSION, Compression
+from diffbot_bag.recording.schemas import Schemas
 from diffbot_core.errors import DiffbotError
 
 CHUNK_SIZE = 512 * 1024
 """[bytes] size of a chunk before compression; messages not yet in a chunk are lost if the process dies"""
+MAX_BACKLOG = 100 * 2**20
+_NEVER = 2**64
+"""[ns]"""
 
 
 class BagWriteError(DiffbotError):
@@ -26,7 +37,10 @@ class BagWriteError(DiffbotError):
 
 
 class BagWriter:
-    """Writer of one bag. A disk error raises BagWriteError and closes the bag."""
+    """Writer of one bag. A disk error raises BagWriteError and closes the bag.
+
+    Each file can be read by itself: it has all topics and attachments, and begins with the latched messages.
+    """
 
     def __init__(
         self,
@@ -34,58 +48,65 @@ class BagWriter:
         definitions: MessageDefinitions | None = None,
         *,
         chunk_size: int = CHUNK_SIZE,
-        compress: bool = True,
+        compression: Compression = DEFAULT_COMPRESSION,
+        limits: FileLimits = NO_LIMITS,
+        disk: Disk | None = None,
     ) -> None:
         """Create the folder and the file ``<folder name>_0.mcap`` in it.
+
+        Args:
+            folder: of the bag; it must not exist.
+            definitions: of message types; default: the installed ones.
+            chunk_size: [bytes] before compression.
+            compression: of the chunks.
+            limits: of each file.
+            disk: runs what waits for the disk; default: each call of this class does. Errors of a DiskThread are
+                raised by a later call.
 
         Raises:
             BagWriteError: if the folder exists already or cannot be created.
         """
         self.folder = folder.expanduser().absolute()
-        self._definitions = definitions or MessageDefinitions()
-        self._topics: list[Topic] = []
-        self._counts: list[int] = []
-        self._schemas: dict[str, int] = {}
-        self._start = 0
-        self._end = 0
-        self._flushed = 0
-        self._stream = self._create()
-        self._writer = Writer(
-            self._stream,
-            chunk_size=chunk_size,
-            compression=CompressionType.ZSTD if compress else CompressionType.NONE,
-        )
-        try:
-            self._writer.start(profile="ros2", library="diffbot")
-            self._add_metadata_record({})
-            # Detect a full disk now rather than when the first chunk is full.
-            self.flush()
-        except OSError as error:
-            raise self._failure(error) from error
+        self._schemas, self._channels = Schemas(definitions or MessageDefinitions()), 0
+        self._chunk_size, self._limits, self._disk = chunk_size, limits, disk or Disk()
+        self._latched: dict[int, LatchedMessages] = {}
+        self._chunk = ChunkBuilder()
+        self._flushed = self._number = self._given = 0
+        self._is_begun = False
+        self.describe: Callable[[], Mapping[str, str]] = dict
+        """returns custom_data of metadata.yaml at the end of each file"""
+        self.count = 0
+        """messages written so far, without latched ones that were repeated"""
+        self.max_backlog = MAX_BACKLOG
+        """[bytes] that may wait for the disk; beyond, :meth:`write` does"""
+        self.closed = False
+        """True after :meth:`close` or an error; nothing more can be written"""
+        self._split_time = -1
+        self._files = BagFiles(self.folder, compression, limits.max_files)
+        self._begin()
 
-    @property
-    def path(self) -> Path:
-        """The MCAP file."""
-        return self.folder / f"{self.folder.name}_0.mcap"
-
-    @property
-    def count(self) -> int:
-        """Messages written so far."""
-        return sum(self._counts)
-
-    @property
-    def closed(self) -> bool:
-        """True after :meth:`close` or an error; nothing more can be written."""
-        return self._stream.closed
-
-    def _create(self) -> BinaryIO:
+    def _begin(self) -> None:
         try:
             self.folder.mkdir(parents=True)
-            return self.path.open("wb")
         except FileExistsError as error:
             raise BagWriteError(f"{self.folder} exists already: choose another name for the bag") from error
         except OSError as error:
             raise BagWriteError(f"cannot create the bag {self.folder}: {error.strerror}") from error
+        self._run(self._files.begin)
+        # Detect a full disk now rather than when the first chunk is full.
+        self.flush()
+        self._wait()
+
+    @property
+    def path(self) -> Path:
+        """The present MCAP file, or the last one."""
+        return self._files.present[0]
+
+    def _run(self, job: Callable[[], None], size: int = 0) -> None:
+        try:
+            self._disk.run(job, size)
+        except OSError as error:
+            raise self._failure(error) from error
 
     def add_topic(self, name: str, type_name: str, qos: Sequence[Qos] = (), type_hash: str = "") -> int:
         """Register a topic and return its channel for :meth:`write`.
@@ -96,37 +117,28 @@ class BagWriter:
         Raises:
             BagWriteError: if the disk is full.
         """
-        topic = Topic(name, type_name, type_hash or self._installed_hash(type_name), tuple(qos))
-        try:
-            if type_name not in self._schemas:
-                self._schemas[type_name] = self._register_schema(type_name)
-            channel = self._writer.register_channel(
-                topic=name,
-                message_encoding=MessageEncoding.CDR,
-                schema_id=self._schemas[type_name],
-                metadata={
-                    "offered_qos_profiles": dump_profiles(topic.qos),
-                    "topic_type_hash": topic.type_hash,
-                },
-            )
-        except OSError as error:
-            raise self._failure(error) from error
-        self._topics.append(topic)
-        self._counts.append(0)
-        return channel
+        topic = Topic(name, type_name, type_hash or self._schemas.type_hash(type_name), tuple(qos))
+        schema_id, added = self._schemas.add(type_name)
+        self._channels += 1
+        channel = Channel(
+            id=self._channels,
+            topic=name,
+            message_encoding=MessageEncoding.CDR,
+            metadata={"offered_qos_profiles": dump_profiles(topic.qos), "topic_type_hash": topic.type_hash},
+            schema_id=schema_id,
+        )
+        self._run(partial(self._files.add_topic, topic, channel, added))
+        if any(one.durability == "transient_local" for one in topic.qos):
+            self._latched[channel.id] = LatchedMessages(len(topic.qos))
+        return channel.id
 
-    def _register_schema(self, type_name: str) -> int:
-        try:
-            text = self._definitions.schema_text(type_name)
-        except DefinitionNotFoundError:
-            return int(self._writer.register_schema(type_name, SchemaEncoding.SelfDescribing, b""))
-        return int(self._writer.register_schema(type_name, SchemaEncoding.ROS2, text.encode()))
+    def attach(self, name: str, media_type: str, data: bytes) -> None:
+        """Add an attachment to this file and the next ones; one of the same name counts instead of earlier ones.
 
-    def _installed_hash(self, type_name: str) -> str:
-        try:
-            return self._definitions.type_hash(type_name)
-        except DefinitionNotFoundError:
-            return ""
+        Raises:
+            BagWriteError: if the disk is full.
+        """
+        self._run(partial(self._files.attach, Attached(time.time_ns(), name, media_type, data)), len(data))
 
     def write(self, channel: int, data: bytes, log_time: int, publish_time: int, sequence: int = 0) -> None:
         """Append one message (CDR bytes); times in [ns].
@@ -134,28 +146,88 @@ class BagWriter:
         Raises:
             BagWriteError: if the disk is full; the bag is then closed.
         """
-        try:
-            self._writer.add_message(channel, log_time, data, publish_time, sequence)
-        except OSError as error:
-            raise self._failure(error) from error
-        # Channels are numbered from 1 in the order of registration.
-        self._counts[channel - 1] += 1
-        if not self._start or log_time < self._start:
-            self._start = log_time
-        self._end = max(self._end, log_time)
+        if log_time >= self._split_time:
+            self._enter_file(log_time)
+        if (latched := self._latched.get(channel)) is not None:
+            latched.keep(Held(channel, data, log_time, publish_time, sequence))
+        self.count += 1
+        if self._chunk.add(channel, data, log_time, publish_time, sequence) > self._chunk_size:
+            self._seal()
+            self._split_large_file()
 
-    def flush(self) -> None:
-        """Bring everything written so far to the disk, so that it survives a crash of the process or the machine.
+    def remember(self, message: Held) -> None:
+        """Take note of a message that is not written: if latched, it belongs at the head of the next file."""
+        if (latched := self._latched.get(message.channel)) is not None:
+            latched.keep(message)
+
+    def is_latched(self, channel: int) -> bool:
+        """Return whether a publisher of the channel's topic is transient local."""
+        return channel in self._latched
+
+    def note_publishers(self, channel: int, count: int) -> None:
+        """Take note of how many publishers a topic has: so many latched messages may count at a time."""
+        if (latched := self._latched.get(channel)) is not None:
+            latched.publishers = max(latched.publishers, count)
+
+    def _enter_file(self, log_time: int) -> None:
+        """Begin a file with its first message, at ``log_time`` [ns]: the one before has lasted long enough."""
+        if self._is_begun:
+            self.split()
+        self._is_begun = True
+        self._split_time = log_time + self._limits.max_duration if self._limits.max_duration else _NEVER
+        # With the time of the file's beginning: an earlier one would stretch the file.
+        for channel, latched in self._latched.items():
+            for message in latched:
+                self._chunk.add(channel, message.data, log_time, message.published, message.number)
+
+    def _seal(self) -> None:
+        if (chunk := self._chunk.seal()) is not None:
+            self._given += chunk.size
+            if self._disk.backlog > self.max_backlog:
+                self._wait()
+            self._run(partial(self._files.add_chunk, chunk), len(chunk.data))
+
+    def _split_large_file(self) -> None:
+        if not self._limits.max_size:
+            return
+        file, size, unpacked = self._files.progress
+        written = size - unpacked if file == self._number else self._files.head
+        # What is not written yet is counted in full, as if it could not be compressed.
+        if written + self._given >= self._limits.max_size:
+            self.split()
+
+    def split(self) -> bool:
+        """End this file, if it has a message; the next message begins the next file.
+
+        Returns:
+            False if the file has no message.
 
         Raises:
             BagWriteError: if the disk is full; the bag is then closed.
         """
-        try:
-            self._writer.flush()  # type: ignore[no-untyped-call]
-            os.fsync(self._stream.fileno())
-        except OSError as error:
-            raise self._failure(error) from error
-        self._flushed = self.count
+        if not self._is_begun:
+            return False
+        self._seal()
+        self._run(partial(self._files.end, dict(self.describe())))
+        self._is_begun, self._split_time, self._given = False, -1, 0
+        self._number += 1
+        return True
+
+    def flush(self, sync: bool = True) -> None:
+        """Bring everything written so far out of this process, and with ``sync`` to the disk.
+
+        It then survives a crash of the process; with ``sync`` one of the machine, too. With a DiskThread this is done
+        a moment later.
+
+        Raises:
+            BagWriteError: if the disk is full; the bag is then closed.
+        """
+        self._seal()
+        self._run(partial(self._flush, sync, self.count))
+
+    def _flush(self, sync: bool, count: int) -> None:
+        self._files.flush(sync)
+        self._flushed = count
 
     @property
     def unflushed(self) -> int:
@@ -168,14 +240,8 @@ class BagWriter:
         Raises:
             BagWriteError: if not. The bag stays open: what is left of the space is for its index.
         """
-        try:
-            found, space = os.stat(self.path), os.statvfs(self.folder)
-        except OSError as error:
-            raise BagWriteError(f"{self.path} has gone while it was written: {error.strerror}") from error
-        if not os.path.samestat(found, os.fstat(self._stream.fileno())):
-            raise BagWriteError(f"{self.path} was replaced while it was written")
-        if (free := space.f_bavail * space.f_frsize) < min_free:
-            raise BagWriteError(f"recording ends: {self.folder} has {free} bytes free: must be >= {min_free}")
+        if problem := self._files.problem(min_free):
+            raise BagWriteError(problem)
 
     def close(self, custom_data: Mapping[str, str] | None = None) -> None:
         """Finish the file and write metadata.yaml; no effect on a closed bag.
@@ -185,37 +251,23 @@ class BagWriter:
         """
         if self.closed:
             return
+        self._seal()
+        self._run(partial(self._files.end, custom_data or {}))
+        self._wait()
+        self.closed = True
+        self._disk.close()
+
+    def _wait(self) -> None:
         try:
-            self._writer.flush()  # type: ignore[no-untyped-call]
-            self._add_metadata_record(custom_data or {})
-            self._writer.finish()  # type: ignore[no-untyped-call]
-            self._stream.flush()
-            os.fsync(self._stream.fileno())
-            self._stream.close()
-            metadata.write(self.folder, self._metadata(custom_data or {}))
+            self._disk.wait()
         except OSError as error:
             raise self._failure(error) from error
 
-    def _add_metadata_record(self, custom_data: Mapping[str, str]) -> None:
-        text = metadata.to_yaml(self._metadata(custom_data), root=False)
-        self._writer.add_metadata("rosbag2", {"serialized_metadata": text})
-
-    def _metadata(self, custom_data: Mapping[str, str]) -> BagMetadata:
-        topics = (topic._replace(message_count=count) for topic, count in zip(self._topics, self._counts, strict=True))
-        return BagMetadata(
-            files=(self.path.name,),
-            start=self._start,
-            duration=self._end - self._start,
-            message_count=self.count,
-            topics=tuple(topics),
-            custom_data=custom_data,
-            ros_distro=os.environ.get("ROS_DISTRO", "jazzy"),
-        )
-
     def _failure(self, error: OSError) -> BagWriteError:
-        # Closing flushes the rest of the buffer, which fails for the same reason.
-        with contextlib.suppress(OSError):
-            self._stream.close()
+        if not self.closed:
+            self.closed = True
+            self._disk.close()
+            self._files.abandon()
         return BagWriteError(
             f"cannot write {self.path}: {error.strerror}; the bag ends after about {self.count} messages"
             " (it has no index; complete chunks can be read as a stream)"
@@ -223,12 +275,13 @@ class BagWriter:
 
 
 def is_unfinished(folder: Path) -> bool:
-    """True if a folder has nothing in it but what a killed BagWriter leaves: its file, and parts of metadata.yaml."""
+    """True if a folder has nothing in it but what a killed BagWriter leaves: its files, and parts of metadata.yaml."""
+    own = re.compile(re.escape(folder.name) + r"_\d+\.mcap")
     for path in folder.iterdir():
         regular = path.is_file() and not path.is_symlink()
         if regular and path.name.startswith(f".{metadata.FILE_NAME}.") and path.suffix == ".part":
             continue
-        if not regular or path.name != f"{folder.name}_0.mcap":
+        if not regular or not own.fullmatch(path.name):
             return False
         with path.open("rb") as file:
             if file.read(len(MCAP0_MAGIC)) not in (b"", MCAP0_MAGIC):

@@ -300,8 +300,8 @@ def test_unordered_reading_of_a_file_without_chunks(tmp_path):
 
 def test_unordered_reading_finds_damage_too(broken):
     path, content = broken
-    middle = len(content) // 3
-    path.write_bytes(content[:middle] + bytes(64) + content[middle + 64 :])
+    frame = content.index(b"\x28\xb5\x2f\xfd", len(content) // 3) + 50
+    path.write_bytes(content[:frame] + bytes(64) + content[frame + 64 :])
     with pytest.raises(DiffbotError, match="damaged") as error, BagReader(path) as reader:
         list(reader.unordered(["/a", "/b"]))
     assert "\n" not in str(error.value)

@@ -323,7 +323,7 @@ def test_a_folder_that_cannot_be_made_is_one_line_before_anything_is_recorded(tm
     ("parameters", "words"),
     [
         ({"depth": 0}, "depth = 0: must be"),
-        ({"compression": "gzip"}, "compression = 'gzip': must be one of zstd, none"),
+        ({"compression": "gzip"}, "compression = 'gzip': must be one of zstd, lz4, none"),
         ({"regex": "("}, "regex = '(': must be a regular expression"),
     ],
 )
@@ -467,9 +467,34 @@ def test_messages_of_a_second_type_are_reported_at_once_and_counted_as_lost(tmp_
     assert metadata.read(tmp_path / "run").custom_data == {"lost_messages": "24", "lost /shared": "24"}
 
 
-def test_messages_of_a_weaker_publisher_that_joins_are_counted_as_lost(tmp_path, peer):
+def test_a_weaker_publisher_that_joins_is_recorded_without_loss_or_repetition(tmp_path, peer):
+    first = peer.publisher(Twist, "shared", DEEP)
+    with recorder(tmp_path / "run", {"topics": ["/shared"], "topic_polling_interval": 0.05}) as running:
+        reports = wait_until_recorded(peer, first)
+        sent, total = publish(first, twists(5)), 5
+        with graph.peer("intruder") as other:
+            second = other.publisher(Twist, "shared", BEST_EFFORT)
+            # Published throughout the change from one subscription to the other.
+            while " subscribing anew because of " not in running.output or graph.values(reports[-1])["incomplete"]:
+                sent += publish(first, twists(1))
+                peer.spin_for(0.001)
+                total += 1
+            other.wait_for_subscribers(second)
+            peer.wait_for_subscribers(first)
+            weak = publish(second, twists(7))
+            sent += publish(first, twists(100))
+            wait_for_count(peer, reports, "messages", str(total + 107))
+        assert running.stop() == 0
+        assert f"{total + 107} messages, 0 lost" in running.output
+        assert "offers best effort only" in running.output
+    assert sorted(recorded(tmp_path / "run", "/shared")) == sorted(sent + weak)
+
+
+def test_a_weaker_publisher_of_a_topic_with_a_fixed_qos_is_counted_as_lost(tmp_path, peer):
     first = peer.publisher(Twist, "shared", 100)
-    with recorder(tmp_path / "run", {"topics": ["/shared"]}) as running:
+    (tmp_path / "qos.yaml").write_text("/shared: {reliability: reliable, depth: 50}\n")
+    parameters = {"topics": ["/shared"], "qos_profile_overrides_path": tmp_path / "qos.yaml"}
+    with recorder(tmp_path / "run", parameters) as running:
         reports = wait_until_recorded(peer, first)
         publish(first, twists(5))
         with graph.peer("intruder") as other:

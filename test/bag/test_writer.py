@@ -21,6 +21,7 @@ from rosbags.typesys import Stores, get_typestore
 from diffbot_bag import metadata
 from diffbot_bag.message_definitions import MessageDefinitions
 from diffbot_bag.qos import Qos
+from diffbot_bag.recording.mcap_writer import Compression
 from diffbot_bag.writer import BagWriteError, BagWriter
 
 TWIST, STRING = "geometry_msgs/msg/Twist", "std_msgs/msg/String"
@@ -150,9 +151,9 @@ def test_half_a_metadata_yaml_is_never_seen(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(("compress", "compression"), [(True, "zstd"), (False, "")])
-def test_chunks_have_the_size_and_compression_asked_for(tmp_path, compress, compression):
-    write_bag(tmp_path / "run", 1000, chunk_size=10_000, compress=compress).close()
+@pytest.mark.parametrize(("kind", "compression"), [("zstd", "zstd"), ("lz4", "lz4"), ("none", "")])
+def test_chunks_have_the_size_and_compression_asked_for(tmp_path, kind, compression):
+    write_bag(tmp_path / "run", 1000, chunk_size=10_000, compression=Compression(kind)).close()
     with (tmp_path / "run" / "run_0.mcap").open("rb") as stream:
         chunks = [record for record in StreamReader(stream, emit_chunks=True).records if isinstance(record, Chunk)]
     assert {chunk.compression for chunk in chunks} == {compression}
@@ -237,9 +238,10 @@ def test_missing_parents_are_made(tmp_path):
 FILL_THE_DISK = """
     import sys
     from pathlib import Path
+    from diffbot_bag.recording.mcap_writer import Compression
     from diffbot_bag.writer import BagWriteError, BagWriter
 
-    writer = BagWriter(Path(sys.argv[1]), compress=False, chunk_size=4096)
+    writer = BagWriter(Path(sys.argv[1]), compression=Compression("none"), chunk_size=4096)
     channel = writer.add_topic("/a", "std_msgs/msg/String")
     written = 0
     try:

@@ -56,6 +56,16 @@ NOT_IN_WHEELS: Mapping[str, Rights] = {
     ),
 }
 """Rights for what exists with tf2_msgs, tf2_ros and nav2_msgs only, which a full ROS installation has."""
+TEMPORARY: Mapping[str, Rights] = {
+    "recorder": Rights(
+        request=frozenset(
+            f"{node}/{service}"
+            for node in ("controller", "ekf", "plant")
+            for service in ("get_parameters", "list_parameters")
+        )
+    ),
+}
+"""Rights for what a node has in the graph for a moment only: the recorder asks the others for their parameters."""
 _SIMULATED = {"use_sim_time": True}
 _LANDMARK = {"landmark_ids": [1], "landmark_x": [1.0], "landmark_y": [1.0]}
 _TIMEOUT, _QUIET, _POLL = 60.0, 2.0, 0.1
@@ -90,7 +100,12 @@ def _nodes(folder: Path) -> dict[str, tuple[str, dict[str, Any]]]:
     with new_bag(bag) as writer:
         channels = [writer.add_topic(f"{NAMESPACE}/{name}", kind, [Qos()]) for name, kind in REPLAYED.items()]
         writer.write(channels[0], b"", 0, 0)  # never sent
-    recorder = {"uri": str(folder / "recorded"), "topics": list(RECORDED_TOPICS), **_SIMULATED}
+    recorder = {
+        "uri": str(folder / "recorded"),
+        "topics": list(RECORDED_TOPICS),
+        "record_parameters": False,
+        **_SIMULATED,
+    }
     replay = {"uri": str(bag), "clock": 100.0, "start_paused": True, "wait_timeout": 0.0}
     return {
         "plant": ("diffbot_sim.plant_node", {"clock": "scaled", "start_paused": True, **_LANDMARK}),
@@ -110,7 +125,9 @@ def present_rights(observer: Node) -> AllRights:
         return {}
     if not frozenset(RECORDED_TOPICS) <= found["recorder"].subscribe:
         return {}
-    rights = {name: one | NOT_IN_WHEELS.get(name, Rights()) for name, one in found.items()}
+    rights = {
+        name: one | NOT_IN_WHEELS.get(name, Rights()) | TEMPORARY.get(name, Rights()) for name, one in found.items()
+    }
     return {process: {name: rights[name] for name in members} for process, members in PROCESSES.items()}
 
 

@@ -1,0 +1,347 @@
+"""Bags of several files: where files end, what each contains and what metadata.yaml says, for other libraries."""
+
+import json
+import threading
+
+import pytest
+import yaml
+from mcap.reader import make_reader
+from mcap.records import Message, Schema
+from mcap.stream_reader import StreamReader
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
+
+from diffbot_bag import metadata
+from diffbot_bag.attachments import HIDDEN, PARAMETERS, dump_parameters
+from diffbot_bag.qos import Qos
+from diffbot_bag.reader import BagReader
+from diffbot_bag.recording.bag_files import FileLimits
+from diffbot_bag.recording.disk import Disk, DiskThread
+from diffbot_bag.recording.mcap_writer import Compression
+from diffbot_bag.writer import BagWriteError, BagWriter, is_unfinished
+from diffbot_core.errors import DiffbotError
+
+STRING = "std_msgs/msg/String"
+LATCHED = Qos(durability="transient_local")
+STORE = get_typestore(Stores.ROS2_JAZZY)
+BEGIN, SECOND = 1_700_000_000_000_000_000, 10**9
+
+
+def text(content):
+    return bytes(STORE.serialize_cdr(STORE.types[STRING](data=content), STRING))
+
+
+class Written:
+    """A bag of one volatile and one latched topic, and what was written to it."""
+
+    def __init__(self, folder, **options):
+        self.folder = folder
+        self.writer = BagWriter(folder, chunk_size=1000, **options)
+        self.volatile = self.writer.add_topic("/data", STRING, [Qos()])
+        self.latched = self.writer.add_topic("/map", STRING, [LATCHED])
+        self.count = 0
+
+    def data(self, number=1):
+        for _ in range(number):
+            self.count += 1
+            self.writer.write(self.volatile, text(f"data {self.count}"), self.now, self.now - 5, self.count)
+
+    @property
+    def now(self):
+        return BEGIN + self.count * SECOND // 10
+
+    def map(self, content, number=1):
+        self.writer.write(self.latched, text(content), self.now, self.now - 5, number)
+
+    def close(self, **custom):
+        self.writer.close(custom)
+        return self.folder
+
+
+def read(path):
+    """Topic, text, log time, publish time and sequence of each message, by mcap's reader."""
+    with path.open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        return [
+            (channel.topic, STORE.deserialize_cdr(message.data, schema.name).data, message)
+            for schema, channel, message in reader.iter_messages(log_time_order=False)
+        ]
+
+
+def texts(path, topic="/data"):
+    return [content for name, content, _ in read(path) if name == topic]
+
+
+def names(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+@pytest.mark.parametrize("disk", [Disk, DiskThread])
+def test_a_split_loses_nothing_and_repeats_latched_messages_only(tmp_path, disk):
+    bag = Written(tmp_path / "run", disk=disk())
+    bag.map("map")
+    bag.data(5)
+    assert bag.writer.split()
+    bag.data(5)
+    assert bag.writer.split()
+    bag.data(1)
+    assert bag.writer.count == 12
+    folder = bag.close(lost_messages="0")
+    assert [texts(folder / f"run_{index}.mcap") for index in range(3)] == [
+        [f"data {number}" for number in numbers] for numbers in (range(1, 6), range(6, 11), range(11, 12))
+    ]
+    assert [texts(folder / f"run_{index}.mcap", "/map") for index in range(3)] == [["map"]] * 3
+    # At the head of the file, with its time, but as it was published.
+    topic, _, message = read(folder / "run_1.mcap")[0]
+    assert (topic, message.log_time, message.publish_time) == ("/map", BEGIN + 6 * SECOND // 10, BEGIN - 5)
+
+
+def test_metadata_of_several_files_is_that_of_their_contents(tmp_path):
+    bag = Written(tmp_path / "run")
+    bag.map("map")
+    bag.data(5)
+    bag.writer.split()
+    bag.data(3)
+    bag.writer.split()
+    folder = bag.close(lost_messages="2")
+    inner = yaml.safe_load((folder / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert inner["relative_file_paths"] == ["run_0.mcap", "run_1.mcap"]
+    tenth = SECOND // 10
+    assert inner["files"] == [
+        {
+            "path": name,
+            "starting_time": {"nanoseconds_since_epoch": start},
+            "duration": {"nanoseconds": duration},
+            "message_count": count,
+        }
+        for name, start, duration, count in (
+            ("run_0.mcap", BEGIN, 5 * tenth, 6),
+            ("run_1.mcap", BEGIN + 6 * tenth, 2 * tenth, 4),
+        )
+    ]
+    assert (inner["message_count"], inner["duration"]["nanoseconds"]) == (10, 8 * tenth)
+    assert [topic["message_count"] for topic in inner["topics_with_message_count"]] == [8, 2]
+    assert inner["custom_data"] == {"lost_messages": "2"}
+    with AnyReader([folder]) as reader:
+        assert reader.message_count == 10
+        assert len(list(reader.messages())) == 10
+    with BagReader(folder) as reader:
+        assert (reader.message_count, reader.start, reader.end) == (10, BEGIN, BEGIN + 8 * tenth)
+
+
+def test_every_file_is_a_bag_by_itself(tmp_path):
+    bag = Written(tmp_path / "run")
+    bag.data(2)
+    bag.writer.attach("a.json", "application/json", b"first")
+    bag.writer.split()
+    bag.data(2)
+    bag.writer.attach("a.json", "application/json", b"second")
+    late = bag.writer.add_topic("/late", "geometry_msgs/msg/Point", [Qos()])
+    bag.writer.write(late, bytes(28), bag.now, 0)
+    bag.writer.split()
+    bag.data(1)
+    folder = bag.close()
+    found = []
+    for index in range(3):
+        with (folder / f"run_{index}.mcap").open("rb") as stream:
+            reader = make_reader(stream, validate_crcs=True)
+            summary = reader.get_summary()
+            found.append([channel.topic for channel in summary.channels.values()])
+            assert {channel.schema_id for channel in summary.channels.values()} == set(summary.schemas)
+            assert [each.data for each in reader.iter_attachments()][-1] == (b"first", b"second", b"second")[index]
+            assert [each.name for each in reader.iter_metadata()] == ["rosbag2", "rosbag2"]
+        with BagReader(folder / f"run_{index}.mcap") as reader:
+            assert reader.attachment("a.json") == (b"first", b"second", b"second")[index]
+    assert found == [["/data", "/map"], ["/data", "/map", "/late"], ["/data", "/map", "/late"]]
+    with BagReader(folder) as reader:
+        assert reader.attachment("a.json") == b"second"
+        assert reader.attachment("b.json") is None
+
+
+def test_a_file_ends_after_its_duration(tmp_path):
+    bag = Written(tmp_path / "run", limits=FileLimits(max_duration=SECOND))
+    bag.data(25)
+    folder = bag.close()
+    assert [len(texts(folder / f"run_{index}.mcap")) for index in range(3)] == [10, 10, 5]
+    assert not (folder / "run_3.mcap").exists()
+
+
+@pytest.mark.parametrize("disk", [Disk, DiskThread])
+def test_a_file_ends_at_its_size_or_a_chunk_later(tmp_path, disk):
+    limit = 20_000
+    bag = Written(tmp_path / "run", limits=FileLimits(max_size=limit), compression=Compression("none"), disk=disk())
+    bag.data(3000)
+    folder = bag.close()
+    files = sorted(folder.glob("*.mcap"), key=lambda path: int(path.stem[4:]))
+    assert [content for path in files for content in texts(path)] == [f"data {index + 1}" for index in range(3000)]
+    assert len(files) > 5
+    sizes = []
+    for path in files[:-1]:
+        with path.open("rb") as stream:
+            index = make_reader(stream).get_summary().chunk_indexes
+        sizes.append(index[-1].chunk_start_offset + index[-1].chunk_length + index[-1].message_index_length)
+    assert limit - 4000 < min(sizes) <= max(sizes) < limit + 4000
+
+
+def test_the_oldest_files_are_deleted(tmp_path):
+    bag = Written(tmp_path / "run", limits=FileLimits(max_files=2))
+    bag.map("map")
+    for _ in range(4):
+        bag.data(2)
+        bag.writer.split()
+    # Whatever is named can be read at any time.
+    assert metadata.read(bag.folder).files == ("run_2.mcap", "run_3.mcap")
+    bag.data(1)
+    bag.writer.flush()
+    assert metadata.read(bag.folder).files == ("run_3.mcap",)
+    folder = bag.close()
+    assert names(folder) == ["metadata.yaml", "run_3.mcap", "run_4.mcap"]
+    assert [texts(folder / f"run_{index}.mcap") for index in (3, 4)] == [["data 7", "data 8"], ["data 9"]]
+    assert texts(folder / "run_4.mcap", "/map") == ["map"]
+    with AnyReader([folder]) as reader:
+        assert reader.message_count == 5
+    assert metadata.read(folder).message_count == 5
+
+
+def test_a_single_file_is_kept_at_a_time(tmp_path):
+    bag = Written(tmp_path / "run", limits=FileLimits(max_files=1))
+    for _ in range(3):
+        bag.data(1)
+        bag.writer.split()
+    folder = bag.close()
+    assert names(folder) == ["metadata.yaml", "run_2.mcap"]
+
+
+def test_metadata_is_complete_after_each_split_and_a_killed_bag_is_recognised(tmp_path):
+    bag = Written(tmp_path / "run")
+    bag.writer.describe = lambda: {"lost_messages": "7"}
+    bag.data(1)
+    assert is_unfinished(bag.folder)
+    bag.writer.split()
+    bag.data(1)
+    bag.writer.flush()
+    with BagReader(bag.folder) as reader:
+        assert reader.message_count == 1
+        assert reader.metadata.custom_data == {"lost_messages": "7"}
+    (bag.folder / "metadata.yaml").unlink()
+    assert is_unfinished(bag.folder)
+    bag.close()
+
+
+def test_an_empty_file_is_not_split(tmp_path):
+    bag = Written(tmp_path / "run")
+    assert not bag.writer.split()
+    bag.data(1)
+    assert bag.writer.split()
+    assert not bag.writer.split()
+    assert names(bag.close()) == ["metadata.yaml", "run_0.mcap"]
+
+
+def test_latched_messages_of_several_publishers_are_all_repeated(tmp_path):
+    bag = Written(tmp_path / "run")
+    bag.writer.note_publishers(bag.latched, 2)
+    for content, number in (("a1", 1), ("b8", 8), ("a2", 2), ("a3", 3), ("b9", 9)):
+        bag.map(content, number)
+    bag.writer.split()
+    bag.data(1)
+    folder = bag.close()
+    assert texts(folder / "run_1.mcap", "/map") == ["a3", "b9"]
+
+
+def test_channels_survive_a_damaged_chunk(tmp_path):
+    """Schemas and channels stand outside of the chunks."""
+    bag = Written(tmp_path / "run")
+    bag.data(1)
+    folder = bag.close()
+    with (folder / "run_0.mcap").open("rb") as stream:
+        records = list(StreamReader(stream, emit_chunks=True).records)
+    assert any(isinstance(record, Schema) for record in records)
+    assert not any(isinstance(record, Message) for record in records)
+
+
+class FullDisk(DiskThread):
+    """Fails at the third chunk."""
+
+    def run(self, job, size=0):
+        self.chunks = getattr(self, "chunks", 0) + (size > 0)
+
+        def fail():
+            raise OSError(28, "No space left on device")
+
+        super().run(fail if self.chunks == 3 else job, size)
+
+
+def test_an_error_of_the_thread_is_raised_by_a_later_call(tmp_path):
+    bag = Written(tmp_path / "run", disk=FullDisk())
+
+    def write_on():
+        for _ in range(100_000):
+            bag.data(1)
+            bag.writer.flush()
+
+    with pytest.raises(BagWriteError, match="No space left on device; the bag ends after about"):
+        write_on()
+    assert bag.writer.closed
+    bag.writer.close()
+    assert bag.writer.unflushed >= 1
+
+
+def test_parameters_are_read_as_they_were_written(tmp_path):
+    values = {"gain": 0.5, "limit": float("inf"), "names": ["a", "b"], "on": True, "none": None, "api_key": "x"}
+    bag = Written(tmp_path / "run")
+    bag.writer.attach(PARAMETERS, "application/json", dump_parameters({"/ekf": values}))
+    folder = bag.close()
+    expected = {**values, "limit": "inf", "api_key": HIDDEN}
+    with BagReader(folder) as reader:
+        assert reader.node_parameters() == {"/ekf": expected}
+    with (folder / "run_0.mcap").open("rb") as stream:
+        (attachment,) = make_reader(stream).iter_attachments()
+    assert json.loads(attachment.data) == {"/ekf": expected}
+
+
+@pytest.mark.parametrize("content", [b"{", b"[1]", b'{"a": 1}', b"[" * 100_000])
+def test_parameters_that_are_no_map_are_one_line(tmp_path, content):
+    bag = Written(tmp_path / "run")
+    bag.writer.attach(PARAMETERS, "application/json", content)
+    with BagReader(bag.close()) as reader, pytest.raises(DiffbotError, match=r"run: parameters\.json is not") as error:
+        reader.node_parameters()
+    assert "\n" not in str(error.value)
+
+
+def test_a_damaged_attachment_is_one_line(tmp_path):
+    bag = Written(tmp_path / "run")
+    bag.writer.attach("a.txt", "text/plain", b"some text of a certain length")
+    path = bag.close() / "run_0.mcap"
+    path.write_bytes(path.read_bytes().replace(b"a certain", b"uncertain"))
+    with BagReader(path) as reader, pytest.raises(DiffbotError, match="damaged"):
+        reader.attachment("a.txt")
+
+
+@pytest.mark.parametrize(("kind", "levels"), [("zstd", (1, 19)), ("lz4", (0, 9))])
+def test_a_higher_level_makes_smaller_files_of_the_same_contents(tmp_path, kind, levels):
+    sizes = []
+    for level in levels:
+        bag = Written(tmp_path / f"level{level}", compression=Compression(kind, level))
+        bag.data(2000)
+        folder = bag.close()
+        path = next(folder.glob("*.mcap"))
+        assert len(texts(path)) == 2000
+        sizes.append(path.stat().st_size)
+    assert sizes[1] < sizes[0]
+
+
+def test_after_an_error_nothing_is_written():
+    disk, gate, ran = DiskThread(), threading.Event(), []
+
+    def fail():
+        raise OSError(28, "No space left on device")
+
+    for job in (gate.wait, fail, lambda: ran.append("after")):
+        disk.run(job, 10)
+    assert disk.backlog == 30
+    gate.set()
+    with pytest.raises(OSError, match="No space left"):
+        disk.wait()
+    assert not ran
+    assert disk.backlog == 0
+    disk.close()
