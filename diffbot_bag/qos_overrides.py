@@ -1,15 +1,4 @@
-"""QoS overrides by file, in the form of rosbag2's ``--qos-profile-overrides-path``: topic, policy, value.
-
-::
-
-    /scan:
-      reliability: best_effort
-      history: keep_last
-      depth: 5
-      deadline: {sec: 1, nsec: 0}
-
-Policies that a topic does not name keep what the recorder or the replay has chosen.
-"""
+"""QoS of single topics from a YAML file, in the form of ``ros2 bag --qos-profile-overrides-path``."""
 
 from __future__ import annotations
 
@@ -17,70 +6,53 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from diffbot_bag.bounded_yaml import MAX_CHARACTERS, load_yaml
+from diffbot_bag.bounded_yaml import load_yaml
 from diffbot_bag.foreign_files import read_text, shown
-from diffbot_bag.qos import INFINITE, MAX_DEPTH, Qos
+from diffbot_bag.qos import MAX_DEPTH, Qos, from_plain
 from diffbot_bag.topic_selection import absolute
-from diffbot_core.errors import DiffbotError, InvalidValueError
+from diffbot_core.errors import DiffbotError
 
-Overrides = Mapping[str, Mapping[str, Any]]
-"""Fields of Qos by the absolute name of the topic."""
-_WORDS = {
-    "history": ("keep_last", "keep_all", "system_default"),
-    "reliability": ("reliable", "best_effort", "best_available", "system_default"),
-    "durability": ("transient_local", "volatile", "best_available", "system_default"),
-    "liveliness": ("automatic", "manual_by_topic", "best_available", "system_default"),
-}
-_DURATIONS = ("deadline", "lifespan", "liveliness_lease_duration")
+MAX_SIZE = 2**20
+"""[bytes] of the file"""
+_UNKNOWN = ("unknown", "best_available")
+"""Policies that are reported, or resolved by discovery, but cannot be asked for here."""
 
 
-def read_overrides(path: Path, namespace: str = "/") -> Overrides:
-    """Read a file of overrides; relative topic names are of ``namespace``.
+def read_overrides(path: str, depth: int, namespace: str = "/") -> dict[str, Qos]:
+    """Return the QoS by absolute topic name; empty for an empty path.
+
+    Args:
+        path: of a YAML file: topics, each with a map of policies (history, depth, reliability, durability, deadline,
+            lifespan, liveliness, liveliness_lease_duration, avoid_ros_namespace_conventions).
+        depth: messages that are queued where a topic gives no depth.
+        namespace: of relative topic names.
 
     Raises:
-        DiffbotError: if it cannot be read.
-        InvalidValueError: naming topic and policy, if a value is not allowed.
+        DiffbotError: if the file cannot be read, or a topic, policy or value in it is not allowed.
     """
-    content = load_yaml(read_text(path.expanduser(), MAX_CHARACTERS), shown(path))
-    if content is None:
+    if not path:
         return {}
-    if not isinstance(content, dict) or not all(isinstance(policies, dict) for policies in content.values()):
-        raise DiffbotError(f"{shown(path)}: must be topics with their policies, such as /scan: {{depth: 5}}")
-    return {
-        absolute(str(topic), namespace): {
-            str(policy): _checked(f"{shown(path)}: {shown(topic)}.{shown(policy)}", policy, value)
-            for policy, value in policies.items()
-        }
-        for topic, policies in content.items()
-    }
+    file = Path(path)
+    content = load_yaml(read_text(file, MAX_SIZE), f"qos_profile_overrides_path = {shown(file)}")
+    if not isinstance(content, Mapping) or not all(isinstance(topic, str) for topic in content):
+        raise DiffbotError(f"{shown(file)}: must be a map of topic names to QoS policies")
+    return {absolute(topic, namespace): _profile(file, topic, plain, depth) for topic, plain in content.items()}
 
 
-def overridden(qos: Qos, topic: str, overrides: Overrides) -> Qos:
-    """Return the profile of a topic with its overrides."""
-    return qos._replace(**overrides.get(topic, {}))
-
-
-def _checked(name: str, policy: Any, value: Any) -> Any:
-    """Return the value of a policy as Qos holds it."""
-    if policy not in Qos._fields:
-        raise InvalidValueError(name, shown(value), f"a policy ({', '.join(Qos._fields)})")
-    if policy in _DURATIONS:
-        return _nanoseconds(name, value)
-    if policy == "depth":
-        if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= MAX_DEPTH:
-            raise InvalidValueError(name, shown(value), f"a whole number, >= 1 and <= {MAX_DEPTH}")
-    elif policy == "avoid_ros_namespace_conventions":
-        if not isinstance(value, bool):
-            raise InvalidValueError(name, shown(value), "true or false")
-    elif value not in _WORDS[policy]:
-        raise InvalidValueError(name, shown(value), f"one of {', '.join(_WORDS[policy])}")
-    return value
-
-
-def _nanoseconds(name: str, value: Any) -> int:
-    parts = [value.get("sec"), value.get("nsec")] if isinstance(value, dict) and len(value) == 2 else []
-    whole = [part for part in parts if isinstance(part, int) and not isinstance(part, bool) and part >= 0]
-    if len(whole) != 2:
-        raise InvalidValueError(name, shown(value), "{sec: whole number, nsec: whole number}, both >= 0")
-    # Zero means no limit, as in rmw.
-    return min(whole[0] * 10**9 + whole[1], INFINITE) or INFINITE
+def _profile(file: Path, topic: str, plain: Any, depth: int) -> Qos:
+    where = f"{shown(file)}: {shown(topic)}"
+    if not isinstance(plain, Mapping):
+        raise DiffbotError(f"{where}: must be a map of QoS policies")
+    for name in plain:
+        if name not in Qos._fields:
+            raise DiffbotError(f"{where}: {shown(name)!r}: must be one of {', '.join(Qos._fields)}")
+    try:
+        qos = from_plain({"history": "keep_last", "depth": depth, **plain})
+    except DiffbotError as error:
+        raise DiffbotError(f"{where}: {error}") from error
+    if not 1 <= qos.depth <= MAX_DEPTH:
+        raise DiffbotError(f"{where}: depth = {qos.depth}: must be >= 1 and <= {MAX_DEPTH}")
+    for name in ("history", "reliability", "durability", "liveliness"):
+        if getattr(qos, name) in _UNKNOWN:
+            raise DiffbotError(f"{where}: {name} = {getattr(qos, name)!r}: must be a policy of a subscription")
+    return qos

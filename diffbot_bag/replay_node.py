@@ -20,6 +20,7 @@ from diffbot_bag.metadata import Topic
 from diffbot_bag.parameters import ReplayConfig
 from diffbot_bag.playback_clock import SECOND, Window, parse_remap, window
 from diffbot_bag.player import Pace, Player, Sink, Source
+from diffbot_bag.qos import REPLAY_DEPTH
 from diffbot_bag.qos_overrides import read_overrides
 from diffbot_bag.reader import RawMessage
 from diffbot_bag.ros.replay_control import ReplayControl
@@ -62,7 +63,7 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
             raise
         self._status = self.create_publisher(DiagnosticStatus, "~/status", LATCHED)
         self._state = "waiting for subscribers"
-        self._services = ReplayServices(self, self._player, self._control, self._publish_status)
+        self._offers = ReplayServices(self, self._player, self._control, self._publish_status)
         self.create_timer(STATUS_PERIOD, self._publish_status, clock=self.steady_clock)
         if not self.config.disable_keyboard_controls:
             self._control.use_keyboard()
@@ -107,10 +108,9 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
 
     def _make_outputs(self, topics: dict[str, Topic]) -> ReplayOutputs:
         config = self.config
-        path = config.qos_profile_overrides_path
         naming = Naming(
             remap=parse_remap(config.remap),
-            overrides=read_overrides(Path(path), self.get_namespace()) if path else {},
+            overrides=read_overrides(config.qos_profile_overrides_path, REPLAY_DEPTH, self.get_namespace()),
             max_unacknowledged=config.max_unacknowledged if config.as_fast_as_possible else 0,
         )
         outputs = ReplayOutputs(self, topics, naming, self._ending)

@@ -101,14 +101,14 @@ class ReplayControl:
         return SetParametersResult(successful=True)
 
     def _apply(self, changes: list[Any]) -> None:
-        config = self._node.config
-        for name in (change.name for change in changes):
-            if name == "rate" and not config.as_fast_as_possible:
-                self._player.set_rate(config.rate)
-            elif name == "seek" and config.seek >= 0.0:
-                self._player.seek(self._time_of(config.seek))
-            elif name == "burst" and config.burst:
-                self._player.request_steps(config.burst)
+        # By their values: rclpy calls the callback added last first, so that the node's config may be the old one.
+        for change in changes:
+            if change.name == "rate" and not self._node.config.as_fast_as_possible:
+                self._player.set_rate(change.value)
+            elif change.name == "seek" and change.value >= 0.0:
+                self._player.seek(self._time_of(change.value))
+            elif change.name == "burst" and change.value:
+                self._player.request_steps(change.value)
 
     def _obey_keys(self) -> None:
         config = self._node.config

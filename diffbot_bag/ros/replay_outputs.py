@@ -16,7 +16,6 @@ from diffbot_bag.foreign_files import shown
 from diffbot_bag.metadata import Topic
 from diffbot_bag.playback_clock import SECOND
 from diffbot_bag.qos import Qos, to_offer
-from diffbot_bag.qos_overrides import Overrides, overridden
 from diffbot_bag.reader import RawMessage
 from diffbot_bag.subscribers import POLL, SETTLE, wait_for_subscribers, wait_until_acknowledged
 from diffbot_core.errors import DiffbotError
@@ -30,8 +29,8 @@ class Naming(NamedTuple):
 
     remap: Mapping[str, str]
     """new by old absolute name; others stay"""
-    overrides: Overrides
-    """QoS by the topic's name in the bag"""
+    overrides: Mapping[str, Qos]
+    """QoS by the topic's name in the bag, in place of what was recorded"""
     max_unacknowledged: int = 0
     """of all topics together; 0: no bound"""
 
@@ -56,7 +55,7 @@ class ReplayOutputs:
         self._unacknowledged: dict[str, int] = {}
         share = max(1, naming.max_unacknowledged // max(1, len(topics)))
         for name, topic in topics.items():
-            offer = overridden(to_offer(topic.qos), name, naming.overrides)
+            offer = naming.overrides.get(name) or to_offer(topic.qos)
             if naming.max_unacknowledged:
                 offer = bounded(offer, share)
                 self._room[name] = min(offer.depth, share)
