@@ -56,30 +56,37 @@ class Keyboard:
         """Change the modes of a terminal from ``before``; see :func:`open_keyboard`."""
         self._descriptor, self._before = descriptor, before
         self._decoder = KeyDecoder()
-        changed = termios.tcgetattr(descriptor)
-        changed[3] &= ~(termios.ICANON | termios.ECHO)
-        changed[6][termios.VMIN], changed[6][termios.VTIME] = 0, 0
-        termios.tcsetattr(descriptor, termios.TCSADRAIN, changed)
+        self._claim()
         # For an end without close(): an exception, or sys.exit of somebody else.
         atexit.register(self.close)
 
+    def _claim(self) -> None:
+        """Have keys arrive at once and unechoed; a shell that had the terminal meanwhile has changed that back."""
+        modes = termios.tcgetattr(self._descriptor)
+        if modes[3] & (termios.ICANON | termios.ECHO):
+            modes[3] &= ~(termios.ICANON | termios.ECHO)
+            modes[6][termios.VMIN], modes[6][termios.VTIME] = 0, 0
+            termios.tcsetattr(self._descriptor, termios.TCSADRAIN, modes)
+
     def pressed(self) -> list[str]:
-        """Return the keys pressed since the last call."""
+        """Return the keys pressed since the last call; none while the process is in the background."""
         try:
-            if not in_foreground(self._descriptor):  # reading would stop a process in the background
+            # Reading from the background, or changing modes, would stop the process.
+            if not in_foreground(self._descriptor):
                 return []
+            self._claim()
             if not select.select([self._descriptor], [], [], 0)[0]:
                 return []
             return list(self._decoder.feed(os.read(self._descriptor, _MAX_READ)))
-        except OSError:  # the terminal is gone
+        except (OSError, termios.error):  # the terminal is gone
             return []
 
     def close(self) -> None:
-        """Restore the terminal; further calls have no effect."""
+        """Restore the terminal, unless another process has it; further calls have no effect."""
         atexit.unregister(self.close)
         before, self._before = self._before, []
-        if before:
-            with contextlib.suppress(termios.error, OSError):
+        with contextlib.suppress(termios.error, OSError):
+            if before and in_foreground(self._descriptor):
                 termios.tcsetattr(self._descriptor, termios.TCSADRAIN, before)
 
 

@@ -80,6 +80,19 @@ def test_the_terminal_is_restored_whatever_ends_the_process(terminal, end, statu
     assert termios.tcgetattr(theirs) == before
 
 
+def test_keys_arrive_again_after_a_shell_has_changed_the_terminal(terminal):
+    ours, theirs = terminal
+    before = termios.tcgetattr(theirs)
+    with graph.process(sys.executable, "-c", PROGRAM.replace("END", ""), **in_terminal(theirs)) as running:
+        running.wait_for_output("keys")
+        termios.tcsetattr(theirs, termios.TCSANOW, before)
+        graph.wait_for(lambda: termios.tcgetattr(theirs)[3] & termios.ICANON == 0, what="keys without an Enter")
+        os.write(ours, b"  ")
+        assert running.wait() == 0
+        assert f"['{TOGGLE}', '{TOGGLE}']" in running.output
+    assert termios.tcgetattr(theirs) == before
+
+
 def test_without_a_terminal_there_is_no_keyboard(tmp_path, terminal):
     with (tmp_path / "file").open("w") as file:
         assert open_keyboard(file.fileno()) is None
