@@ -212,8 +212,9 @@ class McapFile:
             DiffbotError: if the data turn out to be damaged.
         """
         earliest, latest = start or 0, 2**64 if end is None else end
+        chosen = {number for number, channel in self._channels.items() if topics is None or channel.topic in topics}
         with self._damage_as_error():
-            for message in self._messages(earliest, latest, reverse):
+            for message in self._messages(earliest, latest, reverse, chosen):
                 channel = self._channels[message.channel_id]
                 if earliest <= message.log_time <= latest and (topics is None or channel.topic in topics):
                     yield self._schemas[channel.schema_id] if channel.schema_id else None, channel, message
@@ -235,8 +236,8 @@ class McapFile:
                     if (channel := chosen.get(message.channel_id)) is not None:
                         yield channel, message.log_time, message.publish_time, message.data
 
-    def _messages(self, earliest: int, latest: int, reverse: bool) -> Iterator[Message]:
-        """Yield all messages of the chunks that reach into a range of times [ns], in the order of log time."""
+    def _messages(self, earliest: int, latest: int, reverse: bool, channels: set[int]) -> Iterator[Message]:
+        """Yield all messages of the chunks with one of the channels in a range of times [ns], in order of log time."""
         if not self._chunks:
             yield from self._messages_without_chunks(reverse)
             return
@@ -245,7 +246,10 @@ class McapFile:
         heap: list[tuple[int, int, int, int, Any]] = [
             (sign * (chunk.message_end_time if reverse else chunk.message_start_time), 0, number, 0, chunk)
             for number, chunk in enumerate(self._chunks)
-            if chunk.message_start_time <= latest and chunk.message_end_time >= earliest
+            if chunk.message_start_time <= latest
+            and chunk.message_end_time >= earliest
+            # Without offsets nothing is known about the channels of a chunk.
+            and not (chunk.message_index_offsets and channels.isdisjoint(chunk.message_index_offsets))
         ]
         heapq.heapify(heap)
         while heap:

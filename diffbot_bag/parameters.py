@@ -14,6 +14,8 @@ MIN_DURATION = 0.1
 """[s] of a file"""
 _MAX_TIME = 9e9
 """[s] since 1970, what 64 bits of nanoseconds hold"""
+MIN_RATE, MAX_RATE = 1e-6, 1e6
+MAX_BURST = 2**31 - 1
 
 
 class RecorderConfig(NamedTuple):
@@ -100,12 +102,35 @@ class ReplayConfig(NamedTuple):
     """Which part of a bag is played, how fast, and when it begins and ends."""
 
     uri: Annotated[str, Spec("folder of the bag, or an MCAP file", read_only=True)] = ""
+    bags: Annotated[tuple[str, ...], Spec("more bags, merged with the first by log time", read_only=True)] = ()
     topics: Annotated[tuple[str, ...], Spec("topics to play; empty: all", read_only=True)] = ()
     regex: Annotated[str, Spec("play topics whose whole name matches, too", read_only=True)] = ""
     exclude_topics: Annotated[tuple[str, ...], Spec("topics to leave out", read_only=True)] = ()
     exclude_regex: Annotated[str, Spec("leave out topics whose whole name matches", read_only=True)] = ""
     remap: Annotated[tuple[str, ...], Spec("old:=new names, besides ROS's own remapping", read_only=True)] = ()
-    rate: Annotated[float, Spec("speed", minimum=1e-6, maximum=1e6, read_only=True)] = 1.0
+    qos_profile_overrides_path: Annotated[
+        str, Spec("YAML file of topics and their QoS, as rosbag2's; empty: none", read_only=True)
+    ] = ""
+    rate: Annotated[float, Spec("speed", minimum=MIN_RATE, maximum=MAX_RATE)] = 1.0
+    as_fast_as_possible: Annotated[
+        bool, Spec("send as fast as reliable subscribers acknowledge, whatever the rate", read_only=True)
+    ] = False
+    max_unacknowledged: Annotated[
+        int,
+        Spec(
+            "messages that may be unacknowledged with as_fast_as_possible, of all topics together",
+            minimum=1,
+            maximum=100_000,
+            read_only=True,
+        ),
+    ] = 200
+    seek: Annotated[
+        float,
+        Spec("each change jumps to this long after the bag's first message; negative: none", "s", -1.0, _MAX_TIME),
+    ] = -1.0
+    burst: Annotated[
+        int, Spec("each change sends this many messages at once, while paused", minimum=0, maximum=MAX_BURST)
+    ] = 0
     start_offset: Annotated[
         float, Spec("begin this long after the bag's first message", "s", 0.0, _MAX_TIME, read_only=True)
     ] = 0.0
@@ -119,6 +144,9 @@ class ReplayConfig(NamedTuple):
     loop: Annotated[bool, Spec("begin again at the end", read_only=True)] = False
     delay: Annotated[float, Spec("wait before each round", "s", 0.0, 86400.0, read_only=True)] = 0.0
     start_paused: Annotated[bool, Spec("wait for ~/resume or ~/play_next", read_only=True)] = False
+    disable_keyboard_controls: Annotated[
+        bool, Spec("ignore keys, which otherwise control a replay in a terminal", read_only=True)
+    ] = False
     clock: Annotated[float, Spec("frequency of /clock; 0: none", "Hz", 0.0, 10_000.0, read_only=True)] = 0.0
     wait_for_topics: Annotated[
         tuple[str, ...],

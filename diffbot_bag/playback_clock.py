@@ -61,7 +61,8 @@ def nanoseconds(seconds: float) -> int:
 class Timeline(NamedTuple):
     """Relation of the bag's time to steady time: at ``steady`` [ns] the bag is at ``bag`` [ns].
 
-    From there on the bag's time advances ``rate`` times as fast as steady time, and not at all while ``paused``.
+    From there on the bag's time advances ``rate`` times as fast as steady time, and not at all while ``paused``. With a
+    rate of 0 every message is due at once, and the bag's time is that of the last one sent (:func:`stepped`).
     """
 
     bag: int
@@ -79,6 +80,8 @@ def bag_time(timeline: Timeline, now: int) -> int:
 
 def due(timeline: Timeline, log_time: int) -> int:
     """Return the steady time [ns] at which a message is due, provided that the replay is not paused before."""
+    if timeline.rate == 0.0:
+        return timeline.steady
     return timeline.steady + round((log_time - timeline.bag) / timeline.rate)
 
 
@@ -93,8 +96,15 @@ def resumed(timeline: Timeline, now: int) -> Timeline:
 
 
 def stepped(timeline: Timeline, log_time: int) -> Timeline:
-    """Return a paused timeline advanced to a message that is sent by request."""
+    """Return a timeline that stands still (paused, or of rate 0) advanced to a message that is sent."""
     return timeline._replace(bag=max(timeline.bag, log_time))
+
+
+def with_rate(timeline: Timeline, now: int, rate: float) -> Timeline:
+    """Return the timeline with another rate from steady time ``now`` [ns] on; a delay before its begin stays."""
+    if now < timeline.steady:
+        return timeline._replace(rate=rate)
+    return timeline._replace(bag=bag_time(timeline, now), steady=now, rate=rate)
 
 
 def first_tick(now: int, period: int, last: int | None) -> int:

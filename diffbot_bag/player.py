@@ -1,9 +1,8 @@
-"""Send the messages of a bag on time; can be paused, stepped and stopped from other threads. Free of ROS."""
+"""Send the messages of a bag on time; other threads pause, step, seek and stop it. Free of ROS."""
 
 from __future__ import annotations
 
 import threading
-import time
 from collections import deque
 from collections.abc import Callable, Iterable
 from typing import NamedTuple
@@ -18,19 +17,18 @@ from diffbot_bag.playback_clock import (
     paused,
     resumed,
     stepped,
+    with_rate,
 )
 from diffbot_bag.read_ahead import ReadAhead
 from diffbot_bag.reader import RawMessage
+from diffbot_bag.steady_clock import SteadyClock
 
-LONGEST_WAIT = 3600.0
-"""[s] A gap in a bag may be longer than a lock can wait."""
 COARSE = 2_000_000
 """[ns] before a deadline, the player stops waiting for requests of other threads and only sleeps or spins."""
-SPIN = 100_000
-"""[ns] before a deadline, the player spins instead of sleeping, since a sleep ends about that late."""
 LATENESS_SAMPLES = 20_000
 """Number of recent deadlines whose lateness is kept."""
-_now = time.perf_counter_ns
+STEP_TIMEOUT = 1.0
+"""[s] maximum wait of :meth:`Player.step`"""
 
 
 class Progress(NamedTuple):
@@ -39,17 +37,19 @@ class Progress(NamedTuple):
     bag_time: int
     """[ns]"""
     sent: int
-    """messages sent, over all rounds"""
+    """messages sent, over all rounds, without the repeated latched ones"""
     is_paused: bool
     rounds: int
     """rounds begun"""
+    rate: float
+    """bag time per steady time; 0: as fast as possible"""
 
 
 class Pace(NamedTuple):
     """Speed and course of a replay."""
 
     rate: float = 1.0
-    """2 plays twice as fast"""
+    """2 plays twice as fast; 0: each message is sent as soon as the one before it is"""
     loop: bool = False
     """start again at the end"""
     delay: float = 0.0
@@ -57,42 +57,47 @@ class Pace(NamedTuple):
     start_paused: bool = False
     """start paused"""
     clock: float = 0.0
-    """[Hz] rate of /clock, also while paused; 0: no /clock"""
+    """[Hz] rate of /clock, also while paused; of the bag's time if ``rate`` is 0; 0: no /clock"""
     read_ahead: int = 1000
     """messages read in advance"""
+
+
+class Source(NamedTuple):
+    """Where a player has its messages from."""
+
+    messages: Callable[[int], Iterable[RawMessage]]
+    """messages from a log time [ns] on, itself included, to the end of the window, in the order of log time"""
+    latched: Callable[[int], Iterable[RawMessage]] = lambda _: ()
+    """messages before a log time [ns] that a late subscriber would have: sent before the first one from there on"""
+
+
+class Sink(NamedTuple):
+    """Where a player sends its messages."""
+
+    send: Callable[[RawMessage], None]
+    """sends one message; may block until there is room for it"""
+    send_clock: Callable[[int], None] | None = None
+    """publishes a time of the bag [ns] on /clock"""
 
 
 class Player:
     """Sends messages when they are due; :meth:`play` blocks its thread, the other methods are for other threads."""
 
     def __init__(
-        self,
-        window: Window,
-        messages: Callable[[], Iterable[RawMessage]],
-        send: Callable[[RawMessage], None],
-        pace: Pace | None = None,
-        send_clock: Callable[[int], None] | None = None,
+        self, window: Window, source: Source, sink: Sink, pace: Pace | None = None, clock: SteadyClock | None = None
     ) -> None:
-        """Prepare the replay of a window.
-
-        Args:
-            window: part of the bag to play.
-            messages: called once per round; returns the messages of the window in the order of log time.
-            send: sends one message.
-            pace: speed and course.
-            send_clock: publishes a time of the bag [ns] on /clock.
-        """
+        """Prepare the replay of a window, the part of the bag to play."""
         self.lateness: deque[int] = deque(maxlen=LATENESS_SAMPLES)
         """[ns] delays of recent messages behind their due times"""
-        self._window = window
-        self._messages = messages
-        self._send = send
+        self._window, self._source, self._sink = window, source, sink
         self._pace = pace = pace or Pace()
-        self._send_clock = send_clock
-        self._tick_period = round(SECOND / pace.clock) if pace.clock > 0.0 and send_clock else 0
+        self._clock = clock or SteadyClock()
+        self._tick_period = round(SECOND / pace.clock) if pace.clock > 0.0 and sink.send_clock else 0
         self._last_tick: int | None = None
+        self._next_bag_tick = 0
         self._changed = threading.Condition()
-        self._timeline = Timeline(window.start, _now(), pace.rate, pace.start_paused)
+        self._timeline = Timeline(window.start, self._clock.now(), pace.rate, pace.start_paused)
+        self._seek_to: int | None = None
         self._stopped = False
         self._ended = False
         self._sent = 0
@@ -103,28 +108,30 @@ class Player:
     def progress(self) -> Progress:
         """Return the progress of the replay."""
         with self._changed:
-            begun = bag_time(self._timeline, _now()) if self._rounds else self._window.start
+            has_begun = self._rounds > 0 and self._seek_to is None
+            begun = bag_time(self._timeline, self._clock.now()) if has_begun else self._timeline.bag
             now = min(max(begun, self._window.start), self._window.end)
-            return Progress(now, self._sent, self._timeline.paused, self._rounds)
+            return Progress(now, self._sent, self._timeline.paused, self._rounds, self._timeline.rate)
 
     def pause(self) -> None:
         """Pause the replay."""
         with self._changed:
-            self._timeline = paused(self._timeline, _now())
+            self._timeline = paused(self._timeline, self._clock.now())
             self._changed.notify_all()
 
     def resume(self) -> None:
-        """Resume the replay."""
+        """Resume the replay; steps that were requested and not sent yet are withdrawn."""
         with self._changed:
-            self._timeline = resumed(self._timeline, _now())
-            self._changed.notify_all()
+            self._timeline = resumed(self._timeline, self._clock.now())
+            self._withdraw_steps()
 
     def toggle_paused(self) -> bool:
         """Pause or resume; return whether the replay is now paused."""
         with self._changed:
-            change = resumed if self._timeline.paused else paused
-            self._timeline = change(self._timeline, _now())
-            self._changed.notify_all()
+            if self._timeline.paused:
+                self.resume()
+            else:
+                self.pause()
             return self._timeline.paused
 
     def stop(self) -> None:
@@ -133,22 +140,56 @@ class Player:
             self._stopped = True
             self._changed.notify_all()
 
-    def play_next(self, timeout: float = 1.0) -> bool:
-        """Send the next message of a paused replay; return False if it is not paused or no message is left.
+    def set_rate(self, rate: float) -> None:
+        """Play at another rate, > 0, from now on."""
+        with self._changed:
+            self._timeline = with_rate(self._timeline, self._clock.now(), rate)
+            self._changed.notify_all()
 
-        Args:
-            timeout: [s] maximum wait until it is sent.
+    def seek(self, time: int) -> bool:
+        """Continue with the first message at or after ``time`` [ns], of the window; return False after the end.
+
+        At most the message that is being sent still comes; then the latched ones of before, then the one sought. A
+        paused replay stays paused.
         """
         with self._changed:
-            if not self._timeline.paused or self._ended:
+            if self._ended:
                 return False
-            self._steps_requested += 1
-            number = self._steps_requested
+            self._seek_to = time
+            self._timeline = self._timeline._replace(bag=time, steady=self._clock.now())
+            self._withdraw_steps()
+            return True
+
+    def request_steps(self, count: int) -> int:
+        """Let a paused replay send its next ``count`` messages; return the number of the last step, 0 if not paused."""
+        with self._changed:
+            if not self._timeline.paused or self._ended:
+                return 0
+            self._steps_requested += count
             self._changed.notify_all()
-            self._changed.wait_for(lambda: self._steps_done >= number or self._ended, timeout)
-            # Withdraw a request that timed out, so that its message is not sent later.
-            self._steps_requested = min(self._steps_requested, self._steps_done)
-            return self._steps_done >= number
+            return self._steps_requested
+
+    def step(self, count: int = 1, timeout: float = STEP_TIMEOUT) -> int:
+        """Send the next messages of a paused replay; return how many were sent, 0 if it is not paused.
+
+        Args:
+            count: of messages.
+            timeout: [s] maximum wait until they are sent; what is left is not sent later.
+        """
+        with self._changed:
+            last = self.request_steps(count)
+            if last == 0:
+                return 0
+            self._changed.wait_for(
+                lambda: self._steps_done >= last or self._steps_requested < last or self._ended, timeout
+            )
+            left = max(0, last - self._steps_done)
+            self._withdraw_steps()
+            return max(0, count - left)
+
+    def _withdraw_steps(self) -> None:
+        self._steps_requested = self._steps_done
+        self._changed.notify_all()
 
     def play(self) -> None:
         """Play until the end or :meth:`stop`.
@@ -159,71 +200,93 @@ class Player:
         try:
             while not self._stopped:
                 before = self._sent
-                self._play_round()
+                is_whole = self._play_round()
                 # Without messages a loop would never wait.
-                if not self._pace.loop or self._sent == before:
+                if not self._pace.loop or (is_whole and self._sent == before):
                     return
         finally:
             with self._changed:
                 self._ended = True
                 self._changed.notify_all()
 
-    def _play_round(self) -> None:
-        with ReadAhead(self._messages(), self._pace.read_ahead) as messages:
+    def _play_round(self) -> bool:
+        """Play from the start of the window to its end; return False if it was left by a seek."""
+        with self._changed:
+            self._rounds += 1
+        start, delay, is_whole = self._window.start, round(self._pace.delay * SECOND), True
+        while not self._stopped:
             with self._changed:
-                self._rounds += 1
-                self._timeline = self._timeline._replace(
-                    bag=self._window.start, steady=_now() + round(self._pace.delay * SECOND)
-                )
-            # During the delay the bag's time lies before the start of the window.
+                if self._seek_to is not None:
+                    start, delay, is_whole = self._seek_to, 0, False
+                    self._seek_to = None
+            self._play_from(start, delay)
+            with self._changed:
+                if self._seek_to is None:
+                    break
+        return is_whole
+
+    def _play_from(self, start: int, delay: int) -> None:
+        """Play from a log time [ns] until the end, a stop or a seek; first wait for ``delay`` [ns]."""
+        for message in self._source.latched(start):
+            self._sink.send(message)
+        with ReadAhead(self._source.messages(start), self._pace.read_ahead) as messages:
+            with self._changed:
+                if self._seek_to is None:
+                    # During the delay the bag's time lies before the start.
+                    self._timeline = self._timeline._replace(bag=start, steady=self._clock.now() + delay)
+                    self._next_bag_tick = start
             for message in messages:
                 if not self._wait_until_due(message.log_time):
                     return
-                self._send(message)
+                self._sink.send(message)
                 with self._changed:
                     self._sent += 1
                     self._changed.notify_all()
 
     def _wait_until_due(self, log_time: int) -> bool:
-        """Wait until a message is due and publish /clock meanwhile; return False if the replay was stopped."""
+        """Wait until a message is due and publish /clock meanwhile; return False after a stop or a seek."""
         while True:
             with self._changed:
-                if self._stopped:
+                if self._stopped or self._seek_to is not None:
                     return False
                 if self._timeline.paused and self._steps_requested > self._steps_done:
                     self._steps_done += 1
                     self._timeline = stepped(self._timeline, log_time)
                     return True
-                now, timeline = _now(), self._timeline
+                now, timeline = self._clock.now(), self._timeline
                 tick = self._next_tick(now)
-                message = None if self._timeline.paused else due(self._timeline, log_time)
+                message = None if timeline.paused else due(timeline, log_time)
                 target = min((time for time in (tick, message) if time is not None), default=None)
-                if target is None:
-                    self._changed.wait()
+                if target is None or target - now > COARSE:
+                    self._clock.wait(self._changed, None if target is None else target - now - COARSE // 2)
                     continue
-                if target - now > COARSE:
-                    self._changed.wait(min((target - now - COARSE // 2) / SECOND, LONGEST_WAIT))
-                    continue
-            self._sleep_until(target)
+            self._clock.sleep_until(target)
             if self._stopped or self._timeline is not timeline:
                 continue
             if target == tick and target != message:
                 self._tick(target)
                 continue
-            self.lateness.append(_now() - target)
-            return True
+            if timeline.rate > 0.0:
+                self.lateness.append(self._clock.now() - target)
+                return True
+            if self._advance(timeline, log_time):
+                return True
 
-    def _sleep_until(self, target: int) -> None:
-        remaining = target - _now()
-        if remaining > SPIN:
-            time.sleep((remaining - SPIN) / SECOND)
-        while _now() < target:
-            pass
+    def _advance(self, timeline: Timeline, log_time: int) -> bool:
+        """Move the bag's time on to a message that is sent as fast as possible; return False if something changed."""
+        with self._changed:
+            if self._timeline is not timeline:
+                return False
+            self._timeline = stepped(timeline, log_time)
+        if self._tick_period and self._sink.send_clock and log_time >= self._next_bag_tick:
+            self._next_bag_tick = log_time + self._tick_period
+            self._sink.send_clock(log_time)
+        return True
 
     def _next_tick(self, now: int) -> int | None:
         return first_tick(now, self._tick_period, self._last_tick) if self._tick_period else None
 
     def _tick(self, target: int) -> None:
-        if self._send_clock is not None:
+        if self._sink.send_clock is not None:
             self._last_tick = target
-            self._send_clock(max(bag_time(self._timeline, target), self._window.start))
+            self._sink.send_clock(max(bag_time(self._timeline, target), self._window.start))

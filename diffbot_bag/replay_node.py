@@ -1,4 +1,4 @@
-"""The node ``replay``: publishes the messages of a bag with the recorded QoS at the recorded times."""
+"""The node ``replay``: publishes the messages of bags with the recorded QoS at the recorded times."""
 
 from __future__ import annotations
 
@@ -10,33 +10,28 @@ if __name__ == "__main__":  # before the imports that take long: see launcher
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.duration import Duration
-from rclpy.exceptions import InvalidTopicNameException
-from rosgraph_msgs.msg import Clock
-from std_srvs.srv import Trigger
 
-from diffbot_bag import ros_conversions
 from diffbot_bag.chunks import BagLimits
-from diffbot_bag.foreign_files import shown
+from diffbot_bag.merged_bags import MergedBags
 from diffbot_bag.metadata import Topic
 from diffbot_bag.parameters import ReplayConfig
 from diffbot_bag.playback_clock import SECOND, Window, parse_remap, window
-from diffbot_bag.player import Pace, Player
-from diffbot_bag.qos import to_offer
-from diffbot_bag.reader import BagReader, RawMessage
-from diffbot_bag.subscribers import POLL, SETTLE, wait_for_subscribers, wait_until_acknowledged
+from diffbot_bag.player import Pace, Player, Sink, Source
+from diffbot_bag.qos import REPLAY_DEPTH
+from diffbot_bag.qos_overrides import read_overrides
+from diffbot_bag.reader import RawMessage
+from diffbot_bag.ros.replay_control import ReplayControl
+from diffbot_bag.ros.replay_outputs import CLOCK_TOPIC, Naming, ReplayOutputs, clock_sender
+from diffbot_bag.ros.replay_services import ReplayServices
 from diffbot_bag.topic_selection import TopicSelection, absolute
 from diffbot_core.errors import DiffbotError, InvalidValueError
-from diffbot_core.ros.node import LATCHED, QUEUE, DiffbotNode, run, status_message
+from diffbot_core.ros.node import LATCHED, DiffbotNode, run, status_message
 
 STATUS_PERIOD = 0.5
 """[s] between two ~/status messages."""
-CLOCK_TOPIC = "/clock"
 MAX_CLOCK = 2**31 * SECOND
 """[ns] times that do not fit into builtin_interfaces/Time"""
 SWITCH_INTERVAL = 0.0005
@@ -44,41 +39,44 @@ SWITCH_INTERVAL = 0.0005
 
 
 class ReplayNode(DiffbotNode[ReplayConfig]):
-    """Publishes the messages of one bag, then exits."""
+    """Publishes the messages of one bag, or of several merged by time, then exits."""
 
     qos_by_parameters = False
 
     def __init__(self) -> None:
-        """Open the bag, create a publisher per topic and start to play.
+        """Open the bags, create a publisher per topic and start to play.
 
         Raises:
-            DiffbotError: if a parameter is not allowed or the bag cannot be read.
+            DiffbotError: if a parameter is not allowed or a bag cannot be read.
         """
         super().__init__("replay", ReplayConfig)
+        self._ending = threading.Event()
         try:
-            self._reader = self._open()
-            self._topics = self._selected_topics()
+            self._bags = self._open()
+            topics = self._selected_topics()
             self._window = self._make_window()
-            self._outputs = self._make_publishers()
+            self._outputs = self._make_outputs(topics)
+            self._player = self._make_player()
+            self._control = ReplayControl(self, self._player, self._bags.start, self._window, self._ending)
         except DiffbotError:
             self.destroy_node()
             raise
-        self._clock_publisher = self.create_publisher(Clock, CLOCK_TOPIC, QUEUE) if self.config.clock > 0.0 else None
         self._status = self.create_publisher(DiagnosticStatus, "~/status", LATCHED)
         self._state = "waiting for subscribers"
-        self._player = self._make_player()
-        self._ending = threading.Event()
-        self._offer_services()
+        self._offers = ReplayServices(self, self._player, self._control, self._publish_status)
         self.create_timer(STATUS_PERIOD, self._publish_status, clock=self.steady_clock)
+        if not self.config.disable_keyboard_controls:
+            self._control.use_keyboard()
         sys.setswitchinterval(SWITCH_INTERVAL)
         self._thread = threading.Thread(target=self._play, name="player", daemon=True)
         self._thread.start()
 
-    def _open(self) -> BagReader:
-        if not self.config.uri:
+    def _open(self) -> MergedBags:
+        config = self.config
+        if not config.uri:
             raise InvalidValueError("uri", "", "the folder of a bag or an MCAP file")
-        limits = BagLimits(self.config.max_compression_ratio, self.config.max_unpacked_size)
-        return BagReader(Path(self.config.uri), limits)
+        limits = BagLimits(config.max_compression_ratio, config.max_unpacked_size)
+        return MergedBags([Path(path) for path in (config.uri, *config.bags)], limits)
 
     def _selected_topics(self) -> dict[str, Topic]:
         config, namespace = self.config, self.get_namespace()
@@ -90,7 +88,7 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
             include_hidden_topics=True,
         )
         selection.check()
-        known = self._reader.topics
+        known = self._bags.topics
         for name in selection.topics:
             if name not in known:
                 self.get_logger().warning(f"{name} is not in the bag")
@@ -99,62 +97,51 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
             # Two publishers of /clock would make time jump back and forth.
             selected.pop(CLOCK_TOPIC, None)
         if not any(topic.message_count for topic in selected.values()):
-            raise DiffbotError(f"{self._reader.path} has no message to play")
+            raise DiffbotError(f"{self._bags} has no message to play")
         return selected
 
     def _make_window(self) -> Window:
-        config = self.config
-        if config.clock > 0.0 and self._reader.end >= MAX_CLOCK:
-            raise DiffbotError(f"{self._reader.path} ends at {self._reader.end} ns, which /clock cannot hold")
-        return window(
-            self._reader.start,
-            self._reader.end,
-            config.start_offset,
-            config.playback_duration,
-            config.playback_until,
-        )
+        config, bags = self.config, self._bags
+        if config.clock > 0.0 and bags.end >= MAX_CLOCK:
+            raise DiffbotError(f"{bags} ends at {bags.end} ns, which /clock cannot hold")
+        return window(bags.start, bags.end, config.start_offset, config.playback_duration, config.playback_until)
 
-    def _make_publishers(self) -> dict[str, Any]:
-        names = parse_remap(self.config.remap)
-        publishers = {}
-        for name, topic in self._topics.items():
-            try:
-                publishers[name] = self.create_publisher(
-                    ros_conversions.message_class(topic.type),
-                    names.get(name, name),
-                    ros_conversions.to_ros(to_offer(topic.qos)),
-                )
-            except (DiffbotError, InvalidTopicNameException) as error:
-                self.get_logger().warning(f"{shown(name)} is not played: {shown(' '.join(str(error).split()))}")
-        if not publishers:
-            raise DiffbotError(f"no topic of {self._reader.path} can be published")
-        return publishers
+    def _make_outputs(self, topics: dict[str, Topic]) -> ReplayOutputs:
+        config = self.config
+        naming = Naming(
+            remap=parse_remap(config.remap),
+            overrides=read_overrides(config.qos_profile_overrides_path, REPLAY_DEPTH, self.get_namespace()),
+            max_unacknowledged=config.max_unacknowledged if config.as_fast_as_possible else 0,
+        )
+        outputs = ReplayOutputs(self, topics, naming, self._ending)
+        if not outputs.names:
+            raise DiffbotError(f"no topic of {self._bags} can be published")
+        return outputs
 
     def _make_player(self) -> Player:
-        config = self.config
-        return Player(
-            self._window,
-            self._messages,
-            self._send,
-            Pace(
-                rate=config.rate,
-                loop=config.loop,
-                delay=config.delay,
-                start_paused=config.start_paused,
-                clock=config.clock,
-                read_ahead=config.read_ahead_queue_size,
-            ),
-            self._send_clock,
+        config, bags, outputs = self.config, self._bags, self._outputs
+        pace = Pace(
+            rate=0.0 if config.as_fast_as_possible else config.rate,
+            loop=config.loop,
+            delay=config.delay,
+            start_paused=config.start_paused,
+            clock=config.clock,
+            read_ahead=config.read_ahead_queue_size,
         )
+        source = Source(
+            lambda start: bags.messages(outputs.names, start, self._window.end),
+            lambda start: bags.last_before(start, outputs.latched),
+        )
+        return Player(self._window, source, Sink(self._send, clock_sender(self) if config.clock > 0.0 else None), pace)
 
-    def _messages(self) -> Iterator[RawMessage]:
-        return self._reader.messages(self._outputs, self._window.start, self._window.end)
+    def _send(self, message: RawMessage) -> None:
+        self._outputs.send(message)
+        self.health.sent[message.topic] += 1
 
     def _play(self) -> None:
         exit_code = 1
         try:
             self._wait_for_subscribers()
-            self._send_latched()
             self._state = "playing"
             began = time.perf_counter()
             self._player.play()
@@ -169,37 +156,17 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
             self.finish(exit_code)
 
     def _wait_for_subscribers(self) -> None:
-        config = self.config
+        config, names = self.config, set(self._outputs.names)
         named = {absolute(name, self.get_namespace()) for name in config.wait_for_topics}
-        if unknown := named - set(self._outputs):
+        if unknown := named - names:
             self.get_logger().warning(f"wait_for_topics that are not played are ignored: {' '.join(sorted(unknown))}")
-        required = (named & set(self._outputs)) or set(self._outputs)
-        missing = wait_for_subscribers(self._outputs, required, config.wait_timeout, self._ending)
+        missing = self._outputs.wait_for_subscribers(named & names, config.wait_timeout)
         if missing and named:
             self.get_logger().warning(f"no subscriber after {config.wait_timeout:g} s: {' '.join(sorted(missing))}")
 
-    def _send_latched(self) -> None:
-        """Send, for each transient local topic, the last message before the start of the window."""
-        latched = {
-            name for name in self._outputs if any(qos.durability == "transient_local" for qos in self._topics[name].qos)
-        }
-        for message in self._reader.last_before(self._window.start, latched):
-            self._send(message)
-
-    def _send(self, message: RawMessage) -> None:
-        self._outputs[message.topic].publish(message.data)
-        self.health.sent[message.topic] += 1
-
-    def _send_clock(self, bag_time: int) -> None:
-        message = Clock()
-        message.clock.sec, message.clock.nanosec = divmod(bag_time, SECOND)
-        if self._clock_publisher is not None:
-            self._clock_publisher.publish(message)
-
     def _wait_until_acknowledged(self) -> None:
         timeout = self.config.wait_acked_timeout
-        self._ending.wait(SETTLE)
-        missing = wait_until_acknowledged(self._outputs, timeout, Duration(seconds=POLL), self._ending)
+        missing = self._outputs.wait_until_acknowledged(timeout)
         if missing and not self._ending.is_set():
             self.get_logger().warning(f"not acknowledged after {timeout:g} s: {' '.join(sorted(missing))}")
 
@@ -211,51 +178,6 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
             text += f"; late: median {median / 1e3:.1f} us, 99 % within {high / 1e6:.2f} ms"
         self.get_logger().info(text)
 
-    def _offer_services(self) -> None:
-        def pause() -> tuple[bool, str]:
-            self._player.pause()
-            return True, "paused"
-
-        def resume() -> tuple[bool, str]:
-            self._player.resume()
-            return True, "playing"
-
-        def toggle() -> tuple[bool, str]:
-            return True, "paused" if self._player.toggle_paused() else "playing"
-
-        def is_paused() -> tuple[bool, str]:
-            return True, "paused" if self._player.progress().is_paused else "playing"
-
-        def stop() -> tuple[bool, str]:
-            self._end()
-            return True, "stopped"
-
-        def play_next() -> tuple[bool, str]:
-            sent = self._player.play_next()
-            return sent, "one message sent" if sent else "not paused, or no message left"
-
-        for name, action in (
-            ("pause", pause),
-            ("resume", resume),
-            ("toggle_paused", toggle),
-            ("is_paused", is_paused),
-            ("stop", stop),
-            ("play_next", play_next),
-        ):
-            self.create_service(Trigger, f"~/{name}", self._answering(action))
-
-    def _answering(self, action: Callable[[], tuple[bool, str]]) -> Callable[[Any, Any], Any]:
-        def answer(_request: Any, response: Any) -> Any:
-            response.success, response.message = action()
-            self._publish_status()
-            return response
-
-        return answer
-
-    def _end(self) -> None:
-        self._ending.set()
-        self._player.stop()
-
     def _publish_status(self) -> None:
         progress = self._player.progress()
         start, end = self._window
@@ -264,22 +186,23 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
             state = "paused"
         played = (progress.bag_time - start) / (end - start) if end > start else 1.0
         values = {
-            "uri": str(self._reader.path.absolute()),
+            "uri": " ".join(str(path.absolute()) for path in self._bags.paths),
             "time": f"{progress.bag_time / SECOND:.3f}",
             "progress": f"{max(0.0, played):.3f}",
             "messages": str(progress.sent),
             "rounds": str(progress.rounds),
-            "rate": f"{self.config.rate:g}",
+            "rate": f"{progress.rate:g}" if progress.rate else "as fast as possible",
         }
         level = DiagnosticStatus.ERROR if state == "read error" else DiagnosticStatus.OK
         self._status.publish(status_message(self.get_fully_qualified_name(), level[0], state, values))
 
     def before_shutdown(self) -> None:
-        """Stop the player and close the bag."""
-        self._end()
+        """Stop the player, restore the terminal and close the bags."""
+        self._control.end()
         self._thread.join()
+        self._control.close()
         self._publish_status()
-        self._reader.close()
+        self._bags.close()
 
 
 def main(args: list[str] | None = None) -> int:

@@ -131,8 +131,10 @@ def _add_stability(commands: Any) -> None:
 
 def _add_replay(commands: Any) -> None:
     replay = commands.add_parser("replay", help="republish a bag, as ros2 bag play does")
-    replay.add_argument("bag", type=Path, help="folder of the bag, or an .mcap file")
-    _add_flags(replay, ReplayConfig, without=("uri",))
+    replay.add_argument(
+        "bag", type=Path, nargs="+", help="folder of a bag, or an .mcap file; several are merged by time"
+    )
+    _add_flags(replay, ReplayConfig, without=("uri", "bags"))
     replay.add_argument("--ros-args", dest="ros_args", nargs=argparse.REMAINDER, default=[], help="remappings ...")
     replay.set_defaults(call=_replay)
 
@@ -218,7 +220,8 @@ def _stability(options: argparse.Namespace) -> int:
 
 def _replay(options: argparse.Namespace) -> int:
     given = {name: value for name, value in vars(options).items() if name in to_dict(ReplayConfig())}
-    given["uri"] = str(options.bag)
+    first, *more = map(str, options.bag)
+    given |= {"uri": first, "bags": more}
     build(ReplayConfig, given)  # refuses a bad value by the flag's name
     # ROS parses values as YAML, of which JSON is a subset.
     arguments = [part for name, value in given.items() for part in ("-p", f"{name}:={json.dumps(value)}")]

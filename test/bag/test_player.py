@@ -8,7 +8,7 @@ import graph
 import pytest
 
 from diffbot_bag.playback_clock import Window
-from diffbot_bag.player import Pace, Player
+from diffbot_bag.player import Pace, Player, Sink, Source
 from diffbot_bag.read_ahead import ReadAhead
 from diffbot_bag.reader import RawMessage
 from diffbot_bag.subscribers import wait_for_subscribers, wait_until_acknowledged
@@ -30,8 +30,8 @@ class Run:
         self.clock = []
         self.error = None
         end = source[-1].log_time if isinstance(source, list) else BEGIN + 10**9
-        make = (lambda: source) if isinstance(source, list) else source
-        self.player = Player(Window(BEGIN, end), make, self._send, Pace(**pace), self._tick)
+        make = (lambda _start: source) if isinstance(source, list) else (lambda _start: source())
+        self.player = Player(Window(BEGIN, end), Source(make), Sink(self._send, self._tick), Pace(**pace))
         self.thread = threading.Thread(target=self._play)
 
     def _send(self, message):
@@ -81,15 +81,15 @@ def test_a_pause_holds_everything_back_and_a_step_sends_one():
         before = len(run.sent)
         assert not graph_changes(lambda: len(run.sent) > before + 1, 0.1)
         before = len(run.sent)
-        assert run.player.play_next()
+        assert run.player.step()
         graph.wait_for(lambda: len(run.sent) == before + 1, what="the step")
-        assert run.player.play_next()
+        assert run.player.step()
         graph.wait_for(lambda: len(run.sent) == before + 2, what="the second step")
         at = run.player.progress().bag_time
         assert at == BEGIN + (before + 1) * 5 * MS
         run.player.resume()
         graph.wait_for(lambda: len(run.sent) > before + 5, what="messages after the pause")
-        assert not run.player.play_next()
+        assert not run.player.step()
     assert [int(data) for _, data in run.sent] == list(range(len(run.sent)))
 
 
@@ -106,7 +106,7 @@ def test_a_paused_start_sends_nothing_until_resumed():
         assert not graph_changes(lambda: run.sent, 0.1)
         assert run.player.toggle_paused() is False
         assert len(run.end()) == 3
-        assert not run.player.play_next()
+        assert not run.player.step()
 
 
 def test_a_step_that_found_nothing_is_not_made_later():
@@ -117,7 +117,7 @@ def test_a_step_that_found_nothing_is_not_made_later():
         yield from messages(5)
 
     with Run(slow, start_paused=True) as run:
-        assert not run.player.play_next(timeout=0.02)
+        assert not run.player.step(timeout=0.02)
         release.set()
         assert not graph_changes(lambda: run.sent, 0.1)
 

@@ -4,6 +4,7 @@ import importlib
 import signal
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import graph
 import pytest
@@ -90,6 +91,20 @@ def test_replay_of_a_file_that_is_no_bag_is_one_line(tmp_path):
     assert ended.returncode == 1
     assert len(ended.stderr.splitlines()) == 1, ended.stderr
     assert str(file) in ended.stderr
+
+
+def test_replay_passes_bags_and_flags_on_as_parameters(kept_signal_handlers, monkeypatch):
+    passed = []
+    node = SimpleNamespace(main=lambda arguments: passed.extend(arguments) or 0)
+    monkeypatch.setattr(cli.importlib, "import_module", lambda _name: node)
+    assert cli.main(["replay", "one", "two", "three", "--as-fast-as-possible", "--seek", "2"]) == 0
+    parameters = dict(text.split(":=") for text in passed[2::2])
+    assert parameters == {
+        "uri": '"one"',
+        "bags": '["two", "three"]',
+        "as_fast_as_possible": "true",
+        "seek": "2.0",
+    }
 
 
 @pytest.mark.graph

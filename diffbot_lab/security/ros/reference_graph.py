@@ -20,6 +20,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from diffbot_bag.new_bag import new_bag
 from diffbot_bag.qos import Qos
+from diffbot_bag.ros.replay_services import PLAYER_NAME, ROSBAG2_SERVICES
 from diffbot_control.ros.goal_client import GoalClient
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.demo.command import RECORDED_TOPICS
@@ -54,8 +55,9 @@ NOT_IN_WHEELS: Mapping[str, Rights] = {
         subscribe=frozenset({"/tf", "/tf_static"}),
         execute=frozenset({"navigate_to_pose", "navigate_through_poses"}),
     ),
+    "replay": Rights(reply=frozenset(f"{PLAYER_NAME}/{name}" for name in ROSBAG2_SERVICES)),
 }
-"""Rights for what exists with tf2_msgs, tf2_ros and nav2_msgs only, which a full ROS installation has."""
+"""Rights for what exists with tf2_msgs, tf2_ros, nav2_msgs and rosbag2_interfaces only: on a full ROS installation."""
 TEMPORARY: Mapping[str, Rights] = {
     "recorder": Rights(
         request=frozenset(

@@ -1,0 +1,117 @@
+"""The publishers of a replay: their QoS, the wait for subscribers and acknowledgement, and a bound on both."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Collection, Mapping
+from typing import Any, NamedTuple
+
+from rclpy.duration import Duration
+from rclpy.exceptions import InvalidTopicNameException
+from rclpy.node import Node
+from rosgraph_msgs.msg import Clock
+
+from diffbot_bag import ros_conversions
+from diffbot_bag.foreign_files import shown
+from diffbot_bag.metadata import Topic
+from diffbot_bag.playback_clock import SECOND
+from diffbot_bag.qos import Qos, to_offer
+from diffbot_bag.reader import RawMessage
+from diffbot_bag.subscribers import POLL, SETTLE, wait_for_subscribers, wait_until_acknowledged
+from diffbot_core.errors import DiffbotError
+from diffbot_core.ros.node import QUEUE
+
+CLOCK_TOPIC = "/clock"
+
+
+class Naming(NamedTuple):
+    """Names and QoS of the topics to publish."""
+
+    remap: Mapping[str, str]
+    """new by old absolute name; others stay"""
+    overrides: Mapping[str, Qos]
+    """QoS by the topic's name in the bag, in place of what was recorded"""
+    max_unacknowledged: int = 0
+    """of all topics together; 0: no bound"""
+
+
+class ReplayOutputs:
+    """One publisher for each topic. With a bound on unacknowledged messages, :meth:`send` waits for subscribers."""
+
+    def __init__(self, node: Node, topics: Mapping[str, Topic], naming: Naming, stop: threading.Event) -> None:
+        """Create the publishers; topics that cannot be published are logged and left out.
+
+        Args:
+            node: their node.
+            topics: topics of the bag by name.
+            naming: names and QoS.
+            stop: ends all waiting when set.
+        """
+        self._node, self._stop = node, stop
+        self.latched: set[str] = set()
+        """Topics whose last message is kept for late subscribers, by their names in the bag."""
+        self._publishers: dict[str, Any] = {}
+        self._room: dict[str, int] = {}
+        self._unacknowledged: dict[str, int] = {}
+        share = max(1, naming.max_unacknowledged // max(1, len(topics)))
+        for name, topic in topics.items():
+            offer = naming.overrides.get(name) or to_offer(topic.qos)
+            if naming.max_unacknowledged:
+                offer = bounded(offer, share)
+                self._room[name] = min(offer.depth, share)
+            try:
+                kind = ros_conversions.message_class(topic.type)
+                profile = ros_conversions.to_ros(offer)
+                self._publishers[name] = node.create_publisher(kind, naming.remap.get(name, name), profile)
+                if offer.durability == "transient_local":
+                    self.latched.add(name)
+            except (DiffbotError, InvalidTopicNameException) as error:
+                reason = shown(" ".join(str(error).split()))
+                node.get_logger().warning(f"{shown(name)} is not played: {reason}")
+
+    @property
+    def names(self) -> Collection[str]:
+        """The topics that are published, by their names in the bag."""
+        return self._publishers.keys()
+
+    def send(self, message: RawMessage) -> None:
+        """Publish a message, when there is room for it; without effect once the replay is to stop."""
+        name = message.topic
+        publisher = self._publishers[name]
+        if name in self._room:
+            if self._unacknowledged.get(name, 0) >= self._room[name]:
+                # A full history makes DDS ask for acknowledgement at once, and not only at its next heartbeat.
+                while not publisher.wait_for_all_acked(Duration(seconds=POLL)):
+                    if self._stop.is_set():
+                        return
+                self._unacknowledged[name] = 0
+            self._unacknowledged[name] = self._unacknowledged.get(name, 0) + 1
+        publisher.publish(message.data)
+
+    def wait_for_subscribers(self, named: Collection[str], timeout: float) -> set[str]:
+        """Wait until the named topics, or all if none is, have a subscriber; return those of them without one."""
+        return wait_for_subscribers(self._publishers, set(named) or set(self.names), timeout, self._stop)
+
+    def wait_until_acknowledged(self, timeout: float) -> set[str]:
+        """Wait until reliable subscribers have acknowledged everything; return the topics for which that failed."""
+        self._stop.wait(SETTLE)
+        return wait_until_acknowledged(self._publishers, timeout, Duration(seconds=POLL), self._stop)
+
+
+def bounded(offer: Qos, share: int) -> Qos:
+    """Return a reliable offer whose history, at most ``share`` messages, is full when the replay waits for it."""
+    latched = offer.durability == "transient_local"
+    # Latched messages are kept for subscribers that come later, as many as without a bound.
+    return offer._replace(reliability="reliable", history="keep_last", depth=offer.depth if latched else share)
+
+
+def clock_sender(node: Node) -> Callable[[int], None]:
+    """Return a function that publishes a time [ns] on /clock."""
+    publisher = node.create_publisher(Clock, CLOCK_TOPIC, QUEUE)
+
+    def send(time: int) -> None:
+        message = Clock()
+        message.clock.sec, message.clock.nanosec = divmod(time, SECOND)
+        publisher.publish(message)
+
+    return send

@@ -1,0 +1,85 @@
+"""Several bags as one: order, counts, latched messages, and topics that do not fit together."""
+
+import pytest
+from replays import BEGIN, MS, point, write_mcap, write_rosbags
+
+from diffbot_bag.chunks import read_chunk
+from diffbot_bag.merged_bags import MergedBags
+from diffbot_core.errors import DiffbotError
+
+
+def times(first, count, period):
+    return [BEGIN + (first + index * period) * MS for index in range(count)]
+
+
+@pytest.fixture
+def three(tmp_path):
+    """/a in two bags that overlap in time, one of them of another maker, and /b in a third, after both."""
+    one = write_mcap(tmp_path / "one.mcap", [("/a", time, point(1)) for time in times(0, 100, 2)], latched=("/a",))
+    two = write_rosbags(tmp_path / "two", [("/a", time, point(2)) for time in times(51, 100, 2)])
+    three = write_mcap(tmp_path / "three.mcap", [("/b", time, point(3)) for time in times(1000, 10, 1)])
+    return one, two, three
+
+
+def test_messages_come_in_the_order_of_time_from_all_bags(three):
+    bags = MergedBags(three)
+    found = [(message.log_time, message.data) for message in bags.messages(["/a", "/b"], 0, 2**62)]
+    expected = [(time, point(1)) for time in times(0, 100, 2)] + [(time, point(2)) for time in times(51, 100, 2)]
+    expected += [(time, point(3)) for time in times(1000, 10, 1)]
+    assert found == sorted(expected)
+    assert (bags.start, bags.end) == (BEGIN, BEGIN + 1009 * MS)
+    assert {name: topic.message_count for name, topic in bags.topics.items()} == {"/a": 200, "/b": 10}
+    assert len(list(bags.messages(["/b"], BEGIN + 1005 * MS, bags.end))) == 5
+    # The latched offer of one bag is among those of the merged topic, whatever its place.
+    assert "transient_local" in [qos.durability for qos in bags.topics["/a"].qos]
+    bags.close()
+
+
+def test_of_equal_times_the_bag_given_first_comes_first(tmp_path):
+    paths = [write_mcap(tmp_path / f"{name}.mcap", [("/a", BEGIN, point(name))]) for name in (7, 3, 5)]
+    bags = MergedBags(paths)
+    assert [message.data for message in bags.messages(["/a"], 0, 2**62)] == [point(7), point(3), point(5)]
+    bags.close()
+
+
+def test_the_last_message_before_is_that_of_each_bag(three):
+    bags = MergedBags(three)
+    found = [(message.log_time - BEGIN, message.data) for message in bags.last_before(BEGIN + 100 * MS, ["/a", "/b"])]
+    assert found == [(98 * MS, point(1)), (99 * MS, point(2))]
+    assert bags.last_before(BEGIN, ["/a"]) == []
+    bags.close()
+
+
+def test_a_topic_of_two_types_is_one_line_that_names_both(tmp_path):
+    one = write_mcap(tmp_path / "one.mcap", [("/a", BEGIN, point(1))])
+    two = write_mcap(tmp_path / "two.mcap", [("/a", BEGIN, point(1))], kind="geometry_msgs/msg/Vector3")
+    with pytest.raises(DiffbotError) as error:
+        MergedBags([one, two])
+    assert str(error.value) == f"/a is geometry_msgs/msg/Point in {one} and geometry_msgs/msg/Vector3 in {two}"
+
+
+def test_a_bag_given_twice_is_refused(three, tmp_path):
+    link = tmp_path / "link.mcap"
+    link.symlink_to(three[0])
+    for again in (three[0], link):
+        with pytest.raises(DiffbotError, match=r"bags = .*: must be a bag that is not given already"):
+            MergedBags([three[0], three[1], again])
+
+
+def test_a_bag_that_is_missing_is_one_line(three, tmp_path):
+    with pytest.raises(DiffbotError, match=r"no bag .*nowhere: no such file"):
+        MergedBags([three[0], tmp_path / "nowhere"])
+
+
+def test_the_search_for_latched_messages_unpacks_only_chunks_that_have_some(tmp_path, monkeypatch):
+    messages = [("/map", BEGIN, point(0))] + [("/a", BEGIN + index * MS, point(index)) for index in range(1, 1000)]
+    bags = MergedBags([write_mcap(tmp_path / "run.mcap", messages, latched=("/map",))])
+    unpacked = []
+    monkeypatch.setattr(
+        "diffbot_bag.mcap_file.read_chunk", lambda *arguments: unpacked.append(1) or read_chunk(*arguments)
+    )
+    assert [message.topic for message in bags.last_before(bags.end, ["/map"])] == ["/map"]
+    assert len(unpacked) == 1
+    assert len(list(bags.messages(["/a"], 0, 2**62))) == 999
+    assert len(unpacked) > 30
+    bags.close()

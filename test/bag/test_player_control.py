@@ -1,0 +1,241 @@
+"""Seek, rate, burst, loops and the fastest replay, on a clock of the test: bags of others, times worked out by hand."""
+
+import itertools
+import random
+
+import pytest
+from mcap.reader import make_reader
+from mcap.writer import CompressionType
+from replays import BEGIN, MS, FakeClock, point, write_mcap, write_rosbags
+
+from diffbot_bag.merged_bags import MergedBags
+from diffbot_bag.playback_clock import Window
+from diffbot_bag.player import Pace, Player, Sink, Source
+from diffbot_bag.reader import RawMessage
+
+ALL = ("/a", "/b", "/map")
+
+
+def recorded(count=300):
+    """/a every ms, /b with the same times as every third of them, /map at 0, 100 and 250 ms."""
+    messages = []
+    for index in range(count):
+        time = BEGIN + index * MS
+        messages.append(("/a", time, point(index)))
+        if index % 3 == 0:
+            messages.append(("/b", time, point(-index)))
+        if index in (0, 100, 250):
+            messages.append(("/map", time + 1, point(1000 + index)))
+    return messages
+
+
+class Run:
+    """A player in this thread; ``sent`` holds steady time and message, ``clock`` steady time and time of the bag."""
+
+    def __init__(self, source, window, **pace):
+        self.time = FakeClock()
+        self.sent, self.clock, self.hooks = [], [], {}
+        self.player = Player(window, source, Sink(self._send, self._tick), Pace(**pace), self.time)
+
+    def _send(self, message):
+        self.sent.append((self.time.now(), message))
+        self.hooks.get(len(self.sent), lambda: None)()
+
+    def _tick(self, stamp):
+        self.clock.append((self.time.now(), stamp))
+
+    def after(self, count, action):
+        """Call ``action`` while message number ``count`` is being sent."""
+        self.hooks[count] = action
+
+    def play(self):
+        self.player.play()
+        return [message for _, message in self.sent]
+
+
+def raw(count=300, period=MS):
+    return [RawMessage("/a", point(index), BEGIN + index * period, 0) for index in range(count)]
+
+
+def plain(messages=None, **pace):
+    messages = raw() if messages is None else messages
+    source = Source(lambda start: [message for message in messages if message.log_time >= start])
+    return Run(source, Window(BEGIN, messages[-1].log_time), **pace)
+
+
+@pytest.fixture(params=[CompressionType.ZSTD, CompressionType.LZ4, CompressionType.NONE, "rosbags"])
+def bag(request, tmp_path):
+    """A bag of another maker, and what it holds in the order of an independent reader."""
+    if request.param == "rosbags":
+        path = write_rosbags(tmp_path / "foreign", recorded())
+        file = path / "foreign.mcap"
+    else:
+        path = file = write_mcap(tmp_path / "foreign.mcap", recorded(), request.param, latched=("/map",))
+    with file.open("rb") as stream:
+        expected = [(c.topic, m.log_time, m.data) for _, c, m in make_reader(stream).iter_messages()]
+    bags = MergedBags([path])
+    yield bags, expected
+    bags.close()
+
+
+def replay_of(bags, **pace):
+    window = Window(bags.start, bags.end)
+    return Run(
+        Source(lambda start: bags.messages(ALL, start, window.end), lambda start: bags.last_before(start, ["/map"])),
+        window,
+        **pace,
+    )
+
+
+def content(messages):
+    return [(message.topic, message.log_time, message.data) for message in messages]
+
+
+def test_each_seek_goes_on_with_the_very_message_and_the_latched_one_before(bag):
+    bags, expected = bag
+    run = replay_of(bags)
+    generator = random.Random(4)
+    # Back and forth, to times of messages, between them, and to both ends of the bag.
+    targets = [BEGIN + generator.randrange(300) * MS + generator.choice((-1, 0, 1)) for _ in range(20)]
+    targets = [min(max(target, bags.start), bags.end) for target in [*targets, bags.end, bags.start]]
+    wanted = expected[:30]
+    # Each seek is made while a message is sent, by the last one of the bag if need be.
+    for number, target in enumerate(targets):
+        run.after(len(wanted), lambda target=target: run.player.seek(target))
+        latched = [each for each in expected if each[0] == "/map" and each[1] < target][-1:]
+        following = [each for each in expected if each[1] >= target]
+        wanted += latched + (following if number == len(targets) - 1 else following[:10])
+    assert content(run.play()) == wanted
+    assert not run.player.seek(BEGIN)
+
+
+def test_after_a_seek_time_goes_on_from_there():
+    run = plain()
+    run.after(11, lambda: run.player.seek(BEGIN + 200 * MS))
+    run.play()
+    assert [when for when, _ in run.sent[:11]] == [index * MS for index in range(11)]
+    assert [when for when, _ in run.sent[11:]] == [(10 + index) * MS for index in range(100)]
+    assert max(run.player.lateness) == 0
+
+
+def test_a_seek_before_the_start_and_in_the_delay_skips_the_delay():
+    run = plain(delay=5.0)
+    run.player.seek(BEGIN + 290 * MS)
+    assert run.player.progress().bag_time == BEGIN + 290 * MS
+    run.play()
+    assert [when for when, _ in run.sent] == [index * MS for index in range(10)]
+    run = plain(delay=5.0)
+    run.time.at(7 * MS, lambda: run.player.seek(BEGIN + 290 * MS))
+    run.play()
+    assert [when for when, _ in run.sent] == [(7 + index) * MS for index in range(10)]
+
+
+def test_a_paused_replay_stays_paused_where_it_was_sent_to():
+    run = plain(start_paused=True, clock=100.0)
+    run.time.at(50 * MS, lambda: run.player.seek(BEGIN + 100 * MS + 1))
+    run.time.at(90 * MS, lambda: run.player.request_steps(1))
+    run.time.at(130 * MS, run.player.stop)
+    (message,) = run.play()
+    assert message.log_time == BEGIN + 101 * MS
+    assert {stamp for when, stamp in run.clock if when < 50 * MS} == {BEGIN}
+    assert {stamp for when, stamp in run.clock if 50 * MS < when < 90 * MS} == {BEGIN + 100 * MS + 1}
+    assert {stamp for when, stamp in run.clock if when > 90 * MS} == {BEGIN + 101 * MS}
+
+
+def test_the_rate_changes_from_now_on():
+    run = plain()
+    run.time.at(100 * MS, lambda: run.player.set_rate(4.0))
+    run.time.at(125 * MS, lambda: run.player.set_rate(0.5))
+    run.play()
+    # 100 ms at 1, 25 ms at 4 (100 ms of the bag), the rest at 1/2.
+    for when, message in run.sent:
+        ms = (message.log_time - BEGIN) / MS
+        expected = ms if ms <= 100 else 100 + (ms - 100) / 4 if ms <= 200 else 125 + (ms - 200) * 2
+        assert when == pytest.approx(expected * MS, abs=2), ms
+    assert run.player.progress().rate == 0.5
+
+
+def test_a_rate_set_during_the_delay_or_a_pause_is_that_of_what_follows():
+    run = plain(delay=1.0)
+    run.time.at(500 * MS, lambda: run.player.set_rate(2.0))
+    run.play()
+    assert [when for when, _ in run.sent] == [1000 * MS + index * MS // 2 for index in range(300)]
+    run = plain(start_paused=True)
+    run.time.at(10 * MS, lambda: run.player.set_rate(2.0))
+    run.time.at(20 * MS, run.player.resume)
+    run.play()
+    assert [when for when, _ in run.sent] == [20 * MS + index * MS // 2 for index in range(300)]
+
+
+def test_a_burst_sends_that_many_at_once_and_the_rest_in_time():
+    run = plain(start_paused=True)
+    run.time.at(10 * MS, lambda: run.player.request_steps(50))
+    run.time.at(40 * MS, run.player.resume)
+    run.play()
+    times = [when for when, _ in run.sent]
+    assert times[:50] == [10 * MS] * 50
+    assert times[50:] == [40 * MS + index * MS for index in range(1, 251)]
+    assert run.player.request_steps(5) == 0
+
+
+def test_resuming_withdraws_what_is_left_of_a_burst():
+    run = plain(start_paused=True)
+    run.time.at(10 * MS, lambda: run.player.request_steps(50))
+    run.after(20, run.player.resume)
+    run.time.at(60 * MS, run.player.pause)
+    run.time.at(900 * MS, run.player.stop)
+    # 20 at once, then those of the next 50 ms.
+    assert len(run.play()) in (69, 70)
+    assert not run.player.request_steps(1)
+
+
+def test_steps_are_counted_up_to_the_end_of_the_bag():
+    counts = []
+    run = plain(raw(5), start_paused=True)
+    run.time.at(0, lambda: counts.append(run.player.request_steps(3)))
+    run.time.at(MS, lambda: counts.append(run.player.request_steps(100)))
+    assert len(run.play()) == 5
+    assert counts == [3, 103]
+    assert run.player.step() == 0
+
+
+def test_a_loop_begins_again_and_its_clock_jumps_back():
+    run = plain(raw(100), loop=True, clock=1000.0, delay=0.01)
+    run.after(250, run.player.stop)
+    messages = run.play()
+    assert [message.data for message in messages] == ([point(index) for index in range(100)] * 3)[:250]
+    stamps = [stamp for _, stamp in run.clock]
+    jumps = [number for number, (one, two) in enumerate(itertools.pairwise(stamps)) if two < one]
+    assert len(jumps) == 2
+    assert all(stamps[number + 1] == BEGIN for number in jumps)
+
+
+def test_as_fast_as_possible_takes_no_time_keeps_the_order_and_the_clock_is_that_of_the_messages():
+    run = plain(rate=0.0, clock=100.0)
+    assert run.play() == raw()
+    assert run.time.now() == 0
+    assert [stamp for _, stamp in run.clock] == [BEGIN + index * MS for index in range(0, 300, 10)]
+    assert not run.player.lateness
+    assert run.player.progress().bag_time == BEGIN + 299 * MS
+
+
+def test_as_fast_as_possible_can_be_paused_stepped_and_sought():
+    run = plain(rate=0.0)
+    run.after(10, run.player.pause)
+    run.time.at(50 * MS, lambda: run.player.request_steps(2))
+    run.time.at(60 * MS, lambda: run.player.seek(BEGIN + 200 * MS))
+    run.time.at(70 * MS, run.player.resume)
+    run.play()
+    assert [(when, (message.log_time - BEGIN) // MS) for when, message in run.sent] == [
+        *((0, index) for index in range(10)),
+        (50 * MS, 10),
+        (50 * MS, 11),
+        *((70 * MS, index) for index in range(200, 300)),
+    ]
+
+
+def test_as_fast_as_possible_waits_for_the_sink_and_loses_nothing():
+    run = plain(rate=0.0)
+    run.hooks = {count: lambda: run.time.sleep_until(run.time.now() + 2 * MS) for count in range(1, 301)}
+    assert run.play() == raw()
+    assert run.time.now() == 600 * MS
