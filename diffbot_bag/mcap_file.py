@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import errno
 import heapq
-import io
 import os
 from collections.abc import Collection, Iterator
 from pathlib import Path

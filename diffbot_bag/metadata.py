@@ -32,6 +32,15 @@ class Topic(NamedTuple):
     message_count: int = 0
 
 
+class FileInformation(NamedTuple):
+    """One file of a bag; times in [ns]."""
+
+    name: str
+    start: int = 0
+    duration: int = 0
+    message_count: int = 0
+
+
 class BagMetadata(NamedTuple):
     """Contents of metadata.yaml; times in [ns]."""
 
@@ -43,16 +52,20 @@ class BagMetadata(NamedTuple):
     topics: tuple[Topic, ...] = ()
     custom_data: Mapping[str, str] = {}
     ros_distro: str = "jazzy"
+    file_information: tuple[FileInformation, ...] = ()
+    """One for each of ``files``; empty: each has start, duration and count of the bag."""
 
 
 def to_yaml(bag: BagMetadata, *, root: bool = True) -> str:
     """Return the YAML text; without ``root`` only the inner map, as the MCAP record ``rosbag2`` holds it."""
-    starting_time = {"nanoseconds_since_epoch": bag.start}
+    one_by_one = bag.file_information or tuple(
+        FileInformation(name, bag.start, bag.duration, bag.message_count) for name in bag.files
+    )
     inner: dict[str, Any] = {
         "version": VERSION,
         "storage_identifier": "mcap",
         "duration": {"nanoseconds": bag.duration},
-        "starting_time": starting_time,
+        "starting_time": {"nanoseconds_since_epoch": bag.start},
         "message_count": bag.message_count,
         "topics_with_message_count": [_topic_to_plain(topic) for topic in bag.topics],
         # These two describe rosbag2's compression of whole files or messages, not that of MCAP's chunks.
@@ -61,12 +74,12 @@ def to_yaml(bag: BagMetadata, *, root: bool = True) -> str:
         "relative_file_paths": list(bag.files),
         "files": [
             {
-                "path": name,
-                "starting_time": dict(starting_time),
-                "duration": {"nanoseconds": bag.duration},
-                "message_count": bag.message_count,
+                "path": file.name,
+                "starting_time": {"nanoseconds_since_epoch": file.start},
+                "duration": {"nanoseconds": file.duration},
+                "message_count": file.message_count,
             }
-            for name in bag.files
+            for file in one_by_one
         ],
         "custom_data": dict(bag.custom_data) or None,
         "ros_distro": bag.ros_distro,
@@ -121,9 +134,19 @@ def read(folder: Path) -> BagMetadata:
             topics=tuple(_topic_from_plain(topic) for topic in inner["topics_with_message_count"] or ()),
             custom_data=dict(inner.get("custom_data") or {}),
             ros_distro=str(inner.get("ros_distro", "")),
+            file_information=tuple(_file_from_plain(file) for file in inner.get("files") or ()),
         )
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise DiffbotError(f"{shown(path)} is incomplete: {type(error).__name__} {shown(error)}") from error
+
+
+def _file_from_plain(plain: Mapping[str, Any]) -> FileInformation:
+    return FileInformation(
+        name=str(plain["path"]),
+        start=int(plain["starting_time"]["nanoseconds_since_epoch"]),
+        duration=int(plain["duration"]["nanoseconds"]),
+        message_count=int(plain["message_count"]),
+    )
 
 
 def _topic_from_plain(plain: Mapping[str, Any]) -> Topic:

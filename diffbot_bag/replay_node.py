@@ -78,7 +78,10 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
         if not self.config.uri:
             raise InvalidValueError("uri", "", "the folder of a bag or an MCAP file")
         limits = BagLimits(self.config.max_compression_ratio, self.config.max_unpacked_size)
-        return BagReader(Path(self.config.uri), limits)
+        reader = BagReader(Path(self.config.uri), limits)
+        if reader.warning:
+            self.get_logger().warning(reader.warning)
+        return reader
 
     def _selected_topics(self) -> dict[str, Topic]:
         config, namespace = self.config, self.get_namespace()

@@ -11,8 +11,65 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Message, Schema, Statistics
 
 from diffbot_bag.chunks import BagLimits
-from diffbot_bag.mcap_format import McapSummary
+from diffbot_bag.mcap_format import MAX_INDEX, McapSummary
 from diffbot_bag.record_scan import ChunkPiece, Gap, Piece, RecordScan, parse_record
+from diffbot_core.errors import DiffbotError
+
+
+class _Index:
+    """Collects what a summary would say."""
+
+    def __init__(self) -> None:
+        self.schemas: dict[int, Schema] = {}
+        self.channels: dict[int, Channel] = {}
+        self.chunks: list[ChunkIndex] = []
+        self._counts: Counter[int] = Counter()
+        self._start: int | None = None
+        self._end = 0
+        self._size = 0
+
+    def take(self, piece: Piece | ChunkPiece) -> None:
+        if isinstance(piece, ChunkPiece):
+            for opcode, content in piece.indexes.definitions:
+                self._define(parse_record(opcode, content), len(content))
+            if piece.indexes.entries:
+                self.chunks.append(_index_of(piece))
+                self._extend(piece.chunk.message_start_time, piece.chunk.message_end_time)
+            for channel, found in piece.indexes.entries.items():
+                self._counts[channel] += len(found) // 2
+        elif piece.opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            self._define(piece.record(), len(piece.content))
+        elif piece.opcode == Opcode.MESSAGE:
+            message = piece.record()
+            self._counts[message.channel_id] += 1
+            self._extend(message.log_time, message.log_time)
+
+    def _define(self, record: Any, size: int) -> None:
+        kept: dict[int, Any] = self.schemas if isinstance(record, Schema) else self.channels
+        if record.id not in kept:
+            kept[record.id] = record
+            self._size += size
+        if self._size > MAX_INDEX:
+            raise DiffbotError(f"descriptions of {self._size} bytes: must be <= {MAX_INDEX}")
+
+    def _extend(self, start: int, end: int) -> None:
+        self._start = start if self._start is None else min(self._start, start)
+        self._end = max(self._end, end)
+
+    def statistics(self) -> Statistics:
+        if unknown := self._counts.keys() - self.channels.keys():
+            raise McapError(f"messages of a channel {min(unknown)} without a description")
+        return Statistics(
+            attachment_count=0,
+            channel_count=len(self.channels),
+            channel_message_counts=dict(self._counts),
+            chunk_count=len(self.chunks),
+            message_count=self._counts.total(),
+            message_end_time=self._end,
+            message_start_time=self._start or 0,
+            metadata_count=0,
+            schema_count=len(self.schemas),
+        )
 
 
 def scan_unfinished(stream: BinaryIO, size: int, limits: BagLimits) -> tuple[McapSummary, int]:
@@ -22,47 +79,13 @@ def scan_unfinished(stream: BinaryIO, size: int, limits: BagLimits) -> tuple[Mca
         McapError: if anything before that is damaged.
         DiffbotError: if its chunks unpack to more than the limits allow.
     """
-    schemas: dict[int, Schema] = {}
-    channels: dict[int, Channel] = {}
-    chunks: list[ChunkIndex] = []
-    counts: Counter[int] = Counter()
-    first, last, end = [], [], size
-
-    def define(record: Any) -> None:
-        (schemas if isinstance(record, Schema) else channels).setdefault(record.id, record)
-
+    index, end = _Index(), size
     for piece in _intact(stream, size, limits):
         if isinstance(piece, Gap):
             end = piece.offset
-        elif isinstance(piece, ChunkPiece):
-            for opcode, content in piece.indexes.definitions:
-                define(parse_record(opcode, content))
-            counts.update({channel: len(found) // 2 for channel, found in piece.indexes.entries.items()})
-            if piece.indexes.entries:
-                chunks.append(_index_of(piece))
-                first.append(piece.chunk.message_start_time)
-                last.append(piece.chunk.message_end_time)
-        elif piece.opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-            define(piece.record())
-        elif piece.opcode == Opcode.MESSAGE:
-            message = piece.record()
-            counts[message.channel_id] += 1
-            first = [min([message.log_time, *first])]
-            last = [max([message.log_time, *last])]
-    if unknown := counts.keys() - channels.keys():
-        raise McapError(f"messages of a channel {min(unknown)} without a description")
-    statistics = Statistics(
-        attachment_count=0,
-        channel_count=len(channels),
-        channel_message_counts=dict(counts),
-        chunk_count=len(chunks),
-        message_count=counts.total(),
-        message_end_time=max(last, default=0),
-        message_start_time=min(first, default=0),
-        metadata_count=0,
-        schema_count=len(schemas),
-    )
-    return McapSummary(end, schemas, channels, chunks, statistics), size - end
+        else:
+            index.take(piece)
+    return McapSummary(end, index.schemas, index.channels, index.chunks, index.statistics()), size - end
 
 
 def scan_messages(stream: BinaryIO, size: int, limits: BagLimits) -> Iterator[Message]:
