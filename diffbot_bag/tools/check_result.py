@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
+from typing import BinaryIO
 
+from mcap.data_stream import ReadDataStream
 from mcap.reader import make_reader
+from mcap.records import Chunk, Message
+from mcap.stream_reader import breakup_chunk
+from mcap.summary import Summary
 
 from diffbot_bag.chunks import BagLimits
 from diffbot_bag.mcap_file import McapFile
-from diffbot_bag.mcap_format import DAMAGE
+from diffbot_bag.mcap_format import DAMAGE, RECORD
 from diffbot_core.errors import DiffbotError
 
 _STEP = 1000
@@ -22,7 +27,7 @@ class ResultError(DiffbotError):
 
 
 def check_result(path: Path, expected: Mapping[str, int], limits: BagLimits, progress: Callable[[int], None]) -> None:
-    """Read all of a file with McapFile and with make_reader of the mcap library.
+    """Read all of a file with McapFile and with the reader of the mcap library.
 
     Args:
         path: the file.
@@ -62,8 +67,24 @@ def _by_diffbot(path: Path, limits: BagLimits, progress: Callable[[int], None]) 
 
 def _by_mcap(path: Path, _limits: BagLimits, progress: Callable[[int], None]) -> Counter[str]:
     with path.open("rb") as stream:
-        reader = make_reader(stream, validate_crcs=True)
-        return _counted((channel.topic for _, channel, _ in reader.iter_messages(log_time_order=False)), progress)
+        summary = make_reader(stream).get_summary()
+        if summary is None or summary.statistics is None:
+            raise ResultError("no index")
+        found = _counted(_topics_by_mcap(stream, summary), progress)
+        if found.total() != summary.statistics.message_count:
+            raise ResultError(
+                f"its index names {summary.statistics.message_count} messages, and it has {found.total()}"
+            )
+        return found
+
+
+def _topics_by_mcap(stream: BinaryIO, summary: Summary) -> Iterator[str]:
+    # McapReader.iter_messages holds either all messages of the file in memory, or sorts them.
+    for index in summary.chunk_indexes:
+        stream.seek(index.chunk_start_offset + RECORD.size)
+        for record in breakup_chunk(Chunk.read(ReadDataStream(stream)), validate_crc=True):
+            if isinstance(record, Message):
+                yield summary.channels[record.channel_id].topic
 
 
 def _counted(topics: Iterable[str], progress: Callable[[int], None]) -> Counter[str]:

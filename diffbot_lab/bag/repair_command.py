@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from diffbot_bag.foreign_files import shown
 from diffbot_core.errors import DiffbotError
 from diffbot_core.units import S_PER_NS
 
@@ -50,12 +51,12 @@ def repair_text(repaired: Repaired) -> str:
     """Return what was saved and what was lost, in lines of plain text."""
     duration = (repaired.end - repaired.start) * S_PER_NS
     topics = sum(topic.message_count > 0 for topic in repaired.topics.values())
-    lines = [f"{repaired.path}: {repaired.message_count} messages of {topics} topics in {duration:.3f} s"]
+    lines = [f"{shown(repaired.path)}: {repaired.message_count} messages of {topics} topics in {duration:.3f} s"]
     if repaired.note:
         lines.append(f"written anew: {repaired.note}")
-    lines += [f"lost: the whole file {name}, which is missing" for name in repaired.missing]
+    lines += [f"lost: the whole file {shown(name)}, which is missing" for name in repaired.missing]
     for file in repaired.files:
-        lines += [f"{file.source.name}: {line}" for line in _loss_lines(file.salvaged.loss, repaired.start)]
+        lines += [f"{shown(file.source.name)}: {line}" for line in _loss_lines(file.salvaged.loss, repaired.start)]
     if not repaired.missing and not any(_is_lossy(file.salvaged.loss) for file in repaired.files):
         lines.append("nothing that was written is lost")
     return "\n".join(lines)
@@ -70,10 +71,11 @@ def _loss_lines(loss: Loss, start: int) -> list[str]:
     lines = []
     if loss.is_cut:
         lines.append("had no valid index, since it was cut off, not finished or damaged at its end")
-    if loss.chunks or loss.bytes:
-        lines.append(f"lost: {loss.chunks} damaged chunks, {loss.bytes} bytes that cannot be read")
+    if loss.bytes:
+        chunks = f"{loss.chunks} damaged chunk{'s' if loss.chunks > 1 else ''}, " if loss.chunks else ""
+        lines.append(f"lost: {chunks}{loss.bytes} bytes that cannot be read")
     if loss.messages:
-        topics = ", ".join(f"{topic} {count}" for topic, count in sorted(loss.messages.items()))
+        topics = shown(", ".join(f"{topic} {count}" for topic, count in sorted(loss.messages.items())))
         total = sum(loss.messages.values())
         lines.append(f"lost: {'' if loss.is_exact else 'at least '}{total} messages ({topics})")
     lines += [f"lost: messages {_span_text(span, start)}" for span in loss.spans[:MAX_SPANS]]
@@ -82,9 +84,9 @@ def _loss_lines(loss: Loss, start: int) -> list[str]:
     if loss.unverified:
         lines.append(f"{loss.unverified} messages are from the incomplete last chunk, which no checksum verifies")
     if loss.doubtful:
-        lines.append(f"names and types from a damaged chunk, check them: {', '.join(loss.doubtful)}")
+        lines.append(f"names and types from a damaged chunk, check them: {shown(', '.join(loss.doubtful))}")
     if loss.unknown:
-        lines.append(f"nothing describes their topics or types any more: {', '.join(loss.unknown)}")
+        lines.append(f"nothing describes their topics or types any more: {shown(', '.join(loss.unknown))}")
     return lines
 
 

@@ -42,7 +42,10 @@ def mcap_file(compression="zstd", count=1500, chunk_size=4000, seed=1, **options
     qos = {"/latched": dump_profiles([Qos(durability="transient_local")])}
     channels = [
         writer.register_channel(
-            name, "cdr", schema, {"offered_qos_profiles": qos.get(name, dump_profiles([Qos()])), "topic_type_hash": HASH}
+            name,
+            "cdr",
+            schema,
+            {"offered_qos_profiles": qos.get(name, dump_profiles([Qos()])), "topic_type_hash": HASH},
         )
         for name in TOPICS
     ]

@@ -1,5 +1,7 @@
 """Repair: every message of every undamaged chunk is saved, by the count of the mcap library and of rosbags."""
 
+import functools
+import io
 import os
 import random
 import re
@@ -15,6 +17,8 @@ import pytest
 import yaml
 from damaged_bags import BEGIN, HASH, POINT, STEP, TOPICS
 from mcap.reader import make_reader
+from mcap.writer import CompressionType
+from mcap.writer import Writer as McapWriter
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
@@ -33,7 +37,7 @@ CHUNK_HEAD = struct.Struct("<BQQQQI")
 
 @pytest.fixture(scope="module", params=["zstd", "lz4", "none"])
 def whole(request):
-    return damaged_bags.original(damaged_bags.mcap_file(request.param))
+    return damaged_bags.original(damaged_bags.mcap_file(request.param, 900))
 
 
 @pytest.fixture
@@ -60,7 +64,7 @@ def without_topic(messages):
 
 def test_every_message_of_every_undamaged_chunk_is_saved(whole, repair, tmp_path):
     generator = random.Random(len(whole.content))
-    for _ in range(25):
+    for number in range(20):
         content, changed, cut = damaged_bags.damage(whole, generator)
         result, saved = repair(content)
         kept = damaged_bags.surviving(whole, changed, cut)
@@ -70,6 +74,8 @@ def test_every_message_of_every_undamaged_chunk_is_saved(whole, repair, tmp_path
             continue
         assert saved >= kept
         assert saved <= whole.messages
+        if number % 4:
+            continue
         with AnyReader([tmp_path / "fixed"]) as other:
             assert other.message_count == result.message_count == saved.total()
             assert sum(1 for _ in other.messages()) == saved.total()
@@ -92,7 +98,7 @@ def test_a_complete_bag_stays_as_it_is(whole, repair, tmp_path):
         assert [record.name for record in reader.iter_metadata()] == ["robot", "rosbag2"]
         # Readers find the messages of a range by the index.
         found = [message.log_time for *_, message in reader.iter_messages(["/b"], starting_at=BEGIN + 700 * STEP)]
-        assert found == [BEGIN + index * STEP for index in range(700, 1500) if index % 3 == 1]
+        assert found == [BEGIN + index * STEP for index in range(700, 900) if index % 3 == 1]
     theirs = make_reader_of(whole.content).get_summary()
     assert summary.statistics.channel_message_counts == theirs.statistics.channel_message_counts
     assert summary.statistics.message_start_time == BEGIN
@@ -105,8 +111,6 @@ def test_a_complete_bag_stays_as_it_is(whole, repair, tmp_path):
 
 
 def make_reader_of(content):
-    import io
-
     return make_reader(io.BytesIO(content))
 
 
@@ -169,7 +173,7 @@ def test_without_it_the_loss_is_taken_from_the_message_index(whole, repair):
 
 def test_the_messages_at_the_beginning_of_an_incomplete_chunk_are_saved(repair):
     whole = damaged_bags.original(damaged_bags.mcap_file("zstd", 8000, 400_000))
-    begin, end, last = whole.chunks[0]
+    _, end, last = whole.chunks[0]
     result, saved = repair(whole.content[: end - 2000])
     # zstd has blocks of 128 KiB: those before the cut can be unpacked.
     assert saved <= last
@@ -294,11 +298,9 @@ def test_in_place(tmp_path):
 def refused(tmp_path, source, out=None, **options):
     """The line with which a repair is refused; nothing is left of it."""
     before = sorted(tmp_path.rglob("*"))
+    repair = repair_in_place if out is None else functools.partial(repair_bag, out=out)
     with pytest.raises(DiffbotError) as error:
-        if out is None:
-            repair_in_place(source, **options)
-        else:
-            repair_bag(source, out, **options)
+        repair(source, **options)
     assert str(error.value).isprintable()
     assert sorted(tmp_path.rglob("*")) == before
     return str(error.value)
@@ -319,7 +321,6 @@ def test_a_result_that_readers_do_not_agree_on_does_not_appear(tmp_path, monkeyp
         assert "the result" in refused(tmp_path, source, out)
     assert source.read_bytes() == content
     monkeypatch.undo()
-    monkeypatch.setattr(check_result, "make_reader", lambda stream, **_: make_reader(stream, validate_crcs=False))
     monkeypatch.setattr(check_result, "_by_mcap", lambda *_: Counter({"/a": 1}))
     assert "mcap reads 1 messages of 1 topics, written were 1500 of 3" in refused(tmp_path, source, tmp_path / "fixed")
 
@@ -381,16 +382,12 @@ def test_progress_counts_the_bytes_of_all_passes(tmp_path):
 
 
 def test_a_bomb_is_refused_in_one_line(tmp_path):
-    import io
-
-    from mcap.writer import CompressionType, Writer
-
     stream = io.BytesIO()
-    writer = Writer(stream, chunk_size=40 * 2**20, compression=CompressionType.ZSTD)
+    writer = McapWriter(stream, chunk_size=15 * 2**20, compression=CompressionType.ZSTD)
     writer.start("ros2")
     channel = writer.register_channel("/a", "cdr", writer.register_schema(POINT, "ros2msg", b""))
     for index in range(4):
-        writer.add_message(channel, BEGIN + index, bytes(45 * 2**20), 0)
+        writer.add_message(channel, BEGIN + index, bytes(20 * 2**20), 0)
     writer.finish()
     source = tmp_path / "run.mcap"
     source.write_bytes(stream.getvalue()[:-20])
@@ -405,7 +402,4 @@ def test_false_chunks_that_overlap_do_not_take_forever(tmp_path):
     content = b"\x89MCAP0\r\n" + head * (size // len(head))
     source = tmp_path / "run.mcap"
     source.write_bytes(content)
-    try:
-        assert repair_bag(source, tmp_path / "fixed").message_count == 0
-    except DiffbotError as error:
-        assert "too many false chunks" in str(error)
+    assert "too many false chunks" in refused(tmp_path, source, tmp_path / "fixed")
