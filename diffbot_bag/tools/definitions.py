@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from typing import Any
 
 from mcap.exceptions import McapError
@@ -11,9 +12,11 @@ from mcap.records import Channel, Schema
 from mcap.well_known import MessageEncoding
 
 from diffbot_bag.mcap_format import DAMAGE, MAX_INDEX
+from diffbot_bag.qos import load_profiles
 from diffbot_bag.record_scan import ChunkPiece, Gap, Piece, parse_record
 from diffbot_core.errors import DiffbotError
 
+QOS_KEY = "offered_qos_profiles"
 Definition = tuple[int, bytes]
 """Opcode and content of a record that describes a schema or a channel."""
 
@@ -40,6 +43,9 @@ class Definitions:
         self._size = 0
         self.doubtful: set[str] = set()
         """Topics whose name and type come from a damaged chunk, and may be wrong themselves."""
+        self.without_qos: set[str] = set()
+        """Topics whose QoS cannot be read, and is left out."""
+        self._found: dict[int, tuple[Schema | None, Channel]] = {}
         self.unknown: set[str] = set()
         """Made-up topics of channels that nothing describes any more."""
 
@@ -76,7 +82,21 @@ class Definitions:
 
     def channel(self, number: int) -> tuple[Schema | None, Channel]:
         """Return a channel and its schema; a made-up topic if nothing describes the channel."""
-        channel = self._find(Channel, number)
+        if number not in self._found:
+            schema, channel = self._described(number)
+            self._found[number] = schema, self._with_valid_qos(channel)
+        return self._found[number]
+
+    def _with_valid_qos(self, channel: Channel) -> Channel:
+        try:
+            load_profiles(channel.metadata.get(QOS_KEY, ""))
+        except DiffbotError:
+            self.without_qos.add(channel.topic)
+            return replace(channel, metadata=channel.metadata | {QOS_KEY: ""})
+        return channel
+
+    def _described(self, number: int) -> tuple[Schema | None, Channel]:
+        channel: Channel | None = self._find(Channel, number)
         if channel is None:
             channel = Channel(number, f"/unknown/channel_{number}", MessageEncoding.CDR, {}, 0)
             self.unknown.add(channel.topic)

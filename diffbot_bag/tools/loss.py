@@ -52,6 +52,8 @@ class Loss(NamedTuple):
     """Messages saved from the chunk within which the file ends; its checksum covers the whole chunk only."""
     doubtful: tuple[str, ...] = ()
     """Topics whose name and type could only be taken from a damaged chunk."""
+    without_qos: tuple[str, ...] = ()
+    """Topics whose QoS cannot be read, and is left out."""
     unknown: tuple[str, ...] = ()
     """Made-up topics of channels that nothing describes any more."""
 

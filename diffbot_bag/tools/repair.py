@@ -110,6 +110,7 @@ def repair_in_place(bag: Path, limits: BagLimits | None = None, progress: Progre
             raise DiffbotError(f"{shown(bag)} has two files of the same name in different folders")
         repaired = _repair(parts, folder, names, limits or BagLimits(), progress)
         for file in repaired.files:
+            shutil.copymode(file.source, file.path)
             file.path.replace(file.source)
         if bag.is_dir():
             relative = [str(file.source.relative_to(bag)) for file in repaired.files]

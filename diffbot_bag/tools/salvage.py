@@ -18,7 +18,7 @@ from diffbot_bag.metadata import Topic
 from diffbot_bag.qos import load_profiles
 from diffbot_bag.record_scan import ChunkPiece, Gap, Piece, RecordScan
 from diffbot_bag.tools.attachments import verified_attachment
-from diffbot_bag.tools.definitions import Definitions, definitions_in
+from diffbot_bag.tools.definitions import QOS_KEY, Definitions, definitions_in
 from diffbot_bag.tools.indexed_copy import IndexedCopy
 from diffbot_bag.tools.loose_chunk import LooseChunk, read_loosely
 from diffbot_bag.tools.loss import UNKNOWN, Loss, LossCounter, Span
@@ -94,7 +94,7 @@ class Salvage:
         """Copy the file, but for its end; ``progress`` is called with [bytes] read.
 
         Raises:
-            DiffbotError: if the file unpacks to more than the limits allow, or QoS in it is not that of rosbag2.
+            DiffbotError: if the file unpacks to more than the limits allow.
         """
         is_cut = self._summary is None
         for piece in self._scan.pieces():
@@ -122,7 +122,9 @@ class Salvage:
             custom_data=self._custom_data,
             ros_distro=self._ros_distro,
             loss=loss._replace(
-                doubtful=tuple(sorted(self._definitions.doubtful)), unknown=tuple(sorted(self._definitions.unknown))
+                doubtful=tuple(sorted(self._definitions.doubtful)),
+                without_qos=tuple(sorted(self._definitions.without_qos)),
+                unknown=tuple(sorted(self._definitions.unknown)),
             ),
         )
 
@@ -216,7 +218,7 @@ class Salvage:
                     name=channel.topic,
                     type=schema.name if schema else "",
                     type_hash=channel.metadata.get("topic_type_hash", ""),
-                    qos=load_profiles(channel.metadata.get("offered_qos_profiles", "")),
+                    qos=load_profiles(channel.metadata.get(QOS_KEY, "")),
                     message_count=self._copy.counts[number],
                 )
             )

@@ -63,7 +63,7 @@ def repair_text(repaired: Repaired) -> str:
 
 
 def _is_lossy(loss: Loss) -> bool:
-    return bool(loss.chunks or loss.bytes or loss.messages or loss.doubtful or loss.unknown)
+    return bool(loss.chunks or loss.bytes or loss.messages or loss.doubtful or loss.without_qos or loss.unknown)
 
 
 def _loss_lines(loss: Loss, start: int) -> list[str]:
@@ -85,6 +85,8 @@ def _loss_lines(loss: Loss, start: int) -> list[str]:
         lines.append(f"{loss.unverified} messages are from the incomplete last chunk, which no checksum verifies")
     if loss.doubtful:
         lines.append(f"names and types from a damaged chunk, check them: {shown(', '.join(loss.doubtful))}")
+    if loss.without_qos:
+        lines.append(f"their QoS cannot be read and is left out: {shown(', '.join(loss.without_qos))}")
     if loss.unknown:
         lines.append(f"nothing describes their topics or types any more: {shown(', '.join(loss.unknown))}")
     return lines

@@ -227,6 +227,15 @@ def test_messages_outside_of_chunks_are_saved_and_packed(repair):
         assert len(list(reader.messages())) == saved.total()
 
 
+def test_qos_that_cannot_be_read_is_left_out(repair):
+    content = bytearray(damaged_bags.mcap_file(use_chunking=False)[:-3000])
+    content[content.index(b"- history")] = ord("{")
+    result, saved = repair(bytes(content))
+    assert result.files[0].salvaged.loss.without_qos == ("/a",)
+    assert saved.total() == 1500
+    assert [len(topic.qos) for topic in result.topics.values()] == [0, 1, 1]
+
+
 def test_bags_of_several_files_and_their_data(tmp_path):
     folder = tmp_path / "run"
     writer = BagWriter(folder)
@@ -290,7 +299,9 @@ def test_in_place(tmp_path):
         assert (reader.message_count, reader.warning) == (1500, "")
     lone = tmp_path / "lone.mcap"
     lone.write_bytes(damaged_bags.mcap_file()[:-80])
+    lone.chmod(0o640)
     repair_in_place(lone)
+    assert lone.stat().st_mode & 0o777 == 0o640
     assert sorted(path.name for path in tmp_path.iterdir()) == ["lone.mcap", "run"]
     assert damaged_bags.messages_of(lone.read_bytes()).total() == 1500
 
