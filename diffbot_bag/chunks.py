@@ -24,7 +24,9 @@ _RECORD = struct.Struct("<BQ")
 """Opcode and length of a record."""
 _MESSAGE = struct.Struct("<HIQQ")
 """Channel, sequence number, log time and publish time; the data follow."""
-_SMALL = 64 * 2**20
+_MESSAGE_RECORD = struct.Struct("<BQHIQ")
+"""Opcode and length of a record; of a message also channel, sequence number and log time."""
+SMALL = 64 * 2**20
 """[bytes] what a bag may always unpack to, whatever its ratio"""
 
 
@@ -52,7 +54,7 @@ def check_chunks(chunks: Sequence[ChunkIndex], file_size: int, limits: BagLimits
     if end > file_size:
         raise McapError("a chunk beyond the file")
     total, packed = sum(chunk.uncompressed_size for chunk in chunks), sum(chunk.chunk_length for chunk in chunks)
-    if total > max(_SMALL, limits.max_compression_ratio * packed):
+    if total > max(SMALL, limits.max_compression_ratio * packed):
         raise DiffbotError(
             f"its {packed} bytes of chunks unpack to {total}: must be <= max_compression_ratio"
             f" = {limits.max_compression_ratio:g} times as many"
@@ -110,6 +112,51 @@ def read_rows(stream: BinaryIO, index: ChunkIndex) -> list[tuple[int, int, int, 
     return rows
 
 
+class ChunkIndexes(NamedTuple):
+    """What is in the data of a chunk."""
+
+    entries: dict[int, list[int]]
+    """By channel: log time [ns] and offset of a message, and so on in turn."""
+    definitions: list[tuple[int, bytes]]
+    """Opcode and content of each record that describes a schema or a channel."""
+
+
+def index_messages(data: bytes, *, is_cut: bool = False) -> ChunkIndexes:
+    """Find the messages and definitions in the unpacked data of a chunk.
+
+    Args:
+        data: of the chunk.
+        is_cut: the data may end within a record, which is then left out.
+
+    Raises:
+        McapError, struct.error: if the data are not a sequence of records.
+    """
+    entries: dict[int, list[int]] = {}
+    definitions = []
+    # The last record may be shorter than what is unpacked at once.
+    padded, at, end = data + bytes(_MESSAGE_RECORD.size), 0, len(data)
+    unpack = _MESSAGE_RECORD.unpack_from
+    while at < end:
+        opcode, length, channel, _, log_time = unpack(padded, at)
+        after = at + _RECORD.size + length
+        if after > end:
+            if is_cut:
+                break
+            raise McapError("a record beyond its chunk")
+        if opcode == Opcode.MESSAGE:
+            if length < _MESSAGE.size:
+                raise McapError("a message without its times")
+            found = entries.get(channel)
+            if found is None:
+                entries[channel] = [log_time, at]
+            else:
+                found += (log_time, at)
+        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            definitions.append((opcode, data[at + _RECORD.size : after]))
+        at = after
+    return ChunkIndexes(entries, definitions)
+
+
 def _check_times(times: list[int], index: ChunkIndex) -> None:
     if times and not index.message_start_time <= min(times) <= max(times) <= index.message_end_time:
         raise McapError("a message outside of its chunk's times")
@@ -122,15 +169,23 @@ def _verified_chunk(stream: BinaryIO, index: ChunkIndex) -> Chunk:
     if record[:1] != bytes((Opcode.CHUNK,)):
         raise McapError("no chunk where the index has one")
     chunk: Chunk = Chunk.read(ReadDataStream(io.BytesIO(record[_PREFIX:])))
-    data = _unpacked(chunk, index.uncompressed_size)
-    if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
-        raise McapError("checksum of a chunk")
-    chunk.compression, chunk.data = "", data
+    chunk.compression, chunk.data = "", unpack_chunk(chunk, index.uncompressed_size)
     return chunk
 
 
+def unpack_chunk(chunk: Chunk, size: int) -> bytes:
+    """Return the contents of a chunk, whose size the index gives; what would be longer is not unpacked.
+
+    Raises:
+        McapError, ValueError, RuntimeError, ...: DAMAGE, if the chunk has another size or checksum.
+    """
+    data = _unpacked(chunk, size)
+    if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
+        raise McapError("checksum of a chunk")
+    return data
+
+
 def _unpacked(chunk: Chunk, size: int) -> bytes:
-    """Return the contents of a chunk, whose size the index gives; what would be longer is not unpacked."""
     if chunk.compression == "":
         data = chunk.data
     elif chunk.compression == "zstd":

@@ -1,92 +1,75 @@
-"""One indexed MCAP file: verified when opened, read in the order of log time."""
+"""One MCAP file: verified when opened, read in the order of log time; an unfinished one up to where it was cut off."""
 
 from __future__ import annotations
 
 import contextlib
 import errno
 import heapq
-import io
 import os
-import struct
-import zlib
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
 
-import zstandard
 from mcap.exceptions import EndOfFile, McapError
-from mcap.opcode import Opcode
-from mcap.records import AttachmentIndex, Channel, Chunk, ChunkIndex, Message, Schema, Statistics
+from mcap.records import Channel, Chunk, Message, Schema
 from mcap.stream_reader import StreamReader
 
 from diffbot_bag.attachments import MAX_ATTACHMENT, read_attachment
 from diffbot_bag.chunks import BagLimits, check_chunks, read_chunk, read_rows
 from diffbot_bag.foreign_files import open_regular, shown
+from diffbot_bag.mcap_format import DAMAGE, MAGIC, McapSummary, NoIndexError, read_summary
 from diffbot_bag.metadata import Topic
 from diffbot_bag.qos import Qos, load_profiles
+from diffbot_bag.unfinished import scan_messages, scan_unfinished
 from diffbot_core.errors import DiffbotError
 
-MAGIC = b"\x89MCAP0\r\n"
-CRC = struct.Struct("<I")
-RECORD_PREFIX = 9
-"""[bytes] opcode and length"""
-FOOTER = struct.Struct("<BQQQI")
-"""opcode, length, offsets of the summary and of its index, checksum; MAGIC follows and ends the file"""
-MAX_INDEX = 64 * 2**20
-"""[bytes] of the summary: that of 100 GB in chunks of 768 kB has 30 MB"""
 MAX_QOS_TEXT = 4 * 2**20
 """characters of QoS in all channels of a file"""
-DAMAGE = (
-    McapError,
-    struct.error,
-    zstandard.ZstdError,
-    ValueError,
-    KeyError,
-    IndexError,
-    MemoryError,
-    OverflowError,
-    RuntimeError,  # of lz4; and RecursionError, of message definitions that contain themselves
-    TypeError,
-    AttributeError,
-)
-"""Exceptions with which the mcap library reacts to corrupt data."""
 
 
 class McapFile:
-    """One MCAP file with its index."""
+    """One MCAP file with its index, which is made by reading all of it if the file was not finished."""
 
     def __init__(self, path: Path, limits: BagLimits | None = None) -> None:
         """Open the file and read its index.
 
         Raises:
-            DiffbotError: if it is missing, not an MCAP file, truncated, damaged, or unpacks to more than the limits.
+            DiffbotError: if it is missing, not an MCAP file, damaged, or unpacks to more than the limits.
         """
         self.path = path
+        self.unfinished = ""
+        """What is missing at the end of a file that was not finished; empty for a complete one."""
         self._limits = limits or BagLimits()
-        self._schemas: dict[int, Schema] = {}
-        self._channels: dict[int, Channel] = {}
-        self._chunks: list[ChunkIndex] = []
-        self._attachments: dict[str, AttachmentIndex] = {}
         self._stream = open_regular(path)
         try:
             self._size = os.fstat(self._stream.fileno()).st_size
-            self._check_ends()
+            self._check_magic()
             with self._damage_as_error():
-                self._statistics = self._read_summary()
-                check_chunks(self._chunks, self._size, self._limits)
+                summary = self._summary()
+                check_chunks(summary.chunks, self._size, self._limits)
         except DiffbotError:
             self._stream.close()
             raise
+        self._schemas, self._channels = summary.schemas, summary.channels
+        self._chunks, self._statistics = summary.chunks, summary.statistics
+        self._attachments = summary.attachments
 
-    def _check_ends(self) -> None:
+    def _check_magic(self) -> None:
         if self._size == 0:
             raise DiffbotError(f"{self.path} is an empty file")
         if self._stream.read(len(MAGIC)) != MAGIC:
             raise DiffbotError(f"{self.path} is not an MCAP file")
+
+    def _summary(self) -> McapSummary:
         self._stream.seek(max(self._size - len(MAGIC), len(MAGIC)))
-        if self._stream.read() != MAGIC:
-            raise DiffbotError(f"{self.path} is truncated: its recording was cut off")
-        self._stream.seek(0)
+        if self._stream.read() == MAGIC:
+            try:
+                return read_summary(self._stream, self._size)
+            except NoIndexError:
+                pass
+        summary, unread = scan_unfinished(self._stream, self._size, self._limits)
+        self.unfinished = "no index" + (f", and the last {unread} bytes are an incomplete record" if unread else "")
+        return summary
 
     @contextlib.contextmanager
     def _damage_as_error(self) -> Iterator[None]:
@@ -106,46 +89,7 @@ class McapFile:
             raise DiffbotError(f"cannot read {shown(self.path)}: {error.strerror}") from error
 
     def _damaged(self, what: str) -> DiffbotError:
-        return DiffbotError(f"{self.path} is damaged ({what})")
-
-    def _read_summary(self) -> Statistics:
-        """Read and verify the summary: schemas, channels and chunks; return the statistics."""
-        end = self._size - len(MAGIC) - FOOTER.size
-        self._stream.seek(max(end, 0))
-        opcode, length, start, _, checksum = FOOTER.unpack(self._stream.read(FOOTER.size))
-        if opcode != Opcode.FOOTER or length != FOOTER.size - RECORD_PREFIX:
-            raise McapError("no footer")
-        if start == 0:
-            raise DiffbotError("has no index")
-        if not len(MAGIC) <= start <= end:
-            raise McapError("an index beyond the file")
-        if end - start > MAX_INDEX:
-            raise DiffbotError(f"its index has {end - start} bytes: must be <= {MAX_INDEX}")
-        self._stream.seek(start)
-        summary = self._stream.read()
-        if checksum and checksum != zlib.crc32(summary[: -len(MAGIC) - CRC.size]):
-            raise McapError("checksum of the index")
-        statistics = None
-        # Chunks have no place in a summary: they are not unpacked here.
-        for record in StreamReader(io.BytesIO(summary), skip_magic=True, emit_chunks=True).records:
-            if isinstance(record, Statistics):
-                statistics = record
-            else:
-                self._note(record)
-        if statistics is None:
-            raise DiffbotError("has no index")
-        return statistics
-
-    def _note(self, record: object) -> None:
-        """Keep a record of the summary that is of use."""
-        if isinstance(record, Schema):
-            self._schemas[record.id] = record
-        elif isinstance(record, Channel):
-            self._channels[record.id] = record
-        elif isinstance(record, ChunkIndex):
-            self._chunks.append(record)
-        elif isinstance(record, AttachmentIndex):
-            self._attachments[record.name] = record
+        return DiffbotError(f"{self.path} is damaged ({what}): `diffbot bag repair` saves what is intact")
 
     def close(self) -> None:
         """Close the file."""
@@ -266,10 +210,13 @@ class McapFile:
             return []
         if self._size > self._limits.max_unpacked_size:
             raise DiffbotError(f"{self._size} bytes without chunks: must be <= {self._limits.max_unpacked_size}")
-        self._stream.seek(0)
-        records = list(StreamReader(self._stream, emit_chunks=True, record_size_limit=self._size).records)
-        if any(isinstance(record, Chunk) for record in records):
-            raise McapError("chunks that the index does not name")
-        messages = [record for record in records if isinstance(record, Message)]
+        if self.unfinished:
+            messages = list(scan_messages(self._stream, self._size, self._limits))
+        else:
+            self._stream.seek(0)
+            records = list(StreamReader(self._stream, emit_chunks=True, record_size_limit=self._size).records)
+            if any(isinstance(record, Chunk) for record in records):
+                raise McapError("chunks that the index does not name")
+            messages = [record for record in records if isinstance(record, Message)]
         messages.sort(key=lambda message: message.log_time)
         return messages[::-1] if reverse else messages

@@ -62,6 +62,11 @@ class MergedBags:
                 )
         return merged
 
+    @property
+    def warnings(self) -> list[str]:
+        """What is to be said of bags that were not finished."""
+        return [reader.warning for reader in self._readers if reader.warning]
+
     def __str__(self) -> str:
         """Return the paths, separated by blanks."""
         return " ".join(map(str, self.paths))

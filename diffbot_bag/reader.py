@@ -17,7 +17,8 @@ from diffbot_bag.attachments import PARAMETERS, Parameters, load_parameters
 from diffbot_bag.chunks import BagLimits
 from diffbot_bag.encoding import decode_numbers_message
 from diffbot_bag.foreign_files import inside, shown
-from diffbot_bag.mcap_file import DAMAGE, McapFile
+from diffbot_bag.mcap_file import McapFile
+from diffbot_bag.mcap_format import DAMAGE
 from diffbot_bag.metadata import BagMetadata, Topic
 from diffbot_core.errors import DiffbotError
 
@@ -56,14 +57,14 @@ class BagReader:
             limits: how much each file may unpack to; default: those of BagLimits.
 
         Raises:
-            DiffbotError: if it is missing, not a rosbag2 MCAP bag, truncated, empty, or beyond the limits.
+            DiffbotError: if it is missing, not a rosbag2 MCAP bag, damaged, empty, or beyond the limits.
         """
         self.path = path.expanduser()
         self.metadata: BagMetadata | None = None
         self._files: list[McapFile] = []
         try:
-            for file in self._file_paths():
-                self._files.append(McapFile(file, limits))
+            for path_of_file in self._file_paths():
+                self._files.append(McapFile(path_of_file, limits))
         except DiffbotError:
             self.close()
             raise
@@ -104,6 +105,16 @@ class BagReader:
         """Close the files."""
         for file in self._files:
             file.close()
+
+    @property
+    def warning(self) -> str:
+        """One line about a bag that was not finished, and is read up to there; empty for a complete one."""
+        found = [f"{file.path.name} has {file.unfinished}" for file in self._files if file.unfinished]
+        if self.path.is_dir() and self.metadata is None:
+            found.append(f"{metadata.FILE_NAME} is missing")
+        if not found:
+            return ""
+        return shown(f"{self.path} is unfinished: {'; '.join(found)} (`diffbot bag repair` writes a complete one)")
 
     @property
     def topics(self) -> dict[str, Topic]:

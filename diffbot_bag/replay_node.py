@@ -76,7 +76,10 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
         if not config.uri:
             raise InvalidValueError("uri", "", "the folder of a bag or an MCAP file")
         limits = BagLimits(config.max_compression_ratio, config.max_unpacked_size)
-        return MergedBags([Path(path) for path in (config.uri, *config.bags)], limits)
+        bags = MergedBags([Path(path) for path in (config.uri, *config.bags)], limits)
+        for warning in bags.warnings:
+            self.get_logger().warning(warning)
+        return bags
 
     def _selected_topics(self) -> dict[str, Topic]:
         config, namespace = self.config, self.get_namespace()

@@ -17,6 +17,7 @@ from diffbot_control.ros.message_fields import stamp_ns
 from diffbot_core.errors import BadMessageError, DiffbotError, InvalidValueError
 from diffbot_core.files import write_text
 from diffbot_core.units import S_PER_NS
+from diffbot_lab.bag.unfinished_bags import print_warning
 from diffbot_lab.calibration.calibrate import Calibration, Judged, calibrate
 from diffbot_lab.calibration.events import Array, EventReader, Events
 from diffbot_lab.calibration.latency import Latency, latency_of
@@ -70,6 +71,7 @@ def read_drive(bag: Path, config: EkfNodeConfig, until: float, remap: dict[str, 
         DiffbotError: if the bag cannot be read or has too little in it.
     """
     with BagReader(bag) as reader:
+        print_warning(reader)
         collected = EventReader(config, topics_of(reader, config, remap))
         topics = (*collected.topics, COMMANDS) if COMMANDS in reader.topics else collected.topics
         total = sum(reader.topics[topic].message_count for topic in topics)

@@ -15,6 +15,7 @@ from diffbot_control.ros.ekf_parameters import EkfNodeConfig
 from diffbot_control.ros.frames import robot_frame
 from diffbot_core.errors import DiffbotError
 from diffbot_core.units import S_PER_NS
+from diffbot_lab.bag.unfinished_bags import print_warning
 from diffbot_lab.refilter.comparison import (
     consistency_of,
     describe_consistency,
@@ -48,6 +49,7 @@ def run(bag: Path, params: Path | None, out: Path, compare: str | None, remap: d
         raise DiffbotError(f"{out} exists already: choose another name for the bag")
     config, text = read_config(_parameter_file(bag) if params is None else params)
     with BagReader(bag) as reader:
+        print_warning(reader)
         truth = None if compare is None else read_truth(reader, compare)
         with new_bag(out) as writer:
             (writer.folder / PARAMETERS).write_text(text, encoding="utf-8")

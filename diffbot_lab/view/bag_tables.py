@@ -13,6 +13,7 @@ from tqdm import tqdm
 
 from diffbot_bag.cdr import HEADER, LAYOUTS, CdrError, Layout, NumberRows, labelled_layout, labels_of
 from diffbot_bag.reader import BagReader
+from diffbot_lab.bag.unfinished_bags import print_warning
 from diffbot_lab.view.landmarks import CloudRows, Measured
 from diffbot_lab.view.plans import Plan, PlanRows
 from diffbot_lab.view.robot_topics import (
@@ -193,6 +194,7 @@ def read_tables(path: Path) -> BagTables:
         DiffbotError: if it is no bag, or is damaged.
     """
     with BagReader(path) as reader:
+        print_warning(reader)
         types = {topic.name: topic.type for topic in reader.topics.values()}
         robots = robots_in(types)
         collectors: dict[str, list[Any]] = {name: [_Times(name, kind)] for name, kind in types.items()}

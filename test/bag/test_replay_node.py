@@ -10,6 +10,8 @@ import graph
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Twist
+from mcap.records import Message
+from mcap.stream_reader import StreamReader
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message, serialize_message
 from rosgraph_msgs.msg import Clock
@@ -306,15 +308,32 @@ def test_a_type_that_is_not_installed_is_said_and_the_rest_played(peer, tmp_path
         assert "can be published" in running.output
 
 
+def test_an_unfinished_bag_is_played_up_to_its_end_with_one_warning(bag, peer, tmp_path):
+    whole = (bag / "run_0.mcap").read_bytes()
+    path = tmp_path / "cut.mcap"
+    path.write_bytes(whole[: len(whole) * 2 // 3])
+    collected = Received(peer, ("/a", Twist, DEEP))
+    output = play(peer, path, {"topics": ["/a"], "rate": 2.0})
+    (warning,) = [line for line in output.splitlines() if "WARN" in line]
+    assert "cut.mcap is unfinished: cut.mcap has no index, and the last" in warning
+    found = collected.of("/a")
+    assert found == [twist(index) for index in range(len(found))]
+    with path.open("rb") as stream, contextlib.suppress(Exception):
+        expected = 0
+        for record in StreamReader(stream).records:
+            expected += isinstance(record, Message) and record.channel_id == 1
+    assert len(found) == expected > 30
+
+
 def test_every_wrong_bag_is_one_line_and_status_one(bag, tmp_path):
     whole = (bag / "run_0.mcap").read_bytes()
-    (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) // 2])
+    (tmp_path / "flipped.mcap").write_bytes(whole[:1000] + bytes(50) + whole[1050:-100])
     (tmp_path / "foreign.mcap").write_bytes(bytes(range(256)) * 20)
     (tmp_path / "empty").mkdir()
     BagWriter(tmp_path / "silent").close()
     cases = {
         "none": "no such file or folder",
-        "cut.mcap": "truncated",
+        "flipped.mcap": "`diffbot bag repair` saves what is intact",
         "foreign.mcap": "is not an MCAP file",
         "empty": "neither metadata.yaml nor an MCAP file",
         "silent": "has no message to play",

@@ -1,0 +1,97 @@
+"""Constants of the MCAP format, its summary, and the exceptions of corrupt data."""
+
+from __future__ import annotations
+
+import io
+import struct
+import zlib
+from typing import BinaryIO, NamedTuple
+
+import zstandard
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import AttachmentIndex, Channel, ChunkIndex, Schema, Statistics
+from mcap.stream_reader import StreamReader
+
+from diffbot_core.errors import DiffbotError
+
+MAGIC = b"\x89MCAP0\r\n"
+CRC = struct.Struct("<I")
+RECORD = struct.Struct("<BQ")
+"""opcode and length of a record"""
+FOOTER = struct.Struct("<BQQQI")
+"""opcode, length, offsets of the summary and of its index, checksum; MAGIC follows and ends the file"""
+MAX_INDEX = 64 * 2**20
+"""[bytes] of the summary: that of 100 GB in chunks of 768 kB has 30 MB"""
+DAMAGE = (
+    McapError,
+    struct.error,
+    zstandard.ZstdError,
+    ValueError,
+    KeyError,
+    IndexError,
+    MemoryError,
+    OverflowError,
+    RuntimeError,  # of lz4; and RecursionError, of message definitions that contain themselves
+    TypeError,
+    AttributeError,
+)
+"""Exceptions with which the mcap library reacts to corrupt data."""
+
+
+class NoIndexError(DiffbotError):
+    """The file was finished without an index."""
+
+
+class McapSummary(NamedTuple):
+    """What a file says of itself at its end."""
+
+    start: int
+    """Offset in the file."""
+    schemas: dict[int, Schema]
+    channels: dict[int, Channel]
+    chunks: list[ChunkIndex]
+    statistics: Statistics
+    attachments: dict[str, AttachmentIndex]
+    """By name; of equal names the last."""
+
+
+def read_summary(stream: BinaryIO, size: int) -> McapSummary:
+    """Read and verify the summary of a file of ``size`` bytes.
+
+    Raises:
+        NoIndexError: if there is none.
+        DiffbotError: if it is larger than MAX_INDEX.
+        McapError, ValueError, struct.error, ...: DAMAGE, if it is not what the format says.
+    """
+    end = size - len(MAGIC) - FOOTER.size
+    stream.seek(max(end, 0))
+    opcode, length, start, _, checksum = FOOTER.unpack(stream.read(FOOTER.size))
+    if opcode != Opcode.FOOTER or length != FOOTER.size - RECORD.size or stream.read() != MAGIC:
+        raise McapError("no footer")
+    if start == 0:
+        raise NoIndexError("has no index")
+    if not len(MAGIC) <= start <= end:
+        raise McapError("an index beyond the file")
+    if end - start > MAX_INDEX:
+        raise DiffbotError(f"its index has {end - start} bytes: must be <= {MAX_INDEX}")
+    stream.seek(start)
+    content = stream.read()
+    if checksum and checksum != zlib.crc32(content[: -len(MAGIC) - CRC.size]):
+        raise McapError("checksum of the index")
+    schemas, channels, chunks, attachments, statistics = {}, {}, [], {}, None
+    # Chunks have no place in a summary: they are not unpacked here.
+    for record in StreamReader(io.BytesIO(content), skip_magic=True, emit_chunks=True).records:
+        if isinstance(record, Statistics):
+            statistics = record
+        elif isinstance(record, Schema):
+            schemas[record.id] = record
+        elif isinstance(record, Channel):
+            channels[record.id] = record
+        elif isinstance(record, ChunkIndex):
+            chunks.append(record)
+        elif isinstance(record, AttachmentIndex):
+            attachments[record.name] = record
+    if statistics is None:
+        raise NoIndexError("has no index")
+    return McapSummary(start, schemas, channels, chunks, statistics, attachments)

@@ -1,0 +1,67 @@
+"""What can still be unpacked of a chunk that is damaged or incomplete."""
+
+from __future__ import annotations
+
+import io
+import struct
+from typing import BinaryIO, NamedTuple
+
+import lz4.frame  # type: ignore[import-untyped, unused-ignore]
+import zstandard
+
+from diffbot_bag.chunks import BagLimits, ChunkIndexes, index_messages
+from diffbot_bag.mcap_format import DAMAGE
+
+_HEAD = struct.Struct("<9xQQQII")
+"""Of the record of a chunk: first and last log time, unpacked size, checksum, length of the compression's name."""
+_STEP = 64 * 1024
+"""[bytes] unpacked at once: what precedes the damage is kept"""
+
+
+class LooseChunk(NamedTuple):
+    """The beginning of a chunk, not verified."""
+
+    start: int
+    """[ns] first log time, as its head says."""
+    end: int
+    data: bytes
+    indexes: ChunkIndexes
+
+
+def read_loosely(stream: BinaryIO, offset: int, end: int, limits: BagLimits) -> LooseChunk | None:
+    """Read the record of a chunk between two offsets of a file; None if not even its head is complete."""
+    if end - offset > limits.max_unpacked_size:
+        return None
+    stream.seek(offset)
+    record = stream.read(end - offset)
+    try:
+        start, last, size, _, length = _HEAD.unpack_from(record)
+    except struct.error:
+        return None
+    name = record[_HEAD.size : _HEAD.size + length] if length <= 4 else b"?"
+    packed = record[_HEAD.size + len(name) + 8 :]
+    data = _unpacked(name, packed, min(size, limits.max_unpacked_size))
+    try:
+        indexes = index_messages(data, is_cut=True)
+    except DAMAGE:
+        indexes = ChunkIndexes({}, [])
+    return LooseChunk(start, last, data, indexes)
+
+
+def _unpacked(compression: bytes, packed: bytes, size: int) -> bytes:
+    """Return at most ``size`` bytes, up to where the data end or are damaged."""
+    if compression == b"":
+        return packed[:size]
+    if compression not in (b"zstd", b"lz4"):
+        return b""
+    source = io.BytesIO(packed)
+    found = bytearray()
+    try:
+        stream = (
+            zstandard.ZstdDecompressor().stream_reader(source) if compression == b"zstd" else lz4.frame.open(source)
+        )
+        while len(found) < size and (block := stream.read(min(_STEP, size - len(found)))):
+            found += block
+    except (*DAMAGE, EOFError, OSError):
+        pass
+    return bytes(found)

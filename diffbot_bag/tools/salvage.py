@@ -1,0 +1,225 @@
+"""Copy what is intact of one MCAP file, whatever state it is in, to a complete file."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable
+from collections.abc import Set as AbstractSet
+from typing import BinaryIO, NamedTuple
+
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Header, Metadata
+
+from diffbot_bag.bounded_yaml import load_yaml
+from diffbot_bag.chunks import BagLimits
+from diffbot_bag.mcap_format import DAMAGE, MAGIC, McapSummary, read_summary
+from diffbot_bag.metadata import Topic
+from diffbot_bag.qos import load_profiles
+from diffbot_bag.record_scan import ChunkPiece, Gap, Piece, RecordScan
+from diffbot_bag.tools.attachments import verified_attachment
+from diffbot_bag.tools.definitions import QOS_KEY, Definitions, definitions_in
+from diffbot_bag.tools.indexed_copy import IndexedCopy
+from diffbot_bag.tools.loose_chunk import LooseChunk, read_loosely
+from diffbot_bag.tools.loss import UNKNOWN, Loss, LossCounter, Span
+from diffbot_core.errors import DiffbotError
+
+ROSBAG2 = "rosbag2"
+"""Name of the metadata record with what metadata.yaml holds."""
+
+Described = tuple[AbstractSet[int], AbstractSet[int]]
+"""Numbers of schemas and of channels."""
+NOTHING: Described = (frozenset(), frozenset())
+
+
+class Salvaged(NamedTuple):
+    """What was saved of a file; times in [ns]."""
+
+    topics: list[Topic]
+    start: int
+    end: int
+    message_count: int
+    custom_data: dict[str, str]
+    """Of the file's own metadata record."""
+    ros_distro: str
+    loss: Loss
+
+
+class Salvage:
+    """Copies one file."""
+
+    def __init__(self, source: BinaryIO, size: int, target: BinaryIO, limits: BagLimits) -> None:
+        """Read what the source of ``size`` [bytes] says of itself at its beginning and its end.
+
+        Raises:
+            DiffbotError: if it is not an MCAP file.
+            OSError: as all methods, if a file cannot be read or written.
+        """
+        self._source, self._limits = source, limits
+        self._size = size
+        self._summary = self._read_summary()
+        end = None if self._summary is None else self._summary.start
+        self._scan = RecordScan(source, size, limits, end)
+        self._loss = LossCounter(self._summary)
+        summary = self._summary
+        records = [] if summary is None else [*summary.schemas.values(), *summary.channels.values()]
+        self._definitions = Definitions(records, self._look_ahead)
+        self._copy = IndexedCopy(target, self._header())
+        self._at = len(MAGIC)
+        self._unverified = 0
+        self._custom_data: dict[str, str] = {}
+        self._ros_distro = ""
+
+    def _read_summary(self) -> McapSummary | None:
+        try:
+            return read_summary(self._source, self._size)
+        except (*DAMAGE, DiffbotError):
+            return None
+
+    def _header(self) -> Header:
+        first = next(self._scan.pieces(), None)
+        self._source.seek(0)
+        if self._source.read(len(MAGIC)) != MAGIC and (first is None or isinstance(first, Gap)):
+            raise DiffbotError("is not an MCAP file")
+        if isinstance(first, Piece) and first.opcode == Opcode.HEADER:
+            header: Header = first.record()
+            return header
+        return Header("ros2", "diffbot")
+
+    def _look_ahead(self) -> list[Piece | ChunkPiece | Gap]:
+        found = RecordScan(self._source, self._size, self._limits).pieces(self._at)
+        return [piece for piece in found if definitions_in(piece)]
+
+    def run(self, progress: Callable[[int], None]) -> Salvaged:
+        """Copy the file, but for its end; ``progress`` is called with [bytes] read.
+
+        Raises:
+            DiffbotError: if the file unpacks to more than the limits allow.
+        """
+        is_cut = self._summary is None
+        for piece in self._scan.pieces():
+            if isinstance(piece, Gap):
+                self._take_gap(piece)
+            else:
+                try:
+                    self._save(piece)
+                except DAMAGE as error:
+                    opcode = Opcode.CHUNK if isinstance(piece, ChunkPiece) else piece.opcode
+                    self._loss.gap(Gap(piece.offset, piece.end, str(error), opcode))
+            progress(piece.end - self._at)
+            self._at = piece.end
+        if self._summary is not None:
+            for number in self._summary.channels:
+                self._copy.define(*self._definitions.channel(number))
+        self._copy.flush()
+        progress(self._size - self._at)
+        loss = self._loss.loss(self._copy.counts, self._topic_name, is_cut=is_cut, unverified=self._unverified)
+        return Salvaged(
+            topics=self._topics(),
+            start=self._copy.start,
+            end=self._copy.end,
+            message_count=self._copy.counts.total(),
+            custom_data=self._custom_data,
+            ros_distro=self._ros_distro,
+            loss=loss._replace(
+                doubtful=tuple(sorted(self._definitions.doubtful)),
+                without_qos=tuple(sorted(self._definitions.without_qos)),
+                unknown=tuple(sorted(self._definitions.unknown)),
+            ),
+        )
+
+    def finish(self, serialized_metadata: str) -> None:
+        """Write the record with the text of metadata.yaml, the index and the end of the new file."""
+        self._copy.add_metadata(Metadata(ROSBAG2, {"serialized_metadata": serialized_metadata}))
+        self._copy.finish()
+
+    def _save(self, piece: Piece | ChunkPiece) -> None:
+        described = self._definitions.take(definitions_in(piece))
+        if isinstance(piece, ChunkPiece):
+            entries = piece.indexes.entries
+            for number in sorted(described[1] | entries.keys()):
+                self._define(number, described if entries else NOTHING)
+            if entries:
+                self._copy.add_chunk(piece.chunk, entries)
+                self._loss.saved_chunk(piece.offset, piece.chunk.message_start_time, piece.chunk.message_end_time)
+        elif piece.opcode == Opcode.MESSAGE:
+            message = piece.record()
+            self._define(message.channel_id)
+            self._copy.add_message(message.channel_id, message.log_time, piece.content)
+            self._loss.saved_message(message.log_time)
+        elif piece.opcode == Opcode.CHANNEL:
+            for number in described[1]:
+                self._define(number)
+        elif piece.opcode == Opcode.MESSAGE_INDEX:
+            self._loss.message_index(piece)
+        elif piece.opcode == Opcode.METADATA:
+            self._save_metadata(piece.record())
+        elif piece.opcode == Opcode.ATTACHMENT:
+            index = verified_attachment(self._source, piece.offset, piece.end)
+            self._source.seek(piece.offset)
+            self._copy.add_attachment(self._source, piece.end - piece.offset, index)
+
+    def _define(self, number: int, in_chunk: Described = NOTHING) -> None:
+        """Describe a channel; ``in_chunk``: numbers of the schemas and channels that the next chunk describes."""
+        schema, channel = self._definitions.channel(number)
+        schemas, channels = in_chunk
+        has_schema = schema is None or schema.id in schemas or schema.id in self._copy.schemas
+        self._copy.define(schema, channel, in_chunk=has_schema and number in channels)
+
+    def _save_metadata(self, record: Metadata) -> None:
+        if record.name != ROSBAG2:
+            self._copy.add_metadata(record)
+            return
+        try:
+            content = load_yaml(record.metadata.get("serialized_metadata", ""), ROSBAG2) or {}
+            custom = content.get("custom_data") or {}
+            self._custom_data |= {str(name): str(value) for name, value in custom.items()}
+            self._ros_distro = str(content.get("ros_distro") or self._ros_distro)
+        except (DiffbotError, AttributeError):
+            raise McapError("a metadata record that is not that of rosbag2") from None
+
+    def _take_gap(self, gap: Gap) -> None:
+        head = UNKNOWN
+        if gap.opcode == Opcode.CHUNK and (loose := read_loosely(self._source, gap.offset, gap.end, self._limits)):
+            head = Span(loose.start, loose.end)
+            if gap.is_cut:
+                self._save_cut(loose)
+                head = Span(self._loss.last or loose.start, loose.end)
+            else:
+                self._definitions.take_doubtful(loose.indexes.definitions)
+        self._loss.gap(gap, head)
+
+    def _save_cut(self, loose: LooseChunk) -> None:
+        """Save the complete messages at the beginning of the chunk within which the file ends."""
+        with contextlib.suppress(*DAMAGE):
+            self._definitions.take(loose.indexes.definitions)
+        found = [
+            (at, channel, time)
+            for channel, entries in loose.indexes.entries.items()
+            for time, at in zip(entries[::2], entries[1::2], strict=True)
+            if loose.start <= time <= loose.end
+        ]
+        for at, channel, time in sorted(found):
+            length = int.from_bytes(loose.data[at + 1 : at + 9], "little")
+            self._define(channel)
+            self._copy.add_message(channel, time, loose.data[at + 9 : at + 9 + length])
+            self._loss.saved_message(time)
+        self._unverified = len(found)
+
+    def _topic_name(self, number: int) -> str:
+        return self._definitions.channel(number)[1].topic
+
+    def _topics(self) -> list[Topic]:
+        found = []
+        for number, channel in self._copy.channels.items():
+            schema = self._copy.schemas.get(channel.schema_id)
+            found.append(
+                Topic(
+                    name=channel.topic,
+                    type=schema.name if schema else "",
+                    type_hash=channel.metadata.get("topic_type_hash", ""),
+                    qos=load_profiles(channel.metadata.get(QOS_KEY, "")),
+                    message_count=self._copy.counts[number],
+                )
+            )
+        return found
