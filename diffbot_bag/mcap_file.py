@@ -16,7 +16,16 @@ from typing import Any
 import zstandard
 from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, ChunkIndex, Message, Schema, Statistics
+from mcap.records import (
+    AttachmentIndex,
+    Channel,
+    Chunk,
+    ChunkIndex,
+    Message,
+    MetadataIndex,
+    Schema,
+    Statistics,
+)
 from mcap.stream_reader import StreamReader
 
 from diffbot_bag.chunks import BagLimits, check_chunks, read_chunk, read_rows
@@ -51,6 +60,14 @@ DAMAGE = (
 """Exceptions with which the mcap library reacts to corrupt data."""
 
 
+class DamagedFileError(DiffbotError):
+    """A file that is cut off or damaged; what can be read of it can be saved."""
+
+
+def _damaged(path: Path, what: str) -> DamagedFileError:
+    return DamagedFileError(f"{shown(path)} {what}: `diffbot bag repair` saves what can be read")
+
+
 class McapFile:
     """One MCAP file with its index."""
 
@@ -65,6 +82,7 @@ class McapFile:
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._chunks: list[ChunkIndex] = []
+        self._attached: list[AttachmentIndex | MetadataIndex] = []
         self._stream = open_regular(path)
         try:
             self._size = os.fstat(self._stream.fileno()).st_size
@@ -83,7 +101,7 @@ class McapFile:
             raise DiffbotError(f"{self.path} is not an MCAP file")
         self._stream.seek(max(self._size - len(MAGIC), len(MAGIC)))
         if self._stream.read() != MAGIC:
-            raise DiffbotError(f"{self.path} is truncated: its recording was cut off")
+            raise _damaged(self.path, "is truncated (its recording was cut off)")
         self._stream.seek(0)
 
     @contextlib.contextmanager
@@ -91,30 +109,29 @@ class McapFile:
         try:
             yield
         except EndOfFile as error:
-            raise self._damaged("a record without an end") from error
+            raise _damaged(self.path, "is damaged (a record without an end)") from error
+        except DamagedFileError:
+            raise
         except DiffbotError as error:
             raise DiffbotError(f"{shown(self.path)}: {error}") from error
         except McapError as error:
-            raise self._damaged(shown(error)) from error
+            raise _damaged(self.path, f"is damaged ({shown(error)})") from error
         except DAMAGE as error:
-            raise self._damaged(type(error).__name__) from error
+            raise _damaged(self.path, f"is damaged ({type(error).__name__})") from error
         except OSError as error:
             if error.errno == errno.EINVAL:
-                raise self._damaged("an offset beyond the file") from error
+                raise _damaged(self.path, "is damaged (an offset beyond the file)") from error
             raise DiffbotError(f"cannot read {shown(self.path)}: {error.strerror}") from error
 
-    def _damaged(self, what: str) -> DiffbotError:
-        return DiffbotError(f"{self.path} is damaged ({what})")
-
-    def _read_summary(self) -> Statistics:
-        """Read and verify the summary: schemas, channels and chunks; return the statistics."""
+    def _verified_summary(self) -> bytes:
+        """Return the summary and all that follows it."""
         end = self._size - len(MAGIC) - FOOTER.size
         self._stream.seek(max(end, 0))
         opcode, length, start, _, checksum = FOOTER.unpack(self._stream.read(FOOTER.size))
         if opcode != Opcode.FOOTER or length != FOOTER.size - RECORD_PREFIX:
             raise McapError("no footer")
         if start == 0:
-            raise DiffbotError("has no index")
+            raise _damaged(self.path, "has no index")
         if not len(MAGIC) <= start <= end:
             raise McapError("an index beyond the file")
         if end - start > MAX_INDEX:
@@ -123,7 +140,11 @@ class McapFile:
         summary = self._stream.read()
         if checksum and checksum != zlib.crc32(summary[: -len(MAGIC) - CRC.size]):
             raise McapError("checksum of the index")
-        statistics = None
+        return summary
+
+    def _read_summary(self) -> Statistics:
+        """Read the summary: schemas, channels and chunks; return the statistics."""
+        summary, statistics = self._verified_summary(), None
         # Chunks have no place in a summary: they are not unpacked here.
         for record in StreamReader(io.BytesIO(summary), skip_magic=True, emit_chunks=True).records:
             if isinstance(record, Statistics):
@@ -134,8 +155,10 @@ class McapFile:
                 self._channels[record.id] = record
             elif isinstance(record, ChunkIndex):
                 self._chunks.append(record)
+            elif isinstance(record, (AttachmentIndex, MetadataIndex)):
+                self._attached.append(record)
         if statistics is None:
-            raise DiffbotError("has no index")
+            raise _damaged(self.path, "has no index")
         return statistics
 
     def close(self) -> None:

@@ -32,6 +32,16 @@ class Topic(NamedTuple):
     message_count: int = 0
 
 
+class BagFile(NamedTuple):
+    """One file of a bag of several; times in [ns]."""
+
+    name: str
+    """relative to the folder"""
+    start: int
+    duration: int
+    message_count: int
+
+
 class BagMetadata(NamedTuple):
     """Contents of metadata.yaml; times in [ns]."""
 
@@ -43,16 +53,18 @@ class BagMetadata(NamedTuple):
     topics: tuple[Topic, ...] = ()
     custom_data: Mapping[str, str] = {}
     ros_distro: str = "jazzy"
+    parts: tuple[BagFile, ...] = ()
+    """Each of several files; empty: ``files`` has one, which holds everything. Written, not read."""
 
 
 def to_yaml(bag: BagMetadata, *, root: bool = True) -> str:
     """Return the YAML text; without ``root`` only the inner map, as the MCAP record ``rosbag2`` holds it."""
-    starting_time = {"nanoseconds_since_epoch": bag.start}
+    parts = bag.parts or tuple(BagFile(name, bag.start, bag.duration, bag.message_count) for name in bag.files)
     inner: dict[str, Any] = {
         "version": VERSION,
         "storage_identifier": "mcap",
         "duration": {"nanoseconds": bag.duration},
-        "starting_time": starting_time,
+        "starting_time": {"nanoseconds_since_epoch": bag.start},
         "message_count": bag.message_count,
         "topics_with_message_count": [_topic_to_plain(topic) for topic in bag.topics],
         # These two describe rosbag2's compression of whole files or messages, not that of MCAP's chunks.
@@ -61,12 +73,12 @@ def to_yaml(bag: BagMetadata, *, root: bool = True) -> str:
         "relative_file_paths": list(bag.files),
         "files": [
             {
-                "path": name,
-                "starting_time": dict(starting_time),
-                "duration": {"nanoseconds": bag.duration},
-                "message_count": bag.message_count,
+                "path": part.name,
+                "starting_time": {"nanoseconds_since_epoch": part.start},
+                "duration": {"nanoseconds": part.duration},
+                "message_count": part.message_count,
             }
-            for name in bag.files
+            for part in parts
         ],
         "custom_data": dict(bag.custom_data) or None,
         "ros_distro": bag.ros_distro,

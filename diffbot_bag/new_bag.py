@@ -13,10 +13,10 @@ from diffbot_bag.writer import BagWriteError, BagWriter
 
 
 @contextmanager
-def new_bag(folder: Path, definitions: MessageDefinitions | None = None) -> Iterator[BagWriter]:
-    """Yield the writer of a bag that appears at ``folder`` when the ``with`` block ends; after a failure, nothing does.
+def new_bag_folder(folder: Path) -> Iterator[Path]:
+    """Yield a temporary path; the folder made there appears at ``folder`` when the ``with`` block ends.
 
-    Other files of the bag belong into the writer's ``folder``.
+    After a failure nothing appears. The temporary folder has the bag's name, as the names of files contain it.
 
     Raises:
         BagWriteError: if ``folder`` exists already or cannot be written.
@@ -26,14 +26,26 @@ def new_bag(folder: Path, definitions: MessageDefinitions | None = None) -> Iter
         raise BagWriteError(f"{folder} exists already: choose another name for the bag")
     part = folder.with_name(f".{folder.name}.{os.getpid()}.part")
     try:
-        # The file's name contains the bag's, so the bag has its own name in a temporary folder.
-        writer = BagWriter(part / folder.name, definitions)
-        try:
-            yield writer
-        finally:
-            writer.close()
-        writer.folder.rename(folder)
+        yield part / folder.name
+        (part / folder.name).rename(folder)
     except OSError as error:
         raise BagWriteError(f"cannot write the bag {folder}: {error.strerror or error}") from error
     finally:
         shutil.rmtree(part, ignore_errors=True)
+
+
+@contextmanager
+def new_bag(folder: Path, definitions: MessageDefinitions | None = None) -> Iterator[BagWriter]:
+    """Yield the writer of a bag that appears at ``folder`` when the ``with`` block ends; after a failure, nothing does.
+
+    Other files of the bag belong into the writer's ``folder``.
+
+    Raises:
+        BagWriteError: if ``folder`` exists already or cannot be written.
+    """
+    with new_bag_folder(folder) as part:
+        writer = BagWriter(part, definitions)
+        try:
+            yield writer
+        finally:
+            writer.close()

@@ -47,6 +47,8 @@ class DecodedMessage(NamedTuple):
 class BagReader:
     """An open bag: a folder of rosbag2 or one MCAP file. Close it, or use it in a ``with`` statement."""
 
+    _file_type: type[McapFile] = McapFile
+
     def __init__(self, path: Path, limits: BagLimits | None = None) -> None:
         """Open the bag and read its index.
 
@@ -62,7 +64,7 @@ class BagReader:
         self._files: list[McapFile] = []
         try:
             for file in self._file_paths():
-                self._files.append(McapFile(file, limits))
+                self._files.append(self._file_type(file, limits))
         except DiffbotError:
             self.close()
             raise
