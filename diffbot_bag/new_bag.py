@@ -12,6 +12,18 @@ from diffbot_bag.message_definitions import MessageDefinitions
 from diffbot_bag.writer import BagWriteError, BagWriter
 
 
+def check_new(folder: Path) -> Path:
+    """Return the absolute path of a bag that does not exist yet.
+
+    Raises:
+        BagWriteError: if it does.
+    """
+    folder = folder.expanduser().absolute()
+    if os.path.lexists(folder):
+        raise BagWriteError(f"{folder} exists already: choose another name for the bag")
+    return folder
+
+
 @contextmanager
 def new_bag_folder(folder: Path) -> Iterator[Path]:
     """Yield a temporary path; the folder made there appears at ``folder`` when the ``with`` block ends.
@@ -21,9 +33,7 @@ def new_bag_folder(folder: Path) -> Iterator[Path]:
     Raises:
         BagWriteError: if ``folder`` exists already or cannot be written.
     """
-    folder = folder.expanduser().absolute()
-    if os.path.lexists(folder):
-        raise BagWriteError(f"{folder} exists already: choose another name for the bag")
+    folder = check_new(folder)
     part = folder.with_name(f".{folder.name}.{os.getpid()}.part")
     try:
         yield part / folder.name

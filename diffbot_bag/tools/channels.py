@@ -77,10 +77,9 @@ def join_channels(files: Sequence[SourceFile], keep: Callable[[str, str], bool])
 
 def _add_member(groups: list[_Group], member: _Member) -> None:
     """Put a channel into the group it can be joined with, or into a new one."""
-    file, channel = member
     for group in groups:
         # A file may have several channels of one topic, even of several types: they stay apart.
-        if any(other is file for other, _ in group):
+        if any(file is member[0] for file, _ in group):
             continue
         _check_same_type(group[0], member)
         if _can_join(group[0], member):

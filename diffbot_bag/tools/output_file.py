@@ -37,6 +37,12 @@ CHUNK_SIZE = 768 * 1024
 """[bytes] of a new chunk before it is packed, as rosbag2's"""
 _PREFIX = struct.Struct("<BQH")
 """Opcode, length and channel of a message."""
+ENVELOPE = _PREFIX.size + ENTRY_SIZE
+"""[bytes] of a message besides the rest that a row holds"""
+_INDEX_SIZE = 100
+"""[bytes] of a chunk in the index of the file, without its channels"""
+_MARGIN = 2000
+"""[bytes] statistics, footer, and the frame of a chunk"""
 
 
 class OutputFile:
@@ -79,10 +85,11 @@ class OutputFile:
 
     @property
     def size(self) -> int:
-        """Size [bytes] that the file would have at most if it ended now; its metadata records excepted."""
-        per_chunk = 96 + 10 * len(self._channels)
-        held = self._held + ENTRY_SIZE * sum(map(len, self._entries.values())) // 2
-        return self._stream.tell() + held + self._head + per_chunk * (len(self._chunks) + 2) + 512
+        """Size [bytes] that the file would have at most if it ended now, without its metadata record."""
+        channels = len(self._channels)
+        index = self._head + len(self._chunks) * (_INDEX_SIZE + 10 * channels)
+        pending = self._held + ENTRY_SIZE * (len(self._parts) // 2) + 25 * channels
+        return self._stream.tell() + index + pending + _MARGIN
 
     def write(self, rows: Iterable[Row]) -> None:
         """Append messages; they may come in any order, but readers are fastest in that of log time.
@@ -100,7 +107,7 @@ class OutputFile:
             held += _PREFIX.size + len(tail)
             if held >= CHUNK_SIZE:
                 self._held = held
-                self._end_chunk()
+                self.flush()
                 held = 0
         self._held = held
 
@@ -110,13 +117,19 @@ class OutputFile:
         Raises:
             OSError: if the disk is full.
         """
-        self._end_chunk()
+        self.flush()
         self._append(chunk)
 
-    def _end_chunk(self) -> None:
+    def flush(self) -> None:
+        """End the chunk in progress, so that what was written is counted.
+
+        Raises:
+            OSError: if the disk is full.
+        """
         if self._parts:
             chunk = pack_chunk(self._parts, self._entries, self._compression)
-            self._parts, self._entries, self._held = [], {}, 0
+            self._parts, self._entries = [], {}
+            self._held = 0
             self._append(chunk)
 
     def _append(self, chunk: WholeChunk) -> None:
@@ -139,7 +152,7 @@ class OutputFile:
         Raises:
             OSError: if the disk is full.
         """
-        self._end_chunk()
+        self.flush()
         self._attached.append(replace(index, offset=self._stream.tell()))
         for block in blocks:
             self._stream.write(block)
@@ -150,7 +163,7 @@ class OutputFile:
         Raises:
             OSError: if the disk is full.
         """
-        self._end_chunk()
+        self.flush()
         record = _records([Metadata(name=name, metadata=content)])
         self._attached.append(MetadataIndex(offset=self._stream.tell(), length=len(record), name=name))
         self._stream.write(record)
@@ -161,7 +174,7 @@ class OutputFile:
         Raises:
             OSError: if the disk is full.
         """
-        self._end_chunk()
+        self.flush()
         self._stream.write(_records([DataEnd(0)]))
         begin, summary, groups = self._stream.tell(), RecordBuilder(), []
         for opcode, records in self._summary():

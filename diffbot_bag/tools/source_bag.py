@@ -6,7 +6,7 @@ import contextlib
 import struct
 from collections.abc import Iterator, Mapping
 from operator import itemgetter
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, BinaryIO
 
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
@@ -17,13 +17,12 @@ from diffbot_bag.bounded_yaml import load_yaml
 from diffbot_bag.chunks import verified_chunk
 from diffbot_bag.mcap_file import McapFile
 from diffbot_bag.reader import BagReader
+from diffbot_bag.tools.span import Span
 from diffbot_bag.tools.whole_chunk import RECORD, WholeChunk, check_chunk, chunk_end
 from diffbot_core.errors import DiffbotError
 
 Row = tuple[int, int, bytes]
 """Log time [ns], channel and the rest of a message: sequence number, both times and data, as MCAP stores them."""
-ALWAYS = 2**64
-"""[ns] later than every log time"""
 MAX_METADATA = 2**20
 """[bytes] of the metadata record that rosbag2 writes into a file"""
 _MESSAGE = struct.Struct("<HIQ")
@@ -32,13 +31,6 @@ _TAIL = struct.Struct("<IQQ")
 """Sequence number, log time, publish time; the data follow."""
 _SHORTEST = 22
 """[bytes] of a message without data"""
-
-
-class Span(NamedTuple):
-    """Log times [ns] from ``start`` to just before ``end``."""
-
-    start: int = 0
-    end: int = ALWAYS
 
 
 class SourceFile(McapFile):
@@ -168,7 +160,16 @@ class SourceBag(BagReader):
     _file_type = SourceFile
     _files: list[SourceFile]  # type: ignore[assignment]
 
+    def __enter__(self) -> SourceBag:
+        """Return the bag itself."""
+        return self
+
     @property
     def files(self) -> list[SourceFile]:
         """Its files, in the order of recording."""
         return self._files
+
+    @property
+    def span(self) -> Span:
+        """Log times of the bag: of its first message, and just after its last."""
+        return Span(self.start, self.end + 1)

@@ -48,8 +48,8 @@ class Piece(NamedTuple):
 class Sink(Protocol):
     """What receives the messages."""
 
-    def takes(self, piece: Piece) -> bool:
-        """Return whether the whole chunk may be given to :meth:`copy`."""
+    def takes(self, chunk: WholeChunk) -> bool:
+        """Return whether the next chunk can be copied whole."""
         ...
 
     def copy(self, piece: Piece, chunk: WholeChunk) -> None:
@@ -127,17 +127,19 @@ def send(
         if waiting and (not heap or waiting[0][:2] < heap[0][:2]):
             piece = waiting.popleft()
             chunk = None
-            if span.start <= piece.start and piece.end < span.end and may_copy(piece) and sink.takes(piece):
-                chunk = piece.file.whole_chunk(piece.place) if piece.place else None
-            if chunk:
+            if piece.place and span.start <= piece.start and piece.end < span.end and may_copy(piece):
+                chunk = piece.file.whole_chunk(piece.place)
+            if chunk and sink.takes(chunk):
                 sink.copy(piece, chunk)
             elif rows := piece.rows(span):
                 heapq.heappush(heap, (rows[0][0], piece.order, 0, rows))
             progress(piece.size)
             continue
         _, order, begin, rows = heapq.heappop(heap)
+        following = [(entry[0], entry[1]) for entry in heap[:1]]
+        following += [(piece.start, piece.order) for piece in islice(waiting, 1)]
         end = len(rows)
-        for time, other in [entry[:2] for entry in (*heap[:1], *islice(waiting, 1))]:
+        for time, other in following:
             cut = bisect_right if order < other else bisect_left
             end = min(end, cut(rows, time, begin, key=itemgetter(0)))
         sink.write(rows[begin:end])

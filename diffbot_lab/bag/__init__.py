@@ -1,0 +1,1 @@
+"""The command ``diffbot bag``: work on recorded bags."""

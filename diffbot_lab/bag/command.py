@@ -1,0 +1,23 @@
+"""Adds ``diffbot bag`` to the command line; each of its verbs has a module of its own."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from diffbot_lab.bag.filter_command import add_filter
+from diffbot_lab.bag.merge_command import add_merge
+from diffbot_lab.bag.split_command import add_split
+from diffbot_lab.bag.trim_command import add_trim
+
+
+def add_bag(commands: Any) -> None:
+    """Add ``diffbot bag`` to the subparsers of the command line."""
+    bag = commands.add_parser("bag", help="work on recorded bags (docs/bags.md)")
+    verbs = bag.add_subparsers(required=True, metavar="VERB")
+    for add in (
+        add_trim,
+        add_filter,
+        add_merge,
+        add_split,
+    ):
+        add(verbs)
