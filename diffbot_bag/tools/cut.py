@@ -185,9 +185,8 @@ def _joined(all_data: Sequence[Mapping[str, str]]) -> dict[str, str]:
 
 
 def _joined_value(name: str, found: Sequence[str]) -> str:
-    if name.split(" ", maxsplit=1)[0] in ("lost", "lost_messages") and all(
-        value.isdecimal() and len(value) <= MAX_DIGITS for value in found
-    ):
+    lost = name == "lost_messages" or name.startswith("lost ")
+    if lost and all(value.isdecimal() and len(value) <= MAX_DIGITS for value in found):
         return str(sum(map(int, found)))
     return ", ".join(dict.fromkeys(found))
 

@@ -13,7 +13,8 @@ from typing import NamedTuple, Protocol
 from mcap.records import ChunkIndex
 
 from diffbot_bag.tools.channels import Channels
-from diffbot_bag.tools.source_bag import Row, SourceFile, Span
+from diffbot_bag.tools.source_bag import Row, SourceFile
+from diffbot_bag.tools.span import Span
 from diffbot_bag.tools.whole_chunk import WholeChunk
 
 Progress = Callable[[int], None]

@@ -41,7 +41,8 @@ def parse_duration(text: str) -> int:
         raise ValueError(f"{text!r}: must be a duration, e.g. 30s or 1.5min ({', '.join(UNITS)})")
     whole, fraction, unit = number.groups()
     factor = UNITS[unit or "s"]
-    return int(whole) * factor + int(fraction or 0) * factor // 10 ** len(fraction or "")
+    scale: int = 10 ** len(fraction or "")
+    return int(whole) * factor + int(fraction or 0) * factor // scale
 
 
 def parse_time(text: str) -> TimeText:

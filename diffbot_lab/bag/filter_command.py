@@ -14,14 +14,12 @@ def add_filter(verbs: Any) -> None:
     select = verbs.add_parser("filter", help="write some topics of a bag")
     add_paths(select)
     select.add_argument("--topics", nargs="+", default=[], metavar="TOPIC", help="to keep")
-    select.add_argument("--regex", default="", help="keep topics whose whole name matches, too")
+    select.add_argument("--regex", default="", help="keep topics that match as a whole, too")
     select.add_argument("--exclude", nargs="+", default=[], metavar="TOPIC", help="to leave out; takes precedence")
     select.add_argument(
         "--exclude-regex", default="", metavar="REGEX", help="leave out topics whose whole name matches"
     )
-    select.add_argument(
-        "--types", nargs="+", default=[], metavar="TYPE", help="keep only these, e.g. nav_msgs/msg/Path"
-    )
+    select.add_argument("--types", nargs="+", default=[], metavar="TYPE", help="keep only these, as nav_msgs/msg/Path")
     select.set_defaults(call=_filter, parser=select)
 
 

@@ -19,9 +19,7 @@ def add_split(verbs: Any) -> None:
     """Add ``diffbot bag split`` to the subparsers of ``diffbot bag``."""
     split = verbs.add_parser("split", help="write a bag in several files, each of which can be used alone")
     add_paths(split)
-    split.add_argument(
-        "--size", type=text_type("size", parse_size), default=0, help="of a file at most, e.g. 500M, 2GiB"
-    )
+    split.add_argument("--size", type=text_type("size", parse_size), default=0, help="of a file at most, e.g. 500M")
     split.add_argument(
         "--duration", type=text_type("duration", _positive), default=0, help="of a file in log time, e.g. 60s, 5min"
     )
@@ -40,7 +38,8 @@ def parse_size(text: str) -> int:
         raise ValueError(f"{text!r}: must be a size, e.g. 500M or 2GiB")
     whole_part, fraction, unit = size.groups()
     factor = UNITS[unit or ""]
-    found = int(whole_part) * factor + int(fraction or 0) * factor // 10 ** len(fraction or "")
+    scale: int = 10 ** len(fraction or "")
+    found = int(whole_part) * factor + int(fraction or 0) * factor // scale
     if found < MIN_SIZE:
         raise ValueError(f"{text!r}: must be >= {MIN_SIZE} bytes")
     return found
