@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from mcap.records import Channel, Schema
+from mcap.well_known import SchemaEncoding
 
 from diffbot_bag.foreign_files import shown
 from diffbot_bag.qos import Qos, dump_profiles, load_profiles
@@ -108,10 +109,23 @@ def _can_join(first: _Member, second: _Member) -> bool:
     """Return whether the messages of both can be decoded with the schema of the first."""
     hashes = [channel.metadata.get(HASH, "") for _, channel in (first, second)]
     schemas = [file.schemas.get(channel.schema_id) for file, channel in (first, second)]
-    same = schemas[0] is schemas[1] or (
-        None not in schemas and (schemas[0].encoding, schemas[0].data) == (schemas[1].encoding, schemas[1].data)  # type: ignore[union-attr]
-    )
-    return first[1].message_encoding == second[1].message_encoding and (same or hashes[0] == hashes[1] != "")
+    same = hashes[0] == hashes[1] != "" or _layout(schemas[0]) == _layout(schemas[1])
+    return first[1].message_encoding == second[1].message_encoding and same
+
+
+def _layout(schema: Schema | None) -> object:
+    """Return what decides how messages are decoded: of a ROS definition, all but comments, blanks and order of types."""
+    if schema is None or schema.encoding != SchemaEncoding.ROS2:
+        return schema and (schema.encoding, schema.data)
+    parts: dict[str, list[str]] = {}
+    lines = parts[""] = []
+    for line in schema.data.decode(errors="replace").splitlines():
+        words = line.partition("#")[0].split()
+        if len(words) == 2 and words[0] == "MSG:":
+            lines = parts[words[1]] = []
+        elif words and line.strip("= "):
+            lines.append(" ".join(words))
+    return parts
 
 
 def _add_channel(joined: Channels, group: _Group) -> int:
@@ -122,7 +136,7 @@ def _add_channel(joined: Channels, group: _Group) -> int:
         schema_number = _add_schema(joined, schema)
     number = first.id if first.id not in joined.channels else _free(joined.channels)
     texts = {channel.metadata.get(QOS, "") for _, channel in group}
-    qos = _united([_profiles(*member) for member in group])
+    qos = united([_profiles(*member) for member in group])
     own = dict(first.metadata)
     for _, channel in group[1:]:
         own = {**channel.metadata, **{name: text for name, text in own.items() if text}}
@@ -158,7 +172,7 @@ def _profiles(file: SourceFile, channel: Channel) -> tuple[Qos, ...]:
         raise DiffbotError(f"{shown(file.path)}: {shown(channel.topic)}: {error}") from error
 
 
-def _united(all_profiles: Sequence[tuple[Qos, ...]]) -> tuple[Qos, ...]:
+def united(all_profiles: Sequence[tuple[Qos, ...]]) -> tuple[Qos, ...]:
     """Return every profile as often as in the file that has it most often: there is one for each publisher."""
     united: Counter[Qos] = Counter()
     for profiles in all_profiles:

@@ -11,7 +11,7 @@ from mcap.records import AttachmentIndex, MetadataIndex
 
 from diffbot_bag import metadata
 from diffbot_bag.metadata import BagFile, BagMetadata, Topic
-from diffbot_bag.tools.channels import HASH, Channels
+from diffbot_bag.tools.channels import HASH, Channels, united
 from diffbot_bag.tools.output_file import OutputFile
 from diffbot_bag.tools.source_bag import Row, SourceFile
 from diffbot_bag.tools.time_order import Piece
@@ -126,17 +126,15 @@ class OutputBag:
         topics: dict[str, Topic] = {}
         for number, channel in self._channels.channels.items():
             schema = self._channels.schemas.get(channel.schema_id)
-            count = sum(file.counts[number] for file in files)
-            known = topics.get(channel.topic)
-            topics[channel.topic] = (
-                known._replace(message_count=known.message_count + count)
-                if known
-                else Topic(
-                    name=channel.topic,
-                    type=schema.name if schema else "",
-                    type_hash=channel.metadata.get(HASH, ""),
-                    qos=self._channels.qos[number],
-                    message_count=count,
-                )
+            topic = Topic(
+                name=channel.topic,
+                type=schema.name if schema else "",
+                type_hash=channel.metadata.get(HASH, ""),
+                qos=self._channels.qos[number],
+                message_count=sum(file.counts[number] for file in files),
             )
+            if known := topics.get(topic.name):
+                count = known.message_count + topic.message_count
+                topic = known._replace(message_count=count, qos=united([known.qos, topic.qos]))
+            topics[topic.name] = topic
         return tuple(topics.values())
