@@ -77,44 +77,36 @@ def join_channels(files: Sequence[SourceFile], keep: Callable[[str, str], bool])
 
 
 def _add_member(groups: list[_Group], member: _Member) -> None:
-    """Put a channel into the group it can be joined with, or into a new one."""
+    """Put a channel into the group of its topic, or into a new one."""
     for group in groups:
         # A file may have several channels of one topic, even of several types: they stay apart.
-        if any(file is member[0] for file, _ in group):
-            continue
-        _check_same_type(group[0], member)
-        if _can_join(group[0], member):
+        if not any(file is member[0] for file, _ in group):
+            _check_same(group[0], member)
             group.append(member)
             return
     groups.append([member])
 
 
-def _check_same_type(first: _Member, second: _Member) -> None:
+def _check_same(first: _Member, second: _Member) -> None:
+    """Check that the messages of both can be decoded with the schema of the first.
+
+    Raises:
+        DiffbotError: if not.
+    """
     one, other = type_of(*first), type_of(*second)
-    topic = shown(first[1].topic)
+    topic, paths = shown(first[1].topic), [shown(file.path) for file, _ in (first, second)]
     advice = "leave one out with `diffbot bag filter --exclude`"
     if one != other:
-        raise DiffbotError(
-            f"{topic} is {shown(one)} in {shown(first[0].path)} and {shown(other)} in {shown(second[0].path)}: {advice}"
-        )
-    hashes = {channel.metadata.get(HASH, "") for _, channel in (first, second)} - {""}
-    if len(hashes) > 1:
-        raise DiffbotError(
-            f"{topic}: {shown(first[0].path)} and {shown(second[0].path)} have different definitions of {shown(one)}:"
-            f" {advice}"
-        )
-
-
-def _can_join(first: _Member, second: _Member) -> bool:
-    """Return whether the messages of both can be decoded with the schema of the first."""
+        raise DiffbotError(f"{topic} is {shown(one)} in {paths[0]} and {shown(other)} in {paths[1]}: {advice}")
     hashes = [channel.metadata.get(HASH, "") for _, channel in (first, second)]
-    schemas = [file.schemas.get(channel.schema_id) for file, channel in (first, second)]
-    same = hashes[0] == hashes[1] != "" or _layout(schemas[0]) == _layout(schemas[1])
-    return first[1].message_encoding == second[1].message_encoding and same
+    layouts = [_layout(file.schemas.get(channel.schema_id)) for file, channel in (first, second)]
+    same = hashes[0] == hashes[1] if all(hashes) else layouts[0] == layouts[1]
+    if not same or first[1].message_encoding != second[1].message_encoding:
+        raise DiffbotError(f"{topic}: {paths[0]} and {paths[1]} have different definitions of {shown(one)}: {advice}")
 
 
 def _layout(schema: Schema | None) -> object:
-    """Return what decides how messages are decoded: of a ROS definition, all but comments, blanks and order of types."""
+    """Return what decides how messages are decoded: of a ROS definition, no comments, blanks and order of types."""
     if schema is None or schema.encoding != SchemaEncoding.ROS2:
         return schema and (schema.encoding, schema.data)
     parts: dict[str, list[str]] = {}
