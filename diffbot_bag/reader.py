@@ -10,11 +10,9 @@ from typing import Any, NamedTuple
 
 from mcap.records import Channel, Schema
 from mcap.well_known import MessageEncoding
-from mcap_ros2.decoder import DecoderFactory
 
 from diffbot_bag import metadata
 from diffbot_bag.chunks import BagLimits
-from diffbot_bag.encoding import decode_numbers_message
 from diffbot_bag.foreign_files import inside, shown
 from diffbot_bag.mcap_file import DAMAGE, McapFile
 from diffbot_bag.metadata import BagMetadata, Topic
@@ -190,6 +188,11 @@ class BagReader:
         Raises:
             DiffbotError: if a message cannot be decoded or is larger than MAX_DECODED, or the file is damaged.
         """
+        # Loading them takes longer than many a command on a bag.
+        from mcap_ros2.decoder import DecoderFactory  # noqa: PLC0415
+
+        from diffbot_bag.encoding import decode_numbers_message  # noqa: PLC0415
+
         decoders: dict[tuple[str, bytes], Any] = {}
         for schema, channel, message in self._records(topics, start, end, False):
             key = (schema.name, schema.data) if schema else ("", b"")
@@ -221,7 +224,7 @@ class BagReader:
         return heapq.merge(*streams, key=lambda record: record[2].log_time, reverse=reverse)
 
 
-def _decoder(factory: DecoderFactory, channel: Channel, schema: Schema | None) -> Any:
+def _decoder(factory: Any, channel: Channel, schema: Schema | None) -> Any:
     try:
         decoder = factory.decoder_for(channel.message_encoding, schema)
     except DAMAGE as error:
