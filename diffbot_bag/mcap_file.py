@@ -65,7 +65,7 @@ class DamagedFileError(DiffbotError):
 
 
 def _damaged(path: Path, what: str) -> DamagedFileError:
-    return DamagedFileError(f"{shown(path)} {what}: `diffbot bag repair` saves what can be read")
+    return DamagedFileError(f"{shown(path)} {what}; `diffbot bag repair` saves what can be read")
 
 
 class McapFile:
@@ -101,7 +101,7 @@ class McapFile:
             raise DiffbotError(f"{self.path} is not an MCAP file")
         self._stream.seek(max(self._size - len(MAGIC), len(MAGIC)))
         if self._stream.read() != MAGIC:
-            raise _damaged(self.path, "is truncated (its recording was cut off)")
+            raise _damaged(self.path, "is truncated: its recording was cut off")
         self._stream.seek(0)
 
     @contextlib.contextmanager
