@@ -83,7 +83,7 @@ def read_chunk(stream: BinaryIO, index: ChunkIndex) -> list[Message]:
     Raises:
         McapError, ValueError, struct.error, ...: DAMAGE of the module ``mcap_file``, if it is not what its index says.
     """
-    chunk = _verified_chunk(stream, index)
+    chunk = verified_chunk(stream, index)
     messages = [record for record in breakup_chunk(chunk) if isinstance(record, Message)]
     _check_times([message.log_time for message in messages], index)
     return messages
@@ -97,7 +97,7 @@ def read_rows(stream: BinaryIO, index: ChunkIndex) -> list[tuple[int, int, int, 
     Raises:
         McapError, ValueError, struct.error, ...: as for :func:`read_chunk`.
     """
-    data = _verified_chunk(stream, index).data
+    data = verified_chunk(stream, index).data
     rows, at, end = [], 0, len(data)
     while at < end:
         opcode, length = _RECORD.unpack_from(data, at)
@@ -162,7 +162,7 @@ def _check_times(times: list[int], index: ChunkIndex) -> None:
         raise McapError("a message outside of its chunk's times")
 
 
-def _verified_chunk(stream: BinaryIO, index: ChunkIndex) -> Chunk:
+def verified_chunk(stream: BinaryIO, index: ChunkIndex) -> Chunk:
     """Return a chunk with its data unpacked and their checksum verified."""
     stream.seek(index.chunk_start_offset)
     record = stream.read(index.chunk_length)

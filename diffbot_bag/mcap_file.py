@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from mcap.exceptions import EndOfFile, McapError
-from mcap.records import Channel, Chunk, Message, Schema
+from mcap.records import AttachmentIndex, Channel, Chunk, Message, Schema
 from mcap.stream_reader import StreamReader
 
 from diffbot_bag.attachments import MAX_ATTACHMENT, read_attachment
@@ -52,7 +52,7 @@ class McapFile:
             raise
         self._schemas, self._channels = summary.schemas, summary.channels
         self._chunks, self._statistics = summary.chunks, summary.statistics
-        self._attachments = summary.attachments
+        self._attached = summary.attached
 
     def _check_magic(self) -> None:
         if self._size == 0:
@@ -140,8 +140,10 @@ class McapFile:
         Raises:
             DiffbotError: if it is larger than MAX_ATTACHMENT or damaged.
         """
-        if (index := self._attachments.get(name)) is None:
+        found = [one for one in self._attached if isinstance(one, AttachmentIndex) and one.name == name]
+        if not found:
             return None
+        index = found[-1]
         if index.length > MAX_ATTACHMENT:
             raise DiffbotError(f"{self.path}: {shown(name)} has {index.length} bytes: must be <= {MAX_ATTACHMENT}")
         with self._damage_as_error():

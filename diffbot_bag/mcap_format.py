@@ -10,7 +10,7 @@ from typing import BinaryIO, NamedTuple
 import zstandard
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import AttachmentIndex, Channel, ChunkIndex, Schema, Statistics
+from mcap.records import AttachmentIndex, Channel, ChunkIndex, MetadataIndex, Schema, Statistics
 from mcap.stream_reader import StreamReader
 
 from diffbot_core.errors import DiffbotError
@@ -52,8 +52,8 @@ class McapSummary(NamedTuple):
     channels: dict[int, Channel]
     chunks: list[ChunkIndex]
     statistics: Statistics
-    attachments: dict[str, AttachmentIndex]
-    """By name; of equal names the last."""
+    attached: list[AttachmentIndex | MetadataIndex]
+    """In the order of the file."""
 
 
 def read_summary(stream: BinaryIO, size: int) -> McapSummary:
@@ -64,6 +64,27 @@ def read_summary(stream: BinaryIO, size: int) -> McapSummary:
         DiffbotError: if it is larger than MAX_INDEX.
         McapError, ValueError, struct.error, ...: DAMAGE, if it is not what the format says.
     """
+    start, content = _verified_summary(stream, size)
+    schemas, channels, chunks, attached, statistics = {}, {}, [], [], None
+    # Chunks have no place in a summary: they are not unpacked here.
+    for record in StreamReader(io.BytesIO(content), skip_magic=True, emit_chunks=True).records:
+        if isinstance(record, Statistics):
+            statistics = record
+        elif isinstance(record, Schema):
+            schemas[record.id] = record
+        elif isinstance(record, Channel):
+            channels[record.id] = record
+        elif isinstance(record, ChunkIndex):
+            chunks.append(record)
+        elif isinstance(record, (AttachmentIndex, MetadataIndex)):
+            attached.append(record)
+    if statistics is None:
+        raise NoIndexError("has no index")
+    return McapSummary(start, schemas, channels, chunks, statistics, attached)
+
+
+def _verified_summary(stream: BinaryIO, size: int) -> tuple[int, bytes]:
+    """Return where the summary begins, and its bytes and all that follows them."""
     end = size - len(MAGIC) - FOOTER.size
     stream.seek(max(end, 0))
     opcode, length, start, _, checksum = FOOTER.unpack(stream.read(FOOTER.size))
@@ -79,19 +100,4 @@ def read_summary(stream: BinaryIO, size: int) -> McapSummary:
     content = stream.read()
     if checksum and checksum != zlib.crc32(content[: -len(MAGIC) - CRC.size]):
         raise McapError("checksum of the index")
-    schemas, channels, chunks, attachments, statistics = {}, {}, [], {}, None
-    # Chunks have no place in a summary: they are not unpacked here.
-    for record in StreamReader(io.BytesIO(content), skip_magic=True, emit_chunks=True).records:
-        if isinstance(record, Statistics):
-            statistics = record
-        elif isinstance(record, Schema):
-            schemas[record.id] = record
-        elif isinstance(record, Channel):
-            channels[record.id] = record
-        elif isinstance(record, ChunkIndex):
-            chunks.append(record)
-        elif isinstance(record, AttachmentIndex):
-            attachments[record.name] = record
-    if statistics is None:
-        raise NoIndexError("has no index")
-    return McapSummary(start, schemas, channels, chunks, statistics, attachments)
+    return start, content

@@ -12,6 +12,38 @@ from diffbot_bag.message_definitions import MessageDefinitions
 from diffbot_bag.writer import BagWriteError, BagWriter
 
 
+def check_new(folder: Path) -> Path:
+    """Return the absolute path of a bag that does not exist yet.
+
+    Raises:
+        BagWriteError: if it does.
+    """
+    folder = folder.expanduser().absolute()
+    if os.path.lexists(folder):
+        raise BagWriteError(f"{folder} exists already: choose another name for the bag")
+    return folder
+
+
+@contextmanager
+def new_bag_folder(folder: Path) -> Iterator[Path]:
+    """Yield a temporary path; the folder made there appears at ``folder`` when the ``with`` block ends.
+
+    After a failure nothing appears. The temporary folder has the bag's name, as the names of files contain it.
+
+    Raises:
+        BagWriteError: if ``folder`` exists already or cannot be written.
+    """
+    folder = check_new(folder)
+    part = folder.with_name(f".{folder.name}.{os.getpid()}.part")
+    try:
+        yield part / folder.name
+        (part / folder.name).rename(folder)
+    except OSError as error:
+        raise BagWriteError(f"cannot write the bag {folder}: {error.strerror or error}") from error
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+
+
 @contextmanager
 def new_bag(folder: Path, definitions: MessageDefinitions | None = None) -> Iterator[BagWriter]:
     """Yield the writer of a bag that appears at ``folder`` when the ``with`` block ends; after a failure, nothing does.
@@ -21,19 +53,9 @@ def new_bag(folder: Path, definitions: MessageDefinitions | None = None) -> Iter
     Raises:
         BagWriteError: if ``folder`` exists already or cannot be written.
     """
-    folder = folder.expanduser().absolute()
-    if os.path.lexists(folder):
-        raise BagWriteError(f"{folder} exists already: choose another name for the bag")
-    part = folder.with_name(f".{folder.name}.{os.getpid()}.part")
-    try:
-        # The file's name contains the bag's, so the bag has its own name in a temporary folder.
-        writer = BagWriter(part / folder.name, definitions)
+    with new_bag_folder(folder) as part:
+        writer = BagWriter(part, definitions)
         try:
             yield writer
         finally:
             writer.close()
-        writer.folder.rename(folder)
-    except OSError as error:
-        raise BagWriteError(f"cannot write the bag {folder}: {error.strerror or error}") from error
-    finally:
-        shutil.rmtree(part, ignore_errors=True)

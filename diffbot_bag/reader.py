@@ -10,12 +10,10 @@ from typing import Any, NamedTuple
 
 from mcap.records import Channel, Schema
 from mcap.well_known import MessageEncoding
-from mcap_ros2.decoder import DecoderFactory
 
 from diffbot_bag import metadata
 from diffbot_bag.attachments import PARAMETERS, Parameters, load_parameters
 from diffbot_bag.chunks import BagLimits
-from diffbot_bag.encoding import decode_numbers_message
 from diffbot_bag.foreign_files import inside, shown
 from diffbot_bag.mcap_file import McapFile
 from diffbot_bag.mcap_format import DAMAGE
@@ -49,6 +47,8 @@ class DecodedMessage(NamedTuple):
 class BagReader:
     """An open bag: a folder of rosbag2 or one MCAP file. Close it, or use it in a ``with`` statement."""
 
+    _file_type: type[McapFile] = McapFile
+
     def __init__(self, path: Path, limits: BagLimits | None = None) -> None:
         """Open the bag and read its index.
 
@@ -63,8 +63,8 @@ class BagReader:
         self.metadata: BagMetadata | None = None
         self._files: list[McapFile] = []
         try:
-            for path_of_file in self._file_paths():
-                self._files.append(McapFile(path_of_file, limits))
+            for file in self._file_paths():
+                self._files.append(self._file_type(file, limits))
         except DiffbotError:
             self.close()
             raise
@@ -217,6 +217,11 @@ class BagReader:
         Raises:
             DiffbotError: if a message cannot be decoded or is larger than MAX_DECODED, or the file is damaged.
         """
+        # Loading them takes longer than many a command on a bag.
+        from mcap_ros2.decoder import DecoderFactory  # noqa: PLC0415
+
+        from diffbot_bag.encoding import decode_numbers_message  # noqa: PLC0415
+
         decoders: dict[tuple[str, bytes], Any] = {}
         for schema, channel, message in self._records(topics, start, end, False):
             key = (schema.name, schema.data) if schema else ("", b"")
@@ -248,7 +253,7 @@ class BagReader:
         return heapq.merge(*streams, key=lambda record: record[2].log_time, reverse=reverse)
 
 
-def _decoder(factory: DecoderFactory, channel: Channel, schema: Schema | None) -> Any:
+def _decoder(factory: Any, channel: Channel, schema: Schema | None) -> Any:
     try:
         decoder = factory.decoder_for(channel.message_encoding, schema)
     except DAMAGE as error:

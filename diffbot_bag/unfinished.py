@@ -85,7 +85,7 @@ def scan_unfinished(stream: BinaryIO, size: int, limits: BagLimits) -> tuple[Mca
             end = piece.offset
         else:
             index.take(piece)
-    return McapSummary(end, index.schemas, index.channels, index.chunks, index.statistics(), {}), size - end
+    return McapSummary(end, index.schemas, index.channels, index.chunks, index.statistics(), []), size - end
 
 
 def scan_messages(stream: BinaryIO, size: int, limits: BagLimits) -> Iterator[Message]:

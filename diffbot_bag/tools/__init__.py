@@ -1,1 +1,1 @@
-"""Work on recorded bags without ROS: figures, checks, and writing them anew."""
+"""Work on finished bags: no ROS, no command line. Long work reports its progress to a callback."""

@@ -1,1 +1,1 @@
-"""The commands ``diffbot bag ...``."""
+"""The command ``diffbot bag``: work on recorded bags."""

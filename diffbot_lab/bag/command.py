@@ -4,11 +4,19 @@ from __future__ import annotations
 
 from typing import Any
 
+from diffbot_lab.bag.filter_command import add_filter
+from diffbot_lab.bag.merge_command import add_merge
 from diffbot_lab.bag.repair_command import add_repair
+from diffbot_lab.bag.split_command import add_split
+from diffbot_lab.bag.trim_command import add_trim
 
 _VERBS = (
     add_repair,
-)  # fmt: skip
+    add_trim,
+    add_filter,
+    add_merge,
+    add_split,
+)
 
 
 def add_bag(commands: Any) -> None:

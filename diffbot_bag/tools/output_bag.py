@@ -1,0 +1,142 @@
+"""Write a bag of one file or several, with the metadata of each file and of all."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import NamedTuple
+
+from mcap.records import AttachmentIndex, MetadataIndex
+
+from diffbot_bag import metadata
+from diffbot_bag.metadata import BagMetadata, FileInformation, Topic
+from diffbot_bag.tools.channels import HASH, Channels, united
+from diffbot_bag.tools.output_file import OutputFile
+from diffbot_bag.tools.source_bag import Row, SourceFile
+from diffbot_bag.tools.time_order import Piece
+from diffbot_bag.tools.whole_chunk import WholeChunk
+
+
+class Description(NamedTuple):
+    """What a bag has besides its messages."""
+
+    custom_data: Mapping[str, str]
+    ros_distro: str
+    compression: str
+    """of new chunks: zstd, lz4 or none (empty)"""
+    attached: Sequence[tuple[SourceFile, AttachmentIndex | MetadataIndex]]
+    """Attachments and metadata records, which every file gets."""
+
+
+class OutputBag:
+    """A bag that is being written, in one file. Leave the ``with`` block to close it, :meth:`finish` to complete it."""
+
+    def __init__(self, folder: Path, channels: Channels, description: Description) -> None:
+        """Create the folder and its first file.
+
+        Raises:
+            OSError: if they cannot be written.
+        """
+        self._folder, self._channels, self._description = folder, channels, description
+        self._written: list[OutputFile] = []
+        folder.mkdir(parents=True)
+        self._file = self._open()
+        # What the metadata record of a file takes, whose numbers get longer.
+        self._reserve = 2 * len(metadata.to_yaml(self._metadata([self._file]), root=False))
+
+    def __enter__(self) -> OutputBag:
+        """Return the bag itself."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the file in progress."""
+        self._file.close()
+
+    def _open(self) -> OutputFile:
+        path = self._folder / f"{self._folder.name}_{len(self._written)}.mcap"
+        file = OutputFile(path, self._channels.schemas, self._channels.channels, self._description.compression)
+        try:
+            for source, index in self._description.attached:
+                file.attach(index, source.attached_bytes(index))
+        except BaseException:
+            file.close()
+            raise
+        return file
+
+    def takes(self, chunk: WholeChunk) -> bool:
+        """Return whether the next chunk can be copied whole."""
+        return True
+
+    def copy(self, piece: Piece, chunk: WholeChunk) -> None:
+        """Append a chunk.
+
+        Raises:
+            OSError: if the disk is full.
+        """
+        self._file.copy(chunk)
+
+    def write(self, rows: Sequence[Row]) -> None:
+        """Append messages.
+
+        Raises:
+            OSError: if the disk is full.
+        """
+        self._file.write(rows)
+
+    def _end_file(self) -> None:
+        self._file.flush()
+        facts = self._metadata([self._file])
+        self._file.add_metadata("rosbag2", {"serialized_metadata": metadata.to_yaml(facts, root=False)})
+        self._file.finish()
+        self._written.append(self._file)
+
+    def finish(self) -> BagMetadata:
+        """End the last file and write metadata.yaml; return its contents.
+
+        Raises:
+            OSError: if the disk is full.
+        """
+        self._end_file()
+        facts = self._metadata(self._written)
+        metadata.write(self._folder, facts)
+        return facts
+
+    def _metadata(self, files: Sequence[OutputFile]) -> BagMetadata:
+        parts = [
+            FileInformation(file.path.name, file.start, file.end - file.start, file.message_count) for file in files
+        ]
+        begun = [file for file in files if file.message_count]
+        start, end = min((one.start for one in begun), default=0), max((one.end for one in begun), default=0)
+        return BagMetadata(
+            files=tuple(part.name for part in parts),
+            start=start,
+            duration=end - start,
+            message_count=sum(part.message_count for part in parts),
+            topics=self._topics(files),
+            custom_data=self._description.custom_data,
+            ros_distro=self._description.ros_distro,
+            file_information=tuple(parts),
+        )
+
+    def _topics(self, files: Sequence[OutputFile]) -> tuple[Topic, ...]:
+        topics: dict[str, Topic] = {}
+        for number, channel in self._channels.channels.items():
+            schema = self._channels.schemas.get(channel.schema_id)
+            topic = Topic(
+                name=channel.topic,
+                type=schema.name if schema else "",
+                type_hash=channel.metadata.get(HASH, ""),
+                qos=self._channels.qos[number],
+                message_count=sum(file.counts[number] for file in files),
+            )
+            if known := topics.get(topic.name):
+                count = known.message_count + topic.message_count
+                topic = known._replace(message_count=count, qos=united([known.qos, topic.qos]))
+            topics[topic.name] = topic
+        return tuple(topics.values())

@@ -1,0 +1,311 @@
+"""Trim, filter and merge: what is in the new bag is compared with the old by readers that no one here wrote."""
+
+from contextlib import ExitStack
+
+import cut_bags
+import pytest
+from cut_bags import BEGIN, MAKERS, POINT, STEP, STRING, Given, by_rosbags, check_metadata, facts, in_file_order
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+
+from diffbot_bag.metadata import read as read_metadata
+from diffbot_bag.qos import Qos
+from diffbot_bag.tools import cut
+from diffbot_bag.tools.source_bag import SourceBag
+from diffbot_bag.tools.span import Span
+from diffbot_bag.topic_selection import TopicSelection
+from diffbot_core.errors import DiffbotError
+
+
+def ignore(count):
+    pass
+
+
+@pytest.fixture(scope="module", params=MAKERS)
+def bag(request, tmp_path_factory):
+    return cut_bags.write_bag(tmp_path_factory.mktemp("bags") / "run", request.param)
+
+
+@pytest.fixture(scope="module")
+def zstd_bag(tmp_path_factory):
+    return cut_bags.write_bag(tmp_path_factory.mktemp("bags") / "run", "zstd")
+
+
+def make(out, plan, *paths):
+    done = []
+    with ExitStack() as stack:
+        new = plan(*(stack.enter_context(SourceBag(path)) for path in paths))
+        new.write(out, done.append)
+        assert sum(done) == new.size
+    found = check_metadata(out)
+    assert sorted(by_rosbags(out)) == sorted((one.topic, one.log_time, one.data) for one in found)
+    assert [one.name for one in out.parent.iterdir() if one.name.endswith(".part")] == []
+    return found
+
+
+def expected_of(bag):
+    """Facts of a bag that several tests need."""
+    if bag not in KNOWN:
+        KNOWN[bag] = facts(bag)
+    return KNOWN[bag]
+
+
+KNOWN = {}
+SPANS = {
+    "middle": (75 * STEP, 160 * STEP),
+    "between messages": (75 * STEP + 1, 160 * STEP + 1),
+    "one message": (100 * STEP + 3, 100 * STEP + 4),
+    "start": (0, 60 * STEP),
+    "end": (190 * STEP, 10**15),
+    "all": (0, 10**15),
+    "nothing inside": (100 * STEP + 4, 101 * STEP),
+}
+
+
+@pytest.mark.parametrize("name", SPANS)
+def test_trim_keeps_the_messages_of_the_span_and_all_about_them(bag, tmp_path, name):
+    span = Span(*(BEGIN + time for time in SPANS[name]))
+    found = make(tmp_path / "part", lambda one: cut.trim(one, span, latched=False), bag)
+    expected = [one for one in expected_of(bag) if span.start <= one.log_time < span.end]
+    assert len(expected) == {"middle": 170, "between messages": 170, "one message": 1, "start": 122, "end": 20,
+                             "all": 402, "nothing inside": 0}[name]  # fmt: skip
+    assert found == expected
+
+
+@pytest.mark.parametrize(("start", "number"), [(25, 7), (100, 55)])
+def test_trim_begins_with_the_last_earlier_message_of_a_latched_topic(bag, tmp_path, start, number):
+    span = Span(BEGIN + start * STEP, BEGIN + (start + 20) * STEP)
+    found = make(tmp_path / "part", lambda one: cut.trim(one, span), bag)
+    (original,) = [one for one in expected_of(bag) if one.data == cut_bags.string(f"map {number}")]
+    head = original._replace(log_time=span.start)
+    assert found[0] == head
+    assert found[1:] == [one for one in expected_of(bag) if span.start <= one.log_time < span.end]
+
+
+def test_a_latched_topic_keeps_one_message_of_each_publisher_unless_its_lifespan_is_over(tmp_path):
+    topics = {
+        "/two": (POINT, [cut_bags.LATCHED] * 2),
+        "/short": (POINT, [cut_bags.LATCHED._replace(lifespan=10)]),
+        "/later": (POINT, [cut_bags.LATCHED]),
+        "/plain": (POINT, [Qos()]),
+    }
+    messages = [Given(topic, BEGIN + n, cut_bags.point(n)) for n in range(50) for topic in topics if topic != "/later"]
+    messages += [
+        Given("/short", BEGIN + 89, b"1"),
+        Given("/short", BEGIN + 100, b"2"),
+        Given("/later", BEGIN + 101, b"3"),
+    ]
+    path = cut_bags.write_mcap(tmp_path / "a.mcap", messages, topics, chunk_size=300)
+    found = make(tmp_path / "part", lambda one: cut.trim(one, Span(BEGIN + 100, BEGIN + 200)), path)
+    assert [(one.topic, one.data) for one in found] == [
+        ("/two", cut_bags.point(48)), ("/two", cut_bags.point(49)), ("/short", b"2"), ("/later", b"3")
+    ]  # fmt: skip
+
+
+def test_trim_reads_and_unpacks_only_what_it_needs(zstd_bag, tmp_path, monkeypatch):
+    """Every chunk outside of the span may be damaged; those inside are copied byte by byte."""
+    with zstd_bag.open("rb") as stream:
+        chunks = make_reader(stream).get_summary().chunk_indexes
+    content = bytearray(zstd_bag.read_bytes())
+    span = Span(BEGIN + 75 * STEP, BEGIN + 100 * STEP)
+    inside = [one for one in chunks if one.message_start_time < span.end and one.message_end_time >= span.start]
+    latched = BEGIN + 55 * STEP + 5
+    kept = [one for one in chunks if one in inside or one.message_start_time <= latched <= one.message_end_time]
+    assert 3 <= len(inside) < len(kept) < len(chunks) / 3
+    for one in chunks:
+        if one not in kept:
+            content[one.chunk_start_offset + 60] ^= 255
+    path = tmp_path / "damaged.mcap"
+    path.write_bytes(content)
+    unpacked = []
+    from diffbot_bag.tools import source_bag
+
+    real = source_bag.verified_chunk
+    monkeypatch.setattr(source_bag, "verified_chunk", lambda *given: unpacked.append(given[1]) or real(*given))
+    make(tmp_path / "part", lambda one: cut.trim(one, span), path)
+    assert len(unpacked) == 3
+    written = (tmp_path / "part" / "part_0.mcap").read_bytes()
+    for one in inside[1:-1]:
+        assert content[one.chunk_start_offset : one.chunk_start_offset + one.chunk_length] in written
+    with pytest.raises(DiffbotError, match="`diffbot bag repair` saves what can be read"):
+        make(tmp_path / "more", lambda one: cut.trim(one, Span(BEGIN + 1, span.end)), path)
+
+
+@pytest.mark.parametrize(
+    ("selection", "types", "topics"),
+    [
+        (TopicSelection(topics=("/point", "/map")), (), {"/point", "/map"}),
+        (TopicSelection(exclude_topics=("/point",)), (), {"/text", "/map"}),
+        (TopicSelection(regex="/.*t", exclude_regex="/te.*"), (), {"/point"}),
+        (TopicSelection(), (STRING,), {"/text", "/map"}),
+        (TopicSelection(exclude_topics=("/text",)), (STRING,), {"/map"}),
+    ],
+)
+def test_filter_keeps_topics_and_types(bag, tmp_path, selection, types, topics):
+    found = make(tmp_path / "part", lambda one: cut.select(one, selection, types), bag)
+    assert found == [one for one in expected_of(bag) if one.topic in topics]
+    assert {topic.name for topic in read_metadata(tmp_path / "part").topics} == topics
+    # No trace of the others, for a reader that does not use the index either.
+    assert {topic for topic, _ in in_file_order(tmp_path / "part")} == topics
+    assert len(found) == sum({"/point": 200, "/text": 200, "/map": 2}[topic] for topic in topics)
+
+
+@pytest.mark.parametrize(
+    ("selection", "types", "words"),
+    [
+        (TopicSelection(topics=("/nothing",)), (), "topics: /nothing is not in the bag, which has /point, /text, /map"),
+        (TopicSelection(), ("a/msg/B",), "types: a/msg/B is not in the bag"),
+        (TopicSelection(regex="x"), (), "no topic of the bag is selected"),
+        (TopicSelection(regex="("), (), "regex = '(': must be a regular expression"),
+    ],
+)
+def test_a_selection_of_nothing_is_refused(zstd_bag, tmp_path, selection, types, words):
+    with SourceBag(zstd_bag) as one, pytest.raises(DiffbotError) as error:
+        cut.select(one, selection, types)
+    assert words in str(error.value)
+
+
+def shifted(messages, time):
+    return [one._replace(log_time=one.log_time + time) for one in messages]
+
+
+@pytest.mark.parametrize("shift", [STEP // 2, 100 * STEP, 1000 * STEP])
+def test_merge_has_the_messages_of_all_in_the_order_of_log_time(bag, tmp_path, shift):
+    """Interleaved, partly, and one after the other."""
+    other = cut_bags.write_bag(tmp_path / "other", "zstd", shifted(cut_bags.drive(150), shift))
+    found = make(tmp_path / "all", lambda *bags: cut.merge(bags), bag, other)
+    expected = [one._replace(metadata=(), definition=b"") for one in expected_of(bag) + facts(other)]
+    assert sorted(one._replace(metadata=(), definition=b"") for one in found) == sorted(expected)
+    assert len(found) == 402 + 302
+    times = [time for _, time in in_file_order(tmp_path / "all")]
+    assert times == sorted(times)
+
+
+def test_bags_that_follow_each_other_are_merged_without_unpacking(tmp_path, monkeypatch):
+    paths = [
+        cut_bags.write_bag(tmp_path / name, "zstd", shifted(cut_bags.drive(), time * STEP))
+        for name, time in (("a", 0), ("b", 200), ("c", 400))
+    ]
+    from diffbot_bag.tools import source_bag
+
+    monkeypatch.setattr(source_bag, "verified_chunk", None)
+    found = make(tmp_path / "all", lambda *bags: cut.merge(bags), *paths[::-1])
+    assert found == [one for path in paths for one in facts(path)]
+
+
+def test_merge_unites_qos_numbers_and_facts(tmp_path):
+    best_effort = Qos(reliability="best_effort")
+    a = {"/same": (POINT, [Qos()]), "/a": (STRING, [])}
+    b = {"/b": (STRING, []), "/same": (POINT, [Qos(), Qos(), best_effort])}
+    paths = [
+        cut_bags.write_mcap(
+            tmp_path / f"{name}.mcap",
+            [Given(topic, BEGIN + n, name.encode() + bytes([n])) for n in range(20) for topic in topics],
+            topics,
+            extras=("both", name),
+        )
+        for name, topics in (("a", a), ("b", b))
+    ]
+    found = make(tmp_path / "all", lambda *bags: cut.merge(bags), *paths)
+    assert len(found) == 80
+    assert {one.topic: (one.type, one.data[:1]) for one in found if one.topic != "/same"} == {
+        "/a": (STRING, b"a"), "/b": (STRING, b"b")
+    }  # fmt: skip
+    (topic,) = [one for one in read_metadata(tmp_path / "all").topics if one.name == "/same"]
+    assert sorted(topic.qos) == sorted([Qos(), Qos(), best_effort])
+    with (tmp_path / "all" / "all_0.mcap").open("rb") as stream:
+        reader = make_reader(stream)
+        assert [(one.name, one.data) for one in reader.iter_attachments()] == [
+            ("both", b"content of both"), ("a", b"content of a"), ("b", b"content of b")
+        ]  # fmt: skip
+        assert [one.name for one in reader.iter_metadata()] == ["both", "a", "b", "rosbag2"]
+
+
+def test_definitions_that_differ_in_comments_only_are_the_same(tmp_path, monkeypatch):
+    a = cut_bags.write_mcap(tmp_path / "a.mcap", [Given("/point", 5, b"a")], {"/point": (POINT, [Qos()])})
+    monkeypatch.setitem(cut_bags.HASHES, POINT, "")
+    monkeypatch.setitem(cut_bags.SCHEMAS, POINT, b"float64  x # in metres\nfloat64 y\n\nfloat64 z")
+    b = cut_bags.write_mcap(tmp_path / "b.mcap", [Given("/point", 6, b"b")], {"/point": (POINT, [cut_bags.LATCHED])})
+    found = make(tmp_path / "all", lambda *bags: cut.merge(bags), a, b)
+    assert [one.data for one in found] == [b"a", b"b"]
+    assert len({one.metadata for one in found}) == 1
+    (topic,) = read_metadata(tmp_path / "all").topics
+    assert sorted(topic.qos) == sorted([Qos(), cut_bags.LATCHED])
+    assert topic.type_hash.startswith("RIHS01_")
+
+
+@pytest.mark.parametrize(
+    ("type_hash", "definition"),
+    [
+        ("RIHS01_other", cut_bags.SCHEMAS[POINT]),
+        ("", b"float64 x\nfloat64 y\nfloat32 z"),
+        ("", cut_bags.SCHEMAS[POINT] + b"=" * 80 + b"\nMSG: a/B\nint8 a"),
+    ],
+)
+def test_merge_refuses_a_topic_with_another_definition(zstd_bag, tmp_path, monkeypatch, type_hash, definition):
+    monkeypatch.setitem(cut_bags.HASHES, POINT, type_hash)
+    monkeypatch.setitem(cut_bags.SCHEMAS, POINT, definition)
+    other = cut_bags.write_mcap(tmp_path / "b.mcap", [Given("/point", 5, b"")], {"/point": (POINT, [])})
+    with SourceBag(zstd_bag) as one, SourceBag(other) as two, pytest.raises(DiffbotError) as error:
+        cut.merge([one, two])
+    assert str(error.value).startswith(f"/point: {zstd_bag} and {other} have different definitions of {POINT}: leave")
+
+
+def test_merge_refuses_a_topic_with_another_type(zstd_bag, tmp_path):
+    other = cut_bags.write_mcap(tmp_path / "b.mcap", [Given("/text", 5, b"")], {"/text": (POINT, [])})
+    with SourceBag(zstd_bag) as one, SourceBag(other) as two, pytest.raises(DiffbotError) as error:
+        cut.merge([one, two])
+    assert str(error.value) == (
+        f"/text is std_msgs/msg/String in {zstd_bag} and geometry_msgs/msg/Point in {other}:"
+        " leave one out with `diffbot bag filter --exclude`"
+    )
+
+
+def test_custom_data_are_kept_and_losses_added(tmp_path):
+    from diffbot_bag.writer import BagWriter
+
+    for name, lost in (("a", "3"), ("b", "4")):
+        writer = BagWriter(tmp_path / name)
+        writer.write(writer.add_topic("/point", POINT), cut_bags.point(1), BEGIN, BEGIN)
+        writer.close({"lost_messages": lost, "robot": name, "place": "hall"})
+    make(tmp_path / "all", lambda *bags: cut.merge(bags), tmp_path / "a", tmp_path / "b" / "b_0.mcap")
+    custom_data = {"lost_messages": "7", "robot": "a, b", "place": "hall"}
+    assert dict(read_metadata(tmp_path / "all").custom_data) == custom_data
+    make(tmp_path / "part", lambda one: cut.trim(one, Span(BEGIN, BEGIN + 1)), tmp_path / "a")
+    assert read_metadata(tmp_path / "part").custom_data["lost_messages"] == "3"
+
+
+TIMES = st.lists(st.tuples(st.sampled_from(["/point", "/text", "/map"]), st.integers(0, 60)), max_size=60)
+
+
+@settings(max_examples=15, deadline=None)
+@given(TIMES, TIMES, st.integers(0, 61), st.integers(0, 61), st.integers(40, 900))
+def test_merge_then_trim_of_messages_in_any_order(tmp_path_factory, first, second, start, end, chunk_size):
+    folder = tmp_path_factory.mktemp("any")
+    paths = []
+    for name, rows in (("a", first), ("b", second)):
+        messages = [Given(topic, 100 + time, name.encode(), n, 7) for n, (topic, time) in enumerate(rows)]
+        paths.append(cut_bags.write_mcap(folder / f"{name}.mcap", messages, chunk_size=chunk_size))
+    found = make(folder / "all", lambda *bags: cut.merge(bags), *paths)
+    assert sorted(found) == sorted(facts(paths[0]) + facts(paths[1]))
+    span = Span(100 + start, 100 + max(start + 1, end))
+    part = make(folder / "part", lambda one: cut.trim(one, span), folder / "all")
+    inside = [one for one in found if span.start <= one.log_time < span.end]
+    earlier = [one for one in found if one.log_time < span.start and one.topic == "/map"]
+    assert len(part) == len(inside) + bool(earlier)
+    heads = [one for one in part if one not in inside]
+    if earlier and heads:
+        assert heads[0]._replace(log_time=0) in [
+            one._replace(log_time=0) for one in earlier if one.log_time == earlier[-1].log_time
+        ]
+    assert sorted(part) == sorted(inside + part[: bool(earlier)])
+
+
+def test_a_failure_leaves_nothing(zstd_bag, tmp_path):
+    def interrupt(count):
+        raise KeyboardInterrupt
+
+    with SourceBag(zstd_bag) as one, pytest.raises(KeyboardInterrupt):
+        cut.trim(one, Span()).write(tmp_path / "part", interrupt)
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,206 @@
+"""``diffbot bag trim``, ``filter``, ``merge`` and ``split``: usage, one line for each error, nothing half-written."""
+
+import resource
+import subprocess
+import sys
+
+import cut_bags
+import graph
+import pytest
+from cut_bags import BEGIN, STEP, by_rosbags, check_metadata, facts, files_of
+
+from diffbot_bag.tools.span import Span
+from diffbot_bag.tools.time_text import parse_duration, parse_time, span_of
+from diffbot_core.errors import DiffbotError
+from diffbot_lab import cli
+from diffbot_lab.bag.split_command import parse_size
+
+pytestmark = pytest.mark.usefixtures("kept_signal_handlers")
+S = 10**9
+LAST = BEGIN + 199 * STEP + 3
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    return cut_bags.write_bag(tmp_path_factory.mktemp("bags") / "run", "zstd")
+
+
+def run(*arguments):
+    return cli.main(["bag", *map(str, arguments)])
+
+
+def error_of(capsys, *arguments):
+    assert run(*arguments) == 1
+    written = capsys.readouterr()
+    assert written.out == ""
+    assert written.err.startswith("diffbot: ")
+    assert written.err.count("\n") == 1
+    assert "Traceback" not in written.err
+    return written.err.removeprefix("diffbot: ").rstrip()
+
+
+@pytest.mark.parametrize(
+    ("flags", "start", "end"),
+    [
+        (("--from", "0.5s", "--to", "end-0.5s"), BEGIN + S // 2, LAST + 1 - S // 2),
+        (("--from", "500ms"), BEGIN + S // 2, LAST + 1),
+        (("--last", "0.25"), LAST + 1 - S // 4, LAST + 1),
+        (("--to", "start + 1s"), BEGIN, BEGIN + S),
+        (("--from", "1700000000.5", "--to", "1700000001"), BEGIN + S // 2, BEGIN + S),
+        (("--last", "1h"), BEGIN, LAST + 1),
+    ],
+)
+def test_trim(bag, tmp_path, capsys, flags, start, end):
+    assert run("trim", bag, tmp_path / "part", "--no-latched", *flags) == 0
+    expected = [one for one in facts(bag) if start <= one.log_time < end]
+    assert check_metadata(tmp_path / "part") == expected
+    times = [one.log_time for one in expected]
+    seconds = (max(times) - min(times)) / S
+    assert capsys.readouterr().out == f"{tmp_path / 'part'}: {len(expected)} messages of 3 topics, {seconds:.3f} s\n"
+
+
+def test_trim_with_and_without_latched_topics(bag, tmp_path):
+    assert run("trim", bag, tmp_path / "a", "--from", "1s") == 0
+    assert run("trim", bag, tmp_path / "b", "--from", "1s", "--no-latched") == 0
+    assert by_rosbags(tmp_path / "a")[1:] == by_rosbags(tmp_path / "b")
+    assert by_rosbags(tmp_path / "a")[0] == ("/map", BEGIN + S, cut_bags.string("map 55"))
+
+
+def test_filter_merge_and_split_are_each_others_inverse(bag, tmp_path, capsys):
+    assert run("filter", bag, tmp_path / "points", "--topics", "/point") == 0
+    assert run("filter", bag, tmp_path / "others", "--exclude", "/point") == 0
+    assert run("filter", bag, tmp_path / "texts", "--exclude-regex", "/(point|map)", "--types", cut_bags.STRING) == 0
+    assert {one.topic for one in facts(tmp_path / "texts")} == {"/text"}
+    assert run("merge", tmp_path / "points", tmp_path / "others", tmp_path / "all") == 0
+    assert check_metadata(tmp_path / "all") == facts(bag)
+    capsys.readouterr()
+    assert run("split", tmp_path / "all", tmp_path / "parts", "--duration", "0.5s", "--count", "90") == 0
+    assert capsys.readouterr().out.endswith("messages of 3 topics, 1.990 s in 8 files\n")
+    assert len(files_of(tmp_path / "parts")) == 8
+    check_metadata(tmp_path / "parts")
+    assert run("split", tmp_path / "all", tmp_path / "small", "--size", "20k") == 0
+    assert max(file.stat().st_size for file in files_of(tmp_path / "small")) <= 20_000
+
+
+WRONG = {
+    "no verb": (),
+    "no output": ("trim", "a"),
+    "no span": ("trim", "a", "b"),
+    "last and from": ("trim", "a", "b", "--last", "3s", "--from", "1s"),
+    "no time": ("trim", "a", "b", "--from", "yesterday"),
+    "negative time": ("trim", "a", "b", "--to", "-5s"),
+    "endless digits": ("trim", "a", "b", "--to", "9" * 5000),
+    "nothing to filter": ("filter", "a", "b"),
+    "one bag": ("merge", "a", "b"),
+    "twice": ("merge", "a", "./a", "b"),
+    "no limit": ("split", "a", "b"),
+    "no size": ("split", "a", "b", "--size", "large"),
+    "tiny size": ("split", "a", "b", "--size", "999"),
+    "no duration": ("split", "a", "b", "--duration", "0s"),
+    "no count": ("split", "a", "b", "--count", "0"),
+}
+
+
+@pytest.mark.parametrize("arguments", WRONG.values(), ids=WRONG)
+def test_wrong_usage_is_status_2(arguments, capsys):
+    with pytest.raises(SystemExit) as ended:
+        run(*arguments)
+    assert ended.value.code == 2
+    written = capsys.readouterr()
+    assert written.out == ""
+    assert written.err.startswith("usage: diffbot bag")
+
+
+@pytest.mark.parametrize(
+    ("flags", "words"),
+    [
+        (("--from", "2s"), "from = '2s': must be before the end of the bag (the bag lasts 1.99"),
+        (("--from", "10"), "from = '10': must be in the bag (1700000000.000000000 to 17"),
+        (("--to", "5"), "to = '5': must be after the start of the bag"),
+        (("--to", "end-1h"), "to = 'end-1h': must be after the start of the bag"),
+        (("--from", "1s", "--to", "1s"), "from = '1s': must be before to = '1s'"),
+        (("--last", "0s"), "from = 'end-0ns': must be before the end of the bag"),
+    ],
+)
+def test_a_span_outside_of_the_bag_is_one_line(bag, tmp_path, capsys, flags, words):
+    assert words in error_of(capsys, "trim", bag, tmp_path / "part", *flags)
+    assert list(tmp_path.iterdir()) == []
+
+
+VERBS = {
+    "trim": ("--from", "0.1s"),
+    "filter": ("--exclude", "/text"),
+    "split": ("--count", "50"),
+}
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_existing_output_and_the_input_as_output_are_refused(bag, tmp_path, capsys, verb):
+    before = bag.read_bytes()
+    for out in (bag, bag.parent, tmp_path):
+        assert "exists already: choose another name" in error_of(capsys, verb, bag, out, *VERBS[verb])
+    assert bag.read_bytes() == before
+    assert [one.name for one in bag.parent.iterdir()] == ["other.mcap"]
+
+
+@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize("kind", ["cut off", "flipped", "no index"])
+def test_a_damaged_bag_is_refused_with_what_to_do(bag, tmp_path, capsys, verb, kind):
+    content = bytearray(bag.read_bytes())
+    path = tmp_path / "damaged.mcap"
+    if kind == "cut off":
+        content = content[: len(content) // 2]
+    elif kind == "flipped":
+        content[800] ^= 255  # in the first chunk
+    else:
+        content[-20:-12] = bytes(8)
+    path.write_bytes(content)
+    flags = VERBS[verb] if verb != "split" else ("--count", "3")
+    flags = ("--from", "1ns") if verb == "trim" else flags
+    assert error_of(capsys, verb, path, tmp_path / "out", *flags).endswith(
+        ": `diffbot bag repair` saves what can be read"
+    )
+    assert [one.name for one in tmp_path.iterdir()] == ["damaged.mcap"]
+
+
+def test_no_bag_and_no_permission_are_one_line(bag, tmp_path, capsys):
+    assert "no such file or folder" in error_of(capsys, "trim", tmp_path / "none", tmp_path / "out", "--last", "1s")
+    (tmp_path / "file").touch()
+    assert "cannot write the bag" in error_of(capsys, "trim", bag, tmp_path / "file" / "out", "--last", "1s")
+    assert "is an empty file" in error_of(capsys, "trim", tmp_path / "file", tmp_path / "out", "--last", "1s")
+
+
+def test_a_full_disk_is_one_line_and_leaves_nothing(bag, tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-m", "diffbot_lab.cli", "bag", "filter", bag, tmp_path / "out", "--exclude", "/map"],
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000)),
+        env=graph.environment(),
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+    assert done.returncode == 1
+    assert done.stderr == f"diffbot: cannot write the bag {tmp_path / 'out'}: File too large\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "nanoseconds"),
+    [("10s", 10 * S), ("1.5min", 90 * S), ("2h", 7200 * S), ("250 ms", S // 4), ("0.000000001", 1), ("7ns", 7)],
+)
+def test_durations(text, nanoseconds):
+    assert parse_duration(text) == nanoseconds
+
+
+def test_times_are_exact_to_the_nanosecond():
+    assert parse_time("1700000000.123456789").in_span(Span(5, 9)) == 1_700_000_000_123_456_789
+    assert span_of(Span(100, 200), parse_time("30ns"), parse_time("end-30ns")) == (130, 170)
+    assert span_of(Span(100, 200), parse_time("end-500ns"), parse_time("500ns")) == (100, 200)
+    with pytest.raises(DiffbotError, match="to = '0s': must be after the start"):
+        span_of(Span(100, 200), None, parse_time("0s"))
+
+
+@pytest.mark.parametrize(("text", "size"), [("500M", 5 * 10**8), ("1.5GiB", 3 * 2**29), ("4096", 4096), ("2kB", 2000)])
+def test_sizes(text, size):
+    assert parse_size(text) == size

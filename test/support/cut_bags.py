@@ -1,0 +1,210 @@
+"""Bags of several makers, and what two independent readers find in a bag."""
+
+import random
+from collections import Counter
+from typing import NamedTuple
+
+import yaml
+from mcap.reader import make_reader
+from mcap.stream_reader import StreamReader
+from mcap.writer import CompressionType, IndexType
+from mcap.writer import Writer as McapWriter
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import Qos as RosbagsQos
+from rosbags.interfaces import QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
+from rosbags.rosbag2 import Writer as RosbagsWriter
+from rosbags.typesys import Stores, get_typestore
+
+from diffbot_bag.message_definitions import MessageDefinitions
+from diffbot_bag.qos import Qos, dump_profiles
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+POINT, STRING = "geometry_msgs/msg/Point", "std_msgs/msg/String"
+BEGIN = 1_700_000_000_000_000_000
+STEP = 10_000_000
+LATCHED = Qos(durability="transient_local")
+DEFINITIONS = MessageDefinitions()
+HASHES = {name: DEFINITIONS.type_hash(name) for name in (POINT, STRING)}
+SCHEMAS = {name: DEFINITIONS.schema_text(name).encode() for name in (POINT, STRING)}
+
+
+class Fact(NamedTuple):
+    """All that a bag says about a message."""
+
+    topic: str
+    sequence: int
+    log_time: int
+    publish_time: int
+    data: bytes
+    type: str
+    encoding: str
+    definition: bytes
+    metadata: tuple
+
+
+class Given(NamedTuple):
+    """A message to write."""
+
+    topic: str
+    log_time: int
+    data: bytes
+    sequence: int = 0
+    publish_time: int = 0
+
+
+def point(x):
+    return bytes(STORE.serialize_cdr(STORE.types[POINT](x=float(x), y=0.0, z=0.0), POINT))
+
+
+def string(text):
+    return bytes(STORE.serialize_cdr(STORE.types[STRING](data=text), STRING))
+
+
+def drive(count=200, padding=100):
+    """Two topics at every step, and a latched one at the steps 7 and 55; ``padding`` [bytes] is random."""
+    noise = random.Random(1)
+    for index in range(count):
+        time = BEGIN + index * STEP
+        yield Given("/point", time, point(index), index, time - 5)
+        yield Given("/text", time + 3, string(noise.randbytes(padding).hex()), index + 9, time - 7)
+        if index in (7, 55):
+            yield Given("/map", time + 5, string(f"map {index}"), index, time - 1000)
+
+
+TOPICS = {"/point": (POINT, [Qos()]), "/text": (STRING, []), "/map": (STRING, [LATCHED])}
+MCAP_OPTIONS = {
+    "zstd": {"compression": CompressionType.ZSTD},
+    "lz4": {"compression": CompressionType.LZ4},
+    "none": {"compression": CompressionType.NONE},
+    "no chunks": {"use_chunking": False},
+    "no message index": {"index_types": IndexType.CHUNK | IndexType.METADATA},
+}
+MAKERS = (*MCAP_OPTIONS, "rosbags", "rosbags zstd")
+
+
+def write_mcap(path, messages, topics=TOPICS, chunk_size=4000, extras=(), **options):
+    """Write a file in rosbag2's layout with the mcap library; ``extras`` are names of attachments."""
+    with path.open("wb") as stream:
+        writer = McapWriter(stream, chunk_size=chunk_size, **options)
+        writer.start(profile="ros2", library="other")
+        schemas = {name: writer.register_schema(name, "ros2msg", SCHEMAS[name]) for name, _ in topics.values()}
+        channels = {
+            topic: writer.register_channel(
+                topic,
+                "cdr",
+                schemas[kind],
+                {"offered_qos_profiles": dump_profiles(qos), "topic_type_hash": HASHES[kind]},
+            )
+            for topic, (kind, qos) in topics.items()
+        }
+        for one in messages:
+            writer.add_message(channels[one.topic], one.log_time, one.data, one.publish_time, one.sequence)
+        for name in extras:
+            writer.add_attachment(5, 6, name, "text/plain", b"content of " + name.encode())
+            writer.add_metadata(name, {"key": "value"})
+        writer.finish()
+    return path
+
+
+def write_bag(folder, maker, messages=None, topics=TOPICS):
+    """Write a bag of one of MAKERS; returns its folder or file."""
+    if messages is None:
+        # rosbags ends a chunk only when it has 1 MiB.
+        messages = drive() if maker in MCAP_OPTIONS else drive(padding=6000)
+    if maker in MCAP_OPTIONS:
+        folder.mkdir()
+        return write_mcap(folder / "other.mcap", messages, topics, **MCAP_OPTIONS[maker])
+    writer = RosbagsWriter(folder, version=9, storage_plugin=StoragePlugin.MCAP)
+    if maker == "rosbags zstd":
+        writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+    with writer:
+        connections = {
+            topic: writer.add_connection(topic, kind, typestore=STORE, offered_qos_profiles=list(map(rosbags_qos, qos)))
+            for topic, (kind, qos) in topics.items()
+        }
+        for one in messages:
+            writer.write(connections[one.topic], one.log_time, one.data)
+    return folder
+
+
+def rosbags_qos(qos):
+    durability = QosDurability.TRANSIENT_LOCAL if qos.durability == "transient_local" else QosDurability.VOLATILE
+    forever = QosTime(9223372036, 854775807)
+    return RosbagsQos(
+        QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, durability, forever, forever, QosLiveliness.AUTOMATIC,
+        forever, False,
+    )  # fmt: skip
+
+
+def files_of(path):
+    return sorted(path.glob("*.mcap"), key=lambda one: (len(one.name), one.name)) if path.is_dir() else [path]
+
+
+def facts(path):
+    """All messages by mcap's own reader: of each file in the order of log time, every checksum verified."""
+    found = []
+    for file in files_of(path):
+        with file.open("rb") as stream:
+            for schema, channel, message in make_reader(stream, validate_crcs=True).iter_messages():
+                found.append(
+                    Fact(
+                        channel.topic, message.sequence, message.log_time, message.publish_time, message.data,
+                        schema.name, schema.encoding, schema.data, tuple(sorted(channel.metadata.items())),
+                    )
+                )  # fmt: skip
+    return found
+
+
+def in_file_order(path):
+    """Topic and log time in the order of the bytes, by mcap's StreamReader, which needs no index."""
+    found = []
+    for file in files_of(path):
+        channels = {}
+        with file.open("rb") as stream:
+            for record in StreamReader(stream, validate_crcs=True).records:
+                if type(record).__name__ == "Channel":
+                    assert channels.setdefault(record.id, record) == record
+                elif type(record).__name__ == "Message":
+                    found.append((channels[record.channel_id].topic, record.log_time))
+    return found
+
+
+def by_rosbags(folder):
+    """Topic, log time and data by rosbags, which reads metadata.yaml too."""
+    with AnyReader([folder]) as reader:
+        return [(connection.topic, time, bytes(data)) for connection, time, data in reader.messages()]
+
+
+def stated(folder):
+    """The map in metadata.yaml."""
+    return yaml.safe_load((folder / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+
+
+def check_metadata(folder):
+    """Compare metadata.yaml, and the statistics of each file, with the messages found."""
+    content = stated(folder)
+    assert content["relative_file_paths"] == [file.name for file in files_of(folder)]
+    assert [entry["path"] for entry in content["files"]] == content["relative_file_paths"]
+    of_file = {file.name: facts(file) for file in files_of(folder)}
+    everything = [one for found in of_file.values() for one in found]
+    for entry in [*content["files"], {**content, "path": None}]:
+        found = of_file[entry["path"]] if entry["path"] else everything
+        times = [one.log_time for one in found]
+        assert entry["message_count"] == len(found)
+        assert entry["starting_time"]["nanoseconds_since_epoch"] == min(times, default=0)
+        assert entry["duration"]["nanoseconds"] == (max(times) - min(times) if times else 0)
+    counts = {one["topic_metadata"]["name"]: one["message_count"] for one in content["topics_with_message_count"]}
+    assert len(counts) == len(content["topics_with_message_count"])
+    assert Counter(counts) == Counter(one.topic for one in everything)
+    for file in files_of(folder):
+        with file.open("rb") as stream:
+            summary = make_reader(stream).get_summary()
+        statistics, own = summary.statistics, of_file[file.name]
+        assert statistics.message_count == len(own)
+        assert statistics.chunk_count == len(summary.chunk_indexes)
+        found = Counter()
+        for number, count in statistics.channel_message_counts.items():
+            found[summary.channels[number].topic] += count
+        assert found == Counter(one.topic for one in own)
+    return everything
