@@ -22,6 +22,7 @@ from diffbot_core.launcher import end_on_signals
 from diffbot_core.ranges import LENGTH
 from diffbot_core.schema import build, parameters_of, to_dict
 from diffbot_lab.arguments import MAX_SEED, number_between, whole
+from diffbot_lab.bag.command import add_bag
 from diffbot_lab.benchmark_commands import add_benchmark
 from diffbot_lab.campaign.options import CampaignOptions, load_yaml
 from diffbot_lab.data_commands import add_calibrate, add_import, add_refilter
@@ -72,6 +73,7 @@ def _parser() -> argparse.ArgumentParser:
     add_watch(commands)
     add_report(commands)
     add_interfaces(commands)
+    add_bag(commands)
     return parser
 
 

@@ -1,0 +1,1 @@
+"""Work on recorded bags without ROS: figures, checks, and writing them anew."""

@@ -1,0 +1,19 @@
+"""The command ``diffbot bag``: its verbs, each in a module of its own."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from diffbot_lab.bag.info_command import add_info
+
+_VERBS = (
+    add_info,
+)
+
+
+def add_bag(commands: Any) -> None:
+    """Add ``diffbot bag`` to the subparsers of the command line."""
+    bag = commands.add_parser("bag", help="look at recorded bags, check and change them (docs/bags.md)")
+    verbs = bag.add_subparsers(required=True, metavar="VERB", dest="verb")
+    for add in _VERBS:
+        add(verbs)
