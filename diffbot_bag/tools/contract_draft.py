@@ -101,4 +101,4 @@ def _down(value: float) -> float:
     if value == 0.0:
         return 0.0
     step = 10.0 ** (math.floor(math.log10(abs(value))) - 1)
-    return float(f"{math.floor(value / step * (1 + 1e-12 * math.copysign(1, value))) * step:.6g}")
+    return float(f"{math.floor(value / step) * step:.6g}")

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
+from diffbot_lab.bag.check_command import add_check
 from diffbot_lab.bag.info_command import add_info
 
 _VERBS = (
     add_info,
+    add_check,
 )
 
 
