@@ -14,6 +14,7 @@ from diffbot_bag.reader import BagReader
 from diffbot_bag.tools.header_stamps import begins_with_header
 from diffbot_bag.tools.topic_figures import TopicFigures, TopicMeter
 from diffbot_core.errors import DiffbotError
+from diffbot_core.units import NS_PER_S
 
 SCHEMA_VERSION = 1
 """of :func:`info_as_plain`; it grows when a key changes its meaning or goes away"""
@@ -47,7 +48,7 @@ class TopicInfo(NamedTuple):
 
     name: str
     type: str
-    count: int
+    message_count: int
     qos: tuple[Qos, ...]
     """what each publisher offered"""
     recorder_lost: int | None
@@ -220,7 +221,7 @@ def info_as_plain(info: BagInfo) -> dict[str, Any]:
         "size": info.size,
         "start": info.start,
         "end": info.end,
-        "duration": info.duration * 1e-9,
+        "duration": info.duration / NS_PER_S,
         "messages": info.message_count,
         "lost": info.lost,
         "compression": [one._asdict() for one in info.compression],
@@ -234,10 +235,10 @@ def _topic_as_plain(topic: TopicInfo) -> dict[str, Any]:
     return {
         "name": topic.name,
         "type": topic.type,
-        "messages": topic.count,
+        "messages": topic.message_count,
         "bytes": figures.bytes if figures else None,
-        "first": figures.first if figures and figures.count else None,
-        "last": figures.last if figures and figures.count else None,
+        "first": figures.first if figures and figures.message_count else None,
+        "last": figures.last if figures and figures.message_count else None,
         "rate": figures.rate if figures else None,
         "gap": figures.gap if figures else None,
         "gap_begin": figures.gap_begin if figures else None,

@@ -48,9 +48,7 @@ class TopicRules(NamedTuple):
     type: Annotated[str, Spec("pkg/msg/Type")] = ""
     min_count: Annotated[int, Spec("messages", minimum=0, maximum=_MAX_COUNT)] = 0
     max_count: Annotated[int, Spec("messages", minimum=0, maximum=_MAX_COUNT)] = _MAX_COUNT
-    min_rate: Annotated[float, Spec("intervals over the time from the first to the last message", "Hz", minimum=0.0)] = (
-        0.0
-    )
+    min_rate: Annotated[float, Spec("intervals over the time from first to last message", "Hz", minimum=0.0)] = 0.0
     max_rate: Annotated[float, Spec("the same", "Hz", minimum=0.0, allow_inf=True)] = math.inf
     max_gap: Annotated[float, Spec("time between neighbouring messages", "s", minimum=0.0, allow_inf=True)] = math.inf
     max_start: Annotated[float, Spec("first message after the bag's", "s", minimum=0.0, allow_inf=True)] = math.inf

@@ -9,6 +9,7 @@ from diffbot_bag.foreign_files import shown
 from diffbot_bag.tools.bag_info import BagInfo, TopicInfo
 from diffbot_bag.tools.contract import Chosen, Contract
 from diffbot_core.schema import Spec, parameters_of
+from diffbot_core.units import NS_PER_S
 
 BAG = "bag"
 """Stands for a topic in the results of rules of the whole bag."""
@@ -72,11 +73,11 @@ def check_bag(contract: Contract, info: BagInfo, consistency: Mapping[str, Consi
     found = {topic.name: topic for topic in info.topics}
     results = list(_bag_results(contract, info))
     for name in contract.forbidden:
-        count = found[name].count if name in found else 0
+        count = found[name].message_count if name in found else 0
         results.append(Result(name, "forbidden", count == 0, f"{count} messages", "0 messages"))
     for name, chosen in contract.topics.items():
         topic = found.get(name)
-        present = topic is not None and topic.count > 0
+        present = topic is not None and topic.message_count > 0
         needed = chosen.rules.required
         words = "in the bag" if present else "without a message" if topic else "not in the bag"
         results.append(
@@ -89,7 +90,7 @@ def check_bag(contract: Contract, info: BagInfo, consistency: Mapping[str, Consi
 
 def _bag_results(contract: Contract, info: BagInfo) -> Iterator[Result]:
     chosen = contract.bag
-    others = [topic.name for topic in info.topics if topic.name not in contract.topics and topic.count]
+    others = [topic.name for topic in info.topics if topic.name not in contract.topics and topic.message_count]
     others = [name for name in others if name not in contract.forbidden]
     for name in chosen.names:
         if name == "only_these_topics":
@@ -98,7 +99,7 @@ def _bag_results(contract: Contract, info: BagInfo) -> Iterator[Result]:
             if chosen.rules.only_these_topics:
                 yield Result(BAG, name, not others, text or "no other topic", "no other topic")
             continue
-        value = info.lost if name == "max_lost" else info.duration * 1e-9
+        value = info.lost if name == "max_lost" else info.duration / NS_PER_S
         yield _compared(BAG, name, value, getattr(chosen.rules, name), _specs(chosen)[name])
 
 
@@ -120,9 +121,9 @@ def _compared(topic: str, rule: str, value: Value, bound: Any, spec: Spec) -> Re
     if value is None:
         passed = False
     elif rule.startswith("min_"):
-        passed = value >= bound  # type: ignore[operator]
+        passed = value >= bound
     elif rule.startswith("max_"):
-        passed = value <= bound  # type: ignore[operator]
+        passed = value <= bound
     else:
         passed = value == bound
     return Result(topic, rule, passed, value, bound, "" if spec.unit == "-" else spec.unit)
@@ -149,17 +150,17 @@ def _offered(policy: str) -> Callable[[_Measured], Value]:
 
 
 def _start(one: _Measured) -> Value:
-    return (one.topic.figures.first - one.info.start) * 1e-9 if one.topic.figures else None
+    return (one.topic.figures.first - one.info.start) / NS_PER_S if one.topic.figures else None
 
 
 def _end(one: _Measured) -> Value:
-    return (one.info.end - one.topic.figures.last) * 1e-9 if one.topic.figures else None
+    return (one.info.end - one.topic.figures.last) / NS_PER_S if one.topic.figures else None
 
 
 _MEASURES: dict[str, Callable[[_Measured], Value]] = {
     "type": lambda one: one.topic.type,
-    "min_count": lambda one: one.topic.count,
-    "max_count": lambda one: one.topic.count,
+    "min_count": lambda one: one.topic.message_count,
+    "max_count": lambda one: one.topic.message_count,
     "min_rate": _figure("rate"),
     "max_rate": _figure("rate"),
     "max_gap": _figure("gap"),

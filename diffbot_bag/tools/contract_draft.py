@@ -11,6 +11,7 @@ import yaml
 from diffbot_bag.tools.bag_info import BagInfo, TopicInfo
 from diffbot_bag.tools.contract import VERSION
 from diffbot_bag.tools.contract_check import Consistency
+from diffbot_core.units import NS_PER_S
 
 MIN_PERIODIC = 20
 """Messages below which a topic gets no rate."""
@@ -22,6 +23,7 @@ LATENCY_MARGIN = 2.0
 SMALLEST_LATENCY = 0.01
 """[s] added to the bounds of the latency: clocks differ, and a machine is busy at times"""
 SHARE_MARGIN = 0.2
+_WORDS = ("reliable", "best_effort", "volatile", "transient_local")
 _HEAD = """\
 # Drafted from {path}: read it, and widen or delete what is no requirement.
 # Check a bag with: diffbot bag check BAG THIS_FILE
@@ -39,7 +41,7 @@ def draft_contract(info: BagInfo, consistency: Mapping[str, Consistency]) -> str
     topics = {
         topic.name: _topic_rules(topic, info, consistency.get(topic.name, Consistency()))
         for topic in info.topics
-        if topic.count
+        if topic.message_count
     }
     content = {"version": VERSION, "bag": bag, "topics": topics, "forbidden": []}
     return _HEAD.format(path=info.path.name) + "\n" + yaml.safe_dump(content, sort_keys=False)
@@ -50,9 +52,10 @@ def _topic_rules(topic: TopicInfo, info: BagInfo, consistency: Consistency) -> d
     if topic.lost is not None:
         rules["max_lost"] = topic.lost
     rules |= _stamps(topic)
-    for policy, words in (("reliability", ("reliable", "best_effort")), ("durability", ("volatile", "transient_local"))):
+    for policy in ("reliability", "durability"):
         offered = {getattr(qos, policy) for qos in topic.qos}
-        if len(offered) == 1 and (word := offered.pop()) in words:
+        # Others, such as unknown, are no rule.
+        if len(offered) == 1 and (word := offered.pop()) in _WORDS:
             rules[policy] = word
     shares = (("min_nis_inside", consistency.nis_inside), ("min_white", consistency.white))
     return rules | {name: _down(max(share - SHARE_MARGIN, 0.0)) for name, share in shares if share is not None}
@@ -60,12 +63,12 @@ def _topic_rules(topic: TopicInfo, info: BagInfo, consistency: Consistency) -> d
 
 def _timing(topic: TopicInfo, info: BagInfo) -> dict[str, Any]:
     figures = topic.figures
-    if figures is None or figures.rate is None or figures.gap is None or figures.count < MIN_PERIODIC:
+    if figures is None or figures.rate is None or figures.gap is None or figures.message_count < MIN_PERIODIC:
         return {}
     if figures.gap * figures.rate > MAX_IRREGULARITY:
         return {}
     gap = _up(max(GAP_MARGIN * figures.gap, 3.0 / figures.rate))
-    start, end = (figures.first - info.start) * 1e-9, (info.end - figures.last) * 1e-9
+    start, end = (figures.first - info.start) / NS_PER_S, (info.end - figures.last) / NS_PER_S
     return {
         "min_rate": _down(figures.rate / RATE_MARGIN),
         "max_rate": _up(figures.rate * RATE_MARGIN),

@@ -49,4 +49,5 @@ def stamps_of(heads: Sequence[bytes]) -> NDArray[np.int64]:
 def _times(block: NDArray[np.uint8], order: str) -> NDArray[np.int64]:
     seconds = np.ascontiguousarray(block[:, 4:8]).view(f"{order}i4")[:, 0].astype(np.int64)
     nanoseconds = np.ascontiguousarray(block[:, 8:12]).view(f"{order}u4")[:, 0].astype(np.int64)
-    return seconds * 10**9 + nanoseconds
+    times: NDArray[np.int64] = seconds * 10**9 + nanoseconds
+    return times

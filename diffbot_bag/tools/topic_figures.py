@@ -10,6 +10,7 @@ from diffbot_bag.lost_messages import GapCounter
 from diffbot_bag.tools.header_stamps import SIZE, stamps_of
 from diffbot_bag.tools.quantiles import Quantiles
 from diffbot_core.errors import DiffbotError
+from diffbot_core.units import NS_PER_S
 
 MAX_TIME = 2**62
 """[ns] of a log time, the year 2116; differences to any stamp fit into 64 bits"""
@@ -27,7 +28,7 @@ class Latency(NamedTuple):
 class TopicFigures(NamedTuple):
     """What :class:`TopicMeter` finds; None where the messages do not tell."""
 
-    count: int
+    message_count: int
     bytes: int
     """of all messages, unpacked"""
     first: int
@@ -120,18 +121,19 @@ class TopicMeter:
             DiffbotError: if a log time is beyond MAX_TIME.
         """
         self._flush()
-        span = (self._last - self._first) * 1e-9
+        span = (self._last - self._first) / NS_PER_S
         several, delays = self._count > 1, self._delays
         latency = None
         if delays.count:
-            latency = Latency(delays.smallest * 1e-9, delays.quantile(0.5) * 1e-9, delays.quantile(0.99) * 1e-9)
+            found = (delays.smallest, delays.quantile(0.5), delays.quantile(0.99))
+            latency = Latency(*(value / NS_PER_S for value in found))
         return TopicFigures(
-            count=self._count,
+            message_count=self._count,
             bytes=self._bytes,
             first=self._first,
             last=self._last,
             rate=(self._count - 1) / span if span > 0.0 else None,
-            gap=self._gap * 1e-9 if several else None,
+            gap=self._gap / NS_PER_S if several else None,
             gap_begin=self._gap_begin if several else None,
             latency=latency,
             unstamped=self._unstamped if self._is_stamped else None,

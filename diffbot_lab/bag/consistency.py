@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Protocol
 
@@ -90,8 +91,7 @@ class _Share:
         self._inside = self._all = 0
 
     def note(self, value: float, low: float, high: float) -> None:
-        # With a number that is not known, nan, nothing is.
-        if value == value and low <= high:
+        if not math.isnan(value) and low <= high:
             self._all += 1
             self._inside += low <= value <= high
 

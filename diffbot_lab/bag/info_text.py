@@ -28,7 +28,7 @@ def info_text(info: BagInfo) -> str:
         _line("Duration", f"{_seconds(info.duration)}s"),
         _line("Start", _time_text(info.start)),
         _line("End", _time_text(info.end)),
-        _line("Messages", str(sum(topic.count for topic in topics))),
+        _line("Messages", str(sum(topic.message_count for topic in topics))),
         *_listed("Topic information", [_entry("Topic", topic, "Count") for topic in topics]),
         _line("Service", str(len(services))),
         *_listed("Service information", [_entry("Service", topic, "Event Count") for topic in services]),
@@ -58,7 +58,9 @@ def _entry(kind: str, topic: TopicInfo, count: str) -> str:
     name, type_name = topic.name, topic.type
     if kind == "Service":
         name, type_name = name.removesuffix(_SERVICE_EVENTS), type_name.removesuffix("_Event")
-    return f"{kind}: {shown(name)} | Type: {shown(type_name)} | {count}: {topic.count} | Serialization Format: cdr"
+    return (
+        f"{kind}: {shown(name)} | Type: {shown(type_name)} | {count}: {topic.message_count} | Serialization Format: cdr"
+    )
 
 
 def _compression(info: BagInfo) -> list[str]:

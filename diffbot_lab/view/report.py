@@ -150,7 +150,13 @@ def _end_of(events: list[Event], begin: float, following: float) -> str:
 
 def topic_figures(topic: TopicInfo) -> dict[str, Any]:
     """Return number, rate, largest gap and delays of a topic."""
-    row: dict[str, Any] = {"name": topic.name, "type": topic.type, "count": topic.count, "rate": None, "gap": None}
+    row: dict[str, Any] = {
+        "name": topic.name,
+        "type": topic.type,
+        "count": topic.message_count,
+        "rate": None,
+        "gap": None,
+    }
     if topic.figures is not None:
         row |= {"rate": topic.figures.rate, "gap": topic.figures.gap}
         if (latency := topic.figures.latency) is not None:
