@@ -28,7 +28,9 @@ class BagRules(NamedTuple):
     """Rules of the whole bag."""
 
     min_duration: Annotated[float, Spec("time from the first to the last message", "s", minimum=0.0)] = 0.0
-    max_duration: Annotated[float, Spec("the same", "s", minimum=0.0, allow_inf=True)] = math.inf
+    max_duration: Annotated[
+        float, Spec("time from the first to the last message", "s", minimum=0.0, allow_inf=True)
+    ] = math.inf
     max_lost: Annotated[int, Spec("lost messages of all topics", minimum=0, maximum=_MAX_COUNT)] = _MAX_COUNT
     only_these_topics: Annotated[bool, Spec("no topic but those under `topics`")] = False
 
@@ -49,24 +51,34 @@ class TopicRules(NamedTuple):
     min_count: Annotated[int, Spec("messages", minimum=0, maximum=_MAX_COUNT)] = 0
     max_count: Annotated[int, Spec("messages", minimum=0, maximum=_MAX_COUNT)] = _MAX_COUNT
     min_rate: Annotated[float, Spec("intervals over the time from first to last message", "Hz", minimum=0.0)] = 0.0
-    max_rate: Annotated[float, Spec("the same", "Hz", minimum=0.0, allow_inf=True)] = math.inf
+    max_rate: Annotated[
+        float, Spec("intervals over the time from first to last message", "Hz", minimum=0.0, allow_inf=True)
+    ] = math.inf
     max_gap: Annotated[float, Spec("time between neighbouring messages", "s", minimum=0.0, allow_inf=True)] = math.inf
-    max_start: Annotated[float, Spec("first message after the bag's", "s", minimum=0.0, allow_inf=True)] = math.inf
-    max_end: Annotated[float, Spec("last message before the bag's", "s", minimum=0.0, allow_inf=True)] = math.inf
-    max_lost: Annotated[int, Spec("messages, by recorder or sequence numbers", minimum=0, maximum=_MAX_COUNT)] = (
+    max_start: Annotated[
+        float, Spec("from the first message of the bag to that of the topic", "s", minimum=0.0, allow_inf=True)
+    ] = math.inf
+    max_end: Annotated[
+        float, Spec("from the last message of the topic to that of the bag", "s", minimum=0.0, allow_inf=True)
+    ] = math.inf
+    max_lost: Annotated[int, Spec("lost messages, as `lost` of `diffbot bag info`", minimum=0, maximum=_MAX_COUNT)] = (
         _MAX_COUNT
     )
     min_latency: Annotated[float, Spec("smallest log time minus stamp; negative: a stamp of the future", "s")] = 0.0
     max_latency_median: Annotated[float, Spec("median of log time minus stamp", "s", allow_inf=True)] = math.inf
-    max_latency_p99: Annotated[float, Spec("its 99 % quantile", "s", allow_inf=True)] = math.inf
+    max_latency_p99: Annotated[float, Spec("99 % quantile of log time minus stamp", "s", allow_inf=True)] = math.inf
     stamped: Annotated[bool, Spec("true: no message without a stamp other than 0")] = False
     monotone_stamps: Annotated[bool, Spec("true: no stamp before that of the message before")] = False
     reliability: Annotated[str, Spec("that every publisher offered", choices=("reliable", "best_effort"))] = "reliable"
     durability: Annotated[str, Spec("that every publisher offered", choices=("volatile", "transient_local"))] = (
         "volatile"
     )
-    min_nis_inside: Annotated[float, Spec("share of mean NIS within 95 % bounds", minimum=0.0, maximum=1.0)] = 0.0
-    min_white: Annotated[float, Spec("share of autocorrelations within 95 % bounds", minimum=0.0, maximum=1.0)] = 0.0
+    min_nis_inside: Annotated[
+        float, Spec("share of the mean NIS within their 95 % bounds", minimum=0.0, maximum=1.0)
+    ] = 0.0
+    min_white: Annotated[
+        float, Spec("share of the autocorrelations of innovations within their 95 % bounds", minimum=0.0, maximum=1.0)
+    ] = 0.0
 
     def check(self) -> None:
         """Refuse bounds that exclude each other.

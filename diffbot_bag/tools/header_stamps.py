@@ -40,7 +40,7 @@ def stamps_of(heads: Sequence[bytes]) -> NDArray[np.int64]:
     """
     block = np.frombuffer(b"".join(head.ljust(SIZE, b"\0")[:SIZE] for head in heads), np.uint8).reshape(-1, SIZE)
     little = _times(block, "<") * (block[:, 1] % 2 == 1)
-    stamps = little + _times(block, ">") * (block[:, 1] % 2 == 0)
+    stamps: NDArray[np.int64] = little + _times(block, ">") * (block[:, 1] % 2 == 0)
     whole = np.array([len(head) >= SIZE for head in heads], bool)
     stamps[~(whole & (block[:, 0] == 0) & np.isin(block[:, 1], _REPRESENTATIONS))] = 0
     return stamps

@@ -10,7 +10,7 @@ from diffbot_bag.cdr import LABELLED, CdrError, NumberRows, labelled_layout, lab
 from diffbot_bag.tools.contract_check import Consistency
 from diffbot_control.filter.gate import ACCEPTED, FIX, HEADING, LANDMARK
 from diffbot_control.filter.innovation_monitor import WINDOW, InnovationMonitor
-from diffbot_lab.refilter.output import NIS_LABELS
+from diffbot_lab.refilter.nis_topic import NIS_LABELS, NIS_TOPIC
 from diffbot_lab.view.robot_topics import STATUS
 from diffbot_lab.view.texts import number, read_status
 
@@ -109,6 +109,6 @@ def observers_for(types: Mapping[str, str]) -> dict[str, Observer]:
     for name, kind in types.items():
         if kind == STATUS:
             found[name] = StatusObserver()
-        elif kind == LABELLED and name.endswith("/nis"):
+        elif kind == LABELLED and name.endswith(NIS_TOPIC):
             found[name] = NisObserver()
     return found
