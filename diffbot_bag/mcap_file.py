@@ -159,12 +159,17 @@ class McapFile:
 
     def definitions(self) -> dict[str, str]:
         """Return the message definition of each topic that has one in the format of ROS's .msg files."""
-        found = {}
-        for channel in self._channels.values():
-            schema = self._schemas.get(channel.schema_id)
-            if schema and schema.encoding == SchemaEncoding.ROS2 and channel.message_encoding == MessageEncoding.CDR:
-                found[channel.topic] = schema.data.decode("utf-8", "replace")
-        return found
+        # One text per schema: of unknown origin, many channels may share a long one.
+        texts = {
+            number: schema.data.decode("utf-8", "replace")
+            for number, schema in self._schemas.items()
+            if schema.encoding == SchemaEncoding.ROS2
+        }
+        return {
+            channel.topic: texts[channel.schema_id]
+            for channel in self._channels.values()
+            if channel.schema_id in texts and channel.message_encoding == MessageEncoding.CDR
+        }
 
     @property
     def message_count(self) -> int:

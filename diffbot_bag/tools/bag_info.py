@@ -18,6 +18,8 @@ from diffbot_core.units import NS_PER_S
 
 SCHEMA_VERSION = 1
 """of :func:`info_as_plain`; it grows when a key changes its meaning or goes away"""
+MAX_TOPICS = 10_000
+"""of a bag whose figures are computed: each takes some kB"""
 _PROGRESS_STEP = 1000
 Observer = Callable[[int, bytes], None]
 """Takes log time [ns] and data of a message."""
@@ -166,6 +168,8 @@ def _info(reader: BagReader, meters: Mapping[str, TopicMeter]) -> BagInfo:
 
 def _meters(reader: BagReader) -> dict[str, TopicMeter]:
     """Return an empty meter for each topic of a bag."""
+    if (number := len(reader.topics)) > MAX_TOPICS:
+        raise DiffbotError(f"{shown(reader.path)} has {number} topics: must be <= {MAX_TOPICS}")
     publishers: dict[str, int] = {}
     for file in reader.files:
         in_file: dict[str, int] = {}
@@ -173,7 +177,10 @@ def _meters(reader: BagReader) -> dict[str, TopicMeter]:
             in_file[topic.name] = in_file.get(topic.name, 0) + max(len(topic.qos), 1)
         publishers |= {name: max(count, publishers.get(name, 0)) for name, count in in_file.items()}
     definitions = reader.definitions
-    return {name: TopicMeter(begins_with_header(definitions.get(name, "")), publishers[name]) for name in publishers}
+    is_stamped = {text: begins_with_header(text) for text in set(definitions.values())}
+    return {
+        name: TopicMeter(is_stamped.get(definitions.get(name, ""), False), count) for name, count in publishers.items()
+    }
 
 
 def _topic_info(topic: Topic, losses: dict[str, int] | None, meter: TopicMeter | None) -> TopicInfo:

@@ -10,6 +10,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from diffbot_bag.lost_messages import GapCounter
+from diffbot_bag.tools import bag_info
 from diffbot_bag.tools.bag_info import info_as_plain, read_info
 from diffbot_bag.tools.topic_figures import MAX_TIME, TopicMeter
 from diffbot_bag.writer import BagWriter
@@ -169,6 +170,13 @@ def test_an_empty_bag_has_no_figures(tmp_path):
 def test_a_log_time_beyond_the_range_is_one_line(tmp_path):
     folder = foreign_bags.write_folder(tmp_path / "run", [("/a", MAX_TIME + 1, 0, foreign_bags.command(0.0, 0.0))])
     with pytest.raises(DiffbotError, match=r"/a: log time .*: must be <= "):
+        read_info(folder)
+
+
+def test_a_bag_of_too_many_topics_is_one_line(tmp_path, monkeypatch):
+    monkeypatch.setattr(bag_info, "MAX_TOPICS", 2)
+    folder = foreign_bags.write_folder(tmp_path / "run", foreign_bags.irregular(1.0))
+    with pytest.raises(DiffbotError, match=r"has 3 topics: must be <= 2$"):
         read_info(folder)
 
 
