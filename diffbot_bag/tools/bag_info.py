@@ -253,5 +253,6 @@ def _topic_as_plain(topic: TopicInfo) -> dict[str, Any]:
         "latency": None if latency is None else latency._asdict(),
         "unstamped": figures.unstamped if figures else None,
         "stamps_back": figures.stamps_back if figures else None,
+        "stamp_gap": figures.stamp_gap if figures else None,
         "qos": [to_plain(qos) for qos in topic.qos],
     }

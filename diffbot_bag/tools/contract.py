@@ -55,6 +55,10 @@ class TopicRules(NamedTuple):
         float, Spec("intervals over the time from first to last message", "Hz", minimum=0.0, allow_inf=True)
     ] = math.inf
     max_gap: Annotated[float, Spec("time between neighbouring messages", "s", minimum=0.0, allow_inf=True)] = math.inf
+    max_stamp_gap: Annotated[
+        float,
+        Spec("step from one stamp to the next, however late they were recorded", "s", minimum=0.0, allow_inf=True),
+    ] = math.inf
     max_start: Annotated[
         float, Spec("from the first message of the bag to that of the topic", "s", minimum=0.0, allow_inf=True)
     ] = math.inf

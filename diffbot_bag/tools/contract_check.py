@@ -164,6 +164,7 @@ _MEASURES: dict[str, Callable[[_Measured], Value]] = {
     "min_rate": _figure("rate"),
     "max_rate": _figure("rate"),
     "max_gap": _figure("gap"),
+    "max_stamp_gap": _figure("stamp_gap"),
     "max_start": _start,
     "max_end": _end,
     "max_lost": lambda one: one.topic.lost,

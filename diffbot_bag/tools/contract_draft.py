@@ -87,6 +87,8 @@ def _stamps(topic: TopicInfo) -> dict[str, Any]:
         "min_latency": _down(min(smallest, 0.0) * LATENCY_MARGIN - SMALLEST_LATENCY),
         "max_latency_p99": _up(max(p99, 0.0) * LATENCY_MARGIN + SMALLEST_LATENCY),
     }
+    if figures.stamp_gap and figures.rate and figures.stamp_gap * figures.rate <= MAX_IRREGULARITY:
+        rules["max_stamp_gap"] = _up(GAP_MARGIN * figures.stamp_gap)
     if figures.unstamped == 0:
         rules["stamped"] = True
     if figures.stamps_back == 0:

@@ -46,6 +46,8 @@ class TopicFigures(NamedTuple):
     """messages whose stamp is 0 or cannot be read; None if the type has no header"""
     stamps_back: int | None
     """messages whose stamp is earlier than that of the one before"""
+    stamp_gap: float | None
+    """[s] longest step from one stamp to the next; unlike the gap, it does not grow when the recorder is late"""
     missing: int | None
     """numbers that are missing in the sequence; None if the writer of the bag gave no sequence numbers"""
 
@@ -70,6 +72,7 @@ class TopicMeter:
         self._gap_begin = 0
         self._delays = Quantiles()
         self._last_stamp: int | None = None
+        self._stamp_gap: int | None = None
         self._unstamped = self._back = 0
 
     def add(self, log_time: int, data: bytes, sequence: int = 0) -> None:
@@ -110,9 +113,11 @@ class TopicMeter:
         if not len(stamps):
             return
         self._delays.add(times[known] - stamps)
-        before = int(stamps[0]) if self._last_stamp is None else self._last_stamp
-        self._back += int(np.count_nonzero(np.diff(stamps, prepend=before) < 0))
+        steps = np.diff(stamps) if self._last_stamp is None else np.diff(stamps, prepend=self._last_stamp)
         self._last_stamp = int(stamps[-1])
+        if len(steps):
+            self._back += int(np.count_nonzero(steps < 0))
+            self._stamp_gap = max(int(steps.max()), self._stamp_gap or 0)
 
     def figures(self) -> TopicFigures:
         """Return the figures of all messages so far.
@@ -138,5 +143,6 @@ class TopicMeter:
             latency=latency,
             unstamped=self._unstamped if self._is_stamped else None,
             stamps_back=self._back if self._is_stamped else None,
+            stamp_gap=None if self._stamp_gap is None else self._stamp_gap / NS_PER_S,
             missing=self._sequences.lost if self._is_numbered else None,
         )

@@ -63,7 +63,7 @@ def test_latency_and_order_of_stamps_are_those_of_an_independent_reader(bag):
     for name, rows in independent(bag).items():
         figures = topics[name].figures
         if rows[0][2] is None:
-            assert (figures.latency, figures.unstamped, figures.stamps_back) == (None, None, None)
+            assert (figures.latency, figures.unstamped, figures.stamps_back, figures.stamp_gap) == (None,) * 4
             continue
         known = [(time, stamp) for time, _, stamp in rows if stamp]
         delays = np.array([time - stamp for time, stamp in known]) * 1e-9
@@ -73,6 +73,7 @@ def test_latency_and_order_of_stamps_are_those_of_an_independent_reader(bag):
         assert figures.latency.p99 == pytest.approx(np.quantile(delays, 0.99, method="inverted_cdf"), rel=2e-3)
         assert figures.unstamped == len(rows) - len(known)
         assert figures.stamps_back == np.count_nonzero(np.diff(stamps) < 0)
+        assert figures.stamp_gap == pytest.approx(np.diff(stamps).max() * 1e-9, rel=1e-12)
     assert topics["/odom"].figures.stamps_back >= 1
     assert topics["/pose"].figures.unstamped == 2
     assert topics["/pose"].figures.latency.median == pytest.approx(-0.003, rel=1e-3)
@@ -162,7 +163,7 @@ def test_an_empty_bag_has_no_figures(tmp_path):
     assert topic.figures._replace(unstamped=None, stamps_back=None)._asdict() == {
         "message_count": 0, "bytes": 0, "first": 0, "last": 0,
         "rate": None, "gap": None, "gap_begin": None, "latency": None,
-        "unstamped": None, "stamps_back": None, "missing": None,
+        "unstamped": None, "stamps_back": None, "stamp_gap": None, "missing": None,
     }  # fmt: skip
     json.dumps(info_as_plain(read_info(tmp_path / "run")), allow_nan=False)
 

@@ -45,6 +45,7 @@ SIDES = {
     "min_rate": (9.523, 9.524),  # 40 intervals in 4.2 s
     "max_rate": (9.524, 9.523),
     "max_gap": (0.3, 0.299),
+    "max_stamp_gap": (0.3, 0.299),
     "max_start": (0.0, None),
     "max_end": (0.1001, 0.0999),
     "max_lost": (2, 1),

@@ -53,7 +53,7 @@ def test_json_has_the_documented_keys(bag, capsys):
     odom = next(topic for topic in found["topics"] if topic["name"] == "/odom")
     assert set(odom) == {
         "name", "type", "messages", "bytes", "first", "last", "rate", "gap", "gap_begin", "lost", "latency",
-        "unstamped", "stamps_back", "qos",
+        "unstamped", "stamps_back", "stamp_gap", "qos",
     }  # fmt: skip
     assert (found["messages"], found["duration"], odom["lost"], odom["rate"]) == (5, 0.4, 1, 7.5)
     assert odom["latency"] == {"smallest": 0.0, "median": 0.1, "p99": 0.4}
