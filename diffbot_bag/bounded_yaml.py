@@ -34,12 +34,27 @@ _Loader.add_constructor("tag:yaml.org,2002:int", _bounded(_Loader.construct_yaml
 _Loader.add_constructor("tag:yaml.org,2002:float", _bounded(_Loader.construct_yaml_float))
 
 
-def load_yaml(text: str, name: str) -> Any:
+class _UniqueKeys(_Loader):
+    """Refuses a key that stands twice in a map, of which YAML keeps the last."""
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+        keys = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
+        if twice := next((key for key in keys if keys.count(key) > 1), ""):
+            raise DuplicateKeyError(f"{shown(twice)!r} stands there twice")
+        return dict(super().construct_mapping(node, deep))
+
+
+class DuplicateKeyError(DiffbotError):
+    """A map of a YAML document has a key twice."""
+
+
+def load_yaml(text: str, name: str, *, unique_keys: bool = False) -> Any:
     """Return the content of a YAML document of plain values.
 
     Args:
         text: the document.
         name: of the document, for the error.
+        unique_keys: refuse a map with a key twice, for what people write by hand.
 
     Raises:
         DiffbotError: if it is not YAML, has an alias, or breaks a bound of this module.
@@ -48,7 +63,9 @@ def load_yaml(text: str, name: str) -> Any:
         raise DiffbotError(f"{name} has {len(text)} characters: must be <= {MAX_CHARACTERS}")
     try:
         _check(text, name)
-        return yaml.load(text, _Loader)
+        return yaml.load(text, _UniqueKeys if unique_keys else _Loader)
+    except DuplicateKeyError as error:
+        raise DiffbotError(f"{name}: {error}") from None
     except (yaml.YAMLError, ValueError, TypeError, OverflowError, AttributeError) as error:
         # All but the first come from PyYAML's constructors, for example of the date 2001-99-99.
         raise DiffbotError(f"{name} is not a YAML file") from error

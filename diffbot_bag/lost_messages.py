@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import operator
+from collections.abc import Sequence
+
 
 class GapCounter:
     """Lost messages of one topic.
@@ -37,3 +40,14 @@ class GapCounter:
         last[nearest] = number
         self.lost += missing
         return missing
+
+    def note_all(self, numbers: Sequence[int]) -> None:
+        """Record the sequence numbers of messages in the order of reception."""
+        if not numbers:
+            return
+        self.note(numbers[0])
+        if self.publishers == 1 and all(map(operator.eq, numbers, range(numbers[0], numbers[0] + len(numbers)))):
+            self._last = [numbers[-1]]
+            return
+        for number in numbers[1:]:
+            self.note(number)

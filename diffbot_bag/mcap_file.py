@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import bisect
 import contextlib
 import errno
 import heapq
+import operator
 import os
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from mcap.exceptions import EndOfFile, McapError
-from mcap.records import AttachmentIndex, Channel, Chunk, Message, Schema
+from mcap.records import AttachmentIndex, Channel, Chunk, ChunkIndex, Message, Schema
 from mcap.stream_reader import StreamReader
+from mcap.well_known import MessageEncoding, SchemaEncoding
 
 from diffbot_bag.attachments import MAX_ATTACHMENT, read_attachment
-from diffbot_bag.chunks import BagLimits, check_chunks, read_chunk, read_rows
+from diffbot_bag.chunks import BagLimits, Row, check_chunks, read_chunk, read_rows
 from diffbot_bag.foreign_files import open_regular, shown
 from diffbot_bag.mcap_format import DAMAGE, MAGIC, McapSummary, NoIndexError, read_summary
 from diffbot_bag.metadata import Topic
@@ -25,6 +28,8 @@ from diffbot_core.errors import DiffbotError
 
 MAX_QOS_TEXT = 4 * 2**20
 """characters of QoS in all channels of a file"""
+_LOG_TIME = operator.itemgetter(0)
+"""of a row"""
 
 
 class McapFile:
@@ -96,6 +101,30 @@ class McapFile:
         self._stream.close()
 
     @property
+    def size(self) -> int:
+        """Size of the file [bytes]."""
+        return self._size
+
+    @property
+    def chunks(self) -> Sequence[ChunkIndex]:
+        """The index of the chunks, in the order of the summary."""
+        return self._chunks
+
+    def definitions(self) -> dict[str, str]:
+        """Return the message definition of each topic that has one in the format of ROS's .msg files."""
+        # One text per schema: of unknown origin, many channels may share a long one.
+        texts = {
+            number: schema.data.decode("utf-8", "replace")
+            for number, schema in self._schemas.items()
+            if schema.encoding == SchemaEncoding.ROS2
+        }
+        return {
+            channel.topic: texts[channel.schema_id]
+            for channel in self._channels.values()
+            if channel.schema_id in texts and channel.message_encoding == MessageEncoding.CDR
+        }
+
+    @property
     def message_count(self) -> int:
         """Number of messages."""
         return self._statistics.message_count
@@ -165,22 +194,35 @@ class McapFile:
                 if earliest <= message.log_time <= latest and (topics is None or channel.topic in topics):
                     yield self._schemas[channel.schema_id] if channel.schema_id else None, channel, message
 
-    def rows(self, topics: Collection[str]) -> Iterator[tuple[Channel, int, int, bytes]]:
-        """Iterate over channel, log time [ns], publish time [ns] and data, in the order of the file.
+    def rows(self, topics: Collection[str]) -> Iterator[tuple[int, str, int, int, bytes]]:
+        """Iterate over log time [ns], topic, sequence number, publish time [ns] and data, in the order of log time.
+
+        It does what :meth:`records` does without an object per record, several times as fast.
 
         Raises:
             DiffbotError: if the data turn out to be damaged.
         """
-        chosen = {number: channel for number, channel in self._channels.items() if channel.topic in topics}
+        chosen = {number: one.topic for number, one in self._channels.items() if one.topic in topics}
         with self._damage_as_error():
-            for chunk in self._chunks:
-                for number, log_time, publish_time, data in read_rows(self._stream, chunk):
-                    if (channel := chosen.get(number)) is not None:
-                        yield channel, log_time, publish_time, data
-            if not self._chunks:
-                for message in self._messages_without_chunks(False):
-                    if (channel := chosen.get(message.channel_id)) is not None:
-                        yield channel, message.log_time, message.publish_time, message.data
+            for log_time, number, sequence, publish_time, data in self._rows():
+                if (topic := chosen.get(number)) is not None:
+                    yield log_time, topic, sequence, publish_time, data
+
+    def _rows(self) -> Iterator[Row]:
+        if not self._chunks:
+            for message in self._messages_without_chunks(False):
+                yield message.log_time, message.channel_id, message.sequence, message.publish_time, message.data
+            return
+        chunks = sorted(self._chunks, key=lambda chunk: chunk.message_start_time)
+        # Of a chunk, what is older than all that follow is complete; the rest waits, within check_chunks' bound.
+        following = [*(chunk.message_start_time for chunk in chunks[1:]), 2**64]
+        waiting: list[Row] = []
+        for chunk, earliest in zip(chunks, following, strict=True):
+            waiting += read_rows(self._stream, chunk)
+            waiting.sort(key=_LOG_TIME)
+            complete = bisect.bisect_left(waiting, earliest, key=_LOG_TIME)
+            yield from waiting[:complete]
+            del waiting[:complete]
 
     def _messages(self, earliest: int, latest: int, reverse: bool, channels: set[int]) -> Iterator[Message]:
         """Yield all messages of the chunks with one of the channels in a range of times [ns], in order of log time."""

@@ -3,7 +3,7 @@
 Sources: docs/parameters.md and diffbot_core/ros/parameter_names.py, the configuration types;
 the table in docs/control.md, 100 runs of the closed loop;
 docs/reproduction.md, docs/reproduction.json; docs/benchmark.md, docs/benchmark.json and docs/benchmark_bound.json;
-the tables in docs/localization.md, the configuration types; those in docs/localization-results.md,
+the tables in docs/localization.md and docs/bags.md, the configuration types; those in docs/localization-results.md,
 docs/localization.json and docs/localization_colour.json; those in docs/real-robots.md, docs/real.json and
 docs/calibration.json; docs/faults.md, docs/faults.json (`make faults`, `make soak`); docs/rooms.svg, the imports.
 ``--experiments`` and ``--benchmark`` repeat the runs behind the JSON files and draw their figures; those behind
@@ -30,13 +30,14 @@ from reproduction import page as reproduction_page
 from rooms import picture as rooms_picture
 
 from diffbot_bag.parameters import RecorderConfig, ReplayConfig
+from diffbot_bag.tools.contract import BagRules, TopicRules
 from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.law.presets import PAPER, PRESETS, TUNED
 from diffbot_control.ros.controller_parameters import CONTROLLER_PRESETS, ControllerNodeConfig
 from diffbot_control.ros.ekf_parameters import EkfNodeConfig
 from diffbot_core.files import write_json
 from diffbot_core.geometry import Pose
-from diffbot_core.schema import parameters_of, to_dict
+from diffbot_core.schema import Spec, parameters_of, to_dict
 from diffbot_lab.benchmark import bound as bound_benchmark
 from diffbot_lab.benchmark import filter as filter_benchmark
 from diffbot_lab.benchmark import filter_colour, filter_colour_report, filter_report, law_report
@@ -134,6 +135,21 @@ def localization_page() -> str:
     """Return docs/localization.md with current parameters."""
     text = (DOCS / "localization.md").read_text()
     return between_markers(text, "parameters", "\n".join(_parameter_table(LocalizationConfig, {}, {})))
+
+
+def bags_page() -> str:
+    """Return docs/bags.md with the rules of contracts."""
+    rows = [
+        (part, f"`{one.name}`", one.spec.unit, one.spec.text + _choices(one.spec))
+        for part, rules in (("bag", BagRules), ("topic", TopicRules))
+        for one in parameters_of(rules)
+    ]
+    table = "\n".join(markdown_table(("of", "rule", "unit", "of what"), rows))
+    return between_markers((DOCS / "bags.md").read_text(), "rules", table)
+
+
+def _choices(spec: Spec) -> str:
+    return f": {' or '.join(spec.choices)}" if spec.choices else ""
 
 
 def localization_results_page() -> str:
@@ -312,6 +328,7 @@ def main() -> int:
         DOCS.parent / "diffbot_core/ros/parameter_names.py": parameter_names_module(),
         DOCS / "reproduction.md": reproduction_page(experiments["a"], experiments["b"], experiments["scan"]),
         DOCS / "benchmark.md": benchmark_page(),
+        DOCS / "bags.md": bags_page(),
         DOCS / "localization.md": localization_page(),
         DOCS / "localization-results.md": localization_results_page(),
         DOCS / "real-robots.md": real_robots_page(),

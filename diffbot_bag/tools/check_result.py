@@ -57,7 +57,7 @@ def _by_diffbot(path: Path, limits: BagLimits, progress: Callable[[int], None]) 
         if file.unfinished:
             raise ResultError(file.unfinished)
         topics = {topic.name: topic.message_count for topic in file.topics()}
-        found = _counted((channel.topic for channel, *_ in file.rows(topics)), progress)
+        found = _counted((topic for _, topic, *_ in file.rows(topics)), progress)
         if found.total() != file.message_count:
             raise ResultError(f"its index names {file.message_count} messages, and it has {found.total()}")
         return found

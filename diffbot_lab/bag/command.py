@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from typing import Any
 
+from diffbot_lab.bag.check_command import add_check
 from diffbot_lab.bag.filter_command import add_filter
+from diffbot_lab.bag.info_command import add_info
 from diffbot_lab.bag.merge_command import add_merge
 from diffbot_lab.bag.repair_command import add_repair
 from diffbot_lab.bag.split_command import add_split
 from diffbot_lab.bag.trim_command import add_trim
 
 _VERBS = (
+    add_info,
+    add_check,
     add_repair,
     add_trim,
     add_filter,

@@ -8,9 +8,9 @@ from diffbot_control.filter.localization import Estimate
 from diffbot_control.ros.message_fields import fill_planar_covariance, fill_twist_covariance, fill_unestimated
 from diffbot_core.geometry import quaternion_of_yaw
 from diffbot_lab.refilter.filter_run import Answer, Innovation
+from diffbot_lab.refilter.nis_topic import NIS_LABELS, NIS_TOPIC
 
 NIS = "std_msgs/msg/Float64MultiArray"
-NIS_LABELS = ("nis", "numbers", "accepted")
 
 
 class OutputTopics:
@@ -29,7 +29,7 @@ class OutputTopics:
         fill_unestimated(self._odometry.pose_covariance, self._odometry.twist_covariance)
         self._poses = writer.add_topic("/pose", POSE)
         self._filtered = writer.add_topic("/odometry/filtered", ODOMETRY)
-        self._nis = writer.add_topic("/ekf/nis", NIS)
+        self._nis = writer.add_topic(NIS_TOPIC, NIS)
         self._written = 0
 
     def write(self, answer: Answer, log_time: int) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from array import array
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from diffbot_bag.cdr import HEADER, LAYOUTS, CdrError, Layout, NumberRows, labelled_layout, labels_of
+from diffbot_bag.cdr import LAYOUTS, CdrError, Layout, NumberRows, labelled_layout, labels_of
 from diffbot_bag.reader import BagReader
+from diffbot_bag.tools.bag_info import TopicInfo, info_of
 from diffbot_lab.bag.unfinished_bags import print_warning
 from diffbot_lab.view.landmarks import CloudRows, Measured
 from diffbot_lab.view.plans import Plan, PlanRows
@@ -42,7 +42,6 @@ QUATERNION = ("qx", "qy", "qz", "qw")
 LAW_COLUMNS = ("stamp", "rho", "alpha", "beta", "theta", "eps_P", "region", "V")
 MAX_TEXTS = 200_000
 """messages with texts that are kept of one topic; later ones are counted"""
-_HEADERS_FIRST = ("sensor_msgs/", "nav_msgs/")
 
 
 class Table(NamedTuple):
@@ -85,24 +84,13 @@ class RobotTables(NamedTuple):
     landmarks: Measured
 
 
-class TopicTimes(NamedTuple):
-    """When the messages of a topic came."""
-
-    name: str
-    type: str
-    log_times: Stamps
-    """(n,) [ns], increasing"""
-    delays: Array
-    """(m,) [s] log time minus stamp, of the messages with a stamp"""
-
-
 class BagTables(NamedTuple):
     """A whole bag."""
 
     robots: list[RobotTables]
     common: dict[str, list[Timed]]
     """/diagnostics and /rosout"""
-    topics: list[TopicTimes]
+    topics: list[TopicInfo]
     messages: int
     lost: int
     malformed: int
@@ -164,29 +152,6 @@ class _Transforms:
             self.malformed += 1
 
 
-class _Times:
-    """Log times of a topic, and stamps where the type begins with a header."""
-
-    def __init__(self, name: str, type_name: str) -> None:
-        self._name, self._type = name, type_name
-        self._log_times, self._delays = array("q"), array("d")
-        layout = LAYOUTS.get(type_name)
-        self._is_stamped = type_name.startswith(_HEADERS_FIRST) or (layout is not None and layout.is_stamped)
-
-    def add(self, log_time: int, data: bytes) -> None:
-        self._log_times.append(log_time)
-        if self._is_stamped and len(data) >= 12 and data[:4] == HEADER:
-            stamp = int.from_bytes(data[4:8], "little", signed=True) * 10**9 + int.from_bytes(data[8:12], "little")
-            if stamp:
-                self._delays.append((log_time - stamp) * 1e-9)
-
-    def result(self) -> TopicTimes:
-        # No copies: of a long bag, these are tens of megabytes.
-        log_times = np.frombuffer(self._log_times, np.int64) if self._log_times else np.empty(0, np.int64)
-        delays = np.frombuffer(self._delays) if self._delays else np.empty(0)
-        return TopicTimes(self._name, self._type, np.sort(log_times), delays)
-
-
 def read_tables(path: Path) -> BagTables:
     """Read a bag, with a progress bar on a terminal.
 
@@ -197,21 +162,20 @@ def read_tables(path: Path) -> BagTables:
         print_warning(reader)
         types = {topic.name: topic.type for topic in reader.topics.values()}
         robots = robots_in(types)
-        collectors: dict[str, list[Any]] = {name: [_Times(name, kind)] for name, kind in types.items()}
+        collectors: dict[str, list[Any]] = {name: [] for name in types}
         by_robot = [_collect(robot, types, collectors) for robot in robots]
         common = _collect(
             RobotTopics("", {name: name for name in COMMON if types.get(name) == COMMON[name]}), types, collectors
         )
-        messages = reader.unordered(types)
-        for message in tqdm(messages, path.name, reader.message_count, unit="message", unit_scale=True, disable=None):
-            for collector in collectors[message.topic]:
-                collector.add(message.log_time, message.data)
-        lost = reader.metadata.custom_data.get("lost_messages", "0") if reader.metadata else "0"
-        times = [first.result() for first, *_ in collectors.values()]
-        malformed = sum(getattr(one, "malformed", 0) for many in collectors.values() for one in many)
-        found = [_tables(robot, roles, types) for robot, roles in zip(robots, by_robot, strict=True)]
-        texts = _tables(RobotTopics("", {}), common, types).texts
-        return BagTables(found, texts, times, reader.message_count, int(lost) if lost.isdigit() else 0, malformed)
+        observers = {name: [one.add for one in many] for name, many in collectors.items()}
+        with tqdm(
+            desc=path.name, total=reader.message_count, unit="message", unit_scale=True, disable=None, delay=1.0
+        ) as bar:
+            info = info_of(reader, observers, bar.update)
+    malformed = sum(one.malformed for many in collectors.values() for one in many)
+    found = [_tables(robot, roles, types) for robot, roles in zip(robots, by_robot, strict=True)]
+    texts = _tables(RobotTopics("", {}), common, types).texts
+    return BagTables(found, texts, list(info.topics), info.message_count, info.recorder_lost or 0, malformed)
 
 
 def _collect(robot: RobotTopics, types: dict[str, str], collectors: dict[str, list[Any]]) -> dict[str, Any]:

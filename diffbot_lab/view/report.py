@@ -9,11 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from diffbot_bag.tools.bag_info import TopicInfo
 from diffbot_control.law.configuration import ControllerConfig
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.metrics import goal_metrics
 from diffbot_lab.trajectory import Trajectory
-from diffbot_lab.view.bag_tables import BagTables, RobotTables, TopicTimes, read_tables
+from diffbot_lab.view.bag_tables import BagTables, RobotTables, read_tables
 from diffbot_lab.view.clock import Clock, Columns
 from diffbot_lab.view.constants import constants_of
 from diffbot_lab.view.events import Event, GoalSent, events_of, goals_of
@@ -172,15 +173,17 @@ def _end_of(events: list[Event], begin: float, following: float) -> str:
     return next((state.removeprefix("goal ") for state in states if state.startswith("goal ")), "")
 
 
-def topic_figures(topic: TopicTimes) -> dict[str, Any]:
+def topic_figures(topic: TopicInfo) -> dict[str, Any]:
     """Return number, rate, largest gap and delays of a topic."""
-    times, delays = topic.log_times, topic.delays
-    gaps = np.diff(times) * 1e-9
-    length = float(times[-1] - times[0]) * 1e-9 if len(times) > 1 else 0.0
-    figures: dict[str, Any] = {"name": topic.name, "type": topic.type, "count": len(times)}
-    figures["rate"] = (len(times) - 1) / length if length > 0.0 else None
-    figures["gap"] = float(gaps.max()) if len(gaps) else None
-    if len(delays):
-        median, late = np.quantile(delays, (0.5, 0.99)).tolist()
-        figures |= {"delay": median, "delay99": late}
-    return figures
+    row: dict[str, Any] = {
+        "name": topic.name,
+        "type": topic.type,
+        "count": topic.message_count,
+        "rate": None,
+        "gap": None,
+    }
+    if topic.figures is not None:
+        row |= {"rate": topic.figures.rate, "gap": topic.figures.gap}
+        if (latency := topic.figures.latency) is not None:
+            row |= {"delay": latency.median, "delay99": latency.p99}
+    return row

@@ -194,7 +194,7 @@ def test_a_file_that_was_cut_off_is_read_up_to_there_with_a_warning(bag, broken,
         last = max((chunk.message_end_time for chunk in kept), default=0)
         expected = [message for message in reader.messages() if message.log_time <= last]
         assert list(unfinished.messages()) == expected
-        assert sorted(unfinished.unordered(["/a", "/b"]), key=lambda message: message.log_time) == expected
+        assert [row[:2] for row in unfinished.rows(["/a", "/b"])] == [(one.log_time, one.topic) for one in expected]
         assert unfinished.message_count == len(expected)
         assert unfinished.end == last
         assert sum(topic.message_count for topic in unfinished.topics.values()) == len(expected)
@@ -376,29 +376,44 @@ def test_a_message_that_does_not_fit_its_definition(tmp_path):
         assert len(list(reader.messages())) == 2
 
 
-def test_unordered_reading_yields_the_same_messages(bag):
+def test_rows_are_the_same_messages_in_the_same_order(bag):
     with BagReader(bag) as reader:
-        ordered = list(reader.messages(["/a"]))
-        found = list(reader.unordered(["/a"]))
-        assert sorted(found, key=lambda message: message.log_time) == ordered
-        assert {message.topic for message in reader.unordered(reader.topics)} == {"/a", "/b"}
+        ordered = [(one.log_time, one.topic, one.publish_time, one.data) for one in reader.messages()]
+        rows = list(reader.rows(reader.topics))
+        assert [(time, topic, published, data) for time, topic, _, published, data in rows] == ordered
+        assert [row for row in reader.rows(["/a"])] == [row for row in rows if row[1] == "/a"]
 
 
-def test_unordered_reading_of_a_file_without_chunks(tmp_path):
-    with (tmp_path / "plain.mcap").open("wb") as stream:
-        writer = McapWriter(stream, use_chunking=False)
+def mcap_file(path, messages, **options):
+    """Write log time, publish time, sequence number and data of one topic."""
+    with path.open("wb") as stream:
+        writer = McapWriter(stream, **options)
         writer.start("ros2")
         channel = writer.register_channel("/a", "cdr", writer.register_schema(POINT, "ros2msg", b"float64 x"))
-        writer.add_message(channel, 5, b"data", 4)
+        for log_time, publish_time, sequence, data in messages:
+            writer.add_message(channel, log_time, data, publish_time, sequence)
         writer.finish()
+
+
+def test_rows_of_a_file_without_chunks(tmp_path):
+    mcap_file(tmp_path / "plain.mcap", [(5, 4, 7, b"data"), (3, 2, 6, b"")], use_chunking=False)
     with BagReader(tmp_path / "plain.mcap") as reader:
-        assert [(one.log_time, one.publish_time, one.data) for one in reader.unordered(["/a"])] == [(5, 4, b"data")]
+        assert list(reader.rows(["/a"])) == [(3, "/a", 6, 2, b""), (5, "/a", 7, 4, b"data")]
 
 
-def test_unordered_reading_finds_damage_too(broken):
+def test_rows_of_chunks_and_files_that_overlap_in_time_are_in_order(tmp_path):
+    times = [(37 * index) % 101 for index in range(101)]
+    for name, part in (("a", times[:60]), ("b", times[60:])):
+        mcap_file(tmp_path / f"{name}.mcap", [(time, time, time, bytes(20)) for time in part], chunk_size=200)
+    with BagReader(tmp_path) as reader:
+        assert min(len(file.chunks) for file in reader.files) > 3
+        assert [row[0] for row in reader.rows(["/a"])] == list(range(101))
+
+
+def test_reading_rows_finds_damage_too(broken):
     path, content = broken
     frame = content.index(b"\x28\xb5\x2f\xfd", len(content) // 3) + 50
     path.write_bytes(content[:frame] + bytes(64) + content[frame + 64 :])
     with pytest.raises(DiffbotError, match="damaged") as error, BagReader(path) as reader:
-        list(reader.unordered(["/a", "/b"]))
+        list(reader.rows(["/a", "/b"]))
     assert "\n" not in str(error.value)

@@ -22,6 +22,7 @@ from rosbags.typesys import Stores, get_typestore
 from diffbot_control.law.presets import PRESETS
 from diffbot_core.errors import DiffbotError
 from diffbot_core.geometry import Pose
+from diffbot_lab import cli
 from diffbot_lab.demo import bound_process
 from diffbot_lab.demo.command import _make_room_for_bag
 from diffbot_lab.demo.processes import PrivateDomain
@@ -46,6 +47,7 @@ TOPICS = {
     "/pose",
 }
 SEED = 4
+CONTRACT = Path(__file__).resolve().parents[3] / "config" / "bag_contract.yaml"
 
 
 def command(out, *arguments):
@@ -90,6 +92,11 @@ def planar(pose):
 @pytest.fixture(scope="module")
 def bag(demo):
     return Bag(demo[0] / "bag")
+
+
+def test_the_bag_keeps_the_contract_of_the_demonstration(demo, capsys, kept_signal_handlers):
+    status = cli.main(["bag", "check", str(demo[0] / "bag"), str(CONTRACT)])
+    assert status == 0, capsys.readouterr().out
 
 
 def test_summary_holds_what_the_bag_says(demo, bag):

@@ -1,0 +1,32 @@
+"""``diffbot bag info``: what a bag holds, in the form of ``ros2 bag info`` with figures of each topic."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+
+def add_info(verbs: Any) -> None:
+    """Add ``diffbot bag info`` to the subparsers of ``diffbot bag``."""
+    info = verbs.add_parser("info", help="files, times and topics, with rates, gaps, losses and latency of stamps")
+    info.add_argument("bag", type=Path, help="folder of the bag, or an .mcap file")
+    info.add_argument("--quick", action="store_true", help="only from the index: no figures of messages")
+    info.add_argument("--json", action="store_true", help="print JSON (docs/bags.md)")
+    info.set_defaults(call=_call)
+
+
+def _call(options: argparse.Namespace) -> int:
+    from diffbot_bag.tools.bag_info import info_as_plain  # noqa: PLC0415 - only the called command is imported
+    from diffbot_lab.bag.info_text import info_text  # noqa: PLC0415
+    from diffbot_lab.bag.progress import read_with_bar  # noqa: PLC0415
+
+    info = read_with_bar(options.bag, quick=options.quick)
+    if options.json:
+        json.dump(info_as_plain(info), sys.stdout, indent=1)
+        print()
+    else:
+        print(info_text(info))
+    return 0

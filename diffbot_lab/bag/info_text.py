@@ -1,0 +1,129 @@
+"""A bag's description for a terminal: the lines of ``ros2 bag info``, then a table of figures."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Sequence
+
+from diffbot_bag.foreign_files import shown
+from diffbot_bag.qos import Qos
+from diffbot_bag.tools.bag_info import BagInfo, TopicInfo
+from diffbot_bag.tools.topic_figures import MAX_TIME
+
+_LABEL = 19
+"""characters of a label, as rosbag2 prints it"""
+_SERVICE_EVENTS = "/_service_event"
+_HEAD = ("Topic", "rate [Hz]", "gap [s]", "lost", "latency [ms]", "p99 [ms]", "size", "QoS")
+
+
+def info_text(info: BagInfo) -> str:
+    """Return the description, lines without a line break at the end."""
+    services = [topic for topic in info.topics if _is_service(topic)]
+    topics = [topic for topic in info.topics if not _is_service(topic)]
+    lines = [
+        *_listed("Files", [shown(file.name) for file in info.files]),
+        _line("Bag size", size_text(info.size)),
+        _line("Storage id", "mcap"),
+        _line("ROS Distro", shown(info.distro or "unknown")),
+        _line("Duration", f"{_seconds(info.duration)}s"),
+        _line("Start", _time_text(info.start)),
+        _line("End", _time_text(info.end)),
+        _line("Messages", str(sum(topic.message_count for topic in topics))),
+        *_listed("Topic information", [_entry("Topic", topic, "Count") for topic in topics]),
+        _line("Service", str(len(services))),
+        *_listed("Service information", [_entry("Service", topic, "Event Count") for topic in services]),
+        *_listed("Compression", _compression(info)),
+        _line("Lost", "unknown" if info.lost is None else str(info.lost)),
+    ]
+    if any(topic.figures for topic in info.topics):
+        lines += ["", *_table([_HEAD, *(_row(topic) for topic in info.topics)])]
+    return "\n".join(line.rstrip() for line in lines)
+
+
+def _is_service(topic: TopicInfo) -> bool:
+    return topic.name.endswith(_SERVICE_EVENTS) and topic.type.endswith("_Event")
+
+
+def _line(label: str, text: str) -> str:
+    return f"{label + ':':<{_LABEL}}{text}"
+
+
+def _listed(label: str, texts: Sequence[str]) -> list[str]:
+    first, *rest = texts or ("",)
+    width = max(_LABEL, len(label) + 2)
+    return [f"{label + ':':<{width}}{first}", *(" " * width + text for text in rest)]
+
+
+def _entry(kind: str, topic: TopicInfo, count: str) -> str:
+    name, type_name = topic.name, topic.type
+    if kind == "Service":
+        name, type_name = name.removesuffix(_SERVICE_EVENTS), type_name.removesuffix("_Event")
+    return (
+        f"{kind}: {shown(name)} | Type: {shown(type_name)} | {count}: {topic.message_count} | Serialization Format: cdr"
+    )
+
+
+def _compression(info: BagInfo) -> list[str]:
+    return [
+        f"{kind}, {count} chunks, {size_text(packed)} of {size_text(unpacked)}"
+        for kind, count, packed, unpacked in info.compression
+    ] or ["no chunks"]
+
+
+def size_text(size: float) -> str:
+    """Return a number of bytes as rosbag2 prints it."""
+    for unit in ("B", "KiB", "MiB", "GiB"):
+        if size < 1024:
+            return f"{size:.{0 if unit == 'B' else 1}f} {unit}"
+        size /= 1024
+    return f"{size:.1f} TiB"
+
+
+def _seconds(nanoseconds: int) -> str:
+    return "{}.{:09d}".format(*divmod(nanoseconds, 10**9))
+
+
+def _time_text(nanoseconds: int) -> str:
+    if nanoseconds > MAX_TIME:
+        return f"({_seconds(nanoseconds)})"
+    local = time.localtime(nanoseconds // 10**9)
+    date = f"{time.strftime('%b', local)} {local.tm_mday:2d} {local.tm_year}"
+    return f"{date} {time.strftime('%H:%M:%S', local)}.{nanoseconds % 10**9:09d} ({_seconds(nanoseconds)})"
+
+
+def _row(topic: TopicInfo) -> tuple[str, ...]:
+    figures = topic.figures
+    if figures is None:
+        return (shown(topic.name), *("-" for _ in _HEAD[1:]))
+    latency = figures.latency
+    return (
+        shown(topic.name),
+        _number(figures.rate, 1.0, 2),
+        _number(figures.gap, 1.0, 3),
+        "-" if topic.lost is None else str(topic.lost),
+        _number(latency.median if latency else None, 1e3, 3),
+        _number(latency.p99 if latency else None, 1e3, 3),
+        size_text(figures.bytes),
+        qos_text(topic.qos),
+    )
+
+
+def qos_text(profiles: Iterable[Qos]) -> str:
+    """Return reliability and durability of the publishers' offers in words, each combination once."""
+    return ", ".join(dict.fromkeys(f"{one.reliability} {one.durability}" for one in profiles)) or "-"
+
+
+def _number(value: float | None, factor: float, digits: int) -> str:
+    return "-" if value is None else f"{value * factor:.{digits}f}"
+
+
+def _table(rows: Sequence[tuple[str, ...]]) -> list[str]:
+    widths = [max(len(row[column]) for row in rows) for column in range(len(_HEAD))]
+    ends = (0, len(_HEAD) - 1)
+    return [
+        "  ".join(
+            f"{text:<{width}}" if column in ends else f"{text:>{width}}"
+            for column, (text, width) in enumerate(zip(row, widths, strict=True))
+        )
+        for row in rows
+    ]

@@ -1,0 +1,64 @@
+"""Stamps from the first bytes of messages, against rosbags' serialisation in both byte orders."""
+
+import numpy as np
+import pytest
+from rosbags.typesys import Stores, get_typestore
+
+from diffbot_bag.tools.header_stamps import begins_with_header, stamps_of
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+SEPARATOR = "=" * 80
+
+
+def test_types_with_a_header_are_recognised_by_their_definition():
+    stamped = set()
+    for name, (_, fields) in STORE.fielddefs.items():
+        is_stamped = bool(fields) and fields[0][1][0].name == "NAME" and fields[0][1][1] == "std_msgs/msg/Header"
+        assert begins_with_header(STORE.generate_msgdef(name, ros_version=2)[0]) is is_stamped, name
+        stamped |= {name} if is_stamped else set()
+    assert len(stamped) > 40
+    assert {"nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu"} <= stamped
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("std_msgs/Header header\nfloat64 x", True),
+        ("# std_msgs/Header header\nfloat64 x", False),
+        ('\n  # a comment\n\nuint8 A=1 # constant\nstring B = "x"\nstd_msgs/msg/Header head # it\n', True),
+        ("float64 x\nstd_msgs/Header header", False),
+        ("std_msgs/Header[] headers", False),
+        ("std_msgs/Header[2] headers", False),
+        ("string<=10 name\nstd_msgs/Header header", False),
+        ("other_msgs/Header header", False),
+        (f"{SEPARATOR}\nMSG: std_msgs/Header\nstd_msgs/Header header", False),
+        ("", False),
+    ],
+)
+def test_the_first_field_decides(text, expected):
+    assert begins_with_header(text) is expected
+
+
+@pytest.mark.parametrize("little_endian", [True, False])
+def test_stamps_of_both_byte_orders(little_endian):
+    kind, times = "std_msgs/msg/Header", [(1_700_000_000, 123_456_789), (-5, 4), (0, 7), (2**31 - 1, 999_999_999)]
+    time_type = STORE.types["builtin_interfaces/msg/Time"]
+    heads = [
+        bytes(
+            STORE.serialize_cdr(
+                STORE.types[kind](stamp=time_type(sec=sec, nanosec=nanosec), frame_id="map"),
+                kind,
+                little_endian=little_endian,
+            )
+        )[:12]
+        for sec, nanosec in times
+    ]
+    assert stamps_of(heads).tolist() == [sec * 10**9 + nanosec for sec, nanosec in times]
+
+
+def test_what_has_no_stamp_is_zero():
+    stamp = b"\x01\0\0\0\x02\0\0\0"
+    good, short, parameters, unknown = b"\0\1\0\0", b"\0\1\0\0" + stamp[:-1], b"\0\3\0\0", b"\1\1\0\0"
+    heads = [good + stamp, short, parameters + stamp, unknown + stamp, b"", good + bytes(8)]
+    assert stamps_of(heads).tolist() == [1_000_000_002, 0, 0, 0, 0, 0]
+    assert stamps_of([]).dtype == np.int64

@@ -1,0 +1,115 @@
+"""Bags as other makers write them, in rosbag2's layout: by the mcap library in many chunks, by rosbags."""
+
+import math
+import random
+
+import yaml
+from mcap.writer import CompressionType
+from mcap.writer import Writer as McapWriter
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as RosbagsWriter
+from view_bags import STORE, command, estimate, odometry
+
+COMPRESSIONS = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4, "none": CompressionType.NONE}
+BEGIN = 1_700_000_000_000_000_000
+QOS = """\
+- history: 1
+  depth: 10
+  reliability: {reliability}
+  durability: {durability}
+  deadline: {{sec: 9223372036, nsec: 854775807}}
+  lifespan: {{sec: 9223372036, nsec: 854775807}}
+  liveliness: 1
+  liveliness_lease_duration: {{sec: 9223372036, nsec: 854775807}}
+  avoid_ros_namespace_conventions: false
+"""
+
+
+def qos(reliability=1, durability=2, publishers=1):
+    """Text of rosbag2 up to version 8, with numbers for policies; 1, 2: reliable, volatile."""
+    return QOS.format(reliability=reliability, durability=durability) * publishers
+
+
+def irregular(seconds=20.0, seed=3):
+    """Topic, log time, sequence, (type, message): late stamps, one gap, one stamp before the last, lost numbers."""
+    chance = random.Random(seed)
+    rows = []
+    for number in range(int(seconds * 50)):
+        if 200 <= number < 230:
+            continue  # a gap of 0.62 s
+        time = BEGIN + number * 20_000_000 + chance.randrange(1_000_000)
+        delay = int(1e6 * chance.lognormvariate(1.0, 0.8))
+        back = 60_000_000 if number == 500 else 0
+        rows.append(("/odom", time, number + 1, odometry(time - delay - back, 1.0, 2.0, 0.3)))
+        if number % 5 == 0:
+            rows.append(("/pose", time + 7, number // 5, estimate(0 if number < 10 else time + 3_000_000, 1, 2, 3)))
+        if number % 2:
+            rows.append(("/cmd_vel", time + 9, 0, command(0.1, math.sin(number))))
+    return sorted(rows, key=lambda row: row[1])
+
+
+def write_mcap(path, rows, compression="zstd", chunk_size=20_000, offers=None):
+    """Write one file with the mcap library."""
+    with path.open("wb") as stream:
+        writer = McapWriter(stream, chunk_size=chunk_size, compression=COMPRESSIONS[compression])
+        writer.start("ros2", "somebody's recorder")
+        channels = {}
+        for topic, time, sequence, (kind, message) in rows:
+            if topic not in channels:
+                text, _ = STORE.generate_msgdef(kind, ros_version=2)
+                schema = writer.register_schema(kind, "ros2msg", text.encode())
+                offer = (offers or {}).get(topic, qos())
+                channels[topic] = writer.register_channel(topic, "cdr", schema, {"offered_qos_profiles": offer})
+            writer.add_message(channels[topic], time, bytes(STORE.serialize_cdr(message, kind)), time, sequence)
+        writer.finish()
+
+
+def write_folder(folder, rows, compression="zstd", files=1, custom_data=None, **options):
+    """Write a folder of rosbag2 with the mcap library, the messages cut into this many files."""
+    folder.mkdir()
+    rows = list(rows)
+    size = -(-len(rows) // files)
+    names = [f"{folder.name}_{number}.mcap" for number in range(files)]
+    for number, name in enumerate(names):
+        write_mcap(folder / name, rows[number * size : (number + 1) * size], compression, **options)
+    topics = {topic: kind for topic, _, _, (kind, _) in rows}
+    start, end = (pick(row[1] for row in rows) for pick in (min, max))
+    inner = {
+        "version": 8,
+        "storage_identifier": "mcap",
+        "duration": {"nanoseconds": end - start},
+        "starting_time": {"nanoseconds_since_epoch": start},
+        "message_count": len(rows),
+        "topics_with_message_count": [
+            {
+                "topic_metadata": {
+                    "name": topic,
+                    "type": kind,
+                    "serialization_format": "cdr",
+                    "offered_qos_profiles": (options.get("offers") or {}).get(topic, qos()),
+                    "type_description_hash": "",
+                },
+                "message_count": sum(row[0] == topic for row in rows),
+            }
+            for topic, kind in topics.items()
+        ],
+        "compression_format": "",
+        "compression_mode": "",
+        "relative_file_paths": names,
+        "files": [],
+        "custom_data": custom_data,
+        "ros_distro": "jazzy",
+    }
+    (folder / "metadata.yaml").write_text(yaml.safe_dump({"rosbag2_bagfile_information": inner}))
+    return folder
+
+
+def write_rosbags(folder, rows):
+    """Write with rosbags, which gives no sequence numbers."""
+    with RosbagsWriter(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connections = {}
+        for topic, time, _, (kind, message) in rows:
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, kind, typestore=STORE)
+            writer.write(connections[topic], time, STORE.serialize_cdr(message, kind))
+    return folder
