@@ -74,7 +74,6 @@ def _parser() -> argparse.ArgumentParser:
     add_watch(commands)
     add_report(commands)
     add_interfaces(commands)
-    add_bag(commands)
     return parser
 
 
