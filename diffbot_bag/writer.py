@@ -18,7 +18,7 @@ from diffbot_bag.metadata import Topic
 from diffbot_bag.pending_messages import Held
 from diffbot_bag.qos import Qos, dump_profiles
 from diffbot_bag.recording.bag_files import NO_LIMITS, Attached, BagFiles, FileLimits
-from diffbot_bag.recording.chunk import ChunkBuilder
+from diffbot_bag.recording.chunk import CHANNEL_OVERHEAD, CHUNK_OVERHEAD, INDEX_ENTRY, OVERHEAD, Row
 from diffbot_bag.recording.disk import Disk
 from diffbot_bag.recording.latched import LatchedMessages
 from diffbot_bag.recording.mcap_writer import DEFAULT_COMPRESSION, Compression
@@ -70,13 +70,12 @@ class BagWriter:
         self._schemas, self._channels = Schemas(definitions or MessageDefinitions()), 0
         self._chunk_size, self._limits, self._disk = chunk_size, limits, disk or Disk()
         self._latched: dict[int, LatchedMessages] = {}
-        self._chunk = ChunkBuilder()
+        self._rows: list[Row] = []
+        self._size = self._sealed = 0
         self._flushed = self._number = self._given = 0
         self._is_begun = False
         self.describe: Callable[[], Mapping[str, str]] = dict
         """returns custom_data of metadata.yaml at the end of each file"""
-        self.count = 0
-        """messages written so far, without latched ones that were repeated"""
         self.max_backlog = MAX_BACKLOG
         """[bytes] that may wait for the disk; beyond, :meth:`write` does"""
         self.closed = False
@@ -148,10 +147,11 @@ class BagWriter:
         """
         if log_time >= self._split_time:
             self._enter_file(log_time)
-        if (latched := self._latched.get(channel)) is not None:
-            latched.keep(Held(channel, data, log_time, publish_time, sequence))
-        self.count += 1
-        if self._chunk.add(channel, data, log_time, publish_time, sequence) > self._chunk_size:
+        if channel in self._latched:
+            self._latched[channel].keep(Held(channel, data, log_time, publish_time, sequence))
+        self._rows.append((channel, data, log_time, publish_time, sequence))
+        self._size = size = self._size + len(data) + OVERHEAD
+        if size > self._chunk_size:
             self._seal()
             self._split_large_file()
 
@@ -178,14 +178,19 @@ class BagWriter:
         # With the time of the file's beginning: an earlier one would stretch the file.
         for channel, latched in self._latched.items():
             for message in latched:
-                self._chunk.add(channel, message.data, log_time, message.published, message.number)
+                self._rows.append((channel, message.data, log_time, message.published, message.number))
+                self._size += len(message.data) + OVERHEAD
+                self._sealed -= 1
 
     def _seal(self) -> None:
-        if (chunk := self._chunk.seal()) is not None:
-            self._given += chunk.size
+        if rows := self._rows:
+            size = self._size + INDEX_ENTRY * len(rows) + CHUNK_OVERHEAD + CHANNEL_OVERHEAD * self._channels
+            self._rows, self._size = [], 0
+            self._sealed += len(rows)
+            self._given += size
             if self._disk.backlog > self.max_backlog:
                 self._wait()
-            self._run(partial(self._files.add_chunk, chunk), len(chunk.data))
+            self._run(partial(self._files.add_chunk, rows, size), size)
 
     def _split_large_file(self) -> None:
         if not self._limits.max_size:
@@ -228,6 +233,11 @@ class BagWriter:
     def _flush(self, sync: bool, count: int) -> None:
         self._files.flush(sync)
         self._flushed = count
+
+    @property
+    def count(self) -> int:
+        """Messages written so far, without latched ones that were repeated."""
+        return self._sealed + len(self._rows)
 
     @property
     def unflushed(self) -> int:

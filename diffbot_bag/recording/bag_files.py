@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,7 +12,7 @@ from mcap.records import Channel, Schema
 
 from diffbot_bag import metadata
 from diffbot_bag.metadata import BagMetadata, FileInformation, Topic
-from diffbot_bag.recording.chunk import SealedChunk
+from diffbot_bag.recording.chunk import Row, pack
 from diffbot_bag.recording.mcap_writer import Compression, McapWriter
 
 
@@ -131,12 +131,12 @@ class BagFiles:
         if self._writer is not None:
             self._writer.add_attachment(*attachment)
 
-    def add_chunk(self, chunk: SealedChunk) -> None:
-        """Write a chunk to this file."""
+    def add_chunk(self, rows: Sequence[Row], size: int) -> None:
+        """Write a chunk of messages to this file; ``size`` [bytes] is what they take in a file without compression."""
         self.begin()
         if self._writer is not None:
-            self._writer.add_chunk(chunk)
-            self._unpacked += chunk.size
+            self._writer.add_chunk(pack(rows))
+            self._unpacked += size
             self._note_progress()
 
     def _note_progress(self) -> None:

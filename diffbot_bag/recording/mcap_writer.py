@@ -1,4 +1,4 @@
-"""Write one MCAP file from sealed chunks; records by the mcap library, chunks compressed at a level of choice.
+"""Write one MCAP file from packed chunks; records by the mcap library, chunks compressed at a level of choice.
 
 The writer of the mcap library has no compression level, and compresses and writes a chunk within the call that happens
 to fill it. Here that is a call of its own, which another thread may make while messages are received.
@@ -34,7 +34,7 @@ from mcap.records import (
 )
 from mcap.writer import MCAP0_MAGIC
 
-from diffbot_bag.recording.chunk import SealedChunk
+from diffbot_bag.recording.chunk import Chunk
 
 _CHUNK = struct.Struct("<BQQQQII")
 """Opcode, length, start, end, unpacked size, checksum, length of the compression's name; name, size and data follow."""
@@ -56,7 +56,7 @@ class Compression(NamedTuple):
 DEFAULT_COMPRESSION = Compression()
 
 
-def _compressor(compression: Compression) -> Callable[[bytes | bytearray], bytes | bytearray]:
+def _compressor(compression: Compression) -> Callable[[bytes], bytes]:
     kind, level = compression
     if kind == "zstd":
         return zstandard.ZstdCompressor(level=level or 3).compress
@@ -100,7 +100,7 @@ class McapWriter:
         self._channels[channel.id] = channel
         self._record(channel)
 
-    def add_chunk(self, chunk: SealedChunk) -> None:
+    def add_chunk(self, chunk: Chunk) -> None:
         """Compress a chunk and write it with its index."""
         packed, name, offset = self._compress(chunk.data), self._name, self.size
         self._write(
@@ -125,7 +125,7 @@ class McapWriter:
         )  # fmt: skip
         self._count(chunk)
 
-    def _count(self, chunk: SealedChunk) -> None:
+    def _count(self, chunk: Chunk) -> None:
         total = self.statistics
         first = not total.message_count
         total.message_start_time = chunk.start if first else min(total.message_start_time, chunk.start)
@@ -200,6 +200,6 @@ class McapWriter:
         record.write(builder)
         self._write(builder.end())  # type: ignore[no-untyped-call]
 
-    def _write(self, data: bytes | bytearray) -> None:
+    def _write(self, data: bytes) -> None:
         self._stream.write(data)
         self.size += len(data)
