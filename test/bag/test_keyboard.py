@@ -62,6 +62,7 @@ def in_terminal(theirs):
         "stdin": theirs,
         "start_new_session": True,
         "preexec_fn": lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
+        "cwd": "/",  # not the source tree, where a program of -c would find the package first
     }
 
 
