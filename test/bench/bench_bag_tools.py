@@ -125,7 +125,8 @@ def damaged_files(count: int, folder: Path) -> str:
             wrong, unverified = wrong + (not reported), unverified + reported
     return (
         f"{count - refused} of {count} repaired, {incomplete} without a message of an undamaged chunk, {wrong} with a"
-        f" message that is not in the original ({unverified} more among those reported as unverified); {kept_messages} messages in undamaged chunks, {saved_messages} saved"
+        f" message that is not in the original ({unverified} more among those reported"
+        f" as unverified); {kept_messages} messages in undamaged chunks, {saved_messages} saved"
     )
 
 
