@@ -60,15 +60,19 @@ class BagReader:
         Raises:
             DiffbotError: if it is missing, not a rosbag2 MCAP bag, damaged, empty, or beyond the limits.
         """
-        self.path = path.expanduser()
+        self.path = path
         self.metadata: BagMetadata | None = None
         self._files: list[McapFile] = []
         try:
+            self.path = path.expanduser()
             for file in self._file_paths():
                 self._files.append(self._file_type(file, limits))
         except DiffbotError:
             self.close()
             raise
+        except (OSError, RuntimeError) as error:  # a name that is too long; the home of an unknown user
+            self.close()
+            raise DiffbotError(f"no bag {shown(path)}: {getattr(error, 'strerror', None) or error}") from error
 
     def _file_paths(self) -> list[Path]:
         if "\0" in str(self.path) or not self.path.exists():

@@ -32,6 +32,13 @@ def find_parts(bag: Path) -> BagParts:
     Raises:
         DiffbotError: if there is none, too many, or one outside of the folder.
     """
+    try:
+        return _find_parts(bag.expanduser())
+    except (OSError, RuntimeError) as error:
+        raise DiffbotError(f"no bag {shown(bag)}: {getattr(error, 'strerror', None) or error}") from error
+
+
+def _find_parts(bag: Path) -> BagParts:
     if "\0" in str(bag) or not bag.exists():
         raise DiffbotError(f"no bag {shown(bag)}: no such file or folder")
     if not bag.is_dir():

@@ -65,7 +65,7 @@ def size_of(bag: Path) -> int:
     Raises:
         DiffbotError: if there is no bag.
     """
-    return sum(path.stat().st_size for path in find_parts(bag.expanduser()).files)
+    return sum(path.stat().st_size for path in find_parts(bag).files)
 
 
 def repair_bag(bag: Path, out: Path, limits: BagLimits | None = None, progress: Progress = lambda _: None) -> Repaired:
@@ -85,7 +85,7 @@ def repair_bag(bag: Path, out: Path, limits: BagLimits | None = None, progress: 
         raise DiffbotError(f"{shown(out)}: the repaired bag is a folder, its name must not end with .mcap")
     if os.path.lexists(out):
         raise DiffbotError(f"{shown(out)} exists already: choose another name for the bag")
-    parts = find_parts(bag.expanduser())
+    parts = find_parts(bag)
     with _temporary_folder(out) as folder:
         new = folder / out.name
         new.mkdir()
@@ -102,7 +102,9 @@ def repair_in_place(bag: Path, limits: BagLimits | None = None, progress: Progre
     Raises:
         DiffbotError: as for :func:`repair_bag`; the bag is then as it was.
     """
-    bag = bag.expanduser().absolute()
+    find_parts(bag)
+    # New files are made on the same disk, so that they can take the place of the old ones.
+    bag = bag.expanduser().resolve()
     parts = find_parts(bag)
     with _temporary_folder(bag) as folder:
         names = [path.name for path in parts.files]

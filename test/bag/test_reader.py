@@ -4,6 +4,7 @@ import contextlib
 import random
 import re
 import sqlite3
+from pathlib import Path
 
 import pytest
 import yaml
@@ -174,6 +175,10 @@ def test_a_bag_without_messages_has_no_times(tmp_path):
 
 def test_a_missing_bag_and_an_empty_folder(tmp_path):
     assert "no such file or folder" in error_of(tmp_path / "none")
+    with pytest.raises(DiffbotError, match="File name too long"):
+        BagReader(tmp_path / ("x" * 300))
+    with pytest.raises(DiffbotError, match="no bag ~nobody-of-this-name/run: "):
+        BagReader(Path("~nobody-of-this-name/run"))
     (tmp_path / "empty").mkdir()
     assert "neither metadata.yaml nor an MCAP file" in error_of(tmp_path / "empty")
 

@@ -228,7 +228,7 @@ def test_messages_outside_of_chunks_are_saved_and_packed(repair):
 
 
 def test_qos_that_cannot_be_read_is_left_out(repair):
-    content = bytearray(damaged_bags.mcap_file(use_chunking=False)[:-3000])
+    content = bytearray(damaged_bags.mcap_file(use_chunking=False)[:-1000])
     content[content.index(b"- history")] = ord("{")
     result, saved = repair(bytes(content))
     assert result.files[0].salvaged.loss.without_qos == ("/a",)
@@ -298,6 +298,11 @@ def test_in_place(tmp_path):
     with BagReader(folder) as reader:
         assert (reader.message_count, reader.warning) == (1500, "")
     lone = tmp_path / "lone.mcap"
+    (tmp_path / "link").symlink_to(folder)
+    (folder / "metadata.yaml").unlink()
+    repair_in_place(tmp_path / "link")
+    assert (folder / "metadata.yaml").exists()
+    (tmp_path / "link").unlink()
     lone.write_bytes(damaged_bags.mcap_file()[:-80])
     lone.chmod(0o640)
     repair_in_place(lone)
@@ -346,6 +351,8 @@ def test_existing_same_and_wrong_outputs(tmp_path):
     assert "cannot write the bag" in refused(tmp_path, source, source / "below")
     assert "no such file" in refused(tmp_path, tmp_path / "none", tmp_path / "fixed")
     assert "has no MCAP file" in refused(tmp_path, tmp_path / "taken", tmp_path / "fixed")
+    assert "File name too long" in refused(tmp_path, tmp_path / ("x" * 300), tmp_path / "fixed")
+    assert "File name too long" in refused(tmp_path, source, tmp_path / ("x" * 300))
     os.mkfifo(tmp_path / "pipe.mcap")
     assert "not a regular file" in refused(tmp_path, tmp_path / "pipe.mcap", tmp_path / "fixed")
 
