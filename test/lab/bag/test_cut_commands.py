@@ -75,8 +75,8 @@ def test_filter_merge_and_split_are_each_others_inverse(bag, tmp_path, capsys):
     assert check_metadata(tmp_path / "all") == facts(bag)
     capsys.readouterr()
     assert run("split", tmp_path / "all", tmp_path / "parts", "--duration", "0.5s", "--count", "90") == 0
-    assert capsys.readouterr().out.endswith("messages of 3 topics, 1.990 s in 8 files\n")
-    assert len(files_of(tmp_path / "parts")) == 8
+    assert capsys.readouterr().out.endswith("messages of 3 topics, 1.990 s in 5 files\n")
+    assert len(files_of(tmp_path / "parts")) == 5
     check_metadata(tmp_path / "parts")
     assert run("split", tmp_path / "all", tmp_path / "small", "--size", "20k") == 0
     assert max(file.stat().st_size for file in files_of(tmp_path / "small")) <= 20_000
@@ -153,13 +153,12 @@ def test_a_damaged_bag_is_refused_with_what_to_do(bag, tmp_path, capsys, verb, k
     elif kind == "flipped":
         content[800] ^= 255  # in the first chunk
     else:
-        content[-20:-12] = bytes(8)
+        content[-28:-20] = bytes(8)
     path.write_bytes(content)
     flags = VERBS[verb] if verb != "split" else ("--count", "3")
     flags = ("--from", "1ns") if verb == "trim" else flags
-    assert error_of(capsys, verb, path, tmp_path / "out", *flags).endswith(
-        ": `diffbot bag repair` saves what can be read"
-    )
+    line = error_of(capsys, verb, path, tmp_path / "out", *flags)
+    assert line.endswith("; `diffbot bag repair` saves what can be read")
     assert [one.name for one in tmp_path.iterdir()] == ["damaged.mcap"]
 
 
