@@ -58,7 +58,7 @@ def _topic_rules(topic: TopicInfo, info: BagInfo, consistency: Consistency) -> d
         if len(offered) == 1 and (word := offered.pop()) in _WORDS:
             rules[policy] = word
     shares = (("min_nis_inside", consistency.nis_inside), ("min_white", consistency.white))
-    return rules | {name: _down(max(share - SHARE_MARGIN, 0.0)) for name, share in shares if share is not None}
+    return rules | {name: round_down(max(share - SHARE_MARGIN, 0.0)) for name, share in shares if share is not None}
 
 
 def _timing(topic: TopicInfo, info: BagInfo) -> dict[str, Any]:
@@ -67,14 +67,14 @@ def _timing(topic: TopicInfo, info: BagInfo) -> dict[str, Any]:
         return {}
     if figures.gap * figures.rate > MAX_IRREGULARITY:
         return {}
-    gap = _up(max(GAP_MARGIN * figures.gap, 3.0 / figures.rate))
+    gap = round_up(max(GAP_MARGIN * figures.gap, 3.0 / figures.rate))
     start, end = (figures.first - info.start) / NS_PER_S, (info.end - figures.last) / NS_PER_S
     return {
-        "min_rate": _down(figures.rate / RATE_MARGIN),
-        "max_rate": _up(figures.rate * RATE_MARGIN),
+        "min_rate": round_down(figures.rate / RATE_MARGIN),
+        "max_rate": round_up(figures.rate * RATE_MARGIN),
         "max_gap": gap,
-        "max_start": _up(start + gap),
-        "max_end": _up(end + gap),
+        "max_start": round_up(start + gap),
+        "max_end": round_up(end + gap),
     }
 
 
@@ -84,11 +84,11 @@ def _stamps(topic: TopicInfo) -> dict[str, Any]:
         return {}
     smallest, _, p99 = figures.latency
     rules: dict[str, Any] = {
-        "min_latency": _down(min(smallest, 0.0) * LATENCY_MARGIN - SMALLEST_LATENCY),
-        "max_latency_p99": _up(max(p99, 0.0) * LATENCY_MARGIN + SMALLEST_LATENCY),
+        "min_latency": round_down(min(smallest, 0.0) * LATENCY_MARGIN - SMALLEST_LATENCY),
+        "max_latency_p99": round_up(max(p99, 0.0) * LATENCY_MARGIN + SMALLEST_LATENCY),
     }
     if figures.stamp_gap and figures.rate and figures.stamp_gap * figures.rate <= MAX_IRREGULARITY:
-        rules["max_stamp_gap"] = _up(GAP_MARGIN * figures.stamp_gap)
+        rules["max_stamp_gap"] = round_up(GAP_MARGIN * figures.stamp_gap)
     if figures.unstamped == 0:
         rules["stamped"] = True
     if figures.stamps_back == 0:
@@ -96,12 +96,12 @@ def _stamps(topic: TopicInfo) -> dict[str, Any]:
     return rules
 
 
-def _up(value: float) -> float:
+def round_up(value: float) -> float:
     """Round to two significant digits, never below the value."""
-    return -_down(-value)
+    return -round_down(-value)
 
 
-def _down(value: float) -> float:
+def round_down(value: float) -> float:
     """Round to two significant digits, never above the value."""
     if value == 0.0:
         return 0.0

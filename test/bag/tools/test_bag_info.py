@@ -189,6 +189,20 @@ def test_progress_counts_every_message(tmp_path):
     assert len(moved) > 2
 
 
+def test_nothing_is_lost_between_two_batches():
+    meter = TopicMeter(True)
+    times = [*range(4096), 4095 + 700, 4095 + 701]
+    for number, time in enumerate(times):
+        stamp = 10**9 - 5 if number == 4096 else 10**9 + time
+        data = b"\0\1\0\0" + (stamp // 10**9).to_bytes(4, "little") + (stamp % 10**9).to_bytes(4, "little")
+        meter.add(10**10 + time, data, number)
+    found = meter.figures()
+    assert (found.gap, found.gap_begin) == (700e-9, 10**10 + 4095)
+    assert found.stamps_back == 1
+    assert found.stamp_gap == pytest.approx((4095 + 701 + 5) * 1e-9)
+    assert found.missing == 0
+
+
 def test_memory_of_a_meter_does_not_grow():
     meter, data = TopicMeter(True), b"\0\1\0\0" + (5).to_bytes(4, "little") + bytes(8)
     tracemalloc.start()

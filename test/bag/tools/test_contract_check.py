@@ -4,6 +4,7 @@ import foreign_bags
 import pytest
 
 from diffbot_bag.bounded_yaml import load_yaml
+from diffbot_bag.tools import contract_draft
 from diffbot_bag.tools.bag_info import read_info
 from diffbot_bag.tools.contract import TopicRules, parse_contract
 from diffbot_bag.tools.contract_check import BAG, Consistency, check_bag
@@ -151,6 +152,14 @@ def test_a_bag_keeps_the_contract_drafted_from_it(info):
     assert content["topics"]["/odom"]["min_rate"] < 0.9 * 9.5238
     assert content["topics"]["/odom"]["max_gap"] == 0.6
     assert "max_rate" not in content["topics"]["/cmd_vel"]
+
+
+@pytest.mark.parametrize("value", [0.0, 1e-9, 0.0999, 0.33, 1.0, 9.5238, 12345.6, -0.01, -7.77])
+def test_bounds_of_a_draft_are_rounded_outwards(value):
+    low, high = contract_draft.round_down(value), contract_draft.round_up(value)
+    assert low <= value <= high
+    assert high - low <= 0.1 * abs(value)
+    assert max(len(f"{abs(bound):.15g}".replace(".", "").strip("0").split("e")[0]) for bound in (low, high)) <= 2
 
 
 def test_a_draft_refuses_a_bag_at_half_the_rate_with_a_longer_gap(info, tmp_path):
