@@ -8,6 +8,8 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from diffbot_lab.bag.unfinished_bags import print_warning
+
 if TYPE_CHECKING:
     from diffbot_bag.metadata import BagMetadata
     from diffbot_bag.tools.cut import NewBag
@@ -46,7 +48,10 @@ def make_bag(verb: str, inputs: Sequence[Path], out: Path, plan: Callable[[list[
 
     check_new(out)
     with ExitStack() as stack:
-        new = plan([stack.enter_context(SourceBag(path)) for path in inputs])
+        bags = [stack.enter_context(SourceBag(path)) for path in inputs]
+        for bag in bags:
+            print_warning(bag)
+        new = plan(bags)
         with tqdm(
             total=new.size, desc=verb, unit="B", unit_scale=True, unit_divisor=1024, disable=None, delay=1, leave=False
         ) as bar:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import sys
+from typing import TYPE_CHECKING
 
-from diffbot_bag.reader import BagReader
+if TYPE_CHECKING:
+    from diffbot_bag.reader import BagReader
 
 
 def print_warning(reader: BagReader) -> None:

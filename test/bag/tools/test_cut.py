@@ -128,7 +128,7 @@ def test_trim_reads_and_unpacks_only_what_it_needs(zstd_bag, tmp_path, monkeypat
     written = (tmp_path / "part" / "part_0.mcap").read_bytes()
     for one in inside[1:-1]:
         assert content[one.chunk_start_offset : one.chunk_start_offset + one.chunk_length] in written
-    with pytest.raises(DiffbotError, match="`diffbot bag repair` saves what can be read"):
+    with pytest.raises(DiffbotError, match="`diffbot bag repair` saves what is intact"):
         make(tmp_path / "more", lambda one: cut.trim(one, Span(BEGIN + 1, span.end)), path)
 
 

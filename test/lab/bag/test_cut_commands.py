@@ -144,22 +144,35 @@ def test_existing_output_and_the_input_as_output_are_refused(bag, tmp_path, caps
 
 
 @pytest.mark.parametrize("verb", VERBS)
-@pytest.mark.parametrize("kind", ["cut off", "flipped", "no index"])
-def test_a_damaged_bag_is_refused_with_what_to_do(bag, tmp_path, capsys, verb, kind):
+def test_a_damaged_bag_is_refused_with_what_to_do(bag, tmp_path, capsys, verb):
     content = bytearray(bag.read_bytes())
+    content[800] ^= 255  # in the first chunk
     path = tmp_path / "damaged.mcap"
-    if kind == "cut off":
-        content = content[: len(content) // 2]
-    elif kind == "flipped":
-        content[800] ^= 255  # in the first chunk
-    else:
-        content[-28:-20] = bytes(8)
     path.write_bytes(content)
     flags = VERBS[verb] if verb != "split" else ("--count", "3")
     flags = ("--from", "1ns") if verb == "trim" else flags
     line = error_of(capsys, verb, path, tmp_path / "out", *flags)
-    assert line.endswith("; `diffbot bag repair` saves what can be read")
+    assert line.endswith(": `diffbot bag repair` saves what is intact")
     assert [one.name for one in tmp_path.iterdir()] == ["damaged.mcap"]
+
+
+@pytest.mark.parametrize("kind", ["cut off", "no index"])
+def test_an_unfinished_bag_is_read_to_its_end_with_a_warning(bag, tmp_path, capsys, kind):
+    content = bytearray(bag.read_bytes())
+    if kind == "cut off":
+        content = content[: len(content) // 2]
+    else:
+        content[-28:-20] = bytes(8)
+    path = tmp_path / "unfinished.mcap"
+    path.write_bytes(content)
+    assert run("filter", path, tmp_path / "out", "--exclude", "/text") == 0
+    (warning,) = capsys.readouterr().err.splitlines()
+    assert warning.startswith("diffbot: warning: ")
+    assert "is unfinished" in warning
+    expected = [one for one in facts(bag) if one.topic != "/text"]
+    found = check_metadata(tmp_path / "out")
+    assert len(found) == len(expected) if kind == "no index" else 20 < len(found) < len(expected)
+    assert found == expected[: len(found)]
 
 
 def test_no_bag_and_no_permission_are_one_line(bag, tmp_path, capsys):
