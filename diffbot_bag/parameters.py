@@ -158,7 +158,7 @@ class ReplayConfig(NamedTuple):
     wait_acked_timeout: Annotated[
         float,
         Spec(
-            "longest wait at the end for reliable subscribers; 0: forever, negative: none",
+            "longest wait for reliable subscribers, at the end and before a loss; 0: forever, negative: none",
             "s",
             -1.0,
             86400.0,

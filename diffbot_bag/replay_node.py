@@ -7,6 +7,7 @@ if __name__ == "__main__":  # before the imports that take long: see launcher
 
     raise SystemExit(launch("diffbot_bag.replay_node"))
 
+import math
 import sys
 import threading
 import time
@@ -115,6 +116,7 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
             remap=parse_remap(config.remap),
             overrides=read_overrides(config.qos_profile_overrides_path, REPLAY_DEPTH, self.get_namespace()),
             max_unacknowledged=config.max_unacknowledged if config.as_fast_as_possible else 0,
+            patience=math.inf if config.as_fast_as_possible else config.wait_acked_timeout or math.inf,
         )
         outputs = ReplayOutputs(self, topics, naming, self._ending)
         if not outputs.names:

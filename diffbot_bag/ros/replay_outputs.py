@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import threading
+import time
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, NamedTuple
 
@@ -32,11 +34,13 @@ class Naming(NamedTuple):
     overrides: Mapping[str, Qos]
     """QoS by the topic's name in the bag, in place of what was recorded"""
     max_unacknowledged: int = 0
-    """of all topics together; 0: no bound"""
+    """of all topics together; 0: as many as each publisher keeps"""
+    patience: float = math.inf
+    """[s] longest wait for acknowledgement of a topic; negative: no wait"""
 
 
 class ReplayOutputs:
-    """One publisher for each topic. With a bound on unacknowledged messages, :meth:`send` waits for subscribers."""
+    """One publisher for each topic; :meth:`send` waits before a message that is not acknowledged is overwritten."""
 
     def __init__(self, node: Node, topics: Mapping[str, Topic], naming: Naming, stop: threading.Event) -> None:
         """Create the publishers; topics that cannot be published are logged and left out.
@@ -47,7 +51,7 @@ class ReplayOutputs:
             naming: names and QoS.
             stop: ends all waiting when set.
         """
-        self._node, self._stop = node, stop
+        self._node, self._stop, self._patience = node, stop, naming.patience
         self.latched: set[str] = set()
         """Topics whose last message is kept for late subscribers, by their names in the bag."""
         self._publishers: dict[str, Any] = {}
@@ -59,6 +63,8 @@ class ReplayOutputs:
             if naming.max_unacknowledged:
                 offer = bounded(offer, share)
                 self._room[name] = min(offer.depth, share)
+            elif (offer.reliability, offer.durability) == ("reliable", "volatile") and naming.patience >= 0.0:
+                self._room[name] = offer.depth
             try:
                 kind = ros_conversions.message_class(topic.type)
                 profile = ros_conversions.to_ros(offer)
@@ -80,13 +86,23 @@ class ReplayOutputs:
         publisher = self._publishers[name]
         if name in self._room:
             if self._unacknowledged.get(name, 0) >= self._room[name]:
-                # A full history makes DDS ask for acknowledgement at once, and not only at its next heartbeat.
-                while not publisher.wait_for_all_acked(Duration(seconds=POLL)):
-                    if self._stop.is_set():
-                        return
-                self._unacknowledged[name] = 0
+                self._wait_for_room(name, publisher)
+                if self._stop.is_set():
+                    return
             self._unacknowledged[name] = self._unacknowledged.get(name, 0) + 1
         publisher.publish(message.data)
+
+    def _wait_for_room(self, name: str, publisher: Any) -> None:
+        """Wait until all messages of a topic are acknowledged, or give that up for good after the longest wait."""
+        deadline = time.monotonic() + self._patience
+        # A full history makes DDS ask for acknowledgement at once, and not only at its next heartbeat.
+        while not publisher.wait_for_all_acked(Duration(seconds=POLL)) and not self._stop.is_set():
+            if time.monotonic() >= deadline:
+                text = f"{shown(name)}: not acknowledged after {self._patience:g} s, messages may be lost from now on"
+                self._node.get_logger().warning(text)
+                del self._room[name]
+                break
+        self._unacknowledged[name] = 0
 
     def wait_for_subscribers(self, named: Collection[str], timeout: float) -> set[str]:
         """Wait until the named topics, or all if none is, have a subscriber; return those of them without one."""
