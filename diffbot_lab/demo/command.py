@@ -97,7 +97,7 @@ def _evaluate(options: DemoOptions, folder: Path, began: float) -> int:
     print(_table(results))
     simulated = float(record.truth[-1, 0])
     print(f"{record.messages} messages recorded, {record.lost} lost; {simulated:.1f} s simulated in {wall:.1f} s")
-    write_report(folder / "bag", folder / "report.html", options.preset)
+    write_report(folder / "bag", folder / "report.html")
     print(f"Bag {folder / 'bag'}, figures {folder / 'summary.json'}, picture {folder / 'path.png'}")
     print(f"Report {folder / 'report.html'} (open it in a browser)")
     if reason:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from diffbot_bag.attachments import Parameters
 from diffbot_bag.cdr import LAYOUTS, CdrError, Layout, NumberRows, labelled_layout, labels_of
 from diffbot_bag.reader import BagReader
 from diffbot_bag.tools.bag_info import TopicInfo, info_of
@@ -95,6 +96,8 @@ class BagTables(NamedTuple):
     lost: int
     malformed: int
     """messages that could not be read"""
+    parameters: Parameters
+    """of the nodes, if the recorder noted them"""
 
 
 class _Texts:
@@ -172,10 +175,13 @@ def read_tables(path: Path) -> BagTables:
             desc=path.name, total=reader.message_count, unit="message", unit_scale=True, disable=None, delay=1.0
         ) as bar:
             info = info_of(reader, observers, bar.update)
+        parameters = reader.node_parameters()
     malformed = sum(one.malformed for many in collectors.values() for one in many)
     found = [_tables(robot, roles, types) for robot, roles in zip(robots, by_robot, strict=True)]
     texts = _tables(RobotTopics("", {}), common, types).texts
-    return BagTables(found, texts, list(info.topics), info.message_count, info.recorder_lost or 0, malformed)
+    return BagTables(
+        found, texts, list(info.topics), info.message_count, info.recorder_lost or 0, malformed, parameters
+    )
 
 
 def _collect(robot: RobotTopics, types: dict[str, str], collectors: dict[str, list[Any]]) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from diffbot_lab.metrics import goal_metrics
 from diffbot_lab.trajectory import Trajectory
 from diffbot_lab.view.bag_tables import BagTables, RobotTables, read_tables
 from diffbot_lab.view.clock import Clock, Columns
-from diffbot_lab.view.constants import constants_of
+from diffbot_lab.view.constants import constants_of, recorded_config
 from diffbot_lab.view.events import Event, GoalSent, events_of, goals_of
 from diffbot_lab.view.landmarks import Landmark, landmarks_on_map
 from diffbot_lab.view.packing import Packer
@@ -43,6 +43,8 @@ class RobotRun(NamedTuple):
     plan: Columns
     """see plans.plan_columns"""
     landmarks: list[Landmark]
+    config: ControllerConfig
+    """whose tolerances and limits are drawn"""
 
 
 class BagRun(NamedTuple):
@@ -54,28 +56,29 @@ class BagRun(NamedTuple):
     tables: BagTables
 
 
-def read_bag_run(bag: Path) -> BagRun:
-    """Read a bag.
+def read_bag_run(bag: Path, config: ControllerConfig | None = None) -> BagRun:
+    """Read a bag; without ``config``, tolerances and limits are those that the recorder noted, or those of ``tuned``.
 
     Raises:
         DiffbotError: if it cannot be read, or holds no robot's pose.
     """
     tables = read_tables(bag)
     clock = clock_of(tables.robots)
-    robots = [_robot_run(robot, tables, clock) for robot in tables.robots]
+    robots = [_robot_run(robot, tables, clock, config) for robot in tables.robots]
     robots = [robot for robot in robots if {"truth", "estimate", "odometry"} & set(robot.curves)]
     if not robots:
         raise DiffbotError(f"{bag}: no pose of a robot in it: no odometry, pose or transform that could be read")
     return BagRun("/".join(bag.resolve().parts[-2:]), clock, robots, tables)
 
 
-def _robot_run(robot: RobotTables, tables: BagTables, clock: Clock) -> RobotRun:
+def _robot_run(robot: RobotTables, tables: BagTables, clock: Clock, config: ControllerConfig | None) -> RobotRun:
+    config = config or recorded_config(tables.parameters.get(f"{robot.namespace.rstrip('/')}/controller", {}))
     curves = curves_of(robot, clock)
     goals = goals_of(robot, clock)
     events = events_of(robot, curves, goals, tables.common, clock)
     plan = plan_columns([*robot.plans, *_ends_of_plans(robot)], clock)
     landmarks = landmarks_on_map(robot.landmarks, _path_of(curves, clock), clock)
-    return RobotRun(robot.namespace.lstrip("/") or "robot", curves, goals, events, plan, landmarks)
+    return RobotRun(robot.namespace.lstrip("/") or "robot", curves, goals, events, plan, landmarks, config)
 
 
 def _ends_of_plans(robot: RobotTables) -> list[Plan]:
@@ -93,8 +96,8 @@ def _path_of(curves: dict[str, Columns], clock: Clock) -> Trajectory:
     return Trajectory(times, np.column_stack((x, y, np.unwrap(theta))))
 
 
-def page_data(run: BagRun, config: ControllerConfig) -> dict[str, Any]:
-    """Return what the page embeds; tolerances and limits are those of ``config``."""
+def page_data(run: BagRun) -> dict[str, Any]:
+    """Return what the page embeds."""
     packer = Packer()
     robots = [
         {
@@ -104,7 +107,8 @@ def page_data(run: BagRun, config: ControllerConfig) -> dict[str, Any]:
             "landmarks": [list(landmark) for landmark in robot.landmarks],
             "goals": [[goal.time, *goal.pose] for goal in robot.goals],
             "events": [list(event) for event in robot.events],
-            "summary": summary_of(robot, config),
+            "summary": summary_of(robot),
+            "constants": constants_of(robot.config) | {"nees": NEES_BOUNDS},
         }
         for robot in run.robots
     ]
@@ -116,7 +120,6 @@ def page_data(run: BagRun, config: ControllerConfig) -> dict[str, Any]:
         "messages": run.tables.messages,
         "lost": run.tables.lost,
         "malformed": run.tables.malformed,
-        "constants": {**constants_of(config), "nees": NEES_BOUNDS},
         "robots": robots,
         "topics": [topic_figures(topic) for topic in run.tables.topics[:MAX_TOPICS]],
         "packed": packer.text(),
@@ -136,7 +139,7 @@ def _span(robots: list[RobotRun]) -> list[float]:
     return [math.floor(1000.0 * begin) / 1000.0, math.ceil(1000.0 * end + 0.1) / 1000.0]
 
 
-def summary_of(robot: RobotRun, config: ControllerConfig) -> list[dict[str, Any]]:
+def summary_of(robot: RobotRun) -> list[dict[str, Any]]:
     """Return a row per goal: how it ended, and figures from the true path, or the estimated one."""
     columns = robot.curves.get("truth", robot.curves.get("estimate"))
     rows = []
@@ -147,7 +150,7 @@ def summary_of(robot: RobotRun, config: ControllerConfig) -> list[dict[str, Any]
             part = (columns["t"] >= time) & (columns["t"] <= following)
             if part.any():
                 poses = np.column_stack([columns[name][part] for name in ("x", "y", "theta")])
-                tolerance = config.tolerance
+                tolerance = robot.config.tolerance
                 found = goal_metrics(
                     columns["t"][part], poses, pose, tolerance.xy_goal_tolerance, tolerance.yaw_goal_tolerance
                 )

@@ -14,7 +14,7 @@ class ReportOptions(NamedTuple):
 
     bag: Path
     out: Path
-    preset: str
+    preset: str | None
     csv: bool = False
     tum: bool = False
     png: bool = False
@@ -22,7 +22,7 @@ class ReportOptions(NamedTuple):
 
 def add_report(commands: Any) -> None:
     """Add ``diffbot report`` to the subparsers of the command line."""
-    from diffbot_control.law.presets import PRESETS, TUNED  # noqa: PLC0415
+    from diffbot_control.law.presets import PRESETS  # noqa: PLC0415
 
     report = commands.add_parser("report", help="write a page about a recorded bag, one HTML file")
     report.add_argument("bag", type=Path, help="folder of the bag, or an .mcap file")
@@ -30,8 +30,7 @@ def add_report(commands: Any) -> None:
     report.add_argument(
         "--preset",
         choices=tuple(PRESETS),
-        default=TUNED,
-        help="whose tolerances and limits are drawn (default: %(default)s)",
+        help="whose tolerances and limits are drawn (default: those that the recorder noted in the bag, else tuned)",
     )
     for flag, what in (("csv", "a table"), ("tum", "trajectories for evo"), ("png", "a picture")):
         report.add_argument(f"--{flag}", action="store_true", help=f"write {what} beside it, too")
@@ -61,7 +60,7 @@ def run(options: ReportOptions) -> int:
 
 
 def write_report(
-    bag: Path, out: Path, preset: str, csv: bool = False, tum: bool = False, png: bool = False
+    bag: Path, out: Path, preset: str | None = None, csv: bool = False, tum: bool = False, png: bool = False
 ) -> list[Path]:
     """Write the page ``out``, which appears whole or not at all; return the files beside it.
 
@@ -75,9 +74,9 @@ def write_report(
     from diffbot_lab.view.page_file import html  # noqa: PLC0415
     from diffbot_lab.view.report import page_data, read_bag_run  # noqa: PLC0415
 
-    found = read_bag_run(bag)
+    found = read_bag_run(bag, None if preset is None else PRESETS[preset])
     try:
-        write_text(out, html(page_data(found, PRESETS[preset])))
+        write_text(out, html(page_data(found)))
         return export(found, out, csv, tum, png)
     except OSError as error:
         raise DiffbotError(f"cannot write {out}: {error.strerror or error}") from error

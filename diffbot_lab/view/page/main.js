@@ -115,6 +115,7 @@ function drawFrame(now) {
 
 function chooseRobot(name) {
   page.robot = page.robots.find((one) => one.name === name) ?? page.robot;
+  if (page.robot.constants) page.constants = page.robot.constants;
   events.clear();
   events.append(page.robot.events);
   showSummary($("summary"), page.robot);
@@ -199,7 +200,6 @@ async function startReport() {
   const { data } = page;
   document.title = `${data.title} – diffbot`;
   $("title").textContent = data.title;
-  page.constants = data.constants;
   const robots = await unpackRobots(data);
   startMap(() => {});
   $("player").classList.remove("hidden");

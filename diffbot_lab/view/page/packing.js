@@ -32,6 +32,7 @@ export async function unpackRobots(data) {
     }
     const { plan, ...curves } = robot.curves;
     const landmarks = new Map(one.landmarks.map(([number, x, y, inView]) => [number, { number, x, y, inView }]));
-    return Object.assign(robot, { curves, plan, landmarks, goals: one.goals, events: one.events, summary: one.summary });
+    const { goals, events, summary, constants } = one;
+    return Object.assign(robot, { curves, plan, landmarks, goals, events, summary, constants });
   });
 }

@@ -9,6 +9,7 @@ import pytest
 import view_bags
 from evo.tools import file_interface
 
+from diffbot_bag.new_bag import new_bag
 from diffbot_control.law.presets import PRESETS
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.view.exports import export
@@ -65,7 +66,7 @@ def test_events_in_the_order_of_time(run_of_circle):
 
 
 def test_topics_with_rates_and_delays(run_of_circle):
-    data = page_data(run_of_circle, PRESETS["tuned"])
+    data = page_data(run_of_circle)
     topics = {topic["name"]: topic for topic in data["topics"]}
     pose = topics["/pose"]
     assert (pose["count"], pose["rate"], pose["gap"]) == (500, pytest.approx(50.0), pytest.approx(0.02))
@@ -184,9 +185,36 @@ def test_numbers_beyond_all_bounds_do_not_reach_the_page(tmp_path):
         yield "/rosout", late, view_bags.log(late, "ekf", "x" * 10_000)
 
     found = read_bag_run(bag(tmp_path, messages()))
-    data = json.loads(embedded_json(page_data(found, PRESETS["tuned"])))
+    data = json.loads(embedded_json(page_data(found)))
     assert max(map(abs, found.robots[0].curves["estimate"]["x"])) < 2.0
     assert max(len(event[3]) for event in data["robots"][0]["events"]) < 1000
+
+
+def bag_with_parameters(folder, noted):
+    channels = {}
+    with new_bag(folder) as writer:
+        for topic, time, (kind, message) in view_bags.drive(20):
+            if topic not in channels:
+                channels[topic] = writer.add_topic(topic, kind)
+            writer.write(channels[topic], bytes(view_bags.STORE.serialize_cdr(message, kind)), time, time)
+        writer.attach("parameters.json", "application/json", json.dumps({"/controller": noted}).encode())
+
+
+def test_tolerances_and_limits_are_those_that_the_recorder_noted(tmp_path):
+    noted = {"xy_goal_tolerance": 0.25, "linear.x.max_velocity": 0.4, "angular.z.max_velocity": "inf", "autostart": 1}
+    bag_with_parameters(tmp_path / "bag", noted)
+    (robot,) = page_data(read_bag_run(tmp_path / "bag"))["robots"]
+    assert robot["constants"]["xy_tolerance"] == 0.25
+    assert robot["constants"]["limits"] == {"v": 0.4, "omega": None}
+    paper = PRESETS["paper"]
+    (robot,) = page_data(read_bag_run(tmp_path / "bag", paper))["robots"]
+    assert robot["constants"]["xy_tolerance"] == paper.tolerance.xy_goal_tolerance != 0.25
+
+
+def test_a_noted_parameter_out_of_its_bounds_is_one_line(tmp_path):
+    bag_with_parameters(tmp_path / "bag", {"xy_goal_tolerance": "wide"})
+    with pytest.raises(DiffbotError, match="xy_goal_tolerance = 'wide'"):
+        read_bag_run(tmp_path / "bag")
 
 
 def test_files_beside_the_report(circle, run_of_circle, tmp_path):
