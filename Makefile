@@ -73,6 +73,7 @@ lint: setup
 
 bench: setup
 	@PYTHONPATH=test/support $(BIN)/python test/bench/bench.py $(ARGS)
+	@PYTHONPATH=test/support:test/bench $(BIN)/python test/bench/bench_bag_recorder.py $(filter --quick,$(ARGS))
 	@$(BIN)/python test/bench/bench_batch.py $(filter --quick,$(ARGS))
 	@PYTHONPATH=test/support:test/bench $(BIN)/python test/bench/bench_view.py $(filter --quick,$(ARGS))
 

@@ -1,4 +1,4 @@
-"""Read YAML of unknown origin: without aliases, bounded in size, depth and number of values."""
+"""Read YAML of unknown origin: without aliases, bounded in size, depth and number of values; and write YAML."""
 
 from __future__ import annotations
 
@@ -15,6 +15,9 @@ MAX_DEPTH = 20
 """of lists and maps in each other; metadata.yaml has 7"""
 MAX_DIGITS = 64
 """of a number: longer ones take Python quadratic time, and are too long to be shown"""
+
+
+_DUMPER = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 
 
 class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
@@ -69,6 +72,11 @@ def load_yaml(text: str, name: str, *, unique_keys: bool = False) -> Any:
     except (yaml.YAMLError, ValueError, TypeError, OverflowError, AttributeError) as error:
         # All but the first come from PyYAML's constructors, for example of the date 2001-99-99.
         raise DiffbotError(f"{name} is not a YAML file") from error
+
+
+def dump_yaml(content: Any) -> str:
+    """Return plain values as YAML, in their order; by libyaml where PyYAML has it, ten times as fast."""
+    return str(yaml.dump(content, Dumper=_DUMPER, sort_keys=False))
 
 
 def _check(text: str, name: str) -> None:

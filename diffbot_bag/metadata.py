@@ -6,9 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import yaml
-
-from diffbot_bag.bounded_yaml import MAX_CHARACTERS, load_yaml
+from diffbot_bag.bounded_yaml import MAX_CHARACTERS, dump_yaml, load_yaml
 from diffbot_bag.foreign_files import read_text, shown
 from diffbot_bag.qos import Qos, load_profiles, to_plain
 from diffbot_core.errors import DiffbotError
@@ -84,7 +82,7 @@ def to_yaml(bag: BagMetadata, *, root: bool = True) -> str:
         "custom_data": dict(bag.custom_data) or None,
         "ros_distro": bag.ros_distro,
     }
-    return yaml.safe_dump({ROOT: inner} if root else inner, sort_keys=False)
+    return dump_yaml({ROOT: inner} if root else inner)
 
 
 def _topic_to_plain(topic: Topic) -> dict[str, Any]:

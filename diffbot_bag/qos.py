@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-import yaml
-
-from diffbot_bag.bounded_yaml import load_yaml
+from diffbot_bag.bounded_yaml import dump_yaml, load_yaml
 from diffbot_bag.foreign_files import shown
 from diffbot_core.errors import DiffbotError
 
@@ -90,7 +88,7 @@ def _nanoseconds(duration: Mapping[str, int]) -> int:
 
 def dump_profiles(profiles: Sequence[Qos]) -> str:
     """Return the YAML text of channel metadata ``offered_qos_profiles``."""
-    return yaml.safe_dump([to_plain(qos) for qos in profiles], sort_keys=False) if profiles else ""
+    return dump_yaml([to_plain(qos) for qos in profiles]) if profiles else ""
 
 
 def load_profiles(stored: Any) -> tuple[Qos, ...]:

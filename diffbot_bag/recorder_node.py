@@ -192,6 +192,7 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
             "held": str(self._recording.held),
             "in memory": str(self._recording.in_memory),
             "stall": f"{self._topics.stall / SECOND:.6f}",
+            "delay": f"{self._topics.delay / SECOND:.6f}",
         }
         self._status.publish(status_message(self.get_fully_qualified_name(), level[0], state, values))
 

@@ -71,8 +71,7 @@ class BagWriter:
         self._chunk_size, self._limits, self._disk = chunk_size, limits, disk or Disk()
         self._latched: dict[int, LatchedMessages] = {}
         self._rows: list[Row] = []
-        self._size = self._sealed = 0
-        self._flushed = self._number = self._given = 0
+        self._size = self._sealed = self._flushed = self._number = self._given = 0
         self._is_begun = False
         self.describe: Callable[[], Mapping[str, str]] = dict
         """returns custom_data of metadata.yaml at the end of each file"""

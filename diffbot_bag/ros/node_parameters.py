@@ -100,8 +100,11 @@ class NodeParameters:
         """Return the full name of a node that was not asked yet."""
         present = {f"{namespace.rstrip('/')}/{name}" for name, namespace in self._node.get_node_names_and_namespaces()}
         self._asked &= present
-        new = sorted(name for name in present - self._asked if not is_hidden(name))
-        return new[0] if new and len(self._asked) < MAX_NODES else None
+        new = [name for name in present - self._asked if not is_hidden(name)]
+        if not new or len(self._asked) >= MAX_NODES:
+            return None
+        own = self._node.get_fully_qualified_name()
+        return own if own in new else min(new)
 
     def _ask(self, name: str) -> None:
         if name == self._node.get_fully_qualified_name():

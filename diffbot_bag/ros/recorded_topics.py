@@ -50,7 +50,10 @@ class RecordedTopics:
         self.unwritten = 0
         """messages received that could not be written"""
         self.stall = 0
-        """[ns] longest time between the reception of a message by DDS and the end of its writing"""
+        """[ns] longest time that the writing of one message kept the node from the next one"""
+        self.delay = 0
+        """[ns] longest time between the reception of a message by DDS and the end of its writing; DDS itself may hold
+        one back, until an earlier one of its publisher was sent again"""
         self.is_direct = recording.is_direct
         """see Recording; to be renewed when it changes"""
 
@@ -125,7 +128,8 @@ class RecordedTopics:
                 number = 0
             elif note(number):
                 self._node.health.dropped[topic.name, "lost"] = topic.gaps.lost
-            received = info["received_timestamp"] or now()
+            begin = now()
+            received = info["received_timestamp"] or begin
             topic.received += 1
             try:
                 if self.is_direct:
@@ -136,8 +140,11 @@ class RecordedTopics:
                 topic.received -= 1
                 self.unwritten += 1
                 self._fail(error)
-            if (late := now() - received) > self.stall:
-                self.stall = late
+            end = now()
+            if end - begin > self.stall:  # noqa: PLR1730 - max() takes three times as long
+                self.stall = end - begin
+            if end - received > self.delay:  # noqa: PLR1730
+                self.delay = end - received
 
         return receive
 
