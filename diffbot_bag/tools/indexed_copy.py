@@ -117,6 +117,7 @@ class IndexedCopy:
         offset, record = self._stream.tell(), _packed(chunk)
         self._stream.write(record)
         index_start, offsets, written = offset + len(record), {}, 0
+        is_first = not self.counts
         for channel, found in entries.items():
             content = np.array(found, np.uint64).astype("<u8").tobytes()
             offsets[channel] = index_start + written
@@ -125,7 +126,8 @@ class IndexedCopy:
             )
             self.counts[channel] += len(found) // 2
         if entries:
-            self.start = min(self.start or chunk.message_start_time, chunk.message_start_time)
+            start = chunk.message_start_time
+            self.start = start if is_first else min(self.start, start)
             self.end = max(self.end, chunk.message_end_time)
         index = ChunkIndex(
             chunk_length=len(record),

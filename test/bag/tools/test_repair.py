@@ -236,6 +236,18 @@ def test_qos_that_cannot_be_read_is_left_out(repair):
     assert [len(topic.qos) for topic in result.topics.values()] == [0, 1, 1]
 
 
+def test_a_bag_may_begin_at_the_time_zero(repair):
+    stream = io.BytesIO()
+    writer = McapWriter(stream, chunk_size=100)
+    writer.start("ros2")
+    channel = writer.register_channel("/a", "cdr", writer.register_schema(POINT, "ros2msg", b""))
+    for index in range(20):
+        writer.add_message(channel, index * STEP, bytes(28), 0)
+    writer.finish()
+    result, _ = repair(stream.getvalue()[:-40])
+    assert (result.start, result.end) == (0, 19 * STEP)
+
+
 def test_bags_of_several_files_and_their_data(tmp_path):
     folder = tmp_path / "run"
     writer = BagWriter(folder)
