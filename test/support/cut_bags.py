@@ -1,12 +1,13 @@
 """Bags of several makers, and what two independent readers find in a bag."""
 
 import random
+import struct
 from collections import Counter
 from typing import NamedTuple
 
 import yaml
 from mcap.reader import make_reader
-from mcap.stream_reader import StreamReader
+from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap.writer import CompressionType, IndexType
 from mcap.writer import Writer as McapWriter
 from rosbags.highlevel import AnyReader
@@ -80,6 +81,8 @@ MCAP_OPTIONS = {
     "no chunks": {"use_chunking": False},
     "no message index": {"index_types": IndexType.CHUNK | IndexType.METADATA},
 }
+MESSAGE = struct.Struct("<BQHIQ")
+"""Opcode, length, channel, sequence number and log time."""
 MAKERS = (*MCAP_OPTIONS, "rosbags", "rosbags zstd")
 
 
@@ -207,4 +210,23 @@ def check_metadata(folder):
         for number, count in statistics.channel_message_counts.items():
             found[summary.channels[number].topic] += count
         assert found == Counter(one.topic for one in own)
+        assert indexed(file, summary.chunk_indexes) == sorted(one.log_time for one in own)
     return everything
+
+
+def indexed(file, chunks):
+    """Log times of the messages that the message indexes lead to; mcap's reader does without these indexes."""
+    times = []
+    with file.open("rb") as stream:
+        for place in chunks:
+            stream.seek(place.chunk_start_offset)
+            chunk = next(StreamReader(stream, skip_magic=True, emit_chunks=True).records)
+            data = get_chunk_data_stream(chunk)[0].read(place.uncompressed_size)
+            for channel, offset in place.message_index_offsets.items():
+                stream.seek(offset)
+                index = next(StreamReader(stream, skip_magic=True).records)
+                assert index.channel_id == channel
+                for time, at in index.records:
+                    assert MESSAGE.unpack_from(data, at)[::2] == (5, channel, time)
+                    times.append(time)
+    return sorted(times)
