@@ -144,7 +144,9 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         return guarded
 
     def _fail(self, error: BagWriteError) -> None:
-        if self._writer.closed and not self._error_reported:
+        if self._error_reported:
+            return
+        if self._writer.closed:
             self._topics.unwritten += self._writer.unflushed
         self.get_logger().error(str(error))
         self._error_reported = True

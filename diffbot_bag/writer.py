@@ -279,7 +279,7 @@ class BagWriter:
             self._files.abandon()
         return BagWriteError(
             f"cannot write {self.path}: {error.strerror}; the bag ends after about {self.count} messages"
-            " (it has no index; complete chunks can be read as a stream)"
+            " (it has no index: `diffbot bag repair` makes one)"
         )
 
 

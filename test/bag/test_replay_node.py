@@ -10,6 +10,7 @@ import graph
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Twist
+from mcap.reader import make_reader
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -367,7 +368,9 @@ def test_wrong_parameters_are_one_line_and_status_one(bag):
 
 def test_damage_found_while_playing_is_one_line_and_status_one(bag, tmp_path):
     content = bytearray((bag / "run_0.mcap").read_bytes())
-    content[len(content) // 2] ^= 0x55
+    with (bag / "run_0.mcap").open("rb") as stream:
+        chunk = make_reader(stream).get_summary().chunk_indexes[0]
+    content[chunk.chunk_start_offset + chunk.chunk_length - 1] ^= 0x55
     (tmp_path / "damaged.mcap").write_bytes(content)
     with graph.node(REPLAY, {"uri": tmp_path / "damaged.mcap", "rate": 10.0, "wait_timeout": 0.0}) as running:
         assert running.wait(PATIENCE) == 1
