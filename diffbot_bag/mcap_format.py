@@ -19,6 +19,21 @@ MAGIC = b"\x89MCAP0\r\n"
 CRC = struct.Struct("<I")
 RECORD = struct.Struct("<BQ")
 """opcode and length of a record"""
+SIZE = struct.Struct("<Q")
+"""[bytes] of the data of a chunk or an attachment, which follow"""
+MESSAGE = struct.Struct("<HIQQ")
+"""content of a message: channel, sequence number, log time and publish time; the data follow"""
+MESSAGE_RECORD = struct.Struct("<BQHIQQ")
+"""RECORD and MESSAGE"""
+CHUNK = struct.Struct("<BQQQQII")
+"""opcode, length, first and last log time, unpacked size, checksum and length of the compression's name, which follows;
+then SIZE and the packed data"""
+MESSAGE_INDEX = struct.Struct("<BQHI")
+"""opcode, length, channel and [bytes] of the entries, which follow"""
+ENTRY_SIZE = 16
+"""[bytes] log time and offset of a message in the index of its chunk"""
+ATTACHMENT = struct.Struct("<QQIIQI")
+"""what of an attachment has a fixed length: two times, lengths of two texts, size of the data, checksum"""
 FOOTER = struct.Struct("<BQQQI")
 """opcode, length, offsets of the summary and of its index, checksum; MAGIC follows and ends the file"""
 MAX_INDEX = 64 * 2**20
