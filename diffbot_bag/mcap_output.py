@@ -102,8 +102,8 @@ class McapOutput:
     def add_chunk(self, chunk: WholeChunk) -> None:
         """Write a chunk and its message index; its channels and schemas have the same numbers here."""
         place, offset = chunk.place, self.size
-        self._write(chunk.record)
-        self._write(chunk.message_index)
+        for part in (*chunk.record, chunk.message_index):
+            self._write(part)
         shift = offset - place.chunk_start_offset
         offsets = {channel: at + shift for channel, at in place.message_index_offsets.items()}
         self._add_index(

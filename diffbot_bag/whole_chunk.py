@@ -37,11 +37,17 @@ class WholeChunk(NamedTuple):
     """A chunk as it stands in a file."""
 
     place: ChunkIndex
-    record: bytes
+    record: tuple[bytes, ...]
+    """in parts, since joining them would copy the data"""
     message_index: bytes
     """of each of its channels, directly behind the chunk"""
     counts: dict[int, int]
     """Messages of each channel."""
+
+    @property
+    def size(self) -> int:
+        """[bytes] with the message index."""
+        return self.place.chunk_length + self.place.message_index_length
 
 
 class ChunkPacker:
@@ -85,8 +91,8 @@ def frame_chunk(chunk: Chunk, entries: Entries) -> WholeChunk:
     start, end, name = chunk.message_start_time, chunk.message_end_time, chunk.compression.encode()
     length = CHUNK.size - RECORD.size + len(name) + SIZE.size + len(chunk.data)
     head = CHUNK.pack(Opcode.CHUNK, length, start, end, chunk.uncompressed_size, chunk.uncompressed_crc, len(name))
-    record = b"".join((head, name, SIZE.pack(len(chunk.data)), chunk.data))
-    offsets, indexes, at = {}, [], len(record)
+    offsets, indexes, begin = {}, [], RECORD.size + length
+    at = begin
     for channel, flat in entries.items():
         offsets[channel] = at
         size = len(flat) // 2 * ENTRY_SIZE
@@ -95,16 +101,17 @@ def frame_chunk(chunk: Chunk, entries: Entries) -> WholeChunk:
         at += MESSAGE_INDEX.size + size
     place = ChunkIndex(
         chunk_start_offset=0,
-        chunk_length=len(record),
+        chunk_length=begin,
         message_start_time=start,
         message_end_time=end,
         message_index_offsets=offsets,
-        message_index_length=at - len(record),
+        message_index_length=at - begin,
         compression=chunk.compression,
         compressed_size=len(chunk.data),
         uncompressed_size=chunk.uncompressed_size,
     )
     counts = {channel: len(flat) // 2 for channel, flat in entries.items()}
+    record = head + name + SIZE.pack(len(chunk.data)), chunk.data
     return WholeChunk(place, record, b"".join(indexes), counts)
 
 
@@ -133,4 +140,4 @@ def check_chunk(index: ChunkIndex, record: bytes, message_index: bytes) -> Whole
             raise McapError("a message index that differs from the index of its chunk")
         counts[channel] = size // ENTRY_SIZE
         at += RECORD.size + length
-    return WholeChunk(index, record, message_index, counts)
+    return WholeChunk(index, (record,), message_index, counts)

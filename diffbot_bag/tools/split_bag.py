@@ -56,10 +56,9 @@ class SplitBag(OutputBag):
             return False
         if limits.messages and self._count + count > limits.messages:
             return False
-        size = len(chunk.record) + len(chunk.message_index)
-        if limits.size and size > self._space() and self._count:
+        if limits.size and chunk.size > self._space() and self._count:
             self._next_file(chunk.place.message_start_time)
-        return not limits.size or size <= self._space()
+        return not limits.size or chunk.size <= self._space()
 
     def copy(self, piece: Piece, chunk: WholeChunk) -> None:
         """Append a chunk that the bag takes.
