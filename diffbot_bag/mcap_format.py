@@ -30,6 +30,8 @@ CHUNK = struct.Struct("<BQQQQII")
 then SIZE and the packed data"""
 MESSAGE_INDEX = struct.Struct("<BQHI")
 """opcode, length, channel and [bytes] of the entries, which follow"""
+_INDEX_HEAD = struct.Struct("<HI")
+"""MESSAGE_INDEX without opcode and length"""
 ENTRY_SIZE = 16
 """[bytes] log time and offset of a message in the index of its chunk"""
 ATTACHMENT = struct.Struct("<QQIIQI")
@@ -52,6 +54,22 @@ DAMAGE = (
     AttributeError,
 )
 """Exceptions with which the mcap library reacts to corrupt data."""
+
+
+def index_entries(content: bytes) -> tuple[int, bytes]:
+    """Return the channel of a message index and its entries, ENTRY_SIZE [bytes] each.
+
+    Args:
+        content: of the record, without opcode and length.
+
+    Raises:
+        McapError, struct.error: if it is not as long as it says.
+    """
+    channel, size = _INDEX_HEAD.unpack_from(content)
+    entries = content[_INDEX_HEAD.size :]
+    if len(entries) != size or size % ENTRY_SIZE:
+        raise McapError("a message index of another length")
+    return channel, entries
 
 
 class NoIndexError(DiffbotError):

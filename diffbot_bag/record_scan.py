@@ -13,7 +13,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, DataEnd, Header, Message, Metadata, Schema
 
 from diffbot_bag.chunks import SMALL, BagLimits, ChunkIndexes, index_messages, unpack_chunk
-from diffbot_bag.mcap_format import CHUNK, DAMAGE, ENTRY_SIZE, MAGIC, MESSAGE_INDEX, RECORD, SIZE
+from diffbot_bag.mcap_format import CHUNK, DAMAGE, MAGIC, RECORD, SIZE, index_entries
 from diffbot_core.errors import DiffbotError
 
 _LONGEST_NAME = 4
@@ -184,10 +184,7 @@ class RecordScan:
             raise McapError("a record of impossible length")
         content = self._read(at + RECORD.size, length)
         if opcode == Opcode.MESSAGE_INDEX:
-            fields = MESSAGE_INDEX.size - RECORD.size
-            entries = length - fields
-            if entries < 0 or int.from_bytes(content[2:fields], "little") != entries or entries % ENTRY_SIZE:
-                raise McapError("a message index of another length")
+            index_entries(content)
         elif opcode < _PRIVATE:
             parse_record(opcode, content)
         elif not self._is_plausible(after):

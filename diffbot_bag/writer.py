@@ -127,7 +127,7 @@ class BagWriter:
             schema_id=schema_id,
         )
         self._run(partial(self._files.add_topic, topic, channel, added))
-        if any(one.durability == "transient_local" for one in topic.qos):
+        if any(one.is_latched for one in topic.qos):
             self._latched[channel.id] = LatchedMessages(len(topic.qos))
         return channel.id
 
