@@ -106,7 +106,7 @@ def read_attachment(stream: BinaryIO, index: AttachmentIndex) -> bytes:
     """Return the data of an attachment, its checksum verified.
 
     Raises:
-        McapError, struct.error, ...: DAMAGE of the module ``mcap_file``, if it is not what its index says.
+        McapError, struct.error, ...: DAMAGE of the module ``mcap_format``, if it is not what its index says.
     """
     end = index.offset + index.length
     found = verified_attachment(stream, index.offset, end)
