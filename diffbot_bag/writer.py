@@ -60,8 +60,7 @@ class BagWriter:
             chunk_size: [bytes] before compression.
             compression: of the chunks.
             limits: of each file.
-            disk: runs what waits for the disk; default: each call of this class does. Errors of a DiskThread are
-                raised by a later call.
+            disk: runs what waits for the disk, and a later call raises its errors; default: each call does.
 
         Raises:
             BagWriteError: if the folder exists already or cannot be created.

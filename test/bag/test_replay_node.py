@@ -1,6 +1,7 @@
 """The replay as a process: bytes, order, count, time and QoS of a bag come back over DDS; a wrong bag is one line."""
 
 import contextlib
+import io
 import itertools
 import re
 import signal
@@ -10,6 +11,7 @@ import graph
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Twist
+from mcap.reader import make_reader
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -367,7 +369,9 @@ def test_wrong_parameters_are_one_line_and_status_one(bag):
 
 def test_damage_found_while_playing_is_one_line_and_status_one(bag, tmp_path):
     content = bytearray((bag / "run_0.mcap").read_bytes())
-    content[len(content) // 2] ^= 0x55
+    chunks = make_reader(io.BytesIO(content)).get_summary().chunk_indexes
+    damaged = chunks[len(chunks) // 2]
+    content[damaged.chunk_start_offset + damaged.chunk_length // 2] ^= 0x55
     (tmp_path / "damaged.mcap").write_bytes(content)
     with graph.node(REPLAY, {"uri": tmp_path / "damaged.mcap", "rate": 10.0, "wait_timeout": 0.0}) as running:
         assert running.wait(PATIENCE) == 1

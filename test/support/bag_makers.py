@@ -42,13 +42,15 @@ def mcap_writing(stream, topics, definitions=None, chunk_size=1000, compression=
     """
     writer = Writer(stream, chunk_size=chunk_size, compression=COMPRESSIONS[compression], **options)
     writer.start("ros2", "somebody's recorder")
-    schemas, channels = {}, {}
-    for topic, (kind, metadata) in topics.items():
-        if kind not in schemas:
-            text = definitions[kind] if definitions else definition(kind)
-            schemas[kind] = writer.register_schema(kind, "ros2msg", text)
-        channels[topic] = writer.register_channel(topic, "cdr", schemas[kind], metadata)
-    yield writer, channels
+    texts = {kind: definitions[kind] if definitions else definition(kind) for kind, _ in topics.values()}
+    schemas = {kind: writer.register_schema(kind, "ros2msg", text) for kind, text in texts.items()}
+    yield (
+        writer,
+        {
+            topic: writer.register_channel(topic, "cdr", schemas[kind], metadata)
+            for topic, (kind, metadata) in topics.items()
+        },
+    )
     writer.finish()
 
 
