@@ -78,7 +78,7 @@ def read_chunk(stream: BinaryIO, index: ChunkIndex) -> list[Message]:
     """Return the messages of one chunk in the order of the file.
 
     Raises:
-        McapError, ValueError, struct.error, ...: DAMAGE of the module ``mcap_format``, if it is not what its index says.
+        McapError, ValueError, struct.error, ...: DAMAGE of the module ``mcap_format``, if its index is wrong.
     """
     chunk = verified_chunk(stream, index)
     messages = [record for record in breakup_chunk(chunk) if isinstance(record, Message)]
