@@ -1,4 +1,4 @@
-"""Attachments that the recorder adds to each file of a bag: parameters of the nodes, and facts of the host."""
+"""Attachments of a file, read and verified; and those of the recorder: parameters of the nodes, facts of the host."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ import io
 import json
 import math
 import re
-import struct
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
+from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
-from mcap.records import Attachment, AttachmentIndex
+from mcap.records import AttachmentIndex
 
 from diffbot_bag.foreign_files import shown
+from diffbot_bag.mcap_format import ATTACHMENT, CRC, RECORD
 from diffbot_core.errors import DiffbotError
 
 PARAMETERS, HOST = "parameters.json", "host.json"
@@ -25,9 +25,10 @@ PARAMETERS, HOST = "parameters.json", "host.json"
 MEDIA_TYPE = "application/json"
 MAX_ATTACHMENT = 16 * 2**20
 """[bytes] of an attachment that is read"""
-_PREFIX = 9
-"""[bytes] opcode and length of a record"""
-_CHECKSUM = struct.Struct("<I")
+_MAX_HEAD = 64 * 1024
+"""[bytes] of names and times"""
+BLOCK = 2**20
+"""[bytes] read at once"""
 _SECRET = re.compile(r"passw|secret|token|credential|api_?key|private_?key", re.IGNORECASE)
 HIDDEN = "(not recorded)"
 """Instead of the value of a parameter whose name sounds like a secret."""
@@ -60,21 +61,56 @@ def _plain(value: Any) -> Any:
     return value
 
 
+def blocks_of(stream: BinaryIO, offset: int, length: int) -> Iterator[bytes]:
+    """Yield ``length`` [bytes] of a file from an offset on, in blocks.
+
+    Raises:
+        EndOfFile: if the file ends before.
+    """
+    while length > 0:
+        stream.seek(offset)
+        block = stream.read(min(BLOCK, length))
+        if not block:
+            raise EndOfFile
+        yield block
+        offset, length = offset + len(block), length - len(block)
+
+
+def verified_attachment(stream: BinaryIO, offset: int, end: int) -> AttachmentIndex:
+    """Return the index of the attachment between two offsets of a file; its data are not held in memory.
+
+    Raises:
+        McapError, ValueError, struct.error, ...: DAMAGE, if its lengths or its checksum are wrong.
+    """
+    begin = offset + RECORD.size
+    stream.seek(offset)
+    head = stream.read(min(_MAX_HEAD, max(end - offset, 0)))
+    if RECORD.unpack_from(head) != (Opcode.ATTACHMENT, end - begin):
+        raise McapError("no attachment where the index has one")
+    fields = ReadDataStream(io.BytesIO(head[RECORD.size :]))
+    log_time, create_time = fields.read8(), fields.read8()
+    name, media_type = fields.read_prefixed_string(), fields.read_prefixed_string()
+    data_size = fields.read8()
+    if begin + ATTACHMENT.size + len(name.encode()) + len(media_type.encode()) + data_size != end:
+        raise McapError("an attachment of another length")
+    checksum = 0
+    for block in blocks_of(stream, begin, end - begin - CRC.size):
+        checksum = zlib.crc32(block, checksum)
+    (expected,) = CRC.unpack(stream.read(CRC.size))
+    if expected not in (0, checksum):
+        raise McapError("checksum of an attachment")
+    return AttachmentIndex(offset, end - offset, log_time, create_time, data_size, name, media_type)
+
+
 def read_attachment(stream: BinaryIO, index: AttachmentIndex) -> bytes:
     """Return the data of an attachment, its checksum verified.
 
     Raises:
-        McapError, struct.error, ...: DAMAGE of the module ``mcap_file``, if it is not what its index says.
+        McapError, struct.error, ...: DAMAGE of the module ``mcap_format``, if it is not what its index says.
     """
-    stream.seek(index.offset)
-    record = stream.read(index.length)
-    if record[:1] != bytes((Opcode.ATTACHMENT,)) or len(record) != index.length:
-        raise McapError("no attachment where the index has one")
-    (checksum,) = _CHECKSUM.unpack(record[-_CHECKSUM.size :])
-    if checksum and checksum != zlib.crc32(record[_PREFIX : -_CHECKSUM.size]):
-        raise McapError("checksum of an attachment")
-    found: Attachment = Attachment.read(ReadDataStream(io.BytesIO(record[_PREFIX:])))
-    return found.data
+    end = index.offset + index.length
+    found = verified_attachment(stream, index.offset, end)
+    return b"".join(blocks_of(stream, end - CRC.size - found.data_size, found.data_size))
 
 
 def load_parameters(data: bytes | None, path: Path) -> Parameters:

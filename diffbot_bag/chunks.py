@@ -16,16 +16,11 @@ from mcap.opcode import Opcode
 from mcap.records import Chunk, ChunkIndex, Message
 from mcap.stream_reader import breakup_chunk
 
+from diffbot_bag.mcap_format import MESSAGE, RECORD
 from diffbot_core.errors import DiffbotError
 
-_PREFIX = 9
-"""[bytes] opcode and length of a record"""
-_RECORD = struct.Struct("<BQ")
-"""Opcode and length of a record."""
-_MESSAGE = struct.Struct("<HIQQ")
-"""Channel, sequence number, log time and publish time; the data follow."""
-_MESSAGE_RECORD = struct.Struct("<BQHIQ")
-"""Opcode and length of a record; of a message also channel, sequence number and log time."""
+_MESSAGE_HEAD = struct.Struct("<BQHIQ")
+"""MESSAGE_RECORD without the publish time, which an index does not have"""
 Row = tuple[int, int, int, int, bytes]
 """A message without an object: log time [ns], channel, sequence number, publish time [ns] and data."""
 SMALL = 64 * 2**20
@@ -83,7 +78,7 @@ def read_chunk(stream: BinaryIO, index: ChunkIndex) -> list[Message]:
     """Return the messages of one chunk in the order of the file.
 
     Raises:
-        McapError, ValueError, struct.error, ...: DAMAGE of the module ``mcap_file``, if it is not what its index says.
+        McapError, ValueError, struct.error, ...: DAMAGE of the module ``mcap_format``, if its index is wrong.
     """
     chunk = verified_chunk(stream, index)
     messages = [record for record in breakup_chunk(chunk) if isinstance(record, Message)]
@@ -103,13 +98,13 @@ def read_rows(stream: BinaryIO, index: ChunkIndex) -> list[Row]:
     rows: list[Row] = []
     at, end = 0, len(data)
     while at < end:
-        opcode, length = _RECORD.unpack_from(data, at)
-        at += _RECORD.size
+        opcode, length = RECORD.unpack_from(data, at)
+        at += RECORD.size
         if length > end - at:
             raise McapError("a record beyond its chunk")
         if opcode == Opcode.MESSAGE:
-            channel, sequence, log_time, publish_time = _MESSAGE.unpack_from(data, at)
-            rows.append((log_time, channel, sequence, publish_time, data[at + _MESSAGE.size : at + length]))
+            channel, sequence, log_time, publish_time = MESSAGE.unpack_from(data, at)
+            rows.append((log_time, channel, sequence, publish_time, data[at + MESSAGE.size : at + length]))
         at += length
     _check_times([row[0] for row in rows], index)
     return rows
@@ -137,17 +132,17 @@ def index_messages(data: bytes, *, is_cut: bool = False) -> ChunkIndexes:
     entries: dict[int, list[int]] = {}
     definitions = []
     # The last record may be shorter than what is unpacked at once.
-    padded, at, end = data + bytes(_MESSAGE_RECORD.size), 0, len(data)
-    unpack = _MESSAGE_RECORD.unpack_from
+    padded, at, end = data + bytes(_MESSAGE_HEAD.size), 0, len(data)
+    unpack = _MESSAGE_HEAD.unpack_from
     while at < end:
         opcode, length, channel, _, log_time = unpack(padded, at)
-        after = at + _RECORD.size + length
+        after = at + RECORD.size + length
         if after > end:
             if is_cut:
                 break
             raise McapError("a record beyond its chunk")
         if opcode == Opcode.MESSAGE:
-            if length < _MESSAGE.size:
+            if length < MESSAGE.size:
                 raise McapError("a message without its times")
             found = entries.get(channel)
             if found is None:
@@ -155,7 +150,7 @@ def index_messages(data: bytes, *, is_cut: bool = False) -> ChunkIndexes:
             else:
                 found += (log_time, at)
         elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-            definitions.append((opcode, data[at + _RECORD.size : after]))
+            definitions.append((opcode, data[at + RECORD.size : after]))
         at = after
     return ChunkIndexes(entries, definitions)
 
@@ -171,7 +166,7 @@ def verified_chunk(stream: BinaryIO, index: ChunkIndex) -> Chunk:
     record = stream.read(index.chunk_length)
     if record[:1] != bytes((Opcode.CHUNK,)):
         raise McapError("no chunk where the index has one")
-    chunk: Chunk = Chunk.read(ReadDataStream(io.BytesIO(record[_PREFIX:])))
+    chunk: Chunk = Chunk.read(ReadDataStream(io.BytesIO(record[RECORD.size :])))
     chunk.compression, chunk.data = "", unpack_chunk(chunk, index.uncompressed_size)
     return chunk
 

@@ -19,6 +19,23 @@ MAGIC = b"\x89MCAP0\r\n"
 CRC = struct.Struct("<I")
 RECORD = struct.Struct("<BQ")
 """opcode and length of a record"""
+SIZE = struct.Struct("<Q")
+"""[bytes] of the data of a chunk or an attachment, which follow"""
+MESSAGE = struct.Struct("<HIQQ")
+"""content of a message: channel, sequence number, log time and publish time; the data follow"""
+MESSAGE_RECORD = struct.Struct("<BQHIQQ")
+"""RECORD and MESSAGE"""
+CHUNK = struct.Struct("<BQQQQII")
+"""opcode, length, first and last log time, unpacked size, checksum and length of the compression's name, which follows;
+then SIZE and the packed data"""
+MESSAGE_INDEX = struct.Struct("<BQHI")
+"""opcode, length, channel and [bytes] of the entries, which follow"""
+_INDEX_HEAD = struct.Struct("<HI")
+"""MESSAGE_INDEX without opcode and length"""
+ENTRY_SIZE = 16
+"""[bytes] log time and offset of a message in the index of its chunk"""
+ATTACHMENT = struct.Struct("<QQIIQI")
+"""what of an attachment has a fixed length: two times, lengths of two texts, size of the data, checksum"""
 FOOTER = struct.Struct("<BQQQI")
 """opcode, length, offsets of the summary and of its index, checksum; MAGIC follows and ends the file"""
 MAX_INDEX = 64 * 2**20
@@ -37,6 +54,22 @@ DAMAGE = (
     AttributeError,
 )
 """Exceptions with which the mcap library reacts to corrupt data."""
+
+
+def index_entries(content: bytes) -> tuple[int, bytes]:
+    """Return the channel of a message index and its entries, ENTRY_SIZE [bytes] each.
+
+    Args:
+        content: of the record, without opcode and length.
+
+    Raises:
+        McapError, struct.error: if it is not as long as it says.
+    """
+    channel, size = _INDEX_HEAD.unpack_from(content)
+    entries = content[_INDEX_HEAD.size :]
+    if len(entries) != size or size % ENTRY_SIZE:
+        raise McapError("a message index of another length")
+    return channel, entries
 
 
 class NoIndexError(DiffbotError):

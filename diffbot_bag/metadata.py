@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,6 +15,10 @@ from diffbot_core.files import write_text
 FILE_NAME = "metadata.yaml"
 ROOT = "rosbag2_bagfile_information"
 VERSION = 9
+RECORD_NAME, TEXT_KEY = "rosbag2", "serialized_metadata"
+"""Name of the MCAP record with the same map as metadata.yaml, and the key of its text."""
+QOS_KEY, HASH_KEY = "offered_qos_profiles", "topic_type_hash"
+"""What rosbag2 notes of an MCAP channel."""
 
 
 class Topic(NamedTuple):
@@ -52,6 +56,29 @@ class BagMetadata(NamedTuple):
     ros_distro: str = "jazzy"
     file_information: tuple[FileInformation, ...] = ()
     """One for each of ``files``; empty: each has start, duration and count of the bag."""
+
+
+def of_files(
+    files: Sequence[FileInformation], topics: Sequence[Topic], custom_data: Mapping[str, str], ros_distro: str
+) -> BagMetadata:
+    """Return the metadata of a bag of these files; start and end are those of the files that have messages."""
+    filled = [file for file in files if file.message_count]
+    start = min((file.start for file in filled), default=0)
+    return BagMetadata(
+        files=tuple(file.name for file in files),
+        start=start,
+        duration=max((file.start + file.duration for file in filled), default=0) - start,
+        message_count=sum(file.message_count for file in filled),
+        topics=tuple(topics),
+        custom_data=custom_data,
+        ros_distro=ros_distro,
+        file_information=tuple(files),
+    )
+
+
+def to_record(bag: BagMetadata) -> dict[str, str]:
+    """Return the contents of the MCAP record RECORD_NAME."""
+    return {TEXT_KEY: to_yaml(bag, root=False)}
 
 
 def to_yaml(bag: BagMetadata, *, root: bool = True) -> str:

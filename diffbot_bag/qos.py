@@ -40,6 +40,11 @@ class Qos(NamedTuple):
     liveliness_lease_duration: int = INFINITE
     avoid_ros_namespace_conventions: bool = False
 
+    @property
+    def is_latched(self) -> bool:
+        """True if the publisher keeps its last messages for those who subscribe later."""
+        return self.durability == "transient_local"
+
 
 def to_plain(qos: Qos) -> dict[str, Any]:
     """Return the profile in the form of rosbag2's YAML."""
@@ -111,7 +116,7 @@ def to_request(offers: Sequence[Qos], depth: int) -> Qos:
     Reliable and transient local only where every publisher offers it; nothing else is requested.
     """
     reliable = bool(offers) and all(offer.reliability == "reliable" for offer in offers)
-    latched = bool(offers) and all(offer.durability == "transient_local" for offer in offers)
+    latched = bool(offers) and all(offer.is_latched for offer in offers)
     return Qos(
         history="keep_last",
         depth=depth,
@@ -132,7 +137,7 @@ def to_offer(recorded: Sequence[Qos]) -> Qos:
     agreed = recorded[0] if len(set(recorded)) == 1 else Qos()
     # The replay does not assert liveliness by hand, so a manual policy would be violated.
     by_itself = agreed.liveliness == "automatic"
-    latched = any(offer.durability == "transient_local" for offer in recorded)
+    latched = any(offer.is_latched for offer in recorded)
     known_depth = min(max(offer.depth for offer in recorded), MAX_DEPTH)
     return Qos(
         history="keep_last",

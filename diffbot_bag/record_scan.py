@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import re
-import struct
 from collections.abc import Iterator
 from typing import Any, BinaryIO, NamedTuple
 
@@ -14,12 +13,9 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, DataEnd, Header, Message, Metadata, Schema
 
 from diffbot_bag.chunks import SMALL, BagLimits, ChunkIndexes, index_messages, unpack_chunk
-from diffbot_bag.mcap_format import DAMAGE, MAGIC, RECORD
+from diffbot_bag.mcap_format import CHUNK, DAMAGE, MAGIC, RECORD, SIZE, index_entries
 from diffbot_core.errors import DiffbotError
 
-_CHUNK_HEAD = struct.Struct("<QQQII")
-"""Of a chunk: first and last time, unpacked size, checksum, length of the compression's name."""
-_SIZE = struct.Struct("<Q")
 _LONGEST_NAME = 4
 """of a compression"""
 _MAX_OTHER = 64 * 2**20
@@ -188,8 +184,7 @@ class RecordScan:
             raise McapError("a record of impossible length")
         content = self._read(at + RECORD.size, length)
         if opcode == Opcode.MESSAGE_INDEX:
-            if length < 6 or 6 + int.from_bytes(content[2:6], "little") != length or (length - 6) % 16:
-                raise McapError("a message index of another length")
+            index_entries(content)
         elif opcode < _PRIVATE:
             parse_record(opcode, content)
         elif not self._is_plausible(after):
@@ -198,17 +193,15 @@ class RecordScan:
         return Piece(at, after, opcode, content)
 
     def _read_chunk(self, at: int) -> ChunkPiece:
-        head = self._read(at, RECORD.size + _CHUNK_HEAD.size + _LONGEST_NAME + _SIZE.size)
-        if len(head) < RECORD.size + _CHUNK_HEAD.size + _SIZE.size:
+        head = self._read(at, CHUNK.size + _LONGEST_NAME + SIZE.size)
+        if len(head) < CHUNK.size + SIZE.size:
             raise CutError("the file ends within a chunk")
-        opcode, length = RECORD.unpack_from(head)
-        start, end, size, checksum, name_length = _CHUNK_HEAD.unpack_from(head, RECORD.size)
-        name_at = RECORD.size + _CHUNK_HEAD.size
-        name = head[name_at : name_at + name_length]
+        opcode, length, start, end, size, checksum, name_length = CHUNK.unpack_from(head)
+        name = head[CHUNK.size : CHUNK.size + name_length]
         if name_length > _LONGEST_NAME or name not in (b"", b"lz4", b"zstd"):
             raise McapError("unknown compression of a chunk")
-        (packed,) = _SIZE.unpack_from(head, name_at + name_length)
-        first = at + name_at + name_length + _SIZE.size
+        (packed,) = SIZE.unpack_from(head, CHUNK.size + name_length)
+        first = at + CHUNK.size + name_length + SIZE.size
         after = first + packed
         # Without a checksum, the length is all there is to verify.
         is_exact = opcode == Opcode.CHUNK and after == at + RECORD.size + length

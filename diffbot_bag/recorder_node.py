@@ -21,13 +21,13 @@ from diffbot_bag.qos_overrides import read_overrides
 from diffbot_bag.recording.bag_files import FileLimits
 from diffbot_bag.recording.disk import DiskThread
 from diffbot_bag.recording.host import host_facts
-from diffbot_bag.recording.mcap_writer import Compression
 from diffbot_bag.recording.recording import Recording
 from diffbot_bag.recording.snapshot import SnapshotBuffer
 from diffbot_bag.ros.node_parameters import NodeParameters
 from diffbot_bag.ros.recorded_topics import RecordedTopics
 from diffbot_bag.ros.recorder_services import RecorderServices
 from diffbot_bag.topic_selection import TopicSelection, absolute
+from diffbot_bag.whole_chunk import Compression
 from diffbot_bag.writer import BagWriteError, BagWriter
 from diffbot_core.errors import DiffbotError
 from diffbot_core.ros.node import LATCHED, DiffbotNode, run, status_message

@@ -10,19 +10,19 @@ from pathlib import Path
 
 from mcap.records import Channel
 from mcap.well_known import MessageEncoding
-from mcap.writer import MCAP0_MAGIC
 
 from diffbot_bag import metadata
+from diffbot_bag.mcap_format import ENTRY_SIZE, MAGIC
 from diffbot_bag.message_definitions import MessageDefinitions
-from diffbot_bag.metadata import Topic
+from diffbot_bag.metadata import HASH_KEY, QOS_KEY, Topic
 from diffbot_bag.pending_messages import Held
 from diffbot_bag.qos import Qos, dump_profiles
 from diffbot_bag.recording.bag_files import NO_LIMITS, Attached, BagFiles, FileLimits
-from diffbot_bag.recording.chunk import CHANNEL_OVERHEAD, CHUNK_OVERHEAD, INDEX_ENTRY, OVERHEAD, Row
+from diffbot_bag.recording.chunk import CHANNEL_OVERHEAD, CHUNK_OVERHEAD, OVERHEAD, Row
 from diffbot_bag.recording.disk import Disk
 from diffbot_bag.recording.latched import LatchedMessages
-from diffbot_bag.recording.mcap_writer import DEFAULT_COMPRESSION, Compression
 from diffbot_bag.recording.schemas import Schemas
+from diffbot_bag.whole_chunk import DEFAULT_COMPRESSION, Compression
 from diffbot_core.errors import DiffbotError
 
 CHUNK_SIZE = 512 * 1024
@@ -60,8 +60,7 @@ class BagWriter:
             chunk_size: [bytes] before compression.
             compression: of the chunks.
             limits: of each file.
-            disk: runs what waits for the disk; default: each call of this class does. Errors of a DiskThread are
-                raised by a later call.
+            disk: runs what waits for the disk, and a later call raises its errors; default: each call does.
 
         Raises:
             BagWriteError: if the folder exists already or cannot be created.
@@ -122,11 +121,11 @@ class BagWriter:
             id=self._channels,
             topic=name,
             message_encoding=MessageEncoding.CDR,
-            metadata={"offered_qos_profiles": dump_profiles(topic.qos), "topic_type_hash": topic.type_hash},
+            metadata={QOS_KEY: dump_profiles(topic.qos), HASH_KEY: topic.type_hash},
             schema_id=schema_id,
         )
         self._run(partial(self._files.add_topic, topic, channel, added))
-        if any(one.durability == "transient_local" for one in topic.qos):
+        if any(one.is_latched for one in topic.qos):
             self._latched[channel.id] = LatchedMessages(len(topic.qos))
         return channel.id
 
@@ -183,7 +182,7 @@ class BagWriter:
 
     def _seal(self) -> None:
         if rows := self._rows:
-            size = self._size + INDEX_ENTRY * len(rows) + CHUNK_OVERHEAD + CHANNEL_OVERHEAD * self._channels
+            size = self._size + ENTRY_SIZE * len(rows) + CHUNK_OVERHEAD + CHANNEL_OVERHEAD * self._channels
             self._rows, self._size = [], 0
             self._sealed += len(rows)
             self._given += size
@@ -293,6 +292,6 @@ def is_unfinished(folder: Path) -> bool:
         if not regular or not own.fullmatch(path.name):
             return False
         with path.open("rb") as file:
-            if file.read(len(MCAP0_MAGIC)) not in (b"", MCAP0_MAGIC):
+            if file.read(len(MAGIC)) not in (b"", MAGIC):
                 return False
     return True

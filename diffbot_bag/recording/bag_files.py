@@ -11,9 +11,10 @@ from typing import NamedTuple
 from mcap.records import Channel, Schema
 
 from diffbot_bag import metadata
-from diffbot_bag.metadata import BagMetadata, FileInformation, Topic
-from diffbot_bag.recording.chunk import Row, pack
-from diffbot_bag.recording.mcap_writer import Compression, McapWriter
+from diffbot_bag.mcap_output import McapOutput
+from diffbot_bag.metadata import RECORD_NAME, BagMetadata, FileInformation, Topic
+from diffbot_bag.recording.chunk import Row, records
+from diffbot_bag.whole_chunk import ChunkPacker, Compression
 
 
 class FileLimits(NamedTuple):
@@ -64,8 +65,8 @@ class BagFiles:
 
     def __init__(self, folder: Path, compression: Compression, max_files: int = 0) -> None:
         """Write into ``folder``; of more than ``max_files`` (0: no limit) the oldest are deleted."""
-        self._folder, self._compression, self._max_files = folder, compression, max_files
-        self._writer: McapWriter | None = None
+        self._folder, self._packer, self._max_files = folder, ChunkPacker(compression), max_files
+        self._writer: McapOutput | None = None
         self._number = -1
         self._finished: list[_Finished] = []
         self._schemas: list[Schema] = []
@@ -92,7 +93,7 @@ class BagFiles:
         self._number += 1
         self._unpacked = 0
         path = self._path(self._number)
-        self._writer = writer = McapWriter(path, self._compression)
+        self._writer = writer = McapOutput(path.open("xb"))
         self.present = path, os.fstat(writer.fileno)
         for schema in self._schemas:
             writer.add_schema(schema)
@@ -100,7 +101,7 @@ class BagFiles:
             writer.add_channel(channel)
         for attachment in self._attachments.values():
             writer.add_attachment(*attachment)
-        writer.add_metadata("rosbag2", self._record(_Finished(FileInformation(path.name), {})))
+        writer.add_metadata(RECORD_NAME, self._record(_Finished(FileInformation(path.name), {})))
         self.head = writer.size
         self._note_progress()
 
@@ -135,7 +136,7 @@ class BagFiles:
         """Write a chunk of messages to this file; ``size`` [bytes] is what they take in a file without compression."""
         self.begin()
         if self._writer is not None:
-            self._writer.add_chunk(pack(rows))
+            self._writer.add_chunk(self._packer.pack(*records(rows)))
             self._unpacked += size
             self._note_progress()
 
@@ -144,7 +145,7 @@ class BagFiles:
             self.progress = Progress(self._number, self._writer.size, self._unpacked)
 
     def flush(self, sync: bool) -> None:
-        """See :meth:`McapWriter.flush`; no effect between two files."""
+        """See :meth:`McapOutput.flush`; no effect between two files."""
         if self._writer is not None:
             self._writer.flush(sync)
 
@@ -152,11 +153,9 @@ class BagFiles:
         """Finish this file and write metadata.yaml; without one, write metadata.yaml alone."""
         self._custom_data = custom_data
         if (writer := self._writer) is not None:
-            total = writer.statistics
-            duration = total.message_end_time - total.message_start_time
-            file = FileInformation(writer.path.name, total.message_start_time, duration, total.message_count)
-            done = _Finished(file, dict(total.channel_message_counts))
-            writer.add_metadata("rosbag2", self._record(done))
+            file = FileInformation(writer.path.name, writer.start, writer.end - writer.start, writer.message_count)
+            done = _Finished(file, writer.counts)
+            writer.add_metadata(RECORD_NAME, self._record(done))
             writer.finish()
             self._writer = None
             self._finished.append(done)
@@ -181,24 +180,18 @@ class BagFiles:
             self._writer.abandon()
 
     def _record(self, file: _Finished) -> dict[str, str]:
-        return {"serialized_metadata": metadata.to_yaml(self._metadata([file]), root=False)}
+        return metadata.to_record(self._metadata([file]))
 
     def _metadata(self, files: list[_Finished]) -> BagMetadata:
         counts = Counter[int]()
         for one in files:
             counts.update(one.counts)
-        filled = [one.file for one in files if one.file.message_count]
-        start = min((file.start for file in filled), default=0)
-        return BagMetadata(
-            files=tuple(one.file.name for one in files),
-            start=start,
-            duration=max((file.start + file.duration for file in filled), default=0) - start,
-            message_count=sum(file.message_count for file in filled),
+        return metadata.of_files(
+            [one.file for one in files],
             topics=tuple(
                 topic._replace(message_count=counts[channel.id])
                 for topic, channel in zip(self._topics, self._channels, strict=True)
             ),
             custom_data=self._custom_data,
             ros_distro=os.environ.get("ROS_DISTRO", "jazzy"),
-            file_information=tuple(one.file for one in files),
         )

@@ -69,7 +69,7 @@ class ReplayOutputs:
                 kind = ros_conversions.message_class(topic.type)
                 profile = ros_conversions.to_ros(offer)
                 self._publishers[name] = node.create_publisher(kind, naming.remap.get(name, name), profile)
-                if offer.durability == "transient_local":
+                if offer.is_latched:
                     self.latched.add(name)
             except (DiffbotError, InvalidTopicNameException) as error:
                 reason = shown(" ".join(str(error).split()))
@@ -116,9 +116,8 @@ class ReplayOutputs:
 
 def bounded(offer: Qos, share: int) -> Qos:
     """Return a reliable offer whose history, at most ``share`` messages, is full when the replay waits for it."""
-    latched = offer.durability == "transient_local"
     # Latched messages are kept for subscribers that come later, as many as without a bound.
-    return offer._replace(reliability="reliable", history="keep_last", depth=offer.depth if latched else share)
+    return offer._replace(reliability="reliable", history="keep_last", depth=offer.depth if offer.is_latched else share)
 
 
 def clock_sender(node: Node) -> Callable[[int], None]:

@@ -34,7 +34,7 @@ class FileInfo(NamedTuple):
     message_count: int
 
 
-class Compression(NamedTuple):
+class ChunkTotals(NamedTuple):
     """Chunks of all files that are compressed in one way."""
 
     kind: str
@@ -74,7 +74,7 @@ class BagInfo(NamedTuple):
     start: int
     """[ns] log time of the first message"""
     end: int
-    compression: tuple[Compression, ...]
+    compression: tuple[ChunkTotals, ...]
     topics: tuple[TopicInfo, ...]
     """in the order of their names"""
     recorder_lost: int | None
@@ -206,14 +206,14 @@ def _is_number(text: str) -> bool:
     return text.isascii() and text.isdigit() and len(text) < 20
 
 
-def _compressions(files: Iterable[McapFile]) -> list[Compression]:
-    found: dict[str, Compression] = {}
+def _compressions(files: Iterable[McapFile]) -> list[ChunkTotals]:
+    found: dict[str, ChunkTotals] = {}
     for file in files:
         for chunk in file.chunks:
             kind = shown(chunk.compression or "none")
-            _, count, packed, unpacked = found.get(kind, Compression(kind, 0, 0, 0))
+            _, count, packed, unpacked = found.get(kind, ChunkTotals(kind, 0, 0, 0))
             packed += chunk.compressed_size
-            found[kind] = Compression(kind, count + 1, packed, unpacked + chunk.uncompressed_size)
+            found[kind] = ChunkTotals(kind, count + 1, packed, unpacked + chunk.uncompressed_size)
     return [found[kind] for kind in sorted(found)]
 
 

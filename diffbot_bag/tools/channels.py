@@ -11,11 +11,11 @@ from mcap.records import Channel, Schema
 from mcap.well_known import SchemaEncoding
 
 from diffbot_bag.foreign_files import shown
+from diffbot_bag.metadata import HASH_KEY, QOS_KEY
 from diffbot_bag.qos import Qos, dump_profiles, load_profiles
 from diffbot_bag.tools.source_bag import SourceFile
 from diffbot_core.errors import DiffbotError
 
-QOS, HASH = "offered_qos_profiles", "topic_type_hash"
 MAX_NUMBER = 2**16 - 1
 """of a channel or a schema"""
 
@@ -98,7 +98,7 @@ def _check_same(first: _Member, second: _Member) -> None:
     advice = "leave one out with `diffbot bag filter --exclude`"
     if one != other:
         raise DiffbotError(f"{topic} is {shown(one)} in {paths[0]} and {shown(other)} in {paths[1]}: {advice}")
-    hashes = [channel.metadata.get(HASH, "") for _, channel in (first, second)]
+    hashes = [channel.metadata.get(HASH_KEY, "") for _, channel in (first, second)]
     layouts = [_layout(file.schemas.get(channel.schema_id)) for file, channel in (first, second)]
     same = hashes[0] == hashes[1] if all(hashes) else layouts[0] == layouts[1]
     if not same or first[1].message_encoding != second[1].message_encoding:
@@ -127,13 +127,13 @@ def _add_channel(joined: Channels, group: _Group) -> int:
     if schema := file.schemas.get(first.schema_id):
         schema_number = _add_schema(joined, schema)
     number = first.id if first.id not in joined.channels else _free(joined.channels)
-    texts = {channel.metadata.get(QOS, "") for _, channel in group}
+    texts = {channel.metadata.get(QOS_KEY, "") for _, channel in group}
     qos = united([_profiles(*member) for member in group])
     own = dict(first.metadata)
     for _, channel in group[1:]:
         own = {**channel.metadata, **{name: text for name, text in own.items() if text}}
     if len(texts) > 1:
-        own[QOS] = dump_profiles(qos)
+        own[QOS_KEY] = dump_profiles(qos)
     joined.channels[number] = replace(first, id=number, schema_id=schema_number, metadata=own)
     joined.qos[number] = qos
     return number
@@ -159,7 +159,7 @@ def _free(taken: Mapping[int, object]) -> int:
 
 def _profiles(file: SourceFile, channel: Channel) -> tuple[Qos, ...]:
     try:
-        return load_profiles(channel.metadata.get(QOS, ""))
+        return load_profiles(channel.metadata.get(QOS_KEY, ""))
     except DiffbotError as error:
         raise DiffbotError(f"{shown(file.path)}: {shown(channel.topic)}: {error}") from error
 

@@ -19,8 +19,8 @@ from diffbot_bag.tools.source_bag import Row, SourceBag, SourceFile
 from diffbot_bag.tools.span import Span
 from diffbot_bag.tools.split_bag import FileLimits, SplitBag
 from diffbot_bag.tools.time_order import Piece, Progress, crossing, crossing_files, pieces_of, send
-from diffbot_bag.tools.whole_chunk import PACK
 from diffbot_bag.topic_selection import TopicSelection
+from diffbot_bag.whole_chunk import KINDS, Compression
 from diffbot_core.errors import DiffbotError
 
 MAX_DIGITS = 18
@@ -155,11 +155,11 @@ def _everything(topic: str, type_name: str) -> bool:
 def _description(bags: Sequence[SourceBag]) -> Description:
     files = [file for bag in bags for file in bag.files]
     facts = [_facts(bag) for bag in bags]
-    compressions = [chunk.compression for file in files for chunk in file.chunks[:1] if chunk.compression in PACK]
+    kinds = [chunk.compression or "none" for file in files for chunk in file.chunks[:1]]
     return Description(
         custom_data=_joined([custom_data for custom_data, _ in facts]),
         ros_distro=next((distro for _, distro in facts if distro), ""),
-        compression=compressions[0] if compressions else "zstd",
+        compression=Compression(next((kind for kind in kinds if kind in KINDS), KINDS[0])),
         attached=_attached(files),
     )
 

@@ -12,11 +12,11 @@ from mcap.records import Channel, Schema
 from mcap.well_known import MessageEncoding
 
 from diffbot_bag.mcap_format import DAMAGE, MAX_INDEX
+from diffbot_bag.metadata import QOS_KEY
 from diffbot_bag.qos import load_profiles
 from diffbot_bag.record_scan import ChunkPiece, Gap, Piece, parse_record
 from diffbot_core.errors import DiffbotError
 
-QOS_KEY = "offered_qos_profiles"
 Definition = tuple[int, bytes]
 """Opcode and content of a record that describes a schema or a channel."""
 

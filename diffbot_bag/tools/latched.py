@@ -30,7 +30,7 @@ def latches_of(qos: Mapping[int, Sequence[Qos]]) -> dict[int, Latch]:
     """Return the latched channels; a channel is latched if one of its publishers is."""
     found = {}
     for number, profiles in qos.items():
-        latched = [profile for profile in profiles if profile.durability == "transient_local"]
+        latched = [profile for profile in profiles if profile.is_latched]
         if latched:
             found[number] = Latch(len(latched), max(profile.lifespan for profile in latched))
     return found

@@ -10,10 +10,8 @@ import lz4.frame  # type: ignore[import-untyped, unused-ignore]
 import zstandard
 
 from diffbot_bag.chunks import BagLimits, ChunkIndexes, index_messages
-from diffbot_bag.mcap_format import DAMAGE
+from diffbot_bag.mcap_format import CHUNK, DAMAGE, SIZE
 
-_HEAD = struct.Struct("<9xQQQII")
-"""Of the record of a chunk: first and last log time, unpacked size, checksum, length of the compression's name."""
 _STEP = 64 * 1024
 """[bytes] unpacked at once: what precedes the damage is kept"""
 
@@ -35,11 +33,11 @@ def read_loosely(stream: BinaryIO, offset: int, end: int, limits: BagLimits) -> 
     stream.seek(offset)
     record = stream.read(end - offset)
     try:
-        start, last, size, _, length = _HEAD.unpack_from(record)
+        _, _, start, last, size, _, length = CHUNK.unpack_from(record)
     except struct.error:
         return None
-    name = record[_HEAD.size : _HEAD.size + length] if length <= 4 else b"?"
-    packed = record[_HEAD.size + len(name) + 8 :]
+    name = record[CHUNK.size : CHUNK.size + length] if length <= 4 else b"?"
+    packed = record[CHUNK.size + len(name) + SIZE.size :]
     data = _unpacked(name, packed, min(size, limits.max_unpacked_size))
     try:
         indexes = index_messages(data, is_cut=True)

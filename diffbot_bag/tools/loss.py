@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -11,13 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from mcap.opcode import Opcode
 
-from diffbot_bag.mcap_format import McapSummary
+from diffbot_bag.mcap_format import McapSummary, index_entries
 from diffbot_bag.record_scan import Gap, Piece
 from diffbot_core.errors import DiffbotError
 from diffbot_core.units import NS_PER_S
 
-_INDEX_HEAD = struct.Struct("<HI")
-"""Of a message index: channel and bytes of its entries."""
 MAX_GAPS = 100_000
 _PLAUSIBLE = 24 * 3600 * NS_PER_S
 """[ns] between a chunk whose head may be damaged and its neighbours"""
@@ -126,7 +123,7 @@ class LossCounter:
     def message_index(self, piece: Piece) -> None:
         """Count what a message index says of the damaged chunk before it."""
         if self._is_open:
-            (channel, _), entries = _INDEX_HEAD.unpack_from(piece.content), piece.content[_INDEX_HEAD.size :]
+            channel, entries = index_entries(piece.content)
             times = np.frombuffer(entries, "<u8")[::2]
             self._missing[-1].counts[channel] += len(times)
             self._missing[-1].times += [int(times.min()), int(times.max())] if len(times) else []

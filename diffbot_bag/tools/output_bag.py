@@ -10,12 +10,12 @@ from typing import NamedTuple
 from mcap.records import AttachmentIndex, MetadataIndex
 
 from diffbot_bag import metadata
-from diffbot_bag.metadata import BagMetadata, FileInformation, Topic
-from diffbot_bag.tools.channels import HASH, Channels, united
+from diffbot_bag.metadata import HASH_KEY, RECORD_NAME, BagMetadata, FileInformation, Topic
+from diffbot_bag.tools.channels import Channels, united
 from diffbot_bag.tools.output_file import OutputFile
 from diffbot_bag.tools.source_bag import Row, SourceFile
 from diffbot_bag.tools.time_order import Piece
-from diffbot_bag.tools.whole_chunk import WholeChunk
+from diffbot_bag.whole_chunk import Compression, WholeChunk
 
 
 class Description(NamedTuple):
@@ -23,8 +23,8 @@ class Description(NamedTuple):
 
     custom_data: Mapping[str, str]
     ros_distro: str
-    compression: str
-    """of new chunks: zstd, lz4 or none (empty)"""
+    compression: Compression
+    """of new chunks"""
     attached: Sequence[tuple[SourceFile, AttachmentIndex | MetadataIndex]]
     """Attachments and metadata records, which every file gets."""
 
@@ -56,16 +56,20 @@ class OutputBag:
         trace: TracebackType | None,
     ) -> None:
         """Close the file in progress."""
-        self._file.close()
+        self._file.abandon()
 
     def _open(self) -> OutputFile:
         path = self._folder / f"{self._folder.name}_{len(self._written)}.mcap"
-        file = OutputFile(path, self._channels.schemas, self._channels.channels, self._description.compression)
+        file = OutputFile(path.open("xb"), compression=self._description.compression)
         try:
+            for schema in self._channels.schemas.values():
+                file.add_schema(schema)
+            for channel in self._channels.channels.values():
+                file.add_channel(channel)
             for source, index in self._description.attached:
-                file.attach(index, source.attached_bytes(index))
+                file.copy_record(index, source.attached_bytes(index))
         except BaseException:
-            file.close()
+            file.abandon()
             raise
         return file
 
@@ -79,7 +83,7 @@ class OutputBag:
         Raises:
             OSError: if the disk is full.
         """
-        self._file.copy(chunk)
+        self._file.add_chunk(chunk)
 
     def write(self, rows: Sequence[Row]) -> None:
         """Append messages.
@@ -90,9 +94,8 @@ class OutputBag:
         self._file.write(rows)
 
     def _end_file(self) -> None:
-        self._file.flush()
-        facts = self._metadata([self._file])
-        self._file.add_metadata("rosbag2", {"serialized_metadata": metadata.to_yaml(facts, root=False)})
+        self._file.end_chunk()
+        self._file.add_metadata(RECORD_NAME, metadata.to_record(self._metadata([self._file])))
         self._file.finish()
         self._written.append(self._file)
 
@@ -108,20 +111,11 @@ class OutputBag:
         return facts
 
     def _metadata(self, files: Sequence[OutputFile]) -> BagMetadata:
-        parts = [
-            FileInformation(file.path.name, file.start, file.end - file.start, file.message_count) for file in files
-        ]
-        begun = [file for file in files if file.message_count]
-        start, end = min((one.start for one in begun), default=0), max((one.end for one in begun), default=0)
-        return BagMetadata(
-            files=tuple(part.name for part in parts),
-            start=start,
-            duration=end - start,
-            message_count=sum(part.message_count for part in parts),
+        return metadata.of_files(
+            [FileInformation(file.path.name, file.start, file.end - file.start, file.message_count) for file in files],
             topics=self._topics(files),
             custom_data=self._description.custom_data,
             ros_distro=self._description.ros_distro,
-            file_information=tuple(parts),
         )
 
     def _topics(self, files: Sequence[OutputFile]) -> tuple[Topic, ...]:
@@ -131,7 +125,7 @@ class OutputBag:
             topic = Topic(
                 name=channel.topic,
                 type=schema.name if schema else "",
-                type_hash=channel.metadata.get(HASH, ""),
+                type_hash=channel.metadata.get(HASH_KEY, ""),
                 qos=self._channels.qos[number],
                 message_count=sum(file.counts[number] for file in files),
             )

@@ -164,9 +164,7 @@ def _repair_file(source: Path, target: Path, limits: BagLimits, progress: Progre
         after = os.stat(source)
         if (before.st_size, before.st_mtime_ns, before.st_ino) != (after.st_size, after.st_mtime_ns, after.st_ino):
             raise DiffbotError(f"{shown(source)} has changed meanwhile: is it still being recorded?")
-        salvage.finish(metadata.to_yaml(_metadata_of_file(target.name, salvaged), root=False))
-        out.flush()
-        os.fsync(out.fileno())
+        salvage.finish(metadata.to_record(_metadata_of_file(target.name, salvaged)))
     return salvaged
 
 
@@ -180,16 +178,13 @@ def _merged_topics(files: list[RepairedFile]) -> dict[str, Topic]:
     return found
 
 
+def _information(name: str, salvaged: Salvaged) -> FileInformation:
+    return FileInformation(name, salvaged.start, salvaged.end - salvaged.start, salvaged.message_count)
+
+
 def _metadata_of_file(name: str, salvaged: Salvaged) -> BagMetadata:
-    return BagMetadata(
-        files=(name,),
-        start=salvaged.start,
-        duration=salvaged.end - salvaged.start,
-        message_count=salvaged.message_count,
-        topics=tuple(salvaged.topics),
-        custom_data=salvaged.custom_data,
-        ros_distro=salvaged.ros_distro or BagMetadata().ros_distro,
-    )
+    distro = salvaged.ros_distro or BagMetadata().ros_distro
+    return metadata.of_files([_information(name, salvaged)], salvaged.topics, salvaged.custom_data, distro)
 
 
 def _metadata_of(repaired: Repaired, stored: BagMetadata | None, names: list[str] | None = None) -> BagMetadata:
@@ -199,18 +194,9 @@ def _metadata_of(repaired: Repaired, stored: BagMetadata | None, names: list[str
     for file in repaired.files:
         custom |= file.salvaged.custom_data
     distros = [stored.ros_distro if stored else "", *(file.salvaged.ros_distro for file in repaired.files)]
-    return BagMetadata(
-        files=tuple(names),
-        start=repaired.start,
-        duration=repaired.end - repaired.start,
-        message_count=repaired.message_count,
-        topics=tuple(repaired.topics.values()),
-        custom_data=custom | dict(stored.custom_data if stored else {}),
-        ros_distro=next(filter(None, distros), BagMetadata().ros_distro),
-        file_information=tuple(
-            FileInformation(
-                name, file.salvaged.start, file.salvaged.end - file.salvaged.start, file.salvaged.message_count
-            )
-            for name, file in zip(names, repaired.files, strict=True)
-        ),
+    return metadata.of_files(
+        [_information(name, file.salvaged) for name, file in zip(names, repaired.files, strict=True)],
+        list(repaired.topics.values()),
+        custom | dict(stored.custom_data if stored else {}),
+        next(filter(None, distros), BagMetadata().ros_distro),
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from collections.abc import Set as AbstractSet
 from typing import BinaryIO, NamedTuple
 
@@ -11,21 +11,20 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Header, Metadata
 
+from diffbot_bag.attachments import blocks_of, verified_attachment
 from diffbot_bag.bounded_yaml import load_yaml
 from diffbot_bag.chunks import BagLimits
-from diffbot_bag.mcap_format import DAMAGE, MAGIC, McapSummary, read_summary
-from diffbot_bag.metadata import Topic
+from diffbot_bag.mcap_format import DAMAGE, MAGIC, RECORD, McapSummary, read_summary
+from diffbot_bag.mcap_output import OWN_HEADER
+from diffbot_bag.metadata import HASH_KEY, QOS_KEY, RECORD_NAME, TEXT_KEY, Topic
 from diffbot_bag.qos import load_profiles
 from diffbot_bag.record_scan import ChunkPiece, Gap, Piece, RecordScan
-from diffbot_bag.tools.attachments import verified_attachment
-from diffbot_bag.tools.definitions import QOS_KEY, Definitions, definitions_in
-from diffbot_bag.tools.indexed_copy import IndexedCopy
+from diffbot_bag.tools.definitions import Definitions, definitions_in
 from diffbot_bag.tools.loose_chunk import LooseChunk, read_loosely
 from diffbot_bag.tools.loss import UNKNOWN, Loss, LossCounter, Span
+from diffbot_bag.tools.output_file import CHANNEL_SIZE, OutputFile
+from diffbot_bag.whole_chunk import frame_chunk
 from diffbot_core.errors import DiffbotError
-
-ROSBAG2 = "rosbag2"
-"""Name of the metadata record with what metadata.yaml holds."""
 
 Described = tuple[AbstractSet[int], AbstractSet[int]]
 """Numbers of schemas and of channels."""
@@ -64,7 +63,7 @@ class Salvage:
         summary = self._summary
         records = [] if summary is None else [*summary.schemas.values(), *summary.channels.values()]
         self._definitions = Definitions(records, self._look_ahead)
-        self._copy = IndexedCopy(target, self._header())
+        self._copy = OutputFile(target, self._header())
         self._at = len(MAGIC)
         self._unverified = 0
         self._custom_data: dict[str, str] = {}
@@ -84,7 +83,7 @@ class Salvage:
         if isinstance(first, Piece) and first.opcode == Opcode.HEADER:
             header: Header = first.record()
             return header
-        return Header("ros2", "diffbot")
+        return OWN_HEADER
 
     def _look_ahead(self) -> list[Piece | ChunkPiece | Gap]:
         found = RecordScan(self._source, self._size, self._limits).pieces(self._at)
@@ -110,15 +109,15 @@ class Salvage:
             self._at = piece.end
         if self._summary is not None:
             for number in self._summary.channels:
-                self._copy.define(*self._definitions.channel(number))
-        self._copy.flush()
+                self._define(number)
+        self._copy.end_chunk()
         progress(self._size - self._at)
         loss = self._loss.loss(self._copy.counts, self._topic_name, is_cut=is_cut, unverified=self._unverified)
         return Salvaged(
             topics=self._topics(),
             start=self._copy.start,
             end=self._copy.end,
-            message_count=self._copy.counts.total(),
+            message_count=self._copy.message_count,
             custom_data=self._custom_data,
             ros_distro=self._ros_distro,
             loss=loss._replace(
@@ -128,9 +127,9 @@ class Salvage:
             ),
         )
 
-    def finish(self, serialized_metadata: str) -> None:
-        """Write the record with the text of metadata.yaml, the index and the end of the new file."""
-        self._copy.add_metadata(Metadata(ROSBAG2, {"serialized_metadata": serialized_metadata}))
+    def finish(self, record: Mapping[str, str]) -> None:
+        """Write the metadata record, the index and the end of the new file, and close it."""
+        self._copy.add_metadata(RECORD_NAME, record)
         self._copy.finish()
 
     def _save(self, piece: Piece | ChunkPiece) -> None:
@@ -140,12 +139,12 @@ class Salvage:
             for number in sorted(described[1] | entries.keys()):
                 self._define(number, described if entries else NOTHING)
             if entries:
-                self._copy.add_chunk(piece.chunk, entries)
+                self._copy.add_chunk(frame_chunk(piece.chunk, entries))
                 self._loss.saved_chunk(piece.offset, piece.chunk.message_start_time, piece.chunk.message_end_time)
         elif piece.opcode == Opcode.MESSAGE:
             message = piece.record()
             self._define(message.channel_id)
-            self._copy.add_message(message.channel_id, message.log_time, piece.content)
+            self._copy.write([(message.log_time, message.channel_id, piece.content[CHANNEL_SIZE:])])
             self._loss.saved_message(message.log_time)
         elif piece.opcode == Opcode.CHANNEL:
             for number in described[1]:
@@ -156,22 +155,26 @@ class Salvage:
             self._save_metadata(piece.record())
         elif piece.opcode == Opcode.ATTACHMENT:
             index = verified_attachment(self._source, piece.offset, piece.end)
-            self._source.seek(piece.offset)
-            self._copy.add_attachment(self._source, piece.end - piece.offset, index)
+            self._copy.copy_record(index, blocks_of(self._source, index.offset, index.length))
 
     def _define(self, number: int, in_chunk: Described = NOTHING) -> None:
         """Describe a channel; ``in_chunk``: numbers of the schemas and channels that the next chunk describes."""
+        if number in self._copy.channels:
+            return
         schema, channel = self._definitions.channel(number)
         schemas, channels = in_chunk
         has_schema = schema is None or schema.id in schemas or schema.id in self._copy.schemas
-        self._copy.define(schema, channel, in_chunk=has_schema and number in channels)
+        inside = has_schema and number in channels
+        if schema is not None:
+            self._copy.add_schema(schema, in_chunk=inside)
+        self._copy.add_channel(channel, in_chunk=inside)
 
     def _save_metadata(self, record: Metadata) -> None:
-        if record.name != ROSBAG2:
-            self._copy.add_metadata(record)
+        if record.name != RECORD_NAME:
+            self._copy.add_metadata(record.name, record.metadata)
             return
         try:
-            content = load_yaml(record.metadata.get("serialized_metadata", ""), ROSBAG2) or {}
+            content = load_yaml(record.metadata.get(TEXT_KEY, ""), RECORD_NAME) or {}
             custom = content.get("custom_data") or {}
             self._custom_data |= {str(name): str(value) for name, value in custom.items()}
             self._ros_distro = str(content.get("ros_distro") or self._ros_distro)
@@ -200,9 +203,10 @@ class Salvage:
             if loose.start <= time <= loose.end
         ]
         for at, channel, time in sorted(found):
-            length = int.from_bytes(loose.data[at + 1 : at + 9], "little")
+            _, length = RECORD.unpack_from(loose.data, at)
+            content = at + RECORD.size
             self._define(channel)
-            self._copy.add_message(channel, time, loose.data[at + 9 : at + 9 + length])
+            self._copy.write([(time, channel, loose.data[content + CHANNEL_SIZE : content + length])])
             self._loss.saved_message(time)
         self._unverified = len(found)
 
@@ -217,7 +221,7 @@ class Salvage:
                 Topic(
                     name=channel.topic,
                     type=schema.name if schema else "",
-                    type_hash=channel.metadata.get("topic_type_hash", ""),
+                    type_hash=channel.metadata.get(HASH_KEY, ""),
                     qos=load_profiles(channel.metadata.get(QOS_KEY, "")),
                     message_count=self._copy.counts[number],
                 )

@@ -13,24 +13,23 @@ from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex, Channel, ChunkIndex, Metadata, MetadataIndex, Schema
 from mcap.stream_reader import StreamReader
 
+from diffbot_bag.attachments import blocks_of
 from diffbot_bag.bounded_yaml import load_yaml
 from diffbot_bag.chunks import verified_chunk
 from diffbot_bag.mcap_file import McapFile
+from diffbot_bag.mcap_format import MESSAGE, RECORD
+from diffbot_bag.metadata import RECORD_NAME, TEXT_KEY
 from diffbot_bag.reader import BagReader
 from diffbot_bag.tools.span import Span
-from diffbot_bag.tools.whole_chunk import RECORD, WholeChunk, check_chunk, chunk_end
+from diffbot_bag.whole_chunk import WholeChunk, check_chunk, chunk_end
 from diffbot_core.errors import DiffbotError
 
 Row = tuple[int, int, bytes]
 """Log time [ns], channel and the rest of a message: sequence number, both times and data, as MCAP stores them."""
 MAX_METADATA = 2**20
 """[bytes] of the metadata record that rosbag2 writes into a file"""
-_MESSAGE = struct.Struct("<HIQ")
-"""Channel, sequence number and log time; publish time and data follow."""
 _TAIL = struct.Struct("<IQQ")
 """Sequence number, log time, publish time; the data follow."""
-_SHORTEST = 22
-"""[bytes] of a message without data"""
 
 
 class SourceFile(McapFile):
@@ -59,9 +58,9 @@ class SourceFile(McapFile):
     @property
     def attached(self) -> list[AttachmentIndex | MetadataIndex]:
         """Index of attachments and metadata records, without those that describe the bag."""
-        return [one for one in self._attached if isinstance(one, AttachmentIndex) or one.name != "rosbag2"]
+        return [one for one in self._attached if isinstance(one, AttachmentIndex) or one.name != RECORD_NAME]
 
-    def attached_bytes(self, index: AttachmentIndex | MetadataIndex, block: int = 2**20) -> Iterator[bytes]:
+    def attached_bytes(self, index: AttachmentIndex | MetadataIndex) -> Iterator[bytes]:
         """Yield the record of an attachment or of metadata, in blocks.
 
         Raises:
@@ -73,11 +72,7 @@ class SourceFile(McapFile):
             opcode, length = RECORD.unpack(self._stream.read(RECORD.size))
             if opcode != expected or length + RECORD.size != index.length or index.offset + index.length > self._size:
                 raise McapError("no attachment where the index has one")
-        for at in range(0, index.length, block):
-            with self._damage_as_error():
-                self._stream.seek(index.offset + at)
-                data = self._stream.read(min(block, index.length - at))
-            yield data
+            yield from blocks_of(self._stream, index.offset, index.length)
 
     def whole_chunk(self, index: ChunkIndex) -> WholeChunk | None:
         """Return a chunk without unpacking it; None if its messages can only be counted by unpacking.
@@ -120,14 +115,14 @@ class SourceFile(McapFile):
 
     def own_metadata(self) -> dict[str, Any]:
         """Return what rosbag2 wrote about the bag into the file itself; empty if there is nothing of the kind."""
-        records = [one for one in self._attached if isinstance(one, MetadataIndex) and one.name == "rosbag2"]
+        records = [one for one in self._attached if isinstance(one, MetadataIndex) and one.name == RECORD_NAME]
         if not records:
             return {}
         with contextlib.suppress(DiffbotError), self._damage_as_error():
             self._stream.seek(records[-1].offset)
             record = next(StreamReader(self._stream, skip_magic=True, record_size_limit=MAX_METADATA).records)
             if isinstance(record, Metadata):
-                content = load_yaml(record.metadata.get("serialized_metadata", ""), "serialized_metadata")
+                content = load_yaml(record.metadata.get(TEXT_KEY, ""), TEXT_KEY)
                 return content if isinstance(content, dict) else {}
         return {}
 
@@ -141,9 +136,9 @@ def _rows(stream: BinaryIO, index: ChunkIndex, channels: Mapping[int, int | None
         if length > end - at:
             raise McapError("a record beyond its chunk")
         if opcode == Opcode.MESSAGE:
-            if length < _SHORTEST:
+            if length < MESSAGE.size:
                 raise McapError("a message too short")
-            channel, _, log_time = _MESSAGE.unpack_from(data, at)
+            channel, _, log_time, _ = MESSAGE.unpack_from(data, at)
             number = channels[channel]
             if number is not None and span.start <= log_time < span.end:
                 rows.append((log_time, number, data[at + 2 : at + length]))

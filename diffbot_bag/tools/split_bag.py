@@ -15,7 +15,7 @@ from diffbot_bag.tools.output_bag import Description, OutputBag
 from diffbot_bag.tools.output_file import ENVELOPE
 from diffbot_bag.tools.source_bag import Row
 from diffbot_bag.tools.time_order import Piece
-from diffbot_bag.tools.whole_chunk import WholeChunk
+from diffbot_bag.whole_chunk import WholeChunk
 from diffbot_core.errors import DiffbotError
 
 
@@ -56,10 +56,9 @@ class SplitBag(OutputBag):
             return False
         if limits.messages and self._count + count > limits.messages:
             return False
-        size = len(chunk.record) + len(chunk.message_index)
-        if limits.size and size > self._space() and self._count:
+        if limits.size and chunk.size > self._space() and self._count:
             self._next_file(chunk.place.message_start_time)
-        return not limits.size or size <= self._space()
+        return not limits.size or chunk.size <= self._space()
 
     def copy(self, piece: Piece, chunk: WholeChunk) -> None:
         """Append a chunk that the bag takes.
@@ -118,7 +117,7 @@ class SplitBag(OutputBag):
 
     def _space(self) -> int:
         """Return the bytes that are left in the file."""
-        return self._limits.size - self._file.size - self._reserve
+        return self._limits.size - self._file.final_size - self._reserve
 
     def _next_file(self, time: int) -> None:
         rows = delivered(self._history.rows(), time, self._latches)

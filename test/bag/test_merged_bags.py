@@ -1,7 +1,8 @@
 """Several bags as one: order, counts, latched messages, and topics that do not fit together."""
 
 import pytest
-from replays import BEGIN, MS, point, write_mcap, write_rosbags
+from bag_makers import BEGIN, point
+from replays import MS, write_mcap, write_rosbags
 
 from diffbot_bag.chunks import read_chunk
 from diffbot_bag.merged_bags import MergedBags

@@ -4,9 +4,9 @@ import itertools
 import random
 
 import pytest
+from bag_makers import BEGIN, COMPRESSIONS, point
 from mcap.reader import make_reader
-from mcap.writer import CompressionType
-from replays import BEGIN, MS, FakeClock, point, write_mcap, write_rosbags
+from replays import MS, FakeClock, write_mcap, write_rosbags
 
 from diffbot_bag.merged_bags import MergedBags
 from diffbot_bag.playback_clock import Window
@@ -63,7 +63,7 @@ def plain(messages=None, **pace):
     return Run(source, Window(BEGIN, messages[-1].log_time), **pace)
 
 
-@pytest.fixture(params=[CompressionType.ZSTD, CompressionType.LZ4, CompressionType.NONE, "rosbags"])
+@pytest.fixture(params=[*COMPRESSIONS, "rosbags"])
 def bag(request, tmp_path):
     """A bag of another maker, and what it holds in the order of an independent reader."""
     if request.param == "rosbags":

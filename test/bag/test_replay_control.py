@@ -11,6 +11,7 @@ import time
 
 import graph
 import pytest
+from bag_makers import BEGIN, point
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Point
 from rcl_interfaces.msg import Parameter
@@ -19,7 +20,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from replays import BEGIN, MS, point, write_mcap, write_rosbags
+from replays import MS, write_mcap, write_rosbags
 from std_srvs.srv import Trigger
 
 pytestmark = pytest.mark.graph

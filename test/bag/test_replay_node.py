@@ -1,6 +1,7 @@
 """The replay as a process: bytes, order, count, time and QoS of a bag come back over DDS; a wrong bag is one line."""
 
 import contextlib
+import io
 import itertools
 import re
 import signal
@@ -368,9 +369,9 @@ def test_wrong_parameters_are_one_line_and_status_one(bag):
 
 def test_damage_found_while_playing_is_one_line_and_status_one(bag, tmp_path):
     content = bytearray((bag / "run_0.mcap").read_bytes())
-    with (bag / "run_0.mcap").open("rb") as stream:
-        chunk = make_reader(stream).get_summary().chunk_indexes[0]
-    content[chunk.chunk_start_offset + chunk.chunk_length - 1] ^= 0x55
+    chunks = make_reader(io.BytesIO(content)).get_summary().chunk_indexes
+    damaged = chunks[len(chunks) // 2]
+    content[damaged.chunk_start_offset + damaged.chunk_length // 2] ^= 0x55
     (tmp_path / "damaged.mcap").write_bytes(content)
     with graph.node(REPLAY, {"uri": tmp_path / "damaged.mcap", "rate": 10.0, "wait_timeout": 0.0}) as running:
         assert running.wait(PATIENCE) == 1

@@ -3,7 +3,7 @@
 import threading
 
 import pytest
-from replays import BEGIN, point
+from bag_makers import BEGIN, point
 
 from diffbot_bag.metadata import Topic
 from diffbot_bag.qos import REPLAY_DEPTH, Qos

@@ -4,7 +4,8 @@ import threading
 from types import SimpleNamespace
 
 import pytest
-from replays import BEGIN, MS, point
+from bag_makers import BEGIN, point
+from replays import MS
 
 from diffbot_bag.playback_clock import Window
 from diffbot_bag.player import Pace, Player, Sink, Source

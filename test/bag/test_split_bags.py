@@ -17,7 +17,7 @@ from diffbot_bag.qos import Qos
 from diffbot_bag.reader import BagReader
 from diffbot_bag.recording.bag_files import FileLimits
 from diffbot_bag.recording.disk import Disk, DiskThread
-from diffbot_bag.recording.mcap_writer import Compression
+from diffbot_bag.whole_chunk import Compression
 from diffbot_bag.writer import BagWriteError, BagWriter, is_unfinished
 from diffbot_core.errors import DiffbotError
 

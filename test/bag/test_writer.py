@@ -21,7 +21,7 @@ from rosbags.typesys import Stores, get_typestore
 from diffbot_bag import metadata
 from diffbot_bag.message_definitions import MessageDefinitions
 from diffbot_bag.qos import Qos
-from diffbot_bag.recording.mcap_writer import Compression
+from diffbot_bag.whole_chunk import Compression
 from diffbot_bag.writer import BagWriteError, BagWriter
 
 TWIST, STRING = "geometry_msgs/msg/Twist", "std_msgs/msg/String"
@@ -238,7 +238,7 @@ def test_missing_parents_are_made(tmp_path):
 FILL_THE_DISK = """
     import sys
     from pathlib import Path
-    from diffbot_bag.recording.mcap_writer import Compression
+    from diffbot_bag.whole_chunk import Compression
     from diffbot_bag.writer import BagWriteError, BagWriter
 
     writer = BagWriter(Path(sys.argv[1]), compression=Compression("none"), chunk_size=4096)

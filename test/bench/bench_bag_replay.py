@@ -19,7 +19,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import graph
-from replays import BEGIN, MS, point, write_mcap
+from bag_makers import BEGIN, point
+from replays import MS, write_mcap
 
 REPLAY = "diffbot_bag.replay_node"
 DEPTH = 200_000

@@ -19,6 +19,7 @@ import time
 from collections import Counter
 from pathlib import Path
 
+import bag_makers
 import damaged_bags
 import graph
 from mcap.exceptions import McapError
@@ -101,7 +102,7 @@ def kills(count: int, folder: Path) -> str:
 def damaged_files(count: int, folder: Path) -> str:
     """Repair cut and flipped files; count those from which a message of an undamaged chunk is missing."""
     generator = random.Random(2)
-    wholes = [damaged_bags.original(damaged_bags.mcap_file(name)) for name in damaged_bags.COMPRESSIONS]
+    wholes = [damaged_bags.original(damaged_bags.mcap_file(name)) for name in bag_makers.COMPRESSIONS]
     kept_messages = saved_messages = incomplete = wrong = unverified = refused = 0
     folder.mkdir()
     for number in tqdm(range(count), "cut or flipped", disable=None):

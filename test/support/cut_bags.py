@@ -6,23 +6,16 @@ from collections import Counter
 from typing import NamedTuple
 
 import yaml
+from bag_makers import BEGIN, POINT, STRING, mcap_writing, point, string, write_rosbags
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
-from mcap.writer import CompressionType, IndexType
-from mcap.writer import Writer as McapWriter
+from mcap.writer import IndexType
 from rosbags.highlevel import AnyReader
-from rosbags.interfaces import Qos as RosbagsQos
-from rosbags.interfaces import QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
-from rosbags.rosbag2 import Writer as RosbagsWriter
-from rosbags.typesys import Stores, get_typestore
+from rosbags.rosbag2 import CompressionFormat, CompressionMode
 
 from diffbot_bag.message_definitions import MessageDefinitions
 from diffbot_bag.qos import Qos, dump_profiles
 
-STORE = get_typestore(Stores.ROS2_JAZZY)
-POINT, STRING = "geometry_msgs/msg/Point", "std_msgs/msg/String"
-BEGIN = 1_700_000_000_000_000_000
 STEP = 10_000_000
 LATCHED = Qos(durability="transient_local")
 DEFINITIONS = MessageDefinitions()
@@ -54,14 +47,6 @@ class Given(NamedTuple):
     publish_time: int = 0
 
 
-def point(x):
-    return bytes(STORE.serialize_cdr(STORE.types[POINT](x=float(x), y=0.0, z=0.0), POINT))
-
-
-def string(text):
-    return bytes(STORE.serialize_cdr(STORE.types[STRING](data=text), STRING))
-
-
 def drive(count=200, padding=100):
     """Two topics at every step, and a latched one at the steps 7 and 55; ``padding`` [bytes] is random."""
     noise = random.Random(1)
@@ -75,9 +60,7 @@ def drive(count=200, padding=100):
 
 TOPICS = {"/point": (POINT, [Qos()]), "/text": (STRING, []), "/map": (STRING, [LATCHED])}
 MCAP_OPTIONS = {
-    "zstd": {"compression": CompressionType.ZSTD},
-    "lz4": {"compression": CompressionType.LZ4},
-    "none": {"compression": CompressionType.NONE},
+    **{name: {"compression": name} for name in ("zstd", "lz4", "none")},
     "no chunks": {"use_chunking": False},
     "no message index": {"index_types": IndexType.CHUNK | IndexType.METADATA},
 }
@@ -88,25 +71,19 @@ MAKERS = (*MCAP_OPTIONS, "rosbags", "rosbags zstd")
 
 def write_mcap(path, messages, topics=TOPICS, chunk_size=4000, extras=(), **options):
     """Write a file in rosbag2's layout with the mcap library; ``extras`` are names of attachments."""
-    with path.open("wb") as stream:
-        writer = McapWriter(stream, chunk_size=chunk_size, **options)
-        writer.start(profile="ros2", library="other")
-        schemas = {name: writer.register_schema(name, "ros2msg", SCHEMAS[name]) for name, _ in topics.values()}
-        channels = {
-            topic: writer.register_channel(
-                topic,
-                "cdr",
-                schemas[kind],
-                {"offered_qos_profiles": dump_profiles(qos), "topic_type_hash": HASHES[kind]},
-            )
-            for topic, (kind, qos) in topics.items()
-        }
+    described = {
+        topic: (kind, {"offered_qos_profiles": dump_profiles(qos), "topic_type_hash": HASHES[kind]})
+        for topic, (kind, qos) in topics.items()
+    }
+    with (
+        path.open("wb") as stream,
+        mcap_writing(stream, described, SCHEMAS, chunk_size=chunk_size, **options) as (writer, channels),
+    ):
         for one in messages:
             writer.add_message(channels[one.topic], one.log_time, one.data, one.publish_time, one.sequence)
         for name in extras:
             writer.add_attachment(5, 6, name, "text/plain", b"content of " + name.encode())
             writer.add_metadata(name, {"key": "value"})
-        writer.finish()
     return path
 
 
@@ -118,26 +95,9 @@ def write_bag(folder, maker, messages=None, topics=TOPICS):
     if maker in MCAP_OPTIONS:
         folder.mkdir()
         return write_mcap(folder / "other.mcap", messages, topics, **MCAP_OPTIONS[maker])
-    writer = RosbagsWriter(folder, version=9, storage_plugin=StoragePlugin.MCAP)
-    if maker == "rosbags zstd":
-        writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-    with writer:
-        connections = {
-            topic: writer.add_connection(topic, kind, typestore=STORE, offered_qos_profiles=list(map(rosbags_qos, qos)))
-            for topic, (kind, qos) in topics.items()
-        }
-        for one in messages:
-            writer.write(connections[one.topic], one.log_time, one.data)
-    return folder
-
-
-def rosbags_qos(qos):
-    durability = QosDurability.TRANSIENT_LOCAL if qos.durability == "transient_local" else QosDurability.VOLATILE
-    forever = QosTime(9223372036, 854775807)
-    return RosbagsQos(
-        QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, durability, forever, forever, QosLiveliness.AUTOMATIC,
-        forever, False,
-    )  # fmt: skip
+    rows = ((one.topic, one.log_time, topics[one.topic][0], one.data) for one in messages)
+    packed = (CompressionMode.STORAGE, CompressionFormat.ZSTD) if maker == "rosbags zstd" else None
+    return write_rosbags(folder, rows, {topic: qos for topic, (_, qos) in topics.items()}, packed)
 
 
 def files_of(path):

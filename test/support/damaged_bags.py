@@ -5,20 +5,17 @@ import random
 from collections import Counter
 from typing import NamedTuple
 
+from bag_makers import BEGIN, POINT, mcap_writing
 from mcap.reader import make_reader
 from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
-from mcap.writer import CompressionType, Writer
 
 from diffbot_bag.qos import Qos, dump_profiles
 
-POINT = "geometry_msgs/msg/Point"
 DEFINITION = b"float64 x\nfloat64 y\nfloat64 z\n"
-BEGIN = 1_700_000_000_000_000_000
 STEP = 1_000_000
 TOPICS = ("/a", "/b", "/latched")
 HASH = "RIHS01_6963084842a9b04494d6b2941d11444708d892da2f4b09843b9c43f42a7f6881"
-COMPRESSIONS = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4, "none": CompressionType.NONE}
 
 
 class Original(NamedTuple):
@@ -36,28 +33,20 @@ def mcap_file(compression="zstd", count=1500, chunk_size=4000, seed=1, **options
     """Bytes of a finished file with three topics; chunks of about 60 messages, an attachment in the middle."""
     generator = random.Random(seed)
     stream = io.BytesIO()
-    writer = Writer(stream, chunk_size=chunk_size, compression=COMPRESSIONS[compression], **options)
-    writer.start("ros2", "a test")
-    schema = writer.register_schema(POINT, "ros2msg", DEFINITION)
-    qos = {"/latched": dump_profiles([Qos(durability="transient_local")])}
-    channels = [
-        writer.register_channel(
-            name,
-            "cdr",
-            schema,
-            {"offered_qos_profiles": qos.get(name, dump_profiles([Qos()])), "topic_type_hash": HASH},
-        )
-        for name in TOPICS
-    ]
-    for index in range(count):
-        time = BEGIN + index * STEP
-        # Half of it does not compress.
-        data = b"\0\1\0\0" + bytes(12) + generator.randbytes(12)
-        writer.add_message(channels[index % 3], time, data, time - 1, index)
-        if index == count // 2:
-            writer.add_attachment(5, BEGIN, "parameters.yaml", "text/yaml", b"gain: 1.0\n" * 50)
-            writer.add_metadata("robot", {"name": "one"})
-    writer.finish()
+    qos = {name: Qos(durability="transient_local" if name == "/latched" else "volatile") for name in TOPICS}
+    topics = {
+        name: (POINT, {"offered_qos_profiles": dump_profiles([one]), "topic_type_hash": HASH})
+        for name, one in qos.items()
+    }
+    with mcap_writing(stream, topics, {POINT: DEFINITION}, chunk_size, compression, **options) as (writer, channels):
+        for index in range(count):
+            time = BEGIN + index * STEP
+            # Half of it does not compress.
+            data = b"\0\1\0\0" + bytes(12) + generator.randbytes(12)
+            writer.add_message(channels[TOPICS[index % 3]], time, data, time - 1, index)
+            if index == count // 2:
+                writer.add_attachment(5, BEGIN, "parameters.yaml", "text/yaml", b"gain: 1.0\n" * 50)
+                writer.add_metadata("robot", {"name": "one"})
     return stream.getvalue()
 
 

@@ -4,14 +4,9 @@ import math
 import random
 
 import yaml
-from mcap.writer import CompressionType
-from mcap.writer import Writer as McapWriter
-from rosbags.rosbag2 import StoragePlugin
-from rosbags.rosbag2 import Writer as RosbagsWriter
-from view_bags import STORE, command, estimate, odometry
+from bag_makers import BEGIN, STORE, mcap_writing
+from view_bags import command, estimate, odometry, write
 
-COMPRESSIONS = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4, "none": CompressionType.NONE}
-BEGIN = 1_700_000_000_000_000_000
 QOS = """\
 - history: 1
   depth: 10
@@ -50,18 +45,16 @@ def irregular(seconds=20.0, seed=3):
 
 def write_mcap(path, rows, compression="zstd", chunk_size=20_000, offers=None):
     """Write one file with the mcap library."""
-    with path.open("wb") as stream:
-        writer = McapWriter(stream, chunk_size=chunk_size, compression=COMPRESSIONS[compression])
-        writer.start("ros2", "somebody's recorder")
-        channels = {}
+    rows = list(rows)
+    topics = {
+        topic: (kind, {"offered_qos_profiles": (offers or {}).get(topic, qos())}) for topic, _, _, (kind, _) in rows
+    }
+    with (
+        path.open("wb") as stream,
+        mcap_writing(stream, topics, chunk_size=chunk_size, compression=compression) as (writer, channels),
+    ):
         for topic, time, sequence, (kind, message) in rows:
-            if topic not in channels:
-                text, _ = STORE.generate_msgdef(kind, ros_version=2)
-                schema = writer.register_schema(kind, "ros2msg", text.encode())
-                offer = (offers or {}).get(topic, qos())
-                channels[topic] = writer.register_channel(topic, "cdr", schema, {"offered_qos_profiles": offer})
             writer.add_message(channels[topic], time, bytes(STORE.serialize_cdr(message, kind)), time, sequence)
-        writer.finish()
 
 
 def write_folder(folder, rows, compression="zstd", files=1, custom_data=None, **options):
@@ -106,10 +99,4 @@ def write_folder(folder, rows, compression="zstd", files=1, custom_data=None, **
 
 def write_rosbags(folder, rows):
     """Write with rosbags, which gives no sequence numbers."""
-    with RosbagsWriter(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        connections = {}
-        for topic, time, _, (kind, message) in rows:
-            if topic not in connections:
-                connections[topic] = writer.add_connection(topic, kind, typestore=STORE)
-            writer.write(connections[topic], time, STORE.serialize_cdr(message, kind))
-    return folder
+    return write(folder, ((topic, time, message) for topic, time, _, message in rows))

@@ -3,16 +3,10 @@
 import heapq
 import itertools
 
-from mcap.writer import CompressionType
-from mcap.writer import Writer as McapWriter
-from rosbags.rosbag2 import StoragePlugin
-from rosbags.rosbag2 import Writer as RosbagsWriter
-from rosbags.typesys import Stores, get_typestore
+import bag_makers
+from bag_makers import POINT, mcap_writing
 
-BEGIN = 1_700_000_000_000_000_000
 MS = 1_000_000
-STORE = get_typestore(Stores.ROS2_JAZZY)
-POINT = "geometry_msgs/msg/Point"
 LATCHED = """\
 - history: keep_last
   depth: 1
@@ -60,33 +54,17 @@ class FakeClock:
         action()
 
 
-def point(x):
-    return bytes(STORE.serialize_cdr(STORE.types[POINT](x=float(x), y=0.0, z=0.0), POINT))
-
-
-def write_mcap(path, messages, compression=CompressionType.ZSTD, latched=(), kind=POINT):
+def write_mcap(path, messages, compression="zstd", latched=(), kind=POINT):
     """Write messages (topic, log time, data) in chunks of 1 kB, in the layout of rosbag2."""
-    with path.open("wb") as stream:
-        writer = McapWriter(stream, chunk_size=1000, compression=compression)
-        writer.start(profile="ros2")
-        definition, _ = STORE.generate_msgdef(kind, ros_version=2)
-        schema = writer.register_schema(kind, "ros2msg", definition.encode())
-        channels = {}
+    messages = list(messages)
+    qos = {topic: LATCHED if topic in latched else "" for topic, _, _ in messages}
+    topics = {topic: (kind, {"offered_qos_profiles": text, "topic_type_hash": ""}) for topic, text in qos.items()}
+    with path.open("wb") as stream, mcap_writing(stream, topics, compression=compression) as (writer, channels):
         for topic, time, data in messages:
-            if topic not in channels:
-                qos = {"offered_qos_profiles": LATCHED if topic in latched else "", "topic_type_hash": ""}
-                channels[topic] = writer.register_channel(topic, "cdr", schema, qos)
             writer.add_message(channels[topic], time, data, time)
-        writer.finish()
     return path
 
 
 def write_rosbags(folder, messages, kind=POINT):
     """Write messages (topic, log time, data) with rosbags."""
-    with RosbagsWriter(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        connections = {}
-        for topic, time, data in messages:
-            if topic not in connections:
-                connections[topic] = writer.add_connection(topic, kind, typestore=STORE)
-            writer.write(connections[topic], time, data)
-    return folder
+    return bag_makers.write_rosbags(folder, ((topic, time, kind, data) for topic, time, data in messages))

@@ -4,12 +4,9 @@ import math
 from types import SimpleNamespace
 
 import numpy as np
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+from bag_makers import BEGIN, STORE, write_rosbags
 
-STORE = get_typestore(Stores.ROS2_JAZZY)
 TYPES = STORE.types
-BEGIN = 1_700_000_000_000_000_000
 LABELS = ("stamp", "rho", "alpha", "beta", "theta", "eps_P", "region", "V")
 SIGMA = 0.05
 """[m], [rad] of the estimate"""
@@ -144,13 +141,9 @@ def cloud(time, *landmarks, frame="base_link"):
 
 def write(folder, messages):
     """Write (topic, log time [ns], (type, message)), in this order."""
-    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        connections = {}
-        for topic, time, (kind, message) in messages:
-            if topic not in connections:
-                connections[topic] = writer.add_connection(topic, kind, typestore=STORE)
-            writer.write(connections[topic], time, STORE.serialize_cdr(message, kind))
-    return folder
+    return write_rosbags(
+        folder, ((topic, time, kind, STORE.serialize_cdr(message, kind)) for topic, time, (kind, message) in messages)
+    )
 
 
 def at(step, rate=50):

@@ -16,6 +16,7 @@ import damaged_bags
 import pytest
 import yaml
 from damaged_bags import BEGIN, HASH, POINT, STEP, TOPICS
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
@@ -26,7 +27,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from diffbot_bag.chunks import BagLimits
 from diffbot_bag.reader import BagReader
-from diffbot_bag.tools import check_result, indexed_copy
+from diffbot_bag.tools import check_result, output_file
 from diffbot_bag.tools.repair import PASSES, repair_bag, repair_in_place, size_of
 from diffbot_bag.writer import BagWriter
 from diffbot_core.errors import DiffbotError
@@ -338,13 +339,14 @@ def test_a_result_that_readers_do_not_agree_on_does_not_appear(tmp_path, monkeyp
     source = tmp_path / "broken.mcap"
     source.write_bytes(damaged_bags.mcap_file()[:-80])
     content = source.read_bytes()
-    finish = indexed_copy.IndexedCopy.finish
+    finish = output_file.OutputFile.finish
 
     def forget_a_chunk(self):
-        del self._indexes[8][3]
+        self.end_chunk()
+        del self._indexes[Opcode.CHUNK_INDEX][3]
         finish(self)
 
-    monkeypatch.setattr(indexed_copy.IndexedCopy, "finish", forget_a_chunk)
+    monkeypatch.setattr(output_file.OutputFile, "finish", forget_a_chunk)
     for out in (tmp_path / "fixed", None):
         assert "the result" in refused(tmp_path, source, out)
     assert source.read_bytes() == content

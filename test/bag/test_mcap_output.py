@@ -1,0 +1,117 @@
+"""The end of the files that recorder, cut and repair write, by the mcap library and by the bytes themselves."""
+
+import io
+import shutil
+import struct
+from collections import Counter
+
+import cut_bags
+import pytest
+from cut_bags import BEGIN, STEP
+from mcap.opcode import Opcode
+from mcap.reader import make_reader
+from mcap.records import Attachment, Channel, Footer, Message, Metadata, Schema, SummaryOffset
+from mcap.stream_reader import StreamReader
+
+from diffbot_bag import attachments
+from diffbot_bag.mcap_format import DAMAGE
+from diffbot_bag.tools.cut import trim
+from diffbot_bag.tools.repair import repair_bag
+from diffbot_bag.tools.source_bag import SourceBag
+from diffbot_bag.tools.span import Span
+from diffbot_bag.writer import BagWriter
+
+
+def record(folder, _):
+    bag = BagWriter(folder, chunk_size=3000)
+    channels = {name: bag.add_topic(name, kind, qos) for name, (kind, qos) in cut_bags.TOPICS.items()}
+    bag.attach("notes", "text/plain", b"content")
+    for one in cut_bags.drive():
+        bag.write(channels[one.topic], one.data, one.log_time, one.publish_time, one.sequence)
+    bag.close()
+
+
+def cut(folder, source):
+    with SourceBag(source) as bag:
+        trim(bag, Span(BEGIN + 30 * STEP, BEGIN + 150 * STEP)).write(folder, lambda _: None)
+
+
+def repair(folder, source):
+    broken = source.with_name("broken.mcap")
+    broken.write_bytes(source.read_bytes()[:-100])
+    repair_bag(broken, folder)
+
+
+@pytest.fixture(params=[record, cut, repair], ids=lambda make: make.__name__)
+def content(request, tmp_path):
+    source = cut_bags.write_mcap(tmp_path / "source.mcap", cut_bags.drive(), extras=("notes",))
+    request.param(tmp_path / "out", source)
+    (path,) = (tmp_path / "out").glob("*.mcap")
+    return path.read_bytes()
+
+
+def records_of(content, **options):
+    return list(StreamReader(io.BytesIO(content), **options).records)
+
+
+def test_each_summary_offset_names_the_bytes_of_its_group(content):
+    footer = records_of(content)[-1]
+    assert isinstance(footer, Footer)
+    offsets = records_of(content[footer.summary_offset_start :], skip_magic=True)[:-1]
+    assert {one.group_opcode for one in offsets} == {
+        Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS, Opcode.CHUNK_INDEX, Opcode.ATTACHMENT_INDEX,
+        Opcode.METADATA_INDEX,
+    }  # fmt: skip
+    at = footer.summary_start
+    for one in offsets:
+        assert isinstance(one, SummaryOffset)
+        assert one.group_start == at
+        end = at + one.group_length
+        while at < end:
+            opcode, length = struct.unpack_from("<BQ", content, at)
+            assert opcode == one.group_opcode
+            at += 9 + length
+        assert at == end
+    assert at == footer.summary_offset_start
+
+
+def test_statistics_and_index_are_what_the_file_has(content):
+    everything = records_of(content, validate_crcs=True)
+    data = everything[: [type(one).__name__ for one in everything].index("DataEnd")]
+    messages = [one for one in data if isinstance(one, Message)]
+    reader = make_reader(io.BytesIO(content), validate_crcs=True)
+    summary = reader.get_summary()
+    found, times = summary.statistics, [one.log_time for one in messages]
+    assert found.message_count == len(messages) > 200
+    assert found.channel_message_counts == Counter(one.channel_id for one in messages)
+    assert (found.message_start_time, found.message_end_time) == (min(times), max(times))
+    for count, kind in (
+        (found.attachment_count, Attachment),
+        (found.metadata_count, Metadata),
+        (found.schema_count, Schema),
+        (found.channel_count, Channel),
+    ):
+        named = [one for one in data if isinstance(one, kind)]
+        assert count == len({one.id for one in named} if kind in (Schema, Channel) else named) > 0
+    assert found.chunk_count == len(summary.chunk_indexes) > 1
+    by_index = [message for *_, message in reader.iter_messages(log_time_order=False)]
+    assert sorted(by_index, key=repr) == sorted(messages, key=repr)
+    assert next(reader.iter_attachments()).name == "notes"
+
+
+@pytest.mark.parametrize("kept", [0, 8, 40, 60, -1])
+def test_an_attachment_that_is_cut_off_is_damaged(tmp_path, kept):
+    path = cut_bags.write_mcap(tmp_path / "a.mcap", cut_bags.drive(3), extras=("notes",))
+    with path.open("rb") as stream:
+        (index,) = make_reader(stream).get_summary().attachment_indexes
+        assert attachments.read_attachment(stream, index) == b"content of notes"
+        for change in (-1, 1):
+            index.length += change
+            with pytest.raises(DAMAGE):
+                attachments.read_attachment(stream, index)
+            index.length -= change
+    part = shutil.copy(path, tmp_path / "part.mcap")
+    with part.open("r+b") as stream:
+        stream.truncate(index.offset + (kept if kept >= 0 else index.length - 1))
+        with pytest.raises(DAMAGE):
+            attachments.read_attachment(stream, index)

@@ -1,0 +1,85 @@
+"""Bags as other makers write them, in rosbag2's layout: by the mcap library in many chunks, by rosbags."""
+
+from contextlib import contextmanager
+
+from mcap.writer import CompressionType, Writer
+from rosbags.interfaces import Qos as RosbagsQos
+from rosbags.interfaces import QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as RosbagsWriter
+from rosbags.typesys import Stores, get_typestore
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+BEGIN = 1_700_000_000_000_000_000
+POINT, STRING = "geometry_msgs/msg/Point", "std_msgs/msg/String"
+COMPRESSIONS = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4, "none": CompressionType.NONE}
+
+
+def definition(kind):
+    """Text of a message type by rosbags."""
+    return STORE.generate_msgdef(kind, ros_version=2)[0].encode()
+
+
+def point(x):
+    return bytes(STORE.serialize_cdr(STORE.types[POINT](x=float(x), y=0.0, z=0.0), POINT))
+
+
+def string(text):
+    return bytes(STORE.serialize_cdr(STORE.types[STRING](data=text), STRING))
+
+
+@contextmanager
+def mcap_writing(stream, topics, definitions=None, chunk_size=1000, compression="zstd", **options):
+    """Write a file with the mcap library; gives its writer, and the channel of each topic.
+
+    Args:
+        stream: to write to.
+        topics: type of each, and the metadata of its channel.
+        definitions: text of each type; default: those of rosbags.
+        chunk_size: [bytes] before compression.
+        compression: one of COMPRESSIONS.
+        options: of the library's writer.
+    """
+    writer = Writer(stream, chunk_size=chunk_size, compression=COMPRESSIONS[compression], **options)
+    writer.start("ros2", "somebody's recorder")
+    texts = {kind: definitions[kind] if definitions else definition(kind) for kind, _ in topics.values()}
+    schemas = {kind: writer.register_schema(kind, "ros2msg", text) for kind, text in texts.items()}
+    yield (
+        writer,
+        {
+            topic: writer.register_channel(topic, "cdr", schemas[kind], metadata)
+            for topic, (kind, metadata) in topics.items()
+        },
+    )
+    writer.finish()
+
+
+def write_rosbags(folder, messages, offers=None, compression=None):
+    """Write a bag with rosbags, which gives no sequence numbers.
+
+    Args:
+        folder: of the bag.
+        messages: topic, log time [ns], type and data (CDR) of each.
+        offers: QoS of the publishers of a topic.
+        compression: mode and format of rosbags.
+    """
+    writer = RosbagsWriter(folder, version=9, storage_plugin=StoragePlugin.MCAP)
+    if compression:
+        writer.set_compression(*compression)
+    with writer:
+        connections = {}
+        for topic, time, kind, data in messages:
+            if topic not in connections:
+                qos = [rosbags_qos(one) for one in (offers or {}).get(topic, ())]
+                connections[topic] = writer.add_connection(topic, kind, typestore=STORE, offered_qos_profiles=qos)
+            writer.write(connections[topic], time, data)
+    return folder
+
+
+def rosbags_qos(qos):
+    durability = QosDurability.TRANSIENT_LOCAL if qos.is_latched else QosDurability.VOLATILE
+    forever = QosTime(9223372036, 854775807)
+    return RosbagsQos(
+        QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, durability, forever, forever, QosLiveliness.AUTOMATIC,
+        forever, False,
+    )  # fmt: skip
