@@ -19,6 +19,8 @@ MAX_BYTES = 2**20
 MAX_TEXT = 256
 """characters of one key or value"""
 _MAX_COUNT = 2**63 - 1
+_LONG = 1e10
+"""[s] three hundred years; [Hz] more than the nanoseconds of log times can tell apart"""
 _TOPIC = re.compile(r"/[A-Za-z0-9_/~{}-]+")
 _SECTIONS = ("version", "bag", "topics", "forbidden")
 R = TypeVar("R", bound=tuple[Any, ...])
@@ -27,9 +29,11 @@ R = TypeVar("R", bound=tuple[Any, ...])
 class BagRules(NamedTuple):
     """Rules of the whole bag."""
 
-    min_duration: Annotated[float, Spec("time from the first to the last message", "s", minimum=0.0)] = 0.0
+    min_duration: Annotated[float, Spec("time from the first to the last message", "s", minimum=0.0, maximum=_LONG)] = (
+        0.0
+    )
     max_duration: Annotated[
-        float, Spec("time from the first to the last message", "s", minimum=0.0, allow_inf=True)
+        float, Spec("time from the first to the last message", "s", minimum=0.0, maximum=_LONG, allow_inf=True)
     ] = math.inf
     max_lost: Annotated[int, Spec("lost messages of all topics", minimum=0, maximum=_MAX_COUNT)] = _MAX_COUNT
     only_these_topics: Annotated[bool, Spec("no topic but those under `topics`")] = False
@@ -50,27 +54,47 @@ class TopicRules(NamedTuple):
     type: Annotated[str, Spec("pkg/msg/Type")] = ""
     min_count: Annotated[int, Spec("messages", minimum=0, maximum=_MAX_COUNT)] = 0
     max_count: Annotated[int, Spec("messages", minimum=0, maximum=_MAX_COUNT)] = _MAX_COUNT
-    min_rate: Annotated[float, Spec("intervals over the time from first to last message", "Hz", minimum=0.0)] = 0.0
+    min_rate: Annotated[
+        float, Spec("intervals over the time from first to last message", "Hz", minimum=0.0, maximum=_LONG)
+    ] = 0.0
     max_rate: Annotated[
-        float, Spec("intervals over the time from first to last message", "Hz", minimum=0.0, allow_inf=True)
+        float,
+        Spec("intervals over the time from first to last message", "Hz", minimum=0.0, maximum=_LONG, allow_inf=True),
     ] = math.inf
-    max_gap: Annotated[float, Spec("time between neighbouring messages", "s", minimum=0.0, allow_inf=True)] = math.inf
+    max_gap: Annotated[
+        float, Spec("time between neighbouring messages", "s", minimum=0.0, maximum=_LONG, allow_inf=True)
+    ] = math.inf
     max_stamp_gap: Annotated[
         float,
-        Spec("step from one stamp to the next, however late they were recorded", "s", minimum=0.0, allow_inf=True),
+        Spec(
+            "step from one stamp to the next, however late they were recorded",
+            "s",
+            minimum=0.0,
+            maximum=_LONG,
+            allow_inf=True,
+        ),
     ] = math.inf
     max_start: Annotated[
-        float, Spec("from the first message of the bag to that of the topic", "s", minimum=0.0, allow_inf=True)
+        float,
+        Spec("from the first message of the bag to that of the topic", "s", minimum=0.0, maximum=_LONG, allow_inf=True),
     ] = math.inf
     max_end: Annotated[
-        float, Spec("from the last message of the topic to that of the bag", "s", minimum=0.0, allow_inf=True)
+        float,
+        Spec("from the last message of the topic to that of the bag", "s", minimum=0.0, maximum=_LONG, allow_inf=True),
     ] = math.inf
     max_lost: Annotated[int, Spec("lost messages, as `lost` of `diffbot bag info`", minimum=0, maximum=_MAX_COUNT)] = (
         _MAX_COUNT
     )
-    min_latency: Annotated[float, Spec("smallest log time minus stamp; negative: a stamp of the future", "s")] = 0.0
-    max_latency_median: Annotated[float, Spec("median of log time minus stamp", "s", allow_inf=True)] = math.inf
-    max_latency_p99: Annotated[float, Spec("99 % quantile of log time minus stamp", "s", allow_inf=True)] = math.inf
+    min_latency: Annotated[
+        float,
+        Spec("smallest log time minus stamp; negative: a stamp of the future", "s", minimum=-_LONG, maximum=_LONG),
+    ] = 0.0
+    max_latency_median: Annotated[
+        float, Spec("median of log time minus stamp", "s", minimum=-_LONG, maximum=_LONG, allow_inf=True)
+    ] = math.inf
+    max_latency_p99: Annotated[
+        float, Spec("99 % quantile of log time minus stamp", "s", minimum=-_LONG, maximum=_LONG, allow_inf=True)
+    ] = math.inf
     stamped: Annotated[bool, Spec("true: no message without a stamp other than 0")] = False
     monotone_stamps: Annotated[bool, Spec("true: no stamp before that of the message before")] = False
     reliability: Annotated[str, Spec("that every publisher offered", choices=("reliable", "best_effort"))] = "reliable"

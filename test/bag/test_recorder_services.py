@@ -126,10 +126,10 @@ def test_a_pause_is_no_loss(tmp_path, peer):
     assert numbers(tmp_path / "run", "/data") == [list(range(11, 21))]
 
 
-def test_parameters_of_all_nodes_and_the_host_are_attached(tmp_path, peer):
-    peer.node.declare_parameter("gain", 0.25)
-    peer.node.declare_parameter("names", ["a", "b"])
-    with record(tmp_path / "run") as running:
+def test_parameters_of_all_nodes_and_the_host_are_attached(tmp_path):
+    with graph.peer("asked", start_parameter_services=True) as peer, record(tmp_path / "run") as running:
+        peer.node.declare_parameter("gain", 0.25)
+        peer.node.declare_parameter("names", ["a", "b"])
         Recorder(peer, running)
         # Written at once, not only at the end: a killed recorder has them, too.
         content = b'"gain": 0.25'
@@ -138,14 +138,14 @@ def test_parameters_of_all_nodes_and_the_host_are_attached(tmp_path, peer):
     with BagReader(tmp_path / "run") as reader:
         found = reader.node_parameters()
         host = json.loads(reader.attachment("host.json"))
-    assert found["/peer"]["gain"] == 0.25
-    assert found["/peer"]["names"] == ["a", "b"]
+    assert found["/asked"]["gain"] == 0.25
+    assert found["/asked"]["names"] == ["a", "b"]
     assert found["/recorder"]["uri"] == str(tmp_path / "run")
     assert host["package"]["diffbot"]
 
 
 def test_a_node_that_does_not_answer_delays_nothing(tmp_path, peer):
-    with graph.peer("silent") as silent, record(tmp_path / "run") as running:
+    with graph.peer("silent", start_parameter_services=True) as silent, record(tmp_path / "run") as running:
         # It has the services, and nobody who spins it.
         recorder = Recorder(peer, running)
         recorder.publish(100)

@@ -45,7 +45,7 @@ AT_START = [
     ("plant", ["-p", "eps_omega_max:=1.0e+308"], ["eps_omega_max = 1e+308", ">= 0 and <= 1000"]),
     ("plant", ["-p", "clock:=sundial"], ["clock = 'sundial'", "one of wall, scaled, lockstep"]),
     ("plant", ["-p", "start_time:=3e9"], ["start_time = 3000000000.0", "<= 2e+09"]),
-    ("recorder", ["-p", "compression:=rar"], ["compression = 'rar'", "one of zstd, none"]),
+    ("recorder", ["-p", "compression:=rar"], ["compression = 'rar'", "one of zstd, lz4, none"]),
     ("replay", ["-p", "rate:=0.0"], ["rate = 0.0", ">= 1e-06 and <= 1e+06"]),
     ("controller", ["--params-file", "/nowhere/at/all.yaml"], ["invalid arguments", "/nowhere/at/all.yaml"]),
     ("controller", ["--params-file", __file__], ["invalid arguments", __file__]),

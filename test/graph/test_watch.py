@@ -1,5 +1,6 @@
 """`diffbot watch` with a simulated robot and a real browser: the goal that is drawn is sent, and the robot arrives."""
 
+import contextlib
 import math
 import signal
 import sys
@@ -15,6 +16,7 @@ from sensor_msgs.msg import PointCloud2, PointField
 
 from diffbot_bag.reader import BagReader
 from diffbot_control.ros.landmark_cloud import LandmarkPoint, fill_landmark_points
+from diffbot_core.errors import DiffbotError
 from diffbot_core.ros.node import LATCHED
 
 DIFFBOT = (sys.executable, "-m", "diffbot_lab.cli")
@@ -214,8 +216,14 @@ def test_the_record_button_writes_a_bag(page, bags):
     button.click()
     wait_for_answer(page, "recording to")
     graph.wait_for(lambda: list(bags.glob("*/*.mcap")), 15.0, "the bag")
-    # The recorder discovers topics at its polling interval; the file grows with the first chunk that is flushed.
-    graph.wait_for(lambda: sum(file.stat().st_size for file in bags.glob("*/*.mcap")) > 20_000, 20.0, "messages")
+
+    def recorded():
+        # Until the first flush, the file is empty.
+        with contextlib.suppress(DiffbotError), BagReader(next(bags.iterdir())) as reader:
+            return "/pose" in reader.topics and reader.topics["/pose"].message_count > 3
+
+    # The recorder discovers topics at its polling interval, and the file grows by what is flushed.
+    graph.wait_for(recorded, 20.0, "messages")
     button.click()
     wait_for_answer(page, "recorded /", 20.0)
     (bag,) = bags.iterdir()

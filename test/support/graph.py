@@ -177,7 +177,8 @@ class Peer:
 
         self.context = rclpy.Context()
         rclpy.init(context=self.context)
-        self.node = Node(name, context=self.context, **options)
+        # Without parameters: a recorder of the graph would ask for them, and may be gone before the answer.
+        self.node = Node(name, context=self.context, **{"start_parameter_services": False, **options})
         self._executor = executor(self.context) if executor else SingleThreadedExecutor(context=self.context)
         self._executor.add_node(self.node)
 
