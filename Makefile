@@ -48,9 +48,11 @@ compilers:
 	fi
 
 # For the tests of the page; without a browser they are left out, and the report says so.
+PATIENCE := -o Acquire::http::Timeout=20 -o Acquire::https::Timeout=20 -o Acquire::Retries=1
 browser:
 	@{ command -v chromium || command -v chromium-browser || command -v google-chrome; } >/dev/null || if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
-		echo "Installing chromium ..."; apt-get update -qq && apt-get install -y -qq --no-install-recommends chromium >/dev/null || true; \
+		echo "Installing chromium ..."; export DEBIAN_FRONTEND=noninteractive; \
+		apt-get $(PATIENCE) update -qq && apt-get $(PATIENCE) install -y -qq --no-install-recommends chromium >/dev/null || true; \
 	else \
 		echo "Without a browser the tests of the page are left out: sudo apt-get install chromium" >&2; \
 	fi

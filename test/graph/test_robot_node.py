@@ -119,8 +119,10 @@ def pair():
 
 
 def test_graph_is_that_of_two_nodes(pair):
-    expected = sorted(("controller", "ekf", "peer", "plant"))
-    pair.peer.spin_until(lambda: sorted(pair.peer.node.get_node_names()) == expected, 40.0, f"the nodes {expected}")
+    # A subset: nodes of processes that earlier tests killed stay in the middleware's graph for a while.
+    expected = {"controller", "ekf", "peer", "plant"}
+    pair.peer.spin_until(lambda: expected <= set(pair.peer.node.get_node_names()), 40.0, f"the nodes {expected}")
+    assert not [name for name in pair.peer.node.get_node_names() if "robot" in name]
     filtered = pair.peer.subscribe(Odometry, "odometry/filtered")
     pair.peer.spin_until(lambda: filtered and pair.poses, 10.0, "pose and odometry/filtered")
     pair.send_goal(*GOAL)
