@@ -13,7 +13,7 @@ Nothing here but the room ``ros`` imports ROS.
 
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.errors import BadMessageError, DiffbotError, InvalidValueError, ReplacedNameError
-from diffbot_core.geometry import Pose, into_frame, out_of_frame, wrap_angle
+from diffbot_core.geometry import Pose, into_frame, origin_of_frame, out_of_frame, wrap_angle
 from diffbot_core.kinematics import Twist, WheelGeometry, WheelSpeeds, body_twist, wheel_speeds
 from diffbot_core.schema import Spec, build, parameters_of, to_dict
 from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
@@ -35,6 +35,7 @@ __all__ = [
     "body_twist",
     "build",
     "into_frame",
+    "origin_of_frame",
     "out_of_frame",
     "parameters_of",
     "to_dict",

@@ -56,6 +56,14 @@ def out_of_frame(pose: Pose, frame: Pose) -> Pose:
     return Pose(x, y, wrap_angle(pose.theta + frame.theta))
 
 
+def origin_of_frame(inside: Pose, outside: Pose) -> Pose:
+    """Return a frame's origin from two poses of one robot: ``inside`` the frame and ``outside`` of it.
+
+    With a robot's pose in ``odom`` and in ``map``, this is the pose of ``odom`` in ``map`` (REP 105).
+    """
+    return out_of_frame(into_frame(Pose(0.0, 0.0, 0.0), inside), outside)
+
+
 def range_and_bearing(x: float, y: float, theta: float, point_x: float, point_y: float) -> tuple[float, float]:
     """Range [m] and bearing [rad], not wrapped, of a point in the frame of a robot at ``x``, ``y``, ``theta``."""
     return math.hypot(point_x - x, point_y - y), math.atan2(point_y - y, point_x - x) - theta

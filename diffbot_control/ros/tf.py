@@ -13,7 +13,7 @@ from diffbot_control.ros.message_fields import stamp_ns
 from diffbot_control.ros.messages import TFMessage, transform_message
 from diffbot_control.ros.transforms import NO_TRANSFORMS, Transforms
 from diffbot_core.errors import BadMessageError
-from diffbot_core.geometry import Pose, into_frame, out_of_frame
+from diffbot_core.geometry import Pose, origin_of_frame
 from diffbot_core.ros.qos import TRANSFORMS
 from diffbot_core.units import NS_PER_S
 
@@ -78,8 +78,7 @@ class TransformSender:
 
     def send(self, stamp: int, in_map: Pose, in_odom: Pose) -> None:
         """Send the transform from two poses of the robot at ``stamp`` [ns]: the estimate and the odometry's own."""
-        origin = into_frame(Pose(0.0, 0.0, 0.0), in_odom)  # of odom in the robot's frame
-        of_odom = out_of_frame(origin, in_map)
+        of_odom = origin_of_frame(in_odom, in_map)
         self._publisher.publish(transform_message(stamp + self._tolerance, *self._frames, of_odom))
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from diffbot_bag.reader import BagReader
 from diffbot_core.errors import DiffbotError
-from diffbot_core.geometry import Pose, into_frame, out_of_frame, yaw_of_quaternion
+from diffbot_core.geometry import Pose, origin_of_frame, out_of_frame, yaw_of_quaternion
 from diffbot_lab.metrics import GoalMetrics, goal_metrics
 
 Array = NDArray[np.float64]
@@ -98,7 +98,8 @@ def _aligned(truth: Array, odometry: Array) -> Array:
     known = truth[truth[:, 0] <= odometry[0, 0] + 1e-6]
     start = Pose(*(known[-1] if len(known) else truth[0])[1:].tolist())
     first = Pose(*odometry[0, 1:].tolist())
-    moved = [out_of_frame(into_frame(Pose(*row), first), start) for row in odometry[:, 1:].tolist()]
+    origin = origin_of_frame(first, start)
+    moved = [out_of_frame(Pose(*row), origin) for row in odometry[:, 1:].tolist()]
     return np.column_stack((odometry[:, 0], np.array(moved)))
 
 

@@ -107,7 +107,7 @@ def errors_of(estimates: list[Estimate], truth: Trajectory) -> Errors:
 
 
 def errors_at(stamps: NDArray[np.int64], poses: Array, P: Array, truth: Trajectory) -> Errors:
-    """Do the same with columns.
+    """Compare columns of estimates with the true poses, as :func:`errors_of` does.
 
     Args:
         stamps: (n,) [ns] of the estimates, in order.

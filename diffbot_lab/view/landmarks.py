@@ -25,7 +25,7 @@ MAX_LANDMARKS = 500
 MAX_MEASUREMENTS = 1_000_000
 """of a bag; later ones are left out"""
 MAX_VISITS = 5000
-"""intervals in which the landmarks of a robot are in view; shorter pauses are closed until they are no more"""
+"""most intervals in which landmarks are in view, of one robot; if there are more, short pauses are ignored"""
 
 
 class Measured(NamedTuple):

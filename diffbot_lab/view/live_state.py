@@ -20,7 +20,7 @@ COLUMNS: dict[str, tuple[str, ...]] = {
     "law": ("t", "rho", "alpha", "beta", "eps_P", "region", "V"),
     "filter": ("t", *FILTER_COLUMNS),
 }
-"""Of the live curves."""
+"""Columns of each live curve, by its name."""
 EVENTS, HISTORY = 500, 6000
 """Number of events, and of rows of each path, that a browser gets when it connects: ten minutes at 10 Hz."""
 _HISTORY_PERIOD = 0.1 - 1e-6

@@ -89,7 +89,7 @@ class PlanEnd:
         self._is_on_path = False
 
     def is_over(self, values: Mapping[str, str]) -> bool:
-        """Return whether the path that was followed until the last status has ended with this one."""
+        """Take the values of the next status; return whether a path was followed before it and is no longer."""
         was, self._is_on_path = self._is_on_path, "waypoint" in values
         return was and not self._is_on_path
 

@@ -72,6 +72,6 @@ def _unshare(found: dict[str, dict[str, str]]) -> None:
 
 
 def _foreign(types: Mapping[str, str]) -> list[RobotTopics]:
-    """Take each odometry or pose of a robot with other names as a robot called like the topic."""
+    """Return one robot for each odometry or pose topic of an unknown name, named like the topic."""
     role_of = {ODOMETRY: "odometry", POSE: "estimate", POSE_STAMPED: "truth"}
     return [RobotTopics(topic, {role_of[kind]: topic}) for topic, kind in sorted(types.items()) if kind in role_of]

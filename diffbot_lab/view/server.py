@@ -62,7 +62,7 @@ class _Browser:
         self.bad = 0
 
     def reply(self, text: str, level: int) -> None:
-        """Answer with the next message; older answers give way."""
+        """Queue an answer for the next message; of too many, the oldest are dropped."""
         self.answers.append({"type": "answer", "text": text, "level": level})
 
 

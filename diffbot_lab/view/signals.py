@@ -7,7 +7,7 @@ from scipy.special import chdtri
 
 from diffbot_bag.cdr import LABELLED
 from diffbot_core.errors import DiffbotError
-from diffbot_core.geometry import MAX_COORDINATE, Pose, into_frame, out_of_frame
+from diffbot_core.geometry import MAX_COORDINATE, Pose, origin_of_frame
 from diffbot_core.units import S_PER_NS
 from diffbot_lab.refilter.comparison import MAX_VAR_THETA, Errors, errors_at, nees_of
 from diffbot_lab.trajectory import Trajectory
@@ -63,7 +63,7 @@ def curves_of(robot: RobotTables, clock: Clock) -> dict[str, Columns]:
 
 
 def _checked(table: Table) -> Table:
-    """Leave out rows with poses or velocities that no robot has; of the law, with times that are none."""
+    """Leave out rows beyond MAX_COORDINATE and, of the law, rows at an impossible time."""
     with np.errstate(invalid="ignore"):
         limits = (_LATEST, MAX_COORDINATE) if table.type == LABELLED else (MAX_COORDINATE, MAX_COORDINATE)
         good = (np.abs(table.numbers[:, :2]) <= limits).all(axis=1)
@@ -150,8 +150,7 @@ def _align(odometry: Columns, reference: Columns | None) -> None:
     start = Pose(*(float(reference[name][index]) for name in ("x", "y", "theta")))
     at = min(int(np.searchsorted(odometry["t"], reference["t"][index])), len(odometry["t"]) - 1)
     first = Pose(*(float(odometry[name][at]) for name in ("x", "y", "theta")))
-    # The pose of odometry's origin in the frame of the reference.
-    origin = out_of_frame(into_frame(Pose(0.0, 0.0, 0.0), first), start)
+    origin = origin_of_frame(first, start)
     c, s = np.cos(origin.theta), np.sin(origin.theta)
     x, y = odometry["x"], odometry["y"]
     odometry["x"], odometry["y"] = origin.x + c * x - s * y, origin.y + s * x + c * y

@@ -33,7 +33,7 @@ from diffbot_lab.watch.ros.robot_watch import RobotWatch, SharedClock
 
 _LOOK_PERIOD = 1.0
 _OUTDATED, _STALE = 5.0, 3
-"""[s] after which a diagnosis, which comes once a second, is no longer valid; level of such a one"""
+"""[s] without a new diagnosis, due once a second, after which the last one is shown as stale; the level STALE"""
 MAX_NODES = 100
 """whose diagnoses are shown"""
 

@@ -132,7 +132,11 @@ _settings: Any = numba.config
 
 @contextlib.contextmanager
 def one_compiler(version: str) -> Iterator[None]:
-    """Compile a version in one process at a time while the ``with`` block lasts: the others find it in the cache."""
+    """Let one process at a time into the ``with`` block, where it compiles; the next ones find the result in the cache.
+
+    Args:
+        version: of what is compiled, as for :func:`compile_kernel`; different versions do not wait for each other.
+    """
     folder = Path(_cache_folder(), version)
     try:
         folder.mkdir(parents=True, exist_ok=True)

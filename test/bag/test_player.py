@@ -79,7 +79,7 @@ def test_a_pause_holds_everything_back_and_a_step_sends_one():
         run.player.pause()
         assert run.player.progress().is_paused
         before = len(run.sent)
-        assert not graph_changes(lambda: len(run.sent) > before + 1, 0.1)
+        assert not graph.comes_true(lambda: len(run.sent) > before + 1, 0.1)
         before = len(run.sent)
         assert run.player.step()
         graph.wait_for(lambda: len(run.sent) == before + 1, what="the step")
@@ -93,17 +93,9 @@ def test_a_pause_holds_everything_back_and_a_step_sends_one():
     assert [int(data) for _, data in run.sent] == list(range(len(run.sent)))
 
 
-def graph_changes(condition, duration):
-    """Return whether a condition becomes true within ``duration`` [s]."""
-    try:
-        return graph.wait_for(condition, duration)
-    except AssertionError:
-        return False
-
-
 def test_a_paused_start_sends_nothing_until_resumed():
     with Run(messages(3), start_paused=True) as run:
-        assert not graph_changes(lambda: run.sent, 0.1)
+        assert not graph.comes_true(lambda: run.sent, 0.1)
         assert run.player.toggle_paused() is False
         assert len(run.end()) == 3
         assert not run.player.step()
@@ -119,7 +111,7 @@ def test_a_step_that_found_nothing_is_not_made_later():
     with Run(slow, start_paused=True) as run:
         assert not run.player.step(timeout=0.02)
         release.set()
-        assert not graph_changes(lambda: run.sent, 0.1)
+        assert not graph.comes_true(lambda: run.sent, 0.1)
 
 
 def test_stop_ends_a_long_wait_at_once():
@@ -191,7 +183,7 @@ def test_reading_ahead_keeps_order_and_bound(size):
         assert next(iterator).data == b"0"
         # Let it read as far as it wants to.
         graph.wait_for(lambda: len(drawn) >= min(size, 3000), what="reading ahead")
-        assert not graph_changes(lambda: len(drawn) > size + 150, 0.05)
+        assert not graph.comes_true(lambda: len(drawn) > size + 150, 0.05)
         assert [message.data for message in iterator] == [b"%d" % index for index in range(1, 3000)]
 
 

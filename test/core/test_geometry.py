@@ -13,6 +13,7 @@ from diffbot_core.geometry import (
     TWO_PI,
     Pose,
     into_frame,
+    origin_of_frame,
     out_of_frame,
     quaternion_of_yaw,
     wrap_angle,
@@ -89,6 +90,13 @@ def test_wrapping_at_the_edges(angle, wrapped):
 
 def test_wrapping_keeps_nan():
     assert math.isnan(wrap_angle(math.nan))
+
+
+@CHECK
+@given(POSES, POSES)
+def test_origin_of_frame_is_the_matrix_outside_times_the_inverse_inside(inside, outside):
+    expected = matrix(outside) @ np.linalg.inv(matrix(inside))
+    assert_same_pose(origin_of_frame(inside, outside), expected, 1e-7)
 
 
 def test_into_frame_by_hand():

@@ -90,6 +90,16 @@ def recording(driving, folder):
     return context, lambda: reports and int(graph.values(reports[-1]).get("messages", 0)) >= 10
 
 
+def recordings(driving, running, folder):
+    """Yield a recorder with ten true poses and the folder of its bag, for each trial."""
+    for number in running:
+        bag = folder / f"bag_{number}"
+        context, has_recorded = recording(driving, bag)
+        with context as recorder:
+            driving.peer.spin_until(has_recorded, 20.0, "ten messages in the bag")
+            yield recorder, bag
+
+
 def true_poses(folder):
     """Return the true poses in a bag that may be unfinished, with their times of receipt [ns]."""
     found = []
@@ -107,37 +117,28 @@ def true_poses(folder):
 def test_killed_recorder_leaves_the_robot_driving_and_a_readable_bag(driving, trials, seeded, tmp_path):
     driving.drive()
     with trials("kill recorder") as running:
-        for number in running:
-            folder = tmp_path / f"killed_{number}"
-            context, has_recorded = recording(driving, folder)
-            with context as recorder:
-                driving.peer.spin_until(has_recorded, 20.0, "ten messages in the bag")
-                driving.wait(seeded)
-                since, wall = time.monotonic(), time.time_ns()
-                recorder.send(signal.SIGKILL)
-                recorder.wait()
-                driving.until_moving()
-                stopped = [value for at, value in driving.commands if at >= since and value == (0.0, 0.0)]
-                running.measure((wall - true_poses(folder)[-1][0]) * 1e-9, since, kept=not stopped)
-                assert "Traceback" not in recorder.output
+        for recorder, bag in recordings(driving, running, tmp_path):
+            driving.wait(seeded)
+            since, wall = time.monotonic(), time.time_ns()
+            recorder.send(signal.SIGKILL)
+            recorder.wait()
+            driving.until_moving()
+            stopped = [value for at, value in driving.commands if at >= since and value == (0.0, 0.0)]
+            running.measure((wall - true_poses(bag)[-1][0]) * 1e-9, since, kept=not stopped)
+            assert "Traceback" not in recorder.output
 
 
 def test_held_up_recorder_counts_what_it_missed(driving, trials, tmp_path):
     driving.drive()
     with trials("stop recorder") as running:
-        for number in running:
-            folder = tmp_path / f"stopped_{number}"
-            context, has_recorded = recording(driving, folder)
-            with context as recorder:
-                driving.peer.spin_until(has_recorded, 20.0, "ten messages in the bag")
-                recorder.send(signal.SIGSTOP)
-                driving.peer.spin_for(2.0)
-                recorder.send(signal.SIGCONT)
-                driving.until_moving()
-                assert recorder.stop() == 0
-                output = recorder.output
-            lost = int(re.search(r"(\d+) lost", output)[1])
-            stamps = [stamp(truth) for _, truth in true_poses(folder)]
+        for recorder, bag in recordings(driving, running, tmp_path):
+            recorder.send(signal.SIGSTOP)
+            driving.peer.spin_for(2.0)
+            recorder.send(signal.SIGCONT)
+            driving.until_moving()
+            assert recorder.stop() == 0
+            lost = int(re.search(r"(\d+) lost", recorder.output)[1])
+            stamps = [stamp(truth) for _, truth in true_poses(bag)]
             expected = round((stamps[-1] - stamps[0]) / (PERIOD * 1e9)) + 1
             assert expected >= 20
             running.add(kept=len(stamps) + lost == expected)

@@ -3,6 +3,7 @@
 import itertools
 import math
 import re
+import statistics
 import sys
 import time
 
@@ -67,18 +68,16 @@ def test_flood_of_goals_leaves_the_control_period(observed, trials, pytestconfig
         )
         for _ in running:
             witness.drive()
-            since = time.monotonic()
             with graph.process(*command) as flood:
                 witness.peer.spin_until(
                     lambda process=flood: process.popen.poll() is not None, 120.0, "the flood's end"
                 )
                 quiet, loaded = (control_periods(sent, flood.output, kind) for kind in ("pause", "flood"))
                 goals = sum(map(int, re.findall(r"flood \d+ \d+ (\d+)", flood.output)))
-            assert min(len(quiet), len(loaded)) >= 7 * seconds * times, "the robot drives"
-            ratio = p99(loaded) / p99(quiet)
+            assert min(len(quiet), len(loaded)) >= 5 * seconds * times, "the robot drives"
             # Of few periods the 99th percentile is the largest one, which a single delay by the scheduler decides.
-            delay = 0.0 if full else running.delay(since) / p99(quiet)
-            running.add(ratio, delay, kept=goals >= 0.9 * FLOOD_RATE * seconds * times)
+            typical = p99 if full else statistics.median
+            running.add(typical(loaded) / typical(quiet), kept=goals >= 0.9 * FLOOD_RATE * seconds * times)
 
 
 def test_second_controller_on_cmd_vel_is_an_error_that_names_it(observed, trials):

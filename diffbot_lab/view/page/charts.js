@@ -236,7 +236,13 @@ export class Chart {
     const every = roundStep((scale.t1 - scale.t0) / 4);
     for (let k = Math.ceil(scale.t0 / every); k * every <= scale.t1; k += 1) {
       const x = scale.x(k * every);
-      if (x > LEFT + 12 && x < scale.width - 16) context.fillText(`${+(k * every).toFixed(3)} s`, x, HEIGHT - 3);
+      if (x <= LEFT + 12 || x >= scale.width - 16) continue;
+      const label = `${+(k * every).toFixed(3)} s`;
+      const width = context.measureText(label).width + 4;
+      context.fillStyle = colours.panel; // so that no line runs through the label
+      context.fillRect(x - width / 2, HEIGHT - 13, width, 13);
+      context.fillStyle = colours.faint;
+      context.fillText(label, x, HEIGHT - 3);
     }
   }
 

@@ -1,1 +1,1 @@
-"""What of the live page speaks ROS."""
+"""The ROS side of the live page: subscriptions of a robot, and requests to it."""

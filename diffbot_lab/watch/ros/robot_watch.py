@@ -18,7 +18,7 @@ from diffbot_bag.cdr import CdrError
 from diffbot_control.ros.message_bytes import read_odometry, read_pose
 from diffbot_control.ros.message_fields import pose_of, stamp_ns, twist_from
 from diffbot_core.errors import BadMessageError
-from diffbot_core.geometry import Pose, into_frame, out_of_frame
+from diffbot_core.geometry import Pose, origin_of_frame, out_of_frame
 from diffbot_core.ros.node import LATCHED, QUEUE, DiffbotNode
 from diffbot_core.ros.qos import SENSOR
 from diffbot_core.units import S_PER_NS
@@ -56,7 +56,7 @@ class RobotWatch:
     def __init__(
         self, node: DiffbotNode[WatchConfig], name: str, namespace: str, state: LiveState, clock: SharedClock
     ) -> None:
-        """Subscribe; what comes goes to ``state`` as the robot ``name``."""
+        """Subscribe, and put what is received into ``state`` under the robot's ``name``."""
         self._node, self._name, self._state, self._clock = node, name, state, clock
         self._prefix = f"/{namespace.strip('/')}" if namespace.strip("/") else ""
         self._events = EventMaker(self._prefix)
@@ -135,8 +135,8 @@ class RobotWatch:
         pose, twist = pose_of(message.pose.pose), twist_from(message.twist.twist)
         time = self._clock.of(stamp_ns(message.header.stamp))
         if self._odometry_origin is None and self._estimate is not None:
-            # From here on odometry alone: what the filter adds is the distance between both.
-            self._odometry_origin = out_of_frame(into_frame(Pose(0.0, 0.0, 0.0), pose), self._estimate)
+            # Fixed from the first estimate on, so that the two paths part as the odometry drifts.
+            self._odometry_origin = origin_of_frame(pose, self._estimate)
         if self._odometry_origin is not None:
             pose = out_of_frame(pose, self._odometry_origin)
         if self._estimate is None:
