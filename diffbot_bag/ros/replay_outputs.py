@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import threading
-import time
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, NamedTuple
 
@@ -19,6 +18,7 @@ from diffbot_bag.metadata import Topic
 from diffbot_bag.playback_clock import SECOND
 from diffbot_bag.qos import Qos, to_offer
 from diffbot_bag.reader import RawMessage
+from diffbot_bag.ros.patient_outputs import BoundedOutput, KeepingOutput
 from diffbot_bag.subscribers import POLL, SETTLE, wait_for_subscribers, wait_until_acknowledged
 from diffbot_core.errors import DiffbotError
 from diffbot_core.ros.node import QUEUE
@@ -51,26 +51,15 @@ class ReplayOutputs:
             naming: names and QoS.
             stop: ends all waiting when set.
         """
-        self._node, self._stop, self._patience = node, stop, naming.patience
+        self._node, self._topics, self._naming, self._stop = node, topics, naming, stop
         self.latched: set[str] = set()
         """Topics whose last message is kept for late subscribers, by their names in the bag."""
         self._publishers: dict[str, Any] = {}
-        self._room: dict[str, int] = {}
-        self._unacknowledged: dict[str, int] = {}
-        share = max(1, naming.max_unacknowledged // max(1, len(topics)))
+        self._patient: dict[str, KeepingOutput | BoundedOutput] = {}
+        self._share = max(1, naming.max_unacknowledged // max(1, len(topics)))
         for name, topic in topics.items():
-            offer = naming.overrides.get(name) or to_offer(topic.qos)
-            if naming.max_unacknowledged:
-                offer = bounded(offer, share)
-                self._room[name] = min(offer.depth, share)
-            elif (offer.reliability, offer.durability) == ("reliable", "volatile") and naming.patience >= 0.0:
-                self._room[name] = offer.depth
             try:
-                kind = ros_conversions.message_class(topic.type)
-                profile = ros_conversions.to_ros(offer)
-                self._publishers[name] = node.create_publisher(kind, naming.remap.get(name, name), profile)
-                if offer.is_latched:
-                    self.latched.add(name)
+                self._create(topic, naming.overrides.get(name) or to_offer(topic.qos))
             except (DiffbotError, InvalidTopicNameException) as error:
                 reason = shown(" ".join(str(error).split()))
                 node.get_logger().warning(f"{shown(name)} is not played: {reason}")
@@ -80,29 +69,45 @@ class ReplayOutputs:
         """The topics that are published, by their names in the bag."""
         return self._publishers.keys()
 
+    def _create(self, topic: Topic, offer: Qos) -> None:
+        naming, share = self._naming, self._share
+        if naming.max_unacknowledged:
+            offer = bounded(offer, share)
+            publisher = self._publish_as(topic, offer)
+            self._patient[topic.name] = BoundedOutput(publisher, min(offer.depth, share), self._stop)
+        elif (offer.reliability, offer.durability) == ("reliable", "volatile") and naming.patience >= 0.0:
+            publisher = self._publish_as(topic, offer._replace(history="keep_all"))
+            self._patient[topic.name] = KeepingOutput(publisher, naming.patience, self._stop)
+        else:
+            self._publish_as(topic, offer)
+        if offer.is_latched:
+            self.latched.add(topic.name)
+
+    def _publish_as(self, topic: Topic, offer: Qos) -> Any:
+        kind = ros_conversions.message_class(topic.type)
+        name = self._naming.remap.get(topic.name, topic.name)
+        publisher = self._node.create_publisher(kind, name, ros_conversions.to_ros(offer))
+        self._publishers[topic.name] = publisher
+        return publisher
+
     def send(self, message: RawMessage) -> None:
         """Publish a message, when there is room for it; without effect once the replay is to stop."""
         name = message.topic
-        publisher = self._publishers[name]
-        if name in self._room:
-            if self._unacknowledged.get(name, 0) >= self._room[name]:
-                self._wait_for_room(name, publisher)
-                if self._stop.is_set():
-                    return
-            self._unacknowledged[name] = self._unacknowledged.get(name, 0) + 1
-        publisher.publish(message.data)
+        patient = self._patient.get(name)
+        if patient is None:
+            self._publishers[name].publish(message.data)
+        elif not patient.send(message.data):
+            self._wait_no_more(name)
+            self._publishers[name].publish(message.data)
 
-    def _wait_for_room(self, name: str, publisher: Any) -> None:
-        """Wait until all messages of a topic are acknowledged, or give that up for good after the longest wait."""
-        deadline = time.monotonic() + self._patience
-        # A full history makes DDS ask for acknowledgement at once, and not only at its next heartbeat.
-        while not publisher.wait_for_all_acked(Duration(seconds=POLL)) and not self._stop.is_set():
-            if time.monotonic() >= deadline:
-                text = f"{shown(name)}: not acknowledged after {self._patience:g} s, messages may be lost from now on"
-                self._node.get_logger().warning(text)
-                del self._room[name]
-                break
-        self._unacknowledged[name] = 0
+    def _wait_no_more(self, name: str) -> None:
+        """From now on the topic keeps its last messages alone."""
+        text = f"{shown(name)}: not acknowledged after {self._naming.patience:g} s, messages may be lost from now on"
+        self._node.get_logger().warning(text)
+        topic = self._topics[name]
+        del self._patient[name]
+        self._node.destroy_publisher(self._publishers[name])
+        self._publish_as(topic, self._naming.overrides.get(name) or to_offer(topic.qos))
 
     def wait_for_subscribers(self, named: Collection[str], timeout: float) -> set[str]:
         """Wait until the named topics, or all if none is, have a subscriber; return those of them without one."""

@@ -195,6 +195,23 @@ def test_merged_bags_as_fast_as_a_slow_subscriber_takes_them(peer, tmp_path):
     assert [x for topic, x in slow.messages if topic == "/b"] == [index + 0.5 for index in range(2000)]
 
 
+@pytest.mark.parametrize(("pause", "count", "wait_acked_timeout"), [(0.0, 6000, 60.0), (2.0, 12_000, 0.3)])
+def test_faster_than_dds_nothing_is_lost_and_a_subscriber_that_takes_nothing_is_named(
+    peer, tmp_path, pause, count, wait_acked_timeout
+):
+    # DDS keeps 5000 messages on either side.
+    path = write_mcap(tmp_path / "run.mcap", [("/a", BEGIN + index * MS, point(index)) for index in range(count)])
+    with SlowSubscriber(peer, ("/a",), pause) as slow:
+        with replay(path, {"rate": 20.0, "wait_acked_timeout": wait_acked_timeout}) as running:
+            assert running.wait(3 * PATIENCE) == 0
+            assert f"{count} messages in " in running.output
+            named = f"/a: not acknowledged after {wait_acked_timeout:g} s, messages may be lost from now on"
+            assert (named in running.output) == (pause > 0.0)
+        if pause == 0.0:
+            graph.wait_for(lambda: len(slow.messages) == count, PATIENCE, "all messages")
+            assert [x for _, x in slow.messages] == list(range(count))
+
+
 def test_qos_overrides_are_offered(peer, bag, tmp_path):
     (tmp_path / "qos.yaml").write_text(
         "/a: {reliability: best_effort, deadline: {sec: 2, nsec: 0}}\n/map: {durability: volatile}\n"

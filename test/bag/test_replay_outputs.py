@@ -1,6 +1,7 @@
 """Sending with a bound: no message is overwritten before it is acknowledged, and no wait is without an end."""
 
 import threading
+import time
 
 import pytest
 from bag_makers import BEGIN, point
@@ -8,21 +9,31 @@ from bag_makers import BEGIN, point
 from diffbot_bag.metadata import Topic
 from diffbot_bag.qos import REPLAY_DEPTH, Qos
 from diffbot_bag.reader import RawMessage
+from diffbot_bag.ros.patient_outputs import RCLError
 from diffbot_bag.ros.replay_outputs import Naming, ReplayOutputs
+
+ROOM = 5000
+"""messages that Fast DDS keeps of a history without a depth"""
 
 
 class FakePublisher:
-    """Keeps as many messages as its QoS says; acknowledges them after some polls, or never."""
+    """Keeps as many messages as its QoS says; acknowledges them after some polls or refusals, or never."""
 
     def __init__(self, profile, polls):
         self.profile, self.polls, self._left = profile, polls, polls
-        self.sent, self.kept, self.lost = [], 0, 0
+        self.sent, self.kept, self.lost, self.destroyed = [], 0, 0, False
 
     def publish(self, data):
+        assert not self.destroyed
+        if self.profile.history.name == "KEEP_ALL":
+            if self.kept == ROOM:
+                time.sleep(0.03)
+                self.wait_for_all_acked(None)
+                raise RCLError("no room")
+        elif self.kept == self.profile.depth:
+            self.kept, self.lost = self.kept - 1, self.lost + 1
         self.sent.append(data)
         self.kept += 1
-        if self.kept > self.profile.depth:
-            self.kept, self.lost = self.profile.depth, self.lost + 1
 
     def wait_for_all_acked(self, _timeout):
         self._left -= 1
@@ -35,10 +46,15 @@ class FakePublisher:
 class FakeNode:
     def __init__(self, polls=3):
         self.publishers, self.warnings, self._polls = {}, [], polls
+        self.destroyed = []
 
     def create_publisher(self, _kind, name, profile):
         self.publishers[name] = FakePublisher(profile, self._polls)
         return self.publishers[name]
+
+    def destroy_publisher(self, publisher):
+        publisher.destroyed = True
+        self.destroyed.append(publisher)
 
     def get_logger(self):
         return self
@@ -77,32 +93,54 @@ def test_with_a_bound_nothing_is_overwritten_before_it_is_acknowledged(bound):
     assert outputs.latched == {"/map"}
 
 
-def test_in_time_a_reliable_topic_waits_for_its_whole_history():
+def test_in_time_a_reliable_topic_waits_for_room():
     node = FakeNode()
     outputs = ReplayOutputs(node, TOPICS, Naming({}, {}, 0, 5.0), threading.Event())
-    send(outputs, "/a", 2 * REPLAY_DEPTH + 5)
-    assert (len(node.publishers["/a"].sent), node.publishers["/a"].lost) == (2 * REPLAY_DEPTH + 5, 0)
-    # Best effort: nobody acknowledges.
+    send(outputs, "/a", 2 * ROOM + 5)
+    assert (node.publishers["/a"].sent, node.publishers["/a"].lost) == ([point(i) for i in range(2 * ROOM + 5)], 0)
+    # Best effort: nobody acknowledges. Latched: the last ones are kept for those who come later.
     send(outputs, "/b", 2 * REPLAY_DEPTH)
     assert node.publishers["/b"].lost == REPLAY_DEPTH
+    send(outputs, "/map", 3)
+    assert node.publishers["/map"].lost == 2
     assert not node.warnings
 
 
-@pytest.mark.parametrize(("patience", "warnings"), [(0.02, 1), (-1.0, 0)])
-def test_a_subscriber_that_never_acknowledges_delays_once(patience, warnings):
+def test_a_subscriber_that_never_acknowledges_delays_once():
     node = FakeNode(polls=10**9)
-    naming = Naming({}, {"/a": Qos("keep_last", 10)}, 0, patience)
-    outputs = ReplayOutputs(node, {"/a": TOPICS["/a"]}, naming, threading.Event())
-    send(outputs, "/a", 100)
-    assert len(node.publishers["/a"].sent) == 100
-    assert len(node.warnings) == warnings
-    assert all(text.startswith("/a: not acknowledged after 0.02 s") for text in node.warnings)
+    outputs = ReplayOutputs(node, {"/a": TOPICS["/a"]}, Naming({"/a": "/b"}, {}, 0, 0.1), threading.Event())
+    send(outputs, "/a", ROOM + 100)
+    (first,), second = node.destroyed, node.publishers["/b"]
+    assert first.sent + second.sent == [point(index) for index in range(ROOM + 100)]
+    assert second.profile.history.name == "KEEP_LAST"
+    (warning,) = node.warnings
+    assert warning == "/a: not acknowledged after 0.1 s, messages may be lost from now on"
 
 
-def test_the_stop_ends_a_wait_without_end():
+def test_without_patience_the_recorded_depth_decides():
+    node = FakeNode(polls=10**9)
+    naming = Naming({}, {"/a": Qos("keep_last", 10)}, 0, -1.0)
+    send(ReplayOutputs(node, {"/a": TOPICS["/a"]}, naming, threading.Event()), "/a", 100)
+    assert (len(node.publishers["/a"].sent), node.publishers["/a"].lost, node.warnings) == (100, 90, [])
+
+
+def test_what_cannot_be_published_for_another_reason_is_an_error():
+    node = FakeNode()
+    outputs = ReplayOutputs(node, TOPICS, Naming({}, {}, 0, 5.0), threading.Event())
+
+    def broken(_data):
+        raise RCLError("the context is gone")
+
+    node.publishers["/a"].publish = broken
+    with pytest.raises(RCLError, match="gone"):
+        send(outputs, "/a", 1)
+
+
+@pytest.mark.parametrize(("bound", "room"), [(5, 5), (0, ROOM)])
+def test_the_stop_ends_a_wait_without_end(bound, room):
     stop = threading.Event()
-    outputs = ReplayOutputs(FakeNode(polls=10**9), {"/a": TOPICS["/a"]}, Naming({}, {}, 5), stop)
-    send(outputs, "/a", 5)
+    outputs = ReplayOutputs(FakeNode(polls=10**9), {"/a": TOPICS["/a"]}, Naming({}, {}, bound), stop)
+    send(outputs, "/a", room)
     thread = threading.Thread(target=send, args=(outputs, "/a", 3))
     thread.start()
     stop.set()
