@@ -28,6 +28,13 @@ collect_ignore = list(LEFT_OUT)
 STUDIES = ("lab/benchmark", "lab/campaign", "lab/paper", "lab/stability", "sim/compiled", "project/test_docs.py")
 
 
+@pytest.fixture(scope="module", autouse=True)
+def domain():
+    """Give each file a graph of its own: processes that were killed linger in theirs until DDS forgets them."""
+    with graph.private_domain() as number:
+        yield number
+
+
 def pytest_addoption(parser):
     """Add the options of the fault suite (test/faults)."""
     group = parser.getgroup("faults")

@@ -101,8 +101,10 @@ class GoalClient(Node):  # type: ignore[misc]
             frame: of goals without a frame, and of the poses in the feedback.
             restart_timeout: [s] for which a controller may be away before its goals are LOST; longer for one that
                 is started again and resumes its goal.
-            node_options: options of rclpy's Node, such as ``context``.
+            node_options: options of rclpy's Node, such as ``context``. Services for its parameters, which it does not
+                have, are left out unless ``start_parameter_services`` asks for them.
         """
+        node_options.setdefault("start_parameter_services", False)
         super().__init__(node_name, namespace=namespace or None, **node_options)
         self.controller, self.frame = controller, frame
         self.task = Task()

@@ -107,13 +107,15 @@ def make_loop(law: Law) -> Callable[[Case, int, int, Pose, Any], Outcome]:
         state, memory, totals = new_plant(start), new_memory(case.controller), new_totals()
         answer = LawState(OMEGA_G, False)
         feedback = Feedback(new_sensed(case.filter, case.late_steps), start, False)
+        # Without the law's configuration, whose type would have the filter compiled again for each law.
+        robot = Robot(case.plant, case.sensors, case.filter, case.landmarks)
         for index in range(case.steps + 1):
             key = NoiseKey(seed, run, index)
-            feedback = _observe(case, key, state, feedback)
+            feedback = observe(case.feedback, robot, key, state, feedback)
             command = Twist(0.0, 0.0)
             if feedback.known:
                 dt = t_s if index > 0 else 0.0
-                estimate = Estimate(feedback.pose, _uncertainty(case, feedback))
+                estimate = Estimate(feedback.pose, _uncertainty(case.feedback, feedback.sensed.track))
                 memory, command, report = step(memory, estimate, case.goal, dt, case.controller)
                 answer = LawState(report.region, memory.reached)
                 if case.literal_rear and not in_front(report.alpha):
@@ -133,34 +135,28 @@ run_loop = make_loop(SwitchingLaw)
 """One run under this project's law."""
 
 
-def _uncertainty(case: Case, feedback: Feedback) -> Uncertainty:
+def _uncertainty(kind: int, track: Track | None) -> Uncertainty:
     """Return the standard deviations of the estimate; a fix and the true pose come without any."""
-    if case.feedback != EKF:
-        return Uncertainty(0.0, 0.0)
-    return _deviations(feedback.sensed.track)
-
-
-def _deviations(track: Track | None) -> Uncertainty:
-    if track is None:
+    if track is None or kind != EKF:
         return Uncertainty(0.0, 0.0)
     P = track.belief.P
     return Uncertainty(largest_deviation(P.xx, P.xy, P.yy), math.sqrt(max(P.tt, 0.0)))
 
 
-def _observe(case: Case, key: NoiseKey, state: PlantState, feedback: Feedback) -> Feedback:
+def observe(kind: int, robot: Robot, key: NoiseKey, state: PlantState, feedback: Feedback) -> Feedback:
     """Sense and filter."""
-    if case.feedback == TRUTH:
+    if kind == TRUTH:
         return Feedback(feedback.sensed, state.pose, True)
-    if case.feedback == RAW:
-        return _newest_fix(feedback.sensed.record, case, key, state, feedback)
-    return _filtered(feedback.sensed.track, case.filter, case, key, state, feedback.sensed)
+    if kind == RAW:
+        return _newest_fix(feedback.sensed.record, robot, key, state, feedback)
+    return _filtered(feedback.sensed.track, robot, key, state, feedback.sensed)
 
 
 def _newest_fix(
-    record: LateRecord | None, case: Case, key: NoiseKey, state: PlantState, feedback: Feedback
+    record: LateRecord | None, robot: Robot, key: NoiseKey, state: PlantState, feedback: Feedback
 ) -> Feedback:
     """Return the fix that arrived last; numba leaves out the branch behind an argument that is None by its type."""
-    sensors, sensed, t_s = case.sensors, feedback.sensed, case.plant.sampling_time
+    sensors, sensed, t_s = robot.sensors, feedback.sensed, robot.plant.sampling_time
     if record is not None:
         errors = record_step(record, sensed.errors, key, state, t_s, sensors)
         pose, known = arrived_fix(record, key.step, feedback.pose, feedback.known)
@@ -174,13 +170,11 @@ def _newest_fix(
     return Feedback(after, fix.pose, True)
 
 
-def _filtered(
-    track: Track | None, options: FilterOptions | None, case: Case, key: NoiseKey, state: PlantState, sensed: Sensed
-) -> Feedback:
+def _filtered(track: Track | None, robot: Robot, key: NoiseKey, state: PlantState, sensed: Sensed) -> Feedback:
     """Sense and filter; numba leaves out the branch behind an argument that is None by its type."""
-    if track is None or options is None:
+    if track is None:
         return Feedback(sensed, state.pose, False)
-    sensed = sense(sensed, key, state, Robot(case.plant, case.sensors, options, case.landmarks))
+    sensed = sense(sensed, key, state, robot)
     return _feedback_of(sensed, sensed.track)
 
 

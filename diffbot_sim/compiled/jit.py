@@ -137,6 +137,23 @@ def one_compiler(version: str) -> Iterator[None]:
     Args:
         version: of what is compiled, as for :func:`compile_kernel`; different versions do not wait for each other.
     """
+    with _locked(version), _cache_in(_cache_folder()):
+        yield
+
+
+@contextlib.contextmanager
+def _cache_in(folder: str) -> Iterator[None]:
+    """Have numba use a cache folder in the ``with`` block."""
+    # Set here and not in the environment, which numba reads only at its first import, possibly by other code.
+    usual, _settings.CACHE_DIR = _settings.CACHE_DIR, folder
+    try:
+        yield
+    finally:
+        _settings.CACHE_DIR = usual
+
+
+@contextlib.contextmanager
+def _locked(version: str) -> Iterator[None]:
     folder = Path(_cache_folder(), version)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -149,25 +166,30 @@ def one_compiler(version: str) -> Iterator[None]:
         yield
 
 
-def make_callable(function: Any, *, inline: bool = True) -> None:
+def make_callable(function: Any, *, inline: bool = True, kept: bool = False) -> None:
     """Let compiled code call a pure function.
 
     Args:
         function: to be called. It gets no wrappers, since only compiled code calls it.
         inline: put it into its callers: the parts of a case stay in registers, which more than doubles the speed of the
             loop.
+        kept: keep what is compiled for other kernels and processes; its callers must be compiled by
+            :func:`one_compiler`, which sets the folder for that.
     """
     if function not in _registered:
         _registered.add(function)
-        register_jitable(forceinline=inline, no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
+        register_jitable(forceinline=inline, no_cpython_wrapper=True, no_cfunc_wrapper=True, cache=kept)(function)
 
 
 _registered: set[Any] = set()
 """functions that compiled code may call"""
+KEPT = (closed_loop.observe, controller.SwitchingLaw.step)
+"""Functions that are long and the same in the kernels of all laws or configurations: compiled once, they save each of
+these most of its time."""
 
 for _module in MODULES:
     for _function in _functions(_module):
-        make_callable(_function)
+        make_callable(_function, kept=_function in KEPT)
 
 
 def make_law_callable(law: Law) -> str:
@@ -199,14 +221,5 @@ def compile_kernel(function: Any, version: str = "") -> Any:
         function: to be compiled, at its first call.
         version: hash of code that is not of this package; the cache is in a folder of its own.
     """
-    # Set here and not in the environment, which numba reads only at its first import, possibly by other code.
-    usual, _settings.CACHE_DIR = _settings.CACHE_DIR, str(Path(_cache_folder(), version))
-    try:
-        return numba.njit(
-            function,
-            nogil=True,
-            cache=True,
-            error_model="numpy",
-        )
-    finally:
-        _settings.CACHE_DIR = usual
+    with _cache_in(str(Path(_cache_folder(), version))):
+        return numba.njit(function, nogil=True, cache=True, error_model="numpy")

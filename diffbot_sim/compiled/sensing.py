@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from diffbot_control.filter.models import Motion
-from diffbot_control.filter.options import FilterOptions
 from diffbot_core.geometry import Point, Pose
 from diffbot_core.kinematics import body_twist, encoder_covariance
 from diffbot_sim.compiled.scalar_belief import PoseFix
@@ -31,7 +30,8 @@ class Robot(NamedTuple):
 
     plant: PlantConfig
     sensors: SensorConfig
-    filter: FilterOptions
+    filter: Any
+    """FilterOptions; None for a feedback without a filter"""
     landmarks: Any
     """(n, 2) array of their x, y [m]"""
 

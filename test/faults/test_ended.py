@@ -18,7 +18,7 @@ from diffbot_bag.reader import BagReader
 
 RECORDER = "diffbot_bag.recorder_node"
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
-FILE_LIMIT = 20_000
+FILE_LIMIT = 60_000
 """bytes; what the system answers beyond is the same error as on a full disk"""
 MAX_START_LINES = 700
 """more than any node writes until it is ready, about 500: some of the signals come afterwards"""

@@ -94,7 +94,7 @@ def test_a_goal_is_reached_with_feedback(driven, to_pose):
 
 def test_a_newer_goal_aborts_the_older_with_its_reason(driven, to_pose):
     older = to_pose.send(FAR)
-    newer = to_pose.send(NEAR)
+    newer = to_pose.send((-60.0, 60.0, 0.0))
     status, result = to_pose.result(older)
     assert status == GoalStatus.STATUS_ABORTED
     assert result.error_code != 0

@@ -31,19 +31,45 @@ SOURCE = Path(diffbot_control.__file__).resolve().parent.parent
 
 def free_domain():
     """Return a ROS domain that no one on this machine uses, and keep it until this process ends."""
+    return _locked_domain()[0]
+
+
+@contextlib.contextmanager
+def private_domain():
+    """Have this process, and those that it starts, in a ROS domain of its own while the ``with`` block lasts."""
+    before = os.environ.get("ROS_DOMAIN_ID")
+    domain, lock = _locked_domain()
+    os.environ["ROS_DOMAIN_ID"] = str(domain)
+    try:
+        yield domain
+    finally:
+        os.utime(lock)
+        os.close(lock)
+        if before is None:
+            del os.environ["ROS_DOMAIN_ID"]
+        else:
+            os.environ["ROS_DOMAIN_ID"] = before
+
+
+def _locked_domain():
+    """Return a domain and the open lock file that keeps it; of those that no one uses, the one left longest ago."""
     ports = _udp_ports()
-    for domain in DOMAINS:
+    folder = Path(tempfile.gettempdir())
+    names = {domain: folder / f"diffbot_domain_{domain}.lock" for domain in DOMAINS}
+    left = {domain: path.stat().st_mtime if path.exists() else 0.0 for domain, path in names.items()}
+    for domain in sorted(DOMAINS, key=left.get):
         # The ports of all participants of a domain, as DDS numbers them.
         if ports.intersection(range(7400 + 250 * domain, 7650 + 250 * domain)):
             continue
-        # Never closed: the lock belongs to the process and ends with it.
-        lock = os.open(Path(tempfile.gettempdir()) / f"diffbot_domain_{domain}.lock", os.O_RDWR | os.O_CREAT, 0o666)
+        # Closed by whoever has it, or when its process ends.
+        lock = os.open(names[domain], os.O_RDWR | os.O_CREAT, 0o666)
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             os.close(lock)
             continue
-        return domain
+        os.utime(lock)
+        return domain, lock
     raise RuntimeError("no free ROS domain")
 
 

@@ -39,8 +39,11 @@ WRONG = {
     "unknown rule of the bag": ("version: 1\nbag: {min_rate: 1}", "bag: 'min_rate' is unknown"),
     "a field's method": ("version: 1\nbag: {check: 1}", "bag: 'check' is unknown"),
     "a key that is no text": ("version: 1\ntopics: {/a: {1: 2}}", "/a: 1 is unknown"),
-    "negative rate": ("version: 1\ntopics: {/a: {min_rate: -1}}", "/a: min_rate = -1.0: must be finite and >= 0"),
-    "nan": ("version: 1\ntopics: {/a: {max_gap: .nan}}", "/a: max_gap = nan: must be >= 0 (inf: no limit)"),
+    "negative rate": ("version: 1\ntopics: {/a: {min_rate: -1}}", "/a: min_rate = -1.0: must be >= 0 and <= 1e+10"),
+    "nan": (
+        "version: 1\ntopics: {/a: {max_gap: .nan}}",
+        "/a: max_gap = nan: must be >= 0 and <= 1e+10 (inf: no limit)",
+    ),
     "a text for a number": ("version: 1\ntopics: {/a: {max_gap: x}}", "/a: max_gap = 'x': must be a number"),
     "half a message": ("version: 1\ntopics: {/a: {max_lost: 0.5}}", "max_lost = 0.5: must be a whole number"),
     "a number for a truth": ("version: 1\ntopics: {/a: {stamped: 1}}", "stamped = 1: must be true or false"),
