@@ -75,7 +75,9 @@ lint: setup
 
 bench: setup
 	@PYTHONPATH=test/support $(BIN)/python test/bench/bench.py $(ARGS)
-	@PYTHONPATH=test/support:test/bench $(BIN)/python test/bench/bench_bag_recorder.py $(filter --quick,$(ARGS))
+	@for room in recorder replay tools cut; do \
+		PYTHONPATH=test/support:test/bench $(BIN)/python test/bench/bench_bag_$$room.py $(filter --quick,$(ARGS)) || exit 1; \
+	done
 	@$(BIN)/python test/bench/bench_batch.py $(filter --quick,$(ARGS))
 	@PYTHONPATH=test/support:test/bench $(BIN)/python test/bench/bench_view.py $(filter --quick,$(ARGS))
 

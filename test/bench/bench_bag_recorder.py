@@ -27,7 +27,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import graph
-from bench_bags import cpu
 
 DEPTH = 10_000
 MAX_BAG_SIZE = 4 * 2**20
@@ -54,6 +53,12 @@ while not stop.is_set:
     executor.spin_once(timeout_sec=0.05)
 print(f"{{count}} messages", flush=True)
 """
+
+
+def cpu(pid: int) -> float:
+    """CPU time [s] that a process has used."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def kinds() -> list[Any]:

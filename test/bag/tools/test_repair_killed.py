@@ -13,6 +13,8 @@ pytestmark = pytest.mark.graph
 
 RECORDER = "diffbot_bag.recorder_node"
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+DEEP = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""of publishers that lose nothing, however late their subscriber is"""
 FLUSH = 0.2
 """[s]"""
 
@@ -20,7 +22,7 @@ FLUSH = 0.2
 @pytest.mark.parametrize("rounds", [300, 700])
 def test_a_killed_recorder_loses_only_what_it_had_not_flushed(tmp_path, rounds):
     with graph.peer() as peer, graph.node(RECORDER, {"uri": tmp_path / "run", "flush_period": FLUSH}) as running:
-        publishers = [peer.publisher(Twist, name, LATCHED) for name in ("one", "two")]
+        publishers = [peer.publisher(Twist, name, DEEP) for name in ("one", "two")]
         running.wait_for_output("ready")
         reports = peer.subscribe(DiagnosticStatus, "/recorder/status", LATCHED)
         peer.spin_until(
