@@ -477,7 +477,7 @@ def contents(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir() if path.name != JOURNAL}
 
 
-LONGER = {**SMALL, "runs": 10_000, "duration": 25.0, "chunk": 100}
+LONGER = {**SMALL, "runs": 10_000, "duration": 15.0, "chunk": 100}
 
 
 @pytest.mark.graph
