@@ -27,6 +27,7 @@ from diffbot_bag.tools.channels import Channels
 from diffbot_bag.tools.cut import merge
 from diffbot_bag.tools.output_bag import Description, OutputBag
 from diffbot_bag.tools.source_bag import Row, SourceBag
+from diffbot_bag.whole_chunk import DEFAULT_COMPRESSION
 
 DIFFBOT = (sys.executable, "-m", "diffbot_lab.cli", "bag")
 BEGIN = 1_700_000_000_000_000_000
@@ -66,7 +67,7 @@ def rows(topics: Sequence[str], seconds: float, offset: int) -> Iterator[list[Ro
 def write_bag(folder: Path, size: float, topics: Sequence[str] = tuple(TOPICS), offset: int = 0) -> float:
     """Write a bag of about this size [bytes] and return its duration [s]."""
     seconds = size / sum(TOPICS[topic][1] * 1e9 / TOPICS[topic][0] for topic in topics)
-    with OutputBag(folder, channels(topics), Description({}, "jazzy", "zstd", ())) as bag:
+    with OutputBag(folder, channels(topics), Description({}, "jazzy", DEFAULT_COMPRESSION, ())) as bag:
         for second in rows(topics, seconds, offset):
             bag.write(second)
         bag.finish()
