@@ -1,13 +1,12 @@
 """Keys of a terminal: decoding in any pieces, and a terminal that is as before, whatever ends the process."""
 
-import fcntl
 import os
-import pty
 import sys
 import termios
 
 import graph
 import pytest
+from terminals import in_terminal
 
 from diffbot_bag.keyboard import FASTER, NEXT, SLOWER, TOGGLE, KeyDecoder, open_keyboard
 
@@ -45,25 +44,6 @@ while keyboard and len(pressed) < 2 and time.monotonic() < deadline:
 print(pressed, flush=True)
 END
 """
-
-
-@pytest.fixture
-def terminal():
-    """Both ends of a pseudo-terminal."""
-    ours, theirs = pty.openpty()
-    yield ours, theirs
-    os.close(ours)
-    os.close(theirs)
-
-
-def in_terminal(theirs):
-    """Options of a process whose stdin is this terminal, in its foreground."""
-    return {
-        "stdin": theirs,
-        "start_new_session": True,
-        "preexec_fn": lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
-        "cwd": "/",  # not the source tree, where a program of -c would find the package first
-    }
 
 
 @pytest.mark.parametrize(

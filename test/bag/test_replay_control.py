@@ -1,9 +1,7 @@
 """A running replay is controlled: parameters, services, keys of a terminal; several bags, and slow subscribers."""
 
 import contextlib
-import fcntl
 import os
-import pty
 import signal
 import termios
 import threading
@@ -22,6 +20,7 @@ from rclpy.parameter import Parameter as RosParameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from replays import MS, write_mcap, write_rosbags
 from std_srvs.srv import Trigger
+from terminals import in_terminal
 
 pytestmark = pytest.mark.graph
 
@@ -227,19 +226,6 @@ def test_qos_overrides_are_offered(peer, bag, tmp_path):
     a, latched = (infos[name][0].qos_profile for name in ("/a", "/map"))
     assert (a.reliability, a.deadline.nanoseconds) == (ReliabilityPolicy.BEST_EFFORT, 2 * 10**9)
     assert (latched.reliability, latched.durability) == (ReliabilityPolicy.RELIABLE, DurabilityPolicy.VOLATILE)
-
-
-@pytest.fixture
-def terminal():
-    """Both ends of a pseudo-terminal."""
-    ours, theirs = pty.openpty()
-    yield ours, theirs
-    os.close(ours)
-    os.close(theirs)
-
-
-def in_terminal(theirs):
-    return {"stdin": theirs, "start_new_session": True, "preexec_fn": lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0)}
 
 
 def test_keys_pause_step_and_change_the_rate_and_ctrl_c_restores_the_terminal(peer, bag, terminal):
