@@ -106,9 +106,7 @@ def make_loop(law: Law) -> Callable[[Case, int, int, Pose, Any], Outcome]:
         commands = np.zeros((command_rows(delay, t_s), 2))
         state, memory, totals = new_plant(start), new_memory(case.controller), new_totals()
         answer = LawState(OMEGA_G, False)
-        feedback = Feedback(new_sensed(case.filter, case.late_steps), start, False)
-        # Without the law's configuration, whose type would have the filter compiled again for each law.
-        robot = Robot(case.plant, case.sensors, case.filter, case.landmarks)
+        feedback, robot = Feedback(new_sensed(case.filter, case.late_steps), start, False), _robot_of(case)
         for index in range(case.steps + 1):
             key = NoiseKey(seed, run, index)
             feedback = observe(case.feedback, robot, key, state, feedback)
@@ -133,6 +131,11 @@ def make_loop(law: Law) -> Callable[[Case, int, int, Pose, Any], Outcome]:
 
 run_loop = make_loop(SwitchingLaw)
 """One run under this project's law."""
+
+
+def _robot_of(case: Case) -> Robot:
+    """Return what the filter depends on; with the law's Config in its type, it would be compiled again for each law."""
+    return Robot(case.plant, case.sensors, case.filter, case.landmarks)
 
 
 def _uncertainty(kind: int, track: Track | None) -> Uncertainty:

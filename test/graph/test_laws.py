@@ -122,7 +122,8 @@ def test_a_law_that_fails_stops_the_robot_and_the_next_goal_is_driven_to(laws):
             assert values(robot.controller_states[-1])["reason"] == reason
             # Brought to rest within the limits of acceleration, 0.05 m/s in each period.
             speeds = [twist(command)[0] for command in robot.commands]
-            assert min(np.diff(speeds[speeds.index(0.5) :])) == pytest.approx(-ACCELERATION * 0.1)
+            last = len(speeds) - 1 - speeds[::-1].index(0.5)
+            assert min(np.diff(speeds[last:])) == pytest.approx(-ACCELERATION * 0.1)
             assert speeds[-1] == 0.0
             robot.commands.clear()
         assert robot.processes["controller"].popen.poll() is None
