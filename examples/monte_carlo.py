@@ -25,10 +25,8 @@ for preset in ("paper", "tuned"):
     x, y = (outcomes[:, COLUMNS.index(name)] for name in ("x", "y"))
     error, settling = np.hypot(x, y), outcomes[:, COLUMNS.index("settling_time")]
     settled = np.isfinite(settling)
-    median = f"{np.median(settling[settled]):.1f} s" if settled.any() else "none"
-    print(
-        f"{preset:<6} {settled.mean():6.1%} within 0.1 m and 0.1 rad, median after {median}; final error median {np.median(error):.3f} m"
-    )
+    share, median = settled.mean(), np.median(settling[settled]) if settled.any() else math.nan
+    print(f"{preset:<6} {share:6.1%} within 0.1 m and 0.1 rad, after {median:.1f} s; error {np.median(error):.3f} m")
     axes.plot(np.sort(error), np.linspace(0.0, 1.0, RUNS), label=preset)
 axes.set(xlabel="true distance from the goal after 40 s [m]", ylabel="share of the runs", xlim=(0.0, 0.6))
 axes.legend()

@@ -92,7 +92,8 @@ def test_a_bag_that_is_none_is_refused_in_one_line(tmp_path):
 def test_the_study_tells_the_presets_apart(tmp_path):
     """The paper's law leaves a lateral error of 0.2 to 0.35 m (docs/control.md)."""
     paper, tuned = (numbers(line) for line in run(tmp_path, EXAMPLES / "monte_carlo.py", 200).splitlines())
-    assert paper[0] < 40.0 < 95.0 < tuned[0]
+    assert paper[0] < 40.0
+    assert tuned[0] > 95.0
     assert 0.2 < paper[-1] < 0.35
     assert tuned[-1] < 0.05
     assert shows_lines(tmp_path / "monte_carlo.png")
