@@ -22,7 +22,6 @@ FIELDS_OF_CFF = {
     "repository-code", "title", "type", "url", "version",
 }  # fmt: skip
 """Of the Citation File Format 1.2.0."""
-FIELDS_NEEDED are obligatory there."""
 FIELDS_NEEDED = {"cff-version", "message", "title", "authors", "version", "license", "references"}
 
 
