@@ -1,6 +1,8 @@
 """The law alone, without ROS, noise or filter: drives a point robot to (0, 0, 0), and draws its path.
 
-python examples/law_alone.py        # writes law_alone.png
+    python examples/law_alone.py
+
+Writes law_alone.png.
 """
 
 import matplotlib.pyplot as plt

@@ -14,7 +14,10 @@ import numpy as np
 from diffbot_lab.cases import configure, make_case
 from diffbot_sim.compiled.batch import COLUMNS, Starts, run_batch
 
-RUNS = int(sys.argv[1]) if len(sys.argv) > 1 else 2000
+words = sys.argv[1:] or ["2000"]
+if len(words) > 1 or not words[0].isdecimal() or not 1 <= int(words[0]) <= 1_000_000:
+    sys.exit(f"RUNS = {' '.join(words)}: must be one whole number, 1 to 1000000")
+RUNS = int(words[0])
 SEED = 1
 ANYWHERE = Starts(np.zeros((1, 3)), half=(5.0, 5.0, math.pi))  # uniform in this box about the goal: m, m, rad
 

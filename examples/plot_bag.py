@@ -1,6 +1,8 @@
 """Read a bag without ROS and plot the estimate against the ground truth.
 
-python examples/plot_bag.py BAG [PICTURE]        # e.g. the bag of goal_from_python.py; default: plot_bag.png
+    python examples/plot_bag.py BAG [PICTURE]
+
+BAG is for example the one of goal_from_python.py; the default of PICTURE is plot_bag.png.
 """
 
 import sys
@@ -18,6 +20,8 @@ try:
     run = read_run(Path(sys.argv[1]))  # BagReader, in diffbot_bag.reader, gives each message
 except DiffbotError as error:
     sys.exit(str(error))
+if not len(run.estimate):
+    sys.exit(f"{sys.argv[1]}: no /pose in it")
 
 time, *truth = run.truth.T
 known = run.estimate[:, 0]

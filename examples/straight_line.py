@@ -1,6 +1,8 @@
-"""A law of your own in the arena: turn towards the goal, drive there, turn to its heading (docs/laws.md).
+"""A law of your own in the arena: turn towards the goal, drive there, turn to its heading.
 
-python examples/straight_line.py --runs 20 --case nominal --out arena        # needs the extra `batch`
+    python examples/straight_line.py --runs 20 --case nominal --out arena
+
+Needs the extra `batch`. The protocol of a law is in docs/laws.md.
 """
 
 import math
@@ -19,7 +21,6 @@ class Config(NamedTuple):
 
     distance_gain: Annotated[float, Spec("speed per distance", "1/s", 0.1, 10.0)] = 1.0
     turn_gain: Annotated[float, Spec("rate per angle", "1/s", 0.1, 10.0)] = 2.0
-    stop_distance: Annotated[float, Spec("below it the robot turns to the goal's heading", "m", 0.001, 1.0)] = 0.04
     data_sheet: DataSheet = DataSheet()
 
 
@@ -46,11 +47,10 @@ class StraightLine:
         x, y, theta = into_frame(estimate.pose, goal)
         rho, beta = math.hypot(x, y), math.atan2(-y, -x)
         alpha = wrap_angle(beta - theta)
-        arrived = memory.arrived or rho < config.stop_distance
+        arrived = memory.arrived or rho < 0.04  # m
         reached = memory.reached or (arrived and abs(theta) < 0.03)
-        v = 0.0 if arrived else config.distance_gain * rho * max(math.cos(alpha), 0.0)
-        omega = config.turn_gain * (-theta if arrived else alpha)
-        command = Twist(0.0, 0.0) if reached else limit_velocity(Twist(v, omega), config.data_sheet)
+        angle, v = (-theta, 0.0) if arrived else (alpha, config.distance_gain * rho * max(math.cos(alpha), 0.0))
+        command = Twist(0.0, 0.0) if reached else limit_velocity(Twist(v, config.turn_gain * angle), config.data_sheet)
         return Memory(arrived, reached), command, Report(rho, alpha, beta, theta, 0.0, 0, 0.0)
 
 

@@ -83,9 +83,13 @@ def test_a_goal_is_driven_to_and_its_bag_is_plotted(tmp_path):
     assert shows_lines(tmp_path / "plot_bag.png")
 
 
-def test_a_bag_that_is_none_is_refused_in_one_line(tmp_path):
-    (line,) = run(tmp_path, EXAMPLES / "plot_bag.py", "nowhere", status=1).splitlines()
-    assert "nowhere" in line
+@pytest.mark.parametrize(
+    ("words", "text"), [("plot_bag.py nowhere", "nowhere"), ("monte_carlo.py 0", "RUNS = 0: must be one whole number")]
+)
+def test_bad_arguments_are_refused_in_one_line(tmp_path, words, text):
+    name, argument = words.split()
+    (line,) = run(tmp_path, EXAMPLES / name, argument, status=1).splitlines()
+    assert text in line
 
 
 @pytest.mark.study
