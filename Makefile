@@ -24,7 +24,7 @@ help:
 	@echo "make test-fast   run those without nodes, studies and installations: two minutes"
 	@echo "make faults  try each fault many times, half an hour; results to docs/faults.json"
 	@echo "make soak    goals and faults for ten minutes: does memory grow, is every goal reached?"
-	@echo "make lint    run ruff, mypy, import-linter and oxlint"
+	@echo "make lint    run ruff, mypy, import-linter, oxlint and hadolint"
 	@echo "make bench   measure speed"
 	@echo "make docs    write the generated parts of docs/"
 	@echo "make clean   remove $(VENV) and everything built"
@@ -72,6 +72,7 @@ lint: setup
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports --no-cache
 	@$(BIN)/oxlint --quiet diffbot_lab/view/page
+	@$(BIN)/hadolint Dockerfile
 
 bench: setup
 	@PYTHONPATH=test/support $(BIN)/python test/bench/bench.py $(ARGS)
@@ -110,7 +111,7 @@ $(VENV)/dependencies.stamp: setup.py constraints.txt | $(BIN)/python
 	@$(BIN)/python -m pip --version >/dev/null 2>&1 || $(BIN)/python -m ensurepip >/dev/null
 	@$(PIP) install --constraint constraints.txt pip setuptools
 	@rm -rf build/lib *.egg-info
-	@$(INSTALL) '.[jazzy,test,lint,batch,cluster]'
+	@$(INSTALL) '.[jazzy,test,lint,batch,cluster,gym]'
 	@mv $@.begun $@
 
 # build/lib keeps modules that were deleted since, so it goes first.

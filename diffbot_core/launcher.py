@@ -10,19 +10,31 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 from functools import partial
 from importlib import import_module
 
+_PACKAGES_OF_ROS = ("rclpy", "_interfaces", "_msgs", "_srvs")
+"""How the names end of what ROS brings; without it, the commands that need no ROS work all the same."""
 _DEFAULTS = (signal.SIG_DFL, signal.default_int_handler)
 
 
 def launch(module: str, args: list[str] | None = None, status: int = 0) -> int:
     """Import ``module`` and run its ``main(args)``; return its exit status.
 
-    Until ``main`` installs handlers of its own, SIGINT and SIGTERM end the process with ``status``.
+    Until ``main`` installs handlers of its own, SIGINT and SIGTERM end the process with ``status``. Where ROS is
+    missing, one line says so, and the status is 1.
     """
     end_on_signals(status)
-    result: int = import_module(module).main(args)
+    try:
+        result: int = import_module(module).main(args)
+    except ModuleNotFoundError as error:
+        missing = (error.name or "").partition(".")[0]
+        if not missing.endswith(_PACKAGES_OF_ROS):
+            raise
+        how = "source its setup.bash, or install this package with the extra jazzy"
+        print(f"{os.path.basename(sys.argv[0])}: needs ROS 2 (no module {missing}): {how}", file=sys.stderr)
+        return 1
     return result
 
 

@@ -85,7 +85,7 @@ def simulate(
         raise InvalidValueError("steps", steps, ">= 1")
     world = World(world_config)
     separation = world_config.plant.wheels.wheel_separation
-    source = _Feedback(feedback, Localization(localization or LocalizationConfig(), separation))
+    source = PoseFeedback(feedback, Localization(localization or LocalizationConfig(), separation))
     memory, t_s = ControllerMemory(), world_config.plant.sampling_time
     rows: Array = np.full((steps + 1, 8), np.nan)
     regions, reached = np.zeros(steps + 1, dtype=np.int64), np.zeros(steps + 1, dtype=np.bool_)
@@ -105,10 +105,16 @@ def simulate(
     return Recording(time, rows[:, 0:3], rows[:, 3:6], rows[:, 6:8], regions, reached)
 
 
-class _Feedback:
+class PoseFeedback:
     """Source of the poses that the controller gets."""
 
     def __init__(self, feedback: str, localization: Localization) -> None:
+        """Begin without a pose.
+
+        Args:
+            feedback: one of FEEDBACKS.
+            localization: the filter, asked with EKF only.
+        """
         self._feedback = feedback
         self._localization = localization
         self._newest: Pose | None = None

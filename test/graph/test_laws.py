@@ -11,7 +11,7 @@ import pytest
 from graph import values
 from robot import SIMULATED, distance, lockstep, turned, twist
 
-EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples"
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 LAWS_OF_THE_TEST = """
 import math
 from typing import Annotated, NamedTuple

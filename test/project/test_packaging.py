@@ -2,7 +2,6 @@
 
 import ast
 import importlib.metadata
-import os
 import re
 import sys
 import xml.etree.ElementTree as ET
@@ -12,10 +11,8 @@ import pytest
 from packaging.markers import default_environment
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
+from source_files import PACKAGES, PYTHONS, ROOT, source_tree
 
-ROOT = Path(__file__).resolve().parents[2]
-PYTHONS = ("3.10", "3.11", "3.12", "3.13")
-PACKAGES = ("diffbot_bag", "diffbot_control", "diffbot_core", "diffbot_lab", "diffbot_sim")
 EXECUTABLES = {
     "controller_node",
     "diffbot",
@@ -72,18 +69,6 @@ def imported_packages():
             elif isinstance(node, ast.ImportFrom) and node.level == 0:
                 names.add(node.module.split(".")[0])
     return names - set(sys.stdlib_module_names) - set(PACKAGES)
-
-
-def source_tree():
-    """Yield every file of the source tree that git would not ignore."""
-    for folder, folders, files in os.walk(ROOT):
-        hidden_or_built = {"build", "install", "log", "out", "__pycache__"}
-        folders[:] = [
-            name
-            for name in folders
-            if name == ".ci" or not (name.startswith(".") or name in hidden_or_built or name.endswith(".egg-info"))
-        ]
-        yield from (Path(folder, name) for name in files if name != ".git")
 
 
 def test_version_is_the_same_everywhere():

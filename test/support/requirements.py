@@ -13,8 +13,10 @@ ROOT = TESTS.parent
 PACKAGES = {
     "distributed": "distributed",
     "evo": "evo",
+    "gymnasium": "gymnasium",
     "hypothesis": "hypothesis",
     "mcap_ros2": "mcap-ros2-support",
+    "nbformat": "nbformat",
     "numba": "numba",
     "packaging": "packaging",
     "pandas": "pandas",

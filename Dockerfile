@@ -1,0 +1,27 @@
+# The workspace on a full ROS 2 Jazzy; CONTRIBUTING.md says how to build and run it, and what of it was tried.
+FROM ros:jazzy-ros-base
+
+SHELL ["/bin/bash", "-o", "pipefail", "-c"]
+WORKDIR /ws
+
+# First what changes seldom: the dependencies, by package.xml and by what only pip has (docs/dependencies.md).
+COPY package.xml constraints.txt src/diffbot/
+# hadolint ignore=DL3008
+RUN apt-get update \
+    && apt-get install -y --no-install-recommends python3-pip \
+    && rosdep update --rosdistro jazzy \
+    && rosdep install --from-paths src --ignore-src --dependency-types exec -y \
+    && rm -rf /var/lib/apt/lists/*
+# Of the pins only those of these packages: apt's numpy and scipy stay.
+RUN grep -E '^(filterpy|lz4|mcap|mcap-ros2-support|websockets|zstandard)==' src/diffbot/constraints.txt > pip.txt \
+    && pip install --no-cache-dir --break-system-packages --requirement pip.txt
+
+COPY . src/diffbot/
+RUN source /opt/ros/jazzy/setup.bash && colcon build --packages-select diffbot
+
+# Nodes run, and write their bags, as a user without rights.
+RUN useradd --create-home --uid 1001 robot && install --directory --owner=robot /bags
+USER 1001
+WORKDIR /bags
+ENTRYPOINT ["/ws/src/diffbot/docker-entrypoint.sh"]
+CMD ["ros2", "launch", "diffbot", "simulation.launch.py"]

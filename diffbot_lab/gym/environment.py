@@ -1,0 +1,188 @@
+"""``DiffbotGoal-v0``: drive the simulated robot to the pose (0, 0, 0) of map.
+
+Plant, sensors, noise and filter are those of the simulation; one step is one sampling time (0.1 s by default)::
+
+    import gymnasium
+
+    env = gymnasium.make("diffbot_lab.gym:DiffbotGoal-v0")  # or its name alone, after `import diffbot_lab.gym`
+    observation, info = env.reset(seed=1)
+    observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
+
+Action, ``Box(-1, 1, (2,))``: shares of ``v_max`` [m/s] and ``omega_max`` [rad/s] of the data sheet, 1.3 and 2.6 by
+default. The twist is then scaled down to the bound of the wheels, which keeps its curvature.
+
+Observation, ``Box(7)``, from the pose that a controller would get (``feedback``), as float32:
+
+====== ================== ======= ==================================================================
+number value              unit    meaning
+====== ================== ======= ==================================================================
+0      rho                m       distance of the goal, at most twice the distance that ends an episode
+1, 2   cos, sin of alpha  -       bearing of the goal in the robot's frame
+3, 4   cos, sin of beta   -       bearing of the goal in the goal's frame; the heading is beta - alpha
+5      v                  m/s     speed over the last step by the encoders, within 2 ``v_max``
+6      omega              rad/s   turn rate over the last step by the encoders, within 2 ``omega_max``
+====== ================== ======= ==================================================================
+
+Reward of a step, from the true pose: the decrease of D = rho + 0.2 m/rad * abs(theta) [m], less 0.1 for each second,
+plus 10 at the goal, less 10 for leaving the arena. An episode is terminated at the goal, where the true pose is within
+the goal checker's tolerances (0.1 m, 0.1 rad) and the command at most 0.05 m/s and 0.1 rad/s, and where the true
+distance exceeds three times ``start_range``. ``gymnasium.make`` truncates it after 300 steps.
+
+There is no vectorised form: the compiled loop runs whole drives with a compiled law inside, not single steps with
+actions from outside. ``gymnasium.make_vec`` steps several of these environments, in one process or in many.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from diffbot_control.filter.localization import Localization
+from diffbot_control.filter.localization_config import LocalizationConfig
+from diffbot_control.law.goal_checker import GoalTolerance, within
+from diffbot_control.law.limits import limit_velocity
+from diffbot_control.law.polar_coordinates import navigation_variables
+from diffbot_core.data_sheet import DataSheet
+from diffbot_core.errors import InvalidValueError
+from diffbot_core.geometry import MAX_COORDINATE, Pose, wrap_angle
+from diffbot_core.kinematics import Twist
+from diffbot_sim.feedback import EKF, FEEDBACKS
+from diffbot_sim.model.simulator import StartPose, World, WorldConfig
+from diffbot_sim.reference_loop import PoseFeedback
+
+Floats = NDArray[np.float32]
+
+HEADING_WEIGHT = 0.2
+"""[m/rad] of the heading error in the distance that the reward counts"""
+TIME_COST, END_REWARD = 0.1, 10.0
+"""[1/s] for each second; at the goal, and less for leaving the arena"""
+_ARENA = 3.0
+"""times ``start_range``: a distance beyond it ends an episode"""
+_RANGES = {"start_range": (0.1, 1e3), "v_max": (1e-3, 1e3), "omega_max": (1e-3, 1e3)}
+_MAX_WAIT = 1000
+"""steps in which the robot waits for its first pose"""
+_MAX_SEED = 2**63 - 1
+
+
+class DiffbotGoalEnv(gymnasium.Env[Floats, Floats]):
+    """The environment; the module describes action, observation and reward."""
+
+    def __init__(
+        self,
+        world: WorldConfig | None = None,
+        feedback: str = EKF,
+        data_sheet: DataSheet | None = None,
+        start_range: float = 5.0,
+    ) -> None:
+        """Describe the task.
+
+        Args:
+            world: plant, sensors and landmarks; None for the paper's robot. Start and seed are drawn by :meth:`reset`.
+            feedback: one of FEEDBACKS: the filter's estimate, the newest fix, or the true pose.
+            data_sheet: what an action of 1 means, and the bound of the wheels; None for the paper's robot.
+            start_range: [m] x and y of the start are drawn uniformly within it, the heading from all directions.
+
+        Raises:
+            InvalidValueError: for another feedback, or a range or bound that is not a positive number.
+        """
+        self._config, self._sheet = world or WorldConfig(), data_sheet or DataSheet()
+        v_max, omega_max = self._sheet.v_max, self._sheet.omega_max
+        if feedback not in FEEDBACKS:
+            raise InvalidValueError("feedback", feedback, "one of " + ", ".join(FEEDBACKS))
+        for name, value in (("start_range", start_range), ("v_max", v_max), ("omega_max", omega_max)):
+            least, most = _RANGES[name]
+            if not least <= value <= most:
+                raise InvalidValueError(name, value, f">= {least:g} and <= {most:g}")
+        self._feedback, self._start_range, self._tolerance = feedback, start_range, GoalTolerance()
+        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (2,), np.float32)
+        high = np.array([2.0 * _ARENA * start_range, 1.0, 1.0, 1.0, 1.0, 2.0 * v_max, 2.0 * omega_max], np.float32)
+        low = np.array([0.0, *(-high[1:])], np.float32)
+        self.observation_space = gymnasium.spaces.Box(low, high, (7,), np.float32)
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Floats, dict[str, Any]]:
+        """Begin an episode, at rest; the robot stands until there is a first pose.
+
+        Args:
+            seed: of starts and noise, of this episode and those that follow; None goes on with the former one.
+            options: ``start``: x [m], y [m], theta [rad] in map, instead of a random one.
+
+        Returns:
+            Observation and info: ``truth`` and ``feedback``, poses (3,) in map, and ``is_success``.
+
+        Raises:
+            InvalidValueError: for a bad start, or if no pose comes at all.
+        """
+        super().reset(seed=seed)
+        start, noise = self._random_start(), int(self.np_random.integers(_MAX_SEED, endpoint=True))
+        if options and "start" in options:
+            start = _checked_start(options["start"])
+        self.world = World(self._config._replace(start=start, seed=noise))
+        separation = self._config.plant.wheels.wheel_separation
+        self._source = PoseFeedback(self._feedback, Localization(LocalizationConfig(), separation))
+        pose, steps = self._source.pose(self.world), 0
+        while pose is None:
+            if steps == _MAX_WAIT:
+                raise InvalidValueError("feedback", self._feedback, f"one that brings a pose within {_MAX_WAIT} steps")
+            self.world.advance(Twist(0.0, 0.0))
+            pose, steps = self._source.pose(self.world), steps + 1
+        self._pose = pose
+        return self._observation(), self._info(False)
+
+    def step(self, action: Floats) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
+        """Drive for one sampling time; see the module.
+
+        Raises:
+            InvalidValueError: for an action that is not two finite numbers; others are clipped to the space.
+        """
+        shares = np.asarray(action, dtype=np.float64)
+        if shares.shape != (2,) or not np.isfinite(shares).all():
+            raise InvalidValueError("action", action, "two finite numbers")
+        v, omega = np.clip(shares, -1.0, 1.0).tolist()
+        command = limit_velocity(Twist(v * self._sheet.v_max, omega * self._sheet.omega_max), self._sheet)
+        before = self.world.state.pose
+        self.world.advance(command)
+        self._pose = self._source.pose(self.world) or self._pose
+        truth = self.world.state.pose
+        rho = math.hypot(truth.x, truth.y)
+        reached, left = within(truth, rho, command, self._tolerance), rho > _ARENA * self._start_range
+        reward = _distance(before) - _distance(truth) - TIME_COST * self._config.plant.sampling_time
+        reward += END_REWARD * (reached - left)
+        return self._observation(), reward, reached or left, False, self._info(reached)
+
+    def _random_start(self) -> StartPose:
+        x, y, turn = self.np_random.uniform(-1.0, 1.0, 3).tolist()
+        return StartPose(self._start_range * x, self._start_range * y, math.pi * turn)
+
+    def _observation(self) -> Floats:
+        rho, alpha, beta = navigation_variables(self._pose)
+        _, twist, _ = self.world.odometry()
+        directions = math.cos(alpha), math.sin(alpha), math.cos(beta), math.sin(beta)
+        values = np.array([rho, *directions, twist.v, twist.omega], dtype=np.float32)
+        space = self.observation_space
+        clipped: Floats = np.clip(values, space.low, space.high)  # type: ignore[attr-defined] # it is a Box
+        return clipped
+
+    def _info(self, reached: bool) -> dict[str, Any]:
+        return {
+            "truth": np.array(self.world.state.pose),
+            "feedback": np.array(self._pose),
+            "is_success": reached,
+        }
+
+
+def _distance(pose: Pose) -> float:
+    """Return what the reward counts [m] for a pose in the goal's frame."""
+    return math.hypot(pose.x, pose.y) + HEADING_WEIGHT * abs(pose.theta)
+
+
+def _checked_start(start: Sequence[float]) -> StartPose:
+    values = np.asarray(start, dtype=np.float64)
+    if values.shape != (3,) or not (np.abs(values) <= MAX_COORDINATE).all():
+        raise InvalidValueError("start", start, f"x, y, theta, each within {MAX_COORDINATE:g}")
+    x, y, theta = values.tolist()
+    return StartPose(x, y, wrap_angle(theta))

@@ -1,0 +1,60 @@
+"""A law of your own in the arena: turn towards the goal, drive there, turn to its heading.
+
+    python examples/straight_line.py --runs 20 --case nominal --out arena
+
+Needs the extra `batch`. The protocol of a law is in docs/laws.md.
+"""
+
+import math
+import sys
+from typing import Annotated, NamedTuple
+
+from diffbot_control.law import Report, limit_velocity
+from diffbot_core.data_sheet import DataSheet
+from diffbot_core.geometry import into_frame, wrap_angle
+from diffbot_core.kinematics import Twist
+from diffbot_core.schema import Spec
+
+
+class Config(NamedTuple):
+    """Parameters, with text, unit and range; the data sheet brings the limits of the robot."""
+
+    distance_gain: Annotated[float, Spec("speed per distance", "1/s", 0.1, 10.0)] = 1.0
+    turn_gain: Annotated[float, Spec("rate per angle", "1/s", 0.1, 10.0)] = 2.0
+    data_sheet: DataSheet = DataSheet()
+
+
+class Memory(NamedTuple):
+    """What one step passes to the next; ``reached`` has a fixed meaning, the rest is the law's own."""
+
+    arrived: bool
+    reached: bool
+
+
+class StraightLine:
+    """The law: a name, a configuration type, and two pure functions."""
+
+    name, Config = "straight_line", Config
+
+    @staticmethod
+    def new_memory(config):
+        """Return the memory with a new goal; compiled code knows no defaults, so every field is given."""
+        return Memory(False, False)
+
+    @staticmethod
+    def step(memory, estimate, goal, dt, config):
+        """Answer an estimate with the next memory, a command and a report."""
+        x, y, theta = into_frame(estimate.pose, goal)
+        rho, beta = math.hypot(x, y), math.atan2(-y, -x)
+        alpha = wrap_angle(beta - theta)
+        arrived = memory.arrived or rho < 0.04  # m
+        reached = memory.reached or (arrived and abs(theta) < 0.03)
+        angle, v = (-theta, 0.0) if arrived else (alpha, config.distance_gain * rho * max(math.cos(alpha), 0.0))
+        command = Twist(0.0, 0.0) if reached else limit_velocity(Twist(v, config.turn_gain * angle), config.data_sheet)
+        return Memory(arrived, reached), command, Report(rho, alpha, beta, theta, 0.0, 0, 0.0)
+
+
+if __name__ == "__main__":
+    from diffbot_lab.cli import main
+
+    sys.exit(main(["benchmark", "--law", "straight_line:StraightLine", *sys.argv[1:]]))

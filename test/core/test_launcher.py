@@ -1,0 +1,35 @@
+"""The launcher says in one line that ROS is missing, and hides no other missing module."""
+
+import signal
+
+import pytest
+
+from diffbot_core.launcher import launch
+
+
+@pytest.fixture
+def program(tmp_path, monkeypatch):
+    """Return a function that writes a module with this import in its main; it gives the module's name."""
+    monkeypatch.syspath_prepend(str(tmp_path))
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+
+    def write(name, missing):
+        (tmp_path / f"{name}.py").write_text(f"def main(args):\n    import {missing}\n")
+        return name
+
+    yield write
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.parametrize("missing", ["absent_msgs.msg", "absent_interfaces", "absent_srvs.srv"])
+def test_without_ros_a_program_ends_with_one_line(program, missing, monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["/somewhere/bin/some_node"])
+    assert launch(program(f"needs_{missing.partition('.')[0]}", missing)) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"some_node: needs ROS 2 (no module {missing.partition('.')[0]})")
+
+
+def test_other_missing_modules_are_an_error_with_a_traceback(program):
+    with pytest.raises(ModuleNotFoundError, match="absent_library"):
+        launch(program("needs_library", "absent_library"))

@@ -1,0 +1,166 @@
+"""The Gymnasium environment: gymnasium's own checker, the closed loop of the simulation, and the reward by hand."""
+
+import math
+import subprocess
+import sys
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from diffbot_control.law import PRESETS, ControllerMemory, step
+from diffbot_core.data_sheet import DataSheet
+from diffbot_core.errors import InvalidValueError
+from diffbot_core.geometry import Pose
+from diffbot_core.uncertainty import CERTAIN, Estimate
+from diffbot_lab.gym.environment import DiffbotGoalEnv
+from diffbot_sim.model.plant import PlantConfig
+from diffbot_sim.model.sensors import SensorConfig
+from diffbot_sim.model.simulator import WorldConfig
+from diffbot_sim.reference_loop import simulate
+
+NAME = "diffbot_lab.gym:DiffbotGoal-v0"
+GOAL = Pose(0.0, 0.0, 0.0)
+QUIET = WorldConfig(PlantConfig(drive_noise=0.0, encoder_noise=0.0))
+STILL = np.zeros(2, np.float32)
+
+
+def drive(controller, steps, feedback, sheet):
+    """Let the law drive by what the environment tells it; return it, true poses, feedback and the last answer."""
+    env = DiffbotGoalEnv(feedback=feedback, data_sheet=sheet)
+    _, info = env.reset(seed=3)
+    memory, dt, told, answer = ControllerMemory(), 0.0, [info], None
+    for _ in range(steps):
+        estimate = Estimate(Pose(*told[-1]["feedback"].tolist()), CERTAIN)
+        memory, command, _ = step(memory, estimate, GOAL, dt, controller)
+        answer = env.step(np.array([command.v / sheet.v_max, command.omega / sheet.omega_max]))
+        told.append(answer[-1])
+        dt = 0.1
+        if answer[2]:
+            break
+    return env, np.array([one["truth"] for one in told]), np.array([one["feedback"] for one in told]), answer
+
+
+@pytest.mark.parametrize("feedback", ["ekf", "raw", "truth"])
+def test_gymnasium_finds_no_fault(feedback):
+    """A warning of the checker is an error, too."""
+    check_env(gymnasium.make(NAME, feedback=feedback).unwrapped)
+
+
+@pytest.mark.parametrize("name", [NAME, "DiffbotGoal-v0"])
+def test_an_import_of_the_room_registers_the_environment_and_loads_no_simulation(name):
+    program = "import gymnasium, sys, diffbot_lab.gym; print('diffbot_sim' in sys.modules); "
+    program += f"env = gymnasium.make({name!r}); env.reset(seed=1); print(env.spec.max_episode_steps)"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert done.stdout.split() == ["False", "300"], done.stderr
+
+
+@pytest.mark.parametrize("feedback", ["ekf", "raw", "truth"])
+def test_a_law_drives_as_in_the_closed_loop(feedback):
+    # The paper bounds neither the turn rate nor the wheels.
+    env, truth, poses, _ = drive(PRESETS["paper"], 40, feedback, DataSheet(omega_max=100.0, wheel_max=math.inf))
+    assert len(truth) == 41
+    recorded = simulate(env.world.config, PRESETS["paper"], GOAL, 40, feedback)
+    np.testing.assert_allclose(truth, recorded.truth, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(poses, recorded.feedback, rtol=0.0, atol=1e-9)
+
+
+def test_at_the_goal_an_episode_is_terminated():
+    _, truth, _, answer = drive(PRESETS["tuned"], 300, "truth", DataSheet())
+    _, reward, terminated, truncated, info = answer
+    assert (terminated, truncated, info["is_success"]) == (True, False, True)
+    assert math.hypot(*truth[-1, :2]) <= 0.1
+    assert abs(truth[-1, 2]) <= 0.1
+    assert reward > 9.0
+
+
+def test_the_same_seed_brings_the_same_episode_and_another_one_does_not():
+    env = gymnasium.make(NAME)
+    runs = {}
+    for name, seed in (("first", 5), ("again", 5), ("other", 6)):
+        first, _ = env.reset(seed=seed)
+        runs[name] = [first, *(env.step(np.array([0.5, 0.2], np.float32))[0] for _ in range(20))]
+    assert np.array_equal(runs["first"], runs["again"])
+    assert not np.allclose(runs["first"], runs["other"])
+    second, _ = env.reset()
+    assert not np.allclose(second, runs["other"][0])
+
+
+def test_observation_is_the_goal_seen_from_the_robot():
+    env = DiffbotGoalEnv(world=QUIET, feedback="truth")
+    observation, _ = env.reset(seed=1, options={"start": (0.0, -2.0, math.pi)})
+    # The goal is 2 m away, to the robot's right; in the goal's frame it lies in the direction of y.
+    assert observation == pytest.approx([2.0, 0.0, -1.0, 0.0, 1.0, 0.0, 0.0], abs=1e-6)
+    observation, *_ = env.step(np.array([0.5, -0.25], np.float32))
+    assert observation[5:] == pytest.approx([0.65, -0.65], abs=1e-6)
+
+
+def test_rewards_are_the_way_to_the_goal_less_the_time():
+    env = DiffbotGoalEnv(world=QUIET, feedback="truth")
+    env.reset(seed=1, options={"start": (-3.0, 0.0, 0.0)})
+    forward, standing = env.step(np.array([1.0, 0.0], np.float32))[1], env.step(STILL)[1]
+    turning = env.step(np.array([0.0, 1.0], np.float32))[1]
+    assert (forward, standing) == pytest.approx((0.13 - 0.01, -0.01))
+    assert turning == pytest.approx(-0.2 * 0.26 - 0.01)
+
+
+def test_leaving_the_arena_ends_an_episode_with_a_loss():
+    env = DiffbotGoalEnv(world=QUIET, feedback="truth", start_range=1.0)
+    env.reset(seed=1, options={"start": (2.9, 0.0, 0.0)})
+    _, reward, terminated, _, info = env.step(np.array([1.0, 0.0], np.float32))
+    assert (terminated, info["is_success"]) == (True, False)
+    assert reward == pytest.approx(-0.13 - 0.01 - 10.0)
+
+
+def test_passing_the_goal_at_speed_does_not_count():
+    env = DiffbotGoalEnv(world=QUIET, feedback="truth")
+    env.reset(seed=1, options={"start": (-0.1, 0.0, 0.0)})
+    assert env.step(np.array([0.5, 0.0], np.float32))[2] is False
+    assert env.step(STILL)[2] is True
+
+
+def test_an_action_beyond_the_wheels_keeps_its_curvature():
+    """1.3 m/s and 2.6 rad/s would need 2.08 m/s at the rim, whose bound is 1.3 m/s."""
+    env = DiffbotGoalEnv(world=QUIET, feedback="truth")
+    env.reset(seed=1)
+    observation, *_ = env.step(np.ones(2, np.float32))
+    assert observation[5:] == pytest.approx([1.3 / 1.6, 2.6 / 1.6], rel=1e-6)
+
+
+def test_late_fixes_are_waited_for_at_rest():
+    world = WorldConfig(sensors=SensorConfig(fix_delay=0.5))
+    env = DiffbotGoalEnv(world=world, feedback="raw")
+    _, info = env.reset(seed=1, options={"start": (1.0, 2.0, 0.5)})
+    assert env.world.state.step == 5
+    assert info["truth"] == pytest.approx([1.0, 2.0, 0.5])
+    assert np.abs(info["feedback"] - info["truth"]).max() <= 0.3
+
+
+def test_several_at_a_time():
+    envs = gymnasium.make_vec(NAME, num_envs=3, vectorization_mode="sync")
+    observations, _ = envs.reset(seed=1)
+    assert envs.single_observation_space.contains(observations[0])
+    assert len({float(row[0]) for row in observations}) == 3
+    envs.close()
+
+
+def test_bad_values_are_refused():
+    for given, text in (
+        ({"feedback": "gps"}, "feedback = 'gps': must be one of"),
+        ({"start_range": math.nan}, "start_range = nan: must be >= 0.1"),
+        ({"data_sheet": DataSheet(v_max=math.inf)}, "v_max = inf: must be"),
+    ):
+        with pytest.raises(InvalidValueError, match=text):
+            DiffbotGoalEnv(**given)
+    env = DiffbotGoalEnv(world=WorldConfig(sensors=SensorConfig(fix_rate=0.0)), feedback="raw")
+    with pytest.raises(InvalidValueError, match="feedback = 'raw'"):
+        env.reset(seed=1)
+    env = DiffbotGoalEnv(feedback="truth")
+    for start in ((1.0, 2.0), (math.nan, 0.0, 0.0)):
+        with pytest.raises(InvalidValueError, match="start = "):
+            env.reset(options={"start": start})
+    env.reset(seed=1)
+    for action in (np.array([math.nan, 0.0]), np.zeros(3)):
+        with pytest.raises(InvalidValueError, match="action = "):
+            env.step(action)

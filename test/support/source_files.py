@@ -1,0 +1,22 @@
+"""The files of the source tree, for the tests that look at the project itself."""
+
+import os
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+PYTHONS = ("3.10", "3.11", "3.12", "3.13")
+PACKAGES = ("diffbot_bag", "diffbot_control", "diffbot_core", "diffbot_lab", "diffbot_sim")
+BUILT = {"build", "install", "log", "out", "site", "__pycache__"}
+HIDDEN = {".ci", ".github"}
+"""Hidden folders that are part of the project."""
+
+
+def source_tree():
+    """Yield every file of the source tree that git would not ignore."""
+    for folder, folders, files in os.walk(ROOT):
+        folders[:] = [
+            name
+            for name in folders
+            if name in HIDDEN or not (name.startswith(".") or name in BUILT or name.endswith(".egg-info"))
+        ]
+        yield from (Path(folder, name) for name in files if name != ".git")
