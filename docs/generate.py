@@ -9,7 +9,7 @@ docs/calibration.json; docs/faults.md, docs/faults.json (`make faults`, `make so
 ``--experiments`` and ``--benchmark`` repeat the runs behind the JSON files and draw their figures; those behind
 docs/benchmark_bound.json need casadi (extra ``bound``) and are repeated by ``--benchmark bound`` alone.
 ``--animation`` draws docs/run.gif, ``--policy`` runs the nodes and writes config/sros2_policy.xml.
-``--tutorials`` runs the tutorials and writes the outputs shown on them (docs/tutorial_run.py).
+The outputs on the tutorials are written by docs/tutorial_run.py, which runs them.
 ``--check`` writes nothing and fails if a page or rooms.svg is out of date.
 """
 
@@ -27,9 +27,9 @@ from typing import Any
 
 import numpy as np
 from faults_page import page as faults_page
+from geometry_picture import geometry_picture
 from reproduction import page as reproduction_page
 from rooms import picture as rooms_picture
-from tutorial_run import run, tutorials, with_output
 
 from diffbot_bag.parameters import RecorderConfig, ReplayConfig
 from diffbot_bag.tools.contract import BagRules, TopicRules
@@ -231,16 +231,6 @@ def write_animation() -> None:
     write_movie(shown, sampling_time, DOCS / "run.gif")
 
 
-def write_tutorials(names: list[str]) -> None:
-    """Run the tutorials, or those of these names, and write the outputs shown on them."""
-    for page in tutorials():
-        if not names or page.stem in names:
-            with tempfile.TemporaryDirectory() as folder:
-                text = page.read_text()
-                page.write_text(with_output(text, run(text, Path(folder))))
-                print(f"{page.name} written")
-
-
 def write_policy() -> None:
     """Run the nodes and write config/sros2_policy.xml from what they publish, subscribe to and serve."""
     # Only here: the rest of this program needs no ROS.
@@ -314,7 +304,6 @@ def main() -> int:
     )
     parser.add_argument("--animation", action="store_true", help="draw run.gif again")
     parser.add_argument("--policy", action="store_true", help="write config/sros2_policy.xml from running nodes")
-    parser.add_argument("--tutorials", nargs="*", metavar="NAME", help="run the tutorials, write their outputs")
     options = parser.parse_args()
     if options.experiments:
         write_experiments()
@@ -332,8 +321,6 @@ def main() -> int:
         write_animation()
     if options.policy:
         write_policy()
-    if options.tutorials is not None:
-        write_tutorials(options.tutorials)
     if options.benchmark == "bound":
         write_bound()
     control = DOCS / "control.md"
@@ -349,6 +336,7 @@ def main() -> int:
         DOCS / "real-robots.md": real_robots_page(),
         DOCS / "faults.md": faults_page(json.loads((DOCS / "faults.json").read_text())),
         DOCS / "rooms.svg": rooms_picture(),
+        DOCS / "explanation/geometry.svg": geometry_picture(),
         control: between_markers(control.read_text(), "scenario A", scenario_a_table()),
     }
     stale = [path for path, text in pages.items() if not path.is_file() or path.read_text() != text]

@@ -1,4 +1,4 @@
-"""The tutorials as programs: their fenced blocks in order, what these print, and the comparison with what a page shows.
+"""The tutorials as programs: ``python docs/tutorial_run.py [NAME ...]`` runs them and writes the outputs they show.
 
 On a page, a block ``sh`` is run, a block with ``title="NAME"`` is a file that the reader saves, and a block ``text``
 titled ``Output`` is what the commands before it print. ``Output (your numbers differ)`` is compared without numbers.
@@ -10,6 +10,7 @@ import os
 import re
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
@@ -86,3 +87,17 @@ def comparable(text: str, title: str) -> list[str]:
     """Return the lines of an output as they are compared: without numbers if these vary."""
     masked = _NUMBER.sub("#", text) if title == VARYING else text
     return [" ".join(re.sub(r"-{3,}", "---", line).split()) for line in masked.strip().splitlines()]
+
+
+def main(names: list[str]) -> None:
+    """Run the tutorials, or those of these names, and write their outputs into the pages."""
+    for page in tutorials():
+        if not names or page.stem in names:
+            with tempfile.TemporaryDirectory() as folder:
+                text = page.read_text()
+                page.write_text(with_output(text, run(text, Path(folder))))
+            print(f"{page.name} written", flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
