@@ -40,7 +40,7 @@ def geometry_picture() -> str:
         f'<circle cx="{LEFT:.0f}" cy="{TOP:.0f}" r="5"/>',
         _text((-1.9, -0.85), "rho", BLUE),
         _text(_point(at_robot, 0.5 * beta, 1.63), "beta", BLUE),
-        _text(_point(at_robot, 0.62, 0.62), "alpha", ORANGE),
+        _text((ROBOT.x + 0.58, ROBOT.y + 0.07), "alpha", ORANGE),
         _text(_point(at_robot, 0.5 * ROBOT.theta, 1.88), "theta &lt; 0", GREY),
         _text((1.45, 0.1), "x", GREY),
         _text((0.08, 1.05), "y", GREY),

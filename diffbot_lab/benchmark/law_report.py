@@ -151,6 +151,8 @@ def _introduction(results: Results) -> list[str]:
         "- In brackets 95 % intervals: Wilson's of shares, the bootstrap's of quantiles.",
         "",
         "![Paths from one start, and distributions of settling time and final errors](benchmark.png)",
+        "",
+        "*One start of the paper, each law on the same noise; below, the shares of all runs.*",
     ]
 
 
