@@ -17,10 +17,11 @@ BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#777777"
 
 def geometry_picture() -> str:
     """Return the figure."""
-    rho, alpha, beta = navigation_variables(ROBOT)
+    _, alpha, beta = navigation_variables(ROBOT)
     at_robot, goal = (ROBOT.x, ROBOT.y), (0.0, 0.0)
     parts = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" font-family="sans-serif" font-size="17">',
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" '
+        'font-family="sans-serif" font-size="17">',
         "<title>rho, alpha, beta and theta</title>",
         f'<rect width="{WIDTH}" height="{HEIGHT}" fill="white"/>',
         f'<circle cx="{LEFT:.0f}" cy="{TOP:.0f}" r="{RADIUS * SCALE:.0f}" fill="{GREEN}" fill-opacity="0.15" '

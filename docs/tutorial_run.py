@@ -19,7 +19,9 @@ EXACT, VARYING = "Output", "Output (your numbers differ)"
 HOME = "~/first"
 """The empty folder, as docs/tutorials/index.md names it."""
 MARKER = "--- end of block ---"
-_BLOCK = re.compile(r'^```(?P<language>\w+)(?: title="(?P<title>[^"]+)")?\n(?P<body>.*?)^```$', re.MULTILINE | re.DOTALL)
+LONGEST = 800.0
+"""[s] for a whole page, on a machine that is busy with other work"""
+_BLOCK = re.compile(r'^```(?P<language>\w+)(?: title="(?P<title>[^"]+)")?\n(?P<body>.*?)^```$', re.M | re.S)
 _NUMBER = re.compile(r"[-+]?\d+(?:[.,]\d+)*(?:e[-+]?\d+)?")
 
 
@@ -59,7 +61,9 @@ def run(text: str, folder: Path) -> list[str]:
             script.append(f"cat > {block.title} <<'END OF FILE'\n{block.body}END OF FILE")
     environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}", "COLUMNS": "120"}
     command = ["bash", "-c", "\n".join(script)]
-    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=240)
+    done = subprocess.run(
+        command, cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=LONGEST
+    )
     if done.returncode:
         raise RuntimeError(f"status {done.returncode}\n{done.stdout}\n{done.stderr}")
     printed = done.stdout.replace(str(folder.resolve()), HOME)

@@ -152,7 +152,7 @@ def _introduction(results: Results) -> list[str]:
         "",
         "![Paths from one start, and distributions of settling time and final errors](benchmark.png)",
         "",
-        "*Above: runs of each law from one start. Below: share of all runs that settled within a time, ended within an error.*",
+        "*Above: runs of each law from one start. Below: share of all runs within a settling time or a final error.*",
     ]
 
 

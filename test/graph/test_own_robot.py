@@ -1,4 +1,4 @@
-"""docs/robot.md and the page of troubleshooting: the parameter file drives a robot, the tables have the code's texts."""
+"""docs/robot.md, how-to/troubleshooting.md: the parameter file drives a robot, the tables have the code's texts."""
 
 import ast
 import contextlib

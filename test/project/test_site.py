@@ -1,4 +1,4 @@
-"""The site: it builds strictly, loads nothing from elsewhere, its pages are readable, and its tutorials do what they show."""
+"""The site: it builds strictly, loads nothing from elsewhere and is readable; its tutorials print what they show."""
 
 import os
 import re
@@ -45,7 +45,8 @@ def site(tmp_path_factory):
     """The site, built as ``make site`` does."""
     folder = tmp_path_factory.mktemp("site")
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)]
-    built = subprocess.run(command, cwd=ROOT, env={**os.environ, "NO_MKDOCS_2_WARNING": "1"}, capture_output=True, text=True, check=False)
+    quiet = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
+    built = subprocess.run(command, cwd=ROOT, env=quiet, capture_output=True, text=True, check=False)
     assert built.returncode == 0, built.stderr
     return folder
 
@@ -100,6 +101,7 @@ def test_pictures_have_text_and_caption_and_tables_fit(page):
 
 
 @pytest.mark.graph
+@pytest.mark.timeout(900)
 @pytest.mark.parametrize("page", tutorial_run.tutorials(), ids=lambda page: page.stem)
 def test_a_tutorial_prints_what_it_shows(page, tmp_path):
     text = page.read_text()
@@ -112,9 +114,10 @@ def test_a_tutorial_prints_what_it_shows(page, tmp_path):
 
 
 def test_exact_outputs_are_compared_with_their_numbers():
-    assert tutorial_run.comparable("a 1.0\n", tutorial_run.EXACT) != tutorial_run.comparable("a 2.0", tutorial_run.EXACT)
-    assert tutorial_run.comparable("a 1\n", tutorial_run.VARYING) == tutorial_run.comparable("a 2e-3", tutorial_run.VARYING)
-    assert tutorial_run.comparable("a 1", tutorial_run.VARYING) != tutorial_run.comparable("b 1", tutorial_run.VARYING)
+    comparable, exact, varying = tutorial_run.comparable, tutorial_run.EXACT, tutorial_run.VARYING
+    assert comparable("a 1.0\n", exact) != comparable("a 2.0", exact)
+    assert comparable("a 1\n", varying) == comparable("a 2e-3", varying)
+    assert comparable("a 1", varying) != comparable("b 1", varying)
 
 
 def test_presets_on_the_pages_exist():
