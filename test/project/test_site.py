@@ -64,6 +64,7 @@ def test_every_page_is_built_and_loads_nothing_from_other_hosts(site):
 def test_python_api_shows_the_docstrings(site):
     text = re.sub(r"<[^>]+>", "", (site / "reference" / "python.html").read_text())
     assert "the next memory, the command, and what the step worked with" in text
+    assert not re.search(r":(?:class|func|meth|mod|data):", text)
     assert "Initialise the filter, and wait until it publishes a pose within 1 m of that." in text
 
 
