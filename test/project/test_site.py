@@ -21,7 +21,7 @@ LESSONS = [DOCS / "robot.md", *sorted(DOCS.glob("tutorials/*.md")), *sorted(DOCS
 NEW = [page for page in PAGES if page.parent != DOCS]
 """Pages in the folders of the site; the older ones beside them are longer."""
 LONGEST_SENTENCE, LONGEST_PAGE, WIDEST_TABLE = 30, 110, 8
-WIDER = {"benchmark.md", "localization-results.md", "performance.md", "real-robots.md", "reproduction.md", "faults.md"}
+WIDER = {"benchmark.md", "localization-results.md", "real-robots.md", "reproduction.md", "faults.md"}
 """Results whose generated tables have more columns."""
 
 
