@@ -14,7 +14,7 @@ SOURCES := package.xml setup.py setup.cfg $(shell find diffbot_* launch config r
 unexport PYTHONPATH PYTHONHOME LD_LIBRARY_PATH AMENT_PREFIX_PATH RMW_IMPLEMENTATION _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
 .DEFAULT_GOAL := help
-.PHONY: help setup compilers browser demo test test-fast faults soak lint bench docs clean
+.PHONY: help setup compilers browser demo test test-fast faults soak lint bench docs site clean
 .DELETE_ON_ERROR:
 
 help:
@@ -27,6 +27,7 @@ help:
 	@echo "make lint    run ruff, mypy, import-linter, oxlint and hadolint"
 	@echo "make bench   measure speed"
 	@echo "make docs    write the generated parts of docs/"
+	@echo "make site    build the documentation as a site: out/site/index.html"
 	@echo "make clean   remove $(VENV) and everything built"
 	@echo "ARGS='...' passes arguments on, PYTHON=... chooses the interpreter (3.10 to 3.13)."
 
@@ -85,6 +86,11 @@ bench: setup
 docs: setup
 	@$(BIN)/python docs/generate.py $(ARGS)
 
+# Strict: a page outside the navigation, a broken link or a missing anchor is an error; with --quiet it would be none.
+site: setup
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+	@echo "Site out/site/index.html (open it in a browser)"
+
 clean:
 	@rm -rf $(VENV) build install log out *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
 	@find . -name __pycache__ -prune -exec rm -rf {} +
@@ -111,7 +117,7 @@ $(VENV)/dependencies.stamp: setup.py constraints.txt | $(BIN)/python
 	@$(BIN)/python -m pip --version >/dev/null 2>&1 || $(BIN)/python -m ensurepip >/dev/null
 	@$(PIP) install --constraint constraints.txt pip setuptools
 	@rm -rf build/lib *.egg-info
-	@$(INSTALL) '.[jazzy,test,lint,batch,cluster,gym]'
+	@$(INSTALL) '.[jazzy,test,lint,docs,batch,cluster,gym]'
 	@mv $@.begun $@
 
 # build/lib keeps modules that were deleted since, so it goes first.

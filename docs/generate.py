@@ -9,6 +9,7 @@ docs/calibration.json; docs/faults.md, docs/faults.json (`make faults`, `make so
 ``--experiments`` and ``--benchmark`` repeat the runs behind the JSON files and draw their figures; those behind
 docs/benchmark_bound.json need casadi (extra ``bound``) and are repeated by ``--benchmark bound`` alone.
 ``--animation`` draws docs/run.gif, ``--policy`` runs the nodes and writes config/sros2_policy.xml.
+The outputs on the tutorials are written by docs/tutorial_run.py, which runs them.
 ``--check`` writes nothing and fails if a page or rooms.svg is out of date.
 """
 
@@ -26,6 +27,7 @@ from typing import Any
 
 import numpy as np
 from faults_page import page as faults_page
+from geometry_picture import geometry_picture
 from reproduction import page as reproduction_page
 from rooms import picture as rooms_picture
 
@@ -334,6 +336,7 @@ def main() -> int:
         DOCS / "real-robots.md": real_robots_page(),
         DOCS / "faults.md": faults_page(json.loads((DOCS / "faults.json").read_text())),
         DOCS / "rooms.svg": rooms_picture(),
+        DOCS / "explanation/geometry.svg": geometry_picture(),
         control: between_markers(control.read_text(), "scenario A", scenario_a_table()),
     }
     stale = [path for path, text in pages.items() if not path.is_file() or path.read_text() != text]

@@ -151,6 +151,8 @@ def _introduction(results: Results) -> list[str]:
         "- In brackets 95 % intervals: Wilson's of shares, the bootstrap's of quantiles.",
         "",
         "![Paths from one start, and distributions of settling time and final errors](benchmark.png)",
+        "",
+        "*Above: runs of each law from one start. Below: share of all runs within a settling time or a final error.*",
     ]
 
 

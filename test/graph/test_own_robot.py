@@ -1,4 +1,4 @@
-"""docs/robot.md: its parameter file drives a robot, and its tables have the texts and the parameters of the code."""
+"""docs/robot.md, how-to/troubleshooting.md: the parameter file drives a robot, the tables have the code's texts."""
 
 import ast
 import contextlib
@@ -23,6 +23,7 @@ from diffbot_sim.ros.parameters import PlantNodeConfig
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "robot.md").read_text()
+HELP = (ROOT / "docs" / "how-to" / "troubleshooting.md").read_text()
 (FILE,) = re.findall(r"^```yaml\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
 CONFIGS = {
     "ekf": EkfNodeConfig,
@@ -36,7 +37,7 @@ MESSAGES = {"cmd_vel", "global_pose", "joint_states", "base_link", "child_frame_
 
 def rows(heading):
     """Return the cells of the table whose first header cell is ``heading``, without its head."""
-    (table,) = re.findall(rf"^\| {heading} \|.*?(?=^$|\Z)", PAGE, re.MULTILINE | re.DOTALL)
+    (table,) = re.findall(rf"^\| {heading} \|.*?(?=^$|\Z)", HELP, re.MULTILINE | re.DOTALL)
     return [[cell.strip() for cell in line.strip("|").split(" | ")] for line in table.splitlines()[2:]]
 
 
@@ -61,11 +62,27 @@ def test_every_state_has_its_row():
     assert sorted(states) == sorted([("controller", one) for one in controller] + [("ekf", one) for one in ekf])
 
 
-@pytest.mark.parametrize("text", [row[0].strip("`") for row in rows("text")])
+def texts_of_the_page():
+    return [text for row in rows("text") for text in re.findall("`([^`]+)`", row[0])]
+
+
+@pytest.mark.parametrize("text", texts_of_the_page())
 def test_texts_of_diagnostics_are_those_of_the_code(text):
     # A text of one filled-in word would match anything.
     patterns = [one for one in texts_of_the_code() if re.search(r"[a-z]{3}", one.replace(r"\w+", ""))]
     assert any(re.fullmatch(one, text) for one in patterns)
+
+
+def test_every_reason_to_drop_a_message_has_its_row():
+    calls = [
+        node
+        for path in (ROOT / "diffbot_control").rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "BadMessageError"
+    ]
+    kinds = {one.args[0].value for one in calls if isinstance(one.args[0], ast.Constant)}
+    assert len(kinds) > 20
+    assert kinds - set(texts_of_the_page()) == set()
 
 
 def test_a_text_that_no_node_publishes_is_found_out():
@@ -75,9 +92,9 @@ def test_a_text_that_no_node_publishes_is_found_out():
 def test_parameters_and_arguments_on_the_page_exist():
     parameters = {one.name for config in CONFIGS.values() for one in parameters_of(config)}
     known = parameters | {one.name for one in (*ROBOT, *SIMULATION)} | MESSAGES | {"use_sim_time"}
-    words = {word.partition(":")[0] for word in re.findall(r"`([a-z_.]+(?::=?[^`]*)?)`", PAGE)}
+    words = {word.partition(":")[0] for word in re.findall(r"`([a-z_.]+(?::=?[^`]*)?)`", PAGE + HELP)}
     assert {word for word in words if "_" in word} <= known
-    assert {word for word in re.findall(r"(\w+):=", PAGE)} <= known | {"odom"}
+    assert {word for word in re.findall(r"(\w+):=", PAGE + HELP)} <= known | {"odom"}
 
 
 def test_the_parameter_file_sets_what_the_nodes_know():

@@ -36,7 +36,7 @@ def test_localization_results_are_up_to_date(generate):
 
 
 def test_every_link_between_pages_has_a_target():
-    for page in (ROOT / "docs").glob("*.md"):
+    for page in (ROOT / "docs").rglob("*.md"):
         links = re.findall(r"\]\(([^)#:]+\.(?:md|png|svg|gif))(?:#([^)]+))?\)", page.read_text())
         for name, section in links:
             target = page.parent / name
