@@ -10,6 +10,17 @@ import graph
 import pytest
 import requirements
 
+try:
+    from hypothesis import settings
+except ImportError:
+    # The tests that need it are left out (requirements.py).
+    pass
+else:
+    # The same examples in every run; --hypothesis-profile=explore looks for new ones.
+    settings.register_profile("repeatable", derandomize=True, deadline=None)
+    settings.register_profile("explore", derandomize=False, deadline=None)
+    settings.load_profile("repeatable")
+
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     # Started in the background of a shell; processes that the tests start would ignore SIGINT, too.
     signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -19,7 +19,8 @@ REFUSAL = 0.02
 class KeepingOutput:
     """Publishes on a history that keeps all: DDS itself waits until its oldest message is acknowledged.
 
-    To wait for all messages of a history that keeps the last ones would take until the next heartbeat, up to 3 s.
+    A history that keeps only the last messages is overwritten, or has to be acknowledged as a whole, for which DDS asks
+    at its heartbeat: each 3 s by default.
     """
 
     def __init__(self, publisher: Any, patience: float, stop: threading.Event) -> None:
@@ -56,7 +57,7 @@ class BoundedOutput:
         self._unacknowledged = 0
 
     def send(self, data: bytes) -> bool:
-        """Publish, if need be after a wait for everything before; return True."""
+        """Publish; at the bound, first wait until all messages sent before are acknowledged. Always returns True."""
         if self._unacknowledged >= self._bound:
             # A full history makes DDS ask for acknowledgement at once, and not only at its next heartbeat.
             while not self._publisher.wait_for_all_acked(Duration(seconds=POLL)) and not self._stop.is_set():

@@ -101,7 +101,7 @@ class ReplayOutputs:
             self._publishers[name].publish(message.data)
 
     def _wait_no_more(self, name: str) -> None:
-        """From now on the topic keeps its last messages alone."""
+        """Offer the topic anew with its usual history, whose oldest messages are overwritten, and log that."""
         text = f"{shown(name)}: not acknowledged after {self._naming.patience:g} s, messages may be lost from now on"
         self._node.get_logger().warning(text)
         topic = self._topics[name]

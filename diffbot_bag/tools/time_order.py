@@ -79,32 +79,40 @@ def pieces_of(files: Sequence[SourceFile], channels: Channels) -> list[Piece]:
 
 
 def crossing(pieces: Sequence[Piece]) -> set[int]:
-    """Return the ``order`` of the pieces that share times with another one; ``pieces`` by their first log time."""
+    """Return the ``order`` of the pieces that cannot follow each other whole; ``pieces`` by their first log time.
+
+    Two pieces that share no more than the time where they touch can, if the one of the lower order comes first.
+    """
     found = set()
-    latest = -1
+    latest = (-1, -1)
     for number, piece in enumerate(pieces):
-        following = pieces[number + 1].start if number + 1 < len(pieces) else piece.end
-        if latest > piece.start or following < piece.end:
+        end = (piece.end, piece.order)
+        following = _begin(pieces[number + 1]) if number + 1 < len(pieces) else end
+        if latest > _begin(piece) or following < end:
             found.add(piece.order)
-        latest = max(latest, piece.end)
+        latest = max(latest, end)
     return found
 
 
 def crossing_files(pieces: Sequence[Piece]) -> set[int]:
-    """Return the ``order`` of the pieces that share times with one of another file."""
-    starts: dict[int, list[int]] = {}
-    ends: dict[int, list[int]] = {}
+    """Return the ``order`` of the pieces that cannot follow, whole, one of another file, or come before it."""
+    starts: dict[int, list[tuple[int, int]]] = {}
+    ends: dict[int, list[tuple[int, int]]] = {}
     for piece in pieces:
-        starts.setdefault(id(piece.file), []).append(piece.start)
+        starts.setdefault(id(piece.file), []).append(_begin(piece))
         known = ends.setdefault(id(piece.file), [])
-        known.append(max(piece.end, known[-1]) if known else piece.end)
+        known.append(max((piece.end, piece.order), known[-1]) if known else (piece.end, piece.order))
     found = set()
     for piece in pieces:
         for file in starts.keys() - {id(piece.file)}:
-            earlier = bisect_left(starts[file], piece.end)
-            if earlier and ends[file][earlier - 1] > piece.start:
+            earlier = bisect_left(starts[file], (piece.end, piece.order))
+            if earlier and ends[file][earlier - 1] > _begin(piece):
                 found.add(piece.order)
     return found
+
+
+def _begin(piece: Piece) -> tuple[int, int]:
+    return piece.start, piece.order
 
 
 def send(

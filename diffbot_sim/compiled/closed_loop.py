@@ -109,7 +109,7 @@ def make_loop(law: Law) -> Callable[[Case, int, int, Pose, Any], Outcome]:
         feedback, robot = Feedback(new_sensed(case.filter, case.late_steps), start, False), _robot_of(case)
         for index in range(case.steps + 1):
             key = NoiseKey(seed, run, index)
-            feedback = observe(case.feedback, robot, key, state, feedback)
+            feedback = next_feedback(case.feedback, robot, key, state, feedback)
             command = Twist(0.0, 0.0)
             if feedback.known:
                 dt = t_s if index > 0 else 0.0
@@ -146,8 +146,8 @@ def _uncertainty(kind: int, track: Track | None) -> Uncertainty:
     return Uncertainty(largest_deviation(P.xx, P.xy, P.yy), math.sqrt(max(P.tt, 0.0)))
 
 
-def observe(kind: int, robot: Robot, key: NoiseKey, state: PlantState, feedback: Feedback) -> Feedback:
-    """Sense and filter."""
+def next_feedback(kind: int, robot: Robot, key: NoiseKey, state: PlantState, feedback: Feedback) -> Feedback:
+    """Sense, filter if the controller gets the estimate, and return what it gets."""
     if kind == TRUTH:
         return Feedback(feedback.sensed, state.pose, True)
     if kind == RAW:

@@ -183,9 +183,8 @@ def make_callable(function: Any, *, inline: bool = True, kept: bool = False) -> 
 
 _registered: set[Any] = set()
 """functions that compiled code may call"""
-KEPT = (closed_loop.observe, controller.SwitchingLaw.step)
-"""Functions that are long and the same in the kernels of all laws or configurations: compiled once, they save each of
-these most of its time."""
+KEPT = (closed_loop.next_feedback, controller.SwitchingLaw.step)
+"""Functions that take most of the time to compile and are the same in the kernels of many laws or configurations."""
 
 for _module in MODULES:
     for _function in _functions(_module):

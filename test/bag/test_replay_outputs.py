@@ -1,7 +1,6 @@
 """Sending with a bound: no message is overwritten before it is acknowledged, and no wait is without an end."""
 
 import threading
-import time
 
 import pytest
 from bag_makers import BEGIN, point
@@ -9,11 +8,30 @@ from bag_makers import BEGIN, point
 from diffbot_bag.metadata import Topic
 from diffbot_bag.qos import REPLAY_DEPTH, Qos
 from diffbot_bag.reader import RawMessage
+from diffbot_bag.ros import patient_outputs
 from diffbot_bag.ros.patient_outputs import RCLError
 from diffbot_bag.ros.replay_outputs import Naming, ReplayOutputs
 
 ROOM = 5000
 """messages that Fast DDS keeps of a history without a depth"""
+BLOCKING_TIME = 0.1
+"""[s] for which a publisher without room blocks before it raises"""
+
+
+class FakeTime:
+    """Time that passes only where a publisher blocks."""
+
+    now = 0.0
+
+    @classmethod
+    def monotonic(cls):
+        return cls.now
+
+
+@pytest.fixture(autouse=True)
+def clock(monkeypatch):
+    monkeypatch.setattr(patient_outputs, "time", FakeTime)
+    monkeypatch.setattr(FakeTime, "now", 0.0)
 
 
 class FakePublisher:
@@ -27,7 +45,7 @@ class FakePublisher:
         assert not self.destroyed
         if self.profile.history.name == "KEEP_ALL":
             if self.kept == ROOM:
-                time.sleep(0.03)
+                FakeTime.now += BLOCKING_TIME
                 self.wait_for_all_acked(None)
                 raise RCLError("no room")
         elif self.kept == self.profile.depth:

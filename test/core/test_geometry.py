@@ -20,7 +20,7 @@ from diffbot_core.geometry import (
     yaw_of_quaternion,
 )
 
-CHECK = settings(derandomize=True, deadline=None, max_examples=200)
+CHECK = settings(max_examples=200)
 ANGLES = st.floats(-1e9, 1e9)
 ANY_ANGLE = st.floats(allow_nan=False, allow_infinity=False)
 COORDINATES = st.floats(-1e4, 1e4)

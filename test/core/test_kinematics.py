@@ -18,7 +18,7 @@ from diffbot_core.kinematics import (
     wheel_speeds,
 )
 
-CHECK = settings(derandomize=True, deadline=None, max_examples=200)
+CHECK = settings(max_examples=200)
 PAPER = WheelGeometry()
 GEOMETRIES = st.builds(WheelGeometry, st.floats(0.01, 1.0), st.floats(0.05, 3.0))
 SPEEDS = st.floats(-100.0, 100.0)

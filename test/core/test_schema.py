@@ -25,7 +25,7 @@ from diffbot_core.schema import PARTIAL, Parameter, Spec, build, checked, parame
 from diffbot_sim.model.sensors import SensorConfig
 from diffbot_sim.model.simulator import WorldConfig
 
-CHECK = settings(derandomize=True, deadline=None, max_examples=100)
+CHECK = settings(max_examples=100)
 PACKAGES = (diffbot_core, diffbot_control, diffbot_bag, diffbot_sim)
 
 

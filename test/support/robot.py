@@ -166,15 +166,17 @@ class Robot:
         return self.peer.call(Trigger, "controller/cancel")
 
     def diagnosis(self, name):
-        """Newest key-value pairs of a node on /diagnostics, sent after this call."""
+        """Key-value pairs of a node on /diagnostics, sent after this call."""
+        self.catch_up()
         before = len(self.diagnostics)
         full = f"{self.namespace}/{name}"
 
-        def newest():
-            news = (status for array in self.diagnostics[before:] for status in array.status)
-            return next((status for status in news if status.name == full), None)
+        def second():
+            news = [status for array in self.diagnostics[before:] for status in array.status if status.name == full]
+            # The first may have been under way already.
+            return news[1] if len(news) > 1 else None
 
-        return graph.values(self.peer.spin_until(newest, 20.0, f"{full} on /diagnostics"))
+        return graph.values(self.peer.spin_until(second, 20.0, f"{full} on /diagnostics"))
 
     def wait_for_odometry_rate(self, rate):
         """Wait until the plant itself reports steps at ``rate`` [Hz], within a fifth."""

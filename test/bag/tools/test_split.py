@@ -3,7 +3,7 @@
 import cut_bags
 import pytest
 from cut_bags import BEGIN, STEP, Given, by_rosbags, check_metadata, facts, files_of
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
@@ -143,7 +143,10 @@ def test_too_many_files_are_refused(tmp_path, monkeypatch):
 ROWS = st.lists(st.tuples(st.sampled_from(["/point", "/map"]), st.integers(0, 100)), min_size=1, max_size=50)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
+# Chunks of equal times that stand in the file in the other order than by their first message.
+@example([("/point", 1), ("/point", 0), ("/point", 1)], 0, 0, 0, 60)
+@example([("/point", 1), ("/point", 0), ("/map", 1)], 0, 7, 0, 120)
 @given(ROWS, st.integers(0, 12), st.sampled_from([0, 7, 30]), st.sampled_from([0, 4000, 5000]), st.integers(60, 600))
 def test_messages_in_any_order_and_limits_together(tmp_path_factory, rows, messages, duration, size, chunk_size):
     folder = tmp_path_factory.mktemp("any")

@@ -36,7 +36,7 @@ from diffbot_control.filter.adaptation import (
 from diffbot_control.filter.gate import ACCEPTED, REJECTED
 from diffbot_core.geometry import Pose
 
-CHECK = settings(derandomize=True, deadline=None, max_examples=100)
+CHECK = settings(max_examples=100)
 ADAPTIVE = ("ekf_fnn", "ekf_fnn_calibrating")
 
 

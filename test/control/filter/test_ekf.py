@@ -15,7 +15,7 @@ from scipy.stats import chi2
 from diffbot_control.filter.ekf import PoseEkf
 from diffbot_core.geometry import Pose
 
-CHECK = settings(derandomize=True, deadline=None, max_examples=150)
+CHECK = settings(max_examples=150)
 STATES = st.tuples(st.floats(-10.0, 10.0), st.floats(-10.0, 10.0), st.floats(-3.1, 3.1))
 TWISTS = st.tuples(st.floats(-2.0, 2.0), st.floats(-3.0, 3.0), st.floats(0.01, 0.5))
 

@@ -44,7 +44,7 @@ from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.options import FILTERS, FilterConfig, options_of
 from diffbot_core.geometry import Pose
 
-CHECK = settings(derandomize=True, deadline=None, max_examples=200)
+CHECK = settings(max_examples=200)
 NOT_ADAPTIVE = ("ekf", "ekf_calibrating")
 CALIBRATING = ("ekf_calibrating", "ekf_fnn_calibrating")
 EVERY = pytest.mark.parametrize("variant", FILTERS)

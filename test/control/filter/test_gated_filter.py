@@ -116,7 +116,7 @@ def assert_healthy(found, config):
 
 
 @EVERY
-@settings(derandomize=True, deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(events=EVENTS, config=OPTIONS)
 def test_the_state_stays_finite_symmetric_and_positive_definite(variant, events, config):
     config = config._replace(filter=variant)

@@ -20,7 +20,7 @@ from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose, range_and_bearing
 from diffbot_core.schema import build
 
-CHECK = settings(derandomize=True, deadline=None, max_examples=200)
+CHECK = settings(max_examples=200)
 PLACES = st.floats(-100.0, 100.0)
 
 

@@ -21,7 +21,7 @@ from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 
-CHECK = settings(derandomize=True, deadline=None, max_examples=80)
+CHECK = settings(max_examples=80)
 MS = 10**6
 PERIOD = 100 * MS
 START = Pose(1.0, 2.0, 3.0)

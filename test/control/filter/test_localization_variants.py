@@ -35,7 +35,7 @@ from diffbot_sim.model.plant import PlantConfig
 from diffbot_sim.model.sensors import NO_ERRORS, SensorConfig
 from diffbot_sim.model.simulator import StartPose, World, WorldConfig
 
-CHECK = settings(derandomize=True, deadline=None, max_examples=25)
+CHECK = settings(max_examples=25)
 EVERY = pytest.mark.parametrize("variant", FILTERS)
 CALIBRATING = ("ekf_calibrating", "ekf_fnn_calibrating")
 MS = 10**6
@@ -190,7 +190,7 @@ def sets(stamp):
 
 
 @EVERY
-@settings(derandomize=True, deadline=None, max_examples=12)
+@settings(max_examples=12)
 @given(order=st.permutations(range(6)), late=st.sampled_from((-1, 0, 2)))
 @pytest.mark.parametrize("stamp", [450, 500, 900])
 def test_equal_stamps_give_the_same_in_any_order_of_arrival(variant, stamp, order, late):
@@ -203,7 +203,7 @@ def test_equal_stamps_give_the_same_in_any_order_of_arrival(variant, stamp, orde
 
 
 @EVERY
-@settings(derandomize=True, deadline=None, max_examples=12)
+@settings(max_examples=12)
 @given(order=st.permutations(range(12)))
 def test_landmarks_sent_twice_count_once_in_any_order_of_arrival(variant, order):
     measurements = [sighting(stamp * MS, number) for stamp in (330, 470) for number in range(3)]

@@ -24,7 +24,7 @@ from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist, WheelGeometry
 from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
 
-CHECK = settings(derandomize=True, deadline=None, max_examples=400)
+CHECK = settings(max_examples=400)
 INF = math.inf
 TUNED = PRESETS["tuned"]
 ORIGIN = Pose(0.0, 0.0, 0.0)

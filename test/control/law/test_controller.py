@@ -26,7 +26,7 @@ from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import CERTAIN, Estimate
 
-CHECK = settings(derandomize=True, deadline=None, max_examples=200)
+CHECK = settings(max_examples=200)
 INF = math.inf
 PAPER = PRESETS["paper"]
 FREE = PAPER._replace(data_sheet=DataSheet(INF, INF, INF, INF, INF))

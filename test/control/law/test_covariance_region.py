@@ -32,7 +32,7 @@ from diffbot_core.schema import build
 from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
 from diffbot_sim.model.simulator import StartPose, World, WorldConfig
 
-CHECK = settings(derandomize=True, deadline=None, max_examples=200)
+CHECK = settings(max_examples=200)
 ORIGIN = Pose(0.0, 0.0, 0.0)
 POLICY = CovarianceRegionPolicy(0.02, 2.2, 0.05, 3.0, 0.3, 3)
 TUNED = PRESETS["paper_covariance"]._replace(gains=Gains(), region_policy=RegionPolicy(COVARIANCE, covariance=POLICY))

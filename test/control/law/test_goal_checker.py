@@ -79,7 +79,7 @@ def test_without_deviations_all_that_is_finite_is_knowable():
     assert is_knowable(TOLERANCE._replace(goal_sigmas=0.0), Uncertainty(1e9, 1e9))
 
 
-@settings(derandomize=True, deadline=None, max_examples=300)
+@settings(max_examples=300)
 @given(st.floats(1e-4, 1e3), st.floats(1e-4, 1e3), st.floats(-math.pi, math.pi))
 def test_largest_deviation_is_the_longer_axis_of_the_ellipse(one, other, turn):
     c, s = math.cos(turn), math.sin(turn)

@@ -220,7 +220,7 @@ def test_a_goal_whose_law_fails_ends_once(monkeypatch):
 EVENTS = st.sampled_from(["goal", "path", "cancel", "away", "there", "short silence", "long silence", "idle"])
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(st.lists(EVENTS, max_size=40), st.sampled_from([QUICK, BRAKING]), st.booleans(), st.booleans())
 def test_every_goal_ends_exactly_once(events, controller, hold_goal, publish_when_idle):
     drive = Drive(

@@ -13,7 +13,7 @@ from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import Uncertainty
 
-CHECK = settings(derandomize=True, deadline=None, max_examples=60)
+CHECK = settings(max_examples=60)
 FINE = 2e-4
 
 

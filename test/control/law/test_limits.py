@@ -10,7 +10,7 @@ from diffbot_control.law.limits import limit_acceleration, limit_velocity
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.kinematics import Twist, WheelGeometry, wheel_speeds
 
-CHECK = settings(derandomize=True, deadline=None, max_examples=300)
+CHECK = settings(max_examples=300)
 WHEELS = WheelGeometry(0.05, 0.6)
 FREE = DataSheet(math.inf, math.inf, math.inf, math.inf, math.inf)
 TWISTS = st.builds(Twist, st.floats(-5.0, 5.0), st.floats(-5.0, 5.0))

@@ -24,7 +24,7 @@ from diffbot_control.law.lyapunov_law import (
 )
 from diffbot_control.law.polar_coordinates import Navigation
 
-CHECK = settings(derandomize=True, deadline=None, max_examples=300)
+CHECK = settings(max_examples=300)
 PAPER = PAPER_GAINS
 TUNED_GAINS = Gains()
 ANGLES = st.floats(-math.pi, math.pi, exclude_min=True)

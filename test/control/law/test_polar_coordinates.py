@@ -16,7 +16,7 @@ from diffbot_control.law.polar_coordinates import (
 )
 from diffbot_core.geometry import Pose, wrap_angle
 
-CHECK = settings(derandomize=True, deadline=None, max_examples=300)
+CHECK = settings(max_examples=300)
 POSES = st.builds(Pose, st.floats(-50.0, 50.0), st.floats(-50.0, 50.0), st.floats(-math.pi, math.pi))
 
 

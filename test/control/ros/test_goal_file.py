@@ -91,7 +91,7 @@ JSON = st.recursive(
 )
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.sampled_from([*SavedGoal._fields, "version"]), JSON)
 def test_any_value_of_a_field_is_taken_or_refused(tmp_path_factory, field, value):
     path = tmp_path_factory.mktemp("goal") / "goal"

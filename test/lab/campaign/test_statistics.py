@@ -8,7 +8,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
@@ -46,7 +46,6 @@ def test_wilson_of_nothing_says_nothing():
 
 
 @given(st.integers(0, 10**6), st.integers(1, 10**6))
-@settings(derandomize=True, deadline=None)
 def test_wilson_holds_the_share(successes, total):
     successes = min(successes, total)
     low, high = wilson(successes, total)
@@ -169,7 +168,6 @@ def test_any_order_and_any_pieces_are_the_same():
 @given(
     st.lists(st.lists(st.one_of(st.just(0.0), st.just(NAN), st.floats(0.0, 1e12)), min_size=1, max_size=8), min_size=1)
 )
-@settings(derandomize=True, deadline=None)
 def test_merging_commutes(chunks):
     tables = [outcomes_of(settling_time=chunk, effort=chunk) for chunk in chunks]
     forth, back = statistics_of(*tables), statistics_of(*reversed(tables))

@@ -125,7 +125,7 @@ small = st.floats(0.0, 1.0)
     st.floats(0.001, 0.5),
     st.integers(0, 2**32),
 )
-@settings(derandomize=True, deadline=None, max_examples=60)
+@settings(max_examples=60)
 def test_soundness_for_any_gains_and_bounds(gains, box, t_s, seed):
     assert_sound(np.random.default_rng(seed), gains, box, t_s, 300, 20)
 
@@ -135,7 +135,7 @@ OFF_THE_CUT = st.floats(-math.pi + 1e-6, math.pi - 1e-6)
 
 
 @given(st.floats(1e-3, 30.0), OFF_THE_CUT, OFF_THE_CUT, st.tuples(*[st.floats(-1.0, 1.0)] * 5))
-@settings(derandomize=True, deadline=None, max_examples=400)
+@settings(max_examples=400)
 def test_soundness_with_the_projects_own_law_and_models(rho, alpha, beta, share):
     gains = PAPER_GAINS
     noise = [one * bound for one, bound in zip(share, PAPER_BOX, strict=True)]

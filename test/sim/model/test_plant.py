@@ -14,7 +14,7 @@ from diffbot_sim.model.actuators import ActuatorConfig
 from diffbot_sim.model.philox import Draw
 from diffbot_sim.model.plant import PlantConfig, PlantState, integrate, new_plant, plant_step
 
-CHECK = settings(derandomize=True, deadline=None, max_examples=150)
+CHECK = settings(max_examples=150)
 QUIET = PlantConfig(drive_noise=0.0, encoder_noise=0.0)
 SILENCE = Draw(0.0, 0.0, 0.0, 0.0)
 START = PlantState(Pose(1.0, 2.0, 0.5))

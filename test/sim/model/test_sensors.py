@@ -25,7 +25,7 @@ from diffbot_sim.model.sensors import (
     with_outlier,
 )
 
-CHECK = settings(derandomize=True, deadline=None, max_examples=100)
+CHECK = settings(max_examples=100)
 DEFAULT = SensorConfig()
 TRUTH = Pose(4.0, -3.0, 3.1)
 
