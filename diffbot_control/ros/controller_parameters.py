@@ -24,7 +24,7 @@ from diffbot_core.uncertainty import Uncertainty
 class PoseFallback(NamedTuple):
     """Uncertainty of a pose whose covariance is all zero, i.e. unknown.
 
-    The defaults are a fifth of the default tolerances, as a localisation good enough for such goals has at rest: two
+    The defaults are a fifth of the default tolerances, as a localization good enough for such goals has at rest: two
     standard deviations (``goal_sigmas``) leave 0.06 m and 0.06 rad for the errors, so goals can be reached. With
     narrower tolerances the status may say ``tolerance below uncertainty`` until these parameters hold the true values.
     """
