@@ -14,6 +14,7 @@ BENCHMARKS = {
     "switching": (100, Path("out/benchmark")),
     "localization": (200, Path("out/localization")),
     "colour": (400, Path("out/colour")),
+    "effects": (60, Path("out/effects")),
     "tune": (102, Path("out/tuning")),
     "animate": (200, Path("out/animation")),
     "bound": (2, Path("out/bound")),
@@ -39,8 +40,8 @@ def add_benchmark(commands: Any) -> None:
         type=whole(1, 10**5),
         help="switching: of each start (default: 100); localization: of each case (default: 200); "
         "tune: of each case in an evaluation (default: 102); animate: the most typical one of these (default: 200); "
-        "colour: drives at each correlation (default: 400); bound: of each start (default: 2); "
-        "calibration: drives (default: 40)",
+        "colour: drives at each correlation (default: 400); effects: of each start (default: 60); "
+        "bound: of each start (default: 2); calibration: drives (default: 40)",
     )
     benchmark.add_argument(
         "--own-runs",
@@ -101,6 +102,12 @@ def _colour(options: argparse.Namespace, runs: int, out: Path) -> int:
     return filter_colour.run_and_report(runs, options.seed, out)
 
 
+def _effects(options: argparse.Namespace, runs: int, out: Path) -> int:
+    from diffbot_lab.benchmark import law_effects  # noqa: PLC0415
+
+    return law_effects.run_and_report(runs, options.seed, out)
+
+
 def _tune(options: argparse.Namespace, runs: int, out: Path) -> int:
     from diffbot_lab.benchmark import law_tuning  # noqa: PLC0415
 
@@ -136,6 +143,7 @@ _CALLS = {
     "switching": _switching,
     "localization": _localization,
     "colour": _colour,
+    "effects": _effects,
     "tune": _tune,
     "animate": _animate,
     "bound": _bound,

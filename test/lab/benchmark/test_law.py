@@ -11,14 +11,16 @@ import numpy as np
 import pytest
 
 from diffbot_core.errors import DiffbotError, InvalidValueError
+from diffbot_core.schema import to_dict
 from diffbot_lab import cli
 from diffbot_lab.benchmark import law as benchmark
-from diffbot_lab.benchmark import law_tuning
+from diffbot_lab.benchmark import law_effects, law_tuning
 from diffbot_lab.benchmark.law import ArenaOptions, run_benchmark, still_moving, takes_part
 from diffbot_lab.benchmark.law_cases import CASES, OWN, arena_starts, cases_named, starts_named, world_of
 from diffbot_lab.benchmark.law_entries import ENTRIES, OWN_NAME, config_of, entries_for
 from diffbot_lab.benchmark.law_report import conclusions
 from diffbot_lab.benchmark.law_runs import case_of, run_case, run_paths
+from diffbot_sim.compiled.batch import COLUMNS
 
 ROOT = Path(__file__).resolve().parents[3]
 PEER = "rotate_drive_rotate"
@@ -225,3 +227,38 @@ def test_a_foreign_law_has_its_own_name_and_no_tuning():
     ours, polar, foreign = entries_for(("polar", "diffbot_lab.laws.polar:Polar"))
     assert (ours.name, polar, foreign.law) == (OWN_NAME, BY_NAME["polar"], "diffbot_lab.laws.polar:Polar")
     assert not foreign.space
+
+
+def test_each_effect_is_of_one_changed_parameter():
+    by_case = {case.name: config_of(BY_NAME[OWN_NAME], case, {}) for case in cases_named(law_effects.CASES)}
+    seen = set()
+    for one in law_effects.variants():
+        before = to_dict(by_case[one.case.name])
+        after = to_dict(config_of(BY_NAME[OWN_NAME], one.case, {}))
+        changed = {name for name in before if before[name] != after[name]}
+        assert changed == ({one.parameter} if one.parameter else set())
+        if one.parameter:
+            assert after[one.parameter] in (pytest.approx(0.5 * before[one.parameter]), 2 * before[one.parameter])
+        seen.add((one.case.name, one.parameter, one.value))
+    assert len(seen) == len(list(law_effects.variants())) == 2 + 2 * 2 * 18 + 2 * 7
+
+
+def test_effects_are_those_of_runs_with_that_value(monkeypatch):
+    monkeypatch.setattr(law_effects, "PARAMETERS", ("react",))
+    monkeypatch.setattr(law_effects, "CASES", ("nominal",))
+    results = law_effects.run_effects(1, 7)
+    medians = [row["settling_time"]["median"] for row in results["rows"]]
+    for values, median in zip(({}, {"react": 0.25}, {"react": 1.0}), medians, strict=True):
+        settling = run_case(BY_NAME[OWN_NAME], NOMINAL._replace(own=values), {}, 17, 7)
+        assert median == pytest.approx(np.median(settling[:, COLUMNS.index("settling_time")]), abs=1e-9)
+    assert len(set(medians)) == 3
+    head, _, first, second, _ = law_effects.law_table(results)
+    assert head == "| parameter | value | nominal: settled [%] | nominal: median [s] | nominal: 95 % [m] |"
+    assert first.startswith(f"| as it is |  | 100.0 | {medians[0]:.1f} |")
+    assert second.startswith(f"| `react` | 0.25 | 100.0 | {medians[1]:.1f} |")
+
+
+@pytest.mark.parametrize(("runs", "seed", "name"), [(0, 7, "runs"), (1, law_tuning.TRAINING_SEED, "seed")])
+def test_effects_refuse_bad_values(runs, seed, name):
+    with pytest.raises(InvalidValueError, match=name):
+        law_effects.run_effects(runs, seed)
