@@ -420,6 +420,7 @@ def test_keep_all_publishers_do_not_disturb(tmp_path, peer):
     with recorder(tmp_path / "run") as running:
         wait_until_recorded(peer, publisher)
         sent = publish(publisher, twists(100))
+        wait_until_arrived(publisher)
         assert running.stop() == 0
     assert recorded(tmp_path / "run", "/all") == sent
 
