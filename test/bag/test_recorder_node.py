@@ -239,6 +239,7 @@ def test_what_a_node_of_simulated_time_records(tmp_path, peer):
         before = count(reports)
         peer.spin_until(lambda: count(reports) > before, what="/clock in the bag")
         later = publish(data, twists(5))
+        wait_until_arrived(data)
         assert running.stop() == 0
     with BagReader(tmp_path / "run") as reader:
         messages = list(reader.messages(["/data"]))
@@ -265,6 +266,7 @@ def test_without_a_clock_messages_keep_the_time_of_reception(tmp_path, peer):
         wait_until_recorded(peer, data)
         start = peer.node.get_clock().now().nanoseconds
         sent = publish(data, twists(8))
+        wait_until_arrived(data)
         assert running.stop() == 0
         assert "no /clock received: 5 messages keep their time of reception" in running.output
     assert recorded(tmp_path / "run", "/data") == sent[:5]
@@ -384,6 +386,7 @@ def test_a_type_that_is_not_installed_is_said_once_and_not_fatal(tmp_path, peer)
         )
         wait_until_recorded(peer, good)
         sent = publish(good, twists(3))
+        wait_until_arrived(good)
         assert foreign.get_subscription_count() == 0
         assert running.stop() == 0
         assert running.output.count("/foreign is not recorded") == 1
@@ -420,6 +423,7 @@ def test_keep_all_publishers_do_not_disturb(tmp_path, peer):
     with recorder(tmp_path / "run") as running:
         wait_until_recorded(peer, publisher)
         sent = publish(publisher, twists(100))
+        wait_until_arrived(publisher)
         assert running.stop() == 0
     assert recorded(tmp_path / "run", "/all") == sent
 

@@ -59,7 +59,7 @@ def test_pace_of_the_scaled_clock(fast):
 def test_newest_goal_wins(fast):
     fast.send_goal(8.0, 8.0, 0.0)
     settle(fast, 1.0)
-    assert fast.state() == "driving"
+    fast.wait_for_state("driving")
     newer = (-1.0, -2.0, -1.0)
     drive(fast, newer)
     settle(fast)

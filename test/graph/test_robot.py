@@ -63,8 +63,7 @@ def test_no_node_hears_or_sends_a_topic_that_is_not_in_the_design(walking):
 
 
 def test_diagnostics_come_once_a_second_with_rates(walking):
-    first = walking.diagnosis("controller")
-    second = walking.diagnosis("controller")
+    first, second = walking.diagnoses("controller", 2)
     sent = int(second["cmd_vel sent"]) - int(first["cmd_vel sent"])
     assert 7 <= sent <= 13
     assert 7.0 <= float(second["cmd_vel sent [Hz]"]) <= 13.0

@@ -167,16 +167,21 @@ class Robot:
 
     def diagnosis(self, name):
         """Key-value pairs of a node on /diagnostics, sent after this call."""
+        return self.diagnoses(name, 1)[0]
+
+    def diagnoses(self, name, count):
+        """The same of so many reports one after the other."""
         self.catch_up()
         before = len(self.diagnostics)
         full = f"{self.namespace}/{name}"
 
-        def second():
+        def following():
             news = [status for array in self.diagnostics[before:] for status in array.status if status.name == full]
             # The first may have been under way already.
-            return news[1] if len(news) > 1 else None
+            return news[1 : count + 1] if len(news) > count else None
 
-        return graph.values(self.peer.spin_until(second, 20.0, f"{full} on /diagnostics"))
+        found = self.peer.spin_until(following, 20.0, f"{count} times {full} on /diagnostics")
+        return [graph.values(status) for status in found]
 
     def wait_for_odometry_rate(self, rate):
         """Wait until the plant itself reports steps at ``rate`` [Hz], within a fifth."""
