@@ -4,7 +4,7 @@ FROM ros:jazzy-ros-base
 SHELL ["/bin/bash", "-o", "pipefail", "-c"]
 WORKDIR /ws
 
-# First what changes seldom: the dependencies, by package.xml and by what only pip has (docs/dependencies.md).
+# First what changes seldom: the dependencies, by package.xml and by what only pip has (docs/how-to/install-on-ros.md).
 COPY package.xml constraints.txt src/diffbot/
 # hadolint ignore=DL3008
 RUN apt-get update \

@@ -105,7 +105,7 @@ def _add_experiment(commands: Any) -> None:
 
 def _add_campaign(commands: Any) -> None:
     campaign = commands.add_parser("campaign", help="Monte-Carlo runs over a grid of parameters")
-    campaign.add_argument("file", type=Path, nargs="?", help="YAML file (docs/campaigns.md)")
+    campaign.add_argument("file", type=Path, nargs="?", help="YAML file (docs/reference/campaigns.md)")
     _add_flags(campaign, CampaignOptions)
     campaign.add_argument("--start", type=_yaml, help="e.g. '{box: {x: [-5, 5], y: [-5, 5], heading: [-3.14, 3.14]}}'")
     campaign.add_argument("--set", type=_setting, nargs="+", default=[], metavar="NAME=VALUE", help="for all cells")

@@ -1,4 +1,4 @@
-"""The picture of docs/view.md: ``python docs/view_picture.py [REPORT.html]``, after ``make demo``."""
+"""The picture of a report, docs/view.png: ``python docs/view_picture.py [REPORT.html]``, after ``make demo``."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
     python examples/straight_line.py --runs 20 --case nominal --out arena
 
-Needs the extra `batch`. The protocol of a law is in docs/laws.md.
+Needs the extra `batch`. The protocol of a law is in docs/how-to/own-law.md.
 """
 
 import math

@@ -17,15 +17,15 @@ class LandmarkMap(NamedTuple):
 
     landmark_ids: Annotated[
         tuple[int, ...],
-        Spec("number of each known landmark", minimum=-_NUMBERS, maximum=_NUMBERS - 1, read_only=True),
+        Spec("id of each known landmark", minimum=-_NUMBERS, maximum=_NUMBERS - 1, read_only=True),
     ] = ()
     landmark_x: Annotated[
         tuple[float, ...],
-        Spec("x of each, in map", "m", minimum=-MAX_COORDINATE, maximum=MAX_COORDINATE, read_only=True),
+        Spec("x of each known landmark, in map", "m", minimum=-MAX_COORDINATE, maximum=MAX_COORDINATE, read_only=True),
     ] = ()
     landmark_y: Annotated[
         tuple[float, ...],
-        Spec("y of each, in map", "m", minimum=-MAX_COORDINATE, maximum=MAX_COORDINATE, read_only=True),
+        Spec("y of each known landmark, in map", "m", minimum=-MAX_COORDINATE, maximum=MAX_COORDINATE, read_only=True),
     ] = ()
 
     def check(self) -> None:

@@ -47,7 +47,10 @@ class FilterConfig(NamedTuple):
     wheel_radius_sigma: Annotated[
         float, Spec("standard deviation of each wheel's relative radius error at the start", minimum=1e-6, maximum=0.2)
     ] = 0.01
-    wheel_radius_walk: Annotated[float, Spec("how fast it may change", "1/sqrt(s)", minimum=0.0, maximum=0.1)] = 1e-4
+    wheel_radius_walk: Annotated[
+        float,
+        Spec("random-walk deviation of each wheel's relative radius error", "1/sqrt(s)", minimum=0.0, maximum=0.1),
+    ] = 1e-4
     wheel_separation_sigma: Annotated[
         float,
         Spec(
@@ -62,10 +65,14 @@ class FilterConfig(NamedTuple):
         float,
         Spec("relative error of the left wheel's radius at the start, e.g. by calibration", minimum=-0.5, maximum=0.5),
     ] = 0.0
-    right_radius_error: Annotated[float, Spec("the same of the right wheel", minimum=-0.5, maximum=0.5)] = 0.0
+    right_radius_error: Annotated[
+        float, Spec("relative error of the right wheel's radius at the start", minimum=-0.5, maximum=0.5)
+    ] = 0.0
     wheel_separation_error: Annotated[
         float,
-        Spec("the same of the wheel separation; without effect if it is no state", minimum=-0.5, maximum=0.5),
+        Spec(
+            "relative error of the wheel separation at the start; acts only if it is a state", minimum=-0.5, maximum=0.5
+        ),
     ] = 0.0
     landmark_gate: Annotated[
         str,
@@ -85,19 +92,27 @@ class FilterConfig(NamedTuple):
             "ekf_fnn variants"
         ),
     ] = True
-    heading_correlation_time: Annotated[float, Spec("the same of headings", "s", minimum=0.0, maximum=_MAX_TIME)] = 0.0
+    heading_correlation_time: Annotated[
+        float, Spec("how long the errors of headings last; 0: independent", "s", minimum=0.0, maximum=_MAX_TIME)
+    ] = 0.0
     landmark_correlation_time: Annotated[
-        float, Spec("the same of each landmark", "s", minimum=0.0, maximum=_MAX_TIME)
+        float, Spec("how long the errors of each landmark last; 0: independent", "s", minimum=0.0, maximum=_MAX_TIME)
     ] = 0.0
 
     landmark_range_offset: Annotated[
         float,
-        Spec("what every range to a landmark has too much", "m", minimum=-10.0, maximum=10.0, read_only=True),
+        Spec(
+            "constant error of all ranges to landmarks; positive: too long",
+            "m",
+            minimum=-10.0,
+            maximum=10.0,
+            read_only=True,
+        ),
     ] = 0.0
     landmark_range_offset_sigma: Annotated[
         float,
         Spec(
-            "its standard deviation; if one of the three is > 0, offset, scale and bearing offset are states",
+            "deviation of that offset; if one of the three deviations is > 0, all three errors are states",
             "m",
             minimum=0.0,
             maximum=10.0,
@@ -114,14 +129,14 @@ class FilterConfig(NamedTuple):
         ),
     ] = 0.0
     landmark_range_scale_sigma: Annotated[
-        float, Spec("its standard deviation", minimum=0.0, maximum=0.5, read_only=True)
+        float, Spec("deviation of the ranges' scale error", minimum=0.0, maximum=0.5, read_only=True)
     ] = 0.0
     landmark_bearing_offset: Annotated[
         float,
-        Spec("what every bearing of a landmark has too much", "rad", minimum=-math.pi, maximum=math.pi, read_only=True),
+        Spec("constant error of all bearings of landmarks", "rad", minimum=-math.pi, maximum=math.pi, read_only=True),
     ] = 0.0
     landmark_bearing_offset_sigma: Annotated[
-        float, Spec("its standard deviation", "rad", minimum=0.0, maximum=math.pi, read_only=True)
+        float, Spec("deviation of the bearings' constant error", "rad", minimum=0.0, maximum=math.pi, read_only=True)
     ] = 0.0
 
     def check(self) -> None:

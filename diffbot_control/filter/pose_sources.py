@@ -25,7 +25,7 @@ class PoseSources(NamedTuple):
     pose_source_sigma_xy: Annotated[
         tuple[float, ...],
         Spec(
-            "of each: deviation of x and y without a usable covariance; 0, the default: drop it",
+            "per source: deviation of x and y without a usable covariance; 0, the default: drop it",
             "m",
             minimum=0.0,
             maximum=_MAX_SIGMA,
@@ -34,7 +34,7 @@ class PoseSources(NamedTuple):
     pose_source_sigma_yaw: Annotated[
         tuple[float, ...],
         Spec(
-            "of each: the same of its heading; 0, the default: drop it; 1000: it has none",
+            "per source: deviation of the heading; 0, the default: drop it; 1000: the fix has no heading",
             "rad",
             minimum=0.0,
             maximum=_MAX_SIGMA,
@@ -42,11 +42,13 @@ class PoseSources(NamedTuple):
     ] = ()
     pose_source_correlation_time: Annotated[
         tuple[float, ...],
-        Spec("of each: how long its errors last; default 0: independent", "s", minimum=0.0, maximum=_MAX_TIME),
+        Spec("per source: how long its errors last; default 0: independent", "s", minimum=0.0, maximum=_MAX_TIME),
     ] = ()
     pose_source_delay: Annotated[
         tuple[float, ...],
-        Spec("of each: how long before its stamp a fix was measured; default 0", "s", minimum=0.0, maximum=_MAX_DELAY),
+        Spec(
+            "per source: how long before its stamp a fix was measured; default 0", "s", minimum=0.0, maximum=_MAX_DELAY
+        ),
     ] = ()
 
     def check(self) -> None:

@@ -71,7 +71,10 @@ class FinishConfig(NamedTuple):
     ] = 0.0
     finish_begin: Annotated[float, Spec("lateral error that begins a try, share of the length", "-", 0.0, 10.0)] = 0.25
     finish_begin_sigmas: Annotated[
-        float, Spec("... and standard deviations of the position that it has to exceed", "-", 0.0, 10.0)
+        float,
+        Spec(
+            "a lateral error has to exceed so many standard deviations of the position to begin a try", "-", 0.0, 10.0
+        ),
     ] = 0.8
     finish_end: Annotated[float, Spec("lateral error that ends a try, share of the length", "-", 0.0, 10.0)] = 0.08
     finish_reach: Annotated[float, Spec("longest leg from the goal, share of the length", "-", 0.0, 10.0)] = 0.6
@@ -79,7 +82,7 @@ class FinishConfig(NamedTuple):
         float, Spec("circle about the goal that a try stays in, share of the length", "-", 0.0, 10.0)
     ] = 1.0
     finish_room_sigmas: Annotated[
-        float, Spec("... with so many standard deviations of the position", "-", 0.0, 10.0)
+        float, Spec("standard deviations of the position by which that circle is reduced", "-", 0.0, 10.0)
     ] = 2.5
     finish_heading: Annotated[
         float, Spec("bound of |heading| during a try, share of yaw_goal_tolerance", "-", *SHARE)

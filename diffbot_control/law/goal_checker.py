@@ -22,7 +22,7 @@ class GoalTolerance(NamedTuple):
     ] = 0.05
     rot_stopped_velocity: Annotated[
         float,
-        Spec("commanded |omega| below which it counts as stopped", "rad/s", *TURN_RATE),
+        Spec("commanded |omega| below which the robot counts as stopped", "rad/s", *TURN_RATE),
     ] = 0.1
     settling_steps: Annotated[
         int,

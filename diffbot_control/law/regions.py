@@ -77,10 +77,12 @@ class CovarianceRegionPolicy(NamedTuple):
         float, Spec("bound of the relative error of the speed, |eps_v| / |v|", minimum=0.0, maximum=1.0)
     ] = 0.05
     eps_P_leave_factor: Annotated[
-        float, Spec("Omega_L is left beyond this multiple of the radius ...", minimum=1.0, maximum=1e3)
+        float, Spec("Omega_L is left beyond this multiple of the radius", minimum=1.0, maximum=1e3)
     ] = 3.0
-    eps_P_leave_min: Annotated[float, Spec("... and not below this distance", "m", *DISTANCE)] = 0.3
-    eps_P_leave_steps: Annotated[int, Spec("... after this number of poses in a row", minimum=1, maximum=1000)] = 3
+    eps_P_leave_min: Annotated[float, Spec("Omega_L is left only beyond this distance, too", "m", *DISTANCE)] = 0.3
+    eps_P_leave_steps: Annotated[
+        int, Spec("poses in a row beyond both distances after which Omega_L is left", minimum=1, maximum=1000)
+    ] = 3
 
 
 class RegionPolicy(NamedTuple):

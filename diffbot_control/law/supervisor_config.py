@@ -26,7 +26,13 @@ class SupervisorConfig(NamedTuple):
         float, Spec("the robot gives a goal up that is not reached after this time; 0: never", "s", *TIME)
     ] = 0.0
     max_departures: Annotated[
-        int, Spec("the robot gives a goal up when it has left Omega_L so often (hunting); 0: never", "-", 0, 100000)
+        int,
+        Spec(
+            "number of times that the robot leaves Omega_L (hunting) before it gives a goal up; 0: never",
+            "-",
+            0,
+            100000,
+        ),
     ] = 10
     publish_when_idle: Annotated[
         bool, Spec("answer every pose, with zero when there is no goal (lock-step needs it)")

@@ -78,7 +78,7 @@ class ControllerNodeConfig(NamedTuple):
     transform_tolerance: Annotated[
         float,
         Spec(
-            "age of the newest transform, before the stamp of a goal in another frame, up to which it is used",
+            "how much older than a goal in another frame the newest transform may be",
             "s",
             minimum=0.0,
             maximum=60.0,

@@ -31,7 +31,13 @@ class SensorNoise(NamedTuple):
         ),
     ] = 0.0
     global_pose_sigma_yaw: Annotated[
-        float, Spec("the same of its heading; 0: drop it", "rad", minimum=0.0, maximum=_MAX_SIGMA)
+        float,
+        Spec(
+            "deviation of the heading of global_pose without a usable covariance; 0: drop it",
+            "rad",
+            minimum=0.0,
+            maximum=_MAX_SIGMA,
+        ),
     ] = 0.0
     heading_sigma: Annotated[
         float,
@@ -48,7 +54,7 @@ class SensorNoise(NamedTuple):
         Spec("deviation of a bearing to a landmark without variances", "rad", minimum=_MIN_SIGMA, maximum=_MAX_SIGMA),
     ] = 0.03
     override_covariance: Annotated[
-        bool, Spec("use these deviations, where not 0, even if the messages have covariances")
+        bool, Spec("the deviations set by parameters, where not 0, replace the covariances of messages")
     ] = False
 
     def check(self) -> None:
@@ -98,7 +104,7 @@ class EkfNodeConfig(NamedTuple):
     transform_tolerance: Annotated[
         float,
         Spec(
-            "time by which map -> odom is stamped into the future: for so long it is valid",
+            "time by which map -> odom is stamped into the future, so that it is valid for that long",
             "s",
             minimum=0.0,
             maximum=60.0,

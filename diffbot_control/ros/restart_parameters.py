@@ -21,14 +21,14 @@ class RestartConfig(NamedTuple):
     resume_goal: Annotated[
         bool,
         Spec(
-            "after a restart, drive on to the goal in goal_file by itself; false: give it up, and answer its client so",
+            "after a restart, drive on to the goal in goal_file; false: give it up, and report that to its client",
             read_only=True,
         ),
     ] = False
     resume_timeout: Annotated[
         float,
         Spec(
-            "a goal is resumed only if the controller was alive until this time before its start; else it is given up",
+            "longest absence of the controller after which a goal is resumed; later, the goal is given up",
             "s",
             minimum=0.0,
             maximum=1e6,

@@ -75,7 +75,7 @@ def ekf_yaml(drive: Drive) -> str:
         "landmark_y": [one.y for one in drive.landmarks.values()],
     }
     content = {"/**/ekf": {"ros__parameters": parameters}}
-    head = f"# For the bag of {drive.name}; all parameters are in docs/parameters.md.\n"
+    head = f"# For the bag of {drive.name}; all parameters are in docs/reference/parameters.\n"
     return head + yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120)
 
 

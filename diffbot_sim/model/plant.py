@@ -61,11 +61,13 @@ class PlantConfig(NamedTuple):
         Spec("share of the right wheel's motion lost while it slips", minimum=0.0, maximum=1.0),
     ] = 0.0
     slip_start: Annotated[float, Spec("time at which the slip begins", "s", *TIME)] = 0.0
-    slip_duration: Annotated[float, Spec("how long it lasts", "s", *TIME)] = 0.0
+    slip_duration: Annotated[float, Spec("duration of the slip", "s", *TIME)] = 0.0
     kidnap_time: Annotated[float, Spec("time at which the robot is carried away; 0: never", "s", *TIME)] = 0.0
-    kidnap_x: Annotated[float, Spec("how far, along x of map", "m", *POSITION)] = 0.0
-    kidnap_y: Annotated[float, Spec("how far, along y of map", "m", *POSITION)] = 0.0
-    kidnap_yaw: Annotated[float, Spec("how far it is turned", "rad", minimum=-math.pi, maximum=math.pi)] = 0.0
+    kidnap_x: Annotated[float, Spec("how far the robot is carried along x of map", "m", *POSITION)] = 0.0
+    kidnap_y: Annotated[float, Spec("how far the robot is carried along y of map", "m", *POSITION)] = 0.0
+    kidnap_yaw: Annotated[
+        float, Spec("how far the robot is turned when it is carried away", "rad", minimum=-math.pi, maximum=math.pi)
+    ] = 0.0
     actuators: ActuatorConfig = ActuatorConfig()
     cmd_vel_timeout: Annotated[float, Spec("without a command for so long the robot stops", "s", *TIMEOUT)] = 0.5
 

@@ -1,7 +1,8 @@
 """The page: time, size and memory of reports, what ``diffbot watch`` costs the robot, frames per second.
 
 ``python test/bench/bench_view.py``, also run by ``make bench``; ``--long`` adds the report of two hours, whose bag
-takes minutes to write. Figures against the targets of docs/view.md; a missed target is reported and is no error.
+takes minutes to write. Figures against the targets of docs/results/browser.md; a missed target is reported, and
+is no error.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""docs/robot.md, how-to/troubleshooting.md: the parameter file drives a robot, the tables have the code's texts."""
+"""The how-tos on the robot and on troubleshooting: the file drives a robot, the tables have the code's texts."""
 
 import ast
 import contextlib
@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import graph
+import page_tables
 import pytest
 import yaml
 from geometry_msgs.msg import Twist
@@ -22,8 +23,9 @@ from diffbot_lab.bringup.arguments import ROBOT, SIMULATION
 from diffbot_sim.ros.parameters import PlantNodeConfig
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = (ROOT / "docs" / "robot.md").read_text()
-HELP = (ROOT / "docs" / "how-to" / "troubleshooting.md").read_text()
+HOW_TO = ROOT / "docs" / "how-to"
+PAGE = (HOW_TO / "own-robot.md").read_text()
+HELP = "\n".join((HOW_TO / f"troubleshooting{part}.md").read_text() for part in ("", "-messages"))
 (FILE,) = re.findall(r"^```yaml\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
 CONFIGS = {
     "ekf": EkfNodeConfig,
@@ -36,9 +38,8 @@ MESSAGES = {"cmd_vel", "global_pose", "joint_states", "base_link", "child_frame_
 
 
 def rows(heading):
-    """Return the cells of the table whose first header cell is ``heading``, without its head."""
-    (table,) = re.findall(rf"^\| {heading} \|.*?(?=^$|\Z)", HELP, re.MULTILINE | re.DOTALL)
-    return [[cell.strip() for cell in line.strip("|").split(" | ")] for line in table.splitlines()[2:]]
+    """Return the cells of the tables whose first header cell is ``heading``, without their heads."""
+    return [row for table in page_tables.tables(HELP) if table[0][0] == heading for row in table[1:]]
 
 
 def texts_of_the_code():

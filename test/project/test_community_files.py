@@ -123,7 +123,7 @@ def test_dockerfile_installs_with_pip_what_rosdep_does_not():
     (expression,) = re.findall(r"grep -E '(.*?)' ", DOCKERFILE)
     lines = (ROOT / "constraints.txt").read_text().splitlines()
     installed = {Requirement(line).name for line in lines if re.search(expression, line)}
-    page = (ROOT / "docs" / "dependencies.md").read_text()
+    page = (ROOT / "docs/how-to/install-on-ros.md").read_text()
     (command,) = re.findall(r"^    pip install --break-system-packages (.*?) +# to run$", page, re.MULTILINE)
     assert installed == {Requirement(word.strip('"')).name for word in command.split()}
 

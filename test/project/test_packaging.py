@@ -119,10 +119,10 @@ def test_every_dependency_at_run_time_is_imported():
 
 
 def test_manifest_and_setup_name_the_same_python_packages():
-    """rosdep's keys in package.xml and pip's names in docs/dependencies.md are those of install_requires together."""
+    """rosdep's keys in package.xml and pip's names in the how-to are those of install_requires together."""
     keys = {element.text for element in MANIFEST.iter("exec_depend") if element.text.startswith("python3-")}
     from_rosdep = {canonicalize_name(KEY_OF_ROSDEP.get(key, key.removeprefix("python3-"))) for key in keys}
-    page = (ROOT / "docs" / "dependencies.md").read_text()
+    page = (ROOT / "docs/how-to/install-on-ros.md").read_text()
     (line,) = re.findall(r"^    pip install --break-system-packages (.*?) +# to run$", page, re.MULTILINE)
     from_pip = {canonicalize_name(Requirement(word.strip('"')).name) for word in line.split()}
     assert from_rosdep & from_pip == set()
@@ -188,7 +188,7 @@ def test_constraints_pin_what_is_installed():
 
 @pytest.mark.parametrize("extra", REQUIREMENTS)
 def test_docs_list_the_dependencies_of_each_extra_with_their_pins(extra):
-    page = (ROOT / "docs" / "dependencies.md").read_text()
+    page = (ROOT / "docs/reference/dependencies.md").read_text()
     heading = f"## Extra `{extra}`" if extra else "## Needed to run"
     (section,) = re.findall(rf"^{re.escape(heading)}.*?(?=^## |\Z)", page, re.MULTILINE | re.DOTALL)
     rows = [line.strip("|").split("|") for line in section.splitlines() if line.startswith("| ")][1:]

@@ -10,19 +10,26 @@ from pathlib import Path
 import page_tables
 import pytest
 import tutorial_run
-from prose import alone_standing_pictures, sentences
+from prose import alone_standing_pictures, sentences, words_of_text
 
 from diffbot_control.law.presets import PRESETS
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 PAGES = sorted(DOCS.rglob("*.md"))
-LESSONS = [DOCS / "robot.md", *sorted(DOCS.glob("tutorials/*.md")), *sorted(DOCS.glob("how-to/*.md"))]
-NEW = [page for page in PAGES if page.parent != DOCS]
+LESSONS = [*sorted(DOCS.glob("tutorials/*.md")), *sorted(DOCS.glob("how-to/*.md"))]
+SHORT = [page for page in PAGES if page.parent != DOCS]
 """Pages in the folders of the site; the older ones beside them are longer."""
-LONGEST_SENTENCE, LONGEST_PAGE, WIDEST_TABLE = 30, 110, 8
+LONGEST_SENTENCE, WIDEST_TABLE = 30, 8
+MOST_WORDS, MOST_ROWS = 800, 60
+"""Of a page: two screens of text, and the rows of all its tables."""
 WIDER = {"benchmark.md", "localization-results.md", "real-robots.md", "reproduction.md", "faults.md"}
 """Results whose generated tables have more columns."""
+
+
+def name(page):
+    """Return the path of a page below docs/, for the name of a test."""
+    return str(page.relative_to(DOCS).with_suffix(""))
 
 
 class Loaded(HTMLParser):
@@ -80,19 +87,27 @@ def test_a_broken_anchor_fails_the_build(tmp_path):
     assert "#b" in built.stderr
 
 
-@pytest.mark.parametrize("page", LESSONS, ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", LESSONS, ids=name)
 def test_no_sentence_of_a_lesson_is_long(page):
     long = [one for one in sentences(page.read_text()) if len(one.split()) > LONGEST_SENTENCE]
     assert long == []
 
 
-@pytest.mark.parametrize("page", NEW, ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", SHORT, ids=name)
 def test_a_page_has_two_screens_of_text(page):
-    outside = re.sub(r"^```.*?^```$", "", page.read_text(), flags=re.MULTILINE | re.DOTALL)
-    assert len(outside.splitlines()) <= LONGEST_PAGE
+    text = page.read_text()
+    assert words_of_text(text) <= MOST_WORDS
+    assert sum(len(table) - 1 for table in page_tables.tables(text)) <= MOST_ROWS
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_words_of_text_leaves_out_code_and_tables():
+    page = (
+        "# A title\n\nfour words of text\n\n    code here\n\n```sh\nmore code\n```\n\n| a | b |\n|---|---|\n| c | d |\n"
+    )
+    assert words_of_text(page) == 6
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
 def test_pictures_have_text_and_caption_and_tables_fit(page):
     text = page.read_text()
     assert alone_standing_pictures(text) == []

@@ -3,9 +3,21 @@
 import re
 
 
+def without_fenced_code(text):
+    """Return a page without its fenced blocks of code."""
+    return re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
+
+
+def words_of_text(text):
+    """Return the number of words of a page outside of tables, code, comments and generated API."""
+    lines = without_fenced_code(text).splitlines()
+    shown = [line.lstrip("#") for line in lines if not line.startswith(("    ", "|", "<!--", ":::"))]
+    return len(" ".join(shown).split())
+
+
 def sentences(text):
     """Return the sentences of a page: of paragraphs, items and cells; code blocks and addresses are left out."""
-    text = re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
+    text = without_fenced_code(text)
     lines = ["" if line.startswith(("    ", "#", "|--", "<!--")) else line for line in text.splitlines()]
     # Each item and each cell is a paragraph of its own.
     text = "\n".join(re.sub(r"^\s*(?:[-*]|\d+\.) ", "\n", line.replace("|", "\n\n")) for line in lines)

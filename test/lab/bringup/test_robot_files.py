@@ -14,6 +14,7 @@ from diffbot_sim.ros.parameters import PlantNodeConfig
 ROOT = Path(__file__).resolve().parents[3]
 URDF = ET.parse(ROOT / "urdf" / "diffbot.urdf").getroot()
 RVIZ = yaml.safe_load((ROOT / "rviz" / "diffbot.rviz").read_text())["Visualization Manager"]
+PAGE = ROOT / "docs/reference/nodes/index.md"
 WITH_TOPIC = [one for one in [*RVIZ["Displays"], *RVIZ["Tools"]] if "Topic" in one]
 MESSAGE_OF_DISPLAY = {
     "Pose": "geometry_msgs/PoseStamped",
@@ -28,8 +29,8 @@ MESSAGE_OF_DISPLAY = {
 
 
 def topics_of_the_graph():
-    """Return the types of docs/graph.md by topic."""
-    rows = re.findall(r"^\| ([\w/, ]+) \| (\w+/\w+)", (ROOT / "docs" / "graph.md").read_text(), re.MULTILINE)
+    """Return the types of the page of topics by topic."""
+    rows = re.findall(r"^\| ([\w/, ]+) \| (\w+/\w+)", PAGE.read_text(), re.MULTILINE)
     return {topic.strip(): kind for topics, kind in rows for topic in topics.split(",")}
 
 

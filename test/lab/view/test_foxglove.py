@@ -27,7 +27,7 @@ def test_every_panel_is_arranged_once():
 
 
 def test_its_topics_are_those_of_the_graph():
-    page = (ROOT / "docs" / "graph.md").read_text()
+    page = (ROOT / "docs/reference/nodes/index.md").read_text()
     known = {name for row in re.findall(r"^\| ([\w/, ]+) \|", page, re.MULTILINE) for name in row.split(", ")}
     named = {re.match(r"/[\w/]+", text)[0] for text in texts(LAYOUT["configById"]) if text.startswith("/")}
     assert len(named) >= 12
