@@ -1,13 +1,11 @@
 """Write the generated parts of docs/: ``python docs/generate.py [--check]``.
 
-Sources: docs/parameters.md and diffbot_core/ros/parameter_names.py, the configuration types;
-the table in docs/control.md, 100 runs of the closed loop;
-docs/reproduction.md, docs/reproduction.json; docs/benchmark.md, docs/benchmark.json and docs/benchmark_bound.json;
-the tables in docs/localization.md and docs/bags.md, the configuration types; those in docs/localization-results.md,
-docs/localization.json and docs/localization_colour.json; those in docs/real-robots.md, docs/real.json and
-docs/calibration.json; docs/faults.md, docs/faults.json (`make faults`, `make soak`); docs/rooms.svg, the imports.
+Sources: docs/parameters.md, the tables in docs/localization.md and docs/bags.md, and
+diffbot_core/ros/parameter_names.py: the configuration types; the table in docs/explanation/law/paper.md: 100 runs of the
+closed loop; docs/rooms.svg: the imports. In docs/results, from the JSON files in its folder data: all of benchmark,
+reproduction and faults.md (`make faults`, `make soak`), the tables in filter and real-robots.md.
 ``--experiments`` and ``--benchmark`` repeat the runs behind the JSON files and draw their figures; those behind
-docs/benchmark_bound.json need casadi (extra ``bound``) and are repeated by ``--benchmark bound`` alone.
+benchmark_bound.json need casadi (extra ``bound``) and are repeated by ``--benchmark bound`` alone.
 ``--animation`` draws docs/run.gif, ``--policy`` runs the nodes and writes config/sros2_policy.xml.
 The outputs on the tutorials are written by docs/tutorial_run.py, which runs them.
 ``--check`` writes nothing and fails if a page or rooms.svg is out of date.
@@ -28,7 +26,7 @@ from typing import Any
 import numpy as np
 from faults_page import page as faults_page
 from geometry_picture import geometry_picture
-from reproduction import page as reproduction_page
+from reproduction import pages as reproduction_pages
 from rooms import picture as rooms_picture
 
 from diffbot_bag.parameters import RecorderConfig, ReplayConfig
@@ -42,7 +40,7 @@ from diffbot_core.geometry import Pose
 from diffbot_core.schema import Spec, parameters_of, to_dict
 from diffbot_lab.benchmark import bound as bound_benchmark
 from diffbot_lab.benchmark import filter as filter_benchmark
-from diffbot_lab.benchmark import filter_colour, filter_colour_report, filter_report, law_report
+from diffbot_lab.benchmark import filter_colour, filter_colour_report, filter_pages, law_pages
 from diffbot_lab.benchmark import law as law_benchmark
 from diffbot_lab.benchmark.law_animation import AnimationOptions, drives
 from diffbot_lab.benchmark.law_movie import write_movie
@@ -65,8 +63,17 @@ from diffbot_sim.reference_loop import simulate
 from diffbot_sim.ros.parameters import PlantNodeConfig
 
 DOCS = Path(__file__).parent
+RESULTS = DOCS / "results"
+DATA = RESULTS / "data"
 LOCALIZATION, COLOUR = "localization", "localization_colour"
 """Names of the results of the filter's benchmarks."""
+SECTIONS_OF_PAGES = {
+    "accuracy.md": ("Right model", "Rates of the odometry", "Further sensors"),
+    "wrong-model.md": ("Wrong model",),
+    "faults.md": ("Outliers and slip",),
+    "kidnapped.md": ("Kidnapped robot",),
+}
+"""Cases of the filter's benchmark by the page that shows them."""
 REAL, CALIBRATION = "real", "calibration"
 """Names of the results on real drives, which no download repeats here, and of the calibration of simulated ones."""
 NODES = {
@@ -154,18 +161,25 @@ def _choices(spec: Spec) -> str:
     return f": {' or '.join(spec.choices)}" if spec.choices else ""
 
 
-def localization_results_page() -> str:
-    """Return docs/localization-results.md with the tables of both benchmarks of the filter."""
-    text = (DOCS / "localization-results.md").read_text()
-    results, coloured = (json.loads((DOCS / f"{name}.json").read_text()) for name in (LOCALIZATION, COLOUR))
-    text = between_markers(text, "colour", filter_colour_report.page_part(coloured))
-    return between_markers(text, "benchmark", filter_report.page_part(results))
+def filter_results_pages() -> dict[Path, str]:
+    """Return the pages of docs/results/filter with the tables of both benchmarks of the filter."""
+    results, coloured = read_data(LOCALIZATION), read_data(COLOUR)
+    folder = RESULTS / "filter"
+    index = between_markers((folder / "index.md").read_text(), "conditions", filter_pages.conditions(results))
+    pages = {
+        folder / "index.md": between_markers(index, "overview", filter_pages.overview(results)),
+        folder / "targets.md": marked(folder / "targets.md", "targets", filter_pages.targets_part(results)),
+        folder / "coloured.md": marked(folder / "coloured.md", "colour", filter_colour_report.page_part(coloured)),
+    }
+    for name, sections in SECTIONS_OF_PAGES.items():
+        pages[folder / name] = marked(folder / name, "cases", filter_pages.cases_part(results, *sections))
+    return pages
 
 
 def real_robots_page() -> str:
-    """Return docs/real-robots.md with the tables of real drives, and of calibrations on simulated ones."""
-    text = (DOCS / "real-robots.md").read_text()
-    real, simulated = (json.loads((DOCS / f"{name}.json").read_text()) for name in (REAL, CALIBRATION))
+    """Return docs/results/real-robots.md with the tables of real drives, and of calibrations on simulated ones."""
+    text = (RESULTS / "real-robots.md").read_text()
+    real, simulated = read_data(REAL), read_data(CALIBRATION)
     text = between_markers(text, "shipped", "\n\n".join(real_benchmark.table(one) for one in real["sets"]))
     text = between_markers(text, "calibrated", "\n\n".join(calibrated_table(one["calibrated"]) for one in real["sets"]))
     return between_markers(text, "simulated", calibration_benchmark.table(simulated))
@@ -213,16 +227,16 @@ def write_experiments() -> None:
         shown = [group for group in groups if group.label == law_label and group.setting.name == "raw"]
         with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(1) as pool:
             paths = [path for drawn in figure_paths(shown, Path(folder), pool) for path in drawn.result()]
-            shutil.copy(next(path for path in paths if path.name == figure), DOCS / figure)
-    write_json(DOCS / "reproduction.json", results)
+            shutil.copy(next(path for path in paths if path.name == figure), RESULTS / "reproduction" / figure)
+    write_json(DATA / "reproduction.json", results)
 
 
 def write_switching() -> None:
-    """Run the benchmark of the law; write its results and its figure to docs/."""
+    """Run the benchmark of the law; write its results and its figure to docs/results."""
     options = law_benchmark.ArenaOptions(SWITCHING_RUNS, SWITCHING_SEED, own_runs=OWN_RUNS)
     results, outcomes = law_benchmark.run_benchmark(options)
-    write_json(DOCS / "benchmark.json", results)
-    law_benchmark.draw(outcomes, options, DOCS / "benchmark.png")
+    write_json(DATA / "benchmark.json", results)
+    law_benchmark.draw(outcomes, options, RESULTS / "benchmark" / "benchmark.png")
 
 
 def write_animation() -> None:
@@ -242,13 +256,13 @@ def write_policy() -> None:
 def write_localization() -> None:
     """Run the benchmark of the filter; write its results and its figure to docs/."""
     results = filter_benchmark.run_benchmark(BENCHMARKS["localization"][0], 1)
-    write_json(DOCS / f"{LOCALIZATION}.json", results)
-    filter_benchmark.draw(results, DOCS / "localization.png")
+    write_json(DATA / f"{LOCALIZATION}.json", results)
+    filter_benchmark.draw(results, RESULTS / "filter" / "localization.png")
 
 
 def write_colour() -> None:
     """Run the benchmark of coloured fixes; write its results to docs/."""
-    write_json(DOCS / f"{COLOUR}.json", filter_colour.run_benchmark(BENCHMARKS["colour"][0], 1))
+    write_json(DATA / f"{COLOUR}.json", filter_colour.run_benchmark(BENCHMARKS["colour"][0], 1))
 
 
 def write_real(folders: list[Path]) -> None:
@@ -258,26 +272,45 @@ def write_real(folders: list[Path]) -> None:
         with tempfile.TemporaryDirectory() as out:
             real_benchmark.run_and_report(folder, Path(out) / REAL, figures=False, calibrated=True)
             sets.append(json.loads((Path(out) / REAL / "results.json").read_text()))
-    write_json(DOCS / f"{REAL}.json", {"sets": sets})
+    write_json(DATA / f"{REAL}.json", {"sets": sets})
 
 
 def write_calibration() -> None:
     """Run the benchmark of the calibration; write its results to docs/."""
     with tempfile.TemporaryDirectory() as out:
         calibration_benchmark.run_and_report(BENCHMARKS[CALIBRATION][0], CALIBRATION_SEED, Path(out) / CALIBRATION)
-        shutil.copy(Path(out) / CALIBRATION / "results.json", DOCS / f"{CALIBRATION}.json")
+        shutil.copy(Path(out) / CALIBRATION / "results.json", DATA / f"{CALIBRATION}.json")
 
 
 def write_bound() -> None:
     """Compute the bounds of the arena; write them to docs/. Needs casadi."""
     options = bound_benchmark.BoundOptions(BENCHMARKS["bound"][0], SWITCHING_SEED)
-    bound_benchmark.run_bound(options, lambda found: write_json(DOCS / "benchmark_bound.json", found))
+    bound_benchmark.run_bound(options, lambda found: write_json(DATA / "benchmark_bound.json", found))
 
 
-def benchmark_page() -> str:
-    """Return docs/benchmark.md."""
-    results, bounds = (json.loads((DOCS / name).read_text()) for name in ("benchmark.json", "benchmark_bound.json"))
-    return law_report.page(results, bounds)
+def read_data(name: str) -> dict[str, Any]:
+    """Return the kept results of this name."""
+    content: dict[str, Any] = json.loads((DATA / f"{name}.json").read_text())
+    return content
+
+
+def results_pages() -> dict[Path, str]:
+    """Return the pages of docs/results that are made from its JSON files, by their paths."""
+    experiments = read_data("reproduction")
+    law = law_pages.pages(read_data("benchmark"), read_data("benchmark_bound"))
+    paper = reproduction_pages(experiments["a"], experiments["b"], experiments["scan"])
+    return {
+        **{RESULTS / "benchmark" / name: text for name, text in law.items()},
+        **{RESULTS / "reproduction" / name: text for name, text in paper.items()},
+        **filter_results_pages(),
+        RESULTS / "real-robots.md": real_robots_page(),
+        RESULTS / "faults.md": faults_page(read_data("faults")),
+    }
+
+
+def marked(path: Path, name: str, text: str) -> str:
+    """Return the page with this text between the comments of this name."""
+    return between_markers(path.read_text(), name, text)
 
 
 def between_markers(page: str, name: str, text: str) -> str:
@@ -323,29 +356,24 @@ def main() -> int:
         write_policy()
     if options.benchmark == "bound":
         write_bound()
-    control = DOCS / "control.md"
-    experiments = json.loads((DOCS / "reproduction.json").read_text())
+    paper = DOCS / "explanation/law/paper.md"
     pages = {
         DOCS / "parameters.md": parameters_page(),
         DOCS.parent / "diffbot_core/ros/parameter_names.py": parameter_names_module(),
-        DOCS / "reproduction.md": reproduction_page(experiments["a"], experiments["b"], experiments["scan"]),
-        DOCS / "benchmark.md": benchmark_page(),
         DOCS / "bags.md": bags_page(),
         DOCS / "localization.md": localization_page(),
-        DOCS / "localization-results.md": localization_results_page(),
-        DOCS / "real-robots.md": real_robots_page(),
-        DOCS / "faults.md": faults_page(json.loads((DOCS / "faults.json").read_text())),
+        **results_pages(),
         DOCS / "rooms.svg": rooms_picture(),
         DOCS / "explanation/geometry.svg": geometry_picture(),
-        control: between_markers(control.read_text(), "scenario A", scenario_a_table()),
+        paper: marked(paper, "scenario A", scenario_a_table()),
     }
     stale = [path for path, text in pages.items() if not path.is_file() or path.read_text() != text]
     for path in stale:
         if options.check:
-            print(f"{path.name} is out of date: run python docs/generate.py")
+            print(f"{path.relative_to(DOCS.parent)} is out of date: run python docs/generate.py")
         else:
             path.write_text(pages[path])
-            print(f"{path.name} written")
+            print(f"{path.relative_to(DOCS.parent)} written")
     return 1 if options.check and stale else 0
 
 
