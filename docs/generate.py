@@ -254,14 +254,14 @@ def write_policy() -> None:
 
 
 def write_localization() -> None:
-    """Run the benchmark of the filter; write its results and its figure to docs/."""
+    """Run the benchmark of the filter; write its results and its figure to docs/results."""
     results = filter_benchmark.run_benchmark(BENCHMARKS["localization"][0], 1)
     write_json(DATA / f"{LOCALIZATION}.json", results)
     filter_benchmark.draw(results, RESULTS / "filter" / "localization.png")
 
 
 def write_colour() -> None:
-    """Run the benchmark of coloured fixes; write its results to docs/."""
+    """Run the benchmark of coloured fixes; write its results to docs/results."""
     write_json(DATA / f"{COLOUR}.json", filter_colour.run_benchmark(BENCHMARKS["colour"][0], 1))
 
 
@@ -276,14 +276,14 @@ def write_real(folders: list[Path]) -> None:
 
 
 def write_calibration() -> None:
-    """Run the benchmark of the calibration; write its results to docs/."""
+    """Run the benchmark of the calibration; write its results to docs/results."""
     with tempfile.TemporaryDirectory() as out:
         calibration_benchmark.run_and_report(BENCHMARKS[CALIBRATION][0], CALIBRATION_SEED, Path(out) / CALIBRATION)
         shutil.copy(Path(out) / CALIBRATION / "results.json", DATA / f"{CALIBRATION}.json")
 
 
 def write_bound() -> None:
-    """Compute the bounds of the arena; write them to docs/. Needs casadi."""
+    """Compute the bounds of the arena; write them to docs/results. Needs casadi."""
     options = bound_benchmark.BoundOptions(BENCHMARKS["bound"][0], SWITCHING_SEED)
     bound_benchmark.run_bound(options, lambda found: write_json(DATA / "benchmark_bound.json", found))
 
