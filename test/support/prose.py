@@ -18,3 +18,12 @@ def alone_standing_pictures(text):
     """Return the pictures of a page without a text of at least three words, or without a caption in italics below."""
     found = re.findall(r"^!\[([^\]]*)\]\(([^)]+)\)[^\n]*\n\n?(.)", text, re.MULTILINE)
     return [name for words, name, after in found if len(words.split()) < 3 or after != "*"]
+
+
+def words(text):
+    """Return the words of a page's prose: headings, paragraphs and items, without tables, code and comments."""
+    text = re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
+    text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
+    text = re.sub(r"^::: .*\n(?: .*\n|\n)*", "", text, flags=re.MULTILINE)
+    lines = [line for line in text.splitlines() if not line.startswith(("    ", "|"))]
+    return re.sub(r"\]\([^)]*\)", "]", "\n".join(lines)).split()
