@@ -12,7 +12,7 @@ from diffbot_lab.campaign.statistics import wilson
 QUESTION = """\
 # Faults
 
-What happens when a process dies, a clock stops, the network loses messages or the input is hostile? Does the robot stop in time?"""
+Does the robot stop in time when a process dies, a clock stops, the network loses messages or the input is hostile?"""
 METHOD = """\
     make faults        # all trials, half an hour
     make soak          # ten minutes of goals and faults; both write faults.json, make docs writes this page
@@ -24,13 +24,13 @@ READING = """\
 ## How to read it
 
 - A time runs from the fault to the receipt by an observer in a process of its own.
-- Where the controller has to stop the robot, the base's own cmd_vel_timeout is switched off. Where the controller itself
-  is lost, the base has to stop.
+- Where the controller has to stop the robot, the base's own cmd_vel_timeout is switched off. Where the controller
+  itself is lost, the base has to stop.
 - *pose_timeout*, *cmd_vel_timeout* and *flush_period* are 0.5 s, a period is 0.1 s.
 - *Kept* counts the trials within the bound itself; the interval is Wilson's of their share.
-- The tests fail beyond the bound and what the scheduler may have added: the longest wait for a processor of a thread, by
-  the kernel's count (/proc/PID/task/TID/schedstat), summed over the processes that live on, or twice the longest gap of
-  a thread of the observer that wakes each 2 ms, whichever is more. *Scheduler* is this time for the worst trial, *kept
+- The tests fail beyond the bound and what the scheduler may have added: the longest wait for a processor of a thread,
+  by the kernel's count (/proc/PID/task/TID/schedstat), summed over the processes that live on, or twice the longest gap
+  of a thread of the observer that wakes each 2 ms, whichever is more. *Scheduler* is this time for the worst trial, *kept
   with it* the number of trials that were kept with it."""
 STOPPED = ("zero on cmd_vel within pose_timeout", "the base's own cmd_vel_timeout stops it")
 """Beginnings of the promises that the robot is stopped."""
@@ -66,7 +66,8 @@ def _answer(faults: Collection[dict[str, Any]]) -> str:
     whole = len([one for one in faults if one["kept"] == one["trials"]])
     stops = [one["worst"] for one in faults if one["promise"].startswith(STOPPED)]
     return (
-        f"**In short:** {whole} of {len(faults)} promises were kept in every trial, {kept} of {trials} trials in all. "
+        f"**In short:** {whole} of {len(faults)} promises were kept in every trial, {kept} of {trials} trials in all "
+        "(messages and calls are counted one by one). "
         f"Where poses, clock or controller are lost, the robot was stopped after {max(stops):.2f} s at the latest."
     )
 

@@ -1,8 +1,8 @@
 """Write the generated parts of docs/: ``python docs/generate.py [--check]``.
 
 Sources: docs/parameters.md, the tables in docs/localization.md and docs/bags.md, and
-diffbot_core/ros/parameter_names.py: the configuration types; the table in docs/explanation/law/paper.md: 100 runs of the
-closed loop; docs/rooms.svg: the imports. In docs/results, from the JSON files in its folder data: all of benchmark,
+diffbot_core/ros/parameter_names.py: the configuration types; the table in docs/explanation/law/paper.md: 100 runs of
+the closed loop; docs/rooms.svg: the imports. In docs/results, from the JSON files in its folder data: all of benchmark,
 reproduction and faults.md (`make faults`, `make soak`), the tables in filter and real-robots.md.
 ``--experiments`` and ``--benchmark`` repeat the runs behind the JSON files and draw their figures; those behind
 benchmark_bound.json need casadi (extra ``bound``) and are repeated by ``--benchmark bound`` alone.

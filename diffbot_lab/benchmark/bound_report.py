@@ -42,7 +42,8 @@ def bound_section(bounds: Results, results: Results) -> list[str]:
         bounds: content of docs/results/data/benchmark_bound.json.
         results: content of docs/results/data/benchmark.json, for the laws that NMPC is compared with.
     """
-    lines = ["# Bounds", "", "How much faster could any law be?", "", *_answer(bounds, results), "", *_meaning(bounds), ""]
+    lines = ["# Bounds", "", "How much faster could any law be?", "", *_answer(bounds, results), ""]
+    lines += [*_meaning(bounds), ""]
     lines += [*markdown_table(_TIME_HEAD, _time_rows(bounds)), "", *_nmpc_text(bounds), ""]
     cells = [_nmpc_row(case["name"], one) for case in bounds["cases"] for one in case["nmpc"]]
     lines += [*markdown_table(_NMPC_HEAD, cells), "", "## Laws that are ahead of NMPC on the estimate", ""]
@@ -108,17 +109,17 @@ def _meaning(bounds: Results) -> list[str]:
         "",
         "## Least time",
         "",
-        f"The fastest drive of the robot from rest, without noise, from each of the {bounds['starts']} starts. *Into the "
-        "tolerance*: the robot may still brake, but stays inside; this is what the settling time measures. *At rest at "
-        "the pose*: it has stopped at the goal.",
+        f"The fastest drive of the robot from rest, without noise, from each of the {bounds['starts']} starts. "
+        "*Into the tolerance*: the robot may still brake, but stays inside; this is what the settling time measures. "
+        "*At rest at the pose*: it has stopped at the goal.",
         "",
-        "- The drives are found by direct multiple shooting from three first guesses. A drive counts where the simulated "
-        "plant, driven by its commands, confirms it with all limits kept.",
+        "- The drives are found by direct multiple shooting from three first guesses. A drive counts where the "
+        "simulated plant, driven by its commands, confirms it with all limits kept.",
         "- Each is a local optimum, the best of those found. It is no proof that there is none faster.",
         "- No estimate, dead time or lag is in it: a dead time d adds d.",
         "- Noise of the drives may help a run by a little, and settling times are whole steps of 0.1 s.",
-        "- Commands are held over periods of about 0.1 s as in the arena, and may change at the start of the first one: "
-        "with bounded acceleration a drive is one period shorter than a continuous one.",
+        "- Commands are held over periods of about 0.1 s as in the arena, and may change at the start of the first "
+        "one: with bounded acceleration a drive is one period shorter than a continuous one.",
     ]
 
 
@@ -130,9 +131,9 @@ def _nmpc_text(bounds: Results) -> list[str]:
     return [
         "## NMPC with the true model",
         "",
-        "Nonlinear model predictive control solves an optimal control problem to the goal anew in each step. It runs in "
-        "the arena's world: same plant, sensors, filter, starts, noise and data sheet; dead time and lag are bridged by "
-        "the coasted pose, as for every law.",
+        "Nonlinear model predictive control solves an optimal control problem to the goal anew in each step. It runs "
+        "in the arena's world: same plant, sensors, filter, starts, noise and data sheet; dead time and lag are "
+        "bridged by the coasted pose, as for every law.",
         "",
         f"- The horizon has {periods} periods that grow by {growth:g} from {first:g} s, {length:.1f} s together.",
         f"- The cost is distance + {nmpc['heading_weight']:g} m/rad * heading error, integrated over time. The first "

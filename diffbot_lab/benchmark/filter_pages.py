@@ -49,7 +49,8 @@ def cases_part(results: Results, *sections: str) -> str:
         back = any(one["back_max"] is not None for _, _, one in every)
         lines += ["", f"## {text[0].upper()}{text[1:]}", ""]
         lines += markdown_table(_ACCURACY, [_accuracy(*one) for one in every])
-        lines += ["", *markdown_table((*_CONSISTENCY, *((_BACK,) if back else ())), [_rest(*one, back) for one in every])]
+        head = (*_CONSISTENCY, _BACK) if back else _CONSISTENCY
+        lines += ["", *markdown_table(head, [_rest(*one, back) for one in every])]
     return "\n".join(lines[1:])
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from diffbot_lab.benchmark.bound_report import bound_section
-from diffbot_lab.benchmark.law_entries import EQUAL_NAME, OWN_NAME
+from diffbot_lab.benchmark.law_entries import EQUAL_NAME
 from diffbot_lab.benchmark.law_report import figures_text
 from diffbot_lab.benchmark.law_targets import Results, figures_of_law, peers_ahead, share, targets
 from diffbot_lab.benchmark.targets import markdown_table, number, target_table, with_interval
@@ -44,14 +44,17 @@ CASE_PAGES = (
     CasePage(
         "disturbances.md",
         "Wheels and fixes",
-        "How do the laws bear wheels that stick, slip or are mismeasured, and fixes that are late or wrong for seconds?",
+        "How do the laws cope with wheels that stick, slip or are mismeasured, and fixes that are late or correlated?",
         ("dead_band", "slip", "separation", "coloured_05", "coloured_09", "late_fixes"),
     ),
     CasePage(
         "acceleration.md",
         "Bounded acceleration and the realistic mix",
-        "Which law is best when accelerations are bounded too (0.5 m/s^2, 1.5 rad/s^2), alone and with everything else?",
-        ("acceleration", "acceleration_dead_time", "acceleration_near", "acceleration_docking", REALISTIC, "random_mix"),
+        "Which law is best with accelerations up to 0.5 m/s^2 and 1.5 rad/s^2, alone and with all other effects?",
+        (
+            *("acceleration", "acceleration_dead_time", "acceleration_near", "acceleration_docking"),
+            *(REALISTIC, "random_mix"),
+        ),
     ),
 )
 
@@ -201,17 +204,17 @@ def _case_answer(results: Results, rows: list[Results]) -> list[str]:
         lines.append(
             f"- `{row['name']}`: {100.0 * share(own):.2f} % settle, {number(time['median'], 1)} s (median), "
             f"{number(time['p99'], 1)} s (99 %), {number(position['p95'])} m (95 %); "
-            f"ahead: {', '.join(names) if names else 'none'}."
+            f"ahead: {'; '.join(names) if names else 'none'}."
         )
     return lines
 
 
 def _reading(results: Results) -> list[str]:
     return [
-        f"The tables have all laws. *Settled*: within {results['xy_tolerance']:g} m and {results['yaw_tolerance']:g} rad "
-        "at the end; times are of settled runs. *Largest error*: of position and heading, over all runs. *Revolutions*: "
-        "turned within 1 m of the goal. *Reached*: as reported by the law, in brackets those outside the tolerance. In "
-        "square brackets: 95 % intervals. [Method](method.md) has the conditions.",
+        f"*Settled*: within {results['xy_tolerance']:g} m and {results['yaw_tolerance']:g} rad "
+        "at the end; times are of settled runs. *Largest error*: of position and heading, over all runs. "
+        "*Revolutions*: turned within 1 m of the goal. *Reached*: as reported by the law, in brackets those outside the "
+        "tolerance. In square brackets: 95 % intervals. [Method](method.md) has the conditions.",
     ]
 
 
@@ -252,7 +255,7 @@ def _targets_page(results: Results, further: list[Results]) -> list[str]:
         lines += markdown_table(("case", *_HEAD[1:]), rows)
     for row in further:
         if "moving" in row:
-            lines += ["", f"`{row['name']}`: {row['moving']} runs are still commanded above 0.05 m/s in the last second."]
+            lines += ["", f"`{row['name']}`: {row['moving']} runs are still commanded above 0.05 m/s at the end."]
     return lines
 
 

@@ -125,7 +125,8 @@ def _row(one: dict[str, Any]) -> tuple[str, ...]:
     }  # fmt: skip
     values = ["-" if one[name] is None else format(one[name], form) for name, form in formats.items()]
     total = one["accepted"] + one["rejected"]
-    return f"{one['name']}, {one['seconds']:.0f} s", *values, f"{100.0 * one['rejected'] / total:.1f} %" if total else "-"
+    drive = f"{one['name']}, {one['seconds']:.0f} s"
+    return drive, *values, f"{100.0 * one['rejected'] / total:.1f} %" if total else "-"
 
 
 def run_and_report(data: Path, out: Path, figures: bool, *, calibrated: bool = False) -> int:

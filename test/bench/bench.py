@@ -144,7 +144,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--only", choices=PARTS, action="append", help="measure this part only (may be repeated)")
     parser.add_argument("--strict", action="store_true", help="exit status 2 if a target is missed")
     parser.add_argument("--out", type=Path, default=ROOT / "out" / "bench.json", help="default: %(default)s")
-    parser.add_argument("--write-docs", action="store_true", help="put the table into docs/results/performance/index.md")
+    parser.add_argument("--write-docs", action="store_true", help="put the table into docs/results/performance")
     options = parser.parse_args(arguments)
     if options.write_docs and (options.quick or options.only):
         parser.error("--write-docs wants the whole benchmark: no --quick, no --only")

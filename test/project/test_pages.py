@@ -1,6 +1,5 @@
 """Pages of the site: two screens of text at most, tables that fit, a question first, pictures with text and caption."""
 
-import re
 from pathlib import Path
 
 import page_tables

@@ -7,8 +7,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from page_tables import assert_shows, tables
 from dataset_files import write_mrclam
+from page_tables import assert_shows, tables
 
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.dataset.benchmark import drives_in, results_of, run_and_report, table

@@ -1,4 +1,4 @@
-"""The pages of docs/results/reproduction: the kept results are today's, and every number and claim follows from them."""
+"""The pages of docs/results/reproduction: today's results, from which every number and claim follows."""
 
 import copy
 import json
