@@ -30,8 +30,8 @@ READING = """\
 - *Kept* counts the trials within the bound itself; the interval is Wilson's of their share.
 - The tests fail beyond the bound and what the scheduler may have added: the longest wait for a processor of a thread,
   by the kernel's count (/proc/PID/task/TID/schedstat), summed over the processes that live on, or twice the longest gap
-  of a thread of the observer that wakes each 2 ms, whichever is more. *Scheduler* is this time for the worst trial, *kept
-  with it* the number of trials that were kept with it."""
+  of a thread of the observer that wakes each 2 ms, whichever is more. *Scheduler* is this time for the worst trial,
+  *kept with it* the number of trials that were kept with it."""
 STOPPED = ("zero on cmd_vel within pose_timeout", "the base's own cmd_vel_timeout stops it")
 """Beginnings of the promises that the robot is stopped."""
 HEAD = ("fault", "promised", "kept", "95 % [%]", "median", "worst", "scheduler", "kept with it")

@@ -213,8 +213,8 @@ def _reading(results: Results) -> list[str]:
     return [
         f"*Settled*: within {results['xy_tolerance']:g} m and {results['yaw_tolerance']:g} rad "
         "at the end; times are of settled runs. *Largest error*: of position and heading, over all runs. "
-        "*Revolutions*: turned within 1 m of the goal. *Reached*: as reported by the law, in brackets those outside the "
-        "tolerance. In square brackets: 95 % intervals. [Method](method.md) has the conditions.",
+        "*Revolutions*: turned within 1 m of the goal. *Reached*: as reported by the law, in brackets those outside "
+        "the tolerance. In square brackets: 95 % intervals. [Method](method.md) has the conditions.",
     ]
 
 
