@@ -16,7 +16,7 @@ def sentences(text):
 
 def alone_standing_pictures(text):
     """Return the pictures of a page without a text of at least three words, or without a caption in italics below."""
-    found = re.findall(r"^!\[([^\]]*)\]\(([^)]+)\)[^\n]*\n\n?(.)", text, re.MULTILINE)
+    found = re.findall(r"^!\[([^\]]*)\]\(([^)]+)\)[^\n]*\n{0,2}(.?)", text, re.MULTILINE)
     return [name for words, name, after in found if len(words.split()) < 3 or after != "*"]
 
 
