@@ -118,8 +118,8 @@ def _index(a: Results, b: Results, scan: Results) -> list[str]:
         "(17) does not: [its sign](end-states.md) is never that of the paper. "
         "[Its size](noise.md) is explained if the position noise vanishes at the goal, which the paper does not say.",
         "",
-        "    diffbot experiment a                         # and b: figures 4 to 15",
-        "    make docs ARGS=--experiments                 # repeats both and the scan, and writes these pages",
+        "    diffbot experiment a             # and b: figures 4 to 15",
+        "    make docs ARGS=--experiments     # repeats both and the scan, and writes these pages",
         "",
         f"{a['runs']} runs of each start, seed {a['seed']}, {a['steps'] * a['sampling_time']:.0f} s at "
         f"{a['sampling_time']} s; eps_P = {EPS_P} m without hysteresis, {VANISHING_EPS_P} m in the setting *vanishing*. "

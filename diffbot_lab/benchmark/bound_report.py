@@ -103,9 +103,9 @@ def _ahead(law: Results, nmpc: Results) -> list[list[str]]:
 
 def _meaning(bounds: Results) -> list[str]:
     return [
-        f"    {bounds['command']}        # needs CasADi (extra `bound`); here {bounds['casadi']}",
+        f"    {bounds['command']}     # with CasADi {bounds['casadi']}",
         "",
-        "All figures: [benchmark_bound.json](../data/benchmark_bound.json).",
+        "It needs CasADi (extra `bound`). All figures: [benchmark_bound.json](../data/benchmark_bound.json).",
         "",
         "## Least time",
         "",

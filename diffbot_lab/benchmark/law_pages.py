@@ -81,8 +81,8 @@ def _index(results: Results, bounded: bool) -> list[str]:
         "",
         *_answer(results, ahead),
         "",
-        "    diffbot benchmark --out out/benchmark        # as below; --runs, --seed, --law for a law of yours",
-        "    make docs ARGS=--benchmark                   # repeats it, and writes these pages",
+        "    diffbot benchmark              # --runs, --seed, --out; --law: a law of yours",
+        "    make docs ARGS=--benchmark     # repeats it, and writes these pages",
         "",
         "How it was measured, the laws and their tuning are in [Method](method.md). All figures with their intervals: "
         "[benchmark.json](../data/benchmark.json).",
@@ -113,7 +113,7 @@ def _answer(results: Results, ahead: list[dict[str, Any]]) -> list[str]:
     compared = len([row for row in results["cases"] if len(row["laws"]) > 1])
     lines = [
         f"**In short:** of {compared} cases, a peer settles more often in {settled}. In {cases} of them at least one "
-        f"peer is ahead in some figure: {len(rows)} rows below, {slowest} of them the time of the slowest runs (99 %).",
+        f"peer is ahead in some figure: {len(rows)} rows below, {slowest} of them about the slowest runs (99 %).",
     ]
     own = figures_of_law(results, REALISTIC)
     if own is not None:
