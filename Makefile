@@ -22,7 +22,7 @@ help:
 	@echo "make demo    drive a simulated robot to a goal pose, record a bag, write the report"
 	@echo "make test    run the tests"
 	@echo "make test-fast   run those without nodes, studies and installations: two minutes"
-	@echo "make faults  try each fault many times, half an hour; results to docs/faults.json"
+	@echo "make faults  try each fault many times, half an hour; results to docs/results/data/faults.json"
 	@echo "make soak    goals and faults for ten minutes: does memory grow, is every goal reached?"
 	@echo "make lint    run ruff, mypy, import-linter, oxlint and hadolint"
 	@echo "make bench   measure speed"
@@ -62,10 +62,10 @@ test-fast: setup
 	@$(BIN)/pytest -n 2 --dist loadfile -m 'not graph and not install and not study' $(ARGS)
 
 faults: setup
-	@$(BIN)/pytest test/faults --faults full --faults-json docs/faults.json $(ARGS)
+	@$(BIN)/pytest test/faults --faults full --faults-json docs/results/data/faults.json $(ARGS)
 
 soak: setup
-	@PYTHONPATH=test/support $(BIN)/python test/bench/soak.py --json docs/faults.json $(ARGS)
+	@PYTHONPATH=test/support $(BIN)/python test/bench/soak.py --json docs/results/data/faults.json $(ARGS)
 
 lint: setup
 	@$(BIN)/ruff check

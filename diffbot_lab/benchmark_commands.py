@@ -34,7 +34,7 @@ def add_benchmark(commands: Any) -> None:
     benchmark.add_argument(
         "what", nargs="?", choices=tuple(BENCHMARKS), default="switching", help="%(default)s if none"
     )
-    benchmark.add_argument("folder", type=Path, nargs="?", help="real: folder of a data set (docs/real-robots.md)")
+    benchmark.add_argument("folder", type=Path, nargs="?", help="real: folder of a data set (docs/how-to/real-data.md)")
     benchmark.add_argument(
         "--runs",
         type=whole(1, 10**5),

@@ -13,7 +13,7 @@ from diffbot_lab.arguments import duration
 
 def add_import(commands: Any) -> None:
     """Add ``diffbot import`` to the subparsers of the command line."""
-    datasets = commands.add_parser("import", help="write a bag of a public data set (docs/real-robots.md)")
+    datasets = commands.add_parser("import", help="write a bag of a public data set (docs/how-to/real-data.md)")
     names = datasets.add_subparsers(required=True, metavar="DATASET", dest="dataset")
     mrclam = names.add_parser("mrclam", help="one robot of a set of MR.CLAM")
     labyrinth = names.add_parser("labyrinth", help="the Labyrinth data set, indoor radio ranges")

@@ -52,7 +52,7 @@ def _alarms(one: Results) -> tuple[str, str]:
 
 
 def page_part(results: Results) -> str:
-    """Return the tables of docs/localization-results.md."""
+    """Return the tables of docs/results/filter/coloured.md."""
     head = ["c", "correlation", "RMSE [m]", "NEES", "runs with an alarm (95 % interval)", "first alarm, median [s]"]
     words = {"off": "not looked for", "on": "detected (default)", "given": "given"}
     rows = []

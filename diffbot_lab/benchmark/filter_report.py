@@ -1,12 +1,12 @@
-"""Conclusions of the filter's benchmark: targets and tables."""
+"""Conclusions of the filter's benchmark: targets, and a table for a terminal; filter_pages has those of the docs."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from diffbot_control.filter.options import EKF, FNN
-from diffbot_lab.benchmark.filter_cases import RATES, SECTIONS, name_of
-from diffbot_lab.benchmark.targets import Target, evaluate_targets, markdown_table, number, summary, target_table
+from diffbot_lab.benchmark.filter_cases import RATES, name_of
+from diffbot_lab.benchmark.targets import Target, evaluate_targets, number, summary
 
 Results = dict[str, Any]
 
@@ -113,54 +113,3 @@ def _terminal_row(name: str, one: Results) -> str:
         f"{number(one['back_median'], 1):>18}{number(one['back_max'], 1):>7}{number(one['nis'], 2):>9}"
         f"{number(one['nees'], 2):>10}{100.0 * one['rejected']:>8.2f} %{number(one['relocations'], 2):>13}"
     )
-
-
-def page_part(results: Results) -> str:
-    """Return the tables of docs/localization-results.md."""
-    lines = [
-        f"{results['runs']} runs of {results['duration']:.0f} s each, seed {results['seed']}; the first "
-        f"{results['skipped']:.0f} s do not count. The default is `{results['default_filter']}`.",
-        "",
-        "### Targets",
-        "",
-        *target_table(targets(results)),
-    ]
-    for section in SECTIONS:
-        cases = [one for one in results["cases"] if one["section"] == section]
-        lines += ["", f"### {section}", "", *_section_table(cases)]
-    return "\n".join(lines)
-
-
-def _section_table(cases: list[Results]) -> list[str]:
-    kidnapped = any(one["back_max"] is not None for case in cases for one in case["filters"].values())
-    head = ["Hz", "filter", "\\|position\\| [m]: RMSE", "a run's: median", "95 %", "largest"]
-    head += ["\\|theta\\| [rad]: RMSE", "a run's: median", "95 %", "lost"]
-    head += ["back [s]: median", "max"] if kidnapped else []
-    head += ["NIS (95 % bounds)", "runs inside", "NEES (95 % bounds)", "rejected", "relocations"]
-    rows = []
-    text = ""
-    for case in cases:
-        if case["text"] != text:  # the cases of one scenario follow each other
-            text = case["text"]
-            rows.append(["", f"*{text}*", *[""] * (len(head) - 2)])
-        rates = f"{case['odometry_rate']}/{case['fix_rate']}"
-        rows += [_page_row(rates, name, one, kidnapped) for name, one in case["filters"].items()]
-    return markdown_table(head, rows)
-
-
-def _page_row(rates: str, name: str, one: Results, kidnapped: bool) -> list[str]:
-    position, heading = one["position"], one["heading"]
-    cells = [rates, f"`{name}`"]
-    cells += [number(position[key]) for key in ("rmse", "median", "p95")] + [number(one["largest"], 2)]
-    cells += [number(heading[key], 4) for key in ("rmse", "median", "p95")] + [str(one["lost"])]
-    if kidnapped:
-        cells += [number(one["back_median"], 1), number(one["back_max"], 1)]
-    inside = one["nis_inside"]
-    cells += [_bounded(one, "nis"), "-" if inside is None else f"{100.0 * inside:.0f} %", _bounded(one, "nees")]
-    return [*cells, f"{100.0 * one['rejected']:.2f} %", number(one["relocations"], 2)]
-
-
-def _bounded(one: Results, name: str) -> str:
-    if one[name] is None:
-        return "-"
-    return f"{one[name]:.2f} ({one[f'{name}_low']:.2f} .. {one[f'{name}_high']:.2f})"

@@ -87,7 +87,7 @@ ENTRIES = (
         OWN_NAME,
         "switching law",
         OWN_NAME,
-        "law (17) of the paper; control.md",
+        "law (17) of the paper, with braking profiles",
         "go-to-pose in open space with a noisy estimate; forwards or backwards",
     ),
     Entry(

@@ -32,7 +32,7 @@ from diffbot_lab.refilter.comparison import (
 from diffbot_lab.refilter.parameters import read_config
 
 TITLES = (
-    "drive", "time [s]", "RMSE [m]", "largest [m]", "heading [rad]", "NEES", "NIS per number", "whiteness", "rejected",
+    "drive", "RMSE [m]", "largest [m]", "heading [rad]", "NEES", "NIS per number", "whiteness", "rejected",
 )  # fmt: skip
 
 
@@ -120,12 +120,13 @@ def table(results: dict[str, Any]) -> str:
 
 def _row(one: dict[str, Any]) -> tuple[str, ...]:
     formats = {
-        "seconds": ".0f", "rmse": ".3f", "largest": ".2f", "heading_rmse": ".3f", "nees": ".1f", "nis": ".2f",
+        "rmse": ".3f", "largest": ".2f", "heading_rmse": ".3f", "nees": ".1f", "nis": ".2f",
         "correlation": "+.2f",
     }  # fmt: skip
     values = ["-" if one[name] is None else format(one[name], form) for name, form in formats.items()]
     total = one["accepted"] + one["rejected"]
-    return one["name"], *values, f"{100.0 * one['rejected'] / total:.1f} %" if total else "-"
+    drive = f"{one['name']}, {one['seconds']:.0f} s"
+    return drive, *values, f"{100.0 * one['rejected'] / total:.1f} %" if total else "-"
 
 
 def run_and_report(data: Path, out: Path, figures: bool, *, calibrated: bool = False) -> int:

@@ -24,11 +24,9 @@ SHARE = 1.0 / 3.0
 """of each drive that is calibrated on"""
 _SHORT = 180.0
 """[s]"""
-TITLES = (
-    "drive", "calibrated on", "rest, shipped: RMSE [m]", "NEES", "rest, calibrated: RMSE [m]", "NEES",
-    "whole drive, shipped: RMSE [m]", "NEES", "with the first one's calibration: RMSE [m]", "NEES",
-)  # fmt: skip
-_COLUMNS = ("rest_shipped", "rest_calibrated", "whole_shipped", "whole_with_first")
+TITLES = ("drive", "calibrated on", "shipped: RMSE [m]", "NEES", "calibrated: RMSE [m]", "NEES")
+TITLES_OF_OTHERS = ("drive", "shipped: RMSE [m]", "NEES", "with the first one's calibration: RMSE [m]", "NEES")
+_REST, _WHOLE = ("rest_shipped", "rest_calibrated"), ("whole_shipped", "whole_with_first")
 
 
 def study(found: list[DriveResult], folder: Path) -> list[dict[str, Any]]:
@@ -84,25 +82,27 @@ def _figures(errors: Errors) -> dict[str, Any]:
 
 
 def calibrated_table(rows: list[dict[str, Any]]) -> str:
-    """Return the table of all drives in Markdown, with the mean of the drives that have a column."""
-    lines = [_line(row["name"], row, row["calibrated_on"]) for row in rows]
+    """Return two tables in Markdown: the rest of each drive, and whole drives with the first one's calibration.
+
+    The second is left out if no drive has that calibration.
+    """
+    rest = [(row["name"], row["calibrated_on"], *_cells(row, _REST)) for row in rows]
+    others = [row for row in rows if row["whole_with_first"] is not None]
     if len(rows) > 1:
-        lines.append(_line("mean", {column: _mean(rows, column) for column in _COLUMNS}))
-        others = [row for row in rows if row["whole_with_first"] is not None]
-        lines.append(_line("mean of all but the first", {column: _mean(others, column) for column in _COLUMNS}))
-    return "\n".join(markdown_table(TITLES, lines))
+        rest.append(("mean", "", *_cells(_means(rows, _REST), _REST)))
+    if not others:
+        return "\n".join(markdown_table(TITLES, rest))
+    whole = [(row["name"], *_cells(row, _WHOLE)) for row in others]
+    whole.append(("mean", *_cells(_means(others, _WHOLE), _WHOLE)))
+    return "\n".join([*markdown_table(TITLES, rest), "", *markdown_table(TITLES_OF_OTHERS, whole)])
 
 
-def _mean(rows: list[dict[str, Any]], column: str) -> dict[str, float] | None:
-    known = [row[column] for row in rows]
-    if None in known:
-        return None
-    return {name: sum(one[name] for one in known) / len(known) for name in ("rmse", "nees")}
+def _means(rows: list[dict[str, Any]], columns: tuple[str, str]) -> dict[str, dict[str, float]]:
+    return {
+        column: {name: sum(row[column][name] for row in rows) / len(rows) for name in ("rmse", "nees")}
+        for column in columns
+    }
 
 
-def _line(name: str, row: dict[str, Any], share: str = "") -> tuple[str, ...]:
-    cells = []
-    for column in _COLUMNS:
-        one = row[column]
-        cells += ["-", "-"] if one is None else [f"{one['rmse']:.3f}", f"{one['nees']:.1f}"]
-    return name, share, *cells
+def _cells(row: dict[str, Any], columns: tuple[str, str]) -> list[str]:
+    return [text for column in columns for text in (f"{row[column]['rmse']:.3f}", f"{row[column]['nees']:.1f}")]

@@ -29,7 +29,7 @@ from diffbot_core.files import write_json, write_text
 from diffbot_lab.demo.processes import PrivateDomain
 
 ROOT = Path(__file__).resolve().parents[2]
-DOCS = ROOT / "docs" / "performance.md"
+DOCS = ROOT / "docs" / "results" / "performance" / "index.md"
 BEGIN, END = "<!-- bench -->", "<!-- /bench -->"
 PARTS = ("clocked", "robot", "lockstep", "steps", "start")
 
@@ -128,7 +128,7 @@ def write_outcome(path: Path, outcome: Outcome, rows: list[Row], where: dict[str
 
 
 def write_docs(rows: list[Row], where: dict[str, str]) -> None:
-    """Put the table between the markers of docs/performance.md."""
+    """Put the table between the markers of docs/results/performance/index.md."""
     before, rest = DOCS.read_text(encoding="utf-8").split(BEGIN)
     _, after = rest.split(END)
     conditions = (
@@ -144,7 +144,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--only", choices=PARTS, action="append", help="measure this part only (may be repeated)")
     parser.add_argument("--strict", action="store_true", help="exit status 2 if a target is missed")
     parser.add_argument("--out", type=Path, default=ROOT / "out" / "bench.json", help="default: %(default)s")
-    parser.add_argument("--write-docs", action="store_true", help="put the table into docs/performance.md")
+    parser.add_argument("--write-docs", action="store_true", help="put the table into docs/results/performance")
     options = parser.parse_args(arguments)
     if options.write_docs and (options.quick or options.only):
         parser.error("--write-docs wants the whole benchmark: no --quick, no --only")

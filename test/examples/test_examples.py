@@ -94,7 +94,7 @@ def test_bad_arguments_are_refused_in_one_line(tmp_path, words, text):
 
 @pytest.mark.study
 def test_the_study_tells_the_presets_apart(tmp_path):
-    """The paper's law leaves a lateral error of 0.2 to 0.35 m (docs/control.md)."""
+    """The paper's law leaves a lateral error of 0.2 to 0.35 m (docs/explanation/law/paper.md)."""
     paper, tuned = (numbers(line) for line in run(tmp_path, EXAMPLES / "monte_carlo.py", 200).splitlines())
     assert paper[0] < 40.0
     assert tuned[0] > 95.0

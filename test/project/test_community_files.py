@@ -138,6 +138,6 @@ def test_citation_is_of_this_version_and_names_the_paper():
     assert citation["authors"] == [{"name": manifest.findtext("maintainer")}]
     (paper,) = citation["references"]
     assert (paper["type"], paper["year"]) == ("conference-paper", 2014)
-    assert paper["title"] in " ".join((ROOT / "docs" / "control.md").read_text().replace("*", "").split())
+    assert paper["title"] in " ".join((ROOT / "docs/explanation/law/index.md").read_text().replace("*", "").split())
     assert [author["family-names"] for author in paper["authors"]] == ["Nguyễn", "Phùng", "Trần"]
     assert paper["year"] <= date.today().year

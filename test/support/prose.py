@@ -8,13 +8,6 @@ def without_fenced_code(text):
     return re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
 
 
-def words_of_text(text):
-    """Return the number of words of a page outside of tables, code, comments and generated API."""
-    lines = without_fenced_code(text).splitlines()
-    shown = [line.lstrip("#") for line in lines if not line.startswith(("    ", "|", "<!--", ":::"))]
-    return len(" ".join(shown).split())
-
-
 def sentences(text):
     """Return the sentences of a page: of paragraphs, items and cells; code blocks and addresses are left out."""
     text = without_fenced_code(text)
@@ -28,5 +21,13 @@ def sentences(text):
 
 def alone_standing_pictures(text):
     """Return the pictures of a page without a text of at least three words, or without a caption in italics below."""
-    found = re.findall(r"^!\[([^\]]*)\]\(([^)]+)\)[^\n]*\n\n?(.)", text, re.MULTILINE)
+    found = re.findall(r"^!\[([^\]]*)\]\(([^)]+)\)[^\n]*\n{0,2}(.?)", text, re.MULTILINE)
     return [name for words, name, after in found if len(words.split()) < 3 or after != "*"]
+
+
+def words(text):
+    """Return the words of a page's prose: headings, paragraphs and items, without tables, code and comments."""
+    text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
+    text = re.sub(r"^::: .*\n(?: .*\n|\n)*", "", text, flags=re.MULTILINE)
+    lines = [line for line in without_fenced_code(text).splitlines() if not line.startswith(("    ", "|"))]
+    return re.sub(r"\]\([^)]*\)", "]", "\n".join(lines)).split()

@@ -83,7 +83,7 @@ def test_the_other_presets_switch_where_the_estimate_is_uncertain_to(name, sigma
 
 @pytest.mark.parametrize(("name", "reached"), [("tuned", False), ("paper_covariance", False), ("paper", True)])
 def test_only_the_papers_preset_accepts_the_lateral_error_of_its_fixed_region(name, reached):
-    """The paper's own end state of simulation A, y = 0.1049 m; see docs/control.md."""
+    """The paper's own end state of simulation A, y = 0.1049 m; see docs/explanation/law/paper.md."""
     memory = ControllerMemory(Switching(OMEGA_L))
     for _ in range(4):
         memory, _, _ = step(memory, Pose(0.0028, 0.1049, 0.0066), ORIGIN, 0.1, PRESETS[name])

@@ -29,7 +29,7 @@ ROOT = Path(__file__).resolve().parents[3]
 
 @pytest.fixture(scope="module")
 def kept():
-    return json.loads((ROOT / "docs" / "localization_colour.json").read_text())
+    return json.loads((ROOT / "docs/results/data/localization_colour.json").read_text())
 
 
 @pytest.mark.parametrize("c", [0.0, 0.9])
@@ -90,7 +90,7 @@ def test_each_target_follows_its_own_figure(kept):
 
 def test_every_number_of_the_page_is_that_of_the_results(kept):
     part = page_part(kept)
-    assert part in (ROOT / "docs" / "localization-results.md").read_text()
+    assert part in (ROOT / "docs/results/filter/coloured.md").read_text()
     (_, *rows), goals = tables(part)
     assert_shows_targets(goals, kept["targets"])
     for row, one in zip(rows, kept["cells"], strict=True):

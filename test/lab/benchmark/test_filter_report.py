@@ -9,14 +9,15 @@ from page_tables import assert_shows, assert_shows_targets, tables
 
 from diffbot_control.filter.options import FilterConfig
 from diffbot_lab.benchmark.filter_cases import SCENARIOS, SECTIONS, name_of
-from diffbot_lab.benchmark.filter_report import conclusions, page_part, table, targets
+from diffbot_lab.benchmark.filter_pages import cases_part, conditions, overview, targets_part
+from diffbot_lab.benchmark.filter_report import conclusions, table, targets
 
 ROOT = Path(__file__).resolve().parents[3]
 
 
 @pytest.fixture(scope="module")
 def kept():
-    return json.loads((ROOT / "docs" / "localization.json").read_text())
+    return json.loads((ROOT / "docs/results/data/localization.json").read_text())
 
 
 def test_the_kept_results_hold_their_conclusions(kept):
@@ -25,49 +26,54 @@ def test_the_kept_results_hold_their_conclusions(kept):
     assert [one["name"] for one in kept["cases"]] == [name_of(one.name, *r) for one in SCENARIOS for r in one.rates]
 
 
-def expected_values(one, kidnapped):
-    """Numbers of a row behind rates and filter, the bounds of NIS and NEES in one list with their figure."""
-    position = [one["position"][key] for key in ("rmse", "median", "p95")]
-    heading = [one["heading"][key] for key in ("rmse", "median", "p95")]
-    values = [*position, one["largest"], *heading, one["lost"]]
-    values += [one["back_median"], one["back_max"]] if kidnapped else []
-    nis = [] if one["nis"] is None else [one["nis"], one["nis_low"], one["nis_high"]]
-    inside = None if one["nis_inside"] is None else 100.0 * one["nis_inside"]
-    nees = [one["nees"], one["nees_low"], one["nees_high"]]
-    return values, nis, inside, nees, [100.0 * one["rejected"], one["relocations"]]
-
-
 def bounded(cell):
     """Return the three numbers of ``value (low .. high)``; none for ``-``."""
     return [] if cell == "-" else cell.replace("(", "").replace(")", "").replace("..", "").split()
 
 
-def test_every_number_of_the_page_is_that_of_the_results(kept):
-    part = page_part(kept)
-    assert part in (ROOT / "docs" / "localization-results.md").read_text()
-    goals, *sections = tables(part)
-    assert_shows_targets(goals, kept["targets"])
-    assert len(sections) == len(SECTIONS)
-    for section, (head, *rows) in zip(SECTIONS, sections, strict=True):
-        cases = [one for one in kept["cases"] if one["section"] == section]
+def bounds_of(one, name):
+    return [] if one[name] is None else [one[name], one[f"{name}_low"], one[f"{name}_high"]]
+
+
+def test_every_number_of_the_cases_is_that_of_the_results(kept):
+    shown = iter(tables(cases_part(kept, *SECTIONS)))
+    for text in dict.fromkeys(one["text"] for one in kept["cases"]):
+        cases = [one for one in kept["cases"] if one["text"] == text]
+        (_, *accuracy), (head, *rest) = next(shown), next(shown)
         expected = [(case, name, one) for case in cases for name, one in case["filters"].items()]
-        text = ""
-        numbers = iter(expected)
-        for row in rows:
-            if row[0] == "":
-                text = row[1]
-                continue
-            case, name, one = next(numbers)
-            assert text == f"*{case['text']}*"
-            assert row[:2] == [f"{case['odometry_rate']}/{case['fix_rate']}", f"`{name}`"]
-            values, nis, inside, nees, rest = expected_values(one, "max" in head)
-            count = 2 + len(values)
-            assert_shows(row[2:count], values)
-            assert_shows(bounded(row[count]), nis)
-            assert_shows(row[count + 1 : count + 2], [inside])
-            assert_shows(bounded(row[count + 2]), nees)
-            assert_shows(row[count + 3 :], rest)
-        assert next(numbers, None) is None
+        for first, second, (case, name, one) in zip(accuracy, rest, expected, strict=True):
+            rates = f"{case['odometry_rate']}/{case['fix_rate']}"
+            assert first[:2] == second[:2] == [rates, f"`{name}`"]
+            position, heading = one["position"], one["heading"]
+            values = [position["rmse"], position["p95"], one["largest"], heading["rmse"], heading["p95"], one["lost"]]
+            assert_shows(first[2:], values)
+            assert_shows(bounded(second[2]), bounds_of(one, "nis"))
+            assert_shows(bounded(second[4]), bounds_of(one, "nees"))
+            inside = None if one["nis_inside"] is None else 100.0 * one["nis_inside"]
+            assert_shows([second[3], *second[5:7]], [inside, 100.0 * one["rejected"], one["relocations"]])
+            assert ("back" in head[-1]) == (case["filters"]["ekf"]["back_max"] is not None)
+            if "back" in head[-1]:
+                assert_shows(second[7].split(", "), [one["back_median"], one["back_max"]])
+    assert next(shown, None) is None
+
+
+def test_every_section_is_on_one_of_the_pages(kept):
+    pages = [path.read_text() for path in (ROOT / "docs" / "results" / "filter").glob("*.md")]
+    for section in SECTIONS:
+        assert sum(cases_part(kept, section) in page for page in pages) == 1, section
+
+
+def test_the_overview_has_the_figures_of_the_default(kept):
+    ((_, *rows),) = tables(overview(kept))
+    for row, case in zip(rows, kept["cases"], strict=True):
+        one = case["filters"][kept["default_filter"]]
+        assert row[:2] == [case["text"], f"{case['odometry_rate']}/{case['fix_rate']}"]
+        assert_shows(row[2:], [one["position"]["rmse"], one["heading"]["rmse"], one["nees"], one["lost"]])
+
+
+def test_the_targets_are_those_of_the_results(kept):
+    (goals,) = tables(targets_part(kept))
+    assert_shows_targets(goals, kept["targets"])
 
 
 def test_the_terminal_shows_the_same_numbers_and_what_is_missed(kept):
@@ -87,4 +93,5 @@ def test_the_terminal_shows_the_same_numbers_and_what_is_missed(kept):
     assert next(rows, None) is None
     assert f"Targets: {len(targets(results)) - 1} met, 1 missed" in lines
     assert "  missed: slip_10_5, runs lost: 3.000, not <= 0" in lines
-    assert page_part(results).count("**no**") == 1
+    assert targets_part(results).count("**no**") == 1
+    assert f"{len(targets(results)) - 1} of {len(targets(results))} [targets]" in conditions(results)

@@ -51,7 +51,7 @@ def put(row, path, value):
 
 @pytest.fixture(scope="module")
 def kept():
-    return json.loads((ROOT / "docs" / "localization.json").read_text())
+    return json.loads((ROOT / "docs/results/data/localization.json").read_text())
 
 
 @pytest.fixture

@@ -6,19 +6,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from page_tables import assert_shows_targets, shows, tables
+from page_tables import assert_shows, assert_shows_targets, tables
 
-from diffbot_lab.benchmark.law_report import conclusions, page, table
+from diffbot_lab.benchmark.law_pages import CASE_PAGES, pages
+from diffbot_lab.benchmark.law_report import conclusions, table
 from diffbot_lab.benchmark.law_statistics import figures_of
 from diffbot_lab.benchmark.law_targets import peers_ahead, targets
 from diffbot_sim.compiled.batch import COLUMNS
 
-ROOT = Path(__file__).resolve().parents[3]
+RESULTS = Path(__file__).resolve().parents[3] / "docs" / "results"
+DATA = RESULTS / "data"
 
 
 @pytest.fixture(scope="module")
 def kept():
-    return json.loads((ROOT / "docs" / "benchmark.json").read_text())
+    return json.loads((DATA / "benchmark.json").read_text())
 
 
 def figures(seed=1):
@@ -54,7 +56,7 @@ def equal():
 
 def test_with_equal_figures_no_peer_is_ahead(equal):
     assert peers_ahead(equal) == []
-    assert "Nowhere" in page(equal)
+    assert "Nowhere" in pages(equal)["index.md"]
 
 
 @pytest.mark.parametrize(
@@ -75,8 +77,8 @@ def test_a_smaller_figure_of_a_peer_is_listed_alone_and_first(equal, part, key, 
     assert not found["apart"]
     peer[part][f"{key}_interval"] = [0.0, 0.001]
     assert peers_ahead(equal)[0]["apart"]
-    text = page(equal)
-    assert text.index(figure) < text.index("## Conditions")
+    text = pages(equal)["index.md"]
+    assert text.index(f"| {figure} |") < text.index("## The switching law")
 
 
 def test_a_larger_share_is_listed_and_no_settled_run_leads_in_no_time(equal):
@@ -85,7 +87,7 @@ def test_a_larger_share_is_listed_and_no_settled_run_leads_in_no_time(equal):
     assert [one["figure"] for one in peers_ahead(equal)] == ["share settled"]
     peer["settling_time"] = dict.fromkeys(peer["settling_time"])
     assert [one["figure"] for one in peers_ahead(equal)] == ["share settled"]
-    assert "| - |" in page(equal)
+    assert "| - |" in pages(equal)["starts.md"]
 
 
 def value(results, case, text):
@@ -115,27 +117,51 @@ def test_the_kept_results_hold_their_conclusions(kept):
     assert {key: kept[key] for key in ("targets", "ahead")} == conclusions(kept)
 
 
-def test_every_number_of_the_page_is_that_of_the_results(kept):
-    text = (ROOT / "docs" / "benchmark.md").read_text()
-    bounds = json.loads((ROOT / "docs" / "benchmark_bound.json").read_text())
-    assert text == page(kept, bounds)
+def assert_shows_figures(cells, one):
+    """Compare the cells of a law, behind its name, with its figures; of the intervals, that of the 99 %."""
+    largest, spins, reached = (cell.replace("(", "").replace(")", "").replace(",", "").split() for cell in cells[4:])
+    time, position = one["settling_time"], one["position"]
+    values = [100.0 * one["settled"] / one["runs"], time["median"], time["p99"], position["p95"]]
+    assert_shows([cell.split(" [")[0] for cell in cells[:4]], values)
+    assert_shows(largest, [position["max"], one["heading"]["max"]])
+    assert_shows(spins, [one["revolutions"], one["spinning"]])
+    assert_shows(reached, [one["reached"], one["false_reached"]])
+    if time["p99_interval"]:
+        assert_shows(cells[2].split("[")[1].strip("]").split(", "), time["p99_interval"])
+
+
+def test_every_number_of_the_pages_is_that_of_the_results(kept):
     labels = {one["name"]: one["label"] for one in kept["laws"]}
-    found = [rows for rows in tables(text) if rows[0][0] == "law" and "settled [%]" in rows[0]]
-    assert len(found) == len(kept["cases"])
-    order = [row for kind in ("speed", "acceleration", "own") for row in kept["cases"] if row["table"] == kind]
-    for rows, case in zip(found, order, strict=True):
-        for cells, one in zip(rows[1:], case["laws"], strict=True):
-            assert cells[0] == labels[one["name"]]
-            time, position = one["settling_time"], one["position"]
-            values = [100.0 * one["settled"] / one["runs"], time["median"], time["p99"], position["p95"]]
-            values += [position["max"], one["heading"]["max"], one["revolutions"], one["spinning"]]
-            values += [one["reached"], one["false_reached"]]
-            assert all(shows(cell.split(" [")[0], number) for cell, number in zip(cells[1:], values, strict=True))
-            interval = time["p99_interval"]
-            if interval:
-                ends = cells[3].split("[")[1].strip("]").split(", ")
-                assert all(shows(end, number) for end, number in zip(ends, interval, strict=True))
-    assert_shows_targets(tables(text)[-1], kept["targets"])
+    cases = {one["name"]: one["laws"] for one in kept["cases"]}
+    found = pages(kept)
+    for page in CASE_PAGES:
+        shown = tables(found[page.file])
+        for rows, name in zip(shown, page.cases, strict=True):
+            for cells, one in zip(rows[1:], cases.pop(name), strict=True):
+                assert cells[0] == labels[one["name"]]
+                assert_shows_figures(cells[1:], one)
+    goals, further = tables(found["targets.md"])
+    assert_shows_targets(goals, kept["targets"])
+    for cells, (name, (one,)) in zip(further[1:], cases.items(), strict=True):
+        assert cells[0].startswith(f"`{name}`: ")
+        assert_shows_figures(cells[1:], one)
+
+
+def test_the_overview_has_the_figures_of_the_own_law_and_counts_peers(kept):
+    _, rows = tables(pages(kept)["index.md"])
+    for cells, case in zip(rows[1:], kept["cases"], strict=True):
+        one = case["laws"][0]
+        assert one["name"] == "switching"
+        values = [100.0 * one["settled"] / one["runs"], one["settling_time"]["median"], one["settling_time"]["p99"]]
+        assert_shows([cell.split(" [")[0] for cell in cells[1:5]], [*values, one["position"]["p95"]])
+        peers = {found["peer"] for found in kept["ahead"] if found["case"] == case["name"]}
+        assert cells[5].split(" of ")[0] == (str(len(peers)) if len(case["laws"]) > 1 else "none was run")
+
+
+def test_the_pages_are_made_from_the_kept_results(kept):
+    bounds = json.loads((DATA / "benchmark_bound.json").read_text())
+    found = {path.name: path.read_text() for path in (RESULTS / "benchmark").glob("*.md")}
+    assert found == pages(kept, bounds)
 
 
 def test_the_terminal_shows_the_same_and_what_is_missed(equal):

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from dataset_files import write_mrclam
+from page_tables import assert_shows, tables
 
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.dataset.benchmark import drives_in, results_of, run_and_report, table
@@ -32,11 +33,11 @@ def out(data):
 
 def test_each_robot_has_a_row_a_figure_and_a_mean(out):
     lines = (out / "table.md").read_text().splitlines()
-    assert [line.split(" | ")[0] for line in lines[2:]] == ["| set robot 2", "| set robot 4", "| mean"]
+    assert [line.split(" | ")[0] for line in lines[2:]] == ["| set robot 2, 6 s", "| set robot 4, 9 s", "| mean, 7 s"]
     drives = json.loads((out / "results.json").read_text())["drives"]
     assert [round(one["seconds"]) for one in drives] == [6, 9]
     mean = sum(one["nees"] for one in drives) / 2.0
-    assert float(lines[4].split(" | ")[5]) == pytest.approx(mean, abs=0.051)
+    assert float(lines[4].split(" | ")[4]) == pytest.approx(mean, abs=0.051)
     assert sorted(path.name for path in out.iterdir()) == [
         "results.json", "set_robot_2.png", "set_robot_4.png", "table.md",
     ]  # fmt: skip
@@ -75,8 +76,14 @@ def test_calibration_is_judged_on_what_it_did_not_use(tmp_path):
         assert row["rest_calibrated"] != row["rest_shipped"]
         # The files are without noise.
         assert row["rest_calibrated"]["rmse"] < 0.05
-    last = (tmp_path / "out" / "table.md").read_text().splitlines()[-1]
-    assert last.startswith(f"| mean of all but the first |  | {rows[1]['rest_shipped']['rmse']:.3f} | ")
+    _, rest, others = tables((tmp_path / "out" / "table.md").read_text())
+    mean = 0.5 * (rows[0]["rest_calibrated"]["rmse"] + rows[1]["rest_calibrated"]["rmse"])
+    assert_shows([rest[-1][4]], [mean])
+    # Of the first robot's file only the other one has figures, so they are also the mean.
+    whole, first = (rows[1][column] for column in ("whole_shipped", "whole_with_first"))
+    assert [row[0] for row in others[1:]] == [rows[1]["name"], "mean"]
+    for row in others[1:]:
+        assert_shows(row[1:], [whole["rmse"], whole["nees"], first["rmse"], first["nees"]])
 
 
 def test_what_is_not_measured_is_null_and_a_dash():
@@ -87,7 +94,7 @@ def test_what_is_not_measured_is_null_and_a_dash():
     one = DriveResult("d", Path("bag"), Figures(1.0, 0.1, 0.2, nan, 2.0, 2), Consistency(0, 0, nan, nan, nan), None)
     results = results_of([one])
     assert results["drives"][0]["heading_rmse"] is None
-    assert table(results).splitlines()[2] == "| d | 1 | 0.100 | 0.20 | - | 2.0 | - | - | - |"
+    assert table(results).splitlines()[2] == "| d, 1 s | 0.100 | 0.20 | - | 2.0 | - | - | - |"
 
 
 def test_folder_without_a_data_set_is_refused(tmp_path):

@@ -1,4 +1,4 @@
-"""The page docs/reproduction.md: the kept results are today's, and every number and claim follows from them."""
+"""The pages of docs/results/reproduction: today's results, from which every number and claim follows."""
 
 import copy
 import json
@@ -6,16 +6,16 @@ from pathlib import Path
 
 import pytest
 from page_tables import assert_shows, tables
-from reproduction import page, statements
+from reproduction import pages, statements
 
 from diffbot_lab.paper.experiment import run_experiment, summarise
 
-DOCS = Path(__file__).resolve().parents[3] / "docs"
+RESULTS = Path(__file__).resolve().parents[3] / "docs" / "results"
 
 
 @pytest.fixture(scope="module")
 def kept():
-    return json.loads((DOCS / "reproduction.json").read_text())
+    return json.loads((RESULTS / "data" / "reproduction.json").read_text())
 
 
 def assert_close(found, kept_value, where=""):
@@ -39,13 +39,14 @@ def test_the_kept_results_are_todays(name, kept):
     assert_close(json.loads(json.dumps(found)), kept[name])
 
 
-def test_the_page_is_made_from_the_kept_results(kept):
-    assert (DOCS / "reproduction.md").read_text() == page(kept["a"], kept["b"], kept["scan"])
+def test_the_pages_are_made_from_the_kept_results(kept):
+    found = {path.name: path.read_text() for path in (RESULTS / "reproduction").glob("*.md")}
+    assert found == pages(kept["a"], kept["b"], kept["scan"])
 
 
 def test_all_claims_hold_in_the_kept_results(kept):
     assert [one.text for one in statements(kept["a"], kept["b"], kept["scan"]) if not one.holds] == []
-    assert "NO |" not in page(kept["a"], kept["b"], kept["scan"])
+    assert "NO |" not in pages(kept["a"], kept["b"], kept["scan"])["index.md"]
 
 
 def change(results, law=None, setting=None, **changes):
@@ -84,27 +85,29 @@ def test_the_page_says_no_to_what_does_not_hold(start, kept):
     failing = [one.text for one in statements(a, b, scan) if not one.holds]
     assert len(failing) == 1
     assert failing[0].startswith(start)
-    lines = [line for line in page(a, b, scan).splitlines() if line.endswith("| NO |")]
+    lines = [line for line in pages(a, b, scan)["index.md"].splitlines() if line.endswith("| NO |")]
     assert len(lines) == 1
     assert lines[0].startswith("| " + start.replace("|", "\\|"))
 
 
-def test_every_number_of_the_page_is_that_of_the_results(kept):
-    ranks, distances, near, box, claims, readings = tables(page(kept["a"], kept["b"], kept["scan"]))
+def test_every_number_of_the_pages_is_that_of_the_results(kept):
+    found = pages(kept["a"], kept["b"], kept["scan"])
+    claims, distances = tables(found["index.md"])
+    (ranks,), (near, box), (readings,) = (tables(found[f"{one}.md"]) for one in ("end-states", "noise", "rear-sector"))
     groups = [one for one in kept["a"]["groups"] if "paper" in one]
     expected = [(one, name) for one in groups for name in ("x", "y", "theta")]
     for row, (one, name) in zip(ranks[1:], expected, strict=True):
-        assert row[:3] == [one["law"], one["setting"], f"{name} [{'rad' if name == 'theta' else 'm'}]"]
+        assert row[:2] == [f"{one['law']}, {one['setting']}", f"{name} [{'rad' if name == 'theta' else 'm'}]"]
         paper, ours = one["paper"][name], one[name]
-        assert_shows(row[3:7], [paper["value"], ours["0.5"], ours["0.05"], ours["0.95"]])
-        assert row[7] == ("yes" if paper["inside_1_99"] else "**no**")
-        assert_shows(row[8:], [100.0 * paper["share_below"]])
+        assert_shows(row[2:6], [paper["value"], ours["0.5"], ours["0.05"], ours["0.95"]])
+        assert row[6] == ("yes" if paper["inside_1_99"] else "**no**")
+        assert_shows(row[7:], [100.0 * paper["share_below"]])
     expected = [(content, one) for content in (kept["a"], kept["b"]) for one in content["groups"]]
     for row, (content, one) in zip(distances[1:], expected, strict=True):
         assert row[:2] == [f"{content['experiment'].upper()}, {one['label']}", one["setting"]]
-        values = [one["runs"], one["reached_local_region"]]
-        values += [one[part][key] for part in ("position", "abs_theta") for key in ("0.5", "0.95")]
-        assert_shows(row[2:], [*values, one["path_length"]["0.5"], one["max_speed"]])
+        assert row[2] == f"{one['reached_local_region']} of {one['runs']}"
+        values = [one[part][key] for part in ("position", "abs_theta") for key in ("0.5", "0.95")]
+        assert_shows(row[3:], [*values, one["path_length"]["0.5"]])
     for shown, law in ((near, "law 13"), (box, "law 17")):
         for row, one in zip(shown[1:], kept["scan"][law], strict=True):
             assert row.pop(0) == one["reading"]

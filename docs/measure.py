@@ -1,0 +1,133 @@
+"""Repeat the measurements behind docs/results: ``generate.py --benchmark`` and its other options call this.
+
+Results go to the JSON files in docs/results/data, pictures beside the pages that show them.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import tempfile
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from diffbot_core.files import write_json
+from diffbot_lab.benchmark import bound as bound_benchmark
+from diffbot_lab.benchmark import filter as filter_benchmark
+from diffbot_lab.benchmark import filter_colour, law_effects
+from diffbot_lab.benchmark import law as law_benchmark
+from diffbot_lab.benchmark.law_animation import AnimationOptions, drives
+from diffbot_lab.benchmark.law_movie import write_movie
+from diffbot_lab.benchmark_commands import BENCHMARKS
+from diffbot_lab.calibration import benchmark as calibration_benchmark
+from diffbot_lab.cli import RUNS_OF_SCAN, SEED_OF_SCAN
+from diffbot_lab.dataset import benchmark as real_benchmark
+from diffbot_lab.paper.experiment import run_experiment, summarise
+from diffbot_lab.paper.figures import figure_paths
+from diffbot_lab.paper.scan import run_scan
+from diffbot_lab.security import policy
+
+DOCS = Path(__file__).parent
+RESULTS = DOCS / "results"
+DATA = RESULTS / "data"
+LOCALIZATION, COLOUR, EFFECTS = "localization", "localization_colour", "effects"
+"""Names of the results of the filter's benchmarks, and of the changed parameters."""
+REAL, CALIBRATION = "real", "calibration"
+"""Names of the results on real drives, which no download repeats here, and of the calibration of simulated ones."""
+PAPER_RUNS = 100
+SWITCHING_RUNS, OWN_RUNS, SWITCHING_SEED = 200, 1000, 7
+"""Runs of each start in the comparison of the laws, of this one's, and a seed that is not that of their tuning."""
+CALIBRATION_SEED = 3000
+"""First seed of the calibrations: none of those that it was developed with."""
+
+
+def write_experiments() -> None:
+    """Run A, B and the scan; write their results and two of their figures to docs/."""
+    results = {"scan": run_scan(RUNS_OF_SCAN, SEED_OF_SCAN)}
+    for name, law_label, figure in (
+        ("a", "law 17", "figure_07_path.png"),
+        ("b", "heading 0 deg", "figure_10_path.png"),
+    ):
+        groups = run_experiment(name, PAPER_RUNS, 1)
+        results[name] = summarise(name, PAPER_RUNS, 1, groups)
+        shown = [group for group in groups if group.label == law_label and group.setting.name == "raw"]
+        with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(1) as pool:
+            paths = [path for drawn in figure_paths(shown, Path(folder), pool) for path in drawn.result()]
+            shutil.copy(next(path for path in paths if path.name == figure), RESULTS / "reproduction" / figure)
+    write_json(DATA / "reproduction.json", results)
+
+
+def write_switching() -> None:
+    """Run the benchmark of the law; write its results and its figure to docs/results."""
+    options = law_benchmark.ArenaOptions(SWITCHING_RUNS, SWITCHING_SEED, own_runs=OWN_RUNS)
+    results, outcomes = law_benchmark.run_benchmark(options)
+    write_json(DATA / "benchmark.json", results)
+    law_benchmark.draw(outcomes, options, RESULTS / "benchmark" / "benchmark.png")
+
+
+def write_effects() -> None:
+    """Run the law with each parameter changed; write the results to docs/results."""
+    write_json(DATA / f"{EFFECTS}.json", law_effects.run_effects(BENCHMARKS[EFFECTS][0], SWITCHING_SEED))
+
+
+def write_animation() -> None:
+    """Draw docs/run.gif, as ``diffbot benchmark animate`` does."""
+    shown, sampling_time = drives(AnimationOptions(BENCHMARKS["animate"][0], 1))
+    write_movie(shown, sampling_time, DOCS / "run.gif")
+
+
+def write_policy() -> None:
+    """Run the nodes and write config/sros2_policy.xml from what they publish, subscribe to and serve."""
+    # Only here: the rest of this program needs no ROS.
+    from diffbot_lab.security.ros.reference_graph import reference_rights  # noqa: PLC0415
+
+    policy.write_policy(DOCS.parent / "config/sros2_policy.xml", reference_rights(), policy.COMMENT)
+
+
+def write_localization() -> None:
+    """Run the benchmark of the filter; write its results and its figure to docs/results."""
+    results = filter_benchmark.run_benchmark(BENCHMARKS["localization"][0], 1)
+    write_json(DATA / f"{LOCALIZATION}.json", results)
+    filter_benchmark.draw(results, RESULTS / "filter" / "localization.png")
+
+
+def write_colour() -> None:
+    """Run the benchmark of coloured fixes; write its results to docs/results."""
+    write_json(DATA / f"{COLOUR}.json", filter_colour.run_benchmark(BENCHMARKS["colour"][0], 1))
+
+
+def write_real(folders: list[Path]) -> None:
+    """Filter and calibrate the drives of data sets; write the results to docs/."""
+    sets = []
+    for folder in folders:
+        with tempfile.TemporaryDirectory() as out:
+            real_benchmark.run_and_report(folder, Path(out) / REAL, figures=False, calibrated=True)
+            sets.append(json.loads((Path(out) / REAL / "results.json").read_text()))
+    write_json(DATA / f"{REAL}.json", {"sets": sets})
+
+
+def write_calibration() -> None:
+    """Run the benchmark of the calibration; write its results to docs/results."""
+    with tempfile.TemporaryDirectory() as out:
+        calibration_benchmark.run_and_report(BENCHMARKS[CALIBRATION][0], CALIBRATION_SEED, Path(out) / CALIBRATION)
+        shutil.copy(Path(out) / CALIBRATION / "results.json", DATA / f"{CALIBRATION}.json")
+
+
+def write_bound() -> None:
+    """Compute the bounds of the arena; write them to docs/results. Needs casadi."""
+    options = bound_benchmark.BoundOptions(BENCHMARKS["bound"][0], SWITCHING_SEED)
+    bound_benchmark.run_bound(options, lambda found: write_json(DATA / "benchmark_bound.json", found))
+
+
+ALL = "all"
+WRITERS: dict[str, tuple[Callable[[], None], ...]] = {
+    "switching": (write_switching,),
+    "effects": (write_effects,),
+    "localization": (write_localization,),
+    "colour": (write_colour,),
+    CALIBRATION: (write_calibration,),
+    ALL: (write_switching, write_effects, write_localization, write_colour, write_calibration),
+    "bound": (write_bound,),
+}
+"""What ``--benchmark`` repeats; the bounds only by their name, since they need casadi."""
