@@ -129,7 +129,7 @@ def page(results: dict[str, Any]) -> str:
 
 
 def _fewest(results: dict[str, Any]) -> float:
-    return min(100.0 * float(row["settled"]) / row["runs"] for row in results["rows"])
+    return min(100.0 * float(row["settled"]) / float(row["runs"]) for row in results["rows"])
 
 
 def _strongest(results: dict[str, Any], number: int = 4) -> str:
@@ -143,7 +143,8 @@ def _strongest(results: dict[str, Any], number: int = 4) -> str:
         largest[row["parameter"]] = max(known, (time, row["value"]), key=lambda one: abs(one[0] - base))
     ranked = sorted(largest.items(), key=lambda one: -abs(one[1][0] - base))[:number]
     named = [f"`{name}` {value:g} ({time:.1f} s)" for name, (time, value) in ranked]
-    return f"{', '.join(named[:-1])} and {named[-1]}, from {base:.1f} s in the realistic mix"
+    first = ", ".join(named[:-1])
+    return f"{first} and {named[-1]}, from {base:.1f} s in the realistic mix"
 
 
 def law_table(results: dict[str, Any]) -> list[str]:

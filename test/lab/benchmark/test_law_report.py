@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from page_tables import assert_shows, assert_shows_targets, tables
 
+from diffbot_lab.benchmark import law_effects
 from diffbot_lab.benchmark.law_pages import CASE_PAGES, pages
 from diffbot_lab.benchmark.law_report import conclusions, table
 from diffbot_lab.benchmark.law_statistics import figures_of
@@ -161,7 +162,8 @@ def test_the_overview_has_the_figures_of_the_own_law_and_counts_peers(kept):
 def test_the_pages_are_made_from_the_kept_results(kept):
     bounds = json.loads((DATA / "benchmark_bound.json").read_text())
     found = {path.name: path.read_text() for path in (RESULTS / "benchmark").glob("*.md")}
-    assert found == pages(kept, bounds)
+    effects = json.loads((DATA / "effects.json").read_text())
+    assert found == {**pages(kept, bounds), "effects.md": law_effects.page(effects)}
 
 
 def test_the_terminal_shows_the_same_and_what_is_missed(equal):
