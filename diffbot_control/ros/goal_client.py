@@ -176,7 +176,7 @@ class GoalClient(Node):  # type: ignore[misc]
                 return future.result().result
             self._send.remove_pending_request(future)
         name = self.resolve_service_name(f"{self.controller}/send_goal")
-        raise NoControllerError(f"no answer from {name}")
+        raise NoControllerError(f"no answer from {name}: does the controller run, with the same ROS_DOMAIN_ID?")
 
     def wait_for_end(self, timeout: float) -> bool:
         """Handle messages until the newest goal has ended; False if it has not within ``timeout`` [s]."""

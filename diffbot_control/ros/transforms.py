@@ -33,7 +33,7 @@ class NoTransforms:
 
     def lookup(self, target: str, source: str, stamp: int) -> Any:
         """Refuse the frame."""
-        raise BadMessageError("wrong frame_id", f"{source[:80]!r}, not {target!r}, and tf2_ros is not installed")
+        raise BadMessageError("wrong frame_id", f"{source[:80]!r}, not {target!r}: other frames need tf2_ros")
 
 
 NO_TRANSFORMS = NoTransforms()

@@ -81,13 +81,17 @@ class NodeParameters(Generic[C]):
         unknown = [name for name in sorted(self._overrides) if not self._node.has_parameter(name)]
         if not unknown:
             return
-        # Not before it is needed, which is rare.
+        # Not before they are needed, which is rare.
+        from difflib import get_close_matches  # noqa: PLC0415
+
         from diffbot_core.ros.parameter_names import PARAMETER_NAMES  # noqa: PLC0415
 
         for name in unknown:
             # A section /** of a file holds the parameters of all nodes.
             if name not in PARAMETER_NAMES and not _QOS_OVERRIDE.fullmatch(name):
-                self._node.get_logger().warning(f"unknown parameter '{name}' is ignored")
+                similar = get_close_matches(name, [*self._fields, *PARAMETER_NAMES], 1)
+                meant = f"; did you mean '{similar[0]}'?" if similar else ""
+                self._node.get_logger().warning(f"unknown parameter '{name}' is ignored{meant}")
 
     def converted(self, changes: list[RosParameter]) -> list[RosParameter]:
         """Return ``changes`` with whole numbers and the text ``inf`` as the floats that they stand for.

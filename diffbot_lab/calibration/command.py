@@ -114,6 +114,8 @@ def describe(calibration: Calibration, outcome: Outcome, latency: Latency | None
     if latency is not None:
         lines.append(f"{'command_latency':28}{'':12}{latency.dead_time:12.4g}{latency.sigma:12.2g}")
         lines.append(f"{'drive_time_constant':28}{'':12}{latency.time_constant:12.4g}")
+    else:
+        lines.append("command_latency and drive_time_constant: not determined; they need abrupt changes of cmd_vel")
     lines += ["", f"{'held-out half':28}{'before':>12}{'after':>12}"]
     figures: tuple[tuple[str, str, Callable[[Judged], float]], ...] = (
         ("log likelihood per number", ".3f", lambda one: one.log_likelihood),

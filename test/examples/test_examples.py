@@ -50,6 +50,19 @@ def errors_in(bag):
     return [abs(estimates[stamp] - truth[stamp]) for stamp in truth.keys() & estimates.keys()]
 
 
+def test_the_lines_in_the_readme_run(tmp_path):
+    section = (EXAMPLES.parent / "README.md").read_text().split("## Use it as a library")[1].split("\n## ")[0]
+    code = "".join(f"{line[4:]}\n" for line in section.splitlines() if line.startswith("    "))
+    twist, ends = run(tmp_path, "-c", code).splitlines()
+    v, omega, rho = numbers(twist)
+    assert 0.0 < v <= V_MAX
+    assert omega > 0.0, "the goal is to the left"
+    assert rho == pytest.approx(np.hypot(2.0, 5.5))
+    truth, feedback = np.array(numbers(ends)[:3]), np.array(numbers(ends)[3:])
+    assert np.hypot(*truth[:2]) < 0.1
+    assert np.hypot(*(truth - feedback)[:2]) < 0.1
+
+
 def test_five_short_scripts_each_say_what_they_show_and_how_they_are_run():
     assert len(SCRIPTS) == 5
     for script in SCRIPTS:

@@ -105,11 +105,12 @@ def test_a_refused_goal_and_a_missing_controller_are_errors_in_one_line(driven):
         goal_process(*NEAR, "--controller", "pilot", "--timeout", 1.0) as missing,
     ):
         assert refused.wait(30.0) == 1
-        assert (
-            refused.output == "diffbot: goal refused: wrong frame_id: 'odom', not 'map', and tf2_ros is not installed\n"
-        )
+        assert refused.output == "diffbot: goal refused: wrong frame_id: 'odom', not 'map': other frames need tf2_ros\n"
         assert missing.wait(30.0) == 1
-        assert missing.output == "waiting for the controller ...\ndiffbot: no answer from /pilot/send_goal\n"
+        assert missing.output == (
+            "waiting for the controller ...\n"
+            "diffbot: no answer from /pilot/send_goal: does the controller run, with the same ROS_DOMAIN_ID?\n"
+        )
 
 
 def test_an_interrupt_before_the_goal_was_sent():

@@ -115,7 +115,7 @@ def test_a_file_for_all_nodes_warns_of_unknown_names_only(running, tmp_path, cap
     file.write_text(f"/**:\n  ros__parameters:\n    {known}\n    {qos}\n    gama: 2.0\n")
     node = running.add(EkfNode, arguments=("--params-file", str(file)))
     output = "".join(capfd.readouterr())
-    assert "unknown parameter 'gama' is ignored" in output
+    assert "unknown parameter 'gama' is ignored; did you mean 'gamma'?" in output
     assert output.count("unknown parameter") == 1
     assert node.get_parameter("qos_overrides./odom.subscription.depth").value == 7
     running.remove(node)
