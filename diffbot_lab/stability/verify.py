@@ -35,7 +35,9 @@ _SLICE = 0.04
 _BATCH = 4096
 """cells at a time"""
 _LEVELS = 5
-"""A cell that does not pass is split into 2 x 2 parts and its slices into halves, so many times less one."""
+"""A cell that does not pass is split into 2 x 2 parts and its slices into halves, so many times less one ..."""
+_HOPELESS = 100
+"""... unless more cells than that of a batch do not pass after the first splitting."""
 
 
 class Boxes(NamedTuple):
@@ -215,7 +217,7 @@ def failing_cells(certificate: Certificate, threads: int | None = None) -> NDArr
             np.maximum.at(highest, owner, highest_next(certificate.loop, lookup, boxes, _SLICE / 2**level))
             bad = highest > allowed
             part, allowed = part[bad], allowed[bad]
-            if len(part) == 0:
+            if len(part) == 0 or (level > 0 and len(part) > _HOPELESS):
                 break
         return part
 
