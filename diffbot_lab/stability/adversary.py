@@ -1,9 +1,9 @@
 """Bounds of r* from below: an adversary that chooses the noise, and how far from the goal it brings the robot back to.
 
-The adversary knows the true state. In each step it tries the corners and the middle of the noise box and takes the noise
-whose next state has the highest score: the distance plus a weighted sum of even functions of alpha and beta. The weights
-are searched by the cross-entropy method. Every trajectory is one of the project's own law and plant, so the distance that
-it comes back to again and again is reached indeed; nothing says that no adversary does better.
+The adversary knows the true state. In each step it tries corners, middles of sides and the middle of the noise box, and
+takes the noise whose next state has the highest score: the distance plus a weighted sum of even functions of alpha and
+beta. The weights are searched by the cross-entropy method. Every trajectory is one of the project's own law and plant,
+so the distance that it comes back to again and again is reached indeed; another adversary may do better.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def noise_of(candidate: int) -> tuple[float, float, float, float, float]:
 def score(pose: Pose, weights: Any) -> float:
     """Return how good a state is for the adversary."""
     rho, alpha, beta = navigation_variables(pose)
-    return (
+    value: float = (
         rho
         + weights[0] * math.cos(alpha)
         + weights[1] * math.cos(2.0 * alpha)
@@ -95,6 +95,7 @@ def score(pose: Pose, weights: Any) -> float:
         + weights[7] * math.sin(alpha) * math.sin(2.0 * beta)
         + weights[8] * math.cos(4.0 * alpha)
     )
+    return value
 
 
 def _play(opponent: Opponent, start: Any, weights: Any, path: Any) -> None:

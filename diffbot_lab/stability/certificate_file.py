@@ -165,7 +165,7 @@ def _loop(values: dict[str, Any]) -> Loop:
         raise _UnfitError(f"eps_P_leave = {values['eps_P_leave']!r}: must be >= eps_P = {values['eps_P']!r}")
     if values["plant"] not in (EULER, EXACT_ARC):
         raise _UnfitError(f"plant = {values['plant']!r}: must be {EULER} or {EXACT_ARC}")
-    return Loop(**{name: values[name] if name == "plant" else float(values[name]) for name in Loop._fields})
+    return Loop._make((*(float(values[name]) for name in Loop._fields[:-1]), values["plant"]))
 
 
 def _ranks(text: str, rows: int, columns: int) -> NDArray[np.int16]:

@@ -46,6 +46,9 @@ class Resolution(NamedTuple):
     """[m] where the width begins to grow"""
 
 
+FINE = Resolution()
+
+
 def images_loop(loop: Loop, slice_width: float) -> PaperLoop:
     """Return the loop as the images need it."""
     return PaperLoop(
@@ -71,7 +74,7 @@ def longest_step(loop: Loop, rho: float) -> float:
 def certify(
     loop: Loop,
     start: float,
-    resolution: Resolution = Resolution(),
+    resolution: Resolution = FINE,
     threads: int | None = None,
     state: Path | None = None,
 ) -> tuple[Certificate, dict[str, Any]]:

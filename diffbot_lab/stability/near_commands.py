@@ -55,7 +55,8 @@ def loop_of(law: str, values: Mapping[str, Any]) -> Loop:
     plant, sensors, controller, _ = configure({**PAPER_NOISE, "eps_P_leave": radius, **values})
     box, fixed, gains = noise_box(plant, sensors, controller), controller.region_policy.fixed, controller.gains
     region = (0.0, 0.0) if law == "13" else (fixed.eps_P, fixed.eps_P_leave)
-    return Loop(*gains, *region, *box, plant.sampling_time, EXACT_ARC if plant.exact_arc else EULER)
+    bounds = (*box, plant.sampling_time)
+    return Loop._make((*gains, *region, *bounds, EXACT_ARC if plant.exact_arc else EULER))
 
 
 def run_certify(loop: Loop, start: float, resolution: Resolution, out: Path, threads: int | None = None) -> int:

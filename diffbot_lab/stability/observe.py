@@ -114,9 +114,7 @@ def _from_core(
     return done, left, farthest, np.concatenate(clouds)
 
 
-def _from_afar(
-    certificate: Certificate, trajectories: int, seed: int, rng: np.random.Generator
-) -> tuple[int, int]:
+def _from_afar(certificate: Certificate, trajectories: int, seed: int, rng: np.random.Generator) -> tuple[int, int]:
     """Return how many trajectories came too late, and the longest time to the core in steps."""
     length = certificate.claims.steps + 20
     at_a_time = max(1, _STATES_AT_A_TIME // length)

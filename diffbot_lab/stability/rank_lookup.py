@@ -21,6 +21,7 @@ class RankLookup:
     """Maxima of a certificate's ranks."""
 
     def __init__(self, certificate: Certificate) -> None:
+        """Take the ranks; tables are made when they are needed."""
         ranks = certificate.ranks.astype(np.int16)
         ranks[ranks < 0] = TOO_HIGH
         self._rows, self._columns = ranks.shape

@@ -1,8 +1,7 @@
 """``diffbot stability verify``: checks a certificate again, cell by cell, with formulas and rounding of its own.
 
-It shares no code with what made the certificate, and assumes nothing of how that was done. Rounding: every bound is
-widened by SLACK, absolute and relative. numpy's functions are within a few ulp (some 1e-15), and all numbers here are
-below 1e4, so that SLACK exceeds the error of many operations.
+It shares no code with what made the certificate, and assumes nothing of how that was done. Rounding: see
+plain_interval.
 
 Geometry: in a frame whose x axis points from the robot to the goal, the robot leaves at the angle -alpha. One step
 leads into a sector of a ring, which lies in a quadrilateral; seen from there, the goal is in the convex hull of eight
@@ -23,12 +22,11 @@ from tqdm import tqdm
 
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.stability.certificate_file import EXACT_ARC, Certificate, Loop
+from diffbot_lab.stability.plain_interval import SLACK, Pair, cosine, sinc, tanhc, times, wide
 from diffbot_lab.stability.rank_lookup import RankLookup
 
 Array = NDArray[np.float64]
-Pair = tuple[Array, Array]
 
-SLACK = 1e-11
 PI = math.pi + SLACK
 _SLICE = 0.04
 """[rad] of the measured bearing, at first"""
@@ -51,38 +49,6 @@ class Boxes(NamedTuple):
     def take(self, index: NDArray[np.intp]) -> Boxes:
         """Return some of them."""
         return Boxes(*(one[index] for one in self))
-
-
-def _wide(low: Array, high: Array) -> Pair:
-    """Round outward."""
-    return low - SLACK * (1.0 + np.abs(low)), high + SLACK * (1.0 + np.abs(high))
-
-
-def _times(a: Pair, b: Pair) -> Pair:
-    products = [x * y for x in a for y in b]
-    return _wide(np.minimum.reduce(products), np.maximum.reduce(products))
-
-
-def _cosine(a: Pair) -> Pair:
-    """Cosine on an interval within +-3 pi."""
-    ends = np.cos(a[0]), np.cos(a[1])
-    low, high = np.minimum(*ends), np.maximum(*ends)
-    for turn in range(-3, 4):
-        inside = (a[0] - SLACK <= turn * math.pi) & (turn * math.pi <= a[1] + SLACK)
-        low, high = (np.where(inside, -1.0, low), high) if turn % 2 else (low, np.where(inside, 1.0, high))
-    return _wide(low, high)
-
-
-def _sinc(a: Pair) -> Pair:
-    """sin(a)/a on an interval within +-4, where it falls with |a|."""
-    near = np.where((a[0] <= 0.0) & (a[1] >= 0.0), 0.0, np.minimum(np.abs(a[0]), np.abs(a[1])))
-    far = np.maximum(np.abs(a[0]), np.abs(a[1]))
-    return _wide(np.sinc(far / math.pi), np.sinc(near / math.pi))
-
-
-def _tanhc(r: Pair) -> Pair:
-    low, high = (np.where(one > 1e-7, np.tanh(one) / np.maximum(one, 1e-7), 1.0) for one in (r[1], r[0]))
-    return _wide(low, high)
 
 
 class Slices(NamedTuple):
@@ -127,34 +93,34 @@ def slices_of(loop: Loop, boxes: Boxes, width: float) -> Slices:
 def commands_of(loop: Loop, slices: Slices) -> tuple[NDArray[np.intp], Pair, Pair]:
     """Return cells, and bounds of v [m/s] and omega [rad/s] with the input noise; both regions where both may be."""
     near, far = slices.distance
-    cells, speeds, turns = [], [], []
-    for region in ("global", "local"):
-        if region == "global":
-            use, distance = far >= loop.eps_P, (np.maximum(near, loop.eps_P), far)
-        else:
-            use, distance = (near <= loop.eps_P_leave) & (loop.eps_P_leave > 0.0), (near, np.minimum(far, loop.eps_P_leave))
+    everywhere = far >= loop.eps_P
+    local = (near <= loop.eps_P_leave) & (loop.eps_P_leave > 0.0)
+    cells, bounds = [], []
+    for use, distance in (
+        (everywhere, (np.maximum(near, loop.eps_P), far)),
+        (local, (near, np.minimum(far, loop.eps_P_leave))),
+    ):
         index = np.flatnonzero(use)
         rho = distance[0][index], distance[1][index]
         alpha = slices.bearing[0][index], slices.bearing[1][index]
-        cosine = _cosine(alpha)
-        v = _times(_wide(loop.gamma * np.tanh(rho[0]), loop.gamma * np.tanh(rho[1])), cosine)
-        if region == "global":
-            omega = _global_omega(loop, rho, alpha, cosine)
+        facing = cosine(alpha)
+        v = times(wide(loop.gamma * np.tanh(rho[0]), loop.gamma * np.tanh(rho[1])), facing)
+        if use is everywhere:
+            omega = _global_omega(loop, rho, alpha, facing)
         else:
             omega = np.full_like(v[0], -loop.k_2 * PI), np.full_like(v[0], loop.k_2 * PI)
         cells.append(slices.cell[index])
-        speeds.append(_wide(v[0] - loop.eps_v, v[1] + loop.eps_v))
-        turns.append(_wide(omega[0] - loop.eps_omega, omega[1] + loop.eps_omega))
-    v = np.concatenate([speeds[0][0], speeds[1][0]]), np.concatenate([speeds[0][1], speeds[1][1]])
-    omega = np.concatenate([turns[0][0], turns[1][0]]), np.concatenate([turns[0][1], turns[1][1]])
-    return np.concatenate(cells), v, omega
+        noisy = wide(v[0] - loop.eps_v, v[1] + loop.eps_v), wide(omega[0] - loop.eps_omega, omega[1] + loop.eps_omega)
+        bounds.append((*noisy[0], *noisy[1]))
+    v0, v1, w0, w1 = (np.concatenate(one) for one in zip(*bounds, strict=True))
+    return np.concatenate(cells), (v0, v1), (w0, w1)
 
 
-def _global_omega(loop: Loop, rho: Pair, alpha: Pair, cosine: Pair) -> Pair:
+def _global_omega(loop: Loop, rho: Pair, alpha: Pair, facing: Pair) -> Pair:
     """Eq. (13) as printed: k alpha + gamma (sin(alpha)/alpha) (tanh(rho)/rho) cos(alpha) (alpha + h beta)."""
-    factor = _times(_times(_sinc(alpha), _tanhc(rho)), cosine)
-    steer = _times(factor, _wide(alpha[0] - loop.h * PI, alpha[1] + loop.h * PI))
-    return _wide(loop.k * alpha[0] + loop.gamma * steer[0], loop.k * alpha[1] + loop.gamma * steer[1])
+    factor = times(times(sinc(alpha), tanhc(rho)), facing)
+    steer = times(factor, wide(alpha[0] - loop.h * PI, alpha[1] + loop.h * PI))
+    return wide(loop.k * alpha[0] + loop.gamma * steer[0], loop.k * alpha[1] + loop.gamma * steer[1])
 
 
 def images_of(loop: Loop, boxes: Boxes, v: Pair, omega: Pair) -> tuple[Pair, Pair]:
@@ -163,24 +129,28 @@ def images_of(loop: Loop, boxes: Boxes, v: Pair, omega: Pair) -> tuple[Pair, Pai
     Raises:
         DiffbotError: if a step may come as far as the goal.
     """
-    turn = _wide(loop.t_s * omega[0], loop.t_s * omega[1])
-    length = _wide(loop.t_s * v[0], loop.t_s * v[1])
+    turn = wide(loop.t_s * omega[0], loop.t_s * omega[1])
+    length = wide(loop.t_s * v[0], loop.t_s * v[1])
     left = -boxes.a1, -boxes.a0
     if loop.plant == EXACT_ARC:
         if not max(np.abs(turn[0]).max(initial=0.0), np.abs(turn[1]).max(initial=0.0)) < 8.0:
             raise DiffbotError("not verified: a step may turn by more than 8 rad")
-        length = _times(length, _sinc((0.5 * turn[0], 0.5 * turn[1])))
-        left = _wide(left[0] + 0.5 * turn[0], left[1] + 0.5 * turn[1])
+        length = times(length, sinc((0.5 * turn[0], 0.5 * turn[1])))
+        left = wide(left[0] + 0.5 * turn[0], left[1] + 0.5 * turn[1])
     # Corners farther out by 1 / cos(half angle): the sides between them are outside of the arcs.
     half = 0.5 * (left[1] - left[0])
     if not half.max(initial=0.0) < 1.5:
         raise DiffbotError("not verified: the cells are too wide")
     stretch = 1.0 / np.cos(half) + SLACK
-    lengths = np.where(length[0] < 0.0, length[0] * stretch, length[0]), np.where(
-        length[1] > 0.0, length[1] * stretch, length[1]
+    lengths = (
+        np.where(length[0] < 0.0, length[0] * stretch, length[0]),
+        np.where(length[1] > 0.0, length[1] * stretch, length[1]),
     )
     corners = [
-        (r - one * np.cos(angle), -one * np.sin(angle)) for r in (boxes.r0, boxes.r1) for one in lengths for angle in left
+        (r - one * np.cos(angle), -one * np.sin(angle))
+        for r in (boxes.r0, boxes.r1)
+        for one in lengths
+        for angle in left
     ]
     if not min(x.min(initial=1.0) for x, _ in corners) > SLACK:
         raise DiffbotError("not verified: a step may come as far as the goal")
@@ -191,7 +161,7 @@ def images_of(loop: Loop, boxes: Boxes, v: Pair, omega: Pair) -> tuple[Pair, Pai
     high = np.maximum.reduce([np.hypot(x, y) for x, y in corners])
     angles = [np.arctan2(y, x) for x, y in corners]
     alpha = boxes.a0 + np.minimum.reduce(angles) - turn[1], boxes.a1 + np.maximum.reduce(angles) - turn[0]
-    return _wide(low, high), _wide(*alpha)
+    return wide(low, high), wide(*alpha)
 
 
 def highest_next(loop: Loop, lookup: RankLookup, boxes: Boxes, width: float) -> NDArray[np.int16]:
@@ -241,9 +211,8 @@ def _split(certificate: Certificate, part: NDArray[np.intp], pieces: int) -> tup
     for edges, line, number in ((certificate.rho, row, i), (certificate.alpha, column, j)):
         low, high = edges[line][owner], edges[line + 1][owner]
         step = (high - low) / pieces
-        sides += list(_wide(low + number * step, low + (number + 1) * step))
+        sides += list(wide(low + number * step, low + (number + 1) * step))
     return Boxes(*sides), owner
-
 
 
 def verify(certificate: Certificate, threads: int | None = None) -> None:
@@ -269,7 +238,8 @@ def _check_cover(certificate: Certificate) -> None:
     loop, rho, alpha = certificate.loop, certificate.rho, certificate.alpha
     if not (alpha[0] <= -3.1415926535897936 and alpha[-1] >= 3.1415926535897936):
         raise DiffbotError("not verified: the columns of alpha do not cover -pi to pi")
-    least = max(math.hypot(loop.eps_x, loop.eps_y), loop.t_s * (loop.gamma + loop.eps_v)) + SLACK
+    # With 1 % more, the arc sine of the ratio is well conditioned.
+    least = 1.01 * max(math.hypot(loop.eps_x, loop.eps_y), loop.t_s * (loop.gamma + loop.eps_v))
     if not least < rho[0] <= rho[-1] <= 1e4:
         raise DiffbotError(f"not verified: rho begins at {rho[0]:g} m, must be above {least:g} m")
 
