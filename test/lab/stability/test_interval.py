@@ -34,7 +34,8 @@ def zero(low, high):
 
 
 def quarters(low, high):
-    turns = range(math.ceil(low / HALF_PI), math.floor(high / HALF_PI) + 1)
+    """Four in a row hold both extremes."""
+    turns = range(math.ceil(low / HALF_PI), math.floor(high / HALF_PI) + 1)[:4]
     return [one for one in (arb.pi() * number / 2 for number in turns) if low < one < high]
 
 
@@ -145,8 +146,9 @@ def test_holds_the_exact_range_and_is_tight(case, kernel):
     ctx.prec = 120
     for i, (box, (low, high)) in enumerate(zip(boxes.tolist(), found.tolist(), strict=True)):
         least, largest = exact_range(value, extremes, [box[2 * at : 2 * at + 2] for at in range(len(ranges))])
-        assert low <= least, box
-        assert high >= largest, box
+        # At an extreme the bound is exact, and lies in a ball of 120 bits.
+        assert low <= least or least.contains(arb(low)), box
+        assert high >= largest or largest.contains(arb(high)), box
         exact[i] = float(least), float(largest)
     assert np.abs(found - exact).max(initial=0.0, where=exact == 0.0) < 1e-300
     assert (np.abs(found - exact) <= ulps * np.spacing(np.abs(exact)) + 1e-300).all()
