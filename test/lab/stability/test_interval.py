@@ -34,7 +34,8 @@ def zero(low, high):
 
 
 def quarters(low, high):
-    turns = range(math.ceil(low / HALF_PI), math.floor(high / HALF_PI) + 1)
+    """Four in a row hold both extremes."""
+    turns = range(math.ceil(low / HALF_PI), math.floor(high / HALF_PI) + 1)[:4]
     return [one for one in (arb.pi() * number / 2 for number in turns) if low < one < high]
 
 
@@ -68,8 +69,7 @@ CASES = {
 NAMES = list(CASES)
 
 
-def evaluate(case, box):  # noqa: PLR0911 - one return for each function
-    a0, a1, b0, b1 = box[0], box[1], box[2], box[3]
+def of_two(case, a0, a1, b0, b1):
     if case == 0:
         return interval.add(a0, a1, b0, b1)
     if case == 1:
@@ -80,8 +80,10 @@ def evaluate(case, box):  # noqa: PLR0911 - one return for each function
         return interval.div(a0, a1, b0, b1)
     if case == 4:
         return interval.hypot(a0, a1, b0, b1)
-    if case <= 7:
-        return interval.atan2(a0, a1, b0, b1)
+    return interval.atan2(a0, a1, b0, b1)
+
+
+def of_one(case, a0, a1):
     if case == 8:
         return interval.sqr(a0, a1)
     if case == 9:
@@ -90,6 +92,10 @@ def evaluate(case, box):  # noqa: PLR0911 - one return for each function
         return interval.sin(a0, a1)
     if case <= 13:
         return interval.cos(a0, a1)
+    return of_others(case, a0, a1)
+
+
+def of_others(case, a0, a1):
     if case == 14:
         return interval.atan(a0, a1)
     if case == 15:
@@ -101,7 +107,8 @@ def evaluate(case, box):  # noqa: PLR0911 - one return for each function
 
 def evaluate_all(case, boxes, out):
     for i in range(len(boxes)):
-        out[i] = evaluate(case, boxes[i])
+        a0, a1, b0, b1 = boxes[i]
+        out[i] = of_two(case, a0, a1, b0, b1) if case < 8 else of_one(case, a0, a1)
 
 
 @pytest.fixture(scope="module")
@@ -145,8 +152,9 @@ def test_holds_the_exact_range_and_is_tight(case, kernel):
     ctx.prec = 120
     for i, (box, (low, high)) in enumerate(zip(boxes.tolist(), found.tolist(), strict=True)):
         least, largest = exact_range(value, extremes, [box[2 * at : 2 * at + 2] for at in range(len(ranges))])
-        assert low <= least, box
-        assert high >= largest, box
+        # At an extreme the bound is exact, and lies in a ball of 120 bits.
+        assert low <= least or least.contains(arb(low)), box
+        assert high >= largest or largest.contains(arb(high)), box
         exact[i] = float(least), float(largest)
     assert np.abs(found - exact).max(initial=0.0, where=exact == 0.0) < 1e-300
     assert (np.abs(found - exact) <= ulps * np.spacing(np.abs(exact)) + 1e-300).all()
