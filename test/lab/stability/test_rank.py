@@ -34,7 +34,9 @@ def successors(graph):
         found = set()
         for first, last, left, right in graph.blocks[graph.start[cell] : graph.start[cell + 1]]:
             for row in range(first, last + 1):
-                found |= {row * COLUMNS + column % COLUMNS if row < ROWS else "out" for column in range(left, right + 1)}
+                found |= {
+                    row * COLUMNS + column % COLUMNS if row < ROWS else "out" for column in range(left, right + 1)
+                }
         result.append(found)
     return result
 
