@@ -8,6 +8,7 @@ from typing import Any
 
 from diffbot_core.ranges import LENGTH
 from diffbot_lab.arguments import MAX_SEED, number_between, once, setting, whole
+from diffbot_lab.stability.near_arguments import add_adversary, add_certify
 
 
 def add_stability(commands: Any) -> None:
@@ -16,7 +17,7 @@ def add_stability(commands: Any) -> None:
         "stability", help="what bounded noise can do to the law: certificates and a picture"
     )
     verbs = stability.add_subparsers(required=True, metavar="VERB", dest="verb")
-    for add in (_add_picture, _add_level, _add_verify):
+    for add in (_add_picture, _add_level, add_certify, add_adversary, _add_verify):
         add(verbs)
 
 
@@ -69,6 +70,6 @@ def _level(options: argparse.Namespace) -> int:
 
 
 def _verify(options: argparse.Namespace) -> int:
-    from diffbot_lab.stability import level_verify  # noqa: PLC0415
+    from diffbot_lab.stability import verify_command  # noqa: PLC0415
 
-    return level_verify.run_verify(options.file)
+    return verify_command.run(options.file)

@@ -10,7 +10,7 @@ from diffbot_control.law.polar_coordinates import navigation_variables
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import Twist
 from diffbot_lab.stability.cells import Cell
-from diffbot_lab.stability.certificate_file import EULER, Loop
+from diffbot_lab.stability.certificate_file import EULER, EXACT_ARC, Loop
 from diffbot_lab.stability.certify import Resolution, certify
 from diffbot_sim.model.plant import integrate
 
