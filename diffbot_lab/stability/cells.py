@@ -13,8 +13,8 @@ from diffbot_lab.stability.interval import PI_HIGH
 
 Array = NDArray[np.float64]
 
-MAX_ROWS, MAX_COLUMNS = 20_000, 16_000
-"""Indices of blocks, columns counted twice around, are kept in 16 bits."""
+MAX_ROWS, MAX_COLUMNS, MAX_CELLS = 20_000, 16_000, 10_000_000
+"""Indices of blocks, columns counted twice around, are kept in 16 bits; 10^7 cells need some 4 GiB."""
 PADDING = 2e-5
 """[m] and [rad] by which an image is widened on each side before its cells are listed. It stands for more than the
 rounding of the law in the robot and of the indices here: a checker with other formulas needs the same cells."""
@@ -83,6 +83,8 @@ def make_cells(plan: CellPlan) -> Cells:
         if len(rho) > MAX_ROWS:
             raise InvalidValueError("width", plan.width, f"a wider one: this makes more than {MAX_ROWS} rows")
         rho.append(rho[-1] + plan.width + plan.growth * max(0.0, rho[-1] - plan.fine_to))
+    if (len(rho) - 1) * plan.columns > MAX_CELLS:
+        raise InvalidValueError("width", plan.width, f"a wider one: this makes more than {MAX_CELLS} cells")
     if len(rho) < 2:
         raise InvalidValueError("to", plan.to, f"> {plan.inside:g} m, where the cells begin")
     alpha = -math.pi + 2.0 * math.pi * np.arange(plan.columns + 1) / plan.columns

@@ -104,6 +104,8 @@ def build_graph(loop: PaperLoop, cells: Cells, threads: int | None = None, state
                     saved = time.monotonic()
         except KeyboardInterrupt:
             pool.shutdown(cancel_futures=True)
+            finished = {index: one for one, index in running.items() if not one.cancelled() and one.exception() is None}
+            parts |= {index: one.result() for index, one in finished.items()}
             if state is not None:
                 _save(state, name, parts)
             raise

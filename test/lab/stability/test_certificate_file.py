@@ -84,7 +84,7 @@ def test_hostile_values_are_refused_in_one_line(path, change, part):
 def test_files_of_something_else_are_refused(tmp_path, text):
     path = tmp_path / "other.json"
     path.write_text(text)
-    with pytest.raises(DiffbotError, match="other.json"):
+    with pytest.raises(DiffbotError, match=r"other\.json"):
         load_certificate(path)
     with pytest.raises(DiffbotError, match="cannot be read"):
         load_certificate(tmp_path / "absent.json")

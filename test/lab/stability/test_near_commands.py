@@ -9,10 +9,10 @@ from diffbot_lab import cli
 from diffbot_lab.stability import near_commands
 from diffbot_lab.stability.certificate_file import EXACT_ARC, load_certificate
 
-SETTINGS = (
-    "k=1.5 k_2=2.0 eps_P=0.35 eps_P_leave=0.4 eps_x_max=0.05 eps_y_max=0.05 eps_theta_max=0.05 "
-    "eps_v_max=0.02 eps_omega_max=0.05 sampling_time=0.2"
-).split()
+SETTINGS = [
+    *("k=1.5", "k_2=2.0", "eps_P=0.35", "eps_P_leave=0.4", "sampling_time=0.2"),
+    *("eps_x_max=0.05", "eps_y_max=0.05", "eps_theta_max=0.05", "eps_v_max=0.02", "eps_omega_max=0.05"),
+]
 COARSE = ["--rho-max", "2", "--width", "0.05", "--columns", "80", "--threads", "1"]
 
 
