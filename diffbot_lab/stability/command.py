@@ -41,7 +41,7 @@ def _add_level(verbs: Any) -> None:
     add_settings(level)
     level.add_argument("--rho-max", type=number_between(*LENGTH), default=12.0, help="largest distance [m] (12)")
     level.add_argument(
-        "--tolerance", type=number_between(1e-4, 1.0), default=0.001, help="gap to aim at, as a share (0.001)"
+        "--tolerance", type=number_between(1e-6, 1.0), default=1e-4, help="gap to aim at, as a share (0.0001)"
     )
     level.add_argument("--seed", type=whole(0, MAX_SEED), default=1, help="seed of the search for a witness")
     level.add_argument("--out", type=Path, default=Path("out/stability/level.json"), help="file (default: %(default)s)")

@@ -123,7 +123,7 @@ def find_level(
 def walk(problem: LevelProblem, level: float, top: float) -> NDArray[np.uint8] | None:
     """Return a tree that shows the claim for a level, None if that takes too many or too small cells."""
     kernel = compile_bounds(level_walk.search)
-    stack = np.zeros((level_walk.DEPTH + 2, 8))
+    stack = np.zeros((level_walk.DEPTH + 2, 12))
     stack[0] = level_walk.root_cell(problem, top)
     depths = np.zeros(level_walk.DEPTH + 2, np.int64)
     state = np.array([1.0, level, top, 0.0])

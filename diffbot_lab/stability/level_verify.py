@@ -76,7 +76,7 @@ def _check_witness(witness: Witness, problem: LevelProblem, rho_max: float, leve
 
 def _check_tree(problem: LevelProblem, tree: NDArray[np.uint8], level: float, top: float) -> None:
     kernel = compile_bounds(level_walk.check)
-    stack = np.zeros((level_walk.STACK, 8))
+    stack = np.zeros((level_walk.STACK, 12))
     stack[0] = level_walk.root_cell(problem, top)
     state = np.array([1.0, level, top])
     with tqdm(desc="cells", total=len(tree), unit="cell", disable=None) as bar:
