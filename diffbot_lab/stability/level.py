@@ -49,8 +49,9 @@ def problem_of(values: Mapping[str, Any]) -> LevelProblem:
             raise InvalidValueError(name, value, "left out, the certificate knows only " + ", ".join(KNOWN))
     plant, sensors, controller, _ = configure({**PAPER_NOISE, **values})
     box, gains = noise_box(plant, sensors, controller), controller.gains
-    numbers = (gains.gamma, gains.k, gains.h, plant.sampling_time, *box)
-    return LevelProblem(*map(float, numbers), exact_arc=plant.exact_arc)
+    law = {"gamma": gains.gamma, "k": gains.k, "h": gains.h, "t_s": plant.sampling_time}
+    numbers = {name: float(value) for name, value in (law | box._asdict()).items()}
+    return LevelProblem(**numbers, exact_arc=plant.exact_arc)
 
 
 def run(values: Mapping[str, Any], rho_max: float, tolerance: float, seed: int, out: Path) -> int:
