@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 from pathlib import Path
 from typing import Any
 
+from diffbot_core.errors import DiffbotError
 from diffbot_core.ranges import LENGTH
 from diffbot_lab.arguments import MAX_SEED, number_between, once, setting, whole
+from diffbot_lab.stability.result_file import read_result
+
+VERIFIERS = {"diffbot stability level 1": "diffbot_lab.stability.level_verify"}
+"""Modules with a function ``run_verify(path)``, by the format of the files that they check."""
 
 
 def add_stability(commands: Any) -> None:
@@ -69,6 +75,7 @@ def _level(options: argparse.Namespace) -> int:
 
 
 def _verify(options: argparse.Namespace) -> int:
-    from diffbot_lab.stability import level_verify  # noqa: PLC0415
-
-    return level_verify.run_verify(options.file)
+    found = str(read_result(options.file).get("format"))
+    if found not in VERIFIERS:
+        raise DiffbotError(f"{options.file}: format = {found!r}: must be one of {', '.join(map(repr, VERIFIERS))}")
+    return int(importlib.import_module(VERIFIERS[found]).run_verify(options.file))

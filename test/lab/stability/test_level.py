@@ -117,7 +117,8 @@ def test_simulation_finds_a_claim_that_a_wrong_bound_would_show(certificate, mon
 
 
 BAD = {
-    "no format": ({"format": "other"}, "is no file of the format"),
+    "no text as format": ({"format": [1]}, "format = '[1]': must be one of"),
+    "other format": ({"format": "other"}, "format = 'other': must be one of 'diffbot stability level 1'"),
     "rho_max": ({"rho_max": -1.0}, "rho_max = -1.0: must be from"),
     "level": ({"level": "high"}, "level = 'high': must be from"),
     "no level": ({"level": None}, "level = None: must be from"),
