@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import base64
 import binascii
-import json
 import math
 import zlib
 from pathlib import Path
@@ -18,12 +17,13 @@ from numpy.typing import NDArray
 
 from diffbot_core.errors import DiffbotError
 from diffbot_core.files import write_json
+from diffbot_lab.stability.result_file import read_result
 
 Array = NDArray[np.float64]
 
 FORMAT = "diffbot stability certificate 1"
 EULER, EXACT_ARC = "Euler", "exact arc"
-_MAX_CELLS, _MAX_BYTES = 100_000_000, 1_000_000_000
+_MAX_CELLS = 100_000_000
 _POSITIVE = ("gamma", "k", "h", "k_2", "t_s")
 _FROM_ZERO = ("eps_P", "eps_P_leave", "eps_x", "eps_y", "eps_theta", "eps_v", "eps_omega")
 
@@ -114,13 +114,8 @@ def load_certificate(path: Path) -> Certificate:
     Raises:
         DiffbotError: if the file cannot be read, or a value is missing or out of its range.
     """
-    try:
-        if path.stat().st_size > _MAX_BYTES:
-            raise DiffbotError(f"{path}: larger than {_MAX_BYTES} bytes")
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
-        raise DiffbotError(f"{path} cannot be read: {error}") from None
-    if not isinstance(content, dict) or content.get("format") != FORMAT:
+    content = read_result(path)
+    if content.get("format") != FORMAT:
         raise DiffbotError(f"{path}: is no {FORMAT}")
     try:
         return _certificate(content)

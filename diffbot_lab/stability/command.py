@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 from pathlib import Path
 from typing import Any
 
+from diffbot_core.errors import DiffbotError
 from diffbot_core.ranges import LENGTH
 from diffbot_lab.arguments import MAX_SEED, number_between, once, setting, whole
 from diffbot_lab.stability.near_arguments import add_adversary, add_certify
+from diffbot_lab.stability.result_file import read_result
+
+VERIFIERS = {
+    "diffbot stability level 1": "diffbot_lab.stability.level_verify",
+    "diffbot stability certificate 1": "diffbot_lab.stability.near_commands",
+}
+"""Modules with a function ``run_verify(path)``, by the format of the files that they check."""
 
 
 def add_stability(commands: Any) -> None:
@@ -42,7 +51,7 @@ def _add_level(verbs: Any) -> None:
     add_settings(level)
     level.add_argument("--rho-max", type=number_between(*LENGTH), default=12.0, help="largest distance [m] (12)")
     level.add_argument(
-        "--tolerance", type=number_between(1e-4, 1.0), default=0.001, help="gap to aim at, as a share (0.001)"
+        "--tolerance", type=number_between(1e-6, 1.0), default=1e-4, help="gap to aim at, as a share (0.0001)"
     )
     level.add_argument("--seed", type=whole(0, MAX_SEED), default=1, help="seed of the search for a witness")
     level.add_argument("--out", type=Path, default=Path("out/stability/level.json"), help="file (default: %(default)s)")
@@ -70,6 +79,7 @@ def _level(options: argparse.Namespace) -> int:
 
 
 def _verify(options: argparse.Namespace) -> int:
-    from diffbot_lab.stability import verify_command  # noqa: PLC0415
-
-    return verify_command.run(options.file)
+    found = str(read_result(options.file).get("format"))
+    if found not in VERIFIERS:
+        raise DiffbotError(f"{options.file}: format = {found!r}: must be one of {', '.join(map(repr, VERIFIERS))}")
+    return int(importlib.import_module(VERIFIERS[found]).run_verify(options.file))

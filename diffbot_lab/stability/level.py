@@ -49,8 +49,9 @@ def problem_of(values: Mapping[str, Any]) -> LevelProblem:
             raise InvalidValueError(name, value, "left out, the certificate knows only " + ", ".join(KNOWN))
     plant, sensors, controller, _ = configure({**PAPER_NOISE, **values})
     box, gains = noise_box(plant, sensors, controller), controller.gains
-    numbers = (gains.gamma, gains.k, gains.h, plant.sampling_time, *box)
-    return LevelProblem(*map(float, numbers), exact_arc=plant.exact_arc)
+    law = {"gamma": gains.gamma, "k": gains.k, "h": gains.h, "t_s": plant.sampling_time}
+    numbers = {name: float(value) for name, value in (law | box._asdict()).items()}
+    return LevelProblem(**numbers, exact_arc=plant.exact_arc)
 
 
 def run(values: Mapping[str, Any], rho_max: float, tolerance: float, seed: int, out: Path) -> int:
@@ -75,7 +76,7 @@ def run(values: Mapping[str, Any], rho_max: float, tolerance: float, seed: int, 
         seconds = time.monotonic() - began
         save_level(out, certificate, {"rounding": ROUNDING, "seconds": round(seconds, 1), "seed": seed})
     print(report(certificate))
-    print(f"{len(tree)} cells, {seconds:.1f} s\n{out}")
+    print(f"{leaves(tree)} cells, {seconds:.1f} s\n{out}")
     return 0
 
 
@@ -123,7 +124,7 @@ def find_level(
 def walk(problem: LevelProblem, level: float, top: float) -> NDArray[np.uint8] | None:
     """Return a tree that shows the claim for a level, None if that takes too many or too small cells."""
     kernel = compile_bounds(level_walk.search)
-    stack = np.zeros((level_walk.DEPTH + 2, 8))
+    stack = np.zeros((level_walk.DEPTH + 2, 12))
     stack[0] = level_walk.root_cell(problem, top)
     depths = np.zeros(level_walk.DEPTH + 2, np.int64)
     state = np.array([1.0, level, top, 0.0])
@@ -136,6 +137,15 @@ def walk(problem: LevelProblem, level: float, top: float) -> NDArray[np.uint8] |
     return np.concatenate(parts) if state[0] == 0.0 else None
 
 
+def leaves(tree: NDArray[np.uint8]) -> int:
+    """Return the number of cells that cover the root."""
+    return int((tree == 0).sum())
+
+
+def _rounded_up(value: float) -> str:
+    return f"{math.ceil(value * 1e4) / 1e4:.4f}"
+
+
 def report(certificate: LevelCertificate) -> str:
     """Say in words what a certificate claims."""
     problem, rho_max, level, _, witness = certificate
@@ -144,15 +154,16 @@ def report(certificate: LevelCertificate) -> str:
         f"Law (13), {plant}, Ts {problem.t_s:g} s; gamma {problem.gamma:g}, k {problem.k:g}, h {problem.h:g}; noise "
         f"within eps_x {problem.eps_x:g} m, eps_y {problem.eps_y:g} m, eps_theta {problem.eps_theta:g} rad, "
         f"eps_v {problem.eps_v:g} m/s, eps_omega {problem.eps_omega:g} rad/s:",
-        f"  from every state within {rho_max:g} m, V decreases in each step while V > {level:.4f};",
-        f"  V <= {level:.4f} is never left: distance at most {math.sqrt(2.0 * level):.4f} m.",
+        f"  from every state within {rho_max:g} m, V decreases in each step while V > {_rounded_up(level)};",
+        f"  once V <= {_rounded_up(level)} it stays so: distance at most {_rounded_up(math.sqrt(2.0 * level))} m.",
     ]
     if witness is None:
         lines.append("  No state was found at which V does not decrease.")
     else:
         before, after = levels(witness, problem)
         lines.append(
-            f"  Not below V = {before:.4f}: at rho {witness.rho:.4f} m, alpha {witness.alpha:.4f}, beta "
-            f"{witness.beta:.4f} a noise brings V to {after:.4f} (upper / lower = {level / before:.5f})."
+            f"  Not below V = {math.floor(before * 1e4) / 1e4:.4f}: at rho {witness.rho:.4f} m, alpha "
+            f"{witness.alpha:.4f}, beta {witness.beta:.4f} a noise raises it by {after - before:.1e} "
+            f"(upper / lower = {level / before:.5f})."
         )
     return "\n".join(lines)

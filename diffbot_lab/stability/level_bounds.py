@@ -1,8 +1,9 @@
 """Upper bound of the change of V in one step, over a cell of states and all admissible noise, for law (13).
 
-A cell is an interval of each of rho [m], alpha [rad], beta [rad] and of the measured alpha before it is wrapped: the
-measured alpha decides the command, and its error mixes the errors of heading and position. Everything is rounded
-outward (:mod:`interval`); the bound holds for every real state and noise of the cell.
+A cell is an interval of each of rho [m], alpha [rad], beta [rad], of the measured alpha before it is wrapped, of eps_v
+[m/s] and of eps_omega [rad/s]. The measured alpha decides the command, and its error mixes the errors of heading and
+position. The input noise moves rho and alpha in opposite ways: small intervals of it make the bound sharp. All is
+rounded outward (:mod:`interval`); the bound holds for every real state and noise of the cell.
 
 The step is that of the plant in the robot's frame, where the goal is at (rho cos alpha, rho sin alpha). With the
 command and its noise held for Ts, the robot moves by L in the direction of ``heading``, and turns by w:
@@ -67,7 +68,7 @@ class LevelProblem(NamedTuple):
 
 
 class Cell(NamedTuple):
-    """Bounds of a cell: distance [m], bearings [rad] in the robot's and the goal's frame, and the measured alpha."""
+    """Bounds of a cell: distance [m], bearings [rad] of the goal, the measured alpha [rad], input noise."""
 
     rho0: float
     rho1: float
@@ -77,6 +78,10 @@ class Cell(NamedTuple):
     beta1: float
     measured0: float
     measured1: float
+    eps_v0: float
+    eps_v1: float
+    eps_omega0: float
+    eps_omega1: float
 
 
 def level_bounds(cell: Cell, h: float) -> Bounds:
@@ -137,13 +142,16 @@ def narrowed(cell: Cell, problem: LevelProblem, level: float) -> tuple[bool, Cel
     a0, a1 = sub(m0, m1, low, high)
     a0, a1 = max(a0, cell.alpha0), min(a1, cell.alpha1)
     # rho^2 > 2 level - alpha^2 - h beta^2
-    rest = level_bounds(Cell(0.0, 0.0, a0, a1, cell.beta0, cell.beta1, m0, m1), problem.h)[1]
+    of_angles = Cell(0.0, 0.0, a0, a1, cell.beta0, cell.beta1, m0, m1, 0.0, 0.0, 0.0, 0.0)
+    rest = level_bounds(of_angles, problem.h)[1]
     r0 = max(cell.rho0, sqrt(max(down(2.0 * down(level - rest)), 0.0), 1e9)[0])
     left = m0 <= m1 and a0 <= a1 and r0 <= cell.rho1
     # The error of the bearing is that of alpha less that of the heading.
     d0, d1 = sub(m0, m1, a0, a1)
     d0, d1 = add(d0, d1, -problem.eps_theta, problem.eps_theta)
-    return left, Cell(r0, cell.rho1, a0, a1, cell.beta0, cell.beta1, m0, m1), max(e0, d0), min(e1, d1)
+    noise = cell.eps_v0, cell.eps_v1, cell.eps_omega0, cell.eps_omega1
+    narrow = Cell(r0, cell.rho1, a0, a1, cell.beta0, cell.beta1, m0, m1, noise[0], noise[1], noise[2], noise[3])
+    return left, narrow, max(e0, d0), min(e1, d1)
 
 
 def rise(cell: Cell, problem: LevelProblem, level: float) -> float:
@@ -166,7 +174,7 @@ def rise(cell: Cell, problem: LevelProblem, level: float) -> float:
 
 def _rise_for(cell: Cell, m0: float, m1: float, beta0: float, beta1: float, problem: LevelProblem) -> float:
     """Upper bound of V+ - V if alpha and beta are measured in these intervals, wrapped."""
-    u0, u1, w0, w1 = motion(cell.rho0, cell.rho1, m0, m1, beta0, beta1, problem)
+    u0, u1, w0, w1 = motion(cell, m0, m1, beta0, beta1, problem)
     a0, a1 = cell.alpha0, cell.alpha1
     if problem.exact_arc:
         a0, a1 = sub(a0, a1, 0.5 * w0, 0.5 * w1)
@@ -193,13 +201,12 @@ def _rise_for(cell: Cell, m0: float, m1: float, beta0: float, beta1: float, prob
 
 
 def motion(
-    r0: float, r1: float, m0: float, m1: float, beta0: float, beta1: float, problem: LevelProblem
+    cell: Cell, m0: float, m1: float, beta0: float, beta1: float, problem: LevelProblem
 ) -> tuple[float, float, float, float]:
     """Return bounds of Ts (v + eps_v) [m] and Ts (omega + eps_omega) [rad].
 
     Args:
-        r0: [m] smallest true distance.
-        r1: [m] largest.
+        cell: its true distance and input noise.
         m0: [rad] smallest measured alpha, in [-pi, pi].
         m1: [rad] largest.
         beta0: [rad] smallest measured beta.
@@ -207,7 +214,7 @@ def motion(
         problem: law and noise.
     """
     reach = hypot(problem.eps_x, problem.eps_x, problem.eps_y, problem.eps_y)[1]
-    r0, r1 = max(down(r0 - reach), 0.0), up(r1 + reach)
+    r0, r1 = max(down(cell.rho0 - reach), 0.0), up(cell.rho1 + reach)
     c0, c1 = cos(m0, m1)
     c0, c1 = mul(c0, c1, problem.gamma, problem.gamma)
     p0, p1 = tanh(r0, r1)
@@ -223,8 +230,8 @@ def motion(
     p0, p1 = mul(p0, p1, s0, s1)
     q0, q1 = mul(m0, m1, problem.k, problem.k)
     w0, w1 = add(p0, p1, q0, q1)
-    v0, v1 = add(v0, v1, -problem.eps_v, problem.eps_v)
-    w0, w1 = add(w0, w1, -problem.eps_omega, problem.eps_omega)
+    v0, v1 = add(v0, v1, cell.eps_v0, cell.eps_v1)
+    w0, w1 = add(w0, w1, cell.eps_omega0, cell.eps_omega1)
     v0, v1 = mul(v0, v1, problem.t_s, problem.t_s)
     w0, w1 = mul(w0, w1, problem.t_s, problem.t_s)
     return v0, v1, w0, w1

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import binascii
-import json
 import math
 import zlib
 from collections.abc import Mapping
@@ -18,9 +17,10 @@ from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.files import write_json
 from diffbot_lab.stability.level_bounds import LevelProblem
 from diffbot_lab.stability.level_witness import Witness
+from diffbot_lab.stability.result_file import read_result
 
 FORMAT = "diffbot stability level 1"
-_MAX_NODES, _MAX_BYTES = 200_000_000, 400_000_000
+_MAX_NODES = 200_000_000
 _POSITIVE = ("gamma", "k", "h", "t_s")
 _MAX_VALUE = 1e4
 
@@ -66,15 +66,8 @@ def load_level(path: Path) -> LevelCertificate:
     Raises:
         DiffbotError: if the file cannot be read, or a value is missing or out of its range.
     """
-    try:
-        if path.stat().st_size > _MAX_BYTES:
-            raise DiffbotError(f"{path}: larger than {_MAX_BYTES} bytes")
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise DiffbotError(f"cannot read {path}: {error.strerror}") from None
-    except (ValueError, RecursionError):
-        raise DiffbotError(f"{path}: is no JSON") from None
-    if not isinstance(content, dict) or content.get("format") != FORMAT:
+    content = read_result(path)
+    if content.get("format") != FORMAT:
         raise DiffbotError(f"{path}: is no file of the format {FORMAT!r}")
     try:
         return _certificate(content)

@@ -17,7 +17,7 @@ from tqdm import tqdm
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.stability import level_walk
 from diffbot_lab.stability.compiled import compile_bounds
-from diffbot_lab.stability.level import report
+from diffbot_lab.stability.level import leaves, report
 from diffbot_lab.stability.level_bounds import LevelProblem
 from diffbot_lab.stability.level_file import LevelCertificate, load_level
 from diffbot_lab.stability.level_witness import MARGIN, Witness, levels
@@ -40,7 +40,7 @@ def run_verify(path: Path) -> int:
     except DiffbotError as error:
         raise DiffbotError(f"{path}: {error}") from None
     print(report(certificate))
-    print(f"Verified: {len(certificate.tree)} cells, {_SAMPLES} random steps, {time.monotonic() - began:.1f} s.")
+    print(f"Verified: {leaves(certificate.tree)} cells, {_SAMPLES} random steps, {time.monotonic() - began:.1f} s.")
     return 0
 
 
@@ -76,7 +76,7 @@ def _check_witness(witness: Witness, problem: LevelProblem, rho_max: float, leve
 
 def _check_tree(problem: LevelProblem, tree: NDArray[np.uint8], level: float, top: float) -> None:
     kernel = compile_bounds(level_walk.check)
-    stack = np.zeros((level_walk.STACK, 8))
+    stack = np.zeros((level_walk.STACK, 12))
     stack[0] = level_walk.root_cell(problem, top)
     state = np.array([1.0, level, top])
     with tqdm(desc="cells", total=len(tree), unit="cell", disable=None) as bar:

@@ -13,15 +13,15 @@ from diffbot_lab.stability.interval import PI_HIGH, down, sqrt, up
 from diffbot_lab.stability.level_bounds import Cell, LevelProblem, level_bounds, rise
 
 Cells = NDArray[np.float64]
-"""(n, 8), rows as :class:`Cell`"""
+"""(n, 12), rows as :class:`Cell`"""
 
 NO_LEVEL = -1.0
 """below every V"""
-DEPTH = 80
+DEPTH = 120
 """halvings after which a cell is given up"""
 STACK = 256
 """cells; more than any tree of this search needs"""
-WEIGHTS = (0.15, 1.0, 0.08, 1.0)
+WEIGHTS = (0.15, 1.0, 0.08, 1.0, 0.05, 0.02)
 """How much a dimension's width matters for the bound, roughly dV over the dimension; the widest is halved."""
 
 
@@ -37,7 +37,7 @@ def halve(stack: Cells, top: int, dimension: int) -> None:
 def cell_at(stack: Cells, at: int) -> Cell:
     """Return one cell of the stack."""
     row = stack[at]
-    return Cell(row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7])
+    return Cell(row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8], row[9], row[10], row[11])
 
 
 def widest_dimension(cell: Cell) -> int:
@@ -47,9 +47,11 @@ def widest_dimension(cell: Cell) -> int:
         WEIGHTS[1] * (cell.alpha1 - cell.alpha0),
         WEIGHTS[2] * (cell.beta1 - cell.beta0),
         WEIGHTS[3] * (cell.measured1 - cell.measured0),
+        WEIGHTS[4] * (cell.eps_v1 - cell.eps_v0),
+        WEIGHTS[5] * (cell.eps_omega1 - cell.eps_omega0),
     )
     best = 0
-    for one in range(1, 4):
+    for one in range(1, 6):
         if widths[one] > widths[best]:
             best = one
     return best
@@ -71,7 +73,7 @@ def search(
     """Go on with the walk until the tree's array is full, the stack is empty, or a cell is too small to go on.
 
     Args:
-        stack: (DEPTH + 2, 8) cells to visit, the next one on top.
+        stack: (DEPTH + 2, 12) cells to visit, the next one on top.
         depths: (DEPTH + 2,) halvings that led to each of them.
         state: number of cells on the stack, -1 after a failure; level; top level; share of the root that is settled.
         tree: (n,) bytes to write.
@@ -108,7 +110,7 @@ def check(stack: Cells, state: NDArray[np.float64], tree: NDArray[np.uint8], pro
     """Check a part of a tree.
 
     Args:
-        stack: (STACK, 8) cells that the next nodes stand for, the next one on top.
+        stack: (STACK, 12) cells that the next nodes stand for, the next one on top.
         state: number of cells on the stack, level, top level.
         tree: (n,) bytes of the part.
         problem: law, plant and noise.
@@ -120,7 +122,7 @@ def check(stack: Cells, state: NDArray[np.float64], tree: NDArray[np.uint8], pro
     size = int(state[0])
     for node in range(len(tree)):
         byte = tree[node]
-        if size == 0 or size >= len(stack) - 1 or byte > 4:
+        if size == 0 or size >= len(stack) - 1 or byte > 6:
             return node
         if byte > 0:
             halve(stack, size - 1, byte - 1)
@@ -135,14 +137,15 @@ def check(stack: Cells, state: NDArray[np.float64], tree: NDArray[np.uint8], pro
 
 def top_level(problem: LevelProblem, rho_max: float) -> float:
     """Upper bound of V at the distance ``rho_max`` [m], with any angles."""
-    return level_bounds(Cell(rho_max, rho_max, 0.0, PI_HIGH, 0.0, PI_HIGH, 0.0, 0.0), problem.h)[1]
+    return level_bounds(Cell(rho_max, rho_max, 0.0, PI_HIGH, 0.0, PI_HIGH, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), problem.h)[1]
 
 
 def root_cell(problem: LevelProblem, top: float) -> Cells:
-    """Return a cell (8,) of all states with V <= ``top`` and beta >= 0, and all that may be measured there.
+    """Return a cell (12,) of all states with V <= ``top`` and beta >= 0, and all noise there.
 
     Mirroring the plane changes the signs of alpha, beta, omega and of three noises, and V not at all: beta < 0 follows.
     """
     farthest = sqrt(2.0 * top, 2.0 * top)[1]
     widest = up(up(2.0 * PI_HIGH) + problem.eps_theta)
-    return np.array([0.0, farthest, -PI_HIGH, PI_HIGH, 0.0, PI_HIGH, -widest, widest])
+    angles = (-PI_HIGH, PI_HIGH, 0.0, PI_HIGH, -widest, widest)
+    return np.array([0.0, farthest, *angles, -problem.eps_v, problem.eps_v, -problem.eps_omega, problem.eps_omega])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -84,7 +85,7 @@ def report(certificate: Certificate) -> str:
         f"eps_theta {loop.eps_theta:g} rad, eps_v {loop.eps_v:g} m/s, eps_omega {loop.eps_omega:g} rad/s:\n"
         f"  every trajectory from within {claims.start:g} m is in the core after {claims.steps * loop.t_s:g} s "
         f"({claims.steps} steps) at most and stays;\n"
-        f"  the core is within r* = {claims.radius:.4f} m."
+        f"  the core is within r* = {math.ceil(1e4 * claims.radius) / 1e4:.4f} m."
     )
 
 

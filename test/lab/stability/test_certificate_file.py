@@ -86,5 +86,5 @@ def test_files_of_something_else_are_refused(tmp_path, text):
     path.write_text(text)
     with pytest.raises(DiffbotError, match=r"other\.json"):
         load_certificate(path)
-    with pytest.raises(DiffbotError, match="cannot be read"):
+    with pytest.raises(DiffbotError, match="cannot read"):
         load_certificate(tmp_path / "absent.json")

@@ -43,7 +43,9 @@ def cell_around(rng, step, problem, largest):
     a0, a1 = side(rng, step.alpha, largest, -PI_HIGH, PI_HIGH)
     b0, b1 = side(rng, step.beta, largest, 0.0, PI_HIGH)
     m0, m1 = side(rng, measured_alpha(step, problem), largest, -10.0, 10.0)
-    return Cell(r0, r1, a0, a1, b0, b1, m0, m1)
+    v0, v1 = side(rng, step.eps_v, 0.1 * largest, -problem.eps_v, problem.eps_v)
+    w0, w1 = side(rng, step.eps_omega, 0.1 * largest, -problem.eps_omega, problem.eps_omega)
+    return Cell(r0, r1, a0, a1, b0, b1, m0, m1, v0, v1, w0, w1)
 
 
 def excesses(number, rng, problem, largest, out):
@@ -89,7 +91,7 @@ def test_without_noise_a_point_is_the_step(exact_arc):
     rng = np.random.default_rng(2)
     for _ in range(300):
         rho, alpha, beta = rng.uniform(0.5, 10.0), rng.uniform(-3.0, 3.0), rng.uniform(0.0, 3.0)
-        cell = Cell(rho, rho, alpha, alpha, beta, beta, alpha - 1e-12, alpha + 1e-12)
+        cell = Cell(rho, rho, alpha, alpha, beta, beta, alpha - 1e-12, alpha + 1e-12, 0.0, 0.0, 0.0, 0.0)
         before, after = levels(Witness(rho, alpha, beta, 0.0, 0.0, 0.0, 0.0, 0.0), problem)
         assert rise(cell, problem, -1.0) == pytest.approx(after - before, abs=1e-9)
 
@@ -120,7 +122,7 @@ def test_the_simulated_step_is_the_textbook_one(exact_arc):
 
 
 def test_a_cell_that_no_noise_can_measure_is_left_out():
-    near = Cell(5.0, 5.1, 1.0, 1.1, 0.0, 0.1, 1.36, 1.4)
+    near = Cell(5.0, 5.1, 1.0, 1.1, 0.0, 0.1, 1.36, 1.4, 0.0, 0.0, 0.0, 0.0)
     assert rise(near, PAPER, -1.0) == -math.inf
     assert rise(near._replace(measured0=1.3), PAPER, -1.0) > -math.inf
     assert rise(near._replace(measured0=1.3), PAPER, 15.0) == -math.inf  # V <= 13.9 in the whole cell

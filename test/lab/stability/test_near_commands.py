@@ -22,7 +22,8 @@ def test_a_certificate_is_made_verified_and_attacked(tmp_path, capsys, monkeypat
     made = capsys.readouterr().out
     certificate = load_certificate(path)
     assert certificate.loop == LAW_17
-    assert f"r* = {certificate.claims.radius:.4f} m" in made
+    printed = float(made.partition("r* = ")[2].split()[0])
+    assert certificate.claims.radius <= printed < certificate.claims.radius + 1e-4
     assert f"({certificate.claims.steps} steps)" in made
     assert [one.name for one in path.parent.iterdir()] == ["c.json"]
     assert cli.main(["stability", "verify", str(path)]) == 0
@@ -65,9 +66,9 @@ def test_loops_by_law_and_parameters():
         (["certify", "--rho-max", "0.5"], 1, "rho_max = 0.5: must be > 0.574 m"),
         (["certify", "--width", "0.0001", "--rho-max", "12"], 1, "width = 0.0001"),
         (["certify", "--width", "0.3", "--columns", "40", "--rho-max", "2"], 1, "no certificate"),
-        (["verify", "absent.json"], 1, "absent.json cannot be read"),
-        (["verify", "."], 1, "cannot be read"),
-        (["adversary", "absent.json"], 1, "absent.json cannot be read"),
+        (["verify", "absent.json"], 1, "cannot read absent.json"),
+        (["verify", "."], 1, "cannot read ."),
+        (["adversary", "absent.json"], 1, "cannot read absent.json"),
         (["adversary", "absent.json", "--runs", "0"], 2, "argument --runs: 0: must be from"),
     ],
 )

@@ -225,8 +225,11 @@ def test_between_the_points_v_increases_above_the_level_of_the_grid():
     assert level == pytest.approx(15.523, abs=1e-3)
     problem = LevelProblem(*PAPER_GAINS[:3], T_S, *PAPER_BOX, exact_arc=False)
     before, after = levels(Witness(5.259, -2.893, -2.176, 0.3, -0.3, 0.17, 0.065, -0.2167), problem)
-    assert before == pytest.approx(18.415, abs=1e-3)
-    assert after == pytest.approx(18.422, abs=1e-3)
+    assert before == pytest.approx(18.4157, abs=1e-4)
+    assert after == pytest.approx(18.4238, abs=1e-4)
+    # In the paper's polar model, too.
+    noise = np.array([0.3, -0.3, 0.17, 0.065, -0.2167])
+    assert T_S * textbook_rate((5.259, -2.893, -2.176), noise, PAPER_GAINS, T_S) == pytest.approx(0.0073, abs=1e-4)
 
 
 def test_at_the_points_no_noise_lifts_v_above_the_level():

@@ -38,7 +38,7 @@ def test_what_is_written(tmp_path, capsys):
     assert observed["position"]["max"] < computed["distance_of_level"]
     text = capsys.readouterr().out
     assert "> 0.4743 m: met" in text
-    assert f"a distance of {computed['ultimate_distance']:.3f} m" in text
+    assert f"a distance of {computed['distance_of_level']:.3f} m" in text
     assert ("beyond the grid" in text) == (not computed["inside_grid"])
 
 
