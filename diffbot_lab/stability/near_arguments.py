@@ -41,9 +41,10 @@ def add_adversary(verbs: Any) -> None:
 
 def _certify(options: argparse.Namespace) -> int:
     from diffbot_lab.stability import near_commands  # noqa: PLC0415 - only the called command is imported
+    from diffbot_lab.stability.certify import Resolution  # noqa: PLC0415
 
     loop = near_commands.loop_of(options.law, once("--set", options.set))
-    resolution = near_commands.Resolution(width=options.width, columns=options.columns)
+    resolution = Resolution(width=options.width, columns=options.columns)
     return near_commands.run_certify(loop, options.rho_max, resolution, options.out, options.threads)
 
 
