@@ -19,7 +19,7 @@ from diffbot_lab.stability.certificate_file import EXACT_ARC, Certificate, Claim
 from diffbot_lab.stability.graph import build_graph
 from diffbot_lab.stability.interval import up
 from diffbot_lab.stability.paper_images import PaperLoop
-from diffbot_lab.stability.rank import Ranking, rank_cells
+from diffbot_lab.stability.rank import Graph, Ranking, rank_cells
 
 _OUTSIDE = 0.4
 """[m] by which the cells reach beyond the starts: noise may drive the robot away for a while"""
@@ -100,14 +100,7 @@ def certify(
     cells = make_cells(plan)
     graph = build_graph(images_loop(loop, resolution.slice_width), cells, threads, state)
     inside_rows = int(np.searchsorted(cells.rho, inside + longest_step(loop, inside), side="right"))
-    with tqdm(desc="ranks", unit="sweep", disable=None) as bar:
-
-        def show(alive: NDArray[np.uint8]) -> None:
-            bar.update()
-            if bar.n % 10 == 0:
-                bar.set_postfix(cells=int(alive.sum()))
-
-        ranking = rank_cells(graph, inside_rows, show)
+    ranking = _ranking(graph, inside_rows)
     claims = _claims(cells, ranking, start)
     notes = {
         "rounding": ROUNDING,
@@ -120,6 +113,18 @@ def certify(
         | {name: version(name) for name in ("diffbot", "numpy", "numba")},
     }
     return Certificate(loop, cells.rho, cells.alpha, ranking.ranks, claims), notes
+
+
+def _ranking(graph: Graph, inside_rows: int) -> Ranking:
+    """Rank the cells with a progress bar."""
+    with tqdm(desc="ranks", unit="sweep", disable=None) as bar:
+
+        def show(alive: NDArray[np.uint8]) -> None:
+            bar.update()
+            if bar.n % 10 == 0:
+                bar.set_postfix(cells=int(alive.sum()))
+
+        return rank_cells(graph, inside_rows, show)
 
 
 def _claims(cells: Cells, ranking: Ranking, start: float) -> Claims:

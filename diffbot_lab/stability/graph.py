@@ -6,6 +6,7 @@ import json
 import os
 import time
 import zipfile
+from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import Any
@@ -87,34 +88,52 @@ def build_graph(loop: PaperLoop, cells: Cells, threads: int | None = None, state
     tasks = [(first, min(first + step, rows)) for first in range(0, rows, step)]
     name = json.dumps([loop._asdict(), cells.rho.tolist(), columns])
     parts = _load(state, name)
-    missing = [index for index in range(len(tasks)) if index not in parts]
-    saved = time.monotonic()
-    with (
-        tqdm(desc="images", total=len(tasks), initial=len(parts), unit="part", disable=None, smoothing=0.05) as bar,
-        ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool,
-    ):
-        running: dict[Future[Part], int] = {pool.submit(_part, loop, cells, *tasks[index]): index for index in missing}
-        try:
-            while running:
-                for one in wait(running, return_when=FIRST_COMPLETED).done:
-                    parts[running.pop(one)] = one.result()
-                    bar.update()
-                if state is not None and time.monotonic() - saved > _SAVED_EVERY:
-                    _save(state, name, parts)
-                    saved = time.monotonic()
-        except KeyboardInterrupt:
-            pool.shutdown(cancel_futures=True)
-            finished = {index: one for one, index in running.items() if not one.cancelled() and one.exception() is None}
-            parts |= {index: one.result() for index, one in finished.items()}
-            if state is not None:
-                _save(state, name, parts)
-            raise
+    try:
+        _compute(loop, cells, tasks, parts, threads, lambda: _save(state, name, parts))
+    except KeyboardInterrupt:
+        _save(state, name, parts)
+        raise
     counts = np.concatenate([parts[index][1] for index in range(len(tasks))])
     blocks = np.concatenate([parts[index][0] for index in range(len(tasks))])
     return Graph(blocks, np.concatenate([[0], np.cumsum(counts)]).astype(np.int64), rows, columns)
 
 
-def _save(state: Path, name: str, parts: dict[int, Part]) -> None:
+def _compute(
+    loop: PaperLoop,
+    cells: Cells,
+    tasks: list[tuple[int, int]],
+    parts: dict[int, Part],
+    threads: int | None,
+    save: Callable[[], None],
+) -> None:
+    """Add the parts that are missing; after an interruption, those that were under way, too."""
+    saved = time.monotonic()
+    with (
+        tqdm(desc="images", total=len(tasks), initial=len(parts), unit="part", disable=None, smoothing=0.05) as bar,
+        ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool,
+    ):
+        running: dict[Future[Part], int] = {}
+        for index in range(len(tasks)):
+            if index not in parts:
+                running[pool.submit(_part, loop, cells, *tasks[index])] = index
+        try:
+            while running:
+                for one in wait(running, return_when=FIRST_COMPLETED).done:
+                    parts[running.pop(one)] = one.result()
+                    bar.update()
+                if time.monotonic() - saved > _SAVED_EVERY:
+                    save()
+                    saved = time.monotonic()
+        except KeyboardInterrupt:
+            pool.shutdown(cancel_futures=True)
+            finished = {index: one for one, index in running.items() if not one.cancelled() and one.exception() is None}
+            parts |= {index: one.result() for index, one in finished.items()}
+            raise
+
+
+def _save(state: Path | None, name: str, parts: dict[int, Part]) -> None:
+    if state is None:
+        return
     arrays: dict[str, Any] = {"name": np.array(name)}
     for index, (blocks, counts) in parts.items():
         arrays |= {f"blocks_{index}": blocks, f"counts_{index}": counts}
