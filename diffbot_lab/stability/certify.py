@@ -102,17 +102,22 @@ def certify(
     inside_rows = int(np.searchsorted(cells.rho, inside + longest_step(loop, inside), side="right"))
     ranking = _ranking(graph, inside_rows)
     claims = _claims(cells, ranking, start)
-    notes = {
-        "rounding": ROUNDING,
-        "resolution": resolution._asdict(),
-        "cells": ranking.ranks.size,
-        "blocks": len(graph.blocks),
+    notes = _notes(resolution, graph) | {
         "recurrent_within": _farthest(cells, ranking.recurrent > 0),
         "seconds": round(time.monotonic() - began, 1),
-        "versions": {"python": platform.python_version()}
-        | {name: version(name) for name in ("diffbot", "numpy", "numba")},
     }
     return Certificate(loop, cells.rho, cells.alpha, ranking.ranks, claims), notes
+
+
+def _notes(resolution: Resolution, graph: Graph) -> dict[str, Any]:
+    versions = {name: version(name) for name in ("diffbot", "numpy", "numba")}
+    return {
+        "rounding": ROUNDING,
+        "resolution": resolution._asdict(),
+        "cells": graph.rows * graph.columns,
+        "blocks": len(graph.blocks),
+        "versions": {"python": platform.python_version(), **versions},
+    }
 
 
 def _ranking(graph: Graph, inside_rows: int) -> Ranking:
