@@ -117,6 +117,7 @@ setup(
             "pytest>=8.0",
             "pytest-timeout>=2.2",
             "pytest-xdist>=3.5",
+            "python-flint>=0.6",
             "rosbags>=0.10",
         ],
         "lint": [
