@@ -93,9 +93,7 @@ def build_graph(loop: PaperLoop, cells: Cells, threads: int | None = None, state
         tqdm(desc="images", total=len(tasks), initial=len(parts), unit="part", disable=None, smoothing=0.05) as bar,
         ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool,
     ):
-        running: dict[Future[Part], int] = {
-            pool.submit(_part, loop, cells, *tasks[index]): index for index in missing
-        }
+        running: dict[Future[Part], int] = {pool.submit(_part, loop, cells, *tasks[index]): index for index in missing}
         try:
             while running:
                 for one in wait(running, return_when=FIRST_COMPLETED).done:

@@ -1,8 +1,8 @@
 """Interval arithmetic with outward rounding, as functions of plain floats that numba compiles.
 
 An interval is two arguments, its lower and its upper bound; each function returns the bounds of a set that contains
-f(x) for every real x in its arguments. Arguments are finite, with the lower bound first and |x| < 1e150. Where there is
-no bound the result is infinite or NaN: write the comparison that proves something so that it is False for NaN.
+f(x) for every real x in its arguments. Arguments are finite, with the lower bound first and |x| < 1e150. The result of
+``div``, ``sqrt`` and ``asin`` is infinite or NaN where there is no bound: check before it is used.
 
 Why it is rigorous:
 
@@ -81,7 +81,7 @@ def sub(a0: float, a1: float, b0: float, b1: float) -> Bounds:
 def mul(a0: float, a1: float, b0: float, b1: float) -> Bounds:
     """Return bounds of a b."""
     p, q, r, s = a0 * b0, a0 * b1, a1 * b0, a1 * b1
-    return down(min(min(p, q), min(r, s))), up(max(max(p, q), max(r, s)))
+    return down(min(p, q, r, s)), up(max(p, q, r, s))
 
 
 def div(a0: float, a1: float, b0: float, b1: float) -> Bounds:
@@ -89,12 +89,12 @@ def div(a0: float, a1: float, b0: float, b1: float) -> Bounds:
     if not (b0 > 0.0 or b1 < 0.0):
         return -math.inf, math.inf
     p, q, r, s = a0 / b0, a0 / b1, a1 / b0, a1 / b1
-    return down(min(min(p, q), min(r, s))), up(max(max(p, q), max(r, s)))
+    return down(min(p, q, r, s)), up(max(p, q, r, s))
 
 
 def absolute(a0: float, a1: float) -> Bounds:
     """Return the exact interval of |a|."""
-    return max(max(a0, -a1), 0.0), max(-a0, a1)
+    return max(a0, -a1, 0.0), max(-a0, a1)
 
 
 def sqr(a0: float, a1: float) -> Bounds:
@@ -178,7 +178,7 @@ def atan2(y0: float, y1: float, x0: float, x1: float) -> Bounds:
 def _directions(y0: float, y1: float, x0: float, x1: float) -> Bounds:
     """Directions of a box without the cut and the origin: the extremes are at corners."""
     p, q, r, s = math.atan2(y0, x0), math.atan2(y0, x1), math.atan2(y1, x0), math.atan2(y1, x1)
-    return _below(min(min(p, q), min(r, s))), _above(max(max(p, q), max(r, s)))
+    return _below(min(p, q, r, s)), _above(max(p, q, r, s))
 
 
 def sinc(a0: float, a1: float) -> Bounds:

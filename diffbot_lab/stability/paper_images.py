@@ -99,7 +99,7 @@ def images(loop: PaperLoop, cell: Cell, out: Any) -> int:
     _, bearing = asin(ratio, ratio)
     reach = up(bearing + loop.eps_theta)
     low, high = down(cell.alpha_low - reach), up(cell.alpha_high + reach)
-    parts = int(math.ceil((high - low) / loop.slice_width))
+    parts = math.ceil((high - low) / loop.slice_width)
     number = 0
     p = low
     for part in range(parts):
@@ -131,7 +131,7 @@ def _measured_distance(loop: PaperLoop, cell: Cell, bearing: float, p: float, q:
     s0, s1 = sin(d, d)
     y0, y1 = mul(cell.rho_low, cell.rho_low, s0, s1)
     y0, y1 = sqr(max(y0, 0.0), y1)
-    e0, e1 = sqr(loop.eps_position, loop.eps_position)
+    _, e1 = sqr(loop.eps_position, loop.eps_position)
     _, half = sqrt(0.0, max(up(e1 - y0), 0.0))
     near, _ = mul(cell.rho_low, cell.rho_low, c0, c1)
     _, far = mul(cell.rho_high, cell.rho_high, c0, c1)
@@ -221,7 +221,7 @@ def _next_distance(cell: Cell, u0: float, u1: float, c0: float, c1: float) -> Bo
             least, _ = _square(cell.rho_low, u, c)
             _, most = _square(cell.rho_high, u, c)
             _, other = _square(cell.rho_low, u, c)
-            low, high = min(low, least), max(high, max(most, other))
+            low, high = min(low, least), max(high, most, other)
         best0, best1 = mul(cell.rho_low, cell.rho_low, c, c)
         if u0 <= best1 and best0 <= u1:
             _, c_square = sqr(c, c)

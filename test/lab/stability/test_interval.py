@@ -69,8 +69,7 @@ CASES = {
 NAMES = list(CASES)
 
 
-def evaluate(case, box):  # noqa: PLR0911 - one return for each function
-    a0, a1, b0, b1 = box[0], box[1], box[2], box[3]
+def of_two(case, a0, a1, b0, b1):
     if case == 0:
         return interval.add(a0, a1, b0, b1)
     if case == 1:
@@ -81,8 +80,10 @@ def evaluate(case, box):  # noqa: PLR0911 - one return for each function
         return interval.div(a0, a1, b0, b1)
     if case == 4:
         return interval.hypot(a0, a1, b0, b1)
-    if case <= 7:
-        return interval.atan2(a0, a1, b0, b1)
+    return interval.atan2(a0, a1, b0, b1)
+
+
+def of_one(case, a0, a1):
     if case == 8:
         return interval.sqr(a0, a1)
     if case == 9:
@@ -91,6 +92,10 @@ def evaluate(case, box):  # noqa: PLR0911 - one return for each function
         return interval.sin(a0, a1)
     if case <= 13:
         return interval.cos(a0, a1)
+    return of_others(case, a0, a1)
+
+
+def of_others(case, a0, a1):
     if case == 14:
         return interval.atan(a0, a1)
     if case == 15:
@@ -102,7 +107,8 @@ def evaluate(case, box):  # noqa: PLR0911 - one return for each function
 
 def evaluate_all(case, boxes, out):
     for i in range(len(boxes)):
-        out[i] = evaluate(case, boxes[i])
+        a0, a1, b0, b1 = boxes[i]
+        out[i] = of_two(case, a0, a1, b0, b1) if case < 8 else of_one(case, a0, a1)
 
 
 @pytest.fixture(scope="module")

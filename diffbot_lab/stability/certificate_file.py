@@ -1,0 +1,180 @@
+"""The file of a certificate: one JSON object that states the loop, the noise, the cells and the claims, with the ranks.
+
+The ranks are 16-bit integers, little endian, row by row, compressed by zlib and written in base64.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import json
+import math
+import zlib
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diffbot_core.errors import DiffbotError
+from diffbot_core.files import write_json
+
+Array = NDArray[np.float64]
+
+FORMAT = "diffbot stability certificate 1"
+EULER, EXACT_ARC = "Euler", "exact arc"
+_MAX_CELLS, _MAX_BYTES = 100_000_000, 1_000_000_000
+_POSITIVE = ("gamma", "k", "h", "k_2", "t_s")
+_FROM_ZERO = ("eps_P", "eps_P_leave", "eps_x", "eps_y", "eps_theta", "eps_v", "eps_omega")
+
+
+class Loop(NamedTuple):
+    """What the certificate is about."""
+
+    gamma: float
+    """[m/s]"""
+    k: float
+    """[1/s]"""
+    h: float
+    """[-]"""
+    k_2: float
+    """[1/s]"""
+    eps_P: float
+    """[m] law (17) enters Omega_L below it; 0 with ``eps_P_leave`` 0: law (13) everywhere"""
+    eps_P_leave: float
+    """[m] Omega_L is left above it"""
+    eps_x: float
+    """[m] bounds of the measurement noise ..."""
+    eps_y: float
+    """[m]"""
+    eps_theta: float
+    """[rad]"""
+    eps_v: float
+    """[m/s] ... and of the input noise"""
+    eps_omega: float
+    """[rad/s]"""
+    t_s: float
+    """[s]"""
+    plant: str
+    """EULER or EXACT_ARC"""
+
+
+class Claims(NamedTuple):
+    """What is proved."""
+
+    radius: float
+    """[m] r*: the core is within this distance of the goal"""
+    start: float
+    """[m] every trajectory that starts within this distance, with any heading, ..."""
+    steps: int
+    """... is in the core after so many steps at most, and stays"""
+
+
+class Certificate(NamedTuple):
+    """The contents of a file."""
+
+    loop: Loop
+    rho: Array
+    """(rows + 1,) edges [m]; what is nearer than the first belongs to the core"""
+    alpha: Array
+    """(columns + 1,) edges [rad]"""
+    ranks: NDArray[np.int16]
+    """(rows, columns)"""
+    claims: Claims
+
+
+def save_certificate(path: Path, certificate: Certificate, notes: dict[str, Any]) -> None:
+    """Write a certificate.
+
+    Args:
+        path: of the file.
+        certificate: to be written.
+        notes: what is not needed to check it: rounding, versions, duration.
+
+    Raises:
+        OSError: if it cannot be written.
+    """
+    loop, rho, alpha, ranks, claims = certificate
+    content = {
+        "format": FORMAT,
+        "law": "17" if loop.eps_P_leave > 0.0 else "13",
+        "loop": loop._asdict(),
+        "claims": claims._asdict() | {"time": claims.steps * loop.t_s},
+        "notes": notes,
+        "rho": rho.tolist(),
+        "alpha": alpha.tolist(),
+        "ranks": base64.b64encode(zlib.compress(ranks.astype("<i2").tobytes(), 9)).decode(),
+    }
+    write_json(path, content, indent=0)
+
+
+def load_certificate(path: Path) -> Certificate:
+    """Read a certificate and check that its parts fit together; what it claims is checked by ``verify``.
+
+    Raises:
+        DiffbotError: if the file cannot be read, or a value is missing or out of its range.
+    """
+    try:
+        if path.stat().st_size > _MAX_BYTES:
+            raise DiffbotError(f"{path}: larger than {_MAX_BYTES} bytes")
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
+        raise DiffbotError(f"{path} cannot be read: {error}") from None
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise DiffbotError(f"{path}: is no {FORMAT}")
+    try:
+        return _certificate(content)
+    except _UnfitError as error:
+        raise DiffbotError(f"{path}: {error}") from None
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise DiffbotError(f"{path}: a value is missing or of the wrong kind: {error}") from None
+
+
+class _UnfitError(DiffbotError):
+    """A value that does not fit."""
+
+
+def _certificate(content: dict[str, Any]) -> Certificate:
+    loop = _loop(content["loop"])
+    rho, alpha = (np.array(content[name], dtype=np.float64) for name in ("rho", "alpha"))
+    for name, edges in (("rho", rho), ("alpha", alpha)):
+        if edges.ndim != 1 or len(edges) < 2 or not (np.isfinite(edges).all() and (np.diff(edges) > 0.0).all()):
+            raise _UnfitError(f"{name}: must be increasing edges")
+    rows, columns = len(rho) - 1, len(alpha) - 1
+    if rows * columns > _MAX_CELLS:
+        raise _UnfitError(f"cells = {rows * columns}: must be <= {_MAX_CELLS}")
+    claims = content["claims"]
+    steps = claims["steps"]
+    if not isinstance(steps, int) or steps < 0:
+        raise _UnfitError(f"claims.steps = {steps!r}: must be a whole number >= 0")
+    start, radius = float(claims["start"]), float(claims["radius"])
+    if not (math.isfinite(start) and math.isfinite(radius)):
+        raise _UnfitError("claims: must be finite")
+    return Certificate(loop, rho, alpha, _ranks(content["ranks"], rows, columns), Claims(radius, start, steps))
+
+
+def _loop(values: dict[str, Any]) -> Loop:
+    for name in (*_POSITIVE, *_FROM_ZERO):
+        value = values[name]
+        low = 0.0 if name in _FROM_ZERO else 1e-9
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not low <= value <= 1e3:
+            raise _UnfitError(f"{name} = {value!r}: must be from {low:g} to 1000")
+    if values["eps_theta"] > math.pi:
+        raise _UnfitError(f"eps_theta = {values['eps_theta']!r}: must be <= pi")
+    if values["eps_P_leave"] < values["eps_P"]:
+        raise _UnfitError(f"eps_P_leave = {values['eps_P_leave']!r}: must be >= eps_P = {values['eps_P']!r}")
+    if values["plant"] not in (EULER, EXACT_ARC):
+        raise _UnfitError(f"plant = {values['plant']!r}: must be {EULER} or {EXACT_ARC}")
+    return Loop._make((*(float(values[name]) for name in Loop._fields[:-1]), values["plant"]))
+
+
+def _ranks(text: str, rows: int, columns: int) -> NDArray[np.int16]:
+    size = 2 * rows * columns
+    unpacker = zlib.decompressobj()
+    try:
+        raw = unpacker.decompress(base64.b64decode(text, validate=True), size + 1)
+    except (binascii.Error, zlib.error) as error:
+        raise _UnfitError(f"ranks: {error}") from None
+    if len(raw) != size:
+        raise _UnfitError(f"ranks: must be {rows} x {columns}, one of each cell")
+    return np.frombuffer(raw, "<i2").reshape(rows, columns).astype(np.int16)
