@@ -178,8 +178,7 @@ def table_of(loop: TunedLoop, near: NearBounds, plan: Plan) -> tuple[Table, floa
     even = 2 * math.ceil(150 * fine), 2 * math.ceil(48 * fine)
     bands = (
         Band(0.7, 0.006 / fine, 0.03, *even, 0.06 / fine),
-        Band(1.1, 0.01, 0.03, 200, 48, 0.1),
-        Band(2.0, 0.015, 0.03, 160, 32, 0.15),
+        Band(1.5, 0.01 / fine, 0.03, 200, 48, 0.1),
         Band(plan.to + 0.3, 0.02, 0.03, 160, 32, 0.15),
     )
     table = make_table(inside, bands)

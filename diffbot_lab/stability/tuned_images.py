@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
+from diffbot_lab.stability.cells import Cell
 from diffbot_lab.stability.interval import (
     PI_HIGH,
     Bounds,
@@ -21,7 +22,6 @@ from diffbot_lab.stability.interval import (
     cos,
     div,
     down,
-    hypot,
     mul,
     sin,
     sinc,
@@ -30,6 +30,7 @@ from diffbot_lab.stability.interval import (
     sub,
     up,
 )
+from diffbot_lab.stability.paper_images import next_distance
 from diffbot_lab.stability.tuned_law import Command, Measured, TunedLoop, approach, command_bounds
 
 _TWO_PI_LOW, _TWO_PI_HIGH = 6.283185307179586, 6.283185307179587
@@ -165,7 +166,7 @@ def put_image(loop: TunedLoop, cell: Cell3, command: Command, box: Any) -> None:
     left0, left1 = sub(cell.rho_low, cell.rho_high, along0, along1)
     s0, s1 = sin(a0, a1)
     aside0, aside1 = mul(u0, u1, s0, s1)
-    box[0], box[1] = hypot(left0, left1, aside0, aside1)
+    box[0], box[1] = next_distance(Cell(cell.rho_low, cell.rho_high, 0.0, 0.0), u0, u1, c0, c1)
     turned0, turned1 = atan2(aside0, aside1, left0, left1)
     after0, after1 = add(cell.alpha_low, cell.alpha_high, turned0, turned1)
     box[2], box[3] = sub(after0, after1, z0, z1)

@@ -131,12 +131,22 @@ def command_bounds(loop: TunedLoop, measured: Measured) -> Command:
 def _turn(loop: TunedLoop, measured: Measured, cosine: Bounds) -> Bounds:
     """Bounds of (f / rho) cos(alpha) sinc(alpha) (alpha + h beta) [rad/s]."""
     g0, g1 = speed_per_distance(loop, measured.rho_low, measured.rho_high)
-    g0, g1 = mul(g0, g1, cosine[0], cosine[1])
+    g0, g1 = _signed_product(g0, g1, cosine[0], cosine[1])
     c0, c1 = sinc(measured.alpha_low, measured.alpha_high)
-    g0, g1 = mul(g0, g1, c0, c1)
+    # Not negative for a wrapped angle: the law's own pi is below pi.
+    g0, g1 = _signed_product(g0, g1, max(c0, 0.0), c1)
     b0, b1 = mul(loop.bearing_weight, loop.bearing_weight, measured.beta_low, measured.beta_high)
     b0, b1 = add(measured.alpha_low, measured.alpha_high, b0, b1)
-    return mul(g0, g1, b0, b1)
+    return _signed_product(g0, g1, b0, b1)
+
+
+def _signed_product(a0: float, a1: float, b0: float, b1: float) -> Bounds:
+    """Return bounds of a b that keep to one side of 0 where the product does: the share of the speed hangs on it."""
+    low, high = mul(a0, a1, b0, b1)
+    p, q, r, s = a0 * b0, a0 * b1, a1 * b0, a1 * b1
+    if min(min(p, q), min(r, s)) >= 0.0:
+        return max(low, 0.0), high
+    return low, min(high, 0.0) if max(max(p, q), max(r, s)) <= 0.0 else high
 
 
 def _share(loop: TunedLoop, phi: Bounds, speed: Bounds, turn: Bounds) -> Bounds:
