@@ -176,10 +176,11 @@ def table_of(loop: TunedLoop, near: NearBounds, plan: Plan) -> tuple[Table, floa
         raise DiffbotError("no certificate: Omega_L is too small for the error of the position")
     fine = plan.fineness
     even = 2 * math.ceil(150 * fine), 2 * math.ceil(48 * fine)
+    near_goal = max(0.7, seed + 0.1)
     bands = (
-        Band(0.7, 0.006 / fine, 0.03, *even, 0.06 / fine),
-        Band(1.5, 0.01 / fine, 0.03, 200, 48, 0.1),
-        Band(plan.to + 0.3, 0.02, 0.03, 160, 32, 0.15),
+        Band(near_goal, 0.006 / fine, 0.01, *even, 0.06 / fine),
+        Band(max(1.1, near_goal), 0.01, 0.01, 200, 48, 0.1),
+        Band(plan.to + 0.3, 0.01, 0.015, 160, 32, 0.1),
     )
     table = make_table(inside, bands)
     if table.start[-1] > _MAX_CELLS:
@@ -216,7 +217,7 @@ def certify(config: ControllerConfig, plan: Plan, plant: PlantConfig = PlantConf
     rows = len(table.rho) - 1
     images = [boxes_of_row(loop, table, row) for row in tqdm(range(rows), desc="images", unit="row", disable=None)]
     ranks = np.full(int(table.start[-1]), UNRANKED, np.int16)
-    ranks[: table.start[_seed_rows(table, seed)]] = CORE
+    ranks[: table.start[seed_rows(table, seed)]] = CORE
     _spread(table, images, ranks)
     with tqdm(total=len(ranks), desc="ranks", unit="cell", disable=None) as bar:
         changed = 1
@@ -229,7 +230,8 @@ def certify(config: ControllerConfig, plan: Plan, plant: PlantConfig = PlantConf
     return Certificate(plan, config, near, table, ranks)
 
 
-def _seed_rows(table: Table, seed: float) -> int:
+def seed_rows(table: Table, seed: float) -> int:
+    """Return how many rows begin within the seed of the core [m]."""
     return int(np.searchsorted(table.rho, seed)) if seed > table.rho[0] else 0
 
 
