@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from diffbot_control.law.configuration import AUTO, BRAKING, ControllerConfig
+from diffbot_control.law.configuration import BRAKING, GIVEN, ControllerConfig
 from diffbot_control.law.regions import COVARIANCE
-from diffbot_control.law.speed_profile import auto_gains, within_data_sheet
 from diffbot_core.data_sheet import rim_speed
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.files import replacing
@@ -33,7 +32,6 @@ from diffbot_lab.stability.tuned_table import (
     Boxes,
     Table,
     cell_of,
-    check_kernel,
     fill_kernel,
     make_table,
     rank_kernel,
@@ -41,6 +39,8 @@ from diffbot_lab.stability.tuned_table import (
 )
 from diffbot_sim.model.plant import PlantConfig
 
+PLANT = PlantConfig()
+"""The robot and its input noise; a file does not change them."""
 FORMAT = "diffbot tuned certificate 1"
 _MAX_CELLS = 100_000_000
 
@@ -81,7 +81,7 @@ class Certificate(NamedTuple):
     """rank of each cell kept"""
 
 
-def tuned_loop(config: ControllerConfig, contract: Contract, plant: PlantConfig = PlantConfig()) -> TunedLoop:
+def tuned_loop(config: ControllerConfig, contract: Contract) -> TunedLoop:
     """Collect the numbers of the loop.
 
     Raises:
@@ -91,6 +91,7 @@ def tuned_loop(config: ControllerConfig, contract: Contract, plant: PlantConfig 
     _require("speed_profile", config.profile, config.profile == BRAKING, "braking")
     _require("region_policy", config.region_policy.kind, config.region_policy.kind == COVARIANCE, "covariance")
     _require("allow_backward", config.driving.allow_backward, config.driving.allow_backward, "true")
+    _require("gains", config.gain_source, config.gain_source == GIVEN, "preset")
     symmetric = config.driving.symmetric_yaw_tolerance
     _require("symmetric_yaw_tolerance", symmetric, not symmetric, "false")
     _require("uncertainty_scale", config.uncertainty_scale, config.uncertainty_scale == 1.0, "1")
@@ -105,9 +106,6 @@ def tuned_loop(config: ControllerConfig, contract: Contract, plant: PlantConfig 
     for name, value in contract._asdict().items():
         _require(name, value, 0.0 <= value < 1.0, "from 0 to below 1")
     gains = config.profile_gains
-    if config.gain_source == AUTO:
-        gains = auto_gains(sheet, plant.sampling_time)
-    gains = within_data_sheet(gains, sheet)
     known = max(gains.sigma_known, config.tolerance.xy_goal_tolerance / 3.0)
     ratio = max(1.0, contract.sigma_max / known)
     return TunedLoop(
@@ -123,8 +121,8 @@ def tuned_loop(config: ControllerConfig, contract: Contract, plant: PlantConfig 
         half,
         hypot(contract.eps_xy, contract.eps_xy, contract.eps_xy, contract.eps_xy)[1],
         contract.eps_theta,
-        plant.drive_noise,
-        plant.sampling_time,
+        PLANT.drive_noise,
+        PLANT.sampling_time,
     )
 
 
@@ -157,7 +155,9 @@ def steps_from(certificate: Certificate, distance: float) -> int:
         bad = int(np.argmax(ranks == UNRANKED))
         row = int(np.searchsorted(table.start, bad, side="right")) - 1
         share = float((ranks == UNRANKED).mean())
-        raise DiffbotError(f"no certificate: {100.0 * share:.3g} % of the cells, from {table.rho[row]:.4g} m, have no rank")
+        raise DiffbotError(
+            f"no certificate: {100.0 * share:.3g} % of the cells, from {table.rho[row]:.4g} m, have no rank"
+        )
     return int(ranks.max(initial=0))
 
 
@@ -205,13 +205,13 @@ def boxes_of_row(loop: TunedLoop, table: Table, row: int) -> Boxes:
     return Boxes(boxes[:number].copy(), np.concatenate(([0], np.cumsum(counts))))
 
 
-def certify(config: ControllerConfig, plan: Plan, plant: PlantConfig = PlantConfig()) -> Certificate:
+def certify(config: ControllerConfig, plan: Plan) -> Certificate:
     """Work out core and ranks.
 
     Raises:
         DiffbotError: if the configuration is not covered, or there is no certificate.
     """
-    loop = tuned_loop(config, plan.contract, plant)
+    loop = tuned_loop(config, plan.contract)
     near = near_bounds(loop, config, plan.contract.eps_xy, plan.contract.sigma_max)
     table, seed = table_of(loop, near, plan)
     rows = len(table.rho) - 1

@@ -28,6 +28,7 @@ from diffbot_core.schema import build
 from diffbot_lab.stability.compiled import compile_bounds
 from diffbot_lab.stability.tuned_certificate import (
     FORMAT,
+    PLANT,
     Certificate,
     Contract,
     Plan,
@@ -40,7 +41,7 @@ from diffbot_lab.stability.tuned_certificate import (
 )
 from diffbot_lab.stability.tuned_near import near_bounds
 from diffbot_lab.stability.tuned_table import CORE, UNRANKED, check_kernel, columns_of, kept_index, row_of
-from diffbot_sim.model.plant import PlantConfig, integrate
+from diffbot_sim.model.plant import integrate
 
 _MAX_BYTES = 1_000_000_000
 
@@ -91,14 +92,14 @@ def load(path: Path) -> Certificate:
     return Certificate(plan, config, near, table, ranks)
 
 
-def verify(certificate: Certificate, plant: PlantConfig = PlantConfig()) -> Claims:
+def verify(certificate: Certificate) -> Claims:
     """Check every cell and return what is proved.
 
     Raises:
         DiffbotError: naming the first thing that is not.
     """
     plan, table, ranks = certificate.plan, certificate.table, certificate.ranks
-    loop = tuned_loop(certificate.config, plan.contract, plant)
+    loop = tuned_loop(certificate.config, plan.contract)
     near = near_bounds(loop, certificate.config, plan.contract.eps_xy, plan.contract.sigma_max)
     expected, seed = table_of(loop, near, plan)
     if not np.array_equal(expected.rho, table.rho):
@@ -117,7 +118,13 @@ def verify(certificate: Certificate, plant: PlantConfig = PlantConfig()) -> Clai
 
 
 def random_steps(
-    table: Any, ranks: Any, gains: ProfileGains, sheet: DataSheet, contract: Any, drive_noise: float, t_s: float, draws: Any
+    table: Any,
+    ranks: Any,
+    gains: ProfileGains,
+    sheet: DataSheet,
+    contract: Any,
+    plant: Any,
+    draws: Any,
 ) -> int:
     """Do a step of Omega_G from each of random states, with the robot's own law; count the ones that break a rank.
 
@@ -127,8 +134,7 @@ def random_steps(
         gains: of the law.
         sheet: data sheet.
         contract: of the estimate.
-        drive_noise: bound of the relative error of each wheel.
-        t_s: [s] sampling time.
+        plant: of the robot.
         draws: (n, 9) in [-1, 1]: distance, alpha, beta; errors of x, y, theta and sigma; errors of the wheels.
     """
     broken = 0
@@ -145,9 +151,12 @@ def random_steps(
         sigma = contract.sigma_max * (0.5 * one[6] + 0.5)
         command = drive_and_steer(Navigation(math.hypot(dx, dy), bearing, seen), sigma, FRONT, gains, sheet)
         wheels = wheel_speeds(command, sheet.wheels)
-        left, right = wheels.left * (1.0 + drive_noise * one[7]), wheels.right * (1.0 + drive_noise * one[8])
+        left, right = (
+            wheels.left * (1.0 + plant.drive_noise * one[7]),
+            wheels.right * (1.0 + plant.drive_noise * one[8]),
+        )
         moved = body_twist(WheelSpeeds(left, right), sheet.wheels)
-        after = integrate(pose, Twist(moved.v, moved.omega), t_s, True)
+        after = integrate(pose, Twist(moved.v, moved.omega), plant.sampling_time, plant.exact_arc)
         beta = math.atan2(-after.y, -after.x)
         rank = rank_at(table, ranks, math.hypot(after.x, after.y), wrap_angle(beta - after.theta), beta)
         if rank == UNRANKED or rank > max(before - 1, CORE):
@@ -170,14 +179,13 @@ def rank_at(table: Any, ranks: Any, rho: float, alpha: float, beta: float) -> in
 _random_kernel = compile_bounds(random_steps)
 
 
-def sample(certificate: Certificate, steps: int, seed: int, plant: PlantConfig = PlantConfig()) -> Sampled:
+def sample(certificate: Certificate, steps: int, seed: int) -> Sampled:
     """Compare random steps with the ranks; half of the draws of noise are at its bounds.
 
     Args:
         certificate: to compare with.
         steps: how many.
         seed: of states and noise.
-        plant: of the robot.
     """
     config, broken, left = certificate.config, 0, steps
     gains = config.profile_gains
@@ -193,8 +201,7 @@ def sample(certificate: Certificate, steps: int, seed: int, plant: PlantConfig =
             gains,
             config.data_sheet,
             certificate.plan.contract,
-            plant.drive_noise,
-            plant.sampling_time,
+            PLANT,
             draws,
         )
         left -= number

@@ -71,7 +71,7 @@ def bearing_error(loop: TunedLoop, rho: float) -> float:
 def number_of_slices(loop: TunedLoop, cell: Cell3, width: float) -> int:
     """Return into how many slices of at most ``width`` [rad] the measured bearing is cut."""
     reach = up(bearing_error(loop, cell.rho_low) + loop.eps_theta)
-    return int(math.ceil((up(cell.alpha_high - cell.alpha_low) + 2.0 * reach) / width))
+    return math.ceil((up(cell.alpha_high - cell.alpha_low) + 2.0 * reach) / width)
 
 
 def slice_of(loop: TunedLoop, cell: Cell3, part: int, parts: int) -> Slice:

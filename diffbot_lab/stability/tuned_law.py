@@ -112,7 +112,7 @@ def _phi(loop: TunedLoop, alpha: float) -> Bounds:
 
 def command_bounds(loop: TunedLoop, measured: Measured) -> Command:
     """Bounds of the command of Omega_G: (s f cos(alpha), phi + s turn), with s from the limits of the velocities."""
-    near, far, a0, a1, b0, b1 = measured
+    near, far, a0, a1, _, _ = measured
     c0, c1 = cos(a0, a1)
     f0, f1 = approach(loop, near, far)
     v0, v1 = mul(f0, f1, c0, c1)
@@ -144,9 +144,9 @@ def _signed_product(a0: float, a1: float, b0: float, b1: float) -> Bounds:
     """Return bounds of a b that keep to one side of 0 where the product does: the share of the speed hangs on it."""
     low, high = mul(a0, a1, b0, b1)
     p, q, r, s = a0 * b0, a0 * b1, a1 * b0, a1 * b1
-    if min(min(p, q), min(r, s)) >= 0.0:
+    if min(p, q, r, s) >= 0.0:
         return max(low, 0.0), high
-    return low, min(high, 0.0) if max(max(p, q), max(r, s)) <= 0.0 else high
+    return low, min(high, 0.0) if max(p, q, r, s) <= 0.0 else high
 
 
 def _share(loop: TunedLoop, phi: Bounds, speed: Bounds, turn: Bounds) -> Bounds:

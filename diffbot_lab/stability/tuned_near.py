@@ -26,7 +26,7 @@ from diffbot_control.law.finish import (
 from diffbot_control.law.regions import CovarianceRegionPolicy
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.stability.compiled import compile_bounds
-from diffbot_lab.stability.interval import absolute, add, div, down, hypot, mul, sin, sinc, sub, up
+from diffbot_lab.stability.interval import absolute, add, div, down, mul, sin, sinc, sub, up
 from diffbot_lab.stability.tuned_images import Cell3, local_distance
 from diffbot_lab.stability.tuned_law import TunedLoop, profile_gain
 
@@ -119,7 +119,7 @@ def local_reach(loop: TunedLoop, rho: float) -> float:
     low = rho - longest_step(loop, loop.v_max)
     if not low > loop.eps_position:
         raise DiffbotError("no certificate: the leaving radius is too small for the error of the position")
-    return max(rho, _largest_kernel(loop, low, rho, _RINGS) + _ROUNDING)
+    return max(rho, float(_largest_kernel(loop, low, rho, _RINGS)) + _ROUNDING)
 
 
 def near_bounds(loop: TunedLoop, config: ControllerConfig, eps_y: float, sigma_max: float) -> NearBounds:
@@ -193,9 +193,7 @@ def _spread_way(loop: TunedLoop, way: WayOut, cells: Any) -> bool:
                     continue
                 done[i, j] = 1
                 fresh += 1
-                y0, y1, t0, t1 = _way_image(
-                    loop, way, (i - rows // 2) * _LATERAL, (j - columns // 2) * _HEADING
-                )
+                y0, y1, t0, t1 = _way_image(loop, way, (i - rows // 2) * _LATERAL, (j - columns // 2) * _HEADING)
                 i0, i1 = math.floor(y0 / _LATERAL) + rows // 2, math.floor(y1 / _LATERAL) + rows // 2
                 j0, j1 = math.floor(t0 / _HEADING) + columns // 2, math.floor(t1 / _HEADING) + columns // 2
                 if i0 < 0 or j0 < 0 or i1 >= rows or j1 >= columns:

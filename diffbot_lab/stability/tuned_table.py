@@ -160,7 +160,7 @@ def rank_of_box(table: Table, ranks: Any, box: Any, limit: int) -> int:
                 if rank == UNRANKED:
                     return UNRANKED
                 if rank > largest:
-                    largest = rank
+                    largest = int(rank)
                     if largest >= limit:
                         return largest
     return largest
