@@ -14,8 +14,9 @@ from typing import NamedTuple
 from diffbot_control.law.braking_step import braking_step
 from diffbot_control.law.configuration import ControllerConfig, new_memory
 from diffbot_control.law.finish import RESTING
-from diffbot_control.law.regions import OMEGA_G
+from diffbot_control.law.regions import OMEGA_G, OMEGA_L, Switching
 from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import Estimate, Uncertainty
 from diffbot_lab.stability.tuned_certificate import PLANT, Contract
 from diffbot_sim.model.philox import Draw
@@ -28,6 +29,8 @@ _AHEAD = 0.07
 """[m] before the leaving radius, from where on the lateral error is shown smaller"""
 _ENOUGH = 0.85
 """share of the error of y beyond the leaving radius at which the finish is begun"""
+_ARRIVING = Twist(0.1, 0.0)
+"""the command before the first step: the time in which the finish may begin has not started"""
 _SIGMA = Uncertainty(0.02, 0.01)
 
 
@@ -46,12 +49,13 @@ def drift(config: ControllerConfig, contract: Contract, start: Pose, steps: int)
     Args:
         config: of the controller; without tries of the finish it is only carried aside.
         contract: of the estimate.
-        start: true pose, near the goal.
+        start: true pose in Omega_L, near the goal.
         steps: at most.
     """
     e_xy, e_theta, leave = contract.eps_xy, contract.eps_theta, config.region_policy.covariance.eps_P_leave_min
     no_errors = Draw(0.0, 0.0, 0.0, 0.0)
-    memory, state, direction, resting = new_memory(), new_plant(start), 1.0, False
+    memory = new_memory()._replace(switching=Switching(OMEGA_L, 1, 0), command=_ARRIVING)
+    state, direction, resting = new_plant(start), 1.0, False
     farthest, when = math.hypot(start.x, start.y), 0.0
     for step in range(steps):
         x, y, theta = state.pose

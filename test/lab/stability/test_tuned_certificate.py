@@ -11,6 +11,7 @@ from diffbot_core.geometry import Pose
 from diffbot_lab.stability.tuned_adversary import drift
 from diffbot_lab.stability.tuned_certificate import Contract, Plan, certify, core_radius, steps_from, write
 from diffbot_lab.stability.tuned_check import load, sample, verify
+from diffbot_lab.stability.tuned_command import run_certify, run_verify
 from diffbot_lab.stability.tuned_table import CORE, UNRANKED, cell_of, kept_index
 
 CONFIG = ControllerConfig()
@@ -93,3 +94,11 @@ def test_an_adversary_comes_near_the_bounds_of_omega_l_but_not_beyond(certificat
     assert 0.34 < aside.farthest < near.holding
     away = drift(CONFIG, Contract(), start, 6000)
     assert 0.8 < away.farthest < near.finishing
+
+
+def test_the_command_certifies_and_verifies_a_file(tmp_path, capsys):
+    out = tmp_path / "new" / "tuned.npz"
+    plan = Plan(Contract(0.02, 0.01, 0.02), finish=True, to=1.4, fineness=0.4)
+    assert run_certify({}, plan, out) == 0
+    assert run_verify(out, 10_000, 5) == 0
+    assert "errors within 0.02 m and 0.01 rad, sigma up to 0.02 m, with the finish" in capsys.readouterr().out
