@@ -62,7 +62,7 @@ def run_certify(values: Mapping[str, Any], plan: Plan, out: Path) -> int:
         out: the file.
 
     Raises:
-        DiffbotError: for a configuration that is not covered, if there is no certificate, or the file cannot be written.
+        DiffbotError: for a configuration that is not covered, without a certificate, or for an unwritable file.
     """
     config, began = build(ControllerConfig, values), time.monotonic()
     with output_folder(out.parent):
@@ -84,11 +84,12 @@ def run_verify(path: Path, steps: int, seed: int) -> int:
     except DiffbotError as error:
         raise DiffbotError(f"{path}: {error}") from None
     contract, finish = certificate.plan.contract, certificate.plan.finish
+    seconds = claims.steps * PLANT.sampling_time
     print(
         f"Law with braking profiles, errors within {contract.eps_xy:g} m and {contract.eps_theta:g} rad, sigma up to "
         f"{contract.sigma_max:g} m, {'with the finish' if finish else 'the finish off or used up'}:\n"
-        f"  every trajectory from within {claims.start:g} m is in the core after {claims.steps * PLANT.sampling_time:g} "
-        f"s ({claims.steps} steps) at most and stays;\n"
+        f"  every trajectory from within {claims.start:g} m is in the core after {seconds:g} s "
+        f"({claims.steps} steps) at most and stays;\n"
         f"  the core is within r* = {claims.radius:.4f} m.\n"
         f"Verified: {claims.cells} cells, {time.monotonic() - began:.0f} s."
     )
