@@ -104,10 +104,7 @@ def steering_to_goal(loop: TunedLoop, alpha0: float, alpha1: float) -> Bounds:
 def _phi(loop: TunedLoop, alpha: float) -> Bounds:
     g0, g1 = profile_gain(abs(alpha), loop.turn_brake, loop.turn_react)
     p0, p1 = mul(alpha, alpha, g0, g1)
-    largest = min(loop.omega_max, down(loop.rim / loop.half))
-    return max(min(p0, largest), -up(loop.rim / loop.half), -loop.omega_max), max(
-        min(p1, loop.omega_max, up(loop.rim / loop.half)), -largest
-    )
+    return max(min(p0, loop.omega_max), -loop.omega_max), max(min(p1, loop.omega_max), -loop.omega_max)
 
 
 def command_bounds(loop: TunedLoop, measured: Measured) -> Command:

@@ -34,6 +34,8 @@ _ROUNDING = 1e-9
 """[m] and [rad] added to sums of a few numbers that are not rounded outward one by one"""
 _RINGS, _COLUMNS, _ROTATIONS, _SLICE = 8, 180, 24, 0.03
 """how finely the states of Omega_L are cut: rings of distance, columns of alpha, parts of the rotation, [rad]"""
+_TURNED = 0.02
+"""[rad] more than the errors of the wheels turn the robot in one step at the speeds of the finish"""
 _LATERAL, _HEADING = 0.005, 0.01
 """[m], [rad] cells of the way out"""
 
@@ -144,12 +146,14 @@ def near_bounds(loop: TunedLoop, config: ControllerConfig, eps_y: float, sigma_m
     lateral = last_inside + (steps - 1) * max(shuttling, holding - last_inside) + _ROUNDING
     reach = length + _OUT_SLOPE * (lateral + eps_y) + _ROUNDING
     way = longest_step(loop, _OUT_SPEED)
-    heading = tolerance.yaw_goal_tolerance + loop.eps_theta
-    # In the first step the end may be behind the robot as measured; from then on that ends the way out.
-    aside = largest_aside(loop, config, lateral + way, 1.5 * heading, eps_y)
+    # In the first step the end may be behind the robot as measured; from then on that ends the way out. A step turns
+    # the robot towards a heading within the law's bound.
+    heading = max(_OUT_HEADING, tolerance.yaw_goal_tolerance) + loop.eps_theta + _TURNED
+    aside = largest_aside(loop, config, lateral + way, heading, eps_y)
     # The leg is over ``_OUT_END`` of the length before its end, as measured.
-    out = math.hypot(reach - _OUT_END * length + eps_y + way, aside)
-    finishing = out + steps * way + _ROUNDING
+    finishing = max(math.hypot(reach - _OUT_END * length + eps_y + way, aside), last_inside) + _ROUNDING
+    for _ in range(steps):
+        finishing = max(finishing + way, local_reach(loop, finishing))
     return NearBounds(leaving, holding, reach, aside, finishing)
 
 
