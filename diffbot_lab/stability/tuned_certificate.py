@@ -87,6 +87,30 @@ def tuned_loop(config: ControllerConfig, contract: Contract) -> TunedLoop:
     Raises:
         InvalidValueError: for a configuration that the certificate does not cover.
     """
+    _refuse_uncovered(config, contract)
+    sheet = config.data_sheet
+    gains = config.profile_gains
+    known = max(gains.sigma_known, config.tolerance.xy_goal_tolerance / 3.0)
+    ratio = max(1.0, contract.sigma_max / known)
+    return TunedLoop(
+        gains.brake,
+        gains.react,
+        up(gains.react * up(ratio * ratio)) if ratio > 1.0 else gains.react,
+        gains.bearing_weight,
+        gains.turn_brake,
+        gains.turn_react,
+        sheet.v_max,
+        sheet.omega_max,
+        up(rim_speed(sheet)),
+        0.5 * sheet.wheels.wheel_separation,
+        hypot(contract.eps_xy, contract.eps_xy, contract.eps_xy, contract.eps_xy)[1],
+        contract.eps_theta,
+        PLANT.drive_noise,
+        PLANT.sampling_time,
+    )
+
+
+def _refuse_uncovered(config: ControllerConfig, contract: Contract) -> None:
     sheet, inf = config.data_sheet, math.inf
     _require("speed_profile", config.profile, config.profile == BRAKING, "braking")
     _require("region_policy", config.region_policy.kind, config.region_policy.kind == COVARIANCE, "covariance")
@@ -104,26 +128,7 @@ def tuned_loop(config: ControllerConfig, contract: Contract) -> TunedLoop:
     rim, half = rim_speed(sheet), 0.5 * sheet.wheels.wheel_separation
     _require("omega_max", sheet.omega_max, half * sheet.omega_max <= rim, f"at most {rim / half:g}")
     for name, value in contract._asdict().items():
-        _require(name, value, 0.0 <= value < 1.0, "from 0 to below 1")
-    gains = config.profile_gains
-    known = max(gains.sigma_known, config.tolerance.xy_goal_tolerance / 3.0)
-    ratio = max(1.0, contract.sigma_max / known)
-    return TunedLoop(
-        gains.brake,
-        gains.react,
-        up(gains.react * up(ratio * ratio)) if ratio > 1.0 else gains.react,
-        gains.bearing_weight,
-        gains.turn_brake,
-        gains.turn_react,
-        sheet.v_max,
-        sheet.omega_max,
-        up(rim),
-        half,
-        hypot(contract.eps_xy, contract.eps_xy, contract.eps_xy, contract.eps_xy)[1],
-        contract.eps_theta,
-        PLANT.drive_noise,
-        PLANT.sampling_time,
-    )
+        _require(name, value, isinstance(value, (int, float)) and 1e-6 <= value < 1.0, "from 1e-6 to below 1")
 
 
 def _require(name: str, value: Any, holds: bool, bound: str) -> None:
@@ -159,6 +164,20 @@ def steps_from(certificate: Certificate, distance: float) -> int:
             f"no certificate: {100.0 * share:.3g} % of the cells, from {table.rho[row]:.4g} m, have no rank"
         )
     return int(ranks.max(initial=0))
+
+
+def check_plan(plan: Plan) -> None:
+    """Refuse a plan with values of the wrong kind or out of range.
+
+    Raises:
+        InvalidValueError: naming the first.
+    """
+    for name, low, high in (("to", 0.1, 1000.0), ("margin", 0.0, 10.0), ("fineness", 0.1, 10.0)):
+        value = getattr(plan, name)
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not low <= value <= high:
+            raise InvalidValueError(name, value, f"from {low:g} to {high:g}")
+    if not isinstance(plan.finish, bool):
+        raise InvalidValueError("finish", plan.finish, "true or false")
 
 
 def table_of(loop: TunedLoop, near: NearBounds, plan: Plan) -> tuple[Table, float]:
@@ -211,6 +230,7 @@ def certify(config: ControllerConfig, plan: Plan) -> Certificate:
     Raises:
         DiffbotError: if the configuration is not covered, or there is no certificate.
     """
+    check_plan(plan)
     loop = tuned_loop(config, plan.contract)
     near = near_bounds(loop, config, plan.contract.eps_xy, plan.contract.sigma_max)
     table, seed = table_of(loop, near, plan)

@@ -23,7 +23,7 @@ from diffbot_control.law.steering import FRONT, drive_and_steer
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.errors import DiffbotError
 from diffbot_core.geometry import Pose, wrap_angle
-from diffbot_core.kinematics import Twist, WheelSpeeds, body_twist, wheel_speeds
+from diffbot_core.kinematics import WheelSpeeds, body_twist, wheel_speeds
 from diffbot_core.schema import build
 from diffbot_lab.stability.compiled import compile_bounds
 from diffbot_lab.stability.tuned_certificate import (
@@ -33,6 +33,7 @@ from diffbot_lab.stability.tuned_certificate import (
     Contract,
     Plan,
     boxes_of_row,
+    check_plan,
     core_radius,
     seed_rows,
     steps_from,
@@ -84,6 +85,7 @@ def load(path: Path) -> Certificate:
         config = build(ControllerConfig, header["controller"])
     except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
         raise DiffbotError(f"{path} cannot be read: {error}") from None
+    check_plan(plan)
     loop = tuned_loop(config, plan.contract)
     near = near_bounds(loop, config, plan.contract.eps_xy, plan.contract.sigma_max)
     table, _ = table_of(loop, near, plan)
@@ -145,23 +147,25 @@ def random_steps(
         if before == UNRANKED:
             continue
         pose = Pose(-rho * math.cos(beta), -rho * math.sin(beta), wrap_angle(beta - alpha))
-        dx, dy = -pose.x - contract.eps_xy * one[3], -pose.y - contract.eps_xy * one[4]
-        seen = math.atan2(dy, dx)
-        bearing = wrap_angle(seen - pose.theta - contract.eps_theta * one[5])
-        sigma = contract.sigma_max * (0.5 * one[6] + 0.5)
-        command = drive_and_steer(Navigation(math.hypot(dx, dy), bearing, seen), sigma, FRONT, gains, sheet)
-        wheels = wheel_speeds(command, sheet.wheels)
-        left, right = (
-            wheels.left * (1.0 + plant.drive_noise * one[7]),
-            wheels.right * (1.0 + plant.drive_noise * one[8]),
-        )
-        moved = body_twist(WheelSpeeds(left, right), sheet.wheels)
-        after = integrate(pose, Twist(moved.v, moved.omega), plant.sampling_time, plant.exact_arc)
+        after = _step_of_robot(pose, gains, sheet, contract, plant, one)
         beta = math.atan2(-after.y, -after.x)
         rank = rank_at(table, ranks, math.hypot(after.x, after.y), wrap_angle(beta - after.theta), beta)
         if rank == UNRANKED or rank > max(before - 1, CORE):
             broken += 1
     return broken
+
+
+def _step_of_robot(pose: Pose, gains: ProfileGains, sheet: DataSheet, contract: Any, plant: Any, one: Any) -> Pose:
+    """Return the true pose after a step of Omega_G with the front leading; see :func:`random_steps`."""
+    dx, dy = -pose.x - contract.eps_xy * one[3], -pose.y - contract.eps_xy * one[4]
+    seen = math.atan2(dy, dx)
+    bearing = wrap_angle(seen - pose.theta - contract.eps_theta * one[5])
+    sigma = contract.sigma_max * (0.5 * one[6] + 0.5)
+    command = drive_and_steer(Navigation(math.hypot(dx, dy), bearing, seen), sigma, FRONT, gains, sheet)
+    wheels = wheel_speeds(command, sheet.wheels)
+    left, right = wheels.left * (1.0 + plant.drive_noise * one[7]), wheels.right * (1.0 + plant.drive_noise * one[8])
+    moved = body_twist(WheelSpeeds(left, right), sheet.wheels)
+    return integrate(pose, moved, plant.sampling_time, plant.exact_arc)
 
 
 def rank_at(table: Any, ranks: Any, rho: float, alpha: float, beta: float) -> int:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from diffbot_control.law.configuration import ControllerConfig
-from diffbot_core.errors import DiffbotError
+from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_lab.stability.tuned_adversary import drift
 from diffbot_lab.stability.tuned_certificate import Contract, Plan, certify, core_radius, steps_from, write
@@ -75,6 +75,14 @@ def test_a_file_of_something_else_is_refused(tmp_path):
     np.savez(path, header=np.array("{}"), ranks=np.zeros(3, np.int16))
     with pytest.raises(DiffbotError, match=r"other\.npz"):
         load(path)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"), [("to", math.nan), ("fineness", 1e9), ("margin", -1.0), ("finish", 1), ("to", "12")]
+)
+def test_a_plan_of_bad_values_is_refused_by_name(field, value):
+    with pytest.raises(InvalidValueError, match=field):
+        certify(CONFIG, PLAN._replace(**{field: value}))
 
 
 def test_a_cell_and_its_mirror_image_are_kept_in_one_place(certificate):
