@@ -5,7 +5,10 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Any, TypeVar
+
+from diffbot_core.errors import InvalidValueError
+from diffbot_lab.campaign.options import load_yaml
 
 MAX_SEED = 2**63 - 1
 Number = TypeVar("Number", int, float)
@@ -42,3 +45,33 @@ def duration(text: str) -> float:
     if not value > 0.0:
         raise argparse.ArgumentTypeError(f"{text!r}: must be a time > 0 [s]")
     return value
+
+
+def yaml_value(text: str) -> Any:
+    """Return a YAML document of plain values; a type for argparse."""
+    try:
+        return load_yaml(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"no YAML: {error}") from None
+
+
+def setting(text: str) -> tuple[str, Any]:
+    """Return name and value of NAME=VALUE; a type for argparse."""
+    name, found, value = text.partition("=")
+    if not found or not name:
+        raise argparse.ArgumentTypeError(f"{text!r}: must be NAME=VALUE")
+    return name, yaml_value(value)
+
+
+def once(flag: str, settings: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return settings by name.
+
+    Raises:
+        InvalidValueError: if a name is given twice.
+    """
+    values: dict[str, Any] = {}
+    for name, value in settings:
+        if name in values:
+            raise InvalidValueError(f"{flag} {name}", value, "given once")
+        values[name] = value
+    return values

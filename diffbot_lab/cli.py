@@ -17,18 +17,18 @@ from typing import Any, get_args
 
 from diffbot_bag.parameters import ReplayConfig
 from diffbot_control.law.presets import PRESETS, TUNED
-from diffbot_core.errors import DiffbotError, InvalidValueError
+from diffbot_core.errors import DiffbotError
 from diffbot_core.launcher import end_on_signals
-from diffbot_core.ranges import LENGTH
 from diffbot_core.schema import build, parameters_of, to_dict
-from diffbot_lab.arguments import MAX_SEED, number_between, whole
+from diffbot_lab.arguments import MAX_SEED, once, setting, whole, yaml_value
 from diffbot_lab.bag.command import add_bag
 from diffbot_lab.benchmark_commands import add_benchmark
-from diffbot_lab.campaign.options import CampaignOptions, load_yaml
+from diffbot_lab.campaign.options import CampaignOptions
 from diffbot_lab.data_commands import add_calibrate, add_import, add_refilter
 from diffbot_lab.goal_command import add_goal
 from diffbot_lab.interfaces.command import add_interfaces
 from diffbot_lab.run_command import NODES, add_run
+from diffbot_lab.stability.command import add_stability
 from diffbot_lab.view.report_command import add_report
 from diffbot_lab.watch.command import add_watch
 
@@ -60,7 +60,7 @@ def _parser() -> argparse.ArgumentParser:
         _add_demo,
         _add_experiment,
         _add_campaign,
-        _add_stability,
+        add_stability,
         add_benchmark,
         add_run,
         add_goal,
@@ -107,10 +107,12 @@ def _add_campaign(commands: Any) -> None:
     campaign = commands.add_parser("campaign", help="Monte-Carlo runs over a grid of parameters")
     campaign.add_argument("file", type=Path, nargs="?", help="YAML file (docs/campaigns.md)")
     _add_flags(campaign, CampaignOptions)
-    campaign.add_argument("--start", type=_yaml, help="e.g. '{box: {x: [-5, 5], y: [-5, 5], heading: [-3.14, 3.14]}}'")
-    campaign.add_argument("--set", type=_setting, nargs="+", default=[], metavar="NAME=VALUE", help="for all cells")
     campaign.add_argument(
-        "--grid", type=_setting, nargs="+", default=[], metavar="NAME=[A,B]", help="one cell per combination"
+        "--start", type=yaml_value, help="e.g. '{box: {x: [-5, 5], y: [-5, 5], heading: [-3.14, 3.14]}}'"
+    )
+    campaign.add_argument("--set", type=setting, nargs="+", default=[], metavar="NAME=VALUE", help="for all cells")
+    campaign.add_argument(
+        "--grid", type=setting, nargs="+", default=[], metavar="NAME=[A,B]", help="one cell per combination"
     )
     campaign.add_argument("--out", type=Path, default=Path("out/campaign"), help="folder (default: %(default)s)")
     campaign.add_argument("--workers", type=whole(1, 1024), help="processes (default: one per core)")
@@ -118,17 +120,6 @@ def _add_campaign(commands: Any) -> None:
         "--scheduler", metavar="ADDRESS", help="run on a dask.distributed cluster, e.g. tcp://host:8786"
     )
     campaign.set_defaults(call=_campaign)
-
-
-def _add_stability(commands: Any) -> None:
-    stability = commands.add_parser("stability", help="where V decreases under bounded noise, and what runs show")
-    stability.add_argument("--set", type=_setting, nargs="+", default=[], metavar="NAME=VALUE", help="gains, noise ...")
-    stability.add_argument("--rho-max", type=number_between(*LENGTH), default=12.0, help="size of the grid [m] (12)")
-    stability.add_argument("--points", type=whole(11, 401), default=81, help="along each axis (default: %(default)s)")
-    stability.add_argument("--runs", type=whole(1, 10**7), default=100_000, help="simulated (default: %(default)s)")
-    stability.add_argument("--seed", type=whole(0, MAX_SEED), default=1, help="seed of their noise")
-    stability.add_argument("--out", type=Path, default=Path("out/stability"), help="folder (default: %(default)s)")
-    stability.set_defaults(call=_stability)
 
 
 def _add_replay(commands: Any) -> None:
@@ -161,29 +152,6 @@ def _add_flags(parser: argparse.ArgumentParser, config_type: type[Any], without:
         parser.add_argument("--" + parameter.name.replace("_", "-").replace(".", "-"), dest=parameter.name, **options)
 
 
-def _yaml(text: str) -> Any:
-    try:
-        return load_yaml(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(f"no YAML: {error}") from None
-
-
-def _setting(text: str) -> tuple[str, Any]:
-    name, found, value = text.partition("=")
-    if not found or not name:
-        raise argparse.ArgumentTypeError(f"{text!r}: must be NAME=VALUE")
-    return name, _yaml(value)
-
-
-def _once(flag: str, settings: list[tuple[str, Any]]) -> dict[str, Any]:
-    values: dict[str, Any] = {}
-    for name, value in settings:
-        if name in values:
-            raise InvalidValueError(f"{flag} {name}", value, "given once")
-        values[name] = value
-    return values
-
-
 def _demo(options: argparse.Namespace) -> int:
     from diffbot_lab.demo.command import DemoOptions, run_demo  # noqa: PLC0415 - only the called command is imported
 
@@ -209,15 +177,8 @@ def _campaign(options: argparse.Namespace) -> int:
     flags = {name: value for name, value in vars(options).items() if name in to_dict(CampaignOptions())}
     if options.start is not None:
         flags["start"] = options.start
-    flags |= {"set": _once("--set", options.set), "grid": _once("--grid", options.grid)}
+    flags |= {"set": once("--set", options.set), "grid": once("--grid", options.grid)}
     return campaign_command.run(options.file, flags, options.out, options.workers, options.scheduler)
-
-
-def _stability(options: argparse.Namespace) -> int:
-    from diffbot_lab.stability import command as stability_command  # noqa: PLC0415
-
-    values = _once("--set", options.set)
-    return stability_command.run(values, options.rho_max, options.points, options.runs, options.seed, options.out)
 
 
 def _replay(options: argparse.Namespace) -> int:

@@ -1,1 +1,1 @@
-"""Where the Lyapunov function decreases under bounded noise: a certificate on a grid of states, and simulated runs."""
+"""Stability under bounded noise: a picture of V on a grid, and certificates by interval arithmetic."""

@@ -1,115 +1,75 @@
-"""``diffbot stability``: bounds that are proved for the law under noise, beside the errors observed in many runs."""
+"""The command ``diffbot stability``: its verbs. What they do is in modules that are imported when they are called."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
+import argparse
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from diffbot_control.law.lyapunov_law import Gains
-from diffbot_core.errors import InvalidValueError
-from diffbot_core.files import output_folder, write_json
-from diffbot_lab.cases import configure, make_case
-from diffbot_lab.metrics import quantiles
-from diffbot_lab.stability.certificate import NoiseBox, certify, noise_box
-from diffbot_lab.stability.figure import draw_stability
-from diffbot_sim.compiled.batch import Starts, run_batch
-from diffbot_sim.compiled.closed_loop import Case
-
-Array = NDArray[np.float64]
-
-PAPER_NOISE = {
-    "drive_noise": 0.0,
-    "eps_v_max": 0.065,
-    "eps_omega_max": 0.2167,
-    "exact_arc": False,
-    "linear.x.max_velocity": math.inf,
-}
-"""The paper's input noise, and no velocity limits; the default measurement noise is the paper's."""
-KNOWN = (
-    *Gains._fields,
-    *("eps_P", "eps_P_leave", "xy_goal_tolerance", "yaw_goal_tolerance", "sampling_time", "exact_arc"),
-    *("eps_x_max", "eps_y_max", "eps_theta_max", "eps_v_max", "eps_omega_max", "drive_noise"),
-    *("wheel_radius", "wheel_separation"),
-)
-"""Parameters that the certificate covers; it does not cover limits, outliers or slip."""
-DURATION = 30.0
-"""[s] of each observed run"""
-_RUNS_AT_A_TIME = 500_000
-_LEVELS = {"median": 0.5, "q99": 0.99, "q99.99": 0.9999}
+from diffbot_core.ranges import LENGTH
+from diffbot_lab.arguments import MAX_SEED, number_between, once, setting, whole
+from diffbot_lab.stability.near_arguments import add_adversary, add_certify
 
 
-def run(values: Mapping[str, Any], rho_max: float, number: int, runs: int, seed: int, out: Path) -> int:
-    """Evaluate the certificate, simulate, and write stability.json and stability.png to ``out``.
-
-    Args:
-        values: parameters out of KNOWN, over the paper's noise.
-        rho_max: [m] radius of the grid; the runs start in the square inside it.
-        number: points of the grid along each axis.
-        runs: number of simulated runs.
-        seed: of their noise.
-        out: folder.
-
-    Raises:
-        DiffbotError: for a bad value or an unwritable folder.
-    """
-    for name, value in values.items():
-        if name not in KNOWN:
-            raise InvalidValueError(name, value, "left out, the certificate knows only " + ", ".join(KNOWN))
-    configuration = configure({**PAPER_NOISE, **values})
-    plant, sensors, controller, _ = configuration
-    box = noise_box(plant, sensors, controller)
-    certified = certify(controller, box, plant.sampling_time, rho_max, number)
-    maps = certified.pop("maps")
-    errors = _observe(make_case(configuration, DURATION, feedback="raw"), rho_max, runs, seed)
-    observed: dict[str, Any] = {"runs": runs, "seed": seed, "duration": DURATION}
-    observed |= {name: quantiles(one, _LEVELS) | {"max": float(one.max())} for name, one in errors.items()}
-    with output_folder(out):
-        result = {"gains": controller.gains._asdict(), "noise": box._asdict(), "proved_at_grid_points": certified}
-        write_json(out / "stability.json", {**result, "only_observed": observed})
-        draw_stability(certified, maps, errors, out / "stability.png")
-    print(report(certified, observed, box))
-    print(f"{out / 'stability.json'}\n{out / 'stability.png'}")
-    return 0
+def add_stability(commands: Any) -> None:
+    """Add ``diffbot stability`` to the subparsers of the command line."""
+    stability = commands.add_parser(
+        "stability", help="what bounded noise can do to the law: certificates and a picture"
+    )
+    verbs = stability.add_subparsers(required=True, metavar="VERB", dest="verb")
+    for add in (_add_picture, _add_level, add_certify, add_adversary, _add_verify):
+        add(verbs)
 
 
-def _observe(case: Case, rho_max: float, runs: int, seed: int) -> dict[str, Array]:
-    """Simulate runs from all over the grid's square; return their final errors, position [m] and heading [rad]."""
-    side = rho_max / math.sqrt(2.0)
-    starts = Starts(np.zeros((1, 3)), (side, side, math.pi))
-    ends: Array = np.empty((runs, 3))
-    for at in range(0, runs, _RUNS_AT_A_TIME):
-        some = slice(at, min(at + _RUNS_AT_A_TIME, runs))
-        ends[some] = run_batch(case, starts, seed, at, some.stop - at)[:, :3]
-    return {"position": np.hypot(ends[:, 0], ends[:, 1]), "abs_theta": np.abs(ends[:, 2])}
+def add_settings(parser: argparse.ArgumentParser) -> None:
+    """Add the option ``--set`` with gains, noise and the plant."""
+    parser.add_argument("--set", type=setting, nargs="+", default=[], metavar="NAME=VALUE", help="gains, noise ...")
 
 
-def report(certified: dict[str, Any], observed: dict[str, Any], box: NoiseBox) -> str:
-    """Lay out what is proved and what is only observed, for a terminal."""
-    bound = "" if certified["inside_grid"] else " (beyond the grid: not proved, take a larger --rho-max)"
-    lines = [
-        f"Noise: eps_x {box.eps_x:g} m, eps_y {box.eps_y:g} m, eps_theta {box.eps_theta:g} rad, "
-        f"eps_v {box.eps_v:g} m/s, eps_omega {box.eps_omega:g} rad/s, each uniform or not, within these bounds",
-        f"Proved at {certified['grid_points']} points (rho, alpha, beta), law (13), for every noise within the bounds:",
-        f"  V decreases at {100.0 * certified['share_decreasing']:.1f} % of them, "
-        f"and at all with V > {certified['level']:.3f};",
-        f"  once V is below {certified['ultimate_level']:.3f} it stays there: distance at most "
-        f"{certified['ultimate_distance']:.3f} m{bound}",
-        "Proved by algebra, in Omega_L while the robot stays in it:",
-        f"  |theta| comes below {certified['heading_bound_local']:.4f} rad",
-        f"  eps_P = {certified['eps_P']:g} m against the paper's condition > {certified['radius_condition']:.4f} m: "
-        + ("met" if certified["eps_P"] > certified["radius_condition"] else "NOT met"),
-        f"Only observed, law (17), at the end of {observed['runs']} runs of {observed['duration']:g} s "
-        "with raw measurements:",
-    ]
-    for name, unit in (("position", "m"), ("abs_theta", "rad")):
-        one = observed[name]
-        lines.append(
-            f"  {name}: median {one['median']:.4f}, 99 % {one['q99']:.4f}, "
-            f"99.99 % {one['q99.99']:.4f}, max {one['max']:.4f} {unit}"
-        )
-    return "\n".join(lines)
+def _add_picture(verbs: Any) -> None:
+    picture = verbs.add_parser("picture", help="where V decreases on a grid of states, and what runs show")
+    add_settings(picture)
+    picture.add_argument("--rho-max", type=number_between(*LENGTH), default=12.0, help="size of the grid [m] (12)")
+    picture.add_argument("--points", type=whole(11, 401), default=81, help="along each axis (default: %(default)s)")
+    picture.add_argument("--runs", type=whole(1, 10**7), default=100_000, help="simulated (default: %(default)s)")
+    picture.add_argument("--seed", type=whole(0, MAX_SEED), default=1, help="seed of their noise")
+    picture.add_argument("--out", type=Path, default=Path("out/stability"), help="folder (default: %(default)s)")
+    picture.set_defaults(call=_picture)
+
+
+def _add_level(verbs: Any) -> None:
+    level = verbs.add_parser("level", help="certify the level of V above which it decreases, for every noise")
+    add_settings(level)
+    level.add_argument("--rho-max", type=number_between(*LENGTH), default=12.0, help="largest distance [m] (12)")
+    level.add_argument(
+        "--tolerance", type=number_between(1e-4, 1.0), default=0.001, help="gap to aim at, as a share (0.001)"
+    )
+    level.add_argument("--seed", type=whole(0, MAX_SEED), default=1, help="seed of the search for a witness")
+    level.add_argument("--out", type=Path, default=Path("out/stability/level.json"), help="file (default: %(default)s)")
+    level.set_defaults(call=_level)
+
+
+def _add_verify(verbs: Any) -> None:
+    verify = verbs.add_parser("verify", help="check a certificate again, every cell of it")
+    verify.add_argument("file", type=Path)
+    verify.set_defaults(call=_verify)
+
+
+def _picture(options: argparse.Namespace) -> int:
+    from diffbot_lab.stability import picture_command  # noqa: PLC0415 - only the called command is imported
+
+    values = once("--set", options.set)
+    return picture_command.run(values, options.rho_max, options.points, options.runs, options.seed, options.out)
+
+
+def _level(options: argparse.Namespace) -> int:
+    from diffbot_lab.stability import level  # noqa: PLC0415
+
+    values = once("--set", options.set)
+    return level.run(values, options.rho_max, options.tolerance, options.seed, options.out)
+
+
+def _verify(options: argparse.Namespace) -> int:
+    from diffbot_lab.stability import verify_command  # noqa: PLC0415
+
+    return verify_command.run(options.file)

@@ -6,18 +6,21 @@ covers its root without gaps by its form alone; what has to be checked is each l
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
+from diffbot_lab.stability.interval import PI_HIGH, down, sqrt, up
 from diffbot_lab.stability.level_bounds import Cell, LevelProblem, level_bounds, rise
 
 Cells = NDArray[np.float64]
 """(n, 8), rows as :class:`Cell`"""
 
-DEPTH = 90
+NO_LEVEL = -1.0
+"""below every V"""
+DEPTH = 80
 """halvings after which a cell is given up"""
+STACK = 256
+"""cells; more than any tree of this search needs"""
 WEIGHTS = (0.15, 1.0, 0.08, 1.0)
 """How much a dimension's width matters for the bound, roughly dV over the dimension; the widest is halved."""
 
@@ -53,20 +56,24 @@ def widest_dimension(cell: Cell) -> int:
 
 
 def settled(cell: Cell, problem: LevelProblem, level: float, top_level: float) -> bool:
-    """Whether V decreases for all noise in the part of the cell with level < V <= top_level."""
+    """Whether it is shown for a cell, for every noise: V decreases if level < V <= top level, and V <= level stays."""
     low, high = level_bounds(cell, problem.h)
-    return high <= level or low > top_level or rise(cell, problem, level) < 0.0
+    if low > top_level:
+        return True
+    if high > level and not rise(cell, problem, level) < 0.0:
+        return False
+    return low > level or rise(cell, problem, NO_LEVEL) <= down(level - min(high, level))
 
 
 def search(
     stack: Cells, depths: NDArray[np.int64], state: NDArray[np.float64], tree: NDArray[np.uint8], problem: LevelProblem
 ) -> int:
-    """Go on with the walk until the tree's array is full or the stack is empty.
+    """Go on with the walk until the tree's array is full, the stack is empty, or a cell is too small to go on.
 
     Args:
         stack: (DEPTH + 2, 8) cells to visit, the next one on top.
         depths: (DEPTH + 2,) halvings that led to each of them.
-        state: number of cells on the stack, level, top level; the level rises to V of each cell that is given up.
+        state: number of cells on the stack, -1 after a failure; level; top level; share of the root that is settled.
         tree: (n,) bytes to write.
         problem: law, plant and noise.
 
@@ -81,10 +88,10 @@ def search(
         if settled(cell, problem, level, top_level):
             tree[written] = 0
             size -= 1
+            state[3] += 0.5 ** depths[top]
         elif depths[top] >= DEPTH:
-            level = max(level, level_bounds(cell, problem.h)[1])
-            tree[written] = 0
-            size -= 1
+            state[0] = -1.0
+            return written
         else:
             dimension = widest_dimension(cell)
             halve(stack, top, dimension)
@@ -93,38 +100,49 @@ def search(
             depths[top + 1] = depths[top]
             size += 1
         written += 1
-    state[0], state[1] = float(size), level
+    state[0] = float(size)
     return written
 
 
-def first_open_leaf(root: Cells, tree: NDArray[np.uint8], level: float, top_level: float, problem: LevelProblem) -> int:
-    """Check a tree: return the number of its first node that is wrong, -1 if the tree proves its claim.
+def check(stack: Cells, state: NDArray[np.float64], tree: NDArray[np.uint8], problem: LevelProblem) -> int:
+    """Check a part of a tree.
 
-    Wrong is a leaf in which V is not shown to decrease, an unknown byte, a node after the last leaf, or the end of the
-    bytes before it.
+    Args:
+        stack: (STACK, 8) cells that the next nodes stand for, the next one on top.
+        state: number of cells on the stack, level, top level.
+        tree: (n,) bytes of the part.
+        problem: law, plant and noise.
+
+    Returns:
+        The number of nodes before the first that is wrong: a leaf for which the claim is not shown, an unknown byte,
+        a node after the last leaf, or one halved too often; n if there is none.
     """
-    stack = np.empty((256, 8))
-    stack[0] = root
-    size = 1
+    size = int(state[0])
     for node in range(len(tree)):
         byte = tree[node]
-        if size == 0 or size >= 255 or byte > 4:
+        if size == 0 or size >= len(stack) - 1 or byte > 4:
             return node
         if byte > 0:
             halve(stack, size - 1, byte - 1)
             size += 1
-        elif settled(cell_at(stack, size - 1), problem, level, top_level):
+        elif settled(cell_at(stack, size - 1), problem, state[1], state[2]):
             size -= 1
         else:
             return node
-    return -1 if size == 0 else len(tree)
+        state[0] = float(size)
+    return len(tree)
 
 
-def root_cell(problem: LevelProblem, rho_max: float) -> Cells:
-    """Return the cell of all states up to ``rho_max`` [m] with beta >= 0, and all that may be measured there.
+def top_level(problem: LevelProblem, rho_max: float) -> float:
+    """Upper bound of V at the distance ``rho_max`` [m], with any angles."""
+    return level_bounds(Cell(rho_max, rho_max, 0.0, PI_HIGH, 0.0, PI_HIGH, 0.0, 0.0), problem.h)[1]
+
+
+def root_cell(problem: LevelProblem, top: float) -> Cells:
+    """Return a cell (8,) of all states with V <= ``top`` and beta >= 0, and all that may be measured there.
 
     Mirroring the plane changes the signs of alpha, beta, omega and of three noises, and V not at all: beta < 0 follows.
     """
-    pi = math.nextafter(math.pi, 4.0)
-    widest = math.nextafter(2.0 * pi + problem.eps_theta, 100.0)
-    return np.array([0.0, rho_max, -pi, pi, 0.0, pi, -widest, widest])
+    farthest = sqrt(2.0 * top, 2.0 * top)[1]
+    widest = up(up(2.0 * PI_HIGH) + problem.eps_theta)
+    return np.array([0.0, farthest, -PI_HIGH, PI_HIGH, 0.0, PI_HIGH, -widest, widest])

@@ -14,7 +14,6 @@ from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.files import output_folder, write_json
 from diffbot_lab.cases import configure
 from diffbot_lab.stability.adversary import search
-from diffbot_lab.stability.certificate import noise_box
 from diffbot_lab.stability.certificate_file import (
     EULER,
     EXACT_ARC,
@@ -24,8 +23,8 @@ from diffbot_lab.stability.certificate_file import (
     save_certificate,
 )
 from diffbot_lab.stability.certify import Resolution, certify
-from diffbot_lab.stability.command import PAPER_NOISE
 from diffbot_lab.stability.near_figure import draw_near_field
+from diffbot_lab.stability.noise import PAPER_NOISE, noise_box
 from diffbot_lab.stability.observe import observe
 from diffbot_lab.stability.verify import verify
 

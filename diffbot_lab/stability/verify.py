@@ -34,8 +34,8 @@ _BATCH = 4096
 """cells at a time"""
 _LEVELS = 5
 """A cell that does not pass is split into 2 x 2 parts and its slices into halves, so many times less one ..."""
-_HOPELESS = 100
-"""... unless more cells than that of a batch do not pass after the first splitting."""
+_HOPELESS = 1600
+"""... unless more cells of a batch than that do not pass at first, or than a quarter of that after each splitting."""
 
 
 class Boxes(NamedTuple):
@@ -187,7 +187,7 @@ def failing_cells(certificate: Certificate, threads: int | None = None) -> NDArr
             np.maximum.at(highest, owner, highest_next(certificate.loop, lookup, boxes, _SLICE / 2**level))
             bad = highest > allowed
             part, allowed = part[bad], allowed[bad]
-            if len(part) == 0 or (level > 0 and len(part) > _HOPELESS):
+            if len(part) == 0 or len(part) > _HOPELESS >> (2 * level):
                 break
         return part
 

@@ -1,4 +1,4 @@
-"""The figure of the certificate shows each map the right way round, and the tails of the observed errors."""
+"""The figure of the picture shows each map the right way round, and the tails of the observed errors."""
 
 import math
 
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from figures import drawn  # noqa: F401 - a fixture
 
-from diffbot_lab.stability import figure as stability_figure
+from diffbot_lab.stability import picture_figure
 
 RHO = np.array([0.5, 1.5, 2.5, 3.5])
 ANGLE = np.array([-2.5, -1.5, -0.5, 0.5, 1.5, 2.5])
@@ -24,15 +24,15 @@ def pattern(positive):
 # Neither is its own mirror image in any direction, nor the other one.
 OVER_ALPHA = pattern([(0, 0), (1, 0), (2, 0), (0, 1)])
 OVER_BETA = pattern([(3, 5), (3, 4), (3, 3), (2, 5)])
-CERTIFIED = {"ultimate_distance": 3.2, "heading_bound_local": 0.25}
+GRID = {"distance_of_level": 3.2, "heading_bound_local": 0.25}
 
 
 @pytest.fixture
 def axes(drawn):  # noqa: F811
-    saved = drawn(stability_figure)
+    saved = drawn(picture_figure)
     maps = {"rho": RHO, "angle": ANGLE, "over_alpha": OVER_ALPHA, "over_beta": OVER_BETA}
     observed = {"position": np.array([0.4, 0.1, 0.2, 0.3]), "abs_theta": np.array([0.01, 1e-9])}
-    stability_figure.draw_stability(CERTIFIED, maps, observed, None)
+    picture_figure.draw_picture(GRID, maps, observed, None)
     (figure,) = saved
     return figure.axes[:3]
 
@@ -51,10 +51,10 @@ def test_axes_are_labelled_with_what_they_show(axes):
     assert [one.get_xlabel() for one in axes[:2]] == ["rho [m]"] * 2
     assert [one.get_ylabel() for one in axes[:2]] == ["alpha [rad]", "beta [rad]"]
     for one, other in zip(axes[:2], ("beta", "alpha"), strict=True):
-        assert one.get_title() == f"worst dV/dt over the noise and {other}; blue: V decreases for certain"
+        assert one.get_title() == f"worst dV/dt over the noise and {other}; blue: V decreases at this point"
         np.testing.assert_allclose(one.get_xlim(), (0.0, 4.0))
         np.testing.assert_allclose(one.get_ylim(), (-3.0, 3.0))
-        assert set(figures.lines(one)["ultimate bound"].get_xdata()) == {3.2}
+        assert set(figures.lines(one)["highest increase"].get_xdata()) == {3.2}
 
 
 def test_the_tails_are_the_shares_of_runs_above_each_error(axes):
@@ -63,7 +63,7 @@ def test_the_tails_are_the_shares_of_runs_above_each_error(axes):
     shares = dict(zip(position.get_xdata(), position.get_ydata(), strict=True))
     assert shares == {0.4: 0.25, 0.3: 0.5, 0.2: 0.75, 0.1: 1.0}
     assert dict(zip(theta.get_xdata(), theta.get_ydata(), strict=True)) == {0.01: 0.5, 1e-5: 1.0}
-    heading, distance = found["proved |theta| in Omega_L"], found["proved distance, law (13)"]
+    heading, distance = found["bound of |theta| in Omega_L"], found["highest increase on the grid, law (13)"]
     assert set(heading.get_xdata()) == {0.25}
     assert set(distance.get_xdata()) == {3.2}
     assert heading.get_color() == theta.get_color() != position.get_color() == distance.get_color()
@@ -72,10 +72,10 @@ def test_the_tails_are_the_shares_of_runs_above_each_error(axes):
 
 
 def test_a_map_of_one_sign_and_an_infinite_bound_are_drawn(drawn):  # noqa: F811
-    saved = drawn(stability_figure)
+    saved = drawn(picture_figure)
     maps = {"rho": RHO, "angle": ANGLE, "over_alpha": -np.abs(OVER_ALPHA), "over_beta": OVER_BETA}
     observed = {"position": np.array([0.4]), "abs_theta": np.array([0.0])}
-    certified = {"ultimate_distance": 0.0, "heading_bound_local": math.inf}
-    stability_figure.draw_stability(certified, maps, observed, None)
+    grid = {"distance_of_level": 0.0, "heading_bound_local": math.inf}
+    picture_figure.draw_picture(grid, maps, observed, None)
     red, _, blue = figures.colours_at(saved[0].axes[0], [(0.7, 0.7)])[0]
     assert blue - red > 0.2

@@ -1,4 +1,7 @@
-"""The certificate is sound: no admissible noise does worse; and without noise it is exact."""
+"""At a point of the grid no admissible noise does worse than the picture says, and without noise it is exact.
+
+Between the points it may: a counterexample.
+"""
 
 import itertools
 import math
@@ -13,15 +16,16 @@ from diffbot_control.law.polar_coordinates import discrete_model, in_front, navi
 from diffbot_control.law.presets import PAPER, PRESETS
 from diffbot_control.law.regions import FixedRegionPolicy, RegionPolicy
 from diffbot_core.geometry import Pose
-from diffbot_lab.stability.certificate import (
+from diffbot_lab.stability.level_bounds import LevelProblem
+from diffbot_lab.stability.level_witness import Witness, levels
+from diffbot_lab.stability.noise import NoiseBox, noise_box
+from diffbot_lab.stability.picture import (
     Grid,
-    NoiseBox,
-    certified_level,
-    certify,
+    evaluate_grid,
     heading_bound,
+    highest_rise,
     level_of,
     make_grid,
-    noise_box,
     worst_rate,
 )
 from diffbot_sim.model.plant import PlantConfig
@@ -77,7 +81,7 @@ def random_noise(rng, box, number, each):
     return np.concatenate([inside, corners], axis=1) * np.array(box)[:, None, None]
 
 
-def assert_sound(rng, gains, box, t_s, number, each):
+def assert_no_noise_does_worse(rng, gains, box, t_s, number, each):
     state = random_states(rng, number)
     bound = worst_rate(Grid(*state), gains, box, t_s)
     rates = textbook_rate(state, random_noise(rng, box, number, each), gains, t_s)
@@ -108,12 +112,12 @@ BOXES = {
     "gains", [PAPER_GAINS, Gains(1.0, 8.0, 2.0, 2.7), Gains(0.3, 0.1, 0.05, 1.0)], ids=["a", "b", "c"]
 )
 def test_no_admissible_noise_does_worse(name, gains):
-    assert_sound(np.random.default_rng(1), gains, BOXES[name], T_S, 4000, 30)
+    assert_no_noise_does_worse(np.random.default_rng(1), gains, BOXES[name], T_S, 4000, 30)
 
 
 def test_no_admissible_noise_does_worse_with_long_steps():
     # Steps that turn by more than a whole turn, and run past the goal.
-    assert_sound(np.random.default_rng(2), PAPER_GAINS._replace(k=20.0), PAPER_BOX, 1.0, 4000, 30)
+    assert_no_noise_does_worse(np.random.default_rng(2), PAPER_GAINS._replace(k=20.0), PAPER_BOX, 1.0, 4000, 30)
 
 
 small = st.floats(0.0, 1.0)
@@ -126,8 +130,8 @@ small = st.floats(0.0, 1.0)
     st.integers(0, 2**32),
 )
 @settings(max_examples=60)
-def test_soundness_for_any_gains_and_bounds(gains, box, t_s, seed):
-    assert_sound(np.random.default_rng(seed), gains, box, t_s, 300, 20)
+def test_no_noise_does_worse_for_any_gains_and_bounds(gains, box, t_s, seed):
+    assert_no_noise_does_worse(np.random.default_rng(seed), gains, box, t_s, 300, 20)
 
 
 # On the cut itself rounding decides on which side each of the two models is.
@@ -136,7 +140,7 @@ OFF_THE_CUT = st.floats(-math.pi + 1e-6, math.pi - 1e-6)
 
 @given(st.floats(1e-3, 30.0), OFF_THE_CUT, OFF_THE_CUT, st.tuples(*[st.floats(-1.0, 1.0)] * 5))
 @settings(max_examples=400)
-def test_soundness_with_the_projects_own_law_and_models(rho, alpha, beta, share):
+def test_no_noise_does_worse_with_the_projects_own_law_and_models(rho, alpha, beta, share):
     gains = PAPER_GAINS
     noise = [one * bound for one, bound in zip(share, PAPER_BOX, strict=True)]
     x, y, theta = -rho * math.cos(beta), -rho * math.sin(beta), beta - alpha
@@ -210,33 +214,40 @@ def test_the_grid():
 
 
 def test_the_level_is_the_highest_that_fails():
-    assert certified_level(np.array([1.0, 2.0, 3.0]), np.array([0.0, 0.1, -1.0])) == 2.0
-    assert certified_level(np.array([1.0, 2.0, 3.0]), np.array([-1.0, -1.0, 0.0])) == 3.0
-    assert certified_level(np.array([1.0, 2.0]), np.array([-1.0, -1.0])) == 0.0
+    assert highest_rise(np.array([1.0, 2.0, 3.0]), np.array([0.0, 0.1, -1.0])) == 2.0
+    assert highest_rise(np.array([1.0, 2.0, 3.0]), np.array([-1.0, -1.0, 0.0])) == 3.0
+    assert highest_rise(np.array([1.0, 2.0]), np.array([-1.0, -1.0])) == 0.0
 
 
-def test_above_the_level_no_noise_lifts_v_and_below_none_lifts_it_out():
-    certified = certify(PRESETS[PAPER], PAPER_BOX, T_S, 12.0, 31)
-    assert certified["inside_grid"]
-    assert certified["ultimate_distance"] == pytest.approx(math.sqrt(2.0 * certified["ultimate_level"]))
-    assert certified["ultimate_level"] > certified["level"] > 0.0
-    rng = np.random.default_rng(6)
+def test_between_the_points_v_increases_above_the_level_of_the_grid():
+    """The counterexample that withdrew the picture's claim to hold for all states."""
+    level = evaluate_grid(PRESETS[PAPER], PAPER_BOX, T_S, 12.0, 81)["level"]
+    assert level == pytest.approx(15.523, abs=1e-3)
+    problem = LevelProblem(*PAPER_GAINS[:3], T_S, *PAPER_BOX, exact_arc=False)
+    before, after = levels(Witness(5.259, -2.893, -2.176, 0.3, -0.3, 0.17, 0.065, -0.2167), problem)
+    assert before == pytest.approx(18.415, abs=1e-3)
+    assert after == pytest.approx(18.422, abs=1e-3)
+
+
+def test_at_the_points_no_noise_lifts_v_above_the_level():
     grid = make_grid(12.0, 31)
+    computed = evaluate_grid(PRESETS[PAPER], PAPER_BOX, T_S, 12.0, 31)
+    assert computed["inside_grid"]
+    rng = np.random.default_rng(6)
     shape = np.broadcast(*grid).shape
     state = [np.broadcast_to(one, shape).ravel() for one in grid]
     level = level_of(Grid(*state), PAPER_GAINS)
     rates = textbook_rate(state, random_noise(rng, PAPER_BOX, len(level), 8), PAPER_GAINS, T_S)
-    assert (rates[:, level > certified["level"]] < 0.0).all()
-    assert (level + T_S * rates)[:, level <= certified["level"]].max() <= certified["ultimate_level"]
+    assert (rates[:, level > computed["level"]] < 0.0).all()
     # It does not hold trivially: below, noise does lift V.
     assert (rates > 0.0).any()
-    assert 0.0 < certified["share_decreasing"] < 1.0
+    assert 0.0 < computed["share_decreasing"] < 1.0
 
 
 def test_without_noise_v_decreases_nearly_everywhere():
-    certified = certify(PRESETS[PAPER], NO_NOISE, 1e-3, 12.0, 31)
-    assert certified["share_decreasing"] > 0.95
-    assert certified["radius_condition"] == 0.0
+    computed = evaluate_grid(PRESETS[PAPER], NO_NOISE, 1e-3, 12.0, 31)
+    assert computed["share_decreasing"] > 0.95
+    assert computed["radius_condition"] == 0.0
 
 
 @pytest.mark.parametrize("k_2", [0.5, 2.7, 10.0, 14.0, 19.0])
@@ -275,9 +286,9 @@ def test_the_box_is_what_plant_and_sensors_do():
 
 
 def test_in_pieces_the_grid_is_the_same(monkeypatch):
-    whole = certify(PRESETS[PAPER], PAPER_BOX, T_S, 12.0, 21)
-    monkeypatch.setattr("diffbot_lab.stability.certificate._POINTS_AT_A_TIME", 1000)
-    pieces = certify(PRESETS[PAPER], PAPER_BOX, T_S, 12.0, 21)
+    whole = evaluate_grid(PRESETS[PAPER], PAPER_BOX, T_S, 12.0, 21)
+    monkeypatch.setattr("diffbot_lab.stability.picture._POINTS_AT_A_TIME", 1000)
+    pieces = evaluate_grid(PRESETS[PAPER], PAPER_BOX, T_S, 12.0, 21)
     for key, value in whole.pop("maps").items():
         np.testing.assert_array_equal(pieces["maps"][key], value)
     assert {key: pieces[key] for key in whole} == whole
@@ -286,7 +297,8 @@ def test_in_pieces_the_grid_is_the_same(monkeypatch):
     worst, level = worst_rate(grid, PAPER_GAINS, PAPER_BOX, T_S), level_of(grid, PAPER_GAINS)
     bad = worst >= 0.0
     assert whole["level"] == level[bad].max()
-    assert whole["ultimate_level"] == level[bad].max() + T_S * worst[bad].max()
+    distance = math.sqrt(2.0 * (level[bad].max() + T_S * worst[bad].max()))
+    assert whole["distance_of_level"] == pytest.approx(distance, rel=1e-12)
     assert whole["share_decreasing"] == pytest.approx((~bad).mean(), abs=1e-12)
     assert whole["largest_distance_without_decrease"] == np.broadcast_to(grid.rho, bad.shape)[bad].max()
 
@@ -294,6 +306,6 @@ def test_in_pieces_the_grid_is_the_same(monkeypatch):
 def test_the_leaving_radius_does_not_matter():
     policies = (RegionPolicy(fixed=FixedRegionPolicy(0.5, leave)) for leave in (0.5, 0.9))
     one, other = (
-        certify(PRESETS[PAPER]._replace(region_policy=policy), PAPER_BOX, T_S, 5.0, 11) for policy in policies
+        evaluate_grid(PRESETS[PAPER]._replace(region_policy=policy), PAPER_BOX, T_S, 5.0, 11) for policy in policies
     )
     assert one["level"] == other["level"]

@@ -1,9 +1,10 @@
-"""Certificate of ``diffbot stability``: where V decreases for every admissible noise, and the bounds that follow.
+"""``diffbot stability picture``: whether V decreases for every admissible noise, at the points of a grid.
 
 For a state, the noise box gives intervals of the measured rho, alpha and beta, and interval arithmetic on the law gives
 intervals of v and omega that contain every possible command. One step of the paper's models (6), (7) is affine in v and
 omega, and V is a convex quadratic form, so V after the step is largest at a corner: an upper bound of dV for *every*
-admissible noise. This is proved at the points of the grid, neither between them nor beyond the grid.
+admissible noise, up to rounding. It holds at the points of the grid alone. Between them V may increase at a higher
+level than at any of them, so no statement about all states follows; for that see :mod:`level`.
 """
 
 from __future__ import annotations
@@ -18,32 +19,11 @@ from numpy.typing import NDArray
 from diffbot_control.law.controller import ControllerConfig
 from diffbot_control.law.lyapunov_law import Gains
 from diffbot_control.law.regions import smallest_radius
-from diffbot_sim.model.plant import PlantConfig
-from diffbot_sim.model.sensors import SensorConfig
+from diffbot_lab.stability.noise import NoiseBox
 
 Array = NDArray[np.float64]
 HALF_PI = 0.5 * math.pi
 _POINTS_AT_A_TIME = 200_000
-
-
-class NoiseBox(NamedTuple):
-    """Bounds of all errors in one step."""
-
-    eps_x: float
-    """[m]"""
-    eps_y: float
-    """[m]"""
-    eps_theta: float
-    """[rad]"""
-    eps_v: float
-    """[m/s]"""
-    eps_omega: float
-    """[rad/s]"""
-
-    @property
-    def eps_position(self) -> float:
-        """[m] bound of |eps_rho|: hypot(eps_x, eps_y)."""
-        return math.hypot(self.eps_x, self.eps_y)
 
 
 class Interval(NamedTuple):
@@ -59,18 +39,6 @@ class Grid(NamedTuple):
     rho: Array
     alpha: Array
     beta: Array
-
-
-def noise_box(plant: PlantConfig, sensors: SensorConfig, controller: ControllerConfig) -> NoiseBox:
-    """Bounds of one step, a relative wheel error taken at v_max = gamma as the paper does (section 4.1)."""
-    at_full_speed = plant.drive_noise * controller.gains.gamma
-    return NoiseBox(
-        sensors.eps_x_max,
-        sensors.eps_y_max,
-        sensors.eps_theta_max,
-        plant.eps_v_max + at_full_speed,
-        plant.eps_omega_max + 2.0 * at_full_speed / plant.wheels.wheel_separation,
-    )
 
 
 def make_grid(rho_max: float, number: int) -> Grid:
@@ -164,8 +132,8 @@ def level_of(grid: Grid, gains: Gains) -> Array:
     return np.asarray(0.5 * (grid.rho**2 + grid.alpha**2 + gains.h * grid.beta**2))
 
 
-def certified_level(level: Array, worst: Array) -> float:
-    """Return the smallest c such that V decreases at every point with V > c for every admissible noise."""
+def highest_rise(level: Array, worst: Array) -> float:
+    """Return the largest V of the points at which V may increase, 0 if there is none."""
     failing = level[worst >= 0.0]
     return float(failing.max()) if failing.size else 0.0
 
@@ -218,8 +186,10 @@ def _sinc(angle: Interval) -> Interval:
     return Interval(np.sinc(largest / math.pi), np.sinc(smallest / math.pi))
 
 
-def certify(controller: ControllerConfig, box: NoiseBox, t_s: float, rho_max: float, number: int) -> dict[str, Any]:
-    """Evaluate the grid; return the certified figures, and under ``maps`` the arrays for the figure."""
+def evaluate_grid(
+    controller: ControllerConfig, box: NoiseBox, t_s: float, rho_max: float, number: int
+) -> dict[str, Any]:
+    """Evaluate the grid; return figures of its points, and under ``maps`` the arrays for the figure."""
     grid = make_grid(rho_max, number)
     c = step = farthest = 0.0
     failing = 0
@@ -234,7 +204,7 @@ def certify(controller: ControllerConfig, box: NoiseBox, t_s: float, rho_max: fl
         bad = worst >= 0.0
         if bad.any():
             failing += int(bad.sum())
-            c = max(c, certified_level(level_of(slab, controller.gains), worst))
+            c = max(c, highest_rise(level_of(slab, controller.gains), worst))
             # From inside, one step may raise V above c; after it V decreases again.
             step = max(step, t_s * float(worst[bad].max()))
             farthest = max(farthest, float(slab.rho[bad.any(axis=(1, 2))].max()))
@@ -243,8 +213,7 @@ def certify(controller: ControllerConfig, box: NoiseBox, t_s: float, rho_max: fl
         "grid_points": points,
         "share_decreasing": 1.0 - failing / points,
         "level": c,
-        "ultimate_level": c + step,
-        "ultimate_distance": math.sqrt(2.0 * (c + step)),
+        "distance_of_level": math.sqrt(2.0 * (c + step)),
         "largest_distance_without_decrease": farthest,
         "inside_grid": bool(math.sqrt(2.0 * (c + step)) < rho_max),
         "heading_bound_local": heading_bound(controller.gains, box, t_s),

@@ -1,4 +1,4 @@
-"""The command ``diffbot stability``: what it writes, and what it refuses."""
+"""The command ``diffbot stability picture``: what it writes, and what it refuses."""
 
 import json
 import math
@@ -10,8 +10,9 @@ from diffbot_control.law.lyapunov_law import PAPER_GAINS
 from diffbot_control.law.presets import PAPER, PRESETS
 from diffbot_core.errors import InvalidValueError
 from diffbot_lab import cli
-from diffbot_lab.stability import command as stability_command
-from diffbot_lab.stability.certificate import NoiseBox, certify
+from diffbot_lab.stability import picture_command
+from diffbot_lab.stability.noise import NoiseBox
+from diffbot_lab.stability.picture import evaluate_grid
 
 PAPER_BOX = NoiseBox(0.3, 0.3, 0.17, 0.065, 0.2167)
 T_S = 0.1
@@ -20,39 +21,41 @@ PNG = b"\x89PNG\r\n\x1a\n"
 
 def test_what_is_written(tmp_path, capsys):
     out = tmp_path / "new" / "folder"
-    assert cli.main(["stability", "--points", "21", "--runs", "500", "--seed", "3", "--out", str(out)]) == 0
-    assert sorted(path.name for path in out.iterdir()) == ["stability.json", "stability.png"]
-    assert (out / "stability.png").read_bytes().startswith(PNG)
-    content = json.loads((out / "stability.json").read_text())
+    assert cli.main(["stability", "picture", "--points", "21", "--runs", "500", "--seed", "3", "--out", str(out)]) == 0
+    assert sorted(path.name for path in out.iterdir()) == ["picture.json", "picture.png"]
+    assert (out / "picture.png").read_bytes().startswith(PNG)
+    content = json.loads((out / "picture.json").read_text())
     assert content["noise"] == pytest.approx(PAPER_BOX._asdict())
     assert content["gains"] == PAPER_GAINS._asdict()
-    proved, observed = content["proved_at_grid_points"], content["only_observed"]
-    direct = certify(PRESETS[PAPER], PAPER_BOX, T_S, 12.0, 21)
-    assert proved == {name: value for name, value in direct.items() if name != "maps"}
-    assert proved["grid_points"] == 21**3
-    assert proved["radius_condition"] == pytest.approx(0.474264, abs=1e-6)
-    assert proved["heading_bound_local"] == pytest.approx(0.17 + 0.2167 / 2.7)
+    computed, observed = content["at_grid_points"], content["only_observed"]
+    direct = evaluate_grid(PRESETS[PAPER], PAPER_BOX, T_S, 12.0, 21)
+    assert computed == {name: value for name, value in direct.items() if name != "maps"}
+    assert computed["grid_points"] == 21**3
+    assert computed["radius_condition"] == pytest.approx(0.474264, abs=1e-6)
+    assert computed["heading_bound_local"] == pytest.approx(0.17 + 0.2167 / 2.7)
     assert (observed["runs"], observed["seed"]) == (500, 3)
     assert observed["position"]["median"] < observed["position"]["q99"] <= observed["position"]["max"]
-    # What is proved holds in what is observed.
-    assert observed["position"]["max"] < proved["ultimate_distance"]
+    assert observed["position"]["max"] < computed["distance_of_level"]
     text = capsys.readouterr().out
     assert "> 0.4743 m: met" in text
-    assert f"distance at most {proved['ultimate_distance']:.3f} m" in text
-    assert ("beyond the grid" in text) == (not proved["inside_grid"])
+    assert f"a distance of {computed['ultimate_distance']:.3f} m" in text
+    assert ("beyond the grid" in text) == (not computed["inside_grid"])
 
 
 def test_a_bound_beyond_the_grid_is_marked(tmp_path, capsys):
-    assert cli.main(["stability", "--points", "11", "--runs", "10", "--rho-max", "2", "--out", str(tmp_path)]) == 0
-    assert "(beyond the grid: not proved, take a larger --rho-max)" in capsys.readouterr().out
-    assert json.loads((tmp_path / "stability.json").read_text())["proved_at_grid_points"]["inside_grid"] is False
+    assert (
+        cli.main(["stability", "picture", "--points", "11", "--runs", "10", "--rho-max", "2", "--out", str(tmp_path)])
+        == 0
+    )
+    assert "which is beyond the grid" in capsys.readouterr().out
+    assert json.loads((tmp_path / "picture.json").read_text())["at_grid_points"]["inside_grid"] is False
 
 
 def test_a_small_radius_is_not_met(tmp_path, capsys):
     settings_ = ["--set", "eps_P=0.4", "eps_P_leave=0.5", "k_2=3"]
-    assert cli.main(["stability", "--points", "11", "--runs", "10", *settings_, "--out", str(tmp_path)]) == 0
+    assert cli.main(["stability", "picture", "--points", "11", "--runs", "10", *settings_, "--out", str(tmp_path)]) == 0
     assert "eps_P = 0.4 m against the paper's condition > 0.4743 m: NOT met" in capsys.readouterr().out
-    assert json.loads((tmp_path / "stability.json").read_text())["gains"]["k_2"] == 3.0
+    assert json.loads((tmp_path / "picture.json").read_text())["gains"]["k_2"] == 3.0
 
 
 def test_extreme_values_are_drawn_and_written_as_json(tmp_path):
@@ -64,13 +67,13 @@ def test_extreme_values_are_drawn_and_written_as_json(tmp_path):
         "eps_v_max": 0.0,
         "eps_omega_max": 0.0,
     }
-    assert stability_command.run(values, 5.0, 11, 10, 1, tmp_path) == 0
-    assert (tmp_path / "stability.png").read_bytes().startswith(PNG)
+    assert picture_command.run(values, 5.0, 11, 10, 1, tmp_path) == 0
+    assert (tmp_path / "picture.png").read_bytes().startswith(PNG)
 
     def refuse(text):
         raise AssertionError(text)
 
-    json.loads((tmp_path / "stability.json").read_text(), parse_constant=refuse)
+    json.loads((tmp_path / "picture.json").read_text(), parse_constant=refuse)
 
 
 @pytest.mark.parametrize(
@@ -85,25 +88,25 @@ def test_extreme_values_are_drawn_and_written_as_json(tmp_path):
         ("fix_rate", 2.0),
     ],
 )
-def test_parameters_that_the_certificate_does_not_cover_are_refused(name, value, tmp_path):
+def test_parameters_that_the_picture_does_not_cover_are_refused(name, value, tmp_path):
     with pytest.raises(InvalidValueError, match=f"{name} = {value}"):
-        stability_command.run({name: value}, 5.0, 11, 10, 1, tmp_path)
+        picture_command.run({name: value}, 5.0, 11, 10, 1, tmp_path)
 
 
 def test_observed_is_the_law_without_limits(tmp_path, monkeypatch):
     calls = []
-    run_batch = stability_command.run_batch
+    run_batch = picture_command.run_batch
     monkeypatch.setattr(
-        stability_command, "run_batch", lambda *arguments: calls.append(arguments) or run_batch(*arguments)
+        picture_command, "run_batch", lambda *arguments: calls.append(arguments) or run_batch(*arguments)
     )
-    monkeypatch.setattr(stability_command, "_RUNS_AT_A_TIME", 7)
-    stability_command.run({"gamma": 2.0}, 5.0, 11, 20, 1, tmp_path)
+    monkeypatch.setattr(picture_command, "_RUNS_AT_A_TIME", 7)
+    picture_command.run({"gamma": 2.0}, 5.0, 11, 20, 1, tmp_path)
     assert [arguments[3:5] for arguments in calls] == [(0, 7), (7, 7), (14, 6)]
     case = calls[0][0]
     assert case.controller.gains.gamma == 2.0
     assert set(case.controller.data_sheet[:5]) == {math.inf}
     ends = run_batch(case, calls[0][1], 1, 0, 20)
-    observed = json.loads((tmp_path / "stability.json").read_text())["only_observed"]
+    observed = json.loads((tmp_path / "picture.json").read_text())["only_observed"]
     assert observed["position"]["max"] == np.hypot(ends[:, 0], ends[:, 1]).max()
     assert observed["abs_theta"]["median"] == pytest.approx(np.median(np.abs(ends[:, 2])))
 
@@ -133,7 +136,7 @@ def test_observed_is_the_law_without_limits(tmp_path, monkeypatch):
 def test_refused_in_one_line(arguments, status, part, tmp_path, capsys):
     out = tmp_path / "out"
     try:
-        found = cli.main(["stability", "--points", "11", "--runs", "5", "--out", str(out), *arguments])
+        found = cli.main(["stability", "picture", "--points", "11", "--runs", "5", "--out", str(out), *arguments])
     except SystemExit as end:
         found = end.code
     assert found == status
@@ -146,7 +149,7 @@ def test_refused_in_one_line(arguments, status, part, tmp_path, capsys):
 def test_an_impossible_folder_is_one_line(tmp_path, capsys):
     (tmp_path / "file").write_text("mine")
     for out in (tmp_path / "file", tmp_path / "file" / "out"):
-        assert cli.main(["stability", "--points", "11", "--runs", "5", "--out", str(out)]) == 1
+        assert cli.main(["stability", "picture", "--points", "11", "--runs", "5", "--out", str(out)]) == 1
         error = capsys.readouterr().err
         assert error.startswith("diffbot: cannot write to ")
         assert error.count("\n") == 1

@@ -1,4 +1,4 @@
-"""The figure of ``diffbot stability``: maps of the worst dV/dt, and how the observed end states are distributed."""
+"""The figure of ``diffbot stability picture``: maps of the worst dV/dt, and the distribution of observed end states."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ _SMALLEST = 1e-5
 """Errors below it are drawn at it."""
 
 
-def draw_stability(certified: dict[str, Any], maps: dict[str, Array], observed: dict[str, Array], path: Path) -> None:
+def draw_picture(grid: dict[str, Any], maps: dict[str, Array], observed: dict[str, Array], path: Path) -> None:
     """Draw both maps and both curves.
 
     Args:
-        certified: figures of :func:`diffbot_lab.stability.certificate.certify`.
+        grid: figures of :func:`diffbot_lab.stability.picture.evaluate_grid`.
         maps: its grid ``rho`` (n_rho,) [m] and ``angle`` (n_angle,) [rad], and the worst dV/dt ``over_alpha`` and
             ``over_beta``, (n_rho, n_angle) each.
         observed: errors at the end of the runs, ``position`` [m] and ``abs_theta`` [rad].
@@ -34,12 +34,12 @@ def draw_stability(certified: dict[str, Any], maps: dict[str, Array], observed: 
     figure, axes = new_figure(3, (7.5, 10.5), sharex=False)
     for panel, name, other in ((axes[0], "alpha", "beta"), (axes[1], "beta", "alpha")):
         mesh = _draw_map(panel, maps, maps[f"over_{name}"])
-        panel.axvline(certified["ultimate_distance"], color=ORANGE, linestyle="--", label="ultimate bound")
+        panel.axvline(grid["distance_of_level"], color=ORANGE, linestyle="--", label="highest increase")
         panel.set_ylabel(f"{name} [rad]")
-        panel.set_title(f"worst dV/dt over the noise and {other}; blue: V decreases for certain", fontsize="medium")
+        panel.set_title(f"worst dV/dt over the noise and {other}; blue: V decreases at this point", fontsize="medium")
         panel.legend(fontsize="small")
         figure.colorbar(mesh, ax=panel)
-    _draw_tails(axes[2], certified, observed)
+    _draw_tails(axes[2], grid, observed)
     save(figure, path)
 
 
@@ -55,16 +55,16 @@ def _draw_map(panel: Any, maps: dict[str, Array], rates: Array) -> Any:
     return mesh
 
 
-def _draw_tails(axes: Any, certified: dict[str, Any], observed: dict[str, Array]) -> None:
-    """Draw the share of runs above each error, with the proved bounds."""
+def _draw_tails(axes: Any, grid: dict[str, Any], observed: dict[str, Array]) -> None:
+    """Draw the share of runs above each error, with the bound of the heading and the grid's distance."""
     for name, colour, label in (("position", BLUE, "|position| [m]"), ("abs_theta", RED, "|theta| [rad]")):
         values = observed[name]
         ranks = np.unique(np.geomspace(1, len(values), _POINTS).astype(int))
         errors = np.maximum(np.sort(values)[-ranks], _SMALLEST)
         axes.loglog(errors, ranks / len(values), color=colour, label=f"observed {label}")
-    heading, distance = certified["heading_bound_local"], certified["ultimate_distance"]
-    axes.axvline(heading, color=RED, linestyle="--", label="proved |theta| in Omega_L")
-    axes.axvline(distance, color=BLUE, linestyle="--", label="proved distance, law (13)")
+    heading, distance = grid["heading_bound_local"], grid["distance_of_level"]
+    axes.axvline(heading, color=RED, linestyle="--", label="bound of |theta| in Omega_L")
+    axes.axvline(distance, color=BLUE, linestyle="--", label="highest increase on the grid, law (13)")
     axes.set_xlim(1e-3, None)
     axes.set_xlabel("error at the end of a run")
     axes.set_ylabel("share of runs above it")
