@@ -200,7 +200,7 @@ def _put_image(loop: PaperLoop, cell: Cell, v0: float, v1: float, omega: Bounds,
         a0, a1 = sub(a0, a1, 0.5 * z0, 0.5 * z1)
     c0, c1 = cos(a0, a1)
     s0, s1 = sin(a0, a1)
-    box[0], box[1] = _next_distance(cell, u0, u1, c0, c1)
+    box[0], box[1] = next_distance(cell, u0, u1, c0, c1)
     along0, along1 = mul(u0, u1, c0, c1)
     aside0, aside1 = mul(u0, u1, s0, s1)
     left0, left1 = sub(cell.rho_low, cell.rho_high, along0, along1)
@@ -209,7 +209,7 @@ def _put_image(loop: PaperLoop, cell: Cell, v0: float, v1: float, omega: Bounds,
     box[2], box[3] = sub(after0, after1, z0, z1)
 
 
-def _next_distance(cell: Cell, u0: float, u1: float, c0: float, c1: float) -> Bounds:
+def next_distance(cell: Cell, u0: float, u1: float, c0: float, c1: float) -> Bounds:
     """Bounds of sqrt(rho^2 - 2 rho u c + u^2) for u [m] in [u0, u1] and the cosine in [c0, c1].
 
     It is linear in c and convex in rho and in u: the largest value is at a corner. For rho > |u| it rises with rho, so
