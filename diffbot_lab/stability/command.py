@@ -10,12 +10,11 @@ from typing import Any
 from diffbot_core.errors import DiffbotError
 from diffbot_core.ranges import LENGTH
 from diffbot_lab.arguments import MAX_SEED, number_between, once, setting, whole
-from diffbot_lab.stability.near_arguments import add_adversary, add_certify
 from diffbot_lab.stability.result_file import read_result
 
 VERIFIERS = {
-    "diffbot stability level 1": "diffbot_lab.stability.level_verify",
-    "diffbot stability certificate 1": "diffbot_lab.stability.near_commands",
+    "diffbot stability level 1": "diffbot_lab.stability.level.verify",
+    "diffbot stability certificate 1": "diffbot_lab.stability.paper.command",
 }
 """Modules with a function ``run_verify(path)``, by the format of the files that they check."""
 
@@ -26,7 +25,7 @@ def add_stability(commands: Any) -> None:
         "stability", help="what bounded noise can do to the law: certificates and a picture"
     )
     verbs = stability.add_subparsers(required=True, metavar="VERB", dest="verb")
-    for add in (_add_picture, _add_level, add_certify, add_adversary, _add_verify):
+    for add in (_add_picture, _add_level, _add_certify, _add_adversary, _add_verify):
         add(verbs)
 
 
@@ -58,6 +57,32 @@ def _add_level(verbs: Any) -> None:
     level.set_defaults(call=_level)
 
 
+def _add_certify(verbs: Any) -> None:
+    certify = verbs.add_parser("certify", help="certify where the noisy loop ends, and after what time at most")
+    certify.add_argument("--law", choices=("13", "17"), default="17", help="equation (default: %(default)s)")
+    add_settings(certify)
+    certify.add_argument("--rho-max", type=number_between(0.1, 100.0), default=12.0, help="starts are within [m] (12)")
+    certify.add_argument(
+        "--width", type=number_between(1e-4, 1.0), default=0.0025, help="of the cells near the goal [m] (%(default)s)"
+    )
+    certify.add_argument("--columns", type=whole(16, 16_000), default=1256, help="cells of alpha (%(default)s)")
+    certify.add_argument("--threads", type=whole(1, 1024), help="at a time (default: one per core)")
+    certify.add_argument(
+        "--out", type=Path, default=Path("out/stability/certificate.json"), help="file (default: %(default)s)"
+    )
+    certify.set_defaults(call=_certify)
+
+
+def _add_adversary(verbs: Any) -> None:
+    adversary = verbs.add_parser("adversary", help="attack a certificate: chosen noise, and many runs of random noise")
+    adversary.add_argument("file", type=Path, help="certificate")
+    adversary.add_argument("--steps", type=whole(1, 10**10), default=10**6, help="of random noise from the core (10^6)")
+    adversary.add_argument("--runs", type=whole(1, 10**8), default=10**5, help="from all over the start (10^5)")
+    adversary.add_argument("--seed", type=whole(0, MAX_SEED - 1), default=1, help="of all noise (default: %(default)s)")
+    adversary.add_argument("--out", type=Path, default=Path("out/stability"), help="folder (default: %(default)s)")
+    adversary.set_defaults(call=_adversary)
+
+
 def _add_verify(verbs: Any) -> None:
     verify = verbs.add_parser("verify", help="check a certificate again, every cell of it")
     verify.add_argument("file", type=Path)
@@ -65,17 +90,32 @@ def _add_verify(verbs: Any) -> None:
 
 
 def _picture(options: argparse.Namespace) -> int:
-    from diffbot_lab.stability import picture_command  # noqa: PLC0415 - only the called command is imported
+    from diffbot_lab.stability.picture import command  # noqa: PLC0415 - only the called command is imported
 
     values = once("--set", options.set)
-    return picture_command.run(values, options.rho_max, options.points, options.runs, options.seed, options.out)
+    return command.run(values, options.rho_max, options.points, options.runs, options.seed, options.out)
 
 
 def _level(options: argparse.Namespace) -> int:
-    from diffbot_lab.stability import level  # noqa: PLC0415
+    from diffbot_lab.stability.level import enclosure  # noqa: PLC0415
 
     values = once("--set", options.set)
-    return level.run(values, options.rho_max, options.tolerance, options.seed, options.out)
+    return enclosure.run(values, options.rho_max, options.tolerance, options.seed, options.out)
+
+
+def _certify(options: argparse.Namespace) -> int:
+    from diffbot_lab.stability.paper import command  # noqa: PLC0415
+    from diffbot_lab.stability.paper.certify import Resolution  # noqa: PLC0415
+
+    loop = command.loop_of(options.law, once("--set", options.set))
+    resolution = Resolution(width=options.width, columns=options.columns)
+    return command.run_certify(loop, options.rho_max, resolution, options.out, options.threads)
+
+
+def _adversary(options: argparse.Namespace) -> int:
+    from diffbot_lab.stability.adversary import command  # noqa: PLC0415
+
+    return command.run_adversary(options.file, options.steps, options.runs, options.seed, options.out)
 
 
 def _verify(options: argparse.Namespace) -> int:

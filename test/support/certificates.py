@@ -9,9 +9,9 @@ from diffbot_control.law.lyapunov_law import Gains, global_law, local_law
 from diffbot_control.law.polar_coordinates import navigation_variables
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import Twist
-from diffbot_lab.stability.cells import Cell
-from diffbot_lab.stability.certificate_file import EULER, EXACT_ARC, Loop
-from diffbot_lab.stability.certify import Resolution, certify
+from diffbot_lab.stability.paper.certify import Resolution, certify
+from diffbot_lab.stability.paper.file import EULER, EXACT_ARC, Loop
+from diffbot_lab.stability.rank.cells import Cell
 from diffbot_sim.model.plant import integrate
 
 LAW_13 = Loop(1.3, 1.5, 0.17, 2.0, 0.0, 0.0, 0.05, 0.05, 0.05, 0.02, 0.05, 0.2, EULER)

@@ -1,0 +1,1 @@
+"""Where V decreases on a grid of states, and what simulated runs show."""

@@ -1,0 +1,1 @@
+"""Certificate of the law with braking profiles under a contract of the estimate."""

@@ -1,0 +1,281 @@
+"""Certificate of the law with braking profiles under a contract of the estimate: core and ranks, and their check.
+
+From every state whose rank is n, of whatever course and memory, the robot is in the core after at most n steps, and
+stays. The file holds the configuration, the contract and the ranks; all else is worked out again by ``verify``.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from diffbot_control.law.configuration import BRAKING, GIVEN, ControllerConfig
+from diffbot_control.law.regions import COVARIANCE
+from diffbot_core.data_sheet import rim_speed
+from diffbot_core.errors import DiffbotError, InvalidValueError
+from diffbot_core.files import replacing
+from diffbot_core.schema import to_dict
+from diffbot_lab.stability.interval.outward import hypot, up
+from diffbot_lab.stability.tuned.images import number_of_slices
+from diffbot_lab.stability.tuned.law import TunedLoop, approach
+from diffbot_lab.stability.tuned.near import NearBounds, longest_step, near_bounds
+from diffbot_lab.stability.tuned.table import (
+    CORE,
+    UNRANKED,
+    Band,
+    Boxes,
+    Table,
+    cell_of,
+    fill_kernel,
+    make_table,
+    rank_kernel,
+    spread_kernel,
+)
+from diffbot_sim.model.plant import PlantConfig
+
+PLANT = PlantConfig()
+"""The robot and its input noise; a file does not change them."""
+FORMAT = "diffbot tuned certificate 1"
+_MAX_CELLS = 100_000_000
+
+
+class Contract(NamedTuple):
+    """What the estimate keeps in every step."""
+
+    eps_xy: float = 0.06
+    """[m] bound of the error of x, and of y"""
+    eps_theta: float = 0.03
+    """[rad]"""
+    sigma_max: float = 0.033
+    """[m] bound of the standard deviation of the position"""
+
+
+class Plan(NamedTuple):
+    """What is certified, and with which cells."""
+
+    contract: Contract = Contract()
+    finish: bool = False
+    """the finish may act; otherwise it is switched off, or its tries or its time are used up"""
+    to: float = 12.0
+    """[m] the robot starts within this distance"""
+    margin: float = 0.0
+    """[m] by which the core is made larger than Omega_L asks for, where the cells do not suffice"""
+    fineness: float = 1.0
+    """of the cells near the goal; 2 makes them half as large"""
+
+
+class Certificate(NamedTuple):
+    """The result."""
+
+    plan: Plan
+    config: ControllerConfig
+    near: NearBounds
+    table: Table
+    ranks: NDArray[np.int16]
+    """rank of each cell kept"""
+
+
+def tuned_loop(config: ControllerConfig, contract: Contract) -> TunedLoop:
+    """Collect the numbers of the loop.
+
+    Raises:
+        InvalidValueError: for a configuration that the certificate does not cover.
+    """
+    _refuse_uncovered(config, contract)
+    sheet = config.data_sheet
+    gains = config.profile_gains
+    known = max(gains.sigma_known, config.tolerance.xy_goal_tolerance / 3.0)
+    ratio = max(1.0, contract.sigma_max / known)
+    return TunedLoop(
+        gains.brake,
+        gains.react,
+        up(gains.react * up(ratio * ratio)) if ratio > 1.0 else gains.react,
+        gains.bearing_weight,
+        gains.turn_brake,
+        gains.turn_react,
+        sheet.v_max,
+        sheet.omega_max,
+        up(rim_speed(sheet)),
+        0.5 * sheet.wheels.wheel_separation,
+        hypot(contract.eps_xy, contract.eps_xy, contract.eps_xy, contract.eps_xy)[1],
+        contract.eps_theta,
+        PLANT.drive_noise,
+        PLANT.sampling_time,
+    )
+
+
+def _refuse_uncovered(config: ControllerConfig, contract: Contract) -> None:
+    sheet, inf = config.data_sheet, math.inf
+    _require("speed_profile", config.profile, config.profile == BRAKING, "braking")
+    _require("region_policy", config.region_policy.kind, config.region_policy.kind == COVARIANCE, "covariance")
+    _require("allow_backward", config.driving.allow_backward, config.driving.allow_backward, "true")
+    _require("gains", config.gain_source, config.gain_source == GIVEN, "preset")
+    symmetric = config.driving.symmetric_yaw_tolerance
+    _require("symmetric_yaw_tolerance", symmetric, not symmetric, "false")
+    _require("uncertainty_scale", config.uncertainty_scale, config.uncertainty_scale == 1.0, "1")
+    for name in ("a_max", "omega_dot_max"):
+        _require(name, getattr(sheet, name), getattr(sheet, name) == inf, "inf: no limit of the acceleration")
+    for name in ("command_latency", "drive_time_constant", "min_velocity", "min_rotation"):
+        _require(name, getattr(sheet, name), getattr(sheet, name) == 0.0, "0")
+    for name in ("v_max", "omega_max", "wheel_max"):
+        _require(name, getattr(sheet, name), getattr(sheet, name) < inf, "finite")
+    rim, half = rim_speed(sheet), 0.5 * sheet.wheels.wheel_separation
+    _require("omega_max", sheet.omega_max, half * sheet.omega_max <= rim, f"at most {rim / half:g}")
+    for name, value in contract._asdict().items():
+        _require(name, value, isinstance(value, (int, float)) and 1e-6 <= value < 1.0, "from 1e-6 to below 1")
+
+
+def _require(name: str, value: Any, holds: bool, bound: str) -> None:
+    if not holds:
+        raise InvalidValueError(name, value, f"{bound}, for a certificate")
+
+
+def core_radius(certificate: Certificate) -> float:
+    """r* [m]: the robot stays within this distance of the goal once it is in the core."""
+    table, farthest = certificate.table, certificate.table.rho[0]
+    for row in range(len(table.rho) - 1):
+        if (certificate.ranks[table.start[row] : table.start[row + 1]] == CORE).any():
+            farthest = table.rho[row + 1]
+    return float(farthest)
+
+
+def steps_from(certificate: Certificate, distance: float) -> int:
+    """Return after how many steps at most the robot is in the core, from any state within ``distance`` [m].
+
+    Raises:
+        DiffbotError: if there are states that are not certified.
+    """
+    table = certificate.table
+    rows = int(np.searchsorted(table.rho, distance))
+    if rows >= len(table.rho):
+        raise DiffbotError(f"no certificate: the cells end at {table.rho[-1]:g} m")
+    ranks = certificate.ranks[: table.start[rows]]
+    if (ranks == UNRANKED).any():
+        bad = int(np.argmax(ranks == UNRANKED))
+        row = int(np.searchsorted(table.start, bad, side="right")) - 1
+        share = float((ranks == UNRANKED).mean())
+        raise DiffbotError(
+            f"no certificate: {100.0 * share:.3g} % of the cells, from {table.rho[row]:.4g} m, have no rank"
+        )
+    return int(ranks.max(initial=0))
+
+
+def check_plan(plan: Plan) -> None:
+    """Refuse a plan with values of the wrong kind or out of range.
+
+    Raises:
+        InvalidValueError: naming the first.
+    """
+    for name, low, high in (("to", 0.1, 1000.0), ("margin", 0.0, 10.0), ("fineness", 0.1, 10.0)):
+        value = getattr(plan, name)
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not low <= value <= high:
+            raise InvalidValueError(name, value, f"from {low:g} to {high:g}")
+    if not isinstance(plan.finish, bool):
+        raise InvalidValueError("finish", plan.finish, "true or false")
+
+
+def table_of(loop: TunedLoop, near: NearBounds, plan: Plan) -> tuple[Table, float]:
+    """Return the cells of a plan, and the radius [m] of the core's seed: every state within it may recur."""
+    seed = (near.finishing if plan.finish else near.holding) + plan.margin
+    inside = seed - 0.1
+    # No command in Omega_G or Omega_L leads from inside beyond the seed.
+    for _ in range(20):
+        far = up(inside + loop.eps_position)
+        speed = approach(loop, far, far)[1]
+        if up(inside + longest_step(loop, speed)) < seed:
+            break
+        inside -= 0.01
+    if not inside > loop.eps_position or not up(inside + longest_step(loop, speed)) < seed:
+        raise DiffbotError("no certificate: Omega_L is too small for the error of the position")
+    fine = plan.fineness
+    even = 2 * math.ceil(150 * fine), 2 * math.ceil(48 * fine)
+    near_goal = max(0.7, seed + 0.1)
+    bands = (
+        Band(near_goal, 0.006 / fine, 0.01, *even, 0.06 / fine),
+        Band(max(1.1, near_goal), 0.01, 0.01, 200, 48, 0.1),
+        Band(plan.to + 0.3, 0.01, 0.015, 160, 32, 0.1),
+    )
+    table = make_table(inside, bands)
+    if table.start[-1] > _MAX_CELLS:
+        raise InvalidValueError("fineness", plan.fineness, f"less: this makes {table.start[-1]} cells")
+    return table, seed
+
+
+def boxes_of_row(loop: TunedLoop, table: Table, row: int) -> Boxes:
+    """Work out the images of a row's cells.
+
+    Raises:
+        DiffbotError: if a cell has no bounded image.
+    """
+    cells = int(table.start[row + 1] - table.start[row])
+    slices = number_of_slices(loop, cell_of(table, row, 0), float(table.slices[row])) + 1
+    work = np.empty((9 * slices, 6))
+    boxes = np.empty((cells * 9 * slices, 6), np.float32)
+    counts = np.zeros(cells, np.int64)
+    number = fill_kernel(loop, table, row, work, boxes, counts)
+    if number < 0:
+        raise DiffbotError(f"no certificate: cells at {table.rho[row]:g} m are too large for a bounded image")
+    return Boxes(boxes[:number].copy(), np.concatenate(([0], np.cumsum(counts))))
+
+
+def certify(config: ControllerConfig, plan: Plan) -> Certificate:
+    """Work out core and ranks.
+
+    Raises:
+        DiffbotError: if the configuration is not covered, or there is no certificate.
+    """
+    check_plan(plan)
+    loop = tuned_loop(config, plan.contract)
+    near = near_bounds(loop, config, plan.contract.eps_xy, plan.contract.sigma_max)
+    table, seed = table_of(loop, near, plan)
+    rows = len(table.rho) - 1
+    images = [boxes_of_row(loop, table, row) for row in tqdm(range(rows), desc="images", unit="row", disable=None)]
+    ranks = np.full(int(table.start[-1]), UNRANKED, np.int16)
+    ranks[: table.start[seed_rows(table, seed)]] = CORE
+    _spread(table, images, ranks)
+    with tqdm(total=len(ranks), desc="ranks", unit="cell", disable=None) as bar:
+        changed = 1
+        while changed > 0:
+            changed = 0
+            for row in range(rows):
+                fresh = rank_kernel(table, row, images[row].boxes, images[row].start, ranks)
+                changed += fresh
+                bar.update(fresh)
+    return Certificate(plan, config, near, table, ranks)
+
+
+def seed_rows(table: Table, seed: float) -> int:
+    """Return how many rows begin within the seed of the core [m]."""
+    return int(np.searchsorted(table.rho, seed)) if seed > table.rho[0] else 0
+
+
+def _spread(table: Table, images: list[Boxes], ranks: NDArray[np.int16]) -> None:
+    done, added = np.zeros(len(ranks), np.uint8), 1
+    while added > 0:
+        added = 0
+        for row, (boxes, start) in enumerate(images):
+            fresh = spread_kernel(table, row, boxes, start, ranks, done)
+            if fresh < 0:
+                raise DiffbotError("no certificate: the core reaches as far as the cells do")
+            added += fresh
+
+
+def write(certificate: Certificate, path: Path) -> None:
+    """Write the certificate to one file, whole or not at all."""
+    header = {
+        "format": FORMAT,
+        "plan": {**certificate.plan._asdict(), "contract": certificate.plan.contract._asdict()},
+        "controller": {name: _plain(value) for name, value in to_dict(certificate.config).items()},
+    }
+    with replacing(path) as temporary, temporary.open("wb") as stream:
+        np.savez_compressed(stream, header=np.array(json.dumps(header)), ranks=certificate.ranks)
+
+
+def _plain(value: Any) -> Any:
+    return "inf" if value == math.inf else value

@@ -1,0 +1,100 @@
+"""``diffbot stability certify --law tuned`` and ``verify`` of its files; how often a filter keeps the contract."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diffbot_control.law.configuration import ControllerConfig
+from diffbot_core.errors import DiffbotError
+from diffbot_core.files import output_folder
+from diffbot_core.schema import build
+from diffbot_lab.campaign.statistics import wilson
+from diffbot_lab.stability.tuned.certify import PLANT, Contract, Plan, certify, write
+from diffbot_lab.stability.tuned.verify import load, sample, verify
+
+
+class Kept(NamedTuple):
+    """How often an estimate keeps a contract, with intervals of 95 %."""
+
+    steps: float
+    """share of the steps"""
+    steps_low: float
+    steps_high: float
+    runs: float
+    """share of the runs that keep it in every step"""
+    runs_low: float
+    runs_high: float
+
+
+def contract_kept(errors: NDArray[np.floating[Any]], contract: Contract) -> Kept:
+    """Count where |error of x|, |error of y| and |error of the heading| are within the contract.
+
+    Steps of one run depend on each other: the interval of their share is that of the mean over the runs.
+
+    Args:
+        errors: (runs, steps, 3) [m, m, rad], the heading's wrapped; at least two runs.
+        contract: to be kept.
+    """
+    bounds = np.array([contract.eps_xy, contract.eps_xy, contract.eps_theta])
+    kept = (np.abs(errors) <= bounds).all(axis=2)
+    shares = kept.mean(axis=1)
+    mean, deviation = float(shares.mean()), 1.96 * float(shares.std(ddof=1)) / math.sqrt(len(shares))
+    whole = int(kept.all(axis=1).sum())
+    low, high = wilson(whole, len(kept))
+    return Kept(
+        mean, max(mean - deviation, 0.0), min(mean + deviation, 1.0), whole / len(kept), float(low), float(high)
+    )
+
+
+def run_certify(values: Mapping[str, Any], plan: Plan, out: Path) -> int:
+    """Make a certificate of the tuned law and write it to the file ``out``.
+
+    Args:
+        values: parameters of the controller that differ from the preset ``tuned``.
+        plan: contract, start and cells.
+        out: the file.
+
+    Raises:
+        DiffbotError: for a configuration that is not covered, without a certificate, or for an unwritable file.
+    """
+    config, began = build(ControllerConfig, values), time.monotonic()
+    with output_folder(out.parent):
+        certificate = certify(config, plan)
+        write(certificate, out)
+    print(f"{len(certificate.ranks)} cells, {time.monotonic() - began:.0f} s; not verified yet\n{out}")
+    return 0
+
+
+def run_verify(path: Path, steps: int, seed: int) -> int:
+    """Check a certificate, and compare it with ``steps`` random steps of the robot's own law.
+
+    Raises:
+        DiffbotError: naming what is not proved, or if a random step breaks a rank.
+    """
+    certificate, began = load(path), time.monotonic()
+    try:
+        claims = verify(certificate)
+    except DiffbotError as error:
+        raise DiffbotError(f"{path}: {error}") from None
+    contract, finish = certificate.plan.contract, certificate.plan.finish
+    seconds = claims.steps * PLANT.sampling_time
+    print(
+        f"Law with braking profiles, errors within {contract.eps_xy:g} m and {contract.eps_theta:g} rad, sigma up to "
+        f"{contract.sigma_max:g} m, {'with the finish' if finish else 'the finish off or used up'}:\n"
+        f"  every trajectory from within {claims.start:g} m is in the core after {seconds:g} s "
+        f"({claims.steps} steps) at most and stays;\n"
+        f"  the core is within r* = {claims.radius:.4f} m.\n"
+        f"Verified: {claims.cells} cells, {time.monotonic() - began:.0f} s."
+    )
+    broken = sample(certificate, steps, seed).broken
+    if broken:
+        raise DiffbotError(f"{path}: refuted, {broken} of {steps} random steps break a rank")
+    print(f"{steps} random steps keep to the ranks.")
+    return 0

@@ -1,0 +1,209 @@
+"""Images of a cell of (rho, alpha_d, beta_d) under one step of the law with braking profiles, for all admissible noise.
+
+The variables are those of the end that leads, so one table serves both; in Omega_G the law does not depend on which
+it is. The measured position is anywhere in a disc about the true one, the measured heading anywhere in an interval.
+The measured bearing is cut into slices: a slice gives an interval of the measured distance, and both an interval of
+the commands. In Omega_L the rotation is treated as free, so nothing of its finish or heading has to be known.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+from diffbot_lab.stability.interval.outward import (
+    PI_HIGH,
+    Bounds,
+    absolute,
+    add,
+    asin,
+    atan2,
+    cos,
+    div,
+    down,
+    mul,
+    sin,
+    sinc,
+    sqr,
+    sqrt,
+    sub,
+    up,
+)
+from diffbot_lab.stability.paper.images import next_distance
+from diffbot_lab.stability.rank.cells import Cell
+from diffbot_lab.stability.tuned.law import Command, Measured, TunedLoop, approach, command_bounds
+
+_TWO_PI_LOW, _TWO_PI_HIGH = 6.283185307179586, 6.283185307179587
+"""The floats next to 2 pi."""
+
+
+class Cell3(NamedTuple):
+    """One cell, closed; angles of the end that leads."""
+
+    rho_low: float
+    rho_high: float
+    alpha_low: float
+    alpha_high: float
+    beta_low: float
+    beta_high: float
+
+
+class Slice(NamedTuple):
+    """Part of what may be measured in a cell; angles not wrapped."""
+
+    near: float
+    """[m] measured distance"""
+    far: float
+    alpha_low: float
+    """[rad] measured bearing"""
+    alpha_high: float
+    turned_low: float
+    """[rad] by how much the goal's direction is measured wrong"""
+    turned_high: float
+
+
+def bearing_error(loop: TunedLoop, rho: float) -> float:
+    """Largest error [rad] of the goal's direction at a distance ``rho`` > eps_position [m]."""
+    _, ratio = div(loop.eps_position, loop.eps_position, rho, rho)
+    return asin(ratio, ratio)[1]
+
+
+def number_of_slices(loop: TunedLoop, cell: Cell3, width: float) -> int:
+    """Return into how many slices of at most ``width`` [rad] the measured bearing is cut."""
+    reach = up(bearing_error(loop, cell.rho_low) + loop.eps_theta)
+    return math.ceil((up(cell.alpha_high - cell.alpha_low) + 2.0 * reach) / width)
+
+
+def slice_of(loop: TunedLoop, cell: Cell3, part: int, parts: int) -> Slice:
+    """Return one of the slices that together hold all that may be measured; ``near`` > ``far`` for an empty one.
+
+    The measured goal is at an angle d from the true one, |d| <= ``bearing_error``. The ray at this angle meets the disc
+    of the position error between rho cos(d) -+ sqrt(eps^2 - rho^2 sin(d)^2). The nearer end rises with |d| and with
+    rho, the farther one falls with |d|.
+    """
+    bearing = bearing_error(loop, cell.rho_low)
+    reach = up(bearing + loop.eps_theta)
+    low, high = down(cell.alpha_low - reach), up(cell.alpha_high + reach)
+    p = low if part == 0 else low + (high - low) * (part / parts)
+    q = high if part == parts - 1 else low + (high - low) * ((part + 1) / parts)
+    d0 = max(down(down(p - cell.alpha_high) - loop.eps_theta), -bearing)
+    d1 = min(up(up(q - cell.alpha_low) + loop.eps_theta), bearing)
+    if d0 > d1:
+        return Slice(1.0, 0.0, p, q, 0.0, 0.0)
+    d = 0.0 if d0 <= 0.0 <= d1 else min(abs(d0), abs(d1))
+    c0, c1 = cos(d, d)
+    s0, _ = sin(d, d)
+    aside = max(down(cell.rho_low * s0), 0.0)
+    y0, _ = sqr(aside, aside)
+    _, e1 = sqr(loop.eps_position, loop.eps_position)
+    _, half = sqrt(0.0, max(up(e1 - y0), 0.0))
+    return Slice(max(down(down(cell.rho_low * c0) - half), 0.0), up(up(cell.rho_high * c1) + half), p, q, d0, d1)
+
+
+def images(loop: TunedLoop, cell: Cell3, width: float, out: Any) -> int:
+    """Enclose all states one step of Omega_G after the states of a cell.
+
+    Args:
+        loop: law, contract and plant.
+        cell: with rho_low above ``eps_position`` and the longest step.
+        width: [rad] of the slices of the measured bearing.
+        out: (n, 6) array for boxes rho, alpha, beta (low, high each), angles not wrapped; see :func:`most_images`.
+
+    Returns:
+        The number of boxes; -1 if the measured goal may be at the robot itself.
+    """
+    parts = number_of_slices(loop, cell, width)
+    number = 0
+    for part in range(parts):
+        one = slice_of(loop, cell, part, parts)
+        if one.near > one.far:
+            continue
+        if not one.near > 0.0:
+            return -1
+        beta0, beta1 = add(cell.beta_low, cell.beta_high, one.turned_low, one.turned_high)
+        for turn_a in range(-1, 2):
+            a0, a1 = _wrapped(one.alpha_low, one.alpha_high, turn_a)
+            for turn_b in range(-1, 2):
+                b0, b1 = _wrapped(beta0, beta1, turn_b)
+                if a0 <= a1 and b0 <= b1:
+                    command = command_bounds(loop, Measured(one.near, one.far, a0, a1, b0, b1))
+                    put_image(loop, cell, command, out[number])
+                    number += 1
+    return number
+
+
+def most_images(loop: TunedLoop, cell: Cell3, width: float) -> int:
+    """Return how many boxes a cell can have at most, for cells of less than pi/2."""
+    return 4 * number_of_slices(loop, cell, width) + 8
+
+
+def _wrapped(low: float, high: float, turn: int) -> Bounds:
+    """Part of an interval of angles that is in [-pi, pi] after ``turn`` full turns less; empty if there is none."""
+    p = low - turn * (_TWO_PI_HIGH if turn > 0 else _TWO_PI_LOW)
+    q = high - turn * (_TWO_PI_LOW if turn > 0 else _TWO_PI_HIGH)
+    return max(down(p), -PI_HIGH), min(up(q), PI_HIGH)
+
+
+def put_image(loop: TunedLoop, cell: Cell3, command: Command, box: Any) -> None:
+    """Write the bounds of the state after one step under a command with the errors of the wheels.
+
+    The wheels' errors add up to drive_noise max(|v|, half |omega|) in v, and to as much / half in omega. The robot
+    moves along the chord of its arc, of length u = t_s v sinc(w / 2) and at the mean heading, w = t_s omega. Seen from
+    there, the goal's direction turns by atan2(u sin(a), rho - u cos(a)), a = alpha - w / 2.
+    """
+    v0, v1, w0, w1 = command
+    _, speed = absolute(v0, v1)
+    _, spin = absolute(w0, w1)
+    error = up(loop.drive_noise * max(speed, up(loop.half * spin)))
+    _, twist = div(error, error, loop.half, loop.half)
+    u0, u1 = mul(loop.t_s, loop.t_s, down(v0 - error), up(v1 + error))
+    z0, z1 = mul(loop.t_s, loop.t_s, down(w0 - twist), up(w1 + twist))
+    c0, c1 = sinc(0.5 * z0, 0.5 * z1)
+    u0, u1 = mul(u0, u1, c0, c1)
+    a0, a1 = sub(cell.alpha_low, cell.alpha_high, 0.5 * z0, 0.5 * z1)
+    c0, c1 = cos(a0, a1)
+    along0, along1 = mul(u0, u1, c0, c1)
+    left0, left1 = sub(cell.rho_low, cell.rho_high, along0, along1)
+    s0, s1 = sin(a0, a1)
+    aside0, aside1 = mul(u0, u1, s0, s1)
+    box[0], box[1] = next_distance(Cell(cell.rho_low, cell.rho_high, 0.0, 0.0), u0, u1, c0, c1)
+    turned0, turned1 = atan2(aside0, aside1, left0, left1)
+    after0, after1 = add(cell.alpha_low, cell.alpha_high, turned0, turned1)
+    box[2], box[3] = sub(after0, after1, z0, z1)
+    box[4], box[5] = add(cell.beta_low, cell.beta_high, turned0, turned1)
+
+
+def local_distance(loop: TunedLoop, cell: Cell3, width: float, rotations: int, box: Any) -> float:
+    """Largest distance [m] one step of Omega_L after the states of a cell, whatever the robot turns meanwhile.
+
+    Args:
+        loop: law, contract and plant.
+        cell: as for :func:`images`; beta does not matter.
+        width: [rad] of the slices of the measured bearing.
+        rotations: number of parts that the range of the rotation is cut into.
+        box: (6,) array to work in.
+    """
+    parts = number_of_slices(loop, cell, width)
+    largest = 0.0
+    for part in range(parts):
+        one = slice_of(loop, cell, part, parts)
+        if one.near > one.far:
+            continue
+        f0, f1 = approach(loop, one.near, one.far)
+        c0, c1 = cos(one.alpha_low, one.alpha_high)
+        v0, v1 = mul(f0, f1, c0, c1)
+        for index in range(rotations):
+            w0 = loop.omega_max * (2.0 * index / rotations - 1.0)
+            w1 = loop.omega_max * (2.0 * (index + 1) / rotations - 1.0)
+            slowest, fastest = absolute(w0, w1)
+            # The heading first, the speed with what is left: a speed beyond it becomes what is left.
+            least = min(max(down(loop.rim - up(loop.half * fastest)), 0.0), loop.v_max)
+            most = min(max(up(loop.rim - down(loop.half * slowest)), 0.0), loop.v_max)
+            low, high = _clip(v0, least if v0 > 0.0 else most), _clip(v1, most if v1 > 0.0 else least)
+            put_image(loop, cell, Command(low, high, down(w0), up(w1)), box)
+            largest = max(largest, box[1])
+    return largest
+
+
+def _clip(value: float, bound: float) -> float:
+    return min(max(value, -bound), bound)

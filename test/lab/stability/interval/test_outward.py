@@ -1,0 +1,206 @@
+"""The compiled interval functions hold the exact range of every box, by Arb's ball arithmetic, and are tight."""
+
+import math
+from itertools import product
+
+import numpy as np
+import pytest
+from flint import arb, ctx
+
+from diffbot_lab.stability.interval import outward
+from diffbot_lab.stability.interval.compiled import compile_bounds
+
+BOXES = 50_000
+"""of each of the 20 cases: a million in total"""
+HALF_PI = 1.5707963267948966
+SINC = [4.493409457909064, 7.725251836937707]
+"""[rad] local extremes of sin(x)/x, to the last bit"""
+
+
+def sinc(x):
+    return x.sin() / x if x != 0 else arb(1)
+
+
+def tanhc(x):
+    return x.tanh() / x if x != 0 else arb(1)
+
+
+def nowhere(low, high):
+    return []
+
+
+def zero(low, high):
+    return [0.0] if low < 0.0 < high else []
+
+
+def quarters(low, high):
+    """Four in a row hold both extremes."""
+    turns = range(math.ceil(low / HALF_PI), math.floor(high / HALF_PI) + 1)[:4]
+    return [one for one in (arb.pi() * number / 2 for number in turns) if low < one < high]
+
+
+def humps(low, high):
+    return zero(low, high) + [one for x in SINC for one in (x, -x) if low < one < high]
+
+
+# name: exact value, its extremes inside a side, (centre, spread) of each side, ulp by which a bound may be off
+CASES = {
+    "add": (lambda x, y: x + y, nowhere, [(0, 20), (0, 20)], 2),
+    "sub": (lambda x, y: x - y, nowhere, [(0, 20), (0, 20)], 2),
+    "mul": (lambda x, y: x * y, nowhere, [(0, 20), (0, 20)], 2),
+    "div": (lambda x, y: x / y, nowhere, [(0, 20), (-11, 10)], 2),
+    "hypot": (lambda x, y: (x * x + y * y).sqrt(), zero, [(0, 20), (0, 20)], 4),
+    "atan2": (arb.atan2, nowhere, [(0, 10), (11, 10)], 10),
+    "atan2 aside": (arb.atan2, nowhere, [(-11, 10), (0, 10)], 10),
+    "atan2 at the cut": (lambda y, x: arb.pi() + arb.atan2(-y, -x), nowhere, [(0, 10), (-11, 10)], 12),
+    "sqr": (lambda x: x * x, zero, [(0, 20)], 2),
+    "sqrt": (arb.sqrt, nowhere, [(11, 11)], 2),
+    "sin": (arb.sin, quarters, [(0, 4)], 10),
+    "sin far away": (arb.sin, quarters, [(0, 300)], 10),
+    "cos": (arb.cos, quarters, [(0, 4)], 10),
+    "cos far away": (arb.cos, quarters, [(0, 300)], 10),
+    "atan": (arb.atan, nowhere, [(0, 20)], 10),
+    "asin": (arb.asin, nowhere, [(0, 1)], 10),
+    "tanh": (arb.tanh, nowhere, [(0, 20)], 10),
+    "sinc": (sinc, zero, [(0, 4.4)], 12),
+    "sinc far away": (sinc, humps, [(0, 30)], math.inf),
+    "tanhc": (tanhc, zero, [(0, 20)], 12),
+}
+NAMES = list(CASES)
+
+
+def of_two(case, a0, a1, b0, b1):
+    if case == 0:
+        return outward.add(a0, a1, b0, b1)
+    if case == 1:
+        return outward.sub(a0, a1, b0, b1)
+    if case == 2:
+        return outward.mul(a0, a1, b0, b1)
+    if case == 3:
+        return outward.div(a0, a1, b0, b1)
+    if case == 4:
+        return outward.hypot(a0, a1, b0, b1)
+    return outward.atan2(a0, a1, b0, b1)
+
+
+def of_one(case, a0, a1):
+    if case == 8:
+        return outward.sqr(a0, a1)
+    if case == 9:
+        return outward.sqrt(a0, a1)
+    if case <= 11:
+        return outward.sin(a0, a1)
+    if case <= 13:
+        return outward.cos(a0, a1)
+    return of_others(case, a0, a1)
+
+
+def of_others(case, a0, a1):
+    if case == 14:
+        return outward.atan(a0, a1)
+    if case == 15:
+        return outward.asin(a0, a1)
+    if case == 16:
+        return outward.tanh(a0, a1)
+    return outward.tanhc(a0, a1) if case == 19 else outward.sinc(a0, a1)
+
+
+def evaluate_all(case, boxes, out):
+    for i in range(len(boxes)):
+        a0, a1, b0, b1 = boxes[i]
+        out[i] = of_two(case, a0, a1, b0, b1) if case < 8 else of_one(case, a0, a1)
+
+
+@pytest.fixture(scope="module")
+def kernel():
+    return compile_bounds(evaluate_all)
+
+
+def random_sides(rng, centre, spread):
+    """Sides of every size, from a point to the whole range, and about a tenth that touch 0."""
+    ends = rng.uniform(-spread, spread, (BOXES, 2))
+    narrow = ends[:, :1] + ends[:, 1:] * 10.0 ** rng.uniform(-17.0, 0.0, (BOXES, 1)) * [0.0, 1.0]
+    sides = np.where(rng.random((BOXES, 1)) < 0.7, np.clip(narrow, -spread, spread), ends)
+    sides[rng.random(BOXES) < 0.05, 0] = 0.0
+    sides[rng.random(BOXES) < 0.05, 1] *= 10.0 ** rng.uniform(-12.0, 0.0)
+    return np.sort(centre + sides, axis=1)
+
+
+def random_boxes(rng, name):
+    boxes = np.zeros((BOXES, 4))
+    ranges = CASES[name][2]
+    boxes[:, : 2 * len(ranges)] = np.hstack([random_sides(rng, *one) for one in ranges])
+    if name == "atan2 at the cut":
+        boxes[:, :2] = np.abs(boxes[:, :2]) * [-1.0, 1.0]
+    return boxes
+
+
+def exact_values(value, extremes, sides):
+    """Balls around the values at the ends of the sides and at the extremes between them."""
+    points = [[arb(one) for one in (low, high, *extremes(low, high))] for low, high in sides]
+    return [value(x) for x in points[0]] if len(points) == 1 else [value(x, y) for x, y in product(*points)]
+
+
+def sorted_ends(values):
+    return min(values), max(values)
+
+
+@pytest.mark.parametrize("case", range(len(NAMES)), ids=NAMES)
+def test_holds_the_exact_range_and_is_tight(case, kernel):
+    value, extremes, ranges, ulps = CASES[NAMES[case]]
+    boxes = random_boxes(np.random.default_rng(case), NAMES[case])
+    found = np.zeros((BOXES, 2))
+    kernel(case, boxes, found)
+    exact = np.zeros((BOXES, 2))
+    ctx.prec = 120
+    for i, box in enumerate(boxes.tolist()):
+        values = exact_values(value, extremes, [box[:2], box[2:]][: len(ranges)])
+        exact[i] = floats = sorted_ends([float(one) for one in values])
+        if not (found[i, 0] < floats[0] and found[i, 1] > floats[1]):
+            # Not beyond the next float. At an extreme the bound is exact, and lies in a ball of 120 bits.
+            low, high = map(arb, found[i].tolist())
+            assert all(low <= one or one.contains(low) for one in values), box
+            assert all(high >= one or one.contains(high) for one in values), box
+    assert np.abs(found - exact).max(initial=0.0, where=exact == 0.0) < 1e-300
+    assert (np.abs(found - exact) <= ulps * np.spacing(np.abs(exact)) + 1e-300).all()
+
+
+def test_values_inside_a_box_are_held(kernel):
+    """Independent of where the extremes are thought to be."""
+    rng = np.random.default_rng(99)
+    for case, (value, _, ranges, _) in enumerate(CASES.values()):
+        boxes = random_boxes(rng, NAMES[case])[:500]
+        found = np.zeros((500, 2))
+        kernel(case, boxes, found)
+        for box, (low, high) in zip(boxes.tolist(), found.tolist(), strict=True):
+            for share in rng.random((4, 2)).tolist():
+                sides = zip(box[::2], box[1::2], share, strict=True)
+                point = [min(max(a + (b - a) * part, a), b) for a, b, part in sides]
+                assert low <= value(*map(arb, point[: len(ranges)])) <= high, (NAMES[case], box)
+
+
+def test_up_and_down_leave_every_float():
+    rng = np.random.default_rng(5)
+    numbers = rng.uniform(-2.0, 2.0, 100_000) * 10.0 ** rng.uniform(-320.0, 290.0, 100_000)
+    powers = 2.0 ** np.arange(-1074, 1000)
+    for x in np.concatenate([numbers, powers, -powers, [0.0]]).tolist():
+        assert outward.up(x) >= math.nextafter(x, math.inf)
+        assert outward.down(x) <= math.nextafter(x, -math.inf)
+        if abs(x) > 1e-290:
+            assert outward.up(x) == math.nextafter(x, math.inf)
+            assert outward.down(x) == math.nextafter(x, -math.inf)
+
+
+def test_constants_enclose_pi():
+    assert arb(outward.PI_LOW) < arb.pi() < arb(outward.PI_HIGH)
+    assert arb(outward.HALF_PI_HIGH) > arb.pi() / 2
+    assert math.nextafter(outward.PI_LOW, 4.0) == outward.PI_HIGH
+
+
+def test_no_bound_is_never_mistaken_for_one():
+    assert outward.div(1.0, 2.0, -1.0, 1.0) == (-math.inf, math.inf)
+    assert outward.div(1.0, 2.0, 0.0, 1.0) == (-math.inf, math.inf)
+    assert all(math.isnan(one) for one in outward.sqrt(-2.0, -1.0) + outward.asin(1.5, 2.0))
+    assert outward.atan2(-1.0, 1.0, -1.0, 1.0) == (-outward.PI_HIGH, outward.PI_HIGH)
+    assert outward.atan2(0.0, 0.0, -2.0, -1.0)[0] <= math.pi <= outward.atan2(0.0, 0.0, -2.0, -1.0)[1]
+    assert outward.sin(-1e300, 1e300) == outward.cos(0.0, 7.0) == (-1.0, 1.0)

@@ -1,0 +1,117 @@
+"""The commands certify, verify and adversary from the command line."""
+
+import json
+
+import pytest
+from certificates import LAW_17
+
+from diffbot_lab import cli
+from diffbot_lab.stability.adversary import command as adversary
+from diffbot_lab.stability.paper import command
+from diffbot_lab.stability.paper.file import EXACT_ARC, load_certificate
+
+SETTINGS = [
+    *("k=1.5", "k_2=2.0", "eps_P=0.35", "eps_P_leave=0.4", "sampling_time=0.2"),
+    *("eps_x_max=0.05", "eps_y_max=0.05", "eps_theta_max=0.05", "eps_v_max=0.02", "eps_omega_max=0.05"),
+]
+COARSE = ["--rho-max", "2", "--width", "0.05", "--columns", "80", "--threads", "1"]
+
+
+def test_a_certificate_is_made_verified_and_attacked(tmp_path, capsys, monkeypatch):
+    path, out = tmp_path / "one" / "c.json", tmp_path / "attack"
+    assert cli.main(["stability", "certify", "--law", "17", *COARSE, "--out", str(path), "--set", *SETTINGS]) == 0
+    made = capsys.readouterr().out
+    certificate = load_certificate(path)
+    assert certificate.loop == LAW_17
+    printed = float(made.partition("r* = ")[2].split()[0])
+    assert certificate.claims.radius <= printed < certificate.claims.radius + 1e-4
+    assert f"({certificate.claims.steps} steps)" in made
+    assert [one.name for one in path.parent.iterdir()] == ["c.json"]
+    assert cli.main(["stability", "verify", str(path)]) == 0
+    assert "Verified: " in capsys.readouterr().out
+    monkeypatch.setattr(adversary, "_GENERATIONS", 1)
+    arguments = ["stability", "adversary", str(path), "--steps", "5000", "--runs", "50", "--out", str(out)]
+    assert cli.main(arguments) == 0
+    found = json.loads((out / "adversary.json").read_text())
+    assert found["observed"]["left_core"] == 0
+    ratio = certificate.claims.radius / found["adversary"]["distance"]
+    assert found["certified_over_adversary"] == ratio > 1.0
+    assert (out / "adversary.png").stat().st_size > 10_000
+
+    content = json.loads(path.read_text())
+    content["claims"]["radius"] = 0.3
+    path.write_text(json.dumps(content))
+    assert cli.main(["stability", "verify", str(path)]) == 1
+    error = capsys.readouterr().err.strip()
+    assert error.startswith(f"diffbot: {path}: not verified: claims.radius = 0.3 m")
+
+
+def test_loops_by_law_and_parameters():
+    assert command.loop_of("13", {})[4:6] == (0.0, 0.0)
+    paper = command.loop_of("17", {})
+    assert paper == (1.3, 1.0, 0.17, 2.7, 0.5, 0.5, 0.3, 0.3, 0.17, 0.065, 0.2167, 0.1, "Euler")
+    other = command.loop_of("17", {"eps_P_leave": 0.6, "exact_arc": True})
+    assert other == paper._replace(eps_P_leave=0.6, plant=EXACT_ARC)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "part"),
+    [
+        (["certify", "--law", "14"], 2, "--law"),
+        (["certify", "--rho-max", "nan"], 2, "argument --rho-max: nan: must be from"),
+        (["certify", "--width", "0"], 2, "argument --width: 0: must be from"),
+        (["certify", "--columns", "9"], 2, "argument --columns: 9: must be from"),
+        (["certify", "--set", "drive_noise=0.1"], 1, "drive_noise = 0.1"),
+        (["certify", "--set", "k=0"], 1, "k = 0"),
+        (["certify", "--set", "k=1", "k=2"], 1, "--set k = 2"),
+        (["certify", "--rho-max", "0.5"], 1, "rho_max = 0.5: must be > 0.574 m"),
+        (["certify", "--width", "0.0001", "--rho-max", "12"], 1, "width = 0.0001"),
+        (["certify", "--width", "0.3", "--columns", "40", "--rho-max", "2"], 1, "no certificate"),
+        (["verify", "absent.json"], 1, "cannot read absent.json"),
+        (["verify", "."], 1, "cannot read ."),
+        (["adversary", "absent.json"], 1, "cannot read absent.json"),
+        (["adversary", "absent.json", "--runs", "0"], 2, "argument --runs: 0: must be from"),
+    ],
+)
+def test_refused_in_one_line(arguments, status, part, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    try:
+        found = cli.main(["stability", *arguments])
+    except SystemExit as end:
+        found = end.code
+    assert found == status
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert part in lines[-1]
+
+
+def test_an_interrupted_calculation_goes_on(tmp_path, capsys, monkeypatch):
+    path = tmp_path / "c.json"
+    arguments = ["stability", "certify", *COARSE, "--out", str(path), "--set", *SETTINGS]
+    parts = command.certify.__globals__["build_graph"].__globals__
+    monkeypatch.setitem(parts, "_CELLS_AT_A_TIME", 400)
+    real, done = parts["_part"], []
+
+    def interrupted(loop, cells, first, last):
+        if len(done) == 3:
+            raise KeyboardInterrupt
+        done.append(first)
+        return real(loop, cells, first, last)
+
+    monkeypatch.setitem(parts, "_part", interrupted)
+    assert cli.main(arguments) == 130
+    assert not path.exists()
+    state = path.with_name("c.json.state")
+    assert state.exists()
+    monkeypatch.setitem(
+        parts, "_part", lambda loop, cells, first, last: done.append(first) or real(loop, cells, first, last)
+    )
+    assert cli.main(arguments) == 0
+    assert len(done) == len(set(done))
+    assert not state.exists()
+    again = tmp_path / "d.json"
+    assert cli.main([*arguments[: -len(SETTINGS) - 2], str(again), "--set", *SETTINGS]) == 0
+    assert (load_certificate(again).ranks == load_certificate(path).ranks).all()
+    # A state of another calculation is not mixed in.
+    state.write_bytes(b"garbage")
+    assert cli.main(arguments) == 1
+    assert "cannot be read" in capsys.readouterr().err
