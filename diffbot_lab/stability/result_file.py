@@ -1,12 +1,15 @@
-"""Reads the JSON files of ``diffbot stability``: their size is bounded, their format is named in the file."""
+"""The JSON files of ``diffbot stability``: their size is bounded, their format is named in the file, arrays are packed."""
 
 from __future__ import annotations
 
+import base64
+import binascii
 import json
+import zlib
 from pathlib import Path
 from typing import Any
 
-from diffbot_core.errors import DiffbotError
+from diffbot_core.errors import DiffbotError, InvalidValueError
 
 _MAX_BYTES = 1_000_000_000
 
@@ -28,3 +31,40 @@ def read_result(path: Path) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise DiffbotError(f"{path}: is no JSON object")
     return content
+
+
+def check_number(name: str, value: Any, low: float, high: float) -> None:
+    """Refuse what is no number, or out of range.
+
+    Raises:
+        InvalidValueError: if it is.
+    """
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not low <= value <= high:
+        raise InvalidValueError(name, value, f"from {low:g} to {high:g}")
+
+
+def pack(raw: bytes) -> str:
+    """Compress bytes to a text, by zlib and base64."""
+    return base64.b64encode(zlib.compress(raw, 9)).decode()
+
+
+def unpack(name: str, text: Any, size: int) -> bytes:
+    """Return what :func:`pack` compressed; no more than ``size`` bytes are ever unpacked.
+
+    Args:
+        name: of the field.
+        text: its value.
+        size: [bytes] to be found.
+
+    Raises:
+        DiffbotError: if it is no such text, or of another size.
+    """
+    if not isinstance(text, str):
+        raise DiffbotError(f"{name}: must be a text")
+    try:
+        raw = zlib.decompressobj().decompress(base64.b64decode(text, validate=True), size + 1)
+    except (ValueError, binascii.Error, zlib.error) as error:
+        raise DiffbotError(f"{name}: {error}") from None
+    if len(raw) != size:
+        raise DiffbotError(f"{name}: must hold {size} bytes")
+    return raw

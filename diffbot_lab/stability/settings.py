@@ -1,9 +1,9 @@
-"""What ``--set`` changes: the paper's noise underneath, the names that are known, and the bounds of all errors in one step."""
+"""What ``--set`` changes: the paper's noise, the names that are covered, and the bounds of all errors in one step."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from diffbot_control.law.controller import ControllerConfig
@@ -21,7 +21,7 @@ PAPER_NOISE = {
 """The paper's input noise, and no velocity limits; the default measurement noise is the paper's."""
 
 
-def refuse_others(values: Mapping[str, Any], known: Iterable[str], what: str) -> None:
+def refuse_others(values: Mapping[str, Any], known: Sequence[str], what: str) -> None:
     """Refuse a parameter that a result does not cover.
 
     Args:

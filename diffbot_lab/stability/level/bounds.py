@@ -3,7 +3,7 @@
 A cell is an interval of each of rho [m], alpha [rad], beta [rad], of the measured alpha before it is wrapped, of eps_v
 [m/s] and of eps_omega [rad/s]. The measured alpha decides the command, and its error mixes the errors of heading and
 position. The input noise moves rho and alpha in opposite ways: small intervals of it make the bound sharp. All is
-rounded outward (:mod:`diffbot_lab.stability.interval.outward`); the bound holds for every real state and noise of the cell.
+rounded outward (interval/outward.py); the bound holds for every real state and noise of the cell.
 
 The step is that of the plant in the robot's frame, where the goal is at (rho cos alpha, rho sin alpha). With the
 command and its noise held for Ts, the robot moves by L in the direction of ``heading``, and turns by w:

@@ -1,6 +1,6 @@
 """``diffbot stability level``: encloses the level of V above which it decreases in each step, for every noise.
 
-From above by branch and bound over cells (:mod:`branching`), from below by a witness (:mod:`witness`).
+From above by branch and bound over cells (level/branching.py), from below by a witness (level/witness.py).
 """
 
 from __future__ import annotations

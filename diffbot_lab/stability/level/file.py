@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import base64
-import binascii
 import math
-import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,7 +14,7 @@ from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.files import write_json
 from diffbot_lab.stability.level.bounds import LevelProblem
 from diffbot_lab.stability.level.witness import Witness
-from diffbot_lab.stability.result_file import read_result
+from diffbot_lab.stability.result_file import check_number, pack, read_result, unpack
 
 FORMAT = "diffbot stability level 1"
 _MAX_NODES = 200_000_000
@@ -34,7 +31,7 @@ class LevelCertificate(NamedTuple):
     level: float
     """V decreases in each step above it, for states within ``rho_max``, and stays below once it is"""
     tree: NDArray[np.uint8]
-    """(n,) of :mod:`branching`"""
+    """(n,) of level/branching.py"""
     witness: Witness | None
     """A state and a noise with which V does not decrease; None if none was found"""
 
@@ -46,7 +43,7 @@ def save_level(path: Path, certificate: LevelCertificate, notes: Mapping[str, An
         OSError: if it cannot be written.
     """
     problem, rho_max, level, tree, witness = certificate
-    packed = base64.b64encode(zlib.compress(tree.tobytes(), 9)).decode()
+    packed = pack(tree.tobytes())
     content = {
         "format": FORMAT,
         "problem": problem._asdict(),
@@ -81,15 +78,15 @@ def _certificate(content: dict[str, Any]) -> LevelCertificate:
     if not isinstance(exact_arc, bool):
         raise InvalidValueError("exact_arc", exact_arc, "true or false")
     for name, value in values.items():
-        _check_number(name, value, 1e-9 if name in _POSITIVE else 0.0, math.pi if name == "eps_theta" else _MAX_VALUE)
+        check_number(name, value, 1e-9 if name in _POSITIVE else 0.0, math.pi if name == "eps_theta" else _MAX_VALUE)
     problem = LevelProblem(**{name: float(value) for name, value in values.items()}, exact_arc=exact_arc)
     for name in ("rho_max", "level"):
-        _check_number(name, content.get(name), 1e-9, _MAX_VALUE**2)
+        check_number(name, content.get(name), 1e-9, _MAX_VALUE**2)
     witness = None
     if content.get("witness") is not None:
         fields = _part(content, "witness", Witness._fields)
         for name, value in fields.items():
-            _check_number(name, value, -_MAX_VALUE, _MAX_VALUE)
+            check_number(name, value, -_MAX_VALUE, _MAX_VALUE)
         witness = Witness(**{name: float(value) for name, value in fields.items()})
     rho_max, level = float(content["rho_max"]), float(content["level"])
     return LevelCertificate(problem, rho_max, level, _tree(content), witness)
@@ -102,22 +99,8 @@ def _part(content: dict[str, Any], name: str, fields: tuple[str, ...]) -> dict[s
     return dict(part)
 
 
-def _check_number(name: str, value: Any, low: float, high: float) -> None:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not low <= value <= high:
-        raise InvalidValueError(name, value, f"from {low:g} to {high:g}")
-
-
 def _tree(content: dict[str, Any]) -> NDArray[np.uint8]:
     nodes, text = content.get("nodes"), content.get("tree")
     if isinstance(nodes, bool) or not isinstance(nodes, int) or not 0 < nodes <= _MAX_NODES:
         raise InvalidValueError("nodes", nodes, f"a whole number from 1 to {_MAX_NODES}")
-    if not isinstance(text, str):
-        raise DiffbotError("tree: must be a text")
-    unpacker = zlib.decompressobj()
-    try:
-        raw = unpacker.decompress(base64.b64decode(text, validate=True), nodes + 1)
-    except (ValueError, binascii.Error, zlib.error) as error:
-        raise DiffbotError(f"tree: {error}") from None
-    if len(raw) != nodes:
-        raise DiffbotError(f"tree: must hold nodes = {nodes} bytes")
-    return np.frombuffer(raw, np.uint8)
+    return np.frombuffer(unpack("tree", text, nodes), np.uint8)

@@ -5,19 +5,16 @@ The ranks are 16-bit integers, little endian, row by row, compressed by zlib and
 
 from __future__ import annotations
 
-import base64
-import binascii
 import math
-import zlib
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from diffbot_core.errors import DiffbotError
+from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.files import write_json
-from diffbot_lab.stability.result_file import read_result
+from diffbot_lab.stability.result_file import check_number, pack, read_result, unpack
 
 Array = NDArray[np.float64]
 
@@ -103,7 +100,7 @@ def save_certificate(path: Path, certificate: Certificate, notes: dict[str, Any]
         "notes": notes,
         "rho": rho.tolist(),
         "alpha": alpha.tolist(),
-        "ranks": base64.b64encode(zlib.compress(ranks.astype("<i2").tobytes(), 9)).decode(),
+        "ranks": pack(ranks.astype("<i2").tobytes()),
     }
     write_json(path, content, indent=0)
 
@@ -119,14 +116,10 @@ def load_certificate(path: Path) -> Certificate:
         raise DiffbotError(f"{path}: is no {FORMAT}")
     try:
         return _certificate(content)
-    except _UnfitError as error:
+    except DiffbotError as error:
         raise DiffbotError(f"{path}: {error}") from None
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise DiffbotError(f"{path}: a value is missing or of the wrong kind: {error}") from None
-
-
-class _UnfitError(DiffbotError):
-    """A value that does not fit."""
 
 
 def _certificate(content: dict[str, Any]) -> Certificate:
@@ -134,42 +127,32 @@ def _certificate(content: dict[str, Any]) -> Certificate:
     rho, alpha = (np.array(content[name], dtype=np.float64) for name in ("rho", "alpha"))
     for name, edges in (("rho", rho), ("alpha", alpha)):
         if edges.ndim != 1 or len(edges) < 2 or not (np.isfinite(edges).all() and (np.diff(edges) > 0.0).all()):
-            raise _UnfitError(f"{name}: must be increasing edges")
+            raise DiffbotError(f"{name}: must be increasing edges")
     rows, columns = len(rho) - 1, len(alpha) - 1
     if rows * columns > _MAX_CELLS:
-        raise _UnfitError(f"cells = {rows * columns}: must be <= {_MAX_CELLS}")
+        raise InvalidValueError("cells", rows * columns, f"<= {_MAX_CELLS}")
     claims = content["claims"]
     steps = claims["steps"]
     if not isinstance(steps, int) or steps < 0:
-        raise _UnfitError(f"claims.steps = {steps!r}: must be a whole number >= 0")
+        raise InvalidValueError("claims.steps", steps, "a whole number >= 0")
     start, radius = float(claims["start"]), float(claims["radius"])
     if not (math.isfinite(start) and math.isfinite(radius)):
-        raise _UnfitError("claims: must be finite")
+        raise DiffbotError("claims: must be finite")
     return Certificate(loop, rho, alpha, _ranks(content["ranks"], rows, columns), Claims(radius, start, steps))
 
 
 def _loop(values: dict[str, Any]) -> Loop:
     for name in (*_POSITIVE, *_FROM_ZERO):
-        value = values[name]
-        low = 0.0 if name in _FROM_ZERO else 1e-9
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not low <= value <= 1e3:
-            raise _UnfitError(f"{name} = {value!r}: must be from {low:g} to 1000")
+        check_number(name, values[name], 0.0 if name in _FROM_ZERO else 1e-9, 1e3)
     if values["eps_theta"] > math.pi:
-        raise _UnfitError(f"eps_theta = {values['eps_theta']!r}: must be <= pi")
+        raise InvalidValueError("eps_theta", values["eps_theta"], "<= pi")
     if values["eps_P_leave"] < values["eps_P"]:
-        raise _UnfitError(f"eps_P_leave = {values['eps_P_leave']!r}: must be >= eps_P = {values['eps_P']!r}")
+        raise InvalidValueError("eps_P_leave", values["eps_P_leave"], f">= eps_P = {values['eps_P']!r}")
     if values["plant"] not in (EULER, EXACT_ARC):
-        raise _UnfitError(f"plant = {values['plant']!r}: must be {EULER} or {EXACT_ARC}")
+        raise InvalidValueError("plant", values["plant"], f"{EULER} or {EXACT_ARC}")
     return Loop._make((*(float(values[name]) for name in Loop._fields[:-1]), values["plant"]))
 
 
-def _ranks(text: str, rows: int, columns: int) -> NDArray[np.int16]:
-    size = 2 * rows * columns
-    unpacker = zlib.decompressobj()
-    try:
-        raw = unpacker.decompress(base64.b64decode(text, validate=True), size + 1)
-    except (binascii.Error, zlib.error) as error:
-        raise _UnfitError(f"ranks: {error}") from None
-    if len(raw) != size:
-        raise _UnfitError(f"ranks: must be {rows} x {columns}, one of each cell")
+def _ranks(text: Any, rows: int, columns: int) -> NDArray[np.int16]:
+    raw = unpack("ranks", text, 2 * rows * columns)
     return np.frombuffer(raw, "<i2").reshape(rows, columns).astype(np.int16)
