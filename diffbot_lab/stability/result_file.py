@@ -1,4 +1,4 @@
-"""The JSON files of ``diffbot stability``: their size is bounded, their format is named in the file, arrays are packed."""
+"""The JSON files of ``diffbot stability``: of bounded size, with the format's name, and packed arrays."""
 
 from __future__ import annotations
 

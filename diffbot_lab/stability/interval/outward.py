@@ -36,6 +36,7 @@ _LIBRARY = LIBRARY_ULPS * 2.0**-52
 PI_LOW = math.pi
 PI_HIGH = 3.1415926535897936
 """The floats next to pi; math.pi is below it."""
+TWO_PI_LOW, TWO_PI_HIGH = 2.0 * PI_LOW, 2.0 * PI_HIGH
 HALF_PI_HIGH = 1.5707963267948968
 _PER_PI = 1.0 / math.pi
 _SINC_MONOTONE = 4.49
@@ -179,6 +180,13 @@ def _directions(y0: float, y1: float, x0: float, x1: float) -> Bounds:
     """Directions of a box without the cut and the origin: the extremes are at corners."""
     p, q, r, s = math.atan2(y0, x0), math.atan2(y0, x1), math.atan2(y1, x0), math.atan2(y1, x1)
     return _below(min(p, q, r, s)), _above(max(p, q, r, s))
+
+
+def wrapped(low: float, high: float, turn: int) -> Bounds:
+    """Part of an interval of angles that is in [-pi, pi] after ``turn`` = -1, 0 or 1 full turns less; may be empty."""
+    p = low - turn * (TWO_PI_HIGH if turn > 0 else TWO_PI_LOW)
+    q = high - turn * (TWO_PI_LOW if turn > 0 else TWO_PI_HIGH)
+    return max(down(p), -PI_HIGH), min(up(q), PI_HIGH)
 
 
 def sinc(a0: float, a1: float) -> Bounds:

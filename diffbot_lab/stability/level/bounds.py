@@ -22,6 +22,8 @@ from typing import NamedTuple
 
 from diffbot_lab.stability.interval.outward import (
     PI_HIGH,
+    TWO_PI_HIGH,
+    TWO_PI_LOW,
     Bounds,
     absolute,
     add,
@@ -40,9 +42,8 @@ from diffbot_lab.stability.interval.outward import (
     tanh,
     tanhc,
     up,
+    wrapped,
 )
-
-_TURN_LOW, _TURN_HIGH = 2.0 * math.pi, 2.0 * PI_HIGH
 
 
 class LevelProblem(NamedTuple):
@@ -165,8 +166,7 @@ def rise(cell: Cell, problem: LevelProblem, level: float) -> float:
     worst = -math.inf
     # The measured alpha is wrapped to [-pi, pi], on which side of the cut soever it lies.
     for turn in range(-1, 2):
-        m0 = max(down(cell.measured0 - turn * (_TURN_HIGH if turn > 0 else _TURN_LOW)), -PI_HIGH)
-        m1 = min(up(cell.measured1 - turn * (_TURN_LOW if turn > 0 else _TURN_HIGH)), PI_HIGH)
+        m0, m1 = wrapped(cell.measured0, cell.measured1, turn)
         if m0 <= m1:
             worst = max(worst, _rise_for(cell, m0, m1, beta0, beta1, problem))
     return worst
@@ -246,8 +246,8 @@ def _rise_of_square(a0: float, a1: float, t0: float, t1: float) -> float:
         return widest
     worst = -math.inf
     for turn in range(-1, 2):
-        shift0 = turn * (_TURN_LOW if turn > 0 else _TURN_HIGH)
-        shift1 = turn * (_TURN_HIGH if turn > 0 else _TURN_LOW)
+        shift0 = turn * (TWO_PI_LOW if turn > 0 else TWO_PI_HIGH)
+        shift1 = turn * (TWO_PI_HIGH if turn > 0 else TWO_PI_LOW)
         b0, b1 = sub(low, high, shift0, shift1)
         b0, b1 = max(b0, -PI_HIGH), min(b1, PI_HIGH)
         if b0 <= b1:

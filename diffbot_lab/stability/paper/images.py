@@ -15,25 +15,19 @@ from diffbot_lab.stability.interval.outward import (
     PI_HIGH,
     Bounds,
     add,
-    asin,
-    atan2,
     cos,
-    div,
     down,
     mul,
     sin,
     sinc,
-    sqr,
-    sqrt,
     sub,
     tanh,
     tanhc,
     up,
+    wrapped,
 )
 from diffbot_lab.stability.rank.cells import Cell
-
-_TWO_PI_LOW, _TWO_PI_HIGH = 6.283185307179586, 6.283185307179587
-"""The floats next to 2 pi."""
+from diffbot_lab.stability.rank.geometry import bearing_error, goal_after_move, measured_distance
 
 
 class PaperLoop(NamedTuple):
@@ -95,8 +89,7 @@ def images(loop: PaperLoop, cell: Cell, out: Any) -> int:
     Returns:
         The number of boxes.
     """
-    _, ratio = div(loop.eps_position, loop.eps_position, cell.rho_low, cell.rho_low)
-    _, bearing = asin(ratio, ratio)
+    bearing = bearing_error(loop.eps_position, cell.rho_low)
     reach = up(bearing + loop.eps_theta)
     low, high = down(cell.alpha_low - reach), up(cell.alpha_high + reach)
     parts = math.ceil((high - low) / loop.slice_width)
@@ -107,8 +100,7 @@ def images(loop: PaperLoop, cell: Cell, out: Any) -> int:
         near, far = _measured_distance(loop, cell, bearing, p, q)
         # A measured bearing beyond the cut is wrapped before the law uses it.
         for turn in range(-1, 2):
-            a0 = max(down(p - turn * (_TWO_PI_HIGH if turn > 0 else _TWO_PI_LOW)), -PI_HIGH)
-            a1 = min(up(q - turn * (_TWO_PI_LOW if turn > 0 else _TWO_PI_HIGH)), PI_HIGH)
+            a0, a1 = wrapped(p, q, turn)
             if near <= far and a0 <= a1:
                 number = _images_of_slice(loop, cell, Measured(near, far, a0, a1), out, number)
         p = q
@@ -116,26 +108,12 @@ def images(loop: PaperLoop, cell: Cell, out: Any) -> int:
 
 
 def _measured_distance(loop: PaperLoop, cell: Cell, bearing: float, p: float, q: float) -> Bounds:
-    """Bounds of the measured distance [m] if the measured bearing, not wrapped, is in [p, q]; empty if it cannot be.
-
-    The measured goal is at an angle d from the true one, |d| <= bearing. The ray at this angle meets the disc of the
-    position error between rho cos(d) -+ sqrt(eps^2 - rho^2 sin(d)^2). The nearer end rises with |d| and with rho, the
-    farther one falls with |d|.
-    """
+    """Bounds of the measured distance [m] if the measured bearing, not wrapped, is in [p, q]; empty if it cannot be."""
     d0 = max(down(down(p - cell.alpha_high) - loop.eps_theta), -bearing)
     d1 = min(up(up(q - cell.alpha_low) + loop.eps_theta), bearing)
     if d0 > d1:
         return 1.0, 0.0
-    d = 0.0 if d0 <= 0.0 <= d1 else min(abs(d0), abs(d1))
-    c0, c1 = cos(d, d)
-    s0, s1 = sin(d, d)
-    y0, y1 = mul(cell.rho_low, cell.rho_low, s0, s1)
-    y0, y1 = sqr(max(y0, 0.0), y1)
-    _, e1 = sqr(loop.eps_position, loop.eps_position)
-    _, half = sqrt(0.0, max(up(e1 - y0), 0.0))
-    near, _ = mul(cell.rho_low, cell.rho_low, c0, c1)
-    _, far = mul(cell.rho_high, cell.rho_high, c0, c1)
-    return max(down(near - half), 0.0), up(far + half)
+    return measured_distance(loop.eps_position, cell.rho_low, cell.rho_high, d0, d1)
 
 
 def _images_of_slice(loop: PaperLoop, cell: Cell, measured: Measured, out: Any, number: int) -> int:
@@ -187,9 +165,8 @@ def _steering(loop: PaperLoop, measured: Measured) -> Bounds:
 def _put_image(loop: PaperLoop, cell: Cell, v0: float, v1: float, omega: Bounds, box: Any) -> None:
     """Write the bounds of the state after one step with the input noise.
 
-    A path of length u along a chord that leaves at the angle a from the goal leads to
-    rho^2 - 2 rho u cos(a) + u^2, and turns the goal's direction by atan2(u sin(a), rho - u cos(a)). Euler's chord has
-    the heading at the start; that of the arc the mean heading, and u shrinks by sinc(turn / 2).
+    The robot moves along a chord. Euler's has the heading at the start. That of the arc has the mean heading, and its
+    length u shrinks by sinc(turn / 2).
     """
     u0, u1 = mul(loop.t_s, loop.t_s, down(v0 - loop.eps_v), up(v1 + loop.eps_v))
     z0, z1 = mul(loop.t_s, loop.t_s, down(omega[0] - loop.eps_omega), up(omega[1] + loop.eps_omega))
@@ -198,43 +175,7 @@ def _put_image(loop: PaperLoop, cell: Cell, v0: float, v1: float, omega: Bounds,
         c0, c1 = sinc(0.5 * z0, 0.5 * z1)
         u0, u1 = mul(u0, u1, c0, c1)
         a0, a1 = sub(a0, a1, 0.5 * z0, 0.5 * z1)
-    c0, c1 = cos(a0, a1)
-    s0, s1 = sin(a0, a1)
-    box[0], box[1] = next_distance(cell, u0, u1, c0, c1)
-    along0, along1 = mul(u0, u1, c0, c1)
-    aside0, aside1 = mul(u0, u1, s0, s1)
-    left0, left1 = sub(cell.rho_low, cell.rho_high, along0, along1)
-    turned0, turned1 = atan2(aside0, aside1, left0, left1)
+    near, far, turned0, turned1 = goal_after_move(cell.rho_low, cell.rho_high, u0, u1, a0, a1)
     after0, after1 = add(cell.alpha_low, cell.alpha_high, turned0, turned1)
+    box[0], box[1] = near, far
     box[2], box[3] = sub(after0, after1, z0, z1)
-
-
-def next_distance(cell: Cell, u0: float, u1: float, c0: float, c1: float) -> Bounds:
-    """Bounds of sqrt(rho^2 - 2 rho u c + u^2) for u [m] in [u0, u1] and the cosine in [c0, c1].
-
-    It is linear in c and convex in rho and in u: the largest value is at a corner. For rho > |u| it rises with rho, so
-    the smallest is at rho_low, at an end of c, and at an end of u or at u = rho_low c, where rho^2 (1 - c^2) is left.
-    """
-    low, high = math.inf, 0.0
-    for c in (c0, c1):
-        for u in (u0, u1):
-            least, _ = _square(cell.rho_low, u, c)
-            _, most = _square(cell.rho_high, u, c)
-            _, other = _square(cell.rho_low, u, c)
-            low, high = min(low, least), max(high, most, other)
-        best0, best1 = mul(cell.rho_low, cell.rho_low, c, c)
-        if u0 <= best1 and best0 <= u1:
-            _, c_square = sqr(c, c)
-            square, _ = sqr(cell.rho_low, cell.rho_low)
-            low = min(low, down(square * max(down(1.0 - c_square), 0.0)))
-    return sqrt(max(low, 0.0), max(high, 0.0))
-
-
-def _square(rho: float, u: float, c: float) -> Bounds:
-    """Bounds of rho^2 - 2 rho u c + u^2 [m^2] at a point."""
-    p0, p1 = mul(rho, rho, u, u)
-    p0, p1 = mul(2.0 * p0, 2.0 * p1, c, c)
-    r0, r1 = sqr(rho, rho)
-    s0, s1 = sqr(u, u)
-    s0, s1 = add(r0, r1, s0, s1)
-    return sub(s0, s1, p0, p1)

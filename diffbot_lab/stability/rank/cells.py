@@ -103,8 +103,8 @@ def block_of(rho: Any, columns: int, rho_low: float, rho_high: float, alpha_low:
         alpha_low: [rad] not wrapped
         alpha_high: [rad]
     """
-    first_row = _row_of(rho, rho_low - PADDING)
-    last_row = _row_of(rho, rho_high + PADDING)
+    first_row = row_of(rho, rho_low - PADDING)
+    last_row = row_of(rho, rho_high + PADDING)
     per_column = columns / (2.0 * math.pi)
     # PADDING is more than the rounding of the next two lines.
     first = math.floor((alpha_low - PADDING + math.pi) * per_column)
@@ -115,7 +115,7 @@ def block_of(rho: Any, columns: int, rho_low: float, rho_high: float, alpha_low:
     return Block(max(first_row, 0), last_row, start, start + last - first)
 
 
-def _row_of(rho: Any, distance: float) -> int:
+def row_of(rho: Any, distance: float) -> int:
     """Return the row that a distance [m] is in; -1 inside, the number of rows beyond them."""
     low, high = -1, len(rho) - 1
     while low < high:

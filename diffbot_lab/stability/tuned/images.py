@@ -12,29 +12,19 @@ import math
 from typing import Any, NamedTuple
 
 from diffbot_lab.stability.interval.outward import (
-    PI_HIGH,
-    Bounds,
     absolute,
     add,
-    asin,
-    atan2,
     cos,
     div,
     down,
     mul,
-    sin,
     sinc,
-    sqr,
-    sqrt,
     sub,
     up,
+    wrapped,
 )
-from diffbot_lab.stability.paper.images import next_distance
-from diffbot_lab.stability.rank.cells import Cell
+from diffbot_lab.stability.rank.geometry import bearing_error, goal_after_move, measured_distance
 from diffbot_lab.stability.tuned.law import Command, Measured, TunedLoop, approach, command_bounds
-
-_TWO_PI_LOW, _TWO_PI_HIGH = 6.283185307179586, 6.283185307179587
-"""The floats next to 2 pi."""
 
 
 class Cell3(NamedTuple):
@@ -62,26 +52,15 @@ class Slice(NamedTuple):
     turned_high: float
 
 
-def bearing_error(loop: TunedLoop, rho: float) -> float:
-    """Largest error [rad] of the goal's direction at a distance ``rho`` > eps_position [m]."""
-    _, ratio = div(loop.eps_position, loop.eps_position, rho, rho)
-    return asin(ratio, ratio)[1]
-
-
 def number_of_slices(loop: TunedLoop, cell: Cell3, width: float) -> int:
     """Return into how many slices of at most ``width`` [rad] the measured bearing is cut."""
-    reach = up(bearing_error(loop, cell.rho_low) + loop.eps_theta)
+    reach = up(bearing_error(loop.eps_position, cell.rho_low) + loop.eps_theta)
     return math.ceil((up(cell.alpha_high - cell.alpha_low) + 2.0 * reach) / width)
 
 
 def slice_of(loop: TunedLoop, cell: Cell3, part: int, parts: int) -> Slice:
-    """Return one of the slices that together hold all that may be measured; ``near`` > ``far`` for an empty one.
-
-    The measured goal is at an angle d from the true one, |d| <= ``bearing_error``. The ray at this angle meets the disc
-    of the position error between rho cos(d) -+ sqrt(eps^2 - rho^2 sin(d)^2). The nearer end rises with |d| and with
-    rho, the farther one falls with |d|.
-    """
-    bearing = bearing_error(loop, cell.rho_low)
+    """Return one of the slices that together hold all that may be measured; ``near`` > ``far`` for an empty one."""
+    bearing = bearing_error(loop.eps_position, cell.rho_low)
     reach = up(bearing + loop.eps_theta)
     low, high = down(cell.alpha_low - reach), up(cell.alpha_high + reach)
     p = low if part == 0 else low + (high - low) * (part / parts)
@@ -90,14 +69,8 @@ def slice_of(loop: TunedLoop, cell: Cell3, part: int, parts: int) -> Slice:
     d1 = min(up(up(q - cell.alpha_low) + loop.eps_theta), bearing)
     if d0 > d1:
         return Slice(1.0, 0.0, p, q, 0.0, 0.0)
-    d = 0.0 if d0 <= 0.0 <= d1 else min(abs(d0), abs(d1))
-    c0, c1 = cos(d, d)
-    s0, _ = sin(d, d)
-    aside = max(down(cell.rho_low * s0), 0.0)
-    y0, _ = sqr(aside, aside)
-    _, e1 = sqr(loop.eps_position, loop.eps_position)
-    _, half = sqrt(0.0, max(up(e1 - y0), 0.0))
-    return Slice(max(down(down(cell.rho_low * c0) - half), 0.0), up(up(cell.rho_high * c1) + half), p, q, d0, d1)
+    near, far = measured_distance(loop.eps_position, cell.rho_low, cell.rho_high, d0, d1)
+    return Slice(near, far, p, q, d0, d1)
 
 
 def images(loop: TunedLoop, cell: Cell3, width: float, out: Any) -> int:
@@ -122,9 +95,9 @@ def images(loop: TunedLoop, cell: Cell3, width: float, out: Any) -> int:
             return -1
         beta0, beta1 = add(cell.beta_low, cell.beta_high, one.turned_low, one.turned_high)
         for turn_a in range(-1, 2):
-            a0, a1 = _wrapped(one.alpha_low, one.alpha_high, turn_a)
+            a0, a1 = wrapped(one.alpha_low, one.alpha_high, turn_a)
             for turn_b in range(-1, 2):
-                b0, b1 = _wrapped(beta0, beta1, turn_b)
+                b0, b1 = wrapped(beta0, beta1, turn_b)
                 if a0 <= a1 and b0 <= b1:
                     command = command_bounds(loop, Measured(one.near, one.far, a0, a1, b0, b1))
                     put_image(loop, cell, command, out[number])
@@ -137,19 +110,24 @@ def most_images(loop: TunedLoop, cell: Cell3, width: float) -> int:
     return 4 * number_of_slices(loop, cell, width) + 8
 
 
-def _wrapped(low: float, high: float, turn: int) -> Bounds:
-    """Part of an interval of angles that is in [-pi, pi] after ``turn`` full turns less; empty if there is none."""
-    p = low - turn * (_TWO_PI_HIGH if turn > 0 else _TWO_PI_LOW)
-    q = high - turn * (_TWO_PI_LOW if turn > 0 else _TWO_PI_HIGH)
-    return max(down(p), -PI_HIGH), min(up(q), PI_HIGH)
-
-
 def put_image(loop: TunedLoop, cell: Cell3, command: Command, box: Any) -> None:
     """Write the bounds of the state after one step under a command with the errors of the wheels.
 
-    The wheels' errors add up to drive_noise max(|v|, half |omega|) in v, and to as much / half in omega. The robot
-    moves along the chord of its arc, of length u = t_s v sinc(w / 2) and at the mean heading, w = t_s omega. Seen from
-    there, the goal's direction turns by atan2(u sin(a), rho - u cos(a)), a = alpha - w / 2.
+    The robot moves along the chord of its arc, of length u = t_s v sinc(w / 2) and at the mean heading, w = t_s omega.
+    """
+    u0, u1, z0, z1 = chord(loop, command)
+    a0, a1 = sub(cell.alpha_low, cell.alpha_high, 0.5 * z0, 0.5 * z1)
+    near, far, turned0, turned1 = goal_after_move(cell.rho_low, cell.rho_high, u0, u1, a0, a1)
+    after0, after1 = add(cell.alpha_low, cell.alpha_high, turned0, turned1)
+    box[0], box[1] = near, far
+    box[2], box[3] = sub(after0, after1, z0, z1)
+    box[4], box[5] = add(cell.beta_low, cell.beta_high, turned0, turned1)
+
+
+def chord(loop: TunedLoop, command: Command) -> tuple[float, float, float, float]:
+    """Bounds of the chord's length [m] and of the turn [rad] in one step under a command with the errors of the wheels.
+
+    The errors add up to drive_noise max(|v|, half |omega|) in v, and to as much / half in omega.
     """
     v0, v1, w0, w1 = command
     _, speed = absolute(v0, v1)
@@ -160,17 +138,7 @@ def put_image(loop: TunedLoop, cell: Cell3, command: Command, box: Any) -> None:
     z0, z1 = mul(loop.t_s, loop.t_s, down(w0 - twist), up(w1 + twist))
     c0, c1 = sinc(0.5 * z0, 0.5 * z1)
     u0, u1 = mul(u0, u1, c0, c1)
-    a0, a1 = sub(cell.alpha_low, cell.alpha_high, 0.5 * z0, 0.5 * z1)
-    c0, c1 = cos(a0, a1)
-    along0, along1 = mul(u0, u1, c0, c1)
-    left0, left1 = sub(cell.rho_low, cell.rho_high, along0, along1)
-    s0, s1 = sin(a0, a1)
-    aside0, aside1 = mul(u0, u1, s0, s1)
-    box[0], box[1] = next_distance(Cell(cell.rho_low, cell.rho_high, 0.0, 0.0), u0, u1, c0, c1)
-    turned0, turned1 = atan2(aside0, aside1, left0, left1)
-    after0, after1 = add(cell.alpha_low, cell.alpha_high, turned0, turned1)
-    box[2], box[3] = sub(after0, after1, z0, z1)
-    box[4], box[5] = add(cell.beta_low, cell.beta_high, turned0, turned1)
+    return u0, u1, z0, z1
 
 
 def local_distance(loop: TunedLoop, cell: Cell3, width: float, rotations: int, box: Any) -> float:

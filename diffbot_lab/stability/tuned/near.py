@@ -26,9 +26,9 @@ from diffbot_control.law.finish import (
 from diffbot_control.law.regions import CovarianceRegionPolicy
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.stability.interval.compiled import compile_bounds
-from diffbot_lab.stability.interval.outward import absolute, add, div, down, mul, sin, sinc, sub, up
-from diffbot_lab.stability.tuned.images import Cell3, local_distance
-from diffbot_lab.stability.tuned.law import TunedLoop, profile_gain
+from diffbot_lab.stability.interval.outward import absolute, add, down, mul, sin, sub, up
+from diffbot_lab.stability.tuned.images import Cell3, chord, local_distance
+from diffbot_lab.stability.tuned.law import Command, TunedLoop, profile_gain
 
 _ROUNDING = 1e-9
 """[m] and [rad] added to sums of a few numbers that are not rounded outward one by one"""
@@ -221,13 +221,7 @@ def _way_image(loop: TunedLoop, way: WayOut, y: float, theta: float) -> tuple[fl
     share1 = max(up(1.0 - down(least / (2.0 * way.heading))), 0.0)
     v0, v1 = -up(way.speed * share1), -down(way.least_speed * share0)
     w0, w1 = -_turning(loop, way, e1, True), -_turning(loop, way, e0, False)
-    _, spin = absolute(w0, w1)
-    error = up(loop.drive_noise * max(-v0, up(loop.half * spin)))
-    _, twist = div(error, error, loop.half, loop.half)
-    u0, u1 = mul(loop.t_s, loop.t_s, down(v0 - error), up(v1 + error))
-    z0, z1 = mul(loop.t_s, loop.t_s, down(w0 - twist), up(w1 + twist))
-    c0, c1 = sinc(0.5 * z0, 0.5 * z1)
-    u0, u1 = mul(u0, u1, c0, c1)
+    u0, u1, z0, z1 = chord(loop, Command(v0, v1, w0, w1))
     m0, m1 = add(t0, t1, 0.5 * z0, 0.5 * z1)
     s0, s1 = sin(m0, m1)
     u0, u1 = mul(u0, u1, s0, s1)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diffbot_lab.stability.interval.compiled import compile_bounds
-from diffbot_lab.stability.rank.cells import PADDING
+from diffbot_lab.stability.rank.cells import PADDING, row_of
 from diffbot_lab.stability.tuned.images import Cell3, images
 from diffbot_lab.stability.tuned.law import TunedLoop
 
@@ -112,18 +112,6 @@ def fill_boxes(loop: TunedLoop, table: Table, row: int, work: Any, boxes: Any, c
             used += 1
         counts[index] = number
     return used
-
-
-def row_of(rho: Any, distance: float) -> int:
-    """Return the row that a distance [m] is in; -1 inside, the number of rows beyond them."""
-    low, high = -1, len(rho) - 1
-    while low < high:
-        middle = (low + high + 1) // 2
-        if rho[middle] <= distance:
-            low = middle
-        else:
-            high = middle - 1
-    return low
 
 
 def kept_index(table: Table, row: int, i: int, j: int) -> int:
