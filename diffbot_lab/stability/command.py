@@ -7,14 +7,20 @@ import importlib
 from pathlib import Path
 from typing import Any
 
-from diffbot_core.errors import DiffbotError
+from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.ranges import LENGTH
 from diffbot_lab.arguments import MAX_SEED, number_between, once, setting, whole
 from diffbot_lab.stability.result_file import read_result
 
+TUNED = "tuned"
+_OF_PAPER = ("width", "columns", "threads")
+_OF_CONTRACT = ("eps_xy", "eps_theta", "sigma_max")
+_OF_PLAN = ("finish", "margin", "fineness")
+"""Options of ``certify`` that one kind of law has."""
 VERIFIERS = {
     "diffbot stability level 1": "diffbot_lab.stability.level.verify",
     "diffbot stability certificate 1": "diffbot_lab.stability.paper.command",
+    "diffbot stability tuned 1": "diffbot_lab.stability.tuned.command",
 }
 """Modules with a function ``run_verify(path)``, by the format of the files that they check."""
 
@@ -59,17 +65,25 @@ def _add_level(verbs: Any) -> None:
 
 def _add_certify(verbs: Any) -> None:
     certify = verbs.add_parser("certify", help="certify where the noisy loop ends, and after what time at most")
-    certify.add_argument("--law", choices=("13", "17"), default="17", help="equation (default: %(default)s)")
+    certify.add_argument(
+        "--law", choices=("13", "17", TUNED), default="17", help="equation, or the default law (default: %(default)s)"
+    )
     add_settings(certify)
     certify.add_argument("--rho-max", type=number_between(0.1, 100.0), default=12.0, help="starts are within [m] (12)")
     certify.add_argument(
-        "--width", type=number_between(1e-4, 1.0), default=0.0025, help="of the cells near the goal [m] (%(default)s)"
-    )
-    certify.add_argument("--columns", type=whole(16, 16_000), default=1256, help="cells of alpha (%(default)s)")
-    certify.add_argument("--threads", type=whole(1, 1024), help="at a time (default: one per core)")
-    certify.add_argument(
         "--out", type=Path, default=Path("out/stability/certificate.json"), help="file (default: %(default)s)"
     )
+    paper = certify.add_argument_group("laws 13 and 17")
+    paper.add_argument("--width", type=number_between(1e-4, 1.0), help="of the cells near the goal [m] (0.0025)")
+    paper.add_argument("--columns", type=whole(16, 16_000), help="cells of alpha (1256)")
+    paper.add_argument("--threads", type=whole(1, 1024), help="at a time (default: one per core)")
+    tuned = certify.add_argument_group("law tuned: contract of the estimate, and cells")
+    tuned.add_argument("--eps-xy", type=number_between(1e-6, 0.99), help="bound of the errors of x and y [m] (0.06)")
+    tuned.add_argument("--eps-theta", type=number_between(1e-6, 0.99), help="and of the heading [rad] (0.03)")
+    tuned.add_argument("--sigma-max", type=number_between(1e-6, 0.99), help="of the reported deviation [m] (0.033)")
+    tuned.add_argument("--finish", action="store_const", const=True, help="the finish may act (default: it is used up)")
+    tuned.add_argument("--margin", type=number_between(0.0, 10.0), help="by which the core is larger [m] (0)")
+    tuned.add_argument("--fineness", type=number_between(0.1, 10.0), help="of the cells near the goal (1)")
     certify.set_defaults(call=_certify)
 
 
@@ -103,12 +117,32 @@ def _level(options: argparse.Namespace) -> int:
     return enclosure.run(values, options.rho_max, options.tolerance, options.seed, options.out)
 
 
+def _given(options: argparse.Namespace, names: tuple[str, ...]) -> dict[str, Any]:
+    return {name: value for name in names if (value := getattr(options, name)) is not None}
+
+
 def _certify(options: argparse.Namespace) -> int:
+    others = _OF_PAPER if options.law == TUNED else (*_OF_CONTRACT, *_OF_PLAN)
+    for name, value in _given(options, others).items():
+        raise InvalidValueError(f"--{name.replace('_', '-')}", value, f"left out with --law {options.law}")
+    return (_certify_tuned if options.law == TUNED else _certify_paper)(options)
+
+
+def _certify_tuned(options: argparse.Namespace) -> int:
+    from diffbot_lab.stability.tuned import command  # noqa: PLC0415
+    from diffbot_lab.stability.tuned.certify import Contract, Plan  # noqa: PLC0415
+
+    contract = Contract(**_given(options, _OF_CONTRACT))
+    plan = Plan(contract=contract, to=options.rho_max, **_given(options, _OF_PLAN))
+    return command.run_certify(once("--set", options.set), plan, options.out)
+
+
+def _certify_paper(options: argparse.Namespace) -> int:
     from diffbot_lab.stability.paper import command  # noqa: PLC0415
     from diffbot_lab.stability.paper.certify import Resolution  # noqa: PLC0415
 
     loop = command.loop_of(options.law, once("--set", options.set))
-    resolution = Resolution(width=options.width, columns=options.columns)
+    resolution = Resolution(**_given(options, ("width", "columns")))
     return command.run_certify(loop, options.rho_max, resolution, options.out, options.threads)
 
 

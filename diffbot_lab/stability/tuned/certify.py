@@ -6,9 +6,7 @@ stays. The file holds the configuration, the contract and the ranks; all else is
 
 from __future__ import annotations
 
-import json
 import math
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,8 +17,6 @@ from diffbot_control.law.configuration import BRAKING, GIVEN, ControllerConfig
 from diffbot_control.law.regions import COVARIANCE
 from diffbot_core.data_sheet import rim_speed
 from diffbot_core.errors import DiffbotError, InvalidValueError
-from diffbot_core.files import replacing
-from diffbot_core.schema import to_dict
 from diffbot_lab.stability.interval.outward import hypot, up
 from diffbot_lab.stability.tuned.images import number_of_slices
 from diffbot_lab.stability.tuned.law import TunedLoop, approach
@@ -41,7 +37,6 @@ from diffbot_sim.model.plant import PlantConfig
 
 PLANT = PlantConfig()
 """The robot and its input noise; a file does not change them."""
-FORMAT = "diffbot tuned certificate 1"
 _MAX_CELLS = 100_000_000
 
 
@@ -264,18 +259,3 @@ def _spread(table: Table, images: list[Boxes], ranks: NDArray[np.int16]) -> None
             if fresh < 0:
                 raise DiffbotError("no certificate: the core reaches as far as the cells do")
             added += fresh
-
-
-def write(certificate: Certificate, path: Path) -> None:
-    """Write the certificate to one file, whole or not at all."""
-    header = {
-        "format": FORMAT,
-        "plan": {**certificate.plan._asdict(), "contract": certificate.plan.contract._asdict()},
-        "controller": {name: _plain(value) for name, value in to_dict(certificate.config).items()},
-    }
-    with replacing(path) as temporary, temporary.open("wb") as stream:
-        np.savez_compressed(stream, header=np.array(json.dumps(header)), ranks=certificate.ranks)
-
-
-def _plain(value: Any) -> Any:
-    return "inf" if value == math.inf else value

@@ -16,8 +16,9 @@ from diffbot_core.errors import DiffbotError
 from diffbot_core.files import output_folder
 from diffbot_core.schema import build
 from diffbot_lab.campaign.statistics import wilson
-from diffbot_lab.stability.tuned.certify import PLANT, Contract, Plan, certify, write
-from diffbot_lab.stability.tuned.verify import load, sample, verify
+from diffbot_lab.stability.tuned.certify import PLANT, Contract, Plan, certify
+from diffbot_lab.stability.tuned.file import load_tuned, save_tuned
+from diffbot_lab.stability.tuned.verify import sample, verify
 
 
 class Kept(NamedTuple):
@@ -67,18 +68,18 @@ def run_certify(values: Mapping[str, Any], plan: Plan, out: Path) -> int:
     config, began = build(ControllerConfig, values), time.monotonic()
     with output_folder(out.parent):
         certificate = certify(config, plan)
-        write(certificate, out)
+        save_tuned(out, certificate)
     print(f"{len(certificate.ranks)} cells, {time.monotonic() - began:.0f} s; not verified yet\n{out}")
     return 0
 
 
-def run_verify(path: Path, steps: int, seed: int) -> int:
+def run_verify(path: Path, steps: int = 1_000_000, seed: int = 1) -> int:
     """Check a certificate, and compare it with ``steps`` random steps of the robot's own law.
 
     Raises:
         DiffbotError: naming what is not proved, or if a random step breaks a rank.
     """
-    certificate, began = load(path), time.monotonic()
+    certificate, began = load_tuned(path), time.monotonic()
     try:
         claims = verify(certificate)
     except DiffbotError as error:

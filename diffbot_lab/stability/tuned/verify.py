@@ -1,4 +1,4 @@
-"""Reads a certificate of the law with braking profiles and checks it again.
+"""Checks a certificate of the law with braking profiles again.
 
 ``verify`` works out the cells, the bounds of Omega_L and the images anew from the configuration in the file, and
 compares ranks; how the ranks were found does not matter to it. It shares the image of a cell with ``certify``.
@@ -7,16 +7,12 @@ compares ranks; how the ranks were found does not matter to it. It shares the im
 
 from __future__ import annotations
 
-import json
 import math
-import zipfile
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from tqdm import tqdm
 
-from diffbot_control.law.configuration import ControllerConfig
 from diffbot_control.law.polar_coordinates import Navigation
 from diffbot_control.law.speed_profile import ProfileGains
 from diffbot_control.law.steering import FRONT, drive_and_steer
@@ -24,17 +20,12 @@ from diffbot_core.data_sheet import DataSheet
 from diffbot_core.errors import DiffbotError
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import WheelSpeeds, body_twist, wheel_speeds
-from diffbot_core.schema import build
 from diffbot_lab.stability.interval.compiled import compile_bounds
 from diffbot_lab.stability.rank.cells import row_of
 from diffbot_lab.stability.tuned.certify import (
-    FORMAT,
     PLANT,
     Certificate,
-    Contract,
-    Plan,
     boxes_of_row,
-    check_plan,
     core_radius,
     seed_rows,
     steps_from,
@@ -44,8 +35,6 @@ from diffbot_lab.stability.tuned.certify import (
 from diffbot_lab.stability.tuned.near import near_bounds
 from diffbot_lab.stability.tuned.table import CORE, UNRANKED, check_kernel, columns_of, kept_index
 from diffbot_sim.model.plant import integrate
-
-_MAX_BYTES = 1_000_000_000
 
 
 class Claims(NamedTuple):
@@ -66,33 +55,6 @@ class Sampled(NamedTuple):
     steps: int
     broken: int
     """steps that led to a rank that is not smaller, or out of the core"""
-
-
-def load(path: Path) -> Certificate:
-    """Read a certificate; its claims are not checked yet.
-
-    Raises:
-        DiffbotError: if the file cannot be read, or is none.
-    """
-    try:
-        if path.stat().st_size > _MAX_BYTES:
-            raise DiffbotError(f"{path}: larger than {_MAX_BYTES} bytes")
-        with np.load(path, allow_pickle=False) as content:
-            header, ranks = json.loads(str(content["header"])), content["ranks"]
-        if not isinstance(header, dict) or header.get("format") != FORMAT:
-            raise DiffbotError(f"{path}: is no {FORMAT}")
-        values = dict(header["plan"])
-        plan = Plan(**{**values, "contract": Contract(**values["contract"])})
-        config = build(ControllerConfig, header["controller"])
-    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
-        raise DiffbotError(f"{path} cannot be read: {error}") from None
-    check_plan(plan)
-    loop = tuned_loop(config, plan.contract)
-    near = near_bounds(loop, config, plan.contract.eps_xy, plan.contract.sigma_max)
-    table, _ = table_of(loop, near, plan)
-    if ranks.dtype != np.int16 or ranks.shape != (int(table.start[-1]),):
-        raise DiffbotError(f"{path}: must have a rank for each of {int(table.start[-1])} cells")
-    return Certificate(plan, config, near, table, ranks)
 
 
 def verify(certificate: Certificate) -> Claims:

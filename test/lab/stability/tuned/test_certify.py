@@ -1,5 +1,6 @@
 """A small certificate of the tuned law: it holds, is read back, and planted mistakes are found."""
 
+import json
 import math
 
 import numpy as np
@@ -9,10 +10,11 @@ from diffbot_control.law.configuration import ControllerConfig
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_lab.stability.adversary.drift import drift
-from diffbot_lab.stability.tuned.certify import Contract, Plan, certify, core_radius, steps_from, write
-from diffbot_lab.stability.tuned.command import run_certify, run_verify
+from diffbot_lab.stability.result_file import pack
+from diffbot_lab.stability.tuned.certify import Contract, Plan, certify, core_radius, steps_from
+from diffbot_lab.stability.tuned.file import load_tuned, save_tuned
 from diffbot_lab.stability.tuned.table import CORE, UNRANKED, cell_of, kept_index
-from diffbot_lab.stability.tuned.verify import load, sample, verify
+from diffbot_lab.stability.tuned.verify import sample, verify
 
 CONFIG = ControllerConfig()
 PLAN = Plan(finish=True, to=1.9, fineness=0.4)
@@ -30,8 +32,11 @@ def changed(certificate, at, rank):
 
 
 def test_the_certificate_is_read_back_and_verified(certificate, tmp_path):
-    write(certificate, tmp_path / "tuned.npz")
-    claims = verify(load(tmp_path / "tuned.npz"))
+    save_tuned(tmp_path / "tuned.json", certificate)
+    found = load_tuned(tmp_path / "tuned.json")
+    assert (found.plan, found.config) == (PLAN, CONFIG)
+    np.testing.assert_array_equal(found.ranks, certificate.ranks)
+    claims = verify(found)
     assert (claims.radius, claims.start) == (core_radius(certificate), 1.9)
     assert 0 < claims.steps == steps_from(certificate, 1.9)
     assert certificate.near.finishing < claims.radius < 1.6
@@ -70,11 +75,35 @@ def test_a_core_without_the_reach_of_omega_l_is_found(certificate):
         verify(changed(certificate, 0, 1))
 
 
-def test_a_file_of_something_else_is_refused(tmp_path):
-    path = tmp_path / "other.npz"
-    np.savez(path, header=np.array("{}"), ranks=np.zeros(3, np.int16))
-    with pytest.raises(DiffbotError, match=r"other\.npz"):
-        load(path)
+@pytest.mark.parametrize(
+    ("change", "part"),
+    [
+        ({"format": "other"}, "is no file of the format 'diffbot stability tuned 1'"),
+        ({"plan": None}, "a value is missing or of the wrong kind"),
+        ({"plan.to": 1e9}, "to = 1000000000.0: must be from 0.1 to 1000"),
+        ({"plan.other": 1}, "a value is missing or of the wrong kind"),
+        ({"plan.contract": {"eps_xy": True}}, "eps_xy = True: must be from 1e-6"),
+        ({"plan.contract": {"sigma_max": float("nan")}}, "sigma_max = nan: must be from 1e-6"),
+        ({"controller": [1]}, "a value is missing or of the wrong kind"),
+        ({"controller.max_velocity": "fast"}, "max_velocity = 'fast'"),
+        ({"ranks": "%%%"}, "ranks: "),
+        ({"ranks": 3}, "ranks: must be a text"),
+        ({"ranks": pack(bytes(10))}, "ranks: must hold"),
+    ],
+)
+def test_hostile_files_are_refused_in_one_line(certificate, tmp_path, change, part):
+    path = tmp_path / "tuned.json"
+    save_tuned(path, certificate)
+    content = json.loads(path.read_text())
+    for name, value in change.items():
+        *outer, last = name.split(".")
+        (content[outer[0]] if outer else content)[last] = value
+    path.write_text(json.dumps(content))
+    with pytest.raises(DiffbotError) as caught:
+        load_tuned(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert part in str(caught.value)
+    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -102,11 +131,3 @@ def test_an_adversary_comes_near_the_bounds_of_omega_l_but_not_beyond(certificat
     assert 0.34 < aside.farthest < near.holding
     away = drift(CONFIG, Contract(), start, 6000)
     assert 0.8 < away.farthest < near.finishing
-
-
-def test_the_command_certifies_and_verifies_a_file(tmp_path, capsys):
-    out = tmp_path / "new" / "tuned.npz"
-    plan = Plan(Contract(0.02, 0.01, 0.02), finish=True, to=1.4, fineness=0.4)
-    assert run_certify({}, plan, out) == 0
-    assert run_verify(out, 10_000, 5) == 0
-    assert "errors within 0.02 m and 0.01 rad, sigma up to 0.02 m, with the finish" in capsys.readouterr().out
