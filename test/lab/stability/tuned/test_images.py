@@ -11,7 +11,6 @@ from diffbot_control.law.steering import BACK, FRONT, drive_and_hold, drive_and_
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_lab.stability.tuned.certify import Contract, tuned_loop
-from diffbot_lab.stability.tuned.command import contract_kept
 from diffbot_lab.stability.tuned.images import Cell3, images, local_distance, most_images
 from diffbot_lab.stability.tuned.law import Measured, command_bounds
 from diffbot_sim.model.philox import Draw
@@ -104,14 +103,3 @@ def test_a_data_sheet_that_is_not_covered_is_refused_by_name(field, value):
     config = CONFIG._replace(data_sheet=SHEET._replace(**{field: value}))
     with pytest.raises(InvalidValueError, match=field if field != "wheel_max" else "omega_max"):
         tuned_loop(config, CONTRACT)
-
-
-def test_a_contract_is_kept_by_hand_counted_steps_and_runs():
-    errors = np.zeros((4, 10, 3))
-    errors[0, 3, 0], errors[1, :5, 2], errors[2, 0] = 0.061, -0.031, (0.06, -0.06, 0.03)
-    kept = contract_kept(errors, CONTRACT)
-    assert kept.steps == pytest.approx((9 + 5 + 10 + 10) / 40)
-    assert kept.runs == 0.5
-    assert kept.runs_low < 0.5 < kept.runs_high
-    # Half width: 1.96 standard deviations of the four shares over sqrt(4).
-    assert kept.steps - kept.steps_low == pytest.approx(1.96 * np.std([0.9, 0.5, 1.0, 1.0], ddof=1) / 2.0)
