@@ -18,12 +18,12 @@ from diffbot_control.law.regions import COVARIANCE
 from diffbot_core.data_sheet import rim_speed
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_lab.stability.interval.outward import hypot, up
+from diffbot_lab.stability.rank.ranking import UNRANKED
 from diffbot_lab.stability.tuned.images import number_of_slices
 from diffbot_lab.stability.tuned.law import TunedLoop, approach
 from diffbot_lab.stability.tuned.near import NearBounds, longest_step, near_bounds
 from diffbot_lab.stability.tuned.table import (
     CORE,
-    UNRANKED,
     Band,
     Boxes,
     Table,

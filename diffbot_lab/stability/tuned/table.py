@@ -15,12 +15,11 @@ from numpy.typing import NDArray
 
 from diffbot_lab.stability.interval.compiled import compile_bounds
 from diffbot_lab.stability.rank.cells import PADDING, row_of
+from diffbot_lab.stability.rank.ranking import MAX_RANK, UNRANKED
 from diffbot_lab.stability.tuned.images import Cell3, images
 from diffbot_lab.stability.tuned.law import TunedLoop
 
-UNRANKED = -1
 CORE = 0
-MAX_RANK = 32_000
 
 
 class Band(NamedTuple):

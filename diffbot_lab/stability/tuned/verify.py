@@ -22,6 +22,7 @@ from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import WheelSpeeds, body_twist, wheel_speeds
 from diffbot_lab.stability.interval.compiled import compile_bounds
 from diffbot_lab.stability.rank.cells import row_of
+from diffbot_lab.stability.rank.ranking import UNRANKED
 from diffbot_lab.stability.tuned.certify import (
     PLANT,
     Certificate,
@@ -33,7 +34,7 @@ from diffbot_lab.stability.tuned.certify import (
     tuned_loop,
 )
 from diffbot_lab.stability.tuned.near import near_bounds
-from diffbot_lab.stability.tuned.table import CORE, UNRANKED, check_kernel, columns_of, kept_index
+from diffbot_lab.stability.tuned.table import CORE, check_kernel, columns_of, kept_index
 from diffbot_sim.model.plant import integrate
 
 

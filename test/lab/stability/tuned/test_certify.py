@@ -10,10 +10,11 @@ from diffbot_control.law.configuration import ControllerConfig
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_lab.stability.adversary.drift import drift
+from diffbot_lab.stability.rank.ranking import UNRANKED
 from diffbot_lab.stability.result_file import pack
 from diffbot_lab.stability.tuned.certify import Contract, Plan, certify, core_radius, steps_from
 from diffbot_lab.stability.tuned.file import load_tuned, save_tuned
-from diffbot_lab.stability.tuned.table import CORE, UNRANKED, cell_of, kept_index
+from diffbot_lab.stability.tuned.table import CORE, cell_of, kept_index
 from diffbot_lab.stability.tuned.verify import sample, verify
 
 CONFIG = ControllerConfig()
