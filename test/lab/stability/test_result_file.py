@@ -35,5 +35,5 @@ def test_a_bomb_is_not_unpacked():
 
 @pytest.mark.parametrize("value", [True, "1", None, float("nan"), 2.5])
 def test_what_is_no_number_in_range_is_refused_by_name(value):
-    with pytest.raises(InvalidValueError, match="gamma = .*: must be from 0 to 2"):
+    with pytest.raises(InvalidValueError, match=r"gamma = .*: must be from 0 to 2"):
         check_number("gamma", value, 0.0, 2.0)

@@ -86,7 +86,7 @@ def test_a_core_without_the_reach_of_omega_l_is_found(certificate):
         ({"plan.contract": {"eps_xy": True}}, "eps_xy = True: must be from 1e-6"),
         ({"plan.contract": {"sigma_max": float("nan")}}, "sigma_max = nan: must be from 1e-6"),
         ({"controller": [1]}, "a value is missing or of the wrong kind"),
-        ({"controller.max_velocity": "fast"}, "max_velocity = 'fast'"),
+        ({"controller.brake": "fast"}, "brake = 'fast'"),
         ({"ranks": "%%%"}, "ranks: "),
         ({"ranks": 3}, "ranks: must be a text"),
         ({"ranks": pack(bytes(10))}, "ranks: must hold"),
