@@ -60,11 +60,21 @@ def whitened(innovations: Sequence[Innovation]) -> list[Array]:
     found: list[Array] = [np.empty(0)] * len(innovations)
     for size in {one.y.size for one in innovations}:
         places = [place for place, one in enumerate(innovations) if one.y.size == size]
-        L = np.linalg.cholesky(np.array([innovations[place].S for place in places]))
+        L = _roots(np.array([innovations[place].S for place in places]))
         y = np.array([innovations[place].y for place in places])
         for place, u in zip(places, np.linalg.solve(L, y[:, :, None])[:, :, 0], strict=True):
             found[place] = u
     return found
+
+
+def _roots(S: Array) -> Array:
+    """Return L of each S = L L', (n, m, m); of the nearest S > 0 if rounding has left one that is not."""
+    try:
+        return np.asarray(np.linalg.cholesky(S))
+    except np.linalg.LinAlgError:
+        values, vectors = np.linalg.eigh(S)
+        least = np.maximum(np.finfo(float).eps * values[:, -1:], np.finfo(float).tiny)
+        return np.asarray(vectors * np.sqrt(np.maximum(values, least))[:, None, :])
 
 
 def whiteness_of(whitened: Iterable[tuple[Hashable, Array]]) -> Whiteness | None:

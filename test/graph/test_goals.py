@@ -65,11 +65,16 @@ def cancel_goal(driven, goal_id="0" * 32, sec=0):
     return driven.peer.call(CancelGoal, "controller/cancel_goal", request)
 
 
+def said(command):
+    """Return what a command said, but for its waiting, which depends on how busy the machine is."""
+    return command.output.removeprefix("waiting for the controller ...\n")
+
+
 def test_the_command_drives_there_and_says_so(driven):
     with goal_process(*NEAR) as command:
         assert command.wait(60.0) == 0
-        assert command.output.startswith("reached, ")
-        assert command.output.count("\n") == 1
+        assert said(command).startswith("reached, ")
+        assert said(command).count("\n") == 1
     assert distance(driven.true_pose(), NEAR) <= 0.4
 
 
@@ -84,7 +89,7 @@ def test_an_interrupt_cancels_the_goal(driven):
     with goal_process(*FAR) as command:
         driven.peer.spin_until(lambda: "60 -60 0" in goal_of(driven), 30.0, "the goal")
         assert command.stop(signal.SIGINT) == 130
-        assert command.output == "interrupted: goal cancelled\n"
+        assert said(command) == "interrupted: goal cancelled\n"
     driven.wait_for_state("idle")
 
 
@@ -95,7 +100,7 @@ def goal_of(driven):
 def test_a_timeout_cancels_the_goal(driven):
     with goal_process(*FAR, "--timeout", 3.0) as command:
         assert command.wait(30.0) == 8
-        assert command.output == "not reached within --timeout 3 s: goal cancelled\n"
+        assert said(command) == "not reached within --timeout 3 s: goal cancelled\n"
     driven.wait_for_state("idle")
 
 
@@ -105,7 +110,7 @@ def test_a_refused_goal_and_a_missing_controller_are_errors_in_one_line(driven):
         goal_process(*NEAR, "--controller", "pilot", "--timeout", 1.0) as missing,
     ):
         assert refused.wait(30.0) == 1
-        assert refused.output == "diffbot: goal refused: wrong frame_id: 'odom', not 'map': other frames need tf2_ros\n"
+        assert said(refused) == "diffbot: goal refused: wrong frame_id: 'odom', not 'map': other frames need tf2_ros\n"
         assert missing.wait(30.0) == 1
         assert missing.output == (
             "waiting for the controller ...\n"

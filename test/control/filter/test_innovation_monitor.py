@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import chi2
 
 from diffbot_control.filter.gate import ACCEPTED, FIX, HEADING, LANDMARK, REJECTED, RELOCATED
-from diffbot_control.filter.innovation_monitor import WINDOW, InnovationMonitor
+from diffbot_control.filter.innovation_monitor import WINDOW, Innovation, InnovationMonitor, whitened
 
 KINDS = {1: HEADING, 2: LANDMARK, 3: FIX}
 """by the numbers that they measure"""
@@ -88,3 +88,14 @@ def test_95_of_100_windows_of_an_honest_filter_are_within_the_bounds():
         alarms += found.mean > found.alarm
     assert inside == pytest.approx(570, abs=4.0 * np.sqrt(600 * 0.05 * 0.95))
     assert alarms <= 2
+
+
+def test_a_covariance_that_rounding_has_left_singular_is_whitened():
+    singular, regular = np.full((2, 2), 4.0), np.array([[4.0, 1.0], [1.0, 9.0]])
+    innovations = [Innovation(np.array([2.0, 2.0]), singular), Innovation(np.array([2.0, 3.0]), regular)]
+    first, second = whitened(innovations)
+    # Along (1, 1) the variance is 8, across it nothing was measured.
+    assert first @ first == pytest.approx(1.0)
+    assert second @ second == pytest.approx(innovations[1].y @ np.linalg.inv(regular) @ innovations[1].y)
+    (zero,) = whitened([Innovation(np.zeros(2), np.zeros((2, 2)))])
+    assert np.isfinite(zero).all()
