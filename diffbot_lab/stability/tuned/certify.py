@@ -47,16 +47,14 @@ class Contract(NamedTuple):
     """[m] bound of the error of x, and of y"""
     eps_theta: float = 0.03
     """[rad]"""
-    sigma_max: float = 0.033
-    """[m] bound of the standard deviation of the position"""
+    sigma_max: float = 0.026
+    """[m] bound of the standard deviation of the position; with a larger one the default goal cannot be reached"""
 
 
 class Plan(NamedTuple):
     """What is certified, and with which cells."""
 
     contract: Contract = Contract()
-    finish: bool = False
-    """the finish may act; otherwise it is switched off, or its tries or its time are used up"""
     to: float = 12.0
     """[m] the robot starts within this distance"""
     margin: float = 0.0
@@ -171,13 +169,11 @@ def check_plan(plan: Plan) -> None:
         value = getattr(plan, name)
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not low <= value <= high:
             raise InvalidValueError(name, value, f"from {low:g} to {high:g}")
-    if not isinstance(plan.finish, bool):
-        raise InvalidValueError("finish", plan.finish, "true or false")
 
 
 def table_of(loop: TunedLoop, near: NearBounds, plan: Plan) -> tuple[Table, float]:
     """Return the cells of a plan, and the radius [m] of the core's seed: every state within it may recur."""
-    seed = (near.finishing if plan.finish else near.holding) + plan.margin
+    seed = near.holding + plan.margin
     inside = seed - 0.1
     # No command in Omega_G or Omega_L leads from inside beyond the seed.
     for _ in range(20):
@@ -190,11 +186,12 @@ def table_of(loop: TunedLoop, near: NearBounds, plan: Plan) -> tuple[Table, floa
         raise DiffbotError("no certificate: Omega_L is too small for the error of the position")
     fine = plan.fineness
     even = 2 * math.ceil(150 * fine), 2 * math.ceil(48 * fine)
-    near_goal = max(0.7, seed + 0.1)
+    nearest, near_goal = seed + 0.16, max(0.7, seed + 0.16)
     bands = (
-        Band(near_goal, 0.006 / fine, 0.01, *even, 0.06 / fine),
+        Band(nearest, 0.006 / fine, 0.01, *even, 0.06 / fine),
+        Band(near_goal, 0.006, 0.01, 300, 96, 0.06),
         Band(max(1.1, near_goal), 0.01, 0.01, 200, 48, 0.1),
-        Band(plan.to + 0.3, 0.01, 0.015, 160, 32, 0.1),
+        Band(plan.to + 0.3, 0.01, 0.01, 160, 32, 0.1),
     )
     table = make_table(inside, bands)
     if table.start[-1] > _MAX_CELLS:
@@ -227,7 +224,7 @@ def certify(config: ControllerConfig, plan: Plan) -> Certificate:
     """
     check_plan(plan)
     loop = tuned_loop(config, plan.contract)
-    near = near_bounds(loop, config, plan.contract.eps_xy, plan.contract.sigma_max)
+    near = near_bounds(loop, config, plan.contract.sigma_max)
     table, seed = table_of(loop, near, plan)
     rows = len(table.rho) - 1
     images = [boxes_of_row(loop, table, row) for row in tqdm(range(rows), desc="images", unit="row", disable=None)]
