@@ -30,9 +30,9 @@ Array = NDArray[np.float64]
 _NODES_AT_A_TIME = 20_000
 _STACK = 256
 """boxes that wait in a walk; more than any tree of the search needs"""
-_HALVINGS = 8
+_HALVINGS = 24
 """A leaf that does not pass is halved so many times ..."""
-_HOPELESS = 20_000
+_HOPELESS = 2_000
 """... unless more boxes of a part than that do not pass."""
 _WEIGHTS = np.array([0.1, 1.0, 0.1, 1.0, 0.1, 0.1])
 """How much a dimension's width matters for the bound; the one with the largest product is halved."""
