@@ -139,7 +139,7 @@ def _leaves_of(tree: NDArray[np.uint8], root: Array) -> Iterator[tuple[Array, ND
             boxes, nodes = np.empty((len(part), 12)), np.empty(len(part), np.int64)
             done, size, found = kernel(part, stack, size, boxes, nodes)
             if done < len(part):
-                raise DiffbotError(f"tree: node {at + done} is not shown: its byte is {part[done]}, {size} cells wait")
+                raise DiffbotError(f"tree: node {at + done} is wrong: byte {part[done]}, {size} cells are open")
             yield boxes[:found], at + nodes[:found]
             bar.update(len(part))
     if size:
