@@ -219,7 +219,8 @@ def rise_of(boxes: Boxes, length: Pair, turn: Pair, problem: LevelProblem) -> Ar
     of_beta = problem.h * _rise_of_square(boxes.beta, (d0, d1))
     # Rounding of the first is relative to its terms, which are not above this.
     largest = np.maximum(np.abs(length[0]), np.abs(length[1])) * (boxes.rho[1] + np.abs(length).max(axis=0))
-    return approach + of_alpha + of_beta + SLACK * (1.0 + largest + np.abs(of_alpha) + np.abs(of_beta))
+    rise: Array = approach + of_alpha + of_beta + SLACK * (1.0 + largest + np.abs(of_alpha) + np.abs(of_beta))
+    return rise
 
 
 def _rise_of_square(angle: Pair, change: Pair) -> Array:
