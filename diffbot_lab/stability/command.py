@@ -20,7 +20,7 @@ _OF_PLAN = ("finish", "margin", "fineness")
 VERIFIERS = {
     "diffbot stability level 1": "diffbot_lab.stability.level.verify",
     "diffbot stability certificate 1": "diffbot_lab.stability.paper.command",
-    "diffbot stability tuned 1": "diffbot_lab.stability.tuned.command",
+    "diffbot stability tuned 2": "diffbot_lab.stability.tuned.command",
 }
 """Modules with a function ``run_verify(path)``, by the format of the files that they check."""
 
@@ -130,7 +130,7 @@ def _certify(options: argparse.Namespace) -> int:
 
 def _certify_tuned(options: argparse.Namespace) -> int:
     from diffbot_lab.stability.tuned import command  # noqa: PLC0415
-    from diffbot_lab.stability.tuned.certify import Contract, Plan  # noqa: PLC0415
+    from diffbot_lab.stability.tuned.contract import Contract, Plan  # noqa: PLC0415
 
     contract = Contract(**_given(options, _OF_CONTRACT))
     plan = Plan(contract=contract, to=options.rho_max, **_given(options, _OF_PLAN))

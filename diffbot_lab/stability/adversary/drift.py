@@ -18,7 +18,7 @@ from diffbot_control.law.regions import OMEGA_G, OMEGA_L, Switching
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import Estimate, Uncertainty
-from diffbot_lab.stability.tuned.certify import PLANT, Contract
+from diffbot_lab.stability.tuned.contract import PLANT, Contract
 from diffbot_sim.model.philox import Draw
 from diffbot_sim.model.plant import new_plant, plant_step
 

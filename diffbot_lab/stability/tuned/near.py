@@ -15,13 +15,13 @@ import numpy as np
 
 from diffbot_control.law.configuration import ControllerConfig
 from diffbot_control.law.finish import (
-    _END_GAIN,
-    _LINE_GAIN,
-    _OUT_END,
-    _OUT_HEADING,
-    _OUT_SLOPE,
-    _OUT_SPEED,
-    _SLOWEST,
+    END_GAIN,
+    LINE_GAIN,
+    OUT_END,
+    OUT_HEADING,
+    OUT_SLOPE,
+    OUT_SPEED,
+    SLOWEST,
 )
 from diffbot_control.law.regions import CovarianceRegionPolicy
 from diffbot_core.errors import DiffbotError
@@ -144,14 +144,14 @@ def near_bounds(loop: TunedLoop, config: ControllerConfig, eps_y: float, sigma_m
     steps = policy.eps_P_leave_steps
     shuttling = max(longest_step(loop, finish.finish_speed), (holding - last_inside) / steps)
     lateral = last_inside + (steps - 1) * max(shuttling, holding - last_inside) + _ROUNDING
-    reach = length + _OUT_SLOPE * (lateral + eps_y) + _ROUNDING
-    way = longest_step(loop, _OUT_SPEED)
+    reach = length + OUT_SLOPE * (lateral + eps_y) + _ROUNDING
+    way = longest_step(loop, OUT_SPEED)
     # In the first step the end may be behind the robot as measured; from then on that ends the way out. A step turns
     # the robot towards a heading within the law's bound.
-    heading = max(_OUT_HEADING, tolerance.yaw_goal_tolerance) + loop.eps_theta + _TURNED
+    heading = max(OUT_HEADING, tolerance.yaw_goal_tolerance) + loop.eps_theta + _TURNED
     aside = largest_aside(loop, config, lateral + way, heading, eps_y)
-    # The leg is over ``_OUT_END`` of the length before its end, as measured.
-    finishing = max(math.hypot(reach - _OUT_END * length + eps_y + way, aside), last_inside) + _ROUNDING
+    # The leg is over ``OUT_END`` of the length before its end, as measured.
+    finishing = max(math.hypot(reach - OUT_END * length + eps_y + way, aside), last_inside) + _ROUNDING
     for _ in range(steps):
         finishing = max(finishing + way, local_reach(loop, finishing))
     return NearBounds(leaving, holding, reach, aside, finishing)
@@ -172,9 +172,9 @@ def largest_aside(loop: TunedLoop, config: ControllerConfig, lateral: float, hea
         DiffbotError: if the cells do not suffice.
     """
     gains, length = config.profile_gains, _length(config)
-    slowest = min(_OUT_SPEED, max(_END_GAIN * _OUT_END * length, _SLOWEST * config.finish.finish_speed)) - _ROUNDING
-    way = WayOut(gains.hold_brake, gains.hold_react, _LINE_GAIN, _OUT_HEADING, _OUT_SPEED, slowest, eps_y)
-    rows, columns = math.ceil((lateral + 0.3) / _LATERAL), math.ceil((_OUT_HEADING + heading + 0.3) / _HEADING)
+    slowest = min(OUT_SPEED, max(END_GAIN * OUT_END * length, SLOWEST * config.finish.finish_speed)) - _ROUNDING
+    way = WayOut(gains.hold_brake, gains.hold_react, LINE_GAIN, OUT_HEADING, OUT_SPEED, slowest, eps_y)
+    rows, columns = math.ceil((lateral + 0.3) / _LATERAL), math.ceil((OUT_HEADING + heading + 0.3) / _HEADING)
     cells = np.zeros((2 * rows, 2 * columns), np.uint8)
     top, side = math.ceil(lateral / _LATERAL), math.ceil(heading / _HEADING)
     cells[rows - top : rows + top, columns - side : columns + side] = 1
