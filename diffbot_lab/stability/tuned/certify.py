@@ -163,7 +163,7 @@ def certify(config: ControllerConfig, plan: Plan) -> Certificate:
 
 def seed_rows(table: Table, seed: float) -> int:
     """Return how many rows begin within the seed of the core [m]."""
-    return int(np.searchsorted(table.rho, seed)) if seed > table.rho[0] else 0
+    return int(np.searchsorted(table.rho, seed, side="right")) if seed > table.rho[0] else 0
 
 
 def _spread(table: Table, images: list[Boxes], ranks: NDArray[np.int16]) -> None:

@@ -16,14 +16,12 @@ from diffbot_lab.stability.interval.compiled import compile_bounds
 from diffbot_lab.stability.tuned.check.commands import SLACK, Numbers, command_of
 from diffbot_lab.stability.tuned.check.steps import (
     Box,
-    alpha_range,
+    after,
     clipped,
-    farthest_after,
     motion_of,
-    nearest_after,
     slice_count,
     slice_of,
-    turned_range,
+    with_beta,
 )
 from diffbot_lab.stability.tuned.file import Certificate, first_cells
 
@@ -133,22 +131,16 @@ def leads_below(loop: Numbers, cells: Cells, box: Box, allowed: int) -> bool:
             continue
         if not one.near > _NEAREST:
             return False
-        for turns in range(-1, 2):
-            alpha = clipped(one.p, one.q, turns)
-            if alpha[0] > alpha[1]:
-                continue
-            for others in range(-1, 2):
-                beta = clipped(box.b0 + one.d0, box.b1 + one.d1, others)
-                if beta[0] > beta[1]:
+        for others in range(-1, 2):
+            d0, d1, p, q = with_beta(loop, box, one, others)
+            for turns in range(-1, 2):
+                alpha, beta = clipped(p, q, turns), clipped(box.b0 + d0, box.b1 + d1, others)
+                if d0 > d1 or alpha[0] > alpha[1] or beta[0] > beta[1]:
                     continue
                 u0, u1, z0, z1 = motion_of(loop, command_of(loop, (one.near, one.far), alpha, beta))
                 if not (max(abs(u0), abs(u1)) < _LONGEST * box.r0 and max(abs(z0), abs(z1)) < _WIDEST):
                     return False
-                near, far = nearest_after(box, u0, u1, z0, z1), farthest_after(box, u0, u1, z0, z1)
-                turned = turned_range(box, u0, u1, z0, z1)
-                after = alpha_range(box, u0, u1, z0, z1)
-                states = Box(near, far, after[0], after[1], box.b0 + turned[0], box.b1 + turned[1])
-                if not keeps_below(cells, states, allowed):
+                if not keeps_below(cells, after(box, u0, u1, z0, z1), allowed):
                     return False
     return True
 

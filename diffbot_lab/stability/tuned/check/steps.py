@@ -7,9 +7,9 @@ rotation z ends on the arc's chord, u (cos(z / 2), sin(z / 2)), with u = t_s v s
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from diffbot_lab.stability.tuned.check.commands import SLACK, Command, Numbers, Range, command_of, product, sinc_range
+from diffbot_lab.stability.tuned.check.commands import SLACK, Command, Numbers, Range, product, sinc_range
 
 PI = math.pi + SLACK
 
@@ -75,6 +75,17 @@ def slice_of(loop: Numbers, box: Box, part: int, parts: int) -> Slice:
 def clipped(low: float, high: float, turns: int) -> Range:
     """Return the part of an interval of angles that is within +-pi after so many turns back; empty: low > high."""
     return max(low - 2.0 * math.pi * turns - SLACK, -PI), min(high - 2.0 * math.pi * turns + SLACK, PI)
+
+
+def with_beta(loop: Numbers, box: Box, one: Slice, turns: int) -> tuple[float, float, float, float]:
+    """Return the part of a slice that has the measured beta within +-pi after so many turns back.
+
+    Bounds of the error d of the goal's direction, and of the measured bearing with it; empty: the first low > high.
+    """
+    d0 = max(one.d0, (2 * turns - 1) * math.pi - box.b1 - SLACK)
+    d1 = min(one.d1, (2 * turns + 1) * math.pi - box.b0 + SLACK)
+    p, q = box.a0 + d0 - loop.eps_theta - SLACK, box.a1 + d1 + loop.eps_theta + SLACK
+    return d0, d1, max(one.p, p), min(one.q, q)
 
 
 def motion_of(loop: Numbers, command: Command) -> tuple[float, float, float, float]:
@@ -152,17 +163,13 @@ def turned_range(box: Box, u0: float, u1: float, z0: float, z1: float) -> Range:
                 turned = bearing_after(rho, alpha, u, z)
                 low, high = min(low, turned), max(high, turned)
     a0, a1 = box.a0 - 0.5 * z1, box.a1 - 0.5 * z0
-    widest = max(abs(u0), abs(u1)) / box.r0
-    flat = math.asin(widest) + SLACK
-    for turn in range(-2, 2):
-        middle = (turn + 0.5) * math.pi
-        if a0 <= middle + flat and middle - flat <= a1:
-            # Forwards the goal turns to the left if it is there, backwards to the right.
-            left = turn % 2 == 0
-            if u1 > 0.0:
-                low, high = (low, max(high, flat)) if left else (min(low, -flat), high)
-            if u0 < 0.0:
-                low, high = (min(low, -flat), high) if left else (low, max(high, flat))
+    for u in (u0, u1):
+        flat = math.asin(abs(u) / box.r0) + SLACK
+        for turn in range(-2, 2):
+            middle = (turn + 0.5) * math.pi
+            if a0 <= middle + flat and middle - flat <= a1:
+                # Forwards the goal turns to the left if it is there, backwards to the right.
+                low, high = (low, max(high, flat)) if (turn % 2 == 0) == (u > 0.0) else (min(low, -flat), high)
     return low - SLACK, high + SLACK
 
 
@@ -178,3 +185,10 @@ def alpha_range(box: Box, u0: float, u1: float, z0: float, z1: float) -> Range:
             low = min(low, box.a0 + bearing_after(rho, box.a0, u, z1) - z1)
             high = max(high, box.a1 + bearing_after(rho, box.a1, u, z0) - z0)
     return low - SLACK, high + SLACK
+
+
+def after(box: Box, u0: float, u1: float, z0: float, z1: float) -> Box:
+    """Return bounds of the states after a step from a box, with a chord [m] shorter than r0 / 2; see :func:`motion_of`."""
+    turned, alpha = turned_range(box, u0, u1, z0, z1), alpha_range(box, u0, u1, z0, z1)
+    near, far = nearest_after(box, u0, u1, z0, z1), farthest_after(box, u0, u1, z0, z1)
+    return Box(near, far, alpha[0], alpha[1], box.b0 + turned[0], box.b1 + turned[1])
