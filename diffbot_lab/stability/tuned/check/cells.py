@@ -62,14 +62,14 @@ def cells_of(certificate: Certificate) -> Cells:
 
 
 def row_at(cells: Cells, rho: float) -> int:
-    """Return the row that a distance [m] is in; -1 if nearer than all, the number of rows if farther."""
+    """Return the row that a distance [m] is in; -1 if nearer than all, the number of rows if farther or no number."""
     low, high = 0, len(cells.rho)
     while low < high:
         middle = (low + high) // 2
-        if cells.rho[middle] <= rho:
-            low = middle + 1
-        else:
+        if rho < cells.rho[middle]:
             high = middle
+        else:
+            low = middle + 1
     return low - 1
 
 

@@ -26,18 +26,22 @@ from diffbot_lab.stability.tuned.contract import Plan
 _RINGS, _COLUMNS, _ROTATIONS, _SLICE = 12, 240, 32, 0.03
 """how finely Omega_L is cut: rings of distance, columns of alpha from 0 to pi, parts of the rotation, [rad]"""
 
+_RETREAT = 1.5
+"""leaving radius per distance that the robot is away from the goal on purpose"""
+
 
 def leaving_radius(config: ControllerConfig, sigma_max: float) -> float:
-    """Largest measured distance [m] that may not count as outside: the fixed point of the leaving radius.
+    """Largest measured distance [m] that may not count as outside, without a try of the finish.
 
-    The radius rises with the distance, but is bounded and concave: iterated from its bound it falls to the fixed point.
+    The leaving radius rises with the distance, but is bounded and concave: iterated from its bound it falls to the
+    fixed point. A goal that counts as reached is not approached again while the error is within the tolerance.
     """
     policy = config.region_policy.covariance
     base = max(policy.eps_P_min, policy.eps_P_sigmas * sigma_max)
     radius = policy.eps_P_leave_factor * (base + policy.eps_P_speed_error)
     for _ in range(100):
         radius = policy.eps_P_leave_factor * (base + policy.eps_P_speed_error * math.tanh(radius)) + SLACK
-    return max(radius, policy.eps_P_leave_min)
+    return max(radius, policy.eps_P_leave_min, _RETREAT * config.tolerance.xy_goal_tolerance)
 
 
 def step_bound(loop: Numbers, speed: float) -> float:
