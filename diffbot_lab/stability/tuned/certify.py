@@ -35,6 +35,7 @@ from diffbot_lab.stability.tuned.table import (
     spread_kernel,
 )
 
+
 def tuned_loop(config: ControllerConfig, contract: Contract) -> TunedLoop:
     """Collect the numbers of the loop.
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from diffbot_lab import cli
-from diffbot_lab.stability.tuned.certify import Contract
+from diffbot_lab.stability.tuned.contract import Contract
 from diffbot_lab.stability.tuned.command import contract_kept
 
 CERTIFY = ["stability", "certify", "--law", "tuned"]
