@@ -19,7 +19,15 @@ from diffbot_control.law.latency import Actuation, coast, is_immediate, predicte
 from diffbot_control.law.limits import limit_change
 from diffbot_control.law.lyapunov_law import local_lyapunov
 from diffbot_control.law.polar_coordinates import HALF_PI, Navigation, navigation_variables
-from diffbot_control.law.regions import OMEGA_G, OMEGA_L, RegionPolicy, Switching, forward_only, next_switching
+from diffbot_control.law.regions import (
+    OMEGA_G,
+    OMEGA_L,
+    RETREAT_MARGIN,
+    RegionPolicy,
+    Switching,
+    forward_only,
+    next_switching,
+)
 from diffbot_control.law.speed_profile import ProfileGains, auto_gains, within_data_sheet
 from diffbot_control.law.steering import (
     BACK,
@@ -116,9 +124,10 @@ def _switching_after(
     policy, tolerance = config.region_policy, config.tolerance.xy_goal_tolerance
     if not config.driving.allow_backward:
         policy = RegionPolicy(policy.kind, policy.fixed, forward_only(policy.covariance, tolerance))
-    # A reached goal is not approached again while the error is within the tolerance.
-    away = max(memory.finish.reach, tolerance if memory.reached else 0.0)
-    return next_switching(memory.switching, rho, sigma_xy, policy, away)
+    # An error within the tolerance is worked off by the finish, if at all, and a reached goal is not approached again.
+    # Beyond the tolerance only a new approach helps.
+    held = max(memory.finish.reach, tolerance if memory.reached else 0.0)
+    return next_switching(memory.switching, rho, sigma_xy, policy, max(tolerance, RETREAT_MARGIN * held))
 
 
 def _course_after(memory: ControllerMemory, region: int, upright: Pose, config: ControllerConfig) -> Course:

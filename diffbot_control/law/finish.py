@@ -2,8 +2,8 @@
 
 In Omega_L every (0, y, 0) is an equilibrium, so y stays. Before the goal counts as reached, the robot goes to and fro
 along the goal's axis with a small heading towards it. Way and heading are so small that the tolerance is not left,
-and so this costs no settling time. It waits until the estimate allows that. Only an error that is surely beyond the
-tolerance makes the robot leave it: out along the axis and in again.
+and so this costs no settling time. It waits until the estimate allows that. If the position stays too uncertain for
+it, a large error makes the robot leave the tolerance: out along the axis and in again.
 
 All lengths are shares of ``finish_length``, by default the position tolerance.
 """
@@ -35,16 +35,12 @@ _SHORTEST_LEG = 0.3
 """share: a shorter leg corrects nothing"""
 _ENOUGH_CERTAIN = 0.2
 """share: with a position as certain as this, the shortest leg is allowed whatever the room"""
-_MISSED_CERTAIN = 0.3
-"""share: with a position as certain as this, an error beyond ``finish_missed`` is acted on"""
-_MISSED_SIGMAS = 1.2
-"""... or with an error of so many standard deviations: errors of fixes that last may keep the position uncertain"""
 _PATIENCE = 6.0
 """[s] at rest after which ..."""
 _PATIENT_SIGMAS = 1.0
 """... the shortest leg needs room for so many standard deviations only, and, while the goal cannot count as reached
-with this uncertainty, an error this near to the tolerance is acted on: errors of fixes that last keep the position
-uncertain for longer than it is worth waiting for"""
+with this uncertainty, an error this near to the tolerance makes the robot leave it: errors of fixes that last keep the
+position uncertain for longer than it is worth waiting for"""
 _LEGS = 12
 """legs of one try"""
 OUT_SLOPE = 2.0
@@ -88,9 +84,6 @@ class FinishConfig(NamedTuple):
         float, Spec("bound of |heading| during a try, share of yaw_goal_tolerance", "-", *SHARE)
     ] = 0.5
     finish_speed: Annotated[float, Spec("bound of |v| during a try", "m/s", *SPEED)] = 0.15
-    finish_missed: Annotated[
-        float, Spec("lateral error that makes the robot leave the tolerance, share of the length", "-", 0.0, 100.0)
-    ] = 0.95
 
 
 class Finish(NamedTuple):
@@ -132,7 +125,7 @@ class FinishScale(NamedTuple):
     room: float
     """[m] distance from the goal that may be used"""
     missed: bool
-    """the lateral error is beyond the tolerance, and certainly so"""
+    """the position stays too uncertain to reach the goal, and the lateral error is near the tolerance or beyond it"""
 
 
 def without_finish(state: Finish) -> Finish:
@@ -156,11 +149,7 @@ def finish_scale(
     if config.finish_end * length < allowed < begins:
         begins = allowed
     room = config.finish_room * length - config.finish_room_sigmas * sigma
-    certain = sigma < max(_MISSED_CERTAIN * length, lateral / _MISSED_SIGMAS)
-    bound = config.finish_missed * length
-    if patient and allowed <= 0.0:
-        bound = min(bound, length - _PATIENT_SIGMAS * sigma)
-    missed = lateral > bound and certain
+    missed = patient and allowed <= 0.0 and lateral > length - _PATIENT_SIGMAS * sigma
     return FinishScale(
         length,
         max(begins, config.finish_begin_sigmas * sigma),

@@ -20,6 +20,7 @@ from diffbot_control.law.regions import (
     COVARIANCE,
     OMEGA_G,
     OMEGA_L,
+    RETREAT_MARGIN,
     RegionPolicy,
     Switching,
     forward_only,
@@ -62,7 +63,8 @@ def _region_after(
     if not config.driving.allow_backward:
         narrow = forward_only(policy.covariance, config.tolerance.xy_goal_tolerance)
         policy = RegionPolicy(policy.kind, policy.fixed, narrow)
-    return next_switching(memory.switching, rho, uncertainty.xy, policy, memory.reapproach.retreat_distance)
+    floor = max(config.tolerance.xy_goal_tolerance, RETREAT_MARGIN * memory.reapproach.retreat_distance)
+    return next_switching(memory.switching, rho, uncertainty.xy, policy, floor)
 
 
 def _reapproach_after(

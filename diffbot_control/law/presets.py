@@ -11,7 +11,7 @@ from diffbot_control.law.regions import COVARIANCE, FIXED, CovarianceRegionPolic
 from diffbot_core.data_sheet import PAPER_DATA_SHEET
 
 TUNED, PRECISE, PAPER_COVARIANCE, PAPER = "tuned", "precise", "paper_covariance", "paper"
-_PAPER_SIGMAS = CovarianceRegionPolicy(eps_P_sigmas=2.2)
+_PAPER_SIGMAS = CovarianceRegionPolicy(eps_P_sigmas=2.2, eps_P_leave_factor=3.0, eps_P_leave_min=0.3)
 _PAPER_REAPPROACH = ReapproachConfig(reapproach_share=0.7)
 _PAPER_GOAL_SIGMAS = 2.0
 PRESETS: dict[str, ControllerConfig] = {

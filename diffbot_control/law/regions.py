@@ -18,8 +18,8 @@ COVARIANCE = 1
 POLICY_NAMES = ("fixed", "covariance")
 """Words of the parameter ``region_policy``; compiled code compares their indices."""
 
-_RETREAT_MARGIN = 1.5
-"""Leaving radius per retreat distance: the lateral error and noise come on top of the distance itself."""
+RETREAT_MARGIN = 1.5
+"""Leaving radius per distance that the robot keeps or drives on purpose: lateral error and noise come on top of it."""
 
 
 class Switching(NamedTuple):
@@ -78,8 +78,10 @@ class CovarianceRegionPolicy(NamedTuple):
     ] = 0.05
     eps_P_leave_factor: Annotated[
         float, Spec("Omega_L is left beyond this multiple of the radius", minimum=1.0, maximum=1e3)
-    ] = 3.0
-    eps_P_leave_min: Annotated[float, Spec("Omega_L is left only beyond this distance, too", "m", *DISTANCE)] = 0.3
+    ] = 2.0
+    eps_P_leave_min: Annotated[
+        float, Spec("Omega_L is left only beyond this distance, too, and beyond the position tolerance", "m", *DISTANCE)
+    ] = 0.0
     eps_P_leave_steps: Annotated[
         int, Spec("poses in a row beyond both distances after which Omega_L is left", minimum=1, maximum=1000)
     ] = 3
@@ -122,17 +124,17 @@ def covariance_region(
     rho: float,
     sigma_xy: float,
     policy: CovarianceRegionPolicy,
-    retreat_distance: float = 0.0,
+    floor: float = 0.0,
 ) -> tuple[int, int, float]:
     """Return the region, the poses in a row outside the leaving radius, and the radius [m] that rho was compared with.
 
-    The leaving radius has a floor: sigma_xy shrinks while the robot rests, and a lateral error that was inside on entry
-    must not end Omega_L. Nor must a re-approach, which drives ``retreat_distance`` [m] away from the goal on purpose.
+    The leaving radius is at least ``floor`` [m]: sigma_xy shrinks while the robot rests, and an error that is good
+    enough must not end Omega_L. Nor must a re-approach, which drives away from the goal on purpose.
     """
     radius = covariance_radius(rho, sigma_xy, policy)
     if region == OMEGA_G:
         return (OMEGA_L if rho < radius else OMEGA_G), 0, radius
-    leaving = max(policy.eps_P_leave_factor * radius, policy.eps_P_leave_min, _RETREAT_MARGIN * retreat_distance)
+    leaving = max(policy.eps_P_leave_factor * radius, policy.eps_P_leave_min, floor)
     steps_outside = steps_outside + 1 if rho > leaving else 0
     if steps_outside >= policy.eps_P_leave_steps:
         return OMEGA_G, 0, leaving
@@ -155,7 +157,7 @@ def forward_only(policy: CovarianceRegionPolicy, xy_goal_tolerance: float) -> Co
 
 
 def next_switching(
-    before: Switching, rho: float, sigma_xy: float, policy: RegionPolicy, retreat_distance: float = 0.0
+    before: Switching, rho: float, sigma_xy: float, policy: RegionPolicy, floor: float = 0.0
 ) -> tuple[Switching, float]:
     """Apply the policy in use to one pose.
 
@@ -164,14 +166,14 @@ def next_switching(
         rho: [m] distance from the goal.
         sigma_xy: [m] standard deviation of the position.
         policy: which one, and its settings.
-        retreat_distance: [m] of the re-approach under way, 0 for none.
+        floor: [m] least leaving radius of the covariance policy.
 
     Returns:
         The next state, and the radius [m] at which the region changes from here.
     """
     if policy.kind == COVARIANCE:
         region, steps_outside, radius = covariance_region(
-            before.region, before.steps_outside, rho, sigma_xy, policy.covariance, retreat_distance
+            before.region, before.steps_outside, rho, sigma_xy, policy.covariance, floor
         )
     else:
         region, steps_outside = fixed_region(before.region, rho, policy.fixed), 0
