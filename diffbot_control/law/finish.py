@@ -31,7 +31,7 @@ _END = 0.15
 """share: a leg is over this far before its end"""
 OUT_END = 0.6
 """share: likewise on the way out"""
-_SHORTEST_LEG = 0.3
+SHORTEST_LEG = 0.3
 """share: a shorter leg corrects nothing"""
 _ENOUGH_CERTAIN = 0.2
 """share: with a position as certain as this, the shortest leg is allowed whatever the room"""
@@ -189,7 +189,7 @@ def next_finish(
         return waiting
     if scale.missed:
         return _way_out(lateral, state.tries + 1, time, scale)
-    reach, shortest = scale.room, _SHORTEST_LEG * scale.length
+    reach, shortest = scale.room, SHORTEST_LEG * scale.length
     patient = patient and _free(lateral, scale.length - _PATIENT_SIGMAS * uncertainty.xy) > shortest
     if reach < shortest and (patient or uncertainty.xy < _ENOUGH_CERTAIN * scale.length):
         reach = shortest
@@ -221,7 +221,7 @@ def _next_leg(
         return Finish(state.phase, state.side, state.reach, state.tries, 0, time, state.legs)
     if lateral <= config.finish_end * scale.length or (leaving and state.legs >= 1) or state.legs >= _LEGS:
         return Finish(RESTING, 0.0, 0.0, state.tries, 0, time, 0)
-    reach = 0.0 if leaving else max(scale.room, _SHORTEST_LEG * scale.length)
+    reach = 0.0 if leaving else max(scale.room, SHORTEST_LEG * scale.length)
     return Finish(state.phase, -state.side, reach, state.tries, 0, time, state.legs + 1)
 
 
