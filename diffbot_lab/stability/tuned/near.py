@@ -21,14 +21,15 @@ from diffbot_control.law.finish import (
     OUT_HEADING,
     OUT_SLOPE,
     OUT_SPEED,
+    SHORTEST_LEG,
     SLOWEST,
 )
-from diffbot_control.law.regions import CovarianceRegionPolicy
+from diffbot_control.law.regions import RETREAT_MARGIN, CovarianceRegionPolicy
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.stability.interval.compiled import compile_bounds
 from diffbot_lab.stability.interval.outward import absolute, add, down, mul, sin, sub, up
 from diffbot_lab.stability.tuned.images import Cell3, chord, local_distance
-from diffbot_lab.stability.tuned.law import Command, TunedLoop, profile_gain
+from diffbot_lab.stability.tuned.law import Command, TunedLoop, approach, profile_gain
 
 _ROUNDING = 1e-9
 """[m] and [rad] added to sums of a few numbers that are not rounded outward one by one"""
@@ -67,8 +68,10 @@ class WayOut(NamedTuple):
     eps_y: float
 
 
-def leaving_radius(policy: CovarianceRegionPolicy, sigma_max: float) -> float:
+def leaving_radius(policy: CovarianceRegionPolicy, sigma_max: float, held: float) -> float:
     """Measured distance [m] beyond which a pose counts as outside of Omega_L for every sigma up to ``sigma_max``.
+
+    ``held`` [m] is the distance that is kept or driven on purpose.
 
     The radius is factor (base + share tanh(rho)), and tanh(rho) <= rho: beyond factor base / (1 - factor share) it is
     smaller than rho.
@@ -80,7 +83,7 @@ def leaving_radius(policy: CovarianceRegionPolicy, sigma_max: float) -> float:
     if not slope < 1.0:
         raise DiffbotError("no certificate: eps_P_leave_factor * eps_P_speed_error must be below 1")
     base = policy.eps_P_leave_factor * max(policy.eps_P_min, policy.eps_P_sigmas * sigma_max)
-    return max(policy.eps_P_leave_min, base / (1.0 - slope)) + _ROUNDING
+    return max(policy.eps_P_leave_min, base / (1.0 - slope), RETREAT_MARGIN * held) + _ROUNDING
 
 
 def longest_step(loop: TunedLoop, speed: float) -> float:
@@ -118,7 +121,8 @@ def local_reach(loop: TunedLoop, rho: float) -> float:
     Raises:
         DiffbotError: if the circle is too small for the images.
     """
-    low = rho - longest_step(loop, loop.v_max)
+    far = up(rho + loop.eps_position)
+    low = rho - longest_step(loop, approach(loop, far, far)[1])
     if not low > loop.eps_position:
         raise DiffbotError("no certificate: the leaving radius is too small for the error of the position")
     return max(rho, float(_largest_kernel(loop, low, rho, _RINGS)) + _ROUNDING)
@@ -134,12 +138,13 @@ def near_bounds(loop: TunedLoop, config: ControllerConfig, eps_y: float, sigma_m
         sigma_max: [m] largest standard deviation of the position.
     """
     policy, tolerance, finish = config.region_policy.covariance, config.tolerance, config.finish
-    leaving = leaving_radius(policy, sigma_max)
+    length = _length(config)
+    held = max(tolerance.xy_goal_tolerance, max(finish.finish_reach, SHORTEST_LEG) * length)
+    leaving = leaving_radius(policy, sigma_max, held)
     last_inside = leaving + loop.eps_position + _ROUNDING
     holding = last_inside
     for _ in range(policy.eps_P_leave_steps):
         holding = local_reach(loop, holding)
-    length = _length(config)
     # A try begins, or turns into a way out, in a pose of Omega_L; before it there are fewer steps than end the region.
     steps = policy.eps_P_leave_steps
     shuttling = max(longest_step(loop, finish.finish_speed), (holding - last_inside) / steps)
