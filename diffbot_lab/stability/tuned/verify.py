@@ -31,8 +31,8 @@ def verify(certificate: Certificate, threads: int | None = None) -> None:
     """
     loop = numbers_of(certificate.config, certificate.plan.contract)
     _check_claims(certificate)
-    _check_inside(certificate, loop)
     _check_local(certificate, loop)
+    _check_inside(certificate, loop)
     _check_cells(certificate, loop, threads)
 
 
@@ -59,6 +59,13 @@ def _rows_within(certificate: Certificate, distance: float) -> int:
     return int((certificate.rho[:-1] <= distance).sum())
 
 
+def _check_local(certificate: Certificate, loop: Numbers) -> None:
+    """Omega_L does not last beyond the seed of the core."""
+    farthest, seed = farthest_local(loop, certificate.config, certificate.plan), certificate.claims.seed
+    if not farthest <= seed:
+        raise DiffbotError(f"not verified: claims.seed = {seed:g} m, Omega_L may lead to {farthest:.4f} m")
+
+
 def _check_inside(certificate: Certificate, loop: Numbers) -> None:
     """A step of Omega_G from nearer than the first edge leads to where all is in the core."""
     inside, seed = float(certificate.rho[0]), certificate.claims.seed
@@ -67,13 +74,6 @@ def _check_inside(certificate: Certificate, loop: Numbers) -> None:
     reach = inside + longest_step(loop, inside + loop.eps_rho)
     if not reach <= seed:
         raise DiffbotError(f"not verified: a step from within {inside:g} m may lead to {reach:.4f} m, beyond the seed")
-
-
-def _check_local(certificate: Certificate, loop: Numbers) -> None:
-    """Omega_L does not last beyond the seed of the core."""
-    farthest, seed = farthest_local(loop, certificate.config, certificate.plan), certificate.claims.seed
-    if not farthest <= seed:
-        raise DiffbotError(f"not verified: claims.seed = {seed:g} m, Omega_L may lead to {farthest:.4f} m")
 
 
 def _check_cells(certificate: Certificate, loop: Numbers, threads: int | None) -> None:

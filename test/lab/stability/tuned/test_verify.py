@@ -34,9 +34,6 @@ def test_the_maker_repeats_itself(monkeypatch, certificate):
 @pytest.mark.parametrize("change", [{"bearing_weight": -0.8}, {"eps_theta": 0.0295}, {"drive_noise": 0.048}])
 def test_a_wrong_sign_and_forgotten_noise_in_the_makers_law_are_found(monkeypatch, certificate, change):
     wrong = remade(monkeypatch, certificate, "tuned_loop", lambda loop: loop._replace(**change))
-    # Omega_L is bounded as it should be.
-    wrong = wrong._replace(claims=wrong.claims._replace(seed=wrong.rho[1]))
-    monkeypatch.setattr(checker, "farthest_local", lambda *_: 0.0)
     with pytest.raises(DiffbotError, match=CELL):
         verify(wrong, threads=1)
 
@@ -53,15 +50,6 @@ def test_a_maker_that_rounds_inward_is_found(monkeypatch, certificate, hair):
 
     wrong = remade(monkeypatch, certificate, "boxes_of_row", shrunk)
     with pytest.raises(DiffbotError, match=CELL):
-        verify(wrong, threads=1)
-
-
-@pytest.mark.parametrize("share", [0.9, 0.99])
-def test_a_maker_that_bounds_omega_l_too_well_is_found(monkeypatch, certificate, share):
-    wrong = remade(
-        monkeypatch, certificate, "near_bounds", lambda near: near._replace(finishing=share * near.finishing)
-    )
-    with pytest.raises(DiffbotError, match="claims.seed = .* Omega_L may lead to"):
         verify(wrong, threads=1)
 
 
