@@ -65,7 +65,7 @@ def braking_step(
     gains = _gains_in_force(config, dt)
     slowing = _slowing_sigma(uncertainty.xy, gains, config.tolerance.xy_goal_tolerance)
     if switching.region == OMEGA_L:
-        finish = _finish_after(memory, local, navigation.rho, uncertainty, dt, config)
+        finish = _finish_after(memory, local, navigation.rho, switching.steps_outside, uncertainty, dt, config)
         lyapunov = local_lyapunov(navigation, local.theta)
         requested = _near(navigation, local, slowing, finish, gains, config)
     else:
@@ -124,10 +124,9 @@ def _switching_after(
     policy, tolerance = config.region_policy, config.tolerance.xy_goal_tolerance
     if not config.driving.allow_backward:
         policy = RegionPolicy(policy.kind, policy.fixed, forward_only(policy.covariance, tolerance))
-    # An error within the tolerance is worked off by the finish, if at all, and a reached goal is not approached again.
-    # Beyond the tolerance only a new approach helps.
-    held = max(memory.finish.reach, tolerance if memory.reached else 0.0)
-    return next_switching(memory.switching, rho, sigma_xy, policy, max(tolerance, RETREAT_MARGIN * held))
+    # An error within the tolerance is worked off by the finish, if at all; beyond it only a new approach helps.
+    floor = max(tolerance, RETREAT_MARGIN * memory.finish.reach)
+    return next_switching(memory.switching, rho, sigma_xy, policy, floor)
 
 
 def _course_after(memory: ControllerMemory, region: int, upright: Pose, config: ControllerConfig) -> Course:
@@ -144,13 +143,21 @@ def _course_after(memory: ControllerMemory, region: int, upright: Pose, config: 
 
 
 def _finish_after(
-    memory: ControllerMemory, local: Pose, rho: float, uncertainty: Uncertainty, dt: float, config: ControllerConfig
+    memory: ControllerMemory,
+    local: Pose,
+    rho: float,
+    steps_outside: int,
+    uncertainty: Uncertainty,
+    dt: float,
+    config: ControllerConfig,
 ) -> Finish:
     tolerance = config.tolerance
     if not config.driving.allow_backward:
         return without_finish(memory.finish)
+    # Beyond the leaving radius the robot does not rest: Omega_L is about to end.
     resting = (
-        abs(memory.command.v) <= tolerance.trans_stopped_velocity
+        steps_outside == 0
+        and abs(memory.command.v) <= tolerance.trans_stopped_velocity
         and abs(memory.command.omega) <= tolerance.rot_stopped_velocity
         and abs(local.theta) <= tolerance.yaw_goal_tolerance
     )

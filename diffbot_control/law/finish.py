@@ -2,8 +2,9 @@
 
 In Omega_L every (0, y, 0) is an equilibrium, so y stays. Before the goal counts as reached, the robot goes to and fro
 along the goal's axis with a small heading towards it. Way and heading are so small that the tolerance is not left,
-and so this costs no settling time. It waits until the estimate allows that. If the position stays too uncertain for
-it, a large error makes the robot leave the tolerance: out along the axis and in again.
+and so this costs no settling time. It waits until the estimate allows that. With an error beyond the tolerance the
+robot leaves Omega_L and approaches again. Where Omega_L is wider, or the position stays uncertain, it goes out along
+the axis and in again instead.
 
 All lengths are shares of ``finish_length``, by default the position tolerance.
 """
@@ -35,12 +36,16 @@ SHORTEST_LEG = 0.3
 """share: a shorter leg corrects nothing"""
 _ENOUGH_CERTAIN = 0.2
 """share: with a position as certain as this, the shortest leg is allowed whatever the room"""
+_MISSED_CERTAIN = 0.3
+"""share: with a position as certain as this, an error beyond ``finish_missed`` is acted on"""
+_MISSED_SIGMAS = 1.2
+"""... or with an error of so many standard deviations: errors of fixes that last may keep the position uncertain"""
 _PATIENCE = 6.0
 """[s] at rest after which ..."""
 _PATIENT_SIGMAS = 1.0
 """... the shortest leg needs room for so many standard deviations only, and, while the goal cannot count as reached
-with this uncertainty, an error this near to the tolerance makes the robot leave it: errors of fixes that last keep the
-position uncertain for longer than it is worth waiting for"""
+with this uncertainty, an error this near to the tolerance is acted on: errors of fixes that last keep the position
+uncertain for longer than it is worth waiting for"""
 _LEGS = 12
 """legs of one try"""
 OUT_SLOPE = 2.0
@@ -84,6 +89,9 @@ class FinishConfig(NamedTuple):
         float, Spec("bound of |heading| during a try, share of yaw_goal_tolerance", "-", *SHARE)
     ] = 0.5
     finish_speed: Annotated[float, Spec("bound of |v| during a try", "m/s", *SPEED)] = 0.15
+    finish_missed: Annotated[
+        float, Spec("lateral error that makes the robot leave the tolerance, share of the length", "-", 0.0, 100.0)
+    ] = 1.0
 
 
 class Finish(NamedTuple):
@@ -125,7 +133,7 @@ class FinishScale(NamedTuple):
     room: float
     """[m] distance from the goal that may be used"""
     missed: bool
-    """the position stays too uncertain to reach the goal, and the lateral error is near the tolerance or beyond it"""
+    """the lateral error is beyond the tolerance, and certainly so"""
 
 
 def without_finish(state: Finish) -> Finish:
@@ -149,7 +157,11 @@ def finish_scale(
     if config.finish_end * length < allowed < begins:
         begins = allowed
     room = config.finish_room * length - config.finish_room_sigmas * sigma
-    missed = patient and allowed <= 0.0 and lateral > length - _PATIENT_SIGMAS * sigma
+    certain = sigma < max(_MISSED_CERTAIN * length, lateral / _MISSED_SIGMAS)
+    bound = config.finish_missed * length
+    if patient and allowed <= 0.0:
+        bound = min(bound, length - _PATIENT_SIGMAS * sigma)
+    missed = lateral > bound and certain
     return FinishScale(
         length,
         max(begins, config.finish_begin_sigmas * sigma),
@@ -182,7 +194,7 @@ def next_finish(
     patient = time >= _PATIENCE
     scale = finish_scale(lateral, uncertainty, tolerance, config, patient)
     if state.phase != RESTING:
-        return _next_leg(state, local, time, scale, uncertainty, config)
+        return _next_leg(state, local, time, scale, config)
     quiet_steps = state.quiet_steps + 1 if resting and not reached and lateral > scale.begins else 0
     waiting = Finish(RESTING, 0.0, 0.0, state.tries, quiet_steps, time, 0)
     if quiet_steps < tolerance.settling_steps or state.tries >= config.finish_tries or time > config.finish_window:
@@ -208,14 +220,10 @@ def _way_out(lateral: float, tries: int, time: float, scale: FinishScale) -> Fin
     return Finish(LEAVING, -1.0, scale.length + OUT_SLOPE * lateral, tries, 0, time, 0)
 
 
-def _next_leg(
-    state: Finish, local: Pose, time: float, scale: FinishScale, uncertainty: Uncertainty, config: FinishConfig
-) -> Finish:
+def _next_leg(state: Finish, local: Pose, time: float, scale: FinishScale, config: FinishConfig) -> Finish:
     """Advance a try that is under way."""
     leaving = state.phase == LEAVING
     lateral = abs(local.y)
-    if not leaving and scale.missed:
-        return _way_out(lateral, state.tries, time, scale)
     margin = OUT_END if leaving and state.reach > scale.length else _END
     if state.side * local.x < state.reach - margin * scale.length:
         return Finish(state.phase, state.side, state.reach, state.tries, 0, time, state.legs)

@@ -61,6 +61,7 @@ PARAMETER_NAMES = frozenset(
         "finish_end",
         "finish_heading",
         "finish_length",
+        "finish_missed",
         "finish_reach",
         "finish_room",
         "finish_room_sigmas",

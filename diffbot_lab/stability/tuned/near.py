@@ -68,10 +68,13 @@ class WayOut(NamedTuple):
     eps_y: float
 
 
-def leaving_radius(policy: CovarianceRegionPolicy, sigma_max: float, held: float) -> float:
+def leaving_radius(policy: CovarianceRegionPolicy, sigma_max: float, floor: float) -> float:
     """Measured distance [m] beyond which a pose counts as outside of Omega_L for every sigma up to ``sigma_max``.
 
-    ``held`` [m] is the distance that is kept or driven on purpose.
+    Args:
+        policy: of the switch.
+        sigma_max: [m]
+        floor: [m] least leaving radius.
 
     The radius is factor (base + share tanh(rho)), and tanh(rho) <= rho: beyond factor base / (1 - factor share) it is
     smaller than rho.
@@ -83,7 +86,7 @@ def leaving_radius(policy: CovarianceRegionPolicy, sigma_max: float, held: float
     if not slope < 1.0:
         raise DiffbotError("no certificate: eps_P_leave_factor * eps_P_speed_error must be below 1")
     base = policy.eps_P_leave_factor * max(policy.eps_P_min, policy.eps_P_sigmas * sigma_max)
-    return max(policy.eps_P_leave_min, base / (1.0 - slope), RETREAT_MARGIN * held) + _ROUNDING
+    return max(policy.eps_P_leave_min, base / (1.0 - slope), floor) + _ROUNDING
 
 
 def longest_step(loop: TunedLoop, speed: float) -> float:
@@ -139,8 +142,8 @@ def near_bounds(loop: TunedLoop, config: ControllerConfig, eps_y: float, sigma_m
     """
     policy, tolerance, finish = config.region_policy.covariance, config.tolerance, config.finish
     length = _length(config)
-    held = max(tolerance.xy_goal_tolerance, max(finish.finish_reach, SHORTEST_LEG) * length)
-    leaving = leaving_radius(policy, sigma_max, held)
+    floor = max(tolerance.xy_goal_tolerance, RETREAT_MARGIN * max(finish.finish_reach, SHORTEST_LEG) * length)
+    leaving = leaving_radius(policy, sigma_max, floor)
     last_inside = leaving + loop.eps_position + _ROUNDING
     holding = last_inside
     for _ in range(policy.eps_P_leave_steps):

@@ -287,6 +287,42 @@ def test_a_lateral_error_is_worked_off_inside_the_tolerance_before_the_goal_coun
         assert max(math.hypot(pose.x, pose.y) for pose in run.poses) > 1.9 * tolerance
 
 
+def after_poses(laterals, sigma, config=TUNED, memory=None):
+    """Stand beside the goal at each of these lateral errors in turn; return the controller's memory."""
+    memory = memory or new_memory()._replace(switching=Switching(OMEGA_L))
+    for lateral in laterals:
+        estimate = Estimate(Pose(0.0, lateral, 0.0), Uncertainty(sigma, 0.005))
+        memory, _, _ = controller.step(memory, estimate, ORIGIN, T_S, config)
+    return memory
+
+
+@pytest.mark.parametrize("tolerance", [0.05, 0.1, 0.3])
+def test_omega_l_ends_after_three_poses_beyond_the_tolerance_and_not_within_it(tolerance):
+    config = TUNED._replace(tolerance=TUNED.tolerance._replace(xy_goal_tolerance=tolerance))
+    assert after_poses([0.99 * tolerance] * 20, 0.01, config).switching.region == OMEGA_L
+    assert after_poses([1.01 * tolerance] * 2, 0.01, config).switching.region == OMEGA_L
+    assert after_poses([1.01 * tolerance] * 3, 0.01, config).switching.region == OMEGA_G
+
+
+def test_omega_l_does_not_end_while_the_position_is_so_uncertain_that_the_error_is_no_error():
+    # Twice (1.6 * 0.05 m + 0.05 tanh(0.15 m)) is 0.175 m.
+    assert after_poses([0.15] * 20, 0.05).switching.region == OMEGA_L
+    assert after_poses([0.18] * 3, 0.05).switching.region == OMEGA_G
+
+
+def test_poses_beyond_the_tolerance_do_not_begin_a_way_out():
+    """The pose after which a try begins is thrown beyond the leaving radius: nothing begins."""
+    settling = TUNED.tolerance.settling_steps
+    memory = after_poses([0.08] * (settling - 1), 0.01)
+    assert memory.finish.quiet_steps == settling - 1
+    memory = after_poses([0.13], 0.01, memory=memory)
+    assert (memory.switching.region, memory.finish.phase, memory.finish.quiet_steps) == (OMEGA_L, RESTING, 0)
+    # And a try that is under way does not become one.
+    memory = after_poses([0.08] * settling, 0.01)
+    assert memory.finish.phase == SHUTTLING
+    assert after_poses([0.13], 0.01, memory=memory).finish.phase == SHUTTLING
+
+
 def test_nothing_begins_after_reached_while_the_error_is_within_the_tolerance():
     """The estimate wanders through the whole tolerance once the goal is reached."""
     rng = random.Random(1)

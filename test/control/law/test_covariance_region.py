@@ -175,12 +175,12 @@ def test_it_is_not_latched_but_follows_sigma_down():
 def test_a_re_approach_is_not_leaving():
     outside = 0
     for _ in range(20):
-        region, outside, radius = covariance_region(OMEGA_L, outside, 0.9, 0.02, POLICY, 0.8)
+        region, outside, radius = covariance_region(OMEGA_L, outside, 0.9, 0.02, POLICY, 1.2)
         assert (region, outside) == (OMEGA_L, 0)
         assert radius >= 0.9
     # But one that is pushed far away drives there as from anywhere.
     for _ in range(3):
-        region, outside, _ = covariance_region(region, outside, 2.0, 0.02, POLICY, 0.8)
+        region, outside, _ = covariance_region(region, outside, 2.0, 0.02, POLICY, 1.2)
     assert region == OMEGA_G
 
 

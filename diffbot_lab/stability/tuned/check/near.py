@@ -27,7 +27,7 @@ from diffbot_lab.stability.tuned.check.steps import Box, clipped, farthest_after
 from diffbot_lab.stability.tuned.check.way_out import farthest_aside
 from diffbot_lab.stability.tuned.contract import Plan
 
-_RINGS, _COLUMNS, _ROTATIONS, _SLICE = 12, 240, 32, 0.03
+_RINGS, _COLUMNS, _ROTATIONS, _SLICE = 10, 180, 24, 0.03
 """how finely Omega_L is cut: rings of distance, columns of alpha from 0 to pi, parts of the rotation, [rad]"""
 
 
@@ -46,8 +46,7 @@ def leaving_radius(config: ControllerConfig, sigma_max: float, reach: float = 0.
     radius = policy.eps_P_leave_factor * (base + policy.eps_P_speed_error)
     for _ in range(100):
         radius = policy.eps_P_leave_factor * (base + policy.eps_P_speed_error * math.tanh(radius)) + SLACK
-    # A reached goal is not approached again while the error is within the tolerance.
-    return max(radius, policy.eps_P_leave_min, RETREAT_MARGIN * max(tolerance, reach))
+    return max(radius, policy.eps_P_leave_min, tolerance, RETREAT_MARGIN * reach)
 
 
 def step_bound(loop: Numbers, speed: float) -> float:
