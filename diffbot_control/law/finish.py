@@ -30,7 +30,7 @@ FINISH_NAMES = ("resting", "to and fro", "out and in")
 
 _END = 0.15
 """share: a leg is over this far before its end"""
-OUT_END = 0.6
+_OUT_END = 0.6
 """share: likewise on the way out"""
 SHORTEST_LEG = 0.3
 """share: a shorter leg corrects nothing"""
@@ -48,15 +48,15 @@ with this uncertainty, an error this near to the tolerance is acted on: errors o
 uncertain for longer than it is worth waiting for"""
 _LEGS = 12
 """legs of one try"""
-OUT_SLOPE = 2.0
+_OUT_SLOPE = 2.0
 """way out added per metre of lateral error"""
-OUT_HEADING, OUT_SPEED = 0.3, 0.3
+_OUT_HEADING, _OUT_SPEED = 0.3, 0.3
 """[rad], [m/s] on the way out and in"""
-END_GAIN = 2.0
+_END_GAIN = 2.0
 """[1/s] speed per metre from the end of the leg"""
-LINE_GAIN = 8.0
+_LINE_GAIN = 8.0
 """[rad/m] heading per metre of lateral error"""
-SLOWEST = 0.2
+_SLOWEST = 0.2
 """share of ``finish_speed`` that a leg ends with"""
 
 
@@ -217,14 +217,14 @@ def _free(lateral: float, room: float) -> float:
 
 
 def _way_out(lateral: float, tries: int, time: float, scale: FinishScale) -> Finish:
-    return Finish(LEAVING, -1.0, scale.length + OUT_SLOPE * lateral, tries, 0, time, 0)
+    return Finish(LEAVING, -1.0, scale.length + _OUT_SLOPE * lateral, tries, 0, time, 0)
 
 
 def _next_leg(state: Finish, local: Pose, time: float, scale: FinishScale, config: FinishConfig) -> Finish:
     """Advance a try that is under way."""
     leaving = state.phase == LEAVING
     lateral = abs(local.y)
-    margin = OUT_END if leaving and state.reach > scale.length else _END
+    margin = _OUT_END if leaving and state.reach > scale.length else _END
     if state.side * local.x < state.reach - margin * scale.length:
         return Finish(state.phase, state.side, state.reach, state.tries, 0, time, state.legs)
     if lateral <= config.finish_end * scale.length or (leaving and state.legs >= 1) or state.legs >= _LEGS:
@@ -251,10 +251,10 @@ def finish_command(
     """Return the command of a try, within the bounds of the velocities: along the axis with a heading towards it."""
     bound, fastest = config.finish_heading * tolerance.yaw_goal_tolerance, config.finish_speed
     if state.phase == LEAVING:
-        bound, fastest = OUT_HEADING, OUT_SPEED
-    v = END_GAIN * (state.side * state.reach - local.x)
-    v = math.copysign(min(max(abs(v), SLOWEST * config.finish_speed), fastest), v)
-    heading = min(max(-LINE_GAIN * local.y, -bound), bound) * math.copysign(1.0, v)
+        bound, fastest = _OUT_HEADING, _OUT_SPEED
+    v = _END_GAIN * (state.side * state.reach - local.x)
+    v = math.copysign(min(max(abs(v), _SLOWEST * config.finish_speed), fastest), v)
+    heading = min(max(-_LINE_GAIN * local.y, -bound), bound) * math.copysign(1.0, v)
     error = local.theta - heading
     omega = -signed_braking(error, gains.hold_brake, gains.hold_react, data_sheet.omega_max)
     # Turned first, then driven: the way is short.

@@ -15,7 +15,7 @@ from diffbot_lab.stability.result_file import read_result
 TUNED = "tuned"
 _OF_PAPER = ("width", "columns", "threads")
 _OF_CONTRACT = ("eps_xy", "eps_theta", "sigma_max")
-_OF_PLAN = ("finish", "margin", "fineness")
+_OF_PLAN = ("margin", "fineness")
 """Options of ``certify`` that one kind of law has."""
 VERIFIERS = {
     "diffbot stability level 1": "diffbot_lab.stability.level.verify",
@@ -81,7 +81,6 @@ def _add_certify(verbs: Any) -> None:
     tuned.add_argument("--eps-xy", type=number_between(1e-6, 0.99), help="bound of the errors of x and y [m] (0.06)")
     tuned.add_argument("--eps-theta", type=number_between(1e-6, 0.99), help="and of the heading [rad] (0.03)")
     tuned.add_argument("--sigma-max", type=number_between(1e-6, 0.99), help="of the reported deviation [m] (0.033)")
-    tuned.add_argument("--finish", action="store_const", const=True, help="the finish may act (default: it is used up)")
     tuned.add_argument("--margin", type=number_between(0.0, 10.0), help="by which the core is larger [m] (0)")
     tuned.add_argument("--fineness", type=number_between(0.1, 10.0), help="of the cells near the goal (1)")
     certify.set_defaults(call=_certify)

@@ -7,7 +7,6 @@ stays.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,7 +92,7 @@ def steps_from(table: Table, ranks: NDArray[np.int16], distance: float) -> int:
 
 def table_of(loop: TunedLoop, near: NearBounds, plan: Plan) -> tuple[Table, float]:
     """Return the cells of a plan, and the radius [m] of the core's seed: every state within it may recur."""
-    seed = (near.finishing if plan.finish else near.holding) + plan.margin
+    seed = near.holding + plan.margin
     inside = seed - 0.1
     # No command in Omega_G or Omega_L leads from inside beyond the seed.
     for _ in range(20):
@@ -143,7 +142,7 @@ def certify(config: ControllerConfig, plan: Plan) -> Certificate:
     """
     check_plan(plan)
     loop = tuned_loop(config, plan.contract)
-    near = near_bounds(loop, config, plan.contract.eps_xy, plan.contract.sigma_max)
+    near = near_bounds(loop, config, plan.contract.sigma_max)
     table, seed = table_of(loop, near, plan)
     rows = len(table.rho) - 1
     images = [boxes_of_row(loop, table, row) for row in tqdm(range(rows), desc="images", unit="row", disable=None)]

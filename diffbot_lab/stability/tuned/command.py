@@ -86,11 +86,11 @@ def run_verify(path: Path, steps: int = 1_000_000, seed: int = 1) -> int:
         verify(certificate)
     except DiffbotError as error:
         raise DiffbotError(f"{path}: {error}") from None
-    claims, contract, finish = certificate.claims, certificate.plan.contract, certificate.plan.finish
+    claims, contract = certificate.claims, certificate.plan.contract
     seconds = claims.steps * PLANT.sampling_time
     print(
         f"Law with braking profiles, errors within {contract.eps_xy:g} m and {contract.eps_theta:g} rad, sigma up to "
-        f"{contract.sigma_max:g} m, {'with the finish' if finish else 'the finish off or used up'}:\n"
+        f"{contract.sigma_max:g} m:\n"
         f"  every trajectory from within {claims.start:g} m is in the core after {seconds:g} s "
         f"({claims.steps} steps) at most and stays;\n"
         f"  the core is within r* = {claims.radius:.4f} m.\n"

@@ -25,16 +25,14 @@ class Contract(NamedTuple):
     """[m] bound of the error of x, and of y"""
     eps_theta: float = 0.03
     """[rad]"""
-    sigma_max: float = 0.033
-    """[m] bound of the standard deviation of the position"""
+    sigma_max: float = 0.026
+    """[m] bound of the standard deviation of the position; with a larger one the default goal cannot be reached"""
 
 
 class Plan(NamedTuple):
     """What is certified, and with which cells."""
 
     contract: Contract = Contract()
-    finish: bool = False
-    """the finish may act; otherwise it is switched off, or its tries or its time are used up"""
     to: float = 12.0
     """[m] the robot starts within this distance"""
     margin: float = 0.0
@@ -56,8 +54,6 @@ def check_plan(plan: Plan) -> None:
         value = getattr(plan, name)
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not low <= value <= high:
             raise InvalidValueError(name, value, f"from {low:g} to {high:g}")
-    if not isinstance(plan.finish, bool):
-        raise InvalidValueError("finish", plan.finish, "true or false")
 
 
 def check_covered(config: ControllerConfig) -> None:

@@ -61,7 +61,8 @@ def _rows_within(certificate: Certificate, distance: float) -> int:
 
 def _check_local(certificate: Certificate, loop: Numbers) -> None:
     """Omega_L does not last beyond the seed of the core."""
-    farthest, seed = farthest_local(loop, certificate.config, certificate.plan), certificate.claims.seed
+    sigma_max, seed = certificate.plan.contract.sigma_max, certificate.claims.seed
+    farthest = farthest_local(loop, certificate.config, sigma_max)
     if not farthest <= seed:
         raise DiffbotError(f"not verified: claims.seed = {seed:g} m, Omega_L may lead to {farthest:.4f} m")
 
@@ -93,7 +94,5 @@ def _refuse(certificate: Certificate, row: int, failing: int) -> None:
     at = int(first_cells(certificate.alphas, certificate.betas)[row]) + failing
     r0, r1, a0, a1, b0, b1 = cell_box(cells_of(certificate), row, failing)
     meaning = "may leave the core" if certificate.ranks[at] == 0 else "may lead to a rank that is not smaller"
-    raise DiffbotError(
-        f"not verified: the cell rho {r0:.4f} to {r1:.4f} m, alpha {a0:.4f} to {a1:.4f}, beta {b0:.4f} to {b1:.4f} rad, "
-        f"of rank {certificate.ranks[at]}, {meaning}"
-    )
+    where = f"rho {r0:.4f} to {r1:.4f} m, alpha {a0:.4f} to {a1:.4f} rad, beta {b0:.4f} to {b1:.4f} rad"
+    raise DiffbotError(f"not verified: the cell {where}, of rank {certificate.ranks[at]}, {meaning}")

@@ -177,7 +177,7 @@ def _coupling(loop: Numbers, alpha: Range, beta: Range) -> Range:
     # The law's angles are within +-pi, where sinc(2 a) has the sign of cos(a).
     if alpha[0] > _HALF_PI or alpha[1] < -_HALF_PI:
         high = min(high, 0.0)
-    elif -_HALF_PI < alpha[0] and alpha[1] < _HALF_PI:
+    elif alpha[0] > -_HALF_PI and alpha[1] < _HALF_PI:
         low = max(low, 0.0)
     both = alpha[0] + loop.weight * beta[0] - SLACK, alpha[1] + loop.weight * beta[1] + SLACK
     return product((low, high), both)

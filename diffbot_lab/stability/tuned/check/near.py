@@ -2,7 +2,7 @@
 
 While the measured distance does not count as outside, the true one is within the leaving radius and the error of the
 estimate. After that there are as many steps outwards as end the region. In each of them the rotation may be any. A try
-of the finish may go in any direction with its own speed; its way out leads farther, see way_out.py.
+of the finish may go in any direction with its own speed.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 from diffbot_control.law.configuration import ControllerConfig
-from diffbot_control.law.finish import END_GAIN, OUT_END, OUT_SLOPE, OUT_SPEED, SHORTEST_LEG, SLOWEST
+from diffbot_control.law.finish import SHORTEST_LEG
 from diffbot_control.law.regions import RETREAT_MARGIN
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.stability.interval.compiled import compile_bounds
@@ -24,14 +24,12 @@ from diffbot_lab.stability.tuned.check.commands import (
     product,
 )
 from diffbot_lab.stability.tuned.check.steps import Box, clipped, farthest_after, motion_of, slice_count, slice_of
-from diffbot_lab.stability.tuned.check.way_out import farthest_aside
-from diffbot_lab.stability.tuned.contract import Plan
 
 _RINGS, _COLUMNS, _ROTATIONS, _SLICE = 10, 180, 24, 0.03
 """how finely Omega_L is cut: rings of distance, columns of alpha from 0 to pi, parts of the rotation, [rad]"""
 
 
-def leaving_radius(config: ControllerConfig, sigma_max: float, reach: float = 0.0) -> float:
+def leaving_radius(config: ControllerConfig, sigma_max: float, reach: float) -> float:
     """Largest measured distance [m] that may not count as outside: a fixed point of the leaving radius.
 
     It rises with the distance, but is bounded and concave: iterated from its bound it falls to the fixed point.
@@ -39,7 +37,7 @@ def leaving_radius(config: ControllerConfig, sigma_max: float, reach: float = 0.
     Args:
         config: of the controller.
         sigma_max: [m] largest standard deviation of the position.
-        reach: [m] distance that the finish goes to.
+        reach: [m] distance from the goal that the finish goes to on purpose.
     """
     policy, tolerance = config.region_policy.covariance, config.tolerance.xy_goal_tolerance
     base = max(policy.eps_P_min, policy.eps_P_sigmas * sigma_max)
@@ -114,27 +112,28 @@ def local_reach(loop: Numbers, rho: float) -> float:
     return farthest
 
 
-def farthest_local(loop: Numbers, config: ControllerConfig, plan: Plan) -> float:
-    """Largest true distance [m] at which Omega_L may still be in force, or just be left."""
-    finish = config.finish
+def farthest_local(loop: Numbers, config: ControllerConfig, sigma_max: float) -> float:
+    """Largest true distance [m] at which Omega_L may still be in force, or just be left.
+
+    Raises:
+        DiffbotError: if a try of the finish may drive out along the axis, which is not bounded here.
+    """
+    finish, tries = config.finish, config.finish.finish_tries > 0
     length = finish.finish_length if finish.finish_length > 0.0 else config.tolerance.xy_goal_tolerance
-    to_and_fro = max(finish.finish_reach, SHORTEST_LEG) * length if plan.finish else 0.0
-    leaving = leaving_radius(config, plan.contract.sigma_max, to_and_fro)
-    steps = config.region_policy.covariance.eps_P_leave_steps
-    farthest = _outwards(loop, leaving + loop.eps_rho, steps, finish.finish_speed if plan.finish else 0.0)
-    if not plan.finish:
-        return farthest
-    # A way out begins at rest, in a pose that does not count as outside, and ends OUT_END of the length before its end.
-    slowest = min(OUT_SPEED, max(END_GAIN * OUT_END * length, SLOWEST * finish.finish_speed))
-    aside = farthest_aside(
-        loop, leaving + loop.eps_xy, config.tolerance.yaw_goal_tolerance + loop.eps_theta, slowest - SLACK
-    )
-    along = (1.0 - OUT_END) * length + OUT_SLOPE * leaving + loop.eps_xy + step_bound(loop, OUT_SPEED)
-    return _outwards(loop, max(math.hypot(along, aside), farthest), steps, OUT_SPEED)
-
-
-def _outwards(loop: Numbers, rho: float, steps: int, speed: float) -> float:
-    """Largest distance [m] after some steps of Omega_L from within ``rho`` [m]; the finish drives with up to ``speed``."""
-    for _ in range(steps):
-        rho = max(local_reach(loop, rho), rho + step_bound(loop, speed) if speed > 0.0 else 0.0)
+    if tries and may_leave(config, sigma_max, finish.finish_missed * length):
+        raise DiffbotError("not verified: the finish may drive out of the tolerance along the axis of the goal")
+    to_and_fro = max(finish.finish_reach, SHORTEST_LEG) * length if tries else 0.0
+    rho = leaving_radius(config, sigma_max, to_and_fro) + loop.eps_rho
+    for _ in range(config.region_policy.covariance.eps_P_leave_steps):
+        rho = max(local_reach(loop, rho), rho + step_bound(loop, finish.finish_speed) if tries else 0.0)
     return rho
+
+
+def may_leave(config: ControllerConfig, sigma_max: float, missed: float) -> bool:
+    """Tell if a try of the finish may begin as a way out: at rest, in a pose that does not count as outside.
+
+    It does with a lateral error beyond ``missed`` [m], and nearer if the goal cannot count as reached.
+    """
+    tolerance = config.tolerance
+    too_uncertain = tolerance.goal_sigmas * sigma_max >= tolerance.xy_goal_tolerance
+    return too_uncertain or leaving_radius(config, sigma_max, 0.0) > missed

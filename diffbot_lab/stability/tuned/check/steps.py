@@ -1,7 +1,7 @@
-"""Where a step may lead: slices of what is measured, the arc in Cartesian coordinates, and the ranks met there.
+"""Where a step may lead: slices of what is measured, and the arc in Cartesian coordinates.
 
-Coordinates: the robot stands at the origin and looks along x; the goal is at rho (cos alpha, sin alpha). A step with the
-rotation z ends on the arc's chord, u (cos(z / 2), sin(z / 2)), with u = t_s v sinc(z / 2).
+The robot stands at the origin and looks along x; the goal is at rho (cos alpha, sin alpha). A step with the rotation z
+ends on the arc's chord, u (cos(z / 2), sin(z / 2)), with u = t_s v sinc(z / 2).
 """
 
 from __future__ import annotations
@@ -188,7 +188,7 @@ def alpha_range(box: Box, u0: float, u1: float, z0: float, z1: float) -> Range:
 
 
 def after(box: Box, u0: float, u1: float, z0: float, z1: float) -> Box:
-    """Return bounds of the states after a step from a box, with a chord [m] shorter than r0 / 2; see :func:`motion_of`."""
+    """Return bounds of the states after a step from a box; ``motion_of`` gives the chord, shorter than r0 / 2."""
     turned, alpha = turned_range(box, u0, u1, z0, z1), alpha_range(box, u0, u1, z0, z1)
     near, far = nearest_after(box, u0, u1, z0, z1), farthest_after(box, u0, u1, z0, z1)
     return Box(near, far, alpha[0], alpha[1], box.b0 + turned[0], box.b1 + turned[1])

@@ -11,8 +11,8 @@ from diffbot_lab.stability.tuned.near import near_bounds
 @pytest.fixture(scope="session")
 def plan():
     config, contract = ControllerConfig(), Contract()
-    near = near_bounds(tuned_loop(config, contract), config, contract.eps_xy, contract.sigma_max)
-    return Plan(finish=True, to=1.9, margin=1.3 - near.finishing, fineness=0.4)
+    near = near_bounds(tuned_loop(config, contract), config, contract.sigma_max)
+    return Plan(to=1.9, margin=1.3 - near.holding, fineness=0.4)
 
 
 @pytest.fixture(scope="session")

@@ -36,7 +36,7 @@ def with_first(values, value):
         ({"plan": None}, "a value is missing or of the wrong kind"),
         ({"plan.to": 1e9}, "to = 1000000000.0: must be from 0.1 to 1000"),
         ({"plan.other": 1}, "a value is missing or of the wrong kind"),
-        ({"plan.finish": 1}, "finish = 1: must be true or false"),
+        ({"plan.margin": "1"}, "margin = '1': must be from 0 to 10"),
         ({"plan.contract": {"eps_xy": True}}, "eps_xy = True: must be from 1e-6"),
         ({"plan.contract": {"sigma_max": math.nan}}, "sigma_max = nan: must be from 1e-6"),
         ({"controller": [1]}, "a value is missing or of the wrong kind"),
