@@ -15,12 +15,12 @@ from diffbot_lab.stability.result_file import read_result
 TUNED = "tuned"
 _OF_PAPER = ("width", "columns", "threads")
 _OF_CONTRACT = ("eps_xy", "eps_theta", "sigma_max")
-_OF_PLAN = ("finish", "margin", "fineness")
+_OF_PLAN = ("margin", "fineness")
 """Options of ``certify`` that one kind of law has."""
 VERIFIERS = {
     "diffbot stability level 1": "diffbot_lab.stability.level.verify",
     "diffbot stability certificate 1": "diffbot_lab.stability.paper.command",
-    "diffbot stability tuned 1": "diffbot_lab.stability.tuned.command",
+    "diffbot stability tuned 2": "diffbot_lab.stability.tuned.command",
 }
 """Modules with a function ``run_verify(path)``, by the format of the files that they check."""
 
@@ -81,7 +81,6 @@ def _add_certify(verbs: Any) -> None:
     tuned.add_argument("--eps-xy", type=number_between(1e-6, 0.99), help="bound of the errors of x and y [m] (0.06)")
     tuned.add_argument("--eps-theta", type=number_between(1e-6, 0.99), help="and of the heading [rad] (0.03)")
     tuned.add_argument("--sigma-max", type=number_between(1e-6, 0.99), help="of the reported deviation [m] (0.033)")
-    tuned.add_argument("--finish", action="store_const", const=True, help="the finish may act (default: it is used up)")
     tuned.add_argument("--margin", type=number_between(0.0, 10.0), help="by which the core is larger [m] (0)")
     tuned.add_argument("--fineness", type=number_between(0.1, 10.0), help="of the cells near the goal (1)")
     certify.set_defaults(call=_certify)
@@ -130,7 +129,7 @@ def _certify(options: argparse.Namespace) -> int:
 
 def _certify_tuned(options: argparse.Namespace) -> int:
     from diffbot_lab.stability.tuned import command  # noqa: PLC0415
-    from diffbot_lab.stability.tuned.certify import Contract, Plan  # noqa: PLC0415
+    from diffbot_lab.stability.tuned.contract import Contract, Plan  # noqa: PLC0415
 
     contract = Contract(**_given(options, _OF_CONTRACT))
     plan = Plan(contract=contract, to=options.rho_max, **_given(options, _OF_PLAN))

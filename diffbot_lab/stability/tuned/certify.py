@@ -1,24 +1,24 @@
-"""Certificate of the law with braking profiles under a contract of the estimate: core and ranks, and their check.
+"""Makes a certificate of the law with braking profiles under a contract of the estimate: core and ranks.
 
 From every state whose rank is n, of whatever course and memory, the robot is in the core after at most n steps, and
-stays. The file holds the configuration, the contract and the ranks; all else is worked out again by ``verify``.
+stays.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from diffbot_control.law.configuration import BRAKING, GIVEN, ControllerConfig
-from diffbot_control.law.regions import COVARIANCE
+from diffbot_control.law.configuration import ControllerConfig
 from diffbot_core.data_sheet import rim_speed
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_lab.stability.interval.outward import hypot, up
 from diffbot_lab.stability.rank.ranking import UNRANKED
+from diffbot_lab.stability.tuned.contract import PLANT, Contract, Plan, check_covered, check_plan
+from diffbot_lab.stability.tuned.file import MAX_CELLS, Certificate, Claims
 from diffbot_lab.stability.tuned.images import number_of_slices
 from diffbot_lab.stability.tuned.law import TunedLoop, approach
 from diffbot_lab.stability.tuned.near import NearBounds, longest_step, near_bounds
@@ -33,45 +33,6 @@ from diffbot_lab.stability.tuned.table import (
     rank_kernel,
     spread_kernel,
 )
-from diffbot_sim.model.plant import PlantConfig
-
-PLANT = PlantConfig()
-"""The robot and its input noise; a file does not change them."""
-_MAX_CELLS = 100_000_000
-
-
-class Contract(NamedTuple):
-    """What the estimate keeps in every step."""
-
-    eps_xy: float = 0.06
-    """[m] bound of the error of x, and of y"""
-    eps_theta: float = 0.03
-    """[rad]"""
-    sigma_max: float = 0.026
-    """[m] bound of the standard deviation of the position; with a larger one the default goal cannot be reached"""
-
-
-class Plan(NamedTuple):
-    """What is certified, and with which cells."""
-
-    contract: Contract = Contract()
-    to: float = 12.0
-    """[m] the robot starts within this distance"""
-    margin: float = 0.0
-    """[m] by which the core is made larger than Omega_L asks for, where the cells do not suffice"""
-    fineness: float = 1.0
-    """of the cells near the goal; 2 makes them half as large"""
-
-
-class Certificate(NamedTuple):
-    """The result."""
-
-    plan: Plan
-    config: ControllerConfig
-    near: NearBounds
-    table: Table
-    ranks: NDArray[np.int16]
-    """rank of each cell kept"""
 
 
 def tuned_loop(config: ControllerConfig, contract: Contract) -> TunedLoop:
@@ -80,7 +41,7 @@ def tuned_loop(config: ControllerConfig, contract: Contract) -> TunedLoop:
     Raises:
         InvalidValueError: for a configuration that the certificate does not cover.
     """
-    _refuse_uncovered(config, contract)
+    check_covered(config)
     sheet = config.data_sheet
     gains = config.profile_gains
     known = max(gains.sigma_known, config.tolerance.xy_goal_tolerance / 3.0)
@@ -103,52 +64,22 @@ def tuned_loop(config: ControllerConfig, contract: Contract) -> TunedLoop:
     )
 
 
-def _refuse_uncovered(config: ControllerConfig, contract: Contract) -> None:
-    sheet, inf = config.data_sheet, math.inf
-    _require("speed_profile", config.profile, config.profile == BRAKING, "braking")
-    _require("region_policy", config.region_policy.kind, config.region_policy.kind == COVARIANCE, "covariance")
-    _require("allow_backward", config.driving.allow_backward, config.driving.allow_backward, "true")
-    _require("gains", config.gain_source, config.gain_source == GIVEN, "preset")
-    symmetric = config.driving.symmetric_yaw_tolerance
-    _require("symmetric_yaw_tolerance", symmetric, not symmetric, "false")
-    _require("uncertainty_scale", config.uncertainty_scale, config.uncertainty_scale == 1.0, "1")
-    for name in ("a_max", "omega_dot_max"):
-        _require(name, getattr(sheet, name), getattr(sheet, name) == inf, "inf: no limit of the acceleration")
-    for name in ("command_latency", "drive_time_constant", "min_velocity", "min_rotation"):
-        _require(name, getattr(sheet, name), getattr(sheet, name) == 0.0, "0")
-    for name in ("v_max", "omega_max", "wheel_max"):
-        _require(name, getattr(sheet, name), getattr(sheet, name) < inf, "finite")
-    rim, half = rim_speed(sheet), 0.5 * sheet.wheels.wheel_separation
-    _require("omega_max", sheet.omega_max, half * sheet.omega_max <= rim, f"at most {rim / half:g}")
-    for name, value in contract._asdict().items():
-        _require(name, value, isinstance(value, (int, float)) and 1e-6 <= value < 1.0, "from 1e-6 to below 1")
-
-
-def _require(name: str, value: Any, holds: bool, bound: str) -> None:
-    if not holds:
-        raise InvalidValueError(name, value, f"{bound}, for a certificate")
-
-
-def core_radius(certificate: Certificate) -> float:
+def core_radius(table: Table, ranks: NDArray[np.int16]) -> float:
     """r* [m]: the robot stays within this distance of the goal once it is in the core."""
-    table, farthest = certificate.table, certificate.table.rho[0]
+    farthest = table.rho[0]
     for row in range(len(table.rho) - 1):
-        if (certificate.ranks[table.start[row] : table.start[row + 1]] == CORE).any():
+        if (ranks[table.start[row] : table.start[row + 1]] == CORE).any():
             farthest = table.rho[row + 1]
     return float(farthest)
 
 
-def steps_from(certificate: Certificate, distance: float) -> int:
+def steps_from(table: Table, ranks: NDArray[np.int16], distance: float) -> int:
     """Return after how many steps at most the robot is in the core, from any state within ``distance`` [m].
 
     Raises:
         DiffbotError: if there are states that are not certified.
     """
-    table = certificate.table
-    rows = int(np.searchsorted(table.rho, distance))
-    if rows >= len(table.rho):
-        raise DiffbotError(f"no certificate: the cells end at {table.rho[-1]:g} m")
-    ranks = certificate.ranks[: table.start[rows]]
+    ranks = ranks[: table.start[int(np.searchsorted(table.rho, distance))]]
     if (ranks == UNRANKED).any():
         bad = int(np.argmax(ranks == UNRANKED))
         row = int(np.searchsorted(table.start, bad, side="right")) - 1
@@ -157,18 +88,6 @@ def steps_from(certificate: Certificate, distance: float) -> int:
             f"no certificate: {100.0 * share:.3g} % of the cells, from {table.rho[row]:.4g} m, have no rank"
         )
     return int(ranks.max(initial=0))
-
-
-def check_plan(plan: Plan) -> None:
-    """Refuse a plan with values of the wrong kind or out of range.
-
-    Raises:
-        InvalidValueError: naming the first.
-    """
-    for name, low, high in (("to", 0.1, 1000.0), ("margin", 0.0, 10.0), ("fineness", 0.1, 10.0)):
-        value = getattr(plan, name)
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not low <= value <= high:
-            raise InvalidValueError(name, value, f"from {low:g} to {high:g}")
 
 
 def table_of(loop: TunedLoop, near: NearBounds, plan: Plan) -> tuple[Table, float]:
@@ -194,7 +113,7 @@ def table_of(loop: TunedLoop, near: NearBounds, plan: Plan) -> tuple[Table, floa
         Band(plan.to + 0.3, 0.01, 0.01, 160, 32, 0.1),
     )
     table = make_table(inside, bands)
-    if table.start[-1] > _MAX_CELLS:
+    if table.start[-1] > MAX_CELLS:
         raise InvalidValueError("fineness", plan.fineness, f"less: this makes {table.start[-1]} cells")
     return table, seed
 
@@ -239,12 +158,13 @@ def certify(config: ControllerConfig, plan: Plan) -> Certificate:
                 fresh = rank_kernel(table, row, images[row].boxes, images[row].start, ranks)
                 changed += fresh
                 bar.update(fresh)
-    return Certificate(plan, config, near, table, ranks)
+    claims = Claims(core_radius(table, ranks), float(plan.to), steps_from(table, ranks, plan.to), seed)
+    return Certificate(plan, config, table.rho, table.alphas, table.betas, ranks, claims)
 
 
 def seed_rows(table: Table, seed: float) -> int:
     """Return how many rows begin within the seed of the core [m]."""
-    return int(np.searchsorted(table.rho, seed)) if seed > table.rho[0] else 0
+    return int(np.searchsorted(table.rho, seed, side="right")) if seed > table.rho[0] else 0
 
 
 def _spread(table: Table, images: list[Boxes], ranks: NDArray[np.int16]) -> None:

@@ -6,27 +6,39 @@ import numpy as np
 import pytest
 
 from diffbot_lab import cli
-from diffbot_lab.stability.tuned.certify import Contract
 from diffbot_lab.stability.tuned.command import contract_kept
+from diffbot_lab.stability.tuned.contract import Contract
 
 CERTIFY = ["stability", "certify", "--law", "tuned"]
-SMALL = ["--eps-xy", "0.02", "--eps-theta", "0.01", "--sigma-max", "0.02", "--rho-max", "1.4", "--fineness", "0.4"]
+SMALL = [
+    "--eps-xy",
+    "0.02",
+    "--eps-theta",
+    "0.01",
+    "--sigma-max",
+    "0.02",
+    "--rho-max",
+    "1.5",
+    "--fineness",
+    "0.4",
+    "--margin",
+    "1.0",
+]
 
 
 def test_a_certificate_is_made_and_verified(tmp_path, capsys):
     path = tmp_path / "new" / "tuned.json"
-    assert cli.main([*CERTIFY, *SMALL, "--finish", "--out", str(path)]) == 0
+    assert cli.main([*CERTIFY, *SMALL, "--out", str(path)]) == 0
     assert "not verified yet" in capsys.readouterr().out
     assert json.loads(path.read_text())["plan"] == {
         "contract": {"eps_xy": 0.02, "eps_theta": 0.01, "sigma_max": 0.02},
-        "finish": True,
-        "to": 1.4,
-        "margin": 0.0,
+        "to": 1.5,
+        "margin": 1.0,
         "fineness": 0.4,
     }
     assert cli.main(["stability", "verify", str(path)]) == 0
     shown = capsys.readouterr().out
-    assert "errors within 0.02 m and 0.01 rad, sigma up to 0.02 m, with the finish" in shown
+    assert "errors within 0.02 m and 0.01 rad, sigma up to 0.02 m:" in shown
     assert "1000000 random steps keep to the ranks." in shown
 
 
@@ -36,7 +48,7 @@ def test_a_certificate_is_made_and_verified(tmp_path, capsys):
         (["--eps-xy", "nan"], 2, "argument --eps-xy: nan: must be from"),
         (["--fineness", "0"], 2, "argument --fineness: 0: must be from"),
         (["--width", "0.01"], 1, "--width = 0.01: must be left out with --law tuned"),
-        (["--law", "17", "--finish"], 1, "--finish = True: must be left out with --law 17"),
+        (["--law", "17", "--margin", "0.1"], 1, "--margin = 0.1: must be left out with --law 17"),
         (["--law", "13", "--eps-xy", "0.1"], 1, "--eps-xy = 0.1: must be left out with --law 13"),
         (["--set", "command_latency=0.1"], 1, "command_latency = 0.1: must be 0, for a certificate"),
         (["--set", "eps_x_max=0.1"], 1, "eps_x_max"),

@@ -10,7 +10,8 @@ from diffbot_control.law.polar_coordinates import Navigation, navigation_variabl
 from diffbot_control.law.steering import BACK, FRONT, drive_and_hold, drive_and_steer, led_by
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose, wrap_angle
-from diffbot_lab.stability.tuned.certify import Contract, tuned_loop
+from diffbot_lab.stability.tuned.certify import tuned_loop
+from diffbot_lab.stability.tuned.contract import Contract
 from diffbot_lab.stability.tuned.images import Cell3, images, local_distance, most_images
 from diffbot_lab.stability.tuned.law import Measured, command_bounds
 from diffbot_sim.model.philox import Draw

@@ -1,0 +1,197 @@
+"""The checker passes what is proved and finds mistakes planted in a certificate, in its maker, and in itself."""
+
+import functools
+
+import numpy as np
+import pytest
+
+from diffbot_control.law.configuration import ControllerConfig
+from diffbot_core.errors import DiffbotError
+from diffbot_lab.stability.tuned import certify as maker
+from diffbot_lab.stability.tuned import verify as checker
+from diffbot_lab.stability.tuned.check.cells import cells_of, failing_kernel
+from diffbot_lab.stability.tuned.check.commands import numbers_of
+from diffbot_lab.stability.tuned.file import first_cells
+from diffbot_lab.stability.tuned.sample import sample
+from diffbot_lab.stability.tuned.verify import verify
+
+CONFIG = ControllerConfig()
+CELL = "not verified: the cell rho"
+ONCE = functools.cache(checker.farthest_local)
+
+
+@pytest.fixture(autouse=True)
+def bound_omega_l_once(monkeypatch):
+    monkeypatch.setattr(checker, "farthest_local", ONCE)
+
+
+def test_a_certificate_is_verified(certificate):
+    verify(certificate)
+
+
+def remade(monkeypatch, certificate, name, change):
+    """Make the certificate with a maker one function of which is changed."""
+    usual = getattr(maker, name)
+    monkeypatch.setattr(maker, name, lambda *arguments: change(usual(*arguments)))
+    return maker.certify(CONFIG, certificate.plan)
+
+
+def test_the_maker_repeats_itself(monkeypatch, certificate):
+    again = remade(monkeypatch, certificate, "tuned_loop", lambda loop: loop)
+    np.testing.assert_array_equal(again.ranks, certificate.ranks)
+
+
+@pytest.mark.parametrize("change", [{"bearing_weight": -0.8}, {"eps_theta": 0.0295}, {"drive_noise": 0.048}])
+def test_a_wrong_sign_and_forgotten_noise_in_the_makers_law_are_found(monkeypatch, certificate, change):
+    wrong = remade(monkeypatch, certificate, "tuned_loop", lambda loop: loop._replace(**change))
+    with pytest.raises(DiffbotError, match=CELL):
+        verify(wrong, threads=1)
+
+
+@pytest.mark.parametrize("hair", [1e-4, 1e-3])
+def test_a_maker_that_rounds_inward_is_found(monkeypatch, certificate, hair):
+    """The padding of the images is 2e-5: 1e-4 m and rad more than that are the least that matters with these cells."""
+
+    def shrunk(images):
+        boxes = images.boxes.copy()
+        boxes[:, ::2] += hair
+        boxes[:, 1::2] -= hair
+        return images._replace(boxes=boxes)
+
+    wrong = remade(monkeypatch, certificate, "boxes_of_row", shrunk)
+    with pytest.raises(DiffbotError, match=CELL):
+        verify(wrong, threads=1)
+
+
+def changed(certificate, at, rank):
+    ranks = certificate.ranks.copy()
+    ranks[at] = rank
+    return certificate._replace(ranks=ranks)
+
+
+def claiming(certificate, **changes):
+    return certificate._replace(claims=certificate.claims._replace(**changes))
+
+
+def test_ranks_that_are_one_too_small_are_found(certificate):
+    """Nearly all: a few are larger than they have to be, as the maker's images are wider here and there."""
+    loop, first = numbers_of(CONFIG, certificate.plan.contract), first_cells(certificate.alphas, certificate.betas)
+    found = 0
+    for at in np.random.default_rng(1).choice(np.flatnonzero(certificate.ranks > 1), 40, replace=False):
+        row = int(np.searchsorted(first, at, side="right")) - 1
+        cells = cells_of(changed(certificate, at, certificate.ranks[at] - 1))
+        failing = failing_kernel(loop, cells, row)
+        assert failing in (-1, at - first[row])
+        found += failing >= 0
+    assert found >= 30
+
+
+def test_a_rank_that_is_one_too_small_is_named(certificate):
+    at = int(np.argmax(certificate.ranks == 5))
+    with pytest.raises(DiffbotError, match=f"{CELL}.* of rank 4, may lead to a rank that is not smaller"):
+        verify(changed(certificate, at, 4))
+
+
+def test_a_rank_that_is_too_large_is_found_at_its_neighbours(certificate):
+    at = int(np.argmax(certificate.ranks == 5))
+    with pytest.raises(DiffbotError, match=CELL):
+        verify(changed(certificate, at, 12))
+
+
+@pytest.mark.parametrize("rank", [0, 1, 12])
+def test_a_cell_that_is_left_out_is_found(certificate, rank):
+    """Within the start at once, and otherwise at the cells that lead to it."""
+    at = int(np.flatnonzero(certificate.ranks == rank)[-1 if rank == 0 else 0])
+    missing = changed(certificate, at, -1)
+    with pytest.raises(DiffbotError, match=r"claims\.start"):
+        verify(missing)
+    with pytest.raises(DiffbotError, match=CELL):
+        verify(claiming(missing, start=certificate.claims.seed))
+
+
+@pytest.mark.parametrize("claim", ["radius", "start", "steps", "seed"])
+def test_claims_that_are_too_good_are_found(certificate, claim):
+    claims = certificate.claims
+    better = {
+        "radius": claims.radius - 1e-6,
+        "start": certificate.rho[-1],
+        "steps": claims.steps - 1,
+        "seed": 0.24,
+    }[claim]
+    with pytest.raises(DiffbotError, match=rf"claims\.{claim} = "):
+        verify(claiming(certificate, **{claim: better}))
+
+
+def test_a_seed_that_is_not_all_in_the_core_is_found(certificate):
+    with pytest.raises(DiffbotError, match="not all within it is in the core"):
+        verify(changed(certificate, 0, 1))
+    with pytest.raises(DiffbotError, match="not all within it is in the core"):
+        verify(claiming(certificate, seed=certificate.rho[-1] + 1.0))
+
+
+def test_edges_that_begin_too_near_or_too_far_are_found(certificate):
+    near = np.concatenate(([0.05], certificate.rho[1:]))
+    with pytest.raises(DiffbotError, match=r"rho begins at 0.05 m, must be above 0.0857"):
+        verify(certificate._replace(rho=near))
+    first = first_cells(certificate.alphas, certificate.betas)
+    row = int(np.searchsorted(certificate.rho, certificate.claims.seed)) - 1
+    far = certificate._replace(
+        rho=certificate.rho[row:],
+        alphas=certificate.alphas[row:],
+        betas=certificate.betas[row:],
+        ranks=certificate.ranks[first[row] :],
+    )
+    with pytest.raises(DiffbotError, match="beyond the seed"):
+        verify(far)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda config: config._replace(profile_gains=config.profile_gains._replace(turn_react=0.5)),
+        lambda config: config._replace(profile_gains=config.profile_gains._replace(bearing_weight=0.9)),
+        lambda config: config._replace(data_sheet=config.data_sheet._replace(omega_max=2.0)),
+    ],
+)
+def test_a_certificate_of_another_law_is_found(certificate, change):
+    with pytest.raises(DiffbotError, match=CELL):
+        verify(certificate._replace(config=change(CONFIG)))
+
+
+@pytest.mark.parametrize("eps_xy", [0.062, 0.08])
+def test_a_certificate_of_another_contract_is_found(certificate, eps_xy):
+    contract = certificate.plan.contract._replace(eps_xy=eps_xy)
+    with pytest.raises(DiffbotError, match="not verified"):
+        verify(certificate._replace(plan=certificate.plan._replace(contract=contract)))
+
+
+@pytest.mark.parametrize("change", [{"weight": -0.8}, {"turn_brake": -7.0}, {"t_s": -0.1}, {"noise": 0.06}])
+def test_a_checker_with_a_mistake_refuses_a_valid_certificate(monkeypatch, certificate, change):
+    usual = checker.numbers_of
+    monkeypatch.setattr(checker, "numbers_of", lambda *arguments: usual(*arguments)._replace(**change))
+    with pytest.raises(DiffbotError, match="not verified"):
+        verify(certificate, threads=1)
+
+
+def test_gains_too_large_for_the_checks_rounding_are_refused_by_name(certificate):
+    gains = CONFIG.profile_gains._replace(turn_brake=1e4, turn_react=60.0)
+    with pytest.raises(DiffbotError, match=r"turn_react = 60\.0: must be less"):
+        verify(certificate._replace(config=CONFIG._replace(profile_gains=gains)))
+
+
+def test_random_steps_of_the_robots_own_law_keep_to_the_ranks(certificate):
+    assert sample(certificate, 200_000, 17).broken == 0
+
+
+def test_random_steps_find_ranks_of_another_law(certificate):
+    weak = CONFIG._replace(profile_gains=CONFIG.profile_gains._replace(turn_react=5.0))
+    assert sample(certificate._replace(config=weak), 200_000, 17).broken > 0
+
+
+def test_a_finish_that_may_drive_out_of_the_tolerance_is_refused(certificate):
+    early = CONFIG._replace(finish=CONFIG.finish._replace(finish_missed=0.9))
+    sure = CONFIG._replace(tolerance=CONFIG.tolerance._replace(goal_sigmas=4.0))
+    for config in (early, sure):
+        with pytest.raises(DiffbotError, match="the finish may drive out of the tolerance"):
+            verify(certificate._replace(config=config))
+        verify(certificate._replace(config=config._replace(finish=config.finish._replace(finish_tries=0))))
