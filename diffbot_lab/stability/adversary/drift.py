@@ -21,6 +21,8 @@ from diffbot_sim.model.philox import Draw
 from diffbot_sim.model.plant import new_plant, plant_step
 
 _GOAL = Pose(0.0, 0.0, 0.0)
+_ALONG = 0.4
+"""share of the position error along the axis; what remains of the disc is lateral"""
 _TURN_BACK = 0.45
 """share of the error of x at which the robot is sent back: before the command becomes small"""
 _AHEAD = 0.07
@@ -49,16 +51,17 @@ def drift(config: ControllerConfig, contract: Contract, leaving: float, start: P
         start: true pose in Omega_L, near the goal.
         steps: at most.
     """
-    e_xy, e_theta = contract.eps_xy, contract.eps_theta
+    e_theta = contract.eps_theta
+    e_x, e_y = _ALONG * contract.eps_position, math.sqrt(1.0 - _ALONG**2) * contract.eps_position
     no_errors = Draw(0.0, 0.0, 0.0, 0.0)
     memory = new_memory()._replace(switching=Switching(OMEGA_L, 1, 0), command=_ARRIVING)
     state, direction = new_plant(start), 1.0
     farthest, when = math.hypot(start.x, start.y), 0.0
     for step in range(steps):
         x, y, theta = state.pose
-        if direction * x > _TURN_BACK * e_xy:
+        if direction * x > _TURN_BACK * e_x:
             direction = -direction
-        ex, ey, e_heading = -direction * e_xy, (0.0 if y < leaving - _AHEAD else -e_xy), -direction * e_theta
+        ex, ey, e_heading = -direction * e_x, (0.0 if y < leaving - _AHEAD else -e_y), -direction * e_theta
         if memory.switching.region == OMEGA_G:
             ex = ey = e_heading = 0.0
         seen = Estimate(Pose(x + ex, y + ey, theta + e_heading), _SIGMA)

@@ -71,15 +71,20 @@ def next_tuned(opponent: TunedOpponent, pose: Pose, memory: ControllerMemory, si
         noise: errors of x, y, theta, and of the left and right wheel, in shares of their bounds.
     """
     config, contract, plant = opponent
+    # The corners of the square are drawn into the disc.
+    share = contract.eps_position / max(1.0, math.hypot(noise[0], noise[1]))
     seen = Pose(
-        pose.x + contract.eps_xy * noise[0],
-        pose.y + contract.eps_xy * noise[1],
+        pose.x + share * noise[0],
+        pose.y + share * noise[1],
         wrap_angle(pose.theta + contract.eps_theta * noise[2]),
     )
     estimate = Estimate(seen, Uncertainty(sigma, _SIGMA_THETA))
     memory, command, _ = braking_step(memory, estimate, Pose(0.0, 0.0, 0.0), plant.sampling_time, config)
     wheels = wheel_speeds(command, config.data_sheet.wheels)
-    left, right = wheels.left * (1.0 + plant.drive_noise * noise[3]), wheels.right * (1.0 + plant.drive_noise * noise[4])
+    left, right = (
+        wheels.left * (1.0 + plant.drive_noise * noise[3]),
+        wheels.right * (1.0 + plant.drive_noise * noise[4]),
+    )
     moved = body_twist(WheelSpeeds(left, right), config.data_sheet.wheels)
     return integrate(pose, moved, plant.sampling_time, plant.exact_arc), memory
 

@@ -15,7 +15,7 @@ from tqdm import tqdm
 from diffbot_control.law.configuration import ControllerConfig
 from diffbot_core.data_sheet import rim_speed
 from diffbot_core.errors import DiffbotError, InvalidValueError
-from diffbot_lab.stability.interval.outward import hypot, up
+from diffbot_lab.stability.interval.outward import up
 from diffbot_lab.stability.rank.ranking import UNRANKED
 from diffbot_lab.stability.tuned.contract import PLANT, Contract, Plan, check_covered, check_plan
 from diffbot_lab.stability.tuned.file import MAX_CELLS, Certificate, Claims
@@ -57,7 +57,7 @@ def tuned_loop(config: ControllerConfig, contract: Contract) -> TunedLoop:
         sheet.omega_max,
         up(rim_speed(sheet)),
         0.5 * sheet.wheels.wheel_separation,
-        hypot(contract.eps_xy, contract.eps_xy, contract.eps_xy, contract.eps_xy)[1],
+        contract.eps_position,
         contract.eps_theta,
         PLANT.drive_noise,
         PLANT.sampling_time,
