@@ -14,7 +14,7 @@ from diffbot_lab.stability.result_file import read_result
 
 TUNED = "tuned"
 _OF_PAPER = ("width", "columns", "threads")
-_OF_CONTRACT = ("eps_xy", "eps_theta", "sigma_max")
+_OF_CONTRACT = ("eps_position", "eps_theta", "sigma_max")
 _OF_PLAN = ("margin", "fineness")
 """Options of ``certify`` that one kind of law has."""
 VERIFIERS = {
@@ -78,7 +78,9 @@ def _add_certify(verbs: Any) -> None:
     paper.add_argument("--columns", type=whole(16, 16_000), help="cells of alpha (1256)")
     paper.add_argument("--threads", type=whole(1, 1024), help="at a time (default: one per core)")
     tuned = certify.add_argument_group("law tuned: contract of the estimate, and cells")
-    tuned.add_argument("--eps-xy", type=number_between(1e-6, 0.99), help="bound of the errors of x and y [m] (0.06)")
+    tuned.add_argument(
+        "--eps-position", type=number_between(1e-6, 0.99), help="bound of the position's error [m] (0.06)"
+    )
     tuned.add_argument("--eps-theta", type=number_between(1e-6, 0.99), help="and of the heading [rad] (0.03)")
     tuned.add_argument("--sigma-max", type=number_between(1e-6, 0.99), help="of the reported deviation [m] (0.033)")
     tuned.add_argument("--margin", type=number_between(0.0, 10.0), help="by which the core is larger [m] (0)")

@@ -1,9 +1,8 @@
-"""An adversary of the law with braking profiles: noise within the contract that carries the robot away from the goal.
+"""An adversary of the default law in Omega_L: noise within the contract that carries the robot aside.
 
-In Omega_L the robot goes to and fro between the ends of the position error, each way with the heading error that
-shifts it aside. It never seems to rest, so the finish does not begin; when it is as far aside as the switch allows, it
-is made to rest, and the lateral error is shown larger than it is: the way out of the finish is as long as it can be.
-What it reaches is a lower bound of any certified distance.
+The robot goes to and fro between the ends of the position error, each way with the heading error that shifts it aside:
+a hundredth of a millimetre in a step, as long as the switch allows. It never seems to rest, so the finish does not
+begin. What it reaches is a lower bound of any certified distance.
 """
 
 from __future__ import annotations
@@ -13,7 +12,6 @@ from typing import NamedTuple
 
 from diffbot_control.law.braking_step import braking_step
 from diffbot_control.law.configuration import ControllerConfig, new_memory
-from diffbot_control.law.finish import RESTING
 from diffbot_control.law.regions import OMEGA_G, OMEGA_L, Switching
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
@@ -23,12 +21,12 @@ from diffbot_sim.model.philox import Draw
 from diffbot_sim.model.plant import new_plant, plant_step
 
 _GOAL = Pose(0.0, 0.0, 0.0)
+_ALONG = 0.4
+"""share of the position error along the axis; what remains of the disc is lateral"""
 _TURN_BACK = 0.45
 """share of the error of x at which the robot is sent back: before the command becomes small"""
 _AHEAD = 0.07
 """[m] before the leaving radius, from where on the lateral error is shown smaller"""
-_ENOUGH = 0.85
-"""share of the error of y beyond the leaving radius at which the finish is begun"""
 _ARRIVING = Twist(0.1, 0.0)
 """the command before the first step: the time in which the finish may begin has not started"""
 _SIGMA = Uncertainty(0.02, 0.01)
@@ -43,32 +41,29 @@ class Drift(NamedTuple):
     """[s] until then"""
 
 
-def drift(config: ControllerConfig, contract: Contract, start: Pose, steps: int) -> Drift:
+def drift(config: ControllerConfig, contract: Contract, leaving: float, start: Pose, steps: int) -> Drift:
     """Drive with the adversary's noise until Omega_L is left.
 
     Args:
-        config: of the controller; without tries of the finish it is only carried aside.
+        config: of the controller.
         contract: of the estimate.
+        leaving: [m] measured distance beyond which the switch counts.
         start: true pose in Omega_L, near the goal.
         steps: at most.
     """
-    e_xy, e_theta, leave = contract.eps_xy, contract.eps_theta, config.region_policy.covariance.eps_P_leave_min
+    e_theta = contract.eps_theta
+    e_x, e_y = _ALONG * contract.eps_position, math.sqrt(1.0 - _ALONG**2) * contract.eps_position
     no_errors = Draw(0.0, 0.0, 0.0, 0.0)
     memory = new_memory()._replace(switching=Switching(OMEGA_L, 1, 0), command=_ARRIVING)
-    state, direction, resting = new_plant(start), 1.0, False
+    state, direction = new_plant(start), 1.0
     farthest, when = math.hypot(start.x, start.y), 0.0
     for step in range(steps):
         x, y, theta = state.pose
-        if direction * x > _TURN_BACK * e_xy:
+        if direction * x > _TURN_BACK * e_x:
             direction = -direction
-        resting = resting or (config.finish.finish_tries > 0 and y > leave + _ENOUGH * e_xy)
-        ex, ey, e_heading = -direction * e_xy, (0.0 if y < leave - _AHEAD else -e_xy), -direction * e_theta
-        if memory.switching.region == OMEGA_G or memory.finish.phase != RESTING:
+        ex, ey, e_heading = -direction * e_x, (0.0 if y < leaving - _AHEAD else -e_y), -direction * e_theta
+        if memory.switching.region == OMEGA_G:
             ex = ey = e_heading = 0.0
-        elif resting:
-            ex, e_heading = min(max(-x, -e_xy), e_xy), min(max(-theta, -e_theta), e_theta)
-            begins = memory.finish.quiet_steps == config.tolerance.settling_steps - 1
-            ey = e_xy if begins else -e_xy
         seen = Estimate(Pose(x + ex, y + ey, theta + e_heading), _SIGMA)
         memory, command, _ = braking_step(memory, seen, _GOAL, PLANT.sampling_time, config)
         state = plant_step(state, command, no_errors, PLANT)

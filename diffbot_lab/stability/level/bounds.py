@@ -44,28 +44,7 @@ from diffbot_lab.stability.interval.outward import (
     up,
     wrapped,
 )
-
-
-class LevelProblem(NamedTuple):
-    """The loop: law (13), plant and bounds of the noise, as floats that stand for themselves."""
-
-    gamma: float
-    k: float
-    h: float
-    t_s: float
-    """[s]"""
-    eps_x: float
-    """[m]"""
-    eps_y: float
-    """[m]"""
-    eps_theta: float
-    """[rad]"""
-    eps_v: float
-    """[m/s]"""
-    eps_omega: float
-    """[rad/s]"""
-    exact_arc: bool
-    """or Euler"""
+from diffbot_lab.stability.level.problem import LevelProblem
 
 
 class Cell(NamedTuple):

@@ -1,4 +1,4 @@
-"""Kernels of ``diffbot stability level``: branch and bound over cells, depth first, and the check of its tree.
+"""Kernels of ``diffbot stability level``: branch and bound over cells, depth first.
 
 The tree is one byte per node in the order of the walk: 0 for a leaf, d + 1 for a node halved in dimension d. So a tree
 covers its root without gaps by its form alone; what has to be checked is each leaf.
@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diffbot_lab.stability.interval.outward import PI_HIGH, down, sqrt, up
-from diffbot_lab.stability.level.bounds import Cell, LevelProblem, level_bounds, rise
+from diffbot_lab.stability.level.bounds import Cell, level_bounds, rise
+from diffbot_lab.stability.level.problem import LevelProblem
 
 Cells = NDArray[np.float64]
 """(n, 12), rows as :class:`Cell`"""
@@ -19,8 +20,6 @@ NO_LEVEL = -1.0
 """below every V"""
 DEPTH = 120
 """halvings after which a cell is given up"""
-STACK = 256
-"""cells; more than any tree of this search needs"""
 WEIGHTS = (0.15, 1.0, 0.08, 1.0, 0.05, 0.02)
 """How much a dimension's width matters for the bound, roughly dV over the dimension; the widest is halved."""
 
@@ -104,35 +103,6 @@ def search(
         written += 1
     state[0] = float(size)
     return written
-
-
-def check(stack: Cells, state: NDArray[np.float64], tree: NDArray[np.uint8], problem: LevelProblem) -> int:
-    """Check a part of a tree.
-
-    Args:
-        stack: (STACK, 12) cells that the next nodes stand for, the next one on top.
-        state: number of cells on the stack, level, top level.
-        tree: (n,) bytes of the part.
-        problem: law, plant and noise.
-
-    Returns:
-        The number of nodes before the first that is wrong: a leaf for which the claim is not shown, an unknown byte,
-        a node after the last leaf, or one halved too often; n if there is none.
-    """
-    size = int(state[0])
-    for node in range(len(tree)):
-        byte = tree[node]
-        if size == 0 or size >= len(stack) - 1 or byte > 6:
-            return node
-        if byte > 0:
-            halve(stack, size - 1, byte - 1)
-            size += 1
-        elif settled(cell_at(stack, size - 1), problem, state[1], state[2]):
-            size -= 1
-        else:
-            return node
-        state[0] = float(size)
-    return len(tree)
 
 
 def top_level(problem: LevelProblem, rho_max: float) -> float:

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.files import write_json
-from diffbot_lab.stability.level.bounds import LevelProblem
-from diffbot_lab.stability.level.witness import Witness
+from diffbot_lab.stability.level.problem import LevelProblem, Witness
 from diffbot_lab.stability.result_file import check_number, pack, read_result, unpack
 
 FORMAT = "diffbot stability level 1"
@@ -31,7 +30,8 @@ class LevelCertificate(NamedTuple):
     level: float
     """V decreases in each step above it, for states within ``rho_max``, and stays below once it is"""
     tree: NDArray[np.uint8]
-    """(n,) of level/branching.py"""
+    """(n,) one byte per node in the order of a walk, depth first, lower half first: 0 for a leaf, d + 1 for a node
+    halved in dimension d of (rho, alpha, beta, measured alpha, eps_v, eps_omega). So it covers its root by its form."""
     witness: Witness | None
     """A state and a noise with which V does not decrease; None if none was found"""
 

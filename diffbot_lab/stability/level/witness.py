@@ -3,54 +3,21 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from diffbot_control.law.lyapunov_law import Gains, global_law, global_lyapunov
 from diffbot_control.law.polar_coordinates import navigation_variables
 from diffbot_core.geometry import Pose, wrap_angle
-from diffbot_core.kinematics import Twist
-from diffbot_lab.stability.level.bounds import LevelProblem
-from diffbot_sim.model.plant import integrate
+from diffbot_lab.stability.level.problem import LevelProblem, Witness
+from diffbot_lab.stability.level.step import MARGIN, levels
 
 Array = NDArray[np.float64]
-
-MARGIN = 1e-9
-"""Rise of V that counts: a million times the rounding of the simulated step."""
-
 
 SCAN = 48
 """distances tried for one choice"""
 _NEARLY_PI = math.pi - 1e-9
 """[rad] Rounding must not decide on which side of the cut alpha is measured."""
-
-
-class Witness(NamedTuple):
-    """A state, rho [m], alpha and beta [rad], and the noise of one step."""
-
-    rho: float
-    alpha: float
-    beta: float
-    eps_x: float
-    eps_y: float
-    eps_theta: float
-    eps_v: float
-    eps_omega: float
-
-
-def levels(witness: Witness, problem: LevelProblem) -> tuple[float, float]:
-    """Simulate one step; return V, Eq. (8), before and after it."""
-    gains = Gains(problem.gamma, problem.k, problem.h, 1.0)
-    x, y = -witness.rho * math.cos(witness.beta), -witness.rho * math.sin(witness.beta)
-    pose = Pose(x, y, wrap_angle(witness.beta - witness.alpha))
-    heading = wrap_angle(pose.theta + witness.eps_theta)
-    measured = navigation_variables(Pose(x + witness.eps_x, y + witness.eps_y, heading))
-    v, omega = global_law(measured, gains)
-    after = integrate(pose, Twist(v + witness.eps_v, omega + witness.eps_omega), problem.t_s, problem.exact_arc)
-    before = global_lyapunov(navigation_variables(pose), gains)
-    return before, global_lyapunov(navigation_variables(after), gains)
 
 
 def witness_at(choice: Array, rho: float, problem: LevelProblem) -> Witness:

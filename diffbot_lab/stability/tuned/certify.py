@@ -15,7 +15,7 @@ from tqdm import tqdm
 from diffbot_control.law.configuration import ControllerConfig
 from diffbot_core.data_sheet import rim_speed
 from diffbot_core.errors import DiffbotError, InvalidValueError
-from diffbot_lab.stability.interval.outward import hypot, up
+from diffbot_lab.stability.interval.outward import up
 from diffbot_lab.stability.rank.ranking import UNRANKED
 from diffbot_lab.stability.tuned.contract import PLANT, Contract, Plan, check_covered, check_plan
 from diffbot_lab.stability.tuned.file import MAX_CELLS, Certificate, Claims
@@ -57,7 +57,7 @@ def tuned_loop(config: ControllerConfig, contract: Contract) -> TunedLoop:
         sheet.omega_max,
         up(rim_speed(sheet)),
         0.5 * sheet.wheels.wheel_separation,
-        hypot(contract.eps_xy, contract.eps_xy, contract.eps_xy, contract.eps_xy)[1],
+        contract.eps_position,
         contract.eps_theta,
         PLANT.drive_noise,
         PLANT.sampling_time,
@@ -105,11 +105,12 @@ def table_of(loop: TunedLoop, near: NearBounds, plan: Plan) -> tuple[Table, floa
         raise DiffbotError("no certificate: Omega_L is too small for the error of the position")
     fine = plan.fineness
     even = 2 * math.ceil(150 * fine), 2 * math.ceil(48 * fine)
-    near_goal = max(0.7, seed + 0.1)
+    nearest, near_goal = seed + 0.16, max(0.7, seed + 0.16)
     bands = (
-        Band(near_goal, 0.006 / fine, 0.01, *even, 0.06 / fine),
+        Band(nearest, 0.006 / fine, 0.01, *even, 0.06 / fine),
+        Band(near_goal, 0.006, 0.01, 300, 96, 0.06),
         Band(max(1.1, near_goal), 0.01, 0.01, 200, 48, 0.1),
-        Band(plan.to + 0.3, 0.01, 0.015, 160, 32, 0.1),
+        Band(plan.to + 0.3, 0.01, 0.01, 160, 32, 0.1),
     )
     table = make_table(inside, bands)
     if table.start[-1] > MAX_CELLS:

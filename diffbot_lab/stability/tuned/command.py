@@ -37,7 +37,7 @@ class Kept(NamedTuple):
 
 
 def contract_kept(errors: NDArray[np.floating[Any]], contract: Contract) -> Kept:
-    """Count where |error of x|, |error of y| and |error of the heading| are within the contract.
+    """Count where the errors of the position and of the heading are within the contract.
 
     Steps of one run depend on each other: the interval of their share is that of the mean over the runs.
 
@@ -45,8 +45,8 @@ def contract_kept(errors: NDArray[np.floating[Any]], contract: Contract) -> Kept
         errors: (runs, steps, 3) [m, m, rad], the heading's wrapped; at least two runs.
         contract: to be kept.
     """
-    bounds = np.array([contract.eps_xy, contract.eps_xy, contract.eps_theta])
-    kept = (np.abs(errors) <= bounds).all(axis=2)
+    distance, heading = np.hypot(errors[..., 0], errors[..., 1]), np.abs(errors[..., 2])
+    kept = (distance <= contract.eps_position) & (heading <= contract.eps_theta)
     shares = kept.mean(axis=1)
     mean, deviation = float(shares.mean()), 1.96 * float(shares.std(ddof=1)) / math.sqrt(len(shares))
     whole = int(kept.all(axis=1).sum())
@@ -89,8 +89,8 @@ def run_verify(path: Path, steps: int = 1_000_000, seed: int = 1) -> int:
     claims, contract = certificate.claims, certificate.plan.contract
     seconds = claims.steps * PLANT.sampling_time
     print(
-        f"Law with braking profiles, errors within {contract.eps_xy:g} m and {contract.eps_theta:g} rad, sigma up to "
-        f"{contract.sigma_max:g} m:\n"
+        f"Law with braking profiles, errors within {contract.eps_position:g} m and {contract.eps_theta:g} rad, "
+        f"sigma up to {contract.sigma_max:g} m:\n"
         f"  every trajectory from within {claims.start:g} m is in the core after {seconds:g} s "
         f"({claims.steps} steps) at most and stays;\n"
         f"  the core is within r* = {claims.radius:.4f} m.\n"

@@ -21,8 +21,8 @@ PLANT = PlantConfig()
 class Contract(NamedTuple):
     """What the estimate keeps in every step."""
 
-    eps_xy: float = 0.06
-    """[m] bound of the error of x, and of y"""
+    eps_position: float = 0.06
+    """[m] bound of the distance of the estimated from the true position"""
     eps_theta: float = 0.03
     """[rad]"""
     sigma_max: float = 0.026

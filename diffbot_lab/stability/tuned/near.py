@@ -82,8 +82,7 @@ def refuse_way_out(config: ControllerConfig, sigma_max: float) -> None:
     if not missed >= leaving:
         raise DiffbotError(
             f"no certificate: finish_missed = {config.finish.finish_missed:g}: must be >= "
-            f"{leaving / finish_length(config):.4g}, or the finish may leave the tolerance (finish_tries: 0 turns it "
-            "off)"
+            f"{leaving / finish_length(config):.4g}, or the finish may leave the tolerance (finish_tries: 0: no finish)"
         )
 
 

@@ -64,7 +64,8 @@ def random_steps(
 
 def _step_of_robot(pose: Pose, gains: ProfileGains, sheet: DataSheet, contract: Any, plant: Any, one: Any) -> Pose:
     """Return the true pose after a step of Omega_G with the front leading; see :func:`random_steps`."""
-    dx, dy = -pose.x - contract.eps_xy * one[3], -pose.y - contract.eps_xy * one[4]
+    share = contract.eps_position / max(1.0, math.hypot(one[3], one[4]))
+    dx, dy = -pose.x - share * one[3], -pose.y - share * one[4]
     seen = math.atan2(dy, dx)
     bearing = wrap_angle(seen - pose.theta - contract.eps_theta * one[5])
     sigma = contract.sigma_max * (0.5 * one[6] + 0.5)

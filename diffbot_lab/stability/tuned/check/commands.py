@@ -51,8 +51,6 @@ class Numbers(NamedTuple):
     """[m/s] bound of |v| + half |omega|"""
     half: float
     """[m] half the distance of the wheels"""
-    eps_xy: float
-    """[m]"""
     eps_rho: float
     """[m] bound of the distance of the estimated from the true position"""
     eps_theta: float
@@ -91,10 +89,10 @@ def numbers_of(config: ControllerConfig, contract: Contract) -> Numbers:
             raise InvalidValueError(name, getattr(gains, name), "less, for the check's rounding")
     half, rim = 0.5 * sheet.wheels.wheel_separation, sheet.wheel_max * sheet.wheels.wheel_radius
     turns = min(sheet.omega_max, rim / half)
-    position = math.sqrt(2.0) * contract.eps_xy + SLACK
+    position = contract.eps_position + SLACK
     return Numbers(
         gains.brake, gains.react, slow, gains.bearing_weight, gains.turn_brake, gains.turn_react, gains.hold_brake,
-        gains.hold_react, sheet.v_max, turns, rim, half, contract.eps_xy, position, contract.eps_theta,
+        gains.hold_react, sheet.v_max, turns, rim, half, position, contract.eps_theta,
         PLANT.drive_noise, PLANT.sampling_time,
     )  # fmt: skip
 

@@ -58,29 +58,36 @@ def test_the_command_says_what_is_shown_and_verify_agrees(file, capsys):
     assert "Verified: " in text
 
 
-def subtree_end(tree, start):
-    """Index after the subtree that begins at ``start``."""
-    open_nodes, at = 1, start
-    while open_nodes:
-        open_nodes += 1 if tree[at] else -1
-        at += 1
-    return at
+def subtree_sizes(tree):
+    """Number of nodes of the subtree that begins at each node."""
+    sizes, waiting = np.ones(len(tree), int), []
+    for at in range(len(tree) - 1, -1, -1):
+        if tree[at]:
+            sizes[at] += waiting.pop() + waiting.pop()
+        waiting.append(sizes[at])
+    return sizes
 
 
 def cut_out(tree):
-    """Put one leaf in place of a subtree that is needed."""
-    start = len(tree) // 2
-    while not (tree[start] and subtree_end(tree, start) - start > 200):
-        start += 1
-    return np.concatenate([tree[:start], [np.uint8(0)], tree[subtree_end(tree, start) :]])
+    """Put one leaf in place of a subtree of so many cells that halving the leaf a few times does not show it."""
+    sizes = subtree_sizes(tree)
+    start = int(np.where(sizes < len(tree) // 3, sizes, 0).argmax())
+    return np.concatenate([tree[:start], [np.uint8(0)], tree[start + sizes[start] :]])
+
+
+def put_in_other_order(tree):
+    """Exchange the halves of the root."""
+    middle = 1 + subtree_sizes(tree)[1]
+    return np.concatenate([tree[:1], tree[middle:], tree[1:middle]])
 
 
 TREES = {
-    "a part is cut out": (cut_out, "is not shown: rho0 "),
+    "a part is cut out": (cut_out, "is not shown: rho "),
+    "leaves are replaced": (put_in_other_order, "is not shown: rho "),
     "the end is missing": (lambda tree: tree[:-5], "cells left out"),
-    "a node too many": (lambda tree: np.append(tree, np.uint8(0)), "is not shown"),
+    "a node too many": (lambda tree: np.append(tree, np.uint8(0)), "is wrong: byte 0, 0 cells"),
     "an unknown byte": (lambda tree: np.where(np.arange(len(tree)) == 500, 9, tree).astype(np.uint8), "node 500 is"),
-    "halved without end": (lambda tree: np.ones(1000, np.uint8), "node 254 is not shown"),
+    "halved without end": (lambda tree: np.ones(1000, np.uint8), "node 255 is wrong: byte 1"),
 }
 
 

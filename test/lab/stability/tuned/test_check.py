@@ -38,8 +38,11 @@ def moved(pose, command, left, right):
 
 def measured(pose, errors):
     x, y, theta = errors
+    share = CONTRACT.eps_position / max(1.0, math.hypot(x, y))
     return Pose(
-        pose.x + CONTRACT.eps_xy * x, pose.y + CONTRACT.eps_xy * y, wrap_angle(pose.theta + CONTRACT.eps_theta * theta)
+        pose.x + share * x,
+        pose.y + share * y,
+        wrap_angle(pose.theta + CONTRACT.eps_theta * theta),
     )
 
 

@@ -11,7 +11,7 @@ from diffbot_lab.stability.tuned.contract import Contract
 
 CERTIFY = ["stability", "certify", "--law", "tuned"]
 SMALL = [
-    "--eps-xy",
+    "--eps-position",
     "0.02",
     "--eps-theta",
     "0.01",
@@ -31,7 +31,7 @@ def test_a_certificate_is_made_and_verified(tmp_path, capsys):
     assert cli.main([*CERTIFY, *SMALL, "--out", str(path)]) == 0
     assert "not verified yet" in capsys.readouterr().out
     assert json.loads(path.read_text())["plan"] == {
-        "contract": {"eps_xy": 0.02, "eps_theta": 0.01, "sigma_max": 0.02},
+        "contract": {"eps_position": 0.02, "eps_theta": 0.01, "sigma_max": 0.02},
         "to": 1.5,
         "margin": 1.0,
         "fineness": 0.4,
@@ -45,11 +45,11 @@ def test_a_certificate_is_made_and_verified(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "status", "part"),
     [
-        (["--eps-xy", "nan"], 2, "argument --eps-xy: nan: must be from"),
+        (["--eps-position", "nan"], 2, "argument --eps-position: nan: must be from"),
         (["--fineness", "0"], 2, "argument --fineness: 0: must be from"),
         (["--width", "0.01"], 1, "--width = 0.01: must be left out with --law tuned"),
         (["--law", "17", "--margin", "0.1"], 1, "--margin = 0.1: must be left out with --law 17"),
-        (["--law", "13", "--eps-xy", "0.1"], 1, "--eps-xy = 0.1: must be left out with --law 13"),
+        (["--law", "13", "--eps-position", "0.1"], 1, "--eps-position = 0.1: must be left out with --law 13"),
         (["--set", "command_latency=0.1"], 1, "command_latency = 0.1: must be 0, for a certificate"),
         (["--set", "eps_x_max=0.1"], 1, "eps_x_max"),
     ],

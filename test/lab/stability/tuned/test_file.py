@@ -37,7 +37,7 @@ def with_first(values, value):
         ({"plan.to": 1e9}, "to = 1000000000.0: must be from 0.1 to 1000"),
         ({"plan.other": 1}, "a value is missing or of the wrong kind"),
         ({"plan.margin": "1"}, "margin = '1': must be from 0 to 10"),
-        ({"plan.contract": {"eps_xy": True}}, "eps_xy = True: must be from 1e-6"),
+        ({"plan.contract": {"eps_position": True}}, "eps_position = True: must be from 1e-6"),
         ({"plan.contract": {"sigma_max": math.nan}}, "sigma_max = nan: must be from 1e-6"),
         ({"controller": [1]}, "a value is missing or of the wrong kind"),
         ({"controller.brake": "fast"}, "brake = 'fast'"),

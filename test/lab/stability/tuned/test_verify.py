@@ -156,9 +156,9 @@ def test_a_certificate_of_another_law_is_found(certificate, change):
         verify(certificate._replace(config=change(CONFIG)))
 
 
-@pytest.mark.parametrize("eps_xy", [0.062, 0.08])
-def test_a_certificate_of_another_contract_is_found(certificate, eps_xy):
-    contract = certificate.plan.contract._replace(eps_xy=eps_xy)
+@pytest.mark.parametrize("eps_position", [0.062, 0.08])
+def test_a_certificate_of_another_contract_is_found(certificate, eps_position):
+    contract = certificate.plan.contract._replace(eps_position=eps_position)
     with pytest.raises(DiffbotError, match="not verified"):
         verify(certificate._replace(plan=certificate.plan._replace(contract=contract)))
 
