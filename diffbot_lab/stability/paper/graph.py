@@ -17,11 +17,11 @@ from tqdm import tqdm
 
 from diffbot_core.errors import DiffbotError
 from diffbot_core.files import replacing
+from diffbot_lab.stability.code_name import name_of_code
 from diffbot_lab.stability.interval.compiled import compile_bounds
 from diffbot_lab.stability.paper.images import PaperLoop, images, most_images
 from diffbot_lab.stability.rank.cells import Cell, Cells, block_of
 from diffbot_lab.stability.rank.ranking import Graph
-from diffbot_lab.stability.result_file import name_of_code
 
 _CELLS_AT_A_TIME = 8_000
 _SAVED_EVERY = 60.0
@@ -146,7 +146,7 @@ def _load(state: Path | None, name: str) -> dict[int, Part]:
     if state is None or not state.exists():
         return {}
     try:
-        with np.load(state, allow_pickle=False) as saved:
+        with state.open("rb") as file, np.load(file, allow_pickle=False) as saved:
             if str(saved["name"]) != name:
                 raise DiffbotError(f"{state} is of another certificate or of other code; delete it to start again")
             numbers = [int(key.removeprefix("blocks_")) for key in saved.files if key.startswith("blocks_")]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from diffbot_core.errors import DiffbotError
 from diffbot_core.files import replacing
-from diffbot_lab.stability.result_file import name_of_code
+from diffbot_lab.stability.code_name import name_of_code
 
 _SAVED_EVERY = 30.0
 """[s]"""
@@ -42,7 +42,7 @@ class KeptRanks:
 
     def _read(self, path: Path, cells: int) -> NDArray[np.int16]:
         try:
-            with np.load(path, allow_pickle=False) as saved:
+            with path.open("rb") as file, np.load(file, allow_pickle=False) as saved:
                 if str(saved["name"]) != self._name:
                     raise DiffbotError(f"{path} is of another certificate or of other code; delete it to start again")
                 ranks = np.asarray(saved["ranks"])
