@@ -9,6 +9,7 @@ import zlib
 from pathlib import Path
 from typing import Any
 
+from diffbot_core.code_hash import hash_of_code
 from diffbot_core.errors import DiffbotError, InvalidValueError
 
 _MAX_BYTES = 1_000_000_000
@@ -68,3 +69,8 @@ def unpack(name: str, text: Any, size: int) -> bytes:
     if len(raw) != size:
         raise DiffbotError(f"{name}: must hold {size} bytes")
     return raw
+
+
+def name_of_code() -> str:
+    """Return a hash of the code that decides a certificate: what was kept before an interruption is of the same."""
+    return hash_of_code(("diffbot_core", "diffbot_control", "diffbot_sim", "diffbot_lab"), ("numba", "numpy"))
