@@ -14,7 +14,7 @@ from diffbot_lab.stability.tuned.check.commands import numbers_of
 from diffbot_lab.stability.tuned.check.near import farthest_local
 from diffbot_lab.stability.tuned.contract import Contract
 from diffbot_lab.stability.tuned.file import first_cells
-from diffbot_lab.stability.tuned.near import leaving_radius, near_bounds
+from diffbot_lab.stability.tuned.near import near_bounds
 from diffbot_lab.stability.tuned.table import CORE, Band, cell_of, kept_index, make_table
 
 CONTRACT = Contract()
@@ -58,8 +58,7 @@ def test_without_a_rank_for_all_there_is_no_certificate(plan):
 def test_an_adversary_comes_near_the_bounds_of_omega_l_but_not_beyond():
     near = near_bounds(tuned_loop(CONFIG, CONTRACT), CONFIG, CONTRACT.sigma_max)
     checked = farthest_local(numbers_of(CONFIG, CONTRACT), CONFIG, CONTRACT.sigma_max)
-    leaving = leaving_radius(CONFIG, CONTRACT.sigma_max)
     idle = CONFIG._replace(finish=CONFIG.finish._replace(finish_tries=0))
     for config in (idle, CONFIG):
-        farthest = drift(config, CONTRACT, leaving, Pose(0.0, 0.13, 0.0), 6000).farthest
+        farthest = drift(config, CONTRACT, near.leaving, Pose(0.0, 0.13, 0.0), 6000).farthest
         assert 0.1 < farthest < checked <= near.holding

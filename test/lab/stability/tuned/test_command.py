@@ -67,7 +67,7 @@ def test_refused_in_one_line(arguments, status, part, tmp_path, capsys):
 
 def test_a_contract_is_kept_by_hand_counted_steps_and_runs():
     errors = np.zeros((4, 10, 3))
-    errors[0, 3, 0], errors[1, :5, 2], errors[2, 0] = 0.061, -0.031, (0.06, -0.06, 0.03)
+    errors[0, 3, 0], errors[1, :5, 2], errors[2, 0] = 0.061, -0.031, (0.0, -0.06, 0.03)
     kept = contract_kept(errors, Contract())
     assert kept.steps == pytest.approx((9 + 5 + 10 + 10) / 40)
     assert kept.runs == 0.5

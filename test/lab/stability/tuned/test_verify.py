@@ -41,7 +41,7 @@ def test_the_maker_repeats_itself(monkeypatch, certificate):
     np.testing.assert_array_equal(again.ranks, certificate.ranks)
 
 
-@pytest.mark.parametrize("change", [{"bearing_weight": -0.8}, {"eps_theta": 0.02}, {"drive_noise": 0.04}])
+@pytest.mark.parametrize("change", [{"bearing_weight": -0.8}, {"eps_theta": 0.028}, {"drive_noise": 0.045}])
 def test_a_wrong_sign_and_forgotten_noise_in_the_makers_law_are_found(monkeypatch, certificate, change):
     wrong = remade(monkeypatch, certificate, "tuned_loop", lambda loop: loop._replace(**change))
     with pytest.raises(DiffbotError, match=CELL):
