@@ -245,4 +245,4 @@ def test_wrong_arguments_are_named(name, runs, message):
 
 
 def test_columns_of_histories():
-    assert HISTORY_COLUMNS == ("x", "y", "theta", "seen_x", "seen_y", "seen_theta", "v", "omega")
+    assert HISTORY_COLUMNS == ("x", "y", "theta", "seen_x", "seen_y", "seen_theta", "v", "omega", "sigma")

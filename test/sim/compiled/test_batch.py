@@ -120,7 +120,9 @@ def test_it_is_the_closed_loop(name, feedback):
         history = run_histories(case, Starts(np.array([start])), seed, run, 1)[0]
         assert_same_poses(history[:, :3], expected.truth, 1e-9)
         assert_same_poses(history[:, 3:6], expected.feedback, 1e-9)
-        np.testing.assert_allclose(history[:, 6:], expected.command, rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(history[:, 6:8], expected.command, rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(history[:, 8], expected.sigma, rtol=0.0, atol=1e-9)
+        assert (np.nanmin(history[:, 8]) > 0.0) == (feedback == "ekf")
         moved += np.hypot(*(expected.truth[-1, :2] - expected.truth[0, :2]))
 
         outcome = dict(zip(COLUMNS, run_batch(case, Starts(np.array([start])), seed, run, 1)[0], strict=True))
@@ -290,7 +292,7 @@ def test_all_headings_are_wrapped():
 def test_the_start_is_independent_of_the_first_steps_noise():
     case = case_of(feedback="raw", steps=1)
     history = run_histories(case, Starts(np.zeros((1, 3)), (1.0, 1.0, 0.5)), 1, 0, 5000)
-    begin, seen, command = history[:, 0, :3], history[:, 0, 3:6], history[:, 0, 6:]
+    begin, seen, command = history[:, 0, :3], history[:, 0, 3:6], history[:, 0, 6:8]
     moved = history[:, 1, :3] - begin
     v = (moved[:, 0] * np.cos(begin[:, 2]) + moved[:, 1] * np.sin(begin[:, 2])) / 0.1
     inputs = np.column_stack([v, moved[:, 2] / 0.1]) - command
