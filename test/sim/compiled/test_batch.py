@@ -159,7 +159,7 @@ def test_outcomes_are_the_metrics_of_the_histories():
         assert [outcome["x"], outcome["y"], outcome["theta"]] == pytest.approx(list(metrics.final), abs=1e-12)
         assert outcome["settling_time"] == pytest.approx(metrics.settling_time, abs=1e-9, nan_ok=True)
         assert outcome["path_length"] == pytest.approx(path_length(history), abs=1e-9)
-        assert outcome["effort"] == pytest.approx(0.1 * (history[:-1, 6:] ** 2).sum(), rel=1e-12)
+        assert outcome["effort"] == pytest.approx(0.1 * (history[:-1, 6:8] ** 2).sum(), rel=1e-12)
         settled += not math.isnan(outcome["settling_time"])
     assert 20 < settled < 180  # both kinds are among them
     assert outcomes[:, COLUMNS.index("switches")].max() > 3  # without hysteresis noise makes it flicker
