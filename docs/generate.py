@@ -3,8 +3,8 @@
 Sources: the tables in docs/reference/parameters/ and docs/reference/bags/check.md, and
 diffbot_core/ros/parameter_names.py: the configuration types; the table in docs/explanation/law/paper.md: 100 runs of
 the closed loop; docs/rooms.svg: the imports; docs/badges: the package's metadata. In docs/results, from the JSON files
-in its folder data: all of benchmark and reproduction, filter/contract.md, faults.md (`make faults`, `make soak`), the other tables in
-filter and those in real-robots.md.
+in its folder data: all of benchmark and reproduction, filter/contract.md, faults.md (`make faults`, `make soak`), the
+other tables in filter and those in real-robots.md.
 ``--experiments`` and ``--benchmark`` repeat the runs behind the JSON files and draw their figures; those behind
 benchmark_bound.json need casadi (extra ``bound``) and are repeated by ``--benchmark bound`` alone.
 ``--animation`` draws docs/run.gif, ``--policy`` runs the nodes and writes config/sros2_policy.xml.

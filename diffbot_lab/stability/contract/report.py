@@ -67,8 +67,8 @@ def page(results: Mapping[str, Any]) -> str:
         "figures: [contract.json](../data/contract.json).",
         "\n".join(_kept_table(results)),
         "## From when on it holds",
-        "Time since the start from which on every step until the end of the run is within the bounds, over all runs of a "
-        "case. A run that is outside in its last step has no such time.",
+        "Time since the start from which on every step until the end of the run is within the bounds, over all runs of "
+        "a case. A run that is outside in its last step has no such time.",
         "\n".join(_times_table(results)),
         _READING,
     ]
@@ -82,23 +82,32 @@ def _answer(results: Mapping[str, Any]) -> str:
     ends = ", ".join(f"{_whole_runs(case['windows'][-1])} (`{case['name']}`)" for case in cases)
     found = cases[0]["all_hold_from"]
     return (
-        f"**In short:** from {first['from']:g} to {first['to']:g} s after the start, {_whole_runs(first)} of the runs of "
-        f"`{cases[0]['name']}` keep all three bounds in every step. From {last['from']:g} to {last['to']:g} s these are "
-        f"{ends}. The time from which on the contract holds to the end of the run has a median of "
+        f"**In short:** from {first['from']:g} to {first['to']:g} s after the start, {_whole_runs(first)} of the runs "
+        f"of `{cases[0]['name']}` keep all three bounds in every step. From {last['from']:g} to {last['to']:g} s these "
+        f"are {ends}. The time from which on the contract holds to the end of the run has a median of "
         f"{_time(found['median'])} in the case `{cases[0]['name']}` and a 95 % quantile of {_time(found['p95'])}."
     )
 
 
 def _whole_runs(window: Mapping[str, Any]) -> str:
-    return f"{100.0 * window['all']['runs']:.1f} %"
+    return f"{_percent(window['all']['runs'], 1)} %"
 
 
 def _share(kept: Mapping[str, float], of: str) -> str:
     """Return a share with its interval; without one if that has no width."""
-    share, low, high = (100.0 * kept[name] for name in (of, f"{of}_low", f"{of}_high"))
+    digits = 2 if of == "steps" else 1
+    share, low, high = kept[of], kept[f"{of}_low"], kept[f"{of}_high"]
     if low == high:
-        return f"{share:.0f} %"
-    return f"{share:.2f} % [{low:.2f}, {high:.2f}]" if of == "steps" else f"{share:.1f} % [{low:.1f}, {high:.1f}]"
+        return f"{_percent(share, digits)} %"
+    return f"{_percent(share, digits)} % [{', '.join(_percent(one, digits) for one in (low, high))}]"
+
+
+def _percent(share: float, digits: int) -> str:
+    """Return a share in percent; only one of 1 is shown as 100."""
+    if share == 1.0:
+        return "100"
+    text = f"{100.0 * share:.{digits}f}"
+    return f"> {100.0 - 10.0**-digits:.{digits}f}" if float(text) == 100.0 else text
 
 
 def _times(case: Mapping[str, Any]) -> list[str]:
