@@ -119,9 +119,7 @@ def make_loop(law: Law) -> Callable[[Case, int, int, Pose, Any], Outcome]:
                 if case.literal_rear and not in_front(report.alpha):
                     command = Twist(-command.v, command.omega)
             if len(history) > 0:
-                _record(
-                    history, index, state.pose, feedback, command, _uncertainty(case.feedback, feedback.sensed.track)
-                )
+                _record(history, index, state.pose, feedback, command, case.feedback)
             before = state.pose
             if index < case.steps:
                 state = plant_step_at(key, state, delayed_command(commands, index, command, delay, t_s), case.plant)
@@ -187,11 +185,11 @@ def _feedback_of(sensed: Sensed, track: Any) -> Feedback:
     return Feedback(sensed, track.belief.pose, track.initialised)
 
 
-def _record(history: Any, index: int, pose: Pose, feedback: Feedback, command: Twist, known: Uncertainty) -> None:
+def _record(history: Any, index: int, pose: Pose, feedback: Feedback, command: Twist, kind: int) -> None:
     row = history[index]
     row[0], row[1], row[2] = pose.x, pose.y, pose.theta
     row[3], row[4], row[5], row[8] = math.nan, math.nan, math.nan, math.nan
     if feedback.known:
         row[3], row[4], row[5] = feedback.pose.x, feedback.pose.y, feedback.pose.theta
-        row[8] = known.xy
+        row[8] = _uncertainty(kind, feedback.sensed.track).xy
     row[6], row[7] = command.v, command.omega

@@ -21,8 +21,8 @@ _READING = """\
   share of runs is Wilson's. A share of steps without an interval is the same in every run.
 
 The [certificate](../../explanation/stability-tuned.md) says nothing about the time before the contract holds. Its time
-begins where the contract does, not where the run does. It covers the robot of all cases but `mix`, which has limited
-accelerations, dead time and lag. That the contract is kept to the end of a run is observed, not proved."""
+begins where the contract does, not where the run does. It covers law and robot of all cases but `mix`, which has
+limited accelerations, dead time and lag. That the contract is kept to the end of a run is observed, not proved."""
 _KEPT = (
     *("case", "since the start", "errors within: steps", "errors within: runs"),
     *("sigma within: steps", "all three: runs"),
