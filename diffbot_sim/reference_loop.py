@@ -40,6 +40,8 @@ class Recording(NamedTuple):
     """(n,) region in force"""
     reached: NDArray[np.bool_]
     """(n,) True once the controller has reported the goal as reached"""
+    sigma: Array
+    """(n,) [m] standard deviation of the position given to the controller; 0 for a feedback without one"""
 
     def outcome(self, goal: Pose, xy_tolerance: float, yaw_tolerance: float) -> Outcome:
         """Return what a batch keeps of such a run.
@@ -87,7 +89,7 @@ def simulate(
     separation = world_config.plant.wheels.wheel_separation
     source = PoseFeedback(feedback, Localization(localization or LocalizationConfig(), separation))
     memory, t_s = ControllerMemory(), world_config.plant.sampling_time
-    rows: Array = np.full((steps + 1, 8), np.nan)
+    rows: Array = np.full((steps + 1, 9), np.nan)
     regions, reached = np.zeros(steps + 1, dtype=np.int64), np.zeros(steps + 1, dtype=np.bool_)
     for index in range(steps + 1):
         pose = source.pose(world)
@@ -95,14 +97,14 @@ def simulate(
         if pose is not None:
             estimate = Estimate(pose, source.uncertainty())
             memory, command, _ = step(memory, estimate, goal, t_s if index else 0.0, controller)
-            rows[index, 3:6] = pose
+            rows[index, 3:6], rows[index, 8] = pose, estimate.uncertainty.xy
         rows[index, 0:3], rows[index, 6:8] = world.state.pose, command
         regions[index] = memory.switching.region
         reached[index] = memory.settling.reached
         if index < steps:
             world.advance(command)
     time: Array = np.arange(steps + 1) * np.float64(t_s)
-    return Recording(time, rows[:, 0:3], rows[:, 3:6], rows[:, 6:8], regions, reached)
+    return Recording(time, rows[:, 0:3], rows[:, 3:6], rows[:, 6:8], regions, reached, rows[:, 8])
 
 
 class PoseFeedback:

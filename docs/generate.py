@@ -3,8 +3,8 @@
 Sources: the tables in docs/reference/parameters/ and docs/reference/bags/check.md, and
 diffbot_core/ros/parameter_names.py: the configuration types; the table in docs/explanation/law/paper.md: 100 runs of
 the closed loop; docs/rooms.svg: the imports; docs/badges: the package's metadata. In docs/results, from the JSON files
-in its folder data: all of benchmark, reproduction and faults.md (`make faults`, `make soak`), the tables in filter and
-real-robots.md.
+in its folder data: all of benchmark and reproduction, filter/contract.md, faults.md (`make faults`, `make soak`), the
+other tables in filter and those in real-robots.md.
 ``--experiments`` and ``--benchmark`` repeat the runs behind the JSON files and draw their figures; those behind
 benchmark_bound.json need casadi (extra ``bound``) and are repeated by ``--benchmark bound`` alone.
 ``--animation`` draws docs/run.gif, ``--policy`` runs the nodes and writes config/sros2_policy.xml.
@@ -27,7 +27,7 @@ import parameter_tables
 from badges import badges
 from faults_page import page as faults_page
 from geometry_picture import geometry_picture
-from measure import CALIBRATION, COLOUR, DATA, EFFECTS, LOCALIZATION, REAL, RESULTS
+from measure import CALIBRATION, COLOUR, CONTRACT, DATA, EFFECTS, LOCALIZATION, REAL, RESULTS
 from reproduction import pages as reproduction_pages
 from rooms import picture as rooms_picture
 
@@ -41,6 +41,7 @@ from diffbot_lab.calibration import benchmark as calibration_benchmark
 from diffbot_lab.dataset import benchmark as real_benchmark
 from diffbot_lab.dataset.calibrated import calibrated_table
 from diffbot_lab.paper.scenarios import SETTINGS
+from diffbot_lab.stability.contract.report import page as contract_page
 from diffbot_sim.feedback import EKF, RAW, TRUTH
 from diffbot_sim.model.plant import PlantConfig
 from diffbot_sim.model.sensors import SensorConfig
@@ -142,6 +143,7 @@ def results_pages() -> dict[Path, str]:
         **{RESULTS / "reproduction" / name: text for name, text in paper.items()},
         **filter_results_pages(),
         RESULTS / "benchmark/effects.md": law_effects.page(read_data(EFFECTS)),
+        RESULTS / "filter/contract.md": contract_page(read_data(CONTRACT)),
         RESULTS / "real-robots.md": real_robots_page(),
         RESULTS / "faults.md": faults_page(read_data("faults")),
     }

@@ -27,6 +27,8 @@ from diffbot_lab.paper.experiment import run_experiment, summarise
 from diffbot_lab.paper.figures import figure_paths
 from diffbot_lab.paper.scan import run_scan
 from diffbot_lab.security import policy
+from diffbot_lab.stability.contract.command import run_contract
+from diffbot_lab.stability.tuned.contract import Contract
 
 DOCS = Path(__file__).parent
 RESULTS = DOCS / "results"
@@ -35,6 +37,8 @@ LOCALIZATION, COLOUR, EFFECTS = "localization", "localization_colour", "effects"
 """Names of the results of the filter's benchmarks, and of the changed parameters."""
 REAL, CALIBRATION = "real", "calibration"
 """Names of the results on real drives, which no download repeats here, and of the calibration of simulated ones."""
+CONTRACT = "contract"
+"""Name of the results on the filter's contract."""
 PAPER_RUNS = 100
 SWITCHING_RUNS, OWN_RUNS, SWITCHING_SEED = 200, 1000, 7
 """Runs of each start in the comparison of the laws, of this one's, and a seed that is not that of their tuning."""
@@ -120,6 +124,11 @@ def write_bound() -> None:
     bound_benchmark.run_bound(options, lambda found: write_json(DATA / "benchmark_bound.json", found))
 
 
+def write_contract() -> None:
+    """Count how often the filter keeps the contract; write the results to docs/results."""
+    write_json(DATA / f"{CONTRACT}.json", run_contract(Contract()))
+
+
 ALL = "all"
 WRITERS: dict[str, tuple[Callable[[], None], ...]] = {
     "switching": (write_switching,),
@@ -127,7 +136,8 @@ WRITERS: dict[str, tuple[Callable[[], None], ...]] = {
     "localization": (write_localization,),
     "colour": (write_colour,),
     CALIBRATION: (write_calibration,),
-    ALL: (write_switching, write_effects, write_localization, write_colour, write_calibration),
+    CONTRACT: (write_contract,),
+    ALL: (write_switching, write_effects, write_localization, write_colour, write_calibration, write_contract),
     "bound": (write_bound,),
 }
 """What ``--benchmark`` repeats; the bounds only by their name, since they need casadi."""

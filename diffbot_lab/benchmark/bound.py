@@ -128,7 +128,7 @@ def _driven(entry: Entry, case: ArenaCase, options: BoundOptions, report: Callab
     """Return the figures of NMPC in a case, with the arena's loop as plain Python: numba compiles no solver."""
     law = resolve_law(entry.law)
     shared = prepared(case_of(entry, case, {}))
-    run_loop, none, starts = make_loop(law), np.empty((0, 8)), arena_starts()
+    run_loop, none, starts = make_loop(law), np.empty((0, 9)), arena_starts()
     begun = time.process_time()
     outcomes = []
     for run in range(options.runs * len(starts)):

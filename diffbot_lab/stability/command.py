@@ -31,7 +31,7 @@ def add_stability(commands: Any) -> None:
         "stability", help="what bounded noise can do to the law: certificates and a picture"
     )
     verbs = stability.add_subparsers(required=True, metavar="VERB", dest="verb")
-    for add in (_add_picture, _add_level, _add_certify, _add_adversary, _add_verify):
+    for add in (_add_picture, _add_level, _add_certify, _add_adversary, _add_verify, _add_contract):
         add(verbs)
 
 
@@ -104,6 +104,17 @@ def _add_verify(verbs: Any) -> None:
     verify.set_defaults(call=_verify)
 
 
+def _add_contract(verbs: Any) -> None:
+    contract = verbs.add_parser("contract", help="count how often the default filter keeps the contract of law tuned")
+    contract.add_argument("--eps-position", type=number_between(1e-6, 0.99), help="bound of the position [m] (0.06)")
+    contract.add_argument("--eps-theta", type=number_between(1e-6, 0.99), help="and of the heading [rad] (0.03)")
+    contract.add_argument("--sigma-max", type=number_between(1e-6, 0.99), help="of the reported deviation [m] (0.026)")
+    contract.add_argument("--runs", type=whole(2, 10**5), help="of each case (2040, 1000, 510, 510)")
+    contract.add_argument("--seed", type=whole(0, MAX_SEED), default=9017, help="of all noise (default: %(default)s)")
+    contract.add_argument("--out", type=Path, default=Path("out/contract"), help="folder (default: %(default)s)")
+    contract.set_defaults(call=_contract)
+
+
 def _picture(options: argparse.Namespace) -> int:
     from diffbot_lab.stability.picture import command  # noqa: PLC0415 - only the called command is imported
 
@@ -151,6 +162,14 @@ def _adversary(options: argparse.Namespace) -> int:
     from diffbot_lab.stability.adversary import command  # noqa: PLC0415
 
     return command.run_adversary(options.file, options.steps, options.runs, options.seed, options.out)
+
+
+def _contract(options: argparse.Namespace) -> int:
+    from diffbot_lab.stability.contract import command  # noqa: PLC0415
+    from diffbot_lab.stability.tuned.contract import Contract  # noqa: PLC0415
+
+    contract = Contract(**_given(options, _OF_CONTRACT))
+    return command.run_and_report(contract, options.seed, options.runs, options.out)
 
 
 def _verify(options: argparse.Namespace) -> int:

@@ -99,7 +99,7 @@ def make_loop(law: Law) -> Callable[[Case, int, int, Pose, Any], Outcome]:
             seed: of the campaign.
             run: number of the run.
             start: true pose at first, in map.
-            history: (steps + 1, 8) array whose rows are filled, or (0, 8) for none.
+            history: (steps + 1, 9) array whose rows are filled, or (0, 9) for none.
         """
         t_s, delay = case.plant.sampling_time, case.plant.actuators.command_delay
         criteria = Criteria(case.goal, case.xy_tolerance, case.yaw_tolerance, t_s, case.steps)
@@ -119,7 +119,7 @@ def make_loop(law: Law) -> Callable[[Case, int, int, Pose, Any], Outcome]:
                 if case.literal_rear and not in_front(report.alpha):
                     command = Twist(-command.v, command.omega)
             if len(history) > 0:
-                _record(history, index, state.pose, feedback, command)
+                _record(history, index, state.pose, feedback, command, case.feedback)
             before = state.pose
             if index < case.steps:
                 state = plant_step_at(key, state, delayed_command(commands, index, command, delay, t_s), case.plant)
@@ -185,10 +185,11 @@ def _feedback_of(sensed: Sensed, track: Any) -> Feedback:
     return Feedback(sensed, track.belief.pose, track.initialised)
 
 
-def _record(history: Any, index: int, pose: Pose, feedback: Feedback, command: Twist) -> None:
+def _record(history: Any, index: int, pose: Pose, feedback: Feedback, command: Twist, kind: int) -> None:
     row = history[index]
     row[0], row[1], row[2] = pose.x, pose.y, pose.theta
-    row[3], row[4], row[5] = math.nan, math.nan, math.nan
+    row[3], row[4], row[5], row[8] = math.nan, math.nan, math.nan, math.nan
     if feedback.known:
         row[3], row[4], row[5] = feedback.pose.x, feedback.pose.y, feedback.pose.theta
+        row[8] = _uncertainty(kind, feedback.sensed.track).xy
     row[6], row[7] = command.v, command.omega

@@ -1,59 +1,21 @@
-"""``diffbot stability certify --law tuned`` and ``verify`` of its files; how often a filter keeps the contract."""
+"""``diffbot stability certify --law tuned`` and ``verify`` of its files."""
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any
 
 from diffbot_control.law.configuration import ControllerConfig
 from diffbot_core.errors import DiffbotError
 from diffbot_core.files import output_folder
 from diffbot_core.schema import build
-from diffbot_lab.campaign.statistics import wilson
 from diffbot_lab.stability.tuned.certify import certify
-from diffbot_lab.stability.tuned.contract import PLANT, Contract, Plan
+from diffbot_lab.stability.tuned.contract import PLANT, Plan
 from diffbot_lab.stability.tuned.file import Certificate, load_tuned, save_tuned
 from diffbot_lab.stability.tuned.sample import sample
 from diffbot_lab.stability.tuned.verify import verify
-
-
-class Kept(NamedTuple):
-    """How often an estimate keeps a contract, with intervals of 95 %."""
-
-    steps: float
-    """share of the steps"""
-    steps_low: float
-    steps_high: float
-    runs: float
-    """share of the runs that keep it in every step"""
-    runs_low: float
-    runs_high: float
-
-
-def contract_kept(errors: NDArray[np.floating[Any]], contract: Contract) -> Kept:
-    """Count where the errors of the position and of the heading are within the contract.
-
-    Steps of one run depend on each other: the interval of their share is that of the mean over the runs.
-
-    Args:
-        errors: (runs, steps, 3) [m, m, rad], the heading's wrapped; at least two runs.
-        contract: to be kept.
-    """
-    distance, heading = np.hypot(errors[..., 0], errors[..., 1]), np.abs(errors[..., 2])
-    kept = (distance <= contract.eps_position) & (heading <= contract.eps_theta)
-    shares = kept.mean(axis=1)
-    mean, deviation = float(shares.mean()), 1.96 * float(shares.std(ddof=1)) / math.sqrt(len(shares))
-    whole = int(kept.all(axis=1).sum())
-    low, high = wilson(whole, len(kept))
-    return Kept(
-        mean, max(mean - deviation, 0.0), min(mean + deviation, 1.0), whole / len(kept), float(low), float(high)
-    )
 
 
 def run_certify(values: Mapping[str, Any], plan: Plan, out: Path, threads: int | None = None) -> int:

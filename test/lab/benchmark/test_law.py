@@ -131,7 +131,7 @@ def test_only_this_law_runs_in_its_own_cases():
 
 
 def test_still_moving_looks_at_the_last_second():
-    histories = np.zeros((4, 101, 8))
+    histories = np.zeros((4, 101, 9))
     histories[0, 95, 6] = -0.06
     histories[1, 85, 6] = 1.0  # earlier
     histories[2, 95, 6] = 0.04  # slower

@@ -29,7 +29,7 @@ LAWS = [name for name in registered_laws() if name != "switching"]
 STOPPING = [name for name in LAWS if name != "aicardi"]
 (MIX,) = cases_named(("mix",))
 SHEET = DataSheet(1.3, 2.6, 26.0, 0.5, 1.5)
-NO_HISTORY = np.empty((0, 8))
+NO_HISTORY = np.empty((0, 9))
 
 
 def drive(law, config, pose, seconds, t_s=0.1):

@@ -142,7 +142,7 @@ def test_each_law_has_the_errors_that_the_page_claims(groups):
     for name in groups:
         for one in groups[name]:
             assert np.abs(one.histories[..., 6]).max() <= 1.3
-            assert np.isfinite(one.histories[..., 6:]).all()
+            assert np.isfinite(one.histories[..., 6:8]).all()
             assert (one.outcomes[:, :3] == one.histories[:, -1, :3]).all()
 
 
@@ -245,4 +245,4 @@ def test_wrong_arguments_are_named(name, runs, message):
 
 
 def test_columns_of_histories():
-    assert HISTORY_COLUMNS == ("x", "y", "theta", "seen_x", "seen_y", "seen_theta", "v", "omega")
+    assert HISTORY_COLUMNS == ("x", "y", "theta", "seen_x", "seen_y", "seen_theta", "v", "omega", "sigma")

@@ -39,8 +39,8 @@ class Inline:
 
 @pytest.fixture
 def histories():
-    """Made-up histories (runs, steps + 1, 8), each number another one."""
-    values = np.random.default_rng(1).normal(size=(RUNS, STEPS + 1, 8))
+    """Made-up histories (runs, steps + 1, 9), each number another one."""
+    values = np.random.default_rng(1).normal(size=(RUNS, STEPS + 1, 9))
     for run in range(RUNS):
         values[run, 0, :3] = STARTS[run % 2]
     return values

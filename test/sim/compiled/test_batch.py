@@ -120,7 +120,9 @@ def test_it_is_the_closed_loop(name, feedback):
         history = run_histories(case, Starts(np.array([start])), seed, run, 1)[0]
         assert_same_poses(history[:, :3], expected.truth, 1e-9)
         assert_same_poses(history[:, 3:6], expected.feedback, 1e-9)
-        np.testing.assert_allclose(history[:, 6:], expected.command, rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(history[:, 6:8], expected.command, rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(history[:, 8], expected.sigma, rtol=0.0, atol=1e-9)
+        assert (np.nanmin(history[:, 8]) > 0.0) == (feedback == "ekf")
         moved += np.hypot(*(expected.truth[-1, :2] - expected.truth[0, :2]))
 
         outcome = dict(zip(COLUMNS, run_batch(case, Starts(np.array([start])), seed, run, 1)[0], strict=True))
@@ -157,7 +159,7 @@ def test_outcomes_are_the_metrics_of_the_histories():
         assert [outcome["x"], outcome["y"], outcome["theta"]] == pytest.approx(list(metrics.final), abs=1e-12)
         assert outcome["settling_time"] == pytest.approx(metrics.settling_time, abs=1e-9, nan_ok=True)
         assert outcome["path_length"] == pytest.approx(path_length(history), abs=1e-9)
-        assert outcome["effort"] == pytest.approx(0.1 * (history[:-1, 6:] ** 2).sum(), rel=1e-12)
+        assert outcome["effort"] == pytest.approx(0.1 * (history[:-1, 6:8] ** 2).sum(), rel=1e-12)
         settled += not math.isnan(outcome["settling_time"])
     assert 20 < settled < 180  # both kinds are among them
     assert outcomes[:, COLUMNS.index("switches")].max() > 3  # without hysteresis noise makes it flicker
@@ -290,7 +292,7 @@ def test_all_headings_are_wrapped():
 def test_the_start_is_independent_of_the_first_steps_noise():
     case = case_of(feedback="raw", steps=1)
     history = run_histories(case, Starts(np.zeros((1, 3)), (1.0, 1.0, 0.5)), 1, 0, 5000)
-    begin, seen, command = history[:, 0, :3], history[:, 0, 3:6], history[:, 0, 6:]
+    begin, seen, command = history[:, 0, :3], history[:, 0, 3:6], history[:, 0, 6:8]
     moved = history[:, 1, :3] - begin
     v = (moved[:, 0] * np.cos(begin[:, 2]) + moved[:, 1] * np.sin(begin[:, 2])) / 0.1
     inputs = np.column_stack([v, moved[:, 2] / 0.1]) - command

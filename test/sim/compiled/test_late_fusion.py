@@ -57,7 +57,7 @@ def expected_of(sensors, seed, run, feedback="ekf", variant="ekf_calibrating", p
     world = WorldConfig(plant, sensors, StartPose(*START), seed, run, LANDMARKS)
     localization = LocalizationConfig(1.0, FilterConfig(filter=variant))
     found = simulate(world, CONTROLLER, GOAL, steps, feedback, localization)
-    return np.column_stack([found.truth, found.feedback, found.command])
+    return np.column_stack([found.truth, found.feedback, found.command, found.sigma])
 
 
 def assert_same(history, expected):
@@ -73,7 +73,7 @@ def test_late_measurements_are_fused_as_the_node_fuses_them(name, variant):
     sensors = SENSORS[name]
     case = prepared(case_of(sensors, variant=variant))
     for seed, run in ((1, 0), (2**40 + 3, 5)):
-        history = np.empty((case.steps + 1, 8))
+        history = np.empty((case.steps + 1, 9))
         run_loop(case, seed, run, Pose(*START), history)
         assert_same(history, expected_of(sensors, seed, run, variant=variant))
 
@@ -105,7 +105,7 @@ def test_a_late_fix_corrects_the_pose_of_its_own_time():
 def test_the_ring_is_long_enough_for_other_sampling_times():
     for t_s, sensors in ((0.04, CONSTANT._replace(fix_delay_jitter=0.3)), (0.25, CONSTANT._replace(fix_delay=0.9))):
         plant = PLANT._replace(sampling_time=t_s)
-        history = np.empty((121, 8))
+        history = np.empty((121, 9))
         run_loop(prepared(case_of(sensors, plant=plant)), 4, 1, Pose(*START), history)
         assert_same(history, expected_of(sensors, 4, 1, plant=plant))
 

@@ -2,12 +2,9 @@
 
 import json
 
-import numpy as np
 import pytest
 
 from diffbot_lab import cli
-from diffbot_lab.stability.tuned.command import contract_kept
-from diffbot_lab.stability.tuned.contract import Contract
 
 CERTIFY = ["stability", "certify", "--law", "tuned"]
 SMALL = [
@@ -63,14 +60,3 @@ def test_refused_in_one_line(arguments, status, part, tmp_path, capsys):
     assert found == status
     assert part in capsys.readouterr().err.strip().splitlines()[-1]
     assert not path.exists()
-
-
-def test_a_contract_is_kept_by_hand_counted_steps_and_runs():
-    errors = np.zeros((4, 10, 3))
-    errors[0, 3, 0], errors[1, :5, 2], errors[2, 0] = 0.061, -0.031, (0.0, -0.06, 0.03)
-    kept = contract_kept(errors, Contract())
-    assert kept.steps == pytest.approx((9 + 5 + 10 + 10) / 40)
-    assert kept.runs == 0.5
-    assert kept.runs_low < 0.5 < kept.runs_high
-    # Half width: 1.96 standard deviations of the four shares over sqrt(4).
-    assert kept.steps - kept.steps_low == pytest.approx(1.96 * np.std([0.9, 0.5, 1.0, 1.0], ddof=1) / 2.0)

@@ -1,0 +1,1 @@
+"""How often the filter keeps the contract that the certificate of the tuned law assumes."""
