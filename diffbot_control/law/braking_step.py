@@ -20,6 +20,7 @@ from diffbot_control.law.limits import limit_change
 from diffbot_control.law.lyapunov_law import local_lyapunov
 from diffbot_control.law.polar_coordinates import HALF_PI, Navigation, navigation_variables
 from diffbot_control.law.regions import (
+    HELD_SIGMAS,
     OMEGA_G,
     OMEGA_L,
     RETREAT_MARGIN,
@@ -65,7 +66,7 @@ def braking_step(
     gains = _gains_in_force(config, dt)
     slowing = _slowing_sigma(uncertainty.xy, gains, config.tolerance.xy_goal_tolerance)
     if switching.region == OMEGA_L:
-        finish = _finish_after(memory, local, navigation.rho, switching.steps_outside, uncertainty, dt, config)
+        finish = _finish_after(memory, local, switching.steps_outside, uncertainty, dt, config)
         lyapunov = local_lyapunov(navigation, local.theta)
         requested = _near(navigation, local, slowing, finish, gains, config)
     else:
@@ -125,7 +126,8 @@ def _switching_after(
     if not config.driving.allow_backward:
         policy = RegionPolicy(policy.kind, policy.fixed, forward_only(policy.covariance, tolerance))
     # An error within the tolerance is worked off by the finish, if at all; beyond it only a new approach helps.
-    floor = max(tolerance, RETREAT_MARGIN * memory.finish.reach)
+    held = tolerance + HELD_SIGMAS * sigma_xy if memory.reached else tolerance
+    floor = max(held, RETREAT_MARGIN * memory.finish.reach)
     return next_switching(memory.switching, rho, sigma_xy, policy, floor)
 
 
@@ -145,7 +147,6 @@ def _course_after(memory: ControllerMemory, region: int, upright: Pose, config: 
 def _finish_after(
     memory: ControllerMemory,
     local: Pose,
-    rho: float,
     steps_outside: int,
     uncertainty: Uncertainty,
     dt: float,
@@ -155,14 +156,15 @@ def _finish_after(
     if not config.driving.allow_backward:
         return without_finish(memory.finish)
     # Beyond the leaving radius the robot does not rest: Omega_L is about to end.
+    inside = steps_outside == 0
     resting = (
-        steps_outside == 0
+        inside
         and abs(memory.command.v) <= tolerance.trans_stopped_velocity
         and abs(memory.command.omega) <= tolerance.rot_stopped_velocity
         and abs(local.theta) <= tolerance.yaw_goal_tolerance
     )
-    reached = memory.reached and rho <= tolerance.xy_goal_tolerance
-    return next_finish(memory.finish, local, Standing(resting, reached, dt), uncertainty, tolerance, config.finish)
+    standing = Standing(resting, inside, memory.reached, dt)
+    return next_finish(memory.finish, local, standing, uncertainty, tolerance, config.finish)
 
 
 def _near(

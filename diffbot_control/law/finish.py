@@ -117,8 +117,10 @@ class Standing(NamedTuple):
 
     resting: bool
     """speed and heading are within the tolerances"""
+    inside: bool
+    """within the leaving radius of Omega_L: no switch is counted"""
     reached: bool
-    """the goal is reached and the error within the tolerance: nothing begins any more"""
+    """the goal counts as reached: nothing begins any more"""
     dt: float
     """[s] since the last pose"""
 
@@ -189,11 +191,13 @@ def next_finish(
         config: when and how.
     """
     lateral = abs(local.y)
-    resting, reached, dt = standing
+    resting, inside, reached, dt = standing
     time = state.time + dt if resting or state.time > 0.0 else 0.0
     patient = time >= _PATIENCE
     scale = finish_scale(lateral, uncertainty, tolerance, config, patient)
     if state.phase != RESTING:
+        if state.phase == SHUTTLING and scale.missed and inside:
+            return _way_out(lateral, state.tries, time, scale)
         return _next_leg(state, local, time, scale, config)
     quiet_steps = state.quiet_steps + 1 if resting and not reached and lateral > scale.begins else 0
     waiting = Finish(RESTING, 0.0, 0.0, state.tries, quiet_steps, time, 0)

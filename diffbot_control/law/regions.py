@@ -18,6 +18,8 @@ COVARIANCE = 1
 POLICY_NAMES = ("fixed", "covariance")
 """Words of the parameter ``region_policy``; compiled code compares their indices."""
 
+HELD_SIGMAS = 2.0
+"""A reached goal is approached again when the error exceeds the tolerance by more than so many standard deviations."""
 RETREAT_MARGIN = 1.5
 """Leaving radius per distance that the robot keeps or drives on purpose: lateral error and noise come on top of it."""
 

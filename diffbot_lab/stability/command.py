@@ -13,7 +13,7 @@ from diffbot_lab.arguments import MAX_SEED, number_between, once, setting, whole
 from diffbot_lab.stability.result_file import read_result
 
 TUNED = "tuned"
-_OF_PAPER = ("width", "columns", "threads")
+_OF_PAPER = ("width", "columns")
 _OF_CONTRACT = ("eps_position", "eps_theta", "sigma_max")
 _OF_PLAN = ("margin", "fineness")
 """Options of ``certify`` that one kind of law has."""
@@ -73,17 +73,17 @@ def _add_certify(verbs: Any) -> None:
     certify.add_argument(
         "--out", type=Path, default=Path("out/stability/certificate.json"), help="file (default: %(default)s)"
     )
+    certify.add_argument("--threads", type=whole(1, 1024), help="at a time (default: one per core)")
     paper = certify.add_argument_group("laws 13 and 17")
     paper.add_argument("--width", type=number_between(1e-4, 1.0), help="of the cells near the goal [m] (0.0025)")
     paper.add_argument("--columns", type=whole(16, 16_000), help="cells of alpha (1256)")
-    paper.add_argument("--threads", type=whole(1, 1024), help="at a time (default: one per core)")
     tuned = certify.add_argument_group("law tuned: contract of the estimate, and cells")
     tuned.add_argument(
         "--eps-position", type=number_between(1e-6, 0.99), help="bound of the position's error [m] (0.06)"
     )
     tuned.add_argument("--eps-theta", type=number_between(1e-6, 0.99), help="and of the heading [rad] (0.03)")
-    tuned.add_argument("--sigma-max", type=number_between(1e-6, 0.99), help="of the reported deviation [m] (0.033)")
-    tuned.add_argument("--margin", type=number_between(0.0, 10.0), help="by which the core is larger [m] (0)")
+    tuned.add_argument("--sigma-max", type=number_between(1e-6, 0.99), help="of the reported deviation [m] (0.026)")
+    tuned.add_argument("--margin", type=number_between(0.0, 10.0), help="by which the core is larger [m] (0.045)")
     tuned.add_argument("--fineness", type=number_between(0.1, 10.0), help="of the cells near the goal (1)")
     certify.set_defaults(call=_certify)
 
@@ -146,7 +146,7 @@ def _certify_tuned(options: argparse.Namespace) -> int:
 
     contract = Contract(**_given(options, _OF_CONTRACT))
     plan = Plan(contract=contract, to=options.rho_max, **_given(options, _OF_PLAN))
-    return command.run_certify(once("--set", options.set), plan, options.out)
+    return command.run_certify(once("--set", options.set), plan, options.out, options.threads)
 
 
 def _certify_paper(options: argparse.Namespace) -> int:

@@ -13,6 +13,7 @@ ROOT = TESTS.parent
 PACKAGES = {
     "distributed": "distributed",
     "evo": "evo",
+    "flint": "python-flint",
     "gymnasium": "gymnasium",
     "hypothesis": "hypothesis",
     "mcap_ros2": "mcap-ros2-support",

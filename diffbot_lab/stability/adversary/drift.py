@@ -17,6 +17,8 @@ from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import Estimate, Uncertainty
 from diffbot_lab.stability.tuned.contract import PLANT, Contract
+from diffbot_lab.stability.tuned.file import Certificate
+from diffbot_lab.stability.tuned.near import leaving_radius
 from diffbot_sim.model.philox import Draw
 from diffbot_sim.model.plant import new_plant, plant_step
 
@@ -29,6 +31,8 @@ _AHEAD = 0.07
 """[m] before the leaving radius, from where on the lateral error is shown smaller"""
 _ARRIVING = Twist(0.1, 0.0)
 """the command before the first step: the time in which the finish may begin has not started"""
+_STARTS, _STEPS = (0.0, 0.4, 0.7, 0.85), 6000
+"""lateral errors beyond the leaving radius, as shares of the position error, and steps of a drift"""
 _SIGMA = Uncertainty(0.02, 0.01)
 
 
@@ -39,6 +43,14 @@ class Drift(NamedTuple):
     """[m] distance from the goal"""
     time: float
     """[s] until then"""
+
+
+def drift_of(certificate: Certificate) -> Drift:
+    """Return the farthest drift against the loop of a certificate, from a few starts beside the goal."""
+    config, contract = certificate.config, certificate.plan.contract
+    leaving = leaving_radius(config, contract.sigma_max)
+    starts = (leaving + share * contract.eps_position for share in _STARTS)
+    return max(drift(config, contract, leaving, Pose(0.0, y, 0.0), _STEPS) for y in starts)
 
 
 def drift(config: ControllerConfig, contract: Contract, leaving: float, start: Pose, steps: int) -> Drift:

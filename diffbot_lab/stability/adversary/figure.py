@@ -55,7 +55,7 @@ def field_of_tuned(certificate: TunedCertificate, t_s: float) -> NearField:
     rho, claims = certificate.rho, certificate.claims
     first = first_cells(certificate.alphas, certificate.betas)
     columns = int(certificate.alphas[0])
-    half, outer = np.full(columns // 2, rho[0]), []
+    half = np.full(columns // 2, rho[0])
     slowest, fastest = [], []
     for row, (alphas, betas) in enumerate(zip(certificate.alphas, certificate.betas, strict=True)):
         ranks = certificate.ranks[first[row] : first[row + 1]].reshape(alphas // 2, betas)

@@ -35,9 +35,9 @@ class Observed(NamedTuple):
     longest: int
     """steps until a trajectory was in the core for good"""
     farthest: float
-    """[m] distance in the second half of the runs from the core"""
+    """[m] distance from the goal at the end: second half of the runs from the core, or end of the trajectories"""
     cloud: Array
-    """(n, 3) poses in the second half of these runs"""
+    """(n, 3) poses of these"""
 
 
 def case_of(loop: Loop, steps: int) -> Case:
@@ -82,8 +82,8 @@ def observe(certificate: Certificate, steps: int, trajectories: int, seed: int) 
     return Observed(done, left, trajectories, late, longest, farthest, cloud)
 
 
-def _starts(rng: np.random.Generator, number: int, radius: float) -> Array:
-    """Poses all over a disc, with any heading."""
+def uniform_starts(rng: np.random.Generator, number: int, radius: float) -> Array:
+    """Return poses (number, 3) all over a disc of this radius [m], with any heading."""
     rho, angle = radius * np.sqrt(rng.random(number)), rng.uniform(-math.pi, math.pi, number)
     return np.stack([rho * np.cos(angle), rho * np.sin(angle), rng.uniform(-math.pi, math.pi, number)], axis=1)
 
@@ -99,7 +99,7 @@ def _from_core(
     farthest, clouds = 0.0, []
     with tqdm(desc="steps from the core", total=steps, unit="step", unit_scale=True, disable=None) as bar:
         while done < steps:
-            poses = _starts(rng, 4 * runs, radius)
+            poses = uniform_starts(rng, 4 * runs, radius)
             poses = poses[rank_of(certificate, poses) == 0][:runs]
             histories = run_histories(case, Starts(poses), seed, first, len(poses))[..., :3]
             # Run i starts at row i modulo the number of rows, so that each start is in the core.
@@ -123,7 +123,7 @@ def _from_afar(certificate: Certificate, trajectories: int, seed: int, rng: np.r
     with tqdm(desc="trajectories", total=trajectories, unit="run", unit_scale=True, disable=None) as bar:
         for first in range(0, trajectories, at_a_time):
             number = min(at_a_time, trajectories - first)
-            poses = _starts(rng, number, certificate.claims.start)
+            poses = uniform_starts(rng, number, certificate.claims.start)
             histories = run_histories(case, Starts(poses), seed, first, number)[..., :3]
             ranks = rank_of(certificate, histories)
             outside = ranks != 0

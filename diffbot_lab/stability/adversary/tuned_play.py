@@ -19,6 +19,7 @@ from diffbot_control.law.steering import BACK
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import WheelSpeeds, body_twist, wheel_speeds
 from diffbot_core.uncertainty import Estimate, Uncertainty
+from diffbot_lab.stability.adversary.observe import Observed, uniform_starts
 from diffbot_lab.stability.adversary.search import CANDIDATES, STEPS, noise_of, score
 from diffbot_lab.stability.interval.compiled import compile_bounds
 from diffbot_lab.stability.tuned.check.cells import Cells, cells_of, rank_at
@@ -29,6 +30,8 @@ from diffbot_sim.model.plant import PlantConfig, integrate
 Array = NDArray[np.float64]
 
 _RUNS_AT_A_TIME = 2000
+_AFTERWARDS = 20
+"""steps of a run after the certified time"""
 _SIGMA_THETA = 0.01
 """[rad] what the estimate reports of its heading; the law's command does not depend on it"""
 
@@ -39,25 +42,6 @@ class TunedOpponent(NamedTuple):
     config: ControllerConfig
     contract: Contract
     plant: PlantConfig
-
-
-class TunedObserved(NamedTuple):
-    """What random noise within the contract did."""
-
-    steps_from_core: int
-    """steps that began in the core ..."""
-    left_core: int
-    """... and ended outside of it"""
-    trajectories: int
-    """from all over the start ..."""
-    late: int
-    """... and of these, the ones with a step whose rank did not fall"""
-    longest: int
-    """steps until a trajectory was in the core for good"""
-    farthest: float
-    """[m] distance from the goal in the last tenth of the trajectories"""
-    cloud: Array
-    """(n, 3) poses at the end of trajectories"""
 
 
 def next_tuned(opponent: TunedOpponent, pose: Pose, memory: ControllerMemory, sigma: float, noise: Any) -> Any:
@@ -165,7 +149,23 @@ def opponent_of_tuned(certificate: Certificate) -> TunedOpponent:
     return TunedOpponent(certificate.config, certificate.plan.contract, PLANT)
 
 
-def observe_tuned(certificate: Certificate, steps: int, trajectories: int, seed: int) -> TunedObserved:
+class _Runs(NamedTuple):
+    """What some runs with random noise did."""
+
+    ends: Array
+    counts: NDArray[np.int64]
+
+
+def _some_runs(certificate: Certificate, cells: Cells, radius: float, many: int, seed: tuple[int, int]) -> _Runs:
+    rng = np.random.default_rng(seed)
+    runs = _Runs(np.empty((many, 3)), np.zeros((many, 4), np.int64))
+    steps = certificate.claims.steps + _AFTERWARDS
+    starts = uniform_starts(rng, many, radius)
+    _runs_kernel(opponent_of_tuned(certificate), cells, starts, steps, rng, runs.ends, runs.counts)
+    return runs
+
+
+def observe_tuned(certificate: Certificate, steps: int, trajectories: int, seed: int) -> Observed:
     """Simulate with uniform noise within the contract.
 
     Args:
@@ -175,36 +175,26 @@ def observe_tuned(certificate: Certificate, steps: int, trajectories: int, seed:
         seed: of starts and noise; part i of the runs has the generator (seed, i).
     """
     claims, cells = certificate.claims, cells_of(certificate)
-    opponent, length = opponent_of_tuned(certificate), claims.steps + 20
-    ends, counts = [], np.zeros(4, np.int64)
-    late = longest = 0
-
-    def part(number: int, many: int, radius: float) -> tuple[Array, NDArray[np.int64]]:
-        rng = np.random.default_rng((seed, number))
-        rho, angle = radius * np.sqrt(rng.random(many)), rng.uniform(-math.pi, math.pi, many)
-        heading = rng.uniform(-math.pi, math.pi, many)
-        starts = np.stack([rho * np.cos(angle), rho * np.sin(angle), heading], axis=1)
-        last, found = np.empty((many, 3)), np.zeros((many, 4), np.int64)
-        _runs_kernel(opponent, cells, starts, length, rng, last, found)
-        return last, found
-
-    parts = [(claims.start, min(_RUNS_AT_A_TIME, trajectories - at)) for at in range(0, trajectories, _RUNS_AT_A_TIME)]
+    sizes = [min(_RUNS_AT_A_TIME, trajectories - at) for at in range(0, trajectories, _RUNS_AT_A_TIME)]
     with ThreadPoolExecutor() as pool, tqdm(desc="trajectories", total=trajectories, unit="run", disable=None) as bar:
-        jobs = [pool.submit(part, number, many, radius) for number, (radius, many) in enumerate(parts)]
-        for job in jobs:
-            last, found = job.result()
-            counts += found.sum(axis=0)
-            late += int((found[:, 3] > 0).sum())
-            longest = max(longest, int(found[:, 2].max()))
-            ends.append(last)
-            bar.update(len(last))
-    number = len(parts)
-    with tqdm(desc="steps from the core", total=steps, unit="step", unit_scale=True, disable=None) as bar:
-        while counts[0] < steps:
-            last, found = part(number, _RUNS_AT_A_TIME, claims.radius)
-            counts += found.sum(axis=0)
+        jobs = [
+            pool.submit(_some_runs, certificate, cells, claims.start, many, (seed, part))
+            for part, many in enumerate(sizes)
+        ]
+        runs = [_counted(job.result(), bar) for job in jobs]
+    counts = np.concatenate([one.counts for one in runs])
+    ends = np.concatenate([one.ends for one in runs])
+    from_core, left = int(counts[:, 0].sum()), int(counts[:, 1].sum())
+    part = len(sizes)
+    with tqdm(desc="steps from the core", total=steps, initial=from_core, unit="step", disable=None) as bar:
+        while from_core < steps:
+            found = _some_runs(certificate, cells, claims.radius, _RUNS_AT_A_TIME, (seed, part)).counts
+            from_core, left, part = from_core + int(found[:, 0].sum()), left + int(found[:, 1].sum()), part + 1
             bar.update(int(found[:, 0].sum()))
-            number += 1
-    cloud = np.concatenate(ends)
-    farthest = float(np.hypot(cloud[:, 0], cloud[:, 1]).max())
-    return TunedObserved(int(counts[0]), int(counts[1]), trajectories, late, longest, farthest, cloud)
+    late, longest = int((counts[:, 3] > 0).sum()), int(counts[:, 2].max())
+    return Observed(from_core, left, trajectories, late, longest, float(np.hypot(ends[:, 0], ends[:, 1]).max()), ends)
+
+
+def _counted(runs: _Runs, bar: Any) -> _Runs:
+    bar.update(len(runs.ends))
+    return runs

@@ -17,6 +17,7 @@ from tqdm import tqdm
 
 from diffbot_core.errors import DiffbotError
 from diffbot_core.files import replacing
+from diffbot_lab.stability.code_name import name_of_code
 from diffbot_lab.stability.interval.compiled import compile_bounds
 from diffbot_lab.stability.paper.images import PaperLoop, images, most_images
 from diffbot_lab.stability.rank.cells import Cell, Cells, block_of
@@ -86,7 +87,7 @@ def build_graph(loop: PaperLoop, cells: Cells, threads: int | None = None, state
     rows, columns = len(cells.rho) - 1, len(cells.alpha) - 1
     step = max(1, _CELLS_AT_A_TIME // columns)
     tasks = [(first, min(first + step, rows)) for first in range(0, rows, step)]
-    name = json.dumps([loop._asdict(), cells.rho.tolist(), columns])
+    name = json.dumps([name_of_code(), loop._asdict(), cells.rho.tolist(), columns])
     parts = _load(state, name)
     try:
         _compute(loop, cells, tasks, parts, threads, lambda: _save(state, name, parts))
@@ -145,9 +146,9 @@ def _load(state: Path | None, name: str) -> dict[int, Part]:
     if state is None or not state.exists():
         return {}
     try:
-        with np.load(state, allow_pickle=False) as saved:
+        with state.open("rb") as file, np.load(file, allow_pickle=False) as saved:
             if str(saved["name"]) != name:
-                raise DiffbotError(f"{state} is of another certificate; delete it to start again")
+                raise DiffbotError(f"{state} is of another certificate or of other code; delete it to start again")
             numbers = [int(key.removeprefix("blocks_")) for key in saved.files if key.startswith("blocks_")]
             return {index: (saved[f"blocks_{index}"], saved[f"counts_{index}"]) for index in numbers}
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:

@@ -15,7 +15,7 @@ import numpy as np
 
 from diffbot_control.law.configuration import ControllerConfig
 from diffbot_control.law.finish import SHORTEST_LEG
-from diffbot_control.law.regions import RETREAT_MARGIN
+from diffbot_control.law.regions import HELD_SIGMAS, RETREAT_MARGIN
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.stability.interval.compiled import compile_bounds
 from diffbot_lab.stability.interval.outward import up
@@ -32,7 +32,9 @@ class NearBounds(NamedTuple):
     """What holds in Omega_L."""
 
     leaving: float
-    """[m] measured distance beyond which the switch counts"""
+    """[m] measured distance beyond which the switch counts, before the goal counts as reached ..."""
+    held: float
+    """[m] ... and after it"""
     holding: float
     """[m] true distance at which Omega_L ends at the latest"""
 
@@ -46,6 +48,8 @@ def finish_length(config: ControllerConfig) -> float:
 def leaving_radius(config: ControllerConfig, sigma_max: float) -> float:
     """Measured distance [m] beyond which a pose counts as outside of Omega_L for every sigma up to ``sigma_max``.
 
+    It is that of a goal that does not count as reached, at rest and in a try of the finish.
+
     The radius is factor (base + share tanh(rho)), and tanh(rho) <= rho: beyond factor base / (1 - factor share) it is
     smaller than rho.
 
@@ -57,7 +61,9 @@ def leaving_radius(config: ControllerConfig, sigma_max: float) -> float:
     if not slope < 1.0:
         raise DiffbotError("no certificate: eps_P_leave_factor * eps_P_speed_error must be below 1")
     base = policy.eps_P_leave_factor * max(policy.eps_P_min, policy.eps_P_sigmas * sigma_max)
-    return max(policy.eps_P_leave_min, config.tolerance.xy_goal_tolerance, base / (1.0 - slope))
+    leg = max(config.finish.finish_reach, SHORTEST_LEG) * finish_length(config)
+    kept = RETREAT_MARGIN * leg if config.finish.finish_tries > 0 else 0.0
+    return max(policy.eps_P_leave_min, config.tolerance.xy_goal_tolerance, base / (1.0 - slope), kept)
 
 
 def refuse_way_out(config: ControllerConfig, sigma_max: float) -> None:
@@ -140,13 +146,18 @@ def near_bounds(loop: TunedLoop, config: ControllerConfig, sigma_max: float) -> 
         DiffbotError: for a configuration that is not covered.
     """
     refuse_way_out(config, sigma_max)
-    finish, leaving = config.finish, leaving_radius(config, sigma_max)
-    if finish.finish_tries > 0:
-        leg = max(finish.finish_reach, SHORTEST_LEG) * finish_length(config)
-        leaving = max(leaving, RETREAT_MARGIN * leg)
-    leaving += _ROUNDING
-    shuttle = longest_step(loop, finish.finish_speed) if finish.finish_tries > 0 else 0.0
-    holding = leaving + loop.eps_position + _ROUNDING
-    for _ in range(config.region_policy.covariance.eps_P_leave_steps):
-        holding = max(local_reach(loop, holding), holding + shuttle)
-    return NearBounds(leaving, holding)
+    leaving = leaving_radius(config, sigma_max) + _ROUNDING
+    # Nothing of the finish begins once the goal counts as reached.
+    held = max(leaving, up(config.tolerance.xy_goal_tolerance + up(HELD_SIGMAS * sigma_max)) + _ROUNDING)
+    shuttle = longest_step(loop, config.finish.finish_speed) if config.finish.finish_tries > 0 else 0.0
+    steps = config.region_policy.covariance.eps_P_leave_steps
+    holding = max(_after_leaving(loop, leaving, steps, shuttle), _after_leaving(loop, held, steps, 0.0))
+    return NearBounds(leaving, held, holding)
+
+
+def _after_leaving(loop: TunedLoop, leaving: float, steps: int, shuttle: float) -> float:
+    """Largest distance [m] so many steps after a pose measured within ``leaving`` [m]."""
+    reach = up(leaving + loop.eps_position) + _ROUNDING
+    for _ in range(steps):
+        reach = max(local_reach(loop, reach), up(reach + shuttle))
+    return reach

@@ -356,7 +356,7 @@ def test_nothing_begins_after_reached_while_the_error_is_within_the_tolerance():
 def test_what_begins_after_a_while_at_rest_with_errors_of_fixes_that_last(lateral, sigma, rested, phase):
     tolerance, config = TUNED.tolerance._replace(xy_goal_tolerance=0.15), TUNED.finish
     state = Finish(quiet_steps=tolerance.settling_steps, time=rested)
-    standing = Standing(resting=True, reached=False, dt=0.1)
+    standing = Standing(resting=True, inside=True, reached=False, dt=0.1)
     after = next_finish(state, Pose(0.0, lateral, 0.0), standing, Uncertainty(sigma, 0.01), tolerance, config)
     assert after.phase == phase
 

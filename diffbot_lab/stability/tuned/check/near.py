@@ -11,7 +11,7 @@ import math
 
 from diffbot_control.law.configuration import ControllerConfig
 from diffbot_control.law.finish import SHORTEST_LEG
-from diffbot_control.law.regions import RETREAT_MARGIN
+from diffbot_control.law.regions import HELD_SIGMAS, RETREAT_MARGIN
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.stability.interval.compiled import compile_bounds
 from diffbot_lab.stability.tuned.check.commands import (
@@ -120,20 +120,30 @@ def farthest_local(loop: Numbers, config: ControllerConfig, sigma_max: float) ->
     """
     finish, tries = config.finish, config.finish.finish_tries > 0
     length = finish.finish_length if finish.finish_length > 0.0 else config.tolerance.xy_goal_tolerance
-    if tries and may_leave(config, sigma_max, finish.finish_missed * length):
+    reach = max(finish.finish_reach, SHORTEST_LEG) * length
+    if tries and may_leave(config, sigma_max, reach, finish.finish_missed * length):
         raise DiffbotError("not verified: the finish may drive out of the tolerance along the axis of the goal")
-    to_and_fro = max(finish.finish_reach, SHORTEST_LEG) * length if tries else 0.0
-    rho = leaving_radius(config, sigma_max, to_and_fro) + loop.eps_rho
-    for _ in range(config.region_policy.covariance.eps_P_leave_steps):
-        rho = max(local_reach(loop, rho), rho + step_bound(loop, finish.finish_speed) if tries else 0.0)
+    leaving = leaving_radius(config, sigma_max, reach if tries else 0.0)
+    # A goal that counts as reached is held a little farther out, but then no try begins.
+    reached = max(leaving, config.tolerance.xy_goal_tolerance + HELD_SIGMAS * sigma_max + SLACK)
+    steps = config.region_policy.covariance.eps_P_leave_steps
+    try_step = step_bound(loop, finish.finish_speed) if tries else 0.0
+    return max(outward(loop, leaving, steps, try_step), outward(loop, reached, steps, 0.0))
+
+
+def outward(loop: Numbers, measured: float, steps: int, try_step: float) -> float:
+    """Largest true distance [m] so many steps after a pose measured within ``measured`` [m]."""
+    rho = measured + loop.eps_rho
+    for _ in range(steps):
+        rho = max(local_reach(loop, rho), rho + try_step)
     return rho
 
 
-def may_leave(config: ControllerConfig, sigma_max: float, missed: float) -> bool:
-    """Tell if a try of the finish may begin as a way out: at rest, in a pose that does not count as outside.
+def may_leave(config: ControllerConfig, sigma_max: float, reach: float, missed: float) -> bool:
+    """Tell if the finish may drive out along the axis: from a pose that does not count as outside.
 
     It does with a lateral error beyond ``missed`` [m], and nearer if the goal cannot count as reached.
     """
     tolerance = config.tolerance
     too_uncertain = tolerance.goal_sigmas * sigma_max >= tolerance.xy_goal_tolerance
-    return too_uncertain or leaving_radius(config, sigma_max, 0.0) > missed
+    return too_uncertain or leaving_radius(config, sigma_max, reach) > missed

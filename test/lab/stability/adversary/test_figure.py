@@ -16,7 +16,7 @@ def axes(drawn):  # noqa: F811
     saved = drawn(figure)
     # The goal is 0.5 m away on the left of the robot, and 0.3 m behind it.
     attack, cloud = np.array([[-0.5, 0.0, -math.pi / 2]]), np.array([[0.3, 0.0, 0.1]])
-    figure.draw_near_field(coarse_certificate(LAW_17), attack, cloud, None)
+    figure.draw_near_field(figure.field_of_paper(coarse_certificate(LAW_17)), attack, cloud, None)
     (picture,) = saved
     return picture.axes
 

@@ -11,15 +11,13 @@ from diffbot_control.law.presets import PAPER, PRESETS
 from diffbot_core.geometry import Pose
 from diffbot_core.uncertainty import Estimate, Uncertainty
 from diffbot_lab.stability.adversary.observe import rank_of
+from diffbot_lab.stability.adversary.paper_play import next_state, opponent_of, play
 from diffbot_lab.stability.adversary.search import (
     FEATURES,
     STEPS,
     WARM_UP,
     WINDOW,
-    next_state,
     noise_of,
-    opponent_of,
-    play,
     recurrent_distance,
     search,
 )
@@ -65,7 +63,10 @@ def test_the_recurrent_distance_is_reached_in_every_window():
 @pytest.mark.parametrize("loop", [LAW_13, LAW_17])
 def test_what_is_certified_withstands_the_search(loop):
     certificate, shown = coarse_certificate(loop), []
-    attack = search(loop, 1, generations=3, population=8, threads=1, each=shown.append)
+    opponent = opponent_of(loop)
+    attack = search(
+        lambda *where: play(opponent, *where), 0.8, 1, generations=3, population=8, threads=1, each=shown.append
+    )
     assert shown == sorted(shown)
     assert shown[-1] == attack.distance == recurrent_distance(attack.path)
     assert 0.03 < attack.distance < certificate.claims.radius

@@ -60,5 +60,5 @@ def test_an_adversary_comes_near_the_bounds_of_omega_l_but_not_beyond():
     checked = farthest_local(numbers_of(CONFIG, CONTRACT), CONFIG, CONTRACT.sigma_max)
     idle = CONFIG._replace(finish=CONFIG.finish._replace(finish_tries=0))
     for config in (idle, CONFIG):
-        farthest = drift(config, CONTRACT, Pose(0.0, 0.13, 0.0), 6000).farthest
+        farthest = drift(config, CONTRACT, near.leaving, Pose(0.0, 0.13, 0.0), 6000).farthest
         assert 0.1 < farthest < checked <= near.holding

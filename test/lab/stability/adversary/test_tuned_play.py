@@ -1,0 +1,93 @@
+"""The default law's adversary plays by the rules of the loop; random runs keep to the ranks, and find wrong ones."""
+
+import math
+
+import numpy as np
+import pytest
+
+from diffbot_control.law.configuration import ControllerConfig, new_memory
+from diffbot_control.law.controller import step
+from diffbot_core.geometry import Pose
+from diffbot_core.uncertainty import Estimate, Uncertainty
+from diffbot_lab.stability.adversary.figure import field_of_tuned
+from diffbot_lab.stability.adversary.search import FEATURES, noise_of
+from diffbot_lab.stability.adversary.tuned_play import (
+    TunedOpponent,
+    next_tuned,
+    observe_tuned,
+    opponent_of_tuned,
+    play_tuned,
+)
+from diffbot_lab.stability.tuned.certify import certify
+from diffbot_lab.stability.tuned.contract import PLANT, Contract, Plan
+from diffbot_sim.model.philox import Draw
+from diffbot_sim.model.plant import new_plant, plant_step
+
+OPPONENT = TunedOpponent(ControllerConfig(), Contract(), PLANT)
+
+
+@pytest.fixture(scope="module")
+def certificate():
+    return certify(ControllerConfig(), Plan(to=1.9, margin=1.05, fineness=0.4))
+
+
+def test_a_step_is_that_of_the_controller_and_the_plant():
+    rng = np.random.default_rng(1)
+    pose, memory, expected_memory, regions = Pose(-0.7, 0.3, 0.4), new_memory(), new_memory(), set()
+    state = new_plant(pose)
+    for _ in range(120):
+        x, y = 0.7 * rng.uniform(-1.0, 1.0, 2)
+        theta, left, right = rng.uniform(-1.0, 1.0, 3)
+        seen = Pose(pose.x + 0.06 * x, pose.y + 0.06 * y, pose.theta + 0.03 * theta)
+        expected_memory, command, _ = step(
+            expected_memory, Estimate(seen, Uncertainty(0.02, 0.01)), Pose(0.0, 0.0, 0.0), 0.1, OPPONENT.config
+        )
+        state = plant_step(state, command, Draw(left, right, 0.0, 0.0), PLANT)
+        pose, memory = next_tuned(OPPONENT, pose, memory, 0.02, (x, y, theta, left, right))
+        assert pose == pytest.approx(state.pose, abs=1e-12)
+        assert memory == expected_memory
+        regions.add(memory.switching.region)
+    assert regions == {0, 1}
+
+
+def test_the_position_error_never_exceeds_the_contract():
+    """At rest at the goal with the error at a corner of the candidates, the robot sees itself 0.06 m away."""
+    seen = set()
+    for candidate in range(108):
+        x, y = noise_of(candidate)[:2]
+        share = 0.06 / max(1.0, math.hypot(x, y))
+        seen.add(round(math.hypot(share * x, share * y), 12))
+    assert seen == {0.0, 0.06}
+    # The law goes where it sees the goal: the commanded way is that of 0.06 m, not of 0.085 m.
+    quiet = [
+        next_tuned(OPPONENT, Pose(-0.5, 0.0, 0.0), new_memory(), 0.02, (x, 0.0, 0.0, 0.0, 0.0)) for x in (1.0, 0.5)
+    ]
+    corner = next_tuned(OPPONENT, Pose(-0.5, 0.0, 0.0), new_memory(), 0.02, (3.0, 0.0, 0.0, 0.0, 0.0))
+    assert corner[0] == pytest.approx(quiet[0][0], abs=1e-12)
+    assert quiet[0][0].x < quiet[1][0].x
+
+
+def test_random_runs_keep_to_the_ranks_and_find_wrong_ones(certificate):
+    found = observe_tuned(certificate, 50_000, 300, 3)
+    assert found.steps_from_core >= 50_000
+    assert (found.left_core, found.late, found.trajectories) == (0, 0, 300)
+    assert 0 < found.longest <= certificate.claims.steps
+    assert found.cloud.shape == (300, 3)
+    assert 0.0 < found.farthest < 0.2
+    short = np.where(certificate.ranks > 3, 3, certificate.ranks).astype(np.int16)
+    assert observe_tuned(certificate._replace(ranks=short), 1, 300, 3).late > 0
+
+
+def test_the_adversary_keeps_the_robot_farther_away_than_random_noise(certificate):
+    path = play_tuned(opponent_of_tuned(certificate), np.array([-0.3, 0.0, 0.0]), np.zeros(FEATURES), 300)
+    assert 0.07 < np.hypot(path[150:, 0], path[150:, 1]).max() < certificate.claims.radius
+
+
+def test_the_figure_shows_the_core_and_the_times_of_the_default_law(certificate):
+    field = field_of_tuned(certificate, 0.1)
+    assert field.outer.max() == field.radius == certificate.claims.radius
+    assert field.alpha[[0, -1]] == pytest.approx([-math.pi, math.pi])
+    np.testing.assert_array_equal(field.outer, field.outer[::-1])
+    assert field.slowest.max() == pytest.approx(0.1 * certificate.claims.steps)
+    assert (field.slowest >= field.fastest).all()
+    assert field.rho.max() <= 1.9
