@@ -193,8 +193,7 @@ def next_finish(
     lateral = abs(local.y)
     resting, inside, reached, dt = standing
     time = state.time + dt if resting or state.time > 0.0 else 0.0
-    patient = time >= _PATIENCE
-    scale = finish_scale(lateral, uncertainty, tolerance, config, patient)
+    scale = finish_scale(lateral, uncertainty, tolerance, config, time >= _PATIENCE)
     if state.phase != RESTING:
         if state.phase == SHUTTLING and scale.missed and inside:
             return _way_out(lateral, state.tries, time, scale)
@@ -206,7 +205,7 @@ def next_finish(
     if scale.missed:
         return _way_out(lateral, state.tries + 1, time, scale)
     reach, shortest = scale.room, SHORTEST_LEG * scale.length
-    patient = patient and _free(lateral, scale.length - _PATIENT_SIGMAS * uncertainty.xy) > shortest
+    patient = time >= _PATIENCE and _free(lateral, scale.length - _PATIENT_SIGMAS * uncertainty.xy) > shortest
     if reach < shortest and (patient or uncertainty.xy < _ENOUGH_CERTAIN * scale.length):
         reach = shortest
     if reach < shortest:
