@@ -513,9 +513,14 @@ def test_a_weaker_publisher_of_a_topic_with_a_fixed_qos_is_counted_as_lost(tmp_p
             wait_for_count(peer, reports, "messages", "15")
             peer.spin_for(1.0)
             before = int(graph.values(reports[-1])["lost"])
-            publish(second, twists(7))
-            wait_for_count(peer, reports, "lost", str(before + 7))
+            # Best effort: some may not arrive at all, and those are not known, either.
+            peer.spin_until(
+                lambda: publish(second, twists(1)) and int(graph.values(reports[-1])["lost"]) >= before + 7,
+                20.0,
+                "losses",
+            )
         assert running.stop() == 0
         assert "is not recorded: it offers best effort only" in running.output
-        assert f"15 messages, {before + 7} lost" in running.output
+        (lost,) = re.findall(r"15 messages, (\d+) lost", running.output)
+        assert before + 7 <= int(lost)
     assert recorded(tmp_path / "run", "/shared")[5:] == sent

@@ -164,7 +164,7 @@ def test_the_status_shows_radius_finish_and_smallest_tolerance(robot):
         "waypoint",
     }
     assert values["region"] == "Omega_L"
-    assert float(values["eps_P [m]"]) >= 0.3
+    assert float(values["eps_P [m]"]) >= 0.1
     phase, begun = values["finish"].split(", ")
     assert phase in FINISH_NAMES
     assert int(begun.split()[0]) <= FinishConfig().finish_tries

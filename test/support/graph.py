@@ -26,6 +26,8 @@ MODULES = {
 DOMAINS = range(20, 100)
 PATIENCE = 60.0
 """[s] that every wait has at least"""
+_ANSWER = 10.0
+"""[s] after which a service is asked again"""
 SOURCE = Path(diffbot_control.__file__).resolve().parent.parent
 
 
@@ -281,13 +283,25 @@ class Peer:
             self.spin_until(subscription.get_publisher_count, timeout, f"a publisher of {name}")
 
     def call(self, service_type, name, request=None, timeout=PATIENCE):
-        """Call a service and return its response."""
+        """Call a service and return its response.
+
+        DDS drops the response to a client whose reader the server has not discovered yet, and says so in the server
+        only. A client cannot tell; it asks again.
+        """
         client = self.node.create_client(service_type, name)
+        futures = []
+
+        def answered():
+            return any(future.done() for future in futures)
+
+        def ask_again():
+            futures.append(client.call_async(request or service_type.Request()))
+            return self.comes_true(answered, _ANSWER)
+
         try:
             self.spin_until(client.service_is_ready, timeout, f"the service {name}")
-            future = client.call_async(request or service_type.Request())
-            self.spin_until(future.done, timeout, f"an answer of {name}")
-            return future.result()
+            wait_for(ask_again, timeout, f"an answer of {name}")
+            return next(future.result() for future in futures if future.done())
         finally:
             self.node.destroy_client(client)
 
