@@ -17,7 +17,6 @@ from diffbot_control.law.controller import (
     Driving,
     Report,
     SwitchingLaw,
-    memory_for_new_goal,
     step,
     stop_step,
 )
@@ -39,7 +38,7 @@ from diffbot_control.law.lyapunov_law import (
 from diffbot_control.law.polar_coordinates import Navigation, navigation_variables
 from diffbot_control.law.presets import PAPER, PAPER_COVARIANCE, PRECISE, PRESETS, TUNED
 from diffbot_control.law.protocol import Law
-from diffbot_control.law.reapproach import Reapproach, ReapproachConfig
+from diffbot_control.law.paper.reapproach import Reapproach, ReapproachConfig
 from diffbot_control.law.regions import (
     COVARIANCE,
     FIXED,
@@ -99,7 +98,6 @@ __all__ = [
     "limit_velocity",
     "local_law",
     "local_lyapunov",
-    "memory_for_new_goal",
     "navigation_variables",
     "sampled_poles",
     "smallest_radius",

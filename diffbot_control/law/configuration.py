@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from typing import Annotated, NamedTuple
 
-from diffbot_control.law.finish import RESTING as NOTHING_DUE
-from diffbot_control.law.finish import Finish, FinishConfig
+from diffbot_control.law.finish import Finish, FinishConfig, no_finish
 from diffbot_control.law.goal_checker import GoalTolerance, Settling
 from diffbot_control.law.latency import Actuation, resting_actuation
 from diffbot_control.law.lyapunov_law import Gains
-from diffbot_control.law.reapproach import RESTING, Reapproach, ReapproachConfig
+from diffbot_control.law.paper.reapproach import RESTING, Reapproach, ReapproachConfig
 from diffbot_control.law.regions import OMEGA_G, RegionPolicy, Switching
 from diffbot_control.law.speed_profile import ProfileGains
 from diffbot_control.law.steering import UNDECIDED, Course
@@ -115,13 +114,8 @@ def new_memory() -> ControllerMemory:
         command=Twist(0.0, 0.0),
         settling=Settling(steps_within=0, reached=False),
         reapproach=Reapproach(phase=RESTING, tries=0, quiet_steps=0, time=0.0, retreat_distance=0.0),
-        finish=Finish(phase=NOTHING_DUE, side=0.0, reach=0.0, tries=0, quiet_steps=0, time=0.0, legs=0),
+        finish=no_finish(),
         course=Course(leading=UNDECIDED, turned=False),
         actuation=resting_actuation(),
         reached=False,
     )
-
-
-def memory_for_new_goal(memory: ControllerMemory) -> ControllerMemory:
-    """Forget the old goal but not the motion: limits of acceleration and commands under way outlive a goal."""
-    return ControllerMemory(command=memory.command, actuation=memory.actuation)

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from diffbot_control.law.braking_step import braking_step
+from diffbot_control.law.step import braking_step
 from diffbot_control.law.configuration import (
     BRAKING,
     ControllerConfig,
     ControllerMemory,
     Driving,
     Report,
-    memory_for_new_goal,
     new_memory,
 )
 from diffbot_control.law.latency import after_a_period, is_immediate
 from diffbot_control.law.limits import slowed
-from diffbot_control.law.paper_step import paper_step
+from diffbot_control.law.paper.step import paper_step
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import Estimate, Uncertainty
@@ -25,7 +24,6 @@ __all__ = [
     "Driving",
     "Report",
     "SwitchingLaw",
-    "memory_for_new_goal",
     "new_memory",
     "step",
     "stop_step",

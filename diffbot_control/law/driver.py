@@ -9,7 +9,7 @@ from typing import Any
 
 from diffbot_control.law.configuration import Report
 from diffbot_control.law.controller import SwitchingLaw, stop_step
-from diffbot_control.law.goal_checker import is_knowable
+from diffbot_control.law.goal_checker import is_at_rest, is_knowable
 from diffbot_control.law.latency import Actuation
 from diffbot_control.law.limits import slowed
 from diffbot_control.law.protocol import Law
@@ -141,11 +141,7 @@ class SwitchingDriver(Driver):
     def is_too_uncertain(self, memory: Any, command: Twist, uncertainty: Uncertainty, config: Any) -> bool:
         """True if the robot rests in Omega_L with an estimate too uncertain for the tolerances."""
         tolerance = config.tolerance
-        at_rest = (
-            memory.switching.region == OMEGA_L
-            and abs(command.v) <= tolerance.trans_stopped_velocity
-            and abs(command.omega) <= tolerance.rot_stopped_velocity
-        )
+        at_rest = memory.switching.region == OMEGA_L and is_at_rest(command, tolerance, config.data_sheet)
         return at_rest and not is_knowable(tolerance, scaled_uncertainty(uncertainty, config))
 
 

@@ -18,8 +18,8 @@ COVARIANCE = 1
 POLICY_NAMES = ("fixed", "covariance")
 """Words of the parameter ``region_policy``; compiled code compares their indices."""
 
-HELD_SIGMAS = 2.0
-"""A reached goal is approached again when the error exceeds the tolerance by more than so many standard deviations."""
+LEAVE_SIGMAS = 2.0
+"""Omega_L is left only for an error beyond the tolerance by so many standard deviations; less is for the finish."""
 RETREAT_MARGIN = 1.5
 """Leaving radius per distance that the robot keeps or drives on purpose: lateral error and noise come on top of it."""
 
@@ -73,7 +73,7 @@ class CovarianceRegionPolicy(NamedTuple):
 
     eps_P_min: Annotated[float, Spec("smallest radius", "m", *DISTANCE)] = 0.02
     eps_P_sigmas: Annotated[float, Spec("standard deviations of the position that the radius covers", "-", *SIGMAS)] = (
-        1.6
+        1.8
     )
     eps_P_speed_error: Annotated[
         float, Spec("bound of the relative error of the speed, |eps_v| / |v|", minimum=0.0, maximum=1.0)
@@ -141,21 +141,6 @@ def covariance_region(
     if steps_outside >= policy.eps_P_leave_steps:
         return OMEGA_G, 0, leaving
     return OMEGA_L, steps_outside, leaving
-
-
-def forward_only(policy: CovarianceRegionPolicy, xy_goal_tolerance: float) -> CovarianceRegionPolicy:
-    """Return the policy for a robot that may not reverse, and so cannot re-approach.
-
-    It has to leave Omega_L with any error beyond the tolerance [m]: standing there, it could not correct it.
-    """
-    return CovarianceRegionPolicy(
-        eps_P_min=policy.eps_P_min,
-        eps_P_sigmas=policy.eps_P_sigmas,
-        eps_P_speed_error=policy.eps_P_speed_error,
-        eps_P_leave_factor=policy.eps_P_leave_factor,
-        eps_P_leave_min=min(policy.eps_P_leave_min, xy_goal_tolerance),
-        eps_P_leave_steps=policy.eps_P_leave_steps,
-    )
 
 
 def next_switching(

@@ -28,6 +28,10 @@ _DRIVE_LOOPS, _TURN_LOOPS, _HOLD_LOOPS = 2.0, 1.8, 1.6
 """reaction times in multiples of the loop's delay; 2 / pi would be the limit of stability"""
 
 
+_ARRIVAL_SHARE = 0.3
+"""deviation of the position to arrive with, share of xy_goal_tolerance"""
+
+
 class ProfileGains(NamedTuple):
     """Gains of the braking profiles; 1 / ``turn_react`` and 1 / ``hold_react`` are the paper's k and k_2 near 0."""
 
@@ -38,13 +42,13 @@ class ProfileGains(NamedTuple):
     sigma_known: Annotated[
         float,
         Spec(
-            "a position less certain than this, or than a third of xy_goal_tolerance if that is more, is approached "
-            "more slowly: react grows with the square",
+            "a position less certain than this, or than 0.3 of xy_goal_tolerance if that is more, is approached more "
+            "slowly: react grows with the square",
             "m",
             1e-4,
             10.0,
         ),
-    ] = 0.033
+    ] = 0.03
     bearing_weight: Annotated[float, Spec("weight of beta in Omega_G, the paper's h", "-", *GAIN)] = 0.8
     turn_brake: Annotated[
         float,
@@ -76,11 +80,15 @@ def signed_braking(error: float, brake: float, react: float, largest: float) -> 
     return math.copysign(min(largest, braking(abs(error), brake, react)), error)
 
 
-def approach_speed(rho: float, sigma_xy: float, gains: ProfileGains, v_max: float) -> float:
-    """Return f(rho) [m/s] >= 0, f(0) = 0: slower towards a position that is not known well, ``sigma_xy`` [m]."""
-    ratio = sigma_xy / gains.sigma_known
-    react = gains.react * ratio * ratio if ratio > 1.0 else gains.react
+def approach_speed(rho: float, vagueness: float, gains: ProfileGains, v_max: float) -> float:
+    """Return f(rho) [m/s] >= 0, f(0) = 0: slower towards a position that is not known well, see :func:`vagueness_of`."""
+    react = gains.react * vagueness * vagueness if vagueness > 1.0 else gains.react
     return min(v_max, braking(rho, gains.brake, react))
+
+
+def vagueness_of(sigma_xy: float, gains: ProfileGains, xy_goal_tolerance: float) -> float:
+    """Return the deviation of the position in units of the one to arrive with: a wide tolerance needs less."""
+    return sigma_xy / max(gains.sigma_known, _ARRIVAL_SHARE * xy_goal_tolerance)
 
 
 def within_data_sheet(gains: ProfileGains, data_sheet: DataSheet) -> ProfileGains:
@@ -109,5 +117,5 @@ def auto_gains(data_sheet: DataSheet, period: float) -> ProfileGains:
     """
     known = data_sheet.command_latency + data_sheet.drive_time_constant
     loop = 0.5 * period + _UNKNOWN_LATENCY + _UNKNOWN_SHARE * known
-    gains = ProfileGains(3.0, _DRIVE_LOOPS * loop, 0.033, 0.8, 7.0, _TURN_LOOPS * loop, 5.0, _HOLD_LOOPS * loop)
+    gains = ProfileGains(3.0, _DRIVE_LOOPS * loop, 0.03, 0.8, 7.0, _TURN_LOOPS * loop, 5.0, _HOLD_LOOPS * loop)
     return within_data_sheet(gains, data_sheet)

@@ -68,12 +68,12 @@ def led_by(navigation: Navigation, leading: int) -> Navigation:
 
 
 def drive_and_steer(
-    navigation: Navigation, sigma_xy: float, leading: int, gains: ProfileGains, data_sheet: DataSheet
+    navigation: Navigation, vagueness: float, leading: int, gains: ProfileGains, data_sheet: DataSheet
 ) -> Twist:
     """Law of Omega_G within the bounds of the velocities; ``navigation`` is that of the end that leads."""
     rho, alpha, beta = navigation
     cosine = math.cos(alpha)
-    speed = approach_speed(rho, sigma_xy, gains, data_sheet.v_max)
+    speed = approach_speed(rho, vagueness, gains, data_sheet.v_max)
     phi = signed_braking(alpha, gains.turn_brake, gains.turn_react, data_sheet.omega_max)
     turn = speed / max(rho, _SMALLEST_DISTANCE) * cosine * sinc(alpha) * (alpha + gains.bearing_weight * beta)
     command = limit_global(phi, speed * cosine, turn, data_sheet)
@@ -89,12 +89,12 @@ def turn_to_the_goal(alpha: float, gains: ProfileGains, data_sheet: DataSheet) -
 def drive_and_hold(
     navigation: Navigation,
     heading_error: float,
-    sigma_xy: float,
+    vagueness: float,
     gains: ProfileGains,
     data_sheet: DataSheet,
 ) -> Twist:
     """Law of Omega_L within the bounds of the velocities; ``heading_error`` [rad] is to become 0."""
-    speed = approach_speed(navigation.rho, sigma_xy, gains, data_sheet.v_max)
+    speed = approach_speed(navigation.rho, vagueness, gains, data_sheet.v_max)
     omega = -signed_braking(heading_error, gains.hold_brake, gains.hold_react, data_sheet.omega_max)
     return limit_local(Twist(speed * math.cos(navigation.alpha), omega), data_sheet)
 

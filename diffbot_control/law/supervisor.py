@@ -9,6 +9,7 @@ from diffbot_control.law import goal_record
 from diffbot_control.law.configuration import Report
 from diffbot_control.law.controller import SwitchingLaw
 from diffbot_control.law.driver import STOP, LawError, driver_of, scaled_uncertainty
+from diffbot_control.law.goal_checker import smallest_tolerance
 from diffbot_control.law.goal_record import ANONYMOUS, GoalBook, GoalRequest, distance_along
 from diffbot_control.law.limits import is_beyond
 from diffbot_control.law.protocol import Law
@@ -229,9 +230,8 @@ class Supervisor:
 
     def smallest_tolerance(self) -> tuple[float, float]:
         """Position [m] and heading [rad] tolerance that the present uncertainty allows this project's law at best."""
-        sigmas = self.config.controller.tolerance.goal_sigmas
-        xy, theta = scaled_uncertainty(self.uncertainty, self.config.controller)
-        return sigmas * xy, sigmas * theta
+        controller = self.config.controller
+        return smallest_tolerance(controller.tolerance, scaled_uncertainty(self.uncertainty, controller))
 
     def on_tick(self, now: float, silence: float = math.inf, is_stale: bool = False) -> Twist | None:
         """Watch for missing poses: zero if the robot may be moving and ``is_stale``, or no pose for ``pose_timeout``.

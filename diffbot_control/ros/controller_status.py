@@ -9,7 +9,7 @@ from diffbot_control.law.configuration import TANH
 from diffbot_control.law.controller import SwitchingLaw
 from diffbot_control.law.finish import FINISH_NAMES
 from diffbot_control.law.protocol import Law
-from diffbot_control.law.reapproach import PHASE_NAMES
+from diffbot_control.law.paper.reapproach import PHASE_NAMES
 from diffbot_control.law.regions import REGION_NAMES
 from diffbot_control.law.supervisor import Supervisor
 
@@ -55,6 +55,6 @@ def _switching_values(supervisor: Supervisor) -> dict[str, str]:
     if supervisor.config.controller.profile == TANH:
         values = {"re-approach": f"{PHASE_NAMES[memory.reapproach.phase]}, {memory.reapproach.tries} begun"}
     else:
-        values = {"finish": f"{FINISH_NAMES[memory.finish.phase]}, {memory.finish.tries} begun"}
+        values = {"finish": FINISH_NAMES[memory.finish.kind]}
     xy, theta = supervisor.smallest_tolerance()
     return {**values, "smallest tolerance [m]": f"{xy:.4f}", "smallest tolerance [rad]": f"{theta:.4f}"}

@@ -20,7 +20,6 @@ from typing import Any
 
 from diffbot_control.filter import adaptation, colour, gate, models
 from diffbot_control.law import (
-    braking_step,
     configuration,
     controller,
     finish,
@@ -28,13 +27,14 @@ from diffbot_control.law import (
     latency,
     limits,
     lyapunov_law,
-    paper_step,
     polar_coordinates,
-    reapproach,
     regions,
     speed_profile,
     steering,
 )
+from diffbot_control.law import step as braking_step
+from diffbot_control.law.paper import reapproach
+from diffbot_control.law.paper import step as paper_step
 from diffbot_control.law.protocol import Law
 from diffbot_core import data_sheet, geometry, kinematics, uncertainty
 from diffbot_core.code_hash import DIGITS, hash_of_code

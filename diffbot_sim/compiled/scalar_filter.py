@@ -53,7 +53,7 @@ from diffbot_sim.compiled.scalar_belief import (
     reset_pose,
     reset_to,
     unknown,
-    with_possible_radii,
+    with_possible_wheels,
 )
 from diffbot_sim.compiled.scalar_ekf import (
     Corrected,
@@ -95,13 +95,10 @@ def check_supported(options: FilterOptions) -> None:
     """Refuse options that only the filter of the node has.
 
     Raises:
-        InvalidValueError: for a wheel separation that is a state, calibrated wheels, weighed or calibrated landmarks,
-            or errors correlated in time.
+        InvalidValueError: for calibrated wheels, weighed or calibrated landmarks, or errors correlated in time.
     """
     if any(options.wheel_errors):
         raise InvalidValueError("wheel errors at the start", options.wheel_errors, "0 in a batch")
-    if options.separation_variance > 0.0:
-        raise InvalidValueError("wheel_separation_sigma", math.sqrt(options.separation_variance), "0 in a batch")
     if options.weigh_landmarks:
         raise InvalidValueError("landmark_gate", WEIGH, f"{REJECT} in a batch")
     if options.landmark_sigmas is not None or any(options.landmark_errors):
@@ -112,7 +109,7 @@ def check_supported(options: FilterOptions) -> None:
 
 def new_track(options: FilterOptions) -> Track:
     """Return the state before the first fix."""
-    belief = unknown(options.radius_variance)
+    belief = unknown(options.radius_variance, options.separation_variance)
     newest = Newest(math.nan, ACCEPTED)
     return Track(False, belief, belief, new_gate(), new_adaptation(), newest, new_colour(), STANDING)
 
@@ -122,10 +119,12 @@ def advance(track: Track, motion: Motion, separation: float, options: FilterOpti
     if options.adaptive:
         covariance = scale_twist_covariance(motion.covariance, q_scale(track.adaptation))
         motion = Motion(motion.twist, motion.dt, covariance)
-    belief = predict(track.belief, motion, separation, options.radius_random_walk)
+    walk = options.radius_random_walk
+    walks = walk, walk if options.separation_variance > 0.0 else 0.0
+    belief = predict(track.belief, motion, separation, walks)
     candidate = track.candidate
     if track.gate.fixes.rejected > 0:
-        candidate = predict(candidate, motion, separation, options.radius_random_walk)
+        candidate = predict(candidate, motion, separation, walks)
     travelled = track.travelled
     if options.detects_colour:
         travelled = travel(travelled, motion, 0.0)
@@ -134,7 +133,7 @@ def advance(track: Track, motion: Motion, separation: float, options: FilterOpti
 
 
 def initialise(track: Track, fix: PoseFix) -> Track:
-    """Put the filter at a fix; radius errors and adaptation stay."""
+    """Put the filter at a fix; errors of the wheels and adaptation stay."""
     belief = reset_to(fix, track.belief)
     newest = Newest(math.nan, ACCEPTED)
     return Track(True, belief, belief, new_gate(), track.adaptation, newest, unpaired(track.colour), STANDING)
@@ -233,4 +232,6 @@ def _with_other(track: Track, belief: Belief, gate: GateMemory, nis: float) -> T
 
 
 def _possible(after: Corrected, options: FilterOptions) -> Corrected:
-    return Corrected(with_possible_radii(after.belief, options.max_radius_error, options.radius_variance), after.nis)
+    bounds = options.max_radius_error, options.max_separation_error
+    variances = options.radius_variance, options.separation_variance
+    return Corrected(with_possible_wheels(after.belief, bounds, variances), after.nis)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 
 from diffbot_control.law.configuration import ControllerConfig, ControllerMemory, Report
-from diffbot_control.law.goal_checker import next_settling, within
+from diffbot_control.law.goal_checker import is_at_rest, next_settling, within
 from diffbot_control.law.limits import limit_acceleration, limit_velocity
 from diffbot_control.law.lyapunov_law import global_law, global_lyapunov, local_law, local_lyapunov
 from diffbot_control.law.polar_coordinates import Navigation, navigation_variables
-from diffbot_control.law.reapproach import (
+from diffbot_control.law.paper.reapproach import (
     RESTING,
     Reapproach,
     next_reapproach,
@@ -21,9 +21,7 @@ from diffbot_control.law.regions import (
     OMEGA_G,
     OMEGA_L,
     RETREAT_MARGIN,
-    RegionPolicy,
     Switching,
-    forward_only,
     next_switching,
 )
 from diffbot_core.geometry import Pose, into_frame
@@ -47,7 +45,9 @@ def paper_step(
         lyapunov = global_lyapunov(navigation, config.gains)
     requested = _requested_command(switching.region, navigation, local, reapproach, config)
     command = _within_limits(requested, memory.command, dt, config)
-    inside = reapproach.phase == RESTING and within(local, navigation.rho, command, config.tolerance, uncertainty)
+    inside = reapproach.phase == RESTING and within(
+        local, navigation.rho, command, config.tolerance, config.data_sheet, uncertainty
+    )
     settling = next_settling(memory.settling, inside, config.tolerance)
     rho, alpha, beta = navigation
     report = Report(rho, alpha, beta, local.theta, radius, switching.region, lyapunov)
@@ -59,12 +59,8 @@ def paper_step(
 def _region_after(
     memory: ControllerMemory, rho: float, uncertainty: Uncertainty, config: ControllerConfig
 ) -> tuple[Switching, float]:
-    policy = config.region_policy
-    if not config.driving.allow_backward:
-        narrow = forward_only(policy.covariance, config.tolerance.xy_goal_tolerance)
-        policy = RegionPolicy(policy.kind, policy.fixed, narrow)
     floor = max(config.tolerance.xy_goal_tolerance, RETREAT_MARGIN * memory.reapproach.retreat_distance)
-    return next_switching(memory.switching, rho, uncertainty.xy, policy, floor)
+    return next_switching(memory.switching, rho, uncertainty.xy, config.region_policy, floor)
 
 
 def _reapproach_after(
@@ -76,9 +72,7 @@ def _reapproach_after(
         # Also ends one that is under way when it is switched off.
         return without_reapproach(memory.reapproach)
     resting = (
-        abs(memory.command.v) <= tolerance.trans_stopped_velocity
-        and abs(memory.command.omega) <= tolerance.rot_stopped_velocity
-        and abs(local.theta) <= tolerance.yaw_goal_tolerance
+        is_at_rest(memory.command, tolerance, config.data_sheet) and abs(local.theta) <= tolerance.yaw_goal_tolerance
     )
     return next_reapproach(memory.reapproach, local, resting, uncertainty, dt, tolerance, config.reapproach)
 
@@ -93,7 +87,7 @@ def _requested_command(
     elif reapproach.phase == RESTING:
         requested = local_law(navigation, local.theta, gains)
     else:
-        requested = reapproach_command(reapproach, local, gains.k_2, config.reapproach)
+        requested = reapproach_command(reapproach, local, gains.k_2)
     if config.driving.allow_backward or requested.v >= 0.0:
         return requested
     # Stand where the law would reverse; in Omega_G turn towards the goal, which leaves dV = -k alpha^2 <= 0.

@@ -6,30 +6,27 @@ import math
 
 from diffbot_control.law.configuration import AUTO, ControllerConfig, ControllerMemory, Report
 from diffbot_control.law.finish import (
-    RESTING,
+    LEAVING,
     Finish,
-    Standing,
     finish_command,
-    is_pending,
+    is_leg,
     next_finish,
-    without_finish,
+    no_finish,
 )
-from diffbot_control.law.goal_checker import next_settling, within
+from diffbot_control.law.goal_checker import is_at_rest, next_settling, within
 from diffbot_control.law.latency import Actuation, coast, is_immediate, predicted
 from diffbot_control.law.limits import limit_change
 from diffbot_control.law.lyapunov_law import local_lyapunov
 from diffbot_control.law.polar_coordinates import HALF_PI, Navigation, navigation_variables
 from diffbot_control.law.regions import (
-    HELD_SIGMAS,
+    LEAVE_SIGMAS,
     OMEGA_G,
     OMEGA_L,
     RETREAT_MARGIN,
-    RegionPolicy,
     Switching,
-    forward_only,
     next_switching,
 )
-from diffbot_control.law.speed_profile import ProfileGains, auto_gains, within_data_sheet
+from diffbot_control.law.speed_profile import ProfileGains, auto_gains, vagueness_of, within_data_sheet
 from diffbot_control.law.steering import (
     BACK,
     UNDECIDED,
@@ -45,45 +42,41 @@ from diffbot_core.geometry import Pose, into_frame, wrap_angle
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import Estimate, Uncertainty
 
-_SIGMAS_IN_TOLERANCE = 3.0
-"""A position tolerance of more than this many ``sigma_known`` raises the latter."""
-
 
 def braking_step(
     memory: ControllerMemory, estimate: Estimate, goal: Pose, dt: float, config: ControllerConfig
 ) -> tuple[ControllerMemory, Twist, Report]:
     """The law of steering.py for any goal pose; arguments and result are those of ``controller.step``."""
     actuation, estimate = _seen_by_the_law(memory, estimate, dt, config)
-    uncertainty = estimate.uncertainty
+    uncertainty, tolerance = estimate.uncertainty, config.tolerance
     upright = into_frame(estimate.pose, goal)
     local = _turned(upright) if memory.course.turned else upright
     navigation = navigation_variables(local)
     switching, radius = _switching_after(memory, navigation.rho, uncertainty.xy, config)
+    finish = no_finish()
+    if switching.region == OMEGA_L:
+        finish = _finish_after(memory, local, switching.steps_outside, uncertainty, dt, config)
+        if finish.kind == LEAVING:
+            switching, finish = Switching(OMEGA_G, switching.switches + 1, 0), no_finish()
     course = _course_after(memory, switching.region, upright, config)
     if course.turned != memory.course.turned:
         local = _turned(upright) if course.turned else upright
         navigation = navigation_variables(local)
     gains = _gains_in_force(config, dt)
-    slowing = _slowing_sigma(uncertainty.xy, gains, config.tolerance.xy_goal_tolerance)
+    vagueness = vagueness_of(uncertainty.xy, gains, tolerance.xy_goal_tolerance)
     if switching.region == OMEGA_L:
-        finish = _finish_after(memory, local, switching.steps_outside, uncertainty, dt, config)
         lyapunov = local_lyapunov(navigation, local.theta)
-        requested = _near(navigation, local, slowing, finish, gains, config)
+        requested = _near(navigation, local, vagueness, finish, gains, config)
     else:
-        finish = without_finish(memory.finish)
         led = led_by(navigation, course.leading)
         lyapunov = course_lyapunov(led, gains)
-        requested = _far(led, slowing, course.leading, gains, config)
+        requested = _far(led, vagueness, course.leading, gains, config)
     command = limit_change(requested, memory.command, dt, config.data_sheet)
     rho, alpha, beta = navigation
     if not math.isfinite(rho + alpha + local.theta + command.v + command.omega):
         command = Twist(0.0, 0.0)
-    inside = (
-        switching.region == OMEGA_L
-        and not is_pending(finish, config.finish)
-        and within(local, rho, command, config.tolerance, uncertainty)
-    )
-    settling = next_settling(memory.settling, inside, config.tolerance)
+    inside = switching.region == OMEGA_L and within(local, rho, command, tolerance, config.data_sheet, uncertainty)
+    settling = next_settling(memory.settling, inside, tolerance)
     report = Report(rho, alpha, beta, local.theta, radius, switching.region, lyapunov)
     after = ControllerMemory(
         switching, command, settling, memory.reapproach, finish, course, actuation, settling.reached
@@ -108,12 +101,6 @@ def _gains_in_force(config: ControllerConfig, dt: float) -> ProfileGains:
     return within_data_sheet(config.profile_gains, config.data_sheet)
 
 
-def _slowing_sigma(sigma_xy: float, gains: ProfileGains, tolerance: float) -> float:
-    """Return the deviation [m] that slows the approach: a wide tolerance needs less certainty."""
-    enough = tolerance / _SIGMAS_IN_TOLERANCE
-    return sigma_xy if enough <= gains.sigma_known else sigma_xy * gains.sigma_known / enough
-
-
 def _turned(local: Pose) -> Pose:
     """Return the pose in the frame of the goal turned round."""
     return Pose(-local.x, -local.y, wrap_angle(local.theta - math.pi))
@@ -122,13 +109,10 @@ def _turned(local: Pose) -> Pose:
 def _switching_after(
     memory: ControllerMemory, rho: float, sigma_xy: float, config: ControllerConfig
 ) -> tuple[Switching, float]:
-    policy, tolerance = config.region_policy, config.tolerance.xy_goal_tolerance
-    if not config.driving.allow_backward:
-        policy = RegionPolicy(policy.kind, policy.fixed, forward_only(policy.covariance, tolerance))
-    # An error within the tolerance is worked off by the finish, if at all; beyond it only a new approach helps.
-    held = tolerance + HELD_SIGMAS * sigma_xy if memory.reached else tolerance
-    floor = max(held, RETREAT_MARGIN * memory.finish.reach)
-    return next_switching(memory.switching, rho, sigma_xy, policy, floor)
+    # An error that is not beyond doubt outside the tolerance is worked off by the finish.
+    beyond = config.tolerance.xy_goal_tolerance + LEAVE_SIGMAS * sigma_xy
+    floor = max(beyond, RETREAT_MARGIN * memory.finish.reach)
+    return next_switching(memory.switching, rho, sigma_xy, config.region_policy, floor)
 
 
 def _course_after(memory: ControllerMemory, region: int, upright: Pose, config: ControllerConfig) -> Course:
@@ -140,7 +124,7 @@ def _course_after(memory: ControllerMemory, region: int, upright: Pose, config: 
         return chosen_course(navigation_variables(upright), driving.allow_backward, driving.symmetric_yaw_tolerance)
     if course.leading == UNDECIDED and not course.turned and driving.symmetric_yaw_tolerance:
         # The first pose with this goal is already near it: only the heading is left to choose.
-        return Course(UNDECIDED, memory.finish.time == 0.0 and abs(upright.theta) > HALF_PI)
+        return Course(UNDECIDED, memory.command == (0.0, 0.0) and abs(upright.theta) > HALF_PI)
     return course
 
 
@@ -152,40 +136,42 @@ def _finish_after(
     dt: float,
     config: ControllerConfig,
 ) -> Finish:
-    tolerance = config.tolerance
-    if not config.driving.allow_backward:
-        return without_finish(memory.finish)
+    tolerance, rest = config.tolerance, 0.0
     # Beyond the leaving radius the robot does not rest: Omega_L is about to end.
-    inside = steps_outside == 0
-    resting = (
-        inside
-        and abs(memory.command.v) <= tolerance.trans_stopped_velocity
-        and abs(memory.command.omega) <= tolerance.rot_stopped_velocity
-        and abs(local.theta) <= tolerance.yaw_goal_tolerance
+    resting = steps_outside == 0 and is_at_rest(memory.command, tolerance, config.data_sheet)
+    if resting and abs(local.theta) <= tolerance.yaw_goal_tolerance:
+        rest = memory.finish.rest + dt
+    return next_finish(
+        memory.finish,
+        local,
+        rest,
+        memory.reached,
+        uncertainty,
+        tolerance,
+        config.finish,
+        config.driving.allow_backward,
     )
-    standing = Standing(resting, inside, memory.reached, dt)
-    return next_finish(memory.finish, local, standing, uncertainty, tolerance, config.finish)
 
 
 def _near(
     navigation: Navigation,
     local: Pose,
-    sigma_xy: float,
+    vagueness: float,
     finish: Finish,
     gains: ProfileGains,
     config: ControllerConfig,
 ) -> Twist:
     """Return the command of Omega_L."""
-    if finish.phase != RESTING:
+    if is_leg(finish):
         return finish_command(finish, local, config.tolerance, config.finish, gains, config.data_sheet)
-    command = drive_and_hold(navigation, local.theta, sigma_xy, gains, config.data_sheet)
+    command = drive_and_hold(navigation, local.theta, vagueness, gains, config.data_sheet)
     if config.driving.allow_backward or command.v >= 0.0:
         return command
     return Twist(0.0, command.omega)
 
 
-def _far(led: Navigation, sigma_xy: float, leading: int, gains: ProfileGains, config: ControllerConfig) -> Twist:
+def _far(led: Navigation, vagueness: float, leading: int, gains: ProfileGains, config: ControllerConfig) -> Twist:
     """Return the command of Omega_G; ``led`` is as of the end that leads."""
     if not config.driving.allow_backward and abs(led.alpha) >= HALF_PI and leading != BACK:
         return turn_to_the_goal(led.alpha, gains, config.data_sheet)
-    return drive_and_steer(led, sigma_xy, leading, gains, config.data_sheet)
+    return drive_and_steer(led, vagueness, leading, gains, config.data_sheet)

@@ -12,34 +12,38 @@ from typing import Annotated, NamedTuple
 from diffbot_control.law.goal_checker import GoalTolerance
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
-from diffbot_core.ranges import GAIN, SHARE, SLOPE, SPEED
 from diffbot_core.schema import Spec
 from diffbot_core.uncertainty import Uncertainty
 
 RESTING, RETREATING, APPROACHING = 0, 1, 2
 PHASE_NAMES = ("resting", "retreating", "approaching")
 
+_WINDOW = 35.0
+"""[s] after coming to rest in which a re-approach may begin"""
+_SPEED = 0.25
+"""[m/s]"""
+_HEADING = 0.25
+"""[rad] bound of |heading|"""
+_DISTANCE, _SLOPE = 0.15, 3.0
+"""[m] smallest retreat distance, and what is added per metre of lateral error"""
+_SHARE = 0.7
+"""share of xy_goal_tolerance that a lateral error may use"""
+_SIGMAS = 2.0
+"""standard deviations of the position by which the tolerance is reduced"""
+_LINE_GAIN = 8.0
+"""[rad/m] heading per metre of lateral error"""
+_DISTANCE_GAIN = 1.3
+"""[1/s] speed per metre from the end of the phase"""
 _END_MARGIN = 0.03
 """[m] A phase is over this far before its end, at most a quarter of the retreat distance: convergence is asymptotic."""
 
 
 class ReapproachConfig(NamedTuple):
-    """When and how the robot re-approaches."""
+    """Whether the robot re-approaches."""
 
-    reapproach_tries: Annotated[int, Spec("re-approaches for each goal; 0: none", minimum=0, maximum=100)] = 3
-    reapproach_window: Annotated[
-        float, Spec("time after coming to rest in which one may begin", "s", minimum=0.0, maximum=3600.0)
-    ] = 35.0
-    reapproach_speed: Annotated[float, Spec("speed", "m/s", *SPEED)] = 0.25
-    reapproach_heading: Annotated[float, Spec("bound of |heading|", "rad", minimum=1e-3, maximum=1.0)] = 0.25
-    reapproach_distance: Annotated[float, Spec("smallest retreat distance", "m", minimum=0.05, maximum=10.0)] = 0.15
-    reapproach_share: Annotated[
-        float,
-        Spec("share of xy_goal_tolerance that a lateral error may use", "-", *SHARE),
-    ] = 0.75
-    reapproach_slope: Annotated[float, Spec("retreat distance added per metre of lateral error", "-", *SLOPE)] = 3.0
-    reapproach_line_gain: Annotated[float, Spec("heading per metre of lateral error", "rad/m", *SLOPE)] = 8.0
-    reapproach_distance_gain: Annotated[float, Spec("speed per metre from the end of the phase", "1/s", *GAIN)] = 1.3
+    reapproach_tries: Annotated[
+        int, Spec("re-approaches for each goal (speed_profile tanh); 0: none", minimum=0, maximum=100)
+    ] = 3
 
 
 class Reapproach(NamedTuple):
@@ -76,7 +80,7 @@ def next_reapproach(
 
     A try begins when the robot has rested for ``settling_steps`` poses with a lateral error that is too large for the
     goal and larger than its own standard deviation: an error that is not known cannot be corrected. It begins within
-    ``reapproach_window`` or not at all, because the estimate keeps changing a little and the robot has to come to rest.
+    35 s or not at all, because the estimate keeps changing a little and the robot has to come to rest.
 
     Args:
         state: as left by the last pose.
@@ -96,22 +100,22 @@ def next_reapproach(
         phase = RESTING if local.x > -margin else APPROACHING
         return Reapproach(phase, state.tries, 0, time, state.retreat_distance)
     lateral = abs(local.y)
-    quiet_steps = state.quiet_steps + 1 if resting and lateral > allowed_error(uncertainty, tolerance, config) else 0
-    may_begin = time <= config.reapproach_window and state.tries < config.reapproach_tries
+    quiet_steps = state.quiet_steps + 1 if resting and lateral > allowed_error(uncertainty, tolerance) else 0
+    may_begin = time <= _WINDOW and state.tries < config.reapproach_tries
     if may_begin and quiet_steps >= tolerance.settling_steps:
-        retreat_distance = config.reapproach_distance + config.reapproach_slope * lateral
+        retreat_distance = _DISTANCE + _SLOPE * lateral
         return Reapproach(RETREATING, state.tries + 1, 0, time, retreat_distance)
     return Reapproach(RESTING, state.tries, quiet_steps, time, 0.0)
 
 
-def allowed_error(uncertainty: Uncertainty, tolerance: GoalTolerance, config: ReapproachConfig) -> float:
+def allowed_error(uncertainty: Uncertainty, tolerance: GoalTolerance) -> float:
     """Lateral error [m] up to which no re-approach begins."""
     largest = tolerance.xy_goal_tolerance
-    allowed = min(largest - tolerance.goal_sigmas * uncertainty.xy, config.reapproach_share * largest)
+    allowed = min(largest - _SIGMAS * uncertainty.xy, _SHARE * largest)
     return max(allowed, uncertainty.xy)
 
 
-def reapproach_command(state: Reapproach, local: Pose, heading_gain: float, config: ReapproachConfig) -> Twist:
+def reapproach_command(state: Reapproach, local: Pose, heading_gain: float) -> Twist:
     """Return the command while retreating or approaching: towards the end of the phase, along the axis.
 
     The requested heading is proportional to y and to the speed, so it changes sign with the direction of travel and is
@@ -121,11 +125,10 @@ def reapproach_command(state: Reapproach, local: Pose, heading_gain: float, conf
         state: phase and retreat distance.
         local: estimate in the goal's frame.
         heading_gain: [1/s] of the heading's control, k_2 of the law.
-        config: speed, gains and bounds.
     """
     end = -state.retreat_distance if state.phase == RETREATING else 0.0
-    speed = config.reapproach_distance_gain * (end - local.x)
-    speed = min(max(speed, -config.reapproach_speed), config.reapproach_speed)
-    heading = -config.reapproach_line_gain * local.y * speed / config.reapproach_speed
-    heading = min(max(heading, -config.reapproach_heading), config.reapproach_heading)
+    speed = _DISTANCE_GAIN * (end - local.x)
+    speed = min(max(speed, -_SPEED), _SPEED)
+    heading = -_LINE_GAIN * local.y * speed / _SPEED
+    heading = min(max(heading, -_HEADING), _HEADING)
     return Twist(speed, -heading_gain * (local.theta - heading))

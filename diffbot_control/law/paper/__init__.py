@@ -1,0 +1,1 @@
+"""The law as published, and the re-approach that only its presets have."""
