@@ -1,6 +1,5 @@
 """The command diffbot: usage, exit statuses, one-line errors. The demonstration has a file of its own."""
 
-import importlib
 import signal
 import subprocess
 import sys
@@ -9,7 +8,9 @@ from types import SimpleNamespace
 import graph
 import pytest
 
+from diffbot_control.law import goal_record
 from diffbot_lab import cli
+from diffbot_lab.goal_command import ENDS, INTERRUPTED, TIMED_OUT
 
 DIFFBOT = (sys.executable, "-m", "diffbot_lab.cli")
 WRONG = {
@@ -41,13 +42,6 @@ def test_wrong_usage_is_status_2_with_the_usage(arguments, capsys):
     written = capsys.readouterr()
     assert written.out == ""
     assert written.err.startswith("usage: diffbot")
-
-
-def test_help_says_what_the_default_is(capsys):
-    with pytest.raises(SystemExit) as ended:
-        cli.main(["demo", "--help"])
-    assert ended.value.code == 0
-    assert "--seed SEED seed of all noise (default: 1)" in " ".join(capsys.readouterr().out.split())
 
 
 def test_an_error_of_a_node_is_one_line_and_status_1(tmp_path):
@@ -91,9 +85,35 @@ def test_run_returns_the_status_of_a_node_that_refuses_to_start():
     assert ended.stderr == "error: wheel_radius = 0.0: must be >= 0.001 and <= 10\n"
 
 
-def test_every_node_of_the_command_exists(kept_signal_handlers):
-    for entry in cli.NODES.values():
-        assert callable(getattr(importlib.import_module(entry.module), entry.factory))
+def test_negative_numbers_of_a_goal_are_positions_and_no_flags(kept_signal_handlers, monkeypatch):
+    given = []
+    monkeypatch.setattr("diffbot_lab.goal_command.run", lambda options: given.append(options) or 0)
+    assert cli.main(["goal", "-1.5", "-2", "-0.5", "--timeout", "3", "--no-wait"]) == 0
+    assert given[0].pose == (-1.5, -2.0, -0.5)
+    assert (given[0].frame, given[0].wait, given[0].timeout) == ("map", False, 3.0)
+
+
+def test_each_end_of_a_goal_has_a_status_of_its_own():
+    assert set(goal_record.ENDS) < set(ENDS)
+    statuses = [*ENDS.values(), TIMED_OUT, INTERRUPTED, 1, 2]
+    assert len(set(statuses)) == len(statuses)
+    assert ENDS[goal_record.REACHED] == 0
+
+
+@pytest.mark.parametrize("arguments", [["--controller", "a b"], ["--namespace", "1/"]])
+def test_a_name_that_no_node_has_is_an_error_in_one_line(arguments, kept_signal_handlers, capsys):
+    assert cli.main(["goal", "1", "2", "0", *arguments]) == 1
+    written = capsys.readouterr().err
+    assert written.startswith(("diffbot: namespace ", "diffbot: --controller "))
+    assert written.count("\n") == 1
+
+
+def test_the_command_line_starts_without_heavy_libraries():
+    """A goal is sent at once: scipy alone takes longer to load than the controller to answer."""
+    program = "import sys, diffbot_lab.cli; print(*{m.partition('.')[0] for m in sys.modules})"
+    loaded = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True)
+    heavy = {"scipy", "filterpy", "numpy", "matplotlib", "numba", "pandas", "rclpy"}
+    assert heavy & set(loaded.stdout.split()) == set()
 
 
 def test_demo_refuses_what_it_cannot_write_before_anything_starts(tmp_path, kept_signal_handlers, capsys, monkeypatch):

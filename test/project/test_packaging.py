@@ -132,37 +132,8 @@ def test_constraints_pin_every_direct_dependency_within_its_bound(python):
     assert outside == []
 
 
-def test_constraints_pin_what_is_installed():
-    """Everything but the extra bound, which `make setup` does not install."""
-    python = f"{sys.version_info.major}.{sys.version_info.minor}"
-    names = set().union(*(names for extra, names in REQUIREMENTS.items() if extra != "bound"))
-    waiting = [one for one in DIRECT if canonicalize_name(one.name) in names]
-    visited, wrong = set(), []
-    while waiting:
-        requirement = waiting.pop()
-        key = (canonicalize_name(requirement.name), frozenset(requirement.extras))
-        if key in visited:
-            continue
-        visited.add(key)
-        distribution = importlib.metadata.distribution(requirement.name)
-        if pins(requirement.name, python) != [distribution.version]:
-            wrong.append(f"{requirement.name} {distribution.version}")
-        for line in distribution.requires or []:
-            child = Requirement(line)
-            marker = child.marker
-            if marker is None or any(marker.evaluate({"extra": extra}) for extra in {"", *requirement.extras}):
-                waiting.append(child)
-    assert wrong == []
-
-
 def test_no_machine_paths_and_no_registry_hosts():
-    hosts = [
-        ("pypi", "org"),
-        ("pythonhosted", "org"),
-        ("debian", "org"),
-        ("ubuntu", "com"),
-        ("npmjs", "org"),
-    ]
+    hosts = [("pypi", "org"), ("pythonhosted", "org"), ("debian", "org"), ("ubuntu", "com"), ("npmjs", "org")]
     unwanted = re.compile(
         "|".join(rf"\b{name}\.{domain}\b" for name, domain in hosts) + r"|(?<![\w.~}-])/(?:home|root|Users|work)/\w"
     )

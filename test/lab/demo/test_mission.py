@@ -63,8 +63,8 @@ def test_a_late_report_does_not_count_for_the_next_goal():
     mission.on_navigation(0.0, 5.0)
     assert not mission.legs
     mission.on_goals_reached(1)
-    assert mission.on_navigation(1.0, 0.1)
+    mission.on_navigation(1.0, 0.1)
     mission.on_navigation(1.1, 4.0)
     mission.on_goals_reached(1)
-    assert not mission.on_navigation(2.0, 3.0)
-    assert len(mission.legs) == 1
+    mission.on_navigation(2.0, 3.0)
+    assert mission.legs == [Leg(A, 0.0, 1.0, True)]

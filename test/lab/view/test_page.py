@@ -79,13 +79,6 @@ def test_the_slider_moves_the_robot(page):
     assert (page.pixels() != before).any()
 
 
-def test_it_plays_at_the_chosen_speed_until_the_end(page):
-    page.get("diffbotPage.player.go(0)")
-    page.tab.locator("#speed").select_option("20")
-    page.tab.locator("#play").click()
-    page.wait("!diffbotPage.player.isPlaying && diffbotPage.player.time === diffbotPage.player.end", "the end")
-
-
 def test_a_click_on_an_event_goes_to_its_time(page):
     events = page.tab.locator("#events button").all_inner_texts()
     assert any("goal 2: x 2.00 m, y 0.50 m, 14 deg" in text for text in events)
@@ -114,7 +107,7 @@ def test_no_text_of_a_bag_runs_as_a_script(page):
     assert page.tab.locator("img").count() == 0
 
 
-def test_keys_move_zoom_and_play(page):
+def test_keys_move_and_zoom_and_it_plays_until_the_end(page):
     page.tab.locator("#map").focus()
     page.tab.keyboard.press("0")
     x, scale = page.get("[diffbotPage.view.x, diffbotPage.view.scale]")
@@ -129,6 +122,9 @@ def test_keys_move_zoom_and_play(page):
     assert page.get("diffbotPage.player.isPlaying") is True
     page.tab.keyboard.press(" ")
     assert page.get("diffbotPage.player.isPlaying") is False
+    page.tab.locator("#speed").select_option("20")
+    page.tab.locator("#play").click()
+    page.wait("!diffbotPage.player.isPlaying && diffbotPage.player.time === diffbotPage.player.end", "the end")
 
 
 def test_a_wheel_zooms_about_the_pointer_and_a_drag_moves(page):
