@@ -49,6 +49,12 @@ def test_a_failed_compilation_is_an_error_in_one_line_and_keeps_the_older_build(
     assert os.listdir(tmp_path / "out") == ["nav2_msgs"], "nothing else is left behind"
 
 
+def test_an_installed_package_is_not_built_again(monkeypatch, capsys):
+    monkeypatch.setattr(command.importlib.util, "find_spec", lambda _: object())
+    assert cli.main(["interfaces", "build"]) == 1
+    assert capsys.readouterr().err == "diffbot: nav2_msgs is installed: there is nothing to build\n"
+
+
 def test_the_default_folder_is_in_the_users_cache(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     assert default_folder().parent == tmp_path / "diffbot"

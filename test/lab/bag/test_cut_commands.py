@@ -81,11 +81,14 @@ def test_filter_merge_and_split_are_each_others_inverse(bag, tmp_path, capsys):
 WRONG = {
     "no span": ("trim", "a", "b"),
     "last and from": ("trim", "a", "b", "--last", "3s", "--from", "1s"),
+    "no time": ("trim", "a", "b", "--from", "yesterday"),
     "endless digits": ("trim", "a", "b", "--to", "9" * 5000),
     "nothing to filter": ("filter", "a", "b"),
     "twice": ("merge", "a", "./a", "b"),
     "no limit": ("split", "a", "b"),
+    "no size": ("split", "a", "b", "--size", "large"),
     "tiny size": ("split", "a", "b", "--size", "999"),
+    "no count": ("split", "a", "b", "--count", "0"),
     "no duration": ("split", "a", "b", "--duration", "0s"),
 }
 

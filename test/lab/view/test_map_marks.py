@@ -1,6 +1,7 @@
 """Landmarks and planned paths on the map: of a bag, on the page, and of a running robot."""
 
 import math
+from types import SimpleNamespace
 
 import browser
 import numpy as np
@@ -8,6 +9,8 @@ import pytest
 import view_bags
 
 from diffbot_core.geometry import Pose
+from diffbot_lab.trajectory import Trajectory
+from diffbot_lab.view import landmarks as landmarks_module
 from diffbot_lab.view.landmarks import read_cloud
 from diffbot_lab.view.live_landmarks import LandmarkPlacer
 from diffbot_lab.view.plans import MAX_POINTS, PlanEnd, thinned
@@ -87,6 +90,21 @@ def test_the_path_holds_until_the_controller_leaves_it(run):
     assert np.column_stack((plan["x"], plan["y"]))[:3].tolist() == [list(corner) for corner in CORNERS]
     assert math.isnan(plan["x"][3])
     assert run.tables.malformed == 3, "clouds and paths that cannot be used"
+
+
+def test_numbers_of_landmarks_and_visits_are_bounded(monkeypatch):
+    monkeypatch.setattr(landmarks_module, "MAX_LANDMARKS", 3)
+    monkeypatch.setattr(landmarks_module, "MAX_VISITS", 4)
+    # Number 5 in every fourth cloud, others once each.
+    rows = [(step, 100 + step if step % 2 else 5) for step in range(20) if step % 4 != 2]
+    stamps, numbers = (np.array(column, np.int64) for column in zip(*rows, strict=True))
+    stamps = BEGIN + stamps * 10**8
+    path = Trajectory(BEGIN + np.arange(21) * 10**8, np.zeros((21, 3)))
+    clock = SimpleNamespace(of_stamps=lambda stamps: (stamps - BEGIN) / 1e9)
+    measured = landmarks_module.Measured(stamps, numbers, np.ones((len(rows), 2)))
+    found = landmarks_module.landmarks_on_map(measured, path, clock)
+    assert (len(found), found[0].number) == (3, 5)
+    assert sum(len(one.in_view) for one in found) <= 2 * 4
 
 
 def drawn(page, time, colour):
