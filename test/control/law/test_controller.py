@@ -3,7 +3,6 @@
 import cmath
 import itertools
 import math
-import random
 
 import pytest
 from hypothesis import assume, given, settings
@@ -17,7 +16,6 @@ from diffbot_control.law.controller import (
     stop_step,
 )
 from diffbot_control.law.goal_checker import Settling
-from diffbot_control.law.lyapunov_law import Gains
 from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.reapproach import RETREATING, Reapproach
 from diffbot_control.law.regions import OMEGA_G, OMEGA_L, FixedRegionPolicy, Switching
@@ -26,7 +24,7 @@ from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import CERTAIN, Estimate
 
-CHECK = settings(max_examples=200)
+CHECK = settings(max_examples=80)
 INF = math.inf
 PAPER = PRESETS["paper"]
 FREE = PAPER._replace(data_sheet=DataSheet(INF, INF, INF, INF, INF))
@@ -122,28 +120,6 @@ def test_the_mirror_image_turns_the_other_way(pose, memory):
     assert other == pytest.approx((command.v, -command.omega), abs=1e-12)
 
 
-def test_many_steps_in_any_order_equal_single_ones():
-    rng = random.Random(5)
-    limited = PAPER._replace(data_sheet=DataSheet(1.0, 2.0, 15.0, 1.0, 3.0))
-
-    def state():
-        memory = ControllerMemory(
-            Switching(rng.randint(0, 1)),
-            Twist(rng.uniform(-1.0, 1.0), rng.uniform(-2.0, 2.0)),
-            Settling(rng.randint(0, 6)),
-        )
-        pose = Pose(rng.gauss(0.0, 2.0), rng.gauss(0.0, 2.0), rng.uniform(-3.0, 3.0))
-        goal = Pose(rng.gauss(0.0, 2.0), rng.gauss(0.0, 2.0), rng.uniform(-3.0, 3.0))
-        return memory, pose, goal, rng.choice((0.02, 0.1)), rng.choice((PAPER, limited))
-
-    states = [state() for _ in range(200)]
-    singles = [step(*one) for one in states]
-    order = list(range(200))
-    rng.shuffle(order)
-    shuffled = {index: step(*states[index]) for index in order}
-    assert [shuffled[index] for index in range(200)] == singles
-
-
 def driven(config, poses, memory=None):
     """Feed poses in the goal's frame; return the memories after each."""
     memory = memory or ControllerMemory()
@@ -172,22 +148,10 @@ def test_a_reached_goal_stays_reached_if_stateful(stateful, stays):
     assert [memory.reached for memory in memories] == [True, stays, True]
 
 
-def test_one_settling_step_is_enough_if_asked():
-    config = PAPER._replace(tolerance=PAPER.tolerance._replace(settling_steps=1))
-    assert driven(config, [AT_GOAL])[0].reached
-
-
 def test_moving_fast_through_the_goal_is_not_reaching_it():
     # Within 0.4 m and 0.1 rad, but v = 1.3 tanh(0.35) = 0.44 m/s.
     config = PAPER._replace(tolerance=PAPER.tolerance._replace(settling_steps=1))
     assert not driven(config, [Pose(-0.35, 0.0, 0.0)])[0].reached
-
-
-def test_switches_count_every_change_of_region():
-    poses = [Pose(-distance, 0.0, 0.0) for distance in (2.0, 0.55, 0.45, 0.55, 0.7, 0.55, 0.4)]
-    memories = driven(PAPER, poses)
-    assert [memory.switching.region for memory in memories] == [0, 0, 1, 1, 0, 0, 1]
-    assert [memory.switching.switches for memory in memories] == [0, 0, 1, 1, 2, 2, 3]
 
 
 def test_the_report_holds_the_variables_of_the_step():
@@ -242,10 +206,8 @@ def test_coming_to_rest():
     ("pose", "goal"),
     [
         (Pose(1e308, 0.0, 0.0), Pose(-1e308, 0.0, 0.0)),
-        (Pose(1e308, -1e308, 1.0), Pose(-1e308, 1e308, -1.0)),
         (Pose(math.nan, 0.0, 0.0), ORIGIN),
         (Pose(0.0, 0.0, math.nan), ORIGIN),
-        (Pose(math.inf, 0.0, 0.0), ORIGIN),
     ],
 )
 @pytest.mark.parametrize("region", [OMEGA_G, OMEGA_L])
@@ -257,24 +219,6 @@ def test_numbers_that_overflow_stop_the_robot(pose, goal, region):
     assert not after.reached
 
 
-def test_gains_that_overflow_stop_the_robot():
-    config = FREE._replace(gains=Gains(k=1e308, k_2=1e308))
-    for pose in (Pose(-3.0, -3.0, -3.0), Pose(-0.1, -0.1, -3.0)):
-        _, command, _ = step(ControllerMemory(), pose, ORIGIN, T_S, config)
-        assert command == (0.0, 0.0)
-
-
-@CHECK
-@given(POSES, POSES, MEMORIES)
-def test_the_command_is_within_limits_everywhere(pose, goal, memory):
-    limits = DataSheet(0.8, 1.5, 18.0, INF, INF)
-    config = PAPER._replace(data_sheet=limits)
-    _, (v, omega), _ = step(memory, pose, goal, T_S, config)
-    assert abs(v) <= 0.8 * (1.0 + 1e-12)
-    assert abs(omega) <= 1.5 * (1.0 + 1e-12)
-    assert max(abs(v - 0.3 * omega), abs(v + 0.3 * omega)) / 0.05 <= 18.0 * (1.0 + 1e-12)
-
-
 def test_the_radii_of_the_policy_are_used():
     config = PAPER._replace(region_policy=PAPER.region_policy._replace(fixed=FixedRegionPolicy(1.0, 2.0)))
     near = Pose(-0.9, 0.0, 0.3)
@@ -283,10 +227,3 @@ def test_the_radii_of_the_policy_are_used():
     assert command.omega == pytest.approx(-2.7 * 0.3)
     memory, _, report = step(memory, Pose(-1.9, 0.0, 0.3), ORIGIN, T_S, config)
     assert (memory.switching.region, report.eps_P) == (OMEGA_L, 2.0)
-
-
-def test_a_goal_behind_is_reached_backwards():
-    memory, command, _ = step(ControllerMemory(), Pose(3.0, 0.0, 0.0), ORIGIN, T_S, PAPER)
-    assert command.v == pytest.approx(-1.3 * math.tanh(3.0))
-    assert isinstance(command, Twist)
-    assert memory.switching.switches == 0

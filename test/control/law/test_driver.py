@@ -8,7 +8,7 @@ import pytest
 from diffbot_control.law.configuration import Report
 from diffbot_control.law.controller import ControllerConfig, ControllerMemory, SwitchingLaw, memory_for_new_goal, step
 from diffbot_control.law.driver import LawError, driver_of
-from diffbot_control.law.supervisor import DRIVING, IDLE, NOT_REACHED, REACHED, STALE, Supervisor, SupervisorConfig
+from diffbot_control.law.supervisor import DRIVING, IDLE, NOT_REACHED, STALE, Supervisor, SupervisorConfig
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
@@ -73,14 +73,6 @@ def test_the_law_gets_pose_uncertainty_goal_period_and_its_configuration():
     assert drive.supervisor.state == DRIVING
 
 
-def test_reached_is_what_the_law_says_and_counts_once():
-    drive = Drive(Scripted(lambda memory: (Memory(reached=True), Twist(0.0, 0.0), GOOD_REPORT)))
-    for _ in range(3):
-        drive.pose()
-        assert drive.supervisor.state == REACHED
-    assert drive.supervisor.goals_reached == 1
-
-
 def test_a_path_timeout_and_silence_are_the_same_for_every_law():
     near = GOOD_REPORT._replace(rho=0.2)
     drive = Drive(Scripted(lambda memory: (memory, Twist(0.5, 0.0), near)), waypoint_radius=0.3, goal_timeout=0.25)
@@ -143,26 +135,15 @@ def test_this_projects_law_keeps_what_it_kept():
     assert memory_for_new_goal(memory).command.v > 0.3
 
 
-@pytest.mark.parametrize("pose", [Pose(1e300, -1e300, 1.0), Pose(math.nan, 0.0, 0.0), Pose(0.0, math.inf, 0.0)])
-def test_this_projects_law_fails_like_others_or_answers_with_a_finite_command(pose):
-    drive = Drive(SwitchingLaw)
-    drive.pose()
-    assert all(math.isfinite(velocity) for velocity in drive.pose(pose))
-
-
 def raising(_memory):
     raise ValueError("two\nlines")
 
 
 FAILURES = {
     "nan": (lambda memory: (memory, Twist(math.nan, 0.0), GOOD_REPORT), "v = nan m/s, omega = 0.0 rad/s: must be fin"),
-    "inf": (lambda memory: (memory, Twist(0.0, -math.inf), GOOD_REPORT), "omega = -inf rad/s: must be finite"),
     "raises": (raising, "ValueError: two lines (test_driver.py:"),
-    "text": (lambda memory: (memory, Twist("fast", 0.0), GOOD_REPORT), "ValueError: could not convert"),
     "no command": (lambda memory: (memory, None, GOOD_REPORT), "AttributeError: "),
-    "two values": (lambda memory: (memory, Twist(0.0, 0.0)), "ValueError: not enough values"),
     "no memory": (lambda memory: (None, Twist(0.0, 0.0), GOOD_REPORT), "AttributeError: "),
-    "no report": (lambda memory: (memory, Twist(0.0, 0.0), None), "TypeError: "),
     "short report": (
         lambda memory: (memory, Twist(0.0, 0.0), (1.0,)),
         "'reached' or the report is not as the protocol",

@@ -56,8 +56,7 @@ def random_history(rng, steps, spans, omega=2.0):
     return [(Twist(rng.uniform(-1.0, 1.0), rng.uniform(-omega, omega)), rng.choice(spans)) for _ in range(steps)]
 
 
-@pytest.mark.parametrize("latency", [0.0, 0.05, 0.1, 0.24, 0.3, 0.5])
-@pytest.mark.parametrize("spans", [(0.1,), (0.08, 0.1, 0.2)])
+@pytest.mark.parametrize(("latency", "spans"), [(0.1, (0.1,)), (0.24, (0.08, 0.1, 0.2)), (0.5, (0.1,))])
 def test_dead_time_alone_is_predicted_exactly(latency, spans):
     rng = random.Random(8)
     for _ in range(4):
@@ -65,7 +64,7 @@ def test_dead_time_alone_is_predicted_exactly(latency, spans):
         assert found.pose == pytest.approx((rest.x, rest.y, math.remainder(rest.theta, math.tau)), abs=2e-6)
 
 
-@pytest.mark.parametrize(("latency", "lag"), [(0.0, 0.1), (0.0, 0.3), (0.1, 0.1), (0.25, 0.15), (0.3, 0.3)])
+@pytest.mark.parametrize(("latency", "lag"), [(0.0, 0.3), (0.25, 0.15)])
 def test_lag_is_predicted_on_a_line_and_in_the_heading_and_nearly_on_curves(latency, lag):
     rng = random.Random(9)
     for _ in range(4):
@@ -78,8 +77,7 @@ def test_lag_is_predicted_on_a_line_and_in_the_heading_and_nearly_on_curves(late
         assert math.hypot(found.pose.x - rest.x, found.pose.y - rest.y) < 0.02
 
 
-@pytest.mark.parametrize("latency", [0.3, 1.0, 5.0])
-@pytest.mark.parametrize("period", [0.01, 0.02, 0.05])
+@pytest.mark.parametrize(("latency", "period"), [(0.3, 0.01), (1.0, 0.05)])
 def test_more_commands_than_slots_are_joined_and_their_way_stays(latency, period):
     """Straight on, and in the heading, joined commands differ only where they begin and end."""
     rng = random.Random(10)

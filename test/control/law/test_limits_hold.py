@@ -29,7 +29,8 @@ def some_sheet(rng):
 
     wheels = WheelGeometry(rng.uniform(0.02, 0.3), rng.uniform(0.1, 1.5))
     accelerations = bound(0.05, 20.0), bound(0.05, 60.0)
-    return DataSheet(bound(0.05, 5.0), bound(0.05, 12.0), bound(0.5, 100.0), *accelerations, wheels)
+    between = rng.choice((0.0, 0.25)), rng.choice((0.0, 0.1)), rng.choice((0.0, 0.05)), rng.choice((0.0, 0.05))
+    return DataSheet(bound(0.05, 5.0), bound(0.05, 12.0), bound(0.5, 100.0), *accelerations, wheels, *between)
 
 
 def excess_over(velocities, sheet):
@@ -66,13 +67,6 @@ def drive(limiter, seed, steps):
 def test_no_bound_is_broken(name):
     for seed in range(20):
         drive(LIMITERS[name], seed, 500)
-
-
-@pytest.mark.study
-@pytest.mark.parametrize("name", ["curve", "braking"])
-def test_no_bound_is_broken_in_a_million_steps(name):
-    for seed in range(1000):
-        drive(LIMITERS[name], 1000 + seed, 500)
 
 
 @pytest.mark.parametrize("preset", PRESETS)

@@ -5,9 +5,6 @@ import sys
 
 import pytest
 
-import diffbot_control.law
-import diffbot_core
-
 HEAVY = ("numpy", "scipy", "filterpy", "numba", "matplotlib", "rclpy")
 
 
@@ -16,13 +13,6 @@ def test_importing_the_room_loads_no_heavy_package(room):
     code = f"import sys, {room}; print(*(name for name in {HEAVY!r} if name in sys.modules))"
     found = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True, timeout=60.0)
     assert found.stdout.split() == []
-
-
-@pytest.mark.parametrize("room", [diffbot_control.law, diffbot_core], ids=lambda room: room.__name__)
-def test_every_public_name_exists_and_belongs_to_the_room(room):
-    for name in room.__all__:
-        origin = getattr(getattr(room, name), "__module__", room.__name__)
-        assert origin.startswith(room.__name__) or origin == "builtins", name
 
 
 def test_a_step_with_the_public_names_alone_drives_towards_the_goal():
