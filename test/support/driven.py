@@ -45,7 +45,7 @@ class Robot:
 class Run:
     """A run to the origin without noise: poses, commands, memories and reports in step."""
 
-    def __init__(self, start, config, steps=300, latency=0.0, lag=0.0, uncertainty=CERTAIN, memory=None, period=T_S):
+    def __init__(self, start, config, steps=300, latency=0.0, lag=0.0, *, uncertainty=CERTAIN, memory=None, period=T_S):
         """``uncertainty`` is that of all estimates, or a function of the step."""
         self.robot = Robot(start, latency, lag)
         self.poses, self.commands, self.memories, self.reports = [], [], [], []

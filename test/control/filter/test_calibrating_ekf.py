@@ -24,7 +24,7 @@ from diffbot_control.filter.ekf import PoseEkf
 from diffbot_control.filter.models import MIN_LANDMARK_DISTANCE
 from diffbot_core.geometry import Point, Pose
 
-CHECK = settings(max_examples=100)
+CHECK = settings(max_examples=50)
 POSES = st.tuples(st.floats(-10.0, 10.0), st.floats(-10.0, 10.0), st.floats(-3.1, 3.1))
 ERRORS = st.tuples(st.floats(-0.1, 0.1), st.floats(-0.1, 0.1))
 TWISTS = st.tuples(st.floats(-2.0, 2.0), st.floats(-3.0, 3.0), st.floats(0.01, 0.5))
@@ -93,28 +93,6 @@ def test_predict_is_the_textbook_step_of_the_documented_model(pose, errors, twis
     np.testing.assert_allclose(ekf.P, F @ P @ F.T + Q, rtol=1e-6, atol=1e-6)
 
 
-def test_turning_radii_by_hand():
-    # 1 m/s straight for 0.5 s, the right wheel 10 % larger, L = 0.5 m: v = 1.05 m/s, omega = 0.1 / 0.5 = 0.2 rad/s.
-    ekf = calibrating([0.0, 0.0, 0.0, 0.0, 0.1], np.zeros((5, 5)), separation=0.5)
-    ekf.predict(build_motion(1.0, 0.0, 0.5, 0.0, 0.0, 0.0))
-    expected = 0.525 * math.cos(0.05), 0.525 * math.sin(0.05), 0.1, 0.0, 0.1
-    np.testing.assert_allclose(ekf.x, expected, atol=1e-15)
-
-
-@CHECK
-@given(POSES, TWISTS, SEEDS)
-def test_q_is_that_of_the_measured_twist_but_for_the_errors_themselves(pose, twist, seed):
-    # The error of an encoder turns a wheel of another radius by that much more: left out, a few per cent of Q.
-    v, omega, dt = twist
-    rng = np.random.default_rng(seed)
-    errors, M = rng.uniform(-0.03, 0.03, 2), 0.1 * covariance(rng, 2)
-    ekf = calibrating([*pose, *errors], np.zeros((5, 5)))
-    ekf.predict(build_motion(v, omega, dt, M[0, 0], M[0, 1], M[1, 1]))
-    G = jacobian(lambda u: model([*pose, *errors], u[0], u[1], dt, SEPARATION)[:3], (v, omega))
-    Q = G @ M @ G.T
-    assert np.abs(ekf.Q[:3, :3] - Q).max() <= 0.15 * np.abs(Q).max()
-
-
 def of_both(rng, three, five):
     """Give both filters the same random event; return their NIS, if it was a measurement."""
     if rng.random() < 0.5:
@@ -135,7 +113,7 @@ def of_both(rng, three, five):
     return three.update_landmark(*z, R, Point(*point)), five.update_landmark(*z, R, Point(*point))
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(2))
 def test_with_wheels_known_to_be_perfect_it_is_the_filter_of_three_states(seed):
     rng = np.random.default_rng(seed)
     three, five = PoseEkf(), calibrating(np.zeros(5), np.zeros((5, 5)), rng.uniform(0.2, 2.0))
@@ -147,19 +125,6 @@ def test_with_wheels_known_to_be_perfect_it_is_the_filter_of_three_states(seed):
         assert other == pytest.approx(one, rel=1e-9)
         same_pose(five.x, [*three.x, 0.0, 0.0])
         np.testing.assert_allclose(five.P, np.pad(three.P, ((0, 2), (0, 2))), rtol=1e-9, atol=1e-12)
-
-
-def test_with_wheels_known_to_be_wrong_it_is_that_filter_on_the_body_s_twist():
-    rng, errors, separation = np.random.default_rng(4), (0.07, -0.05), 0.8
-    three, five = PoseEkf(), calibrating([1.0, 2.0, 3.0, *errors], np.zeros((5, 5)), separation)
-    three.set_state(np.array([1.0, 2.0, 3.0]), np.zeros((3, 3)))
-    for _ in range(60):
-        v, omega, dt = *rng.normal(0.0, 1.5, 2), rng.uniform(0.01, 0.4)
-        noise = 0.02, 0.01, 0.03
-        five.predict(build_motion(v, omega, dt, *noise))
-        three.predict(build_motion(*body(v, omega, *errors, separation), dt, *noise))
-        same_pose(five.x, [*three.x, *errors])
-        np.testing.assert_allclose(five.P[:3, :3], three.P, rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize(("wheel", "forward", "turn"), [(3, 0.5, -1.0 / 0.6), (4, 0.5, 1.0 / 0.6)])
@@ -249,31 +214,19 @@ def test_a_landmark_behind_goes_the_short_way_across_pi(states):
     assert ekf.x[2] == pytest.approx(0.0, abs=1e-9)
 
 
-@pytest.mark.parametrize("away", [0.0, 0.4 * MIN_LANDMARK_DISTANCE, 0.999 * MIN_LANDMARK_DISTANCE])
-@pytest.mark.parametrize("angle", [0.0, 2.0, -3.0])
-def test_at_the_landmark_nothing_is_corrected(away, angle):
+@pytest.mark.parametrize(("away", "corrected"), [(0.0, False), (0.999, False), (1.01, True)])
+def test_a_landmark_under_the_robot_corrects_nothing(away, corrected):
     for ekf, state, P in filters((1.0, 2.0, 3.0, 0.01, 0.02), np.random.default_rng(0)):
-        point = 1.0 + away * math.cos(angle), 2.0 + away * math.sin(angle)
-        assert ekf.update_landmark(0.5, 0.1, 0.1 * np.eye(2), Point(*point)) == math.inf
-        np.testing.assert_array_equal(ekf.x, state)
-        np.testing.assert_array_equal(ekf.P, P)
-
-
-def test_a_little_off_the_landmark_its_range_counts_again():
-    for ekf, state, P in filters((1.0, 2.0, 3.0, 0.01, 0.02), np.random.default_rng(0)):
-        point = 1.0 + 1.01 * MIN_LANDMARK_DISTANCE, 2.0
-        assert math.isfinite(ekf.update_landmark(0.5, 0.1, 0.1 * np.eye(2), Point(*point)))
-        assert np.isfinite(ekf.x).all()
+        point = Point(1.0 + away * MIN_LANDMARK_DISTANCE, 2.0)
+        assert math.isfinite(ekf.update_landmark(0.5, 0.1, 0.1 * np.eye(2), point)) == corrected
         # Seen from 0.5 m, so the robot stands further back than it believed.
-        assert ekf.x[0] < state[0]
-        assert np.linalg.eigvalsh(ekf.P).min() > 0.0
-        assert ekf.P[0, 0] < P[0, 0]
+        assert (ekf.x[0] < state[0]) == corrected
+        assert (ekf.P[0, 0] < P[0, 0]) == corrected
+        assert np.isfinite(ekf.x).all()
 
 
 @pytest.mark.parametrize("variant", CALIBRATING)
-@pytest.mark.parametrize(
-    "errors", [(0.02, 0.0), (-0.03, 0.0), (0.0, 0.03), (0.0, -0.02), (0.025, -0.02), (-0.02, -0.03)]
-)
+@pytest.mark.parametrize("errors", [(0.025, -0.02), (0.0, 0.03)])
 def test_radius_errors_are_found(variant, errors):
     robot = Robot(np.random.default_rng(7), errors)
     found = gated_filter(variant)
@@ -310,17 +263,14 @@ def wheel_nees(runs, claimed=0.02, steps=120):
 
 
 def test_the_wheels_sigma_is_honest():
-    low, high = chi2.ppf([0.002, 0.998], 2 * 120)
-    assert low < wheel_nees(120) < high
+    low, high = chi2.ppf([0.002, 0.998], 2 * 60)
+    assert low < wheel_nees(60) < high
+    # A wrong one at the start would show.
+    assert wheel_nees(30, claimed=0.005) > chi2.ppf(0.998, 2 * 30)
 
 
-def test_a_wrong_sigma_at_the_start_would_show():
-    low, high = chi2.ppf([0.002, 0.998], 2 * 40)
-    assert not low < wheel_nees(40, claimed=0.005) < high
-
-
-@pytest.mark.parametrize("walk", [0.0, 1e-3])
-def test_the_walk_lets_the_sigma_grow(walk):
+def test_the_walk_lets_the_sigma_grow():
+    walk = 1e-3
     found = gated_filter("ekf_calibrating", wheel_radius_walk=walk, wheel_radius_sigma=0.02)
     for _ in range(100):
         found.predict(build_motion(0.0, 0.0, 0.1, 1e-6, 0.0, 1e-6))

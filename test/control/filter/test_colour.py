@@ -46,7 +46,7 @@ class Run:
                 self.square.append(e[0] ** 2 + e[1] ** 2)
 
 
-def together(c, runs=12, **options):
+def together(c, runs=8, **options):
     """Mean NEES and RMSE [m] over runs, and the mean correlation found."""
     done = [Run(c, seed, **options) for seed in range(runs)]
     factors = np.array([one.found.memory.colour.inflation for one in done])
@@ -54,7 +54,7 @@ def together(c, runs=12, **options):
     return np.mean([one.nees for one in done]), math.sqrt(np.mean([one.square for one in done])), found
 
 
-@pytest.mark.parametrize(("c", "blind"), [(0.5, 5.0), (0.9, 12.0), (0.98, 20.0)])
+@pytest.mark.parametrize(("c", "blind"), [(0.5, 5.0), (0.9, 12.0)])
 def test_the_covariance_is_honest_with_coloured_fixes(c, blind):
     nees, rmse, found = together(c)
     without, rmse_without, _ = together(c, detect_fix_correlation=False)

@@ -50,22 +50,3 @@ def test_scipy_stats_that_is_loaded_already_stays():
         "import filterpy.stats.stats as stats\n"
         "assert stats.multivariate_normal is scipy.stats.multivariate_normal\n"
     )
-
-
-def test_with_the_rest_of_scipy_loaded_only_its_distributions_wait():
-    run(
-        "import scipy.linalg, sys\n"
-        "import diffbot_control.filter.filterpy_ekf\n"
-        "import filterpy.stats.stats as stats\n"
-        "assert stats.linalg is scipy.linalg\n"
-        "assert 'scipy.stats' not in sys.modules\n"
-        "assert stats.norm.cdf(0.0) == 0.5\n"
-    )
-
-
-def test_the_ekf_node_starts_without_what_takes_long_to_import():
-    run(
-        "import sys, diffbot_control.ekf_node\n"
-        "found = {'scipy', 'matplotlib', 'numba', 'pandas'} & set(sys.modules)\n"
-        "assert not found, found\n"
-    )

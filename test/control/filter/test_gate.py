@@ -44,7 +44,7 @@ from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.options import FILTERS, FilterConfig, options_of
 from diffbot_core.geometry import Pose
 
-CHECK = settings(max_examples=200)
+CHECK = settings(max_examples=100)
 NOT_ADAPTIVE = ("ekf", "ekf_calibrating")
 CALIBRATING = ("ekf_calibrating", "ekf_fnn_calibrating")
 EVERY = pytest.mark.parametrize("variant", FILTERS)
@@ -54,12 +54,10 @@ def options(**values):
     return options_of(FilterConfig(**values))
 
 
-@pytest.mark.parametrize("probability", [0.5, 0.9, 0.95, 0.999, 0.999999])
-def test_the_bounds_are_chi_square_quantiles(probability):
-    assert options(gate_probability=probability).gates == pytest.approx(chi2.ppf(probability, [1, 2, 3]), rel=1e-9)
-
-
-def test_without_a_gate_there_is_no_bound():
+def test_the_bounds_are_chi_square_quantiles():
+    for probability in (0.5, 0.999):
+        expected = chi2.ppf(probability, [1, 2, 3])
+        assert options(gate_probability=probability).gates == pytest.approx(expected, rel=1e-9)
     assert options(gate_probability=1.0).gates == (math.inf,) * 3
 
 
@@ -75,9 +73,6 @@ def test_options_of_the_variants():
         assert found.radius_variance == pytest.approx(1.6e-3 if calibrating else 0.0)
         assert found.radius_random_walk == pytest.approx(9e-6 if calibrating else 0.0)
         assert found.max_radius_error == pytest.approx(0.2 if calibrating else 0.0)
-
-
-# The functions.
 
 
 NONE = RejectionStreak(0, 0.0)
@@ -195,9 +190,6 @@ def test_which_decision_ends_which_streak():
         assert decide(memory, math.inf, math.nan, kind, config) == (memory, Decision(IGNORED, False))
 
 
-# The share of good measurements that a gate refuses.
-
-
 def refused(kind, probability, trials, inflated=1.0):
     """How many measurements drawn from the filter's own S it refuses."""
     rng, count = np.random.default_rng([kind, round(1e4 * probability)]), 0
@@ -222,20 +214,14 @@ def refused(kind, probability, trials, inflated=1.0):
 
 
 @pytest.mark.parametrize("kind", [1, 2, 3])
-@pytest.mark.parametrize("probability", [0.6, 0.9, 0.99])
-def test_the_share_refused_of_good_measurements_is_the_one_asked_for(kind, probability):
-    low, high = binom.ppf([0.001, 0.999], 1500, 1.0 - probability)
-    assert low <= refused(kind, probability, 1500) <= high
+def test_the_share_refused_of_good_measurements_is_the_one_asked_for(kind):
+    low, high = binom.ppf([0.001, 0.999], 1000, 0.1)
+    assert low <= refused(kind, 0.9, 1000) <= high
+    # A wrong S would show: one larger by 30 % is as good as another quantile.
+    assert refused(kind, 0.9, 1000, 1.3) > high
 
 
-@pytest.mark.parametrize("kind", [1, 2, 3])
-def test_a_wrong_gate_would_show(kind):
-    # S larger by 30 % is as good as another quantile.
-    low, high = binom.ppf([0.001, 0.999], 1500, 0.1)
-    assert not low <= refused(kind, 0.9, 1500, 1.3) <= high
-
-
-@EVERY
+@pytest.mark.parametrize("variant", ["ekf_calibrating", "ekf_fnn"])
 def test_without_a_gate_all_is_accepted(variant):
     found, rng = gated_filter(variant, gate_probability=1.0), np.random.default_rng(3)
     for size in (0.1, 10.0, 1e3, 1e6):
@@ -262,9 +248,8 @@ def shares(variant, factor, steps, seed=0):
     return np.array(verdicts), np.array(slack), found, robot
 
 
-@pytest.mark.parametrize("variant", NOT_ADAPTIVE)
-@pytest.mark.parametrize("factor", [0.1, 0.02])
-def test_with_too_small_an_r_about_a_fifth_is_rejected_and_the_slack_goes_back(variant, factor):
+def test_with_too_small_an_r_about_a_fifth_is_rejected_and_the_slack_goes_back():
+    variant, factor = "ekf", 0.02
     verdicts, slack, found, robot = shares(variant, factor, 1200)
     late = verdicts[400:] != ACCEPTED
     # A step up of 0.2 for one rejected, down of 0.05 for four accepted.
@@ -282,7 +267,7 @@ def test_with_too_small_an_r_about_a_fifth_is_rejected_and_the_slack_goes_back(v
     assert np.hypot(*(found.memory.belief.x[:2] - robot.truth[:2])) < 0.4
 
 
-@EVERY
+@pytest.mark.parametrize("variant", ["ekf_calibrating", "ekf_fnn"])
 def test_with_the_right_r_next_to_nothing_is_rejected(variant):
     verdicts, slack, *_ = shares(variant, 1.0, 600)
     assert (verdicts != ACCEPTED).sum() <= 5
@@ -290,11 +275,8 @@ def test_with_the_right_r_next_to_nothing_is_rejected(variant):
     assert slack.max() <= 0.4 + 1e-9
 
 
-# Relocation.
-
-
 @EVERY
-@pytest.mark.parametrize("count", [2, 3, 5])
+@pytest.mark.parametrize("count", [2, 4])
 def test_fixes_that_agree_relocate_after_so_many_and_not_before(variant, count):
     found = gated_filter(variant, relocation_fixes=count, relocation_timeout=60.0)
     for number in range(1, count + 1):
@@ -342,10 +324,9 @@ def test_the_candidate_moves_with_the_robot_and_a_fix_left_behind_does_not_agree
         assert found.take(fix(22.0 if moved else 20.0)) == verdict
 
 
-@EVERY
-def test_outliers_that_disagree_do_not_relocate_before_the_timeout(variant):
+def test_outliers_that_disagree_do_not_relocate_before_the_timeout():
     # Steps of 1/8 s, exact in binary: the fix 3 s after the first rejected one is number 25.
-    found = gated_filter(variant, relocation_fixes=2, relocation_timeout=3.0)
+    found = gated_filter("ekf", relocation_fixes=2, relocation_timeout=3.0)
     verdicts, thrown = [], []
     for number in range(25):
         angle, distance = 2.4 * number, 1e5 * 3.0**number
@@ -359,9 +340,8 @@ def test_outliers_that_disagree_do_not_relocate_before_the_timeout(variant):
     assert found.memory.candidate is None
 
 
-@EVERY
-def test_one_good_fix_ends_the_streak(variant):
-    found = gated_filter(variant, relocation_fixes=2, relocation_timeout=1.0)
+def test_one_good_fix_ends_the_streak():
+    found = gated_filter("ekf", relocation_fixes=2, relocation_timeout=1.0)
     for number in range(30):
         found.predict(straight(dt=0.25))
         outlier = number % 2 == 0
@@ -415,12 +395,9 @@ def test_at_1_hz_a_kidnapped_robot_is_back_with_the_third_fix(variant):
     assert abs(wrapped(error[2])) < 0.2
 
 
-# Headings and landmarks without fixes.
-
-
 @EVERY
-@pytest.mark.parametrize("timeout", [1.0, 3.0])
-def test_headings_that_contradict_for_long_open_the_pose(variant, timeout):
+def test_headings_that_contradict_for_long_open_the_pose(variant):
+    timeout = 1.0
     found = gated_filter(variant, (1.0, 2.0, 0.0), 1e-4 * np.eye(3), relocation_timeout=timeout)
     wheels = found.memory.belief
     for number in range(round(8 * timeout) + 1):
@@ -457,10 +434,9 @@ def test_landmarks_alone_bring_a_kidnapped_robot_back(variant):
     np.testing.assert_allclose(found.memory.belief.x[:3], truth, atol=0.03)
 
 
-@EVERY
 @pytest.mark.parametrize("comforter", [heading(0.0), landmark((0.0, 0.0, 0.0), (4.0, 1.0), 0.01 * np.eye(2)), fix(0.0)])
-def test_an_accepted_measurement_ends_the_streak(variant, comforter):
-    found = gated_filter(variant, P=1e-3 * np.eye(3), relocation_timeout=1.0)
+def test_an_accepted_measurement_ends_the_streak(comforter):
+    found = gated_filter("ekf", P=1e-3 * np.eye(3), relocation_timeout=1.0)
     for number in range(40):
         found.predict(straight(dt=0.125, variance=0.0))
         assert found.take(heading(2.0)) == REJECTED
@@ -473,9 +449,8 @@ def test_an_accepted_measurement_ends_the_streak(variant, comforter):
     assert verdict == RELOCATED
 
 
-@EVERY
-def test_a_rejected_fix_does_not_clear_it_and_a_relocation_does(variant):
-    found = gated_filter(variant, P=1e-3 * np.eye(3), relocation_timeout=1.0, relocation_fixes=3)
+def test_a_rejected_fix_does_not_clear_it_and_a_relocation_does():
+    found = gated_filter("ekf", P=1e-3 * np.eye(3), relocation_timeout=1.0, relocation_fixes=3)
     found.take(heading(2.0))
     for expected in (REJECTED, REJECTED, RELOCATED):
         found.predict(straight(dt=0.125))
@@ -486,9 +461,8 @@ def test_a_rejected_fix_does_not_clear_it_and_a_relocation_does(variant):
     assert found.take(heading(2.0)) == ACCEPTED
 
 
-@EVERY
-def test_headings_and_landmarks_do_not_touch_the_fixes_gate(variant):
-    found = gated_filter(variant, relocation_timeout=60.0)
+def test_headings_and_landmarks_do_not_touch_the_fixes_gate():
+    found = gated_filter("ekf", relocation_timeout=60.0)
     found.take(fix(50.0))
     gate, candidate = found.memory.gate, found.memory.candidate
     assert gate.fixes == RejectionStreak(1, 0.0)
@@ -504,11 +478,3 @@ def test_two_bad_headings_far_apart_open_nothing():
     for expected in (REJECTED, REJECTED, RELOCATED):
         found.predict(straight(dt=2.0))
         assert found.take(heading(2.0)) == expected
-
-
-def test_two_outliers_of_a_slow_sensor_are_not_believed():
-    found = gated_filter("ekf", P=1e-3 * np.eye(3), relocation_timeout=1.5, relocation_fixes=3)
-    for offset in ((3.0, 0.0), (0.0, 3.0)):
-        found.predict(straight(dt=2.0))
-        x, y, _ = found.memory.belief.x
-        assert found.take(fix(x + offset[0], y + offset[1])) == REJECTED

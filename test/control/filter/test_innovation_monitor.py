@@ -24,7 +24,7 @@ def test_at_first_there_is_nothing():
     assert record.values() == {"fixes rejected": "0", "relocations by fixes": "0"}
 
 
-@pytest.mark.parametrize("sizes", [[3], [1], [2, 2], [3, 1, 2], [3] * 20 + [1] * 20, [1] * 50])
+@pytest.mark.parametrize("sizes", [[1], [3, 1, 2], [3] * 20 + [1] * 20])
 def test_mean_and_bounds_are_those_of_chi_square(sizes):
     rng = np.random.default_rng(1)
     values = [rng.chisquare(size) for size in sizes]
@@ -42,15 +42,6 @@ def test_only_the_newest_fifty_count():
     assert WINDOW == 50
     assert found.mean == pytest.approx((20 * 0.5 + 30 * 6.0) / (20 + 90))
     assert found.high == pytest.approx(chi2.ppf(0.975, 110) / 110)
-
-
-def test_what_was_refused_is_counted_but_not_averaged():
-    record = noted(
-        [(3, 2.0, ACCEPTED), (3, 900.0, REJECTED), (2, 50.0, REJECTED), (1, 40.0, REJECTED), (3, 7e3, REJECTED)]
-    )
-    assert record.nis().mean == pytest.approx(2.0 / 3.0)
-    assert record.rejected == {"fixes": 2, "landmarks": 1, "headings": 1}
-    assert not record.relocated
 
 
 def test_a_relocation_starts_the_mean_anew_and_keeps_the_counts():
@@ -77,17 +68,6 @@ def test_the_values_of_the_diagnostics():
         "headings rejected": "0",
         "relocations by headings": "1",
     }
-
-
-def test_95_of_100_windows_of_an_honest_filter_are_within_the_bounds():
-    rng, inside, alarms = np.random.default_rng(2), 0, 0
-    for _ in range(600):
-        sizes = rng.choice([1, 2, 3], 30)
-        found = noted([(int(size), rng.chisquare(size), ACCEPTED) for size in sizes]).nis()
-        inside += found.low < found.mean < found.high
-        alarms += found.mean > found.alarm
-    assert inside == pytest.approx(570, abs=4.0 * np.sqrt(600 * 0.05 * 0.95))
-    assert alarms <= 2
 
 
 def test_a_covariance_that_rounding_has_left_singular_is_whitened():

@@ -15,13 +15,12 @@ from hypothesis import strategies as st
 
 from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.localization_config import LocalizationConfig
-from diffbot_control.filter.measurements import Heading, PoseFix
 from diffbot_control.filter.options import FilterConfig
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 
-CHECK = settings(max_examples=80)
+CHECK = settings(max_examples=50)
 MS = 10**6
 PERIOD = 100 * MS
 START = Pose(1.0, 2.0, 3.0)
@@ -143,55 +142,16 @@ EVENTS = st.lists(
 
 
 @CHECK
-@given(EVENTS, st.randoms(use_true_random=False))
-def test_any_order_of_arrival_gives_the_same(events, random):
-    steps = [odometry(number, 1.2, 0.7 - 0.1 * number) for number in range(1, 21)]
-    measurements = [(heading if is_heading else fix)(ms * MS) for ms, is_heading, _ in events]
-    reference = in_order(steps, measurements).estimate()
-    arrivals = [
-        (one.stamp + delay * MS, random.random(), one) for one, (_, _, delay) in zip(measurements, events, strict=True)
-    ]
-    arrivals += [(step.stamp, random.random(), step) for step in steps]
-    localization = fresh()
-    for _, _, arrived in sorted(arrivals, key=lambda one: one[:2]):
-        if isinstance(arrived, (PoseFix, Heading)):
-            localization.on_measurement(arrived)
-        else:
-            localization.on_odometry(arrived)
-    assert localization.estimate().stamp == reference.stamp == 20 * PERIOD
-    assert_equal_estimates(localization, reference.pose, reference.P, 1e-11)
-
-
-@CHECK
 @given(EVENTS)
 def test_in_order_it_is_the_textbooks_filter(events):
-    steps = [odometry(number, 1.2, 0.7 - 0.1 * number) for number in range(1, 12)]
+    # One odometry is lost: the next bridges it.
+    steps = [odometry(number, 1.2, 0.7 - 0.1 * number) for number in range(1, 12) if number != 5]
     measurements = [(heading if is_heading else fix)(ms * MS) for ms, is_heading, _ in events]
     textbook = Textbook().run(steps, measurements)
     assert_equal_estimates(in_order(steps, measurements), textbook.x, textbook.P, 1e-9)
 
 
-def test_a_late_fix_between_two_odometries_gives_the_same_bits():
-    late, early = fresh(), fresh()
-    measurement = fix(250 * MS)
-    for number in range(1, 9):
-        late.on_odometry(odometry(number))
-        if number == 8:
-            late.on_measurement(measurement)
-        if number == 3:
-            early.on_measurement(measurement)
-        early.on_odometry(odometry(number))
-    # Arrived within its own period or 0.55 s later: not one bit differs.
-    punctual = fresh()
-    for number in range(1, 9):
-        if number == 3:
-            punctual.on_measurement(measurement)
-        punctual.on_odometry(odometry(number))
-    for one in (late, early):
-        assert_equal_estimates(one, punctual.estimate().pose, punctual.estimate().P)
-
-
-@pytest.mark.parametrize("late_ms", [50, 100, 500, 900, 1000])
+@pytest.mark.parametrize("late_ms", [50, 1000])
 def test_a_measurement_may_be_as_late_as_the_history(late_ms):
     localization = fresh(history=1.0)
     for number in range(1, 31):
@@ -217,7 +177,7 @@ def test_a_measurement_at_the_very_start_may_be_late_too():
     assert_equal_estimates(localization, punctual.estimate().pose, punctual.estimate().P, 1e-12)
 
 
-@pytest.mark.parametrize("history", [0.0, 0.2, 1.0, 5.0])
+@pytest.mark.parametrize("history", [0.0, 1.0])
 def test_what_is_older_than_the_history_is_refused_and_changes_nothing(history):
     localization = fresh(history)
     for number in range(1, 81):
@@ -228,14 +188,6 @@ def test_what_is_older_than_the_history_is_refused_and_changes_nothing(history):
         localization.on_measurement(fix(80 * PERIOD - round(history * 1e9) - PERIOD - 1))
     assert caught.value.kind == "too old"
     assert_equal_estimates(localization, before.pose, before.P)
-
-
-def test_the_history_does_not_grow():
-    localization = fresh(history=0.5)
-    for number in range(1, 500):
-        localization.on_odometry(odometry(number))
-        localization.on_measurement(fix(number * PERIOD - 50 * MS))
-        assert len(localization._steps) <= 7
 
 
 def test_measurements_before_the_first_state_are_refused():
@@ -309,15 +261,6 @@ def test_an_odometry_out_of_order_is_refused_and_changes_nothing():
     assert localization.estimate().odometry == odometry(4)
 
 
-def test_a_lost_odometry_is_bridged_by_the_next():
-    localization = fresh()
-    localization.on_odometry(odometry(1))
-    found = localization.on_odometry(odometry(4))
-    textbook = Textbook().run([odometry(1), odometry(4)], [])
-    assert_equal_estimates(localization, textbook.x, textbook.P, 1e-12)
-    assert found.stamp == 4 * PERIOD
-
-
 def test_time_that_jumps_back_resets():
     localization = fresh()
     for number in range(1, 50):
@@ -356,15 +299,6 @@ def test_nothing_is_known_before_the_first_fix():
     assert not localization.initialised
 
 
-def test_the_first_fix_is_the_first_state():
-    localization = Localization(plain())
-    localization.on_measurement(fix(PERIOD))
-    found = localization.estimate()
-    assert (found.stamp, found.odometry) == (PERIOD, None)
-    np.testing.assert_array_equal(found.pose, numbers_of(fix(PERIOD)))
-    np.testing.assert_array_equal(found.P, R_POSE)
-
-
 def test_a_reset_forgets_everything():
     localization = fresh()
     localization.on_odometry(odometry(1))
@@ -372,6 +306,13 @@ def test_a_reset_forgets_everything():
     localization.reset()
     with pytest.raises(BadMessageError):
         localization.estimate()
+    # The same measurement is new, and the first fix is the first state.
+    localization.on_measurement(fix(5 * PERIOD))
+    found = localization.estimate()
+    assert (found.stamp, found.odometry) == (5 * PERIOD, None)
+    np.testing.assert_array_equal(found.pose, numbers_of(fix(5 * PERIOD)))
+    np.testing.assert_array_equal(found.P, R_POSE)
+    localization.reset()
     localization.on_measurement(fix(20 * PERIOD))
     found = localization.on_odometry(odometry(21))
     assert found.stamp == 21 * PERIOD
@@ -419,7 +360,7 @@ def test_an_estimate_is_not_changed_by_what_follows():
     np.testing.assert_array_equal(first.P, copied)
 
 
-@pytest.mark.parametrize("parts", [1, 2, 3, 9])
+@pytest.mark.parametrize("parts", [1, 3, 9])
 def test_splitting_a_step_conserves_the_noise(parts):
     # Headings that say nothing split the step: what the twist's error adds up to stays. Driving straight, that is exact
     # for the heading, the way along and their covariance; across, the heading's error comes in parts as a random walk.
@@ -441,21 +382,9 @@ def test_splitting_a_step_conserves_the_noise(parts):
     assert found[1, 1] == pytest.approx(many, rel=1e-6)
 
 
-def test_of_equal_stamps_both_measurements_count():
-    localization, other = fresh(), fresh()
-    for one, order in ((localization, (fix, heading)), (other, (heading, fix))):
-        for make in order:
-            one.on_measurement(make(50 * MS))
-        one.on_odometry(odometry(1))
-    assert_equal_estimates(localization, other.estimate().pose, other.estimate().P)
-    textbook = Textbook().run([odometry(1)], [fix(50 * MS), heading(50 * MS)])
-    assert_equal_estimates(localization, textbook.x, textbook.P, 1e-10)
-
-
-@pytest.mark.parametrize("turns", [1, -2])
-def test_the_heading_is_told_wrapped_from_the_first_on(turns):
+def test_the_heading_is_told_wrapped_from_the_first_on():
     localization = Localization(plain())
-    localization.initialise(Pose(0.0, 0.0, 1.0 + turns * 2.0 * math.pi), P0, 0)
+    localization.initialise(Pose(0.0, 0.0, 1.0 - 4.0 * math.pi), P0, 0)
     assert localization.estimate().pose.theta == pytest.approx(1.0)
 
 
@@ -463,7 +392,7 @@ MAKERS = {"fix": fix, "heading": heading}
 
 
 @pytest.mark.parametrize("make", MAKERS)
-@pytest.mark.parametrize("late_ms", [0, 30, 250])
+@pytest.mark.parametrize("late_ms", [0, 250])
 def test_a_measurement_that_is_sent_again_is_refused_and_changes_nothing(make, late_ms):
     localization, once = fresh(), fresh()
     for number in range(1, 11):
@@ -530,34 +459,17 @@ def test_one_that_was_refused_may_come_again():
     localization.on_measurement(heading(0))
 
 
-def test_after_a_reset_the_same_measurements_are_new():
-    localization = fresh()
-    localization.on_odometry(odometry(1))
-    localization.on_measurement(fix(PERIOD))
-    localization.reset()
-    localization.on_measurement(fix(PERIOD))
-    np.testing.assert_array_equal(localization.estimate().pose, numbers_of(fix(PERIOD)))
-
-
-def test_what_is_known_does_not_grow():
-    localization = fresh(history=0.5)
-    for number in range(1, 300):
-        localization.on_odometry(odometry(number))
-        localization.on_measurement(fix(number * PERIOD - 50 * MS))
-        localization.on_measurement(heading(number * PERIOD))
-        assert len(localization._keys) <= 2 * 7
-
-
-def test_nor_does_one_stamp_far_ahead_make_it_grow_for_ever():
+def test_history_and_keys_do_not_grow_for_ever_whatever_stamp_comes_far_ahead():
     localization = fresh(history=0.5)
     localization.on_measurement(heading(10**9 * 10**9))
     blind = np.array([[1e6]])
-    for number in range(1, 121):
+    for number in range(1, 111):
         for part in range(100):
             localization.on_measurement(build_measurement((number - 1) * PERIOD + part * MS + MS, np.zeros(1), blind))
         localization.on_odometry(odometry(number))
+        assert len(localization._steps) <= 7
     assert len(localization._keys) <= 10_000
     # Sent again within the history, each is still known.
     with pytest.raises(BadMessageError) as caught:
-        localization.on_measurement(build_measurement(119 * PERIOD + MS, np.zeros(1), blind))
+        localization.on_measurement(build_measurement(109 * PERIOD + MS, np.zeros(1), blind))
     assert caught.value.kind == "duplicate"

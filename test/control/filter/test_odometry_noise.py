@@ -36,13 +36,13 @@ def densities(twist):
     return 0.03 * v + 0.005 * omega + 1e-3, 1e-3, 0.02 * omega + 0.004 * v + 2e-4
 
 
-@pytest.mark.parametrize("twist", [Twist(0.5, 0.4), Twist(-0.3, 0.0), Twist(0.0, -1.2), Twist(0.0, 0.0)])
+@pytest.mark.parametrize("twist", [Twist(0.5, 0.4), Twist(0.0, -1.2)])
 def test_the_noise_of_a_motion_is_that_of_many_random_walks(twist):
-    """Robots whose velocities have white noise, in steps of a millisecond."""
+    """Robots whose velocities have white noise, in steps of 10 ms."""
     along, across, heading = densities(twist)
-    rng, count, dt = np.random.default_rng(5), 20_000, 2e-3
+    rng, count, dt = np.random.default_rng(5), 20_000, 1e-2
     x, y, theta = np.zeros(count), np.zeros(count), np.full(count, 0.3)
-    for _ in range(1000):
+    for _ in range(200):
         forward, sideways, turn = (
             rng.normal(0.0, math.sqrt(density * dt), count) for density in (along, across, heading)
         )
@@ -63,7 +63,7 @@ def test_the_noise_of_a_motion_is_that_of_many_random_walks(twist):
 def test_the_rate_of_the_messages_does_not_change_it(kind, covariance, variant):
     twist, noise = Twist(0.6, 0.5), NOISE._replace(odometry_noise=kind)
     reference = covariance_after(twist, 100.0, 3.0, noise, covariance, variant)
-    for rate in (5.0, 20.0, 50.0):
+    for rate in (5.0, 20.0):
         found = covariance_after(twist, rate, 3.0, noise, covariance, variant)
         np.testing.assert_allclose(found, reference, rtol=0.01, atol=1e-4)
 
@@ -86,17 +86,13 @@ def test_a_covariance_of_the_mean_twist_counts_less_at_a_higher_rate():
         assert P[0, 0] + P[1, 1] == pytest.approx(0.02 * 2.0 / rate, rel=1e-6)
 
 
-@pytest.mark.parametrize("kind", [MESSAGE, DENSITY])
-def test_odometry_without_a_covariance_has_the_noise_of_the_motion(kind):
+def test_the_noise_of_the_motion_takes_the_place_of_a_covariance_that_is_unknown_or_not_asked_for():
     twist = Twist(0.4, 0.3)
     expected = covariance_after(twist, 10.0, 2.0, NOISE)
-    assert np.array_equal(covariance_after(twist, 10.0, 2.0, NOISE._replace(odometry_noise=kind)), expected)
-
-
-def test_the_noise_of_the_motion_replaces_the_covariance_of_the_messages():
-    twist, believed = Twist(0.4, 0.3), TwistCovariance(1e-9, 0.0, 1e-9)
-    expected = covariance_after(twist, 10.0, 2.0, NOISE)
-    assert np.array_equal(covariance_after(twist, 10.0, 2.0, NOISE, believed), expected)
+    for kind in (MESSAGE, DENSITY):
+        found = covariance_after(twist, 10.0, 2.0, NOISE._replace(odometry_noise=kind))
+        assert np.array_equal(found, expected)
+    assert np.array_equal(covariance_after(twist, 10.0, 2.0, NOISE, TwistCovariance(1e-9, 0.0, 1e-9)), expected)
 
 
 def test_a_measurement_within_an_odometry_interval_parts_the_noise():

@@ -9,7 +9,7 @@ from filter_runs import covariance
 from diffbot_control.filter.ekf import PoseEkf, Robust
 from diffbot_control.filter.gate import ACCEPTED, IGNORED, REJECTED, WEIGHED
 from diffbot_control.filter.gated_filter import GatedFilter
-from diffbot_control.filter.measurements import Heading, LandmarkMeasurement, PoseFix
+from diffbot_control.filter.measurements import LandmarkMeasurement, PoseFix
 from diffbot_control.filter.models import Motion
 from diffbot_control.filter.options import WEIGH, FilterConfig, options_of
 from diffbot_core.errors import InvalidValueError
@@ -73,8 +73,7 @@ def test_the_gain_is_that_of_the_inflated_noise_times_the_weight(inflation, gate
     assert weight < 1.0 or gate == math.inf
 
 
-@pytest.mark.parametrize("missing", [0, 1])
-@pytest.mark.parametrize("mark", [math.inf, math.nan])
+@pytest.mark.parametrize(("missing", "mark"), [(0, math.inf), (1, math.nan)])
 def test_a_landmark_of_one_number_corrects_with_that_number(missing, mark):
     found, P = filter_at(gate_probability=1.0), seeded()
     measured = exact(X0, away=(0.2, -0.1))
@@ -119,28 +118,18 @@ def test_landmarks_beyond_the_gate_are_weighed_and_those_within_are_not():
         np.testing.assert_allclose(found.memory.belief.P, after, rtol=1e-8)
 
 
-def test_the_further_off_a_weighed_landmark_the_smaller_its_shift():
-    shifts = []
-    for away in (5.0, 50.0, 500.0):
-        found = filter_at(landmark_gate=WEIGH)
-        found.take(exact(X0, away=(away, 0.0)))
-        shifts.append(np.linalg.norm(found.memory.belief.x - X0))
-    assert shifts[0] > 5.0 * shifts[1] > 25.0 * shifts[2]
-
-
 def test_a_robot_at_a_landmark_ignores_it_also_when_weighing():
     found = filter_at(landmark_gate=WEIGH)
     measured = LandmarkMeasurement(0, 0.3, 0.1, np.diag([0.01, 0.01]), Point(X0[0], X0[1]))
     assert found.take(measured) == IGNORED
 
 
-@pytest.mark.parametrize("start", [(1.5, -1.5, 1.0), (1.5, -1.5, 2.5)])
-def test_a_lost_filter_is_found_by_weighed_landmarks(start):
+def test_a_lost_filter_is_found_by_weighed_landmarks():
     """Six landmarks around, the estimate far off and sure of itself."""
     points = [Point(5.0 * math.cos(a), 5.0 * math.sin(a)) for a in np.arange(6) * math.pi / 3]
     found = filter_at(landmark_gate=WEIGH, gate_probability=0.99)
     rng, truth = np.random.default_rng(1), np.array([0.0, 0.0, 0.0])
-    found.reset_to(Pose(*start), 1e-4 * np.eye(3))
+    found.reset_to(Pose(1.5, -1.5, 2.5), 1e-4 * np.eye(3))
     for step in range(1200):
         found.predict(Motion(Twist(0.3, 0.3), 0.1, TwistCovariance(0.02, 0.0, 0.02)))
         truth += [0.03 * math.cos(truth[2] + 0.015), 0.03 * math.sin(truth[2] + 0.015), 0.03]
@@ -156,14 +145,13 @@ def markov(rng, count, c, sigmas):
     return noise
 
 
-@pytest.mark.parametrize("c", [0.5, 0.9, 0.98])
-def test_the_covariance_is_honest_with_fixes_whose_errors_last(c):
+def test_the_covariance_is_honest_with_fixes_whose_errors_last():
     """NEES of 3 numbers during 40 s of fixes at 5 Hz: at most 4 with the correlation time, far above without."""
-    sigmas, dt = np.array([0.17, 0.17, 0.1]), 0.2
+    c, sigmas, dt = 0.9, np.array([0.17, 0.17, 0.1]), 0.2
     mean = {}
     for time in (0.0, -dt / math.log(c)):
         nees = []
-        for seed in range(150):
+        for seed in range(40):
             rng = np.random.default_rng([seed, 7])
             noise, truth = markov(rng, 200, c, sigmas), np.zeros(3)
             found = filter_at(fix_correlation_time=time, gate_probability=1.0, detect_fix_correlation=False)
@@ -197,17 +185,6 @@ def test_the_inflation_depends_on_the_time_since_the_same_landmark():
     R = measured.R + np.diag(linearisation(belief.P, d))
     _, after = textbook(belief.P, H, R, np.zeros(2), inflation=(1.0 + c) / (1.0 - c))
     np.testing.assert_allclose(found.memory.belief.P, after, rtol=1e-8)
-
-
-def test_headings_have_their_own_correlation_time():
-    found, plain = filter_at(heading_correlation_time=1.0), filter_at()
-    for one in (found, plain):
-        one.take(Heading(0, X0[2], np.array([[0.01]])))
-    assert np.array_equal(found.memory.belief.P, plain.memory.belief.P)  # the first has no predecessor
-    before = found.memory.belief.P[2, 2]
-    found.take(Heading(10**9, X0[2], np.array([[0.01]])))
-    c = math.exp(-1.0)
-    assert found.memory.belief.P[2, 2] == pytest.approx(1.0 / (1.0 / before + (1.0 - c) / (1.0 + c) / 0.01))
 
 
 def test_the_adaptation_of_r_and_a_correlation_time_exclude_each_other():

@@ -33,15 +33,14 @@ def whiteness(found):
 
 
 def test_white_innovations_are_inside_the_bound_as_often_as_it_says():
-    found = [whiteness(innovations(np.random.default_rng([1, run]), 100)) for run in range(1500)]
+    found = [whiteness(innovations(np.random.default_rng([1, run]), 100)) for run in range(400)]
     inside = np.mean([abs(one.correlation) < one.bound for one in found])
-    assert 0.935 < inside < 0.975
+    assert 0.92 < inside < 0.98
     assert not any(one.correlation > one.alarm for one in found)
-    assert np.std([one.correlation / one.bound for one in found]) == pytest.approx(1.0 / 1.96, rel=0.06)
+    assert np.std([one.correlation / one.bound for one in found]) == pytest.approx(1.0 / 1.96, rel=0.1)
 
 
-@pytest.mark.parametrize("rho", [0.3, 0.6, 0.9])
-@pytest.mark.parametrize("factor", [0.1, 1.0, 10.0])
+@pytest.mark.parametrize(("rho", "factor"), [(0.3, 1.0), (0.9, 0.1), (0.9, 10.0)])
 def test_the_correlation_is_that_of_the_sequence_whatever_its_size(rho, factor):
     rng = np.random.default_rng(2)
     found = [whiteness(innovations(rng, 100, rho, factor)).correlation for _ in range(200)]
@@ -118,10 +117,10 @@ def drive(c, seed, **options):
 
 @pytest.mark.parametrize("c", [0.5, 0.9])
 def test_fixes_whose_errors_last_raise_the_alarm(c):
-    alarms = [drive(c, seed).correlated() for seed in range(8)]
-    assert alarms == [[FIX]] * 8
+    alarms = [drive(c, seed).correlated() for seed in range(4)]
+    assert alarms == [[FIX]] * 4
 
 
 def test_white_fixes_and_a_known_correlation_raise_none():
-    assert [drive(0.0, seed).correlated() for seed in range(8)] == [[]] * 8
+    assert [drive(0.0, seed).correlated() for seed in range(4)] == [[]] * 4
     assert drive(0.9, 0, fix_correlation_time=1.9).correlated() == []

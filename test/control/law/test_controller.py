@@ -13,13 +13,12 @@ from diffbot_control.law.controller import (
     ControllerMemory,
     memory_for_new_goal,
     new_memory,
-    stop_step,
 )
 from diffbot_control.law.goal_checker import Settling
 from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.reapproach import RETREATING, Reapproach
-from diffbot_control.law.regions import OMEGA_G, OMEGA_L, FixedRegionPolicy, Switching
-from diffbot_core.data_sheet import PAPER_DATA_SHEET, DataSheet
+from diffbot_control.law.regions import OMEGA_G, OMEGA_L, Switching
+from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import CERTAIN, Estimate
@@ -107,19 +106,6 @@ def test_moving_robot_and_goal_together_changes_nothing(pose, goal, motion, memo
     assert moved_report == pytest.approx(report, abs=1e-7)
 
 
-@CHECK
-@given(POSES, MEMORIES)
-def test_the_mirror_image_turns_the_other_way(pose, memory):
-    mirrored_memory = memory._replace(command=Twist(memory.command.v, -memory.command.omega))
-    _, command, report = step(memory, pose, ORIGIN, T_S, FREE)
-    assume(abs(report.alpha) < math.pi)
-    assume(abs(report.beta) < math.pi)
-    assume(abs(report.theta) < math.pi)
-    mirrored = Pose(pose.x, -pose.y, -pose.theta)
-    _, other, _ = step(mirrored_memory, mirrored, ORIGIN, T_S, FREE)
-    assert other == pytest.approx((command.v, -command.omega), abs=1e-12)
-
-
 def driven(config, poses, memory=None):
     """Feed poses in the goal's frame; return the memories after each."""
     memory = memory or ControllerMemory()
@@ -139,13 +125,6 @@ def test_a_goal_is_reached_after_settling_steps_in_a_row():
     memories = driven(config, [AT_GOAL, AT_GOAL, AWAY, AT_GOAL, AT_GOAL, AT_GOAL, AT_GOAL])
     assert [memory.settling.steps_within for memory in memories] == [1, 2, 0, 1, 2, 3, 4]
     assert [memory.reached for memory in memories] == [False] * 5 + [True] * 2
-
-
-@pytest.mark.parametrize(("stateful", "stays"), [(True, True), (False, False)])
-def test_a_reached_goal_stays_reached_if_stateful(stateful, stays):
-    config = PAPER._replace(tolerance=PAPER.tolerance._replace(settling_steps=1, stateful=stateful))
-    memories = driven(config, [AT_GOAL, AWAY, AT_GOAL])
-    assert [memory.reached for memory in memories] == [True, stays, True]
 
 
 def test_moving_fast_through_the_goal_is_not_reaching_it():
@@ -168,38 +147,11 @@ def test_the_report_holds_the_variables_of_the_step():
     assert report.lyapunov == pytest.approx(0.5 * (0.55**2 + 0.2**2))
 
 
-def test_limits_of_velocity_come_before_those_of_acceleration():
-    limits = DataSheet(0.5, INF, INF, 1.0, INF)
-    config = PAPER._replace(data_sheet=limits)
-    memory = ControllerMemory()
-    speeds = []
-    for _ in range(8):
-        memory, command, _ = step(memory, Pose(-9.0, 0.0, 0.0), ORIGIN, T_S, config)
-        speeds.append(command.v)
-        assert memory.command == command
-    assert speeds == pytest.approx([0.1, 0.2, 0.3, 0.4, 0.5, 0.5, 0.5, 0.5])
-
-
 def test_a_new_goal_forgets_all_but_the_motion():
     memory = ControllerMemory(
         Switching(OMEGA_L, 4), Twist(0.7, -0.3), Settling(9, True), Reapproach(RETREATING, 2, 1, 3.0, 0.4)
     )
     assert memory_for_new_goal(memory) == new_memory()._replace(command=memory.command)
-
-
-def test_coming_to_rest():
-    memory = ControllerMemory(Switching(OMEGA_L, 4), Twist(0.25, -0.3), Settling(9, True))
-    stopped, command = stop_step(memory, T_S, PAPER)
-    assert command == (0.0, 0.0)
-    assert stopped == memory._replace(command=Twist(0.0, 0.0))
-    config = PAPER._replace(data_sheet=PAPER_DATA_SHEET._replace(a_max=1.0, omega_dot_max=2.0))
-    commands = []
-    for _ in range(4):
-        memory, command = stop_step(memory, T_S, config)
-        commands.append(command)
-    # On the same curve, omega / v = -1.2 /m, as fast as the slower of the two allows.
-    assert [one.v for one in commands] == pytest.approx([0.15, 0.05, 0.0, 0.0])
-    assert [one.omega for one in commands] == pytest.approx([-0.18, -0.06, 0.0, 0.0])
 
 
 @pytest.mark.parametrize(
@@ -217,13 +169,3 @@ def test_numbers_that_overflow_stop_the_robot(pose, goal, region):
     assert command == (0.0, 0.0)
     assert after.command == (0.0, 0.0)
     assert not after.reached
-
-
-def test_the_radii_of_the_policy_are_used():
-    config = PAPER._replace(region_policy=PAPER.region_policy._replace(fixed=FixedRegionPolicy(1.0, 2.0)))
-    near = Pose(-0.9, 0.0, 0.3)
-    memory, command, _ = step(ControllerMemory(), near, ORIGIN, T_S, config)
-    assert memory.switching.region == OMEGA_L
-    assert command.omega == pytest.approx(-2.7 * 0.3)
-    memory, _, report = step(memory, Pose(-1.9, 0.0, 0.3), ORIGIN, T_S, config)
-    assert (memory.switching.region, report.eps_P) == (OMEGA_L, 2.0)

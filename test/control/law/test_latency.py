@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from diffbot_control.law.latency import SLOTS, Actuation, coast, grown, resting_actuation
+from diffbot_control.law.latency import SLOTS, coast, grown, resting_actuation
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
@@ -104,15 +104,6 @@ def test_the_memory_always_covers_the_dead_time(latency, spans):
     # Before the first command it stood.
     assert found.pose.x == pytest.approx(min(latency, sum(spans)), abs=1e-9)
     assert (found.way, found.turn) == pytest.approx((min(latency, sum(spans)), 0.0), abs=1e-9)
-
-
-def test_the_default_memory_is_that_at_rest():
-    assert Actuation() == resting_actuation()
-    assert coast(Pose(1.0, 2.0, 3.0), Actuation(), Twist(0.0, 0.0), 0.1, DataSheet(command_latency=0.3)).pose == (
-        1.0,
-        2.0,
-        3.0,
-    )
 
 
 def test_the_uncertainty_grows_as_sampled_motions_scatter():

@@ -34,24 +34,6 @@ def used(command, limits):
     )
 
 
-@pytest.mark.parametrize(
-    ("limits", "expected"),
-    [
-        (FREE, (2.0, 1.0)),
-        (FREE._replace(v_max=1.0), (1.0, 0.5)),
-        (FREE._replace(omega_max=0.25), (0.5, 0.25)),
-        # The right wheel would turn with (2 + 0.3) / 0.05 = 46 rad/s.
-        (FREE._replace(wheel_max=23.0), (1.0, 0.5)),
-        (FREE._replace(v_max=1.0, omega_max=0.4, wheel_max=4.6), (0.2, 0.1)),
-        (FREE._replace(v_max=2.0, omega_max=1.0, wheel_max=46.0), (2.0, 1.0)),
-    ],
-)
-def test_velocity_limits_by_hand(limits, expected):
-    assert limit_velocity(Twist(2.0, 1.0), limits) == pytest.approx(expected)
-    mirrored = limit_velocity(Twist(-2.0, -1.0), limits)
-    assert mirrored == pytest.approx(tuple(-number for number in expected))
-
-
 @CHECK
 @given(TWISTS, SHEETS)
 def test_velocity_limits_scale_by_the_largest_factor_allowed(wanted, limits):

@@ -2,7 +2,6 @@
 
 import itertools
 import math
-import random
 
 import numpy as np
 import pytest
@@ -34,8 +33,6 @@ from diffbot_control.law.regions import (
 )
 from diffbot_core.geometry import Pose
 from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
-from diffbot_sim.model.simulator import StartPose, WorldConfig
-from diffbot_sim.reference_loop import simulate
 
 CHECK = settings(max_examples=100)
 # As the preset was when these numbers were worked out: a finer tuning must not break what follows.
@@ -45,7 +42,6 @@ TUNED = PRESETS["paper_covariance"]._replace(
     region_policy=RegionPolicy(COVARIANCE, covariance=CovarianceRegionPolicy(0.02, 2.2, 0.05, 3.0, 0.3, 3)),
     reapproach=ReapproachConfig(3, 35.0, 0.25, 0.25, 0.15, 0.7, 3.0, 8.0, 1.3),
 )
-TIGHT = PRESETS["paper_covariance"]._replace(gains=Gains(), tolerance=TUNED.tolerance._replace(xy_goal_tolerance=0.03))
 FORWARD = TUNED._replace(driving=TUNED.driving._replace(allow_backward=False))
 AT_REST = ControllerMemory(Switching(OMEGA_L))
 BOUND = TUNED.reapproach.reapproach_heading
@@ -91,21 +87,6 @@ def test_a_lateral_error_at_rest_is_removed_gently(tolerance):
         assert order == ([RESTING, RETREATING, APPROACHING, RESTING] if begins else [RESTING])
         if not begins:
             assert run.end == pytest.approx((0.0, y, 0.0), abs=1e-9)
-
-
-@pytest.mark.parametrize("y", [0.05, -0.3])
-def test_how_far_it_retreats(y):
-    run = resting((0.0, y, 0.0), with_tolerance(0.03))
-    distance = 0.15 + 3.0 * abs(y)
-    farthest = -min(pose.x for pose in run.poses)
-    # It turns 0.03 m before the end, and a step later.
-    assert distance - 0.03 <= farthest <= distance
-    assert max(pose.x for pose in run.poses) < 0.01
-    retreating = [pose.y for pose, phase in zip(run.poses, phases(run), strict=True) if phase == RETREATING]
-    approaching = [pose.y for pose, phase in zip(run.poses, phases(run), strict=True) if phase == APPROACHING]
-    # The lateral error falls on both ways.
-    assert abs(retreating[-1]) < 0.7 * abs(retreating[0])
-    assert abs(approaching[-1]) < 0.5 * abs(approaching[0])
 
 
 def test_it_begins_after_settling_steps_at_rest_in_a_row():
@@ -182,14 +163,10 @@ def test_the_number_of_tries_is_bounded_whatever_the_error_does(tries):
     assert run.commands[-1] == pytest.approx((0.0, 0.0), abs=1e-3)
 
 
-@pytest.mark.parametrize("off", ["fixed region", "forward only"])
-def test_switched_off_while_under_way_it_does_not_stay_there(off):
+@pytest.mark.parametrize("config", [TUNED._replace(region_policy=RegionPolicy(FIXED)), FORWARD])
+def test_switched_off_while_under_way_it_does_not_stay_there(config):
     run = resting((0.0, 0.12, 0.0), steps=25)
     assert phases(run)[-1] == RETREATING
-    config = {
-        "fixed region": TUNED._replace(region_policy=TUNED.region_policy._replace(kind=FIXED)),
-        "forward only": FORWARD,
-    }[off]
     after = resting(run.end, config, 300, run.memories[-1])
     assert phases(after)[0] == RESTING
     assert abs(after.end.x) < 1e-3
@@ -221,40 +198,6 @@ def test_the_command_by_hand():
     # The heading is bounded.
     found = reapproach_command(approaching, Pose(-0.35, -1.0, 0.0), 4.0, config)
     assert found == pytest.approx((0.25, 4.0 * 0.25))
-
-
-STARTS = random.Random(11)
-CASES = [
-    (
-        run,
-        StartPose(STARTS.uniform(-8.0, 8.0), STARTS.uniform(-8.0, 8.0), STARTS.uniform(-3.1, 3.1)),
-        Pose(STARTS.uniform(-4.0, 4.0), STARTS.uniform(-4.0, 4.0), STARTS.uniform(-3.1, 3.1)),
-    )
-    for run in range(6)
-]
-
-
-def errors(recording, goal):
-    """Distance and |heading error| of each true pose."""
-    distance = np.hypot(*(recording.truth[:, :2] - goal[:2]).T)
-    heading = np.abs(np.remainder(recording.truth[:, 2] - goal.theta + math.pi, 2.0 * math.pi) - math.pi)
-    return distance, heading
-
-
-def test_with_the_filter_a_tight_tolerance_is_met_by_re_approach():
-    """With 0.03 m asked for, nearly all end inside; without re-approach most do not."""
-    inside = {}
-    for tries in (0, 3):
-        config = TIGHT._replace(reapproach=TIGHT.reapproach._replace(reapproach_tries=tries))
-        inside[tries] = 0
-        for run, start, goal in CASES:
-            recording = simulate(WorldConfig(start=start, seed=21, run=run), config, goal, 600)
-            distance, heading = errors(recording, goal)
-            inside[tries] += bool(distance[-1] < 0.03 and heading[-1] < 0.1)
-            assert distance[-100:].max() < (0.1 if tries == 0 else 0.5)
-            assert recording.region[-1] == OMEGA_L
-    assert inside[3] >= 5
-    assert inside[3] >= inside[0] + 2
 
 
 BEHIND = [(3.0, 1.0, 0.3), (-3.0, 0.0, 3.0), (0.0, 4.0, 1.5)]
