@@ -39,14 +39,3 @@ def run(program):
 
 def test_scipy_is_loaded_when_it_is_used():
     run(PROGRAM)
-
-
-def test_scipy_stats_that_is_loaded_already_stays():
-    run(
-        "import scipy.stats, sys\n"
-        "before = sys.modules['scipy.stats']\n"
-        "import diffbot_control.filter.filterpy_ekf\n"
-        "assert sys.modules['scipy.stats'] is before\n"
-        "import filterpy.stats.stats as stats\n"
-        "assert stats.multivariate_normal is scipy.stats.multivariate_normal\n"
-    )

@@ -19,7 +19,6 @@ from filter_runs import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from diffbot_control.filter.belief import ErrorEstimate
 from diffbot_control.filter.gate import ACCEPTED, REJECTED
 from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.models import Motion
@@ -181,10 +180,3 @@ def test_an_old_memory_can_be_returned_to(variant):
     assert results[0] == results[1]
     np.testing.assert_array_equal(old.belief.x[:3], 0.0)
     np.testing.assert_array_equal(old.belief.P[:3, :3], R_FIX)
-
-
-def test_a_filter_without_wheels_ignores_what_is_said_of_them():
-    found = gated_filter("ekf")
-    before = found.memory
-    found.set_wheels(ErrorEstimate(np.array([0.1, 0.1]), np.eye(2)))
-    assert found.memory is before

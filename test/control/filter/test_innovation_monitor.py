@@ -18,12 +18,6 @@ def noted(entries):
     return record
 
 
-def test_at_first_there_is_nothing():
-    record = InnovationMonitor()
-    assert record.nis() is None
-    assert record.values() == {"fixes rejected": "0", "relocations by fixes": "0"}
-
-
 @pytest.mark.parametrize("sizes", [[1], [3, 1, 2], [3] * 20 + [1] * 20])
 def test_mean_and_bounds_are_those_of_chi_square(sizes):
     rng = np.random.default_rng(1)

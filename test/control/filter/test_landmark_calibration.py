@@ -4,10 +4,9 @@ import math
 
 import numpy as np
 import pytest
-from filter_runs import jacobian, wrapped
+from filter_runs import wrapped
 
 from diffbot_control.filter.belief import ErrorEstimate
-from diffbot_control.filter.ekf import PoseEkf
 from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.localization_config import LocalizationConfig
@@ -34,62 +33,6 @@ def measured(x, landmark=LANDMARK):
     dx, dy = landmark[0] - x[0], landmark[1] - x[1]
     offset, scale, turn = x[-3:]
     return np.array([(1.0 + scale) * math.hypot(dx, dy) + offset, math.atan2(dy, dx) - x[2] + turn])
-
-
-@pytest.mark.parametrize(("wheels", "missing"), [(0, None), (2, 0), (3, 1)])
-def test_a_correction_is_the_textbooks_with_a_jacobian_by_differences(wheels, missing):
-    rng = np.random.default_rng(wheels)
-    states = 6 + wheels
-    x = np.array([0.2, -0.1, 0.4, *[0.01] * wheels, 0.1, 0.05, -0.03])
-    root = 0.05 * rng.normal(size=(states, states))
-    P = root @ root.T
-    rows = [row for row in (0, 1) if row != missing]
-    z, noise = measured(x) + np.array([0.05, 0.02]), R.copy()
-    ekf = PoseEkf(wheels, landmark_states=True)
-    ekf.set_state(x, P)
-    # The variance of the linearisation error, in metres of the sensor.
-    squared, spread = (LANDMARK.x - x[0]) ** 2 + (LANDMARK.y - x[1]) ** 2, P[0, 0] + P[1, 1]
-    added = np.diag([1.05**2 * spread**2 / (2.0 * squared), spread**2 / squared**2])
-    H = jacobian(measured, x)
-    if missing is not None:
-        noise[missing, missing] = math.inf
-    nis = ekf.update_landmark(*z, noise, LANDMARK)
-    kept = np.ix_(rows, rows)
-    S = (H @ P @ H.T + R + added)[kept]
-    K = (P @ H.T)[:, rows] @ np.linalg.inv(S)
-    y = (z - measured(x))[rows]
-    np.testing.assert_allclose(ekf.x, x + K @ y, atol=1e-8)
-    np.testing.assert_allclose(ekf.P, P - K @ S @ K.T, atol=1e-8)
-    assert nis == pytest.approx(y @ np.linalg.solve(S, y), rel=1e-6)
-
-
-def test_a_motion_leaves_the_errors_of_landmarks_as_they_are():
-    for wheels in (0, 2, 3):
-        ekf = PoseEkf(wheels, landmark_states=True)
-        P = np.diag(np.arange(1.0, 7.0 + wheels)) * 1e-3 + 1e-4
-        other = PoseEkf(wheels)
-        ekf.set_state([*[0.1] * (3 + wheels), 0.2, 0.3, 0.4], P)
-        other.set_state([0.1] * (3 + wheels), P[: 3 + wheels, : 3 + wheels])
-        for one in (ekf, other):
-            one.random_walk = 1e-3
-            one.predict(Motion(Twist(0.5, 0.7), 0.3, TwistCovariance(1e-3, 0.0, 1e-3)))
-        assert ekf.x[-3:].tolist() == [0.2, 0.3, 0.4]
-        np.testing.assert_array_equal(ekf.P[-3:, -3:], P[-3:, -3:])
-        np.testing.assert_allclose(ekf.x[:-3], other.x, rtol=1e-15)
-        np.testing.assert_allclose(ekf.P[:-3, :-3], other.P, rtol=1e-14)
-
-
-def test_known_errors_are_taken_off_without_states():
-    known = FilterConfig(landmark_range_offset=0.1, landmark_range_scale=0.05, landmark_bearing_offset=-0.03)
-    found, plain = GatedFilter(options_of(known), 0.6), GatedFilter(options_of(FilterConfig()), 0.6)
-    truth = np.array([0.2, -0.1, 0.4, 0.1, 0.05, -0.03])
-    for one, errors in ((found, truth), (plain, np.array([0.2, -0.1, 0.4, 0.0, 0.0, 0.0]))):
-        one.reset_to(Pose(0.0, 0.0, 0.4), 0.01 * np.eye(3))
-        for mark in MARKS:
-            one.take(LandmarkMeasurement(0, *measured(errors, mark), R, mark))
-    assert found.memory.belief.x.size == 5
-    np.testing.assert_allclose(found.memory.belief.x, plain.memory.belief.x, atol=2e-3)
-    assert found.landmark_errors() is None
 
 
 def drive(seed, errors, **options):

@@ -3,9 +3,7 @@
 import math
 
 import numpy as np
-import pytest
 
-from diffbot_control.filter.ekf import PoseEkf
 from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.measurements import PoseFix
 from diffbot_control.filter.models import Motion
@@ -43,19 +41,3 @@ def test_a_lost_heading_is_found_from_positions():
     runs = np.array([lost(1, seed) for seed in range(60)])
     assert math.sqrt(runs[:, 0].mean()) < 0.152
     assert runs[:, 1].mean() < 4.0
-
-
-@pytest.mark.parametrize("turn", [1e-12, -2.0])
-def test_the_correction_follows_the_arc(turn):
-    """The exponential map of SE(2), as the sum of many small steps along the turning axis."""
-    ekf, P = PoseEkf(), np.array([[0.5, 0.1, 0.2], [0.1, 0.4, -0.1], [0.2, -0.1, 0.9]])
-    ekf.set_state(np.array([1.0, 2.0, 0.5]), P)
-    ekf._turn(np.array([0.3, -0.2, turn]))
-    count = 20_000
-    angles = (np.arange(count) + 0.5) * turn / count
-    dx = (0.3 * np.cos(angles) + 0.2 * np.sin(angles)).mean()
-    dy = (0.3 * np.sin(angles) - 0.2 * np.cos(angles)).mean()
-    # The state was not shifted before: only the difference from a straight correction is added.
-    np.testing.assert_allclose(ekf.x[:2], [1.0 + dx - 0.3, 2.0 + dy + 0.2], atol=1e-9)
-    T = np.array([[math.cos(turn), -math.sin(turn), 0.0], [math.sin(turn), math.cos(turn), 0.0], [0.0, 0.0, 1.0]])
-    np.testing.assert_allclose(ekf.P, T @ P @ T.T, atol=1e-12)

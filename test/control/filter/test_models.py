@@ -131,14 +131,14 @@ def test_a_landmark_is_expected_where_it_is_with_the_errors_of_its_sensor(pose, 
     landmark = Point(x + distance * math.cos(theta + angle), y + distance * math.sin(theta + angle))
 
     def measured(numbers):
-        x, y, theta, offset, scale, turn = numbers
+        x, y, theta, offset, scale = numbers
         seen = complex(landmark.x - x, landmark.y - y) * complex(math.cos(-theta), math.sin(-theta))
         return np.array([(1.0 + scale) * abs(seen) + offset, angle + wrapped(math.atan2(seen.imag, seen.real) - angle)])
 
-    at = [x, y, theta, offset, scale, turn]
+    at = [x, y, theta, offset, scale]
     ideal = expect_landmark(pose, landmark, 0.02)
     found = with_landmark_errors(ideal, LandmarkErrors(offset, scale, turn))
-    expected = measured(at) + [0.0, turn]
+    expected = np.add(measured(at), (0.0, turn))
     assert found.range == pytest.approx(expected[0], abs=1e-9)
     assert wrapped(found.bearing - expected[1]) == pytest.approx(0.0, abs=1e-9)
     assert -math.pi < found.bearing <= math.pi

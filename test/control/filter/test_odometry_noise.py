@@ -78,14 +78,6 @@ def test_a_density_is_the_variance_per_second():
     assert P[2, 2] == pytest.approx(0.03 * 4.0, rel=1e-9)
 
 
-def test_a_covariance_of_the_mean_twist_counts_less_at_a_higher_rate():
-    covariance, noise = TwistCovariance(0.02, 0.0, 0.03), OdometryConfig(MESSAGE)
-    for rate in (10.0, 50.0):
-        P = covariance_after(Twist(0.0, 0.0), rate, 2.0, noise, covariance)
-        assert P[2, 2] == pytest.approx(0.03 * 2.0 / rate, rel=1e-6)
-        assert P[0, 0] + P[1, 1] == pytest.approx(0.02 * 2.0 / rate, rel=1e-6)
-
-
 def test_the_noise_of_the_motion_takes_the_place_of_a_covariance_that_is_unknown_or_not_asked_for():
     twist = Twist(0.4, 0.3)
     expected = covariance_after(twist, 10.0, 2.0, NOISE)

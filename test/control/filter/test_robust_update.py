@@ -7,7 +7,7 @@ import pytest
 from filter_runs import covariance
 
 from diffbot_control.filter.ekf import PoseEkf, Robust
-from diffbot_control.filter.gate import ACCEPTED, IGNORED, REJECTED, WEIGHED
+from diffbot_control.filter.gate import ACCEPTED, REJECTED, WEIGHED
 from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.measurements import LandmarkMeasurement, PoseFix
 from diffbot_control.filter.models import Motion
@@ -73,21 +73,6 @@ def test_the_gain_is_that_of_the_inflated_noise_times_the_weight(inflation, gate
     assert weight < 1.0 or gate == math.inf
 
 
-@pytest.mark.parametrize(("missing", "mark"), [(0, math.inf), (1, math.nan)])
-def test_a_landmark_of_one_number_corrects_with_that_number(missing, mark):
-    found, P = filter_at(gate_probability=1.0), seeded()
-    measured = exact(X0, away=(0.2, -0.1))
-    R = measured.R.copy()
-    R[missing, missing] = mark
-    assert found.take(measured._replace(R=R)) == ACCEPTED
-    H, d = landmark_rows(X0)
-    used = 1 - missing
-    noise = measured.R[used, used] + linearisation(P, d)[used]
-    shift, after = textbook(P, H[[used]], np.array([[noise]]), np.array([(0.2, -0.1)[used]]))
-    np.testing.assert_allclose(found.memory.belief.x, X0 + shift, rtol=1e-9)
-    np.testing.assert_allclose(found.memory.belief.P, after, rtol=1e-8)
-
-
 @pytest.mark.parametrize("missing", [0, 1])
 def test_the_gate_of_one_number_has_one_degree_of_freedom(missing):
     """chi-square 99.9 %: 10.8 for one number, 13.8 for two."""
@@ -116,12 +101,6 @@ def test_landmarks_beyond_the_gate_are_weighed_and_those_within_are_not():
         shift, after = textbook(P, H, R, np.array(away), min(1.0, 13.815510557964274 / nis))
         np.testing.assert_allclose(found.memory.belief.x, X0 + shift, rtol=1e-9)
         np.testing.assert_allclose(found.memory.belief.P, after, rtol=1e-8)
-
-
-def test_a_robot_at_a_landmark_ignores_it_also_when_weighing():
-    found = filter_at(landmark_gate=WEIGH)
-    measured = LandmarkMeasurement(0, 0.3, 0.1, np.diag([0.01, 0.01]), Point(X0[0], X0[1]))
-    assert found.take(measured) == IGNORED
 
 
 def test_a_lost_filter_is_found_by_weighed_landmarks():

@@ -110,15 +110,6 @@ def begins(count=50, **options):
     return False
 
 
-def test_it_never_begins_in_motion_and_one_motion_starts_the_count_anew():
-    assert begins()
-    assert not begins(resting=False)
-    state = Reapproach()
-    for number in range(100):
-        state = advance(state, resting=number % 5 != 4)
-        assert state.phase == RESTING
-
-
 @CHECK
 @given(st.floats(-0.5, 0.5), st.floats(0.0, 0.3), st.floats(0.005, 0.5))
 def test_it_never_begins_with_an_error_that_is_allowed_or_below_its_own_uncertainty(y, sigma, tolerance):
