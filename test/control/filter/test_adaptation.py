@@ -241,7 +241,8 @@ def test_the_poses_part_of_p_grows_with_the_root_of_both_scales_and_never_shrink
         S = H @ P @ H.T + root @ R_FIX @ root
         K = np.linalg.solve(S, H @ P).T
         # Smaller than expected at first, then larger.
-        z = x[:3] + (0.3 if step < 6 else 1.7) * np.linalg.cholesky(S) @ rng.normal(size=3)
+        direction, size = rng.normal(size=3), 0.5 if step < 6 else 3.0
+        z = x[:3] + np.linalg.cholesky(S) @ direction * size / np.linalg.norm(direction)
         assert found.take(build_measurement(0, z, R_FIX)) == ACCEPTED
         after = r_scales(found.memory.adaptation)
         factors.append(max(math.sqrt(after[0] / before[0] * after[1] / before[1]), 1.0))
