@@ -13,11 +13,9 @@ from diffbot_control.filter.correlation import (
     NO_STAMPS,
     inflation_after,
     inflation_of,
-    kind_of,
-    source_of,
     with_stamp,
 )
-from diffbot_control.filter.gate import FIX, HEADING, LANDMARK
+from diffbot_control.filter.gate import FIX, HEADING
 from diffbot_control.filter.measurements import Heading, LandmarkMeasurement, PoseFix
 from diffbot_core.geometry import Point, Pose
 
@@ -92,13 +90,3 @@ def test_independent_errors_are_neither_remembered_nor_inflated():
     stamps = with_stamp(with_stamp(NO_STAMPS, fix(0.0), times), landmark(0.0), times)
     assert stamps == {FIX: 0}
     assert inflation_of({**stamps, HEADING: 0}, heading(0.1), times) == 1.0
-
-
-def test_kinds_and_sources():
-    assert [kind_of(one) for one in (heading(0.0), landmark(0.0), fix(0.0), fix(0.0, 2))] == [
-        HEADING,
-        LANDMARK,
-        FIX,
-        FIX + 2,
-    ]
-    assert [source_of(one) for one in (heading(0.0), landmark(0.0), fix(0.0, 1))] == [HEADING, (1.0, 2.0), FIX + 1]

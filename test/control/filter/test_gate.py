@@ -60,20 +60,6 @@ def test_the_bounds_are_chi_square_quantiles():
     assert options(gate_probability=1.0).gates == (math.inf,) * 3
 
 
-def test_options_of_the_variants():
-    for variant, adaptive, calibrating in (
-        ("ekf", False, False),
-        ("ekf_calibrating", False, True),
-        ("ekf_fnn", True, False),
-        ("ekf_fnn_calibrating", True, True),
-    ):
-        found = options(filter=variant, wheel_radius_sigma=0.04, wheel_radius_walk=0.003)
-        assert found.adaptive == adaptive
-        assert found.radius_variance == pytest.approx(1.6e-3 if calibrating else 0.0)
-        assert found.radius_random_walk == pytest.approx(9e-6 if calibrating else 0.0)
-        assert found.max_radius_error == pytest.approx(0.2 if calibrating else 0.0)
-
-
 NONE = RejectionStreak(0, 0.0)
 
 
@@ -163,6 +149,7 @@ def test_which_decision_ends_which_streak():
     assert decide(memory, 0.5, 0.5, FIX, config)[0] == GateMemory(NONE, 0, pytest.approx(0.15), NONE)
     rejected, _ = decide(memory, 1e6, 0.5, FIX, config)
     assert rejected == GateMemory(RejectionStreak(2, 0.2), 2, pytest.approx(0.4), others)
+    assert decide(rejected, 1e6, 0.5, FIX, config)[0] == GateMemory(NONE, 0, pytest.approx(0.0), NONE)
     for kind in (HEADING, LANDMARK):
         assert decide(memory, 0.5, math.nan, kind, config) == (
             GateMemory(fixes, 1, 0.2, NONE),
@@ -358,15 +345,3 @@ def test_an_accepted_measurement_ends_the_streak(comforter):
         found.predict(straight(dt=0.125, variance=0.0))
         verdict = found.take(heading(2.0))
     assert verdict == RELOCATED
-
-
-def test_a_rejected_fix_does_not_clear_it_and_a_relocation_does():
-    found = gated_filter("ekf", P=1e-3 * np.eye(3), relocation_timeout=1.0, relocation_fixes=3)
-    found.take(heading(2.0))
-    for expected in (REJECTED, REJECTED, RELOCATED):
-        found.predict(straight(dt=0.125))
-        streak = found.memory.gate.others
-        assert found.take(fix(50.0, 0.0, 2.0)) == expected
-        assert found.memory.gate.others == (RejectionStreak(0, 0.0) if expected == RELOCATED else streak)
-        assert streak.rejected
-    assert found.take(heading(2.0)) == ACCEPTED

@@ -225,17 +225,6 @@ def test_a_new_pose_keeps_wheels_and_adaptation_and_a_reset_forgets_both_and_nei
     assert made.filter.memory.adaptation == new_adaptation()
 
 
-def test_the_gate_can_be_changed_at_runtime():
-    made = localization("ekf")
-    made.on_odometry(odometry(1))
-    made.on_measurement(fix(50 * MS, (5.0, 0.0, 0.0)))
-    assert made.monitor.rejected["fixes"] == 1
-    made.configure(LocalizationConfig(1.0, FilterConfig(filter="ekf", gate_probability=1.0)), SEPARATION)
-    made.on_measurement(fix(60 * MS, (5.0, 0.0, 0.0)))
-    assert made.monitor.rejected["fixes"] == 1
-    assert made.estimate().pose.x > 0.5
-
-
 def test_wheel_separation_and_walk_can_be_changed_at_runtime():
     variant = "ekf_calibrating"
     made = localization(variant)

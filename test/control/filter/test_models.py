@@ -10,12 +10,10 @@ from hypothesis import strategies as st
 
 from diffbot_control.filter.landmark_calibration import LandmarkErrors, with_landmark_errors
 from diffbot_control.filter.models import (
-    MIN_LANDMARK_DISTANCE,
     RadiusErrors,
     arc_correction,
     expect_landmark,
     heading_innovation,
-    is_at_landmark,
     lateral_noise,
     linearisation_variance,
     motion_noise,
@@ -149,11 +147,6 @@ def test_a_landmark_is_expected_where_it_is_with_the_errors_of_its_sensor(pose, 
     # A range in metres of the sensor.
     assert found.added_var_range == pytest.approx((1.0 + scale) ** 2 * by_range)
     assert found.added_var_bearing == pytest.approx(by_bearing)
-
-
-def test_a_bearing_is_defined_beyond_a_millimetre():
-    for away, undefined in ((0.99, True), (1.01, False)):
-        assert is_at_landmark(Pose(1.0, 2.0, 3.0), Point(1.0, 2.0 + away * MIN_LANDMARK_DISTANCE)) is undefined
 
 
 def test_the_linearisation_error_by_sampling():

@@ -140,18 +140,6 @@ def test_automatic_gains_arrive_at_any_period(period, latency):
     assert run.robot.turned < 1.5 * math.tau
 
 
-@pytest.mark.parametrize("bad", [math.nan, 1e308])
-@pytest.mark.parametrize("region", [OMEGA_G, OMEGA_L])
-def test_numbers_that_overflow_stop_the_robot(bad, region):
-    memory = ControllerMemory(Switching(region), Twist(0.5, 0.1))
-    for pose in (Pose(bad, 0.0, 0.0), Pose(0.0, bad, 0.0), Pose(0.0, 0.0, bad)):
-        if bad == 1e308 and pose.x + pose.y < bad:
-            continue
-        after, command, _ = controller.step(memory, Estimate(pose), Pose(-bad, -bad, 0.0), T_S, TUNED)
-        assert command == (0.0, 0.0)
-        assert not after.reached
-
-
 def test_commands_are_outside_the_dead_bands():
     least = 0.1
     sheet = TUNED.data_sheet._replace(min_velocity=least, min_rotation=2.0 * least)

@@ -6,9 +6,8 @@ from typing import NamedTuple
 import pytest
 
 from diffbot_control.law.configuration import Report
-from diffbot_control.law.controller import ControllerConfig, ControllerMemory, SwitchingLaw, memory_for_new_goal, step
-from diffbot_control.law.driver import LawError, driver_of
-from diffbot_control.law.supervisor import DRIVING, IDLE, NOT_REACHED, STALE, Supervisor, SupervisorConfig
+from diffbot_control.law.driver import LawError
+from diffbot_control.law.supervisor import DRIVING, IDLE, NOT_REACHED, Supervisor, SupervisorConfig
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
@@ -73,21 +72,6 @@ def test_the_law_gets_pose_uncertainty_goal_period_and_its_configuration():
     assert drive.supervisor.state == DRIVING
 
 
-def test_a_path_timeout_and_silence_are_the_same_for_every_law():
-    near = GOOD_REPORT._replace(rho=0.2)
-    drive = Drive(Scripted(lambda memory: (memory, Twist(0.5, 0.0), near)), waypoint_radius=0.3, goal_timeout=0.25)
-    drive.supervisor.on_path([GOAL, AWAY])
-    drive.pose()
-    assert (drive.supervisor.waypoint, drive.supervisor.goal) == (2, AWAY)
-    drive.pose()
-    assert drive.supervisor.on_tick(drive.now + 1.0) == ZERO
-    assert drive.supervisor.state == STALE
-    for _ in range(3):
-        drive.pose()
-    assert drive.supervisor.state == NOT_REACHED
-    assert drive.supervisor.reason == "not reached within goal_timeout = 0.25 s"
-
-
 @pytest.mark.parametrize("sheet", [SLOW, None])
 def test_a_cancelled_robot_brakes_within_the_limits_or_at_once_without_a_data_sheet(sheet):
     drive = Drive(Scripted(), controller=Config(sheet))
@@ -121,18 +105,6 @@ def test_the_motion_of_a_law_that_remembers_it_outlives_goal_and_cancel():
     drive.supervisor.on_goal(GOAL)
     drive.supervisor.on_tick(drive.now + 1.0)
     assert drive.supervisor.memory.command == ZERO
-
-
-def test_this_projects_law_keeps_what_it_kept():
-    driver, config = driver_of(SwitchingLaw), ControllerConfig(data_sheet=SLOW._replace(command_latency=0.2))
-    memory = driver.new_memory(config)
-    assert memory == ControllerMemory()
-    for _ in range(5):
-        expected = step(memory, Estimate(AWAY), GOAL, 0.1, config)
-        assert driver.step(memory, Estimate(AWAY), GOAL, 0.1, config) == expected
-        memory = expected[0]
-    assert driver.memory_for_new_goal(memory, config) == memory_for_new_goal(memory)
-    assert memory_for_new_goal(memory).command.v > 0.3
 
 
 def raising(_memory):

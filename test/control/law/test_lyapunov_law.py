@@ -23,7 +23,6 @@ from diffbot_control.law.polar_coordinates import Navigation
 
 CHECK = settings(max_examples=150)
 PAPER = PAPER_GAINS
-TUNED_GAINS = Gains()
 ANGLES = st.floats(-math.pi, math.pi, exclude_min=True)
 DISTANCES = st.floats(0.0, 1e12)
 GAINS = st.builds(Gains, st.floats(0.1, 5.0), st.floats(0.1, 10.0), st.floats(0.01, 10.0), st.floats(0.1, 10.0))
@@ -170,13 +169,3 @@ def test_sampled_poles_are_the_eigenvalues_of_a_step(gains, t_s):
         eigenvalues = np.linalg.eigvals(np.eye(len(A)) + t_s * A)
         # At a double pole the square root makes much of the differences' rounding.
         assert size == pytest.approx(np.abs(eigenvalues).max(), abs=2e-4 * (1.0 + t_s))
-
-
-def test_the_tuned_gains_have_a_double_pole():
-    gamma, k, h, _ = TUNED_GAINS
-    # s^2 + k s + gamma^2 h with lambda = k / 2: what is under the root is nothing, to the digits of h.
-    assert h == pytest.approx((0.5 * k / gamma) ** 2, rel=2e-3)
-    assert math.sqrt(gamma * gamma * h) == pytest.approx(2.0, rel=1e-3)
-    # The bearing settles before the distance does.
-    assert 0.5 * k > gamma
-    assert max(sampled_poles(TUNED_GAINS, 0.1)) < 0.9

@@ -48,11 +48,6 @@ def test_this_projects_law_is_registered():
     assert resolve_law("diffbot_control.law.controller:SwitchingLaw") is SwitchingLaw
 
 
-def test_a_module_can_be_a_law(module):
-    text = GOOD.replace("class Law:", "class Outer:\n  class Law:").replace("\n    ", "\n     ")
-    assert module(text, "Outer.Law").name == "mine"
-
-
 @pytest.mark.parametrize("text", ["", "a.b:", ":Law"])
 def test_what_is_no_place_names_the_registered_laws(text):
     with pytest.raises(InvalidValueError, match=r"package\.module:Class or one of aicardi, .*switching$"):
