@@ -9,15 +9,6 @@ from diffbot_control.filter.covariance import check_covariance, inverse
 from diffbot_core.errors import BadMessageError
 
 
-def test_random_covariances_pass_unchanged():
-    rng = np.random.default_rng(2)
-    for _ in range(50):
-        root = rng.normal(size=(3, 3)) * 10.0 ** rng.uniform(-4, 3)
-        covariance = root @ root.T + 1e-3 * np.trace(root @ root.T) * np.eye(3)
-        before = covariance.copy()
-        np.testing.assert_array_equal(check_covariance(covariance), before)
-
-
 @pytest.mark.parametrize(
     "good",
     [
@@ -30,7 +21,8 @@ def test_random_covariances_pass_unchanged():
     ],
 )
 def test_good_ones(good):
-    np.testing.assert_array_equal(check_covariance(good), good)
+    before = good.copy()
+    np.testing.assert_array_equal(check_covariance(good), before)
 
 
 @pytest.mark.parametrize(

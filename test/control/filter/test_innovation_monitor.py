@@ -136,17 +136,6 @@ def test_only_accepted_measurements_count_and_a_relocation_starts_anew():
     assert monitor.whiteness() == {}
 
 
-def test_asking_in_between_changes_nothing():
-    found = innovations(np.random.default_rng(4), 250, 0.5)
-    often, once = InnovationMonitor(), InnovationMonitor()
-    for number, (_, innovation) in enumerate(found):
-        for monitor in (often, once):
-            monitor.record(FIX, 1.0, ACCEPTED, innovation)
-        if number % 7 == 0:
-            often.whiteness()
-    assert often.whiteness() == once.whiteness() == {FIX: whiteness(found[-100:])}
-
-
 def drive(c, seed, **options):
     """Fixes at 5 Hz whose errors last, odometry at 10 Hz; the fusion after a minute."""
     rng, sigmas, period = np.random.default_rng([seed, 11]), np.array([0.17, 0.17, 0.1]), 0.1

@@ -8,15 +8,11 @@ from filter_runs import wrapped
 
 from diffbot_control.filter.belief import ErrorEstimate
 from diffbot_control.filter.gated_filter import GatedFilter
-from diffbot_control.filter.localization import Localization
-from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.filter.measurements import LandmarkMeasurement, PoseFix
 from diffbot_control.filter.models import Motion
 from diffbot_control.filter.options import FilterConfig, options_of
-from diffbot_control.filter.state_file import SavedState, StateKeeper, load_state, save_state
-from diffbot_control.ros.ekf_messages import error_values
 from diffbot_core.geometry import Point, Pose
-from diffbot_core.kinematics import Twist, TwistCovariance, WheelGeometry
+from diffbot_core.kinematics import Twist, TwistCovariance
 
 LANDMARK = Point(2.0, 1.5)
 MARKS = (Point(4.0, 1.0), Point(-3.0, 4.0), Point(0.5, -4.0))
@@ -94,18 +90,3 @@ def test_they_start_at_their_means_and_survive_a_relocation():
     found.take(PoseFix(9, Pose(50.0, 20.0, 1.0), np.eye(3)))
     assert (found.wheels().errors == 0.0).all()
     np.testing.assert_array_equal(found.landmark_errors().errors, learnt.errors)
-
-
-def test_a_saved_state_has_them(tmp_path):
-    wide = LocalizationConfig(filter=FilterConfig(**SIGMAS))
-    path, estimate = tmp_path / "state", ErrorEstimate(np.array([0.1, -0.02, 0.05]), np.diag([1e-4, 2e-4, 3e-4]))
-    save_state(path, SavedState(Pose(1.0, 2.0, 3.0), np.eye(3), None, WheelGeometry(), estimate))
-    loaded = load_state(path).landmarks
-    assert np.array_equal(loaded.errors, estimate.errors)
-    assert np.array_equal(loaded.P, estimate.P)
-    one, other = Localization(wide), Localization(LocalizationConfig())
-    for localization in (one, other):
-        StateKeeper(path, localization).restore(WheelGeometry())
-    assert np.array_equal(one.filter.landmark_errors().errors, estimate.errors)
-    assert error_values(one.filter)["landmark range offset error"] == "+0.1000 +- 0.0100"
-    assert other.filter.landmark_errors() is None

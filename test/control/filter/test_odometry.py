@@ -160,22 +160,6 @@ def test_the_twist_acts_later_by_the_delay(delay, kind):
     np.testing.assert_allclose(np.unwrap(found[:, 2]), expected[:, 2], atol=1e-9)
 
 
-def test_a_late_fix_gives_what_it_gives_on_time():
-    times = list(range(0, 2000, 100))
-    fix = PoseFix(730 * MS, Pose(0.2, 0.1, 0.3), np.diag([0.01, 0.01, 0.01]))
-    late = fix._replace(stamp=730 * MS)
-    punctual, _ = drive(0.25, times)
-    reference = Localization(punctual.config)
-    reference.initialise(Pose(0.0, 0.0, 0.0), 1e-6 * np.eye(3), 0)
-    for time in times:
-        if time == 800:
-            reference.on_measurement(fix)
-        reference.on_odometry(OdometryStep(time * MS, twist_at(time), MEAN_NOISE))
-    punctual.on_measurement(late)
-    assert punctual.estimate().pose == reference.estimate().pose
-    assert np.array_equal(punctual.estimate().P, reference.estimate().P)
-
-
 def test_the_noise_of_a_message_is_parted_among_its_pieces():
     """With errors independent from message to message: var_theta is the sum of var_omega dt^2 over the messages."""
     times = list(range(0, 3000, 100))

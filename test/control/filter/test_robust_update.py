@@ -117,52 +117,23 @@ def test_a_lost_filter_is_found_by_weighed_landmarks():
     assert np.linalg.norm(found.memory.belief.x[:2] - truth[:2]) < 0.3
 
 
-def markov(rng, count, c, sigmas):
-    noise = [rng.normal(0.0, sigmas)]
-    for _ in range(count - 1):
-        noise.append(c * noise[-1] + math.sqrt(1.0 - c * c) * rng.normal(0.0, sigmas))
-    return noise
-
-
-def test_the_covariance_is_honest_with_fixes_whose_errors_last():
-    """NEES of 3 numbers during 40 s of fixes at 5 Hz: at most 4 with the correlation time, far above without."""
-    c, sigmas, dt = 0.9, np.array([0.17, 0.17, 0.1]), 0.2
-    mean = {}
-    for time in (0.0, -dt / math.log(c)):
-        nees = []
-        for seed in range(40):
-            rng = np.random.default_rng([seed, 7])
-            noise, truth = markov(rng, 200, c, sigmas), np.zeros(3)
-            found = filter_at(fix_correlation_time=time, gate_probability=1.0, detect_fix_correlation=False)
-            for k in range(200):
-                fix = PoseFix(round(k * dt * 1e9), Pose(*(truth + noise[k])), np.diag(sigmas**2))
-                found.take(fix) if k else found.start_from(fix)
-                error = found.memory.belief.x - truth
-                error[2] = math.remainder(error[2], 2.0 * math.pi)
-                if k in (60, 120, 199):
-                    nees.append(error @ np.linalg.solve(found.memory.belief.P, error))
-                v, w = 0.4 + rng.normal(0.0, 0.03), 0.3 + rng.normal(0.0, 0.05)
-                middle = truth[2] + 0.5 * w * dt
-                truth = truth + np.array([v * dt * math.cos(middle), v * dt * math.sin(middle), w * dt])
-                found.predict(Motion(Twist(0.4, 0.3), dt, TwistCovariance(9e-4, 0.0, 25e-4)))
-        mean[time] = np.mean(nees)
-    plain, given = mean.values()
-    assert given < 4.0
-    assert plain > 1.5 * given
-
-
-def test_the_inflation_depends_on_the_time_since_the_same_landmark():
-    found = filter_at(landmark_correlation_time=2.0, gate_probability=1.0)
-    other = Point(-3.0, 2.0)
+@pytest.mark.parametrize("kind", ["landmark", "fix"])
+def test_the_inflation_depends_on_the_time_since_the_last_measurement_of_the_same_source(kind):
+    found = filter_at(landmark_correlation_time=2.0, fix_correlation_time=2.0, gate_probability=1.0)
+    fix = PoseFix(10**9, Pose(*X0), R_FIX)
+    # The fix that the filter starts from counts.
+    found.start_from(fix)
     found.take(exact(X0, stamp=10**9))
-    found.take(exact(X0, other, stamp=2 * 10**9))
-    belief = found.memory.belief
-    H, d = landmark_rows(belief.x)
-    c = math.exp(-1.5 / 2.0)
-    measured = exact(X0, away=(0.1, 0.02), stamp=2_500_000_000)
-    found.take(measured)
-    R = measured.R + np.diag(linearisation(belief.P, d))
-    _, after = textbook(belief.P, H, R, np.zeros(2), inflation=(1.0 + c) / (1.0 - c))
+    found.take(exact(X0, Point(-3.0, 2.0), stamp=2 * 10**9))
+    (x, P), c = found.memory.belief, math.exp(-1.5 / 2.0)
+    if kind == "fix":
+        found.take(fix._replace(stamp=2_500_000_000))
+        H, R = np.eye(3), R_FIX
+    else:
+        found.take(exact(X0, away=(0.1, 0.02), stamp=2_500_000_000))
+        H, d = landmark_rows(x)
+        R = np.diag([0.01, 0.0025]) + np.diag(linearisation(P, d))
+    _, after = textbook(P, H, R, np.zeros(len(R)), inflation=(1.0 + c) / (1.0 - c))
     np.testing.assert_allclose(found.memory.belief.P, after, rtol=1e-8)
 
 

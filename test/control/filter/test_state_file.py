@@ -33,15 +33,16 @@ GOOD = {
 @pytest.mark.parametrize("wheels", [ErrorEstimate(WHEELS, WHEELS_P), None])
 def test_what_is_written_is_read_to_the_bit(tmp_path, wheels):
     path = tmp_path / "new" / "state.json"
-    save_state(path, SavedState(Pose(1.0, -2.0, 3.0), P, wheels, GEOMETRY))
+    save_state(path, SavedState(Pose(1.0, -2.0, 3.0), P, wheels, GEOMETRY, wheels))
     found = load_state(path)
     assert (found.pose, found.geometry) == ((1.0, -2.0, 3.0), GEOMETRY)
     np.testing.assert_array_equal(found.P, P)
     if wheels is None:
-        assert found.wheels is None
+        assert found.wheels is found.landmarks is None
     else:
-        np.testing.assert_array_equal(found.wheels.errors, WHEELS)
-        np.testing.assert_array_equal(found.wheels.P, WHEELS_P)
+        for one in (found.wheels, found.landmarks):
+            np.testing.assert_array_equal(one.errors, WHEELS)
+            np.testing.assert_array_equal(one.P, WHEELS_P)
     assert [one.name for one in path.parent.iterdir()] == ["state.json"]
 
 
@@ -102,15 +103,19 @@ def test_the_old_state_stays_if_the_new_one_cannot_be_written(tmp_path, monkeypa
 
 
 def test_wheel_errors_are_restored_only_to_a_filter_with_the_same_states(tmp_path):
-    three = Localization(LocalizationConfig(filter=FilterConfig(wheel_separation_sigma=0.1)))
+    states = FilterConfig(wheel_separation_sigma=0.1, landmark_range_offset_sigma=0.1)
+    three = Localization(LocalizationConfig(filter=states))
     two = Localization(LocalizationConfig())
     path = tmp_path / "state.json"
-    save_state(path, SavedState(Pose(1.0, -2.0, 3.0), P, ErrorEstimate(WHEELS, WHEELS_P), GEOMETRY))
+    errors = ErrorEstimate(WHEELS, WHEELS_P)
+    save_state(path, SavedState(Pose(1.0, -2.0, 3.0), P, errors, GEOMETRY, errors))
     for localization in (three, two):
         assert StateKeeper(path, localization).restore(GEOMETRY) == (
             "state restored: x 1.000 m, y -2.000 m, heading 3.000 rad"
         )
     np.testing.assert_array_equal(three.filter.wheels().errors, WHEELS)
+    np.testing.assert_array_equal(three.filter.landmark_errors().errors, WHEELS)
+    assert two.filter.landmark_errors() is None
     assert not two.filter.wheels().errors.any()
     other = Localization(three.config)
     assert "wheel errors not restored" in StateKeeper(path, other).restore(WheelGeometry(0.05, 0.5))

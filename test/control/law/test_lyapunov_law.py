@@ -29,30 +29,6 @@ GAINS = st.builds(Gains, st.floats(0.1, 5.0), st.floats(0.1, 10.0), st.floats(0.
 STEP = 1e-5
 
 
-@pytest.mark.parametrize(
-    ("navigation", "v", "omega"),
-    [
-        # tanh 1 = 0.761594156, cos(pi/3) = 0.5: v = 1.3 * 0.761594156 * 0.5.
-        # sinc(pi/3) = 0.826993343; 1.3 * 0.826993343 * 0.761594156 * 0.5 = 0.409391643;
-        # alpha + h beta = 1.047197551 + 0.17 * 0.523598776 = 1.136209343;
-        # omega = 1.047197551 + 0.409391643 * 1.136209343.
-        (Navigation(1.0, math.pi / 3, math.pi / 6), 0.495036201371, 1.512352161102),
-        # Behind, so it reverses: tanh 2 = 0.964027580, cos 2.5 = -0.801143616: v = 1.3 * product.
-        # sinc 2.5 = 0.239388858; 1.3 * 0.239388858 * 0.482013790 * -0.801143616 = -0.120175828;
-        # alpha + h beta = 2.5 - 0.17 = 2.33; omega = 2.5 - 0.120175828 * 2.33.
-        (Navigation(2.0, 2.5, -1.0), -1.004021903286, 2.219990320207),
-        # At the goal, looking away from its heading: sinc and tanhc are 1 at 0.
-        (Navigation(0.0, 0.0, 0.5), 0.0, 1.3 * 0.17 * 0.5),
-        # Abreast: it stands and turns.
-        (Navigation(3.0, math.pi / 2, 1.0), 0.0, math.pi / 2),
-        # Straight behind: sinc(pi) is 0.
-        (Navigation(3.0, math.pi, 1.0), -1.3 * math.tanh(3.0), math.pi),
-    ],
-)
-def test_law_13_by_hand(navigation, v, omega):
-    assert global_law(navigation, PAPER) == pytest.approx((v, omega), abs=1e-11)
-
-
 SINGULAR = st.sampled_from((0.0, 5e-324, 1e-310, 1e-200, 1e-8))
 
 

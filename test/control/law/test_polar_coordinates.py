@@ -63,19 +63,6 @@ def test_variables_against_complex_numbers(pose):
     assert wrap_angle(beta - alpha - pose.theta) == pytest.approx(0.0, abs=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("pose", "expected"),
-    [
-        (Pose(-3.0, 0.0, 0.0), (3.0, 0.0, 0.0)),
-        (Pose(0.0, -2.0, 0.0), (2.0, math.pi / 2, math.pi / 2)),
-        (Pose(1.0, 0.0, math.pi), (1.0, 0.0, math.pi)),
-        (Pose(0.0, 0.0, math.pi), (0.0, math.pi, 0.0)),
-    ],
-)
-def test_variables_by_hand(pose, expected):
-    assert navigation_variables(pose) == pytest.approx(expected, abs=1e-12)
-
-
 @pytest.mark.parametrize("zero", [0.0, -0.0])
 def test_the_sign_of_zero_does_not_turn_the_bearing(zero):
     assert navigation_variables(Pose(-0.0, zero, 0.3)) == (0.0, -0.3, 0.0)

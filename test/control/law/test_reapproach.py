@@ -89,13 +89,6 @@ def test_a_lateral_error_at_rest_is_removed_gently(tolerance):
             assert run.end == pytest.approx((0.0, y, 0.0), abs=1e-9)
 
 
-def test_it_begins_after_settling_steps_at_rest_in_a_row():
-    config = with_tolerance(0.03, TUNED._replace(tolerance=TUNED.tolerance._replace(settling_steps=7)))
-    run = resting((0.0, 0.1, 0.0), config, 20)
-    assert phases(run)[:8] == [RESTING] * 6 + [RETREATING] * 2
-    assert [memory.reapproach.quiet_steps for memory in run.memories[:7]] == [1, 2, 3, 4, 5, 6, 0]
-
-
 def advance(state, y=0.1, resting=True, uncertainty=CERTAIN, tolerance=TUNED.tolerance, config=TUNED.reapproach):
     return next_reapproach(state, Pose(0.0, y, 0.0), resting, uncertainty, T_S, tolerance, config)
 

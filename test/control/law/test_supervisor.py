@@ -237,6 +237,8 @@ def test_a_tolerance_below_the_uncertainty_is_reported_at_rest_only(uncertainty)
     story.supervisor.on_goal(GOAL)
     story.pose(AWAY, uncertainty=uncertainty)
     assert story.state == DRIVING, "far away"
+    # Two standard deviations.
+    assert story.supervisor.smallest_tolerance() == pytest.approx((2.0 * uncertainty.xy, 2.0 * uncertainty.theta))
     story.pose(Pose(-0.3, 0.0, 0.0), uncertainty=uncertainty)
     assert story.state == DRIVING, "near, and moving"
     story.pose(Pose(0.0, 0.0, 0.09), uncertainty=uncertainty)
@@ -253,16 +255,6 @@ def test_a_tolerance_below_the_uncertainty_is_reported_at_rest_only(uncertainty)
     # A reached goal stays reached.
     story.pose(AT_GOAL, uncertainty=uncertainty)
     assert story.state == REACHED
-
-
-def test_the_smallest_tolerance_is_what_the_covariance_allows():
-    story = Story(controller=PAPER._replace(tolerance=PAPER.tolerance._replace(goal_sigmas=3.0)))
-    assert story.supervisor.smallest_tolerance() == (0.0, 0.0)
-    story.supervisor.on_goal(GOAL)
-    story.pose(AWAY, uncertainty=Uncertainty(0.2, 0.03))
-    assert story.supervisor.smallest_tolerance() == pytest.approx((0.6, 0.09))
-    story.pose(AWAY)
-    assert story.supervisor.smallest_tolerance() == (0.0, 0.0)
 
 
 def test_the_uncertainty_of_the_pose_goes_to_the_controller():
