@@ -330,18 +330,3 @@ def test_landmarks_alone_bring_a_kidnapped_robot_back(variant):
     assert verdicts[24] == RELOCATED
     assert set(verdicts[-20:]) == {ACCEPTED}
     np.testing.assert_allclose(found.memory.belief.x[:3], truth, atol=0.03)
-
-
-@pytest.mark.parametrize("comforter", [heading(0.0), landmark((0.0, 0.0, 0.0), (4.0, 1.0), 0.01 * np.eye(2)), fix(0.0)])
-def test_an_accepted_measurement_ends_the_streak(comforter):
-    found = gated_filter("ekf", P=1e-3 * np.eye(3), relocation_timeout=1.0)
-    for number in range(40):
-        found.predict(straight(dt=0.125, variance=0.0))
-        assert found.take(heading(2.0)) == REJECTED
-        if number % 8 == 7:
-            assert found.take(comforter) == ACCEPTED
-            assert found.memory.gate.others == RejectionStreak(0, 0.0)
-    for _ in range(9):
-        found.predict(straight(dt=0.125, variance=0.0))
-        verdict = found.take(heading(2.0))
-    assert verdict == RELOCATED

@@ -8,12 +8,6 @@ from scipy.stats import chi2
 
 from diffbot_control.filter.gate import ACCEPTED, FIX, HEADING, LANDMARK, REJECTED, RELOCATED, WEIGHED
 from diffbot_control.filter.innovation_monitor import Innovation, InnovationMonitor, whitened, whiteness_of
-from diffbot_control.filter.localization import Localization
-from diffbot_control.filter.localization_config import LocalizationConfig
-from diffbot_control.filter.measurements import OdometryStep, PoseFix
-from diffbot_control.filter.options import FilterConfig
-from diffbot_core.geometry import Pose
-from diffbot_core.kinematics import Twist, TwistCovariance
 
 KINDS = {1: HEADING, 2: LANDMARK, 3: FIX}
 """by the numbers that they measure"""
@@ -134,32 +128,3 @@ def test_only_accepted_measurements_count_and_a_relocation_starts_anew():
     assert monitor.values()["autocorrelation of fixes"] == "1.000"
     monitor.record(FIX, 1.0, RELOCATED, innovation)
     assert monitor.whiteness() == {}
-
-
-def drive(c, seed, **options):
-    """Fixes at 5 Hz whose errors last, odometry at 10 Hz; the fusion after a minute."""
-    rng, sigmas, period = np.random.default_rng([seed, 11]), np.array([0.17, 0.17, 0.1]), 0.1
-    found = Localization(LocalizationConfig(filter=FilterConfig(**options)))
-    truth, noise = np.zeros(3), rng.normal(0.0, sigmas)
-    for step in range(600):
-        if step % 2 == 0:
-            noise = c * noise + math.sqrt(1.0 - c * c) * rng.normal(0.0, sigmas)
-            x, y, theta = truth + noise
-            fix = Pose(x, y, math.remainder(theta, 2.0 * math.pi))
-            found.on_measurement(PoseFix(step * 10**8, fix, np.diag(sigmas**2)))
-        found.on_odometry(OdometryStep(step * 10**8, Twist(0.4, 0.2), TwistCovariance(4e-4, 0.0, 4e-4)))
-        v, omega = 0.4 + rng.normal(0.0, 0.02), 0.2 + rng.normal(0.0, 0.02)
-        middle = truth[2] + 0.5 * omega * period
-        truth = truth + np.array([v * period * math.cos(middle), v * period * math.sin(middle), omega * period])
-    return found
-
-
-@pytest.mark.parametrize("c", [0.5, 0.9])
-def test_fixes_whose_errors_last_raise_the_alarm(c):
-    alarms = [drive(c, seed).correlated() for seed in range(4)]
-    assert alarms == [[FIX]] * 4
-
-
-def test_white_fixes_and_a_known_correlation_raise_none():
-    assert [drive(0.0, seed).correlated() for seed in range(4)] == [[]] * 4
-    assert drive(0.9, 0, fix_correlation_time=1.9).correlated() == []

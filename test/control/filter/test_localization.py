@@ -251,13 +251,6 @@ def test_a_reset_forgets_everything():
     assert (found.stamp, found.odometry) == (5 * PERIOD, None)
     np.testing.assert_array_equal(found.pose, numbers_of(fix(5 * PERIOD)))
     np.testing.assert_array_equal(found.P, R_POSE)
-    localization.reset()
-    localization.on_measurement(fix(20 * PERIOD))
-    found = localization.on_odometry(odometry(21))
-    assert found.stamp == 21 * PERIOD
-    twin = fresh(stamp=20 * PERIOD)
-    twin.initialise(Pose(*numbers_of(fix(20 * PERIOD))), R_POSE)
-    assert_equal_estimates(localization, *twin.on_odometry(odometry(21))[1:3])
 
 
 def test_initialise_moves_the_filter_but_not_its_time():

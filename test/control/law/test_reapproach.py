@@ -122,15 +122,6 @@ def test_it_begins_within_its_window_after_the_first_rest_or_not_at_all():
             state = advance(state, uncertainty=Uncertainty(0.5 if number < unsure else 0.0, 0.0), config=config)
             found.add(state.phase)
         assert (RETREATING in found) is expected, unsure
-    # Before the first rest no time passes; after it, motion does not open the window anew.
-    state = Reapproach()
-    for _ in range(100):
-        state = advance(state, resting=False, config=config)
-    state = advance(state, config=config)
-    assert state.time == pytest.approx(T_S)
-    for number in range(75):
-        state = advance(state, resting=number >= 25, config=config)
-        assert state.phase == RESTING
 
 
 @pytest.mark.parametrize("tries", [0, 2])

@@ -180,6 +180,17 @@ def test_the_watch_stops_a_robot_without_poses():
     assert story.state == DRIVING
 
 
+def test_poses_within_the_tolerances_count_anew_after_silence():
+    story = Story(controller=QUICK)
+    story.supervisor.on_goal(GOAL)
+    story.pose(AT_GOAL)
+    story.tick(1.0)
+    story.pose(AT_GOAL)
+    assert story.state == DRIVING
+    story.pose(AT_GOAL)
+    assert story.state == REACHED
+
+
 def test_a_new_goal_while_driving_wins():
     story = Story(controller=SLOW_DOWN)
     story.supervisor.on_goal(GOAL)
