@@ -33,11 +33,13 @@ from diffbot_control.filter.gate import (
     LANDMARK,
     REJECTED,
     RELOCATED,
+    WEIGHED,
     Decision,
     GateMemory,
     RejectionStreak,
     age,
     decide,
+    decide_weight,
     new_gate,
 )
 from diffbot_control.filter.gated_filter import GatedFilter
@@ -164,6 +166,14 @@ def test_which_decision_ends_which_streak():
             assert found.others == (NONE if outcome == RELOCATED else RejectionStreak(streak[0] + 1, streak[1]))
             assert found.fixes == fixes
         assert decide(memory, math.inf, math.nan, kind, config) == (memory, Decision(IGNORED, False))
+
+
+def test_a_weighed_landmark_is_never_rejected_but_for_a_nis_that_is_none_and_ignored_under_the_robot():
+    config, memory = options(), GateMemory(NONE, 0, 0.0, RejectionStreak(2, 1.0))
+    assert decide_weight(memory, 1e9, LANDMARK, config) == (new_gate(), Decision(WEIGHED, False))
+    assert decide_weight(memory, 0.5, LANDMARK, config) == (new_gate(), Decision(ACCEPTED, False))
+    assert decide_weight(memory, math.nan, LANDMARK, config) == (memory, Decision(REJECTED, False))
+    assert decide_weight(memory, math.inf, LANDMARK, config) == (memory, Decision(IGNORED, False))
 
 
 def refused(kind, probability, trials, inflated=1.0):

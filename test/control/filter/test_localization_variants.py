@@ -22,6 +22,7 @@ from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.filter.measurements import Heading, LandmarkMeasurement, PoseFix
 from diffbot_control.filter.options import FILTERS, FilterConfig
+from diffbot_control.filter.stamp_order import order_of
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
@@ -163,6 +164,20 @@ def test_one_late_fix_can_change_the_verdict_on_all_that_came_after(variant):
 
 def sets(stamp):
     return [fix(stamp), heading(stamp), sighting(stamp, 0), sighting(stamp, 1), sighting(stamp, 2), fix(stamp, seed=1)]
+
+
+def test_of_equal_stamps_fixes_come_first_by_source_then_headings_then_landmarks_by_position():
+    R = np.eye(2)
+    ordered = [
+        PoseFix(5, Pose(2.0, 0.0, 0.0), R_FIX),
+        PoseFix(5, Pose(1.0, 0.0, 0.0), R_FIX, source=1),
+        build_measurement(5, np.array([0.0]), np.array([[0.01]])),
+        build_measurement(5, np.array([9.0, 0.0]), R, (0.0, 9.0)),
+        build_measurement(5, np.array([1.0, 0.0]), R, (1.0, 0.0)),
+    ]
+    for start in range(5):
+        found = sorted(ordered[start:] + ordered[:start], key=order_of)
+        assert [id(one) for one in found] == [id(one) for one in ordered]
 
 
 @EVERY

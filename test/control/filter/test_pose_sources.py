@@ -12,7 +12,7 @@ from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.filter.measurements import OdometryStep, PoseFix
 from diffbot_control.filter.options import FilterConfig
-from diffbot_control.filter.pose_sources import PoseSources
+from diffbot_control.filter.pose_sources import PoseSource, PoseSources
 from diffbot_control.ros.ekf_messages import EkfInputs
 from diffbot_control.ros.ekf_parameters import EkfNodeConfig
 from diffbot_core.errors import BadMessageError, InvalidValueError
@@ -176,3 +176,8 @@ def test_settings_that_do_not_fit_are_refused(values, name):
         build(EkfNodeConfig, values)
     assert str(caught.value).startswith(name)
     assert "\n" not in str(caught.value)
+
+
+def test_lists_that_are_not_given_have_their_defaults():
+    sources = build(EkfNodeConfig, {"pose_sources": ["gps"], "pose_source_delay": [0.5]}).localization.sources
+    assert sources.settings() == [PoseSource("gps", 0.0, 0.0, 0.0, 0.5)]

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import pytest
 
 from diffbot_control.law.configuration import Report
+from diffbot_control.law.controller import ControllerConfig, SwitchingLaw
 from diffbot_control.law.driver import LawError, driver_of
 from diffbot_control.law.supervisor import DRIVING, IDLE, NOT_REACHED, Supervisor, SupervisorConfig
 from diffbot_core.data_sheet import DataSheet
@@ -160,3 +161,9 @@ def test_a_robot_without_a_data_sheet_is_stopped_at_once_and_its_law_remembers_i
     memory = RotateDriveRotate.new_memory(RotateDriveRotateConfig())._replace(command=Twist(0.5, 0.1))
     after, command = driver_of(RotateDriveRotate).slow_down(memory, memory.command, 0.1, None)
     assert after.command == command == ZERO
+
+
+def test_this_projects_law_fails_in_the_same_way():
+    driver, config = driver_of(SwitchingLaw), ControllerConfig()
+    with pytest.raises(LawError, match=r"^law switching failed: AttributeError: .* \(braking_step\.py:\d+\)$"):
+        driver.step(driver.new_memory(config), None, GOAL, 0.1, config)
