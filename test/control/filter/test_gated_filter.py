@@ -146,3 +146,12 @@ def test_a_fix_without_numbers_is_not_accepted(value):
     np.testing.assert_array_equal(found.memory.belief.x, before.x)
     assert found.take(fix(0.0)) == ACCEPTED
     assert np.isfinite(found.memory.belief.x).all()
+
+
+@pytest.mark.parametrize("variant", ["ekf_calibrating", "ekf_fnn"])
+def test_a_fix_whose_innovation_has_a_singular_covariance_is_rejected(variant):
+    found = gated_filter(variant, P=np.zeros((3, 3)))
+    before = found.memory.belief
+    assert found.take(fix(0.1, R=np.zeros((3, 3)))) == REJECTED
+    assert math.isnan(found.nis)
+    np.testing.assert_array_equal(found.memory.belief.x, before.x)

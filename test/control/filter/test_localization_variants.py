@@ -272,15 +272,6 @@ def test_numbers_that_are_none_are_refused(z):
         made.on_measurement(build_measurement(50 * MS, np.array(z), np.eye(len(z))))
 
 
-def test_a_singular_innovation_is_rejected():
-    made = localization("ekf")
-    made.initialise(Pose(0.0, 0.0, 3.0), np.zeros((3, 3)))
-    made.on_odometry(odometry_step(PERIOD, Twist(0.0, 0.0), 0.0, 0.0, 0.0))
-    made.on_measurement(build_measurement(PERIOD, np.array([0.1, 0.0, 3.0]), np.zeros((3, 3))))
-    assert made.monitor.rejected["fixes"] == 1
-    assert made.estimate().pose == (0.0, 0.0, 3.0)
-
-
 def test_the_heading_of_a_fix_that_relocates_is_wrapped():
     made = localization("ekf", relocation_timeout=0.01)
     for number in range(1, 4):
