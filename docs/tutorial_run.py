@@ -45,8 +45,13 @@ def blocks(text: str) -> list[Block]:
     return [Block(one["language"], one["title"] or "", one["body"], *one.span("body")) for one in _BLOCK.finditer(text)]
 
 
-def run(text: str, folder: Path) -> list[str]:
+def run(text: str, folder: Path, **variables: str) -> list[str]:
     """Run a page in an empty folder; return what each ``sh`` block printed.
+
+    Args:
+        text: of the page.
+        folder: where it runs.
+        variables: of the environment, beside those of this process.
 
     Raises:
         RuntimeError: a command failed; the message has its output and its errors.
@@ -59,7 +64,8 @@ def run(text: str, folder: Path) -> list[str]:
         elif block.title and block.language != "text":
             # Quoted, so that the shell leaves the text alone.
             script.append(f"cat > {block.title} <<'END OF FILE'\n{block.body}END OF FILE")
-    environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}", "COLUMNS": "120"}
+    path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
+    environment = {**os.environ, "PATH": path, "COLUMNS": "120", **variables}
     command = ["bash", "-c", "\n".join(script)]
     done = subprocess.run(
         command, cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=LONGEST

@@ -21,9 +21,8 @@ from diffbot_lab.demo.processes import NodeProcesses, PrivateDomain, graph_envir
 SIMULATED = {"use_sim_time": True}
 
 
-def drive_to(x, y, yaw):
+def drive_to(navigator, x, y, yaw):
     """Send the goal [m, m, rad] in map and wait for its end; True if it was reached."""
-    navigator = Navigator()
     goal = PoseStamped()
     goal.header.frame_id = "map"
     goal.pose.position.x, goal.pose.position.y = x, y
@@ -33,9 +32,7 @@ def drive_to(x, y, yaw):
             if navigator.getFeedback() is not None:
                 print(f"{navigator.getFeedback().distance_remaining:.2f} m to go", flush=True)
     print(navigator.getReason() or "no controller took the goal")
-    reached = navigator.getResult() == TaskResult.SUCCEEDED
-    navigator.destroyNode()
-    return reached
+    return navigator.getResult() == TaskResult.SUCCEEDED
 
 
 if __name__ == "__main__":
@@ -50,6 +47,10 @@ if __name__ == "__main__":
         robot.start("ekf", "diffbot_control.ekf_node", SIMULATED)
         robot.start("controller", "diffbot_control.controller_node", SIMULATED)
         rclpy.init()
-        reached = drive_to(0.0, 0.0, 0.0)
+        navigator = Navigator()
+        # Two subscribers: the controller, and the recorder, which finds the topics one after the other.
+        navigator.spin_until(lambda: navigator.count_subscribers("pose") >= 2, 60.0)
+        reached = drive_to(navigator, 0.0, 0.0, 0.0)
+        navigator.destroyNode()
         rclpy.shutdown()
     sys.exit(not reached)

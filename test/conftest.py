@@ -36,7 +36,7 @@ if (Path(sys.prefix) / "share" / "std_msgs").is_dir():
 TESTS = Path(__file__).parent
 LEFT_OUT = requirements.left_out(requirements.missing_packages())
 collect_ignore = list(LEFT_OUT)
-STUDIES = ("lab/benchmark", "lab/campaign", "lab/paper", "lab/stability", "sim/compiled", "project/test_docs.py")
+STUDIES = ("lab/benchmark", "lab/campaign", "lab/paper", "lab/stability", "sim/compiled")
 
 
 @pytest.fixture(scope="module", autouse=True)

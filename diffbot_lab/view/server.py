@@ -240,6 +240,8 @@ class PageServer:
                 await asyncio.sleep(PERIOD)
         except ConnectionClosed:
             pass
+        except ValueError:  # a number that JSON does not have; without an end, the page would wait for ever
+            await browser.connection.close(1011, "the state cannot be sent")
 
     def _receive(self, browser: _Browser, text: str | bytes) -> None:
         try:

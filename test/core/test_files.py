@@ -43,18 +43,6 @@ def test_what_fails_on_the_way_leaves_the_old_file_and_nothing_else(tmp_path, er
     assert names(tmp_path) == ["result.csv"]
 
 
-def test_what_fails_before_anything_is_written_says_so_itself(tmp_path):
-    with pytest.raises(ZeroDivisionError), replacing(tmp_path / "result.csv"):
-        _ = 1 / 0
-    assert names(tmp_path) == []
-
-
-def test_a_folder_that_is_missing_is_not_made(tmp_path):
-    with pytest.raises(FileNotFoundError):
-        write_text(tmp_path / "missing" / "a.txt", "text")
-    assert names(tmp_path) == []
-
-
 def test_durable_contents_are_on_the_disk_before_the_name_changes(tmp_path, monkeypatch):
     calls = []
     synchronise, rename = os.fsync, Path.replace
@@ -76,27 +64,12 @@ def test_durable_contents_are_on_the_disk_before_the_name_changes(tmp_path, monk
     assert calls == [("replace", 5)]
 
 
-def test_text_is_utf_8_whatever_the_locale(tmp_path):
-    write_text(tmp_path / "a.txt", "Ω_G")
-    assert (tmp_path / "a.txt").read_bytes() == b"\xce\xa9_G"
-
-
 def test_json_names_what_is_not_finite(tmp_path):
     write_json(tmp_path / "a.json", {"limit": math.inf, "rows": [(-math.inf, 1.5), math.nan], "count": 3})
     text = (tmp_path / "a.json").read_text()
     assert json.loads(text) == {"limit": "inf", "rows": [["-inf", 1.5], "nan"], "count": 3}
+    assert text.startswith('{\n "limit"')
     assert text.endswith("}\n")
-
-
-@pytest.mark.parametrize("indent", [1, 2])
-def test_json_is_indented_as_asked(tmp_path, indent):
-    write_json(tmp_path / "a.json", {"a": 1}, indent=indent)
-    assert (tmp_path / "a.json").read_text() == "{\n" + indent * " " + '"a": 1\n}\n'
-
-
-def test_output_folder_is_made_with_its_parents(tmp_path):
-    with output_folder(tmp_path / "a" / "b") as folder:
-        assert folder.is_dir()
 
 
 def test_a_file_in_the_place_of_the_folder_is_reported_in_one_line(tmp_path):
@@ -106,7 +79,7 @@ def test_a_file_in_the_place_of_the_folder_is_reported_in_one_line(tmp_path):
 
 
 def test_a_full_disk_during_the_work_is_reported_as_the_folders_failure(tmp_path):
-    with pytest.raises(DiffbotError, match=r": No space left on device$"), output_folder(tmp_path):
+    with pytest.raises(DiffbotError, match=r": No space left on device$"), output_folder(tmp_path / "a" / "b"):
         raise OSError(28, os.strerror(28))
 
 

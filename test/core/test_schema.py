@@ -5,7 +5,7 @@ import inspect
 import math
 import pkgutil
 from pathlib import Path
-from typing import Annotated, NamedTuple, get_args, get_origin
+from typing import Annotated, NamedTuple, get_args
 
 import pytest
 from hypothesis import given, settings
@@ -22,8 +22,6 @@ from diffbot_control.law.supervisor import SupervisorConfig
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.errors import DiffbotError, InvalidValueError, ReplacedNameError
 from diffbot_core.schema import PARTIAL, Parameter, Spec, build, checked, parameters_of, replaced_by, to_dict, variant
-from diffbot_sim.model.sensors import SensorConfig
-from diffbot_sim.model.simulator import WorldConfig
 
 CHECK = settings(max_examples=100)
 PACKAGES = (diffbot_core, diffbot_control, diffbot_bag, diffbot_sim)
@@ -62,161 +60,81 @@ def lab_configs():
 CONFIGS = pure_configs() | lab_configs()
 
 
-@pytest.fixture(params=sorted(CONFIGS))
-def config_type(request):
-    return CONFIGS[request.param]
+ALL = [(name, parameter) for name, one in sorted(CONFIGS.items()) for parameter in parameters_of(one)]
 
 
-def test_the_configurations_are_found():
-    names = {name.rpartition(".")[2] for name in CONFIGS}
-    assert {"Gains", "FixedRegionPolicy", "RegionPolicy", "DataSheet", "WheelGeometry", "GoalTolerance"} <= names
-    assert {"SupervisorConfig", "LocalizationConfig", "PlantConfig", "SensorConfig"} <= names
-    assert {"StartPose", "WorldConfig", "ControllerNodeConfig", "EkfNodeConfig"} <= names
-    assert {"PlantNodeConfig", "RecorderConfig", "ReplayConfig"} <= names
-    assert {"CampaignOptions", "DemoNodeConfig", "GracefulConfig"} <= names
+def test_every_parameter_is_described_bounded_and_allowed_by_default():
+    assert len(CONFIGS) > 30
+    for place, parameter in ALL:
+        name, spec, kind = f"{place}: {parameter.name}", parameter.spec, parameter.type
+        assert spec.text.strip(), name
+        assert spec.unit.strip(), name
+        assert checked(parameter, parameter.default) == parameter.default, name
+        assert kind is not float or isinstance(parameter.default, float), name
+        item = (get_args(kind) or (kind,))[0]
+        assert item in (float, int, bool, str), name
+        if item in (float, int):
+            # Between such bounds formulas stay finite; one that must not be 0 has a reciprocal that can be squared.
+            assert -1e10 <= spec.minimum < spec.maximum <= (1e10 if item is float else 2**63), name
+            assert spec.minimum <= 0.0 or spec.minimum >= 1e-12, name
 
 
-def test_every_parameter_is_described_and_allowed_by_default(config_type):
-    parameters = parameters_of(config_type)
-    assert parameters
-    for parameter in parameters:
-        assert parameter.spec.text.strip(), parameter.name
-        assert parameter.spec.unit.strip(), parameter.name
-        assert checked(parameter, parameter.default) == parameter.default
-        kind = parameter.type
-        allowed = (float, int, bool, str)
-        assert kind in allowed or (get_origin(kind) is tuple and kind.__args__[0] in allowed)
-        if kind is float:
-            assert isinstance(parameter.default, float), f"{parameter.name}: default is no float"
-    assert len({parameter.name for parameter in parameters}) == len(parameters)
+def refusals(parameter):
+    """Values that a parameter of this type and these bounds must not take."""
+    spec, kind = parameter.spec, parameter.type
+    if kind in (float, int):
+        step = 1 if kind is int else 1e-9
+        beyond = [spec.minimum - step * (1 + abs(spec.minimum)), spec.maximum + step * (1 + abs(spec.maximum))]
+        return [*beyond, *([] if spec.allow_inf else [math.inf]), math.nan, -math.inf, 10**400, "many", None, True, 1j]
+    if kind is bool:
+        return [0, 1, "true", None, 1.0]
+    if kind is str:
+        return [0, 1.5, True, None, b"map", *(f"{word} " for word in spec.choices)]
+    return ["a", b"a", 5, None, [object()]]
 
 
-def test_every_number_has_two_bounds_between_which_formulas_stay_finite(config_type):
-    for parameter in parameters_of(config_type):
-        spec, item = parameter.spec, (get_args(parameter.type) or (parameter.type,))[0]
-        if item not in (float, int):
-            continue
-        assert -1e10 <= spec.minimum < spec.maximum <= (1e10 if item is float else 2**63), parameter.name
-        # One that must not be 0 is no smaller than what its reciprocal can be squared with.
-        assert spec.minimum <= 0.0 or spec.minimum >= 1e-12, parameter.name
+def test_every_parameter_refuses_what_is_beyond_its_bounds_or_of_another_type():
+    for place, parameter in ALL:
+        for value in refusals(parameter):
+            with pytest.raises(InvalidValueError) as caught:
+                checked(parameter, value)
+            assert caught.value.name == parameter.name, (place, value)
 
 
-def test_defaults_are_built_from_nothing_and_come_back(config_type):
+def test_every_parameter_takes_its_bounds_and_its_words():
+    for place, parameter in ALL:
+        spec, kind = parameter.spec, parameter.type
+        bounds = [kind(spec.minimum), kind(spec.maximum)] if kind in (float, int) else []
+        for value in (*bounds, *spec.choices, *([math.inf] if spec.allow_inf else [])):
+            assert checked(parameter, value) == value, (place, parameter.name)
+
+
+@pytest.mark.parametrize("name", sorted(CONFIGS))
+def test_defaults_are_built_from_nothing_and_come_back(name):
+    config_type, names = CONFIGS[name], [parameter.name for parameter in parameters_of(CONFIGS[name])]
     default = build(config_type, {})
     assert default == config_type()
     values = to_dict(default)
-    assert list(values) == [parameter.name for parameter in parameters_of(config_type)]
+    assert list(values) == names
     assert build(config_type, values) == default
-
-
-@pytest.mark.parametrize("bad", [math.nan, -math.inf, "many", None, True, [1.0], 1j])
-def test_no_number_takes_what_is_none(config_type, bad):
-    for parameter in parameters_of(config_type):
-        if parameter.type in (float, int):
-            with pytest.raises(InvalidValueError) as caught:
-                build(config_type, {parameter.name: bad})
-            assert caught.value.name == parameter.name
-
-
-def test_every_bound_is_kept(config_type):
-    for parameter in parameters_of(config_type):
-        spec = parameter.spec
-        if parameter.type not in (float, int):
-            continue
-        outside = []
-        step = 1 if parameter.type is int else 1e-9
-        if spec.minimum > -math.inf:
-            outside.append(spec.minimum - step * (1 + abs(spec.minimum)))
-        if spec.maximum < math.inf:
-            outside.append(spec.maximum + step * (1 + abs(spec.maximum)))
-        if not spec.allow_inf:
-            outside.append(math.inf)
-        for value in outside:
-            with pytest.raises(InvalidValueError) as caught:
-                build(config_type, {parameter.name: value})
-            assert caught.value.name == parameter.name
-            assert caught.value.value == pytest.approx(value)
-        if spec.minimum > -math.inf:
-            assert checked(parameter, parameter.type(spec.minimum)) == spec.minimum
-        if spec.maximum < math.inf:
-            assert checked(parameter, parameter.type(spec.maximum)) == spec.maximum
-        if spec.allow_inf:
-            assert checked(parameter, math.inf) == math.inf
-
-
-def test_numbers_too_large_for_a_float_are_refused(config_type):
-    for parameter in parameters_of(config_type):
-        if parameter.type is int and parameter.spec.maximum == math.inf:
-            assert checked(parameter, 10**400) == 10**400
-        elif parameter.type in (float, int):
-            with pytest.raises(InvalidValueError) as caught:
-                build(config_type, {parameter.name: 10**400})
-            assert caught.value.name == parameter.name
-
-
-def test_truths_texts_and_lists_take_nothing_else(config_type):
-    for parameter in parameters_of(config_type):
-        if parameter.type is bool:
-            wrong = [0, 1, "true", None, 1.0]
-        elif parameter.type is str:
-            wrong = [0, 1.5, True, None, b"map"]
-        elif get_origin(parameter.type) is tuple:
-            wrong = ["a", b"a", 5, None, [object()]]
-        else:
-            continue
-        for value in wrong:
-            with pytest.raises(InvalidValueError) as caught:
-                checked(parameter, value)
-            assert caught.value.name == parameter.name
-
-
-def test_choices_are_kept(config_type):
-    for parameter in parameters_of(config_type):
-        if parameter.spec.choices:
-            for word in parameter.spec.choices:
-                assert checked(parameter, word) == word
-            with pytest.raises(InvalidValueError, match="one of"):
-                checked(parameter, parameter.spec.choices[0] + " ")
+    assert not set(replaced_by(config_type)) & set(names), "no name in use is also a replaced one"
 
 
 @pytest.mark.parametrize(
     ("config", "values", "message"),
     [
         (Gains, {"gamma": -1.5}, "gamma = -1.5: must be >= 1e-06 and <= 1000"),
-        (Gains, {"gamma": 0}, "gamma = 0.0: must be >= 1e-06 and <= 1000"),
         (Gains, {"k": math.nan}, "k = nan: must be >= 1e-06 and <= 1000"),
-        (Gains, {"h": math.inf}, "h = inf: must be >= 1e-06 and <= 1000"),
-        (WorldConfig, {"wheel_separation": 1e308}, "wheel_separation = 1e+308: must be >= 0.001 and <= 10"),
-        (WorldConfig, {"wheel_separation": 1e-160}, "wheel_separation = 1e-160: must be >= 0.001 and <= 10"),
-        (WorldConfig, {"wheel_separation": 5e-324}, "wheel_separation = 5e-324: must be >= 0.001 and <= 10"),
-        (WorldConfig, {"wheel_radius": 1e308}, "wheel_radius = 1e+308: must be >= 0.001 and <= 10"),
-        (WorldConfig, {"eps_omega_max": 1e308}, "eps_omega_max = 1e+308: must be >= 0 and <= 1000"),
         (Gains, {"h": "big"}, "h = 'big': must be a number"),
-        (Gains, {"h": True}, "h = True: must be a number"),
         (
             DataSheet,
             {"linear.x.max_velocity": -1.0},
             "linear.x.max_velocity = -1.0: must be >= 1e-06 and <= 1000 (inf: no limit)",
         ),
         (
-            SensorConfig,
-            {"fix_dropout": 1.5},
-            "fix_dropout = 1.5: must be >= 0 and <= 1",
-        ),
-        (
             ControllerConfig,
             {"settling_steps": 2.0},
             "settling_steps = 2.0: must be a whole number",
-        ),
-        (
-            ControllerConfig,
-            {"settling_steps": True},
-            "settling_steps = True: must be a whole number",
-        ),
-        (
-            ControllerConfig,
-            {"settling_steps": 0},
-            "settling_steps = 0: must be >= 1 and <= 100000",
         ),
         (
             ControllerConfig,
@@ -227,11 +145,6 @@ def test_choices_are_kept(config_type):
             ControllerConfig,
             {"eps_P": 0.8},
             "eps_P_leave = 0.6: must be >= eps_P = 0.8",
-        ),
-        (
-            WorldConfig,
-            {"seed": -1},
-            "seed = -1: must be >= 0 and <= 9.22337e+18",
         ),
     ],
 )
@@ -250,14 +163,6 @@ def test_an_unknown_name_is_refused_with_those_known():
         build(DataSheet, {"a_max": 1.0})
 
 
-def test_a_refused_value_changes_nothing():
-    base = build(SupervisorConfig, {"gamma": 1.0})
-    with pytest.raises(InvalidValueError):
-        build(SupervisorConfig, {"gamma": 2.0, "k": -1.0}, base)
-    assert base.controller.gains.gamma == 1.0
-    assert base.controller.gains.k == Gains().k
-
-
 def test_a_base_keeps_what_is_not_named():
     base = build(SupervisorConfig, {"gamma": 1.0, "eps_P": 0.3, "hold_goal": False})
     found = build(SupervisorConfig, {"k": 2, "eps_P_leave": 0.35}, base)
@@ -265,11 +170,6 @@ def test_a_base_keeps_what_is_not_named():
     assert isinstance(found.controller.gains.k, float)
     assert found.controller.region_policy.fixed == (0.3, 0.35)
     assert found.hold_goal is False
-
-
-def test_cross_checks_see_the_whole_not_the_order():
-    build(SupervisorConfig, {"eps_P": 2.0, "eps_P_leave": 3.0})
-    build(SupervisorConfig, {"eps_P_leave": 3.0, "eps_P": 2.0})
 
 
 @CHECK
@@ -368,17 +268,16 @@ def test_lists():
         build(Inner, {"words": ["a", 3]})
 
 
-@pytest.mark.parametrize(("word", "code"), [("red", 0), ("green", 1), ("blue", 2)])
-def test_a_coded_choice_is_a_word_outside_and_its_index_inside(word, code):
-    config = build(Nested, {"colour": word})
-    assert config.choice.colour == code
+def test_a_coded_choice_is_a_word_outside_and_its_index_inside():
+    config = build(Nested, {"colour": "green"})
+    assert config.choice.colour == 1
     assert type(config.choice.colour) is int
-    assert to_dict(config)["colour"] == word
+    assert to_dict(config)["colour"] == "green"
     parameter = next(one for one in parameters_of(Nested) if one.name == "colour")
     assert (parameter.type, parameter.default) == (str, "blue")
 
 
-@pytest.mark.parametrize("value", [0, 1, True, "RED", "", None])
+@pytest.mark.parametrize("value", [1, True, "RED"])
 def test_a_coded_choice_takes_no_index_and_no_other_word(value):
     with pytest.raises(InvalidValueError, match="colour = "):
         build(Nested, {"colour": value})
@@ -395,10 +294,6 @@ def test_a_replaced_name_is_refused_with_the_new_one(name, value):
         build(Inner, {name: value})
 
 
-def test_no_name_in_use_is_also_a_replaced_one(config_type):
-    assert not set(replaced_by(config_type)) & {parameter.name for parameter in parameters_of(config_type)}
-
-
 @pytest.mark.parametrize(("config", "message"), [(NoSpec, "NoSpec.bare has no Spec"), (Twice, "used twice.*same")])
 def test_programming_errors_raise_type_error(config, message):
     with pytest.raises(TypeError, match=message):
@@ -410,7 +305,6 @@ def test_programming_errors_raise_type_error(config, message):
     [
         (Spec("x"), "finite"),
         (Spec("x", minimum=0.0), "finite and >= 0"),
-        (Spec("x", maximum=2.5), "<= 2.5"),
         (Spec("x", minimum=-1.0, maximum=1.0), ">= -1 and <= 1"),
         (Spec("x", minimum=0.5, maximum=9.0, allow_inf=True), ">= 0.5 and <= 9 (inf: no limit)"),
         (Spec("x", allow_inf=True), "a number (inf: no limit)"),
@@ -421,15 +315,6 @@ def test_bounds_in_words(spec, bound):
     assert spec.bound() == bound
 
 
-def test_a_bound_of_any_kind_stops_the_number_beyond_it():
-    parameter = Parameter("x", ("x",), float, 1.0, Spec("x", minimum=0.5, maximum=2.0))
-    assert checked(parameter, 0.5) == 0.5
-    assert checked(parameter, 2) == 2.0
-    for value in (math.nextafter(0.5, 0.0), math.nextafter(2.0, 3.0), -math.inf, math.inf, math.nan):
-        with pytest.raises(InvalidValueError):
-            checked(parameter, value)
-
-
 @pytest.mark.parametrize(
     ("text", "value"), [("1e-06", 1e-6), ("2.5E+3", 2500.0), ("inf", math.inf), (".INF", math.inf)]
 )
@@ -438,7 +323,7 @@ def test_numbers_that_yaml_reads_as_texts_are_floats(text, value):
     assert checked(parameter, text) == value
 
 
-@pytest.mark.parametrize("text", ["2", "1.5", "x", "", "nan", "1e", "infinite", "-inf"])
+@pytest.mark.parametrize("text", ["2", "nan", "1e", "-inf"])
 def test_other_texts_are_not(text):
     parameter = Parameter("limit", (), float, 1.0, Spec("a limit", allow_inf=True))
     with pytest.raises(InvalidValueError, match=r"limit = .*: must be "):

@@ -5,7 +5,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import matplotlib.image
 import nbformat
 import numpy as np
 import pytest
@@ -13,8 +12,6 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-SCRIPTS = sorted(EXAMPLES.glob("*.py"))
-NOTEBOOK = EXAMPLES / "closed_loop.ipynb"
 V_MAX = 1.3
 """[m/s] of the paper's robot"""
 
@@ -31,12 +28,6 @@ def numbers(text):
     return [float(word) for word in re.findall(r"-?\d+\.\d+", text)]
 
 
-def shows_lines(picture):
-    """Return whether a picture has more than a hundred coloured pixels."""
-    colours = matplotlib.image.imread(picture)[:, :, :3]
-    return np.count_nonzero(np.ptp(colours, axis=2) > 0.2) > 100
-
-
 def errors_in(bag):
     """Return the distances [m] of estimates from the true poses of the same stamps, read by rosbags."""
     positions = {"/ground_truth": {}, "/pose": {}}
@@ -50,34 +41,13 @@ def errors_in(bag):
     return [abs(estimates[stamp] - truth[stamp]) for stamp in truth.keys() & estimates.keys()]
 
 
-def test_the_lines_in_the_readme_run(tmp_path):
-    section = (EXAMPLES.parent / "README.md").read_text().split("## Use it as a library")[1].split("\n## ")[0]
-    code = "".join(f"{line[4:]}\n" for line in section.splitlines() if line.startswith("    "))
-    twist, ends = run(tmp_path, "-c", code).splitlines()
-    v, omega, rho = numbers(twist)
-    assert 0.0 < v <= V_MAX
-    assert omega > 0.0, "the goal is to the left"
-    assert rho == pytest.approx(np.hypot(2.0, 5.5))
-    truth, feedback = np.array(numbers(ends)[:3]), np.array(numbers(ends)[3:])
-    assert np.hypot(*truth[:2]) < 0.1
-    assert np.hypot(*(truth - feedback)[:2]) < 0.1
-
-
-def test_five_short_scripts_each_say_what_they_show_and_how_they_are_run():
-    assert len(SCRIPTS) == 5
-    for script in SCRIPTS:
-        text = script.read_text()
-        assert text.count("\n") <= 60, script.name
-        assert re.match(rf'"""[A-Z][^\n]*\.\n\n    python examples/{script.name}', text), script.name
-
-
 def test_the_law_alone_reaches_the_goal_from_each_start(tmp_path):
     rows = [numbers(line) for line in run(tmp_path, EXAMPLES / "law_alone.py").splitlines()]
     assert len(rows) == 3
     for x, y, _, duration, *end in rows:
         assert duration > np.hypot(x, y) / V_MAX
         assert np.abs(end) == pytest.approx(0.0, abs=0.05)
-    assert shows_lines(tmp_path / "law_alone.png")
+    assert (tmp_path / "law_alone.png").is_file()
 
 
 @pytest.mark.graph
@@ -93,40 +63,27 @@ def test_a_goal_is_driven_to_and_its_bag_is_plotted(tmp_path):
     said = numbers(run(tmp_path, EXAMPLES / "plot_bag.py", "drive"))
     errors = errors_in(tmp_path / "drive")
     assert said[-2:] == pytest.approx([np.median(errors), max(errors)], abs=1e-3)
-    assert shows_lines(tmp_path / "plot_bag.png")
-
-
-@pytest.mark.parametrize(
-    ("words", "text"), [("plot_bag.py nowhere", "nowhere"), ("monte_carlo.py 0", "RUNS = 0: must be one whole number")]
-)
-def test_bad_arguments_are_refused_in_one_line(tmp_path, words, text):
-    name, argument = words.split()
-    (line,) = run(tmp_path, EXAMPLES / name, argument, status=1).splitlines()
-    assert text in line
+    assert (tmp_path / "plot_bag.png").is_file()
 
 
 @pytest.mark.study
 def test_the_study_tells_the_presets_apart(tmp_path):
     """The paper's law leaves a lateral error of 0.2 to 0.35 m (docs/explanation/law/paper.md)."""
+    assert run(tmp_path, EXAMPLES / "monte_carlo.py", 0, status=1).startswith("RUNS = 0: must be one whole number")
     paper, tuned = (numbers(line) for line in run(tmp_path, EXAMPLES / "monte_carlo.py", 200).splitlines())
     assert paper[0] < 40.0
     assert tuned[0] > 95.0
     assert 0.2 < paper[-1] < 0.35
     assert tuned[-1] < 0.05
-    assert shows_lines(tmp_path / "monte_carlo.png")
+    assert (tmp_path / "monte_carlo.png").is_file()
 
 
-def test_the_notebook_is_valid_and_holds_no_outputs():
-    notebook = nbformat.read(NOTEBOOK, as_version=nbformat.NO_CONVERT)
+def test_the_notebook_holds_no_outputs_runs_and_shows_what_the_filter_is_worth(tmp_path):
+    notebook = nbformat.read(EXAMPLES / "closed_loop.ipynb", as_version=nbformat.NO_CONVERT)
     nbformat.validate(notebook)
     cells = [cell for cell in notebook.cells if cell.cell_type == "code"]
-    assert len(cells) >= 3
     assert [cell for cell in cells if cell.outputs or cell.execution_count is not None] == []
-
-
-def test_the_notebook_runs_and_shows_what_the_filter_is_worth(tmp_path):
-    cells = [cell.source for cell in nbformat.read(NOTEBOOK, 4).cells if cell.cell_type == "code"]
-    (tmp_path / "notebook.py").write_text("\n\n".join(cells))
+    (tmp_path / "notebook.py").write_text("\n\n".join(cell.source for cell in cells))
     reached, *rows = run(tmp_path, "notebook.py").splitlines()
     assert reached.startswith("reached after ")
     raw, ekf, truth = (numbers(row) for row in rows)

@@ -50,7 +50,7 @@ def new_page():
 @pytest.fixture(scope="module")
 def page(new_page, url):
     opened = new_page().open(url)
-    opened.wait("diffbotPage.robot.curves.estimate?.rows > 3 && diffbotPage.robot.curves.truth", "the robot", 30.0)
+    opened.wait("diffbotPage.robot.curves.estimate?.rows > 3 && diffbotPage.robot.curves.truth", "the robot")
     return opened
 
 
@@ -82,10 +82,6 @@ def place(message):
     return position.x, position.y, 2.0 * math.atan2(q.z, q.w)
 
 
-def wait_for_answer(page, text, timeout=15.0):
-    page.wait(f"document.getElementById('alarm').textContent.includes({text!r})", f"the answer {text!r}", timeout)
-
-
 def test_a_drag_sends_the_goal_that_is_drawn_and_the_robot_arrives(page, peer):
     page.get("Object.assign(diffbotPage.view, { x: -1.5, y: -5, scale: 120, follow: false })")
     page.tab.locator("#map").focus()
@@ -99,9 +95,9 @@ def test_a_drag_sends_the_goal_that_is_drawn_and_the_robot_arrives(page, peer):
     x, y, theta = newest_goal(peer)
     assert math.hypot(x - goal[0], y - goal[1]) <= 0.02
     assert abs(theta - goal[2]) <= 0.02
-    wait_for_answer(page, "goal accepted")
+    page.wait_for_message("goal accepted")
     peer.spin_until(lambda: peer.statuses[-1].message == "goal reached", 30.0, "the arrival")
-    wait_for_answer(page, "goal reached")
+    page.wait_for_message("goal reached")
     x, y, theta = place(peer.truth[-1])
     assert math.hypot(x - goal[0], y - goal[1]) <= 0.1
     assert abs(theta - goal[2]) <= 0.1
@@ -118,11 +114,12 @@ def test_the_page_shows_what_the_robot_publishes(page, peer):
     assert (shown["x"], shown["y"], shown["theta"]) == pytest.approx((x, y, theta), abs=0.02)
     page.next_frame()
     assert page.count((0, 114, 178)) > 50
-    texts = page.tab.locator("#events button").all_inner_texts()
-    assert any("controller: driving" in text for text in texts)
-    assert any("goal reached [service]" in text or "goal reached" in text for text in texts)
+    events = page.tab.locator("#events button")
+    for text in ("controller: driving", "goal reached"):
+        page.wait_for(lambda text=text: events.filter(has_text=text).count(), f"the event {text!r}")
     page.wait("document.querySelectorAll('#diagnostics tbody tr').length >= 3", "the diagnostics")
-    assert page.get("diffbotPage.constants.limits") == {"v": 1.3, "omega": 2.6}
+    limits = page.wait("diffbotPage.constants.limits.v && diffbotPage.constants.limits", "the limits")
+    assert limits == {"v": 1.3, "omega": 2.6}
 
 
 def test_a_goal_by_keyboard_and_its_cancellation(page, peer):
@@ -138,7 +135,7 @@ def test_a_goal_by_keyboard_and_its_cancellation(page, peer):
     peer.spin_until(lambda: peer.statuses[-1].message == "idle", 15.0, "rest")
     form.locator("input[name=x]").fill("far")
     form.locator("button[value=goal]").click()
-    wait_for_answer(page, "must be numbers")
+    page.wait_for_message("must be numbers")
 
 
 def test_initial_pose_reset_and_pause(page, peer):
@@ -150,7 +147,7 @@ def test_initial_pose_reset_and_pause(page, peer):
         "document.querySelector('[title^=Pause]').getAttribute('aria-pressed') === 'false'", "the end of the pause"
     )
     page.tab.keyboard.press("x")
-    wait_for_answer(page, "reset: ")
+    page.wait_for_message("reset: ")
     peer.spin_until(
         lambda: math.hypot(place(peer.truth[-1])[0] + 2.0, place(peer.truth[-1])[1] + 5.5) < 0.01, 10.0, "reset"
     )
@@ -158,7 +155,7 @@ def test_initial_pose_reset_and_pause(page, peer):
     page.get("Object.assign(diffbotPage.view, { x: -2, y: -5.5, scale: 120, follow: false })")
     start = page.get("diffbotPage.view.toScreen(-2.2, -5.5)")
     page.drag(start, (start[0] + 60, start[1]))
-    wait_for_answer(page, "initial pose set")
+    page.wait_for_message("initial pose set")
 
 
 def placed_by(pose, x, y):
@@ -171,14 +168,19 @@ def placed_by(pose, x, y):
 def test_landmarks_and_planned_path_appear_on_the_map(page, peer):
     estimates = peer.subscribe(PoseWithCovarianceStamped, "pose")
     clouds, paths = peer.publisher(PointCloud2, "landmarks"), peer.publisher(Path, "path")
-    peer.wait_for_subscribers(clouds, paths)
+    peer.wait_for_subscribers(clouds)
+    peer.wait_for_subscribers(paths, count=2)
     peer.spin_until(lambda: len(estimates) > 5, what="estimates")
     cloud = PointCloud2(header=estimates[-2].header)
     cloud.header.frame_id = "base_link"
     points = [LandmarkPoint(31, 2.0, 0.5, 0.01, 0.001), LandmarkPoint(32, 3.0, -1.0, math.inf, 0.001)]
     fill_landmark_points(cloud, points, PointField)
-    clouds.publish(cloud)
-    page.wait("diffbotPage.robot.landmarks.size", "a landmark")
+
+    def shows_landmark():
+        clouds.publish(cloud)  # best effort: one may be lost
+        return page.get("diffbotPage.robot.landmarks.size")
+
+    page.wait_for(shows_landmark, "a landmark")
     # 32 has no range: it is somewhere on a ray.
     ((number, x, y),) = page.get("[...diffbotPage.robot.landmarks.values()].map(({number, x, y}) => [number, x, y])")
     expected = placed_by(estimates[-2], 2.0 * math.cos(0.5), 2.0 * math.sin(0.5))
@@ -195,7 +197,7 @@ def test_landmarks_and_planned_path_appear_on_the_map(page, peer):
     peer.spin_until(lambda: "waypoint" in graph.values(peer.statuses[-1]), 15.0, "the drive along the path")
     page.tab.locator("#map").focus()
     page.tab.keyboard.press("c")
-    page.wait("!diffbotPage.robot.planAt(1e9).length", "the end of the path", 20.0)
+    page.wait("!diffbotPage.robot.planAt(1e9).length", "the end of the path")
 
 
 def test_the_page_tells_when_the_robot_stops_reporting(page, robot):
@@ -214,7 +216,7 @@ def test_the_page_tells_when_the_robot_stops_reporting(page, robot):
 def test_the_record_button_writes_a_bag(page, bags):
     button = page.tab.locator("[title^=Record]")
     button.click()
-    wait_for_answer(page, "recording to")
+    page.wait_for_message("recording to")
     graph.wait_for(lambda: list(bags.glob("*/*.mcap")), 15.0, "the bag")
 
     def recorded():
@@ -225,7 +227,7 @@ def test_the_record_button_writes_a_bag(page, bags):
     # The recorder discovers topics at its polling interval, and the file grows by what is flushed.
     graph.wait_for(recorded, 20.0, "messages")
     button.click()
-    wait_for_answer(page, "recorded /", 20.0)
+    page.wait_for_message("recorded /")
     (bag,) = bags.iterdir()
     with BagReader(bag) as reader:
         assert reader.topics["/pose"].message_count > 3

@@ -11,7 +11,6 @@ from diffbot_core.errors import DiffbotError
 from diffbot_lab import cli
 from diffbot_lab.interfaces import build, command
 from diffbot_lab.interfaces.build import build_interfaces, default_folder
-from diffbot_lab.interfaces.definitions import ACTIONS
 
 
 def test_without_a_compiler_it_says_what_to_install(tmp_path, monkeypatch):
@@ -62,14 +61,3 @@ def test_the_default_folder_is_in_the_users_cache(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", "relative")
     monkeypatch.setenv("HOME", str(tmp_path))
     assert default_folder().parent == tmp_path / ".cache" / "diffbot"
-
-
-def test_each_definition_has_goal_result_and_feedback():
-    """Fields of Nav2 1.3, the release for Jazzy: in the goals they are the only difference between both actions."""
-    parts = {name: [part.split("\n") for part in text.split("---\n")] for name, text in ACTIONS.items()}
-    assert {len(three) for three in parts.values()} == {3}
-    pose, through = parts["NavigateToPose"], parts["NavigateThroughPoses"]
-    assert pose[0][0] == "geometry_msgs/PoseStamped pose"
-    assert through[0][0] == "geometry_msgs/PoseStamped[] poses"
-    assert pose[1] == through[1]
-    assert set(through[2]) - set(pose[2]) == {"int16 number_of_poses_remaining"}

@@ -1,104 +1,77 @@
-"""The generated parts of docs/ are up to date with the code."""
+"""The documentation: generated parts follow the code, the site builds strictly, tutorials print what they show."""
 
 import importlib.util
-import json
+import os
 import re
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from pathlib import Path
 
-import page_tables
+import graph
 import parameter_tables
 import pytest
+import tutorial_run
 
 from diffbot_core.schema import parameters_of
 
 ROOT = Path(__file__).parents[2]
+TUTORIALS = {page.stem: page.read_text() for page in tutorial_run.tutorials()}
 
 
-@pytest.fixture(scope="module")
-def generate():
-    spec = importlib.util.spec_from_file_location("generate", ROOT / "docs" / "generate.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-def test_tables_of_parameters_are_up_to_date():
-    for path, text in parameter_tables.pages().items():
-        assert path.read_text() == text, path.name
-
-
-def test_every_parameter_is_in_one_table():
-    shown = [one for path in parameter_tables.pages() for one in parameter_tables.shown(path.read_text())]
+def test_tables_of_parameters_are_up_to_date_and_show_each_parameter_once():
+    pages = parameter_tables.pages()
+    assert [path.name for path, text in pages.items() if path.read_text() != text] == []
+    shown = [one for text in pages.values() for one in parameter_tables.shown(text)]
     known = [(node, one.name) for node, config in parameter_tables.NODES.items() for one in parameters_of(config)]
     assert sorted(shown) == sorted(known)
 
 
-def test_a_table_of_a_parameter_that_does_not_exist_is_refused():
-    with pytest.raises(ValueError, match="ekf has no parameter gamma"):
-        parameter_tables.with_tables("<!-- parameters ekf: filter gamma -->\n<!-- /parameters -->\n")
-
-
-def test_a_row_shows_default_unit_bound_and_preset():
-    page = parameter_tables.with_tables("<!-- parameters controller: k law -->\n<!-- /parameters -->\n")
-    ((_, k, law),) = page_tables.tables(page)
-    assert k == ["`k`", "4 (paper: 1)", "1/s", ">= 1e-06 and <= 1000", "", "weight of alpha in Omega_G"]
-    assert law[:5] == ["`law`", "switching", "-", "", "yes"]
-
-
-def test_scenario_a_table_is_up_to_date(generate):
-    page = (ROOT / "docs/explanation/law/paper.md").read_text()
-    assert generate.between_markers(page, "scenario A", generate.scenario_a_table()) == page
-
-
-def test_results_are_up_to_date(generate):
+def test_pages_of_results_are_up_to_date():
+    spec = importlib.util.spec_from_file_location("generate", ROOT / "docs" / "generate.py")
+    generate = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(generate)
     pages = generate.results_pages()
     assert len(pages) > 10
     assert [path.name for path, text in pages.items() if path.read_text() != text] == []
 
 
-def test_every_link_between_pages_has_a_target():
-    for page in (ROOT / "docs").rglob("*.md"):
-        links = re.findall(r"\]\(([^)#:]+\.(?:md|png|svg|gif|json))(?:#([^)]+))?\)", page.read_text())
-        for name, section in links:
-            target = page.parent / name
-            assert target.is_file(), (page.name, name)
-            titles = re.findall(r"^#+ (.*)$", target.read_text(), re.MULTILINE) if section else []
-            anchors = {re.sub(r"[^a-z0-9 -]", "", title.lower()).replace(" ", "-") for title in titles}
-            assert not section or section in anchors, (page.name, name, section)
+def test_the_site_builds_strictly(tmp_path):
+    """A broken link or anchor, or a page outside the navigation, is an error."""
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path)]
+    quiet = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
+    built = subprocess.run(command, cwd=ROOT, env=quiet, capture_output=True, text=True, check=False)
+    assert built.returncode == 0, built.stderr
 
 
-def test_every_page_of_the_readme_exists():
-    readme = (ROOT / "README.md").read_text()
-    targets = [part.split(")")[0] for part in readme.split("](")[1:]]
+def test_every_link_of_the_readme_has_a_target():
+    targets = re.findall(r"\]\(([^)#:]+)\)", (ROOT / "README.md").read_text())
     assert targets
-    missing = [target for target in targets if not (ROOT / target).is_file()]
-    assert missing == []
+    assert [target for target in targets if not (ROOT / target).is_file()] == []
 
 
-def test_the_answer_on_real_robots_has_the_figures_of_its_tables():
-    """The answer is written by hand; its figures are means over the robots, and those of the Labyrinth."""
-    results = ROOT / "docs" / "results"
-    robots, (labyrinth,) = (
-        one["calibrated"] for one in json.loads((results / "data" / "real.json").read_text())["sets"]
-    )
-
-    def mean(column, name):
-        return sum(one[column][name] for one in robots) / len(robots)
-
-    text = " ".join((results / "real-robots.md").read_text().split("\n## ")[0].split())
-    assert f"gives {mean('whole_shipped', 'rmse'):.2f} m RMSE (mean), with a NEES of" in text
-    assert f"NEES of {mean('whole_shipped', 'nees'):.1f} where 3 is expected" in text
-    assert f"({mean('rest_calibrated', 'rmse'):.3f} m against {mean('rest_shipped', 'rmse'):.3f} m)" in text
-    before, after = (labyrinth[column]["rmse"] for column in ("rest_shipped", "rest_calibrated"))
-    assert f"it reduces {before:.2f} m to {after:.2f} m" in text
+@pytest.fixture(scope="module")
+def printed(tmp_path_factory):
+    """Run all tutorials at once, since those with a robot mostly wait; return what each will have printed."""
+    with ExitStack() as domains, ThreadPoolExecutor(len(TUTORIALS)) as pool:
+        yield {
+            name: pool.submit(
+                tutorial_run.run,
+                text,
+                tmp_path_factory.mktemp(name),
+                ROS_DOMAIN_ID=str(domains.enter_context(graph.private_domain())),
+            )
+            for name, text in TUTORIALS.items()
+        }
 
 
-def test_the_answer_on_the_filter_has_the_figures_of_its_tables():
-    results = ROOT / "docs" / "results"
-    kept = json.loads((results / "data" / "localization.json").read_text())
-    cases = {one["name"]: one["filters"][kept["default_filter"]] for one in kept["cases"]}
-    text = " ".join((results / "filter" / "index.md").read_text().split("<!--")[0].split())
-    for name in ("nominal_10_5", "radius_10_5"):
-        assert f"{100.0 * cases[name]['position']['rmse']:.0f} cm (RMSE)" in text
-        assert abs(cases[name]["nees"] - 3.0) < 0.2
-    assert f"back within {cases['kidnapped_10_5']['back_max']:.1f} s at 5 Hz" in text
+@pytest.mark.graph
+@pytest.mark.study
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("name", TUTORIALS)
+def test_a_tutorial_prints_what_it_shows(name, printed):
+    shown = tutorial_run.outputs(TUTORIALS[name], printed[name].result())
+    assert shown
+    for block, output in shown:
+        assert tutorial_run.comparable(output, block.title) == tutorial_run.comparable(block.body, block.title)

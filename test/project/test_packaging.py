@@ -8,6 +8,7 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import pytest
+import yaml
 from packaging.markers import default_environment
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
@@ -74,7 +75,8 @@ def imported_packages():
 def test_version_is_the_same_everywhere():
     changelog = re.search(r"^## \[(.+?)\]", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
     setup = re.search(r'^    version="(.+)",$', (ROOT / "setup.py").read_text(), re.MULTILINE)
-    assert {changelog[1], setup[1], MANIFEST.findtext("version")} == {INSTALLED.version}
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert {changelog[1], setup[1], MANIFEST.findtext("version"), citation["version"]} == {INSTALLED.version}
 
 
 def test_installed_package_is_this_source_tree():
@@ -91,19 +93,6 @@ def test_every_executable_resolves_to_a_function():
     assert [script.name for script in scripts if not callable(script.load())] == []
 
 
-def test_manifest_has_what_ros_needs():
-    assert MANIFEST.tag == "package"
-    assert MANIFEST.get("format") == "3"
-    assert MANIFEST.findtext("name") == INSTALLED.name
-    assert re.fullmatch(r"\d+\.\d+\.\d+", MANIFEST.findtext("version"))
-    assert MANIFEST.findtext("description").strip()
-    assert MANIFEST.findtext("license") == INSTALLED.metadata["License"]
-    assert MANIFEST.find("maintainer").get("email") == INSTALLED.metadata["Maintainer-email"]
-    assert MANIFEST.findtext("export/build_type") == "ament_python"
-    dependencies = [element.text for element in MANIFEST if element.tag.endswith("_depend")]
-    assert len(dependencies) == len(set(dependencies))
-
-
 def test_every_import_is_a_declared_dependency():
     """Of the package itself or of an extra that users install; what only tests need does not count."""
     at_run_time = {name for extra, names in REQUIREMENTS.items() if extra not in ("test", "lint") for name in names}
@@ -111,15 +100,11 @@ def test_every_import_is_a_declared_dependency():
     imported = {canonicalize_name(PACKAGE_OF_IMPORT.get(name, name)) for name in imported_packages() - ros}
     assert {"numpy", "scipy", "pyyaml", "numba", "distributed"} <= imported
     assert imported - at_run_time == set()
-
-
-def test_every_dependency_at_run_time_is_imported():
-    imported = {canonicalize_name(PACKAGE_OF_IMPORT.get(name, name)) for name in imported_packages()}
     assert set(REQUIREMENTS[""]) - imported == set()
 
 
 def test_manifest_and_setup_name_the_same_python_packages():
-    """rosdep's keys in package.xml and pip's names in the how-to are those of install_requires together."""
+    """rosdep's keys in package.xml and pip's names in the how-to, and in the Dockerfile, are install_requires."""
     keys = {element.text for element in MANIFEST.iter("exec_depend") if element.text.startswith("python3-")}
     from_rosdep = {canonicalize_name(KEY_OF_ROSDEP.get(key, key.removeprefix("python3-"))) for key in keys}
     page = (ROOT / "docs/how-to/install-on-ros.md").read_text()
@@ -127,7 +112,9 @@ def test_manifest_and_setup_name_the_same_python_packages():
     from_pip = {canonicalize_name(Requirement(word.strip('"')).name) for word in line.split()}
     assert from_rosdep & from_pip == set()
     assert from_rosdep | from_pip == set(REQUIREMENTS[""])
-    assert {key for key in keys if f"`{key}`" not in page} == set()
+    (expression,) = re.findall(r"grep -E '(.*?)' ", (ROOT / "Dockerfile").read_text())
+    pinned = [line for line in (ROOT / "constraints.txt").read_text().splitlines() if re.search(expression, line)]
+    assert {canonicalize_name(Requirement(line).name) for line in pinned} == from_pip
 
 
 def test_no_lower_bound_is_above_what_rosdep_installs():
@@ -135,24 +122,6 @@ def test_no_lower_bound_is_above_what_rosdep_installs():
     assert {canonicalize_name(KEY_OF_ROSDEP.get(key, key.removeprefix("python3-"))) for key in keys} == set(NOBLE)
     bounds = {canonicalize_name(one.name): one.specifier for one in DIRECT if one.marker is None}
     assert [name for name, version in NOBLE.items() if not bounds[name].contains(version)] == []
-
-
-def test_rosdep_is_not_asked_for_what_only_pip_has():
-    """On an externally managed Python rosdep fails with such a key, and with it the whole installation."""
-    assert [element.text for element in MANIFEST.iter() if (element.text or "").endswith("-pip")] == []
-
-
-def test_lower_bounds_are_the_same_wherever_they_are_named():
-    bounds = {canonicalize_name(requirement.name): str(requirement.specifier) for requirement in DIRECT}
-    named = re.compile(r"\b(" + "|".join(re.escape(requirement.name) for requirement in DIRECT) + r")(>=[\d.]*\d)")
-    found = {
-        (str(path.relative_to(ROOT)), *match.groups())
-        for path in source_tree()
-        if path.suffix in (".py", ".md", ".xml", ".toml", ".cfg") and path.name != "CHANGELOG.md"
-        for match in named.finditer(path.read_text(encoding="utf-8"))
-    }
-    assert {("setup.py", "numba", bounds["numba"]), ("diffbot_sim/compiled/jit.py", "numba", bounds["numba"])} <= found
-    assert {one for one in found if bounds[canonicalize_name(one[1])] != one[2]} == set()
 
 
 @pytest.mark.parametrize("python", PYTHONS)
@@ -163,50 +132,8 @@ def test_constraints_pin_every_direct_dependency_within_its_bound(python):
     assert outside == []
 
 
-def test_constraints_pin_what_is_installed():
-    """Everything but the extra bound, which `make setup` does not install."""
-    python = f"{sys.version_info.major}.{sys.version_info.minor}"
-    names = set().union(*(names for extra, names in REQUIREMENTS.items() if extra != "bound"))
-    waiting = [one for one in DIRECT if canonicalize_name(one.name) in names]
-    visited, wrong = set(), []
-    while waiting:
-        requirement = waiting.pop()
-        key = (canonicalize_name(requirement.name), frozenset(requirement.extras))
-        if key in visited:
-            continue
-        visited.add(key)
-        distribution = importlib.metadata.distribution(requirement.name)
-        if pins(requirement.name, python) != [distribution.version]:
-            wrong.append(f"{requirement.name} {distribution.version}")
-        for line in distribution.requires or []:
-            child = Requirement(line)
-            marker = child.marker
-            if marker is None or any(marker.evaluate({"extra": extra}) for extra in {"", *requirement.extras}):
-                waiting.append(child)
-    assert wrong == []
-
-
-@pytest.mark.parametrize("extra", REQUIREMENTS)
-def test_docs_list_the_dependencies_of_each_extra_with_their_pins(extra):
-    page = (ROOT / "docs/reference/dependencies.md").read_text()
-    heading = f"## Extra `{extra}`" if extra else "## Needed to run"
-    (section,) = re.findall(rf"^{re.escape(heading)}.*?(?=^## |\Z)", page, re.MULTILINE | re.DOTALL)
-    rows = [line.strip("|").split("|") for line in section.splitlines() if line.startswith("| ")][1:]
-    cells = {canonicalize_name(row[0].strip()): [cell.strip() for cell in row] for row in rows}
-    assert set(cells) == REQUIREMENTS[extra]
-    for name, row in cells.items():
-        assert all(row), row
-        assert set(row[-1].split(" / ")) == {pins(name, python)[0] for python in PYTHONS}, name
-
-
 def test_no_machine_paths_and_no_registry_hosts():
-    hosts = [
-        ("pypi", "org"),
-        ("pythonhosted", "org"),
-        ("debian", "org"),
-        ("ubuntu", "com"),
-        ("npmjs", "org"),
-    ]
+    hosts = [("pypi", "org"), ("pythonhosted", "org"), ("debian", "org"), ("ubuntu", "com"), ("npmjs", "org")]
     unwanted = re.compile(
         "|".join(rf"\b{name}\.{domain}\b" for name, domain in hosts) + r"|(?<![\w.~}-])/(?:home|root|Users|work)/\w"
     )

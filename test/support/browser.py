@@ -11,6 +11,13 @@ import requirements
 from playwright.sync_api import sync_playwright
 
 WIDE, NARROW = (1440, 900), (390, 844)
+_KEEP_MESSAGES = """
+globalThis.messages = [];
+new MutationObserver((changes) => {
+  for (const { addedNodes } of changes) messages.push(...[...addedNodes].map((node) => node.textContent));
+}).observe(document.getElementById("alarm"), { childList: true });
+"""
+"""The page shows a message for some seconds, or until the next one; a test that looks later would miss it."""
 
 
 class Page:
@@ -29,20 +36,31 @@ class Page:
         """Open an address and wait until the page has drawn."""
         self.tab.goto(url)
         self.wait("globalThis.diffbotPage?.frames > 0", "the first frame")
+        self.get(_KEEP_MESSAGES)
         return self
 
     def get(self, expression):
         """Return the value of a JavaScript expression."""
         return self.tab.evaluate(expression)
 
-    def wait(self, expression, what, timeout=15.0):
+    def wait(self, expression, what):
         """Wait until an expression is true and return its value. The page's policy forbids playwright's own waiting."""
+        return self.wait_for(lambda: self.get(expression), what)
+
+    def wait_for(self, condition, what):
+        """Handle the browser's events until ``condition()`` is true, and return its value."""
 
         def value():
             self.tab.wait_for_timeout(20)
-            return self.get(expression)
+            return condition()
 
-        return graph.wait_for(value, timeout, what)
+        return graph.wait_for(value, what=what)
+
+    def wait_for_message(self, text):
+        """Wait until the page has shown a message with this text; it and those before it count no more."""
+        found = f"messages.findIndex((one) => one.includes({text!r}))"
+        self.wait(f"{found} >= 0", f"the message {text!r}")
+        self.get(f"void messages.splice(0, {found} + 1)")
 
     def next_frame(self):
         """Wait until what has changed is drawn: the page draws in each frame that the browser shows."""

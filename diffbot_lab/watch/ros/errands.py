@@ -24,6 +24,8 @@ from diffbot_lab.watch.parameters import WatchConfig
 MAX_WAITING = 20
 """requests that wait for the one before"""
 SERVICE_TIMEOUT = 3.0
+_TRIALS = 3
+"""calls of a service: a node drops its response to a client that it has not discovered yet"""
 _IDLE, _FOLLOWING = 0.5, 0.03
 _PARAMETERS = ("xy_goal_tolerance", "yaw_goal_tolerance", "linear.x.max_velocity", "angular.z.max_velocity")
 
@@ -141,12 +143,13 @@ class Errands:
         client = self._services[name]
         if not self._client.spin_until(client.service_is_ready, SERVICE_TIMEOUT):
             return f"{name}: no node offers it", 2
-        future = client.call_async(request)
-        if not self._client.spin_until(future.done, SERVICE_TIMEOUT):
+        for _ in range(_TRIALS):
+            future = client.call_async(request)
+            if self._client.spin_until(future.done, SERVICE_TIMEOUT / _TRIALS):
+                answer = future.result()
+                return f"{name}: {answer.message or 'done'}", 0 if answer.success else 2
             client.remove_pending_request(future)
-            return f"{name}: no answer", 2
-        answer = future.result()
-        return f"{name}: {answer.message or 'done'}", 0 if answer.success else 2
+        return f"{name}: no answer", 2
 
     def _look_around(self) -> None:
         if self._constants is None and self._services["parameters"].service_is_ready():
@@ -167,8 +170,8 @@ class Errands:
             client.remove_pending_request(future)
             return None
         values = [parameter_value_to_python(value) for value in future.result().values]
-        if len(values) != len(_PARAMETERS) or not all(isinstance(value, float) for value in values[:2]):
+        finite = [value if isinstance(value, float) and math.isfinite(value) else None for value in values]
+        if len(finite) != len(_PARAMETERS) or None in finite[:2]:
             return None
-        xy, yaw, *limits = values
-        finite = [limit if isinstance(limit, float) and math.isfinite(limit) else None for limit in limits]
-        return {"xy_tolerance": xy, "yaw_tolerance": yaw, "limits": dict(zip(("v", "omega"), finite, strict=True))}
+        xy, yaw, *limits = finite
+        return {"xy_tolerance": xy, "yaw_tolerance": yaw, "limits": dict(zip(("v", "omega"), limits, strict=True))}

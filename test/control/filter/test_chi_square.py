@@ -1,13 +1,11 @@
 """Chi-square bounds against scipy's."""
 
-import math
-
 import pytest
 from scipy.special import chdtrc, chdtri
 
 from diffbot_control.filter.chi_square import chi_square_bound, survival
 
-DEGREES = (1, 2, 3, 4, 7, 10, 50, 99, 150, 151)
+DEGREES = (1, 2, 3, 10, 99, 150)
 TAILS = (0.999, 0.975, 0.5, 0.025, 1e-3, 1e-4, 1e-9, 1e-15)
 
 
@@ -22,8 +20,3 @@ def test_bounds_are_those_of_scipy(dof):
 def test_probabilities_are_those_of_scipy(dof):
     for x in (0.0, 1e-6, 0.3, 1.0, float(dof), 3.0 * dof, 700.0):
         assert survival(x, dof) == pytest.approx(float(chdtrc(dof, x)), rel=1e-12, abs=1e-300)
-
-
-def test_two_degrees_of_freedom_have_the_closed_form():
-    for tail in TAILS:
-        assert chi_square_bound(2, tail) == pytest.approx(-2.0 * math.log(tail), rel=1e-13)

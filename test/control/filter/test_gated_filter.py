@@ -14,29 +14,27 @@ from filter_runs import (
     gated_filter,
     heading,
     numbers_of,
-    straight,
 )
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from diffbot_control.filter.belief import ErrorEstimate
 from diffbot_control.filter.gate import ACCEPTED, REJECTED
 from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.models import Motion
 from diffbot_control.filter.options import FILTERS, FilterConfig, options_of
 from diffbot_core.geometry import Pose
 
-EVERY = pytest.mark.parametrize("variant", FILTERS)
 EVENTS = st.lists(
     st.tuples(
         st.sampled_from(("drive", "drive", "fix", "fix again", "heading", "landmark", "singular", "huge")),
         st.integers(0, 2**32 - 1),
     ),
     min_size=20,
-    max_size=120,
+    max_size=60,
 )
 OPTIONS = st.builds(
     FilterConfig,
+    filter=st.sampled_from(FILTERS),
     gate_probability=st.sampled_from((0.5, 0.99, 0.999, 1.0)),
     relocation_fixes=st.integers(2, 5),
     relocation_timeout=st.floats(0.01, 5.0),
@@ -115,11 +113,9 @@ def assert_healthy(found, config):
     assert (found.memory.candidate is None) == (found.memory.gate.fixes.rejected == 0)
 
 
-@EVERY
-@settings(max_examples=25)
-@given(events=EVENTS, config=OPTIONS)
-def test_the_state_stays_finite_symmetric_and_positive_definite(variant, events, config):
-    config = config._replace(filter=variant)
+@settings(max_examples=80)
+@given(EVENTS, OPTIONS)
+def test_the_state_stays_finite_symmetric_and_positive_definite(events, config):
     found = GatedFilter(options_of(config), SEPARATION)
     found.reset_to(Pose(1.0, -2.0, 3.0), R_FIX)
     last = fix(0.0)
@@ -138,28 +134,10 @@ def test_the_state_stays_finite_symmetric_and_positive_definite(variant, events,
         assert_healthy(found, config)
 
 
-@EVERY
-@pytest.mark.parametrize("probability", [0.999, 1.0])
-def test_after_innovations_of_ten_thousand_kilometres_it_comes_back(variant, probability):
-    found = gated_filter(variant, gate_probability=probability)
-    for number in range(60):
-        found.predict(straight())
-        found.take(fix(1e7 * (-1.0) ** number, -1e7, 3.0 * (-1.0) ** number))
-        assert np.isfinite(found.memory.belief.x).all()
-        assert np.isfinite(found.memory.belief.P).all()
-    for number in range(600):
-        found.predict(straight())
-        found.take(fix(1.0 + 0.1 * (-1.0) ** number, 2.0, 0.5))
-    if probability < 1.0:
-        np.testing.assert_allclose(found.memory.belief.x[:3], [1.0, 2.0, 0.5], atol=0.1)
-        assert found.memory.gate.fixes.rejected == 0
-
-
-@pytest.mark.parametrize("variant", ["ekf", "ekf_calibrating"])
 @pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_a_fix_without_numbers_is_not_accepted(variant, value):
+def test_a_fix_without_numbers_is_not_accepted(value):
     # The nodes let none through; whoever uses the filter without them must not lose the state to one.
-    found = gated_filter(variant)
+    found = gated_filter("ekf_calibrating")
     before = found.memory.belief
     with np.errstate(invalid="ignore"):
         assert found.take(fix(value, 0.0)) == REJECTED
@@ -170,39 +148,10 @@ def test_a_fix_without_numbers_is_not_accepted(variant, value):
     assert np.isfinite(found.memory.belief.x).all()
 
 
-@EVERY
-@pytest.mark.parametrize("dt", [1e-9, 1e-6])
-def test_many_tiny_steps_are_one_large_one(variant, dt):
-    # Without noise and turning the way is the sum of the parts, whatever is left of the digits.
-    many, one = gated_filter(variant), gated_filter(variant)
-    for _ in range(1000):
-        many.predict(build_motion(1.0, 0.0, dt, 0.0, 0.0, 0.0))
-    one.predict(build_motion(1.0, 0.0, 1000.0 * dt, 0.0, 0.0, 0.0))
-    np.testing.assert_allclose(many.memory.belief.x, one.memory.belief.x, rtol=1e-9)
-    np.testing.assert_allclose(many.memory.belief.P, one.memory.belief.P, rtol=1e-9, atol=1e-12)
-
-
-@EVERY
-def test_an_old_memory_can_be_returned_to(variant):
-    rng = np.random.default_rng(3)
-    found, results = gated_filter(variant), []
-    kinds = ["drive", "fix", "heading", "landmark", "drive", "singular", "huge", "drive"] * 4
-    events = [event(rng, kind) for kind in kinds]
-    old = found.memory
-    for _ in range(2):
-        found.memory = old
-        for one in events:
-            found.predict(one) if isinstance(one, Motion) else found.take(one)
-        results.append((found.memory.belief.x.tolist(), found.memory.belief.P.tolist(), found.memory[2:]))
-    assert results[0] == results[1]
-    np.testing.assert_array_equal(old.belief.x[:3], 0.0)
-    np.testing.assert_array_equal(old.belief.P[:3, :3], R_FIX)
-
-
-@pytest.mark.parametrize("variant", ["ekf", "ekf_fnn"])
-def test_a_filter_without_wheels_ignores_what_is_said_of_them(variant):
-    found = gated_filter(variant)
-    before = found.memory
-    found.set_wheels(ErrorEstimate(np.array([0.1, 0.1]), np.eye(2)))
-    assert found.memory is before
-    assert before.belief.x.size == 3
+@pytest.mark.parametrize("variant", ["ekf_calibrating", "ekf_fnn"])
+def test_a_fix_whose_innovation_has_a_singular_covariance_is_rejected(variant):
+    found = gated_filter(variant, P=np.zeros((3, 3)))
+    before = found.memory.belief
+    assert found.take(fix(0.1, R=np.zeros((3, 3)))) == REJECTED
+    assert math.isnan(found.nis)
+    np.testing.assert_array_equal(found.memory.belief.x, before.x)

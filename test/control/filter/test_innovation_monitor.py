@@ -1,11 +1,13 @@
-"""The record of a filter's innovations, against scipy's chi-square distribution."""
+"""The record of a filter's innovations: NIS against chi-square, autocorrelation against Markov processes."""
+
+import math
 
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from diffbot_control.filter.gate import ACCEPTED, FIX, HEADING, LANDMARK, REJECTED, RELOCATED
-from diffbot_control.filter.innovation_monitor import WINDOW, Innovation, InnovationMonitor, whitened
+from diffbot_control.filter.gate import ACCEPTED, FIX, HEADING, LANDMARK, REJECTED, RELOCATED, WEIGHED
+from diffbot_control.filter.innovation_monitor import Innovation, InnovationMonitor, whitened, whiteness_of
 
 KINDS = {1: HEADING, 2: LANDMARK, 3: FIX}
 """by the numbers that they measure"""
@@ -18,39 +20,15 @@ def noted(entries):
     return record
 
 
-def test_at_first_there_is_nothing():
-    record = InnovationMonitor()
-    assert record.nis() is None
-    assert record.values() == {"fixes rejected": "0", "relocations by fixes": "0"}
-
-
-@pytest.mark.parametrize("sizes", [[3], [1], [2, 2], [3, 1, 2], [3] * 20 + [1] * 20, [1] * 50])
-def test_mean_and_bounds_are_those_of_chi_square(sizes):
+@pytest.mark.parametrize("sizes", [[1], [3, 1, 2], [3] * 60 + [1] * 20])
+def test_mean_and_bounds_of_the_newest_fifty_are_those_of_chi_square(sizes):
     rng = np.random.default_rng(1)
     values = [rng.chisquare(size) for size in sizes]
     found = noted(zip(sizes, values, [ACCEPTED] * len(sizes), strict=True)).nis()
-    numbers = sum(sizes)
-    assert found.mean == pytest.approx(sum(values) / numbers)
+    numbers = sum(sizes[-50:])
+    assert found.mean == pytest.approx(sum(values[-50:]) / numbers)
     assert (found.low, found.high) == pytest.approx(tuple(chi2.ppf([0.025, 0.975], numbers) / numbers))
     assert found.alarm == pytest.approx(chi2.isf(1e-4, numbers) / numbers)
-    assert 0.0 < found.low < 1.0 < found.high < found.alarm
-
-
-def test_only_the_newest_fifty_count():
-    old = [(3, 1e6, ACCEPTED)] * 70
-    found = noted([*old, *[(1, 0.5, ACCEPTED)] * 20, *[(3, 6.0, ACCEPTED)] * 30]).nis()
-    assert WINDOW == 50
-    assert found.mean == pytest.approx((20 * 0.5 + 30 * 6.0) / (20 + 90))
-    assert found.high == pytest.approx(chi2.ppf(0.975, 110) / 110)
-
-
-def test_what_was_refused_is_counted_but_not_averaged():
-    record = noted(
-        [(3, 2.0, ACCEPTED), (3, 900.0, REJECTED), (2, 50.0, REJECTED), (1, 40.0, REJECTED), (3, 7e3, REJECTED)]
-    )
-    assert record.nis().mean == pytest.approx(2.0 / 3.0)
-    assert record.rejected == {"fixes": 2, "landmarks": 1, "headings": 1}
-    assert not record.relocated
 
 
 def test_a_relocation_starts_the_mean_anew_and_keeps_the_counts():
@@ -79,17 +57,6 @@ def test_the_values_of_the_diagnostics():
     }
 
 
-def test_95_of_100_windows_of_an_honest_filter_are_within_the_bounds():
-    rng, inside, alarms = np.random.default_rng(2), 0, 0
-    for _ in range(600):
-        sizes = rng.choice([1, 2, 3], 30)
-        found = noted([(int(size), rng.chisquare(size), ACCEPTED) for size in sizes]).nis()
-        inside += found.low < found.mean < found.high
-        alarms += found.mean > found.alarm
-    assert inside == pytest.approx(570, abs=4.0 * np.sqrt(600 * 0.05 * 0.95))
-    assert alarms <= 2
-
-
 def test_a_covariance_that_rounding_has_left_singular_is_whitened():
     singular, regular = np.full((2, 2), 4.0), np.array([[4.0, 1.0], [1.0, 9.0]])
     innovations = [Innovation(np.array([2.0, 2.0]), singular), Innovation(np.array([2.0, 3.0]), regular)]
@@ -99,3 +66,65 @@ def test_a_covariance_that_rounding_has_left_singular_is_whitened():
     assert second @ second == pytest.approx(innovations[1].y @ np.linalg.inv(regular) @ innovations[1].y)
     (zero,) = whitened([Innovation(np.zeros(2), np.zeros((2, 2)))])
     assert np.isfinite(zero).all()
+
+
+S = np.array([[0.04, 0.01, 0.0], [0.01, 0.09, 0.002], [0.0, 0.002, 0.01]])
+
+
+def innovations(rng, count, rho=0.0, factor=1.0):
+    """First-order Markov sequence with covariance ``factor`` S and autocorrelation ``rho``."""
+    root, u = np.linalg.cholesky(factor * S), rng.normal(size=3)
+    found = []
+    for _ in range(count):
+        found.append((None, Innovation(root @ u, S)))
+        u = rho * u + math.sqrt(1.0 - rho * rho) * rng.normal(size=3)
+    return found
+
+
+def whiteness(found):
+    sources, innovations = zip(*found, strict=True) if found else ((), ())
+    return whiteness_of(zip(sources, whitened(innovations), strict=True))
+
+
+def test_white_innovations_are_inside_the_bound_as_often_as_it_says():
+    found = [whiteness(innovations(np.random.default_rng([1, run]), 100)) for run in range(400)]
+    inside = np.mean([abs(one.correlation) < one.bound for one in found])
+    assert 0.92 < inside < 0.98
+    assert not any(one.correlation > one.alarm for one in found)
+    assert np.std([one.correlation / one.bound for one in found]) == pytest.approx(1.0 / 1.96, rel=0.1)
+
+
+@pytest.mark.parametrize(("rho", "factor"), [(0.3, 1.0), (0.9, 0.1), (0.9, 10.0)])
+def test_the_correlation_is_that_of_the_sequence_whatever_its_size(rho, factor):
+    rng = np.random.default_rng(2)
+    found = [whiteness(innovations(rng, 100, rho, factor)).correlation for _ in range(200)]
+    assert np.mean(found) == pytest.approx(rho, abs=0.04)
+
+
+def test_only_innovations_of_one_source_are_compared():
+    """Two landmarks in turn, each with an offset of its own: compared in the order of time they would cancel."""
+    monitor, rng, y = InnovationMonitor(), np.random.default_rng(3), {}
+    for number in range(100):
+        source = number % 2
+        y = np.array([0.2, 0.2]) * (1.0 if source else -1.0) + rng.normal(0.0, 0.05, 2)
+        monitor.record(LANDMARK, 2.0, ACCEPTED, Innovation(y, 0.04 * np.eye(2)), source)
+    found = monitor.whiteness()
+    assert set(found) == {LANDMARK}
+    assert found[LANDMARK].correlation > 0.8
+
+
+def test_only_accepted_measurements_count_and_a_relocation_starts_anew():
+    assert whiteness(innovations(np.random.default_rng(0), 10)) is None, "30 products are needed"
+    assert whiteness(innovations(np.random.default_rng(0), 11)) is not None
+    monitor, (_, innovation) = InnovationMonitor(), innovations(np.random.default_rng(0), 1)[0]
+    for outcome in (REJECTED, WEIGHED):
+        for _ in range(50):
+            monitor.record(FIX, 1.0, outcome, innovation)
+    assert monitor.whiteness() == {}
+    assert monitor.weighed == 50
+    for _ in range(50):
+        monitor.record(FIX, 1.0, ACCEPTED, innovation)
+    assert monitor.whiteness()[FIX].correlation == pytest.approx(1.0)
+    assert monitor.values()["autocorrelation of fixes"] == "1.000"
+    monitor.record(FIX, 1.0, RELOCATED, innovation)
+    assert monitor.whiteness() == {}

@@ -15,26 +15,17 @@ from hypothesis import strategies as st
 
 from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.localization_config import LocalizationConfig
-from diffbot_control.filter.measurements import Heading, PoseFix
 from diffbot_control.filter.options import FilterConfig
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 
-CHECK = settings(max_examples=80)
+CHECK = settings(max_examples=50)
 MS = 10**6
 PERIOD = 100 * MS
 START = Pose(1.0, 2.0, 3.0)
-P0 = np.diag([0.2, 0.3, 0.1])
+P0 = np.diag([0.2, 0.3, 0.03])
 R_POSE = np.array([[0.03, 0.01, 0.0], [0.01, 0.03, 0.0], [0.0, 0.0, 0.01]])
-
-
-@pytest.fixture(scope="module", autouse=True)
-def straight_corrections():
-    """The textbook's corrections are straight; those along an arc, of a lost heading, have tests of their own."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("diffbot_control.filter.ekf.TURNED_VARIANCE", math.inf)
-        yield
 
 
 def plain(history=1.0):
@@ -143,55 +134,16 @@ EVENTS = st.lists(
 
 
 @CHECK
-@given(EVENTS, st.randoms(use_true_random=False))
-def test_any_order_of_arrival_gives_the_same(events, random):
-    steps = [odometry(number, 1.2, 0.7 - 0.1 * number) for number in range(1, 21)]
-    measurements = [(heading if is_heading else fix)(ms * MS) for ms, is_heading, _ in events]
-    reference = in_order(steps, measurements).estimate()
-    arrivals = [
-        (one.stamp + delay * MS, random.random(), one) for one, (_, _, delay) in zip(measurements, events, strict=True)
-    ]
-    arrivals += [(step.stamp, random.random(), step) for step in steps]
-    localization = fresh()
-    for _, _, arrived in sorted(arrivals, key=lambda one: one[:2]):
-        if isinstance(arrived, (PoseFix, Heading)):
-            localization.on_measurement(arrived)
-        else:
-            localization.on_odometry(arrived)
-    assert localization.estimate().stamp == reference.stamp == 20 * PERIOD
-    assert_equal_estimates(localization, reference.pose, reference.P, 1e-11)
-
-
-@CHECK
 @given(EVENTS)
 def test_in_order_it_is_the_textbooks_filter(events):
-    steps = [odometry(number, 1.2, 0.7 - 0.1 * number) for number in range(1, 12)]
+    # One odometry is lost: the next bridges it.
+    steps = [odometry(number, 1.2, 0.7 - 0.1 * number) for number in range(1, 12) if number != 5]
     measurements = [(heading if is_heading else fix)(ms * MS) for ms, is_heading, _ in events]
     textbook = Textbook().run(steps, measurements)
     assert_equal_estimates(in_order(steps, measurements), textbook.x, textbook.P, 1e-9)
 
 
-def test_a_late_fix_between_two_odometries_gives_the_same_bits():
-    late, early = fresh(), fresh()
-    measurement = fix(250 * MS)
-    for number in range(1, 9):
-        late.on_odometry(odometry(number))
-        if number == 8:
-            late.on_measurement(measurement)
-        if number == 3:
-            early.on_measurement(measurement)
-        early.on_odometry(odometry(number))
-    # Arrived within its own period or 0.55 s later: not one bit differs.
-    punctual = fresh()
-    for number in range(1, 9):
-        if number == 3:
-            punctual.on_measurement(measurement)
-        punctual.on_odometry(odometry(number))
-    for one in (late, early):
-        assert_equal_estimates(one, punctual.estimate().pose, punctual.estimate().P)
-
-
-@pytest.mark.parametrize("late_ms", [50, 100, 500, 900, 1000])
+@pytest.mark.parametrize("late_ms", [50, 1000])
 def test_a_measurement_may_be_as_late_as_the_history(late_ms):
     localization = fresh(history=1.0)
     for number in range(1, 31):
@@ -207,68 +159,16 @@ def test_a_measurement_may_be_as_late_as_the_history(late_ms):
         assert np.hypot(*(wrong.x[:2] - textbook.x[:2])) > 1e-3
 
 
-def test_a_measurement_at_the_very_start_may_be_late_too():
-    # In time it would have been fused with the initial state; late it must not be lost.
-    localization, punctual = fresh(), fresh()
-    punctual.on_measurement(heading(0))
-    for one in (localization, punctual):
-        one.on_odometry(odometry(1))
-    localization.on_measurement(heading(0))
-    assert_equal_estimates(localization, punctual.estimate().pose, punctual.estimate().P, 1e-12)
-
-
-@pytest.mark.parametrize("history", [0.0, 0.2, 1.0, 5.0])
+@pytest.mark.parametrize("history", [0.0, 1.0])
 def test_what_is_older_than_the_history_is_refused_and_changes_nothing(history):
     localization = fresh(history)
     for number in range(1, 81):
         localization.on_odometry(odometry(number))
     before = localization.estimate()
     # The step that the edge of the history falls into may still be there: one period more.
-    with pytest.raises(BadMessageError) as caught:
+    with pytest.raises(BadMessageError, match="too old"):
         localization.on_measurement(fix(80 * PERIOD - round(history * 1e9) - PERIOD - 1))
-    assert caught.value.kind == "too old"
     assert_equal_estimates(localization, before.pose, before.P)
-
-
-def test_the_history_does_not_grow():
-    localization = fresh(history=0.5)
-    for number in range(1, 500):
-        localization.on_odometry(odometry(number))
-        localization.on_measurement(fix(number * PERIOD - 50 * MS))
-        assert len(localization._steps) <= 7
-
-
-def test_measurements_before_the_first_state_are_refused():
-    localization = fresh(stamp=5 * PERIOD)
-    localization.on_odometry(odometry(6))
-    with pytest.raises(BadMessageError) as caught:
-        localization.on_measurement(fix(5 * PERIOD - 1))
-    assert caught.value.kind == "too old"
-
-
-def test_a_fix_ahead_of_the_odometry_waits_for_it():
-    localization, alone = fresh(), fresh()
-    localization.on_measurement(fix(350 * MS))
-    for number in range(1, 4):
-        localization.on_odometry(odometry(number))
-        alone.on_odometry(odometry(number))
-        assert_equal_estimates(localization, alone.estimate().pose, alone.estimate().P)
-    localization.on_odometry(odometry(4))
-    alone.on_odometry(odometry(4))
-    assert localization.estimate().P.trace() < alone.estimate().P.trace()
-    textbook = Textbook().run([odometry(number) for number in range(1, 5)], [fix(350 * MS)])
-    assert_equal_estimates(localization, textbook.x, textbook.P, 1e-10)
-
-
-def test_not_more_than_a_thousand_wait():
-    localization = fresh()
-    for number in range(1000):
-        localization.on_measurement(fix(PERIOD + number))
-    with pytest.raises(BadMessageError) as caught:
-        localization.on_measurement(fix(PERIOD + 2000))
-    assert caught.value.kind == "no odometry for it"
-    localization.on_odometry(odometry(2))
-    localization.on_measurement(fix(2 * PERIOD + 1))
 
 
 def test_a_sender_with_a_wrong_clock_does_not_shut_the_others_out():
@@ -302,67 +202,40 @@ def test_an_odometry_out_of_order_is_refused_and_changes_nothing():
     localization = fresh()
     for number in (1, 2, 4):
         before = localization.on_odometry(odometry(number))
-    with pytest.raises(BadMessageError) as caught:
+    with pytest.raises(BadMessageError, match="out of order"):
         localization.on_odometry(odometry(3))
-    assert caught.value.kind == "out of order"
     assert_equal_estimates(localization, before.pose, before.P)
     assert localization.estimate().odometry == odometry(4)
 
 
-def test_a_lost_odometry_is_bridged_by_the_next():
+@pytest.mark.parametrize(("number", "kind"), [(2, "time jumped back"), (10**5, "time jumped ahead")])
+def test_time_that_jumps_resets(number, kind):
     localization = fresh()
-    localization.on_odometry(odometry(1))
-    found = localization.on_odometry(odometry(4))
-    textbook = Textbook().run([odometry(1), odometry(4)], [])
-    assert_equal_estimates(localization, textbook.x, textbook.P, 1e-12)
-    assert found.stamp == 4 * PERIOD
-
-
-def test_time_that_jumps_back_resets():
-    localization = fresh()
-    for number in range(1, 50):
-        localization.on_odometry(odometry(number))
+    for one in range(1, 50):
+        localization.on_odometry(odometry(one))
     localization.on_measurement(fix(60 * PERIOD))
-    with pytest.raises(BadMessageError) as caught:
-        localization.on_odometry(odometry(2))
-    assert caught.value.kind == "time jumped back"
-    assert not localization.initialised
-    with pytest.raises(BadMessageError) as caught:
-        localization.on_odometry(odometry(3))
-    assert caught.value.kind == "no fix yet"
-    # The next fix starts anew, and nothing of the old time is left waiting.
-    localization.on_measurement(fix(3 * PERIOD))
-    found = localization.on_odometry(odometry(3))
-    np.testing.assert_array_equal(found.pose, numbers_of(fix(3 * PERIOD)))
-    np.testing.assert_array_equal(found.P, R_POSE)
-    reference = Localization(plain())
-    reference.initialise(Pose(*numbers_of(fix(3 * PERIOD))), R_POSE, 3 * PERIOD)
-    for number in range(4, 70):
+    with pytest.raises(BadMessageError, match=kind):
         localization.on_odometry(odometry(number))
-        reference.on_odometry(odometry(number))
+    assert not localization.initialised
+    with pytest.raises(BadMessageError, match="no fix yet"):
+        localization.on_odometry(odometry(number + 1))
+    # The next fix starts anew, and nothing of the old time is left waiting.
+    again = fix((number + 1) * PERIOD)
+    localization.on_measurement(again)
+    reference = Localization(plain())
+    reference.initialise(again.pose, R_POSE, (number + 1) * PERIOD)
+    for one in range(number + 1, number + 70):
+        localization.on_odometry(odometry(one))
+        reference.on_odometry(odometry(one))
     assert_equal_estimates(localization, reference.estimate().pose, reference.estimate().P)
 
 
 def test_nothing_is_known_before_the_first_fix():
     localization = Localization(plain())
-    for call in (
-        localization.estimate,
-        lambda: localization.on_odometry(odometry(1)),
-        lambda: localization.on_measurement(heading(PERIOD)),
-    ):
-        with pytest.raises(BadMessageError) as caught:
+    for call in (localization.estimate, lambda: localization.on_odometry(odometry(1))):
+        with pytest.raises(BadMessageError, match="no fix yet"):
             call()
-        assert caught.value.kind == "no fix yet"
     assert not localization.initialised
-
-
-def test_the_first_fix_is_the_first_state():
-    localization = Localization(plain())
-    localization.on_measurement(fix(PERIOD))
-    found = localization.estimate()
-    assert (found.stamp, found.odometry) == (PERIOD, None)
-    np.testing.assert_array_equal(found.pose, numbers_of(fix(PERIOD)))
-    np.testing.assert_array_equal(found.P, R_POSE)
 
 
 def test_a_reset_forgets_everything():
@@ -372,12 +245,12 @@ def test_a_reset_forgets_everything():
     localization.reset()
     with pytest.raises(BadMessageError):
         localization.estimate()
-    localization.on_measurement(fix(20 * PERIOD))
-    found = localization.on_odometry(odometry(21))
-    assert found.stamp == 21 * PERIOD
-    twin = fresh(stamp=20 * PERIOD)
-    twin.initialise(Pose(*numbers_of(fix(20 * PERIOD))), R_POSE)
-    assert_equal_estimates(localization, *twin.on_odometry(odometry(21))[1:3])
+    # The same measurement is new, and the first fix is the first state.
+    localization.on_measurement(fix(5 * PERIOD))
+    found = localization.estimate()
+    assert (found.stamp, found.odometry) == (5 * PERIOD, None)
+    np.testing.assert_array_equal(found.pose, numbers_of(fix(5 * PERIOD)))
+    np.testing.assert_array_equal(found.P, R_POSE)
 
 
 def test_initialise_moves_the_filter_but_not_its_time():
@@ -385,9 +258,9 @@ def test_initialise_moves_the_filter_but_not_its_time():
     localization.on_odometry(odometry(1))
     localization.on_odometry(odometry(2))
     localization.on_measurement(fix(250 * MS))
-    localization.initialise(Pose(7.0, 8.0, -1.0), np.eye(3), 500 * PERIOD)
+    localization.initialise(Pose(7.0, 8.0, -1.0 + 4.0 * math.pi), np.eye(3), 500 * PERIOD)
     found = localization.estimate()
-    assert (found.stamp, found.pose) == (2 * PERIOD, (7.0, 8.0, -1.0))
+    assert (found.stamp, found.pose) == (2 * PERIOD, pytest.approx((7.0, 8.0, -1.0)))
     np.testing.assert_array_equal(found.P, np.eye(3))
     # What was measured before belongs to the old place: neither kept nor taken.
     with pytest.raises(BadMessageError):
@@ -395,118 +268,34 @@ def test_initialise_moves_the_filter_but_not_its_time():
     localization.on_odometry(odometry(3))
     twin = Localization(plain())
     twin.initialise(Pose(7.0, 8.0, -1.0), np.eye(3), 2 * PERIOD)
-    assert_equal_estimates(localization, *twin.on_odometry(odometry(3))[1:3])
+    assert_equal_estimates(localization, *twin.on_odometry(odometry(3))[1:3], 1e-12)
 
 
-def test_initialised_without_a_time_it_takes_that_of_the_first_odometry():
-    localization = Localization(plain())
-    localization.initialise(START, P0)
-    with pytest.raises(BadMessageError):
-        localization.estimate()
-    found = localization.on_odometry(odometry(5))
-    assert (found.stamp, found.pose) == (5 * PERIOD, START)
-    assert localization.on_odometry(odometry(6)).pose != START
-
-
-def test_an_estimate_is_not_changed_by_what_follows():
-    localization = fresh()
-    first = localization.on_odometry(odometry(1))
-    copied = first.P.copy()
-    localization.on_measurement(fix(50 * MS))
-    localization.on_odometry(odometry(2))
-    localization.on_measurement(fix(2 * PERIOD))
-    localization.initialise(START, np.eye(3))
-    np.testing.assert_array_equal(first.P, copied)
-
-
-@pytest.mark.parametrize("parts", [1, 2, 3, 9])
-def test_splitting_a_step_conserves_the_noise(parts):
-    # Headings that say nothing split the step: what the twist's error adds up to stays. Driving straight, that is exact
-    # for the heading, the way along and their covariance; across, the heading's error comes in parts as a random walk.
-    whole, split = fresh(), fresh()
-    for one in (whole, split):
-        one.initialise(Pose(0.0, 0.0, 0.0), np.zeros((3, 3)) + 1e-12 * np.eye(3))
-    step = odometry_step(PERIOD, Twist(1.5, 0.0), 0.04, 0.01, 0.09)
-    for part in range(1, parts):
-        blind = build_measurement(part * PERIOD // parts, np.zeros(1), np.array([[1e12]]))
-        split.on_measurement(blind)
-    expected, found = whole.on_odometry(step).P, split.on_odometry(step).P
-    seen = np.ix_([0, 2], [0, 2])
-    np.testing.assert_allclose(found[seen], expected[seen], rtol=1e-6)
-    np.testing.assert_allclose(found[seen], 0.01 * np.array([[0.04, 0.01], [0.01, 0.09]]), rtol=1e-6)
-    # Across: (v T^2 / 2)^2 sigma^2 in one piece, growing towards v^2 T^4 sigma^2 / 3 in many.
-    across = (1.5 * 0.1**2) ** 2 * 0.09
-    assert expected[1, 1] == pytest.approx(across / 4.0, rel=1e-6)
-    many = across * (1.0 / 3.0 - 1.0 / (12.0 * parts**2))
-    assert found[1, 1] == pytest.approx(many, rel=1e-6)
-
-
-def test_of_equal_stamps_both_measurements_count():
-    localization, other = fresh(), fresh()
-    for one, order in ((localization, (fix, heading)), (other, (heading, fix))):
-        for make in order:
-            one.on_measurement(make(50 * MS))
-        one.on_odometry(odometry(1))
-    assert_equal_estimates(localization, other.estimate().pose, other.estimate().P)
-    textbook = Textbook().run([odometry(1)], [fix(50 * MS), heading(50 * MS)])
-    assert_equal_estimates(localization, textbook.x, textbook.P, 1e-10)
-
-
-@pytest.mark.parametrize("turns", [1, -2])
-def test_the_heading_is_told_wrapped_from_the_first_on(turns):
-    localization = Localization(plain())
-    localization.initialise(Pose(0.0, 0.0, 1.0 + turns * 2.0 * math.pi), P0, 0)
-    assert localization.estimate().pose.theta == pytest.approx(1.0)
-
-
-MAKERS = {"fix": fix, "heading": heading}
-
-
-@pytest.mark.parametrize("make", MAKERS)
-@pytest.mark.parametrize("late_ms", [0, 30, 250])
-def test_a_measurement_that_is_sent_again_is_refused_and_changes_nothing(make, late_ms):
+@pytest.mark.parametrize("late_ms", [-50, 0, 250])
+def test_a_measurement_that_is_sent_again_is_refused_and_changes_nothing(late_ms):
     localization, once = fresh(), fresh()
-    for number in range(1, 11):
-        for one in (localization, once):
-            one.on_odometry(odometry(number))
-    measurement = MAKERS[make](10 * PERIOD - late_ms * MS)
+    measurement = fix(10 * PERIOD - late_ms * MS)
     for one in (localization, once):
+        for number in range(1, 11):
+            one.on_odometry(odometry(number))
         one.on_measurement(measurement)
     for _ in range(3):
-        with pytest.raises(BadMessageError) as caught:
+        with pytest.raises(BadMessageError, match="duplicate"):
             localization.on_measurement(build_measurement(measurement.stamp, numbers_of(measurement), measurement.R))
-        assert caught.value.kind == "duplicate"
-        assert_equal_estimates(localization, once.estimate().pose, once.estimate().P)
     # Nor later, when what followed is computed again.
     for one in (localization, once):
         one.on_measurement(fix(10 * PERIOD - 300 * MS, seed=5))
         one.on_odometry(odometry(11))
-    with pytest.raises(BadMessageError):
+    with pytest.raises(BadMessageError, match="duplicate"):
         localization.on_measurement(measurement)
     assert_equal_estimates(localization, once.estimate().pose, once.estimate().P)
 
 
-def test_one_that_waits_for_its_odometry_or_was_the_first_fix_is_known_too():
-    localization = Localization(plain())
-    localization.on_measurement(fix(0))
-    localization.on_measurement(fix(250 * MS))
-    for stamp in (0, 250 * MS):
-        with pytest.raises(BadMessageError) as caught:
-            localization.on_measurement(fix(stamp))
-        assert caught.value.kind == "duplicate"
-    once = Localization(plain())
-    once.on_measurement(fix(0))
-    once.on_measurement(fix(250 * MS))
-    for number in range(1, 4):
-        for one in (localization, once):
-            one.on_odometry(odometry(number))
-    assert_equal_estimates(localization, once.estimate().pose, once.estimate().P)
-
-
-def test_another_value_or_another_time_is_no_duplicate():
+def test_another_value_time_kind_or_landmark_is_no_duplicate():
     localization = fresh()
     localization.on_odometry(odometry(1))
     trace = localization.estimate().P.trace()
+    seen, R = np.array([3.0, 0.5]), np.diag([0.01, 0.004])
     for measurement in (
         fix(PERIOD),
         fix(PERIOD, seed=1),
@@ -514,50 +303,38 @@ def test_another_value_or_another_time_is_no_duplicate():
         build_measurement(PERIOD - 1, numbers_of(fix(PERIOD)), R_POSE),
         # A heading equal to the first number of a fix is another measurement.
         build_measurement(PERIOD, numbers_of(fix(PERIOD))[:1], np.array([[0.02]])),
+        build_measurement(PERIOD, seen, R, (1.0, 1.0)),
+        build_measurement(PERIOD, seen, R, (1.5, 1.0)),
     ):
         localization.on_measurement(measurement)
         assert localization.estimate().P.trace() < trace
         trace = localization.estimate().P.trace()
+    with pytest.raises(BadMessageError, match="duplicate"):
+        localization.on_measurement(build_measurement(PERIOD, seen.copy(), R, (1.0, 1.0)))
 
 
-def test_one_that_was_refused_may_come_again():
+def test_one_that_was_refused_or_dropped_while_it_waited_may_come_again():
     localization = Localization(plain())
     for _ in range(2):
-        with pytest.raises(BadMessageError) as caught:
+        with pytest.raises(BadMessageError, match="no fix yet"):
             localization.on_measurement(heading(0))
-        assert caught.value.kind == "no fix yet"
     localization.on_measurement(fix(0))
     localization.on_measurement(heading(0))
+    localization.on_measurement(fix(50 * MS))
+    localization.initialise(START, P0)
+    localization.on_measurement(fix(50 * MS))
 
 
-def test_after_a_reset_the_same_measurements_are_new():
-    localization = fresh()
-    localization.on_odometry(odometry(1))
-    localization.on_measurement(fix(PERIOD))
-    localization.reset()
-    localization.on_measurement(fix(PERIOD))
-    np.testing.assert_array_equal(localization.estimate().pose, numbers_of(fix(PERIOD)))
-
-
-def test_what_is_known_does_not_grow():
-    localization = fresh(history=0.5)
-    for number in range(1, 300):
-        localization.on_odometry(odometry(number))
-        localization.on_measurement(fix(number * PERIOD - 50 * MS))
-        localization.on_measurement(heading(number * PERIOD))
-        assert len(localization._keys) <= 2 * 7
-
-
-def test_nor_does_one_stamp_far_ahead_make_it_grow_for_ever():
+def test_history_and_keys_do_not_grow_for_ever_whatever_stamp_comes_far_ahead():
     localization = fresh(history=0.5)
     localization.on_measurement(heading(10**9 * 10**9))
     blind = np.array([[1e6]])
-    for number in range(1, 121):
+    for number in range(1, 111):
         for part in range(100):
             localization.on_measurement(build_measurement((number - 1) * PERIOD + part * MS + MS, np.zeros(1), blind))
         localization.on_odometry(odometry(number))
+        assert len(localization._steps) <= 7
     assert len(localization._keys) <= 10_000
     # Sent again within the history, each is still known.
-    with pytest.raises(BadMessageError) as caught:
-        localization.on_measurement(build_measurement(119 * PERIOD + MS, np.zeros(1), blind))
-    assert caught.value.kind == "duplicate"
+    with pytest.raises(BadMessageError, match="duplicate"):
+        localization.on_measurement(build_measurement(109 * PERIOD + MS, np.zeros(1), blind))

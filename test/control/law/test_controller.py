@@ -3,42 +3,29 @@
 import cmath
 import itertools
 import math
-import random
 
 import pytest
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
 
 from diffbot_control.law import controller
 from diffbot_control.law.controller import (
     ControllerMemory,
     memory_for_new_goal,
     new_memory,
-    stop_step,
 )
 from diffbot_control.law.goal_checker import Settling
-from diffbot_control.law.lyapunov_law import Gains
 from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.reapproach import RETREATING, Reapproach
-from diffbot_control.law.regions import OMEGA_G, OMEGA_L, FixedRegionPolicy, Switching
-from diffbot_core.data_sheet import PAPER_DATA_SHEET, DataSheet
+from diffbot_control.law.regions import OMEGA_G, OMEGA_L, Switching
+from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import CERTAIN, Estimate
 
-CHECK = settings(max_examples=200)
 INF = math.inf
 PAPER = PRESETS["paper"]
 FREE = PAPER._replace(data_sheet=DataSheet(INF, INF, INF, INF, INF))
 ORIGIN = Pose(0.0, 0.0, 0.0)
 T_S = 0.1
-POSES = st.builds(Pose, st.floats(-20.0, 20.0), st.floats(-20.0, 20.0), st.floats(-math.pi, math.pi))
-MEMORIES = st.builds(
-    ControllerMemory,
-    st.builds(Switching, st.sampled_from((OMEGA_G, OMEGA_L)), st.integers(0, 5)),
-    st.builds(Twist, st.floats(-1.3, 1.3), st.floats(-3.0, 3.0)),
-    st.builds(Settling, st.integers(0, 10), st.booleans()),
-)
 
 
 def step(memory, pose, goal, dt, config, uncertainty=CERTAIN):
@@ -87,63 +74,6 @@ def test_scenario_a_without_noise_equals_the_printed_law():
     assert pose[2] == pytest.approx(0.0, abs=1e-6)
 
 
-@CHECK
-@given(POSES, POSES, POSES, MEMORIES)
-def test_moving_robot_and_goal_together_changes_nothing(pose, goal, motion, memory):
-    _, command, report = step(memory, pose, goal, T_S, PAPER)
-    # At the cut of the angles the law jumps; beside it, rounding must not matter.
-    assume(report.rho > 1e-3)
-    assume(max(abs(report.alpha), abs(report.beta), abs(report.theta)) < math.pi - 1e-6)
-    assume(min(abs(report.rho - 0.5), abs(report.rho - 0.6)) > 1e-6)
-    c, s = math.cos(motion.theta), math.sin(motion.theta)
-
-    def transform(one):
-        return Pose(
-            motion.x + c * one.x - s * one.y,
-            motion.y + s * one.x + c * one.y,
-            one.theta + motion.theta,
-        )
-
-    _, moved_command, moved_report = step(memory, transform(pose), transform(goal), T_S, PAPER)
-    assert moved_command == pytest.approx(command, abs=1e-8)
-    assert moved_report == pytest.approx(report, abs=1e-7)
-
-
-@CHECK
-@given(POSES, MEMORIES)
-def test_the_mirror_image_turns_the_other_way(pose, memory):
-    mirrored_memory = memory._replace(command=Twist(memory.command.v, -memory.command.omega))
-    _, command, report = step(memory, pose, ORIGIN, T_S, FREE)
-    assume(abs(report.alpha) < math.pi)
-    assume(abs(report.beta) < math.pi)
-    assume(abs(report.theta) < math.pi)
-    mirrored = Pose(pose.x, -pose.y, -pose.theta)
-    _, other, _ = step(mirrored_memory, mirrored, ORIGIN, T_S, FREE)
-    assert other == pytest.approx((command.v, -command.omega), abs=1e-12)
-
-
-def test_many_steps_in_any_order_equal_single_ones():
-    rng = random.Random(5)
-    limited = PAPER._replace(data_sheet=DataSheet(1.0, 2.0, 15.0, 1.0, 3.0))
-
-    def state():
-        memory = ControllerMemory(
-            Switching(rng.randint(0, 1)),
-            Twist(rng.uniform(-1.0, 1.0), rng.uniform(-2.0, 2.0)),
-            Settling(rng.randint(0, 6)),
-        )
-        pose = Pose(rng.gauss(0.0, 2.0), rng.gauss(0.0, 2.0), rng.uniform(-3.0, 3.0))
-        goal = Pose(rng.gauss(0.0, 2.0), rng.gauss(0.0, 2.0), rng.uniform(-3.0, 3.0))
-        return memory, pose, goal, rng.choice((0.02, 0.1)), rng.choice((PAPER, limited))
-
-    states = [state() for _ in range(200)]
-    singles = [step(*one) for one in states]
-    order = list(range(200))
-    rng.shuffle(order)
-    shuffled = {index: step(*states[index]) for index in order}
-    assert [shuffled[index] for index in range(200)] == singles
-
-
 def driven(config, poses, memory=None):
     """Feed poses in the goal's frame; return the memories after each."""
     memory = memory or ControllerMemory()
@@ -165,31 +95,6 @@ def test_a_goal_is_reached_after_settling_steps_in_a_row():
     assert [memory.reached for memory in memories] == [False] * 5 + [True] * 2
 
 
-@pytest.mark.parametrize(("stateful", "stays"), [(True, True), (False, False)])
-def test_a_reached_goal_stays_reached_if_stateful(stateful, stays):
-    config = PAPER._replace(tolerance=PAPER.tolerance._replace(settling_steps=1, stateful=stateful))
-    memories = driven(config, [AT_GOAL, AWAY, AT_GOAL])
-    assert [memory.reached for memory in memories] == [True, stays, True]
-
-
-def test_one_settling_step_is_enough_if_asked():
-    config = PAPER._replace(tolerance=PAPER.tolerance._replace(settling_steps=1))
-    assert driven(config, [AT_GOAL])[0].reached
-
-
-def test_moving_fast_through_the_goal_is_not_reaching_it():
-    # Within 0.4 m and 0.1 rad, but v = 1.3 tanh(0.35) = 0.44 m/s.
-    config = PAPER._replace(tolerance=PAPER.tolerance._replace(settling_steps=1))
-    assert not driven(config, [Pose(-0.35, 0.0, 0.0)])[0].reached
-
-
-def test_switches_count_every_change_of_region():
-    poses = [Pose(-distance, 0.0, 0.0) for distance in (2.0, 0.55, 0.45, 0.55, 0.7, 0.55, 0.4)]
-    memories = driven(PAPER, poses)
-    assert [memory.switching.region for memory in memories] == [0, 0, 1, 1, 0, 0, 1]
-    assert [memory.switching.switches for memory in memories] == [0, 0, 1, 1, 2, 2, 3]
-
-
 def test_the_report_holds_the_variables_of_the_step():
     pose, goal = Pose(1.0, 5.0, math.pi), Pose(1.0, 2.0, 0.5 * math.pi)
     # In the goal's frame: (3, 0, pi/2); the goal lies behind along -x: beta = pi, alpha = pi/2.
@@ -204,18 +109,6 @@ def test_the_report_holds_the_variables_of_the_step():
     assert report.lyapunov == pytest.approx(0.5 * (0.55**2 + 0.2**2))
 
 
-def test_limits_of_velocity_come_before_those_of_acceleration():
-    limits = DataSheet(0.5, INF, INF, 1.0, INF)
-    config = PAPER._replace(data_sheet=limits)
-    memory = ControllerMemory()
-    speeds = []
-    for _ in range(8):
-        memory, command, _ = step(memory, Pose(-9.0, 0.0, 0.0), ORIGIN, T_S, config)
-        speeds.append(command.v)
-        assert memory.command == command
-    assert speeds == pytest.approx([0.1, 0.2, 0.3, 0.4, 0.5, 0.5, 0.5, 0.5])
-
-
 def test_a_new_goal_forgets_all_but_the_motion():
     memory = ControllerMemory(
         Switching(OMEGA_L, 4), Twist(0.7, -0.3), Settling(9, True), Reapproach(RETREATING, 2, 1, 3.0, 0.4)
@@ -223,70 +116,19 @@ def test_a_new_goal_forgets_all_but_the_motion():
     assert memory_for_new_goal(memory) == new_memory()._replace(command=memory.command)
 
 
-def test_coming_to_rest():
-    memory = ControllerMemory(Switching(OMEGA_L, 4), Twist(0.25, -0.3), Settling(9, True))
-    stopped, command = stop_step(memory, T_S, PAPER)
-    assert command == (0.0, 0.0)
-    assert stopped == memory._replace(command=Twist(0.0, 0.0))
-    config = PAPER._replace(data_sheet=PAPER_DATA_SHEET._replace(a_max=1.0, omega_dot_max=2.0))
-    commands = []
-    for _ in range(4):
-        memory, command = stop_step(memory, T_S, config)
-        commands.append(command)
-    # On the same curve, omega / v = -1.2 /m, as fast as the slower of the two allows.
-    assert [one.v for one in commands] == pytest.approx([0.15, 0.05, 0.0, 0.0])
-    assert [one.omega for one in commands] == pytest.approx([-0.18, -0.06, 0.0, 0.0])
-
-
 @pytest.mark.parametrize(
     ("pose", "goal"),
     [
         (Pose(1e308, 0.0, 0.0), Pose(-1e308, 0.0, 0.0)),
-        (Pose(1e308, -1e308, 1.0), Pose(-1e308, 1e308, -1.0)),
         (Pose(math.nan, 0.0, 0.0), ORIGIN),
         (Pose(0.0, 0.0, math.nan), ORIGIN),
-        (Pose(math.inf, 0.0, 0.0), ORIGIN),
     ],
 )
 @pytest.mark.parametrize("region", [OMEGA_G, OMEGA_L])
-def test_numbers_that_overflow_stop_the_robot(pose, goal, region):
+@pytest.mark.parametrize("preset", ["paper", "tuned"])
+def test_numbers_that_overflow_stop_the_robot(preset, pose, goal, region):
     memory = ControllerMemory(Switching(region), Twist(0.5, 0.1))
-    after, command, _ = step(memory, pose, goal, T_S, PAPER)
+    after, command, _ = step(memory, pose, goal, T_S, PRESETS[preset])
     assert command == (0.0, 0.0)
     assert after.command == (0.0, 0.0)
     assert not after.reached
-
-
-def test_gains_that_overflow_stop_the_robot():
-    config = FREE._replace(gains=Gains(k=1e308, k_2=1e308))
-    for pose in (Pose(-3.0, -3.0, -3.0), Pose(-0.1, -0.1, -3.0)):
-        _, command, _ = step(ControllerMemory(), pose, ORIGIN, T_S, config)
-        assert command == (0.0, 0.0)
-
-
-@CHECK
-@given(POSES, POSES, MEMORIES)
-def test_the_command_is_within_limits_everywhere(pose, goal, memory):
-    limits = DataSheet(0.8, 1.5, 18.0, INF, INF)
-    config = PAPER._replace(data_sheet=limits)
-    _, (v, omega), _ = step(memory, pose, goal, T_S, config)
-    assert abs(v) <= 0.8 * (1.0 + 1e-12)
-    assert abs(omega) <= 1.5 * (1.0 + 1e-12)
-    assert max(abs(v - 0.3 * omega), abs(v + 0.3 * omega)) / 0.05 <= 18.0 * (1.0 + 1e-12)
-
-
-def test_the_radii_of_the_policy_are_used():
-    config = PAPER._replace(region_policy=PAPER.region_policy._replace(fixed=FixedRegionPolicy(1.0, 2.0)))
-    near = Pose(-0.9, 0.0, 0.3)
-    memory, command, _ = step(ControllerMemory(), near, ORIGIN, T_S, config)
-    assert memory.switching.region == OMEGA_L
-    assert command.omega == pytest.approx(-2.7 * 0.3)
-    memory, _, report = step(memory, Pose(-1.9, 0.0, 0.3), ORIGIN, T_S, config)
-    assert (memory.switching.region, report.eps_P) == (OMEGA_L, 2.0)
-
-
-def test_a_goal_behind_is_reached_backwards():
-    memory, command, _ = step(ControllerMemory(), Pose(3.0, 0.0, 0.0), ORIGIN, T_S, PAPER)
-    assert command.v == pytest.approx(-1.3 * math.tanh(3.0))
-    assert isinstance(command, Twist)
-    assert memory.switching.switches == 0

@@ -11,7 +11,7 @@ from diffbot_control.filter.covariance import uncertainty_of
 from diffbot_control.law.goal_checker import GoalTolerance, is_knowable, within
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
-from diffbot_core.uncertainty import CERTAIN, Uncertainty, largest_deviation
+from diffbot_core.uncertainty import Uncertainty, largest_deviation
 
 TOLERANCE = GoalTolerance(0.4, 0.1, 0.05, 0.2, goal_sigmas=2.0)
 
@@ -34,52 +34,36 @@ def test_each_bound_alone_decides(name, value):
     assert not judged(**{name: math.nan})
 
 
-@pytest.mark.parametrize("sigmas", [0.0, 1.0, 2.0, 3.5])
-def test_so_many_deviations_are_added_to_the_errors(sigmas):
-    tolerance = TOLERANCE._replace(goal_sigmas=sigmas)
-    still = Twist(0.0, 0.0)
-    for rho, theta, xy, turn in (
-        (0.0, 0.0, 0.1, 0.01),
-        (0.3, 0.05, 0.04, 0.02),
-        (0.3, -0.05, 0.07, 0.02),
-        (0.1, -0.05, 0.04, 0.04),
-        (0.39, 0.0, 0.02, 0.0),
-    ):
-        found = within(Pose(9.0, 9.0, theta), rho, still, tolerance, Uncertainty(xy, turn))
-        assert found is (rho + sigmas * xy <= 0.4 and abs(theta) + sigmas * turn <= 0.1)
-    # Taken at its word unless said otherwise.
-    assert within(Pose(0.0, 0.0, 0.1), 0.4, still, tolerance)
-    assert CERTAIN == (0.0, 0.0)
+@pytest.mark.parametrize(
+    ("rho", "theta", "xy", "turn", "inside"),
+    [
+        # 0.4 m and 0.1 rad, less two deviations each.
+        (0.3, -0.05, 0.049, 0.024, True),
+        (0.3, -0.05, 0.051, 0.024, False),
+        (0.3, -0.05, 0.049, 0.026, False),
+        (0.0, 0.0, 0.21, 0.0, False),
+        (0.4, 0.1, 0.0, 0.0, True),
+    ],
+)
+def test_two_deviations_are_added_to_each_error(rho, theta, xy, turn, inside):
+    assert within(Pose(9.0, 9.0, theta), rho, Twist(0.0, 0.0), TOLERANCE, Uncertainty(xy, turn)) is inside
 
 
 @pytest.mark.parametrize(
     ("xy", "theta", "knowable"),
     [
-        (0.0, 0.0, True),
         (0.19, 0.04, True),
-        (0.21, 0.04, False),
-        (0.19, 0.06, False),
         (0.2, 0.0, False),
         (0.0, 0.05, False),
         (math.inf, 0.0, False),
-        (math.nan, 0.0, False),
         (0.0, math.nan, False),
     ],
 )
-def test_what_can_be_known(xy, theta, knowable):
-    # Two deviations have to fit into 0.4 m and 0.1 rad.
+def test_an_estimate_can_be_inside_if_two_deviations_fit_into_the_tolerances(xy, theta, knowable):
     assert is_knowable(TOLERANCE, Uncertainty(xy, theta)) is knowable
-    # What is not knowable is never within, not even at the very goal.
-    still = Twist(0.0, 0.0)
-    if xy not in (0.2,) and theta not in (0.05,):
-        assert within(Pose(0.0, 0.0, 0.0), 0.0, still, TOLERANCE, Uncertainty(xy, theta)) is knowable
 
 
-def test_without_deviations_all_that_is_finite_is_knowable():
-    assert is_knowable(TOLERANCE._replace(goal_sigmas=0.0), Uncertainty(1e9, 1e9))
-
-
-@settings(max_examples=300)
+@settings(max_examples=100)
 @given(st.floats(1e-4, 1e3), st.floats(1e-4, 1e3), st.floats(-math.pi, math.pi))
 def test_largest_deviation_is_the_longer_axis_of_the_ellipse(one, other, turn):
     c, s = math.cos(turn), math.sin(turn)
@@ -90,20 +74,9 @@ def test_largest_deviation_is_the_longer_axis_of_the_ellipse(one, other, turn):
     assert found == pytest.approx(math.sqrt(np.linalg.eigvalsh(P)[-1]), rel=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("covariance", "deviation"),
-    [
-        ((0.0, 0.0, 0.0), 0.0),
-        ((4.0, 0.0, 1.0), 2.0),
-        ((1.0, 0.0, 4.0), 2.0),
-        ((1.0, 1.0, 1.0), math.sqrt(2.0)),
-        ((1.0, -1.0, 1.0), math.sqrt(2.0)),
-        # What rounding leaves of nothing has no deviation, and no error either.
-        ((-1e-20, 0.0, -1e-20), 0.0),
-    ],
-)
-def test_largest_deviation_by_hand(covariance, deviation):
-    assert largest_deviation(*covariance) == pytest.approx(deviation, abs=1e-15)
+def test_largest_deviation_of_a_line_and_of_what_rounding_leaves_of_nothing():
+    assert largest_deviation(1.0, -1.0, 1.0) == pytest.approx(math.sqrt(2.0))
+    assert largest_deviation(-1e-20, 0.0, -1e-20) == 0.0
 
 
 def test_uncertainty_of_a_covariance():

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from diffbot_control.law.latency import SLOTS, Actuation, coast, grown, resting_actuation
+from diffbot_control.law.latency import SLOTS, coast, grown, resting_actuation
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
@@ -56,8 +56,7 @@ def random_history(rng, steps, spans, omega=2.0):
     return [(Twist(rng.uniform(-1.0, 1.0), rng.uniform(-omega, omega)), rng.choice(spans)) for _ in range(steps)]
 
 
-@pytest.mark.parametrize("latency", [0.0, 0.05, 0.1, 0.24, 0.3, 0.5])
-@pytest.mark.parametrize("spans", [(0.1,), (0.08, 0.1, 0.2)])
+@pytest.mark.parametrize(("latency", "spans"), [(0.1, (0.1,)), (0.24, (0.08, 0.1, 0.2)), (0.5, (0.1,))])
 def test_dead_time_alone_is_predicted_exactly(latency, spans):
     rng = random.Random(8)
     for _ in range(4):
@@ -65,7 +64,7 @@ def test_dead_time_alone_is_predicted_exactly(latency, spans):
         assert found.pose == pytest.approx((rest.x, rest.y, math.remainder(rest.theta, math.tau)), abs=2e-6)
 
 
-@pytest.mark.parametrize(("latency", "lag"), [(0.0, 0.1), (0.0, 0.3), (0.1, 0.1), (0.25, 0.15), (0.3, 0.3)])
+@pytest.mark.parametrize(("latency", "lag"), [(0.0, 0.3), (0.25, 0.15)])
 def test_lag_is_predicted_on_a_line_and_in_the_heading_and_nearly_on_curves(latency, lag):
     rng = random.Random(9)
     for _ in range(4):
@@ -76,20 +75,6 @@ def test_lag_is_predicted_on_a_line_and_in_the_heading_and_nearly_on_curves(late
         assert math.remainder(found.pose.theta - rest.theta, math.tau) == pytest.approx(0.0, abs=5e-4)
         # To first order in the curvature: of a way of up to 0.6 m at up to 2 rad/s.
         assert math.hypot(found.pose.x - rest.x, found.pose.y - rest.y) < 0.02
-
-
-@pytest.mark.parametrize("latency", [0.3, 1.0, 5.0])
-@pytest.mark.parametrize("period", [0.01, 0.02, 0.05])
-def test_more_commands_than_slots_are_joined_and_their_way_stays(latency, period):
-    """Straight on, and in the heading, joined commands differ only where they begin and end."""
-    rng = random.Random(10)
-    steps = round(1.3 * latency / period)
-    history = [(Twist(0.5 + 0.1 * rng.random(), 0.0), period) for _ in range(steps)]
-    found, rest = predicted(history, latency, 0.0)
-    assert found.pose.x == pytest.approx(rest.x, abs=0.1 * 2.0 * (latency + period) / SLOTS)
-    assert len(found.actuation.under_way) == SLOTS
-    total = sum(held.span for held in found.actuation.under_way)
-    assert total >= min(latency, steps * period) - 1e-9
 
 
 @CHECK
@@ -106,15 +91,6 @@ def test_the_memory_always_covers_the_dead_time(latency, spans):
     # Before the first command it stood.
     assert found.pose.x == pytest.approx(min(latency, sum(spans)), abs=1e-9)
     assert (found.way, found.turn) == pytest.approx((min(latency, sum(spans)), 0.0), abs=1e-9)
-
-
-def test_the_default_memory_is_that_at_rest():
-    assert Actuation() == resting_actuation()
-    assert coast(Pose(1.0, 2.0, 3.0), Actuation(), Twist(0.0, 0.0), 0.1, DataSheet(command_latency=0.3)).pose == (
-        1.0,
-        2.0,
-        3.0,
-    )
 
 
 def test_the_uncertainty_grows_as_sampled_motions_scatter():

@@ -18,16 +18,9 @@ FAST = PAPER._replace(gains=Gains())
 GAINS = st.builds(Gains, st.floats(0.1, 5.0), st.floats(0.1, 10.0), st.floats(0.01, 10.0), st.floats(0.1, 10.0))
 
 
-def test_gains_that_are_stable_are_not_warned_of():
-    for gains in (PAPER_GAINS, Gains()):
-        for t_s in (0.001, 0.02, 0.1, 0.2):
-            assert unstable_gains(PAPER._replace(gains=gains), t_s) == ""
-
-
 @pytest.mark.parametrize(
     ("gains", "t_s", "names", "sizes"),
     [
-        (PAPER_GAINS._replace(k_2=21.0), 0.1, ["k_2 (heading in Omega_L)"], ["1.10"]),
         (PAPER_GAINS._replace(k_2=20.0), 0.1, ["k_2 (heading in Omega_L)"], ["1.00"]),
         (PAPER_GAINS._replace(k=30.0), 0.1, ["k, h and gamma (angles in Omega_G)"], ["2.00"]),
         # Complex ones: 1 - 0.1 k / 2 and 0.1 sqrt(gamma^2 h - k^2 / 4): |0.95 + 0.1 * 12.99 i|.
@@ -63,7 +56,7 @@ def driven(gain, delay, steps=4000):
     return max(abs(one) for one in past[-steps // 10 :])
 
 
-@pytest.mark.parametrize("delay", range(9))
+@pytest.mark.parametrize("delay", [0, 1, 3, 8])
 def test_the_largest_gain_with_a_delay_separates_loops_that_settle_from_those_that_grow(delay):
     bound = largest_gain(delay)
     assert driven(0.97 * bound, delay) < 0.5
@@ -72,7 +65,7 @@ def test_the_largest_gain_with_a_delay_separates_loops_that_settle_from_those_th
 
 @pytest.mark.parametrize(
     ("latency", "lag", "warned"),
-    [(0.0, 0.0, False), (0.1, 0.0, False), (0.2, 0.0, False), (0.3, 0.0, True), (0.2, 0.1, True), (0.15, 0.1, True)],
+    [(0.2, 0.0, False), (0.3, 0.0, True), (0.15, 0.1, True)],
 )
 def test_the_papers_law_with_fast_gains_is_warned_of_where_it_spins(latency, lag, warned):
     sheet = PAPER_DATA_SHEET._replace(command_latency=latency, drive_time_constant=lag)

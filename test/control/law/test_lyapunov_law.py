@@ -13,112 +13,31 @@ from diffbot_control.law.lyapunov_law import (
     Gains,
     global_law,
     global_lyapunov,
-    heading_hold,
     local_law,
     local_lyapunov,
     sampled_poles,
     sinc,
-    steering,
     tanhc,
-    velocity,
 )
 from diffbot_control.law.polar_coordinates import Navigation
 
-CHECK = settings(max_examples=300)
+CHECK = settings(max_examples=150)
 PAPER = PAPER_GAINS
-TUNED_GAINS = Gains()
 ANGLES = st.floats(-math.pi, math.pi, exclude_min=True)
 DISTANCES = st.floats(0.0, 1e12)
-NAVIGATIONS = st.builds(Navigation, DISTANCES, ANGLES, ANGLES)
 GAINS = st.builds(Gains, st.floats(0.1, 5.0), st.floats(0.1, 10.0), st.floats(0.01, 10.0), st.floats(0.1, 10.0))
 STEP = 1e-5
 
 
-@pytest.mark.parametrize(
-    ("navigation", "v", "omega"),
-    [
-        # tanh 1 = 0.761594156, cos(pi/3) = 0.5: v = 1.3 * 0.761594156 * 0.5.
-        # sinc(pi/3) = 0.826993343; 1.3 * 0.826993343 * 0.761594156 * 0.5 = 0.409391643;
-        # alpha + h beta = 1.047197551 + 0.17 * 0.523598776 = 1.136209343;
-        # omega = 1.047197551 + 0.409391643 * 1.136209343.
-        (Navigation(1.0, math.pi / 3, math.pi / 6), 0.495036201371, 1.512352161102),
-        # Behind, so it reverses: tanh 2 = 0.964027580, cos 2.5 = -0.801143616: v = 1.3 * product.
-        # sinc 2.5 = 0.239388858; 1.3 * 0.239388858 * 0.482013790 * -0.801143616 = -0.120175828;
-        # alpha + h beta = 2.5 - 0.17 = 2.33; omega = 2.5 - 0.120175828 * 2.33.
-        (Navigation(2.0, 2.5, -1.0), -1.004021903286, 2.219990320207),
-        # The start of scenario A: rho 5.852349955, alpha 0.698426548, beta 1.222025323.
-        # 1.3 sinc tanhc cos = 0.156621615; omega = 0.698426548 + 0.156621615 * (0.698426548 + 0.207744305).
-        (
-            Navigation(5.852349955359813, 0.698426547612691, 1.222025323210990),
-            0.995594914458,
-            0.840352490166,
-        ),
-        # At the goal, looking away from its heading: sinc and tanhc are 1 at 0.
-        (Navigation(0.0, 0.0, 0.5), 0.0, 1.3 * 0.17 * 0.5),
-        # Abreast: it stands and turns.
-        (Navigation(3.0, math.pi / 2, 1.0), 0.0, math.pi / 2),
-        # Straight behind: sinc(pi) is 0.
-        (Navigation(3.0, math.pi, 1.0), -1.3 * math.tanh(3.0), math.pi),
-    ],
-)
-def test_law_13_by_hand(navigation, v, omega):
-    assert global_law(navigation, PAPER) == pytest.approx((v, omega), abs=1e-11)
-    assert velocity(navigation, PAPER) == pytest.approx(v, abs=1e-11)
-    assert steering(navigation, PAPER) == pytest.approx(omega, abs=1e-11)
-
-
-def test_law_17_near_the_goal_by_hand():
-    # v as above; omega = -2.7 * 0.4.
-    found = local_law(Navigation(1.0, math.pi / 3, math.pi / 6), 0.4, PAPER)
-    assert found == pytest.approx((0.495036201371, -1.08), abs=1e-11)
-    assert heading_hold(-0.5, PAPER) == pytest.approx(1.35)
-
-
-def test_lyapunov_functions_by_hand():
-    # (4 + 0.25 + 0.17 * 9) / 2 and (4 + 0.36) / 2.
-    navigation = Navigation(2.0, -0.5, 3.0)
-    assert global_lyapunov(navigation, PAPER) == pytest.approx(2.89)
-    assert local_lyapunov(navigation, 0.6) == pytest.approx(2.18)
+SINGULAR = st.sampled_from((0.0, 5e-324, 1e-310, 1e-200, 1e-8))
 
 
 @CHECK
-@given(NAVIGATIONS, st.floats(-1e6, 1e6), GAINS)
-def test_each_law_drives_alike_and_within_gamma(navigation, theta, gains):
-    v, omega = global_law(navigation, gains)
-    assert abs(v) <= gains.gamma
-    assert math.isfinite(omega)
-    near = local_law(navigation, theta, gains)
-    assert near == (v, -gains.k_2 * theta)
-
-
-@CHECK
-@given(NAVIGATIONS)
-def test_it_reverses_exactly_when_the_goal_is_behind(navigation):
-    assume(navigation.rho > 1e-300)
-    cosine = math.cos(navigation.alpha)
-    v = velocity(navigation, PAPER)
-    assert (v > 0.0) is (cosine > 0.0)
-    assert (v < 0.0) is (cosine < 0.0)
-
-
-@CHECK
-@given(NAVIGATIONS, st.floats(-10.0, 10.0), GAINS)
-def test_the_mirror_image_turns_the_other_way(navigation, theta, gains):
-    mirrored = Navigation(navigation.rho, -navigation.alpha, -navigation.beta)
-    v, omega = global_law(navigation, gains)
-    assert global_law(mirrored, gains) == (v, -omega)
-    v, omega = local_law(navigation, theta, gains)
-    assert local_law(mirrored, -theta, gains) == (v, -omega)
-    assert global_lyapunov(mirrored, gains) == global_lyapunov(navigation, gains)
-
-
-@pytest.mark.parametrize("rho", [0.0, 5e-324, 1e-310, 1e-200, 1e-8, 1.0, 1e8, 1e300])
-@pytest.mark.parametrize("alpha", [0.0, 5e-324, 1e-200, 1e-8, math.pi / 2, 3.0, math.pi])
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_finite_at_and_around_the_singular_points(rho, alpha, sign):
-    v, omega = global_law(Navigation(rho, sign * alpha, -sign * 2.0), PAPER)
+@given(SINGULAR | DISTANCES, SINGULAR | ANGLES, ANGLES)
+def test_the_commands_are_bounded_at_and_around_the_singular_points(rho, alpha, beta):
+    v, omega = global_law(Navigation(rho, alpha, beta), PAPER)
+    # |v| <= gamma, |omega| <= k pi + gamma (pi + h pi).
     assert abs(v) <= PAPER.gamma
-    # |omega| <= k pi + gamma (pi + h pi).
     assert abs(omega) <= math.pi * (1.0 + 1.3 * 1.17)
 
 
@@ -133,44 +52,7 @@ def test_sinc_and_tanhc_against_exact_series(x):
     assert tanhc(x) == pytest.approx(float(tangent), rel=3e-16)
     assert sinc(-x) == sinc(x)
     assert tanhc(-x) == tanhc(x)
-
-
-def test_sinc_and_tanhc_at_zero_and_far_away():
     assert sinc(0.0) == tanhc(0.0) == 1.0
-    assert sinc(5e-324) == tanhc(5e-324) == 1.0
-    assert sinc(math.pi / 2) == pytest.approx(2.0 / math.pi)
-    assert abs(sinc(math.pi)) < 1e-16
-    assert tanhc(1.0) == pytest.approx((math.e**2 - 1.0) / (math.e**2 + 1.0))
-    assert tanhc(1e300) == pytest.approx(1e-300)
-
-
-@pytest.mark.parametrize(
-    ("below", "above"),
-    [
-        (Navigation(0.0, 1.0, -2.0), Navigation(1e-9, 1.0, -2.0)),
-        (Navigation(2.0, 0.0, 0.9), Navigation(2.0, 1e-9, 0.9)),
-        (Navigation(2.0, -1e-9, 0.9), Navigation(2.0, 1e-9, 0.9)),
-        (
-            Navigation(2.0, math.pi / 2 - 1e-9, 0.9),
-            Navigation(2.0, math.pi / 2 + 1e-9, 0.9),
-        ),
-        (
-            Navigation(2.0, -math.pi / 2 - 1e-9, 0.9),
-            Navigation(2.0, -math.pi / 2 + 1e-9, 0.9),
-        ),
-        (Navigation(2.0, math.pi - 1e-9, 0.9), Navigation(2.0, math.pi, 0.9)),
-        # Where the series takes over from the quotient.
-        (Navigation(2.0, math.nextafter(1e-4, 0.0), 0.9), Navigation(2.0, 1e-4, 0.9)),
-        (Navigation(math.nextafter(1e-4, 0.0), 1.0, 0.9), Navigation(1e-4, 1.0, 0.9)),
-    ],
-)
-def test_continuous_at_the_singular_points(below, above):
-    assert global_law(below, PAPER) == pytest.approx(global_law(above, PAPER), abs=2e-8)
-
-
-def test_the_series_meets_the_quotient_without_a_step():
-    for function in (sinc, tanhc):
-        assert function(math.nextafter(1e-4, 0.0)) == pytest.approx(function(1e-4), rel=3e-16)
 
 
 def variables(x, y, theta):
@@ -263,30 +145,3 @@ def test_sampled_poles_are_the_eigenvalues_of_a_step(gains, t_s):
         eigenvalues = np.linalg.eigvals(np.eye(len(A)) + t_s * A)
         # At a double pole the square root makes much of the differences' rounding.
         assert size == pytest.approx(np.abs(eigenvalues).max(), abs=2e-4 * (1.0 + t_s))
-
-
-@pytest.mark.parametrize(
-    ("gains", "t_s", "poles"),
-    [
-        # s^2 + 3 s + 2 = (s + 1)(s + 2): 1 - 0.1 and 1 - 0.2.
-        (Gains(1.0, 3.0, 2.0, 2.0), 0.1, (0.9, 0.9, 0.8)),
-        # One that is too fast: 1 - 1.5 * 2 = -2.
-        (Gains(1.0, 3.0, 2.0, 2.0), 1.5, (2.0, 0.5, 2.0)),
-        # s^2 + 2 s + 5: -1 +- 2 i: |0.9 + 0.2 i|.
-        (Gains(1.0, 2.0, 5.0, 1.0), 0.1, (math.hypot(0.9, 0.2), 0.9, 0.9)),
-        # A double pole at -2 and what 0.1 s makes of it.
-        (Gains(2.0, 4.0, 1.0, 4.0), 0.1, (0.8, 0.8, 0.6)),
-    ],
-)
-def test_sampled_poles_by_hand(gains, t_s, poles):
-    assert sampled_poles(gains, t_s) == pytest.approx(poles, abs=1e-12)
-
-
-def test_the_tuned_gains_have_a_double_pole():
-    gamma, k, h, _ = TUNED_GAINS
-    # s^2 + k s + gamma^2 h with lambda = k / 2: what is under the root is nothing, to the digits of h.
-    assert h == pytest.approx((0.5 * k / gamma) ** 2, rel=2e-3)
-    assert math.sqrt(gamma * gamma * h) == pytest.approx(2.0, rel=1e-3)
-    # The bearing settles before the distance does.
-    assert 0.5 * k > gamma
-    assert max(sampled_poles(TUNED_GAINS, 0.1)) < 0.9

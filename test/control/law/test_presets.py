@@ -6,11 +6,10 @@ import sys
 import graph
 import pytest
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
+from rcl_interfaces.srv import GetParameters, SetParameters
 
 from diffbot_control.law import controller
 from diffbot_control.law.controller import ControllerConfig, ControllerMemory
-from diffbot_control.law.lyapunov_law import sampled_poles
 from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.regions import OMEGA_G, OMEGA_L, Switching, smallest_radius
 from diffbot_control.law.supervisor import SupervisorConfig
@@ -54,11 +53,6 @@ def test_the_library_and_the_node_have_the_same_defaults():
     assert SupervisorConfig().controller == ControllerConfig()
 
 
-@pytest.mark.parametrize("name", PRESETS)
-def test_every_preset_is_stable_at_the_papers_sampling_time(name):
-    assert max(sampled_poles(PRESETS[name].gains, 0.1)) < 1.0
-
-
 def test_the_papers_preset_has_a_radius_that_meets_its_own_condition():
     paper, noise = PRESETS["paper"], SensorConfig()
     # +-5 % of each wheel at v_max; section 3.2 and 4.1.
@@ -68,17 +62,6 @@ def test_the_papers_preset_has_a_radius_that_meets_its_own_condition():
             pose = Pose(-rho, 0.0, 0.0)
             memory, _, _ = step(ControllerMemory(), pose, ORIGIN, 0.1, paper, Uncertainty(sigma, 0.0))
             assert memory.switching.region == region
-
-
-@pytest.mark.parametrize(("name", "sigmas"), [("tuned", 1.6), ("precise", 1.6), ("paper_covariance", 2.2)])
-def test_the_other_presets_switch_where_the_estimate_is_uncertain_to(name, sigmas):
-    """Eps_P covers its share of standard deviations of the position and 5 % of the speed."""
-    for sigma in (0.05, 0.1, 0.2):
-        inside, outside = (
-            step(ControllerMemory(), Pose(-rho, 0.0, 0.0), ORIGIN, 0.1, PRESETS[name], Uncertainty(sigma, 0.0))[0]
-            for rho in (0.95 * sigmas * sigma, 1.05 * sigmas * sigma + 0.05)
-        )
-        assert (inside.switching.region, outside.switching.region) == (OMEGA_L, OMEGA_G)
 
 
 @pytest.mark.parametrize(("name", "reached"), [("tuned", False), ("paper_covariance", False), ("paper", True)])
@@ -97,69 +80,32 @@ def parameters(peer, name, names):
     return {one: getattr(value, FIELDS[value.type]) for one, value in zip(names, answer.values, strict=True)}
 
 
-def expected_of(preset, **changes):
-    values = to_dict(CONTROLLER_PRESETS[preset])
-    return {**values, **changes}
+def set_parameter(peer, name, **value):
+    request = SetParameters.Request(parameters=[Parameter(name=name, value=ParameterValue(**value))])
+    return peer.call(SetParameters, "controller/set_parameters", request).results[0]
 
 
 @pytest.mark.graph
-@pytest.mark.parametrize(
-    ("preset", "overrides"),
-    [("paper", {"k": 2.0}), ("tuned", {}), ("tuned", {"xy_goal_tolerance": 0.03, "reapproach_tries": 7})],
-)
-def test_the_node_takes_its_defaults_from_the_preset_and_overrides_win(preset, overrides):
+def test_the_node_takes_its_defaults_from_the_preset_and_overrides_win():
     # The order on the command line does not matter: the preset comes last here.
-    with graph.node(graph.MODULES["controller"], {**overrides, "preset": preset}) as process, graph.peer() as peer:
+    with graph.node(graph.MODULES["controller"], {"k": 2.0, "preset": "paper"}) as process, graph.peer() as peer:
         process.wait_for_output("ready")
         names = [parameter.name for parameter in parameters_of(ControllerNodeConfig)]
-        found = parameters(peer, "controller", names)
-        assert found == expected_of(preset, **overrides)
-        if overrides.get("k") == 2.0:
-            assert (found["k"], found["h"], found["preset"]) == (2.0, 0.17, "paper")
+        expected = {**to_dict(CONTROLLER_PRESETS["paper"]), "k": 2.0}
+        assert parameters(peer, "controller", names) == expected
         # It is read once: a later change would leave the others as they are.
-        value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value="paper")
-        request = SetParameters.Request(parameters=[Parameter(name="preset", value=value)])
-        refused = peer.call(SetParameters, "controller/set_parameters", request).results[0]
+        refused = set_parameter(peer, "preset", type=ParameterType.PARAMETER_STRING, string_value="tuned")
         assert not refused.successful
         assert "read-only" in refused.reason
-        described = peer.call(
-            DescribeParameters, "controller/describe_parameters", DescribeParameters.Request(names=["preset", "k"])
-        ).descriptors
-        assert [one.read_only for one in described] == [True, False]
-        assert described[0].additional_constraints == CHOICES
         # A later change of another parameter leaves the rest of the preset alone.
-        value = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=3.25)
-        request = SetParameters.Request(parameters=[Parameter(name="k_2", value=value)])
-        assert peer.call(SetParameters, "controller/set_parameters", request).results[0].successful
-        assert parameters(peer, "controller", names) == expected_of(preset, **overrides, k_2=3.25)
-        assert "unknown parameter" not in process.output
+        assert set_parameter(peer, "k_2", type=ParameterType.PARAMETER_DOUBLE, double_value=3.25).successful
+        assert parameters(peer, "controller", names) == {**expected, "k_2": 3.25}
 
 
 @pytest.mark.graph
-def test_bad_presets_are_refused_at_the_start_in_one_line():
-    cases = [
-        (["preset:=papre"], f"preset = 'papre': must be {CHOICES}"),
-        (["preset:=3"], "preset = 3: must be a text"),
-        (["preset:=tuned", "k:=-2.0"], "k = -2.0: must be"),
-    ]
-    running = []
-    for words, _ in cases:
-        arguments = [text for word in words for text in ("-p", word)]
-        command = [sys.executable, "-m", graph.MODULES["controller"], "--ros-args", *arguments]
-        running.append(
-            subprocess.Popen(
-                command, env=graph.environment(), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
-            )
-        )
-    try:
-        for process, (_, message) in zip(running, cases, strict=True):
-            output, _ = process.communicate(timeout=60.0)
-            assert process.returncode == 1
-            lines = output.splitlines()
-            assert len(lines) == 1, output
-            assert lines[0].startswith("error: ")
-            assert message in lines[0]
-    finally:
-        for process in running:
-            process.kill()
-            process.wait()
+def test_an_unknown_preset_is_refused_at_the_start_in_one_line():
+    command = [sys.executable, "-m", graph.MODULES["controller"], "--ros-args", "-p", "preset:=papre"]
+    found = subprocess.run(command, env=graph.environment(), capture_output=True, text=True, timeout=300.0, check=False)
+    assert found.returncode == 1
+    (line,) = (found.stdout + found.stderr).splitlines()
+    assert line == f"error: preset = 'papre': must be {CHOICES}"

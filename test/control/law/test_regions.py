@@ -1,18 +1,31 @@
-"""Omega_G and Omega_L: radii, hysteresis and the paper's condition."""
+"""Omega_G and Omega_L: the paper's condition, hysteresis, and a radius that follows the covariance."""
 
+import itertools
 import math
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from diffbot_control.law import controller
+from diffbot_control.law.controller import ControllerMemory
+from diffbot_control.law.lyapunov_law import Gains
+from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.regions import (
+    COVARIANCE,
     OMEGA_G,
     OMEGA_L,
-    REGION_NAMES,
+    CovarianceRegionPolicy,
     FixedRegionPolicy,
+    RegionPolicy,
+    covariance_radius,
+    covariance_region,
     fixed_region,
     smallest_radius,
 )
 from diffbot_core.errors import InvalidValueError
+from diffbot_core.geometry import Pose
+from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
 
 POLICY = FixedRegionPolicy(0.5, 0.6)
 
@@ -28,16 +41,12 @@ def test_the_papers_condition():
 @pytest.mark.parametrize(
     ("before", "rho", "after"),
     [
-        (OMEGA_G, 0.6, OMEGA_G),
         (OMEGA_G, 0.55, OMEGA_G),
         (OMEGA_G, 0.5, OMEGA_G),
         (OMEGA_G, math.nextafter(0.5, 0.0), OMEGA_L),
-        (OMEGA_G, 0.0, OMEGA_L),
-        (OMEGA_L, 0.0, OMEGA_L),
         (OMEGA_L, 0.55, OMEGA_L),
         (OMEGA_L, 0.6, OMEGA_L),
         (OMEGA_L, math.nextafter(0.6, 1.0), OMEGA_G),
-        (OMEGA_L, 100.0, OMEGA_G),
         # A distance that is no number must not count as near.
         (OMEGA_L, math.nan, OMEGA_G),
         (OMEGA_G, math.nan, OMEGA_G),
@@ -47,25 +56,114 @@ def test_hysteresis(before, rho, after):
     assert fixed_region(before, rho, POLICY) == after
 
 
-def test_noise_between_the_radii_changes_nothing():
-    for start in (OMEGA_G, OMEGA_L):
-        region = start
-        for rho in (0.51, 0.59, 0.501, 0.599, 0.55):
-            region = fixed_region(region, rho, POLICY)
-            assert region == start
-
-
-def test_an_approach_and_a_kick():
-    region, regions = OMEGA_G, []
-    for rho in (2.0, 0.7, 0.52, 0.49, 0.58, 0.3, 0.61, 0.55, 0.45):
-        region = fixed_region(region, rho, POLICY)
-        regions.append(REGION_NAMES[region])
-    g, near = "Omega_G", "Omega_L"
-    assert regions == [g, g, g, near, near, near, g, g, near]
-
-
 def test_a_leaving_radius_below_the_entering_one_is_refused():
     with pytest.raises(InvalidValueError, match=r"eps_P_leave = 0\.4: must be >= eps_P = 0\.5"):
         FixedRegionPolicy(0.5, 0.4).check()
     FixedRegionPolicy(0.5, 0.5).check()
     FixedRegionPolicy().check()
+
+
+CHECK = settings(max_examples=100)
+ORIGIN = Pose(0.0, 0.0, 0.0)
+COVARIANCE_POLICY = CovarianceRegionPolicy(0.02, 2.2, 0.05, 3.0, 0.3, 3)
+TUNED = PRESETS["paper_covariance"]._replace(
+    gains=Gains(), region_policy=RegionPolicy(COVARIANCE, covariance=COVARIANCE_POLICY)
+)
+DISTANCES = st.floats(0.0, 100.0)
+SIGMAS = st.floats(0.0, 10.0)
+
+
+def step(memory, pose, goal, dt, config, uncertainty=CERTAIN):
+    """Step with the pose and its uncertainty side by side."""
+    return controller.step(memory, Estimate(pose, uncertainty), goal, dt, config)
+
+
+@CHECK
+@given(DISTANCES, SIGMAS, st.floats(0.1, 10.0), st.floats(0.0, 1.0), st.floats(0.0, 5.0))
+def test_radius_is_the_bound_of_the_paper_with_the_errors_of_now(rho, sigma, gamma, share, sigmas):
+    policy = COVARIANCE_POLICY._replace(eps_P_min=0.0, eps_P_speed_error=share, eps_P_sigmas=sigmas)
+    # An error of that many standard deviations in any direction, and a share of the speed gamma tanh(rho).
+    for direction in (0.0, 0.7, 2.0):
+        eps_x, eps_y = sigmas * sigma * math.cos(direction), sigmas * sigma * math.sin(direction)
+        bound = smallest_radius(eps_x, eps_y, share * gamma * math.tanh(rho), gamma)
+        assert covariance_radius(rho, sigma, policy) == pytest.approx(bound, rel=1e-12, abs=1e-300)
+    least = 0.3 + share * math.tanh(rho)
+    assert covariance_radius(rho, 0.0, policy._replace(eps_P_min=0.3)) == pytest.approx(least)
+
+
+def region_after(distances, sigma=0.02, region=OMEGA_L, policy=COVARIANCE_POLICY):
+    """Region after each of some distances, sigma the same or one for each."""
+    sigmas = itertools.repeat(sigma) if isinstance(sigma, float) else sigma
+    outside, regions = 0, []
+    for rho, one in zip(distances, sigmas, strict=False):
+        region, outside, _ = covariance_region(region, outside, rho, one, policy)
+        regions.append(region)
+    return regions
+
+
+def test_the_radii_themselves_belong_to_the_region_of_before():
+    still = COVARIANCE_POLICY._replace(eps_P_speed_error=0.0)
+    assert region_after([0.02], 0.0, OMEGA_G, still) == [OMEGA_G]
+    assert region_after([math.nextafter(0.02, 0.0)], 0.0, OMEGA_G, still) == [OMEGA_L]
+    assert region_after([0.3] * 9) == [OMEGA_L] * 9
+    assert region_after([math.nextafter(0.3, 1.0)] * 3) == [OMEGA_L, OMEGA_L, OMEGA_G]
+    assert region_after([5.0] * 10, policy=COVARIANCE_POLICY._replace(eps_P_leave_steps=10)) == [OMEGA_L] * 9 + [
+        OMEGA_G
+    ]
+    # A distance that is no number changes nothing.
+    assert region_after([math.nan], 0.05, OMEGA_G) == [OMEGA_G]
+    assert region_after([math.nan, 0.1, math.nan])[-1] == OMEGA_L
+
+
+@CHECK
+@given(st.lists(st.tuples(DISTANCES, SIGMAS), min_size=1, max_size=60), st.sampled_from((OMEGA_G, OMEGA_L)))
+def test_the_count_agrees_with_a_search_of_the_whole_sequence(pairs, region):
+    """Omega_L ends where the last three are all beyond their own leaving radii, all of them since it was entered."""
+    regions = region_after([rho for rho, _ in pairs], [sigma for _, sigma in pairs], region)
+
+    def radius(rho, sigma):
+        return max(0.02, 2.2 * sigma) + 0.05 * (1.0 - 2.0 / (math.exp(2.0 * min(rho, 40.0)) + 1.0))
+
+    inside_since = -1 if region == OMEGA_L else None
+    for index, (rho, sigma) in enumerate(pairs):
+        if abs(rho - radius(rho, sigma)) < 1e-9 or abs(rho - max(3.0 * radius(rho, sigma), 0.3)) < 1e-9:
+            return
+        if inside_since is None:
+            if rho < radius(rho, sigma):
+                inside_since = index
+        else:
+            last = pairs[max(inside_since + 1, index - 2) : index + 1]
+            if len(last) == 3 and all(r > max(3.0 * radius(r, s), 0.3) for r, s in last):
+                inside_since = None
+        assert regions[index] == (OMEGA_G if inside_since is None else OMEGA_L)
+
+
+def test_a_re_approach_is_not_leaving():
+    outside = 0
+    for _ in range(20):
+        region, outside, radius = covariance_region(OMEGA_L, outside, 0.9, 0.02, COVARIANCE_POLICY, 1.2)
+        assert (region, outside) == (OMEGA_L, 0)
+        assert radius >= 0.9
+    # But one that is pushed far away drives there as from anywhere.
+    for _ in range(3):
+        region, outside, _ = covariance_region(region, outside, 2.0, 0.02, COVARIANCE_POLICY, 1.2)
+    assert region == OMEGA_G
+
+
+def test_the_controller_reports_region_and_radius_and_counts():
+    memory, switches, count = ControllerMemory(), 0, 0
+    before = OMEGA_G
+    story = [(2.0, 0.1), (0.4, 0.1), (0.2, 0.1), (0.2, 0.05), (0.9, 0.05), (0.9, 0.05), (0.9, 0.05), (0.1, 0.05)]
+    for rho, sigma in story:
+        pose = Pose(-rho * math.cos(0.3), -rho * math.sin(0.3), 0.1)
+        uncertainty = Uncertainty(sigma, 0.3)
+        region, count, radius = covariance_region(before, count, rho, sigma, TUNED.region_policy.covariance)
+        memory, command, report = step(memory, pose, ORIGIN, 0.1, TUNED, uncertainty)
+        switches += region != before
+        assert (report.region, memory.switching.region) == (region, region)
+        assert (memory.switching.steps_outside, memory.switching.switches) == (count, switches)
+        assert report.eps_P == pytest.approx(radius, abs=1e-12)
+        if region == OMEGA_L:
+            assert command.omega == pytest.approx(-TUNED.gains.k_2 * 0.1)
+        before = region
+    assert switches == 3

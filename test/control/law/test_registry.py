@@ -48,16 +48,7 @@ def test_this_projects_law_is_registered():
     assert resolve_law("diffbot_control.law.controller:SwitchingLaw") is SwitchingLaw
 
 
-def test_a_law_of_another_module(module):
-    assert module(GOOD).name == "mine"
-
-
-def test_a_module_can_be_a_law(module):
-    text = GOOD.replace("class Law:", "class Outer:\n  class Law:").replace("\n    ", "\n     ")
-    assert module(text, "Outer.Law").name == "mine"
-
-
-@pytest.mark.parametrize("text", ["", "dancing", "a.b:", ":Law", "diffbot_control"])
+@pytest.mark.parametrize("text", ["", "a.b:", ":Law"])
 def test_what_is_no_place_names_the_registered_laws(text):
     with pytest.raises(InvalidValueError, match=r"package\.module:Class or one of aicardi, .*switching$"):
         resolve_law(text)
@@ -72,8 +63,6 @@ def test_what_is_no_place_names_the_registered_laws(text):
         ("goal, dt, config:", "goal, dt:", "'step' takes 5 arguments"),
         ("lambda config: Memory()", "lambda config: config.missing", "AttributeError"),
         ("reached: bool", "arrived: bool", "a field 'reached'"),
-        ("class Law:", "class Other:", "AttributeError"),
-        ("from typing", "1 / 0\nfrom typing", "ZeroDivisionError"),
         ("from typing", "from typing (", "SyntaxError"),
     ],
 )

@@ -38,9 +38,7 @@ def test_shares_of_a_status():
     messages = [status(NIS_per_number=nis, **bounds) for nis in ("0.7", "1.3", "0.69", "1.31", "1.0")]
     assert result(STATUS, "/ekf/status", messages) == Consistency(0.6, None)
     assert result(STATUS, "/ekf/status", [status(**one) for one in whites]) == Consistency(None, 0.5)
-
-
-def test_a_status_of_another_node_shows_nothing():
+    # One of another node shows nothing.
     messages = [status(), status(NIS_per_number="high"), status(NIS_per_number="1.0")]
     assert result(STATUS, "/controller/status", messages) == Consistency(None, None)
 
@@ -51,7 +49,7 @@ def nis_message(labels, *data):
     return make(LABELLED, layout=make("std_msgs/msg/MultiArrayLayout", dim=dims, data_offset=0), data=np.array(data))
 
 
-@pytest.mark.parametrize(("scale", "low", "high"), [(1.0, 0.9, 1.0), (1.3, 0.1, 0.8), (3.0, 0.0, 0.0)])
+@pytest.mark.parametrize(("scale", "low", "high"), [(1.0, 0.9, 1.0), (1.3, 0.1, 0.8)])
 def test_share_of_the_windows_of_single_measurements(scale, low, high):
     random = np.random.default_rng(7)
     numbers = random.integers(1, 4, 1200)

@@ -11,7 +11,6 @@ from cut_bags import BEGIN, STEP, by_rosbags, check_metadata, facts, files_of
 
 from diffbot_bag.tools.span import Span
 from diffbot_bag.tools.time_text import parse_duration, parse_time, span_of
-from diffbot_core.errors import DiffbotError
 from diffbot_lab import cli
 from diffbot_lab.bag.split_command import parse_size
 
@@ -43,11 +42,8 @@ def error_of(capsys, *arguments):
     ("flags", "start", "end"),
     [
         (("--from", "0.5s", "--to", "end-0.5s"), BEGIN + S // 2, LAST + 1 - S // 2),
-        (("--from", "500ms"), BEGIN + S // 2, LAST + 1),
         (("--last", "0.25"), LAST + 1 - S // 4, LAST + 1),
-        (("--to", "start + 1s"), BEGIN, BEGIN + S),
-        (("--from", "1700000000.5", "--to", "1700000001"), BEGIN + S // 2, BEGIN + S),
-        (("--last", "1h"), BEGIN, LAST + 1),
+        (("--from", "1700000000.5", "--to", "start + 1s"), BEGIN + S // 2, BEGIN + S),
     ],
 )
 def test_trim(bag, tmp_path, capsys, flags, start, end):
@@ -83,21 +79,17 @@ def test_filter_merge_and_split_are_each_others_inverse(bag, tmp_path, capsys):
 
 
 WRONG = {
-    "no verb": (),
-    "no output": ("trim", "a"),
     "no span": ("trim", "a", "b"),
     "last and from": ("trim", "a", "b", "--last", "3s", "--from", "1s"),
     "no time": ("trim", "a", "b", "--from", "yesterday"),
-    "negative time": ("trim", "a", "b", "--to", "-5s"),
     "endless digits": ("trim", "a", "b", "--to", "9" * 5000),
     "nothing to filter": ("filter", "a", "b"),
-    "one bag": ("merge", "a", "b"),
     "twice": ("merge", "a", "./a", "b"),
     "no limit": ("split", "a", "b"),
     "no size": ("split", "a", "b", "--size", "large"),
     "tiny size": ("split", "a", "b", "--size", "999"),
-    "no duration": ("split", "a", "b", "--duration", "0s"),
     "no count": ("split", "a", "b", "--count", "0"),
+    "no duration": ("split", "a", "b", "--duration", "0s"),
 }
 
 
@@ -106,80 +98,48 @@ def test_wrong_usage_is_status_2(arguments, capsys):
     with pytest.raises(SystemExit) as ended:
         run(*arguments)
     assert ended.value.code == 2
-    written = capsys.readouterr()
-    assert written.out == ""
-    assert written.err.startswith("usage: diffbot bag")
+    assert capsys.readouterr().err.startswith("usage: diffbot bag")
 
 
-@pytest.mark.parametrize(
-    ("flags", "words"),
-    [
+def test_a_span_outside_of_the_bag_is_one_line(bag, tmp_path, capsys):
+    for flags, words in (
         (("--from", "2s"), "from = '2s': must be before the end of the bag (the bag lasts 1.99"),
         (("--from", "10"), "from = '10': must be in the bag (1700000000.000000000 to 17"),
-        (("--to", "5"), "to = '5': must be after the start of the bag"),
-        (("--to", "end-1h"), "to = 'end-1h': must be after the start of the bag"),
         (("--from", "1s", "--to", "1s"), "from = '1s': must be before to = '1s'"),
-        (("--last", "0s"), "from = 'end-0ns': must be before the end of the bag"),
-    ],
-)
-def test_a_span_outside_of_the_bag_is_one_line(bag, tmp_path, capsys, flags, words):
-    assert words in error_of(capsys, "trim", bag, tmp_path / "part", *flags)
+    ):
+        assert words in error_of(capsys, "trim", bag, tmp_path / "part", *flags)
     assert list(tmp_path.iterdir()) == []
 
 
-VERBS = {
-    "trim": ("--from", "0.1s"),
-    "filter": ("--exclude", "/text"),
-    "split": ("--count", "50"),
-}
+VERBS = {"trim": ("--from", "1ns"), "filter": ("--exclude", "/text"), "split": ("--count", "3")}
 
 
 @pytest.mark.parametrize("verb", VERBS)
-def test_existing_output_and_the_input_as_output_are_refused(bag, tmp_path, capsys, verb):
+def test_existing_output_and_a_damaged_bag_are_refused(bag, tmp_path, capsys, verb):
     before = bag.read_bytes()
     for out in (bag, bag.parent, tmp_path):
         assert "exists already: choose another name" in error_of(capsys, verb, bag, out, *VERBS[verb])
     assert bag.read_bytes() == before
-    assert [one.name for one in bag.parent.iterdir()] == ["other.mcap"]
-
-
-@pytest.mark.parametrize("verb", VERBS)
-def test_a_damaged_bag_is_refused_with_what_to_do(bag, tmp_path, capsys, verb):
-    content = bytearray(bag.read_bytes())
+    content = bytearray(before)
     content[800] ^= 255  # in the first chunk
     path = tmp_path / "damaged.mcap"
     path.write_bytes(content)
-    flags = VERBS[verb] if verb != "split" else ("--count", "3")
-    flags = ("--from", "1ns") if verb == "trim" else flags
-    line = error_of(capsys, verb, path, tmp_path / "out", *flags)
+    line = error_of(capsys, verb, path, tmp_path / "out", *VERBS[verb])
     assert line.endswith(": `diffbot bag repair` saves what is intact")
     assert [one.name for one in tmp_path.iterdir()] == ["damaged.mcap"]
 
 
-@pytest.mark.parametrize("kind", ["cut off", "no index"])
-def test_an_unfinished_bag_is_read_to_its_end_with_a_warning(bag, tmp_path, capsys, kind):
-    content = bytearray(bag.read_bytes())
-    if kind == "cut off":
-        content = content[: len(content) // 2]
-    else:
-        content[-28:-20] = bytes(8)
+def test_an_unfinished_bag_is_read_to_its_end_with_a_warning(bag, tmp_path, capsys):
     path = tmp_path / "unfinished.mcap"
-    path.write_bytes(content)
+    path.write_bytes(bag.read_bytes()[: bag.stat().st_size // 2])
     assert run("filter", path, tmp_path / "out", "--exclude", "/text") == 0
     (warning,) = capsys.readouterr().err.splitlines()
     assert warning.startswith("diffbot: warning: ")
     assert "is unfinished" in warning
     expected = [one for one in facts(bag) if one.topic != "/text"]
     found = check_metadata(tmp_path / "out")
-    assert len(found) == len(expected) if kind == "no index" else 20 < len(found) < len(expected)
+    assert 20 < len(found) < len(expected)
     assert found == expected[: len(found)]
-
-
-def test_no_bag_and_no_permission_are_one_line(bag, tmp_path, capsys):
-    assert "no such file or folder" in error_of(capsys, "trim", tmp_path / "none", tmp_path / "out", "--last", "1s")
-    (tmp_path / "file").touch()
-    assert "cannot write the bag" in error_of(capsys, "trim", bag, tmp_path / "file" / "out", "--last", "1s")
-    assert "is an empty file" in error_of(capsys, "trim", tmp_path / "file", tmp_path / "out", "--last", "1s")
 
 
 def test_a_full_disk_is_one_line_and_leaves_nothing(bag, tmp_path):
@@ -197,22 +157,11 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(bag, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    ("text", "nanoseconds"),
-    [("10s", 10 * S), ("1.5min", 90 * S), ("2h", 7200 * S), ("250 ms", S // 4), ("0.000000001", 1), ("7ns", 7)],
-)
-def test_durations(text, nanoseconds):
-    assert parse_duration(text) == nanoseconds
-
-
-def test_times_are_exact_to_the_nanosecond():
+def test_times_durations_and_sizes_are_exact():
+    durations = {"10s": 10 * S, "1.5min": 90 * S, "2h": 7200 * S, "250 ms": S // 4, "0.000000001": 1, "7ns": 7}
+    assert {text: parse_duration(text) for text in durations} == durations
+    sizes = {"500M": 5 * 10**8, "1.5GiB": 3 * 2**29, "4096": 4096, "2kB": 2000}
+    assert {text: parse_size(text) for text in sizes} == sizes
     assert parse_time("1700000000.123456789").in_span(Span(5, 9)) == 1_700_000_000_123_456_789
     assert span_of(Span(100, 200), parse_time("30ns"), parse_time("end-30ns")) == (130, 170)
     assert span_of(Span(100, 200), parse_time("end-500ns"), parse_time("500ns")) == (100, 200)
-    with pytest.raises(DiffbotError, match="to = '0s': must be after the start"):
-        span_of(Span(100, 200), None, parse_time("0s"))
-
-
-@pytest.mark.parametrize(("text", "size"), [("500M", 5 * 10**8), ("1.5GiB", 3 * 2**29), ("4096", 4096), ("2kB", 2000)])
-def test_sizes(text, size):
-    assert parse_size(text) == size

@@ -7,7 +7,7 @@ from diffbot_bag.reader import BagReader
 from diffbot_lab.cli import main
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def whole():
     return damaged_bags.original(damaged_bags.mcap_file(count=900))
 
@@ -63,12 +63,3 @@ def test_either_an_output_or_in_place(tmp_path, capsys, whole):
         status, _, error = run(capsys, *arguments)
         assert (status, error) == (1, "diffbot: bag repair: either OUT or --in-place must be given\n")
     assert source.read_bytes() == whole.content
-
-
-def test_commands_warn_of_an_unfinished_bag(tmp_path, capsys, whole):
-    source = tmp_path / "run.mcap"
-    source.write_bytes(whole.content[:-3000])
-    assert main(["report", str(source), "-o", str(tmp_path / "page.html")]) in (0, 1)
-    warnings = [line for line in capsys.readouterr().err.splitlines() if line.startswith("diffbot: warning: ")]
-    assert len(warnings) == 1
-    assert "run.mcap has no index" in warnings[0]

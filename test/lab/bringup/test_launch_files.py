@@ -84,18 +84,16 @@ def installed(*packages):
 
 
 @pytest.mark.parametrize(("name", "arguments"), [("robot.launch.py", ROBOT), ("simulation.launch.py", SIMULATION)])
-def test_every_argument_is_declared_with_text_and_choices(load, name, arguments):
-    *declared, _ = load(name)
+def test_every_argument_is_declared_and_checked_before_anything_starts(load, name, arguments, tmp_path):
+    entities = load(name)
+    *declared, _ = entities
     assert [one.arguments[0] for one in declared] == [one.name for one in arguments]
-    assert all(one.options["description"] for one in declared)
     choices = {one.arguments[0]: one.options["choices"] for one in declared}
     assert choices["log_level"] == ["debug", "info", "warn", "error", "fatal"]
-    assert choices["bag"] is None
-
-
-def test_bad_arguments_start_nothing(load, tmp_path):
     with pytest.raises(InvalidValueError, match=r"^bag = "):
-        actions(load("robot.launch.py"), bag=str(tmp_path))
+        actions(entities, bag=str(tmp_path))
+    with pytest.raises(DiffbotError, match=r"^rviz2 is not installed$"):
+        actions(entities, rviz="true")
 
 
 def test_nodes_get_texts_verbatim_and_numbers_as_they_are(load, tmp_path):
@@ -113,17 +111,11 @@ def test_nodes_get_texts_verbatim_and_numbers_as_they_are(load, tmp_path):
     assert {tuple(node.options["remappings"]) for node in nodes} == {(("/tf", "tf"), ("/tf_static", "tf_static"))}
 
 
-def test_the_discovery_range_is_set_before_the_nodes_start_and_logged(load, monkeypatch):
+def test_the_discovery_range_is_set_before_the_nodes_start_and_logged(load):
     first, second, *nodes = all_actions(load("robot.launch.py"), discovery_range="localhost")
     assert first.options["msg"] == "ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
     assert second.arguments == ("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     assert {type(one).__name__ for one in nodes} == {"Node"}
-
-
-def test_a_package_that_is_asked_for_and_missing_is_found_before_anything_starts(load):
-    entities = load("robot.launch.py")
-    with pytest.raises(DiffbotError, match=r"^rviz2 is not installed$"):
-        actions(entities, rviz="true")
 
 
 def test_the_end_of_a_required_node_ends_the_launch_with_its_reason(load, monkeypatch):
@@ -137,13 +129,9 @@ def test_the_end_of_a_required_node_ends_the_launch_with_its_reason(load, monkey
     assert ends[-2](ended, SimpleNamespace(is_shutdown=True)) is None
 
 
-def test_a_missing_robot_state_publisher_is_reported_once(load):
+def test_robot_state_publisher_is_started_where_it_is_installed(load, monkeypatch):
     entities = load("simulation.launch.py")
     notes = [one for one in actions(entities) if type(one).__name__ == "LogInfo"]
     assert [one.options["msg"] for one in notes] == ["robot_state_publisher is not installed and is left out"]
-
-
-def test_robot_state_publisher_is_started_where_it_is_installed(load, monkeypatch):
-    entities = load("simulation.launch.py")
     monkeypatch.setattr(sys.modules[MODULE], "get_package_prefix", installed("diffbot", "robot_state_publisher"))
     assert [one.options["package"] for one in actions(entities)] == 3 * ["diffbot"] + ["robot_state_publisher"]

@@ -1,6 +1,5 @@
 """The nodes of a launch: that each argument reaches those that need it, and no other."""
 
-import importlib.metadata
 from pathlib import Path
 
 import pytest
@@ -8,7 +7,7 @@ import pytest
 from diffbot_bag.parameters import RecorderConfig
 from diffbot_control.ros.controller_parameters import ControllerNodeConfig
 from diffbot_control.ros.ekf_parameters import EkfNodeConfig
-from diffbot_core.schema import build, parameters_of
+from diffbot_core.schema import build
 from diffbot_lab.bringup.arguments import ROBOT, SIMULATION, parse
 from diffbot_lab.bringup.plan import environment, plan
 from diffbot_sim.ros.parameters import PlantNodeConfig
@@ -42,38 +41,31 @@ def test_a_robot_gets_filter_and_controller_and_a_simulation_the_plant_too():
     assert executables(robot()) == ["ekf_node", "controller_node"]
     assert executables(simulation()) == ["ekf_node", "controller_node", "plant_node"]
     assert executables(robot(localization="false")) == ["controller_node"]
-    assert executables(robot(composed="true")) == ["robot_node"]
-
-
-def test_the_recorder_starts_first(tmp_path):
-    nodes = simulation(bag=str(tmp_path / "run"))
-    assert executables(nodes)[0] == "recorder_node"
-    assert parameters(nodes)["recorder"] == {"use_sim_time": False, "uri": str(tmp_path / "run")}
-
-
-def test_without_arguments_only_the_time_is_set():
-    wall = {"use_sim_time": False}
-    assert parameters(simulation()) == {"ekf": wall, "controller": wall, "plant": {**wall, "clock": "wall"}}
     assert parameters(robot(use_sim_time="true")) == {
         "ekf": {"use_sim_time": True},
         "controller": {"use_sim_time": True},
     }
 
 
-def test_each_argument_reaches_its_nodes():
-    found = parameters(
-        simulation(preset="paper", stamped_cmd_vel="true", x="1.0", y="2.0", yaw="0.5", seed="3", frame_prefix="r1/")
-    )
-    assert found == {
-        "ekf": {"use_sim_time": False, "frame_prefix": "r1/"},
+def test_each_argument_reaches_its_nodes(tmp_path):
+    nodes = simulation(
+        preset="paper", stamped_cmd_vel="true", x="1.0", y="2.0", yaw="0.5", seed="3", frame_prefix="r1/",
+        autostart="false", bag=str(tmp_path / "run"),
+    )  # fmt: skip
+    assert nodes[0].name == "recorder", "it starts first"
+    wall = {"use_sim_time": False}
+    assert parameters(nodes) == {
+        "recorder": {**wall, "uri": str(tmp_path / "run")},
+        "ekf": {**wall, "frame_prefix": "r1/", "autostart": False},
         "controller": {
-            "use_sim_time": False,
+            **wall,
             "preset": "paper",
             "enable_stamped_cmd_vel": True,
             "frame_prefix": "r1/",
+            "autostart": False,
         },
         "plant": {
-            "use_sim_time": False,
+            **wall,
             "clock": "wall",
             "enable_stamped_cmd_vel": True,
             "frame_prefix": "r1/",
@@ -83,15 +75,8 @@ def test_each_argument_reaches_its_nodes():
             "seed": 3,
         },
     }
-
-
-def test_a_lifecycle_manager_gets_both_nodes_and_no_other():
-    found = parameters(simulation(autostart="false"))
-    assert {name: values.get("autostart") for name, values in found.items()} == {
-        "ekf": False,
-        "controller": False,
-        "plant": None,
-    }
+    for node in nodes:
+        build(CONFIGS[node.name], {name: value for name, value in node.parameters.items() if name != "use_sim_time"})
 
 
 def test_one_process_gets_the_parameters_of_both_nodes():
@@ -105,36 +90,23 @@ def test_one_process_gets_the_parameters_of_both_nodes():
     ("clock", "reliable", "idle"),
     [("scaled", {}, {}), ("lockstep", {"reliable_inputs": True}, {"publish_when_idle": True})],
 )
-@pytest.mark.parametrize("publishes", [True, False])
-def test_all_follow_the_clock_of_the_plant_that_publishes_it(clock, reliable, idle, publishes):
-    found = parameters(simulation(clock=clock, real_time_factor="2", publish_clock=str(publishes).lower()))
-    assert found == {
-        "ekf": {"use_sim_time": True, **reliable},
-        "controller": {"use_sim_time": True, **reliable, **idle},
-        "plant": {"use_sim_time": not publishes, "clock": clock, "real_time_factor": 2.0, "publish_clock": publishes},
-    }
-
-
-def test_parameters_are_those_of_the_nodes(tmp_path):
-    """What one of the nodes does not declare would be ignored."""
-    nodes = simulation(
-        bag=str(tmp_path / "run"), preset="paper", stamped_cmd_vel="true", x="1", y="1", yaw="1", seed="1",
-        clock="lockstep", real_time_factor="2",
-    )  # fmt: skip
-    for node in nodes:
-        given = {name: value for name, value in node.parameters.items() if name != "use_sim_time"}
-        build(CONFIGS[node.name], given)  # raises for a name that is not known
-        assert {one.name for one in parameters_of(CONFIGS[node.name])} >= set(given)
+def test_all_follow_the_clock_of_the_plant_that_publishes_it(clock, reliable, idle):
+    for publishes in (True, False):
+        found = parameters(simulation(clock=clock, real_time_factor="2", publish_clock=str(publishes).lower()))
+        assert found == {
+            "ekf": {"use_sim_time": True, **reliable},
+            "controller": {"use_sim_time": True, **reliable, **idle},
+            "plant": {
+                "use_sim_time": not publishes, "clock": clock, "real_time_factor": 2.0, "publish_clock": publishes,
+            },
+        }  # fmt: skip
 
 
 def test_namespace_log_level_and_tf_are_those_of_every_node():
     for node in simulation(namespace="r1", log_level="warn", rviz="true", description="true"):
         assert (node.namespace, node.ros_arguments) == ("r1", ("--log-level", "warn"))
         assert node.remappings == (("/tf", "tf"), ("/tf_static", "tf_static"))
-
-
-def test_frames_with_a_prefix_share_tf():
-    assert {node.remappings for node in simulation(frame_prefix="r1/", rviz="true")} == {()}
+    assert {node.remappings for node in simulation(frame_prefix="r1/", rviz="true")} == {()}, "they share tf"
 
 
 def test_the_parameter_file_is_the_packages_or_the_users(tmp_path):
@@ -160,27 +132,14 @@ def test_description_and_rviz_end_nothing(tmp_path):
     assert (rviz.package, rviz.optional, rviz.parameters) == ("rviz2", False, {"use_sim_time": True})
 
 
-def test_every_executable_of_the_package_is_installed():
-    scripts = importlib.metadata.distribution("diffbot").entry_points.select(group="console_scripts")
-    nodes = simulation(bag="/nonexistent/run")
-    assert {node.executable for node in nodes} <= {script.name for script in scripts}
+def test_a_simulation_stays_on_its_host_and_a_robot_is_restricted_on_request():
+    name = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 
+    def set_by(arguments, texts, outer):
+        return environment(parse(arguments, texts), outer, simulate=arguments is SIMULATION).get(name)
 
-RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
-
-
-@pytest.mark.parametrize(
-    ("arguments", "simulate", "texts", "outer", "expected"),
-    [
-        (ROBOT, False, {}, {}, {}),
-        (ROBOT, False, {"discovery_range": "off"}, {RANGE: "SUBNET"}, {RANGE: "OFF"}),
-        (SIMULATION, True, {}, {}, {RANGE: "LOCALHOST"}),
-        (SIMULATION, True, {}, {RANGE: ""}, {RANGE: "LOCALHOST"}),
-        (SIMULATION, True, {}, {RANGE: "SUBNET"}, {}),
-        (SIMULATION, True, {"discovery_range": "subnet"}, {}, {RANGE: "SUBNET"}),
-    ],
-)
-def test_a_simulation_stays_on_its_host_and_a_robot_is_restricted_on_request(
-    arguments, simulate, texts, outer, expected
-):
-    assert environment(parse(arguments, texts), outer, simulate=simulate) == expected
+    assert set_by(ROBOT, {}, {}) is None
+    assert set_by(ROBOT, {"discovery_range": "off"}, {name: "SUBNET"}) == "OFF"
+    assert set_by(SIMULATION, {}, {}) == set_by(SIMULATION, {}, {name: ""}) == "LOCALHOST"
+    assert set_by(SIMULATION, {}, {name: "SUBNET"}) is None, "what the user has set stays"
+    assert set_by(SIMULATION, {"discovery_range": "subnet"}, {}) == "SUBNET"

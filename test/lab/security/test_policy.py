@@ -1,6 +1,5 @@
 """The SROS2 policy: the form that sros2 reads, and that it says what the nodes do, no more and no less."""
 
-import re
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
@@ -10,101 +9,57 @@ import graph
 import pytest
 
 from diffbot_core.errors import DiffbotError
-from diffbot_lab.security.policy import GROUP_OF, Rights, name_in_policy, read_policy, to_xml
+from diffbot_lab.security.policy import Rights, name_in_policy, read_policy, to_xml
 
 POLICY = Path(__file__).resolve().parents[3] / "config" / "sros2_policy.xml"
-CHILDREN = {
-    "policy": ("enclaves",),
-    "enclaves": ("enclave",),
-    "enclave": ("profiles",),
-    "profiles": ("profile",),
-    "profile": ("topics", "services", "actions"),
-    "topics": ("topic",),
-    "services": ("service",),
-    "actions": ("action",),
-    "topic": (),
-    "service": (),
-    "action": (),
-}
-"""Of sros2's policy.xsd 0.2.0: what may stand in each element, at least one of it except in a profile."""
-ATTRIBUTES = {
-    "policy": {"version"},
-    "enclave": {"path"},
-    "profile": {"ns", "node"},
-    "topics": {"publish", "subscribe"},
-    "services": {"reply", "request"},
-    "actions": {"call", "execute"},
-}
-REQUIRED = ("policy", "enclave", "profile")
-NAME = re.compile(r"(~/|/)?[a-z]\w*(/\w+)*")
-
-
-def test_the_policy_has_the_structure_of_the_schema():
-    root = ET.parse(POLICY).getroot()
-    assert (root.tag, root.get("version")) == ("policy", "0.2.0")
-    for element in root.iter():
-        allowed = ATTRIBUTES.get(element.tag, set())
-        assert set(element.attrib) <= allowed
-        assert element.tag not in REQUIRED or set(element.attrib) == allowed
-        assert all(child.tag in CHILDREN[element.tag] for child in element)
-        assert len(element) or element.tag in ("profile", "topic", "service", "action")
-        if element.tag in GROUP_OF.values():
-            assert set(element.attrib.values()) == {"ALLOW"}
-        if not CHILDREN[element.tag]:
-            assert NAME.fullmatch(element.text), "no wildcard"
 
 
 def test_only_the_controller_may_drive_and_only_the_ekf_may_say_where_the_robot_is():
     policy = read_policy(POLICY)
-    assert {process for process, nodes in policy.items() for one in nodes.values() if "cmd_vel" in one.publish} == {
-        "controller",
-        "robot",
-    }
-    assert {process for process, nodes in policy.items() for one in nodes.values() if "pose" in one.publish} == {
-        "ekf",
-        "robot",
-    }
+    for topic, processes in (("cmd_vel", {"controller", "robot"}), ("pose", {"ekf", "robot"})):
+        assert {
+            name for name, nodes in policy.items() if any(topic in one.publish for one in nodes.values())
+        } == processes
     assert policy["robot"] == {"ekf": policy["ekf"]["ekf"], "controller": policy["controller"]["controller"]}
 
 
 def test_policies_are_read_as_they_were_written(tmp_path):
     rights = Rights(publish=frozenset({"a", "~/b"}), call=frozenset({"/c"}))
-    (tmp_path / "p.xml").write_text(to_xml({"one": {"node": rights}}, "a comment"))
-    assert read_policy(tmp_path / "p.xml") == {"one": {"node": rights}}
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("<policy", "is no policy"),
-        ("<policy version='0.1.0'/>", "is no policy of version 0.2.0"),
-        (
-            "<policy version='0.2.0'><enclave path='/diffbot/x'><profile ns='/' node='n'>"
-            "<topics publish='DENY'><topic>a</topic></topics></profile></enclave></policy>",
-            "topics publish=DENY is not of this project",
-        ),
-    ],
-)
-def test_what_is_no_policy_is_refused_in_one_line(tmp_path, text, words):
+    text = to_xml({"one": {"node": rights}}, "a comment")
     (tmp_path / "p.xml").write_text(text)
-    with pytest.raises(DiffbotError) as refused:
-        read_policy(tmp_path / "p.xml")
-    assert words in str(refused.value)
-    assert "\n" not in str(refused.value)
+    assert read_policy(tmp_path / "p.xml") == {"one": {"node": rights}}
+    # By hand, after policy.xsd 0.2.0 of sros2.
+    assert [(one.tag, one.attrib, (one.text or "").strip()) for one in ET.fromstring(text).iter()] == [
+        ("policy", {"version": "0.2.0"}, ""),
+        ("enclaves", {}, ""),
+        ("enclave", {"path": "/diffbot/one"}, ""),
+        ("profiles", {}, ""),
+        ("profile", {"ns": "/", "node": "node"}, ""),
+        ("topics", {"publish": "ALLOW"}, ""),
+        ("topic", {}, "a"),
+        ("topic", {}, "~/b"),
+        ("actions", {"call": "ALLOW"}, ""),
+        ("action", {}, "/c"),
+    ]
+    for old, new, words in (
+        ("</policy>", "", "is no policy"),
+        ("0.2.0", "0.1.0", "is no policy of version 0.2.0"),
+        ("ALLOW", "DENY", "=DENY is not of this project"),
+    ):
+        (tmp_path / "p.xml").write_text(text.replace(old, new))
+        with pytest.raises(DiffbotError, match=words):
+            read_policy(tmp_path / "p.xml")
 
 
-@pytest.mark.parametrize(
-    ("name", "short"),
-    [
-        ("/r/ekf/status", "~/status"),
-        ("/r/ekfs/status", "ekfs/status"),
-        ("/r/odom", "odom"),
-        ("/tf", "/tf"),
-        ("/rover/odom", "/rover/odom"),
-    ],
-)
-def test_names_are_relative_to_the_node_or_its_namespace(name, short):
-    assert name_in_policy(name, "ekf", "/r") == short
+def test_names_are_relative_to_the_node_or_its_namespace():
+    short = {
+        "/r/ekf/status": "~/status",
+        "/r/ekfs/status": "ekfs/status",
+        "/r/odom": "odom",
+        "/tf": "/tf",
+        "/rover/odom": "/rover/odom",
+    }
+    assert {name: name_in_policy(name, "ekf", "/r") for name in short} == short
 
 
 def test_an_action_is_one_right_and_not_its_topics_and_services():

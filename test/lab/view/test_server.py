@@ -4,7 +4,7 @@ import http.client
 import json
 import math
 import socket
-import time
+from contextlib import ExitStack
 
 import graph
 import pytest
@@ -17,6 +17,9 @@ from diffbot_lab.view.events import Event
 from diffbot_lab.view.intake import MAX_MESSAGE, Request, read_request
 from diffbot_lab.view.live_state import COLUMNS, LiveState
 from diffbot_lab.view.server import MAX_BAD, MAX_BROWSERS, Address, PageServer
+
+PATIENCE = graph.PATIENCE
+GOAL = '{"type": "goal", "robot": "robot", "x": %s, "y": %s, "yaw": %s}'
 
 
 @pytest.fixture
@@ -42,7 +45,7 @@ def server(state, requests):
 
 
 def get(server, path, **headers):
-    connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=5.0)
+    connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=PATIENCE)
     connection.request("GET", path, headers=headers)
     answer = connection.getresponse()
     body = answer.read().decode()
@@ -53,12 +56,12 @@ def get(server, path, **headers):
 def browse(server, token=None, origin=None, **options):
     address = f"127.0.0.1:{server.port}"
     url = f"ws://{address}/ws?token={server.token if token is None else token}"
-    return connect(url, origin=origin or f"http://{address}", open_timeout=5.0, compression=None, **options)
+    return connect(url, origin=origin or f"http://{address}", open_timeout=PATIENCE, compression=None, **options)
 
 
 def receive(browser, kind):
     while True:
-        message = json.loads(browser.recv(timeout=5.0))
+        message = json.loads(browser.recv(timeout=PATIENCE))
         if message["type"] == kind:
             return message
 
@@ -78,30 +81,21 @@ def test_the_page_needs_its_token(server):
     assert get(server, f"/etc/passwd?token={server.token}")[0].status == 404
 
 
-@pytest.mark.parametrize(
-    "host", ["evil.example", "evil.example:{port}", "127.0.0.1:1", "127.0.0.1.evil.example:{port}"]
-)
-def test_another_name_of_the_host_is_refused(server, host):
-    """A page of a foreign name that was rebound to this machine."""
-    assert get(server, f"/?token={server.token}", Host=host.format(port=server.port))[0].status == 403
+def test_only_numbers_and_localhost_are_names_of_the_server(server):
+    """A page of a foreign name may have been rebound to this machine."""
+    port = server.port
+    foreign = ["evil.example", f"evil.example:{port}", "127.0.0.1:1", f"127.0.0.1.evil.example:{port}"]
+    own = [f"localhost:{port}", f"127.0.0.1:{port}", f"[::1]:{port}"]
+    answers = {host: get(server, f"/?token={server.token}", Host=host)[0].status for host in (*foreign, *own)}
+    assert answers == {**dict.fromkeys(foreign, 403), **dict.fromkeys(own, 200)}
 
 
-@pytest.mark.parametrize("host", ["localhost", "127.0.0.1", "[::1]"])
-def test_this_machine_by_number_or_localhost_is_accepted(server, host):
-    assert get(server, f"/?token={server.token}", Host=f"{host}:{server.port}")[0].status == 200
-
-
-@pytest.mark.parametrize("origin", ["http://evil.example", "null", "https://127.0.0.1:{port}", "http://127.0.0.1:1"])
-def test_a_foreign_page_cannot_connect(server, origin):
-    with pytest.raises(InvalidStatus) as error:
-        browse(server, origin=origin.format(port=server.port))
-    assert error.value.response.status_code == 403
-
-
-def test_no_connection_without_the_token(server):
-    with pytest.raises(InvalidStatus) as error:
-        browse(server, token="guess")
-    assert error.value.response.status_code == 403
+def test_a_foreign_page_or_one_without_the_token_cannot_connect(server):
+    foreign = ("http://evil.example", "null", f"https://127.0.0.1:{server.port}", "http://127.0.0.1:1")
+    for options in ({"token": "guess"}, *({"origin": origin} for origin in foreign)):
+        with pytest.raises(InvalidStatus) as error:
+            browse(server, **options)
+        assert error.value.response.status_code == 403, options
 
 
 def test_a_browser_gets_the_state_and_its_changes(server, state):
@@ -122,7 +116,7 @@ def test_a_browser_gets_the_state_and_its_changes(server, state):
 
 def test_a_good_request_is_handed_on_and_answered(server, requests):
     with browse(server) as browser:
-        browser.send(json.dumps({"type": "goal", "robot": "robot", "x": 1, "y": -2.5, "yaw": 0.5}))
+        browser.send(GOAL % (1, -2.5, 0.5))
         assert receive(browser, "answer") == {"type": "answer", "text": "done", "level": 0}
     assert requests == [Request("goal", "robot", Pose(1.0, -2.5, 0.5))]
 
@@ -135,54 +129,53 @@ def test_garbage_is_refused_and_at_last_disconnected(server, requests):
         def send_garbage():
             for _ in range(10 * MAX_BAD):
                 browser.send(b"\x00\xff")
-                browser.recv(timeout=5.0)
+                browser.recv(timeout=PATIENCE)
 
         with pytest.raises(ConnectionClosed):
             send_garbage()
-    assert requests == []
-    graph.wait_for(lambda: server.browsers == 0, 5.0, "the end of the connection")
-
-
-def test_a_message_that_is_too_long_ends_the_connection(server, requests):
     with browse(server) as browser:
         browser.send("x" * (MAX_MESSAGE + 1))
         with pytest.raises(ConnectionClosed):
             receive(browser, "never")
     assert requests == []
+    graph.wait_for(lambda: server.browsers == 0, what="the end of the connections")
+
+
+def test_a_state_that_cannot_be_sent_ends_the_connection(server, state):
+    """The page connects again; left open, it would wait for ever."""
+    state.put("robot", "plan", [[math.nan, 0.0]])
+    with browse(server) as browser, pytest.raises(ConnectionClosed):
+        receive(browser, "never")
 
 
 def test_too_many_browsers_are_refused(server):
-    browsers = [browse(server) for _ in range(MAX_BROWSERS)]
-    graph.wait_for(lambda: server.browsers == MAX_BROWSERS, 5.0, "all browsers")
-    with pytest.raises(InvalidStatus) as error:
-        browse(server)
-    assert error.value.response.status_code == 503
-    for browser in browsers:
-        browser.close()
+    with ExitStack() as browsers:
+        for _ in range(MAX_BROWSERS):
+            browsers.enter_context(browse(server))
+        graph.wait_for(lambda: server.browsers == MAX_BROWSERS, what="all browsers")
+        with pytest.raises(InvalidStatus) as error:
+            browse(server)
+        assert error.value.response.status_code == 503
 
 
 def test_a_browser_that_does_not_read_holds_nobody_up_and_then_gets_the_newest(server, state):
     small = socket.create_connection(("127.0.0.1", server.port))
     small.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+
+    def newest(browser):
+        """Read until the last state has come; return how many messages that took."""
+        count = 1
+        while receive(browser, "state")["robots"]["robot"]["plan"][0][0] < 2999:
+            count += 1
+        return count
+
     with browse(server, sock=small, max_queue=1) as slow, browse(server, max_queue=None) as quick:
-        longest = 0.0
         for number in range(3000):
-            begin = time.perf_counter()
             state.put("robot", "plan", [[float(number), 0.0]] * 500)
-            longest = max(longest, time.perf_counter() - begin)
             if number % 100 == 0:
                 receive(quick, "state")
-        assert longest < 5.0
-        news = [receive(quick, "state")["robots"]["robot"]["plan"][0][0]]
-        while news[-1] < 2999:
-            news.append(receive(quick, "state")["robots"]["robot"]["plan"][0][0])
-        first = receive(slow, "state")["robots"]["robot"]["plan"][0][0]
-        later = first
-        count = 0
-        while later < 2999:
-            later = receive(slow, "state")["robots"]["robot"]["plan"][0][0]
-            count += 1
-        assert count < 1000  # not one for each change
+        assert newest(quick) > 0
+        assert newest(slow) < 1000, "not one for each change"
 
 
 def test_a_port_in_use_is_one_line(server, state):
@@ -195,22 +188,15 @@ def test_a_port_in_use_is_one_line(server, state):
 @pytest.mark.parametrize(
     ("message", "field"),
     [
-        ("[]", "message"),
         ("[" * 3000, "message"),
         (b"{}", "message"),
-        ('{"type": "drive"}', "type"),
         ('{"type": ["goal"], "robot": "robot"}', "type"),
-        ('{"type": "cancel", "robot": "other"}', "robot"),
         ('{"type": "cancel", "robot": {}}', "robot"),
-        ('{"type": "goal", "robot": "robot", "x": 1, "y": 2}', "yaw"),
-        ('{"type": "goal", "robot": "robot", "x": NaN, "y": 2, "yaw": 0}', "x"),
-        ('{"type": "goal", "robot": "robot", "x": 1e400, "y": 2, "yaw": 0}', "x"),
-        ('{"type": "goal", "robot": "robot", "x": true, "y": 2, "yaw": 0}', "x"),
-        ('{"type": "goal", "robot": "robot", "x": "1", "y": 2, "yaw": 0}', "x"),
-        ('{"type": "goal", "robot": "robot", "x": 1, "y": 2e7, "yaw": 0}', "y"),
-        ('{"type": "goal", "robot": "robot", "x": 1' + "0" * 4000 + ', "y": 2, "yaw": 0}', "x"),
-        ('{"type": "initialpose", "robot": "robot", "x": 1, "y": 2, "yaw": -1001}', "yaw"),
-        ('{"type": "pause", "robot": "robot", "on": 1}', "on"),
+        (GOAL % ("NaN", 2, 0), "x"),
+        (GOAL % ("true", 2, 0), "x"),
+        (GOAL % ("1" + "0" * 4000, 2, 0), "x"),
+        (GOAL % (1, 2e7, 0), "y"),
+        (GOAL % (1, 2, -1001), "yaw"),
         ('{"type": "record", "robot": "robot"}', "on"),
     ],
 )
@@ -221,15 +207,10 @@ def test_bad_requests_are_refused_by_field(message, field):
     assert len(str(error.value)) < 200
 
 
-@pytest.mark.parametrize("kind", ["cancel", "reset"])
-def test_actions(kind):
-    assert read_request(json.dumps({"type": kind, "robot": "robot"}), ["robot"]) == Request(kind, "robot")
-
-
-def test_switches_and_wrapped_headings():
+def test_actions_switches_and_wrapped_headings():
+    assert read_request('{"type": "cancel", "robot": "robot"}', ["robot"]) == Request("cancel", "robot")
     assert read_request('{"type": "pause", "robot": "robot", "on": true}', ["robot"]).is_on is True
-    pose = read_request('{"type": "goal", "robot": "robot", "x": 0, "y": 0, "yaw": 7}', ["robot"]).pose
-    assert pose.theta == pytest.approx(7.0 - 2.0 * math.pi)
+    assert read_request(GOAL % (0, 0, 7), ["robot"]).pose.theta == pytest.approx(7.0 - 2.0 * math.pi)
 
 
 def test_history_is_thinned_and_begins_anew_when_time_jumps_back(state):

@@ -1,0 +1,92 @@
+"""Errors that last, against the exact covariance of a first-order Markov process and against sampled ones."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.linalg import solve_toeplitz
+from scipy.signal import lfilter
+
+from diffbot_control.filter.correlation import (
+    NO_STAMPS,
+    inflation_after,
+    inflation_of,
+    with_stamp,
+)
+from diffbot_control.filter.gate import FIX, HEADING
+from diffbot_control.filter.measurements import Heading, LandmarkMeasurement, PoseFix
+from diffbot_core.geometry import Point, Pose
+
+SECOND = 10**9
+TIMES = 3.0, 2.0, 1.0, 4.0
+"""[s] of headings, landmarks, fixes, and fixes of the second source"""
+
+
+def fix(seconds, source=0):
+    return PoseFix(round(seconds * SECOND), Pose(1.0, 2.0, 3.0), np.eye(3), source)
+
+
+def heading(seconds):
+    return Heading(round(seconds * SECOND), 1.0, np.eye(1))
+
+
+def landmark(seconds, x=1.0):
+    return LandmarkMeasurement(round(seconds * SECOND), 1.0, 0.5, np.eye(2), Point(x, 2.0))
+
+
+@pytest.mark.parametrize(("dt", "time"), [(0.2, 0.3), (0.5, 2.0), (1.0, 0.1)])
+def test_in_the_long_run_the_measurements_tell_as_much_as_independent_ones_with_the_inflated_variance(dt, time):
+    # Best linear estimate of a constant from n errors of variance 1: its information is 1' V^-1 1.
+    n = 2000
+    information = solve_toeplitz(np.exp(-dt / time) ** np.arange(n), np.ones(n)).sum() / n
+    assert inflation_after(dt, time) == pytest.approx(1.0 / information, rel=0.02)
+
+
+def test_the_mean_of_sampled_errors_has_the_inflated_variance():
+    c, n = 0.8, 400
+    rng = np.random.default_rng(4)
+    new = math.sqrt(1.0 - c * c) * rng.normal(size=(4000, n))
+    errors = lfilter([1.0], [1.0, -c], new, zi=c * rng.normal(size=(4000, 1)))[0]
+    assert errors.var() == pytest.approx(1.0, rel=0.02)
+    assert n * errors.mean(axis=1).var() == pytest.approx(inflation_after(-math.log(c), 1.0), rel=0.1)
+
+
+@settings(max_examples=100)
+@given(st.floats(0.01, 100.0), st.floats(0.01, 1e4))
+def test_the_factor_is_that_of_the_correlation(dt, time):
+    c = math.exp(-dt / time)
+    assert inflation_after(dt, time) == pytest.approx((1.0 + c) / -math.expm1(-dt / time), rel=1e-9)
+
+
+def test_measurements_of_one_time_count_as_a_millisecond_apart():
+    assert inflation_after(0.0, 1.0) == inflation_after(1e-3, 1.0) == pytest.approx(2000.0, rel=1e-3)
+    assert inflation_after(-1.0, 1.0) == inflation_after(1e-3, 1.0)
+
+
+def test_each_source_is_compared_with_itself_and_each_landmark_is_a_source():
+    stamps = NO_STAMPS
+    for one in (fix(0.0), fix(1.0, source=1), heading(2.0), landmark(3.0), landmark(4.0, x=5.0)):
+        assert inflation_of(stamps, one, TIMES) == 1.0, "the first of its source"
+        before = dict(stamps)
+        after = with_stamp(stamps, one, TIMES)
+        assert dict(stamps) == before, "never changed in place"
+        stamps = after
+    expected = (
+        (fix(6.0), 6.0, 1.0),
+        (fix(6.0, source=1), 5.0, 4.0),
+        (heading(6.0), 4.0, 3.0),
+        (landmark(6.0), 3.0, 2.0),
+        (landmark(6.0, x=5.0), 2.0, 2.0),
+    )
+    for one, dt, time in expected:
+        assert inflation_of(stamps, one, TIMES) == pytest.approx(inflation_after(dt, time))
+
+
+def test_independent_errors_are_neither_remembered_nor_inflated():
+    times = 0.0, 0.0, 1.0
+    assert with_stamp(NO_STAMPS, heading(0.0), times) == {}
+    stamps = with_stamp(with_stamp(NO_STAMPS, fix(0.0), times), landmark(0.0), times)
+    assert stamps == {FIX: 0}
+    assert inflation_of({**stamps, HEADING: 0}, heading(0.1), times) == 1.0

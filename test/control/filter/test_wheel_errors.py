@@ -1,0 +1,114 @@
+"""The errors of the wheels as states: found, honestly claimed, and forgotten where they are impossible."""
+
+import numpy as np
+import pytest
+from filter_runs import (
+    R_FIX,
+    SEPARATION,
+    Robot,
+    build_motion,
+    fix,
+    gated_filter,
+    numbers_of,
+    winding,
+)
+from scipy.stats import chi2
+
+from diffbot_control.filter.belief import ErrorEstimate
+from diffbot_control.filter.gated_filter import GatedFilter
+from diffbot_control.filter.models import Motion
+from diffbot_control.filter.options import FilterConfig, options_of
+from diffbot_core.errors import InvalidValueError
+from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import Twist, TwistCovariance
+from diffbot_sim.compiled.scalar_filter import check_supported
+
+
+@pytest.mark.parametrize("variant", ["ekf_calibrating", "ekf_fnn_calibrating"])
+@pytest.mark.parametrize("errors", [(0.025, -0.02), (0.0, 0.03)])
+def test_radius_errors_are_found(variant, errors):
+    robot = Robot(np.random.default_rng(7), errors)
+    found = gated_filter(variant)
+    for step in range(450):
+        found.predict(robot.move(*winding(step)))
+        if step % 2 == 0:
+            found.take(robot.fix())
+    x, P = found.memory.belief
+    sigma = np.sqrt(P.diagonal()[3:])
+    assert sigma.max() < 0.2 * 0.02
+    assert np.abs(x[3:] - errors).max() < 3.5 * sigma.max()
+    assert np.hypot(*(x[:2] - robot.truth[:2])) < 0.15
+
+
+def test_an_error_of_the_wheel_separation_is_found_beside_those_of_the_radii():
+    # Wheels 10 % further apart than the filter knows: the robot of the test has the right distance.
+    robot, true = Robot(np.random.default_rng(4), (-0.03, 0.02)), np.array([-0.03, 0.02, 0.1])
+    options = options_of(FilterConfig(wheel_radius_sigma=0.1, wheel_separation_sigma=0.1))
+    found = GatedFilter(options, SEPARATION / 1.1)
+    found.reset_to(Pose(0.0, 0.0, 0.0), R_FIX)
+    for step in range(1500):
+        twist, dt, (var_v, cov, var_omega) = robot.move(*winding(step))
+        wrong = Twist(twist.v, 1.1 * twist.omega), dt, TwistCovariance(var_v, 1.1 * cov, 1.21 * var_omega)
+        found.predict(Motion(*wrong))
+        if step % 2 == 0:
+            found.take(robot.fix())
+    wheels = found.wheels()
+    assert np.abs(wheels.errors - true).max() < 0.02
+    assert (np.abs(wheels.errors - true) < 3.5 * np.sqrt(wheels.P.diagonal())).all()
+
+
+def wheel_nees(runs, claimed=0.02, steps=120):
+    """Sum of e' P^-1 e of the wheels' errors, drawn with a deviation of 2 %; the trial's number is its seed."""
+    total = 0.0
+    for run in range(runs):
+        rng = np.random.default_rng(run)
+        errors = rng.normal(0.0, 0.02, 2)
+        robot = Robot(rng, errors)
+        found = gated_filter("ekf_calibrating", gate_probability=1.0, wheel_radius_sigma=claimed, wheel_radius_walk=0.0)
+        start = robot.fix()
+        found.memory = found.memory._replace(
+            belief=found.memory.belief._replace(x=np.array([*numbers_of(start), 0.0, 0.0]))
+        )
+        for step in range(steps):
+            found.predict(robot.move(*winding(step + 20 * run)))
+            if step % 3 == 0:
+                found.take(robot.fix())
+        error = found.memory.belief.x[3:] - errors
+        total += error @ np.linalg.solve(found.memory.belief.P[3:, 3:], error)
+    return total
+
+
+def test_the_wheels_sigma_is_honest():
+    low, high = chi2.ppf([0.002, 0.998], 2 * 60)
+    assert low < wheel_nees(60) < high
+    # A wrong one at the start would show.
+    assert wheel_nees(30, claimed=0.005) > chi2.ppf(0.998, 2 * 30)
+
+
+@pytest.mark.parametrize("index", [0, 1, 2])
+def test_an_error_beyond_five_deviations_resets_all_three(index):
+    found = gated_filter("ekf_calibrating", wheel_radius_sigma=0.1, wheel_separation_sigma=0.1)
+    for size, kept in ((0.49, True), (0.51, False)):
+        errors = np.zeros(3)
+        errors[index] = size
+        found.set_wheels(ErrorEstimate(errors, 1e-8 * np.eye(3)))
+        found.predict(build_motion(1.0, 0.3, 0.1, 1e-4, 0.0, 1e-4))
+        found.take(fix(0.0, R=np.eye(3)))
+        assert found.wheels().errors.any() == kept
+        assert found.memory.belief.P[3:, :3].any() == kept
+    np.testing.assert_allclose(found.wheels().P, 0.01 * np.eye(3))
+
+
+@pytest.mark.parametrize(
+    ("config", "name"),
+    [
+        (FilterConfig(wheel_separation_sigma=0.1), "wheel_separation_sigma"),
+        (FilterConfig(landmark_gate="weigh"), "landmark_gate"),
+        (FilterConfig(fix_correlation_time=1.0), "correlation"),
+        (FilterConfig(landmark_bearing_offset_sigma=0.1), "landmark_range_offset"),
+    ],
+)
+def test_the_compiled_filter_refuses_what_it_does_not_have(config, name):
+    with pytest.raises(InvalidValueError, match=name):
+        check_supported(options_of(config))
+    check_supported(options_of(FilterConfig()))

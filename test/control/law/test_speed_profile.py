@@ -1,0 +1,81 @@
+"""Braking profiles, against the way that braking takes, and the gains that follow from a data sheet."""
+
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from diffbot_control.law.speed_profile import (
+    ProfileGains,
+    approach_speed,
+    auto_gains,
+    braking,
+    signed_braking,
+    within_data_sheet,
+)
+from diffbot_core.data_sheet import DataSheet
+
+CHECK = settings(max_examples=200)
+DISTANCES = st.floats(1e-6, 1e4)
+BRAKES = st.floats(0.01, 100.0)
+REACTS = st.floats(0.01, 10.0)
+
+
+@CHECK
+@given(DISTANCES, BRAKES, REACTS)
+def test_the_way_to_react_and_to_brake_is_the_distance(distance, brake, react):
+    speed = braking(distance, brake, react)
+    assert speed * react + speed**2 / (2.0 * brake) == pytest.approx(distance, rel=1e-9)
+
+
+@CHECK
+@given(DISTANCES, BRAKES, REACTS)
+def test_following_the_profile_never_needs_more_than_the_planned_deceleration(distance, brake, react):
+    # dv/dt = v dv/dd, by central differences.
+    step = 1e-5 * distance
+    slope = (braking(distance + step, brake, react) - braking(distance - step, brake, react)) / (2.0 * step)
+    assert braking(distance, brake, react) * slope <= brake * (1.0 + 1e-6)
+
+
+def test_near_zero_it_is_a_gain_and_far_away_the_parabola():
+    assert braking(1e-9, 3.0, 0.5) == pytest.approx(1e-9 / 0.5)
+    assert braking(1e8, 3.0, 0.5) == pytest.approx(math.sqrt(2.0 * 3.0 * 1e8), rel=1e-3)
+    assert braking(0.0, 3.0, 0.5) == 0.0
+
+
+@CHECK
+@given(st.floats(-10.0, 10.0), BRAKES, REACTS, st.floats(0.1, 5.0))
+def test_the_signed_profile_is_odd_and_bounded(error, brake, react, largest):
+    found = signed_braking(error, brake, react, largest)
+    assert abs(found) == min(largest, braking(abs(error), brake, react))
+    assert found * error >= 0.0
+    assert signed_braking(-error, brake, react, largest) == -found
+
+
+def test_a_position_that_is_not_known_well_is_approached_with_a_longer_reaction():
+    gains = ProfileGains(brake=2.0, react=0.5, sigma_known=0.05)
+    known = approach_speed(0.4, 0.05, gains, 10.0)
+    # s^2 / (2 brake) + s react = 0.4 with 0.5 s: s^2 / 4 + s / 2 - 0.4 = 0.
+    assert known == pytest.approx(-1.0 + math.sqrt(1.0 + 1.6))
+    # Twice the deviation: 0.5 s times 2^2 = 2 s.
+    assert approach_speed(0.4, 0.1, gains, 10.0) == pytest.approx(-4.0 + math.sqrt(16.0 + 1.6))
+    assert approach_speed(0.4, 0.0, gains, 10.0) == known
+    assert approach_speed(100.0, 0.0, gains, 1.3) == 1.3
+    assert approach_speed(0.0, 0.1, gains, 1.3) == 0.0
+
+
+def test_the_robot_is_asked_for_no_more_than_a_share_of_its_accelerations():
+    gains = ProfileGains(brake=3.0, turn_brake=7.0, hold_brake=5.0)
+    assert within_data_sheet(gains, DataSheet()) == gains
+    assert within_data_sheet(gains, DataSheet(a_max=9.0, omega_dot_max=20.0)) == gains
+    found = within_data_sheet(gains, DataSheet(a_max=1.0, omega_dot_max=10.0))
+    assert found == gains._replace(brake=pytest.approx(0.86), turn_brake=pytest.approx(6.5))
+
+
+def test_automatic_gains_are_the_defaults_at_the_papers_period_and_follow_the_data_sheet():
+    assert auto_gains(DataSheet(), 0.1) == pytest.approx(ProfileGains())
+    slow = auto_gains(DataSheet(a_max=0.5, omega_dot_max=1.5, command_latency=0.2, drive_time_constant=0.1), 0.2)
+    assert (slow.brake, slow.turn_brake, slow.hold_brake) == pytest.approx((0.43, 0.975, 0.975))
+    # Half a period, 0.2 s of unknown latency and a tenth of what is known.
+    assert (slow.react, slow.turn_react, slow.hold_react) == pytest.approx((0.66, 0.594, 0.528))

@@ -1,0 +1,151 @@
+"""The law with braking profiles: its equations, its Lyapunov functions within any limits, and which end leads."""
+
+import itertools
+import math
+
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from diffbot_control.law.limits import limit_global
+from diffbot_control.law.polar_coordinates import Navigation, navigation_variables
+from diffbot_control.law.speed_profile import ProfileGains
+from diffbot_control.law.steering import (
+    BACK,
+    FRONT,
+    Course,
+    chosen_course,
+    course_lyapunov,
+    drive_and_hold,
+    drive_and_steer,
+    led_by,
+    turn_to_the_goal,
+)
+from diffbot_core.data_sheet import UNLIMITED, DataSheet, rim_speed
+from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import WheelGeometry
+
+CHECK = settings(max_examples=200)
+INF = math.inf
+GAINS = st.builds(
+    ProfileGains,
+    brake=st.floats(0.05, 20.0),
+    react=st.floats(0.05, 5.0),
+    sigma_known=st.floats(0.01, 0.2),
+    bearing_weight=st.floats(0.05, 5.0),
+    turn_brake=st.floats(0.1, 30.0),
+    turn_react=st.floats(0.05, 5.0),
+    hold_brake=st.floats(0.1, 30.0),
+    hold_react=st.floats(0.05, 5.0),
+)
+SHEETS = st.builds(
+    lambda v, omega, wheel, radius, separation: DataSheet(v, omega, wheel, wheels=WheelGeometry(radius, separation)),
+    st.floats(0.02, 5.0) | st.just(INF),
+    st.floats(0.02, 10.0) | st.just(INF),
+    st.floats(0.1, 100.0) | st.just(INF),
+    st.floats(0.02, 0.3),
+    st.floats(0.1, 2.0),
+)
+ANGLES = st.floats(-math.pi, math.pi)
+DISTANCES = st.floats(1e-3, 50.0)
+
+
+def profile(error, brake, react):
+    """The speed s with s^2 / (2 brake) + s react = |error|, written anew."""
+    return math.copysign(brake * (math.sqrt(react**2 + 2.0 * abs(error) / brake) - react), error)
+
+
+@CHECK
+@given(DISTANCES, ANGLES, ANGLES, GAINS)
+def test_the_commands_are_those_of_the_equations(rho, alpha, beta, gains):
+    assume(abs(alpha) > 1e-3)
+    f, h = profile(rho, gains.brake, gains.react), gains.bearing_weight
+    v, omega = f * math.cos(alpha), profile(alpha, gains.turn_brake, gains.turn_react)
+    omega += f / rho * math.sin(alpha) / alpha * math.cos(alpha) * (alpha + h * beta)
+    navigation = Navigation(rho, alpha, beta)
+    assert drive_and_steer(navigation, 0.0, FRONT, gains, UNLIMITED) == pytest.approx((v, omega), rel=1e-6, abs=1e-9)
+    assert drive_and_steer(navigation, 0.0, BACK, gains, UNLIMITED) == pytest.approx((-v, omega), rel=1e-6, abs=1e-9)
+    hold = -profile(beta, gains.hold_brake, gains.hold_react)
+    assert drive_and_hold(navigation, beta, 0.0, gains, UNLIMITED) == pytest.approx((v, hold), rel=1e-6, abs=1e-9)
+
+
+def rate_of_v(rho, alpha, beta, v, omega, weight):
+    """dV/dt with the kinematics: rho' = -v cos(alpha), alpha' = v sin(alpha)/rho - omega, beta' = v sin(alpha)/rho."""
+    turn = v * math.sin(alpha) / rho
+    terms = (rho * -v * math.cos(alpha), alpha * (turn - omega), weight * beta * turn)
+    return sum(terms), sum(abs(term) for term in terms) + abs(alpha * omega)
+
+
+@CHECK
+@given(DISTANCES, ANGLES, ANGLES, st.floats(0.0, 0.5), GAINS, SHEETS)
+def test_the_lyapunov_function_falls_in_omega_g_with_any_profile_and_limits(rho, alpha, beta, sigma, gains, sheet):
+    v, omega = drive_and_steer(Navigation(rho, alpha, beta), sigma, FRONT, gains, sheet)
+    rate, size = rate_of_v(rho, alpha, beta, v, omega, gains.bearing_weight)
+    assert rate <= 1e-12 * (1.0 + size)
+
+
+@CHECK
+@given(DISTANCES, ANGLES, ANGLES, GAINS, SHEETS)
+def test_it_falls_with_the_back_leading_too(rho, alpha, beta, gains, sheet):
+    """The robot turned round sees the goal at alpha - pi in a goal turned round, and drives the other way."""
+    led = led_by(Navigation(rho, alpha, beta), BACK)
+    assert abs(math.remainder(led.alpha - alpha, math.tau)) == pytest.approx(math.pi)
+    assert abs(math.remainder(led.beta - beta, math.tau)) == pytest.approx(math.pi)
+    v, omega = drive_and_steer(led, 0.0, BACK, gains, sheet)
+    rate, size = rate_of_v(rho, led.alpha, led.beta, -v, omega, gains.bearing_weight)
+    assert rate <= 1e-11 * (1.0 + size)
+
+
+@CHECK
+@given(DISTANCES, ANGLES, ANGLES, GAINS, SHEETS)
+def test_it_falls_in_omega_l_and_while_turning_on_the_spot(rho, alpha, theta, gains, sheet):
+    v, omega = drive_and_hold(Navigation(rho, alpha, 0.0), theta, 0.0, gains, sheet)
+    # d/dt (rho^2 + theta^2) / 2, both terms for themselves.
+    assert -rho * v * math.cos(alpha) <= 0.0
+    assert theta * omega <= 0.0
+    v, omega = turn_to_the_goal(alpha, gains, sheet)
+    assert v == 0.0
+    assert math.copysign(1.0, omega) == math.copysign(1.0, alpha)
+
+
+def test_the_lyapunov_function_by_hand():
+    # (4 + 0.25 + 0.8 * 9) / 2.
+    assert course_lyapunov(Navigation(2.0, -0.5, 3.0), ProfileGains(bearing_weight=0.8)) == pytest.approx(5.725)
+
+
+@CHECK
+@given(st.floats(-3.0, 3.0), st.floats(-5.0, 5.0), st.floats(-8.0, 8.0), SHEETS)
+def test_the_limits_keep_the_steering_and_as_much_speed_as_a_search_finds(phi, v, turn, sheet):
+    rim, half = rim_speed(sheet), 0.5 * sheet.wheels.wheel_separation
+
+    def allowed(s, slack=0.0):
+        speed, omega = abs(s * v), abs(kept + s * turn)
+        bounds = ((speed, sheet.v_max), (omega, sheet.omega_max), (speed + half * omega, rim))
+        return all(value <= bound * (1.0 + slack) + slack for value, bound in bounds)
+
+    kept = math.copysign(min(abs(phi), sheet.omega_max, rim / half), phi)
+    command = limit_global(phi, v, turn, sheet)
+    assume(abs(v) > 0.01)
+    found = command.v / v
+    assert command.omega == pytest.approx(kept + found * turn, abs=1e-9)
+    assert allowed(found, 1e-9)
+    largest = max(s / 500 for s in range(501) if s == 0 or allowed(s / 500))
+    assert found >= largest - 1e-9
+    assert found <= 1.0
+
+
+@CHECK
+@given(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.floats(-3.1, 3.1), st.booleans(), st.booleans())
+def test_the_course_with_the_least_turning_is_chosen_of_those_allowed(x, y, theta, backward, symmetric):
+    assume(math.hypot(x, y) > 0.1)
+
+    def turning(leading, turned):
+        """To look along the line to the goal with this end, and from there to the heading that it needs there."""
+        line = math.atan2(-y, -x) + (math.pi if leading == BACK else 0.0)
+        goal = math.pi if turned else 0.0
+        return sum(abs(math.remainder(angle, math.tau)) for angle in (line - theta, goal - line))
+
+    courses = itertools.product((FRONT, BACK) if backward else (FRONT,), (False, True) if symmetric else (False,))
+    turnings = {Course(*one): turning(*one) for one in courses}
+    found = chosen_course(navigation_variables(Pose(x, y, theta)), backward, symmetric)
+    assert turnings[found] == pytest.approx(min(turnings.values()), abs=1e-9)

@@ -1,0 +1,75 @@
+"""A robot of its own for the tests of the law: the unicycle with dead time and lag, without the simulator's code."""
+
+import math
+
+from diffbot_control.law import controller
+from diffbot_control.law.controller import new_memory
+from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import Twist
+from diffbot_core.uncertainty import CERTAIN, Estimate
+
+T_S = 0.1
+ORIGIN = Pose(0.0, 0.0, 0.0)
+MS = 0.001
+
+
+class Robot:
+    """Without dead time and lag it moves along exact arcs, otherwise in steps of a millisecond."""
+
+    def __init__(self, pose, latency=0.0, lag=0.0):
+        self.pose, self.lag = Pose(*pose), lag
+        self.queue = [Twist(0.0, 0.0)] * round(latency / MS)
+        self.motion = Twist(0.0, 0.0)
+        self.turned = 0.0
+        """[rad] in both directions together"""
+
+    def drive(self, command, duration=T_S):
+        if not self.queue and not self.lag:
+            self._move(command, duration)
+            return
+        share = 1.0 - math.exp(-MS / self.lag) if self.lag else 1.0
+        for _ in range(round(duration / MS)):
+            self.queue.append(command)
+            acting = self.queue.pop(0)
+            self.motion = Twist(*(now + share * (new - now) for now, new in zip(self.motion, acting, strict=True)))
+            self._move(self.motion, MS)
+
+    def _move(self, twist, dt):
+        (x, y, theta), half = self.pose, 0.5 * twist.omega * dt
+        chord = twist.v * dt * (math.sin(half) / half if half else 1.0)
+        x, y = x + chord * math.cos(theta + half), y + chord * math.sin(theta + half)
+        self.pose = Pose(x, y, math.remainder(theta + 2.0 * half, math.tau))
+        self.turned += abs(2.0 * half)
+
+
+class Run:
+    """A run to the origin without noise: poses, commands, memories and reports in step."""
+
+    def __init__(self, start, config, steps=300, latency=0.0, lag=0.0, *, uncertainty=CERTAIN, memory=None, period=T_S):
+        """``uncertainty`` is that of all estimates, or a function of the step."""
+        self.robot = Robot(start, latency, lag)
+        self.poses, self.commands, self.memories, self.reports = [], [], [], []
+        memory = memory or new_memory()
+        for step in range(steps):
+            present = uncertainty(step) if callable(uncertainty) else uncertainty
+            self.poses.append(self.robot.pose)
+            dt = period if step else 0.0
+            memory, command, report = controller.step(memory, Estimate(self.robot.pose, present), ORIGIN, dt, config)
+            self.memories.append(memory)
+            self.commands.append(command)
+            self.reports.append(report)
+            self.robot.drive(command, period)
+        self.end = self.robot.pose
+
+    @property
+    def distances(self):
+        return [math.hypot(pose.x, pose.y) for pose in self.poses]
+
+    @property
+    def largest_heading(self):
+        return max(abs(pose.theta) for pose in self.poses)
+
+    @property
+    def settled_after(self):
+        outside = [i for i, p in enumerate(self.poses) if math.hypot(p.x, p.y) > 0.1 or abs(p.theta) > 0.1]
+        return T_S * (outside[-1] + 1) if outside else 0.0
