@@ -35,10 +35,10 @@ from diffbot_control.law.lyapunov_law import (
     local_lyapunov,
     sampled_poles,
 )
+from diffbot_control.law.paper.reapproach import Reapproach, ReapproachConfig
 from diffbot_control.law.polar_coordinates import Navigation, navigation_variables
 from diffbot_control.law.presets import PAPER, PAPER_COVARIANCE, PRECISE, PRESETS, TUNED
 from diffbot_control.law.protocol import Law
-from diffbot_control.law.paper.reapproach import Reapproach, ReapproachConfig
 from diffbot_control.law.regions import (
     COVARIANCE,
     FIXED,

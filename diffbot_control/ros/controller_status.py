@@ -8,8 +8,8 @@ from diffbot_control.law import supervisor as states
 from diffbot_control.law.configuration import TANH
 from diffbot_control.law.controller import SwitchingLaw
 from diffbot_control.law.finish import FINISH_NAMES
-from diffbot_control.law.protocol import Law
 from diffbot_control.law.paper.reapproach import PHASE_NAMES
+from diffbot_control.law.protocol import Law
 from diffbot_control.law.regions import REGION_NAMES
 from diffbot_control.law.supervisor import Supervisor
 

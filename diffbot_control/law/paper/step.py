@@ -8,7 +8,6 @@ from diffbot_control.law.configuration import ControllerConfig, ControllerMemory
 from diffbot_control.law.goal_checker import is_at_rest, next_settling, within
 from diffbot_control.law.limits import limit_acceleration, limit_velocity
 from diffbot_control.law.lyapunov_law import global_law, global_lyapunov, local_law, local_lyapunov
-from diffbot_control.law.polar_coordinates import Navigation, navigation_variables
 from diffbot_control.law.paper.reapproach import (
     RESTING,
     Reapproach,
@@ -16,6 +15,7 @@ from diffbot_control.law.paper.reapproach import (
     reapproach_command,
     without_reapproach,
 )
+from diffbot_control.law.polar_coordinates import Navigation, navigation_variables
 from diffbot_control.law.regions import (
     COVARIANCE,
     OMEGA_G,
