@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from diffbot_control.law.braking_step import braking_step
 from diffbot_control.law.configuration import (
     BRAKING,
     ControllerConfig,
@@ -13,7 +14,6 @@ from diffbot_control.law.configuration import (
 from diffbot_control.law.latency import after_a_period, is_immediate
 from diffbot_control.law.limits import slowed
 from diffbot_control.law.paper.step import paper_step
-from diffbot_control.law.step import braking_step
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import Estimate, Uncertainty

@@ -78,6 +78,17 @@ class Finish(NamedTuple):
     """[s] at rest in a row"""
 
 
+class Standing(NamedTuple):
+    """How the robot stands at a pose."""
+
+    rest: float
+    """[s] at rest in a row without a leg, this pose included; 0 if the robot moves"""
+    reached: bool
+    """the goal counts as reached"""
+    allow_backward: bool
+    """the robot may reverse"""
+
+
 def no_finish(rest: float = 0.0) -> Finish:
     """Return the state without a leg, every field given: compiled code does not know the defaults."""
     return Finish(NO_LEG, 0.0, 0.0, 0, rest)
@@ -91,26 +102,23 @@ def is_leg(state: Finish) -> bool:
 def next_finish(
     state: Finish,
     local: Pose,
-    rest: float,
-    reached: bool,
+    standing: Standing,
     uncertainty: Uncertainty,
     tolerance: GoalTolerance,
     config: FinishConfig,
-    allow_backward: bool,
 ) -> Finish:
     """Advance by one pose inside Omega_L.
 
     Args:
         state: as left by the last pose.
         local: estimate in the goal's frame.
-        rest: [s] at rest in a row without a leg, this pose included; 0 if the robot moves.
-        reached: the goal counts as reached.
+        standing: how the robot stands.
         uncertainty: of the estimate.
         tolerance: of the goal.
         config: when and how.
-        allow_backward: the robot may reverse.
     """
     length, lateral = tolerance.xy_goal_tolerance, abs(local.y)
+    rest, reached, allow_backward = standing
     if is_leg(state):
         return _next_leg(state, local, tolerance, config)
     if rest < config.finish_wait:

@@ -81,7 +81,7 @@ def signed_braking(error: float, brake: float, react: float, largest: float) -> 
 
 
 def approach_speed(rho: float, vagueness: float, gains: ProfileGains, v_max: float) -> float:
-    """Return f(rho) [m/s] >= 0, f(0) = 0: slower towards a position that is not known well, see :func:`vagueness_of`."""
+    """Return f(rho) [m/s] >= 0, f(0) = 0: slower with a ``vagueness`` above 1, see :func:`vagueness_of`."""
     react = gains.react * vagueness * vagueness if vagueness > 1.0 else gains.react
     return min(v_max, braking(rho, gains.brake, react))
 

@@ -24,8 +24,8 @@ from diffbot_core.uncertainty import Uncertainty
 class PoseFallback(NamedTuple):
     """Uncertainty of a pose whose covariance is all zero, i.e. unknown.
 
-    The defaults are a fifth of the default tolerances, as a localization good enough for such goals has at rest: errors up
-    to 0.05 m and 0.05 rad leave a probability of 0.99 (``reached_probability``), so goals can be reached. With
+    The defaults are a fifth of the default tolerances, as a localization good enough for such goals has at rest: errors
+    up to 0.05 m and 0.05 rad leave a probability of 0.99 (``reached_probability``), so goals can be reached. With
     narrower tolerances the status may say ``tolerance below uncertainty`` until these parameters hold the true values.
     """
 

@@ -149,7 +149,8 @@ class DiffbotGoalEnv(gymnasium.Env[Floats, Floats]):
         self._pose = self._source.pose(self.world) or self._pose
         truth = self.world.state.pose
         rho = math.hypot(truth.x, truth.y)
-        reached, left = within(truth, rho, command, self._tolerance), rho > _ARENA * self._start_range
+        reached = within(truth, rho, command, self._tolerance, self._sheet)
+        left = rho > _ARENA * self._start_range
         reward = _distance(before) - _distance(truth) - TIME_COST * self._config.plant.sampling_time
         reward += END_REWARD * (reached - left)
         return self._observation(), reward, reached or left, False, self._info(reached)

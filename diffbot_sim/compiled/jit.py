@@ -20,6 +20,7 @@ from typing import Any
 
 from diffbot_control.filter import adaptation, colour, gate, models
 from diffbot_control.law import (
+    braking_step,
     configuration,
     controller,
     finish,
@@ -32,7 +33,6 @@ from diffbot_control.law import (
     speed_profile,
     steering,
 )
-from diffbot_control.law import step as braking_step
 from diffbot_control.law.paper import reapproach
 from diffbot_control.law.paper import step as paper_step
 from diffbot_control.law.protocol import Law

@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from diffbot_control.law.braking_step import braking_step
 from diffbot_control.law.configuration import ControllerConfig, new_memory
 from diffbot_control.law.regions import OMEGA_G, OMEGA_L, Switching
-from diffbot_control.law.step import braking_step
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import Estimate, Uncertainty

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from diffbot_control.law.braking_step import braking_step
 from diffbot_control.law.configuration import ControllerConfig, ControllerMemory, new_memory
 from diffbot_control.law.steering import BACK
-from diffbot_control.law.step import braking_step
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import WheelSpeeds, body_twist, wheel_speeds
 from diffbot_core.uncertainty import Estimate, Uncertainty

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from diffbot_control.law.step import braking_step
+from diffbot_control.law.braking_step import braking_step
 from diffbot_control.law.configuration import ControllerConfig, ControllerMemory
 from diffbot_control.law.finish import SHUTTLING, Finish
 from diffbot_control.law.polar_coordinates import Navigation, navigation_variables

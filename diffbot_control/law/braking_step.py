@@ -8,6 +8,7 @@ from diffbot_control.law.configuration import AUTO, ControllerConfig, Controller
 from diffbot_control.law.finish import (
     LEAVING,
     Finish,
+    Standing,
     finish_command,
     is_leg,
     next_finish,
@@ -141,16 +142,8 @@ def _finish_after(
     resting = steps_outside == 0 and is_at_rest(memory.command, tolerance, config.data_sheet)
     if resting and abs(local.theta) <= tolerance.yaw_goal_tolerance:
         rest = memory.finish.rest + dt
-    return next_finish(
-        memory.finish,
-        local,
-        rest,
-        memory.reached,
-        uncertainty,
-        tolerance,
-        config.finish,
-        config.driving.allow_backward,
-    )
+    standing = Standing(rest, memory.reached, config.driving.allow_backward)
+    return next_finish(memory.finish, local, standing, uncertainty, tolerance, config.finish)
 
 
 def _near(
