@@ -40,7 +40,7 @@ def largest_deviation(xx: float, xy: float, yy: float) -> float:
 
 
 _ROOT_2 = math.sqrt(2.0)
-_CHORD_STEP, _CHORD_TAIL, _LEAST_CHORDS = 0.75, 4.5, 6
+_CHORD_STEP, _CHORD_TAIL, _LEAST_CHORDS = 0.75, 5.0, 6
 """Chords of :func:`disc_probability`: deviations between two, deviations beyond which none counts, least number."""
 _FAR = 8.0
 """deviations between a mean and a bound that leave a probability of 0 or 1"""
@@ -56,8 +56,10 @@ def disc_probability(offset: float, sigma: float, radius: float) -> float:
     if sigma <= 0.0:
         return 1.0 if offset <= radius else 0.0
     a, b = offset / sigma, radius / sigma
-    if b - a > _FAR or b - a < -_FAR:
-        return 1.0 if b > a else 0.0
+    if b - a > _FAR:
+        return 1.0
+    if not b - a > -_FAR:  # or not a number
+        return 0.0
     width = 0.5 * math.pi / max(_LEAST_CHORDS, math.ceil(0.5 * math.pi * b / _CHORD_STEP))
     total, angle = 0.5 * _chord(a, b, 0.0), width
     while angle < 0.5 * math.pi and b * math.sin(angle) < _CHORD_TAIL:

@@ -1,0 +1,74 @@
+"""How probable it is that a pose is within the tolerances, against scipy's distributions and drawn numbers."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import ncx2, norm
+
+from diffbot_core.uncertainty import disc_probability, interval_probability, largest_deviation
+
+CHECK = settings(max_examples=500)
+SIGMAS = st.floats(-4.0, 2.0).map(lambda exponent: 10.0**exponent)
+"""[m] or [rad]"""
+IN_SIGMAS = st.floats(-2.0, 3.0).map(lambda exponent: 10.0**exponent)
+"""radius or bound in standard deviations"""
+BEYOND = st.floats(-12.0, 12.0)
+"""distance of the mean from the bound in standard deviations"""
+
+
+@CHECK
+@given(SIGMAS, IN_SIGMAS, BEYOND, st.booleans())
+def test_the_disc_has_the_probability_of_the_noncentral_chi_square(sigma, radius, beyond, at_the_centre):
+    offset = 0.0 if at_the_centre else max(radius + beyond, 0.0)
+    found = disc_probability(offset * sigma, sigma, radius * sigma)
+    # At an offset of 0 scipy's series has no first term.
+    expected = ncx2.cdf(radius**2, 2, offset**2) if offset > 1e-6 else -math.expm1(-0.5 * radius**2)
+    assert found == pytest.approx(expected, abs=1e-5)
+    assert 0.0 <= found <= 1.0
+
+
+@CHECK
+@given(SIGMAS, IN_SIGMAS, BEYOND, st.sampled_from((-1.0, 1.0)))
+def test_the_interval_has_the_probability_of_the_normal_distribution(sigma, bound, beyond, side):
+    offset = side * (bound + beyond)
+    expected = norm.cdf(bound - offset) - norm.cdf(-bound - offset)
+    assert interval_probability(offset * sigma, sigma, bound * sigma) == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.parametrize(("offset", "sigma", "radius"), [(0.0, 0.04, 0.1), (0.06, 0.02, 0.1), (0.3, 0.2, 0.25)])
+def test_as_many_drawn_poses_are_inside_as_they_say(offset, sigma, radius):
+    x, y = np.random.default_rng(5).normal(size=(2, 400_000)) * sigma
+    for found, inside in (
+        (disc_probability(offset, sigma, radius), np.hypot(offset + x, y) <= radius),
+        (interval_probability(offset, sigma, radius), abs(offset + x) <= radius),
+    ):
+        assert found == pytest.approx(inside.mean(), abs=4.0 * inside.std() / math.sqrt(len(x)))
+
+
+@pytest.mark.parametrize("probability", [disc_probability, interval_probability])
+def test_an_exact_estimate_is_inside_or_not_and_what_is_no_number_never_is(probability):
+    assert probability(0.1, 0.0, 0.1) == 1.0
+    assert probability(math.nextafter(0.1, 1.0), 0.0, 0.1) == 0.0
+    assert probability(0.05, 1e-300, 0.1) == 1.0
+    assert probability(0.0, math.inf, 0.1) == 0.0
+    for args in ((math.nan, 0.1, 0.1), (0.0, math.nan, 0.1), (math.nan, 0.0, 0.1)):
+        assert not probability(*args) > 0.0
+
+
+@settings(max_examples=100)
+@given(st.floats(1e-4, 1e3), st.floats(1e-4, 1e3), st.floats(-math.pi, math.pi))
+def test_largest_deviation_is_the_longer_axis_of_the_ellipse(one, other, turn):
+    c, s = math.cos(turn), math.sin(turn)
+    rotation = np.array([[c, -s], [s, c]])
+    P = rotation @ np.diag([one**2, other**2]) @ rotation.T
+    found = largest_deviation(P[0, 0], P[0, 1], P[1, 1])
+    assert found == pytest.approx(max(one, other), rel=1e-9)
+    assert found == pytest.approx(math.sqrt(np.linalg.eigvalsh(P)[-1]), rel=1e-12)
+
+
+def test_largest_deviation_of_a_line_and_of_what_rounding_leaves_of_nothing():
+    assert largest_deviation(1.0, -1.0, 1.0) == pytest.approx(math.sqrt(2.0))
+    assert largest_deviation(-1e-20, 0.0, -1e-20) == 0.0
