@@ -69,9 +69,9 @@ class Finish(NamedTuple):
 
     kind: int = NO_LEG
     side: float = 0.0
-    """end of the present leg: in front of the goal (1) or behind it (-1)"""
+    """direction of the present leg: forwards (1) or backwards (-1)"""
     reach: float = 0.0
-    """[m] distance of that end from the goal"""
+    """[m] distance from the goal at which it ends; of a V, at which the leg out ends"""
     legs: int = 0
     """left, the present one included"""
     rest: float = 0.0
@@ -121,7 +121,7 @@ def next_finish(
     rest, reached, allow_backward = standing
     if is_leg(state):
         return _next_leg(state, local, tolerance, config)
-    if rest < config.finish_wait:
+    if rest <= 0.0 or rest < config.finish_wait:
         return no_finish(rest)
     if not reached and uncertainty.xy < _CERTAIN * length:
         reach = _v_reach(lateral, uncertainty, tolerance)
@@ -130,8 +130,14 @@ def next_finish(
         if reach > 0.0:
             return Finish(V_LEG, -1.0, reach + 0.5 * _MARGIN * length, 2, 0.0)
     if allow_backward and lateral > max(config.finish_begin * length, uncertainty.xy):
-        return Finish(TO_AND_FRO, -1.0 if local.x >= 0.0 else 1.0, _REACH * length, _LEGS, 0.0)
+        return Finish(TO_AND_FRO, -1.0 if local.x >= 0.0 else 1.0, _reach(lateral, length), _LEGS, 0.0)
     return no_finish(rest)
+
+
+def _reach(lateral: float, length: float) -> float:
+    """Return how far [m] a leg to and fro goes: less where its end would be beyond the tolerance."""
+    room = length * length - lateral * lateral
+    return _REACH * length if room <= 0.0 else min(_REACH * length, math.sqrt(room) + _MARGIN * length)
 
 
 def _v_reach(lateral: float, uncertainty: Uncertainty, tolerance: GoalTolerance) -> float:
@@ -150,12 +156,17 @@ def _v_reach(lateral: float, uncertainty: Uncertainty, tolerance: GoalTolerance)
 
 def _next_leg(state: Finish, local: Pose, tolerance: GoalTolerance, config: FinishConfig) -> Finish:
     length = tolerance.xy_goal_tolerance
-    if state.side * local.x < state.reach - _MARGIN * length:
+    if state.side * (local.x - _end_of(state)) < -_MARGIN * length:
         return state
     if state.legs <= 1 or (state.kind == TO_AND_FRO and abs(local.y) <= _END * config.finish_begin * length):
         return no_finish()
-    reach = _REACH * length if state.kind == TO_AND_FRO else 0.0
+    reach = _reach(abs(local.y), length) if state.kind == TO_AND_FRO else state.reach
     return Finish(state.kind, -state.side, reach, state.legs - 1, 0.0)
+
+
+def _end_of(state: Finish) -> float:
+    """Return the x [m] of the end of the leg: a V comes back to the goal."""
+    return 0.0 if state.kind == V_LEG and state.legs == 1 else state.side * state.reach
 
 
 def finish_command(
@@ -165,7 +176,7 @@ def finish_command(
     bound, fastest = config.finish_heading * tolerance.yaw_goal_tolerance, config.finish_speed
     if state.kind == V_LEG:
         bound, fastest = _V_HEADING, _V_SPEED * config.finish_speed
-    v = _END_GAIN * (state.side * state.reach - local.x)
+    v = _END_GAIN * (_end_of(state) - local.x)
     v = math.copysign(min(max(abs(v), _SLOWEST * config.finish_speed), fastest), v)
     heading = min(max(-_LINE_GAIN * local.y, -bound), bound) * math.copysign(1.0, v)
     error = local.theta - heading

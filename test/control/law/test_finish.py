@@ -1,167 +1,221 @@
-"""A lateral error that remains at rest: worked off inside the tolerance, or by going out and in again."""
+"""A lateral error that remains at rest: legs to and fro inside the tolerances, a V beyond them, or a new approach."""
 
+import itertools
 import math
 import random
 
 import pytest
-from driven import ORIGIN, T_S, Run
+from driven import MS, ORIGIN, T_S, Robot, Run
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from diffbot_control.law import controller
 from diffbot_control.law.controller import new_memory
+from diffbot_control.law.finish import LEAVING, TO_AND_FRO, V_LEG, Standing, is_leg, next_finish, no_finish
 from diffbot_control.law.presets import PRESETS
-from diffbot_control.law.regions import OMEGA_L, Switching
+from diffbot_control.law.regions import OMEGA_G, OMEGA_L, Switching
 from diffbot_core.geometry import Pose
-from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
+from diffbot_core.uncertainty import Estimate, Uncertainty
 
 TUNED = PRESETS["tuned"]
+WAIT, SPEED = TUNED.finish.finish_wait, TUNED.finish.finish_speed
 NEAR = new_memory()._replace(switching=Switching(OMEGA_L))
+REACHED = NEAR._replace(settling=NEAR.settling._replace(reached=True), reached=True)
 FORWARD = TUNED._replace(driving=TUNED.driving._replace(allow_backward=False))
+KNOWN = Uncertainty(0.012, 0.012)
 
 
-def held_in_omega_l(tolerance, **finish):
-    """The default law with this tolerance, and an Omega_L that is left by nothing that the finish does."""
-    covariance = TUNED.region_policy.covariance._replace(eps_P_min=2.5 * tolerance, eps_P_leave_min=10.0)
-    return TUNED._replace(
-        tolerance=TUNED.tolerance._replace(xy_goal_tolerance=tolerance),
-        region_policy=TUNED.region_policy._replace(covariance=covariance),
-        finish=TUNED.finish._replace(**finish),
-    )
+def with_tolerance(tolerance):
+    return TUNED._replace(tolerance=TUNED.tolerance._replace(xy_goal_tolerance=tolerance))
 
 
-@pytest.mark.parametrize("tolerance", [0.05, 0.3])
-@pytest.mark.parametrize("share", [-0.9, -0.5, 0.3, 0.7, 0.93])
-def test_an_error_within_the_tolerance_is_worked_off_without_leaving_it_before_the_goal_is_reached(tolerance, share):
-    config, sigma = held_in_omega_l(tolerance), 0.02 * tolerance
-    run = Run((0.0, share * tolerance, 0.0), config, 900, uncertainty=Uncertainty(sigma, 0.002))
-    assert run.memories[-1].reached
-    assert abs(run.end.y) < 0.25 * tolerance
-    first = next(index for index, memory in enumerate(run.memories) if memory.reached)
-    assert abs(run.poses[first].y) < 0.25 * tolerance
-    assert max(run.distances) < tolerance
-    # The heading stays within half of its tolerance, but for what the control overshoots by.
-    assert run.largest_heading < 0.06
+def answered_after(run):
+    """Time [s] of the first pose at which the goal counts as reached; inf: none."""
+    return next((T_S * index for index, memory in enumerate(run.memories) if memory.reached), math.inf)
+
+
+def kinds(run):
+    return {memory.finish.kind for memory in run.memories}
+
+
+def regions(run):
+    return {memory.switching.region for memory in run.memories}
+
+
+@pytest.mark.parametrize("tolerance", [0.03, 0.1, 0.3])
+@pytest.mark.parametrize("share", [-0.9, 0.7, 0.99])
+def test_legs_to_and_fro_work_off_an_error_inside_both_tolerances(tolerance, share):
+    config = with_tolerance(tolerance)
+    run = Run((0.0, share * tolerance, 0.0), config, 400, memory=NEAR)
+    assert abs(run.end.y) < config.finish.finish_begin * tolerance
+    assert abs(run.end.x) < 0.01 * tolerance + 0.001
+    # One step at the speed of a leg is all that it may overshoot by.
+    assert max(run.distances) < tolerance * 1.005
+    assert run.largest_heading < 0.75 * config.tolerance.yaw_goal_tolerance
+    legs = [command for command, memory in zip(run.commands, run.memories, strict=True) if memory.finish.kind]
+    assert max(abs(command.v) for command in legs) <= SPEED + 1e-12
+    assert regions(run) == {OMEGA_L}
+    assert kinds(run) == {0, TO_AND_FRO}
+    assert answered_after(run) == pytest.approx((config.tolerance.settling_steps - 1) * T_S)
 
 
 def test_the_mirror_image_does_the_mirror_image():
-    run, mirrored = (Run((0.0, y, turn), held_in_omega_l(0.1), 300) for y, turn in ((0.07, 0.03), (-0.07, -0.03)))
+    run, mirrored = (Run((0.0, y, turn), TUNED, 300, memory=NEAR) for y, turn in ((0.08, 0.03), (-0.08, -0.03)))
+    assert kinds(run) == {0, TO_AND_FRO}
     for (x, y, theta), mirror in zip(run.poses, mirrored.poses, strict=True):
         assert mirror == pytest.approx((x, -y, -theta), abs=1e-9)
 
 
-def test_an_error_beyond_the_tolerance_is_worked_off_by_going_out_along_the_axis_and_in_again():
-    run = Run((0.0, -0.19, 0.0), held_in_omega_l(0.1), 900, uncertainty=Uncertainty(0.002, 0.002))
-    assert run.memories[-1].reached
-    assert abs(run.end.y) < 0.025
-    assert 0.19 < max(run.distances) < 1.0
-    assert min(pose.x for pose in run.poses) < -0.1, "backwards"
-    assert run.largest_heading < 0.4
+@pytest.mark.parametrize("start", [(0.0, 0.08, 0.0), (0.03, -0.08, 0.04), (-0.03, 0.075, -0.06)])
+@pytest.mark.parametrize("config", [TUNED, FORWARD], ids=["to and fro", "forward only"])
+def test_an_error_too_near_to_the_tolerance_for_the_estimate_is_worked_off_until_the_goal_is_reached(start, config):
+    run = Run(start, config, 250, uncertainty=KNOWN, memory=NEAR)
+    assert WAIT < answered_after(run) < 25.0
+    assert math.hypot(run.end.x, run.end.y) < 0.065
+    if config is FORWARD:
+        assert all(command.v >= 0.0 for command in run.commands)
+        assert OMEGA_G in regions(run)
+    else:
+        assert kinds(run) == {0, TO_AND_FRO}
 
 
-def first_motion(lateral, sigma, config, seconds=12.0):
-    """Stand beside the goal; return when [s] the command is to drive, inf if it never is, and the memory then."""
-    memory, estimate = NEAR, Estimate(Pose(0.0, lateral, 0.0), Uncertainty(sigma, 0.01))
-    for step in range(round(seconds / T_S)):
-        memory, command, _ = controller.step(memory, estimate, ORIGIN, T_S, config)
-        if abs(command.v) > 1e-9:
-            return step * T_S, memory
-    return math.inf, memory
+@pytest.mark.parametrize(("lateral", "sigma"), [(0.115, 0.008), (-0.12, 0.012), (0.13, 0.02)])
+def test_an_error_beyond_the_tolerance_is_worked_off_by_a_v_behind_the_goal(lateral, sigma):
+    run = Run((0.0, lateral, 0.0), TUNED, 250, uncertainty=Uncertainty(sigma, 0.012), memory=NEAR)
+    begins = next(index for index, memory in enumerate(run.memories) if memory.finish.kind == V_LEG)
+    assert begins * T_S == pytest.approx(WAIT, abs=T_S)
+    assert all(command.v == pytest.approx(0.0, abs=1e-9) for command in run.commands[:begins])
+    # Out far enough for half of the error with the heading 0.3 rad, and in again on the axis: Omega_L is not left.
+    assert min(pose.x for pose in run.poses) < -0.9 * 0.5 * abs(lateral) / math.tan(0.3)
+    assert max(pose.x for pose in run.poses) < 0.02
+    assert run.largest_heading < 0.33
+    assert regions(run) == {OMEGA_L}
+    assert WAIT < answered_after(run) < 25.0
+    assert math.hypot(run.end.x, run.end.y) < 0.065
+    # No leg begins once the goal counts as reached with an error like this.
+    assert not is_leg(run.memories[-1].finish)
 
 
-@pytest.mark.parametrize(
-    ("lateral", "sigma", "earliest", "latest", "leaves"),
-    [
-        (0.06, 0.04, 5.5, 7.0, False),  # at first it waits for a better estimate
-        (0.06, 0.09, math.inf, math.inf, False),  # not even one deviation of room for the shortest leg
-        (0.12, 0.02, 0.0, 1.0, False),  # the goal will count as reached: no reason to leave
-        (0.12, 0.06, 5.5, 7.0, True),  # nearer than one deviation to the tolerance
-        (0.16, 0.06, 0.0, 1.0, True),  # 2.7 deviations are no accident
-        (0.16, 0.14, math.inf, math.inf, False),
-        (0.03, 0.01, math.inf, math.inf, False),  # a quarter of the tolerance is good enough
-    ],
+def driven_with_a_heading_that_motion_shows(seconds=40.0):
+    """Stand at the goal; the heading's deviation is that of the direction between two positions."""
+    robot, memory, known, way, memories = Robot((0.0, 0.01, 0.0)), NEAR, 0.5, 0.0, []
+    for _ in range(round(seconds / T_S)):
+        before = robot.pose
+        memory, command, _ = controller.step(memory, Estimate(before, Uncertainty(0.01, known)), ORIGIN, T_S, TUNED)
+        robot.drive(command)
+        way += math.hypot(robot.pose.x - before.x, robot.pose.y - before.y)
+        known = min(0.5, math.sqrt(2.0) * 0.01 / max(way, MS))
+        memories.append((memory, robot.pose))
+    return memories
+
+
+def test_a_heading_that_only_motion_shows_is_made_known_by_a_v():
+    steps = driven_with_a_heading_that_motion_shows()
+    first = next(index for index, (memory, _) in enumerate(steps) if memory.reached)
+    assert V_LEG in {memory.finish.kind for memory, _ in steps[:first]}
+    # The way that makes 0.1 rad a bound of 99 %: sqrt(2) 0.01 / d <= 0.1 / 2.576.
+    assert -0.6 < min(pose.x for _, pose in steps) < -0.17
+    assert first * T_S < 25.0
+    end = steps[-1][1]
+    assert math.hypot(end.x, end.y) < 0.05
+
+
+@settings(max_examples=500)
+@given(
+    st.builds(Pose, st.floats(-0.2, 0.2), st.floats(-0.2, 0.2), st.floats(-0.1, 0.1)),
+    st.builds(Standing, st.floats(0.0, 10.0), st.booleans(), st.booleans()),
+    st.builds(Uncertainty, st.floats(0.0, 0.1), st.floats(0.0, 0.2)),
 )
-def test_when_it_begins_depends_on_error_and_uncertainty_and_whether_it_leaves_too(
-    lateral, sigma, earliest, latest, leaves
-):
-    config = held_in_omega_l(0.15)
-    begins, memory = first_motion(lateral, sigma, config)
-    assert earliest <= begins <= latest
-    if begins < math.inf:
-        run = Run((0.0, lateral, 0.0), config, 100, uncertainty=Uncertainty(sigma, 0.01), memory=memory)
-        assert (max(run.distances) > lateral + 0.1) is leaves
-        if not leaves:
-            assert max(abs(command.v) for command in run.commands[:20]) <= config.finish.finish_speed + 1e-12
+def test_what_begins(local, standing, uncertainty):
+    tolerance = TUNED.tolerance
+    found = next_finish(no_finish(), local, standing, uncertainty, tolerance, TUNED.finish)
+    if found.kind != 0:
+        assert standing.rest >= WAIT
+        assert found.rest == 0.0
+    else:
+        assert found == no_finish(standing.rest)
+    if found.kind in (V_LEG, LEAVING):
+        assert not standing.reached
+        assert uncertainty.xy < 0.03
+        # The heading is known to 99 % at 0.1 rad / 2.576.
+        assert abs(local.y) > (0.1 if found.kind == V_LEG else 0.065) or uncertainty.theta > 0.0388
+    if found.kind in (TO_AND_FRO, LEAVING):
+        assert abs(local.y) > max(0.065, uncertainty.xy)
+    assert standing.allow_backward == (found.kind != LEAVING) or found.kind == 0
 
 
-def test_it_begins_after_settling_steps_at_rest_and_the_goal_is_not_reached_meanwhile():
-    config = held_in_omega_l(0.1)
-    begins, memory = first_motion(0.03, 0.01, config)
-    assert begins == pytest.approx((config.tolerance.settling_steps - 1) * T_S, abs=2.0 * T_S)
-    assert not memory.reached
-    patient = config._replace(tolerance=config.tolerance._replace(settling_steps=20))
-    assert first_motion(0.03, 0.01, patient)[0] == pytest.approx(begins + 1.5)
+@pytest.mark.parametrize("patience", [0.0, 4.0])
+def test_it_begins_after_its_time_at_rest(patience):
+    config = TUNED._replace(finish=TUNED.finish._replace(finish_wait=patience))
+    run = Run((0.0, 0.08, 0.0), config, 80, memory=NEAR)
+    begins = next(index for index, command in enumerate(run.commands) if abs(command.v) + abs(command.omega) > 1e-9)
+    assert begins * T_S == pytest.approx(patience, abs=1.5 * T_S)
+    # Not while the heading is still being turned.
+    turned = Run((0.0, 0.08, 0.5), config, 150, memory=NEAR)
+    late = next(index for index, memory in enumerate(turned.memories) if memory.finish.kind)
+    assert abs(turned.poses[late].theta) < 0.1
+    assert late > begins
 
 
-@pytest.mark.parametrize("config", [held_in_omega_l(0.1, finish_tries=0), FORWARD], ids=["no tries", "forward only"])
-def test_switched_off_it_stays_where_it_rests_and_the_goal_is_reached(config):
+def test_switched_off_it_stays_where_it_rests():
+    config = TUNED._replace(finish=TUNED.finish._replace(finish_begin=1.0))
     run = Run((0.0, 0.06, 0.0), config, 100, memory=NEAR)
     assert run.end == pytest.approx((0.0, 0.06, 0.0), abs=1e-9)
-    assert run.memories[-1].reached
+    assert answered_after(run) < 1.0
 
 
-@pytest.mark.parametrize(("window", "moves"), [(6.0, True), (1.5, False)])
-def test_no_try_begins_after_its_window(window, moves):
-    # The position is known only after 2 s.
-    config, known = held_in_omega_l(0.1, finish_window=window), lambda step: Uncertainty(0.5 if step < 20 else 0.0, 0.0)
-    run = Run((0.0, 0.06, 0.0), config, 200, uncertainty=known)
-    assert (abs(run.end.y) < 0.03) is moves
-
-
-def test_the_number_of_tries_is_bounded_whatever_the_error_does():
-    config, memory, worked_off = held_in_omega_l(0.1, finish_tries=2, finish_window=3600.0), NEAR, []
-    for _ in range(4):
-        # Pushed aside each time that it has come to rest.
-        run = Run((0.0, 0.06, 0.0), config, 300, memory=memory)
-        memory = run.memories[-1]._replace(settling=NEAR.settling, reached=False)
-        worked_off.append(abs(run.end.y) < 0.03)
-    assert worked_off[0]
-    assert not worked_off[-1]
-    assert run.end == pytest.approx((0.0, 0.06, 0.0), abs=1e-9)
-
-
-def test_nothing_begins_once_the_goal_is_reached():
-    """The estimate wanders through the whole tolerance, and the commands are those of a law without a finish."""
-    rng, without = random.Random(1), TUNED._replace(finish=TUNED.finish._replace(finish_tries=0))
-    for _ in range(10):
-        memory = Run((0.001, 0.002, 0.0), TUNED, 8).memories[-1]
-        assert memory.reached
-        for _ in range(200):
-            angle, far = rng.uniform(-math.pi, math.pi), rng.uniform(0.0, 0.099)
-            pose = Pose(far * math.cos(angle), far * math.sin(angle), rng.uniform(-0.02, 0.02))
-            estimate = Estimate(pose, Uncertainty(0.01, 0.01))
-            _, expected, _ = controller.step(memory, estimate, ORIGIN, T_S, without)
-            memory, command, _ = controller.step(memory, estimate, ORIGIN, T_S, TUNED)
-            assert command == expected
+def test_a_reached_goal_is_never_left_by_a_v_or_a_new_approach():
+    """The estimate wanders beyond the tolerance by less than two deviations."""
+    rng = random.Random(1)
+    for config in (TUNED, FORWARD):
+        memory = REACHED
+        for step in range(600):
+            lateral = 0.11 if step // 100 % 2 else rng.uniform(-0.115, 0.115)
+            estimate = Estimate(Pose(0.0, lateral, rng.uniform(-0.02, 0.02)), Uncertainty(0.01, 0.3))
+            memory, command, _ = controller.step(memory, estimate, ORIGIN, T_S, config)
+            assert memory.finish.kind in (0, TO_AND_FRO)
             assert memory.switching.region == OMEGA_L
+            assert memory.reached
+            assert config is TUNED or abs(command.v) < 0.01
 
 
-def test_one_pose_beyond_the_tolerance_begins_no_way_out():
-    known = Uncertainty(0.01, 0.005)
-    memory = NEAR
-    for lateral in [0.08] * (TUNED.tolerance.settling_steps - 1) + [0.13]:
-        memory, command, _ = controller.step(memory, Estimate(Pose(0.0, lateral, 0.0), known), ORIGIN, T_S, TUNED)
-    assert command.v == pytest.approx(0.0, abs=1e-9)
-    # Nor does it turn a try that is under way into one.
-    begun = Run((0.0, 0.08, 0.0), TUNED, 12, uncertainty=known, memory=NEAR)
-    assert abs(begun.commands[-1].v) > 0.0
-    thrown = Estimate(Pose(begun.end.x, 0.13, begun.end.theta), known)
+def test_legs_that_correct_nothing_end_and_the_robot_rests_again():
+    """The estimate of y stays what it is whatever the robot does."""
+    robot, memory, legs, rested = Robot((0.0, 0.0, 0.0)), NEAR, [], 0
+    for _ in range(600):
+        estimate = Estimate(robot.pose._replace(y=0.08), KNOWN)
+        memory, command, _ = controller.step(memory, estimate, ORIGIN, T_S, TUNED)
+        robot.drive(command)
+        legs.append(memory.finish.legs)
+        rested += memory.finish.rest >= WAIT - T_S
+    assert max(legs) == 12
+    assert legs.count(0) > 2 * WAIT / T_S
+    assert rested >= 2
+    begun = [after for before, after in itertools.pairwise(legs) if after != before]
+    assert begun[:14] == [*range(12, -1, -1), 12]
+
+
+def test_one_pose_thrown_aside_turns_a_leg_into_nothing_else():
+    begun = Run((0.0, 0.08, 0.0), TUNED, 25, uncertainty=KNOWN, memory=NEAR)
+    assert begun.memories[-1].finish.kind == TO_AND_FRO
+    thrown = Estimate(Pose(begun.end.x, 0.13, begun.end.theta), KNOWN)
     memory, _, _ = controller.step(begun.memories[-1], thrown, ORIGIN, T_S, TUNED)
-    after = Run(begun.end, TUNED, 600, uncertainty=known, memory=memory)
+    after = Run(begun.end, TUNED, 300, uncertainty=KNOWN, memory=memory)
+    assert kinds(after) == {0, TO_AND_FRO}
+    assert after.memories[-1].reached
     assert max(after.distances) < 0.1
-    assert abs(after.end.y) < 0.025
 
 
-def test_a_new_goal_forgets_a_try():
-    run = Run((0.0, 0.08, 0.0), held_in_omega_l(0.1), 12, uncertainty=CERTAIN)
-    assert abs(run.commands[-1].v) > 0.0
-    memory = controller.memory_for_new_goal(run.memories[-1])
-    assert memory == new_memory()._replace(command=memory.command)
+@pytest.mark.parametrize("seed", range(3))
+def test_a_goal_is_reached_while_pulses_of_the_dead_band_hold_the_heading(seed):
+    """Below its dead band the robot stands: whatever turns it is a pulse above rot_stopped_velocity."""
+    sheet = TUNED.data_sheet._replace(min_rotation=0.2, min_velocity=0.06)
+    config, rng = TUNED._replace(data_sheet=sheet), random.Random(seed)
+    robot, memory, pulses = Robot((0.0, 0.02, 0.06)), NEAR, []
+    while not memory.reached and len(pulses) < 250:
+        seen = robot.pose._replace(theta=robot.pose.theta + rng.gauss(0.0, 0.015))
+        memory, command, _ = controller.step(memory, Estimate(seen, Uncertainty(0.01, 0.015)), ORIGIN, T_S, config)
+        robot.drive(command)
+        pulses.append(abs(command.omega) > config.tolerance.rot_stopped_velocity)
+    assert memory.reached
+    assert any(pulses[-config.tolerance.settling_steps :])
