@@ -21,6 +21,8 @@ from diffbot_control.law.regions import (
     OMEGA_G,
     OMEGA_L,
     RETREAT_MARGIN,
+    CovarianceRegionPolicy,
+    RegionPolicy,
     Switching,
     next_switching,
 )
@@ -59,8 +61,26 @@ def paper_step(
 def _region_after(
     memory: ControllerMemory, rho: float, uncertainty: Uncertainty, config: ControllerConfig
 ) -> tuple[Switching, float]:
-    floor = max(config.tolerance.xy_goal_tolerance, RETREAT_MARGIN * memory.reapproach.retreat_distance)
-    return next_switching(memory.switching, rho, uncertainty.xy, config.region_policy, floor)
+    policy, tolerance = config.region_policy, config.tolerance.xy_goal_tolerance
+    if not config.driving.allow_backward:
+        policy = RegionPolicy(policy.kind, policy.fixed, _forward_only(policy.covariance, tolerance))
+    floor = max(tolerance, RETREAT_MARGIN * memory.reapproach.retreat_distance)
+    return next_switching(memory.switching, rho, uncertainty.xy, policy, floor)
+
+
+def _forward_only(policy: CovarianceRegionPolicy, xy_goal_tolerance: float) -> CovarianceRegionPolicy:
+    """Return the policy for a robot that may not reverse, and so cannot re-approach.
+
+    It has to leave Omega_L with any error beyond the tolerance [m]: standing there, it could not correct it.
+    """
+    return CovarianceRegionPolicy(
+        eps_P_min=policy.eps_P_min,
+        eps_P_sigmas=policy.eps_P_sigmas,
+        eps_P_speed_error=policy.eps_P_speed_error,
+        eps_P_leave_factor=policy.eps_P_leave_factor,
+        eps_P_leave_min=min(policy.eps_P_leave_min, xy_goal_tolerance),
+        eps_P_leave_steps=policy.eps_P_leave_steps,
+    )
 
 
 def _reapproach_after(

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from diffbot_control.law import controller
 from diffbot_control.law.controller import ControllerMemory
 from diffbot_control.law.lyapunov_law import Gains
-from diffbot_control.law.presets import PRESETS
-from diffbot_control.law.reapproach import (
+from diffbot_control.law.paper.reapproach import (
     APPROACHING,
     RESTING,
     RETREATING,
@@ -22,6 +21,7 @@ from diffbot_control.law.reapproach import (
     next_reapproach,
     reapproach_command,
 )
+from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.regions import (
     COVARIANCE,
     FIXED,
@@ -40,11 +40,11 @@ CHECK = settings(max_examples=100)
 TUNED = PRESETS["paper_covariance"]._replace(
     gains=Gains(),
     region_policy=RegionPolicy(COVARIANCE, covariance=CovarianceRegionPolicy(0.02, 2.2, 0.05, 3.0, 0.3, 3)),
-    reapproach=ReapproachConfig(3, 35.0, 0.25, 0.25, 0.15, 0.7, 3.0, 8.0, 1.3),
 )
 FORWARD = TUNED._replace(driving=TUNED.driving._replace(allow_backward=False))
 AT_REST = ControllerMemory(Switching(OMEGA_L))
-BOUND = TUNED.reapproach.reapproach_heading
+BOUND, FASTEST = 0.25, 0.25
+"""[rad] and [m/s]"""
 
 
 def step(memory, pose, goal, dt, config, uncertainty=CERTAIN):
@@ -76,7 +76,7 @@ def test_a_lateral_error_at_rest_is_removed_gently(tolerance):
         assert abs(theta) < 1e-3
         assert np.abs(run.commands[-1]).max() < 1e-3
         assert run.largest_heading <= BOUND + 0.01
-        assert max(abs(command.v) for command in run.commands) <= config.reapproach.reapproach_speed + 1e-12
+        assert max(abs(command.v) for command in run.commands) <= FASTEST + 1e-12
         # One try is enough without noise, and what is allowed begins none.
         begins = abs(y) > 0.7 * tolerance
         assert run.memories[-1].reapproach.tries == int(begins)
@@ -114,19 +114,18 @@ def test_it_never_begins_with_an_error_that_is_allowed_or_below_its_own_uncertai
 
 
 def test_it_begins_within_its_window_after_the_first_rest_or_not_at_all():
-    config = TUNED.reapproach._replace(reapproach_window=2.0)
-    for unsure, expected in ((14, True), (17, False)):
+    for unsure, expected in ((340, True), (347, False)):
         # The position is not known for some poses: the time since the first rest goes on.
         state, found = Reapproach(), set()
-        for number in range(50):
-            state = advance(state, uncertainty=Uncertainty(0.5 if number < unsure else 0.0, 0.0), config=config)
+        for number in range(400):
+            state = advance(state, uncertainty=Uncertainty(0.5 if number < unsure else 0.0, 0.0))
             found.add(state.phase)
         assert (RETREATING in found) is expected, unsure
 
 
 @pytest.mark.parametrize("tries", [0, 2])
 def test_the_number_of_tries_is_bounded_whatever_the_error_does(tries):
-    config = TUNED._replace(reapproach=ReapproachConfig(reapproach_tries=tries, reapproach_window=3600.0))
+    config = TUNED._replace(reapproach=ReapproachConfig(reapproach_tries=tries))
     memory, worked_off = AT_REST, []
     for _ in range(tries + 2):
         # Pushed aside each time that it has come to rest.
@@ -159,19 +158,18 @@ def test_pushed_far_away_it_gives_up_and_drives_there_but_its_tries_stay_counted
 
 
 def test_the_command_by_hand():
-    config = TUNED.reapproach
     retreating = Reapproach(RETREATING, 1, 0, 1.0, 0.4)
     # Far from the end: full speed backwards; requested heading: -8 * 0.02 * (-1) = +0.16.
-    found = reapproach_command(retreating, Pose(0.0, 0.02, 0.1), 4.0, config)
+    found = reapproach_command(retreating, Pose(0.0, 0.02, 0.1), 4.0)
     assert found == pytest.approx((-0.25, -4.0 * (0.1 - 0.16)))
     # Near it: 1.3 * (-0.4 + 0.35) = -0.065; heading 8 * 0.02 * 0.26 = 0.0416.
-    found = reapproach_command(retreating, Pose(-0.35, 0.02, 0.0), 4.0, config)
+    found = reapproach_command(retreating, Pose(-0.35, 0.02, 0.0), 4.0)
     assert found == pytest.approx((-0.065, 4.0 * 0.0416))
     approaching = retreating._replace(phase=APPROACHING)
-    found = reapproach_command(approaching, Pose(-0.35, 0.02, 0.0), 4.0, config)
+    found = reapproach_command(approaching, Pose(-0.35, 0.02, 0.0), 4.0)
     assert found == pytest.approx((0.25, -4.0 * 0.16))
     # The heading is bounded.
-    found = reapproach_command(approaching, Pose(-0.35, -1.0, 0.0), 4.0, config)
+    found = reapproach_command(approaching, Pose(-0.35, -1.0, 0.0), 4.0)
     assert found == pytest.approx((0.25, 4.0 * 0.25))
 
 
