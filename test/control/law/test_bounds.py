@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from extremes import assert_finite, extreme_configs
 
-from diffbot_control.law import paper_step
 from diffbot_control.law.controller import SwitchingLaw
 from diffbot_control.law.loop_check import unstable_gains
+from diffbot_control.law.paper import step as paper_step
 from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.registry import registered_laws, resolve_law
 from diffbot_control.law.supervisor import Supervisor, SupervisorConfig

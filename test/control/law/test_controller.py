@@ -7,15 +7,15 @@ import math
 import pytest
 
 from diffbot_control.law import controller
-from diffbot_control.law.controller import (
-    ControllerMemory,
-    memory_for_new_goal,
-    new_memory,
-)
+from diffbot_control.law.controller import ControllerMemory, SwitchingLaw, new_memory
+from diffbot_control.law.driver import driver_of
+from diffbot_control.law.finish import V_LEG, Finish
 from diffbot_control.law.goal_checker import Settling
+from diffbot_control.law.latency import Actuation
+from diffbot_control.law.paper.reapproach import RETREATING, Reapproach
 from diffbot_control.law.presets import PRESETS
-from diffbot_control.law.reapproach import RETREATING, Reapproach
 from diffbot_control.law.regions import OMEGA_G, OMEGA_L, Switching
+from diffbot_control.law.steering import BACK, Course
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
@@ -110,10 +110,17 @@ def test_the_report_holds_the_variables_of_the_step():
 
 
 def test_a_new_goal_forgets_all_but_the_motion():
+    moving = {"command": Twist(0.7, -0.3), "actuation": Actuation(Twist(0.5, -0.2))}
     memory = ControllerMemory(
-        Switching(OMEGA_L, 4), Twist(0.7, -0.3), Settling(9, True), Reapproach(RETREATING, 2, 1, 3.0, 0.4)
+        Switching(OMEGA_L, 4),
+        settling=Settling(9, True),
+        reapproach=Reapproach(RETREATING, 2, 1, 3.0, 0.4),
+        finish=Finish(V_LEG, -1.0, 0.3, 2),
+        course=Course(BACK, True),
+        reached=True,
+        **moving,
     )
-    assert memory_for_new_goal(memory) == new_memory()._replace(command=memory.command)
+    assert driver_of(SwitchingLaw).memory_for_new_goal(memory, PRESETS["tuned"]) == new_memory()._replace(**moving)
 
 
 @pytest.mark.parametrize(

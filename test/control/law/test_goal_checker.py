@@ -1,4 +1,4 @@
-"""When a goal counts as reached: each tolerance on its own."""
+"""When a goal counts as reached: at rest, and within the tolerances by probability."""
 
 import math
 
@@ -6,18 +6,30 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.stats import norm, rayleigh
 
 from diffbot_control.filter.covariance import uncertainty_of
-from diffbot_control.law.goal_checker import GoalTolerance, is_knowable, within
+from diffbot_control.law.goal_checker import (
+    GoalTolerance,
+    is_at_rest,
+    is_knowable,
+    knowable_heading,
+    smallest_tolerance,
+    within,
+)
+from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
-from diffbot_core.uncertainty import Uncertainty, largest_deviation
+from diffbot_core.uncertainty import CERTAIN, Uncertainty
 
-TOLERANCE = GoalTolerance(0.4, 0.1, 0.05, 0.2, goal_sigmas=2.0)
+TOLERANCE = GoalTolerance(0.4, 0.1, 0.05, 0.2, reached_probability=0.95)
+SHEET = DataSheet()
+REST = Twist(0.0, 0.0)
+DEVIATIONS = st.floats(0.0, 1.0)
 
 
-def judged(rho=0.4, theta=0.1, v=0.05, omega=0.2):
-    return within(Pose(9.0, 9.0, theta), rho, Twist(v, omega), TOLERANCE)
+def judged(rho=0.4, theta=0.1, v=0.05, omega=0.2, sheet=SHEET, uncertainty=CERTAIN):
+    return within(Pose(9.0, 9.0, theta), rho, Twist(v, omega), TOLERANCE, sheet, uncertainty)
 
 
 def test_the_bounds_belong_to_the_inside():
@@ -34,49 +46,63 @@ def test_each_bound_alone_decides(name, value):
     assert not judged(**{name: math.nan})
 
 
-@pytest.mark.parametrize(
-    ("rho", "theta", "xy", "turn", "inside"),
-    [
-        # 0.4 m and 0.1 rad, less two deviations each.
-        (0.3, -0.05, 0.049, 0.024, True),
-        (0.3, -0.05, 0.051, 0.024, False),
-        (0.3, -0.05, 0.049, 0.026, False),
-        (0.0, 0.0, 0.21, 0.0, False),
-        (0.4, 0.1, 0.0, 0.0, True),
-    ],
-)
-def test_two_deviations_are_added_to_each_error(rho, theta, xy, turn, inside):
-    assert within(Pose(9.0, 9.0, theta), rho, Twist(0.0, 0.0), TOLERANCE, Uncertainty(xy, turn)) is inside
+def test_the_smallest_command_that_moves_the_robot_counts_as_rest():
+    pulses = SHEET._replace(min_velocity=0.08, min_rotation=0.3)
+    assert judged(v=0.08, omega=-0.3, sheet=pulses)
+    assert not judged(v=0.081, sheet=pulses)
+    assert not judged(omega=0.301, sheet=pulses)
+    # A smaller dead band does not narrow the tolerances.
+    fine = SHEET._replace(min_velocity=0.01, min_rotation=0.01)
+    assert is_at_rest(Twist(0.05, 0.2), TOLERANCE, fine)
 
 
-@pytest.mark.parametrize(
-    ("xy", "theta", "knowable"),
-    [
-        (0.19, 0.04, True),
-        (0.2, 0.0, False),
-        (0.0, 0.05, False),
-        (math.inf, 0.0, False),
-        (0.0, math.nan, False),
-    ],
-)
-def test_an_estimate_can_be_inside_if_two_deviations_fit_into_the_tolerances(xy, theta, knowable):
-    assert is_knowable(TOLERANCE, Uncertainty(xy, theta)) is knowable
+def test_a_goal_is_reached_where_enough_of_the_possible_poses_are_within_the_tolerances():
+    rng, verdicts = np.random.default_rng(3), set()
+    x, y, turn = rng.normal(size=(3, 200_000))
+    for _ in range(60):
+        rho, theta = rng.uniform(0.0, 0.4), rng.uniform(-0.1, 0.1)
+        sigma = Uncertainty(rng.uniform(0.0, 0.2), rng.uniform(0.0, 0.06))
+        share = np.mean((np.hypot(rho + sigma.xy * x, sigma.xy * y) <= 0.4) & (abs(theta + sigma.theta * turn) <= 0.1))
+        if abs(share - 0.95) > 0.004:  # eight standard errors of the share
+            verdict = judged(rho, theta, 0.0, 0.0, uncertainty=sigma)
+            assert verdict == (share > 0.95)
+            verdicts.add(verdict)
+    assert verdicts == {True, False}
+
+
+@settings(max_examples=300)
+@given(
+    st.floats(0.0, 0.4), st.floats(0.0, 0.1), DEVIATIONS, DEVIATIONS, st.floats(0.5, 0.9999),
+    st.tuples(*[st.floats(0.0, 1.0)] * 4),
+)  # fmt: skip
+def test_a_smaller_error_and_a_smaller_deviation_never_undo_it(rho, theta, xy, turn, probability, shares):
+    tolerance = TOLERANCE._replace(reached_probability=probability)
+    better = [share * value for share, value in zip(shares, (rho, theta, xy, turn), strict=True)]
+    if within(Pose(0.0, 0.0, theta), rho, REST, tolerance, SHEET, Uncertainty(xy, turn)):
+        assert within(Pose(0.0, 0.0, -better[1]), better[0], REST, tolerance, SHEET, Uncertainty(*better[2:]))
+        assert is_knowable(tolerance, Uncertainty(xy, turn))
+        assert knowable_heading(tolerance, Uncertainty(xy, turn))
 
 
 @settings(max_examples=100)
-@given(st.floats(1e-4, 1e3), st.floats(1e-4, 1e3), st.floats(-math.pi, math.pi))
-def test_largest_deviation_is_the_longer_axis_of_the_ellipse(one, other, turn):
-    c, s = math.cos(turn), math.sin(turn)
-    rotation = np.array([[c, -s], [s, c]])
-    P = rotation @ np.diag([one**2, other**2]) @ rotation.T
-    found = largest_deviation(P[0, 0], P[0, 1], P[1, 1])
-    assert found == pytest.approx(max(one, other), rel=1e-9)
-    assert found == pytest.approx(math.sqrt(np.linalg.eigvalsh(P)[-1]), rel=1e-12)
+@given(st.floats(0.5, 0.9999), st.floats(1e-4, 1.0), st.floats(1e-4, 1.0))
+def test_the_smallest_tolerance_is_the_one_that_is_just_reached(probability, xy, turn):
+    sigma = Uncertainty(xy, turn)
+    length, angle = smallest_tolerance(TOLERANCE._replace(reached_probability=probability), sigma)
+    assert rayleigh.cdf(length / xy) == pytest.approx(probability, abs=1e-9)
+    assert norm.cdf(angle / turn) - norm.cdf(-angle / turn) == pytest.approx(probability, abs=1e-9)
+    for share in (0.99, 1.01):
+        asked = TOLERANCE._replace(reached_probability=probability)
+        position = asked._replace(xy_goal_tolerance=share * length)
+        assert is_knowable(position, Uncertainty(xy, 0.0)) == (share > 1.0)
+        heading = asked._replace(yaw_goal_tolerance=share * angle)
+        assert knowable_heading(heading, sigma) == is_knowable(heading, Uncertainty(0.0, turn)) == (share > 1.0)
 
 
-def test_largest_deviation_of_a_line_and_of_what_rounding_leaves_of_nothing():
-    assert largest_deviation(1.0, -1.0, 1.0) == pytest.approx(math.sqrt(2.0))
-    assert largest_deviation(-1e-20, 0.0, -1e-20) == 0.0
+@pytest.mark.parametrize("sigma", [Uncertainty(math.inf, 0.0), Uncertainty(math.nan, 0.0), Uncertainty(0.0, math.nan)])
+def test_an_estimate_without_a_deviation_is_never_inside(sigma):
+    assert not is_knowable(TOLERANCE, sigma)
+    assert not judged(0.0, 0.0, 0.0, 0.0, uncertainty=sigma)
 
 
 def test_uncertainty_of_a_covariance():

@@ -12,6 +12,7 @@ from diffbot_control.law.speed_profile import (
     auto_gains,
     braking,
     signed_braking,
+    vagueness_of,
     within_data_sheet,
 )
 from diffbot_core.data_sheet import DataSheet
@@ -55,14 +56,16 @@ def test_the_signed_profile_is_odd_and_bounded(error, brake, react, largest):
 
 def test_a_position_that_is_not_known_well_is_approached_with_a_longer_reaction():
     gains = ProfileGains(brake=2.0, react=0.5, sigma_known=0.05)
-    known = approach_speed(0.4, 0.05, gains, 10.0)
+    known = approach_speed(0.4, 1.0, gains, 10.0)
     # s^2 / (2 brake) + s react = 0.4 with 0.5 s: s^2 / 4 + s / 2 - 0.4 = 0.
     assert known == pytest.approx(-1.0 + math.sqrt(1.0 + 1.6))
-    # Twice the deviation: 0.5 s times 2^2 = 2 s.
-    assert approach_speed(0.4, 0.1, gains, 10.0) == pytest.approx(-4.0 + math.sqrt(16.0 + 1.6))
+    # Twice the deviation to arrive with: 0.5 s times 2^2 = 2 s. That is 0.05 m, or 0.3 of a wide tolerance.
+    assert vagueness_of(0.1, gains, 0.1) == pytest.approx(2.0)
+    assert vagueness_of(0.18, gains, 0.3) == pytest.approx(2.0)
+    assert approach_speed(0.4, 2.0, gains, 10.0) == pytest.approx(-4.0 + math.sqrt(16.0 + 1.6))
     assert approach_speed(0.4, 0.0, gains, 10.0) == known
     assert approach_speed(100.0, 0.0, gains, 1.3) == 1.3
-    assert approach_speed(0.0, 0.1, gains, 1.3) == 0.0
+    assert approach_speed(0.0, 2.0, gains, 1.3) == 0.0
 
 
 def test_the_robot_is_asked_for_no_more_than_a_share_of_its_accelerations():

@@ -248,8 +248,9 @@ def test_a_tolerance_below_the_uncertainty_is_reported_at_rest_only(uncertainty)
     story.supervisor.on_goal(GOAL)
     story.pose(AWAY, uncertainty=uncertainty)
     assert story.state == DRIVING, "far away"
-    # Two standard deviations.
-    assert story.supervisor.smallest_tolerance() == pytest.approx((2.0 * uncertainty.xy, 2.0 * uncertainty.theta))
+    # 99 % of a Rayleigh and of a normal distribution.
+    expected = 3.0349 * uncertainty.xy, 2.5758 * uncertainty.theta
+    assert story.supervisor.smallest_tolerance() == pytest.approx(expected, rel=1e-4)
     story.pose(Pose(-0.3, 0.0, 0.0), uncertainty=uncertainty)
     assert story.state == DRIVING, "near, and moving"
     story.pose(Pose(0.0, 0.0, 0.09), uncertainty=uncertainty)
