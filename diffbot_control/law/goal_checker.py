@@ -33,7 +33,11 @@ class GoalTolerance(NamedTuple):
     reached_probability: Annotated[
         float,
         Spec(
-            "probability, by the estimate's covariance, that the true pose is within the tolerances", "-", 0.5, 0.9999
+            "probability, by the estimate's covariance, that the true pose is within the tolerances",
+            "-",
+            0.5,
+            0.9999,
+            replaces=("goal_sigmas",),
         ),
     ] = 0.99
     stateful: Annotated[bool, Spec("once reached, a goal stays reached until the next one")] = True

@@ -24,9 +24,9 @@ def wrapped(angle):
 
 
 def matrix_of(P):
-    """(5, 5) from the upper triangle."""
-    full = np.zeros((5, 5))
-    full[np.triu_indices(5)] = P
+    """(6, 6) from the upper triangle."""
+    full = np.zeros((6, 6))
+    full[np.triu_indices(6)] = P
     return full + np.triu(full, 1).T
 
 
@@ -82,9 +82,18 @@ def assert_same(reference, track, tolerance=1e-9):
 @pytest.mark.parametrize("variant", FILTERS)
 @pytest.mark.parametrize("seed", range(12))
 def test_the_compiled_filter_is_filterpys(variant, seed):
+    """Every other run takes the wheel separation as given."""
     rng = np.random.default_rng(seed)
     probability = (0.9, 0.999, 1.0)[seed % 3]
-    options = options_of(FilterConfig(filter=variant, gate_probability=probability, relocation_timeout=0.8))
+    separation_sigma = 0.0 if seed % 2 else 0.05
+    options = options_of(
+        FilterConfig(
+            filter=variant,
+            gate_probability=probability,
+            relocation_timeout=0.8,
+            wheel_separation_sigma=separation_sigma,
+        )
+    )
     reference, track = GatedFilter(options, SEPARATION), twin.new_track(options)
     truth = np.array([*rng.uniform(-1.0, 1.0, 2), math.pi - 0.01 if seed % 2 else rng.uniform(-math.pi, math.pi)])
     R = np.diag(rng.uniform(1e-3, 0.05, 3))
