@@ -24,7 +24,7 @@ from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.ranges import SHARE, SPEED
 from diffbot_core.schema import Spec
-from diffbot_core.uncertainty import Uncertainty
+from diffbot_core.uncertainty import CERTAIN, Uncertainty
 
 NO_LEG, TO_AND_FRO, V_LEG, LEAVING = 0, 1, 2, 3
 FINISH_NAMES = ("resting", "to and fro", "out and in", "leaving")
@@ -132,6 +132,20 @@ def next_finish(
     if allow_backward and lateral > max(config.finish_begin * length, uncertainty.xy):
         return Finish(TO_AND_FRO, -1.0 if local.x >= 0.0 else 1.0, _REACH * length, _LEGS, 0.0)
     return no_finish(rest)
+
+
+def longest_reach(lateral: float, tolerance: GoalTolerance) -> float:
+    """Largest distance [m] from the goal to which a leg goes that begins with an estimated |y| <= ``lateral`` [m].
+
+    The heading is known well enough for the goal to be reached.
+    """
+    length = tolerance.xy_goal_tolerance
+    return max(_REACH * length, _v_reach(lateral, CERTAIN, tolerance) + 0.5 * _MARGIN * length)
+
+
+def fastest_leg(config: FinishConfig) -> float:
+    """Bound of |v| [m/s] on every leg."""
+    return _V_SPEED * config.finish_speed
 
 
 def _v_reach(lateral: float, uncertainty: Uncertainty, tolerance: GoalTolerance) -> float:
