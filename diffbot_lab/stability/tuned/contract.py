@@ -38,7 +38,7 @@ class Plan(NamedTuple):
     contract: Contract = Contract()
     to: float = 12.0
     """[m] the robot starts within this distance"""
-    margin: float = 0.045
+    margin: float = 0.01
     """[m] by which the core is made larger than Omega_L asks for, where the cells do not suffice"""
     fineness: float = 1.0
     """of the cells near the goal; 2 makes them half as large"""

@@ -9,7 +9,16 @@ from hypothesis import strategies as st
 
 from diffbot_control.law.braking_step import braking_step
 from diffbot_control.law.configuration import ControllerConfig, ControllerMemory
-from diffbot_control.law.finish import V_LEG, Finish, Standing, is_leg, longest_reach, next_finish
+from diffbot_control.law.finish import (
+    V_LEG,
+    Finish,
+    Standing,
+    fastest_leg,
+    finish_command,
+    is_leg,
+    longest_reach,
+    next_finish,
+)
 from diffbot_control.law.polar_coordinates import Navigation, navigation_variables
 from diffbot_control.law.regions import OMEGA_L, Switching
 from diffbot_control.law.speed_profile import vagueness_of
@@ -181,13 +190,15 @@ def test_poses_beyond_the_leaving_radius_count_as_outside_and_nearer_ones_may_no
 @given(
     st.floats(0.02, 0.5), st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.floats(0.0, 0.2), st.booleans(), st.booleans()
 )
-def test_no_leg_of_the_finish_goes_farther_than_the_longest_reach(tolerance, x, y, sigma, reached, backward):
+def test_no_leg_of_the_finish_goes_farther_or_faster_than_the_bounds(tolerance, x, y, sigma, reached, backward):
     """Sampled with the law itself, from where a leg begins to its last one; the heading can be known."""
     goal, local = CONFIG.tolerance._replace(xy_goal_tolerance=tolerance), Pose(x, y, 0.0)
     state, rest = Finish(), Standing(10.0, reached, backward)
     state = next_finish(state, local, rest, Uncertainty(sigma, 0.01), goal, CONFIG.finish)
     while is_leg(state):
         assert state.reach <= longest_reach(abs(y), goal)
+        far = Pose(-9.0 * state.side, 0.0, 0.0)
+        assert abs(finish_command(state, far, goal, CONFIG.finish, GAINS, SHEET).v) <= fastest_leg(CONFIG.finish)
         end = Pose(2.0 * state.side * state.reach + state.side * tolerance, y, 0.0)
         state = next_finish(state, end, rest, Uncertainty(sigma, 0.01), goal, CONFIG.finish)
 
