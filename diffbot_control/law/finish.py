@@ -24,7 +24,7 @@ from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.ranges import SHARE, SPEED
 from diffbot_core.schema import Spec
-from diffbot_core.uncertainty import Uncertainty
+from diffbot_core.uncertainty import CERTAIN, Uncertainty
 
 NO_LEG, TO_AND_FRO, V_LEG, LEAVING = 0, 1, 2, 3
 FINISH_NAMES = ("resting", "to and fro", "out and in", "leaving")
@@ -138,6 +138,20 @@ def _reach(lateral: float, length: float) -> float:
     """Return how far [m] a leg to and fro goes: less where its end would be beyond the tolerance."""
     room = length * length - lateral * lateral
     return _REACH * length if room <= 0.0 else min(_REACH * length, math.sqrt(room) + _MARGIN * length)
+
+
+def longest_reach(lateral: float, tolerance: GoalTolerance) -> float:
+    """Largest distance [m] from the goal to which a leg goes that begins with an estimated |y| <= ``lateral`` [m].
+
+    The heading is known well enough for the goal to be reached.
+    """
+    length = tolerance.xy_goal_tolerance
+    return max(_REACH * length, _v_reach(lateral, CERTAIN, tolerance) + 0.5 * _MARGIN * length)
+
+
+def fastest_leg(config: FinishConfig) -> float:
+    """Bound of |v| [m/s] on every leg."""
+    return _V_SPEED * config.finish_speed
 
 
 def _v_reach(lateral: float, uncertainty: Uncertainty, tolerance: GoalTolerance) -> float:

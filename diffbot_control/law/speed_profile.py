@@ -28,7 +28,7 @@ _DRIVE_LOOPS, _TURN_LOOPS, _HOLD_LOOPS = 2.0, 1.8, 1.6
 """reaction times in multiples of the loop's delay; 2 / pi would be the limit of stability"""
 
 
-_ARRIVAL_SHARE = 0.3
+ARRIVAL_SHARE = 0.3
 """deviation of the position to arrive with, share of xy_goal_tolerance"""
 
 
@@ -88,7 +88,7 @@ def approach_speed(rho: float, vagueness: float, gains: ProfileGains, v_max: flo
 
 def vagueness_of(sigma_xy: float, gains: ProfileGains, xy_goal_tolerance: float) -> float:
     """Return the deviation of the position in units of the one to arrive with: a wide tolerance needs less."""
-    return sigma_xy / max(gains.sigma_known, _ARRIVAL_SHARE * xy_goal_tolerance)
+    return sigma_xy / max(gains.sigma_known, ARRIVAL_SHARE * xy_goal_tolerance)
 
 
 def within_data_sheet(gains: ProfileGains, data_sheet: DataSheet) -> ProfileGains:

@@ -83,7 +83,7 @@ def _add_certify(verbs: Any) -> None:
     )
     tuned.add_argument("--eps-theta", type=number_between(1e-6, 0.99), help="and of the heading [rad] (0.03)")
     tuned.add_argument("--sigma-max", type=number_between(1e-6, 0.99), help="of the reported deviation [m] (0.026)")
-    tuned.add_argument("--margin", type=number_between(0.0, 10.0), help="by which the core is larger [m] (0.045)")
+    tuned.add_argument("--margin", type=number_between(0.0, 10.0), help="by which the core is larger [m] (0.01)")
     tuned.add_argument("--fineness", type=number_between(0.1, 10.0), help="of the cells near the goal (1)")
     certify.set_defaults(call=_certify)
 

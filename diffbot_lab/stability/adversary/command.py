@@ -38,7 +38,7 @@ class Target(NamedTuple):
     spread: float
     """[m] starts of the adversary"""
     drift: float
-    """[m] what a slow drift in Omega_L reaches; 0: not tried"""
+    """[m] what a slow drift in Omega_L or a lured V reaches; 0: not tried"""
     observe: Callable[[], Observed]
     field: NearField
 

@@ -1,24 +1,27 @@
-"""An adversary of the default law in Omega_L: noise within the contract that carries the robot aside.
+"""Adversaries of the default law in Omega_L: noise within the contract that carries the robot away from the goal.
 
-The robot goes to and fro between the ends of the position error, each way with the heading error that shifts it aside:
-a hundredth of a millimetre in a step, as long as the switch allows. It never seems to rest, so the finish does not
-begin. What it reaches is a lower bound of any certified distance.
+One sends the robot to and fro between the ends of the position error, each way with the heading error that shifts it
+aside: a hundredth of a millimetre in a step, as long as the switch allows. The robot never seems to rest, so the finish
+does not begin. The other one shows the robot at rest with the largest lateral error that does not count as outside,
+until a V begins, and then less far out than it is. What they reach is a lower bound of any certified distance.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 from diffbot_control.law.braking_step import braking_step
-from diffbot_control.law.configuration import ControllerConfig, new_memory
+from diffbot_control.law.configuration import ControllerConfig, ControllerMemory, new_memory
+from diffbot_control.law.finish import V_LEG
 from diffbot_control.law.regions import OMEGA_G, OMEGA_L, Switching
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import Estimate, Uncertainty
 from diffbot_lab.stability.tuned.contract import PLANT, Contract
 from diffbot_lab.stability.tuned.file import Certificate
-from diffbot_lab.stability.tuned.near import leaving_radius
+from diffbot_lab.stability.tuned.near import resting_radius
 from diffbot_sim.model.philox import Draw
 from diffbot_sim.model.plant import new_plant, plant_step
 
@@ -33,7 +36,15 @@ _ARRIVING = Twist(0.1, 0.0)
 """the command before the first step: the time in which the finish may begin has not started"""
 _STARTS, _STEPS = (0.0, 0.4, 0.7, 0.85), 6000
 """lateral errors beyond the leaving radius, as shares of the position error, and steps of a drift"""
-_SIGMA = Uncertainty(0.02, 0.01)
+_SIGMA_THETA = 0.01
+"""[rad] what the estimate reports of its heading: known well enough for the goal"""
+_OUT = (0.8, 0.9, 1.0)
+"""shares of the position error along the axis while a V goes out"""
+_HAIR = 1e-4
+"""[m] by which the robot is shown nearer than where it counts as outside"""
+
+Errors = Callable[[Pose, ControllerMemory], Pose]
+"""From the true pose to what is added to it: within the contract."""
 
 
 class Drift(NamedTuple):
@@ -46,15 +57,16 @@ class Drift(NamedTuple):
 
 
 def drift_of(certificate: Certificate) -> Drift:
-    """Return the farthest drift against the loop of a certificate, from a few starts beside the goal."""
+    """Return the farthest of both against the loop of a certificate, from a few starts beside the goal."""
     config, contract = certificate.config, certificate.plan.contract
-    leaving = leaving_radius(config, contract.sigma_max)
+    leaving = resting_radius(config, contract.sigma_max)
     starts = (leaving + share * contract.eps_position for share in _STARTS)
-    return max(drift(config, contract, leaving, Pose(0.0, y, 0.0), _STEPS) for y in starts)
+    drifts = [drift(config, contract, leaving, Pose(0.0, y, 0.0), _STEPS) for y in starts]
+    return max(*drifts, *(lured_out(config, contract, leaving, share) for share in _OUT))
 
 
 def drift(config: ControllerConfig, contract: Contract, leaving: float, start: Pose, steps: int) -> Drift:
-    """Drive with the adversary's noise until Omega_L is left.
+    """Send the robot to and fro until Omega_L is left.
 
     Args:
         config: of the controller.
@@ -63,20 +75,46 @@ def drift(config: ControllerConfig, contract: Contract, leaving: float, start: P
         start: true pose in Omega_L, near the goal.
         steps: at most.
     """
-    e_theta = contract.eps_theta
     e_x, e_y = _ALONG * contract.eps_position, math.sqrt(1.0 - _ALONG**2) * contract.eps_position
+
+    def errors(pose: Pose, memory: ControllerMemory) -> Pose:
+        direction = math.copysign(1.0, memory.command.v)
+        if direction * pose.x > _TURN_BACK * e_x:
+            direction = -direction
+        aside = 0.0 if pose.y < leaving - _AHEAD else -e_y
+        return Pose(-direction * e_x, aside, -direction * contract.eps_theta)
+
+    return _farthest(config, contract.sigma_max, start, steps, errors)
+
+
+def lured_out(config: ControllerConfig, contract: Contract, leaving: float, share: float) -> Drift:
+    """Let a V begin with the largest lateral error, and show the robot nearer than it is, until Omega_L is left.
+
+    Args:
+        config: of the controller.
+        contract: of the estimate.
+        leaving: [m] measured distance beyond which the switch counts at rest.
+        share: of the position error that is along the axis while the V goes out.
+    """
+    eps = contract.eps_position
+    out = Pose(share * eps, -math.sqrt(1.0 - share * share) * eps, contract.eps_theta)
+
+    def errors(_: Pose, memory: ControllerMemory) -> Pose:
+        return out if memory.finish.kind == V_LEG else Pose(0.0, -eps, 0.0)
+
+    start = Pose(0.0, leaving + eps - _HAIR, 0.0)
+    return _farthest(config, contract.sigma_max, start, _STEPS, errors)
+
+
+def _farthest(config: ControllerConfig, sigma: float, start: Pose, steps: int, errors: Errors) -> Drift:
     no_errors = Draw(0.0, 0.0, 0.0, 0.0)
     memory = new_memory()._replace(switching=Switching(OMEGA_L, 1, 0), command=_ARRIVING)
-    state, direction = new_plant(start), 1.0
+    state = new_plant(start)
     farthest, when = math.hypot(start.x, start.y), 0.0
     for step in range(steps):
         x, y, theta = state.pose
-        if direction * x > _TURN_BACK * e_x:
-            direction = -direction
-        ex, ey, e_heading = -direction * e_x, (0.0 if y < leaving - _AHEAD else -e_y), -direction * e_theta
-        if memory.switching.region == OMEGA_G:
-            ex = ey = e_heading = 0.0
-        seen = Estimate(Pose(x + ex, y + ey, theta + e_heading), _SIGMA)
+        e_x, e_y, e_theta = errors(state.pose, memory) if memory.switching.region == OMEGA_L else _GOAL
+        seen = Estimate(Pose(x + e_x, y + e_y, theta + e_theta), Uncertainty(sigma, _SIGMA_THETA))
         memory, command, _ = braking_step(memory, seen, _GOAL, PLANT.sampling_time, config)
         state = plant_step(state, command, no_errors, PLANT)
         distance = math.hypot(state.pose.x, state.pose.y)

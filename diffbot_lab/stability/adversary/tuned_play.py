@@ -33,7 +33,7 @@ _RUNS_AT_A_TIME = 2000
 _AFTERWARDS = 20
 """steps of a run after the certified time"""
 _SIGMA_THETA = 0.01
-"""[rad] what the estimate reports of its heading; the law's command does not depend on it"""
+"""[rad] what the estimate reports of its heading: known well enough for the goal"""
 
 
 class TunedOpponent(NamedTuple):

@@ -16,7 +16,7 @@ _READING = """\
 
 - *Errors within*: the distance of the estimated from the true position and the heading's error are within their bounds.
 - *Sigma within*: the standard deviation of the position that the filter reports is within its bound.
-- *All three*: the contract as the certificate assumes it.
+- *All three*: the contract as the certificate assumes it, but for the deviation of the heading, which is not looked at.
 - Steps of one run depend on each other: the interval of a share of steps is that of the mean over the runs, that of a
   share of runs is Wilson's. A share of steps without an interval is the same in every run.
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from diffbot_control.law.configuration import ControllerConfig
+from diffbot_control.law.speed_profile import vagueness_of
 from diffbot_core.data_sheet import rim_speed
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_lab.stability.interval.outward import up
@@ -48,12 +49,11 @@ def tuned_loop(config: ControllerConfig, contract: Contract) -> TunedLoop:
     check_covered(config)
     sheet = config.data_sheet
     gains = config.profile_gains
-    known = max(gains.sigma_known, config.tolerance.xy_goal_tolerance / 3.0)
-    ratio = max(1.0, contract.sigma_max / known)
+    vagueness = vagueness_of(contract.sigma_max, gains, config.tolerance.xy_goal_tolerance)
     return TunedLoop(
         gains.brake,
         gains.react,
-        up(gains.react * up(ratio * ratio)) if ratio > 1.0 else gains.react,
+        up(gains.react * up(vagueness * vagueness)) if vagueness > 1.0 else gains.react,
         gains.bearing_weight,
         gains.turn_brake,
         gains.turn_react,

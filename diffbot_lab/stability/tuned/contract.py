@@ -1,5 +1,8 @@
 """What a certificate of the tuned law is about: the contract of the estimate, the plan, and what it does not cover.
 
+The heading is known well enough in every step for the goal to be reached (``knowable_heading``): otherwise a V of the
+finish may go out as far as its standard deviations ask for.
+
 Assumptions only: what makes a certificate and what checks it both read them here.
 """
 
@@ -26,7 +29,7 @@ class Contract(NamedTuple):
     eps_theta: float = 0.03
     """[rad]"""
     sigma_max: float = 0.026
-    """[m] bound of the standard deviation of the position; with a larger one the default goal cannot be reached"""
+    """[m] bound of the standard deviation of the position"""
 
 
 class Plan(NamedTuple):
@@ -35,7 +38,7 @@ class Plan(NamedTuple):
     contract: Contract = Contract()
     to: float = 12.0
     """[m] the robot starts within this distance"""
-    margin: float = 0.045
+    margin: float = 0.01
     """[m] by which the core is made larger than Omega_L asks for, where the cells do not suffice"""
     fineness: float = 1.0
     """of the cells near the goal; 2 makes them half as large"""
@@ -70,6 +73,7 @@ def check_covered(config: ControllerConfig) -> None:
     symmetric = config.driving.symmetric_yaw_tolerance
     _require("symmetric_yaw_tolerance", symmetric, not symmetric, "false")
     _require("uncertainty_scale", config.uncertainty_scale, config.uncertainty_scale == 1.0, "1")
+    _require("finish_wait", config.finish.finish_wait, config.finish.finish_wait > 0.0, "above 0")
     for name in ("a_max", "omega_dot_max"):
         _require(name, getattr(sheet, name), getattr(sheet, name) == inf, "inf: no limit of the acceleration")
     for name in ("command_latency", "drive_time_constant", "min_velocity", "min_rotation"):

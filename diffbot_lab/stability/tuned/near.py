@@ -3,7 +3,8 @@
 In Omega_L the noise can shift the robot sideways for ever, a fraction of a millimetre in each step. What ends that is
 the switch: after ``eps_P_leave_steps`` poses in a row measured beyond the leaving radius, Omega_G is in force. So the
 true distance is at most that radius, the error of the estimate, and the way outwards of as many steps. In each of these
-the robot drives to the goal as it sees it, or to and fro in the finish.
+the robot drives to the goal as it sees it, or a leg of the finish. The leaving radius grows with the reach of the leg.
+A leg begins at rest, measured within the radius without one: that bounds the lateral error, and with it the reach.
 """
 
 from __future__ import annotations
@@ -14,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from diffbot_control.law.configuration import ControllerConfig
-from diffbot_control.law.finish import SHORTEST_LEG
-from diffbot_control.law.regions import HELD_SIGMAS, RETREAT_MARGIN
+from diffbot_control.law.finish import fastest_leg, longest_reach
+from diffbot_control.law.regions import LEAVE_SIGMAS, RETREAT_MARGIN
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.stability.interval.compiled import compile_bounds
 from diffbot_lab.stability.interval.outward import up
@@ -31,27 +32,19 @@ _RINGS, _COLUMNS, _ROTATIONS, _SLICE = 8, 180, 24, 0.03
 class NearBounds(NamedTuple):
     """What holds in Omega_L."""
 
+    resting: float
+    """[m] measured distance beyond which the switch counts without a leg ..."""
     leaving: float
-    """[m] measured distance beyond which the switch counts, before the goal counts as reached ..."""
-    held: float
-    """[m] ... and after it"""
+    """[m] ... and on the leg with the longest reach"""
     holding: float
     """[m] true distance at which Omega_L ends at the latest"""
 
 
-def finish_length(config: ControllerConfig) -> float:
-    """Return the length [m] that the shares of the finish refer to."""
-    length = config.finish.finish_length
-    return length if length > 0.0 else config.tolerance.xy_goal_tolerance
-
-
-def leaving_radius(config: ControllerConfig, sigma_max: float) -> float:
+def resting_radius(config: ControllerConfig, sigma_max: float) -> float:
     """Measured distance [m] beyond which a pose counts as outside of Omega_L for every sigma up to ``sigma_max``.
 
-    It is that of a goal that does not count as reached, at rest and in a try of the finish.
-
-    The radius is factor (base + share tanh(rho)), and tanh(rho) <= rho: beyond factor base / (1 - factor share) it is
-    smaller than rho.
+    It is that without a leg. The radius is factor (base + share tanh(rho)), and tanh(rho) <= rho: beyond
+    factor base / (1 - factor share) it is smaller than rho.
 
     Raises:
         DiffbotError: if the radius grows as fast as the distance.
@@ -61,35 +54,8 @@ def leaving_radius(config: ControllerConfig, sigma_max: float) -> float:
     if not slope < 1.0:
         raise DiffbotError("no certificate: eps_P_leave_factor * eps_P_speed_error must be below 1")
     base = policy.eps_P_leave_factor * max(policy.eps_P_min, policy.eps_P_sigmas * sigma_max)
-    leg = max(config.finish.finish_reach, SHORTEST_LEG) * finish_length(config)
-    kept = RETREAT_MARGIN * leg if config.finish.finish_tries > 0 else 0.0
-    return max(policy.eps_P_leave_min, config.tolerance.xy_goal_tolerance, base / (1.0 - slope), kept)
-
-
-def refuse_way_out(config: ControllerConfig, sigma_max: float) -> None:
-    """Refuse a configuration whose finish may drive out of the tolerance along the axis: its way is not bounded here.
-
-    It does so with a position too uncertain to count as reached, or with a lateral error beyond ``finish_missed``
-    inside the leaving radius.
-
-    Raises:
-        DiffbotError: naming the value to change.
-    """
-    if config.finish.finish_tries == 0:
-        return
-    tolerance = config.tolerance
-    if not tolerance.goal_sigmas * sigma_max < tolerance.xy_goal_tolerance:
-        most = tolerance.xy_goal_tolerance / tolerance.goal_sigmas
-        raise DiffbotError(
-            f"no certificate: sigma_max = {sigma_max:g} m: must be < {most:.4g} m, xy_goal_tolerance / goal_sigmas, or "
-            "the finish may leave the tolerance (finish_tries: 0 turns it off)"
-        )
-    missed, leaving = config.finish.finish_missed * finish_length(config), leaving_radius(config, sigma_max)
-    if not missed >= leaving:
-        raise DiffbotError(
-            f"no certificate: finish_missed = {config.finish.finish_missed:g}: must be >= "
-            f"{leaving / finish_length(config):.4g}, or the finish may leave the tolerance (finish_tries: 0: no finish)"
-        )
+    doubtful = config.tolerance.xy_goal_tolerance + LEAVE_SIGMAS * sigma_max
+    return max(policy.eps_P_leave_min, doubtful, base / (1.0 - slope)) + _ROUNDING
 
 
 def longest_step(loop: TunedLoop, speed: float) -> float:
@@ -120,7 +86,7 @@ _largest_kernel = compile_bounds(largest_local_distance)
 
 
 def local_reach(loop: TunedLoop, rho: float) -> float:
-    """Largest distance [m] one step of Omega_L without the finish after any state within ``rho``.
+    """Largest distance [m] one step of Omega_L without a leg after any state within ``rho``.
 
     Nearer than the longest step, no state leaves the circle; the rest is cut into rings.
 
@@ -145,19 +111,16 @@ def near_bounds(loop: TunedLoop, config: ControllerConfig, sigma_max: float) -> 
     Raises:
         DiffbotError: for a configuration that is not covered.
     """
-    refuse_way_out(config, sigma_max)
-    leaving = leaving_radius(config, sigma_max) + _ROUNDING
-    # Nothing of the finish begins once the goal counts as reached.
-    held = max(leaving, up(config.tolerance.xy_goal_tolerance + up(HELD_SIGMAS * sigma_max)) + _ROUNDING)
-    shuttle = longest_step(loop, config.finish.finish_speed) if config.finish.finish_tries > 0 else 0.0
+    resting = resting_radius(config, sigma_max)
+    leaving = max(resting, RETREAT_MARGIN * longest_reach(resting, config.tolerance) + _ROUNDING)
+    leg = longest_step(loop, min(fastest_leg(config.finish), loop.v_max))
     steps = config.region_policy.covariance.eps_P_leave_steps
-    holding = max(_after_leaving(loop, leaving, steps, shuttle), _after_leaving(loop, held, steps, 0.0))
-    return NearBounds(leaving, held, holding)
+    return NearBounds(resting, leaving, _after_leaving(loop, leaving, steps, leg))
 
 
-def _after_leaving(loop: TunedLoop, leaving: float, steps: int, shuttle: float) -> float:
+def _after_leaving(loop: TunedLoop, leaving: float, steps: int, leg: float) -> float:
     """Largest distance [m] so many steps after a pose measured within ``leaving`` [m]."""
     reach = up(leaving + loop.eps_position) + _ROUNDING
     for _ in range(steps):
-        reach = max(local_reach(loop, reach), up(reach + shuttle))
+        reach = max(local_reach(loop, reach), up(reach + leg))
     return reach

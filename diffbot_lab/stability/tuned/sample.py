@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from diffbot_control.law.polar_coordinates import Navigation
-from diffbot_control.law.speed_profile import ProfileGains
+from diffbot_control.law.speed_profile import ProfileGains, vagueness_of
 from diffbot_control.law.steering import FRONT, drive_and_steer
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose, wrap_angle
@@ -31,6 +31,7 @@ class Sampled(NamedTuple):
 def random_steps(
     cells: Cells,
     gains: ProfileGains,
+    xy_goal_tolerance: float,
     sheet: DataSheet,
     contract: Any,
     plant: Any,
@@ -41,6 +42,7 @@ def random_steps(
     Args:
         cells: with ranks.
         gains: of the law.
+        xy_goal_tolerance: [m] of the goal.
         sheet: data sheet.
         contract: of the estimate.
         plant: of the robot.
@@ -54,7 +56,9 @@ def random_steps(
         if before == TOO_HIGH:
             continue
         pose = Pose(-rho * math.cos(beta), -rho * math.sin(beta), wrap_angle(beta - alpha))
-        after = _step_of_robot(pose, gains, sheet, contract, plant, one)
+        sigma = contract.sigma_max * (0.5 * one[6] + 0.5)
+        vagueness = vagueness_of(sigma, gains, xy_goal_tolerance)
+        after = _step_of_robot(pose, vagueness, gains, sheet, contract, plant, one)
         beta = math.atan2(-after.y, -after.x)
         rank = rank_at(cells, math.hypot(after.x, after.y), wrap_angle(beta - after.theta), beta)
         if rank > max(before - 1, 0):
@@ -62,14 +66,15 @@ def random_steps(
     return broken
 
 
-def _step_of_robot(pose: Pose, gains: ProfileGains, sheet: DataSheet, contract: Any, plant: Any, one: Any) -> Pose:
+def _step_of_robot(
+    pose: Pose, vagueness: float, gains: ProfileGains, sheet: DataSheet, contract: Any, plant: Any, one: Any
+) -> Pose:
     """Return the true pose after a step of Omega_G with the front leading; see :func:`random_steps`."""
     share = contract.eps_position / max(1.0, math.hypot(one[3], one[4]))
     dx, dy = -pose.x - share * one[3], -pose.y - share * one[4]
     seen = math.atan2(dy, dx)
     bearing = wrap_angle(seen - pose.theta - contract.eps_theta * one[5])
-    sigma = contract.sigma_max * (0.5 * one[6] + 0.5)
-    command = drive_and_steer(Navigation(math.hypot(dx, dy), bearing, seen), sigma, FRONT, gains, sheet)
+    command = drive_and_steer(Navigation(math.hypot(dx, dy), bearing, seen), vagueness, FRONT, gains, sheet)
     wheels = wheel_speeds(command, sheet.wheels)
     left, right = wheels.left * (1.0 + plant.drive_noise * one[7]), wheels.right * (1.0 + plant.drive_noise * one[8])
     moved = body_twist(WheelSpeeds(left, right), sheet.wheels)
@@ -98,6 +103,7 @@ def sample(certificate: Certificate, steps: int, seed: int) -> Sampled:
         broken += _random_kernel(
             cells,
             gains,
+            config.tolerance.xy_goal_tolerance,
             config.data_sheet,
             certificate.plan.contract,
             PLANT,

@@ -13,6 +13,7 @@ import math
 from typing import NamedTuple
 
 from diffbot_control.law.configuration import ControllerConfig
+from diffbot_control.law.speed_profile import ARRIVAL_SHARE
 from diffbot_core.errors import InvalidValueError
 from diffbot_lab.stability.tuned.contract import PLANT, Contract
 
@@ -78,7 +79,7 @@ def numbers_of(config: ControllerConfig, contract: Contract) -> Numbers:
     """
     gains, sheet = config.profile_gains, config.data_sheet
     # An uncertainty that is a share of the tolerance does not slow the approach.
-    known = max(gains.sigma_known, config.tolerance.xy_goal_tolerance / 3.0)
+    known = max(gains.sigma_known, ARRIVAL_SHARE * config.tolerance.xy_goal_tolerance)
     slow = gains.react * max(1.0, contract.sigma_max / known) ** 2 + SLACK
     for name, product in (
         ("react", gains.brake * slow),

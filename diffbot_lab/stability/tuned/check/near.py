@@ -1,8 +1,8 @@
 """How far from the goal Omega_L can last, by the checker's own bounds.
 
 While the measured distance does not count as outside, the true one is within the leaving radius and the error of the
-estimate. After that there are as many steps outwards as end the region. In each of them the rotation may be any. A try
-of the finish may go in any direction with its own speed.
+estimate. After that there are as many steps outwards as end the region. In each of them the rotation may be any. A leg
+of the finish may go in any direction with its own speed; how far it goes on purpose follows from where it may begin.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 
 from diffbot_control.law.configuration import ControllerConfig
-from diffbot_control.law.finish import SHORTEST_LEG
-from diffbot_control.law.regions import HELD_SIGMAS, RETREAT_MARGIN
+from diffbot_control.law.finish import fastest_leg, longest_reach
+from diffbot_control.law.regions import LEAVE_SIGMAS, RETREAT_MARGIN
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.stability.interval.compiled import compile_bounds
 from diffbot_lab.stability.tuned.check.commands import (
@@ -37,14 +37,15 @@ def leaving_radius(config: ControllerConfig, sigma_max: float, reach: float) -> 
     Args:
         config: of the controller.
         sigma_max: [m] largest standard deviation of the position.
-        reach: [m] distance from the goal that the finish goes to on purpose.
+        reach: [m] distance from the goal to which a leg of the finish goes; 0 without a leg.
     """
     policy, tolerance = config.region_policy.covariance, config.tolerance.xy_goal_tolerance
     base = max(policy.eps_P_min, policy.eps_P_sigmas * sigma_max)
     radius = policy.eps_P_leave_factor * (base + policy.eps_P_speed_error)
     for _ in range(100):
         radius = policy.eps_P_leave_factor * (base + policy.eps_P_speed_error * math.tanh(radius)) + SLACK
-    return max(radius, policy.eps_P_leave_min, tolerance, RETREAT_MARGIN * reach)
+    # With a smaller sigma all of these are smaller.
+    return max(radius, policy.eps_P_leave_min, tolerance + LEAVE_SIGMAS * sigma_max + SLACK, RETREAT_MARGIN * reach)
 
 
 def step_bound(loop: Numbers, speed: float) -> float:
@@ -97,7 +98,7 @@ _ring_kernel = compile_bounds(farthest_of_ring)
 
 
 def local_reach(loop: Numbers, rho: float) -> float:
-    """Largest distance [m] one step of Omega_L without a try of the finish after any state within ``rho`` [m].
+    """Largest distance [m] one step of Omega_L without a leg of the finish after any state within ``rho`` [m].
 
     Raises:
         DiffbotError: if the position is not known well enough for it.
@@ -115,35 +116,12 @@ def local_reach(loop: Numbers, rho: float) -> float:
 def farthest_local(loop: Numbers, config: ControllerConfig, sigma_max: float) -> float:
     """Largest true distance [m] at which Omega_L may still be in force, or just be left.
 
-    Raises:
-        DiffbotError: if a try of the finish may drive out along the axis, which is not bounded here.
+    A leg begins at a pose that does not count as outside: its lateral error is at most the radius without a leg.
     """
-    finish, tries = config.finish, config.finish.finish_tries > 0
-    length = finish.finish_length if finish.finish_length > 0.0 else config.tolerance.xy_goal_tolerance
-    reach = max(finish.finish_reach, SHORTEST_LEG) * length
-    if tries and may_leave(config, sigma_max, reach, finish.finish_missed * length):
-        raise DiffbotError("not verified: the finish may drive out of the tolerance along the axis of the goal")
-    leaving = leaving_radius(config, sigma_max, reach if tries else 0.0)
-    # A goal that counts as reached is held a little farther out, but then no try begins.
-    reached = max(leaving, config.tolerance.xy_goal_tolerance + HELD_SIGMAS * sigma_max + SLACK)
-    steps = config.region_policy.covariance.eps_P_leave_steps
-    try_step = step_bound(loop, finish.finish_speed) if tries else 0.0
-    return max(outward(loop, leaving, steps, try_step), outward(loop, reached, steps, 0.0))
-
-
-def outward(loop: Numbers, measured: float, steps: int, try_step: float) -> float:
-    """Largest true distance [m] so many steps after a pose measured within ``measured`` [m]."""
-    rho = measured + loop.eps_rho
-    for _ in range(steps):
-        rho = max(local_reach(loop, rho), rho + try_step)
+    lateral = leaving_radius(config, sigma_max, 0.0)
+    leaving = leaving_radius(config, sigma_max, longest_reach(lateral, config.tolerance))
+    leg = step_bound(loop, fastest_leg(config.finish))
+    rho = leaving + loop.eps_rho
+    for _ in range(config.region_policy.covariance.eps_P_leave_steps):
+        rho = max(local_reach(loop, rho), rho + leg)
     return rho
-
-
-def may_leave(config: ControllerConfig, sigma_max: float, reach: float, missed: float) -> bool:
-    """Tell if the finish may drive out along the axis: from a pose that does not count as outside.
-
-    It does with a lateral error beyond ``missed`` [m], and nearer if the goal cannot count as reached.
-    """
-    tolerance = config.tolerance
-    too_uncertain = tolerance.goal_sigmas * sigma_max >= tolerance.xy_goal_tolerance
-    return too_uncertain or leaving_radius(config, sigma_max, reach) > missed

@@ -8,7 +8,8 @@ import pytest
 from diffbot_control.law.configuration import ControllerConfig
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.geometry import Pose
-from diffbot_lab.stability.adversary.drift import drift
+from diffbot_core.schema import build
+from diffbot_lab.stability.adversary.drift import drift, lured_out
 from diffbot_lab.stability.tuned.certify import certify, tuned_loop
 from diffbot_lab.stability.tuned.check.commands import numbers_of
 from diffbot_lab.stability.tuned.check.near import farthest_local
@@ -55,10 +56,16 @@ def test_without_a_rank_for_all_there_is_no_certificate(plan):
         certify(slow, plan)
 
 
-def test_an_adversary_comes_near_the_bounds_of_omega_l_but_not_beyond():
+def test_adversaries_come_near_the_bounds_of_omega_l_but_not_beyond():
+    """One drifts aside to where the robot no longer rests; the other lures it out in a V."""
     near = near_bounds(tuned_loop(CONFIG, CONTRACT), CONFIG, CONTRACT.sigma_max)
     checked = farthest_local(numbers_of(CONFIG, CONTRACT), CONFIG, CONTRACT.sigma_max)
-    idle = CONFIG._replace(finish=CONFIG.finish._replace(finish_tries=0))
-    for config in (idle, CONFIG):
-        farthest = drift(config, CONTRACT, near.leaving, Pose(0.0, 0.13, 0.0), 6000).farthest
-        assert 0.1 < farthest < checked <= near.holding
+    aside = drift(CONFIG, CONTRACT, near.resting, Pose(0.0, near.resting, 0.0), 2000).farthest
+    lured = lured_out(CONFIG, CONTRACT, near.resting, 0.9).farthest
+    assert near.resting < aside < lured < checked <= near.holding < 2.0 * lured
+
+
+@pytest.mark.parametrize(("name", "value"), [("finish_wait", 0.0), ("eps_P_leave_factor", 21.0)])
+def test_a_finish_or_a_switch_that_is_not_bounded_is_refused(plan, name, value):
+    with pytest.raises(DiffbotError, match=name):
+        certify(build(ControllerConfig, {name: value}), plan)

@@ -4,12 +4,24 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from diffbot_control.law.braking_step import braking_step
 from diffbot_control.law.configuration import ControllerConfig, ControllerMemory
-from diffbot_control.law.finish import SHUTTLING, Finish
+from diffbot_control.law.finish import (
+    V_LEG,
+    Finish,
+    Standing,
+    fastest_leg,
+    finish_command,
+    is_leg,
+    longest_reach,
+    next_finish,
+)
 from diffbot_control.law.polar_coordinates import Navigation, navigation_variables
 from diffbot_control.law.regions import OMEGA_L, Switching
+from diffbot_control.law.speed_profile import vagueness_of
 from diffbot_control.law.steering import BACK, FRONT, drive_and_hold, drive_and_steer, led_by
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import Twist
@@ -26,8 +38,8 @@ CONFIG = ControllerConfig()
 GAINS, SHEET = CONFIG.profile_gains, CONFIG.data_sheet
 CONTRACT = Contract(sigma_max=0.05)
 LOOP = numbers_of(CONFIG, CONTRACT)
-SLOWING = CONTRACT.sigma_max * GAINS.sigma_known / (CONFIG.tolerance.xy_goal_tolerance / 3.0)
-"""the largest deviation as the law is given it: a third of the tolerance is as good as known"""
+SLOWING = vagueness_of(CONTRACT.sigma_max, GAINS, CONFIG.tolerance.xy_goal_tolerance)
+"""by the largest deviation of the contract"""
 PLANT = PlantConfig()
 ROUNDING = 1e-12
 
@@ -161,12 +173,10 @@ def test_poses_beyond_the_leaving_radius_count_as_outside_and_nearer_ones_may_no
     """A factor of 12 lets the radius grow with the distance."""
     policy = CONFIG.region_policy
     policy = policy._replace(covariance=policy.covariance._replace(eps_P_leave_factor=factor))
-    config = CONFIG._replace(
-        region_policy=policy, tolerance=CONFIG.tolerance._replace(xy_goal_tolerance=tolerance, goal_sigmas=1.0)
-    )
+    config = CONFIG._replace(region_policy=policy, tolerance=CONFIG.tolerance._replace(xy_goal_tolerance=tolerance))
     radius, last = leaving_radius(config, CONTRACT.sigma_max, reach), policy.covariance.eps_P_leave_steps - 1
     before = ControllerMemory()._replace(
-        switching=Switching(OMEGA_L, 1, last), finish=Finish(SHUTTLING, 1.0, reach), command=Twist(0.2, 0.0)
+        switching=Switching(OMEGA_L, 1, last), finish=Finish(V_LEG, 1.0, reach, 2), command=Twist(0.2, 0.0)
     )
     for rho in np.linspace(0.02, 3.0, 150):
         found = []
@@ -174,6 +184,23 @@ def test_poses_beyond_the_leaving_radius_count_as_outside_and_nearer_ones_may_no
             seen = Estimate(Pose(0.0, rho, 0.0), Uncertainty(sigma, 0.0))
             found.append(braking_step(before, seen, Pose(0.0, 0.0, 0.0), 0.1, config)[2].region)
         assert (OMEGA_L in found) == (rho <= radius)
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    st.floats(0.02, 0.5), st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.floats(0.0, 0.2), st.booleans(), st.booleans()
+)
+def test_no_leg_of_the_finish_goes_farther_or_faster_than_the_bounds(tolerance, x, y, sigma, reached, backward):
+    """Sampled with the law itself, from where a leg begins to its last one; the heading can be known."""
+    goal, local = CONFIG.tolerance._replace(xy_goal_tolerance=tolerance), Pose(x, y, 0.0)
+    state, rest = Finish(), Standing(10.0, reached, backward)
+    state = next_finish(state, local, rest, Uncertainty(sigma, 0.01), goal, CONFIG.finish)
+    while is_leg(state):
+        assert state.reach <= longest_reach(abs(y), goal)
+        far = Pose(-9.0 * state.side, 0.0, 0.0)
+        assert abs(finish_command(state, far, goal, CONFIG.finish, GAINS, SHEET).v) <= fastest_leg(CONFIG.finish)
+        end = Pose(2.0 * state.side * state.reach + state.side * tolerance, y, 0.0)
+        state = next_finish(state, end, rest, Uncertainty(sigma, 0.01), goal, CONFIG.finish)
 
 
 def small_cells(ranks):
