@@ -9,7 +9,7 @@ from matplotlib.animation import PillowWriter
 
 from diffbot_core.errors import InvalidValueError
 from diffbot_lab.benchmark.law_animation import AnimationOptions, Drive, drives, typical_run
-from diffbot_lab.benchmark.law_movie import corners, frames_of, write_movie
+from diffbot_lab.benchmark.law_movie import corners, write_movie
 from diffbot_lab.benchmark.law_tuning import TRAINING_SEED
 
 
@@ -33,12 +33,6 @@ def test_a_robot_points_along_its_heading():
         across = outline @ (-math.sin(heading), math.cos(heading))
         assert along == pytest.approx((0.24, -0.16, -0.16))
         assert across == pytest.approx((0.0, 0.152, -0.152))
-
-
-def test_the_picture_ends_after_the_last_has_settled_but_is_not_long():
-    assert frames_of([drive("a", 3.0), drive("b", 5.0)], 0.1) == 66
-    assert frames_of([drive("a", 3.0), drive("b", math.nan)], 0.1) == 181
-    assert frames_of([drive("a", 3.0, 40)], 0.1) == 40
 
 
 def test_the_file_is_an_endless_picture_in_real_time(tmp_path):

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from page_tables import assert_shows, assert_shows_targets, tables
 
-from diffbot_lab.benchmark import law_effects
 from diffbot_lab.benchmark.law_pages import CASE_PAGES, pages
-from diffbot_lab.benchmark.law_report import conclusions, table
+from diffbot_lab.benchmark.law_report import table
 from diffbot_lab.benchmark.law_statistics import figures_of
 from diffbot_lab.benchmark.law_targets import peers_ahead, targets
 from diffbot_sim.compiled.batch import COLUMNS
@@ -114,10 +113,6 @@ def test_targets_follow_their_figures(equal):
     assert value(equal, "nominal", "final position error, largest [m]") == own["position"]["max"]
 
 
-def test_the_kept_results_hold_their_conclusions(kept):
-    assert {key: kept[key] for key in ("targets", "ahead")} == conclusions(kept)
-
-
 def assert_shows_figures(cells, one):
     """Compare the cells of a law, behind its name, with its figures; of the intervals, that of the 99 %."""
     largest, spins, reached = (cell.replace("(", "").replace(")", "").replace(",", "").split() for cell in cells[4:])
@@ -157,13 +152,6 @@ def test_the_overview_has_the_figures_of_the_own_law_and_counts_peers(kept):
         assert_shows([cell.split(" [")[0] for cell in cells[1:5]], [*values, one["position"]["p95"]])
         peers = {found["peer"] for found in kept["ahead"] if found["case"] == case["name"]}
         assert cells[5].split(" of ")[0] == (str(len(peers)) if len(case["laws"]) > 1 else "none was run")
-
-
-def test_the_pages_are_made_from_the_kept_results(kept):
-    bounds = json.loads((DATA / "benchmark_bound.json").read_text())
-    found = {path.name: path.read_text() for path in (RESULTS / "benchmark").glob("*.md")}
-    effects = json.loads((DATA / "effects.json").read_text())
-    assert found == {**pages(kept, bounds), "effects.md": law_effects.page(effects)}
 
 
 def test_the_terminal_shows_the_same_and_what_is_missed(equal):

@@ -71,7 +71,6 @@ def test_a_few_runs_make_results_and_a_page(tmp_path, capsys):
     ("arguments", "status", "part"),
     [
         (["--runs", "1"], 2, "argument --runs: 1: must be from 2"),
-        (["--sigma-max", "nan"], 2, "argument --sigma-max: nan: must be from"),
         (["--seed", "1000003"], 1, "seed = 1000003: must be another one than that of the tuning"),
     ],
 )

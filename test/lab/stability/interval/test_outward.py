@@ -10,8 +10,8 @@ from flint import arb, ctx
 from diffbot_lab.stability.interval import outward
 from diffbot_lab.stability.interval.compiled import compile_bounds
 
-BOXES = 50_000
-"""of each of the 20 cases: a million in total"""
+BOXES = 2000
+"""of each case"""
 HALF_PI = 1.5707963267948966
 SINC = [4.493409457909064, 7.725251836937707]
 """[rad] local extremes of sin(x)/x, to the last bit"""
@@ -169,8 +169,8 @@ def test_values_inside_a_box_are_held(kernel):
     """Independent of where the extremes are thought to be."""
     rng = np.random.default_rng(99)
     for case, (value, _, ranges, _) in enumerate(CASES.values()):
-        boxes = random_boxes(rng, NAMES[case])[:500]
-        found = np.zeros((500, 2))
+        boxes = random_boxes(rng, NAMES[case])[:200]
+        found = np.zeros((200, 2))
         kernel(case, boxes, found)
         for box, (low, high) in zip(boxes.tolist(), found.tolist(), strict=True):
             for share in rng.random((4, 2)).tolist():
@@ -181,7 +181,7 @@ def test_values_inside_a_box_are_held(kernel):
 
 def test_up_and_down_leave_every_float():
     rng = np.random.default_rng(5)
-    numbers = rng.uniform(-2.0, 2.0, 100_000) * 10.0 ** rng.uniform(-320.0, 290.0, 100_000)
+    numbers = rng.uniform(-2.0, 2.0, 10_000) * 10.0 ** rng.uniform(-320.0, 290.0, 10_000)
     powers = 2.0 ** np.arange(-1074, 1000)
     for x in np.concatenate([numbers, powers, -powers, [0.0]]).tolist():
         assert outward.up(x) >= math.nextafter(x, math.inf)

@@ -28,7 +28,7 @@ def test_measured_goals_of_a_disc_are_within_the_bearing_error_and_the_distances
         assert all(near <= one <= far for one in found)
 
 
-@pytest.mark.parametrize("d", [0.0, 0.1, -0.2])
+@pytest.mark.parametrize("d", [0.0, -0.2])
 def test_the_distances_on_one_ray_are_those_of_the_disc(d):
     half = math.sqrt(EPS**2 - math.sin(d) ** 2)
     expected = math.cos(d) - half, math.cos(d) + half

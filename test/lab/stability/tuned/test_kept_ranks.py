@@ -51,7 +51,7 @@ def test_ranks_of_another_calculation_are_refused(tmp_path, task, cells, part):
         KeptRanks(tmp_path / "state", task, cells)
 
 
-@pytest.mark.parametrize("content", [b"", b"no file of numpy", b"PK\x03\x04"])
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04"])
 def test_a_damaged_file_is_refused_in_one_line(tmp_path, content):
     (tmp_path / "state").write_bytes(content)
     with pytest.raises(DiffbotError, match=r"state cannot be read: .*; delete it to start again$"):
