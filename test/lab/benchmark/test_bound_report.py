@@ -78,9 +78,3 @@ def test_a_law_ahead_of_nmpc_on_the_estimate_is_listed_and_a_bound_is_not(bounds
     assert [row[3].endswith("(intervals overlap)") for row in found] == [True, False]
     # A law that settles less often is not ahead by the time of the runs that do.
     assert laws_ahead(bounds, arena(figures(9.5, 0.04, settled=20))) == []
-
-
-def test_where_nmpc_settles_less_often_that_is_listed_first(bounds):
-    bounds["cases"][0]["nmpc"][1] |= figures(10.0, 0.05, settled=30)
-    (first,) = laws_ahead(bounds, arena(figures(15.0, 0.06)))
-    assert first[2:] == ["share settled", "100.00 %, 75.00 %"]

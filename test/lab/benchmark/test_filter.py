@@ -14,14 +14,12 @@ from diffbot_control.filter.landmark_map import LandmarkMap
 from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.filter.options import CALIBRATING, EKF, FILTERS, FNN, FilterConfig
-from diffbot_core.errors import InvalidValueError
 from diffbot_lab import cli
 from diffbot_lab.benchmark import filter as localization_benchmark
 from diffbot_lab.benchmark.filter import figures_of, run_benchmark, run_drives, run_history
 from diffbot_lab.benchmark.filter_cases import RATES, SCENARIOS, drive_of, name_of
 from diffbot_lab.benchmark.filter_report import conclusions
-from diffbot_sim.compiled.open_loop import Errors, Tracking, drive, nees_of, start_of, twist_of
-from diffbot_sim.compiled.scalar_belief import Covariance
+from diffbot_sim.compiled.open_loop import Tracking, drive, start_of, twist_of
 from diffbot_sim.model.simulator import StartPose, World, WorldConfig
 
 RUNS = 2
@@ -130,16 +128,6 @@ def test_the_drives_fill_their_ranges():
         assert stats.kstest(values, stats.uniform(low, high - low).cdf).pvalue > 1e-3
 
 
-def test_nees_is_that_of_the_matrix():
-    rng = np.random.default_rng(1)
-    for _ in range(50):
-        A, error = rng.normal(size=(3, 3)), rng.normal(size=3)
-        P = A @ A.T + 1e-3 * np.eye(3)
-        z = 0.0
-        packed = Covariance(P[0, 0], P[0, 1], P[0, 2], z, z, P[1, 1], P[1, 2], z, z, P[2, 2], z, z, z, z, z)
-        assert nees_of(Errors(*error), packed) == pytest.approx(error @ np.linalg.inv(P) @ error, rel=1e-9)
-
-
 def test_results_are_those_of_the_drives(results):
     assert json.loads(json.dumps(results, allow_nan=False)) == results
     expected = [name_of(one.name, *rates) for one in SCENARIOS for rates in one.rates]
@@ -148,22 +136,6 @@ def test_results_are_those_of_the_drives(results):
     drives = run_drives(drive_of(scenario("outliers"), 50, 10, CALIBRATING), 1, RUNS)
     assert case["filters"][CALIBRATING] == figures_of(drives)
     assert results["targets"] == conclusions(results)["targets"]
-
-
-def test_command_writes_results_and_figure(tmp_path, benchmarked, capsys, kept_signal_handlers):
-    out = tmp_path / "deep" / "folder"
-    assert cli.main(["benchmark", "localization", "--runs", str(RUNS), "--seed", "1", "--out", str(out)]) == 0
-    assert json.loads((out / "results.json").read_text()) == benchmarked
-    assert (out / "localization.png").read_bytes().startswith(b"\x89PNG")
-    assert sorted(path.name for path in out.iterdir()) == ["localization.png", "results.json"]
-    written = capsys.readouterr().out
-    assert "ekf_fnn_calibrating" in written
-    assert "Targets:" in written
-
-
-def test_no_runs_are_refused():
-    with pytest.raises(InvalidValueError, match="runs = 0"):
-        run_benchmark(0, 1)
 
 
 def test_any_number_of_threads_gives_the_same_and_compiled_or_not():

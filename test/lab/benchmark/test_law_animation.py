@@ -5,12 +5,9 @@ import math
 import matplotlib.image
 import numpy as np
 import pytest
-from matplotlib.animation import PillowWriter
 
-from diffbot_core.errors import InvalidValueError
-from diffbot_lab.benchmark.law_animation import AnimationOptions, Drive, drives, typical_run
+from diffbot_lab.benchmark.law_animation import Drive, typical_run
 from diffbot_lab.benchmark.law_movie import corners, write_movie
-from diffbot_lab.benchmark.law_tuning import TRAINING_SEED
 
 
 def drive(label, settled, count=601):
@@ -48,20 +45,3 @@ def test_the_file_is_an_endless_picture_in_real_time(tmp_path):
     first = content.index(b"\x21\xf9\x04")
     assert int.from_bytes(content[first + 4 : first + 6], "little") == 10
     assert matplotlib.image.imread(path, format="gif").std() > 0.0
-
-
-def test_an_interrupted_picture_leaves_no_file(tmp_path, monkeypatch):
-    def interrupted(*_, **__):
-        raise KeyboardInterrupt
-
-    path = tmp_path / "run.gif"
-    path.write_text("old")
-    monkeypatch.setattr(PillowWriter, "grab_frame", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        write_movie([drive("ours", 0.3, 5)], 0.1, path)
-    assert [(one.name, one.read_text()) for one in tmp_path.iterdir()] == [("run.gif", "old")]
-
-
-def test_the_seed_of_the_training_is_refused():
-    with pytest.raises(InvalidValueError, match="seed"):
-        drives(AnimationOptions(1, TRAINING_SEED))

@@ -16,8 +16,6 @@ import pytest
 from project_files import files_read_by, run_in
 
 import diffbot_lab
-from diffbot_control.filter.options import FilterConfig, options_of
-from diffbot_control.law.presets import PRESETS
 from diffbot_core.errors import DiffbotError
 from diffbot_lab import cli
 from diffbot_lab.campaign import command as campaign_command
@@ -93,17 +91,6 @@ def test_all_runs_are_done_once_in_chunks_of_any_size(chunk, tmp_path, expected)
         assert max(done.values()) <= (chunk or 60)
 
 
-def test_a_whole_journal_needs_no_workers(tmp_path, expected):
-    do(tmp_path)
-    before = (tmp_path / JOURNAL).read_bytes()
-
-    def never():
-        return _Never()
-
-    assert summaries(do(tmp_path, SMALL, never)) == expected
-    assert (tmp_path / JOURNAL).read_bytes() == before
-
-
 class _Never(Executor):
     def submit(self, *_arguments, **_options):
         raise AssertionError("there is nothing to do")
@@ -152,12 +139,6 @@ def test_a_worker_with_impossible_counts_is_not_believed(tmp_path):
             journal.add(changed)
     journal.close()
     assert (tmp_path / JOURNAL).read_bytes() == before
-
-
-def test_a_fifo_is_no_journal(tmp_path):
-    os.mkfifo(tmp_path / JOURNAL)
-    with pytest.raises(DiffbotError, match="is not a regular file"):
-        do(tmp_path)
 
 
 FOREIGN = {
@@ -217,38 +198,6 @@ except DiffbotError as error:
 """
 
 
-def test_a_journal_is_not_resumed_with_another_constant_of_the_filter_or_preset(copied, tmp_path):
-    for _ in range(2):
-        assert run_in(copied, CAMPAIGN, tmp_path / JOURNAL).stdout == ""
-    for file, old, new in (
-        ("diffbot_control/filter/options.py", "_MAX_ERROR = 5.0, 0.1", "_MAX_ERROR = 5.0, 0.2"),
-        ("diffbot_control/law/presets.py", "eps_P_sigmas=2.2", "eps_P_sigmas=2.3"),
-    ):
-        text = (copied / file).read_text()
-        assert old in text
-        try:
-            (copied / file).write_text(text.replace(old, new))
-            assert "begun with another version of the code" in run_in(copied, CAMPAIGN, tmp_path / JOURNAL).stdout
-        finally:
-            (copied / file).write_text(text)
-
-
-def test_a_journal_of_the_same_words_with_another_preset_or_default_is_refused(tmp_path, monkeypatch):
-    campaign = make_campaign(SMALL)
-    Journal(tmp_path / JOURNAL, campaign).close()
-    first = campaign.cells[0]
-    filtered = first.case._replace(filter=options_of(FilterConfig(gate_probability=0.98)))
-    others = [campaign._replace(cells=[first._replace(case=filtered), *campaign.cells[1:]])]
-    paper = PRESETS["paper"]
-    monkeypatch.setitem(PRESETS, "paper", paper._replace(gains=paper.gains._replace(k_2=2.71)))
-    others.append(make_campaign(SMALL))
-    for other in others:
-        assert other.identity == campaign.identity
-        with pytest.raises(DiffbotError, match="begun with other values of its parameters"):
-            Journal(tmp_path / JOURNAL, other)
-    Journal(tmp_path / JOURNAL, campaign).close()
-
-
 def test_results_of_another_campaign_are_not_overwritten(tmp_path, capsys):
     for text in ('{"identity": "0123"}', '{"experiment": "a"}', "[]", "no JSON"):
         (tmp_path / "results.json").write_text(text)
@@ -297,22 +246,6 @@ def test_a_full_disk_is_one_line_and_costs_what_did_not_fit(tmp_path, expected):
     assert (tmp_path / JOURNAL).stat().st_size == 30_000
     assert sum(len(done) for done in journal.done) > 2
     assert summaries(do(tmp_path)) == expected
-
-
-def test_only_a_few_chunks_are_handed_out_at_a_time(tmp_path):
-    waiting = []
-
-    class Counting(ThreadPoolExecutor):
-        def submit(self, *arguments, **options):
-            future = super().submit(*arguments, **options)
-            waiting.append(future)
-            most.append(sum(not one.done() for one in waiting))
-            return future
-
-    most = []
-    do(tmp_path, {**SMALL, "chunk": 1}, lambda: Counting(2))
-    assert len(waiting) == 240
-    assert max(most) <= 4
 
 
 def test_chunks_are_sized_by_their_steps():
@@ -411,23 +344,6 @@ def cluster(tmp_path_factory):
         yield address, [int(pid) for pid in pids]
         process.stdin.close()
         process.wait(30)
-
-
-@pytest.mark.graph
-def test_no_workers_are_one_line(monkeypatch):
-    class Client:
-        def __init__(self, *_arguments, **_options):
-            pass
-
-        def nthreads(self):
-            return {}
-
-        def close(self):
-            pass
-
-    monkeypatch.setattr("distributed.Client", Client)
-    with pytest.raises(DiffbotError, match="the scheduler at there has no workers"):
-        cluster_executor("there")
 
 
 def damaged_lines(lines):

@@ -27,22 +27,3 @@ def test_trajectories_are_at_their_alpha_and_rho(axes):
     cloud = axes[0].get_lines()[0]
     np.testing.assert_allclose(cloud.get_xydata(), [[math.pi - 0.1, 0.3]])
     assert (axes[0].get_xlabel(), axes[0].get_ylabel()) == ("alpha [rad]", "rho [m]")
-
-
-def test_the_core_is_outlined(axes):
-    certificate = coarse_certificate(LAW_17)
-    values, edges, _ = axes[0].patches[0].get_data()
-    np.testing.assert_array_equal(edges, certificate.alpha)
-    assert values.max() == certificate.claims.radius
-    column = int(np.argmin(values))
-    last = np.flatnonzero(certificate.ranks[:, column] == 0).max()
-    assert values[column] == certificate.rho[last + 1]
-
-
-def test_the_times_are_those_of_the_worst_and_the_best_heading(axes):
-    certificate = coarse_certificate(LAW_17)
-    worst, best = (figures.lines(axes[1])[f"the {name} heading"].get_ydata() for name in ("worst", "best"))
-    assert worst.max() == pytest.approx(0.2 * certificate.claims.steps)
-    assert (worst >= best).all()
-    assert (worst > best).any()
-    assert worst[0] == pytest.approx(0.2 * certificate.ranks[0].max())

@@ -6,17 +6,7 @@ import numpy as np
 from certificates import LAW_17, coarse_certificate
 
 from diffbot_lab.stability.adversary import observe
-from diffbot_lab.stability.adversary.observe import case_of, rank_of
-
-
-def test_the_case_has_law_noise_and_plant_of_the_certificate():
-    case = case_of(LAW_17, 30)
-    assert case.steps == 30
-    assert case.controller.gains == LAW_17[:4]
-    assert case.controller.region_policy.fixed == (0.35, 0.4)
-    assert case.sensors[1:4] == (0.05, 0.05, 0.05)
-    assert (case.plant.eps_v_max, case.plant.eps_omega_max, case.plant.drive_noise) == (0.02, 0.05, 0.0)
-    assert (case.plant.sampling_time, case.plant.exact_arc) == (0.2, False)
+from diffbot_lab.stability.adversary.observe import rank_of
 
 
 def test_ranks_of_poses():

@@ -10,13 +10,10 @@ from diffbot_control.law.controller import step
 from diffbot_core.geometry import Pose
 from diffbot_core.uncertainty import Estimate, Uncertainty
 from diffbot_lab.stability.adversary.figure import field_of_tuned
-from diffbot_lab.stability.adversary.search import FEATURES
 from diffbot_lab.stability.adversary.tuned_play import (
     TunedOpponent,
     next_tuned,
     observe_tuned,
-    opponent_of_tuned,
-    play_tuned,
 )
 from diffbot_lab.stability.tuned.certify import certify
 from diffbot_lab.stability.tuned.contract import PLANT, Contract, Plan
@@ -69,11 +66,6 @@ def test_random_runs_keep_to_the_ranks_and_find_wrong_ones(certificate):
     assert 0.0 < found.farthest < 0.2
     short = np.where(certificate.ranks > 3, 3, certificate.ranks).astype(np.int16)
     assert observe_tuned(certificate._replace(ranks=short), 1, 300, 3).late > 0
-
-
-def test_the_adversary_keeps_the_robot_farther_away_than_random_noise(certificate):
-    path = play_tuned(opponent_of_tuned(certificate), np.array([-0.3, 0.0, 0.0]), np.zeros(FEATURES), 300)
-    assert 0.07 < np.hypot(path[150:, 0], path[150:, 1]).max() < certificate.claims.radius
 
 
 def test_the_figure_shows_the_core_and_the_times_of_the_default_law(certificate):

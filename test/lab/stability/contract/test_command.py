@@ -1,26 +1,16 @@
 """``diffbot stability contract``: a few runs, its figures and its page."""
 
 import json
-import math
 
 import numpy as np
 import pytest
 
 from diffbot_lab import cli
-from diffbot_lab.benchmark.law_cases import cases_named
 from diffbot_lab.stability.contract import command
 from diffbot_lab.stability.contract.report import page
-from diffbot_lab.stability.tuned.contract import Contract
-from diffbot_sim.compiled.batch import HISTORY_COLUMNS
 
 pytestmark = pytest.mark.timeout(600)
 """The first run compiles: on a busy machine for minutes."""
-
-
-def test_errors_are_wrapped_and_estimated_minus_true():
-    history = np.zeros((1, 1, len(HISTORY_COLUMNS)))
-    history[0, 0, :6] = (1.0, 2.0, 3.1, 1.5, 1.0, -3.1)
-    np.testing.assert_allclose(command.errors_of(history), [[[0.5, -1.0, 2.0 * math.pi - 6.2]]], atol=1e-12)
 
 
 def test_figures_are_those_of_the_windows():
@@ -35,15 +25,6 @@ def test_figures_are_those_of_the_windows():
     assert by_window[10.0, 45.0]["all"]["runs"] == 0.0
     assert found["errors_hold_from"] == {"median": 0.0, "p95": pytest.approx(10.1), "not_at_end": 0}
     assert found["all_hold_from"] == {"median": pytest.approx(10.1), "p95": None, "not_at_end": 1}
-
-
-def test_the_runs_are_the_same_in_any_pieces(monkeypatch):
-    (case,) = cases_named(("random_far",))
-    whole = command.observe(case, 5, 3, Contract())
-    monkeypatch.setattr(command, "_CHUNK", 2)
-    pieces = command.observe(case, 5, 3, Contract())
-    np.testing.assert_array_equal(pieces.errors, whole.errors)
-    np.testing.assert_array_equal(pieces.sigma, whole.sigma)
 
 
 def test_a_few_runs_make_results_and_a_page(tmp_path, capsys):
@@ -65,20 +46,3 @@ def test_a_few_runs_make_results_and_a_page(tmp_path, capsys):
     assert [float(part.split(" %")[0]) for part in parts] == [
         pytest.approx(100 * one, abs=0.05) for one in ends.values()
     ]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "status", "part"),
-    [
-        (["--runs", "1"], 2, "argument --runs: 1: must be from 2"),
-        (["--seed", "1000003"], 1, "seed = 1000003: must be another one than that of the tuning"),
-    ],
-)
-def test_refused_in_one_line(arguments, status, part, tmp_path, capsys):
-    try:
-        found = cli.main(["stability", "contract", "--out", str(tmp_path / "new"), *arguments])
-    except SystemExit as end:
-        found = end.code
-    assert found == status
-    assert part in capsys.readouterr().err.strip().splitlines()[-1]
-    assert not (tmp_path / "new" / "results.json").exists()

@@ -8,7 +8,7 @@ from certificates import LAW_17
 from diffbot_lab import cli
 from diffbot_lab.stability.adversary import command as adversary
 from diffbot_lab.stability.paper import command
-from diffbot_lab.stability.paper.file import EXACT_ARC, load_certificate
+from diffbot_lab.stability.paper.file import load_certificate
 
 SETTINGS = [
     *("k=1.5", "k_2=2.0", "eps_P=0.35", "eps_P_leave=0.4", "sampling_time=0.2"),
@@ -44,14 +44,6 @@ def test_a_certificate_is_made_verified_and_attacked(tmp_path, capsys, monkeypat
     assert cli.main(["stability", "verify", str(path)]) == 1
     error = capsys.readouterr().err.strip()
     assert error.startswith(f"diffbot: {path}: not verified: claims.radius = 0.3 m")
-
-
-def test_loops_by_law_and_parameters():
-    assert command.loop_of("13", {})[4:6] == (0.0, 0.0)
-    paper = command.loop_of("17", {})
-    assert paper == (1.3, 1.0, 0.17, 2.7, 0.5, 0.5, 0.3, 0.3, 0.17, 0.065, 0.2167, 0.1, "Euler")
-    other = command.loop_of("17", {"eps_P_leave": 0.6, "exact_arc": True})
-    assert other == paper._replace(eps_P_leave=0.6, plant=EXACT_ARC)
 
 
 @pytest.mark.parametrize(

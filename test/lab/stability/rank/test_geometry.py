@@ -28,13 +28,6 @@ def test_measured_goals_of_a_disc_are_within_the_bearing_error_and_the_distances
         assert all(near <= one <= far for one in found)
 
 
-@pytest.mark.parametrize("d", [0.0, -0.2])
-def test_the_distances_on_one_ray_are_those_of_the_disc(d):
-    half = math.sqrt(EPS**2 - math.sin(d) ** 2)
-    expected = math.cos(d) - half, math.cos(d) + half
-    assert measured_distance(EPS, 1.0, 1.0, d, d) == pytest.approx(expected, abs=ROUNDING)
-
-
 def test_goals_after_random_moves_are_inside_their_bounds():
     rng = np.random.default_rng(2)
     for _ in range(300):
@@ -47,15 +40,6 @@ def test_goals_after_random_moves_are_inside_their_bounds():
             assert near <= math.hypot(x, y) <= far
             assert turned0 <= math.atan2(y, x) <= turned1
         assert far - near < 0.02 + 0.01 + 0.2 * 0.03 + 1e-3
-
-
-def test_a_single_move_has_a_single_image():
-    expected = math.hypot(0.9, 0.1), math.atan2(0.1, 0.9)
-    near, far, turned0, turned1 = goal_after_move(
-        1.0, 1.0, math.sqrt(0.02), math.sqrt(0.02), math.pi / 4.0, math.pi / 4.0
-    )
-    assert (near, turned0) == pytest.approx(expected, abs=1e-9)
-    assert (far, turned1) == pytest.approx(expected, abs=1e-9)
 
 
 def test_an_interval_across_the_cut_is_wrapped_in_two_parts():

@@ -4,33 +4,21 @@ import math
 
 import numpy as np
 import pytest
-from tuned_steps import CONFIG, CONTRACT, GAINS, SHEET
+from tuned_steps import CONFIG, CONTRACT
 
 from diffbot_control.law.braking_step import braking_step
 from diffbot_control.law.configuration import ControllerMemory
 from diffbot_control.law.finish import SHUTTLING, Finish
-from diffbot_control.law.polar_coordinates import Navigation
 from diffbot_control.law.regions import OMEGA_L, Switching
-from diffbot_control.law.steering import FRONT, drive_and_steer
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import Estimate, Uncertainty
 from diffbot_lab.stability.tuned.check.cells import Cells, keeps_below
-from diffbot_lab.stability.tuned.check.commands import command_of, numbers_of, sinc_range
+from diffbot_lab.stability.tuned.check.commands import numbers_of, sinc_range
 from diffbot_lab.stability.tuned.check.near import leaving_radius
 from diffbot_lab.stability.tuned.check.steps import Box, after
 
 LOOP = numbers_of(CONFIG, CONTRACT)
-
-
-def test_bounds_of_a_command_without_width_are_the_command():
-    rng = np.random.default_rng(4)
-    loop = LOOP._replace(slow_react=LOOP.react)
-    for _ in range(300):
-        at = Navigation(rng.uniform(0.1, 5.0), *rng.uniform(-math.pi, math.pi, 2))
-        bounds = command_of(loop, *((value, value) for value in at))
-        v, omega = drive_and_steer(at, 0.0, FRONT, GAINS, SHEET)
-        assert bounds == pytest.approx((v, v, omega, omega), abs=1e-7)
 
 
 def test_bounds_of_sinc_against_many_points():

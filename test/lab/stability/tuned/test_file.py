@@ -62,20 +62,3 @@ def test_hostile_files_are_refused_in_one_line(path, change, part):
     assert str(caught.value).startswith(f"{path}: ")
     assert part in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize("missing", ["plan", "rho", "claims"])
-def test_a_file_without_a_part_is_refused(path, missing):
-    content = json.loads(path.read_text())
-    del content[missing]
-    path.write_text(json.dumps(content))
-    with pytest.raises(DiffbotError, match=f"wrong kind: '{missing}'"):
-        load_tuned(path)
-
-
-def test_a_rank_below_minus_one_is_refused(certificate, path):
-    ranks = certificate.ranks.copy()
-    ranks[-1] = -2
-    save_tuned(path, certificate._replace(ranks=ranks))
-    with pytest.raises(DiffbotError, match="ranks = -2: must be >= -1"):
-        load_tuned(path)
