@@ -88,17 +88,6 @@ def test_the_first_step_is_sent_when_ten_polls_found_the_same_neighbours():
     assert plant.moves == [command(1)]
 
 
-def test_without_a_filter_nothing_is_sent_however_long():
-    plant = FakePlant()
-    plant.connected = None
-    lockstep = LockStep(plant)
-    poll(plant, lockstep, 500)
-    lockstep.on_stall_check()
-    lockstep.on_stall_check()
-    assert plant.sent == plant.truths == plant.moves == []
-    assert set(plant.reports) == {NO_FILTER}
-
-
 def test_time_passes_without_odometry_until_the_first_fix():
     plant = FakePlant(first_fix=7)
     lockstep = LockStep(plant)
@@ -199,35 +188,6 @@ def test_late_answers_do_not_put_the_loop_a_step_behind(answers):
     assert lockstep.repeats == 1
 
 
-def test_a_resend_without_an_answer_begins_the_resends_again():
-    plant, lockstep = started(FakePlant(optional={0: {"headings"}}))
-    for number in range(4):
-        lockstep.on_command(command(number))
-        poll(plant, lockstep)
-    assert len(plant.sent) == 5
-    stall(lockstep)
-    assert (len(plant.sent), lockstep.repeats) == (6, 1)
-    lockstep.on_command(command(4))
-    lockstep.on_command(command(5))
-    sendings = 0
-    while plant.step == 0:
-        poll(plant, lockstep)
-        if plant.step == 0:
-            sendings += 1
-            lockstep.on_command(command(6 + sendings))
-    assert sendings == RESENDS
-    assert plant.moves == [command(6 + RESENDS)]
-
-
-def test_a_slow_controller_is_not_taken_for_silent():
-    plant, lockstep = started()
-    for number in range(1, 30):
-        lockstep.on_stall_check()
-        lockstep.on_command(command(number))
-    assert plant.sent == list(range(30))
-    assert lockstep.repeats == 0
-
-
 def test_a_pause_holds_the_step_and_its_answer_counts_when_it_ends():
     plant, lockstep = started()
     lockstep.set_paused(True)
@@ -247,16 +207,6 @@ def test_an_unanswered_step_is_not_sent_again_in_a_pause():
     lockstep.set_paused(False)
     lockstep.on_stall_check()
     assert (plant.sent, lockstep.repeats) == ([0, 0], 1)
-
-
-def test_paused_at_the_start_the_neighbours_are_watched_and_nothing_is_sent():
-    plant = FakePlant()
-    lockstep = LockStep(plant, paused=True)
-    poll(plant, lockstep, 30)
-    assert plant.sent == plant.reports == []
-    lockstep.set_paused(False)
-    poll(plant, lockstep)
-    assert plant.sent == [0]
 
 
 def test_after_a_reset_all_begins_again_and_answers_to_what_was_sent_before_move_nothing():

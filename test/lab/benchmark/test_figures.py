@@ -5,9 +5,7 @@ import numpy as np
 import pytest
 from figures import drawn  # noqa: F401 - a fixture
 
-from diffbot_control.filter.options import FILTERS
-from diffbot_lab.benchmark import filter_figure, law_figure
-from diffbot_lab.benchmark.filter_cases import RATES, SCENARIOS, name_of
+from diffbot_lab.benchmark import law_figure
 from diffbot_lab.benchmark.law_entries import ENTRIES
 from diffbot_sim.compiled.batch import COLUMNS
 
@@ -48,44 +46,3 @@ def test_the_curves_are_the_shares_of_all_runs(law_axes, sheets):
             # Of all runs, also of those that did not settle.
             np.testing.assert_allclose(curve[:, 1], 100.0 * np.arange(1, len(values) + 1) / RUNS)
     assert law_axes[3].get_ylabel() == "share of all runs [%]"
-
-
-@pytest.fixture
-def results():
-    rng = np.random.default_rng(2)
-    cases = [
-        {
-            "name": name_of(one.name, *rates),
-            "scenario": one.name,
-            "odometry_rate": rates[0],
-            "fix_rate": rates[1],
-            "filters": {name: {"position": {"rmse": rng.uniform(0.02, 1.0)}} for name in FILTERS},
-        }
-        for one in SCENARIOS
-        for rates in one.rates
-    ]
-    return {"cases": cases}
-
-
-@pytest.fixture
-def filter_axes(drawn, results):  # noqa: F811
-    saved = drawn(filter_figure)
-    filter_figure.draw_localization(results, {name: np.full((STEPS + 1, 4), 0.1) for name in FILTERS}, 0.1, None)
-    return saved[0].axes
-
-
-def test_each_bar_is_the_rmse_of_its_case_and_variant(filter_axes, results):
-    for axes, rates in zip(filter_axes[len(FILTERS) :], RATES, strict=True):
-        # The rates of the odometry have a table.
-        shown = [one for one in results["cases"] if one["scenario"] != "rates"]
-        cases = [one for one in shown if (one["odometry_rate"], one["fix_rate"]) == rates]
-        for container, name in zip(axes.containers, FILTERS, strict=True):
-            assert container.get_label() == name
-            heights = [bar.get_height() for bar in container]
-            assert heights == [one["filters"][name]["position"]["rmse"] for one in cases]
-            centres = [bar.get_x() + 0.5 * bar.get_width() for bar in container]
-            np.testing.assert_allclose(np.round(centres), np.arange(len(cases)))
-        names = [text.get_text().replace("-\n", "").replace("\n", " ") for text in axes.get_xticklabels()]
-        assert names[0] == "right model"
-        assert len(names) == len(cases)
-        assert [text.get_text() for text in axes.texts] == [f"odometry {rates[0]} Hz, fixes {rates[1]} Hz"]

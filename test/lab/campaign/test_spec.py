@@ -1,7 +1,6 @@
 """What a campaign may be: YAML and flags, unfolded into cells, and one clear line for all that is not allowed."""
 
 import itertools
-import math
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +8,7 @@ import pytest
 import yaml
 
 from diffbot_core.errors import InvalidValueError
-from diffbot_core.geometry import Pose
 from diffbot_lab import cli
-from diffbot_lab.campaign.options import CampaignOptions
 from diffbot_lab.campaign.spec import make_campaign, read_campaign
 from diffbot_sim.compiled.closed_loop import EKF
 
@@ -34,16 +31,6 @@ def test_the_example_is_unfolded():
         assert (cell.case.xy_tolerance, cell.case.yaw_tolerance) == (0.4, 0.1)
     assert campaign.starts.poses.tolist() == [[0.0, 0.0, 0.0]]
     assert campaign.starts.half == (8.0, 8.0, 3.14159)
-
-
-def test_the_defaults_are_the_papers_start():
-    campaign = read_campaign(None, {})
-    assert campaign.options == CampaignOptions()
-    assert len(campaign.cells) == 1
-    assert campaign.cells[0].case.goal == Pose(0.0, 0.0, 0.0)
-    assert campaign.cells[0].case.steps == 600
-    assert campaign.starts.poses == pytest.approx(np.array([[-2.0, -5.5, math.pi / 6.0]]))
-    assert campaign.starts.half == (0.0, 0.0, 0.0)
 
 
 def test_starts():

@@ -102,18 +102,6 @@ def test_the_summary_is_numpys():
         assert summary[f"{metric}_q{100 * q:g}"] == pytest.approx(expected, **tolerance), (metric, q)
 
 
-def test_nothing_settled_and_nothing_seen():
-    table = outcomes_of(settling_time=[NAN, NAN], estimation_error=[NAN, NAN], local_time=[NAN, 3.0])
-    summary = statistics_of(table).summary()
-    assert summary["success_rate"] == 0.0
-    assert summary["settling_time_q50"] is None
-    assert summary["estimation_error_q99"] is None
-    assert summary["reached_local_region"] == 1
-    assert summary["position_error_q50"] == 0.0
-    assert statistics_of(table).ecdf("settling_time") == ([], [])
-    json.loads(json.dumps(summary, allow_nan=False))
-
-
 def test_next_to_nothing_is_zero_and_nan_is_left_out():
     bins = bins_of(np.array([0.0, -0.0, 5e-324, 0.99e-6, NAN]))
     assert sum(bins.values()) == 4

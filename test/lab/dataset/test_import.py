@@ -8,10 +8,8 @@ import yaml
 from dataset_files import LANDMARKS, OMEGA, RADIUS, T0, measured, truth_at, write_labyrinth, write_mrclam
 from rosbags.highlevel import AnyReader
 
-from diffbot_control.ros.ekf_parameters import EkfNodeConfig
 from diffbot_control.ros.landmark_cloud import landmark_points
 from diffbot_core.errors import DiffbotError
-from diffbot_core.schema import build
 from diffbot_lab import cli
 from diffbot_lab.dataset.command import import_labyrinth, import_mrclam
 
@@ -98,13 +96,6 @@ def test_landmarks_are_ranges_along_the_line_of_sight_by_subject(bag):
     assert numbers == set(LANDMARKS)
     steep = [abs(p.bearing) for _, message in clouds for p in landmark_points(message)]
     assert max(steep) > 1.0
-
-
-def test_parameters_are_accepted_by_the_node_and_hold_the_map(bag):
-    values = yaml.safe_load((bag / "ekf.yaml").read_text())["/**/ekf"]["ros__parameters"]
-    config = build(EkfNodeConfig, values)
-    assert {number: tuple(point) for number, point in config.landmarks.points().items()} == LANDMARKS
-    assert config.wheels.wheel_separation == 0.26
 
 
 def test_what_is_left_out_is_counted(folder, tmp_path, capsys):

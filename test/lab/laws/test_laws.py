@@ -122,6 +122,11 @@ def test_the_polar_law_near_the_goal_has_the_poles_of_its_linear_system():
     assert math.hypot(pose.x, pose.y) == pytest.approx(0.2 * math.exp(-3.0), rel=0.02)
 
 
+def numbers_of(value):
+    """Return the numbers of nested tuples in order."""
+    return [one for part in value for one in numbers_of(part)] if isinstance(value, tuple) else [float(value)]
+
+
 @pytest.mark.parametrize("name", LAWS)
 def test_a_law_compiles_to_the_same_steps(name):
     law = resolve_law(name)
@@ -135,7 +140,6 @@ def test_a_law_compiles_to_the_same_steps(name):
     memory = law.new_memory(config)
     for index, x in enumerate(np.linspace(-3.0, 0.0, 40).tolist()):
         given = memory, Estimate(Pose(x, 0.5 * math.sin(x), 0.3 * x), CERTAIN), ORIGIN, 0.1 if index else 0.0, config
-        found, (memory, command, report) = compiled(*given), law.step(*given)
-        assert found[0] == pytest.approx(memory, abs=1e-12)
-        assert found[1] == pytest.approx(command, abs=1e-12)
-        assert found[2] == pytest.approx(report, abs=1e-12)
+        found, plain = compiled(*given), law.step(*given)
+        assert numbers_of(found) == pytest.approx(numbers_of(plain), abs=1e-12, nan_ok=True)
+        memory = plain[0]

@@ -23,19 +23,6 @@ from diffbot_sim.compiled.batch import run_histories
 RAW, EKF, QUIET, VANISHING = SETTINGS
 
 
-def test_the_vanishing_noise_is_proportional_to_the_distance():
-    assert VANISHING.eps_P == 0.25
-    near = run_histories(case_of("law 17", VANISHING), starts_of("a"), 3, 0, 40)
-    rho = np.hypot(near[..., 0], near[..., 1])
-    for column, bound in ((0, 0.3), (1, 0.3)):
-        share = (near[..., 3 + column] - near[..., column]) / (bound * np.minimum(rho, 1.0))
-        for where in (rho > 1.0, rho < 0.3):
-            assert 0.98 < np.abs(share[where]).max() <= 1.0 + 1e-9
-            assert share[where].std() == pytest.approx(1.0 / math.sqrt(3.0), rel=0.03)
-    error = wrapped(near[..., 5] - near[..., 2])[rho < 0.3]
-    assert error.std() == pytest.approx(0.17 / math.sqrt(3.0), rel=0.03)
-
-
 def wrapped(angles):
     return math.pi - np.remainder(math.pi - np.asarray(angles), 2.0 * math.pi)
 

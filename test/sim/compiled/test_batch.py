@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from diffbot_control.filter.landmark_map import LandmarkMap
+from diffbot_control.filter.localization_config import LocalizationConfig
+from diffbot_control.filter.options import FilterConfig, options_of
 from diffbot_control.law.lyapunov_law import PAPER_GAINS, Gains
 from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.regions import FIXED, FixedRegionPolicy, RegionPolicy
@@ -93,6 +96,36 @@ WORLDS = {
     ),
     "late fixes": (PlantConfig(), SensorConfig(fix_rate=5.0, fix_delay=0.15), FASTER, ORIGIN, START),
 }
+# In the order of their positions, in which the node fuses those of one stamp.
+LANDMARKS = LandmarkMap((1, 2, 3), (-3.0, 0.5, 3.0), (2.0, -3.0, 1.0))
+FAULTS = SensorConfig(
+    fix_rate=5.0,
+    fix_delay=0.32,
+    fix_delay_jitter=0.5,
+    fix_dropout=0.2,
+    fix_outlier=0.1,
+    heading_rate=10.0,
+    heading_delay=0.5,
+)
+LATE = {
+    "outliers, headings later than fixes": (FAULTS, "ekf", 0.1),
+    "the same, adaptive": (FAULTS, "ekf_fnn_calibrating", 0.1),
+    # The heading of the first fix's stamp comes after the first odometry step, at the start of the history.
+    "first heading after the first fix": (
+        SensorConfig(fix_delay=0.2, heading_rate=5.0, heading_delay=0.3),
+        "ekf_calibrating",
+        0.1,
+    ),
+    "headings only are late": (SensorConfig(heading_rate=5.0, heading_delay=0.3), "ekf_calibrating", 0.1),
+    "landmarks in time": (
+        SensorConfig(fix_delay_jitter=0.6, landmark_rate=5.0, heading_rate=10.0, heading_delay=0.1),
+        "ekf_fnn",
+        0.1,
+    ),
+    "the whole history": (SensorConfig(fix_rate=5.0, fix_delay=0.6, fix_delay_jitter=0.4), "ekf_calibrating", 0.1),
+    "short steps": (SensorConfig(fix_rate=5.0, fix_delay=0.15, fix_delay_jitter=0.3), "ekf_calibrating", 0.04),
+    "long steps": (SensorConfig(fix_rate=5.0, fix_delay=0.9), "ekf_calibrating", 0.25),
+}
 
 
 @pytest.mark.parametrize("feedback", FEEDBACKS)
@@ -127,6 +160,22 @@ def test_it_is_the_closed_loop(name, feedback):
         error = np.hypot(*(expected.feedback[-1] - expected.truth[-1])[:2])
         assert outcome["estimation_error"] == pytest.approx(error, abs=1e-9, nan_ok=True)
     assert moved > 1.0  # what is compared is a drive
+
+
+@pytest.mark.parametrize("name", LATE)
+def test_late_measurements_are_fused_as_the_node_fuses_them(name):
+    sensors, variant, t_s = LATE[name]
+    config, plant = FilterConfig(filter=variant), PlantConfig(sampling_time=t_s)
+    case = case_of(plant, sensors, feedback="ekf", steps=120)
+    case = case._replace(filter=options_of(config), landmarks=np.array(list(LANDMARKS.points().values())))
+    histories = run_histories(case, Starts(np.array([START])), 9, 0, 2)
+    for run, history in enumerate(histories):
+        world = WorldConfig(plant, sensors, StartPose(*START), 9, run, LANDMARKS)
+        expected = simulate(world, CONTROLLER, ORIGIN, 120, "ekf", LocalizationConfig(1.0, config))
+        assert_same_poses(history[:, :3], expected.truth, 1e-9)
+        assert_same_poses(history[:, 3:6], expected.feedback, 1e-9)
+        np.testing.assert_allclose(history[:, 6:8], expected.command, rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(history[:, 8], expected.sigma, rtol=0.0, atol=1e-9)
 
 
 def test_what_never_was_is_nan():
@@ -237,13 +286,6 @@ def test_the_start_is_independent_of_the_first_steps_noise():
         assert abs(stats.pearsonr(start, error).statistic) < 0.05
     for error, bound in zip(errors.T, (0.3, 0.3, 0.17, 0.065, 0.2167), strict=True):
         assert stats.kstest(error, stats.uniform(-bound, 2.0 * bound).cdf).pvalue > 1e-3
-
-
-def test_runs_take_the_listed_starts_in_turn():
-    rows = np.array([(1.0, 2.0, 0.1), (-3.0, 4.0, -0.2), (5.0, -6.0, 0.3)])
-    np.testing.assert_array_equal(starts_of(Starts(rows), 10), rows[np.arange(10) % 3])
-    case = case_of(QUIET, EXACT, feedback="truth", steps=1)
-    np.testing.assert_array_equal(run_histories(case, Starts(rows), 1, 4, 2)[:, 0, :3], rows[[1, 2]])
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 from diffbot_control.law.controller import SwitchingLaw
 from diffbot_control.law.registry import resolve_law
 from diffbot_core.geometry import Pose, wrap_angle
-from diffbot_lab.cases import Configuration, configure, make_case
+from diffbot_lab.cases import Configuration, make_case
 from diffbot_sim.compiled.batch import Starts, run_batch
 from diffbot_sim.compiled.closed_loop import make_loop, prepared
 from diffbot_sim.compiled.jit import law_version
@@ -129,10 +129,3 @@ def test_a_wrong_reached_is_counted(write):
     liar = write(LAW.replace("abs(omega) < 0.01", "True"), "lying_law")
     outcome = make_loop(liar)(prepared(case_for(liar)), 1, 0, Pose(0.0, 0.0, 1.0), np.empty((0, 9)))
     assert (outcome.reached_time, outcome.false_reached) == (0.0, 1.0)
-
-
-def test_parameters_go_to_the_law_that_drives():
-    polar = resolve_law("polar")
-    found = configure({"k_rho": 2.0, "linear.x.max_velocity": 0.7}, polar).controller
-    assert (found.k_rho, found.data_sheet.v_max) == (2.0, 0.7)
-    assert isinstance(configure({}).controller, SwitchingLaw.Config)

@@ -1,6 +1,5 @@
 """Actuators against closed forms: dead time, ramps, lag, dead band, slip and the distance of the wheels."""
 
-import itertools
 import math
 
 import numpy as np
@@ -11,11 +10,10 @@ from scipy.integrate import quad
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
-from diffbot_core.schema import build, parameters_of
+from diffbot_core.schema import build
 from diffbot_sim.model.actuators import ActuatorConfig, command_rows, delayed_command, lost_shares
 from diffbot_sim.model.philox import SLIP_BLOCK, Draw, NoiseKey, draw
 from diffbot_sim.model.plant import PlantConfig, new_plant, plant_step, plant_step_at
-from diffbot_sim.model.simulator import World, WorldConfig
 
 QUIET = PlantConfig(drive_noise=0.0, encoder_noise=0.0)
 SILENCE = Draw(0.0, 0.0, 0.0, 0.0)
@@ -67,30 +65,6 @@ def test_dead_time_is_the_mean_of_the_shifted_staircase_over_each_step(delay):
             assert found.omega == pytest.approx(1.5 - found.v, abs=1e-12)
 
 
-def test_the_world_drives_the_same_way_later():
-    def positions(delay):
-        plant = QUIET._replace(actuators=ActuatorConfig(command_delay=delay))
-        world, found = World(WorldConfig(plant)), []
-        for step in range(60):
-            found.append(world.state.pose)
-            world.advance(Twist(0.5 + 0.01 * step, 0.3))
-        return found
-
-    assert positions(0.4)[4:] == positions(0.0)[:-4]
-    assert positions(0.4)[:5] == [positions(0.0)[0]] * 5
-
-
-def test_a_dead_time_set_during_the_drive_applies_to_the_commands_under_way():
-    world = World(WorldConfig(QUIET))
-    commands = [Twist(0.1 * (step + 1), 0.0) for step in range(12)]
-    for command in commands[:8]:
-        world.advance(command)
-    world.configure(WorldConfig(QUIET._replace(actuators=ActuatorConfig(command_delay=0.3))))
-    for step in range(8, 12):
-        world.advance(commands[step])
-        assert world.state.twist.v == pytest.approx(commands[step - 3].v)
-
-
 def test_the_body_accelerates_along_a_ramp_on_each_axis_by_itself():
     commands = [Twist(0.7, 2.0)] * 25 + [Twist(-0.2, 2.0)] * 25
     found = driven(commands, acceleration_max=0.5, angular_acceleration_max=1.5)
@@ -126,21 +100,6 @@ def test_the_dead_band_has_hysteresis():
     assert [one.encoder.right for one in found] == pytest.approx(expected, abs=1e-12)
     assert [one.twist.v for one in found] == pytest.approx(R * np.array(expected), abs=1e-12)
     assert turning[-1] == pytest.approx(-1.99)
-
-
-def test_each_wheel_has_its_own_stiction():
-    # Rims of 0.02 and 0.08 m/s: 0.4 and 1.6 rad/s.
-    state = driven([Twist(0.05, 0.1)], dead_band=0.6, breakaway=0.6)[0]
-    assert state.actuators.turning == pytest.approx((0.0, 1.6))
-    assert state.twist == pytest.approx((0.04, 0.08 / L))
-
-
-def test_a_slow_motor_ramp_still_breaks_away():
-    # 0.2 rad/s more in each step: the drive has to pass the breakaway in several steps.
-    found = driven([Twist(0.1, 0.0)] * 10, wheel_acceleration_max=2.0, dead_band=0.5, breakaway=0.9)
-    assert [one.actuators.turning.left for one in found] == pytest.approx(
-        [0.0, 0.0, 0.0, 0.0, 1.0, 1.2, 1.4, 1.6, 1.8, 2.0]
-    )
 
 
 def test_the_stages_follow_each_other():
@@ -192,16 +151,6 @@ def test_slip_takes_the_motion_but_not_the_encoders_turns():
         assert state.twist == pytest.approx((0.5 * (left + right), (right - left) / L))
 
 
-def test_off_means_not_a_bit_different():
-    rng = np.random.default_rng(2)
-    state, wheels = new_plant(ORIGIN), QUIET.wheels
-    for command in itertools.starmap(Twist, rng.uniform(-2.0, 2.0, (200, 2))):
-        state = plant_step(state, command, SILENCE, QUIET)
-        turn = 0.5 * command.omega * wheels.wheel_separation
-        exact = (command.v - turn) / wheels.wheel_radius, (command.v + turn) / wheels.wheel_radius
-        assert state.actuators.turning == state.actuators.drive == exact
-
-
 @pytest.mark.parametrize(
     ("name", "value"),
     [
@@ -211,11 +160,3 @@ def test_off_means_not_a_bit_different():
 def test_the_plant_refuses_what_no_robot_has(name, value):
     with pytest.raises(InvalidValueError, match=name):
         build(PlantConfig, {name: value})
-
-
-def test_actuators_are_parameters_beside_the_plants_own():
-    names = {one.name for one in parameters_of(WorldConfig)}
-    assert set(ActuatorConfig._fields) | {"fix_delay_jitter", "fix_noise_correlation"} <= names
-    config = build(WorldConfig, {"dead_band": 0.6, "fix_noise_correlation": 0.9, "drive_noise": 0.0})
-    assert config.plant == PlantConfig(drive_noise=0.0, actuators=ActuatorConfig(dead_band=0.6))
-    assert config.sensors.fix_noise_correlation == 0.9

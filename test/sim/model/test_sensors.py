@@ -130,19 +130,6 @@ def test_a_landmark_by_hand():
         assert measured_landmark(Pose(1.0, 1.0, math.pi), 4.0, 5.0, noise, config) == pytest.approx(expected)
 
 
-def test_errors_of_a_landmark_fill_their_bounds_evenly():
-    config = SensorConfig(landmark_range_error_max=0.3, landmark_bearing_error_max=0.2)
-    # Straight behind, where bearings jump.
-    point = 4.0 - 6.0 * math.cos(3.1), -3.0 - 6.0 * math.sin(3.1)
-    seen = [measured_landmark(TRUTH, *point, noise, config) for noise in noises(block=16)]
-    assert all(-math.pi < bearing <= math.pi for _, bearing in seen)
-    errors = np.array([(r - 6.0, math.remainder(bearing - math.pi, 2.0 * math.pi)) for r, bearing in seen])
-    for column, bound in zip(errors.T, (0.3, 0.2), strict=True):
-        assert np.abs(column).max() <= bound * (1.0 + 1e-9)
-        assert kstest(column, "uniform", (-bound, 2.0 * bound)).pvalue > 1e-3
-    assert abs(np.corrcoef(errors.T)[0, 1]) < 0.07
-
-
 def test_a_range_is_never_below_a_millimetre():
     config = SensorConfig(landmark_range_error_max=0.5)
     for distance in (0.0, 0.2, 0.5):
@@ -172,13 +159,6 @@ def test_the_shares_of_lost_fixes_and_outliers_and_their_distance_and_direction(
         assert abs(np.corrcoef(both.T)[0, 1]) < 0.07
 
 
-def test_variances_of_uniform_errors():
-    # 0.3^2 / 3 and 0.17^2 / 3; a perfect sensor still counts as 0.1 mm or mrad.
-    assert uniform_variance(0.3) == pytest.approx(0.03)
-    assert uniform_variance(0.17) == pytest.approx(0.00963, abs=5e-6)
-    assert uniform_variance(0.0) == uniform_variance(1e-6) == 1e-8
-
-
 def fixes_of(config, run, count):
     """Fixes of one run, all at the same true pose."""
     errors, found = NO_ERRORS, []
@@ -204,16 +184,6 @@ def test_correlated_errors_have_the_same_variance_at_every_fix_and_decay_geometr
     assert np.abs(errors[:, 0]).max() <= 0.6  # the first is uniform
     largest = math.sqrt((1.0 + correlation) / (1.0 - correlation))
     assert np.abs(errors / (0.3, 0.6, 0.1)).max() <= largest
-
-
-def test_correlated_errors_by_hand():
-    config = SensorConfig(fix_noise_correlation=0.8)
-    first, second = fixes_of(config, 4, 2)
-    plain = [one.errors for one in fixes_of(SensorConfig(), 4, 2)]
-    assert first.errors == plain[0]
-    expected = [0.8 * a + 0.6 * b for a, b in zip(plain[0][:3], plain[1][:3], strict=True)]
-    assert second.errors[:3] == pytest.approx(expected, abs=1e-15)
-    assert second.pose == pytest.approx((0.3 * expected[0], 0.3 * expected[1], 0.17 * expected[2]))
 
 
 def test_the_random_delay_is_uniform_and_independent_of_the_errors():

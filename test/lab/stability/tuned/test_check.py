@@ -14,39 +14,11 @@ from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import Estimate, Uncertainty
 from diffbot_lab.stability.tuned.check.cells import Cells, keeps_below
-from diffbot_lab.stability.tuned.check.commands import numbers_of, sinc_range
+from diffbot_lab.stability.tuned.check.commands import numbers_of
 from diffbot_lab.stability.tuned.check.near import leaving_radius
-from diffbot_lab.stability.tuned.check.steps import Box, after
+from diffbot_lab.stability.tuned.check.steps import Box
 
 LOOP = numbers_of(CONFIG, CONTRACT)
-
-
-def test_bounds_of_sinc_against_many_points():
-    rng = np.random.default_rng(5)
-    for low, high in np.sort(rng.uniform(-6.9, 6.9, (300, 2)), axis=1):
-        values = np.sinc(np.linspace(low, high, 5001) / math.pi)
-        assert sinc_range(low, high) == pytest.approx((values.min(), values.max()), abs=1e-5)
-        assert sinc_range(low, high)[0] <= values.min()
-        assert sinc_range(low, high)[1] >= values.max()
-
-
-@pytest.mark.parametrize(("u", "z"), [((0.02, 0.1), (-0.2, 0.1)), ((-0.1, 0.05), (0.0, 0.2)), ((-0.1, -0.1), (0, 0))])
-def test_bounds_after_a_move_are_those_of_many_moves(u, z):
-    """Chord and rotation vary freely: nothing is outside, and each bound is nearly reached."""
-    rng = np.random.default_rng(6)
-    for alpha in np.linspace(0.0, math.pi, 7):
-        box = Box(0.4, 0.41, alpha, alpha + 0.05, 0.0, 0.0)
-        bounds = after(box, *u, *z)
-        r, a, length, turn = (
-            np.where(rng.uniform(size=4000) < 0.5, rng.uniform(low, high, 4000), rng.choice([low, high], 4000))
-            for low, high in ((0.4, 0.41), (alpha, alpha + 0.05), u, z)
-        )
-        goal = r * np.exp(1j * a) - length * np.exp(0.5j * turn)
-        direction = np.angle(goal * np.exp(-1j * a))
-        found = np.abs(goal), a + direction - turn, direction
-        for values, low, high, near in zip(found, bounds[::2], bounds[1::2], (2e-3, 5e-3, 2e-2), strict=True):
-            assert low <= values.min() <= low + near
-            assert high - near <= values.max() <= high
 
 
 @pytest.mark.parametrize(("tolerance", "reach", "factor"), [(0.1, 0.0, 2.0), (0.4, 0.0, 12.0), (0.1, 0.5, 12.0)])
