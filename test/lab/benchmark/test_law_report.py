@@ -1,24 +1,12 @@
 """Where a peer is ahead, the promised figures, and the numbers in the page's tables."""
 
-import json
-from pathlib import Path
-
 import numpy as np
 import pytest
-from page_tables import assert_shows, assert_shows_targets, tables
 
-from diffbot_lab.benchmark.law_pages import CASE_PAGES, pages
+from diffbot_lab.benchmark.law_pages import pages
 from diffbot_lab.benchmark.law_statistics import figures_of
 from diffbot_lab.benchmark.law_targets import peers_ahead, targets
 from diffbot_sim.compiled.batch import COLUMNS
-
-RESULTS = Path(__file__).resolve().parents[3] / "docs" / "results"
-DATA = RESULTS / "data"
-
-
-@pytest.fixture(scope="module")
-def kept():
-    return json.loads((DATA / "benchmark.json").read_text())
 
 
 def figures(seed=1):
@@ -100,33 +88,3 @@ def test_targets_follow_their_figures(equal):
     assert value(equal, "every case", "peers ahead in share settled") == 1.0
     assert value(equal, "every case", "peers behind in fewer than two of three figures") == 1.0
     assert value(equal, "nominal", "final position error, largest [m]") == own["position"]["max"]
-
-
-def assert_shows_figures(cells, one):
-    """Compare the cells of a law, behind its name, with its figures; of the intervals, that of the 99 %."""
-    largest, spins, reached = (cell.replace("(", "").replace(")", "").replace(",", "").split() for cell in cells[4:])
-    time, position = one["settling_time"], one["position"]
-    values = [100.0 * one["settled"] / one["runs"], time["median"], time["p99"], position["p95"]]
-    assert_shows([cell.split(" [")[0] for cell in cells[:4]], values)
-    assert_shows(largest, [position["max"], one["heading"]["max"]])
-    assert_shows(spins, [one["revolutions"], one["spinning"]])
-    assert_shows(reached, [one["reached"], one["false_reached"]])
-    if time["p99_interval"]:
-        assert_shows(cells[2].split("[")[1].strip("]").split(", "), time["p99_interval"])
-
-
-def test_every_number_of_the_pages_is_that_of_the_results(kept):
-    labels = {one["name"]: one["label"] for one in kept["laws"]}
-    cases = {one["name"]: one["laws"] for one in kept["cases"]}
-    found = pages(kept)
-    for page in CASE_PAGES:
-        shown = tables(found[page.file])
-        for rows, name in zip(shown, page.cases, strict=True):
-            for cells, one in zip(rows[1:], cases.pop(name), strict=True):
-                assert cells[0] == labels[one["name"]]
-                assert_shows_figures(cells[1:], one)
-    goals, further = tables(found["targets.md"])
-    assert_shows_targets(goals, kept["targets"])
-    for cells, (name, (one,)) in zip(further[1:], cases.items(), strict=True):
-        assert cells[0].startswith(f"`{name}`: ")
-        assert_shows_figures(cells[1:], one)

@@ -121,17 +121,6 @@ def test_repeated_lines_are_left_out_and_a_landmark_twice_at_one_time_needs_two_
     assert "1 of 401 odometry lines repeat a time" in printed
 
 
-def test_odometry_before_the_truth_is_left_out(tmp_path):
-    folder = write_mrclam(tmp_path / "set")
-    path = folder / "Robot1_Groundtruth.dat"
-    path.write_text("\n".join(path.read_text().splitlines()[200:]) + "\n")
-    import_mrclam(folder, 1, tmp_path / "bag")
-    topics = read(tmp_path / "bag")
-    first = topics["/odom"][0][0]
-    assert first == topics["/initialpose"][0][0]
-    assert first == START + 3_000_000_000  # of the truth, two comments and 198 poses of 0.02 s are gone
-
-
 BAD_LINES = {
     "time": ("Robot1_Odometry.dat", "soon 0.1 0.1", "time 'soon' must be"),
     "columns": ("Robot1_Odometry.dat", "1248446191 0.1", "3 columns expected, 2 found"),

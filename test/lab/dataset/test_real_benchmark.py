@@ -1,18 +1,15 @@
 """The benchmark on real drives: each row is the filter's run on that drive, and failures leave nothing behind."""
 
 import json
-import math
-from pathlib import Path
 
 import pytest
 from dataset_files import write_mrclam
 from page_tables import assert_shows, tables
 
 from diffbot_lab import cli
-from diffbot_lab.dataset.benchmark import DriveResult, results_of, run_and_report, table
+from diffbot_lab.dataset.benchmark import run_and_report
 from diffbot_lab.dataset.command import import_mrclam
 from diffbot_lab.refilter.command import run
-from diffbot_lab.refilter.comparison import Consistency, Figures
 
 
 @pytest.fixture(scope="module")
@@ -84,14 +81,6 @@ def test_calibration_is_judged_on_what_it_did_not_use(tmp_path, monkeypatch):
     assert [row[0] for row in others[1:]] == [rows[1]["name"], "mean"]
     for row in others[1:]:
         assert_shows(row[1:], [whole["rmse"], whole["nees"], first["rmse"], first["nees"]])
-
-
-def test_what_is_not_measured_is_null_and_a_dash():
-    nan = math.nan
-    one = DriveResult("d", Path("bag"), Figures(1.0, 0.1, 0.2, nan, 2.0, 2), Consistency(0, 0, nan, nan, nan), None)
-    results = results_of([one])
-    assert results["drives"][0]["heading_rmse"] is None
-    assert table(results).splitlines()[2] == "| d, 1 s | 0.100 | 0.20 | - | 2.0 | - | - | - |"
 
 
 @pytest.mark.parametrize("arguments", [["real"], ["localization", "folder"]])

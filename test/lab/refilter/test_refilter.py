@@ -103,17 +103,6 @@ def test_output_is_the_same_to_the_bit(bag, refiltered, tmp_path):
     assert (tmp_path / "out" / "out_0.mcap").read_bytes() == (refiltered / "out_0.mcap").read_bytes()
 
 
-def test_each_measurement_has_one_nis(bag, refiltered):
-    expected = sum(message.width for message in read(bag)["/landmarks"])
-    found = read(refiltered)["/ekf/nis"]
-    assert len(found) == expected
-    assert [one.label for one in found[0].layout.dim] == ["nis", "numbers", "accepted"]
-    assert {message.data[1] for message in found} == {2.0}
-    # Exact measurements: the first ones are off by the start's 0.01 m, at most, of 0.03 m and 0.02 rad.
-    assert all(0.0 <= message.data[0] < 2.0 for message in found[:10])
-    assert {message.data[2] for message in found} == {1.0}
-
-
 def test_comparison_prints_the_errors_against_the_truth(bag, tmp_path, capsys):
     """Computed again here from the written bag and the circle of the files."""
     run(bag, None, tmp_path / "out", "/ground_truth", {})

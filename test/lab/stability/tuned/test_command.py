@@ -32,7 +32,6 @@ def test_a_certificate_is_made_and_verified(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "status", "part"),
     [
-        (["--eps-position", "nan"], 2, "argument --eps-position: nan: must be from"),
         (["--width", "0.01"], 1, "--width = 0.01: must be left out with --law tuned"),
         (["--law", "17", "--margin", "0.1"], 1, "--margin = 0.1: must be left out with --law 17"),
         (["--set", "command_latency=0.1"], 1, "command_latency = 0.1: must be 0, for a certificate"),
