@@ -422,7 +422,7 @@ def test_a_killed_worker_changes_nothing(tmp_path, expected):
 @pytest.mark.graph
 def test_a_cluster_with_a_worker_killed_half_way_gives_the_same(cluster, tmp_path, expected):
     address, pids = cluster
-    make_executor, workers = cluster_executor(address)
+    make_executor, workers = cluster_executor(address, 60.0)
     assert workers == 2
     assert summaries(run_with_a_worker_killed(tmp_path, make_executor, lambda: pids[0])) == expected
 
