@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from diffbot_control.filter.measurements import Heading, LandmarkMeasurement
 from diffbot_control.ros.ekf_parameters import EkfNodeConfig
@@ -105,19 +106,21 @@ def test_innovations_are_those_of_the_filter(recording, case):
     np.testing.assert_allclose((found.P - np.diag(np.diag(found.P)))[constant, constant], rest, rtol=1e-6, atol=1e-12)
 
 
-def test_term_is_the_gaussian_density_of_the_innovation(recording):
-    """Of each innovation, by scipy, from the filter's own y and S; divided by the inflation of R."""
-    stats = pytest.importorskip("scipy.stats")
+def test_term_is_the_gaussian_density_of_the_innovation_with_scaled_deviations(recording):
+    """Of each innovation, by scipy, from y and S of the filter, to which the scaled covariances are given."""
     config = build(EkfNodeConfig, WIDE | {"gate_probability": 1.0})
     filtered, collector = RecordingLocalization(config), Collector()
-    for target in (filtered, collector):
-        for fix, pair in zip(
-            recording.fixes, zip(recording.odometry[::2], recording.odometry[1::2], strict=True), strict=False
-        ):
-            target.on_measurement(fix)
-            for step in pair:
-                target.on_odometry(step)
-    found = run_events(collector.events("gauss"), given_prior(config), settings_of(config))
+    scale = np.diag([2.0, 2.0, 3.0])
+    pairs = zip(recording.odometry[::2], recording.odometry[1::2], strict=True)
+    for index, (fix, pair) in enumerate(zip(recording.fixes, pairs, strict=False)):
+        # The first one, at which the filter starts, keeps what it claims.
+        filtered.on_measurement(fix._replace(R=scale @ fix.R @ scale) if index else fix)
+        collector.on_measurement(fix)
+        for step in pair:
+            filtered.on_odometry(step)
+            collector.on_odometry(step)
+    settings = settings_of(config)._replace(xy_factor=2.0, yaw_factor=3.0)
+    found = run_events(collector.events("gauss"), given_prior(config), settings)
     expected = [stats.multivariate_normal(np.zeros(3), one.S).logpdf(one.y) for one in filtered.innovations]
     rows = found.result[found.result[:, kernel.NUMBERS] > 0]
     np.testing.assert_allclose(rows[:, kernel.TERM], expected, rtol=1e-8)
