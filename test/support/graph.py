@@ -181,6 +181,11 @@ def process(*command, **options):
         running.end()
 
 
+def diffbot(*arguments, **options):
+    """Run the command ``diffbot`` while the ``with`` block lasts."""
+    return process(sys.executable, "-m", "diffbot_lab.cli", *arguments, **options)
+
+
 def node(module, parameters=None, arguments=(), **options):
     """Run ``python -m module`` with ROS parameters while the ``with`` block lasts.
 
