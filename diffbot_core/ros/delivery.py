@@ -15,8 +15,8 @@ from rclpy.qos import ReliabilityPolicy
 
 TIMEOUT = 1.0
 """[s] for reliable readers to acknowledge the message; one that is held up for longer must not keep the node alive"""
-REPEAT_TIME = 0.3
-"""[s] for which the message is repeated where delivery is best effort, which nobody acknowledges"""
+REPEATS = 6
+"""times the message is published where delivery is best effort, which nobody acknowledges"""
 _RESEND_PERIOD = 0.1
 """[s] a lost message is published again after this time; the middleware itself would ask for it every 3 s only"""
 _REPEAT_PERIOD = 0.05
@@ -32,12 +32,13 @@ def deliver(node: Node, publisher: Any, publish: Callable[[], None]) -> bool:
         publisher: what ``publish`` publishes with.
         publish: publishes the message.
     """
-    begin = time.monotonic()
-    repeat_time = REPEAT_TIME if _is_best_effort(node, publisher.topic_name) else 0.0
+    deadline = time.monotonic() + TIMEOUT
+    due = REPEATS if _is_best_effort(node, publisher.topic_name) else 1
     while True:
         publish()
+        due -= 1
         acknowledged = bool(publisher.wait_for_all_acked(Duration(seconds=_RESEND_PERIOD)))
-        if time.monotonic() - begin >= (repeat_time if acknowledged else TIMEOUT):
+        if (acknowledged and due <= 0) or time.monotonic() >= deadline:
             return acknowledged
         if acknowledged:
             time.sleep(_REPEAT_PERIOD)
