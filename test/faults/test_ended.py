@@ -21,7 +21,7 @@ RECORDER = "diffbot_bag.recorder_node"
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 STOP = (0.0, 0.0)
 BUSY_LOOPS = 4
-FILE_LIMIT = 60_000
+FILE_LIMIT = 40_000
 """bytes; what the system answers beyond is the same error as on a full disk"""
 MAX_START_LINES = 700
 """more than any node writes until it is ready, about 500: some of the signals come afterwards"""
@@ -71,10 +71,10 @@ def test_signals_end_each_node_and_stop_the_robot(apart, together, trials, seede
                 process = witness.robot.processes[name]
                 since = witness.kill(name, SIGNALS[number % 2])
                 if name == "controller":
-                    stops.measure(witness.stop_after(since), since)
+                    stops.measure(witness.stop_after(since), delay=witness.delay())
                     # What follows has been waited for: the end may be earlier than it is measured.
                 seconds, good = ended(process, since)
-                running[name].measure(seconds, since, good and ends_with_zero(witness))
+                running[name].measure(seconds, good and ends_with_zero(witness))
                 restart(witness, name)
 
 
@@ -108,7 +108,7 @@ def test_a_reader_that_is_held_up_does_not_hold_up_the_end_of_the_controller(apa
             try:
                 since = apart.kill("controller", SIGNALS[number % 2])
                 seconds, good = ended(process, since)
-                running.measure(seconds, since, good and ends_with_zero(apart))
+                running.measure(seconds, good and ends_with_zero(apart))
             finally:
                 apart.kill("plant", signal.SIGCONT)
             restart(apart, "controller")
@@ -131,7 +131,7 @@ def test_signals_close_the_bag(apart, trials, seeded, tmp_path):
                 since = time.monotonic()
                 recorder.send(SIGNALS[number % 2])
                 seconds, good = ended(recorder, since)
-            running.measure(seconds, since, good and (folder / "metadata.yaml").is_file() and messages_in(folder) > 0)
+            running.measure(seconds, good and (folder / "metadata.yaml").is_file() and messages_in(folder) > 0)
 
 
 def has_begun(process, lines):
@@ -156,7 +156,7 @@ def test_signals_at_the_start_end_a_node_well(trials, seeded, tmp_path):
                 since = time.monotonic()
                 process.send(SIGNALS[number // len(STARTED) % 2])
                 seconds, good = ended(process, since)
-                running.measure(seconds, since, good)
+                running.measure(seconds, good)
 
 
 def whole_messages(path):
@@ -178,7 +178,7 @@ def test_full_disk_ends_the_recording_with_one_error_and_the_robot_drives_on(apa
         for number in running:
             folder = tmp_path / str(number)
             full = number % 2 == 0
-            parameters = {"uri": folder, "flush_period": 0.1, "chunk_size": 1024}
+            parameters = {"uri": folder, "flush_period": 0.1, "topics": ["/ground_truth"], "compression": "none"}
             options = {"preexec_fn": limited} if full else {}
             environment = graph.environment(ROS_LOG_DIR=str(tmp_path / "log"))
             if not full:

@@ -100,13 +100,6 @@ def test_a_goal_that_is_resumed_before_the_first_clock_has_the_time_since_then(n
     nodes.peer.spin_until(lambda: node.supervisor.goals.present.request.time == 5000.0, what="the time of the goal")
 
 
-def test_another_file_is_kept_aside_with_one_warning(start, tmp_path, capfd):
-    (tmp_path / "goal").write_text("my only copy of something else")
-    assert ends(start(resume_goal=True)) == []
-    assert (tmp_path / "goal.bad").read_text() == "my only copy of something else"
-    assert "goal is no JSON; the file is kept as goal.bad" in capfd.readouterr().err
-
-
 def test_the_file_follows_the_goal(start, tmp_path, monkeypatch):
     path, now = tmp_path / "goal", [1000.0]
     monkeypatch.setattr("diffbot_control.ros.goal_keeper.time.monotonic", lambda: now[0])
@@ -132,14 +125,13 @@ def test_the_file_follows_the_goal(start, tmp_path, monkeypatch):
     assert not path.exists()
 
 
-def test_a_folder_that_cannot_be_written_to_is_reported_and_the_goal_is_driven_to(start, tmp_path, capfd):
+def test_a_file_that_is_none_is_kept_aside_and_a_folder_that_refuses_it_is_reported(start, tmp_path, capfd):
+    (tmp_path / "goal").write_text("my only copy of something else")
+    assert ends(start(resume_goal=True)) == []
+    assert (tmp_path / "goal.bad").read_text() == "my only copy of something else"
+    assert "goal is no JSON; the file is kept as goal.bad" in capfd.readouterr().err
     (tmp_path / "file").touch()
     node = start(goal_file=str(tmp_path / "file" / "goal"))
     node.goals.accept_goals(SINGLE.poses, False, "request", ID)
     assert node.supervisor.goal == SINGLE.poses[0]
     assert "cannot write goal_file: " in capfd.readouterr().err
-
-
-def test_resuming_needs_a_file(nodes):
-    with pytest.raises(Exception, match=r"resume_goal = True: must be false without a goal_file"):
-        nodes.add(ControllerNode, {"resume_goal": True})

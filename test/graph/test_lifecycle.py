@@ -3,7 +3,6 @@
 import contextlib
 
 import graph
-import one_process
 import pytest
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist
 from lifecycle_msgs.msg import State, Transition, TransitionEvent
@@ -11,7 +10,6 @@ from lifecycle_msgs.srv import ChangeState, GetAvailableStates, GetState
 from nav_msgs.msg import Odometry
 from robot import DEEP, initialpose, pose_stamped, stamp, twist
 
-from diffbot_control.controller_node import ControllerNode
 from diffbot_control.ros.message_fields import set_stamp
 
 # Transition and the state in which Nav2's manager then has to find the node, as its startup, pause, resume, reset and
@@ -178,12 +176,3 @@ def test_a_node_that_cannot_be_configured_stays_unconfigured_and_reports_why():
         manager.peer.spin_until(lambda: not node.get_publishers_info_by_topic("/cmd_vel"), what="no publisher")
         manager.change("ekf", *CONFIGURE)
         assert manager.process.stop() == 0
-
-
-def test_a_destroyed_node_leaves_no_topic_behind():
-    # A name of its own: the peer of the module's robot still subscribes to topics of "controller".
-    with one_process.nodes() as nodes:
-        node = nodes.add(ControllerNode, arguments=("-r", "__node:=destroyed"))
-        nodes.peer.spin_until(lambda: "/destroyed/transition_event" in topics(nodes.peer), what="the node's topics")
-        nodes.remove(node)
-        nodes.peer.spin_until(lambda: not any("destroyed" in one for one in topics(nodes.peer)), what="their end")

@@ -76,11 +76,10 @@ def start(running):
     ("name", "parameters", "text"),
     [
         ("controller", {"gamma": -1.0}, "gamma = -1.0: must be >= 1e-06 and <= 1000"),
-        ("controller", {"k": math.nan}, "k = nan: must be >= 1e-06 and <= 1000"),
         ("controller", {"gamma": "inf"}, "gamma = inf: must be >= 1e-06 and <= 1000"),
         ("controller", {"eps_P": 0.5, "eps_P_leave": 0.4}, "eps_P_leave = 0.4: must be >= eps_P = 0.5"),
         ("controller", {"hold_goal": 1}, "hold_goal = 1: must be true or false"),
-        ("controller", {"region_policy": 1}, "region_policy = 1: must be a text"),
+        ("controller", {"resume_goal": True}, "resume_goal = True: must be false without a goal_file"),
         ("controller", {"follow_covariance": True}, "follow_covariance = True: was replaced by region_policy"),
         ("controller", {"law": "dancing"}, "law = 'dancing': must be package.module:Class or one of aicardi, "),
         ("controller", {"law": "rotate_drive_rotate", "drive_brake": -7.0}, "drive_brake = -7.0: must be >= "),

@@ -8,13 +8,10 @@ import browser
 import graph
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import PoseWithCovarianceStamped
-from nav_msgs.msg import Odometry, Path
-from robot import LATCHED, planar, pose_stamped
-from sensor_msgs.msg import PointCloud2, PointField
+from nav_msgs.msg import Odometry
+from robot import LATCHED, planar
 
 from diffbot_bag.reader import BagReader
-from diffbot_control.ros.landmark_cloud import LandmarkPoint, fill_landmark_points
 from diffbot_core.errors import DiffbotError
 
 START = -2.0, -5.5
@@ -148,42 +145,6 @@ def test_pause_reset_and_initial_pose(page, peer):
     wait_for_answer(page, "initial pose set")
 
 
-def placed_by(pose, x, y):
-    """Return where a point in the frame of the robot is in the map."""
-    px, py, theta = planar(pose.pose.pose)
-    point = complex(px, py) + complex(x, y) * complex(math.cos(theta), math.sin(theta))
-    return point.real, point.imag
-
-
-def test_landmarks_and_planned_path_appear_on_the_map(page, peer):
-    estimates = peer.subscribe(PoseWithCovarianceStamped, "pose")
-    clouds, paths = peer.publisher(PointCloud2, "landmarks"), peer.publisher(Path, "path")
-    peer.wait_for_subscribers(clouds, paths)
-    peer.spin_until(lambda: len(estimates) > 5, what="estimates")
-    cloud = PointCloud2(header=estimates[-2].header)
-    cloud.header.frame_id = "base_link"
-    # 32 has no range: it is somewhere on a ray.
-    points = [LandmarkPoint(31, 2.0, 0.5, 0.01, 0.001), LandmarkPoint(32, 3.0, -1.0, math.inf, 0.001)]
-    fill_landmark_points(cloud, points, PointField)
-    clouds.publish(cloud)
-    page.wait("diffbotPage.robot.landmarks.size", "a landmark")
-    ((number, x, y),) = page.get("[...diffbotPage.robot.landmarks.values()].map(({number, x, y}) => [number, x, y])")
-    assert number == 31
-    expected = placed_by(estimates[-2], 2.0 * math.cos(0.5), 2.0 * math.sin(0.5))
-    assert (x, y) == pytest.approx(expected, abs=1e-5)
-    page.wait("!diffbotPage.robot.planAt(1e9).length", "no path yet")
-    x, y, _ = planar(estimates[-1].pose.pose)
-    corners = [[x + 2.0, y], [x + 2.0, y + 2.0]]
-    path = Path(poses=[pose_stamped(*corner, 0.5) for corner in corners])
-    path.header.frame_id = "map"
-    paths.publish(path)
-    page.wait("diffbotPage.robot.planAt(1e9).length === 2", "the path")
-    assert page.get("diffbotPage.robot.planAt(1e9)") == [pytest.approx(corner) for corner in corners]
-    peer.spin_until(lambda: "waypoint" in graph.values(peer.statuses[-1]), what="the drive along the path")
-    press(page, "c")
-    page.wait("!diffbotPage.robot.planAt(1e9).length", "the end of the path")
-
-
 def test_the_page_reports_when_the_robot_is_silent(page, robot):
     silent = "document.getElementById('state').textContent === 'no status from the controller'"
     assert not page.get(silent)
@@ -214,14 +175,6 @@ def test_the_record_button_writes_a_bag(page, bags):
     (bag,) = bags.iterdir()
     with BagReader(bag) as reader:
         assert reader.topics["/pose"].message_count > 3
-
-
-def test_a_second_page_shows_the_path_so_far(new_page, url):
-    phone = new_page(browser.NARROW, "dark").open(url)
-    phone.wait("diffbotPage.robot.curves.estimate?.rows > 20", "the history")
-    assert phone.get("document.documentElement.scrollWidth") == 390
-    assert phone.errors == []
-    phone.tab.close()
 
 
 def test_a_port_in_use_is_one_line(url):
