@@ -5,12 +5,10 @@ import math
 import re
 import statistics
 import sys
-import time
 
 import bad_network
 import goal_flood
 import graph
-from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Twist
 from robot import DEEP, distance
 from witness import FAR, NEAR
@@ -78,17 +76,3 @@ def test_flood_of_goals_leaves_the_control_period(observed, trials, pytestconfig
             # Of few periods the 99th percentile is the largest one, which a single delay by the scheduler decides.
             typical = p99 if full else statistics.median
             running.add(typical(loaded) / typical(quiet), kept=goals >= 0.9 * FLOOD_RATE * seconds * times)
-
-
-def test_second_controller_on_cmd_vel_is_an_error_that_names_it(observed, trials):
-    arguments = ("-r", "__node:=second_controller")
-    with observed(NEAR) as witness, trials("two controllers") as running:
-        witness.drive()
-        for _ in running:
-            with graph.node(graph.MODULES["controller"], {}, arguments) as second:
-                second.wait_for_output("ready")
-                since = witness.mark()
-                report = witness.report_with("/cmd_vel", "second_controller", level=DiagnosticStatus.ERROR)
-                assert report.name in ("/controller", "/second_controller", "/plant")
-                running.measure(time.monotonic() - since, delay=witness.delay())
-                assert second.stop() == 0

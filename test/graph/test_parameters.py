@@ -6,7 +6,7 @@ import graph
 import one_process
 import pytest
 import yaml
-from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters, SetParametersAtomically
+from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters, SetParametersAtomically
 from rclpy.parameter import PARAMETER_SEPARATOR_STRING, Parameter, parameter_dict_from_yaml_file
 from rclpy.parameter import parameter_value_to_python as python_value
 
@@ -221,25 +221,6 @@ def test_a_file_counts_for_the_nodes_it_names_and_warns_of_unknown_names_only(st
     arguments = ("--params-file", str(file), "-r", "__ns:=/filed", "-p", "initial_pose.y:=4.5")
     node = start("plant", arguments=arguments)
     assert [node.get_parameter(f"initial_pose.{name}").value for name in ("x", "y", "yaw")] == [3.0, 4.5, 0.0]
-
-
-def test_ranges_are_described_unless_a_number_may_be_infinite(running, start):
-    start("plant", {"start_paused": True})
-    request = DescribeParameters.Request(names=["fix_rate", "seed", "wheel_radius", "wheel_speed_max"])
-    found = running.peer.call(DescribeParameters, "plant/describe_parameters", request).descriptors
-    ranges = [
-        [(one.from_value, one.to_value) for one in (*each.floating_point_range, *each.integer_range)] for each in found
-    ]
-    assert ranges == [[(0.0, 1000.0)], [(0, 2**63 - 1)], [(1e-3, 10.0)], []]
-
-
-def test_a_rate_without_anything_to_measure_is_reported(start, capfd):
-    text = "landmark_rate = 5 Hz, but landmark_ids is empty: no landmarks are sent"
-    given = {"start_paused": True, "landmark_rate": 5.0}
-    start("plant", given)
-    assert text in "".join(capfd.readouterr())
-    start("plant", {**given, "landmark_ids": [1], "landmark_x": [0.0], "landmark_y": [0.0]})
-    assert text not in "".join(capfd.readouterr())
 
 
 def test_nodes_agree_about_shared_defaults_and_the_list_of_known_names_is_complete():

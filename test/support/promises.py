@@ -81,9 +81,6 @@ PROMISES = {
         100,
         unit="call",
     ),
-    "two controllers": Promise(
-        "a second controller on the same cmd_vel", "ERROR in /diagnostics within 3 s, with its name", 10, 1, 3.0
-    ),
     "disk full": Promise(
         "the disk is full while recording", "status 1, one ERROR, what was written is readable", 10, 2
     ),

@@ -72,7 +72,7 @@ JSON = st.recursive(
 
 @given(st.sampled_from([*SavedGoal._fields, "version"]), JSON)
 def test_any_value_of_a_field_is_taken_or_refused(tmp_path_factory, field, value):
-    path = tmp_path_factory.mktemp("goal") / "goal"
+    path = tmp_path_factory.getbasetemp() / "goal"
     path.write_text(changed(**{field: value}))
     with contextlib.suppress(BrokenGoalError):
         found = load_goal(path, 3)
