@@ -1,97 +1,78 @@
-"""The controller fed by odometry/filtered instead of pose: as robot_localization sends it, and as the ekf does."""
-
-import time
+"""The controller fed by odometry/filtered instead of pose, as robot_localization sends it."""
 
 import graph
+import one_process
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from lockstep_drive import assert_same_path, go
+from filter_input import timed
+from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
-from robot import distance, lockstep, pose_stamped, robot, turned, twist
+from rclpy.parameter import Parameter
+from robot import LATCHED, pose_stamped, twist
 
+from diffbot_control.controller_node import ControllerNode
 from diffbot_control.law.presets import PRESETS
-from diffbot_control.ros.message_fields import set_stamp
 
 SIGMAS = PRESETS["tuned"].tolerance.goal_sigmas
-FILTERED = {"pose_source": "odometry"}
 GOAL = (1.0, 2.0, 0.5)
 
 
-def test_drives_by_odometry_filtered_as_by_pose():
-    goal = (0.0, 0.0, 0.0)
-    with lockstep({"seed": 5}, controller=FILTERED) as running:
-        assert_same_path(go(running, goal), goal, {"seed": 5})
-        received = running.diagnosis("controller")
-        running.pause(False)
-        running.wait_for_state("goal reached", 20.0)
-        running.pause(True)
-        end = running.true_pose()
-    assert int(received["odometry/filtered received"]) >= 200
-    assert "pose received" not in received
-    assert distance(end, goal) <= 0.1
-    assert turned(end, goal) <= 0.1
+class Standing(one_process.Fed):
+    """A controller whose robot stands at the goal."""
+
+    def __init__(self, nodes):
+        super().__init__(nodes, ControllerNode, {"pose_source": "odometry", "pose_timeout": 60.0})
+        self.commands = self.peer.subscribe(Twist, "cmd_vel")
+        self.states = self.peer.subscribe(DiagnosticStatus, "controller/status", LATCHED)
+        self.send("goal_pose", pose_stamped(*GOAL))
+        self.time = 1000.0
+
+    def feed(self, variance, expected):
+        """Send odometry of this variance until the controller's state is the expected one; return its status."""
+
+        def reported():
+            self.time += 0.1
+            message = timed(Odometry(child_frame_id="base_link"), self.time)
+            message.header.frame_id = "map"
+            message.pose.pose = pose_stamped(*GOAL).pose
+            message.pose.covariance[[0, 7, 35]] = variance
+            self.send("odometry/filtered", message)
+            return self.states and self.states[-1].message == expected
+
+        self.states.clear()
+        self.peer.spin_until(reported, what=f"the state {expected!r}")
+        return self.states[-1]
 
 
 @pytest.fixture
-def fed():
-    """A controller that receives messages from the test alone."""
-    with robot(controller=FILTERED, only=("controller",), namespace="/fed") as running:
-        running.odometry = running.peer.publisher(Odometry, "odometry/filtered")
-        running.peer.wait_for_subscribers(running.odometry)
-        running.send_goal(*GOAL)
-        yield running
+def standing():
+    with one_process.nodes() as nodes:
+        yield Standing(nodes)
 
 
-def feed(running, state, variance):
-    """Stand at the goal, known to ``variance``, until the controller's state is ``state``; return its status."""
-    message = Odometry(child_frame_id="base_link")
-    message.header.frame_id = "map"
-    message.pose.pose = pose_stamped(*GOAL).pose
-    message.pose.covariance[[0, 7, 35]] = variance
-
-    def reported():
-        set_stamp(message.header.stamp, time.monotonic_ns())
-        running.odometry.publish(message)
-        return running.state() == state
-
-    running.peer.spin_until(reported, 5.0, f"the state {state!r}")
-    return running.controller_states[-1]
+def smallest_tolerance(status):
+    values = graph.values(status)
+    return [float(values[f"smallest tolerance [{unit}]"]) for unit in ("m", "rad")]
 
 
-def test_covariance_of_the_odometry_decides_whether_the_goal_is_reached(fed):
-    status = feed(fed, "tolerance below uncertainty", 4.0)
+def test_covariance_of_the_odometry_decides_whether_the_goal_is_reached(standing):
+    status = standing.feed(4.0, "tolerance below uncertainty")
     assert status.level == DiagnosticStatus.WARN
-    fed.peer.spin_until(lambda: fed.commands, 5.0, "a command")
-    assert twist(fed.commands[-1]) == pytest.approx((0.0, 0.0), abs=1e-9)
-    values = graph.values(status)
-    # Of a deviation of 2 m and 2 rad.
-    assert float(values["smallest tolerance [m]"]) == pytest.approx(2.0 * SIGMAS)
-    assert float(values["smallest tolerance [rad]"]) == pytest.approx(2.0 * SIGMAS)
-    assert values["goals reached"] == "0"
-    status = feed(fed, "goal reached", 1e-4)
+    assert twist(standing.commands[-1]) == pytest.approx((0.0, 0.0), abs=1e-9)
+    assert smallest_tolerance(status) == pytest.approx([2.0 * SIGMAS] * 2)
+    status = standing.feed(1e-4, "goal reached")
     assert status.level == DiagnosticStatus.OK
-    values = graph.values(status)
-    assert float(values["smallest tolerance [m]"]) == pytest.approx(0.01 * SIGMAS)
-    assert values["goals reached"] == "1"
+    assert smallest_tolerance(status) == pytest.approx([0.01 * SIGMAS] * 2)
 
 
-def test_a_pose_without_covariance_has_the_uncertainty_of_the_parameters(fed):
-    status = feed(fed, "goal reached", 0.0)
-    values = graph.values(status)
-    # Of a deviation of 0.02 m and 0.02 rad.
-    assert float(values["smallest tolerance [m]"]) == pytest.approx(0.02 * SIGMAS)
-    assert float(values["smallest tolerance [rad]"]) == pytest.approx(0.02 * SIGMAS)
-    output = fed.processes["controller"].output
-    assert output.count("covariance is all zero") == 1
-    assert "odometry/filtered: covariance is all zero, i.e. unknown: assuming pose_sigma_xy = 0.02 m" in output
-    diagnosis = fed.diagnosis("controller")
-    received = int(diagnosis["odometry/filtered received"])
-    assert received >= 5
-    assert int(diagnosis["odometry/filtered with the covariance of the parameters"]) == received
-    fed.set_parameter("controller", "pose_sigma_xy", 0.03)
-    status = feed(fed, "goal reached", 0.0)
-    fed.peer.spin_until(
-        lambda: graph.values(fed.controller_states[-1])["smallest tolerance [m]"] == f"{0.03 * SIGMAS:.4f}",
-        5.0,
-        "the new value",
+def test_a_pose_without_covariance_has_the_uncertainty_of_the_parameters(standing, capfd):
+    status = standing.feed(0.0, "goal reached")
+    assert smallest_tolerance(status) == pytest.approx([0.02 * SIGMAS] * 2)
+    text = "odometry/filtered: covariance is all zero, i.e. unknown: assuming pose_sigma_xy = 0.02 m"
+    assert capfd.readouterr().err.count(text) == 1
+    health = standing.node.health
+    assert health.counted["odometry/filtered with the covariance of the parameters"] == standing.handled(
+        "odometry/filtered"
     )
+    standing.node.set_parameters([Parameter("pose_sigma_xy", value=0.03)])
+    assert smallest_tolerance(standing.feed(0.0, "goal reached"))[0] == pytest.approx(0.03 * SIGMAS)

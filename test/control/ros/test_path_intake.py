@@ -56,20 +56,13 @@ class Reading:
         return counts
 
 
-def test_a_short_path_is_accepted_at_once():
-    reading = Reading()
-    reading.intake.start(reading.poses(SLICE - 1))
-    assert [len(goals) for goals in reading.accepted] == [SLICE - 1]
-    assert not reading.timer.is_on
-
-
-@pytest.mark.parametrize("length", [SLICE, SLICE + 1, 10_000])
-def test_a_long_path_is_accepted_whole_after_slices_of_bounded_length(length):
+@pytest.mark.parametrize("length", [SLICE - 1, SLICE, SLICE + 1, 10_000])
+def test_a_path_is_accepted_whole_in_slices_of_bounded_length_a_short_one_at_once(length):
     reading = Reading()
     reading.intake.start(reading.poses(length))
-    assert reading.taken == SLICE
-    assert not reading.accepted
-    assert max(reading.slices()) <= SLICE
+    assert reading.taken == min(length, SLICE)
+    assert bool(reading.accepted) == (not reading.timer.is_on) == (length < SLICE)
+    assert max(reading.slices(), default=0) <= SLICE
     (goals,) = reading.accepted
     assert goals == [Pose(float(index), 0.0, 0.0) for index in range(length)]
 
