@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
@@ -44,13 +45,13 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
 
     qos_by_parameters = False
 
-    def __init__(self) -> None:
+    def __init__(self, **node_options: Any) -> None:
         """Open the bags, create a publisher per topic and start to play.
 
         Raises:
             DiffbotError: if a parameter is not allowed or a bag cannot be read.
         """
-        super().__init__("replay", ReplayConfig)
+        super().__init__("replay", ReplayConfig, **node_options)
         self._ending = threading.Event()
         try:
             self._bags = self._open()
