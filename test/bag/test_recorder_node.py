@@ -4,7 +4,6 @@ import re
 
 import geometry_msgs.msg
 import graph
-import one_process
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Twist, TwistStamped
@@ -24,12 +23,6 @@ RELIABLE = QoSProfile(depth=1000)
 BEST_EFFORT = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
 KEEP_ALL = QoSProfile(history=HistoryPolicy.KEEP_ALL)
 DEEP_LATCHED = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-
-
-@pytest.fixture
-def nodes():
-    with one_process.nodes() as running:
-        yield running
 
 
 @pytest.fixture

@@ -40,12 +40,6 @@ class Recording:
         return answer.success, answer.message
 
 
-@pytest.fixture
-def nodes():
-    with one_process.nodes() as running:
-        yield running
-
-
 def numbers(folder, topic):
     """Sequence numbers of a topic, by file."""
     found = []
