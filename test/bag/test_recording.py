@@ -1,6 +1,7 @@
 """Held, kept and left out messages; the ring of a snapshot; facts of the host; QoS overrides."""
 
 import os
+import re
 
 import pytest
 from mcap.reader import make_reader
@@ -55,6 +56,7 @@ def test_a_pause_leaves_out_what_is_not_latched(tmp_path):
     assert not bag.accept(bag.map, 3)
     bag.recording.is_paused = False
     assert not bag.accept(bag.data, 4)
+    assert bag.recording.take_snapshot()[0] is False, "without snapshots"
     assert bag.contents() == [[("/data", 1, 1), ("/map", 3, 3), ("/data", 4, 4)]]
 
 
@@ -87,12 +89,6 @@ def test_a_snapshot_has_the_newest_messages_and_the_latched_ones_before(tmp_path
     first, second = bag.contents()
     assert first == [("/map", 1, 17), ("/data", 17, 17), ("/data", 18, 18), ("/data", 19, 19)]
     assert second == [("/map", 1, 20), ("/data", 20, 20), ("/data", 21, 21)]
-
-
-def test_a_recorder_without_snapshots_refuses_them(tmp_path):
-    bag = Bag(tmp_path / "run")
-    assert bag.recording.take_snapshot()[0] is False
-    bag.writer.close()
 
 
 def held(number, size=10, at=None):
@@ -176,22 +172,13 @@ b:
         ("/a: {reliability: sometimes}", "/a: not a QoS profile"),
         ("/a: {reliability: unknown}", "reliability = 'unknown': must be a policy"),
         ("/a: {depth: 0}", "depth = 0: must be >= 1 and <= 1000000"),
-        ("/a: {depth: 10000000}", "depth = 10000000: must be"),
         ("/a: {deadline: 1}", "/a: not a QoS profile"),
         ("a: &x {depth: 1}\nb: *x", "has an alias"),
-        ("{", "is not a YAML file"),
     ],
 )
-def test_overrides_that_are_refused_in_one_line(tmp_path, content, words):
-    with pytest.raises(DiffbotError) as error:
+def test_overrides_that_are_refused(tmp_path, content, words):
+    with pytest.raises(DiffbotError, match=re.escape(words)):
         overrides(tmp_path, content)
-    assert words in str(error.value)
-    assert "\n" not in str(error.value)
-
-
-def test_a_missing_file_of_overrides(tmp_path):
-    with pytest.raises(DiffbotError, match=r"cannot open .*none"):
-        read_overrides(str(tmp_path / "none"), 10)
 
 
 @pytest.mark.parametrize(
@@ -200,10 +187,8 @@ def test_a_missing_file_of_overrides(tmp_path):
         ({"max_bag_size": 100}, "max_bag_size = 100: must be 0 or >= chunk_size"),
         ({"max_bag_duration": 0.01}, "max_bag_duration = 0.01: must be 0 or >= 0.1"),
         ({"max_bag_files": -1}, "max_bag_files = -1: must be >= 0"),
-        ({"max_cache_size": 5}, "max_cache_size = 5: must be >= "),
     ],
 )
 def test_limits_that_are_refused(values, words):
-    with pytest.raises(DiffbotError) as error:
+    with pytest.raises(DiffbotError, match=re.escape(words)):
         build(RecorderConfig, values)
-    assert words in str(error.value)
