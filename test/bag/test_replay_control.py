@@ -1,5 +1,8 @@
 """Control of a running replay by services and parameters; several bags; subscribers slower than the replay."""
 
+import threading
+from types import SimpleNamespace
+
 import graph
 import pytest
 from bag_makers import BEGIN, point
@@ -9,13 +12,16 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
 from replay_nodes import Replay, play
 from replays import MS, write_mcap, write_rosbags
 
+from diffbot_bag.ros.patient_outputs import KeepingOutput, RCLError
+
 pytestmark = pytest.mark.graph
 
 DEEP = QoSProfile(history=HistoryPolicy.KEEP_ALL)
 DEEP_LATCHED = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 TOPICS = {"/a": (Point, DEEP), "/map": (Point, DEEP_LATCHED)}
-COUNT = 10_500
-"""more messages than DDS keeps, which are 5000 on either side"""
+ROOM = 5000
+"""messages that DDS keeps at most on either side"""
+COUNT = 2 * ROOM + 500
 A, MAP = [point(index) for index in range(1001)], [point(-second) for second in (0, 3, 6)]
 
 
@@ -26,6 +32,13 @@ def bag(tmp_path_factory):
     messages += [("/map", BEGIN + index * 3000 * MS + 1, data) for index, data in enumerate(MAP)]
     path = tmp_path_factory.mktemp("bags") / "run.mcap"
     return write_mcap(path, sorted(messages, key=lambda message: message[1]), latched=("/map",))
+
+
+@pytest.fixture(scope="module")
+def long_bag(tmp_path_factory):
+    """One topic, more messages than DDS keeps."""
+    messages = [("/a", BEGIN + index * MS, point(index)) for index in range(COUNT)]
+    return write_mcap(tmp_path_factory.mktemp("bags") / "long.mcap", messages)
 
 
 def test_a_loop_goes_on_until_it_is_stopped(nodes, bag):
@@ -115,16 +128,27 @@ def test_merged_bags_as_fast_as_they_are_acknowledged(nodes, tmp_path):
     assert replay.of("/b") == [point(index + 0.5) for index in range(1000)]
 
 
-def test_faster_than_dds_nothing_is_lost(nodes, tmp_path, capfd):
-    path = write_mcap(tmp_path / "run.mcap", [("/a", BEGIN + index * MS, point(index)) for index in range(COUNT)])
-    replay = play(nodes, path, {"/a": (Point, DEEP)}, rate=1000.0)
-    assert replay.of("/a") == [point(index) for index in range(COUNT)]
+def test_a_subscriber_that_takes_nothing_stops_the_replay_or_is_named(nodes, long_bag, capfd):
     silent = Node("silent", context=nodes.peer.context)
-    silent.create_subscription(Point, "/a", replay.messages.append, DEEP)
-    waits = {"wait_for_topics": ["/a"], "wait_acked_timeout": 0.3}
-    with Replay(nodes, path, {}, start_paused=False, rate=1000.0, **waits) as one:
-        assert one.wait_for_end() == 0
+    silent.create_subscription(Point, "/a", print, DEEP)
+    waits = {"start_paused": False, "rate": 1000.0, "wait_for_topics": ["/a"]}
+    # Without an end to its patience, it waits until it is stopped.
+    with Replay(nodes, long_bag, {}, **waits, wait_acked_timeout=0.0) as replay:
+        replay.peer.spin_until(lambda: replay.node.health.sent["/a"] >= 2 * ROOM, what="full histories")
+        assert replay.call("stop")[0]
+        assert replay.wait_for_end() == 0
+    assert replay.node.health.sent["/a"] < COUNT
+    with Replay(nodes, long_bag, {}, **waits, wait_acked_timeout=0.2) as replay:
+        assert replay.wait_for_end() == 0
+    assert replay.node.health.sent["/a"] == COUNT
     silent.destroy_node()
     output = capfd.readouterr().err
-    assert output.count(f"{COUNT} messages in ") == 2
-    assert output.count("/a: not acknowledged after 0.3 s, messages may be lost from now on") == 1
+    assert output.count("/a: not acknowledged after 0.2 s, messages may be lost from now on") == 1
+
+
+def test_what_cannot_be_published_for_another_reason_is_an_error():
+    def broken(_data):
+        raise RCLError("the context is gone")
+
+    with pytest.raises(RCLError, match="gone"):
+        KeepingOutput(SimpleNamespace(publish=broken), 60.0, threading.Event()).send(b"")

@@ -9,7 +9,7 @@ import pytest
 from bag_makers import BEGIN, point
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Point
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
 from recorders import recorded
 from replays import MS, write_mcap
 from terminals import in_terminal
@@ -92,3 +92,19 @@ def test_a_wrong_bag_is_one_line_and_status_one(tmp_path):
         (line,) = running.output.splitlines()
     assert line.startswith("error: ")
     assert "is not an MCAP file" in line
+
+
+@pytest.mark.parametrize("pace", [{"rate": 1000.0}, {"as_fast_as_possible": True, "max_unacknowledged": 100}])
+def test_a_subscriber_that_takes_nothing_for_a_while_loses_nothing(tmp_path, pace):
+    # DDS keeps 5000 messages on the side of the subscriber.
+    sent = [point(index) for index in range(5500)]
+    path = write_mcap(tmp_path / "run.mcap", [("/a", BEGIN + index * MS, data) for index, data in enumerate(sent)])
+    waits = {"wait_timeout": 60.0, "wait_acked_timeout": 60.0}
+    with graph.peer() as peer, graph.peer("slow") as slow:
+        received = slow.subscribe(Point, "/a", QoSProfile(history=HistoryPolicy.KEEP_ALL), raw=True)
+        reports = peer.subscribe(DiagnosticStatus, "/replay/status", LATCHED)
+        with graph.node(REPLAY, {"uri": path, **waits, **pace}) as running:
+            peer.spin_until(lambda: reports and int(graph.values(reports[-1])["messages"]) >= 5000, what="messages")
+            slow.spin_until(lambda: len(received) == len(sent), what="all messages")
+            assert running.wait() == 0
+    assert received == sent
