@@ -1,4 +1,4 @@
-"""Playing in a thread: order, pause, step, stop and errors, with a list in place of publishers."""
+"""Playing in a thread, reading ahead, and waiting for subscribers, with stand-ins for publishers."""
 
 import threading
 import time
@@ -11,7 +11,6 @@ from diffbot_bag.player import Pace, Player, Sink, Source
 from diffbot_bag.read_ahead import ReadAhead
 from diffbot_bag.reader import RawMessage
 from diffbot_bag.subscribers import wait_for_subscribers, wait_until_acknowledged
-from diffbot_core.errors import DiffbotError
 
 BEGIN = 1_700_000_000_000_000_000
 MS = 1_000_000
@@ -22,23 +21,13 @@ def messages(count, period=MS):
 
 
 class Run:
-    """A player in its thread, with what it sent and when."""
+    """A player in its thread, and what it sent."""
 
     def __init__(self, source, **pace):
-        self.sent, self.error = [], None
-        end = source[-1].log_time if isinstance(source, list) else BEGIN + 10**9
-        make = (lambda _start: source) if isinstance(source, list) else (lambda _start: source())
-        self.player = Player(Window(BEGIN, end), Source(make), Sink(self._send), Pace(**pace))
-        self.thread = threading.Thread(target=self._play)
-
-    def _send(self, message):
-        self.sent.append((time.perf_counter_ns(), message.data))
-
-    def _play(self):
-        try:
-            self.player.play()
-        except DiffbotError as error:
-            self.error = error
+        self.sent = []
+        sink = Sink(lambda message: self.sent.append((time.perf_counter_ns(), message.data)))
+        self.player = Player(Window(BEGIN, BEGIN + 10**9), Source(lambda _start: source()), sink, Pace(**pace))
+        self.thread = threading.Thread(target=self.player.play)
 
     def __enter__(self):
         self.thread.start()
@@ -49,36 +38,15 @@ class Run:
         self.thread.join(graph.PATIENCE)
         assert not self.thread.is_alive()
 
-    def end(self):
-        self.thread.join(graph.PATIENCE)
-        assert not self.thread.is_alive()
-        return [data for _, data in self.sent]
-
 
 def test_messages_are_sent_in_order_and_none_too_early():
     began = time.perf_counter_ns()
-    with Run(messages(50, 2 * MS), rate=2.0) as run:
-        assert run.end() == [b"%d" % index for index in range(50)]
+    with Run(lambda: messages(50, 2 * MS), rate=2.0) as run:
+        run.thread.join(graph.PATIENCE)
+    assert [data for _, data in run.sent] == [b"%d" % index for index in range(50)]
     assert all(when >= began + index * MS for index, (when, _) in enumerate(run.sent))
     assert min(run.player.lateness) >= 0
     assert run.player.progress().sent == 50
-
-
-def test_a_pause_holds_everything_back_and_a_step_sends_one():
-    with Run(messages(400, 5 * MS)) as run:
-        graph.wait_for(lambda: len(run.sent) > 5, what="first messages")
-        run.player.pause()
-        assert run.player.progress().is_paused
-        before = len(run.sent)
-        # One may have been on its way.
-        assert not graph.comes_true(lambda: len(run.sent) > before + 1, 0.1)
-        before = len(run.sent)
-        assert run.player.step(2) == 2
-        graph.wait_for(lambda: len(run.sent) == before + 2, what="two steps")
-        run.player.resume()
-        graph.wait_for(lambda: len(run.sent) > before + 5, what="messages after the pause")
-        assert not run.player.step()
-    assert [int(data) for _, data in run.sent] == list(range(len(run.sent)))
 
 
 def test_a_step_that_found_nothing_is_not_made_later():
@@ -92,29 +60,6 @@ def test_a_step_that_found_nothing_is_not_made_later():
         assert not run.player.step(timeout=0.02)
         release.set()
         assert not graph.comes_true(lambda: run.sent, 0.1)
-
-
-def test_stop_ends_a_long_wait_at_once():
-    with Run([*messages(1), RawMessage("/a", b"late", BEGIN + 3600 * 10**9, 0)]) as run:
-        graph.wait_for(lambda: run.sent, what="the first message")
-        run.player.stop()
-        assert run.end() == [b"0"]
-
-
-def test_a_round_without_messages_is_not_repeated():
-    with Run(lambda: iter(()), loop=True) as run:
-        assert run.end() == []
-    assert run.player.progress().rounds == 1
-
-
-def test_what_reading_raises_ends_the_replay():
-    def damaged():
-        yield from messages(3)
-        raise DiffbotError("bag is damaged")
-
-    with Run(damaged) as run:
-        assert run.end() == [b"0", b"1", b"2"]
-    assert str(run.error) == "bag is damaged"
 
 
 @pytest.mark.parametrize("size", [1, 50, 1000])

@@ -4,7 +4,7 @@ import itertools
 import random
 
 import pytest
-from bag_makers import BEGIN, COMPRESSIONS, point
+from bag_makers import BEGIN, point
 from mcap.reader import make_reader
 from replays import MS, FakeClock, write_mcap, write_rosbags
 
@@ -63,14 +63,14 @@ def plain(messages=None, **pace):
     return Run(source, Window(BEGIN, messages[-1].log_time), **pace)
 
 
-@pytest.fixture(params=[*COMPRESSIONS, "rosbags"])
+@pytest.fixture(params=["zstd", "rosbags"])
 def bag(request, tmp_path):
     """A bag of another maker, and what it holds in the order of an independent reader."""
     if request.param == "rosbags":
         path = write_rosbags(tmp_path / "foreign", recorded())
         file = path / "foreign.mcap"
     else:
-        path = file = write_mcap(tmp_path / "foreign.mcap", recorded(), request.param, latched=("/map",))
+        path = file = write_mcap(tmp_path / "foreign.mcap", recorded(), latched=("/map",))
     with file.open("rb") as stream:
         expected = [(c.topic, m.log_time, m.data) for _, c, m in make_reader(stream).iter_messages()]
     bags = MergedBags([path])
@@ -118,15 +118,11 @@ def test_after_a_seek_time_goes_on_from_there():
 
 
 def test_a_seek_before_the_start_and_in_the_delay_skips_the_delay():
-    run = plain(delay=5.0)
-    run.player.seek(BEGIN + 290 * MS)
-    assert run.player.progress().bag_time == BEGIN + 290 * MS
-    run.play()
-    assert [when for when, _ in run.sent] == [index * MS for index in range(10)]
-    run = plain(delay=5.0)
-    run.time.at(7 * MS, lambda: run.player.seek(BEGIN + 290 * MS))
-    run.play()
-    assert [when for when, _ in run.sent] == [(7 + index) * MS for index in range(10)]
+    for when in (0, 7):
+        run = plain(delay=5.0)
+        run.time.at(when * MS, lambda run=run: run.player.seek(BEGIN + 290 * MS))
+        run.play()
+        assert [sent for sent, _ in run.sent] == [(when + index) * MS for index in range(10)]
 
 
 def test_a_paused_replay_stays_paused_where_it_was_sent_to():

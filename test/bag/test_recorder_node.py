@@ -264,6 +264,7 @@ def test_a_folder_that_has_gone_ends_the_recorder_with_one_line(nodes, peer, tmp
         ({"compression": "gzip"}, "compression = 'gzip': must be one of zstd, lz4, none"),
         ({"regex": "("}, r"regex = '(': must be a regular expression"),
         ({"max_bag_size": 5}, "max_bag_size = 5: must be 0 or >= chunk_size"),
+        ({"max_bag_duration": 0.01}, "max_bag_duration = 0.01: must be 0 or >= 0.1"),
         ({"qos_profile_overrides_path": "/none.yaml"}, "cannot open /none.yaml: No such file"),
         ({"uri": "/proc/none/run"}, "cannot create the bag"),
     ],
