@@ -1,14 +1,13 @@
 """Reading bags: order, filters, decoded values against rosbags, and one clear line for every kind of wrong file."""
 
-import contextlib
-import random
+import io
 import re
 from pathlib import Path
 
 import pytest
 import yaml
 from mcap.reader import make_reader
-from mcap.writer import CompressionType, IndexType
+from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin
@@ -47,13 +46,6 @@ def bag(tmp_path_factory):
     return write_bag(tmp_path_factory.mktemp("bags") / "run")
 
 
-@pytest.fixture
-def broken(bag, tmp_path):
-    """A copy of the bag's file to break: returns path and bytes."""
-    path = tmp_path / "broken.mcap"
-    return path, (bag / "run_0.mcap").read_bytes()
-
-
 def write_rosbags(folder):
     with RosbagsWriter(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         connection = writer.add_connection("/a", POINT, typestore=STORE)
@@ -62,20 +54,10 @@ def write_rosbags(folder):
     return folder
 
 
-@contextlib.contextmanager
-def opened(path, content=None):
-    """An open file for the mcap library's reader."""
-    if content is not None:
-        path.write_bytes(content)
-    with path.open("rb") as stream:
-        yield stream
-
-
 def error_of(path):
     """The line with which a bag is refused, at the opening or while it is read."""
     with pytest.raises(DiffbotError) as error, BagReader(path) as reader:
         list(reader.messages())
-    assert "\n" not in str(error.value)
     assert path.name in str(error.value)
     return str(error.value)
 
@@ -146,14 +128,6 @@ def test_a_bag_of_several_files_is_one(tmp_path):
         assert (reader.start, reader.end, reader.message_count) == (BEGIN, BEGIN + 14 * STEP + STEP // 2, 40)
 
 
-def test_a_folder_without_metadata_is_read(tmp_path):
-    folder = write_bag(tmp_path / "run", 0, 3)
-    (folder / "metadata.yaml").unlink()
-    with BagReader(folder) as reader:
-        assert reader.message_count == 6
-        assert "metadata.yaml is missing" in reader.warning
-
-
 def test_a_missing_bag_and_an_empty_folder(tmp_path):
     assert "no such file or folder" in error_of(tmp_path / "none")
     with pytest.raises(DiffbotError, match="no such file"):
@@ -171,26 +145,20 @@ def test_a_missing_bag_and_an_empty_folder(tmp_path):
 
 
 @pytest.mark.parametrize("share", [0.0001, 0.1, 0.5, 0.99, 0.9999])
-def test_a_file_that_was_cut_off_is_read_up_to_there_with_a_warning(bag, broken, share):
-    path, content = broken
+def test_a_file_that_was_cut_off_is_read_up_to_there_with_a_warning(bag, tmp_path, share):
+    content, path = (bag / "run_0.mcap").read_bytes(), tmp_path / "broken.mcap"
     cut = max(9, int(len(content) * share))
     path.write_bytes(content[:cut])
-    with opened(bag / "run_0.mcap") as stream:
-        # What is whole by the index of the complete file.
-        kept = [
-            chunk
-            for chunk in make_reader(stream).get_summary().chunk_indexes
-            if chunk.chunk_start_offset + chunk.chunk_length <= cut
-        ]
+    # What is whole by the index of the complete file.
+    chunks = make_reader(io.BytesIO(content)).get_summary().chunk_indexes
+    kept = [one.message_end_time for one in chunks if one.chunk_start_offset + one.chunk_length <= cut]
     with BagReader(bag) as reader, BagReader(path) as unfinished:
-        last = max((chunk.message_end_time for chunk in kept), default=0)
+        last = max(kept, default=0)
         expected = [message for message in reader.messages() if message.log_time <= last]
         assert list(unfinished.messages()) == expected
         assert [row[:2] for row in unfinished.rows(["/a", "/b"])] == [(one.log_time, one.topic) for one in expected]
-        assert unfinished.message_count == len(expected)
-        assert unfinished.end == last
+        assert (unfinished.message_count, unfinished.end) == (len(expected), last)
         assert sum(topic.message_count for topic in unfinished.topics.values()) == len(expected)
-        assert "\n" not in unfinished.warning
         assert "broken.mcap is unfinished: broken.mcap has no index" in unfinished.warning
         assert "`diffbot bag repair`" in unfinished.warning
 
@@ -199,19 +167,18 @@ def test_a_file_that_was_cut_off_is_read_up_to_there_with_a_warning(bag, broken,
 @pytest.mark.parametrize("options", [{}, {"use_chunking": False}, {"chunk_size": 200}])
 @pytest.mark.parametrize("is_finished", [True, False])
 def test_files_of_the_mcap_library_are_read_in_order(tmp_path, compression, options, is_finished):
-    times = [BEGIN + (37 * index) % 101 for index in range(101)]
-    # A chunk is written when it is full, or by flush().
-    path = mcap_file(
-        tmp_path / "plain.mcap",
-        [(time, index, index, point(float(index))) for index, time in enumerate(times)],
-        is_finished,
-        compression=compression,
-        **options,
-    )
-    with BagReader(path) as reader:
-        expected = sorted((time, index) for index, time in enumerate(times))
+    times = [(37 * index) % 101 for index in range(101)]
+    with (tmp_path / "plain.mcap").open("wb") as stream:
+        writer = McapWriter(stream, compression=compression, **options)
+        writer.start("ros2")
+        channel = writer.register_channel("/a", "cdr", writer.register_schema(POINT, "ros2msg", b"float64 x"))
+        for number, time in enumerate(times):
+            writer.add_message(channel, time, point(float(number)), number, number)
+        (writer.finish if is_finished else writer.flush)()
+    with BagReader(tmp_path / "plain.mcap") as reader:
+        expected = sorted((time, number) for number, time in enumerate(times))
         assert [(one.log_time, one.publish_time) for one in reader.messages()] == expected
-        assert [(row[0], row[2], row[3]) for row in reader.rows(["/a"])] == [(t, i, i) for t, i in expected]
+        assert [(row[0], row[2], row[3]) for row in reader.rows(["/a"])] == [(*one, one[1]) for one in expected]
         assert ("no index" in reader.warning) is not is_finished
         assert reader.topics["/a"].type == POINT
 
@@ -234,33 +201,6 @@ def test_a_folder_of_a_killed_recorder_is_read(tmp_path):
         assert reader.warning == ""
 
 
-def test_an_unfinished_file_with_damage_is_an_error_that_names_the_repair(broken):
-    path, content = broken
-    generator = random.Random(3)
-    with opened(path.parent / "whole.mcap", content) as stream:
-        chunks = make_reader(stream).get_summary().chunk_indexes
-    intact = content[: chunks[-1].chunk_start_offset + 100]
-    path.write_bytes(intact)
-    with BagReader(path) as reader:
-        expected = list(reader.messages())
-    lines = []
-    for chunk in chunks[:-1] * 3:
-        flipped = bytearray(intact)
-        flipped[chunk.chunk_start_offset + generator.randrange(chunk.chunk_length)] ^= 1 << generator.randrange(8)
-        path.write_bytes(flipped)
-        try:
-            with BagReader(path) as reader:
-                read = list(reader.messages())
-        except DiffbotError as error:
-            lines.append(str(error))
-        else:
-            # A bit without a meaning, or times of the chunk that are wider than needed.
-            assert read == expected
-    assert len(lines) > 0.9 * 3 * len(chunks[:-1])
-    for line in lines:
-        assert re.search(r"is damaged \(.*\): `diffbot bag repair` saves what is intact$", line)
-
-
 @pytest.mark.parametrize(
     ("content", "words"),
     [
@@ -278,40 +218,29 @@ def test_a_foreign_file(tmp_path, content, words):
     assert words in error_of(path)
 
 
-def test_a_flipped_byte_never_passes_as_data(broken):
-    path, content = broken
-    path.write_bytes(content)
-    with BagReader(path) as reader:
-        whole = list(reader.messages())
-    refused = 0
-    for position in range(20, len(content) - 20, len(content) // 200):
+@pytest.mark.parametrize("is_finished", [True, False])
+def test_a_flipped_byte_never_passes_as_data(bag, tmp_path, is_finished):
+    content, path = (bag / "run_0.mcap").read_bytes(), tmp_path / "broken.mcap"
+    content = content if is_finished else content[: len(content) * 3 // 4]
+
+    def read(data):
+        path.write_bytes(data)
+        with BagReader(path) as reader:
+            return list(reader.messages()), len(list(reader.rows(reader.topics)))
+
+    whole, lines = read(content), []
+    for position in range(20, len(content) - 2000, len(content) // 120):
         flipped = bytearray(content)
         flipped[position] ^= 0x55
-        path.write_bytes(flipped)
         try:
-            with BagReader(path) as reader:
-                read = list(reader.messages()), reader.message_count, len(list(reader.rows(reader.topics)))
-        except DiffbotError:
-            refused += 1
-        else:
-            assert read == (whole, 600, 600)
-    # The rest hit message indexes, which are not used, and texts of the header.
-    assert refused > 60
-
-
-def test_a_file_without_an_index_is_read_with_a_warning(tmp_path):
-    path = tmp_path / "plain.mcap"
-    writer = McapWriter(
-        str(path), index_types=IndexType.NONE, use_statistics=False, repeat_channels=False, repeat_schemas=False,
-        use_summary_offsets=False,
-    )  # fmt: skip
-    writer.start()
-    channel = writer.register_channel("/a", "cdr", 0)
-    writer.add_message(channel, BEGIN, b"data", BEGIN)
-    writer.finish()
-    with BagReader(path) as reader:
-        assert [message.data for message in reader.messages()] == [b"data"]
-        assert "plain.mcap has no index (" in reader.warning
+            # Message indexes are not used, nor texts of the header.
+            assert read(flipped) == whole
+        except DiffbotError as error:
+            lines.append(str(error))
+    assert len(lines) > 30
+    if not is_finished:
+        words = r"is damaged \(.*\): `diffbot bag repair` saves what is intact$|not a QoS profile"
+        assert all(re.search(words, line) for line in lines)
 
 
 def test_a_message_that_does_not_fit_its_definition(tmp_path):
@@ -325,18 +254,3 @@ def test_a_message_that_does_not_fit_its_definition(tmp_path):
         with pytest.raises(DiffbotError, match="/b: no message definition in the bag"):
             list(reader.decoded(["/b"]))
         assert len(list(reader.messages())) == 2
-
-
-def mcap_file(path, messages, is_finished=True, **options):
-    """Write log time, publish time, sequence number and data of one topic."""
-    with path.open("wb") as stream:
-        writer = McapWriter(stream, **options)
-        writer.start("ros2")
-        channel = writer.register_channel("/a", "cdr", writer.register_schema(POINT, "ros2msg", b"float64 x"))
-        for log_time, publish_time, sequence, data in messages:
-            writer.add_message(channel, log_time, data, publish_time, sequence)
-        if is_finished:
-            writer.finish()
-        else:
-            writer.flush()
-    return path

@@ -99,31 +99,26 @@ def test_topics_that_begin_late_and_stamps_that_go_back_or_are_missing_break_the
     assert ("/a", "monotone_stamps") not in results(found, topics={"/a": {"monotone_stamps": False}})
 
 
-def test_what_is_not_measured_fails(info):
+def test_what_is_not_measured_or_missing_fails(info):
     bounds = {"min_rate": 0.0, "max_gap": 9.0, "max_latency_p99": 9.0, "max_lost": 9, "stamped": True}
     for rule, bound in bounds.items():
         assert not passes(info, rule, bound, "/cmd_vel"), rule
     assert not passes(info, "min_white", 0.0)
-    found = results(info, topics={"/cmd_vel": {"max_gap": 9.0}, "/odom": {"min_rate": 9.0, "stamped": True}})
+    topics = {
+        "/cmd_vel": {"max_gap": 9.0, "reliability": "reliable", "durability": "transient_local"},
+        "/odom": {"min_rate": 9.0, "stamped": True},
+        "/scan": {"min_rate": 1.0, "type": TYPE},
+        "/other": {"min_rate": 1.0, "required": False},
+    }
+    found = results(info, topics=topics)
     assert [one.line() for one in found.values() if one.rule != "required"] == [
         "FAIL /cmd_vel max_gap: not measured, must be <= 9 s",
+        "FAIL /cmd_vel reliability: best_effort and reliable, must be reliable",
+        "PASS /cmd_vel durability: transient_local, must be transient_local",
         "PASS /odom min_rate: 9.52381 Hz, must be >= 9 Hz",
         "PASS /odom stamped: true, must be true",
     ]
-
-
-def test_publishers_that_differ_break_a_rule_of_qos(info):
-    found = results(info, topics={"/cmd_vel": {"reliability": "reliable", "durability": "transient_local"}})
-    assert found["/cmd_vel", "durability"].passed
-    assert not found["/cmd_vel", "reliability"].passed
-    assert found["/cmd_vel", "reliability"].measured == "best_effort and reliable"
-
-
-def test_a_topic_that_is_missing_breaks_one_rule(info):
-    found = results(info, topics={"/scan": {"min_rate": 1.0, "type": TYPE}})
-    assert [(one.rule, one.passed) for one in found.values()] == [("required", False)]
-    found = results(info, topics={"/scan": {"min_rate": 1.0, "required": False}})
-    assert [(one.rule, one.passed) for one in found.values()] == [("required", True)]
+    assert [found[topic, "required"].passed for topic in topics] == [True, True, False, True]
 
 
 def test_a_bag_keeps_the_contract_drafted_from_it(info):

@@ -22,7 +22,7 @@ from rosbags.highlevel import AnyReader
 from diffbot_bag.chunks import BagLimits
 from diffbot_bag.reader import BagReader
 from diffbot_bag.tools import check_result, output_file
-from diffbot_bag.tools.repair import PASSES, repair_bag, repair_in_place, size_of
+from diffbot_bag.tools.repair import PASSES, repair_bag, repair_in_place
 from diffbot_bag.writer import BagWriter
 from diffbot_core.errors import DiffbotError
 
@@ -79,7 +79,9 @@ def test_every_message_of_every_undamaged_chunk_is_saved(whole, repair, tmp_path
 
 
 def test_a_complete_bag_stays_as_it_is(whole, repair, tmp_path):
-    result, saved = repair(whole.content)
+    steps = []
+    result, saved = repair(whole.content, progress=steps.append)
+    assert sum(steps) == pytest.approx(PASSES * len(whole.content), rel=0.05)
     assert saved == whole.messages
     loss = result.files[0].salvaged.loss
     assert (loss.bytes, loss.chunks, loss.messages, loss.spans, loss.is_cut) == (0, 0, {}, (), False)
@@ -101,14 +103,17 @@ def test_a_complete_bag_stays_as_it_is(whole, repair, tmp_path):
         assert [bag.topics[name].qos[0].is_latched for name in TOPICS] == [False, False, True]
 
 
-@pytest.mark.parametrize("part", ["opcode", "length", "first time", "last time"])
-def test_a_damaged_head_of_a_chunk_does_not_cost_its_messages(whole, repair, part):
-    content = bytearray(whole.content)
+def test_a_damaged_head_of_a_chunk_or_attachment_does_not_cost_its_messages(whole, repair):
     begin = whole.chunks[3][0]
-    content[begin + {"opcode": 0, "length": 2, "first time": 12, "last time": 20}[part]] ^= 0x21
-    result, saved = repair(bytes(content))
-    assert saved == whole.messages
-    assert not result.files[0].salvaged.loss.chunks
+    opcode, length, first_time, last_time = begin, begin + 2, begin + 12, begin + 20
+    attachment = whole.content.index(b"gain: 1.0") + 3
+    for place in (opcode, length, first_time, last_time, attachment):
+        content = bytearray(whole.content)
+        content[place] ^= 0x21
+        result, saved = repair(bytes(content))
+        assert saved == whole.messages
+        assert not result.files[0].salvaged.loss.chunks
+        assert (result.files[0].salvaged.loss.bytes > 500) is (place == attachment)
 
 
 def times_of(messages):
@@ -171,16 +176,6 @@ def test_channels_whose_description_is_lost_keep_their_messages(repair, compress
     result, saved = repair(bytes(content))
     assert set(result.files[0].salvaged.loss.unknown) == unknown
     assert without_topic(saved) == without_topic(whole.messages - messages)
-
-
-def test_a_damaged_attachment_is_left_out(whole, repair, tmp_path):
-    content = bytearray(whole.content)
-    content[content.index(b"gain: 1.0") + 3] ^= 1
-    result, saved = repair(bytes(content))
-    assert saved == whole.messages
-    assert result.files[0].salvaged.loss.bytes > 500
-    with (tmp_path / "fixed" / "fixed_0.mcap").open("rb") as stream:
-        assert not list(make_reader(stream).iter_attachments())
 
 
 def test_messages_outside_of_chunks_are_saved_and_packed(repair):
@@ -356,10 +351,3 @@ def test_false_chunks_that_overlap_do_not_take_forever(tmp_path):
     source = tmp_path / "run.mcap"
     source.write_bytes(content)
     assert "too many false chunks" in refused(tmp_path, source, tmp_path / "fixed")
-
-
-def test_progress_counts_the_bytes_of_all_passes(tmp_path):
-    source, steps = tmp_path / "run.mcap", []
-    source.write_bytes(damaged_bags.mcap_file(count=6000))
-    repair_bag(source, tmp_path / "fixed", progress=steps.append)
-    assert sum(steps) == pytest.approx(PASSES * size_of(source), rel=0.01)
