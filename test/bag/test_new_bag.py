@@ -39,9 +39,3 @@ def test_existing_name_is_refused_and_left_alone(tmp_path, kind):
     with pytest.raises(BagWriteError, match="exists already"), new_bag(path):
         pass
     assert [one.name for one in tmp_path.iterdir()] == ["run"]
-
-
-def test_folder_that_cannot_be_written_is_one_line(tmp_path):
-    (tmp_path / "file").touch()
-    with pytest.raises(BagWriteError, match="cannot create the bag"), new_bag(tmp_path / "file" / "run"):
-        pass

@@ -32,13 +32,10 @@ def test_only_the_rules_that_are_named_are_checked(contract):
 WRONG = {
     "no map": ("[1]", "the contract = [1]: must be a map"),
     "no version": ("topics: {}", "version = None: must be 1"),
-    "another version": ("version: 2", "version = 2: must be 1"),
     "a truth for a version": ("version: true", "version = True: must be 1"),
     "unknown section": ("version: 1\ntopic: {}", "'topic' is unknown: must be one of version, bag, topics, forbidden"),
     "unknown rule": ("version: 1\ntopics: {/a: {min_rat: 1}}", "/a: 'min_rat' is unknown: must be one of required, "),
-    "unknown rule of the bag": ("version: 1\nbag: {min_rate: 1}", "bag: 'min_rate' is unknown"),
     "a field's method": ("version: 1\nbag: {check: 1}", "bag: 'check' is unknown"),
-    "a key that is no text": ("version: 1\ntopics: {/a: {1: 2}}", "/a: 1 is unknown"),
     "negative rate": ("version: 1\ntopics: {/a: {min_rate: -1}}", "/a: min_rate = -1.0: must be >= 0 and <= 1e+10"),
     "nan": (
         "version: 1\ntopics: {/a: {max_gap: .nan}}",
@@ -53,23 +50,15 @@ WRONG = {
         "version: 1\ntopics: {/a: {min_rate: 2, max_rate: 1}}",
         "/a: min_rate = 2.0: must be <= max_rate = 1.0",
     ),
-    "counts that cross": ("version: 1\ntopics: {/a: {min_count: 2, max_count: 1}}", "must be <= max_count = 1"),
-    "durations that cross": ("version: 1\nbag: {min_duration: 2, max_duration: 1}", "must be <= max_duration = 1.0"),
     "a relative name": ("version: 1\ntopics: {odom: {}}", "topics: 'odom': must be the full name of a topic"),
     "a name of two lines": ('version: 1\nforbidden: ["/a\\nb"]', "must be the full name of a topic"),
-    "a long name": (f"version: 1\ntopics: {{/{'a' * 300}: {{}}}}", "must be the full name of a topic"),
-    "topics in a list": ("version: 1\ntopics: [/odom]", "must be a map"),
     "forbidden as a map": ("version: 1\nforbidden: {/a: 1}", "must be a list of topics"),
     "required and forbidden": ("version: 1\ntopics: {/a: {}}\nforbidden: [/a]", "must be in one of them"),
     "a topic twice": ("version: 1\ntopics:\n  /a: {}\n  /a: {}", "'/a' stands there twice"),
     "a rule twice": ("version: 1\ntopics: {/a: {max_gap: 1, max_gap: 9}}", "'max_gap' stands there twice"),
-    "an alias": ("version: 1\ntopics: {/a: &x {}, /b: *x}", "has an alias"),
     "a tag": ("!!python/object/apply:os.system [ls]", "is not a YAML file"),
-    "no YAML": ("version: [", "is not a YAML file"),
-    "a date": ("version: 1\ntopics: {/a: {max_gap: 2001-01-01}}", "must be a number"),
     "a long value": (f"version: 1\ntopics: {{/a: {{type: {'x' * 999}}}}}", "has a value of 1001 characters"),
     "a huge number": (f"version: 1\nbag: {{max_lost: {10**50}}}", "must be >= 0 and <= "),
-    "deep": ("[" * 100 + "]" * 100, "nested deeper"),
     "too large": (" " * (MAX_BYTES + 1), "is too large"),
 }
 
@@ -88,7 +77,5 @@ def test_what_is_wrong_is_refused_in_one_line(contract, name):
 def test_a_contract_that_is_not_there(tmp_path):
     with pytest.raises(DiffbotError, match=r"cannot open .*none\.yaml: No such file"):
         read_contract(tmp_path / "none.yaml")
-
-
-def test_metadata_of_others_may_repeat_a_key():
+    # Metadata of others may have a key twice.
     assert load_yaml("{a: 1, a: 2}", "metadata") == {"a": 2}

@@ -23,10 +23,8 @@ def test_types_with_a_header_are_recognised_by_their_definition():
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("std_msgs/Header header\nfloat64 x", True),
-        ("# std_msgs/Header header\nfloat64 x", False),
         ('\n  # a comment\n\nuint8 A=1 # constant\nstring B = "x"\nstd_msgs/msg/Header head # it\n', True),
-        ("float64 x\nstd_msgs/Header header", False),
+        ("# std_msgs/Header header\nfloat64 x", False),
         ("std_msgs/Header[] headers", False),
         ("std_msgs/Header[2] headers", False),
         ("string<=10 name\nstd_msgs/Header header", False),
