@@ -8,7 +8,6 @@
 - SIDE ``ours``: EkfNode, ControllerNode and PlantNode on the executor that diffbot_core.ros.node chooses.
   ``robot``: filter and controller as robot_node has them, the pose handed over by a call.
   ``bare``: relays without any work on the SingleThreadedExecutor.
-  ``events``: the same relays on the executor of ``ours``.
 
 The process of the source prints two JSON lines, ``{"event": "begin"}`` when the chain has warmed up and
 ``{"event": "end", ...}`` with what it measured, and ends; the others run until SIGINT. Filter and controller in one
@@ -40,7 +39,7 @@ from diffbot_core.ros.node import SPIN_TIMEOUT, make_executor, run_together
 from diffbot_sim.plant_node import PlantNode
 
 CLOCKED, LOCKSTEP = "clocked", "lockstep"
-OURS, BARE, EVENTS, ROBOT = "ours", "bare", "events", "robot"
+OURS, BARE, ROBOT = "ours", "bare", "robot"
 SOURCE, FILTER, CONTROL = "source", "filter", "control"
 _WARM_UP = 0.3
 """[s] of lock-step before the measurement."""

@@ -19,7 +19,7 @@ import graph
 from measures import BenchError
 
 CLOCKED, LOCKSTEP = "clocked", "lockstep"
-OURS, BARE, EVENTS, ROBOT = "ours", "bare", "events", "robot"
+OURS, BARE, ROBOT = "ours", "bare", "robot"
 ONE = ("source,filter,control",)
 TWO = ("filter,control", "source")
 THREE = ("filter", "control", "source")

@@ -29,20 +29,15 @@ from diffbot_lab.view.server import Address, PageServer
 
 RATE = 50
 BEGIN = 1_700_000_000_000_000_000
-REPORTS = {"short": 600.0, "long": 7200.0}
-"""[s] of the bags"""
+REPORT, QUICK_REPORT = 7200.0, 5.0
+"""[s] of the bag"""
 ROUNDS, SECONDS, MOVING = 5, 6.0, 4.0
-QUICK_REPORTS = {"short": 5.0, "long": 10.0}
 QUICK_SECONDS, QUICK_MOVING = 0.6, 0.5
 MEASURES = (
-    Measure("short_time", "report of 10 minutes: time", "s", ABSOLUTE, at_most=10.0),
-    Measure("short_size", "its file", "MB", ABSOLUTE, at_most=6.0),
-    Measure("short_memory", "its memory", "MB", ABSOLUTE, at_most=500.0),
-    Measure("short_view", "its first view in the browser", "s", ABSOLUTE, at_most=2.0),
-    Measure("long_time", "report of 2 hours: time", "s", ABSOLUTE, at_most=60.0),
-    Measure("long_size", "its file", "MB", ABSOLUTE, at_most=15.0),
-    Measure("long_memory", "its memory", "MB", ABSOLUTE, at_most=500.0),
-    Measure("long_view", "its first view in the browser", "s", ABSOLUTE, at_most=2.0),
+    Measure("time", "report of 2 hours: time", "s", ABSOLUTE, at_most=60.0),
+    Measure("size", "its file", "MB", ABSOLUTE, at_most=15.0),
+    Measure("memory", "its memory", "MB", ABSOLUTE, at_most=500.0),
+    Measure("view", "its first view in the browser", "s", ABSOLUTE, at_most=2.0),
     Measure("frames", "live page with 10 minutes of trail, moved in every frame", "frames/s", ABSOLUTE, at_least=30.0),
     Measure("elsewhere_period", "control period with three browsers elsewhere, p99, beside none", "ms", at_most=1.1),
     Measure("elsewhere_latency", "latency of the same, median", "ms"),
@@ -90,20 +85,16 @@ def write_noisy_bag(folder: Path, seconds: float) -> None:
             writer.write(commands, twist.encode("geometry_msgs/msg/Twist", command), stamp, stamp)
 
 
-def report(name: str, folder: Path, seconds: float, page: browser.Page) -> dict[str, Pair]:
+def report(folder: Path, seconds: float, page: browser.Page) -> dict[str, Pair]:
     """Write a bag and its report, and open it."""
-    bag, out = folder / name, folder / f"{name}.html"
+    bag, out = folder / "bag", folder / "report.html"
     write_noisy_bag(bag, seconds)
     cost = cost_of(*DIFFBOT, "report", bag, "-o", out)
     begin = time.monotonic()
     page.open(out.as_uri())
-    first_view = time.monotonic() - begin
-    return {
-        f"{name}_time": Pair(cost.wall),
-        f"{name}_size": Pair(out.stat().st_size / 1e6),
-        f"{name}_memory": Pair(cost.memory),
-        f"{name}_view": Pair(first_view),
-    }
+    view = time.monotonic() - begin
+    size = out.stat().st_size / 1e6
+    return {"time": Pair(cost.wall), "size": Pair(size), "memory": Pair(cost.memory), "view": Pair(view)}
 
 
 def frames(seconds: float, page: browser.Page) -> float:
@@ -182,10 +173,9 @@ def watch(number: int, chains: Chains, seconds: float) -> dict[str, Pair]:
 
 
 def measure(quick: bool, folder: Path) -> Iterator[dict[str, Pair]]:
-    """Yield the reports, the frames, and the rounds with browsers."""
+    """Yield the report, the frames, and the rounds with browsers."""
     with browser.chromium() as new_page:
-        for name, length in (QUICK_REPORTS if quick else REPORTS).items():
-            yield report(name, folder, length, new_page())
+        yield report(folder, QUICK_REPORT if quick else REPORT, new_page())
         yield {"frames": Pair(frames(QUICK_MOVING if quick else MOVING, new_page()))}
     chains = Chains(folder)
     for number in range(1 if quick else ROUNDS):

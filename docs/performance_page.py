@@ -71,7 +71,7 @@ bags.""",
     "page": (
         "Page in the browser",
         """\
-The bags of the [reports](../reference/browser/report.md) have truth, estimate, odometry, fixes and commands at 50 Hz,
+The bag of the [report](../reference/browser/report.md) has truth, estimate, odometry, fixes and commands at 50 Hz,
 with noise in every number; Chromium draws without a graphics card. Control period and latency are those of the driver
 above in three processes, while a [live page](../reference/browser/live.md) is open.""",
     ),
