@@ -13,7 +13,7 @@ MEASURES = (
     Measure("memory", "10 million runs of 0.1 s, two workers: memory", "MB", OURS, at_most=1000.0),
     Measure("short_runs", "the same: runs a second", "runs/s"),
 )
-ROUNDS, RUNS, SHORT_RUNS = 3, 50_000, 10_000_000
+ROUNDS, RUNS, SHORT_RUNS = 3, 20_000, 10_000_000
 QUICK_RUNS = 20
 
 

@@ -15,6 +15,7 @@ import importlib.metadata
 import io
 import os
 import platform
+import signal
 import subprocess
 import sys
 import tempfile
@@ -164,4 +165,6 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
+    for number in (signal.SIGINT, signal.SIGTERM):  # a shell starts its background with SIGINT ignored
+        signal.signal(number, signal.default_int_handler)
     raise SystemExit(main())

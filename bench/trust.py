@@ -155,7 +155,6 @@ def main() -> int:
     if options.runs < 1 or not all("=" in one for one in options.variables):
         parser.error("--runs must be >= 1, and what follows NAME=VALUE")
     sys.path.append(str(ROOT / "docs"))
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     LOGS.mkdir(parents=True, exist_ok=True)
     runs: list[dict[str, Any]] = []
     try:
@@ -184,4 +183,6 @@ def line_of(run: dict[str, Any], planned: int) -> str:
 
 
 if __name__ == "__main__":
+    for number in (signal.SIGINT, signal.SIGTERM):  # a shell starts its background with SIGINT ignored
+        signal.signal(number, signal.default_int_handler)
     raise SystemExit(main())

@@ -114,7 +114,7 @@ def _conditions(content: dict[str, Any]) -> str:
     return (
         f"Commit {content['commit']}{changed}, {content['date']}; {content['cores']} x {content['processor']}, "
         f"{content['memory']:g} GB; {content['seconds'] / 60:.0f} minutes.\n"
-        f"Load average before the run (1, 5 and 15 minutes): {load}. Versions: {versions}."
+        f"Load average before the run (1, 5 and 15 minutes): {load}.\nVersions: {versions}."
     )
 
 
@@ -131,5 +131,5 @@ def _answer(content: dict[str, Any]) -> str:
         f"that compute nothing, and within {three['ours']:.1f} ms in three processes, {three['ratio']:.2f} times. "
         f"Lock-step does {steps['ours']:,.0f} steps a second, the\n"
         f"compiled loop with the filter {filtered['ours']:.1f} million. Ten seconds are cut out of 2 GiB in "
-        f"{trim['ours']:.1f} s. {sum(judged)} of {len(judged)} targets are met{where}."
+        f"{trim['ours']:.1f} s.\n{sum(judged)} of {len(judged)} targets are met{where}."
     )

@@ -2,7 +2,6 @@
 
 import json
 import os
-import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -39,9 +38,7 @@ def project(tmp_path, monkeypatch):
     monkeypatch.setattr(trust, "ROOT", tmp_path)
     monkeypatch.setattr(trust, "RESULTS", tmp_path / "docs" / "results")
     monkeypatch.setattr(trust, "LOGS", tmp_path / "out")
-    before = signal.getsignal(signal.SIGTERM)
-    yield tmp_path
-    signal.signal(signal.SIGTERM, before)
+    return tmp_path
 
 
 def children():
