@@ -1,14 +1,13 @@
 """Child process of the benchmark: one or more nodes of a chain on one executor.
 
-``python bench_nodes.py SCENARIO SIDE NODES SECONDS``; NODES is a comma-separated part of ``source,filter,control``.
+``python chain_nodes.py SCENARIO SIDE NODES SECONDS``; NODES is a comma-separated part of ``source,filter,control``.
 
 - SCENARIO ``clocked``: the source is :class:`ClockedSource`, the same on both sides, a bare publisher
   and subscriber that sends odometry at 50 Hz and fixes at 10 Hz and times the commands that come back.
   ``lockstep``: the source is a plant that takes its next step when the command of this one has come.
-- SIDE ``ours``: EkfNode, ControllerNode and PlantNode on the executor that ros_runtime chooses.
+- SIDE ``ours``: EkfNode, ControllerNode and PlantNode on the executor that diffbot_core.ros.node chooses.
   ``robot``: filter and controller as robot_node has them, the pose handed over by a call.
   ``bare``: relays without any work on the SingleThreadedExecutor.
-  ``events``: the same relays on ros_runtime's executor.
 
 The process of the source prints two JSON lines, ``{"event": "begin"}`` when the chain has warmed up and
 ``{"event": "end", ...}`` with what it measured, and ends; the others run until SIGINT. Filter and controller in one
@@ -25,7 +24,7 @@ import time
 from typing import Any
 
 import rclpy
-from bench_bare import GOAL, BarePlant, ClockedSource, OdometryRelay, TwistRelay, report
+from bare_nodes import GOAL, BarePlant, ClockedSource, OdometryRelay, TwistRelay, report
 from geometry_msgs.msg import PoseStamped
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.parameter import Parameter
@@ -40,11 +39,11 @@ from diffbot_core.ros.node import SPIN_TIMEOUT, make_executor, run_together
 from diffbot_sim.plant_node import PlantNode
 
 CLOCKED, LOCKSTEP = "clocked", "lockstep"
-OURS, BARE, EVENTS, ROBOT = "ours", "bare", "events", "robot"
+OURS, BARE, ROBOT = "ours", "bare", "robot"
 SOURCE, FILTER, CONTROL = "source", "filter", "control"
 _WARM_UP = 0.3
 """[s] of lock-step before the measurement."""
-_LIFE = 30
+_LIFE = 120
 """[s] that a process may live beyond its measurement."""
 
 
@@ -82,15 +81,6 @@ def reliable_inputs(scenario: str) -> Parameter:
     return Parameter("reliable_inputs", value=scenario == LOCKSTEP)
 
 
-def make_plant() -> PlantNode:
-    """Create the plant in lock-step; its defaults bring one fix each step (10 Hz, Ts 0.1 s)."""
-    overrides = [
-        Parameter("clock", value=LOCKSTEP),
-        Parameter("start_paused", value=True),
-    ]
-    return PlantNode(parameter_overrides=overrides)
-
-
 def make_nodes(scenario: str, side: str, names: list[str], seconds: float) -> list[Any]:
     """Create the nodes of this process, the source (if it is among them) first."""
     # In lock-step the chain to beat has neither parameter services nor rosout; at 50 Hz it is as rclpy makes it.
@@ -104,22 +94,23 @@ def make_nodes(scenario: str, side: str, names: list[str], seconds: float) -> li
     if scenario == CLOCKED:
         makers[SOURCE] = lambda: ClockedSource(seconds)
     else:
-        makers[SOURCE] = make_plant if side == OURS else lambda: BarePlant(**lean)
+        plant = Parameter("clock", value=LOCKSTEP)
+        # By the plant's defaults a fix comes in each step (10 Hz, Ts 0.1 s).
+        makers[SOURCE] = (lambda: PlantNode(parameter_overrides=[plant])) if side == OURS else lambda: BarePlant(**lean)
     return [makers[name]() for name in (SOURCE, FILTER, CONTROL) if name in names]
 
 
 def spin_once(executor: Executor) -> None:
-    """One turn: without a timeout, as ``spin()`` does, where that works; see ros_runtime.make_executor."""
+    """One turn: without a timeout, as ``spin()`` does, where that works; see make_executor."""
     executor.spin_once(timeout_sec=None if type(executor) is SingleThreadedExecutor else SPIN_TIMEOUT)
 
 
-def start_plant(plant: PlantNode, executor: Executor) -> None:
-    """Wait until the graph is complete, give the goal, let the plant go."""
+def give_goal(plant: PlantNode, executor: Executor) -> None:
+    """Wait for the controller and give it the goal; the plant starts by itself when the graph is complete."""
     goals = plant.create_publisher(PoseStamped, "goal_pose", 10)
-    while not (goals.get_subscription_count() and plant.count_subscribers("pose") and plant.count_publishers("pose")):
+    while not goals.get_subscription_count():
         executor.spin_once(timeout_sec=SPIN_TIMEOUT)
-    goals.publish(goal_message(GOAL, "map", plant.world.stamp))
-    plant.paused = False
+    goals.publish(goal_message(GOAL, "map", plant._plant.world.stamp))
 
 
 def measure(scenario: str, side: str, nodes: list[Any], seconds: float) -> None:
@@ -136,10 +127,10 @@ def measure(scenario: str, side: str, nodes: list[Any], seconds: float) -> None:
         return
     rate = StepRate(seconds)
     if side == OURS:
-        start_plant(source, executor)
+        give_goal(source, executor)
         while not rate.done:
             spin_once(executor)
-            rate.look(source.world.state.step)
+            rate.look(source._plant.step)
     else:
         while not rate.done:
             spin_once(executor)

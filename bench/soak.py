@@ -1,4 +1,4 @@
-"""Goals and faults for ten minutes: ``python test/bench/soak.py [--minutes M] [--seed N] [--json FILE]``.
+"""Goals and faults for ten minutes: ``python bench/soak.py [--minutes M] [--seed N] [--json FILE]``.
 
 A fault strikes during every other goal. Exit status 1, with one line for each promise that was broken.
 """

@@ -9,45 +9,51 @@ from __future__ import annotations
 import json
 import math
 import signal
-import statistics
 import subprocess
 import sys
 import time
 from pathlib import Path
 from typing import Any
 
-from bench_table import BenchError, Pair
-
-from diffbot_lab.demo.processes import graph_environment
+import graph
+from measures import BenchError
 
 CLOCKED, LOCKSTEP = "clocked", "lockstep"
-OURS, BARE, EVENTS, ROBOT = "ours", "bare", "events", "robot"
+OURS, BARE, ROBOT = "ours", "bare", "robot"
 ONE = ("source,filter,control",)
-THREE = ("filter", "control", "source")
 TWO = ("filter,control", "source")
+THREE = ("filter", "control", "source")
 """Which nodes share a process; the source comes last because it begins to measure."""
 _STOP_TIMEOUT = 5.0
-_ATTEMPTS = 2
+_ATTEMPTS = 3
 
 
 class Chains:
-    """Runs turns on one DDS domain; logs of the processes go to ``folder``."""
+    """Runs turns on the DDS domain of this process; logs of the processes go to ``folder``."""
 
-    def __init__(self, domain: int, folder: Path) -> None:
-        self.environment = {**graph_environment(domain), "ROS_LOG_DIR": str(folder / "ros")}
-        self.folder = folder
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder / "chains"
+        self.folder.mkdir(exist_ok=True)
+        self._environment = graph.environment(ROS_LOG_DIR=str(folder / "ros"))
 
     def turn(self, scenario: str, side: str, groups: tuple[str, ...], seconds: float) -> dict[str, Any]:
-        """Run one turn, and once more if messages were lost; what the source measured, and ``cpu`` in per cent.
+        """Run one turn, again if messages were lost; what the source measured, and ``cpu`` in per cent.
 
         Raises:
-            BenchError: if a process failed or messages were lost again.
+            BenchError: if a process failed or messages were lost each time.
         """
         for _ in range(_ATTEMPTS):
             result = self._attempt(scenario, side, groups, seconds)
             if not result.get("lost") and not result.get("unasked"):
                 return result
         raise BenchError(f"{scenario} {side}: {result['lost']} commands lost, {result['unasked']} too many")
+
+    def turns(
+        self, number: int, scenario: str, sides: tuple[str, ...], groups: tuple[str, ...], seconds: float
+    ) -> dict[str, dict[str, Any]]:
+        """Run the turns of all sides in round ``number``, every other time in the reverse order."""
+        ordered = sides if number % 2 == 0 else sides[::-1]
+        return {side: self.turn(scenario, side, groups, seconds) for side in ordered}
 
     def _attempt(self, scenario: str, side: str, groups: tuple[str, ...], seconds: float) -> dict[str, Any]:
         processes: list[subprocess.Popen[str]] = []
@@ -72,12 +78,12 @@ class Chains:
                 stop(process)
 
     def _start(self, scenario: str, side: str, group: str, seconds: float) -> subprocess.Popen[str]:
-        script = Path(__file__).with_name("bench_nodes.py")
+        script = Path(__file__).with_name("chain_nodes.py")
         command = [sys.executable, str(script), scenario, side, group, str(seconds)]
-        with self._log(group).open("w") as log:
+        with (self.folder / f"{group}.log").open("w") as log:
             return subprocess.Popen(
                 command,
-                env=self.environment,
+                env=self._environment,
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=log,
@@ -85,21 +91,16 @@ class Chains:
                 start_new_session=True,  # Ctrl-C is for the parent, who ends them
             )
 
-    def _log(self, group: str) -> Path:
-        return self.folder / f"{group}.log"
-
     def _expect(self, event: str, source: subprocess.Popen[str]) -> dict[str, Any]:
         """Read the next line of the source; it ends itself when it waits for too long."""
         assert source.stdout is not None
         line = source.stdout.readline()
         if not line:
-            raise BenchError(f"no '{event}' from its process; last words: {self._last_words()}")
+            logs = {log.stem: log.read_text().strip().splitlines() for log in sorted(self.folder.glob("*.log"))}
+            last = " | ".join(f"{name}: {text[-1]}" for name, text in logs.items() if text) or "none"
+            raise BenchError(f"no '{event}' from its process; last words: {last}")
         result: dict[str, Any] = json.loads(line)
         return result
-
-    def _last_words(self) -> str:
-        lines = {log.stem: log.read_text().strip().splitlines() for log in sorted(self.folder.glob("*.log"))}
-        return " | ".join(f"{name}: {text[-1]}" for name, text in lines.items() if text) or "none"
 
 
 def stop(process: subprocess.Popen[str]) -> None:
@@ -124,42 +125,3 @@ def cpu_seconds(processes: list[subprocess.Popen[str]]) -> float:
 def percentile(values: list[float], share: float) -> float:
     """Smallest value that is not exceeded by ``share`` of ``values``."""
     return sorted(values)[max(math.ceil(share * len(values)) - 1, 0)]
-
-
-def _in_turn(number: int, sides: tuple[str, ...]) -> tuple[str, ...]:
-    return sides if number % 2 == 0 else sides[::-1]
-
-
-def clocked_round(chains: Chains, name: str, groups: tuple[str, ...], number: int, seconds: float) -> dict[str, Pair]:
-    """Latency [ms] and CPU [% of a core] of both sides at 50 Hz."""
-    results = {side: chains.turn(CLOCKED, side, groups, seconds) for side in _in_turn(number, (OURS, BARE))}
-    return _compared(name, results[OURS], results[BARE])
-
-
-def _compared(name: str, *results: dict[str, Any]) -> dict[str, Pair]:
-    """Return the figures of two turns: ours, then the reference."""
-    figures = [
-        (statistics.median(result["latencies"]), percentile(result["latencies"], 0.99), result["cpu"])
-        for result in results
-    ]
-    keys = (f"{name}_median", f"{name}_p99", f"{name}_cpu")
-    return {key: Pair(*pair) for key, *pair in zip(keys, *figures, strict=True)}
-
-
-def robot_round(chains: Chains, name: str, groups: tuple[str, ...], number: int, seconds: float) -> dict[str, Pair]:
-    """Latency [ms] and CPU [% of a core] of robot_node beside two relays; its inner time [ms] beside the two nodes'."""
-    sides = _in_turn(number, (ROBOT, BARE, OURS))
-    results = {side: chains.turn(CLOCKED, side, groups, seconds) for side in sides}
-    inside = {side: statistics.median(results[side]["inside"]) for side in (ROBOT, OURS)}
-    return {**_compared(name, results[ROBOT], results[BARE]), f"{name}_inside": Pair(inside[ROBOT], inside[OURS])}
-
-
-def lockstep_round(chains: Chains, name: str, groups: tuple[str, ...], number: int, seconds: float) -> dict[str, Pair]:
-    """Steps/s of both sides in lock-step; in one process also of the bare chain on our executor."""
-    sides = (OURS, BARE, EVENTS) if groups == ONE else (OURS, BARE)
-    rates = {side: chains.turn(LOCKSTEP, side, groups, seconds)["rate"] for side in _in_turn(number, sides)}
-    pairs = {name: Pair(rates[OURS], rates[BARE])}
-    if groups == ONE:
-        pairs[f"{name}_rate"] = Pair(rates[OURS], None)
-        pairs[f"{name}_events"] = Pair(rates[OURS], rates[EVENTS])
-    return pairs
