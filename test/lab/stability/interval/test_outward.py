@@ -1,6 +1,5 @@
 """The compiled interval functions hold the exact range of every box, by Arb's ball arithmetic, and are tight."""
 
-import functools
 import math
 from itertools import product
 
@@ -69,25 +68,30 @@ CASES = {
 }
 
 
-@functools.cache
-def kernel_of(function, sides):
-    """Compile a function of the bounds of one or two sides for boxes (n, 4)."""
+FUNCTIONS = ("add", "sub", "mul", "div", "hypot", "atan2", "sqr", "sqrt", "sin", "cos", "atan", "asin", "tanh")
+FUNCTIONS += ("sinc", "tanhc")
 
-    def of_one(boxes, out):
-        for i in range(len(boxes)):
-            out[i] = function(boxes[i, 0], boxes[i, 1])
 
-    def of_two(boxes, out):
-        for i in range(len(boxes)):
-            out[i] = function(boxes[i, 0], boxes[i, 1], boxes[i, 2], boxes[i, 3])
+def evaluate_all(boxes, out):
+    """Evaluate every function, also outside of its domain, so that one kernel serves all cases."""
+    for i in range(len(boxes)):
+        a0, a1, b0, b1 = boxes[i]
+        out[0, i], out[1, i] = outward.add(a0, a1, b0, b1), outward.sub(a0, a1, b0, b1)
+        out[2, i], out[3, i] = outward.mul(a0, a1, b0, b1), outward.div(a0, a1, b0, b1)
+        out[4, i], out[5, i] = outward.hypot(a0, a1, b0, b1), outward.atan2(a0, a1, b0, b1)
+        out[6, i], out[7, i] = outward.sqr(a0, a1), outward.sqrt(a0, a1)
+        out[8, i], out[9, i], out[10, i] = outward.sin(a0, a1), outward.cos(a0, a1), outward.atan(a0, a1)
+        out[11, i], out[12, i] = outward.asin(a0, a1), outward.tanh(a0, a1)
+        out[13, i], out[14, i] = outward.sinc(a0, a1), outward.tanhc(a0, a1)
 
-    return compile_bounds(of_one if sides == 1 else of_two)
+
+KERNEL = compile_bounds(evaluate_all)
 
 
 def bounds_of(name, boxes):
-    found = np.zeros((len(boxes), 2))
-    kernel_of(getattr(outward, name.split()[0]), len(CASES[name][2]))(boxes, found)
-    return found
+    found = np.zeros((len(FUNCTIONS), len(boxes), 2))
+    KERNEL(boxes, found)
+    return found[FUNCTIONS.index(name.split()[0])]
 
 
 def random_sides(rng, centre, spread):

@@ -28,9 +28,11 @@ def test_the_claims_are_what_the_ranks_say(plan, certificate):
     assert claims.seed < claims.radius < 1.6
 
 
-def test_without_a_rank_for_all_there_is_no_certificate(plan):
+def test_without_a_rank_for_all_there_is_no_certificate(plan, monkeypatch):
     """Beyond this distance the speed is too low for the errors of the wheels."""
     slow = CONFIG._replace(profile_gains=CONFIG.profile_gains._replace(turn_react=1.2))
+    near = maker.near_bounds(tuned_loop(CONFIG, CONTRACT), CONFIG, CONTRACT.sigma_max)
+    monkeypatch.setattr(maker, "near_bounds", lambda *_: near)
     with pytest.raises(DiffbotError, match=r"no certificate: [0-9.]+ % of the cells, from"):
         certify(slow, plan)
 
