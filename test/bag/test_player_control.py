@@ -142,6 +142,15 @@ def test_the_rate_changes_from_now_on():
     assert run.player.progress().rate == 0.5
 
 
+def test_a_rate_set_during_the_delay_or_a_pause_is_that_of_what_follows():
+    for pace in ({"delay": 1.0}, {"start_paused": True}):
+        run = plain(**pace)
+        run.time.at(500 * MS, lambda run=run: run.player.set_rate(2.0))
+        run.time.at(1000 * MS, run.player.resume)
+        run.play()
+        assert [when for when, _ in run.sent] == [1000 * MS + index * MS // 2 for index in range(300)]
+
+
 def test_a_burst_comes_at_once_and_resuming_withdraws_what_is_left_of_it():
     run = plain(start_paused=True)
     run.time.at(10 * MS, lambda: run.player.request_steps(50))

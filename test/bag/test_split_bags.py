@@ -15,7 +15,7 @@ from diffbot_bag.reader import BagReader
 from diffbot_bag.recording.bag_files import FileLimits
 from diffbot_bag.recording.disk import Disk, DiskThread
 from diffbot_bag.whole_chunk import Compression
-from diffbot_bag.writer import BagWriter, is_unfinished
+from diffbot_bag.writer import BagWriteError, BagWriter, is_unfinished
 from diffbot_core.errors import DiffbotError
 
 LATCHED = Qos(durability="transient_local")
@@ -173,6 +173,14 @@ def test_the_oldest_files_are_deleted(tmp_path):
     assert metadata.read(folder).message_count == 5
 
 
+def test_a_single_file_is_kept_at_a_time(tmp_path):
+    bag = Written(tmp_path / "run", limits=FileLimits(max_files=1))
+    for _ in range(3):
+        bag.data(1)
+        bag.writer.split()
+    assert names(bag.close()) == ["metadata.yaml", "run_2.mcap"]
+
+
 @pytest.mark.parametrize(
     ("content", "words"),
     [
@@ -202,12 +210,33 @@ def test_parameters_are_read_as_they_were_written(tmp_path):
         assert reader.node_parameters() == {"/ekf": {**values, "limit": "inf", "api_key": HIDDEN}}
 
 
+class FullDisk(DiskThread):
+    """Fails at the third chunk."""
+
+    chunks = 0
+
+    def run(self, job, size=0):
+        self.chunks += size > 0
+        super().run(fail if self.chunks == 3 else job, size)
+
+
+def fail():
+    raise OSError(28, "No space left on device")
+
+
+def test_an_error_of_the_thread_is_raised_by_a_later_call(tmp_path):
+    bag = Written(tmp_path / "run", disk=FullDisk())
+    with pytest.raises(BagWriteError, match="No space left on device; the bag ends after about"):  # noqa: PT012
+        while True:
+            bag.data(1)
+            bag.writer.flush()
+    assert bag.writer.closed
+    assert bag.writer.unflushed >= 1
+    bag.writer.close()
+
+
 def test_after_an_error_nothing_is_written():
     disk, gate, ran = DiskThread(), threading.Event(), []
-
-    def fail():
-        raise OSError(28, "No space left on device")
-
     for job in (gate.wait, fail, lambda: ran.append("after")):
         disk.run(job, 10)
     assert disk.backlog == 30

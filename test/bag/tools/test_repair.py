@@ -205,6 +205,7 @@ def test_bags_of_several_files_and_their_data(tmp_path):
         ("run_2.mcap", "fixed_1.mcap", 600),
         ("run_10.mcap", "fixed_2.mcap", 3000),
     ]
+    assert (result.start, result.end) == (BEGIN - 5, BEGIN + 2999 * STEP)
     with BagReader(tmp_path / "fixed") as reader, AnyReader([tmp_path / "fixed"]) as other:
         assert reader.metadata.custom_data == {"lost_messages": "7"}
         assert reader.message_count == other.message_count == 3601
