@@ -54,21 +54,6 @@ def flat(message):
     return numbers
 
 
-def test_the_library_s_encoder_has_the_same_bytes():
-    message = NumbersMessage(ODOMETRY, "odom", "base_link")
-    message.numbers[7:] = range(7, 85)
-    plain = {
-        "header": {"stamp": {"sec": 5, "nanosec": 7}, "frame_id": "odom"},
-        "child_frame_id": "base_link",
-        "pose": {"pose": {"orientation": {"w": 1.0}}, "covariance": [float(one) for one in range(7, 43)]},
-        "twist": {
-            "twist": {"linear": {"x": 43.0, "y": 44.0, "z": 45.0}, "angular": {"x": 46.0, "y": 47.0, "z": 48.0}},
-            "covariance": [float(one) for one in range(49, 85)],
-        },
-    }
-    assert message.encode(5 * 10**9 + 7) == Encoder().encode(ODOMETRY, plain)
-
-
 def test_views_are_the_fields_of_their_names():
     message = NumbersMessage(ODOMETRY, "map", "base_link")
     message.position[:] = 1.0, 2.0, 3.0

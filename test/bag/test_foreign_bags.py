@@ -99,6 +99,8 @@ def test_hostile_yaml_is_refused(kind):
 
 def test_hostile_yaml_is_refused_wherever_it_stands(tmp_path, mcap):
     assert "has an alias" in error_of(mcap([(1, b"")], qos=BOMB))
+    assert "QoS of 5242880 characters: must be <= " in error_of(mcap([(1, b"")], qos="#" * (5 * MB)))
+    assert "is not a list of profiles" in error_of(mcap([(1, b"")], qos="5"))
     for text, words in ((BOMB, "has an alias"), ("#" * (5 * MB), "is too large"), ("- a", "has no rosbag2_bagfile_")):
         (tmp_path / "metadata.yaml").write_text(text)
         assert words in error_of(tmp_path)

@@ -109,14 +109,6 @@ def test_each_seek_goes_on_with_the_very_message_and_the_latched_one_before(bag)
     assert not run.player.seek(BEGIN)
 
 
-def test_after_a_seek_time_goes_on_from_there():
-    run = plain()
-    run.after(11, lambda: run.player.seek(BEGIN + 200 * MS))
-    run.play()
-    assert [when for when, _ in run.sent] == [index * MS for index in (*range(11), *range(10, 110))]
-    assert max(run.player.lateness) == 0
-
-
 def test_a_seek_before_the_start_and_in_the_delay_skips_the_delay():
     for when in (0, 7):
         run = plain(delay=5.0)
@@ -150,6 +142,15 @@ def test_the_rate_changes_from_now_on():
     assert run.player.progress().rate == 0.5
 
 
+def test_a_rate_set_during_the_delay_or_a_pause_is_that_of_what_follows():
+    for pace in ({"delay": 1.0}, {"start_paused": True}):
+        run = plain(**pace)
+        run.time.at(500 * MS, lambda run=run: run.player.set_rate(2.0))
+        run.time.at(1000 * MS, run.player.resume)
+        run.play()
+        assert [when for when, _ in run.sent] == [1000 * MS + index * MS // 2 for index in range(300)]
+
+
 def test_a_burst_comes_at_once_and_resuming_withdraws_what_is_left_of_it():
     run = plain(start_paused=True)
     run.time.at(10 * MS, lambda: run.player.request_steps(50))
@@ -161,16 +162,6 @@ def test_a_burst_comes_at_once_and_resuming_withdraws_what_is_left_of_it():
     assert times[20:70] == [(10 + index) * MS for index in range(1, 51)]
     assert times[70:] == [60 * MS + index * MS // 2 for index in range(1, 231)]
     assert not run.player.request_steps(1)
-
-
-def test_steps_are_counted_up_to_the_end_of_the_bag():
-    counts = []
-    run = plain(raw(5), start_paused=True)
-    run.time.at(0, lambda: counts.append(run.player.request_steps(3)))
-    run.time.at(MS, lambda: counts.append(run.player.request_steps(100)))
-    assert len(run.play()) == 5
-    assert counts == [3, 103]
-    assert run.player.step() == 0
 
 
 def test_the_clock_ticks_in_the_bag_s_time():

@@ -6,27 +6,18 @@ from pathlib import Path
 
 import pytest
 import yaml
+from bag_makers import BEGIN, POINT, point, write_rosbags
 from mcap.reader import make_reader
-from mcap.writer import CompressionType
+from mcap.writer import CompressionType, IndexType
 from mcap.writer import Writer as McapWriter
 from rosbags.highlevel import AnyReader
-from rosbags.rosbag2 import StoragePlugin
-from rosbags.rosbag2 import Writer as RosbagsWriter
-from rosbags.typesys import Stores, get_typestore
 
 from diffbot_bag.qos import Qos
 from diffbot_bag.reader import BagReader
 from diffbot_bag.writer import BagWriter
 from diffbot_core.errors import DiffbotError
 
-STORE = get_typestore(Stores.ROS2_JAZZY)
-POINT = "geometry_msgs/msg/Point"
-BEGIN = 1_700_000_000_000_000_000
 STEP = 10_000_000
-
-
-def point(x, y=0.0):
-    return bytes(STORE.serialize_cdr(STORE.types[POINT](x=x, y=y, z=0.0), POINT))
 
 
 def write_bag(folder, first=0, count=300, **options):
@@ -35,23 +26,18 @@ def write_bag(folder, first=0, count=300, **options):
     a, b = (writer.add_topic(name, POINT, [Qos()]) for name in ("/a", "/b"))
     for index in range(first, first + count):
         time = BEGIN + index * STEP
-        writer.write(b, point(float(index), 1.0), time + STEP // 2, time)
-        writer.write(a, point(float(index)), time, time - 1)
+        writer.write(b, point(-index), time + STEP // 2, time)
+        writer.write(a, point(index), time, time - 1)
     writer.close()
     return folder
+
+
+ROWS = [("/a", BEGIN + index, POINT, point(index)) for index in range(5)]
 
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory):
     return write_bag(tmp_path_factory.mktemp("bags") / "run")
-
-
-def write_rosbags(folder):
-    with RosbagsWriter(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        connection = writer.add_connection("/a", POINT, typestore=STORE)
-        for index in range(5):
-            writer.write(connection, BEGIN + index, point(float(index)))
-    return folder
 
 
 def error_of(path):
@@ -76,7 +62,7 @@ def test_what_is_in_a_bag(bag, what):
         rows = [(row[0], row[1], row[3], row[4]) for row in reader.rows(reader.topics)]
         assert rows == [(one.log_time, one.topic, one.publish_time, one.data) for one in messages]
     assert [message.log_time for message in messages] == [BEGIN + half * STEP // 2 for half in range(600)]
-    assert [message.data for message in messages[::2]] == [point(float(index)) for index in range(300)]
+    assert [message.data for message in messages[::2]] == [point(index) for index in range(300)]
     assert [message.topic for message in messages[:3]] == ["/a", "/b", "/a"]
     assert messages[0].publish_time == BEGIN - 1
 
@@ -98,7 +84,7 @@ def test_topics_and_range_select(bag):
         assert reader.last_before(BEGIN, ["/a"]) == reader.last_before(BEGIN + STEP, []) == []
 
 
-@pytest.mark.parametrize("maker", [write_bag, write_rosbags])
+@pytest.mark.parametrize("maker", [write_bag, lambda folder: write_rosbags(folder, ROWS)], ids=["ours", "rosbags"])
 def test_decoded_values_are_those_rosbags_decodes(tmp_path, maker):
     bag = maker(tmp_path / "run")
     with BagReader(bag) as reader, AnyReader([bag]) as other:
@@ -163,8 +149,13 @@ def test_a_file_that_was_cut_off_is_read_up_to_there_with_a_warning(bag, tmp_pat
         assert "`diffbot bag repair`" in unfinished.warning
 
 
+NO_INDEX = {"index_types": IndexType.NONE} | dict.fromkeys(
+    ("use_statistics", "repeat_channels", "repeat_schemas", "use_summary_offsets"), False
+)
+
+
 @pytest.mark.parametrize("compression", list(CompressionType))
-@pytest.mark.parametrize("options", [{}, {"use_chunking": False}, {"chunk_size": 200}])
+@pytest.mark.parametrize("options", [{}, {"use_chunking": False}, {"chunk_size": 200}, NO_INDEX])
 @pytest.mark.parametrize("is_finished", [True, False])
 def test_files_of_the_mcap_library_are_read_in_order(tmp_path, compression, options, is_finished):
     times = [(37 * index) % 101 for index in range(101)]
@@ -173,13 +164,13 @@ def test_files_of_the_mcap_library_are_read_in_order(tmp_path, compression, opti
         writer.start("ros2")
         channel = writer.register_channel("/a", "cdr", writer.register_schema(POINT, "ros2msg", b"float64 x"))
         for number, time in enumerate(times):
-            writer.add_message(channel, time, point(float(number)), number, number)
+            writer.add_message(channel, time, point(number), number, number)
         (writer.finish if is_finished else writer.flush)()
     with BagReader(tmp_path / "plain.mcap") as reader:
         expected = sorted((time, number) for number, time in enumerate(times))
         assert [(one.log_time, one.publish_time) for one in reader.messages()] == expected
         assert [(row[0], row[2], row[3]) for row in reader.rows(["/a"])] == [(*one, one[1]) for one in expected]
-        assert ("no index" in reader.warning) is not is_finished
+        assert ("no index" in reader.warning) is not (is_finished and options != NO_INDEX)
         assert reader.topics["/a"].type == POINT
 
 
@@ -187,7 +178,7 @@ def test_a_folder_of_a_killed_recorder_is_read(tmp_path):
     writer = BagWriter(tmp_path / "run")
     channel = writer.add_topic("/a", POINT, [Qos(durability="transient_local")])
     for index in range(10):
-        writer.write(channel, point(float(index)), BEGIN + index, BEGIN)
+        writer.write(channel, point(index), BEGIN + index, BEGIN)
     writer.flush()
     with BagReader(tmp_path / "run") as reader:
         assert [message.content.x for message in reader.decoded()] == [float(index) for index in range(10)]

@@ -90,6 +90,7 @@ def test_a_pause_is_no_loss(tmp_path, nodes):
     assert recording.call("resume") == (True, "recording")
     recording.publish(10)
     recording.recorder.wait("messages", 11)
+    assert recording.call("snapshot") == (False, "not in snapshot mode (snapshot_mode)")
     assert recording.call("pause") == (True, "paused")
     assert recording.recorder.reports[-1].message == "paused"
     recording.close()

@@ -1,7 +1,6 @@
-"""Held, kept and left out messages; the ring of a snapshot; facts of the host; QoS overrides."""
+"""Held, kept and left out messages; the ring of a snapshot, and facts of the host."""
 
 import os
-import re
 
 import pytest
 from mcap.reader import make_reader
@@ -9,13 +8,11 @@ from mcap.reader import make_reader
 from diffbot_bag.attachments import dump
 from diffbot_bag.pending_messages import Held
 from diffbot_bag.qos import Qos
-from diffbot_bag.qos_overrides import read_overrides
 from diffbot_bag.recording.host import host_facts
 from diffbot_bag.recording.latched import LatchedMessages
-from diffbot_bag.recording.recording import PAUSED, Recording
+from diffbot_bag.recording.recording import Recording
 from diffbot_bag.recording.snapshot import OVERHEAD, SnapshotBuffer
 from diffbot_bag.writer import BagWriter
-from diffbot_core.errors import DiffbotError
 
 STRING = "std_msgs/msg/String"
 BEGIN = 10**18
@@ -42,18 +39,6 @@ class Bag:
                 messages = make_reader(stream).iter_messages(log_time_order=False)
                 files.append([(channel.topic, int(one.data), one.log_time - BEGIN) for _, channel, one in messages])
         return files
-
-
-def test_a_pause_leaves_out_what_is_not_latched(tmp_path):
-    bag = Bag(tmp_path / "run")
-    assert not bag.accept(bag.data, 1)
-    bag.recording.is_paused = True
-    assert bag.accept(bag.data, 2) == PAUSED
-    assert not bag.accept(bag.map, 3)
-    bag.recording.is_paused = False
-    assert not bag.accept(bag.data, 4)
-    assert bag.recording.take_snapshot()[0] is False, "without snapshots"
-    assert bag.contents() == [[("/data", 1, 1), ("/map", 3, 3), ("/data", 4, 4)]]
 
 
 def test_a_snapshot_has_the_newest_messages_and_the_latched_ones_before(tmp_path):
@@ -123,42 +108,3 @@ def test_host_facts_contain_versions_and_no_secrets(monkeypatch):
     assert facts["host"]["cores"] == os.cpu_count()
     assert facts["dependencies"]["mcap"]
     assert facts["package"]["diffbot"]
-
-
-def overrides(tmp_path, content):
-    (tmp_path / "qos.yaml").write_text(content)
-    return read_overrides(str(tmp_path / "qos.yaml"), 77, "/robot")
-
-
-def test_overrides_in_the_form_of_rosbag2(tmp_path):
-    content = """
-/a: {reliability: best_effort, durability: volatile, history: keep_all}
-b:
-  reliability: reliable
-  depth: 5
-  deadline: {sec: 1, nsec: 500000000}
-"""
-    assert overrides(tmp_path, content) == {
-        "/a": Qos("keep_all", 77, "best_effort", "volatile"),
-        "/robot/b": Qos("keep_last", 5, "reliable", "volatile", deadline=1_500_000_000),
-    }
-    assert read_overrides("", 10) == {}
-
-
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        ("[1]", "must be a map of topic names"),
-        ("1: {depth: 1}", "must be a map of topic names"),
-        ("/a: 3", "/a: must be a map of QoS policies"),
-        ("/a: {reliabilty: reliable}", "'reliabilty': must be one of history, depth"),
-        ("/a: {reliability: sometimes}", "/a: not a QoS profile"),
-        ("/a: {reliability: unknown}", "reliability = 'unknown': must be a policy"),
-        ("/a: {depth: 0}", "depth = 0: must be >= 1 and <= 1000000"),
-        ("/a: {deadline: 1}", "/a: not a QoS profile"),
-        ("a: &x {depth: 1}\nb: *x", "has an alias"),
-    ],
-)
-def test_overrides_that_are_refused(tmp_path, content, words):
-    with pytest.raises(DiffbotError, match=re.escape(words)):
-        overrides(tmp_path, content)

@@ -2,12 +2,11 @@
 
 import threading
 
+import cut_bags
 import pytest
-import yaml
+from bag_makers import BEGIN, STORE, STRING, string
 from mcap.reader import make_reader
-from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader
-from rosbags.typesys import Stores, get_typestore
 
 from diffbot_bag import metadata
 from diffbot_bag.attachments import HIDDEN, PARAMETERS, dump_parameters
@@ -16,17 +15,11 @@ from diffbot_bag.reader import BagReader
 from diffbot_bag.recording.bag_files import FileLimits
 from diffbot_bag.recording.disk import Disk, DiskThread
 from diffbot_bag.whole_chunk import Compression
-from diffbot_bag.writer import BagWriter, is_unfinished
+from diffbot_bag.writer import BagWriteError, BagWriter, is_unfinished
 from diffbot_core.errors import DiffbotError
 
-STRING = "std_msgs/msg/String"
 LATCHED = Qos(durability="transient_local")
-STORE = get_typestore(Stores.ROS2_JAZZY)
-BEGIN, SECOND = 1_700_000_000_000_000_000, 10**9
-
-
-def text(content):
-    return bytes(STORE.serialize_cdr(STORE.types[STRING](data=content), STRING))
+SECOND = 10**9
 
 
 class Written:
@@ -42,14 +35,14 @@ class Written:
     def data(self, number=1):
         for _ in range(number):
             self.count += 1
-            self.writer.write(self.volatile, text(f"data {self.count}"), self.now, self.now - 5, self.count)
+            self.writer.write(self.volatile, string(f"data {self.count}"), self.now, self.now - 5, self.count)
 
     @property
     def now(self):
         return BEGIN + self.count * SECOND // 10
 
     def map(self, content, number=1):
-        self.writer.write(self.latched, text(content), self.now, self.now - 5, number)
+        self.writer.write(self.latched, string(content), self.now, self.now - 5, number)
 
     def close(self, **custom):
         self.writer.close(custom)
@@ -78,7 +71,9 @@ def names(folder):
 def test_a_split_loses_nothing_and_repeats_latched_messages_only(tmp_path, disk):
     bag = Written(tmp_path / "run", disk=disk())
     assert not bag.writer.split(), "an empty file"
-    bag.map("map")
+    bag.writer.note_publishers(bag.latched, 2)
+    for content, number in (("a1", 1), ("b8", 8), ("a2", 2), ("map a", 3), ("map b", 9)):
+        bag.map(content, number)
     bag.data(5)
     assert bag.writer.split()
     bag.data(5)
@@ -90,7 +85,8 @@ def test_a_split_loses_nothing_and_repeats_latched_messages_only(tmp_path, disk)
     assert [texts(folder / f"run_{index}.mcap") for index in range(3)] == [
         [f"data {number}" for number in numbers] for numbers in (range(1, 6), range(6, 11), range(11, 12))
     ]
-    assert [texts(folder / f"run_{index}.mcap", "/map") for index in range(3)] == [["map"]] * 3
+    # The last one of each publisher.
+    assert [texts(folder / f"run_{index}.mcap", "/map") for index in (1, 2)] == [["map a", "map b"]] * 2
     # At the head of the file, with its time, but as it was published.
     topic, _, message = read(folder / "run_1.mcap")[0]
     assert (topic, message.log_time, message.publish_time) == ("/map", BEGIN + 6 * SECOND // 10, BEGIN - 5)
@@ -101,16 +97,10 @@ def test_metadata_of_several_files_is_that_of_their_contents(tmp_path):
     bag.map("map")
     bag.data(8)
     folder = bag.close(lost_messages="2")
-    inner = yaml.safe_load((folder / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
-    tenth = SECOND // 10
-    # The limit of the duration is that of the first file; the latched message is repeated in the second.
-    assert [(one["path"], one["message_count"]) for one in inner["files"]] == [("run_0.mcap", 5), ("run_1.mcap", 5)]
-    assert [one["starting_time"]["nanoseconds_since_epoch"] for one in inner["files"]] == [BEGIN, BEGIN + 5 * tenth]
-    assert [one["duration"]["nanoseconds"] for one in inner["files"]] == [4 * tenth, 3 * tenth]
-    assert inner["relative_file_paths"] == ["run_0.mcap", "run_1.mcap"]
-    assert (inner["message_count"], inner["duration"]["nanoseconds"]) == (10, 8 * tenth)
-    assert [topic["message_count"] for topic in inner["topics_with_message_count"]] == [8, 2]
-    assert inner["custom_data"] == {"lost_messages": "2"}
+    # The latched message is repeated in the second file.
+    assert len(cut_bags.check_metadata(folder)) == 10
+    assert [len(texts(path)) for path in cut_bags.files_of(folder)] == [4, 4]
+    assert metadata.read(folder).custom_data == {"lost_messages": "2"}
     with AnyReader([folder]) as reader:
         assert len(list(reader.messages())) == reader.message_count == 10
 
@@ -144,10 +134,9 @@ def test_every_file_is_a_bag_by_itself(tmp_path):
         assert reader.attachment("b.json") is None
 
 
-@pytest.mark.parametrize("disk", [Disk, DiskThread])
-def test_a_file_ends_at_its_size_or_a_chunk_later(tmp_path, disk):
+def test_a_file_ends_at_its_size_or_a_chunk_later(tmp_path):
     limit = 20_000
-    bag = Written(tmp_path / "run", limits=FileLimits(max_size=limit), compression=Compression("none"), disk=disk())
+    bag = Written(tmp_path / "run", limits=FileLimits(max_size=limit), compression=Compression("none"))
     bag.data(3000)
     folder = bag.close()
     files = sorted(folder.glob("*.mcap"), key=lambda path: int(path.stem[4:]))
@@ -184,25 +173,12 @@ def test_the_oldest_files_are_deleted(tmp_path):
     assert metadata.read(folder).message_count == 5
 
 
-def test_latched_messages_of_several_publishers_are_all_repeated(tmp_path):
-    bag = Written(tmp_path / "run")
-    bag.writer.note_publishers(bag.latched, 2)
-    for content, number in (("a1", 1), ("b8", 8), ("a2", 2), ("a3", 3), ("b9", 9)):
-        bag.map(content, number)
-    bag.writer.split()
-    bag.data(1)
-    folder = bag.close()
-    assert texts(folder / "run_1.mcap", "/map") == ["a3", "b9"]
-
-
-def test_schemas_and_channels_stand_outside_of_the_chunks(tmp_path):
-    bag = Written(tmp_path / "run")
-    bag.data(1)
-    folder = bag.close()
-    with (folder / "run_0.mcap").open("rb") as stream:
-        kinds = {type(record).__name__ for record in StreamReader(stream, emit_chunks=True).records}
-    assert {"Schema", "Channel", "Chunk"} <= kinds
-    assert "Message" not in kinds
+def test_a_single_file_is_kept_at_a_time(tmp_path):
+    bag = Written(tmp_path / "run", limits=FileLimits(max_files=1))
+    for _ in range(3):
+        bag.data(1)
+        bag.writer.split()
+    assert names(bag.close()) == ["metadata.yaml", "run_2.mcap"]
 
 
 @pytest.mark.parametrize(
@@ -226,18 +202,6 @@ def test_attachments_that_cannot_be_read_are_one_line(tmp_path, content, words):
     assert "\n" not in str(error.value)
 
 
-def test_a_higher_level_makes_smaller_files_of_the_same_contents(tmp_path):
-    sizes = []
-    for kind, level in (("zstd", 1), ("zstd", 19), ("lz4", 0), ("lz4", 9)):
-        bag = Written(tmp_path / f"{kind}{level}", compression=Compression(kind, level))
-        bag.data(2000)
-        path = bag.close() / f"{kind}{level}_0.mcap"
-        assert len(texts(path)) == 2000
-        sizes.append(path.stat().st_size)
-    assert sizes[1] < sizes[0]
-    assert sizes[3] < sizes[2]
-
-
 def test_parameters_are_read_as_they_were_written(tmp_path):
     values = {"gain": 0.5, "limit": float("inf"), "names": ["a", "b"], "on": True, "none": None, "api_key": "x"}
     bag = Written(tmp_path / "run")
@@ -246,12 +210,33 @@ def test_parameters_are_read_as_they_were_written(tmp_path):
         assert reader.node_parameters() == {"/ekf": {**values, "limit": "inf", "api_key": HIDDEN}}
 
 
+class FullDisk(DiskThread):
+    """Fails at the third chunk."""
+
+    chunks = 0
+
+    def run(self, job, size=0):
+        self.chunks += size > 0
+        super().run(fail if self.chunks == 3 else job, size)
+
+
+def fail():
+    raise OSError(28, "No space left on device")
+
+
+def test_an_error_of_the_thread_is_raised_by_a_later_call(tmp_path):
+    bag = Written(tmp_path / "run", disk=FullDisk())
+    with pytest.raises(BagWriteError, match="No space left on device; the bag ends after about"):  # noqa: PT012
+        while True:
+            bag.data(1)
+            bag.writer.flush()
+    assert bag.writer.closed
+    assert bag.writer.unflushed >= 1
+    bag.writer.close()
+
+
 def test_after_an_error_nothing_is_written():
     disk, gate, ran = DiskThread(), threading.Event(), []
-
-    def fail():
-        raise OSError(28, "No space left on device")
-
     for job in (gate.wait, fail, lambda: ran.append("after")):
         disk.run(job, 10)
     assert disk.backlog == 30

@@ -1,39 +1,31 @@
 """Bags as other libraries read them: rosbags, mcap and PyYAML."""
 
-import contextlib
 from pathlib import Path
 
 import pytest
 import yaml
-from mcap.exceptions import EndOfFile
+from bag_makers import BEGIN, STORE, STRING, string
 from mcap.reader import make_reader
-from mcap.records import Chunk, Message
+from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability
-from rosbags.typesys import Stores, get_typestore
 
 from diffbot_bag import metadata
 from diffbot_bag.message_definitions import MessageDefinitions
+from diffbot_bag.new_bag import new_bag
 from diffbot_bag.qos import Qos
 from diffbot_bag.whole_chunk import Compression
 from diffbot_bag.writer import BagWriteError, BagWriter
 
-TWIST, STRING = "geometry_msgs/msg/Twist", "std_msgs/msg/String"
+TWIST = "geometry_msgs/msg/Twist"
 LATCHED = Qos(durability="transient_local")
-STORE = get_typestore(Stores.ROS2_JAZZY)
-"""Messages are serialized by rosbags, not by ROS."""
-BEGIN = 1_700_000_000_000_000_000
 
 
 def twist(x):
     vector = STORE.types["geometry_msgs/msg/Vector3"]
     message = STORE.types[TWIST](linear=vector(x, 0.0, 0.0), angular=vector(0.0, 0.0, -x))
     return bytes(STORE.serialize_cdr(message, TWIST))
-
-
-def string(text):
-    return bytes(STORE.serialize_cdr(STORE.types[STRING](data=text), STRING))
 
 
 def write_bag(folder, count=10, **options):
@@ -144,27 +136,6 @@ def test_chunks_have_the_size_and_compression_asked_for(tmp_path, kind, compress
     assert len(chunks) > 5
 
 
-def test_what_was_flushed_is_readable_before_the_end_and_closing_twice_is_harmless(tmp_path):
-    writer = write_bag(tmp_path / "run")
-    assert not messages_of(writer.path)
-    writer.flush()
-    assert len(messages_of(writer.path)) == 11
-    writer.close()
-    before = writer.path.read_bytes()
-    writer.close()
-    assert writer.closed
-    assert writer.path.read_bytes() == before
-
-
-def messages_of(path):
-    """All messages up to where the file ends."""
-    found = []
-    with path.open("rb") as stream, contextlib.suppress(EndOfFile):
-        for record in StreamReader(stream).records:
-            found += [record] if isinstance(record, Message) else []
-    return found
-
-
 def test_a_type_that_is_not_installed_is_kept_without_a_schema(tmp_path):
     writer = BagWriter(tmp_path / "parents" / "are made" / "run", MessageDefinitions([tmp_path]))
     writer.write(writer.add_topic("/a", "my_msgs/msg/A"), b"\0\1\0\0abc", BEGIN, BEGIN)
@@ -190,7 +161,8 @@ def test_the_disk_is_watched(tmp_path):
     writer.path.touch()
     with pytest.raises(BagWriteError, match="was replaced while it was written"):
         writer.check_disk(0)
-    writer.close()
+    for _ in range(2):
+        writer.close()
 
 
 def test_what_cannot_be_created_is_refused_and_leaves_nothing(tmp_path, monkeypatch):
@@ -207,3 +179,23 @@ def test_what_cannot_be_created_is_refused_and_leaves_nothing(tmp_path, monkeypa
     with pytest.raises(ZeroDivisionError):
         metadata.write(tmp_path / "run", metadata.BagMetadata(files=("a_0.mcap",)))
     assert not list((tmp_path / "run").iterdir()), "half a metadata.yaml"
+
+
+def test_a_new_bag_and_files_beside_it_appear_together(tmp_path):
+    with new_bag(tmp_path / "run") as writer:
+        writer.write(writer.add_topic("/text", STRING), string("a"), 5, 5)
+        (writer.folder / "notes.txt").write_text("x")
+        assert not (tmp_path / "run").exists()
+    assert sorted(one.name for one in (tmp_path / "run").iterdir()) == ["metadata.yaml", "notes.txt", "run_0.mcap"]
+    assert metadata.read(tmp_path / "run").message_count == 1
+    assert [one.name for one in tmp_path.iterdir()] == ["run"]
+
+
+def test_a_new_bag_that_fails_leaves_nothing(tmp_path):
+    with pytest.raises(ZeroDivisionError), new_bag(tmp_path / "run"):
+        1 / 0  # noqa: B018
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "run").symlink_to("nowhere")
+    with pytest.raises(BagWriteError, match="exists already"), new_bag(tmp_path / "run"):
+        pass
+    assert [one.name for one in tmp_path.iterdir()] == ["run"]
