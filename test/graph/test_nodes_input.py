@@ -226,3 +226,14 @@ def test_plant_keeps_the_last_good_command(nodes, capfd):
     fed.send("cmd_vel", changed(good, {"linear.x": 0.1, "linear.y": NAN, "angular.x": INF}))
     nodes.peer.spin_until(lambda: moves_at(0.1), what="the new command")
     check_drops(fed, capfd.readouterr().err, sent)
+
+
+def test_a_pose_without_covariance_has_the_uncertainty_of_the_parameters(nodes, capfd):
+    fed = one_process.Fed(nodes, ControllerNode, {"pose_source": "odometry", "pose_sigma_xy": 0.03})
+    fed.send("goal_pose", pose_stamped(5.0, 1.0, 0.3))
+    for time in (START, START + 0.1):
+        fed.send("odometry/filtered", changed(filtered(time), {"pose.covariance": [0.0] * 36}))
+    assert fed.node.supervisor.uncertainty == (0.03, 0.02)
+    assert fed.node.health.counted["odometry/filtered with the covariance of the parameters"] == 2
+    text = "odometry/filtered: covariance is all zero, i.e. unknown: assuming pose_sigma_xy = 0.03 m"
+    assert capfd.readouterr().err.count(text) == 1

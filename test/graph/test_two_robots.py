@@ -61,7 +61,7 @@ def test_topics_and_frames_of_two_robots_are_apart(nodes):
         name: {topic: peer.subscribe(kind, f"/{name}/{topic}", DEEP) for topic, kind in KINDS.items()}
         for name in ("left", "right")
     }
-    plant = {"heading_rate": 10.0, "initial_pose.x": 0.0, "sampling_time": 0.02, "fix_rate": 50.0}
+    plant = {"heading_rate": 10.0, **{f"initial_pose.{name}": 0.0 for name in ("x", "y", "yaw")}}
     controllers = {name: add_robot(nodes, name, plant, {}) for name in received}
     go(peer, "left", 0.4, 0.0, 0.0)
     peer.spin_until(lambda: controllers["left"].supervisor.goals_reached == 1, what="the left robot at its goal")
@@ -102,12 +102,14 @@ def test_one_plant_of_two_owns_time_and_the_other_follows_it(nodes):
     assert {info.node_namespace for info in peer.node.get_publishers_info_by_topic("/clock")} == {"/left"}
 
     def caught_up():
-        newest = max(one.clock.sec * 10**9 + one.clock.nanosec for one in clocks)
-        return abs(newest - stamp(other[-1])) < PERIOD
+        return stamp(other[-1]) == max(one.clock.sec * 10**9 + one.clock.nanosec for one in clocks)
 
     peer.spin_until(caught_up, what="the follower's newest step")
     stamps = [stamp(one) for one in other]
-    assert {after - before for before, after in itertools.pairwise(stamps)} == {PERIOD // 2}
+    gaps = [after - before for before, after in itertools.pairwise(stamps)]
+    # Where the machine is busy, some may be skipped.
+    assert gaps.count(PERIOD // 2) > len(gaps) / 2
+    assert {gap % (PERIOD // 2) for gap in gaps} == {0}
     peer.spin_for(0.5)
     assert len(other) == len(stamps), "it stands still in the pause of the other"
 

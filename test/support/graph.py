@@ -90,7 +90,8 @@ def environment(**changes):
     A ROS installation has rclpy on PYTHONPATH, so that what is on it stays.
     """
     path = os.pathsep.join(filter(None, (str(SOURCE), os.environ.get("PYTHONPATH", ""))))
-    return {**os.environ, "PYTHONPATH": path, "PYTHONUNBUFFERED": "1", **changes}
+    # Safe: without the working folder on its path, where the source tree may be.
+    return {**os.environ, "PYTHONPATH": path, "PYTHONSAFEPATH": "1", "PYTHONUNBUFFERED": "1", **changes}
 
 
 def wait_for(condition, timeout=PATIENCE, what="the condition"):

@@ -10,19 +10,6 @@ from diffbot_core.geometry import Pose
 from diffbot_core.health import Health
 
 
-class Timer:
-    """A timer that is fired by hand."""
-
-    def __init__(self, callback):
-        self.callback, self.is_on = callback, True
-
-    def reset(self):
-        self.is_on = True
-
-    def cancel(self):
-        self.is_on = False
-
-
 class Reading:
     """An intake in a node of which there is only what it needs."""
 
@@ -36,7 +23,10 @@ class Reading:
         self.intake = PathIntake(node, self.accepted.append)
 
     def _timer(self, _period, callback, clock):
-        self.timer = Timer(callback)
+        """Return a timer that is fired by hand."""
+        self.timer = SimpleNamespace(callback=callback, is_on=True)
+        self.timer.reset = lambda: setattr(self.timer, "is_on", True)
+        self.timer.cancel = lambda: setattr(self.timer, "is_on", False)
         return self.timer
 
     def poses(self, length, bad=None):
