@@ -25,7 +25,7 @@ def page(content: dict[str, Any]) -> str:
     """Return the page; ``content`` is what the JSON file holds."""
     runs = content["runs"]
     rows = []
-    for name, busy in (("quiet", False), (f"{content['loops']} busy loops", True)):
+    for name, busy in (("without busy loops", False), (f"{content['loops']} busy loops", True)):
         rows.append(_row(name, [one for one in runs if one["busy"] == busy]))
     rows.append(_row("all", runs))
     passed = sum(one["ok"] for one in runs)

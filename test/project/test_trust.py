@@ -102,7 +102,7 @@ def test_the_page_has_shares_with_intervals_and_times_by_load():
     content = {"commit": "abc", "date": "today", "cores": 2, "python": "3", "loops": 4, "planned": 4, "variables": []}
     lines = trust_page.page({**content, "runs": runs}).splitlines()
     assert [line for line in lines if line.startswith("|")][2:] == [
-        "| quiet | 2 | 2 | 34 to 100 % | 15 s | 20 s |",
+        "| without busy loops | 2 | 2 | 34 to 100 % | 15 s | 20 s |",
         "| 4 busy loops | 2 | 1 | 9 to 91 % | 40 s | 50 s |",
         "| all | 4 | 3 | 30 to 95 % | 25 s | 50 s |",
     ]
