@@ -14,18 +14,19 @@ SOURCES := package.xml setup.py setup.cfg $(shell find diffbot_* launch config r
 unexport PYTHONPATH PYTHONHOME LD_LIBRARY_PATH AMENT_PREFIX_PATH RMW_IMPLEMENTATION _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
 .DEFAULT_GOAL := help
-.PHONY: help setup compilers browser demo test test-fast faults soak lint bench docs site clean
+.PHONY: help setup compilers browser demo test test-fast faults soak lint bench trust docs site clean
 .DELETE_ON_ERROR:
 
 help:
 	@echo "make setup   create $(VENV) with the package, ROS 2 Jazzy from wheels and all tools"
 	@echo "make demo    drive a simulated robot to a goal pose, record a bag, write the report"
 	@echo "make test    run the tests"
-	@echo "make test-fast   run those without nodes, studies and installations: two minutes"
+	@echo "make test-fast   run those without nodes, studies and installations while editing: 45 seconds"
 	@echo "make faults  try each fault many times, half an hour; results to docs/results/data/faults.json"
 	@echo "make soak    goals and faults for ten minutes: does memory grow, is every goal reached?"
 	@echo "make lint    run ruff, mypy, import-linter, oxlint and hadolint"
-	@echo "make bench   measure speed"
+	@echo "make bench   measure speed and cost; writes docs/results/performance.md"
+	@echo "make trust   run the tests of a fresh clone 20 times; writes docs/results/trust.md"
 	@echo "make docs    write the generated parts of docs/"
 	@echo "make site    build the documentation as a site: out/site/index.html"
 	@echo "make clean   remove $(VENV) and everything built"
@@ -65,7 +66,7 @@ faults: setup
 	@$(BIN)/pytest test/faults --faults full --faults-json docs/results/data/faults.json $(ARGS)
 
 soak: setup
-	@PYTHONPATH=test/support $(BIN)/python test/bench/soak.py --json docs/results/data/faults.json $(ARGS)
+	@PYTHONPATH=test/support $(BIN)/python bench/soak.py --json docs/results/data/faults.json $(ARGS)
 
 lint: setup
 	@$(BIN)/ruff check
@@ -75,13 +76,11 @@ lint: setup
 	@$(BIN)/oxlint --quiet diffbot_lab/view/page
 	@$(BIN)/hadolint Dockerfile
 
-bench: setup
-	@PYTHONPATH=test/support $(BIN)/python test/bench/bench.py $(ARGS)
-	@for room in recorder replay tools cut; do \
-		PYTHONPATH=test/support:test/bench $(BIN)/python test/bench/bench_bag_$$room.py $(filter --quick,$(ARGS)) || exit 1; \
-	done
-	@$(BIN)/python test/bench/bench_batch.py $(filter --quick,$(ARGS))
-	@PYTHONPATH=test/support:test/bench $(BIN)/python test/bench/bench_view.py $(filter --quick,$(ARGS))
+bench: setup browser
+	@$(BIN)/python bench/run.py --publish $(ARGS)
+
+trust: setup
+	@$(BIN)/python bench/trust.py $(ARGS)
 
 docs: setup
 	@$(BIN)/python docs/generate.py $(ARGS)

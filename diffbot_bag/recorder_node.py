@@ -11,6 +11,7 @@ import datetime
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
@@ -49,13 +50,13 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
 
     qos_by_parameters = False
 
-    def __init__(self) -> None:
+    def __init__(self, **node_options: Any) -> None:
         """Create the bag and subscribe to the topics present.
 
         Raises:
             DiffbotError: if a parameter is not allowed or the bag cannot be created.
         """
-        super().__init__("recorder", RecorderConfig)
+        super().__init__("recorder", RecorderConfig, **node_options)
         try:
             selection = self._make_selection()
             path = self.config.qos_profile_overrides_path

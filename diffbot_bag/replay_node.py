@@ -11,7 +11,9 @@ import math
 import sys
 import threading
 import time
+from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
@@ -44,24 +46,24 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
 
     qos_by_parameters = False
 
-    def __init__(self) -> None:
+    def __init__(self, **node_options: Any) -> None:
         """Open the bags, create a publisher per topic and start to play.
 
         Raises:
             DiffbotError: if a parameter is not allowed or a bag cannot be read.
         """
-        super().__init__("replay", ReplayConfig)
+        super().__init__("replay", ReplayConfig, **node_options)
         self._ending = threading.Event()
-        try:
+        with ExitStack() as refused:
+            refused.callback(self.destroy_node)
             self._bags = self._open()
+            refused.callback(self._bags.close)
             topics = self._selected_topics()
             self._window = self._make_window()
             self._outputs = self._make_outputs(topics)
             self._player = self._make_player()
             self._control = ReplayControl(self, self._player, self._bags.start, self._window, self._ending)
-        except DiffbotError:
-            self.destroy_node()
-            raise
+            refused.pop_all()
         self._status = self.create_publisher(DiagnosticStatus, "~/status", LATCHED)
         self._state = "waiting for subscribers"
         self._offers = ReplayServices(self, self._player, self._control, self._publish_status)

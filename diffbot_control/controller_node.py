@@ -98,9 +98,8 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self.goals.drop_pending()
         self.supervisor.on_cancel()
         self.supervisor.goals.close_cancelled()
-        self.outputs.send(STOP)
-        # Before the publisher may be destroyed, and with it what it has not delivered.
-        self.outputs.wait_for_delivery()
+        # Before the publisher may be destroyed.
+        self.outputs.deliver(STOP)
         self._publish_status()
         self.goals.publish_changes()
 

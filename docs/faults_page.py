@@ -18,7 +18,7 @@ METHOD = """\
     make soak          # ten minutes of goals and faults
     make docs          # this page, from what both have measured
 
-Each row is measured on real processes over DDS, from a seed. `make test` makes a few trials of each, with three times
+Each row is measured on real processes over DDS, from a seed. `make test` makes a few trials of each, with ten times
 the bound. The promises and bounds stand in test/support/promises.py, the tests in test/faults. All figures:
 [faults.json](data/faults.json)."""
 READING = """\
@@ -30,9 +30,8 @@ READING = """\
 - *pose_timeout*, *cmd_vel_timeout* and *flush_period* are 0.5 s, a period is 0.1 s.
 - *Kept* counts the trials within the bound itself; the interval is Wilson's of their share.
 - The tests fail beyond the bound and what the scheduler may have added: the longest wait for a processor of a thread,
-  by the kernel's count (/proc/PID/task/TID/schedstat), summed over the processes that live on, or twice the longest gap
-  of a thread of the observer that wakes each 2 ms, whichever is more. *Scheduler* is this time for the worst trial,
-  *kept with it* the number of trials that were kept with it."""
+  by the kernel's count (/proc/PID/task/TID/schedstat), summed over the processes that live on. *Scheduler* is this time
+  for the worst trial, *kept with it* the number of trials that were kept with it."""
 STOPPED = ("zero on cmd_vel within pose_timeout", "the base's own cmd_vel_timeout stops it")
 """Beginnings of the promises that the robot is stopped."""
 HEAD = ("fault", "promised", "kept [95 %]", "median", "worst", "scheduler (kept with it)")

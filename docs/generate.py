@@ -3,8 +3,8 @@
 Sources: the tables in docs/reference/parameters/ and docs/reference/bags/check.md, and
 diffbot_core/ros/parameter_names.py: the configuration types; the table in docs/explanation/law/paper.md: 100 runs of
 the closed loop; docs/rooms.svg: the imports; docs/badges: the package's metadata. In docs/results, from the JSON files
-in its folder data: all of benchmark and reproduction, filter/contract.md, faults.md (`make faults`, `make soak`), the
-other tables in filter and those in real-robots.md.
+in its folder data: all of benchmark and reproduction, filter/contract.md, faults.md (`make faults`, `make soak`),
+performance.md (`make bench`), trust.md (`make trust`), the other tables in filter and those in real-robots.md.
 ``--experiments`` and ``--benchmark`` repeat the runs behind the JSON files and draw their figures; those behind
 benchmark_bound.json need casadi (extra ``bound``) and are repeated by ``--benchmark bound`` alone.
 ``--animation`` draws docs/run.gif, ``--policy`` runs the nodes and writes config/sros2_policy.xml.
@@ -28,8 +28,10 @@ from badges import badges
 from faults_page import page as faults_page
 from geometry_picture import geometry_picture
 from measure import CALIBRATION, COLOUR, CONTRACT, DATA, EFFECTS, LOCALIZATION, REAL, RESULTS
+from performance_page import page as performance_page
 from reproduction import pages as reproduction_pages
 from rooms import picture as rooms_picture
+from trust_page import page as trust_page
 
 from diffbot_bag.tools.contract import BagRules, TopicRules
 from diffbot_control.law.presets import PAPER, PRESETS
@@ -146,6 +148,8 @@ def results_pages() -> dict[Path, str]:
         RESULTS / "filter/contract.md": contract_page(read_data(CONTRACT)),
         RESULTS / "real-robots.md": real_robots_page(),
         RESULTS / "faults.md": faults_page(read_data("faults")),
+        RESULTS / "performance.md": performance_page(read_data("performance")),
+        RESULTS / "trust.md": trust_page(read_data("trust")),
     }
 
 

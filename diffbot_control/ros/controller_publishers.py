@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Twist as TwistMessage
 from geometry_msgs.msg import TwistStamped
-from rclpy.duration import Duration
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Float64MultiArray
 
@@ -21,6 +20,7 @@ from diffbot_control.ros.message_fields import fill_twist, set_stamp
 from diffbot_control.ros.messages import labelled_array, twist_message
 from diffbot_core.health import Throttle
 from diffbot_core.kinematics import Twist
+from diffbot_core.ros.delivery import deliver
 from diffbot_core.ros.managed_node import INACTIVE, ManagedNode
 from diffbot_core.ros.node import status_message
 from diffbot_core.ros.qos import STATUS
@@ -32,8 +32,6 @@ if TYPE_CHECKING:
 NAVIGATION_LABELS = ("stamp", "rho", "alpha", "beta", "theta", "eps_P", "region", "V")
 STATE_LOG_PERIOD = 2.0
 """[s] a state is logged again, for one goal, only after so long: two that alternate take a line a second"""
-_STOP_DELIVERY = Duration(seconds=0.2)
-"""Time allowed for the delivery of the stop command."""
 
 
 class ControllerPublishers:
@@ -63,9 +61,11 @@ class ControllerPublishers:
         self._commands.publish(self._command)
         self._node.health.sent["cmd_vel"] += 1
 
-    def wait_for_delivery(self) -> None:
-        """Wait, briefly, until reliable subscribers have the last command."""
-        self._commands.wait_for_all_acked(_STOP_DELIVERY)
+    def deliver(self, command: Twist) -> None:
+        """Publish a command until every subscriber has it; a warning names the topic if one has not confirmed it."""
+        if not deliver(self._node, self._commands, lambda: self.send(command)):
+            text = "not every subscriber of cmd_vel has confirmed the last command"
+            self._node.get_logger().warning(text)
 
     def publish_navigation(self, stamp: int, supervisor: Supervisor) -> None:
         """Publish the law's variables of the pose with ``stamp`` [ns], if anybody listens."""

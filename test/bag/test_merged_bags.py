@@ -31,6 +31,9 @@ def test_messages_come_in_the_order_of_time_from_all_bags(three):
     assert (bags.start, bags.end) == (BEGIN, BEGIN + 1009 * MS)
     assert {name: topic.message_count for name, topic in bags.topics.items()} == {"/a": 200, "/b": 10}
     assert len(list(bags.messages(["/b"], BEGIN + 1005 * MS, bags.end))) == 5
+    found = [(message.log_time - BEGIN, message.data) for message in bags.last_before(BEGIN + 100 * MS, ["/a", "/b"])]
+    assert found == [(98 * MS, point(1)), (99 * MS, point(2))]
+    assert bags.last_before(BEGIN, ["/a"]) == []
     # The latched offer of one bag is among those of the merged topic, whatever its place.
     assert "transient_local" in [qos.durability for qos in bags.topics["/a"].qos]
     bags.close()
@@ -43,14 +46,6 @@ def test_of_equal_times_the_bag_given_first_comes_first(tmp_path):
     bags.close()
 
 
-def test_the_last_message_before_is_that_of_each_bag(three):
-    bags = MergedBags(three)
-    found = [(message.log_time - BEGIN, message.data) for message in bags.last_before(BEGIN + 100 * MS, ["/a", "/b"])]
-    assert found == [(98 * MS, point(1)), (99 * MS, point(2))]
-    assert bags.last_before(BEGIN, ["/a"]) == []
-    bags.close()
-
-
 def test_a_topic_of_two_types_is_one_line_that_names_both(tmp_path):
     one = write_mcap(tmp_path / "one.mcap", [("/a", BEGIN, point(1))])
     two = write_mcap(tmp_path / "two.mcap", [("/a", BEGIN, point(1))], kind="geometry_msgs/msg/Vector3")
@@ -59,15 +54,12 @@ def test_a_topic_of_two_types_is_one_line_that_names_both(tmp_path):
     assert str(error.value) == f"/a is geometry_msgs/msg/Point in {one} and geometry_msgs/msg/Vector3 in {two}"
 
 
-def test_a_bag_given_twice_is_refused(three, tmp_path):
+def test_a_bag_given_twice_or_missing_is_refused(three, tmp_path):
     link = tmp_path / "link.mcap"
     link.symlink_to(three[0])
     for again in (three[0], link):
         with pytest.raises(DiffbotError, match=r"bags = .*: must be a bag that is not given already"):
             MergedBags([three[0], three[1], again])
-
-
-def test_a_bag_that_is_missing_is_one_line(three, tmp_path):
     with pytest.raises(DiffbotError, match=r"no bag .*nowhere: no such file"):
         MergedBags([three[0], tmp_path / "nowhere"])
 

@@ -7,7 +7,7 @@ import pytest
 from mcap_ros2._dynamic import generate_dynamic
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from diffbot_bag.message_definitions import SEPARATOR, DefinitionNotFoundError, MessageDefinitions, ament_prefixes
+from diffbot_bag.message_definitions import DefinitionNotFoundError, MessageDefinitions, ament_prefixes
 
 PACKAGES = ("std_msgs", "geometry_msgs", "nav_msgs", "sensor_msgs", "diagnostic_msgs", "rcl_interfaces")
 # rosbags hashes `char` as a type of its own, ROS as uint8.
@@ -34,45 +34,31 @@ def prefix(tmp_path):
     return write
 
 
-def test_there_is_something_to_test():
-    assert len(installed_types()) > 100
-
-
-def test_text_and_hash_of_every_installed_type_agree_with_rosbags():
-    definitions = MessageDefinitions()
-    for name in installed_types():
+def test_text_and_hash_of_every_installed_type_agree_with_other_libraries():
+    definitions, names = MessageDefinitions(), installed_types()
+    assert len(names) > 100
+    for name in names:
         store = get_typestore(Stores.EMPTY)
         store.register(get_types_from_msg(definitions.schema_text(name), name))
         agree = store.hash_rihs01(name) == definitions.type_hash(name)
         assert agree == (name not in HASHED_OTHERWISE), name
-
-
-def test_mcap_ros2_support_understands_every_installed_type():
-    definitions = MessageDefinitions()
-    for name in installed_types():
         assert name in generate_dynamic(name, definitions.schema_text(name))
 
 
 def test_parts_follow_depth_first_in_alphabetical_order_once_each(prefix):
-    prefix("Top", "# of all\nZebra[<=3] z\nother_msgs/Far far\nApple   a\nApple[2] b\nstring<=10 s\nint32 N=7\n")
+    top = "# of all, größe\r\nZebra[<=3] z\nother_msgs/Far far\nApple   a\nApple[2] b\nstring<=10 s\nint32 N=7\n"
+    prefix("Top", top)
     prefix("Apple", "Core core 1\n")
     prefix("Core", "float64 x 1.5\n")
     prefix("Zebra", "Core core\nwstring w\n")
     root = prefix("Far", "uint8[] raw", package="other_msgs")
     line = "=" * 80
     assert MessageDefinitions([root]).schema_text("my_msgs/msg/Top") == (
-        "# of all\nZebra[<=3] z\nother_msgs/Far far\nApple   a\nApple[2] b\nstring<=10 s\nint32 N=7\n"
-        f"\n{line}\nMSG: my_msgs/Apple\nCore core 1\n"
+        f"{top}\n{line}\nMSG: my_msgs/Apple\nCore core 1\n"
         f"\n{line}\nMSG: my_msgs/Core\nfloat64 x 1.5\n"
         f"\n{line}\nMSG: my_msgs/Zebra\nCore core\nwstring w\n"
         f"\n{line}\nMSG: other_msgs/Far\nuint8[] raw"
     )
-    assert line == SEPARATOR
-
-
-def test_bytes_of_a_definition_stay_as_they_are(prefix):
-    root = prefix("Dos", "float64 x  # größe\r\nfloat64 y\r\n")
-    assert MessageDefinitions([root]).schema_text("my_msgs/msg/Dos") == "float64 x  # größe\r\nfloat64 y\r\n"
 
 
 def test_the_first_prefix_wins_and_the_environment_comes_last(prefix, monkeypatch, tmp_path):
@@ -88,16 +74,14 @@ def test_the_first_prefix_wins_and_the_environment_comes_last(prefix, monkeypatc
 
 @pytest.mark.parametrize("name", ["my_msgs/msg/Nothing", "no_msgs/msg/A", "std_msgs", "std_msgs/msg/../Bool", ""])
 def test_what_is_not_installed_is_named(name, prefix):
-    definitions = MessageDefinitions([prefix("A", "int8 a\n")])
+    prefix("A", "int8 a\n")
+    definitions = MessageDefinitions([prefix("Part", "Lost lost\n")])
     with pytest.raises(DefinitionNotFoundError, match=name or "''"):
         definitions.schema_text(name)
     with pytest.raises(DefinitionNotFoundError):
         definitions.type_hash(name)
-
-
-def test_a_part_that_is_missing_is_named(prefix):
     with pytest.raises(DefinitionNotFoundError, match="my_msgs/Lost"):
-        MessageDefinitions([prefix("A", "Lost lost\n")]).schema_text("my_msgs/msg/A")
+        definitions.schema_text("my_msgs/msg/Part")
 
 
 def test_a_broken_hash_file_is_an_error_of_one_line(prefix):

@@ -19,19 +19,24 @@ def lost(numbers, publishers=1):
 
 
 @pytest.mark.parametrize(
-    ("numbers", "expected"),
+    ("numbers", "publishers", "expected"),
     [
-        ([], 0),
-        ([1, 2, 3], 0),
-        ([700, 701], 0),
-        ([1, 2, 5], 2),
-        ([1, 3, 5, 6, 10], 5),
-        ([1, 2, 3, 1, 2, 3], 0),
-        ([5, 6, 1, 2, 4], 1),
+        ([], 1, 0),
+        ([700, 701], 1, 0),
+        ([1, 2, 5], 1, 2),
+        ([1, 3, 5, 6, 10], 1, 5),
+        ([1, 2, 3, 1, 2, 3], 1, 0),
+        ([5, 6, 1, 2, 4], 1, 1),
+        ([1, 101, 2, 102, 3, 105, 4, 106, 9], 2, 2 + 4),
     ],
 )
-def test_gaps_of_one_publisher(numbers, expected):
-    assert lost(numbers) == expected
+def test_gaps_of_publishers(numbers, publishers, expected):
+    assert lost(numbers, publishers) == expected
+    many = GapCounter()
+    many.publishers = publishers
+    for part in (numbers[:3], numbers[3:5], numbers[5:]):
+        many.note_all(part)
+    assert many.lost == expected
 
 
 def test_publishers_that_take_turns_lose_nothing():
@@ -46,15 +51,6 @@ def test_publishers_that_take_turns_lose_nothing():
         assert lost(numbers, publishers) == 0
 
 
-def test_a_gap_of_one_of_two_publishers():
-    assert lost([1, 101, 2, 102, 3, 105, 4, 106, 9], publishers=2) == 2 + 4
-
-
-def test_a_number_alone_tells_what_was_missing_before_it():
-    gaps = GapCounter()
-    assert [gaps.note(number) for number in (1, 2, 6, 7)] == [0, 0, 3, 0]
-
-
 def held(number):
     return Held(channel=3, data=b"x", received=100 + number, published=90 + number, number=number)
 
@@ -64,12 +60,9 @@ def test_held_messages_come_back_in_order_and_once():
     assert [waiting.hold(held(number)) for number in range(3)] == [True, True, False]
     assert len(waiting) == 2
     assert waiting.release() == [held(0), held(1)]
+    assert held(1).at(7_000) == (3, b"x", 7_000, 91, 1)
     assert (len(waiting), waiting.release()) == (0, [])
     assert waiting.hold(held(5))
-
-
-def test_a_held_message_gets_the_log_time_it_is_told():
-    assert held(1).at(7_000) == (3, b"x", 7_000, 91, 1)
 
 
 @pytest.mark.parametrize(

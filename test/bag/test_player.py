@@ -1,6 +1,5 @@
-"""Playing in time: order, lateness, pause, step, stop, rounds and clock, with a list in place of publishers."""
+"""Playing in a thread, reading ahead, and waiting for subscribers, with stand-ins for publishers."""
 
-import itertools
 import threading
 import time
 
@@ -12,7 +11,6 @@ from diffbot_bag.player import Pace, Player, Sink, Source
 from diffbot_bag.read_ahead import ReadAhead
 from diffbot_bag.reader import RawMessage
 from diffbot_bag.subscribers import wait_for_subscribers, wait_until_acknowledged
-from diffbot_core.errors import DiffbotError
 
 BEGIN = 1_700_000_000_000_000_000
 MS = 1_000_000
@@ -23,28 +21,13 @@ def messages(count, period=MS):
 
 
 class Run:
-    """A player in its thread, with what it sent and when."""
+    """A player in its thread, and what it sent."""
 
     def __init__(self, source, **pace):
         self.sent = []
-        self.clock = []
-        self.error = None
-        end = source[-1].log_time if isinstance(source, list) else BEGIN + 10**9
-        make = (lambda _start: source) if isinstance(source, list) else (lambda _start: source())
-        self.player = Player(Window(BEGIN, end), Source(make), Sink(self._send, self._tick), Pace(**pace))
-        self.thread = threading.Thread(target=self._play)
-
-    def _send(self, message):
-        self.sent.append((time.perf_counter_ns(), message.data))
-
-    def _tick(self, stamp):
-        self.clock.append((time.perf_counter_ns(), stamp))
-
-    def _play(self):
-        try:
-            self.player.play()
-        except DiffbotError as error:
-            self.error = error
+        sink = Sink(lambda message: self.sent.append((time.perf_counter_ns(), message.data)))
+        self.player = Player(Window(BEGIN, BEGIN + 10**9), Source(lambda _start: source()), sink, Pace(**pace))
+        self.thread = threading.Thread(target=self.player.play)
 
     def __enter__(self):
         self.thread.start()
@@ -52,53 +35,18 @@ class Run:
 
     def __exit__(self, *_):
         self.player.stop()
-        self.thread.join(5.0)
+        self.thread.join(graph.PATIENCE)
         assert not self.thread.is_alive()
 
-    def end(self):
-        self.thread.join(10.0)
-        assert not self.thread.is_alive()
-        return [data for _, data in self.sent]
 
-
-@pytest.mark.parametrize("rate", [0.5, 1.0, 4.0])
-def test_messages_are_sent_in_order_and_in_time(rate):
-    with Run(messages(100, 2 * MS), rate=rate) as run:
-        assert run.end() == [b"%d" % index for index in range(100)]
-    late = [when - run.sent[0][0] - index * 2 * MS / rate for index, (when, _) in enumerate(run.sent)]
-    # A busy machine may make any message late, but not all, and lateness does not add up. None is early.
-    assert min(late) > -run.player.lateness[0] - MS
-    assert min(late[50:]) < 20 * MS
+def test_messages_are_sent_in_order_and_none_too_early():
+    began = time.perf_counter_ns()
+    with Run(lambda: messages(50, 2 * MS), rate=2.0) as run:
+        run.thread.join(graph.PATIENCE)
+    assert [data for _, data in run.sent] == [b"%d" % index for index in range(50)]
+    assert all(when >= began + index * MS for index, (when, _) in enumerate(run.sent))
     assert min(run.player.lateness) >= 0
-    assert run.player.progress().sent == 100
-
-
-def test_a_pause_holds_everything_back_and_a_step_sends_one():
-    with Run(messages(400, 5 * MS)) as run:
-        graph.wait_for(lambda: len(run.sent) > 5, what="first messages")
-        run.player.pause()
-        assert run.player.progress().is_paused
-        before = len(run.sent)
-        assert not graph.comes_true(lambda: len(run.sent) > before + 1, 0.1)
-        before = len(run.sent)
-        assert run.player.step()
-        graph.wait_for(lambda: len(run.sent) == before + 1, what="the step")
-        assert run.player.step()
-        graph.wait_for(lambda: len(run.sent) == before + 2, what="the second step")
-        at = run.player.progress().bag_time
-        assert at == BEGIN + (before + 1) * 5 * MS
-        run.player.resume()
-        graph.wait_for(lambda: len(run.sent) > before + 5, what="messages after the pause")
-        assert not run.player.step()
-    assert [int(data) for _, data in run.sent] == list(range(len(run.sent)))
-
-
-def test_a_paused_start_sends_nothing_until_resumed():
-    with Run(messages(3), start_paused=True) as run:
-        assert not graph.comes_true(lambda: run.sent, 0.1)
-        assert run.player.toggle_paused() is False
-        assert len(run.end()) == 3
-        assert not run.player.step()
+    assert run.player.progress().sent == 50
 
 
 def test_a_step_that_found_nothing_is_not_made_later():
@@ -114,62 +62,7 @@ def test_a_step_that_found_nothing_is_not_made_later():
         assert not graph.comes_true(lambda: run.sent, 0.1)
 
 
-def test_stop_ends_a_long_wait_at_once():
-    with Run([*messages(1), RawMessage("/a", b"late", BEGIN + 3600 * 10**9, 0)]) as run:
-        graph.wait_for(lambda: run.sent, what="the first message")
-        run.player.stop()
-        assert run.end() == [b"0"]
-
-
-def test_rounds_repeat_with_the_delay_between():
-    with Run(messages(3), loop=True, delay=0.05) as run:
-        graph.wait_for(lambda: len(run.sent) >= 9, what="three rounds")
-        run.player.stop()
-        run.end()
-    times = [when for when, _ in run.sent]
-    assert [data for _, data in run.sent][:9] == [b"0", b"1", b"2"] * 3
-    assert times[3] - times[2] >= 50 * MS
-    assert run.player.progress().rounds >= 3
-
-
-def test_a_round_without_messages_is_not_repeated():
-    with Run(lambda: iter(()), loop=True) as run:
-        assert run.end() == []
-    assert run.player.progress().rounds == 1
-
-
-def test_the_clock_ticks_in_the_bag_s_time():
-    with Run(messages(50, 10 * MS), rate=2.0, clock=100.0) as run:
-        run.end()
-    stamps = [stamp for _, stamp in run.clock]
-    assert BEGIN <= stamps[0] < BEGIN + 100 * MS
-    steps = [after - before for before, after in itertools.pairwise(stamps)]
-    # 100 Hz at twice the speed: 20 ms of the bag at each tick, of which a busy machine may leave some out.
-    assert all(step % (20 * MS) < 10 or step % (20 * MS) > 20 * MS - 10 for step in steps)
-    assert len(stamps) > 15
-
-
-def test_the_clock_stands_while_paused():
-    with Run(messages(5, 100 * MS), clock=200.0) as run:
-        graph.wait_for(lambda: run.sent, what="the first message")
-        run.player.pause()
-        graph.wait_for(lambda: len(run.clock) > 2, what="ticks")
-        before = len(run.clock)
-        graph.wait_for(lambda: len(run.clock) > before + 5, what="ticks in the pause")
-        assert len({stamp for _, stamp in run.clock[before + 1 :]}) == 1
-
-
-def test_what_reading_raises_ends_the_replay():
-    def damaged():
-        yield from messages(3)
-        raise DiffbotError("bag is damaged")
-
-    with Run(damaged) as run:
-        assert run.end() == [b"0", b"1", b"2"]
-    assert str(run.error) == "bag is damaged"
-
-
-@pytest.mark.parametrize("size", [1, 49, 50, 1000])
+@pytest.mark.parametrize("size", [1, 50, 1000])
 def test_reading_ahead_keeps_order_and_bound(size):
     drawn = []
 
@@ -185,12 +78,11 @@ def test_reading_ahead_keeps_order_and_bound(size):
         graph.wait_for(lambda: len(drawn) >= min(size, 3000), what="reading ahead")
         assert not graph.comes_true(lambda: len(drawn) > size + 150, 0.05)
         assert [message.data for message in iterator] == [b"%d" % index for index in range(1, 3000)]
-
-
-def test_a_reader_that_waits_for_room_ends_with_the_block():
-    with ReadAhead(messages(100_000), 10):
-        before = threading.active_count()
-    assert threading.active_count() == before - 1
+    # A reader that waits for room ends with the block.
+    before = threading.active_count()
+    with ReadAhead(messages(100_000), size):
+        pass
+    assert threading.active_count() == before
 
 
 class FakePublisher:
@@ -227,5 +119,7 @@ def test_waiting_for_acknowledgement_ends_by_answer_time_or_stop():
     never = {"/n": FakePublisher(acked_after=NEVER)}
     assert wait_until_acknowledged(never, 0.02, None, stop) == {"/n"}
     assert wait_until_acknowledged(never, -1.0, None, stop) == set()
-    threading.Timer(0.05, stop.set).start()
+    timer = threading.Timer(0.05, stop.set)
+    timer.start()
     assert wait_until_acknowledged(never, 0.0, None, stop) == {"/n"}
+    timer.join()

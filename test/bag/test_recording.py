@@ -1,4 +1,4 @@
-"""Held, kept and left out messages; the ring of a snapshot; facts of the host; QoS overrides."""
+"""Held, kept and left out messages; the ring of a snapshot, and facts of the host."""
 
 import os
 
@@ -6,17 +6,13 @@ import pytest
 from mcap.reader import make_reader
 
 from diffbot_bag.attachments import dump
-from diffbot_bag.parameters import RecorderConfig
-from diffbot_bag.pending_messages import Held, HeldMessages
+from diffbot_bag.pending_messages import Held
 from diffbot_bag.qos import Qos
-from diffbot_bag.qos_overrides import read_overrides
 from diffbot_bag.recording.host import host_facts
 from diffbot_bag.recording.latched import LatchedMessages
-from diffbot_bag.recording.recording import NO_CLOCK, PAUSED, Recording
+from diffbot_bag.recording.recording import Recording
 from diffbot_bag.recording.snapshot import OVERHEAD, SnapshotBuffer
 from diffbot_bag.writer import BagWriter
-from diffbot_core.errors import DiffbotError
-from diffbot_core.schema import build
 
 STRING = "std_msgs/msg/String"
 BEGIN = 10**18
@@ -45,32 +41,6 @@ class Bag:
         return files
 
 
-def test_a_pause_leaves_out_what_is_not_latched(tmp_path):
-    bag = Bag(tmp_path / "run")
-    assert bag.recording.is_direct
-    assert not bag.accept(bag.data, 1)
-    bag.recording.is_paused = True
-    assert not bag.recording.is_direct
-    assert bag.accept(bag.data, 2) == PAUSED
-    assert not bag.accept(bag.map, 3)
-    bag.recording.is_paused = False
-    assert not bag.accept(bag.data, 4)
-    assert bag.contents() == [[("/data", 1, 1), ("/map", 3, 3), ("/data", 4, 4)]]
-
-
-def test_messages_before_the_first_time_get_it(tmp_path):
-    now = 0
-    bag = Bag(tmp_path / "run", held=HeldMessages(2), now=lambda: now)
-    assert bag.recording.waits_for_clock
-    assert [bag.accept(bag.data, number) for number in (1, 2, 3)] == ["", "", NO_CLOCK]
-    assert bag.recording.held == 2
-    now = BEGIN + 50
-    bag.accept(bag.data, 4)
-    now = BEGIN + 60
-    bag.accept(bag.data, 5)
-    assert bag.contents() == [[("/data", 1, 50), ("/data", 2, 50), ("/data", 4, 50), ("/data", 5, 60)]]
-
-
 def test_a_snapshot_has_the_newest_messages_and_the_latched_ones_before(tmp_path):
     bag = Bag(tmp_path / "run", snapshot=SnapshotBuffer(3 * (OVERHEAD + 2)))
     assert bag.recording.take_snapshot() == (False, "no message in memory")
@@ -87,12 +57,6 @@ def test_a_snapshot_has_the_newest_messages_and_the_latched_ones_before(tmp_path
     first, second = bag.contents()
     assert first == [("/map", 1, 17), ("/data", 17, 17), ("/data", 18, 18), ("/data", 19, 19)]
     assert second == [("/map", 1, 20), ("/data", 20, 20), ("/data", 21, 21)]
-
-
-def test_a_recorder_without_snapshots_refuses_them(tmp_path):
-    bag = Bag(tmp_path / "run")
-    assert bag.recording.take_snapshot()[0] is False
-    bag.writer.close()
 
 
 def held(number, size=10, at=None):
@@ -144,66 +108,3 @@ def test_host_facts_contain_versions_and_no_secrets(monkeypatch):
     assert facts["host"]["cores"] == os.cpu_count()
     assert facts["dependencies"]["mcap"]
     assert facts["package"]["diffbot"]
-
-
-def overrides(tmp_path, content):
-    (tmp_path / "qos.yaml").write_text(content)
-    return read_overrides(str(tmp_path / "qos.yaml"), 77, "/robot")
-
-
-def test_overrides_in_the_form_of_rosbag2(tmp_path):
-    content = """
-/a: {reliability: best_effort, durability: volatile, history: keep_all}
-b:
-  reliability: reliable
-  depth: 5
-  deadline: {sec: 1, nsec: 500000000}
-"""
-    assert overrides(tmp_path, content) == {
-        "/a": Qos("keep_all", 77, "best_effort", "volatile"),
-        "/robot/b": Qos("keep_last", 5, "reliable", "volatile", deadline=1_500_000_000),
-    }
-    assert read_overrides("", 10) == {}
-
-
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        ("[1]", "must be a map of topic names"),
-        ("1: {depth: 1}", "must be a map of topic names"),
-        ("/a: 3", "/a: must be a map of QoS policies"),
-        ("/a: {reliabilty: reliable}", "'reliabilty': must be one of history, depth"),
-        ("/a: {reliability: sometimes}", "/a: not a QoS profile"),
-        ("/a: {reliability: unknown}", "reliability = 'unknown': must be a policy"),
-        ("/a: {depth: 0}", "depth = 0: must be >= 1 and <= 1000000"),
-        ("/a: {depth: 10000000}", "depth = 10000000: must be"),
-        ("/a: {deadline: 1}", "/a: not a QoS profile"),
-        ("a: &x {depth: 1}\nb: *x", "has an alias"),
-        ("{", "is not a YAML file"),
-    ],
-)
-def test_overrides_that_are_refused_in_one_line(tmp_path, content, words):
-    with pytest.raises(DiffbotError) as error:
-        overrides(tmp_path, content)
-    assert words in str(error.value)
-    assert "\n" not in str(error.value)
-
-
-def test_a_missing_file_of_overrides(tmp_path):
-    with pytest.raises(DiffbotError, match=r"cannot open .*none"):
-        read_overrides(str(tmp_path / "none"), 10)
-
-
-@pytest.mark.parametrize(
-    ("values", "words"),
-    [
-        ({"max_bag_size": 100}, "max_bag_size = 100: must be 0 or >= chunk_size"),
-        ({"max_bag_duration": 0.01}, "max_bag_duration = 0.01: must be 0 or >= 0.1"),
-        ({"max_bag_files": -1}, "max_bag_files = -1: must be >= 0"),
-        ({"max_cache_size": 5}, "max_cache_size = 5: must be >= "),
-    ],
-)
-def test_limits_that_are_refused(values, words):
-    with pytest.raises(DiffbotError) as error:
-        build(RecorderConfig, values)
-    assert words in str(error.value)

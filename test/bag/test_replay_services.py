@@ -3,6 +3,7 @@
 import threading
 from types import SimpleNamespace
 
+import graph
 import pytest
 from bag_makers import BEGIN, point
 from replays import MS
@@ -53,14 +54,10 @@ def served(player):
     return node, call
 
 
-def test_each_has_the_name_and_type_of_rosbag2(served):
-    node, _ = served
+def test_their_fields_carry_what_rosbag2_s_carry(served, player):
+    node, call = served
     kinds = {name.partition("/")[2]: kind for name, (kind, _) in node.services.items() if name.startswith("rosbag2")}
     assert kinds == NAMES
-
-
-def test_their_fields_carry_what_rosbag2_s_carry(served, player):
-    _, call = served
     assert call("is_paused") == {"paused": True}
     assert call("resume") == {}
     assert call("is_paused") == {"paused": False}
@@ -93,6 +90,6 @@ def test_a_burst_returns_how_many_messages_were_sent_and_zero_means_all(served, 
         assert call("burst", num_messages=0) == {"actually_burst": 96}
     finally:
         player.stop()
-        thread.join(10.0)
+        thread.join(graph.PATIENCE)
     assert player.progress().sent == 100
     assert call("burst", num_messages=1) == {"actually_burst": 0}

@@ -1,44 +1,31 @@
-"""Bags as other libraries read them: rosbags, mcap-ros2-support, mcap and PyYAML."""
+"""Bags as other libraries read them: rosbags, mcap and PyYAML."""
 
-import resource
-import subprocess
-import sys
-import textwrap
 from pathlib import Path
 
-import graph
 import pytest
 import yaml
-from mcap.exceptions import EndOfFile
+from bag_makers import BEGIN, STORE, STRING, string
 from mcap.reader import make_reader
-from mcap.records import Chunk, Message
+from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
-from mcap_ros2.reader import read_ros2_messages
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability
-from rosbags.typesys import Stores, get_typestore
 
 from diffbot_bag import metadata
 from diffbot_bag.message_definitions import MessageDefinitions
+from diffbot_bag.new_bag import new_bag
 from diffbot_bag.qos import Qos
 from diffbot_bag.whole_chunk import Compression
 from diffbot_bag.writer import BagWriteError, BagWriter
 
-TWIST, STRING = "geometry_msgs/msg/Twist", "std_msgs/msg/String"
+TWIST = "geometry_msgs/msg/Twist"
 LATCHED = Qos(durability="transient_local")
-STORE = get_typestore(Stores.ROS2_JAZZY)
-"""Messages are serialized by rosbags, not by ROS."""
-BEGIN = 1_700_000_000_000_000_000
 
 
 def twist(x):
     vector = STORE.types["geometry_msgs/msg/Vector3"]
     message = STORE.types[TWIST](linear=vector(x, 0.0, 0.0), angular=vector(0.0, 0.0, -x))
     return bytes(STORE.serialize_cdr(message, TWIST))
-
-
-def string(text):
-    return bytes(STORE.serialize_cdr(STORE.types[STRING](data=text), STRING))
 
 
 def write_bag(folder, count=10, **options):
@@ -71,7 +58,6 @@ def test_rosbags_reads_every_value(bag):
         }
         # rosbags has compared this with the hash it computes itself.
         assert by_topic["/cmd_vel"].digest == MessageDefinitions().type_hash(TWIST)
-        assert by_topic["/robot_description"].digest == MessageDefinitions().type_hash(STRING)
         assert by_topic["/robot_description"].ext.offered_qos_profiles[0].durability == QosDurability.TRANSIENT_LOCAL
         assert len(by_topic["/cmd_vel"].ext.offered_qos_profiles) == 2
         read = [
@@ -81,27 +67,26 @@ def test_rosbags_reads_every_value(bag):
         assert read == [(BEGIN + index * 10_000_000, float(index)) for index in range(10)]
 
 
-def test_mcap_ros2_support_decodes_it(bag):
-    read = list(read_ros2_messages(bag / "run_0.mcap", topics="/cmd_vel"))
-    assert [message.ros_msg.angular.z for message in read] == [-float(index) for index in range(10)]
-    assert [message.publish_time_ns for message in read] == [BEGIN - 1000 + index * 10_000_000 for index in range(10)]
-    assert [message.sequence_count for message in read] == list(range(1, 11))
-
-
 def test_records_of_the_file_are_those_of_rosbag2(bag):
     with (bag / "run_0.mcap").open("rb") as stream:
         reader = make_reader(stream, validate_crcs=True)
         assert reader.get_header().profile == "ros2"
         summary = reader.get_summary()
-        schemas = {schema.name: schema for schema in summary.schemas.values()}
-        assert schemas[TWIST].encoding == "ros2msg"
-        assert schemas[TWIST].data.decode() == MessageDefinitions().schema_text(TWIST)
-        channels = {channel.topic: channel for channel in summary.channels.values()}
-        assert channels["/cmd_vel"].message_encoding == "cdr"
-        assert channels["/cmd_vel"].metadata["topic_type_hash"] == MessageDefinitions().type_hash(TWIST)
-        profiles = yaml.safe_load(channels["/cmd_vel"].metadata["offered_qos_profiles"])
-        assert [profile["reliability"] for profile in profiles] == ["reliable", "best_effort"]
+        messages = [message for *_, message in reader.iter_messages(["/cmd_vel"])]
         first, last = reader.iter_metadata()
+    assert [(one.publish_time - BEGIN, one.sequence) for one in messages] == [
+        (index * 10_000_000 - 1000, index + 1) for index in range(10)
+    ]
+    schemas = {schema.name: schema for schema in summary.schemas.values()}
+    assert (schemas[TWIST].encoding, schemas[TWIST].data.decode()) == (
+        "ros2msg",
+        MessageDefinitions().schema_text(TWIST),
+    )
+    channels = {channel.topic: channel for channel in summary.channels.values()}
+    assert channels["/cmd_vel"].message_encoding == "cdr"
+    assert channels["/cmd_vel"].metadata["topic_type_hash"] == MessageDefinitions().type_hash(TWIST)
+    profiles = yaml.safe_load(channels["/cmd_vel"].metadata["offered_qos_profiles"])
+    assert [profile["reliability"] for profile in profiles] == ["reliable", "best_effort"]
     assert first.name == last.name == "rosbag2"
     assert yaml.safe_load(first.metadata["serialized_metadata"])["message_count"] == 0
     inner = yaml.safe_load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
@@ -141,16 +126,6 @@ def test_metadata_yaml_is_read_as_it_was_written(bag):
     assert metadata.to_yaml(read) == (bag / "metadata.yaml").read_text()
 
 
-def test_half_a_metadata_yaml_is_never_seen(tmp_path, monkeypatch):
-    def power_cut(*_names):
-        raise OSError("no renaming")
-
-    monkeypatch.setattr(Path, "replace", power_cut)
-    with pytest.raises(OSError, match="no renaming"):
-        metadata.write(tmp_path, metadata.BagMetadata(files=("a_0.mcap",)))
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.parametrize(("kind", "compression"), [("zstd", "zstd"), ("lz4", "lz4"), ("none", "")])
 def test_chunks_have_the_size_and_compression_asked_for(tmp_path, kind, compression):
     write_bag(tmp_path / "run", 1000, chunk_size=10_000, compression=Compression(kind)).close()
@@ -161,138 +136,17 @@ def test_chunks_have_the_size_and_compression_asked_for(tmp_path, kind, compress
     assert len(chunks) > 5
 
 
-def test_what_was_flushed_is_readable_before_the_end(tmp_path):
-    writer = write_bag(tmp_path / "run")
-    path = writer.path
-    assert not [record for record in records(path) if isinstance(record, Message)]
-    writer.flush()
-    assert len([record for record in records(path) if isinstance(record, Message)]) == 11
-    writer.close()
-
-
-def records(path):
-    """All records up to where the file ends."""
-    with path.open("rb") as stream:
-        try:
-            yield from StreamReader(stream).records
-        except EndOfFile:
-            return
-
-
-def test_a_bag_without_messages_is_a_bag(tmp_path):
-    writer = BagWriter(tmp_path / "run")
-    writer.add_topic("/cmd_vel", TWIST, [Qos()])
-    writer.close()
-    with AnyReader([tmp_path / "run"]) as reader:
-        assert reader.message_count == 0
-        assert [connection.topic for connection in reader.connections] == ["/cmd_vel"]
-
-
 def test_a_type_that_is_not_installed_is_kept_without_a_schema(tmp_path):
-    with_nothing = MessageDefinitions([tmp_path])
-    writer = BagWriter(tmp_path / "run", with_nothing)
+    writer = BagWriter(tmp_path / "parents" / "are made" / "run", MessageDefinitions([tmp_path]))
     writer.write(writer.add_topic("/a", "my_msgs/msg/A"), b"\0\1\0\0abc", BEGIN, BEGIN)
+    writer.add_topic("/hashed", TWIST, [Qos()], "RIHS01_77")
     writer.close()
-    with (tmp_path / "run" / "run_0.mcap").open("rb") as stream:
+    with writer.path.open("rb") as stream:
         ((schema, channel, message),) = make_reader(stream).iter_messages()
     assert (schema.name, schema.encoding, schema.data) == ("my_msgs/msg/A", "", b"")
     assert (channel.topic, message.data) == ("/a", b"\0\1\0\0abc")
-
-
-def test_the_hash_that_publishers_tell_goes_before_the_installed_one(tmp_path):
-    writer = BagWriter(tmp_path / "run")
-    writer.add_topic("/cmd_vel", TWIST, [Qos()], "RIHS01_77")
-    writer.close()
-    assert metadata.read(tmp_path / "run").topics[0].type_hash == "RIHS01_77"
-
-
-def test_closing_twice_is_harmless(tmp_path):
-    writer = write_bag(tmp_path / "run")
-    writer.close()
-    before = writer.path.read_bytes()
-    writer.close()
-    assert writer.closed
-    assert writer.path.read_bytes() == before
-
-
-def test_an_existing_folder_is_refused_and_left_alone(tmp_path):
-    (tmp_path / "run").mkdir()
-    with pytest.raises(BagWriteError, match=r"run exists already: choose another name for the bag$"):
-        BagWriter(tmp_path / "run")
-    assert not list((tmp_path / "run").iterdir())
-
-
-@pytest.mark.parametrize("parent", ["file", "/proc/none"])
-def test_a_folder_that_cannot_be_made_is_refused(tmp_path, parent):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(BagWriteError, match=r"cannot create the bag .*: \w") as error:
-        BagWriter(tmp_path / parent / "run")
-    assert "\n" not in str(error.value)
-
-
-def test_missing_parents_are_made(tmp_path):
-    BagWriter(tmp_path / "a" / "b" / "run").close()
-    assert (tmp_path / "a" / "b" / "run" / "metadata.yaml").is_file()
-
-
-FILL_THE_DISK = """
-    import sys
-    from pathlib import Path
-    from diffbot_bag.whole_chunk import Compression
-    from diffbot_bag.writer import BagWriteError, BagWriter
-
-    writer = BagWriter(Path(sys.argv[1]), compression=Compression("none"), chunk_size=4096)
-    channel = writer.add_topic("/a", "std_msgs/msg/String")
-    written = 0
-    try:
-        for index in range(100_000):
-            writer.write(channel, index.to_bytes(1000, "little"), index + 1, index + 1)
-            written += 1
-            if index % 10 == 0:
-                writer.flush()
-                print("flushed", written)
-    except BagWriteError as error:
-        print("error:", error)
-        print("closed:", writer.closed)
-        writer.close()
-"""
-
-
-def test_a_full_disk_is_an_error_and_what_was_flushed_is_readable(tmp_path):
-    limit = 200_000
-    done = subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(FILL_THE_DISK), str(tmp_path / "run")],
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
-        env=graph.environment(),
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=60,
-    )
-    flushed = int([line for line in done.stdout.splitlines() if line.startswith("flushed")][-1].split()[1])
-    (error,) = (line for line in done.stdout.splitlines() if line.startswith("error"))
-    assert "run_0.mcap: File too large; the bag ends after about" in error
-    assert "closed: True" in done.stdout
-    assert not done.stderr
-    read = [record for record in records(tmp_path / "run" / "run_0.mcap") if isinstance(record, Message)]
-    assert len(read) >= flushed > 100
-    assert [int.from_bytes(message.data, "little") for message in read] == list(range(len(read)))
-
-
-def test_a_disk_that_is_full_from_the_start_is_known_at_once(tmp_path):
-    code = (
-        "import sys; from pathlib import Path; from diffbot_bag.writer import BagWriter; BagWriter(Path(sys.argv[1]))"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code, str(tmp_path / "run")],
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100)),
-        env=graph.environment(),
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=60,
-    )
-    assert "BagWriteError: cannot write" in done.stderr
+    # The hash that publishers offer goes before the installed one.
+    assert [topic.type_hash for topic in metadata.read(writer.folder).topics] == ["", "RIHS01_77"]
 
 
 def test_the_disk_is_watched(tmp_path):
@@ -307,4 +161,41 @@ def test_the_disk_is_watched(tmp_path):
     writer.path.touch()
     with pytest.raises(BagWriteError, match="was replaced while it was written"):
         writer.check_disk(0)
-    writer.close()
+    for _ in range(2):
+        writer.close()
+
+
+def test_what_cannot_be_created_is_refused_and_leaves_nothing(tmp_path, monkeypatch):
+    (tmp_path / "run").mkdir()
+    (tmp_path / "file").write_text("")
+    with pytest.raises(BagWriteError, match=r"run exists already: choose another name for the bag$"):
+        BagWriter(tmp_path / "run")
+    assert not list((tmp_path / "run").iterdir())
+    for parent in (tmp_path / "file", Path("/proc/none")):
+        with pytest.raises(BagWriteError, match=r"cannot create the bag .*: \w") as error:
+            BagWriter(parent / "run")
+        assert "\n" not in str(error.value)
+    monkeypatch.setattr(Path, "replace", lambda *_: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        metadata.write(tmp_path / "run", metadata.BagMetadata(files=("a_0.mcap",)))
+    assert not list((tmp_path / "run").iterdir()), "half a metadata.yaml"
+
+
+def test_a_new_bag_and_files_beside_it_appear_together(tmp_path):
+    with new_bag(tmp_path / "run") as writer:
+        writer.write(writer.add_topic("/text", STRING), string("a"), 5, 5)
+        (writer.folder / "notes.txt").write_text("x")
+        assert not (tmp_path / "run").exists()
+    assert sorted(one.name for one in (tmp_path / "run").iterdir()) == ["metadata.yaml", "notes.txt", "run_0.mcap"]
+    assert metadata.read(tmp_path / "run").message_count == 1
+    assert [one.name for one in tmp_path.iterdir()] == ["run"]
+
+
+def test_a_new_bag_that_fails_leaves_nothing(tmp_path):
+    with pytest.raises(ZeroDivisionError), new_bag(tmp_path / "run"):
+        1 / 0  # noqa: B018
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "run").symlink_to("nowhere")
+    with pytest.raises(BagWriteError, match="exists already"), new_bag(tmp_path / "run"):
+        pass
+    assert [one.name for one in tmp_path.iterdir()] == ["run"]

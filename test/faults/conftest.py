@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from robot import robot
-from trials import Heartbeat, Record
+from trials import Record
 from witness import Witness
 
 _FULL_TIMEOUT = 3600
@@ -39,19 +39,12 @@ def record(pytestconfig):
 
 
 @pytest.fixture(scope="session")
-def heartbeat():
-    running = Heartbeat()
-    yield running
-    running.end()
-
-
-@pytest.fixture(scope="session")
-def trials(pytestconfig, record, heartbeat):
+def trials(pytestconfig, record):
     """Return a context of the trials of a promise by its key."""
     full = pytestconfig.getoption("--faults") == "full"
     capture = pytestconfig.pluginmanager.getplugin("capturemanager")
     shown = capture.global_and_fixture_disabled if full and capture else contextlib.nullcontext
-    return lambda key: record.trials(key, full, heartbeat, shown)
+    return lambda key: record.trials(key, full, shown)
 
 
 @pytest.fixture

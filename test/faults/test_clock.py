@@ -92,7 +92,7 @@ def test_clock_that_jumps_back_stops_the_robot(timed, trials, seeded):
         for _ in timed.moments(running, seeded):
             since = timed.mark()
             timed.source.offset -= JUMP
-            running.measure(time_of_first_stop(timed, since), since, delay=timed.delay())
+            running.measure(time_of_first_stop(timed, since), delay=timed.delay())
 
 
 def time_of_first_stop(witness, since):
@@ -112,7 +112,7 @@ def test_clock_that_jumps_ahead_leaves_the_goal(timed, trials, seeded):
             later = since + 0.2
             timed.peer.spin_until(lambda later=later: [1 for at, (v, _) in timed.commands if at > later and v > 0.3])
             first = next(at for at, (v, _) in timed.commands if at > later and v > 0.3)
-            running.measure(first - since, since, delay=timed.delay())
+            running.measure(first - since, delay=timed.delay())
 
 
 def test_second_publisher_of_clock_stops_the_robot_and_is_named(timed, trials, seeded):
@@ -128,4 +128,4 @@ def test_second_publisher_of_clock_stops_the_robot_and_is_named(timed, trials, s
                     timed.report_with("controller", "/clock", "second_clock", level=DiagnosticStatus.ERROR)
                 finally:
                     second.end()
-                running.measure(first, since, delay=delay)
+                running.measure(first, delay=delay)

@@ -124,7 +124,7 @@ def test_killed_recorder_leaves_the_robot_driving_and_a_readable_bag(driving, tr
             recorder.wait()
             driving.until_moving()
             stopped = [value for at, value in driving.commands if at >= since and value == (0.0, 0.0)]
-            running.measure((wall - true_poses(bag)[-1][0]) * 1e-9, since, kept=not stopped)
+            running.measure((wall - true_poses(bag)[-1][0]) * 1e-9, kept=not stopped)
             assert "Traceback" not in recorder.output
 
 

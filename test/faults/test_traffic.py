@@ -5,12 +5,10 @@ import math
 import re
 import statistics
 import sys
-import time
 
 import bad_network
 import goal_flood
 import graph
-from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Twist
 from robot import DEEP, distance
 from witness import FAR, NEAR
@@ -74,21 +72,7 @@ def test_flood_of_goals_leaves_the_control_period(observed, trials, pytestconfig
                 )
                 quiet, loaded = (control_periods(sent, flood.output, kind) for kind in ("pause", "flood"))
                 goals = sum(map(int, re.findall(r"flood \d+ \d+ (\d+)", flood.output)))
-            assert min(len(quiet), len(loaded)) >= 5 * seconds * times, "the robot drives"
+            assert min(len(quiet), len(loaded)) >= (5 * seconds * times if full else 3), "the robot drives"
             # Of few periods the 99th percentile is the largest one, which a single delay by the scheduler decides.
             typical = p99 if full else statistics.median
             running.add(typical(loaded) / typical(quiet), kept=goals >= 0.9 * FLOOD_RATE * seconds * times)
-
-
-def test_second_controller_on_cmd_vel_is_an_error_that_names_it(observed, trials):
-    arguments = ("-r", "__node:=second_controller")
-    with observed(NEAR) as witness, trials("two controllers") as running:
-        witness.drive()
-        for _ in running:
-            with graph.node(graph.MODULES["controller"], {}, arguments) as second:
-                second.wait_for_output("ready")
-                since = time.monotonic()
-                report = witness.report_with("/cmd_vel", "second_controller", level=DiagnosticStatus.ERROR)
-                assert report.name in ("/controller", "/second_controller", "/plant")
-                running.measure(time.monotonic() - since, since)
-                assert second.stop() == 0

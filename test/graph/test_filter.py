@@ -1,142 +1,214 @@
-"""The filter's node in the graph: how it starts, its sources, its reset, and its states."""
+"""The ekf in the graph: how it starts, what it fuses, what it reports, and what it keeps across a restart."""
 
-import graph
+import json
+import math
+
 import numpy as np
+import one_process
 import pytest
-from filter_input import fix, odometry
+from diagnostic_msgs.msg import DiagnosticStatus
+from filter_input import R_FIX, fix, odometry, timed
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from graph import MODULES
 from nav_msgs.msg import Odometry
-from robot import DEEP, distance, initialpose, lockstep, planar, robot, stamp, turned
+from robot import DEEP, LATCHED, distance, planar, stamp, turned
+from sensor_msgs.msg import PointCloud2, PointField
 from std_srvs.srv import Trigger
 
-NO_FIXES = {"fix_rate": 0.0, "initial_pose.x": 1.0, "initial_pose.y": -2.0, "initial_pose.yaw": 2.0}
+from diffbot_control.ekf_node import EkfNode
+from diffbot_control.ros.landmark_cloud import LandmarkPoint, fill_landmark_points
+from diffbot_core.errors import DiffbotError
+
+LANDMARKS = {"landmark_ids": [7, 3, -2], "landmark_x": [3.0, -4.0, 0.5], "landmark_y": [2.0, 1.0, -3.0]}
+OVERRIDING = {"global_pose_sigma_xy": 0.3, "global_pose_sigma_yaw": 0.1, "override_covariance": True}
+START_POSE = (1.0, 2.0, 0.5)
 
 
-def state_of(robot):
-    return robot.ekf_states[-1].message if robot.ekf_states else ""
+class Filter(one_process.Fed):
+    """An ekf alone, with the test as its sensors and its clock."""
+
+    def __init__(self, nodes, parameters=None):
+        super().__init__(nodes, EkfNode, {"reliable_inputs": True, **(parameters or {})})
+        self.poses = self.peer.subscribe(PoseWithCovarianceStamped, "pose", DEEP)
+        self.filtered = self.peer.subscribe(Odometry, "odometry/filtered", DEEP)
+        self.time = 1000.0
+
+    def move(self, v=0.0, omega=0.0):
+        """Send the odometry of a tenth of a second; return the pose that answers it and its covariance."""
+        self.time = round(self.time + 0.1, 3)
+        self.send("odom", odometry(self.time, v, omega))
+        self.peer.spin_until(lambda: self.poses and stamp(self.poses[-1]) == round(self.time * 1e9), what="the pose")
+        P = np.array(self.poses[-1].pose.covariance).reshape(6, 6)
+        return planar(self.poses[-1].pose.pose), P[np.ix_([0, 1, 5], [0, 1, 5])]
+
+    def start(self, *pose):
+        self.send("global_pose", fix(self.time, *pose))
+        return self.move()
+
+    def details(self):
+        return self.node.details()
 
 
-def test_without_fixes_it_waits_for_initialpose_and_then_follows_the_odometry():
-    with robot(NO_FIXES, namespace="/blind") as blind:
-        blind.peer.spin_until(lambda: len(blind.truths) > 5, 5.0, "steps")
-        blind.peer.spin_until(lambda: state_of(blind) == "waiting for first fix", 5.0, "waiting")
-        assert not blind.poses
-        publisher = blind.peer.publisher(PoseWithCovarianceStamped, "initialpose")
-        blind.peer.wait_for_subscribers(publisher)
-        publisher.publish(initialpose(1.0, -2.0, 2.0))
-        blind.peer.spin_until(lambda: blind.poses, 5.0, "a pose")
-        assert planar(blind.poses[0].pose.pose) == pytest.approx((1.0, -2.0, 2.0), abs=1e-3)
-        blind.peer.spin_until(lambda: state_of(blind) == "running", 3.0, "running")
-        blind.send_goal(2.5, -2.0, 0.0)
-        blind.peer.spin_until(lambda: distance(blind.true_pose(), (1.0, -2.0)) > 0.5, 10.0, "motion")
-        # Twists in, no fix: the filter drifts no more than the encoders' 5 %.
-        truth = {stamp(one): planar(one.pose.pose) for one in blind.truths}
-        estimate = blind.poses[-1]
-        assert distance(planar(estimate.pose.pose), truth[stamp(estimate)]) < 0.15
-        # Told otherwise, it believes it.
-        publisher.publish(initialpose(9.0, 9.0, 0.0))
-        blind.peer.spin_until(lambda: planar(blind.poses[-1].pose.pose)[0] > 8.5, 3.0, "the new pose")
-        # The odometry falls silent.
-        blind.processes["plant"].stop()
-        blind.peer.spin_until(lambda: state_of(blind) == "no odometry", 5.0, "no odometry")
+@pytest.fixture
+def start():
+    """Return a function that starts an ekf; the one before it ends as by a signal."""
+    with one_process.nodes() as nodes:
+        running = []
+
+        def begin(parameters=None):
+            while running:
+                node = running.pop().node
+                node.before_shutdown()
+                nodes.remove(node)
+            running.append(Filter(nodes, parameters))
+            return running[-1]
+
+        yield begin
 
 
-@pytest.fixture(scope="module")
-def twins():
-    """One robot with two filters, of which one reads the wheels; in lock-step, so that both see each step."""
-    with lockstep({"seed": 21}) as running:
-        arguments = ("-r", "__node:=second", "-r", "pose:=pose2", "-r", "odometry/filtered:=filtered2")
-        with graph.node(MODULES["ekf"], {"odometry_source": "joint_states"}, arguments) as second:
-            second.wait_for_output("]: ready")
-            running.second = running.peer.subscribe(PoseWithCovarianceStamped, "pose2", DEEP)
-            running.filtered = running.peer.subscribe(Odometry, "odometry/filtered", DEEP)
-            # Far from the goal again when all are heard.
-            running.pause(False)
-            heard = (running.second, running.filtered, running.truths, running.poses)
-            running.peer.spin_until(lambda: all(heard), 10.0, "both filters")
-            running.send_goal(0.0, 0.0, 0.0)
-            # By stamps: a step that was sent again is answered again.
-            count = len(by_stamp(running.second))
-            running.peer.spin_until(lambda: len(by_stamp(running.second)) > count + 150, 20.0, "150 steps")
-            running.pause(True)
-            running.catch_up()
-            yield running
+def without_covariance(message):
+    message.pose.covariance[:] = 0.0
+    return message
 
 
-def by_stamp(messages):
-    return {stamp(message): planar(message.pose.pose) for message in messages}
+def test_odometry_alone_starts_nothing_and_initialpose_does(start):
+    subject = start()
+    subject.send("odom", odometry(subject.time))
+    assert (subject.node.state(), subject.poses) == ("waiting for first fix", [])
+    subject.send("initialpose", fix(subject.time, -2.0, 1.0, 2.0))
+    assert subject.move()[0] == pytest.approx((-2.0, 1.0, 2.0), abs=1e-6)
+    assert subject.node.state() == "running"
+    # A second one moves the filter wherever that is.
+    subject.send("initialpose", fix(subject.time, 90.0, 9.0, 0.0))
+    assert subject.move()[0] == pytest.approx((90.0, 9.0, 0.0), abs=1e-6)
+    assert subject.peer.call(Trigger, "ekf/reset").success
+    assert (subject.node.state(), subject.node.health.report(1.0)) == ("waiting for first fix", {})
+    assert subject.start(*START_POSE)[0] == pytest.approx(START_POSE, abs=1e-6)
+    states = subject.peer.subscribe(DiagnosticStatus, "ekf/status", LATCHED)
+    subject.peer.spin_until(lambda: states and states[-1].message == "no odometry", what="the silence in the status")
 
 
-def test_estimate_is_better_than_a_fix(twins):
-    truth, estimate = by_stamp(twins.truths), by_stamp(twins.poses)
-    late = sorted(truth.keys() & estimate.keys())[50:]
-    assert len(late) > 80
-    errors = [distance(estimate[when], truth[when]) for when in late]
-    assert np.mean(errors) < 0.1  # a fix is 0.23 m off on average
-    assert np.mean([turned(estimate[when], truth[when]) for when in late]) < 0.05
+def test_filtered_odometry_is_the_same_estimate_with_the_twist_of_the_calibrated_wheels(start, tmp_path):
+    """Both wheels are known to be 2 % too large."""
+    path = tmp_path / "ekf.json"
+    path.write_text(saved(wheels=[0.02, 0.02], wheels_P=[[1e-8, 0], [0, 1e-8]]))
+    subject = start({"state_file": str(path)})
+    before, _ = subject.move(0.5)
+    after, P = subject.move(0.5)
+    subject.peer.spin_until(lambda: stamp(subject.filtered[-1]) == round(subject.time * 1e9), what="its twist")
+    (newest,) = subject.filtered[-1:]
+    assert planar(newest.pose.pose) == after
+    assert np.array(newest.pose.covariance) == pytest.approx(np.array(subject.poses[-1].pose.covariance))
+    assert newest.child_frame_id == "base_link"
+    assert newest.twist.twist.linear.x == pytest.approx(0.51, abs=1e-3)
+    assert distance(before, after) == pytest.approx(0.051, abs=1e-4)
+    assert np.linalg.eigvalsh(P)[0] > 0.0
 
 
-def test_wheel_speeds_give_the_same_estimate_as_odometry(twins):
-    """The plant's odometry is made of its joint states; only the order of fix and joint state may differ."""
-    one, other = by_stamp(twins.poses), by_stamp(twins.second)
-    common = sorted(one.keys() & other.keys())[10:]
-    assert len(common) > 80
-    assert np.median([distance(one[when], other[when]) for when in common]) < 0.02
-    assert max(distance(one[when], other[when]) for when in common) < 0.3
+def test_covariance_of_a_fix_is_its_own_or_that_of_the_parameters(start):
+    subject = start()
+    subject.send("global_pose", without_covariance(fix(subject.time)))
+    assert subject.node.health.dropped["global_pose", "covariance is zero"] == 1
+    assert np.diag(subject.start(*START_POSE)[1]) == pytest.approx(R_FIX.diagonal(), rel=0.02)
+    subject = start({**OVERRIDING, "override_covariance": False})
+    subject.send("global_pose", without_covariance(fix(subject.time)))
+    assert np.diag(subject.move()[1]) == pytest.approx([0.09, 0.09, 0.01], rel=0.02)
+    assert subject.node.health.counted["global_pose with the covariance of the parameters"] == 1
+    subject = start(OVERRIDING)
+    assert np.diag(subject.start(*START_POSE)[1]) == pytest.approx([0.09, 0.09, 0.01], rel=0.02)
+    # An initial pose counts as it says.
+    subject.send("initialpose", fix(subject.time))
+    assert np.diag(subject.move()[1]) == pytest.approx(R_FIX.diagonal(), rel=0.02)
 
 
-def test_filtered_odometry_is_the_same_estimate_with_the_twist(twins):
-    poses, filtered = by_stamp(twins.poses), by_stamp(twins.filtered)
-    common = poses.keys() & filtered.keys()
-    assert len(common) > 100
-    assert all(poses[when] == filtered[when] for when in common)
-    assert twins.filtered[0].child_frame_id == "base_link"
-    assert max(abs(one.twist.twist.linear.x) for one in twins.filtered) > 0.5
-    assert all(np.linalg.eigvalsh(np.array(one.pose.covariance).reshape(6, 6))[0] > 0.0 for one in twins.poses[20::20])
+def test_a_further_source_of_fixes_has_its_own_deviations_and_delay(start):
+    """Its fix is measured 0.1 s before its stamp: the odometry of that time would be out of order otherwise."""
+    numbers = {"sigma_xy": 0.2, "sigma_yaw": 0.1, "delay": 0.1}
+    subject = start({"pose_sources": ["gps"], **{f"pose_source_{name}": [value] for name, value in numbers.items()}})
+    subject.send("gps", without_covariance(fix(subject.time + 0.2)))
+    pose, P = subject.move()
+    assert pose == pytest.approx(START_POSE)
+    assert np.diag(P) == pytest.approx([0.04, 0.04, 0.01])
 
 
-def test_reset_forgets_and_the_next_fix_starts_anew(twins):
-    answer = twins.peer.call(Trigger, "ekf/reset")
-    assert (answer.success, answer.message) == (True, "waiting for the next fix")
-    twins.peer.spin_until(lambda: state_of(twins) == "waiting for first fix", 3.0, "waiting")
-    count = len(twins.poses)
-    twins.pause(False)
-    twins.peer.spin_until(lambda: len(twins.poses) > count + 3, 10.0, "poses")
-    twins.pause(True)
-    twins.catch_up()
-    # One fix: as uncertain as it is, uniform within 0.3 m.
-    first = np.array(twins.poses[count].pose.covariance)[[0, 7]]
-    assert first == pytest.approx([0.03, 0.03], rel=0.3)
-    assert np.all(first > 3 * np.array(twins.poses[count - 1].pose.covariance)[[0, 7]])
+def cloud(time, points):
+    message = timed(PointCloud2(), time)
+    message.header.frame_id = "base_link"
+    fill_landmark_points(message, points, PointField)
+    return message
 
 
-def test_a_further_source_of_fixes_has_its_own_deviations_and_delay():
-    """Its fix is measured 0.1 s before its stamp: taken as later, the odometry would come out of order."""
-    parameters = {
-        "reliable_inputs": True,  # the fix is sent once
-        "pose_sources": ["gps"],
-        "pose_source_sigma_xy": [0.2],
-        "pose_source_sigma_yaw": [0.1],
-        "pose_source_delay": [0.1],
-    }
-    with (
-        graph.node(MODULES["ekf"], parameters, ("-r", "__ns:=/sources")) as process,
-        graph.peer(namespace="/sources") as peer,
-    ):
-        process.wait_for_output("]: ready")
-        poses = peer.subscribe(PoseWithCovarianceStamped, "pose", DEEP)
-        gps, odom = peer.publisher(PoseWithCovarianceStamped, "gps"), peer.publisher(Odometry, "odom")
-        peer.wait_for_subscribers(gps, odom)
-        message = fix(1000.1)
-        message.pose.covariance[:] = 0.0
-        gps.publish(message)
+def seen(number, pose):
+    """Return landmark ``number`` as a robot at ``pose`` measures it."""
+    index = LANDMARKS["landmark_ids"].index(number)
+    dx, dy = LANDMARKS["landmark_x"][index] - pose[0], LANDMARKS["landmark_y"][index] - pose[1]
+    return LandmarkPoint(number, math.hypot(dx, dy), math.atan2(dy, dx) - pose[2], 4e-4, 1e-4)
 
-        def answered():
-            odom.publish(odometry(1000.0))
-            return poses
 
-        peer.spin_until(answered, 5.0, "a pose")
-        assert stamp(poses[0]) == 1000 * 10**9
-        assert planar(poses[0].pose.pose) == pytest.approx((1.0, 2.0, 0.5))
-        assert np.array(poses[0].pose.covariance)[[0, 7, 35]] == pytest.approx([0.04, 0.04, 0.01])
+def test_landmarks_are_fused_by_their_numbers_and_strangers_are_counted(start):
+    subject, truth = start(LANDMARKS), (1.0, 2.0, 0.0)
+    subject.start(1.1, 2.1, 0.05)
+    for _ in range(20):
+        points = [seen(7, truth), seen(3, truth), LandmarkPoint(99, 1.0, 1.0, 4e-4, 1e-4)]
+        subject.send("landmarks", cloud(subject.time + 0.05, points))
+        pose, P = subject.move()
+    assert distance(pose, truth) < 0.02
+    assert turned(pose, truth) < 0.02
+    assert np.linalg.eigvalsh(P).max() < 0.02**2
+    assert subject.node.health.counted["landmarks of unknown number"] == 20
+    assert not subject.node.health.dropped
+
+
+def saved(**changes):
+    """Return the text of a state file."""
+    content = {"version": 1, "pose": [2, 1, 0.5], "geometry": [0.05, 0.6], "wheels": [0.01, -0.01]}
+    content |= {"P": np.diag([0.01] * 3).tolist(), "wheels_P": np.diag([1e-6] * 2).tolist()}
+    return json.dumps(content | changes)
+
+
+def test_state_is_kept_across_a_restart_and_forgotten_by_a_reset(start, tmp_path, capfd):
+    path = tmp_path / "state" / "ekf.json"
+    parameters = {"state_file": str(path)}
+    subject, (x, y, theta) = start(parameters), (3.0, -1.0, 2.0)
+    subject.start(x, y, theta)
+    # The right wheel is 2 % larger than configured: the odometry of a straight line is a circle.
+    for _ in range(150):
+        v, omega = 1.01, 0.02 / 0.6
+        x += 0.1 * v * math.cos(theta + 0.05 * omega)
+        y += 0.1 * v * math.sin(theta + 0.05 * omega)
+        theta += 0.1 * omega
+        subject.send("global_pose", fix(round(subject.time + 0.1, 6), x, y, theta))
+        pose, _ = subject.move(1.0)
+    again = start(parameters)
+    content = json.loads(path.read_text())
+    assert content["wheels"][1] - content["wheels"][0] == pytest.approx(0.02, abs=0.01)
+    assert content["pose"][:2] == pytest.approx(pose[:2], abs=0.2)
+    again.time += 100.0
+    assert again.node.state() == "no odometry"
+    assert again.move()[0] == pytest.approx(content["pose"], abs=1e-6)
+    assert again.details()["right wheel radius error"].startswith(f"{content['wheels'][1]:+.4f}")
+    # An initial pose keeps what is known of the wheels.
+    again.send("initialpose", fix(again.time, 4.0, 5.0, -1.0))
+    again.move()
+    assert again.details()["right wheel radius error"].startswith(f"{content['wheels'][1]:+.4f}")
+    assert again.peer.call(Trigger, "ekf/reset").success
+    start()
+    assert not path.exists()
+    assert "state_file" not in capfd.readouterr().err
+
+
+def test_a_state_file_that_does_not_fit_is_set_aside_or_used_in_part(start, tmp_path, capfd):
+    path = tmp_path / "ekf.json"
+    path.write_text(saved(geometry=[0.05, 0.7]))
+    subject = start({"state_file": str(path)})
+    assert "wheel errors not restored" in capfd.readouterr().err
+    assert subject.details()["left wheel radius error"] == "+0.0000 +- 0.0100"
+    assert subject.move()[0] == pytest.approx((2.0, 1.0, 0.5))
+    start()
+    path.write_text(saved(pose=[1, 2, "here"]))
+    subject = start({"state_file": str(path)})
+    assert "state not restored" in capfd.readouterr().err
+    assert subject.node.state() == "waiting for first fix"
+    assert (tmp_path / "ekf.json.bad").exists()
+    (tmp_path / "maps").mkdir()
+    with pytest.raises(DiffbotError, match=r"^state_file = "):
+        start({"state_file": str(tmp_path / "maps")})

@@ -15,6 +15,7 @@ from diffbot_core.geometry import Pose
 ID = "0123456789abcdef" * 2
 SINGLE = SavedGoal(ID, "request", "map", [Pose(1.0, 2.0, 0.5)])
 PATH = SavedGoal(ID, "path", "map", [Pose(1.0, 2.0, 0.5), Pose(3.0, 2.0, 0.0)], 4, 5)
+RESTARTED = "the controller was restarted"
 
 
 @pytest.fixture(scope="module")
@@ -25,15 +26,14 @@ def nodes():
 
 @pytest.fixture
 def start(nodes, tmp_path):
-    """Return a function that starts a controller with the file; the test's last one is destroyed."""
+    """Return a function that starts a controller with the file; the one before it is destroyed."""
     running = []
 
     def start(**parameters):
         while running:
             nodes.remove(running.pop())
-        node = nodes.add(ControllerNode, {"goal_file": str(tmp_path / "goal"), **parameters})
-        running.append(node)
-        return node
+        running.append(nodes.add(ControllerNode, {"goal_file": str(tmp_path / "goal"), **parameters}))
+        return running[-1]
 
     yield start
     for node in running:
@@ -45,42 +45,49 @@ def ends(node):
 
 
 @pytest.mark.parametrize("goal", [SINGLE, PATH])
-def test_a_goal_is_given_up_by_default(goal, start, tmp_path):
-    save_goal(tmp_path / "goal", goal)
+def test_a_goal_is_given_up_by_default_and_resumed_where_that_is_asked_for(goal, start, tmp_path):
+    path = tmp_path / "goal"
+    save_goal(path, goal)
     node = start()
-    assert ends(node) == [(ID, "not reached", "the controller was restarted")]
+    assert ends(node) == [(ID, "not reached", RESTARTED)]
     assert node.supervisor.goal is None
-    assert not (tmp_path / "goal").exists()
-
-
-@pytest.mark.parametrize("goal", [SINGLE, PATH])
-def test_a_goal_is_resumed_where_that_is_asked_for(goal, start, tmp_path):
-    save_goal(tmp_path / "goal", goal)
+    assert not path.exists()
+    save_goal(path, goal)
     node = start(resume_goal=True)
     present = node.supervisor.goals.present
     assert (present.request.id, present.request.source) == (ID, goal.source)
     assert node.supervisor.goals_ahead == goal.poses
     assert (node.supervisor.waypoint, node.supervisor.waypoints) == (goal.waypoint, goal.waypoints)
     # It is still known after another death.
-    assert load_goal(tmp_path / "goal", 10) == goal
+    assert load_goal(path, 10) == goal
 
 
-def test_a_goal_that_was_being_cancelled_is_never_resumed(start, tmp_path):
-    save_goal(tmp_path / "goal", SINGLE._replace(poses=[], is_cancelling=True))
-    assert ends(start(resume_goal=True)) == [(ID, "cancelled", "")]
+@pytest.mark.parametrize(
+    ("goal", "end"),
+    [
+        (SINGLE._replace(poses=[], is_cancelling=True), ("cancelled", "")),
+        (
+            SINGLE._replace(frame="floor_2"),
+            ("not reached", f"{RESTARTED}, with another map_frame than floor_2"),
+        ),
+    ],
+)
+def test_a_goal_that_was_being_cancelled_or_is_in_another_frame_is_not_resumed(goal, end, start, tmp_path):
+    save_goal(tmp_path / "goal", goal)
+    assert ends(start(resume_goal=True)) == [(ID, *end)]
 
 
-@pytest.mark.parametrize("age", [100.0, -100.0])
-def test_a_goal_of_long_ago_is_given_up_and_one_of_the_future_too(age, start, tmp_path):
+def test_a_goal_of_long_ago_is_given_up_and_one_of_the_future_too(start, tmp_path):
     path = tmp_path / "goal"
+    for age in (1000.0, -1000.0):
+        save_goal(path, SINGLE)
+        os.utime(path, (0.0, time.time() - age))
+        ((_, end, reason),) = ends(start(resume_goal=True, resume_timeout=600.0))
+        assert end == "not reached"
+        assert reason.startswith(f"{RESTARTED}, and was last alive {'-' if age < 0 else ''}")
     save_goal(path, SINGLE)
-    os.utime(path, (0.0, time.time() - age))
-    assert ends(start(resume_goal=True, resume_timeout=60.0)) == [
-        (ID, "not reached", f"the controller was restarted, and was last alive {age:.0f} s before")
-    ]
-    save_goal(path, SINGLE)
-    os.utime(path, (0.0, time.time() - 50.0))
-    assert ends(start(resume_goal=True, resume_timeout=60.0)) == []
+    os.utime(path, (0.0, time.time() - 100.0))
+    assert ends(start(resume_goal=True, resume_timeout=600.0)) == []
 
 
 def test_a_goal_that_is_resumed_before_the_first_clock_has_the_time_since_then(nodes, start, tmp_path):
@@ -90,22 +97,7 @@ def test_a_goal_that_is_resumed_before_the_first_clock_has_the_time_since_then(n
     clocks = nodes.peer.publisher(Clock, "/clock")
     nodes.peer.wait_for_subscribers(clocks)
     clocks.publish(Clock(clock=Time(sec=5000)))
-    nodes.peer.spin_until(lambda: node.supervisor.goals.present.request.time == 5000.0, 5.0, "the time of the goal")
-
-
-def test_a_goal_in_another_frame_is_given_up(start, tmp_path):
-    save_goal(tmp_path / "goal", SINGLE._replace(frame="floor_2"))
-    assert ends(start(resume_goal=True)) == [
-        (ID, "not reached", "the controller was restarted, with another map_frame than floor_2")
-    ]
-
-
-def test_another_file_is_kept_aside_with_one_warning(start, tmp_path, capfd):
-    (tmp_path / "goal").write_text("my only copy of something else")
-    node = start(resume_goal=True)
-    assert ends(node) == []
-    assert (tmp_path / "goal.bad").read_text() == "my only copy of something else"
-    assert "goal is no JSON; the file is kept as goal.bad" in capfd.readouterr().err
+    nodes.peer.spin_until(lambda: node.supervisor.goals.present.request.time == 5000.0, what="the time of the goal")
 
 
 def test_the_file_follows_the_goal(start, tmp_path, monkeypatch):
@@ -123,24 +115,23 @@ def test_the_file_follows_the_goal(start, tmp_path, monkeypatch):
     assert load_goal(path, 10) == PATH._replace(id=ID[::-1], waypoint=1, waypoints=2)
     os.utime(path, (0.0, 0.0))
     node._publish_status()
-    assert time.time() - path.stat().st_mtime < 5.0, "the controller is alive"
+    assert path.stat().st_mtime > 1e9, "the controller is alive"
     path.unlink()
     node._publish_status()
     now[0] += 0.2
     node._publish_status()
-    assert load_goal(path, 10).id == ID[::-1], "deleted by someone, written again"
+    assert load_goal(path, 10).id == ID[::-1], "deleted by another program, written again"
     node.cancel()
     assert not path.exists()
 
 
-def test_a_folder_that_cannot_be_written_to_is_reported_and_the_goal_is_driven_to(start, tmp_path, capfd):
+def test_a_file_that_is_none_is_kept_aside_and_a_folder_that_refuses_it_is_reported(start, tmp_path, capfd):
+    (tmp_path / "goal").write_text("my only copy of something else")
+    assert ends(start(resume_goal=True)) == []
+    assert (tmp_path / "goal.bad").read_text() == "my only copy of something else"
+    assert "goal is no JSON; the file is kept as goal.bad" in capfd.readouterr().err
     (tmp_path / "file").touch()
     node = start(goal_file=str(tmp_path / "file" / "goal"))
     node.goals.accept_goals(SINGLE.poses, False, "request", ID)
     assert node.supervisor.goal == SINGLE.poses[0]
     assert "cannot write goal_file: " in capfd.readouterr().err
-
-
-def test_resuming_needs_a_file(nodes):
-    with pytest.raises(Exception, match=r"resume_goal = True: must be false without a goal_file"):
-        nodes.add(ControllerNode, {"resume_goal": True})

@@ -1,228 +1,233 @@
-"""Parameters of the nodes: what is refused at the start and later, in which words, and what takes effect."""
+"""Parameters of the nodes: what is refused at the start and later, in which words, what takes effect, and files."""
 
 import math
-import subprocess
-import sys
-from pathlib import Path
 
 import graph
+import one_process
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
-from graph import MODULES
-from nav_msgs.msg import Odometry
-from rcl_interfaces.msg import Parameter
-from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomically
-from robot import parameter_value, planar, robot
+import yaml
+from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters, SetParametersAtomically
+from rclpy.parameter import PARAMETER_SEPARATOR_STRING, Parameter, parameter_dict_from_yaml_file
+from rclpy.parameter import parameter_value_to_python as python_value
 
 from diffbot_bag.parameters import RecorderConfig, ReplayConfig
-from diffbot_control.controller_node import ControllerNodeConfig
-from diffbot_control.ekf_node import EkfNodeConfig
+from diffbot_control.controller_node import ControllerNode
+from diffbot_control.ekf_node import EkfNode
+from diffbot_control.ros.controller_parameters import ControllerNodeConfig
+from diffbot_control.ros.ekf_parameters import EkfNodeConfig
+from diffbot_core.errors import DiffbotError
+from diffbot_core.ros.node import DiffbotNode
+from diffbot_core.ros.parameter_names import PARAMETER_NAMES
 from diffbot_core.schema import parameters_of
-from diffbot_sim.plant_node import PlantNodeConfig
-
-CONFIGS = {"plant": PlantNodeConfig, "ekf": EkfNodeConfig, "controller": ControllerNodeConfig}
-ALL_MODULES = {**MODULES, "recorder": "diffbot_bag.recorder_node", "replay": "diffbot_bag.replay_node"}
-
-AT_START = [
-    ("controller", ["-p", "gamma:=-1.0"], ["gamma = -1.0", ">= 1e-06 and <= 1000"]),
-    ("controller", ["-p", "k:=.nan"], ["k = nan", ">= 1e-06 and <= 1000"]),
-    ("controller", ["-p", "wheel_radius:=-0.05"], ["wheel_radius = -0.05", ">= 0.001 and <= 10"]),
-    ("controller", ["-p", "eps_P:=0.5", "-p", "eps_P_leave:=0.4"], ["eps_P_leave = 0.4", ">= eps_P = 0.5"]),
-    ("controller", ["-p", "hold_goal:=1"], ["hold_goal = 1", "true or false"]),
-    ("controller", ["-p", "pose_source:=tf"], ["pose_source = 'tf'", "one of pose, odometry"]),
-    (
-        "controller",
-        ["-p", "follow_covariance:=true"],
-        ["follow_covariance = True: was replaced by region_policy (fixed or covariance)"],
-    ),
-    ("controller", ["-p", "region_policy:=circle"], ["region_policy = 'circle'", "one of fixed, covariance"]),
-    ("controller", ["-p", "region_policy:=1"], ["region_policy = 1", "a text"]),
-    ("controller", ["-p", "pose_sigma_xy:=0.0"], ["pose_sigma_xy = 0.0", ">= 0.0001"]),
-    ("controller", ["-p", "use_sim_time:=1"], ["use_sim_time"]),
-    ("ekf", ["-p", "wheel_separation:=0.0"], ["wheel_separation = 0.0", ">= 0.001 and <= 10"]),
-    ("ekf", ["-p", "wheel_separation:=5.0e-324"], ["wheel_separation = 5e-324", ">= 0.001 and <= 10"]),
-    ("ekf", ["-p", "odometry_source:=stars"], ["odometry_source = 'stars'", "one of odom, joint_states"]),
-    ("plant", ["-p", "eps_omega_max:=1.0e+308"], ["eps_omega_max = 1e+308", ">= 0 and <= 1000"]),
-    ("plant", ["-p", "clock:=sundial"], ["clock = 'sundial'", "one of wall, scaled, lockstep"]),
-    ("plant", ["-p", "start_time:=3e9"], ["start_time = 3000000000.0", "<= 2e+09"]),
-    ("recorder", ["-p", "compression:=rar"], ["compression = 'rar'", "one of zstd, lz4, none"]),
-    ("replay", ["-p", "rate:=0.0"], ["rate = 0.0", ">= 1e-06 and <= 1e+06"]),
-    ("controller", ["--params-file", "/nowhere/at/all.yaml"], ["invalid arguments", "/nowhere/at/all.yaml"]),
-    ("controller", ["--params-file", __file__], ["invalid arguments", __file__]),
-    ("controller", ["--nonsense"], ["invalid arguments", "--nonsense"]),
-]
+from diffbot_sim.plant_node import PlantNode
+from diffbot_sim.ros.parameters import PlantNodeConfig
 
 
-def start_all(cases):
-    """Start them at the same time, few at once; return exit status and output of each."""
-    results = []
-    for first in range(0, len(cases), 4):
-        running = [
-            subprocess.Popen(
-                [sys.executable, "-m", ALL_MODULES[name], "--ros-args", *arguments],
-                env=graph.environment(),
-                stdout=subprocess.PIPE,
-                stderr=subprocess.PIPE,
-                text=True,
-            )
-            for name, arguments, _ in cases[first : first + 4]
-        ]
-        try:
-            results += [(*process.communicate(timeout=60.0), process.returncode) for process in running]
-        finally:
-            for process in running:
-                process.kill()
-                process.communicate()
-    return results
+class Recorder(DiffbotNode):
+    """The recorder's parameters without a bag."""
+
+    qos_by_parameters = False
+
+    def __init__(self, **options):
+        super().__init__("recorder", RecorderConfig, **options)
 
 
-def test_nodes_refuse_to_start_in_one_line_that_names_parameter_value_and_bound():
-    for (name, arguments, words), (out, errors, status) in zip(AT_START, start_all(AT_START), strict=True):
-        assert status == 1, (name, arguments, errors)
-        lines = [line for line in (out + errors).splitlines() if line]
-        assert len(lines) == 1, (name, arguments, lines)
-        assert lines[0].startswith("error: ")
-        assert all(word in lines[0] for word in words), (lines[0], words)
+class Replay(DiffbotNode):
+    """The replay's parameters without a bag."""
+
+    qos_by_parameters = False
+
+    def __init__(self, **options):
+        super().__init__("replay", ReplayConfig, **options)
+
+
+KINDS = {"controller": ControllerNode, "ekf": EkfNode, "plant": PlantNode, "recorder": Recorder, "replay": Replay}
+NODES = {
+    "controller": {"linear.x.max_velocity": math.inf, "gamma": 2},
+    "ekf": {"landmark_ids": [4, 2], "landmark_x": [1.0, 2.5], "landmark_y": [0.0, -1.5]},
+    "plant": {"start_paused": True, "seed": 5},
+    "recorder": {"topics": ["odom", "1.0", "true"]},
+    "replay": {"remap": ["a:=b"]},
+}
+"""Parameters with which each node starts in the tests of files."""
 
 
 @pytest.fixture(scope="module")
-def nodes():
-    controller = {"unheard_of": 1.0, "gamma": 1}
-    with robot({"clock": "scaled", "real_time_factor": 5.0}, controller=controller) as running:
-        yield running
+def running():
+    with one_process.nodes() as nodes:
+        yield nodes
 
 
-def set_parameters(nodes, node, values, service=SetParameters):
-    parameters = [Parameter(name=name, value=parameter_value(value)) for name, value in values.items()]
-    return nodes.peer.call(
-        service,
-        f"{node}/{'set_parameters'}{'_atomically' * (service is not SetParameters)}",
-        service.Request(parameters=parameters),
-    )
+@pytest.fixture
+def start(running):
+    """Return a function that starts a node by its name; all are removed after the test."""
+    started = []
+
+    def begin(name, parameters=None, arguments=()):
+        started.append(running.add(KINDS[name], parameters, arguments))
+        return started[-1]
+
+    yield begin
+    for node in started:
+        running.remove(node)
 
 
-def get_parameter(nodes, node, name):
-    value = nodes.peer.call(GetParameters, f"{node}/get_parameters", GetParameters.Request(names=[name])).values[0]
-    fields = (None, "bool", "integer", "double", "string", "byte_array", "bool_array", "integer_array", "double_array")
-    return None if value.type == 0 else getattr(value, f"{fields[value.type]}_value")
+@pytest.mark.parametrize(
+    ("name", "parameters", "text"),
+    [
+        ("controller", {"gamma": -1.0}, "gamma = -1.0: must be >= 1e-06 and <= 1000"),
+        ("controller", {"gamma": "inf"}, "gamma = inf: must be >= 1e-06 and <= 1000"),
+        ("controller", {"eps_P": 0.5, "eps_P_leave": 0.4}, "eps_P_leave = 0.4: must be >= eps_P = 0.5"),
+        ("controller", {"hold_goal": 1}, "hold_goal = 1: must be true or false"),
+        ("controller", {"resume_goal": True}, "resume_goal = True: must be false without a goal_file"),
+        ("controller", {"follow_covariance": True}, "follow_covariance = True: was replaced by region_policy"),
+        ("controller", {"law": "dancing"}, "law = 'dancing': must be package.module:Class or one of aicardi, "),
+        ("controller", {"law": "rotate_drive_rotate", "drive_brake": -7.0}, "drive_brake = -7.0: must be >= "),
+        ("ekf", {"odometry_source": "stars"}, "odometry_source = 'stars': must be one of odom, joint_states"),
+        ("plant", {"clock": "sundial"}, "clock = 'sundial': must be one of wall, scaled, lockstep"),
+        ("plant", {"clock": "lockstep", "publish_clock": False}, "publish_clock = False: must be true with clock"),
+        ("ekf", {"qos_overrides./odom.subscription.reliability": "x"}, "qos_overrides./odom.subscription.reliability"),
+        ("ekf", {"qos_overrides./odom.subscription.depth": 0}, "qos_overrides./odom.subscription.depth = 0: must be"),
+    ],
+)
+def test_a_start_with_a_bad_value_is_refused_in_words(start, name, parameters, text):
+    with pytest.raises(DiffbotError) as caught:
+        start(name, parameters)
+    assert str(caught.value).startswith(text)
+
+
+def test_a_process_that_cannot_start_ends_with_status_1_and_one_line():
+    """A value, a file that is none, one that is no YAML, and an unknown option."""
+    cases = {
+        ("-p", "gamma:=-1.0"): "error: gamma = -1.0",
+        ("--params-file", "/nowhere/at/all.yaml"): "error: invalid arguments",
+        ("--params-file", __file__): "error: invalid arguments",
+        ("--nonsense",): "error: invalid arguments",
+    }
+    for arguments, text in cases.items():
+        with graph.node(graph.MODULES["controller"], arguments=arguments) as process:
+            assert process.wait() == 1
+            assert process.output.count("\n") == 1
+            assert process.output.startswith(text)
+            assert arguments[-1].partition(":")[0] in process.output
 
 
 def bad_values(parameter):
-    """Values that no parameter of this type and range takes."""
+    """Return values that no parameter of this type and range takes."""
+    spec = parameter.spec
     if parameter.type is bool:
         return [1, "yes", None, 0.5]
     if parameter.type is str:
-        return [5, None, *(["surely not one of them"] if parameter.spec.choices else [])]
-    below = [] if parameter.spec.minimum == -math.inf else [parameter.spec.minimum - 1]
-    above = [] if parameter.spec.maximum == math.inf else [parameter.spec.maximum * 2 + 1]
+        return [5, None, *(["surely not one of them"] if spec.choices else [])]
+    beyond = [spec.minimum - 1, spec.maximum * 2 + 1]
     if parameter.type is int:
-        return [0.5, "x", None, True, *(int(number) for number in below + above if abs(number) < 2**62)]
-    endless = [] if parameter.spec.allow_inf else [math.inf]
-    return [math.nan, -math.inf, "x", None, True, [1.0, 2.0], *endless, *map(float, below + above)]
+        return [0.5, "x", None, True, *(int(one) for one in beyond if abs(one) < 2**62)]
+    endless = [] if spec.allow_inf else [math.inf]
+    return [math.nan, -math.inf, "x", None, True, [1.0, 2.0], *endless, *(one for one in beyond if math.isfinite(one))]
 
 
-@pytest.mark.parametrize("node", CONFIGS)
-def test_bad_changes_are_refused_in_words_and_change_nothing(nodes, node):
-    for parameter in parameters_of(CONFIGS[node]):
-        before = get_parameter(nodes, node, parameter.name)
-        assert before is not None, parameter.name
+@pytest.mark.parametrize("name", ["plant", "ekf", "controller"])
+def test_bad_changes_are_refused_in_words_and_change_nothing(start, name):
+    node = start(name, {"start_paused": True} if name == "plant" else None)
+    before = node.config
+    for parameter in parameters_of(type(node.config)):
         for value in bad_values(parameter):
-            result = set_parameters(nodes, node, {parameter.name: value}).results[0]
+            (result,) = node.set_parameters([Parameter(parameter.name, value=value)])
             assert not result.successful, (parameter.name, value)
-            assert parameter.name in result.reason
-            if not parameter.spec.read_only:
-                assert f"{parameter.name} = {value!r}: must be " in result.reason
-        assert get_parameter(nodes, node, parameter.name) == before
-    assert all(process.popen.poll() is None for process in nodes.processes.values())
+            expected = "read-only" if parameter.spec.read_only else f"{parameter.name} = {value!r}: must be "
+            assert expected in result.reason or f"{parameter.name} = " in result.reason
+    assert node.config is before
 
 
-@pytest.mark.parametrize("node", CONFIGS)
-def test_read_only_parameters_are_refused_whatever_the_value(nodes, node):
-    read_only = [parameter for parameter in parameters_of(CONFIGS[node]) if parameter.spec.read_only]
-    assert read_only
-    for parameter in read_only:
-        before = get_parameter(nodes, node, parameter.name)
-        result = set_parameters(nodes, node, {parameter.name: parameter.default}).results[0]
-        assert not result.successful, parameter.name
-        assert "read-only" in result.reason
-        assert get_parameter(nodes, node, parameter.name) == before
+def test_what_holds_between_parameters_is_kept_and_several_can_change_at_once(running, start):
+    start("controller")
+
+    def change(service=SetParametersAtomically, **values):
+        request = service.Request(parameters=[Parameter(*one).to_parameter_msg() for one in typed(values)])
+        answer = running.peer.call(service, f"controller/{service_names[service]}", request)
+        return answer.result if service is SetParametersAtomically else answer.results[0]
+
+    def typed(values):
+        return [(name, Parameter.Type.from_parameter_value(value), value) for name, value in values.items()]
+
+    def present(name):
+        request = GetParameters.Request(names=[name])
+        return python_value(running.peer.call(GetParameters, "controller/get_parameters", request).values[0])
+
+    service_names = {SetParameters: "set_parameters", SetParametersAtomically: "set_parameters_atomically"}
+    refused = change(SetParameters, eps_P_leave=0.3)
+    assert (refused.successful, refused.reason) == (False, "eps_P_leave = 0.3: must be >= eps_P = 0.5")
+    assert change(eps_P=0.2, eps_P_leave=0.3).successful
+    assert present("eps_P") == 0.2
+    assert not change(eps_P=0.25, eps_P_leave=0.1).successful
+    assert present("eps_P") == 0.2
+    # A whole number is taken for a float, and the text inf as well.
+    assert change(SetParameters, gamma=2).successful
+    assert present("gamma") == 2.0
+    assert change(SetParameters, **{"linear.x.max_velocity": "inf"}).successful
+    assert present("linear.x.max_velocity") == math.inf
+    assert "read-only" in change(SetParameters, law="switching").reason
 
 
-def test_what_holds_between_parameters_is_kept_and_both_can_change_at_once(nodes):
-    refused = set_parameters(nodes, "controller", {"eps_P_leave": 0.3}).results[0]
-    assert not refused.successful
-    assert refused.reason == "eps_P_leave = 0.3: must be >= eps_P = 0.5"
-    both = set_parameters(nodes, "controller", {"eps_P": 0.2, "eps_P_leave": 0.3}, SetParametersAtomically).result
-    assert both.successful, both.reason
-    assert get_parameter(nodes, "controller", "eps_P") == 0.2
-    half = set_parameters(nodes, "controller", {"eps_P": 0.25, "eps_P_leave": 0.1}, SetParametersAtomically).result
-    assert not half.successful
-    assert get_parameter(nodes, "controller", "eps_P") == 0.2
+def dumped(running, node):
+    """Return what ``ros2 param dump`` prints: the steps of ros2param's verb, by the same services."""
+    name = node.get_fully_qualified_name()
+    names = sorted(running.peer.call(ListParameters, f"{name}/list_parameters").result.names)
+    found = running.peer.call(GetParameters, f"{name}/get_parameters", GetParameters.Request(names=names)).values
+    tree = {}
+    for key, value in zip(names, found, strict=True):
+        *groups, last = key.split(PARAMETER_SEPARATOR_STRING)
+        place = tree
+        for group in groups:
+            place = place.setdefault(group, {})
+        place[last] = python_value(value)
+        if hasattr(place[last], "tolist"):
+            place[last] = place[last].tolist()
+    return yaml.dump({name: {"ros__parameters": tree}}, default_flow_style=False)
 
 
-def test_good_changes_take_effect(nodes):
-    """Omega_L: omega = -k_2 theta; and a bound of v that the speed then keeps."""
-    nodes.send_goal(20.0, 0.0, 0.0)
-    nodes.peer.spin_until(lambda: nodes.commands and nodes.commands[-1].linear.x > 0.6, 8.0, "motion")
-    assert set_parameters(nodes, "controller", {"linear.x.max_velocity": 0.25}).results[0].successful
-    nodes.peer.spin_until(lambda: abs(nodes.commands[-1].linear.x) <= 0.25, 3.0, "the lower speed")
-    nodes.peer.spin_for(0.3)
-    assert nodes.commands[-1].linear.x == pytest.approx(0.25, rel=0.05)
-    assert set_parameters(nodes, "controller", {"linear.x.max_velocity": math.inf}).results[0].successful
-    assert set_parameters(nodes, "plant", {"fix_rate": 0.0}).results[0].successful
-    nodes.peer.spin_for(0.3)
-    before = nodes.diagnosis("plant")
-    after = nodes.diagnosis("plant")
-    assert int(after["odom sent"]) > int(before["odom sent"])
-    assert after["global_pose sent"] == before["global_pose sent"]
-    assert set_parameters(nodes, "plant", {"fix_rate": 10.0}).results[0].successful
+@pytest.mark.parametrize("name", NODES)
+def test_a_dump_starts_the_node_again_with_the_same_values_and_can_be_loaded(running, name, tmp_path):
+    node = running.add(KINDS[name], NODES[name])
+    first, file = dumped(running, node), tmp_path / "dump.yaml"
+    running.remove(node)
+    assert "null" not in first
+    file.write_text(first)
+    node = running.add(KINDS[name], arguments=("--params-file", str(file)))
+    try:
+        assert dumped(running, node) == first
+        # What can be changed is set, the rest is read-only.
+        request = SetParameters.Request(parameters=list(parameter_dict_from_yaml_file(str(file)).values()))
+        results = running.peer.call(SetParameters, f"{name}/set_parameters", request).results
+        assert all("read-only" in result.reason for result in results if not result.successful)
+        changeable = [one for one in parameters_of(type(node.config)) if not one.spec.read_only]
+        assert sum(result.successful for result in results) >= len(changeable)
+        assert dumped(running, node) == first
+    finally:
+        running.remove(node)
 
 
-def test_a_whole_number_is_taken_for_a_float_at_the_start_and_later(nodes):
-    assert set_parameters(nodes, "controller", {"gamma": 2}).results[0].successful
-    assert set_parameters(nodes, "controller", {"gamma": 1.3}).results[0].successful
+def test_a_file_counts_for_the_nodes_it_names_and_warns_of_unknown_names_only(start, tmp_path, capfd):
+    file = tmp_path / "all.yaml"
+    known = "landmark_rate: 0.0\n    gamma: 1.0\n    hold_goal: true\n    state_file: ''\n    uri: bag"
+    qos = "qos_overrides:\n      /odom:\n        subscription:\n          depth: 7"
+    plant = "/**/plant:\n  ros__parameters:\n    initial_pose.x: 3\n    initial_pose.yaw: 0.0\n    start_paused: true\n"
+    file.write_text(f"/**:\n  ros__parameters:\n    {known}\n    {qos}\n    gama: 2.0\n{plant}")
+    node = start("ekf", arguments=("--params-file", str(file)))
+    output = "".join(capfd.readouterr())
+    assert "unknown parameter 'gama' is ignored; did you mean 'gamma'?" in output
+    assert output.count("unknown parameter") == 1
+    assert node.get_parameter("qos_overrides./odom.subscription.depth").value == 7
+    arguments = ("--params-file", str(file), "-r", "__ns:=/filed", "-p", "initial_pose.y:=4.5")
+    node = start("plant", arguments=arguments)
+    assert [node.get_parameter(f"initial_pose.{name}").value for name in ("x", "y", "yaw")] == [3.0, 4.5, 0.0]
 
 
-def test_a_misspelt_parameter_is_said_in_the_log(nodes):
-    output = nodes.processes["controller"].output
-    assert output.count("unknown parameter 'unheard_of' is ignored") == 1
-    assert "unknown parameter" not in nodes.processes["plant"].output
-
-
-def test_pose_timeout_changes_the_watch_and_a_tiny_one_does_not_take_the_processor():
-    with (
-        graph.node(MODULES["controller"], {"pose_timeout": 1e-3}, ("-r", "__ns:=/tiny")) as process,
-        graph.peer() as peer,
-    ):
-        process.wait_for_output("ready")
-        heard = peer.subscribe(DiagnosticArray, "/diagnostics")
-        peer.spin_until(lambda: [one for one in heard if one.status[0].name == "/tiny/controller"], 5.0, "diagnostics")
-        used = cpu_seconds(process.popen.pid)
-        peer.spin_for(1.0)
-        assert cpu_seconds(process.popen.pid) - used < 0.6
-
-
-def cpu_seconds(pid):
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / 100.0
-
-
-def test_a_parameter_file_counts_for_the_node_it_names(tmp_path):
-    file = tmp_path / "start.yaml"
-    file.write_text("/**/plant:\n  ros__parameters:\n    initial_pose.x: 3\n    initial_pose.yaw: 0.0\n")
-    with robot(only=()) as empty:
-        arguments = ("--params-file", str(file), "-r", "__ns:=/filed", "-p", "initial_pose.y:=4.5")
-        with graph.node(MODULES["plant"], arguments=arguments) as process:
-            process.wait_for_output("ready")
-            truths = empty.peer.subscribe(Odometry, "/filed/ground_truth")
-            empty.peer.spin_until(lambda: truths, 5.0, "the truth")
-    assert planar(truths[0].pose.pose) == (3.0, 4.5, 0.0)
-
-
-def test_no_two_nodes_disagree_about_a_shared_default():
+def test_nodes_agree_about_shared_defaults_and_the_list_of_known_names_is_complete():
     shared = {}
-    for config in (*CONFIGS.values(), RecorderConfig, ReplayConfig):
+    for config in (ControllerNodeConfig, EkfNodeConfig, PlantNodeConfig, RecorderConfig, ReplayConfig):
         for parameter in parameters_of(config):
+            assert parameter.name in PARAMETER_NAMES
             if parameter.name in ("wheel_radius", "wheel_separation", "map_frame", "odom_frame", "base_link_frame"):
                 shared.setdefault(parameter.name, set()).add(parameter.default)
     assert all(len(defaults) == 1 for defaults in shared.values()), shared

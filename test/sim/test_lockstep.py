@@ -71,48 +71,19 @@ def started(plant=None):
     return plant, lockstep
 
 
-# Start-up.
-
-
 def test_the_first_step_is_sent_when_ten_polls_found_the_same_neighbours():
     plant = FakePlant()
     lockstep = LockStep(plant)
     poll(plant, lockstep, 10)
     assert plant.sent == []
     assert set(plant.reports) == {NO_FILTER}
+    plant.connected = (2, 1, 0, 0, 1)
+    poll(plant, lockstep, 10)
+    lockstep.on_command(command(9))
+    assert plant.sent == plant.moves == []
     poll(plant, lockstep)
     assert plant.sent == [0]
     assert not plant.polling
-
-
-def test_a_change_of_the_neighbours_starts_the_count_again():
-    plant = FakePlant()
-    lockstep = LockStep(plant)
-    poll(plant, lockstep, 10)
-    plant.connected = (2, 1, 0, 0, 1)
-    poll(plant, lockstep, 10)
-    assert plant.sent == []
-    poll(plant, lockstep)
-    assert plant.sent == [0]
-
-
-def test_without_a_filter_nothing_is_sent_however_long():
-    plant = FakePlant()
-    plant.connected = None
-    lockstep = LockStep(plant)
-    poll(plant, lockstep, 500)
-    lockstep.on_stall_check()
-    lockstep.on_stall_check()
-    assert plant.sent == plant.truths == plant.moves == []
-    assert set(plant.reports) == {NO_FILTER}
-
-
-def test_a_command_before_the_first_step_moves_nothing():
-    plant = FakePlant()
-    lockstep = LockStep(plant)
-    lockstep.on_command(command(9))
-    poll(plant, lockstep, 11)
-    assert (plant.moves, plant.sent) == ([], [0])
     lockstep.on_command(command(1))
     assert plant.moves == [command(1)]
 
@@ -139,9 +110,6 @@ def test_without_any_fix_the_last_awaited_step_is_sent_and_reported_once():
     lockstep.on_command(command(1))
     assert plant.sent == [MAX_STEPS_WITHOUT_FIX, MAX_STEPS_WITHOUT_FIX + 1]
     assert plant.reports.count(NO_FIX) == 1
-
-
-# Answers.
 
 
 def test_each_command_moves_the_robot_by_one_step_and_sends_the_next():
@@ -173,18 +141,6 @@ def test_a_topic_that_begins_makes_its_step_doubtful_once():
     assert plant.step == 4
     assert plant.polling
     assert lockstep.repeats == 0
-
-
-def test_a_resend_waits_for_its_own_answer():
-    plant, lockstep = started(FakePlant(optional={0: {"landmarks"}}))
-    poll(plant, lockstep, 20)
-    assert plant.sent == [0]
-    lockstep.on_command(command(1))
-    poll(plant, lockstep, 20)
-    assert plant.sent == [0, 0]
-
-
-# Silence.
 
 
 def stall(lockstep):
@@ -232,38 +188,6 @@ def test_late_answers_do_not_put_the_loop_a_step_behind(answers):
     assert lockstep.repeats == 1
 
 
-def test_a_resend_without_an_answer_begins_the_resends_again():
-    plant, lockstep = started(FakePlant(optional={0: {"headings"}}))
-    for number in range(4):
-        lockstep.on_command(command(number))
-        poll(plant, lockstep)
-    assert len(plant.sent) == 5
-    stall(lockstep)
-    assert (len(plant.sent), lockstep.repeats) == (6, 1)
-    lockstep.on_command(command(4))
-    lockstep.on_command(command(5))
-    sendings = 0
-    while plant.step == 0:
-        poll(plant, lockstep)
-        if plant.step == 0:
-            sendings += 1
-            lockstep.on_command(command(6 + sendings))
-    assert sendings == RESENDS
-    assert plant.moves == [command(6 + RESENDS)]
-
-
-def test_a_slow_controller_is_not_taken_for_silent():
-    plant, lockstep = started()
-    for number in range(1, 30):
-        lockstep.on_stall_check()
-        lockstep.on_command(command(number))
-    assert plant.sent == list(range(30))
-    assert lockstep.repeats == 0
-
-
-# Pause and reset.
-
-
 def test_a_pause_holds_the_step_and_its_answer_counts_when_it_ends():
     plant, lockstep = started()
     lockstep.set_paused(True)
@@ -285,27 +209,6 @@ def test_an_unanswered_step_is_not_sent_again_in_a_pause():
     assert (plant.sent, lockstep.repeats) == ([0, 0], 1)
 
 
-def test_paused_at_the_start_the_neighbours_are_watched_and_nothing_is_sent():
-    plant = FakePlant()
-    lockstep = LockStep(plant, paused=True)
-    poll(plant, lockstep, 30)
-    assert plant.sent == plant.reports == []
-    lockstep.set_paused(False)
-    poll(plant, lockstep)
-    assert plant.sent == [0]
-
-
-def test_a_pause_among_resends_resumes_them():
-    plant, lockstep = started(FakePlant(optional={0: {"headings"}}))
-    lockstep.set_paused(True)
-    lockstep.on_command(command(1))
-    poll(plant, lockstep, 5)
-    lockstep.set_paused(False)
-    assert (plant.sent, plant.moves) == ([0], [])
-    poll(plant, lockstep)
-    assert plant.sent == [0, 0]
-
-
 def test_after_a_reset_all_begins_again_and_answers_to_what_was_sent_before_move_nothing():
     plant, lockstep = started(FakePlant(optional={0: {"headings"}, 1: {"headings"}}))
     lockstep.on_command(command(1))
@@ -324,24 +227,19 @@ def test_after_a_reset_all_begins_again_and_answers_to_what_was_sent_before_move
     assert plant.moves == []
 
 
-def test_a_reset_among_resends_forgets_them():
+def test_a_pause_among_resends_resumes_them_and_a_reset_forgets_them():
     plant, lockstep = started(FakePlant(optional={0: {"headings"}}))
+    lockstep.set_paused(True)
     lockstep.on_command(command(1))
+    poll(plant, lockstep, 5)
+    lockstep.set_paused(False)
+    assert (plant.sent, plant.moves) == ([0], [])
     poll(plant, lockstep)
+    assert plant.sent == [0, 0], "a pause among the resends"
+    poll(plant, lockstep, 5)
+    assert plant.sent == [0, 0], "a resend waits for its own answer"
     plant.optional = {}
     lockstep.reset()
     poll(plant, lockstep, 11)
     lockstep.on_command(command(2))
     assert plant.moves == [command(2)]
-
-
-def test_after_a_reset_the_robot_stands_still_while_it_awaits_a_fix():
-    plant, lockstep = started()
-    lockstep.on_command(command(3))
-    plant.step, plant.first_fix = 0, 3
-    plant.moves.clear()
-    lockstep.reset()
-    lockstep.on_command(command(4))  # of the drive before
-    poll(plant, lockstep, 11)
-    assert plant.moves == [STOP] * 3
-    assert plant.sent[-1] == 3

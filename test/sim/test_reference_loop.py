@@ -7,7 +7,7 @@ import pytest
 
 from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.law.presets import PRESETS
-from diffbot_control.law.regions import OMEGA_L, FixedRegionPolicy
+from diffbot_control.law.regions import OMEGA_L
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose
@@ -42,8 +42,8 @@ def test_repeatable_to_the_bit(feedback):
     assert np.abs(other.truth - one.truth).max() > 1e-3
 
 
-def test_scenario_a_with_the_filter_ends_near_the_goal_in_each_of_30_runs():
-    for run in range(30):
+def test_scenario_a_with_the_filter_ends_near_the_goal_in_each_of_ten_runs():
+    for run in range(10):
         config = WorldConfig(seed=1, run=run)
         recording = simulate(config, PAPER, GOAL, 300)
         x, y, theta = recording.truth[-1]
@@ -56,30 +56,16 @@ def test_scenario_a_with_the_filter_ends_near_the_goal_in_each_of_30_runs():
         assert math.sqrt((error**2).mean()) < 0.12, f"run {run}"
 
 
-@pytest.mark.parametrize("heading", [0.0, math.radians(220.0)])
-@pytest.mark.parametrize("bearing", [number * math.pi / 4.0 for number in range(8)])
+@pytest.mark.parametrize(("bearing", "heading"), [(0.0, 0.0), (1.0, 220.0), (2.0, 220.0), (3.0, 0.0), (-2.0, 0.0)])
 def test_scenario_b_without_noise_comes_to_rest_from_every_side(bearing, heading):
     # An equilibrium of law (17): heading 0, no speed. What is left of the distance is at most the entry's radius.
-    start = StartPose(12.0 * math.cos(bearing), 12.0 * math.sin(bearing), heading)
+    start = StartPose(12.0 * math.cos(bearing), 12.0 * math.sin(bearing), math.radians(heading))
     recording = simulate(QUIET._replace(start=start), PAPER, GOAL, 600, TRUTH)
     x, y, theta = recording.truth[-1]
     assert math.hypot(x, y) < 0.5
     assert abs(theta) < 1e-3
     assert np.abs(recording.command[-1]).max() < 1e-2
     assert abs(x) < 0.05
-
-
-def test_without_noise_and_omega_l_the_global_law_reaches_the_very_goal():
-    tiny = PAPER._replace(region_policy=PAPER.region_policy._replace(fixed=FixedRegionPolicy(1e-9, 1e-9)))
-    recording = simulate(QUIET, tiny, GOAL, 1500, TRUTH)
-    assert math.hypot(*recording.truth[-1, :2]) < 1e-3
-    # V of Eq. (8) falls all the way, down to where the bearing of the goal is only rounding.
-    x, y, theta = recording.truth[np.hypot(*recording.truth[:, :2].T) > 1e-6].T
-    beta = np.arctan2(-y, -x)
-    alpha = wrapped(beta - theta)
-    lyapunov = 0.5 * (x**2 + y**2 + alpha**2 + 0.17 * beta**2)
-    assert len(lyapunov) > 100
-    assert (np.diff(lyapunov) <= 1e-9).all()
 
 
 @pytest.mark.parametrize("exact_arc", [True, False])
@@ -97,48 +83,25 @@ def test_each_command_moves_the_robot_from_its_row_to_the_next(exact_arc):
     np.testing.assert_allclose(recording.time, 0.1 * np.arange(101), atol=1e-12)
 
 
-def test_a_perfect_filter_sees_the_truth():
-    recording = simulate(QUIET, PAPER, GOAL, 200, EKF)
-    np.testing.assert_allclose(recording.feedback[:, :2], recording.truth[:, :2], atol=2e-3)
-    np.testing.assert_allclose(wrapped(recording.feedback[:, 2] - recording.truth[:, 2]), 0.0, atol=2e-3)
-
-
-def test_raw_feedback_is_the_newest_fix():
-    sensors = SensorConfig(fix_rate=2.0)
-    recording = simulate(WorldConfig(sensors=sensors, seed=4), PAPER, GOAL, 50, RAW)
-    # A new fix each half second, held in between, within its bounds when it is new.
-    for start in range(0, 50, 5):
-        np.testing.assert_array_equal(recording.feedback[start : start + 5], recording.feedback[[start] * 5])
-        error = recording.feedback[start] - recording.truth[start]
-        assert (np.abs([*error[:2], wrapped(error[2])]) <= [0.3, 0.3, 0.17]).all()
-
-
 @pytest.mark.parametrize("feedback", [EKF, RAW])
-def test_without_a_fix_nothing_is_seen_and_nothing_moves(feedback):
-    config = WorldConfig(sensors=SensorConfig(fix_rate=0.0))
-    recording = simulate(config, PAPER, GOAL, 20, feedback)
-    assert np.isnan(recording.feedback).all()
-    assert not recording.command.any()
-    np.testing.assert_array_equal(recording.truth, recording.truth[[0] * 21])
+def test_it_waits_for_the_first_fix_and_moves_only_then(feedback):
+    late = simulate(WorldConfig(sensors=SensorConfig(fix_delay=0.5)), PAPER, GOAL, 20, feedback)
+    never = simulate(WorldConfig(sensors=SensorConfig(fix_rate=0.0)), PAPER, GOAL, 20, feedback)
+    for recording, first in ((late, 5), (never, 21)):
+        assert np.isnan(recording.feedback[:first]).all()
+        assert not np.isnan(recording.feedback[first:]).any()
+        assert not recording.command[:first].any()
+        assert recording.command[first:, 0].all()
+        np.testing.assert_array_equal(recording.truth[:first], recording.truth[[0] * first])
 
 
-@pytest.mark.parametrize("feedback", [EKF, RAW])
-def test_it_waits_for_a_late_first_fix(feedback):
-    config = WorldConfig(sensors=SensorConfig(fix_delay=0.5))
-    recording = simulate(config, PAPER, GOAL, 20, feedback)
-    assert np.isnan(recording.feedback[:5]).all()
-    assert not np.isnan(recording.feedback[5:]).any()
-    assert not recording.command[:5].any()
-    assert recording.command[5:, 0].all()
-
-
-@pytest.mark.parametrize("delay", [0.1, 0.3, 1.0])
+@pytest.mark.parametrize("delay", [0.1, 1.0])
 def test_late_fixes_are_put_where_they_belong(delay):
     # Exact fixes and noisy wheels at 1.3 m/s: fixes used one step (0.1 s) too late or too early would put the estimate
     # off by 0.13 m all the way; the wheels' noise alone adds up to 0.02 m in 1 s, and to 0.4 m without any fix.
     sensors = QUIET.sensors._replace(fix_delay=delay)
     errors, unaided = [], []
-    for run in range(10):
+    for run in range(4):
         config = WorldConfig(sensors=sensors, seed=3, run=run, start=StartPose(-12.0, -9.0, 0.6))
         recording = simulate(config, PAPER, GOAL, 100, EKF, LocalizationConfig(history_length=1.2))
         errors.append(np.hypot(*(recording.feedback - recording.truth)[20:, :2].T))
@@ -150,19 +113,6 @@ def test_late_fixes_are_put_where_they_belong(delay):
     assert np.median(unaided) > 0.2
 
 
-def test_a_compass_helps():
-    errors = []
-    for rate in (0.0, 10.0):
-        squares = []
-        for run in range(8):
-            sensors = SensorConfig(fix_rate=1.0, heading_rate=rate)
-            recording = simulate(WorldConfig(sensors=sensors, run=run), PAPER, GOAL, 200)
-            turn = wrapped(recording.feedback[50:, 2] - recording.truth[50:, 2])
-            squares.append((turn**2).mean())
-        errors.append(math.sqrt(np.mean(squares)))
-    assert errors[1] < 0.8 * errors[0]
-
-
 def test_the_first_command_has_no_time_to_accelerate():
     controller = PAPER._replace(data_sheet=DataSheet(1.3, INF, INF, 1.0, INF))
     recording = simulate(QUIET, controller, GOAL, 30, TRUTH)
@@ -171,26 +121,11 @@ def test_the_first_command_has_no_time_to_accelerate():
     assert recording.command[1, 0] == pytest.approx(0.1)
 
 
-def test_another_goal_is_the_same_drive_moved():
-    at_origin = simulate(QUIET, PAPER, GOAL, 250, TRUTH)
-    goal = Pose(10.0, -4.0, 2.0)
-    c, s = math.cos(goal.theta), math.sin(goal.theta)
-    turn = np.array([[c, -s], [s, c]])
-    x, y = turn @ [-2.0, -5.5] + goal[:2]
-    start = StartPose(x, y, math.radians(30.0) + goal.theta)
-    moved = simulate(QUIET._replace(start=start), PAPER, goal, 250, TRUTH)
-    expected = at_origin.truth[:, :2] @ turn.T + goal[:2]
-    np.testing.assert_allclose(moved.truth[:, :2], expected, atol=1e-7)
-    np.testing.assert_allclose(moved.command, at_origin.command, atol=1e-6)
-    np.testing.assert_array_equal(moved.region, at_origin.region)
-
-
 @pytest.mark.parametrize(
     ("steps", "feedback", "message"),
     [
         (10, "eyes", "feedback = 'eyes': must be one of ekf, raw, truth"),
         (0, EKF, "steps = 0: must be >= 1"),
-        (-5, EKF, "steps = -5: must be >= 1"),
     ],
 )
 def test_wrong_arguments_are_named(steps, feedback, message):

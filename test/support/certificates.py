@@ -66,3 +66,12 @@ def steps_from(loop, cell, number, rng):
         after = navigation_variables(step(loop, pose, noise, rng.choice([loop.eps_P, loop.eps_P_leave])))
         found[index] = after.rho, after.alpha
     return found
+
+
+def assert_held(steps, rho_low, rho_high, alpha_low, alpha_high):
+    """Check that each (rho, alpha), or alpha a full turn away, is in one of the boxes (n,)."""
+    rho, alpha = steps.T[:, :, None]
+    held = np.zeros(len(steps), bool)
+    for angle in (alpha - 2.0 * math.pi, alpha, alpha + 2.0 * math.pi):
+        held |= ((rho_low <= rho) & (rho <= rho_high) & (alpha_low <= angle) & (angle <= alpha_high)).any(axis=1)
+    assert held.all()

@@ -90,7 +90,8 @@ def environment(**changes):
     A ROS installation has rclpy on PYTHONPATH, so that what is on it stays.
     """
     path = os.pathsep.join(filter(None, (str(SOURCE), os.environ.get("PYTHONPATH", ""))))
-    return {**os.environ, "PYTHONPATH": path, "PYTHONUNBUFFERED": "1", **changes}
+    # Safe: without the working folder on its path, where the source tree may be.
+    return {**os.environ, "PYTHONPATH": path, "PYTHONSAFEPATH": "1", "PYTHONUNBUFFERED": "1", **changes}
 
 
 def wait_for(condition, timeout=PATIENCE, what="the condition"):
@@ -181,6 +182,11 @@ def process(*command, **options):
         running.end()
 
 
+def diffbot(*arguments, **options):
+    """Run the command ``diffbot`` while the ``with`` block lasts."""
+    return process(sys.executable, "-m", "diffbot_lab.cli", *arguments, **options)
+
+
 def node(module, parameters=None, arguments=(), **options):
     """Run ``python -m module`` with ROS parameters while the ``with`` block lasts.
 
@@ -219,6 +225,7 @@ class Peer:
         self.node = Node(name, context=self.context, **{"start_parameter_services": False, **options})
         self._executor = executor(self.context) if executor else SingleThreadedExecutor(context=self.context)
         self._executor.add_node(self.node)
+        self._drains = executor is None
 
     def add_node(self, node):
         """Spin another node, of the same context, together with this one."""
@@ -240,13 +247,23 @@ class Peer:
         deadline = time.monotonic() + duration
         while not (value := condition()) and time.monotonic() < deadline:
             self._executor.spin_once(timeout_sec=0.02)
+            self.drain()
         return value
+
+    def drain(self):
+        """Handle all messages that have come: faster than the executor, which a busy machine would leave behind."""
+        for subscription in self.node.subscriptions if self._drains else ():
+            is_plain = subscription._callback_type is subscription.CallbackType.MessageOnly
+            with subscription.handle:
+                while taken := subscription.handle.take_message(subscription.msg_type, subscription.raw):
+                    subscription.callback(*(taken[:1] if is_plain else taken))
 
     def spin_for(self, duration):
         """Handle callbacks for ``duration`` [s], to see that something does not come."""
         deadline = time.monotonic() + duration
         while (left := deadline - time.monotonic()) > 0.0:
             self._executor.spin_once(timeout_sec=left)
+            self.drain()
 
     def spin_until_quiet(self, duration=0.2):
         """Handle callbacks until none is due for ``duration`` [s]: what has come is handled then."""

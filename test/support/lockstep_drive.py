@@ -9,7 +9,7 @@ from diffbot_core.schema import build
 from diffbot_sim.model.simulator import WorldConfig
 from diffbot_sim.reference_loop import simulate
 
-STEPS = 200
+STEPS = 120
 START = 1000 * 10**9
 PERIOD = 100_000_000
 
@@ -32,7 +32,7 @@ def go(robot, goal, steps=STEPS):
     robot.truths.clear()
     start = START if first is None else stamp(first) + PERIOD
     robot.pause(False)
-    robot.peer.spin_until(lambda: robot.truths and stamp(robot.truths[-1]) >= start + steps * PERIOD, 20.0, "the steps")
+    robot.peer.spin_until(lambda: robot.truths and stamp(robot.truths[-1]) >= start + steps * PERIOD, what="the steps")
     robot.pause(True)
     take_what_is_under_way(robot)
     return true_path(robot.truths, start)

@@ -47,6 +47,31 @@ class Nodes:
             self.remove(node)
 
 
+class Fed:
+    """A node that receives messages of the test; each has been handled when :meth:`send` returns."""
+
+    def __init__(self, nodes, kind, parameters=None, arguments=()):
+        """Create the node, see :meth:`Nodes.add`."""
+        self.peer = nodes.peer
+        self.node = nodes.add(kind, parameters, arguments)
+        self._publishers = {}
+
+    def handled(self, topic):
+        """Return how many messages of a topic have come, good or bad, and how many callbacks have failed."""
+        health = self.node.health
+        dropped = sum(count for (name, _), count in health.dropped.items() if name == topic)
+        return health.accepted[topic] + dropped + health.counted["internal errors"]
+
+    def send(self, topic, message):
+        """Publish a message and wait until the node has handled it."""
+        if topic not in self._publishers:
+            self._publishers[topic] = self.peer.publisher(type(message), topic, 100)
+            self.peer.wait_for_subscribers(self._publishers[topic])
+        before = self.handled(topic)
+        self._publishers[topic].publish(message)
+        self.peer.spin_until(lambda: self.handled(topic) > before, what=f"the message on {topic}")
+
+
 @contextlib.contextmanager
 def nodes(**options):
     """Have nodes in this process while the ``with`` block lasts; ``options`` are those of the test's own node."""

@@ -1,7 +1,6 @@
 """Which files of the project a program reads: found by running it, from no list of the project's own."""
 
 import importlib.metadata
-import os
 import subprocess
 import sys
 import tempfile
@@ -36,10 +35,3 @@ def files_read_by(program):
     paths = (Path(line.removeprefix("read ")) for line in result.stdout.splitlines() if line.startswith("read "))
     inside = {path.relative_to(SITE) for path in paths if path.is_relative_to(SITE)}
     return sorted(path for path in inside if str(path) in owned and not path.parts[0].endswith(".dist-info"))
-
-
-def run_in(folder, program, *arguments):
-    """Run a program that finds the project's packages in ``folder`` first; return its output."""
-    environment = {**os.environ, "PYTHONPATH": str(folder)}
-    command = [sys.executable, "-c", program, *map(str, arguments)]
-    return subprocess.run(command, env=environment, cwd=folder, capture_output=True, text=True, check=False)

@@ -81,9 +81,6 @@ PROMISES = {
         100,
         unit="call",
     ),
-    "two controllers": Promise(
-        "a second controller on the same cmd_vel", "ERROR in /diagnostics within 3 s, with its name", 10, 1, 3.0
-    ),
     "disk full": Promise(
         "the disk is full while recording", "status 1, one ERROR, what was written is readable", 10, 2
     ),
@@ -91,9 +88,18 @@ PROMISES = {
     "end controller, stop": Promise(
         "SIGINT or SIGTERM to the driving controller", "zero received on cmd_vel within 0.2 s", 20, 2, 0.2
     ),
+    "end, last command": Promise(
+        "SIGINT and SIGTERM to a node of a driving robot, four busy loops beside it",
+        "status 0, and the last command received is zero",
+        200,
+        4,
+    ),
+    "end controller, reader stopped": Promise(
+        "SIGINT or SIGTERM to the controller while a reader of cmd_vel is held up", f"{_END}, zero received", 10, 1, 2.0
+    ),
     "end ekf": Promise("SIGINT or SIGTERM to ekf", _END, 20, 2, 2.0),
     "end plant": Promise("SIGINT or SIGTERM to the plant", _END, 20, 2, 2.0),
     "end recorder": Promise("SIGINT or SIGTERM to the recorder", f"{_END}, the bag is closed", 20, 2, 2.0),
-    "end robot": Promise("SIGINT or SIGTERM to robot_node", f"{_END}, zero received", 20, 1, 2.0),
+    "end robot": Promise("SIGINT or SIGTERM to robot_node", f"{_END}, zero received", 20, 2, 2.0),
     "end at start": Promise("SIGINT or SIGTERM while a node starts", _END, 50, 5, 2.0),
 }

@@ -121,16 +121,7 @@ class Robot:
 
     def catch_up(self):
         """Receive what has waited for the test's node, so that the newest messages in the lists are new."""
-        lists = (self.truths, self.poses, self.commands, self.diagnostics)
-
-        def quiet():
-            before = sum(map(len, lists))
-            # While messages wait each turn takes at least one, however slow the machine is.
-            for _ in range(20):
-                self.peer.spin_for(1e-4)
-            return sum(map(len, lists)) - before <= 5
-
-        self.peer.spin_until(quiet, 15.0, "the end of the backlog")
+        self.peer.drain()
 
     def true_pose(self):
         self.catch_up()
@@ -182,17 +173,6 @@ class Robot:
 
         found = self.peer.spin_until(following, 20.0, f"{count} times {full} on /diagnostics")
         return [graph.values(status) for status in found]
-
-    def wait_for_odometry_rate(self, rate):
-        """Wait until the plant itself reports steps at ``rate`` [Hz], within a fifth."""
-        self.catch_up()
-
-        def reported():
-            found = float(self.diagnosis("plant").get("odom sent [Hz]", "0"))
-            assert found <= 1.2 * rate
-            return found >= 0.8 * rate
-
-        self.peer.spin_until(reported, 8.0, f"a rate of {rate:g} Hz")
 
 
 @contextlib.contextmanager

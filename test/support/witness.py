@@ -107,7 +107,7 @@ class Witness:
 
     def measure_stop(self, running, since, received=None):
         """Add to the trials how long after a fault at ``since`` the robot stopped, see :meth:`stop_after`."""
-        running.measure(self.stop_after(since, received), since, delay=self.delay())
+        running.measure(self.stop_after(since, received), delay=self.delay())
 
     def stop_after(self, since, received=None, timeout=10.0):
         """Return the time [s] from ``since`` to the first of the zeros that are received without motion in between.

@@ -11,10 +11,11 @@ from mcap.reader import make_reader
 
 from diffbot_bag.metadata import read as read_metadata
 from diffbot_bag.qos import Qos
-from diffbot_bag.tools import cut
+from diffbot_bag.tools import cut, source_bag
 from diffbot_bag.tools.source_bag import SourceBag
 from diffbot_bag.tools.span import Span
 from diffbot_bag.topic_selection import TopicSelection
+from diffbot_bag.writer import BagWriter
 from diffbot_core.errors import DiffbotError
 
 
@@ -44,43 +45,26 @@ def make(out, plan, *paths):
     return found
 
 
-def expected_of(bag):
-    """Facts of a bag that several tests need."""
-    if bag not in KNOWN:
-        KNOWN[bag] = facts(bag)
-    return KNOWN[bag]
-
-
-KNOWN = {}
 SPANS = {
-    "middle": (75 * STEP, 160 * STEP),
-    "between messages": (75 * STEP + 1, 160 * STEP + 1),
-    "one message": (100 * STEP + 3, 100 * STEP + 4),
-    "start": (0, 60 * STEP),
-    "end": (190 * STEP, 10**15),
-    "all": (0, 10**15),
-    "nothing inside": (100 * STEP + 4, 101 * STEP),
+    "middle": (75 * STEP, 160 * STEP, 170),
+    "between messages": (75 * STEP + 1, 160 * STEP + 1, 170),
+    "one message": (25 * STEP + 3, 25 * STEP + 4, 1),
+    "all": (0, 10**15, 402),
+    "nothing inside": (100 * STEP + 4, 101 * STEP, 0),
 }
 
 
-@pytest.mark.parametrize("name", SPANS)
-def test_trim_keeps_the_messages_of_the_span_and_all_about_them(bag, tmp_path, name):
-    span = Span(*(BEGIN + time for time in SPANS[name]))
-    found = make(tmp_path / "part", lambda one: cut.trim(one, span, latched=False), bag)
-    expected = [one for one in expected_of(bag) if span.start <= one.log_time < span.end]
-    assert len(expected) == {"middle": 170, "between messages": 170, "one message": 1, "start": 122, "end": 20,
-                             "all": 402, "nothing inside": 0}[name]  # fmt: skip
-    assert found == expected
-
-
-@pytest.mark.parametrize(("start", "number"), [(25, 7), (100, 55)])
-def test_trim_begins_with_the_last_earlier_message_of_a_latched_topic(bag, tmp_path, start, number):
-    span = Span(BEGIN + start * STEP, BEGIN + (start + 20) * STEP)
-    found = make(tmp_path / "part", lambda one: cut.trim(one, span), bag)
-    (original,) = [one for one in expected_of(bag) if one.data == cut_bags.string(f"map {number}")]
-    head = original._replace(log_time=span.start)
-    assert found[0] == head
-    assert found[1:] == [one for one in expected_of(bag) if span.start <= one.log_time < span.end]
+def test_trim_keeps_the_messages_of_the_span_and_the_latched_one_of_before(bag, tmp_path):
+    given = facts(bag)
+    for name, (start, end, count) in SPANS.items():
+        span = Span(BEGIN + start, BEGIN + end)
+        inside = [one for one in given if span.start <= one.log_time < span.end]
+        earlier = [one for one in given if one.topic == "/map" and one.log_time < span.start][-1:]
+        found = make(tmp_path / name, lambda one, span=span: cut.trim(one, span, latched=False), bag)
+        assert found == inside, name
+        assert len(found) == count
+        found = make(tmp_path / f"{name} latched", lambda one, span=span: cut.trim(one, span), bag)
+        assert found == [one._replace(log_time=span.start) for one in earlier] + inside, name
 
 
 def test_a_latched_topic_keeps_one_message_of_each_publisher_unless_its_lifespan_is_over(tmp_path):
@@ -119,8 +103,6 @@ def test_trim_reads_and_unpacks_only_what_it_needs(zstd_bag, tmp_path, monkeypat
     path = tmp_path / "damaged.mcap"
     path.write_bytes(content)
     unpacked = []
-    from diffbot_bag.tools import source_bag
-
     real = source_bag.verified_chunk
     monkeypatch.setattr(source_bag, "verified_chunk", lambda *given: unpacked.append(given[1]) or real(*given))
     make(tmp_path / "part", lambda one: cut.trim(one, span), path)
@@ -132,50 +114,51 @@ def test_trim_reads_and_unpacks_only_what_it_needs(zstd_bag, tmp_path, monkeypat
         make(tmp_path / "more", lambda one: cut.trim(one, Span(BEGIN + 1, span.end)), path)
 
 
-@pytest.mark.parametrize(
-    ("selection", "types", "topics"),
-    [
-        (TopicSelection(topics=("/point", "/map")), (), {"/point", "/map"}),
-        (TopicSelection(exclude_topics=("/point",)), (), {"/text", "/map"}),
-        (TopicSelection(regex="/.*t", exclude_regex="/te.*"), (), {"/point"}),
-        (TopicSelection(), (STRING,), {"/text", "/map"}),
-        (TopicSelection(exclude_topics=("/text",)), (STRING,), {"/map"}),
-    ],
-)
-def test_filter_keeps_topics_and_types(bag, tmp_path, selection, types, topics):
-    found = make(tmp_path / "part", lambda one: cut.select(one, selection, types), bag)
-    assert found == [one for one in expected_of(bag) if one.topic in topics]
-    assert {topic.name for topic in read_metadata(tmp_path / "part").topics} == topics
-    # No trace of the others, for a reader that does not use the index either.
-    assert {topic for topic, _ in in_file_order(tmp_path / "part")} == topics
-    assert len(found) == sum({"/point": 200, "/text": 200, "/map": 2}[topic] for topic in topics)
+FILTERS = [
+    (TopicSelection(topics=("/point", "/map")), (), {"/point", "/map"}),
+    (TopicSelection(regex="/.*t", exclude_regex="/te.*"), (), {"/point"}),
+    (TopicSelection(), (STRING,), {"/text", "/map"}),
+    (TopicSelection(exclude_topics=("/text",)), (STRING,), {"/map"}),
+]
 
 
-@pytest.mark.parametrize(
-    ("selection", "types", "words"),
-    [
+def test_filter_keeps_topics_and_types(bag, tmp_path):
+    given = facts(bag)
+    for number, (selection, types, topics) in enumerate(FILTERS):
+        out = tmp_path / str(number)
+        found = make(out, lambda one, chosen=(selection, types): cut.select(one, *chosen), bag)
+        assert found == [one for one in given if one.topic in topics]
+        assert {topic.name for topic in read_metadata(out).topics} == topics
+        # No trace of the others, for a reader that does not use the index either.
+        assert {topic for topic, _ in in_file_order(out)} == topics
+
+
+def test_a_selection_of_nothing_is_refused(zstd_bag):
+    for selection, types, words in (
         (TopicSelection(topics=("/nothing",)), (), "topics: /nothing is not in the bag, which has /point, /text, /map"),
         (TopicSelection(), ("a/msg/B",), "types: a/msg/B is not in the bag"),
         (TopicSelection(regex="x"), (), "no topic of the bag is selected"),
-        (TopicSelection(regex="("), (), "regex = '(': must be a regular expression"),
-    ],
-)
-def test_a_selection_of_nothing_is_refused(zstd_bag, tmp_path, selection, types, words):
-    with SourceBag(zstd_bag) as one, pytest.raises(DiffbotError) as error:
-        cut.select(one, selection, types)
-    assert words in str(error.value)
+    ):
+        with SourceBag(zstd_bag) as one, pytest.raises(DiffbotError, match=words):
+            cut.select(one, selection, types)
+
+
+def test_a_failure_leaves_nothing(zstd_bag, tmp_path):
+    with SourceBag(zstd_bag) as one, pytest.raises(ZeroDivisionError):
+        cut.trim(one, Span()).write(tmp_path / "part", lambda count: 1 / 0)
+    assert list(tmp_path.iterdir()) == []
 
 
 def shifted(messages, time):
     return [one._replace(log_time=one.log_time + time) for one in messages]
 
 
-@pytest.mark.parametrize("shift", [STEP // 2, 100 * STEP, 1000 * STEP])
+@pytest.mark.parametrize("shift", [STEP // 2, 1000 * STEP])
 def test_merge_has_the_messages_of_all_in_the_order_of_log_time(bag, tmp_path, shift):
-    """Interleaved, partly, and one after the other."""
+    """Interleaved, and one after the other."""
     other = cut_bags.write_bag(tmp_path / "other", "zstd", shifted(cut_bags.drive(150), shift))
     found = make(tmp_path / "all", lambda *bags: cut.merge(bags), bag, other)
-    expected = [one._replace(metadata=(), definition=b"") for one in expected_of(bag) + facts(other)]
+    expected = [one._replace(metadata=(), definition=b"") for one in facts(bag) + facts(other)]
     assert sorted(one._replace(metadata=(), definition=b"") for one in found) == sorted(expected)
     assert len(found) == 402 + 302
     times = [time for _, time in in_file_order(tmp_path / "all")]
@@ -185,10 +168,8 @@ def test_merge_has_the_messages_of_all_in_the_order_of_log_time(bag, tmp_path, s
 def test_bags_that_follow_each_other_are_merged_without_unpacking(tmp_path, monkeypatch):
     paths = [
         cut_bags.write_bag(tmp_path / name, "zstd", shifted(cut_bags.drive(), time * STEP))
-        for name, time in (("a", 0), ("b", 200), ("c", 400))
+        for name, time in (("a", 0), ("b", 200))
     ]
-    from diffbot_bag.tools import source_bag
-
     monkeypatch.setattr(source_bag, "verified_chunk", None)
     found = make(tmp_path / "all", lambda *bags: cut.merge(bags), *paths[::-1])
     assert found == [one for path in paths for one in facts(path)]
@@ -243,28 +224,19 @@ def test_definitions_that_differ_in_comments_only_are_the_same(tmp_path, monkeyp
         ("", cut_bags.SCHEMAS[POINT] + b"=" * 80 + b"\nMSG: a/B\nint8 a"),
     ],
 )
-def test_merge_refuses_a_topic_with_another_definition(zstd_bag, tmp_path, monkeypatch, type_hash, definition):
+def test_merge_refuses_a_topic_with_another_definition_or_type(zstd_bag, tmp_path, monkeypatch, type_hash, definition):
     monkeypatch.setitem(cut_bags.HASHES, POINT, type_hash)
     monkeypatch.setitem(cut_bags.SCHEMAS, POINT, definition)
-    other = cut_bags.write_mcap(tmp_path / "b.mcap", [Given("/point", 5, b"")], {"/point": (POINT, [])})
-    with SourceBag(zstd_bag) as one, SourceBag(other) as two, pytest.raises(DiffbotError) as error:
-        cut.merge([one, two])
-    assert str(error.value).startswith(f"/point: {zstd_bag} and {other} have different definitions of {POINT}: leave")
-
-
-def test_merge_refuses_a_topic_with_another_type(zstd_bag, tmp_path):
-    other = cut_bags.write_mcap(tmp_path / "b.mcap", [Given("/text", 5, b"")], {"/text": (POINT, [])})
-    with SourceBag(zstd_bag) as one, SourceBag(other) as two, pytest.raises(DiffbotError) as error:
-        cut.merge([one, two])
-    assert str(error.value) == (
-        f"/text is std_msgs/msg/String in {zstd_bag} and geometry_msgs/msg/Point in {other}:"
-        " leave one out with `diffbot bag filter --exclude`"
-    )
+    for topic, words in (
+        ("/point", f"/point: {zstd_bag} and .* have different definitions of {POINT}: leave"),
+        ("/text", f"/text is std_msgs/msg/String in {zstd_bag} and {POINT} in .*: leave one out with"),
+    ):
+        other = cut_bags.write_mcap(tmp_path / "b.mcap", [Given(topic, 5, b"")], {topic: (POINT, [])})
+        with SourceBag(zstd_bag) as one, SourceBag(other) as two, pytest.raises(DiffbotError, match=words):
+            cut.merge([one, two])
 
 
 def test_custom_data_are_kept_and_losses_added(tmp_path):
-    from diffbot_bag.writer import BagWriter
-
     for name, lost in (("a", "3"), ("b", "4")):
         writer = BagWriter(tmp_path / name)
         writer.write(writer.add_topic("/point", POINT), cut_bags.point(1), BEGIN, BEGIN)
@@ -304,12 +276,3 @@ def test_merge_then_trim_of_messages_in_any_order(tmp_path_factory, first, secon
             one._replace(log_time=0) for one in earlier if one.log_time == earlier[-1].log_time
         ]
     assert sorted(part) == sorted(inside + part[: bool(earlier)])
-
-
-def test_a_failure_leaves_nothing(zstd_bag, tmp_path):
-    def interrupt(count):
-        raise KeyboardInterrupt
-
-    with SourceBag(zstd_bag) as one, pytest.raises(KeyboardInterrupt):
-        cut.trim(one, Span()).write(tmp_path / "part", interrupt)
-    assert list(tmp_path.iterdir()) == []

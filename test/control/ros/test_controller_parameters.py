@@ -48,9 +48,8 @@ def law_with(config):
     return f"{__name__}:Law{config.__name__}"
 
 
-@pytest.mark.parametrize("text", [None, "switching", "diffbot_control.law.controller:SwitchingLaw"])
-def test_this_projects_law_has_presets(text):
-    overrides = {} if text is None else {"law": text}
+@pytest.mark.parametrize("overrides", [{}, {"law": "diffbot_control.law.controller:SwitchingLaw"}])
+def test_this_projects_law_has_presets(overrides):
     assert parameter_set_of(overrides) == (ControllerNodeConfig, CONTROLLER_PRESETS)
 
 

@@ -3,7 +3,6 @@
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
 from extremes import assert_finite, extreme_configs, log_between
 from filter_input import fix, heading, joint_state, odometry
 from sensor_msgs.msg import PointCloud2, PointField
@@ -18,8 +17,8 @@ from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import MAX_COORDINATE
 from diffbot_core.schema import build
 
-PAIRS = 30
-STEPS = 6
+PAIRS = 12
+STEPS = 3
 BASE = build(
     EkfNodeConfig,
     {
@@ -96,15 +95,13 @@ def take(localization, read, message):
         pass
 
 
-@pytest.mark.parametrize("source", ["odom", "joint_states"])
-def test_estimates_are_finite(source):
+def test_estimates_are_finite():
     rng = np.random.default_rng(1)
     answers = 0
-    base = BASE._replace(odometry_source=source)
-    for values, config in extreme_configs(EkfNodeConfig, 2, PAIRS, base, without=("odometry_source",)):
+    for values, config in extreme_configs(EkfNodeConfig, 2, PAIRS, BASE):
         for published in drive(config, rng):
             assert_finite(published.numbers, values)
             assert "nan" not in published.texts, (published.texts, values)
             assert "inf" not in published.texts, (published.texts, values)
             answers += 1
-    assert answers > 500
+    assert answers > 300

@@ -22,41 +22,25 @@ def request(values):
     return SetParametersAtomically.Request(parameters=parameters)
 
 
-def near(pose, other):
-    return tuple(pose) == pytest.approx(tuple(other))
-
-
-def test_one_goal():
-    sent = read_goal_request(goal_request(ID, [Pose(1.0, -2.0, 0.5)], "odom"), "map")
-    assert sent.id == ID
-    assert sent.message.header.frame_id == "odom"
-    assert near(pose_of(sent.message.pose), (1.0, -2.0, 0.5))
-
-
-def test_a_path():
-    poses = [Pose(1.0, -2.0, 0.5), Pose(3.0, 4.0, -1.0)]
-    sent = read_goal_request(goal_request(ID, poses, "map"), "elsewhere")
+def test_a_goal_and_a_path_are_read_as_they_were_written():
+    goal, path = Pose(1.0, -2.0, 0.5), [Pose(1.0, -2.0, 0.5), Pose(3.0, 4.0, -1.0)]
+    sent = read_goal_request(goal_request(ID, [goal], "odom"), "map")
+    assert (sent.id, sent.message.header.frame_id) == (ID, "odom")
+    assert pose_of(sent.message.pose) == pytest.approx(goal)
+    sent = read_goal_request(goal_request(ID, path, "map"), "elsewhere")
     assert sent.message.header.frame_id == "map"
-    assert len(sent.message.poses) == 2
-    for message, pose in zip(sent.message.poses, poses, strict=True):
-        assert near(pose_of(message.pose), pose)
-
-
-def test_a_list_of_one_is_a_path_of_one():
+    assert [pose_of(one.pose) for one in sent.message.poses] == [pytest.approx(pose) for pose in path]
+    # A list of one is a path of one, an id alone a question.
     sent = read_goal_request(request({**GOOD, "x": [1.0], "y": [2.0], "yaw": [0.5]}), "map")
     assert len(sent.message.poses) == 1
-
-
-def test_an_id_alone_is_a_question():
     assert read_goal_request(goal_request(ID, (), ""), "map") == (ID, None)
 
 
 def test_what_may_be_left_out_or_written_otherwise():
     values = {"goal_id": "01234567-89AB-CDEF-0123-456789abcdef", "x": 1, "y": 2, "yaw": 0}
     sent = read_goal_request(request(values), "the_map")
-    assert sent.id == ID
-    assert sent.message.header.frame_id == "the_map"
-    assert near(pose_of(sent.message.pose), (1.0, 2.0, 0.0))
+    assert (sent.id, sent.message.header.frame_id) == (ID, "the_map")
+    assert pose_of(sent.message.pose) == pytest.approx((1.0, 2.0, 0.0))
 
 
 def test_ids_are_new_and_valid():
@@ -66,30 +50,19 @@ def test_ids_are_new_and_valid():
 
 
 HOSTILE = {
-    "no id": ({**GOOD, "goal_id": ""}, "goal_id = ''"),
-    "missing id": ({"x": 1.0, "y": 1.0, "yaw": 0.0}, "goal_id = ''"),
     "nothing": ({}, "goal_id = ''"),
-    "short id": ({**GOOD, "goal_id": ID[:-1]}, "goal_id = '0123456789abcdef0123456789abcde'"),
     "id with line breaks": ({**GOOD, "goal_id": ID + "\n"}, "goal_id = '0123456789abcdef0123456789abcdef\\n'"),
     "zero id": ({**GOOD, "goal_id": "0" * 32}, "not all zero"),
-    "id is a number": ({**GOOD, "goal_id": 7}, "goal_id = 7"),
     "endless id": ({**GOOD, "goal_id": "a" * 10**6}, "goal_id = 'aaaaaaaaaa"),
     "x is nan": ({**GOOD, "x": math.nan}, "x = nan: must be a finite number [m]"),
-    "y is infinite": ({**GOOD, "y": -math.inf}, "y = -inf: must be a finite number [m]"),
     "x is far": ({**GOOD, "x": 1.1e7}, "x = 11000000.0: must be from -1e+07 to 1e+07 m"),
     "yaw is huge": ({**GOOD, "yaw": 1001.0}, "yaw = 1001.0: must be from -1000 to 1000 rad"),
-    "x is a text": ({**GOOD, "x": "1.0"}, "x = '1.0': must be a finite number [m]"),
     "yaw is true": ({**GOOD, "yaw": True}, "yaw = True: must be a finite number [rad]"),
-    "yaw is not set": ({**GOOD, "yaw": None}, "yaw = None: must be a finite number [rad]"),
-    "no yaw": ({name: value for name, value in GOOD.items() if name != "yaw"}, "yaw = None: must be given"),
     "a frame alone": ({"goal_id": ID, "frame_id": "map"}, "x = None: must be given"),
     "frame is empty": ({**GOOD, "frame_id": ""}, "frame_id = ''"),
-    "frame is a number": ({**GOOD, "frame_id": 3.0}, "frame_id = 3.0"),
-    "unknown field": ({**GOOD, "z": 1.0}, "field = 'z': must be one of goal_id, frame_id, x, y, yaw"),
-    "unknown field with a line break": ({**GOOD, "z\ny": 1.0}, "field = 'z\\ny'"),
+    "unknown field": ({**GOOD, "z\ny": 1.0}, "field = 'z\\ny': must be one of goal_id, frame_id, x, y, yaw"),
     "field twice": ([*GOOD.items(), ("x", 2.0)], "x = 2.0: must be given once"),
     "one list": ({**GOOD, "x": [1.0, 2.0]}, "y = -2.0: must be a list of 2 numbers, as x is"),
-    "lists of two lengths": ({**GOOD, "x": [1.0, 2.0], "y": [1.0, 2.0], "yaw": [0.0]}, "yaw = [0.0]: must be a list"),
     "empty lists": ({**GOOD, "x": [], "y": [], "yaw": []}, "x = '0 values': must be from 1 to 1000 values"),
     "a list with nan": ({**GOOD, "x": [1.0, math.nan], "y": [1.0, 2.0], "yaw": [0.0, 0.0]}, "x = nan"),
     "endless lists": (

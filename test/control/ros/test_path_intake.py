@@ -10,19 +10,6 @@ from diffbot_core.geometry import Pose
 from diffbot_core.health import Health
 
 
-class Timer:
-    """A timer that is fired by hand."""
-
-    def __init__(self, callback):
-        self.callback, self.is_on = callback, True
-
-    def reset(self):
-        self.is_on = True
-
-    def cancel(self):
-        self.is_on = False
-
-
 class Reading:
     """An intake in a node of which there is only what it needs."""
 
@@ -36,7 +23,10 @@ class Reading:
         self.intake = PathIntake(node, self.accepted.append)
 
     def _timer(self, _period, callback, clock):
-        self.timer = Timer(callback)
+        """Return a timer that is fired by hand."""
+        self.timer = SimpleNamespace(callback=callback, is_on=True)
+        self.timer.reset = lambda: setattr(self.timer, "is_on", True)
+        self.timer.cancel = lambda: setattr(self.timer, "is_on", False)
         return self.timer
 
     def poses(self, length, bad=None):
@@ -56,20 +46,13 @@ class Reading:
         return counts
 
 
-def test_a_short_path_is_accepted_at_once():
-    reading = Reading()
-    reading.intake.start(reading.poses(SLICE - 1))
-    assert [len(goals) for goals in reading.accepted] == [SLICE - 1]
-    assert not reading.timer.is_on
-
-
-@pytest.mark.parametrize("length", [SLICE, SLICE + 1, 10_000])
-def test_a_long_path_is_accepted_whole_after_slices_of_bounded_length(length):
+@pytest.mark.parametrize("length", [SLICE - 1, SLICE, SLICE + 1, 10_000])
+def test_a_path_is_accepted_whole_in_slices_of_bounded_length_a_short_one_at_once(length):
     reading = Reading()
     reading.intake.start(reading.poses(length))
-    assert reading.taken == SLICE
-    assert not reading.accepted
-    assert max(reading.slices()) <= SLICE
+    assert reading.taken == min(length, SLICE)
+    assert bool(reading.accepted) == (not reading.timer.is_on) == (length < SLICE)
+    assert max(reading.slices(), default=0) <= SLICE
     (goals,) = reading.accepted
     assert goals == [Pose(float(index), 0.0, 0.0) for index in range(length)]
 

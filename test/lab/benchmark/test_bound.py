@@ -20,7 +20,6 @@ from diffbot_lab.benchmark.bound_drive import (
     arrives,
     guessed,
     least_time,
-    path_of,
     sampled,
 )
 from diffbot_lab.benchmark.law_cases import LIMITS, arena_starts, cases_named, world_of
@@ -53,15 +52,6 @@ def test_a_bang_bang_drive_arrives_in_the_time_of_the_closed_form(steps_at_top):
     assert drive.time == pytest.approx(s / v + v / a - PERIOD)  # trapezium; at 0 steps its limit, the triangle
     assert least_time(s, v, a, PERIOD) == pytest.approx(drive.time)
     assert least_time(s, v, math.inf) == pytest.approx(s / v)
-
-
-def test_a_bang_bang_turn_arrives_in_the_time_of_the_closed_form():
-    rates = bang_bang(9, 0, 1.5)
-    drive = Drive(np.column_stack((np.zeros(len(rates)), rates)), PERIOD, len(rates))
-    turn = PERIOD * float(rates.sum())
-    assert arrives(Pose(0.0, 0.0, -turn), drive, PLANT, SHEET, AT_THE_POSE)
-    # Sampled, n (n + 1) steps of a T^2; the closed form of the triangle has (n + 1/2)^2.
-    assert drive.time == pytest.approx(least_time(turn, 2.6, 1.5, PERIOD), abs=0.01)
 
 
 def changed(drive, index, command):
@@ -104,22 +94,12 @@ def test_a_guess_leads_from_the_start_to_the_goal(guess):
         assert sampled(corners, np.array([0.0, total + 1.0]))[-1] == pytest.approx(corners[-1, 1:])
 
 
-def test_a_path_keeps_its_heading_continuous():
-    path = path_of(Pose(1.0, 2.0, 3.0), np.array([[0.0, 1.0]] * 10), PERIOD)
-    assert path[-1] == pytest.approx([1.0, 2.0, 4.0])
-
-
 def test_without_casadi_the_command_says_what_to_install(monkeypatch, tmp_path, capsys, kept_signal_handlers):
     monkeypatch.setitem(sys.modules, "casadi", None)
     assert cli.main(["benchmark", "bound", "--out", str(tmp_path)]) == 1
     written = capsys.readouterr()
     assert written.err == "diffbot: diffbot benchmark bound needs casadi: pip install 'casadi>=3.6'\n"
     assert list(tmp_path.iterdir()) == []
-
-
-def test_an_unknown_case_is_refused_by_name(tmp_path, capsys, kept_signal_handlers):
-    assert cli.main(["benchmark", "bound", "--case", "slip", "--out", str(tmp_path)]) == 1
-    assert capsys.readouterr().err.startswith("diffbot: case = 'slip': must be one of nominal, ")
 
 
 def test_an_interrupt_keeps_the_cases_that_are_finished(monkeypatch, tmp_path, capsys, kept_signal_handlers):

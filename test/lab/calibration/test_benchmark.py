@@ -5,6 +5,7 @@ import math
 
 import pytest
 
+from diffbot_lab.calibration import benchmark
 from diffbot_lab.calibration.benchmark import NAMES, Found, results_of, run_and_report, table
 
 
@@ -24,12 +25,13 @@ def test_counts_of_errors_inside_the_intervals():
     assert "in 2 of 3 drives" in table(results)
 
 
-def test_two_drives(tmp_path):
-    assert run_and_report(2, 1, tmp_path / "out") == 0
+def test_a_drive_is_calibrated_and_reported(tmp_path, monkeypatch):
+    monkeypatch.setattr(benchmark, "SECONDS", 60.0)
+    assert run_and_report(1, 1, tmp_path / "out") == 0
     results = json.loads((tmp_path / "out" / "results.json").read_text())
-    assert results["runs"] == 2
+    assert results["runs"] == 1
     assert results["nis_before"] > 5.0
-    assert all(abs(one - 1.0) < 0.15 for one in results["nis_after"])
+    assert results["nis_after"][0] == pytest.approx(1.0, abs=0.3)
     # Wrong by ten times what they state, the numbers would not be found at all.
     assert all(one["rms"] < 10.0 for one in results["numbers"])
     assert len((tmp_path / "out" / "table.md").read_text().splitlines()) == 2 + len(NAMES) + 2

@@ -4,22 +4,16 @@ import json
 import os
 import re
 import resource
-import shutil
 import signal
 import subprocess
 import sys
-import time
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
-from project_files import files_read_by, run_in
+from project_files import files_read_by
 
-import diffbot_lab
-from diffbot_control.filter.options import FilterConfig, options_of
-from diffbot_control.law.presets import PRESETS
-from diffbot_core.code_hash import hash_of_folders
 from diffbot_core.errors import DiffbotError
 from diffbot_lab import cli
 from diffbot_lab.campaign import command as campaign_command
@@ -33,15 +27,12 @@ from diffbot_lab.campaign.runner import (
     run_campaign,
     run_chunk,
 )
-from diffbot_lab.campaign.spec import code_version, make_campaign
+from diffbot_lab.campaign.spec import make_campaign
 from diffbot_lab.campaign.statistics import CellStatistics, count_outcomes
 from diffbot_sim.compiled.batch import run_batch
-from diffbot_sim.compiled.jit import LIBRARIES, PACKAGES
+from diffbot_sim.compiled.jit import PACKAGES
 
-SITE = Path(diffbot_lab.__file__).parents[1]
 DECISIVE = (*PACKAGES, "diffbot_lab")
-# Run in a folder without packages: python -m looks there first.
-COMMAND = [sys.executable, "-m", "diffbot_lab.cli", "campaign"]
 SMALL = {
     "runs": 60,
     "duration": 12.0,
@@ -86,7 +77,7 @@ def expected():
     return [one.summary() for one in found]
 
 
-@pytest.mark.parametrize("chunk", [0, 1, 7, 60, 1000])
+@pytest.mark.parametrize("chunk", [0, 1, 1000])
 def test_all_runs_are_done_once_in_chunks_of_any_size(chunk, tmp_path, expected):
     journal = do(tmp_path, {**SMALL, "chunk": chunk})
     assert summaries(journal) == expected
@@ -95,17 +86,6 @@ def test_all_runs_are_done_once_in_chunks_of_any_size(chunk, tmp_path, expected)
         assert sorted(done) == ends[:-1]
         assert ends[-1] == 60
         assert max(done.values()) <= (chunk or 60)
-
-
-def test_a_whole_journal_needs_no_workers(tmp_path, expected):
-    do(tmp_path)
-    before = (tmp_path / JOURNAL).read_bytes()
-
-    def never():
-        return _Never()
-
-    assert summaries(do(tmp_path, SMALL, never)) == expected
-    assert (tmp_path / JOURNAL).read_bytes() == before
 
 
 class _Never(Executor):
@@ -127,40 +107,11 @@ def test_the_journal_of_a_campaign_cut_anywhere_goes_on(tmp_path, expected):
     do(tmp_path)
     whole = (tmp_path / JOURNAL).read_bytes()
     header = whole.index(b"\n") + 1
-    for end in (header, header + 1, header + 500, len(whole) // 2, len(whole) - 1, len(whole)):
+    for end in (0, header, header + 1, header + 500, len(whole) // 2, len(whole) - 1, len(whole)):
         (tmp_path / JOURNAL).write_bytes(whole[:end])
         assert summaries(do(tmp_path)) == expected
         # Not only in memory: what stands there now is whole too.
         assert summaries(do(tmp_path, SMALL, _Never)) == expected
-
-
-def test_an_empty_journal_is_begun(tmp_path, expected):
-    (tmp_path / JOURNAL).touch()
-    assert summaries(do(tmp_path)) == expected
-
-
-def damaged_lines(lines):
-    entry = json.loads(lines[2])
-    changes = [{"cell": 99}, {"cell": -1}, {"first": 61}, {"first": -7}, {"count": 8}, {"cell": None}, {"bins": {}}]
-    for change in changes:
-        yield json.dumps({**entry, **change}).encode() + b"\n"
-    yield from (b"5\n", b"null\n", b"[]\n", b"{}\n", b"\n", b"\x00\xff\n", lines[2][:50] + b"\n", b"[" * 9999 + b"\n")
-    yield lines[1]  # a chunk twice would count twice
-    for bins in hostile_bins():
-        yield json.dumps({**entry, "bins": {**entry["bins"], "effort": bins}}).encode() + b"\n"
-    whole = json.dumps({**entry, "more": 1}).encode()
-    yield whole + b"\n"
-    for name in ("cell", "first", "count", "settled", "reached_local"):
-        for value in ("NaN", "Infinity", "1e999", "0.0", "true", '"0"', "null", "[]", "-1", "1" + "0" * 300):
-            yield re.sub(rf'"{name}": ?\d+'.encode(), f'"{name}":{value}'.encode(), lines[2])
-    number = json.loads(lines[1])["count"]
-    yield json.dumps({**entry, "first": number - 1, "count": 1, "runs": 1}).encode() + b"\n"  # within another chunk
-    yield json.dumps(dict(json.loads(lines[1]), first=1)).encode() + b"\n"
-
-
-def hostile_bins():
-    yield from (None, 5, "ab", {}, [5], [[1]], [[1, 2, 3]], [["1", 1]], [[1.0, 1]], [[1, 0]], [[1, -1]], [[1, True]])
-    yield from ([[-2, 1]], [[10**9, 1]], [[10**400, 1]], [[1, 10**400]], [[5, 1], [5, 1]], [[5, 1], [4, 1]], [[0, 61]])
 
 
 def test_a_journal_that_is_damaged_in_the_middle_is_not_touched(tmp_path):
@@ -187,16 +138,8 @@ def test_a_worker_with_impossible_counts_is_not_believed(tmp_path):
     assert (tmp_path / JOURNAL).read_bytes() == before
 
 
-def test_a_fifo_is_no_journal(tmp_path):
-    os.mkfifo(tmp_path / JOURNAL)
-    with pytest.raises(DiffbotError, match="is not a regular file"):
-        do(tmp_path)
-
-
 FOREIGN = {
-    "text": b"hello\n",
     "text without an end": b"hello",
-    "another JSON": b'{"a": 1}\n',
     "JSON that is no mapping": b"[1]\n",
     "bytes": bytes(range(256)),
     "half a header": b'{"format":1,"iden',
@@ -223,30 +166,19 @@ def test_what_is_no_journal_is_not_touched(name, tmp_path, capsys):
         ("cases", "other values of its parameters"),
     ],
 )
-@pytest.mark.parametrize("absent", [False, True])
-def test_another_campaigns_journal_is_not_touched(key, message, absent, tmp_path, capsys):
-    do(tmp_path)
+def test_another_campaigns_journal_is_not_touched(key, message, tmp_path, capsys):
+    Journal(tmp_path / JOURNAL, make_campaign(SMALL)).close()
     path = tmp_path / JOURNAL
-    header, rest = path.read_bytes().split(b"\n", 1)
-    changed = {**json.loads(header), key: "0" * 16}
-    if absent:
-        del changed[key]
-    path.write_bytes(json.dumps(changed).encode() + b"\n" + rest)
-    before = path.read_bytes()
-    assert cli.main(["campaign", *flags(SMALL, tmp_path)]) == 1
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1
-    assert message in error
-    assert path.read_bytes() == before
+    header = json.loads(path.read_bytes())
+    for changed in ({**header, key: "0" * 16}, {name: value for name, value in header.items() if name != key}):
+        path.write_bytes(json.dumps(changed).encode() + b"\n")
+        before = path.read_bytes()
+        assert cli.main(["campaign", *flags(SMALL, tmp_path)]) == 1
+        error = capsys.readouterr().err
+        assert error.count("\n") == 1
+        assert message in error
+        assert path.read_bytes() == before
     assert [one.name for one in tmp_path.iterdir()] == [JOURNAL]
-
-
-@pytest.fixture(scope="module")
-def copied(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("site")
-    for package in DECISIVE:
-        shutil.copytree(SITE / package, folder / package, ignore=shutil.ignore_patterns("__pycache__"))
-    return folder
 
 
 CAMPAIGN = """
@@ -261,54 +193,6 @@ try:
 except DiffbotError as error:
     print(error)
 """
-
-
-def test_a_change_in_any_file_that_a_campaign_reads_is_another_version(copied, tmp_path):
-    read = files_read_by(f"import sys; sys.argv[1:] = [{str(tmp_path / JOURNAL)!r}]\n{CAMPAIGN}")
-    names = set(map(str, read))
-    assert {"diffbot_control/filter/options.py", "diffbot_lab/cases.py", "diffbot_sim/model/plant.py"} < names
-    for path in read:
-        before = (copied / path).read_bytes()
-        (copied / path).write_bytes(before + b"\n# another one\n")
-        changed = hash_of_folders([copied / package for package in DECISIVE], LIBRARIES)
-        (copied / path).write_bytes(before)
-        assert changed != code_version(), path
-
-
-def test_a_journal_is_not_resumed_with_another_constant_of_the_filter_or_preset(copied, tmp_path):
-    for _ in range(2):
-        assert run_in(copied, CAMPAIGN, tmp_path / JOURNAL).stdout == ""
-    for file, old, new in (
-        ("diffbot_control/filter/options.py", "_MAX_ERROR = 5.0, 0.1", "_MAX_ERROR = 5.0, 0.2"),
-        ("diffbot_control/law/presets.py", "eps_P_sigmas=2.2", "eps_P_sigmas=2.3"),
-    ):
-        text = (copied / file).read_text()
-        assert old in text
-        try:
-            (copied / file).write_text(text.replace(old, new))
-            assert "begun with another version of the code" in run_in(copied, CAMPAIGN, tmp_path / JOURNAL).stdout
-        finally:
-            (copied / file).write_text(text)
-
-
-def test_the_version_is_that_of_all_code_of_these_packages(copied):
-    assert hash_of_folders([copied / package for package in DECISIVE], LIBRARIES) == code_version()
-
-
-def test_a_journal_of_the_same_words_with_another_preset_or_default_is_refused(tmp_path, monkeypatch):
-    campaign = make_campaign(SMALL)
-    Journal(tmp_path / JOURNAL, campaign).close()
-    first = campaign.cells[0]
-    filtered = first.case._replace(filter=options_of(FilterConfig(gate_probability=0.98)))
-    others = [campaign._replace(cells=[first._replace(case=filtered), *campaign.cells[1:]])]
-    paper = PRESETS["paper"]
-    monkeypatch.setitem(PRESETS, "paper", paper._replace(gains=paper.gains._replace(k_2=2.71)))
-    others.append(make_campaign(SMALL))
-    for other in others:
-        assert other.identity == campaign.identity
-        with pytest.raises(DiffbotError, match="begun with other values of its parameters"):
-            Journal(tmp_path / JOURNAL, other)
-    Journal(tmp_path / JOURNAL, campaign).close()
 
 
 def test_results_of_another_campaign_are_not_overwritten(tmp_path, capsys):
@@ -331,11 +215,11 @@ def test_two_at_a_time_do_not_share_a_journal(tmp_path):
     Journal(tmp_path / JOURNAL, campaign).close()
 
 
-@pytest.mark.parametrize("where", ["file", "below a file", "journal is a folder"])
+@pytest.mark.parametrize("where", ["below a file", "journal is a folder"])
 def test_an_impossible_folder_is_one_line(where, tmp_path, capsys):
     file = tmp_path / "file"
     file.write_text("mine")
-    out = {"file": file, "below a file": file / "out", "journal is a folder": tmp_path}[where]
+    out = {"below a file": file / "out", "journal is a folder": tmp_path}[where]
     if out is tmp_path:
         (tmp_path / JOURNAL).mkdir()
     assert cli.main(["campaign", *flags(SMALL, out)]) == 1
@@ -361,22 +245,6 @@ def test_a_full_disk_is_one_line_and_costs_what_did_not_fit(tmp_path, expected):
     assert summaries(do(tmp_path)) == expected
 
 
-def test_only_a_few_chunks_are_handed_out_at_a_time(tmp_path):
-    waiting = []
-
-    class Counting(ThreadPoolExecutor):
-        def submit(self, *arguments, **options):
-            future = super().submit(*arguments, **options)
-            waiting.append(future)
-            most.append(sum(not one.done() for one in waiting))
-            return future
-
-    most = []
-    do(tmp_path, {**SMALL, "chunk": 1}, lambda: Counting(2))
-    assert len(waiting) == 240
-    assert max(most) <= 4
-
-
 def test_chunks_are_sized_by_their_steps():
     campaign = make_campaign({"runs": 10**7, "duration": 0.1})
     chunks = list(open_chunks(campaign, [{}]))
@@ -391,38 +259,6 @@ def test_a_worker_of_another_version_is_refused():
     assert run_chunk(chunk)["count"] == 7
     with pytest.raises(DiffbotError, match="another version of the code"):
         run_chunk(chunk._replace(sources="0" * 16))
-
-
-class Killer(Journal):
-    """Kills one worker of the pool after the second chunk, and again after the twentieth."""
-
-    pools = ()
-    killed = 0
-
-    def add(self, entry):
-        super().add(entry)
-        if sum(len(done) for done in self.done) in (2, 20):
-            worker = next(iter(self.pools[-1]._processes))
-            os.kill(worker, signal.SIGKILL)
-            self.killed += 1
-
-
-@pytest.mark.graph
-def test_killed_workers_change_nothing(tmp_path, expected):
-    campaign = make_campaign(SMALL)
-    journal = Killer(tmp_path / JOURNAL, campaign)
-    journal.pools = []
-
-    def make_executor():
-        journal.pools.append(process_pool(2))
-        return journal.pools[-1]
-
-    run_campaign(campaign, journal, make_executor, 2)
-    journal.close()
-    assert journal.killed == 2
-    assert len(journal.pools) >= 2
-    assert summaries(journal) == expected
-    assert summaries(do(tmp_path, SMALL, _Never)) == expected
 
 
 def _die():
@@ -456,7 +292,7 @@ class Failing(Executor):
         return future
 
 
-@pytest.mark.parametrize("error", [RuntimeError("lost\nworker"), MemoryError(), OSError(28, "No space left on device")])
+@pytest.mark.parametrize("error", [RuntimeError("lost\nworker"), MemoryError()])
 def test_a_failing_worker_is_one_line(error, tmp_path):
     with pytest.raises(DiffbotError) as caught:
         do(tmp_path, SMALL, lambda: Failing(error))
@@ -464,57 +300,9 @@ def test_a_failing_worker_is_one_line(error, tmp_path):
     assert type(error).__name__ in str(caught.value)
 
 
-def wait_for_lines(path, number, process):
-    """Wait until the journal has this many lines; there is no luck in it: it takes as long as it takes."""
-    deadline = time.monotonic() + 60.0
-    while not path.exists() or path.read_bytes().count(b"\n") < number:
-        assert process.poll() is None, process.communicate()
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-
-
-def contents(folder):
-    return {path.name: path.read_bytes() for path in folder.iterdir() if path.name != JOURNAL}
-
-
-LONGER = {**SMALL, "runs": 10_000, "duration": 15.0, "chunk": 100}
-
-
-@pytest.mark.graph
-def test_interrupted_and_gone_on_it_is_the_same_to_the_byte(tmp_path):
-    one, two = tmp_path / "one", tmp_path / "two"
-    command = [*COMMAND, *flags(LONGER, one), "--workers", "2"]
-    for number, interrupt in ((30, signal.SIGINT), (120, signal.SIGTERM)):
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path)
-        wait_for_lines(one / JOURNAL, number, process)
-        process.send_signal(interrupt)
-        _, error = process.communicate(timeout=60)
-        assert process.returncode == 130, error
-        assert "interrupted: " in error
-        assert "of 40000 runs are kept" in error
-        assert "Traceback" not in error
-        kept = (one / JOURNAL).read_bytes().count(b"\n") - 1
-        assert number - 1 <= kept < 400
-        assert [path.name for path in one.iterdir()] == [JOURNAL]
-    result = subprocess.run(command, capture_output=True, text=True, timeout=100, check=False, cwd=tmp_path)
-    assert result.returncode == 0, result.stderr
-    # Another number of workers and other chunks.
-    assert campaign_command.run(None, {**LONGER, "chunk": 0}, two, 1, None) == 0
-    found, wanted = contents(one), contents(two)
-    assert sorted(found) == sorted(wanted)
-    assert len(found) == 6
-    assert json.loads(found["results.json"])["cells"] == json.loads(wanted["results.json"])["cells"]
-    for name in set(found) - {"results.json"}:
-        assert found[name] == wanted[name], name
-    # With the same chunk size the description is the same too.
-    (two / JOURNAL).write_bytes((one / JOURNAL).read_bytes())
-    assert campaign_command.run(None, LONGER, two, 1, None) == 0
-    assert contents(two) == found
-
-
 def test_an_unreachable_scheduler_is_one_line(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(module.cluster_executor, "__defaults__", (0.5,))
-    for address in ("tcp://127.0.0.1:1", "nonsense://here", "", "tcp://127.0.0.1:99999999"):
+    for address in ("tcp://127.0.0.1:1", "nonsense://here"):
         assert cli.main(["campaign", *flags(SMALL, tmp_path / "out"), "--scheduler", address]) == 1
         error = capsys.readouterr().err
         assert error.startswith("diffbot: no scheduler at ")
@@ -555,37 +343,99 @@ def cluster(tmp_path_factory):
         process.wait(30)
 
 
+def damaged_lines(lines):
+    entry = json.loads(lines[2])
+    changes = [{"cell": 99}, {"cell": -1}, {"first": 61}, {"count": 8}, {"cell": None}, {"bins": {}}, {"more": 1}]
+    bins = (None, [5], [[1, 2, 3]], [["1", 1]], [[1, 0]], [[1, True]], [[10**9, 1]], [[5, 1], [5, 1]], [[0, 61]])
+    changes += [{"bins": {**entry["bins"], "effort": one}} for one in bins]
+    number = json.loads(lines[1])["count"]
+    changes.append({"first": number - 1, "count": 1, "runs": 1})  # within another chunk
+    for change in changes:
+        yield json.dumps({**entry, **change}).encode() + b"\n"
+    yield from (b"5\n", b"null\n", b"{}\n", b"\n", b"\x00\xff\n", lines[2][:50] + b"\n", b"[" * 9999 + b"\n")
+    yield lines[1]  # a chunk twice would count twice
+    for name in ("first", "settled"):
+        for value in ("NaN", "1e999", "0.0", "true", "null", "-1", "1" + "0" * 300):
+            yield re.sub(rf'"{name}": ?\d+'.encode(), f'"{name}":{value}'.encode(), lines[2])
+
+
+def test_all_files_that_a_campaign_reads_name_the_version(tmp_path):
+    read = files_read_by(f"import sys; sys.argv[1:] = [{str(tmp_path / JOURNAL)!r}]\n{CAMPAIGN}")
+    names = set(map(str, read))
+    assert {"diffbot_control/filter/options.py", "diffbot_lab/cases.py", "diffbot_sim/model/plant.py"} < names
+    assert {path.parts[0] for path in read} == set(DECISIVE)
+
+
+class Killer(Journal):
+    """Kills one worker after the second chunk."""
+
+    def __init__(self, path, campaign, worker):
+        super().__init__(path, campaign)
+        self._worker = worker
+        self.killed = 0
+
+    def add(self, entry):
+        super().add(entry)
+        if sum(len(done) for done in self.done) == 2:
+            os.kill(self._worker(), signal.SIGKILL)
+            self.killed += 1
+
+
+def run_with_a_worker_killed(folder, make_executor, worker):
+    campaign = make_campaign(SMALL)
+    journal = Killer(folder / JOURNAL, campaign, worker)
+    run_campaign(campaign, journal, make_executor, 2)
+    journal.close()
+    assert journal.killed == 1
+    return journal
+
+
 @pytest.mark.graph
-def test_a_cluster_with_a_worker_killed_half_way_gives_the_same(cluster, tmp_path):
+def test_a_killed_worker_changes_nothing(tmp_path, expected):
+    pools = []
+
+    def make_executor():
+        pools.append(process_pool(2))
+        return pools[-1]
+
+    journal = run_with_a_worker_killed(tmp_path, make_executor, lambda: next(iter(pools[-1]._processes)))
+    assert len(pools) == 2
+    assert summaries(journal) == expected
+    assert summaries(do(tmp_path, SMALL, _Never)) == expected
+
+
+@pytest.mark.graph
+def test_a_cluster_with_a_worker_killed_half_way_gives_the_same(cluster, tmp_path, expected):
     address, pids = cluster
-    description = {**LONGER, "runs": 3000}
-    command = [*COMMAND, *flags(description, tmp_path / "cluster"), "--scheduler", address]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path)
-    wait_for_lines(tmp_path / "cluster" / JOURNAL, 30, process)
-    os.kill(pids[0], signal.SIGKILL)
-    _, error = process.communicate(timeout=100)
-    assert process.returncode == 0, error
-    assert "Traceback" not in error
-    # Again, with nobody killed.
-    command[command.index("--out") + 1] = str(tmp_path / "again")
-    result = subprocess.run(command, capture_output=True, text=True, timeout=100, check=False, cwd=tmp_path)
-    assert result.returncode == 0, result.stderr
-    assert campaign_command.run(None, description, tmp_path / "here", 2, None) == 0
-    assert contents(tmp_path / "cluster") == contents(tmp_path / "again") == contents(tmp_path / "here")
+    make_executor, workers = cluster_executor(address, 60.0)
+    assert workers == 2
+    assert summaries(run_with_a_worker_killed(tmp_path, make_executor, lambda: pids[0])) == expected
 
 
-@pytest.mark.graph
-def test_no_workers_are_one_line(monkeypatch):
-    class Client:
-        def __init__(self, *_arguments, **_options):
-            pass
+def test_interrupted_and_gone_on_it_is_the_same_to_the_byte(tmp_path, capsys, monkeypatch, kept_signal_handlers):
+    monkeypatch.setattr(campaign_command, "process_pool", ThreadPoolExecutor)
+    one, two = tmp_path / "one", tmp_path / "two"
+    add = Journal.add
 
-        def nthreads(self):
-            return {}
+    def interrupted(journal, entry):
+        add(journal, entry)
+        if sum(len(done) for done in journal.done) % 10 == 0:
+            signal.raise_signal(interrupts[0])
 
-        def close(self):
-            pass
-
-    monkeypatch.setattr("distributed.Client", Client)
-    with pytest.raises(DiffbotError, match="the scheduler at there has no workers"):
-        cluster_executor("there")
+    monkeypatch.setattr(Journal, "add", interrupted)
+    command = ["campaign", *flags(SMALL, one), "--workers", "2"]
+    interrupts = [signal.SIGINT, signal.SIGTERM]
+    for kept in (10, 20):
+        assert cli.main(command) == 130
+        assert "of 240 runs are kept" in capsys.readouterr().err
+        assert (one / JOURNAL).read_bytes().count(b"\n") == 1 + kept
+        assert [path.name for path in one.iterdir()] == [JOURNAL]
+        interrupts.reverse()
+    monkeypatch.setattr(Journal, "add", add)
+    assert cli.main(command) == 0
+    # Another number of workers and the chunks of the journal of one go: all files but the journal are the same.
+    assert cli.main(["campaign", *flags(SMALL, two), "--workers", "1"]) == 0
+    found, wanted = ({path.name: path.read_bytes() for path in folder.iterdir()} for folder in (one, two))
+    assert len(found) == 7
+    assert sorted(found.pop(JOURNAL).splitlines()) == sorted(wanted.pop(JOURNAL).splitlines())
+    assert found == wanted

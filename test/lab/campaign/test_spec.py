@@ -1,19 +1,16 @@
 """What a campaign may be: YAML and flags, unfolded into cells, and one clear line for all that is not allowed."""
 
 import itertools
-import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 
-from diffbot_core.errors import DiffbotError, InvalidValueError
-from diffbot_core.geometry import Pose
+from diffbot_core.errors import InvalidValueError
 from diffbot_lab import cli
-from diffbot_lab.campaign.options import CampaignOptions
-from diffbot_lab.campaign.spec import configure, make_campaign, read_campaign
-from diffbot_sim.compiled.closed_loop import EKF, RAW, TRUTH
+from diffbot_lab.campaign.spec import make_campaign, read_campaign
+from diffbot_sim.compiled.closed_loop import EKF
 
 ROOT = Path(__file__).resolve().parents[3]
 CIRCLE = {"circle": {"radius": 2.0, "points": 4, "headings": [0.5, -1.0]}}
@@ -34,21 +31,6 @@ def test_the_example_is_unfolded():
         assert (cell.case.xy_tolerance, cell.case.yaw_tolerance) == (0.4, 0.1)
     assert campaign.starts.poses.tolist() == [[0.0, 0.0, 0.0]]
     assert campaign.starts.half == (8.0, 8.0, 3.14159)
-
-
-def test_the_defaults_are_the_papers_start():
-    campaign = read_campaign(None, {})
-    assert campaign.options == CampaignOptions()
-    assert len(campaign.cells) == 1
-    assert campaign.cells[0].case.goal == Pose(0.0, 0.0, 0.0)
-    assert campaign.cells[0].case.steps == 600
-    assert campaign.starts.poses == pytest.approx(np.array([[-2.0, -5.5, math.pi / 6.0]]))
-    assert campaign.starts.half == (0.0, 0.0, 0.0)
-
-
-@pytest.mark.parametrize(("feedback", "code"), [("ekf", EKF), ("raw", RAW), ("truth", TRUTH)])
-def test_feedback(feedback, code):
-    assert make_campaign({"feedback": feedback}).cells[0].case.feedback == code
 
 
 def test_starts():
@@ -72,59 +54,31 @@ def test_flags_win_and_grids_are_merged_by_name(tmp_path):
     gains = campaign.cells[0].case.controller.gains
     assert (gains.h, gains.k_2, gains.k) == (0.3, 2.0, 4.0)
     assert isinstance(gains.k, float)  # a whole number would be compiled anew
-
-
-def test_a_wheel_radius_is_the_plants_and_the_controllers():
-    plant, _, controller, _ = configure({"wheel_radius": 0.07})
-    assert plant.wheels.wheel_radius == controller.data_sheet.wheels.wheel_radius == 0.07
-
-
-def test_the_length_follows_the_sampling_time_of_each_cell():
     campaign = make_campaign({"duration": 3.0, "grid": {"sampling_time": [0.1, 0.25, 10.0]}})
     assert [cell.case.steps for cell in campaign.cells] == [30, 12, 1]
 
 
-def test_the_identity_names_all_that_decides():
+def test_identity_and_resolved_values_name_all_that_decides():
     base = {"runs": 5, "set": {"h": 0.2}, "grid": {"k": [1.0]}, "start": CIRCLE}
-    identity = make_campaign(base).identity
-    assert make_campaign({**base, "chunk": 17}).identity == identity
-    assert make_campaign(dict(reversed(base.items()))).identity == identity
+    found = make_campaign(base)
+    for same in ({**base, "chunk": 17}, dict(reversed(base.items()))):
+        assert make_campaign(same).identity == found.identity
+    # What a value stands for counts, whatever the words.
+    assert make_campaign({**base, "set": {"h": 0.2, "k_2": 2.7}}).resolved == found.resolved
     others = [
         {"runs": 6},
         {"seed": 2},
         {"duration": 61.0},
         {"feedback": "raw"},
-        {"goal": [0.0, 0.0, 0.1]},
-        {"set": {"h": 0.21}},
-        {"set": {}},
+        {"goal": [0.0, 0.0, 1e-300]},
+        {"set": {"h": 0.2, "preset": "tuned"}},
+        {"set": {"h": 0.2, "gate_probability": 0.98}},
+        {"set": {"h": 0.20000000000000004}},
         {"grid": {"k": [1.5]}},
-        {"grid": {"k": [1.0], "k_2": [2.0]}},
         {"start": {"circle": {"radius": 2.5}}},
     ]
-    found = {make_campaign({**base, **other}).identity for other in others}
-    assert len(found | {identity}) == len(others) + 1
-
-
-def test_what_it_resolves_to_is_named_whatever_the_words():
-    resolved = make_campaign({"runs": 5}).resolved
-    paper = {"gamma": 1.3, "k": 1.0, "h": 0.17, "k_2": 2.7}
-    for same in ({"chunk": 17}, {"set": paper}, {"set": {"fix_rate": 10.0}}, {"goal": [0, 0, 0]}):
-        assert make_campaign({"runs": 5, **same}).resolved == resolved
-    others = [
-        {"runs": 6},
-        {"seed": 2},
-        {"feedback": "raw"},
-        {"duration": 61.0},
-        {"goal": [0.0, 0.0, 1e-300]},
-        {"set": {"preset": "tuned"}},
-        {"set": {"filter": "ekf"}},
-        {"set": {"gate_probability": 0.98}},
-        {"set": {"k": 1.0000000000000002}},
-        {"grid": {"drive_noise": [0.05]}},
-        {"grid": {"drive_noise": [0.05, 0.1]}},
-        {"start": {"box": {"x": [0.0, 1.0]}}},
-    ]
-    assert len({make_campaign({"runs": 5, **other}).resolved for other in others} | {resolved}) == len(others) + 1
+    campaigns = [found, *(make_campaign({**base, **other}) for other in others)]
+    assert len({one.identity for one in campaigns}) == len({one.resolved for one in campaigns}) == len(campaigns)
 
 
 BOMB = "x"
@@ -132,83 +86,35 @@ for level in range(12):
     BOMB = f"[&a{level} {BOMB}" + f", *a{level}" * 9 + "]"
 REFUSED = {
     "unknown key": ("rnus: 5", "key = 'rnus'"),
-    "key that is no text": ("1: 5", "key = 1"),
     "unknown parameter in set": ("set: {kk: 5}", "kk = 5"),
-    "unknown parameter in grid": ("grid: {kk: [5]}", "kk = 5"),
     "replaced parameter in set": (
         "set: {follow_covariance: true}",
         "follow_covariance = True: was replaced by region_policy (fixed or covariance)",
     ),
-    "replaced parameter in grid": (
-        "grid: {follow_covariance: [false, true]}",
-        "follow_covariance = False: was replaced by region_policy (fixed or covariance)",
-    ),
-    "index instead of a word": ("set: {region_policy: 1}", "region_policy = 1"),
-    "parameter that is no text": ("set: {1: 5}", "set = {1: 5}"),
     "empty grid": ("grid: {k: []}", "grid.k = []"),
-    "grid without a list": ("grid: {k: 5}", "grid.k = 5"),
-    "grid of nothing": ("grid: {k: }", "grid.k = None"),
     "the same value twice": ("grid: {k: [1, 2, 1.0]}", "grid.k = [1, 2, 1.0]"),
-    "grid that is a list": ("grid: [k]", "grid = ['k']"),
-    "set that is a text": ("set: k=5", "set = 'k=5'"),
     "too many cells": (f"grid: {{k: {list(range(1, 102))}, h: {list(range(1, 102))}}}", "10201 cells"),
     "nan in grid": ("grid: {k: [1.0, .nan]}", "k = nan"),
-    "infinite gain": ("set: {k: .inf}", "k = inf"),
-    "nan goal": ("goal: [0, .nan, 0]", "goal = nan"),
     "short goal": ("goal: [0, 1]", "goal = (0.0, 1.0)"),
-    "goal of text": ("goal: here", "goal = 'here'"),
     "zero runs": ("runs: 0", "runs = 0"),
-    "negative runs": ("runs: -5", "runs = -5"),
-    "half a run": ("runs: 1.5", "runs = 1.5"),
-    "runs that are true": ("runs: true", "runs = True"),
-    "runs as text": ("runs: '5'", "runs = '5'"),
-    "nan duration": ("duration: .nan", "duration = nan"),
     "no duration": ("duration: 0", "duration = 0.0"),
-    "negative seed": ("seed: -1", "seed = -1"),
-    "huge seed": ("seed: 9223372036854775808", "seed = 9223372036854775808"),
-    "unknown feedback": ("feedback: eyes", "feedback = 'eyes'"),
     "feedback that is no text": ("feedback: [ekf]", "feedback = ['ekf']"),
-    "negative chunk": ("chunk: -1", "chunk = -1"),
     "in set and in grid": ("set: {k: 1.0}\ngrid: {k: [1.0]}", "set.k = 1.0"),
     "hysteresis turned round": ("set: {eps_P: 0.9}", "eps_P_leave = 0.6"),
     "delay": ("set: {fix_delay: 1.2}", "fix_delay = 1.2"),
-    "delay in one cell": ("grid: {heading_delay: [0.0, 1.2]}", "heading_delay = 1.2"),
-    "start of nothing": ("start: ", "start = None"),
-    "start of a list": ("start: [1, 2, 3]", "start = [1, 2, 3]"),
     "unknown start": ("start: {line: [1]}", "start = {'line': [1]}"),
     "two starts": ("start: {list: [[0, 0, 0]], box: {}}", "start = {"),
-    "empty list of starts": ("start: {list: []}", "start.list = []"),
-    "short start": ("start: {list: [[0, 0]]}", "start.list = [0, 0]"),
-    "start of text": ("start: {list: [[0, 0, north]]}", "start.list = [0, 0, 'north']"),
-    "start that is true": ("start: {list: [[0, 0, true]]}", "start.list = [0, 0, True]"),
     "start beyond all floats": (f"start: {{list: [[0, 0, 1{'0' * 400}]]}}", "start.list = "),
-    "box of nothing": ("start: {box: }", "start.box"),
-    "box of a list": ("start: {box: [1, 2]}", "start.box"),
     "unknown side of a box": ("start: {box: {z: [0, 1]}}", "start.box key = 'z'"),
     "box turned round": ("start: {box: {x: [1, 0]}}", "start.box.x = [1, 0]"),
-    "infinite box": ("start: {box: {x: [0, .inf]}}", "start.box.x = [0, inf]"),
-    "box with one end": ("start: {box: {x: 3}}", "start.box.x = 3"),
-    "circle of nothing": ("start: {circle: }", "start.circle"),
     "circle without radius": ("start: {circle: {points: 3}}", "start.circle.radius = None"),
-    "circle of radius 0": ("start: {circle: {radius: 0}}", "start.circle.radius = 0"),
-    "circle of no points": ("start: {circle: {radius: 1, points: 0}}", "start.circle.points = 0"),
-    "circle of half a point": ("start: {circle: {radius: 1, points: 2.5}}", "start.circle.points = 2.5"),
-    "circle without headings": ("start: {circle: {radius: 1, headings: []}}", "start.circle.headings = []"),
     "circle of nan headings": ("start: {circle: {radius: 1, headings: [.nan]}}", "start.circle.headings = [nan]"),
     "no mapping": ("- 1\n- 2", "must be a mapping of keys, found list"),
-    "nothing": ("", "must be a mapping of keys, found NoneType"),
-    "a text": ("hello", "must be a mapping of keys, found str"),
     "no YAML": ("a: [1", "is no YAML"),
-    "two documents": ("runs: 5\n---\nruns: 6", "is no YAML"),
-    "no such day": ("runs: 2024-02-31", "is no YAML"),
     "more digits than are read": ("runs: " + "9" * 6000, "is no YAML"),
-    "too deep": ("start: " + "[" * 5000, "is no YAML"),
     "an object": ("runs: !!python/object/apply:os.getcwd []", "is no YAML"),
     "a key twice": ("runs: 5\nruns: 6", "'runs'"),
-    "a parameter twice": ("grid:\n  k: [1.0]\n  k: [2.0]", "'k'"),
     "a bomb as a start": (f"start: {BOMB}", "aliases"),
-    "a bomb in a grid": (f"grid: {{k: {BOMB}}}", "aliases"),
-    "a bomb as a number": (f"runs: {BOMB}", "aliases"),
 }
 
 
@@ -230,48 +136,15 @@ def test_refused_in_one_line(name, tmp_path, capsys):
     assert not out.exists()
 
 
-def test_the_exception_names_key_value_and_bound():
-    with pytest.raises(InvalidValueError) as caught:
-        make_campaign({"runs": 0})
-    assert (caught.value.name, caught.value.value, caught.value.bound) == ("runs", 0, ">= 1 and <= 1e+09")
-
-
-def test_files_that_cannot_be_read(tmp_path):
-    with pytest.raises(DiffbotError, match=r"cannot read .*none\.yaml: No such file"):
-        read_campaign(tmp_path / "none.yaml", {})
-    with pytest.raises(DiffbotError, match=r"cannot read .*: Is a directory"):
-        read_campaign(tmp_path, {})
-    (tmp_path / "b.yaml").write_bytes(b"runs: \xff\xfe")
-    with pytest.raises(DiffbotError, match=r"b\.yaml is no YAML"):
-        read_campaign(tmp_path / "b.yaml", {})
-
-
 @pytest.mark.parametrize(
     ("flags", "status", "part"),
     [
-        (["--runs", "0"], 1, "runs = 0"),
-        (["--runs", "many"], 2, "--runs"),
         (["--duration", "nan"], 1, "duration = nan"),
-        (["--duration", "inf"], 1, "duration = inf"),
-        (["--feedback", "eyes"], 1, "feedback = 'eyes'"),
-        (["--goal", "1", "2"], 1, "goal = (1.0, 2.0)"),
-        (["--grid", "k=[]"], 1, "grid.k = []"),
-        (["--grid", "k=5"], 1, "grid.k = 5"),
         (["--grid", "k"], 2, "NAME=VALUE"),
-        (["--grid", "=5"], 2, "NAME=VALUE"),
-        (["--grid", "k=[1"], 2, "no YAML"),
-        (["--set", "kk=5"], 1, "kk = 5"),
-        (["--set", "k=.nan"], 1, "k = nan"),
-        (["--set", "k=2024-02-31"], 2, "--set: no YAML"),
         (["--set", "k=" + "[" * 5000], 2, "--set"),
         (["--set", "k=1", "k=2"], 1, "--set k = 2: must be given once"),
         (["--set", "k=1", "--grid", "k=[1]"], 1, "set.k = 1"),
-        (["--start", "{box: }"], 1, "start.box"),
-        (["--start", "[1"], 2, "no YAML"),
-        (["--start", "nowhere"], 1, "start = 'nowhere'"),
         (["--workers", "0"], 2, "--workers"),
-        (["--workers", "two"], 2, "--workers"),
-        (["--seed", "-1"], 1, "seed = -1"),
     ],
 )
 def test_flags_refused_in_one_line(flags, status, part, tmp_path, capsys):
@@ -291,6 +164,7 @@ def test_a_campaign_runs_any_law():
     campaign = make_campaign(
         {"law": "polar", "set": {"k_rho": 2.0, "wheel_radius": 0.07}, "grid": {"k_alpha": [5.0, 6.0]}}
     )
+    assert [cell.case.plant.wheels.wheel_radius for cell in campaign.cells] == [0.07, 0.07]
     configs = [cell.case.controller for cell in campaign.cells]
     assert [(one.k_rho, one.k_alpha) for one in configs] == [(2.0, 5.0), (2.0, 6.0)]
     assert {one.data_sheet.wheels.wheel_radius for one in configs} == {0.07}

@@ -3,7 +3,6 @@
 import itertools
 import json
 import math
-import random
 from collections import Counter
 
 import numpy as np
@@ -16,12 +15,10 @@ from diffbot_lab.campaign.statistics import (
     BIN_WIDTH,
     METRICS,
     QUANTILES,
-    SMALLEST,
     CellStatistics,
     bins_of,
     count_outcomes,
     quantile,
-    value_of,
     wilson,
 )
 from diffbot_sim.compiled.batch import COLUMNS
@@ -29,70 +26,30 @@ from diffbot_sim.compiled.batch import COLUMNS
 NAN, INF = math.nan, math.inf
 
 
-@pytest.mark.parametrize(
-    ("successes", "total"),
-    [(0, 1), (1, 1), (0, 50), (50, 50), (1, 3), (7, 20), (499, 1000), (9_999_999, 10_000_000), (0, 10**9)],
-)
+@pytest.mark.parametrize(("successes", "total"), [(0, 1), (50, 50), (7, 20), (9_999_999, 10_000_000), (0, 10**9)])
 def test_wilson_is_scipys(successes, total):
     expected = stats.binomtest(successes, total).proportion_ci(0.95, method="wilson")
     assert wilson(successes, total) == pytest.approx((expected.low, expected.high), abs=1e-12)
     wider = stats.binomtest(successes, total).proportion_ci(0.99, method="wilson")
     z = float(stats.norm.ppf(0.995))
     assert wilson(successes, total, z) == pytest.approx((wider.low, wider.high), abs=1e-12)
-
-
-def test_wilson_of_nothing_says_nothing():
     assert wilson(0, 0) == (0.0, 1.0)
 
 
-@given(st.integers(0, 10**6), st.integers(1, 10**6))
-def test_wilson_holds_the_share(successes, total):
-    successes = min(successes, total)
-    low, high = wilson(successes, total)
-    assert 0.0 <= low <= successes / total + 1e-12
-    assert successes / total - 1e-12 <= high <= 1.0
-
-
 SAMPLES = {
-    "lognormal": np.random.default_rng(1).lognormal(0.5, 1.5, 200_000),
-    "uniform": np.random.default_rng(2).uniform(0.0, 30.0, 200_000),
-    "tiny": np.random.default_rng(3).uniform(1e-5, 1e-3, 200_000),
-    "of steps of 0.1 s": np.random.default_rng(4).integers(50, 300, 200_000) * 0.1,
+    "lognormal": np.random.default_rng(1).lognormal(0.5, 1.5, 20_000),
+    "tiny": np.random.default_rng(3).uniform(1e-5, 1e-3, 20_000),
+    "of steps of 0.1 s": np.random.default_rng(4).integers(50, 300, 20_000) * 0.1,
+    "four": np.array([1.0, 2.0, 4.0, 8.0]),
 }
 
 
 @pytest.mark.parametrize("name", SAMPLES)
-@pytest.mark.parametrize("q", QUANTILES)
-def test_quantiles_are_numpys_to_a_quarter_of_a_percent(name, q):
-    values = SAMPLES[name]
-    found = quantile(Counter(bins_of(values)), q)
-    assert found == pytest.approx(np.quantile(values, q, method="inverted_cdf"), rel=0.5 * BIN_WIDTH + 1e-9)
-    assert found == pytest.approx(np.quantile(values, q), rel=BIN_WIDTH)
-
-
-def test_a_quantile_is_the_smallest_value_that_a_share_does_not_exceed():
-    bins = Counter(bins_of(np.array([1.0, 2.0, 4.0, 8.0])))
-    expected = {0.0: 1.0, 0.01: 1.0, 0.25: 1.0, 0.26: 2.0, 0.5: 2.0, 0.51: 4.0, 0.75: 4.0, 0.76: 8.0, 1.0: 8.0}
-    assert {q: quantile(bins, q) for q in expected} == pytest.approx(expected, rel=0.5 * BIN_WIDTH + 1e-9)
-
-
-def test_a_quantile_of_nothing_is_nan():
-    assert math.isnan(quantile(Counter(), 0.5))
-    assert bins_of(np.array([])) == {}
-    assert bins_of(np.array([NAN, NAN])) == {}
-
-
-@pytest.mark.parametrize("value", [SMALLEST, 1.000001e-6, 1e-3, 0.1, 1.0, 123.456, 1e9, 1e100, 1e299])
-def test_a_value_comes_back_to_a_quarter_of_a_percent(value):
-    ((key, count),) = bins_of(np.array([value])).items()
-    assert count == 1
-    assert value_of(key) == pytest.approx(value, rel=0.5 * BIN_WIDTH + 1e-9)
-
-
-def test_zeros_and_what_is_next_to_nothing_are_zero():
-    bins = bins_of(np.array([0.0, -0.0, 5e-324, 0.99e-6]))
-    assert sum(bins.values()) == 4
-    assert quantile(Counter(bins), 1.0) == 0.0
+def test_quantiles_are_numpys_to_a_quarter_of_a_percent(name):
+    bins = Counter(bins_of(SAMPLES[name]))
+    for q in (*QUANTILES, 0.0, 0.25, 0.26, 0.51, 1.0):
+        expected = np.quantile(SAMPLES[name], q, method="inverted_cdf")
+        assert quantile(bins, q) == pytest.approx(expected, rel=0.5 * BIN_WIDTH + 1e-9), q
 
 
 @pytest.mark.parametrize("value", [INF, 1.7976931348623157e308, 1e303])
@@ -119,19 +76,12 @@ def statistics_of(*tables):
     return found
 
 
-def random_outcomes(number, seed=1):
-    rng = np.random.default_rng(seed)
-    table = rng.lognormal(0.0, 2.0, (number, len(COLUMNS)))
-    table[:, COLUMNS.index("x")] -= 1.0
-    table[:, COLUMNS.index("theta")] = rng.uniform(-math.pi, math.pi, number)
-    table[:, COLUMNS.index("switches")] = rng.integers(0, 150, number)
-    for name, share in (("settling_time", 0.3), ("local_time", 0.2), ("estimation_error", 0.1)):
-        table[rng.random(number) < share, COLUMNS.index(name)] = NAN
-    return table
-
-
 def test_the_summary_is_numpys():
-    table = random_outcomes(50_000)
+    rng = np.random.default_rng(1)
+    table = rng.lognormal(0.0, 2.0, (10_000, len(COLUMNS)))
+    table[:, COLUMNS.index("switches")] = rng.integers(0, 150, 10_000)
+    for name, share in (("settling_time", 0.3), ("local_time", 0.2), ("estimation_error", 0.1)):
+        table[rng.random(10_000) < share, COLUMNS.index(name)] = NAN
     column = {name: table[:, index] for index, name in enumerate(COLUMNS)}
     values = {
         **column,
@@ -141,9 +91,9 @@ def test_the_summary_is_numpys():
     }
     summary = statistics_of(table).summary()
     settled = len(values["settling_time"])
-    assert summary["runs"] == 50_000
-    assert summary["success_rate"] == settled / 50_000
-    assert (summary["success_low"], summary["success_high"]) == wilson(settled, 50_000)
+    assert summary["runs"] == 10_000
+    assert summary["success_rate"] == settled / 10_000
+    assert (summary["success_low"], summary["success_high"]) == wilson(settled, 10_000)
     assert summary["reached_local_region"] == np.isfinite(column["local_time"]).sum()
     for metric, q in itertools.product(METRICS, QUANTILES):
         sample = values[metric][~np.isnan(values[metric])]
@@ -152,37 +102,25 @@ def test_the_summary_is_numpys():
         assert summary[f"{metric}_q{100 * q:g}"] == pytest.approx(expected, **tolerance), (metric, q)
 
 
-def test_any_order_and_any_pieces_are_the_same():
-    table = random_outcomes(2000)
-    whole = statistics_of(table)
-    shuffle = random.Random(1)
-    for size in (1, 7, 333, 1999):
-        pieces = [table[at : at + size] for at in range(0, 2000, size)]
-        shuffle.shuffle(pieces)
-        merged = statistics_of(*pieces)
-        assert json.dumps(merged.summary()) == json.dumps(whole.summary())
-        for metric in METRICS:
-            assert merged.ecdf(metric) == whole.ecdf(metric)
+def test_next_to_nothing_is_zero_and_nan_is_left_out():
+    bins = bins_of(np.array([0.0, -0.0, 5e-324, 0.99e-6, NAN]))
+    assert sum(bins.values()) == 4
+    assert quantile(Counter(bins), 1.0) == 0.0
+    assert math.isnan(quantile(Counter(), 0.5))
 
 
 @given(
     st.lists(st.lists(st.one_of(st.just(0.0), st.just(NAN), st.floats(0.0, 1e12)), min_size=1, max_size=8), min_size=1)
 )
-def test_merging_commutes(chunks):
+def test_any_order_and_any_pieces_are_the_same(chunks):
     tables = [outcomes_of(settling_time=chunk, effort=chunk) for chunk in chunks]
     forth, back = statistics_of(*tables), statistics_of(*reversed(tables))
     together = statistics_of(np.concatenate(tables))
-    assert forth.summary() == back.summary() == together.summary()
+    assert json.dumps(forth.summary()) == json.dumps(back.summary()) == json.dumps(together.summary())
     assert forth.ecdf("effort") == together.ecdf("effort")
 
 
-def test_switches_are_whole_and_exact():
-    for number in range(200):
-        summary = statistics_of(outcomes_of(switches=[number, number, number])).summary()
-        assert {summary[f"switches_q{100 * q:g}"] for q in QUANTILES} == {float(number)}
-
-
-def test_nothing_settled_and_nothing_seen():
+def test_nothing_settled_nothing_seen_and_nothing_run():
     table = outcomes_of(settling_time=[NAN, NAN], estimation_error=[NAN, NAN], local_time=[NAN, 3.0])
     summary = statistics_of(table).summary()
     assert summary["success_rate"] == 0.0
@@ -192,36 +130,18 @@ def test_nothing_settled_and_nothing_seen():
     assert summary["position_error_q50"] == 0.0
     assert statistics_of(table).ecdf("settling_time") == ([], [])
     json.loads(json.dumps(summary, allow_nan=False))
+    empty = CellStatistics()
+    assert (empty.summary()["runs"], empty.summary()["success_rate"], empty.ecdf("effort")) == (0, None, ([], []))
 
 
-def test_no_runs():
-    summary = CellStatistics().summary()
-    assert summary["runs"] == 0
-    assert summary["success_rate"] is None
-    assert (summary["success_low"], summary["success_high"]) == (0.0, 1.0)
-    assert CellStatistics().ecdf("effort") == ([], [])
-
-
-def test_an_infinite_effort_spoils_nothing():
-    summary = statistics_of(outcomes_of(effort=[1.0, 2.0, 3.0, INF])).summary()
-    assert summary["effort_q50"] == pytest.approx(2.0, rel=BIN_WIDTH)
-    assert summary["effort_q99"] == pytest.approx(1e300, rel=BIN_WIDTH)
-    json.loads(json.dumps(summary, allow_nan=False))
-
-
-def test_the_distribution_is_scipys():
-    table = random_outcomes(5000)
-    effort = table[:, COLUMNS.index("effort")]
-    values, shares = statistics_of(table).ecdf("effort")
+def test_the_distribution_is_scipys_and_counts_runs_that_did_not_settle():
+    effort = np.random.default_rng(1).lognormal(0.0, 2.0, 5000)
+    values, shares = statistics_of(outcomes_of(effort=effort)).ecdf("effort")
     assert values == sorted(values)
     assert shares[-1] == 1.0
     # At the upper end of each bin the count is exact.
     ends = [value * (1.0 + BIN_WIDTH) ** 0.5 for value in values]
-    expected = stats.ecdf(effort).cdf.evaluate(np.array(ends))
-    assert shares == pytest.approx(expected, abs=1e-12)
-
-
-def test_the_distribution_counts_runs_that_did_not_settle():
+    assert shares == pytest.approx(stats.ecdf(effort).cdf.evaluate(np.array(ends)), abs=1e-12)
     values, shares = statistics_of(outcomes_of(settling_time=[1.0, NAN, 2.0, NAN])).ecdf("settling_time")
     assert values == pytest.approx([1.0, 2.0], rel=BIN_WIDTH)
     assert shares == [0.25, 0.5]

@@ -48,8 +48,8 @@ def test_gymnasium_finds_no_fault(feedback):
     check_env(gymnasium.make(NAME, feedback=feedback).unwrapped)
 
 
-@pytest.mark.parametrize("name", [NAME, "DiffbotGoal-v0"])
-def test_an_import_of_the_room_registers_the_environment_and_loads_no_simulation(name):
+def test_an_import_of_the_room_registers_the_environment_and_loads_no_simulation():
+    name = "DiffbotGoal-v0"
     program = "import gymnasium, sys, diffbot_lab.gym; print('diffbot_sim' in sys.modules); "
     program += f"env = gymnasium.make({name!r}); env.reset(seed=1); print(env.spec.max_episode_steps)"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
@@ -113,42 +113,9 @@ def test_leaving_the_arena_ends_an_episode_with_a_loss():
     assert reward == pytest.approx(-0.13 - 0.01 - 10.0)
 
 
-def test_passing_the_goal_at_speed_does_not_count():
-    env = DiffbotGoalEnv(world=QUIET, feedback="truth")
-    env.reset(seed=1, options={"start": (-0.1, 0.0, 0.0)})
-    assert env.step(np.array([0.5, 0.0], np.float32))[2] is False
-    assert env.step(STILL)[2] is True
-
-
-def test_an_action_beyond_the_wheels_keeps_its_curvature():
-    """1.3 m/s and 2.6 rad/s would need 2.08 m/s at the rim, whose bound is 1.3 m/s."""
-    env = DiffbotGoalEnv(world=QUIET, feedback="truth")
-    env.reset(seed=1)
-    observation, *_ = env.step(np.ones(2, np.float32))
-    assert observation[5:] == pytest.approx([1.3 / 1.6, 2.6 / 1.6], rel=1e-6)
-
-
-def test_late_fixes_are_waited_for_at_rest():
-    world = WorldConfig(sensors=SensorConfig(fix_delay=0.5))
-    env = DiffbotGoalEnv(world=world, feedback="raw")
-    _, info = env.reset(seed=1, options={"start": (1.0, 2.0, 0.5)})
-    assert env.world.state.step == 5
-    assert info["truth"] == pytest.approx([1.0, 2.0, 0.5])
-    assert np.abs(info["feedback"] - info["truth"]).max() <= 0.3
-
-
-def test_several_at_a_time():
-    envs = gymnasium.make_vec(NAME, num_envs=3, vectorization_mode="sync")
-    observations, _ = envs.reset(seed=1)
-    assert envs.single_observation_space.contains(observations[0])
-    assert len({float(row[0]) for row in observations}) == 3
-    envs.close()
-
-
 def test_bad_values_are_refused():
     for given, text in (
         ({"feedback": "gps"}, "feedback = 'gps': must be one of"),
-        ({"start_range": math.nan}, "start_range = nan: must be >= 0.1"),
         ({"data_sheet": DataSheet(v_max=math.inf)}, "v_max = inf: must be"),
     ):
         with pytest.raises(InvalidValueError, match=text):

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from diffbot_control.law.limits import limit_change
 from diffbot_control.law.registry import registered_laws, resolve_law
 from diffbot_control.law.speed_profile import braking
 from diffbot_core.data_sheet import DataSheet
@@ -15,14 +14,10 @@ from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import CERTAIN, Estimate
 from diffbot_lab.benchmark.law_cases import cases_named
-from diffbot_lab.benchmark.law_entries import ENTRIES
-from diffbot_lab.benchmark.law_runs import case_of
-from diffbot_lab.benchmark.law_tuning import read_tuning, tuned_values
 from diffbot_lab.laws.common import approach_speed
 from diffbot_lab.laws.graceful import graceful_curvature
 from diffbot_lab.laws.polar import Polar, PolarConfig, polar_law
-from diffbot_sim.compiled.batch import COLUMNS, Starts, run_batch
-from diffbot_sim.compiled.closed_loop import make_loop, prepared
+from diffbot_sim.compiled.jit import compile_kernel, make_law_callable
 
 ORIGIN = Pose(0.0, 0.0, 0.0)
 LAWS = [name for name in registered_laws() if name != "switching"]
@@ -45,15 +40,8 @@ def drive(law, config, pose, seconds, t_s=0.1):
     return pose, commands, memory
 
 
-def test_all_six_laws_are_registered():
-    assert [
-        *("aicardi", "feedback_linearisation", "graceful", "polar", "pure_pursuit", "rotate_drive_rotate"),
-    ] == LAWS
-    assert {one.law for one in ENTRIES} == {*LAWS, "switching"}
-
-
 @pytest.mark.parametrize("name", LAWS)
-@pytest.mark.parametrize("start", [(-3.0, 1.0, 0.5), (2.0, -1.0, -2.5), (0.5, 2.0, 3.0)])
+@pytest.mark.parametrize("start", [(-3.0, 1.0, 0.5), (2.0, -1.0, -2.5)])
 def test_a_law_drives_to_the_pose_and_says_so(name, start):
     law = resolve_law(name)
     pose, commands, memory = drive(law, law.Config(), Pose(*start), 60.0)
@@ -110,11 +98,7 @@ def test_the_braking_speed_stops_in_the_distance(distance, brake, time):
     speed = braking(distance, brake, time)
     assert speed**2 / (2.0 * brake) + speed * time == pytest.approx(distance, abs=1e-9)
     assert braking(distance, math.inf, time) == pytest.approx(distance / time)
-
-
-def test_without_a_limit_of_acceleration_nothing_brakes():
     assert approach_speed(0.01, DataSheet()) == math.inf
-    assert limit_change(Twist(1.0, 0.5), Twist(-1.0, 0.0), 0.1, DataSheet()) == Twist(1.0, 0.5)
 
 
 def test_the_curvature_of_park_and_kuipers():
@@ -138,22 +122,24 @@ def test_the_polar_law_near_the_goal_has_the_poles_of_its_linear_system():
     assert math.hypot(pose.x, pose.y) == pytest.approx(0.2 * math.exp(-3.0), rel=0.02)
 
 
-@pytest.mark.parametrize("entry", [one for one in ENTRIES if one.everywhere], ids=lambda one: one.name)
-def test_compiled_and_plain_python_agree_in_the_realistic_mix(entry):
-    law = resolve_law(entry.law)
-    case = prepared(case_of(entry, MIX, {})._replace(steps=120))
-    start = Pose(-3.0, 1.5, 2.0)
-    compiled = run_batch(case, Starts(np.array([start])), 5, 2, 1, 1, law)[0]
-    plain = make_loop(law)(case, 5, 2, start, NO_HISTORY)
-    for name, one, other in zip(COLUMNS, compiled, plain, strict=True):
-        assert one == pytest.approx(other, rel=1e-7, abs=1e-7, nan_ok=True), name
+def numbers_of(value):
+    """Return the numbers of nested tuples in order."""
+    return [one for part in value for one in numbers_of(part)] if isinstance(value, tuple) else [float(value)]
 
 
-def test_each_law_goes_its_own_way():
-    (nominal,) = cases_named(("nominal",))
-    ends, tuning = set(), read_tuning(None)
-    for entry in (one for one in ENTRIES if one.everywhere):
-        case = case_of(entry, nominal, tuned_values(tuning, entry))._replace(steps=60)
-        end = make_loop(resolve_law(entry.law))(prepared(case), 1, 0, Pose(-6.0, 3.0, 2.0), NO_HISTORY)
-        ends.add((end.x, end.y))
-    assert len(ends) == sum(one.everywhere for one in ENTRIES)
+@pytest.mark.parametrize("name", LAWS)
+def test_a_law_compiles_to_the_same_steps(name):
+    law = resolve_law(name)
+    step, version = law.step, make_law_callable(law)
+
+    def one_step(memory, estimate, goal, dt, config):
+        return step(memory, estimate, goal, dt, config)
+
+    compiled = compile_kernel(one_step, version)
+    config = law.Config()._replace(data_sheet=SHEET._replace(command_latency=0.2))
+    memory = law.new_memory(config)
+    for index, x in enumerate(np.linspace(-3.0, 0.0, 40).tolist()):
+        given = memory, Estimate(Pose(x, 0.5 * math.sin(x), 0.3 * x), CERTAIN), ORIGIN, 0.1 if index else 0.0, config
+        found, plain = compiled(*given), law.step(*given)
+        assert numbers_of(found) == pytest.approx(numbers_of(plain), abs=1e-12, nan_ok=True)
+        memory = plain[0]

@@ -12,7 +12,7 @@ from diffbot_lab.campaign.statistics import wilson
 from diffbot_lab.paper import scan
 from diffbot_lab.paper.scan import READINGS, is_in_box, is_near_goal, run_ends, run_scan, table
 
-RUNS = 3000
+RUNS = 2000
 SHARE_OF_NOISE = {
     "raw": np.ones_like,
     "vanishing": lambda rho: np.minimum(rho, 1.0),
@@ -47,7 +47,7 @@ def textbook(share_of_noise, eps_P, runs):
 
 
 @pytest.mark.parametrize("reading", READINGS, ids=[one.name for one in READINGS])
-@pytest.mark.parametrize(("law", "eps_P"), [("law 13", 0.0), ("law 17", 0.25), ("law 17", 0.4)])
+@pytest.mark.parametrize(("law", "eps_P"), [("law 13", 0.0), ("law 17", 0.25)])
 def test_runs_end_like_a_plain_simulation(reading, law, eps_P):
     ours = run_ends(law, reading._replace(eps_P=eps_P), RUNS, 7)
     poses, deviations = textbook(SHARE_OF_NOISE[reading.name], eps_P, RUNS)

@@ -77,9 +77,3 @@ def test_sources_are_paired_each_by_itself_and_rejected_ones_not_at_all():
     found = consistency_of(mixed)
     assert found.correlation == pytest.approx(0.7, abs=0.04)
     assert (found.accepted, found.rejected) == (4000, 2000)
-
-
-def test_nothing_measured_is_nan():
-    found = consistency_of([])
-    assert math.isnan(found.nis)
-    assert math.isnan(found.correlation)

@@ -6,8 +6,8 @@ import zlib
 
 import pytest
 
-from diffbot_core.errors import DiffbotError, InvalidValueError
-from diffbot_lab.stability.result_file import check_number, pack, unpack
+from diffbot_core.errors import DiffbotError
+from diffbot_lab.stability.result_file import pack, unpack
 
 
 def test_what_is_packed_is_unpacked_and_readable_by_other_tools():
@@ -16,7 +16,7 @@ def test_what_is_packed_is_unpacked_and_readable_by_other_tools():
     assert zlib.decompress(base64.b64decode(pack(raw))) == raw
 
 
-@pytest.mark.parametrize("size", [0, 9, 11])
+@pytest.mark.parametrize("size", [9, 11])
 def test_another_size_is_refused_by_name(size):
     with pytest.raises(DiffbotError, match=f"ranks: must hold {size} bytes"):
         unpack("ranks", pack(bytes(10)), size)
@@ -31,9 +31,3 @@ def test_a_bomb_is_not_unpacked():
         assert tracemalloc.get_traced_memory()[1] < 10**6
     finally:
         tracemalloc.stop()
-
-
-@pytest.mark.parametrize("value", [True, "1", None, float("nan"), 2.5])
-def test_what_is_no_number_in_range_is_refused_by_name(value):
-    with pytest.raises(InvalidValueError, match=r"gamma = .*: must be from 0 to 2"):
-        check_number("gamma", value, 0.0, 2.0)

@@ -80,7 +80,7 @@ def assert_same(reference, track, tolerance=1e-9):
 
 
 @pytest.mark.parametrize("variant", FILTERS)
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(3))
 def test_the_compiled_filter_is_filterpys(variant, seed):
     """Every other run takes the wheel separation as given."""
     rng = np.random.default_rng(seed)
@@ -139,9 +139,8 @@ def test_the_compiled_filter_is_filterpys(variant, seed):
 
 
 @pytest.mark.parametrize("variant", ["ekf", "ekf_calibrating"])
-@pytest.mark.parametrize("seed", range(3))
-def test_it_finds_the_same_correlation_of_fixes(variant, seed):
-    rng, R = np.random.default_rng(seed), np.array([0.03, 0.03, 0.01])
+def test_it_finds_the_same_correlation_of_fixes(variant):
+    rng, R = np.random.default_rng(1), np.array([0.03, 0.03, 0.01])
     options = options_of(FilterConfig(filter=variant))
     reference, track = GatedFilter(options, SEPARATION), twin.new_track(options)
     reference.reset_to(Pose(0.0, 0.0, 0.0), np.diag(R))

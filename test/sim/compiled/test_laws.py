@@ -9,9 +9,10 @@ import pytest
 
 from diffbot_control.law.controller import SwitchingLaw
 from diffbot_control.law.registry import resolve_law
-from diffbot_core.geometry import wrap_angle
-from diffbot_lab.cases import Configuration, configure, make_case
+from diffbot_core.geometry import Pose, wrap_angle
+from diffbot_lab.cases import Configuration, make_case
 from diffbot_sim.compiled.batch import Starts, run_batch
+from diffbot_sim.compiled.closed_loop import make_loop, prepared
 from diffbot_sim.compiled.jit import law_version
 from diffbot_sim.compiled.reachable import reachable_functions
 
@@ -89,6 +90,8 @@ def test_a_law_of_another_module_is_compiled_and_its_config_counts(write, caplog
     # theta' = -gain theta, and 0.1 m/s ahead; +-5 % noise per wheel.
     for gain, end in zip((0.5, 1.0), ends, strict=True):
         assert end[2] == pytest.approx((1.0 - 0.1 * gain) ** 50, abs=0.03)
+        plain = make_loop(law)(prepared(case_for(law, gain=gain)), 1, 0, Pose(0.0, 0.0, 1.0), np.empty((0, 9)))
+        np.testing.assert_allclose(end, plain, rtol=1e-9, atol=1e-12)
 
 
 def test_a_law_that_does_not_compile_runs_as_plain_python_and_says_so_once(write, caplog):
@@ -101,10 +104,9 @@ def test_a_law_that_does_not_compile_runs_as_plain_python_and_says_so_once(write
     assert len(said) == 1
     assert said[0].startswith("law plain runs as plain Python, numba cannot compile it: ")
     assert "\n" not in said[0]
-    compiled = write(LAW, "compiled_law")
-    expected = run_batch(case_for(compiled), START, 1, 0, 1, 1, compiled)[0]
+    expected = make_loop(law)(prepared(case_for(law)), 1, 0, Pose(0.0, 0.0, 1.0), np.empty((0, 9)))
     for one in found:
-        np.testing.assert_allclose(one, expected, rtol=1e-9, atol=1e-12)
+        np.testing.assert_array_equal(one, expected)
 
 
 def test_another_source_is_another_version(write):
@@ -114,22 +116,16 @@ def test_another_source_is_another_version(write):
 
 def test_reached_and_turning_are_counted():
     case = make_case(Configuration(), 20.0, feedback="truth")
-    turned = run_batch(case, Starts(np.array([(0.0, 0.0, 2.0)])), 1, 0, 1, 1)[0]
-    assert turned[9] == pytest.approx(2.0, abs=0.2)  # [rad] on the spot
-    assert 1.0 < turned[10] < 10.0
-    assert turned[11] == 0.0
-    far = run_batch(case, Starts(np.array([(500.0, 0.0, 2.0)])), 1, 0, 1, 1)[0]
-    assert far[9] == 0.0
-    assert math.isnan(far[10])
+    near, far = (
+        make_loop(SwitchingLaw)(prepared(case), 1, 0, Pose(x, 0.0, 2.0), np.empty((0, 9))) for x in (0.0, 500.0)
+    )
+    assert near.turning == pytest.approx(2.0, abs=0.2)  # [rad] on the spot
+    assert 1.0 < near.reached_time < 10.0
+    assert near.false_reached == far.turning == 0.0
+    assert math.isnan(far.reached_time)
 
 
 def test_a_wrong_reached_is_counted(write):
     liar = write(LAW.replace("abs(omega) < 0.01", "True"), "lying_law")
-    assert run_batch(case_for(liar), START, 1, 0, 1, 1, liar)[0][10:].tolist() == [0.0, 1.0]
-
-
-def test_parameters_go_to_the_law_that_drives():
-    polar = resolve_law("polar")
-    found = configure({"k_rho": 2.0, "linear.x.max_velocity": 0.7}, polar).controller
-    assert (found.k_rho, found.data_sheet.v_max) == (2.0, 0.7)
-    assert isinstance(configure({}).controller, SwitchingLaw.Config)
+    outcome = make_loop(liar)(prepared(case_for(liar)), 1, 0, Pose(0.0, 0.0, 1.0), np.empty((0, 9)))
+    assert (outcome.reached_time, outcome.false_reached) == (0.0, 1.0)

@@ -1,6 +1,5 @@
 """Actuators against closed forms: dead time, ramps, lag, dead band, slip and the distance of the wheels."""
 
-import itertools
 import math
 
 import numpy as np
@@ -11,11 +10,10 @@ from scipy.integrate import quad
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
-from diffbot_core.schema import build, parameters_of
+from diffbot_core.schema import build
 from diffbot_sim.model.actuators import ActuatorConfig, command_rows, delayed_command, lost_shares
 from diffbot_sim.model.philox import SLIP_BLOCK, Draw, NoiseKey, draw
 from diffbot_sim.model.plant import PlantConfig, new_plant, plant_step, plant_step_at
-from diffbot_sim.model.simulator import World, WorldConfig
 
 QUIET = PlantConfig(drive_noise=0.0, encoder_noise=0.0)
 SILENCE = Draw(0.0, 0.0, 0.0, 0.0)
@@ -44,14 +42,14 @@ def ramp(steps):
 
 @pytest.mark.parametrize(
     ("delay", "t_s", "whole"),
-    [(0.0, 0.1, 0), (0.1, 0.1, 1), (0.3, 0.1, 3), (0.7, 0.1, 7), (5.0, 0.1, 50), (0.15, 0.05, 3), (0.001, 0.001, 1)],
+    [(0.0, 0.1, 0), (0.3, 0.1, 3), (5.0, 0.1, 50), (0.15, 0.05, 3)],
 )
 def test_a_dead_time_of_whole_steps_shifts_the_commands_unchanged(delay, t_s, whole):
     commands = ramp(80)
     assert in_force(delay, commands, t_s) == [Twist(0.0, 0.0)] * whole + commands[: 80 - whole]
 
 
-@pytest.mark.parametrize("delay", [0.02, 0.1, 0.16, 0.25, 0.3, 0.999])
+@pytest.mark.parametrize("delay", [0.02, 0.16, 0.999])
 def test_dead_time_is_the_mean_of_the_shifted_staircase_over_each_step(delay):
     commands = ramp(30)
 
@@ -67,30 +65,6 @@ def test_dead_time_is_the_mean_of_the_shifted_staircase_over_each_step(delay):
             assert found.omega == pytest.approx(1.5 - found.v, abs=1e-12)
 
 
-def test_the_world_drives_the_same_way_later():
-    def positions(delay):
-        plant = QUIET._replace(actuators=ActuatorConfig(command_delay=delay))
-        world, found = World(WorldConfig(plant)), []
-        for step in range(60):
-            found.append(world.state.pose)
-            world.advance(Twist(0.5 + 0.01 * step, 0.3))
-        return found
-
-    assert positions(0.4)[4:] == positions(0.0)[:-4]
-    assert positions(0.4)[:5] == [positions(0.0)[0]] * 5
-
-
-def test_a_dead_time_set_during_the_drive_applies_to_the_commands_under_way():
-    world = World(WorldConfig(QUIET))
-    commands = [Twist(0.1 * (step + 1), 0.0) for step in range(12)]
-    for command in commands[:8]:
-        world.advance(command)
-    world.configure(WorldConfig(QUIET._replace(actuators=ActuatorConfig(command_delay=0.3))))
-    for step in range(8, 12):
-        world.advance(commands[step])
-        assert world.state.twist.v == pytest.approx(commands[step - 3].v)
-
-
 def test_the_body_accelerates_along_a_ramp_on_each_axis_by_itself():
     commands = [Twist(0.7, 2.0)] * 25 + [Twist(-0.2, 2.0)] * 25
     found = driven(commands, acceleration_max=0.5, angular_acceleration_max=1.5)
@@ -100,7 +74,7 @@ def test_the_body_accelerates_along_a_ramp_on_each_axis_by_itself():
     assert [one.twist.omega for one in found] == pytest.approx(np.minimum(0.15 * np.arange(1, 51), 2.0), abs=1e-12)
 
 
-@pytest.mark.parametrize("tau", [1e-300, 0.01, 0.15, 0.3, 10.0])
+@pytest.mark.parametrize("tau", [1e-300, 0.15, 10.0])
 def test_the_lag_is_the_step_response_of_a_first_order_system(tau):
     found = driven([Twist(0.6, 0.0)] * 20, drive_time_constant=tau)
     for step, state in enumerate(found):
@@ -111,13 +85,6 @@ def test_the_lag_is_the_step_response_of_a_first_order_system(tau):
         assert state.actuators.lagged.left == pytest.approx(-12.0 * math.expm1(-end / tau), abs=1e-9)
     # The distance: v (t - tau (1 - exp(-t / tau))).
     assert found[-1].pose.x == pytest.approx(0.6 * (2.0 + tau * math.expm1(-2.0 / tau)), abs=1e-9)
-
-
-def test_lag_of_each_wheel_by_itself():
-    found = driven([Twist(0.3, 1.0), Twist(0.0, 0.0)], drive_time_constant=0.3)
-    rest = math.exp(-1.0 / 3.0)
-    assert found[1].actuators.lagged.left == pytest.approx(0.0, abs=1e-12)  # 0.3 m/s - 0.5 * 1 rad/s * 0.6 m = 0
-    assert found[1].actuators.lagged.right == pytest.approx(12.0 * (1.0 - rest) * rest, abs=1e-12)
 
 
 def test_the_dead_band_has_hysteresis():
@@ -135,27 +102,6 @@ def test_the_dead_band_has_hysteresis():
     assert turning[-1] == pytest.approx(-1.99)
 
 
-def test_without_a_breakaway_the_dead_band_is_the_same_in_both_directions():
-    speeds = (0.5, 0.7, 0.5, -0.5, -0.7, 0.59, 0.6)
-    found = driven([Twist(R * speed, 0.0) for speed in speeds], dead_band=0.6)
-    assert [one.actuators.turning.left for one in found] == pytest.approx([0.0, 0.7, 0.0, 0.0, -0.7, 0.0, 0.6])
-
-
-def test_each_wheel_has_its_own_stiction():
-    # Rims of 0.02 and 0.08 m/s: 0.4 and 1.6 rad/s.
-    state = driven([Twist(0.05, 0.1)], dead_band=0.6, breakaway=0.6)[0]
-    assert state.actuators.turning == pytest.approx((0.0, 1.6))
-    assert state.twist == pytest.approx((0.04, 0.08 / L))
-
-
-def test_a_slow_motor_ramp_still_breaks_away():
-    # 0.2 rad/s more in each step: the drive has to pass the breakaway in several steps.
-    found = driven([Twist(0.1, 0.0)] * 10, wheel_acceleration_max=2.0, dead_band=0.5, breakaway=0.9)
-    assert [one.actuators.turning.left for one in found] == pytest.approx(
-        [0.0, 0.0, 0.0, 0.0, 1.0, 1.2, 1.4, 1.6, 1.8, 2.0]
-    )
-
-
 def test_the_stages_follow_each_other():
     # Limited to 0.05 m/s = 1 rad/s in the first step, then half of the way to it by the lag, then the dead band.
     tau = 0.1 / math.log(2.0)
@@ -167,8 +113,8 @@ def test_the_stages_follow_each_other():
         assert state.actuators.turning.left == pytest.approx(expected)
 
 
-@pytest.mark.parametrize("error", [0.03, -0.1])
-def test_a_wrong_distance_of_the_wheels_changes_the_radius_of_the_turn(error):
+def test_a_wrong_distance_of_the_wheels_changes_the_radius_of_the_turn():
+    error = -0.1
     config = QUIET._replace(actuators=ActuatorConfig(separation_error=error))
     state, far = new_plant(ORIGIN), 0.0
     # A full circle of the true robot: requested radius 0.4 m, true radius 0.4 (1 + error).
@@ -183,67 +129,34 @@ def test_a_wrong_distance_of_the_wheels_changes_the_radius_of_the_turn(error):
 
 
 def test_slip_is_half_normal_and_independent():
-    shares = np.array([lost_shares(draw(5, 0, step, SLIP_BLOCK), 0.05) for step in range(20_000)])
+    shares = np.array([lost_shares(draw(5, 0, step, SLIP_BLOCK), 0.05) for step in range(6000)])
     for column in shares.T:
         assert stats.kstest(column, stats.halfnorm(scale=0.05).cdf).pvalue > 1e-3
         # Mean of |N(0, s)|: s sqrt(2 / pi); its deviation is 0.6 s.
-        assert column.mean() == pytest.approx(0.05 * math.sqrt(2.0 / math.pi), abs=4.0 * 0.03 / math.sqrt(20_000))
-    assert abs(np.corrcoef(shares.T)[0, 1]) < 4.0 / math.sqrt(20_000)
+        assert column.mean() == pytest.approx(0.05 * math.sqrt(2.0 / math.pi), abs=4.0 * 0.03 / math.sqrt(6000))
+    assert abs(np.corrcoef(shares.T)[0, 1]) < 4.0 / math.sqrt(6000)
     assert (np.array([lost_shares(draw(5, 0, step, SLIP_BLOCK), 1.0) for step in range(2000)]).max(axis=0) == 1.0).all()
 
 
 def test_slip_takes_the_motion_but_not_the_encoders_turns():
     config = QUIET._replace(actuators=ActuatorConfig(slip_noise=0.05))
-    state, moved = new_plant(ORIGIN), []
-    for step in range(2000):
-        state = plant_step_at(NoiseKey(3, 1, step), state, Twist(1.0, 0.0), config)
-        moved.append(state.twist)
-        assert state.encoder == pytest.approx((20.0, 20.0))
+    state = plain = new_plant(ORIGIN)
+    for step in range(50):
+        key = NoiseKey(3, 1, step)
+        state = plant_step_at(key, state, Twist(1.0, 0.0), config)
+        plain = plant_step_at(key, plain, Twist(1.0, 0.0), QUIET)
+        assert state.encoder == plain.encoder
         lost = lost_shares(draw(3, 1, step, SLIP_BLOCK), 0.05)
         left, right = 1.0 - lost.left, 1.0 - lost.right
         assert state.twist == pytest.approx((0.5 * (left + right), (right - left) / L))
-    assert np.mean([one.v for one in moved]) == pytest.approx(1.0 - 0.05 * math.sqrt(2.0 / math.pi), abs=3e-3)
-
-
-def test_slip_does_not_change_the_other_noise():
-    plain, slipping = PlantConfig(), PlantConfig(actuators=ActuatorConfig(slip_noise=0.1))
-    here = there = new_plant(ORIGIN)
-    for step in range(50):
-        key = NoiseKey(1, 2, step)
-        here, there = (
-            plant_step_at(key, here, Twist(1.0, 0.3), plain),
-            plant_step_at(key, there, Twist(1.0, 0.3), slipping),
-        )
-        assert here.encoder == there.encoder
-    assert here.pose != there.pose
-
-
-def test_off_means_not_a_bit_different():
-    rng = np.random.default_rng(2)
-    state, wheels = new_plant(ORIGIN), QUIET.wheels
-    for command in itertools.starmap(Twist, rng.uniform(-2.0, 2.0, (200, 2))):
-        state = plant_step(state, command, SILENCE, QUIET)
-        turn = 0.5 * command.omega * wheels.wheel_separation
-        exact = (command.v - turn) / wheels.wheel_radius, (command.v + turn) / wheels.wheel_radius
-        assert state.actuators.turning == state.actuators.drive == exact
 
 
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("command_delay", -0.1), ("command_delay", 5.1), ("drive_time_constant", 10.5), ("acceleration_max", 0.0),
-        ("angular_acceleration_max", -1.0), ("dead_band", -1.0), ("breakaway", math.inf), ("slip_noise", 1.1),
-        ("separation_error", 0.6), ("separation_error", math.nan),
+        ("command_delay", 5.1), ("acceleration_max", 0.0), ("breakaway", math.inf), ("separation_error", math.nan),
     ],
 )  # fmt: skip
 def test_the_plant_refuses_what_no_robot_has(name, value):
     with pytest.raises(InvalidValueError, match=name):
         build(PlantConfig, {name: value})
-
-
-def test_actuators_are_parameters_beside_the_plants_own():
-    names = {one.name for one in parameters_of(WorldConfig)}
-    assert set(ActuatorConfig._fields) | {"fix_delay_jitter", "fix_noise_correlation"} <= names
-    config = build(WorldConfig, {"dead_band": 0.6, "fix_noise_correlation": 0.9, "drive_noise": 0.0})
-    assert config.plant == PlantConfig(drive_noise=0.0, actuators=ActuatorConfig(dead_band=0.6))
-    assert config.sensors.fix_noise_correlation == 0.9

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.integrate import solve_ivp
 
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist, WheelGeometry
 from diffbot_sim.model.actuators import ActuatorConfig
 from diffbot_sim.model.philox import Draw
-from diffbot_sim.model.plant import PlantConfig, PlantState, integrate, new_plant, plant_step
+from diffbot_sim.model.plant import PlantConfig, PlantState, integrate, plant_step
 
 CHECK = settings(max_examples=150)
 QUIET = PlantConfig(drive_noise=0.0, encoder_noise=0.0)
@@ -60,67 +59,28 @@ def test_the_arc_is_a_circle_about_its_centre(pose, v, speed, side, t_s):
     assert_pose(found, (end.real, end.imag, pose.theta + omega * t_s), 1e-8)
 
 
-@pytest.mark.parametrize(
-    ("v", "omega", "t_s"), [(1.3, 2.0, 0.1), (-0.7, -1.5, 2.0), (1.0, 1e-7, 1.0), (0.5, 0.0, 3.0), (0.0, 2.0, 1.0)]
-)
-def test_the_arc_against_a_solver(v, omega, t_s):
-    def derivative(_, state):
-        return v * math.cos(state[2]), v * math.sin(state[2]), omega
-
-    solved = solve_ivp(derivative, (0.0, t_s), [1.0, 2.0, 0.5], rtol=1e-12, atol=1e-13).y[:, -1]
-    assert_pose(integrate(Pose(1.0, 2.0, 0.5), Twist(v, omega), t_s, True), solved, 1e-9)
-
-
-@pytest.mark.parametrize("omega", [0.0, 5e-324, 1e-300, 1e-12, -1e-9])
-def test_straight_on_is_the_limit_of_the_arc(omega):
-    found = integrate(Pose(1.0, 2.0, 0.5), Twist(2.0, omega), 1.5, True)
-    assert_pose(found, (1.0 + 3.0 * math.cos(0.5), 2.0 + 3.0 * math.sin(0.5), 0.5), 1e-8)
-
-
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_no_step_where_the_series_takes_over(sign):
-    # Half the turn just below and just above 1e-6.
-    below, above = (
-        integrate(Pose(0.0, 0.0, 0.0), Twist(1.0, sign * 2e-6 * factor), 1.0, True) for factor in (0.999999, 1.000001)
-    )
+def test_straight_on_is_the_limit_of_the_arc():
+    for omega in (0.0, 5e-324, 1e-300, 1e-12, -1e-9):
+        found = integrate(Pose(1.0, 2.0, 0.5), Twist(2.0, omega), 1.5, True)
+        assert_pose(found, (1.0 + 3.0 * math.cos(0.5), 2.0 + 3.0 * math.sin(0.5), 0.5), 1e-8)
+    # The series takes over where half the turn is 1e-6.
+    below, above = (integrate(Pose(0.0, 0.0, 0.0), Twist(1.0, 2e-6 * one), 1.0, True) for one in (0.999999, 1.000001))
     assert above == pytest.approx(below, abs=1e-11)
-
-
-def test_a_full_circle_ends_where_it_began():
-    pose = Pose(3.0, -1.0, 3.0)
-    for _ in range(20):
-        pose = integrate(pose, Twist(1.0, 2.0 * math.pi / 2.0), 0.1, True)
-    assert_pose(pose, (3.0, -1.0, 3.0), 1e-12)
-
-
-@pytest.mark.parametrize("exact_arc", [True, False])
-@CHECK
-@given(command=TWISTS)
-def test_without_noise_the_robot_does_as_told(exact_arc, command):
-    state = plant_step(START, command, SILENCE, QUIET._replace(exact_arc=exact_arc))
-    assert state.pose == pytest.approx(integrate(START.pose, command, 0.1, exact_arc), abs=1e-12)
-    assert state.twist == pytest.approx(command, abs=1e-12)
-    assert state.actuators.drive == pytest.approx(wheels(*command), abs=1e-9)
-    assert state.encoder == pytest.approx(state.actuators.drive, abs=1e-9)
-    assert state.step == 1
-
-
-def test_the_wheels_of_the_configuration_are_used():
-    config = QUIET._replace(wheels=WheelGeometry(0.1, 1.0))
-    state = plant_step(START, Twist(1.0, 2.0), SILENCE, config)
-    assert state.actuators.drive == pytest.approx((0.0, 20.0), abs=1e-12)
-    assert state.twist == pytest.approx((1.0, 2.0))
 
 
 @CHECK
 @given(TWISTS, NOISES, st.floats(0.0, 0.5), st.floats(0.0, 0.5))
 def test_drive_and_encoder_noise_by_hand(command, noise, drive_noise, encoder_noise):
-    config = QUIET._replace(drive_noise=drive_noise, encoder_noise=encoder_noise)
+    radius, separation = 0.1, 1.0
+    config = QUIET._replace(
+        wheels=WheelGeometry(radius, separation), drive_noise=drive_noise, encoder_noise=encoder_noise
+    )
     state = plant_step(START, command, noise, config)
-    left, right = wheels(*command)
+    nominal = [(command.v + side * 0.5 * command.omega * separation) / radius for side in (-1.0, 1.0)]
+    left, right = nominal
     left, right = left * (1.0 + drive_noise * noise.a), right * (1.0 + drive_noise * noise.b)
-    assert state.actuators.drive == pytest.approx(wheels(*command), abs=1e-9)
-    assert state.twist == pytest.approx((R * (left + right) / 2.0, R * (right - left) / L), abs=1e-9)
+    assert state.actuators.drive == pytest.approx(nominal, abs=1e-9)
+    assert state.twist == pytest.approx((radius * (left + right) / 2.0, radius * (right - left) / separation), abs=1e-9)
     seen = left * (1.0 + encoder_noise * noise.c), right * (1.0 + encoder_noise * noise.d)
     assert state.encoder == pytest.approx(seen, abs=1e-9)
 
@@ -162,72 +122,44 @@ def slipping_steps(config, steps):
     ("t_s", "start", "duration", "expected"),
     [
         (0.1, 0.0, 0.3, range(3)),
-        (0.1, 0.5, 0.5, range(5, 10)),
         (0.1, 0.5, 0.0, range(0)),
         (0.25, 0.3, 0.5, range(2, 4)),
         # Whole steps in decimal numbers that binary ones only come near to.
         (0.1, 1.1, 3.2, range(11, 43)),
-        (0.1, 0.3, 0.3, range(3, 6)),
-        (0.1, 2.2, 2.1, range(22, 43)),
         (0.05, 0.35, 0.6, range(7, 19)),
     ],
 )
 def test_a_wheel_slips_for_the_time_asked(t_s, start, duration, expected):
     config = QUIET._replace(sampling_time=t_s, slip_left=0.6, slip_start=start, slip_duration=duration)
     assert slipping_steps(config, 60) == list(expected)
-
-
-def test_each_slip_is_of_its_wheel():
-    config = QUIET._replace(slip_right=0.25, slip_duration=1.0)
-    state = plant_step(START, Twist(1.0, 0.0), SILENCE, config)
+    state = plant_step(START, Twist(1.0, 0.0), SILENCE, QUIET._replace(slip_right=0.25, slip_duration=1.0))
     assert state.twist == pytest.approx((0.875, -0.25 / 0.6))
 
 
-@pytest.mark.parametrize(
-    ("t_s", "time", "number"),
-    [(0.1, 0.1, 1), (0.1, 0.3, 3), (0.1, 0.7, 7), (0.1, 2.0, 20), (0.1, 2.01, 21), (0.25, 0.3, 2), (0.02, 0.14, 7)],
-)
-@pytest.mark.parametrize("exact_arc", [True, False])
-def test_the_robot_is_carried_away_once_in_the_step_that_ends_at_its_time(t_s, time, number, exact_arc):
-    config = QUIET._replace(sampling_time=t_s, exact_arc=exact_arc)
+@pytest.mark.parametrize(("t_s", "time", "number"), [(0.1, 0.3, 3), (0.1, 2.01, 21), (0.02, 0.14, 7)])
+def test_the_robot_is_carried_away_once_in_the_step_that_ends_at_its_time(t_s, time, number):
+    config = QUIET._replace(sampling_time=t_s)
     kidnapped = config._replace(kidnap_time=time, kidnap_x=2.0, kidnap_y=-1.5, kidnap_yaw=-2.5)
     here = there = START
-    old = START.pose, START.pose
     for step in range(1, number + 30):
+        before = here.pose, there.pose
         here, there = (
             plant_step(state, Twist(0.8, 0.5), SILENCE, one) for state, one in ((here, config), (there, kidnapped))
         )
         # Neither wheels nor odometry feel it.
-        assert (there.twist, there.actuators.drive, there.encoder, there.angles) == (
-            here.twist,
-            here.actuators.drive,
-            here.encoder,
-            here.angles,
-        )
-        assert there.odometry == here.odometry
+        assert there._replace(pose=here.pose) == here
         if step < number:
             assert there.pose == here.pose
         if step == number:
             assert_pose(there.pose, (here.pose.x + 2.0, here.pose.y - 1.5, here.pose.theta - 2.5))
         # From there on both drive the same way, turned by -2.5 rad.
         if step > number:
-            moved = complex(here.pose.x - old[0].x, here.pose.y - old[0].y) * complex(math.cos(2.5), -math.sin(2.5))
-            assert_pose(
-                there.pose,
-                (old[1].x + moved.real, old[1].y + moved.imag, old[1].theta + here.pose.theta - old[0].theta),
-            )
-        old = here.pose, there.pose
-
-
-def test_without_a_time_nobody_carries_it():
-    config = QUIET._replace(kidnap_x=2.0, kidnap_y=1.0, kidnap_yaw=1.0)
-    state = other = START
-    for _ in range(30):
-        state, other = (
-            plant_step(state, Twist(1.0, 0.5), SILENCE, config),
-            plant_step(other, Twist(1.0, 0.5), SILENCE, QUIET),
-        )
-        assert state == other
+            moves = [
+                complex(now.x - last.x, now.y - last.y)
+                for now, last in zip((here.pose, there.pose), before, strict=True)
+            ]
+            assert moves[1] == pytest.approx(moves[0] * complex(math.cos(2.5), -math.sin(2.5)), abs=1e-12)
+            assert math.remainder(there.pose.theta - here.pose.theta + 2.5, 2.0 * math.pi) == pytest.approx(0.0)
 
 
 def test_the_speed_limit_keeps_the_curvature():
@@ -254,14 +186,6 @@ def test_the_acceleration_limit_holds_each_wheel():
     assert [one.right for one in seen] == pytest.approx(right, abs=1e-9)
 
 
-def test_noise_of_the_drive_does_not_feed_back_into_the_limit():
-    config = QUIET._replace(actuators=ActuatorConfig(wheel_acceleration_max=50.0), drive_noise=0.5)
-    state = plant_step(START, Twist(1.0, 0.0), Draw(1.0, 1.0, 0.0, 0.0), config)
-    assert state.actuators.drive == pytest.approx((5.0, 5.0))
-    assert state.twist.v == pytest.approx(1.5 * 5.0 * R)
-    assert plant_step(state, Twist(1.0, 0.0), SILENCE, config).actuators.drive == pytest.approx((10.0, 10.0))
-
-
 def test_odometry_and_angles_add_up_what_the_encoders_saw():
     rng = np.random.default_rng(4)
     config = PlantConfig(slip_left=0.5, slip_duration=2.0, right_radius_error=0.1, eps_v_max=0.1)
@@ -282,32 +206,3 @@ def test_odometry_and_angles_add_up_what_the_encoders_saw():
     assert state.step == 60
     # It knows nothing of slip and radius.
     assert math.hypot(state.odometry.x - state.pose.x, state.odometry.y - state.pose.y) > 0.1
-
-
-def test_odometry_follows_the_arc_even_where_the_truth_is_eulers():
-    config = QUIET._replace(exact_arc=False)
-    state = plant_step(PlantState(Pose(0.0, 0.0, 0.0)), Twist(1.0, 2.0), SILENCE, config)
-    assert state.pose == pytest.approx((0.1, 0.0, 0.2))
-    assert state.odometry == pytest.approx((math.sin(0.2) / 2.0, (1.0 - math.cos(0.2)) / 2.0, 0.2))
-
-
-def test_the_twist_told_is_the_motion_done():
-    config = PlantConfig(slip_left=0.5, slip_duration=2.0, left_radius_error=-0.1, eps_omega_max=0.2)
-    state = plant_step(START, Twist(1.0, 0.7), Draw(0.3, -0.9, 0.5, 0.1), config)
-    assert state.pose == pytest.approx(integrate(START.pose, state.twist, 0.1, True), abs=1e-12)
-
-
-def test_the_heading_stays_wrapped():
-    state = PlantState(Pose(0.0, 0.0, 3.1))
-    for _ in range(100):
-        state = plant_step(state, Twist(0.0, 2.0), SILENCE, QUIET)
-        assert -math.pi < state.pose.theta <= math.pi
-        assert -math.pi < state.odometry.theta <= math.pi
-    assert state.angles == pytest.approx((-120.0, 120.0))
-
-
-def test_the_default_is_the_papers_robot():
-    config = PlantConfig()
-    assert (config.wheels, config.sampling_time) == ((0.05, 0.6), 0.1)
-    assert (config.drive_noise, config.encoder_noise) == (0.05, 0.05)
-    assert PlantState(Pose(0.0, 0.0, 0.0)) == new_plant(Pose(0.0, 0.0, 0.0))

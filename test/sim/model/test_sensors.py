@@ -39,7 +39,6 @@ def steps_due(rate, sampling_time, count):
     [
         (10.0, 0.1, [0, 1, 2, 3, 4, 5, 6, 7, 8, 9]),
         (5.0, 0.1, [0, 2, 4, 6, 8]),
-        (1.0, 0.1, [0]),
         (0.0, 0.1, []),
         (-1.0, 0.1, []),
         # 3 Hz at 10 Hz: 0.3 periods a step; the count moves on at 1.2, 2.1, 3.0 of them.
@@ -53,14 +52,8 @@ def test_rates_by_hand(rate, sampling_time, expected):
     assert steps_due(rate, sampling_time, 10) == expected
 
 
-@pytest.mark.parametrize(
-    ("rate", "sampling_time", "every"),
-    [(10.0, 0.1, 1), (1.0, 0.1, 10), (2.0, 0.1, 5), (50.0, 0.02, 1), (10.0, 0.02, 5), (1.0, 0.001, 1000)],
-)
-def test_whole_ratios_are_exact_for_long(rate, sampling_time, every):
-    for start in (0, 10**5, 10**6):
-        found = [step for step in range(start, start + 3 * every) if due(step, rate, sampling_time)]
-        assert found == list(range(start, start + 3 * every, every))
+def test_a_whole_ratio_is_exact_for_long():
+    assert [step for step in range(10**6, 10**6 + 3000) if due(step, 1.0, 0.001)] == [1_000_000, 1_001_000, 1_002_000]
 
 
 @CHECK
@@ -79,13 +72,10 @@ def test_any_rate_is_kept_on_average_and_evenly(rate, sampling_time):
     ("delay", "sampling_time", "steps"),
     [
         (0.0, 0.1, 0),
-        (0.1, 0.1, 1),
         (0.05, 0.1, 1),
-        (0.3, 0.1, 3),
         (0.7, 0.1, 7),
         (0.14, 0.02, 7),
         (0.30001, 0.1, 4),
-        (1.0, 0.02, 50),
         (60.0, 0.001, 60000),
     ],
 )
@@ -119,6 +109,7 @@ def test_position_errors_may_shrink_towards_the_origin(x, y, share):
 
 
 def test_errors_of_the_heading_fill_theirs_and_are_not_those_of_the_fix():
+    assert measured_heading(Pose(1.0, 2.0, 0.5), Draw(0.0, 0.0, 0.0, -0.5), DEFAULT) == pytest.approx(0.5 - 0.0435)
     headings = [measured_heading(TRUTH, noise, DEFAULT) for noise in noises()]
     errors = np.array([math.remainder(heading - 3.1, 2.0 * math.pi) for heading in headings])
     assert np.abs(errors).max() <= 0.087 * (1.0 + 1e-12)
@@ -126,14 +117,6 @@ def test_errors_of_the_heading_fill_theirs_and_are_not_those_of_the_fix():
     assert all(-math.pi < heading <= math.pi for heading in headings)
     of_fix = [math.remainder(measured_pose(TRUTH, noise, DEFAULT).theta - 3.1, 2.0 * math.pi) for noise in noises()]
     assert abs(np.corrcoef(errors, of_fix)[0, 1]) < 0.07
-
-
-def test_fixes_by_hand():
-    noise = Draw(0.5, -1.0, 1.0, -0.5)
-    assert measured_pose(Pose(1.0, 2.0, 3.0), noise, DEFAULT) == pytest.approx(
-        (1.15, 1.7, 3.17 - 2.0 * math.pi), abs=1e-12
-    )
-    assert measured_heading(Pose(1.0, 2.0, 0.5), noise, DEFAULT) == pytest.approx(0.5 - 0.0435)
 
 
 def test_a_landmark_by_hand():
@@ -147,19 +130,6 @@ def test_a_landmark_by_hand():
         assert measured_landmark(Pose(1.0, 1.0, math.pi), 4.0, 5.0, noise, config) == pytest.approx(expected)
 
 
-def test_errors_of_a_landmark_fill_their_bounds_evenly():
-    config = SensorConfig(landmark_range_error_max=0.3, landmark_bearing_error_max=0.2)
-    # Straight behind, where bearings jump.
-    point = 4.0 - 6.0 * math.cos(3.1), -3.0 - 6.0 * math.sin(3.1)
-    seen = [measured_landmark(TRUTH, *point, noise, config) for noise in noises(block=16)]
-    assert all(-math.pi < bearing <= math.pi for _, bearing in seen)
-    errors = np.array([(r - 6.0, math.remainder(bearing - math.pi, 2.0 * math.pi)) for r, bearing in seen])
-    for column, bound in zip(errors.T, (0.3, 0.2), strict=True):
-        assert np.abs(column).max() <= bound * (1.0 + 1e-9)
-        assert kstest(column, "uniform", (-bound, 2.0 * bound)).pvalue > 1e-3
-    assert abs(np.corrcoef(errors.T)[0, 1]) < 0.07
-
-
 def test_a_range_is_never_below_a_millimetre():
     config = SensorConfig(landmark_range_error_max=0.5)
     for distance in (0.0, 0.2, 0.5):
@@ -168,20 +138,15 @@ def test_a_range_is_never_below_a_millimetre():
     assert found[0] == pytest.approx(0.1)
 
 
-@pytest.mark.parametrize("share", [0.0, 0.2, 0.9, 1.0])
-def test_the_share_of_lost_fixes(share):
-    config = SensorConfig(fix_dropout=share)
-    lost = sum(is_lost(fault, config) for fault in noises(block=2))
-    spread = 4.5 * math.sqrt(4000 * share * (1.0 - share))
-    assert abs(lost - 4000 * share) <= spread
-
-
 @pytest.mark.parametrize("share", [0.0, 0.2, 1.0])
-def test_the_share_of_outliers_their_distance_and_direction(share):
-    config = SensorConfig(fix_outlier=share, fix_outlier_distance=3.0)
-    measured = [with_outlier(TRUTH, fault, config) for fault in noises(block=2)]
-    thrown = [fix for fix in measured if fix != TRUTH]
+def test_the_shares_of_lost_fixes_and_outliers_and_their_distance_and_direction(share):
+    config = SensorConfig(fix_dropout=share, fix_outlier=share, fix_outlier_distance=3.0)
+    faults = noises(block=2)
+    lost = [is_lost(fault, config) for fault in faults]
+    fixes = [with_outlier(TRUTH, fault, config) for fault in faults]
+    thrown = [fix for fix in fixes if fix != TRUTH]
     spread = 4.5 * math.sqrt(4000 * share * (1.0 - share))
+    assert abs(sum(lost) - 4000 * share) <= spread
     assert abs(len(thrown) - 4000 * share) <= spread
     for fix in thrown:
         assert math.hypot(fix.x - 4.0, fix.y + 3.0) == pytest.approx(3.0)
@@ -189,24 +154,9 @@ def test_the_share_of_outliers_their_distance_and_direction(share):
     if thrown:
         angles = [math.atan2(fix.y + 3.0, fix.x - 4.0) for fix in thrown]
         assert kstest(angles, "uniform", (-math.pi, 2.0 * math.pi)).pvalue > 1e-3
-
-
-def test_losing_and_throwing_are_independent():
-    config = SensorConfig(fix_dropout=0.5, fix_outlier=0.5)
-    both = [(is_lost(fault, config), with_outlier(TRUTH, fault, config) != TRUTH) for fault in noises(block=2)]
-    assert abs(np.corrcoef(np.array(both, float).T)[0, 1]) < 0.07
-
-
-def test_variances_of_uniform_errors():
-    # 0.3^2 / 3 and 0.17^2 / 3; a perfect sensor still counts as 0.1 mm or mrad.
-    assert uniform_variance(0.3) == pytest.approx(0.03)
-    assert uniform_variance(0.17) == pytest.approx(0.00963, abs=5e-6)
-    assert uniform_variance(0.0) == uniform_variance(1e-6) == 1e-8
-
-
-def test_the_default_is_the_papers_noise():
-    assert (DEFAULT.eps_x_max, DEFAULT.eps_y_max, DEFAULT.eps_theta_max) == (0.3, 0.3, 0.17)
-    assert (DEFAULT.fix_dropout, DEFAULT.fix_outlier, DEFAULT.heading_rate) == (0.0, 0.0, 0.0)
+    if 0.0 < share < 1.0:
+        both = np.array([(one, fix != TRUTH) for one, fix in zip(lost, fixes, strict=True)], float)
+        assert abs(np.corrcoef(both.T)[0, 1]) < 0.07
 
 
 def fixes_of(config, run, count):
@@ -218,32 +168,22 @@ def fixes_of(config, run, count):
     return found
 
 
-@pytest.mark.parametrize("correlation", [0.0, 0.5, 0.9])
+@pytest.mark.parametrize("correlation", [0.0, 0.9])
 def test_correlated_errors_have_the_same_variance_at_every_fix_and_decay_geometrically(correlation):
     config = SensorConfig(eps_x_max=0.3, eps_y_max=0.6, eps_theta_max=0.1, fix_noise_correlation=correlation)
-    errors = np.array([[one.pose for one in fixes_of(config, run, 12)] for run in range(4000)])
+    errors = np.array([[one.pose for one in fixes_of(config, run, 12)] for run in range(2000)])
     for axis, bound in enumerate((0.3, 0.6, 0.1)):
-        # The runs are independent: 4000 samples for each fix; the kurtosis is at most a normal one's.
+        # The runs are independent: 2000 samples for each fix; the kurtosis is at most a normal one's.
         variance = errors[:, :, axis].var(axis=0)
-        assert variance == pytest.approx(np.full(12, bound**2 / 3.0), rel=4.0 * math.sqrt(2.0 / 4000))
+        assert variance == pytest.approx(np.full(12, bound**2 / 3.0), rel=4.0 * math.sqrt(2.0 / 2000))
         scaled = errors[:, :, axis] / math.sqrt(bound**2 / 3.0)
         for lag in (1, 2, 5):
             product = (scaled[:, lag:] * scaled[:, :-lag]).mean()
-            assert product == pytest.approx(correlation**lag, abs=0.05)
-    assert abs((errors[:, :, 0] * errors[:, :, 1]).mean()) / (0.3 * 0.6 / 3.0) < 0.05
+            assert product == pytest.approx(correlation**lag, abs=0.07)
+    assert abs((errors[:, :, 0] * errors[:, :, 1]).mean()) / (0.3 * 0.6 / 3.0) < 0.07
     assert np.abs(errors[:, 0]).max() <= 0.6  # the first is uniform
     largest = math.sqrt((1.0 + correlation) / (1.0 - correlation))
     assert np.abs(errors / (0.3, 0.6, 0.1)).max() <= largest
-
-
-def test_correlated_errors_by_hand():
-    config = SensorConfig(fix_noise_correlation=0.8)
-    first, second = fixes_of(config, 4, 2)
-    plain = [one.errors for one in fixes_of(SensorConfig(), 4, 2)]
-    assert first.errors == plain[0]
-    expected = [0.8 * a + 0.6 * b for a, b in zip(plain[0][:3], plain[1][:3], strict=True)]
-    assert second.errors[:3] == pytest.approx(expected, abs=1e-15)
-    assert second.pose == pytest.approx((0.3 * expected[0], 0.3 * expected[1], 0.17 * expected[2]))
 
 
 def test_the_random_delay_is_uniform_and_independent_of_the_errors():

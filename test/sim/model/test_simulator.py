@@ -34,34 +34,22 @@ def lived(config, steps, command=ARC, start_stamp=0):
     return seen
 
 
-def test_time_is_whole_sampling_times():
-    config = QUIET._replace(plant=QUIET.plant._replace(sampling_time=0.02))
-    world = World(config, 5_000_000_007)
-    for number in range(1000):
-        assert world.stamp == 5_000_000_007 + number * 20_000_000
-        assert world.odometry().stamp == world.stamp
-        world.advance(ARC)
-
-
-def test_the_start_is_the_papers():
-    world = World(WorldConfig())
-    assert world.state.pose == pytest.approx((-2.0, -5.5, math.radians(30.0)))
-    assert world.state.odometry == (0.0, 0.0, 0.0)
-    assert world.odometry().twist == (0.0, 0.0)
-
-
 def test_the_same_name_gives_the_same_bits_and_another_does_not():
     config = WorldConfig(seed=7, run=3)
-    assert lived(config, 50) == lived(config, 50)
+    first = lived(config, 50)
+    assert lived(config, 50) == first
     for other in (config._replace(seed=8), config._replace(run=4)):
-        assert lived(other, 1)[1][1] != lived(config, 1)[1][1]
-        assert lived(other, 1)[0][3] != lived(config, 1)[0][3]
+        assert lived(other, 1)[1][1] != first[1][1]
+        assert lived(other, 1)[0][3] != first[0][3]
 
 
 def test_sensors_and_faults_do_not_change_the_noise_of_the_wheels():
     plain = lived(WorldConfig(seed=7), 30)
-    sensors = SensorConfig(heading_rate=10.0, fix_rate=5.0, fix_dropout=0.3, fix_outlier=0.2, fix_delay=0.2)
-    faulty = lived(WorldConfig(seed=7, sensors=sensors), 30)
+    sensors = SensorConfig(
+        heading_rate=10.0, fix_rate=5.0, fix_dropout=0.3, fix_outlier=0.2, fix_delay=0.2, landmark_rate=10.0
+    )
+    landmarks = LandmarkMap((1, 2), (0.0, 1.0), (0.0, 1.0))
+    faulty = lived(WorldConfig(seed=7, sensors=sensors, landmarks=landmarks), 30)
     assert [one[1] for one in faulty] == [one[1] for one in plain]
     # A fix that comes keeps its noise, whatever else is switched on.
     on_time = {stamp: z for step in plain for stamp, z in step[3]}
@@ -72,7 +60,7 @@ def test_sensors_and_faults_do_not_change_the_noise_of_the_wheels():
             assert z[2] == on_time[stamp][2]
 
 
-@pytest.mark.parametrize(("delay", "steps"), [(0.0, 0), (0.1, 1), (0.25, 3), (1.0, 10)])
+@pytest.mark.parametrize(("delay", "steps"), [(0.0, 0), (0.25, 3)])
 def test_a_fix_belongs_to_its_stamp_and_comes_late(delay, steps):
     sensors = QUIET.sensors._replace(fix_delay=delay, fix_rate=5.0, heading_rate=10.0, heading_delay=2.0 * delay)
     sensors = sensors._replace(heading_error_max=0.0)
@@ -107,13 +95,6 @@ def test_fixes_with_a_random_delay_overtake_each_other_and_come_once():
         assert [stamp for stamp, _ in step[3]] == sorted(stamp for stamp, _ in step[3])
 
 
-def test_the_covariances_sent_are_those_of_the_noise():
-    sensors = SensorConfig(eps_x_max=0.3, eps_y_max=0.6, eps_theta_max=0.17, heading_rate=10.0)
-    arrivals = World(WorldConfig(sensors=sensors)).sense()
-    np.testing.assert_allclose(arrivals.fixes[0].R, np.diag([0.03, 0.12, 0.17**2 / 3.0]))
-    np.testing.assert_allclose(arrivals.headings[0].R, [[0.087**2 / 3.0]])
-
-
 def test_the_odometry_is_what_the_encoders_saw():
     world = World(WorldConfig(seed=2))
     for _ in range(20):
@@ -128,41 +109,10 @@ def test_the_odometry_is_what_the_encoders_saw():
         assert tuple(step.covariance) == pytest.approx((M[0, 0], M[0, 1], M[1, 1]))
 
 
-def test_lost_fixes_and_outliers_come_in_their_shares():
-    sensors = QUIET.sensors._replace(fix_dropout=0.3, fix_outlier=0.2)
-    seen = lived(QUIET._replace(sensors=sensors), 3000)
-    fixes = [(math.dist(z[:2], pose[:2]), z) for _, pose, _, fixes, _ in seen for _, z in fixes]
-    assert len(fixes) == pytest.approx(0.7 * 3001, abs=4.5 * math.sqrt(3001 * 0.21))
-    thrown = [distance for distance, _ in fixes if distance > 1e-9]
-    assert len(thrown) == pytest.approx(0.2 * len(fixes), abs=4.5 * math.sqrt(len(fixes) * 0.16))
-    assert thrown == pytest.approx([3.0] * len(thrown))
-
-
-@pytest.mark.parametrize("share", [{"fix_rate": 0.0}, {"fix_dropout": 1.0}])
-def test_without_fixes_there_are_none(share):
-    seen = lived(QUIET._replace(sensors=QUIET.sensors._replace(**share)), 50)
-    assert not any(fixes or headings for *_, fixes, headings in seen)
-
-
-def test_new_noise_counts_from_the_next_step():
-    world = World(QUIET)
-    for _ in range(5):
-        world.advance(ARC)
-    quiet = world.state.pose
-    sensors = QUIET.sensors._replace(eps_x_max=0.5)
-    world.configure(QUIET._replace(sensors=sensors, plant=QUIET.plant._replace(drive_noise=0.5)))
-    assert world.state.pose == quiet
-    fix = world.sense().fixes[0]
-    assert fix.R[0, 0] == pytest.approx(0.25 / 3.0)
-    assert abs(fix.pose.x - quiet.x) > 1e-6
-    world.advance(ARC)
-    assert world.state.twist != pytest.approx(ARC)
-
-
 def test_the_odometrys_covariance_is_that_of_its_errors():
-    # Without drive noise the true motion is known; the odometry's errors over 600 runs have to be as large as it says.
+    # Without drive noise the true motion is known; the odometry's errors over 300 runs have to be as large as it says.
     # Uniform wheel errors over 25 steps are near enough to normal ones for chi-square bounds of the sum.
-    total, runs = 0.0, 600
+    total, runs = 0.0, 300
     for run in range(runs):
         config = QUIET._replace(plant=PlantConfig(drive_noise=0.0), seed=3, run=run)
         world = World(config)
@@ -174,56 +124,6 @@ def test_the_odometrys_covariance_is_that_of_its_errors():
         total += error @ np.linalg.solve(world.odometry_P, error)
     low, high = chi2.ppf([0.001, 0.999], 3 * runs)
     assert low < total < high
-
-
-def test_the_odometrys_covariance_against_finite_differences():
-    # P+ = F P F' + G M G' with the Jacobians of the arc by central differences.
-    def arc(x, y, theta, v, omega):
-        end = theta + 0.1 * omega
-        return np.array(
-            [
-                x + v / omega * (math.sin(end) - math.sin(theta)),
-                y - v / omega * (math.cos(end) - math.cos(theta)),
-                end,
-            ]
-        )
-
-    world = World(WorldConfig(seed=6))
-    for _ in range(30):
-        before, P = world.state.odometry, world.odometry_P
-        world.advance(ARC)
-        step = world.odometry()
-        at = np.array([*before, *step.twist])
-        columns = [(arc(*(at + h)) - arc(*(at - h))) / 2e-6 for h in 1e-6 * np.eye(5)]
-        F, G = np.column_stack(columns[:3]), np.column_stack(columns[3:])
-        var_v, cov, var_omega = step.covariance
-        M = np.array([[var_v, cov], [cov, var_omega]])
-        Q = G @ M @ G.T
-        # The chord's middle stands for the arc's: right up to the square of the turn of one step, 0.04 rad.
-        allowed = 5e-3 * np.sqrt(np.outer(Q.diagonal(), Q.diagonal()))
-        assert (np.abs(world.odometry_P - F @ P @ F.T - Q) <= allowed).all()
-
-
-def test_at_rest_the_odometrys_covariance_hardly_grows():
-    world = World(QUIET)
-    assert not world.odometry_P.any()
-    for _ in range(100):
-        world.advance(Twist(0.0, 0.0))
-    # 1e-3 rad/s per wheel: sigma_omega = sqrt(2) R 1e-3 / L, added up 100 times over 0.1 s.
-    expected = 100 * (0.1 * math.sqrt(2.0) * 0.05 * 1e-3 / 0.6) ** 2
-    assert world.odometry_P[2, 2] == pytest.approx(expected)
-
-
-@pytest.mark.parametrize("scale", [0.1, 1.0, 10.0])
-def test_fixes_claim_a_multiple_of_their_covariance_and_are_as_wrong_as_ever(scale):
-    sensors = SensorConfig(eps_y_max=0.6, heading_rate=10.0, landmark_rate=10.0)
-    config = WorldConfig(sensors=sensors, landmarks=LandmarkMap((1,), (0.0,), (0.0,)), seed=4)
-    scaled = config._replace(sensors=sensors._replace(fix_covariance_scale=scale))
-    plain, other = World(config).sense(), World(scaled).sense()
-    np.testing.assert_allclose(other.fixes[0].R, scale * np.diag([0.03, 0.12, 0.17**2 / 3.0]))
-    np.testing.assert_array_equal(other.fixes[0].pose, plain.fixes[0].pose)
-    np.testing.assert_array_equal(other.headings[0].R, plain.headings[0].R)
-    np.testing.assert_array_equal(other.landmarks[0].measurement.R, plain.landmarks[0].measurement.R)
 
 
 def test_landmarks_are_seen_at_their_rate_within_their_range_where_they_are():
@@ -270,19 +170,30 @@ def test_errors_of_landmarks_are_as_large_as_they_claim_and_their_own():
     assert np.abs(np.corrcoef(errors.T) - np.eye(6)).max() < 0.08
 
 
-def test_landmarks_do_not_change_any_other_noise():
-    sensors = SensorConfig(heading_rate=10.0, fix_dropout=0.3, fix_outlier=0.2)
-    plain = lived(WorldConfig(seed=7, sensors=sensors), 30)
-    landmarks = LandmarkMap((1, 2), (0.0, 1.0), (0.0, 1.0))
-    seeing = WorldConfig(seed=7, sensors=sensors._replace(landmark_rate=10.0), landmarks=landmarks)
-    assert lived(seeing, 30) == plain
+def test_the_covariances_sent_are_those_of_the_noise_and_fixes_claim_a_multiple_of_theirs():
+    sensors = SensorConfig(eps_x_max=0.3, eps_y_max=0.6, eps_theta_max=0.17, heading_rate=10.0, landmark_rate=10.0)
+    config = WorldConfig(sensors=sensors, landmarks=LandmarkMap((1,), (0.0,), (0.0,)), seed=4)
+    plain = World(config).sense()
+    R = np.diag([0.03, 0.12, 0.17**2 / 3.0])
+    np.testing.assert_allclose(plain.fixes[0].R, R)
+    np.testing.assert_allclose(plain.headings[0].R, [[0.087**2 / 3.0]])
+    scaled = World(config._replace(sensors=sensors._replace(fix_covariance_scale=10.0))).sense()
+    np.testing.assert_allclose(scaled.fixes[0].R, 10.0 * R)
+    np.testing.assert_array_equal(scaled.fixes[0].pose, plain.fixes[0].pose)
+    np.testing.assert_array_equal(scaled.headings[0].R, plain.headings[0].R)
+    np.testing.assert_array_equal(scaled.landmarks[0].measurement.R, plain.landmarks[0].measurement.R)
 
 
-def test_fixes_after_the_kidnapping_are_of_the_new_place():
-    plant = QUIET.plant._replace(kidnap_time=1.0, kidnap_x=3.0, kidnap_y=2.0, kidnap_yaw=1.0)
-    seen, plain = lived(QUIET._replace(plant=plant), 20), lived(QUIET, 20)
-    for number, (here, there) in enumerate(zip(plain, seen, strict=True)):
-        assert there[3][0][1] == pytest.approx(there[1], abs=1e-9)
-        assert there[2] == here[2]
-        away = math.hypot(there[1].x - here[1].x, there[1].y - here[1].y)
-        assert away == pytest.approx(0.0) if number < 10 else away > 2.0
+def test_new_noise_counts_from_the_next_step():
+    world = World(QUIET)
+    for _ in range(5):
+        world.advance(ARC)
+    quiet = world.state.pose
+    sensors = QUIET.sensors._replace(eps_x_max=0.5)
+    world.configure(QUIET._replace(sensors=sensors, plant=QUIET.plant._replace(drive_noise=0.5)))
+    assert world.state.pose == quiet
+    fix = world.sense().fixes[0]
+    assert fix.R[0, 0] == pytest.approx(0.25 / 3.0)
+    assert abs(fix.pose.x - quiet.x) > 1e-6
+    world.advance(ARC)
+    assert world.state.twist != pytest.approx(ARC)

@@ -10,8 +10,8 @@ START = 1_700_000_000 * 10**9 + 123_456_789
 def test_steps_are_due_when_the_clock_has_passed_their_time():
     clock = ForeignClock(100 * MS)
     assert clock.on_clock(START) is None
-    # The other plant steps by 50 ms: every second reading is a step.
-    assert [clock.on_clock(START + k * 50 * MS) for k in range(1, 9)] == [0, 1, 0, 1, 0, 1, 0, 1]
+    # The other plant steps by 50 ms: every second reading is a step, but only once.
+    assert [clock.on_clock(START + k * 50 * MS) for k in (1, 2, 2, 3, 4)] == [0, 1, 0, 0, 1]
 
 
 def test_a_clock_of_long_steps_makes_several_due_and_none_is_skipped():
@@ -19,13 +19,6 @@ def test_a_clock_of_long_steps_makes_several_due_and_none_is_skipped():
     clock.on_clock(START)
     assert [clock.on_clock(START + k * 1000 * MS) for k in (1, 2)] == [100, 100]
     assert clock.skipped == 0
-
-
-def test_an_old_reading_again_is_no_step():
-    clock = ForeignClock(100 * MS)
-    clock.on_clock(START)
-    assert clock.on_clock(START + 100 * MS) == 1
-    assert clock.on_clock(START + 100 * MS) == 0
 
 
 def test_time_that_jumps_back_or_a_pause_begins_again():

@@ -3,21 +3,10 @@
 import math
 
 import numpy as np
-import pytest
 from certificates import LAW_17, coarse_certificate
 
 from diffbot_lab.stability.adversary import observe
-from diffbot_lab.stability.adversary.observe import case_of, rank_of
-
-
-def test_the_case_has_law_noise_and_plant_of_the_certificate():
-    case = case_of(LAW_17, 30)
-    assert case.steps == 30
-    assert case.controller.gains == LAW_17[:4]
-    assert case.controller.region_policy.fixed == (0.35, 0.4)
-    assert case.sensors[1:4] == (0.05, 0.05, 0.05)
-    assert (case.plant.eps_v_max, case.plant.eps_omega_max, case.plant.drive_noise) == (0.02, 0.05, 0.0)
-    assert (case.plant.sampling_time, case.plant.exact_arc) == (0.2, False)
+from diffbot_lab.stability.adversary.observe import rank_of
 
 
 def test_ranks_of_poses():
@@ -30,30 +19,18 @@ def test_ranks_of_poses():
     assert rank_of(certificate, poses).tolist() == [40, 60, 79, 0, -1]
 
 
-@pytest.fixture
-def few_states(monkeypatch):
+def test_random_runs_respect_a_certificate_and_a_wrong_one_is_noticed(monkeypatch):
     monkeypatch.setattr(observe, "_STATES_AT_A_TIME", 20_000)
-
-
-def test_random_runs_respect_the_certificate(few_states):
-    found = observe.observe(coarse_certificate(LAW_17), 30_000, 500, 1)
+    good = coarse_certificate(LAW_17)
+    found = observe.observe(good, 30_000, 500, 1)
     assert found.steps_from_core >= 30_000
     assert (found.left_core, found.late, found.trajectories) == (0, 0, 500)
-    assert 3 < found.longest <= coarse_certificate(LAW_17).claims.steps
-    assert 0.0 < found.farthest < coarse_certificate(LAW_17).claims.radius
+    assert 3 < found.longest <= good.claims.steps
+    assert 0.0 < found.farthest < good.claims.radius
     assert found.cloud.shape[1] == 3
     assert len(found.cloud) > 1000
-
-
-def test_steps_out_of_a_core_that_is_too_small_are_counted(few_states):
-    good = coarse_certificate(LAW_17)
-    ranks = good.ranks.copy()
-    ranks[:, 10:] = -1
-    found = observe.observe(good._replace(ranks=ranks), 20_000, 1, 1)
-    assert found.left_core > 0
-
-
-def test_ranks_that_are_too_small_are_noticed(few_states):
-    good = coarse_certificate(LAW_17)
-    ranks = np.where(good.ranks > 0, (good.ranks + 3) // 4, good.ranks).astype(np.int16)
-    assert observe.observe(good._replace(ranks=ranks), 1, 300, 1).late > 0
+    small_core = good.ranks.copy()
+    small_core[:, 10:] = -1
+    assert observe.observe(good._replace(ranks=small_core), 20_000, 1, 1).left_core > 0
+    small_ranks = np.where(good.ranks > 0, (good.ranks + 3) // 4, good.ranks).astype(np.int16)
+    assert observe.observe(good._replace(ranks=small_ranks), 1, 300, 1).late > 0

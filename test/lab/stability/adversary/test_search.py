@@ -1,10 +1,8 @@
 """The adversary plays by the rules of the loop, and what it reaches is within what is certified."""
 
-import math
-
 import numpy as np
 import pytest
-from certificates import LAW_13, LAW_17, PAPER_17, coarse_certificate
+from certificates import LAW_17, PAPER_17, coarse_certificate
 
 from diffbot_control.law.controller import new_memory, step
 from diffbot_control.law.presets import PAPER, PRESETS
@@ -17,7 +15,6 @@ from diffbot_lab.stability.adversary.search import (
     STEPS,
     WARM_UP,
     WINDOW,
-    noise_of,
     recurrent_distance,
     search,
 )
@@ -43,12 +40,6 @@ def test_a_step_is_that_of_the_controller_and_the_plant():
     assert regions == {0, 1}
 
 
-def test_candidates_are_all_within_the_box_and_different():
-    found = {noise_of(candidate) for candidate in range(108)}
-    assert len(found) == 108
-    assert {abs(value) for noise in found for value in noise} == {0.0, 1.0}
-
-
 def test_the_recurrent_distance_is_reached_in_every_window():
     path = np.zeros((STEPS, 3))
     path[: WARM_UP - 1, 0] = 9.0
@@ -60,8 +51,8 @@ def test_the_recurrent_distance_is_reached_in_every_window():
     assert recurrent_distance(path) == 0.0
 
 
-@pytest.mark.parametrize("loop", [LAW_13, LAW_17])
-def test_what_is_certified_withstands_the_search(loop):
+def test_what_is_certified_withstands_the_search():
+    loop = LAW_17
     certificate, shown = coarse_certificate(loop), []
     opponent = opponent_of(loop)
     attack = search(
@@ -73,8 +64,3 @@ def test_what_is_certified_withstands_the_search(loop):
     assert attack.weights.shape == (FEATURES,)
     ranks = rank_of(certificate, attack.path)
     assert (ranks[certificate.claims.steps :] == 0).all()
-
-
-def test_the_adversary_is_worse_than_no_noise():
-    path = play(opponent_of(PAPER_17), np.array([-0.5, 0.2, math.pi / 2]), np.zeros(FEATURES))
-    assert recurrent_distance(path) > 0.25

@@ -10,25 +10,16 @@ from diffbot_control.law.controller import step
 from diffbot_core.geometry import Pose
 from diffbot_core.uncertainty import Estimate, Uncertainty
 from diffbot_lab.stability.adversary.figure import field_of_tuned
-from diffbot_lab.stability.adversary.search import FEATURES, noise_of
 from diffbot_lab.stability.adversary.tuned_play import (
     TunedOpponent,
     next_tuned,
     observe_tuned,
-    opponent_of_tuned,
-    play_tuned,
 )
-from diffbot_lab.stability.tuned.certify import certify
-from diffbot_lab.stability.tuned.contract import PLANT, Contract, Plan
+from diffbot_lab.stability.tuned.contract import PLANT, Contract
 from diffbot_sim.model.philox import Draw
 from diffbot_sim.model.plant import new_plant, plant_step
 
 OPPONENT = TunedOpponent(ControllerConfig(), Contract(), PLANT)
-
-
-@pytest.fixture(scope="module")
-def certificate():
-    return certify(ControllerConfig(), Plan(to=1.9, margin=1.05, fineness=0.4))
 
 
 def test_a_step_is_that_of_the_controller_and_the_plant():
@@ -51,36 +42,24 @@ def test_a_step_is_that_of_the_controller_and_the_plant():
 
 
 def test_the_position_error_never_exceeds_the_contract():
-    """At rest at the goal with the error at a corner of the candidates, the robot sees itself 0.06 m away."""
-    seen = set()
-    for candidate in range(108):
-        x, y = noise_of(candidate)[:2]
-        share = 0.06 / max(1.0, math.hypot(x, y))
-        seen.add(round(math.hypot(share * x, share * y), 12))
-    assert seen == {0.0, 0.06}
-    # The law goes where it sees the goal: the commanded way is that of 0.06 m, not of 0.085 m.
-    quiet = [
-        next_tuned(OPPONENT, Pose(-0.5, 0.0, 0.0), new_memory(), 0.02, (x, 0.0, 0.0, 0.0, 0.0)) for x in (1.0, 0.5)
-    ]
-    corner = next_tuned(OPPONENT, Pose(-0.5, 0.0, 0.0), new_memory(), 0.02, (3.0, 0.0, 0.0, 0.0, 0.0))
-    assert corner[0] == pytest.approx(quiet[0][0], abs=1e-12)
-    assert quiet[0][0].x < quiet[1][0].x
+    """The law goes where it sees the goal: an error of three bounds moves the robot as one of one bound does."""
+    one, half, three = (
+        next_tuned(OPPONENT, Pose(-0.5, 0.0, 0.0), new_memory(), 0.02, (x, 0.0, 0.0, 0.0, 0.0))[0]
+        for x in (1.0, 0.5, 3.0)
+    )
+    assert three == pytest.approx(one, abs=1e-12)
+    assert one.x < half.x
 
 
 def test_random_runs_keep_to_the_ranks_and_find_wrong_ones(certificate):
-    found = observe_tuned(certificate, 50_000, 300, 3)
-    assert found.steps_from_core >= 50_000
+    found = observe_tuned(certificate, 20_000, 300, 3)
+    assert found.steps_from_core >= 20_000
     assert (found.left_core, found.late, found.trajectories) == (0, 0, 300)
     assert 0 < found.longest <= certificate.claims.steps
     assert found.cloud.shape == (300, 3)
     assert 0.0 < found.farthest < 0.2
     short = np.where(certificate.ranks > 3, 3, certificate.ranks).astype(np.int16)
     assert observe_tuned(certificate._replace(ranks=short), 1, 300, 3).late > 0
-
-
-def test_the_adversary_keeps_the_robot_farther_away_than_random_noise(certificate):
-    path = play_tuned(opponent_of_tuned(certificate), np.array([-0.3, 0.0, 0.0]), np.zeros(FEATURES), 300)
-    assert 0.07 < np.hypot(path[150:, 0], path[150:, 1]).max() < certificate.claims.radius
 
 
 def test_the_figure_shows_the_core_and_the_times_of_the_default_law(certificate):

@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from diffbot_core.errors import InvalidValueError
-from diffbot_lab.stability.contract.kept import contract_kept, errors_within, holds_from, shares
+from diffbot_lab.stability.contract.kept import contract_kept, errors_within, holds_from
 from diffbot_lab.stability.tuned.contract import Contract
 
 
@@ -27,11 +26,6 @@ def test_a_contract_is_kept_by_hand_counted_steps_and_runs():
 def test_it_is_the_distance_that_is_bounded_and_no_estimate_is_no_kept_step():
     errors = np.array([[0.045, 0.045, 0.0], [0.0, -0.06, -0.03], [np.nan, np.nan, np.nan]])
     assert errors_within(errors, Contract()).tolist() == [False, True, False]
-
-
-def test_one_run_has_no_interval():
-    with pytest.raises(InvalidValueError, match="runs = 1: must be >= 2"):
-        shares(np.ones((1, 5), dtype=np.bool_))
 
 
 def test_the_contract_holds_from_the_step_after_the_last_break():

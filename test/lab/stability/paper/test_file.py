@@ -6,7 +6,7 @@ import zlib
 
 import numpy as np
 import pytest
-from certificates import LAW_13, LAW_17, coarse_certificate
+from certificates import LAW_17, coarse_certificate
 
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.stability.paper.file import load_certificate, save_certificate
@@ -27,15 +27,6 @@ def test_what_is_written_is_read_to_the_bit(path):
     assert found.ranks.dtype == np.int16
 
 
-def test_the_head_says_what_is_claimed(path):
-    head = json.loads(path.read_text())
-    assert head["law"] == "17"
-    assert head["claims"]["time"] == head["claims"]["steps"] * 0.2
-    assert head["notes"] == {"seconds": 1.0}
-    save_certificate(path, coarse_certificate(LAW_13), {})
-    assert json.loads(path.read_text())["law"] == "13"
-
-
 def packed(values):
     return base64.b64encode(zlib.compress(np.asarray(values, "<i2").tobytes())).decode()
 
@@ -44,27 +35,16 @@ def packed(values):
     ("change", "part"),
     [
         ({"format": "diffbot stability certificate 2"}, "is no diffbot stability certificate 1"),
-        ({"loop": None}, "a value is missing or of the wrong kind"),
         ({"loop.gamma": -1.0}, r"gamma = -1.0: must be from 1e-09 to 1000"),
-        ({"loop.k": True}, "k = True"),
-        ({"loop.h": float("nan")}, "h = nan"),
-        ({"loop.t_s": "0.1"}, "t_s = '0.1'"),
         ({"loop.eps_theta": 3.2}, "eps_theta = 3.2: must be <= pi"),
         ({"loop.eps_P_leave": 0.1}, "eps_P_leave = 0.1: must be >= eps_P"),
         ({"loop.plant": "moon"}, "plant = 'moon'"),
-        ({"rho": [1.0]}, "rho: must be increasing edges"),
         ({"rho": [1.0, 1.0]}, "rho: must be increasing edges"),
-        ({"rho": [[1.0], [2.0]]}, "rho: must be increasing edges"),
         ({"alpha": [0.0, float("inf")]}, "alpha: must be increasing edges"),
-        ({"alpha": "around"}, "a value is missing or of the wrong kind"),
         ({"rho": list(range(20_000)), "alpha": list(range(20_000))}, "cells = 399960001: must be <= 100000000"),
-        ({"ranks": packed([0, 1])}, "ranks: must hold"),
         ({"ranks": packed(np.zeros(10**6))}, "ranks: must hold"),
-        ({"ranks": "%%%"}, "ranks: "),
         ({"ranks": base64.b64encode(b"not packed").decode()}, "ranks: "),
-        ({"ranks": 3}, "ranks: must be a text"),
         ({"claims": {}}, "a value is missing or of the wrong kind: 'steps'"),
-        ({"claims.steps": 3.5}, "claims.steps = 3.5"),
         ({"claims.radius": float("inf")}, "claims: must be finite"),
     ],
 )
@@ -78,13 +58,3 @@ def test_hostile_values_are_refused_in_one_line(path, change, part):
         load_certificate(path)
     assert "\n" not in str(caught.value)
     assert str(caught.value).startswith(str(path))
-
-
-@pytest.mark.parametrize("text", ["", "[1]", "{", "\x00", "[" * 100_000])
-def test_files_of_something_else_are_refused(tmp_path, text):
-    path = tmp_path / "other.json"
-    path.write_text(text)
-    with pytest.raises(DiffbotError, match=r"other\.json"):
-        load_certificate(path)
-    with pytest.raises(DiffbotError, match="cannot read"):
-        load_certificate(tmp_path / "absent.json")

@@ -51,7 +51,7 @@ def walk(start, following):
     return found
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_core_and_ranks_of_random_graphs(seed):
     graph = random_graph(seed)
     following = successors(graph)

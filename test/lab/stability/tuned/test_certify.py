@@ -1,22 +1,20 @@
 """A small certificate of the tuned law: cells, claims, and what is refused."""
 
-import math
-
 import numpy as np
 import pytest
 
 from diffbot_control.law.configuration import ControllerConfig
-from diffbot_core.errors import DiffbotError, InvalidValueError
+from diffbot_core.errors import DiffbotError
 from diffbot_core.geometry import Pose
 from diffbot_core.schema import build
 from diffbot_lab.stability.adversary.drift import drift, lured_out
+from diffbot_lab.stability.tuned import certify as maker
+from diffbot_lab.stability.tuned import verify as checker
 from diffbot_lab.stability.tuned.certify import certify, tuned_loop
 from diffbot_lab.stability.tuned.check.commands import numbers_of
-from diffbot_lab.stability.tuned.check.near import farthest_local
 from diffbot_lab.stability.tuned.contract import Contract
 from diffbot_lab.stability.tuned.file import first_cells
-from diffbot_lab.stability.tuned.near import near_bounds
-from diffbot_lab.stability.tuned.table import CORE, Band, cell_of, kept_index, make_table
+from diffbot_lab.stability.tuned.table import CORE
 
 CONTRACT = Contract()
 CONFIG = ControllerConfig()
@@ -31,35 +29,19 @@ def test_the_claims_are_what_the_ranks_say(plan, certificate):
     assert claims.seed < claims.radius < 1.6
 
 
-@pytest.mark.parametrize(
-    ("field", "value"), [("to", math.nan), ("fineness", 1e9), ("margin", -1.0), ("margin", True), ("to", "12")]
-)
-def test_a_plan_of_bad_values_is_refused_by_name(plan, field, value):
-    with pytest.raises(InvalidValueError, match=field):
-        certify(CONFIG, plan._replace(**{field: value}))
-
-
-def test_a_cell_and_its_mirror_image_are_kept_in_one_place():
-    alphas, betas = 60, 20
-    table = make_table(1.0, (Band(1.5, 0.01, 0.01, alphas, betas, 0.1),))
-    for i, j in ((0, 0), (alphas // 2, 3), (alphas - 1, betas - 1), (alphas // 2 + 7, 0)):
-        assert kept_index(table, 0, i, j) == kept_index(table, 0, alphas - 1 - i, betas - 1 - j)
-    cell = cell_of(table, 0, kept_index(table, 0, alphas // 2 + 7, 2))
-    assert cell.alpha_low == pytest.approx(7 * 2.0 * math.pi / alphas)
-    assert cell.beta_low == pytest.approx(-math.pi + 2 * 2.0 * math.pi / betas)
-
-
-def test_without_a_rank_for_all_there_is_no_certificate(plan):
+def test_without_a_rank_for_all_there_is_no_certificate(plan, monkeypatch):
     """Beyond this distance the speed is too low for the errors of the wheels."""
     slow = CONFIG._replace(profile_gains=CONFIG.profile_gains._replace(turn_react=1.2))
+    near = maker.near_bounds(tuned_loop(CONFIG, CONTRACT), CONFIG, CONTRACT.sigma_max)
+    monkeypatch.setattr(maker, "near_bounds", lambda *_: near)
     with pytest.raises(DiffbotError, match=r"no certificate: [0-9.]+ % of the cells, from"):
         certify(slow, plan)
 
 
 def test_adversaries_come_near_the_bounds_of_omega_l_but_not_beyond():
     """One drifts aside to where the robot no longer rests; the other lures it out in a V."""
-    near = near_bounds(tuned_loop(CONFIG, CONTRACT), CONFIG, CONTRACT.sigma_max)
-    checked = farthest_local(numbers_of(CONFIG, CONTRACT), CONFIG, CONTRACT.sigma_max)
+    near = maker.near_bounds(tuned_loop(CONFIG, CONTRACT), CONFIG, CONTRACT.sigma_max)
+    checked = checker.farthest_local(numbers_of(CONFIG, CONTRACT), CONFIG, CONTRACT.sigma_max)
     aside = drift(CONFIG, CONTRACT, near.resting, Pose(0.0, near.resting, 0.0), 2000).farthest
     lured = lured_out(CONFIG, CONTRACT, near.resting, 0.9).farthest
     assert near.resting < aside < lured < checked <= near.holding < 2.0 * lured

@@ -33,36 +33,20 @@ def with_first(values, value):
     ("change", "part"),
     [
         ({"format": "diffbot stability tuned 1"}, "is no file of the format 'diffbot stability tuned 2'"),
-        ({"plan": None}, "a value is missing or of the wrong kind"),
         ({"plan.to": 1e9}, "to = 1000000000.0: must be from 0.1 to 1000"),
-        ({"plan.other": 1}, "a value is missing or of the wrong kind"),
-        ({"plan.margin": "1"}, "margin = '1': must be from 0 to 10"),
-        ({"plan.contract": {"eps_position": True}}, "eps_position = True: must be from 1e-6"),
         ({"plan.contract": {"sigma_max": math.nan}}, "sigma_max = nan: must be from 1e-6"),
-        ({"controller": [1]}, "a value is missing or of the wrong kind"),
-        ({"controller.brake": "fast"}, "brake = 'fast'"),
         ({"controller.command_latency": 0.1}, "command_latency = 0.1: must be 0, for a certificate"),
         ({"rho": 3}, "rho: must be a list of 2 to 20001 edges"),
-        ({"rho": [1.0]}, "rho: must be a list of 2 to 20001 edges"),
-        ({"rho": [1.0] * 20_002}, "rho: must be a list of 2 to 20001 edges"),
-        ({"rho": lambda values: with_first(values, "1")}, "rho = '1': must be from 1e-06 to 10000"),
         ({"rho": lambda values: with_first(values, math.nan)}, "rho = nan: must be from 1e-06 to 10000"),
         ({"rho": lambda values: with_first(values, values[1])}, "the edge before it"),
         ({"rho": lambda values: values[:-1]}, "alphas: must be a list of"),
         ({"alphas": lambda values: with_first(values, 7)}, "alphas = 7: must be even"),
-        ({"alphas": lambda values: with_first(values, 4.0)}, "alphas = 4.0: must be a whole number from 4"),
         ({"betas": lambda values: with_first(values, True)}, "betas = True: must be a whole number from 4"),
         ({"betas": lambda values: with_first(values, 10**30)}, "must be a whole number from 4 to 16000"),
         ({"betas": lambda values: [16_000] * len(values), "alphas": lambda values: [16_000] * len(values)}, "cells = "),
-        ({"ranks": "%%%"}, "ranks: "),
-        ({"ranks": 3}, "ranks: must be a text"),
         ({"ranks": pack(bytes(10))}, "ranks: must hold"),
-        ({"claims": 3}, "a value is missing or of the wrong kind"),
         ({"claims.other": 3}, "a value is missing or of the wrong kind"),
         ({"claims.radius": "1"}, "claims.radius = '1': must be from 0"),
-        ({"claims.start": math.inf}, "claims.start = inf: must be from 0"),
-        ({"claims.seed": -1}, "claims.seed = -1: must be from 0"),
-        ({"claims.steps": 1.5}, "claims.steps = 1.5: must be a whole number"),
         ({"claims.steps": True}, "claims.steps = True: must be a whole number"),
     ],
 )
@@ -78,20 +62,3 @@ def test_hostile_files_are_refused_in_one_line(path, change, part):
     assert str(caught.value).startswith(f"{path}: ")
     assert part in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize("missing", ["plan", "controller", "rho", "alphas", "betas", "ranks", "claims"])
-def test_a_file_without_a_part_is_refused(path, missing):
-    content = json.loads(path.read_text())
-    del content[missing]
-    path.write_text(json.dumps(content))
-    with pytest.raises(DiffbotError, match=f"wrong kind: '{missing}'"):
-        load_tuned(path)
-
-
-def test_a_rank_below_minus_one_is_refused(certificate, path):
-    ranks = certificate.ranks.copy()
-    ranks[-1] = -2
-    save_tuned(path, certificate._replace(ranks=ranks))
-    with pytest.raises(DiffbotError, match="ranks = -2: must be >= -1"):
-        load_tuned(path)

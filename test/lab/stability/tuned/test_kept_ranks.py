@@ -6,7 +6,6 @@ import pytest
 from diffbot_control.law.configuration import ControllerConfig
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.stability.tuned import certify as maker
-from diffbot_lab.stability.tuned import kept_ranks
 from diffbot_lab.stability.tuned.kept_ranks import KeptRanks
 
 
@@ -31,28 +30,11 @@ def test_after_ctrl_c_the_search_goes_on_and_finds_the_same(monkeypatch, certifi
     np.testing.assert_array_equal(again.ranks, certificate.ranks)
 
 
-def test_ranks_are_kept_now_and_then(monkeypatch, tmp_path):
-    state, ranks = tmp_path / "state", np.array([0, 1, -1], np.int16)
-    kept = KeptRanks(state, "task", 3)
-    kept.save_now_and_then(ranks)
-    assert not state.exists()
-    monkeypatch.setattr(kept_ranks, "_SAVED_EVERY", -1.0)
-    kept.save_now_and_then(ranks)
-    np.testing.assert_array_equal(KeptRanks(state, "task", 3).ranks, ranks)
-
-
-@pytest.mark.parametrize(
-    ("task", "cells", "part"),
-    [("other", 3, "is of another certificate or of other code"), ("task", 4, "is of another certificate")],
-)
-def test_ranks_of_another_calculation_are_refused(tmp_path, task, cells, part):
+def test_ranks_of_another_calculation_and_a_damaged_file_are_refused(tmp_path):
     KeptRanks(tmp_path / "state", "task", 3).save(np.zeros(3, np.int16))
-    with pytest.raises(DiffbotError, match=part):
-        KeptRanks(tmp_path / "state", task, cells)
-
-
-@pytest.mark.parametrize("content", [b"", b"no file of numpy", b"PK\x03\x04"])
-def test_a_damaged_file_is_refused_in_one_line(tmp_path, content):
-    (tmp_path / "state").write_bytes(content)
+    for task, cells in (("other", 3), ("task", 4)):
+        with pytest.raises(DiffbotError, match="is of another certificate"):
+            KeptRanks(tmp_path / "state", task, cells)
+    (tmp_path / "state").write_bytes(b"PK\x03\x04")
     with pytest.raises(DiffbotError, match=r"state cannot be read: .*; delete it to start again$"):
         KeptRanks(tmp_path / "state", "task", 3)

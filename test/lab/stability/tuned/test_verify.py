@@ -1,7 +1,5 @@
 """The checker passes what is proved and finds mistakes planted in a certificate, in its maker, and in itself."""
 
-import functools
-
 import numpy as np
 import pytest
 
@@ -9,20 +7,16 @@ from diffbot_control.law.configuration import ControllerConfig
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.stability.tuned import certify as maker
 from diffbot_lab.stability.tuned import verify as checker
+from diffbot_lab.stability.tuned.certify import tuned_loop
 from diffbot_lab.stability.tuned.check.cells import cells_of, failing_kernel
 from diffbot_lab.stability.tuned.check.commands import numbers_of
+from diffbot_lab.stability.tuned.contract import Contract
 from diffbot_lab.stability.tuned.file import first_cells
 from diffbot_lab.stability.tuned.sample import sample
 from diffbot_lab.stability.tuned.verify import verify
 
 CONFIG = ControllerConfig()
 CELL = "not verified: the cell rho"
-ONCE = functools.cache(checker.farthest_local)
-
-
-@pytest.fixture(autouse=True)
-def bound_omega_l_once(monkeypatch):
-    monkeypatch.setattr(checker, "farthest_local", ONCE)
 
 
 def test_a_certificate_is_verified(certificate):
@@ -31,26 +25,22 @@ def test_a_certificate_is_verified(certificate):
 
 def remade(monkeypatch, certificate, name, change):
     """Make the certificate with a maker one function of which is changed."""
-    usual = getattr(maker, name)
+    usual, near = getattr(maker, name), maker.near_bounds(tuned_loop(CONFIG, Contract()), CONFIG, Contract().sigma_max)
+    monkeypatch.setattr(maker, "near_bounds", lambda *_: near)
     monkeypatch.setattr(maker, name, lambda *arguments: change(usual(*arguments)))
     return maker.certify(CONFIG, certificate.plan)
 
 
-def test_the_maker_repeats_itself(monkeypatch, certificate):
-    again = remade(monkeypatch, certificate, "tuned_loop", lambda loop: loop)
-    np.testing.assert_array_equal(again.ranks, certificate.ranks)
-
-
-@pytest.mark.parametrize("change", [{"bearing_weight": -0.8}, {"eps_theta": 0.028}, {"drive_noise": 0.045}])
+@pytest.mark.parametrize("change", [{"bearing_weight": -0.8}, {"drive_noise": 0.045}])
 def test_a_wrong_sign_and_forgotten_noise_in_the_makers_law_are_found(monkeypatch, certificate, change):
     wrong = remade(monkeypatch, certificate, "tuned_loop", lambda loop: loop._replace(**change))
     with pytest.raises(DiffbotError, match=CELL):
         verify(wrong, threads=1)
 
 
-@pytest.mark.parametrize("hair", [1e-4, 1e-3])
-def test_a_maker_that_rounds_inward_is_found(monkeypatch, certificate, hair):
+def test_a_maker_that_rounds_inward_is_found(monkeypatch, certificate):
     """The padding of the images is 2e-5: 1e-4 m and rad more than that are the least that matters with these cells."""
+    hair = 1e-4
 
     def shrunk(images):
         boxes = images.boxes.copy()
@@ -90,13 +80,7 @@ def test_ranks_that_are_one_too_small_are_found(certificate):
         verify(changed(certificate, lowered, certificate.ranks[lowered] - 1))
 
 
-def test_a_rank_that_is_too_large_is_found_at_its_neighbours(certificate):
-    at = int(np.argmax(certificate.ranks == 5))
-    with pytest.raises(DiffbotError, match=CELL):
-        verify(changed(certificate, at, 12))
-
-
-@pytest.mark.parametrize("rank", [0, 1, 12])
+@pytest.mark.parametrize("rank", [0, 12])
 def test_a_cell_that_is_left_out_is_found(certificate, rank):
     """Within the start at once, and otherwise at the cells that lead to it."""
     at = int(np.flatnonzero(certificate.ranks == rank)[-1 if rank == 0 else 0])
@@ -143,27 +127,16 @@ def test_edges_that_begin_too_near_or_too_far_are_found(certificate):
         verify(far)
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        lambda config: config._replace(profile_gains=config.profile_gains._replace(turn_react=0.5)),
-        lambda config: config._replace(profile_gains=config.profile_gains._replace(bearing_weight=0.9)),
-        lambda config: config._replace(data_sheet=config.data_sheet._replace(omega_max=2.0)),
-    ],
-)
-def test_a_certificate_of_another_law_is_found(certificate, change):
+def test_a_certificate_of_another_law_or_contract_is_found(certificate):
+    weaker = CONFIG._replace(profile_gains=CONFIG.profile_gains._replace(turn_react=0.5))
     with pytest.raises(DiffbotError, match=CELL):
-        verify(certificate._replace(config=change(CONFIG)))
-
-
-@pytest.mark.parametrize("eps_position", [0.062, 0.08])
-def test_a_certificate_of_another_contract_is_found(certificate, eps_position):
-    contract = certificate.plan.contract._replace(eps_position=eps_position)
+        verify(certificate._replace(config=weaker))
+    contract = certificate.plan.contract._replace(eps_position=0.062)
     with pytest.raises(DiffbotError, match="not verified"):
         verify(certificate._replace(plan=certificate.plan._replace(contract=contract)))
 
 
-@pytest.mark.parametrize("change", [{"weight": -0.8}, {"turn_brake": -7.0}, {"noise": 0.06}])
+@pytest.mark.parametrize("change", [{"weight": -0.8}, {"noise": 0.06}])
 def test_a_checker_with_a_mistake_refuses_a_valid_certificate(monkeypatch, certificate, change):
     usual = checker.numbers_of
     monkeypatch.setattr(checker, "numbers_of", lambda *arguments: usual(*arguments)._replace(**change))
@@ -171,19 +144,10 @@ def test_a_checker_with_a_mistake_refuses_a_valid_certificate(monkeypatch, certi
         verify(certificate, threads=1)
 
 
-def test_gains_too_large_for_the_checks_rounding_are_refused_by_name(certificate):
-    gains = CONFIG.profile_gains._replace(turn_brake=1e4, turn_react=60.0)
-    with pytest.raises(DiffbotError, match=r"turn_react = 60\.0: must be less"):
-        verify(certificate._replace(config=CONFIG._replace(profile_gains=gains)))
-
-
-def test_random_steps_of_the_robots_own_law_keep_to_the_ranks(certificate):
+def test_random_steps_of_the_robots_own_law_keep_to_the_ranks_and_find_those_of_another(certificate):
     assert sample(certificate, 200_000, 17).broken == 0
-
-
-def test_random_steps_find_ranks_of_another_law(certificate):
     weak = CONFIG._replace(profile_gains=CONFIG.profile_gains._replace(turn_react=5.0))
-    assert sample(certificate._replace(config=weak), 200_000, 17).broken > 0
+    assert sample(certificate._replace(config=weak), 50_000, 17).broken > 0
 
 
 def test_a_leg_of_the_finish_that_is_faster_is_found(certificate):

@@ -1,0 +1,136 @@
+"""Throughput of the compiled closed loop: against plain Python, a kernel written by hand, and one thread."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from measures import OURS, Measure, Pair
+from numba import njit
+
+from diffbot_core.geometry import Pose
+from diffbot_lab.paper.experiment import SETTINGS, case_of, starts_of
+from diffbot_sim.compiled.batch import HISTORY_COLUMNS, run_batch
+from diffbot_sim.compiled.closed_loop import run_loop
+
+ROUNDS, RUNS = 9, 4000
+QUICK_RUNS = 100
+STEPS = 300
+CASE = case_of("law 17", SETTINGS[0])
+FILTERED = case_of("law 17", SETTINGS[1])
+START = starts_of("a")
+MEASURES = (
+    Measure("python", "all threads, beside the same loop as plain Python", "M steps/s", at_least=70.0),
+    Measure("kernel", "one thread, beside a kernel written by hand for this case", "M steps/s", at_least=0.8),
+    Measure("threads", "two threads, beside one", "M steps/s", at_least=1.8),
+    Measure("filter", "all threads, with the filter in the loop", "M steps/s", OURS, at_least=3.0),
+)
+
+
+@njit(nogil=True, error_model="numpy", cache=True)
+def _wrap(angle):
+    if -math.pi < angle <= math.pi:
+        return angle
+    angle = angle % (2.0 * math.pi)
+    return angle - 2.0 * math.pi if angle > math.pi else angle
+
+
+@njit(nogil=True, error_model="numpy", cache=True)
+def _philox(a, b, c, d, key_low, key_high):
+    for _ in range(10):
+        first, second = 0xD2511F53 * a, 0xCD9E8D57 * c
+        a, b = ((second >> 32) & 0xFFFFFFFF) ^ b ^ key_low, second & 0xFFFFFFFF
+        c, d = ((first >> 32) & 0xFFFFFFFF) ^ d ^ key_high, first & 0xFFFFFFFF
+        key_low, key_high = (key_low + 0x9E3779B9) & 0xFFFFFFFF, (key_high + 0xBB67AE85) & 0xFFFFFFFF
+    unit = 2.0**-32
+    return (2.0 * a + 1.0) * unit - 1.0, (2.0 * b + 1.0) * unit - 1.0, (2.0 * c + 1.0) * unit - 1.0
+
+
+@njit(nogil=True, error_model="numpy", cache=True)
+def reference_kernel(start, seed, first, steps, outcomes):
+    """Simulation A under law (17) with the paper's noise, written by hand for this one case: plain numbers only.
+
+    The columns of Outcome up to ``turning``; when the law reports the goal as reached is not followed.
+    """
+    gamma, k, h, k_2, t_s, radius = 1.3, 1.0, 0.17, 2.7, 0.1, 0.5
+    for index in range(len(outcomes)):
+        run = first + index
+        x, y, theta = start[0], start[1], start[2]
+        last_outside, path, effort, local_time, switches, region = -1, 0.0, 0.0, math.nan, 0, 0
+        turning = 0.0
+        seen_x = seen_y = 0.0
+        for step in range(steps + 1):
+            a, b, c = _philox(step, 1, run & 0xFFFFFFFF, run >> 32, seed & 0xFFFFFFFF, seed >> 32)
+            seen_x, seen_y, seen_theta = x + 0.3 * a, y + 0.3 * b, _wrap(theta + 0.17 * c)
+            rho = math.hypot(seen_x, seen_y)
+            beta = math.atan2(0.0 - seen_y, 0.0 - seen_x)
+            alpha = _wrap(beta - seen_theta)
+            near = 1 if (rho <= radius if region == 1 else rho < radius) else 0
+            switches += near != region
+            region = near
+            cosine, tangent = math.cos(alpha), math.tanh(rho)
+            v = gamma * tangent * cosine
+            if region == 1:
+                omega = -k_2 * seen_theta
+            else:
+                sinc = math.sin(alpha) / alpha if abs(alpha) >= 1e-4 else 1.0 - alpha * alpha / 6.0
+                slope = tangent / rho if rho >= 1e-4 else 1.0 - rho * rho / 3.0
+                omega = k * alpha + gamma * sinc * slope * cosine * (alpha + h * beta)
+            if math.hypot(x, y) > 0.4 or abs(theta) > 0.1:
+                last_outside = step
+            if region == 1 and math.isnan(local_time):
+                local_time = step * t_s
+            if step < steps:
+                effort += (v * v + omega * omega) * t_s
+                a, b, c = _philox(step, 0, run & 0xFFFFFFFF, run >> 32, seed & 0xFFFFFFFF, seed >> 32)
+                forward = t_s * (v + 0.065 * a)
+                dx, dy = forward * math.cos(theta), forward * math.sin(theta)
+                turned = _wrap(theta + t_s * (omega + 0.2167 * b))
+                turning += abs(_wrap(turned - theta)) if math.hypot(x, y) <= 1.0 else 0.0
+                x, y, theta = x + dx, y + dy, turned
+                path += math.hypot(dx, dy)
+        row = outcomes[index]
+        row[0], row[1], row[2] = x, y, theta
+        row[3] = (last_outside + 1) * t_s if last_outside < steps else math.nan
+        row[4], row[5], row[6], row[7] = path, effort, switches, local_time
+        row[8], row[9] = math.hypot(seen_x - x, seen_y - y), turning
+
+
+def rate(runs: int, call: Callable[[], Any], clock: Callable[[], float] = time.perf_counter) -> float:
+    """Return the million steps a second of a call that does so many runs."""
+    begin = clock()
+    call()
+    return 1e-6 * runs * STEPS / (clock() - begin)
+
+
+def one_round(runs: int) -> dict[str, Pair]:
+    """Measure each once, both sides right after each other; what runs in one thread in CPU time."""
+    nothing, outcomes, cpu = np.empty((0, len(HISTORY_COLUMNS))), np.empty((runs, 10)), time.process_time
+    return {
+        "python": Pair(
+            rate(runs, lambda: run_batch(CASE, START, 1, 0, runs)),
+            rate(1, lambda: run_loop(CASE, 1, 0, Pose(*START.poses[0]), nothing)),
+        ),
+        "kernel": Pair(
+            rate(runs, lambda: run_batch(CASE, START, 1, 0, runs, threads=1), cpu),
+            rate(runs, lambda: reference_kernel(START.poses[0], 1, 0, STEPS, outcomes), cpu),
+        ),
+        "threads": Pair(
+            *(rate(runs, lambda n=n: run_batch(CASE, START, 1, 0, runs, threads=n)) for n in (2, 1)),
+        ),
+        "filter": Pair(rate(runs, lambda: run_batch(FILTERED, START, 1, 0, runs))),
+    }
+
+
+def measure(quick: bool, folder: Path) -> Iterator[dict[str, Pair]]:
+    """Compile, compare the results of both kernels, and yield each round."""
+    run_batch(FILTERED, START, 1, 0, 2)
+    theirs = np.empty((20, 10))
+    reference_kernel(START.poses[0], 1, 0, STEPS, theirs)
+    np.testing.assert_allclose(theirs, run_batch(CASE, START, 1, 0, 20)[:, :10], rtol=1e-9, atol=1e-9)
+    for _ in range(1 if quick else ROUNDS):
+        yield one_round(QUICK_RUNS if quick else RUNS)

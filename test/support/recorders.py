@@ -1,0 +1,72 @@
+"""A recorder in the process of the test: DDS hands messages on at once there, and its clock can be read."""
+
+import graph
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import Twist
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.serialization import serialize_message
+from rosbags.highlevel import AnyReader
+
+from diffbot_bag.recorder_node import RecorderNode
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+DEEP = 10_000
+
+
+class Recorder:
+    """A recorder on the executor of the test's own node, and its reports."""
+
+    def __init__(self, nodes, folder, arguments=(), **parameters):
+        """Start it with these parameters; it looks for topics every 50 ms."""
+        self.nodes, self.peer = nodes, nodes.peer
+        self.reports = nodes.peer.subscribe(DiagnosticStatus, "/recorder/status", LATCHED)
+        parameters = {"uri": str(folder), "topic_polling_interval": 0.05, **parameters}
+        self.node = nodes.add(RecorderNode, parameters, arguments)
+
+    def value(self, key):
+        """A value of the newest report."""
+        return graph.values(self.reports[-1])[key] if self.reports else ""
+
+    def wait(self, key, expected):
+        """Spin until the recorder reports this value."""
+        self.peer.spin_until(lambda: self.value(key) == str(expected), what=f"{key} = {expected}")
+
+    def wait_for(self, *publishers):
+        """Spin until the recorder and each publisher know of each other."""
+        names = {publisher.topic_name for publisher in publishers}
+        self.peer.spin_until(
+            lambda: (
+                names <= set(self.value("topics").split())
+                and all(publisher.get_subscription_count() for publisher in publishers)
+            ),
+            what=f"subscriptions to {names}",
+        )
+
+    def close(self):
+        """End it as its process would; what it has not taken yet, it takes now."""
+        self.node.before_shutdown()
+        self.nodes.remove(self.node)
+
+
+def twists(count, first=0):
+    """Messages that differ, the numbers of ``count``."""
+    message = Twist()
+    for index in range(first, first + count):
+        message.linear.x = float(index)
+        yield message
+
+
+def publish(publisher, messages):
+    """Publish and return the bytes, serialized by ROS and apart from the recorder."""
+    sent = []
+    for message in messages:
+        sent.append(bytes(serialize_message(message)))
+        publisher.publish(message)
+    return sent
+
+
+def recorded(folder, topic):
+    """Bytes of a topic as rosbags reads them."""
+    with AnyReader([folder]) as reader:
+        chosen = [connection for connection in reader.connections if connection.topic == topic]
+        return [bytes(data) for _, _, data in reader.messages(chosen)]

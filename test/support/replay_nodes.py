@@ -1,0 +1,70 @@
+"""A replay in the process of the test, paused until it and the test's subscriptions know of each other."""
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_srvs.srv import Trigger
+
+from diffbot_bag.replay_node import ReplayNode
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class Replay:
+    """A replay in the process of the test, and what subscriptions of the test receive from it.
+
+    It is paused until it and the subscriptions know of each other, and ends when reliable ones have everything.
+    """
+
+    def __init__(self, nodes, uri, subscribed, arguments=(), **parameters):
+        """Start; ``subscribed`` are types and QoS of subscriptions by topic."""
+        self.nodes, self.peer, self.topics, self.messages = nodes, nodes.peer, list(subscribed), []
+        for topic, (kind, qos) in subscribed.items():
+            nodes.peer.node.create_subscription(kind, topic, self._append(topic), qos, raw=True)
+        self.reports = nodes.peer.subscribe(DiagnosticStatus, "/replay/status", LATCHED)
+        waits = {"wait_for_topics": self.topics or ["/none"], "wait_timeout": 60.0, "wait_acked_timeout": 60.0}
+        given = {"uri": str(uri), "start_paused": True, "disable_keyboard_controls": True, **waits, **parameters}
+        self.node = nodes.add(ReplayNode, given, arguments)
+
+    def __enter__(self):
+        self.peer.wait_for_publishers(*self.topics)
+        return self
+
+    def __exit__(self, *_):
+        if self.node is not None:
+            self.node.before_shutdown()
+            self.nodes.remove(self.node)
+
+    def _append(self, topic):
+        return lambda data: self.messages.append((topic, bytes(data)))
+
+    def of(self, topic):
+        return [data for name, data in self.messages if name == topic]
+
+    def call(self, name):
+        answer = self.peer.call(Trigger, f"/replay/{name}")
+        return answer.success, answer.message
+
+    def set(self, **values):
+        """Set parameters; return the reason of the last refusal, or an empty text."""
+        results = self.node.set_parameters([Parameter(name, value=value) for name, value in values.items()])
+        return next((result.reason for result in results if not result.successful), "")
+
+    def wait_for(self, topic, count):
+        self.peer.spin_until(lambda: len(self.of(topic)) >= count, what=f"{count} messages of {topic}")
+
+    def wait_for_end(self):
+        """Spin until it has ended and all is received; return its exit status."""
+        self.peer.spin_until(lambda: self.node.exit_code is not None, what="the end of the replay")
+        self.peer.spin_until_quiet()
+        return self.node.exit_code
+
+    def play(self):
+        assert self.call("resume") == (True, "playing")
+        assert self.wait_for_end() == 0
+
+
+def play(nodes, uri, subscribed, arguments=(), **parameters):
+    with Replay(nodes, uri, subscribed, arguments, **parameters) as replay:
+        replay.play()
+    return replay

@@ -1,0 +1,54 @@
+"""Steps of the robot itself under the default law, with the errors that a contract allows."""
+
+import math
+
+import numpy as np
+
+from diffbot_control.law.configuration import ControllerConfig
+from diffbot_control.law.polar_coordinates import navigation_variables
+from diffbot_control.law.steering import FRONT, drive_and_hold, drive_and_steer, led_by
+from diffbot_core.geometry import Pose, wrap_angle
+from diffbot_lab.stability.tuned.contract import Contract
+from diffbot_sim.model.philox import Draw
+from diffbot_sim.model.plant import PlantConfig, new_plant, plant_step
+
+CONFIG = ControllerConfig()
+GAINS, SHEET = CONFIG.profile_gains, CONFIG.data_sheet
+CONTRACT = Contract(sigma_max=0.05)
+SLOWING = CONTRACT.sigma_max * GAINS.sigma_known / (CONFIG.tolerance.xy_goal_tolerance / 3.0)
+"""the largest deviation as the law is given it: a third of the tolerance is as good as known"""
+PLANT = PlantConfig()
+
+
+def moved(rng, pose, command):
+    """Return the pose after a step with the largest noise of each wheel."""
+    left, right = rng.choice([-1.0, 1.0], 2)
+    return plant_step(new_plant(pose), command, Draw(left, right, 0.0, 0.0), PLANT).pose
+
+
+def measured(pose, errors):
+    """Return the estimate with shares (x, y, theta) of the errors allowed; the position's error is within a disc."""
+    x, y, theta = errors
+    share = CONTRACT.eps_position / max(1.0, math.hypot(x, y))
+    return Pose(pose.x + share * x, pose.y + share * y, wrap_angle(pose.theta + CONTRACT.eps_theta * theta))
+
+
+def random_step(rng, box, leading):
+    """Drive a step from a random state of a box (rho, alpha, beta) in Omega_G; return the state after it."""
+    r, a, b = (rng.uniform(low, high) for low, high in zip(box[::2], box[1::2], strict=True))
+    turned = 0.0 if leading == FRONT else math.pi
+    pose = Pose(-r * math.cos(b + turned), -r * math.sin(b + turned), wrap_angle(b - a))
+    errors = np.sign(rng.uniform(-1.0, 1.0, 3)) * rng.choice([1.0, rng.uniform()])
+    seen = led_by(navigation_variables(measured(pose, errors)), leading)
+    command = drive_and_steer(seen, SLOWING * rng.uniform(), leading, GAINS, SHEET)
+    return led_by(navigation_variables(moved(rng, pose, command)), leading)
+
+
+def random_local_distance(rng, rho, alpha):
+    """Drive a step of Omega_L from this distance and bearing with any beta; return the distance after it."""
+    beta = rng.uniform(-math.pi, math.pi)
+    pose = Pose(-rho * math.cos(beta), -rho * math.sin(beta), wrap_angle(beta - alpha))
+    seen = measured(pose, rng.choice([-1.0, 0.0, 1.0], 3))
+    command = drive_and_hold(navigation_variables(seen), seen.theta, 0.0, GAINS, SHEET)
+    after = moved(rng, pose, command)
+    return math.hypot(after.x, after.y)
