@@ -56,15 +56,14 @@ def test_poses_beyond_the_leaving_radius_count_as_outside_and_nearer_ones_may_no
 )
 def test_no_leg_of_the_finish_goes_farther_or_faster_than_the_bounds(tolerance, x, y, sigma, reached, backward):
     """Sampled with the law itself, from where a leg begins to its last one; the heading can be known."""
+    gains, sheet = CONFIG.profile_gains, CONFIG.data_sheet
     goal, local = CONFIG.tolerance._replace(xy_goal_tolerance=tolerance), Pose(x, y, 0.0)
     state, rest = Finish(), Standing(10.0, reached, backward)
     state = next_finish(state, local, rest, Uncertainty(sigma, 0.01), goal, CONFIG.finish)
     while is_leg(state):
         assert state.reach <= longest_reach(abs(y), goal)
         far = Pose(-9.0 * state.side, 0.0, 0.0)
-        assert abs(
-            finish_command(state, far, goal, CONFIG.finish, CONFIG.profile_gains, CONFIG.data_sheet).v
-        ) <= fastest_leg(CONFIG.finish)
+        assert abs(finish_command(state, far, goal, CONFIG.finish, gains, sheet).v) <= fastest_leg(CONFIG.finish)
         end = Pose(2.0 * state.side * state.reach + state.side * tolerance, y, 0.0)
         state = next_finish(state, end, rest, Uncertainty(sigma, 0.01), goal, CONFIG.finish)
 
