@@ -224,7 +224,7 @@ def test_bad_paths_are_dropped_and_counted_and_change_nothing(robot):
 
 def test_a_pose_without_a_frame_is_in_the_paths(robot):
     send_path(robot, path(ROUTE[1:3], pose_frame=""))
-    assert newest(robot)["goal"] == "2 -2 0.5"
+    robot.peer.spin_until(lambda: newest(robot)["goal"] == "2 -2 0.5", 60.0, "a status with the path's last pose")
 
 
 def test_ten_thousand_poses_are_taken(robot):
