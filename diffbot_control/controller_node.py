@@ -200,23 +200,27 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
             pose: in ``map_frame``.
             uncertainty: of the pose; it has to be known.
         """
-        self._answer(stamp, pose, uncertainty)
-        self.health.accept(self._pose_topic, time.monotonic())
+        if self._answer(stamp, pose, uncertainty):
+            self.health.accept(self._pose_topic, time.monotonic())
 
-    def _answer(self, stamp: int, pose: Pose, uncertainty: Uncertainty) -> None:
+    def _answer(self, stamp: int, pose: Pose, uncertainty: Uncertainty) -> bool:
+        """Answer a pose; return whether its stamp advanced, the only sign of life there is."""
+        advances = self._pose_watch.on_pose(stamp)
+        if not advances:
+            self.health.counted[f"{self._pose_topic} without a later stamp"] += 1
         if not self.is_active:
-            return
-        self._pose_watch.on_pose()
+            return advances
         self._check_gains(stamp)
         if self._pose_watch.clock_problem(self.config):
             self._on_tick()
-            return
+            return advances
         command = self.supervisor.on_pose(stamp, self.clock_watch.now(), pose, uncertainty)
         if command is not None:
             self.outputs.send(command, stamp)
             self._report_limits()
         self.outputs.publish_navigation(stamp, self.supervisor)
         self._publish_changes()
+        return advances
 
     def _report_limits(self) -> None:
         if self.supervisor.is_beyond_limits:

@@ -38,12 +38,15 @@ from diffbot_core.geometry import Pose
 from diffbot_core.ros.managed_node import INACTIVE, ManagedNode
 from diffbot_core.ros.node import run, status_message
 from diffbot_core.ros.qos import STATUS, sensor_qos
+from diffbot_core.stamps import StampWatch
 from diffbot_core.uncertainty import Uncertainty
 from diffbot_core.units import S_PER_NS
 
 WAITING = "waiting for first fix"
 RUNNING = "running"
 SILENT = "no odometry"
+STANDSTILL = "odometry stands still"
+"""What /diagnostics adds if messages come, but none with a later stamp."""
 _STATUS_PERIOD = 0.5
 _SAVE_PERIOD = 5.0
 """[s] between two saves of the state file: what a crash can lose."""
@@ -72,7 +75,11 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         self._transforms = transform_sender(self, *frames, config.transform_tolerance) if config.publish_tf else None
         self._newest: tuple[Estimate, OdometryStep] | None = None
         self._last_state = ""
+        self._odometry_stamps = StampWatch()
         self._last_odometry: int | None = None
+        """[ns] steady time of the newest odometry that was accepted and whose stamp advanced"""
+        self._last_arrival: int | None = None
+        """[ns] steady time of the newest odometry of any kind"""
         self._inputs = EkfInputs(config)
         self._keeper = self._restore()
         qos = sensor_qos(config.reliable_inputs)
@@ -120,20 +127,31 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
             return INACTIVE
         if not self.localization.initialised:
             return WAITING
-        last = self._last_odometry
-        silence = math.inf if last is None else (time.monotonic_ns() - last) * S_PER_NS
-        return SILENT if silence > self.config.sensor_timeout else RUNNING
+        return RUNNING if self._is_recent(self._last_odometry) else SILENT
+
+    def _is_recent(self, event: int | None) -> bool:
+        """Return True if ``event`` [ns, steady clock] is at most sensor_timeout ago."""
+        return event is not None and (time.monotonic_ns() - event) * S_PER_NS <= self.config.sensor_timeout
+
+    def _level(self, state: str) -> int:
+        if state in (RUNNING, INACTIVE):
+            return int(DiagnosticStatus.OK[0])
+        return int((DiagnosticStatus.ERROR if state == SILENT else DiagnosticStatus.WARN)[0])
 
     def health_level(self) -> tuple[int, str]:
         """Report the filter's state in /diagnostics."""
         level, text = super().health_level()
         state, nis = self.state(), self.localization.monitor.nis()
+        warnings = []
+        if state == SILENT and self._is_recent(self._last_arrival):
+            warnings.append(STANDSTILL)
         if nis is not None and nis.mean > nis.alarm:
-            level, text = DiagnosticStatus.WARN[0], f"innovations larger than the covariances allow; {text}"
-        for kind in self.localization.correlated():
-            name = self.localization.monitor.names[kind]
-            level, text = DiagnosticStatus.WARN[0], f"innovations of {name} correlated in time; {text}"
-        return max(level, 0 if state == RUNNING else DiagnosticStatus.WARN[0]), f"{state}; {text}"
+            warnings.append("innovations larger than the covariances allow")
+        names = self.localization.monitor.names
+        warnings += [f"innovations of {names[kind]} correlated in time" for kind in self.localization.correlated()]
+        if warnings:
+            level, text = max(level, DiagnosticStatus.WARN[0]), "; ".join([*warnings, text])
+        return max(level, self._level(state)), f"{state}; {text}"
 
     def _on_fix(self, message: PoseWithCovarianceStamped) -> None:
         fix = self._inputs.fix(message)
@@ -213,8 +231,16 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
             self._transforms.send(stamp, move(estimate.pose, step.twist, dt).end, in_odom)
 
     def _answer(self, odometry: OdometryStep) -> Estimate:
-        self._last_odometry = time.monotonic_ns()
+        self._last_arrival = now = time.monotonic_ns()
+        advances = self._odometry_stamps.advances(odometry.stamp)
+        if advances and not self.localization.initialised:
+            # Refused for want of a fix only.
+            self._last_odometry = now
         estimate = self.localization.on_odometry(odometry)
+        if advances:
+            self._last_odometry = now
+        else:
+            self.health.counted["odometry without a later stamp"] += 1
         if not self.is_active:
             return estimate
         if self.pose_receiver is not None:
@@ -252,8 +278,9 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         if state != self._last_state:
             self.get_logger().info(state)
         self._last_state = state
-        level = 0 if state in (RUNNING, INACTIVE) else DiagnosticStatus.WARN[0]
-        self._statuses.publish(status_message(self.get_fully_qualified_name(), level, state, values))
+        if state == SILENT and self._is_recent(self._last_arrival):
+            values["reason"] = STANDSTILL
+        self._statuses.publish(status_message(self.get_fully_qualified_name(), self._level(state), state, values))
 
     def details(self) -> dict[str, str]:
         """Return the filter's values for ~/status and /diagnostics."""

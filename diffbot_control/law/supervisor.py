@@ -16,6 +16,7 @@ from diffbot_control.law.supervisor_config import SupervisorConfig as Supervisor
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
+from diffbot_core.stamps import StampWatch
 from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
 from diffbot_core.units import S_PER_NS
 
@@ -75,7 +76,7 @@ class Supervisor:
         """the present goal is among goals_reached"""
         self._goal_stamp: int | None = None
         """[ns] of the first pose with the present goal"""
-        self._stamp: int | None = None
+        self._stamps = StampWatch()
         self.pose: Pose | None = None
         self._answer: Twist | None = None
         """to the newest pose"""
@@ -83,8 +84,9 @@ class Supervisor:
         """the last one"""
         self._step_input: _StepInput | None = None
         self._last_pose_time: float | None = None
+        """[s] of the newest pose whose stamp advanced"""
         self._silent_since = 0.0
-        """[s] of the newest pose or goal"""
+        """[s] of that pose, or of a goal after it"""
         self._zeros_due = 0
 
     def on_goal(self, goal: Pose, request: GoalRequest = ANONYMOUS) -> None:
@@ -155,7 +157,7 @@ class Supervisor:
         return None if self.config.publish_when_idle else self._come_to_rest(0.0)
 
     def on_pose(self, stamp: int, now: float, pose: Pose, uncertainty: Uncertainty = CERTAIN) -> Twist | None:
-        """Answer a pose.
+        """Answer a pose. Only one whose stamp advances is a sign of life; a repeated one may correct the last step.
 
         Args:
             stamp: [ns] time the pose belongs to.
@@ -163,13 +165,23 @@ class Supervisor:
             pose: in the frame of the goals.
             uncertainty: of the pose; by default the pose is assumed exact.
         """
-        dt = 0.0 if self._stamp is None else min(max((stamp - self._stamp) * S_PER_NS, 0.0), _MAX_STEP)
-        same_step, same_pose = stamp == self._stamp, pose == self.pose
-        self._stamp, self.pose = stamp, pose
-        self._last_pose_time = self._silent_since = self.goals.now = now
+        before, advances, dt = self._stamps.newest, self._stamps.advances(stamp), 0.0
+        if advances:
+            dt = 0.0 if before is None else min((stamp - before) * S_PER_NS, _MAX_STEP)
+            self._last_pose_time = self._silent_since = now
+        self.goals.now = now
+        same_step, same_pose = stamp == before, pose == self.pose
         if self.goal is None:
+            self.pose = pose
             return self._come_to_rest(dt)
-        if same_step and self._answer is not None and self.state != STALE:
+        if not advances and (self.state == STALE or self._is_overdue(now)):
+            # The sender repeats itself, and the robot may be anywhere by now.
+            return STOP
+        if stamp < self._stamps.newest and self._answer is not None:
+            # Out of order: a newer pose is answered already.
+            return self._answer
+        self.pose = pose
+        if same_step and self._answer is not None:
             # A pose that is sent again, as in lock-step after a stall, is not a new step: the answer is the same.
             if same_pose:
                 return self._answer
@@ -211,12 +223,13 @@ class Supervisor:
 
     def _reason_to_give_up(self) -> str:
         """Return why the present goal is given up, empty if it is not."""
-        if self._stamp is None:
+        stamp = self._stamps.newest
+        if stamp is None:
             return ""
         if self._goal_stamp is None:
-            self._goal_stamp = self._stamp
+            self._goal_stamp = stamp
         timeout = self.config.goal_timeout
-        if 0.0 < timeout <= (self._stamp - self._goal_stamp) * S_PER_NS:
+        if 0.0 < timeout <= (stamp - self._goal_stamp) * S_PER_NS:
             return f"not reached within goal_timeout = {timeout:g} s"
         return self._driver.reason_to_give_up(self.memory, self.config)
 
@@ -244,7 +257,7 @@ class Supervisor:
             return None
         # Time that runs backwards (a restarted simulation) must not disable the timeout.
         self._last_pose_time = min(self._last_pose_time, now)
-        if not is_stale and now - self._last_pose_time <= self.config.pose_timeout:
+        if not is_stale and not self._is_overdue(now):
             return None
         self.memory = self._driver.halted(self.memory)
         self._command = STOP
@@ -254,6 +267,9 @@ class Supervisor:
         else:
             self.state = STALE
         return STOP
+
+    def _is_overdue(self, now: float) -> bool:
+        return self._last_pose_time is not None and now - self._last_pose_time > self.config.pose_timeout
 
     def _watch_for_loss(self, now: float, silence: float) -> None:
         """Give the goal up if no pose has come for ``pose_lost_timeout``; a goal that was reached is kept."""

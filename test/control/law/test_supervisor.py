@@ -7,6 +7,7 @@ import pytest
 
 from diffbot_control.law import controller
 from diffbot_control.law.controller import ControllerMemory
+from diffbot_control.law.goal_record import POSE_LOST, GoalRequest
 from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.regions import OMEGA_L
 from diffbot_control.law.supervisor import (
@@ -309,23 +310,44 @@ def test_a_pose_sent_again_after_a_waypoint_was_passed_passes_no_other_and_a_cor
     assert story.supervisor.waypoint == 2
 
 
-def test_a_pose_sent_again_keeps_the_watch_quiet():
-    story = Story()
+def test_a_pose_whose_stamp_stands_still_is_no_sign_of_life():
+    """Sent again and again, with the same values or corrected ones, it stops the robot and loses the goal."""
+    story = Story(pose_timeout=0.5, pose_lost_timeout=5.0)
     story.supervisor.on_goal(GOAL)
+    story.supervisor.goals.accept(GoalRequest("a" * 32, "goal_pose", story.now))
     command = story.pose()
-    story.now += 0.45
-    assert story.supervisor.on_pose(round((story.now - 0.45) * 1e9), story.now, AWAY) == command
-    assert story.tick(0.4) is None
-    assert story.tick(0.2) == ZERO
+    stamp, began = round(story.now * 1e9), story.now
+    while story.state != NOT_REACHED:
+        story.now += 0.05
+        repeated = AWAY if story.now < began + 2.0 else Pose(-3.0 + 0.01 * (story.now - began), 0.0, 0.0)
+        answer = story.supervisor.on_pose(stamp, story.now, repeated)
+        stopped = story.supervisor.on_tick(story.now)
+        overdue = story.now - began > 0.5
+        assert (answer, stopped) == ((ZERO, ZERO) if overdue else (command, None)) or story.state == NOT_REACHED
+        assert story.state == (STALE if overdue else DRIVING) or story.now >= began + 5.0
+        assert story.now < began + 6.0
+    assert story.supervisor.goals.ended[-1].end == POSE_LOST
+    # The next later stamp is life again.
+    story.supervisor.on_goal(GOAL)
+    assert story.pose() == command
+    assert story.state == DRIVING
 
 
-def test_a_pose_sent_again_after_silence_or_for_another_goal_is_answered_anew():
+def test_an_older_pose_neither_lives_nor_moves_the_time():
+    story = Story(controller=SLOW_DOWN)
+    story.supervisor.on_goal(GOAL)
+    story.pose(FAR)
+    command = story.pose(FAR)
+    for _ in range(3):
+        assert story.supervisor.on_pose(round((story.now - 0.05) * 1e9), story.now, Pose(50.0, 0.0, 0.0)) == command
+    assert story.supervisor.pose == FAR
+    # 0.1 s since the newest, not 0.15 s since the last one that came.
+    assert story.pose(FAR).v == pytest.approx(command.v + 0.1)
+
+
+def test_a_pose_sent_again_for_another_goal_is_answered_anew():
     story = Story(controller=QUICK)
     story.supervisor.on_goal(GOAL)
-    command = story.pose()
-    assert story.tick(1.0) == ZERO
-    assert story.supervisor.on_pose(round((story.now - 1.0) * 1e9), story.now, AWAY) == command
-    assert story.state == DRIVING
     story.pose()
     story.supervisor.on_goal(Pose(-6.0, 0.0, 0.0))
     assert story.again().v == pytest.approx(-1.3 * math.tanh(3.0))
