@@ -68,7 +68,8 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
     def configure(self) -> None:
         """Create publishers, subscriptions and the service ~/reset."""
         config = self.config
-        self.localization = Localization(config.localization, config.wheels.wheel_separation)
+        separation = config.wheels.wheel_separation
+        self.localization = Localization(config.localization, separation, config.sensor_timeout)
         self._outputs = EkfPublishers(self)
         self._statuses = self.create_publisher(DiagnosticStatus, "~/status", STATUS)
         frames = config.map_frame, odometry_frame(config)
@@ -107,6 +108,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
     def on_config(self, config: EkfNodeConfig) -> None:
         """Apply changed options."""
         self.localization.configure(config.localization, config.wheels.wheel_separation)
+        self.localization.max_extrapolation = config.sensor_timeout
         self._inputs = EkfInputs(config)
 
     def activate(self) -> None:

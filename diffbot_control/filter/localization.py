@@ -24,7 +24,7 @@ from diffbot_control.filter.odometry_noise import density_of, over_time
 from diffbot_control.filter.stamp_order import Key, key_of, order_of, split_at
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose
-from diffbot_core.kinematics import WheelGeometry, scale_twist_covariance
+from diffbot_core.kinematics import Twist, TwistCovariance, WheelGeometry, scale_twist_covariance
 from diffbot_core.units import S_PER_NS
 
 _MAX_PENDING = 1000
@@ -52,12 +52,19 @@ class Estimate(NamedTuple):
 class _Step:
     """One odometry step of the history with the filter's memory before it, so that it can be computed again."""
 
-    __slots__ = ("measurements", "memory", "odometry", "start", "whole")
+    __slots__ = ("is_gap", "measurements", "memory", "odometry", "start", "whole")
 
     def __init__(
-        self, start: int, odometry: OdometryStep, whole: int, memory: Memory, measurements: list[Measurement]
+        self,
+        start: int,
+        odometry: OdometryStep,
+        whole: int,
+        memory: Memory,
+        measurements: list[Measurement],
+        is_gap: bool,
     ) -> None:
         self.start = start
+        self.is_gap = is_gap
         self.odometry = odometry
         self.whole = whole
         self.memory = memory
@@ -67,9 +74,22 @@ class _Step:
 class Localization:
     """A filter that fuses measurements by their stamps; it starts with the first fix, or by :meth:`initialise`."""
 
-    def __init__(self, config: LocalizationConfig, wheel_separation: float = WheelGeometry().wheel_separation) -> None:
-        """Start unknown: :attr:`initialised` is False until a pose comes; ``wheel_separation`` is L [m]."""
+    def __init__(
+        self,
+        config: LocalizationConfig,
+        wheel_separation: float = WheelGeometry().wheel_separation,
+        max_extrapolation: float = math.inf,
+    ) -> None:
+        """Start unknown: :attr:`initialised` is False until a pose comes.
+
+        Args:
+            config: options of the fusion.
+            wheel_separation: L [m].
+            max_extrapolation: [s] before its stamp for which an odometry's twist is taken for the motion; see
+                :meth:`on_odometry`.
+        """
         self.config = config
+        self.max_extrapolation = max_extrapolation
         self._history = round(config.history_length / S_PER_NS)
         self.filter = GatedFilter(config.options(), wheel_separation)
         self.monitor = InnovationMonitor(config.sources.pose_sources)
@@ -138,7 +158,9 @@ class Localization:
     def on_odometry(self, odometry: OdometryStep) -> Estimate:
         """Move to the stamp of ``odometry`` and fuse the measurements that waited for it.
 
-        An odometry with the stamp of the last one (a repetition) is answered without moving.
+        An odometry with the stamp of the last one (a repetition) is answered without moving. After a gap in the
+        odometry its twist moves the estimate for the last ``max_extrapolation`` seconds only. Before, the estimate
+        stays, and its deviation grows by the way that the faster of the two twists around the gap would have made.
 
         Raises:
             BadMessageError: before the first fix; out of order; or if time jumped back by more than the history, or
@@ -153,16 +175,32 @@ class Localization:
         if late >= 0 or late < -_MAX_GAP:
             self._check_time(late)
             return self.estimate()
+        late += self._cross_gap(-late, odometry)
         delay = round(self.config.odometry.odometry_delay / S_PER_NS)
         for piece, whole in self._delayed.pieces(self._stamp, odometry, delay) if delay else ((odometry, -late),):
             self._step(self._stamp, piece, whole)
         self._trim()
         return self.estimate()
 
-    def _step(self, start: int, odometry: OdometryStep, whole: int) -> None:
+    def _cross_gap(self, whole: int, after: OdometryStep) -> int:
+        """Pass the part of ``whole`` [ns] in which the motion before ``after`` is unknown; return its length [ns]."""
+        start = self._stamp
+        if start is None or whole * S_PER_NS <= self.max_extrapolation:
+            return 0
+        gap = whole - round(self.max_extrapolation / S_PER_NS)
+        before = self._odometry.twist if self._odometry is not None else after.twist
+        v = max(abs(before.v), abs(after.twist.v))
+        # A deviation of pi says that nothing is known of the heading.
+        omega = min(max(abs(before.omega), abs(after.twist.omega)), math.pi / (gap * S_PER_NS))
+        unknown = OdometryStep(start + gap, Twist(0.0, 0.0), TwistCovariance(v * v, 0.0, omega * omega))
+        self._delayed.clear()
+        self._step(start, unknown, gap, is_gap=True)
+        return gap
+
+    def _step(self, start: int, odometry: OdometryStep, whole: int, is_gap: bool = False) -> None:
         """Move with a twist from ``start`` [ns] to its stamp; it is the mean twist of ``whole`` [ns]."""
         ready, self._pending = split_at(self._pending, odometry.stamp)
-        step = _Step(start, odometry, whole, self.filter.memory, ready)
+        step = _Step(start, odometry, whole, self.filter.memory, ready, is_gap)
         self._steps.append(step)
         self._propagate(step, None)
         self._stamp = odometry.stamp
@@ -249,17 +287,21 @@ class Localization:
     def _propagate(self, step: _Step, late: Measurement | None) -> None:
         """Compute a step; if it is repeated for a ``late`` measurement, only that one is new to the monitor."""
         odometry, now = step.odometry, step.start
-        whole = step.whole * S_PER_NS
         for measurement in step.measurements:
             if measurement.stamp > now:
-                self._predict(odometry, (measurement.stamp - now) * S_PER_NS, whole)
+                self._predict(step, (measurement.stamp - now) * S_PER_NS)
                 now = measurement.stamp
             self._update(measurement, late is None or measurement is late)
         if odometry.stamp > now:
-            self._predict(odometry, (odometry.stamp - now) * S_PER_NS, whole)
+            self._predict(step, (odometry.stamp - now) * S_PER_NS)
 
-    def _predict(self, odometry: OdometryStep, dt: float, whole: float) -> None:
-        _, twist, covariance = odometry
+    def _predict(self, step: _Step, dt: float) -> None:
+        (_, twist, covariance), whole = step.odometry, step.whole * S_PER_NS
+        if step.is_gap:
+            # A part of the gap has its share of the variance; it is as large across the robot as along it.
+            covariance = scale_twist_covariance(covariance, whole / dt)
+            self.filter.predict(Motion(twist, dt, covariance), covariance.var_v * dt * dt)
+            return
         density = density_of(twist, covariance, self.config.odometry)
         if density is not None:
             covariance, lateral = over_time(density, twist.v, dt)
