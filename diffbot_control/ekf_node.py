@@ -45,6 +45,7 @@ from diffbot_core.units import S_PER_NS
 WAITING = "waiting for first fix"
 RUNNING = "running"
 SILENT = "no odometry"
+CONTRADICTED = "poses withheld"
 STANDSTILL = "odometry stands still"
 """What /diagnostics adds if messages come, but none with a later stamp."""
 _STATUS_PERIOD = 0.5
@@ -124,29 +125,37 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         self._save()
 
     def state(self) -> str:
-        """Return the message of ~/status: one of WAITING, RUNNING, SILENT, INACTIVE."""
+        """Return the message of ~/status: one of WAITING, RUNNING, SILENT, CONTRADICTED, INACTIVE."""
         if not self.is_active:
             return INACTIVE
         if not self.localization.initialised:
             return WAITING
-        return RUNNING if self._is_recent(self._last_odometry) else SILENT
+        if not self._is_recent(self._last_odometry):
+            return SILENT
+        return CONTRADICTED if self.localization.contradiction.cause else RUNNING
 
     def _is_recent(self, event: int | None) -> bool:
         """Return True if ``event`` [ns, steady clock] is at most sensor_timeout ago."""
         return event is not None and (time.monotonic_ns() - event) * S_PER_NS <= self.config.sensor_timeout
 
+    def _reason(self, state: str) -> str:
+        """Return why the filter does not run, where there is more to say."""
+        if state == CONTRADICTED:
+            return self.localization.contradiction.cause
+        return STANDSTILL if state == SILENT and self._is_recent(self._last_arrival) else ""
+
     def _level(self, state: str) -> int:
         if state in (RUNNING, INACTIVE):
             return int(DiagnosticStatus.OK[0])
-        return int((DiagnosticStatus.ERROR if state == SILENT else DiagnosticStatus.WARN)[0])
+        return int((DiagnosticStatus.WARN if state == WAITING else DiagnosticStatus.ERROR)[0])
 
     def health_level(self) -> tuple[int, str]:
         """Report the filter's state in /diagnostics."""
         level, text = super().health_level()
         state, nis = self.state(), self.localization.monitor.nis()
         warnings = []
-        if state == SILENT and self._is_recent(self._last_arrival):
-            warnings.append(STANDSTILL)
+        if reason := self._reason(state):
+            warnings.append(reason)
         if nis is not None and nis.mean > nis.alarm:
             warnings.append("innovations larger than the covariances allow")
         names = self.localization.monitor.names
@@ -215,7 +224,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
 
     def _on_odometry(self, message: Odometry) -> None:
         estimate = self._answer(self._inputs.odometry(message))
-        if self._transforms is not None and self.is_active:
+        if self._transforms is not None and self.is_active and not self.localization.contradiction.cause:
             self._transforms.send(estimate.stamp, estimate.pose, pose_of(message.pose.pose))
 
     def _on_joint_states(self, message: JointState) -> None:
@@ -225,7 +234,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
     def _on_odometry_pose(self, message: Odometry) -> None:
         """Send the transform to the odometry's frame, though the motion is that of joint_states."""
         stamp, in_odom = self._inputs.odometry(message).stamp, pose_of(message.pose.pose)
-        if self._transforms is None or self._newest is None:
+        if self._transforms is None or self._newest is None or self.localization.contradiction.cause:
             return
         estimate, step = self._newest
         dt = (stamp - estimate.stamp) * S_PER_NS
@@ -244,6 +253,11 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         else:
             self.health.counted["odometry without a later stamp"] += 1
         if not self.is_active:
+            return estimate
+        if self.localization.contradiction.cause:
+            # No robot may be driven by this estimate.
+            if self._last_state != CONTRADICTED:
+                self._publish_status()
             return estimate
         if self.pose_receiver is not None:
             self._hand_over(estimate, self.pose_receiver)
@@ -280,8 +294,8 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         if state != self._last_state:
             self.get_logger().info(state)
         self._last_state = state
-        if state == SILENT and self._is_recent(self._last_arrival):
-            values["reason"] = STANDSTILL
+        if reason := self._reason(state):
+            values["reason"] = reason
         self._statuses.publish(status_message(self.get_fully_qualified_name(), self._level(state), state, values))
 
     def details(self) -> dict[str, str]:

@@ -11,8 +11,10 @@ from bisect import insort
 from collections import OrderedDict, deque
 from typing import NamedTuple
 
+from diffbot_control.filter import contradiction
 from diffbot_control.filter.belief import Belief
 from diffbot_control.filter.correlation import kind_of, source_of
+from diffbot_control.filter.gate import RELOCATED
 from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.innovation_monitor import InnovationMonitor
 from diffbot_control.filter.localization_config import LocalizationConfig
@@ -96,6 +98,8 @@ class Localization:
         self.dropped_before_odometry = 0
         """number of measurements dropped because their stamps are before the first odometry's"""
         self.initialised = False
+        self.contradiction = contradiction.NONE
+        """signs that the fixes contradict the odometry"""
         self._stamp: int | None = None
         self._odometry: OdometryStep | None = None
         self._steps: deque[_Step] = deque()
@@ -114,6 +118,7 @@ class Localization:
         self.filter.reset()
         self.monitor.clear()
         self.initialised = False
+        self.contradiction = contradiction.NONE
         self._stamp = None
         self._odometry = None
         self._steps.clear()
@@ -129,6 +134,7 @@ class Localization:
         """
         self.filter.reset_to(pose, P)
         self.monitor.clear()
+        self.contradiction = contradiction.NONE
         self._steps.clear()
         for waiting in self._pending:
             self._forget_key(waiting)
@@ -203,6 +209,8 @@ class Localization:
         step = _Step(start, odometry, whole, self.filter.memory, ready, is_gap)
         self._steps.append(step)
         self._propagate(step, None)
+        distance = abs(odometry.twist.v) * (odometry.stamp - start) * S_PER_NS
+        self.contradiction = contradiction.with_motion(self.contradiction, odometry.stamp, distance)
         self._stamp = odometry.stamp
         self._odometry = odometry
 
@@ -318,6 +326,10 @@ class Localization:
         if new:
             kind, source = kind_of(measurement), source_of(measurement)
             self.monitor.record(kind, self.filter.nis, outcome, self.filter.innovation, source)
+            if outcome == RELOCATED:
+                self.contradiction = contradiction.with_relocation(self.contradiction, measurement.stamp)
+            if isinstance(measurement, PoseFix) and not measurement.source:
+                self.contradiction = contradiction.with_fix(self.contradiction, measurement.stamp, measurement.pose)
 
     def _trim(self) -> None:
         steps, keys = self._steps, self._keys

@@ -58,7 +58,7 @@ def texts_of_the_code():
 
 def test_every_state_has_its_row():
     states = [(node, message.strip("`")) for node, message, *_ in rows("node") if node in ("controller", "ekf")]
-    ekf = [INACTIVE, ekf_node.WAITING, ekf_node.RUNNING, ekf_node.SILENT]
+    ekf = [INACTIVE, ekf_node.WAITING, ekf_node.RUNNING, ekf_node.SILENT, ekf_node.CONTRADICTED]
     controller = [INACTIVE, *STATES]
     assert sorted(states) == sorted([("controller", one) for one in controller] + [("ekf", one) for one in ekf])
 

@@ -1,5 +1,6 @@
 """Odometry whose stamps stand still while fixes go on: the robot stands, the goal ends, and /diagnostics names it."""
 
+import math
 import time
 
 import pytest
@@ -57,3 +58,30 @@ def test_odometry_that_repeats_its_stamp_stops_the_robot_and_loses_the_goal(only
 
         until(reported, "the diagnosis")
         assert reported()[-1].level == ERROR
+
+
+def test_fixes_turned_against_the_odometry_stop_the_robot_and_end_its_goal():
+    with robot(controller={"pose_lost_timeout": 2.0}, only=("robot",)) as running:
+        peer = running.peer
+        odom, fixes = peer.publisher(Odometry, "odom"), peer.publisher(PoseWithCovarianceStamped, "global_pose")
+        peer.wait_for_subscribers(odom, fixes)
+        began, fed = time.time(), [0.0]
+
+        def feed():
+            now = time.time()
+            if abs(now - fed[0]) >= 0.02:
+                fed[0] = now
+                odom.publish(odometry(now, 1.0, 0.0))
+                fixes.publish(fix(now, now - began, 0.0, math.pi))
+
+        def until(condition, what):
+            peer.spin_until(lambda: feed() or condition(), PATIENCE, what)
+
+        until(lambda: running.poses, "a pose")
+        running.send_goal(500.0, 0.0, 0.0)
+        until(lambda: running.ekf_states and running.ekf_states[-1].message == "poses withheld", "the contradiction")
+        until(lambda: running.state() == "goal not reached", "the end of the goal")
+        until(lambda: twist(running.commands[-1]) == (0.0, 0.0), "the stop")
+        assert running.ekf_states[-1].level == ERROR
+        reasons = {pair.value for pair in running.ekf_states[-1].values if pair.key == "reason"}
+        assert reasons == {"fixes contradict the odometry"}

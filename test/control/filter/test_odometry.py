@@ -182,7 +182,7 @@ def test_the_pieces_cover_each_interval_once():
 
 
 def after_a_gap(seconds, fixes=(), max_extrapolation=1.0, variant=EKF):
-    """A robot that drove with (0.5, 0.2) until 1 s, and whose odometry comes again ``seconds`` later with (0.4, 0.1)."""
+    """A robot that drove with (0.5, 0.2) until 1 s; its odometry comes again ``seconds`` later with (0.4, 0.1)."""
     made = Localization(
         LocalizationConfig(60.0, FilterConfig(filter=variant), OdometryConfig(MESSAGE)),
         max_extrapolation=max_extrapolation,
