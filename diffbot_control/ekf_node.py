@@ -102,7 +102,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
             if self._transforms is not None:
                 self.subscribe(Odometry, "odom", self._on_odometry_pose, qos)
         self.create_service(Trigger, "~/reset", self._on_reset)
-        self.create_timer(_STATUS_PERIOD, self._publish_status, clock=self.steady_clock)
+        self.create_timer(_STATUS_PERIOD, self._check_and_report, clock=self.steady_clock)
         if self._keeper is not None:
             self.create_timer(_SAVE_PERIOD, self._save, clock=self.steady_clock)
 
@@ -287,6 +287,10 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         response.success, response.message = True, "waiting for the next fix"
         self._publish_status()
         return response
+
+    def _check_and_report(self) -> None:
+        self.localization.check_innovations()
+        self._publish_status()
 
     def _publish_status(self) -> None:
         state = self.state()

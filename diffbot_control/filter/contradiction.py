@@ -1,9 +1,10 @@
 """Whether the fixes contradict the odometry, so that no estimate made of both may drive a robot.
 
 A robot that was carried away relocates the filter once. Fixes whose heading is turned, whose axes are swapped or
-mirrored agree with the odometry never: they relocate it again and again while the robot drives. Fixes of a source that
-hangs repeat one value while the odometry moves. At rest neither shows, so a contradiction lasts for QUIET_TIME after its
-last sign: long enough for a goal to end (``pose_lost_timeout``). A pose set by hand ends it at once.
+mirrored agree with the odometry never: they relocate it again and again while the robot drives, or, where fixes are so
+frequent that the estimate just lags behind them, their innovations are far too large and all alike. Fixes of a source
+that hangs repeat one value while the odometry moves. At rest none of it shows, so a contradiction lasts for QUIET_TIME
+after its last sign: long enough for a goal to end (``pose_lost_timeout``). A pose set by hand ends it at once.
 
 Pure functions with their memory; times are stamps [ns].
 """
@@ -24,6 +25,9 @@ FROZEN_FIXES = 5
 """Equal fixes in a row, to the last bit, that are a contradiction ..."""
 FROZEN_DISTANCE = 0.5
 """[m] ... if the odometry has moved by so much meanwhile."""
+MAX_NIS_RATIO, MAX_CORRELATION = 10.0, 0.8
+"""Mean NIS over its alarm, and correlation of innovations in a row, that are a contradiction if both are exceeded;
+outliers are large as well, but not alike."""
 RELOCATING, FROZEN = "fixes contradict the odometry", "fixes stand still while the odometry moves"
 
 
@@ -64,6 +68,13 @@ def with_fix(memory: Contradiction, stamp: int, fix: Pose) -> Contradiction:
     memory = memory._replace(repetitions=memory.repetitions + 1)
     if memory.repetitions >= FROZEN_FIXES and memory.distance >= FROZEN_DISTANCE:
         return memory._replace(cause=FROZEN, since=stamp)
+    return memory
+
+
+def with_innovations(memory: Contradiction, stamp: int, nis_ratio: float, correlation: float) -> Contradiction:
+    """Add the mean NIS over its alarm and the correlation of the newest innovations of fixes."""
+    if nis_ratio > MAX_NIS_RATIO and correlation > MAX_CORRELATION:
+        return memory._replace(cause=RELOCATING, since=stamp)
     return memory
 
 

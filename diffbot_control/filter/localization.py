@@ -14,7 +14,7 @@ from typing import NamedTuple
 from diffbot_control.filter import contradiction
 from diffbot_control.filter.belief import Belief
 from diffbot_control.filter.correlation import kind_of, source_of
-from diffbot_control.filter.gate import RELOCATED
+from diffbot_control.filter.gate import FIX, RELOCATED
 from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.innovation_monitor import InnovationMonitor
 from diffbot_control.filter.localization_config import LocalizationConfig
@@ -160,6 +160,14 @@ class Localization:
         """Return the kinds of measurement whose errors are correlated in time, but independent by the options."""
         times, found = self.filter.options.correlation_times, self.monitor.whiteness()
         return [kind for kind, one in found.items() if times[kind] == 0.0 and one.correlation > one.alarm]
+
+    def check_innovations(self) -> None:
+        """Look for fixes that contradict the odometry without relocating the filter; to be called now and then."""
+        nis, found = self.monitor.nis(), self.monitor.whiteness().get(FIX)
+        if nis is not None and found is not None and self._stamp is not None:
+            self.contradiction = contradiction.with_innovations(
+                self.contradiction, self._stamp, nis.mean / nis.alarm, found.correlation
+            )
 
     def on_odometry(self, odometry: OdometryStep) -> Estimate:
         """Move to the stamp of ``odometry`` and fuse the measurements that waited for it.

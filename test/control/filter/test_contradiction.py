@@ -21,8 +21,8 @@ FAULTS = {
 }
 
 
-def drive(seconds, fault=lambda x, y, theta, _: (x, y, theta), *, outliers=0.0, rest_after=math.inf):
-    """Drive a winding path at 0.5 m/s with 20 Hz and a fix every 0.1 s; yield time and filter at each step."""
+def drive(seconds, fault=lambda x, y, theta, _: (x, y, theta), *, outliers=0.0, rest_after=math.inf, every=2):
+    """Drive a winding path at 0.5 m/s with 20 Hz and a fix with ``every`` so many; yield time and filter."""
     rng, made = np.random.default_rng(3), Localization(LocalizationConfig())
     x = y = 0.0
     theta = 0.3
@@ -32,20 +32,22 @@ def drive(seconds, fault=lambda x, y, theta, _: (x, y, theta), *, outliers=0.0, 
         twist = Twist(0.5, 0.3 * math.sin(time / 3)) if moves else Twist(0.0, 0.0)
         theta += twist.omega / 20
         x, y = x + twist.v / 20 * math.cos(theta), y + twist.v / 20 * math.sin(theta)
-        if n % 2 == 0:
+        if n % every == 0:
             fix = np.array(fault(x, y, theta, time))
             if fault is not FAULTS["frozen"]:
                 fix += rng.normal(0.0, SIGMAS) + (rng.random() < outliers) * rng.normal(0.0, 3.0, 3)
             made.on_measurement(PoseFix(stamp, Pose(*fix[:2], math.remainder(fix[2], math.tau)), np.diag(SIGMAS**2)))
+        if n % 10 == 9:
+            made.check_innovations()
         made.on_odometry(OdometryStep(stamp, twist, TwistCovariance(1e-4, 0.0, 1e-4)))
         yield time, made
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_fixes_that_contradict_the_odometry_are_found_while_driving(fault):
-    found = next(
-        (time, made.contradiction.cause) for time, made in drive(40.0, FAULTS[fault]) if made.contradiction.cause
-    )
+@pytest.mark.parametrize("every", [1, 2])
+def test_fixes_that_contradict_the_odometry_are_found_while_driving(fault, every):
+    story = drive(40.0, FAULTS[fault], every=every)
+    found = next((time, made.contradiction.cause) for time, made in story if made.contradiction.cause)
     assert found[1] == (FROZEN if fault == "frozen" else RELOCATING)
     assert found[0] < 20.0
 
