@@ -244,7 +244,12 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         if not self.is_active:
             return
         watch = self._pose_watch
-        command = self.supervisor.on_tick(self.clock_watch.now(), watch.silence(), watch.is_stale(self.config))
+        command = self.supervisor.on_tick(
+            self.clock_watch.now(),
+            watch.silence(),
+            watch.is_stale(self.config),
+            watch.goal_age(self.supervisor.accepted),
+        )
         if command is not None:
             self.outputs.send(command)
         self._publish_changes()

@@ -104,8 +104,8 @@ def test_a_held_goal_is_still_controlled_and_counts_once_whatever_follows(statef
     story = Story(controller=PAPER._replace(tolerance=tolerance))
     story.supervisor.on_goal(GOAL)
     reach(story)
-    assert story.pose(AWAY).v == pytest.approx(1.3 * math.tanh(3.0))
-    assert story.state == (REACHED if stateful else DRIVING)
+    assert story.pose(Pose(-0.7, 0.0, 0.0)).v == pytest.approx(1.3 * math.tanh(0.7))
+    assert story.state == DRIVING, "what it does, not what it was"
     assert story.tick(1.0) == ZERO
     assert story.state == STALE
     for _ in range(2):
@@ -119,6 +119,42 @@ def test_a_held_goal_is_still_controlled_and_counts_once_whatever_follows(statef
     for _ in range(2):
         story.pose(Pose(5.0, 0.0, 0.0))
     assert story.supervisor.goals_reached == 2
+
+
+def held(**options):
+    """Return a story at a held goal whose tolerance is 0.1 m."""
+    tolerance = PAPER.tolerance._replace(settling_steps=2, xy_goal_tolerance=0.1)
+    story = Story(controller=PAPER._replace(tolerance=tolerance), **options)
+    story.supervisor.on_goal(GOAL)
+    reach(story)
+    return story
+
+
+def test_a_robot_found_far_from_a_held_goal_never_drives_back():
+    story = held(hold_distance=0.3)
+    assert story.pose(Pose(-0.29, 0.0, 0.0)).v > 0.2
+    assert story.state == DRIVING
+    assert story.pose(Pose(-0.31, 0.0, 0.0)) == ZERO
+    assert (story.state, story.supervisor.goal) == (IDLE, None)
+    assert story.supervisor.reason == "found 0.31 m from the held goal: hold_distance = 0.3 m"
+    assert {story.pose(Pose(-8.5, 0.0, 0.0)) for _ in range(20)} == {ZERO, None}
+    # Found after an hour without poses, with no timeout for them either.
+    story = held(pose_lost_timeout=0.0)
+    story.tick(3600.0)
+    assert story.state == STALE
+    assert story.pose(Pose(-8.5, 0.0, 0.0), after=0.0) == ZERO
+    assert story.state == IDLE
+
+
+def test_a_held_goal_expires_with_the_pose():
+    story = held(pose_lost_timeout=5.0)
+    story.tick(4.9)
+    assert (story.state, story.supervisor.goal) == (STALE, GOAL)
+    story.tick(0.2)
+    assert (story.state, story.supervisor.goal) == (IDLE, None)
+    assert "no pose for pose_lost_timeout = 5 s" in story.supervisor.reason
+    assert story.supervisor.goals.ended[-1].end == "reached", "its answer stays"
+    assert {story.pose(Pose(-0.3, 0.0, 0.0)) for _ in range(20)} == {ZERO, None}
 
 
 def test_cancelling_stops_at_once_says_so_five_times_and_is_silent():
@@ -285,7 +321,7 @@ def test_the_uncertainty_of_the_pose_goes_to_the_controller():
 @pytest.mark.parametrize("config", [QUICK, SLOW_DOWN, PRESETS["tuned"]])
 @pytest.mark.parametrize("first", [lambda pose: pose, lambda pose: pose._replace(x=pose.x + 0.3, theta=1.0)])
 def test_a_pose_that_is_sent_again_or_corrected_counts_as_one_step_with_the_last(config, first):
-    story, twin = Story(controller=config), Story(controller=config)
+    story, twin = Story(controller=config, hold_distance=10.0), Story(controller=config, hold_distance=10.0)
     poses = [AWAY, Pose(-1.0, 0.2, 0.3), Pose(-0.2, 0.1, 0.0), *[Pose(0.0, 0.09, 0.0)] * 12, AWAY, AWAY, AWAY]
     for one in (story, twin):
         one.supervisor.on_goal(GOAL)
@@ -381,7 +417,7 @@ def test_a_path_is_driven_goal_by_goal_and_the_last_is_held():
         assert story.supervisor.goals_reached == number
         assert progress(story) == (min(number + 1, 3), 3, ROUTE[min(number, 2)])
         assert story.state == (DRIVING if number < 3 else REACHED)
-    assert story.pose(Pose(-4.0, 1.0, -2.0)) is not None, "held"
+    assert story.pose(Pose(-1.3, 1.0, -2.0)) is not None, "held"
     assert (story.state, story.supervisor.goals_reached) == (REACHED, 3)
     assert route == ROUTE, "the list stays the caller's"
 
@@ -488,3 +524,66 @@ def test_a_command_beyond_lowered_limits_is_reported_until_the_limits_hold():
         command = story.pose()
         reports.append((round(command.v, 3), story.supervisor.is_beyond_limits))
     assert reports == [(0.8, True), (0.7, True), (0.65, False), (0.65, False), (0.65, False)]
+
+
+def test_a_goal_has_a_finite_time_from_its_acceptance_on_that_grows_with_the_route():
+    near, far = Story(), Story()
+    for story, goal in ((near, Pose(1.0, 0.0, 0.0)), (far, Pose(131.0, 0.0, 0.0))):
+        story.pose(Pose(0.0, 0.0, 0.0))
+        story.supervisor.on_goal(goal)
+    # 130 m more at 1.3 m/s, four times.
+    assert far.supervisor.timeout - near.supervisor.timeout == pytest.approx(400.0)
+    assert 120.0 + 4.0 / 1.3 < near.supervisor.timeout < 150.0
+    # Without a pose the way to the first goal is added when it comes.
+    blind = Story()
+    blind.supervisor.on_goal(Pose(131.0, 0.0, 0.0))
+    assert 120.0 <= blind.supervisor.timeout <= near.supervisor.timeout
+    blind.pose(Pose(0.0, 0.0, 0.0))
+    assert blind.supervisor.timeout == pytest.approx(far.supervisor.timeout)
+
+
+def test_the_steady_clock_ends_a_goal_though_the_stamps_do_not_pass():
+    story = Story(pose_lost_timeout=0.0)
+    story.supervisor.on_goal(GOAL, GoalRequest("b" * 32, "goal_pose", story.now))
+    timeout = story.supervisor.timeout
+    story.supervisor.on_tick(story.now, elapsed=timeout - 0.1)
+    assert story.state == WAITING
+    story.supervisor.on_tick(story.now, elapsed=timeout + 0.1)
+    assert story.state == NOT_REACHED
+    assert story.supervisor.goals.ended[-1].reason.startswith("not reached within goal_timeout = ")
+
+
+def seconds_until_given_up(story, pose_at, uncertainty=CERTAIN, limit=1000.0):
+    began = story.now
+    while story.state != NOT_REACHED and story.now < began + limit:
+        story.pose(pose_at(story.now - began), uncertainty=uncertainty)
+    return story.now - began
+
+
+def test_a_blocked_robot_ends_with_no_progress_and_a_slow_one_drives_on():
+    story = Story()
+    story.supervisor.on_goal(GOAL)
+    # Blocked, with an estimate that wavers.
+    assert 30.0 <= seconds_until_given_up(story, lambda t: Pose(-3.0 + 0.03 * math.sin(t), 0.0, 0.0)) <= 45.0
+    assert story.supervisor.reason.startswith("no progress for 3")
+    story = Story()
+    story.supervisor.on_goal(Pose(10.0, 0.0, 0.0))
+    # 5 cm in 10 s, from 10 m on: the derived time ends it, not the watch.
+    timeout = story.supervisor.timeout
+    seconds_until_given_up(story, lambda t: Pose(0.02 * t, 0.0, 0.0))
+    assert story.supervisor.reason.startswith("not reached within goal_timeout")
+    assert timeout > 120.0
+
+
+def test_a_robot_that_drives_away_ends_with_no_progress():
+    story = Story()
+    story.supervisor.on_goal(GOAL)
+    assert seconds_until_given_up(story, lambda t: Pose(-3.0 - t, 0.0, 0.0)) <= 45.0
+    assert story.supervisor.reason.startswith("no progress for")
+
+
+def test_an_estimate_too_uncertain_for_an_answer_is_the_answer_after_a_minute_with_the_tolerance_it_allows():
+    story = Story(controller=QUICK, goal_timeout=0.0)
+    story.supervisor.on_goal(GOAL)
+    assert seconds_until_given_up(story, lambda _: AT_GOAL, UNSURE) == pytest.approx(60.0, abs=1.0)
+    assert story.supervisor.reason == ("the estimate is too uncertain: smallest possible tolerance 0.6 m and 0.02 rad")
