@@ -7,6 +7,7 @@ if __name__ == "__main__":  # before the imports that take long: see launcher
 
     raise SystemExit(launch("diffbot_control.controller_node"))
 
+import math
 import time
 from collections.abc import Mapping
 from typing import Any
@@ -214,7 +215,8 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         if self._pose_watch.clock_problem(self.config):
             self._on_tick()
             return advances
-        command = self.supervisor.on_pose(stamp, self.clock_watch.now(), pose, uncertainty)
+        steady = math.nan if self.clock_watch.is_simulated else time.monotonic()
+        command = self.supervisor.on_pose(stamp, self.clock_watch.now(), pose, uncertainty, steady)
         if command is not None:
             self.outputs.send(command, stamp)
             self._report_limits()

@@ -15,6 +15,7 @@ from diffbot_control.law.goal_record import ANONYMOUS, GoalBook, GoalRequest, di
 from diffbot_control.law.limits import is_beyond
 from diffbot_control.law.progress import Progress
 from diffbot_control.law.protocol import Law
+from diffbot_control.law.step_clock import StepClock
 from diffbot_control.law.supervisor_config import SupervisorConfig as SupervisorConfig  # noqa: PLC0414 - re-exported
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose
@@ -102,6 +103,7 @@ class Supervisor:
         self._command = STOP
         """the last one"""
         self._step_input: _StepInput | None = None
+        self._step_clock = StepClock()
         self._last_pose_time: float | None = None
         """[s] of the newest pose whose stamp advanced"""
         self._silent_since = 0.0
@@ -203,7 +205,14 @@ class Supervisor:
             self.goals.close_cancelled()
         return None if self.config.publish_when_idle else self._come_to_rest(0.0)
 
-    def on_pose(self, stamp: int, now: float, pose: Pose, uncertainty: Uncertainty = CERTAIN) -> Twist | None:
+    def on_pose(
+        self,
+        stamp: int,
+        now: float,
+        pose: Pose,
+        uncertainty: Uncertainty = CERTAIN,
+        steady: float = math.nan,
+    ) -> Twist | None:
         """Answer a pose. Only one whose stamp advances is a sign of life; a repeated one may correct the last step.
 
         Args:
@@ -211,10 +220,12 @@ class Supervisor:
             now: [s] time of arrival, on the clock of :meth:`on_tick`.
             pose: in the frame of the goals.
             uncertainty: of the pose; by default the pose is assumed exact.
+            steady: [s] the same on the steady clock; nan in simulated time, whose stamps are as good as their clock.
         """
         before, advances, dt = self._stamps.newest, self._stamps.advances(stamp), 0.0
         if advances:
             dt = 0.0 if before is None else min((stamp - before) * S_PER_NS, _MAX_STEP)
+            dt = self._step_clock.limited(dt, steady)
             self._last_pose_time = self._silent_since = now
         self.goals.now = now
         same_step, same_pose = stamp == before, pose == self.pose
@@ -252,6 +263,7 @@ class Supervisor:
         except LawError as error:
             self.give_up(str(error), has_failed=True)
             return self._come_to_rest(dt) or STOP
+        self.memory, command = self._driver.limited(self.memory, command, self._command, dt, self.config.controller)
         self._command = command
         self.state = self._state_of_drive(command)
         reached = self.memory.reached
@@ -369,6 +381,7 @@ class Supervisor:
             return None
         self.memory = self._driver.halted(self.memory)
         self._command = STOP
+        self._step_clock.halt()
         self.goals.close_cancelled()
         if self.goal is None:
             self._zeros_due -= 1

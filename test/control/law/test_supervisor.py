@@ -587,3 +587,33 @@ def test_an_estimate_too_uncertain_for_an_answer_is_the_answer_after_a_minute_wi
     story.supervisor.on_goal(GOAL)
     assert seconds_until_given_up(story, lambda _: AT_GOAL, UNSURE) == pytest.approx(60.0, abs=1.0)
     assert story.supervisor.reason == ("the estimate is too uncertain: smallest possible tolerance 0.6 m and 0.02 rad")
+
+
+def limited_speeds(arrivals):
+    """Speeds of a robot with 1 m/s^2 that poses come to: pairs of the time since the last by its stamp and in truth."""
+    supervisor, stamp, steady, speeds = Supervisor(SupervisorConfig(controller=SLOW_DOWN)), 100.0, 7.0, []
+    supervisor.on_goal(GOAL)
+    for by_stamp, passed in arrivals:
+        stamp, steady = stamp + by_stamp, steady + passed
+        if passed > supervisor.config.pose_timeout:
+            assert supervisor.on_tick(stamp - 0.01) == ZERO, "the watch has stopped it"
+        speeds.append(supervisor.on_pose(round(stamp * 1e9), stamp, FAR, CERTAIN, steady).v)
+    return speeds
+
+
+def test_the_limits_of_acceleration_get_no_more_time_than_has_passed_since_the_last_command():
+    regular = [(0.05, 0.05)] * 5
+    assert limited_speeds(regular) == pytest.approx([0.0, 0.05, 0.1, 0.15, 0.2])
+    # Stamps 5 s ahead: 0.05 s have passed, and 0.05 s of jitter are allowed once.
+    assert limited_speeds([*regular, (5.0, 0.05), (5.0, 0.05)])[-2:] == pytest.approx([0.3, 0.35])
+    # A hiccup of 0.4 s whose eight poses come at once.
+    burst = limited_speeds([*regular, (0.05, 0.4), *[(0.05, 0.001)] * 7])
+    assert burst[-1] - burst[4] <= 0.05 + 0.05 + 0.007 + 1e-9
+    # Jitter of the arrival alone costs nothing in the mean.
+    jitter = limited_speeds([*regular, *[(0.05, 0.07), (0.05, 0.03)] * 5])
+    assert jitter[-1] == pytest.approx(0.2 + 10 * 0.05)
+
+
+def test_after_a_halt_the_robot_starts_from_rest_with_one_period():
+    speeds = limited_speeds([(0.05, 0.05)] * 5 + [(0.9, 0.9), (0.05, 0.05)])
+    assert speeds[-2:] == pytest.approx([0.05, 0.1])
