@@ -95,3 +95,46 @@ def test_a_pose_without_covariance_has_the_uncertainty_of_the_parameters(fed):
         5.0,
         "the new value",
     )
+
+
+def test_a_robot_found_far_from_a_held_goal_stands_and_says_why(fed):
+    feed(fed, "goal reached", 1e-6)
+    fed.peer.spin_until_quiet()
+    count = len(fed.commands)
+    message = Odometry(child_frame_id="base_link")
+    message.header.frame_id = "map"
+    message.pose.pose = pose_stamped(GOAL[0] - 8.5, GOAL[1], GOAL[2]).pose
+    message.pose.covariance[[0, 7, 35]] = 1e-6
+
+    def let_go():
+        set_stamp(message.header.stamp, time.monotonic_ns())
+        fed.odometry.publish(message)
+        return fed.state() == "idle"
+
+    fed.peer.spin_until(let_go, 5.0, "the state idle")
+    reasons = [pair.value for pair in fed.controller_states[-1].values if pair.key == "reason"]
+    assert reasons == ["found 8.50 m from the held goal: hold_distance = 0.5 m"]
+    fed.peer.spin_until(lambda: let_go() and len(fed.commands) > count + 3, 5.0, "the stop")
+    assert {twist(command) for command in fed.commands[count:]} == {(0.0, 0.0)}
+
+
+def test_a_blocked_robot_gives_up_after_the_time_that_the_status_names_from_the_start(fed):
+    status = feed_away(fed, lambda: fed.state() == "driving" and fed.controller_states[-1])
+    assert float(graph.values(status)["timeout [s]"]) > 120.0
+    status = feed_away(fed, lambda: fed.state() == "goal not reached" and fed.controller_states[-1])
+    assert graph.values(status)["reason"].endswith("(derived from distance and limits)")
+
+
+def feed_away(running, found):
+    """Stand 5 m from the goal until ``found``; the stamps run ten times as fast as the time."""
+    message = Odometry(child_frame_id="base_link")
+    message.header.frame_id = "map"
+    message.pose.pose = pose_stamped(GOAL[0] - 5.0, GOAL[1], GOAL[2]).pose
+    message.pose.covariance[[0, 7, 35]] = 1e-6
+
+    def fed():
+        set_stamp(message.header.stamp, 10 * time.monotonic_ns())
+        running.odometry.publish(message)
+        return found()
+
+    return running.peer.spin_until(fed, 60.0, "the state")
