@@ -238,7 +238,7 @@ class Supervisor:
         if not advances and (self.state == STALE or self._is_overdue(now)):
             # The sender repeats itself, and the robot may be anywhere by now.
             return STOP
-        if stamp < self._stamps.newest and self._answer is not None:
+        if stamp != self._stamps.newest and self._answer is not None:
             # Out of order: a newer pose is answered already.
             return self._answer
         self.pose = pose
