@@ -7,6 +7,7 @@ if __name__ == "__main__":  # before the imports that take long: see launcher
 
     raise SystemExit(launch("diffbot_control.controller_node"))
 
+import math
 import time
 from collections.abc import Mapping
 from typing import Any
@@ -199,23 +200,28 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
             pose: in ``map_frame``.
             uncertainty: of the pose; it has to be known.
         """
-        self._answer(stamp, pose, uncertainty)
-        self.health.accept(self._pose_topic, time.monotonic())
+        if self._answer(stamp, pose, uncertainty):
+            self.health.accept(self._pose_topic, time.monotonic())
 
-    def _answer(self, stamp: int, pose: Pose, uncertainty: Uncertainty) -> None:
+    def _answer(self, stamp: int, pose: Pose, uncertainty: Uncertainty) -> bool:
+        """Answer a pose; return whether its stamp advanced, the only sign of life there is."""
+        advances = self._pose_watch.on_pose(stamp)
+        if not advances:
+            self.health.counted[f"{self._pose_topic} without a later stamp"] += 1
         if not self.is_active:
-            return
-        self._pose_watch.on_pose()
+            return advances
         self._check_gains(stamp)
         if self._pose_watch.clock_problem(self.config):
             self._on_tick()
-            return
-        command = self.supervisor.on_pose(stamp, self.clock_watch.now(), pose, uncertainty)
+            return advances
+        steady = math.nan if self.clock_watch.is_simulated else time.monotonic()
+        command = self.supervisor.on_pose(stamp, self.clock_watch.now(), pose, uncertainty, steady)
         if command is not None:
             self.outputs.send(command, stamp)
             self._report_limits()
         self.outputs.publish_navigation(stamp, self.supervisor)
         self._publish_changes()
+        return advances
 
     def _report_limits(self) -> None:
         if self.supervisor.is_beyond_limits:
@@ -239,7 +245,12 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         if not self.is_active:
             return
         watch = self._pose_watch
-        command = self.supervisor.on_tick(self.clock_watch.now(), watch.silence(), watch.is_stale(self.config))
+        command = self.supervisor.on_tick(
+            self.clock_watch.now(),
+            watch.silence(),
+            watch.is_stale(self.config),
+            watch.goal_age(self.supervisor.accepted),
+        )
         if command is not None:
             self.outputs.send(command)
         self._publish_changes()

@@ -38,12 +38,16 @@ from diffbot_core.geometry import Pose
 from diffbot_core.ros.managed_node import INACTIVE, ManagedNode
 from diffbot_core.ros.node import run, status_message
 from diffbot_core.ros.qos import STATUS, sensor_qos
+from diffbot_core.stamps import StampWatch
 from diffbot_core.uncertainty import Uncertainty
 from diffbot_core.units import S_PER_NS
 
 WAITING = "waiting for first fix"
 RUNNING = "running"
 SILENT = "no odometry"
+CONTRADICTED = "poses withheld"
+STANDSTILL = "odometry stands still"
+"""What /diagnostics adds if messages come, but none with a later stamp."""
 _STATUS_PERIOD = 0.5
 _SAVE_PERIOD = 5.0
 """[s] between two saves of the state file: what a crash can lose."""
@@ -65,14 +69,19 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
     def configure(self) -> None:
         """Create publishers, subscriptions and the service ~/reset."""
         config = self.config
-        self.localization = Localization(config.localization, config.wheels.wheel_separation)
+        separation = config.wheels.wheel_separation
+        self.localization = Localization(config.localization, separation, config.sensor_timeout)
         self._outputs = EkfPublishers(self)
         self._statuses = self.create_publisher(DiagnosticStatus, "~/status", STATUS)
         frames = config.map_frame, odometry_frame(config)
         self._transforms = transform_sender(self, *frames, config.transform_tolerance) if config.publish_tf else None
         self._newest: tuple[Estimate, OdometryStep] | None = None
         self._last_state = ""
+        self._odometry_stamps = StampWatch()
         self._last_odometry: int | None = None
+        """[ns] steady time of the newest odometry that was accepted and whose stamp advanced"""
+        self._last_arrival: int | None = None
+        """[ns] steady time of the newest odometry of any kind"""
         self._inputs = EkfInputs(config)
         self._keeper = self._restore()
         qos = sensor_qos(config.reliable_inputs)
@@ -93,13 +102,14 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
             if self._transforms is not None:
                 self.subscribe(Odometry, "odom", self._on_odometry_pose, qos)
         self.create_service(Trigger, "~/reset", self._on_reset)
-        self.create_timer(_STATUS_PERIOD, self._publish_status, clock=self.steady_clock)
+        self.create_timer(_STATUS_PERIOD, self._check_and_report, clock=self.steady_clock)
         if self._keeper is not None:
             self.create_timer(_SAVE_PERIOD, self._save, clock=self.steady_clock)
 
     def on_config(self, config: EkfNodeConfig) -> None:
         """Apply changed options."""
         self.localization.configure(config.localization, config.wheels.wheel_separation)
+        self.localization.max_extrapolation = config.sensor_timeout
         self._inputs = EkfInputs(config)
 
     def activate(self) -> None:
@@ -115,25 +125,44 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         self._save()
 
     def state(self) -> str:
-        """Return the message of ~/status: one of WAITING, RUNNING, SILENT, INACTIVE."""
+        """Return the message of ~/status: one of WAITING, RUNNING, SILENT, CONTRADICTED, INACTIVE."""
         if not self.is_active:
             return INACTIVE
         if not self.localization.initialised:
             return WAITING
-        last = self._last_odometry
-        silence = math.inf if last is None else (time.monotonic_ns() - last) * S_PER_NS
-        return SILENT if silence > self.config.sensor_timeout else RUNNING
+        if not self._is_recent(self._last_odometry):
+            return SILENT
+        return CONTRADICTED if self.localization.contradiction.cause else RUNNING
+
+    def _is_recent(self, event: int | None) -> bool:
+        """Return True if ``event`` [ns, steady clock] is at most sensor_timeout ago."""
+        return event is not None and (time.monotonic_ns() - event) * S_PER_NS <= self.config.sensor_timeout
+
+    def _reason(self, state: str) -> str:
+        """Return why the filter does not run, where there is more to say."""
+        if state == CONTRADICTED:
+            return self.localization.contradiction.cause
+        return STANDSTILL if state == SILENT and self._is_recent(self._last_arrival) else ""
+
+    def _level(self, state: str) -> int:
+        if state in (RUNNING, INACTIVE):
+            return int(DiagnosticStatus.OK[0])
+        return int((DiagnosticStatus.WARN if state == WAITING else DiagnosticStatus.ERROR)[0])
 
     def health_level(self) -> tuple[int, str]:
         """Report the filter's state in /diagnostics."""
         level, text = super().health_level()
         state, nis = self.state(), self.localization.monitor.nis()
+        warnings = []
+        if reason := self._reason(state):
+            warnings.append(reason)
         if nis is not None and nis.mean > nis.alarm:
-            level, text = DiagnosticStatus.WARN[0], f"innovations larger than the covariances allow; {text}"
-        for kind in self.localization.correlated():
-            name = self.localization.monitor.names[kind]
-            level, text = DiagnosticStatus.WARN[0], f"innovations of {name} correlated in time; {text}"
-        return max(level, 0 if state == RUNNING else DiagnosticStatus.WARN[0]), f"{state}; {text}"
+            warnings.append("innovations larger than the covariances allow")
+        names = self.localization.monitor.names
+        warnings += [f"innovations of {names[kind]} correlated in time" for kind in self.localization.correlated()]
+        if warnings:
+            level, text = max(level, DiagnosticStatus.WARN[0]), "; ".join([*warnings, text])
+        return max(level, self._level(state)), f"{state}; {text}"
 
     def _on_fix(self, message: PoseWithCovarianceStamped) -> None:
         fix = self._inputs.fix(message)
@@ -195,7 +224,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
 
     def _on_odometry(self, message: Odometry) -> None:
         estimate = self._answer(self._inputs.odometry(message))
-        if self._transforms is not None and self.is_active:
+        if self._transforms is not None and self.is_active and not self.localization.contradiction.cause:
             self._transforms.send(estimate.stamp, estimate.pose, pose_of(message.pose.pose))
 
     def _on_joint_states(self, message: JointState) -> None:
@@ -205,7 +234,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
     def _on_odometry_pose(self, message: Odometry) -> None:
         """Send the transform to the odometry's frame, though the motion is that of joint_states."""
         stamp, in_odom = self._inputs.odometry(message).stamp, pose_of(message.pose.pose)
-        if self._transforms is None or self._newest is None:
+        if self._transforms is None or self._newest is None or self.localization.contradiction.cause:
             return
         estimate, step = self._newest
         dt = (stamp - estimate.stamp) * S_PER_NS
@@ -213,9 +242,22 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
             self._transforms.send(stamp, move(estimate.pose, step.twist, dt).end, in_odom)
 
     def _answer(self, odometry: OdometryStep) -> Estimate:
-        self._last_odometry = time.monotonic_ns()
+        self._last_arrival = now = time.monotonic_ns()
+        advances = self._odometry_stamps.advances(odometry.stamp)
+        if advances and not self.localization.initialised:
+            # Refused for want of a fix only.
+            self._last_odometry = now
         estimate = self.localization.on_odometry(odometry)
+        if advances:
+            self._last_odometry = now
+        else:
+            self.health.counted["odometry without a later stamp"] += 1
         if not self.is_active:
+            return estimate
+        if self.localization.contradiction.cause:
+            # No robot may be driven by this estimate.
+            if self._last_state != CONTRADICTED:
+                self._publish_status()
             return estimate
         if self.pose_receiver is not None:
             self._hand_over(estimate, self.pose_receiver)
@@ -246,14 +288,19 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         self._publish_status()
         return response
 
+    def _check_and_report(self) -> None:
+        self.localization.check_innovations()
+        self._publish_status()
+
     def _publish_status(self) -> None:
         state = self.state()
         values = self.details() | self.health.ages(time.monotonic())
         if state != self._last_state:
             self.get_logger().info(state)
         self._last_state = state
-        level = 0 if state in (RUNNING, INACTIVE) else DiagnosticStatus.WARN[0]
-        self._statuses.publish(status_message(self.get_fully_qualified_name(), level, state, values))
+        if reason := self._reason(state):
+            values["reason"] = reason
+        self._statuses.publish(status_message(self.get_fully_qualified_name(), self._level(state), state, values))
 
     def details(self) -> dict[str, str]:
         """Return the filter's values for ~/status and /diagnostics."""

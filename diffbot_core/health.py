@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
-from collections import Counter
+import time
+from collections import Counter, deque
 from collections.abc import Hashable
+
+DROP_MEMORY = 10.0
+"""[s] for which a dropped message is a warning; the counters keep it"""
+_MAX_RECENT = 10_000
+"""Recent drops that are counted at most."""
 
 
 class Health:
@@ -20,17 +26,26 @@ class Health:
         self.last_received: dict[str, float] = {}
         """[s] steady time of the last accepted message, by topic"""
         self._reported: Counter[str] = Counter()
+        self._drop_times: deque[float] = deque(maxlen=_MAX_RECENT)
 
     def reset(self) -> None:
         """Set all counters to zero, as after a reset of the node; rates count from here."""
         for counter in (self.accepted, self.sent, self.dropped, self.counted, self._reported):
             counter.clear()
         self.last_received.clear()
+        self._drop_times.clear()
 
     def drop(self, topic: str, kind: str) -> bool:
         """Count a dropped message; return True for the first of its topic and kind, which is worth a log entry."""
         self.dropped[topic, kind] += 1
+        self._drop_times.append(time.monotonic())
         return self.dropped[topic, kind] == 1
+
+    def recent_drops(self, now: float) -> int:
+        """Return how many messages were dropped in the last DROP_MEMORY seconds before steady time ``now`` [s]."""
+        while self._drop_times and now - self._drop_times[0] > DROP_MEMORY:
+            self._drop_times.popleft()
+        return len(self._drop_times)
 
     def accept(self, topic: str, now: float) -> None:
         """Count a message accepted at steady time ``now`` [s]."""

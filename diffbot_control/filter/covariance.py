@@ -20,13 +20,20 @@ _MIN_PIVOT = 1e-14
 _MAX_VARIANCE = 1e8
 """[m^2], [rad^2] A larger number is an error or a code for 'unknown', not a variance to compute with."""
 _NOT_POSITIVE = "covariance not positive definite"
+_SINGULAR = 1e-9
+"""Relative size of a negative pivot that rounding may cause in a singular matrix."""
+
+
+class UnknownCovarianceError(BadMessageError):
+    """A covariance that is no error but says nothing: all zero, a code for 'unknown', or of a missing number."""
 
 
 def check_covariance(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return a (n, n) covariance if it is finite, symmetric, positive definite and not absurdly large.
 
     Raises:
-        BadMessageError: naming the property that it lacks; "covariance is zero" if it is unknown.
+        UnknownCovarianceError: if it is zero, singular or absurdly large, so that a fallback may stand in.
+        BadMessageError: naming the property that it lacks, if it is not finite, not symmetric or indefinite.
     """
     # Plain floats: this runs for each message, and numpy takes several times as long for matrices so small.
     check_rows(matrix.tolist())
@@ -40,21 +47,24 @@ def check_rows(rows: list[list[float]]) -> None:
         raise BadMessageError("covariance not finite")
     diagonal = [row[i] for i, row in enumerate(rows)]
     if not any(diagonal):
-        raise BadMessageError("covariance is zero")
+        raise UnknownCovarianceError("covariance is zero")
     largest = max(diagonal)
     if largest > _MAX_VARIANCE:
-        raise BadMessageError("covariance too large", f"{largest:g} > {_MAX_VARIANCE:g}")
+        raise UnknownCovarianceError("covariance too large", f"{largest:g} > {_MAX_VARIANCE:g}")
     allowed = _ASYMMETRY * abs(largest)
     for i, row in enumerate(rows):
         for j in range(i):
             if abs(row[j] - rows[j][i]) > allowed:
                 raise BadMessageError("covariance not symmetric")
-    if not _has_cholesky_factor(rows):
-        raise BadMessageError(_NOT_POSITIVE)
+    pivot = _smallest_pivot(rows)
+    if not pivot > _MIN_PIVOT:
+        # A singular one lacks a number, as a receiver without a heading sends it; an indefinite one is an error.
+        kind = UnknownCovarianceError if pivot >= -_SINGULAR * largest else BadMessageError
+        raise kind(_NOT_POSITIVE)
 
 
-def _has_cholesky_factor(rows: list[list[float]]) -> bool:
-    """True if the matrix is positive definite: it has a Cholesky factor L, which overwrites its lower triangle."""
+def _smallest_pivot(rows: list[list[float]]) -> float:
+    """Return the first pivot that is not positive, or the last one; the Cholesky factor overwrites the lower part."""
     for i, row in enumerate(rows):
         pivot = row[i]
         for j in range(i):
@@ -65,9 +75,9 @@ def _has_cholesky_factor(rows: list[list[float]]) -> bool:
             row[j] = value = value / other[j]
             pivot -= value * value
         if not pivot > _MIN_PIVOT:
-            return False
+            return pivot
         row[i] = math.sqrt(pivot)
-    return True
+    return pivot
 
 
 def inverse(S: NDArray[np.float64]) -> NDArray[np.float64]:

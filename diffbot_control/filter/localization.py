@@ -11,8 +11,10 @@ from bisect import insort
 from collections import OrderedDict, deque
 from typing import NamedTuple
 
+from diffbot_control.filter import contradiction
 from diffbot_control.filter.belief import Belief
 from diffbot_control.filter.correlation import kind_of, source_of
+from diffbot_control.filter.gate import FIX, RELOCATED
 from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.innovation_monitor import InnovationMonitor
 from diffbot_control.filter.localization_config import LocalizationConfig
@@ -24,7 +26,7 @@ from diffbot_control.filter.odometry_noise import density_of, over_time
 from diffbot_control.filter.stamp_order import Key, key_of, order_of, split_at
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose
-from diffbot_core.kinematics import WheelGeometry, scale_twist_covariance
+from diffbot_core.kinematics import Twist, TwistCovariance, WheelGeometry, scale_twist_covariance
 from diffbot_core.units import S_PER_NS
 
 _MAX_PENDING = 1000
@@ -52,12 +54,19 @@ class Estimate(NamedTuple):
 class _Step:
     """One odometry step of the history with the filter's memory before it, so that it can be computed again."""
 
-    __slots__ = ("measurements", "memory", "odometry", "start", "whole")
+    __slots__ = ("is_gap", "measurements", "memory", "odometry", "start", "whole")
 
     def __init__(
-        self, start: int, odometry: OdometryStep, whole: int, memory: Memory, measurements: list[Measurement]
+        self,
+        start: int,
+        odometry: OdometryStep,
+        whole: int,
+        memory: Memory,
+        measurements: list[Measurement],
+        is_gap: bool,
     ) -> None:
         self.start = start
+        self.is_gap = is_gap
         self.odometry = odometry
         self.whole = whole
         self.memory = memory
@@ -67,15 +76,30 @@ class _Step:
 class Localization:
     """A filter that fuses measurements by their stamps; it starts with the first fix, or by :meth:`initialise`."""
 
-    def __init__(self, config: LocalizationConfig, wheel_separation: float = WheelGeometry().wheel_separation) -> None:
-        """Start unknown: :attr:`initialised` is False until a pose comes; ``wheel_separation`` is L [m]."""
+    def __init__(
+        self,
+        config: LocalizationConfig,
+        wheel_separation: float = WheelGeometry().wheel_separation,
+        max_extrapolation: float = math.inf,
+    ) -> None:
+        """Start unknown: :attr:`initialised` is False until a pose comes.
+
+        Args:
+            config: options of the fusion.
+            wheel_separation: L [m].
+            max_extrapolation: [s] before its stamp for which an odometry's twist is taken for the motion; see
+                :meth:`on_odometry`.
+        """
         self.config = config
+        self.max_extrapolation = max_extrapolation
         self._history = round(config.history_length / S_PER_NS)
         self.filter = GatedFilter(config.options(), wheel_separation)
         self.monitor = InnovationMonitor(config.sources.pose_sources)
         self.dropped_before_odometry = 0
         """number of measurements dropped because their stamps are before the first odometry's"""
         self.initialised = False
+        self.contradiction = contradiction.NONE
+        """signs that the fixes contradict the odometry"""
         self._stamp: int | None = None
         self._odometry: OdometryStep | None = None
         self._steps: deque[_Step] = deque()
@@ -94,6 +118,7 @@ class Localization:
         self.filter.reset()
         self.monitor.clear()
         self.initialised = False
+        self.contradiction = contradiction.NONE
         self._stamp = None
         self._odometry = None
         self._steps.clear()
@@ -109,6 +134,7 @@ class Localization:
         """
         self.filter.reset_to(pose, P)
         self.monitor.clear()
+        self.contradiction = contradiction.NONE
         self._steps.clear()
         for waiting in self._pending:
             self._forget_key(waiting)
@@ -135,10 +161,20 @@ class Localization:
         times, found = self.filter.options.correlation_times, self.monitor.whiteness()
         return [kind for kind, one in found.items() if times[kind] == 0.0 and one.correlation > one.alarm]
 
+    def check_innovations(self) -> None:
+        """Look for fixes that contradict the odometry without relocating the filter; to be called now and then."""
+        nis, found = self.monitor.nis(), self.monitor.whiteness().get(FIX)
+        if nis is not None and found is not None and self._stamp is not None:
+            self.contradiction = contradiction.with_innovations(
+                self.contradiction, self._stamp, nis.mean / nis.alarm, found.correlation
+            )
+
     def on_odometry(self, odometry: OdometryStep) -> Estimate:
         """Move to the stamp of ``odometry`` and fuse the measurements that waited for it.
 
-        An odometry with the stamp of the last one (a repetition) is answered without moving.
+        An odometry with the stamp of the last one (a repetition) is answered without moving. After a gap in the
+        odometry its twist moves the estimate for the last ``max_extrapolation`` seconds only. Before, the estimate
+        stays, and its deviation grows by the way that the faster of the two twists around the gap would have made.
 
         Raises:
             BadMessageError: before the first fix; out of order; or if time jumped back by more than the history, or
@@ -153,18 +189,36 @@ class Localization:
         if late >= 0 or late < -_MAX_GAP:
             self._check_time(late)
             return self.estimate()
+        late += self._cross_gap(-late, odometry)
         delay = round(self.config.odometry.odometry_delay / S_PER_NS)
         for piece, whole in self._delayed.pieces(self._stamp, odometry, delay) if delay else ((odometry, -late),):
             self._step(self._stamp, piece, whole)
         self._trim()
         return self.estimate()
 
-    def _step(self, start: int, odometry: OdometryStep, whole: int) -> None:
+    def _cross_gap(self, whole: int, after: OdometryStep) -> int:
+        """Pass the part of ``whole`` [ns] in which the motion before ``after`` is unknown; return its length [ns]."""
+        start = self._stamp
+        if start is None or whole * S_PER_NS <= self.max_extrapolation:
+            return 0
+        gap = whole - round(self.max_extrapolation / S_PER_NS)
+        before = self._odometry.twist if self._odometry is not None else after.twist
+        v = max(abs(before.v), abs(after.twist.v))
+        # A deviation of pi says that nothing is known of the heading.
+        omega = min(max(abs(before.omega), abs(after.twist.omega)), math.pi / (gap * S_PER_NS))
+        unknown = OdometryStep(start + gap, Twist(0.0, 0.0), TwistCovariance(v * v, 0.0, omega * omega))
+        self._delayed.clear()
+        self._step(start, unknown, gap, is_gap=True)
+        return gap
+
+    def _step(self, start: int, odometry: OdometryStep, whole: int, is_gap: bool = False) -> None:
         """Move with a twist from ``start`` [ns] to its stamp; it is the mean twist of ``whole`` [ns]."""
         ready, self._pending = split_at(self._pending, odometry.stamp)
-        step = _Step(start, odometry, whole, self.filter.memory, ready)
+        step = _Step(start, odometry, whole, self.filter.memory, ready, is_gap)
         self._steps.append(step)
         self._propagate(step, None)
+        distance = abs(odometry.twist.v) * (odometry.stamp - start) * S_PER_NS
+        self.contradiction = contradiction.with_motion(self.contradiction, odometry.stamp, distance)
         self._stamp = odometry.stamp
         self._odometry = odometry
 
@@ -249,17 +303,21 @@ class Localization:
     def _propagate(self, step: _Step, late: Measurement | None) -> None:
         """Compute a step; if it is repeated for a ``late`` measurement, only that one is new to the monitor."""
         odometry, now = step.odometry, step.start
-        whole = step.whole * S_PER_NS
         for measurement in step.measurements:
             if measurement.stamp > now:
-                self._predict(odometry, (measurement.stamp - now) * S_PER_NS, whole)
+                self._predict(step, (measurement.stamp - now) * S_PER_NS)
                 now = measurement.stamp
             self._update(measurement, late is None or measurement is late)
         if odometry.stamp > now:
-            self._predict(odometry, (odometry.stamp - now) * S_PER_NS, whole)
+            self._predict(step, (odometry.stamp - now) * S_PER_NS)
 
-    def _predict(self, odometry: OdometryStep, dt: float, whole: float) -> None:
-        _, twist, covariance = odometry
+    def _predict(self, step: _Step, dt: float) -> None:
+        (_, twist, covariance), whole = step.odometry, step.whole * S_PER_NS
+        if step.is_gap:
+            # A part of the gap has its share of the variance; it is as large across the robot as along it.
+            covariance = scale_twist_covariance(covariance, whole / dt)
+            self.filter.predict(Motion(twist, dt, covariance), covariance.var_v * dt * dt)
+            return
         density = density_of(twist, covariance, self.config.odometry)
         if density is not None:
             covariance, lateral = over_time(density, twist.v, dt)
@@ -276,6 +334,10 @@ class Localization:
         if new:
             kind, source = kind_of(measurement), source_of(measurement)
             self.monitor.record(kind, self.filter.nis, outcome, self.filter.innovation, source)
+            if outcome == RELOCATED:
+                self.contradiction = contradiction.with_relocation(self.contradiction, measurement.stamp)
+            if isinstance(measurement, PoseFix) and not measurement.source:
+                self.contradiction = contradiction.with_fix(self.contradiction, measurement.stamp, measurement.pose)
 
     def _trim(self) -> None:
         steps, keys = self._steps, self._keys

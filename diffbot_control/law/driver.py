@@ -11,7 +11,7 @@ from diffbot_control.law.configuration import Report
 from diffbot_control.law.controller import SwitchingLaw, stop_step
 from diffbot_control.law.goal_checker import is_at_rest, is_knowable
 from diffbot_control.law.latency import Actuation
-from diffbot_control.law.limits import slowed
+from diffbot_control.law.limits import limit_change, limit_velocity, slowed
 from diffbot_control.law.protocol import Law
 from diffbot_control.law.regions import OMEGA_L
 from diffbot_core.data_sheet import DataSheet
@@ -77,6 +77,24 @@ class Driver:
             raise LawError(f"law {self.law.name} failed: 'reached' or the report is not as the protocol says")
         return after, Twist(v, omega), report
 
+    def limited(self, memory: Any, command: Twist, last: Twist, dt: float, config: Any) -> tuple[Any, Twist]:
+        """Return memory and command of a step within the limits of the law's data sheet, whatever the law commands.
+
+        Args:
+            memory: of the law, after the step.
+            command: of the law.
+            last: the command before it.
+            dt: [s] between them.
+            config: of the law; without a data sheet nothing is limited.
+        """
+        sheet = getattr(config, "data_sheet", None)
+        if not isinstance(sheet, DataSheet):
+            return memory, command
+        within = limit_change(limit_velocity(command, sheet), last, dt, sheet)
+        if within != command and "command" in motion_of(memory):
+            memory = memory._replace(command=within)
+        return memory, within
+
     def slow_down(self, memory: Any, last: Twist, dt: float, config: Any) -> tuple[Any, Twist]:
         """One step of coming to rest without a goal, along the curve within the limits of acceleration.
 
@@ -126,6 +144,10 @@ class SwitchingDriver(Driver):
             return self.law.step(memory, estimate, goal, dt, config)
         except Exception as error:
             raise self._error(error) from error
+
+    def limited(self, memory: Any, command: Twist, last: Twist, dt: float, config: Any) -> tuple[Any, Twist]:
+        """Return them as they are: this law keeps the limits itself."""
+        return memory, command
 
     def halted(self, memory: Any) -> Any:
         """Return the memory after zero was sent at once: the poses in a row within the tolerances begin anew."""

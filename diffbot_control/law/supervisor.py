@@ -6,17 +6,21 @@ import math
 from typing import Any, NamedTuple
 
 from diffbot_control.law import goal_record
+from diffbot_control.law import progress as watch
 from diffbot_control.law.configuration import Report
 from diffbot_control.law.controller import SwitchingLaw
 from diffbot_control.law.driver import STOP, LawError, driver_of, scaled_uncertainty
-from diffbot_control.law.goal_checker import smallest_tolerance
+from diffbot_control.law.goal_checker import GoalTolerance, is_at_rest, smallest_tolerance
 from diffbot_control.law.goal_record import ANONYMOUS, GoalBook, GoalRequest, distance_along
 from diffbot_control.law.limits import is_beyond
+from diffbot_control.law.progress import Progress
 from diffbot_control.law.protocol import Law
+from diffbot_control.law.step_clock import StepClock
 from diffbot_control.law.supervisor_config import SupervisorConfig as SupervisorConfig  # noqa: PLC0414 - re-exported
-from diffbot_core.data_sheet import DataSheet
+from diffbot_core.data_sheet import UNLIMITED, DataSheet
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
+from diffbot_core.stamps import StampWatch
 from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
 from diffbot_core.units import S_PER_NS
 
@@ -32,6 +36,10 @@ STATES = (IDLE, WAITING, DRIVING, REACHED, UNCERTAIN, STALE, NOT_REACHED)
 
 _MAX_STEP = 1.0
 """[s] a longer gap between poses counts as this long for the acceleration limits."""
+_NEAR_TOLERANCES = 3.0
+"""Tolerances from the last goal within which the robot need not come closer."""
+_UNCERTAIN_TIME = 60.0
+"""[s] at rest with an estimate too uncertain for an answer, after which that is the answer"""
 _STOP_REPEATS = 5
 """Zero commands sent after a stop, so that one lost message does not leave the robot driving."""
 
@@ -43,6 +51,9 @@ class _StepInput(NamedTuple):
     """of the law"""
     dt: float
     """[s]"""
+    command: Twist
+    """the one before"""
+    progress: Progress
 
 
 class Supervisor:
@@ -74,18 +85,29 @@ class Supervisor:
         self._route: list[Pose] = []
         self._counted = False
         """the present goal is among goals_reached"""
+        self.accepted = 0
+        """goals and paths accepted so far"""
+        self.timeout = math.inf
+        """[s] within which the present goal, or under a derived goal_timeout the whole path, has to be reached"""
+        self._timeout_option = config.goal_timeout
+        """the parameter that the timeout is from"""
+        self._is_timeout_final = False
+        """the timeout was derived with a known pose"""
+        self._progress = Progress()
         self._goal_stamp: int | None = None
         """[ns] of the first pose with the present goal"""
-        self._stamp: int | None = None
+        self._stamps = StampWatch()
         self.pose: Pose | None = None
         self._answer: Twist | None = None
         """to the newest pose"""
         self._command = STOP
         """the last one"""
         self._step_input: _StepInput | None = None
+        self._step_clock = StepClock()
         self._last_pose_time: float | None = None
+        """[s] of the newest pose whose stamp advanced"""
         self._silent_since = 0.0
-        """[s] of the newest pose or goal"""
+        """[s] of that pose, or of a goal after it"""
         self._zeros_due = 0
 
     def on_goal(self, goal: Pose, request: GoalRequest = ANONYMOUS) -> None:
@@ -95,6 +117,7 @@ class Supervisor:
         self.waypoint = self.waypoints = 0
         self._answer = None
         self._drive_to(goal)
+        self._set_timeout()
 
     def on_path(self, goals: list[Pose], request: GoalRequest = ANONYMOUS) -> None:
         """Drive to ``goals`` one after the other (at least one); the last one is held."""
@@ -103,10 +126,34 @@ class Supervisor:
         self._route = goals[1:]
         self._answer = None
         self._drive_to(goals[0])
+        self._set_timeout()
 
     def _accept(self, request: GoalRequest) -> None:
         self.goals.accept(request)
         self._silent_since = request.time
+        self.accepted += 1
+        self._goal_stamp = None
+
+    def _set_timeout(self) -> None:
+        """Set how long the present goal may take, from acceptance on; again when the first pose is known."""
+        timeout, sheet = self.config.goal_timeout, self._data_sheet()
+        self._timeout_option = timeout
+        self._is_timeout_final = self.pose is not None
+        if timeout >= 0.0:
+            self.timeout = timeout or math.inf
+            return
+        goals = self.goals_ahead
+        distance = distance_along(self.pose or goals[0], goals) if goals else 0.0
+        self.timeout = watch.derived_timeout(distance, len(goals), sheet)
+
+    def _data_sheet(self) -> DataSheet:
+        """Return the limits of the law's configuration; those of a law without any are the defaults."""
+        sheet = getattr(self.config.controller, "data_sheet", None)
+        return sheet if isinstance(sheet, DataSheet) else DataSheet()
+
+    def _tolerance(self) -> GoalTolerance:
+        tolerance = getattr(self.config.controller, "tolerance", None)
+        return tolerance if isinstance(tolerance, GoalTolerance) else GoalTolerance()
 
     def distance_remaining(self) -> float:
         """Return the length [m] of the straight lines to the goal, or through what is left of the path; 0 if idle."""
@@ -138,7 +185,10 @@ class Supervisor:
         self.reason = ""
         self.has_failed = False
         self._counted = False
-        self._goal_stamp = None
+        self._progress = Progress()
+        if self.config.goal_timeout > 0.0:
+            # Of each goal of a path.
+            self._goal_stamp = None
         try:
             self.memory = self._driver.memory_for_new_goal(self.memory, self.config.controller)
         except LawError as error:
@@ -155,34 +205,56 @@ class Supervisor:
             self.goals.close_cancelled()
         return None if self.config.publish_when_idle else self._come_to_rest(0.0)
 
-    def on_pose(self, stamp: int, now: float, pose: Pose, uncertainty: Uncertainty = CERTAIN) -> Twist | None:
-        """Answer a pose.
+    def on_pose(
+        self,
+        stamp: int,
+        now: float,
+        pose: Pose,
+        uncertainty: Uncertainty = CERTAIN,
+        steady: float = math.nan,
+    ) -> Twist | None:
+        """Answer a pose. Only one whose stamp advances is a sign of life; a repeated one may correct the last step.
 
         Args:
             stamp: [ns] time the pose belongs to.
             now: [s] time of arrival, on the clock of :meth:`on_tick`.
             pose: in the frame of the goals.
             uncertainty: of the pose; by default the pose is assumed exact.
+            steady: [s] the same on the steady clock; nan in simulated time, whose stamps are as good as their clock.
         """
-        dt = 0.0 if self._stamp is None else min(max((stamp - self._stamp) * S_PER_NS, 0.0), _MAX_STEP)
-        same_step, same_pose = stamp == self._stamp, pose == self.pose
-        self._stamp, self.pose = stamp, pose
-        self._last_pose_time = self._silent_since = self.goals.now = now
+        before, advances, dt = self._stamps.newest, self._stamps.advances(stamp), 0.0
+        if advances:
+            dt = 0.0 if before is None else min((stamp - before) * S_PER_NS, _MAX_STEP)
+            dt = self._step_clock.limited(dt, steady)
+            self._last_pose_time = self._silent_since = now
+        self.goals.now = now
+        same_step, same_pose = stamp == before, pose == self.pose
         if self.goal is None:
+            self.pose = pose
             return self._come_to_rest(dt)
-        if same_step and self._answer is not None and self.state != STALE:
+        if self._is_held and self._is_elsewhere(pose):
+            self.pose = pose
+            return self._come_to_rest(dt)
+        if not advances and (self.state == STALE or self._is_overdue(now)):
+            # The sender repeats itself, and the robot may be anywhere by now.
+            return STOP
+        if stamp != self._stamps.newest and self._answer is not None:
+            # Out of order: a newer pose is answered already.
+            return self._answer
+        self.pose = pose
+        if same_step and self._answer is not None:
             # A pose that is sent again, as in lock-step after a stall, is not a new step: the answer is the same.
             if same_pose:
                 return self._answer
             # A pose corrected by a fix that came after the odometry: repeat the step with it.
             if self._step_input is not None:
-                self.memory, dt = self._step_input
+                self.memory, dt, self._command, self._progress = self._step_input
         self.uncertainty = uncertainty
         self._answer = self._take_step(self.goal, pose, dt)
         return self._answer
 
     def _take_step(self, goal: Pose, pose: Pose, dt: float) -> Twist:
-        self._step_input = _StepInput(self.memory, dt)
+        self._step_input = _StepInput(self.memory, dt, self._command, self._progress)
         estimate = Estimate(pose, self.uncertainty)
         try:
             self.memory, command, self.report = self._driver.step(
@@ -191,6 +263,7 @@ class Supervisor:
         except LawError as error:
             self.give_up(str(error), has_failed=True)
             return self._come_to_rest(dt) or STOP
+        self.memory, command = self._driver.limited(self.memory, command, self._command, dt, self.config.controller)
         self._command = command
         self.state = self._state_of_drive(command)
         reached = self.memory.reached
@@ -205,49 +278,107 @@ class Supervisor:
             self.waypoint += 1
             self._drive_to(self._route.pop(0))
         elif not self._counted:
-            reason = self._reason_to_give_up()
+            reason = self._reason_to_give_up(dt)
             if reason:
                 self.give_up(reason)
         return command
 
-    def _reason_to_give_up(self) -> str:
-        """Return why the present goal is given up, empty if it is not."""
-        if self._stamp is None:
+    def _reason_to_give_up(self, dt: float) -> str:
+        """Return why the present goal is given up ``dt`` [s] after the last step, empty if it is not."""
+        stamp = self._stamps.newest
+        if stamp is None or self.report is None:
             return ""
         if self._goal_stamp is None:
-            self._goal_stamp = self._stamp
-        timeout = self.config.goal_timeout
-        if 0.0 < timeout <= (self._stamp - self._goal_stamp) * S_PER_NS:
-            return f"not reached within goal_timeout = {timeout:g} s"
-        return self._driver.reason_to_give_up(self.memory, self.config)
+            self._goal_stamp = stamp
+        if not self._is_timeout_final or self._timeout_option != self.config.goal_timeout:
+            self._set_timeout()
+        if self.timeout <= (stamp - self._goal_stamp) * S_PER_NS:
+            return self._timeout_reason()
+        return self._reason_of_no_progress(dt) or self._driver.reason_to_give_up(self.memory, self.config)
+
+    def _timeout_reason(self) -> str:
+        derived = " (derived from distance and limits)" if self.config.goal_timeout < 0.0 else ""
+        return f"not reached within goal_timeout = {self.timeout:.3g} s{derived}"
+
+    def _reason_of_no_progress(self, dt: float) -> str:
+        """Return why the goal cannot be reached from here, empty if it may."""
+        remaining, tolerance = self.distance_remaining(), self._tolerance().xy_goal_tolerance
+        is_near = not self._route and remaining <= _NEAR_TOLERANCES * tolerance
+        self._progress = watch.with_distance(self._progress, remaining, dt, is_near)
+        self._progress = watch.with_uncertainty(self._progress, dt, self.state == UNCERTAIN)
+        if self._progress.uncertain >= _UNCERTAIN_TIME:
+            xy, theta = self.smallest_tolerance()
+            return f"the estimate is too uncertain: smallest possible tolerance {xy:.3g} m and {theta:.3g} rad"
+        allowed = watch.progress_time(self._progress.best, self._data_sheet())
+        if self._progress.time >= allowed:
+            return f"no progress for {allowed:.0f} s, {remaining:.2f} m to go"
+        return ""
+
+    @property
+    def _is_held(self) -> bool:
+        """The goal was reached and has been answered."""
+        return self.goal is not None and self._counted and not self._route
+
+    def _is_elsewhere(self, pose: Pose) -> bool:
+        """Let a held goal go if the robot is found too far away; return whether it is."""
+        if self.goal is None:
+            return False
+        bound = max(self.config.hold_distance, 2.0 * self._tolerance().xy_goal_tolerance)
+        found = math.hypot(pose.x - self.goal.x, pose.y - self.goal.y)
+        if found > bound:
+            self._let_go(f"found {found:.2f} m from the held goal: hold_distance = {bound:g} m")
+        return found > bound
+
+    def _let_go(self, reason: str) -> None:
+        """End the holding of a goal that was reached."""
+        self.reason = reason
+        self._go_idle(IDLE)
 
     def _state_of_drive(self, command: Twist) -> str:
         if self.memory.reached:
-            return REACHED
+            return DRIVING if self._corrects(command) else REACHED
         config = self.config.controller
         uncertain = self._driver.is_too_uncertain(self.memory, command, self.uncertainty, config)
         return UNCERTAIN if uncertain else DRIVING
+
+    def _corrects(self, command: Twist) -> bool:
+        """True if the robot has left a reached goal and drives back."""
+        if not self._counted or self.report is None:
+            return False
+        tolerance = self._tolerance()
+        sheet = getattr(self.config.controller, "data_sheet", UNLIMITED)
+        return not is_at_rest(command, tolerance, sheet) and self.report.rho > tolerance.xy_goal_tolerance
 
     def smallest_tolerance(self) -> tuple[float, float]:
         """Position [m] and heading [rad] tolerance that the present uncertainty allows this project's law at best."""
         controller = self.config.controller
         return smallest_tolerance(controller.tolerance, scaled_uncertainty(self.uncertainty, controller))
 
-    def on_tick(self, now: float, silence: float = math.inf, is_stale: bool = False) -> Twist | None:
+    def on_tick(
+        self, now: float, silence: float = math.inf, is_stale: bool = False, elapsed: float = 0.0
+    ) -> Twist | None:
         """Watch for missing poses: zero if the robot may be moving and ``is_stale``, or no pose for ``pose_timeout``.
 
-        A goal is given up only if ``silence`` [s], by a clock that neither jumps nor runs fast, is too long as well.
+        Args:
+            now: [s] on the clock of :meth:`on_pose`.
+            silence: [s] since the last pose by a clock that neither jumps nor runs fast; a goal is given up only if it
+                is too long as well.
+            is_stale: the robot must not move, whatever ``now`` says.
+            elapsed: [s] since the present goal was accepted, by that clock.
         """
         self.goals.now = now
         self._watch_for_loss(now, silence)
+        if self.goals.present is not None and self.goal is not None and elapsed >= self._whole_timeout():
+            self.give_up(self._timeout_reason())
         if self._last_pose_time is None or (self.goal is None and self._zeros_due == 0):
             return None
         # Time that runs backwards (a restarted simulation) must not disable the timeout.
         self._last_pose_time = min(self._last_pose_time, now)
-        if not is_stale and now - self._last_pose_time <= self.config.pose_timeout:
+        if not is_stale and not self._is_overdue(now):
             return None
         self.memory = self._driver.halted(self.memory)
         self._command = STOP
+        self._step_clock.halt()
         self.goals.close_cancelled()
         if self.goal is None:
             self._zeros_due -= 1
@@ -255,13 +386,24 @@ class Supervisor:
             self.state = STALE
         return STOP
 
+    def _is_overdue(self, now: float) -> bool:
+        return self._last_pose_time is not None and now - self._last_pose_time > self.config.pose_timeout
+
     def _watch_for_loss(self, now: float, silence: float) -> None:
-        """Give the goal up if no pose has come for ``pose_lost_timeout``; a goal that was reached is kept."""
+        """Give the goal up if no pose has come for ``pose_lost_timeout``, or no longer hold it."""
         self._silent_since = min(self._silent_since, now)
         timeout = self.config.pose_lost_timeout
-        is_lost = 0.0 < timeout <= min(now - self._silent_since, silence)
-        if self.goal is not None and self.goals.present is not None and is_lost:
-            self.give_up(f"no pose for pose_lost_timeout = {timeout:g} s", end=goal_record.POSE_LOST)
+        if self.goal is None or not 0.0 < timeout <= min(now - self._silent_since, silence):
+            return
+        reason = f"no pose for pose_lost_timeout = {timeout:g} s"
+        if self.goals.present is not None:
+            self.give_up(reason, end=goal_record.POSE_LOST)
+        elif self._is_held:
+            self._let_go(f"the goal is held no longer: {reason}")
+
+    def _whole_timeout(self) -> float:
+        """Return the time [s] within which all goals of the path have to be reached."""
+        return self.timeout * (max(self.waypoints, 1) if self.config.goal_timeout > 0.0 else 1)
 
     def give_up(self, reason: str, has_failed: bool = False, end: str = goal_record.NOT_REACHED) -> None:
         """End the present goal with a reason, and come to rest; ``has_failed`` if the law or the node is at fault."""

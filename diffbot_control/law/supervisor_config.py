@@ -22,9 +22,24 @@ class SupervisorConfig(NamedTuple):
         Spec("distance at which a waypoint of a path is passed; 0: each is reached first", "m", *DISTANCE),
     ] = 0.0
     hold_goal: Annotated[bool, Spec("keep controlling at a reached goal; otherwise go idle")] = True
+    hold_distance: Annotated[
+        float,
+        Spec(
+            "a robot found farther from a held goal, and than twice xy_goal_tolerance, goes idle instead of back",
+            "m",
+            *DISTANCE,
+        ),
+    ] = 0.5
     goal_timeout: Annotated[
-        float, Spec("the robot gives a goal up that is not reached after this time; 0: never", "s", *TIME)
-    ] = 0.0
+        float,
+        Spec(
+            "the robot gives a goal up that is not reached after this time; -1: derived from distance and limits;"
+            " 0: never",
+            "s",
+            -1.0,
+            TIME[1],
+        ),
+    ] = -1.0
     max_departures: Annotated[
         int,
         Spec(

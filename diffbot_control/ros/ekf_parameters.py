@@ -95,7 +95,14 @@ class EkfNodeConfig(NamedTuple):
     ] = ""
     left_wheel_name: Annotated[str, Spec("joint of the left wheel", read_only=True)] = "left_wheel_joint"
     right_wheel_name: Annotated[str, Spec("joint of the right wheel", read_only=True)] = "right_wheel_joint"
-    sensor_timeout: Annotated[float, Spec("time without odometry that is reported as silence", "s", *TIMEOUT)] = 1.0
+    sensor_timeout: Annotated[
+        float,
+        Spec(
+            "time without odometry that is reported as silence; after a longer gap its twist counts for this time only",
+            "s",
+            *TIMEOUT,
+        ),
+    ] = 1.0
     map_frame: Annotated[str, Spec("frame of fixes and estimates", read_only=True)] = "map"
     odom_frame: Annotated[str, Spec("frame of the odometry", read_only=True)] = "odom"
     base_link_frame: Annotated[str, Spec("frame of the robot", read_only=True)] = "base_link"

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from diffbot_control.filter.covariance import check_covariance, check_rows
+from diffbot_control.filter.covariance import UnknownCovarianceError, check_covariance, check_rows
 from diffbot_control.filter.measurements import Array, Heading, LandmarkMeasurement, OdometryStep, PoseFix
 from diffbot_control.ros.landmark_cloud import LandmarkPoint, landmark_points
 from diffbot_control.ros.message_fields import (
@@ -116,17 +116,18 @@ def _landmark_covariance(point: LandmarkPoint) -> Array:
 def noise_of(read: Callable[[], Array], noise: KnownNoise) -> Array:
     """Return the covariance that ``read`` gets from a message, or the fallback.
 
-    The fallback is used if it overrides the message, or if the message's covariance is not usable; all zero is not
-    usable: it means unknown.
+    The fallback is used if it overrides the message, or if the message's covariance is unknown: all zero, singular or
+    absurdly large.
 
     Raises:
-        BadMessageError: if the message's covariance is not usable and there is no fallback.
+        BadMessageError: if the covariance is wrong (not finite, not symmetric, indefinite), which is the sign of a
+            broken sender, or unknown and there is no fallback.
     """
     if noise.R is not None and noise.always:
         return noise.R
     try:
         return read()
-    except BadMessageError:
+    except UnknownCovarianceError:
         if noise.R is None:
             raise
         return noise.R

@@ -20,7 +20,7 @@ from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 
 from diffbot_core.errors import BadMessageError, DiffbotError
-from diffbot_core.health import Health
+from diffbot_core.health import DROP_MEMORY, Health
 from diffbot_core.ros.base_node import BaseNode
 from diffbot_core.ros.clock_watch import ClockWatch
 from diffbot_core.ros.fault_parameters import FaultConfig
@@ -155,9 +155,9 @@ class DiffbotNode(BaseNode, Generic[C]):
             return DiagnosticStatus.ERROR[0], self.faults.newest
         if watches := [one for one in (self.clock_watch, self.publisher_watch) if one.problem]:
             return max(one.level for one in watches), "; ".join(one.problem for one in watches)
-        dropped = sum(self.health.dropped.values())
+        dropped = self.health.recent_drops(time.monotonic())
         if dropped:
-            return DiagnosticStatus.WARN[0], f"{dropped} messages dropped"
+            return DiagnosticStatus.WARN[0], f"{dropped} messages dropped in the last {DROP_MEMORY:g} s"
         return DiagnosticStatus.OK[0], "ok"
 
     def details(self) -> dict[str, str]:

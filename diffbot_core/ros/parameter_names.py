@@ -87,6 +87,7 @@ PARAMETER_NAMES = frozenset(
         "heading_sigma",
         "history_length",
         "hold_brake",
+        "hold_distance",
         "hold_goal",
         "hold_react",
         "include_hidden_topics",

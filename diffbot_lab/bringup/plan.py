@@ -57,7 +57,7 @@ def plan(values: Mapping[str, Any], share: Path, *, simulate: bool) -> list[Node
         found.append(("controller", preset | stamped | managed | lockstep))
     if simulate:
         found.append(("plant", stamped | prefix | _plant_parameters(values)))
-    file = values.get("parameters", str(share / "config" / "diffbot.yaml"))
+    file = str(parameter_file(values, share))
     time = {"use_sim_time": _uses_sim_time(values, simulate)}
     nodes = [
         NodePlan(
@@ -70,6 +70,11 @@ def plan(values: Mapping[str, Any], share: Path, *, simulate: bool) -> list[Node
         for kind, parameters in found
     ]
     return [_in_namespace(node, values) for node in [*nodes, *_displays(values, share, time)]]
+
+
+def parameter_file(values: Mapping[str, Any], share: Path) -> Path:
+    """Return the parameter file of all nodes; arguments as of :func:`plan`."""
+    return Path(values.get("parameters", share / "config" / "diffbot.yaml"))
 
 
 def environment(values: Mapping[str, Any], outer: Mapping[str, str], *, simulate: bool) -> dict[str, str]:

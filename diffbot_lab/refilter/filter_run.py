@@ -66,7 +66,7 @@ class RecordingLocalization(Localization):
 
     def __init__(self, config: EkfNodeConfig) -> None:
         """Start unknown."""
-        super().__init__(config.localization, config.wheels.wheel_separation)
+        super().__init__(config.localization, config.wheels.wheel_separation, config.sensor_timeout)
         self.monitor = self._recorder = _RecordingMonitor(config.localization.sources.pose_sources)
         self.innovations: list[Innovation] = []
 

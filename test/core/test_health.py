@@ -1,5 +1,6 @@
 """Counters of a node and what they say in /diagnostics."""
 
+from diffbot_core import health as module
 from diffbot_core.health import Health, Throttle
 
 
@@ -14,6 +15,18 @@ def test_only_the_first_drop_of_a_kind_is_worth_a_line():
         "odom dropped: too old": "2",
         "pose dropped: too old": "1",
     }
+
+
+def test_only_the_drops_of_the_last_ten_seconds_are_recent(monkeypatch):
+    health, now = Health(), [100.0]
+    monkeypatch.setattr(module.time, "monotonic", lambda: now[0])
+    for now[0] in (100.0, 103.0):
+        health.drop("odom", "too old")
+    assert [health.recent_drops(when) for when in (103.0, 110.0, 110.1, 113.1)] == [2, 2, 1, 0]
+    assert health.dropped["odom", "too old"] == 2, "the counters keep them"
+    health.drop("odom", "too old")
+    health.reset()
+    assert health.recent_drops(103.0) == 0
 
 
 def test_rates_are_over_the_time_since_the_last_report():

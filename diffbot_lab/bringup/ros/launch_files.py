@@ -16,7 +16,8 @@ from launch_ros.parameter_descriptions import ParameterValue
 
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.bringup.arguments import ROBOT, SIMULATION, Argument, parse
-from diffbot_lab.bringup.plan import PACKAGE, NodePlan, environment, plan
+from diffbot_lab.bringup.data_sheet import check_data_sheet
+from diffbot_lab.bringup.plan import PACKAGE, NodePlan, environment, parameter_file, plan
 from launch import LaunchContext, LaunchDescription
 
 
@@ -44,7 +45,8 @@ def _actions(arguments: tuple[Argument, ...], simulate: bool, context: LaunchCon
     """Return the actions for the values of the arguments; launch reports an exception in one line and starts nothing.
 
     Raises:
-        DiffbotError: naming argument, value and bound, or a package that is not installed.
+        DiffbotError: naming argument, value and bound, a package that is not installed, or limits that a
+            real robot lacks.
     """
     texts = {one.name: LaunchConfiguration(one.name).perform(context) for one in arguments}
     share = Path(get_package_share_directory(PACKAGE))
@@ -54,6 +56,8 @@ def _actions(arguments: tuple[Argument, ...], simulate: bool, context: LaunchCon
         # launch itself would find out when the nodes before it are starting, and leave those running.
         if not node.optional and not _is_installed(node.package):
             raise DiffbotError(f"{node.package} is not installed")
+    if not simulate:
+        check_data_sheet(parameter_file(values, share))
     variables = environment(values, os.environ, simulate=simulate)
     settings = [SetEnvironmentVariable(name, value) for name, value in variables.items()]
     notes = [LogInfo(msg=f"{name}={value}") for name, value in variables.items()]

@@ -179,3 +179,39 @@ def test_the_pieces_cover_each_interval_once():
         start = stamp
     found = [(piece.odometry.stamp, piece.odometry.twist.omega, piece.whole) for piece in pieces]
     assert found == [(530, 400.0, 80), (630, 500.0, 100), (640, 640.0, 140)]
+
+
+def after_a_gap(seconds, fixes=(), max_extrapolation=1.0, variant=EKF):
+    """A robot that drove with (0.5, 0.2) until 1 s; its odometry comes again ``seconds`` later with (0.4, 0.1)."""
+    made = Localization(
+        LocalizationConfig(60.0, FilterConfig(filter=variant), OdometryConfig(MESSAGE)),
+        max_extrapolation=max_extrapolation,
+    )
+    made.initialise(Pose(0.0, 0.0, 0.0), np.diag([1e-4, 1e-4, 1e-4]), 0)
+    small = TwistCovariance(1e-8, 0.0, 1e-8)
+    made.on_odometry(OdometryStep(10**9, Twist(0.5, 0.2), small))
+    before = made.estimate()
+    for one in fixes:
+        made.on_measurement(one)
+    return before, made.on_odometry(OdometryStep(round((1.0 + seconds) * 1e9), Twist(0.4, 0.1), small))
+
+
+def test_a_dropout_of_the_odometry_moves_the_estimate_for_the_timeout_only_and_widens_it():
+    before, after = after_a_gap(61.0)
+    step = after_a_gap(1.0)[1]
+    assert after.pose == pytest.approx(step.pose, abs=1e-9), "one second of the twist, not 61"
+    assert after.stamp == 62 * 10**9
+    # It may have been anywhere that the faster twist leads to in 60 s: 30 m in any direction, any heading.
+    x, y, theta = np.sqrt(np.diag(after.P))
+    assert theta == pytest.approx(math.pi, rel=1e-3)
+    assert min(x, y) >= 29.9
+    assert np.sqrt(np.diag(before.P)).max() < 0.1
+
+
+def test_a_short_gap_is_driven_through_and_a_fix_in_a_long_one_is_fused_at_its_time():
+    assert after_a_gap(1.0)[1].pose.theta == pytest.approx(0.2 + 0.1, abs=1e-6)
+    fix = PoseFix(31 * 10**9, Pose(7.0, 3.0, 0.2), np.diag([1e-4, 1e-4, 1e-4]))
+    _, after = after_a_gap(61.0, [fix])
+    # 30 s of the gap are left after the fix, then a second of the twist.
+    assert math.hypot(after.pose.x - 7.0, after.pose.y - 3.0) == pytest.approx(0.4, abs=0.01)
+    assert math.sqrt(after.P[2, 2]) == pytest.approx(math.pi / math.sqrt(2.0), rel=0.02)

@@ -62,11 +62,15 @@ class Drive:
         self.now += 0.1
         return self.supervisor.on_pose(round(self.now * 1e9), self.now, pose, uncertainty)
 
+    def cruise(self):
+        """Come up to the 0.5 m/s of the scripted law, from the first pose on."""
+        return [self.pose() for _ in range(6)][-1]
+
 
 def test_the_law_gets_pose_uncertainty_goal_period_and_its_configuration():
     law = Scripted()
     drive = Drive(law)
-    assert drive.pose() == (0.5, 0.1)
+    drive.pose()
     drive.pose()
     estimate = Estimate(AWAY, UNSURE)
     assert law.asked == [(Memory(), estimate, GOAL, dt, Config()) for dt in (0.0, pytest.approx(0.1))]
@@ -76,7 +80,7 @@ def test_the_law_gets_pose_uncertainty_goal_period_and_its_configuration():
 @pytest.mark.parametrize("sheet", [SLOW, None])
 def test_a_cancelled_robot_brakes_within_the_limits_or_at_once_without_a_data_sheet(sheet):
     drive = Drive(Scripted(), controller=Config(sheet))
-    drive.pose()
+    assert drive.cruise() == pytest.approx((0.5, 0.1))
     drive.supervisor.on_cancel()
     speeds = [drive.pose() or ZERO for _ in range(6)]
     # 0.1 m/s in 0.1 s; both velocities together, along the curve.
@@ -130,7 +134,7 @@ def test_a_law_that_fails_on_the_way_ends_the_goal_with_the_reason_and_the_robot
     answer, reason = FAILURES[failure]
     law = Scripted()
     drive = Drive(law)
-    drive.pose()
+    drive.cruise()
     law.answer = answer
     assert drive.pose() == pytest.approx((0.4, 0.08))
     supervisor = drive.supervisor
@@ -141,7 +145,7 @@ def test_a_law_that_fails_on_the_way_ends_the_goal_with_the_reason_and_the_robot
     assert [drive.pose() for _ in range(4)][-1] == pytest.approx(ZERO, abs=1e-12)
     law.answer = lambda memory: (memory, Twist(0.1, 0.0), GOOD_REPORT)
     supervisor.on_goal(GOAL)
-    assert (drive.pose(), supervisor.reason, supervisor.has_failed) == ((0.1, 0.0), "", False)
+    assert (drive.pose(), supervisor.reason, supervisor.has_failed) == (pytest.approx((0.1, 0.0)), "", False)
 
 
 def test_a_memory_that_cannot_be_made_is_refused_at_the_start_and_ends_a_later_goal(monkeypatch):
@@ -167,3 +171,20 @@ def test_this_projects_law_fails_in_the_same_way():
     driver, config = driver_of(SwitchingLaw), ControllerConfig()
     with pytest.raises(LawError, match=r"^law switching failed: AttributeError: .* \(braking_step\.py:\d+\)$"):
         driver.step(driver.new_memory(config), None, GOAL, 0.1, config)
+
+
+@pytest.mark.parametrize("wanted", [Twist(30.0, 0.0), Twist(-2.0, 40.0), Twist(0.5, 0.1)])
+def test_no_command_of_a_law_leaves_the_limits_of_its_data_sheet(wanted):
+    drive, last = Drive(Scripted(lambda memory: (memory, wanted, GOOD_REPORT)), goal_timeout=0.0), ZERO
+    for number in range(40):
+        command = drive.pose()
+        dt = 0.0 if number == 0 else 0.1
+        assert abs(command.v - last[0]) <= SLOW.a_max * dt + 1e-9
+        assert abs(command.omega - last[1]) <= SLOW.omega_dot_max * dt + 1e-9
+        assert max(abs(command.v) / SLOW.v_max, abs(command.omega) / SLOW.omega_max) <= 1.0 + 1e-9
+        # A wheel of the default base turns with at most 26 rad/s.
+        wheels = SLOW.wheels
+        rim = abs(command.v) + 0.5 * wheels.wheel_separation * abs(command.omega)
+        assert rim <= SLOW.wheel_max * wheels.wheel_radius + 1e-9
+        last = command
+    assert abs(last.v) > 0.09, "it moves"

@@ -18,7 +18,7 @@ from diffbot_control.law.goal_record import (
     time_remaining,
 )
 from diffbot_control.law.presets import PRESETS
-from diffbot_control.law.supervisor import IDLE, STALE, Supervisor, SupervisorConfig
+from diffbot_control.law.supervisor import IDLE, Supervisor, SupervisorConfig
 from diffbot_control.law.supervisor import NOT_REACHED as GIVEN_UP
 from diffbot_core.data_sheet import PAPER_DATA_SHEET
 from diffbot_core.geometry import Pose
@@ -83,7 +83,7 @@ def test_what_happens_after_the_end_changes_nothing():
     for _ in range(3):
         drive.pose(THERE)
     drive.silence(5.0)
-    assert drive.supervisor.state == STALE, "a goal that is held is kept through silence"
+    assert drive.supervisor.state == IDLE, "a goal that is held expires with the pose"
     drive.pose(THERE)
     drive.supervisor.on_cancel()
     assert drive.ends() == [("1", REACHED)]

@@ -7,6 +7,7 @@ import pytest
 
 from diffbot_control.law import controller
 from diffbot_control.law.controller import ControllerMemory
+from diffbot_control.law.goal_record import POSE_LOST, GoalRequest
 from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.regions import OMEGA_L
 from diffbot_control.law.supervisor import (
@@ -103,8 +104,8 @@ def test_a_held_goal_is_still_controlled_and_counts_once_whatever_follows(statef
     story = Story(controller=PAPER._replace(tolerance=tolerance))
     story.supervisor.on_goal(GOAL)
     reach(story)
-    assert story.pose(AWAY).v == pytest.approx(1.3 * math.tanh(3.0))
-    assert story.state == (REACHED if stateful else DRIVING)
+    assert story.pose(Pose(-0.7, 0.0, 0.0)).v == pytest.approx(1.3 * math.tanh(0.7))
+    assert story.state == DRIVING, "what it does, not what it was"
     assert story.tick(1.0) == ZERO
     assert story.state == STALE
     for _ in range(2):
@@ -118,6 +119,42 @@ def test_a_held_goal_is_still_controlled_and_counts_once_whatever_follows(statef
     for _ in range(2):
         story.pose(Pose(5.0, 0.0, 0.0))
     assert story.supervisor.goals_reached == 2
+
+
+def held(**options):
+    """Return a story at a held goal whose tolerance is 0.1 m."""
+    tolerance = PAPER.tolerance._replace(settling_steps=2, xy_goal_tolerance=0.1)
+    story = Story(controller=PAPER._replace(tolerance=tolerance), **options)
+    story.supervisor.on_goal(GOAL)
+    reach(story)
+    return story
+
+
+def test_a_robot_found_far_from_a_held_goal_never_drives_back():
+    story = held(hold_distance=0.3)
+    assert story.pose(Pose(-0.29, 0.0, 0.0)).v > 0.2
+    assert story.state == DRIVING
+    assert story.pose(Pose(-0.31, 0.0, 0.0)) == ZERO
+    assert (story.state, story.supervisor.goal) == (IDLE, None)
+    assert story.supervisor.reason == "found 0.31 m from the held goal: hold_distance = 0.3 m"
+    assert {story.pose(Pose(-8.5, 0.0, 0.0)) for _ in range(20)} == {ZERO, None}
+    # Found after an hour without poses, with no timeout for them either.
+    story = held(pose_lost_timeout=0.0)
+    story.tick(3600.0)
+    assert story.state == STALE
+    assert story.pose(Pose(-8.5, 0.0, 0.0), after=0.0) == ZERO
+    assert story.state == IDLE
+
+
+def test_a_held_goal_expires_with_the_pose():
+    story = held(pose_lost_timeout=5.0)
+    story.tick(4.9)
+    assert (story.state, story.supervisor.goal) == (STALE, GOAL)
+    story.tick(0.2)
+    assert (story.state, story.supervisor.goal) == (IDLE, None)
+    assert "no pose for pose_lost_timeout = 5 s" in story.supervisor.reason
+    assert story.supervisor.goals.ended[-1].end == "reached", "its answer stays"
+    assert {story.pose(Pose(-0.3, 0.0, 0.0)) for _ in range(20)} == {ZERO, None}
 
 
 def test_cancelling_stops_at_once_says_so_five_times_and_is_silent():
@@ -285,7 +322,7 @@ def test_the_uncertainty_of_the_pose_goes_to_the_controller():
 @pytest.mark.parametrize("config", [QUICK, SLOW_DOWN, PRESETS["tuned"]])
 @pytest.mark.parametrize("first", [lambda pose: pose, lambda pose: pose._replace(x=pose.x + 0.3, theta=1.0)])
 def test_a_pose_that_is_sent_again_or_corrected_counts_as_one_step_with_the_last(config, first):
-    story, twin = Story(controller=config), Story(controller=config)
+    story, twin = Story(controller=config, hold_distance=10.0), Story(controller=config, hold_distance=10.0)
     poses = [AWAY, Pose(-1.0, 0.2, 0.3), Pose(-0.2, 0.1, 0.0), *[Pose(0.0, 0.09, 0.0)] * 12, AWAY, AWAY, AWAY]
     for one in (story, twin):
         one.supervisor.on_goal(GOAL)
@@ -310,23 +347,44 @@ def test_a_pose_sent_again_after_a_waypoint_was_passed_passes_no_other_and_a_cor
     assert story.supervisor.waypoint == 2
 
 
-def test_a_pose_sent_again_keeps_the_watch_quiet():
-    story = Story()
+def test_a_pose_whose_stamp_stands_still_is_no_sign_of_life():
+    """Sent again and again, with the same values or corrected ones, it stops the robot and loses the goal."""
+    story = Story(pose_timeout=0.5, pose_lost_timeout=5.0)
     story.supervisor.on_goal(GOAL)
+    story.supervisor.goals.accept(GoalRequest("a" * 32, "goal_pose", story.now))
     command = story.pose()
-    story.now += 0.45
-    assert story.supervisor.on_pose(round((story.now - 0.45) * 1e9), story.now, AWAY) == command
-    assert story.tick(0.4) is None
-    assert story.tick(0.2) == ZERO
+    stamp, began = round(story.now * 1e9), story.now
+    while story.state != NOT_REACHED:
+        story.now += 0.05
+        repeated = AWAY if story.now < began + 2.0 else Pose(-3.0 + 0.01 * (story.now - began), 0.0, 0.0)
+        answer = story.supervisor.on_pose(stamp, story.now, repeated)
+        stopped = story.supervisor.on_tick(story.now)
+        overdue = story.now - began > 0.5
+        assert (answer, stopped) == ((ZERO, ZERO) if overdue else (command, None)) or story.state == NOT_REACHED
+        assert story.state == (STALE if overdue else DRIVING) or story.now >= began + 5.0
+        assert story.now < began + 6.0
+    assert story.supervisor.goals.ended[-1].end == POSE_LOST
+    # The next later stamp is life again.
+    story.supervisor.on_goal(GOAL)
+    assert story.pose() == command
+    assert story.state == DRIVING
 
 
-def test_a_pose_sent_again_after_silence_or_for_another_goal_is_answered_anew():
+def test_an_older_pose_neither_lives_nor_moves_the_time():
+    story = Story(controller=SLOW_DOWN)
+    story.supervisor.on_goal(GOAL)
+    story.pose(FAR)
+    command = story.pose(FAR)
+    for _ in range(3):
+        assert story.supervisor.on_pose(round((story.now - 0.05) * 1e9), story.now, Pose(50.0, 0.0, 0.0)) == command
+    assert story.supervisor.pose == FAR
+    # 0.1 s since the newest, not 0.15 s since the last one that came.
+    assert story.pose(FAR).v == pytest.approx(command.v + 0.1)
+
+
+def test_a_pose_sent_again_for_another_goal_is_answered_anew():
     story = Story(controller=QUICK)
     story.supervisor.on_goal(GOAL)
-    command = story.pose()
-    assert story.tick(1.0) == ZERO
-    assert story.supervisor.on_pose(round((story.now - 1.0) * 1e9), story.now, AWAY) == command
-    assert story.state == DRIVING
     story.pose()
     story.supervisor.on_goal(Pose(-6.0, 0.0, 0.0))
     assert story.again().v == pytest.approx(-1.3 * math.tanh(3.0))
@@ -360,7 +418,7 @@ def test_a_path_is_driven_goal_by_goal_and_the_last_is_held():
         assert story.supervisor.goals_reached == number
         assert progress(story) == (min(number + 1, 3), 3, ROUTE[min(number, 2)])
         assert story.state == (DRIVING if number < 3 else REACHED)
-    assert story.pose(Pose(-4.0, 1.0, -2.0)) is not None, "held"
+    assert story.pose(Pose(-1.3, 1.0, -2.0)) is not None, "held"
     assert (story.state, story.supervisor.goals_reached) == (REACHED, 3)
     assert route == ROUTE, "the list stays the caller's"
 
@@ -467,3 +525,96 @@ def test_a_command_beyond_lowered_limits_is_reported_until_the_limits_hold():
         command = story.pose()
         reports.append((round(command.v, 3), story.supervisor.is_beyond_limits))
     assert reports == [(0.8, True), (0.7, True), (0.65, False), (0.65, False), (0.65, False)]
+
+
+def test_a_goal_has_a_finite_time_from_its_acceptance_on_that_grows_with_the_route():
+    near, far = Story(), Story()
+    for story, goal in ((near, Pose(1.0, 0.0, 0.0)), (far, Pose(131.0, 0.0, 0.0))):
+        story.pose(Pose(0.0, 0.0, 0.0))
+        story.supervisor.on_goal(goal)
+    # 130 m more at 1.3 m/s, four times.
+    assert far.supervisor.timeout - near.supervisor.timeout == pytest.approx(400.0)
+    assert 120.0 + 4.0 / 1.3 < near.supervisor.timeout < 150.0
+    # Without a pose the way to the first goal is added when it comes.
+    blind = Story()
+    blind.supervisor.on_goal(Pose(131.0, 0.0, 0.0))
+    assert 120.0 <= blind.supervisor.timeout <= near.supervisor.timeout
+    blind.pose(Pose(0.0, 0.0, 0.0))
+    assert blind.supervisor.timeout == pytest.approx(far.supervisor.timeout)
+
+
+def test_the_steady_clock_ends_a_goal_though_the_stamps_do_not_pass():
+    story = Story(pose_lost_timeout=0.0)
+    story.supervisor.on_goal(GOAL, GoalRequest("b" * 32, "goal_pose", story.now))
+    timeout = story.supervisor.timeout
+    story.supervisor.on_tick(story.now, elapsed=timeout - 0.1)
+    assert story.state == WAITING
+    story.supervisor.on_tick(story.now, elapsed=timeout + 0.1)
+    assert story.state == NOT_REACHED
+    assert story.supervisor.goals.ended[-1].reason.startswith("not reached within goal_timeout = ")
+
+
+def seconds_until_given_up(story, pose_at, uncertainty=CERTAIN, limit=1000.0):
+    began = story.now
+    while story.state != NOT_REACHED and story.now < began + limit:
+        story.pose(pose_at(story.now - began), uncertainty=uncertainty)
+    return story.now - began
+
+
+def test_a_blocked_robot_ends_with_no_progress_and_a_slow_one_drives_on():
+    story = Story()
+    story.supervisor.on_goal(GOAL)
+    # Blocked, with an estimate that wavers.
+    assert 30.0 <= seconds_until_given_up(story, lambda t: Pose(-3.0 + 0.03 * math.sin(t), 0.0, 0.0)) <= 45.0
+    assert story.supervisor.reason.startswith("no progress for 3")
+    story = Story()
+    story.supervisor.on_goal(Pose(10.0, 0.0, 0.0))
+    # 5 cm in 10 s, from 10 m on: the derived time ends it, not the watch.
+    timeout = story.supervisor.timeout
+    seconds_until_given_up(story, lambda t: Pose(0.02 * t, 0.0, 0.0))
+    assert story.supervisor.reason.startswith("not reached within goal_timeout")
+    assert timeout > 120.0
+
+
+def test_a_robot_that_drives_away_ends_with_no_progress():
+    story = Story()
+    story.supervisor.on_goal(GOAL)
+    assert seconds_until_given_up(story, lambda t: Pose(-3.0 - t, 0.0, 0.0)) <= 45.0
+    assert story.supervisor.reason.startswith("no progress for")
+
+
+def test_an_estimate_too_uncertain_for_an_answer_is_the_answer_after_a_minute_with_the_tolerance_it_allows():
+    story = Story(controller=QUICK, goal_timeout=0.0)
+    story.supervisor.on_goal(GOAL)
+    assert seconds_until_given_up(story, lambda _: AT_GOAL, UNSURE) == pytest.approx(60.0, abs=1.0)
+    assert story.supervisor.reason == ("the estimate is too uncertain: smallest possible tolerance 0.6 m and 0.02 rad")
+
+
+def limited_speeds(arrivals):
+    """Speeds of a robot with 1 m/s^2 that poses come to: pairs of the time since the last by its stamp and in truth."""
+    supervisor, stamp, steady, speeds = Supervisor(SupervisorConfig(controller=SLOW_DOWN)), 100.0, 7.0, []
+    supervisor.on_goal(GOAL)
+    for by_stamp, passed in arrivals:
+        stamp, steady = stamp + by_stamp, steady + passed
+        if passed > supervisor.config.pose_timeout:
+            assert supervisor.on_tick(stamp - 0.01) == ZERO, "the watch has stopped it"
+        speeds.append(supervisor.on_pose(round(stamp * 1e9), stamp, FAR, CERTAIN, steady).v)
+    return speeds
+
+
+def test_the_limits_of_acceleration_get_no_more_time_than_has_passed_since_the_last_command():
+    regular = [(0.05, 0.05)] * 5
+    assert limited_speeds(regular) == pytest.approx([0.0, 0.05, 0.1, 0.15, 0.2])
+    # Stamps 5 s ahead: 0.05 s have passed, and 0.05 s of jitter are allowed once.
+    assert limited_speeds([*regular, (5.0, 0.05), (5.0, 0.05)])[-2:] == pytest.approx([0.3, 0.35])
+    # A hiccup of 0.4 s whose eight poses come at once.
+    burst = limited_speeds([*regular, (0.05, 0.4), *[(0.05, 0.001)] * 7])
+    assert burst[-1] - burst[4] <= 0.05 + 0.05 + 0.007 + 1e-9
+    # Jitter of the arrival alone costs nothing in the mean.
+    jitter = limited_speeds([*regular, *[(0.05, 0.07), (0.05, 0.03)] * 5])
+    assert jitter[-1] == pytest.approx(0.2 + 10 * 0.05)
+
+
+def test_after_a_halt_the_robot_starts_from_rest_with_one_period():
+    speeds = limited_speeds([(0.05, 0.05)] * 5 + [(0.9, 0.9), (0.05, 0.05)])
+    assert speeds[-2:] == pytest.approx([0.05, 0.1])

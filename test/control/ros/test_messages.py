@@ -9,6 +9,7 @@ from nav_msgs.msg import Odometry
 from scipy.spatial.transform import Rotation
 
 from diffbot_control.ros.messages import pose_from
+from diffbot_control.ros.sensor_messages import KnownNoise, fix_from
 from diffbot_core.errors import BadMessageError
 
 KINDS = pytest.mark.parametrize("kind", [PoseWithCovarianceStamped, Odometry], ids=lambda kind: kind.__name__)
@@ -99,3 +100,19 @@ def test_unused_fields_of_an_odometry_may_hold_anything():
     message.twist.covariance[:] = math.nan
     message.pose.covariance[14] = math.nan
     assert read(message) == expected
+
+
+WRONG = [np.diag([math.nan, 1.0, 1.0]), np.diag([1.0, -0.1, 1.0]), np.array([[1, 2, 0], [2, 1, 0], [0, 0, 1.0]])]
+UNSAID = [np.zeros((3, 3)), np.diag([0.04, 0.04, 0.0]), np.diag([0.04, 0.04, 1e9])]
+
+
+def test_a_fallback_stands_in_for_an_unknown_covariance_but_not_for_a_wrong_one():
+    noise = KnownNoise(np.diag([0.25, 0.25, 0.01]))
+    for covariance in UNSAID:
+        assert fix_from(estimate(PoseWithCovarianceStamped, covariance), "map", noise).R is noise.R
+    for covariance in WRONG:
+        with pytest.raises(BadMessageError, match="covariance not"):
+            fix_from(estimate(PoseWithCovarianceStamped, covariance), "map", noise)
+        # Deviations that replace those of all messages replace wrong ones, too.
+        always = noise._replace(always=True)
+        assert fix_from(estimate(PoseWithCovarianceStamped, covariance), "map", always).R is noise.R

@@ -1,12 +1,14 @@
 """The launch files, run with a stand-in for ROS's launch, which has no wheel: it keeps what it is given."""
 
 import importlib.util
+import re
 import sys
 import types
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+import yaml
 from ament_index_python.packages import PackageNotFoundError
 
 from diffbot_core.errors import DiffbotError, InvalidValueError
@@ -96,6 +98,38 @@ def test_every_argument_is_declared_and_checked_before_anything_starts(load, nam
         actions(entities, rviz="true")
 
 
+LIMITS = {
+    "linear.x.max_velocity": 0.2,
+    "angular.z.max_velocity": 1.0,
+    "linear.x.max_acceleration": 0.5,
+    "angular.z.max_acceleration": 2.0,
+}
+
+
+def parameter_file(path, limits, node="/**/controller"):
+    path.write_text(yaml.safe_dump({node: {"ros__parameters": limits}}))
+    return str(path)
+
+
+@pytest.mark.parametrize("missing", LIMITS)
+def test_a_robot_without_one_of_its_limits_is_not_started_and_a_simulated_one_is(load, tmp_path, missing):
+    some = {name: value for name, value in LIMITS.items() if name != missing}
+    file = parameter_file(tmp_path / "robot.yaml", some)
+    with pytest.raises(DiffbotError, match=rf"robot\.yaml: /\*\*/controller lacks {re.escape(missing)}:"):
+        actions(load("robot.launch.py"), parameters=file)
+    # Those of another node do not count.
+    other = parameter_file(tmp_path / "other.yaml", LIMITS, "/**/ekf")
+    with pytest.raises(DiffbotError, match=r"lacks linear\.x\.max_velocity, angular"):
+        actions(load("robot.launch.py"), parameters=other)
+    assert actions(load("simulation.launch.py"), parameters=file, description="false")
+
+
+def test_limits_may_be_nested_and_stand_in_the_section_of_all_nodes(load, tmp_path):
+    axes = [("linear", "x"), ("angular", "z")]
+    nested = {one: {axis: {"max_velocity": 1.0, "max_acceleration": 1.0}} for one, axis in axes}
+    assert actions(load("robot.launch.py"), parameters=parameter_file(tmp_path / "a.yaml", nested, "/**"))
+
+
 def test_nodes_get_texts_verbatim_and_numbers_as_they_are(load, tmp_path):
     nodes = actions(
         load("simulation.launch.py"), bag=str(tmp_path / "2026"), namespace="r1", x="1.5", description="false"
@@ -111,8 +145,9 @@ def test_nodes_get_texts_verbatim_and_numbers_as_they_are(load, tmp_path):
     assert {tuple(node.options["remappings"]) for node in nodes} == {(("/tf", "tf"), ("/tf_static", "tf_static"))}
 
 
-def test_the_discovery_range_is_set_before_the_nodes_start_and_logged(load):
-    first, second, *nodes = all_actions(load("robot.launch.py"), discovery_range="localhost")
+def test_the_discovery_range_is_set_before_the_nodes_start_and_logged(load, tmp_path):
+    file = parameter_file(tmp_path / "robot.yaml", LIMITS)
+    first, second, *nodes = all_actions(load("robot.launch.py"), discovery_range="localhost", parameters=file)
     assert first.options["msg"] == "ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
     assert second.arguments == ("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     assert {type(one).__name__ for one in nodes} == {"Node"}
