@@ -15,6 +15,7 @@ from std_msgs.msg import String
 from diffbot_bag import metadata
 from diffbot_bag.reader import BagReader
 from diffbot_bag.recorder_node import RecorderNode
+from diffbot_bag.ros import recorded_topic
 from diffbot_core.errors import DiffbotError
 
 pytestmark = pytest.mark.graph
@@ -200,23 +201,30 @@ def test_messages_of_a_second_type_are_reported_and_counted_as_lost(nodes, peer,
     assert custom_data(tmp_path / "run") == {"lost_messages": "24", "lost /shared": "24"}
 
 
-def test_a_weaker_publisher_that_joins_is_recorded_without_loss_or_repetition(nodes, peer, tmp_path):
+def test_a_weaker_publisher_that_joins_is_recorded_without_loss_or_repetition(nodes, peer, tmp_path, monkeypatch):
     first = peer.publisher(Twist, "shared", DEEP)
     recorder = Recorder(nodes, tmp_path / "run", topics=["/shared"])
     recorder.wait_for(first)
     sent = publish(first, twists(5))
-    with graph.peer("intruder") as other:
+    with graph.peer("intruder") as other, monkeypatch.context() as patch:
+        for bound in ("_OVERLAP_POLLS", "_MAX_OVERLAP_POLLS"):
+            patch.setattr(recorded_topic, bound, 10**9)
         second = other.publisher(Twist, "shared", BEST_EFFORT)
 
-        def changed_over():
+        def both():
             # Published throughout the change from one subscription to the other.
             sent.extend(publish(first, twists(1, len(sent))))
             peer.spin_for(0.005)
-            return second.get_subscription_count() == 1 == first.get_subscription_count()
+            subscriptions = [one for one in recorder.node.subscriptions if one.topic_name == "/shared"]
+            counts = sorted(one.get_publisher_count() for one in subscriptions)
+            return counts == [1, 2] and second.get_subscription_count() == 1
 
-        peer.spin_until(changed_over, what="the change")
-        recorder.wait("incomplete", "")
+        peer.spin_until(both, what="both subscriptions")
         sent += publish(second, twists(7, -7)) + publish(first, twists(100, len(sent)))
+        patch.undo()
+        peer.spin_until(lambda: first.get_subscription_count() == 1, what="the end of the first subscription")
+        recorder.wait("incomplete", "")
+        sent += publish(second, twists(7, -14)) + publish(first, twists(100, len(sent)))
         recorder.wait("messages", len(sent))
     recorder.close()
     assert sorted(recorded(tmp_path / "run", "/shared")) == sorted(sent)

@@ -179,6 +179,7 @@ def test_a_single_file_is_kept_at_a_time(tmp_path):
         bag.data(1)
         bag.writer.split()
     assert names(bag.close()) == ["metadata.yaml", "run_2.mcap"]
+    assert metadata.read(bag.folder).files == ("run_2.mcap",)
 
 
 @pytest.mark.parametrize(
