@@ -81,6 +81,7 @@ def start(running):
         ("controller", {"hold_goal": 1}, "hold_goal = 1: must be true or false"),
         ("controller", {"resume_goal": True}, "resume_goal = True: must be false without a goal_file"),
         ("controller", {"follow_covariance": True}, "follow_covariance = True: was replaced by region_policy"),
+        ("controller", {"law": 5}, "law = 5: must be a text"),
         ("controller", {"law": "dancing"}, "law = 'dancing': must be package.module:Class or one of aicardi, "),
         ("controller", {"law": "rotate_drive_rotate", "drive_brake": -7.0}, "drive_brake = -7.0: must be >= "),
         ("ekf", {"odometry_source": "stars"}, "odometry_source = 'stars': must be one of odom, joint_states"),

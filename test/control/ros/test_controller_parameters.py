@@ -89,9 +89,3 @@ def test_fields_without_a_spec_are_no_parameters_and_keep_their_defaults():
 def test_a_law_whose_parameters_the_node_cannot_have_is_refused(config, reason):
     with pytest.raises(InvalidValueError, match=f"must be {reason}$"):
         parameter_set_of({"law": law_with(config)})
-
-
-@pytest.mark.parametrize("value", [5, True, [1.0], None])
-def test_a_law_is_a_text(value):
-    with pytest.raises(InvalidValueError, match=r"^law = .*: must be a text$"):
-        parameter_set_of({"law": value})

@@ -162,6 +162,5 @@ def test_a_frame_that_tf2_does_not_know_is_refused_in_one_line():
 
 def test_a_prefix_is_put_before_a_frame_and_must_not_begin_with_a_slash():
     assert prefixed("robot1/", "odom") == "robot1/odom"
-    assert prefixed("", "odom") == "odom"
     with pytest.raises(InvalidValueError, match=r"frame_prefix = '/robot1/': must be without a slash"):
         prefixed("/robot1/", "odom")
