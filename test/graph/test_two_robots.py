@@ -111,7 +111,8 @@ def test_one_plant_of_two_owns_time_and_the_other_follows_it(nodes):
     assert gaps.count(PERIOD // 2) > len(gaps) / 2
     assert {gap % (PERIOD // 2) for gap in gaps} == {0}
     peer.spin_for(0.5)
-    assert len(other) == len(stamps), "it stands still in the pause of the other"
+    # It stands still in the pause of the other, but for what was under way: running on, it would be 2 s ahead.
+    assert stamp(other[-1]) <= stamps[-1] + 2 * PERIOD
 
 
 class Listener(DiffbotNode):

@@ -1,6 +1,5 @@
 """A recorder in the process of the test: DDS hands messages on at once there, and its clock can be read."""
 
-
 import graph
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Twist
