@@ -1,5 +1,7 @@
 """A recorder in the process of the test: DDS hands messages on at once there, and its clock can be read."""
 
+from collections import Counter
+
 import graph
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Twist
@@ -33,14 +35,14 @@ class Recorder:
 
     def wait_for(self, *publishers):
         """Spin until the recorder and each publisher know of each other."""
-        names = {publisher.topic_name for publisher in publishers}
-        self.peer.spin_until(
-            lambda: (
-                names <= set(self.value("topics").split())
-                and all(publisher.get_subscription_count() for publisher in publishers)
-            ),
-            what=f"subscriptions to {names}",
-        )
+        wanted = Counter(publisher.topic_name for publisher in publishers)
+
+        def known():
+            found = Counter({one.topic_name: one.get_publisher_count() for one in self.node.subscriptions})
+            matched = all(publisher.get_subscription_count() for publisher in publishers)
+            return matched and wanted <= found and set(wanted) <= set(self.value("topics").split())
+
+        self.peer.spin_until(known, what=f"subscriptions to {set(wanted)}")
 
     def close(self):
         """End it as its process would; what it has not taken yet, it takes now."""

@@ -587,7 +587,8 @@ def test_an_estimate_too_uncertain_for_an_answer_is_the_answer_after_a_minute_wi
     story = Story(controller=QUICK, goal_timeout=0.0)
     story.supervisor.on_goal(GOAL)
     assert seconds_until_given_up(story, lambda _: AT_GOAL, UNSURE) == pytest.approx(60.0, abs=1.0)
-    assert story.supervisor.reason == ("the estimate is too uncertain: smallest possible tolerance 0.6 m and 0.02 rad")
+    smallest = "smallest possible tolerance 0.91 m and 0.0258 rad"
+    assert story.supervisor.reason == f"the estimate is too uncertain: {smallest}"
 
 
 def limited_speeds(arrivals):
