@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import signal
 import subprocess
 import sys
@@ -35,6 +36,8 @@ class Chains:
         self.folder = folder / "chains"
         self.folder.mkdir(exist_ok=True)
         self._environment = graph.environment(ROS_LOG_DIR=str(folder / "ros"))
+        # With a safe path a script does not find the modules beside it.
+        self._environment["PYTHONPATH"] += os.pathsep + str(Path(__file__).parent)
 
     def turn(self, scenario: str, side: str, groups: tuple[str, ...], seconds: float) -> dict[str, Any]:
         """Run one turn, again if messages were lost; what the source measured, and ``cpu`` in per cent.

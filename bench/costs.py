@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import graph
 from measures import BenchError
 
 DIFFBOT = (sys.executable, "-m", "diffbot_lab.cli")
@@ -34,6 +35,7 @@ def cost_of(*command: object, **options: Any) -> Cost:
         BenchError: if it fails.
     """
     words = list(map(str, command))
+    options.setdefault("env", graph.environment())
     begin, peak = time.monotonic(), 0
     child = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, **options)
     try:
