@@ -28,14 +28,15 @@ from diffbot_sim.compiled.scalar_filter import check_supported
 @pytest.mark.parametrize("errors", [(0.025, -0.02), (0.0, 0.03)])
 def test_radius_errors_are_found(variant, errors):
     robot = Robot(np.random.default_rng(7), errors)
-    found = gated_filter(variant)
+    found = gated_filter(variant, wheel_separation_sigma=0.02)
     for step in range(450):
         found.predict(robot.move(*winding(step)))
         if step % 2 == 0:
             found.take(robot.fix())
     x, P = found.memory.belief
     sigma = np.sqrt(P.diagonal()[3:])
-    assert sigma.max() < 0.2 * 0.02
+    assert sigma[:2].max() < 0.2 * 0.02
+    assert sigma[2] < 0.7 * 0.02
     # The separation is as the filter knows it.
     assert (np.abs(x[3:] - (*errors, 0.0)) < 3.5 * sigma).all()
     assert np.hypot(*(x[:2] - robot.truth[:2])) < 0.15
