@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Callable, Mapping
+from functools import wraps
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -28,6 +29,9 @@ class ManagedNode(LifecycleNodeMixin, DiffbotNode[C]):  # type: ignore[misc]
     A node creates its publishers, subscriptions, services and timers in :meth:`configure`; they are destroyed when it
     is cleaned up. Its configuration has the fields of LifecycleConfig.
     """
+
+    _configuration: object | None = None
+    """identifies the time from one configuration to its end; None between them"""
 
     def __init__(
         self, name: str, config_type: type[C], presets: Mapping[str, C] | None = None, **node_options: Any
@@ -68,6 +72,7 @@ class ManagedNode(LifecycleNodeMixin, DiffbotNode[C]):  # type: ignore[misc]
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Configure the node; nothing remains of a failed attempt."""
+        self._configuration = object()
         result = self._attempt(self.configure)
         self.is_configured = result == TransitionCallbackReturn.SUCCESS
         if not self.is_configured:
@@ -154,8 +159,24 @@ class ManagedNode(LifecycleNodeMixin, DiffbotNode[C]):  # type: ignore[misc]
         )
         return {entity: destroy for entities, destroy in kinds for entity in entities}
 
+    def contained(self, callback: Callable[..., Any], where: str) -> Callable[..., Any]:
+        """Return ``callback`` with :meth:`contain` around it; once what it was made for is destroyed, it does nothing.
+
+        The executor may have taken it before, together with the request that cleans the node up.
+        """
+        guarded, configuration = super().contained(callback, where), self._configuration
+        if configuration is None:
+            return guarded
+
+        @wraps(callback)
+        def current(*arguments: Any) -> Any:
+            return guarded(*arguments) if self._configuration is configuration else None
+
+        return current
+
     def _destroy_entities(self) -> None:
         """Destroy what was created since the node itself was."""
+        self._configuration = None
         for entity, destroy in self._entities().items():
             if entity not in self._kept:
                 destroy(entity)

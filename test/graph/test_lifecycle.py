@@ -3,6 +3,7 @@
 import contextlib
 
 import graph
+import one_process
 import pytest
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist
 from lifecycle_msgs.msg import State, Transition, TransitionEvent
@@ -10,6 +11,8 @@ from lifecycle_msgs.srv import ChangeState, GetAvailableStates, GetState
 from nav_msgs.msg import Odometry
 from robot import DEEP, initialpose, pose_stamped, stamp, twist
 
+from diffbot_control.controller_node import ControllerNode
+from diffbot_control.ekf_node import EkfNode
 from diffbot_control.ros.message_fields import set_stamp
 
 # Transition and the state in which Nav2's manager then has to find the node, as its startup, pause, resume, reset and
@@ -176,3 +179,17 @@ def test_a_node_that_cannot_be_configured_stays_unconfigured_and_reports_why():
         manager.peer.spin_until(lambda: not node.get_publishers_info_by_topic("/cmd_vel"), what="no publisher")
         manager.change("ekf", *CONFIGURE)
         assert manager.process.stop() == 0
+
+
+@pytest.mark.parametrize("kind", [ControllerNode, EkfNode])
+def test_a_timer_that_is_due_while_the_node_is_cleaned_up_does_nothing(kind):
+    """The executor takes it in one go with the request, and calls it after its publishers are destroyed."""
+    with one_process.nodes() as nodes:
+        node = nodes.add(kind)
+        due = [timer.callback for timer in node.timers]
+        assert due
+        node.trigger_deactivate()
+        node.trigger_cleanup()
+        for callback in due:
+            callback()
+        assert node.faults.newest == ""
