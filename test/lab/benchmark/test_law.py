@@ -129,10 +129,13 @@ def test_each_effect_is_of_one_changed_parameter():
         changed = {name for name in before if before[name] != after[name]}
         assert changed == ({one.parameter} if one.parameter else set())
         if one.parameter:
-            ratio = after[one.parameter] / before[one.parameter]
-            # Half of five steps is two.
-            half = (one.parameter, ratio) == ("settling_steps", 0.4)
-            assert ratio in (0.5, 2.0) or half or one.parameter == "reached_probability"
+            old, new = before[one.parameter], after[one.parameter]
+            if one.parameter == "reached_probability":
+                old, new = 1.0 - old, 1.0 - new
+            # Half of five steps is two, and a share is 1 at most.
+            rounded = (one.parameter, old, new) == ("settling_steps", 5, 2)
+            is_whole = one.parameter in ("finish_begin", "finish_heading") and new == 1.0
+            assert rounded or is_whole or new / old in (pytest.approx(0.5), pytest.approx(2.0))
         seen.add((one.case.name, one.parameter, one.value))
     assert len(seen) == len(list(law_effects.variants()))
 
