@@ -16,10 +16,12 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry, Path
 from std_srvs.srv import Trigger
 
+from diffbot_control.goals.driver import STOP
+from diffbot_control.goals.goal_record import NOT_REACHED
+from diffbot_control.goals.states import OPEN, WITH_GOAL
+from diffbot_control.goals.supervisor import Supervisor
 from diffbot_control.law.controller import SwitchingLaw
-from diffbot_control.law.driver import STOP
 from diffbot_control.law.loop_check import unstable_gains
-from diffbot_control.law.supervisor import Supervisor
 from diffbot_control.ros.controller_parameters import (
     CONTROLLER_PRESETS,
     ControllerNodeConfig,
@@ -97,8 +99,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
     def deactivate(self) -> None:
         """Stop the robot and leave cmd_vel to others; the goal is cancelled."""
         self.goals.drop_pending()
-        self.supervisor.on_cancel()
-        self.supervisor.goals.close_cancelled()
+        self.supervisor.on_stop()
         # Before the publisher may be destroyed.
         self.outputs.deliver(STOP)
         self._publish_status()
@@ -109,11 +110,13 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         if not self.is_active:
             return
         self.outputs.send(STOP)  # first: what follows may fail, too
-        has_goal = self.goals.paths.drop() or self.supervisor.goal is not None
+        has_goal = self.goals.paths.drop() or self.supervisor.state in WITH_GOAL | OPEN
+        reason = self.faults.newest
+        self.supervisor.goals.close(NOT_REACHED, reason)
         # Where it has failed is unknown: nothing of it is used again.
         self._start_anew()
-        if has_goal or self.supervisor.goals.present is not None:
-            self.supervisor.give_up(self.faults.newest, has_failed=True)
+        if has_goal:
+            self.supervisor.on_fault(reason)
         self._publish_status()
         self.goals.publish_changes(force=True)
 
@@ -150,7 +153,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         level, text = super().health_level()
         problem = self._pose_watch.clock_problem(self.config) if self.is_configured else ""
         text = text if problem in text else f"{problem}; {text}"
-        return max(level, LEVELS.get(self.supervisor.state, 0)), f"{self.supervisor.state}; {text}"
+        return max(level, LEVELS.get(self.supervisor.status, 0)), f"{self.supervisor.status}; {text}"
 
     def _watch_period(self) -> float:
         # A clock that stands still is noticed up to one period late, and so is the end of its timeout.

@@ -44,6 +44,8 @@ _CHORD_STEP, _CHORD_TAIL, _LEAST_CHORDS = 0.75, 5.0, 6
 """Chords of :func:`disc_probability`: deviations between two, deviations beyond which none counts, least number."""
 _FAR = 8.0
 """deviations between a mean and a bound that leave a probability of 0 or 1"""
+_NONE = 1e-12
+"""share of the radius below which a deviation counts as none; with a far smaller one numbers overflow"""
 
 
 def disc_probability(offset: float, sigma: float, radius: float) -> float:
@@ -53,7 +55,7 @@ def disc_probability(offset: float, sigma: float, radius: float) -> float:
     chords of the disc along the offset are summed up over an angle: a smooth periodic function, for which the
     trapezoidal rule converges exponentially.
     """
-    if sigma <= 0.0:
+    if sigma <= _NONE * radius:
         return 1.0 if offset <= radius else 0.0
     a, b = offset / sigma, radius / sigma
     if b - a > _FAR:

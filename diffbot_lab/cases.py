@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from diffbot_control.filter.options import FilterConfig, options_of
+from diffbot_control.goals.protocol import Law
 from diffbot_control.law.controller import ControllerConfig, SwitchingLaw
 from diffbot_control.law.goal_checker import GoalTolerance
 from diffbot_control.law.presets import PAPER, PRESETS
-from diffbot_control.law.protocol import Law
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_core.schema import build, parameters_of, refuse_replaced

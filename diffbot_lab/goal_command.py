@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from tqdm import tqdm
 
-from diffbot_control.law import goal_record
+from diffbot_control.goals import goal_record
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.geometry import MAX_COORDINATE, Pose
 from diffbot_core.ranges import HEADING

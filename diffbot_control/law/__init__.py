@@ -1,4 +1,4 @@
-"""The switching Lyapunov law, its regions, limits and goal checker as pure functions of floats, and the supervisor.
+"""The switching Lyapunov law, its regions, limits and goal checker as pure functions of floats.
 
 One step of the controller, with its memory as argument and result::
 
@@ -8,7 +8,7 @@ One step of the controller, with its memory as argument and result::
     estimate = Estimate(pose, Uncertainty(0.02, 0.01))
     memory, command, report = step(ControllerMemory(), estimate, goal, 0.1, PRESETS["tuned"])
 
-:class:`Supervisor` adds goals, paths and timeouts. Nothing here needs more than ``math``.
+:mod:`diffbot_control.goals` adds goals, paths and timeouts. Nothing here needs more than ``math``.
 """
 
 from diffbot_control.law.controller import (
@@ -20,7 +20,6 @@ from diffbot_control.law.controller import (
     step,
     stop_step,
 )
-from diffbot_control.law.driver import LawError
 from diffbot_control.law.finish import Finish, FinishConfig
 from diffbot_control.law.goal_checker import GoalTolerance, Settling, is_knowable, within
 from diffbot_control.law.latency import coast
@@ -38,7 +37,6 @@ from diffbot_control.law.lyapunov_law import (
 from diffbot_control.law.paper.reapproach import Reapproach, ReapproachConfig
 from diffbot_control.law.polar_coordinates import Navigation, navigation_variables
 from diffbot_control.law.presets import PAPER, PAPER_COVARIANCE, PRECISE, PRESETS, TUNED
-from diffbot_control.law.protocol import Law
 from diffbot_control.law.regions import (
     COVARIANCE,
     FIXED,
@@ -52,7 +50,6 @@ from diffbot_control.law.regions import (
 )
 from diffbot_control.law.speed_profile import ProfileGains, auto_gains
 from diffbot_control.law.steering import Course
-from diffbot_control.law.supervisor import Supervisor, SupervisorConfig
 
 __all__ = [
     "COVARIANCE",
@@ -75,8 +72,6 @@ __all__ = [
     "FixedRegionPolicy",
     "Gains",
     "GoalTolerance",
-    "Law",
-    "LawError",
     "Navigation",
     "ProfileGains",
     "Reapproach",
@@ -84,8 +79,6 @@ __all__ = [
     "RegionPolicy",
     "Report",
     "Settling",
-    "Supervisor",
-    "SupervisorConfig",
     "Switching",
     "SwitchingLaw",
     "auto_gains",

@@ -63,7 +63,7 @@ def stop_step(memory: ControllerMemory, dt: float, config: ControllerConfig) -> 
 
 
 class SwitchingLaw:
-    """This project's law in the form of :class:`diffbot_control.law.protocol.Law`."""
+    """This project's law in the form of :class:`diffbot_control.goals.protocol.Law`."""
 
     name = "switching"
     Config = ControllerConfig

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, NamedTuple
 
+from diffbot_control.goals.configuration import SupervisorConfig
+from diffbot_control.goals.goal_record import MAX_PATH_POSES
+from diffbot_control.goals.protocol import Law
 from diffbot_control.law.configuration import TANH, ControllerConfig
 from diffbot_control.law.controller import SwitchingLaw
-from diffbot_control.law.goal_record import MAX_PATH_POSES
 from diffbot_control.law.presets import PRESETS, TUNED
-from diffbot_control.law.protocol import Law
-from diffbot_control.law.supervisor import SupervisorConfig
 from diffbot_control.ros.frames import PREFIX_TEXT, RELIABLE_TEXT
 from diffbot_control.ros.restart_parameters import RestartConfig
 from diffbot_core.errors import InvalidValueError
@@ -125,7 +125,7 @@ def law_of(text: str) -> Law:
     if text == SwitchingLaw.name:
         return SwitchingLaw
     # Not before it is needed: the entry points of all installed packages take time to read.
-    from diffbot_control.law.registry import resolve_law  # noqa: PLC0415
+    from diffbot_control.goals.registry import resolve_law  # noqa: PLC0415
 
     return resolve_law(text)
 

@@ -12,8 +12,8 @@ from geometry_msgs.msg import TwistStamped
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Float64MultiArray
 
-from diffbot_control.law.protocol import Law
-from diffbot_control.law.supervisor import Supervisor
+from diffbot_control.goals.protocol import Law
+from diffbot_control.goals.supervisor import Supervisor
 from diffbot_control.ros.controller_status import LEVELS, status_values
 from diffbot_control.ros.frames import robot_frame
 from diffbot_control.ros.message_fields import fill_twist, set_stamp
@@ -78,8 +78,8 @@ class ControllerPublishers:
 
     def publish_status(self, supervisor: Supervisor, law: Law, only_changes: bool = False) -> None:
         """Publish the state and log a change of it; with ``only_changes``, nothing unless it or the waypoint is new."""
-        state = supervisor.state if self._node.is_active else INACTIVE
-        if only_changes and (supervisor.state, supervisor.waypoint) == self._last_status:
+        state = supervisor.status if self._node.is_active else INACTIVE
+        if only_changes and (supervisor.status, supervisor.waypoint) == self._last_status:
             return
         logger = self._node.get_logger()
         if supervisor.has_failed and state != self._last_status[0]:

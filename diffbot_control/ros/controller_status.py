@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from diffbot_control.law import supervisor as states
+from diffbot_control.goals import states
+from diffbot_control.goals.protocol import Law
+from diffbot_control.goals.supervisor import Supervisor
 from diffbot_control.law.configuration import TANH
 from diffbot_control.law.controller import SwitchingLaw
 from diffbot_control.law.finish import FINISH_NAMES
 from diffbot_control.law.paper.reapproach import PHASE_NAMES
-from diffbot_control.law.protocol import Law
 from diffbot_control.law.regions import REGION_NAMES
-from diffbot_control.law.supervisor import Supervisor
 
 LEVELS = {
     states.STALE: DiagnosticStatus.ERROR[0],
     states.WAITING: DiagnosticStatus.WARN[0],
     states.UNCERTAIN: DiagnosticStatus.WARN[0],
-    states.NOT_REACHED: DiagnosticStatus.ERROR[0],
+    states.NOT_AT_GOAL: DiagnosticStatus.ERROR[0],
 }
 """Of the states that are not OK."""
 BEYOND_LIMITS = "the command exceeds limits that were lowered: braking as fast as the accelerations allow"

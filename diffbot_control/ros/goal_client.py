@@ -21,7 +21,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from diffbot_control.law import goal_record
+from diffbot_control.goals import goal_record
 from diffbot_control.ros.controller_watch import ControllerWatch
 from diffbot_control.ros.goal_request import goal_request, new_goal_id
 from diffbot_control.ros.message_fields import fill_duration

@@ -1,6 +1,6 @@
 """Goals with answers, of the controller: every accepted goal is announced, reported on, and ended once.
 
-Goals from the topics, the service ~/send_goal and the actions share one book (:mod:`diffbot_control.law.goal_record`).
+Goals from the topics, the service ~/send_goal and the actions share one :class:`diffbot_control.goals.GoalBook`.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 from rcl_interfaces.srv import SetParametersAtomically
 
-from diffbot_control.law import goal_record
-from diffbot_control.law.goal_record import GoalRecord, GoalRequest, time_remaining
-from diffbot_control.law.supervisor import Supervisor
+from diffbot_control.goals import goal_record
+from diffbot_control.goals.goal_record import GoalRecord, GoalRequest, time_remaining
+from diffbot_control.goals.supervisor import Supervisor
 from diffbot_control.ros.goal_intake import TOPIC as GOAL_TOPIC
 from diffbot_control.ros.goal_intake import GoalIntake
 from diffbot_control.ros.goal_request import new_goal_id, read_goal_request
@@ -163,7 +163,7 @@ class GoalServer:
         remaining = time_remaining(distance, self._first_distance, elapsed, max_speed)
         state = CANCELLING if present.is_cancelling else DRIVING
         return GoalFeedback(
-            present.request.id, state, supervisor.pose, distance, elapsed, remaining, supervisor.poses_remaining
+            present.request.id, state, supervisor.pose, distance, elapsed, remaining, len(supervisor.goals_ahead)
         )
 
     def _publish_feedback(self) -> None:

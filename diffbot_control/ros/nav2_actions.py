@@ -14,8 +14,8 @@ from nav_msgs.msg import Path
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 
-from diffbot_control.law import goal_record
-from diffbot_control.law.goal_record import GoalRecord
+from diffbot_control.goals import goal_record
+from diffbot_control.goals.goal_record import GoalRecord
 from diffbot_control.ros.goal_server import GoalFeedback, GoalServer, state_text
 from diffbot_control.ros.message_fields import fill_duration
 from diffbot_control.ros.messages import goal_message

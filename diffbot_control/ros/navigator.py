@@ -32,7 +32,7 @@ from typing import Any
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 
-from diffbot_control.law import goal_record
+from diffbot_control.goals import goal_record
 from diffbot_control.ros.goal_client import ANSWER_TIMEOUT, LOST, Feedback, GoalClient, GoalRefusedError
 from diffbot_control.ros.message_fields import pose_of
 from diffbot_core.errors import DiffbotError

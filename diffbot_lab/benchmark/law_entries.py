@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+from diffbot_control.goals.registry import resolve_law
 from diffbot_control.law.presets import PAPER, PAPER_COVARIANCE, PRESETS
-from diffbot_control.law.registry import resolve_law
 from diffbot_core.schema import build, parameters_of, to_dict
 from diffbot_lab.benchmark.law_cases import LIMITS, NONE, ArenaCase, Values
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from diffbot_control.goals.registry import resolve_law
 from diffbot_control.law.controller import ControllerConfig
-from diffbot_control.law.registry import resolve_law
 from diffbot_lab.benchmark.law_cases import DURATION, YAW_TOLERANCE, ArenaCase, Values, starts_named, world_of
 from diffbot_lab.benchmark.law_entries import Entry, config_of
 from diffbot_lab.cases import Configuration, make_case

@@ -19,7 +19,7 @@ from scipy.optimize import differential_evolution
 from scipy.stats import qmc
 from tqdm import tqdm
 
-from diffbot_control.law.registry import resolve_law
+from diffbot_control.goals.registry import resolve_law
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.files import output_folder, write_json
 from diffbot_core.schema import parameters_of

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 from tqdm import tqdm
 
-from diffbot_control.law.registry import resolve_law
+from diffbot_control.goals.registry import resolve_law
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.campaign.journal_lines import MAX_LINE, check_chunk, parsed
 from diffbot_lab.campaign.spec import Campaign, code_version

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from diffbot_control.law.registry import resolve_law
+from diffbot_control.goals.registry import resolve_law
 from diffbot_core.code_hash import hash_of_code, hash_of_values
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.geometry import Pose

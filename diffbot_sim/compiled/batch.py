@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from diffbot_control.goals.protocol import Law
 from diffbot_control.law.controller import SwitchingLaw
-from diffbot_control.law.protocol import Law
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_sim.compiled.closed_loop import EKF, RAW, TRUTH, Case, make_loop, prepared

@@ -14,9 +14,9 @@ import numpy as np
 
 from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.filter.options import FilterConfig, FilterOptions, options_of
+from diffbot_control.goals.protocol import Law
 from diffbot_control.law.controller import SwitchingLaw
 from diffbot_control.law.polar_coordinates import in_front
-from diffbot_control.law.protocol import Law
 from diffbot_control.law.regions import OMEGA_G
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist

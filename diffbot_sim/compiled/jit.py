@@ -19,6 +19,7 @@ from types import ModuleType
 from typing import Any
 
 from diffbot_control.filter import adaptation, colour, gate, models
+from diffbot_control.goals.protocol import Law
 from diffbot_control.law import (
     braking_step,
     configuration,
@@ -35,7 +36,6 @@ from diffbot_control.law import (
 )
 from diffbot_control.law.paper import reapproach
 from diffbot_control.law.paper import step as paper_step
-from diffbot_control.law.protocol import Law
 from diffbot_core import data_sheet, geometry, kinematics, uncertainty
 from diffbot_core.code_hash import DIGITS, hash_of_code
 from diffbot_core.errors import DiffbotError

@@ -16,9 +16,9 @@ import diffbot_control
 import diffbot_core
 import diffbot_lab
 import diffbot_sim
+from diffbot_control.goals.configuration import SupervisorConfig
 from diffbot_control.law.controller import ControllerConfig
 from diffbot_control.law.lyapunov_law import Gains
-from diffbot_control.law.supervisor import SupervisorConfig
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.errors import DiffbotError, InvalidValueError, ReplacedNameError
 from diffbot_core.schema import PARTIAL, Parameter, Spec, build, checked, parameters_of, replaced_by, to_dict, variant

@@ -14,7 +14,7 @@ from robot import initialpose, pose_stamped
 from rosgraph_msgs.msg import Clock
 
 from diffbot_control.controller_node import ControllerNode
-from diffbot_control.law.supervisor import Supervisor
+from diffbot_control.goals.supervisor import Supervisor
 from diffbot_core.ros import node as node_module
 from diffbot_core.ros.node import make_executor
 

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import graph
 import pytest
 
-from diffbot_control.law import goal_record
+from diffbot_control.goals import goal_record
 from diffbot_lab import cli
 from diffbot_lab.goal_command import ENDS, INTERRUPTED, TIMED_OUT
 

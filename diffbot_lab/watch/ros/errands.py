@@ -12,7 +12,7 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.parameter import parameter_value_to_python
 from std_srvs.srv import SetBool, Trigger
 
-from diffbot_control.law import goal_record
+from diffbot_control.goals import goal_record
 from diffbot_control.ros.messages import goal_message
 from diffbot_control.ros.navigator import Navigator
 from diffbot_core.errors import DiffbotError

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from extremes import assert_finite, extreme_configs
 
+from diffbot_control.goals import Supervisor, SupervisorConfig
+from diffbot_control.goals.registry import registered_laws, resolve_law
 from diffbot_control.law.controller import SwitchingLaw
 from diffbot_control.law.loop_check import unstable_gains
 from diffbot_control.law.paper import step as paper_step
 from diffbot_control.law.presets import PRESETS
-from diffbot_control.law.registry import registered_laws, resolve_law
-from diffbot_control.law.supervisor import Supervisor, SupervisorConfig
 from diffbot_core.geometry import MAX_COORDINATE, Pose
 from diffbot_core.schema import PARTIAL, variant
 from diffbot_core.uncertainty import Uncertainty

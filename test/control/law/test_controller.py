@@ -6,9 +6,9 @@ import math
 
 import pytest
 
+from diffbot_control.goals.driver import driver_of
 from diffbot_control.law import controller
 from diffbot_control.law.controller import ControllerMemory, SwitchingLaw, new_memory
-from diffbot_control.law.driver import driver_of
 from diffbot_control.law.finish import V_LEG, Finish
 from diffbot_control.law.goal_checker import Settling
 from diffbot_control.law.latency import Actuation

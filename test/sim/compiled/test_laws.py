@@ -7,8 +7,8 @@ import sys
 import numpy as np
 import pytest
 
+from diffbot_control.goals.registry import resolve_law
 from diffbot_control.law.controller import SwitchingLaw
-from diffbot_control.law.registry import resolve_law
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_lab.cases import Configuration, make_case
 from diffbot_sim.compiled.batch import Starts, run_batch

@@ -7,12 +7,12 @@ import traceback
 from pathlib import Path
 from typing import Any
 
+from diffbot_control.goals.protocol import Law
 from diffbot_control.law.configuration import Report
 from diffbot_control.law.controller import SwitchingLaw, stop_step
 from diffbot_control.law.goal_checker import is_at_rest, is_knowable
 from diffbot_control.law.latency import Actuation
 from diffbot_control.law.limits import limit_change, limit_velocity, slowed
-from diffbot_control.law.protocol import Law
 from diffbot_control.law.regions import OMEGA_L
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.errors import DiffbotError
@@ -57,7 +57,7 @@ class Driver:
         return fresh._replace(**motion) if motion and type(fresh) is type(memory) else fresh
 
     def step(self, memory: Any, estimate: Estimate, goal: Pose, dt: float, config: Any) -> tuple[Any, Twist, Report]:
-        """Take the law's step; see :class:`diffbot_control.law.protocol.Law`.
+        """Take the law's step; see :class:`diffbot_control.goals.protocol.Law`.
 
         Raises:
             LawError: if it raises, or its answer is not finite or not of the types of the protocol.

@@ -5,10 +5,11 @@ from typing import NamedTuple
 
 import pytest
 
+from diffbot_control.goals import Supervisor, SupervisorConfig
+from diffbot_control.goals.driver import LawError, driver_of
+from diffbot_control.goals.states import DRIVING, IDLE, NOT_AT_GOAL
 from diffbot_control.law.configuration import Report
 from diffbot_control.law.controller import ControllerConfig, SwitchingLaw
-from diffbot_control.law.driver import LawError, driver_of
-from diffbot_control.law.supervisor import DRIVING, IDLE, NOT_REACHED, Supervisor, SupervisorConfig
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
@@ -74,7 +75,7 @@ def test_the_law_gets_pose_uncertainty_goal_period_and_its_configuration():
     drive.pose()
     estimate = Estimate(AWAY, UNSURE)
     assert law.asked == [(Memory(), estimate, GOAL, dt, Config()) for dt in (0.0, pytest.approx(0.1))]
-    assert drive.supervisor.state == DRIVING
+    assert drive.supervisor.status == DRIVING
 
 
 @pytest.mark.parametrize("sheet", [SLOW, None])
@@ -87,7 +88,7 @@ def test_a_cancelled_robot_brakes_within_the_limits_or_at_once_without_a_data_sh
     expected = [(0.5 - 0.1 * n, 0.1 - 0.02 * n) for n in range(1, 6)] if sheet else [ZERO] * 5
     assert speeds[:5] == [pytest.approx(one, abs=1e-12) for one in expected]
     assert speeds[5] == pytest.approx(ZERO, abs=1e-12)
-    assert drive.supervisor.state == IDLE
+    assert drive.supervisor.status == IDLE
     assert drive.supervisor.memory == Memory(), "a field of the same name and another type is the law's own"
 
 
@@ -138,7 +139,7 @@ def test_a_law_that_fails_on_the_way_ends_the_goal_with_the_reason_and_the_robot
     law.answer = answer
     assert drive.pose() == pytest.approx((0.4, 0.08))
     supervisor = drive.supervisor
-    assert (supervisor.state, supervisor.goal, supervisor.has_failed) == (NOT_REACHED, None, True)
+    assert (supervisor.status, supervisor.goal, supervisor.has_failed) == (NOT_AT_GOAL, None, True)
     assert supervisor.reason.startswith("law scripted failed: ")
     assert reason in supervisor.reason
     assert "\n" not in supervisor.reason
@@ -157,7 +158,7 @@ def test_a_memory_that_cannot_be_made_is_refused_at_the_start_and_ends_a_later_g
     with pytest.raises(LawError, match=r"^law scripted failed: ValueError: gain too small \(test_driver\.py:\d+\)$"):
         Drive(Scripted())
     drive.supervisor.on_goal(GOAL)
-    assert drive.supervisor.state == NOT_REACHED
+    assert drive.supervisor.status == NOT_AT_GOAL
     assert "gain too small" in drive.supervisor.reason
 
 

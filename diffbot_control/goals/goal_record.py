@@ -72,10 +72,7 @@ class GoalBook:
         self._news: list[GoalRecord] = []
 
     def accept(self, request: GoalRequest) -> None:
-        """Open the record of a goal; the present one is replaced."""
-        if request.time < math.inf:
-            self.now = request.time
-        self.close(REPLACED, f"by a newer goal ({request.source})" if request.source else "")
+        """Open the record of a goal; the one before has to be closed."""
         self.present = GoalRecord(request)
 
     def count_time_from(self, now: float) -> None:
@@ -84,7 +81,7 @@ class GoalBook:
             self.present = self.present._replace(request=self.present.request._replace(time=now))
 
     def cancel(self) -> None:
-        """Note that the present goal is cancelled: whatever ends it now, it ends as cancelled."""
+        """Note that the present goal is cancelled: it ends when the robot has come to rest."""
         if self.present is not None:
             self.present = self.present._replace(is_cancelling=True)
 
@@ -92,17 +89,10 @@ class GoalBook:
         """End the present goal, if there is one; a second end has no effect."""
         if self.present is None:
             return
-        if self.present.is_cancelling:
-            end, reason = CANCELLED, ""
         record = self.present._replace(end=end, reason=reason, ended=self.now)
         self.present = None
         self.ended.append(record)
         self._news.append(record)
-
-    def close_cancelled(self) -> None:
-        """End the present goal if it was cancelled: the robot has come to rest."""
-        if self.present is not None and self.present.is_cancelling:
-            self.close(CANCELLED)
 
     def find(self, goal_id: str) -> GoalRecord | None:
         """Return the newest record of a goal, None if it is unknown."""

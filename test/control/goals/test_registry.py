@@ -5,8 +5,8 @@ import textwrap
 
 import pytest
 
+from diffbot_control.goals.registry import registered_laws, resolve_law
 from diffbot_control.law.controller import SwitchingLaw
-from diffbot_control.law.registry import registered_laws, resolve_law
 from diffbot_core.errors import InvalidValueError
 
 GOOD = """

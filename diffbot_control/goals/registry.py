@@ -7,7 +7,7 @@ import inspect
 from importlib.metadata import entry_points
 from typing import Any, cast
 
-from diffbot_control.law.protocol import Law
+from diffbot_control.goals.protocol import Law
 from diffbot_core.errors import InvalidValueError
 
 GROUP = "diffbot.controllers"
