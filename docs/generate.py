@@ -2,9 +2,10 @@
 
 Sources: the tables in docs/reference/parameters/ and docs/reference/bags/check.md, and
 diffbot_core/ros/parameter_names.py: the configuration types; the table in docs/explanation/law/paper.md: 100 runs of
-the closed loop; docs/rooms.svg: the imports; docs/badges: the package's metadata. In docs/results, from the JSON files
-in its folder data: all of benchmark and reproduction, filter/contract.md, faults.md (`make faults`, `make soak`),
-performance.md (`make bench`), trust.md (`make trust`), the other tables in filter and those in real-robots.md.
+the closed loop; docs/rooms.svg: the imports; docs/reference/nodes/states.svg and the table in goals.md: the states;
+docs/badges: the package's metadata. In docs/results, from the JSON files in its folder data: all of benchmark and
+reproduction, filter/contract.md, faults.md (`make faults`, `make soak`), performance.md (`make bench`), trust.md
+(`make trust`), the other tables in filter and those in real-robots.md.
 ``--experiments`` and ``--benchmark`` repeat the runs behind the JSON files and draw their figures; those behind
 benchmark_bound.json need casadi (extra ``bound``) and are repeated by ``--benchmark bound`` alone.
 ``--animation`` draws docs/run.gif, ``--policy`` runs the nodes and writes config/sros2_policy.xml.
@@ -31,6 +32,8 @@ from measure import CALIBRATION, COLOUR, CONTRACT, DATA, EFFECTS, LOCALIZATION, 
 from performance_page import page as performance_page
 from reproduction import pages as reproduction_pages
 from rooms import picture as rooms_picture
+from states_picture import picture as states_picture
+from states_picture import table as states_table
 from trust_page import page as trust_page
 
 from diffbot_bag.tools.contract import BagRules, TopicRules
@@ -51,6 +54,7 @@ from diffbot_sim.model.simulator import WorldConfig
 from diffbot_sim.reference_loop import simulate
 
 DOCS = Path(__file__).parent
+GOALS = DOCS / "reference/nodes/goals.md"
 CHECK = DOCS / "reference/bags/check.md"
 SECTIONS_OF_PAGES = {
     "accuracy.md": ("Right model", "Rates of the odometry", "Further sensors"),
@@ -201,6 +205,8 @@ def check_or_write(check: bool) -> int:
         CHECK: check_page(),
         **results_pages(),
         DOCS / "rooms.svg": rooms_picture(),
+        DOCS / "reference/nodes/states.svg": states_picture(),
+        GOALS: marked(GOALS, "states", states_table()),
         **{DOCS / "badges" / name: picture for name, picture in badges().items()},
         DOCS / "explanation/geometry.svg": geometry_picture(),
         paper: marked(paper, "scenario A", scenario_a_table()),

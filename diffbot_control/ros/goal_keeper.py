@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from diffbot_control.goals.goal_record import GoalRequest
+from diffbot_control.goals.goal_record import CANCELLED, GoalRequest
 from diffbot_control.ros.goal_file import BrokenGoalError, SavedGoal, encode_poses, load_goal, save_goal
 from diffbot_control.ros.goal_server import GoalServer
 from diffbot_core.errors import DiffbotError
@@ -74,13 +74,14 @@ class GoalKeeper:
     def _take(self, saved: SavedGoal, reason: str, is_resumed: bool) -> None:
         """Give the goal to the supervisor, and end it there unless it is resumed."""
         supervisor, request = self._goals.supervisor, GoalRequest(saved.id, saved.source, self._node.clock_watch.now())
-        if saved.waypoints:
+        if not saved.poses:  # it was being cancelled
+            supervisor.goals.accept(request)
+            supervisor.goals.close(CANCELLED)
+        elif saved.waypoints:
             supervisor.on_path(saved.poses, request, saved.waypoint, saved.waypoints)
         else:
             supervisor.on_goal(saved.poses[0], request)
-        if saved.is_cancelling:
-            supervisor.on_cancel()
-        elif not is_resumed:
+        if not is_resumed:
             supervisor.give_up(reason)
         present = supervisor.goals.present
         self._is_timeless = present is not None and request.time <= 0.0

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diffbot_control.law.configuration import Report
+from diffbot_control.law.goal_checker import GoalTolerance
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import Twist
@@ -61,6 +62,7 @@ class NmpcConfig(NamedTuple):
     eps_xy: Annotated[float, Spec("rounding of the distance", "m", 1e-4, 10.0)] = 0.02
     eps_yaw: Annotated[float, Spec("rounding of the heading error", "rad", 1e-4, 10.0)] = 0.05
     stop: Stop = Stop(0.03, 0.03)
+    tolerance: GoalTolerance = GoalTolerance()
     data_sheet: DataSheet = DataSheet()
 
 
@@ -115,7 +117,7 @@ def nmpc_step(
     if memory.shared.state.phase != REACHED and not (slow and near):
         plan = _first_plan(now, config) if plan is None else _next_plan(plan, now, config)
         phase, requested = DRIVING, plan.command(config.periods)
-    shared, command, report = conclude(LawState(phase, 0.0, 0.0), requested, now, config.data_sheet)
+    shared, command, report = conclude(LawState(phase, 0.0, 0.0), requested, now, config.tolerance, config.data_sheet)
     return NmpcMemory(shared, plan, shared.reached), command, report
 
 

@@ -30,9 +30,11 @@ WHEEL_RADIUS = 0.05
 """[m]"""
 LIMITS: Values = {"linear.x.max_velocity": 1.3, "angular.z.max_velocity": 2.6, "wheel.max_velocity": 1.3 / WHEEL_RADIUS}
 """Data sheet of every case: 1.3 m/s at the rims, 2.6 rad/s."""
-ARENA, TRAINING, FAR, NEAR, DOCKING = "arena", "training", "far", "near", "docking"
+ARENA, TRAINING, FAR, NEAR, DOCKING, SHORT = "arena", "training", "far", "near", "docking", "short"
 SPEED, ACCELERATION, OWN = "speed", "acceleration", "own"
 """Tables: bounded speeds; bounded accelerations, too; this project's law alone."""
+_DISTANCES = {NEAR: (0.0, 1.0), SHORT: (0.05, 0.7)}
+"""[m] from the goal of random starts, where it is not the usual"""
 
 
 class ArenaCase(NamedTuple):
@@ -130,6 +132,31 @@ CASES = (
     ArenaCase("acceleration_docking", "docking starts", ACCELERATION, _ACCELERATION, _KNOWN_ACCELERATION, DOCKING),
     ArenaCase("mix", "realistic mix, data sheet known", ACCELERATION, _MIX, _KNOWN_MIX, filter=CALIBRATING),
     ArenaCase("random_mix", "realistic mix, starts 0.2 to 15 m away", ACCELERATION, _MIX, _KNOWN_MIX, FAR, CALIBRATING),
+    ArenaCase(
+        "forward_mix",
+        "the same, forwards only",
+        OWN,
+        _MIX,
+        _KNOWN_MIX,
+        FAR,
+        CALIBRATING,
+        {"allow_backward": False},
+    ),
+    ArenaCase("short_mix", "realistic mix, starts 0.05 to 0.7 m away", OWN, _MIX, _KNOWN_MIX, SHORT, CALIBRATING),
+    ArenaCase(
+        "position_fixes",
+        "fixes at 5 Hz whose heading says nothing",
+        OWN,
+        {"fix_rate": 5.0, "eps_theta_max": math.pi},
+    ),
+    ArenaCase(
+        "coloured_09_wide",
+        "coloured fixes, correlation 0.9, tolerance 0.15 m",
+        OWN,
+        {"fix_noise_correlation": 0.9},
+        own={"xy_goal_tolerance": 0.15},
+        xy_tolerance=0.15,
+    ),
     ArenaCase("precise", "preset precise: xy_goal_tolerance 0.03 m", OWN, own=_PRECISE, xy_tolerance=0.03),
     ArenaCase("ts_005", "Ts 0.05 s", OWN, {"sampling_time": 0.05}),
     ArenaCase("ts_02", "Ts 0.2 s", OWN, {"sampling_time": 0.2}),
@@ -200,10 +227,10 @@ def starts_named(kind: str, count: int, seed: int) -> Array:
     if kind == ARENA:
         poses: Array = np.resize(arena_starts(), (count, 3))
         return poses
-    rng = np.random.default_rng((seed, (TRAINING, FAR, NEAR, DOCKING).index(kind)))
+    rng = np.random.default_rng((seed, (TRAINING, FAR, NEAR, DOCKING, SHORT).index(kind)))
     if kind == DOCKING:
         low, high = (-3.0, -0.3, -0.4), (-0.5, 0.3, 0.4)
         return rng.uniform(low, high, (count, 3))
-    distance = rng.uniform(*((0.0, 1.0) if kind == NEAR else (0.2, 15.0)), count)
+    distance = rng.uniform(*_DISTANCES.get(kind, (0.2, 15.0)), count)
     bearing, heading = rng.uniform(-math.pi, math.pi, (2, count))
     return np.column_stack((distance * np.cos(bearing), distance * np.sin(bearing), heading))

@@ -38,12 +38,12 @@ class Sheet(NamedTuple):
 
 
 def draw_benchmark(sheets: list[Sheet], path: Path) -> None:
-    """Draw a panel of paths for each law, and the share of runs below each settling time and final error.
+    """Draw a panel of paths for each law, and the share of runs below each time and final error.
 
     Raises:
         OSError: if the file cannot be written.
     """
-    figure, panels, curves = new_grid(len(sheets), 3, (15.0, 7.8))
+    figure, panels, curves = new_grid(len(sheets), 4, (15.0, 7.8))
     low = np.min([sheet.paths.min(axis=(0, 1)) for sheet in sheets], axis=0)[:2] - np.array((0.8, 0.8))
     high = np.max([sheet.paths.max(axis=(0, 1)) for sheet in sheets], axis=0)[:2] + np.array((2.0, 0.8))
     for index, (axes, sheet) in enumerate(zip(panels, sheets, strict=True)):
@@ -78,6 +78,7 @@ def _draw_shares(curves: list[Any], sheets: list[Sheet]) -> None:
         out = sheet.outcomes
         colour, line, width = style_of(index)
         quantities = (
+            out[:, column("reached_time")],
             out[:, column("settling_time")],
             np.maximum(np.hypot(out[:, column("x")], out[:, column("y")]), 1e-4),
             np.maximum(np.abs(out[:, column("theta")]), 1e-5),
@@ -86,13 +87,14 @@ def _draw_shares(curves: list[Any], sheets: list[Sheet]) -> None:
             finite = np.sort(values[np.isfinite(values)])
             shares = 100.0 * np.arange(1, len(finite) + 1) / len(out)
             axes.step(finite, shares, where="post", color=colour, linestyle=line, linewidth=width, label=sheet.label)
-    labels = ("settling time [s]", "final position error [m]", "final heading error [rad]")
+    labels = ("time of the answer [s]", "settling time [s]", "final position error [m]", "final heading error [rad]")
     for axes, label in zip(curves, labels, strict=True):
         axes.set_xlabel(label)
         axes.set_ylim(0.0, 102.0)
-    curves[0].set_xlim(0.0, 60.0)
+    for axes in curves[:2]:
+        axes.set_xlim(0.0, 60.0)
     curves[0].set_ylabel("share of all runs [%]")
-    for axes, lowest in ((curves[1], 2e-3), (curves[2], 2e-4)):
+    for axes, lowest in ((curves[2], 2e-3), (curves[3], 2e-4)):
         axes.set_xscale("log")
         axes.set_xlim(left=lowest)
         axes.axvline(0.1, color="black", linewidth=0.8)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from diffbot_lab.benchmark.law_targets import Results, peers_ahead, share, targets
+from diffbot_lab.benchmark.law_statistics import ANSWER_TIMES
+from diffbot_lab.benchmark.law_targets import Results, answered, false_share, peers_ahead, share, targets
 from diffbot_lab.benchmark.targets import evaluate_targets, number, summary
 
 
@@ -16,8 +17,8 @@ def conclusions(results: Results) -> Results:
 def table(results: Results) -> str:
     """Lay out all cases, the figures in which a peer is ahead, and the targets, for a terminal."""
     labels = {one["name"]: one["label"] for one in results["laws"]}
-    head = f"{'':<42}{'settled':>9}{'time [s]: median':>18}{'99 %':>7}{'|pos| [m]: 95 %':>17}{'max':>7}"
-    head += f"{'|theta|: max':>14}{'turns':>7}{'reached':>9}{'false':>7}"
+    head = f"{'':<42}{'answered: 20 s':>15}{'30 s':>8}{'60 s':>8}{'false':>8}{'time [s]: median':>18}{'99 %':>7}"
+    head += f"{'settled':>10}{'99 % [s]':>10}{'|pos| [m]: 95 %':>17}{'turns':>7}"
     lines = _ahead_lines(peers_ahead(results))
     for row in results["cases"]:
         lines += ["", f"{row['name']}: {row['text']}", head, "-" * len(head)]
@@ -26,17 +27,18 @@ def table(results: Results) -> str:
 
 
 def _terminal_row(label: str, one: Results) -> str:
-    time, position = one["settling_time"], one["position"]
+    answer, by = one["reached_time"], [f"{100.0 * answered(one, time):.2f}" for time in ANSWER_TIMES]
     return (
-        f"{label:<42}{100.0 * share(one):>7.2f} %{number(time['median'], 1):>18}{number(time['p99'], 1):>7}"
-        f"{number(position['p95']):>17}{number(position['max']):>7}{number(one['heading']['max']):>14}"
-        f"{one['revolutions']:>7.2f}{one['reached']:>9}{one['false_reached']:>7}"
+        f"{label:<42}{by[0]:>15}{by[1]:>8}{by[2]:>8}{100.0 * false_share(one):>8.2f}"
+        f"{number(answer['median'], 1):>18}{number(answer['p99'], 1):>7}"
+        f"{100.0 * share(one):>10.2f}{number(one['settling_time']['p99'], 1):>10}"
+        f"{number(one['position']['p95']):>17}{one['revolutions']:>7.2f}"
     )
 
 
 def _ahead_lines(ahead: list[dict[str, Any]]) -> list[str]:
     if not ahead:
-        return ["No peer is ahead of the switching law in share settled, settling time or final position error."]
+        return ["No peer is ahead of the switching law in shares, times or final position error."]
     lines = ["Where a peer is ahead of the switching law:"]
     return lines + [f"  {one['case']}: {one['peer']}, {one['figure']} {_pair(one)}" for one in ahead]
 

@@ -16,6 +16,8 @@ from diffbot_sim.compiled.batch import COLUMNS
 Array = NDArray[np.float64]
 
 LEVELS = {"median": 0.5, "p95": 0.95, "p99": 0.99}
+ANSWER_TIMES = (20, 30, 60)
+"""[s] by which the share of all runs that were answered is counted"""
 MAX_REVOLUTIONS = 1.5
 """Turned near the goal; runs that turn more are counted."""
 
@@ -58,7 +60,8 @@ def figures_of(outcomes: Array) -> dict[str, Any]:
     column = {name: outcomes[:, index] for index, name in enumerate(COLUMNS)}
     settled = np.isfinite(column["settling_time"])
     revolutions = column["turning"] / (2.0 * math.pi)
-    said = np.isfinite(column["reached_time"])
+    answers = np.round(column["reached_time"], 9)
+    said = np.isfinite(answers)
     return {
         "runs": len(outcomes),
         "settled": int(settled.sum()),
@@ -70,8 +73,10 @@ def figures_of(outcomes: Array) -> dict[str, Any]:
         "filter": spread(column["estimation_error"]),
         "effort": spread(column["effort"]),
         "switches": spread(column["switches"]),
+        "answered_by": {str(time): int((answers <= time).sum()) for time in ANSWER_TIMES},
+        "answered_interval": list(wilson(int((answers <= ANSWER_TIMES[-1]).sum()), len(outcomes))),
         "reached": int(said.sum()),
-        "reached_time": spread(np.round(column["reached_time"][said], 9)),
+        "reached_time": spread(answers[said]),
         "false_reached": int(column["false_reached"].sum()),
         "false_reached_interval": list(wilson(int(column["false_reached"].sum()), len(outcomes))),
         "revolutions": float(revolutions.max()),

@@ -20,7 +20,7 @@ from diffbot_core.units import S_PER_NS
 from diffbot_lab.bag.unfinished_bags import print_warning
 from diffbot_lab.calibration.calibrate import Calibration, Judged, calibrate
 from diffbot_lab.calibration.events import Array, EventReader, Events
-from diffbot_lab.calibration.latency import Latency, latency_of
+from diffbot_lab.calibration.latency import Latency, latency_of, limits_of
 from diffbot_lab.calibration.parameters import Outcome, given_parameters, outcome_of, parameter_file
 from diffbot_lab.refilter.command import PARAMETERS, topics_of
 from diffbot_lab.refilter.parameters import read_config
@@ -114,6 +114,7 @@ def describe(calibration: Calibration, outcome: Outcome, latency: Latency | None
     if latency is not None:
         lines.append(f"{'command_latency':28}{'':12}{latency.dead_time:12.4g}{latency.sigma:12.2g}")
         lines.append(f"{'drive_time_constant':28}{'':12}{latency.time_constant:12.4g}")
+        lines += [f"{name:28}{'':12}{limit:12.4g}" for name, limit in limits_of(latency).items()]
     else:
         lines.append("command_latency and drive_time_constant: not determined; they need abrupt changes of cmd_vel")
     lines += ["", f"{'held-out half':28}{'before':>12}{'after':>12}"]

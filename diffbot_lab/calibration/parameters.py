@@ -12,7 +12,7 @@ from diffbot_control.ros.ekf_parameters import EkfNodeConfig
 from diffbot_core.schema import parameters_of, to_dict
 from diffbot_lab.calibration.calibrate import Calibration
 from diffbot_lab.calibration.events import FIX, HEADING, LANDMARK, Array, Events
-from diffbot_lab.calibration.latency import Latency
+from diffbot_lab.calibration.latency import Latency, limits_of
 from diffbot_lab.calibration.quantities import CONSTANTS
 
 UNDETERMINED = 0.7
@@ -206,6 +206,7 @@ def parameter_file(given: dict[str, Any], outcome: Outcome, latency: Latency | N
         answers = {
             "command_latency": round(latency.dead_time, 3),
             "drive_time_constant": round(latency.time_constant, 3),
+            **{name: float(f"{limit:.3g}") for name, limit in limits_of(latency).items()},
         }
         content["/**/controller"] = {"ros__parameters": answers}
     text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120)

@@ -6,6 +6,7 @@ import math
 from typing import Annotated, Any, NamedTuple
 
 from diffbot_control.law.configuration import Report
+from diffbot_control.law.goal_checker import GoalTolerance
 from diffbot_control.law.lyapunov_law import sinc
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose
@@ -37,6 +38,7 @@ class AicardiConfig(NamedTuple):
     k: Annotated[float, Spec("weight of alpha", "1/s", 0.01, 50.0)] = 1.0
     h: Annotated[float, Spec("weight of beta", "-", 0.001, 50.0)] = 0.17
     stop: Stop = Stop(0.02, 0.05)
+    tolerance: GoalTolerance = GoalTolerance()
     data_sheet: DataSheet = DataSheet()
 
 
@@ -67,7 +69,7 @@ def aicardi_step(
     """One step of the law."""
     now = situation_of(memory, estimate, goal, dt, config.data_sheet)
     state, requested = aicardi(memory.state, now, config)
-    return conclude(state, requested, now, config.data_sheet)
+    return conclude(state, requested, now, config.tolerance, config.data_sheet)
 
 
 class Aicardi:

@@ -6,6 +6,7 @@ import math
 from typing import Annotated, NamedTuple
 
 from diffbot_control.law.configuration import Report
+from diffbot_control.law.goal_checker import GoalTolerance, Settling, next_settling, within
 from diffbot_control.law.latency import Actuation, coast, is_immediate, resting_actuation
 from diffbot_control.law.limits import lifted_command, limit_change, limit_velocity
 from diffbot_control.law.polar_coordinates import Navigation, navigation_variables
@@ -15,7 +16,7 @@ from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose, into_frame, wrap_angle
 from diffbot_core.kinematics import Twist
 from diffbot_core.schema import Spec
-from diffbot_core.uncertainty import Estimate
+from diffbot_core.uncertainty import Estimate, Uncertainty
 
 ROTATING, DRIVING, FINISHING, REACHED = 0, 1, 2, 3
 """Phases: turning towards the goal, driving there, turning to the goal's heading, holding still."""
@@ -23,16 +24,14 @@ _BRAKE_SHARE, _TURN_SHARE = 0.9, 0.7
 """of the acceleration limits: the profiles brake with less, so that the limits bind at the start only"""
 _BRAKE_TIME = 0.1
 """[s] reaction time of braking before the goal"""
-_REST_V, _REST_OMEGA, _REST_WAY = 0.05, 0.1, 0.01
-"""[m/s], [rad/s], [m] a robot with less rests"""
 STOP = Twist(0.0, 0.0)
 
 
 class Stop(NamedTuple):
-    """When a law holds still, by its estimate."""
+    """When a law holds still, by its estimate. When the goal counts as reached is not a law's own matter."""
 
-    stop_distance: Annotated[float, Spec("the position counts as reached below this distance", "m", 0.0, 1.0)] = 0.035
-    stop_angle: Annotated[float, Spec("the heading counts as reached below this error", "rad", 0.0, 1.0)] = 0.025
+    stop_distance: Annotated[float, Spec("the robot goes no nearer than this distance", "m", 0.0, 1.0)] = 0.035
+    stop_angle: Annotated[float, Spec("the robot turns no further than to this error", "rad", 0.0, 1.0)] = 0.025
 
 
 class Turning(NamedTuple):
@@ -62,6 +61,7 @@ class LawMemory(NamedTuple):
     """commands under way"""
     command: Twist
     """the last one"""
+    settling: Settling
     reached: bool
 
 
@@ -70,51 +70,54 @@ class Situation(NamedTuple):
 
     pose: Pose
     """estimate, coasted over latency and lag"""
+    uncertainty: Uncertainty
     navigation: Navigation
-    sigma: float
-    """[m] standard deviation of the position"""
     actuation: Actuation
     last: Twist
     """command of the last step"""
-    coasting: float
-    """[m] from the estimated pose to the coasted one"""
-    reached: bool
-    """the law reported the goal as reached before"""
+    settling: Settling
+    """of the last step"""
     dt: float
     """[s] since the last step"""
 
 
 def new_law_memory() -> LawMemory:
     """Return the memory at rest with a new goal."""
-    return LawMemory(LawState(ROTATING, 0.0, 0.0), resting_actuation(), Twist(0.0, 0.0), False)
+    return LawMemory(LawState(ROTATING, 0.0, 0.0), resting_actuation(), Twist(0.0, 0.0), Settling(0, False), False)
 
 
 def situation_of(memory: LawMemory, estimate: Estimate, goal: Pose, dt: float, sheet: DataSheet) -> Situation:
     """Return the situation at a step."""
     local, actuation = into_frame(estimate.pose, goal), memory.actuation
-    pose, coasting = local, 0.0
+    pose = local
     if not is_immediate(sheet):
         coasted = coast(local, actuation, memory.command, dt, sheet)
         pose, actuation = coasted.pose, coasted.actuation
-        coasting = math.hypot(pose.x - local.x, pose.y - local.y)
-    sigma = estimate.uncertainty.xy
-    return Situation(pose, navigation_variables(pose), sigma, actuation, memory.command, coasting, memory.reached, dt)
+    navigation = navigation_variables(pose)
+    return Situation(pose, estimate.uncertainty, navigation, actuation, memory.command, memory.settling, dt)
 
 
 def conclude(
-    state: LawState, requested: Twist, situation: Situation, sheet: DataSheet, region: int = OMEGA_G
+    state: LawState,
+    requested: Twist,
+    situation: Situation,
+    tolerance: GoalTolerance,
+    sheet: DataSheet,
+    region: int = OMEGA_G,
 ) -> tuple[LawMemory, Twist, Report]:
-    """Bring a requested command within the data sheet; return memory, command and report."""
+    """Bring a requested command within the data sheet; return memory, command and report.
+
+    The goal is reached by the rule of this project's own law, :func:`diffbot_control.law.goal_checker.within`.
+    """
     command = lifted_command(limit_velocity(requested, sheet), sheet)
     command = limit_change(command, situation.last, situation.dt, sheet)
     if not (math.isfinite(command.v) and math.isfinite(command.omega)):
         command = STOP
-    rho, alpha, beta = situation.navigation
-    # Reported at rest, not while the robot coasts to the goal.
-    at_rest = abs(command.v) <= _REST_V and abs(command.omega) <= _REST_OMEGA and situation.coasting <= _REST_WAY
-    reached = situation.reached or (state.phase == REACHED and at_rest)
-    report = Report(rho, alpha, beta, situation.pose.theta, 0.0, region, math.nan)
-    return LawMemory(state, situation.actuation, command, reached), command, report
+    pose, (rho, alpha, beta) = situation.pose, situation.navigation
+    inside = within(pose, rho, command, tolerance, sheet, situation.uncertainty)
+    settling = next_settling(situation.settling, inside, tolerance)
+    report = Report(rho, alpha, beta, pose.theta, 0.0, region, math.nan)
+    return LawMemory(state, situation.actuation, command, settling, settling.reached), command, report
 
 
 def approach_speed(distance: float, sheet: DataSheet) -> float:

@@ -6,6 +6,7 @@ import math
 from typing import Annotated, Any, NamedTuple
 
 from diffbot_control.law.configuration import Report
+from diffbot_control.law.goal_checker import GoalTolerance
 from diffbot_control.law.limits import limit_velocity
 from diffbot_control.law.regions import OMEGA_G, OMEGA_L
 from diffbot_core.data_sheet import DataSheet
@@ -50,6 +51,7 @@ class FeedbackLinearisationConfig(NamedTuple):
     near_slope: Annotated[float, Spec("speed per distance in Omega_L", "1/s", 0.0, 20.0)] = 2.3
     turning: Turning = Turning(6.9, 0.25)
     stop: Stop = Stop(0.05, 0.05)
+    tolerance: GoalTolerance = GoalTolerance()
     data_sheet: DataSheet = DataSheet()
 
 
@@ -64,7 +66,7 @@ def feedback_linearisation(
     rho = now.navigation.rho
     direction, speed = state.direction, state.value
     local = state.phase >= FINISHING
-    if not local and rho < max(config.region_min, config.region_sigmas * now.sigma):
+    if not local and rho < max(config.region_min, config.region_sigmas * now.uncertainty.xy):
         local = True
     elif direction == 0.0 or (local and rho > _LEAVING):
         local, direction = False, chosen_direction(now.navigation)
@@ -117,7 +119,7 @@ def linearisation_step(
     now = situation_of(memory, estimate, goal, dt, config.data_sheet)
     state, requested = feedback_linearisation(memory.state, now, config)
     region = OMEGA_L if state.phase >= FINISHING else OMEGA_G
-    return conclude(state, requested, now, config.data_sheet, region)
+    return conclude(state, requested, now, config.tolerance, config.data_sheet, region)
 
 
 class FeedbackLinearisation:

@@ -6,6 +6,7 @@ import math
 from typing import Annotated, Any, NamedTuple
 
 from diffbot_control.law.configuration import Report
+from diffbot_control.law.goal_checker import GoalTolerance
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import Twist
@@ -59,6 +60,7 @@ class GracefulConfig(NamedTuple):
     ] = 0.9
     turning: Turning = Turning(5.7, 0.48)
     stop: Stop = Stop(0.02, 0.012)
+    tolerance: GoalTolerance = GoalTolerance()
     data_sheet: DataSheet = DataSheet()
 
 
@@ -125,7 +127,7 @@ def graceful_step(
     """One step of the law."""
     now = situation_of(memory, estimate, goal, dt, config.data_sheet)
     state, requested = graceful(memory.state, now, config)
-    return conclude(state, requested, now, config.data_sheet)
+    return conclude(state, requested, now, config.tolerance, config.data_sheet)
 
 
 class Graceful:

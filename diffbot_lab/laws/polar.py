@@ -6,6 +6,7 @@ import math
 from typing import Annotated, Any, NamedTuple
 
 from diffbot_control.law.configuration import Report
+from diffbot_control.law.goal_checker import GoalTolerance
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import Twist
@@ -39,6 +40,7 @@ class PolarConfig(NamedTuple):
     k_alpha: Annotated[float, Spec("gain of the bearing", "1/s", 0.0, 50.0)] = 8.0
     k_beta: Annotated[float, Spec("gain of the goal's heading", "1/s", -50.0, 0.0)] = -1.5
     stop: Stop = Stop(0.03, 0.05)
+    tolerance: GoalTolerance = GoalTolerance()
     data_sheet: DataSheet = DataSheet()
 
 
@@ -84,7 +86,7 @@ def polar_step(
     """One step of the law."""
     now = situation_of(memory, estimate, goal, dt, config.data_sheet)
     state, requested = polar(memory.state, now, config)
-    return conclude(state, requested, now, config.data_sheet)
+    return conclude(state, requested, now, config.tolerance, config.data_sheet)
 
 
 class Polar:

@@ -6,6 +6,7 @@ import math
 from typing import Annotated, Any, NamedTuple
 
 from diffbot_control.law.configuration import Report
+from diffbot_control.law.goal_checker import GoalTolerance
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose, into_frame
 from diffbot_core.kinematics import Twist
@@ -53,6 +54,7 @@ class PurePursuitConfig(NamedTuple):
         float, Spec("the speed falls in curves of a smaller radius", "m", 0.01, 10.0)
     ] = 0.1
     angular_dist_threshold: Annotated[float, Spec("bearing at which the rotation shim ends", "rad", 0.01, 3.2)] = 0.63
+    tolerance: GoalTolerance = GoalTolerance()
     data_sheet: DataSheet = DataSheet()
 
 
@@ -105,7 +107,7 @@ def pursuit_step(
     """One step of the law."""
     now = situation_of(memory, estimate, goal, dt, config.data_sheet)
     state, requested = pure_pursuit(memory.state, now, config)
-    return conclude(state, requested, now, config.data_sheet)
+    return conclude(state, requested, now, config.tolerance, config.data_sheet)
 
 
 class PurePursuit:

@@ -6,6 +6,7 @@ import math
 from typing import Annotated, Any, NamedTuple
 
 from diffbot_control.law.configuration import Report
+from diffbot_control.law.goal_checker import GoalTolerance
 from diffbot_control.law.speed_profile import braking
 from diffbot_core.data_sheet import DataSheet, rim_speed
 from diffbot_core.geometry import Pose
@@ -50,6 +51,7 @@ class RotateDriveRotateConfig(NamedTuple):
     slow_slope: Annotated[float, Spec("speed per distance of the slow end", "1/s", 0.0, 10.0)] = 0.0
     start_angle: Annotated[float, Spec("the drive begins below this bearing", "rad", 0.01, 1.5)] = 0.2
     line_gain: Annotated[float, Spec("steering gain of the drive", "1/s", 0.01, 50.0)] = 4.0
+    tolerance: GoalTolerance = GoalTolerance()
     data_sheet: DataSheet = DataSheet()
 
 
@@ -88,7 +90,7 @@ def rdr_step(
     """One step of the law."""
     now = situation_of(memory, estimate, goal, dt, config.data_sheet)
     state, requested = rotate_drive_rotate(memory.state, now, config)
-    return conclude(state, requested, now, config.data_sheet)
+    return conclude(state, requested, now, config.tolerance, config.data_sheet)
 
 
 class RotateDriveRotate:

@@ -18,7 +18,9 @@ def sheets():
     made = []
     for law in ENTRIES[:3]:
         outcomes = rng.uniform(0.01, 1.0, (RUNS, len(COLUMNS)))
-        outcomes[:, COLUMNS.index("settling_time")] = (*rng.uniform(10.0, 50.0, RUNS - 1), np.nan)
+        for name, missing in (("settling_time", 1), ("reached_time", 2)):
+            times = (*rng.uniform(10.0, 50.0, RUNS - missing), *[np.nan] * missing)
+            outcomes[:, COLUMNS.index(name)] = times
         made.append(law_figure.Sheet(law.name, law.label, outcomes, rng.normal(size=(RUNS, STEPS + 1, 3))))
     return made
 
@@ -31,18 +33,18 @@ def law_axes(drawn, sheets):  # noqa: F811
 
 
 def test_the_curves_are_the_shares_of_all_runs(law_axes, sheets):
-    labels = ("settling time [s]", "final position error [m]", "final heading error [rad]")
+    labels = ("time of the answer [s]", "settling time [s]", "final position error [m]", "final heading error [rad]")
     for axes, label in zip(law_axes[3:], labels, strict=True):
         assert axes.get_xlabel() == label
         found = figures.lines(axes)
         for sheet in sheets:
-            x, y, theta, settling = (
-                sheet.outcomes[:, COLUMNS.index(name)] for name in ("x", "y", "theta", "settling_time")
+            x, y, theta, settling, answer = (
+                sheet.outcomes[:, COLUMNS.index(name)] for name in ("x", "y", "theta", "settling_time", "reached_time")
             )
-            values = dict(zip(labels, (settling, np.hypot(x, y), np.abs(theta)), strict=True))[label]
+            values = dict(zip(labels, (answer, settling, np.hypot(x, y), np.abs(theta)), strict=True))[label]
             values = values[np.isfinite(values)]
             curve = found[sheet.label].get_xydata()
             np.testing.assert_allclose(curve[:, 0], np.sort(values))
-            # Of all runs, also of those that did not settle.
+            # Of all runs, also of those that did not settle or were not answered.
             np.testing.assert_allclose(curve[:, 1], 100.0 * np.arange(1, len(values) + 1) / RUNS)
     assert law_axes[3].get_ylabel() == "share of all runs [%]"

@@ -10,13 +10,17 @@ from diffbot_bag.encoding import ODOMETRY, POSE, Encoder, NumbersMessage
 from diffbot_bag.new_bag import new_bag
 from diffbot_control.ros.message_fields import fill_twist_covariance
 from diffbot_core.errors import DiffbotError
-from diffbot_core.geometry import quaternion_of_yaw
+from diffbot_core.geometry import Pose, quaternion_of_yaw
+from diffbot_core.kinematics import Twist, body_twist
 from diffbot_lab import cli
 from diffbot_lab.calibration.command import run
 from diffbot_lab.calibration.events import Odometry
 from diffbot_lab.calibration.latency import latency_of
 from diffbot_lab.calibration.simulation import Errors, record
 from diffbot_lab.refilter.parameters import read_config
+from diffbot_sim.model.actuators import ActuatorConfig, command_rows, delayed_command
+from diffbot_sim.model.philox import NoiseKey
+from diffbot_sim.model.plant import PlantConfig, new_plant, plant_step_at
 
 TRUE = Errors(0.03, -0.03, 0.05, 0.2, 3.0)
 TWIST = "geometry_msgs/msg/Twist"
@@ -117,8 +121,30 @@ def test_dead_time_and_time_constant_of_a_first_order_drive():
         measured.append(state)
     odometry = Odometry(end - 0.02, end, np.array(measured), np.zeros((len(end), 3)))
     found = latency_of(commands, odometry, 0.0)
-    assert found.time_constant == lag
+    assert found.time_constant == pytest.approx(lag, abs=0.01)
+    assert (found.acceleration, found.angular_acceleration) == (math.inf, math.inf)
     assert found.dead_time == pytest.approx(dead, abs=0.03)
     later = latency_of(commands, odometry, 0.1)
     assert later.dead_time == pytest.approx(found.dead_time + 0.1, abs=0.011)
     assert latency_of(commands[:5], odometry, 0.0) is None
+
+
+@pytest.mark.parametrize(("dead", "lag", "bound"), [(0.1, 0.1, 0.5), (0.3, 0.0, 1.2)])
+def test_a_limit_of_the_acceleration_is_found_and_not_taken_for_dead_time(dead, lag, bound):
+    """Drives of the simulated plant at 50 Hz, whose wheels have 5 % of noise."""
+    t_s, rng, held = 0.02, np.random.default_rng(8), Twist(0.0, 0.0)
+    actuators = ActuatorConfig(dead, lag, acceleration_max=bound, angular_acceleration_max=3.0 * bound)
+    plant, record = PlantConfig(sampling_time=t_s, actuators=actuators), np.zeros((command_rows(dead, t_s), 2))
+    state, commands, twists = new_plant(Pose(0.0, 0.0, 0.0)), [], []
+    for k in range(3000):
+        if k % 75 == 0:
+            held = Twist(rng.uniform(-0.5, 0.5), rng.uniform(-1.0, 1.0))
+        commands.append((k * t_s, *held))
+        state = plant_step_at(NoiseKey(3, 0, k), state, delayed_command(record, k, held, dead, t_s), plant)
+        twists.append(body_twist(state.encoder, plant.wheels))
+    end = t_s * np.arange(1, 3001)
+    found = latency_of(np.array(commands), Odometry(end - t_s, end, np.array(twists), np.zeros((3000, 3))), 0.0)
+    assert found.dead_time == pytest.approx(dead, abs=0.02)
+    assert found.time_constant == pytest.approx(lag, abs=0.02)
+    assert (found.acceleration, found.angular_acceleration) == pytest.approx((bound, 3.0 * bound), rel=0.05)
+    assert 0.0 < found.sigma < 0.05
