@@ -60,7 +60,7 @@ class FilterConfig(NamedTuple):
             maximum=0.2,
             read_only=True,
         ),
-    ] = 0.0
+    ] = 0.02
     left_radius_error: Annotated[
         float,
         Spec("relative error of the left wheel's radius at the start, e.g. by calibration", minimum=-0.5, maximum=0.5),

@@ -20,7 +20,7 @@ class SupervisorConfig(NamedTuple):
     waypoint_radius: Annotated[
         float,
         Spec("distance at which a waypoint of a path is passed; 0: each is reached first", "m", *DISTANCE),
-    ] = 0.0
+    ] = 0.4
     hold_goal: Annotated[bool, Spec("keep controlling at a reached goal; otherwise go idle")] = True
     hold_distance: Annotated[
         float,

@@ -57,7 +57,7 @@ class FinishConfig(NamedTuple):
     finish_wait: Annotated[float, Spec("time at rest before a leg may begin", "s", minimum=0.0, maximum=3600.0)] = 1.9
     finish_begin: Annotated[
         float, Spec("lateral error that begins legs to and fro, share of xy_goal_tolerance; 1: none", "-", 0.0, 1.0)
-    ] = 0.65
+    ] = 0.4
     finish_heading: Annotated[
         float, Spec("bound of |heading| on legs to and fro, share of yaw_goal_tolerance", "-", *SHARE)
     ] = 0.68

@@ -73,7 +73,7 @@ class CovarianceRegionPolicy(NamedTuple):
 
     eps_P_min: Annotated[float, Spec("smallest radius", "m", *DISTANCE)] = 0.02
     eps_P_sigmas: Annotated[float, Spec("standard deviations of the position that the radius covers", "-", *SIGMAS)] = (
-        1.8
+        1.4
     )
     eps_P_speed_error: Annotated[
         float, Spec("bound of the relative error of the speed, |eps_v| / |v|", minimum=0.0, maximum=1.0)

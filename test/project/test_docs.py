@@ -37,6 +37,7 @@ def test_pages_of_results_are_up_to_date():
     assert [path.name for path, text in pages.items() if path.read_text() != text] == []
 
 
+@pytest.mark.install
 def test_the_site_builds_strictly(tmp_path):
     """A broken link or anchor, or a page outside the navigation, is an error."""
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path)]

@@ -11,6 +11,8 @@ import pytest
 import trust
 import trust_page
 
+pytestmark = pytest.mark.install
+
 MAKEFILE = """\
 setup:
 	@touch environment
