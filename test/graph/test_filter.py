@@ -90,7 +90,7 @@ def test_odometry_alone_starts_nothing_and_initialpose_does(start):
 def test_filtered_odometry_is_the_same_estimate_with_the_twist_of_the_calibrated_wheels(start, tmp_path):
     """Both wheels are known to be 2 % too large."""
     path = tmp_path / "ekf.json"
-    path.write_text(saved(wheels=[0.02, 0.02], wheels_P=[[1e-8, 0], [0, 1e-8]]))
+    path.write_text(saved(wheels=[0.02, 0.02, 0.0], wheels_P=[[1e-8, 0, 0], [0, 1e-8, 0], [0, 0, 1e-8]]))
     subject = start({"state_file": str(path)})
     before, _ = subject.move(0.5)
     after, P = subject.move(0.5)

@@ -270,7 +270,7 @@ def test_outliers_that_disagree_do_not_relocate_before_the_timeout():
 
 
 def test_what_is_known_of_the_wheels_survives_a_relocation():
-    known, P = np.array([0.03, -0.02]), np.array([[4e-6, 1e-6], [1e-6, 3e-6]])
+    known, P = np.array([0.03, -0.02, 0.01]), np.array([[4e-6, 1e-6, 0.0], [1e-6, 3e-6, 0.0], [0.0, 0.0, 2e-6]])
     found = gated_filter("ekf_calibrating", relocation_fixes=3, relocation_timeout=0.3)
     found.set_wheels(ErrorEstimate(known, P))
     verdict, steps = REJECTED, 0
@@ -280,7 +280,7 @@ def test_what_is_known_of_the_wheels_survives_a_relocation():
     assert verdict == RELOCATED
     np.testing.assert_array_equal(found.memory.belief.x[3:], known)
     walked = (1e-4) ** 2 * 0.1 * steps
-    np.testing.assert_allclose(found.memory.belief.P[3:, 3:], P + walked * np.eye(2), rtol=1e-9)
+    np.testing.assert_allclose(found.memory.belief.P[3:, 3:], P + walked * np.eye(3), rtol=1e-9)
     assert not found.memory.belief.P[3:, :3].any()
 
 

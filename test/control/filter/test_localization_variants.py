@@ -216,7 +216,8 @@ def test_a_new_pose_keeps_wheels_and_adaptation_and_a_reset_forgets_both_and_nei
     for number in range(1, 8):
         made.on_measurement(fix(number * PERIOD - MS, (0.5 * (-1) ** number, 0.0, 0.0)))
         made.on_odometry(odometry(number))
-    wheels, P = np.array([0.03, -0.02]), np.array([[4e-6, 1e-6], [1e-6, 3e-6]])
+    wheels = np.array([0.03, -0.02, 0.01])
+    P = np.array([[4e-6, 1e-6, 0.0], [1e-6, 3e-6, 0.0], [0.0, 0.0, 2e-6]])
     for seed, forget in enumerate((lambda: made.initialise(Pose(7.0, 8.0, -1.0), np.eye(3)), made.reset)):
         made.on_measurement(fix(7 * PERIOD, (90.0, 0.0, 0.0), seed))
         made.filter.set_wheels(ErrorEstimate(wheels, P))
@@ -235,15 +236,16 @@ def test_a_new_pose_keeps_wheels_and_adaptation_and_a_reset_forgets_both_and_nei
             assert made.filter.memory.adaptation == learnt != new_adaptation()
     made.on_measurement(fix(30 * PERIOD))
     x, whole = made.estimate().belief
-    np.testing.assert_array_equal(x, [*numbers_of(fix(30 * PERIOD)), 0.0, 0.0])
-    np.testing.assert_allclose(whole[3:, 3:], FilterConfig().wheel_radius_sigma ** 2 * np.eye(2))
+    np.testing.assert_array_equal(x, [*numbers_of(fix(30 * PERIOD)), 0.0, 0.0, 0.0])
+    sigmas = [FilterConfig().wheel_radius_sigma] * 2 + [FilterConfig().wheel_separation_sigma]
+    np.testing.assert_allclose(whole[3:, 3:], np.diag(sigmas) ** 2)
     assert made.filter.memory.adaptation == new_adaptation()
 
 
 def test_wheel_separation_and_walk_can_be_changed_at_runtime():
     variant = "ekf_calibrating"
     made = localization(variant)
-    made.filter.set_wheels(ErrorEstimate(np.array([0.0, 0.1]), 1e-6 * np.eye(2)))
+    made.filter.set_wheels(ErrorEstimate(np.array([0.0, 0.1, 0.0]), 1e-6 * np.eye(3)))
     config = FilterConfig(filter=variant, wheel_radius_walk=0.05)
     made.configure(LocalizationConfig(1.0, config), 0.3)
     found = made.on_odometry(odometry(1, 1.0, 0.0))
@@ -252,7 +254,7 @@ def test_wheel_separation_and_walk_can_be_changed_at_runtime():
     assert found.belief.P[4, 4] == pytest.approx(1e-6 + 0.05**2 * 0.1)
 
 
-@pytest.mark.parametrize(("variant", "states"), [("ekf", 3), ("ekf_calibrating", 5)])
+@pytest.mark.parametrize(("variant", "states"), [("ekf", 3), ("ekf_calibrating", 6)])
 def test_the_variant_stays_when_options_change(variant, states):
     made = localization(variant)
     other = "ekf_fnn_calibrating" if variant == "ekf" else "ekf"
@@ -261,7 +263,7 @@ def test_the_variant_stays_when_options_change(variant, states):
     made.on_odometry(odometry(1))
     assert made.estimate().belief.x.size == states
     assert not made.filter.options.adaptive
-    assert (made.filter.options.radius_variance > 0.0) is (states == 5)
+    assert (made.filter.options.radius_variance > 0.0) is (states == 6)
     assert made.filter.options.gates[0] < 3.0
 
 

@@ -105,7 +105,7 @@ def test_the_old_state_stays_if_the_new_one_cannot_be_written(tmp_path, monkeypa
 def test_wheel_errors_are_restored_only_to_a_filter_with_the_same_states(tmp_path):
     states = FilterConfig(wheel_separation_sigma=0.1, landmark_range_offset_sigma=0.1)
     three = Localization(LocalizationConfig(filter=states))
-    two = Localization(LocalizationConfig())
+    two = Localization(LocalizationConfig(filter=FilterConfig(wheel_separation_sigma=0.0)))
     path = tmp_path / "state.json"
     errors = ErrorEstimate(WHEELS, WHEELS_P)
     save_state(path, SavedState(Pose(1.0, -2.0, 3.0), P, errors, GEOMETRY, errors))

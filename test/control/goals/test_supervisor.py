@@ -373,7 +373,7 @@ def progress(story):
 
 
 def test_a_path_is_driven_goal_by_goal_and_the_last_is_held():
-    story, route = Story(controller=QUICK), list(ROUTE)
+    story, route = Story(controller=QUICK, waypoint_radius=0.0), list(ROUTE)
     story.supervisor.on_path(route)
     assert story.state == WAITING
     for number, goal in enumerate(ROUTE, 1):
@@ -432,7 +432,7 @@ def test_the_newest_goal_or_path_wins():
 
 
 def test_a_path_that_is_not_held_ends_in_rest_and_silence():
-    story = Story(controller=QUICK, hold_goal=False)
+    story = Story(controller=QUICK, hold_goal=False, waypoint_radius=0.0)
     story.supervisor.on_path(list(ROUTE[:2]))
     for _ in range(2):
         story.pose(ROUTE[0])

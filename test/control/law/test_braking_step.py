@@ -102,9 +102,9 @@ def test_omega_l_ends_after_three_poses_beyond_the_tolerance_by_two_deviations(t
 
 
 def test_omega_l_does_not_end_while_the_position_is_so_uncertain_that_the_error_is_no_error():
-    # Twice (1.8 * 0.08 m + 0.05 tanh(0.3 m)) is 0.317 m, and 0.1 m + 2 * 0.08 m less than that.
-    assert after_poses([0.3] * 20, 0.08).switching.region == OMEGA_L
-    assert after_poses([0.33] * 3, 0.08).switching.region == OMEGA_G
+    # Twice (1.4 * 0.2 m + 0.05 tanh(0.6 m)) is 0.614 m, and 0.1 m + 2 * 0.2 m less than that.
+    assert after_poses([0.6] * 20, 0.2).switching.region == OMEGA_L
+    assert after_poses([0.63] * 3, 0.2).switching.region == OMEGA_G
 
 
 @pytest.mark.parametrize(("tolerance", "enough"), [(0.03, 0.03), (0.3, 0.09)])

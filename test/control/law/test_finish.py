@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from diffbot_control.law import controller
 from diffbot_control.law.controller import new_memory
-from diffbot_control.law.finish import LEAVING, TO_AND_FRO, V_LEG, Standing, is_leg, next_finish, no_finish
+from diffbot_control.law.finish import LEAVING, TO_AND_FRO, V_LEG, Standing, next_finish, no_finish
 from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.regions import OMEGA_G, OMEGA_L, Switching
 from diffbot_core.geometry import Pose
@@ -46,7 +46,7 @@ def regions(run):
 @pytest.mark.parametrize("share", [-0.9, 0.7, 0.99])
 def test_legs_to_and_fro_work_off_an_error_inside_both_tolerances(tolerance, share):
     config = with_tolerance(tolerance)
-    run = Run((0.0, share * tolerance, 0.0), config, 400, memory=NEAR)
+    run = Run((0.0, share * tolerance, 0.0), config, 700, memory=NEAR)
     assert abs(run.end.y) < config.finish.finish_begin * tolerance
     assert abs(run.end.x) < 0.01 * tolerance + 0.001
     # One step at the speed of a leg is all that it may overshoot by.
@@ -87,13 +87,14 @@ def test_an_error_beyond_the_tolerance_is_worked_off_by_a_v_behind_the_goal(late
     assert all(command.v == pytest.approx(0.0, abs=1e-9) for command in run.commands[:begins])
     # Out far enough for half of the error with the heading 0.3 rad, and in again on the axis: Omega_L is not left.
     assert min(pose.x for pose in run.poses) < -0.9 * 0.5 * abs(lateral) / math.tan(0.3)
-    assert max(pose.x for pose in run.poses) < 0.02
+    assert max(pose.x for pose in run.poses) < 0.05, "a leg to and fro at most"
     assert run.largest_heading < 0.33
     assert regions(run) == {OMEGA_L}
     assert WAIT < answered_after(run) < 25.0
     assert math.hypot(run.end.x, run.end.y) < 0.065
-    # No leg begins once the goal counts as reached with an error like this.
-    assert not is_leg(run.memories[-1].finish)
+    # Once the goal counts as reached, only legs that stay inside begin.
+    reached = next(index for index, memory in enumerate(run.memories) if memory.reached)
+    assert V_LEG not in {memory.finish.kind for memory in run.memories[reached + 50 :]}
 
 
 def driven_with_a_heading_that_motion_shows(seconds=40.0):
@@ -138,9 +139,9 @@ def test_what_begins(local, standing, uncertainty):
         assert not standing.reached
         assert uncertainty.xy < 0.03
         # The heading is known to 99 % at 0.1 rad / 2.576.
-        assert abs(local.y) > (0.1 if found.kind == V_LEG else 0.065) or uncertainty.theta > 0.0388
+        assert abs(local.y) > (0.1 if found.kind == V_LEG else 0.04) or uncertainty.theta > 0.0388
     if found.kind in (TO_AND_FRO, LEAVING):
-        assert abs(local.y) > max(0.065, uncertainty.xy)
+        assert abs(local.y) > max(0.04, uncertainty.xy)
     assert standing.allow_backward == (found.kind != LEAVING) or found.kind == 0
 
 
