@@ -43,6 +43,7 @@ from diffbot_core.geometry import Pose
 from diffbot_core.ros.managed_node import ManagedNode
 from diffbot_core.ros.node import run
 from diffbot_core.ros.qos import sensor_qos
+from diffbot_core.stamps import PeriodWatch
 from diffbot_core.uncertainty import Uncertainty
 from diffbot_core.units import NS_PER_S
 
@@ -66,9 +67,9 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self._robot_frame = robot_frame(config)
         self.outputs = ControllerPublishers(self)
         self._transforms = transforms_of(self, config.transform_tolerance)
-        self._pose_stamp: int | None = None
+        self._pose_periods = PeriodWatch()
         self._pose_watch = PoseWatch(self.clock_watch)
-        self._gains_checked = False
+        self._checked_period = 0.0
         now = self.clock_watch.now
         self.goals = GoalServer(self, self.supervisor, self._goals_of, now, self.cancel, self._publish_status)
         self._keeper = GoalKeeper(self, self.goals)
@@ -145,7 +146,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
     def on_config(self, config: ControllerNodeConfig) -> None:
         """Use changed gains, limits and tolerances from the next pose on."""
         self.supervisor.config = config.supervisor
-        self._gains_checked = False
+        self._checked_period = 0.0
         self._watch.timer_period_ns = int(self._watch_period() * NS_PER_S)
 
     def health_level(self) -> tuple[int, str]:
@@ -182,12 +183,12 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self._pose_watch.on_goal()
 
     def _check_gains(self, stamp: int) -> None:
-        """Warn once of gains that cannot be stable at the rate of the poses."""
-        before, self._pose_stamp = self._pose_stamp, stamp
-        if self._gains_checked or before is None or stamp <= before or self.law is not SwitchingLaw:
+        """Warn of gains that cannot be stable at the rate of the poses: once, and again when it has changed."""
+        period = self._pose_periods.next(stamp)
+        if period is None or self.law is not SwitchingLaw or abs(period - self._checked_period) < 0.5 * period:
             return
-        self._gains_checked = True
-        warning = unstable_gains(self.config.supervisor.controller, (stamp - before) / NS_PER_S)
+        self._checked_period = period
+        warning = unstable_gains(self.config.supervisor.controller, period)
         if warning:
             self.get_logger().warning(warning)
 

@@ -1,9 +1,16 @@
-"""Whether the stamps of a stream of messages advance; free of ROS."""
+"""Whether the stamps of a stream of messages advance, and how fast; free of ROS."""
 
 from __future__ import annotations
 
+from collections import deque
+from statistics import median
+
+from diffbot_core.units import S_PER_NS
+
 RESTART_GAP = 10**9
 """[ns] a stamp further back than this belongs to time that began anew, a closer one to a message out of order"""
+PERIODS = 10
+"""periods whose median is that of the stream: single gaps say nothing of it"""
 
 
 class StampWatch:
@@ -30,3 +37,19 @@ class StampWatch:
     def clear(self) -> None:
         """Forget the stamps."""
         self.newest = None
+
+
+class PeriodWatch:
+    """Finds the period of a stream of messages by their stamps."""
+
+    def __init__(self) -> None:
+        """Start without a stamp."""
+        self._newest: int | None = None
+        self._periods: deque[int] = deque(maxlen=PERIODS)
+
+    def next(self, stamp: int) -> float | None:
+        """Take a stamp [ns]; return the median of the newest PERIODS periods [s], None before there are so many."""
+        if self._newest is not None and stamp > self._newest:
+            self._periods.append(stamp - self._newest)
+        self._newest = stamp
+        return S_PER_NS * median(self._periods) if len(self._periods) == PERIODS else None

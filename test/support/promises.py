@@ -62,6 +62,19 @@ PROMISES = {
     "clock back": Promise("/clock jumps back by 500 s", f"{_STOP}; then it drives on", 10, 1, LOST_INPUT),
     "clock two": Promise("a second publisher of /clock", f"{_STOP}; named in /diagnostics", 10, 1, LOST_INPUT),
     "clock forward": Promise("/clock jumps ahead by 500 s", "the goal is kept; drives on within 1 s", 10, 1, 1.0),
+    "odometry frozen": Promise(
+        "odometry repeats its stamp, fixes go on", f"{_STOP}; the goal ends; named in /diagnostics", 20, 1, LOST_INPUT
+    ),
+    **{
+        key: Promise(f"fixes {text}", "stands within 8 s; the goal ends; named in /diagnostics", 20, 1, 8.0)
+        for key, text in (
+            ("fixes turned", "with the heading turned by 180 deg"),
+            ("fixes mirrored", "mirrored"),
+            ("fixes swapped", "with x and y swapped"),
+            ("fixes frozen", "that repeat one pose"),
+        )
+    },
+    "found elsewhere": Promise("the robot is found 3 m from a held goal", "it stands, and the goal is let go", 20, 1),
     "network": Promise(
         "odometry and fixes: 20 % lost, 200 to 300 ms late, 5 % twice, in another order", "goals are reached", 20, 1
     ),

@@ -1,0 +1,165 @@
+"""A robot that is told lies: odometry that stands still, fixes that contradict it, a base that does not move."""
+
+import math
+import time
+
+import pytest
+from filter_input import fix, odometry
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from graph import PATIENCE
+from nav_msgs.msg import Odometry
+from promises import PERIOD
+from robot import robot, twist
+from std_srvs.srv import Trigger
+
+FEED_PERIOD = 0.02
+FIX_EVERY = 5
+SPEED = {"linear.x.max_velocity": 0.8, "linear.x.max_acceleration": 1.0, "angular.z.max_acceleration": 3.0}
+LIES = {
+    "fixes turned": lambda x, y, theta: (x, y, theta + math.pi),
+    "fixes mirrored": lambda x, y, theta: (x, -y, -theta),
+    "fixes swapped": lambda x, y, theta: (y, x, theta),
+}
+"""What a fix says of a pose."""
+
+
+def shows(lie, bearing):
+    """True if a lie turns the place or the heading of a robot that has driven in this direction."""
+    x, y, theta = lie(math.cos(bearing), math.sin(bearing), bearing)
+    turns = (math.remainder(one - bearing, 2.0 * math.pi) for one in (math.atan2(y, x), theta))
+    return max(map(abs, turns)) > 0.5
+
+
+class Base:
+    """A base that obeys cmd_vel exactly, its odometry and its fixes; what they say can be changed."""
+
+    def __init__(self, running):
+        self.running, self.peer = running, running.peer
+        self.odom = self.peer.publisher(Odometry, "odom")
+        self.fixes = self.peer.publisher(PoseWithCovarianceStamped, "global_pose")
+        self.peer.wait_for_subscribers(self.odom, self.fixes)
+        self.pose, self.fed, self.number = (0.0, 0.0, 0.3), time.time(), 0
+        self.heal()
+
+    def heal(self):
+        """Tell the truth again."""
+        self.frozen = None
+        self.lie = lambda *pose: pose
+        self.kept = None
+
+    def feed(self):
+        """Move for the time that has passed, and publish."""
+        now = time.time()
+        if now - self.fed < FEED_PERIOD:
+            return
+        v, omega = twist(self.running.commands[-1]) if self.running.commands else (0.0, 0.0)
+        x, y, theta = self.pose
+        passed, self.fed = now - self.fed, now
+        middle = theta + 0.5 * omega * passed
+        self.pose = x + v * passed * math.cos(middle), y + v * passed * math.sin(middle), theta + omega * passed
+        self.odom.publish(odometry(self.frozen or now, v, omega))
+        self.number += 1
+        if self.number % FIX_EVERY == 0:
+            self.fixes.publish(fix(now, *(self.kept or self.lie(*self.pose))))
+
+    def until(self, condition, what, timeout=PATIENCE):
+        """Feed until a condition holds."""
+        self.peer.spin_until(lambda: self.feed() or condition(), timeout, what)
+
+    def begin(self, pose):
+        """Stand at a pose, with everything as it should be."""
+        self.heal()
+        self.pose = pose
+        assert self.peer.call(Trigger, "ekf/reset").success
+        count = len(self.running.poses)
+        self.until(lambda: len(self.running.poses) > count + 10, "poses again")
+
+    def drive(self, seeded, lie=None):
+        """Send a goal far away and drive towards it for a random time, in a direction in which a lie shows."""
+        bearing = seeded.uniform(-math.pi, math.pi)
+        while lie is not None and not shows(lie, bearing):
+            bearing = seeded.uniform(-math.pi, math.pi)
+        self.begin((0.0, 0.0, bearing))
+        self.running.send_goal(60.0 * math.cos(bearing), 60.0 * math.sin(bearing), bearing)
+        self.until(lambda: self.running.state() == "driving" and self.speed() > 0.5, "motion")
+        end = time.monotonic() + seeded.uniform(0.0, 1.0)
+        self.until(lambda: time.monotonic() > end, "a moment")
+
+    def speed(self):
+        """Return |v| of the newest command [m/s]."""
+        return abs(twist(self.running.commands[-1])[0]) if self.running.commands else 0.0
+
+    def time_to_stand(self, since):
+        """Return how long it took until the robot stood for good, with its goal given up [s]."""
+        stood = [math.inf]
+
+        def given_up():
+            still = twist(self.running.commands[-1]) == (0.0, 0.0)
+            stood[0] = min(stood[0], time.monotonic()) if still else math.inf
+            return still and self.running.state() == "goal not reached"
+
+        self.until(given_up, "the end of the goal", 3.0 * PATIENCE)
+        return stood[0] - since
+
+    def diagnosed(self, text):
+        """Wait until /diagnostics names the cause at ERROR."""
+        self.running.diagnostics.clear()
+        self.until(
+            lambda: any(
+                status.level == b"\x02" and text in status.message
+                for array in self.running.diagnostics
+                for status in array.status
+            ),
+            text,
+        )
+
+
+@pytest.fixture(scope="module")
+def base():
+    with robot(controller={**SPEED, "pose_lost_timeout": 2.0}, only=("robot",)) as running:
+        yield Base(running)
+
+
+def test_odometry_that_repeats_its_stamp(base, trials, seeded):
+    with trials("odometry frozen") as running:
+        for _ in running:
+            base.drive(seeded)
+            base.frozen, since = time.time(), time.monotonic()
+            running.measure(base.time_to_stand(since))
+            base.diagnosed("odometry stands still")
+
+
+@pytest.mark.parametrize("lie", LIES)
+def test_fixes_that_contradict_the_odometry(base, trials, seeded, lie):
+    with trials(lie) as running:
+        for _ in running:
+            base.drive(seeded, LIES[lie])
+            base.lie, since = LIES[lie], time.monotonic()
+            running.measure(base.time_to_stand(since))
+            base.diagnosed("poses withheld")
+
+
+def test_fixes_that_stand_still_while_the_odometry_moves(base, trials, seeded):
+    with trials("fixes frozen") as running:
+        for _ in running:
+            base.drive(seeded)
+            base.kept, since = base.pose, time.monotonic()
+            running.measure(base.time_to_stand(since))
+            base.diagnosed("poses withheld")
+
+
+def test_a_held_goal_is_let_go_when_the_robot_is_found_elsewhere(base, trials, seeded):
+    with trials("found elsewhere") as running:
+        for _ in running:
+            base.begin((0.0, 0.0, seeded.uniform(-3.0, 3.0)))
+            base.running.send_goal(*base.pose)
+            base.until(lambda: base.running.state() == "goal reached", "the goal")
+            x, y, theta = base.pose
+            base.pose = x + seeded.choice([-3.0, 3.0]), y, theta
+            # Filter and robot are told: the filter begins anew there.
+            assert base.peer.call(Trigger, "ekf/reset").success
+            begin = len(base.running.commands)
+            base.until(lambda: base.running.state() == "idle", "idle")
+            end = time.monotonic() + 10 * PERIOD
+            base.until(lambda end=end: time.monotonic() > end, "a second")
+            running.add(kept={twist(command) for command in base.running.commands[begin:]} <= {(0.0, 0.0)})
