@@ -78,7 +78,11 @@ class Driver:
         return after, Twist(v, omega), report
 
     def limited(self, memory: Any, command: Twist, last: Twist, dt: float, config: Any) -> tuple[Any, Twist]:
-        """Return memory and command of a step within the limits of the law's data sheet, whatever the law commands.
+        """Return memory and command of a step within the limits, see :meth:`within_limits`."""
+        return self.within_limits(memory, command, last, dt, config)
+
+    def within_limits(self, memory: Any, command: Twist, last: Twist, dt: float, config: Any) -> tuple[Any, Twist]:
+        """Return memory and command within the limits of the law's data sheet, whatever the law commands.
 
         Args:
             memory: of the law, after the step.

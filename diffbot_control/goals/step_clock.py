@@ -9,7 +9,7 @@ _SLACK = 0.05
 
 
 class StepClock:
-    """Limits the time between stamps by the steady clock, and after a halt to one period."""
+    """Limits the time between stamps by the steady clock; after a halt the robot starts from rest, and the time anew."""
 
     def __init__(self) -> None:
         """Start with the whole slack."""
@@ -17,8 +17,6 @@ class StepClock:
         """[s] steady time of the last step"""
         self._credit = _SLACK
         """[s] that has passed and was not used, at most the slack"""
-        self._period = 0.0
-        """[s] the newest step"""
         self._is_halted = False
 
     def limited(self, dt: float, steady: float) -> float:
@@ -28,16 +26,15 @@ class StepClock:
             dt: [s] by the stamps.
             steady: [s] present time on the steady clock; nan if the stamps alone count.
         """
-        if self._is_halted:
-            # The robot was stopped meanwhile: it starts from rest, with one step.
-            self._is_halted = False
-            dt = min(dt, self._period)
         passed, self._last = steady - self._last, steady
+        if self._is_halted:
+            # Zero was sent meanwhile, and nobody knows when: no time has passed since.
+            self._is_halted, self._credit = False, 0.0
+            return 0.0
         if not math.isnan(passed):
             allowed = max(passed, 0.0) + self._credit
             dt = min(dt, allowed)
             self._credit = min(allowed - dt, _SLACK)
-        self._period = dt
         return dt
 
     def halt(self) -> None:

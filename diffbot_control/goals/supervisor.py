@@ -84,6 +84,8 @@ class Supervisor:
         """to the newest pose"""
         self._command = STOP
         """the last one"""
+        self._sent_at = math.nan
+        """[s] steady time of the newest step"""
         self._step_input: _StepInput | None = None
         self._step_clock = StepClock()
         self._last_pose_time: float | None = None
@@ -189,8 +191,9 @@ class Supervisor:
         before, advances, dt = self._stamps.newest, self._stamps.advances(stamp), 0.0
         if advances:
             dt = 0.0 if before is None else min((stamp - before) * S_PER_NS, _MAX_STEP)
-            dt = self._step_clock.limited(dt, steady)
             self._last_pose_time = self._silent_since = now
+        # A pose that is no step takes its time, too: it is answered by a command.
+        dt = self._step_clock.limited(dt, steady)
         self.goals.now = now
         if self.state not in WITH_GOAL:
             self.pose = pose
@@ -206,16 +209,22 @@ class Supervisor:
             # Out of order: a newer pose is answered already.
             return self._answer
         same_pose, self.pose = pose == self.pose, pose
+        sent: Twist | None = None
         if stamp == before and self._answer is not None:
             # A pose that is sent again, as in lock-step after a stall, is not a new step: the answer is the same.
             if same_pose:
                 return self._answer
             # A pose corrected by a fix that came after the odometry: repeat the step with it.
             if self._step_input is not None:
+                sent = self._command
                 self.memory, dt, self._command, self._patience.progress = self._step_input
         self.uncertainty = uncertainty
-        self._answer = self._follow(Event.POSE, dt=dt)
-        return self._answer
+        answer = self._follow(Event.POSE, dt=dt)
+        if sent is not None and answer is not None:
+            answer = self._instead_of(sent, answer, steady - self._sent_at)
+        self._sent_at = steady
+        self._answer = answer
+        return answer
 
     def on_tick(
         self, now: float, silence: float = math.inf, is_stale: bool = False, elapsed: float = 0.0
@@ -333,6 +342,15 @@ class Supervisor:
         if self.state is State.DRIVING:
             self._judge_step(self.report, dt)
         return command
+
+    def _instead_of(self, sent: Twist, command: Twist, passed: float) -> Twist:
+        """Return the command of a repeated step within the limits since the one that was ``sent`` for it."""
+        if math.isnan(passed):
+            return command
+        self.memory, self._command = self._driver.within_limits(
+            self.memory, command, sent, max(passed, 0.0), self.config.controller
+        )
+        return self._command
 
     def _judge_step(self, report: Report, dt: float) -> None:
         """Find out whether the goal is reached, passed or hopeless."""

@@ -22,6 +22,8 @@ from diffbot_core.stamps import StampWatch
 from diffbot_core.uncertainty import Uncertainty
 
 HISTORIES = int(os.environ.get("DIFFBOT_HISTORIES", "1500"))
+STAMP_JITTER = 0.05
+"""[s] by which stamps may run ahead of the time that has passed"""
 EVENTS = 60
 """Of a history, before it is waited for the last answer."""
 SLOW = PRESETS["tuned"]._replace(
@@ -79,6 +81,9 @@ class History:
         self.supervisor = Supervisor(self.config, law)
         if not own:
             law.is_tame = False
+        self.sheet = controller.data_sheet
+        self.is_simulated = rng.random() < 0.3
+        self.last, self.last_sent = Twist(0.0, 0.0), -math.inf
         self.steady = rng.uniform(0.0, 1e6)
         self.now = rng.choice([0.0, 1e3, 1.7e9])
         self.stamp = rng.choice([1, 10**9, int(1.7e18)])
@@ -115,21 +120,35 @@ class History:
         sigma = rng.choice([0.0, 0.01, 0.01, 0.03, 1.0, 1e300])
         if self.stamps.advances(self.stamp):
             self.last_life = self.steady
-        steady = rng.choice([self.steady, math.nan])
+        steady = math.nan if self.is_simulated else self.steady
         self.sent(self.supervisor.on_pose(self.stamp, self.now, self.truth, Uncertainty(sigma, sigma), steady))
 
     def sent(self, command):
         if command is None:
             return
-        assert all(math.isfinite(one) for one in command)
+        self.check_bounds(command)
         x, y, theta = self.truth
         x, y = x + 0.1 * command.v * math.cos(theta), y + 0.1 * command.v * math.sin(theta)
         self.truth = Pose(x, y, theta + 0.1 * command.omega)
+
+    def check_bounds(self, command):
+        """In the time since the last command that was another, no bound is broken; zero may be sent at once."""
+        assert all(math.isfinite(one) for one in command)
+        assert abs(command.v) <= self.sheet.v_max * (1 + 1e-9)
+        assert abs(command.omega) <= self.sheet.omega_max * (1 + 1e-9)
+        passed = self.steady - self.last_sent + STAMP_JITTER
+        if not self.is_simulated and command != (0.0, 0.0):
+            assert abs(command.v - self.last.v) <= self.sheet.a_max * passed + 1e-9, "acceleration"
+            assert abs(command.omega - self.last.omega) <= self.sheet.omega_dot_max * passed + 1e-9, "acceleration"
+        if command != self.last:
+            self.last, self.last_sent = command, self.steady
 
     def tick(self):
         silence = self.steady - self.last_life
         command = self.supervisor.on_tick(self.now, silence, silence > 0.5, self.steady - self.accepted)
         assert command in (None, (0.0, 0.0))
+        if command is not None:
+            self.check_bounds(command)
 
     def check(self):
         supervisor = self.supervisor

@@ -588,6 +588,6 @@ def test_the_limits_of_acceleration_get_no_more_time_than_has_passed_since_the_l
     assert jitter[-1] == pytest.approx(0.2 + 10 * 0.05)
 
 
-def test_after_a_halt_the_robot_starts_from_rest_with_one_period():
-    speeds = limited_speeds([(0.05, 0.05)] * 5 + [(0.9, 0.9), (0.05, 0.05)])
-    assert speeds[-2:] == pytest.approx([0.05, 0.1])
+def test_after_a_halt_the_robot_starts_from_rest():
+    speeds = limited_speeds([(0.05, 0.05)] * 5 + [(0.9, 0.9), (0.05, 0.05), (0.05, 0.05)])
+    assert speeds[-3:] == pytest.approx([0.0, 0.05, 0.1])
