@@ -9,7 +9,7 @@ _SLACK = 0.05
 
 
 class StepClock:
-    """Limits the time between stamps by the steady clock; after a halt the robot starts from rest, and the time anew."""
+    """Limits the time between stamps by the steady clock; after a halt robot and time start anew."""
 
     def __init__(self) -> None:
         """Start with the whole slack."""
