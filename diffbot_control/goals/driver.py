@@ -11,7 +11,7 @@ from diffbot_control.goals.protocol import Law
 from diffbot_control.law.configuration import Report
 from diffbot_control.law.controller import SwitchingLaw, stop_step
 from diffbot_control.law.goal_checker import is_at_rest, is_knowable
-from diffbot_control.law.latency import Actuation
+from diffbot_control.law.latency import Actuation, after_a_period, is_immediate
 from diffbot_control.law.limits import limit_change, limit_velocity, slowed
 from diffbot_control.law.regions import OMEGA_L
 from diffbot_core.data_sheet import DataSheet
@@ -110,16 +110,19 @@ class Driver:
         """
         sheet, motion = getattr(config, "data_sheet", None), motion_of(memory)
         if not isinstance(sheet, DataSheet):
-            return self.halted(memory), STOP
+            return self.halted(memory, dt, config), STOP
         if len(motion) == len(_MOTION):
             after, command = stop_step(memory, dt, config)
             return after, command
         command = slowed(motion.get("command", last), dt, sheet)
         return memory._replace(command=command) if "command" in motion else memory, command
 
-    def halted(self, memory: Any) -> Any:
-        """Return the memory after zero was sent at once."""
-        return memory._replace(command=STOP) if "command" in motion_of(memory) else memory
+    def halted(self, memory: Any, passed: float, config: Any) -> Any:
+        """Return the memory when zero is sent at once, ``passed`` [s] after a command that is still under way."""
+        sheet, motion = getattr(config, "data_sheet", None), motion_of(memory)
+        if len(motion) == len(_MOTION) and isinstance(sheet, DataSheet) and not is_immediate(sheet):
+            memory = memory._replace(actuation=after_a_period(memory.actuation, memory.command, passed, sheet))
+        return memory._replace(command=STOP) if "command" in motion else memory
 
     def reason_to_give_up(self, memory: Any, config: Any) -> str:
         """Return why the law cannot reach the goal, empty if it may; ``config`` is the supervisor's."""
@@ -153,9 +156,10 @@ class SwitchingDriver(Driver):
         """Return them as they are: this law keeps the limits itself."""
         return memory, command
 
-    def halted(self, memory: Any) -> Any:
-        """Return the memory after zero was sent at once: the poses in a row within the tolerances begin anew."""
-        return memory._replace(command=STOP, settling=memory.settling._replace(steps_within=0))
+    def halted(self, memory: Any, passed: float, config: Any) -> Any:
+        """Return the memory when zero is sent at once: the poses in a row within the tolerances begin anew."""
+        memory = super().halted(memory, passed, config)
+        return memory._replace(settling=memory.settling._replace(steps_within=0))
 
     def reason_to_give_up(self, memory: Any, config: Any) -> str:
         """Return why the law cannot reach the goal: it has left Omega_L too often."""

@@ -84,6 +84,8 @@ class Supervisor:
         """to the newest pose"""
         self._command = STOP
         """the last one"""
+        self._acted_at = 0.0
+        """[s] of the newest step or stop"""
         self._sent_at = math.nan
         """[s] steady time of the newest step"""
         self._step_input: _StepInput | None = None
@@ -331,6 +333,7 @@ class Supervisor:
 
     def _take_step(self, goal: Pose, dt: float) -> Twist | None:
         self._step_input = _StepInput(self.memory, dt, self._command, self._patience.progress)
+        self._acted_at = self.goals.now
         estimate, config = Estimate(self.pose or goal, self.uncertainty), self.config.controller
         try:
             self.memory, command, self.report = self._driver.step(self.memory, estimate, goal, dt, config)
@@ -388,8 +391,9 @@ class Supervisor:
         return STOP if self.config.publish_when_idle else None
 
     def _stop_at_once(self) -> Twist:
-        self.memory = self._driver.halted(self.memory)
-        self._command = STOP
+        passed = min(max(self.goals.now - self._acted_at, 0.0), _MAX_STEP)
+        self.memory = self._driver.halted(self.memory, passed, self.config.controller)
+        self._command, self._acted_at = STOP, self.goals.now
         self._step_clock.halt()
         if self.state not in WITH_GOAL:
             self._zeros_due = max(self._zeros_due - 1, 0)

@@ -113,6 +113,19 @@ def test_the_motion_of_a_law_that_remembers_it_outlives_goal_and_cancel():
     assert drive.supervisor.memory.command == ZERO
 
 
+def test_a_command_that_was_stopped_at_once_is_still_under_way_and_the_stop_after_it():
+    config = RotateDriveRotateConfig(data_sheet=SLOW._replace(command_latency=0.3))
+    drive = Drive(RotateDriveRotate, config, pose_timeout=0.15)
+    last = [drive.pose() for _ in range(8)][-1]
+    assert drive.supervisor.on_tick(drive.now + 0.2) == ZERO
+    under_way = drive.supervisor.memory.actuation.under_way
+    assert (under_way[-1].v, under_way[-1].span) == (pytest.approx(last.v), pytest.approx(0.2))
+    for wait in (0.3, 0.4):
+        drive.supervisor.on_tick(drive.now + wait)
+    newest = drive.supervisor.memory.actuation.under_way[-2:]
+    assert sum(one.span for one in newest if one.v == 0.0) == pytest.approx(0.2)
+
+
 def raising(_memory):
     raise ValueError("two\nlines")
 
