@@ -110,8 +110,11 @@ class GatedFilter:
         return self._errors(self._ekf.landmark_part)
 
     def set_wheels(self, wheels: ErrorEstimate) -> None:
-        """Set the errors of the wheels, uncorrelated with all else; does nothing if they are not the states."""
-        self._set_errors(self._ekf.wheel_part, wheels)
+        """Set the errors of the wheels, uncorrelated with all else: the radii, and the separation if both have it."""
+        part = self._ekf.wheel_part
+        common = min(part.stop - part.start, len(wheels.errors))
+        known = ErrorEstimate(wheels.errors[:common], wheels.P[:common, :common])
+        self._set_errors(slice(part.start, part.start + common), known)
 
     def set_landmark_errors(self, errors: ErrorEstimate) -> None:
         """Set the errors of landmarks, uncorrelated with all else; does nothing if they are not states."""

@@ -23,6 +23,11 @@ LIES = {
 """What a fix says of a pose."""
 
 
+def direction(seeded):
+    """Return a random heading [rad] with as many digits as the status shows."""
+    return round(seeded.uniform(-math.pi, math.pi), 2)
+
+
 def shows(lie, bearing):
     """True if a lie turns the place or the heading of a robot that has driven in this direction."""
     x, y, theta = lie(math.cos(bearing), math.sin(bearing), bearing)
@@ -76,11 +81,11 @@ class Base:
 
     def drive(self, seeded, lie=None):
         """Send a goal far away and drive towards it for a random time, in a direction in which a lie shows."""
-        bearing = seeded.uniform(-math.pi, math.pi)
+        bearing = direction(seeded)
         while lie is not None and not shows(lie, bearing):
-            bearing = seeded.uniform(-math.pi, math.pi)
+            bearing = direction(seeded)
         self.begin((0.0, 0.0, bearing))
-        self.running.send_goal(60.0 * math.cos(bearing), 60.0 * math.sin(bearing), bearing)
+        self.running.send_goal(round(60.0 * math.cos(bearing), 2), round(60.0 * math.sin(bearing), 2), bearing)
         self.until(lambda: self.running.state() == "driving" and self.speed() > 0.5, "motion")
         end = time.monotonic() + seeded.uniform(0.0, 1.0)
         self.until(lambda: time.monotonic() > end, "a moment")
@@ -151,7 +156,7 @@ def test_fixes_that_stand_still_while_the_odometry_moves(base, trials, seeded):
 def test_a_held_goal_is_let_go_when_the_robot_is_found_elsewhere(base, trials, seeded):
     with trials("found elsewhere") as running:
         for _ in running:
-            base.begin((0.0, 0.0, seeded.uniform(-3.0, 3.0)))
+            base.begin((0.0, 0.0, direction(seeded)))
             base.running.send_goal(*base.pose)
             base.until(lambda: base.running.state() == "goal reached", "the goal")
             x, y, theta = base.pose

@@ -66,7 +66,7 @@ PROMISES = {
         "odometry repeats its stamp, fixes go on", f"{_STOP}; the goal ends; named in /diagnostics", 20, 1, LOST_INPUT
     ),
     **{
-        key: Promise(f"fixes {text}", "stands within 8 s; the goal ends; named in /diagnostics", 20, 1, 8.0)
+        key: Promise(f"fixes {text}", "stands within 20 s; the goal ends; named in /diagnostics", 20, 1, 20.0)
         for key, text in (
             ("fixes turned", "with the heading turned by 180 deg"),
             ("fixes mirrored", "mirrored"),

@@ -102,7 +102,7 @@ def test_the_old_state_stays_if_the_new_one_cannot_be_written(tmp_path, monkeypa
     assert [one.name for one in tmp_path.iterdir()] == ["state.json"]
 
 
-def test_wheel_errors_are_restored_only_to_a_filter_with_the_same_states(tmp_path):
+def test_radii_are_restored_to_any_filter_that_has_them_and_other_errors_where_they_are_states(tmp_path):
     states = FilterConfig(wheel_separation_sigma=0.1, landmark_range_offset_sigma=0.1)
     three = Localization(LocalizationConfig(filter=states))
     two = Localization(LocalizationConfig(filter=FilterConfig(wheel_separation_sigma=0.0)))
@@ -116,7 +116,14 @@ def test_wheel_errors_are_restored_only_to_a_filter_with_the_same_states(tmp_pat
     np.testing.assert_array_equal(three.filter.wheels().errors, WHEELS)
     np.testing.assert_array_equal(three.filter.landmark_errors().errors, WHEELS)
     assert two.filter.landmark_errors() is None
-    assert not two.filter.wheels().errors.any()
+    np.testing.assert_array_equal(two.filter.wheels().errors, WHEELS[:2])
+    np.testing.assert_array_equal(two.filter.wheels().P, WHEELS_P[:2, :2])
+    radii = ErrorEstimate(WHEELS[:2], WHEELS_P[:2, :2])
+    save_state(path, SavedState(Pose(1.0, -2.0, 3.0), P, radii, GEOMETRY))
+    more = Localization(LocalizationConfig())
+    StateKeeper(path, more).restore(GEOMETRY)
+    np.testing.assert_array_equal(more.filter.wheels().errors, [*WHEELS[:2], 0.0])
+    assert more.filter.wheels().P[2, 2] == pytest.approx(FilterConfig().wheel_separation_sigma ** 2)
     other = Localization(three.config)
     assert "wheel errors not restored" in StateKeeper(path, other).restore(WheelGeometry(0.05, 0.5))
     assert not other.filter.wheels().errors.any()
