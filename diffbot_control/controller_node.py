@@ -55,6 +55,8 @@ _MIN_WATCH_PERIOD = 1e-3
 class ControllerNode(ManagedNode[ControllerNodeConfig]):
     """Answers every pose with one command while a goal is driven to or held."""
 
+    moves_the_robot = True
+
     def __init__(self, **node_options: Any) -> None:
         """Create the node, and with ``autostart`` start it."""
         super().__init__("controller", ControllerNodeConfig, CONTROLLER_PRESETS, **node_options)

@@ -45,6 +45,8 @@ class DiffbotNode(BaseNode, Generic[C]):
     """False while a managed node has only its parameters"""
     is_active = True
     """False while a managed node does not work"""
+    moves_the_robot = False
+    """True for a node that has to stop the robot before others end"""
 
     def __init__(
         self, name: str, config_type: type[C], presets: Mapping[str, C] | None = None, **node_options: Any
@@ -237,8 +239,9 @@ def run(factory: Callable[[], DiffbotNode[Any]], args: list[str] | None = None) 
 def run_together(make_nodes: Callable[[], Iterator[DiffbotNode[Any]]], args: list[str] | None = None) -> int:
     """Run several nodes on one executor until a signal, or until one of them ends; return the exit status.
 
-    ``make_nodes`` creates one after the other; none handles a message before all are there. At the end the first one is
-    shut down first. The status is the largest one of :meth:`DiffbotNode.finish`; otherwise see :func:`run`.
+    ``make_nodes`` creates one after the other; none handles a message before all are there. At the end those that move
+    the robot are shut down first, then the others in their order. The status is the largest one of
+    :meth:`DiffbotNode.finish`; otherwise see :func:`run`.
     """
     stop = StopFlag()
     try:
@@ -263,7 +266,7 @@ def run_together(make_nodes: Callable[[], Iterator[DiffbotNode[Any]]], args: lis
             # Python restores the default handlers when it exits; a second signal would then change the exit status.
             last_first.callback(stop.ignore)
             last_first.callback(rclpy.try_shutdown)
-            for node in reversed(nodes):
+            for node in sorted(reversed(nodes), key=lambda node: node.moves_the_robot):
                 last_first.callback(node.destroy_node)
                 last_first.callback(node.before_shutdown)
     # Read last: before_shutdown may still fail, such as a recorder on a full disk.

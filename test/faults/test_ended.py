@@ -45,7 +45,13 @@ def together(observed):
 def ended(process, since):
     """Return the time [s] from ``since`` to the end of a process, and whether it ended well."""
     status = process.wait()
-    return time.monotonic() - since, status == 0 and "Traceback" not in process.output
+    return time.monotonic() - since, status == 0 and "Traceback" not in process.output and stops_first(process.output)
+
+
+def stops_first(log):
+    """True unless the log of robot_node has the filter, which may have to save its state, end before the controller."""
+    ends = [log.find(f"[{name}]: inactive") for name in ("controller", "ekf")]
+    return min(ends) < 0 or ends[0] < ends[1]
 
 
 def restart(witness, name):
