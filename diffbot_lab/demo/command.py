@@ -40,7 +40,8 @@ RECORDED_TOPICS = (
     "odometry/filtered",
     "pose",
 )
-_READY_TIMEOUT = 40.0
+_READY_TIMEOUT = 150.0
+"""[s] a busy machine starts six processes slowly; one that ends is noticed at once"""
 _BAR = "{desc:<28}{percentage:3.0f}%|{bar}| {elapsed}"
 
 

@@ -19,7 +19,7 @@ def test_the_parameter_file_of_the_page_drives_to_a_goal_within_its_limits(tmp_p
     (tmp_path / "my_robot.yaml").write_text(FILE)
     wheels = yaml.safe_load(FILE)["/**/ekf"]["ros__parameters"]
     plant = {name: wheels[name] for name in ("wheel_radius", "wheel_separation")}
-    plant |= {"clock": "scaled", "real_time_factor": 5.0, "eps_x_max": 0.05, "eps_y_max": 0.05, "eps_theta_max": 0.05}
+    plant |= {"clock": "scaled", "real_time_factor": 1.0, "eps_x_max": 0.05, "eps_y_max": 0.05, "eps_theta_max": 0.05}
     plant |= {f"initial_pose.{name}": 0.0 for name in ("x", "y", "yaw")}
     goal = (0.6, 0.2, 0.5)
     with contextlib.ExitStack() as stack:
