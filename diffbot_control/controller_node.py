@@ -18,7 +18,7 @@ from std_srvs.srv import Trigger
 
 from diffbot_control.goals.driver import STOP
 from diffbot_control.goals.goal_record import NOT_REACHED
-from diffbot_control.goals.states import OPEN, WITH_GOAL
+from diffbot_control.goals.states import ACTIVE
 from diffbot_control.goals.supervisor import Supervisor
 from diffbot_control.law.controller import SwitchingLaw
 from diffbot_control.law.loop_check import unstable_gains
@@ -113,7 +113,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         if not self.is_active:
             return
         self.outputs.send(STOP)  # first: what follows may fail, too
-        has_goal = self.goals.paths.drop() or self.supervisor.state in WITH_GOAL | OPEN
+        has_goal = self.goals.paths.drop() or self.supervisor.state in ACTIVE
         reason = self.faults.newest
         self.supervisor.goals.close(NOT_REACHED, reason)
         # Where it has failed is unknown: nothing of it is used again.

@@ -86,9 +86,11 @@ class GoalBook:
             self.present = self.present._replace(is_cancelling=True)
 
     def close(self, end: str, reason: str = "") -> None:
-        """End the present goal, if there is one; a second end has no effect."""
+        """End the present goal, if there is one; a cancelled goal ends as cancelled, whatever ends it."""
         if self.present is None:
             return
+        if self.present.is_cancelling:
+            end, reason = CANCELLED, ""
         record = self.present._replace(end=end, reason=reason, ended=self.now)
         self.present = None
         self.ended.append(record)

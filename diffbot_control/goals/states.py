@@ -80,19 +80,16 @@ def _without_goal(state: State) -> dict[Event, Transition]:
     }
 
 
-def _on_the_way(when_overdue: State) -> dict[Event, Transition]:
-    return {
-        Event.GOAL: Transition(State.WAITING, answer=REPLACED),
-        Event.CANCEL: Transition(State.CANCELLING, Command.BRAKE),
-        Event.POSE: Transition(State.DRIVING, Command.LAW),
-        Event.OVERDUE: Transition(when_overdue, Command.ZERO),
-        Event.HOPELESS: Transition(State.GIVEN_UP, answer=NOT_REACHED),
-        Event.LOST: Transition(State.GIVEN_UP, answer=POSE_LOST),
-        Event.FAULT: Transition(State.GIVEN_UP, Command.BRAKE, NOT_REACHED),
-        Event.STOP: Transition(State.IDLE, Command.ZERO, CANCELLED),
-    }
-
-
+_ON_THE_WAY = {
+    Event.GOAL: Transition(State.WAITING, answer=REPLACED),
+    Event.CANCEL: Transition(State.CANCELLING, Command.BRAKE),
+    Event.POSE: Transition(State.DRIVING, Command.LAW),
+    Event.OVERDUE: Transition(State.STALE, Command.ZERO),
+    Event.HOPELESS: Transition(State.GIVEN_UP, answer=NOT_REACHED),
+    Event.LOST: Transition(State.GIVEN_UP, answer=POSE_LOST),
+    Event.FAULT: Transition(State.GIVEN_UP, Command.BRAKE, NOT_REACHED),
+    Event.STOP: Transition(State.IDLE, Command.ZERO, CANCELLED),
+}
 _HELD = {
     Event.GOAL: Transition(State.WAITING),
     Event.CANCEL: Transition(State.IDLE, Command.BRAKE),
@@ -108,9 +105,9 @@ TABLE: Mapping[State, Mapping[Event, Transition]] = {
     State.IDLE: _without_goal(State.IDLE),
     State.DONE: _without_goal(State.DONE),
     State.GIVEN_UP: _without_goal(State.GIVEN_UP),
-    State.WAITING: _on_the_way(State.STALE),
-    State.DRIVING: {**_on_the_way(State.STALE), Event.REACHED: Transition(State.HOLDING, answer=REACHED)},
-    State.STALE: _on_the_way(State.STALE),
+    State.WAITING: _ON_THE_WAY,
+    State.DRIVING: {**_ON_THE_WAY, Event.REACHED: Transition(State.HOLDING, answer=REACHED)},
+    State.STALE: _ON_THE_WAY,
     State.CANCELLING: {
         Event.GOAL: Transition(State.WAITING, answer=CANCELLED),
         Event.POSE: Transition(State.CANCELLING, Command.BRAKE),
@@ -154,3 +151,5 @@ OPEN = frozenset({State.WAITING, State.DRIVING, State.STALE, State.CANCELLING})
 """States in which a goal waits for its answer."""
 WITH_GOAL = frozenset({State.WAITING, State.DRIVING, State.STALE, State.HOLDING, State.HOLDING_STALE})
 """States in which the robot has a goal to drive to or to hold."""
+ACTIVE = OPEN | WITH_GOAL
+"""States that are neither idle nor the end of a goal."""

@@ -13,7 +13,7 @@ from diffbot_control.goals.driver import STOP, LawError, driver_of, scaled_uncer
 from diffbot_control.goals.goal_record import ANONYMOUS, GoalBook, GoalRequest, distance_along
 from diffbot_control.goals.progress import Patience, Progress, Way
 from diffbot_control.goals.protocol import Law
-from diffbot_control.goals.states import OPEN, TABLE, WITH_GOAL, Command, Event, State, status_text
+from diffbot_control.goals.states import ACTIVE, TABLE, WITH_GOAL, Command, Event, State, status_text
 from diffbot_control.goals.step_clock import StepClock
 from diffbot_control.law.configuration import Report
 from diffbot_control.law.controller import SwitchingLaw
@@ -210,23 +210,17 @@ class Supervisor:
         if stamp != self._stamps.newest and self._answer is not None:
             # Out of order: a newer pose is answered already.
             return self._answer
-        same_pose, self.pose = pose == self.pose, pose
-        sent: Twist | None = None
-        if stamp == before and self._answer is not None:
-            # A pose that is sent again, as in lock-step after a stall, is not a new step: the answer is the same.
-            if same_pose:
-                return self._answer
-            # A pose corrected by a fix that came after the odometry: repeat the step with it.
-            if self._step_input is not None:
-                sent = self._command
-                self.memory, dt, self._command, self._patience.progress = self._step_input
-        self.uncertainty = uncertainty
-        answer = self._follow(Event.POSE, dt=dt)
-        if sent is not None and answer is not None:
-            answer = self._instead_of(sent, answer, steady - self._sent_at)
+        is_repeated = stamp == before and self._answer is not None
+        if is_repeated and pose == self.pose:
+            # Sent again, as in lock-step after a stall: it is not a new step, and the answer is the same.
+            return self._answer
+        self.pose, self.uncertainty = pose, uncertainty
+        if is_repeated and self._step_input is not None:
+            self._answer = self._repeat_step(self._step_input, steady - self._sent_at)
+        else:
+            self._answer = self._follow(Event.POSE, dt=dt)
         self._sent_at = steady
-        self._answer = answer
-        return answer
+        return self._answer
 
     def on_tick(
         self, now: float, silence: float = math.inf, is_stale: bool = False, elapsed: float = 0.0
@@ -248,7 +242,7 @@ class Supervisor:
             self._follow(Event.LOST, f"no pose for pose_lost_timeout = {lost:g} s")
         if elapsed >= self._patience.whole_timeout(self.waypoints):
             self._follow(Event.HOPELESS, self._patience.timeout_reason())
-        if self._last_pose_time is None or not (self._zeros_due or self.state in OPEN or self.state in WITH_GOAL):
+        if self._last_pose_time is None or not (self._zeros_due or self.state in ACTIVE):
             return None
         self._last_pose_time = min(self._last_pose_time, now)
         return self._follow(Event.OVERDUE) if is_stale or self._is_overdue(now) else None
@@ -346,9 +340,16 @@ class Supervisor:
             self._judge_step(self.report, dt)
         return command
 
-    def _instead_of(self, sent: Twist, command: Twist, passed: float) -> Twist:
-        """Return the command of a repeated step within the limits since the one that was ``sent`` for it."""
-        if math.isnan(passed):
+    def _repeat_step(self, start: _StepInput, passed: float) -> Twist | None:
+        """Take the newest step again, with a pose corrected by a fix that came after the odometry.
+
+        Its command replaces one that was sent ``passed`` [s] ago, and keeps the limits since then, too; in simulated
+        time (nan) none has passed for the base either.
+        """
+        sent = self._command
+        self.memory, dt, self._command, self._patience.progress = start
+        command = self._follow(Event.POSE, dt=dt)
+        if command is None or math.isnan(passed):
             return command
         self.memory, self._command = self._driver.within_limits(
             self.memory, command, sent, max(passed, 0.0), self.config.controller
@@ -382,6 +383,7 @@ class Supervisor:
 
     def _brake(self, dt: float) -> Twist | None:
         self.memory, self._command = self._driver.slow_down(self.memory, self._command, dt, self.config.controller)
+        self._acted_at = self.goals.now
         if self._command != STOP:
             return self._command
         self._follow(Event.AT_REST)

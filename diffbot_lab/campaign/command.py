@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
 
@@ -32,10 +33,15 @@ def run(file: Path | None, flags: Mapping[str, Any], out: Path, workers: int | N
         DiffbotError: for a bad description, another campaign's folder, an unreachable scheduler.
     """
     campaign = read_campaign(file, flags)
-    number = campaign_workers(workers)
-    make_executor = lambda: process_pool(number)  # noqa: E731
     if scheduler is not None:
-        make_executor, number = cluster_executor(scheduler)
+        with cluster_executor(scheduler) as (make_executor, number):
+            return _run_on(make_executor, number, campaign, out)
+    number = campaign_workers(workers)
+    return _run_on(lambda: process_pool(number), number, campaign, out)
+
+
+def _run_on(make_executor: Callable[[], Executor], number: int, campaign: Campaign, out: Path) -> int:
+    """Run a campaign with ``number`` workers; see :func:`run`."""
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:

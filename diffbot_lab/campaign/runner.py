@@ -13,6 +13,7 @@ import os
 import signal
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
+from contextlib import contextmanager
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -33,6 +34,8 @@ _STEPS_PER_CHUNK = 2_000_000
 """About half a second of one core: frequent enough for the progress bar, and little is lost in a crash."""
 _RUNS_PER_CHUNK = 100_000
 """A worker holds the outcomes of all runs of a chunk in memory."""
+_CONNECT_TIMEOUT = 10.0
+"""[s] to reach the scheduler of a cluster"""
 _RETRIES = 3
 """Times in a row that a pool is restarted after a killed worker without any chunk finished in between."""
 
@@ -273,8 +276,9 @@ def _ignore_interrupt() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def cluster_executor(address: str, timeout: float = 10.0) -> tuple[Callable[[], Executor], int]:
-    """Return an executor on a dask.distributed cluster, and how many workers it has.
+@contextmanager
+def cluster_executor(address: str) -> Iterator[tuple[Callable[[], Executor], int]]:
+    """Give an executor on a dask.distributed cluster, and how many workers it has; afterwards leave the cluster.
 
     Raises:
         DiffbotError: if distributed is not installed or no scheduler answers.
@@ -284,13 +288,14 @@ def cluster_executor(address: str, timeout: float = 10.0) -> tuple[Callable[[], 
     except ImportError:
         raise DiffbotError("--scheduler needs dask.distributed: pip install 'diffbot[cluster]'") from None
     try:
-        client = Client(address, timeout=timeout, set_as_default=False)
+        client = Client(address, timeout=_CONNECT_TIMEOUT, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
         raise DiffbotError(f"no scheduler at {address}: {' '.join(str(error).split())}") from None
-    workers = sum(client.nthreads().values())
-    if workers == 0:
-        raise DiffbotError(f"the scheduler at {address} has no workers")
-    return lambda: client.get_executor(retries=_RETRIES, pure=False), workers
+    with client:
+        workers = sum(client.nthreads().values())
+        if workers == 0:
+            raise DiffbotError(f"the scheduler at {address} has no workers")
+        yield lambda: client.get_executor(retries=_RETRIES, pure=False), workers
 
 
 def campaign_workers(requested: int | None) -> int:

@@ -115,6 +115,7 @@ def test_a_goal_that_comes_while_the_robot_brakes_does_not_change_the_end_of_the
     drive.supervisor.on_cancel()
     drive.goal()
     assert drive.ends() == [("1", CANCELLED)]
+    assert drive.reason() == "", "the newer goal is not why"
     assert not drive.supervisor.goals.present.is_cancelling
 
 

@@ -301,7 +301,7 @@ def test_a_failing_worker_is_one_line(error, tmp_path):
 
 
 def test_an_unreachable_scheduler_is_one_line(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(module.cluster_executor, "__defaults__", (0.5,))
+    monkeypatch.setattr(module, "_CONNECT_TIMEOUT", 0.5)
     for address in ("tcp://127.0.0.1:1", "nonsense://here"):
         assert cli.main(["campaign", *flags(SMALL, tmp_path / "out"), "--scheduler", address]) == 1
         error = capsys.readouterr().err
@@ -405,11 +405,15 @@ def test_a_killed_worker_changes_nothing(tmp_path, expected):
 
 
 @pytest.mark.graph
-def test_a_cluster_with_a_worker_killed_half_way_gives_the_same(cluster, tmp_path, expected):
+def test_a_cluster_with_a_worker_killed_half_way_gives_the_same(cluster, tmp_path, expected, monkeypatch):
+    monkeypatch.setattr(module, "_CONNECT_TIMEOUT", 60.0)
     address, pids = cluster
-    make_executor, workers = cluster_executor(address, 60.0)
-    assert workers == 2
-    assert summaries(run_with_a_worker_killed(tmp_path, make_executor, lambda: pids[0])) == expected
+    with cluster_executor(address) as (make_executor, workers):
+        assert workers == 2
+        assert summaries(run_with_a_worker_killed(tmp_path, make_executor, lambda: pids[0])) == expected
+    # A client that stays behind asks for the cluster again and again, from a thread of its own.
+    with pytest.raises(Exception, match="closed"):
+        make_executor().submit(abs, -1).result(60.0)
 
 
 def test_interrupted_and_gone_on_it_is_the_same_to_the_byte(tmp_path, capsys, monkeypatch, kept_signal_handlers):
