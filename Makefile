@@ -39,7 +39,7 @@ demo: setup
 
 # Not `python -m pytest`, which would put the source tree before the installed package.
 test: setup compilers browser
-	@$(BIN)/pytest -n 3 --dist loadfile $(ARGS)
+	@$(BIN)/pytest -n 4 --dist loadfile $(ARGS)
 
 # For the tests of Nav2's actions, which are built from their definitions.
 compilers:

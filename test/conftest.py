@@ -36,6 +36,9 @@ if (Path(sys.prefix) / "share" / "std_msgs").is_dir():
 TESTS = Path(__file__).parent
 LEFT_OUT = requirements.left_out(requirements.missing_packages())
 collect_ignore = list(LEFT_OUT)
+SLOW = ("graph", "install", "study")
+LONGEST = tuple(TESTS / name for name in ("project/test_bench.py", "sim/compiled/test_batch.py"))
+"""a minute or more of one worker"""
 STUDIES = (
     "lab/benchmark",
     "lab/calibration",
@@ -65,7 +68,7 @@ def pytest_addoption(parser):
 def pytest_collection_modifyitems(items):
     """Mark rooms as a whole: test/graph and test/faults with ``graph``, compiled loops and their runs with ``study``.
 
-    Tests of other rooms that start nodes carry the mark themselves.
+    Tests of other rooms that start nodes carry the mark themselves. Then bring all into the order of their length.
     """
     for item in items:
         if any(item.path.is_relative_to(TESTS / room) for room in ("graph", "faults")):
@@ -74,6 +77,9 @@ def pytest_collection_modifyitems(items):
             item.add_marker(pytest.mark.fault)
         if any(item.path.is_relative_to(TESTS / room) for room in STUDIES):
             item.add_marker(pytest.mark.study)
+    # What takes long begins first, file by file: a long one at the end would leave the other workers idle.
+    slow = {item.path for item in items if any(map(item.get_closest_marker, SLOW))}
+    items.sort(key=lambda item: (item.path not in LONGEST, item.path not in slow))
 
 
 def pytest_report_header():

@@ -21,14 +21,14 @@ pytestmark = pytest.mark.graph
 class Recording:
     """A recorder of /data and the latched /map, ready, and what is published to it."""
 
-    def __init__(self, nodes, folder, first=1, **parameters):
-        """Wait until the file has ``first`` messages."""
+    def __init__(self, nodes, folder, **parameters):
+        """Wait until the latched message has come: later it could take the place of others."""
         self.peer, self.sent = nodes.peer, 0
         self.data, latched = self.peer.publisher(Twist, "data", DEEP), self.peer.publisher(String, "map", LATCHED)
         latched.publish(String(data="map"))
         self.recorder = Recorder(nodes, folder, topics=["/data", "/map"], **parameters)
         self.recorder.wait_for(self.data, latched)
-        self.recorder.wait("messages", first)
+        nodes.peer.spin_until(lambda: self.recorder.node.health.accepted["/map"] == 1, what="the latched message")
         self.close = self.recorder.close
 
     def publish(self, count):
@@ -67,7 +67,7 @@ def test_splits_by_size_and_service_lose_and_repeat_nothing(tmp_path, nodes):
 
 
 def test_a_snapshot_is_written_when_asked_for(tmp_path, nodes):
-    recording = Recording(nodes, tmp_path / "run", first=0, snapshot_mode=True, max_cache_size=2**20)
+    recording = Recording(nodes, tmp_path / "run", snapshot_mode=True, max_cache_size=2**20)
     recording.publish(4500)
     nodes.peer.spin_until(lambda: recording.recorder.node.health.accepted["/data"] == 4500, what="all messages")
     kept = recording.recorder.node._recording.in_memory
