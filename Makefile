@@ -73,7 +73,7 @@ lint: setup
 	@$(BIN)/ruff format --check
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports --no-cache
-	@$(BIN)/oxlint --quiet diffbot_lab/view/page
+	@$(BIN)/oxlint --quiet diffbot_tools/view/page
 	@$(BIN)/hadolint Dockerfile
 
 bench: setup browser

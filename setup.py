@@ -16,7 +16,7 @@ EXECUTABLES = {
     "robot_node": "diffbot_control.executables:robot_node",
     "recorder_node": "diffbot_bag.executables:recorder_node",
     "replay_node": "diffbot_bag.executables:replay_node",
-    "diffbot": "diffbot_lab.executables:diffbot",
+    "diffbot": "diffbot_tools.executables:diffbot",
 }
 LAWS = {
     "switching": "diffbot_control.law.controller:SwitchingLaw",
@@ -26,6 +26,12 @@ LAWS = {
     "polar": "diffbot_lab.laws.polar:Polar",
     "pure_pursuit": "diffbot_lab.laws.pure_pursuit:PurePursuit",
     "rotate_drive_rotate": "diffbot_lab.laws.rotate_drive_rotate:RotateDriveRotate",
+}
+COMMANDS = {
+    "benchmark": "diffbot_lab.benchmark_command:add_benchmark",
+    "campaign": "diffbot_lab.commands:add_campaign",
+    "experiment": "diffbot_lab.commands:add_experiment",
+    "stability": "diffbot_lab.stability.command:add_stability",
 }
 SHIM = """\
 #!/bin/sh
@@ -71,7 +77,7 @@ setup(
     maintainer_email="diffbot@users.noreply.example",
     python_requires=">=3.10",
     packages=find_packages(include=["diffbot_*"]),
-    package_data={"diffbot_lab.benchmark": ["*.json"], "diffbot_lab.view": ["page/*"]},
+    package_data={"diffbot_lab.arena": ["*.json"], "diffbot_tools.view": ["page/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
@@ -85,6 +91,7 @@ setup(
     ],
     entry_points={
         "console_scripts": [f"{name} = {function}" for name, function in EXECUTABLES.items()],
+        "diffbot.commands": [f"{name} = {place}" for name, place in COMMANDS.items()],
         "diffbot.controllers": [f"{name} = {place}" for name, place in LAWS.items()],
     },
     cmdclass={"install_data": InstallDataAndShims},

@@ -14,14 +14,14 @@ from geometry_msgs.msg import Twist as TwistMessage
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 
-from diffbot_control.ros.message_fields import (
+from diffbot_control.ros.messages.conversions import goal_message, odometry_message, pose_message
+from diffbot_control.ros.messages.message_fields import (
     fill_planar_covariance,
     fill_pose,
     fill_twist,
     fill_twist_covariance,
     set_stamp,
 )
-from diffbot_control.ros.messages import goal_message, odometry_message, pose_message
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist, WheelGeometry, encoder_covariance, wheel_speeds
 

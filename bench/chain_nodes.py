@@ -34,7 +34,7 @@ from diffbot_control import ekf_node, robot_node
 from diffbot_control.controller_node import ControllerNode
 from diffbot_control.ekf_node import EkfNode
 from diffbot_control.ros.controller_publishers import ControllerPublishers
-from diffbot_control.ros.messages import goal_message
+from diffbot_control.ros.messages.conversions import goal_message
 from diffbot_core.ros.node import SPIN_TIMEOUT, make_executor, run_together
 from diffbot_sim.plant_node import PlantNode
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import graph
 from measures import BenchError
 
-DIFFBOT = (sys.executable, "-m", "diffbot_lab.cli")
+DIFFBOT = (sys.executable, "-m", "diffbot_tools.cli")
 _POLL = 0.005
 """[s] between two looks at the memory"""
 

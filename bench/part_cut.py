@@ -16,12 +16,12 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
 from measures import OURS, BenchError, Measure, Pair
 
-from diffbot_bag.qos import Qos, dump_profiles
+from diffbot_bag.bag.qos import Qos, dump_profiles
+from diffbot_bag.mcap.whole_chunk import DEFAULT_COMPRESSION
 from diffbot_bag.tools.channels import Channels
 from diffbot_bag.tools.cut import merge
 from diffbot_bag.tools.output_bag import Description, OutputBag
 from diffbot_bag.tools.source_bag import Row, SourceBag
-from diffbot_bag.whole_chunk import DEFAULT_COMPRESSION
 
 BEGIN = 1_700_000_000_000_000_000
 TOPICS = {"/camera": (33_333_333, 100_000), "/odom": (1_000_000, 306), "/map": (10**11, 5000)}

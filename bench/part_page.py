@@ -21,11 +21,11 @@ from measures import OURS as ABSOLUTE
 from measures import Measure, Pair
 from websockets.sync.client import connect
 
-from diffbot_bag.encoding import ODOMETRY, POSE, Encoder, NumbersMessage
-from diffbot_bag.new_bag import new_bag
-from diffbot_bag.qos import Qos
-from diffbot_lab.view.live_state import COLUMNS, LiveState
-from diffbot_lab.view.server import Address, PageServer
+from diffbot_bag.bag.encoding import ODOMETRY, POSE, Encoder, NumbersMessage
+from diffbot_bag.bag.new_bag import new_bag
+from diffbot_bag.bag.qos import Qos
+from diffbot_tools.view.live_state import COLUMNS, LiveState
+from diffbot_tools.view.server import Address, PageServer
 
 RATE = 50
 BEGIN = 1_700_000_000_000_000_000

@@ -13,8 +13,8 @@ from costs import cost_of
 from measures import OURS, Measure, Pair
 from part_cut import copy_by_mcap
 
+from diffbot_bag.bag.writer import BagWriter
 from diffbot_bag.tools.repair import repair_bag
-from diffbot_bag.writer import BagWriter
 
 TOPICS = 8
 MEASURES = (

@@ -16,7 +16,7 @@ from pathlib import Path
 from soak_graph import MAX_SLOPE, START, WARM_UP, Graph
 from tqdm import tqdm
 
-from diffbot_control.ros.goal_client import LOST, NoControllerError
+from diffbot_control.ros.goals.client import LOST, NoControllerError
 from diffbot_control.ros.navigator import Navigator
 from diffbot_core.files import write_json
 from diffbot_core.geometry import Pose

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, NamedTuple
 
-from diffbot_bag.chunks import BagLimits
-from diffbot_bag.playback_clock import parse_remap
-from diffbot_bag.writer import CHUNK_SIZE
+from diffbot_bag.bag.writer import CHUNK_SIZE
+from diffbot_bag.mcap.chunks import BagLimits
+from diffbot_bag.replay.playback_clock import parse_remap
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.schema import Spec
 

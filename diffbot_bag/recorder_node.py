@@ -15,21 +15,21 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from diffbot_bag.attachments import HOST, MEDIA_TYPE, PARAMETERS, dump
+from diffbot_bag.bag.qos_overrides import read_overrides
+from diffbot_bag.bag.topic_selection import TopicSelection, absolute
+from diffbot_bag.bag.writer import BagWriteError, BagWriter
+from diffbot_bag.mcap.attachments import HOST, MEDIA_TYPE, PARAMETERS, dump
+from diffbot_bag.mcap.whole_chunk import Compression
 from diffbot_bag.parameters import RecorderConfig
-from diffbot_bag.pending_messages import HeldMessages
-from diffbot_bag.qos_overrides import read_overrides
-from diffbot_bag.recording.bag_files import FileLimits
-from diffbot_bag.recording.disk import DiskThread
-from diffbot_bag.recording.host import host_facts
-from diffbot_bag.recording.recording import Recording
-from diffbot_bag.recording.snapshot import SnapshotBuffer
+from diffbot_bag.record.bag_files import FileLimits
+from diffbot_bag.record.disk import DiskThread
+from diffbot_bag.record.host import host_facts
+from diffbot_bag.record.pending_messages import HeldMessages
+from diffbot_bag.record.recording import Recording
+from diffbot_bag.record.snapshot import SnapshotBuffer
 from diffbot_bag.ros.node_parameters import NodeParameters
 from diffbot_bag.ros.recorded_topics import RecordedTopics
 from diffbot_bag.ros.recorder_services import RecorderServices
-from diffbot_bag.topic_selection import TopicSelection, absolute
-from diffbot_bag.whole_chunk import Compression
-from diffbot_bag.writer import BagWriteError, BagWriter
 from diffbot_core.errors import DiffbotError
 from diffbot_core.ros.node import LATCHED, DiffbotNode, run, status_message
 

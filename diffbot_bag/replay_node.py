@@ -17,19 +17,19 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from diffbot_bag.chunks import BagLimits
-from diffbot_bag.merged_bags import MergedBags
-from diffbot_bag.metadata import Topic
+from diffbot_bag.bag.merged_bags import MergedBags
+from diffbot_bag.bag.metadata import Topic
+from diffbot_bag.bag.qos import REPLAY_DEPTH
+from diffbot_bag.bag.qos_overrides import read_overrides
+from diffbot_bag.bag.reader import RawMessage
+from diffbot_bag.bag.topic_selection import TopicSelection, absolute
+from diffbot_bag.mcap.chunks import BagLimits
 from diffbot_bag.parameters import ReplayConfig
-from diffbot_bag.playback_clock import SECOND, Window, parse_remap, window
-from diffbot_bag.player import Pace, Player, Sink, Source
-from diffbot_bag.qos import REPLAY_DEPTH
-from diffbot_bag.qos_overrides import read_overrides
-from diffbot_bag.reader import RawMessage
+from diffbot_bag.replay.playback_clock import SECOND, Window, parse_remap, window
+from diffbot_bag.replay.player import Pace, Player, Sink, Source
 from diffbot_bag.ros.replay_control import ReplayControl
 from diffbot_bag.ros.replay_outputs import CLOCK_TOPIC, Naming, ReplayOutputs, clock_sender
 from diffbot_bag.ros.replay_services import ReplayServices
-from diffbot_bag.topic_selection import TopicSelection, absolute
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.ros.node import LATCHED, DiffbotNode, run, status_message
 

@@ -22,20 +22,20 @@ from diffbot_control.goals.states import ACTIVE
 from diffbot_control.goals.supervisor import Supervisor
 from diffbot_control.law.controller import SwitchingLaw
 from diffbot_control.law.loop_check import unstable_gains
-from diffbot_control.ros.controller_parameters import (
+from diffbot_control.ros.controller_publishers import STATE_LOG_PERIOD, ControllerPublishers
+from diffbot_control.ros.controller_status import BEYOND_LIMITS, LEVELS
+from diffbot_control.ros.frames import robot_frame
+from diffbot_control.ros.goals.keeper import GoalKeeper
+from diffbot_control.ros.goals.nav2_actions import serve_nav2_actions
+from diffbot_control.ros.goals.server import GoalServer
+from diffbot_control.ros.messages.conversions import goal_from, path_from, pose_from, poses_along
+from diffbot_control.ros.messages.message_bytes import read_path, read_pose
+from diffbot_control.ros.parameters.controller import (
     CONTROLLER_PRESETS,
     ControllerNodeConfig,
     law_of,
     parameter_set_of,
 )
-from diffbot_control.ros.controller_publishers import STATE_LOG_PERIOD, ControllerPublishers
-from diffbot_control.ros.controller_status import BEYOND_LIMITS, LEVELS
-from diffbot_control.ros.frames import robot_frame
-from diffbot_control.ros.goal_keeper import GoalKeeper
-from diffbot_control.ros.goal_server import GoalServer
-from diffbot_control.ros.message_bytes import read_path, read_pose
-from diffbot_control.ros.messages import goal_from, path_from, pose_from, poses_along
-from diffbot_control.ros.nav2_actions import serve_nav2_actions
 from diffbot_control.ros.pose_watch import PoseWatch
 from diffbot_control.ros.tf import transforms_of
 from diffbot_core.errors import BadMessageError

@@ -24,13 +24,13 @@ from diffbot_control.filter.localization import Estimate, Localization
 from diffbot_control.filter.measurements import Measurement, OdometryStep
 from diffbot_control.filter.models import move
 from diffbot_control.filter.state_file import BrokenStateError, StateKeeper
-from diffbot_control.ros.ekf_messages import EkfInputs, error_values
-from diffbot_control.ros.ekf_parameters import EkfNodeConfig
 from diffbot_control.ros.ekf_publishers import EkfPublishers
 from diffbot_control.ros.frames import odometry_frame
-from diffbot_control.ros.message_bytes import read_odometry, read_pose
-from diffbot_control.ros.message_fields import pose_in_message, pose_of
-from diffbot_control.ros.sensor_messages import KnownNoise
+from diffbot_control.ros.messages.ekf_messages import EkfInputs, error_values
+from diffbot_control.ros.messages.message_bytes import read_odometry, read_pose
+from diffbot_control.ros.messages.message_fields import pose_in_message, pose_of
+from diffbot_control.ros.messages.sensor_messages import KnownNoise
+from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_control.ros.tf import transform_sender
 from diffbot_core.errors import BadMessageError
 from diffbot_core.files import file_path

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from diffbot_core.errors import DiffbotError
-from diffbot_lab.arguments import MAX_SEED, whole
+from diffbot_tools.arguments import MAX_SEED, whole
 
 REAL = "real"
 BENCHMARKS = {
@@ -83,7 +83,7 @@ def _benchmark(options: argparse.Namespace) -> int:
 
 
 def _switching(options: argparse.Namespace, runs: int, out: Path) -> int:
-    from diffbot_lab.benchmark import law  # noqa: PLC0415
+    from diffbot_lab.arena import command as law  # noqa: PLC0415
 
     laws, cases = tuple(options.law), tuple(options.case)
     arena = law.ArenaOptions(runs, options.seed, laws, cases, options.tuning, options.own_runs)
@@ -91,50 +91,50 @@ def _switching(options: argparse.Namespace, runs: int, out: Path) -> int:
 
 
 def _localization(options: argparse.Namespace, runs: int, out: Path) -> int:
-    from diffbot_lab.benchmark import filter as filter_benchmark  # noqa: PLC0415
+    from diffbot_lab.filter_benchmark import command as filter_benchmark  # noqa: PLC0415
 
     return filter_benchmark.run_and_report(runs, options.seed, out, options.figures)
 
 
 def _colour(options: argparse.Namespace, runs: int, out: Path) -> int:
-    from diffbot_lab.benchmark import filter_colour  # noqa: PLC0415
+    from diffbot_lab.filter_benchmark import colour as filter_colour  # noqa: PLC0415
 
     return filter_colour.run_and_report(runs, options.seed, out)
 
 
 def _effects(options: argparse.Namespace, runs: int, out: Path) -> int:
-    from diffbot_lab.benchmark import law_effects  # noqa: PLC0415
+    from diffbot_lab.arena import effects as law_effects  # noqa: PLC0415
 
     return law_effects.run_and_report(runs, options.seed, out)
 
 
 def _tune(options: argparse.Namespace, runs: int, out: Path) -> int:
-    from diffbot_lab.benchmark import law_tuning  # noqa: PLC0415
+    from diffbot_lab.arena import tuning as law_tuning  # noqa: PLC0415
 
     return law_tuning.run_and_report(tuple(options.law), options.budget, runs, tuple(options.case), out)
 
 
 def _animate(options: argparse.Namespace, runs: int, out: Path) -> int:
-    from diffbot_lab.benchmark import law_animation  # noqa: PLC0415
+    from diffbot_lab.arena.movie import animation as law_animation  # noqa: PLC0415
 
     shown = law_animation.AnimationOptions(runs, options.seed, tuple(options.law), options.tuning)
     return law_animation.run_and_report(shown, out)
 
 
 def _bound(options: argparse.Namespace, runs: int, out: Path) -> int:
-    from diffbot_lab.benchmark import bound  # noqa: PLC0415
+    from diffbot_lab.arena.bounds import command as bound  # noqa: PLC0415
 
     return bound.run_and_report(bound.BoundOptions(runs, options.seed, tuple(options.case)), out)
 
 
 def _real(options: argparse.Namespace, runs: int, out: Path) -> int:
-    from diffbot_lab.dataset import benchmark  # noqa: PLC0415
+    from diffbot_lab.filter_benchmark import real_drives as benchmark  # noqa: PLC0415
 
     return benchmark.run_and_report(options.folder, out, options.figures, calibrated=options.calibrate)
 
 
 def _calibration(options: argparse.Namespace, runs: int, out: Path) -> int:
-    from diffbot_lab.calibration import benchmark  # noqa: PLC0415
+    from diffbot_lab.filter_benchmark import calibration as benchmark  # noqa: PLC0415
 
     return benchmark.run_and_report(runs, options.seed, out)
 

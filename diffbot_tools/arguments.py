@@ -1,14 +1,15 @@
-"""Types of command-line arguments."""
+"""Arguments of the command line: their types, and flags of a configuration."""
 
 from __future__ import annotations
 
 import argparse
 import math
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
 from diffbot_core.errors import InvalidValueError
-from diffbot_lab.campaign.options import load_yaml
+from diffbot_core.schema import parameters_of
+from diffbot_tools.parameter_files import load_yaml
 
 MAX_SEED = 2**63 - 1
 Number = TypeVar("Number", int, float)
@@ -75,3 +76,23 @@ def once(flag: str, settings: list[tuple[str, Any]]) -> dict[str, Any]:
             raise InvalidValueError(f"{flag} {name}", value, "given once")
         values[name] = value
     return values
+
+
+def add_flags(parser: argparse.ArgumentParser, config_type: type[Any], without: tuple[str, ...] = ()) -> None:
+    """Add a flag for each parameter of a configuration; flags that are not given are absent from the result."""
+    for parameter in parameters_of(config_type):
+        if parameter.name in without:
+            continue
+        default = " ".join(map(str, parameter.default)) if isinstance(parameter.default, tuple) else parameter.default
+        unit = "" if parameter.spec.unit == "-" else f" [{parameter.spec.unit}]"
+        options: dict[str, Any] = {
+            "help": f"{parameter.spec.text}{unit}" + (f" (default: {default})" if default not in ("", False) else ""),
+            "default": argparse.SUPPRESS,
+        }
+        if parameter.type is bool:
+            options["action"] = "store_true"
+        elif parameter.type in (float, int):
+            options["type"] = parameter.type
+        elif parameter.type is not str:
+            options |= {"nargs": "+", "type": get_args(parameter.type)[0]}
+        parser.add_argument("--" + parameter.name.replace("_", "-").replace(".", "-"), dest=parameter.name, **options)

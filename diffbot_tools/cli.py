@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 if __name__ == "__main__":  # before the other imports: see launcher
-    from diffbot_lab.executables import diffbot
+    from diffbot_tools.executables import diffbot
 
     raise SystemExit(diffbot())
 
@@ -12,28 +12,27 @@ import importlib
 import json
 import signal
 import sys
+from collections.abc import Callable, Iterator
+from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 from diffbot_bag.parameters import ReplayConfig
 from diffbot_control.law.presets import PRESETS, TUNED
 from diffbot_core.errors import DiffbotError
 from diffbot_core.launcher import end_on_signals
-from diffbot_core.schema import build, parameters_of, to_dict
-from diffbot_lab.arguments import MAX_SEED, once, setting, whole, yaml_value
-from diffbot_lab.bag.command import add_bag
-from diffbot_lab.benchmark_commands import add_benchmark
-from diffbot_lab.campaign.options import CampaignOptions
-from diffbot_lab.data_commands import add_calibrate, add_import, add_refilter
-from diffbot_lab.goal_command import add_goal
-from diffbot_lab.interfaces.command import add_interfaces
-from diffbot_lab.run_command import NODES, add_run
-from diffbot_lab.stability.command import add_stability
-from diffbot_lab.view.report_command import add_report
-from diffbot_lab.watch.command import add_watch
+from diffbot_core.schema import build, to_dict
+from diffbot_tools.arguments import MAX_SEED, add_flags, whole
+from diffbot_tools.bag.command import add_bag
+from diffbot_tools.data_commands import add_calibrate, add_import, add_refilter
+from diffbot_tools.goal_command import add_goal
+from diffbot_tools.interfaces.command import add_interfaces
+from diffbot_tools.run_command import NODES, add_run
+from diffbot_tools.view.report_command import add_report
+from diffbot_tools.watch.command import add_watch
 
-RUNS_OF_EXPERIMENTS, RUNS_OF_SCAN, SEED_OF_SCAN = 100, 2000, 2
-"""Defaults; the scan's seed is held out: its box was chosen on other runs."""
+COMMANDS = "diffbot.commands"
+"""Group of the entry points of further commands: name -> ``package.module:function``, called with the subparsers."""
 
 
 def main(args: list[str] | None = None) -> int:
@@ -58,23 +57,30 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     for add in (
         _add_demo,
-        _add_experiment,
-        _add_campaign,
-        add_stability,
-        add_benchmark,
         add_run,
         add_goal,
         _add_replay,
+        add_bag,
+        add_import,
+        add_refilter,
+        add_calibrate,
+        add_watch,
+        add_report,
+        add_interfaces,
+        *_further_commands(),
     ):
         add(commands)
-    add_bag(commands)
-    add_import(commands)
-    add_refilter(commands)
-    add_calibrate(commands)
-    add_watch(commands)
-    add_report(commands)
-    add_interfaces(commands)
     return parser
+
+
+def _further_commands() -> Iterator[Callable[[Any], None]]:
+    """Yield the functions that add the commands of other packages; one that cannot be imported is reported."""
+    for one in sorted(entry_points(group=COMMANDS)):
+        try:
+            yield one.load()
+        except Exception as error:  # whatever it is, the other commands work
+            cause = " ".join(f"{type(error).__name__}: {error}".split())
+            print(f"diffbot: no command {one.name}, {one.value} cannot be imported ({cause})", file=sys.stderr)
 
 
 def _add_demo(commands: Any) -> None:
@@ -89,96 +95,21 @@ def _add_demo(commands: Any) -> None:
     demo.set_defaults(call=_demo)
 
 
-def _add_experiment(commands: Any) -> None:
-    experiment = commands.add_parser("experiment", help="reproduce the paper's simulations A and B, figures 4 to 15")
-    experiment.add_argument(
-        "names", nargs="+", choices=("a", "b", "scan"), help="simulation A, B; scan: readings of A over eps_P"
-    )
-    experiment.add_argument(
-        "--runs", type=whole(1, 10**6), help="a, b: of each start (default: 100); scan: of each cell (default: 2000)"
-    )
-    experiment.add_argument("--seed", type=whole(0, MAX_SEED), help="seed of all noise (default: 1; scan: 2)")
-    experiment.add_argument("--out", type=Path, default=Path("out/experiment"), help="folder (default: %(default)s)")
-    experiment.add_argument("--no-figures", dest="figures", action="store_false", help="results.json and table only")
-    experiment.set_defaults(call=_experiment)
-
-
-def _add_campaign(commands: Any) -> None:
-    campaign = commands.add_parser("campaign", help="Monte-Carlo runs over a grid of parameters")
-    campaign.add_argument("file", type=Path, nargs="?", help="YAML file (docs/reference/campaigns.md)")
-    _add_flags(campaign, CampaignOptions)
-    campaign.add_argument(
-        "--start", type=yaml_value, help="e.g. '{box: {x: [-5, 5], y: [-5, 5], heading: [-3.14, 3.14]}}'"
-    )
-    campaign.add_argument("--set", type=setting, nargs="+", default=[], metavar="NAME=VALUE", help="for all cells")
-    campaign.add_argument(
-        "--grid", type=setting, nargs="+", default=[], metavar="NAME=[A,B]", help="one cell per combination"
-    )
-    campaign.add_argument("--out", type=Path, default=Path("out/campaign"), help="folder (default: %(default)s)")
-    campaign.add_argument("--workers", type=whole(1, 1024), help="processes (default: one per core)")
-    campaign.add_argument(
-        "--scheduler", metavar="ADDRESS", help="run on a dask.distributed cluster, e.g. tcp://host:8786"
-    )
-    campaign.set_defaults(call=_campaign)
-
-
 def _add_replay(commands: Any) -> None:
     replay = commands.add_parser("replay", help="republish a bag, as ros2 bag play does")
     replay.add_argument(
         "bag", type=Path, nargs="+", help="folder of a bag, or an .mcap file; several are merged by time"
     )
-    _add_flags(replay, ReplayConfig, without=("uri", "bags"))
+    add_flags(replay, ReplayConfig, without=("uri", "bags"))
     replay.add_argument("--ros-args", dest="ros_args", nargs=argparse.REMAINDER, default=[], help="remappings ...")
     replay.set_defaults(call=_replay)
 
 
-def _add_flags(parser: argparse.ArgumentParser, config_type: type[Any], without: tuple[str, ...] = ()) -> None:
-    """Add a flag for each parameter of a configuration; flags that are not given are absent from the result."""
-    for parameter in parameters_of(config_type):
-        if parameter.name in without:
-            continue
-        default = " ".join(map(str, parameter.default)) if isinstance(parameter.default, tuple) else parameter.default
-        unit = "" if parameter.spec.unit == "-" else f" [{parameter.spec.unit}]"
-        options: dict[str, Any] = {
-            "help": f"{parameter.spec.text}{unit}" + (f" (default: {default})" if default not in ("", False) else ""),
-            "default": argparse.SUPPRESS,
-        }
-        if parameter.type is bool:
-            options["action"] = "store_true"
-        elif parameter.type in (float, int):
-            options["type"] = parameter.type
-        elif parameter.type is not str:
-            options |= {"nargs": "+", "type": get_args(parameter.type)[0]}
-        parser.add_argument("--" + parameter.name.replace("_", "-").replace(".", "-"), dest=parameter.name, **options)
-
-
 def _demo(options: argparse.Namespace) -> int:
-    from diffbot_lab.demo.command import DemoOptions, run_demo  # noqa: PLC0415 - only the called command is imported
+    from diffbot_tools.demo.command import DemoOptions, run_demo  # noqa: PLC0415 - only the called command is imported
 
     out, seed, real_time, overwrite = options.out, options.seed, options.real_time, options.overwrite
     return run_demo(DemoOptions(out, seed, real_time, overwrite, options.domain, options.preset, options.watch))
-
-
-def _experiment(options: argparse.Namespace) -> int:
-    from diffbot_lab.paper.experiment import run_and_report  # noqa: PLC0415
-    from diffbot_lab.paper.scan import run_and_report as run_and_report_scan  # noqa: PLC0415
-
-    runs, seed = options.runs, options.seed
-    if drives := tuple(dict.fromkeys(name for name in options.names if name != "scan")):
-        run_and_report(drives, runs or RUNS_OF_EXPERIMENTS, 1 if seed is None else seed, options.out, options.figures)
-    if "scan" in options.names:
-        run_and_report_scan(runs or RUNS_OF_SCAN, SEED_OF_SCAN if seed is None else seed, options.out / "scan")
-    return 0
-
-
-def _campaign(options: argparse.Namespace) -> int:
-    from diffbot_lab.campaign import command as campaign_command  # noqa: PLC0415
-
-    flags = {name: value for name, value in vars(options).items() if name in to_dict(CampaignOptions())}
-    if options.start is not None:
-        flags["start"] = options.start
-    flags |= {"set": once("--set", options.set), "grid": once("--grid", options.grid)}
-    return campaign_command.run(options.file, flags, options.out, options.workers, options.scheduler)
 
 
 def _replay(options: argparse.Namespace) -> int:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from diffbot_core.errors import DiffbotError
-from diffbot_lab.arguments import duration
+from diffbot_tools.arguments import duration
 
 
 def add_import(commands: Any) -> None:
@@ -59,7 +59,7 @@ def _add_remap(parser: argparse.ArgumentParser) -> None:
 
 
 def _remapping(text: str) -> tuple[str, str]:
-    from diffbot_lab.refilter.filter_run import INPUTS  # noqa: PLC0415 - loads scipy
+    from diffbot_tools.refilter.filter_run import INPUTS  # noqa: PLC0415 - loads scipy
 
     name, found, topic = text.partition(":=")
     if not found or not topic or name.lstrip("/") not in INPUTS:
@@ -68,7 +68,7 @@ def _remapping(text: str) -> tuple[str, str]:
 
 
 def _import(options: argparse.Namespace) -> int:
-    from diffbot_lab.dataset import command as dataset_command  # noqa: PLC0415
+    from diffbot_tools.dataset import command as dataset_command  # noqa: PLC0415
 
     if options.dataset == "mrclam":
         return dataset_command.import_mrclam(options.folder, options.robot, options.out)
@@ -76,13 +76,13 @@ def _import(options: argparse.Namespace) -> int:
 
 
 def _refilter(options: argparse.Namespace) -> int:
-    from diffbot_lab.refilter import command as refilter_command  # noqa: PLC0415
+    from diffbot_tools.refilter import command as refilter_command  # noqa: PLC0415
 
     return refilter_command.run(options.bag, options.params, options.out, options.compare, _remap(options))
 
 
 def _calibrate(options: argparse.Namespace) -> int:
-    from diffbot_lab.calibration import command as calibration_command  # noqa: PLC0415
+    from diffbot_tools.calibration import command as calibration_command  # noqa: PLC0415
 
     return calibration_command.run(options.bags, options.params, options.out, options.until, _remap(options))
 

@@ -9,4 +9,4 @@ from diffbot_core.launcher import launch
 INTERRUPTED = 130
 """Exit status of a command that was interrupted."""
 
-diffbot = partial(launch, "diffbot_lab.cli", status=INTERRUPTED)
+diffbot = partial(launch, "diffbot_tools.cli", status=INTERRUPTED)

@@ -16,7 +16,7 @@ from diffbot_control.goals import goal_record
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.geometry import MAX_COORDINATE, Pose
 from diffbot_core.ranges import HEADING
-from diffbot_lab.arguments import duration, number_between
+from diffbot_tools.arguments import duration, number_between
 
 ENDS = {
     goal_record.REACHED: 0,
@@ -94,7 +94,7 @@ def run(options: GoalOptions) -> int:
     if not options.controller:
         raise InvalidValueError("--controller", options.controller, "the name of a node")
     # ROS is not imported by the command line: it starts without it.
-    client_type = importlib.import_module("diffbot_control.ros.goal_client").GoalClient
+    client_type = importlib.import_module("diffbot_control.ros.goals.client").GoalClient
     stop = _Stop()
     began = time.monotonic()
     try:

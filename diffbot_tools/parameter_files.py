@@ -1,12 +1,44 @@
-"""What a ROS parameter file says about one node, without ROS."""
+"""YAML files of plain values, and what a ROS parameter file says about one node, without ROS."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import yaml
+
 from diffbot_core.errors import DiffbotError
-from diffbot_lab.campaign.options import load_yaml
+
+
+class _Loader(yaml.SafeLoader):
+    """Refuses duplicate keys, of which YAML keeps the last, and aliases, which can expand beyond any memory."""
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.YAMLError("aliases (*name) are not taken")
+        return super().compose_node(parent, index)
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+        found = set()
+        for key, _ in node.value:
+            if key.value in found:
+                raise yaml.MarkedYAMLError(problem=f"{key.value!r} stands there twice", problem_mark=key.start_mark)
+            found.add(key.value if isinstance(key, yaml.ScalarNode) else id(key))
+        return super().construct_mapping(node, deep)
+
+
+def load_yaml(text: str) -> Any:
+    """Read one YAML document of plain values.
+
+    Raises:
+        ValueError: in one line, if it is none.
+    """
+    try:
+        return yaml.load(text, _Loader)
+    except (yaml.YAMLError, ValueError) as error:  # ValueError: a day that does not exist
+        raise ValueError(" ".join(str(error).split())) from None
+    except RecursionError:
+        raise ValueError("nested too deep") from None
 
 
 class ParameterFile(NamedTuple):

@@ -6,8 +6,8 @@ from collections import Counter
 from collections.abc import Collection
 from typing import Any
 
-from diffbot_lab.benchmark.targets import markdown_table
 from diffbot_lab.campaign.statistics import wilson
+from diffbot_lab.targets import markdown_table
 
 QUESTION = """\
 # Faults

@@ -40,13 +40,16 @@ from diffbot_bag.tools.contract import BagRules, TopicRules
 from diffbot_control.law.presets import PAPER, PRESETS
 from diffbot_core.geometry import Pose
 from diffbot_core.schema import Spec, parameters_of
-from diffbot_lab.benchmark import filter_colour_report, filter_pages, law_effects, law_pages
-from diffbot_lab.benchmark.targets import markdown_table
-from diffbot_lab.calibration import benchmark as calibration_benchmark
-from diffbot_lab.dataset import benchmark as real_benchmark
-from diffbot_lab.dataset.calibrated import calibrated_table
+from diffbot_lab.arena import effects as law_effects
+from diffbot_lab.arena.report import pages as law_pages
+from diffbot_lab.filter_benchmark import calibration as calibration_benchmark
+from diffbot_lab.filter_benchmark import colour_report as filter_colour_report
+from diffbot_lab.filter_benchmark import pages as filter_pages
+from diffbot_lab.filter_benchmark import real_drives as real_benchmark
+from diffbot_lab.filter_benchmark.real_calibration import calibrated_table
 from diffbot_lab.paper.scenarios import SETTINGS
 from diffbot_lab.stability.contract.report import page as contract_page
+from diffbot_lab.targets import markdown_table
 from diffbot_sim.feedback import EKF, RAW, TRUTH
 from diffbot_sim.model.plant import PlantConfig
 from diffbot_sim.model.sensors import SensorConfig

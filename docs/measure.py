@@ -13,16 +13,17 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from diffbot_core.files import write_json
-from diffbot_lab.benchmark import bound as bound_benchmark
-from diffbot_lab.benchmark import filter as filter_benchmark
-from diffbot_lab.benchmark import filter_colour, law_effects
-from diffbot_lab.benchmark import law as law_benchmark
-from diffbot_lab.benchmark.law_animation import AnimationOptions, drives
-from diffbot_lab.benchmark.law_movie import write_movie
-from diffbot_lab.benchmark_commands import BENCHMARKS
-from diffbot_lab.calibration import benchmark as calibration_benchmark
-from diffbot_lab.cli import RUNS_OF_SCAN, SEED_OF_SCAN
-from diffbot_lab.dataset import benchmark as real_benchmark
+from diffbot_lab.arena import command as law_benchmark
+from diffbot_lab.arena import effects as law_effects
+from diffbot_lab.arena.bounds import command as bound_benchmark
+from diffbot_lab.arena.movie.animation import AnimationOptions, drives
+from diffbot_lab.arena.movie.movie import write_movie
+from diffbot_lab.benchmark_command import BENCHMARKS
+from diffbot_lab.commands import RUNS_OF_SCAN, SEED_OF_SCAN
+from diffbot_lab.filter_benchmark import calibration as calibration_benchmark
+from diffbot_lab.filter_benchmark import colour as filter_colour
+from diffbot_lab.filter_benchmark import command as filter_benchmark
+from diffbot_lab.filter_benchmark import real_drives as real_benchmark
 from diffbot_lab.paper.experiment import run_experiment, summarise
 from diffbot_lab.paper.figures import figure_paths
 from diffbot_lab.paper.scan import run_scan

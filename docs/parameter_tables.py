@@ -14,10 +14,10 @@ from typing import Any
 
 from diffbot_bag.parameters import RecorderConfig, ReplayConfig
 from diffbot_control.law.presets import PAPER, TUNED
-from diffbot_control.ros.controller_parameters import CONTROLLER_PRESETS, ControllerNodeConfig
-from diffbot_control.ros.ekf_parameters import EkfNodeConfig
+from diffbot_control.ros.parameters.controller import CONTROLLER_PRESETS, ControllerNodeConfig
+from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.schema import Parameter, parameters_of, to_dict
-from diffbot_lab.benchmark.targets import markdown_table
+from diffbot_lab.targets import markdown_table
 from diffbot_sim.ros.parameters import PlantNodeConfig
 
 FOLDER = Path(__file__).parent / "reference" / "parameters"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from diffbot_lab.benchmark.targets import markdown_table
+from diffbot_lab.targets import markdown_table
 
 HEADER = ("measure", "ours", "reference", "ratio", "target", "met", "spread", "rounds")
 QUESTION = """\

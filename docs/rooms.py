@@ -8,13 +8,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-FLOORS = (("diffbot_lab",), ("diffbot_sim",), ("diffbot_control", "diffbot_bag"), ("diffbot_core",))
+FLOORS = (("diffbot_lab",), ("diffbot_tools",), ("diffbot_sim",), ("diffbot_control", "diffbot_bag"), ("diffbot_core",))
 """From the top; imports go downwards, and the packages of one floor do not import each other."""
 COLOURS = {
     "diffbot_core": "#777777",
     "diffbot_control": "#0072B2",
     "diffbot_bag": "#009E73",
     "diffbot_sim": "#B8860B",
+    "diffbot_tools": "#CC79A7",
     "diffbot_lab": "#D55E00",
 }
 """Okabe and Ito's, dark enough for lines on white."""
@@ -23,7 +24,8 @@ TOP = {
     "diffbot_control": "nodes",
     "diffbot_bag": "bags",
     "diffbot_sim": "node and loop",
-    "diffbot_lab": "command",
+    "diffbot_tools": "command",
+    "diffbot_lab": "cases",
 }
 """What stands in a package outside its sub-packages."""
 WIDTH, HEIGHT, GAP, FLOOR = 150, 46, 14, 118

@@ -6,8 +6,8 @@ import statistics
 from collections import Counter
 from typing import Any
 
-from diffbot_lab.benchmark.targets import markdown_table
 from diffbot_lab.campaign.statistics import wilson
+from diffbot_lab.targets import markdown_table
 
 QUESTION = """\
 # Tests

@@ -12,12 +12,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from diffbot_core.errors import DiffbotError
-from diffbot_lab.demo.run_record import read_run
+from diffbot_tools.demo.run_record import read_run
 
 if len(sys.argv) not in (2, 3):
     sys.exit(__doc__)
 try:
-    run = read_run(Path(sys.argv[1]))  # BagReader, in diffbot_bag.reader, gives each message
+    run = read_run(Path(sys.argv[1]))  # BagReader, in diffbot_bag.bag.reader, gives each message
 except DiffbotError as error:
     sys.exit(str(error))
 if not len(run.estimate):

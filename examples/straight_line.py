@@ -55,6 +55,6 @@ class StraightLine:
 
 
 if __name__ == "__main__":
-    from diffbot_lab.cli import main
+    from diffbot_tools.cli import main
 
     sys.exit(main(["benchmark", "--law", "straight_line:StraightLine", *sys.argv[1:]]))

@@ -40,13 +40,14 @@ SLOW = ("graph", "install", "study")
 LONGEST = tuple(TESTS / name for name in ("project/test_bench.py", "sim/compiled/test_batch.py"))
 """a minute or more of one worker"""
 STUDIES = (
-    "lab/benchmark",
-    "lab/calibration",
+    "lab/arena",
     "lab/campaign",
-    "lab/dataset",
+    "lab/filter_benchmark",
     "lab/paper",
     "lab/stability",
     "sim/compiled",
+    "tools/calibration",
+    "tools/dataset",
 )
 
 
@@ -55,6 +56,15 @@ def domain():
     """Give each file a graph of its own: processes that were killed linger in theirs until DDS forgets them."""
     with graph.private_domain() as number:
         yield number
+
+
+@pytest.fixture
+def kept_signal_handlers():
+    """Restore the signal handlers of the test process: the command line sets its own."""
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    yield
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
 
 
 def pytest_addoption(parser):

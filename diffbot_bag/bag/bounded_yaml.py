@@ -6,7 +6,7 @@ from typing import Any
 
 import yaml
 
-from diffbot_bag.foreign_files import shown
+from diffbot_bag.bag.foreign_files import shown
 from diffbot_core.errors import DiffbotError
 
 MAX_CHARACTERS = 4 * 2**20

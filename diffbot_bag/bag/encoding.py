@@ -16,7 +16,7 @@ import numpy as np
 from mcap_ros2._dynamic import serialize_dynamic
 from numpy.typing import NDArray
 
-from diffbot_bag.message_definitions import MessageDefinitions
+from diffbot_bag.bag.message_definitions import MessageDefinitions
 from diffbot_core.units import NS_PER_S
 
 ODOMETRY = "nav_msgs/msg/Odometry"

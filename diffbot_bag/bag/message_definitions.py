@@ -9,7 +9,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from diffbot_bag.foreign_files import shown
+from diffbot_bag.bag.foreign_files import shown
 from diffbot_core.errors import DiffbotError
 
 SEPARATOR = "=" * 80

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from diffbot_bag.message_definitions import MessageDefinitions
-from diffbot_bag.writer import BagWriteError, BagWriter
+from diffbot_bag.bag.message_definitions import MessageDefinitions
+from diffbot_bag.bag.writer import BagWriteError, BagWriter
 
 
 def check_new(folder: Path) -> Path:

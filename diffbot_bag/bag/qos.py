@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from diffbot_bag.bounded_yaml import dump_yaml, load_yaml
-from diffbot_bag.foreign_files import shown
+from diffbot_bag.bag.bounded_yaml import dump_yaml, load_yaml
+from diffbot_bag.bag.foreign_files import shown
 from diffbot_core.errors import DiffbotError
 
 INFINITE = 2**63 - 1

@@ -12,13 +12,13 @@ from typing import Any, NamedTuple
 from mcap.records import Channel, Schema
 from mcap.well_known import MessageEncoding
 
-from diffbot_bag import metadata
-from diffbot_bag.attachments import PARAMETERS, Parameters, load_parameters
-from diffbot_bag.chunks import BagLimits
-from diffbot_bag.foreign_files import inside, shown
-from diffbot_bag.mcap_file import McapFile
-from diffbot_bag.mcap_format import DAMAGE
-from diffbot_bag.metadata import BagMetadata, Topic
+from diffbot_bag.bag import metadata
+from diffbot_bag.bag.foreign_files import inside, shown
+from diffbot_bag.bag.metadata import BagMetadata, Topic
+from diffbot_bag.mcap.attachments import PARAMETERS, Parameters, load_parameters
+from diffbot_bag.mcap.chunks import BagLimits
+from diffbot_bag.mcap.file import McapFile
+from diffbot_bag.mcap.format import DAMAGE
 from diffbot_core.errors import DiffbotError
 
 MAX_FILES = 1000
@@ -236,7 +236,7 @@ class BagReader:
         # Loading them takes longer than many a command on a bag.
         from mcap_ros2.decoder import DecoderFactory  # noqa: PLC0415
 
-        from diffbot_bag.encoding import decode_numbers_message  # noqa: PLC0415
+        from diffbot_bag.bag.encoding import decode_numbers_message  # noqa: PLC0415
 
         decoders: dict[tuple[str, bytes], Any] = {}
         for schema, channel, message in self._records(topics, start, end, False):

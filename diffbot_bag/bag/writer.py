@@ -11,18 +11,18 @@ from pathlib import Path
 from mcap.records import Channel
 from mcap.well_known import MessageEncoding
 
-from diffbot_bag import metadata
-from diffbot_bag.mcap_format import ENTRY_SIZE, MAGIC
-from diffbot_bag.message_definitions import MessageDefinitions
-from diffbot_bag.metadata import HASH_KEY, QOS_KEY, Topic
-from diffbot_bag.pending_messages import Held
-from diffbot_bag.qos import Qos, dump_profiles
-from diffbot_bag.recording.bag_files import NO_LIMITS, Attached, BagFiles, FileLimits
-from diffbot_bag.recording.chunk import CHANNEL_OVERHEAD, CHUNK_OVERHEAD, OVERHEAD, Row
-from diffbot_bag.recording.disk import Disk
-from diffbot_bag.recording.latched import LatchedMessages
-from diffbot_bag.recording.schemas import Schemas
-from diffbot_bag.whole_chunk import DEFAULT_COMPRESSION, Compression
+from diffbot_bag.bag import metadata
+from diffbot_bag.bag.message_definitions import MessageDefinitions
+from diffbot_bag.bag.metadata import HASH_KEY, QOS_KEY, Topic
+from diffbot_bag.bag.qos import Qos, dump_profiles
+from diffbot_bag.mcap.format import ENTRY_SIZE, MAGIC
+from diffbot_bag.mcap.whole_chunk import DEFAULT_COMPRESSION, Compression
+from diffbot_bag.record.bag_files import NO_LIMITS, Attached, BagFiles, FileLimits
+from diffbot_bag.record.chunk import CHANNEL_OVERHEAD, CHUNK_OVERHEAD, OVERHEAD, Row
+from diffbot_bag.record.disk import Disk
+from diffbot_bag.record.latched import LatchedMessages
+from diffbot_bag.record.pending_messages import Held
+from diffbot_bag.record.schemas import Schemas
 from diffbot_core.errors import DiffbotError
 
 CHUNK_SIZE = 512 * 1024

@@ -16,8 +16,8 @@ from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex
 
-from diffbot_bag.foreign_files import shown
-from diffbot_bag.mcap_format import ATTACHMENT, CRC, RECORD
+from diffbot_bag.bag.foreign_files import shown
+from diffbot_bag.mcap.format import ATTACHMENT, CRC, RECORD
 from diffbot_core.errors import DiffbotError
 
 PARAMETERS, HOST = "parameters.json", "host.json"

@@ -16,7 +16,7 @@ from mcap.opcode import Opcode
 from mcap.records import Chunk, ChunkIndex, Message
 from mcap.stream_reader import breakup_chunk
 
-from diffbot_bag.mcap_format import MESSAGE, RECORD
+from diffbot_bag.mcap.format import MESSAGE, RECORD
 from diffbot_core.errors import DiffbotError
 
 _MESSAGE_HEAD = struct.Struct("<BQHIQ")

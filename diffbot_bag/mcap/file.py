@@ -17,13 +17,13 @@ from mcap.records import AttachmentIndex, Channel, Chunk, ChunkIndex, Message, S
 from mcap.stream_reader import StreamReader
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
-from diffbot_bag.attachments import MAX_ATTACHMENT, read_attachment
-from diffbot_bag.chunks import BagLimits, Row, check_chunks, read_chunk, read_rows
-from diffbot_bag.foreign_files import open_regular, shown
-from diffbot_bag.mcap_format import DAMAGE, MAGIC, McapSummary, NoIndexError, read_summary
-from diffbot_bag.metadata import Topic
-from diffbot_bag.qos import Qos, load_profiles
-from diffbot_bag.unfinished import scan_messages, scan_unfinished
+from diffbot_bag.bag.foreign_files import open_regular, shown
+from diffbot_bag.bag.metadata import Topic
+from diffbot_bag.bag.qos import Qos, load_profiles
+from diffbot_bag.mcap.attachments import MAX_ATTACHMENT, read_attachment
+from diffbot_bag.mcap.chunks import BagLimits, Row, check_chunks, read_chunk, read_rows
+from diffbot_bag.mcap.format import DAMAGE, MAGIC, McapSummary, NoIndexError, read_summary
+from diffbot_bag.mcap.unfinished import scan_messages, scan_unfinished
 from diffbot_core.errors import DiffbotError
 
 MAX_QOS_TEXT = 4 * 2**20

@@ -31,8 +31,8 @@ from mcap.records import (
     SummaryOffset,
 )
 
-from diffbot_bag.mcap_format import CRC, FOOTER, MAGIC, RECORD
-from diffbot_bag.whole_chunk import WholeChunk
+from diffbot_bag.mcap.format import CRC, FOOTER, MAGIC, RECORD
+from diffbot_bag.mcap.whole_chunk import WholeChunk
 
 OWN_HEADER = Header("ros2", "diffbot")
 

@@ -12,8 +12,8 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, DataEnd, Header, Message, Metadata, Schema
 
-from diffbot_bag.chunks import SMALL, BagLimits, ChunkIndexes, index_messages, unpack_chunk
-from diffbot_bag.mcap_format import CHUNK, DAMAGE, MAGIC, RECORD, SIZE, index_entries
+from diffbot_bag.mcap.chunks import SMALL, BagLimits, ChunkIndexes, index_messages, unpack_chunk
+from diffbot_bag.mcap.format import CHUNK, DAMAGE, MAGIC, RECORD, SIZE, index_entries
 from diffbot_core.errors import DiffbotError
 
 _LONGEST_NAME = 4

@@ -10,9 +10,9 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Message, Schema, Statistics
 
-from diffbot_bag.chunks import BagLimits
-from diffbot_bag.mcap_format import MAX_INDEX, McapSummary
-from diffbot_bag.record_scan import ChunkPiece, Gap, Piece, RecordScan, parse_record
+from diffbot_bag.mcap.chunks import BagLimits
+from diffbot_bag.mcap.format import MAX_INDEX, McapSummary
+from diffbot_bag.mcap.scan import ChunkPiece, Gap, Piece, RecordScan, parse_record
 from diffbot_core.errors import DiffbotError
 
 

@@ -13,7 +13,7 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Chunk, ChunkIndex
 
-from diffbot_bag.mcap_format import CHUNK, ENTRY_SIZE, MESSAGE_INDEX, RECORD, SIZE
+from diffbot_bag.mcap.format import CHUNK, ENTRY_SIZE, MESSAGE_INDEX, RECORD, SIZE
 
 KINDS = ("zstd", "lz4", "none")
 """Compressions of MCAP."""

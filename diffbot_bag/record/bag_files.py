@@ -10,11 +10,11 @@ from typing import NamedTuple
 
 from mcap.records import Channel, Schema
 
-from diffbot_bag import metadata
-from diffbot_bag.mcap_output import McapOutput
-from diffbot_bag.metadata import RECORD_NAME, BagMetadata, FileInformation, Topic
-from diffbot_bag.recording.chunk import Row, records
-from diffbot_bag.whole_chunk import ChunkPacker, Compression
+from diffbot_bag.bag import metadata
+from diffbot_bag.bag.metadata import RECORD_NAME, BagMetadata, FileInformation, Topic
+from diffbot_bag.mcap.output import McapOutput
+from diffbot_bag.mcap.whole_chunk import ChunkPacker, Compression
+from diffbot_bag.record.chunk import Row, records
 
 
 class FileLimits(NamedTuple):

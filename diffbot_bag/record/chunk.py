@@ -11,8 +11,8 @@ from collections.abc import Sequence
 
 from mcap.opcode import Opcode
 
-from diffbot_bag.mcap_format import CHUNK, MESSAGE, MESSAGE_INDEX, MESSAGE_RECORD, SIZE
-from diffbot_bag.whole_chunk import KINDS
+from diffbot_bag.mcap.format import CHUNK, MESSAGE, MESSAGE_INDEX, MESSAGE_RECORD, SIZE
+from diffbot_bag.mcap.whole_chunk import KINDS
 
 OVERHEAD = MESSAGE_RECORD.size
 """[bytes] of a message's record besides its data"""

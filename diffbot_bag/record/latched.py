@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from diffbot_bag.pending_messages import Held
+from diffbot_bag.record.pending_messages import Held
 
 
 class LatchedMessages:

@@ -6,9 +6,9 @@ import time
 from collections import deque
 from collections.abc import Callable
 
-from diffbot_bag.pending_messages import Held, HeldMessages
-from diffbot_bag.recording.snapshot import SnapshotBuffer
-from diffbot_bag.writer import BagWriter
+from diffbot_bag.bag.writer import BagWriter
+from diffbot_bag.record.pending_messages import Held, HeldMessages
+from diffbot_bag.record.snapshot import SnapshotBuffer
 
 SLICE = 4_000_000
 """[ns] for which the writing of a snapshot keeps the caller, at a time"""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from mcap.records import Schema
 from mcap.well_known import SchemaEncoding
 
-from diffbot_bag.message_definitions import DefinitionNotFoundError, MessageDefinitions
+from diffbot_bag.bag.message_definitions import DefinitionNotFoundError, MessageDefinitions
 
 
 class Schemas:

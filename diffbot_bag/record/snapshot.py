@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 
-from diffbot_bag.pending_messages import Held
+from diffbot_bag.record.pending_messages import Held
 
 OVERHEAD = 250
 """[bytes] that a message takes in memory besides its data: the object, its numbers and its place"""

@@ -7,7 +7,8 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
-from diffbot_bag.playback_clock import (
+from diffbot_bag.bag.reader import RawMessage
+from diffbot_bag.replay.playback_clock import (
     SECOND,
     Timeline,
     Window,
@@ -19,9 +20,8 @@ from diffbot_bag.playback_clock import (
     stepped,
     with_rate,
 )
-from diffbot_bag.read_ahead import ReadAhead
-from diffbot_bag.reader import RawMessage
-from diffbot_bag.steady_clock import SteadyClock
+from diffbot_bag.replay.read_ahead import ReadAhead
+from diffbot_bag.replay.steady_clock import SteadyClock
 
 COARSE = 2_000_000
 """[ns] before a deadline, the player stops waiting for requests of other threads and only sleeps or spins."""

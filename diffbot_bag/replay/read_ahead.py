@@ -7,7 +7,7 @@ import threading
 from collections.abc import Iterable, Iterator
 from types import TracebackType
 
-from diffbot_bag.reader import RawMessage
+from diffbot_bag.bag.reader import RawMessage
 
 BATCH = 50
 """Messages per queue item: one by one, the queue's locks would cost more than reading."""

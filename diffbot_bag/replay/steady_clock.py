@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 
-from diffbot_bag.playback_clock import SECOND
+from diffbot_bag.replay.playback_clock import SECOND
 
 LONGEST_WAIT = 3600.0
 """[s] A gap in a bag may be longer than a lock can wait."""

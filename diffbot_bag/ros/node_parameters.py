@@ -9,8 +9,8 @@ from typing import Any
 from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.parameter import parameter_value_to_python
 
-from diffbot_bag.attachments import MAX_ATTACHMENT, Parameters, dump_parameters
-from diffbot_bag.topic_selection import is_hidden
+from diffbot_bag.bag.topic_selection import is_hidden
+from diffbot_bag.mcap.attachments import MAX_ATTACHMENT, Parameters, dump_parameters
 
 DEADLINE = 5.0
 """[s] for the answers of one node"""

@@ -9,7 +9,7 @@ from typing import Any
 from rclpy.duration import Duration
 from rclpy.impl.implementation_singleton import rclpy_implementation
 
-from diffbot_bag.subscribers import POLL
+from diffbot_bag.replay.subscribers import POLL
 
 RCLError = rclpy_implementation.RCLError
 REFUSAL = 0.02

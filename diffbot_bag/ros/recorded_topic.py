@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from diffbot_bag.lost_messages import GapCounter
-from diffbot_bag.qos import Qos, to_request
-from diffbot_bag.ros_conversions import from_ros, offers, take_pending, to_ros, with_info
+from diffbot_bag.bag.qos import Qos, to_request
+from diffbot_bag.record.lost_messages import GapCounter
+from diffbot_bag.ros.conversions import from_ros, offers, take_pending, to_ros, with_info
 from diffbot_core.ros.publisher_watch import full_name
 
 Receive = Callable[[bytes, dict[str, Any]], None]

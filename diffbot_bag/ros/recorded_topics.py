@@ -6,13 +6,13 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from diffbot_bag import ros_conversions
-from diffbot_bag.qos import Qos, to_request
-from diffbot_bag.recording.recording import PAUSED, Recording
+from diffbot_bag.bag.qos import Qos, to_request
+from diffbot_bag.bag.topic_selection import TopicSelection
+from diffbot_bag.bag.writer import BagWriteError, BagWriter
+from diffbot_bag.record.recording import PAUSED, Recording
+from diffbot_bag.ros import conversions as ros_conversions
 from diffbot_bag.ros.recorded_topic import Receive, RecordedTopic
 from diffbot_bag.ros.unmatched_messages import UnmatchedMessages
-from diffbot_bag.topic_selection import TopicSelection
-from diffbot_bag.writer import BagWriteError, BagWriter
 from diffbot_core.errors import DiffbotError
 
 QUIET = 0.05

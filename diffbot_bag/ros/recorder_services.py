@@ -7,8 +7,8 @@ from typing import Any
 
 from std_srvs.srv import Trigger
 
-from diffbot_bag.recording.recording import Recording
-from diffbot_bag.writer import BagWriteError, BagWriter
+from diffbot_bag.bag.writer import BagWriteError, BagWriter
+from diffbot_bag.record.recording import Recording
 
 Answer = tuple[bool, str]
 

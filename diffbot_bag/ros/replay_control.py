@@ -8,10 +8,10 @@ from typing import Any
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
 
-from diffbot_bag import keyboard
 from diffbot_bag.parameters import MAX_RATE, MIN_RATE, ReplayConfig
-from diffbot_bag.playback_clock import SECOND, Window, nanoseconds
-from diffbot_bag.player import Player
+from diffbot_bag.replay import keyboard
+from diffbot_bag.replay.playback_clock import SECOND, Window, nanoseconds
+from diffbot_bag.replay.player import Player
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.ros.node import DiffbotNode
 

@@ -12,14 +12,14 @@ from rclpy.exceptions import InvalidTopicNameException
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
-from diffbot_bag import ros_conversions
-from diffbot_bag.foreign_files import shown
-from diffbot_bag.metadata import Topic
-from diffbot_bag.playback_clock import SECOND
-from diffbot_bag.qos import Qos, to_offer
-from diffbot_bag.reader import RawMessage
+from diffbot_bag.bag.foreign_files import shown
+from diffbot_bag.bag.metadata import Topic
+from diffbot_bag.bag.qos import Qos, to_offer
+from diffbot_bag.bag.reader import RawMessage
+from diffbot_bag.replay.playback_clock import SECOND
+from diffbot_bag.replay.subscribers import POLL, SETTLE, wait_for_subscribers, wait_until_acknowledged
+from diffbot_bag.ros import conversions as ros_conversions
 from diffbot_bag.ros.patient_outputs import BoundedOutput, KeepingOutput
-from diffbot_bag.subscribers import POLL, SETTLE, wait_for_subscribers, wait_until_acknowledged
 from diffbot_core.errors import DiffbotError
 from diffbot_core.ros.node import QUEUE
 

@@ -12,8 +12,8 @@ from typing import Any
 from std_srvs.srv import Trigger
 
 from diffbot_bag.parameters import MAX_BURST, MAX_RATE, MIN_RATE
-from diffbot_bag.playback_clock import SECOND
-from diffbot_bag.player import Player
+from diffbot_bag.replay.playback_clock import SECOND
+from diffbot_bag.replay.player import Player
 from diffbot_bag.ros.replay_control import ReplayControl
 from diffbot_core.ros.node import DiffbotNode
 

@@ -12,10 +12,10 @@ import rclpy
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from diffbot_bag.lost_messages import GapCounter
-from diffbot_bag.qos import to_request
+from diffbot_bag.bag.qos import to_request
+from diffbot_bag.record.lost_messages import GapCounter
+from diffbot_bag.ros.conversions import message_class, take_pending, to_ros
 from diffbot_bag.ros.recorded_topic import RecordedTopic
-from diffbot_bag.ros_conversions import message_class, take_pending, to_ros
 
 _SETTLED_POLLS = 10
 """Polls of a topic after which a publisher that appears is a new one; before, it may have been discovered late."""

@@ -13,9 +13,9 @@ from mcap.records import Chunk, Message
 from mcap.stream_reader import breakup_chunk
 from mcap.summary import Summary
 
-from diffbot_bag.chunks import BagLimits
-from diffbot_bag.mcap_file import McapFile
-from diffbot_bag.mcap_format import DAMAGE, RECORD
+from diffbot_bag.mcap.chunks import BagLimits
+from diffbot_bag.mcap.file import McapFile
+from diffbot_bag.mcap.format import DAMAGE, RECORD
 from diffbot_core.errors import DiffbotError
 
 _STEP = 1000

@@ -8,10 +8,12 @@ from typing import Any, NamedTuple
 
 from mcap.records import AttachmentIndex, MetadataIndex
 
-from diffbot_bag.foreign_files import shown
-from diffbot_bag.metadata import BagMetadata
-from diffbot_bag.new_bag import new_bag_folder
-from diffbot_bag.reader import MAX_FILES
+from diffbot_bag.bag.foreign_files import shown
+from diffbot_bag.bag.metadata import BagMetadata
+from diffbot_bag.bag.new_bag import new_bag_folder
+from diffbot_bag.bag.reader import MAX_FILES
+from diffbot_bag.bag.topic_selection import TopicSelection
+from diffbot_bag.mcap.whole_chunk import KINDS, Compression
 from diffbot_bag.tools.channels import Channels, join_channels
 from diffbot_bag.tools.latched import at_time, delivered, last_before, latches_of
 from diffbot_bag.tools.output_bag import Description, OutputBag
@@ -19,8 +21,6 @@ from diffbot_bag.tools.source_bag import Row, SourceBag, SourceFile
 from diffbot_bag.tools.span import Span
 from diffbot_bag.tools.split_bag import FileLimits, SplitBag
 from diffbot_bag.tools.time_order import Piece, Progress, crossing, crossing_files, pieces_of, send
-from diffbot_bag.topic_selection import TopicSelection
-from diffbot_bag.whole_chunk import KINDS, Compression
 from diffbot_core.errors import DiffbotError
 
 MAX_DIGITS = 18

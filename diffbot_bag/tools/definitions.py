@@ -11,10 +11,10 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 from mcap.well_known import MessageEncoding
 
-from diffbot_bag.mcap_format import DAMAGE, MAX_INDEX
-from diffbot_bag.metadata import QOS_KEY
-from diffbot_bag.qos import load_profiles
-from diffbot_bag.record_scan import ChunkPiece, Gap, Piece, parse_record
+from diffbot_bag.bag.metadata import QOS_KEY
+from diffbot_bag.bag.qos import load_profiles
+from diffbot_bag.mcap.format import DAMAGE, MAX_INDEX
+from diffbot_bag.mcap.scan import ChunkPiece, Gap, Piece, parse_record
 from diffbot_core.errors import DiffbotError
 
 Definition = tuple[int, bytes]

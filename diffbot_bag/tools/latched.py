@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from operator import attrgetter, itemgetter
 from typing import NamedTuple
 
-from diffbot_bag.qos import Qos
+from diffbot_bag.bag.qos import Qos
 from diffbot_bag.tools.source_bag import Row
 from diffbot_bag.tools.span import ALWAYS, Span
 from diffbot_bag.tools.time_order import Piece

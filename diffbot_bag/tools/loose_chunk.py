@@ -9,8 +9,8 @@ from typing import BinaryIO, NamedTuple
 import lz4.frame  # type: ignore[import-untyped, unused-ignore]
 import zstandard
 
-from diffbot_bag.chunks import BagLimits, ChunkIndexes, index_messages
-from diffbot_bag.mcap_format import CHUNK, DAMAGE, SIZE
+from diffbot_bag.mcap.chunks import BagLimits, ChunkIndexes, index_messages
+from diffbot_bag.mcap.format import CHUNK, DAMAGE, SIZE
 
 _STEP = 64 * 1024
 """[bytes] unpacked at once: what precedes the damage is kept"""

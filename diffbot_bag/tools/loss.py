@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from mcap.opcode import Opcode
 
-from diffbot_bag.mcap_format import McapSummary, index_entries
-from diffbot_bag.record_scan import Gap, Piece
+from diffbot_bag.mcap.format import McapSummary, index_entries
+from diffbot_bag.mcap.scan import Gap, Piece
 from diffbot_core.errors import DiffbotError
 from diffbot_core.units import NS_PER_S
 

@@ -9,13 +9,13 @@ from typing import NamedTuple
 
 from mcap.records import AttachmentIndex, MetadataIndex
 
-from diffbot_bag import metadata
-from diffbot_bag.metadata import HASH_KEY, RECORD_NAME, BagMetadata, FileInformation, Topic
+from diffbot_bag.bag import metadata
+from diffbot_bag.bag.metadata import HASH_KEY, RECORD_NAME, BagMetadata, FileInformation, Topic
+from diffbot_bag.mcap.whole_chunk import Compression, WholeChunk
 from diffbot_bag.tools.channels import Channels, united
 from diffbot_bag.tools.output_file import OutputFile
 from diffbot_bag.tools.source_bag import Row, SourceFile
 from diffbot_bag.tools.time_order import Piece
-from diffbot_bag.whole_chunk import Compression, WholeChunk
 
 
 class Description(NamedTuple):

@@ -9,10 +9,10 @@ from typing import BinaryIO
 from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex, Header, MetadataIndex
 
-from diffbot_bag.mcap_format import ENTRY_SIZE, MESSAGE_INDEX, RECORD
-from diffbot_bag.mcap_output import OWN_HEADER, McapOutput
+from diffbot_bag.mcap.format import ENTRY_SIZE, MESSAGE_INDEX, RECORD
+from diffbot_bag.mcap.output import OWN_HEADER, McapOutput
+from diffbot_bag.mcap.whole_chunk import DEFAULT_COMPRESSION, ChunkPacker, Compression, WholeChunk
 from diffbot_bag.tools.source_bag import Row
-from diffbot_bag.whole_chunk import DEFAULT_COMPRESSION, ChunkPacker, Compression, WholeChunk
 
 CHUNK_SIZE = 768 * 1024
 """[bytes] of a new chunk before it is packed, as rosbag2's"""

@@ -11,19 +11,19 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Header, Metadata
 
-from diffbot_bag.attachments import blocks_of, verified_attachment
-from diffbot_bag.bounded_yaml import load_yaml
-from diffbot_bag.chunks import BagLimits
-from diffbot_bag.mcap_format import DAMAGE, MAGIC, RECORD, McapSummary, read_summary
-from diffbot_bag.mcap_output import OWN_HEADER
-from diffbot_bag.metadata import HASH_KEY, QOS_KEY, RECORD_NAME, TEXT_KEY, Topic
-from diffbot_bag.qos import load_profiles
-from diffbot_bag.record_scan import ChunkPiece, Gap, Piece, RecordScan
+from diffbot_bag.bag.bounded_yaml import load_yaml
+from diffbot_bag.bag.metadata import HASH_KEY, QOS_KEY, RECORD_NAME, TEXT_KEY, Topic
+from diffbot_bag.bag.qos import load_profiles
+from diffbot_bag.mcap.attachments import blocks_of, verified_attachment
+from diffbot_bag.mcap.chunks import BagLimits
+from diffbot_bag.mcap.format import DAMAGE, MAGIC, RECORD, McapSummary, read_summary
+from diffbot_bag.mcap.output import OWN_HEADER
+from diffbot_bag.mcap.scan import ChunkPiece, Gap, Piece, RecordScan
+from diffbot_bag.mcap.whole_chunk import frame_chunk
 from diffbot_bag.tools.definitions import Definitions, definitions_in
 from diffbot_bag.tools.loose_chunk import LooseChunk, read_loosely
 from diffbot_bag.tools.loss import UNKNOWN, Loss, LossCounter, Span
 from diffbot_bag.tools.output_file import CHANNEL_SIZE, OutputFile
-from diffbot_bag.whole_chunk import frame_chunk
 from diffbot_core.errors import DiffbotError
 
 Described = tuple[AbstractSet[int], AbstractSet[int]]

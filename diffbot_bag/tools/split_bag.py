@@ -8,14 +8,14 @@ from operator import itemgetter
 from pathlib import Path
 from typing import NamedTuple
 
-from diffbot_bag.reader import MAX_FILES
+from diffbot_bag.bag.reader import MAX_FILES
+from diffbot_bag.mcap.whole_chunk import WholeChunk
 from diffbot_bag.tools.channels import Channels
 from diffbot_bag.tools.latched import LatchedHistory, at_time, delivered, latches_of
 from diffbot_bag.tools.output_bag import Description, OutputBag
 from diffbot_bag.tools.output_file import ENVELOPE
 from diffbot_bag.tools.source_bag import Row
 from diffbot_bag.tools.time_order import Piece
-from diffbot_bag.whole_chunk import WholeChunk
 from diffbot_core.errors import DiffbotError
 
 

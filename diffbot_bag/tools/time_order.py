@@ -12,10 +12,10 @@ from typing import NamedTuple, Protocol
 
 from mcap.records import ChunkIndex
 
+from diffbot_bag.mcap.whole_chunk import WholeChunk
 from diffbot_bag.tools.channels import Channels
 from diffbot_bag.tools.source_bag import Row, SourceFile
 from diffbot_bag.tools.span import Span
-from diffbot_bag.whole_chunk import WholeChunk
 
 Progress = Callable[[int], None]
 """Called with the number of bytes of the input that are done since the last call."""

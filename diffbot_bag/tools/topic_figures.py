@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from diffbot_bag.lost_messages import GapCounter
+from diffbot_bag.record.lost_messages import GapCounter
 from diffbot_bag.tools.header_stamps import SIZE, stamps_of
 from diffbot_bag.tools.quantiles import Quantiles
 from diffbot_core.errors import DiffbotError

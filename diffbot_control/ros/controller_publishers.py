@@ -16,8 +16,8 @@ from diffbot_control.goals.protocol import Law
 from diffbot_control.goals.supervisor import Supervisor
 from diffbot_control.ros.controller_status import LEVELS, status_values
 from diffbot_control.ros.frames import robot_frame
-from diffbot_control.ros.message_fields import fill_twist, set_stamp
-from diffbot_control.ros.messages import labelled_array, twist_message
+from diffbot_control.ros.messages.conversions import labelled_array, twist_message
+from diffbot_control.ros.messages.message_fields import fill_twist, set_stamp
 from diffbot_core.health import Throttle
 from diffbot_core.kinematics import Twist
 from diffbot_core.ros.delivery import deliver
@@ -27,7 +27,7 @@ from diffbot_core.ros.qos import STATUS
 from diffbot_core.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from diffbot_control.ros.controller_parameters import ControllerNodeConfig
+    from diffbot_control.ros.parameters.controller import ControllerNodeConfig
 
 NAVIGATION_LABELS = ("stamp", "rho", "alpha", "beta", "theta", "eps_P", "region", "V")
 STATE_LOG_PERIOD = 2.0

@@ -10,21 +10,21 @@ from nav_msgs.msg import Odometry
 from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.localization import Estimate
 from diffbot_control.filter.measurements import OdometryStep
-from diffbot_control.ros.ekf_messages import corrected_twist
 from diffbot_control.ros.frames import robot_frame
-from diffbot_control.ros.message_fields import (
+from diffbot_control.ros.messages.conversions import odometry_message, pose_message
+from diffbot_control.ros.messages.ekf_messages import corrected_twist
+from diffbot_control.ros.messages.message_fields import (
     fill_planar_covariance,
     fill_pose,
     fill_twist,
     fill_twist_covariance,
     set_stamp,
 )
-from diffbot_control.ros.messages import odometry_message, pose_message
 from diffbot_core.ros.managed_node import ManagedNode
 from diffbot_core.ros.node import QUEUE
 
 if TYPE_CHECKING:
-    from diffbot_control.ros.ekf_parameters import EkfNodeConfig
+    from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 
 
 class EkfPublishers:

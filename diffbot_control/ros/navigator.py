@@ -33,8 +33,8 @@ from typing import Any
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 
 from diffbot_control.goals import goal_record
-from diffbot_control.ros.goal_client import ANSWER_TIMEOUT, LOST, Feedback, GoalClient, GoalRefusedError
-from diffbot_control.ros.message_fields import pose_of
+from diffbot_control.ros.goals.client import ANSWER_TIMEOUT, LOST, Feedback, GoalClient, GoalRefusedError
+from diffbot_control.ros.messages.message_fields import pose_of
 from diffbot_core.errors import DiffbotError
 from diffbot_core.geometry import Pose
 from diffbot_core.ros.node import QUEUE

@@ -10,7 +10,7 @@ from diffbot_core.ros.clock_watch import ClockWatch
 from diffbot_core.stamps import StampWatch
 
 if TYPE_CHECKING:
-    from diffbot_control.ros.controller_parameters import ControllerNodeConfig
+    from diffbot_control.ros.parameters.controller import ControllerNodeConfig
 
 
 class PoseWatch:

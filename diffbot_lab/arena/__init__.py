@@ -1,1 +1,1 @@
-"""Benchmarks of the law against its peers and of the filter's variants, with targets, tables and figures."""
+"""The law against its peers: cases, entries, tuning, effects, and in folders the reports, the bounds and the movie."""

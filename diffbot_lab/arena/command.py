@@ -15,7 +15,7 @@ from tqdm import tqdm
 
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.files import output_folder, write_json
-from diffbot_lab.benchmark.law_cases import (
+from diffbot_lab.arena.cases import (
     DURATION,
     LIMITS,
     OWN,
@@ -26,11 +26,11 @@ from diffbot_lab.benchmark.law_cases import (
     cases_named,
     world_of,
 )
-from diffbot_lab.benchmark.law_entries import OWN_NAME, Entry, config_of, entries_for, is_own
-from diffbot_lab.benchmark.law_report import conclusions, table
-from diffbot_lab.benchmark.law_runs import case_of, run_case, run_paths
-from diffbot_lab.benchmark.law_statistics import figures_of
-from diffbot_lab.benchmark.law_tuning import TRAINING_SEED, read_tuning, tuned_values
+from diffbot_lab.arena.entries import OWN_NAME, Entry, config_of, entries_for, is_own
+from diffbot_lab.arena.report.text import conclusions, table
+from diffbot_lab.arena.runs import case_of, run_case, run_paths
+from diffbot_lab.arena.statistics import figures_of
+from diffbot_lab.arena.tuning import TRAINING_SEED, read_tuning, tuned_values
 from diffbot_sim.compiled.batch import HISTORY_COLUMNS, Starts, run_histories
 
 Array = NDArray[np.float64]
@@ -168,7 +168,7 @@ def run_and_report(options: ArenaOptions, folder: Path, figures: bool) -> int:
 def draw(outcomes: dict[str, Array], options: ArenaOptions, path: Path) -> None:
     """Draw the paths of each law from one start, and the distributions over all its runs, in the nominal case."""
     # Loads matplotlib.
-    from diffbot_lab.benchmark.law_figure import Sheet, draw_benchmark  # noqa: PLC0415
+    from diffbot_lab.arena.report.figure import Sheet, draw_benchmark  # noqa: PLC0415
 
     (case,) = cases_named((NOMINAL,))
     tuning = read_tuning(options.tuning)

@@ -17,12 +17,12 @@ from diffbot_control.law.controller import ControllerConfig
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.files import output_folder, write_json
 from diffbot_core.schema import parameters_of, to_dict
-from diffbot_lab.benchmark.law_cases import ArenaCase, arena_starts, cases_named
-from diffbot_lab.benchmark.law_entries import OWN_NAME, entries_for
-from diffbot_lab.benchmark.law_runs import run_case
-from diffbot_lab.benchmark.law_statistics import figures_of
-from diffbot_lab.benchmark.law_tuning import TRAINING_SEED
-from diffbot_lab.benchmark.targets import markdown_table
+from diffbot_lab.arena.cases import ArenaCase, arena_starts, cases_named
+from diffbot_lab.arena.entries import OWN_NAME, entries_for
+from diffbot_lab.arena.runs import run_case
+from diffbot_lab.arena.statistics import figures_of
+from diffbot_lab.arena.tuning import TRAINING_SEED
+from diffbot_lab.targets import markdown_table
 
 CASES = ("nominal", "mix")
 PARAMETERS = (

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from diffbot_control.goals.registry import resolve_law
 from diffbot_control.law.presets import PAPER, PAPER_COVARIANCE, PRESETS
 from diffbot_core.schema import build, parameters_of, to_dict
-from diffbot_lab.benchmark.law_cases import LIMITS, NONE, ArenaCase, Values
+from diffbot_lab.arena.cases import LIMITS, NONE, ArenaCase, Values
 
 Space = Mapping[str, tuple[float, float]]
 """Ranges of the parameters that are tuned."""

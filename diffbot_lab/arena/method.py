@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from diffbot_lab.benchmark.law_targets import Results
-from diffbot_lab.benchmark.targets import markdown_table, number
+from diffbot_lab.arena.report.targets import Results
+from diffbot_lab.targets import markdown_table, number
 
 
 def method_page(results: Results) -> list[str]:

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from diffbot_control.goals.registry import resolve_law
 from diffbot_control.law.controller import ControllerConfig
-from diffbot_lab.benchmark.law_cases import DURATION, YAW_TOLERANCE, ArenaCase, Values, starts_named, world_of
-from diffbot_lab.benchmark.law_entries import Entry, config_of
+from diffbot_lab.arena.cases import DURATION, YAW_TOLERANCE, ArenaCase, Values, starts_named, world_of
+from diffbot_lab.arena.entries import Entry, config_of
 from diffbot_lab.cases import Configuration, make_case
 from diffbot_sim.compiled.batch import Starts, run_batch, run_histories
 from diffbot_sim.compiled.closed_loop import Case

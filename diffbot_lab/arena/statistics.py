@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.stats import binom
 
 from diffbot_lab.campaign.statistics import wilson
-from diffbot_lab.metrics import quantiles
 from diffbot_sim.compiled.batch import COLUMNS
+from diffbot_tools.metrics import quantiles
 
 Array = NDArray[np.float64]
 

@@ -23,9 +23,9 @@ from diffbot_control.goals.registry import resolve_law
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.files import output_folder, write_json
 from diffbot_core.schema import parameters_of
-from diffbot_lab.benchmark.law_cases import DURATION, TRAINING, ArenaCase, Values, cases_named
-from diffbot_lab.benchmark.law_entries import Entry, entries_for
-from diffbot_lab.benchmark.law_runs import run_case
+from diffbot_lab.arena.cases import DURATION, TRAINING, ArenaCase, Values, cases_named
+from diffbot_lab.arena.entries import Entry, entries_for
+from diffbot_lab.arena.runs import run_case
 from diffbot_sim.compiled.batch import COLUMNS
 
 Array = NDArray[np.float64]

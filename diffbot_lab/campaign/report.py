@@ -14,7 +14,7 @@ from diffbot_core.errors import DiffbotError
 from diffbot_core.files import replacing, write_json, write_text
 from diffbot_lab.campaign.spec import Campaign, code_version
 from diffbot_lab.campaign.statistics import CellStatistics
-from diffbot_lab.plotting import new_figure, save
+from diffbot_tools.plotting import new_figure, save
 
 _ECDF_METRICS = (
     ("settling_time", "settling time [s]"),

@@ -19,11 +19,12 @@ from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_core.ranges import LENGTH, POSITION
 from diffbot_core.schema import build, to_dict
-from diffbot_lab.campaign.options import CampaignOptions, is_coordinate, is_number, load_yaml, triple
+from diffbot_lab.campaign.options import CampaignOptions, is_coordinate, is_number, triple
 from diffbot_lab.cases import configure, make_case
 from diffbot_sim.compiled.batch import Starts, check_case
 from diffbot_sim.compiled.closed_loop import Case
 from diffbot_sim.compiled.jit import LIBRARIES, PACKAGES, law_version
+from diffbot_tools.parameter_files import load_yaml
 
 _MAX_CELLS = 10_000
 _LISTS = ("start", "grid", "set")

@@ -9,15 +9,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from diffbot_control.ros.ekf_parameters import EkfNodeConfig
+from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.files import output_folder, write_json, write_text
-from diffbot_lab.benchmark.targets import markdown_table
-from diffbot_lab.calibration.calibrate import calibrate
-from diffbot_lab.calibration.likelihood import run_events
-from diffbot_lab.calibration.quantities import with_values
-from diffbot_lab.calibration.settings import NIS, NUMBERS
-from diffbot_lab.calibration.simulation import Errors, events_of, record
 from diffbot_lab.campaign.statistics import wilson
+from diffbot_lab.targets import markdown_table
+from diffbot_tools.calibration.calibrate import calibrate
+from diffbot_tools.calibration.likelihood import run_events
+from diffbot_tools.calibration.quantities import with_values
+from diffbot_tools.calibration.settings import NIS, NUMBERS
+from diffbot_tools.calibration.simulation import Errors, events_of, record
 
 SECONDS = 300.0
 """[s] of each drive"""

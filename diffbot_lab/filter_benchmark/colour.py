@@ -25,7 +25,7 @@ from diffbot_core.errors import InvalidValueError
 from diffbot_core.files import output_folder, write_json
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.units import NS_PER_S
-from diffbot_lab.benchmark.filter_colour_report import conclusions, table
+from diffbot_lab.filter_benchmark.colour_report import conclusions, table
 from diffbot_sim.compiled.open_loop import start_of, twist_of
 from diffbot_sim.model.plant import PlantConfig
 from diffbot_sim.model.sensors import SensorConfig

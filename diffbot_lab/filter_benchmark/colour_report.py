@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from diffbot_lab.benchmark.targets import Target, evaluate_targets, markdown_table, number, summary, target_table
 from diffbot_lab.campaign.statistics import wilson
+from diffbot_lab.targets import Target, evaluate_targets, markdown_table, number, summary, target_table
 
 Results = dict[str, Any]
 

@@ -18,8 +18,8 @@ from tqdm import tqdm
 from diffbot_control.filter.options import FILTERS, FilterConfig
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.files import output_folder, write_json
-from diffbot_lab.benchmark.filter_cases import DURATION, SCENARIOS, SKIPPED, Scenario, drive_of, name_of
-from diffbot_lab.benchmark.filter_report import conclusions, table
+from diffbot_lab.filter_benchmark.cases import DURATION, SCENARIOS, SKIPPED, Scenario, drive_of, name_of
+from diffbot_lab.filter_benchmark.report import conclusions, table
 from diffbot_sim.compiled.batch import in_threads
 from diffbot_sim.compiled.jit import compile_kernel
 from diffbot_sim.compiled.open_loop import AWAY, OpenLoopCase, Tracking, drive
@@ -180,7 +180,7 @@ def run_and_report(runs: int, seed: int, folder: Path, figures: bool) -> int:
 def draw(results: dict[str, Any], path: Path) -> None:
     """Draw one faulty run of each variant, and the errors of all cases."""
     # Loads matplotlib.
-    from diffbot_lab.benchmark.filter_figure import draw_localization  # noqa: PLC0415
+    from diffbot_lab.filter_benchmark.figure import draw_localization  # noqa: PLC0415
 
     odometry_rate, fix_rate = RATES_OF_FIGURE
     histories = {

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diffbot_control.filter.options import CALIBRATING, EKF, FILTERS, FNN, FNN_CALIBRATING
-from diffbot_lab.benchmark.filter_cases import RATES
-from diffbot_lab.plotting import new_grid, save
+from diffbot_lab.filter_benchmark.cases import RATES
+from diffbot_tools.plotting import new_grid, save
 
 Array = NDArray[np.float64]
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from diffbot_lab.benchmark.filter_report import Results, targets
-from diffbot_lab.benchmark.targets import markdown_table, number, target_table
+from diffbot_lab.filter_benchmark.report import Results, targets
+from diffbot_lab.targets import markdown_table, number, target_table
 
 _ACCURACY = (
     *("Hz", "filter", "\\|position\\| [m]: RMSE", "95 % of the runs", "largest"),

@@ -11,14 +11,14 @@ from typing import Any
 from tqdm import tqdm
 
 from diffbot_core.files import write_text
-from diffbot_lab.benchmark.targets import markdown_table
-from diffbot_lab.calibration.calibrate import calibrate
-from diffbot_lab.calibration.command import read_drive
-from diffbot_lab.calibration.parameters import given_parameters, outcome_of, parameter_file
-from diffbot_lab.dataset.bag import EKF_FILE
-from diffbot_lab.dataset.benchmark import DriveResult, filtered_with
-from diffbot_lab.refilter.comparison import Errors, Figures, figures_of
-from diffbot_lab.refilter.parameters import read_config
+from diffbot_lab.filter_benchmark.real_drives import DriveResult, filtered_with
+from diffbot_lab.targets import markdown_table
+from diffbot_tools.calibration.calibrate import calibrate
+from diffbot_tools.calibration.command import read_drive
+from diffbot_tools.calibration.parameters import given_parameters, outcome_of, parameter_file
+from diffbot_tools.dataset.bag import EKF_FILE
+from diffbot_tools.refilter.comparison import Errors, Figures, figures_of
+from diffbot_tools.refilter.parameters import read_config
 
 SHARE = 1.0 / 3.0
 """of each drive that is calibrated on"""

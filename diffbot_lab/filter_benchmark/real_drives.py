@@ -10,17 +10,17 @@ from typing import Any, NamedTuple
 
 from tqdm import tqdm
 
-from diffbot_bag.reader import BagReader
+from diffbot_bag.bag.reader import BagReader
 from diffbot_control.filter.localization import Estimate
 from diffbot_core.errors import DiffbotError
 from diffbot_core.files import output_folder, write_json, write_text
-from diffbot_lab.benchmark.targets import markdown_table
-from diffbot_lab.dataset.bag import EKF_FILE, write_drive
-from diffbot_lab.dataset.drive import Drive
-from diffbot_lab.dataset.labyrinth import INPUT, read_labyrinth
-from diffbot_lab.dataset.mrclam import read_mrclam, robots_in
-from diffbot_lab.refilter.command import drive, filter_run
-from diffbot_lab.refilter.comparison import (
+from diffbot_lab.targets import markdown_table
+from diffbot_tools.dataset.bag import EKF_FILE, write_drive
+from diffbot_tools.dataset.drive import Drive
+from diffbot_tools.dataset.labyrinth import INPUT, read_labyrinth
+from diffbot_tools.dataset.mrclam import read_mrclam, robots_in
+from diffbot_tools.refilter.command import drive, filter_run
+from diffbot_tools.refilter.comparison import (
     Consistency,
     Errors,
     Figures,
@@ -29,7 +29,7 @@ from diffbot_lab.refilter.comparison import (
     figures_of,
     read_truth,
 )
-from diffbot_lab.refilter.parameters import read_config
+from diffbot_tools.refilter.parameters import read_config
 
 TITLES = (
     "drive", "RMSE [m]", "largest [m]", "heading [rad]", "NEES", "NIS per number", "whiteness", "rejected",
@@ -150,7 +150,7 @@ def run_and_report(data: Path, out: Path, figures: bool, *, calibrated: bool = F
             text = table(results)
             if calibrated:
                 # Loads numba.
-                from diffbot_lab.dataset.calibrated import calibrated_table, study  # noqa: PLC0415
+                from diffbot_lab.filter_benchmark.real_calibration import calibrated_table, study  # noqa: PLC0415
 
                 results["calibrated"] = study(found, Path(folder))
                 text += "\n\n" + calibrated_table(results["calibrated"])
@@ -158,7 +158,7 @@ def run_and_report(data: Path, out: Path, figures: bool, *, calibrated: bool = F
         write_text(out / "table.md", text + "\n")
         if figures:
             # Loads matplotlib.
-            from diffbot_lab.dataset.figure import draw_drive  # noqa: PLC0415
+            from diffbot_lab.filter_benchmark.real_figure import draw_drive  # noqa: PLC0415
 
             for one in found:
                 draw_drive(one.name, one.errors, out / f"{one.name.replace(' ', '_')}.png")

@@ -8,8 +8,8 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 
-from diffbot_lab.plotting import BLUE, GREY, ORANGE, save
-from diffbot_lab.refilter.comparison import Errors
+from diffbot_tools.plotting import BLUE, GREY, ORANGE, save
+from diffbot_tools.refilter.comparison import Errors
 
 _MAX_POINTS = 4000
 """Points of a curve; more are not visible."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from diffbot_control.filter.options import EKF, FNN
-from diffbot_lab.benchmark.filter_cases import RATES, name_of
-from diffbot_lab.benchmark.targets import Target, evaluate_targets, number, summary
+from diffbot_lab.filter_benchmark.cases import RATES, name_of
+from diffbot_lab.targets import Target, evaluate_targets, number, summary
 
 Results = dict[str, Any]
 

@@ -14,7 +14,6 @@ from tqdm import tqdm
 
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.files import output_folder, write_json
-from diffbot_lab.metrics import quantiles
 from diffbot_lab.paper.scenarios import (
     HEADINGS_B,
     LAWS,
@@ -26,6 +25,7 @@ from diffbot_lab.paper.scenarios import (
     starts_of,
 )
 from diffbot_sim.compiled.batch import COLUMNS, HISTORY_COLUMNS, Starts, run_batch, run_histories
+from diffbot_tools.metrics import quantiles
 
 Array = NDArray[np.float64]
 

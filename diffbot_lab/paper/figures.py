@@ -13,7 +13,7 @@ from matplotlib.collections import LineCollection
 from numpy.typing import NDArray
 
 from diffbot_lab.paper.scenarios import Group
-from diffbot_lab.plotting import new_figure, save
+from diffbot_tools.plotting import new_figure, save
 
 Array = NDArray[np.float64]
 

@@ -9,8 +9,8 @@ from typing import Any
 
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.ranges import LENGTH
-from diffbot_lab.arguments import MAX_SEED, number_between, once, setting, whole
 from diffbot_lab.stability.result_file import read_result
+from diffbot_tools.arguments import MAX_SEED, number_between, once, setting, whole
 
 TUNED = "tuned"
 _OF_PAPER = ("width", "columns")

@@ -55,7 +55,7 @@ def _check(options: argparse.Namespace) -> int:
     results = check_bag(contract, *_measure(options.bag))
     failed = sum(not one.passed for one in results)
     if options.junit is not None:
-        from diffbot_lab.bag.junit import write_junit  # noqa: PLC0415
+        from diffbot_tools.bag.junit import write_junit  # noqa: PLC0415
 
         write_junit(options.junit.expanduser(), str(options.bag), results)
     if options.json:
@@ -70,8 +70,8 @@ def _check(options: argparse.Namespace) -> int:
 
 def _measure(bag: Path) -> tuple[BagInfo, dict[str, Consistency]]:
     from diffbot_bag.tools.bag_info import read_info  # noqa: PLC0415
-    from diffbot_lab.bag.consistency import observers_for  # noqa: PLC0415
-    from diffbot_lab.bag.progress import read_with_bar  # noqa: PLC0415
+    from diffbot_tools.bag.consistency import observers_for  # noqa: PLC0415
+    from diffbot_tools.bag.progress import read_with_bar  # noqa: PLC0415
 
     observers = observers_for({topic.name: topic.type for topic in read_info(bag, quick=True).topics})
     info = read_with_bar(bag, observers={name: one.add for name, one in observers.items()})

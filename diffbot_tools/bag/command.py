@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-from diffbot_lab.bag.check_command import add_check
-from diffbot_lab.bag.filter_command import add_filter
-from diffbot_lab.bag.info_command import add_info
-from diffbot_lab.bag.merge_command import add_merge
-from diffbot_lab.bag.repair_command import add_repair
-from diffbot_lab.bag.split_command import add_split
-from diffbot_lab.bag.trim_command import add_trim
+from diffbot_tools.bag.check_command import add_check
+from diffbot_tools.bag.filter_command import add_filter
+from diffbot_tools.bag.info_command import add_info
+from diffbot_tools.bag.merge_command import add_merge
+from diffbot_tools.bag.repair_command import add_repair
+from diffbot_tools.bag.split_command import add_split
+from diffbot_tools.bag.trim_command import add_trim
 
 _VERBS = (
     add_info,

@@ -6,13 +6,13 @@ import math
 from collections.abc import Mapping
 from typing import Protocol
 
-from diffbot_bag.cdr import LABELLED, CdrError, NumberRows, labelled_layout, labels_of
+from diffbot_bag.bag.cdr import LABELLED, CdrError, NumberRows, labelled_layout, labels_of
 from diffbot_bag.tools.contract_check import Consistency
 from diffbot_control.filter.gate import ACCEPTED, FIX, HEADING, LANDMARK
 from diffbot_control.filter.innovation_monitor import WINDOW, InnovationMonitor
-from diffbot_lab.refilter.nis_topic import NIS_LABELS, NIS_TOPIC
-from diffbot_lab.view.robot_topics import STATUS
-from diffbot_lab.view.texts import number, read_status
+from diffbot_tools.refilter.nis_topic import NIS_LABELS, NIS_TOPIC
+from diffbot_tools.view.robot_topics import STATUS
+from diffbot_tools.view.texts import number, read_status
 
 _KIND = {1: HEADING, 2: LANDMARK, 3: FIX}
 """of a measurement, by how many numbers it has"""

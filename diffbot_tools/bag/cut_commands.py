@@ -8,10 +8,10 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from diffbot_lab.bag.unfinished_bags import print_warning
+from diffbot_tools.bag.unfinished_bags import print_warning
 
 if TYPE_CHECKING:
-    from diffbot_bag.metadata import BagMetadata
+    from diffbot_bag.bag.metadata import BagMetadata
     from diffbot_bag.tools.cut import NewBag
     from diffbot_bag.tools.source_bag import SourceBag
 
@@ -43,7 +43,7 @@ def make_bag(verb: str, inputs: Sequence[Path], out: Path, plan: Callable[[list[
     """
     from tqdm import tqdm  # noqa: PLC0415 - only the called command is imported
 
-    from diffbot_bag.new_bag import check_new  # noqa: PLC0415
+    from diffbot_bag.bag.new_bag import check_new  # noqa: PLC0415
     from diffbot_bag.tools.source_bag import SourceBag  # noqa: PLC0415
 
     check_new(out)

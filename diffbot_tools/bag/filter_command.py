@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from diffbot_bag.topic_selection import TopicSelection
-from diffbot_lab.bag.cut_commands import add_paths, make_bag
+from diffbot_bag.bag.topic_selection import TopicSelection
+from diffbot_tools.bag.cut_commands import add_paths, make_bag
 
 
 def add_filter(verbs: Any) -> None:

@@ -20,8 +20,8 @@ def add_info(verbs: Any) -> None:
 
 def _call(options: argparse.Namespace) -> int:
     from diffbot_bag.tools.bag_info import info_as_plain  # noqa: PLC0415 - only the called command is imported
-    from diffbot_lab.bag.info_text import info_text  # noqa: PLC0415
-    from diffbot_lab.bag.progress import read_with_bar  # noqa: PLC0415
+    from diffbot_tools.bag.info_text import info_text  # noqa: PLC0415
+    from diffbot_tools.bag.progress import read_with_bar  # noqa: PLC0415
 
     info = read_with_bar(options.bag, quick=options.quick)
     if options.json:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Sequence
 
-from diffbot_bag.foreign_files import shown
-from diffbot_bag.qos import Qos
+from diffbot_bag.bag.foreign_files import shown
+from diffbot_bag.bag.qos import Qos
 from diffbot_bag.tools.bag_info import BagInfo, TopicInfo
 from diffbot_bag.tools.topic_figures import MAX_TIME
 

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from diffbot_lab.bag.cut_commands import make_bag
+from diffbot_tools.bag.cut_commands import make_bag
 
 
 def add_merge(verbs: Any) -> None:

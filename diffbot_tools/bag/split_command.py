@@ -7,8 +7,8 @@ import re
 from typing import Any
 
 from diffbot_bag.tools.time_text import parse_duration
-from diffbot_lab.arguments import whole
-from diffbot_lab.bag.cut_commands import add_paths, make_bag, text_type
+from diffbot_tools.arguments import whole
+from diffbot_tools.bag.cut_commands import add_paths, make_bag, text_type
 
 UNITS = {"": 1, "k": 10**3, "M": 10**6, "G": 10**9, "Ki": 2**10, "Mi": 2**20, "Gi": 2**30}
 """[bytes]"""

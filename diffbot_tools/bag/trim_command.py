@@ -6,7 +6,7 @@ import argparse
 from typing import Any
 
 from diffbot_bag.tools.time_text import FORMS, TimeText, parse_duration, parse_time, span_of
-from diffbot_lab.bag.cut_commands import add_paths, make_bag, text_type
+from diffbot_tools.bag.cut_commands import add_paths, make_bag, text_type
 
 
 def add_trim(verbs: Any) -> None:

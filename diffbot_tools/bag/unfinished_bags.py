@@ -6,7 +6,7 @@ import sys
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from diffbot_bag.reader import BagReader
+    from diffbot_bag.bag.reader import BagReader
 
 
 def print_warning(reader: BagReader) -> None:

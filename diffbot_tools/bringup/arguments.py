@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from diffbot_control.ros.controller_parameters import ControllerNodeConfig
+from diffbot_control.ros.parameters.controller import ControllerNodeConfig
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.schema import Parameter, Spec, checked, parameters_of
 from diffbot_sim.ros.parameters import PlantNodeConfig

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from diffbot_core.errors import DiffbotError
-from diffbot_lab.parameter_files import read_parameters
+from diffbot_tools.parameter_files import read_parameters
 
 REQUIRED = (
     "linear.x.max_velocity",

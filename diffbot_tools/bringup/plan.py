@@ -37,7 +37,7 @@ def plan(values: Mapping[str, Any], share: Path, *, simulate: bool) -> list[Node
     """Return what to start, the recorder first, so that the bag misses nothing.
 
     Args:
-        values: of the arguments, by name, as :func:`~diffbot_lab.bringup.arguments.parse` returns them.
+        values: of the arguments, by name, as :func:`~diffbot_tools.bringup.arguments.parse` returns them.
         share: folder of this package's config, rviz and urdf.
         simulate: whether to start the plant.
     """

@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from diffbot_control.ros.ekf_parameters import EkfNodeConfig
-from diffbot_lab.calibration.events import FIX, Array, Events, Mask, averaged
-from diffbot_lab.calibration.likelihood import Filtered, Prior, run_events, settings_of
-from diffbot_lab.calibration.optimise import Fit, Likelihood, constants_of, fit
-from diffbot_lab.calibration.quantities import (
+from diffbot_control.ros.parameters.ekf import EkfNodeConfig
+from diffbot_tools.calibration.events import FIX, Array, Events, Mask, averaged
+from diffbot_tools.calibration.likelihood import Filtered, Prior, run_events, settings_of
+from diffbot_tools.calibration.optimise import Fit, Likelihood, constants_of, fit
+from diffbot_tools.calibration.quantities import (
     UP,
     Quantity,
     given_prior,
@@ -21,9 +21,9 @@ from diffbot_lab.calibration.quantities import (
     search_settings,
     with_values,
 )
-from diffbot_lab.calibration.settings import DENSITY, NIS, NUMBERS, TERM, WHITE, Settings
-from diffbot_lab.refilter.comparison import Consistency, consistency_of
-from diffbot_lab.refilter.filter_run import Innovation
+from diffbot_tools.calibration.settings import DENSITY, NIS, NUMBERS, TERM, WHITE, Settings
+from diffbot_tools.refilter.comparison import Consistency, consistency_of
+from diffbot_tools.refilter.filter_run import Innovation
 
 PERIOD = 0.05
 """[s] over which odometry is averaged in the search"""

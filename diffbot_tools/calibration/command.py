@@ -11,19 +11,19 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from diffbot_bag.reader import BagReader
-from diffbot_control.ros.ekf_parameters import EkfNodeConfig
-from diffbot_control.ros.message_fields import stamp_ns
+from diffbot_bag.bag.reader import BagReader
+from diffbot_control.ros.messages.message_fields import stamp_ns
+from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.errors import BadMessageError, DiffbotError, InvalidValueError
 from diffbot_core.files import write_text
 from diffbot_core.units import S_PER_NS
-from diffbot_lab.bag.unfinished_bags import print_warning
-from diffbot_lab.calibration.calibrate import Calibration, Judged, calibrate
-from diffbot_lab.calibration.events import Array, EventReader, Events
-from diffbot_lab.calibration.latency import Latency, latency_of, limits_of
-from diffbot_lab.calibration.parameters import Outcome, given_parameters, outcome_of, parameter_file
-from diffbot_lab.refilter.command import PARAMETERS, topics_of
-from diffbot_lab.refilter.parameters import read_config
+from diffbot_tools.bag.unfinished_bags import print_warning
+from diffbot_tools.calibration.calibrate import Calibration, Judged, calibrate
+from diffbot_tools.calibration.events import Array, EventReader, Events
+from diffbot_tools.calibration.latency import Latency, latency_of, limits_of
+from diffbot_tools.calibration.parameters import Outcome, given_parameters, outcome_of, parameter_file
+from diffbot_tools.refilter.command import PARAMETERS, topics_of
+from diffbot_tools.refilter.parameters import read_config
 
 COMMANDS = "/cmd_vel"
 

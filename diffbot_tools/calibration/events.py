@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from diffbot_control.filter.measurements import Heading, LandmarkMeasurement, Measurement, OdometryStep, PoseFix
 from diffbot_control.filter.stamp_order import Key, key_of, order_of
-from diffbot_control.ros.ekf_parameters import EkfNodeConfig
+from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.errors import BadMessageError, DiffbotError
 from diffbot_core.geometry import Pose
 from diffbot_core.units import S_PER_NS
-from diffbot_lab.refilter.filter_run import Answer, FilterRun
+from diffbot_tools.refilter.filter_run import Answer, FilterRun
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -14,9 +14,9 @@ import numpy as np
 
 from diffbot_control.filter.correlation import inflation_after
 from diffbot_core.geometry import wrap_angle
-from diffbot_lab.calibration.measurement_update import correct, fill
-from diffbot_lab.calibration.motion_update import advance
-from diffbot_lab.calibration.settings import NEVER, Settings, Work
+from diffbot_tools.calibration.measurement_update import correct, fill
+from diffbot_tools.calibration.motion_update import advance
+from diffbot_tools.calibration.settings import NEVER, Settings, Work
 
 
 def new_work(x: Any, P: Any) -> Work:

@@ -14,7 +14,7 @@ import numba
 import numpy as np
 from scipy.optimize import minimize
 
-from diffbot_lab.calibration.events import Array, Odometry
+from diffbot_tools.calibration.events import Array, Odometry
 
 _STEP = 0.02
 """[s] between the dead times tried first"""

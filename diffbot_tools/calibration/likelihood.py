@@ -13,11 +13,11 @@ import numpy as np
 
 from diffbot_control.filter import correlation, landmark_calibration, odometry_noise
 from diffbot_control.filter.options import options_of
-from diffbot_control.ros.ekf_parameters import EkfNodeConfig
+from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.code_hash import hash_of_folders
-from diffbot_lab.calibration import kernel, measurement_update, motion_update
-from diffbot_lab.calibration.events import Array, Events, Mask
-from diffbot_lab.calibration.settings import COLUMNS, STATES, TERM, WITH_BIAS, Settings
+from diffbot_tools.calibration import kernel, measurement_update, motion_update
+from diffbot_tools.calibration.events import Array, Events, Mask
+from diffbot_tools.calibration.settings import COLUMNS, STATES, TERM, WITH_BIAS, Settings
 
 
 class Prior(NamedTuple):

@@ -15,7 +15,7 @@ from diffbot_control.filter.models import (
     pose_innovation,
 )
 from diffbot_core.geometry import Point, Pose, wrap_angle
-from diffbot_lab.calibration.settings import LOG_2PI, Settings, Work
+from diffbot_tools.calibration.settings import LOG_2PI, Settings, Work
 
 
 def fill(work: Work, measurements: Any, k: int, s: Settings) -> int:

@@ -19,7 +19,7 @@ from diffbot_control.filter.models import (
 from diffbot_control.filter.odometry_noise import MotionDensity, motion_density, over_time
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist, TwistCovariance, scale_twist_covariance
-from diffbot_lab.calibration.settings import NANO, Settings, Work
+from diffbot_tools.calibration.settings import NANO, Settings, Work
 
 
 def advance(work: Work, odometry: Any, now: float, index: int, until: float, s: Settings) -> tuple[float, int]:

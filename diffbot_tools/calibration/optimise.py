@@ -11,10 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import minimize
 
-from diffbot_lab.calibration.events import Array, Events, Mask
-from diffbot_lab.calibration.likelihood import Filtered, Prior, log_likelihood, run_events
-from diffbot_lab.calibration.quantities import Quantity, with_values
-from diffbot_lab.calibration.settings import Settings
+from diffbot_tools.calibration.events import Array, Events, Mask
+from diffbot_tools.calibration.likelihood import Filtered, Prior, log_likelihood, run_events
+from diffbot_tools.calibration.quantities import Quantity, with_values
+from diffbot_tools.calibration.settings import Settings
 
 _STEP = 0.01
 """[s] and in logarithms, for the gradient"""

@@ -8,12 +8,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import yaml
 
-from diffbot_control.ros.ekf_parameters import EkfNodeConfig
+from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.schema import parameters_of, to_dict
-from diffbot_lab.calibration.calibrate import Calibration
-from diffbot_lab.calibration.events import FIX, HEADING, LANDMARK, Array, Events
-from diffbot_lab.calibration.latency import Latency, limits_of
-from diffbot_lab.calibration.quantities import CONSTANTS
+from diffbot_tools.calibration.calibrate import Calibration
+from diffbot_tools.calibration.events import FIX, HEADING, LANDMARK, Array, Events
+from diffbot_tools.calibration.latency import Latency, limits_of
+from diffbot_tools.calibration.quantities import CONSTANTS
 
 UNDETERMINED = 0.7
 """A posterior deviation above this share of the prior's: the drive does not determine the number."""

@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from diffbot_control.ros.ekf_parameters import EkfNodeConfig
-from diffbot_lab.calibration.events import FIX, HEADING, LANDMARK, Array, Events
-from diffbot_lab.calibration.likelihood import Prior
-from diffbot_lab.calibration.settings import MESSAGE, MOTION, Settings
+from diffbot_control.ros.parameters.ekf import EkfNodeConfig
+from diffbot_tools.calibration.events import FIX, HEADING, LANDMARK, Array, Events
+from diffbot_tools.calibration.likelihood import Prior
+from diffbot_tools.calibration.settings import MESSAGE, MOTION, Settings
 
 DOWN, UP = 0.2, 3.0
 """Prior deviations of ln(noise / given) below and above the given value, where landmarks are the only measurements: a

@@ -11,10 +11,10 @@ from diffbot_control.filter.measurements import OdometryStep, PoseFix
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import Twist, body_twist, encoder_covariance
 from diffbot_core.units import NS_PER_S
-from diffbot_lab.calibration.events import Collector, Events
 from diffbot_sim.model.actuators import ActuatorConfig
 from diffbot_sim.model.philox import NoiseKey
 from diffbot_sim.model.plant import PlantConfig, new_plant, plant_step_at
+from diffbot_tools.calibration.events import Collector, Events
 
 NOISE, SIGMA_XY, SIGMA_YAW = 0.05, 0.05, 0.03
 """What the messages claim: bound of the relative error of each encoder, deviations of a fix [m], [rad]."""

@@ -6,10 +6,10 @@ import os
 from pathlib import Path
 
 from diffbot_core.errors import DiffbotError
-from diffbot_lab.dataset.bag import EKF_FILE, write_drive
-from diffbot_lab.dataset.drive import Drive, duration
-from diffbot_lab.dataset.labyrinth import read_labyrinth
-from diffbot_lab.dataset.mrclam import read_mrclam
+from diffbot_tools.dataset.bag import EKF_FILE, write_drive
+from diffbot_tools.dataset.drive import Drive, duration
+from diffbot_tools.dataset.labyrinth import read_labyrinth
+from diffbot_tools.dataset.mrclam import read_mrclam
 
 
 def import_mrclam(folder: Path, robot: int, out: Path) -> int:

@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from diffbot_control.ros.landmark_cloud import LandmarkPoint
+from diffbot_control.ros.messages.landmark_cloud import LandmarkPoint
 from diffbot_core.errors import DiffbotError
 from diffbot_core.geometry import Point, Pose, wrap_angle
 from diffbot_core.kinematics import Twist

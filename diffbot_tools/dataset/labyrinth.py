@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from diffbot_control.ros.landmark_cloud import LandmarkPoint
+from diffbot_control.ros.messages.landmark_cloud import LandmarkPoint
 from diffbot_core.geometry import MAX_COORDINATE, Point, Pose
 from diffbot_core.kinematics import Twist
-from diffbot_lab.dataset.drive import UNKNOWN_HEADING, Drive, Measured, TruePose, clouds_of, in_order
-from diffbot_lab.dataset.number_file import DataError, Row, rows
-from diffbot_lab.dataset.shipped import LABYRINTH
+from diffbot_tools.dataset.drive import UNKNOWN_HEADING, Drive, Measured, TruePose, clouds_of, in_order
+from diffbot_tools.dataset.number_file import DataError, Row, rows
+from diffbot_tools.dataset.shipped import LABYRINTH
 
 INPUT, TRUTH = "Indoor_UWB_Input.txt", "Indoor_UWB_GT.txt"
 START_SIGMAS = 0.1, UNKNOWN_HEADING

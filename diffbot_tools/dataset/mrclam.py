@@ -9,12 +9,12 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from diffbot_control.ros.landmark_cloud import LandmarkPoint
+from diffbot_control.ros.messages.landmark_cloud import LandmarkPoint
 from diffbot_core.geometry import MAX_COORDINATE, Point, Pose, wrap_angle
 from diffbot_core.kinematics import Twist
-from diffbot_lab.dataset.drive import Drive, Measured, TruePose, clouds_of, in_order
-from diffbot_lab.dataset.number_file import DataError, table
-from diffbot_lab.dataset.shipped import MRCLAM
+from diffbot_tools.dataset.drive import Drive, Measured, TruePose, clouds_of, in_order
+from diffbot_tools.dataset.number_file import DataError, table
+from diffbot_tools.dataset.shipped import MRCLAM
 
 ROBOTS = range(1, 6)
 """Subjects 1 to 5 are the robots themselves; the landmarks follow."""

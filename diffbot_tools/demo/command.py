@@ -15,15 +15,15 @@ from typing import Any, NamedTuple
 
 from tqdm import tqdm
 
-from diffbot_bag.writer import is_unfinished
+from diffbot_bag.bag.writer import is_unfinished
 from diffbot_control.law.presets import PRESETS, TUNED
 from diffbot_core.errors import DiffbotError
 from diffbot_core.files import write_json
 from diffbot_core.geometry import Pose
-from diffbot_lab.demo.figure import draw_run
-from diffbot_lab.demo.processes import NodeProcesses, PrivateDomain, wait_until
-from diffbot_lab.demo.run_record import GoalResult, RunRecord, evaluate, read_run
-from diffbot_lab.view.report_command import write_report
+from diffbot_tools.demo.figure import draw_run
+from diffbot_tools.demo.processes import NodeProcesses, PrivateDomain, wait_until
+from diffbot_tools.demo.run_record import GoalResult, RunRecord, evaluate, read_run
+from diffbot_tools.view.report_command import write_report
 
 GOALS = (Pose(0.0, 0.0, 0.0), Pose(3.0, 2.0, math.pi / 2), Pose(1.0, -2.0, math.pi))
 """The goal of the paper's simulation A, then two others; the last one lies behind the robot."""
@@ -175,13 +175,13 @@ def _start_nodes(options: DemoOptions, folder: Path, nodes: NodeProcesses) -> su
     if options.watch:
         page = nodes.start(
             "watch",
-            "diffbot_lab.watch.watch_node",
+            "diffbot_tools.watch.watch_node",
             {"port": 0, "open_browser": True, "record_folder": str((folder / "recorded").resolve())},
             stdout=subprocess.PIPE,
         )
         print((page.stdout.readline() if page.stdout else "").strip() or nodes.last_log_line("watch"), flush=True)
     parameters = {"goals": goals, "recorded_topics": list(RECORDED_TOPICS), "pause_at_end": not options.watch}
-    return nodes.start("demo", "diffbot_lab.demo.demo_node", parameters, stdout=subprocess.PIPE)
+    return nodes.start("demo", "diffbot_tools.demo.demo_node", parameters, stdout=subprocess.PIPE)
 
 
 def _stay(nodes: NodeProcesses) -> None:

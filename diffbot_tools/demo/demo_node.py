@@ -5,7 +5,7 @@ from __future__ import annotations
 if __name__ == "__main__":  # before the imports that take long: see launcher
     from diffbot_core.launcher import launch
 
-    raise SystemExit(launch("diffbot_lab.demo.demo_node"))
+    raise SystemExit(launch("diffbot_tools.demo.demo_node"))
 
 import json
 from typing import Any
@@ -15,12 +15,12 @@ from geometry_msgs.msg import PoseStamped
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool
 
-from diffbot_control.ros.messages import goal_message
+from diffbot_control.ros.messages.conversions import goal_message
 from diffbot_core.geometry import Pose
 from diffbot_core.ros.node import LATCHED, QUEUE, DiffbotNode, run
 from diffbot_core.units import NS_PER_S
-from diffbot_lab.demo.mission import Mission
-from diffbot_lab.demo.parameters import DemoNodeConfig
+from diffbot_tools.demo.mission import Mission
+from diffbot_tools.demo.parameters import DemoNodeConfig
 
 _PERIOD = 0.05
 _READY_TICKS = 10

@@ -9,8 +9,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from diffbot_core.geometry import Pose
-from diffbot_lab.demo.run_record import RunRecord
-from diffbot_lab.plotting import BLUE, GREEN, GREY, ORANGE, RED, save
+from diffbot_tools.demo.run_record import RunRecord
+from diffbot_tools.plotting import BLUE, GREEN, GREY, ORANGE, RED, save
 
 _STYLES: dict[str, dict[str, Any]] = {
     "fixes": {

@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from diffbot_bag.reader import BagReader
+from diffbot_bag.bag.reader import BagReader
 from diffbot_core.errors import DiffbotError
 from diffbot_core.geometry import Pose, origin_of_frame, out_of_frame, yaw_of_quaternion
-from diffbot_lab.metrics import GoalMetrics, goal_metrics
+from diffbot_tools.metrics import GoalMetrics, goal_metrics
 
 Array = NDArray[np.float64]
 

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from diffbot_core.errors import DiffbotError
-from diffbot_lab.interfaces.definitions import ACTIONS, PACKAGE
+from diffbot_tools.interfaces.definitions import ACTIONS, PACKAGE
 
 _TYPE_SUPPORTS = ("rosidl_typesupport_fastrtps_c", "rosidl_typesupport_introspection_c")
 """What Fast DDS needs: it writes messages with the first, and describes types to others with the second."""

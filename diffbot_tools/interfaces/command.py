@@ -10,8 +10,8 @@ from typing import Any
 from tqdm import tqdm
 
 from diffbot_core.errors import DiffbotError
-from diffbot_lab.interfaces.build import build_interfaces, default_folder, steps
-from diffbot_lab.interfaces.definitions import ACTIONS, PACKAGE
+from diffbot_tools.interfaces.build import build_interfaces, default_folder, steps
+from diffbot_tools.interfaces.definitions import ACTIONS, PACKAGE
 
 
 def add_interfaces(commands: Any) -> None:

@@ -8,15 +8,15 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from diffbot_bag.encoding import Encoder
-from diffbot_bag.new_bag import new_bag
-from diffbot_bag.reader import BagReader
-from diffbot_control.ros.ekf_parameters import EkfNodeConfig
+from diffbot_bag.bag.encoding import Encoder
+from diffbot_bag.bag.new_bag import new_bag
+from diffbot_bag.bag.reader import BagReader
 from diffbot_control.ros.frames import robot_frame
+from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.errors import DiffbotError
 from diffbot_core.units import S_PER_NS
-from diffbot_lab.bag.unfinished_bags import print_warning
-from diffbot_lab.refilter.comparison import (
+from diffbot_tools.bag.unfinished_bags import print_warning
+from diffbot_tools.refilter.comparison import (
     consistency_of,
     describe_consistency,
     describe_figures,
@@ -24,9 +24,9 @@ from diffbot_lab.refilter.comparison import (
     figures_of,
     read_truth,
 )
-from diffbot_lab.refilter.filter_run import Answer, FilterRun, inputs_of
-from diffbot_lab.refilter.output import OutputTopics
-from diffbot_lab.refilter.parameters import read_config
+from diffbot_tools.refilter.filter_run import Answer, FilterRun, inputs_of
+from diffbot_tools.refilter.output import OutputTopics
+from diffbot_tools.refilter.parameters import read_config
 
 PARAMETERS = "ekf.yaml"
 """Parameter file in the folder of a bag, for a bag without --params."""

@@ -8,14 +8,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from diffbot_bag.reader import BagReader
+from diffbot_bag.bag.reader import BagReader
 from diffbot_control.filter.localization import Estimate
-from diffbot_control.ros.message_fields import pose_of, stamp_ns
+from diffbot_control.ros.messages.message_fields import pose_of, stamp_ns
 from diffbot_core.errors import BadMessageError, DiffbotError
 from diffbot_core.geometry import TWO_PI
 from diffbot_core.units import S_PER_NS
-from diffbot_lab.refilter.filter_run import Innovation
-from diffbot_lab.trajectory import Trajectory, poses_at
+from diffbot_tools.refilter.filter_run import Innovation
+from diffbot_tools.trajectory import Trajectory, poses_at
 
 Array = NDArray[np.float64]
 

@@ -7,13 +7,13 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
-from diffbot_bag.reader import DecodedMessage
+from diffbot_bag.bag.reader import DecodedMessage
 from diffbot_control.filter.gate import ACCEPTED, IGNORED, WEIGHED
 from diffbot_control.filter.innovation_monitor import InnovationMonitor
 from diffbot_control.filter.localization import Estimate, Localization
 from diffbot_control.filter.measurements import Array, LandmarkMeasurement, Measurement, OdometryStep, PoseFix
-from diffbot_control.ros.ekf_messages import EkfInputs, corrected_twist
-from diffbot_control.ros.ekf_parameters import EkfNodeConfig
+from diffbot_control.ros.messages.ekf_messages import EkfInputs, corrected_twist
+from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.errors import BadMessageError
 from diffbot_core.kinematics import Twist
 

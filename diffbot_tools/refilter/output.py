@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from diffbot_bag.encoding import ODOMETRY, POSE, Encoder, NumbersMessage
-from diffbot_bag.writer import BagWriter
+from diffbot_bag.bag.encoding import ODOMETRY, POSE, Encoder, NumbersMessage
+from diffbot_bag.bag.writer import BagWriter
 from diffbot_control.filter.localization import Estimate
-from diffbot_control.ros.message_fields import fill_planar_covariance, fill_twist_covariance, fill_unestimated
+from diffbot_control.ros.messages.message_fields import fill_planar_covariance, fill_twist_covariance, fill_unestimated
 from diffbot_core.geometry import quaternion_of_yaw
-from diffbot_lab.refilter.filter_run import Answer, Innovation
-from diffbot_lab.refilter.nis_topic import NIS_LABELS, NIS_TOPIC
+from diffbot_tools.refilter.filter_run import Answer, Innovation
+from diffbot_tools.refilter.nis_topic import NIS_LABELS, NIS_TOPIC
 
 NIS = "std_msgs/msg/Float64MultiArray"
 

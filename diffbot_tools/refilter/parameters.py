@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from diffbot_control.ros.ekf_parameters import EkfNodeConfig
+from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.errors import DiffbotError
 from diffbot_core.schema import build
-from diffbot_lab.parameter_files import read_parameters
+from diffbot_tools.parameter_files import read_parameters
 
 NODE = "ekf"
 IGNORED = frozenset({"use_sim_time"})

@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from diffbot_bag.attachments import Parameters
-from diffbot_bag.cdr import LAYOUTS, CdrError, Layout, NumberRows, labelled_layout, labels_of
-from diffbot_bag.reader import BagReader
+from diffbot_bag.bag.cdr import LAYOUTS, CdrError, Layout, NumberRows, labelled_layout, labels_of
+from diffbot_bag.bag.reader import BagReader
+from diffbot_bag.mcap.attachments import Parameters
 from diffbot_bag.tools.bag_info import TopicInfo, info_of
-from diffbot_lab.bag.unfinished_bags import print_warning
-from diffbot_lab.view.landmarks import CloudRows, Measured
-from diffbot_lab.view.plans import Plan, PlanRows
-from diffbot_lab.view.robot_topics import (
+from diffbot_tools.bag.unfinished_bags import print_warning
+from diffbot_tools.view.landmarks import CloudRows, Measured
+from diffbot_tools.view.plans import Plan, PlanRows
+from diffbot_tools.view.robot_topics import (
     CLOUD,
     COMMON,
     LOG,
@@ -28,8 +28,8 @@ from diffbot_lab.view.robot_topics import (
     RobotTopics,
     robots_in,
 )
-from diffbot_lab.view.texts import read_log, read_status, read_statuses
-from diffbot_lab.view.transforms import TransformRows
+from diffbot_tools.view.texts import read_log, read_status, read_statuses
+from diffbot_tools.view.transforms import TransformRows
 
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]

@@ -11,9 +11,9 @@ import numpy as np
 
 from diffbot_control.law.regions import REGION_NAMES
 from diffbot_core.geometry import MAX_COORDINATE, Pose, yaw_of_quaternion
-from diffbot_lab.view.bag_tables import RobotTables, Timed
-from diffbot_lab.view.clock import Clock, Columns
-from diffbot_lab.view.texts import LogLine, Status
+from diffbot_tools.view.bag_tables import RobotTables, Timed
+from diffbot_tools.view.clock import Clock, Columns
+from diffbot_tools.view.texts import LogLine, Status
 
 OK, WARNING, ERROR = 0, 1, 2
 MAX_EVENTS = 2000

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from diffbot_core.errors import DiffbotError
 from diffbot_core.files import write_text
 from diffbot_core.geometry import quaternion_of_yaw
-from diffbot_lab.view.clock import Columns
-from diffbot_lab.view.report import BagRun, RobotRun
+from diffbot_tools.view.clock import Columns
+from diffbot_tools.view.report import BagRun, RobotRun
 
 Array = NDArray[np.float64]
 
@@ -39,7 +39,7 @@ def export(run: BagRun, report: Path, csv: bool, tum: bool, png: bool) -> list[P
                 written.append(report.with_name(f"{stem}_{name}.tum"))
                 write_text(written[-1], tum_text(robot.curves[name], run.clock.origin))
         if png:
-            from diffbot_lab.view.picture import draw_robot  # noqa: PLC0415 - loads matplotlib
+            from diffbot_tools.view.picture import draw_robot  # noqa: PLC0415 - loads matplotlib
 
             written.append(report.with_name(f"{stem}.png"))
             draw_robot(robot, f"{run.title}: {robot.name}", written[-1])

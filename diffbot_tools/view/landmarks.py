@@ -10,13 +10,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from diffbot_bag.cdr import CdrCursor, CdrError
-from diffbot_control.ros.landmark_cloud import landmark_points
+from diffbot_bag.bag.cdr import CdrCursor, CdrError
+from diffbot_control.ros.messages.landmark_cloud import landmark_points
 from diffbot_core.errors import BadMessageError
 from diffbot_core.units import S_PER_NS
-from diffbot_lab.trajectory import Trajectory, poses_at
-from diffbot_lab.view.clock import Clock
-from diffbot_lab.view.transforms import BASES, base_name
+from diffbot_tools.trajectory import Trajectory, poses_at
+from diffbot_tools.view.clock import Clock
+from diffbot_tools.view.transforms import BASES, base_name
 
 Array = NDArray[np.float64]
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from diffbot_core.geometry import Pose
-from diffbot_lab.trajectory import Trajectory
-from diffbot_lab.view.landmarks import Measured, local_points, placed
+from diffbot_tools.trajectory import Trajectory
+from diffbot_tools.view.landmarks import Measured, local_points, placed
 
 _MAX_POSES, _MAX_CLOUDS = 200, 20
 """that are kept: 4 s of estimates at 50 Hz"""
@@ -34,7 +34,7 @@ class LandmarkPlacer:
             self._poses.append((stamp, pose))
 
     def add_cloud(self, message: Any) -> None:
-        """Add a cloud, see :func:`diffbot_lab.view.landmarks.read_cloud`.
+        """Add a cloud, see :func:`diffbot_tools.view.landmarks.read_cloud`.
 
         Raises:
             BadMessageError: if it cannot be used.

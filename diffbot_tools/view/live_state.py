@@ -8,8 +8,8 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from diffbot_lab.view.events import Event
-from diffbot_lab.view.texts import FILTER_COLUMNS
+from diffbot_tools.view.events import Event
+from diffbot_tools.view.texts import FILTER_COLUMNS
 
 COLUMNS: dict[str, tuple[str, ...]] = {
     "estimate": ("t", "x", "y", "theta", "xx", "xy", "yy", "tt"),

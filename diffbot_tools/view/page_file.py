@@ -35,7 +35,7 @@ _EXPORT = re.compile(r"^export (?=async |function |class |const |let )", re.MULT
 
 def page_text(name: str) -> str:
     """Return a file of the page."""
-    return files("diffbot_lab.view").joinpath("page", name).read_text(encoding="utf-8")
+    return files("diffbot_tools.view").joinpath("page", name).read_text(encoding="utf-8")
 
 
 @cache

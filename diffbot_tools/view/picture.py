@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from diffbot_lab.demo.figure import draw_run
-from diffbot_lab.demo.run_record import RunRecord
-from diffbot_lab.view.report import RobotRun
+from diffbot_tools.demo.figure import draw_run
+from diffbot_tools.demo.run_record import RunRecord
+from diffbot_tools.view.report import RobotRun
 
 Array = NDArray[np.float64]
 

@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from diffbot_bag.cdr import CdrCursor, CdrError
+from diffbot_bag.bag.cdr import CdrCursor, CdrError
 from diffbot_core.geometry import MAX_COORDINATE
-from diffbot_lab.view.clock import Clock, Columns
-from diffbot_lab.view.transforms import is_local
+from diffbot_tools.view.clock import Clock, Columns
+from diffbot_tools.view.transforms import is_local
 
 MAX_POINTS = 500
 """of a path that are drawn"""

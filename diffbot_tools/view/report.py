@@ -12,17 +12,17 @@ from numpy.typing import NDArray
 from diffbot_bag.tools.bag_info import TopicInfo
 from diffbot_control.law.configuration import ControllerConfig
 from diffbot_core.errors import DiffbotError
-from diffbot_lab.metrics import goal_metrics
-from diffbot_lab.trajectory import Trajectory
-from diffbot_lab.view.bag_tables import BagTables, RobotTables, read_tables
-from diffbot_lab.view.clock import Clock, Columns
-from diffbot_lab.view.constants import constants_of, recorded_config
-from diffbot_lab.view.events import Event, GoalSent, events_of, goals_of
-from diffbot_lab.view.landmarks import Landmark, landmarks_on_map
-from diffbot_lab.view.packing import Packer
-from diffbot_lab.view.plans import Plan, PlanEnd, plan_columns
-from diffbot_lab.view.signals import NEES_BOUNDS, clock_of, curves_of
-from diffbot_lab.view.thinning import kept_rows
+from diffbot_tools.metrics import goal_metrics
+from diffbot_tools.trajectory import Trajectory
+from diffbot_tools.view.bag_tables import BagTables, RobotTables, read_tables
+from diffbot_tools.view.clock import Clock, Columns
+from diffbot_tools.view.constants import constants_of, recorded_config
+from diffbot_tools.view.events import Event, GoalSent, events_of, goals_of
+from diffbot_tools.view.landmarks import Landmark, landmarks_on_map
+from diffbot_tools.view.packing import Packer
+from diffbot_tools.view.plans import Plan, PlanEnd, plan_columns
+from diffbot_tools.view.signals import NEES_BOUNDS, clock_of, curves_of
+from diffbot_tools.view.thinning import kept_rows
 
 Array = NDArray[np.float64]
 

@@ -70,9 +70,9 @@ def write_report(
     # Only the called command loads what it needs.
     from diffbot_control.law.presets import PRESETS  # noqa: PLC0415
     from diffbot_core.files import write_text  # noqa: PLC0415
-    from diffbot_lab.view.exports import export  # noqa: PLC0415
-    from diffbot_lab.view.page_file import html  # noqa: PLC0415
-    from diffbot_lab.view.report import page_data, read_bag_run  # noqa: PLC0415
+    from diffbot_tools.view.exports import export  # noqa: PLC0415
+    from diffbot_tools.view.page_file import html  # noqa: PLC0415
+    from diffbot_tools.view.report import page_data, read_bag_run  # noqa: PLC0415
 
     found = read_bag_run(bag, None if preset is None else PRESETS[preset])
     try:

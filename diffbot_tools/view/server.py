@@ -27,9 +27,9 @@ from websockets.http11 import Request as HttpRequest
 from websockets.http11 import Response
 
 from diffbot_core.errors import DiffbotError, InvalidValueError
-from diffbot_lab.view.intake import MAX_MESSAGE, Request, read_request
-from diffbot_lab.view.live_state import COLUMNS, LiveState
-from diffbot_lab.view.page_file import html, policy
+from diffbot_tools.view.intake import MAX_MESSAGE, Request, read_request
+from diffbot_tools.view.live_state import COLUMNS, LiveState
+from diffbot_tools.view.page_file import html, policy
 
 PERIOD = 0.05
 """[s] between two messages to a browser: 20 Hz"""

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import chdtri
 
-from diffbot_bag.cdr import LABELLED
+from diffbot_bag.bag.cdr import LABELLED
 from diffbot_core.errors import DiffbotError
 from diffbot_core.geometry import MAX_COORDINATE, Pose, origin_of_frame
 from diffbot_core.units import S_PER_NS
-from diffbot_lab.refilter.comparison import MAX_VAR_THETA, Errors, errors_at, nees_of
-from diffbot_lab.trajectory import Trajectory
-from diffbot_lab.view.bag_tables import LAW_COLUMNS, QUATERNION, RobotTables, Table, Timed
-from diffbot_lab.view.clock import Array, Clock, Columns
-from diffbot_lab.view.texts import FILTER_COLUMNS, filter_numbers
+from diffbot_tools.refilter.comparison import MAX_VAR_THETA, Errors, errors_at, nees_of
+from diffbot_tools.trajectory import Trajectory
+from diffbot_tools.view.bag_tables import LAW_COLUMNS, QUATERNION, RobotTables, Table, Timed
+from diffbot_tools.view.clock import Array, Clock, Columns
+from diffbot_tools.view.texts import FILTER_COLUMNS, filter_numbers
 
 NEES_BOUNDS = tuple(float(chdtri(3, tail)) for tail in (0.975, 0.025))
 """95 % of the NEES of a consistent estimate of three numbers are between these"""

@@ -8,8 +8,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from diffbot_lab.arguments import whole
-from diffbot_lab.watch.parameters import WatchConfig
+from diffbot_tools.arguments import whole
+from diffbot_tools.watch.parameters import WatchConfig
 
 
 def add_watch(commands: Any) -> None:
@@ -40,5 +40,5 @@ def _call(options: argparse.Namespace) -> int:
     # ROS parses values as YAML, of which JSON is a subset.
     arguments = [part for name, value in values.items() for part in ("-p", f"{name}:={json.dumps(value)}")]
     # By name: the command line can be imported without ROS.
-    node = importlib.import_module("diffbot_lab.watch.watch_node")
+    node = importlib.import_module("diffbot_tools.watch.watch_node")
     return int(node.main(["--ros-args", *arguments, *options.ros_args]))

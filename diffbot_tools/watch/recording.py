@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 from diffbot_core.errors import DiffbotError
-from diffbot_lab.demo.processes import BOUND, STOP_TIMEOUT
+from diffbot_tools.demo.processes import BOUND, STOP_TIMEOUT
 
 
 class Recording:

@@ -5,7 +5,7 @@ from __future__ import annotations
 if __name__ == "__main__":  # before the imports that take long: see launcher
     from diffbot_core.launcher import launch
 
-    raise SystemExit(launch("diffbot_lab.watch.watch_node"))
+    raise SystemExit(launch("diffbot_tools.watch.watch_node"))
 
 import os
 import threading
@@ -17,19 +17,19 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 
-from diffbot_bag.cdr import CdrError
+from diffbot_bag.bag.cdr import CdrError
 from diffbot_control.law.presets import PRESETS, TUNED
 from diffbot_core.errors import BadMessageError, DiffbotError
 from diffbot_core.ros.node import QUEUE, DiffbotNode, run
-from diffbot_lab.view.constants import constants_of
-from diffbot_lab.view.intake import Request
-from diffbot_lab.view.live_state import LiveState
-from diffbot_lab.view.server import Address, PageServer, Reply
-from diffbot_lab.view.texts import Status, read_statuses
-from diffbot_lab.watch.parameters import WatchConfig, robot_names
-from diffbot_lab.watch.recording import Recording
-from diffbot_lab.watch.ros.errands import Errands, Found
-from diffbot_lab.watch.ros.robot_watch import RobotWatch, SharedClock
+from diffbot_tools.view.constants import constants_of
+from diffbot_tools.view.intake import Request
+from diffbot_tools.view.live_state import LiveState
+from diffbot_tools.view.server import Address, PageServer, Reply
+from diffbot_tools.view.texts import Status, read_statuses
+from diffbot_tools.watch.parameters import WatchConfig, robot_names
+from diffbot_tools.watch.recording import Recording
+from diffbot_tools.watch.ros.errands import Errands, Found
+from diffbot_tools.watch.ros.robot_watch import RobotWatch, SharedClock
 
 _LOOK_PERIOD = 1.0
 _OUTDATED, _STALE = 5.0, 3

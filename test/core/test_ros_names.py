@@ -9,8 +9,8 @@ import rclpy.node
 from diffbot_bag import recorder_node, replay_node
 from diffbot_control import controller_node, ekf_node
 from diffbot_core.ros import node as ros_runtime
-from diffbot_lab.demo import demo_node
 from diffbot_sim import plant_node
+from diffbot_tools.demo import demo_node
 
 MODULES = (ros_runtime, controller_node, ekf_node, plant_node, demo_node, recorder_node, replay_node)
 

@@ -15,7 +15,7 @@ from mcap.records import Message
 from mcap.stream_reader import StreamReader
 from witness import NEAR
 
-from diffbot_bag.reader import BagReader
+from diffbot_bag.bag.reader import BagReader
 
 RECORDER = "diffbot_bag.recorder_node"
 SIGNALS = (signal.SIGINT, signal.SIGTERM)

@@ -15,7 +15,7 @@ from sensor_msgs.msg import PointCloud2, PointField
 from std_srvs.srv import Trigger
 
 from diffbot_control.ekf_node import EkfNode
-from diffbot_control.ros.landmark_cloud import LandmarkPoint, fill_landmark_points
+from diffbot_control.ros.messages.landmark_cloud import LandmarkPoint, fill_landmark_points
 from diffbot_core.errors import DiffbotError
 
 LANDMARKS = {"landmark_ids": [7, 3, -2], "landmark_x": [3.0, -4.0, 0.5], "landmark_y": [2.0, 1.0, -3.0]}

@@ -9,7 +9,7 @@ from builtin_interfaces.msg import Time
 from rosgraph_msgs.msg import Clock
 
 from diffbot_control.controller_node import ControllerNode
-from diffbot_control.ros.goal_file import SavedGoal, load_goal, save_goal
+from diffbot_control.ros.goals.goal_file import SavedGoal, load_goal, save_goal
 from diffbot_core.geometry import Pose
 
 ID = "0123456789abcdef" * 2
@@ -102,7 +102,7 @@ def test_a_goal_that_is_resumed_before_the_first_clock_has_the_time_since_then(n
 
 def test_the_file_follows_the_goal(start, tmp_path, monkeypatch):
     path, now = tmp_path / "goal", [1000.0]
-    monkeypatch.setattr("diffbot_control.ros.goal_keeper.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("diffbot_control.ros.goals.keeper.time.monotonic", lambda: now[0])
     node = start()
     assert not path.exists()
     node.goals.accept_goals(SINGLE.poses, False, "request", ID)

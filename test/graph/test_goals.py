@@ -11,8 +11,8 @@ from geometry_msgs.msg import PoseStamped
 from rcl_interfaces.srv import SetParametersAtomically
 from robot import LATCHED, SIMULATED, distance, initialpose, planar, pose_stamped, robot, twist
 
-from diffbot_control.ros.goal_client import LOST
-from diffbot_control.ros.goal_request import goal_request, new_goal_id
+from diffbot_control.ros.goals.client import LOST
+from diffbot_control.ros.goals.request import goal_request, new_goal_id
 from diffbot_control.ros.navigator import Navigator, TaskResult
 from diffbot_core.geometry import Pose
 

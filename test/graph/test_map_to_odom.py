@@ -12,7 +12,8 @@ from robot import pose_stamped
 
 from diffbot_control import ekf_node
 from diffbot_control.ekf_node import EkfNode
-from diffbot_control.ros import messages, tf
+from diffbot_control.ros import tf
+from diffbot_control.ros.messages import conversions as messages
 from diffbot_control.ros.tf import TransformSender
 from diffbot_core.geometry import Pose
 

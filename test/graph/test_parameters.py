@@ -13,8 +13,8 @@ from rclpy.parameter import parameter_value_to_python as python_value
 from diffbot_bag.parameters import RecorderConfig, ReplayConfig
 from diffbot_control.controller_node import ControllerNode
 from diffbot_control.ekf_node import EkfNode
-from diffbot_control.ros.controller_parameters import ControllerNodeConfig
-from diffbot_control.ros.ekf_parameters import EkfNodeConfig
+from diffbot_control.ros.parameters.controller import ControllerNodeConfig
+from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.errors import DiffbotError
 from diffbot_core.ros.node import DiffbotNode
 from diffbot_core.ros.parameter_names import PARAMETER_NAMES

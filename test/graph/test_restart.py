@@ -6,7 +6,7 @@ import graph
 import pytest
 from robot import distance, robot, twist
 
-from diffbot_control.ros.goal_client import LOST, GoalClient, Task
+from diffbot_control.ros.goals.client import LOST, GoalClient, Task
 from diffbot_core.geometry import Pose
 
 START = Pose(-4.0, 0.2, 0.0)

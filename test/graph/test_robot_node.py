@@ -9,7 +9,7 @@ from lockstep_drive import PERIOD, START, STEPS, assert_same_path, go
 from nav_msgs.msg import Odometry
 from robot import distance, lockstep, planar, pose_stamped, robot, stamp, twist
 
-from diffbot_bag.reader import BagReader
+from diffbot_bag.bag.reader import BagReader
 
 GOAL = (3.0, -1.0, 2.5)
 WORLD = {"seed": 11, "fix_delay": 0.3, "fix_dropout": 0.3, "fix_outlier": 0.1, "initial_pose.yaw": -2.0}

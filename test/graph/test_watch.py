@@ -13,8 +13,8 @@ from nav_msgs.msg import Odometry, Path
 from robot import LATCHED, planar, pose_stamped
 from sensor_msgs.msg import PointCloud2, PointField
 
-from diffbot_bag.reader import BagReader
-from diffbot_control.ros.landmark_cloud import LandmarkPoint, fill_landmark_points
+from diffbot_bag.bag.reader import BagReader
+from diffbot_control.ros.messages.landmark_cloud import LandmarkPoint, fill_landmark_points
 from diffbot_core.errors import DiffbotError
 
 START = -2.0, -5.5

@@ -23,7 +23,7 @@ ROS = {
 def uses_ros(module):
     """Return whether this module is one of the places of ROS: rooms named ``ros``, nodes, the conversions of bags."""
     _, *rooms = module.split(".")
-    return "ros" in rooms or module.endswith("_node") or module == "diffbot_bag.ros_conversions"
+    return "ros" in rooms or module.endswith("_node") or module == "diffbot_bag.ros.conversions"
 
 
 def interpret(program):

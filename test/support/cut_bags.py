@@ -13,8 +13,8 @@ from mcap.writer import IndexType
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import CompressionFormat, CompressionMode
 
-from diffbot_bag.message_definitions import MessageDefinitions
-from diffbot_bag.qos import Qos, dump_profiles
+from diffbot_bag.bag.message_definitions import MessageDefinitions
+from diffbot_bag.bag.qos import Qos, dump_profiles
 
 STEP = 10_000_000
 LATCHED = Qos(durability="transient_local")

@@ -10,7 +10,7 @@ from mcap.reader import make_reader
 from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
 
-from diffbot_bag.qos import Qos, dump_profiles
+from diffbot_bag.bag.qos import Qos, dump_profiles
 
 DEFINITION = b"float64 x\nfloat64 y\nfloat64 z\n"
 STEP = 1_000_000

@@ -184,7 +184,7 @@ def process(*command, **options):
 
 def diffbot(*arguments, **options):
     """Run the command ``diffbot`` while the ``with`` block lasts."""
-    return process(sys.executable, "-m", "diffbot_lab.cli", *arguments, **options)
+    return process(sys.executable, "-m", "diffbot_tools.cli", *arguments, **options)
 
 
 def node(module, parameters=None, arguments=(), **options):

@@ -7,7 +7,7 @@ import sys
 import graph
 import pytest
 
-from diffbot_lab.interfaces.build import build_interfaces
+from diffbot_tools.interfaces.build import build_interfaces
 
 
 @pytest.fixture(scope="session")

@@ -34,7 +34,7 @@ BROWSERS = (BROWSER, "chromium-browser", "google-chrome")
 PINNED_SET = "project"
 """Folder of the tests that look at the environment of `make setup` itself: pins, tools, colcon and pip."""
 AT_RUN_TIME = {
-    "diffbot_lab.calibration.likelihood": {"numba"},
+    "diffbot_tools.calibration.likelihood": {"numba"},
     "diffbot_sim.compiled.jit": {"numba"},
     "test.core.test_schema": {"numba"},
     "test.lab.campaign.test_runner": {"distributed", "pyarrow"},

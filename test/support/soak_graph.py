@@ -12,7 +12,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from scipy.stats import theilslopes
 
-from diffbot_lab.demo.processes import NodeProcesses, PrivateDomain
+from diffbot_tools.demo.processes import NodeProcesses, PrivateDomain
 
 START = (0.0, 0.0, 0.0)
 WARM_UP = 60.0

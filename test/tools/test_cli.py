@@ -9,10 +9,10 @@ import graph
 import pytest
 
 from diffbot_control.goals import goal_record
-from diffbot_lab import cli
-from diffbot_lab.goal_command import ENDS, INTERRUPTED, TIMED_OUT
+from diffbot_tools import cli
+from diffbot_tools.goal_command import ENDS, INTERRUPTED, TIMED_OUT
 
-DIFFBOT = (sys.executable, "-m", "diffbot_lab.cli")
+DIFFBOT = (sys.executable, "-m", "diffbot_tools.cli")
 WRONG = {
     "unknown command": ["dance"],
     "unknown flag": ["demo", "--fast"],
@@ -91,7 +91,7 @@ def test_run_returns_the_status_of_a_node_that_refuses_to_start():
 
 def test_negative_numbers_of_a_goal_are_positions_and_no_flags(kept_signal_handlers, monkeypatch):
     given = []
-    monkeypatch.setattr("diffbot_lab.goal_command.run", lambda options: given.append(options) or 0)
+    monkeypatch.setattr("diffbot_tools.goal_command.run", lambda options: given.append(options) or 0)
     assert cli.main(["goal", "-1.5", "-2", "-0.5", "--timeout", "3", "--no-wait"]) == 0
     assert given[0].pose == (-1.5, -2.0, -0.5)
     assert (given[0].frame, given[0].wait, given[0].timeout) == ("map", False, 3.0)
@@ -114,7 +114,7 @@ def test_a_name_that_no_node_has_is_an_error_in_one_line(arguments, kept_signal_
 
 def test_the_command_line_starts_without_heavy_libraries():
     """A goal is sent at once: scipy alone takes longer to load than the controller to answer."""
-    program = "import sys, diffbot_lab.cli; print(*{m.partition('.')[0] for m in sys.modules})"
+    program = "import sys, diffbot_tools.cli; print(*{m.partition('.')[0] for m in sys.modules})"
     loaded = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True)
     heavy = {"scipy", "filterpy", "numpy", "matplotlib", "numba", "pandas", "rclpy"}
     assert heavy & set(loaded.stdout.split()) == set()
@@ -124,7 +124,7 @@ def test_demo_refuses_what_it_cannot_write_before_anything_starts(tmp_path, kept
     def start(*_args, **_options):
         raise AssertionError("a node was started")
 
-    monkeypatch.setattr("diffbot_lab.demo.processes.NodeProcesses.start", start)
+    monkeypatch.setattr("diffbot_tools.demo.processes.NodeProcesses.start", start)
     used = tmp_path / "used" / "bag" / "metadata.yaml"
     foreign = tmp_path / "foreign" / "bag" / "thesis.txt"
     odd = tmp_path / "odd" / "bag"

@@ -8,9 +8,9 @@ import os
 import pytest
 
 from diffbot_core.errors import DiffbotError
-from diffbot_lab import cli
-from diffbot_lab.interfaces import build, command
-from diffbot_lab.interfaces.build import build_interfaces, default_folder
+from diffbot_tools import cli
+from diffbot_tools.interfaces import build, command
+from diffbot_tools.interfaces.build import build_interfaces, default_folder
 
 
 def test_without_a_compiler_it_says_what_to_install(tmp_path, monkeypatch):

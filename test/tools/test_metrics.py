@@ -7,7 +7,7 @@ import pytest
 
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose
-from diffbot_lab.metrics import goal_metrics, path_length, settling_time
+from diffbot_tools.metrics import goal_metrics, path_length, settling_time
 
 # 3 m ahead, 4 m to the left, back by 1 m: a drive from (0, 0) to (3, 3).
 TIME = np.array([10.0, 11.0, 12.5, 13.0, 14.0])

@@ -10,7 +10,7 @@ import json
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from diffbot_control.ros.goal_request import MAX_YAW, checked_goal_id
+from diffbot_control.ros.goals.request import MAX_YAW, checked_goal_id
 from diffbot_core.errors import DiffbotError
 from diffbot_core.files import write_text
 from diffbot_core.geometry import MAX_COORDINATE, Pose

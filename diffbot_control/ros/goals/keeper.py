@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from diffbot_control.goals.goal_record import CANCELLED, GoalRequest
-from diffbot_control.ros.goal_file import BrokenGoalError, SavedGoal, encode_poses, load_goal, save_goal
-from diffbot_control.ros.goal_server import GoalServer
+from diffbot_control.ros.goals.goal_file import BrokenGoalError, SavedGoal, encode_poses, load_goal, save_goal
+from diffbot_control.ros.goals.server import GoalServer
 from diffbot_core.errors import DiffbotError
 from diffbot_core.files import file_path
 from diffbot_core.ros.node import DiffbotNode
 
 if TYPE_CHECKING:
-    from diffbot_control.ros.controller_parameters import ControllerNodeConfig
+    from diffbot_control.ros.parameters.controller import ControllerNodeConfig
 
 RESTARTED = "the controller was restarted"
 _MIN_PERIOD = 0.1

@@ -19,12 +19,12 @@ from rcl_interfaces.srv import SetParametersAtomically
 from diffbot_control.goals import goal_record
 from diffbot_control.goals.goal_record import GoalRecord, GoalRequest, time_remaining
 from diffbot_control.goals.supervisor import Supervisor
-from diffbot_control.ros.goal_intake import TOPIC as GOAL_TOPIC
-from diffbot_control.ros.goal_intake import GoalIntake
-from diffbot_control.ros.goal_request import new_goal_id, read_goal_request
-from diffbot_control.ros.message_fields import set_stamp
-from diffbot_control.ros.path_intake import TOPIC as PATH_TOPIC
-from diffbot_control.ros.path_intake import PathIntake
+from diffbot_control.ros.goals.intake import TOPIC as GOAL_TOPIC
+from diffbot_control.ros.goals.intake import GoalIntake
+from diffbot_control.ros.goals.path_intake import TOPIC as PATH_TOPIC
+from diffbot_control.ros.goals.path_intake import PathIntake
+from diffbot_control.ros.goals.request import new_goal_id, read_goal_request
+from diffbot_control.ros.messages.message_fields import set_stamp
 from diffbot_core.errors import DiffbotError
 from diffbot_core.geometry import Pose
 from diffbot_core.ros.node import LATCHED, QUEUE, DiffbotNode, status_message

@@ -11,9 +11,8 @@ import numpy as np
 from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.measurements import Array, Heading, LandmarkMeasurement, OdometryStep, PoseFix
 from diffbot_control.filter.models import RadiusErrors, with_radius_errors, with_separation_error
-from diffbot_control.ros.ekf_parameters import EkfNodeConfig
 from diffbot_control.ros.frames import robot_frame
-from diffbot_control.ros.sensor_messages import (
+from diffbot_control.ros.messages.sensor_messages import (
     KnownNoise,
     fix_from,
     heading_from,
@@ -21,6 +20,7 @@ from diffbot_control.ros.sensor_messages import (
     odometry_from,
     wheel_speeds_from,
 )
+from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.kinematics import Twist, body_twist, encoder_covariance
 from diffbot_core.units import S_PER_NS
 

@@ -17,8 +17,8 @@ import numpy as np
 
 from diffbot_control.filter.covariance import UnknownCovarianceError, check_covariance, check_rows
 from diffbot_control.filter.measurements import Array, Heading, LandmarkMeasurement, OdometryStep, PoseFix
-from diffbot_control.ros.landmark_cloud import LandmarkPoint, landmark_points
-from diffbot_control.ros.message_fields import (
+from diffbot_control.ros.messages.landmark_cloud import LandmarkPoint, landmark_points
+from diffbot_control.ros.messages.message_fields import (
     MAX_SPEED,
     check_frame,
     check_numbers,

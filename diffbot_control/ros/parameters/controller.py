@@ -12,7 +12,7 @@ from diffbot_control.law.configuration import TANH, ControllerConfig
 from diffbot_control.law.controller import SwitchingLaw
 from diffbot_control.law.presets import PRESETS, TUNED
 from diffbot_control.ros.frames import PREFIX_TEXT, RELIABLE_TEXT
-from diffbot_control.ros.restart_parameters import RestartConfig
+from diffbot_control.ros.parameters.restart import RestartConfig
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.ros.command_parameters import CommandSourceConfig
 from diffbot_core.ros.fault_parameters import FaultConfig

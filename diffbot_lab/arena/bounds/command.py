@@ -21,15 +21,15 @@ from diffbot_core.errors import InvalidValueError
 from diffbot_core.files import output_folder, write_json
 from diffbot_core.geometry import Pose
 from diffbot_core.schema import build, to_dict
-from diffbot_lab.benchmark.bound_drive import AT_THE_POSE, INTO_TOLERANCE, Target
-from diffbot_lab.benchmark.bound_model import load_casadi
-from diffbot_lab.benchmark.bound_nmpc import NmpcConfig
-from diffbot_lab.benchmark.bound_report import table
-from diffbot_lab.benchmark.bound_time import fastest_drive
-from diffbot_lab.benchmark.law_cases import LIMITS, ArenaCase, arena_starts, cases_named, world_of
-from diffbot_lab.benchmark.law_entries import Entry
-from diffbot_lab.benchmark.law_runs import case_of
-from diffbot_lab.benchmark.law_statistics import figures_of
+from diffbot_lab.arena.bounds.drive import AT_THE_POSE, INTO_TOLERANCE, Target
+from diffbot_lab.arena.bounds.model import load_casadi
+from diffbot_lab.arena.bounds.nmpc import NmpcConfig
+from diffbot_lab.arena.bounds.report import table
+from diffbot_lab.arena.bounds.time import fastest_drive
+from diffbot_lab.arena.cases import LIMITS, ArenaCase, arena_starts, cases_named, world_of
+from diffbot_lab.arena.entries import Entry
+from diffbot_lab.arena.runs import case_of
+from diffbot_lab.arena.statistics import figures_of
 from diffbot_sim.compiled.closed_loop import make_loop, prepared
 
 Array = NDArray[np.float64]
@@ -37,7 +37,7 @@ Array = NDArray[np.float64]
 TIMED = ("nominal", "acceleration")
 """Cases with a time-optimal drive: a dead time adds itself, and the others change noise only, or are a mix."""
 CASES = ("nominal", "dead_time_03", "acceleration", "mix")
-LAW = "diffbot_lab.benchmark.bound_nmpc:Nmpc"
+LAW = "diffbot_lab.arena.bounds.nmpc:Nmpc"
 _SOURCE = "J. B. Rawlings, D. Q. Mayne, M. Diehl, Model Predictive Control (2017); CasADi, Ipopt"
 ENTRIES = tuple(
     Entry(f"nmpc_{feedback}", f"NMPC with the true model, {text}", LAW, _SOURCE, "a bound", feedback=feedback)

@@ -17,7 +17,7 @@ from diffbot_control.law.limits import limit_velocity
 from diffbot_core.data_sheet import DataSheet, rim_speed
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import Twist
-from diffbot_lab.benchmark.law_cases import XY_TOLERANCE, YAW_TOLERANCE
+from diffbot_lab.arena.cases import XY_TOLERANCE, YAW_TOLERANCE
 from diffbot_sim.model.philox import Draw
 from diffbot_sim.model.plant import PlantConfig, integrate, new_plant, plant_step
 

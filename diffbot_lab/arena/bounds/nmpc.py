@@ -23,8 +23,8 @@ from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import Twist
 from diffbot_core.schema import Spec
 from diffbot_core.uncertainty import Estimate
-from diffbot_lab.benchmark.bound_drive import GUESSES, guessed, sampled
-from diffbot_lab.benchmark.bound_model import QUIET, Row, load_casadi, moved, rim_rows, stacked
+from diffbot_lab.arena.bounds.drive import GUESSES, guessed, sampled
+from diffbot_lab.arena.bounds.model import QUIET, Row, load_casadi, moved, rim_rows, stacked
 from diffbot_lab.laws.common import (
     DRIVING,
     REACHED,

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from diffbot_lab.benchmark.law_targets import Results, figures_of_law, share
-from diffbot_lab.benchmark.targets import markdown_table, number, with_interval
+from diffbot_lab.arena.report.targets import Results, figures_of_law, share
+from diffbot_lab.targets import markdown_table, number, with_interval
 
 _FIGURES = (
     ("settling time, median", "s", 1, "settling_time", "median"),

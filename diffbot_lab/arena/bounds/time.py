@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose
-from diffbot_lab.benchmark.bound_drive import GUESSES, Drive, Target, arrives, guessed, path_of, sampled
-from diffbot_lab.benchmark.bound_model import QUIET, Row, load_casadi, moved, rim_rows, stacked
+from diffbot_lab.arena.bounds.drive import GUESSES, Drive, Target, arrives, guessed, path_of, sampled
+from diffbot_lab.arena.bounds.model import QUIET, Row, load_casadi, moved, rim_rows, stacked
 from diffbot_sim.model.plant import PlantConfig
 
 Array = NDArray[np.float64]

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.files import output_folder
-from diffbot_lab.benchmark.law_cases import XY_TOLERANCE, YAW_TOLERANCE, cases_named, world_of
-from diffbot_lab.benchmark.law_entries import OWN_NAME, entries_for
-from diffbot_lab.benchmark.law_runs import run_paths
-from diffbot_lab.benchmark.law_tuning import TRAINING_SEED, read_tuning, tuned_values
-from diffbot_lab.metrics import settling_time
+from diffbot_lab.arena.cases import XY_TOLERANCE, YAW_TOLERANCE, cases_named, world_of
+from diffbot_lab.arena.entries import OWN_NAME, entries_for
+from diffbot_lab.arena.runs import run_paths
+from diffbot_lab.arena.tuning import TRAINING_SEED, read_tuning, tuned_values
 from diffbot_lab.paper.scenarios import starts_of
+from diffbot_tools.metrics import settling_time
 
 Array = NDArray[np.float64]
 
@@ -100,7 +100,7 @@ def run_and_report(options: AnimationOptions, folder: Path) -> int:
         DiffbotError: if the folder cannot be written or a value is not allowed.
     """
     # Loads matplotlib.
-    from diffbot_lab.benchmark.law_movie import write_movie  # noqa: PLC0415
+    from diffbot_lab.arena.movie.movie import write_movie  # noqa: PLC0415
 
     with output_folder(folder):
         shown, t_s = drives(options)

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from diffbot_core.files import replacing
-from diffbot_lab.benchmark.law_animation import Drive
-from diffbot_lab.benchmark.law_cases import XY_TOLERANCE
-from diffbot_lab.benchmark.law_figure import style_of
-from diffbot_lab.plotting import close, new_animation
+from diffbot_lab.arena.cases import XY_TOLERANCE
+from diffbot_lab.arena.movie.animation import Drive
+from diffbot_lab.arena.report.figure import style_of
+from diffbot_tools.plotting import close, new_animation
 
 Array = NDArray[np.float64]
 

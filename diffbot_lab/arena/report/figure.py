@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from diffbot_lab.plotting import new_grid, save
 from diffbot_sim.compiled.batch import COLUMNS
+from diffbot_tools.plotting import new_grid, save
 
 Array = NDArray[np.float64]
 

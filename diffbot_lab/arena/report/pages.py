@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from diffbot_lab.benchmark.bound_report import bound_section
-from diffbot_lab.benchmark.law_entries import EQUAL_NAME
-from diffbot_lab.benchmark.law_method import method_page
-from diffbot_lab.benchmark.law_report import figures_text
-from diffbot_lab.benchmark.law_statistics import ANSWER_TIMES
-from diffbot_lab.benchmark.law_targets import (
+from diffbot_lab.arena.bounds.report import bound_section
+from diffbot_lab.arena.entries import EQUAL_NAME
+from diffbot_lab.arena.method import method_page
+from diffbot_lab.arena.report.targets import (
     Results,
     answered,
     false_share,
@@ -18,7 +16,9 @@ from diffbot_lab.benchmark.law_targets import (
     share,
     targets,
 )
-from diffbot_lab.benchmark.targets import markdown_table, number, target_table, with_interval
+from diffbot_lab.arena.report.text import figures_text
+from diffbot_lab.arena.statistics import ANSWER_TIMES
+from diffbot_lab.targets import markdown_table, number, target_table, with_interval
 
 _HEAD = (
     *("law", "answered [%] by 20, 30, 60 s", "falsely [%]", "time of the answer [s]: median", "99 %"),

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from diffbot_lab.benchmark.law_entries import OWN_NAME
-from diffbot_lab.benchmark.targets import Target
+from diffbot_lab.arena.entries import OWN_NAME
+from diffbot_lab.targets import Target
 
 Results = dict[str, Any]
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from diffbot_lab.benchmark.law_statistics import ANSWER_TIMES
-from diffbot_lab.benchmark.law_targets import Results, answered, false_share, peers_ahead, share, targets
-from diffbot_lab.benchmark.targets import evaluate_targets, number, summary
+from diffbot_lab.arena.report.targets import Results, answered, false_share, peers_ahead, share, targets
+from diffbot_lab.arena.statistics import ANSWER_TIMES
+from diffbot_lab.targets import evaluate_targets, number, summary
 
 
 def conclusions(results: Results) -> Results:
@@ -53,7 +53,7 @@ def figures_text(one: dict[str, Any]) -> tuple[str, str]:
     """Return the peer's figure, and this project's with its unit, with as many digits as show a difference.
 
     Args:
-        one: of :func:`~diffbot_lab.benchmark.law_targets.peers_ahead`.
+        one: of :func:`~diffbot_lab.arena.report.targets.peers_ahead`.
     """
     ours, peers = one["ours"], one["peers"]
     if ours is None:

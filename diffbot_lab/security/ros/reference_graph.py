@@ -18,15 +18,15 @@ from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node, NodeNameNonExistentError
 from rclpy.signals import SignalHandlerOptions
 
-from diffbot_bag.new_bag import new_bag
-from diffbot_bag.qos import Qos
+from diffbot_bag.bag.new_bag import new_bag
+from diffbot_bag.bag.qos import Qos
 from diffbot_bag.ros.replay_services import PLAYER_NAME, ROSBAG2_SERVICES
-from diffbot_control.ros.goal_client import GoalClient
+from diffbot_control.ros.goals.client import GoalClient
 from diffbot_core.errors import DiffbotError
-from diffbot_lab.demo.command import RECORDED_TOPICS
-from diffbot_lab.demo.processes import DISCOVERY_RANGE, NodeProcesses, PrivateDomain
 from diffbot_lab.security.policy import Rights
 from diffbot_lab.security.ros.graph_rights import rights_of
+from diffbot_tools.demo.command import RECORDED_TOPICS
+from diffbot_tools.demo.processes import DISCOVERY_RANGE, NodeProcesses, PrivateDomain
 
 NAMESPACE = "/reference"
 PROCESSES = {

@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from diffbot_lab.plotting import BLUE, GREY, ORANGE, RED, new_figure, save
 from diffbot_lab.stability.paper.file import Certificate
 from diffbot_lab.stability.tuned.file import Certificate as TunedCertificate
 from diffbot_lab.stability.tuned.file import first_cells
+from diffbot_tools.plotting import BLUE, GREY, ORANGE, RED, new_figure, save
 
 Array = NDArray[np.float64]
 

@@ -13,10 +13,10 @@ from tqdm import tqdm
 from diffbot_control.filter.options import FilterConfig
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.files import output_folder, write_json
-from diffbot_lab.benchmark.law_cases import ArenaCase, cases_named, starts_named
-from diffbot_lab.benchmark.law_entries import OWN_NAME, entries_for
-from diffbot_lab.benchmark.law_runs import case_of
-from diffbot_lab.benchmark.law_tuning import TRAINING_SEED
+from diffbot_lab.arena.cases import ArenaCase, cases_named, starts_named
+from diffbot_lab.arena.entries import OWN_NAME, entries_for
+from diffbot_lab.arena.runs import case_of
+from diffbot_lab.arena.tuning import TRAINING_SEED
 from diffbot_lab.stability.contract.kept import Mask, errors_within, holds_from, shares
 from diffbot_lab.stability.contract.report import table
 from diffbot_lab.stability.tuned.contract import Contract

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from diffbot_lab.benchmark.targets import markdown_table
+from diffbot_lab.targets import markdown_table
 
 _QUESTION = """\
 # The filter and its contract

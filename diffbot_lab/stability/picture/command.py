@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from diffbot_control.law.lyapunov_law import Gains
 from diffbot_core.files import output_folder, write_json
 from diffbot_lab.cases import configure, make_case
-from diffbot_lab.metrics import quantiles
 from diffbot_lab.stability.picture.figure import draw_picture
 from diffbot_lab.stability.picture.grid import evaluate_grid
 from diffbot_lab.stability.settings import PAPER_NOISE, NoiseBox, noise_box, refuse_others
 from diffbot_sim.compiled.batch import Starts, run_batch
 from diffbot_sim.compiled.closed_loop import Case
+from diffbot_tools.metrics import quantiles
 
 Array = NDArray[np.float64]
 

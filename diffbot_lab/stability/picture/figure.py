@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diffbot_lab.plotting import BLUE, ORANGE, RED, new_figure, save
+from diffbot_tools.plotting import BLUE, ORANGE, RED, new_figure, save
 
 Array = NDArray[np.float64]
 

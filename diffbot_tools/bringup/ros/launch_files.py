@@ -15,9 +15,9 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 from diffbot_core.errors import DiffbotError
-from diffbot_lab.bringup.arguments import ROBOT, SIMULATION, Argument, parse
-from diffbot_lab.bringup.data_sheet import check_data_sheet
-from diffbot_lab.bringup.plan import PACKAGE, NodePlan, environment, parameter_file, plan
+from diffbot_tools.bringup.arguments import ROBOT, SIMULATION, Argument, parse
+from diffbot_tools.bringup.data_sheet import check_data_sheet
+from diffbot_tools.bringup.plan import PACKAGE, NodePlan, environment, parameter_file, plan
 from launch import LaunchContext, LaunchDescription
 
 

@@ -1,6 +1,6 @@
 import { Curve, Robot } from "./store.js";
 
-// Unpacks the columns that diffbot_lab/view/packing.py packs.
+// Unpacks the columns that diffbot_tools/view/packing.py packs.
 
 const MISSING = -2147483648;
 

@@ -13,13 +13,13 @@ from rclpy.parameter import parameter_value_to_python
 from std_srvs.srv import SetBool, Trigger
 
 from diffbot_control.goals import goal_record
-from diffbot_control.ros.messages import goal_message
+from diffbot_control.ros.messages.conversions import goal_message
 from diffbot_control.ros.navigator import Navigator
 from diffbot_core.errors import DiffbotError
 from diffbot_core.geometry import Pose
-from diffbot_lab.view.intake import Request
-from diffbot_lab.view.server import Reply
-from diffbot_lab.watch.parameters import WatchConfig
+from diffbot_tools.view.intake import Request
+from diffbot_tools.view.server import Reply
+from diffbot_tools.watch.parameters import WatchConfig
 
 MAX_WAITING = 20
 """requests that wait for the one before"""

@@ -14,22 +14,22 @@ from nav_msgs.msg import Odometry, Path
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Float64MultiArray
 
-from diffbot_bag.cdr import CdrError
-from diffbot_control.ros.message_bytes import read_odometry, read_pose
-from diffbot_control.ros.message_fields import pose_of, stamp_ns, twist_from
+from diffbot_bag.bag.cdr import CdrError
+from diffbot_control.ros.messages.message_bytes import read_odometry, read_pose
+from diffbot_control.ros.messages.message_fields import pose_of, stamp_ns, twist_from
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose, origin_of_frame, out_of_frame
 from diffbot_core.ros.node import LATCHED, QUEUE, DiffbotNode
 from diffbot_core.ros.qos import SENSOR
 from diffbot_core.units import S_PER_NS
-from diffbot_lab.view.bag_tables import LAW_COLUMNS
-from diffbot_lab.view.events import EventMaker, goal_in
-from diffbot_lab.view.landmarks import read_cloud
-from diffbot_lab.view.live_landmarks import LandmarkPlacer
-from diffbot_lab.view.live_state import COLUMNS, LiveState
-from diffbot_lab.view.plans import PlanEnd, read_plan, thinned
-from diffbot_lab.view.texts import Status, filter_numbers, number, read_status, read_statuses
-from diffbot_lab.watch.parameters import WatchConfig
+from diffbot_tools.view.bag_tables import LAW_COLUMNS
+from diffbot_tools.view.events import EventMaker, goal_in
+from diffbot_tools.view.landmarks import read_cloud
+from diffbot_tools.view.live_landmarks import LandmarkPlacer
+from diffbot_tools.view.live_state import COLUMNS, LiveState
+from diffbot_tools.view.plans import PlanEnd, read_plan, thinned
+from diffbot_tools.view.texts import Status, filter_numbers, number, read_status, read_statuses
+from diffbot_tools.watch.parameters import WatchConfig
 
 SILENCE = 2.0
 """[s] without a status, which comes every 0.5 s"""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import view_bags
 
-from diffbot_bag.cdr import LAYOUTS, MAX_ITEMS, CdrCursor, CdrError, NumberRows, labelled_layout, labels_of
+from diffbot_bag.bag.cdr import LAYOUTS, MAX_ITEMS, CdrCursor, CdrError, NumberRows, labelled_layout, labels_of
 
 
 def data_of(message):

@@ -8,7 +8,7 @@ from nav_msgs.msg import Odometry
 from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
-from diffbot_bag.encoding import ODOMETRY, POSE, Encoder, NumbersMessage, decode_numbers_message
+from diffbot_bag.bag.encoding import ODOMETRY, POSE, Encoder, NumbersMessage, decode_numbers_message
 
 FRAMES = st.text(st.characters(exclude_categories=("Cs", "Cc")), max_size=9)
 NUMBERS = np.random.default_rng(3).normal(size=85)

@@ -13,12 +13,12 @@ from mcap.records import Chunk, ChunkIndex
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 
-from diffbot_bag.bounded_yaml import load_yaml
-from diffbot_bag.chunks import BagLimits
-from diffbot_bag.qos import load_profiles
-from diffbot_bag.reader import BagReader
-from diffbot_bag.ros_conversions import message_class
-from diffbot_bag.writer import BagWriter
+from diffbot_bag.bag.bounded_yaml import load_yaml
+from diffbot_bag.bag.qos import load_profiles
+from diffbot_bag.bag.reader import BagReader
+from diffbot_bag.bag.writer import BagWriter
+from diffbot_bag.mcap.chunks import BagLimits
+from diffbot_bag.ros.conversions import message_class
 from diffbot_core.errors import DiffbotError
 
 POINT = "geometry_msgs/msg/Point"
@@ -186,7 +186,7 @@ def test_chunks_that_are_held_together_are_bounded(mcap):
 UNDERSTATED = """
 import resource, sys
 from pathlib import Path
-from diffbot_bag.reader import BagReader
+from diffbot_bag.bag.reader import BagReader
 from diffbot_core.errors import DiffbotError
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 for path in sys.argv[1:]:
@@ -245,7 +245,7 @@ def test_a_type_name_imports_nothing_but_installed_interfaces(tmp_path, name, mo
 def test_a_package_in_the_working_folder_does_not_replace_an_installed_one(tmp_path):
     (tmp_path / "stereo_msgs").mkdir()
     (tmp_path / "stereo_msgs" / "__init__.py").write_text("raise SystemExit('ran')")
-    code = "from diffbot_bag.ros_conversions import message_class\nmessage_class('stereo_msgs/msg/DisparityImage')"
+    code = "from diffbot_bag.ros.conversions import message_class\nmessage_class('stereo_msgs/msg/DisparityImage')"
     ran = subprocess.run(
         [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
     )

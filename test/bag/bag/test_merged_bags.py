@@ -4,8 +4,8 @@ import pytest
 from bag_makers import BEGIN, point
 from replays import MS, write_mcap, write_rosbags
 
-from diffbot_bag.chunks import read_chunk
-from diffbot_bag.merged_bags import MergedBags
+from diffbot_bag.bag.merged_bags import MergedBags
+from diffbot_bag.mcap.chunks import read_chunk
 from diffbot_core.errors import DiffbotError
 
 
@@ -69,7 +69,7 @@ def test_the_search_for_latched_messages_unpacks_only_chunks_that_have_some(tmp_
     bags = MergedBags([write_mcap(tmp_path / "run.mcap", messages, latched=("/map",))])
     unpacked = []
     monkeypatch.setattr(
-        "diffbot_bag.mcap_file.read_chunk", lambda *arguments: unpacked.append(1) or read_chunk(*arguments)
+        "diffbot_bag.mcap.file.read_chunk", lambda *arguments: unpacked.append(1) or read_chunk(*arguments)
     )
     assert [message.topic for message in bags.last_before(bags.end, ["/map"])] == ["/map"]
     assert len(unpacked) == 1

@@ -7,7 +7,7 @@ import pytest
 from mcap_ros2._dynamic import generate_dynamic
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from diffbot_bag.message_definitions import DefinitionNotFoundError, MessageDefinitions, ament_prefixes
+from diffbot_bag.bag.message_definitions import DefinitionNotFoundError, MessageDefinitions, ament_prefixes
 
 PACKAGES = ("std_msgs", "geometry_msgs", "nav_msgs", "sensor_msgs", "diagnostic_msgs", "rcl_interfaces")
 # rosbags hashes `char` as a type of its own, ROS as uint8.

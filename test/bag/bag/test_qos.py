@@ -6,9 +6,9 @@ import pytest
 from rosbags.interfaces import QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2.metadata import parse_qos
 
-from diffbot_bag.qos import INFINITE, Qos, dump_profiles, from_plain, load_profiles, to_offer, to_plain, to_request
-from diffbot_bag.qos_overrides import read_overrides
-from diffbot_bag.ros_conversions import from_ros, to_ros
+from diffbot_bag.bag.qos import INFINITE, Qos, dump_profiles, from_plain, load_profiles, to_offer, to_plain, to_request
+from diffbot_bag.bag.qos_overrides import read_overrides
+from diffbot_bag.ros.conversions import from_ros, to_ros
 from diffbot_core.errors import DiffbotError
 
 RELIABLE = Qos()

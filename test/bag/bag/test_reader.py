@@ -12,9 +12,9 @@ from mcap.writer import CompressionType, IndexType
 from mcap.writer import Writer as McapWriter
 from rosbags.highlevel import AnyReader
 
-from diffbot_bag.qos import Qos
-from diffbot_bag.reader import BagReader
-from diffbot_bag.writer import BagWriter
+from diffbot_bag.bag.qos import Qos
+from diffbot_bag.bag.reader import BagReader
+from diffbot_bag.bag.writer import BagWriter
 from diffbot_core.errors import DiffbotError
 
 STEP = 10_000_000

@@ -8,14 +8,14 @@ from bag_makers import BEGIN, STORE, STRING, string
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
-from diffbot_bag import metadata
-from diffbot_bag.attachments import HIDDEN, PARAMETERS, dump_parameters
-from diffbot_bag.qos import Qos
-from diffbot_bag.reader import BagReader
-from diffbot_bag.recording.bag_files import FileLimits
-from diffbot_bag.recording.disk import Disk, DiskThread
-from diffbot_bag.whole_chunk import Compression
-from diffbot_bag.writer import BagWriteError, BagWriter, is_unfinished
+from diffbot_bag.bag import metadata
+from diffbot_bag.bag.qos import Qos
+from diffbot_bag.bag.reader import BagReader
+from diffbot_bag.bag.writer import BagWriteError, BagWriter, is_unfinished
+from diffbot_bag.mcap.attachments import HIDDEN, PARAMETERS, dump_parameters
+from diffbot_bag.mcap.whole_chunk import Compression
+from diffbot_bag.record.bag_files import FileLimits
+from diffbot_bag.record.disk import Disk, DiskThread
 from diffbot_core.errors import DiffbotError
 
 LATCHED = Qos(durability="transient_local")

@@ -11,12 +11,12 @@ from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability
 
-from diffbot_bag import metadata
-from diffbot_bag.message_definitions import MessageDefinitions
-from diffbot_bag.new_bag import new_bag
-from diffbot_bag.qos import Qos
-from diffbot_bag.whole_chunk import Compression
-from diffbot_bag.writer import BagWriteError, BagWriter
+from diffbot_bag.bag import metadata
+from diffbot_bag.bag.message_definitions import MessageDefinitions
+from diffbot_bag.bag.new_bag import new_bag
+from diffbot_bag.bag.qos import Qos
+from diffbot_bag.bag.writer import BagWriteError, BagWriter
+from diffbot_bag.mcap.whole_chunk import Compression
 
 TWIST = "geometry_msgs/msg/Twist"
 LATCHED = Qos(durability="transient_local")

@@ -12,13 +12,13 @@ from mcap.reader import make_reader
 from mcap.records import Footer, SummaryOffset
 from mcap.stream_reader import StreamReader
 
-from diffbot_bag import attachments
-from diffbot_bag.mcap_format import DAMAGE
+from diffbot_bag.bag.writer import BagWriter
+from diffbot_bag.mcap import attachments
+from diffbot_bag.mcap.format import DAMAGE
 from diffbot_bag.tools.cut import trim
 from diffbot_bag.tools.repair import repair_bag
 from diffbot_bag.tools.source_bag import SourceBag
 from diffbot_bag.tools.span import Span
-from diffbot_bag.writer import BagWriter
 
 
 def record(folder, _):

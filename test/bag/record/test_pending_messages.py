@@ -4,9 +4,9 @@ import random
 
 import pytest
 
-from diffbot_bag.lost_messages import GapCounter
-from diffbot_bag.pending_messages import Held, HeldMessages
-from diffbot_bag.topic_selection import TopicSelection, absolute
+from diffbot_bag.bag.topic_selection import TopicSelection, absolute
+from diffbot_bag.record.lost_messages import GapCounter
+from diffbot_bag.record.pending_messages import Held, HeldMessages
 from diffbot_core.errors import InvalidValueError
 
 

@@ -12,8 +12,8 @@ from recorders import DEEP, LATCHED, Recorder, publish, recorded, twists
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
-from diffbot_bag import metadata
-from diffbot_bag.reader import BagReader
+from diffbot_bag.bag import metadata
+from diffbot_bag.bag.reader import BagReader
 from diffbot_bag.recorder_node import RecorderNode
 from diffbot_bag.ros import recorded_topic
 from diffbot_core.errors import DiffbotError

@@ -16,7 +16,7 @@ from mcap.stream_reader import StreamReader
 from rclpy.duration import Duration
 from recorders import DEEP, LATCHED, publish, recorded, twists
 
-from diffbot_bag import metadata
+from diffbot_bag.bag import metadata
 from diffbot_bag.tools.repair import repair_bag
 
 pytestmark = pytest.mark.graph

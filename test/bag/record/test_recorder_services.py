@@ -11,8 +11,8 @@ from recorders import DEEP, LATCHED, Recorder, publish, twists
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from diffbot_bag import metadata
-from diffbot_bag.reader import BagReader
+from diffbot_bag.bag import metadata
+from diffbot_bag.bag.reader import BagReader
 from diffbot_bag.ros import node_parameters
 
 pytestmark = pytest.mark.graph

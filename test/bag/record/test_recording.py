@@ -5,14 +5,14 @@ import os
 import pytest
 from mcap.reader import make_reader
 
-from diffbot_bag.attachments import dump
-from diffbot_bag.pending_messages import Held
-from diffbot_bag.qos import Qos
-from diffbot_bag.recording.host import host_facts
-from diffbot_bag.recording.latched import LatchedMessages
-from diffbot_bag.recording.recording import Recording
-from diffbot_bag.recording.snapshot import OVERHEAD, SnapshotBuffer
-from diffbot_bag.writer import BagWriter
+from diffbot_bag.bag.qos import Qos
+from diffbot_bag.bag.writer import BagWriter
+from diffbot_bag.mcap.attachments import dump
+from diffbot_bag.record.host import host_facts
+from diffbot_bag.record.latched import LatchedMessages
+from diffbot_bag.record.pending_messages import Held
+from diffbot_bag.record.recording import Recording
+from diffbot_bag.record.snapshot import OVERHEAD, SnapshotBuffer
 
 STRING = "std_msgs/msg/String"
 BEGIN = 10**18

@@ -5,8 +5,8 @@ import termios
 
 import pytest
 
-from diffbot_bag import keyboard
-from diffbot_bag.keyboard import FASTER, NEXT, SLOWER, TOGGLE, KeyDecoder, open_keyboard
+from diffbot_bag.replay import keyboard
+from diffbot_bag.replay.keyboard import FASTER, NEXT, SLOWER, TOGGLE, KeyDecoder, open_keyboard
 
 
 def decoded(*pieces):

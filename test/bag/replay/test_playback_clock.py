@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from diffbot_bag.parameters import ReplayConfig
-from diffbot_bag.playback_clock import (
+from diffbot_bag.replay.playback_clock import (
     Timeline,
     Window,
     bag_time,

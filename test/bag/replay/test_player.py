@@ -6,11 +6,11 @@ import time
 import graph
 import pytest
 
-from diffbot_bag.playback_clock import Window
-from diffbot_bag.player import Pace, Player, Sink, Source
-from diffbot_bag.read_ahead import ReadAhead
-from diffbot_bag.reader import RawMessage
-from diffbot_bag.subscribers import wait_for_subscribers, wait_until_acknowledged
+from diffbot_bag.bag.reader import RawMessage
+from diffbot_bag.replay.playback_clock import Window
+from diffbot_bag.replay.player import Pace, Player, Sink, Source
+from diffbot_bag.replay.read_ahead import ReadAhead
+from diffbot_bag.replay.subscribers import wait_for_subscribers, wait_until_acknowledged
 
 BEGIN = 1_700_000_000_000_000_000
 MS = 1_000_000

@@ -8,10 +8,10 @@ from bag_makers import BEGIN, point
 from mcap.reader import make_reader
 from replays import MS, FakeClock, write_mcap, write_rosbags
 
-from diffbot_bag.merged_bags import MergedBags
-from diffbot_bag.playback_clock import Window
-from diffbot_bag.player import Pace, Player, Sink, Source
-from diffbot_bag.reader import RawMessage
+from diffbot_bag.bag.merged_bags import MergedBags
+from diffbot_bag.bag.reader import RawMessage
+from diffbot_bag.replay.playback_clock import Window
+from diffbot_bag.replay.player import Pace, Player, Sink, Source
 
 ALL = ("/a", "/b", "/map")
 

@@ -19,10 +19,10 @@ from replays import MS, write_mcap
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
-from diffbot_bag.qos import Qos
-from diffbot_bag.reader import BagReader
-from diffbot_bag.ros_conversions import from_ros
-from diffbot_bag.writer import BagWriter
+from diffbot_bag.bag.qos import Qos
+from diffbot_bag.bag.reader import BagReader
+from diffbot_bag.bag.writer import BagWriter
+from diffbot_bag.ros.conversions import from_ros
 from diffbot_core.errors import DiffbotError
 
 pytestmark = pytest.mark.graph

@@ -14,7 +14,7 @@ from recorders import recorded
 from replays import MS, write_mcap
 from terminals import in_terminal
 
-from diffbot_bag.reader import BagReader
+from diffbot_bag.bag.reader import BagReader
 
 pytestmark = pytest.mark.graph
 

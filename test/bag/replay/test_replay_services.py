@@ -8,9 +8,9 @@ import pytest
 from bag_makers import BEGIN, point
 from replays import MS
 
-from diffbot_bag.playback_clock import Window
-from diffbot_bag.player import Pace, Player, Sink, Source
-from diffbot_bag.reader import RawMessage
+from diffbot_bag.bag.reader import RawMessage
+from diffbot_bag.replay.playback_clock import Window
+from diffbot_bag.replay.player import Pace, Player, Sink, Source
 from diffbot_bag.ros.replay_services import ROSBAG2_SERVICES, ReplayServices
 
 NAMES = {name: "".join(word.capitalize() for word in name.split("_")) for name in ROSBAG2_SERVICES}

@@ -8,10 +8,10 @@ import pytest
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
+from diffbot_bag.bag.writer import BagWriter
 from diffbot_bag.tools import bag_info
 from diffbot_bag.tools.bag_info import info_as_plain, read_info
 from diffbot_bag.tools.topic_figures import MAX_TIME, TopicMeter
-from diffbot_bag.writer import BagWriter
 from diffbot_core.errors import DiffbotError
 
 MAKERS = {

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from diffbot_bag.bounded_yaml import load_yaml
+from diffbot_bag.bag.bounded_yaml import load_yaml
 from diffbot_bag.tools import contract_draft
 from diffbot_bag.tools.bag_info import read_info
 from diffbot_bag.tools.contract import MAX_BYTES, TopicRules, parse_contract, read_contract

@@ -9,13 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
-from diffbot_bag.metadata import read as read_metadata
-from diffbot_bag.qos import Qos
+from diffbot_bag.bag.metadata import read as read_metadata
+from diffbot_bag.bag.qos import Qos
+from diffbot_bag.bag.topic_selection import TopicSelection
+from diffbot_bag.bag.writer import BagWriter
 from diffbot_bag.tools import cut, source_bag
 from diffbot_bag.tools.source_bag import SourceBag
 from diffbot_bag.tools.span import Span
-from diffbot_bag.topic_selection import TopicSelection
-from diffbot_bag.writer import BagWriter
 from diffbot_core.errors import DiffbotError
 
 

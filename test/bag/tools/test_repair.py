@@ -19,11 +19,11 @@ from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 from rosbags.highlevel import AnyReader
 
-from diffbot_bag.chunks import BagLimits
-from diffbot_bag.reader import BagReader
+from diffbot_bag.bag.reader import BagReader
+from diffbot_bag.bag.writer import BagWriter
+from diffbot_bag.mcap.chunks import BagLimits
 from diffbot_bag.tools import check_result, output_file
 from diffbot_bag.tools.repair import PASSES, repair_bag, repair_in_place, size_of
-from diffbot_bag.writer import BagWriter
 from diffbot_core.errors import DiffbotError
 
 

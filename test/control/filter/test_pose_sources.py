@@ -13,8 +13,8 @@ from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.filter.measurements import OdometryStep, PoseFix
 from diffbot_control.filter.options import FilterConfig
 from diffbot_control.filter.pose_sources import PoseSource, PoseSources
-from diffbot_control.ros.ekf_messages import EkfInputs
-from diffbot_control.ros.ekf_parameters import EkfNodeConfig
+from diffbot_control.ros.messages.ekf_messages import EkfInputs
+from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.errors import BadMessageError, InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist, TwistCovariance

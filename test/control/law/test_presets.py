@@ -13,7 +13,7 @@ from diffbot_control.law import controller
 from diffbot_control.law.controller import ControllerConfig, ControllerMemory
 from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.regions import OMEGA_G, OMEGA_L, Switching, smallest_radius
-from diffbot_control.ros.controller_parameters import CONTROLLER_PRESETS, ControllerNodeConfig
+from diffbot_control.ros.parameters.controller import CONTROLLER_PRESETS, ControllerNodeConfig
 from diffbot_core.geometry import Pose
 from diffbot_core.schema import build, parameters_of, to_dict
 from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty

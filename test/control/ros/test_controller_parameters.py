@@ -6,7 +6,7 @@ from typing import Annotated, NamedTuple
 import pytest
 
 from diffbot_control.law.controller import SwitchingLaw
-from diffbot_control.ros.controller_parameters import CONTROLLER_PRESETS, ControllerNodeConfig, parameter_set_of
+from diffbot_control.ros.parameters.controller import CONTROLLER_PRESETS, ControllerNodeConfig, parameter_set_of
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.schema import Spec, build, parameters_of

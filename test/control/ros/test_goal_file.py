@@ -8,7 +8,7 @@ import hypothesis.strategies as st
 import pytest
 from hypothesis import given
 
-from diffbot_control.ros.goal_file import BrokenGoalError, SavedGoal, encode_poses, load_goal, save_goal
+from diffbot_control.ros.goals.goal_file import BrokenGoalError, SavedGoal, encode_poses, load_goal, save_goal
 from diffbot_core.geometry import Pose
 
 ID = "0123456789abcdef" * 2

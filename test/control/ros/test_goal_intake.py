@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from diffbot_control.ros.goal_intake import BURST, PERIOD, SUPERSEDED, GoalIntake
+from diffbot_control.ros.goals.intake import BURST, PERIOD, SUPERSEDED, GoalIntake
 from diffbot_core.geometry import Pose
 from diffbot_core.health import Health
 

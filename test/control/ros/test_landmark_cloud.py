@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from diffbot_control.ros.landmark_cloud import LandmarkPoint, fill_landmark_points, landmark_points
+from diffbot_control.ros.messages.landmark_cloud import LandmarkPoint, fill_landmark_points, landmark_points
 from diffbot_core.errors import BadMessageError
 
 NUMBERS = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from diffbot_control.ros.landmark_cloud import LandmarkPoint, fill_landmark_points
-from diffbot_control.ros.sensor_messages import KnownNoise, landmarks_from
+from diffbot_control.ros.messages.landmark_cloud import LandmarkPoint, fill_landmark_points
+from diffbot_control.ros.messages.sensor_messages import KnownNoise, landmarks_from
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Point
 

@@ -10,10 +10,16 @@ from hypothesis import given
 from nav_msgs.msg import Odometry, Path
 from rclpy.serialization import serialize_message
 
-from diffbot_control.ros.message_bytes import OdometryFields, PoseStampedFields, read_odometry, read_path, read_pose
-from diffbot_control.ros.message_fields import fill_pose, pose_in_message, pose_of
-from diffbot_control.ros.messages import path_from, pose_from, poses_along
-from diffbot_control.ros.sensor_messages import fix_from, odometry_from
+from diffbot_control.ros.messages.conversions import path_from, pose_from, poses_along
+from diffbot_control.ros.messages.message_bytes import (
+    OdometryFields,
+    PoseStampedFields,
+    read_odometry,
+    read_path,
+    read_pose,
+)
+from diffbot_control.ros.messages.message_fields import fill_pose, pose_in_message, pose_of
+from diffbot_control.ros.messages.sensor_messages import fix_from, odometry_from
 from diffbot_control.ros.transforms import NO_TRANSFORMS
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose

@@ -8,8 +8,8 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from scipy.spatial.transform import Rotation
 
-from diffbot_control.ros.messages import pose_from
-from diffbot_control.ros.sensor_messages import KnownNoise, fix_from
+from diffbot_control.ros.messages.conversions import pose_from
+from diffbot_control.ros.messages.sensor_messages import KnownNoise, fix_from
 from diffbot_core.errors import BadMessageError
 
 KINDS = pytest.mark.parametrize("kind", [PoseWithCovarianceStamped, Odometry], ids=lambda kind: kind.__name__)

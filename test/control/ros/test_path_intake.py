@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from diffbot_control.ros.path_intake import SLICE, PathIntake
+from diffbot_control.ros.goals.path_intake import SLICE, PathIntake
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose
 from diffbot_core.health import Health

@@ -14,7 +14,7 @@ from robot import pose_stamped
 from scipy.spatial.transform import Rotation
 
 from diffbot_control.ros.frames import prefixed
-from diffbot_control.ros.messages import goal_from, path_from
+from diffbot_control.ros.messages.conversions import goal_from, path_from
 from diffbot_control.ros.tf import Tf2Transforms
 from diffbot_control.ros.transforms import transformed
 from diffbot_core.errors import BadMessageError, InvalidValueError

@@ -5,8 +5,8 @@ import math
 import matplotlib.image
 import numpy as np
 
-from diffbot_lab.benchmark.law_animation import Drive, typical_run
-from diffbot_lab.benchmark.law_movie import write_movie
+from diffbot_lab.arena.movie.animation import Drive, typical_run
+from diffbot_lab.arena.movie.movie import write_movie
 
 
 def drive(label, settled, count=601):

@@ -10,9 +10,8 @@ import pytest
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose
 from diffbot_core.schema import build
-from diffbot_lab import cli
-from diffbot_lab.benchmark import bound
-from diffbot_lab.benchmark.bound_drive import (
+from diffbot_lab.arena.bounds import command as bound
+from diffbot_lab.arena.bounds.drive import (
     AT_THE_POSE,
     GUESSES,
     INTO_TOLERANCE,
@@ -22,9 +21,10 @@ from diffbot_lab.benchmark.bound_drive import (
     least_time,
     sampled,
 )
-from diffbot_lab.benchmark.law_cases import LIMITS, arena_starts, cases_named, world_of
-from diffbot_lab.benchmark.law_statistics import figures_of
+from diffbot_lab.arena.cases import LIMITS, arena_starts, cases_named, world_of
+from diffbot_lab.arena.statistics import figures_of
 from diffbot_sim.compiled.batch import COLUMNS
+from diffbot_tools import cli
 
 PERIOD = 0.1
 (ACCELERATION,) = cases_named(("acceleration",))

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from diffbot_lab.benchmark.bound_report import laws_ahead
-from diffbot_lab.benchmark.law_statistics import figures_of
+from diffbot_lab.arena.bounds.report import laws_ahead
+from diffbot_lab.arena.statistics import figures_of
 from diffbot_sim.compiled.batch import COLUMNS
 
 

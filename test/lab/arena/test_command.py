@@ -9,15 +9,16 @@ import pytest
 
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.schema import to_dict
-from diffbot_lab import cli
-from diffbot_lab.benchmark import law as benchmark
-from diffbot_lab.benchmark import law_effects, law_tuning
-from diffbot_lab.benchmark.law import ArenaOptions, run_benchmark, still_moving, takes_part
-from diffbot_lab.benchmark.law_cases import CASES, OWN, arena_starts, cases_named, starts_named, world_of
-from diffbot_lab.benchmark.law_entries import ENTRIES, OWN_NAME, config_of
-from diffbot_lab.benchmark.law_report import conclusions
-from diffbot_lab.benchmark.law_runs import case_of, run_case, run_paths
+from diffbot_lab.arena import command as benchmark
+from diffbot_lab.arena import effects as law_effects
+from diffbot_lab.arena import tuning as law_tuning
+from diffbot_lab.arena.cases import CASES, OWN, arena_starts, cases_named, starts_named, world_of
+from diffbot_lab.arena.command import ArenaOptions, run_benchmark, still_moving, takes_part
+from diffbot_lab.arena.entries import ENTRIES, OWN_NAME, config_of
+from diffbot_lab.arena.report.text import conclusions
+from diffbot_lab.arena.runs import case_of, run_case, run_paths
 from diffbot_sim.compiled.batch import COLUMNS
+from diffbot_tools import cli
 
 PEER = "switching_tuned"
 """of the same law, so that nothing more is compiled"""

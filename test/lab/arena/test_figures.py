@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from figures import drawn  # noqa: F401 - a fixture
 
-from diffbot_lab.benchmark import law_figure
-from diffbot_lab.benchmark.law_entries import ENTRIES
+from diffbot_lab.arena.entries import ENTRIES
+from diffbot_lab.arena.report import figure as law_figure
 from diffbot_sim.compiled.batch import COLUMNS
 
 RUNS, STEPS = 4, 10

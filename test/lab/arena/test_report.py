@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from diffbot_lab.benchmark.law_pages import pages
-from diffbot_lab.benchmark.law_statistics import figures_of
-from diffbot_lab.benchmark.law_targets import peers_ahead, targets
+from diffbot_lab.arena.report.pages import pages
+from diffbot_lab.arena.report.targets import peers_ahead, targets
+from diffbot_lab.arena.statistics import figures_of
 from diffbot_sim.compiled.batch import COLUMNS
 
 

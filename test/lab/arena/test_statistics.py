@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from diffbot_lab.benchmark.law_statistics import bootstrap_interval, figures_of, spread
+from diffbot_lab.arena.statistics import bootstrap_interval, figures_of, spread
 from diffbot_sim.compiled.batch import COLUMNS
 
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from diffbot_core.errors import DiffbotError, InvalidValueError
-from diffbot_lab.benchmark import law_tuning
-from diffbot_lab.benchmark.law_cases import TRAINING, cases_named
-from diffbot_lab.benchmark.law_entries import ENTRIES, config_of
-from diffbot_lab.benchmark.law_tuning import POPULATION, TRAINING_CASES, cost_of, read_tuning, tune_all, tuned_values
+from diffbot_lab.arena import tuning as law_tuning
+from diffbot_lab.arena.cases import TRAINING, cases_named
+from diffbot_lab.arena.entries import ENTRIES, config_of
+from diffbot_lab.arena.tuning import POPULATION, TRAINING_CASES, cost_of, read_tuning, tune_all, tuned_values
 from diffbot_sim.compiled.batch import COLUMNS
 
 TUNED = tuple(one for one in ENTRIES if one.space)

@@ -15,7 +15,6 @@ import pytest
 from project_files import files_read_by
 
 from diffbot_core.errors import DiffbotError
-from diffbot_lab import cli
 from diffbot_lab.campaign import command as campaign_command
 from diffbot_lab.campaign import runner as module
 from diffbot_lab.campaign.runner import (
@@ -31,6 +30,7 @@ from diffbot_lab.campaign.spec import make_campaign
 from diffbot_lab.campaign.statistics import CellStatistics, count_outcomes
 from diffbot_sim.compiled.batch import run_batch
 from diffbot_sim.compiled.jit import PACKAGES
+from diffbot_tools import cli
 
 DECISIVE = (*PACKAGES, "diffbot_lab")
 SMALL = {

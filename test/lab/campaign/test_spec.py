@@ -8,9 +8,9 @@ import pytest
 import yaml
 
 from diffbot_core.errors import InvalidValueError
-from diffbot_lab import cli
 from diffbot_lab.campaign.spec import make_campaign, read_campaign
 from diffbot_sim.compiled.closed_loop import EKF
+from diffbot_tools import cli
 
 ROOT = Path(__file__).resolve().parents[3]
 CIRCLE = {"circle": {"radius": 2.0, "points": 4, "headings": [0.5, -1.0]}}

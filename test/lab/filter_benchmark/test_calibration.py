@@ -5,8 +5,8 @@ import math
 
 import pytest
 
-from diffbot_lab.calibration import benchmark
-from diffbot_lab.calibration.benchmark import NAMES, Found, results_of, run_and_report, table
+from diffbot_lab.filter_benchmark import calibration as benchmark
+from diffbot_lab.filter_benchmark.calibration import NAMES, Found, results_of, run_and_report, table
 
 
 def found(*z, nis=1.0):

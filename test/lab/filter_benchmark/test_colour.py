@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diffbot_lab.benchmark.filter_colour import (
+from diffbot_lab.filter_benchmark.colour import (
     GIVEN,
     OFF,
     ON,

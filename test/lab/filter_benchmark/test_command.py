@@ -14,13 +14,13 @@ from diffbot_control.filter.landmark_map import LandmarkMap
 from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.filter.options import CALIBRATING, EKF, FILTERS, FNN, FilterConfig
-from diffbot_lab import cli
-from diffbot_lab.benchmark import filter as localization_benchmark
-from diffbot_lab.benchmark.filter import figures_of, run_benchmark, run_drives, run_history
-from diffbot_lab.benchmark.filter_cases import RATES, SCENARIOS, drive_of, name_of
-from diffbot_lab.benchmark.filter_report import conclusions
+from diffbot_lab.filter_benchmark import command as localization_benchmark
+from diffbot_lab.filter_benchmark.cases import RATES, SCENARIOS, drive_of, name_of
+from diffbot_lab.filter_benchmark.command import figures_of, run_benchmark, run_drives, run_history
+from diffbot_lab.filter_benchmark.report import conclusions
 from diffbot_sim.compiled.open_loop import Tracking, drive, start_of, twist_of
 from diffbot_sim.model.simulator import StartPose, World, WorldConfig
+from diffbot_tools import cli
 
 RUNS = 2
 NOTHING = np.empty((0, 4))

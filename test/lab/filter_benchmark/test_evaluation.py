@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from diffbot_lab.benchmark.filter import COLUMNS, figures_of
+from diffbot_lab.filter_benchmark.command import COLUMNS, figures_of
 
 
 def rows(**columns):

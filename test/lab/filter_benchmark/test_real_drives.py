@@ -6,10 +6,10 @@ import pytest
 from dataset_files import write_mrclam
 from page_tables import assert_shows, tables
 
-from diffbot_lab import cli
-from diffbot_lab.dataset.benchmark import run_and_report
-from diffbot_lab.dataset.command import import_mrclam
-from diffbot_lab.refilter.command import run
+from diffbot_lab.filter_benchmark.real_drives import run_and_report
+from diffbot_tools import cli
+from diffbot_tools.dataset.command import import_mrclam
+from diffbot_tools.refilter.command import run
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +58,7 @@ def test_figures_are_those_of_import_and_refilter(data, out, capsys):
 
 def test_calibration_is_judged_on_what_it_did_not_use(tmp_path, monkeypatch):
     """The rest of a long drive begins at a third of it; the first robot's file is judged on the others alone."""
-    monkeypatch.setattr("diffbot_lab.dataset.calibrated._SHORT", 45.0)
+    monkeypatch.setattr("diffbot_lab.filter_benchmark.real_calibration._SHORT", 45.0)
     folder = tmp_path / "set"
     write_mrclam(folder, 1, duration=60.0)
     write_mrclam(folder, 3, duration=30.0)

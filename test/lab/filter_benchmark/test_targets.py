@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from diffbot_control.filter.options import CALIBRATING, EKF, FILTERS, FNN
-from diffbot_lab.benchmark.filter_report import targets
+from diffbot_lab.filter_benchmark.report import targets
 
 ROOT = Path(__file__).resolve().parents[3]
 FIGURES = {

@@ -13,7 +13,7 @@ from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import CERTAIN, Estimate
-from diffbot_lab.benchmark.law_cases import cases_named
+from diffbot_lab.arena.cases import cases_named
 from diffbot_lab.laws.common import approach_speed
 from diffbot_lab.laws.graceful import graceful_curvature
 from diffbot_lab.laws.polar import Polar, PolarConfig, polar_law

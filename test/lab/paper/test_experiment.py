@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from diffbot_core.errors import InvalidValueError
-from diffbot_lab import cli
 from diffbot_lab.paper.experiment import QUANTILES, run_experiment, summarise, table
 from diffbot_lab.paper.scenarios import (
     GOAL,
@@ -19,6 +18,7 @@ from diffbot_lab.paper.scenarios import (
     starts_of,
 )
 from diffbot_sim.compiled.batch import run_histories
+from diffbot_tools import cli
 
 RAW, EKF, QUIET, VANISHING = SETTINGS
 

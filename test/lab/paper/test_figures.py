@@ -10,11 +10,11 @@ import pytest
 from figures import drawn  # noqa: F401 - a fixture
 from matplotlib.collections import LineCollection
 
-from diffbot_lab import cli
 from diffbot_lab.paper import figures as paper_figures
 from diffbot_lab.paper.figures import figure_paths
 from diffbot_lab.paper.scenarios import SETTINGS, Group
 from diffbot_sim.compiled.batch import Starts
+from diffbot_tools import cli
 
 RAW = SETTINGS[0]
 STEPS, RUNS = 20, 6

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from diffbot_core.errors import InvalidValueError
-from diffbot_lab import cli
 from diffbot_lab.campaign.statistics import wilson
 from diffbot_lab.paper import scan
 from diffbot_lab.paper.scan import READINGS, is_in_box, is_near_goal, run_ends, run_scan, table
+from diffbot_tools import cli
 
 RUNS = 2000
 SHARE_OF_NOISE = {

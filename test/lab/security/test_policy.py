@@ -86,8 +86,8 @@ def test_an_action_is_one_right_and_not_its_topics_and_services():
 
 @pytest.mark.graph
 def test_the_policy_is_what_the_running_nodes_do():
-    from diffbot_lab.demo.processes import PrivateDomain
     from diffbot_lab.security.ros.reference_graph import present_rights, running_graph
+    from diffbot_tools.demo.processes import PrivateDomain
 
     expected = read_policy(POLICY)
     domain = PrivateDomain()

@@ -18,7 +18,6 @@ from diffbot_control.law.regions import FIXED, FixedRegionPolicy, RegionPolicy
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose
-from diffbot_lab.metrics import goal_metrics
 from diffbot_sim.compiled import batch
 from diffbot_sim.compiled.batch import COLUMNS, FEEDBACK_CODES, HISTORY_COLUMNS, Starts, run_batch, run_histories
 from diffbot_sim.compiled.closed_loop import Case, prepared, run_loop
@@ -28,6 +27,7 @@ from diffbot_sim.model.plant import PlantConfig
 from diffbot_sim.model.sensors import SensorConfig
 from diffbot_sim.model.simulator import StartPose, WorldConfig
 from diffbot_sim.reference_loop import simulate
+from diffbot_tools.metrics import goal_metrics
 
 INF = math.inf
 ORIGIN = Pose(0.0, 0.0, 0.0)

@@ -8,7 +8,7 @@ import pytest
 import view_bags
 
 from diffbot_bag.tools.contract import read_contract
-from diffbot_lab import cli
+from diffbot_tools import cli
 
 GOOD = "version: 1\nbag: {max_lost: 36}\ntopics:\n  /odom: {type: nav_msgs/msg/Odometry, min_rate: 40}\n"
 BAD = GOOD + "  /scan: {}\nforbidden: [/pose]\n"

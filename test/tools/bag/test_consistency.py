@@ -6,7 +6,7 @@ import scipy.stats
 import view_bags
 
 from diffbot_bag.tools.contract_check import Consistency
-from diffbot_lab.bag.consistency import observers_for
+from diffbot_tools.bag.consistency import observers_for
 
 STATUS = "diagnostic_msgs/msg/DiagnosticStatus"
 LABELLED = "std_msgs/msg/Float64MultiArray"

@@ -11,8 +11,8 @@ from cut_bags import BEGIN, STEP, by_rosbags, check_metadata, facts, files_of
 
 from diffbot_bag.tools.span import Span
 from diffbot_bag.tools.time_text import parse_duration, parse_time, span_of
-from diffbot_lab import cli
-from diffbot_lab.bag.split_command import parse_size
+from diffbot_tools import cli
+from diffbot_tools.bag.split_command import parse_size
 
 pytestmark = pytest.mark.usefixtures("kept_signal_handlers")
 S = 10**9
@@ -144,7 +144,7 @@ def test_an_unfinished_bag_is_read_to_its_end_with_a_warning(bag, tmp_path, caps
 
 def test_a_full_disk_is_one_line_and_leaves_nothing(bag, tmp_path):
     done = subprocess.run(
-        [sys.executable, "-m", "diffbot_lab.cli", "bag", "filter", bag, tmp_path / "out", "--exclude", "/map"],
+        [sys.executable, "-m", "diffbot_tools.cli", "bag", "filter", bag, tmp_path / "out", "--exclude", "/map"],
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000)),
         env=graph.environment(),
         capture_output=True,

@@ -5,7 +5,7 @@ import json
 import foreign_bags
 import pytest
 
-from diffbot_lab import cli
+from diffbot_tools import cli
 
 
 @pytest.fixture(autouse=True)

@@ -3,8 +3,8 @@
 import damaged_bags
 import pytest
 
-from diffbot_bag.reader import BagReader
-from diffbot_lab.cli import main
+from diffbot_bag.bag.reader import BagReader
+from diffbot_tools.cli import main
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,7 @@
 import pytest
 
 from diffbot_core.errors import InvalidValueError
-from diffbot_lab.bringup.arguments import ROBOT, SIMULATION, parse
+from diffbot_tools.bringup.arguments import ROBOT, SIMULATION, parse
 
 DEFAULTS = {
     "localization": True,

@@ -12,10 +12,10 @@ import yaml
 from ament_index_python.packages import PackageNotFoundError
 
 from diffbot_core.errors import DiffbotError, InvalidValueError
-from diffbot_lab.bringup.arguments import ROBOT, SIMULATION
+from diffbot_tools.bringup.arguments import ROBOT, SIMULATION
 
 ROOT = Path(__file__).resolve().parents[3]
-MODULE = "diffbot_lab.bringup.ros.launch_files"
+MODULE = "diffbot_tools.bringup.ros.launch_files"
 NAMES = {
     "launch": ("LaunchContext", "LaunchDescription"),
     "launch.actions": ("DeclareLaunchArgument", "LogInfo", "OpaqueFunction", "SetEnvironmentVariable"),

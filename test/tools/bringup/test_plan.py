@@ -5,12 +5,12 @@ from pathlib import Path
 import pytest
 
 from diffbot_bag.parameters import RecorderConfig
-from diffbot_control.ros.controller_parameters import ControllerNodeConfig
-from diffbot_control.ros.ekf_parameters import EkfNodeConfig
+from diffbot_control.ros.parameters.controller import ControllerNodeConfig
+from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.schema import build
-from diffbot_lab.bringup.arguments import ROBOT, SIMULATION, parse
-from diffbot_lab.bringup.plan import environment, plan
 from diffbot_sim.ros.parameters import PlantNodeConfig
+from diffbot_tools.bringup.arguments import ROBOT, SIMULATION, parse
+from diffbot_tools.bringup.plan import environment, plan
 
 ROOT = Path(__file__).resolve().parents[3]
 CONFIGS = {

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from diffbot_control.ros.controller_parameters import ControllerNodeConfig
+from diffbot_control.ros.parameters.controller import ControllerNodeConfig
 from diffbot_core.kinematics import WheelGeometry
 from diffbot_lab.security.policy import read_policy
 from diffbot_sim.ros.parameters import PlantNodeConfig

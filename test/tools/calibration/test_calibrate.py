@@ -6,21 +6,21 @@ import numpy as np
 import pytest
 import yaml
 
-from diffbot_bag.encoding import ODOMETRY, POSE, Encoder, NumbersMessage
-from diffbot_bag.new_bag import new_bag
-from diffbot_control.ros.message_fields import fill_twist_covariance
+from diffbot_bag.bag.encoding import ODOMETRY, POSE, Encoder, NumbersMessage
+from diffbot_bag.bag.new_bag import new_bag
+from diffbot_control.ros.messages.message_fields import fill_twist_covariance
 from diffbot_core.errors import DiffbotError
 from diffbot_core.geometry import Pose, quaternion_of_yaw
 from diffbot_core.kinematics import Twist, body_twist
-from diffbot_lab import cli
-from diffbot_lab.calibration.command import run
-from diffbot_lab.calibration.events import Odometry
-from diffbot_lab.calibration.latency import latency_of
-from diffbot_lab.calibration.simulation import Errors, record
-from diffbot_lab.refilter.parameters import read_config
 from diffbot_sim.model.actuators import ActuatorConfig, command_rows, delayed_command
 from diffbot_sim.model.philox import NoiseKey
 from diffbot_sim.model.plant import PlantConfig, new_plant, plant_step_at
+from diffbot_tools import cli
+from diffbot_tools.calibration.command import run
+from diffbot_tools.calibration.events import Odometry
+from diffbot_tools.calibration.latency import latency_of
+from diffbot_tools.calibration.simulation import Errors, record
+from diffbot_tools.refilter.parameters import read_config
 
 TRUE = Errors(0.03, -0.03, 0.05, 0.2, 3.0)
 TWIST = "geometry_msgs/msg/Twist"

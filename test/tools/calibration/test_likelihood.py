@@ -7,15 +7,15 @@ import pytest
 from scipy import stats
 
 from diffbot_control.filter.measurements import Heading, LandmarkMeasurement
-from diffbot_control.ros.ekf_parameters import EkfNodeConfig
+from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.geometry import Point, wrap_angle
 from diffbot_core.schema import build
-from diffbot_lab.calibration import settings as kernel
-from diffbot_lab.calibration.events import Collector, averaged
-from diffbot_lab.calibration.likelihood import run_events, settings_of
-from diffbot_lab.calibration.quantities import given_prior
-from diffbot_lab.calibration.simulation import Errors, record
-from diffbot_lab.refilter.filter_run import RecordingLocalization
+from diffbot_tools.calibration import settings as kernel
+from diffbot_tools.calibration.events import Collector, averaged
+from diffbot_tools.calibration.likelihood import run_events, settings_of
+from diffbot_tools.calibration.quantities import given_prior
+from diffbot_tools.calibration.simulation import Errors, record
+from diffbot_tools.refilter.filter_run import RecordingLocalization
 
 PLACES = (Point(4.0, 1.0), Point(-3.0, 5.0))
 WIDE = {

@@ -8,10 +8,10 @@ import yaml
 from dataset_files import LANDMARKS, OMEGA, RADIUS, T0, measured, truth_at, write_labyrinth, write_mrclam
 from rosbags.highlevel import AnyReader
 
-from diffbot_control.ros.landmark_cloud import landmark_points
+from diffbot_control.ros.messages.landmark_cloud import landmark_points
 from diffbot_core.errors import DiffbotError
-from diffbot_lab import cli
-from diffbot_lab.dataset.command import import_labyrinth, import_mrclam
+from diffbot_tools import cli
+from diffbot_tools.dataset.command import import_labyrinth, import_mrclam
 
 START = 1_248_446_190_000_000_000
 

@@ -17,14 +17,14 @@ from rosbags.typesys import Stores, get_typestore
 
 from diffbot_control.law.presets import PRESETS
 from diffbot_core.geometry import Pose
-from diffbot_lab import cli
-from diffbot_lab.demo.command import RECORDED_TOPICS, _make_room_for_bag
 from diffbot_sim.model.simulator import WorldConfig
 from diffbot_sim.reference_loop import simulate
+from diffbot_tools import cli
+from diffbot_tools.demo.command import RECORDED_TOPICS, _make_room_for_bag
 
 pytestmark = pytest.mark.graph
 
-COMMAND = (sys.executable, "-m", "diffbot_lab.cli", "demo")
+COMMAND = (sys.executable, "-m", "diffbot_tools.cli", "demo")
 GOALS = [(0.0, 0.0, 0.0), (3.0, 2.0, math.pi / 2), (1.0, -2.0, math.pi)]
 SEED = 4
 CONTRACT = Path(__file__).resolve().parents[3] / "config" / "bag_contract.yaml"
@@ -147,7 +147,7 @@ def test_table_is_printed_and_nothing_is_left_over(demo):
 
 def test_watched_it_shows_a_page_and_stays_until_an_interrupt(tmp_path):
     out = tmp_path / "out"
-    near = "from diffbot_lab.demo import command; command.GOALS = (command.Pose(-1.7, -5.3, 0.6),)"
+    near = "from diffbot_tools.demo import command; command.GOALS = (command.Pose(-1.7, -5.3, 0.6),)"
     program = f"{near}\nfrom diffbot_lab import cli\nraise SystemExit(cli.main())"
     with graph.process(sys.executable, "-c", program, *command(out, "--watch")[3:], cwd=tmp_path) as process:
         process.wait_for_output("Page: http://127.0.0.1:")

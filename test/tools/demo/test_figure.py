@@ -7,8 +7,8 @@ import numpy as np
 from figures import drawn  # noqa: F401 - a fixture
 
 from diffbot_core.geometry import Pose
-from diffbot_lab.demo import figure as demo_figure
-from diffbot_lab.demo.run_record import RunRecord
+from diffbot_tools.demo import figure as demo_figure
+from diffbot_tools.demo.run_record import RunRecord
 
 
 def path(*points):

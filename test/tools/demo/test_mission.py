@@ -3,7 +3,7 @@
 import pytest
 
 from diffbot_core.geometry import Pose
-from diffbot_lab.demo.mission import Leg, Mission
+from diffbot_tools.demo.mission import Leg, Mission
 
 A, B = Pose(0.0, 0.0, 0.0), Pose(3.0, 2.0, 1.5)
 

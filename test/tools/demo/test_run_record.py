@@ -9,7 +9,7 @@ import view_bags
 
 from diffbot_core.errors import DiffbotError
 from diffbot_core.geometry import Pose
-from diffbot_lab.demo.run_record import RunRecord, evaluate, read_run
+from diffbot_tools.demo.run_record import RunRecord, evaluate, read_run
 
 NOTHING = np.empty((0, 4))
 T0 = view_bags.BEGIN

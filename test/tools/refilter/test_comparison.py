@@ -9,9 +9,9 @@ from diffbot_control.filter.gated_filter import Belief
 from diffbot_control.filter.localization import Estimate
 from diffbot_core.errors import DiffbotError
 from diffbot_core.geometry import Pose
-from diffbot_lab.refilter.comparison import consistency_of, errors_of, figures_of
-from diffbot_lab.refilter.filter_run import Innovation
-from diffbot_lab.trajectory import Trajectory
+from diffbot_tools.refilter.comparison import consistency_of, errors_of, figures_of
+from diffbot_tools.refilter.filter_run import Innovation
+from diffbot_tools.trajectory import Trajectory
 
 SECOND = 10**9
 P = np.diag([0.04, 0.01, 0.0025])

@@ -13,15 +13,15 @@ from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message
 from rosbags.highlevel import AnyReader
 
-from diffbot_bag.encoding import ODOMETRY, NumbersMessage
-from diffbot_bag.new_bag import new_bag
-from diffbot_bag.reader import BagReader
-from diffbot_bag.ros_conversions import message_class
+from diffbot_bag.bag.encoding import ODOMETRY, NumbersMessage
+from diffbot_bag.bag.new_bag import new_bag
+from diffbot_bag.bag.reader import BagReader
+from diffbot_bag.ros.conversions import message_class
 from diffbot_control.ekf_node import EkfNode
 from diffbot_core.errors import BadMessageError, DiffbotError
-from diffbot_lab import cli
-from diffbot_lab.dataset.command import import_mrclam
-from diffbot_lab.refilter.command import run
+from diffbot_tools import cli
+from diffbot_tools.dataset.command import import_mrclam
+from diffbot_tools.refilter.command import run
 
 HANDLERS = {
     "/initialpose": EkfNode._on_initialpose,

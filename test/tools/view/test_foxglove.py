@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-from diffbot_lab.view.bag_tables import LAW_COLUMNS
+from diffbot_tools.view.bag_tables import LAW_COLUMNS
 
 LAYOUT = json.loads((Path(__file__).parents[3] / "config" / "foxglove.json").read_text())
 

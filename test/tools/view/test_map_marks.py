@@ -9,13 +9,13 @@ import pytest
 import view_bags
 
 from diffbot_core.geometry import Pose
-from diffbot_lab.trajectory import Trajectory
-from diffbot_lab.view import landmarks as landmarks_module
-from diffbot_lab.view.landmarks import read_cloud
-from diffbot_lab.view.live_landmarks import LandmarkPlacer
-from diffbot_lab.view.plans import MAX_POINTS, PlanEnd, thinned
-from diffbot_lab.view.report import read_bag_run
-from diffbot_lab.view.report_command import write_report
+from diffbot_tools.trajectory import Trajectory
+from diffbot_tools.view import landmarks as landmarks_module
+from diffbot_tools.view.landmarks import read_cloud
+from diffbot_tools.view.live_landmarks import LandmarkPlacer
+from diffbot_tools.view.plans import MAX_POINTS, PlanEnd, thinned
+from diffbot_tools.view.report import read_bag_run
+from diffbot_tools.view.report_command import write_report
 
 BEGIN = view_bags.BEGIN
 TREE, POST = (2.0, 0.5), (-1.5, 5.0)

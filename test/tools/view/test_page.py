@@ -6,7 +6,7 @@ import browser
 import pytest
 import view_bags
 
-from diffbot_lab.view.report_command import write_report
+from diffbot_tools.view.report_command import write_report
 
 TRUTH, ESTIMATE = (0, 114, 178), (213, 94, 0)
 """Colours of the light style, Okabe and Ito's."""

@@ -8,13 +8,13 @@ import pytest
 import view_bags
 from evo.tools import file_interface
 
-from diffbot_bag.new_bag import new_bag
+from diffbot_bag.bag.new_bag import new_bag
 from diffbot_control.law.presets import PRESETS
 from diffbot_core.errors import DiffbotError
-from diffbot_lab.view.exports import export
-from diffbot_lab.view.page_file import embedded_json
-from diffbot_lab.view.report import page_data, read_bag_run
-from diffbot_lab.view.report_command import ReportOptions, run
+from diffbot_tools.view.exports import export
+from diffbot_tools.view.page_file import embedded_json
+from diffbot_tools.view.report import page_data, read_bag_run
+from diffbot_tools.view.report_command import ReportOptions, run
 
 BEGIN, DELAY = view_bags.BEGIN, view_bags.DELAY
 
@@ -75,7 +75,7 @@ def test_topics_with_rates_and_delays(run_of_circle):
 
 
 def test_a_long_bag_is_thinned(run_of_circle, monkeypatch):
-    monkeypatch.setattr("diffbot_lab.view.report.MAX_ROWS", 200)
+    monkeypatch.setattr("diffbot_tools.view.report.MAX_ROWS", 200)
     curves = page_data(run_of_circle)["robots"][0]["curves"]
     assert 20 < curves["truth"]["rows"] <= 200
 

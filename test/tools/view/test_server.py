@@ -13,10 +13,10 @@ from websockets.sync.client import connect
 
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.geometry import Pose
-from diffbot_lab.view.events import Event
-from diffbot_lab.view.intake import MAX_MESSAGE, Request, read_request
-from diffbot_lab.view.live_state import COLUMNS, LiveState
-from diffbot_lab.view.server import MAX_BAD, MAX_BROWSERS, Address, PageServer
+from diffbot_tools.view.events import Event
+from diffbot_tools.view.intake import MAX_MESSAGE, Request, read_request
+from diffbot_tools.view.live_state import COLUMNS, LiveState
+from diffbot_tools.view.server import MAX_BAD, MAX_BROWSERS, Address, PageServer
 
 PATIENCE = graph.PATIENCE
 GOAL = '{"type": "goal", "robot": "robot", "x": %s, "y": %s, "yaw": %s}'

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from diffbot_lab.view.packing import TIME_UNIT, UNIT, Packer, pack
-from diffbot_lab.view.thinning import kept_rows
+from diffbot_tools.view.packing import TIME_UNIT, UNIT, Packer, pack
+from diffbot_tools.view.thinning import kept_rows
 
 
 @given(st.integers(0, 2**32), st.integers(100, 5000), st.floats(0.0, 0.9))

@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from diffbot_lab import cli
 from diffbot_lab.stability.contract import command
 from diffbot_lab.stability.contract.report import page
+from diffbot_tools import cli
 
 pytestmark = pytest.mark.timeout(600)
 """The first run compiles: on a busy machine for minutes."""

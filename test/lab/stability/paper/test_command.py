@@ -5,10 +5,10 @@ import json
 import pytest
 from certificates import LAW_17
 
-from diffbot_lab import cli
 from diffbot_lab.stability.adversary import command as adversary
 from diffbot_lab.stability.paper import command
 from diffbot_lab.stability.paper.file import load_certificate
+from diffbot_tools import cli
 
 SETTINGS = [
     *("k=1.5", "k_2=2.0", "eps_P=0.35", "eps_P_leave=0.4", "sampling_time=0.2"),

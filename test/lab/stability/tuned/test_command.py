@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from diffbot_lab import cli
+from diffbot_tools import cli
 
 CERTIFY = ["stability", "certify", "--law", "tuned"]
 SMALL = [

@@ -1,0 +1,1 @@
+"""A bag of rosbag2: its files, metadata, message definitions and quality of service."""

@@ -1,0 +1,1 @@
+"""Replay of a bag in time, free of ROS."""

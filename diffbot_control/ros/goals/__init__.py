@@ -1,0 +1,1 @@
+"""Goals from outside: topics, services, actions, files."""

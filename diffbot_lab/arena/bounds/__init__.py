@@ -1,0 +1,1 @@
+"""How fast any law could be: optimal drives as a bound."""

@@ -1,0 +1,1 @@
+"""Filters side by side, on simulated and on recorded drives."""
