@@ -7,6 +7,7 @@ if __name__ == "__main__":  # before the imports that take long: see launcher
 
     raise SystemExit(launch("diffbot_control.ekf_node"))
 
+import importlib
 import math
 import time
 from collections.abc import Callable
@@ -16,21 +17,23 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
-from sensor_msgs.msg import Imu, JointState, PointCloud2
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from diffbot_control.filter.covariance import uncertainty_of
 from diffbot_control.filter.localization import Estimate, Localization
-from diffbot_control.filter.measurements import Measurement, OdometryStep
 from diffbot_control.filter.models import move
+from diffbot_control.filter.odometry import OdometryStep
 from diffbot_control.filter.state_file import BrokenStateError, StateKeeper
 from diffbot_control.ros.ekf_publishers import EkfPublishers
 from diffbot_control.ros.frames import odometry_frame
 from diffbot_control.ros.messages.ekf_messages import EkfInputs, error_values
 from diffbot_control.ros.messages.message_bytes import read_odometry, read_pose
 from diffbot_control.ros.messages.message_fields import pose_in_message, pose_of
-from diffbot_control.ros.messages.sensor_messages import KnownNoise
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
+from diffbot_control.ros.sensors.fixes import POSE_MESSAGE
+from diffbot_control.ros.sensors.sensor import Sensor, fuse
 from diffbot_control.ros.tf import transform_sender
 from diffbot_core.errors import BadMessageError
 from diffbot_core.files import file_path
@@ -49,6 +52,8 @@ CONTRADICTED = "poses withheld"
 STANDSTILL = "odometry stands still"
 """What /diagnostics adds if messages come, but none with a later stamp."""
 _STATUS_PERIOD = 0.5
+_READERS = {POSE_MESSAGE: read_pose}
+"""Readers of frequent messages from their bytes."""
 _SAVE_PERIOD = 5.0
 """[s] between two saves of the state file: what a crash can lose."""
 
@@ -85,14 +90,9 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         self._inputs = EkfInputs(config)
         self._keeper = self._restore()
         qos = sensor_qos(config.reliable_inputs)
-        # Fixes before odometry: an executor that finds both waiting handles them in this order.
-        fix_type = PoseWithCovarianceStamped
-        self.subscribe(fix_type, "global_pose", lambda data: self._on_fix(read_pose(data)), qos, raw=True)
-        for index, topic in enumerate(config.localization.sources.pose_sources):
-            self.subscribe(fix_type, topic, partial(self._on_source_fix, index, topic), qos)
-        self.subscribe(Imu, "heading", self._on_heading, qos)
-        if self._inputs.landmark_points:
-            self.subscribe(PointCloud2, "landmarks", self._on_landmarks, qos)
+        # Sensors before odometry: an executor that finds both waiting handles them in this order.
+        for sensor in self._inputs.sensors:
+            self._subscribe_to(sensor, qos)
         self.subscribe(PoseWithCovarianceStamped, "initialpose", self._on_initialpose)
         if config.odometry_source == "odom":
             self.publisher_watch.watch("odom", "measure the motion")
@@ -158,42 +158,32 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
             warnings.append(reason)
         if nis is not None and nis.mean > nis.alarm:
             warnings.append("innovations larger than the covariances allow")
-        names = self.localization.monitor.names
-        warnings += [f"innovations of {names[kind]} correlated in time" for kind in self.localization.correlated()]
+        warnings += [f"innovations of {name} correlated in time" for name in self.localization.correlated()]
         if warnings:
             level, text = max(level, DiagnosticStatus.WARN[0]), "; ".join([*warnings, text])
         return max(level, self._level(state)), f"{state}; {text}"
 
-    def _on_fix(self, message: PoseWithCovarianceStamped) -> None:
-        fix = self._inputs.fix(message)
-        self.localization.on_measurement(fix)
-        self._count_fallback("global_pose", fix, self._inputs.fix_noise)
+    def _subscribe_to(self, sensor: Sensor, qos: QoSProfile) -> None:
+        message_type = _message_class(sensor.message_type)
+        read = _READERS.get(sensor.message_type)
+        if read is None:
+            self.subscribe(message_type, sensor.topic, partial(self._on_sensor, sensor.topic), qos)
+        else:
+            handle = partial(self._on_sensor, sensor.topic)
+            self.subscribe(message_type, sensor.topic, lambda data: handle(read(data)), qos, raw=True)
 
-    def _on_source_fix(self, index: int, topic: str, message: PoseWithCovarianceStamped) -> None:
-        fix = self._inputs.source_fix(index, message)
-        self.localization.on_measurement(fix)
-        self._count_fallback(topic, fix, self._inputs.source_noises[index])
-
-    def _on_heading(self, message: Imu) -> None:
-        heading = self._inputs.heading(message)
-        self.localization.on_measurement(heading)
-        self._count_fallback("heading", heading, self._inputs.heading_noise)
-
-    def _on_landmarks(self, message: PointCloud2) -> None:
-        measurements, unknown = self._inputs.landmarks(message)
-        if unknown:
-            self.health.counted["landmarks of unknown number"] += unknown
-        for measurement in measurements:
-            try:
-                self.localization.on_measurement(measurement)
-            except BadMessageError as error:
-                # Counted one by one: the others of the cloud may be good.
-                if self.health.drop("landmarks", error.kind):
-                    self.get_logger().warning(f"landmarks: dropped: {error} (logged once; see /diagnostics)")
-
-    def _count_fallback(self, topic: str, measurement: Measurement, noise: KnownNoise) -> None:
-        if measurement.R is noise.R:
+    def _on_sensor(self, topic: str, message: Any) -> None:
+        reading = self._inputs.sensor(topic).read(message)
+        if reading.unknown:
+            self.health.counted[f"{topic} of unknown number"] += reading.unknown
+        fuse(reading, self.localization, partial(self._drop_one, topic))
+        if reading.uses_fallback:
             self.health.counted[f"{topic} with the covariance of the parameters"] += 1
+
+    def _drop_one(self, topic: str, error: BadMessageError) -> None:
+        """Count one measurement of several: the others of the message may be good."""
+        if self.health.drop(topic, error.kind):
+            self.get_logger().warning(f"{topic}: dropped: {error} (logged once; see /diagnostics)")
 
     def _restore(self) -> StateKeeper | None:
         path = file_path("state_file", self.config.state_file)
@@ -217,7 +207,8 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
 
     def _on_initialpose(self, message: PoseWithCovarianceStamped) -> None:
         fix = self._inputs.initialpose(message)
-        self._count_fallback("initialpose", fix, self._inputs.fix_noise)
+        if fix.R is self._inputs.initial_noise.R:
+            self.health.counted["initialpose with the covariance of the parameters"] += 1
         x, y, theta = fix.pose
         self.localization.initialise(fix.pose, fix.R, fix.stamp or None)
         self.get_logger().info(f"initialised at x {x:.3f} m, y {y:.3f} m, heading {theta:.3f} rad")
@@ -310,6 +301,12 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         if self.localization.dropped_before_odometry:
             values["measurements before the first odometry"] = str(self.localization.dropped_before_odometry)
         return values
+
+
+def _message_class(name: str) -> Any:
+    """Return the class of a type of messages such as ``sensor_msgs/msg/Imu``."""
+    package, _, kind = name.split("/")
+    return getattr(importlib.import_module(f"{package}.msg"), kind)
 
 
 def main(args: list[str] | None = None) -> int:

@@ -12,7 +12,7 @@ from diffbot_control.filter.covariance import uncertainty_of
 from diffbot_control.filter.localization import Estimate as FilterEstimate
 from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.localization_config import LocalizationConfig
-from diffbot_control.filter.measurements import Measurement
+from diffbot_control.filter.measurements import Heading, LandmarkMeasurement, Measurement, PoseFix
 from diffbot_control.law.controller import ControllerConfig, ControllerMemory, step
 from diffbot_core.errors import BadMessageError, InvalidValueError
 from diffbot_core.geometry import Pose
@@ -20,7 +20,7 @@ from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
 from diffbot_sim.feedback import EKF, FEEDBACKS, RAW, TRUTH
 from diffbot_sim.model.outcome import Criteria, LawState, Outcome, add_step, new_totals, outcome_of
-from diffbot_sim.model.simulator import World, WorldConfig
+from diffbot_sim.model.simulator import Arrivals, World, WorldConfig
 
 Array = NDArray[np.float64]
 
@@ -107,6 +107,15 @@ def simulate(
     return Recording(time, rows[:, 0:3], rows[:, 3:6], rows[:, 6:8], regions, reached, rows[:, 8])
 
 
+def measurements_of(arrivals: Arrivals) -> list[Measurement]:
+    """Return what the filter gets of the plant's readings."""
+    return [
+        *(PoseFix(*one) for one in arrivals.fixes),
+        *(Heading(*one) for one in arrivals.headings),
+        *(LandmarkMeasurement(one.stamp, one.range, one.bearing, one.R, one.landmark) for one in arrivals.landmarks),
+    ]
+
+
 class PoseFeedback:
     """Source of the poses that the controller gets."""
 
@@ -131,9 +140,7 @@ class PoseFeedback:
             for fix in arrivals.fixes:
                 self._newest = fix.pose
             return self._newest
-        landmarks = [one.measurement for one in arrivals.landmarks]
-        measurements: list[Measurement] = [*arrivals.fixes, *arrivals.headings, *landmarks]
-        for measurement in measurements:
+        for measurement in measurements_of(arrivals):
             try:
                 self._localization.on_measurement(measurement)
             except BadMessageError:

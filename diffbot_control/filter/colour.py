@@ -20,8 +20,6 @@ _SIGNIFICANT = 2.0
 _MAX_CORRELATION = 0.99
 _MAX_SQUARE = 30.0
 """Bound of a normalised square: an outlier that no gate kept out has no partner."""
-_SIZE = 3
-"""Numbers of a fix."""
 Numbers = tuple[float, float, float]
 """x [m], y [m], theta [rad]"""
 
@@ -34,7 +32,7 @@ class Variances(NamedTuple):
     y: float
     """[m^2]"""
     theta: float
-    """[rad^2]"""
+    """[rad^2]; inf: it has no heading"""
 
 
 class Travelled(NamedTuple):
@@ -123,19 +121,20 @@ def with_fix(
     if paired:
         (last_x, last_y, last_theta), (old_x, old_y, old_theta) = last, old
         by_x, by_y, by_theta = 1.0 / R.x, 1.0 / R.y, 1.0 / R.theta
+        size = 3 if by_theta > 0.0 else 2
         r_x, r_y, r_theta = x - old_x, y - old_y, theta - old_theta
-        newest = (r_x * r_x * by_x + r_y * r_y * by_y + r_theta * r_theta * by_theta) * (0.5 / _SIZE)
+        newest = (r_x * r_x * by_x + r_y * r_y * by_y + r_theta * r_theta * by_theta) * (0.5 / size)
         if newest < _MAX_SQUARE:
             # An error of the heading turns what was driven: it moves the end across.
             dx, dy = x_before - start.x, y_before - start.y
             moved = 0.5 * (travelled.along + (dx * dx + dy * dy) * old_var_theta) * (by_x + by_y)
-            both = (x * last_x * by_x + y * last_y * by_y + theta * last_theta * by_theta) / _SIZE
+            both = (x * last_x * by_x + y * last_y * by_y + theta * last_theta * by_theta) / size
             if pairs < _MEMORY:
                 pairs += 1
             difference += (newest - difference) / pairs
-            motion += ((moved + travelled.turn * by_theta) * (0.5 / _SIZE) - motion) / pairs
+            motion += ((moved + travelled.turn * by_theta) * (0.5 / size) - motion) / pairs
             product += (both - product) / pairs
-            c = correlation_of(difference, motion, product, pairs)
+            c = correlation_of(difference, motion, product, size * pairs)
             inflation = (1.0 + c) / (1.0 - c)
     residual = (fix_x - after.x, fix_y - after.y, theta - wrap_angle(after.theta - theta_before))
     return Colour(True, (x, y, theta), residual, after, var_theta, difference, motion, product, pairs, inflation)
@@ -146,14 +145,14 @@ def growth(before: Colour, after: Colour) -> float:
     return max(after.inflation / before.inflation, 1.0)
 
 
-def correlation_of(difference: float, motion: float, product: float, pairs: int) -> float:
-    """Return c from the means over ``pairs`` pairs of fixes, see :class:`Colour`."""
+def correlation_of(difference: float, motion: float, product: float, products: int) -> float:
+    """Return c from the means over so many ``products`` of two numbers, see :class:`Colour`."""
     by_difference = 1.0 + motion - difference
     if by_difference <= 0.0 or product <= 0.0:
         return 0.0
     # White innovations have a product of mean 0; its deviation is their variance over the root of the number.
     variance = difference + product
-    if product * product * (_SIZE * pairs) <= (_SIGNIFICANT * variance) ** 2:
+    if product * product * products <= (_SIGNIFICANT * variance) ** 2:
         return 0.0
     by_product = product / (product + max(difference - motion, 1e-3))
     return min(by_difference, by_product, _MAX_CORRELATION)

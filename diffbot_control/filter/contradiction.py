@@ -13,8 +13,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from diffbot_core.geometry import Pose
-
 MAX_RELOCATIONS = 3
 """Relocations within WINDOW that are a contradiction."""
 WINDOW = 10 * 10**9
@@ -36,7 +34,7 @@ class Contradiction(NamedTuple):
 
     relocations: tuple[int, ...] = ()
     """[ns] the newest ones, at most MAX_RELOCATIONS"""
-    fix: Pose | None = None
+    fix: tuple[float, ...] = ()
     """the newest one of global_pose"""
     repetitions: int = 1
     """how often in a row it came"""
@@ -61,8 +59,8 @@ def with_relocation(memory: Contradiction, stamp: int) -> Contradiction:
     return memory._replace(since=max(stamp, memory.since)) if memory.cause else memory
 
 
-def with_fix(memory: Contradiction, stamp: int, fix: Pose) -> Contradiction:
-    """Add a fix of global_pose."""
+def with_fix(memory: Contradiction, stamp: int, fix: tuple[float, ...]) -> Contradiction:
+    """Add the numbers of a fix of global_pose."""
     if fix != memory.fix:
         return memory._replace(fix=fix, repetitions=1, distance=0.0)
     memory = memory._replace(repetitions=memory.repetitions + 1)

@@ -11,31 +11,24 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
+from filterpy.kalman import ExtendedKalmanFilter
 
-from diffbot_control.filter.covariance import inverse
-from diffbot_control.filter.filterpy_ekf import ExtendedKalmanFilter
-from diffbot_control.filter.landmark_calibration import NO_ERRORS, LandmarkErrors, with_landmark_errors
-from diffbot_control.filter.measurements import Array
+from diffbot_control.filter.measurements import Array, Innovation, Measurement, States
 from diffbot_control.filter.models import (
     TURNED_VARIANCE,
     Arc,
-    LandmarkExpectation,
     Motion,
     RadiusErrors,
     arc_correction,
-    expect_landmark,
-    heading_innovation,
-    is_at_landmark,
     lateral_noise,
     motion_noise,
     move,
-    pose_innovation,
     radius_derivatives,
     separation_derivatives,
     with_radius_errors,
     with_separation_error,
 )
-from diffbot_core.geometry import Point, Pose, wrap_angle
+from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import Twist
 
 
@@ -52,17 +45,27 @@ PLAIN = Robust()
 """The textbook's correction."""
 
 
-def _weakened(R: Array, S: Array, nis: float, robust: Robust) -> tuple[Array, Array]:
-    """Return the R and the inverse of the S to correct with.
+def _weakened(R: Array, S: Array, nis: float, robust: Robust) -> Array:
+    """Return the R to correct with.
 
     The gain K and the reduction K S K' of P are multiplied by w = gate / NIS beyond the gate, which is the correction
     with S / w. The shift of the state then falls with 1 / |y|: a misread number is harmless, and a filter that is lost
-    is never locked out. The NIS stays that of the plain S.
+    is never locked out.
     """
     used = S + (robust.inflation - 1.0) * R
     if nis > robust.gate:
         used = used * (nis / robust.gate)
-    return R + (used - S), inverse(used)
+    return R + (used - S)
+
+
+def normalised_square(y: Array, S: Array) -> float:
+    """Return y' S^-1 y.
+
+    Raises:
+        LinAlgError: if S is not positive definite to working precision.
+    """
+    u = np.linalg.solve(np.linalg.cholesky(S), y)
+    return float(u.dot(u))
 
 
 class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
@@ -72,8 +75,7 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
     separation; then, by choice, the three of :class:`LandmarkErrors`. The measured twist is that of wheels of the
     configured size, see :func:`models.with_radius_errors`.
 
-    Always use :meth:`predict` with a :class:`Motion` and the ``update_`` methods: filterpy's own ``update`` and
-    ``predict_update`` know neither these models nor the wrapping of angles.
+    Always correct by :meth:`correct`: filterpy's ``update``, which it calls, does not wrap the heading.
     """
 
     def __init__(self, wheels: int = 0, *, landmark_states: bool = False) -> None:
@@ -83,36 +85,26 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
             wheels: number of errors of the wheels that are states: 0, 2 or 3.
             landmark_states: the errors of landmarks are states.
         """
-        states = 3 + wheels + (3 if landmark_states else 0)
-        super().__init__(dim_x=states, dim_z=3, dim_u=2)
-        self.Q = np.zeros((states, states))
+        size = 3 + wheels + (3 if landmark_states else 0)
+        super().__init__(dim_x=size, dim_z=3, dim_u=2)
+        self.Q = np.zeros((size, size))
         self._wheels = wheels
-        self.wheel_part = slice(3, 3 + wheels)
-        """of the states: the errors of the wheels"""
-        self.landmark_part = slice(3 + wheels, states)
-        """of the states: the errors of landmarks"""
-        self._H_pose: Array = np.eye(3, states)
-        self._H_heading = self._H_pose[2:]
+        self.states = States(size, slice(3, 3 + wheels), slice(3 + wheels, size))
+        """where they stand"""
+        self.newest: Innovation | None = None
+        """of the newest measurement"""
         self.wheel_separation = 1.0
         """L [m]"""
         self.random_walk = 0.0
         """[1/s] random-walk variance per second of each error of the wheels"""
-        self.landmark_errors = NO_ERRORS
-        """the errors of landmarks, if they are not states"""
         self.var_lateral = 0.0
         """[m^2] variance of the next motion across the robot, independent of its twist's"""
-        self.set_state(np.zeros(states), np.diag([1e6, 1e6, math.pi**2, *[0.0] * (states - 3)]))
+        self.set_state(np.zeros(size), np.diag([1e6, 1e6, math.pi**2, *[0.0] * (size - 3)]))
 
     def set_state(self, x: Array, P: Array) -> None:
         """Put the filter at mean ``x`` (n,) with covariance ``P`` (n, n); both are copied."""
         self.x = np.array(x, dtype=float)
         self.P = np.array(P, dtype=float)
-
-    def predict(self, u: Any = 0) -> None:
-        """Move mean and covariance by the :class:`Motion` ``u``, as filterpy's ``predict`` without copies of both."""
-        self.predict_x(u)
-        F = self.F
-        self.P = F.dot(self.P).dot(F.T) + self.Q
 
     def predict_x(self, u: Any = 0) -> None:
         """Move the mean by the :class:`Motion` ``u`` and set F and Q."""
@@ -157,88 +149,39 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         Q[0, 2] = Q[2, 0] = xt
         Q[1, 2] = Q[2, 1] = yt
 
-    def update_pose(self, measured: Pose, R: Array, robust: Robust = PLAIN) -> float:
-        """Correct with a pose fix of covariance ``R`` (3, 3); return the NIS."""
-        x = self.x
-        dx, dy, turn = pose_innovation(measured, Pose(x.item(0), x.item(1), x.item(2)))
-        return self._update((dx, dy, turn), R, self._H_pose, robust)
+    def innovation(self, measurement: Measurement) -> Innovation:
+        """Return what a measurement says that was not expected; it must be defined at this state."""
+        x, P, states = self.x, self.P, self.states
+        y = measurement.residual(measurement.z, measurement.expected(x, states))
+        H = measurement.jacobian(x, states)
+        return Innovation(y, H.dot(P).dot(H.T) + measurement.noise(x, P, states))
 
-    def update_heading(self, measured: float, R: Array, robust: Robust = PLAIN) -> float:
-        """Correct with a heading [rad] of variance ``R`` (1, 1) [rad^2]; return the NIS."""
-        return self._update((heading_innovation(measured, self.x.item(2)),), R, self._H_heading, robust)
+    def correct(self, measurement: Measurement, robust: Robust = PLAIN) -> float:
+        """Correct with a measurement, which must be defined at this state; return the NIS.
 
-    def update_landmark(
-        self, distance: float, bearing: float, R: Array, landmark: Point, robust: Robust = PLAIN
-    ) -> float:
-        """Correct with range and bearing of a known point, or with one of them.
+        The gain K and the reduction of P are those of filterpy's ``update`` for the R that ``robust`` asks for; the NIS
+        and :attr:`newest` are of the measurement's own.
 
-        Args:
-            distance: range [m].
-            bearing: [rad] in the robot's frame.
-            R: (2, 2) their covariance; the variance of the linearisation error is added. A number whose variance is not
-                finite is missing; the other is used alone.
-            landmark: position of the point in the frame of the state [m].
-            robust: see :class:`Robust`.
-
-        Returns:
-            The NIS; inf, and nothing is corrected, if the estimated position is at the landmark, where no bearing is
-            defined.
+        Raises:
+            LinAlgError: if S is not positive definite to working precision.
         """
-        x, y, theta = self.x.tolist()[:3]
-        pose = Pose(x, y, theta)
-        if is_at_landmark(pose, landmark):
-            return math.inf
-        expected, H = self._expected(pose, landmark)
-        innovation = distance - expected.range, heading_innovation(bearing, expected.bearing)
-        var_range, var_bearing = R.item(0), R.item(3)
-        if not math.isfinite(var_bearing):
-            return self._update(innovation[:1], np.array([[var_range + expected.added_var_range]]), H[:1], robust)
-        if not math.isfinite(var_range):
-            return self._update(innovation[1:], np.array([[var_bearing + expected.added_var_bearing]]), H[1:], robust)
-        R = R + np.diag((expected.added_var_range, expected.added_var_bearing))
-        return self._update(innovation, R, H, robust)
-
-    def _expected(self, pose: Pose, landmark: Point) -> tuple[LandmarkExpectation, Array]:
-        """Return the expected measurement of a landmark and its Jacobian (2, n)."""
-        expected = expect_landmark(pose, landmark, self.P.item(0, 0) + self.P.item(1, 1))
-        H = np.zeros((2, self.x.size))
-        H[1, 2] = -1.0
-        part = self.landmark_part
-        if part.start < part.stop:
-            H[0, part] = 1.0, expected.range, 0.0
-            H[1, part.stop - 1] = 1.0
-            expected = with_landmark_errors(expected, LandmarkErrors(*self.x[part].tolist()))
-        elif self.landmark_errors is not NO_ERRORS:
-            expected = with_landmark_errors(expected, self.landmark_errors)
-        H[0, 0], H[0, 1] = expected.range_x, expected.range_y
-        H[1, 0], H[1, 1] = expected.bearing_x, expected.bearing_y
-        return expected, H
-
-    def _update(self, innovation: tuple[float, ...], R: Array, H: Array, robust: Robust) -> float:
-        """Correct with an innovation and a Jacobian that are known already; return the NIS.
-
-        The equations of filterpy's ``update``, to which a test holds it, without the copies of measurement, prior and
-        posterior that nothing here reads.
-        """
-        P = self.P
-        y = np.array(innovation)
-        PHT = P.dot(H.T)
-        S = H.dot(PHT) + R
-        SI = inverse(S)
-        nis = float(y.dot(SI).dot(y))
-        if robust is not PLAIN:
-            R, SI = _weakened(R, S, nis, robust)
-        K = PHT.dot(SI)
-        shift = K.dot(y)
-        x = self.x + shift
-        x[2] = wrap_angle(x.item(2))
-        I_KH = self._I - K.dot(H)
-        self.x = x
-        # Joseph form: stays symmetric and positive definite under rounding.
-        self.P = I_KH.dot(P).dot(I_KH.T) + K.dot(R).dot(K.T)
-        if P.item(2, 2) > TURNED_VARIANCE:
-            self._turn(shift)
-        self.y, self.S = y, S
+        self.newest = y, S = self.innovation(measurement)
+        nis = normalised_square(y, S)
+        before, uncertain = self.x, self.P.item(2, 2) > TURNED_VARIANCE
+        R = measurement.noise(before, self.P, self.states)
+        states = (self.states,)
+        self.update(
+            measurement.z,
+            measurement.jacobian,
+            measurement.expected,
+            R if robust is PLAIN else _weakened(R, S, nis, robust),
+            args=states,
+            hx_args=states,
+            residual=measurement.residual,
+        )
+        self.x[2] = wrap_angle(self.x.item(2))
+        if uncertain:
+            self._turn(self.K.dot(self.y))
         return nis
 
     def _turn(self, shift: Array) -> None:

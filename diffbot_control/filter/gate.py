@@ -3,9 +3,11 @@
 A gate alone would lock out a filter whose estimate has diverged. So rejected fixes are kept: they feed a second
 hypothesis, the candidate, which starts at a rejected fix and is moved by the same odometry. Outliers do not agree with
 each other, but the fixes of a robot that was carried away or has slipped do; then the candidate replaces the estimate.
-Headings and landmarks do not determine a pose; if only they are rejected for long enough, the pose is reset.
+Measurements that know no position, as headings and landmarks, give no candidate; if only they are rejected for long
+enough, the pose is reset.
 
-Pure functions with their memory. Each filter corrects, calls :func:`decide`, and applies the decision.
+Pure functions with their memory. Each filter corrects, calls :func:`decide_fix` or :func:`decide_other`, and applies
+the decision.
 """
 
 from __future__ import annotations
@@ -16,10 +18,8 @@ from typing import NamedTuple
 from diffbot_control.filter.options import FilterOptions
 
 ACCEPTED, REJECTED, RELOCATED, IGNORED, WEIGHED = 0, 1, 2, 3, 4
-HEADING, LANDMARK, FIX = 0, 1, 2
-"""Kinds of measurement, of one, two and three numbers; indices of FilterOptions.gates."""
 RESET_VAR_XY, RESET_VAR_THETA = 25.0, 1.0
-"""[m^2], [rad^2] variances of a pose that headings and landmarks have contradicted for too long"""
+"""[m^2], [rad^2] variances of a pose that was contradicted for too long by measurements without a position"""
 _SLACK_UP, _SLACK_DOWN = 0.2, 0.05
 """Change of the slack at a rejected and at an accepted fix: a gate that rejects more than a fifth is itself wrong."""
 
@@ -41,7 +41,7 @@ class GateMemory(NamedTuple):
     slack: float
     """logarithm of the factor on the bound for fixes"""
     others: RejectionStreak
-    """headings and landmarks; also ended by a fix that is accepted or relocates"""
+    """measurements that are no fixes; also ended by a fix that is accepted or relocates"""
 
 
 class Decision(NamedTuple):
@@ -49,8 +49,8 @@ class Decision(NamedTuple):
 
     outcome: int
     """ACCEPTED: correct the estimate with it. REJECTED: keep the estimate. RELOCATED: of a fix, the candidate replaces
-    the estimate; of a heading or landmark, reset the pose and correct it with the measurement. IGNORED: do nothing.
-    WEIGHED: of a landmark, correct the estimate with a part of its gain."""
+    the estimate; of others, reset the pose and correct it with the measurement. IGNORED: do nothing. WEIGHED: correct
+    the estimate with a part of the gain."""
     agrees: bool
     """of a fix that is not accepted: correct the candidate with it; if False, start a new candidate at the fix"""
 
@@ -86,52 +86,44 @@ def diverged(streak: RejectionStreak, options: FilterOptions) -> bool:
     return streak.rejected >= options.relocation_fixes and streak.elapsed >= options.relocation_timeout
 
 
-def is_expected(memory: GateMemory, nis: float, kind: int, options: FilterOptions) -> bool:
+def is_expected(nis: float, bound: float) -> bool:
     """True if the normalised innovation squared of a measurement is within the gate; False for nan."""
-    bound = options.gates[kind]
-    if kind == FIX and memory.slack > 0.0:
-        bound = math.exp(memory.slack) * bound
     return 0.0 <= nis <= bound
 
 
-def decide_weight(memory: GateMemory, nis: float, kind: int, options: FilterOptions) -> tuple[GateMemory, Decision]:
-    """Decide on a landmark that is weighed beyond the gate and never rejected; arguments as of :func:`decide`."""
+def fix_bound(memory: GateMemory, bound: float) -> float:
+    """Return the bound for a fix, which is wider after many rejections."""
+    return math.exp(memory.slack) * bound if memory.slack > 0.0 else bound
+
+
+def decide_weight(memory: GateMemory, nis: float, bound: float) -> tuple[GateMemory, Decision]:
+    """Decide on a measurement that is weighed beyond the gate and never rejected; see :func:`decide_other`."""
     if nis == math.inf:
         return memory, Decision(IGNORED, False)
     if math.isnan(nis):
         return memory, Decision(REJECTED, False)
     cleared = GateMemory(memory.fixes, memory.agreeing, memory.slack, _NO_STREAK)
-    return cleared, _ACCEPT if is_expected(memory, nis, kind, options) else Decision(WEIGHED, False)
+    return cleared, _ACCEPT if is_expected(nis, bound) else Decision(WEIGHED, False)
 
 
-def decide(
-    memory: GateMemory, nis: float, candidate_nis: float, kind: int, options: FilterOptions
+def decide_fix(
+    memory: GateMemory, nis: float, candidate_nis: float, bound: float, options: FilterOptions
 ) -> tuple[GateMemory, Decision]:
-    """Decide on a measurement.
+    """Decide on a fix: a measurement by which the filter may restart.
 
     Args:
         memory: of the gate.
-        nis: normalised innovation squared against the estimate; nan if it cannot be computed; of a landmark, inf means
-            that the robot is at it.
+        nis: normalised innovation squared against the estimate; nan if it cannot be computed.
         candidate_nis: of an unexpected fix, the same against the candidate; nan if there is none.
-        kind: HEADING, LANDMARK or FIX.
+        bound: of the NIS, for as many numbers as were measured; inf without a gate.
         options: see FilterConfig.
     """
-    if kind == FIX:
-        return gate_fix(memory, nis, candidate_nis, options)
-    return _gate_other(memory, nis, kind, options)
-
-
-def gate_fix(
-    memory: GateMemory, nis: float, candidate_nis: float, options: FilterOptions
-) -> tuple[GateMemory, Decision]:
-    """Decide on a fix; arguments as of :func:`decide`."""
-    streak = memory.fixes
-    if is_expected(memory, nis, FIX, options):
+    streak, bound = memory.fixes, fix_bound(memory, bound)
+    if is_expected(nis, bound):
         if streak.rejected == 0 and memory.slack == 0.0 and memory.others.rejected == 0:
             return memory, _ACCEPT
         return GateMemory(_NO_STREAK, 0, max(memory.slack - _SLACK_DOWN, 0.0), _NO_STREAK), _ACCEPT
-    agrees = streak.rejected > 0 and is_expected(memory, candidate_nis, FIX, options)
+    agrees = streak.rejected > 0 and is_expected(candidate_nis, bound)
     agreeing = memory.agreeing + 1 if agrees else 1
     slack = memory.slack + _SLACK_UP
     if agreeing >= options.relocation_fixes:
@@ -145,11 +137,19 @@ def gate_fix(
     return GateMemory(streak, agreeing, slack, memory.others), Decision(REJECTED, agrees)
 
 
-def _gate_other(memory: GateMemory, nis: float, kind: int, options: FilterOptions) -> tuple[GateMemory, Decision]:
+def decide_other(memory: GateMemory, nis: float, bound: float, options: FilterOptions) -> tuple[GateMemory, Decision]:
+    """Decide on a measurement that is no fix.
+
+    Args:
+        memory: of the gate.
+        nis: normalised innovation squared; nan if it cannot be computed, inf if nothing can be expected.
+        bound: of the NIS, as for :func:`decide_fix`.
+        options: see FilterConfig.
+    """
     if nis == math.inf:
         return memory, Decision(IGNORED, False)
     cleared = GateMemory(memory.fixes, memory.agreeing, memory.slack, _NO_STREAK)
-    if is_expected(memory, nis, kind, options):
+    if is_expected(nis, bound):
         return cleared, _ACCEPT
     streak = count_rejection(memory.others)
     if diverged(streak, options):

@@ -1,46 +1,33 @@
 """Consistency of the filter: its innovations against their expected covariance, and how many were rejected.
 
 Innovations of a right model are white. Their autocorrelation shows what the NIS does not: fixes whose errors last
-longer than the time between them look harmless one by one, and make the filter far too sure.
+longer than the time between them look harmless one by one, and make the filter overconfident.
 """
 
 from __future__ import annotations
 
 import math
-from collections import Counter, deque
-from collections.abc import Hashable, Iterable, Sequence
+from collections import defaultdict, deque
+from collections.abc import Collection, Hashable, Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from diffbot_control.filter.chi_square import chi_square_bound
-from diffbot_control.filter.gate import ACCEPTED, FIX, HEADING, LANDMARK, REJECTED, RELOCATED, WEIGHED
-from diffbot_control.filter.measurements import Array
+from diffbot_control.filter.gate import ACCEPTED, REJECTED, RELOCATED, WEIGHED
+from diffbot_control.filter.measurements import FIXES, Array, Innovation, Source
 
 WINDOW = 50
 """Number of accepted measurements in the mean."""
 _FALSE_ALARM = 1e-4
 """Probability that the mean of a consistent filter exceeds the alarm bound."""
 
-KINDS = {FIX: "fixes", LANDMARK: "landmarks", HEADING: "headings"}
-"""Names of the kinds of measurement."""
-_NUMBERS = {FIX: 3, LANDMARK: 2, HEADING: 1}
-"""Numbers measured by each kind, if nothing else is known."""
 _WHITENESS_WINDOW = 100
 """Number of accepted measurements of a kind in the autocorrelation."""
 _MIN_PAIRS = 30
 """Number of products below which an autocorrelation means nothing."""
 _SIGMAS_95, _SIGMAS_ALARM = 1.96, 4.0
 """Bounds in standard deviations; watched all the time, four are exceeded in 0.5 % of drives of 15 minutes at 5 Hz."""
-
-
-class Innovation(NamedTuple):
-    """Measured minus expected numbers and their covariance, with the R that the measurement came with."""
-
-    y: Array
-    """(m,)"""
-    S: Array
-    """(m, m)"""
 
 
 class Whiteness(NamedTuple):
@@ -108,78 +95,83 @@ class Nis(NamedTuple):
     """above it the covariances are too small for the innovations"""
 
 
-class InnovationMonitor:
-    """Record of a filter's innovations."""
+def mean_nis(window: Collection[tuple[float, int]]) -> Nis | None:
+    """Return the mean of NIS values, each with how many numbers it is of; None if there are none."""
+    if not window:
+        return None
+    numbers = sum(count for _, count in window)
+    low, high, alarm = (chi_square_bound(numbers, tail) / numbers for tail in (0.975, 0.025, _FALSE_ALARM))
+    return Nis(sum(nis for nis, _ in window) / numbers, low, high, alarm)
 
-    def __init__(self, sources: tuple[str, ...] = ()) -> None:
-        """Start with an empty record; ``sources`` are the names of further sources of fixes, kinds FIX + 1, ..."""
-        self.names = KINDS | {FIX + 1 + index: f"fixes of {name}" for index, name in enumerate(sources)}
-        """of the kinds of measurement"""
-        self.rejected: Counter[str] = Counter()
-        self.relocated: Counter[str] = Counter()
+
+class _Sensor:
+    """Record of one sensor."""
+
+    def __init__(self) -> None:
+        self.rejected = self.relocated = 0
+        self.fresh: deque[tuple[Source, Innovation]] = deque(maxlen=_WHITENESS_WINDOW)
+        """innovations that are not yet whitened"""
+        self.whitened: deque[tuple[Source, Array]] = deque(maxlen=_WHITENESS_WINDOW)
+        self.whiteness: Whiteness | None = None
+
+    def clear(self) -> None:
+        """Forget the innovations."""
+        self.fresh.clear()
+        self.whitened.clear()
+        self.whiteness = None
+
+
+class InnovationMonitor:
+    """Record of a filter's innovations, by the names of the sensors."""
+
+    def __init__(self) -> None:
+        """Start with an empty record."""
+        self.sensors: defaultdict[str, _Sensor] = defaultdict(_Sensor)
         self.weighed = 0
-        """number of landmarks beyond the gate that were weighed"""
+        """number of measurements beyond the gate that were weighed"""
         self._window: deque[tuple[float, int]] = deque(maxlen=WINDOW)
-        self._innovations: dict[int, deque[tuple[Hashable, Innovation]]] = {
-            kind: deque(maxlen=_WHITENESS_WINDOW) for kind in self.names
-        }
-        """not yet whitened"""
-        self._whitened: dict[int, deque[tuple[Hashable, Array]]] = {
-            kind: deque(maxlen=_WHITENESS_WINDOW) for kind in self.names
-        }
-        self._whiteness: dict[int, Whiteness | None] = dict.fromkeys(self.names)
 
     def clear(self) -> None:
         """Clear the innovations; the counters stay."""
         self._window.clear()
-        for kind in self.names:
-            self._innovations[kind].clear()
-            self._whitened[kind].clear()
-            self._whiteness[kind] = None
+        for one in self.sensors.values():
+            one.clear()
 
-    def record(
-        self, kind: int, nis: float, outcome: int, innovation: Innovation | None = None, source: Hashable = None
-    ) -> None:
+    def record(self, source: Source, nis: float, outcome: int, innovation: Innovation | None = None) -> None:
         """Add a measurement.
 
         Args:
-            kind: FIX, LANDMARK or HEADING, or FIX + 1, ... for further sources of fixes.
+            source: of the measurement; only innovations of one source are compared with each other.
             nis: its NIS.
             outcome: of the gate's decision.
-            innovation: None if it is not known.
-            source: of the measurement; only innovations of one source are compared with each other.
+            innovation: None if it could not be computed.
         """
-        if outcome == ACCEPTED:
-            numbers = _NUMBERS[min(kind, FIX)] if innovation is None else innovation.y.size
-            self._window.append((nis, numbers))
-            if innovation is not None:
-                self._innovations[kind].append((source, innovation))
+        sensor = self.sensors[source.sensor]
+        if outcome == ACCEPTED and innovation is not None:
+            self._window.append((nis, innovation.y.size))
+            sensor.fresh.append((source, innovation))
         elif outcome == WEIGHED:
             self.weighed += 1
         elif outcome == REJECTED:
-            self.rejected[self.names[kind]] += 1
+            sensor.rejected += 1
         elif outcome == RELOCATED:
-            self.relocated[self.names[kind]] += 1
+            sensor.relocated += 1
             self.clear()  # those innovations belong to the estimate that was given up
 
     def nis(self) -> Nis | None:
         """Return the mean over the window and its chi-square bounds; None if the window is empty."""
-        if not self._window:
-            return None
-        numbers = sum(count for _, count in self._window)
-        low, high, alarm = (chi_square_bound(numbers, tail) / numbers for tail in (0.975, 0.025, _FALSE_ALARM))
-        return Nis(sum(nis for nis, _ in self._window) / numbers, low, high, alarm)
+        return mean_nis(self._window)
 
-    def whiteness(self) -> dict[int, Whiteness]:
-        """Return the autocorrelation of each kind of measurement of which there are enough."""
+    def whiteness(self) -> dict[str, Whiteness]:
+        """Return the autocorrelation of each sensor of which there is enough."""
         # Computed when asked for, and each innovation once: a status that is sent twice a second needs it.
-        for kind, fresh in self._innovations.items():
-            if fresh:
-                sources, innovations = zip(*fresh, strict=True)
-                self._whitened[kind].extend(zip(sources, whitened(innovations), strict=True))
-                self._whiteness[kind] = whiteness_of(self._whitened[kind])
-                fresh.clear()
-        return {kind: one for kind, one in self._whiteness.items() if one is not None}
+        for one in self.sensors.values():
+            if one.fresh:
+                sources, innovations = zip(*one.fresh, strict=True)
+                one.whitened.extend(zip(sources, whitened(innovations), strict=True))
+                one.whiteness = whiteness_of(one.whitened)
+                one.fresh.clear()
+        return {name: one.whiteness for name, one in self.sensors.items() if one.whiteness is not None}
 
     def values(self) -> dict[str, str]:
         """Return key-value pairs for a diagnostic status."""
@@ -188,15 +180,15 @@ class InnovationMonitor:
         if nis is not None:
             values["NIS per number"] = f"{nis.mean:.3f}"
             values["NIS 95 % bounds"] = f"{nis.low:.3f} {nis.high:.3f}"
-        for number, white in self.whiteness().items():
-            name = self.names[number]
+        for name, white in self.whiteness().items():
             values[f"NIS per number of {name}"] = f"{white.nis:.3f}"
             values[f"autocorrelation of {name}"] = f"{white.correlation:.3f}"
             values[f"autocorrelation of {name}, 95 % bound"] = f"{white.bound:.3f}"
         if self.weighed:
             values["landmarks weighed"] = str(self.weighed)
-        for kind in self.names.values():
-            if self.rejected[kind] or self.relocated[kind] or kind == "fixes":
-                values[f"{kind} rejected"] = str(self.rejected[kind])
-                values[f"relocations by {kind}"] = str(self.relocated[kind])
+        for name in {FIXES: None, **self.sensors}:
+            sensor = self.sensors[name]
+            if sensor.rejected or sensor.relocated or name == FIXES:
+                values[f"{name} rejected"] = str(sensor.rejected)
+                values[f"relocations by {name}"] = str(sensor.relocated)
         return values

@@ -13,17 +13,17 @@ from typing import NamedTuple
 
 from diffbot_control.filter import contradiction
 from diffbot_control.filter.belief import Belief
-from diffbot_control.filter.correlation import kind_of, source_of
-from diffbot_control.filter.gate import FIX, RELOCATED
+from diffbot_control.filter.gate import RELOCATED
 from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.innovation_monitor import InnovationMonitor
 from diffbot_control.filter.localization_config import LocalizationConfig
-from diffbot_control.filter.measurements import Array, Measurement, OdometryStep, PoseFix
+from diffbot_control.filter.measurements import FIXES, Array, Measurement
+from diffbot_control.filter.measurements.measurement import Key, key_of, split_at
 from diffbot_control.filter.memory import Memory
 from diffbot_control.filter.models import Motion
-from diffbot_control.filter.odometry_delay import DelayLine
+from diffbot_control.filter.odometry import DelayLine, OdometryStep
 from diffbot_control.filter.odometry_noise import density_of, over_time
-from diffbot_control.filter.stamp_order import Key, key_of, order_of, split_at
+from diffbot_control.filter.options import options_of
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist, TwistCovariance, WheelGeometry, scale_twist_covariance
@@ -35,6 +35,9 @@ _MAX_GAP = 1000 * 10**9
 """[ns] between two odometry messages; a longer motion is not described by its mean twist."""
 _MAX_KEYS = 10_000
 """Number of measurements whose keys are kept to recognise duplicates."""
+
+
+_ORIGIN = Pose(0.0, 0.0, 0.0)
 
 
 class Estimate(NamedTuple):
@@ -93,8 +96,8 @@ class Localization:
         self.config = config
         self.max_extrapolation = max_extrapolation
         self._history = round(config.history_length / S_PER_NS)
-        self.filter = GatedFilter(config.options(), wheel_separation)
-        self.monitor = InnovationMonitor(config.sources.pose_sources)
+        self.filter = GatedFilter(options_of(config.filter), wheel_separation, config.correlation_times())
+        self.monitor = InnovationMonitor()
         self.dropped_before_odometry = 0
         """number of measurements dropped because their stamps are before the first odometry's"""
         self.initialised = False
@@ -111,7 +114,7 @@ class Localization:
         """Apply changed options from the next message on; the variant of the filter stays."""
         self._history = round(config.history_length / S_PER_NS)
         self.config = config._replace(filter=config.filter._replace(filter=self.config.filter.filter))
-        self.filter.configure(self.config.options(), wheel_separation)
+        self.filter.configure(options_of(self.config.filter), wheel_separation, self.config.correlation_times())
 
     def reset(self) -> None:
         """Reset everything to unknown; the next fix initialises the filter."""
@@ -156,14 +159,14 @@ class Localization:
         pose = Pose(x.item(0), x.item(1), x.item(2))
         return Estimate(self._stamp, pose, P[:3, :3], self._odometry, belief)
 
-    def correlated(self) -> list[int]:
-        """Return the kinds of measurement whose errors are correlated in time, but independent by the options."""
-        times, found = self.filter.options.correlation_times, self.monitor.whiteness()
-        return [kind for kind, one in found.items() if times[kind] == 0.0 and one.correlation > one.alarm]
+    def correlated(self) -> list[str]:
+        """Return the sensors whose errors are correlated in time, but independent by the options."""
+        times, found = self.config.correlation_times(), self.monitor.whiteness()
+        return [name for name, one in found.items() if not times.get(name) and one.correlation > one.alarm]
 
     def check_innovations(self) -> None:
         """Look for fixes that contradict the odometry without relocating the filter; to be called now and then."""
-        nis, found = self.monitor.nis(), self.monitor.whiteness().get(FIX)
+        nis, found = self.monitor.nis(), self.monitor.whiteness().get(FIXES)
         if nis is not None and found is not None and self._stamp is not None:
             self.contradiction = contradiction.with_innovations(
                 self.contradiction, self._stamp, nis.mean / nis.alarm, found.correlation
@@ -239,17 +242,17 @@ class Localization:
             self.dropped_before_odometry += 1
 
     def on_measurement(self, measurement: Measurement) -> None:
-        """Fuse a fix, a heading or a landmark measurement at its own stamp.
+        """Fuse a measurement at its own stamp.
 
         Raises:
-            BadMessageError: if it is a duplicate (stamp and values), if it is not finite, if it is older than the
-                history, if too many with earlier stamps wait for their odometry already, or if it is a heading or
-                landmark before the first fix.
+            BadMessageError: if it is a duplicate (stamp, source and numbers), if it is not finite, if it is older than
+                the history, if too many with earlier stamps wait for their odometry already, or if the filter has not
+                started and cannot start from it.
         """
-        key = measurement.stamp, measurement.values
+        key = key_of(measurement)
         if key in self._keys:
             raise BadMessageError("duplicate")
-        if not math.isfinite(sum(key[1])):
+        if not math.isfinite(sum(key[2])):
             raise BadMessageError("measurement not finite")
         self._insert(measurement)
         self._keys[key] = None
@@ -258,9 +261,10 @@ class Localization:
 
     def _insert(self, measurement: Measurement) -> None:
         if not self.initialised:
-            if not isinstance(measurement, PoseFix):
+            start = measurement.restart(_ORIGIN)
+            if start is None:
                 raise BadMessageError("no fix yet")
-            self.initialise(measurement.pose, measurement.R, measurement.stamp)
+            self.initialise(*start, measurement.stamp)
             self.filter.start_from(measurement)
         elif self._stamp is None or measurement.stamp > self._stamp:
             self._wait(measurement)
@@ -277,7 +281,7 @@ class Localization:
             # Drop the one furthest ahead: a sender with a wrong clock must not block the others.
             self._forget_key(self._pending.pop())
         if self._pending:
-            insort(self._pending, measurement, key=order_of)
+            insort(self._pending, measurement, key=key_of)
         else:
             self._pending.append(measurement)
 
@@ -291,7 +295,7 @@ class Localization:
             # A stamp equal to the start of the history belongs to the state that the history starts from.
             covered = step.start < measurement.stamp or (index == 0 and step.start == measurement.stamp)
             if covered and measurement.stamp <= step.odometry.stamp:
-                insort(step.measurements, measurement, key=order_of)
+                insort(step.measurements, measurement, key=key_of)
                 self.filter.memory = step.memory
                 for again in range(index, len(self._steps)):
                     step = self._steps[again]
@@ -332,12 +336,12 @@ class Localization:
     def _update(self, measurement: Measurement, new: bool = True) -> None:
         outcome = self.filter.take(measurement)
         if new:
-            kind, source = kind_of(measurement), source_of(measurement)
-            self.monitor.record(kind, self.filter.nis, outcome, self.filter.innovation, source)
+            stamp, source, numbers = key_of(measurement)
+            self.monitor.record(source, self.filter.nis, outcome, self.filter.innovation)
             if outcome == RELOCATED:
-                self.contradiction = contradiction.with_relocation(self.contradiction, measurement.stamp)
-            if isinstance(measurement, PoseFix) and not measurement.source:
-                self.contradiction = contradiction.with_fix(self.contradiction, measurement.stamp, measurement.pose)
+                self.contradiction = contradiction.with_relocation(self.contradiction, stamp)
+            if source.sensor == FIXES:
+                self.contradiction = contradiction.with_fix(self.contradiction, stamp, numbers)
 
     def _trim(self) -> None:
         steps, keys = self._steps, self._keys

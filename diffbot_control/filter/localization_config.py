@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, NamedTuple
 
+from diffbot_control.filter.measurements import FIXES, HEADINGS, LANDMARKS
 from diffbot_control.filter.odometry_noise import OdometryConfig
-from diffbot_control.filter.options import FNN, FNN_CALIBRATING, FilterConfig, FilterOptions, options_of
+from diffbot_control.filter.options import FNN, FNN_CALIBRATING, FilterConfig
 from diffbot_control.filter.pose_sources import PoseSources
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.schema import Spec
@@ -37,6 +38,11 @@ class LocalizationConfig(NamedTuple):
                 f"<= history_length: {self.history_length:g}",
             )
 
-    def options(self) -> FilterOptions:
-        """Derive the filter's numbers."""
-        return options_of(self.filter, tuple(one.correlation_time for one in self.sources.settings()))
+    def correlation_times(self) -> dict[str, float]:
+        """Return how long errors last [s], by the names of the sensors; those of others are independent."""
+        config = self.filter
+        return {
+            HEADINGS: config.heading_correlation_time,
+            LANDMARKS: config.landmark_correlation_time,
+            FIXES: config.fix_correlation_time,
+        } | {one.source().sensor: one.correlation_time for one in self.sources.settings()}

@@ -151,6 +151,15 @@ class FilterConfig(NamedTuple):
             )
 
 
+class CorrelationTimes(NamedTuple):
+    """How long errors last [s]; 0: independent errors."""
+
+    headings: float
+    landmarks: float
+    """of each"""
+    fixes: float
+
+
 class FilterOptions(NamedTuple):
     """The plain numbers that the filter needs of a :class:`FilterConfig`."""
 
@@ -174,8 +183,7 @@ class FilterOptions(NamedTuple):
     """relative errors of the radii, left, right, and of the wheel separation at the start"""
     weigh_landmarks: bool
     """weigh landmarks beyond the gate instead of rejecting them"""
-    correlation_times: tuple[float, ...]
-    """[s] of headings, of each landmark, of fixes, and of the fixes of each further source; 0: independent errors"""
+    correlation_times: CorrelationTimes
     detects_colour: bool
     """find the correlation of the errors of fixes"""
     landmark_errors: LandmarkErrors
@@ -184,15 +192,11 @@ class FilterOptions(NamedTuple):
     """their standard deviations at the start, all > 0; None if they are no states"""
 
 
-def options_of(config: FilterConfig, source_times: tuple[float, ...] = ()) -> FilterOptions:
-    """Derive the filter's numbers from its configuration; the bounds are chi-square quantiles.
-
-    ``source_times``: correlation time [s] of each further source of fixes.
-    """
+def options_of(config: FilterConfig) -> FilterOptions:
+    """Derive the filter's numbers from its configuration; the bounds are chi-square quantiles."""
     adaptive = config.filter in (FNN, FNN_CALIBRATING)
     calibrating = config.filter in (CALIBRATING, FNN_CALIBRATING)
     rest = 1.0 - config.gate_probability
-    times = config.heading_correlation_time, config.landmark_correlation_time, config.fix_correlation_time
     first, second, third = (chi_square_bound(dof, rest) if rest > 0.0 else math.inf for dof in (1, 2, 3))
     return FilterOptions(
         adaptive,
@@ -208,7 +212,9 @@ def options_of(config: FilterConfig, source_times: tuple[float, ...] = ()) -> Fi
         if calibrating
         else (0.0, 0.0, 0.0),
         config.landmark_gate == WEIGH,
-        (*times, *source_times),
+        CorrelationTimes(
+            config.heading_correlation_time, config.landmark_correlation_time, config.fix_correlation_time
+        ),
         config.detect_fix_correlation and config.fix_correlation_time == 0.0 and not adaptive,
         LandmarkErrors(config.landmark_range_offset, config.landmark_range_scale, config.landmark_bearing_offset),
         _landmark_sigmas(config),

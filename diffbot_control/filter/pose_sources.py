@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from typing import Annotated, NamedTuple
 
+from diffbot_control.filter.measurements import FIXES, Source
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.schema import Spec
 
@@ -34,7 +35,7 @@ class PoseSources(NamedTuple):
     pose_source_sigma_yaw: Annotated[
         tuple[float, ...],
         Spec(
-            "per source: deviation of the heading; 0, the default: drop it; 1000: the fix has no heading",
+            "per source: deviation of the heading; 0, the default: drop it; pi or more: the fix has no heading",
             "rad",
             minimum=0.0,
             maximum=_MAX_SIGMA,
@@ -91,3 +92,7 @@ class PoseSource(NamedTuple):
     """[s]"""
     delay: float
     """[s] from measuring to the stamp"""
+
+    def source(self) -> Source:
+        """Return the name of the source."""
+        return Source(f"{FIXES} of {self.topic}")

@@ -9,7 +9,7 @@ from nav_msgs.msg import Odometry
 
 from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.localization import Estimate
-from diffbot_control.filter.measurements import OdometryStep
+from diffbot_control.filter.odometry import OdometryStep
 from diffbot_control.ros.frames import robot_frame
 from diffbot_control.ros.messages.conversions import odometry_message, pose_message
 from diffbot_control.ros.messages.ekf_messages import corrected_twist

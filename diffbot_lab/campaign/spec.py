@@ -33,7 +33,7 @@ _LISTS = ("start", "grid", "set")
 @functools.cache
 def code_version() -> str:
     """Return the hash that names the code of a campaign's results: what runs, from where, and how it is counted."""
-    return hash_of_code((*PACKAGES, "diffbot_lab"), LIBRARIES)
+    return hash_of_code((*PACKAGES, "diffbot_tools", "diffbot_lab"), LIBRARIES)
 
 
 class Cell(NamedTuple):

@@ -16,10 +16,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from diffbot_control.filter.gate import FIX
 from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.localization_config import LocalizationConfig
-from diffbot_control.filter.measurements import Measurement, OdometryStep
+from diffbot_control.filter.measurements import FIXES, Measurement
+from diffbot_control.filter.odometry import OdometryStep
 from diffbot_control.filter.options import FilterConfig
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.files import output_folder, write_json
@@ -30,6 +30,7 @@ from diffbot_sim.compiled.open_loop import start_of, twist_of
 from diffbot_sim.model.plant import PlantConfig
 from diffbot_sim.model.sensors import SensorConfig
 from diffbot_sim.model.simulator import StartPose, World, WorldConfig
+from diffbot_sim.reference_loop import measurements_of
 
 CORRELATIONS = (0.0, 0.5, 0.9, 0.98)
 """Of the errors of neighbouring fixes."""
@@ -68,7 +69,7 @@ def record_drive(c: float, seed: int, run: int, duration: float = DURATION) -> l
     world = World(WorldConfig(plant, sensors, StartPose(*start_of(seed, run)), seed, run))
     command, steps = twist_of(seed, run), []
     for _ in range(round(duration * ODOMETRY_RATE) + 1):
-        steps.append(DriveStep(list(world.sense().fixes), world.odometry(), world.state.pose))
+        steps.append(DriveStep(measurements_of(world.sense()), world.odometry(), world.state.pose))
         world.advance(command)
     return steps
 
@@ -89,7 +90,7 @@ def run_filter(drive: list[DriveStep], config: FilterConfig) -> ColourRun:
         for measurement in step.measurements:
             localization.on_measurement(measurement)
         estimate = localization.on_odometry(step.odometry)
-        if math.isnan(alarm) and number % check == 0 and FIX in localization.correlated():
+        if math.isnan(alarm) and number % check == 0 and FIXES in localization.correlated():
             alarm = step.odometry.stamp / NS_PER_S
         if number > SKIPPED * ODOMETRY_RATE:
             x, y, theta = estimate.pose

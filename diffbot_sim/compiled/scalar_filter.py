@@ -31,14 +31,13 @@ from diffbot_control.filter.colour import (
 )
 from diffbot_control.filter.gate import (
     ACCEPTED,
-    FIX,
-    HEADING,
-    LANDMARK,
     RELOCATED,
     Decision,
     GateMemory,
     age,
-    decide,
+    decide_fix,
+    decide_other,
+    fix_bound,
     is_expected,
     new_gate,
 )
@@ -149,9 +148,9 @@ def take_fix(track: Track, fix: PoseFix, options: FilterOptions) -> Track:
         fix = PoseFix(fix.pose, position * fix.var_x, position * fix.var_y, heading * fix.var_theta)
     after = _corrected(before, fix, track.colour.inflation, options)
     other = Corrected(track.candidate, math.nan)
-    if track.gate.fixes.rejected > 0 and not is_expected(track.gate, after.nis, FIX, options):
+    if track.gate.fixes.rejected > 0 and not is_expected(after.nis, fix_bound(track.gate, options.gates[2])):
         other = _corrected(track.candidate, fix, track.colour.inflation, options)
-    gate, decision = decide(track.gate, after.nis, other.nis, FIX, options)
+    gate, decision = decide_fix(track.gate, after.nis, other.nis, options.gates[2], options)
     belief, candidate = _apply(track, fix, after, other, decision)
     adaptation = old
     if options.adaptive:
@@ -205,7 +204,7 @@ def _adapted(adaptation: Adaptation, before: Belief, fix: PoseFix, nis: float, e
 def take_heading(track: Track, heading: float, variance: float, options: FilterOptions) -> Track:
     """Correct with a heading [rad] of this variance [rad^2] as the gate decides."""
     after = _possible(update_heading(track.belief, heading, variance), options)
-    gate, decision = decide(track.gate, after.nis, math.nan, HEADING, options)
+    gate, decision = decide_other(track.gate, after.nis, options.gates[0], options)
     belief = track.belief
     if decision.outcome == ACCEPTED:
         belief = after.belief
@@ -217,7 +216,7 @@ def take_heading(track: Track, heading: float, variance: float, options: FilterO
 def take_landmark(track: Track, measured: LandmarkMeasurement, options: FilterOptions) -> Track:
     """Correct with range and bearing of a known landmark as the gate decides."""
     after = _possible(update_landmark(track.belief, measured), options)
-    gate, decision = decide(track.gate, after.nis, math.nan, LANDMARK, options)
+    gate, decision = decide_other(track.gate, after.nis, options.gates[1], options)
     belief = track.belief
     if decision.outcome == ACCEPTED:
         belief = after.belief

@@ -6,10 +6,11 @@ import math
 from typing import Annotated, NamedTuple, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from diffbot_control.filter.landmark_map import LandmarkMap
-from diffbot_control.filter.measurements import Heading, LandmarkMeasurement, OdometryStep, PoseFix
-from diffbot_core.geometry import Pose
+from diffbot_control.filter.odometry import OdometryStep
+from diffbot_core.geometry import Point, Pose
 from diffbot_core.kinematics import Twist, body_twist, encoder_covariance
 from diffbot_core.ranges import HEADING, POSITION
 from diffbot_core.schema import Spec
@@ -31,7 +32,7 @@ from diffbot_sim.model.sensors import (
     uniform_variance,
 )
 
-_Sensed = TypeVar("_Sensed", PoseFix, Heading)
+Array = NDArray[np.float64]
 
 
 class StartPose(NamedTuple):
@@ -61,20 +62,53 @@ class WorldConfig(NamedTuple):
     landmarks: LandmarkMap = LandmarkMap()
 
 
-class ObservedLandmark(NamedTuple):
-    """Range and bearing of one landmark of the map."""
+class FixReading(NamedTuple):
+    """A measured pose."""
 
+    stamp: int
+    """[ns]"""
+    pose: Pose
+    R: Array
+    """(3, 3) covariance [m, m, rad]"""
+
+
+class HeadingReading(NamedTuple):
+    """A measured heading."""
+
+    stamp: int
+    """[ns]"""
+    theta: float
+    """[rad]"""
+    R: Array
+    """(1, 1) variance [rad^2]"""
+
+
+_Sensed = TypeVar("_Sensed", FixReading, HeadingReading)
+
+
+class LandmarkReading(NamedTuple):
+    """Range and bearing of one landmark of the map, in the frame of the robot."""
+
+    stamp: int
+    """[ns]"""
+    range: float
+    """[m]"""
+    bearing: float
+    """[rad]"""
+    R: Array
+    """(2, 2) covariance [m, rad]"""
     number: int
     """of the landmark in the map"""
-    measurement: LandmarkMeasurement
+    landmark: Point
+    """its position [m]"""
 
 
 class Arrivals(NamedTuple):
     """Measurements that arrive at one step, oldest first; some may have been taken earlier."""
 
-    fixes: list[PoseFix]
-    headings: list[Heading]
-    landmarks: list[ObservedLandmark]
+    fixes: list[FixReading]
+    headings: list[HeadingReading]
+    landmarks: list[LandmarkReading]
 
 
 class World:
@@ -87,8 +121,8 @@ class World:
         self.state = new_plant(Pose(*config.start))
         self.odometry_P = np.zeros((3, 3))
         """(3, 3) covariance of the odometry's pose, accumulated from the start"""
-        self._fixes: list[tuple[int, PoseFix]] = []
-        self._headings: list[tuple[int, Heading]] = []
+        self._fixes: list[tuple[int, FixReading]] = []
+        self._headings: list[tuple[int, HeadingReading]] = []
         self._fix_errors = NO_ERRORS
         # Long enough for any delay that may be set later.
         self._commands = np.zeros((command_rows(MAX_COMMAND_DELAY, config.plant.sampling_time), 2))
@@ -144,24 +178,24 @@ class World:
         if due(step, sensors.heading_rate, t_s):
             heading = heading_at(key, pose, sensors)
             arrival = step + delay_in_steps(sensors.heading_delay, t_s)
-            self._headings.append((arrival, Heading(self.stamp, heading, self._heading_R)))
+            self._headings.append((arrival, HeadingReading(self.stamp, heading, self._heading_R)))
         if due(step, sensors.fix_rate, t_s):
             fix = fix_at(key, pose, self._fix_errors, sensors)
             self._fix_errors = fix.errors
             if not fix.lost:
                 arrival = step + delay_in_steps(fix.delay, t_s)
-                self._fixes.append((arrival, PoseFix(self.stamp, fix.pose, self._fix_R)))
+                self._fixes.append((arrival, FixReading(self.stamp, fix.pose, self._fix_R)))
         landmarks = self._measure_landmarks(key) if due(step, sensors.landmark_rate, t_s) else []
         return Arrivals(_arrived(self._fixes, step), _arrived(self._headings, step), landmarks)
 
-    def _measure_landmarks(self, key: NoiseKey) -> list[ObservedLandmark]:
+    def _measure_landmarks(self, key: NoiseKey) -> list[LandmarkReading]:
         sensors, pose = self.config.sensors, self.state.pose
-        observed: list[ObservedLandmark] = []
+        observed: list[LandmarkReading] = []
         for index, (number, point) in enumerate(self.config.landmarks.points().items()):
             if in_range(pose, point.x, point.y, sensors):
                 distance, bearing = landmark_at(key, index, pose, point.x, point.y, sensors)
-                measured = LandmarkMeasurement(self.stamp, distance, bearing, self._landmark_R, point)
-                observed.append(ObservedLandmark(number, measured))
+                reading = LandmarkReading(self.stamp, distance, bearing, self._landmark_R, number, point)
+                observed.append(reading)
         return observed
 
 

@@ -9,7 +9,6 @@ from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState, PointCloud2, PointField
 
-from diffbot_control.filter.measurements import Heading, PoseFix
 from diffbot_control.ros.frames import odometry_frame, robot_frame
 from diffbot_control.ros.messages.conversions import TFMessage, odometry_message, pose_message, transform_message
 from diffbot_control.ros.messages.landmark_cloud import LandmarkPoint, fill_landmark_points
@@ -26,7 +25,7 @@ from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.ros.node import QUEUE, DiffbotNode
 from diffbot_core.ros.qos import TRANSFORMS
-from diffbot_sim.model.simulator import Arrivals, ObservedLandmark, World
+from diffbot_sim.model.simulator import Arrivals, FixReading, HeadingReading, LandmarkReading, World
 from diffbot_sim.ros.parameters import PlantNodeConfig
 
 
@@ -115,26 +114,23 @@ class PlantTopics:
         fill_twist(message.twist.twist, twist)
         publisher.publish(message)
 
-    def _send_fix(self, fix: PoseFix) -> None:
+    def _send_fix(self, fix: FixReading) -> None:
         set_stamp(self._fix.header.stamp, fix.stamp)
         fill_pose(self._fix.pose.pose, fix.pose)
         fill_planar_covariance(self._fix.pose.covariance, fix.R)
         self._fixes.publish(self._fix)
         self._sent["global_pose"] += 1
 
-    def _send_heading(self, heading: Heading) -> None:
+    def _send_heading(self, heading: HeadingReading) -> None:
         set_stamp(self._heading.header.stamp, heading.stamp)
         fill_yaw(self._heading.orientation, heading.theta)
         self._heading.orientation_covariance[8] = heading.R[0, 0]
         self._headings.publish(self._heading)
         self._sent["heading"] += 1
 
-    def _send_landmarks(self, stamp: int, landmarks: list[ObservedLandmark]) -> None:
+    def _send_landmarks(self, stamp: int, landmarks: list[LandmarkReading]) -> None:
         set_stamp(self._cloud.header.stamp, stamp)
-        points = [
-            LandmarkPoint(number, measured.range, measured.bearing, *measured.R.diagonal().tolist())
-            for number, measured in landmarks
-        ]
+        points = [LandmarkPoint(one.number, one.range, one.bearing, *one.R.diagonal().tolist()) for one in landmarks]
         fill_landmark_points(self._cloud, points, PointField)
         self._clouds.publish(self._cloud)
         self._sent["landmarks"] += 1

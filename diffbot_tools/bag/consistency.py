@@ -8,14 +8,13 @@ from typing import Protocol
 
 from diffbot_bag.bag.cdr import LABELLED, CdrError, NumberRows, labelled_layout, labels_of
 from diffbot_bag.tools.contract_check import Consistency
-from diffbot_control.filter.gate import ACCEPTED, FIX, HEADING, LANDMARK
-from diffbot_control.filter.innovation_monitor import WINDOW, InnovationMonitor
+from diffbot_control.filter.innovation_monitor import WINDOW, mean_nis
 from diffbot_tools.refilter.nis_topic import NIS_LABELS, NIS_TOPIC
 from diffbot_tools.view.robot_topics import STATUS
 from diffbot_tools.view.texts import number, read_status
 
-_KIND = {1: HEADING, 2: LANDMARK, 3: FIX}
-"""of a measurement, by how many numbers it has"""
+_MAX_NUMBERS = 3
+"""of a measurement"""
 _NIS, _BOUNDS = "NIS per number", "NIS 95 % bounds"
 _CORRELATION, _BOUND = "autocorrelation of ", ", 95 % bound"
 
@@ -72,14 +71,12 @@ class NisObserver:
 
     def result(self) -> Consistency:
         """Return the share of the windows whose mean NIS is within its bounds; innovations are not in the bag."""
-        share, monitor, taken = _Share(), InnovationMonitor(), 0
-        for nis, numbers, accepted in self._rows.columns()[2].tolist():
-            if not accepted or numbers not in _KIND:
-                continue
-            monitor.record(_KIND[numbers], nis, ACCEPTED)
-            taken += 1
-            # Windows that do not overlap.
-            if taken % WINDOW == 0 and (mean := monitor.nis()) is not None:
+        rows = self._rows.columns()[2].tolist()
+        used = [(nis, int(numbers)) for nis, numbers, accepted in rows if accepted and 1 <= numbers <= _MAX_NUMBERS]
+        share = _Share()
+        # Windows that do not overlap.
+        for first in range(0, len(used) - WINDOW + 1, WINDOW):
+            if (mean := mean_nis(used[first : first + WINDOW])) is not None:
                 share.note(mean.mean, mean.low, mean.high)
         return Consistency(nis_inside=share.value())
 

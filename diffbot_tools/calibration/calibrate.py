@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from diffbot_control.filter.measurements import Source
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_tools.calibration.events import FIX, Array, Events, Mask, averaged
 from diffbot_tools.calibration.likelihood import Filtered, Prior, run_events, settings_of
@@ -149,7 +150,7 @@ def _judge(drives: list[Events], filtered: list[Filtered], use: list[Mask]) -> J
         for index in np.flatnonzero(mask & (one.result[:, NUMBERS] > 0.0)).tolist():
             row = one.result[index]
             m = int(row[NUMBERS])
-            source = str(number), (float(measured.kind[index]), *measured.place[index].tolist())
+            source = Source(str(number), (float(measured.kind[index]), *measured.place[index].tolist()))
             # Whitened already.
             white = row[WHITE : WHITE + m]
             innovations.append(Innovation(0, source, white, np.eye(m), float(row[NIS]), accepted=True))

@@ -4,13 +4,21 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from diffbot_control.filter.measurements import Heading, LandmarkMeasurement, Measurement, OdometryStep, PoseFix
-from diffbot_control.filter.stamp_order import Key, key_of, order_of
+from diffbot_control.filter.measurements import (
+    Heading,
+    LandmarkMeasurement,
+    Measurement,
+    PoseFix,
+    PositionFix,
+)
+from diffbot_control.filter.measurements.measurement import Key, key_of
+from diffbot_control.filter.odometry import OdometryStep
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.errors import BadMessageError, DiffbotError
 from diffbot_core.geometry import Pose
@@ -21,12 +29,14 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 """(k,) which measurements count"""
 HEADING, LANDMARK, FIX, RESET = 0, 1, 2, 3
-"""Kinds of event; the first three as in :mod:`diffbot_control.filter.gate`."""
+"""Kinds of event."""
 MIN_MEASUREMENTS, MIN_DURATION = 30, 10.0
 """A drive with fewer measurements, or shorter than this [s], determines nothing."""
 _MAX_GAP = 1000.0
 """[s] between two odometry messages; the filter would start again"""
-_RESET_RANK = (-1, ())
+_NO_HEADING = 1e6
+"""[rad^2] variance that stands for a fix without a heading"""
+_ORIGIN = Pose(0.0, 0.0, 0.0)
 
 
 class Odometry(NamedTuple):
@@ -119,14 +129,16 @@ class Collector:
         Raises:
             BadMessageError: if the filter would not use it.
         """
+        if type(measurement) not in _KINDS:
+            raise BadMessageError("not used by the calibration")
         key = key_of(measurement)
         if key in self._keys:
             raise BadMessageError("duplicate")
-        if not math.isfinite(sum(measurement.values)):
+        if not math.isfinite(sum(key[2])):
             raise BadMessageError("measurement not finite")
         if not self.resets:
             if not isinstance(measurement, PoseFix):
-                raise BadMessageError("no fix yet")
+                raise BadMessageError("no fix with a heading yet")
             self.initialise(measurement.pose, measurement.R, measurement.stamp)
             self.starts_from_fix = True
             return
@@ -144,7 +156,7 @@ class Collector:
         first = self.segments[0][0]
         segments = [one for one in self.segments if (one[1].stamp - first) * S_PER_NS <= until] or self.segments[:1]
         last = segments[-1][1].stamp
-        measured = sorted((one for one in self.measured if first <= one.stamp <= last), key=order_of)
+        measured = sorted((one for one in self.measured if first <= one.stamp <= last), key=key_of)
         duration = (last - first) * S_PER_NS
         if len(measured) < MIN_MEASUREMENTS:
             raise DiffbotError(
@@ -152,7 +164,7 @@ class Collector:
             )
         if duration < MIN_DURATION:
             raise DiffbotError(f"{name}: {duration:.1f} s of odometry, at least {MIN_DURATION:g} s are needed")
-        resets = [one._replace(stamp=max(one.stamp, first)) for one in self.resets if one.stamp <= last]
+        resets = [replace(one, stamp=max(one.stamp, first)) for one in self.resets if one.stamp <= last]
         odometry, measurements = _odometry(segments, first), _measurements(resets, measured, first)
         return Events(name, odometry, measurements, first, self.starts_from_fix)
 
@@ -197,20 +209,34 @@ def _measurements(resets: list[PoseFix], measured: list[Measurement], zero: int)
     sources: dict[Any, int] = {}
     source = np.zeros(count, dtype=np.int64)
     for index, (_, _, kind, one) in enumerate(rows):
-        numbers = 2 if isinstance(one, LandmarkMeasurement) else len(one.R)
-        values[index, :numbers] = one.values[:numbers]
-        R[index, :numbers, :numbers] = one.R
-        key: Any = min(kind, FIX)
+        numbers, covariance = _numbers(one)
+        size = len(numbers)
+        values[index, :size], R[index, :size, :size] = numbers, covariance
         if isinstance(one, LandmarkMeasurement):
             place[index] = one.landmark
-            key = tuple(one.landmark)
+        key: Any = one.source if kind in (HEADING, LANDMARK) else FIX
         source[index] = sources.setdefault(key, len(sources))
     time = np.array([(stamp - zero) * S_PER_NS for stamp, *_ in rows])
     return Measurements(time, np.array([row[2] for row in rows], dtype=np.int64), source, values, R, place)
 
 
+_KINDS = {PoseFix: FIX, PositionFix: FIX, Heading: HEADING, LandmarkMeasurement: LANDMARK}
+
+
 def _kind(measurement: Measurement) -> int:
-    return {PoseFix: FIX, Heading: HEADING, LandmarkMeasurement: LANDMARK}[type(measurement)]
+    return _KINDS[type(measurement)]
+
+
+def _numbers(measurement: Measurement) -> tuple[Any, Array]:
+    """Return the numbers of a row and their covariance; the kernel marks a missing number of a landmark by its R."""
+    if isinstance(measurement, LandmarkMeasurement):
+        return (measurement.range, measurement.bearing), measurement.R
+    if isinstance(measurement, PositionFix):
+        pose, P = measurement.restart(_ORIGIN)
+        P[2, 2] = _NO_HEADING
+        return pose, P
+    assert isinstance(measurement, (PoseFix, Heading))  # Collector takes no others
+    return measurement.z, measurement.R
 
 
 def averaged(events: Events, period: float) -> Events:

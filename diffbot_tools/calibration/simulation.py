@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from diffbot_control.filter.measurements import OdometryStep, PoseFix
+from diffbot_control.filter.measurements import PoseFix
+from diffbot_control.filter.odometry import OdometryStep
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import Twist, body_twist, encoder_covariance
 from diffbot_core.units import NS_PER_S

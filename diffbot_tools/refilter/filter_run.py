@@ -11,9 +11,12 @@ from diffbot_bag.bag.reader import DecodedMessage
 from diffbot_control.filter.gate import ACCEPTED, IGNORED, WEIGHED
 from diffbot_control.filter.innovation_monitor import InnovationMonitor
 from diffbot_control.filter.localization import Estimate, Localization
-from diffbot_control.filter.measurements import Array, LandmarkMeasurement, Measurement, OdometryStep, PoseFix
+from diffbot_control.filter.measurements import Array, Measurement, Source
+from diffbot_control.filter.odometry import OdometryStep
 from diffbot_control.ros.messages.ekf_messages import EkfInputs, corrected_twist
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
+from diffbot_control.ros.sensors import sensors_of
+from diffbot_control.ros.sensors.sensor import Sensor, fuse
 from diffbot_core.errors import BadMessageError
 from diffbot_core.kinematics import Twist
 
@@ -22,8 +25,8 @@ INPUTS = ("global_pose", "heading", "landmarks", "initialpose", "odom", "joint_s
 
 
 def inputs_of(config: EkfNodeConfig) -> tuple[str, ...]:
-    """Return INPUTS and the further sources of fixes of a configuration."""
-    return (*INPUTS, *config.localization.sources.pose_sources)
+    """Return INPUTS and the topics of further sensors of a configuration."""
+    return tuple(dict.fromkeys((*INPUTS, *(one.topic for one in sensors_of(config)))))
 
 
 class Innovation(NamedTuple):
@@ -31,8 +34,7 @@ class Innovation(NamedTuple):
 
     stamp: int
     """[ns]"""
-    source: tuple[str, tuple[float, ...]]
-    """type of the measurement, and the landmark's position or the number of a further source of fixes"""
+    source: Source
     y: Array
     """(m,) innovation"""
     S: Array
@@ -55,9 +57,9 @@ class _RecordingMonitor(InnovationMonitor):
 
     outcome = IGNORED
 
-    def record(self, kind: int, nis: float, outcome: int, *more: Any) -> None:
+    def record(self, source: Source, nis: float, outcome: int, *more: Any) -> None:
         """Add a measurement, as the base class does."""
-        super().record(kind, nis, outcome, *more)
+        super().record(source, nis, outcome, *more)
         self.outcome = outcome
 
 
@@ -67,7 +69,7 @@ class RecordingLocalization(Localization):
     def __init__(self, config: EkfNodeConfig) -> None:
         """Start unknown."""
         super().__init__(config.localization, config.wheels.wheel_separation, config.sensor_timeout)
-        self.monitor = self._recorder = _RecordingMonitor(config.localization.sources.pose_sources)
+        self.monitor = self._recorder = _RecordingMonitor()
         self.innovations: list[Innovation] = []
 
     def _update(self, measurement: Measurement, new: bool = True) -> None:
@@ -75,14 +77,8 @@ class RecordingLocalization(Localization):
         innovation = self.filter.innovation
         if not new or innovation is None:
             return
-        place: tuple[float, ...] = ()
-        if isinstance(measurement, LandmarkMeasurement):
-            place = tuple(measurement.landmark)
-        elif isinstance(measurement, PoseFix) and measurement.source:
-            place = (float(measurement.source),)
-        source, (y, S) = (type(measurement).__name__, place), innovation
         used = self._recorder.outcome in (ACCEPTED, WEIGHED)
-        self.innovations.append(Innovation(measurement.stamp, source, y, S, self.filter.nis, used))
+        self.innovations.append(Innovation(measurement.stamp, measurement.source, *innovation, self.filter.nis, used))
 
 
 class FilterRun:
@@ -96,15 +92,10 @@ class FilterRun:
         self.dropped: Counter[tuple[str, str]] = Counter()
         """messages that were not used, by topic and reason"""
         handlers: dict[str, Callable[[str, Any], Answer | None]] = {
-            "global_pose": self._on_fix,
-            "heading": self._on_heading,
             "initialpose": self._on_initialpose,
             config.odometry_source: self._on_odometry if config.odometry_source == "odom" else self._on_joint_states,
         }
-        for index, name in enumerate(config.localization.sources.pose_sources):
-            handlers[name] = partial(self._on_source_fix, index)
-        if self._inputs.landmark_points:
-            handlers["landmarks"] = self._on_landmarks
+        handlers |= {one.topic: partial(self._on_sensor, one) for one in self._inputs.sensors}
         self._handlers = {topic: handlers[name] for topic, name in topics.items() if name in handlers}
 
     @property
@@ -120,24 +111,11 @@ class FilterRun:
             self.dropped[message.topic, error.kind] += 1
             return None
 
-    def _on_fix(self, _topic: str, message: Any) -> None:
-        self.localization.on_measurement(self._inputs.fix(message))
-
-    def _on_source_fix(self, index: int, _topic: str, message: Any) -> None:
-        self.localization.on_measurement(self._inputs.source_fix(index, message))
-
-    def _on_heading(self, _topic: str, message: Any) -> None:
-        self.localization.on_measurement(self._inputs.heading(message))
-
-    def _on_landmarks(self, topic: str, message: Any) -> None:
-        measurements, unknown = self._inputs.landmarks(message)
-        if unknown:
-            self.dropped[topic, "landmark of unknown number"] += unknown
-        for measurement in measurements:
-            try:
-                self.localization.on_measurement(measurement)
-            except BadMessageError as error:
-                self.dropped[topic, error.kind] += 1
+    def _on_sensor(self, sensor: Sensor, topic: str, message: Any) -> None:
+        reading = sensor.read(message)
+        if reading.unknown:
+            self.dropped[topic, "unknown number"] += reading.unknown
+        fuse(reading, self.localization, lambda error: self.dropped.update([(topic, error.kind)]))
 
     def _on_initialpose(self, _topic: str, message: Any) -> None:
         fix = self._inputs.initialpose(message)

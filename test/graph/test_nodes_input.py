@@ -16,7 +16,8 @@ from diffbot_control.controller_node import ControllerNode
 from diffbot_control.ekf_node import EkfNode
 from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.localization_config import LocalizationConfig
-from diffbot_control.filter.measurements import Heading, OdometryStep, PoseFix
+from diffbot_control.filter.measurements import Heading, PoseFix
+from diffbot_control.filter.odometry import OdometryStep
 from diffbot_control.law.controller import ControllerMemory, step
 from diffbot_control.law.presets import PRESETS
 from diffbot_core.geometry import Pose

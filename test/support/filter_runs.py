@@ -5,8 +5,9 @@ import math
 import numpy as np
 
 from diffbot_control.filter.gated_filter import GatedFilter
-from diffbot_control.filter.measurements import Heading, LandmarkMeasurement, OdometryStep, PoseFix
+from diffbot_control.filter.measurements import Heading, LandmarkMeasurement, PoseFix
 from diffbot_control.filter.models import Motion
+from diffbot_control.filter.odometry import OdometryStep
 from diffbot_control.filter.options import FilterConfig, options_of
 from diffbot_core.geometry import Point, Pose
 from diffbot_core.kinematics import Twist, TwistCovariance

@@ -3,26 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from diffbot_control.filter.gated_filter import GatedFilter
-from diffbot_control.filter.measurements import Array, Heading, LandmarkMeasurement, OdometryStep, PoseFix
+from diffbot_control.filter.measurements import PoseFix
 from diffbot_control.filter.models import RadiusErrors, with_radius_errors, with_separation_error
+from diffbot_control.filter.odometry import OdometryStep
 from diffbot_control.ros.frames import robot_frame
-from diffbot_control.ros.messages.sensor_messages import (
-    KnownNoise,
-    fix_from,
-    heading_from,
-    landmarks_from,
-    odometry_from,
-    wheel_speeds_from,
-)
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
+from diffbot_control.ros.sensors import sensors_of
+from diffbot_control.ros.sensors.fixes import fix_from, global_pose_noise
+from diffbot_control.ros.sensors.odometry import odometry_from, wheel_speeds_from
+from diffbot_control.ros.sensors.sensor import Sensor
 from diffbot_core.kinematics import Twist, body_twist, encoder_covariance
-from diffbot_core.units import S_PER_NS
 
 _WHEEL_ERRORS = ("left wheel radius", "right wheel radius", "wheel separation")
 _LANDMARK_ERRORS = ("landmark range offset", "landmark range scale", "landmark bearing offset")
@@ -35,46 +30,21 @@ class EkfInputs:
     """
 
     def __init__(self, config: EkfNodeConfig) -> None:
-        """Derive the fallback covariances from the configuration."""
-        noise = config.noise
-        always = noise.override_covariance
-        xy, yaw = noise.global_pose_sigma_xy, noise.global_pose_sigma_yaw
+        """Take the configuration."""
         self._config = config
         self._robot_frame = robot_frame(config)
-        self.landmark_points = config.landmarks.points()
-        self.fix_noise = KnownNoise(_diagonal((xy, xy, yaw)), always)
-        self._sources = config.localization.sources.settings()
-        self.source_noises = [
-            KnownNoise(_diagonal((one.sigma_xy, one.sigma_xy, one.sigma_yaw)), always) for one in self._sources
-        ]
-        """of the further sources of fixes"""
-        self.heading_noise = KnownNoise(_diagonal((noise.heading_sigma,)), always)
-        landmark = _diagonal((noise.landmark_range_sigma, noise.landmark_bearing_sigma))
-        self._landmark_noise = KnownNoise(landmark, always, noise.landmark_range_sigma_per_metre)
+        self.sensors = sensors_of(config)
+        self._by_topic = {one.topic: one for one in self.sensors}
+        # Its covariance was chosen by the user, so override_covariance does not apply; the fallback does.
+        self.initial_noise = global_pose_noise(config)._replace(always=False)
 
-    def fix(self, message: Any) -> PoseFix:
-        """Return the fix of a PoseWithCovarianceStamped."""
-        return fix_from(message, self._config.map_frame, self.fix_noise)
-
-    def source_fix(self, index: int, message: Any) -> PoseFix:
-        """Return the fix of the further source ``index``, stamped when it was measured."""
-        fix = fix_from(message, self._config.map_frame, self.source_noises[index])
-        return fix._replace(stamp=fix.stamp - round(self._sources[index].delay / S_PER_NS), source=index + 1)
+    def sensor(self, topic: str) -> Sensor:
+        """Return the sensor of a topic; the topics never change."""
+        return self._by_topic[topic]
 
     def initialpose(self, message: Any) -> PoseFix:
-        """Return the pose at which to put the filter.
-
-        Its covariance was chosen by the user, so override_covariance does not apply; the fallback does.
-        """
-        return fix_from(message, self._config.map_frame, self.fix_noise._replace(always=False))
-
-    def heading(self, message: Any) -> Heading:
-        """Return the heading of an Imu."""
-        return heading_from(message, self._robot_frame, self.heading_noise)
-
-    def landmarks(self, message: Any) -> tuple[list[LandmarkMeasurement], int]:
-        """Return the measurements of known landmarks in a PointCloud2, and how many of its landmarks are unknown."""
-        return landmarks_from(message, self._robot_frame, self.landmark_points, self._landmark_noise)
+        """Return the pose at which to put the filter."""
+        return fix_from(message, self._config.map_frame, self.initial_noise)
 
     def odometry(self, message: Any) -> OdometryStep:
         """Return the step of an Odometry; an all-zero covariance means unknown, and the localization has its own."""
@@ -109,8 +79,3 @@ def error_values(ekf: GatedFilter) -> dict[str, str]:
     if c is not None:
         found["correlation of neighbouring fixes found"] = f"{c:.2f}"
     return found
-
-
-def _diagonal(sigmas: Sequence[float]) -> Array | None:
-    """Return the covariance of independent errors; None if a standard deviation is 0: unknown."""
-    return np.diag(np.square(sigmas)) if all(sigmas) else None

@@ -1,6 +1,7 @@
 """The fuzzy-neural adaptation: against finite differences, and against noise whose right scale is known."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -204,7 +205,7 @@ def test_the_filter_gives_the_adaptation_each_innovation_by_its_own_deviation():
             heading=found.memory.adaptation.heading._replace(log_scale=math.log(9.0)),
         )
     )
-    found.take(Robot(rng).fix()._replace(pose=Pose(1.1, 1.8, -3.1)))
+    found.take(replace(Robot(rng).fix(), pose=Pose(1.1, 1.8, -3.1)))
     S = P.diagonal() + R_FIX.diagonal() * (4.0, 4.0, 9.0)
     expected = np.array([0.1, -0.2, 2.0 * math.pi - 6.2]) / np.sqrt(S)
     kept = found.memory.adaptation

@@ -8,7 +8,8 @@ import pytest
 from diffbot_control.filter.contradiction import FROZEN, RELOCATING
 from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.localization_config import LocalizationConfig
-from diffbot_control.filter.measurements import OdometryStep, PoseFix
+from diffbot_control.filter.measurements import PoseFix
+from diffbot_control.filter.odometry import OdometryStep
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist, TwistCovariance
 

@@ -15,17 +15,24 @@ from diffbot_control.filter.correlation import (
     inflation_of,
     with_stamp,
 )
-from diffbot_control.filter.gate import FIX, HEADING
-from diffbot_control.filter.measurements import Heading, LandmarkMeasurement, PoseFix
+from diffbot_control.filter.measurements import (
+    FIXES,
+    HEADINGS,
+    LANDMARKS,
+    Heading,
+    LandmarkMeasurement,
+    PoseFix,
+    Source,
+)
 from diffbot_core.geometry import Point, Pose
 
 SECOND = 10**9
-TIMES = 3.0, 2.0, 1.0, 4.0
-"""[s] of headings, landmarks, fixes, and fixes of the second source"""
+TIMES = {HEADINGS: 3.0, LANDMARKS: 2.0, FIXES: 1.0, "fixes of gps": 4.0}
+"""[s]"""
 
 
-def fix(seconds, source=0):
-    return PoseFix(round(seconds * SECOND), Pose(1.0, 2.0, 3.0), np.eye(3), source)
+def fix(seconds, sensor=FIXES):
+    return PoseFix(round(seconds * SECOND), Pose(1.0, 2.0, 3.0), np.eye(3), Source(sensor))
 
 
 def heading(seconds):
@@ -67,7 +74,7 @@ def test_measurements_of_one_time_count_as_a_millisecond_apart():
 
 def test_each_source_is_compared_with_itself_and_each_landmark_is_a_source():
     stamps = NO_STAMPS
-    for one in (fix(0.0), fix(1.0, source=1), heading(2.0), landmark(3.0), landmark(4.0, x=5.0)):
+    for one in (fix(0.0), fix(1.0, sensor="fixes of gps"), heading(2.0), landmark(3.0), landmark(4.0, x=5.0)):
         assert inflation_of(stamps, one, TIMES) == 1.0, "the first of its source"
         before = dict(stamps)
         after = with_stamp(stamps, one, TIMES)
@@ -75,7 +82,7 @@ def test_each_source_is_compared_with_itself_and_each_landmark_is_a_source():
         stamps = after
     expected = (
         (fix(6.0), 6.0, 1.0),
-        (fix(6.0, source=1), 5.0, 4.0),
+        (fix(6.0, sensor="fixes of gps"), 5.0, 4.0),
         (heading(6.0), 4.0, 3.0),
         (landmark(6.0), 3.0, 2.0),
         (landmark(6.0, x=5.0), 2.0, 2.0),
@@ -85,8 +92,8 @@ def test_each_source_is_compared_with_itself_and_each_landmark_is_a_source():
 
 
 def test_independent_errors_are_neither_remembered_nor_inflated():
-    times = 0.0, 0.0, 1.0
+    times = {HEADINGS: 0.0, FIXES: 1.0}
     assert with_stamp(NO_STAMPS, heading(0.0), times) == {}
     stamps = with_stamp(with_stamp(NO_STAMPS, fix(0.0), times), landmark(0.0), times)
-    assert stamps == {FIX: 0}
-    assert inflation_of({**stamps, HEADING: 0}, heading(0.1), times) == 1.0
+    assert stamps == {fix(0.0).source: 0}
+    assert inflation_of({**stamps, heading(0.0).source: 0}, heading(0.1), times) == 1.0

@@ -4,12 +4,15 @@ import math
 
 import numpy as np
 import pytest
-from filter_runs import SEPARATION, build_motion, covariance, jacobian, wrapped
+from filter_runs import SEPARATION, build_motion, covariance, gated_filter, jacobian, wrapped
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2, multivariate_normal
 
 from diffbot_control.filter.ekf import PoseEkf
+from diffbot_control.filter.gate import ACCEPTED, IGNORED
+from diffbot_control.filter.landmark_calibration import LandmarkErrors
+from diffbot_control.filter.measurements import Heading, LandmarkMeasurement, PoseFix, PositionFix
 from diffbot_control.filter.models import MIN_LANDMARK_DISTANCE, TURNED_VARIANCE, linearisation_variance
 from diffbot_core.geometry import Point, Pose
 
@@ -79,13 +82,17 @@ def textbook(x, P, y, H, R):
 
 @CHECK
 @given(LAYOUTS, STATES, SEEDS)
-def test_fix_and_heading_correct_as_the_textbook_says(layout, pose, seed):
-    for rows in ([0, 1, 2], [2]):
+def test_fixes_and_headings_correct_as_the_textbook_says(layout, pose, seed):
+    for rows in ([0, 1, 2], [0, 1], [2]):
         ekf, x, P, rng = started(layout, pose, seed)
         H, R, y = np.eye(x.size)[rows], covariance(rng, len(rows)), rng.normal(0.0, 0.5, len(rows))
         z = x[rows] + y
-        z[-1] = wrapped(z[-1])
-        found = ekf.update_pose(Pose(*z), R) if len(rows) == 3 else ekf.update_heading(float(z[0]), R)
+        if 2 in rows:
+            z[-1] = wrapped(z[-1])
+        if len(rows) == 3:
+            found = ekf.correct(PoseFix(0, Pose(*z), R))
+        else:
+            found = ekf.correct(PositionFix(0, *z, R) if len(rows) == 2 else Heading(0, *z, R))
         x, P, nis = textbook(x, P, y, H, R)
         assert found == pytest.approx(nis, rel=1e-8, abs=1e-9)
         assert_state(ekf, x, P)
@@ -114,7 +121,7 @@ def test_landmarks_correct_as_the_textbook_says_with_finite_differences(layout, 
     rows = [row for row in (0, 1) if row != missing]
     if missing is not None:
         R[missing, missing] = (math.inf, math.nan)[missing]
-    found = ekf.update_landmark(z[0], wrapped(z[1]), R, landmark)
+    found = ekf.correct(LandmarkMeasurement(0, z[0], wrapped(z[1]), R, landmark))
     x, P, nis = textbook(x, P, y[rows], H[rows], noise[np.ix_(rows, rows)])
     assert found == pytest.approx(nis, rel=1e-5, abs=1e-7)
     assert_state(ekf, x, P, 1e-6)
@@ -122,22 +129,24 @@ def test_landmarks_correct_as_the_textbook_says_with_finite_differences(layout, 
 
 @pytest.mark.parametrize(("away", "corrected"), [(0.0, False), (0.999, False), (1.01, True)])
 def test_a_landmark_under_the_robot_corrects_nothing(away, corrected):
-    ekf, x, P, _ = started((2, False), (1.0, 2.0, 3.0), 0)
-    point = Point(1.0 + away * MIN_LANDMARK_DISTANCE, 2.0)
-    assert math.isfinite(ekf.update_landmark(0.5, 0.1, 0.1 * np.eye(2), point)) == corrected
-    assert np.array_equal(ekf.x, x) != corrected
-    assert (ekf.P[0, 0] < P[0, 0]) == corrected
-    assert np.isfinite(ekf.x).all()
+    found = gated_filter("ekf", (1.0, 2.0, 3.0), 0.1 * np.eye(3), gate_probability=1.0)
+    (x, P), point = found.memory.belief, Point(1.0 + away * MIN_LANDMARK_DISTANCE, 2.0)
+    outcome = found.take(LandmarkMeasurement(0, 0.5, 0.1, 0.1 * np.eye(2), point))
+    assert outcome == (ACCEPTED if corrected else IGNORED)
+    assert math.isfinite(found.nis) == corrected
+    assert np.array_equal(found.memory.belief.x, x) != corrected
+    assert (found.memory.belief.P[0, 0] < P[0, 0]) == corrected
+    assert np.isfinite(found.memory.belief.x).all()
 
 
 def test_known_errors_of_landmarks_are_those_of_states_that_are_certain():
     known, states = PoseEkf(), PoseEkf(landmark_states=True)
     P, errors = covariance(np.random.default_rng(1), 3, 0.05, 0.1), (0.1, 0.05, -0.03)
     known.set_state(np.array([0.2, -0.1, 0.4]), P)
-    known.landmark_errors = known.landmark_errors._replace(offset=0.1, scale=0.05, bearing=-0.03)
+    known.states = known.states._replace(landmark_errors=LandmarkErrors(*errors))
     states.set_state(np.array([0.2, -0.1, 0.4, *errors]), np.pad(P, ((0, 3), (0, 3))))
     for ekf in (known, states):
-        ekf.update_landmark(3.0, 0.5, 0.01 * np.eye(2), Point(2.5, 1.5))
+        ekf.correct(LandmarkMeasurement(0, 3.0, 0.5, 0.01 * np.eye(2), Point(2.5, 1.5)))
     np.testing.assert_allclose(known.x, states.x[:3], atol=1e-12)
     np.testing.assert_allclose(known.P, states.P[:3, :3], atol=1e-12)
 
@@ -145,13 +154,11 @@ def test_known_errors_of_landmarks_are_those_of_states_that_are_certain():
 def test_updates_go_the_short_way_across_pi():
     # Estimate and measurement lie 0.1 rad to either side of pi with equal weights: the answer lies on pi, not on 0.
     for side in (1.0, -1.0):
-        for measured in (Pose(0.0, 0.0, -side * (math.pi - 0.1)), -side * (math.pi - 0.1)):
+        other = -side * (math.pi - 0.1)
+        for measured in (PoseFix(0, Pose(0.0, 0.0, other), 0.01 * np.eye(3)), Heading(0, other, 0.01 * np.eye(1))):
             ekf = PoseEkf()
             ekf.set_state(np.array([0.0, 0.0, side * (math.pi - 0.1)]), 0.01 * np.eye(3))
-            if isinstance(measured, Pose):
-                ekf.update_pose(measured, 0.01 * np.eye(3))
-            else:
-                ekf.update_heading(measured, 0.01 * np.eye(1))
+            ekf.correct(measured)
             assert abs(ekf.x[2]) == pytest.approx(math.pi, abs=1e-12)
 
 
@@ -160,7 +167,7 @@ def test_with_an_uncertain_heading_a_correction_follows_an_arc():
     P[0, 2] = P[2, 0] = 0.3
     x, y, R = np.array([1.0, 2.0, 0.5]), np.array([0.5, -0.4, 1.2]), np.diag([0.1, 0.2, 0.3])
     ekf.set_state(x, P)
-    ekf.update_pose(Pose(*(x + y)), R)
+    ekf.correct(PoseFix(0, Pose(*(x + y)), R))
     straight, P_after, _ = textbook(x, P, y, np.eye(3), R)
     dx, dy, turn = straight - x
     # The exponential map of SE(2): the sum of many small steps while turning.
@@ -178,8 +185,8 @@ def test_neither_inputs_nor_old_results_are_changed():
     kept = [x, P, R, ekf.x, ekf.P]
     copies = [one.copy() for one in kept]
     ekf.predict(build_motion(1.0, 1.0, 0.1, 0.1, 0.0, 0.1))
-    ekf.update_pose(Pose(1.5, 2.5, -3.0), R)
-    ekf.update_heading(3.0, np.array([[0.1]]))
+    ekf.correct(PoseFix(0, Pose(1.5, 2.5, -3.0), R))
+    ekf.correct(Heading(0, 3.0, np.array([[0.1]])))
     for one, copied in zip(kept, copies, strict=True):
         np.testing.assert_array_equal(one, copied)
 
@@ -206,9 +213,10 @@ def normalised_errors(q_factor=1.0, r_factor=1.0, runs=200, steps=30):
             Q = q_factor * M
             ekf.predict(build_motion(v, omega, 0.1, Q[0, 0], Q[0, 1], Q[1, 1]))
             if step % 3 == 0:
-                ekf.update_pose(Pose(*(truth + rng.multivariate_normal(np.zeros(3), R))), r_factor * R)
+                fix = PoseFix(0, Pose(*(truth + rng.multivariate_normal(np.zeros(3), R))), r_factor * R)
+                ekf.correct(fix)
             if step % 5 == 0:
-                ekf.update_heading(truth[2] + rng.normal(0.0, 0.1), np.array([[r_factor * 0.01]]))
+                ekf.correct(Heading(0, truth[2] + rng.normal(0.0, 0.1), np.array([[r_factor * 0.01]])))
         error = ekf.x - truth
         error[2] = wrapped(error[2])
         total += error @ np.linalg.solve(ekf.P, error)

@@ -27,10 +27,7 @@ from scipy.stats import binom, chi2
 from diffbot_control.filter.belief import ErrorEstimate
 from diffbot_control.filter.gate import (
     ACCEPTED,
-    FIX,
-    HEADING,
     IGNORED,
-    LANDMARK,
     REJECTED,
     RELOCATED,
     WEIGHED,
@@ -38,7 +35,8 @@ from diffbot_control.filter.gate import (
     GateMemory,
     RejectionStreak,
     age,
-    decide,
+    decide_fix,
+    decide_other,
     decide_weight,
     new_gate,
 )
@@ -65,9 +63,9 @@ def test_the_bounds_are_chi_square_quantiles():
 NONE = RejectionStreak(0, 0.0)
 
 
-def decide_fix(memory, expected, agrees, config):
+def decided(memory, expected, agrees, config):
     """Decide on a fix that is far within or far beyond the gates of estimate and candidate."""
-    memory, decision = decide(memory, 0.5 if expected else 1e9, 0.5 if agrees else 1e9, FIX, config)
+    memory, decision = decide_fix(memory, 0.5 if expected else 1e9, 0.5 if agrees else 1e9, config.gates[2], config)
     assert decision.agrees <= agrees
     return memory, decision.outcome
 
@@ -82,7 +80,7 @@ def test_the_memory_of_the_gate_is_what_a_count_of_its_history_says(tries, wante
     gate, history, time = new_gate(), [], 0.0
     for expected, agrees, dt in tries:
         gate, time = age(gate, dt), time + dt
-        gate, verdict = decide_fix(gate, expected, agrees and bool(history), config)
+        gate, verdict = decided(gate, expected, agrees and bool(history), config)
         if expected:
             assert verdict == ACCEPTED
             history = []
@@ -106,7 +104,7 @@ def test_slack_by_hand():
     config, gate, seen = options(relocation_fixes=3, relocation_timeout=100.0), new_gate(), []
     steps = [False] * 4 + [True] * 10 + [False] + [True] * 20
     for expected in steps:
-        gate, _ = decide_fix(gate, expected, False, config)
+        gate, _ = decided(gate, expected, False, config)
         seen.append(gate.slack)
     expected = [0.2, 0.4, 0.6, 0.8, *np.arange(0.75, 0.25, -0.05), 0.5, *np.arange(0.45, 0.0, -0.05), *[0.0] * 11]
     assert seen == pytest.approx(expected, abs=1e-9)
@@ -116,23 +114,30 @@ def test_slack_by_hand():
 def test_fixes_that_agree_were_no_noise_and_leave_no_slack():
     config, gate = options(relocation_fixes=3), GateMemory(NONE, 0, 0.3, NONE)
     for agrees, verdict in ((False, REJECTED), (False, REJECTED), (True, REJECTED), (True, RELOCATED)):
-        gate, found = decide_fix(gate, False, agrees, config)
+        gate, found = decided(gate, False, agrees, config)
         assert found == verdict
     # The first of the four did not agree, and counts: 0.3 + 0.2.
     assert gate._replace(slack=0.0) == new_gate()
     assert gate.slack == pytest.approx(0.5, abs=1e-12)
 
 
-@pytest.mark.parametrize(("kind", "numbers"), [(HEADING, 1), (LANDMARK, 2), (FIX, 3)])
-def test_the_gate_of_each_kind_is_the_quantile_of_its_numbers_widened_for_fixes_only(kind, numbers):
+@pytest.mark.parametrize("is_fix", [True, False])
+@pytest.mark.parametrize("numbers", [1, 2, 3])
+def test_the_gate_is_the_quantile_of_the_numbers_widened_for_fixes_only(numbers, is_fix):
     config = options(gate_probability=0.99)
     for slack in (0.0, 0.7):
-        bound = chi2.ppf(0.99, numbers) * (math.exp(slack) if kind == FIX else 1.0)
-        memory = GateMemory(NONE, 0, slack, NONE)
+        memory, quantile = GateMemory(NONE, 0, slack, NONE), chi2.ppf(0.99, numbers)
+        bound = quantile * (math.exp(slack) if is_fix else 1.0)
+
+        def decision(nis, memory=memory, gate=config.gates[numbers - 1]):
+            if is_fix:
+                return decide_fix(memory, nis, math.nan, gate, config)[1]
+            return decide_other(memory, nis, gate, config)[1]
+
         for nis, outcome in ((0.0, ACCEPTED), (0.999 * bound, ACCEPTED), (1.001 * bound, REJECTED)):
-            assert decide(memory, nis, math.nan, kind, config)[1] == Decision(outcome, False)
+            assert decision(nis) == Decision(outcome, False)
         for nis in (math.nan, -1e-6):
-            assert decide(memory, nis, math.nan, kind, config)[1].outcome == REJECTED
+            assert decision(nis).outcome == REJECTED
 
 
 def test_a_fix_agrees_only_within_the_candidates_gate_and_only_if_there_is_one():
@@ -140,40 +145,40 @@ def test_a_fix_agrees_only_within_the_candidates_gate_and_only_if_there_is_one()
     memory = GateMemory(RejectionStreak(1, 0.0), 1, 0.0, NONE)
     bound = chi2.ppf(0.999, 3)
     for candidate_nis, agrees in ((0.99 * bound, True), (1.01 * bound, False), (math.nan, False)):
-        assert decide(memory, 1e6, candidate_nis, FIX, config)[1] == Decision(REJECTED, agrees)
-    assert decide(new_gate(), 1e6, 0.5, FIX, config)[1] == Decision(REJECTED, False)
+        assert decide_fix(memory, 1e6, candidate_nis, config.gates[2], config)[1] == Decision(REJECTED, agrees)
+    assert decide_fix(new_gate(), 1e6, 0.5, config.gates[2], config)[1] == Decision(REJECTED, False)
 
 
 def test_which_decision_ends_which_streak():
     config = options(relocation_fixes=3, relocation_timeout=1.0)
     fixes, others = RejectionStreak(1, 0.2), RejectionStreak(1, 0.3)
     memory = GateMemory(fixes, 1, 0.2, others)
-    assert decide(memory, 0.5, 0.5, FIX, config)[0] == GateMemory(NONE, 0, pytest.approx(0.15), NONE)
-    rejected, _ = decide(memory, 1e6, 0.5, FIX, config)
+    assert decide_fix(memory, 0.5, 0.5, config.gates[2], config)[0] == GateMemory(NONE, 0, pytest.approx(0.15), NONE)
+    rejected, _ = decide_fix(memory, 1e6, 0.5, config.gates[2], config)
     assert rejected == GateMemory(RejectionStreak(2, 0.2), 2, pytest.approx(0.4), others)
-    assert decide(rejected, 1e6, 0.5, FIX, config)[0] == GateMemory(NONE, 0, pytest.approx(0.0), NONE)
-    for kind in (HEADING, LANDMARK):
-        assert decide(memory, 0.5, math.nan, kind, config) == (
+    assert decide_fix(rejected, 1e6, 0.5, config.gates[2], config)[0] == GateMemory(NONE, 0, pytest.approx(0.0), NONE)
+    for gate in config.gates[:2]:
+        assert decide_other(memory, 0.5, gate, config) == (
             GateMemory(fixes, 1, 0.2, NONE),
             Decision(ACCEPTED, False),
         )
         counted = GateMemory(fixes, 1, 0.2, RejectionStreak(2, 0.3))
-        assert decide(memory, 1e6, math.nan, kind, config) == (counted, Decision(REJECTED, False))
+        assert decide_other(memory, 1e6, gate, config) == (counted, Decision(REJECTED, False))
         # Both the number and the time are needed.
         for streak, outcome in (((2, 1.0), RELOCATED), ((2, 0.999), REJECTED), ((1, 5.0), REJECTED)):
-            found, decision = decide(memory._replace(others=RejectionStreak(*streak)), 1e6, math.nan, kind, config)
+            found, decision = decide_other(memory._replace(others=RejectionStreak(*streak)), 1e6, gate, config)
             assert decision.outcome == outcome
             assert found.others == (NONE if outcome == RELOCATED else RejectionStreak(streak[0] + 1, streak[1]))
             assert found.fixes == fixes
-        assert decide(memory, math.inf, math.nan, kind, config) == (memory, Decision(IGNORED, False))
+        assert decide_other(memory, math.inf, gate, config) == (memory, Decision(IGNORED, False))
 
 
 def test_a_weighed_landmark_is_never_rejected_but_for_a_nis_that_is_none_and_ignored_under_the_robot():
-    config, memory = options(), GateMemory(NONE, 0, 0.0, RejectionStreak(2, 1.0))
-    assert decide_weight(memory, 1e9, LANDMARK, config) == (new_gate(), Decision(WEIGHED, False))
-    assert decide_weight(memory, 0.5, LANDMARK, config) == (new_gate(), Decision(ACCEPTED, False))
-    assert decide_weight(memory, math.nan, LANDMARK, config) == (memory, Decision(REJECTED, False))
-    assert decide_weight(memory, math.inf, LANDMARK, config) == (memory, Decision(IGNORED, False))
+    gate, memory = options().gates[1], GateMemory(NONE, 0, 0.0, RejectionStreak(2, 1.0))
+    assert decide_weight(memory, 1e9, gate) == (new_gate(), Decision(WEIGHED, False))
+    assert decide_weight(memory, 0.5, gate) == (new_gate(), Decision(ACCEPTED, False))
+    assert decide_weight(memory, math.nan, gate) == (memory, Decision(REJECTED, False))
+    assert decide_weight(memory, math.inf, gate) == (memory, Decision(IGNORED, False))
 
 
 def refused(kind, probability, trials, inflated=1.0):

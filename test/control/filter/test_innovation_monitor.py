@@ -6,17 +6,18 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from diffbot_control.filter.gate import ACCEPTED, FIX, HEADING, LANDMARK, REJECTED, RELOCATED, WEIGHED
-from diffbot_control.filter.innovation_monitor import Innovation, InnovationMonitor, whitened, whiteness_of
+from diffbot_control.filter.gate import ACCEPTED, REJECTED, RELOCATED, WEIGHED
+from diffbot_control.filter.innovation_monitor import InnovationMonitor, whitened, whiteness_of
+from diffbot_control.filter.measurements import FIXES, HEADINGS, LANDMARKS, Innovation, Source
 
-KINDS = {1: HEADING, 2: LANDMARK, 3: FIX}
+SOURCES = {1: Source(HEADINGS), 2: Source(LANDMARKS, (1.0, 2.0)), 3: Source(FIXES)}
 """by the numbers that they measure"""
 
 
 def noted(entries):
     record = InnovationMonitor()
     for size, nis, outcome in entries:
-        record.record(KINDS[size], nis, outcome)
+        record.record(SOURCES[size], nis, outcome, Innovation(np.zeros(size), np.eye(size)))
     return record
 
 
@@ -34,12 +35,12 @@ def test_mean_and_bounds_of_the_newest_fifty_are_those_of_chi_square(sizes):
 def test_a_relocation_starts_the_mean_anew_and_keeps_the_counts():
     record = noted([(3, 2.0, ACCEPTED), (3, 900.0, REJECTED), (3, 950.0, RELOCATED)])
     assert record.nis() is None
-    assert (record.rejected, record.relocated) == ({"fixes": 1}, {"fixes": 1})
-    record.record(HEADING, 0.25, ACCEPTED)
+    assert (record.sensors[FIXES].rejected, record.sensors[FIXES].relocated) == (1, 1)
+    record.record(SOURCES[1], 0.25, ACCEPTED, Innovation(np.zeros(1), np.eye(1)))
     assert record.nis().mean == pytest.approx(0.25)
     record.clear()
     assert record.nis() is None
-    assert record.relocated == {"fixes": 1}
+    assert record.sensors[FIXES].relocated == 1
 
 
 def test_the_values_of_the_diagnostics():
@@ -107,10 +108,10 @@ def test_only_innovations_of_one_source_are_compared():
     for number in range(100):
         source = number % 2
         y = np.array([0.2, 0.2]) * (1.0 if source else -1.0) + rng.normal(0.0, 0.05, 2)
-        monitor.record(LANDMARK, 2.0, ACCEPTED, Innovation(y, 0.04 * np.eye(2)), source)
+        monitor.record(Source(LANDMARKS, (source,)), 2.0, ACCEPTED, Innovation(y, 0.04 * np.eye(2)))
     found = monitor.whiteness()
-    assert set(found) == {LANDMARK}
-    assert found[LANDMARK].correlation > 0.8
+    assert set(found) == {LANDMARKS}
+    assert found[LANDMARKS].correlation > 0.8
 
 
 def test_only_accepted_measurements_count_and_a_relocation_starts_anew():
@@ -119,12 +120,12 @@ def test_only_accepted_measurements_count_and_a_relocation_starts_anew():
     monitor, (_, innovation) = InnovationMonitor(), innovations(np.random.default_rng(0), 1)[0]
     for outcome in (REJECTED, WEIGHED):
         for _ in range(50):
-            monitor.record(FIX, 1.0, outcome, innovation)
+            monitor.record(SOURCES[3], 1.0, outcome, innovation)
     assert monitor.whiteness() == {}
     assert monitor.weighed == 50
     for _ in range(50):
-        monitor.record(FIX, 1.0, ACCEPTED, innovation)
-    assert monitor.whiteness()[FIX].correlation == pytest.approx(1.0)
+        monitor.record(SOURCES[3], 1.0, ACCEPTED, innovation)
+    assert monitor.whiteness()[FIXES].correlation == pytest.approx(1.0)
     assert monitor.values()["autocorrelation of fixes"] == "1.000"
-    monitor.record(FIX, 1.0, RELOCATED, innovation)
+    monitor.record(SOURCES[3], 1.0, RELOCATED, innovation)
     assert monitor.whiteness() == {}

@@ -2,6 +2,7 @@
 
 import contextlib
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -154,7 +155,7 @@ def test_a_measurement_may_be_as_late_as_the_history(late_ms):
     assert_equal_estimates(localization, textbook.x, textbook.P, 1e-9)
     # One period earlier or later would be another estimate.
     for shift in (-PERIOD, PERIOD):
-        moved = measured._replace(stamp=measured.stamp + shift)
+        moved = replace(measured, stamp=measured.stamp + shift)
         wrong = Textbook().run([odometry(number) for number in range(1, 31)], [moved])
         assert np.hypot(*(wrong.x[:2] - textbook.x[:2])) > 1e-3
 

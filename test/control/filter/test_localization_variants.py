@@ -20,9 +20,9 @@ from diffbot_control.filter.belief import ErrorEstimate
 from diffbot_control.filter.gate import new_gate
 from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.localization_config import LocalizationConfig
-from diffbot_control.filter.measurements import Heading, LandmarkMeasurement, PoseFix
+from diffbot_control.filter.measurements import Heading, LandmarkMeasurement, PoseFix, Source
+from diffbot_control.filter.measurements.measurement import key_of
 from diffbot_control.filter.options import FILTERS, FilterConfig
-from diffbot_control.filter.stamp_order import order_of
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
@@ -116,7 +116,7 @@ def in_order(made, measurements, steps=STEPS):
     """Each before the odometry that covers it; of equal stamps the fix first, then by value."""
     order = sorted(
         measurements,
-        key=lambda one: (one.stamp, -numbers_of(one).size, *one.values),
+        key=lambda one: (one.stamp, -numbers_of(one).size, *one.z),
     )
     return deliver(made, with_odometry([(one.stamp, 0.0001 * rank, one) for rank, one in enumerate(order)], steps))
 
@@ -170,13 +170,13 @@ def test_of_equal_stamps_fixes_come_first_by_source_then_headings_then_landmarks
     R = np.eye(2)
     ordered = [
         PoseFix(5, Pose(2.0, 0.0, 0.0), R_FIX),
-        PoseFix(5, Pose(1.0, 0.0, 0.0), R_FIX, source=1),
+        PoseFix(5, Pose(1.0, 0.0, 0.0), R_FIX, Source("fixes of gps")),
         build_measurement(5, np.array([0.0]), np.array([[0.01]])),
         build_measurement(5, np.array([9.0, 0.0]), R, (0.0, 9.0)),
         build_measurement(5, np.array([1.0, 0.0]), R, (1.0, 0.0)),
     ]
     for start in range(5):
-        found = sorted(ordered[start:] + ordered[:start], key=order_of)
+        found = sorted(ordered[start:] + ordered[:start], key=key_of)
         assert [id(one) for one in found] == [id(one) for one in ordered]
 
 
@@ -200,14 +200,14 @@ def test_a_late_measurement_is_counted_once_and_the_others_not_again():
         if number % 2 == 0:
             made.on_measurement(fix(number * PERIOD - 10 * MS, far, number))
         made.on_odometry(odometry(number))
-    assert made.monitor.rejected == {"fixes": 3}
+    assert made.monitor.sensors["fixes"].rejected == 3
     assert len(made.monitor._window) == 7
     for count, ms in enumerate((120, 130, 140), 1):
         made.on_measurement(heading(ms * MS))
-        assert made.monitor.rejected == {"fixes": 3}
+        assert made.monitor.sensors["fixes"].rejected == 3
         assert len(made.monitor._window) == 7 + count
     made.on_measurement(fix(125 * MS, far))
-    assert made.monitor.rejected == {"fixes": 4}
+    assert made.monitor.sensors["fixes"].rejected == 4
     assert len(made.monitor._window) == 10
 
 
@@ -279,7 +279,7 @@ def test_the_heading_of_a_fix_that_relocates_is_wrapped():
     for number in range(1, 4):
         made.on_odometry(odometry(number, 0.0, 0.0))
         made.on_measurement(build_measurement(number * PERIOD, np.array([50.0 * (-1.0) ** number, 0.0, 7.0]), R_FIX))
-    assert made.monitor.relocated["fixes"] > 0
+    assert made.monitor.sensors["fixes"].relocated > 0
     assert made.estimate().pose.theta == pytest.approx(7.0 - 2.0 * math.pi)
 
 

@@ -7,8 +7,8 @@ import pytest
 
 from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.localization_config import LocalizationConfig
-from diffbot_control.filter.measurements import OdometryStep, PoseFix
-from diffbot_control.filter.odometry_delay import DelayLine
+from diffbot_control.filter.measurements import PoseFix
+from diffbot_control.filter.odometry import DelayLine, OdometryStep
 from diffbot_control.filter.odometry_noise import DENSITY, MESSAGE, MOTION, OdometryConfig, motion_density
 from diffbot_control.filter.options import EKF, FNN, FilterConfig
 from diffbot_core.geometry import Pose

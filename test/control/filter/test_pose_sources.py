@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from diffbot_control.filter.colour import shifted
-from diffbot_control.filter.gate import FIX
 from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.localization_config import LocalizationConfig
-from diffbot_control.filter.measurements import OdometryStep, PoseFix
+from diffbot_control.filter.measurements import FIXES, PoseFix, PositionFix, Source
+from diffbot_control.filter.odometry import OdometryStep
 from diffbot_control.filter.options import FilterConfig
 from diffbot_control.filter.pose_sources import PoseSource, PoseSources
 from diffbot_control.ros.messages.ekf_messages import EkfInputs
@@ -25,6 +25,8 @@ CAMERA, GPS = np.array([0.17, 0.17, 0.1]), np.array([0.5, 0.5, 0.4])
 C = 0.9
 """Correlation of neighbouring errors of the GPS, at 2 Hz."""
 TIME = -0.5 / math.log(C)
+
+SOURCES = Source(FIXES), Source("fixes of gps")
 
 
 class Drive:
@@ -57,7 +59,7 @@ class Drive:
 
     def take(self, step, z, sigmas, source):
         pose = Pose(z[0], z[1], math.remainder(z[2], 2.0 * math.pi))
-        self.found.on_measurement(PoseFix(step * TENTH, pose, np.diag(sigmas**2), source))
+        self.found.on_measurement(PoseFix(step * TENTH, pose, np.diag(sigmas**2), SOURCES[source]))
 
 
 def config(time=TIME, **options):
@@ -98,7 +100,7 @@ def test_each_source_has_its_own_nis_and_whiteness(given, independent):
     assert all(one.found.filter.fix_correlation() < 0.3 for one in independent[2]), "of global_pose"
     # Only the source whose correlation nobody gave raises the alarm.
     assert [one.found.correlated() for one in given[2]] == [[]] * 8
-    assert [one.found.correlated() for one in independent[2]] == [[FIX + 1]] * 8
+    assert [one.found.correlated() for one in independent[2]] == [["fixes of gps"]] * 8
 
 
 def test_the_move_by_another_source_is_no_motion_between_two_fixes():
@@ -119,9 +121,9 @@ def test_fixes_of_two_sources_are_no_duplicates_and_are_fused_in_their_order():
         found.on_odometry(OdometryStep(0, *Drive.odometry))
         for source in order:
             R = np.diag((GPS if source else CAMERA) ** 2)
-            found.on_measurement(PoseFix(TENTH, Pose(0.3, 0.1, 0.0), R, source))
+            found.on_measurement(PoseFix(TENTH, Pose(0.3, 0.1, 0.0), R, SOURCES[source]))
             with pytest.raises(BadMessageError, match="duplicate"):
-                found.on_measurement(PoseFix(TENTH, Pose(0.3, 0.1, 0.0), R, source))
+                found.on_measurement(PoseFix(TENTH, Pose(0.3, 0.1, 0.0), R, SOURCES[source]))
         results.append(found.on_odometry(OdometryStep(TENTH, *Drive.odometry)))
     assert results[0].pose == results[1].pose
     assert (results[0].P == results[1].P).all()
@@ -147,15 +149,20 @@ NODE = {
 
 def test_messages_get_the_deviations_and_the_delay_of_their_source():
     inputs = EkfInputs(build(EkfNodeConfig, NODE))
-    fix = inputs.source_fix(0, message(1.0, 0.5))
-    assert (fix.stamp, fix.source, fix.pose.x) == (4_750_000_000, 1, 1.0)
+    (fix,), uses_fallback, _ = inputs.sensor("gps").read(message(1.0, 0.5))
+    assert (fix.stamp, fix.source, fix.pose.x) == (4_750_000_000, Source("fixes of gps"), 1.0)
     assert fix.R.tolist() == np.diag([0.5] * 3).tolist()
+    assert not uses_fallback
     with pytest.raises(BadMessageError, match="covariance is zero"):
-        inputs.source_fix(0, message(1.0, 0.0))
-    fix = inputs.source_fix(1, message(1.0, 0.0))
-    assert (fix.stamp, fix.source) == (5_000_000_000, 2)
-    np.testing.assert_allclose(fix.R.diagonal(), [0.04, 0.04, 1e6])
-    assert inputs.fix(message(1.0, 0.5)).source == 0
+        inputs.sensor("gps").read(message(1.0, 0.0))
+    # A deviation of the heading that says nothing: the fix is one of the position.
+    (fix,), uses_fallback, _ = inputs.sensor("uwb/pose").read(message(1.0, 0.0))
+    assert isinstance(fix, PositionFix)
+    assert (fix.stamp, fix.source) == (5_000_000_000, Source("fixes of uwb/pose"))
+    np.testing.assert_allclose(fix.R, np.diag([0.04, 0.04]))
+    assert uses_fallback
+    (fix,), _, _ = inputs.sensor("global_pose").read(message(1.0, 0.5))
+    assert fix.source == Source(FIXES)
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """Corrections weaker than R says: correlated errors, landmarks beyond the gate, measurements of one number."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from filter_runs import covariance
 from diffbot_control.filter.ekf import PoseEkf, Robust
 from diffbot_control.filter.gate import ACCEPTED, REJECTED, WEIGHED
 from diffbot_control.filter.gated_filter import GatedFilter
-from diffbot_control.filter.measurements import LandmarkMeasurement, PoseFix
+from diffbot_control.filter.measurements import FIXES, LANDMARKS, LandmarkMeasurement, PoseFix
 from diffbot_control.filter.models import Motion
 from diffbot_control.filter.options import WEIGH, FilterConfig, options_of
 from diffbot_core.errors import InvalidValueError
@@ -65,11 +66,11 @@ def test_the_gain_is_that_of_the_inflated_noise_times_the_weight(inflation, gate
     S = P + R_FIX
     plain = y @ np.linalg.solve(S, y)
     weight = min(1.0, gate / plain)
-    assert ekf.update_pose(Pose(*(X0 + y)), R_FIX, Robust(inflation, gate)) == pytest.approx(plain)
+    assert ekf.correct(PoseFix(0, Pose(*(X0 + y)), R_FIX), Robust(inflation, gate)) == pytest.approx(plain)
     shift, after = textbook(P, np.eye(3), R_FIX, y, weight, inflation)
     np.testing.assert_allclose(ekf.x, X0 + shift, rtol=1e-10)
     np.testing.assert_allclose(ekf.P, after, rtol=1e-9)
-    np.testing.assert_allclose(ekf.S, S)
+    np.testing.assert_allclose(ekf.newest.S, S)
     assert weight < 1.0 or gate == math.inf
 
 
@@ -84,7 +85,7 @@ def test_the_gate_of_one_number_has_one_degree_of_freedom(missing):
         away = [0.0, 0.0]
         away[used] = math.sqrt(square * s)
         R[missing, missing] = math.inf
-        assert found.take(exact(X0, away=away)._replace(R=R)) == outcome
+        assert found.take(replace(exact(X0, away=away), R=R)) == outcome
         assert found.nis == pytest.approx(square)
 
 
@@ -119,7 +120,9 @@ def test_a_lost_filter_is_found_by_weighed_landmarks():
 
 @pytest.mark.parametrize("kind", ["landmark", "fix"])
 def test_the_inflation_depends_on_the_time_since_the_last_measurement_of_the_same_source(kind):
-    found = filter_at(landmark_correlation_time=2.0, fix_correlation_time=2.0, gate_probability=1.0)
+    times = {LANDMARKS: 2.0, FIXES: 2.0}
+    found = GatedFilter(options_of(FilterConfig("ekf", gate_probability=1.0, fix_correlation_time=2.0)), 0.6, times)
+    found.reset_to(Pose(*X0), seeded())
     fix = PoseFix(10**9, Pose(*X0), R_FIX)
     # The fix that the filter starts from counts.
     found.start_from(fix)
@@ -127,7 +130,7 @@ def test_the_inflation_depends_on_the_time_since_the_last_measurement_of_the_sam
     found.take(exact(X0, Point(-3.0, 2.0), stamp=2 * 10**9))
     (x, P), c = found.memory.belief, math.exp(-1.5 / 2.0)
     if kind == "fix":
-        found.take(fix._replace(stamp=2_500_000_000))
+        found.take(replace(fix, stamp=2_500_000_000))
         H, R = np.eye(3), R_FIX
     else:
         found.take(exact(X0, away=(0.1, 0.02), stamp=2_500_000_000))

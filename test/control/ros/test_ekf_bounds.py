@@ -40,10 +40,9 @@ def readings(inputs, time, far, variances):
     cloud = timed(PointCloud2(), time)
     cloud.header.frame_id = "base_link"
     fill_landmark_points(cloud, [LandmarkPoint(1, max(abs(far), 1e-3), -2.0, *variances[:2])], PointField)
-    yield lambda: [inputs.fix(fixes[0])]
-    yield lambda: [inputs.source_fix(0, fixes[1])]
-    yield lambda: [inputs.heading(compass)]
-    yield lambda: inputs.landmarks(cloud)[0]
+    given = (fixes[0], fixes[1], compass, cloud)
+    for sensor, message in zip(inputs.sensors, given, strict=True):
+        yield lambda sensor=sensor, message=message: sensor.read(message).measurements
 
 
 def drive(config, rng):

@@ -19,7 +19,8 @@ from diffbot_control.ros.messages.message_bytes import (
     read_pose,
 )
 from diffbot_control.ros.messages.message_fields import fill_pose, pose_in_message, pose_of
-from diffbot_control.ros.messages.sensor_messages import fix_from, odometry_from
+from diffbot_control.ros.sensors.fixes import fix_from
+from diffbot_control.ros.sensors.odometry import odometry_from
 from diffbot_control.ros.transforms import NO_TRANSFORMS
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose
@@ -58,8 +59,8 @@ def test_fields_of_an_odometry_and_a_pose_are_those_of_the_message(frame, child_
     found = read_pose(serialize_message(stamped))
     assert isinstance(found, PoseStampedFields)
     assert pose_from(found, frame, "") == pose_from(stamped, frame, "")
-    (stamp, pose, R), (same_stamp, same_pose, same_R) = fix_from(found, frame)[:3], fix_from(stamped, frame)[:3]
-    assert (stamp, pose, R.tolist()) == (same_stamp, same_pose, same_R.tolist())
+    one, same = fix_from(found, frame), fix_from(stamped, frame)
+    assert (one.stamp, one.pose, one.R.tolist()) == (same.stamp, same.pose, same.R.tolist())
     assert list(found.pose.covariance) == stamped.pose.covariance.tolist()
 
 

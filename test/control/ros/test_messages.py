@@ -9,7 +9,8 @@ from nav_msgs.msg import Odometry
 from scipy.spatial.transform import Rotation
 
 from diffbot_control.ros.messages.conversions import pose_from
-from diffbot_control.ros.messages.sensor_messages import KnownNoise, fix_from
+from diffbot_control.ros.sensors.fixes import fix_from
+from diffbot_control.ros.sensors.noise import KnownNoise
 from diffbot_core.errors import BadMessageError
 
 KINDS = pytest.mark.parametrize("kind", [PoseWithCovarianceStamped, Odometry], ids=lambda kind: kind.__name__)

@@ -32,7 +32,7 @@ from diffbot_sim.compiled.batch import run_batch
 from diffbot_sim.compiled.jit import PACKAGES
 from diffbot_tools import cli
 
-DECISIVE = (*PACKAGES, "diffbot_lab")
+DECISIVE = (*PACKAGES, "diffbot_tools", "diffbot_lab")
 SMALL = {
     "runs": 60,
     "duration": 12.0,

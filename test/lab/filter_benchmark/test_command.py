@@ -9,10 +9,11 @@ import pytest
 from scipy import stats
 
 from diffbot_control.filter.covariance import uncertainty_of
-from diffbot_control.filter.gate import FIX, REJECTED, RELOCATED
+from diffbot_control.filter.gate import REJECTED, RELOCATED
 from diffbot_control.filter.landmark_map import LandmarkMap
 from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.localization_config import LocalizationConfig
+from diffbot_control.filter.measurements import FIXES
 from diffbot_control.filter.options import CALIBRATING, EKF, FILTERS, FNN, FilterConfig
 from diffbot_lab.filter_benchmark import command as localization_benchmark
 from diffbot_lab.filter_benchmark.cases import RATES, SCENARIOS, drive_of, name_of
@@ -20,6 +21,7 @@ from diffbot_lab.filter_benchmark.command import figures_of, run_benchmark, run_
 from diffbot_lab.filter_benchmark.report import conclusions
 from diffbot_sim.compiled.open_loop import Tracking, drive, start_of, twist_of
 from diffbot_sim.model.simulator import StartPose, World, WorldConfig
+from diffbot_sim.reference_loop import measurements_of
 from diffbot_tools import cli
 
 RUNS = 2
@@ -55,22 +57,21 @@ def driven(case, filter_name, seed, run):
     noted = []
     monitor = localization.monitor
     record = monitor.record
-    monitor.record = lambda kind, nis, verdict, *more: (
-        noted.append((kind, nis, verdict)),
-        record(kind, nis, verdict, *more),
+    monitor.record = lambda source, nis, verdict, *more: (
+        noted.append((source.sensor, nis, verdict)),
+        record(source, nis, verdict, *more),
     )
     errors, covariances, fixes = [], [], []
     for step in range(case.steps + 1):
         arrivals = world.sense()
-        landmark_measurements = [one.measurement for one in arrivals.landmarks]
         noted.clear()
-        for measurement in (*arrivals.fixes, *arrivals.headings, *landmark_measurements):
+        for measurement in measurements_of(arrivals):
             localization.on_measurement(measurement)
         estimate = localization.on_odometry(world.odometry())
         error = np.subtract(estimate.pose, world.state.pose)
         errors.append([error[0], error[1], wrapped(error[2])])
         covariances.append(estimate.P)
-        found = [(nis, verdict) for kind, nis, verdict in noted if kind == FIX]
+        found = [(nis, verdict) for sensor, nis, verdict in noted if sensor == FIXES]
         assert len(found) == (len(arrivals.fixes) if step else 0)  # the first fix is where it starts
         fixes += [(step, *one, len(noted) == 1) for one in found]
         world.advance(twist_of(seed, run))

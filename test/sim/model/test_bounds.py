@@ -28,7 +28,7 @@ def drive(config, rng):
         arrivals = world.sense()
         yield world.state, world.odometry()[1:], world.odometry_P, body_twist(world.state.encoder, config.plant.wheels)
         yield [one[1:] for one in (*arrivals.fixes, *arrivals.headings)]
-        yield [one.measurement[1:4] for one in arrivals.landmarks]
+        yield [one[1:4] for one in arrivals.landmarks]
         if rng.random() < 0.3:
             world.configure(config)
         world.advance(Twist(*(log_between(-MAX_SPEED, MAX_SPEED, rng) if rng.random() < 0.5 else 1.0 for _ in "vw")))

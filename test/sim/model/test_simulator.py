@@ -142,7 +142,7 @@ def test_landmarks_are_seen_at_their_rate_within_their_range_where_they_are():
         assert not arrivals.fixes
         near = {n for n, point in points.items() if math.dist(point, pose[:2]) <= 4.0} if step % 2 == 0 else set()
         assert [one.number for one in arrivals.landmarks] == [n for n in sorted(points, key=points.get) if n in near]
-        for number, (stamp, distance, bearing, R, place) in arrivals.landmarks:
+        for stamp, distance, bearing, R, number, place in arrivals.landmarks:
             assert (stamp, place) == (world.stamp, points[number])
             end = complex(pose.x, pose.y) + cmath.rect(distance, pose.theta + bearing)
             assert abs(end - complex(*points[number])) < 1e-9
@@ -158,10 +158,10 @@ def test_errors_of_landmarks_are_as_large_as_they_claim_and_their_own():
     world, errors = World(QUIET._replace(sensors=sensors, landmarks=landmarks, seed=5)), []
     for _ in range(3000):
         arrivals = world.sense()
-        ranges = [(one.measurement.range - 6.0, one.measurement.bearing) for one in arrivals.landmarks]
+        ranges = [(one.range - 6.0, one.bearing) for one in arrivals.landmarks]
         errors.append([*ranges[0], *ranges[1], arrivals.fixes[0].pose.x, arrivals.headings[0].theta])
         world.advance(Twist(0.0, 0.0))
-    R = arrivals.landmarks[0].measurement.R
+    R = arrivals.landmarks[0].R
     np.testing.assert_allclose(R, np.diag([0.1**2 / 3.0, 0.05**2 / 3.0]))
     errors = np.array(errors)
     np.testing.assert_allclose(errors[:, :2].var(axis=0), R.diagonal(), rtol=0.08)
@@ -181,7 +181,7 @@ def test_the_covariances_sent_are_those_of_the_noise_and_fixes_claim_a_multiple_
     np.testing.assert_allclose(scaled.fixes[0].R, 10.0 * R)
     np.testing.assert_array_equal(scaled.fixes[0].pose, plain.fixes[0].pose)
     np.testing.assert_array_equal(scaled.headings[0].R, plain.headings[0].R)
-    np.testing.assert_array_equal(scaled.landmarks[0].measurement.R, plain.landmarks[0].measurement.R)
+    np.testing.assert_array_equal(scaled.landmarks[0].R, plain.landmarks[0].R)
 
 
 def test_new_noise_counts_from_the_next_step():

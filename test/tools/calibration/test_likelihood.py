@@ -1,6 +1,7 @@
 """The compiled filter against the filter itself: the same innovations, whatever the drive."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -114,7 +115,7 @@ def test_term_is_the_gaussian_density_of_the_innovation_with_scaled_deviations(r
     pairs = zip(recording.odometry[::2], recording.odometry[1::2], strict=True)
     for index, (fix, pair) in enumerate(zip(recording.fixes, pairs, strict=False)):
         # The first one, at which the filter starts, keeps what it claims.
-        filtered.on_measurement(fix._replace(R=scale @ fix.R @ scale) if index else fix)
+        filtered.on_measurement(replace(fix, R=scale @ fix.R @ scale) if index else fix)
         collector.on_measurement(fix)
         for step in pair:
             filtered.on_odometry(step)

@@ -148,7 +148,7 @@ def test_table_is_printed_and_nothing_is_left_over(demo):
 def test_watched_it_shows_a_page_and_stays_until_an_interrupt(tmp_path):
     out = tmp_path / "out"
     near = "from diffbot_tools.demo import command; command.GOALS = (command.Pose(-1.7, -5.3, 0.6),)"
-    program = f"{near}\nfrom diffbot_lab import cli\nraise SystemExit(cli.main())"
+    program = f"{near}\nfrom diffbot_tools import cli\nraise SystemExit(cli.main())"
     with graph.process(sys.executable, "-c", program, *command(out, "--watch")[3:], cwd=tmp_path) as process:
         process.wait_for_output("Page: http://127.0.0.1:")
         process.wait_for_output("The robot is yours", 200.0)

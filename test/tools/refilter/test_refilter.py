@@ -25,7 +25,7 @@ from diffbot_tools.refilter.command import run
 
 HANDLERS = {
     "/initialpose": EkfNode._on_initialpose,
-    "/landmarks": EkfNode._on_landmarks,
+    "/landmarks": lambda node, message: node._on_sensor("landmarks", message),
     "/odom": EkfNode._on_odometry,
 }
 

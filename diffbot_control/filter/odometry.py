@@ -1,10 +1,19 @@
-"""Dead time of the odometry: its twist acts later than its stamp says, as that of a command does."""
+"""Steps of the odometry, and its dead time: a twist acts later than its stamp says, as that of a command does."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-from diffbot_control.filter.measurements import OdometryStep
+from diffbot_core.kinematics import Twist, TwistCovariance
+
+
+class OdometryStep(NamedTuple):
+    """Mean twist since the odometry before."""
+
+    stamp: int
+    """[ns] end of the interval"""
+    twist: Twist
+    covariance: TwistCovariance
 
 
 class Piece(NamedTuple):
