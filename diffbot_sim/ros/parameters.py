@@ -10,6 +10,7 @@ from diffbot_core.ranges import TIMEOUT
 from diffbot_core.ros.command_parameters import CommandSourceConfig
 from diffbot_core.ros.fault_parameters import FaultConfig
 from diffbot_core.schema import Spec
+from diffbot_sim.model.beams import BeamSimulation
 from diffbot_sim.model.simulator import WorldConfig
 from diffbot_sim.ros.pacing import CLOCKS, LOCKSTEP, SCALED, WALL
 
@@ -18,6 +19,7 @@ class PlantNodeConfig(NamedTuple):
     """Parameters of the node ``plant``."""
 
     world: WorldConfig = WorldConfig()
+    beams: BeamSimulation = BeamSimulation()
     clock: Annotated[
         str,
         Spec(

@@ -6,6 +6,7 @@ from typing import Annotated, NamedTuple
 
 from diffbot_control.filter.landmark_map import LandmarkMap
 from diffbot_control.filter.localization_config import LocalizationConfig
+from diffbot_control.filter.wall_map import BeamConfig
 from diffbot_control.ros.frames import PREFIX_TEXT, RELIABLE_TEXT
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.kinematics import WheelGeometry
@@ -86,6 +87,7 @@ class EkfNodeConfig(NamedTuple):
     ] = 0.05
     noise: SensorNoise = SensorNoise()
     landmarks: LandmarkMap = LandmarkMap()
+    beams: BeamConfig = BeamConfig()
     state_file: Annotated[
         str,
         Spec(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
+from diffbot_control.ros.sensors.beams import beam_sensors
 from diffbot_control.ros.sensors.fixes import fix_sensors
 from diffbot_control.ros.sensors.heading import Compass
 from diffbot_control.ros.sensors.landmarks import LandmarkSensor
@@ -14,4 +15,4 @@ def sensors_of(config: EkfNodeConfig) -> list[Sensor]:
     sensors: list[Sensor] = [*fix_sensors(config), Compass(config)]
     if config.landmarks.landmark_ids:
         sensors.append(LandmarkSensor(config))
-    return sensors
+    return [*sensors, *beam_sensors(config)]

@@ -1,0 +1,105 @@
+"""Ranges to walls, against the plant's own geometry, finite differences, and a robot in a room."""
+
+import math
+
+import numpy as np
+import pytest
+from filter_runs import R_FIX, gated_filter, jacobian, wrapped
+from filter_runs import Robot as Drive
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from diffbot_control.filter.gate import ACCEPTED, IGNORED, REJECTED, GateMemory, RejectionStreak
+from diffbot_control.filter.measurements import States
+from diffbot_control.filter.measurements.wall import WallRange
+from diffbot_control.filter.wall_map import WallMap
+from diffbot_core.errors import InvalidValueError
+from diffbot_core.geometry import Pose
+from diffbot_sim.model.beams import true_range
+
+CHECK = settings(max_examples=200)
+NUMBERS = st.floats(-10.0, 10.0)
+POSES = st.tuples(NUMBERS, NUMBERS, st.floats(-3.1, 3.1))
+WALLS = st.lists(st.tuples(NUMBERS, NUMBERS, NUMBERS, NUMBERS), min_size=1, max_size=6)
+ROOM = WallMap(
+    (-12.0, 14.0, 14.0, -12.0), (-12.0, -12.0, 14.0, 14.0), (14.0, 14.0, -12.0, -12.0), (-12.0, 14.0, 14.0, -12.0)
+)
+BEAMS = Pose(0.2, 0.1, 0.0), Pose(0.0, 0.2, math.pi / 2), Pose(-0.1, -0.2, -2.0)
+
+
+def walls_of(rows):
+    return WallMap(*zip(*rows, strict=True)).walls()
+
+
+def measured(distance, beam, walls, sigma=0.03):
+    return WallRange(0, distance, np.array([[sigma**2]]), beam, walls)
+
+
+@CHECK
+@given(POSES, POSES, WALLS)
+def test_the_length_is_that_of_the_plants_geometry_and_its_jacobian_that_of_finite_differences(pose, beam, rows):
+    walls, beam = walls_of(rows), Pose(0.1 * beam[0], 0.1 * beam[1], beam[2])
+    true = true_range(Pose(*pose), beam, walls)
+    one, x = measured(1.0, beam, walls), np.array([*pose, 0.01, -0.02])
+    # Near the end of a wall rounding decides what is hit, and far off a step of the differences is large.
+    near = [true_range(Pose(*(np.array(pose) + d)), beam, walls) for d in 1e-4 * np.vstack([np.eye(3), -np.eye(3)])]
+    assume(max(near, default=0.0) - min(near) < 0.1 if math.isfinite(true) else not np.isfinite(near).any())
+    assert math.isfinite(true) or not one.is_defined(x)
+    if one.is_defined(x):
+        assert one.expected(x, States(5)).item() == pytest.approx(true, abs=1e-9)
+        H = jacobian(lambda at: np.array([true_range(Pose(*at), beam, walls)]), x[:3], 1e-7)
+        np.testing.assert_allclose(one.jacobian(x, States(5)), np.pad(H, ((0, 0), (0, 2))), atol=1e-3, rtol=1e-3)
+
+
+def test_a_beam_by_hand():
+    walls = walls_of([(3.0, -1.0, 3.0, 1.0), (5.0, -9.0, 5.0, 9.0)])
+    beam = Pose(0.5, 0.0, 0.0)
+    expected = lambda *pose: measured(1.0, beam, walls).expected(np.array(pose), States()).item()  # noqa: E731
+    assert expected(0.0, 0.0, 0.0) == pytest.approx(2.5)
+    assert expected(0.0, 2.0, 0.0) == pytest.approx(4.5), "past the end of the nearer wall"
+    assert expected(0.0, 0.0, 0.3) == pytest.approx((3.0 - 0.5 * math.cos(0.3)) / math.cos(0.3))
+    assert not measured(1.0, beam, walls).is_defined(np.array([0.0, 0.0, math.pi])), "away from all walls"
+    assert not measured(1.0, beam, walls).is_defined(np.array([0.0, 5.0, 1.5])), "at a flat angle"
+
+
+def test_three_beams_keep_the_pose_of_a_robot_in_a_room_and_their_nis_is_chi_square():
+    rng, robot = np.random.default_rng(1), Drive(np.random.default_rng(2))
+    found, squares = gated_filter("ekf"), []
+    for step in range(600):
+        found.predict(robot.move(0.6, 0.4))
+        for beam in BEAMS:
+            distance = true_range(Pose(*robot.truth), beam, ROOM.walls()) + rng.normal(0.0, 0.03)
+            if found.take(measured(distance, beam, ROOM.walls())) == ACCEPTED and step > 50:
+                squares.append(found.nis)
+    error = found.memory.belief.x[:3] - robot.truth
+    error[2] = wrapped(error[2])
+    assert np.hypot(*error[:2]) < 0.06
+    assert error @ np.linalg.solve(found.memory.belief.P, error) < 16.3  # chi-square with 3 degrees, 99.9 %
+    assert len(squares) > 1200
+    assert np.mean(squares) == pytest.approx(1.0, abs=0.15)
+
+
+def test_an_obstacle_before_the_wall_is_rejected_for_as_long_as_it_stands_there():
+    found = gated_filter("ekf", P=0.01 * R_FIX, relocation_timeout=0.5)
+    before = found.memory.belief
+    for _ in range(100):
+        found.memory = found.memory._replace(gate=GateMemory(RejectionStreak(0, 0.0), 0, 0.0, RejectionStreak(9, 9.0)))
+        assert found.take(measured(1.0, BEAMS[0], ROOM.walls())) == REJECTED
+    assert found.memory.belief is before
+    assert found.memory.gate.others == RejectionStreak(9, 9.0)
+    assert found.take(measured(1.0, BEAMS[0], walls_of([(-3.0, -1.0, -3.0, 1.0)]))) == IGNORED
+
+
+@pytest.mark.parametrize(
+    ("values", "name"),
+    [
+        ({"wall_y2": (1.0,)}, "wall_y2"),
+        ({"wall_x1": (1.0,), "wall_y1": (2.0,), "wall_x2": (1.0,), "wall_y2": (2.0,)}, "wall_x1"),
+        ({"beam_topics": ("range",), "beam_x": (0.0,), "beam_y": (0.0,)}, "beam_yaw"),
+        ({"beam_topics": ("range", "range")}, "beam_topics"),
+        ({"beam_topics": ("a b",)}, "beam_topics"),
+    ],
+)
+def test_lists_that_do_not_belong_together_are_refused(values, name):
+    with pytest.raises(InvalidValueError, match=name):
+        WallMap(**values).check()

@@ -1,0 +1,38 @@
+"""Beams from the plant to the estimate: a robot that is told where it stands, and then sees walls only."""
+
+import numpy as np
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from robot import distance, initialpose, lockstep, planar, stamp
+
+ROOM = {"wall_x1": [-5.0, -5.0, 5.0, -5.0], "wall_y1": [-5.0, 5.0, 5.0, -5.0]}
+ROOM |= {"wall_x2": [5.0, 5.0, 5.0, -5.0], "wall_y2": [-5.0, 5.0, -5.0, 5.0]}
+ROOM |= {"beam_topics": ["range/front", "range/left"]}
+ROOM |= {"beam_x": [0.2, 0.0], "beam_y": [0.0, 0.1], "beam_yaw": [0.0, 1.5]}
+PLANT = {"initial_pose.x": -2.0, "initial_pose.y": -1.0, "initial_pose.yaw": 0.3, "fix_rate": 0.0, "encoder_noise": 0.3}
+STEPS = 300
+"""half a minute"""
+
+
+def drive(ekf):
+    """Drive through the room; return the errors of the position [m] and the ekf's report."""
+    with lockstep({**PLANT, **ROOM, "beam_max_range": 15.0}, ekf) as robot:
+        poses = robot.peer.publisher(PoseWithCovarianceStamped, "initialpose")
+        robot.peer.wait_for_subscribers(poses)
+        poses.publish(initialpose(-2.0, -1.0, 0.3))
+        robot.send_goal(3.0, 2.0, 0.5)
+        robot.pause(False)
+        robot.peer.spin_until(lambda: len(robot.poses) > STEPS, 60.0, "the drive")
+        robot.pause(True)
+        robot.catch_up()
+        truths = {stamp(one): planar(one.pose.pose) for one in robot.truths}
+        known = [one for one in robot.poses if stamp(one) in truths]
+        return [distance(planar(one.pose.pose), truths[stamp(one)]) for one in known], robot.diagnosis("ekf")
+
+
+def test_walls_keep_the_estimate_that_the_odometry_alone_loses():
+    errors, report = drive(ROOM)
+    assert len(errors) > 0.9 * STEPS
+    assert np.mean(errors) < 0.05
+    assert int(report["range/front received"]) > 0.9 * STEPS
+    lost, _ = drive(None)
+    assert np.mean(lost) > 3.0 * np.mean(errors)
