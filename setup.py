@@ -27,6 +27,13 @@ LAWS = {
     "pure_pursuit": "diffbot_lab.laws.pure_pursuit:PurePursuit",
     "rotate_drive_rotate": "diffbot_lab.laws.rotate_drive_rotate:RotateDriveRotate",
 }
+CONFIGS = {
+    "controller": "diffbot_control.ros.parameters.controller:ControllerNodeConfig",
+    "ekf": "diffbot_control.ros.parameters.ekf:EkfNodeConfig",
+    "plant": "diffbot_sim.ros.parameters:PlantNodeConfig",
+    "recorder": "diffbot_bag.parameters:RecorderConfig",
+    "replay": "diffbot_bag.parameters:ReplayConfig",
+}
 COMMANDS = {
     "benchmark": "diffbot_lab.benchmark_command:add_benchmark",
     "campaign": "diffbot_lab.commands:add_campaign",
@@ -92,6 +99,7 @@ setup(
     entry_points={
         "console_scripts": [f"{name} = {function}" for name, function in EXECUTABLES.items()],
         "diffbot.commands": [f"{name} = {place}" for name, place in COMMANDS.items()],
+        "diffbot.parameters": [f"{name} = {place}" for name, place in CONFIGS.items()],
         "diffbot.controllers": [f"{name} = {place}" for name, place in LAWS.items()],
     },
     cmdclass={"install_data": InstallDataAndShims},

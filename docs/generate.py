@@ -1,11 +1,11 @@
 """Write the generated parts of docs/: ``python docs/generate.py [--check]``.
 
-Sources: the tables in docs/reference/parameters/ and docs/reference/bags/check.md, and
-diffbot_core/ros/parameter_names.py: the configuration types; the table in docs/explanation/law/paper.md: 100 runs of
-the closed loop; docs/rooms.svg: the imports; docs/reference/nodes/states.svg and the table in goals.md: the states;
-docs/badges: the package's metadata. In docs/results, from the JSON files in its folder data: all of benchmark and
-reproduction, filter/contract.md, faults.md (`make faults`, `make soak`), performance.md (`make bench`), trust.md
-(`make trust`), the other tables in filter and those in real-robots.md.
+Sources: the tables in docs/reference/parameters/ and docs/reference/bags/check.md: the configuration types; the table
+in docs/explanation/law/paper.md: 100 runs of the closed loop; docs/rooms.svg: the imports;
+docs/reference/nodes/states.svg and the table in goals.md: the states; docs/badges: the package's metadata. In
+docs/results, from the JSON files in its folder data: all of benchmark and reproduction, filter/contract.md, faults.md
+(`make faults`, `make soak`), performance.md (`make bench`), trust.md (`make trust`), the other tables in filter and
+those in real-robots.md.
 ``--experiments`` and ``--benchmark`` repeat the runs behind the JSON files and draw their figures; those behind
 benchmark_bound.json need casadi (extra ``bound``) and are repeated by ``--benchmark bound`` alone.
 ``--animation`` draws docs/run.gif, ``--policy`` runs the nodes and writes config/sros2_policy.xml.
@@ -204,7 +204,6 @@ def check_or_write(check: bool) -> int:
     paper = DOCS / "explanation/law/paper.md"
     pages = {
         **parameter_tables.pages(),
-        DOCS.parent / "diffbot_core/ros/parameter_names.py": parameter_tables.names_module(),
         CHECK: check_page(),
         **results_pages(),
         DOCS / "rooms.svg": rooms_picture(),

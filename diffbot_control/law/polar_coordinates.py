@@ -39,37 +39,3 @@ def in_front(alpha: float) -> bool:
     Eq. (4) excludes pi/2 and Eq. (6) includes it; (6) is followed.
     """
     return -HALF_PI < alpha <= HALF_PI
-
-
-def discrete_model(
-    navigation: Navigation,
-    v: float,
-    omega: float,
-    t_s: float,
-    eps_v: float = 0.0,
-    eps_omega: float = 0.0,
-) -> Navigation:
-    """One sampling time ``t_s`` [s] of the navigation variables: Eqs. (6) and (7); without noise, (4) and (5).
-
-    Args:
-        navigation: the variables now, rho > 0.
-        v: [m/s] along the paper's forward direction, which is reversed in the rear sector: there it is minus the
-            velocity along the robot's real axis.
-        omega: [rad/s].
-        t_s: [s].
-        eps_v: [m/s] noise added to v.
-        eps_omega: [rad/s] noise added to omega.
-
-    Returns:
-        The variables one step later, angles wrapped. First order in ``t_s``, as the paper's Euler model is.
-    """
-    rho, alpha, beta = navigation
-    step = (v + eps_v) * t_s
-    if not in_front(alpha):
-        step = -step
-    turn = step * math.sin(alpha) / rho
-    return Navigation(
-        rho - step * math.cos(alpha),
-        wrap_angle(alpha + turn - (omega + eps_omega) * t_s),
-        wrap_angle(beta + turn),
-    )

@@ -96,15 +96,16 @@ def within_data_sheet(gains: ProfileGains, data_sheet: DataSheet) -> ProfileGain
     if data_sheet.a_max == math.inf and data_sheet.omega_dot_max == math.inf:
         return gains
     turning = _TURN_BRAKE_SHARE * data_sheet.omega_dot_max
+    # Compiled code has no _replace.
     return ProfileGains(
-        min(gains.brake, _BRAKE_SHARE * data_sheet.a_max),
-        gains.react,
-        gains.sigma_known,
-        gains.bearing_weight,
-        min(gains.turn_brake, turning),
-        gains.turn_react,
-        min(gains.hold_brake, turning),
-        gains.hold_react,
+        brake=min(gains.brake, _BRAKE_SHARE * data_sheet.a_max),
+        react=gains.react,
+        sigma_known=gains.sigma_known,
+        bearing_weight=gains.bearing_weight,
+        turn_brake=min(gains.turn_brake, turning),
+        turn_react=gains.turn_react,
+        hold_brake=min(gains.hold_brake, turning),
+        hold_react=gains.hold_react,
     )
 
 
@@ -117,5 +118,15 @@ def auto_gains(data_sheet: DataSheet, period: float) -> ProfileGains:
     """
     known = data_sheet.command_latency + data_sheet.drive_time_constant
     loop = 0.5 * period + _UNKNOWN_LATENCY + _UNKNOWN_SHARE * known
-    gains = ProfileGains(3.0, _DRIVE_LOOPS * loop, 0.03, 0.8, 7.0, _TURN_LOOPS * loop, 5.0, _HOLD_LOOPS * loop)
+    # Compiled code has neither _replace nor defaults.
+    gains = ProfileGains(
+        brake=3.0,
+        react=_DRIVE_LOOPS * loop,
+        sigma_known=0.03,
+        bearing_weight=0.8,
+        turn_brake=7.0,
+        turn_react=_TURN_LOOPS * loop,
+        hold_brake=5.0,
+        hold_react=_HOLD_LOOPS * loop,
+    )
     return within_data_sheet(gains, data_sheet)

@@ -6,6 +6,8 @@ import math
 import re
 from array import array
 from collections.abc import Callable, Mapping
+from difflib import get_close_matches
+from importlib.metadata import entry_points
 from typing import Any, Generic, get_origin
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -16,6 +18,8 @@ from diffbot_core.schema import C, Parameter, build, checked, parameters_of, ref
 
 _QOS_OVERRIDE = re.compile(r"qos_overrides\./.+\.(publisher|subscription)(_\w+)?\.[a-z_]+")
 """Names that rclpy declares when the topic is created; a file for several nodes holds those of all."""
+CONFIGS = "diffbot.parameters"
+"""Group of the entry points: name of the node -> ``package.module:Config``."""
 
 
 def overrides_of(node: Node) -> dict[str, Any]:
@@ -23,6 +27,12 @@ def overrides_of(node: Node) -> dict[str, Any]:
     # rclpy ignores an override that is never declared and has no public way to list them.
     given = getattr(node, "_parameter_overrides", {})
     return {name: parameter.value for name, parameter in given.items()}
+
+
+def names_of_all_nodes() -> set[str]:
+    """Return the names of the parameters of all nodes, which the section ``/**`` of a file may hold."""
+    configs = (one.load() for one in entry_points(group=CONFIGS))
+    return {parameter.name for config in configs for parameter in parameters_of(config)}
 
 
 class NodeParameters(Generic[C]):
@@ -81,15 +91,10 @@ class NodeParameters(Generic[C]):
         unknown = [name for name in sorted(self._overrides) if not self._node.has_parameter(name)]
         if not unknown:
             return
-        # Not before they are needed, which is rare.
-        from difflib import get_close_matches  # noqa: PLC0415
-
-        from diffbot_core.ros.parameter_names import PARAMETER_NAMES  # noqa: PLC0415
-
+        known = names_of_all_nodes()
         for name in unknown:
-            # A section /** of a file holds the parameters of all nodes.
-            if name not in PARAMETER_NAMES and not _QOS_OVERRIDE.fullmatch(name):
-                similar = get_close_matches(name, [*self._fields, *PARAMETER_NAMES], 1)
+            if name not in known and not _QOS_OVERRIDE.fullmatch(name):
+                similar = get_close_matches(name, [*self._fields, *known], 1)
                 meant = f"; did you mean '{similar[0]}'?" if similar else ""
                 self._node.get_logger().warning(f"unknown parameter '{name}' is ignored{meant}")
 
@@ -100,7 +105,9 @@ class NodeParameters(Generic[C]):
             DiffbotError: naming parameter, value and bound, if a change is not allowed.
         """
         ours = {change.name: _plain(change.value) for change in changes if change.name in self._fields}
-        build(self._type, ours, self.config)
+        # A read-only one is refused as such by rclpy, whatever its value.
+        if not any(self._fields[name].spec.read_only for name in ours):
+            build(self._type, ours, self.config)
         result = []
         for change in changes:
             parameter = self._fields.get(change.name)

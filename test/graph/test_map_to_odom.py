@@ -80,7 +80,7 @@ def in_odom(time, x, y, theta, prefix=""):
 def test_of_odometry_it_has_the_stamp_and_the_pose_in_the_message(ekf):
     node, created, sent = ekf({"frame_prefix": "left/", "transform_tolerance": 0.5})
     assert tuple(created[1:]) == ("map", "left/odom", 0.5)
-    node._on_fix(fix(START, 1.0, 2.0, 0.5))
+    node._on_sensor("global_pose", fix(START, 1.0, 2.0, 0.5))
     node._on_odometry(in_odom(START, 5.0, 6.0, 0.1, "left/"))
     ((stamp, estimate, own),) = sent
     assert stamp == round(START * SECOND)
@@ -93,7 +93,7 @@ def test_of_joint_states_it_is_sent_at_the_stamp_of_odom_with_the_estimate_moved
     node, _, sent = ekf({"odometry_source": "joint_states", "sensor_timeout": 1.0})
     node._on_odometry_pose(in_odom(START, 5.0, 6.0, 0.1))
     assert not sent, "no estimate yet"
-    node._on_fix(fix(START, 1.0, 2.0, 0.0))
+    node._on_sensor("global_pose", fix(START, 1.0, 2.0, 0.0))
     # 0.5 m/s straight ahead: both wheels of 0.05 m radius turn at 10 rad/s.
     node._on_joint_states(joint_state(START, 10.0, 10.0))
     node._on_odometry_pose(in_odom(START + 1.5, 5.0, 6.0, 0.1))

@@ -17,7 +17,7 @@ from diffbot_control.ros.parameters.controller import ControllerNodeConfig
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.errors import DiffbotError
 from diffbot_core.ros.node import DiffbotNode
-from diffbot_core.ros.parameter_names import PARAMETER_NAMES
+from diffbot_core.ros.parameters import names_of_all_nodes
 from diffbot_core.schema import parameters_of
 from diffbot_sim.plant_node import PlantNode
 from diffbot_sim.ros.parameters import PlantNodeConfig
@@ -225,10 +225,10 @@ def test_a_file_counts_for_the_nodes_it_names_and_warns_of_unknown_names_only(st
 
 
 def test_nodes_agree_about_shared_defaults_and_the_list_of_known_names_is_complete():
-    shared = {}
+    shared, known = {}, names_of_all_nodes()
     for config in (ControllerNodeConfig, EkfNodeConfig, PlantNodeConfig, RecorderConfig, ReplayConfig):
         for parameter in parameters_of(config):
-            assert parameter.name in PARAMETER_NAMES
+            assert parameter.name in known
             if parameter.name in ("wheel_radius", "wheel_separation", "map_frame", "odom_frame", "base_link_frame"):
                 shared.setdefault(parameter.name, set()).add(parameter.default)
     assert all(len(defaults) == 1 for defaults in shared.values()), shared

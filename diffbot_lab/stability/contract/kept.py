@@ -63,16 +63,6 @@ def shares(kept: Mask) -> Kept:
     return Kept(mean, max(mean - half, 0.0), min(mean + half, 1.0), whole / len(kept), float(low), float(high))
 
 
-def contract_kept(errors: NDArray[np.floating[Any]], contract: Contract) -> Kept:
-    """Count where the errors of the position and of the heading are within the contract.
-
-    Args:
-        errors: (runs, steps, 3) [m, m, rad], the heading's wrapped; at least two runs.
-        contract: to be kept.
-    """
-    return shares(errors_within(errors, contract))
-
-
 def holds_from(kept: Mask, sampling_time: float) -> NDArray[np.float64]:
     """Return the time [s] of each run from which on it keeps a contract to its end; inf if it does not at its end.
 

@@ -44,6 +44,8 @@ def test_publishers_of_every_qos_are_recorded_to_the_byte(nodes, peer, tmp_path)
     hidden = peer.publisher(Twist, "/a/_b/c")
     peer.subscribe(Twist, "/without_a_publisher")
     recorder.wait_for(latched, *(one for ones in publishers.values() for one in ones))
+    # A latched message follows some time after its reader is known.
+    peer.spin_until(lambda: recorder.node.health.accepted["/description"] == 1, what="the latched message")
     begin = peer.node.get_clock().now().nanoseconds
     for topic, ones in publishers.items():
         sent[topic] = [data for number, one in enumerate(ones) for data in publish(one, twists(100, 100 * number))]

@@ -5,14 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from diffbot_lab.stability.contract.kept import contract_kept, errors_within, holds_from
+from diffbot_lab.stability.contract.kept import errors_within, holds_from, shares
 from diffbot_lab.stability.tuned.contract import Contract
 
 
 def test_a_contract_is_kept_by_hand_counted_steps_and_runs():
     errors = np.zeros((4, 10, 3))
     errors[0, 3, 0], errors[1, :5, 2], errors[2, 0] = 0.061, -0.031, (0.036, -0.047, 0.03)
-    kept = contract_kept(errors, Contract())
+    kept = shares(errors_within(errors, Contract()))
     assert kept.steps == pytest.approx((9 + 5 + 10 + 10) / 40)
     assert kept.runs == 0.5
     # Wilson's interval of 2 of 4, from the published formula: 0.5 -+ z sqrt(1/16 + z^2/64) / (1 + z^2/4) at z = 1.96.
