@@ -59,13 +59,6 @@ from diffbot_sim.reference_loop import simulate
 DOCS = Path(__file__).parent
 GOALS = DOCS / "reference/nodes/goals.md"
 CHECK = DOCS / "reference/bags/check.md"
-SECTIONS_OF_PAGES = {
-    "accuracy.md": ("Right model", "Rates of the odometry", "Further sensors"),
-    "wrong-model.md": ("Wrong model",),
-    "faults.md": ("Outliers and slip",),
-    "kidnapped.md": ("Kidnapped robot",),
-}
-"""Cases of the filter's benchmark by the page that shows them."""
 RUNS = 100
 STEPS = 300
 PAPER_PLANT = next(one.plant for one in SETTINGS if one.name == "raw")
@@ -95,14 +88,10 @@ def filter_results_pages() -> dict[Path, str]:
     results, coloured = read_data(LOCALIZATION), read_data(COLOUR)
     folder = RESULTS / "filter"
     index = between_markers((folder / "index.md").read_text(), "conditions", filter_pages.conditions(results))
-    pages = {
+    return {
         folder / "index.md": between_markers(index, "overview", filter_pages.overview(results)),
-        folder / "targets.md": marked(folder / "targets.md", "targets", filter_pages.targets_part(results)),
         folder / "coloured.md": marked(folder / "coloured.md", "colour", filter_colour_report.page_part(coloured)),
     }
-    for name, sections in SECTIONS_OF_PAGES.items():
-        pages[folder / name] = marked(folder / name, "cases", filter_pages.cases_part(results, *sections))
-    return pages
 
 
 def real_robots_page() -> str:

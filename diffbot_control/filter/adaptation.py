@@ -67,7 +67,7 @@ class Adaptation(NamedTuple):
 
 
 # Chosen by simulation, so that R wrong by ten either way is found within some ten fixes and right R stays within a few
-# per cent of accuracy (docs/results/filter/wrong-model.md).
+# per cent of accuracy (docs/results/data/localization.json).
 _RULES = Rules(Rule(-0.8, 0.4, -0.14), Rule(0.0, 0.4, 0.0), Rule(5.0, 1.7, 1.8))
 """Input: the mean minus 1; output: change of the logarithm of the scale per fix. The high rule: R far too small."""
 _Q_RULES = Rules(Rule(0.0, 0.35, 0.0), Rule(1.0, 0.35, 1.5), Rule(2.0, 0.5, 4.0))

@@ -132,7 +132,7 @@ def page(results: dict[str, Any]) -> str:
         *sheet_table(results),
         "",
         "A dead time of 0.2 s of which the law knows nothing is the case `dead_time_02_unknown` of "
-        "[Dead time and lag](delays.md).",
+        "[the benchmark](index.md).",
     ]
     return "\n".join(lines) + "\n"
 

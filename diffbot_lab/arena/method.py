@@ -46,7 +46,7 @@ def _conditions(results: Results) -> list[str]:
         f"paper's simulation A), or as many random ones. {number_of_runs}, seed {results['seed']}.",
         "- Noise: run i has the same noise under every law. Fixes at 10 Hz with the paper's bounds (+-0.3 m, +-0.3 m, "
         "+-0.17 rad), +-5 % per wheel in drive and encoder.",
-        "- Limits: 1.3 m/s at the rims and 2.6 rad/s in all cases; with [bounded acceleration](acceleration.md) also "
+        "- Limits: 1.3 m/s at the rims and 2.6 rad/s in all cases; with bounded acceleration also "
         "0.5 m/s^2 and 1.5 rad/s^2.",
         f"- A run lasts {results['duration']:.0f} s with Ts = 0.1 s.",
         "- Every law has the same data sheet: limits, latency, lag and dead band where they are known.",
