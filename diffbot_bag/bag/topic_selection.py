@@ -9,7 +9,7 @@ from diffbot_core.errors import InvalidValueError
 
 
 class TopicSelection(NamedTuple):
-    """Topics by name and by regular expression of the whole name; neither given: all. Exclusions take precedence."""
+    """Topics by name and by regular expression of the whole name; if neither is given, all match. Exclusions win."""
 
     topics: tuple[str, ...] = ()
     regex: str = ""

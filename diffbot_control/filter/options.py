@@ -17,7 +17,7 @@ FILTERS = (EKF, CALIBRATING, FNN, FNN_CALIBRATING)
 
 REJECT, WEIGH = "reject", "weigh"
 _MAX_TIME = 1e4
-"""[s] A correlation time; errors that last longer are an offset."""
+"""[s] A correlation time; longer ones are an offset."""
 _KNOWN_SIGMA = 1e-6
 """[m], [rad] Deviation of a known error that is a state because the others are: P stays positive definite."""
 _MAX_SIGMAS, _MAX_ERROR = 5.0, 0.1

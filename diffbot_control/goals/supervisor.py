@@ -70,7 +70,7 @@ class Supervisor:
         self.has_failed = False
         """the last goal was given up because of an error: the law's or the node's own"""
         self.goals_reached = 0
-        """goals reached so far; one that is lost and reached again, or held through silence, counts once"""
+        """goals reached so far; each is counted once, even if lost and reached again"""
         self.accepted = 0
         """goals and paths accepted so far"""
         self.pose: Pose | None = None

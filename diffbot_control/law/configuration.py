@@ -62,7 +62,7 @@ class ControllerConfig(NamedTuple):
     data_sheet: DataSheet = DataSheet()
     tolerance: GoalTolerance = GoalTolerance()
     uncertainty_scale: Annotated[
-        float, Spec("factor of the estimate's standard deviations, for a filter that is too sure", "-", 0.0, 100.0)
+        float, Spec("factor of the estimate's standard deviations, for an overconfident filter", "-", 0.0, 100.0)
     ] = 1.0
     reapproach: ReapproachConfig = ReapproachConfig()
     """of the paper's law with the covariance policy"""

@@ -15,7 +15,7 @@ def method_page(results: Results) -> list[str]:
         "",
         "**In short:** all laws have the same starts, noise, data sheet and limits, and the peers were tuned with the "
         "same optimiser and budget. The preset of the switching law had more work than that; "
-        "[the row tuned like the peers](index.md#where-a-peer-is-ahead) shows what this is worth.",
+        "[the row tuned like the peers](index.md#beside-the-best-peer) shows what this is worth.",
         "",
         *_conditions(results),
         "",

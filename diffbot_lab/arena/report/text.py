@@ -50,7 +50,7 @@ def _pair(one: dict[str, Any]) -> str:
 
 
 def figures_text(one: dict[str, Any]) -> tuple[str, str]:
-    """Return the peer's figure, and this project's with its unit, with as many digits as show a difference.
+    """Return the peer's figure, and this project's with its unit, rounded to the first digit that differs.
 
     Args:
         one: of :func:`~diffbot_lab.arena.report.targets.peers_ahead`.
