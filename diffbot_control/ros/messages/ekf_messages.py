@@ -69,7 +69,7 @@ def corrected_twist(measured: Twist, ekf: GatedFilter, wheel_separation: float) 
 
 
 def error_values(ekf: GatedFilter) -> dict[str, str]:
-    """Return key-value pairs of the estimated errors with their standard deviations, and the detected correlation of the fixes."""
+    """Return key-value pairs: estimated errors with their deviations, and the detected correlation of the fixes."""
     found = {}
     for names, estimate in ((_WHEEL_ERRORS, ekf.wheels()), (_LANDMARK_ERRORS, ekf.landmark_errors())):
         if estimate is not None:
