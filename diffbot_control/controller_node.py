@@ -29,7 +29,7 @@ from diffbot_control.ros.goals.keeper import GoalKeeper
 from diffbot_control.ros.goals.nav2_actions import serve_nav2_actions
 from diffbot_control.ros.goals.server import GoalServer
 from diffbot_control.ros.messages.conversions import goal_from, path_from, pose_from, poses_along
-from diffbot_control.ros.messages.message_bytes import read_path, read_pose
+from diffbot_control.ros.messages.raw import read_path, read_pose
 from diffbot_control.ros.parameters.controller import (
     CONTROLLER_PRESETS,
     ControllerNodeConfig,

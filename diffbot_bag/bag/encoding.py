@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from mcap_ros2._dynamic import serialize_dynamic
 from numpy.typing import NDArray
 
 from diffbot_bag.bag.message_definitions import MessageDefinitions
+from diffbot_core.cdr import HEADER, CdrError, read_odometry, read_pose
 from diffbot_core.units import NS_PER_S
 
 ODOMETRY = "nav_msgs/msg/Odometry"
@@ -25,11 +25,8 @@ _STRINGS = {ODOMETRY: 2, POSE: 1}
 """Strings between stamp and numbers: frame_id, and child_frame_id of an odometry."""
 _NUMBERS = {ODOMETRY: 85, POSE: 43}
 """A pose (7) with covariance (36), and for an odometry a twist (6) with covariance (36)."""
-_HEADER = b"\x00\x01\x00\x00"
-"""Little-endian CDR."""
 _STAMP = struct.Struct("<iI")
 _LENGTH = struct.Struct("<I")
-_FIRST_STRING = len(_HEADER) + _STAMP.size
 
 
 class Encoder:
@@ -73,57 +70,22 @@ class NumbersMessage:
             body += bytes(-len(body) % 4)
             encoded = text.encode() + b"\0"
             body += _LENGTH.pack(len(encoded)) + encoded
-        self._prefix = bytearray(_HEADER) + body + bytes(-len(body) % 8)
+        self._prefix = bytearray(HEADER) + body + bytes(-len(body) % 8)
 
     def encode(self, stamp: int) -> bytes:
         """Return the CDR bytes of the message with this stamp [ns]."""
-        _STAMP.pack_into(self._prefix, len(_HEADER), *divmod(stamp, NS_PER_S))
+        _STAMP.pack_into(self._prefix, len(HEADER), *divmod(stamp, NS_PER_S))
         return bytes(self._prefix) + self.numbers.tobytes()
 
 
-def decode_numbers_message(type_name: str, data: bytes) -> Any | None:
-    """Decode a message of type ODOMETRY or POSE; None if it is of another type, byte order or size.
+_READERS: dict[str, Callable[[bytes], Any]] = {ODOMETRY: read_odometry, POSE: read_pose}
 
-    The result has the fields of the message as attributes, arrays as lists, like those of mcap-ros2-support.
-    """
-    if type_name not in _NUMBERS or data[: len(_HEADER)] != _HEADER:
+
+def decode_numbers_message(type_name: str, data: bytes) -> Any | None:
+    """Decode a message of type ODOMETRY or POSE; None if it is of another type, or not in plain CDR."""
+    if type_name not in _READERS:
         return None
     try:
-        strings, at = _strings(data, _STRINGS[type_name])
-    except (struct.error, UnicodeDecodeError):
+        return _READERS[type_name](data)
+    except CdrError:
         return None
-    if len(data) != at + 8 * _NUMBERS[type_name]:
-        return None
-    sec, nanosec = _STAMP.unpack_from(data, len(_HEADER))
-    n = np.frombuffer(data, "<f8", _NUMBERS[type_name], at).tolist()
-    fields: dict[str, Any] = {
-        "header": SimpleNamespace(stamp=SimpleNamespace(sec=sec, nanosec=nanosec), frame_id=strings[0]),
-        "pose": SimpleNamespace(
-            pose=SimpleNamespace(
-                position=SimpleNamespace(x=n[0], y=n[1], z=n[2]),
-                orientation=SimpleNamespace(x=n[3], y=n[4], z=n[5], w=n[6]),
-            ),
-            covariance=n[7:43],
-        ),
-    }
-    if type_name == ODOMETRY:
-        fields["child_frame_id"] = strings[1]
-        fields["twist"] = SimpleNamespace(
-            twist=SimpleNamespace(
-                linear=SimpleNamespace(x=n[43], y=n[44], z=n[45]), angular=SimpleNamespace(x=n[46], y=n[47], z=n[48])
-            ),
-            covariance=n[49:],
-        )
-    return SimpleNamespace(**fields)
-
-
-def _strings(data: bytes, count: int) -> tuple[list[str], int]:
-    """Return the strings after the stamp and the place of the numbers."""
-    found, at = [], _FIRST_STRING
-    for _ in range(count):
-        at += -at % 4  # alignment counts from the end of the CDR header, whose 4 bytes do not change it
-        (length,) = _LENGTH.unpack_from(data, at)
-        at += _LENGTH.size
-        found.append(data[at : at + max(length - 1, 0)].decode())
-        at += length
-    return found, at + -(at - len(_HEADER)) % 8

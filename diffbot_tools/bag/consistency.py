@@ -6,9 +6,10 @@ import math
 from collections.abc import Mapping
 from typing import Protocol
 
-from diffbot_bag.bag.cdr import LABELLED, CdrError, NumberRows, labelled_layout, labels_of
+from diffbot_bag.bag.number_rows import LABELLED, NumberRows, labelled_layout, labels_of
 from diffbot_bag.tools.contract_check import Consistency
 from diffbot_control.filter.innovation_monitor import WINDOW, mean_nis
+from diffbot_core.cdr import CdrError
 from diffbot_tools.refilter.nis_topic import NIS_LABELS, NIS_TOPIC
 from diffbot_tools.view.robot_topics import STATUS
 from diffbot_tools.view.texts import number, read_status

@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from diffbot_bag.bag.cdr import LAYOUTS, CdrError, Layout, NumberRows, labelled_layout, labels_of
+from diffbot_bag.bag.number_rows import LAYOUTS, Layout, NumberRows, labelled_layout, labels_of
 from diffbot_bag.bag.reader import BagReader
 from diffbot_bag.mcap.attachments import Parameters
 from diffbot_bag.tools.bag_info import TopicInfo, info_of
+from diffbot_core.cdr import CdrError
 from diffbot_tools.bag.unfinished_bags import print_warning
 from diffbot_tools.view.landmarks import CloudRows, Measured
 from diffbot_tools.view.plans import Plan, PlanRows

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from diffbot_bag.bag.cdr import CdrCursor, CdrError
 from diffbot_control.ros.messages.landmark_cloud import landmark_points
+from diffbot_core.cdr import CdrCursor, CdrError
 from diffbot_core.errors import BadMessageError
 from diffbot_core.units import S_PER_NS
 from diffbot_tools.trajectory import Trajectory, poses_at

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from diffbot_bag.bag.cdr import CdrCursor, CdrError
+from diffbot_core.cdr import CdrCursor, CdrError
 from diffbot_core.geometry import MAX_COORDINATE
 from diffbot_tools.view.clock import Clock, Columns
 from diffbot_tools.view.transforms import is_local

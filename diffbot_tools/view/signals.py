@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import chdtri
 
-from diffbot_bag.bag.cdr import LABELLED
+from diffbot_bag.bag.number_rows import LABELLED
 from diffbot_core.errors import DiffbotError
 from diffbot_core.geometry import MAX_COORDINATE, Pose, origin_of_frame
 from diffbot_core.units import S_PER_NS

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from diffbot_bag.bag.cdr import CdrCursor
+from diffbot_core.cdr import CdrCursor
 
 FILTER_COLUMNS = ("nis", "nis_low", "nis_high", "whiteness", "whiteness_bound", "left", "right")
 """Mean NIS per number and its 95 % bounds, autocorrelation of the first kind of measurement, wheel radius errors."""

@@ -7,7 +7,7 @@ from array import array
 import numpy as np
 from numpy.typing import NDArray
 
-from diffbot_bag.bag.cdr import CdrCursor
+from diffbot_core.cdr import CdrCursor
 from diffbot_core.geometry import yaw_of_quaternion
 
 Array = NDArray[np.float64]

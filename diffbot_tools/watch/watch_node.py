@@ -17,8 +17,8 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 
-from diffbot_bag.bag.cdr import CdrError
 from diffbot_control.law.presets import PRESETS, TUNED
+from diffbot_core.cdr import CdrError
 from diffbot_core.errors import BadMessageError, DiffbotError
 from diffbot_core.ros.node import QUEUE, DiffbotNode, run
 from diffbot_tools.view.constants import constants_of

@@ -19,7 +19,6 @@ from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension
 
 from diffbot_control.filter.covariance import check_covariance, uncertainty_of
 from diffbot_control.goals.goal_record import MAX_PATH_POSES
-from diffbot_control.ros.messages.message_bytes import PathFields
 from diffbot_control.ros.messages.message_fields import (
     check_frame,
     fill_pose,
@@ -30,6 +29,7 @@ from diffbot_control.ros.messages.message_fields import (
     stamp_ns,
 )
 from diffbot_control.ros.transforms import NO_TRANSFORMS, LastTransform, Transforms, pose_in_frame
+from diffbot_core.cdr import PathFields
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose, quaternion_of_yaw
 from diffbot_core.uncertainty import Uncertainty

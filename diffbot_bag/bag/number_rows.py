@@ -1,95 +1,20 @@
-"""Messages of a bag without their definitions: texts one by one, blocks of float64 as arrays of many messages.
+"""Columns of numbers from the messages of a topic: blocks of float64 as arrays of many messages.
 
-The types that a report needs are few and known, and a generic decoder takes 0.1 to 1 ms a message. Plain little-endian
-CDR only, which all common middlewares send.
+The types that a report needs are few and known, and a generic decoder takes 0.1 to 1 ms a message. Little-endian CDR
+only.
 """
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-HEADER = b"\x00\x01\x00\x00"
-"""Encapsulation header of plain little-endian CDR; alignment counts from its end."""
-MAX_ITEMS = 100_000
-"""of a sequence: a message of unknown origin can claim any number"""
+from diffbot_core.cdr import HEADER, CdrCursor, CdrError
+
 _BATCH = 4096
-_STAMP = struct.Struct("<iI")
-_LENGTH = struct.Struct("<I")
-
-
-class CdrError(ValueError):
-    """The bytes are no message of this type."""
-
-
-class CdrCursor:
-    """Reads the fields of one message in order; every method raises CdrError where the bytes end."""
-
-    def __init__(self, data: bytes) -> None:
-        """Begin after the encapsulation header."""
-        if data[:4] != HEADER:
-            raise CdrError("not in little-endian CDR")
-        self._data, self._at = data, len(HEADER)
-
-    @property
-    def place(self) -> int:
-        """Index of the next byte."""
-        return self._at
-
-    def align(self, size: int) -> int:
-        """Move to the next multiple of ``size`` and return its index."""
-        self._at += -(self._at - len(HEADER)) % size
-        return self._at
-
-    def byte(self) -> int:
-        """Read one byte."""
-        if self._at >= len(self._data):
-            raise CdrError("truncated")
-        self._at += 1
-        return self._data[self._at - 1]
-
-    def uint32(self) -> int:
-        """Read a number."""
-        return int(self._unpack(_LENGTH)[0])
-
-    def length(self) -> int:
-        """Read the length of a sequence, at most MAX_ITEMS."""
-        if (length := self.uint32()) > MAX_ITEMS:
-            raise CdrError(f"{length} items")
-        return length
-
-    def stamp(self) -> int:
-        """Read a time [ns]."""
-        seconds, nanoseconds = self._unpack(_STAMP)
-        return int(seconds) * 10**9 + int(nanoseconds)
-
-    def doubles(self, count: int) -> tuple[float, ...]:
-        """Read float64 numbers."""
-        self.align(8)
-        return self._unpack(struct.Struct(f"<{count}d"))
-
-    def text(self) -> str:
-        """Read a text; bytes that are not UTF-8 are replaced."""
-        length = self.uint32()
-        end = self._at + length
-        if end > len(self._data):
-            raise CdrError("truncated")
-        text = self._data[self._at : max(end - 1, self._at)].decode("utf-8", "replace")
-        self._at = end
-        return text
-
-    def _unpack(self, layout: struct.Struct) -> tuple[float, ...]:
-        self.align(4)
-        try:
-            found = layout.unpack_from(self._data, self._at)
-        except struct.error as error:
-            raise CdrError("truncated") from error
-        self._at += layout.size
-        return found
 
 
 def _skip_text(cursor: CdrCursor) -> None:

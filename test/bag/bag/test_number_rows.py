@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 import view_bags
 
-from diffbot_bag.bag.cdr import LAYOUTS, MAX_ITEMS, CdrCursor, CdrError, NumberRows, labelled_layout, labels_of
+from diffbot_bag.bag.number_rows import LAYOUTS, NumberRows, labelled_layout, labels_of
+from diffbot_core.cdr import MAX_ITEMS, CdrCursor, CdrError
 
 
 def data_of(message):
