@@ -115,7 +115,7 @@ def _tune(options: argparse.Namespace, runs: int, out: Path) -> int:
 
 
 def _animate(options: argparse.Namespace, runs: int, out: Path) -> int:
-    from diffbot_lab.arena.movie import animation as law_animation  # noqa: PLC0415
+    from diffbot_lab.arena import animation as law_animation  # noqa: PLC0415
 
     shown = law_animation.AnimationOptions(runs, options.seed, tuple(options.law), options.tuning)
     return law_animation.run_and_report(shown, out)
@@ -128,7 +128,7 @@ def _bound(options: argparse.Namespace, runs: int, out: Path) -> int:
 
 
 def _real(options: argparse.Namespace, runs: int, out: Path) -> int:
-    from diffbot_lab.filter_benchmark import real_drives as benchmark  # noqa: PLC0415
+    from diffbot_lab.filter_benchmark import real_command as benchmark  # noqa: PLC0415
 
     return benchmark.run_and_report(options.folder, out, options.figures, calibrated=options.calibrate)
 

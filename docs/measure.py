@@ -15,15 +15,14 @@ from pathlib import Path
 from diffbot_core.files import write_json
 from diffbot_lab.arena import command as law_benchmark
 from diffbot_lab.arena import effects as law_effects
+from diffbot_lab.arena.animation import AnimationOptions, drives, write_movie
 from diffbot_lab.arena.bounds import command as bound_benchmark
-from diffbot_lab.arena.movie.animation import AnimationOptions, drives
-from diffbot_lab.arena.movie.movie import write_movie
 from diffbot_lab.benchmark_command import BENCHMARKS
 from diffbot_lab.commands import RUNS_OF_SCAN, SEED_OF_SCAN
 from diffbot_lab.filter_benchmark import calibration as calibration_benchmark
 from diffbot_lab.filter_benchmark import colour as filter_colour
 from diffbot_lab.filter_benchmark import command as filter_benchmark
-from diffbot_lab.filter_benchmark import real_drives as real_benchmark
+from diffbot_lab.filter_benchmark import real_command as real_benchmark
 from diffbot_lab.paper.experiment import run_experiment, summarise
 from diffbot_lab.paper.figures import figure_paths
 from diffbot_lab.paper.scan import run_scan

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import math
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from tqdm import tqdm
-
 from diffbot_bag.bag.reader import BagReader
 from diffbot_control.filter.localization import Estimate
 from diffbot_core.errors import DiffbotError
-from diffbot_core.files import output_folder, write_json, write_text
 from diffbot_lab.targets import markdown_table
 from diffbot_tools.dataset.bag import EKF_FILE, write_drive
 from diffbot_tools.dataset.drive import Drive
@@ -127,41 +123,3 @@ def _row(one: dict[str, Any]) -> tuple[str, ...]:
     total = one["accepted"] + one["rejected"]
     drive = f"{one['name']}, {one['seconds']:.0f} s"
     return drive, *values, f"{100.0 * one['rejected'] / total:.1f} %" if total else "-"
-
-
-def run_and_report(data: Path, out: Path, figures: bool, *, calibrated: bool = False) -> int:
-    """Evaluate all drives of a folder; write results.json, table.md and a figure per drive to ``out``.
-
-    Args:
-        data: folder of a data set.
-        out: folder for the results.
-        figures: draw each drive.
-        calibrated: calibrate on the first third of each drive, too.
-
-    Raises:
-        DiffbotError: if the folder holds no known data set, a file is bad, or ``out`` cannot be written.
-    """
-    readers = drives_in(data)
-    with output_folder(out):
-        with tempfile.TemporaryDirectory() as folder:
-            bar = tqdm(readers, desc="filter", unit="drive", disable=None)
-            found = [evaluate(read(), Path(folder)) for read in bar]
-            results = results_of(found)
-            text = table(results)
-            if calibrated:
-                # Loads numba.
-                from diffbot_lab.filter_benchmark.real_calibration import calibrated_table, study  # noqa: PLC0415
-
-                results["calibrated"] = study(found, Path(folder))
-                text += "\n\n" + calibrated_table(results["calibrated"])
-        write_json(out / "results.json", results)
-        write_text(out / "table.md", text + "\n")
-        if figures:
-            # Loads matplotlib.
-            from diffbot_lab.filter_benchmark.real_figure import draw_drive  # noqa: PLC0415
-
-            for one in found:
-                draw_drive(one.name, one.errors, out / f"{one.name.replace(' ', '_')}.png")
-    print(text)
-    print(f"Results in {out}")
-    return 0

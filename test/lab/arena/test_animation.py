@@ -5,8 +5,7 @@ import math
 import matplotlib.image
 import numpy as np
 
-from diffbot_lab.arena.movie.animation import Drive, typical_run
-from diffbot_lab.arena.movie.movie import write_movie
+from diffbot_lab.arena.animation import Drive, typical_run, write_movie
 
 
 def drive(label, settled, count=601):

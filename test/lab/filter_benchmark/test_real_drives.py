@@ -6,7 +6,7 @@ import pytest
 from dataset_files import write_mrclam
 from page_tables import assert_shows, tables
 
-from diffbot_lab.filter_benchmark.real_drives import run_and_report
+from diffbot_lab.filter_benchmark.real_command import run_and_report
 from diffbot_tools import cli
 from diffbot_tools.dataset.command import import_mrclam
 from diffbot_tools.refilter.command import run

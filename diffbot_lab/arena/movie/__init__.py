@@ -1,1 +1,0 @@
-"""The moving picture of the arena's drives."""
