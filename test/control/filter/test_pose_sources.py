@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from diffbot_control.filter.colour import shifted
+from diffbot_control.filter.colour import STANDING, shifted
 from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.filter.measurements import FIXES, PoseFix, PositionFix, Source
@@ -111,6 +111,25 @@ def test_the_move_by_another_source_is_no_motion_between_two_fixes():
     np.testing.assert_allclose(np.subtract(moved.residual, found.residual), [-0.5, 0.2, -turn], atol=1e-12)
     np.testing.assert_allclose(np.subtract(moved.estimate, found.estimate)[:2], [0.5, -0.2], atol=1e-12)
     assert moved._replace(residual=found.residual, estimate=found.estimate) == found
+
+
+def test_what_was_driven_since_the_last_fix_of_global_pose_is_remembered_at_one_of_another_source():
+    found = Localization(config())
+    found.on_measurement(PoseFix(0, Pose(0.0, 0.0, 0.0), np.eye(3)))
+    for step in (0, 1):
+        found.on_odometry(OdometryStep(step * TENTH, *Drive.odometry))
+    driven = found.filter.memory.travelled
+    assert driven.along > 0.0
+    for source, expected in ((1, driven), (0, STANDING)):
+        found.on_measurement(PoseFix(TENTH, Pose(0.05, 0.0, 0.0), np.eye(3), SOURCES[source]))
+        assert found.filter.memory.travelled == expected
+
+
+def test_the_fix_that_the_filter_starts_from_counts_for_the_correlation_of_the_next_one():
+    found = Localization(config(fix_correlation_time=2.0))
+    fix = PoseFix(5 * TENTH, Pose(0.0, 0.0, 0.0), np.eye(3))
+    found.on_measurement(fix)
+    assert found.filter.memory.stamps == {fix.source: 5 * TENTH}
 
 
 def test_fixes_of_two_sources_are_no_duplicates_and_are_fused_in_their_order():

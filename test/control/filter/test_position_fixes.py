@@ -35,7 +35,7 @@ def test_the_filter_starts_without_a_heading_finds_it_and_knows_its_errors():
         rng, robot = np.random.default_rng([1, run]), Robot(np.random.default_rng([2, run]))
         robot.truth = np.array([3.0, -2.0, wrapped(0.6 * run)])
         pose, P = position(robot, rng).restart(Pose(0.0, 0.0, 0.0))
-        assert (pose.theta, P[2, 2]) == (0.0, math.pi**2)
+        assert (pose.theta, P[2, 2], P[:2, :2].tolist()) == (0.0, math.pi**2, R.tolist())
         found, squares = gated_filter("ekf", pose, P, gate_probability=1.0), []
         for step in range(600):
             found.predict(robot.move(*winding(step)))

@@ -1,0 +1,68 @@
+"""Sensors of the ekf: which covariance is used, and which ranges are echoes."""
+
+import math
+
+import numpy as np
+import pytest
+from filter_input import fix, heading, timed
+from sensor_msgs.msg import Range
+
+from diffbot_control.ros.parameters.ekf import EkfNodeConfig
+from diffbot_control.ros.sensors import sensors_of
+from diffbot_core.errors import BadMessageError
+from diffbot_core.geometry import Pose
+from diffbot_core.schema import build
+
+NOISE = {"global_pose_sigma_xy": 0.3, "global_pose_sigma_yaw": 0.1, "heading_sigma": 0.2, "beam_sigma": 0.05}
+ROOM = {"wall_x1": [5.0], "wall_y1": [-9.0], "wall_x2": [5.0], "wall_y2": [9.0]}
+BEAM = {"beam_topics": ["front"], "beam_x": [0.2], "beam_y": [0.1], "beam_yaw": [0.5]}
+
+
+def sensors(**values):
+    return {one.topic: one for one in sensors_of(build(EkfNodeConfig, {**ROOM, **BEAM, **values}))}
+
+
+def beam(distance, variance=0.01):
+    message = timed(Range(range=distance, min_range=0.1, max_range=8.0), 5.0)
+    message.variance = variance
+    return message
+
+
+def test_there_is_a_sensor_for_each_source_that_the_parameters_describe():
+    assert set(sensors()) == {"global_pose", "heading", "front"}
+    assert set(sensors(wall_x1=[], wall_y1=[], wall_x2=[], wall_y2=[])) == {"global_pose", "heading"}
+    landmarks = {"landmark_ids": [1], "landmark_x": [0.0], "landmark_y": [0.0], "pose_sources": ["gps"]}
+    assert set(sensors(**landmarks)) == {"global_pose", "gps", "heading", "landmarks", "front"}
+
+
+def test_an_unknown_covariance_is_that_of_the_parameters_and_is_named():
+    known, found = sensors(), sensors(**NOISE)
+    without_pose, without_heading, without_range = fix(), heading(), beam(3.0, 0.0)
+    without_pose.pose.covariance[:] = 0.0
+    without_heading.orientation_covariance[:] = 0.0
+    messages = {"global_pose": without_pose, "heading": without_heading, "front": without_range}
+    expected = {"global_pose": [0.09, 0.09, 0.01], "heading": [0.04], "front": [0.0025]}
+    for topic, message in messages.items():
+        (measured,), uses_fallback, _ = found[topic].read(message)
+        assert uses_fallback
+        np.testing.assert_allclose(measured.R, np.diag(expected[topic]))
+        with pytest.raises(BadMessageError, match="covariance is zero"):
+            known[topic].read(message)
+    for topic, message in {"global_pose": fix(), "heading": heading(), "front": beam(3.0)}.items():
+        assert not found[topic].read(message).uses_fallback
+
+
+@pytest.mark.parametrize(
+    ("distance", "is_echo"), [(0.1, True), (8.0, True), (0.09, False), (8.1, False), (math.inf, False)]
+)
+def test_a_range_outside_of_what_the_sensor_can_measure_is_no_echo(distance, is_echo):
+    found = sensors()["front"].read(beam(distance)).measurements
+    assert len(found) == is_echo
+    for one in found:
+        assert (one.range, one.beam, one.stamp) == (pytest.approx(distance), Pose(0.2, 0.1, 0.5), 5 * 10**9)
+        np.testing.assert_allclose(one.R, [[0.01]], rtol=1e-6)
+
+
+def test_a_range_that_is_no_number_is_a_bad_message():
+    with pytest.raises(BadMessageError, match="range is nan"):
+        sensors()["front"].read(beam(math.nan))
