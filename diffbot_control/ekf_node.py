@@ -22,7 +22,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from diffbot_control.filter.covariance import uncertainty_of
-from diffbot_control.filter.localization import Estimate, Localization
+from diffbot_control.filter.localization import FilterEstimate, Localization
 from diffbot_control.filter.models import move
 from diffbot_control.filter.odometry import OdometryStep
 from diffbot_control.filter.state_file import BrokenStateError, StateKeeper
@@ -80,7 +80,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         self._statuses = self.create_publisher(DiagnosticStatus, "~/status", STATUS)
         frames = config.map_frame, odometry_frame(config)
         self._transforms = transform_sender(self, *frames, config.transform_tolerance) if config.publish_tf else None
-        self._newest: tuple[Estimate, OdometryStep] | None = None
+        self._newest: tuple[FilterEstimate, OdometryStep] | None = None
         self._last_state = ""
         self._odometry_stamps = StampWatch()
         self._last_odometry: int | None = None
@@ -232,7 +232,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         if abs(dt) <= self.config.sensor_timeout:
             self._transforms.send(stamp, move(estimate.pose, step.twist, dt).end, in_odom)
 
-    def _answer(self, odometry: OdometryStep) -> Estimate:
+    def _answer(self, odometry: OdometryStep) -> FilterEstimate:
         self._last_arrival = now = time.monotonic_ns()
         advances = self._odometry_stamps.advances(odometry.stamp)
         if advances and not self.localization.initialised:
@@ -259,7 +259,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         self._outputs.send_filtered(estimate, estimate.odometry or odometry, self.localization.filter, separation)
         return estimate
 
-    def _hand_over(self, estimate: Estimate, receiver: PoseReceiver) -> None:
+    def _hand_over(self, estimate: FilterEstimate, receiver: PoseReceiver) -> None:
         """Give an estimate to the controller of this process, which receives the numbers that the message carries."""
         pose, uncertainty = pose_in_message(estimate.pose), uncertainty_of(estimate.P)
         # All that the checks of a message would find here: the robot must not be driven by a filter that has failed.

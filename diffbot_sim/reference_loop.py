@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diffbot_control.filter.covariance import uncertainty_of
-from diffbot_control.filter.localization import Estimate as FilterEstimate
-from diffbot_control.filter.localization import Localization
+from diffbot_control.filter.localization import FilterEstimate, Localization
 from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.filter.measurements import Heading, LandmarkMeasurement, Measurement, PoseFix
 from diffbot_control.law.controller import ControllerConfig, ControllerMemory, step

@@ -21,9 +21,18 @@ from diffbot_control.filter.adaptation import (
     r_scales,
 )
 from diffbot_control.filter.belief import Belief, ErrorEstimate, inflate, pose_of, with_errors, with_pose
-from diffbot_control.filter.colour import STANDING, Colour, Variances, growth, shifted, travel, unpaired, with_fix
 from diffbot_control.filter.correlation import NO_STAMPS, Times, inflation_of, with_stamp
 from diffbot_control.filter.ekf import PLAIN, PoseEkf, Robust
+from diffbot_control.filter.fix_correlation import (
+    STANDING,
+    FixCorrelation,
+    Variances,
+    growth,
+    shifted,
+    travel,
+    unpaired,
+    with_fix,
+)
 from diffbot_control.filter.gate import (
     ACCEPTED,
     REJECTED,
@@ -105,7 +114,7 @@ class GatedFilter:
         """Put the filter at a pose with covariance ``P`` (3, 3); estimated errors and adaptation stay."""
         belief = with_pose(self.memory.belief, pose, P)
         old = self.memory
-        self.memory = Memory(belief, None, new_gate(), old.adaptation, NO_STAMPS, unpaired(old.colour))
+        self.memory = Memory(belief, None, new_gate(), old.adaptation, NO_STAMPS, unpaired(old.fix_correlation))
 
     def wheels(self) -> ErrorEstimate | None:
         """Return the estimated errors of the wheels; None if they are not states."""
@@ -128,8 +137,8 @@ class GatedFilter:
 
     def fix_correlation(self) -> float | None:
         """Return the correlation found between the errors of neighbouring fixes; None if it is not looked for."""
-        factor = self.memory.colour.inflation
-        return (factor - 1.0) / (factor + 1.0) if self.options.detects_colour else None
+        factor = self.memory.fix_correlation.inflation
+        return (factor - 1.0) / (factor + 1.0) if self.options.detects_fix_correlation else None
 
     def _errors(self, part: slice) -> ErrorEstimate | None:
         if part.start == part.stop:
@@ -144,7 +153,7 @@ class GatedFilter:
 
     def predict(self, motion: Motion, var_lateral: float = 0.0) -> None:
         """Move estimate and candidate; ``var_lateral`` is the variance of the motion across the robot [m^2]."""
-        belief, candidate, gate, adaptation, stamps, colour, travelled = self.memory
+        belief, candidate, gate, adaptation, stamps, fix_correlation, travelled = self.memory
         if self.options.adaptive:
             twist, dt, covariance = motion
             q = q_scale(adaptation)
@@ -153,9 +162,9 @@ class GatedFilter:
         belief = self._moved(belief, motion)
         if candidate is not None:
             candidate = self._moved(candidate, motion)
-        if self.options.detects_colour:
+        if self.options.detects_fix_correlation:
             travelled = travel(travelled, motion, var_lateral)
-        self.memory = Memory(belief, candidate, age(gate, motion.dt), adaptation, stamps, colour, travelled)
+        self.memory = Memory(belief, candidate, age(gate, motion.dt), adaptation, stamps, fix_correlation, travelled)
 
     def take(self, measurement: Measurement) -> int:
         """Correct with a measurement as the gate decides.
@@ -209,32 +218,34 @@ class GatedFilter:
             factor = inflation(memory.adaptation, adaptation)
             belief = inflate(belief, factor)
             candidate = None if candidate is None else inflate(candidate, factor)
-        colour, is_first = memory.colour, fix.source.sensor == FIXES
-        if self.options.detects_colour:
-            belief, colour = self._coloured(fix, start[0], belief, decision.outcome)
+        fix_correlation, is_first = memory.fix_correlation, fix.source.sensor == FIXES
+        if self.options.detects_fix_correlation:
+            belief, fix_correlation = self._correlated(fix, start[0], belief, decision.outcome)
         self.memory = Memory(
             belief,
             candidate,
             gate,
             adaptation,
             with_stamp(memory.stamps, fix, self._times),
-            colour,
+            fix_correlation,
             STANDING if is_first else memory.travelled,
         )
         return decision.outcome
 
-    def _coloured(self, fix: Measurement, pose: Pose, after: Belief, outcome: int) -> tuple[Belief, Colour]:
+    def _correlated(self, fix: Measurement, pose: Pose, after: Belief, outcome: int) -> tuple[Belief, FixCorrelation]:
         """Return the belief after a fix and what it says about the correlation of the errors of global_pose."""
         memory, is_first = self.memory, fix.source.sensor == FIXES
         if outcome == RELOCATED or (outcome != ACCEPTED and is_first):
-            return after, unpaired(memory.colour)
+            return after, unpaired(memory.fix_correlation)
         poses = pose_of(memory.belief), pose_of(after)
         if not is_first:
-            return after, shifted(memory.colour, *poses)
+            return after, shifted(memory.fix_correlation, *poses)
         x, y, *theta = fix.noise(*memory.belief, self._ekf.states).diagonal().tolist()
         variances = Variances(x, y, theta[0] if theta else math.inf)
-        colour = with_fix(memory.colour, memory.travelled, pose, variances, *poses, after.P.item(2, 2))
-        return inflate(after, growth(memory.colour, colour)), colour
+        fix_correlation = with_fix(
+            memory.fix_correlation, memory.travelled, pose, variances, *poses, after.P.item(2, 2)
+        )
+        return inflate(after, growth(memory.fix_correlation, fix_correlation)), fix_correlation
 
     def _adapted(self, innovation: Innovation, expected: bool) -> Adaptation:
         """Adapt to an innovation, of whose S only the diagonal counts: each number by its own deviation."""
@@ -244,8 +255,8 @@ class GatedFilter:
 
     def _robust(self, measurement: Measurement, bound: float) -> Robust:
         """Return how much weaker the correction with a measurement is than its R says."""
-        if self.options.detects_colour and measurement.source.sensor == FIXES:
-            inflation, gate = self.memory.colour.inflation, math.inf
+        if self.options.detects_fix_correlation and measurement.source.sensor == FIXES:
+            inflation, gate = self.memory.fix_correlation.inflation, math.inf
         else:
             inflation = inflation_of(self.memory.stamps, measurement, self._times)
             gate = bound if self._is_weighed(measurement) else math.inf

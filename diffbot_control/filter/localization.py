@@ -40,7 +40,7 @@ _MAX_KEYS = 10_000
 _ORIGIN = Pose(0.0, 0.0, 0.0)
 
 
-class Estimate(NamedTuple):
+class FilterEstimate(NamedTuple):
     """State of the filter at one time."""
 
     stamp: int
@@ -146,7 +146,7 @@ class Localization:
             self._stamp = stamp
         self.initialised = True
 
-    def estimate(self) -> Estimate:
+    def estimate(self) -> FilterEstimate:
         """Return the present state.
 
         Raises:
@@ -157,7 +157,7 @@ class Localization:
         belief = self.filter.memory.belief
         x, P = belief
         pose = Pose(x.item(0), x.item(1), x.item(2))
-        return Estimate(self._stamp, pose, P[:3, :3], self._odometry, belief)
+        return FilterEstimate(self._stamp, pose, P[:3, :3], self._odometry, belief)
 
     def correlated(self) -> list[str]:
         """Return the sensors whose errors are correlated in time, but independent by the options."""
@@ -172,7 +172,7 @@ class Localization:
                 self.contradiction, self._stamp, nis.mean / nis.alarm, found.correlation
             )
 
-    def on_odometry(self, odometry: OdometryStep) -> Estimate:
+    def on_odometry(self, odometry: OdometryStep) -> FilterEstimate:
         """Move to the stamp of ``odometry`` and fuse the measurements that waited for it.
 
         An odometry with the stamp of the last one (a repetition) is answered without moving. After a gap in the

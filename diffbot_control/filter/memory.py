@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 from diffbot_control.filter.adaptation import Adaptation
 from diffbot_control.filter.belief import Belief
-from diffbot_control.filter.colour import STANDING, Colour, Travelled, new_colour
 from diffbot_control.filter.correlation import NO_STAMPS, Stamps
+from diffbot_control.filter.fix_correlation import STANDING, FixCorrelation, Travelled, new_fix_correlation
 from diffbot_control.filter.gate import GateMemory
 
 
@@ -21,7 +21,7 @@ class Memory(NamedTuple):
     adaptation: Adaptation
     stamps: Stamps = NO_STAMPS
     """of the newest measurement of each source whose errors are correlated in time"""
-    colour: Colour = new_colour()
+    fix_correlation: FixCorrelation = new_fix_correlation()
     """of the fixes, where it is to be found"""
     travelled: Travelled = STANDING
     """since the newest fix"""

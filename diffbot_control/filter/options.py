@@ -184,7 +184,7 @@ class FilterOptions(NamedTuple):
     weigh_landmarks: bool
     """weigh landmarks beyond the gate instead of rejecting them"""
     correlation_times: CorrelationTimes
-    detects_colour: bool
+    detects_fix_correlation: bool
     """find the correlation of the errors of fixes"""
     landmark_errors: LandmarkErrors
     """of the sensor of landmarks, at the start where they are states"""

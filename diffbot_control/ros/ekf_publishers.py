@@ -8,7 +8,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 
 from diffbot_control.filter.gated_filter import GatedFilter
-from diffbot_control.filter.localization import Estimate
+from diffbot_control.filter.localization import FilterEstimate
 from diffbot_control.filter.odometry import OdometryStep
 from diffbot_control.ros.frames import robot_frame
 from diffbot_control.ros.messages.conversions import odometry_message, pose_message
@@ -41,7 +41,7 @@ class EkfPublishers:
         for topic in ("pose", "odometry/filtered"):
             node.publisher_watch.watch(topic, "estimate the pose")
 
-    def send_pose(self, estimate: Estimate) -> None:
+    def send_pose(self, estimate: FilterEstimate) -> None:
         """Publish the pose, if anybody listens."""
         if not self._poses.get_subscription_count():
             return
@@ -51,7 +51,9 @@ class EkfPublishers:
         self._poses.publish(self._pose)
         self._sent["pose"] += 1
 
-    def send_filtered(self, estimate: Estimate, odometry: OdometryStep, ekf: GatedFilter, separation: float) -> None:
+    def send_filtered(
+        self, estimate: FilterEstimate, odometry: OdometryStep, ekf: GatedFilter, separation: float
+    ) -> None:
         """Publish the estimate with the twist of ``odometry``, if anybody listens.
 
         Args:

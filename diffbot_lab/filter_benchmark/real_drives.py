@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from diffbot_bag.bag.reader import BagReader
-from diffbot_control.filter.localization import Estimate
+from diffbot_control.filter.localization import FilterEstimate
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.targets import markdown_table
 from diffbot_tools.dataset.bag import EKF_FILE, write_drive
@@ -80,7 +80,7 @@ def filtered_with(bag: Path, parameters: Path) -> tuple[Errors, Consistency]:
         DiffbotError: if a file is bad, or the filter never starts.
     """
     config, _ = read_config(parameters)
-    estimates: list[Estimate] = []
+    estimates: list[FilterEstimate] = []
     with BagReader(bag) as reader:
         truth = read_truth(reader, "/ground_truth")
         filtered = filter_run(reader, config, {})

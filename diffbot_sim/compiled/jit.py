@@ -18,7 +18,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from diffbot_control.filter import adaptation, colour, gate, models
+from diffbot_control.filter import adaptation, fix_correlation, gate, models
 from diffbot_control.goals.protocol import Law
 from diffbot_control.law import (
     braking_step,
@@ -78,7 +78,7 @@ MODULES = (
     outcome,
     gate,
     adaptation,
-    colour,
+    fix_correlation,
     scalar_belief,
     scalar_ekf,
     scalar_filter,

@@ -18,13 +18,13 @@ from diffbot_control.filter.adaptation import (
     q_scale,
     r_scales,
 )
-from diffbot_control.filter.colour import (
+from diffbot_control.filter.fix_correlation import (
     STANDING,
-    Colour,
+    FixCorrelation,
     Travelled,
     Variances,
     growth,
-    new_colour,
+    new_fix_correlation,
     travel,
     unpaired,
     with_fix,
@@ -84,7 +84,7 @@ class Track(NamedTuple):
     gate: GateMemory
     adaptation: Adaptation
     newest: Newest
-    colour: Colour
+    fix_correlation: FixCorrelation
     """of the fixes, where it is to be found"""
     travelled: Travelled
     """since the newest fix"""
@@ -110,7 +110,7 @@ def new_track(options: FilterOptions) -> Track:
     """Return the state before the first fix."""
     belief = unknown(options.radius_variance, options.separation_variance)
     newest = Newest(math.nan, ACCEPTED)
-    return Track(False, belief, belief, new_gate(), new_adaptation(), newest, new_colour(), STANDING)
+    return Track(False, belief, belief, new_gate(), new_adaptation(), newest, new_fix_correlation(), STANDING)
 
 
 def advance(track: Track, motion: Motion, separation: float, options: FilterOptions) -> Track:
@@ -125,17 +125,17 @@ def advance(track: Track, motion: Motion, separation: float, options: FilterOpti
     if track.gate.fixes.rejected > 0:
         candidate = predict(candidate, motion, separation, walks)
     travelled = track.travelled
-    if options.detects_colour:
+    if options.detects_fix_correlation:
         travelled = travel(travelled, motion, 0.0)
     gate = age(track.gate, motion.dt)
-    return Track(True, belief, candidate, gate, track.adaptation, track.newest, track.colour, travelled)
+    return Track(True, belief, candidate, gate, track.adaptation, track.newest, track.fix_correlation, travelled)
 
 
 def initialise(track: Track, fix: PoseFix) -> Track:
     """Put the filter at a fix; errors of the wheels and adaptation stay."""
     belief = reset_to(fix, track.belief)
     newest = Newest(math.nan, ACCEPTED)
-    return Track(True, belief, belief, new_gate(), track.adaptation, newest, unpaired(track.colour), STANDING)
+    return Track(True, belief, belief, new_gate(), track.adaptation, newest, unpaired(track.fix_correlation), STANDING)
 
 
 def take_fix(track: Track, fix: PoseFix, options: FilterOptions) -> Track:
@@ -146,10 +146,10 @@ def take_fix(track: Track, fix: PoseFix, options: FilterOptions) -> Track:
     if options.adaptive:
         position, heading = r_scales(old)
         fix = PoseFix(fix.pose, position * fix.var_x, position * fix.var_y, heading * fix.var_theta)
-    after = _corrected(before, fix, track.colour.inflation, options)
+    after = _corrected(before, fix, track.fix_correlation.inflation, options)
     other = Corrected(track.candidate, math.nan)
     if track.gate.fixes.rejected > 0 and not is_expected(after.nis, fix_bound(track.gate, options.gates[2])):
-        other = _corrected(track.candidate, fix, track.colour.inflation, options)
+        other = _corrected(track.candidate, fix, track.fix_correlation.inflation, options)
     gate, decision = decide_fix(track.gate, after.nis, other.nis, options.gates[2], options)
     belief, candidate = _apply(track, fix, after, other, decision)
     adaptation = old
@@ -157,11 +157,11 @@ def take_fix(track: Track, fix: PoseFix, options: FilterOptions) -> Track:
         adaptation = _adapted(old, before, fix, after.nis, decision.outcome == ACCEPTED)
         factor = inflation(old, adaptation)
         belief, candidate = inflate(belief, factor), inflate(candidate, factor)
-    colour = track.colour
-    if options.detects_colour:
-        belief, colour = _coloured(track, fix, belief, decision.outcome == ACCEPTED)
+    fix_correlation = track.fix_correlation
+    if options.detects_fix_correlation:
+        belief, fix_correlation = _correlated(track, fix, belief, decision.outcome == ACCEPTED)
     newest = Newest(after.nis, decision.outcome)
-    return Track(True, belief, candidate, gate, adaptation, newest, colour, STANDING)
+    return Track(True, belief, candidate, gate, adaptation, newest, fix_correlation, STANDING)
 
 
 def _corrected(before: Belief, fix: PoseFix, factor: float, options: FilterOptions) -> Corrected:
@@ -173,14 +173,16 @@ def _corrected(before: Belief, fix: PoseFix, factor: float, options: FilterOptio
     return _possible(after, options)
 
 
-def _coloured(track: Track, fix: PoseFix, after: Belief, accepted: bool) -> tuple[Belief, Colour]:
+def _correlated(track: Track, fix: PoseFix, after: Belief, accepted: bool) -> tuple[Belief, FixCorrelation]:
     """Return the belief after a fix and what it says about the correlation of the errors of fixes."""
     if not accepted:
-        return after, unpaired(track.colour)
+        return after, unpaired(track.fix_correlation)
     variances = Variances(fix.var_x, fix.var_y, fix.var_theta)
     before = track.belief.pose
-    colour = with_fix(track.colour, track.travelled, fix.pose, variances, before, after.pose, after.P.tt)
-    return inflate(after, growth(track.colour, colour)), colour
+    fix_correlation = with_fix(
+        track.fix_correlation, track.travelled, fix.pose, variances, before, after.pose, after.P.tt
+    )
+    return inflate(after, growth(track.fix_correlation, fix_correlation)), fix_correlation
 
 
 def _apply(track: Track, fix: PoseFix, after: Corrected, other: Corrected, decision: Decision) -> tuple[Belief, Belief]:
@@ -227,7 +229,7 @@ def take_landmark(track: Track, measured: LandmarkMeasurement, options: FilterOp
 
 def _with_other(track: Track, belief: Belief, gate: GateMemory, nis: float) -> Track:
     newest = Newest(nis, track.newest.fix_outcome)
-    return Track(True, belief, track.candidate, gate, track.adaptation, newest, track.colour, track.travelled)
+    return Track(True, belief, track.candidate, gate, track.adaptation, newest, track.fix_correlation, track.travelled)
 
 
 def _possible(after: Corrected, options: FilterOptions) -> Corrected:

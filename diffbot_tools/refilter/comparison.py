@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diffbot_bag.bag.reader import BagReader
-from diffbot_control.filter.localization import Estimate
+from diffbot_control.filter.localization import FilterEstimate
 from diffbot_control.ros.messages.message_fields import pose_of, stamp_ns
 from diffbot_core.errors import BadMessageError, DiffbotError
 from diffbot_core.geometry import TWO_PI
@@ -96,7 +96,7 @@ def _true_pose(message: Any) -> tuple[int, tuple[float, float, float]]:
     return stamp_ns(message.header.stamp), (x, y, math.nan if unknown else theta)
 
 
-def errors_of(estimates: list[Estimate], truth: Trajectory) -> Errors:
+def errors_of(estimates: list[FilterEstimate], truth: Trajectory) -> Errors:
     """Compare estimates with the true poses, which are interpolated linearly between neighbours.
 
     Raises:

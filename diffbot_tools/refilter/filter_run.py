@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from diffbot_bag.bag.reader import DecodedMessage
 from diffbot_control.filter.gate import ACCEPTED, IGNORED, WEIGHED
 from diffbot_control.filter.innovation_monitor import InnovationMonitor
-from diffbot_control.filter.localization import Estimate, Localization
+from diffbot_control.filter.localization import FilterEstimate, Localization
 from diffbot_control.filter.measurements import Array, Measurement, Source
 from diffbot_control.filter.odometry import OdometryStep
 from diffbot_control.ros.messages.ekf_messages import EkfInputs, corrected_twist
@@ -46,7 +46,7 @@ class Innovation(NamedTuple):
 class Answer(NamedTuple):
     """What the filter makes of one odometry message."""
 
-    estimate: Estimate
+    estimate: FilterEstimate
     odometry: OdometryStep
     twist: Twist
     """corrected by the estimated radius errors"""

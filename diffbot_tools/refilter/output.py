@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from diffbot_bag.bag.encoding import ODOMETRY, POSE, Encoder, NumbersMessage
 from diffbot_bag.bag.writer import BagWriter
-from diffbot_control.filter.localization import Estimate
+from diffbot_control.filter.localization import FilterEstimate
 from diffbot_control.ros.messages.message_fields import fill_planar_covariance, fill_twist_covariance, fill_unestimated
 from diffbot_core.geometry import quaternion_of_yaw
 from diffbot_tools.refilter.filter_run import Answer, Innovation
@@ -55,7 +55,7 @@ class OutputTopics:
         self._written = len(innovations)
 
 
-def _fill(message: NumbersMessage, estimate: Estimate) -> None:
+def _fill(message: NumbersMessage, estimate: FilterEstimate) -> None:
     x, y, theta = estimate.pose
     message.position[0], message.position[1] = x, y
     message.orientation[2], message.orientation[3] = quaternion_of_yaw(theta)

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from diffbot_control.filter.colour import STANDING, shifted
+from diffbot_control.filter.fix_correlation import STANDING, shifted
 from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.filter.measurements import FIXES, PoseFix, PositionFix, Source
@@ -104,7 +104,7 @@ def test_each_source_has_its_own_nis_and_whiteness(given, independent):
 
 
 def test_the_move_by_another_source_is_no_motion_between_two_fixes():
-    found = Drive(0, config()).found.filter.memory.colour
+    found = Drive(0, config()).found.filter.memory.fix_correlation
     before, after = Pose(1.0, 2.0, 3.1), Pose(1.5, 1.8, -3.1)
     moved = shifted(found, before, after)
     turn = 2.0 * math.pi - 6.2

@@ -67,7 +67,7 @@ def assert_same(reference, track, tolerance=1e-9):
     assert (reference.memory.candidate is None) == (track.gate.fixes.rejected == 0)
     if reference.memory.candidate is not None:
         same_belief(track.candidate, reference.memory.candidate, tolerance)
-    assert_same_colour(track.colour, reference.memory.colour)
+    assert_same_colour(track.fix_correlation, reference.memory.fix_correlation)
     other = reference.memory.adaptation
     assert flat(track.adaptation) == pytest.approx(flat(other), rel=1e-6, abs=1e-7)
     rules = zip(
@@ -158,5 +158,5 @@ def test_it_finds_the_same_correlation_of_fixes(variant):
         assert reference.take(PoseFix(0, pose, np.diag(R))) == (REJECTED if step == 120 else ACCEPTED)
         track = twin.take_fix(track, scalar_belief.PoseFix(pose, *R), options)
         assert_same(reference, track, 1e-7)
-        largest = max(largest, track.colour.inflation)
+        largest = max(largest, track.fix_correlation.inflation)
     assert largest > 5.0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from diffbot_control.filter.gated_filter import Belief
-from diffbot_control.filter.localization import Estimate
+from diffbot_control.filter.localization import FilterEstimate
 from diffbot_core.errors import DiffbotError
 from diffbot_core.geometry import Pose
 from diffbot_tools.refilter.comparison import consistency_of, errors_of, figures_of
@@ -18,7 +18,7 @@ P = np.diag([0.04, 0.01, 0.0025])
 
 
 def estimate(stamp, *pose):
-    return Estimate(stamp, Pose(*pose), P, None, Belief(np.array(pose), P))
+    return FilterEstimate(stamp, Pose(*pose), P, None, Belief(np.array(pose), P))
 
 
 def test_errors_are_taken_at_interpolated_truth_across_the_cut_of_the_heading():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from filter_runs import R_FIX, gated_filter, wrapped
 
-from diffbot_control.filter.colour import correlation_of, new_colour
+from diffbot_control.filter.fix_correlation import correlation_of, new_fix_correlation
 from diffbot_control.filter.gate import ACCEPTED, REJECTED
 from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.measurements import PoseFix
@@ -48,7 +48,7 @@ class Run:
 def together(c, runs=8, **options):
     """Mean NEES and RMSE [m] over runs, and the mean correlation found."""
     done = [Run(c, seed, **options) for seed in range(runs)]
-    factors = np.array([one.found.memory.colour.inflation for one in done])
+    factors = np.array([one.found.memory.fix_correlation.inflation for one in done])
     found = ((factors - 1.0) / (factors + 1.0)).mean()
     return np.mean([one.nees for one in done]), math.sqrt(np.mean([one.square for one in done])), found
 
@@ -77,19 +77,19 @@ def test_white_fixes_of_too_large_a_claimed_covariance_are_not_taken_as_coloured
 
 
 def test_the_option_and_the_other_mechanisms_switch_it_off():
-    assert options_of(FilterConfig()).detects_colour
-    assert not options_of(FilterConfig(detect_fix_correlation=False)).detects_colour
-    assert not options_of(FilterConfig(fix_correlation_time=1.0)).detects_colour
-    assert not options_of(FilterConfig(filter="ekf_fnn")).detects_colour
-    assert not options_of(FilterConfig(filter="ekf_fnn_calibrating")).detects_colour
+    assert options_of(FilterConfig()).detects_fix_correlation
+    assert not options_of(FilterConfig(detect_fix_correlation=False)).detects_fix_correlation
+    assert not options_of(FilterConfig(fix_correlation_time=1.0)).detects_fix_correlation
+    assert not options_of(FilterConfig(filter="ekf_fnn")).detects_fix_correlation
+    assert not options_of(FilterConfig(filter="ekf_fnn_calibrating")).detects_fix_correlation
     found = Run(0.9, 0).found
-    assert found.memory.colour.inflation > 3.0
+    assert found.memory.fix_correlation.inflation > 3.0
     found.reset_to(Pose(9.0, 9.0, 0.0), R_FIX)
-    assert found.memory.colour.inflation > 3.0, "it survives a relocation"
+    assert found.memory.fix_correlation.inflation > 3.0, "it survives a relocation"
     found.reset()
-    assert found.memory.colour == new_colour()
+    assert found.memory.fix_correlation == new_fix_correlation()
     told = Run(0.9, 0, fix_correlation_time=-0.2 / math.log(0.9)).found
-    assert told.memory.colour == new_colour()
+    assert told.memory.fix_correlation == new_fix_correlation()
 
 
 def test_a_rejected_fix_has_no_partner():
@@ -97,7 +97,7 @@ def test_a_rejected_fix_has_no_partner():
     assert with_outliers.outcomes[100] == with_outliers.outcomes[150] == REJECTED
     # The first fix of the 200, and two for each outlier: its own pair and the next.
     accepted = sum(one == ACCEPTED for one in with_outliers.outcomes)
-    assert with_outliers.found.memory.colour.pairs == accepted - 3
+    assert with_outliers.found.memory.fix_correlation.pairs == accepted - 3
 
 
 @pytest.mark.parametrize("c", [0.3, 0.6, 0.9])
@@ -120,7 +120,7 @@ def test_a_weaker_correction_is_that_of_a_larger_covariance():
     x, y, theta = memory.belief.x
     z = Pose(x + 0.1, y - 0.1, theta + 0.05)
     coloured.take(PoseFix(0, z, R_FIX))
-    plain.take(PoseFix(0, z, memory.colour.inflation * R_FIX))
-    grown = max(coloured.memory.colour.inflation / memory.colour.inflation, 1.0)
+    plain.take(PoseFix(0, z, memory.fix_correlation.inflation * R_FIX))
+    grown = max(coloured.memory.fix_correlation.inflation / memory.fix_correlation.inflation, 1.0)
     np.testing.assert_allclose(coloured.memory.belief.x, plain.memory.belief.x, atol=1e-12)
     np.testing.assert_allclose(coloured.memory.belief.P, grown * plain.memory.belief.P, rtol=1e-9)

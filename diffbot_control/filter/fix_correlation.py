@@ -44,7 +44,7 @@ class Travelled(NamedTuple):
     """[rad^2]"""
 
 
-class Colour(NamedTuple):
+class FixCorrelation(NamedTuple):
     """Memory of the search for correlated errors of fixes."""
 
     paired: bool
@@ -74,23 +74,25 @@ _ORIGIN = Pose(0.0, 0.0, 0.0)
 STANDING = Travelled(0.0, 0.0)
 
 
-def new_colour() -> Colour:
+def new_fix_correlation() -> FixCorrelation:
     """Return the memory before the first fix: independent errors."""
-    return Colour(False, _ZERO, _ZERO, _ORIGIN, 0.0, 1.0, 0.0, 0.0, 0, 1.0)
+    return FixCorrelation(False, _ZERO, _ZERO, _ORIGIN, 0.0, 1.0, 0.0, 0.0, 0, 1.0)
 
 
-def unpaired(colour: Colour) -> Colour:
+def unpaired(fix_correlation: FixCorrelation) -> FixCorrelation:
     """Return the memory after a fix that was not accepted, or a jump of the estimate."""
-    _, innovation, residual, estimate, var_theta, difference, motion, product, pairs, inflation = colour
-    return Colour(False, innovation, residual, estimate, var_theta, difference, motion, product, pairs, inflation)
+    _, innovation, residual, estimate, var_theta, difference, motion, product, pairs, inflation = fix_correlation
+    return FixCorrelation(
+        False, innovation, residual, estimate, var_theta, difference, motion, product, pairs, inflation
+    )
 
 
-def shifted(colour: Colour, before: Pose, after: Pose) -> Colour:
+def shifted(fix_correlation: FixCorrelation, before: Pose, after: Pose) -> FixCorrelation:
     """Return the memory after fixes of another source have moved the estimate: it is no motion of the robot."""
     dx, dy, turn = after.x - before.x, after.y - before.y, wrap_angle(after.theta - before.theta)
-    (x, y, theta), start = colour.residual, colour.estimate
+    (x, y, theta), start = fix_correlation.residual, fix_correlation.estimate
     moved = Pose(start.x + dx, start.y + dy, wrap_angle(start.theta + turn))
-    return colour._replace(residual=(x - dx, y - dy, theta - turn), estimate=moved)
+    return fix_correlation._replace(residual=(x - dx, y - dy, theta - turn), estimate=moved)
 
 
 def travel(travelled: Travelled, motion: Motion, var_lateral: float) -> Travelled:
@@ -102,12 +104,18 @@ def travel(travelled: Travelled, motion: Motion, var_lateral: float) -> Travelle
 
 
 def with_fix(
-    colour: Colour, travelled: Travelled, fix: Pose, R: Variances, before: Pose, after: Pose, var_theta: float
-) -> Colour:
+    fix_correlation: FixCorrelation,
+    travelled: Travelled,
+    fix: Pose,
+    R: Variances,
+    before: Pose,
+    after: Pose,
+    var_theta: float,
+) -> FixCorrelation:
     """Update the memory with an accepted fix.
 
     Args:
-        colour: the memory.
+        fix_correlation: the memory.
         travelled: since the fix before.
         fix: the measured pose.
         R: of its errors, as claimed.
@@ -115,7 +123,7 @@ def with_fix(
         after: the estimate after it.
         var_theta: of that estimate [rad^2].
     """
-    paired, last, old, start, old_var_theta, difference, motion, product, pairs, inflation = colour
+    paired, last, old, start, old_var_theta, difference, motion, product, pairs, inflation = fix_correlation
     (fix_x, fix_y, fix_theta), (x_before, y_before, theta_before) = fix, before
     x, y, theta = fix_x - x_before, fix_y - y_before, heading_innovation(fix_theta, theta_before)
     if paired:
@@ -137,16 +145,18 @@ def with_fix(
             c = correlation_of(difference, motion, product, size * pairs)
             inflation = (1.0 + c) / (1.0 - c)
     residual = (fix_x - after.x, fix_y - after.y, theta - wrap_angle(after.theta - theta_before))
-    return Colour(True, (x, y, theta), residual, after, var_theta, difference, motion, product, pairs, inflation)
+    return FixCorrelation(
+        True, (x, y, theta), residual, after, var_theta, difference, motion, product, pairs, inflation
+    )
 
 
-def growth(before: Colour, after: Colour) -> float:
+def growth(before: FixCorrelation, after: FixCorrelation) -> float:
     """Factor on the pose's part of P after a fix: P was computed with too small an R if the inflation has grown."""
     return max(after.inflation / before.inflation, 1.0)
 
 
 def correlation_of(difference: float, motion: float, product: float, products: int) -> float:
-    """Return c from the means over so many ``products`` of two numbers, see :class:`Colour`."""
+    """Return c from the means over so many ``products`` of two numbers, see :class:`FixCorrelation`."""
     by_difference = 1.0 + motion - difference
     if by_difference <= 0.0 or product <= 0.0:
         return 0.0
