@@ -15,7 +15,7 @@ from nav_msgs.msg import Odometry
 from rclpy.node import Node
 
 from diffbot_control.ros.messages.conversions import goal_message, odometry_message, pose_message
-from diffbot_control.ros.messages.message_fields import (
+from diffbot_control.ros.messages.fields import (
     fill_planar_covariance,
     fill_pose,
     fill_twist,

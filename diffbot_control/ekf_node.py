@@ -28,8 +28,8 @@ from diffbot_control.filter.odometry import OdometryStep
 from diffbot_control.filter.state_file import BrokenStateError, StateKeeper
 from diffbot_control.ros.ekf_publishers import EkfPublishers
 from diffbot_control.ros.frames import odometry_frame
-from diffbot_control.ros.messages.ekf_messages import EkfInputs, error_values
-from diffbot_control.ros.messages.message_fields import pose_in_message, pose_of
+from diffbot_control.ros.messages.ekf import EkfInputs, error_values
+from diffbot_control.ros.messages.fields import pose_in_message, pose_of
 from diffbot_control.ros.messages.raw import read_odometry, read_pose
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_control.ros.sensors.fixes import POSE_MESSAGE

@@ -16,7 +16,7 @@ from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
 
-from diffbot_control.ros.messages.message_fields import stamp_ns, twist_from
+from diffbot_control.ros.messages.fields import stamp_ns, twist_from
 from diffbot_core.kinematics import Twist
 from diffbot_core.ros.clock_watch import CLOCK_TOPIC
 from diffbot_core.ros.node import DiffbotNode, run

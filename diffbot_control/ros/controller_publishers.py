@@ -17,7 +17,7 @@ from diffbot_control.goals.supervisor import Supervisor
 from diffbot_control.ros.controller_status import LEVELS, status_values
 from diffbot_control.ros.frames import robot_frame
 from diffbot_control.ros.messages.conversions import labelled_array, twist_message
-from diffbot_control.ros.messages.message_fields import fill_twist, set_stamp
+from diffbot_control.ros.messages.fields import fill_twist, set_stamp
 from diffbot_core.health import Throttle
 from diffbot_core.kinematics import Twist
 from diffbot_core.ros.delivery import deliver

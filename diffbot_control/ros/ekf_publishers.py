@@ -12,8 +12,8 @@ from diffbot_control.filter.localization import FilterEstimate
 from diffbot_control.filter.odometry import OdometryStep
 from diffbot_control.ros.frames import robot_frame
 from diffbot_control.ros.messages.conversions import odometry_message, pose_message
-from diffbot_control.ros.messages.ekf_messages import corrected_twist
-from diffbot_control.ros.messages.message_fields import (
+from diffbot_control.ros.messages.ekf import corrected_twist
+from diffbot_control.ros.messages.fields import (
     fill_planar_covariance,
     fill_pose,
     fill_twist,

@@ -34,7 +34,7 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 
 from diffbot_control.goals import goal_record
 from diffbot_control.ros.goals.client import ANSWER_TIMEOUT, LOST, Feedback, GoalClient, GoalRefusedError
-from diffbot_control.ros.messages.message_fields import pose_of
+from diffbot_control.ros.messages.fields import pose_of
 from diffbot_core.errors import DiffbotError
 from diffbot_core.geometry import Pose
 from diffbot_core.ros.node import QUEUE

@@ -10,7 +10,7 @@ from typing import Any
 from rclpy.time import Time
 
 from diffbot_control.ros.messages.conversions import TFMessage, transform_message
-from diffbot_control.ros.messages.message_fields import stamp_ns
+from diffbot_control.ros.messages.fields import stamp_ns
 from diffbot_control.ros.transforms import NO_TRANSFORMS, Transforms
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose, origin_of_frame

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Protocol
 
-from diffbot_control.ros.messages.message_fields import check_frame, check_numbers, pose_of, stamp_ns, yaw_of
+from diffbot_control.ros.messages.fields import check_frame, check_numbers, pose_of, stamp_ns, yaw_of
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import MAX_COORDINATE, Pose, yaw_of_quaternion
 

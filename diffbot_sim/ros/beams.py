@@ -5,7 +5,7 @@ from __future__ import annotations
 from sensor_msgs.msg import Range
 
 from diffbot_control.ros.frames import robot_frame
-from diffbot_control.ros.messages.message_fields import set_stamp
+from diffbot_control.ros.messages.fields import set_stamp
 from diffbot_core.ros.node import QUEUE, DiffbotNode
 from diffbot_sim.model.beams import MIN_RANGE, measured_range, true_range
 from diffbot_sim.model.philox import NoiseKey

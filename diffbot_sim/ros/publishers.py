@@ -11,8 +11,7 @@ from sensor_msgs.msg import Imu, JointState, PointCloud2, PointField
 
 from diffbot_control.ros.frames import odometry_frame, robot_frame
 from diffbot_control.ros.messages.conversions import TFMessage, odometry_message, pose_message, transform_message
-from diffbot_control.ros.messages.landmark_cloud import LandmarkPoint, fill_landmark_points
-from diffbot_control.ros.messages.message_fields import (
+from diffbot_control.ros.messages.fields import (
     fill_planar_covariance,
     fill_pose,
     fill_twist,
@@ -20,6 +19,7 @@ from diffbot_control.ros.messages.message_fields import (
     fill_yaw,
     set_stamp,
 )
+from diffbot_control.ros.messages.landmark_cloud import LandmarkPoint, fill_landmark_points
 from diffbot_control.ros.tf import TF_TOPIC
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist

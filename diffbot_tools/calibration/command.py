@@ -12,7 +12,7 @@ import numpy as np
 from tqdm import tqdm
 
 from diffbot_bag.bag.reader import BagReader
-from diffbot_control.ros.messages.message_fields import stamp_ns
+from diffbot_control.ros.messages.fields import stamp_ns
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.errors import BadMessageError, DiffbotError, InvalidValueError
 from diffbot_core.files import write_text

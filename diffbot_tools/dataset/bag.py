@@ -17,8 +17,8 @@ from diffbot_bag.bag.encoding import ODOMETRY, POSE, Encoder, NumbersMessage
 from diffbot_bag.bag.new_bag import new_bag
 from diffbot_bag.bag.qos import Qos
 from diffbot_control.filter.models import move
+from diffbot_control.ros.messages.fields import fill_unestimated
 from diffbot_control.ros.messages.landmark_cloud import fill_landmark_points
-from diffbot_control.ros.messages.message_fields import fill_unestimated
 from diffbot_core.geometry import Pose, quaternion_of_yaw
 from diffbot_core.units import NS_PER_S, S_PER_NS
 from diffbot_tools.dataset.drive import Cloud, Drive, Measured, TruePose, start_of

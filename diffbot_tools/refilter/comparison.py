@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from diffbot_bag.bag.reader import BagReader
 from diffbot_control.filter.localization import FilterEstimate
-from diffbot_control.ros.messages.message_fields import pose_of, stamp_ns
+from diffbot_control.ros.messages.fields import pose_of, stamp_ns
 from diffbot_core.errors import BadMessageError, DiffbotError
 from diffbot_core.geometry import TWO_PI
 from diffbot_core.units import S_PER_NS

@@ -13,7 +13,7 @@ from diffbot_control.filter.innovation_monitor import InnovationMonitor
 from diffbot_control.filter.localization import FilterEstimate, Localization
 from diffbot_control.filter.measurements import Array, Measurement, Source
 from diffbot_control.filter.odometry import OdometryStep
-from diffbot_control.ros.messages.ekf_messages import EkfInputs, corrected_twist
+from diffbot_control.ros.messages.ekf import EkfInputs, corrected_twist
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_control.ros.sensors import sensors_of
 from diffbot_control.ros.sensors.sensor import Sensor, fuse

@@ -5,7 +5,7 @@ from __future__ import annotations
 from diffbot_bag.bag.encoding import ODOMETRY, POSE, Encoder, NumbersMessage
 from diffbot_bag.bag.writer import BagWriter
 from diffbot_control.filter.localization import FilterEstimate
-from diffbot_control.ros.messages.message_fields import fill_planar_covariance, fill_twist_covariance, fill_unestimated
+from diffbot_control.ros.messages.fields import fill_planar_covariance, fill_twist_covariance, fill_unestimated
 from diffbot_core.geometry import quaternion_of_yaw
 from diffbot_tools.refilter.filter_run import Answer, Innovation
 from diffbot_tools.refilter.nis_topic import NIS_LABELS, NIS_TOPIC

@@ -22,7 +22,7 @@ def started(name, *arguments, folder):
     [
         (("controller_node",), "numpy", 0),
         (("replay_node",), "rclpy", 0),
-        (("python", "-m", "diffbot_sim.plant_node"), "diffbot_control.ros.messages.message_fields", 0),
+        (("python", "-m", "diffbot_sim.plant_node"), "diffbot_control.ros.messages.fields", 0),
         # Before the command is known, it is one that was interrupted; then it is a node.
         (DIFFBOT_RUN, "diffbot_tools.run_command", 130),
         (DIFFBOT_RUN, "rclpy", 0),

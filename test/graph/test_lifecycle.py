@@ -13,7 +13,7 @@ from robot import DEEP, initialpose, pose_stamped, stamp, twist
 
 from diffbot_control.controller_node import ControllerNode
 from diffbot_control.ekf_node import EkfNode
-from diffbot_control.ros.messages.message_fields import set_stamp
+from diffbot_control.ros.messages.fields import set_stamp
 
 # Transition and the state in which Nav2's manager then has to find the node, as its startup, pause, resume, reset and
 # shutdown ask for them.

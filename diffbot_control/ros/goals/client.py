@@ -25,7 +25,7 @@ from diffbot_control.goals import goal_record
 from diffbot_control.ros.controller_watch import ControllerWatch
 from diffbot_control.ros.goals.request import goal_request, new_goal_id
 from diffbot_control.ros.messages.conversions import goal_message
-from diffbot_control.ros.messages.message_fields import fill_duration
+from diffbot_control.ros.messages.fields import fill_duration
 from diffbot_core.errors import DiffbotError
 from diffbot_core.geometry import Pose
 from diffbot_core.ros.node import LATCHED, QUEUE

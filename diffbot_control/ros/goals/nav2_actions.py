@@ -18,7 +18,7 @@ from diffbot_control.goals import goal_record
 from diffbot_control.goals.goal_record import GoalRecord
 from diffbot_control.ros.goals.server import GoalFeedback, GoalServer, state_text
 from diffbot_control.ros.messages.conversions import goal_message
-from diffbot_control.ros.messages.message_fields import fill_duration
+from diffbot_control.ros.messages.fields import fill_duration
 from diffbot_core.errors import BadMessageError
 from diffbot_core.ros.node import DiffbotNode
 

@@ -20,7 +20,7 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import parameter_value_to_python
 
-from diffbot_control.ros.messages.message_fields import fill_pose
+from diffbot_control.ros.messages.fields import fill_pose
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import MAX_COORDINATE, Pose
 from diffbot_core.ranges import HEADING

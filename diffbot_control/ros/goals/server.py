@@ -24,7 +24,7 @@ from diffbot_control.ros.goals.intake import GoalIntake
 from diffbot_control.ros.goals.path_intake import TOPIC as PATH_TOPIC
 from diffbot_control.ros.goals.path_intake import PathIntake
 from diffbot_control.ros.goals.request import new_goal_id, read_goal_request
-from diffbot_control.ros.messages.message_fields import set_stamp
+from diffbot_control.ros.messages.fields import set_stamp
 from diffbot_core.errors import DiffbotError
 from diffbot_core.geometry import Pose
 from diffbot_core.ros.node import LATCHED, QUEUE, DiffbotNode, status_message

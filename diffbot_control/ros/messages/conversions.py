@@ -19,7 +19,7 @@ from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension
 
 from diffbot_control.filter.covariance import check_covariance, uncertainty_of
 from diffbot_control.goals.goal_record import MAX_PATH_POSES
-from diffbot_control.ros.messages.message_fields import (
+from diffbot_control.ros.messages.fields import (
     check_frame,
     fill_pose,
     fill_unestimated,

@@ -10,7 +10,7 @@ import numpy as np
 from diffbot_control.filter.covariance import check_covariance
 from diffbot_control.filter.measurements.wall import WallRange
 from diffbot_control.filter.wall_map import Wall
-from diffbot_control.ros.messages.message_fields import stamp_ns
+from diffbot_control.ros.messages.fields import stamp_ns
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_control.ros.sensors.noise import KnownNoise, diagonal, noise_of
 from diffbot_control.ros.sensors.sensor import Reading

@@ -7,7 +7,7 @@ from typing import Any
 from diffbot_control.filter.measurements import FIXES, PoseFix, Source
 from diffbot_control.filter.measurements.fix import fix_of
 from diffbot_control.filter.pose_sources import GLOBAL_POSE
-from diffbot_control.ros.messages.message_fields import check_frame, planar_covariance, pose_of, stamp_ns
+from diffbot_control.ros.messages.fields import check_frame, planar_covariance, pose_of, stamp_ns
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_control.ros.sensors.noise import MESSAGE_NOISE, KnownNoise, diagonal, noise_of
 from diffbot_control.ros.sensors.sensor import Reading

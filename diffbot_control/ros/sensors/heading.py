@@ -9,7 +9,7 @@ import numpy as np
 from diffbot_control.filter.covariance import check_covariance
 from diffbot_control.filter.measurements import Heading
 from diffbot_control.ros.frames import robot_frame
-from diffbot_control.ros.messages.message_fields import check_frame, stamp_ns, yaw_of
+from diffbot_control.ros.messages.fields import check_frame, stamp_ns, yaw_of
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_control.ros.sensors.noise import MESSAGE_NOISE, KnownNoise, diagonal, noise_of
 from diffbot_control.ros.sensors.sensor import Reading

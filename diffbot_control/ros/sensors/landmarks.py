@@ -11,8 +11,8 @@ import numpy as np
 from diffbot_control.filter.covariance import check_covariance
 from diffbot_control.filter.measurements import Array, LandmarkMeasurement
 from diffbot_control.ros.frames import robot_frame
+from diffbot_control.ros.messages.fields import check_frame, stamp_ns
 from diffbot_control.ros.messages.landmark_cloud import LandmarkPoint, landmark_points
-from diffbot_control.ros.messages.message_fields import check_frame, stamp_ns
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_control.ros.sensors.noise import KnownNoise, diagonal, noise_of
 from diffbot_control.ros.sensors.sensor import Reading

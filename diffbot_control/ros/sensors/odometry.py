@@ -6,7 +6,7 @@ from typing import Any
 
 from diffbot_control.filter.covariance import check_rows
 from diffbot_control.filter.odometry import OdometryStep
-from diffbot_control.ros.messages.message_fields import MAX_SPEED, check_frame, check_numbers, stamp_ns, twist_from
+from diffbot_control.ros.messages.fields import MAX_SPEED, check_frame, check_numbers, stamp_ns, twist_from
 from diffbot_core.errors import BadMessageError
 from diffbot_core.kinematics import TwistCovariance, WheelSpeeds
 

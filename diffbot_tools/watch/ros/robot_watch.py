@@ -14,7 +14,7 @@ from nav_msgs.msg import Odometry, Path
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Float64MultiArray
 
-from diffbot_control.ros.messages.message_fields import pose_of, stamp_ns, twist_from
+from diffbot_control.ros.messages.fields import pose_of, stamp_ns, twist_from
 from diffbot_control.ros.messages.raw import read_odometry, read_pose
 from diffbot_core.cdr import CdrError
 from diffbot_core.errors import BadMessageError

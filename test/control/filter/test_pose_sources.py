@@ -13,7 +13,7 @@ from diffbot_control.filter.measurements import FIXES, PoseFix, PositionFix, Sou
 from diffbot_control.filter.odometry import OdometryStep
 from diffbot_control.filter.options import FilterConfig
 from diffbot_control.filter.pose_sources import PoseSource, PoseSources
-from diffbot_control.ros.messages.ekf_messages import EkfInputs
+from diffbot_control.ros.messages.ekf import EkfInputs
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.errors import BadMessageError, InvalidValueError
 from diffbot_core.geometry import Pose

@@ -7,9 +7,9 @@ from sensor_msgs.msg import PointCloud2, PointField
 
 from diffbot_control.filter.covariance import uncertainty_of
 from diffbot_control.filter.localization import Localization
-from diffbot_control.ros.messages.ekf_messages import EkfInputs, corrected_twist, error_values
+from diffbot_control.ros.messages.ekf import EkfInputs, corrected_twist, error_values
+from diffbot_control.ros.messages.fields import MAX_SPEED
 from diffbot_control.ros.messages.landmark_cloud import LandmarkPoint, fill_landmark_points
-from diffbot_control.ros.messages.message_fields import MAX_SPEED
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import MAX_COORDINATE

@@ -8,7 +8,7 @@ from rcl_interfaces.srv import SetParametersAtomically
 from robot import parameter_value
 
 from diffbot_control.ros.goals.request import checked_goal_id, goal_request, new_goal_id, read_goal_request
-from diffbot_control.ros.messages.message_fields import pose_of
+from diffbot_control.ros.messages.fields import pose_of
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose
 

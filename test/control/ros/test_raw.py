@@ -11,7 +11,7 @@ from nav_msgs.msg import Odometry, Path
 from rclpy.serialization import serialize_message
 
 from diffbot_control.ros.messages.conversions import path_from, pose_from, poses_along
-from diffbot_control.ros.messages.message_fields import fill_pose, pose_in_message, pose_of
+from diffbot_control.ros.messages.fields import fill_pose, pose_in_message, pose_of
 from diffbot_control.ros.messages.raw import read_odometry, read_path, read_pose
 from diffbot_control.ros.sensors.fixes import fix_from
 from diffbot_control.ros.sensors.odometry import odometry_from

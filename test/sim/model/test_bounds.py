@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 from extremes import assert_finite, extreme_configs, log_between
 
-from diffbot_control.ros.messages.message_fields import MAX_SPEED
+from diffbot_control.ros.messages.fields import MAX_SPEED
 from diffbot_core.kinematics import Twist, body_twist
 from diffbot_core.schema import build
 from diffbot_sim.model.simulator import World, WorldConfig

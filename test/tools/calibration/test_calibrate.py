@@ -8,7 +8,7 @@ import yaml
 
 from diffbot_bag.bag.encoding import ODOMETRY, POSE, Encoder, NumbersMessage
 from diffbot_bag.bag.new_bag import new_bag
-from diffbot_control.ros.messages.message_fields import fill_twist_covariance
+from diffbot_control.ros.messages.fields import fill_twist_covariance
 from diffbot_core.errors import DiffbotError
 from diffbot_core.geometry import Pose, quaternion_of_yaw
 from diffbot_core.kinematics import Twist, body_twist
