@@ -220,7 +220,7 @@ class GatedFilter:
             candidate = None if candidate is None else inflate(candidate, factor)
         fix_correlation, is_first = memory.fix_correlation, fix.source.sensor == FIXES
         if self.options.detects_fix_correlation:
-            belief, fix_correlation = self._correlated(fix, start[0], belief, decision.outcome)
+            belief, fix_correlation = self._with_fix_correlation(fix, start[0], belief, decision.outcome)
         self.memory = Memory(
             belief,
             candidate,
@@ -232,7 +232,9 @@ class GatedFilter:
         )
         return decision.outcome
 
-    def _correlated(self, fix: Measurement, pose: Pose, after: Belief, outcome: int) -> tuple[Belief, FixCorrelation]:
+    def _with_fix_correlation(
+        self, fix: Measurement, pose: Pose, after: Belief, outcome: int
+    ) -> tuple[Belief, FixCorrelation]:
         """Return the belief after a fix and what it says about the correlation of the errors of global_pose."""
         memory, is_first = self.memory, fix.source.sensor == FIXES
         if outcome == RELOCATED or (outcome != ACCEPTED and is_first):

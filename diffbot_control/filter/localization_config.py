@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Annotated, NamedTuple
 
 from diffbot_control.filter.measurements import FIXES, HEADINGS, LANDMARKS
+from diffbot_control.filter.measurements.fix import further_source
 from diffbot_control.filter.odometry_noise import OdometryConfig
 from diffbot_control.filter.options import FNN, FNN_CALIBRATING, FilterConfig
 from diffbot_control.filter.pose_sources import PoseSources
@@ -45,4 +46,4 @@ class LocalizationConfig(NamedTuple):
             HEADINGS: config.heading_correlation_time,
             LANDMARKS: config.landmark_correlation_time,
             FIXES: config.fix_correlation_time,
-        } | {one.source().sensor: one.correlation_time for one in self.sources.settings()}
+        } | {further_source(one.topic).sensor: one.correlation_time for one in self.sources.settings()}

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from typing import Annotated, NamedTuple
 
-from diffbot_control.filter.measurements import FIXES, Source
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.schema import Spec
 
@@ -13,7 +12,7 @@ GLOBAL_POSE = "global_pose"
 """The first source, which is always there."""
 _MAX_SOURCES = 8
 _MIN_SIGMA, _MAX_SIGMA, _MAX_TIME, _MAX_DELAY = 1e-4, 1e3, 1e4, 60.0
-_TOPIC = re.compile(r"[~/]?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
+TOPIC_NAME = re.compile(r"[~/]?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
 
 
 class PoseSources(NamedTuple):
@@ -64,7 +63,7 @@ class PoseSources(NamedTuple):
                 "pose_sources", list(names), f"at most {_MAX_SOURCES} different topics, not {GLOBAL_POSE}"
             )
         for name in names:
-            if not _TOPIC.fullmatch(name):
+            if not TOPIC_NAME.fullmatch(name):
                 raise InvalidValueError("pose_sources", name, "the name of a topic")
         for field, values in zip(self._fields[1:], self[1:], strict=True):
             if len(values) not in (0, len(names)):
@@ -92,7 +91,3 @@ class PoseSource(NamedTuple):
     """[s]"""
     delay: float
     """[s] from measuring to the stamp"""
-
-    def source(self) -> Source:
-        """Return the name of the source."""
-        return Source(f"{FIXES} of {self.topic}")

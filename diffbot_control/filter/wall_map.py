@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-import re
 from typing import Annotated, NamedTuple
 
+from diffbot_control.filter.pose_sources import TOPIC_NAME
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import MAX_COORDINATE, Point, Pose
 from diffbot_core.schema import Spec
 
 _MAX_BEAMS = 8
-_TOPIC = re.compile(r"[~/]?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
 
 
 class Wall(NamedTuple):
@@ -66,7 +65,7 @@ class WallMap(NamedTuple):
             InvalidValueError: naming the list, its value and what it has to be.
         """
         topics = self.beam_topics
-        if len(topics) > _MAX_BEAMS or len(set(topics)) != len(topics) or not all(map(_TOPIC.fullmatch, topics)):
+        if len(topics) > _MAX_BEAMS or len(set(topics)) != len(topics) or not all(map(TOPIC_NAME.fullmatch, topics)):
             raise InvalidValueError("beam_topics", list(topics), f"at most {_MAX_BEAMS} different names of topics")
         for names in (self._fields[:4], self._fields[4:]):
             for name in names[1:]:

@@ -159,7 +159,7 @@ def take_fix(track: Track, fix: PoseFix, options: FilterOptions) -> Track:
         belief, candidate = inflate(belief, factor), inflate(candidate, factor)
     fix_correlation = track.fix_correlation
     if options.detects_fix_correlation:
-        belief, fix_correlation = _correlated(track, fix, belief, decision.outcome == ACCEPTED)
+        belief, fix_correlation = _with_fix_correlation(track, fix, belief, decision.outcome == ACCEPTED)
     newest = Newest(after.nis, decision.outcome)
     return Track(True, belief, candidate, gate, adaptation, newest, fix_correlation, STANDING)
 
@@ -173,7 +173,7 @@ def _corrected(before: Belief, fix: PoseFix, factor: float, options: FilterOptio
     return _possible(after, options)
 
 
-def _correlated(track: Track, fix: PoseFix, after: Belief, accepted: bool) -> tuple[Belief, FixCorrelation]:
+def _with_fix_correlation(track: Track, fix: PoseFix, after: Belief, accepted: bool) -> tuple[Belief, FixCorrelation]:
     """Return the belief after a fix and what it says about the correlation of the errors of fixes."""
     if not accepted:
         return after, unpaired(track.fix_correlation)

@@ -37,6 +37,8 @@ _MAX_GAP = 1000.0
 _NO_HEADING = 1e6
 """[rad^2] variance that stands for a fix without a heading"""
 _ORIGIN = Pose(0.0, 0.0, 0.0)
+Usable = PoseFix | PositionFix | Heading | LandmarkMeasurement
+"""Measurements that the kernel knows."""
 
 
 class Odometry(NamedTuple):
@@ -92,7 +94,7 @@ class Collector:
     def __init__(self) -> None:
         """Start without a pose."""
         self.segments: list[tuple[int, OdometryStep]] = []
-        self.measured: list[Measurement] = []
+        self.measured: list[Usable] = []
         self.resets: list[PoseFix] = []
         self.starts_from_fix = False
         self._stamp: int | None = None
@@ -129,7 +131,7 @@ class Collector:
         Raises:
             BadMessageError: if the filter would not use it.
         """
-        if type(measurement) not in _KINDS:
+        if not isinstance(measurement, (PoseFix, PositionFix, Heading, LandmarkMeasurement)):
             raise BadMessageError("not used by the calibration")
         key = key_of(measurement)
         if key in self._keys:
@@ -137,9 +139,10 @@ class Collector:
         if not math.isfinite(sum(key[2])):
             raise BadMessageError("measurement not finite")
         if not self.resets:
-            if not isinstance(measurement, PoseFix):
-                raise BadMessageError("no fix with a heading yet")
-            self.initialise(measurement.pose, measurement.R, measurement.stamp)
+            start = measurement.restart(_ORIGIN)
+            if start is None:
+                raise BadMessageError("no fix yet")
+            self.initialise(*start, measurement.stamp)
             self.starts_from_fix = True
             return
         self._keys.add(key)
@@ -201,7 +204,7 @@ def _odometry(segments: list[tuple[int, OdometryStep]], zero: int) -> Odometry:
     )
 
 
-def _measurements(resets: list[PoseFix], measured: list[Measurement], zero: int) -> Measurements:
+def _measurements(resets: list[PoseFix], measured: list[Usable], zero: int) -> Measurements:
     rows = [(one.stamp, 0, RESET, one) for one in resets] + [(one.stamp, 1, _kind(one), one) for one in measured]
     rows.sort(key=lambda row: row[:2])  # stable: measurements stay in their order
     count = len(rows)
@@ -223,11 +226,11 @@ def _measurements(resets: list[PoseFix], measured: list[Measurement], zero: int)
 _KINDS = {PoseFix: FIX, PositionFix: FIX, Heading: HEADING, LandmarkMeasurement: LANDMARK}
 
 
-def _kind(measurement: Measurement) -> int:
+def _kind(measurement: Usable) -> int:
     return _KINDS[type(measurement)]
 
 
-def _numbers(measurement: Measurement) -> tuple[Any, Array]:
+def _numbers(measurement: Usable) -> tuple[Any, Array]:
     """Return the numbers of a row and their covariance; the kernel marks a missing number of a landmark by its R."""
     if isinstance(measurement, LandmarkMeasurement):
         return (measurement.range, measurement.bearing), measurement.R
@@ -235,7 +238,6 @@ def _numbers(measurement: Measurement) -> tuple[Any, Array]:
         pose, P = measurement.restart(_ORIGIN)
         P[2, 2] = _NO_HEADING
         return pose, P
-    assert isinstance(measurement, (PoseFix, Heading))  # Collector takes no others
     return measurement.z, measurement.R
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
-from diffbot_control.filter.measurements.measurement import Array, Measurement, Source, States
-from diffbot_control.filter.models import pose_innovation
+from diffbot_control.filter.measurements.measurement import Array, DirectMeasurement, Source, States
 from diffbot_core.geometry import Pose
 
 FIXES = "fixes"
@@ -18,9 +18,16 @@ _UNKNOWN_HEADING = math.pi**2
 """[rad^2] variance of a heading of which nothing is known"""
 
 
+def further_source(topic: str) -> Source:
+    """Return the source of the fixes on another topic."""
+    return Source(f"{FIXES} of {topic}")
+
+
 @dataclass(frozen=True, eq=False)
-class PoseFix(Measurement):
+class PoseFix(DirectMeasurement):
     """An absolute measurement of the pose."""
+
+    part: ClassVar[slice] = slice(0, 3)
 
     pose: Pose
     R: Array
@@ -32,21 +39,9 @@ class PoseFix(Measurement):
         """x, y [m], theta [rad]."""
         return np.array(self.pose)
 
-    def expected(self, x: Array, states: States) -> Array:
-        """Return the pose."""
-        return x[:3]
-
-    def jacobian(self, x: Array, states: States) -> Array:
-        """Return H = [I 0]."""
-        return np.eye(3, states.size)
-
     def noise(self, x: Array, P: Array, states: States) -> Array:
         """Return R: a fix is linear in the states."""
         return self.R
-
-    def residual(self, z: Array, expected: Array) -> Array:
-        """Return measured minus expected pose."""
-        return np.array(pose_innovation(Pose(*z.tolist()), Pose(*expected.tolist())))
 
     def restart(self, pose: Pose) -> tuple[Pose, Array]:
         """Return the measured pose and R."""
@@ -54,8 +49,10 @@ class PoseFix(Measurement):
 
 
 @dataclass(frozen=True, eq=False)
-class PositionFix(Measurement):
+class PositionFix(DirectMeasurement):
     """An absolute measurement of the position alone."""
+
+    part: ClassVar[slice] = slice(0, 2)
 
     x: float
     """[m]"""
@@ -69,14 +66,6 @@ class PositionFix(Measurement):
     def z(self) -> Array:
         """x, y [m]."""
         return np.array((self.x, self.y))
-
-    def expected(self, x: Array, states: States) -> Array:
-        """Return the position."""
-        return x[:2]
-
-    def jacobian(self, x: Array, states: States) -> Array:
-        """Return H = [I 0]."""
-        return np.eye(2, states.size)
 
     def noise(self, x: Array, P: Array, states: States) -> Array:
         """Return R: a fix is linear in the states."""

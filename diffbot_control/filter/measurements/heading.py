@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
-from diffbot_control.filter.measurements.measurement import Array, Measurement, Source, States
-from diffbot_control.filter.models import heading_innovation
+from diffbot_control.filter.measurements.measurement import Array, DirectMeasurement, Source, States
 
 HEADINGS = "headings"
 _COMPASS = Source(HEADINGS)
 
 
 @dataclass(frozen=True, eq=False)
-class Heading(Measurement):
+class Heading(DirectMeasurement):
     """An absolute measurement of the heading."""
+
+    part: ClassVar[slice] = slice(2, 3)
 
     theta: float
     """[rad]"""
@@ -28,20 +30,6 @@ class Heading(Measurement):
         """Theta [rad]."""
         return np.array((self.theta,))
 
-    def expected(self, x: Array, states: States) -> Array:
-        """Return the heading."""
-        return x[2:3]
-
-    def jacobian(self, x: Array, states: States) -> Array:
-        """Return H = [0 0 1 0]."""
-        H = np.zeros((1, states.size))
-        H[0, 2] = 1.0
-        return H
-
     def noise(self, x: Array, P: Array, states: States) -> Array:
         """Return R: a heading is linear in the states."""
         return self.R
-
-    def residual(self, z: Array, expected: Array) -> Array:
-        """Return measured minus expected heading."""
-        return np.array((heading_innovation(z.item(), expected.item()),))

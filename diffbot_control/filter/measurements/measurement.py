@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diffbot_control.filter.landmark_calibration import NO_ERRORS, LandmarkErrors
+from diffbot_control.filter.models import heading_innovation
 from diffbot_core.geometry import Pose
 
 Array = NDArray[np.float64]
@@ -48,7 +49,7 @@ class Innovation(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Measurement(ABC):
-    """Numbers z = h(x) + v that were measured at a time, with the covariance R of v; z has m of them, x has n."""
+    """Numbers z = h(x) + v that were measured at a time, with the covariance R of v; z has m <= 3 of them, x has n."""
 
     stamp: int
     """[ns]"""
@@ -94,6 +95,29 @@ class Measurement(ABC):
             pose: the present estimate, for the mean of what the measurement does not know.
         """
         return None
+
+
+@dataclass(frozen=True, eq=False)
+class DirectMeasurement(Measurement):
+    """Some of x, y, theta themselves: h(x) is a part of the state."""
+
+    part: ClassVar[slice]
+    """of the state, that is measured"""
+
+    def expected(self, x: Array, states: States) -> Array:
+        """Return the part of the state."""
+        return x[self.part]
+
+    def jacobian(self, x: Array, states: States) -> Array:
+        """Return the rows of the identity."""
+        return np.eye(3, states.size)[self.part]
+
+    def residual(self, z: Array, expected: Array) -> Array:
+        """Return measured minus expected numbers, the heading the short way round."""
+        y = z - expected
+        if self.part.stop == 3:
+            y[-1] = heading_innovation(z.item(-1), expected.item(-1))
+        return y
 
 
 Key = tuple[int, Source, tuple[float, ...]]

@@ -19,6 +19,10 @@ _MIN_SIGMA, _MAX_SIGMA = 1e-4, 1e3
 """Standard deviations [m], [rad] that a filter can compute with."""
 
 
+_TOPICS = ("global_pose", "heading", "landmarks", "initialpose", "odom", "joint_states")
+"""Inputs whose topics are fixed."""
+
+
 class SensorNoise(NamedTuple):
     """Standard deviations that are used for messages without a usable covariance; all zero means unknown."""
 
@@ -123,3 +127,18 @@ class EkfNodeConfig(NamedTuple):
     reliable_inputs: Annotated[bool, Spec(RELIABLE_TEXT, read_only=True)] = False
     lifecycle: LifecycleConfig = LifecycleConfig()
     faults: FaultConfig = FaultConfig()
+
+    def check(self) -> None:
+        """Refuse two inputs on one topic.
+
+        Raises:
+            InvalidValueError: naming the list that has the second one.
+        """
+        taken = set(_TOPICS)
+        for name, topics in (
+            ("pose_sources", self.localization.sources.pose_sources),
+            ("beam_topics", self.beams.map.beam_topics),
+        ):
+            if twice := taken.intersection(topics):
+                raise InvalidValueError(name, list(topics), f"topics of no other input, not {sorted(twice)[0]}")
+            taken.update(topics)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from diffbot_control.filter.measurements import FIXES, PoseFix, Source
-from diffbot_control.filter.measurements.fix import fix_of
+from diffbot_control.filter.measurements.fix import fix_of, further_source
 from diffbot_control.filter.pose_sources import GLOBAL_POSE
 from diffbot_control.ros.messages.fields import check_frame, planar_covariance, pose_of, stamp_ns
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
@@ -47,7 +47,7 @@ def fix_sensors(config: EkfNodeConfig) -> list[FixSensor]:
     further = [
         FixSensor(
             one.topic,
-            one.source(),
+            further_source(one.topic),
             KnownNoise(diagonal((one.sigma_xy, one.sigma_xy, one.sigma_yaw)), noise.override_covariance),
             frame,
             one.delay,

@@ -9,7 +9,7 @@ from sensor_msgs.msg import Range
 
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_control.ros.sensors import sensors_of
-from diffbot_core.errors import BadMessageError
+from diffbot_core.errors import BadMessageError, InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_core.schema import build
 
@@ -33,6 +33,14 @@ def test_there_is_a_sensor_for_each_source_that_the_parameters_describe():
     assert set(sensors(wall_x1=[], wall_y1=[], wall_x2=[], wall_y2=[])) == {"global_pose", "heading"}
     landmarks = {"landmark_ids": [1], "landmark_x": [0.0], "landmark_y": [0.0], "pose_sources": ["gps"]}
     assert set(sensors(**landmarks)) == {"global_pose", "gps", "heading", "landmarks", "front"}
+
+
+@pytest.mark.parametrize("taken", ["global_pose", "heading", "odom", "gps"])
+def test_two_inputs_cannot_have_one_topic(taken):
+    with pytest.raises(InvalidValueError, match=rf"beam_topics = \['{taken}'\]: must be topics of no other input"):
+        sensors(pose_sources=["gps"], beam_topics=[taken])
+    with pytest.raises(InvalidValueError, match="pose_sources"):
+        sensors(pose_sources=["heading"])
 
 
 def test_an_unknown_covariance_is_that_of_the_parameters_and_is_named():

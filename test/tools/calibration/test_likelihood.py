@@ -7,9 +7,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from diffbot_control.filter.measurements import Heading, LandmarkMeasurement
+from diffbot_control.filter.measurements import Heading, LandmarkMeasurement, PositionFix
+from diffbot_control.filter.measurements.wall import WallRange
+from diffbot_control.filter.wall_map import WallMap
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
-from diffbot_core.geometry import Point, wrap_angle
+from diffbot_core.errors import BadMessageError
+from diffbot_core.geometry import Point, Pose, wrap_angle
 from diffbot_core.schema import build
 from diffbot_tools.calibration import settings as kernel
 from diffbot_tools.calibration.events import Collector, averaged
@@ -144,3 +147,15 @@ def test_averaged_odometry_keeps_the_way_and_its_variance(recording):
         way, variance = events.odometry.twist * dt, events.odometry.covariance * dt * dt
         sums.append([*way.sum(axis=0), *variance.sum(axis=0)])
     np.testing.assert_allclose(sums[0], sums[1])
+
+
+def test_a_drive_may_start_from_a_position_and_what_the_kernel_does_not_know_is_dropped():
+    collector, walls = Collector(), WallMap((5.0,), (-1.0,), (5.0,), (1.0,)).walls()
+    with pytest.raises(BadMessageError, match="no fix yet"):
+        collector.on_measurement(Heading(0, 0.1, np.eye(1)))
+    collector.on_measurement(PositionFix(0, 1.0, 2.0, np.diag([0.04, 0.09])))
+    (start,) = collector.resets
+    assert start.pose == Pose(1.0, 2.0, 0.0)
+    np.testing.assert_allclose(start.R, np.diag([0.04, 0.09, math.pi**2]))
+    with pytest.raises(BadMessageError, match="not used by the calibration"):
+        collector.on_measurement(WallRange(1, 4.0, np.eye(1), Pose(0.0, 0.0, 0.0), walls))
