@@ -54,7 +54,7 @@ def _index(results: Results) -> list[str]:
         "## Beside the best peer",
         "",
         "Each cell: the switching law / the best peer in this figure, in bold where a peer is better. *Answered*: a "
-        "client is told `reached` within 60 s, by one rule for all laws; *falsely*: the true pose was outside of the "
+        "client gets the answer `reached` within 60 s, by one rule for all laws; *falsely*: the true pose was outside of the "
         "tolerances then. Square brackets: 95 % interval.",
         "",
         *_beside_peers(results),
@@ -86,7 +86,7 @@ def _answer(results: Results) -> list[str]:
     if own is not None:
         answer, position = own["reached_time"], own["position"]
         lines.append(
-            f"In the realistic case `{REALISTIC}` a client of the switching law is told `reached` in "
+            f"In the realistic case `{REALISTIC}` a client of the switching law gets the answer `reached` in "
             f"{100.0 * answered(own):.2f} % of the runs, after {number(answer['median'], 1)} s (median; 99 %: "
             f"{number(answer['p99'], 1)} s), falsely in {100.0 * false_share(own):.2f} %; the robot ends "
             f"{number(position['p95'])} m from the goal (95 %)."
