@@ -54,8 +54,8 @@ def _index(results: Results) -> list[str]:
         "## Beside the best peer",
         "",
         "Each cell: the switching law / the best peer in this figure, in bold where a peer is better. *Answered*: a "
-        "client gets the answer `reached` within 60 s, by one rule for all laws; *falsely*: the true pose was outside of "
-        "the tolerances then. Square brackets: 95 % interval.",
+        "client gets the answer `reached` within 60 s, by one rule for all laws; *falsely*: the true pose was outside "
+        "of the tolerances then. Square brackets: 95 % interval.",
         "",
         *_beside_peers(results),
         "",
