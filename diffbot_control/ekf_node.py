@@ -54,6 +54,8 @@ STANDSTILL = "odometry stands still"
 _STATUS_PERIOD = 0.5
 _READERS = {POSE_MESSAGE: read_pose}
 """Readers of frequent messages from their bytes."""
+_MAX_SLIP = 3.0
+"""[s] of wheels and gyro that contradict each other, after which one of them is broken"""
 _SAVE_PERIOD = 5.0
 """[s] between two saves of the state file: what a crash can lose."""
 
@@ -75,7 +77,12 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         """Create publishers, subscriptions and the service ~/reset."""
         config = self.config
         separation = config.wheels.wheel_separation
-        self.localization = Localization(config.localization, separation, config.sensor_timeout)
+        self.localization = Localization(
+            config.localization,
+            separation,
+            config.sensor_timeout,
+            landmarks=bool(config.landmarks.landmark_ids),
+        )
         self._outputs = EkfPublishers(self)
         self._statuses = self.create_publisher(DiagnosticStatus, "~/status", STATUS)
         frames = config.map_frame, odometry_frame(config)
@@ -87,6 +94,8 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         """[ns] steady time of the newest odometry that was accepted and whose stamp advanced"""
         self._last_arrival: int | None = None
         """[ns] steady time of the newest odometry of any kind"""
+        self._last_gyro: int | None = None
+        """[ns] steady time of the newest turn rate that was used"""
         self._inputs = EkfInputs(config)
         self._keeper = self._restore()
         qos = sensor_qos(config.reliable_inputs)
@@ -158,6 +167,11 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
             warnings.append(reason)
         if nis is not None and nis.mean > nis.alarm:
             warnings.append("innovations larger than the covariances allow")
+        if self.config.localization.filter.use_gyro and self.localization.initialised:
+            if not self._is_recent(self._last_gyro):
+                warnings.append("no turn rate on imu")
+            elif self.localization.slipping > _MAX_SLIP:
+                warnings.append("wheels and gyro contradict each other")
         warnings += [f"innovations of {name} correlated in time" for name in self.localization.correlated()]
         if warnings:
             level, text = max(level, DiagnosticStatus.WARN[0]), "; ".join([*warnings, text])
@@ -177,6 +191,8 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         if reading.unknown:
             self.health.counted[f"{topic} of unknown number"] += reading.unknown
         fuse(reading, self.localization, partial(self._drop_one, topic))
+        if reading.gyro is not None:
+            self._last_gyro = time.monotonic_ns()
         if reading.uses_fallback:
             self.health.counted[f"{topic} with the covariance of the parameters"] += 1
 
@@ -298,6 +314,8 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         values = {"filter": self.config.localization.filter.filter}
         if self.localization.initialised:
             values |= self.localization.monitor.values() | error_values(self.localization.filter)
+        if self.localization.slips:
+            values["odometry steps against the gyro"] = str(self.localization.slips)
         if self.localization.dropped_before_odometry:
             values["measurements before the first odometry"] = str(self.localization.dropped_before_odometry)
         return values

@@ -72,6 +72,11 @@ def twist_covariance(sigma_left: float, sigma_right: float, geometry: WheelGeome
     )
 
 
+def add_twist_covariance(a: TwistCovariance, b: TwistCovariance) -> TwistCovariance:
+    """Return the covariance of the sum of two independent errors."""
+    return TwistCovariance(a.var_v + b.var_v, a.cov_v_omega + b.cov_v_omega, a.var_omega + b.var_omega)
+
+
 def scale_twist_covariance(covariance: TwistCovariance, factor: float) -> TwistCovariance:
     """Multiply all entries by ``factor``."""
     var_v, cov, var_omega = covariance

@@ -42,14 +42,6 @@ def summary(targets: list[Target]) -> list[str]:
     return lines + [f"  missed: {one.case}, {one.text}: {number(one.value)}, not {one.condition}" for one in missed]
 
 
-def target_table(targets: list[Target]) -> list[str]:
-    """Lay out the targets as a Markdown table."""
-    rows = [
-        (one.case, one.text, number(one.value, 4), one.condition, "yes" if one.met else "**no**") for one in targets
-    ]
-    return markdown_table(("case", "figure", "measured", "bound", "met"), rows)
-
-
 def markdown_table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> list[str]:
     """Return the lines of a Markdown table."""
     titles = list(head)
@@ -63,11 +55,3 @@ def _line(cells: Iterable[str]) -> str:
 def number(value: float | None, digits: int = 3) -> str:
     """Format a figure, ``-`` for none."""
     return "-" if value is None else f"{value:.{digits}f}"
-
-
-def with_interval(part: dict[str, Any], key: str, digits: int) -> str:
-    """Format a quantile with its interval, ``-`` for none; see law_statistics.spread."""
-    interval = part[f"{key}_interval"]
-    if interval is None:
-        return "-"
-    return f"{part[key]:.{digits}f} [{interval[0]:.{digits}f}, {interval[1]:.{digits}f}]"

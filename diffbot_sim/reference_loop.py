@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diffbot_control.filter.covariance import uncertainty_of
+from diffbot_control.filter.gyro import GyroSample
 from diffbot_control.filter.localization import FilterEstimate, Localization
 from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.filter.measurements import Heading, LandmarkMeasurement, Measurement, PoseFix
@@ -86,7 +87,9 @@ def simulate(
         raise InvalidValueError("steps", steps, ">= 1")
     world = World(world_config)
     separation = world_config.plant.wheels.wheel_separation
-    source = PoseFeedback(feedback, Localization(localization or LocalizationConfig(), separation))
+    landmarks = bool(world_config.landmarks.landmark_ids)
+    found = Localization(localization or LocalizationConfig(), separation, landmarks=landmarks)
+    source = PoseFeedback(feedback, found)
     memory, t_s = ControllerMemory(), world_config.plant.sampling_time
     rows: Array = np.full((steps + 1, 9), np.nan)
     regions, reached = np.zeros(steps + 1, dtype=np.int64), np.zeros(steps + 1, dtype=np.bool_)
@@ -144,7 +147,10 @@ class PoseFeedback:
                 self._localization.on_measurement(measurement)
             except BadMessageError:
                 continue  # too late for the filter's history, or a heading before the first fix: as the node drops it
+        reading = world.turn_rate()
         try:
+            if reading is not None and self._localization.config.filter.use_gyro:
+                self._localization.on_gyro(GyroSample(*reading))
             self._estimate = self._localization.on_odometry(world.odometry())
         except BadMessageError:
             return None  # no fix yet

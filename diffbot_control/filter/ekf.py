@@ -17,19 +17,21 @@ from diffbot_control.filter.measurements import Array, Innovation, Measurement, 
 from diffbot_control.filter.models import (
     TURNED_VARIANCE,
     Arc,
-    Motion,
-    RadiusErrors,
+    WheelErrors,
     arc_correction,
+    covariance_with_rate,
+    derivatives_with_rate,
+    gyro_share,
     lateral_noise,
     motion_noise,
     move,
-    radius_derivatives,
-    separation_derivatives,
-    with_radius_errors,
-    with_separation_error,
+    pose_derivatives,
+    twist_derivatives,
+    with_rate,
+    with_wheel_errors,
 )
 from diffbot_core.geometry import Pose, wrap_angle
-from diffbot_core.kinematics import Twist
+from diffbot_core.kinematics import TwistCovariance
 
 
 class Robust(NamedTuple):
@@ -72,24 +74,26 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
     """EKF with midpoint motion model, driven by a measured twist.
 
     Its states are the pose; then, by choice, the errors of the wheels: of the radii left and right, and of the wheel
-    separation; then, by choice, the three of :class:`LandmarkErrors`. The measured twist is that of wheels of the
-    configured size, see :func:`models.with_radius_errors`.
+    separation; then, by choice, the three of :class:`LandmarkErrors`; then, by choice, the bias of a gyro. The measured
+    twist is that of wheels of the configured size, see :func:`models.with_wheel_errors`.
 
     Always correct by :meth:`correct`: filterpy's ``update``, which it calls, does not wrap the heading.
     """
 
-    def __init__(self, wheels: int = 0, *, landmark_states: bool = False) -> None:
+    def __init__(self, wheels: int = 0, *, landmark_states: bool = False, gyro: bool = False) -> None:
         """Start at the origin with a covariance that stands for an unknown pose; see :meth:`set_state`.
 
         Args:
             wheels: number of errors of the wheels that are states: 0, 2 or 3.
             landmark_states: the errors of landmarks are states.
+            gyro: the bias of a gyro is a state.
         """
-        size = 3 + wheels + (3 if landmark_states else 0)
+        landmarks = 3 + wheels + (3 if landmark_states else 0)
+        size = landmarks + (1 if gyro else 0)
         super().__init__(dim_x=size, dim_z=3, dim_u=2)
         self.Q = np.zeros((size, size))
         self._wheels = wheels
-        self.states = States(size, slice(3, 3 + wheels), slice(3 + wheels, size))
+        self.states = States(size, slice(3, 3 + wheels), slice(3 + wheels, landmarks), slice(landmarks, size))
         """where they stand"""
         self.newest: Innovation | None = None
         """of the newest measurement"""
@@ -97,6 +101,8 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         """L [m]"""
         self.random_walk = 0.0
         """[1/s] random-walk variance per second of each error of the wheels"""
+        self.bias_random_walk = 0.0
+        """[rad^2/s^3] random-walk variance per second of the gyro's bias"""
         self.var_lateral = 0.0
         """[m^2] variance of the next motion across the robot, independent of its twist's"""
         self.set_state(np.zeros(size), np.diag([1e6, 1e6, math.pi**2, *[0.0] * (size - 3)]))
@@ -108,41 +114,34 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
 
     def predict_x(self, u: Any = 0) -> None:
         """Move the mean by the :class:`Motion` ``u`` and set F and Q."""
-        twist, dt, _ = u
+        measured, dt, covariance, rate = u
         x, y, theta, *errors = self.x.tolist()
-        if self._wheels:
-            twist = self._corrected(twist, errors)
+        bias = self.states.gyro
+        wheel_errors = WheelErrors(*errors[: self._wheels], *[0.0] * (3 - self._wheels))
+        wheels = with_wheel_errors(measured, wheel_errors, self.wheel_separation) if self._wheels else measured
+        share = gyro_share(covariance, rate)
+        twist = with_rate(wheels, rate.value - sum(self.x[bias]) - wheels.omega, share)
         arc = move(Pose(x, y, theta), twist, dt)
-        self._set_pose_part(arc, twist.v, u)
+        self._set_pose_part(arc, twist.v, dt, covariance_with_rate(covariance, share))
         if self._wheels:
-            self._set_wheel_part(arc, twist, errors, u)
+            by = twist_derivatives(measured, wheels.omega, self.wheel_separation, wheel_errors.separation)
+            pairs = (by.v_left, by.omega_left), (by.v_right, by.omega_right), (0.0, by.omega_separation)
+            for column, (v, omega) in enumerate(pairs[: self._wheels], 3):
+                self.F[:3, column] = pose_derivatives(arc, dt, *derivatives_with_rate(v, omega, share))
+                self.Q[column, column] = self.random_walk * dt
+        if bias.start < bias.stop:
+            self.F[:3, bias.start] = pose_derivatives(arc, dt, -share.v, -share.omega)
+            self.Q[bias, bias] = self.bias_random_walk * dt
         x, y, theta = arc.end
         self.x = np.array((x, y, theta, *errors))
 
-    def _corrected(self, measured: Twist, errors: list[float]) -> Twist:
-        """Return the twist of wheels with the first of these ``errors``."""
-        twist = with_radius_errors(measured, RadiusErrors(errors[0], errors[1]), self.wheel_separation)
-        return with_separation_error(twist, errors[2]) if self._wheels == 3 else twist
-
-    def _set_wheel_part(self, arc: Arc, twist: Twist, errors: list[float], u: Motion) -> None:
-        """Set the part of F and Q that belongs to the errors of the wheels; ``twist`` is the corrected one."""
-        F, Q, dt = self.F, self.Q, u.dt
-        separation = errors[2] if self._wheels == 3 else 0.0
-        F[0, 3], F[0, 4], F[1, 3], F[1, 4], F[2, 3], F[2, 4] = radius_derivatives(
-            arc, u.twist, dt, self.wheel_separation, 1.0 + separation
-        )
-        Q[3, 3] = Q[4, 4] = self.random_walk * dt
-        if self._wheels == 3:
-            F[0, 5], F[1, 5], F[2, 5] = separation_derivatives(arc, twist, dt, separation)
-            Q[5, 5] = self.random_walk * dt
-
-    def _set_pose_part(self, arc: Arc, v: float, u: Motion) -> None:
+    def _set_pose_part(self, arc: Arc, v: float, dt: float, covariance: TwistCovariance) -> None:
         """Set the pose's part of F and Q; ``v`` is the velocity along the arc [m/s]."""
         F, Q = self.F, self.Q
         F[0, 2], F[1, 2] = arc.x_theta, arc.y_theta
-        xx, xy, xt, yy, yt, tt = motion_noise(arc, v, u.dt, u.covariance)
+        xx, xy, xt, yy, yt, tt = motion_noise(arc, v, dt, covariance)
         if self.var_lateral > 0.0:
-            add_xx, add_xy, add_yy = lateral_noise(arc, u.dt, self.var_lateral)
+            add_xx, add_xy, add_yy = lateral_noise(arc, dt, self.var_lateral)
             xx, xy, yy = xx + add_xx, xy + add_xy, yy + add_yy
         Q[0, 0], Q[1, 1], Q[2, 2] = xx, yy, tt
         Q[0, 1] = Q[1, 0] = xy

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from diffbot_control.filter.models import Motion, heading_innovation
+from diffbot_control.filter.models import Motion, covariance_with_rate, gyro_share, heading_innovation
 from diffbot_core.geometry import Pose, wrap_angle
 
 _MEMORY = 200
@@ -98,9 +98,9 @@ def shifted(fix_correlation: FixCorrelation, before: Pose, after: Pose) -> FixCo
 def travel(travelled: Travelled, motion: Motion, var_lateral: float) -> Travelled:
     """Add a motion; ``var_lateral`` is its variance across the robot [m^2]."""
     along, turn = travelled
-    _, dt, (var_v, _, var_omega) = motion
-    dt *= dt
-    return Travelled(along + dt * var_v + var_lateral, turn + dt * var_omega)
+    covariance = covariance_with_rate(motion.covariance, gyro_share(motion.covariance, motion.rate))
+    squared = motion.dt * motion.dt
+    return Travelled(along + squared * covariance.var_v + var_lateral, turn + squared * covariance.var_omega)
 
 
 def with_fix(

@@ -72,7 +72,8 @@ class GatedFilter:
         """
         self.calibrating = options.radius_variance > 0.0
         wheels = 0 if not self.calibrating else 3 if options.separation_variance > 0.0 else 2
-        self._ekf = PoseEkf(wheels, landmark_states=options.landmark_sigmas is not None)
+        gyro = options.gyro_bias_variance > 0.0
+        self._ekf = PoseEkf(wheels, landmark_states=any(options.landmark_sigmas), gyro=gyro)
         self.configure(options, wheel_separation, times)
         self.reset()
 
@@ -80,8 +81,9 @@ class GatedFilter:
         """Apply changed options; the number of states stays."""
         self.options = options
         self._times: Times = times or {}
-        self._ekf.wheel_separation = wheel_separation
+        self.wheel_separation = self._ekf.wheel_separation = wheel_separation
         self._ekf.random_walk = options.radius_random_walk
+        self._ekf.bias_random_walk = options.gyro_bias_random_walk
         self._ekf.states = self._ekf.states._replace(landmark_errors=options.landmark_errors)
 
     def reset(self) -> None:
@@ -90,9 +92,10 @@ class GatedFilter:
         x, P = np.zeros(ekf.x.size), np.zeros(ekf.P.shape)
         P[ekf.states.wheels, ekf.states.wheels] = prior = self._wheel_prior()
         x[ekf.states.wheels] = options.wheel_errors[: len(prior)]
-        if options.landmark_sigmas is not None:
+        if any(options.landmark_sigmas):
             x[ekf.states.landmarks] = options.landmark_errors
             P[ekf.states.landmarks, ekf.states.landmarks] = np.diag(np.square(options.landmark_sigmas))
+        P[ekf.states.gyro, ekf.states.gyro] = options.gyro_bias_variance
         self.memory = Memory(Belief(x, P), None, new_gate(), new_adaptation())
         self.nis = math.nan
         """normalised innovation squared of the newest measurement"""
@@ -123,6 +126,10 @@ class GatedFilter:
     def landmark_errors(self) -> ErrorEstimate | None:
         """Return the estimated errors of landmarks, see :class:`LandmarkErrors`; None if they are not states."""
         return self._errors(self._ekf.states.landmarks)
+
+    def gyro_bias(self) -> ErrorEstimate | None:
+        """Return the estimated bias of the gyro (1,) [rad/s]; None if it is no state."""
+        return self._errors(self._ekf.states.gyro)
 
     def set_wheels(self, wheels: ErrorEstimate) -> None:
         """Set the errors of the wheels, uncorrelated with all else: the radii, and the separation if both have it."""
@@ -155,9 +162,9 @@ class GatedFilter:
         """Move estimate and candidate; ``var_lateral`` is the variance of the motion across the robot [m^2]."""
         belief, candidate, gate, adaptation, stamps, fix_correlation, travelled = self.memory
         if self.options.adaptive:
-            twist, dt, covariance = motion
             q = q_scale(adaptation)
-            motion, var_lateral = Motion(twist, dt, scale_twist_covariance(covariance, q)), q * var_lateral
+            covariance = scale_twist_covariance(motion.covariance, q)
+            motion, var_lateral = motion._replace(covariance=covariance), q * var_lateral
         self._ekf.var_lateral = var_lateral
         belief = self._moved(belief, motion)
         if candidate is not None:
@@ -184,6 +191,7 @@ class GatedFilter:
         belief, self.nis, self.innovation = self._corrected(memory.belief, measurement, robust)
         if self._is_weighed(measurement):
             gate, decision = decide_weight(memory.gate, self.nis, bound)
+            gate = memory.gate if measurement.is_of_motion else gate
         else:
             gate, decision = decide_other(memory.gate, self.nis, bound, self.options)
             if not measurement.may_reset and decision.outcome in (REJECTED, RELOCATED):
@@ -265,7 +273,7 @@ class GatedFilter:
         return PLAIN if inflation == 1.0 and gate == math.inf else Robust(inflation, gate)
 
     def _is_weighed(self, measurement: Measurement) -> bool:
-        return self.options.weigh_landmarks and measurement.source.sensor == LANDMARKS
+        return measurement.is_of_motion or (self.options.weigh_landmarks and measurement.source.sensor == LANDMARKS)
 
     def _moved(self, belief: Belief, motion: Motion) -> Belief:
         ekf = self._ekf

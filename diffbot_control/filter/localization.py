@@ -13,20 +13,22 @@ from typing import NamedTuple
 
 from diffbot_control.filter import contradiction
 from diffbot_control.filter.belief import Belief
-from diffbot_control.filter.gate import RELOCATED
+from diffbot_control.filter.gate import ACCEPTED, RELOCATED
 from diffbot_control.filter.gated_filter import GatedFilter
+from diffbot_control.filter.gyro import GyroHistory, GyroSample
 from diffbot_control.filter.innovation_monitor import InnovationMonitor
 from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.filter.measurements import FIXES, Array, Measurement
+from diffbot_control.filter.measurements.gyro import GyroRate
 from diffbot_control.filter.measurements.measurement import Key, key_of, split_at
 from diffbot_control.filter.memory import Memory
-from diffbot_control.filter.models import Motion
+from diffbot_control.filter.models import NO_RATE, Motion, TurnRate, slip_covariance
 from diffbot_control.filter.odometry import DelayLine, OdometryStep
 from diffbot_control.filter.odometry_noise import density_of, over_time
-from diffbot_control.filter.options import options_of
+from diffbot_control.filter.options import FilterOptions, options_of
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose
-from diffbot_core.kinematics import Twist, TwistCovariance, WheelGeometry, scale_twist_covariance
+from diffbot_core.kinematics import Twist, TwistCovariance, WheelGeometry, add_twist_covariance, scale_twist_covariance
 from diffbot_core.units import S_PER_NS
 
 _MAX_PENDING = 1000
@@ -38,6 +40,7 @@ _MAX_KEYS = 10_000
 
 
 _ORIGIN = Pose(0.0, 0.0, 0.0)
+_NO_SLIP = TwistCovariance(0.0, 0.0, 0.0)
 
 
 class FilterEstimate(NamedTuple):
@@ -84,6 +87,8 @@ class Localization:
         config: LocalizationConfig,
         wheel_separation: float = WheelGeometry().wheel_separation,
         max_extrapolation: float = math.inf,
+        *,
+        landmarks: bool = False,
     ) -> None:
         """Start unknown: :attr:`initialised` is False until a pose comes.
 
@@ -92,14 +97,20 @@ class Localization:
             wheel_separation: L [m].
             max_extrapolation: [s] before its stamp for which an odometry's twist is taken for the motion; see
                 :meth:`on_odometry`.
+            landmarks: there are some, so the errors of their sensor may be states.
         """
         self.config = config
         self.max_extrapolation = max_extrapolation
         self._history = round(config.history_length / S_PER_NS)
-        self.filter = GatedFilter(options_of(config.filter), wheel_separation, config.correlation_times())
+        self._landmarks = landmarks
+        self.filter = GatedFilter(self._options(), wheel_separation, config.correlation_times())
         self.monitor = InnovationMonitor()
         self.dropped_before_odometry = 0
         """number of measurements dropped because their stamps are before the first odometry's"""
+        self.slips = 0
+        """number of odometry steps whose turn rate the gyro contradicted"""
+        self.slipping = 0.0
+        """[s] for which it has done so without a break"""
         self.initialised = False
         self.contradiction = contradiction.NONE
         """signs that the fixes contradict the odometry"""
@@ -109,12 +120,16 @@ class Localization:
         self._delayed = DelayLine()
         self._pending: list[Measurement] = []
         self._keys: OrderedDict[Key, None] = OrderedDict()
+        self._gyro = GyroHistory()
 
     def configure(self, config: LocalizationConfig, wheel_separation: float) -> None:
         """Apply changed options from the next message on; the variant of the filter stays."""
         self._history = round(config.history_length / S_PER_NS)
         self.config = config._replace(filter=config.filter._replace(filter=self.config.filter.filter))
-        self.filter.configure(options_of(self.config.filter), wheel_separation, self.config.correlation_times())
+        self.filter.configure(self._options(), wheel_separation, self.config.correlation_times())
+
+    def _options(self) -> FilterOptions:
+        return options_of(self.config.filter, landmarks=self._landmarks)
 
     def reset(self) -> None:
         """Reset everything to unknown; the next fix initialises the filter."""
@@ -128,6 +143,8 @@ class Localization:
         self._delayed.clear()
         self._pending.clear()
         self._keys.clear()
+        self._gyro.clear()
+        self.slipping = 0.0
 
     def initialise(self, pose: Pose, P: Array, stamp: int | None = None) -> None:
         """Put the filter at ``pose`` with covariance ``P`` (3, 3).
@@ -219,7 +236,7 @@ class Localization:
         ready, self._pending = split_at(self._pending, odometry.stamp)
         step = _Step(start, odometry, whole, self.filter.memory, ready, is_gap)
         self._steps.append(step)
-        self._propagate(step, None)
+        self._propagate(step)
         distance = abs(odometry.twist.v) * (odometry.stamp - start) * S_PER_NS
         self.contradiction = contradiction.with_motion(self.contradiction, odometry.stamp, distance)
         self._stamp = odometry.stamp
@@ -296,42 +313,91 @@ class Localization:
             covered = step.start < measurement.stamp or (index == 0 and step.start == measurement.stamp)
             if covered and measurement.stamp <= step.odometry.stamp:
                 insort(step.measurements, measurement, key=key_of)
-                self.filter.memory = step.memory
-                for again in range(index, len(self._steps)):
-                    step = self._steps[again]
-                    step.memory = self.filter.memory
-                    self._propagate(step, measurement)
+                self._repeat_from(index, measurement)
                 return
         raise BadMessageError("too old", "its stamp is before the history")
 
-    def _propagate(self, step: _Step, late: Measurement | None) -> None:
-        """Compute a step; if it is repeated for a ``late`` measurement, only that one is new to the monitor."""
+    def on_gyro(self, sample: GyroSample) -> None:
+        """Take a turn rate into the odometry step that it was measured in, which may still have to come.
+
+        Raises:
+            BadMessageError: before the first odometry; if it is a duplicate or not finite, if it is older than the
+                history, or if too many wait for their odometry already.
+        """
+        if self._stamp is None or not self.initialised:
+            raise BadMessageError("no odometry yet")
+        self._gyro.check(sample, self._stamp)
+        if sample.stamp > self._stamp:
+            self._gyro.add(sample)
+            return
+        for index in range(len(self._steps) - 1, -1, -1):
+            if self._steps[index].start < sample.stamp <= self._steps[index].odometry.stamp:
+                self._gyro.add(sample)
+                self._repeat_from(index)
+                return
+        raise BadMessageError("too old", "its stamp is before the history")
+
+    def _repeat_from(self, index: int, late: Measurement | None = None) -> None:
+        """Compute the steps from ``index`` on again; only a ``late`` measurement is new to the monitor."""
+        self.filter.memory = self._steps[index].memory
+        for again in range(index, len(self._steps)):
+            step = self._steps[again]
+            step.memory = self.filter.memory
+            self._propagate(step, late, is_new=False)
+
+    def _propagate(self, step: _Step, late: Measurement | None = None, *, is_new: bool = True) -> None:
+        """Compute a step; if it is not new, only the ``late`` measurement is new to the monitor."""
         odometry, now = step.odometry, step.start
+        rate, slip = self._take_rate(step, is_new=is_new)
         for measurement in step.measurements:
             if measurement.stamp > now:
-                self._predict(step, (measurement.stamp - now) * S_PER_NS)
+                self._predict(step, (measurement.stamp - now) * S_PER_NS, rate, slip)
                 now = measurement.stamp
-            self._update(measurement, late is None or measurement is late)
+            self._update(measurement, is_new or measurement is late)
         if odometry.stamp > now:
-            self._predict(step, (odometry.stamp - now) * S_PER_NS)
+            self._predict(step, (odometry.stamp - now) * S_PER_NS, rate, slip)
 
-    def _predict(self, step: _Step, dt: float) -> None:
+    def _take_rate(self, step: _Step, *, is_new: bool) -> tuple[TurnRate, TwistCovariance]:
+        """Return what the gyro measured in a step, and the covariance that its contradiction adds to the twist's.
+
+        The difference from the wheels corrects the bias of the gyro and the errors of the wheels.
+        """
+        rate = self._gyro.mean(step.start, step.odometry.stamp)
+        if rate is NO_RATE:
+            return rate, _NO_SLIP
+        duration = (step.odometry.stamp - step.start) * S_PER_NS
+        var_omega, separation = self._noise(step, duration)[0].var_omega, self.filter.wheel_separation
+        measured = GyroRate(step.odometry.stamp, rate, step.odometry.twist, var_omega, separation)
+        expected = self.filter.take(measured) == ACCEPTED
+        if is_new:
+            self.slipping = 0.0 if expected else self.slipping + duration
+            self.slips += not expected
+        if expected or self.filter.innovation is None:
+            return rate, _NO_SLIP
+        return rate, slip_covariance(self.filter.innovation.y.item(0), separation)
+
+    def _predict(self, step: _Step, dt: float, rate: TurnRate, slip: TwistCovariance) -> None:
+        """Move by ``dt`` [s] of a step, of whose duration ``rate`` and ``slip`` are."""
+        covariance, lateral = self._noise(step, dt)
+        share = (step.odometry.stamp - step.start) * S_PER_NS / dt
+        if slip is not _NO_SLIP:
+            covariance = add_twist_covariance(covariance, scale_twist_covariance(slip, share))
+        rate = TurnRate(rate.value, rate.variance * share)
+        self.filter.predict(Motion(step.odometry.twist, dt, covariance, rate), lateral)
+
+    def _noise(self, step: _Step, dt: float) -> tuple[TwistCovariance, float]:
+        """Return the covariance of a step's mean twist over ``dt`` [s] of it, and the variance across the robot."""
         (_, twist, covariance), whole = step.odometry, step.whole * S_PER_NS
         if step.is_gap:
             # A part of the gap has its share of the variance; it is as large across the robot as along it.
             covariance = scale_twist_covariance(covariance, whole / dt)
-            self.filter.predict(Motion(twist, dt, covariance), covariance.var_v * dt * dt)
-            return
+            return covariance, covariance.var_v * dt * dt
         density = density_of(twist, covariance, self.config.odometry)
         if density is not None:
-            covariance, lateral = over_time(density, twist.v, dt)
-            self.filter.predict(Motion(twist, dt, covariance), lateral)
-            return
+            return over_time(density, twist.v, dt)
         # The twist's error is constant over the interval: the variances of its parts must add up to the whole.
         factor = self.config.odometry.odometry_covariance_scale * (whole / dt)
-        if factor != 1.0:
-            covariance = scale_twist_covariance(covariance, factor)
-        self.filter.predict(Motion(twist, dt, covariance))
+        return scale_twist_covariance(covariance, factor) if factor != 1.0 else covariance, 0.0
 
     def _update(self, measurement: Measurement, new: bool = True) -> None:
         outcome = self.filter.take(measurement)
@@ -348,6 +414,7 @@ class Localization:
         oldest = steps[-1].odometry.stamp - self._history
         while steps[0].odometry.stamp < oldest:
             steps.popleft()
+        self._gyro.forget_until(steps[0].start)
         # Keys are in order of arrival: a late one is kept a little longer than necessary. One far ahead blocks this
         # loop, and _MAX_KEYS bounds their number.
         while keys and next(iter(keys))[0] < oldest:

@@ -21,6 +21,18 @@ TURNED_VARIANCE = 0.04
 """[rad^2] Heading variance from which a correction is applied along an arc; below, both forms agree in first order."""
 
 
+class TurnRate(NamedTuple):
+    """Mean turn rate over a time, measured by a gyro."""
+
+    value: float
+    """[rad/s]"""
+    variance: float
+    """[rad^2/s^2] of the mean; inf: not measured"""
+
+
+NO_RATE = TurnRate(0.0, math.inf)
+
+
 class Motion(NamedTuple):
     """Mean twist over a time with its covariance: the filter's input u."""
 
@@ -28,13 +40,18 @@ class Motion(NamedTuple):
     dt: float
     """[s]"""
     covariance: TwistCovariance
+    rate: TurnRate = NO_RATE
+    """of a gyro over the same time"""
 
 
-class RadiusErrors(NamedTuple):
-    """Relative errors of the wheel radii [-]: the real radius is (1 + error) times the configured one."""
+class WheelErrors(NamedTuple):
+    """Relative errors of the wheels [-]: a real radius or distance is (1 + error) times the configured one."""
 
     left: float
+    """of the radius"""
     right: float
+    separation: float
+    """of the distance of the wheels"""
 
 
 class Arc(NamedTuple):
@@ -62,15 +79,23 @@ class MotionNoise(NamedTuple):
     tt: float
 
 
-class RadiusDerivatives(NamedTuple):
-    """Derivatives of the moved pose by the relative radius errors [m], [m], [rad]."""
+class TwistDerivatives(NamedTuple):
+    """Derivatives of the corrected twist by the relative errors of the wheels [m/s], [rad/s]; the others are zero."""
 
-    x_left: float
-    x_right: float
-    y_left: float
-    y_right: float
-    theta_left: float
-    theta_right: float
+    v_left: float
+    v_right: float
+    omega_left: float
+    omega_right: float
+    omega_separation: float
+
+
+class GyroShare(NamedTuple):
+    """By what the twist changes for each rad/s that a gyro measures beyond the wheels."""
+
+    v: float
+    """[m]"""
+    omega: float
+    """[-]"""
 
 
 class LandmarkExpectation(NamedTuple):
@@ -145,63 +170,75 @@ def _rim_speeds(twist: Twist, separation: float) -> tuple[float, float]:
     return v - 0.5 * separation * omega, v + 0.5 * separation * omega
 
 
-def with_radius_errors(twist: Twist, errors: RadiusErrors, separation: float) -> Twist:
-    """Return the twist of wheels whose radii differ by ``errors`` from the radius that ``twist`` was computed with.
+def with_wheel_errors(twist: Twist, errors: WheelErrors, separation: float) -> Twist:
+    """Return the twist of wheels that differ by ``errors`` from those that ``twist`` was computed for.
 
-    With the rim speeds v_l and v_r: v + (v_l e_l + v_r e_r) / 2 and omega + (v_r e_r - v_l e_l) / L; ``separation`` is
-    L [m].
+    With the rim speeds v_l and v_r: v + (v_l e_l + v_r e_r) / 2 and (omega + (v_r e_r - v_l e_l) / L) / (1 + e_s);
+    ``separation`` is L [m].
     """
     rim_left, rim_right = _rim_speeds(twist, separation)
-    left, right = errors
-    return Twist(
-        twist.v + 0.5 * (rim_left * left + rim_right * right),
-        twist.omega + (rim_right * right - rim_left * left) / separation,
-    )
+    left, right, error = errors
+    omega = twist.omega + (rim_right * right - rim_left * left) / separation
+    return Twist(twist.v + 0.5 * (rim_left * left + rim_right * right), omega / (1.0 + error))
 
 
-def radius_derivatives(
-    arc: Arc, measured: Twist, dt: float, separation: float, stretch: float = 1.0
-) -> RadiusDerivatives:
-    """Derivatives of the end of ``arc`` by the relative radius errors.
+def twist_derivatives(measured: Twist, omega: float, separation: float, error: float) -> TwistDerivatives:
+    """Derivatives of the corrected twist by the errors of the wheels.
 
     Args:
-        arc: the motion with the corrected twist.
-        measured: the twist for wheels of the configured radius.
-        dt: duration [s].
+        measured: the twist for wheels of the configured size.
+        omega: the corrected turn rate [rad/s].
         separation: configured distance of the wheels [m].
-        stretch: real distance of the wheels, divided by it.
+        error: relative error of that distance.
     """
     rim_left, rim_right = _rim_speeds(measured, separation)
-    separation *= stretch
+    real = separation * (1.0 + error)
+    return TwistDerivatives(0.5 * rim_left, 0.5 * rim_right, -rim_left / real, rim_right / real, -omega / (1.0 + error))
+
+
+def pose_derivatives(arc: Arc, dt: float, v: float, omega: float) -> tuple[float, float, float]:
+    """Derivatives of the end of ``arc`` by what its twist has the derivatives ``v`` and ``omega`` by."""
     _, x_v, y_v, x_theta, y_theta = arc
-    theta_left, theta_right = -dt * rim_left / separation, dt * rim_right / separation
-    # An error turns the midpoint heading by half of what it turns the heading by.
-    return RadiusDerivatives(
-        0.5 * (rim_left * x_v + x_theta * theta_left),
-        0.5 * (rim_right * x_v + x_theta * theta_right),
-        0.5 * (rim_left * y_v + y_theta * theta_left),
-        0.5 * (rim_right * y_v + y_theta * theta_right),
-        theta_left,
-        theta_right,
-    )
+    theta = dt * omega
+    # The midpoint heading turns by half of what the heading turns by.
+    return x_v * v + 0.5 * x_theta * theta, y_v * v + 0.5 * y_theta * theta, theta
 
 
-def with_separation_error(twist: Twist, error: float) -> Twist:
-    """Return the twist of wheels whose distance is (1 + ``error``) times the configured one: omega / (1 + error)."""
-    return Twist(twist.v, twist.omega / (1.0 + error))
+def gyro_share(covariance: TwistCovariance, rate: TurnRate) -> GyroShare:
+    """Return the gain of a turn rate on a twist of this ``covariance``; zero for one that was not measured."""
+    _, cov, var_omega = covariance
+    total = var_omega + rate.variance
+    return GyroShare(cov / total, var_omega / total)
 
 
-def separation_derivatives(arc: Arc, twist: Twist, dt: float, error: float) -> tuple[float, float, float]:
-    """Derivatives of the end of ``arc`` by the relative error of the wheel separation [m], [m], [rad].
+def derivatives_with_rate(v: float, omega: float, share: GyroShare) -> tuple[float, float]:
+    """Derivatives of a twist after :func:`with_rate`, by what it had the derivatives ``v`` and ``omega`` by before."""
+    return v - share.v * omega, (1.0 - share.omega) * omega
 
-    Args:
-        arc: the motion with the corrected ``twist``.
-        twist: of the wheels, with this ``error``.
-        dt: duration [s].
-        error: of the wheel separation.
+
+def slip_covariance(difference: float, separation: float) -> TwistCovariance:
+    """Return the covariance of a twist whose turn rate is contradicted by ``difference`` [rad/s]: a wheel slips.
+
+    Either may, so each rim speed has the variance that explains the difference; ``separation`` is L [m].
     """
-    theta = -dt * twist.omega / (1.0 + error)
-    return 0.5 * arc.x_theta * theta, 0.5 * arc.y_theta * theta, theta
+    squared, half = difference * difference, 0.5 * separation
+    return TwistCovariance(half * half * squared, 0.0, squared)
+
+
+def with_rate(twist: Twist, difference: float, share: GyroShare) -> Twist:
+    """Return a twist corrected by the ``difference`` [rad/s] between the gyro's turn rate and its own."""
+    return Twist(twist.v + share.v * difference, twist.omega + share.omega * difference)
+
+
+def covariance_with_rate(covariance: TwistCovariance, share: GyroShare) -> TwistCovariance:
+    """Return the covariance of a twist after :func:`with_rate`.
+
+    Its error is then independent of the difference, which may therefore be used once more as a measurement of the bias
+    of the gyro and of the errors of the wheels.
+    """
+    var_v, cov, var_omega = covariance
+    left = 1.0 - share.omega
+    return TwistCovariance(var_v - share.v * cov, left * cov, left * var_omega)
 
 
 def heading_innovation(measured: float, theta: float) -> float:

@@ -6,7 +6,7 @@ import math
 from typing import Annotated, NamedTuple
 
 from diffbot_control.filter.chi_square import chi_square_bound
-from diffbot_control.filter.landmark_calibration import LandmarkErrors
+from diffbot_control.filter.landmark_calibration import NO_ERRORS, LandmarkErrors
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.ranges import TIMEOUT
 from diffbot_core.schema import Spec
@@ -112,13 +112,14 @@ class FilterConfig(NamedTuple):
     landmark_range_offset_sigma: Annotated[
         float,
         Spec(
-            "deviation of that offset; if one of the three deviations is > 0, all three errors are states",
+            "deviation of that offset; with a map of landmarks, and one of the three deviations > 0, all three errors "
+            "are states",
             "m",
             minimum=0.0,
             maximum=10.0,
             read_only=True,
         ),
-    ] = 0.0
+    ] = 0.05
     landmark_range_scale: Annotated[
         float,
         Spec(
@@ -130,14 +131,25 @@ class FilterConfig(NamedTuple):
     ] = 0.0
     landmark_range_scale_sigma: Annotated[
         float, Spec("deviation of the ranges' scale error", minimum=0.0, maximum=0.5, read_only=True)
-    ] = 0.0
+    ] = 0.01
     landmark_bearing_offset: Annotated[
         float,
         Spec("constant error of all bearings of landmarks", "rad", minimum=-math.pi, maximum=math.pi, read_only=True),
     ] = 0.0
     landmark_bearing_offset_sigma: Annotated[
         float, Spec("deviation of the bearings' constant error", "rad", minimum=0.0, maximum=math.pi, read_only=True)
-    ] = 0.0
+    ] = 0.01
+
+    use_gyro: Annotated[
+        bool,
+        Spec("fuse the turn rate of imu with the wheels'; its bias is one more state", read_only=True),
+    ] = False
+    gyro_bias_sigma: Annotated[
+        float, Spec("deviation of the gyro's bias at the start", "rad/s", minimum=1e-6, maximum=1.0)
+    ] = 0.05
+    gyro_bias_walk: Annotated[
+        float, Spec("random-walk deviation of the gyro's bias", "rad/s/sqrt(s)", minimum=0.0, maximum=0.1)
+    ] = 1e-4
 
     def check(self) -> None:
         """Refuse options that contradict each other.
@@ -188,12 +200,19 @@ class FilterOptions(NamedTuple):
     """find the correlation of the errors of fixes"""
     landmark_errors: LandmarkErrors
     """of the sensor of landmarks, at the start where they are states"""
-    landmark_sigmas: LandmarkErrors | None
-    """their standard deviations at the start, all > 0; None if they are no states"""
+    landmark_sigmas: LandmarkErrors
+    """their standard deviations at the start, all > 0; all 0 if they are no states"""
+    gyro_bias_variance: float
+    """[rad^2/s^2] of the gyro's bias at the start; 0 without a gyro"""
+    gyro_bias_random_walk: float
+    """[rad^2/s^3] its random-walk variance per second"""
 
 
-def options_of(config: FilterConfig) -> FilterOptions:
-    """Derive the filter's numbers from its configuration; the bounds are chi-square quantiles."""
+def options_of(config: FilterConfig, *, landmarks: bool = False) -> FilterOptions:
+    """Derive the filter's numbers from its configuration; the bounds are chi-square quantiles.
+
+    ``landmarks``: there are some; without them the errors of their sensor are no states.
+    """
     adaptive = config.filter in (FNN, FNN_CALIBRATING)
     calibrating = config.filter in (CALIBRATING, FNN_CALIBRATING)
     rest = 1.0 - config.gate_probability
@@ -217,15 +236,17 @@ def options_of(config: FilterConfig) -> FilterOptions:
         ),
         config.detect_fix_correlation and config.fix_correlation_time == 0.0 and not adaptive,
         LandmarkErrors(config.landmark_range_offset, config.landmark_range_scale, config.landmark_bearing_offset),
-        _landmark_sigmas(config),
+        _landmark_sigmas(config) if landmarks else NO_ERRORS,
+        config.gyro_bias_sigma**2 if config.use_gyro else 0.0,
+        config.gyro_bias_walk**2,
     )
 
 
-def _landmark_sigmas(config: FilterConfig) -> LandmarkErrors | None:
-    """Return the deviations of the errors of landmarks; None if all are known."""
+def _landmark_sigmas(config: FilterConfig) -> LandmarkErrors:
+    """Return the deviations of the errors of landmarks; all 0 if all are known."""
     sigmas = (
         config.landmark_range_offset_sigma,
         config.landmark_range_scale_sigma,
         config.landmark_bearing_offset_sigma,
     )
-    return LandmarkErrors(*(max(one, _KNOWN_SIGMA) for one in sigmas)) if any(sigmas) else None
+    return LandmarkErrors(*(max(one, _KNOWN_SIGMA) for one in sigmas)) if any(sigmas) else NO_ERRORS

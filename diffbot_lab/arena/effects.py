@@ -101,61 +101,6 @@ def run_and_report(runs: int, seed: int, out: Path) -> int:
     return 0
 
 
-def page(results: dict[str, Any]) -> str:
-    """Return docs/results/benchmark/effects.md."""
-    runs = results["runs_of_each_start"] * results["starts"]
-    lines = [
-        "# Effect of each parameter",
-        "",
-        "What changes if one parameter of the default law is halved or doubled, or the data sheet is wrong by that?",
-        "",
-        f"**In short:** little. At least {_fewest(results):.1f} % of the runs settle whichever is changed. The median "
-        f"settling time changes most by {_strongest(results)}.",
-        "",
-        f"    diffbot benchmark effects --runs {results['runs_of_each_start']} --seed {results['seed']}",
-        "",
-        f"{runs} runs of each row, with the same starts and noise in all; the cases are `nominal` and `mix` of "
-        "[the benchmark](index.md). *Settled*: within 0.1 m and 0.1 rad after 60 s, whatever the tolerance of the "
-        "controller. A share is doubled up to 1 at most; of `reached_probability` the chance of error is halved and "
-        "doubled. The time is the median of the settled runs, the error that of 95 % of all. "
-        "All figures, with their intervals: [effects.json](../data/effects.json).",
-        "",
-        "## The law",
-        "",
-        *law_table(results),
-        "",
-        "## A wrong data sheet",
-        "",
-        "The robot stays that of the case `mix`: 0.5 m/s^2, 1.5 rad/s^2, 0.1 s of dead time and as much lag, and "
-        "wheels that stick below 0.03 m/s.",
-        "",
-        *sheet_table(results),
-        "",
-        "A dead time of 0.2 s of which the law knows nothing is the case `dead_time_02_unknown` of "
-        "[the benchmark](index.md).",
-    ]
-    return "\n".join(lines) + "\n"
-
-
-def _fewest(results: dict[str, Any]) -> float:
-    return min(100.0 * float(row["settled"]) / float(row["runs"]) for row in results["rows"])
-
-
-def _strongest(results: dict[str, Any], number: int = 4) -> str:
-    """Name the parameters that change the median settling time most, with the times in the realistic mix."""
-    rows = [row for row in results["rows"] if row["case"] == CASES[-1]]
-    (base,) = (row["settling_time"]["median"] for row in rows if not row["parameter"])
-    largest: dict[str, tuple[float, float]] = {}
-    for row in rows:
-        time = row["settling_time"]["median"]
-        known = largest.get(row["parameter"], (base, 0.0))
-        largest[row["parameter"]] = max(known, (time, row["value"]), key=lambda one: abs(one[0] - base))
-    ranked = sorted(largest.items(), key=lambda one: -abs(one[1][0] - base))[:number]
-    named = [f"`{name}` {value:g} ({time:.1f} s)" for name, (time, value) in ranked]
-    first = ", ".join(named[:-1])
-    return f"{first} and {named[-1]}, from {base:.1f} s in the realistic mix"
-
-
 def law_table(results: dict[str, Any]) -> list[str]:
     """Lay out the parameters of the law in both cases as a Markdown table."""
     head = ["parameter", "value"]

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diffbot_control.filter.options import FilterConfig, options_of
+from diffbot_sim.compiled.gated_filter import example_for
 from diffbot_sim.compiled.open_loop import OpenLoopCase
 from diffbot_sim.compiled.sensing import Robot
 from diffbot_sim.model.plant import PlantConfig
@@ -103,10 +104,10 @@ def drive_of(scenario: Scenario, odometry_rate: int, fix_rate: int, filter_name:
     """Return what all runs of a scenario, at rates [Hz], with one of FILTERS share."""
     plant = scenario.plant._replace(sampling_time=1.0 / odometry_rate)
     sensors = scenario.sensors._replace(fix_rate=float(fix_rate))
-    options = options_of(FilterConfig(filter=filter_name))
+    options = options_of(FilterConfig(filter=filter_name), landmarks=len(scenario.landmarks) > 0)
     kidnapped = round(plant.kidnap_time * odometry_rate) if plant.kidnap_time > 0.0 else -1
     return OpenLoopCase(
-        Robot(plant, sensors, options, scenario.landmarks),
+        Robot(plant, sensors, options, scenario.landmarks, example_for(scenario.landmarks, options)),
         round(DURATION * odometry_rate),
         round(SKIPPED * odometry_rate),
         kidnapped,

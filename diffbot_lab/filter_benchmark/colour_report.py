@@ -1,11 +1,11 @@
-"""Conclusions of the benchmark of coloured fixes: targets and tables."""
+"""Conclusions of the benchmark of coloured fixes: targets, and a table for a terminal."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from diffbot_lab.campaign.statistics import wilson
-from diffbot_lab.targets import Target, evaluate_targets, markdown_table, number, summary, target_table
+from diffbot_lab.targets import Target, evaluate_targets, number, summary
 
 Results = dict[str, Any]
 
@@ -49,33 +49,3 @@ def table(results: Results) -> str:
 def _alarms(one: Results) -> tuple[str, str]:
     low, high = wilson(one["alarms"], one["runs"])
     return f"{100.0 * one['alarms'] / one['runs']:.1f} %", f"{100.0 * low:.1f} .. {100.0 * high:.1f} %"
-
-
-def page_part(results: Results) -> str:
-    """Return the tables of docs/results/filter/coloured.md."""
-    head = ["c", "correlation", "RMSE [m]", "NEES", "runs with an alarm (95 % interval)", "first alarm, median [s]"]
-    words = {"off": "not looked for", "on": "detected (default)", "given": "given"}
-    rows = []
-    for one in results["cells"]:
-        share, interval = _alarms(one)
-        rows.append(
-            (
-                f"{one['c']:g}",
-                words[one["mode"]],
-                number(one["rmse"], 4),
-                number(one["nees"], 2),
-                f"{share} ({interval})",
-                number(one["alarm_median"], 0),
-            )
-        )
-    rates = f"{results['odometry_rate']}/{results['fix_rate']} Hz"
-    return "\n".join(
-        [
-            f"{results['runs']} runs of {results['duration']:.0f} s each at {rates} with `{results['filter']}`, seed "
-            f"{results['seed']}. RMSE and NEES are without the first {results['skipped']:.0f} s.",
-            "",
-            *markdown_table(head, rows),
-            "",
-            *target_table(targets(results)),
-        ]
-    )

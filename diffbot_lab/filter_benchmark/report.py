@@ -1,4 +1,4 @@
-"""Conclusions of the filter's benchmark: targets, and a table for a terminal; filter_pages has those of the docs."""
+"""Conclusions of the filter's benchmark: targets, and a table for a terminal."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ ROOT_ENCLAVE = "/diffbot"
 """Enclaves of this project are below it."""
 COMMENT = (
     "Least privilege for the nodes of this package, written from their running graph by docs/generate.py.\n"
-    "Not tried with real keys. What it covers and how to use it: docs/how-to/security-keys.md"
+    "Not tried with real keys. What it covers and how to use it: docs/how-to/security.md"
 )
 """Of the policy of this project; XML allows no double hyphen in it."""
 

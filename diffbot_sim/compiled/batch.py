@@ -20,8 +20,8 @@ from diffbot_control.law.controller import SwitchingLaw
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_sim.compiled.closed_loop import EKF, RAW, TRUTH, Case, make_loop, prepared
+from diffbot_sim.compiled.gated_filter import check_supported
 from diffbot_sim.compiled.jit import compile_kernel, make_callable, make_law_callable, one_compiler
-from diffbot_sim.compiled.scalar_filter import check_supported
 from diffbot_sim.model.outcome import Outcome
 from diffbot_sim.model.philox import START_BLOCK, draw
 
@@ -52,11 +52,12 @@ def check_case(case: Case, starts: Starts) -> None:
     """Refuse what the compiled loop does not support.
 
     Raises:
-        InvalidValueError: for measurements later than the history; for options of the filter that it does not have;
-            for less than one step; for no start.
+        InvalidValueError: for measurements later than the history; for options of the filter that it does not have or
+            that cannot act; for less than one step; for no start.
     """
-    if case.filter is not None:
-        check_supported(case.filter)
+    check_supported(case.filter)
+    if case.filter.gyro_bias_variance > 0.0 and case.sensors.gyro_rate == 0.0:
+        raise InvalidValueError("use_gyro", True, "false while gyro_rate is 0")
     sensors, bound = case.sensors, case.history_length
     for name, delay in (
         (

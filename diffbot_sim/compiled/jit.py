@@ -18,7 +18,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from diffbot_control.filter import adaptation, fix_correlation, gate, models
+from diffbot_control.filter import adaptation, fix_correlation, gate, landmark_calibration, models
 from diffbot_control.goals.protocol import Law
 from diffbot_control.law import (
     braking_step,
@@ -39,15 +39,7 @@ from diffbot_control.law.paper import step as paper_step
 from diffbot_core import data_sheet, geometry, kinematics, uncertainty
 from diffbot_core.code_hash import DIGITS, hash_of_code
 from diffbot_core.errors import DiffbotError
-from diffbot_sim.compiled import (
-    closed_loop,
-    late_fusion,
-    open_loop,
-    scalar_belief,
-    scalar_ekf,
-    scalar_filter,
-    sensing,
-)
+from diffbot_sim.compiled import closed_loop, ekf, gated_filter, late_fusion, open_loop, sensing
 from diffbot_sim.compiled.reachable import reachable_functions, source_files
 from diffbot_sim.model import actuators, outcome, philox, plant, sensors
 
@@ -55,6 +47,7 @@ MODULES = (
     geometry,
     kinematics,
     models,
+    landmark_calibration,
     uncertainty,
     polar_coordinates,
     lyapunov_law,
@@ -79,9 +72,7 @@ MODULES = (
     gate,
     adaptation,
     fix_correlation,
-    scalar_belief,
-    scalar_ekf,
-    scalar_filter,
+    gated_filter,
     sensing,
     late_fusion,
     closed_loop,
@@ -189,6 +180,8 @@ KEPT = (closed_loop.next_feedback, controller.SwitchingLaw.step)
 for _module in MODULES:
     for _function in _functions(_module):
         make_callable(_function, kept=_function in KEPT)
+for _function in _functions(ekf):
+    make_callable(_function, inline=False)  # loops over arrays gain nothing from their callers
 
 
 def make_law_callable(law: Law) -> str:

@@ -15,8 +15,8 @@ from diffbot_control.filter.gate import REJECTED, RELOCATED
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import largest_deviation
-from diffbot_sim.compiled.scalar_belief import Covariance
-from diffbot_sim.compiled.scalar_filter import Track, new_track
+from diffbot_sim.compiled.ekf import pose_of
+from diffbot_sim.compiled.gated_filter import Track, belief_of, new_arrays, new_track
 from diffbot_sim.compiled.sensing import Robot, observe
 from diffbot_sim.model.actuators import command_rows, delayed_command
 from diffbot_sim.model.philox import START_BLOCK, NoiseKey, direction, draw
@@ -115,49 +115,50 @@ def drive(case: OpenLoopCase, seed: int, run: int, history: Any) -> Tracking:
     t_s, delay = plant.sampling_time, plant.actuators.command_delay
     commands = np.zeros((command_rows(delay, t_s), 2))
     state = new_plant(start_of(seed, run))
-    track, newest_errors = new_track(case.robot.filter), NO_ERRORS
+    track, arrays, newest_errors = new_track(), new_arrays(case.robot.filter, case.robot.example), NO_ERRORS
+    belief = belief_of(arrays)
     sums = Sums(0.0, 0.0, 0.0, -1, 0.0, 0, 0.0, 0, 0, 0)
     end = 0.0
     for step in range(case.steps + 1):
         key = NoiseKey(seed, run, step)
-        track, newest_errors = observe(track, newest_errors, key, state, case.robot)
-        errors = errors_of(track, state.pose)
+        track, newest_errors = observe(track, arrays, newest_errors, key, state, case.robot)
+        errors = errors_of(belief, state.pose)
         end = math.hypot(errors.x, errors.y)
         if len(history) > 0:
-            _record(history, step, errors, track.belief.P)
+            _record(history, step, errors, belief["P"])
         if step > case.skipped:
-            sums = _summed(sums, case.robot, step, track, errors)
+            sums = _summed(sums, case.robot, step, track, errors, belief["P"])
         if step < case.steps:
             state = plant_step_at(key, state, delayed_command(commands, step, command, delay, t_s), plant)
     return _tracking(case, sums, end)
 
 
-def errors_of(track: Track, truth: Pose) -> Errors:
+def errors_of(belief: Any, truth: Pose) -> Errors:
     """Return the errors of the filter's estimate."""
-    estimate = track.belief.pose
+    estimate = pose_of(belief)
     return Errors(estimate.x - truth.x, estimate.y - truth.y, wrap_angle(estimate.theta - truth.theta))
 
 
-def nees_of(errors: Errors, P: Covariance) -> float:
-    """Return e' P^-1 e of the pose, by P = L L'."""
-    xx = math.sqrt(P.xx)
-    xy, xt = P.xy / xx, P.xt / xx
-    yy = math.sqrt(P.yy - xy * xy)
-    yt = (P.yt - xy * xt) / yy
-    tt = math.sqrt(P.tt - xt * xt - yt * yt)
+def nees_of(errors: Errors, P: Any) -> float:
+    """Return e' P^-1 e of the pose, by P = L L'; ``P`` is (n, n) with n >= 3."""
+    xx = math.sqrt(P[0, 0])
+    xy, xt = P[0, 1] / xx, P[0, 2] / xx
+    yy = math.sqrt(P[1, 1] - xy * xy)
+    yt = (P[1, 2] - xy * xt) / yy
+    tt = math.sqrt(P[2, 2] - xt * xt - yt * yt)
     a = errors.x / xx
     b = (errors.y - xy * a) / yy
     c = (errors.theta - xt * a - yt * b) / tt
-    return a * a + b * b + c * c
+    return float(a * a + b * b + c * c)
 
 
-def _record(history: Any, step: int, errors: Errors, P: Covariance) -> None:
+def _record(history: Any, step: int, errors: Errors, P: Any) -> None:
     row = history[step]
     row[0], row[1] = math.hypot(errors.x, errors.y), errors.theta
-    row[2], row[3] = largest_deviation(P.xx, P.xy, P.yy), math.sqrt(P.tt)
+    row[2], row[3] = largest_deviation(P[0, 0], P[0, 1], P[1, 1]), math.sqrt(P[2, 2])
 
 
-def _summed(sums: Sums, robot: Robot, step: int, track: Track, errors: Errors) -> Sums:
+def _summed(sums: Sums, robot: Robot, step: int, track: Track, errors: Errors, P: Any) -> Sums:
     """Add one step."""
     sensors, t_s = robot.sensors, robot.plant.sampling_time
     fixed = due(step, sensors.fix_rate, t_s)
@@ -171,7 +172,7 @@ def _summed(sums: Sums, robot: Robot, step: int, track: Track, errors: Errors) -
         sums.last_away if away <= AWAY else step,  # nan is away
         sums.nis + (track.newest.nis if alone else 0.0),
         sums.innovations + (1 if alone else 0),
-        sums.nees + nees_of(errors, track.belief.P),
+        sums.nees + nees_of(errors, P),
         sums.fixes + (1 if fixed else 0),
         sums.rejected + (1 if fixed and track.newest.fix_outcome == REJECTED else 0),
         sums.relocated + (1 if fixed and track.newest.fix_outcome == RELOCATED else 0),

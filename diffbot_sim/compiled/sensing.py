@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
-from diffbot_control.filter.models import Motion
+from diffbot_control.filter.models import Motion, TurnRate
+from diffbot_control.filter.options import FilterOptions
 from diffbot_core.geometry import Point, Pose
-from diffbot_core.kinematics import body_twist, encoder_covariance
-from diffbot_sim.compiled.scalar_belief import PoseFix
-from diffbot_sim.compiled.scalar_ekf import LandmarkMeasurement
-from diffbot_sim.compiled.scalar_filter import Track, advance, take_fix, take_heading, take_landmark
+from diffbot_core.kinematics import add_twist_covariance, body_twist, encoder_covariance
+from diffbot_sim.compiled.gated_filter import (
+    LandmarkMeasurement,
+    PoseFix,
+    Track,
+    advance,
+    take_fix,
+    take_heading,
+    take_landmark,
+    take_rate,
+)
 from diffbot_sim.model.philox import Draw, NoiseKey
 from diffbot_sim.model.plant import PlantConfig, PlantState
 from diffbot_sim.model.sensors import (
@@ -21,6 +30,8 @@ from diffbot_sim.model.sensors import (
     in_range,
     landmark_at,
     landmark_variances,
+    turn_rate_at,
+    turn_rate_due,
     uniform_variance,
 )
 
@@ -30,17 +41,21 @@ class Robot(NamedTuple):
 
     plant: PlantConfig
     sensors: SensorConfig
-    filter: Any
-    """FilterOptions; None for a feedback without a filter"""
+    filter: FilterOptions
     landmarks: Any
     """(n, 2) array of their x, y [m]"""
+    example: Any
+    """of the filter's arrays, see :func:`gated_filter.example_for`"""
 
 
-def observe(track: Any, errors: Draw, moment: NoiseKey, state: PlantState, robot: Robot) -> tuple[Any, Draw]:
+def observe(
+    track: Track, arrays: Any, errors: Draw, moment: NoiseKey, state: PlantState, robot: Robot
+) -> tuple[Track, Draw]:
     """Predict with the encoders, then correct with the fix, the heading and the landmarks that are due, none late.
 
     Args:
-        track: state of the filter, a :class:`Track`.
+        track: state of the filter.
+        arrays: of the filter, (1,), changed in place.
         errors: of the newest fix, NO_ERRORS before the first.
         moment: this step.
         state: of the plant.
@@ -53,23 +68,33 @@ def observe(track: Any, errors: Draw, moment: NoiseKey, state: PlantState, robot
     t_s, step = plant.sampling_time, moment.step
     if step > 0 and track.initialised:
         noise = encoder_covariance(state.encoder, plant.encoder_noise, plant.wheels)
-        twist = body_twist(state.encoder, plant.wheels)
-        track = advance(track, Motion(twist, t_s, noise), plant.wheels.wheel_separation, options)
+        twist, separation = body_twist(state.encoder, plant.wheels), plant.wheels.wheel_separation
+        motion = Motion(twist, t_s, noise, measured_rate(moment, state.twist.omega, t_s, sensors))
+        slip = take_rate(arrays, motion, separation, options)
+        motion = Motion(twist, t_s, add_twist_covariance(noise, slip), motion.rate)
+        track = advance(track, arrays, motion, separation, options)
     if due(step, sensors.fix_rate, t_s):
         fix = fix_at(moment, state.pose, errors, sensors)
         errors = fix.errors
         if not fix.lost:
             var_x, var_y, var_theta = fix_variances(sensors)
-            track = take_fix(track, PoseFix(fix.pose, var_x, var_y, var_theta), options)
+            track = take_fix(track, arrays, PoseFix(fix.pose, var_x, var_y, var_theta), options)
     if track.initialised and due(step, sensors.heading_rate, t_s):
         heading = heading_at(moment, state.pose, sensors)
-        track = take_heading(track, heading, uniform_variance(sensors.heading_error_max), options)
+        track = take_heading(track, arrays, heading, uniform_variance(sensors.heading_error_max), options)
     if track.initialised and due(step, sensors.landmark_rate, t_s):
-        track = take_landmarks(track, moment, state.pose, robot)
+        track = take_landmarks(track, arrays, moment, state.pose, robot)
     return track, errors
 
 
-def take_landmarks(track: Track, moment: NoiseKey, pose: Pose, robot: Robot) -> Track:
+def measured_rate(moment: NoiseKey, omega: float, sampling_time: float, sensors: SensorConfig) -> TurnRate:
+    """Return what the gyro measures of the mean turn rate ``omega`` [rad/s] over the step that ends now."""
+    if not turn_rate_due(moment.step, sensors, sampling_time):
+        return TurnRate(0.0, math.inf)
+    return TurnRate(turn_rate_at(moment, omega, sensors), uniform_variance(sensors.gyro_error_max))
+
+
+def take_landmarks(track: Track, arrays: Any, moment: NoiseKey, pose: Pose, robot: Robot) -> Track:
     """Correct with the landmarks in range of the true ``pose``."""
     sensors = robot.sensors
     var_range, var_bearing = landmark_variances(sensors)
@@ -78,5 +103,5 @@ def take_landmarks(track: Track, moment: NoiseKey, pose: Pose, robot: Robot) -> 
         if in_range(pose, x, y, sensors):
             distance, bearing = landmark_at(moment, index, pose, x, y, sensors)
             measured = LandmarkMeasurement(distance, bearing, Point(x, y), var_range, var_bearing)
-            track = take_landmark(track, measured, robot.filter)
+            track = take_landmark(track, arrays, measured, robot.filter)
     return track

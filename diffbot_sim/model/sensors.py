@@ -18,6 +18,7 @@ from diffbot_core.schema import Spec
 from diffbot_sim.model.philox import (
     FAULT_BLOCK,
     FIX_BLOCK,
+    GYRO_BLOCK,
     LANDMARK_BLOCK,
     Draw,
     NoiseKey,
@@ -70,6 +71,13 @@ class SensorConfig(NamedTuple):
     landmark_bearing_error_max: Annotated[
         float, Spec("bound of the error of a bearing", "rad", minimum=0.0, maximum=math.pi)
     ] = 0.05
+    gyro_rate: Annotated[float, Spec("rate of imu; 0: none; at most one a step", "Hz", minimum=0.0, maximum=1000.0)] = (
+        0.0
+    )
+    gyro_error_max: Annotated[
+        float, Spec("bound of the error of a turn rate, independent from step to step", "rad/s", 0.0, 10.0)
+    ] = 0.01
+    gyro_bias: Annotated[float, Spec("constant error of the turn rate", "rad/s", -1.0, 1.0)] = 0.02
 
 
 NO_ERRORS = Draw(math.nan, math.nan, math.nan, math.nan)
@@ -210,6 +218,17 @@ def fix_at(key: NoiseKey, pose: Pose, before: Draw, config: SensorConfig) -> Fix
 def heading_at(key: NoiseKey, pose: Pose, config: SensorConfig) -> float:
     """Measure the heading [rad] of the true ``pose`` at a step."""
     return measured_heading(pose, draw(key.seed, key.run, key.step, FIX_BLOCK), config)
+
+
+def turn_rate_at(key: NoiseKey, omega: float, config: SensorConfig) -> float:
+    """Measure the true mean turn rate ``omega`` [rad/s] over the step that ends now."""
+    noise = draw(key.seed, key.run, key.step, GYRO_BLOCK).a
+    return omega + config.gyro_bias + config.gyro_error_max * noise
+
+
+def turn_rate_due(step: int, config: SensorConfig, sampling_time: float) -> bool:
+    """Return True if the gyro measures at ``step``; at the first one nothing has turned yet."""
+    return step > 0 and due(step, config.gyro_rate, sampling_time)
 
 
 def in_range(pose: Pose, x: float, y: float, config: SensorConfig) -> bool:

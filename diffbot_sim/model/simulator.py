@@ -29,6 +29,8 @@ from diffbot_sim.model.sensors import (
     in_range,
     landmark_at,
     landmark_variances,
+    turn_rate_at,
+    turn_rate_due,
     uniform_variance,
 )
 
@@ -101,6 +103,17 @@ class LandmarkReading(NamedTuple):
     """of the landmark in the map"""
     landmark: Point
     """its position [m]"""
+
+
+class GyroReading(NamedTuple):
+    """A measured turn rate."""
+
+    stamp: int
+    """[ns]"""
+    rate: float
+    """[rad/s]"""
+    variance: float
+    """[rad^2/s^2] but for the bias"""
 
 
 class Arrivals(NamedTuple):
@@ -187,6 +200,14 @@ class World:
                 self._fixes.append((arrival, FixReading(self.stamp, fix.pose, self._fix_R)))
         landmarks = self._measure_landmarks(key) if due(step, sensors.landmark_rate, t_s) else []
         return Arrivals(_arrived(self._fixes, step), _arrived(self._headings, step), landmarks)
+
+    def turn_rate(self) -> GyroReading | None:
+        """Return what the gyro measures over the step that ends now; None if it is not due."""
+        config, sensors, step = self.config, self.config.sensors, self.state.step
+        if not turn_rate_due(step, sensors, config.plant.sampling_time):
+            return None
+        rate = turn_rate_at(NoiseKey(config.seed, config.run, step), self.state.twist.omega, sensors)
+        return GyroReading(self.stamp, rate, uniform_variance(sensors.gyro_error_max))
 
     def _measure_landmarks(self, key: NoiseKey) -> list[LandmarkReading]:
         sensors, pose = self.config.sensors, self.state.pose

@@ -27,6 +27,7 @@ from diffbot_core.ros.node import QUEUE, DiffbotNode
 from diffbot_core.ros.qos import TRANSFORMS
 from diffbot_sim.model.simulator import Arrivals, FixReading, HeadingReading, LandmarkReading, World
 from diffbot_sim.ros.beams import BeamTopics
+from diffbot_sim.ros.gyro import GyroTopic
 from diffbot_sim.ros.parameters import PlantNodeConfig
 
 
@@ -58,6 +59,7 @@ class PlantTopics:
         self._clouds = node.create_publisher(PointCloud2, "landmarks", QUEUE)
         self._joint_states = node.create_publisher(JointState, "joint_states", QUEUE)
         self._beams = BeamTopics(node)
+        self._gyro = GyroTopic(node)
         self._clocks = node.create_publisher(Clock, "/clock", QUEUE) if config.owns_time() else None
         self._transforms = None
         if config.publish_tf and TFMessage is None:
@@ -100,6 +102,7 @@ class PlantTopics:
         if arrivals.landmarks:
             self._send_landmarks(stamp, arrivals.landmarks)
         self._beams.publish(world)
+        self._gyro.publish(world)
         if self._joint_states.get_subscription_count():
             self._send_joint_states(stamp, world)
         in_odom = world.state.odometry

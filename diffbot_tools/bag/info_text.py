@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 from diffbot_bag.bag.foreign_files import shown
 from diffbot_bag.bag.qos import Qos
 from diffbot_bag.tools.bag_info import BagInfo, TopicInfo
-from diffbot_bag.tools.topic_figures import MAX_TIME
+from diffbot_bag.tools.topic_figures import MAX_TIME, TopicFigures
 
 _LABEL = 19
 """characters of a label, as rosbag2 prints it"""
 _SERVICE_EVENTS = "/_service_event"
-_HEAD = ("Topic", "rate [Hz]", "gap [s]", "lost", "latency [ms]", "p99 [ms]", "size", "QoS")
 
 
 def info_text(info: BagInfo) -> str:
@@ -36,7 +35,7 @@ def info_text(info: BagInfo) -> str:
         _line("Lost", "unknown" if info.lost is None else str(info.lost)),
     ]
     if any(topic.figures for topic in info.topics):
-        lines += ["", *_table([_HEAD, *(_row(topic) for topic in info.topics)])]
+        lines += ["", *_table([("Topic", *_COLUMNS), *map(_row, info.topics)])]
     return "\n".join(line.rstrip() for line in lines)
 
 
@@ -91,23 +90,6 @@ def _time_text(nanoseconds: int) -> str:
     return f"{date} {time.strftime('%H:%M:%S', local)}.{nanoseconds % 10**9:09d} ({_seconds(nanoseconds)})"
 
 
-def _row(topic: TopicInfo) -> tuple[str, ...]:
-    figures = topic.figures
-    if figures is None:
-        return (shown(topic.name), *("-" for _ in _HEAD[1:]))
-    latency = figures.latency
-    return (
-        shown(topic.name),
-        _number(figures.rate, 1.0, 2),
-        _number(figures.gap, 1.0, 3),
-        "-" if topic.lost is None else str(topic.lost),
-        _number(latency.median if latency else None, 1e3, 3),
-        _number(latency.p99 if latency else None, 1e3, 3),
-        size_text(figures.bytes),
-        qos_text(topic.qos),
-    )
-
-
 def qos_text(profiles: Iterable[Qos]) -> str:
     """Return reliability and durability of the publishers' offers in words, each combination once."""
     return ", ".join(dict.fromkeys(f"{one.reliability} {one.durability}" for one in profiles)) or "-"
@@ -117,9 +99,30 @@ def _number(value: float | None, factor: float, digits: int) -> str:
     return "-" if value is None else f"{value * factor:.{digits}f}"
 
 
+def _latency(figures: TopicFigures, name: str) -> float | None:
+    return getattr(figures.latency, name) if figures.latency else None
+
+
+_COLUMNS: dict[str, Callable[[TopicInfo, TopicFigures], str]] = {
+    "rate [Hz]": lambda _, figures: _number(figures.rate, 1.0, 2),
+    "gap [s]": lambda _, figures: _number(figures.gap, 1.0, 3),
+    "lost": lambda topic, _: "-" if topic.lost is None else str(topic.lost),
+    "latency [ms]": lambda _, figures: _number(_latency(figures, "median"), 1e3, 3),
+    "p99 [ms]": lambda _, figures: _number(_latency(figures, "p99"), 1e3, 3),
+    "size": lambda _, figures: size_text(figures.bytes),
+    "QoS": lambda topic, _: qos_text(topic.qos),
+}
+"""Columns of the table after the topic's name."""
+
+
+def _row(topic: TopicInfo) -> tuple[str, ...]:
+    figures = topic.figures
+    return (shown(topic.name), *("-" if figures is None else text(topic, figures) for text in _COLUMNS.values()))
+
+
 def _table(rows: Sequence[tuple[str, ...]]) -> list[str]:
-    widths = [max(len(row[column]) for row in rows) for column in range(len(_HEAD))]
-    ends = (0, len(_HEAD) - 1)
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    ends = (0, len(widths) - 1)
     return [
         "  ".join(
             f"{text:<{width}}" if column in ends else f"{text:>{width}}"

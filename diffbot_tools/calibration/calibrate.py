@@ -63,13 +63,19 @@ class Calibration(NamedTuple):
     after: Judged
 
 
-def calibrate(drives: list[Events], config: EkfNodeConfig, on_evaluation: Callable[[], object]) -> Calibration:
+def calibrate(
+    drives: list[Events],
+    config: EkfNodeConfig,
+    on_evaluation: Callable[[], object],
+    on_phase: Callable[[str], object] = lambda _: None,
+) -> Calibration:
     """Calibrate a robot.
 
     Args:
         drives: recorded with one robot.
         config: given parameters.
         on_evaluation: called after each evaluation of the likelihood, in any thread.
+        on_phase: called with a text for each part of the work that begins.
     """
     settings = search_settings(settings_of(config), drives, config)
     quantities, prior = quantities_of(drives, config), search_prior(drives, config)
@@ -81,14 +87,19 @@ def calibrate(drives: list[Events], config: EkfNodeConfig, on_evaluation: Callab
         made.on_evaluation = on_evaluation
         return made
 
+    measured, seconds = sum(len(one.measurements.time) for one in drives), sum(one.duration for one in drives)
+    on_phase(f"{measured} measurements in {seconds:.0f} s; searching {', '.join(one.name for one in quantities)}")
     first = fit(likelihood(train), _starts(quantities))
     if any((one.measurements.kind == FIX).any() for one in drives):
+        on_phase("trying errors of the fixes that are correlated in time")
         more = _with_correlation(likelihood(train), first)
         if more is not None:
             settings, quantities, first = more
     complete = likelihood([np.ones(len(one.measurements.time), dtype=bool) for one in coarse])
+    on_phase("refining with all measurements; constant errors of wheels and landmarks")
     found = fit(complete, [first.values])
     constants, covariance = constants_of(complete, found)
+    on_phase("judging on the half that was held out")
     before = [run_events(one, given_prior(config), settings_of(config)) for one in drives]
     after = [run_events(one, prior, with_values(settings, quantities, first.values)) for one in drives]
     held_out = [~one for one in train]

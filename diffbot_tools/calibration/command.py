@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,7 @@ from diffbot_tools.calibration.calibrate import Calibration, Judged, calibrate
 from diffbot_tools.calibration.events import Array, EventReader, Events
 from diffbot_tools.calibration.latency import Latency, latency_of, limits_of
 from diffbot_tools.calibration.parameters import Outcome, given_parameters, outcome_of, parameter_file
-from diffbot_tools.refilter.command import PARAMETERS, topics_of
+from diffbot_tools.refilter.command import check_exists, parameter_file_of, topics_of
 from diffbot_tools.refilter.parameters import read_config
 
 COMMANDS = "/cmd_vel"
@@ -46,14 +47,20 @@ def run(bags: list[Path], params: Path | None, out: Path, until: float, remap: d
         raise DiffbotError(f"{out} exists already: choose another name for the parameter file")
     if not out.absolute().parent.is_dir():
         raise DiffbotError(f"{out.parent} is no folder to write {out.name} to")
-    folder = bags[0] if bags[0].is_dir() else bags[0].parent
-    config, _ = read_config(folder / PARAMETERS if params is None else params)
+    for bag in bags:
+        check_exists(bag)
+    config, _ = read_config(parameter_file_of(bags[0]) if params is None else params)
     sources = config.localization.sources.pose_sources
     if sources:
         raise InvalidValueError("pose_sources", list(sources), "empty for calibrate: it knows global_pose alone")
     drives, commands = zip(*(read_drive(bag, config, until, remap) for bag in bags), strict=True)
     with tqdm(desc="calibrate", unit="run", disable=None) as bar:
-        calibration = calibrate(list(drives), config, bar.update)
+
+        def on_phase(text: str) -> None:
+            """Say what begins: on a terminal above the bar."""
+            bar.write(f"calibrate: {text}", file=sys.stderr)
+
+        calibration = calibrate(list(drives), config, bar.update, on_phase)
     outcome = outcome_of(calibration, config)
     delay = float(outcome.parameters["odometry_delay"])
     latency = _latency(list(drives), list(commands), delay)

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from diffbot_control.filter.gyro import GyroSample
 from diffbot_control.filter.measurements import (
     Heading,
     LandmarkMeasurement,
@@ -124,6 +125,9 @@ class Collector:
                 f"odometry has a gap of {(odometry.stamp - last) * S_PER_NS:.0f} s: at most {_MAX_GAP:g}"
             )
         self.segments.append((last, odometry))
+
+    def on_gyro(self, sample: GyroSample) -> None:
+        """Ignore a turn rate: the wheels are calibrated by what knows the pose."""
 
     def on_measurement(self, measurement: Measurement) -> None:
         """Add a measurement; the first fix puts the filter there.

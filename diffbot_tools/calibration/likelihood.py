@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import functools
-import inspect
 import math
 from pathlib import Path
-from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from diffbot_control.filter import correlation, landmark_calibration, odometry_noise
+from diffbot_control.filter import correlation, odometry_noise
 from diffbot_control.filter.options import options_of
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.code_hash import hash_of_folders
-from diffbot_tools.calibration import kernel, measurement_update, motion_update
+from diffbot_sim.compiled.ekf import LANDMARKS, POSE
+from diffbot_tools.calibration import kernel
 from diffbot_tools.calibration.events import Array, Events, Mask
-from diffbot_tools.calibration.settings import COLUMNS, STATES, TERM, WITH_BIAS, Settings
+from diffbot_tools.calibration.settings import COLUMNS, TERM, Settings
 
 
 class Prior(NamedTuple):
@@ -72,12 +71,13 @@ def settings_of(config: EkfNodeConfig) -> Settings:
 
 def run_events(events: Events, prior: Prior, settings: Settings) -> Filtered:
     """Filter a drive; the compiled code releases the interpreter's lock."""
-    n = WITH_BIAS if settings.fix_bias else STATES
-    x, P = np.zeros(n), np.zeros((n, n))
-    x[3:STATES] = prior.mean
-    P[range(3, STATES), range(3, STATES)] = np.square(prior.sigma)
+    arrays = np.zeros(1, kernel.FILTER)
+    x, P = arrays[0]["belief"]
+    constants = slice(POSE, LANDMARKS)
+    x[constants] = prior.mean
+    np.fill_diagonal(P[constants, constants], np.square(prior.sigma))
     result = np.zeros((len(events.measurements.time), COLUMNS))
-    compiled()(events.odometry, events.measurements, events.starts_from_fix, x, P, result, settings)
+    compiled()(events.odometry, events.measurements, events.starts_from_fix, arrays, result, settings)
     return Filtered(result, x, P)
 
 
@@ -97,19 +97,8 @@ def compiled() -> Any:
     # Loads numba, and so not at the import of this module.
     from diffbot_sim.compiled.jit import LIBRARIES, compile_kernel, make_callable  # noqa: PLC0415
 
-    for function in (
-        correlation.inflation_after,
-        landmark_calibration.with_landmark_errors,
-        odometry_noise.motion_density,
-        odometry_noise.over_time,
-    ):
+    for function in (correlation.inflation_after, odometry_noise.motion_density, odometry_noise.over_time):
         make_callable(function)
-    for module in (kernel, measurement_update, motion_update):
-        for function in _helpers(module):
-            make_callable(function, inline=False)
+    for helper in kernel.CALLED:
+        make_callable(helper, inline=False)
     return compile_kernel(kernel.run_filter, hash_of_folders([Path(kernel.__file__).parent], LIBRARIES))
-
-
-def _helpers(module: ModuleType) -> list[Any]:
-    functions = [one for _, one in inspect.getmembers(module, inspect.isfunction) if one.__module__ == module.__name__]
-    return [one for one in functions if one is not kernel.run_filter]

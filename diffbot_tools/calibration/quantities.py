@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from diffbot_control.filter.options import options_of
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_tools.calibration.events import FIX, HEADING, LANDMARK, Array, Events
 from diffbot_tools.calibration.likelihood import Prior
@@ -116,7 +117,7 @@ def search_prior(drives: list[Events], config: EkfNodeConfig) -> Prior:
         BEARING_OFFSET_SIGMA if bearings else 0.0,
     )
     sigma = np.array(wide)
-    # Priors of the landmarks in a parameter file are knowledge of the sensor; without them, the search is wide.
+    # The priors of the landmarks' sensor are those of the filter; where it has none, the search is wide.
     sigma[3:] = np.where((given.sigma[3:] > 0.0) & (sigma[3:] > 0.0), given.sigma[3:], sigma[3:])
     return Prior(given.mean, sigma)
 
@@ -128,7 +129,7 @@ def given_prior(config: EkfNodeConfig) -> Prior:
     radius = options.wheel_radius_sigma if calibrating else 0.0
     separation = options.wheel_separation_sigma if calibrating else 0.0
     mean = [float(getattr(options, name, 0.0)) for name in CONSTANTS]
-    landmarks = [float(getattr(options, f"{name}_sigma", 0.0)) for name in CONSTANTS[3:]]
+    landmarks = options_of(options, landmarks=bool(config.landmarks.landmark_ids)).landmark_sigmas
     return Prior(np.array(mean), np.array([radius, radius, separation, *landmarks]))
 
 

@@ -1,13 +1,10 @@
-"""Types of the compiled filter: its settings, its arrays, and the columns of its result."""
+"""Settings of the compiled filter, and the columns of its result."""
 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-STATES, WITH_BIAS = 9, 12
-OFFSET, SCALE, YAW, BIAS = 6, 7, 8, 9
-"""Indices of states."""
 NIS, NUMBERS, TERM, WHITE, INNOVATION, WEIGHT, COLUMNS = 0, 1, 2, 3, 6, 9, 10
 """Columns of the result: NIS, count of numbers, log likelihood, whitened innovation (3), innovation (3), weight."""
 MESSAGE, DENSITY, MOTION = 0, 1, 2
@@ -48,26 +45,3 @@ class Settings(NamedTuple):
     yaw_factor: float
     split: bool
     """move to each odometry stamp, as the filter does, although the twist does not change there with a delay"""
-
-
-class Work(NamedTuple):
-    """Belief of the filter, and arrays that are used again at each step."""
-
-    x: Any
-    """(n,) mean"""
-    P: Any
-    """(n, n) covariance"""
-    FP: Any
-    """(3, n) first rows of F P"""
-    H: Any
-    """(3, n)"""
-    PHT: Any
-    """(n, 3)"""
-    y: Any
-    """(3,)"""
-    R: Any
-    """(3, 3)"""
-    L: Any
-    """(3, 3) Cholesky factor"""
-    w: Any
-    """(3,)"""

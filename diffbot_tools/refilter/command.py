@@ -47,7 +47,8 @@ def run(bag: Path, params: Path | None, out: Path, compare: str | None, remap: d
     """
     if os.path.lexists(out):
         raise DiffbotError(f"{out} exists already: choose another name for the bag")
-    config, text = read_config(_parameter_file(bag) if params is None else params)
+    check_exists(bag)
+    config, text = read_config(parameter_file_of(bag) if params is None else params)
     with BagReader(bag) as reader:
         print_warning(reader)
         truth = None if compare is None else read_truth(reader, compare)
@@ -83,9 +84,11 @@ def topics_of(reader: BagReader, config: EkfNodeConfig, remap: dict[str, str]) -
     """Map the topics of a bag to :func:`inputs_of`; the further sources of fixes have to be in it, too.
 
     Raises:
-        DiffbotError: if the bag has no odometry or source of fixes, or a remapped topic is not in it.
+        DiffbotError: if the bag has no odometry or source of fixes, a remapped topic is not in it, or one is of another
+            type than the filter reads.
     """
-    names = {name: "/" + name.lstrip("/") for name in inputs_of(config)} | {
+    inputs = inputs_of(config)
+    names = {name: "/" + name.lstrip("/") for name in inputs} | {
         name: "/" + topic.lstrip("/") for name, topic in remap.items()
     }
     found = reader.topics
@@ -94,6 +97,9 @@ def topics_of(reader: BagReader, config: EkfNodeConfig, remap: dict[str, str]) -
             raise DiffbotError(
                 f"{reader.path} has no topic {names[name]} for {name}: it has {', '.join(sorted(found))}"
             )
+    for name, topic in names.items():
+        if topic in found and found[topic].type != inputs[name]:
+            raise DiffbotError(f"{reader.path}: {topic} is of type {found[topic].type}, {name} must be {inputs[name]}")
     return {topic: name for name, topic in names.items() if topic in found}
 
 
@@ -121,7 +127,22 @@ def drive(filtered: FilterRun, reader: BagReader, on_answer: Callable[[Answer, i
         raise DiffbotError(f"{reader.path}: no estimate: {reasons or 'no message'}")
 
 
-def _parameter_file(bag: Path) -> Path:
+def check_exists(bag: Path) -> None:
+    """Refuse a bag that is not there, before anything else is looked for beside it.
+
+    Raises:
+        DiffbotError: if there is neither a folder nor a file.
+    """
+    if not bag.expanduser().exists():
+        raise DiffbotError(f"no bag {bag}")
+
+
+def parameter_file_of(bag: Path) -> Path:
+    """Return the parameter file in the folder of a bag.
+
+    Raises:
+        DiffbotError: if there is none.
+    """
     folder = bag.expanduser() if bag.is_dir() else bag.expanduser().parent
     path = folder / PARAMETERS
     if not path.is_file():

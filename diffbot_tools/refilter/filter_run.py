@@ -16,17 +16,26 @@ from diffbot_control.filter.odometry import OdometryStep
 from diffbot_control.ros.messages.ekf import EkfInputs, corrected_twist
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_control.ros.sensors import sensors_of
+from diffbot_control.ros.sensors.fixes import POSE_MESSAGE
 from diffbot_control.ros.sensors.sensor import Sensor, fuse
 from diffbot_core.errors import BadMessageError
 from diffbot_core.kinematics import Twist
 
-INPUTS = ("global_pose", "heading", "landmarks", "initialpose", "odom", "joint_states")
-"""Topics that the filter reads, as the node names them."""
+INPUTS = {
+    "global_pose": POSE_MESSAGE,
+    "heading": "sensor_msgs/msg/Imu",
+    "imu": "sensor_msgs/msg/Imu",
+    "landmarks": "sensor_msgs/msg/PointCloud2",
+    "initialpose": POSE_MESSAGE,
+    "odom": "nav_msgs/msg/Odometry",
+    "joint_states": "sensor_msgs/msg/JointState",
+}
+"""Topics that the filter reads, as the node names them, and their types."""
 
 
-def inputs_of(config: EkfNodeConfig) -> tuple[str, ...]:
-    """Return INPUTS and the topics of further sensors of a configuration."""
-    return tuple(dict.fromkeys((*INPUTS, *(one.topic for one in sensors_of(config)))))
+def inputs_of(config: EkfNodeConfig) -> dict[str, str]:
+    """Return INPUTS and the topics of further sensors of a configuration, with their types."""
+    return INPUTS | {one.topic: one.message_type for one in sensors_of(config)}
 
 
 class Innovation(NamedTuple):
@@ -68,7 +77,8 @@ class RecordingLocalization(Localization):
 
     def __init__(self, config: EkfNodeConfig) -> None:
         """Start unknown."""
-        super().__init__(config.localization, config.wheels.wheel_separation, config.sensor_timeout)
+        separation, landmarks = config.wheels.wheel_separation, bool(config.landmarks.landmark_ids)
+        super().__init__(config.localization, separation, config.sensor_timeout, landmarks=landmarks)
         self.monitor = self._recorder = _RecordingMonitor()
         self.innovations: list[Innovation] = []
 

@@ -136,8 +136,13 @@ def test_held_up_recorder_counts_what_it_missed(driving, trials, tmp_path):
         for recorder, bag in recordings(driving, running, tmp_path):
             recorder.send(signal.SIGSTOP)
             driving.peer.spin_for(2.0)
+            since = time.time_ns()
             recorder.send(signal.SIGCONT)
             driving.until_moving()
+            # On a busy machine the robot is observed sooner than the recorder has gone on.
+            driving.peer.spin_until(
+                lambda bag=bag, since=since: true_poses(bag)[-1][0] > since, 20.0, "a pose after it"
+            )
             assert recorder.stop() == 0
             lost = int(re.search(r"(\d+) lost", recorder.output)[1])
             stamps = [stamp(truth) for _, truth in true_poses(bag)]

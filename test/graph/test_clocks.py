@@ -4,7 +4,7 @@ import itertools
 import time
 
 import pytest
-from robot import SIMULATED, planar, robot, stamp
+from robot import planar, robot, stamp
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
@@ -51,30 +51,3 @@ def test_reset_puts_it_back_without_turning_back_time(walking):
     walking.peer.spin_until(lambda: planar(walking.truths[-1].pose.pose) == (3.0, -1.0, 1.0), what="the start pose")
     stamps = [stamp(message) for message in walking.truths[count - 1 :]]
     assert all(after > before for before, after in itertools.pairwise(stamps))
-
-
-def test_scaled_clock_is_sent_for_each_step_stands_in_a_pause_and_nodes_follow_it():
-    plant = {"clock": "scaled", "real_time_factor": 5.0, "start_time": 5000.0, "start_paused": True}
-    with robot(plant, SIMULATED, SIMULATED, namespace="/scaled") as scaled:
-        clocks = scaled.peer.subscribe(Clock, "/clock", 1000)
-        scaled.peer.wait_for_publishers("/clock")
-        scaled.pause(False)
-
-        def reported():
-            """Return when the controller has made a report, by its own clock."""
-            reports = [one for one in scaled.diagnostics if one.status[0].name == "/scaled/controller"]
-            return reports[-1].header.stamp.sec if reports else 0
-
-        assert 5000 <= scaled.peer.spin_until(reported, what="a report in simulated time") < 6000
-        scaled.pause(True)
-        scaled.catch_up()
-        last = stamp(scaled.truths[-1])
-        scaled.peer.spin_for(0.7)
-        scaled.pause(False)
-        scaled.peer.spin_until(lambda: stamp(scaled.truths[-1]) > last, what="the next step")
-        after = [stamp(message) for message in scaled.truths if stamp(message) > last]
-        assert after[0] == last + PERIOD
-        scaled.peer.spin_until(
-            lambda: set(after) <= {message.clock.sec * 10**9 + message.clock.nanosec for message in clocks},
-            what="the time of each step on /clock",
-        )

@@ -120,16 +120,6 @@ def test_covariance_of_a_fix_is_its_own_or_that_of_the_parameters(start):
     assert np.diag(subject.move()[1]) == pytest.approx(R_FIX.diagonal(), rel=0.02)
 
 
-def test_a_further_source_of_fixes_has_its_own_deviations_and_delay(start):
-    """Its fix is measured 0.1 s before its stamp: the odometry of that time would be out of order otherwise."""
-    numbers = {"sigma_xy": 0.2, "sigma_yaw": 0.1, "delay": 0.1}
-    subject = start({"pose_sources": ["gps"], **{f"pose_source_{name}": [value] for name, value in numbers.items()}})
-    subject.send("gps", without_covariance(fix(subject.time + 0.2)))
-    pose, P = subject.move()
-    assert pose == pytest.approx(START_POSE)
-    assert np.diag(P) == pytest.approx([0.04, 0.04, 0.01])
-
-
 def cloud(time, points):
     message = timed(PointCloud2(), time)
     message.header.frame_id = "base_link"

@@ -16,19 +16,18 @@ def started(name, *arguments, folder):
     return graph.process(Path(sys.executable).parent / name, *arguments, env=environment, cwd=folder)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize(
-    ("command", "module", "status"),
+    ("command", "module", "number", "status"),
     [
-        (("controller_node",), "numpy", 0),
-        (("replay_node",), "rclpy", 0),
-        (("python", "-m", "diffbot_sim.plant_node"), "diffbot_control.ros.messages.fields", 0),
+        (("controller_node",), "numpy", signal.SIGINT, 0),
+        (("replay_node",), "rclpy", signal.SIGTERM, 0),
+        (("python", "-m", "diffbot_sim.plant_node"), "diffbot_control.ros.messages.fields", signal.SIGINT, 0),
         # Before the command is known, it is one that was interrupted; then it is a node.
-        (DIFFBOT_RUN, "diffbot_tools.run_command", 130),
-        (DIFFBOT_RUN, "rclpy", 0),
+        (DIFFBOT_RUN, "diffbot_tools.run_command", signal.SIGTERM, 130),
+        (DIFFBOT_RUN, "rclpy", signal.SIGINT, 0),
     ],
 )
-def test_a_signal_during_the_imports_ends_a_program_silently(command, module, status, number, tmp_path):
+def test_a_signal_during_the_imports_ends_a_program_silently(command, module, number, status, tmp_path):
     with started(*command, folder=tmp_path) as process:
         process.wait_for_output(f" {module}\n")
         assert process.stop(number) == status

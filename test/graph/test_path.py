@@ -92,18 +92,6 @@ def test_the_status_has_waypoint_finish_and_the_smallest_tolerance_of_the_newest
     assert found == pytest.approx(expected, abs=6e-5)
 
 
-def test_the_newest_of_goal_and_path_wins_and_both_are_cancelled(robot):
-    send_path(robot, path(ROUTE[:2]))
-    robot.send_goal(0.5, 0.5, 0.0)
-    robot.peer.spin_until(lambda: "waypoint" not in newest(robot), what="a status without a waypoint")
-    assert newest(robot)["goal"] == "0.5 0.5 0"
-    send_path(robot, path([(0.3, 0.4, 0.5)]))
-    assert newest(robot)["goal"] == "0.3 0.4 0.5"
-    assert robot.cancel().message == "cancelled"
-    robot.peer.spin_until(lambda: robot.states[-1].message == "idle", what="idle")
-    assert not {"waypoint", "goal"} & set(newest(robot))
-
-
 def test_bad_paths_are_dropped_and_counted_and_change_nothing(robot):
     # A pose without a frame is in that of its path.
     send_path(robot, path(ROUTE[:2], pose_frame=""))
@@ -129,12 +117,3 @@ def test_bad_paths_are_dropped_and_counted_and_change_nothing(robot):
     robot.peer.spin_until(counted, what=f"the counts of {list(bad)}")
     after = newest(robot)
     assert (after["goal"], after["waypoint"]) == (before["goal"], before["waypoint"])
-
-
-def test_ten_thousand_poses_are_taken_and_driven_to(robot):
-    goals = [(3.0 * math.cos(0.001 * number), 3.0 * math.sin(0.001 * number), 0.0) for number in range(10_000)]
-    send_path(robot, path(goals))
-    assert newest(robot)["goal"] == "3 0 0"
-    begin = stamp(robot.truths[-1])
-    run(robot, lambda: stamp(robot.truths[-1]) >= begin + 2 * 10**9, "two more seconds")
-    assert robot.states[-1].message == "driving"

@@ -25,7 +25,7 @@ TOPICS = {
     "/diagnostics": DiagnosticArray,
 }
 SILENT = {
-    *("goal_pose", "path", "initialpose", "landmarks", "clock", "tf"),
+    *("goal_pose", "path", "initialpose", "imu", "landmarks", "clock", "tf"),
     *("controller/transition_event", "ekf/transition_event"),
     *("controller/goal_status", "controller/goal_results", "controller/goal_feedback"),
 }

@@ -3,44 +3,25 @@
 import signal
 
 import graph
-import pytest
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TwistStamped
-from lockstep_drive import PERIOD, START, STEPS, assert_same_path, go
+from lockstep_drive import assert_same_path, go
 from nav_msgs.msg import Odometry
 from robot import distance, lockstep, planar, pose_stamped, robot, stamp, twist
 
 from diffbot_bag.bag.reader import BagReader
+from diffbot_tools import cli
 
 GOAL = (3.0, -1.0, 2.5)
 WORLD = {"seed": 11, "fix_delay": 0.3, "fix_dropout": 0.3, "fix_outlier": 0.1, "initial_pose.yaw": -2.0}
 STAMPED = {"enable_stamped_cmd_vel": True}
 
 
-def drive(only):
-    """Return the answers to the first steps and the poses, by stamp, and the true path."""
-    with lockstep({**WORLD, **STAMPED}, controller=STAMPED, stamped=True, only=only) as running:
-        path = go(running, GOAL)
+def test_commands_and_poses_are_those_of_two_nodes():
+    """As in test_lockstep.py: two nodes drive the path of the closed loop."""
+    with lockstep({**WORLD, **STAMPED}, controller=STAMPED, stamped=True, only=("robot", "plant")) as running:
+        assert_same_path(go(running, GOAL), GOAL, WORLD)
         running.catch_up()
-        stamps = range(START, START + STEPS * PERIOD, PERIOD)
-        commands = {stamp(command): twist(command) for command in running.commands}
-        poses = {stamp(pose): planar(pose.pose.pose) for pose in running.poses}
         assert running.commands[0].header.frame_id == "base_link"
-        return {when: commands.get(when) for when in stamps}, {when: poses.get(when) for when in stamps}, path
-
-
-def test_commands_and_poses_are_those_of_two_nodes_to_the_bit():
-    commands, poses, path = drive(("robot", "plant"))
-    apart, poses_apart, path_apart = drive(("ekf", "controller", "plant"))
-    known = [when for when in commands if commands[when] and apart[when]]
-    # The test's node may discover the topics during the first steps.
-    assert len(known) >= STEPS - 5
-    assert {commands[when] for when in known} != {(0.0, 0.0)}
-    assert [commands[when] for when in known] == [apart[when] for when in known]
-    seen = [when for when in known if poses[when] and poses_apart[when]]
-    assert len(seen) >= STEPS // 2
-    assert [poses[when] for when in seen] == [poses_apart[when] for when in seen]
-    assert path[STEPS] == path_apart[STEPS]
-    assert_same_path(path, GOAL, WORLD)
 
 
 def test_a_pose_of_another_topic_is_subscribed_to():
@@ -81,20 +62,16 @@ def test_robot_plant_and_recorder_in_one_process(tmp_path):
     assert bytes(last.data)[4:] == bytes(48)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "status", "text"),
-    [
-        (("robot", "--with", "ekf"), 1, "--with = 'ekf': must be each node once, ekf is in it twice"),
-        (("robot", "--with", "wheels"), 2, "argument --with: invalid choice: 'wheels'"),
-        (("robot", "--with", "plant", "--ros-args", "-p", "plant:clock:=sundial"), 1, "error: clock = 'sundial'"),
-        # A bag that exists, before anything moves.
-        (("robot", "--with", "recorder", "--ros-args", "-p", "recorder:uri:=/"), 1, "error: / exists already"),
-    ],
-)
-def test_wrong_usage_is_one_line(arguments, status, text):
+def test_a_node_twice_is_refused_in_one_line(kept_signal_handlers, capsys):
+    assert cli.main(["run", "robot", "--with", "ekf"]) == 1
+    assert "--with = 'ekf': must be each node once, ekf is in it twice" in capsys.readouterr().err
+
+
+def test_a_bag_that_exists_is_refused_before_anything_moves():
+    arguments = ("robot", "--with", "recorder", "--ros-args", "-p", "recorder:uri:=/")
     with graph.diffbot("run", *arguments) as process:
-        assert process.wait() == status
-        assert sum(text in line for line in process.output.splitlines()) == 1
+        assert process.wait() == 1
+        assert sum("error: / exists already" in line for line in process.output.splitlines()) == 1
         assert "Traceback" not in process.output
         assert "]: ready" not in process.output
 

@@ -1,5 +1,6 @@
-"""Each part of the benchmarks runs in its short form and gives plausible figures; no speed is asserted."""
+"""The benchmarks can be imported, cheap ones run in their short form with plausible figures; no speed is asserted."""
 
+import importlib
 import json
 import math
 import subprocess
@@ -7,13 +8,12 @@ import sys
 from pathlib import Path
 
 import pytest
-import requirements
 import run
 from measures import OURS, Measure, Pair, make_row
 
 ROOT = Path(__file__).resolve().parents[2]
-PARTS = [part for part in run.PARTS if part != "page" or requirements.browser()]
-"""Without a browser nothing can be measured of the page."""
+PARTS = ("recorder", "replay", "repair", "cut")
+"""The others compile, draw or drive for a minute in their shortest form."""
 EXACT = {
     ("recorder", "missing"): 0,
     ("recorder", "latched"): 0,
@@ -32,6 +32,14 @@ def measure(quick, folder):
 pytestmark = [pytest.mark.graph, pytest.mark.timeout(900)]
 
 
+@pytest.mark.parametrize("part", run.PARTS)
+def test_every_part_can_be_imported_and_names_each_measure_once(part):
+    module = importlib.import_module(f"part_{part}")
+    keys = [one.key for one in module.MEASURES]
+    assert len(set(keys)) == len(keys) > 0
+    assert callable(module.measure)
+
+
 @pytest.fixture(scope="module")
 def quick(tmp_path_factory):
     """Run the short form of all parts once; return its result."""
@@ -41,7 +49,7 @@ def quick(tmp_path_factory):
     return json.loads(out.read_text()), done
 
 
-def test_all_parts_run_and_are_named_with_their_conditions(quick):
+def test_parts_run_and_are_named_with_their_conditions(quick):
     result, done = quick
     assert done.returncode == 0, done.stderr
     assert {name: part["error"] for name, part in result["parts"].items()} == dict.fromkeys(PARTS, "")

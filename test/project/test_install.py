@@ -73,17 +73,16 @@ def wheel(unpacked, tmp_path_factory):
     return build("wheel", unpacked, tmp_path_factory.mktemp("wheel"))
 
 
-@pytest.fixture(scope="module", params=["pip", "colcon"])
-def installation(request, tmp_path_factory):
-    if request.param == "pip":
-        return Installation("true", Path(sys.prefix), Path(sys.prefix))
+@pytest.fixture(scope="module")
+def workspace(unpacked, tmp_path_factory):
+    """Return what colcon builds of the sdist."""
     # In a folder of its own: its plug-ins must not enter the environment.
-    folder, workspace = (tmp_path_factory.mktemp(name) for name in ("colcon", "workspace"))
+    folder, root = (tmp_path_factory.mktemp(name) for name in ("colcon", "workspace"))
     run(*PIP, "install", *PINNED, "--no-build-isolation", "--target", folder, *COLCON)
-    command = [sys.executable, folder / "bin" / "colcon", "build", "--base-paths", request.getfixturevalue("unpacked")]
-    run(*command, cwd=workspace, PYTHONPATH=str(folder), AMENT_PREFIX_PATH=sys.prefix)
-    prefix = workspace / "install" / "diffbot"
-    return Installation(f". {shlex.quote(str(prefix.parent / 'setup.sh'))}", prefix, workspace)
+    command = [sys.executable, folder / "bin" / "colcon", "build", "--base-paths", unpacked]
+    run(*command, cwd=root, PYTHONPATH=str(folder), AMENT_PREFIX_PATH=sys.prefix)
+    prefix = root / "install" / "diffbot"
+    return Installation(f". {shlex.quote(str(prefix.parent / 'setup.sh'))}", prefix, root)
 
 
 def in_shell(installation, program, *arguments):
@@ -135,7 +134,7 @@ def test_a_clean_environment_runs_what_needs_no_ros_and_says_in_one_line_what_do
         assert "extra jazzy" in line
 
 
-def test_every_node_comes_up_where_ros2_run_looks_and_ends_cleanly(installation, tmp_path):
+def test_every_node_comes_up_where_ros2_run_looks_and_ends_cleanly(workspace, tmp_path):
     # Of its own for each run: the graph remembers a node that died for a while.
     names = {f"{node}_{uuid.uuid4().hex}": node for node in NODES}
     # An hour, so that playing it does not end by itself.
@@ -145,7 +144,7 @@ def test_every_node_comes_up_where_ros2_run_looks_and_ends_cleanly(installation,
         for name, node in names.items():
             arguments = ["--ros-args", "-r", f"__node:={name}"]
             arguments += ["-p", f"uri:={tmp_path / 'bag'}"] if node == "replay_node" else []
-            command = in_shell(installation, installation.prefix / "lib" / "diffbot" / node, *arguments)
+            command = in_shell(workspace, workspace.prefix / "lib" / "diffbot" / node, *arguments)
             options = {"cwd": tmp_path, "env": environment_of_wheels(tmp_path)}
             running[name] = stack.enter_context(graph.process(*command, **options))
         peer = stack.enter_context(graph.peer("observer"))
@@ -160,7 +159,12 @@ def test_every_node_comes_up_where_ros2_run_looks_and_ends_cleanly(installation,
         assert {names[name]: process.wait() for name, process in running.items()} == dict.fromkeys(NODES, 0)
 
 
-def test_ros_finds_command_modules_launch_and_configuration(installation, tmp_path):
+@pytest.mark.parametrize("made_by", ["pip", "colcon"])
+def test_ros_finds_command_modules_launch_and_configuration(made_by, request, tmp_path):
+    of_pip = Installation("true", Path(sys.prefix), Path(sys.prefix))
+    installation = of_pip if made_by == "pip" else request.getfixturevalue("workspace")
+    assert {path.name for path in (installation.prefix / "lib" / "diffbot").iterdir()} >= {*NODES, "diffbot"}
+
     def printed(*program):
         command, environment = in_shell(installation, *program), environment_of_wheels(tmp_path)
         return subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True).stdout

@@ -40,6 +40,7 @@ def project(tmp_path, monkeypatch):
     monkeypatch.setattr(trust, "ROOT", tmp_path)
     monkeypatch.setattr(trust, "RESULTS", tmp_path / "docs" / "results")
     monkeypatch.setattr(trust, "LOGS", tmp_path / "out")
+    monkeypatch.setattr(trust, "LOOPS", 1)
     return tmp_path
 
 

@@ -56,18 +56,6 @@ def test_scenario_a_with_the_filter_ends_near_the_goal_in_each_of_ten_runs():
         assert math.sqrt((error**2).mean()) < 0.12, f"run {run}"
 
 
-@pytest.mark.parametrize(("bearing", "heading"), [(0.0, 0.0), (1.0, 220.0), (2.0, 220.0), (3.0, 0.0), (-2.0, 0.0)])
-def test_scenario_b_without_noise_comes_to_rest_from_every_side(bearing, heading):
-    # An equilibrium of law (17): heading 0, no speed. What is left of the distance is at most the entry's radius.
-    start = StartPose(12.0 * math.cos(bearing), 12.0 * math.sin(bearing), math.radians(heading))
-    recording = simulate(QUIET._replace(start=start), PAPER, GOAL, 600, TRUTH)
-    x, y, theta = recording.truth[-1]
-    assert math.hypot(x, y) < 0.5
-    assert abs(theta) < 1e-3
-    assert np.abs(recording.command[-1]).max() < 1e-2
-    assert abs(x) < 0.05
-
-
 @pytest.mark.parametrize("exact_arc", [True, False])
 def test_each_command_moves_the_robot_from_its_row_to_the_next(exact_arc):
     config = QUIET._replace(plant=QUIET.plant._replace(exact_arc=exact_arc))

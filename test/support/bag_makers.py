@@ -54,19 +54,15 @@ def mcap_writing(stream, topics, definitions=None, chunk_size=1000, compression=
     writer.finish()
 
 
-def write_rosbags(folder, messages, offers=None, compression=None):
+def write_rosbags(folder, messages, offers=None):
     """Write a bag with rosbags, which gives no sequence numbers.
 
     Args:
         folder: of the bag.
         messages: topic, log time [ns], type and data (CDR) of each.
         offers: QoS of the publishers of a topic.
-        compression: mode and format of rosbags.
     """
-    writer = RosbagsWriter(folder, version=9, storage_plugin=StoragePlugin.MCAP)
-    if compression:
-        writer.set_compression(*compression)
-    with writer:
+    with RosbagsWriter(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         connections = {}
         for topic, time, kind, data in messages:
             if topic not in connections:

@@ -11,7 +11,6 @@ from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap.writer import IndexType
 from rosbags.highlevel import AnyReader
-from rosbags.rosbag2 import CompressionFormat, CompressionMode
 
 from diffbot_bag.bag.message_definitions import MessageDefinitions
 from diffbot_bag.bag.qos import Qos, dump_profiles
@@ -66,7 +65,7 @@ MCAP_OPTIONS = {
 }
 MESSAGE = struct.Struct("<BQHIQ")
 """Opcode, length, channel, sequence number and log time."""
-MAKERS = (*MCAP_OPTIONS, "rosbags", "rosbags zstd")
+MAKERS = (*MCAP_OPTIONS, "rosbags")
 
 
 def write_mcap(path, messages, topics=TOPICS, chunk_size=4000, extras=(), **options):
@@ -96,8 +95,7 @@ def write_bag(folder, maker, messages=None, topics=TOPICS):
         folder.mkdir()
         return write_mcap(folder / "other.mcap", messages, topics, **MCAP_OPTIONS[maker])
     rows = ((one.topic, one.log_time, topics[one.topic][0], one.data) for one in messages)
-    packed = (CompressionMode.STORAGE, CompressionFormat.ZSTD) if maker == "rosbags zstd" else None
-    return write_rosbags(folder, rows, {topic: qos for topic, (_, qos) in topics.items()}, packed)
+    return write_rosbags(folder, rows, {topic: qos for topic, (_, qos) in topics.items()})
 
 
 def files_of(path):

@@ -82,24 +82,24 @@ PROMISES = {
         "goals at 1 kHz", "p99 of the control period at most 1.5 times the quiet one", 4, 1, 1.5, "quiet p99"
     ),
     "hostile messages": Promise(
-        "messages with hostile values on every input", "all nodes live, outputs finite", 100_000, 2000, unit="message"
+        "messages with hostile values on every input", "all nodes live, outputs finite", 100_000, 1000, unit="message"
     ),
     "mutated bodies": Promise(
-        "messages with mutated CDR bodies on every input", "all nodes live, outputs finite", 10_000, 500, unit="message"
+        "messages with mutated CDR bodies on every input", "all nodes live, outputs finite", 10_000, 300, unit="message"
     ),
     "hostile calls": Promise(
         "parameter calls with hostile names, types and values",
         "all are answered; all nodes live",
         3000,
-        100,
+        60,
         unit="call",
     ),
     "disk full": Promise(
         "the disk is full while recording", "status 1, one ERROR, what was written is readable", 10, 2
     ),
-    "end controller": Promise("SIGINT or SIGTERM to the controller", f"{_END}", 20, 2, 2.0),
+    "end controller": Promise("SIGINT or SIGTERM to the controller", f"{_END}", 20, 1, 2.0),
     "end controller, stop": Promise(
-        "SIGINT or SIGTERM to the driving controller", "zero received on cmd_vel within 0.2 s", 20, 2, 0.2
+        "SIGINT or SIGTERM to the driving controller", "zero received on cmd_vel within 0.2 s", 20, 1, 0.2
     ),
     "end, last command": Promise(
         "SIGINT and SIGTERM to a node of a driving robot, four busy loops beside it",
@@ -110,9 +110,9 @@ PROMISES = {
     "end controller, reader stopped": Promise(
         "SIGINT or SIGTERM to the controller while a reader of cmd_vel is held up", f"{_END}, zero received", 10, 1, 2.0
     ),
-    "end ekf": Promise("SIGINT or SIGTERM to ekf", _END, 20, 2, 2.0),
-    "end plant": Promise("SIGINT or SIGTERM to the plant", _END, 20, 2, 2.0),
-    "end recorder": Promise("SIGINT or SIGTERM to the recorder", f"{_END}, the bag is closed", 20, 2, 2.0),
-    "end robot": Promise("SIGINT or SIGTERM to robot_node", f"{_END}, zero received", 20, 2, 2.0),
-    "end at start": Promise("SIGINT or SIGTERM while a node starts", _END, 50, 5, 2.0),
+    "end ekf": Promise("SIGINT or SIGTERM to ekf", _END, 20, 1, 2.0),
+    "end plant": Promise("SIGINT or SIGTERM to the plant", _END, 20, 1, 2.0),
+    "end recorder": Promise("SIGINT or SIGTERM to the recorder", f"{_END}, the bag is closed", 20, 1, 2.0),
+    "end robot": Promise("SIGINT or SIGTERM to robot_node", f"{_END}, zero received", 20, 1, 2.0),
+    "end at start": Promise("SIGINT or SIGTERM while a node starts", _END, 50, 3, 2.0),
 }

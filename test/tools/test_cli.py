@@ -15,18 +15,10 @@ from diffbot_tools.goal_command import ENDS, INTERRUPTED, TIMED_OUT
 DIFFBOT = (sys.executable, "-m", "diffbot_tools.cli")
 WRONG = {
     "unknown command": ["dance"],
-    "unknown flag": ["demo", "--fast"],
     "seed is no number": ["demo", "--seed", "abc"],
-    "seed is too large": ["demo", "--seed", str(2**63)],
     "domain is too large": ["demo", "--domain", "233"],
-    "unknown node beside another": ["run", "robot", "--with", "coffee"],
-    "argument of no node": ["run", "plant", "now"],
-    "rate is no number": ["replay", "somewhere", "--rate", "fast"],
     "a goal without yaw": ["goal", "1", "2"],
-    "x is no number": ["goal", "left", "2", "0"],
     "x is nan": ["goal", "nan", "2", "0"],
-    "x is too far": ["goal", "1e8", "2", "0"],
-    "yaw is huge": ["goal", "1", "2", "1e4"],
     "timeout is no number": ["goal", "1", "2", "0", "--timeout", "soon"],
     "timeout is zero": ["goal", "1", "2", "0", "--timeout", "0"],
 }

@@ -34,6 +34,8 @@ class States(NamedTuple):
     """errors of the wheels"""
     landmarks: slice = slice(3, 3)
     """errors of the sensor of landmarks"""
+    gyro: slice = slice(3, 3)
+    """bias of the gyro"""
     landmark_errors: LandmarkErrors = NO_ERRORS
     """the same, where they are no states but known"""
 
@@ -57,6 +59,9 @@ class Measurement(ABC):
     may_reset: ClassVar[bool] = True
     """a streak of rejections resets the pose; False where something else may have been measured than what is expected,
     as an obstacle in front of a wall"""
+    is_of_motion: ClassVar[bool] = False
+    """it measures the motion, not the pose: beyond the gate it is weighed by bound / NIS, and it ends no streak of
+    rejections"""
 
     @property
     @abstractmethod

@@ -9,7 +9,7 @@ import numpy as np
 
 from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.measurements import PoseFix
-from diffbot_control.filter.models import RadiusErrors, with_radius_errors, with_separation_error
+from diffbot_control.filter.models import WheelErrors, with_wheel_errors
 from diffbot_control.filter.odometry import OdometryStep
 from diffbot_control.ros.frames import robot_frame
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
@@ -63,9 +63,8 @@ def corrected_twist(measured: Twist, ekf: GatedFilter, wheel_separation: float) 
     wheels = ekf.wheels()
     if wheels is None:
         return measured
-    left, right, *separation = wheels.errors.tolist()
-    twist = with_radius_errors(measured, RadiusErrors(left, right), wheel_separation)
-    return with_separation_error(twist, separation[0]) if separation else twist
+    found = wheels.errors.tolist()
+    return with_wheel_errors(measured, WheelErrors(*found, *[0.0] * (3 - len(found))), wheel_separation)
 
 
 def error_values(ekf: GatedFilter) -> dict[str, str]:
@@ -75,6 +74,9 @@ def error_values(ekf: GatedFilter) -> dict[str, str]:
         if estimate is not None:
             for name, error, variance in zip(names, estimate.errors, np.diagonal(estimate.P), strict=False):
                 found[f"{name} error"] = f"{error:+.4f} +- {math.sqrt(max(variance, 0.0)):.4f}"
+    bias = ekf.gyro_bias()
+    if bias is not None:
+        found["gyro bias"] = f"{bias.errors.item(0):+.4f} +- {math.sqrt(max(bias.P.item(0), 0.0)):.4f}"
     c = ekf.fix_correlation()
     if c is not None:
         found["correlation of neighbouring fixes found"] = f"{c:.2f}"

@@ -19,7 +19,7 @@ _MIN_SIGMA, _MAX_SIGMA = 1e-4, 1e3
 """Standard deviations [m], [rad] that a filter can compute with."""
 
 
-_TOPICS = ("global_pose", "heading", "landmarks", "initialpose", "odom", "joint_states")
+_TOPICS = ("global_pose", "heading", "imu", "landmarks", "initialpose", "odom", "joint_states")
 """Inputs whose topics are fixed."""
 
 
@@ -48,6 +48,15 @@ class SensorNoise(NamedTuple):
         float,
         Spec("deviation of heading without a usable covariance; 0: drop it", "rad", minimum=0.0, maximum=_MAX_SIGMA),
     ] = 0.0
+    gyro_sigma: Annotated[
+        float,
+        Spec(
+            "deviation of the turn rate of imu without a usable covariance; 0: drop it",
+            "rad/s",
+            minimum=0.0,
+            maximum=_MAX_SIGMA,
+        ),
+    ] = 0.01
     landmark_range_sigma: Annotated[
         float, Spec("deviation of a range to a landmark without variances", "m", minimum=_MIN_SIGMA, maximum=_MAX_SIGMA)
     ] = 0.06
@@ -68,7 +77,7 @@ class SensorNoise(NamedTuple):
         Raises:
             InvalidValueError: if one is neither 0 nor at least 1e-4.
         """
-        for name in ("global_pose_sigma_xy", "global_pose_sigma_yaw", "heading_sigma"):
+        for name in ("global_pose_sigma_xy", "global_pose_sigma_yaw", "heading_sigma", "gyro_sigma"):
             if 0.0 < getattr(self, name) < _MIN_SIGMA:
                 raise InvalidValueError(name, getattr(self, name), f"0 or >= {_MIN_SIGMA:g}")
 

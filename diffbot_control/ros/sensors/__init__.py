@@ -5,6 +5,7 @@ from __future__ import annotations
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_control.ros.sensors.beams import beam_sensors
 from diffbot_control.ros.sensors.fixes import fix_sensors
+from diffbot_control.ros.sensors.gyro import Gyro
 from diffbot_control.ros.sensors.heading import Compass
 from diffbot_control.ros.sensors.landmarks import LandmarkSensor
 from diffbot_control.ros.sensors.sensor import Sensor
@@ -15,4 +16,6 @@ def sensors_of(config: EkfNodeConfig) -> list[Sensor]:
     sensors: list[Sensor] = [*fix_sensors(config), Compass(config)]
     if config.landmarks.landmark_ids:
         sensors.append(LandmarkSensor(config))
+    if config.localization.filter.use_gyro:
+        sensors.append(Gyro(config))
     return [*sensors, *beam_sensors(config)]

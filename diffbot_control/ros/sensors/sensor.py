@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
+from diffbot_control.filter.gyro import GyroSample
 from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.measurements import Measurement
 from diffbot_core.errors import BadMessageError
@@ -21,6 +22,8 @@ class Reading(NamedTuple):
     """the covariance is that of the parameters"""
     unknown: int = 0
     """number of landmarks and the like that the map does not have"""
+    gyro: GyroSample | None = None
+    """a turn rate"""
 
 
 class Sensor(Protocol):
@@ -42,8 +45,10 @@ def fuse(reading: Reading, localization: Localization, drop: Callable[[BadMessag
     """Fuse the measurements of a message; of several, each bad one is dropped for itself.
 
     Raises:
-        BadMessageError: if there is one measurement only, and it cannot be used.
+        BadMessageError: if there is one measurement only, or a turn rate, and it cannot be used.
     """
+    if reading.gyro is not None:
+        localization.on_gyro(reading.gyro)
     if len(reading.measurements) == 1:
         localization.on_measurement(reading.measurements[0])
         return

@@ -1,1 +1,1 @@
-"""What the arena's runs come to: statistics as text, pages, figures and targets."""
+"""What the arena's runs come to: statistics as text, figures and targets."""

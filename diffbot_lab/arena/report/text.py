@@ -1,4 +1,4 @@
-"""The law's benchmark as tables for a terminal; pages.py has those of the docs."""
+"""The law's benchmark as tables for a terminal."""
 
 from __future__ import annotations
 

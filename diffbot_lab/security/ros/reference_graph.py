@@ -43,6 +43,7 @@ REPLAYED = {
     "global_pose": "geometry_msgs/msg/PoseWithCovarianceStamped",
     "ground_truth": "nav_msgs/msg/Odometry",
     "heading": "sensor_msgs/msg/Imu",
+    "imu": "sensor_msgs/msg/Imu",
     "joint_states": "sensor_msgs/msg/JointState",
     "landmarks": "sensor_msgs/msg/PointCloud2",
     "odom": "nav_msgs/msg/Odometry",
@@ -111,7 +112,7 @@ def _nodes(folder: Path) -> dict[str, tuple[str, dict[str, Any]]]:
     replay = {"uri": str(bag), "clock": 100.0, "start_paused": True, "wait_timeout": 0.0}
     return {
         "plant": ("diffbot_sim.plant_node", {"clock": "scaled", "start_paused": True, **_LANDMARK}),
-        "ekf": ("diffbot_control.ekf_node", {**_SIMULATED, **_LANDMARK}),
+        "ekf": ("diffbot_control.ekf_node", {**_SIMULATED, **_LANDMARK, "use_gyro": True}),
         "controller": ("diffbot_control.controller_node", _SIMULATED),
         "recorder": ("diffbot_bag.recorder_node", recorder),
         "replay": ("diffbot_bag.replay_node", replay),

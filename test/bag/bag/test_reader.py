@@ -6,11 +6,10 @@ from pathlib import Path
 
 import pytest
 import yaml
-from bag_makers import BEGIN, POINT, point, write_rosbags
+from bag_makers import BEGIN, POINT, point
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType
 from mcap.writer import Writer as McapWriter
-from rosbags.highlevel import AnyReader
 
 from diffbot_bag.bag.qos import Qos
 from diffbot_bag.bag.reader import BagReader
@@ -30,9 +29,6 @@ def write_bag(folder, first=0, count=300, **options):
         writer.write(a, point(index), time, time - 1)
     writer.close()
     return folder
-
-
-ROWS = [("/a", BEGIN + index, POINT, point(index)) for index in range(5)]
 
 
 @pytest.fixture(scope="module")
@@ -82,20 +78,6 @@ def test_topics_and_range_select(bag):
             ("/b", BEGIN + 9 * STEP + STEP // 2),
         ]
         assert reader.last_before(BEGIN, ["/a"]) == reader.last_before(BEGIN + STEP, []) == []
-
-
-@pytest.mark.parametrize("maker", [write_bag, lambda folder: write_rosbags(folder, ROWS)], ids=["ours", "rosbags"])
-def test_decoded_values_are_those_rosbags_decodes(tmp_path, maker):
-    bag = maker(tmp_path / "run")
-    with BagReader(bag) as reader, AnyReader([bag]) as other:
-        decoded = [(m.topic, m.log_time, m.content.x, m.content.y) for m in reader.decoded()]
-        theirs = [
-            (connection.topic, time, content.x, content.y)
-            for connection, time, data in other.messages()
-            for content in [other.deserialize(data, connection.msgtype)]
-        ]
-    assert decoded == theirs
-    assert len(decoded) > 4
 
 
 def test_a_bag_of_several_files_is_one(tmp_path):
@@ -154,8 +136,15 @@ NO_INDEX = {"index_types": IndexType.NONE} | dict.fromkeys(
 )
 
 
-@pytest.mark.parametrize("compression", list(CompressionType))
-@pytest.mark.parametrize("options", [{}, {"use_chunking": False}, {"chunk_size": 200}, NO_INDEX])
+@pytest.mark.parametrize(
+    ("compression", "options"),
+    [
+        (CompressionType.LZ4, {}),
+        (CompressionType.NONE, {"use_chunking": False}),
+        (CompressionType.ZSTD, {"chunk_size": 200}),
+        (CompressionType.NONE, NO_INDEX),
+    ],
+)
 @pytest.mark.parametrize("is_finished", [True, False])
 def test_files_of_the_mcap_library_are_read_in_order(tmp_path, compression, options, is_finished):
     times = [(37 * index) % 101 for index in range(101)]

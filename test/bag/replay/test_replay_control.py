@@ -41,15 +41,6 @@ def long_bag(tmp_path_factory):
     return write_mcap(tmp_path_factory.mktemp("bags") / "long.mcap", messages)
 
 
-def test_a_loop_goes_on_until_it_is_stopped(nodes, bag):
-    with Replay(nodes, bag, {"/a": TOPICS["/a"]}, loop=True, playback_duration=0.1, rate=2.0) as replay:
-        assert replay.call("resume")[0]
-        replay.wait_for("/a", 40)
-        assert replay.call("stop")[0]
-        assert replay.wait_for_end() == 0
-    assert replay.of("/a")[:33] == A[:11] * 3
-
-
 def test_services_pause_step_resume_and_stop(nodes, bag):
     with Replay(nodes, bag, {"/a": TOPICS["/a"]}, topics=["/a"]) as replay:
         assert replay.call("is_paused") == (True, "paused")

@@ -122,17 +122,6 @@ def test_what_is_not_measured_or_missing_fails(info):
     assert [found[topic, "required"].passed for topic in topics] == [True, True, False, True]
 
 
-def test_a_bag_keeps_the_contract_drafted_from_it(info):
-    consistency = {"/odom": Consistency(0.9, 0.05)}
-    content = load_yaml(draft_contract(info, consistency), "draft", unique_keys=True)
-    found = check_bag(parse_contract(content, "draft"), info, consistency)
-    assert [one.line() for one in found if not one.passed] == []
-    assert content["topics"]["/odom"]["min_nis_inside"] == 0.7
-    assert content["topics"]["/odom"]["min_rate"] < 0.9 * 9.5238
-    assert content["topics"]["/odom"]["max_gap"] == 0.6
-    assert "max_rate" not in content["topics"]["/cmd_vel"]
-
-
 @given(st.floats(1e-9, 1e9), st.sampled_from((1, -1)))
 def test_bounds_of_a_draft_are_rounded_outwards_to_two_digits(size, sign):
     value = sign * size
@@ -185,20 +174,15 @@ def test_only_the_rules_that_are_named_are_checked(contract):
 
 WRONG = {
     "no map": ("[1]", "the contract = [1]: must be a map"),
-    "no version": ("topics: {}", "version = None: must be 1"),
     "a truth for a version": ("version: true", "version = True: must be 1"),
     "unknown section": ("version: 1\ntopic: {}", "'topic' is unknown: must be one of version, bag, topics, forbidden"),
-    "unknown rule": ("version: 1\ntopics: {/a: {min_rat: 1}}", "/a: 'min_rat' is unknown: must be one of required, "),
     "a field's method": ("version: 1\nbag: {check: 1}", "bag: 'check' is unknown"),
     "negative rate": ("version: 1\ntopics: {/a: {min_rate: -1}}", "/a: min_rate = -1.0: must be >= 0 and <= 1e+10"),
     "nan": (
         "version: 1\ntopics: {/a: {max_gap: .nan}}",
         "/a: max_gap = nan: must be >= 0 and <= 1e+10 (inf: no limit)",
     ),
-    "a text for a number": ("version: 1\ntopics: {/a: {max_gap: x}}", "/a: max_gap = 'x': must be a number"),
-    "half a message": ("version: 1\ntopics: {/a: {max_lost: 0.5}}", "max_lost = 0.5: must be a whole number"),
     "a number for a truth": ("version: 1\ntopics: {/a: {stamped: 1}}", "stamped = 1: must be true or false"),
-    "a share": ("version: 1\ntopics: {/a: {min_white: 1.5}}", "min_white = 1.5: must be >= 0 and <= 1"),
     "a policy": ("version: 1\ntopics: {/a: {reliability: good}}", "reliability = 'good': must be one of reliable"),
     "bounds that cross": (
         "version: 1\ntopics: {/a: {min_rate: 2, max_rate: 1}}",
@@ -208,7 +192,6 @@ WRONG = {
     "a name of two lines": ('version: 1\nforbidden: ["/a\\nb"]', "must be the full name of a topic"),
     "forbidden as a map": ("version: 1\nforbidden: {/a: 1}", "must be a list of topics"),
     "required and forbidden": ("version: 1\ntopics: {/a: {}}\nforbidden: [/a]", "must be in one of them"),
-    "a topic twice": ("version: 1\ntopics:\n  /a: {}\n  /a: {}", "'/a' stands there twice"),
     "a rule twice": ("version: 1\ntopics: {/a: {max_gap: 1, max_gap: 9}}", "'max_gap' stands there twice"),
     "a tag": ("!!python/object/apply:os.system [ls]", "is not a YAML file"),
     "a long value": (f"version: 1\ntopics: {{/a: {{type: {'x' * 999}}}}}", "has a value of 1001 characters"),

@@ -251,7 +251,7 @@ def test_custom_data_are_kept_and_losses_added(tmp_path):
 TIMES = st.lists(st.tuples(st.sampled_from(["/point", "/text", "/map"]), st.integers(0, 60)), max_size=60)
 
 
-@settings(max_examples=15)
+@settings(max_examples=8)
 @given(TIMES, TIMES, st.integers(0, 61), st.integers(0, 61), st.integers(40, 900))
 def test_merge_then_trim_of_messages_in_any_order(tmp_path_factory, first, second, start, end, chunk_size):
     folder = tmp_path_factory.mktemp("any")

@@ -68,7 +68,7 @@ def test_by_size_each_file_can_be_used_alone(tmp_path, size):
 ROWS = st.lists(st.tuples(st.sampled_from(["/point", "/map"]), st.integers(0, 100)), min_size=1, max_size=50)
 
 
-@settings(max_examples=15)
+@settings(max_examples=8)
 # Chunks of equal times that stand in the file in the other order than by their first message.
 @example([("/point", 1), ("/point", 0), ("/point", 1)], 13, 0, 0, 60)
 @example([("/point", 1), ("/point", 0), ("/map", 1)], 13, 7, 0, 120)

@@ -1,13 +1,8 @@
 """Errors that last, against the exact covariance of a first-order Markov process and against sampled ones."""
 
-import math
-
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.linalg import solve_toeplitz
-from scipy.signal import lfilter
 
 from diffbot_control.filter.correlation import (
     NO_STAMPS,
@@ -49,22 +44,6 @@ def test_in_the_long_run_the_measurements_tell_as_much_as_independent_ones_with_
     n = 2000
     information = solve_toeplitz(np.exp(-dt / time) ** np.arange(n), np.ones(n)).sum() / n
     assert inflation_after(dt, time) == pytest.approx(1.0 / information, rel=0.02)
-
-
-def test_the_mean_of_sampled_errors_has_the_inflated_variance():
-    c, n = 0.8, 400
-    rng = np.random.default_rng(4)
-    new = math.sqrt(1.0 - c * c) * rng.normal(size=(4000, n))
-    errors = lfilter([1.0], [1.0, -c], new, zi=c * rng.normal(size=(4000, 1)))[0]
-    assert errors.var() == pytest.approx(1.0, rel=0.02)
-    assert n * errors.mean(axis=1).var() == pytest.approx(inflation_after(-math.log(c), 1.0), rel=0.1)
-
-
-@settings(max_examples=100)
-@given(st.floats(0.01, 100.0), st.floats(0.01, 1e4))
-def test_the_factor_is_that_of_the_correlation(dt, time):
-    c = math.exp(-dt / time)
-    assert inflation_after(dt, time) == pytest.approx((1.0 + c) / -math.expm1(-dt / time), rel=1e-9)
 
 
 def test_measurements_of_one_time_count_as_a_millisecond_apart():

@@ -29,14 +29,12 @@ def test_good_ones(good):
     ("bad", "kind"),
     [
         (np.diag([1.0, math.inf, 1.0]), "covariance not finite"),
-        (np.array([[1.0, math.nan], [math.nan, 1.0]]), "covariance not finite"),
         (np.array([[1.0, math.inf], [-math.inf, 1.0]]), "covariance not finite"),
         (np.full((3, 3), 1e308), "covariance not finite"),
         (np.zeros((3, 3)), "covariance is zero"),
         (np.diag([1e9, 1.0, 1.0]), "covariance too large"),
         (np.array([[1.0, 0.5], [0.5 + 2e-6, 1.0]]), "covariance not symmetric"),
         (np.array([[1.0, 1.1], [1.1, 1.0]]), "covariance not positive definite"),
-        (np.diag([1.0, 0.0, 1.0]), "covariance not positive definite"),
         # Its inverse overflows, and one NaN in a filter stays there for good.
         (np.diag([1.0, 1.0, 1e-310]), "covariance not positive definite"),
         # -1 is ROS's code for "unknown"; such a matrix is as symmetric as can be.

@@ -5,24 +5,20 @@ import math
 import numpy as np
 import pytest
 from filter_runs import (
-    R_FIX,
-    SEPARATION,
     Robot,
-    build_measurement,
     build_motion,
     covariance,
     fix,
     gated_filter,
     heading,
     landmark,
-    numbers_of,
     straight,
     winding,
     wrapped,
 )
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.stats import binom, chi2
+from scipy.stats import chi2
 
 from diffbot_control.filter.belief import ErrorEstimate
 from diffbot_control.filter.gate import (
@@ -40,13 +36,11 @@ from diffbot_control.filter.gate import (
     decide_weight,
     new_gate,
 )
-from diffbot_control.filter.gated_filter import GatedFilter
-from diffbot_control.filter.options import FILTERS, FilterConfig, options_of
-from diffbot_core.geometry import Pose
+from diffbot_control.filter.options import EKF, FNN_CALIBRATING, FilterConfig, options_of
 
 CHECK = settings(max_examples=100)
 NOT_ADAPTIVE = ("ekf", "ekf_calibrating")
-EVERY = pytest.mark.parametrize("variant", FILTERS)
+BOTH = pytest.mark.parametrize("variant", [EKF, FNN_CALIBRATING])
 
 
 def options(**values):
@@ -181,58 +175,6 @@ def test_a_weighed_landmark_is_never_rejected_but_for_a_nis_that_is_none_and_ign
     assert decide_weight(memory, math.inf, gate) == (memory, Decision(IGNORED, False))
 
 
-def refused(kind, probability, trials, inflated=1.0):
-    """How many measurements drawn from the filter's own S it refuses."""
-    rng, count = np.random.default_rng([kind, round(1e4 * probability)]), 0
-    found = GatedFilter(options(filter="ekf", gate_probability=probability), SEPARATION)
-    P, R = 0.01 * covariance(rng, 3), 0.01 * covariance(rng, kind)
-    pose, point = (1.0, -2.0, 3.0), (6.0, 4.0)
-    dx, dy = point[0] - pose[0], point[1] - pose[1]
-    r = math.hypot(dx, dy)
-    H = {
-        1: np.array([[0.0, 0.0, 1.0]]),
-        2: np.array([[-dx / r, -dy / r, 0.0], [dy / r**2, -dx / r**2, -1.0]]),
-        3: np.eye(3),
-    }[kind]
-    root = np.linalg.cholesky(inflated * (H @ P @ H.T + R))
-    expected = {1: np.array(pose[2:]), 2: numbers_of(landmark(pose, point, R)), 3: np.array(pose)}[kind]
-    for _ in range(trials):
-        found.reset_to(Pose(*pose), P)
-        z = expected + root @ rng.normal(size=kind)
-        z[-1] = wrapped(z[-1])
-        count += found.take(build_measurement(0, z, R, point if kind == 2 else None)) == REJECTED
-    return count
-
-
-@pytest.mark.parametrize("kind", [1, 2, 3])
-def test_the_share_refused_of_good_measurements_is_the_one_asked_for(kind):
-    low, high = binom.ppf([0.001, 0.999], 1000, 0.1)
-    assert low <= refused(kind, 0.9, 1000) <= high
-    # A wrong S would show: one larger by 30 % is as good as another quantile.
-    assert refused(kind, 0.9, 1000, 1.3) > high
-
-
-def test_with_too_small_an_r_about_a_fifth_is_rejected_and_the_slack_goes_back():
-    robot, factor, slack = Robot(np.random.default_rng(0)), 0.02, []
-    found, rejected = gated_filter("ekf", P=factor * R_FIX), []
-    for step in range(1000):
-        found.predict(robot.move(*winding(step)))
-        rejected.append(found.take(robot.fix(factor)) != ACCEPTED)
-        slack.append(found.memory.gate.slack)
-    # A step up of 0.2 for one rejected, down of 0.05 for four accepted.
-    assert 0.1 < np.mean(rejected[400:]) < 0.22
-    # The bound that a fifth exceeds, of a NIS that is larger by up to 1 / factor.
-    assert math.exp(np.mean(slack[400:])) * chi2.ppf(0.999, 3) < chi2.ppf(0.8, 3) / factor * 1.5
-    # With the right R next to nothing is rejected, once the slack has gone back.
-    right = []
-    for step in range(400):
-        found.predict(robot.move(*winding(step)))
-        right.append(found.take(robot.fix()) != ACCEPTED)
-    assert sum(right) <= 5
-    assert found.memory.gate.slack <= 0.4
-    assert np.hypot(*(found.memory.belief.x[:2] - robot.truth[:2])) < 0.4
-
-
 @pytest.mark.parametrize("variant", NOT_ADAPTIVE)
 def test_the_candidate_is_a_filter_of_its_own_started_at_the_first_rejected_fix(variant):
     rng = np.random.default_rng(2)
@@ -289,7 +231,7 @@ def test_what_is_known_of_the_wheels_survives_a_relocation():
     assert not found.memory.belief.P[3:, :3].any()
 
 
-@EVERY
+@BOTH
 def test_at_1_hz_a_kidnapped_robot_is_back_with_the_third_fix(variant):
     robot = Robot(np.random.default_rng(5))
     found, verdicts = gated_filter(variant), []
@@ -308,7 +250,7 @@ def test_at_1_hz_a_kidnapped_robot_is_back_with_the_third_fix(variant):
     assert abs(wrapped(error[2])) < 0.2
 
 
-@EVERY
+@BOTH
 def test_headings_that_contradict_for_long_open_the_pose(variant):
     timeout = 1.0
     found = gated_filter(variant, (1.0, 2.0, 0.0), 1e-4 * np.eye(3), relocation_timeout=timeout)
@@ -333,7 +275,7 @@ def test_headings_that_contradict_for_long_open_the_pose(variant):
     np.testing.assert_array_equal(x[3:], wheels.x[3:])
 
 
-@EVERY
+@BOTH
 def test_landmarks_alone_bring_a_kidnapped_robot_back(variant):
     points, R = ((4.0, 1.0), (-3.0, 5.0), (1.0, -6.0)), np.diag([1e-3, 1e-3])
     found = gated_filter(variant, P=1e-3 * np.eye(3), relocation_timeout=3.0)

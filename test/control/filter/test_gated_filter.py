@@ -40,6 +40,8 @@ OPTIONS = st.builds(
     relocation_timeout=st.floats(0.01, 5.0),
     wheel_radius_sigma=st.floats(1e-3, 0.2),
     wheel_radius_walk=st.floats(0.0, 0.1),
+    gyro_bias_sigma=st.floats(1e-6, 1.0),
+    gyro_bias_walk=st.floats(0.0, 0.1),
     wheel_separation_sigma=st.just(0.0) | st.floats(1e-3, 0.2),
     landmark_gate=st.sampled_from(["reject", "weigh"]),
     fix_correlation_time=st.just(0.0) | st.floats(0.01, 1e4),
@@ -113,7 +115,7 @@ def assert_healthy(found, config):
     assert (found.memory.candidate is None) == (found.memory.gate.fixes.rejected == 0)
 
 
-@settings(max_examples=80)
+@settings(max_examples=40)
 @given(EVENTS, OPTIONS)
 def test_the_state_stays_finite_symmetric_and_positive_definite(events, config):
     found = GatedFilter(options_of(config), SEPARATION)

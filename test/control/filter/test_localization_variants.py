@@ -22,13 +22,13 @@ from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.filter.measurements import Heading, LandmarkMeasurement, PoseFix, Source
 from diffbot_control.filter.measurements.measurement import key_of
-from diffbot_control.filter.options import FILTERS, FilterConfig
+from diffbot_control.filter.options import EKF, FNN_CALIBRATING, FilterConfig
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 
 CHECK = settings(max_examples=25)
-EVERY = pytest.mark.parametrize("variant", FILTERS)
+BOTH = pytest.mark.parametrize("variant", [EKF, FNN_CALIBRATING])
 MS = 10**6
 PERIOD = 100 * MS
 STEPS = 25
@@ -132,7 +132,7 @@ EVENTS = st.lists(
 OPTIONS = {"relocation_fixes": 2, "relocation_timeout": 0.4, "gate_probability": 0.99}
 
 
-@EVERY
+@BOTH
 @CHECK
 @given(EVENTS, st.randoms(use_true_random=False))
 def test_late_measurements_give_what_they_give_in_order(variant, events, random):
@@ -146,7 +146,7 @@ def test_late_measurements_give_what_they_give_in_order(variant, events, random)
     assert_same_memory(deliver(localization(variant, **OPTIONS), with_odometry(arrivals)), punctual)
 
 
-@EVERY
+@BOTH
 def test_one_late_fix_can_change_the_verdict_on_all_that_came_after(variant):
     # The robot is carried away: the third fix of the new place comes late. With it the last two are good ones.
     fixes = [fix(stamp * MS) for stamp in (850, 950, 1050, 1150, 1250)]
@@ -180,7 +180,7 @@ def test_of_equal_stamps_fixes_come_first_by_source_then_headings_then_landmarks
         assert [id(one) for one in found] == [id(one) for one in ordered]
 
 
-@EVERY
+@BOTH
 @settings(max_examples=20)
 @given(st.sampled_from((450, 500, 900)), st.permutations(range(6)), st.sampled_from((-1, 0, 2)))
 def test_equal_stamps_give_the_same_in_any_order_of_arrival(variant, stamp, order, late):

@@ -168,19 +168,19 @@ NODE = {
 
 def test_messages_get_the_deviations_and_the_delay_of_their_source():
     inputs = EkfInputs(build(EkfNodeConfig, NODE))
-    (fix,), uses_fallback, _ = inputs.sensor("gps").read(message(1.0, 0.5))
+    (fix,), uses_fallback, *_ = inputs.sensor("gps").read(message(1.0, 0.5))
     assert (fix.stamp, fix.source, fix.pose.x) == (4_750_000_000, Source("fixes of gps"), 1.0)
     assert fix.R.tolist() == np.diag([0.5] * 3).tolist()
     assert not uses_fallback
     with pytest.raises(BadMessageError, match="covariance is zero"):
         inputs.sensor("gps").read(message(1.0, 0.0))
     # A deviation of the heading that says nothing: the fix is one of the position.
-    (fix,), uses_fallback, _ = inputs.sensor("uwb/pose").read(message(1.0, 0.0))
+    (fix,), uses_fallback, *_ = inputs.sensor("uwb/pose").read(message(1.0, 0.0))
     assert isinstance(fix, PositionFix)
     assert (fix.stamp, fix.source) == (5_000_000_000, Source("fixes of uwb/pose"))
     np.testing.assert_allclose(fix.R, np.diag([0.04, 0.04]))
     assert uses_fallback
-    (fix,), _, _ = inputs.sensor("global_pose").read(message(1.0, 0.5))
+    (fix,), *_ = inputs.sensor("global_pose").read(message(1.0, 0.5))
     assert fix.source == Source(FIXES)
 
 

@@ -11,11 +11,9 @@ from diffbot_control.filter.ekf import PoseEkf, Robust
 from diffbot_control.filter.gate import ACCEPTED, REJECTED, WEIGHED
 from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.measurements import FIXES, LANDMARKS, LandmarkMeasurement, PoseFix
-from diffbot_control.filter.models import Motion
 from diffbot_control.filter.options import WEIGH, FilterConfig, options_of
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Point, Pose
-from diffbot_core.kinematics import Twist, TwistCovariance
 
 X0 = np.array([0.4, -0.3, 0.7])
 R_FIX = np.diag([0.04, 0.05, 0.01])
@@ -102,20 +100,6 @@ def test_landmarks_beyond_the_gate_are_weighed_and_those_within_are_not():
         shift, after = textbook(P, H, R, np.array(away), min(1.0, 13.815510557964274 / nis))
         np.testing.assert_allclose(found.memory.belief.x, X0 + shift, rtol=1e-9)
         np.testing.assert_allclose(found.memory.belief.P, after, rtol=1e-8)
-
-
-def test_a_lost_filter_is_found_by_weighed_landmarks():
-    """Six landmarks around, the estimate far off and sure of itself."""
-    points = [Point(5.0 * math.cos(a), 5.0 * math.sin(a)) for a in np.arange(6) * math.pi / 3]
-    found = filter_at(landmark_gate=WEIGH, gate_probability=0.99)
-    rng, truth = np.random.default_rng(1), np.array([0.0, 0.0, 0.0])
-    found.reset_to(Pose(1.5, -1.5, 2.5), 1e-4 * np.eye(3))
-    for step in range(1200):
-        found.predict(Motion(Twist(0.3, 0.3), 0.1, TwistCovariance(0.02, 0.0, 0.02)))
-        truth += [0.03 * math.cos(truth[2] + 0.015), 0.03 * math.sin(truth[2] + 0.015), 0.03]
-        noise = rng.normal(0.0, (0.1, 0.03))
-        found.take(exact(truth, points[step % 6], (0.1, 0.03), noise))
-    assert np.linalg.norm(found.memory.belief.x[:2] - truth[:2]) < 0.3
 
 
 @pytest.mark.parametrize("kind", ["landmark", "fix"])

@@ -104,7 +104,7 @@ def test_the_old_state_stays_if_the_new_one_cannot_be_written(tmp_path, monkeypa
 
 def test_radii_are_restored_to_any_filter_that_has_them_and_other_errors_where_they_are_states(tmp_path):
     states = FilterConfig(wheel_separation_sigma=0.1, landmark_range_offset_sigma=0.1)
-    three = Localization(LocalizationConfig(filter=states))
+    three = Localization(LocalizationConfig(filter=states), landmarks=True)
     two = Localization(LocalizationConfig(filter=FilterConfig(wheel_separation_sigma=0.0)))
     path = tmp_path / "state.json"
     errors = ErrorEstimate(WHEELS, WHEELS_P)

@@ -21,7 +21,7 @@ from diffbot_core.kinematics import Twist
 from diffbot_core.stamps import StampWatch
 from diffbot_core.uncertainty import Uncertainty
 
-HISTORIES = int(os.environ.get("DIFFBOT_HISTORIES", "1500"))
+HISTORIES = int(os.environ.get("DIFFBOT_HISTORIES", "500"))
 STAMP_JITTER = 0.05
 """[s] by which stamps may run ahead of the time that has passed"""
 EVENTS = 60

@@ -57,13 +57,6 @@ def test_a_turn_on_the_spot_does_not_overshoot(angle, latency, omega_dot):
     assert abs(headings[-1]) < 1e-3
 
 
-def test_without_its_latency_on_the_data_sheet_it_is_stable_up_to_0_2_s():
-    for start in STARTS[:3]:
-        run = Run(start, TUNED, 400, latency=0.2)
-        assert run.memories[-1].reached, start
-        assert run.robot.turned < 1.5 * math.tau
-
-
 def test_a_goal_behind_with_the_same_heading_is_reached_backwards_and_only_if_allowed():
     run = Run((3.0, 0.0, 0.0), TUNED)
     assert run.commands[0].v < 0.0

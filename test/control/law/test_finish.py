@@ -42,8 +42,7 @@ def regions(run):
     return {memory.switching.region for memory in run.memories}
 
 
-@pytest.mark.parametrize("tolerance", [0.03, 0.1, 0.3])
-@pytest.mark.parametrize("share", [-0.9, 0.7, 0.99])
+@pytest.mark.parametrize(("tolerance", "share"), [(0.03, -0.9), (0.1, 0.99), (0.3, 0.7)])
 def test_legs_to_and_fro_work_off_an_error_inside_both_tolerances(tolerance, share):
     config = with_tolerance(tolerance)
     run = Run((0.0, share * tolerance, 0.0), config, 700, memory=NEAR)
@@ -121,7 +120,7 @@ def test_a_heading_that_only_motion_shows_is_made_known_by_a_v():
     assert math.hypot(end.x, end.y) < 0.05
 
 
-@settings(max_examples=500)
+@settings(max_examples=200)
 @given(
     st.builds(Pose, st.floats(-0.2, 0.2), st.floats(-0.2, 0.2), st.floats(-0.1, 0.1)),
     st.builds(Standing, st.floats(0.0, 10.0), st.booleans(), st.booleans()),

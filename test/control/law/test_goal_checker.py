@@ -70,7 +70,7 @@ def test_a_goal_is_reached_where_enough_of_the_possible_poses_are_within_the_tol
     assert verdicts == {True, False}
 
 
-@settings(max_examples=300)
+@settings(max_examples=100)
 @given(
     st.floats(0.0, 0.4), st.floats(0.0, 0.1), DEVIATIONS, DEVIATIONS, st.floats(0.5, 0.9999),
     st.tuples(*[st.floats(0.0, 1.0)] * 4),

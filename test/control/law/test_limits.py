@@ -87,26 +87,6 @@ def test_acceleration_limits_against_a_search(wanted, previous, limits, dt):
         assert math.hypot(*command) <= size * SLACK
 
 
-@pytest.mark.parametrize(
-    ("previous", "wanted", "expected"),
-    [
-        # From rest along the wanted curve: a_max alone, 0.1 of the way.
-        (Twist(0.0, 0.0), Twist(1.0, 0.5), (0.1, 0.05)),
-        # omega_dot_max = 2 binds: 0.2 of 2 rad/s.
-        (Twist(0.0, 0.0), Twist(1.0, 4.0), (0.05, 0.2)),
-        # Reversing has no curve in common: each velocity for itself.
-        (Twist(1.0, 0.0), Twist(-1.0, 1.0), (0.9, 0.2)),
-        # Stopping: likewise.
-        (Twist(1.0, 0.1), Twist(0.0, 0.0), (0.9, 0.0)),
-        # Turning on the spot from driving on.
-        (Twist(1.0, 0.0), Twist(0.0, 1.0), (0.9, 0.2)),
-    ],
-)
-def test_acceleration_limits_by_hand(previous, wanted, expected):
-    limits = FREE._replace(a_max=1.0, omega_dot_max=2.0)
-    assert limit_acceleration(wanted, previous, 0.1, limits) == pytest.approx(expected, abs=1e-12)
-
-
 @CHECK
 @given(TWISTS, TWISTS, ACCELERATIONS)
 def test_any_command_is_reached_in_the_steps_it_takes(wanted, start, limits):

@@ -11,7 +11,7 @@ from diffbot_control.law.lyapunov_law import PAPER_GAINS, Gains, sampled_poles
 from diffbot_control.law.presets import PRESETS
 from diffbot_core.data_sheet import PAPER_DATA_SHEET
 
-CHECK = settings(max_examples=200)
+CHECK = settings(max_examples=100)
 PAPER = PRESETS["paper"]
 TUNED = PRESETS["tuned"]
 FAST = PAPER._replace(gains=Gains())

@@ -17,7 +17,7 @@ from diffbot_control.law.speed_profile import (
 )
 from diffbot_core.data_sheet import DataSheet
 
-CHECK = settings(max_examples=200)
+CHECK = settings(max_examples=100)
 DISTANCES = st.floats(1e-6, 1e4)
 BRAKES = st.floats(0.01, 100.0)
 REACTS = st.floats(0.01, 10.0)
@@ -37,12 +37,6 @@ def test_following_the_profile_never_needs_more_than_the_planned_deceleration(di
     step = 1e-5 * distance
     slope = (braking(distance + step, brake, react) - braking(distance - step, brake, react)) / (2.0 * step)
     assert braking(distance, brake, react) * slope <= brake * (1.0 + 1e-6)
-
-
-def test_near_zero_it_is_a_gain_and_far_away_the_parabola():
-    assert braking(1e-9, 3.0, 0.5) == pytest.approx(1e-9 / 0.5)
-    assert braking(1e8, 3.0, 0.5) == pytest.approx(math.sqrt(2.0 * 3.0 * 1e8), rel=1e-3)
-    assert braking(0.0, 3.0, 0.5) == 0.0
 
 
 @CHECK

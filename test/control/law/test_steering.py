@@ -25,7 +25,7 @@ from diffbot_core.data_sheet import UNLIMITED, DataSheet, rim_speed
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import WheelGeometry
 
-CHECK = settings(max_examples=200)
+CHECK = settings(max_examples=100)
 INF = math.inf
 GAINS = st.builds(
     ProfileGains,

@@ -3,7 +3,7 @@
 import numpy as np
 from extremes import assert_finite, extreme_configs, log_between
 from filter_input import fix, heading, joint_state, odometry, timed
-from sensor_msgs.msg import PointCloud2, PointField
+from sensor_msgs.msg import Imu, PointCloud2, PointField
 
 from diffbot_control.filter.covariance import uncertainty_of
 from diffbot_control.filter.localization import Localization
@@ -11,6 +11,7 @@ from diffbot_control.ros.messages.ekf import EkfInputs, corrected_twist, error_v
 from diffbot_control.ros.messages.fields import MAX_SPEED
 from diffbot_control.ros.messages.landmark_cloud import LandmarkPoint, fill_landmark_points
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
+from diffbot_control.ros.sensors.sensor import fuse
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import MAX_COORDINATE
 from diffbot_core.schema import build
@@ -26,6 +27,7 @@ BASE = build(
         "landmark_ids": [1],
         "landmark_x": [2.0],
         "landmark_y": [1.0],
+        "use_gyro": True,
     },
 )
 
@@ -40,14 +42,20 @@ def readings(inputs, time, far, variances):
     cloud = timed(PointCloud2(), time)
     cloud.header.frame_id = "base_link"
     fill_landmark_points(cloud, [LandmarkPoint(1, max(abs(far), 1e-3), -2.0, *variances[:2])], PointField)
-    given = (fixes[0], fixes[1], compass, cloud)
-    for sensor, message in zip(inputs.sensors, given, strict=True):
-        yield lambda sensor=sensor, message=message: sensor.read(message).measurements
+    gyro = timed(Imu(), time)
+    gyro.angular_velocity.z = min(max(far, -MAX_SPEED), MAX_SPEED)
+    gyro.angular_velocity_covariance[8] = variances[1]
+    by_topic = {"global_pose": fixes[0], "gps": fixes[1], "heading": compass, "landmarks": cloud, "imu": gyro}
+    for sensor in inputs.sensors:
+        yield lambda sensor=sensor: sensor.read(by_topic[sensor.topic])
 
 
 def drive(config, rng):
     """Yield the numbers and texts that the node publishes after each odometry; refused messages are left out."""
-    inputs, localization = EkfInputs(config), Localization(config.localization, config.wheels.wheel_separation)
+    inputs, localization = (
+        EkfInputs(config),
+        Localization(config.localization, config.wheels.wheel_separation, landmarks=True),
+    )
     time = 1000.0
     for step in range(STEPS):
         wild = step == STEPS - 1
@@ -57,8 +65,7 @@ def drive(config, rng):
         far = log_between(-MAX_COORDINATE, MAX_COORDINATE, rng) if wild else 1.0
         for read in readings(inputs, time, far, variances):
             try:
-                for measurement in read():
-                    localization.on_measurement(measurement)
+                fuse(read(), localization, lambda _: None)
             except BadMessageError:
                 continue
         moved = odometry(time, v, omega)

@@ -50,14 +50,11 @@ def test_ids_are_new_and_valid():
 
 
 HOSTILE = {
-    "nothing": ({}, "goal_id = ''"),
     "id with line breaks": ({**GOOD, "goal_id": ID + "\n"}, "goal_id = '0123456789abcdef0123456789abcdef\\n'"),
     "zero id": ({**GOOD, "goal_id": "0" * 32}, "not all zero"),
     "endless id": ({**GOOD, "goal_id": "a" * 10**6}, "goal_id = 'aaaaaaaaaa"),
     "x is nan": ({**GOOD, "x": math.nan}, "x = nan: must be a finite number [m]"),
-    "x is far": ({**GOOD, "x": 1.1e7}, "x = 11000000.0: must be from -1e+07 to 1e+07 m"),
     "yaw is huge": ({**GOOD, "yaw": 1001.0}, "yaw = 1001.0: must be from -1000 to 1000 rad"),
-    "yaw is true": ({**GOOD, "yaw": True}, "yaw = True: must be a finite number [rad]"),
     "a frame alone": ({"goal_id": ID, "frame_id": "map"}, "x = None: must be given"),
     "frame is empty": ({**GOOD, "frame_id": ""}, "frame_id = ''"),
     "unknown field": ({**GOOD, "z\ny": 1.0}, "field = 'z\\ny': must be one of goal_id, frame_id, x, y, yaw"),
@@ -65,10 +62,6 @@ HOSTILE = {
     "one list": ({**GOOD, "x": [1.0, 2.0]}, "y = -2.0: must be a list of 2 numbers, as x is"),
     "empty lists": ({**GOOD, "x": [], "y": [], "yaw": []}, "x = '0 values': must be from 1 to 1000 values"),
     "a list with nan": ({**GOOD, "x": [1.0, math.nan], "y": [1.0, 2.0], "yaw": [0.0, 0.0]}, "x = nan"),
-    "endless lists": (
-        {**GOOD, "x": [0.0] * 1001, "y": [0.0] * 1001, "yaw": [0.0] * 1001},
-        "x = '1001 values': must be from 1 to 1000 values",
-    ),
 }
 
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from filter_input import fix, heading, timed
-from sensor_msgs.msg import Range
+from sensor_msgs.msg import Imu, Range
 
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_control.ros.sensors import sensors_of
@@ -33,6 +33,7 @@ def test_there_is_a_sensor_for_each_source_that_the_parameters_describe():
     assert set(sensors(wall_x1=[], wall_y1=[], wall_x2=[], wall_y2=[])) == {"global_pose", "heading"}
     landmarks = {"landmark_ids": [1], "landmark_x": [0.0], "landmark_y": [0.0], "pose_sources": ["gps"]}
     assert set(sensors(**landmarks)) == {"global_pose", "gps", "heading", "landmarks", "front"}
+    assert set(sensors(use_gyro=True)) == {"global_pose", "heading", "imu", "front"}
 
 
 @pytest.mark.parametrize("taken", ["global_pose", "heading", "odom", "gps"])
@@ -51,7 +52,7 @@ def test_an_unknown_covariance_is_that_of_the_parameters_and_is_named():
     messages = {"global_pose": without_pose, "heading": without_heading, "front": without_range}
     expected = {"global_pose": [0.09, 0.09, 0.01], "heading": [0.04], "front": [0.0025]}
     for topic, message in messages.items():
-        (measured,), uses_fallback, _ = found[topic].read(message)
+        (measured,), uses_fallback, *_ = found[topic].read(message)
         assert uses_fallback
         np.testing.assert_allclose(measured.R, np.diag(expected[topic]))
         with pytest.raises(BadMessageError, match="covariance is zero"):
@@ -74,3 +75,36 @@ def test_a_range_outside_of_what_the_sensor_can_measure_is_no_echo(distance, is_
 def test_a_range_that_is_no_number_is_a_bad_message():
     with pytest.raises(BadMessageError, match="range is nan"):
         sensors()["front"].read(beam(math.nan))
+
+
+def imu(rate=0.5, variance=4e-4):
+    message = timed(Imu(), 5.0)
+    message.header.frame_id = "imu_link"
+    message.angular_velocity.z = rate
+    message.angular_velocity_covariance[8] = variance
+    return message
+
+
+def test_the_turn_rate_of_an_imu_is_read_in_any_frame_with_its_variance_or_that_of_the_parameters():
+    gyro = sensors(use_gyro=True, gyro_sigma=0.03)["imu"]
+    assert gyro.read(imu()).gyro == (5_000_000_000, 0.5, 4e-4)
+    unknown = gyro.read(imu(variance=0.0))
+    assert unknown.uses_fallback
+    assert unknown.gyro.variance == pytest.approx(9e-4)
+    assert sensors(use_gyro=True, gyro_sigma=0.03, override_covariance=True)["imu"].read(imu()).gyro.variance == (
+        pytest.approx(9e-4)
+    )
+
+
+def test_an_imu_without_a_usable_turn_rate_is_refused():
+    gyro, absent = sensors(use_gyro=True, gyro_sigma=0.0)["imu"], imu()
+    absent.angular_velocity_covariance[0] = -1.0
+    for message, expected in (
+        (absent, "no angular velocity in it"),
+        (imu(rate=math.nan), "turn rate"),
+        (imu(rate=1e9), "turn rate"),
+        (imu(variance=-1.0), "covariance"),
+        (imu(variance=0.0), "covariance is zero"),
+    ):
+        with pytest.raises(BadMessageError, match=expected):
+            gyro.read(message)

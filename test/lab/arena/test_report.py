@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from benchmark_page import beside_peers
 from page_tables import assert_shows, tables
 
-from diffbot_lab.arena.report.pages import pages
 from diffbot_lab.arena.report.targets import peers_ahead, targets
 from diffbot_lab.arena.statistics import figures_of
 from diffbot_sim.compiled.batch import COLUMNS
@@ -43,7 +43,7 @@ def equal():
 
 def test_with_equal_figures_no_peer_is_ahead(equal):
     assert peers_ahead(equal) == []
-    (beside, *_) = tables(pages(equal)["index.md"])
+    (beside,) = tables("\n".join(beside_peers(equal)))
     assert not any("**" in cell for row in beside for cell in row)
 
 
@@ -51,9 +51,9 @@ def test_the_page_shows_the_best_peer_beside_the_law_and_marks_where_it_is_bette
     own, peer, bound = equal["cases"][1]["laws"]
     peer["settling_time"]["p99"] *= 0.9
     bound["settling_time"]["p99"] *= 0.5  # a bound is no peer
-    (beside, *_) = tables(pages(equal)["index.md"])
-    column = beside[0].index("settling time [s]: 99 %")
-    ours, best = beside[2][column].split(" / ")
+    (beside,) = tables("\n".join(beside_peers(equal)))
+    column = beside[0].index("settling [s]: 99 %")
+    ours, best = beside[2][column].split("/")
     assert_shows([ours, best.strip("*")], [own["settling_time"]["p99"], peer["settling_time"]["p99"]])
     assert [cell for row in beside for cell in row if "**" in cell] == [beside[2][column]]
 

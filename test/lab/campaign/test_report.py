@@ -20,8 +20,6 @@ BASE = {"runs": 5, "duration": 15.0, "feedback": "truth", "start": {"box": {"x":
 GRIDS = {
     "none": {},
     "two": {"k": [1.0, 4.0], "eps_P": [0.05, 0.2, 0.5]},
-    "none varies": {"k": [1.0]},
-    "a switch and infinity": {"exact_arc": [True, False], "wheel_speed_max": [float("inf"), 10.0]},
 }
 
 

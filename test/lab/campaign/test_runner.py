@@ -16,6 +16,7 @@ from project_files import files_read_by
 
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.campaign import command as campaign_command
+from diffbot_lab.campaign import report
 from diffbot_lab.campaign import runner as module
 from diffbot_lab.campaign.runner import (
     JOURNAL,
@@ -418,6 +419,7 @@ def test_a_cluster_with_a_worker_killed_half_way_gives_the_same(cluster, tmp_pat
 
 def test_interrupted_and_gone_on_it_is_the_same_to_the_byte(tmp_path, capsys, monkeypatch, kept_signal_handlers):
     monkeypatch.setattr(campaign_command, "process_pool", ThreadPoolExecutor)
+    monkeypatch.setattr(report, "save", lambda _figure, path: path.touch())
     one, two = tmp_path / "one", tmp_path / "two"
     add = Journal.add
 

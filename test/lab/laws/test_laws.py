@@ -75,7 +75,7 @@ def test_reached_is_not_said_while_the_robot_coasts(name):
 poses = st.builds(Pose, *(st.floats(-5.0, 5.0),) * 2, st.floats(-3.1, 3.1))
 
 
-@settings(max_examples=150)
+@settings(max_examples=75)
 @given(st.sampled_from(LAWS), st.lists(poses, min_size=2, max_size=6), st.floats(0.2, 2.0), st.floats(0.3, 3.0))
 def test_no_limit_is_broken_whatever_the_estimates(name, jumps, a_max, omega_dot_max):
     law = resolve_law(name)
@@ -127,6 +127,7 @@ def numbers_of(value):
     return [one for part in value for one in numbers_of(part)] if isinstance(value, tuple) else [float(value)]
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("name", LAWS)
 def test_a_law_compiles_to_the_same_steps(name):
     law = resolve_law(name)

@@ -1,15 +1,19 @@
 """The paper's figures: each shows the runs of its own group, and the command writes all of them."""
 
+import contextlib
 import json
 import math
 from concurrent.futures import Future
+from pathlib import Path
 
 import figures
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from figures import drawn  # noqa: F401 - a fixture
 from matplotlib.collections import LineCollection
 
+from diffbot_lab.paper import experiment
 from diffbot_lab.paper import figures as paper_figures
 from diffbot_lab.paper.figures import figure_paths
 from diffbot_lab.paper.scenarios import SETTINGS, Group
@@ -81,7 +85,9 @@ def test_a_series_has_each_quantity_over_time(shown, histories):
             np.testing.assert_allclose(curves[0][:, 0], 0.1 * np.arange(values.shape[1]))
 
 
-def test_the_command_draws_all_figures_of_a(tmp_path):
+def test_the_command_draws_all_figures_of_a(tmp_path, monkeypatch):
+    monkeypatch.setattr(experiment, "ProcessPoolExecutor", lambda *_, **__: contextlib.nullcontext(Inline()))
+    monkeypatch.setattr(paper_figures, "save", lambda figure, *paths: [plt.close(figure), *map(Path.touch, paths)])
     assert cli.main(["experiment", "a", "--runs", "3", "--out", str(tmp_path)]) == 0
     assert json.loads((tmp_path / "a" / "results.json").read_text())["runs"] == 3
     kinds = ("path", "pose", "command") * 2

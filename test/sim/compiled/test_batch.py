@@ -166,7 +166,8 @@ def test_late_measurements_are_fused_as_the_node_fuses_them(name):
     sensors, variant, t_s = LATE[name]
     config, plant = FilterConfig(filter=variant), PlantConfig(sampling_time=t_s)
     case = case_of(plant, sensors, feedback="ekf", steps=120)
-    case = case._replace(filter=options_of(config), landmarks=np.array(list(LANDMARKS.points().values())))
+    options = options_of(config, landmarks=True)
+    case = case._replace(filter=options, landmarks=np.array(list(LANDMARKS.points().values())))
     histories = run_histories(case, Starts(np.array([START])), 9, 0, 2)
     for run, history in enumerate(histories):
         world = WorldConfig(plant, sensors, StartPose(*START), 9, run, LANDMARKS)
@@ -175,6 +176,35 @@ def test_late_measurements_are_fused_as_the_node_fuses_them(name):
         assert_same_poses(history[:, 3:6], expected.feedback, 1e-9)
         np.testing.assert_allclose(history[:, 6:8], expected.command, rtol=0.0, atol=1e-9)
         np.testing.assert_allclose(history[:, 8], expected.sigma, rtol=0.0, atol=1e-9)
+
+
+GYRO = SensorConfig(fix_rate=2.0, gyro_rate=10.0, gyro_bias=0.05, landmark_rate=2.0)
+SLIPPING = PlantConfig(slip_left=0.6, slip_start=4.0, slip_duration=2.0)
+
+
+@pytest.mark.parametrize(
+    ("sensors", "variant", "points"),
+    [
+        (GYRO, "ekf_calibrating", True),
+        (GYRO._replace(gyro_rate=4.0, fix_delay=0.25, fix_delay_jitter=0.4), "ekf_calibrating", True),
+        (GYRO._replace(fix_outlier=0.2), "ekf_fnn", False),
+    ],
+)
+def test_a_gyro_is_fused_as_the_node_fuses_it(sensors, variant, points):
+    config, landmarks = FilterConfig(filter=variant, use_gyro=True), LANDMARKS if points else LandmarkMap()
+    case = case_of(SLIPPING, sensors, feedback="ekf", steps=120)
+    case = case._replace(filter=options_of(config, landmarks=points))
+    if points:
+        case = case._replace(landmarks=np.array(list(landmarks.points().values())))
+    starts = Starts(np.array([START]))
+    history = run_histories(case, starts, 9, 0, 1)[0]
+    world = WorldConfig(SLIPPING, sensors, StartPose(*START), 9, 0, landmarks)
+    expected = simulate(world, CONTROLLER, ORIGIN, 120, "ekf", LocalizationConfig(1.0, config))
+    assert_same_poses(history[:, :3], expected.truth, 1e-9)
+    assert_same_poses(history[:, 3:6], expected.feedback, 1e-9)
+    np.testing.assert_allclose(history[:, 8], expected.sigma, rtol=0.0, atol=1e-9)
+    without = run_histories(case._replace(filter=options_of(config._replace(use_gyro=False))), starts, 9, 0, 1)[0]
+    assert np.abs(without[-1, 3:6] - history[-1, 3:6]).max() > 1e-3  # it matters
 
 
 def test_what_never_was_is_nan():
@@ -298,6 +328,11 @@ def test_the_start_is_independent_of_the_first_steps_noise():
         ),
         (case_of(sensors=SensorConfig(heading_delay=1.2)), [START], "heading_delay = 1.2: " + TOO_LATE),
         (case_of(steps=0), [START], "steps = 0: must be >= 1"),
+        (
+            case_of()._replace(filter=options_of(FilterConfig(use_gyro=True))),
+            [START],
+            "use_gyro = True: must be false while gyro_rate is 0",
+        ),
         (case_of(), np.empty((0, 3)), "starts = (0, 3): must be (n, 3) with n >= 1"),
         (case_of(), START, "starts = (3,): must be (n, 3) with n >= 1"),
     ],
@@ -312,11 +347,11 @@ def test_refused(function, case, poses, message):
 @pytest.mark.parametrize(
     ("sensors", "steps"),
     [
-        (SensorConfig(), None),
+        (SensorConfig(), 0),
         (SensorConfig(fix_delay=0.15, fix_delay_jitter=0.1), 3),
         (SensorConfig(heading_delay=0.3, fix_delay_jitter=0.01), 3),
     ],
 )
 def test_the_longest_delay(sensors, steps):
     assert prepared(case_of(sensors=sensors)).late_steps == steps
-    assert prepared(case_of(sensors=sensors, feedback="truth")).late_steps is None
+    assert prepared(case_of(sensors=sensors, feedback="truth")).late_steps == 0

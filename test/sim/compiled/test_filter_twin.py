@@ -7,13 +7,13 @@ import pytest
 
 from diffbot_control.filter.gate import ACCEPTED, REJECTED, RELOCATED
 from diffbot_control.filter.gated_filter import GatedFilter
+from diffbot_control.filter.landmark_calibration import NO_ERRORS
 from diffbot_control.filter.measurements import Heading, LandmarkMeasurement, PoseFix
 from diffbot_control.filter.models import Motion
 from diffbot_control.filter.options import FILTERS, FilterConfig, options_of
 from diffbot_core.geometry import Point, Pose
 from diffbot_core.kinematics import Twist, TwistCovariance
-from diffbot_sim.compiled import scalar_belief, scalar_ekf
-from diffbot_sim.compiled import scalar_filter as twin
+from diffbot_sim.compiled import gated_filter as twin
 
 SEPARATION = 0.6
 LANDMARKS = ((3.0, 1.0), (-2.0, 4.0), (0.5, -3.0))
@@ -21,13 +21,6 @@ LANDMARKS = ((3.0, 1.0), (-2.0, 4.0), (0.5, -3.0))
 
 def wrapped(angle):
     return math.remainder(angle, 2.0 * math.pi)
-
-
-def matrix_of(P):
-    """(6, 6) from the upper triangle."""
-    full = np.zeros((6, 6))
-    full[np.triu_indices(6)] = P
-    return full + np.triu(full, 1).T
 
 
 def flat(adaptation):
@@ -42,15 +35,16 @@ def flat(adaptation):
     ]
 
 
-def same_belief(belief, reference, tolerance):
+def same_belief(belief, reference, wheels, tolerance):
     x, P = reference
-    found = np.array([*belief.pose, *belief.errors])
-    states = len(x)
+    # The compiled filter always has the errors of the wheels, and those of landmarks behind them.
+    places = [0, 1, 2, *range(3, 3 + wheels), *range(6, 6 + len(x) - 3 - wheels)]
+    found = belief["x"][places]
     np.testing.assert_allclose(found[:2], x[:2], rtol=tolerance, atol=tolerance)
     assert wrapped(found[2] - x[2]) == pytest.approx(0.0, abs=tolerance)
     assert -math.pi < found[2] <= math.pi
-    np.testing.assert_allclose(found[3:states], x[3:], atol=tolerance)
-    np.testing.assert_allclose(matrix_of(belief.P)[:states, :states], P, rtol=tolerance, atol=tolerance)
+    np.testing.assert_allclose(found[3:], x[3:], atol=tolerance)
+    np.testing.assert_allclose(belief["P"][np.ix_(places, places)], P, rtol=tolerance, atol=tolerance)
 
 
 def assert_same_colour(mine, theirs):
@@ -60,13 +54,15 @@ def assert_same_colour(mine, theirs):
     assert numbers[0] == pytest.approx(numbers[1], rel=1e-6, abs=1e-7)
 
 
-def assert_same(reference, track, tolerance=1e-9):
-    same_belief(track.belief, reference.memory.belief, tolerance)
+def assert_same(reference, track, arrays, tolerance=1e-9):
+    estimated = reference.wheels()
+    wheels = 0 if estimated is None else len(estimated.errors)
+    same_belief(arrays[0]["belief"], reference.memory.belief, wheels, tolerance)
     # The same functions of nearly the same numbers: counts and times have no tolerance.
     assert track.gate == reference.memory.gate
     assert (reference.memory.candidate is None) == (track.gate.fixes.rejected == 0)
     if reference.memory.candidate is not None:
-        same_belief(track.candidate, reference.memory.candidate, tolerance)
+        same_belief(arrays[0]["candidate"], reference.memory.candidate, wheels, tolerance)
     assert_same_colour(track.fix_correlation, reference.memory.fix_correlation)
     other = reference.memory.adaptation
     assert flat(track.adaptation) == pytest.approx(flat(other), rel=1e-6, abs=1e-7)
@@ -82,7 +78,7 @@ def assert_same(reference, track, tolerance=1e-9):
 @pytest.mark.parametrize("variant", FILTERS)
 @pytest.mark.parametrize("seed", range(3))
 def test_the_compiled_filter_is_filterpys(variant, seed):
-    """Every other run takes the wheel separation as given."""
+    """Some runs take the wheel separation as given; one estimates the errors of the landmarks' sensor."""
     rng = np.random.default_rng(seed)
     probability = (0.9, 0.999, 1.0)[seed % 3]
     separation_sigma = 0.0 if seed % 2 else 0.05
@@ -92,21 +88,26 @@ def test_the_compiled_filter_is_filterpys(variant, seed):
             gate_probability=probability,
             relocation_timeout=0.8,
             wheel_separation_sigma=separation_sigma,
-        )
+            landmark_range_offset=0.03,
+        ),
+        landmarks=seed == 2,
     )
-    reference, track = GatedFilter(options, SEPARATION), twin.new_track(options)
+    if seed != 2:
+        options = options._replace(landmark_errors=NO_ERRORS)
+    example = twin.WITH_SENSOR_ERRORS if seed == 2 else twin.FILTER
+    reference, track, arrays = GatedFilter(options, SEPARATION), twin.new_track(), twin.new_arrays(options, example)
     truth = np.array([*rng.uniform(-1.0, 1.0, 2), math.pi - 0.01 if seed % 2 else rng.uniform(-math.pi, math.pi)])
     R = np.diag(rng.uniform(1e-3, 0.05, 3))
     reference.reset_to(Pose(*truth), R)
-    track = twin.take_fix(track, scalar_belief.PoseFix(Pose(*truth), *np.diag(R)), options)
-    assert_same(reference, track)
+    track = twin.take_fix(track, arrays, twin.PoseFix(Pose(*truth), *np.diag(R)), options)
+    assert_same(reference, track, arrays)
     verdicts, kinds = set(), ["fix"] * 4 + ["heading", "landmark", "outlier"]
     for step in range(300):
         v, omega, dt = rng.uniform(-1.0, 2.0), rng.uniform(-4.0, 4.0), rng.uniform(0.01, 0.3)
         a, b, rho = *rng.uniform(1e-3, 0.1, 2), rng.uniform(-0.9, 0.9)
         motion = Motion(Twist(v, omega), dt, TwistCovariance(a * a, rho * a * b, b * b))
         reference.predict(motion)
-        track = twin.advance(track, motion, SEPARATION, options)
+        track = twin.advance(track, arrays, motion, SEPARATION, options)
         middle = truth[2] + 0.5 * omega * dt
         truth += [v * dt * math.cos(middle), v * dt * math.sin(middle), omega * dt]
         if step in (100, 101, 200):
@@ -119,22 +120,22 @@ def test_the_compiled_filter_is_filterpys(variant, seed):
             pose = Pose(z[0], z[1], wrapped(z[2]))
             R = rng.uniform(1e-3, 0.05, 3)
             verdict = reference.take(PoseFix(0, pose, np.diag(R)))
-            track = twin.take_fix(track, scalar_belief.PoseFix(pose, *R), options)
+            track = twin.take_fix(track, arrays, twin.PoseFix(pose, *R), options)
             assert track.newest.fix_outcome == verdict
             verdicts.add(verdict)
         elif kind == "heading":
             z, variance = wrapped(truth[2] + rng.normal(0.0, 0.1)), rng.uniform(1e-3, 0.05)
             reference.take(Heading(0, z, np.array([[variance]])))
-            track = twin.take_heading(track, z, variance, options)
+            track = twin.take_heading(track, arrays, z, variance, options)
         else:
             x, y = LANDMARKS[rng.integers(3)]
             exact = math.hypot(x - truth[0], y - truth[1]), wrapped(math.atan2(y - truth[1], x - truth[0]) - truth[2])
             reference.take(LandmarkMeasurement(0, *exact, np.diag([0.01, 0.004]), Point(x, y)))
-            measured = scalar_ekf.LandmarkMeasurement(*exact, Point(x, y), 0.01, 0.004)
-            track = twin.take_landmark(track, measured, options)
+            measured = twin.LandmarkMeasurement(*exact, Point(x, y), 0.01, 0.004)
+            track = twin.take_landmark(track, arrays, measured, options)
         assert track.newest.nis == pytest.approx(reference.nis, rel=1e-6)
         # Each step is held together by itself: a difference in the last digit must not grow over hundreds of steps.
-        assert_same(reference, track, 1e-7)
+        assert_same(reference, track, arrays, 1e-7)
     assert verdicts == ({ACCEPTED} if probability == 1.0 else {ACCEPTED, REJECTED, RELOCATED})
 
 
@@ -142,21 +143,21 @@ def test_the_compiled_filter_is_filterpys(variant, seed):
 def test_it_finds_the_same_correlation_of_fixes(variant):
     rng, R = np.random.default_rng(1), np.array([0.03, 0.03, 0.01])
     options = options_of(FilterConfig(filter=variant))
-    reference, track = GatedFilter(options, SEPARATION), twin.new_track(options)
+    reference, track, arrays = GatedFilter(options, SEPARATION), twin.new_track(), twin.new_arrays(options, twin.FILTER)
     reference.reset_to(Pose(0.0, 0.0, 0.0), np.diag(R))
-    track = twin.take_fix(track, scalar_belief.PoseFix(Pose(0.0, 0.0, 0.0), *R), options)
+    track = twin.take_fix(track, arrays, twin.PoseFix(Pose(0.0, 0.0, 0.0), *R), options)
     truth, noise, largest = np.zeros(3), rng.normal(size=3), 1.0
     for step in range(200):
         motion = Motion(Twist(0.4, 0.3), 0.2, TwistCovariance(4e-4, 1e-5, 4e-4))
         reference.predict(motion)
-        track = twin.advance(track, motion, SEPARATION, options)
+        track = twin.advance(track, arrays, motion, SEPARATION, options)
         middle = truth[2] + 0.03
         truth += [0.08 * math.cos(middle), 0.08 * math.sin(middle), 0.06]
         noise = 0.9 * noise + math.sqrt(0.19) * rng.normal(size=3)
         z = truth + np.sqrt(R) * noise + (4.0 if step == 120 else 0.0)
         pose = Pose(z[0], z[1], wrapped(z[2]))
         assert reference.take(PoseFix(0, pose, np.diag(R))) == (REJECTED if step == 120 else ACCEPTED)
-        track = twin.take_fix(track, scalar_belief.PoseFix(pose, *R), options)
-        assert_same(reference, track, 1e-7)
+        track = twin.take_fix(track, arrays, twin.PoseFix(pose, *R), options)
+        assert_same(reference, track, arrays, 1e-7)
         largest = max(largest, track.fix_correlation.inflation)
     assert largest > 5.0

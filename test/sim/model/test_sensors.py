@@ -21,6 +21,8 @@ from diffbot_sim.model.sensors import (
     measured_heading,
     measured_landmark,
     measured_pose,
+    turn_rate_at,
+    turn_rate_due,
     uniform_variance,
     with_outlier,
 )
@@ -195,3 +197,15 @@ def test_the_random_delay_is_uniform_and_independent_of_the_errors():
     # Neither do the errors change with it, nor is a fix lost.
     assert [one.errors for one in found] == [one.errors for one in fixes_of(SensorConfig(), 0, 5000)]
     assert not any(one.lost for one in found)
+
+
+def test_a_turn_rate_has_the_bias_and_an_error_that_fills_its_bound_and_is_that_of_no_other_sensor():
+    config = SensorConfig(gyro_error_max=0.04, gyro_bias=-0.1)
+    keys = [NoiseKey(3, 0, step) for step in range(4000)]
+    errors = np.array([turn_rate_at(key, 0.7, config) - 0.7 + 0.1 for key in keys])
+    assert kstest(errors / 0.04, "uniform", args=(-1.0, 2.0)).pvalue > 1e-3
+    for block in range(5):
+        others = np.array([draw(3, 0, step, block) for step in range(4000)])
+        assert np.abs(np.corrcoef(errors, others.T)[0, 1:]).max() < 0.06
+    assert not turn_rate_due(0, SensorConfig(gyro_rate=10.0), 0.1)
+    assert [step for step in range(7) if turn_rate_due(step, SensorConfig(gyro_rate=5.0), 0.1)] == [2, 4, 6]

@@ -1,5 +1,7 @@
 """A calibration finds the errors that a simulated robot was given, from a bag, and writes what the filter reads."""
 
+import contextlib
+import io
 import math
 
 import numpy as np
@@ -61,8 +63,10 @@ def bag(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def calibrated(bag):
-    out = bag.parent / "found.yaml"
-    assert run([bag], None, out, math.inf, {}) == 0
+    out, said = bag.parent / "found.yaml", io.StringIO()
+    with contextlib.redirect_stderr(said):
+        assert run([bag], None, out, math.inf, {}) == 0
+    assert [line.split()[1] for line in said.getvalue().splitlines()] == ["600", "trying", "refining", "judging"]
     return out
 
 
@@ -93,6 +97,8 @@ def test_file_is_one_that_the_filter_takes_and_is_not_written_over(bag, calibrat
     assert config.noise.override_covariance
     assert cli.main(["calibrate", str(bag), "--out", str(calibrated)]) == 1
     assert "exists already" in capsys.readouterr().err
+    assert cli.main(["calibrate", "/nowhere/bag", "--out", str(calibrated.parent / "new.yaml")]) == 1
+    assert capsys.readouterr().err == "diffbot: no bag /nowhere/bag\n"
 
 
 @pytest.mark.parametrize(

@@ -145,6 +145,10 @@ def test_topic_of_another_name_is_remapped(tmp_path):
     write_odometry(path, "/robot/odom")
     params = tmp_path / "p.yaml"
     params.write_text("/**/ekf: {ros__parameters: {}}\n")
+    with pytest.raises(
+        DiffbotError, match="/robot/odom is of type nav_msgs/msg/Odometry, global_pose must be geometry_"
+    ):
+        run(path, params, tmp_path / "out", None, {"odom": "/robot/odom", "global_pose": "/robot/odom"})
     with pytest.raises(DiffbotError, match="has no topic /odom for odom: it has /robot/odom"):
         run(path, params, tmp_path / "out", None, {})
     with pytest.raises(DiffbotError, match=r"no estimate: /robot/odom: no fix yet \(3\)"):
@@ -183,6 +187,7 @@ def test_bad_parameter_file_is_refused(bag, tmp_path, text, words):
     ("arguments", "words"),
     [
         (["/nowhere/bag", "--params", "{bag}/ekf.yaml"], "no bag /nowhere/bag"),
+        (["/nowhere/bag"], "no bag /nowhere/bag"),
         (["{bag}/../set"], "no ekf.yaml in"),
         (["{bag}", "--compare", "/truth"], "has no topic /truth"),
         (["{bag}", "--compare", "/landmarks"], "not a pose"),

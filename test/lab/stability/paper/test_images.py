@@ -20,8 +20,7 @@ def boxes_of(loop, cell):
     return out[: images(inner, cell, out)]
 
 
-@pytest.mark.parametrize("name", LOOPS)
-@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize(("name", "cell"), [("13", CELLS[0]), ("17", CELLS[1]), *(("17 arc", one) for one in CELLS)])
 def test_every_step_from_a_cell_ends_in_its_images(name, cell):
     loop = LOOPS[name]
     assert_held(steps_from(loop, cell, 200, np.random.default_rng(1)), *boxes_of(loop, cell).T)

