@@ -2,10 +2,9 @@
 
 Sources: the tables in docs/reference/parameters/ and docs/reference/bags/check.md: the configuration types; the table
 in docs/explanation/law/paper.md: 100 runs of the closed loop; docs/rooms.svg: the imports;
-docs/reference/nodes/states.svg and the table in goals.md: the states; docs/badges: the package's metadata. In
-docs/results, from the JSON files in its folder data: all of benchmark and reproduction, filter/contract.md, faults.md
-(`make faults`, `make soak`), performance.md (`make bench`), trust.md (`make trust`), the other tables in filter and
-those in real-robots.md.
+docs/reference/nodes/states.svg: the states of a goal; docs/badges: the package's metadata. In
+docs/results, from the JSON files in its folder data: benchmark.md, reproduction.md, faults.md (`make faults`,
+`make soak`), performance.md (`make bench`), trust.md (`make trust`), and the tables in filter.md and real-robots.md.
 ``--experiments`` and ``--benchmark`` repeat the runs behind the JSON files and draw their figures; those behind
 benchmark_bound.json need casadi (extra ``bound``) and are repeated by ``--benchmark bound`` alone.
 ``--animation`` draws docs/run.gif, ``--policy`` runs the nodes and writes config/sros2_policy.xml.
@@ -22,33 +21,28 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import filter_page
 import measure
 import numpy as np
 import parameter_tables
 from badges import badges
+from benchmark_page import page as benchmark_page
 from faults_page import page as faults_page
 from geometry_picture import geometry_picture
 from measure import CALIBRATION, COLOUR, CONTRACT, DATA, EFFECTS, LOCALIZATION, REAL, RESULTS
 from performance_page import page as performance_page
-from reproduction import pages as reproduction_pages
+from reproduction import page as reproduction_page
 from rooms import picture as rooms_picture
 from states_picture import picture as states_picture
-from states_picture import table as states_table
 from trust_page import page as trust_page
 
 from diffbot_bag.tools.contract import BagRules, TopicRules
 from diffbot_control.law.presets import PAPER, PRESETS
 from diffbot_core.geometry import Pose
 from diffbot_core.schema import Spec, parameters_of
-from diffbot_lab.arena import effects as law_effects
-from diffbot_lab.arena.report import pages as law_pages
-from diffbot_lab.filter_benchmark import calibration as calibration_benchmark
-from diffbot_lab.filter_benchmark import colour_report as filter_colour_report
-from diffbot_lab.filter_benchmark import pages as filter_pages
 from diffbot_lab.filter_benchmark import real_drives as real_benchmark
 from diffbot_lab.filter_benchmark.real_calibration import calibrated_table
 from diffbot_lab.paper.scenarios import SETTINGS
-from diffbot_lab.stability.contract.report import page as contract_page
 from diffbot_lab.targets import markdown_table
 from diffbot_sim.feedback import EKF, RAW, TRUTH
 from diffbot_sim.model.plant import PlantConfig
@@ -57,7 +51,6 @@ from diffbot_sim.model.simulator import WorldConfig
 from diffbot_sim.reference_loop import simulate
 
 DOCS = Path(__file__).parent
-GOALS = DOCS / "reference/nodes/goals.md"
 CHECK = DOCS / "reference/bags/check.md"
 RUNS = 100
 STEPS = 300
@@ -71,27 +64,29 @@ QUIET = WorldConfig(
 def check_page() -> str:
     """Return docs/reference/bags/check.md with the rules of contracts."""
     rows = [
-        (part, f"`{one.name}`", one.spec.unit, one.spec.text + _choices(one.spec))
+        (part, f"`{one.name}`", one.spec.text + _choices(one.spec) + _unit(one.spec))
         for part, rules in (("bag", BagRules), ("topic", TopicRules))
         for one in parameters_of(rules)
     ]
-    table = "\n".join(markdown_table(("of", "rule", "unit", "of what"), rows))
+    table = "\n".join(markdown_table(("of", "rule", "of what"), rows))
     return between_markers(CHECK.read_text(), "rules", table)
+
+
+def _unit(spec: Spec) -> str:
+    return "" if spec.unit in ("", "-") else f" [{spec.unit}]"
 
 
 def _choices(spec: Spec) -> str:
     return f": {' or '.join(spec.choices)}" if spec.choices else ""
 
 
-def filter_results_pages() -> dict[Path, str]:
-    """Return the pages of docs/results/filter with the tables of both benchmarks of the filter."""
-    results, coloured = read_data(LOCALIZATION), read_data(COLOUR)
-    folder = RESULTS / "filter"
-    index = between_markers((folder / "index.md").read_text(), "conditions", filter_pages.conditions(results))
-    return {
-        folder / "index.md": between_markers(index, "overview", filter_pages.overview(results)),
-        folder / "coloured.md": marked(folder / "coloured.md", "colour", filter_colour_report.page_part(coloured)),
-    }
+def filter_results_page() -> str:
+    """Return docs/results/filter.md with the tables of the filter's benchmarks and of its contract."""
+    results = read_data(LOCALIZATION)
+    text = between_markers((RESULTS / "filter.md").read_text(), "conditions", filter_page.conditions(results))
+    text = between_markers(text, "overview", filter_page.overview(results))
+    text = between_markers(text, "colour", filter_page.colour(read_data(COLOUR)))
+    return between_markers(text, "contract", filter_page.contract(read_data(CONTRACT)))
 
 
 def real_robots_page() -> str:
@@ -100,7 +95,20 @@ def real_robots_page() -> str:
     real, simulated = read_data(REAL), read_data(CALIBRATION)
     text = between_markers(text, "shipped", "\n\n".join(real_benchmark.table(one) for one in real["sets"]))
     text = between_markers(text, "calibrated", "\n\n".join(calibrated_table(one["calibrated"]) for one in real["sets"]))
-    return between_markers(text, "simulated", calibration_benchmark.table(simulated))
+    return between_markers(text, "simulated", _simulated(simulated))
+
+
+def _simulated(results: dict[str, Any]) -> str:
+    """Return how often the calibration of simulated drives holds the true numbers, as a sentence."""
+    inside = ", ".join(f"{one['name']} {one['inside']}" for one in results["numbers"])
+    ratios = [one["rms"] for one in results["numbers"]]
+    (low, high), (first, last) = results["nis_after"], results["nis_held_out"]
+    return (
+        f"The true number is inside its 95 % interval in so many of {results['runs']} drives: {inside}. The rms error "
+        f"is {min(ratios):.2f} to {max(ratios):.2f} of the stated deviation. Mean NIS per number: "
+        f"{results['nis_before']:.1f} before; with the numbers found {low:.3f} to {high:.3f}, over minutes that were "
+        f"not used {first:.3f} to {last:.3f}."
+    )
 
 
 def scenario_a_table() -> str:
@@ -134,14 +142,11 @@ def read_data(name: str) -> dict[str, Any]:
 def results_pages() -> dict[Path, str]:
     """Return the pages of docs/results that are made from its JSON files, by their paths."""
     experiments = read_data("reproduction")
-    law = law_pages.pages(read_data("benchmark"), read_data("benchmark_bound"))
-    paper = reproduction_pages(experiments["a"], experiments["b"], experiments["scan"])
+    law = benchmark_page(read_data("benchmark"), read_data("benchmark_bound"), read_data(EFFECTS))
     return {
-        **{RESULTS / "benchmark" / name: text for name, text in law.items()},
-        **{RESULTS / "reproduction" / name: text for name, text in paper.items()},
-        **filter_results_pages(),
-        RESULTS / "benchmark/effects.md": law_effects.page(read_data(EFFECTS)),
-        RESULTS / "filter/contract.md": contract_page(read_data(CONTRACT)),
+        RESULTS / "benchmark.md": law,
+        RESULTS / "reproduction.md": reproduction_page(experiments["a"], experiments["b"], experiments["scan"]),
+        RESULTS / "filter.md": filter_results_page(),
         RESULTS / "real-robots.md": real_robots_page(),
         RESULTS / "faults.md": faults_page(read_data("faults")),
         RESULTS / "performance.md": performance_page(read_data("performance")),
@@ -197,7 +202,6 @@ def check_or_write(check: bool) -> int:
         **results_pages(),
         DOCS / "rooms.svg": rooms_picture(),
         DOCS / "reference/nodes/states.svg": states_picture(),
-        GOALS: marked(GOALS, "states", states_table()),
         **{DOCS / "badges" / name: picture for name, picture in badges().items()},
         DOCS / "explanation/geometry.svg": geometry_picture(),
         paper: marked(paper, "scenario A", scenario_a_table()),

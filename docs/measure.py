@@ -1,6 +1,6 @@
 """Repeat the measurements behind docs/results: ``generate.py --benchmark`` and its other options call this.
 
-Results go to the JSON files in docs/results/data, pictures beside the pages that show them.
+Results go to the JSON files in docs/results/data, pictures to docs/results/figures.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ from diffbot_lab.stability.tuned.contract import Contract
 DOCS = Path(__file__).parent
 RESULTS = DOCS / "results"
 DATA = RESULTS / "data"
+FIGURES = RESULTS / "figures"
 LOCALIZATION, COLOUR, EFFECTS = "localization", "localization_colour", "effects"
 """Names of the results of the filter's benchmarks, and of the changed parameters."""
 REAL, CALIBRATION = "real", "calibration"
@@ -58,7 +59,7 @@ def write_experiments() -> None:
         shown = [group for group in groups if group.label == law_label and group.setting.name == "raw"]
         with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(1) as pool:
             paths = [path for drawn in figure_paths(shown, Path(folder), pool) for path in drawn.result()]
-            shutil.copy(next(path for path in paths if path.name == figure), RESULTS / "reproduction" / figure)
+            shutil.copy(next(path for path in paths if path.name == figure), FIGURES / figure)
     write_json(DATA / "reproduction.json", results)
 
 
@@ -67,7 +68,7 @@ def write_switching() -> None:
     options = law_benchmark.ArenaOptions(SWITCHING_RUNS, SWITCHING_SEED, own_runs=OWN_RUNS)
     results, outcomes = law_benchmark.run_benchmark(options)
     write_json(DATA / "benchmark.json", results)
-    law_benchmark.draw(outcomes, options, RESULTS / "benchmark" / "benchmark.png")
+    law_benchmark.draw(outcomes, options, FIGURES / "benchmark.png")
 
 
 def write_effects() -> None:
@@ -93,7 +94,7 @@ def write_localization() -> None:
     """Run the benchmark of the filter; write its results and its figure to docs/results."""
     results = filter_benchmark.run_benchmark(BENCHMARKS["localization"][0], 1)
     write_json(DATA / f"{LOCALIZATION}.json", results)
-    filter_benchmark.draw(results, RESULTS / "filter" / "localization.png")
+    filter_benchmark.draw(results, FIGURES / "localization.png")
 
 
 def write_colour() -> None:

@@ -64,17 +64,21 @@ def _selected(node: str, patterns: list[str]) -> list[Parameter]:
 
 def _table(node: str, patterns: list[str]) -> str:
     tuned, paper = (to_dict(CONTROLLER_PRESETS[name]) if node == "controller" else {} for name in (TUNED, PAPER))
-    rows = [list(_cells(one, tuned, paper)) for one in _selected(node, patterns)]
-    return "\n".join(markdown_table(("parameter", "default", "unit", "allowed", "fixed", "meaning"), rows))
+    all_fixed = all(one.spec.read_only for one in parameters_of(NODES[node]))
+    rows = [list(_cells(one, tuned, paper, not all_fixed)) for one in _selected(node, patterns)]
+    return "\n".join(markdown_table(("parameter", "default", "allowed", "meaning"), rows))
 
 
-def _cells(parameter: Parameter, tuned: dict[str, Any], paper: dict[str, Any]) -> Iterator[str]:
+def _cells(parameter: Parameter, tuned: dict[str, Any], paper: dict[str, Any], mark_fixed: bool) -> Iterator[str]:
     name, spec = parameter.name, parameter.spec
     default = _text(tuned.get(name, parameter.default))
     if tuned.get(name) != paper.get(name):
         default += f" (paper: {_text(paper[name])})"
+    if spec.unit not in ("", "-"):
+        default += f" [{spec.unit}]" if default == "-" else f" {spec.unit}"
     allowed = spec.bound() if parameter.type in (float, int) or spec.choices else ""
-    for cell in (f"`{name}`", default, spec.unit, allowed, "yes" if spec.read_only else "", spec.text):
+    allowed = re.sub(r">= (\S+) and <= (\S+)", r"[\1, \2]", allowed.removeprefix("one of "))
+    for cell in (f"`{name}`", default, allowed, spec.text + (" (fixed)" if mark_fixed and spec.read_only else "")):
         yield cell.replace("|", "\\|")
 
 

@@ -1,10 +1,8 @@
-"""The page docs/results/performance.md from data/performance.json: both are written by ``make bench``."""
+"""The page docs/results/performance.md from data/performance.json, and its rows for a terminal; see ``make bench``."""
 
 from __future__ import annotations
 
 from typing import Any
-
-from diffbot_lab.targets import markdown_table
 
 HEADER = ("measure", "ours", "reference", "ratio", "target", "met", "spread", "rounds")
 QUESTION = """\
@@ -13,67 +11,32 @@ QUESTION = """\
 How much time, CPU and memory do nodes, simulation, bags and the page in the browser need?"""
 METHOD = """\
     make bench                          # all parts: measures, and writes this page
-    make bench ARGS=--quick             # a short form of each part: does it run?
-    make bench ARGS="lockstep cut"      # single parts, to out/bench.json
+    make bench ARGS="--quick lockstep"  # a short form; single parts go to out/bench.json
 
-All figures are of one run of one commit. Machines and their load differ, so ratios say more than absolute times. Each
-round measures this project and its reference in succession, where processes are started in alternating order. *Ratio*
-is the median over the rounds of ours / reference; *ours* and *reference* are medians over the rounds; *spread* is the
-smallest and largest ratio of a round, or figure where there is no reference. Missed targets are marked NO. On a busy
-machine p99, what runs on two cores, and what waits for the disk are worse. Why the nodes are fast is in
-[Design for speed](../explanation/speed.md). All figures: [performance.json](data/performance.json)."""
+All figures are of one run of one commit. Machines differ, so ratios (ours / reference) say more than absolute times.
+Figures are medians over the rounds. Shown is what has a target, and the target where it is
+missed. Other measures, spreads and rounds: [performance.json](data/performance.json). The nodes use
+rclpy's EventsExecutor (`DIFFBOT_EXECUTOR=single`: its default one) and read frequent messages from their bytes."""
 SECTIONS = {
     "latency": (
         "Nodes at 50 Hz",
         """\
-A driver publishes odometry at 50 Hz and a pose fix at 10 Hz, and subscribes to the command. The latency runs from the
-start of its step, before it fills its messages, to its callback for the command. Ours are filter and controller with
-all checks and diagnostics, on the executor of `diffbot_core.ros.node`. The reference is two plain rclpy relays,
-Odometry -> Odometry -> Twist, which compute nothing, on the default executor. The driver is the same on both sides; in
-*one process* CPU counts it, too. A round in which a command is lost is repeated. robot_node is filter and controller in
-one process, where the pose is handed over by a call; its last row compares it with two nodes that exchange the pose
-over DDS.""",
+Odometry at 50 Hz, fixes at 10 Hz. The latency runs from the start of the driver's step to its callback for the command.
+The reference is two plain rclpy relays, Odometry -> Odometry -> Twist, which compute nothing. The CPU of *one process*
+includes the driver. robot_node is filter and controller in one process.""",
     ),
-    "lockstep": (
-        "Lock-step",
-        """\
-The plant takes its next step when the command of the present step has come: noise, /clock and one fix in each step. The
-reference passes a number around three bare nodes that reuse their messages and have neither parameter services nor
-rosout.""",
-    ),
-    "batch": (
-        "Compiled closed loop",
-        """\
-Simulation A of the paper without ROS, 300 steps a run. The kernel written by hand does this one case with plain
-numbers; its results are the same.""",
-    ),
-    "campaign": ("Campaigns", "`diffbot campaign` with the default law and filter, from its start to its end."),
-    "recorder": (
-        "Recorder",
-        """\
-Eight topics of a robot, together 8000 messages a second of 300 bytes in the mean. The bare subscriber receives the same
-messages at the same time and only counts them. The longest times are of runs in which the recorder alone receives; they
-include waiting for a core.""",
-    ),
+    "lockstep": ("Lock-step", "Noise, /clock and one fix in each step. The reference is three bare nodes."),
+    "batch": ("Compiled closed loop", "Simulation A of the paper without ROS, 300 steps a run."),
+    "campaign": ("Campaigns", "`diffbot campaign` with the default law and filter."),
+    "recorder": ("Recorder", "Eight topics, together 8000 messages a second of 300 bytes in the mean."),
     "replay": ("Replay", "20,000 messages of one topic, recorded at 1 kHz, to a subscriber in Python."),
-    "repair": (
-        "Repair",
-        """\
-Recordings that were not finished. The repair includes a check by two readers. How much a killed recorder loses is in
-[Faults](faults.md).""",
-    ),
-    "cut": (
-        "Cut and join",
-        """\
-A bag of 2 GiB (650 s; messages of 20 kB in the mean, zstd). Merges are compared in CPU time, on an eighth of the
-bags.""",
-    ),
+    "repair": ("Repair", "Includes a check by two readers. What a killed recorder loses: [Faults](faults.md)."),
+    "cut": ("Cut and join", "A bag of 2 GiB (650 s; messages of 20 kB in the mean, zstd); merges on an eighth of it."),
     "page": (
         "Page in the browser",
         """\
-The bag of the [report](../reference/browser/report.md) has truth, estimate, odometry, fixes and commands at 50 Hz,
-with noise in every number; Chromium draws without a graphics card. Control period and latency are those of the driver
-above in three processes, while a [live page](../reference/browser/live.md) is open.""",
+Five topics at 50 Hz with noise in every number; Chromium draws without a graphics card. The control period is that of
+the driver above in three processes while a [live page](../reference/browser/live.md) is open.""",
     ),
 }
 
@@ -93,6 +56,13 @@ def cells(row: dict[str, Any]) -> tuple[str, ...]:
     )
 
 
+def _line(row: dict[str, Any]) -> str:
+    """Return a measure as a line of a list, with its target if it misses that."""
+    text, ours, reference, ratio, target, *_ = cells(row)
+    missed = "" if row["met"] else f" **(target {target})**"
+    return f"- {text}: {ours}" + (f", reference {reference}, ratio {ratio}" if ratio else "") + missed
+
+
 def _short(number: float) -> str:
     return f"{number:,.0f}" if number >= 1000 else f"{number:.3g}"
 
@@ -101,8 +71,8 @@ def page(content: dict[str, Any]) -> str:
     """Return the page; ``content`` is what the JSON file holds."""
     parts = [QUESTION, _answer(content), METHOD, _conditions(content)]
     for name, (title, text) in SECTIONS.items():
-        rows = content["parts"][name]["rows"].values()
-        parts += [f"## {title}", text, "\n".join(markdown_table(HEADER, map(cells, rows)))]
+        rows = [row for row in content["parts"][name]["rows"].values() if row["met"] is not None]
+        parts += [f"## {title}", text, "\n".join(map(_line, rows))]
     return "\n\n".join(parts) + "\n"
 
 

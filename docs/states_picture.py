@@ -1,4 +1,4 @@
-"""What becomes of a goal: docs/reference/nodes/states.svg and the table beside it, from the table in the code."""
+"""What becomes of a goal: docs/reference/nodes/states.svg, drawn from the table in the code."""
 
 from __future__ import annotations
 
@@ -30,16 +30,6 @@ HELD = WITH_GOAL - OPEN
 FROM_ANYWHERE = (Event.GOAL, Event.STOP, Event.FAULT)
 """Drawn in no arrow: they lead from each state to the same one."""
 BLUE, GREEN, GREY = "#0072B2", "#009E73", "#777777"
-
-
-def table() -> str:
-    """Return the table of states in Markdown: a row for each state and event that changes or sends anything."""
-    lines = ["| state | event | next state | command | the goal ends as |", "|---|---|---|---|---|"]
-    for state, row in TABLE.items():
-        for event, to in row.items():
-            after = "" if to.state is state else to.state.value
-            lines.append(f"| {state.value} | {event.value} | {after} | {to.command.value} | {to.answer} |")
-    return "\n".join(lines)
 
 
 def picture() -> str:

@@ -1,0 +1,98 @@
+"""The tables of docs/results/filter.md: the filter's benchmark, that of coloured fixes, and the contract."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from diffbot_lab.campaign.statistics import wilson
+from diffbot_lab.filter_benchmark.report import targets
+from diffbot_lab.targets import markdown_table, number
+
+Results = dict[str, Any]
+
+RATES = ("10/1", "10/5", "50/10")
+"""[Hz] Odometry and fixes in most cases; a case with other rates has rows of its own."""
+MODES = {"off": "not looked for", "on": "detected (default)", "given": "given"}
+
+
+def conditions(results: Results) -> str:
+    """Return the sentences on the runs, and on the targets."""
+    found = targets(results)
+    missed = [f"{one.case}, {one.text}: {number(one.value)} instead of {one.bound:g}" for one in found if not one.met]
+    lost = sum(case["filters"][results["default_filter"]]["lost"] for case in results["cases"])
+    runs = results["runs"] * len(results["cases"])
+    return (
+        f"{results['runs']} runs of {results['duration']:.0f} s in each case, seed {results['seed']}; the first "
+        f"{results['skipped']:.0f} s do not count. The filter is the default, `{results['default_filter']}`. "
+        f"{lost} of {runs} runs are lost. {len(found) - len(missed)} of {len(found)} targets are met"
+        + (f" (missed: {'; '.join(missed)})." if missed else ".")
+    )
+
+
+def overview(results: Results) -> str:
+    """Return the tables of the default filter: a column for each pair of rates, then the cases with other rates."""
+    cases: dict[str, dict[str, Results]] = {}
+    for case in results["cases"]:
+        rates = f"{case['odometry_rate']}/{case['fix_rate']}"
+        cases.setdefault(case["text"], {})[rates] = case["filters"][results["default_filter"]]
+    rows, others = [], []
+    for text, found in cases.items():
+        if tuple(found) == RATES:
+            rows.append((text, *(_figures(found[rates]) for rates in RATES)))
+        else:
+            others += [(text, rates, _figures(one)) for rates, one in found.items()]
+    lines = markdown_table(("case", *(f"{rates} Hz" for rates in RATES)), rows)
+    return "\n".join([*lines, "", *markdown_table(("case", "Hz", "figures"), others)])
+
+
+def _figures(one: Results) -> str:
+    return f"{number(one['position']['rmse'])}; {number(one['heading']['rmse'])}; {number(one['nees'], 1)}"
+
+
+def colour(results: Results) -> str:
+    """Return the table of fixes whose errors are correlated."""
+    rows = []
+    for one in results["cells"]:
+        low, high = (100.0 * bound for bound in wilson(one["alarms"], one["runs"]))
+        alarms = f"{100.0 * one['alarms'] / one['runs']:.1f} % [{low:.1f}, {high:.1f}]"
+        figures = (number(one["rmse"]), number(one["nees"], 2), alarms, number(one["alarm_median"], 0))
+        rows.append((f"{one['c']:g}", MODES[one["mode"]], *figures))
+    head = ("c", "correlation", "RMSE [m]", "NEES", "runs with an alarm", "first alarm, median [s]")
+    return "\n".join(
+        [
+            f"{results['runs']} runs of {results['duration']:.0f} s at "
+            f"{results['odometry_rate']}/{results['fix_rate']} Hz, seed {results['seed']}, without the first "
+            f"{results['skipped']:.0f} s:",
+            "",
+            *markdown_table(head, rows),
+        ]
+    )
+
+
+def contract(results: Results) -> str:
+    """Return the table of how often, and from when on, the filter keeps the contract."""
+    bounds = results["contract"]
+    windows = [f"{one['from']:g} to {one['to']:g} s" for one in results["cases"][0]["windows"]]
+    rows = []
+    for case in results["cases"]:
+        shares = [_percent(one["all"]["runs"]) for one in case["windows"]]
+        since = case["all_hold_from"]
+        times = ["none" if since[name] is None else f"{since[name]:.1f}" for name in ("median", "p95")]
+        rows.append([f"`{case['name']}`: {case['text']}", str(case["runs"]), *shares, *times])
+    head = ("case", "runs", *(f"{one} [%]" for one in windows), "holds from [s]: median", "95 %")
+    return "\n".join(
+        [
+            f"The bounds are {bounds['eps_position']:g} m and {bounds['eps_theta']:g} rad for the errors and "
+            f"{bounds['sigma_max']:g} m for the reported standard deviation of the position. Runs of "
+            f"{results['cases'][0]['duration']:g} s with the default law and filter, seed {results['seed']} (not used "
+            "for tuning). Share of the runs that keep all three bounds in every step of a window:",
+            "",
+            *markdown_table(head, rows),
+        ]
+    )
+
+
+def _percent(share: float) -> str:
+    """Return a share in percent; only one of 1 is shown as 100."""
+    text = f"{100.0 * share:.1f}"
+    return text if share == 1.0 or text != "100.0" else "> 99.9"
