@@ -215,8 +215,15 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
             self._fail(error)
         if not self._error_reported:
             self._publish_status()
-        self._topics.close()
         self.get_logger().info(f"{self._writer.count} messages, {self._lost()} lost, {self._writer.folder}")
+
+    def destroy_node(self) -> None:
+        """Destroy the node and what it watches the graph with."""
+        super().destroy_node()
+        # None of a node whose parameters were refused.
+        topics = getattr(self, "_topics", None)
+        if topics is not None:
+            topics.close()
 
     def _custom_data(self) -> dict[str, str]:
         lost = self._topics.lost()

@@ -25,6 +25,7 @@ from diffbot_core.ros.base_node import BaseNode
 from diffbot_core.ros.clock_watch import ClockWatch
 from diffbot_core.ros.fault_parameters import FaultConfig
 from diffbot_core.ros.faults import FaultRecord, is_refusal, one_line
+from diffbot_core.ros.forced_exit import forced_exit
 from diffbot_core.ros.parameters import NodeParameters, overrides_of
 from diffbot_core.ros.publisher_watch import PublisherWatch
 from diffbot_core.ros.qos import LATCHED as LATCHED  # noqa: PLC0414 - re-exported, as is QUEUE
@@ -35,6 +36,8 @@ DIAGNOSTICS_PERIOD = 1.0
 """[s] between two /diagnostics messages of a node"""
 SPIN_TIMEOUT = 0.05
 """[s] maximum time between two checks of the signal flag"""
+END_TIMEOUT = 4
+"""[s] for the middleware to destroy all nodes; ros2 launch sends its next signal 5 s after the first one"""
 
 
 class DiffbotNode(BaseNode, Generic[C]):
@@ -254,23 +257,34 @@ def run_together(make_nodes: Callable[[], Iterator[DiffbotNode[Any]]], args: lis
     if get_logger_effective_level("rcl") == LoggingSeverity.FATAL:  # unless --log-level rcl:=... was given
         set_logger_level("rcl", LoggingSeverity.UNSET)
     nodes: list[DiffbotNode[Any]] = []
+    failed = True
     try:
         for node in make_nodes():
             nodes.append(node)  # one by one: those made before a failure are destroyed, too
         _spin(nodes, stop)
+        failed = False
     except (DiffbotError, ParameterException, InvalidParameterTypeException) as error:
         print(f"error: {_one_line(error)}", file=sys.stderr)
-        return 1
     finally:
         with ExitStack() as last_first:
             # Python restores the default handlers when it exits; a second signal would then change the exit status.
             last_first.callback(stop.ignore)
-            last_first.callback(rclpy.try_shutdown)
+            last_first.callback(_destroy, nodes, failed)
             for node in sorted(reversed(nodes), key=lambda node: node.moves_the_robot):
-                last_first.callback(node.destroy_node)
                 last_first.callback(node.before_shutdown)
-    # Read last: before_shutdown may still fail, such as a recorder on a full disk.
-    return max(node.exit_code or 0 for node in nodes)
+    return _status(nodes, failed)
+
+
+def _status(nodes: list[DiffbotNode[Any]], failed: bool) -> int:
+    """Return the exit status; only now, since before_shutdown may fail, such as a recorder on a full disk."""
+    return max(int(failed), *(node.exit_code or 0 for node in nodes), 0)
+
+
+def _destroy(nodes: list[DiffbotNode[Any]], failed: bool) -> None:
+    with forced_exit(END_TIMEOUT, _status(nodes, failed)), ExitStack() as last_first:
+        last_first.callback(rclpy.try_shutdown)
+        for node in nodes:
+            last_first.callback(node.destroy_node)
 
 
 def _spin(nodes: list[DiffbotNode[Any]], stop: StopFlag) -> None:
