@@ -15,7 +15,7 @@ from numba import njit
 from diffbot_core.geometry import Pose
 from diffbot_lab.paper.experiment import SETTINGS, case_of, starts_of
 from diffbot_sim.compiled.batch import HISTORY_COLUMNS, run_batch
-from diffbot_sim.compiled.closed_loop import run_loop
+from diffbot_sim.compiled.closed_loop import buffers_for, run_loop
 
 ROUNDS, RUNS = 9, 4000
 QUICK_RUNS = 100
@@ -113,7 +113,7 @@ def one_round(runs: int) -> dict[str, Pair]:
     return {
         "python": Pair(
             rate(runs, lambda: run_batch(CASE, START, 1, 0, runs)),
-            rate(1, lambda: run_loop(CASE, 1, 0, Pose(*START.poses[0]), nothing)),
+            rate(1, lambda: run_loop(CASE, buffers_for(CASE), 1, 0, Pose(*START.poses[0]), nothing)),
         ),
         "kernel": Pair(
             rate(runs, lambda: run_batch(CASE, START, 1, 0, runs, threads=1), cpu),

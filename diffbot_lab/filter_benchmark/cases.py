@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diffbot_control.filter.options import FilterConfig, options_of
-from diffbot_sim.compiled.gated_filter import example_for
+from diffbot_sim.compiled.late_fusion import example_for
 from diffbot_sim.compiled.open_loop import OpenLoopCase
 from diffbot_sim.compiled.sensing import Robot
 from diffbot_sim.model.plant import PlantConfig
@@ -107,8 +107,9 @@ def drive_of(scenario: Scenario, odometry_rate: int, fix_rate: int, filter_name:
     options = options_of(FilterConfig(filter=filter_name), landmarks=len(scenario.landmarks) > 0)
     kidnapped = round(plant.kidnap_time * odometry_rate) if plant.kidnap_time > 0.0 else -1
     return OpenLoopCase(
-        Robot(plant, sensors, options, scenario.landmarks, example_for(scenario.landmarks, options)),
+        Robot(plant, sensors, options, scenario.landmarks),
         round(DURATION * odometry_rate),
         round(SKIPPED * odometry_rate),
         kidnapped,
+        example_for(scenario.landmarks, options).filter,
     )

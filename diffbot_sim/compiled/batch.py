@@ -19,7 +19,7 @@ from diffbot_control.goals.protocol import Law
 from diffbot_control.law.controller import SwitchingLaw
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose, wrap_angle
-from diffbot_sim.compiled.closed_loop import EKF, RAW, TRUTH, Case, make_loop, prepared
+from diffbot_sim.compiled.closed_loop import EKF, RAW, TRUTH, Case, buffers_for, make_loop, prepared
 from diffbot_sim.compiled.gated_filter import check_supported
 from diffbot_sim.compiled.jit import compile_kernel, make_callable, make_law_callable, one_compiler
 from diffbot_sim.model.outcome import Outcome
@@ -89,9 +89,11 @@ def _make_fill(law: Law) -> Any:
     make_callable(run_loop)
 
     def fill(case: Case, poses: Any, half: Any, seed: int, first: int, outcomes: Any, histories: Any) -> None:
+        buffers = buffers_for(case)
         for index in range(len(outcomes)):
             run = first + index
-            outcome = run_loop(case, seed, run, _start_pose(poses, half, seed, run), histories[index])
+            start = _start_pose(poses, half, seed, run)
+            outcome = run_loop(case, buffers, seed, run, start, histories[index])
             _put(outcomes[index], outcome)
 
     return fill

@@ -22,16 +22,20 @@ from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import Estimate, Uncertainty, largest_deviation
 from diffbot_sim.compiled.ekf import pose_of
-from diffbot_sim.compiled.gated_filter import FILTER, belief_of, example_for
+from diffbot_sim.compiled.gated_filter import reset_arrays
 from diffbot_sim.compiled.late_fusion import (
+    WITH_WHEELS,
     Buffers,
+    Example,
     LateRecord,
     Sensed,
     arrived_fix,
+    example_for,
     late_steps,
     new_buffers,
     new_sensed,
     record_step,
+    reset_record,
     sense,
 )
 from diffbot_sim.compiled.sensing import Robot
@@ -70,8 +74,8 @@ class Case(NamedTuple):
     """[s] how late a measurement may come at most; longer delays are refused"""
     late_steps: int = 0
     """the longest delay in steps; :func:`prepared` sets it, 0 if no measurement is late"""
-    example: Any = FILTER
-    """of the filter's arrays; :func:`prepared` sets it"""
+    example: Example = WITH_WHEELS
+    """of the arrays that a run works with; :func:`prepared` sets it"""
 
 
 class Feedback(NamedTuple):
@@ -90,41 +94,49 @@ def prepared(case: Case) -> Case:
     return case._replace(late_steps=late, example=example_for(case.landmarks, case.filter))
 
 
-def make_loop(law: Law) -> Callable[[Case, int, int, Pose, Any], Outcome]:
+def buffers_for(case: Case) -> Buffers:
+    """Return what :func:`run_loop` works with under a :func:`prepared` case, one run after the other."""
+    return new_buffers(case.late_steps, case.example)
+
+
+def make_loop(law: Law) -> Callable[[Case, Buffers, int, int, Pose, Any], Outcome]:
     """Return the function that does one run under a law; it compiles if the law's functions do."""
     new_memory, step = law.new_memory, law.step
 
-    def run_loop(case: Case, seed: int, run: int, start: Pose, history: Any) -> Outcome:
+    def run_loop(case: Case, buffers: Buffers, seed: int, run: int, start: Pose, history: Any) -> Outcome:
         """Do one run.
 
         Args:
             case: what all runs share, from :func:`prepared`; ``controller`` is of the law's Config.
+            buffers: from :func:`buffers_for`.
             seed: of the campaign.
             run: number of the run.
             start: true pose at first, in map.
             history: (steps + 1, 9) array whose rows are filled, or (0, 9) for none.
         """
+        # Records, of which compiled code counts no references as it does of arrays.
+        arrays, record = buffers.filter[0], LateRecord(buffers.steps, buffers.tracks, buffers.stamps[0])
+        reset_arrays(arrays, case.filter)
+        reset_record(record)
         t_s, delay = case.plant.sampling_time, case.plant.actuators.command_delay
         criteria = Criteria(case.goal, case.xy_tolerance, case.yaw_tolerance, t_s, case.steps)
         commands = np.zeros((command_rows(delay, t_s), 2))
         state, memory, totals = new_plant(start), new_memory(case.controller), new_totals()
         answer = LawState(OMEGA_G, False)
         feedback, robot = Feedback(new_sensed(), start, False), _robot_of(case)
-        buffers = new_buffers(case.filter, case.late_steps, case.example)
-        belief = belief_of(buffers.filter)
         for index in range(case.steps + 1):
             key = NoiseKey(seed, run, index)
-            feedback = next_feedback(case.feedback, robot, key, state, feedback, buffers)
+            feedback = next_feedback(case.feedback, robot, key, state, feedback, arrays, record)
             command = Twist(0.0, 0.0)
             if feedback.known:
                 dt = t_s if index > 0 else 0.0
-                estimate = Estimate(feedback.pose, _uncertainty(case.feedback, belief))
+                estimate = Estimate(feedback.pose, _uncertainty(case.feedback, arrays["belief"]))
                 memory, command, report = step(memory, estimate, case.goal, dt, case.controller)
                 answer = LawState(report.region, memory.reached)
                 if case.literal_rear and not in_front(report.alpha):
                     command = Twist(-command.v, command.omega)
             if len(history) > 0:
-                _record(history, index, state.pose, feedback, command, _uncertainty(case.feedback, belief))
+                _record(history, index, state.pose, feedback, command, _uncertainty(case.feedback, arrays["belief"]))
             before = state.pose
             if index < case.steps:
                 state = plant_step_at(key, state, delayed_command(commands, index, command, delay, t_s), case.plant)
@@ -140,7 +152,7 @@ run_loop = make_loop(SwitchingLaw)
 
 def _robot_of(case: Case) -> Robot:
     """Return what the filter depends on; with the law's Config in its type, it would be compiled again for each law."""
-    return Robot(case.plant, case.sensors, case.filter, case.landmarks, case.example)
+    return Robot(case.plant, case.sensors, case.filter, case.landmarks)
 
 
 def _uncertainty(kind: int, belief: Any) -> Uncertainty:
@@ -152,21 +164,21 @@ def _uncertainty(kind: int, belief: Any) -> Uncertainty:
 
 
 def next_feedback(
-    kind: int, robot: Robot, key: NoiseKey, state: PlantState, feedback: Feedback, buffers: Buffers
+    kind: int, robot: Robot, key: NoiseKey, state: PlantState, feedback: Feedback, arrays: Any, record: LateRecord
 ) -> Feedback:
     """Sense, filter if the controller gets the estimate, and return what it gets."""
     if kind == TRUTH:
         return Feedback(feedback.sensed, state.pose, True)
     if kind == RAW:
-        return _newest_fix(robot, key, state, feedback, buffers.record)
-    sensed = sense(feedback.sensed, buffers, key, state, robot)
-    return Feedback(sensed, pose_of(belief_of(buffers.filter)), sensed.track.initialised)
+        return _newest_fix(robot, key, state, feedback, record)
+    sensed = sense(feedback.sensed, arrays, record, key, state, robot)
+    return Feedback(sensed, pose_of(arrays["belief"]), sensed.track.initialised)
 
 
 def _newest_fix(robot: Robot, key: NoiseKey, state: PlantState, feedback: Feedback, record: LateRecord) -> Feedback:
     """Return the fix that arrived last."""
     sensors, sensed, t_s = robot.sensors, feedback.sensed, robot.plant.sampling_time
-    if len(record.rows) > 0:
+    if len(record.steps) > 0:
         errors = record_step(record, sensed.errors, key, state, t_s, sensors)
         pose, known = arrived_fix(record, key.step, feedback.pose, feedback.known)
         return Feedback(Sensed(sensed.track, errors), pose, known)

@@ -59,8 +59,9 @@ def work_type(n: int) -> Any:
     """Return the type of a record for the newest measurement, of m <= 3 numbers, and for what is computed on the way.
 
     y (3,) innovation, H (3, n) its Jacobian, R (3, 3) covariance of the measured numbers, S = H P H' (3, 3), L (3, 3)
-    Cholesky factor of the innovation's covariance, w = L^-1 y (3,), PHT = P H' (n, 3), all with m rows or columns that
-    count; D (3, 5) derivatives of a moved pose by heading, errors of the wheels and bias, FP (3, n) rows of F P.
+    Cholesky factor of the innovation's covariance with the reciprocals of its diagonal, w = L^-1 y (3,), PHT = P H'
+    (n, 3), all with m rows or columns that count; D (3, 5) derivatives of a moved pose by heading, errors of the wheels
+    and bias, FP (3, n) rows of F P.
     """
     shapes = {"y": (3,), "H": (3, n), "R": (3, 3), "S": (3, 3), "L": (3, 3), "w": (3,), "PHT": (n, 3)}
     return np.dtype([(name, float, shape) for name, shape in {**shapes, "D": (3, 5), "FP": (3, n)}.items()])
@@ -169,7 +170,7 @@ def predict(
         D[0, 1 + k], D[1, 1 + k], D[2, 1 + k] = pose_derivatives(arc, dt, v, omega)
     D[0, 4], D[1, 4], D[2, 4] = pose_derivatives(arc, dt, -share.v, -share.omega)
     x[0], x[1], x[2] = arc.end.x, arc.end.y, arc.end.theta
-    _propagate(P, D, work["FP"])
+    propagate(P, D, work["FP"])
     xx, xy, xt, yy, yt, tt = motion_noise(arc, twist.v, dt, covariance)
     if var_lateral > 0.0:
         add_xx, add_xy, add_yy = lateral_noise(arc, dt, var_lateral)
@@ -187,7 +188,7 @@ def predict(
         P[LANDMARKS, LANDMARKS] += bias_random_walk * dt
 
 
-def _propagate(P: Any, D: Any, FP: Any) -> None:
+def propagate(P: Any, D: Any, FP: Any) -> None:
     """P = F P F', where F adds D times theta, the errors of the wheels and the bias to the pose."""
     n = len(P)
     for i in range(POSE):
@@ -329,14 +330,15 @@ def _factorise(work: Any, m: int, inflation: float, weaker: float) -> float:
             for q in range(j):
                 value -= L[i, q] * L[j, q]
             if i == j:
-                L[i, i] = math.sqrt(max(value, _SMALLEST))
-                det *= L[i, i]
+                root = math.sqrt(max(value, _SMALLEST))
+                L[i, i] = 1.0 / root
+                det *= root
             else:
-                L[i, j] = value / L[j, j]
+                L[i, j] = value * L[j, j]
         value = y[i]
         for q in range(i):
             value -= L[i, q] * w[q]
-        w[i] = value / L[i, i]
+        w[i] = value * L[i, i]
     return det
 
 
@@ -360,7 +362,7 @@ def correct(belief: Any, work: Any, m: int, inflation: float, weaker: float) -> 
             value = gain[i, j]
             for q in range(j):
                 value -= L[j, q] * gain[i, q]
-            gain[i, j] = value / L[j, j]
+            gain[i, j] = value * L[j, j]
     uncertain, dx, dy, turn = P[2, 2] > TURNED_VARIANCE, 0.0, 0.0, 0.0
     for q in range(m):
         dx += gain[0, q] * w[q]

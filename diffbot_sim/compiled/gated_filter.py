@@ -109,7 +109,7 @@ class Newest(NamedTuple):
 
 
 class Track(NamedTuple):
-    """State of the filter but for its arrays, see FILTER."""
+    """State of the filter but for its arrays, see :func:`filter_type`."""
 
     initialised: bool
     """False before the first fix"""
@@ -123,20 +123,17 @@ class Track(NamedTuple):
 
 
 def filter_type(n: int) -> Any:
-    """Return the type of the filter's arrays for ``n`` states; they are changed in place.
+    """Return the type of the filter's arrays for ``n`` states, a record that is changed in place.
 
     The candidate is the hypothesis of the rejected fixes, without a meaning if there are none.
     """
     return np.dtype([("belief", belief_type(n)), ("candidate", belief_type(n)), ("work", work_type(n))])
 
 
-FILTER, WITH_SENSOR_ERRORS = np.empty(0, filter_type(WHEELS)), np.empty(0, filter_type(GYRO))
-"""Examples of the arrays: with the errors of the wheels as states, and with those of landmarks and gyro, too."""
-
-
-def example_for(landmarks: Any, options: FilterOptions) -> Any:
-    """Return what a map (n, 2) of ``landmarks`` and the options of the filter need."""
-    return WITH_SENSOR_ERRORS if len(landmarks) or options.gyro_bias_variance > 0.0 else FILTER
+def copy_beliefs(target: Any, source: Any) -> None:
+    """Overwrite estimate and candidate of a record with those of another one."""
+    copy_to(target["belief"], source["belief"])
+    copy_to(target["candidate"], source["candidate"])
 
 
 def check_supported(options: FilterOptions) -> None:
@@ -158,10 +155,13 @@ def new_track() -> Track:
     return Track(False, new_gate(), new_adaptation(), Newest(math.nan, ACCEPTED), new_fix_correlation(), STANDING)
 
 
-def new_arrays(options: FilterOptions, example: Any) -> Any:
-    """Return (1,) arrays like ``example`` before the first fix: known errors with their initial variances."""
-    arrays = np.zeros(1, example.dtype)
-    x, P = arrays[0]["belief"]["x"], arrays[0]["belief"]["P"]
+def reset_arrays(arrays: Any, options: FilterOptions) -> None:
+    """Forget everything before the first fix: known errors with their initial variances."""
+    x, P = arrays["belief"]["x"], arrays["belief"]["P"]
+    for i in range(len(x)):
+        x[i] = 0.0
+        for j in range(len(x)):
+            P[i, j] = 0.0
     P[3, 3] = P[4, 4] = options.radius_variance
     P[5, 5] = options.separation_variance
     if len(x) > WHEELS:
@@ -169,17 +169,11 @@ def new_arrays(options: FilterOptions, example: Any) -> Any:
             x[WHEELS + i] = options.landmark_errors[i]
             P[WHEELS + i, WHEELS + i] = options.landmark_sigmas[i] ** 2
         P[LANDMARKS, LANDMARKS] = options.gyro_bias_variance
-    return arrays
-
-
-def belief_of(arrays: Any) -> Any:
-    """Return the estimate, of :func:`ekf.belief_type`."""
-    return arrays[0]["belief"]
 
 
 def advance(track: Track, arrays: Any, motion: Motion, separation: float, options: FilterOptions) -> Track:
     """Predict; ``separation`` is the distance of the wheels [m]."""
-    belief, candidate, work = arrays[0]["belief"], arrays[0]["candidate"], arrays[0]["work"]
+    belief, candidate, work = arrays["belief"], arrays["candidate"], arrays["work"]
     walks, travelled = (options.radius_random_walk, options.gyro_bias_random_walk), track.travelled
     if options.adaptive:
         covariance = scale_twist_covariance(motion.covariance, q_scale(track.adaptation))
@@ -199,7 +193,7 @@ def take_rate(arrays: Any, motion: Motion, separation: float, options: FilterOpt
     The counterpart of what :class:`diffbot_control.filter.localization.Localization` does with a turn rate.
     """
     none = TwistCovariance(0.0, 0.0, 0.0)
-    belief, work = arrays[0]["belief"], arrays[0]["work"]
+    belief, work = arrays["belief"], arrays["work"]
     if motion.rate.variance == math.inf or len(belief["x"]) < GYRO:
         return none
     m = fill_rate(belief, work, motion, separation)
@@ -214,7 +208,7 @@ def take_rate(arrays: Any, motion: Motion, separation: float, options: FilterOpt
 
 def initialise(track: Track, arrays: Any, fix: PoseFix) -> Track:
     """Put the filter at a fix; errors of the wheels and adaptation stay."""
-    belief, work = arrays[0]["belief"], arrays[0]["work"]
+    belief, work = arrays["belief"], arrays["work"]
     fill_fix(belief, work, fix.pose)
     _put_noise(work, fix)
     reset_to(belief, fix.pose, work["R"])
@@ -226,7 +220,7 @@ def take_fix(track: Track, arrays: Any, fix: PoseFix, options: FilterOptions) ->
     """Initialise with a fix, or correct with it as the gate decides."""
     if not track.initialised:
         return initialise(track, arrays, fix)
-    belief, candidate, work = arrays[0]["belief"], arrays[0]["candidate"], arrays[0]["work"]
+    belief, candidate, work = arrays["belief"], arrays["candidate"], arrays["work"]
     adaptation = track.adaptation
     if options.adaptive:
         position, heading = r_scales(adaptation)
@@ -263,7 +257,7 @@ def _normalised(belief: Any, work: Any, fix: PoseFix) -> float:
 
 def _apply(arrays: Any, fix: PoseFix, decision: Decision, inflation: float, options: FilterOptions) -> None:
     """Correct estimate or candidate with the fix that was normalised for it last, with R times ``inflation``."""
-    belief, candidate, work = arrays[0]["belief"], arrays[0]["candidate"], arrays[0]["work"]
+    belief, candidate, work = arrays["belief"], arrays["candidate"], arrays["work"]
     if decision.outcome == ACCEPTED:
         correct(belief, work, POSE, inflation, 1.0)
         _reset_impossible(belief, options)
@@ -303,7 +297,7 @@ def _adapted(
 
 def take_heading(track: Track, arrays: Any, heading: float, variance: float, options: FilterOptions) -> Track:
     """Correct with a heading [rad] of this variance [rad^2] as the gate decides."""
-    belief, work = arrays[0]["belief"], arrays[0]["work"]
+    belief, work = arrays["belief"], arrays["work"]
     m = fill_heading(belief, work, heading, variance)
     nis = normalise(belief, work, m).nis
     gate, decision = decide_other(track.gate, nis, options.gates[0], options)
@@ -318,7 +312,7 @@ def take_heading(track: Track, arrays: Any, heading: float, variance: float, opt
 
 def take_landmark(track: Track, arrays: Any, measured: LandmarkMeasurement, options: FilterOptions) -> Track:
     """Correct with range and bearing of a known landmark as the gate decides."""
-    belief, work, nis = arrays[0]["belief"], arrays[0]["work"], math.inf
+    belief, work, nis = arrays["belief"], arrays["work"], math.inf
     m = _fill_landmark(belief, work, measured)
     if m > 0:
         nis = normalise(belief, work, m).nis

@@ -25,12 +25,14 @@ from diffbot_core.kinematics import (
     encoder_covariance,
     scale_twist_covariance,
 )
+from diffbot_sim.compiled.ekf import GYRO, WHEELS, belief_type
 from diffbot_sim.compiled.gated_filter import (
     PoseFix,
     Track,
     advance,
+    copy_beliefs,
+    filter_type,
     initialise,
-    new_arrays,
     new_track,
     take_fix,
     take_heading,
@@ -50,37 +52,71 @@ from diffbot_sim.model.sensors import (
     uniform_variance,
 )
 
-_X, _Y, _THETA, _LEFT, _RIGHT = 0, 1, 2, 3, 4
-"""Columns of a row: true pose, speeds of the encoders over the step that ends there [rad/s]."""
-_FIX_X, _FIX_Y, _FIX_THETA, _FIX_ARRIVAL, _FIX_FUSED = 5, 6, 7, 8, 9
-_HEADING, _HEADING_ARRIVAL, _HEADING_FUSED, _LANDMARKS_FUSED = 10, 11, 12, 13
-"""Measurements, the steps at which they arrive (-1 for none), and 1 from when they belong to the odometry steps."""
-_RATE, _RATE_VARIANCE = 14, 15
-"""of the gyro over the step that ends there; the variance is inf for none"""
-_COLUMNS = 16
-_ORIGIN, _FIRST_END = 0, 1
-"""Stamps: of the first fix, and of the end of the first odometry step; -1 before there are any."""
+_NUMBERS = (
+    *("x", "y", "theta"),  # true pose
+    *("left", "right"),  # speeds of the encoders over the step that ends there [rad/s]
+    *("rate", "rate_variance"),  # of the gyro over that step; the variance is inf for none
+    *("fix_x", "fix_y", "fix_theta", "fix_arrival", "fix_fused"),
+    *("heading", "heading_arrival", "heading_fused", "landmarks_fused"),
+)
+"""What is known of a step. An arrival is the step at which a measurement arrives, -1 for none; fused is 1 from when it
+belongs to the odometry steps."""
+_STAMPS = np.dtype([("origin", np.int64), ("first_end", np.int64)])
+"""of the first fix, and of the end of the first odometry step; -1 before there are any"""
+
+
+def step_type(n: int) -> Any:
+    """Return the type of a step's record: _NUMBERS, and the filter's beliefs before the odometry step that ends there.
+
+    ``n`` is the number of the filter's states.
+    """
+    beliefs = [("belief", belief_type(n)), ("candidate", belief_type(n))]
+    return np.dtype([(name, float) for name in _NUMBERS] + beliefs)
+
+
+class Example(NamedTuple):
+    """Empty arrays of the types that a run works with."""
+
+    filter: Any
+    """of :func:`gated_filter.filter_type`"""
+    step: Any
+    """of :func:`step_type`"""
+
+
+def _example_of(n: int) -> Example:
+    return Example(np.empty(0, filter_type(n)), np.empty(0, step_type(n)))
+
+
+WITH_WHEELS, WITH_SENSORS = _example_of(WHEELS), _example_of(GYRO)
+"""With the errors of the wheels as states, and with those of landmarks and gyro, too."""
+
+
+def example_for(landmarks: Any, options: FilterOptions) -> Example:
+    """Return what a map (n, 2) of ``landmarks`` and the options of the filter need."""
+    return WITH_SENSORS if len(landmarks) or options.gyro_bias_variance > 0.0 else WITH_WHEELS
 
 
 class LateRecord(NamedTuple):
     """The newest n steps, each at its stamp modulo n; n is 0 if no measurement is late."""
 
-    rows: Any
-    """(n, 16) see _X to _COLUMNS"""
+    steps: Any
+    """(n,) of :func:`step_type`"""
     tracks: Any
-    """n states of the filter before the odometry step that ends at a stamp"""
-    arrays: Any
-    """(n,) that belong to them"""
-    marks: Any
-    """(2,) see _ORIGIN, _FIRST_END"""
+    """n states of the filter that belong to these"""
+    stamps: Any
+    """record of _STAMPS"""
 
 
 class Buffers(NamedTuple):
-    """The arrays of sensors and filter, which are changed in place."""
+    """Arrays whose records are changed in place; whoever lets a run use them keeps them."""
 
     filter: Any
     """(1,) of :func:`gated_filter.filter_type`"""
-    record: LateRecord
+    steps: Any
+    """as in :class:`LateRecord`"""
+    tracks: Any
+    stamps: Any
+    """(1,)"""
 
 
 class Sensed(NamedTuple):
@@ -105,135 +141,134 @@ def new_sensed() -> Sensed:
     return Sensed(new_track(), NO_ERRORS)
 
 
-def new_buffers(options: FilterOptions, steps: int, example: Any) -> Buffers:
-    """Return the arrays before the first step.
-
-    Args:
-        options: of the filter.
-        steps: longest delay; 0 if no measurement is late.
-        example: of the filter's arrays.
-    """
+def new_buffers(steps: int, example: Example) -> Buffers:
+    """Return arrays like those of ``example``; ``steps`` is the longest delay, 0 if no measurement is late."""
     # A late measurement may reach back into the first odometry step, which may itself be as long as the longest delay.
     n = 2 * steps + 2 if steps > 0 else 0
     tracks = [new_track() for _ in range(n)]
-    record = LateRecord(np.zeros((n, _COLUMNS)), tracks, np.zeros(n, example.dtype), np.full(2, -1))
-    return Buffers(new_arrays(options, example), record)
+    return Buffers(np.zeros(1, example.filter.dtype), np.zeros(n, example.step.dtype), tracks, np.zeros(1, _STAMPS))
 
 
-def sense(sensed: Sensed, buffers: Buffers, moment: NoiseKey, state: PlantState, robot: Robot) -> Sensed:
-    """Sense at one step, and bring the filter up to it."""
-    record = buffers.record
-    if len(record.rows) == 0:
-        track, errors = observe(sensed.track, buffers.filter, sensed.errors, moment, state, robot)
+def reset_record(record: LateRecord) -> None:
+    """Forget everything before the first fix."""
+    record.stamps["origin"] = record.stamps["first_end"] = -1
+
+
+def sense(sensed: Sensed, arrays: Any, record: LateRecord, moment: NoiseKey, state: PlantState, robot: Robot) -> Sensed:
+    """Sense at one step, and bring the filter, with its ``arrays``, up to it."""
+    if len(record.steps) == 0:
+        track, errors = observe(sensed.track, arrays, sensed.errors, moment, state, robot)
         return Sensed(track, errors)
     errors = record_step(record, sensed.errors, moment, state, robot.plant.sampling_time, robot.sensors)
-    return Sensed(_fuse_arrivals(sensed.track, buffers, moment, robot), errors)
+    return Sensed(_fuse_arrivals(sensed.track, arrays, record, moment, robot), errors)
 
 
 def record_step(
     record: LateRecord, errors: Draw, moment: NoiseKey, state: PlantState, sampling_time: float, sensors: SensorConfig
 ) -> Draw:
     """Write down what is measured at this step and when it will arrive; return the errors of the newest fix."""
-    step = moment.step
-    row = record.rows[step % len(record.rows)]
-    row[_X], row[_Y], row[_THETA] = state.pose.x, state.pose.y, state.pose.theta
-    row[_LEFT], row[_RIGHT] = state.encoder.left, state.encoder.right
-    row[_FIX_ARRIVAL], row[_HEADING_ARRIVAL] = -1.0, -1.0
-    row[_FIX_FUSED], row[_HEADING_FUSED], row[_LANDMARKS_FUSED] = 0.0, 0.0, 0.0
-    row[_RATE], row[_RATE_VARIANCE] = measured_rate(moment, state.twist.omega, sampling_time, sensors)
-    if due(step, sensors.fix_rate, sampling_time):
+    number = moment.step
+    step = record.steps[number % len(record.steps)]
+    step["x"], step["y"], step["theta"] = state.pose.x, state.pose.y, state.pose.theta
+    step["left"], step["right"] = state.encoder.left, state.encoder.right
+    step["fix_arrival"], step["heading_arrival"] = -1.0, -1.0
+    step["fix_fused"], step["heading_fused"], step["landmarks_fused"] = 0.0, 0.0, 0.0
+    step["rate"], step["rate_variance"] = measured_rate(moment, state.twist.omega, sampling_time, sensors)
+    if due(number, sensors.fix_rate, sampling_time):
         fix = fix_at(moment, state.pose, errors, sensors)
         errors = fix.errors
         if not fix.lost:
-            row[_FIX_X], row[_FIX_Y], row[_FIX_THETA] = fix.pose.x, fix.pose.y, fix.pose.theta
-            row[_FIX_ARRIVAL] = step + delay_in_steps(fix.delay, sampling_time)
-    if due(step, sensors.heading_rate, sampling_time):
-        row[_HEADING] = heading_at(moment, state.pose, sensors)
-        row[_HEADING_ARRIVAL] = step + delay_in_steps(sensors.heading_delay, sampling_time)
+            step["fix_x"], step["fix_y"], step["fix_theta"] = fix.pose.x, fix.pose.y, fix.pose.theta
+            step["fix_arrival"] = number + delay_in_steps(fix.delay, sampling_time)
+    if due(number, sensors.heading_rate, sampling_time):
+        step["heading"] = heading_at(moment, state.pose, sensors)
+        step["heading_arrival"] = number + delay_in_steps(sensors.heading_delay, sampling_time)
     return errors
 
 
-def arrived_fix(record: LateRecord, step: int, before: Pose, known: bool) -> tuple[Pose, bool]:
+def arrived_fix(record: LateRecord, now: int, before: Pose, known: bool) -> tuple[Pose, bool]:
     """Return the fix that arrived last, and True if there is one; ``before`` and ``known`` if none arrives now."""
-    rows = record.rows
-    for stamp in range(max(step - len(rows) + 1, 0), step + 1):
-        row = rows[stamp % len(rows)]
-        if row[_FIX_ARRIVAL] == step:
-            before, known = _fix_pose(row), True
+    steps = record.steps
+    for stamp in range(max(now - len(steps) + 1, 0), now + 1):
+        step = steps[stamp % len(steps)]
+        if step["fix_arrival"] == now:
+            before, known = _fix_pose(step), True
     return before, known
 
 
-def _fuse_arrivals(track: Track, buffers: Buffers, moment: NoiseKey, robot: Robot) -> Track:
+def _fuse_arrivals(track: Track, arrays: Any, record: LateRecord, moment: NoiseKey, robot: Robot) -> Track:
     """Take what arrives at this step, and compute the odometry steps from the oldest of it on."""
-    arrays, record = buffers
-    rows, marks, now = record.rows, record.marks, moment.step
-    track, oldest = _take_fixes(track, buffers, now, robot)
+    steps, stamps, now = record.steps, record.stamps, moment.step
+    track, oldest = _take_fixes(track, arrays, record, now, robot)
     if not track.initialised:
         return track
     oldest = min(oldest, _mark_others(record, now, robot))
-    if marks[_FIRST_END] < 0 and now > marks[_ORIGIN]:
-        marks[_FIRST_END] = now
-    first = max(oldest, marks[_FIRST_END])
+    if stamps["first_end"] < 0 and now > stamps["origin"]:
+        stamps["first_end"] = now
+    first = max(oldest, stamps["first_end"])
     for end in range(first, now + 1):
+        step = steps[end % len(steps)]
         if end == first and end < now:
-            track, arrays[0] = record.tracks[end % len(rows)], record.arrays[end % len(rows)]
-        record.tracks[end % len(rows)], record.arrays[end % len(rows)] = track, arrays[0]
-        track = _propagated(track, buffers, end, moment, robot)
-    if now == marks[_ORIGIN]:
+            track = record.tracks[end % len(steps)]
+            copy_beliefs(arrays, step)
+        record.tracks[end % len(steps)] = track
+        copy_beliefs(step, arrays)
+        track = _propagated(track, arrays, record, end, moment, robot)
+    if now == stamps["origin"]:
         # Fused before the first odometry step, to which they therefore do not belong.
-        row = rows[now % len(rows)]
-        row[_HEADING_FUSED], row[_LANDMARKS_FUSED] = 0.0, 0.0
+        step = steps[now % len(steps)]
+        step["heading_fused"], step["landmarks_fused"] = 0.0, 0.0
     return track
 
 
-def _take_fixes(track: Track, buffers: Buffers, now: int, robot: Robot) -> tuple[Track, int]:
+def _take_fixes(track: Track, arrays: Any, record: LateRecord, now: int, robot: Robot) -> tuple[Track, int]:
     """Initialise with the first fix; mark later ones. Return also the oldest stamp marked, ``now`` for none."""
-    rows, marks, oldest = buffers.record.rows, buffers.record.marks, now
-    for stamp in range(max(now - len(rows) + 1, 0), now + 1):
-        row = rows[stamp % len(rows)]
-        if row[_FIX_ARRIVAL] == now:
+    steps, stamps, oldest = record.steps, record.stamps, now
+    for stamp in range(max(now - len(steps) + 1, 0), now + 1):
+        step = steps[stamp % len(steps)]
+        if step["fix_arrival"] == now:
             if not track.initialised:
-                track = initialise(track, buffers.filter, _fix_of(row, robot.sensors))
-                marks[_ORIGIN] = stamp
-            elif stamp > marks[_ORIGIN]:
-                row[_FIX_FUSED] = 1.0
+                track = initialise(track, arrays, _fix_of(step, robot.sensors))
+                stamps["origin"] = stamp
+            elif stamp > stamps["origin"]:
+                step["fix_fused"] = 1.0
                 oldest = min(oldest, stamp)
     return track, oldest
 
 
 def _mark_others(record: LateRecord, now: int, robot: Robot) -> int:
     """Mark the headings and landmarks that arrive; return the oldest stamp marked, ``now`` for none."""
-    rows, oldest = record.rows, now
-    for stamp in range(max(now - len(rows) + 1, record.marks[_ORIGIN]), now + 1):
-        row = rows[stamp % len(rows)]
-        if row[_HEADING_ARRIVAL] == now:
-            row[_HEADING_FUSED] = 1.0
+    steps, oldest = record.steps, now
+    for stamp in range(max(now - len(steps) + 1, record.stamps["origin"]), now + 1):
+        step = steps[stamp % len(steps)]
+        if step["heading_arrival"] == now:
+            step["heading_fused"] = 1.0
             oldest = min(oldest, stamp)
     if due(now, robot.sensors.landmark_rate, robot.plant.sampling_time):
-        rows[now % len(rows), _LANDMARKS_FUSED] = 1.0
+        steps[now % len(steps)]["landmarks_fused"] = 1.0
     return oldest
 
 
-def _propagated(track: Track, buffers: Buffers, end: int, moment: NoiseKey, robot: Robot) -> Track:
+def _propagated(track: Track, arrays: Any, record: LateRecord, end: int, moment: NoiseKey, robot: Robot) -> Track:
     """Compute the odometry step that ends at ``end``, with the measurements in it.
 
     At the stamp of the first fix itself there is none, only measurements.
     """
-    arrays, record = buffers
-    rows, plant, t_s = record.rows, robot.plant, robot.plant.sampling_time
-    is_first = end == record.marks[_FIRST_END]
-    now = record.marks[_ORIGIN] if is_first else max(end - 1, record.marks[_ORIGIN])
-    row = rows[end % len(rows)]
-    encoder = WheelSpeeds(row[_LEFT], row[_RIGHT])
+    steps, plant, t_s = record.steps, robot.plant, robot.plant.sampling_time
+    origin = record.stamps["origin"]
+    is_first = end == record.stamps["first_end"]
+    now = origin if is_first else max(end - 1, origin)
+    step = steps[end % len(steps)]
+    encoder = WheelSpeeds(step["left"], step["right"])
     twist, noise = body_twist(encoder, plant.wheels), encoder_covariance(encoder, plant.encoder_noise, plant.wheels)
     whole, separation = end - now, plant.wheels.wheel_separation
-    rate = TurnRate(float(row[_RATE]), float(row[_RATE_VARIANCE]))
+    rate = TurnRate(float(step["rate"]), float(step["rate_variance"]))
     slip = TwistCovariance(0.0, 0.0, 0.0)
     if whole > 0:
         slip = take_rate(arrays, Motion(twist, whole * t_s, noise, rate), separation, robot.filter)
     for stamp in range(now if is_first else end, end + 1):
-        row = rows[stamp % len(rows)]
-        is_fused = row[_FIX_FUSED] + row[_HEADING_FUSED] + row[_LANDMARKS_FUSED] > 0.0
+        step = steps[stamp % len(steps)]
+        is_fused = step["fix_fused"] + step["heading_fused"] + step["landmarks_fused"] > 0.0
         if stamp > now and (is_fused or stamp == end):
             # The twist's error is constant over the step: the variances of its parts must add up to the whole.
             share = whole / (stamp - now)
@@ -242,30 +277,27 @@ def _propagated(track: Track, buffers: Buffers, end: int, moment: NoiseKey, robo
             track = advance(track, arrays, motion, separation, robot.filter)
             now = stamp
         if is_fused:
-            track = _fused(track, arrays, row, NoiseKey(moment.seed, moment.run, stamp), robot)
+            track = _fused(track, arrays, step, NoiseKey(moment.seed, moment.run, stamp), robot)
     return track
 
 
-def _fused(track: Track, arrays: Any, row: Any, moment: NoiseKey, robot: Robot) -> Track:
+def _fused(track: Track, arrays: Any, step: Any, moment: NoiseKey, robot: Robot) -> Track:
     """Correct with the marked measurements of one stamp."""
-    if row[_FIX_FUSED] > 0.0:
-        track = take_fix(track, arrays, _fix_of(row, robot.sensors), robot.filter)
-    if row[_HEADING_FUSED] > 0.0:
+    if step["fix_fused"] > 0.0:
+        track = take_fix(track, arrays, _fix_of(step, robot.sensors), robot.filter)
+    if step["heading_fused"] > 0.0:
         variance = uniform_variance(robot.sensors.heading_error_max)
-        track = take_heading(track, arrays, row[_HEADING], variance, robot.filter)
-    if row[_LANDMARKS_FUSED] > 0.0:
-        track = take_landmarks(track, arrays, moment, _true_pose(row), robot)
+        track = take_heading(track, arrays, step["heading"], variance, robot.filter)
+    if step["landmarks_fused"] > 0.0:
+        true_pose = Pose(float(step["x"]), float(step["y"]), float(step["theta"]))
+        track = take_landmarks(track, arrays, moment, true_pose, robot)
     return track
 
 
-def _fix_pose(row: Any) -> Pose:
-    return Pose(float(row[_FIX_X]), float(row[_FIX_Y]), float(row[_FIX_THETA]))
+def _fix_pose(step: Any) -> Pose:
+    return Pose(float(step["fix_x"]), float(step["fix_y"]), float(step["fix_theta"]))
 
 
-def _true_pose(row: Any) -> Pose:
-    return Pose(float(row[_X]), float(row[_Y]), float(row[_THETA]))
-
-
-def _fix_of(row: Any, sensors: SensorConfig) -> PoseFix:
+def _fix_of(step: Any, sensors: SensorConfig) -> PoseFix:
     var_x, var_y, var_theta = fix_variances(sensors)
-    return PoseFix(_fix_pose(row), var_x, var_y, var_theta)
+    return PoseFix(_fix_pose(step), var_x, var_y, var_theta)

@@ -16,7 +16,7 @@ from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import largest_deviation
 from diffbot_sim.compiled.ekf import pose_of
-from diffbot_sim.compiled.gated_filter import Track, belief_of, new_arrays, new_track
+from diffbot_sim.compiled.gated_filter import Track, new_track, reset_arrays
 from diffbot_sim.compiled.sensing import Robot, observe
 from diffbot_sim.model.actuators import command_rows, delayed_command
 from diffbot_sim.model.philox import START_BLOCK, NoiseKey, direction, draw
@@ -38,6 +38,8 @@ class OpenLoopCase(NamedTuple):
     """steps at the start that do not count"""
     kidnapped: int
     """first step at which the robot stands at its new place; -1 for never"""
+    example: Any
+    """of the filter's arrays, see :func:`late_fusion.example_for`"""
 
 
 class Tracking(NamedTuple):
@@ -111,12 +113,17 @@ def drive(case: OpenLoopCase, seed: int, run: int, history: Any) -> Tracking:
         history: (steps + 1, 4) array whose rows are filled with the errors of position and heading and the deviations
             that the filter gives for them, or (0, 4) for none.
     """
+    return _followed(np.zeros(1, case.example.dtype), case, seed, run, history)
+
+
+def _followed(filter_array: Any, case: OpenLoopCase, seed: int, run: int, history: Any) -> Tracking:
     command, plant = twist_of(seed, run), case.robot.plant
     t_s, delay = plant.sampling_time, plant.actuators.command_delay
     commands = np.zeros((command_rows(delay, t_s), 2))
     state = new_plant(start_of(seed, run))
-    track, arrays, newest_errors = new_track(), new_arrays(case.robot.filter, case.robot.example), NO_ERRORS
-    belief = belief_of(arrays)
+    track, arrays, newest_errors = new_track(), filter_array[0], NO_ERRORS
+    reset_arrays(arrays, case.robot.filter)
+    belief = arrays["belief"]
     sums = Sums(0.0, 0.0, 0.0, -1, 0.0, 0, 0.0, 0, 0, 0)
     end = 0.0
     for step in range(case.steps + 1):

@@ -44,8 +44,6 @@ class Robot(NamedTuple):
     filter: FilterOptions
     landmarks: Any
     """(n, 2) array of their x, y [m]"""
-    example: Any
-    """of the filter's arrays, see :func:`gated_filter.example_for`"""
 
 
 def observe(
@@ -55,7 +53,7 @@ def observe(
 
     Args:
         track: state of the filter.
-        arrays: of the filter, (1,), changed in place.
+        arrays: of the filter, changed in place.
         errors: of the newest fix, NO_ERRORS before the first.
         moment: this step.
         state: of the plant.

@@ -30,7 +30,7 @@ from diffbot_lab.arena.cases import LIMITS, ArenaCase, arena_starts, cases_named
 from diffbot_lab.arena.entries import Entry
 from diffbot_lab.arena.runs import case_of
 from diffbot_lab.arena.statistics import figures_of
-from diffbot_sim.compiled.closed_loop import make_loop, prepared
+from diffbot_sim.compiled.closed_loop import buffers_for, make_loop, prepared
 
 Array = NDArray[np.float64]
 
@@ -133,7 +133,7 @@ def _driven(entry: Entry, case: ArenaCase, options: BoundOptions, report: Callab
     outcomes = []
     for run in range(options.runs * len(starts)):
         start = Pose(*starts[run % len(starts)].tolist())
-        outcomes.append(run_loop(shared, options.seed, run, start, none))
+        outcomes.append(run_loop(shared, buffers_for(shared), options.seed, run, start, none))
         report()
     cost = (time.process_time() - begun) / len(outcomes)
     figures = figures_of(np.array(outcomes, dtype=np.float64))

@@ -20,7 +20,7 @@ from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_sim.compiled import batch
 from diffbot_sim.compiled.batch import COLUMNS, FEEDBACK_CODES, HISTORY_COLUMNS, Starts, run_batch, run_histories
-from diffbot_sim.compiled.closed_loop import Case, prepared, run_loop
+from diffbot_sim.compiled.closed_loop import Case, buffers_for, prepared, run_loop
 from diffbot_sim.feedback import FEEDBACKS
 from diffbot_sim.model.actuators import ActuatorConfig
 from diffbot_sim.model.plant import PlantConfig
@@ -233,7 +233,7 @@ def test_uncompiled_is_the_same(feedback):
     outcomes = run_batch(case, Starts(np.array([start])), 7, 0, 3)
     for run in range(3):
         history = np.empty((case.steps + 1, len(HISTORY_COLUMNS)))
-        outcome = run_loop(case, 7, run, Pose(*start), history)
+        outcome = run_loop(case, buffers_for(case), 7, run, Pose(*start), history)
         np.testing.assert_allclose(history, compiled[run], rtol=1e-12, atol=1e-12)
         np.testing.assert_allclose(outcome, outcomes[run], rtol=1e-12, atol=1e-12)
 

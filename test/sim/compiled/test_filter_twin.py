@@ -14,6 +14,7 @@ from diffbot_control.filter.options import FILTERS, FilterConfig, options_of
 from diffbot_core.geometry import Point, Pose
 from diffbot_core.kinematics import Twist, TwistCovariance
 from diffbot_sim.compiled import gated_filter as twin
+from diffbot_sim.compiled.late_fusion import WITH_SENSORS, WITH_WHEELS
 
 SEPARATION = 0.6
 LANDMARKS = ((3.0, 1.0), (-2.0, 4.0), (0.5, -3.0))
@@ -54,15 +55,21 @@ def assert_same_colour(mine, theirs):
     assert numbers[0] == pytest.approx(numbers[1], rel=1e-6, abs=1e-7)
 
 
+def new_arrays(options, example):
+    arrays = np.zeros(1, example.filter.dtype)[0]
+    twin.reset_arrays(arrays, options)
+    return arrays
+
+
 def assert_same(reference, track, arrays, tolerance=1e-9):
     estimated = reference.wheels()
     wheels = 0 if estimated is None else len(estimated.errors)
-    same_belief(arrays[0]["belief"], reference.memory.belief, wheels, tolerance)
+    same_belief(arrays["belief"], reference.memory.belief, wheels, tolerance)
     # The same functions of nearly the same numbers: counts and times have no tolerance.
     assert track.gate == reference.memory.gate
     assert (reference.memory.candidate is None) == (track.gate.fixes.rejected == 0)
     if reference.memory.candidate is not None:
-        same_belief(arrays[0]["candidate"], reference.memory.candidate, wheels, tolerance)
+        same_belief(arrays["candidate"], reference.memory.candidate, wheels, tolerance)
     assert_same_colour(track.fix_correlation, reference.memory.fix_correlation)
     other = reference.memory.adaptation
     assert flat(track.adaptation) == pytest.approx(flat(other), rel=1e-6, abs=1e-7)
@@ -94,8 +101,8 @@ def test_the_compiled_filter_is_filterpys(variant, seed):
     )
     if seed != 2:
         options = options._replace(landmark_errors=NO_ERRORS)
-    example = twin.WITH_SENSOR_ERRORS if seed == 2 else twin.FILTER
-    reference, track, arrays = GatedFilter(options, SEPARATION), twin.new_track(), twin.new_arrays(options, example)
+    example = WITH_SENSORS if seed == 2 else WITH_WHEELS
+    reference, track, arrays = GatedFilter(options, SEPARATION), twin.new_track(), new_arrays(options, example)
     truth = np.array([*rng.uniform(-1.0, 1.0, 2), math.pi - 0.01 if seed % 2 else rng.uniform(-math.pi, math.pi)])
     R = np.diag(rng.uniform(1e-3, 0.05, 3))
     reference.reset_to(Pose(*truth), R)
@@ -143,7 +150,7 @@ def test_the_compiled_filter_is_filterpys(variant, seed):
 def test_it_finds_the_same_correlation_of_fixes(variant):
     rng, R = np.random.default_rng(1), np.array([0.03, 0.03, 0.01])
     options = options_of(FilterConfig(filter=variant))
-    reference, track, arrays = GatedFilter(options, SEPARATION), twin.new_track(), twin.new_arrays(options, twin.FILTER)
+    reference, track, arrays = GatedFilter(options, SEPARATION), twin.new_track(), new_arrays(options, WITH_WHEELS)
     reference.reset_to(Pose(0.0, 0.0, 0.0), np.diag(R))
     track = twin.take_fix(track, arrays, twin.PoseFix(Pose(0.0, 0.0, 0.0), *R), options)
     truth, noise, largest = np.zeros(3), rng.normal(size=3), 1.0

@@ -12,7 +12,7 @@ from diffbot_control.law.controller import SwitchingLaw
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_lab.cases import Configuration, make_case
 from diffbot_sim.compiled.batch import Starts, run_batch
-from diffbot_sim.compiled.closed_loop import make_loop, prepared
+from diffbot_sim.compiled.closed_loop import buffers_for, make_loop, prepared
 from diffbot_sim.compiled.jit import law_version
 from diffbot_sim.compiled.reachable import reachable_functions
 
@@ -64,8 +64,16 @@ def write(tmp_path, monkeypatch):
         sys.modules.pop(name, None)
 
 
+TURNED = Pose(0.0, 0.0, 1.0)
+
+
 def case_for(law, **config):
     return make_case(Configuration(), 5.0, feedback="truth")._replace(controller=law.Config(**config))
+
+
+def plain_run(law, case, start=TURNED):
+    case = prepared(case)
+    return make_loop(law)(case, buffers_for(case), 1, 0, start, np.empty((0, 9)))
 
 
 def test_functions_are_found_through_modules_and_closures(write):
@@ -90,7 +98,7 @@ def test_a_law_of_another_module_is_compiled_and_its_config_counts(write, caplog
     # theta' = -gain theta, and 0.1 m/s ahead; +-5 % noise per wheel.
     for gain, end in zip((0.5, 1.0), ends, strict=True):
         assert end[2] == pytest.approx((1.0 - 0.1 * gain) ** 50, abs=0.03)
-        plain = make_loop(law)(prepared(case_for(law, gain=gain)), 1, 0, Pose(0.0, 0.0, 1.0), np.empty((0, 9)))
+        plain = plain_run(law, case_for(law, gain=gain))
         np.testing.assert_allclose(end, plain, rtol=1e-9, atol=1e-12)
 
 
@@ -104,7 +112,7 @@ def test_a_law_that_does_not_compile_runs_as_plain_python_and_says_so_once(write
     assert len(said) == 1
     assert said[0].startswith("law plain runs as plain Python, numba cannot compile it: ")
     assert "\n" not in said[0]
-    expected = make_loop(law)(prepared(case_for(law)), 1, 0, Pose(0.0, 0.0, 1.0), np.empty((0, 9)))
+    expected = plain_run(law, case_for(law))
     for one in found:
         np.testing.assert_array_equal(one, expected)
 
@@ -116,9 +124,7 @@ def test_another_source_is_another_version(write):
 
 def test_reached_and_turning_are_counted():
     case = make_case(Configuration(), 20.0, feedback="truth")
-    near, far = (
-        make_loop(SwitchingLaw)(prepared(case), 1, 0, Pose(x, 0.0, 2.0), np.empty((0, 9))) for x in (0.0, 500.0)
-    )
+    near, far = (plain_run(SwitchingLaw, case, Pose(x, 0.0, 2.0)) for x in (0.0, 500.0))
     assert near.turning == pytest.approx(2.0, abs=0.2)  # [rad] on the spot
     assert 1.0 < near.reached_time < 10.0
     assert near.false_reached == far.turning == 0.0
@@ -127,5 +133,5 @@ def test_reached_and_turning_are_counted():
 
 def test_a_wrong_reached_is_counted(write):
     liar = write(LAW.replace("abs(omega) < 0.01", "True"), "lying_law")
-    outcome = make_loop(liar)(prepared(case_for(liar)), 1, 0, Pose(0.0, 0.0, 1.0), np.empty((0, 9)))
+    outcome = plain_run(liar, case_for(liar))
     assert (outcome.reached_time, outcome.false_reached) == (0.0, 1.0)
