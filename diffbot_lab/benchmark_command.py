@@ -10,6 +10,7 @@ from diffbot_core.errors import DiffbotError
 from diffbot_tools.arguments import MAX_SEED, whole
 
 REAL = "real"
+PEER = "robot_localization"
 BENCHMARKS = {
     "switching": (100, Path("out/benchmark")),
     "localization": (200, Path("out/localization")),
@@ -20,6 +21,7 @@ BENCHMARKS = {
     "bound": (2, Path("out/bound")),
     "calibration": (40, Path("out/calibration")),
     REAL: (1, Path("out/real")),
+    PEER: (20, Path("out/robot_localization")),
 }
 """Default number of runs, default folder."""
 
@@ -28,8 +30,8 @@ def add_benchmark(commands: Any) -> None:
     """Add ``diffbot benchmark`` to the subparsers of the command line."""
     benchmark = commands.add_parser(
         "benchmark",
-        help="the law and its peers, their tuning, bounds or picture; the filter, simulated or on real drives; "
-        "calibration",
+        help="the law and its peers, their tuning, bounds or picture; the filter, simulated, on real drives, or "
+        "beside robot_localization; calibration",
     )
     benchmark.add_argument(
         "what", nargs="?", choices=tuple(BENCHMARKS), default="switching", help="%(default)s if none"
@@ -41,7 +43,8 @@ def add_benchmark(commands: Any) -> None:
         help="switching: of each start (default: 100); localization: of each case (default: 200); "
         "tune: of each case in an evaluation (default: 102); animate: the most typical one of these (default: 200); "
         "colour: drives at each correlation (default: 400); effects: of each start (default: 60); "
-        "bound: of each start (default: 2); calibration: drives (default: 40)",
+        "bound: of each start (default: 2); calibration: drives (default: 40); "
+        "robot_localization: drives of each case (default: 20)",
     )
     benchmark.add_argument(
         "--own-runs",
@@ -72,12 +75,17 @@ def _add_choices(benchmark: argparse.ArgumentParser) -> None:
     benchmark.add_argument(
         "--calibrate", action="store_true", help="real: calibrate on the first third of each drive, too"
     )
+    benchmark.add_argument(
+        "--runner", type=Path, metavar="FILE", help="robot_localization: the program of bench/robot_localization"
+    )
     benchmark.add_argument("--no-figures", dest="figures", action="store_false", help="results.json and table only")
 
 
 def _benchmark(options: argparse.Namespace) -> int:
     if (options.what == REAL) != (options.folder is not None):
         raise DiffbotError(f"benchmark: {REAL} needs the folder of a data set, the others take none")
+    if (options.what == PEER) != (options.runner is not None):
+        raise DiffbotError(f"benchmark: {PEER} needs --runner, the others take none")
     number, folder = BENCHMARKS[options.what]
     return _CALLS[options.what](options, options.runs or number, options.out or folder)
 
@@ -133,6 +141,12 @@ def _real(options: argparse.Namespace, runs: int, out: Path) -> int:
     return benchmark.run_and_report(options.folder, out, options.figures, calibrated=options.calibrate)
 
 
+def _peer(options: argparse.Namespace, runs: int, out: Path) -> int:
+    from diffbot_lab.filter_benchmark import peer  # noqa: PLC0415
+
+    return peer.run_and_report(options.runner.resolve(), runs, options.seed, tuple(options.case), out)
+
+
 def _calibration(options: argparse.Namespace, runs: int, out: Path) -> int:
     from diffbot_lab.filter_benchmark import calibration as benchmark  # noqa: PLC0415
 
@@ -149,4 +163,5 @@ _CALLS = {
     "bound": _bound,
     "calibration": _calibration,
     REAL: _real,
+    PEER: _peer,
 }

@@ -4,7 +4,8 @@ Sources: the tables in docs/reference/parameters/ and docs/reference/bags/check.
 in docs/explanation/law/paper.md: 100 runs of the closed loop; docs/rooms.svg: the imports;
 docs/reference/nodes/states.svg: the states of a goal; docs/badges: the package's metadata. In
 docs/results, from the JSON files in its folder data: benchmark.md, reproduction.md, faults.md (`make faults`,
-`make soak`), performance.md (`make bench`), trust.md (`make trust`), and the tables in filter.md and real-robots.md.
+`make soak`), performance.md (`make bench`), trust.md (`make trust`), and the tables in filter.md,
+real-robots.md and robot-localization.md.
 ``--experiments`` and ``--benchmark`` repeat the runs behind the JSON files and draw their figures; those behind
 benchmark_bound.json need casadi (extra ``bound``) and are repeated by ``--benchmark bound`` alone.
 ``--animation`` draws docs/run.gif, ``--policy`` runs the nodes and writes config/sros2_policy.xml.
@@ -29,7 +30,7 @@ from badges import badges
 from benchmark_page import page as benchmark_page
 from faults_page import page as faults_page
 from geometry_picture import geometry_picture
-from measure import CALIBRATION, COLOUR, CONTRACT, DATA, EFFECTS, LOCALIZATION, REAL, RESULTS
+from measure import CALIBRATION, COLOUR, CONTRACT, DATA, EFFECTS, LOCALIZATION, PEER, REAL, RESULTS
 from performance_page import page as performance_page
 from reproduction import page as reproduction_page
 from rooms import picture as rooms_picture
@@ -40,6 +41,7 @@ from diffbot_bag.tools.contract import BagRules, TopicRules
 from diffbot_control.law.presets import PAPER, PRESETS
 from diffbot_core.geometry import Pose
 from diffbot_core.schema import Spec, parameters_of
+from diffbot_lab.filter_benchmark import peer_report
 from diffbot_lab.filter_benchmark import real_drives as real_benchmark
 from diffbot_lab.filter_benchmark.real_calibration import calibrated_table
 from diffbot_lab.paper.scenarios import SETTINGS
@@ -98,6 +100,15 @@ def real_robots_page() -> str:
     return between_markers(text, "simulated", _simulated(simulated))
 
 
+def peer_page() -> str:
+    """Return docs/results/robot-localization.md with the table of the comparison."""
+    results = read_data(PEER)
+    text = between_markers(
+        (RESULTS / "robot-localization.md").read_text(), "conditions", peer_report.conditions(results)
+    )
+    return between_markers(text, "table", peer_report.table(results))
+
+
 def _simulated(results: dict[str, Any]) -> str:
     """Return how often the calibration of simulated drives holds the true numbers, as a sentence."""
     inside = ", ".join(f"{one['name']} {one['inside']}" for one in results["numbers"])
@@ -148,6 +159,7 @@ def results_pages() -> dict[Path, str]:
         RESULTS / "reproduction.md": reproduction_page(experiments["a"], experiments["b"], experiments["scan"]),
         RESULTS / "filter.md": filter_results_page(),
         RESULTS / "real-robots.md": real_robots_page(),
+        RESULTS / "robot-localization.md": peer_page(),
         RESULTS / "faults.md": faults_page(read_data("faults")),
         RESULTS / "performance.md": performance_page(read_data("performance")),
         RESULTS / "trust.md": trust_page(read_data("trust")),
@@ -177,6 +189,7 @@ def main() -> int:
     parser.add_argument(
         "--real", type=Path, nargs="+", metavar="FOLDER", help="repeat those on the drives of data sets"
     )
+    parser.add_argument("--peer", type=Path, metavar="RUNNER", help="repeat the comparison with robot_localization")
     parser.add_argument("--animation", action="store_true", help="draw run.gif again")
     parser.add_argument("--policy", action="store_true", help="write config/sros2_policy.xml from running nodes")
     options = parser.parse_args()
@@ -184,6 +197,8 @@ def main() -> int:
         measure.write_experiments()
     for write in measure.WRITERS.get(options.benchmark, ()):
         write()
+    if options.peer:
+        measure.write_peer(options.peer)
     if options.real:
         measure.write_real(options.real)
     if options.animation:

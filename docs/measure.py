@@ -22,6 +22,7 @@ from diffbot_lab.commands import RUNS_OF_SCAN, SEED_OF_SCAN
 from diffbot_lab.filter_benchmark import calibration as calibration_benchmark
 from diffbot_lab.filter_benchmark import colour as filter_colour
 from diffbot_lab.filter_benchmark import command as filter_benchmark
+from diffbot_lab.filter_benchmark import peer as peer_benchmark
 from diffbot_lab.filter_benchmark import real_command as real_benchmark
 from diffbot_lab.paper.experiment import run_experiment, summarise
 from diffbot_lab.paper.figures import figure_paths
@@ -38,6 +39,8 @@ LOCALIZATION, COLOUR, EFFECTS = "localization", "localization_colour", "effects"
 """Names of the results of the filter's benchmarks, and of the changed parameters."""
 REAL, CALIBRATION = "real", "calibration"
 """Names of the results on real drives, which no download repeats here, and of the calibration of simulated ones."""
+PEER = "robot_localization"
+"""Name of the results beside robot_localization, whose runner is no part of the package."""
 CONTRACT = "contract"
 """Name of the results on the filter's contract."""
 PAPER_RUNS = 100
@@ -45,6 +48,8 @@ SWITCHING_RUNS, OWN_RUNS, SWITCHING_SEED = 200, 1000, 7
 """Runs of each start in the comparison of the laws, of this one's, and a seed that is not that of their tuning."""
 CALIBRATION_SEED = 3000
 """First seed of the calibrations: none of those that it was developed with."""
+PEER_SEED = 1
+"""First seed of the comparison with robot_localization, which is tuned on others."""
 
 
 def write_experiments() -> None:
@@ -110,6 +115,12 @@ def write_real(folders: list[Path]) -> None:
             real_benchmark.run_and_report(folder, Path(out) / REAL, figures=False, calibrated=True)
             sets.append(json.loads((Path(out) / REAL / "results.json").read_text()))
     write_json(DATA / f"{REAL}.json", {"sets": sets})
+
+
+def write_peer(runner: Path) -> None:
+    """Compare the filter with robot_localization; write the results to docs/results."""
+    runs, _ = BENCHMARKS[PEER]
+    write_json(DATA / f"{PEER}.json", peer_benchmark.run_benchmark(runner.resolve(), runs, PEER_SEED))
 
 
 def write_calibration() -> None:

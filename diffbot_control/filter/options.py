@@ -51,6 +51,15 @@ class FilterConfig(NamedTuple):
         float,
         Spec("random-walk deviation of each wheel's relative radius error", "1/sqrt(s)", minimum=0.0, maximum=0.1),
     ] = 1e-4
+    wheel_slip_walk: Annotated[
+        float,
+        Spec(
+            "the same with use_gyro, in place of wheel_radius_walk: a wheel that slips is then one of another radius",
+            "1/sqrt(s)",
+            minimum=0.0,
+            maximum=0.1,
+        ),
+    ] = 5e-4
     wheel_separation_sigma: Annotated[
         float,
         Spec(
@@ -223,7 +232,7 @@ def options_of(config: FilterConfig, *, landmarks: bool = False) -> FilterOption
         config.relocation_fixes,
         config.relocation_timeout,
         config.wheel_radius_sigma**2 if calibrating else 0.0,
-        config.wheel_radius_walk**2 if calibrating else 0.0,
+        (config.wheel_slip_walk if config.use_gyro else config.wheel_radius_walk) ** 2 if calibrating else 0.0,
         max(_MAX_SIGMAS * config.wheel_radius_sigma, _MAX_ERROR) if calibrating else 0.0,
         config.wheel_separation_sigma**2 if calibrating else 0.0,
         max(_MAX_SIGMAS * config.wheel_separation_sigma, _MAX_ERROR) if calibrating else 0.0,

@@ -28,6 +28,8 @@ PATIENCE = 60.0
 """[s] that every wait has at least"""
 _ANSWER = 10.0
 """[s] after which a service is asked again"""
+_QUIET = 0.03
+"""[s] without a change in the graph"""
 SOURCE = Path(diffbot_control.__file__).resolve().parent.parent
 
 
@@ -323,10 +325,18 @@ class Peer:
             self.node.destroy_client(client)
 
     def close(self):
-        """Leave the graph."""
+        """Leave the graph, while nothing changes in it: otherwise Fast DDS may hang, see core/ros/forced_exit.py."""
         self._executor.shutdown()
+        before, deadline = None, time.monotonic() + _ANSWER
+        while (now := self._graph()) != before and time.monotonic() < deadline:
+            before = now
+            time.sleep(_QUIET)
         self.node.destroy_node()
         self.context.try_shutdown()
+
+    def _graph(self):
+        topics = self.node.get_topic_names_and_types(no_demangle=True)
+        return topics, self.node.get_node_names_and_namespaces()
 
 
 @contextlib.contextmanager

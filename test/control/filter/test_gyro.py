@@ -46,9 +46,7 @@ def test_it_is_the_joint_filter_with_the_errors_of_the_twist_as_states(seed):
     rng = np.random.default_rng(seed)
     dt, measured, variance = 0.1, rng.uniform(-1.0, 1.0, 2), rng.uniform(1e-5, 1e-2)
     M = covariance(rng, 2, 0.02, 0.2)
-    found = gated_filter(
-        "ekf_calibrating", rng.normal(size=3), use_gyro=True, wheel_radius_walk=0.0, gyro_bias_walk=0.0
-    )
+    found = gated_filter("ekf_calibrating", rng.normal(size=3), use_gyro=True, wheel_slip_walk=0.0, gyro_bias_walk=0.0)
     # Small errors, so that both are linear; the states are correlated, as they are after a while.
     x, P = np.array([*found.memory.belief.x[:3], *rng.normal(0.0, 1e-5, 4)]), 1e-6 * covariance(rng, 7)
     found.memory = found.memory._replace(belief=found.memory.belief._replace(x=x, P=P))
