@@ -40,6 +40,7 @@ OPTIONS = st.builds(
     relocation_timeout=st.floats(0.01, 5.0),
     wheel_radius_sigma=st.floats(1e-3, 0.2),
     wheel_radius_walk=st.floats(0.0, 0.1),
+    wheel_slip_walk=st.floats(0.0, 0.1),
     gyro_bias_sigma=st.floats(1e-6, 1.0),
     gyro_bias_walk=st.floats(0.0, 0.1),
     wheel_separation_sigma=st.just(0.0) | st.floats(1e-3, 0.2),
