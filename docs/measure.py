@@ -17,7 +17,7 @@ from diffbot_lab.arena import command as law_benchmark
 from diffbot_lab.arena import effects as law_effects
 from diffbot_lab.arena.animation import AnimationOptions, drives, write_movie
 from diffbot_lab.arena.bounds import command as bound_benchmark
-from diffbot_lab.benchmark_command import BENCHMARKS
+from diffbot_lab.benchmark_command import BENCHMARKS, PEER
 from diffbot_lab.commands import RUNS_OF_SCAN, SEED_OF_SCAN
 from diffbot_lab.filter_benchmark import calibration as calibration_benchmark
 from diffbot_lab.filter_benchmark import colour as filter_colour
@@ -39,8 +39,6 @@ LOCALIZATION, COLOUR, EFFECTS = "localization", "localization_colour", "effects"
 """Names of the results of the filter's benchmarks, and of the changed parameters."""
 REAL, CALIBRATION = "real", "calibration"
 """Names of the results on real drives, which no download repeats here, and of the calibration of simulated ones."""
-PEER = "robot_localization"
-"""Name of the results beside robot_localization, whose runner is no part of the package."""
 CONTRACT = "contract"
 """Name of the results on the filter's contract."""
 PAPER_RUNS = 100

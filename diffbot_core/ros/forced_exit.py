@@ -1,9 +1,10 @@
-"""The end of a process whose middleware does not let go of it.
+"""End a process that its middleware would keep for ever.
 
-Where libstdc++ waits by the system's clock, as in the wheels, Fast DDS 2.14 can wait for ever while it destroys a
-participant: its wait without a limit fails at once and keeps the lock of the discovery that it waits for (Fast-DDS
-#6513). rclpy meanwhile holds Python's lock, so that no thread and no signal handler of Python can end it. It takes
-another node's message of discovery at that moment: nodes that all end at once, with Ctrl-C.
+The Fast DDS 2.14 of the wheels can deadlock while it destroys a participant. It waits there, without a limit, for the
+callback that handles another node's discovery. With a C++ library that waits by the system's clock, this limit
+overflows: the wait returns at once, again and again, without ever releasing the mutex that the callback needs (Fast-DDS
+#6513). rclpy holds Python's lock meanwhile, so neither a thread nor a signal handler of Python can help. It happens to
+nodes that end at the same moment, as with Ctrl-C.
 """
 
 from __future__ import annotations

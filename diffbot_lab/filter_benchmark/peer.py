@@ -7,14 +7,9 @@ filter has its defaults.
 
 from __future__ import annotations
 
-import json
 import math
 import os
-import random
-import subprocess
-import tempfile
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from multiprocessing import get_context
@@ -22,146 +17,22 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 from tqdm import tqdm
 
-from diffbot_control.filter.gyro import GyroSample
-from diffbot_control.filter.localization import Localization
-from diffbot_control.filter.localization_config import LocalizationConfig
-from diffbot_control.filter.measurements import Measurement, PoseFix, PositionFix
-from diffbot_control.filter.odometry import OdometryStep
-from diffbot_control.filter.options import FilterConfig
-from diffbot_core.errors import BadMessageError, DiffbotError, InvalidValueError
+from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.files import output_folder, write_json
-from diffbot_core.geometry import wrap_angle
-from diffbot_core.kinematics import Twist
-from diffbot_core.units import NS_PER_S
+from diffbot_lab.filter_benchmark.peer_drives import CASES, DURATION, RATE, Drive, PeerCase, record_drive
+from diffbot_lab.filter_benchmark.peer_filters import Estimates, PeerNoise, run_ours, run_peer
 from diffbot_lab.filter_benchmark.peer_report import table
-from diffbot_sim.model.actuators import ActuatorConfig
-from diffbot_sim.model.plant import PlantConfig
-from diffbot_sim.model.sensors import SensorConfig
-from diffbot_sim.model.simulator import StartPose, World, WorldConfig
-from diffbot_sim.reference_loop import measurements_of
 
-Array = NDArray[np.float64]
 Results = dict[str, Any]
 
 OURS, DEFAULT, TUNED = "diffbot", "default", "tuned"
-DURATION, SKIPPED = 300.0, 30.0
-"""[s] of a drive, and at its start what does not count"""
-RATE = 50
-"""[Hz] of odometry, gyro and the peer's timer"""
+SKIPPED = 30.0
+"""[s] at the start of a drive that do not count"""
 TRAINING_SEEDS = (1001, 1002)
 """of the drives that the peer is tuned on"""
-_RADIUS = 12.0
-"""[m] about the start in which the robot drives"""
-_START = NS_PER_S * 1_000_000
-"""[ns] a stamp of zero would mean *now* to some"""
-_VAR_LATERAL = 1e-6
-"""[m^2/s^2] of the lateral velocity, which is zero: so the peer learns of the wheels' constraint"""
-_TIMEOUT = 600.0
-"""[s] for the peer on one drive"""
-
-
-class PeerCase(NamedTuple):
-    """What differs from the nominal robot."""
-
-    name: str
-    text: str
-    sensors: SensorConfig
-    plant: PlantConfig = PlantConfig()
-    filter: FilterConfig = FilterConfig()
-    with_heading: bool = True
-    """False: fixes measure the position alone"""
-
-
-_DRIVES = ActuatorConfig(acceleration_max=0.5, angular_acceleration_max=1.5)
-_SMOOTH = PlantConfig(actuators=_DRIVES)
-_MIX = PlantConfig(
-    left_radius_error=0.02,
-    actuators=_DRIVES._replace(command_delay=0.1, drive_time_constant=0.1, separation_error=0.03),
-)
-_LATE = SensorConfig(fix_rate=5.0, fix_delay=0.15)
-_GYRO = SensorConfig(fix_rate=1.0, gyro_rate=float(RATE), gyro_error_max=0.005 * math.sqrt(3.0), gyro_bias=0.02)
-_GNSS = 0.5 * math.sqrt(3.0)
-CASES = (
-    PeerCase("nominal", "fixes at 5 Hz", SensorConfig(fix_rate=5.0)),
-    PeerCase("late", "fixes 0.3 s late", SensorConfig(fix_rate=5.0, fix_delay=0.3)),
-    PeerCase(
-        "outliers",
-        "5 % of the fixes are 3 m off, all are 0.15 s late",
-        _LATE._replace(fix_outlier=0.05, fix_outlier_distance=3.0),
-        _SMOOTH,
-    ),
-    PeerCase(
-        "radius",
-        "left radius 2 % wrong, fixes at 1 Hz, 0.15 s late",
-        _LATE._replace(fix_rate=1.0),
-        _SMOOTH._replace(left_radius_error=0.02),
-    ),
-    PeerCase("mix", "left radius 2 %, separation 3 % wrong; dead time, lag; fixes 0.15 s late", _LATE, _MIX),
-    PeerCase(
-        "gyro",
-        "gyro with a bias of 0.02 rad/s, fixes at 1 Hz, 5 % slip of the right wheel for 100 s",
-        _GYRO,
-        _SMOOTH._replace(slip_right=0.05, slip_start=100.0, slip_duration=100.0),
-        FilterConfig(use_gyro=True),
-    ),
-    PeerCase(
-        "gnss",
-        "positions alone, 0.5 m (one deviation), at 1 Hz",
-        SensorConfig(fix_rate=1.0, eps_x_max=_GNSS, eps_y_max=_GNSS),
-        _SMOOTH,
-        with_heading=False,
-    ),
-)
-
-
-class Event(NamedTuple):
-    """A message and when it arrives."""
-
-    arrival: int
-    """[ns]"""
-    content: Measurement | OdometryStep | GyroSample
-
-
-class Drive(NamedTuple):
-    """What a filter gets, and where the robot was."""
-
-    events: list[Event]
-    truth: Array
-    """(n, 3) pose at each step, x, y, yaw [m, m, rad]"""
-
-
-class Estimates(NamedTuple):
-    """What a filter says of a drive, each stamp once."""
-
-    steps: NDArray[np.int64]
-    """(n,) numbers of the steps"""
-    poses: Array
-    """(n, 3)"""
-    P: Array
-    """(n, 3, 3)"""
-    cpu: float
-    """[s]"""
-
-
-class PeerNoise(NamedTuple):
-    """What is tuned of the peer: variances per second of its states, and its gate."""
-
-    position: float
-    """[m^2/s]"""
-    yaw: float
-    """[rad^2/s]"""
-    v: float
-    """[m^2/s^3]"""
-    omega: float
-    """[rad^2/s^3]"""
-    gate: float
-    """Mahalanobis distance beyond which a fix is rejected"""
-
-
 _BEGIN = PeerNoise(1e-4, 1e-4, 0.5, 0.5, 1e9)
 _SWEEPS = 2
 _GRIDS = (
@@ -172,148 +43,6 @@ _GRIDS = (
     ("v", (0.05, 5.0)),
 )
 """What is tried one after the other, the best kept, in each of the sweeps: the budget of the peer."""
-
-
-def record_drive(case: PeerCase, seed: int, duration: float = DURATION) -> Drive:
-    """Drive at random about the start: turns, straights and stops of some seconds each."""
-    plant = case.plant._replace(sampling_time=1.0 / RATE)
-    rng, events, truth = random.Random(seed), [], []
-    start = StartPose(0.0, 0.0, rng.uniform(-math.pi, math.pi))
-    world = World(WorldConfig(plant, case.sensors, start, seed), _START)
-    until, command = 0.0, Twist(0.0, 0.0)
-    for step in range(round(duration * RATE) + 1):
-        pose, now = world.state.pose, step / RATE
-        if math.hypot(pose.x, pose.y) > _RADIUS:
-            back = wrap_angle(math.atan2(-pose.y, -pose.x) - pose.theta)
-            command, until = Twist(0.5, max(-0.8, min(0.8, back))), now + 1.0
-        elif now >= until:
-            until = now + rng.uniform(2.0, 7.0)
-            v = 0.0 if rng.random() < 0.15 else rng.uniform(0.2, 1.0)
-            command = Twist(v, 0.0 if rng.random() < 0.3 else rng.uniform(-0.8, 0.8))
-        events += [Event(world.stamp, one) for one in _messages(world, case.with_heading)]
-        truth.append(pose)
-        world.advance(command)
-    return Drive(events, np.array(truth))
-
-
-def _messages(world: World, with_heading: bool) -> Iterator[Measurement | OdometryStep | GyroSample]:
-    """Yield what arrives at the present step, in the order of the graph."""
-    for one in measurements_of(world.sense()):
-        if isinstance(one, PoseFix) and not with_heading:
-            yield PositionFix(one.stamp, one.pose.x, one.pose.y, one.R[:2, :2])
-        else:
-            yield one
-    reading = world.turn_rate()
-    if reading is not None:
-        yield GyroSample(*reading)
-    yield world.odometry()
-
-
-def run_ours(case: PeerCase, drive: Drive) -> Estimates:
-    """Run this project's filter with its defaults."""
-    localization = Localization(LocalizationConfig(filter=case.filter))
-    stamps, poses, P = [], [], []
-    begin = time.process_time()
-    for _, content in drive.events:
-        try:
-            if isinstance(content, OdometryStep):
-                estimate = localization.on_odometry(content)
-                stamps.append(content.stamp)
-                poses.append(estimate.pose)
-                P.append(estimate.P)
-            elif isinstance(content, GyroSample):
-                localization.on_gyro(content)
-            else:
-                localization.on_measurement(content)
-        except BadMessageError:
-            continue  # before the first fix
-    used = time.process_time() - begin
-    return Estimates(_steps_of(np.array(stamps)), np.array(poses), np.array(P), used)
-
-
-def run_peer(runner: Path, case: PeerCase, drive: Drive, noise: PeerNoise | None) -> tuple[Estimates, str]:
-    """Run the peer, with its default noise for None; return also its version.
-
-    Raises:
-        DiffbotError: if the runner fails.
-    """
-    with tempfile.TemporaryDirectory() as folder:
-        given, found, settings = (Path(folder, name) for name in ("drive.csv", "estimates.csv", "settings.yaml"))
-        given.write_text("".join(f"{line}\n" for line in map(_line, drive.events)))
-        settings.write_text(json.dumps(peer_settings(case, noise)))
-        command = [str(one) for one in (runner, given, found, "--ros-args", "--params-file", settings)]
-        try:
-            done = subprocess.run(command, capture_output=True, text=True, timeout=_TIMEOUT, check=False)
-        except (OSError, subprocess.TimeoutExpired) as error:
-            raise DiffbotError(f"runner: {error}") from error
-        said = done.stderr.strip().splitlines() or ["nothing"]
-        if done.returncode != 0:
-            raise DiffbotError(f"runner: {runner} ended with {done.returncode}: {said[-1]}")
-        version, used = said[-1].split()
-        stamps = np.loadtxt(found, delimiter=",", usecols=0, dtype=np.int64)
-        rows = np.loadtxt(found, delimiter=",", usecols=range(1, 10))
-    _, first = np.unique(stamps, return_index=True)
-    xx, xy, xt, yy, yt, tt = rows[first, 3:].T
-    P = np.moveaxis(np.array(((xx, xy, xt), (xy, yy, yt), (xt, yt, tt))), 2, 0)
-    return Estimates(_steps_of(stamps[first]), rows[first, :3], P, float(used)), version
-
-
-def _line(event: Event) -> str:
-    """Return a message as the runner reads it."""
-    content: Any = event.content
-    if isinstance(content, OdometryStep):
-        numbers = ["odom", content.stamp, *content.twist, *content.covariance, _VAR_LATERAL]
-    elif isinstance(content, GyroSample):
-        numbers = ["imu", *content]
-    elif isinstance(content, PoseFix):
-        numbers = ["pose", content.stamp, *content.pose, *np.diag(content.R).tolist()]
-    elif isinstance(content, PositionFix):
-        numbers = ["pose", content.stamp, content.x, content.y, 0.0, *np.diag(content.R).tolist(), math.pi**2]
-    else:
-        raise TypeError(f"no message for the peer: {content}")
-    return ",".join(str(one) for one in [event.arrival, *numbers])
-
-
-def peer_settings(case: PeerCase, noise: PeerNoise | None) -> dict[str, Any]:
-    """Return the peer's parameters: a planar robot that fuses late messages, with ``noise`` or its defaults."""
-    pose, twist, rate = ([False] * 15 for _ in range(3))
-    pose[0] = pose[1] = True
-    pose[5] = case.with_heading
-    twist[6] = twist[7] = twist[11] = True
-    rate[11] = True
-    settings: dict[str, Any] = {
-        "frequency": float(RATE),
-        "sensor_timeout": 2.0 / RATE,
-        "two_d_mode": True,
-        "publish_tf": False,
-        "world_frame": "map",
-        "smooth_lagged_data": True,
-        "history_length": LocalizationConfig().history_length,
-        "odom0": "odom",
-        "odom0_config": twist,
-        "pose0": "global_pose",
-        "pose0_config": pose,
-        # By default the pose at the start is taken for zero, and a gate then rejects every fix.
-        "initial_estimate_covariance": [100.0, 100.0, *[1e-9] * 3, math.pi**2, *[1e-9] * 9],
-    }
-    if case.sensors.gyro_rate > 0.0:
-        settings |= {"imu0": "imu", "imu0_config": rate}
-    if noise is not None:
-        xy, yaw, v, omega, gate = noise
-        other = 1e-3
-        settings["process_noise_covariance"] = [
-            *(xy, xy, other, other, other, yaw),
-            *(v, other, other, other, other, omega),
-            *(1e-2, 1e-2, 1e-2),
-        ]
-        settings["pose0_rejection_threshold"] = gate
-    return {"ekf_filter_node": {"ros__parameters": settings}}
-
-
-def _steps_of(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the numbers of the steps that the stamps are of."""
-    steps: NDArray[np.int64] = np.rint((stamps - _START) * RATE / NS_PER_S).astype(np.int64)
-    return steps
 
 
 class Errors(NamedTuple):
@@ -382,7 +111,7 @@ def interval_of(values: list[float]) -> list[float]:
     mean = float(np.mean(values))
     if len(values) < 2:
         return [mean, -math.inf, math.inf]
-    half = float(stats.t.ppf(0.975, len(values) - 1) * np.std(values, ddof=1) / math.sqrt(len(values)))
+    half = float(stats.t.ppf(0.975, len(values) - 1) * stats.sem(values))
     return [mean, mean - half, mean + half]
 
 

@@ -10,7 +10,7 @@ from scipy import stats
 
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_lab.benchmark_command import PEER
-from diffbot_lab.filter_benchmark import peer
+from diffbot_lab.filter_benchmark import peer, peer_drives, peer_filters
 from diffbot_tools import cli
 
 REPEATS_FIXES = """#!{python}
@@ -26,7 +26,7 @@ with open(sys.argv[1]) as drive, open(sys.argv[2], "w") as out:
 print("noise is fine", file=sys.stderr)
 print("1.2.3 0.5", file=sys.stderr)
 """
-NOMINAL = peer.CASES[0]
+NOMINAL = peer_drives.CASES[0]
 DURATION = 60.0
 
 
@@ -43,8 +43,8 @@ def runner(tmp_path_factory):
 
 
 def test_the_peer_gets_every_message_and_is_judged_by_its_own_stamps(runner):
-    drive = peer.record_drive(NOMINAL, 5, DURATION)
-    estimates, version = peer.run_peer(runner, NOMINAL, drive, None)
+    drive = peer_drives.record_drive(NOMINAL, 5, DURATION)
+    estimates, version = peer_filters.run_peer(runner, NOMINAL, drive, None)
     assert (version, estimates.cpu, len(estimates.steps)) == ("1.2.3", 0.5, len(drive.truth))
     found = peer.errors_of(estimates, drive)
     # A fix each 0.2 s, with its error and what has been driven since; the latter is small beside the first.
@@ -56,24 +56,24 @@ def test_the_peer_gets_every_message_and_is_judged_by_its_own_stamps(runner):
 
 
 def test_errors_are_those_of_a_known_offset():
-    drive = peer.record_drive(NOMINAL, 5, DURATION)
+    drive = peer_drives.record_drive(NOMINAL, 5, DURATION)
     steps = np.arange(len(drive.truth))
     poses = drive.truth + np.array((0.3, -0.4, 2.0 * math.pi + 0.1))
     P = np.tile(np.diag((0.09, 0.16, 0.0025)), (len(steps), 1, 1))
-    found = peer.errors_of(peer.Estimates(steps, poses, P, 1.0), drive)
+    found = peer.errors_of(peer_filters.Estimates(steps, poses, P, 1.0), drive)
     assert found[:3] == pytest.approx((0.5, 0.1, 1.0 + 1.0 + 4.0))
 
 
 def test_the_filter_is_better_than_its_fixes(runner):
-    drive = peer.record_drive(NOMINAL, 6, DURATION)
-    ours = peer.errors_of(peer.run_ours(NOMINAL, drive), drive)
-    fixes = peer.errors_of(peer.run_peer(runner, NOMINAL, drive, None)[0], drive)
+    drive = peer_drives.record_drive(NOMINAL, 6, DURATION)
+    ours = peer.errors_of(peer_filters.run_ours(NOMINAL, drive), drive)
+    fixes = peer.errors_of(peer_filters.run_peer(runner, NOMINAL, drive, None)[0], drive)
     assert ours.position < 0.5 * fixes.position
     assert 0.5 < ours.nees < 8.0
 
 
 def test_a_drive_depends_on_its_seed_alone_and_stays_near_the_start():
-    one, same, other = (peer.record_drive(NOMINAL, seed, 60.0) for seed in (1, 1, 2))
+    one, same, other = (peer_drives.record_drive(NOMINAL, seed, 60.0) for seed in (1, 1, 2))
     assert np.array_equal(one.truth, same.truth)
     assert not np.array_equal(one.truth, other.truth)
     assert np.hypot(one.truth[:, 0], one.truth[:, 1]).max() < 13.0
@@ -88,8 +88,10 @@ def test_means_and_ratios_have_students_interval():
 
 
 def test_the_settings_name_what_each_message_is_used_for():
-    gyro = next(case for case in peer.CASES if case.sensors.gyro_rate > 0.0)
-    settings = peer.peer_settings(gyro, peer.PeerNoise(1.0, 2.0, 3.0, 4.0, 5.0))["ekf_filter_node"]["ros__parameters"]
+    gyro = next(case for case in peer_drives.CASES if case.sensors.gyro_rate > 0.0)
+    settings = peer_filters.peer_settings(gyro, peer_filters.PeerNoise(1.0, 2.0, 3.0, 4.0, 5.0))["ekf_filter_node"][
+        "ros__parameters"
+    ]
     # robot_localization: x y z, roll pitch yaw, their velocities, accelerations.
     names = ["x", "y", "z", "roll", "pitch", "yaw", "vx", "vy", "vz", "vroll", "vpitch", "vyaw", "ax", "ay", "az"]
     used = {key: {n for n, on in zip(names, settings[key], strict=True) if on} for key in settings if "_config" in key}
@@ -97,7 +99,9 @@ def test_the_settings_name_what_each_message_is_used_for():
     noise = dict(zip(names, settings["process_noise_covariance"], strict=True))
     assert (noise["x"], noise["y"], noise["yaw"], noise["vx"], noise["vyaw"]) == (1.0, 1.0, 2.0, 3.0, 4.0)
     assert settings["pose0_rejection_threshold"] == 5.0
-    assert "process_noise_covariance" not in peer.peer_settings(gyro, None)["ekf_filter_node"]["ros__parameters"]
+    assert (
+        "process_noise_covariance" not in peer_filters.peer_settings(gyro, None)["ekf_filter_node"]["ros__parameters"]
+    )
 
 
 def test_the_whole_comparison(runner):
@@ -114,7 +118,7 @@ def test_the_whole_comparison(runner):
 def test_errors_are_one_line(runner, tmp_path, capsys):
     broken = write_runner(tmp_path, "#!/bin/sh\necho first >&2; echo no such parameter >&2; exit 3\n")
     with pytest.raises(DiffbotError, match=f"runner: {broken} ended with 3: no such parameter"):
-        peer.run_peer(broken, NOMINAL, peer.record_drive(NOMINAL, 1, 1.0), None)
+        peer_filters.run_peer(broken, NOMINAL, peer_drives.record_drive(NOMINAL, 1, 1.0), None)
     with pytest.raises(InvalidValueError, match="case = 'moon': must be one of nominal, "):
         peer.run_benchmark(runner, 1, 1, ("moon",))
     with pytest.raises(InvalidValueError, match="seed = 990: "):
@@ -124,10 +128,10 @@ def test_errors_are_one_line(runner, tmp_path, capsys):
 
 
 def test_a_lasting_slip_is_followed_with_a_gyro():
-    case = next(case for case in peer.CASES if case.sensors.gyro_rate > 0.0)
-    drive = peer.record_drive(case, 11)
+    case = next(case for case in peer_drives.CASES if case.sensors.gyro_rate > 0.0)
+    drive = peer_drives.record_drive(case, 11)
     slow = case._replace(filter=case.filter._replace(wheel_slip_walk=case.filter.wheel_radius_walk))
-    following, held = (peer.errors_of(peer.run_ours(one, drive), drive) for one in (case, slow))
+    following, held = (peer.errors_of(peer_filters.run_ours(one, drive), drive) for one in (case, slow))
     assert following.position < 0.7 * held.position
     assert following.heading < 0.7 * held.heading
     assert following.nees < 0.5 * held.nees
