@@ -12,6 +12,8 @@ SOURCES := package.xml setup.py setup.cfg $(shell find diffbot_* launch config r
 
 # Of a ROS installation or another environment that this shell has sourced: its libraries must not mix with ours.
 unexport PYTHONPATH PYTHONHOME LD_LIBRARY_PATH AMENT_PREFIX_PATH RMW_IMPLEMENTATION _ROS_WHEELS_BOOTSTRAP_COMPLETE
+# pytest keeps the test files that it has compiled: each of its workers takes five seconds for them.
+unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .PHONY: help setup compilers browser demo test test-fast faults soak lint bench trust docs site clean
