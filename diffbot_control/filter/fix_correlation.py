@@ -13,12 +13,12 @@ from typing import NamedTuple
 from diffbot_control.filter.models import Motion, covariance_with_rate, gyro_share, heading_innovation
 from diffbot_core.geometry import Pose, wrap_angle
 
-_MEMORY = 200
+MEMORY = 200
 """Pairs of fixes that the slow means remember."""
 _SIGNIFICANT = 2.0
 """[standard deviations] of the mean product of white innovations"""
 _MAX_CORRELATION = 0.99
-_MAX_SQUARE = 30.0
+MAX_SQUARE = 30.0
 """Bound of a normalised square: an outlier that no gate kept out has no partner."""
 Numbers = tuple[float, float, float]
 """x [m], y [m], theta [rad]"""
@@ -132,12 +132,12 @@ def with_fix(
         size = 3 if by_theta > 0.0 else 2
         r_x, r_y, r_theta = x - old_x, y - old_y, theta - old_theta
         newest = (r_x * r_x * by_x + r_y * r_y * by_y + r_theta * r_theta * by_theta) * (0.5 / size)
-        if newest < _MAX_SQUARE:
+        if newest < MAX_SQUARE:
             # An error of the heading turns what was driven: it moves the end across.
             dx, dy = x_before - start.x, y_before - start.y
             moved = 0.5 * (travelled.along + (dx * dx + dy * dy) * old_var_theta) * (by_x + by_y)
             both = (x * last_x * by_x + y * last_y * by_y + theta * last_theta * by_theta) / size
-            if pairs < _MEMORY:
+            if pairs < MEMORY:
                 pairs += 1
             difference += (newest - difference) / pairs
             motion += ((moved + travelled.turn * by_theta) * (0.5 / size) - motion) / pairs

@@ -49,12 +49,22 @@ from diffbot_control.filter.gate import (
     is_expected,
     new_gate,
 )
+from diffbot_control.filter.landmark_correlation import (
+    LandmarkCorrelation,
+    Seen,
+    growth_of_landmarks,
+    inflation_by,
+    unseen,
+    with_landmark,
+    with_shift,
+)
 from diffbot_control.filter.measurements import FIXES, LANDMARKS, Array, Innovation, Measurement
 from diffbot_control.filter.memory import Memory
 from diffbot_control.filter.models import Motion
 from diffbot_control.filter.options import FilterOptions
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import scale_twist_covariance
+from diffbot_core.units import S_PER_NS
 
 _RESET_P = np.diag((RESET_VAR_XY, RESET_VAR_XY, RESET_VAR_THETA))
 
@@ -117,7 +127,8 @@ class GatedFilter:
         """Put the filter at a pose with covariance ``P`` (3, 3); estimated errors and adaptation stay."""
         belief = with_pose(self.memory.belief, pose, P)
         old = self.memory
-        self.memory = Memory(belief, None, new_gate(), old.adaptation, NO_STAMPS, unpaired(old.fix_correlation))
+        correlations = unpaired(old.fix_correlation), STANDING, unseen(old.landmarks)
+        self.memory = Memory(belief, None, new_gate(), old.adaptation, NO_STAMPS, *correlations)
 
     def wheels(self) -> ErrorEstimate | None:
         """Return the estimated errors of the wheels; None if they are not states."""
@@ -147,6 +158,10 @@ class GatedFilter:
         factor = self.memory.fix_correlation.inflation
         return (factor - 1.0) / (factor + 1.0) if self.options.detects_fix_correlation else None
 
+    def landmark_correlation_time(self) -> float | None:
+        """Return how long the errors of each landmark were found to last [s]; None if it is not looked for."""
+        return self.memory.landmarks.means.time if self.options.detects_landmark_correlation else None
+
     def _errors(self, part: slice) -> ErrorEstimate | None:
         if part.start == part.stop:
             return None
@@ -160,7 +175,7 @@ class GatedFilter:
 
     def predict(self, motion: Motion, var_lateral: float = 0.0) -> None:
         """Move estimate and candidate; ``var_lateral`` is the variance of the motion across the robot [m^2]."""
-        belief, candidate, gate, adaptation, stamps, fix_correlation, travelled = self.memory
+        belief, candidate, gate, adaptation, stamps, fix_correlation, travelled, landmarks = self.memory
         if self.options.adaptive:
             q = q_scale(adaptation)
             covariance = scale_twist_covariance(motion.covariance, q)
@@ -171,7 +186,10 @@ class GatedFilter:
             candidate = self._moved(candidate, motion)
         if self.options.detects_fix_correlation:
             travelled = travel(travelled, motion, var_lateral)
-        self.memory = Memory(belief, candidate, age(gate, motion.dt), adaptation, stamps, fix_correlation, travelled)
+        if landmarks.seen:
+            landmarks = landmarks._replace(travelled=travel(landmarks.travelled, motion, var_lateral))
+        gate = age(gate, motion.dt)
+        self.memory = Memory(belief, candidate, gate, adaptation, stamps, fix_correlation, travelled, landmarks)
 
     def take(self, measurement: Measurement) -> int:
         """Correct with a measurement as the gate decides.
@@ -202,7 +220,8 @@ class GatedFilter:
         elif decision.outcome not in (ACCEPTED, WEIGHED):
             belief = memory.belief
         stamps = with_stamp(memory.stamps, measurement, self._times)
-        self.memory = memory._replace(belief=belief, gate=gate, stamps=stamps)
+        belief, landmarks = self._with_landmark_correlation(measurement, belief, decision.outcome)
+        self.memory = memory._replace(belief=belief, gate=gate, stamps=stamps, landmarks=landmarks)
         return decision.outcome
 
     def _take_fix(self, fix: Measurement, start: tuple[Pose, Array], bound: float) -> int:
@@ -237,6 +256,7 @@ class GatedFilter:
             with_stamp(memory.stamps, fix, self._times),
             fix_correlation,
             STANDING if is_first else memory.travelled,
+            self._shifted_landmarks(belief, decision.outcome),
         )
         return decision.outcome
 
@@ -257,6 +277,28 @@ class GatedFilter:
         )
         return inflate(after, growth(memory.fix_correlation, fix_correlation)), fix_correlation
 
+    def _with_landmark_correlation(
+        self, measurement: Measurement, after: Belief, outcome: int
+    ) -> tuple[Belief, LandmarkCorrelation]:
+        """Return the belief after a measurement and what it says about the correlation of the errors of landmarks."""
+        x, P = self.memory.belief
+        landmarks, innovation, states = self.memory.landmarks, self.innovation, self._ekf.states
+        if not self.options.detects_landmark_correlation or innovation is None:
+            return after, landmarks
+        found, is_landmark = landmarks, measurement.source.sensor == LANDMARKS
+        if is_landmark and outcome == ACCEPTED:
+            H, R = measurement.jacobian(x, states), measurement.noise(x, P, states)
+            pose, shift = pose_of(self.memory.belief), np.zeros(x.size) + landmarks.shift
+            now = Seen(measurement.stamp, innovation.y, pose, P.item(2, 2), shift, landmarks.travelled)
+            found = with_landmark(landmarks, measurement.source, now, H, R)
+        after = inflate(after, growth_of_landmarks(landmarks.means, found.means))
+        return after, unseen(found) if outcome == RELOCATED else with_shift(found, x, after.x)
+
+    def _shifted_landmarks(self, after: Belief, outcome: int) -> LandmarkCorrelation:
+        """Return the memory of the landmarks after a fix."""
+        landmarks = self.memory.landmarks
+        return unseen(landmarks) if outcome == RELOCATED else with_shift(landmarks, self.memory.belief.x, after.x)
+
     def _adapted(self, innovation: Innovation, expected: bool) -> Adaptation:
         """Adapt to an innovation, of whose S only the diagonal counts: each number by its own deviation."""
         y, S = innovation.y.tolist(), innovation.S.diagonal().tolist()
@@ -268,9 +310,17 @@ class GatedFilter:
         if self.options.detects_fix_correlation and measurement.source.sensor == FIXES:
             inflation, gate = self.memory.fix_correlation.inflation, math.inf
         else:
-            inflation = inflation_of(self.memory.stamps, measurement, self._times)
+            inflation = self._inflation(measurement)
             gate = bound if self._is_weighed(measurement) else math.inf
         return PLAIN if inflation == 1.0 and gate == math.inf else Robust(inflation, gate)
+
+    def _inflation(self, measurement: Measurement) -> float:
+        """Return the factor on R by what is known or found of the correlation of the errors."""
+        if not self.options.detects_landmark_correlation or measurement.source.sensor != LANDMARKS:
+            return inflation_of(self.memory.stamps, measurement, self._times)
+        landmarks = self.memory.landmarks
+        last = landmarks.seen.get(measurement.source)
+        return 1.0 if last is None else inflation_by(landmarks.means, (measurement.stamp - last.stamp) * S_PER_NS)
 
     def _is_weighed(self, measurement: Measurement) -> bool:
         return measurement.is_of_motion or (self.options.weigh_landmarks and measurement.source.sensor == LANDMARKS)

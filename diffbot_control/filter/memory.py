@@ -9,6 +9,7 @@ from diffbot_control.filter.belief import Belief
 from diffbot_control.filter.correlation import NO_STAMPS, Stamps
 from diffbot_control.filter.fix_correlation import STANDING, FixCorrelation, Travelled, new_fix_correlation
 from diffbot_control.filter.gate import GateMemory
+from diffbot_control.filter.landmark_correlation import LandmarkCorrelation, new_landmark_correlation
 
 
 class Memory(NamedTuple):
@@ -25,3 +26,5 @@ class Memory(NamedTuple):
     """of the fixes, where it is to be found"""
     travelled: Travelled = STANDING
     """since the newest fix"""
+    landmarks: LandmarkCorrelation = new_landmark_correlation()
+    """of the landmarks, where the correlation of their errors is to be found"""

@@ -94,11 +94,11 @@ class FilterConfig(NamedTuple):
         float,
         Spec("how long the errors of fixes last; 0: independent from fix to fix", "s", minimum=0.0, maximum=_MAX_TIME),
     ] = 0.0
-    detect_fix_correlation: Annotated[
+    detect_correlation: Annotated[
         bool,
         Spec(
-            "estimate the correlation of neighbouring fixes' errors while fix_correlation_time is 0; not with the "
-            "ekf_fnn variants"
+            "find how long the errors of fixes and of landmarks last, unless fix_correlation_time or "
+            "landmark_correlation_time says it; not with the ekf_fnn variants"
         ),
     ] = True
     heading_correlation_time: Annotated[
@@ -207,6 +207,8 @@ class FilterOptions(NamedTuple):
     correlation_times: CorrelationTimes
     detects_fix_correlation: bool
     """find the correlation of the errors of fixes"""
+    detects_landmark_correlation: bool
+    """find how long the errors of each landmark last"""
     landmark_errors: LandmarkErrors
     """of the sensor of landmarks, at the start where they are states"""
     landmark_sigmas: LandmarkErrors
@@ -243,7 +245,8 @@ def options_of(config: FilterConfig, *, landmarks: bool = False) -> FilterOption
         CorrelationTimes(
             config.heading_correlation_time, config.landmark_correlation_time, config.fix_correlation_time
         ),
-        config.detect_fix_correlation and config.fix_correlation_time == 0.0 and not adaptive,
+        config.detect_correlation and config.fix_correlation_time == 0.0 and not adaptive,
+        config.detect_correlation and config.landmark_correlation_time == 0.0 and not adaptive and landmarks,
         LandmarkErrors(config.landmark_range_offset, config.landmark_range_scale, config.landmark_bearing_offset),
         _landmark_sigmas(config) if landmarks else NO_ERRORS,
         config.gyro_bias_sigma**2 if config.use_gyro else 0.0,

@@ -111,5 +111,5 @@ def drive_of(scenario: Scenario, odometry_rate: int, fix_rate: int, filter_name:
         round(DURATION * odometry_rate),
         round(SKIPPED * odometry_rate),
         kidnapped,
-        example_for(scenario.landmarks, options).filter,
+        example_for(scenario.landmarks, options),
     )

@@ -78,7 +78,7 @@ def options_for(mode: str, c: float) -> FilterConfig:
     """Return the default filter's options in one of the modes OFF, ON and GIVEN, the last with 0 < ``c`` < 1."""
     if mode == GIVEN:
         return FilterConfig(fix_correlation_time=-1.0 / (FIX_RATE * math.log(c)))
-    return FilterConfig(detect_fix_correlation=mode == ON)
+    return FilterConfig(detect_correlation=mode == ON)
 
 
 def run_filter(drive: list[DriveStep], config: FilterConfig) -> ColourRun:

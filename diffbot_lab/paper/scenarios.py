@@ -37,7 +37,7 @@ HEADINGS_B = (0.0, 220.0)
 """[deg]"""
 XY_TOLERANCE, YAW_TOLERANCE = 0.4, 0.1
 """[m], [rad]"""
-TEXTBOOK_FILTER = FilterConfig(filter=EKF, gate_probability=1.0, detect_fix_correlation=False)
+TEXTBOOK_FILTER = FilterConfig(filter=EKF, gate_probability=1.0, detect_correlation=False)
 """No gate, no calibration: the runs have no faults."""
 LAWS = ("law 13", "law 17")
 

@@ -96,7 +96,7 @@ def prepared(case: Case) -> Case:
 
 def buffers_for(case: Case) -> Buffers:
     """Return what :func:`run_loop` works with under a :func:`prepared` case, one run after the other."""
-    return new_buffers(case.late_steps, case.example)
+    return new_buffers(case.late_steps, len(case.landmarks), case.example)
 
 
 def make_loop(law: Law) -> Callable[[Case, Buffers, int, int, Pose, Any], Outcome]:
@@ -115,7 +115,7 @@ def make_loop(law: Law) -> Callable[[Case, Buffers, int, int, Pose, Any], Outcom
             history: (steps + 1, 9) array whose rows are filled, or (0, 9) for none.
         """
         # Records, of which compiled code counts no references as it does of arrays.
-        arrays, record = buffers.filter[0], LateRecord(buffers.steps, buffers.tracks, buffers.stamps[0])
+        arrays, record = buffers.filter[0], LateRecord(buffers.steps, buffers.tracks, buffers.stamps[0], buffers.seen)
         reset_arrays(arrays, case.filter)
         reset_record(record)
         t_s, delay = case.plant.sampling_time, case.plant.actuators.command_delay

@@ -45,10 +45,19 @@ from diffbot_control.filter.gate import (
     is_expected,
     new_gate,
 )
+from diffbot_control.filter.landmark_correlation import (
+    NO_PAIRS,
+    CorrelationMeans,
+    compared,
+    growth_of_landmarks,
+    inflation_by,
+    spread_of,
+    with_pair,
+)
 from diffbot_control.filter.models import Motion, pose_innovation, slip_covariance
 from diffbot_control.filter.options import REJECT, WEIGH, FilterOptions
 from diffbot_core.errors import InvalidValueError
-from diffbot_core.geometry import Point, Pose
+from diffbot_core.geometry import Point, Pose, wrap_angle
 from diffbot_core.kinematics import TwistCovariance, scale_twist_covariance
 from diffbot_sim.compiled.ekf import (
     GYRO,
@@ -120,20 +129,39 @@ class Track(NamedTuple):
     """of the fixes, where it is to be found"""
     travelled: Travelled
     """since the newest fix"""
+    landmarks: CorrelationMeans
+    """of the landmarks, where the correlation of their errors is to be found"""
+
+
+def kept_type(n: int) -> Any:
+    """Return the type of a record with what a state of the filter keeps in arrays, for ``n`` states.
+
+    The candidate is the hypothesis of the rejected fixes, without a meaning if there are none. Shift is the sum of the
+    corrections of the state, along [m^2] and turn [rad^2] the variances that the motion has added: both since the
+    start. The era is another one after each jump of the estimate.
+    """
+    corrections = [("shift", float, (n,)), ("along", float), ("turn", float), ("era", np.int64)]
+    return np.dtype([("belief", belief_type(n)), ("candidate", belief_type(n)), *corrections])
 
 
 def filter_type(n: int) -> Any:
-    """Return the type of the filter's arrays for ``n`` states, a record that is changed in place.
-
-    The candidate is the hypothesis of the rejected fixes, without a meaning if there are none.
-    """
-    return np.dtype([("belief", belief_type(n)), ("candidate", belief_type(n)), ("work", work_type(n))])
+    """Return the type of the filter's arrays for ``n`` states: :func:`kept_type` and its work, changed in place."""
+    return np.dtype([*kept_type(n).descr, ("work", work_type(n))])
 
 
-def copy_beliefs(target: Any, source: Any) -> None:
-    """Overwrite estimate and candidate of a record with those of another one."""
+def seen_type(n: int) -> Any:
+    """Return the type of the newest measurement of a landmark: :class:`landmark_correlation.Seen` in an era."""
+    numbers = [("time", float), ("x", float), ("y", float), ("var_theta", float), ("along", float), ("turn", float)]
+    return np.dtype([("era", np.int64), ("innovation", float, (2,)), ("shift", float, (n,)), *numbers])
+
+
+def copy_kept(target: Any, source: Any) -> None:
+    """Overwrite what a record keeps, see :func:`kept_type`, with that of another one."""
     copy_to(target["belief"], source["belief"])
     copy_to(target["candidate"], source["candidate"])
+    for i in range(len(source["shift"])):
+        target["shift"][i] = source["shift"][i]
+    target["along"], target["turn"], target["era"] = source["along"], source["turn"], source["era"]
 
 
 def check_supported(options: FilterOptions) -> None:
@@ -152,7 +180,8 @@ def check_supported(options: FilterOptions) -> None:
 
 def new_track() -> Track:
     """Return the state before the first fix."""
-    return Track(False, new_gate(), new_adaptation(), Newest(math.nan, ACCEPTED), new_fix_correlation(), STANDING)
+    newest = Newest(math.nan, ACCEPTED)
+    return Track(False, new_gate(), new_adaptation(), newest, new_fix_correlation(), STANDING, NO_PAIRS)
 
 
 def reset_arrays(arrays: Any, options: FilterOptions) -> None:
@@ -183,8 +212,11 @@ def advance(track: Track, arrays: Any, motion: Motion, separation: float, option
         predict(candidate, work, motion, 0.0, separation, walks[0], walks[1])
     if options.detects_fix_correlation:
         travelled = travel(travelled, motion, 0.0)
+    if options.detects_landmark_correlation:
+        total = travel(Travelled(arrays["along"], arrays["turn"]), motion, 0.0)
+        arrays["along"], arrays["turn"] = total.along, total.turn
     gate = age(track.gate, motion.dt)
-    return Track(True, gate, track.adaptation, track.newest, track.fix_correlation, travelled)
+    return Track(True, gate, track.adaptation, track.newest, track.fix_correlation, travelled, track.landmarks)
 
 
 def take_rate(arrays: Any, motion: Motion, separation: float, options: FilterOptions) -> TwistCovariance:
@@ -199,8 +231,7 @@ def take_rate(arrays: Any, motion: Motion, separation: float, options: FilterOpt
     m = fill_rate(belief, work, motion, separation)
     difference, nis = work["y"][0], normalise(belief, work, m, POSE).nis
     beyond = nis > options.gates[0]
-    correct(belief, work, m, 1.0, nis / options.gates[0] if beyond else 1.0)
-    _reset_impossible(belief, options)
+    _correct(arrays, m, 1.0, nis / options.gates[0] if beyond else 1.0, options)
     if not beyond:
         return none
     return slip_covariance(difference, separation)
@@ -212,8 +243,9 @@ def initialise(track: Track, arrays: Any, fix: PoseFix) -> Track:
     fill_fix(belief, work, fix.pose)
     _put_noise(work, fix)
     reset_to(belief, fix.pose, work["R"])
-    newest = Newest(math.nan, ACCEPTED)
-    return Track(True, new_gate(), track.adaptation, newest, unpaired(track.fix_correlation), STANDING)
+    arrays["era"] += 1
+    newest, found = Newest(math.nan, ACCEPTED), unpaired(track.fix_correlation)
+    return Track(True, new_gate(), track.adaptation, newest, found, STANDING, track.landmarks)
 
 
 def take_fix(track: Track, arrays: Any, fix: PoseFix, options: FilterOptions) -> Track:
@@ -240,7 +272,8 @@ def take_fix(track: Track, arrays: Any, fix: PoseFix, options: FilterOptions) ->
     fix_correlation = track.fix_correlation
     if options.detects_fix_correlation:
         fix_correlation = _with_fix(track, belief, fix, before, decision.outcome == ACCEPTED)
-    return Track(True, gate, adaptation, Newest(nis, decision.outcome), fix_correlation, STANDING)
+    newest = Newest(nis, decision.outcome)
+    return Track(True, gate, adaptation, newest, fix_correlation, STANDING, track.landmarks)
 
 
 def _put_noise(work: Any, fix: PoseFix) -> None:
@@ -259,8 +292,7 @@ def _apply(arrays: Any, fix: PoseFix, decision: Decision, inflation: float, opti
     """Correct estimate or candidate with the fix that was normalised for it last, with R times ``inflation``."""
     belief, candidate, work = arrays["belief"], arrays["candidate"], arrays["work"]
     if decision.outcome == ACCEPTED:
-        correct(belief, work, POSE, inflation, 1.0)
-        _reset_impossible(belief, options)
+        _correct(arrays, POSE, inflation, 1.0, options)
         return
     if decision.agrees:
         correct(candidate, work, POSE, inflation, 1.0)
@@ -270,6 +302,24 @@ def _apply(arrays: Any, fix: PoseFix, decision: Decision, inflation: float, opti
         reset_to(candidate, fix.pose, work["R"])
     if decision.outcome == RELOCATED:
         copy_to(belief, candidate)
+        arrays["era"] += 1
+
+
+def _correct(arrays: Any, m: int, inflation: float, weaker: float, options: FilterOptions) -> None:
+    """Correct the estimate as :func:`ekf.correct` does, and count by what it was shifted."""
+    belief, shift = arrays["belief"], arrays["shift"]
+    x = belief["x"]
+    theta = x[2]
+    if options.detects_landmark_correlation:
+        for i in range(len(x)):
+            shift[i] -= x[i]
+    correct(belief, arrays["work"], m, inflation, weaker)
+    _reset_impossible(belief, options)
+    if options.detects_landmark_correlation:
+        for i in range(len(x)):
+            shift[i] += x[i]
+        turned = x[2] - theta
+        shift[2] += wrap_angle(turned) - turned
 
 
 def _with_fix(track: Track, belief: Any, fix: PoseFix, before: Pose, accepted: bool) -> FixCorrelation:
@@ -305,25 +355,66 @@ def take_heading(track: Track, arrays: Any, heading: float, variance: float, opt
         _reset_pose(belief, work)
         normalise(belief, work, fill_heading(belief, work, heading, variance))
     if decision.outcome in (ACCEPTED, RELOCATED):
-        correct(belief, work, m, 1.0, 1.0)
-        _reset_impossible(belief, options)
-    return _with_other(track, gate, nis)
+        _correct(arrays, m, 1.0, 1.0, options)
+    if decision.outcome == RELOCATED:
+        arrays["era"] += 1
+    return _with_other(track, gate, nis, track.landmarks)
 
 
-def take_landmark(track: Track, arrays: Any, measured: LandmarkMeasurement, options: FilterOptions) -> Track:
-    """Correct with range and bearing of a known landmark as the gate decides."""
+def take_landmark(
+    track: Track, arrays: Any, seen: Any, measured: LandmarkMeasurement, time: float, options: FilterOptions
+) -> Track:
+    """Correct with range and bearing of a known landmark as the gate decides.
+
+    Args:
+        track: state of the filter.
+        arrays: of the filter, changed in place.
+        seen: record of the landmark's newest measurement, see :func:`seen_type`, which this one replaces.
+        measured: range and bearing.
+        time: of the measurement [s].
+        options: of the filter.
+    """
     belief, work, nis = arrays["belief"], arrays["work"], math.inf
+    means, inflation = track.landmarks, 1.0
     m = _fill_landmark(belief, work, measured)
     if m > 0:
         nis = normalise(belief, work, m).nis
     gate, decision = decide_other(track.gate, nis, options.gates[1], options)
+    if options.detects_landmark_correlation and m > 0:
+        if seen["era"] == arrays["era"]:
+            inflation = inflation_by(means, time - seen["time"])
+        if decision.outcome == ACCEPTED:
+            means = _with_landmark(means, arrays, seen, time)
     if decision.outcome == RELOCATED:
         _reset_pose(belief, work)
         normalise(belief, work, _fill_landmark(belief, work, measured))
     if decision.outcome in (ACCEPTED, RELOCATED):
-        correct(belief, work, m, 1.0, 1.0)
-        _reset_impossible(belief, options)
-    return _with_other(track, gate, nis)
+        _correct(arrays, m, inflation, 1.0, options)
+    if decision.outcome == RELOCATED:
+        arrays["era"] += 1
+    inflate(belief, growth_of_landmarks(track.landmarks, means))
+    return _with_other(track, gate, nis, means)
+
+
+def _with_landmark(means: CorrelationMeans, arrays: Any, seen: Any, time: float) -> CorrelationMeans:
+    """Return what the landmark that was filled in says about the correlation of errors, and remember it as seen."""
+    belief, work, shift = arrays["belief"], arrays["work"], seen["shift"]
+    x, total = belief["x"], Travelled(arrays["along"], arrays["turn"])
+    if seen["era"] == arrays["era"]:
+        for i in range(len(shift)):
+            shift[i] = arrays["shift"][i] - shift[i]
+        moved = x[0] - seen["x"] - shift[0], x[1] - seen["y"] - shift[1]
+        spread = spread_of(Travelled(seen["along"], seen["turn"]), total, moved, seen["var_theta"])
+        pair = compared(work["y"], seen["innovation"], work["H"], work["R"], shift, spread, time - seen["time"])
+        means = with_pair(means, pair)
+    seen["era"], seen["time"] = arrays["era"], time
+    seen["x"], seen["y"], seen["var_theta"] = x[0], x[1], belief["P"][2, 2]
+    seen["along"], seen["turn"] = total.along, total.turn
+    for i in range(2):
+        seen["innovation"][i] = work["y"][i]
+    for i in range(len(shift)):
+        shift[i] = arrays["shift"][i]
+    return means
 
 
 def _fill_landmark(belief: Any, work: Any, measured: LandmarkMeasurement) -> int:
@@ -340,10 +431,10 @@ def _reset_pose(belief: Any, work: Any) -> None:
     reset_to(belief, pose_of(belief), R)
 
 
-def _with_other(track: Track, gate: GateMemory, nis: float) -> Track:
+def _with_other(track: Track, gate: GateMemory, nis: float, landmarks: CorrelationMeans) -> Track:
     """Return the track after a measurement that was no fix."""
     newest = Newest(nis, track.newest.fix_outcome)
-    return Track(True, gate, track.adaptation, newest, track.fix_correlation, track.travelled)
+    return Track(True, gate, track.adaptation, newest, track.fix_correlation, track.travelled, landmarks)
 
 
 def _reset_impossible(belief: Any, options: FilterOptions) -> None:

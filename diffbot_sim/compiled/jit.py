@@ -18,7 +18,15 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from diffbot_control.filter import adaptation, fix_correlation, gate, landmark_calibration, models
+from diffbot_control.filter import (
+    adaptation,
+    correlation,
+    fix_correlation,
+    gate,
+    landmark_calibration,
+    landmark_correlation,
+    models,
+)
 from diffbot_control.goals.protocol import Law
 from diffbot_control.law import (
     braking_step,
@@ -71,7 +79,9 @@ MODULES = (
     outcome,
     gate,
     adaptation,
+    correlation,
     fix_correlation,
+    landmark_correlation,
     gated_filter,
     sensing,
     late_fusion,

@@ -25,15 +25,17 @@ from diffbot_core.kinematics import (
     encoder_covariance,
     scale_twist_covariance,
 )
-from diffbot_sim.compiled.ekf import GYRO, WHEELS, belief_type
+from diffbot_sim.compiled.ekf import GYRO, WHEELS
 from diffbot_sim.compiled.gated_filter import (
     PoseFix,
     Track,
     advance,
-    copy_beliefs,
+    copy_kept,
     filter_type,
     initialise,
+    kept_type,
     new_track,
+    seen_type,
     take_fix,
     take_heading,
     take_rate,
@@ -66,12 +68,11 @@ _STAMPS = np.dtype([("origin", np.int64), ("first_end", np.int64)])
 
 
 def step_type(n: int) -> Any:
-    """Return the type of a step's record: _NUMBERS, and the filter's beliefs before the odometry step that ends there.
+    """Return the type of a step's record: _NUMBERS, and what the filter keeps before the odometry step that ends there.
 
     ``n`` is the number of the filter's states.
     """
-    beliefs = [("belief", belief_type(n)), ("candidate", belief_type(n))]
-    return np.dtype([(name, float) for name in _NUMBERS] + beliefs)
+    return np.dtype([(name, float) for name in _NUMBERS] + kept_type(n).descr)
 
 
 class Example(NamedTuple):
@@ -81,10 +82,12 @@ class Example(NamedTuple):
     """of :func:`gated_filter.filter_type`"""
     step: Any
     """of :func:`step_type`"""
+    seen: Any
+    """of :func:`gated_filter.seen_type`"""
 
 
 def _example_of(n: int) -> Example:
-    return Example(np.empty(0, filter_type(n)), np.empty(0, step_type(n)))
+    return Example(np.empty(0, filter_type(n)), np.empty(0, step_type(n)), np.empty(0, seen_type(n)))
 
 
 WITH_WHEELS, WITH_SENSORS = _example_of(WHEELS), _example_of(GYRO)
@@ -105,6 +108,8 @@ class LateRecord(NamedTuple):
     """n states of the filter that belong to these"""
     stamps: Any
     """record of _STAMPS"""
+    seen: Any
+    """(n + 1, l) newest measurements of the landmarks that belong to these; the last row is of the present state"""
 
 
 class Buffers(NamedTuple):
@@ -117,6 +122,7 @@ class Buffers(NamedTuple):
     tracks: Any
     stamps: Any
     """(1,)"""
+    seen: Any
 
 
 class Sensed(NamedTuple):
@@ -141,12 +147,19 @@ def new_sensed() -> Sensed:
     return Sensed(new_track(), NO_ERRORS)
 
 
-def new_buffers(steps: int, example: Example) -> Buffers:
-    """Return arrays like those of ``example``; ``steps`` is the longest delay, 0 if no measurement is late."""
+def new_buffers(steps: int, landmarks: int, example: Example) -> Buffers:
+    """Return arrays like those of ``example``.
+
+    Args:
+        steps: the longest delay, 0 if no measurement is late.
+        landmarks: number of landmarks.
+        example: of the types.
+    """
     # A late measurement may reach back into the first odometry step, which may itself be as long as the longest delay.
     n = 2 * steps + 2 if steps > 0 else 0
     tracks = [new_track() for _ in range(n)]
-    return Buffers(np.zeros(1, example.filter.dtype), np.zeros(n, example.step.dtype), tracks, np.zeros(1, _STAMPS))
+    filters, kept = np.zeros(1, example.filter.dtype), np.zeros(n, example.step.dtype)
+    return Buffers(filters, kept, tracks, np.zeros(1, _STAMPS), np.zeros((n + 1, landmarks), example.seen.dtype))
 
 
 def reset_record(record: LateRecord) -> None:
@@ -157,7 +170,7 @@ def reset_record(record: LateRecord) -> None:
 def sense(sensed: Sensed, arrays: Any, record: LateRecord, moment: NoiseKey, state: PlantState, robot: Robot) -> Sensed:
     """Sense at one step, and bring the filter, with its ``arrays``, up to it."""
     if len(record.steps) == 0:
-        track, errors = observe(sensed.track, arrays, sensed.errors, moment, state, robot)
+        track, errors = observe(sensed.track, arrays, record.seen[0], sensed.errors, moment, state, robot)
         return Sensed(track, errors)
     errors = record_step(record, sensed.errors, moment, state, robot.plant.sampling_time, robot.sensors)
     return Sensed(_fuse_arrivals(sensed.track, arrays, record, moment, robot), errors)
@@ -210,15 +223,24 @@ def _fuse_arrivals(track: Track, arrays: Any, record: LateRecord, moment: NoiseK
         step = steps[end % len(steps)]
         if end == first and end < now:
             track = record.tracks[end % len(steps)]
-            copy_beliefs(arrays, step)
+            copy_kept(arrays, step)
+            _copy_seen(record, len(steps), end % len(steps), robot.filter)
         record.tracks[end % len(steps)] = track
-        copy_beliefs(step, arrays)
+        copy_kept(step, arrays)
+        _copy_seen(record, end % len(steps), len(steps), robot.filter)
         track = _propagated(track, arrays, record, end, moment, robot)
     if now == stamps["origin"]:
         # Fused before the first odometry step, to which they therefore do not belong.
         step = steps[now % len(steps)]
         step["heading_fused"], step["landmarks_fused"] = 0.0, 0.0
     return track
+
+
+def _copy_seen(record: LateRecord, target: int, source: int, options: FilterOptions) -> None:
+    """Overwrite a row of the newest measurements of the landmarks with another one."""
+    if options.detects_landmark_correlation:
+        for index in range(record.seen.shape[1]):
+            record.seen[target, index] = record.seen[source, index]
 
 
 def _take_fixes(track: Track, arrays: Any, record: LateRecord, now: int, robot: Robot) -> tuple[Track, int]:
@@ -277,11 +299,12 @@ def _propagated(track: Track, arrays: Any, record: LateRecord, end: int, moment:
             track = advance(track, arrays, motion, separation, robot.filter)
             now = stamp
         if is_fused:
-            track = _fused(track, arrays, step, NoiseKey(moment.seed, moment.run, stamp), robot)
+            key = NoiseKey(moment.seed, moment.run, stamp)
+            track = _fused(track, arrays, record.seen[len(steps)], step, key, robot)
     return track
 
 
-def _fused(track: Track, arrays: Any, step: Any, moment: NoiseKey, robot: Robot) -> Track:
+def _fused(track: Track, arrays: Any, seen: Any, step: Any, moment: NoiseKey, robot: Robot) -> Track:
     """Correct with the marked measurements of one stamp."""
     if step["fix_fused"] > 0.0:
         track = take_fix(track, arrays, _fix_of(step, robot.sensors), robot.filter)
@@ -290,7 +313,7 @@ def _fused(track: Track, arrays: Any, step: Any, moment: NoiseKey, robot: Robot)
         track = take_heading(track, arrays, step["heading"], variance, robot.filter)
     if step["landmarks_fused"] > 0.0:
         true_pose = Pose(float(step["x"]), float(step["y"]), float(step["theta"]))
-        track = take_landmarks(track, arrays, moment, true_pose, robot)
+        track = take_landmarks(track, arrays, seen, moment, true_pose, robot)
     return track
 
 

@@ -17,6 +17,7 @@ from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import largest_deviation
 from diffbot_sim.compiled.ekf import pose_of
 from diffbot_sim.compiled.gated_filter import Track, new_track, reset_arrays
+from diffbot_sim.compiled.late_fusion import Buffers, Example, new_buffers
 from diffbot_sim.compiled.sensing import Robot, observe
 from diffbot_sim.model.actuators import command_rows, delayed_command
 from diffbot_sim.model.philox import START_BLOCK, NoiseKey, direction, draw
@@ -38,7 +39,7 @@ class OpenLoopCase(NamedTuple):
     """steps at the start that do not count"""
     kidnapped: int
     """first step at which the robot stands at its new place; -1 for never"""
-    example: Any
+    example: Example
     """of the filter's arrays, see :func:`late_fusion.example_for`"""
 
 
@@ -113,22 +114,22 @@ def drive(case: OpenLoopCase, seed: int, run: int, history: Any) -> Tracking:
         history: (steps + 1, 4) array whose rows are filled with the errors of position and heading and the deviations
             that the filter gives for them, or (0, 4) for none.
     """
-    return _followed(np.zeros(1, case.example.dtype), case, seed, run, history)
+    return _followed(new_buffers(0, len(case.robot.landmarks), case.example), case, seed, run, history)
 
 
-def _followed(filter_array: Any, case: OpenLoopCase, seed: int, run: int, history: Any) -> Tracking:
+def _followed(buffers: Buffers, case: OpenLoopCase, seed: int, run: int, history: Any) -> Tracking:
     command, plant = twist_of(seed, run), case.robot.plant
     t_s, delay = plant.sampling_time, plant.actuators.command_delay
     commands = np.zeros((command_rows(delay, t_s), 2))
     state = new_plant(start_of(seed, run))
-    track, arrays, newest_errors = new_track(), filter_array[0], NO_ERRORS
+    track, arrays, newest_errors = new_track(), buffers.filter[0], NO_ERRORS
     reset_arrays(arrays, case.robot.filter)
     belief = arrays["belief"]
     sums = Sums(0.0, 0.0, 0.0, -1, 0.0, 0, 0.0, 0, 0, 0)
     end = 0.0
     for step in range(case.steps + 1):
         key = NoiseKey(seed, run, step)
-        track, newest_errors = observe(track, arrays, newest_errors, key, state, case.robot)
+        track, newest_errors = observe(track, arrays, buffers.seen[0], newest_errors, key, state, case.robot)
         errors = errors_of(belief, state.pose)
         end = math.hypot(errors.x, errors.y)
         if len(history) > 0:

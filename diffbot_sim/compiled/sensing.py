@@ -47,13 +47,14 @@ class Robot(NamedTuple):
 
 
 def observe(
-    track: Track, arrays: Any, errors: Draw, moment: NoiseKey, state: PlantState, robot: Robot
+    track: Track, arrays: Any, seen: Any, errors: Draw, moment: NoiseKey, state: PlantState, robot: Robot
 ) -> tuple[Track, Draw]:
     """Predict with the encoders, then correct with the fix, the heading and the landmarks that are due, none late.
 
     Args:
         track: state of the filter.
         arrays: of the filter, changed in place.
+        seen: the newest measurement of each landmark, changed in place.
         errors: of the newest fix, NO_ERRORS before the first.
         moment: this step.
         state: of the plant.
@@ -81,7 +82,7 @@ def observe(
         heading = heading_at(moment, state.pose, sensors)
         track = take_heading(track, arrays, heading, uniform_variance(sensors.heading_error_max), options)
     if track.initialised and due(step, sensors.landmark_rate, t_s):
-        track = take_landmarks(track, arrays, moment, state.pose, robot)
+        track = take_landmarks(track, arrays, seen, moment, state.pose, robot)
     return track, errors
 
 
@@ -92,14 +93,14 @@ def measured_rate(moment: NoiseKey, omega: float, sampling_time: float, sensors:
     return TurnRate(turn_rate_at(moment, omega, sensors), uniform_variance(sensors.gyro_error_max))
 
 
-def take_landmarks(track: Track, arrays: Any, moment: NoiseKey, pose: Pose, robot: Robot) -> Track:
+def take_landmarks(track: Track, arrays: Any, seen: Any, moment: NoiseKey, pose: Pose, robot: Robot) -> Track:
     """Correct with the landmarks in range of the true ``pose``."""
-    sensors = robot.sensors
+    sensors, time = robot.sensors, moment.step * robot.plant.sampling_time
     var_range, var_bearing = landmark_variances(sensors)
     for index in range(len(robot.landmarks)):
         x, y = robot.landmarks[index, 0], robot.landmarks[index, 1]
         if in_range(pose, x, y, sensors):
             distance, bearing = landmark_at(moment, index, pose, x, y, sensors)
             measured = LandmarkMeasurement(distance, bearing, Point(x, y), var_range, var_bearing)
-            track = take_landmark(track, arrays, measured, robot.filter)
+            track = take_landmark(track, arrays, seen[index], measured, time, robot.filter)
     return track

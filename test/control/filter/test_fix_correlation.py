@@ -56,7 +56,7 @@ def together(c, runs=8, **options):
 @pytest.mark.parametrize(("c", "blind"), [(0.5, 5.0), (0.9, 12.0)])
 def test_the_covariance_is_honest_with_coloured_fixes(c, blind):
     nees, rmse, found = together(c)
-    without, rmse_without, _ = together(c, detect_fix_correlation=False)
+    without, rmse_without, _ = together(c, detect_correlation=False)
     assert 1.0 < nees < 6.0
     assert without > blind
     assert rmse < 1.05 * rmse_without
@@ -65,7 +65,7 @@ def test_the_covariance_is_honest_with_coloured_fixes(c, blind):
 
 def test_with_white_fixes_nothing_changes():
     nees, rmse, found = together(0.0)
-    without, rmse_without, _ = together(0.0, detect_fix_correlation=False)
+    without, rmse_without, _ = together(0.0, detect_correlation=False)
     assert nees == pytest.approx(without, rel=0.1)
     assert rmse == pytest.approx(rmse_without, rel=0.02)
     assert found < 0.05
@@ -78,7 +78,7 @@ def test_white_fixes_of_too_large_a_claimed_covariance_are_not_taken_as_coloured
 
 def test_the_option_and_the_other_mechanisms_switch_it_off():
     assert options_of(FilterConfig()).detects_fix_correlation
-    assert not options_of(FilterConfig(detect_fix_correlation=False)).detects_fix_correlation
+    assert not options_of(FilterConfig(detect_correlation=False)).detects_fix_correlation
     assert not options_of(FilterConfig(fix_correlation_time=1.0)).detects_fix_correlation
     assert not options_of(FilterConfig(filter="ekf_fnn")).detects_fix_correlation
     assert not options_of(FilterConfig(filter="ekf_fnn_calibrating")).detects_fix_correlation
@@ -114,7 +114,7 @@ def test_right_means_give_the_correlation(c):
 def test_a_weaker_correction_is_that_of_a_larger_covariance():
     coloured = Run(0.9, 2).found
     memory = coloured.memory
-    plain = GatedFilter(options_of(FilterConfig(filter="ekf", detect_fix_correlation=False)), 0.6)
+    plain = GatedFilter(options_of(FilterConfig(filter="ekf", detect_correlation=False)), 0.6)
     plain.reset_to(Pose(0.0, 0.0, 0.0), R_FIX)
     plain.memory = plain.memory._replace(belief=memory.belief)
     x, y, theta = memory.belief.x

@@ -31,7 +31,7 @@ R_POSE = np.array([[0.03, 0.01, 0.0], [0.01, 0.03, 0.0], [0.0, 0.0, 0.01]])
 
 def plain(history=1.0):
     """The filter of three states that believes everything: what the textbook below does."""
-    return LocalizationConfig(history, FilterConfig(filter="ekf", gate_probability=1.0, detect_fix_correlation=False))
+    return LocalizationConfig(history, FilterConfig(filter="ekf", gate_probability=1.0, detect_correlation=False))
 
 
 def odometry(number, v=1.2, omega=0.7):

@@ -71,6 +71,7 @@ def assert_same(reference, track, arrays, tolerance=1e-9):
     if reference.memory.candidate is not None:
         same_belief(arrays["candidate"], reference.memory.candidate, wheels, tolerance)
     assert_same_colour(track.fix_correlation, reference.memory.fix_correlation)
+    assert tuple(track.landmarks) == pytest.approx(tuple(reference.memory.landmarks.means), rel=1e-5, abs=1e-7)
     other = reference.memory.adaptation
     assert flat(track.adaptation) == pytest.approx(flat(other), rel=1e-6, abs=1e-7)
     rules = zip(
@@ -103,18 +104,20 @@ def test_the_compiled_filter_is_filterpys(variant, seed):
         options = options._replace(landmark_errors=NO_ERRORS)
     example = WITH_SENSORS if seed == 2 else WITH_WHEELS
     reference, track, arrays = GatedFilter(options, SEPARATION), twin.new_track(), new_arrays(options, example)
+    seen = np.zeros(len(LANDMARKS), example.seen.dtype)
     truth = np.array([*rng.uniform(-1.0, 1.0, 2), math.pi - 0.01 if seed % 2 else rng.uniform(-math.pi, math.pi)])
     R = np.diag(rng.uniform(1e-3, 0.05, 3))
     reference.reset_to(Pose(*truth), R)
     track = twin.take_fix(track, arrays, twin.PoseFix(Pose(*truth), *np.diag(R)), options)
     assert_same(reference, track, arrays)
-    verdicts, kinds = set(), ["fix"] * 4 + ["heading", "landmark", "outlier"]
+    now, verdicts, kinds = 0.0, set(), ["fix"] * 4 + ["heading", "landmark", "outlier"]
     for step in range(300):
         v, omega, dt = rng.uniform(-1.0, 2.0), rng.uniform(-4.0, 4.0), rng.uniform(0.01, 0.3)
         a, b, rho = *rng.uniform(1e-3, 0.1, 2), rng.uniform(-0.9, 0.9)
         motion = Motion(Twist(v, omega), dt, TwistCovariance(a * a, rho * a * b, b * b))
         reference.predict(motion)
         track = twin.advance(track, arrays, motion, SEPARATION, options)
+        now += dt
         middle = truth[2] + 0.5 * omega * dt
         truth += [v * dt * math.cos(middle), v * dt * math.sin(middle), omega * dt]
         if step in (100, 101, 200):
@@ -135,11 +138,11 @@ def test_the_compiled_filter_is_filterpys(variant, seed):
             reference.take(Heading(0, z, np.array([[variance]])))
             track = twin.take_heading(track, arrays, z, variance, options)
         else:
-            x, y = LANDMARKS[rng.integers(3)]
+            x, y = LANDMARKS[number := rng.integers(3)]
             exact = math.hypot(x - truth[0], y - truth[1]), wrapped(math.atan2(y - truth[1], x - truth[0]) - truth[2])
-            reference.take(LandmarkMeasurement(0, *exact, np.diag([0.01, 0.004]), Point(x, y)))
+            reference.take(LandmarkMeasurement(round(1e9 * now), *exact, np.diag([0.01, 0.004]), Point(x, y)))
             measured = twin.LandmarkMeasurement(*exact, Point(x, y), 0.01, 0.004)
-            track = twin.take_landmark(track, arrays, measured, options)
+            track = twin.take_landmark(track, arrays, seen[number], measured, now, options)
         assert track.newest.nis == pytest.approx(reference.nis, rel=1e-6)
         # Each step is held together by itself: a difference in the last digit must not grow over hundreds of steps.
         assert_same(reference, track, arrays, 1e-7)
@@ -168,3 +171,32 @@ def test_it_finds_the_same_correlation_of_fixes(variant):
         assert_same(reference, track, arrays, 1e-7)
         largest = max(largest, track.fix_correlation.inflation)
     assert largest > 5.0
+
+
+def test_it_finds_the_same_correlation_of_landmarks():
+    """Their errors last 2 s; a kidnapping in between leaves no landmark a partner."""
+    rng, R = np.random.default_rng(1), np.diag([0.01, 0.004])
+    options = options_of(FilterConfig(), landmarks=True)
+    reference, track = GatedFilter(options, SEPARATION), twin.new_track()
+    arrays, seen = new_arrays(options, WITH_SENSORS), np.zeros(len(LANDMARKS), WITH_SENSORS.seen.dtype)
+    start = np.diag([0.03, 0.03, 0.01])
+    reference.reset_to(Pose(0.0, 0.0, 3.0), start)
+    track = twin.take_fix(track, arrays, twin.PoseFix(Pose(0.0, 0.0, 3.0), *start.diagonal()), options)
+    truth, c, errors = np.array([0.0, 0.0, 3.0]), math.exp(-0.1), rng.normal(size=(len(LANDMARKS), 2))
+    for step in range(300):
+        motion = Motion(Twist(0.4, 0.3), 0.2, TwistCovariance(4e-4, 1e-5, 4e-4))
+        reference.predict(motion)
+        track = twin.advance(track, arrays, motion, SEPARATION, options)
+        middle = truth[2] + 0.03
+        truth += [0.08 * math.cos(middle), 0.08 * math.sin(middle), 0.06]
+        if step == 150:
+            truth += [2.0, 0.0, 1.0]
+        errors = c * errors + math.sqrt(1.0 - c * c) * rng.normal(size=errors.shape)
+        for number, (x, y) in enumerate(LANDMARKS):
+            distance, bearing = math.hypot(x - truth[0], y - truth[1]), math.atan2(y - truth[1], x - truth[0])
+            z = distance + 0.1 * errors[number, 0], wrapped(bearing - truth[2] + math.sqrt(0.004) * errors[number, 1])
+            reference.take(LandmarkMeasurement(200_000_000 * step, *z, R, Point(x, y)))
+            measured = twin.LandmarkMeasurement(*z, Point(x, y), 0.01, 0.004)
+            track = twin.take_landmark(track, arrays, seen[number], measured, 0.2 * step, options)
+        assert_same(reference, track, arrays, 1e-6)
+    assert track.landmarks.time == pytest.approx(2.0, rel=0.5)

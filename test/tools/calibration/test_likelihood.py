@@ -23,7 +23,7 @@ from diffbot_tools.refilter.filter_run import RecordingLocalization
 
 PLACES = (Point(4.0, 1.0), Point(-3.0, 5.0))
 WIDE = {
-    "detect_fix_correlation": False,
+    "detect_correlation": False,
     "wheel_radius_sigma": 0.05,
     "wheel_separation_sigma": 0.05,
     "wheel_radius_walk": 1e-3,
