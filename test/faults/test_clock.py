@@ -68,7 +68,7 @@ def timed(observed):
     with clock() as source:
         source.start()
         plant = {**NEAR, "clock": "wall", "cmd_vel_timeout": NEVER}
-        with observed(plant, SIMULATED, SIMULATED) as witness:
+        with observed(plant, SIMULATED, SIMULATED, only=("robot", "plant"), joined=True) as witness:
             witness.source = source
             witness.drive()
             yield witness

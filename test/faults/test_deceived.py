@@ -12,8 +12,8 @@ from promises import PERIOD
 from robot import robot, twist
 from std_srvs.srv import Trigger
 
-FEED_PERIOD = 0.02
-FIX_EVERY = 5
+FEED_PERIOD = 0.05
+FIX_EVERY = 2
 SPEED = {"linear.x.max_velocity": 0.8, "linear.x.max_acceleration": 1.0, "angular.z.max_acceleration": 3.0}
 LIES = {
     "fixes turned": lambda x, y, theta: (x, y, theta + math.pi),

@@ -1,4 +1,4 @@
-"""SIGINT and SIGTERM at any time, and a disk that is full."""
+"""SIGINT and SIGTERM at any time, kill -9 of the process of filter and controller, and a disk that is full."""
 
 import contextlib
 import resource
@@ -14,8 +14,6 @@ from mcap.exceptions import EndOfFile
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
 from witness import NEAR
-
-from diffbot_bag.bag.reader import BagReader
 
 RECORDER = "diffbot_bag.recorder_node"
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -65,13 +63,13 @@ def ends_with_zero(witness):
     return witness.commands[-1][1] == STOP
 
 
-def test_signals_end_each_node_and_stop_the_robot(apart, together, trials, seeded):
-    nodes = {"controller": apart, "ekf": apart, "plant": apart, "robot": together}
+def measure_ends(witness, names, trials, seeded):
+    """End each node of a driving robot by signals, and start it again."""
     with contextlib.ExitStack() as stack:
-        running = {name: stack.enter_context(trials(f"end {name}")) for name in nodes}
-        stops = stack.enter_context(trials("end controller, stop"))
-        for number in stops:
-            for name, witness in nodes.items():
+        running = {name: stack.enter_context(trials(f"end {name}")) for name in names}
+        stops = stack.enter_context(trials("end controller, stop")) if "controller" in names else None
+        for number in next(iter(running.values())):
+            for name in names:
                 witness.drive()
                 witness.wait(seeded)
                 process = witness.robot.processes[name]
@@ -84,16 +82,21 @@ def test_signals_end_each_node_and_stop_the_robot(apart, together, trials, seede
                 restart(witness, name)
 
 
-def test_last_command_is_zero_whichever_node_ends(apart, together, trials, seeded, pytestconfig):
+def test_signals_end_each_node_and_stop_the_robot(apart, trials, seeded):
+    measure_ends(apart, ("controller", "ekf", "plant"), trials, seeded)
+
+
+def test_last_command_is_zero_whichever_node_ends(request, trials, seeded, pytestconfig):
     """The signals come twice, as from `ros2 launch`; in the full form on a busy machine."""
-    cases = (apart, "controller"), (together, "robot"), (apart, "ekf"), (together, "plant")
+    cases = ("apart", "controller"), ("together", "robot"), ("apart", "ekf"), ("together", "plant")
     # Most of the trials for the nodes that publish the command.
     cases = (*cases, *cases[:2] * 3)
     with contextlib.ExitStack() as stack, trials("end, last command") as running:
         for _ in range(BUSY_LOOPS if pytestconfig.getoption("--faults") == "full" else 0):
             stack.enter_context(graph.process(sys.executable, "-S", "-c", "while True: pass"))
         for number in running:
-            witness, name = cases[number % len(cases)]
+            robot, name = cases[number % len(cases)]
+            witness = request.getfixturevalue(robot)
             witness.drive()
             witness.wait(seeded)
             process = witness.robot.processes[name]
@@ -120,26 +123,6 @@ def test_a_reader_that_is_held_up_does_not_hold_up_the_end_of_the_controller(apa
             finally:
                 apart.kill("plant", signal.SIGCONT)
             restart(apart, "controller")
-
-
-def messages_in(folder):
-    with BagReader(folder) as bag:
-        return sum(1 for _ in bag.messages())
-
-
-def test_signals_close_the_bag(apart, trials, seeded, tmp_path):
-    with trials("end recorder") as running:
-        apart.drive()
-        for number in running:
-            folder = tmp_path / str(number)
-            with graph.node(RECORDER, {"uri": folder, "flush_period": 0.1}) as recorder:
-                recorder.wait_for_output("ready")
-                graph.wait_for(lambda folder=folder: whole_messages(folder / f"{folder.name}_0.mcap"), what="messages")
-                apart.wait(seeded)
-                since = time.monotonic()
-                recorder.send(SIGNALS[number % 2])
-                seconds, good = ended(recorder, since)
-            running.measure(seconds, good and (folder / "metadata.yaml").is_file() and messages_in(folder) > 0)
 
 
 def has_begun(process, lines):
@@ -199,3 +182,14 @@ def test_full_disk_ends_the_recording_with_one_error_and_the_robot_drives_on(apa
                 good = good and whole_messages(folder / f"{number}_0.mcap") > 5
             apart.until_moving()
             running.add(kept=good)
+
+
+def test_signals_end_the_process_of_filter_and_controller_and_stop_the_robot(together, trials, seeded):
+    measure_ends(together, ("robot",), trials, seeded)
+
+
+def test_killed_robot_node_lets_the_base_stop(together, trials, seeded):
+    with trials("kill robot") as running:
+        for _ in together.moments(running, seeded, together.drive):
+            together.measure_stop(running, together.kill("robot"), together.truths)
+            restart(together, "robot")

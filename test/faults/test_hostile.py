@@ -116,11 +116,10 @@ class Target:
 
 @pytest.fixture(scope="module")
 def target(observed):
-    arguments = {
-        name: [word for topic in topics for word in ("-r", f"{topic}:=in/{topic}")] for name, topics in REMAPPED.items()
-    }
+    remapped = [f"{name}:{topic}:=in/{topic}" for name, topics in REMAPPED.items() for topic in topics]
+    arguments = [word for one in remapped for word in ("-r", one)]
     reliable = {"reliable_inputs": True}
-    with observed(None, reliable, reliable, arguments=arguments) as witness:
+    with observed(None, reliable, reliable, arguments=arguments, joined=True) as witness:
         yield Target(witness)
 
 

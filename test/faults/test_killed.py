@@ -75,13 +75,6 @@ def test_held_up_controller_lets_the_base_stop(driving, trials, seeded):
                 driving.kill("controller", signal.SIGCONT)
 
 
-def test_killed_robot_node_lets_the_base_stop(observed, trials, seeded):
-    with observed(NEAR, only=("robot", "plant"), namespace="/together") as witness, trials("kill robot") as running:
-        for _ in witness.moments(running, seeded, witness.drive):
-            witness.measure_stop(running, witness.kill("robot"), witness.truths)
-            witness.robot.start("robot")
-
-
 def recording(driving, folder):
     """Run a recorder of the true poses; it has ten of them when it is given."""
     parameters = {"uri": folder, "flush_period": FLUSH_PERIOD, "topics": ["/ground_truth"]}

@@ -10,7 +10,7 @@ import bad_network
 import goal_flood
 import graph
 from geometry_msgs.msg import Twist
-from robot import DEEP, distance
+from robot import DEEP, ON_TRUTH, TRUE_POSES, distance
 from witness import FAR, NEAR
 
 RELAYED = ("odom:relayed/odom:nav_msgs/Odometry", "global_pose:relayed/fix:geometry_msgs/PoseWithCovarianceStamped")
@@ -20,10 +20,11 @@ FLOOD_RATE = 1000.0
 
 
 def test_goals_are_reached_over_a_bad_network(observed, trials, seeded):
-    arguments = {"ekf": ("-r", "odom:=relayed/odom", "-r", "global_pose:=relayed/fix")}
+    options = {"only": ("robot", "plant"), "joined": True}
+    options["arguments"] = ("-r", "ekf:odom:=relayed/odom", "-r", "ekf:global_pose:=relayed/fix")
     with (
         graph.process(sys.executable, bad_network.__file__, "1", *RELAYED) as relay,
-        observed(NEAR, controller=LATE, arguments=arguments) as witness,
+        observed(NEAR, controller=LATE, **options) as witness,
         trials("network") as running,
     ):
         relay.wait_for_output("ready")
@@ -59,7 +60,8 @@ def test_flood_of_goals_leaves_the_control_period(observed, trials, pytestconfig
     full = pytestconfig.getoption("--faults") == "full"
     seconds, times = (5.0, 6) if full else (1.0, 2)
     command = (sys.executable, goal_flood.__file__, *map(str, (FLOOD_RATE, seconds, times, FAR[0])))
-    with observed(NEAR) as witness, trials("flood") as running:
+    options = {"only": ("controller", "plant"), "arguments": {"controller": TRUE_POSES}}
+    with observed(NEAR, controller=ON_TRUTH, **options) as witness, trials("flood") as running:
         sent = []
         witness.peer.node.create_subscription(
             Twist, "cmd_vel", lambda _, info: sent.append(info["source_timestamp"]), DEEP

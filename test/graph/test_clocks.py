@@ -4,7 +4,7 @@ import itertools
 import time
 
 import pytest
-from robot import planar, robot, stamp
+from robot import on_truth, planar, stamp
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
@@ -14,7 +14,7 @@ PERIOD = 100_000_000
 
 @pytest.fixture(scope="module")
 def walking():
-    with robot({**PLACE, "start_paused": True, "seed": 9}) as running:
+    with on_truth({**PLACE, "start_paused": True, "seed": 9}) as running:
         running.clocks = running.peer.subscribe(Clock, "/clock", 100)
         yield running
 

@@ -19,9 +19,7 @@ def started(name, *arguments, folder):
 @pytest.mark.parametrize(
     ("command", "module", "number", "status"),
     [
-        (("controller_node",), "numpy", signal.SIGINT, 0),
         (("replay_node",), "rclpy", signal.SIGTERM, 0),
-        (("python", "-m", "diffbot_sim.plant_node"), "diffbot_control.ros.messages.fields", signal.SIGINT, 0),
         # Before the command is known, it is one that was interrupted; then it is a node.
         (DIFFBOT_RUN, "diffbot_tools.run_command", signal.SIGTERM, 130),
         (DIFFBOT_RUN, "rclpy", signal.SIGINT, 0),

@@ -51,7 +51,7 @@ class Failing:
 
 def test_a_law_of_others_reaches_a_goal():
     goal = (-1.0, -4.0, 2.0)
-    with lockstep(controller={"law": "rotate_drive_rotate"}) as robot:
+    with lockstep(controller={"law": "rotate_drive_rotate"}, only=("robot", "plant"), joined=True) as robot:
         robot.send_goal(*goal)
         robot.pause(False)
         robot.wait_for_state("goal reached")

@@ -1,6 +1,6 @@
 """Managed nodes: the requests of Nav2's lifecycle manager, and what the robot does meanwhile."""
 
-import contextlib
+from functools import partial
 
 import graph
 import one_process
@@ -13,6 +13,7 @@ from robot import DEEP, initialpose, pose_stamped, stamp, twist
 
 from diffbot_control.controller_node import ControllerNode
 from diffbot_control.ekf_node import EkfNode
+from diffbot_control.robot_node import RobotControllerNode
 from diffbot_control.ros.messages.fields import set_stamp
 
 # Transition and the state in which Nav2's manager then has to find the node, as its startup, pause, resume, reset and
@@ -44,19 +45,13 @@ class Manager:
         assert self.state(name) == expected
 
 
-@contextlib.contextmanager
-def managed(parameters=None):
-    """Run filter and controller in one process, both waiting for a manager."""
-    given = {"autostart": False, **(parameters or {})}
-    with graph.peer() as peer, graph.node(graph.MODULES["robot"], given) as process:
-        process.wait_for_output("[controller]: ready")
-        yield Manager(peer, process)
-
-
 @pytest.fixture(scope="module")
 def robot():
-    with managed({"reliable_inputs": True}) as manager:
-        yield manager
+    """Run filter and controller in one process, both waiting for a manager."""
+    parameters = {"autostart": False, "reliable_inputs": True}
+    with graph.peer() as peer, graph.node(graph.MODULES["robot"], parameters) as process:
+        process.wait_for_output("[controller]: ready")
+        yield Manager(peer, process)
 
 
 def topics(peer):
@@ -170,15 +165,17 @@ def test_shutdown_from_active_stops_the_robot_and_the_process_ends_by_its_signal
     assert "Traceback" not in robot.process.output
 
 
-def test_a_node_that_cannot_be_configured_stays_unconfigured_and_reports_why():
-    with managed({"controller:map_frame": "world"}) as manager:
+def test_a_node_that_cannot_be_configured_stays_unconfigured_and_reports_why(capfd):
+    with one_process.nodes() as nodes:
+        ekf = nodes.add(EkfNode)
+        nodes.add(partial(RobotControllerNode, ekf), {"autostart": False, "map_frame": "world"})
+        manager = Manager(nodes.peer, None)
         assert not manager.request("controller", Transition.TRANSITION_CONFIGURE)
         assert manager.state("controller") == State.PRIMARY_STATE_UNCONFIGURED
-        assert "map_frame: the controller has 'world', the ekf 'map': must be the same" in manager.process.output
-        node = manager.peer.node
-        manager.peer.spin_until(lambda: not node.get_publishers_info_by_topic("/cmd_vel"), what="no publisher")
-        manager.change("ekf", *CONFIGURE)
-        assert manager.process.stop() == 0
+        text = "map_frame: the controller has 'world', the ekf 'map': must be the same"
+        assert text in "".join(capfd.readouterr())
+        node = nodes.peer.node
+        nodes.peer.spin_until(lambda: not node.get_publishers_info_by_topic("/cmd_vel"), what="no publisher")
 
 
 @pytest.mark.parametrize("kind", [ControllerNode, EkfNode])

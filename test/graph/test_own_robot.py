@@ -1,13 +1,10 @@
 """The parameter file of the how-to on one's own robot: the nodes know all of it, and a robot drives by it."""
 
-import contextlib
 import re
 from pathlib import Path
 
-import graph
 import yaml
-from geometry_msgs.msg import Twist
-from robot import SIMULATED, Robot, distance, turned, twist
+from robot import SIMULATED, distance, robot, turned, twist
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "how-to" / "own-robot.md").read_text()
 (FILE,) = re.findall(r"^```yaml\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
@@ -22,13 +19,8 @@ def test_the_parameter_file_of_the_page_drives_to_a_goal_within_its_limits(tmp_p
     plant |= {"clock": "scaled", "real_time_factor": 1.0, "eps_x_max": 0.05, "eps_y_max": 0.05, "eps_theta_max": 0.05}
     plant |= {f"initial_pose.{name}": 0.0 for name in ("x", "y", "yaw")}
     goal = (0.6, 0.2, 0.5)
-    with contextlib.ExitStack() as stack:
-        running = Robot(stack, stack.enter_context(graph.peer()), "")
-        running.commands = running.peer.subscribe(Twist, "cmd_vel", 1000)
-        running.launch("plant", plant)
-        for name in ("ekf", "controller"):
-            running.launch(name, SIMULATED, ("--params-file", str(tmp_path / "my_robot.yaml")))
-        running.wait_until_ready("plant", "ekf", "controller")
+    file = ("--params-file", str(tmp_path / "my_robot.yaml"))
+    with robot(plant, SIMULATED, SIMULATED, only=("robot", "plant"), joined=True, arguments=file) as running:
         running.send_goal(*goal)
         running.wait_for_state("goal reached")
         assert distance(running.true_pose(), goal) < 0.1
@@ -36,6 +28,5 @@ def test_the_parameter_file_of_the_page_drives_to_a_goal_within_its_limits(tmp_p
         v, omega = zip(*map(twist, running.commands), strict=True)
         assert 0.1 < max(map(abs, v)) <= 0.2
         assert max(map(abs, omega)) <= 1.0
-        for name in ("ekf", "controller"):
-            warnings = [line for line in running.processes[name].output.splitlines() if "[WARN]" in line]
-            assert not [line for line in warnings if not any(text in line for text in HARMLESS)]
+        warnings = [line for line in running.processes["robot"].output.splitlines() if "[WARN]" in line]
+        assert not [line for line in warnings if not any(text in line for text in HARMLESS)]

@@ -34,7 +34,7 @@ def waypoints(states):
 
 @pytest.fixture(scope="module")
 def robot():
-    with lockstep(WORLD, controller={"waypoint_radius": RADIUS}) as running:
+    with lockstep(WORLD, controller={"waypoint_radius": RADIUS}, only=("robot", "plant"), joined=True) as running:
         running.paths = running.peer.publisher(Path, "path", QoSProfile(depth=10))
         running.states = running.peer.subscribe(DiagnosticStatus, "controller/status", ALL_STATES)
         running.peer.wait_for_subscribers(running.paths)
@@ -90,30 +90,3 @@ def test_the_status_has_waypoint_finish_and_the_smallest_tolerance_of_the_newest
     expected = 3.0349 * math.sqrt(np.linalg.eigvalsh(P[:2, :2])[-1]), 2.5758 * math.sqrt(P[5, 5])
     found = float(values["smallest tolerance [m]"]), float(values["smallest tolerance [rad]"])
     assert found == pytest.approx(expected, abs=6e-5)
-
-
-def test_bad_paths_are_dropped_and_counted_and_change_nothing(robot):
-    # A pose without a frame is in that of its path.
-    send_path(robot, path(ROUTE[:2], pose_frame=""))
-    before = newest(robot)
-    third, fourth = path(ROUTE), path([*ROUTE, ROUTE[0]])
-    third.poses[2].pose.position.y = math.nan
-    fourth.poses[3].pose.orientation.w = 5.0
-    bad = {
-        "path is empty": path([]),
-        "wrong frame_id": path(ROUTE, frame=""),
-        "position not finite": third,
-        "position out of range": path([*ROUTE, (1e9, 0.0, 0.0)]),
-        "orientation is no unit quaternion": fourth,
-        "path too long": path([ROUTE[0]] * 10_001),
-    }
-    for message in bad.values():
-        robot.paths.publish(message)
-
-    def counted():
-        found = robot.diagnosis("controller")
-        return all(found.get(f"path dropped: {kind}") == "1" for kind in bad)
-
-    robot.peer.spin_until(counted, what=f"the counts of {list(bad)}")
-    after = newest(robot)
-    assert (after["goal"], after["waypoint"]) == (before["goal"], before["waypoint"])

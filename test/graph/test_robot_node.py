@@ -1,36 +1,22 @@
 """Filter and controller in one process, and more nodes beside them."""
 
-import signal
+from functools import partial
 
 import graph
+import one_process
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TwistStamped
 from lockstep_drive import assert_same_path, go
 from nav_msgs.msg import Odometry
-from robot import distance, lockstep, planar, pose_stamped, robot, stamp, twist
+from robot import distance, lockstep, planar, pose_stamped, stamp
 
 from diffbot_bag.bag.reader import BagReader
+from diffbot_control.ekf_node import EkfNode
+from diffbot_control.robot_node import RobotControllerNode
 from diffbot_tools import cli
 
 GOAL = (3.0, -1.0, 2.5)
 WORLD = {"seed": 11, "fix_delay": 0.3, "fix_dropout": 0.3, "fix_outlier": 0.1, "initial_pose.yaw": -2.0}
 STAMPED = {"enable_stamped_cmd_vel": True}
-
-
-def test_commands_and_poses_are_those_of_two_nodes():
-    """As in test_lockstep.py: two nodes drive the path of the closed loop."""
-    with lockstep({**WORLD, **STAMPED}, controller=STAMPED, stamped=True, only=("robot", "plant")) as running:
-        assert_same_path(go(running, GOAL), GOAL, WORLD)
-        running.catch_up()
-        assert running.commands[0].header.frame_id == "base_link"
-
-
-def test_a_pose_of_another_topic_is_subscribed_to():
-    arguments = ("-r", "controller:pose:=amcl_pose")
-    with graph.peer() as peer, graph.node(graph.MODULES["robot"], {}, arguments) as process:
-        process.wait_for_output("[controller]: ready")
-        poses = peer.publisher(PoseWithCovarianceStamped, "amcl_pose")
-        peer.wait_for_subscribers(poses)
-        assert "pose is not that of this process's ekf: subscribing to it" in process.output
 
 
 def test_robot_plant_and_recorder_in_one_process(tmp_path):
@@ -67,18 +53,17 @@ def test_a_node_twice_is_refused_in_one_line(kept_signal_handlers, capsys):
     assert "--with = 'ekf': must be each node once, ekf is in it twice" in capsys.readouterr().err
 
 
-def test_a_bag_that_exists_is_refused_before_anything_moves():
-    arguments = ("robot", "--with", "recorder", "--ros-args", "-p", "recorder:uri:=/")
-    with graph.diffbot("run", *arguments) as process:
-        assert process.wait() == 1
-        assert sum("error: / exists already" in line for line in process.output.splitlines()) == 1
-        assert "Traceback" not in process.output
-        assert "]: ready" not in process.output
+def test_a_bag_that_exists_is_refused_before_anything_moves(kept_signal_handlers, capfd):
+    assert cli.main(["run", "controller", "--with", "recorder", "--ros-args", "-p", "recorder:uri:=/"]) == 1
+    output = "".join(capfd.readouterr())
+    assert sum("error: / exists already" in line for line in output.splitlines()) == 1
+    assert "Traceback" not in output
+    assert "]: ready" not in output
 
 
-def test_nodes_and_services_are_those_of_two_and_a_pose_follows_the_command_that_answers_it():
+def test_they_drive_as_two_nodes_do_and_a_pose_follows_the_command_that_answers_it():
     """Both are sent by one thread: the times of the middleware are in the order of sending."""
-    with robot({"seed": 3, **STAMPED}, controller=STAMPED, only=("robot", "plant"), stamped=True) as pair:
+    with lockstep({**WORLD, **STAMPED}, controller=STAMPED, stamped=True, only=("robot", "plant")) as pair:
         node = pair.peer.node
         pair.peer.spin_until(lambda: {"controller", "ekf", "plant"} <= set(node.get_node_names()), what="the nodes")
         assert not [name for name in node.get_node_names() if "robot" in name]
@@ -88,16 +73,24 @@ def test_nodes_and_services_are_those_of_two_and_a_pose_follows_the_command_that
             def note(message, info, times=times):
                 times[stamp(message)] = info["source_timestamp"]
 
-            node.create_subscription(kind, name, note, 100)
-        pair.send_goal(*GOAL)
-        pair.wait_for_state("driving")
+            node.create_subscription(kind, name, note, 1000)
+        # As in test_lockstep.py: the path of the closed loop.
+        assert_same_path(go(pair, GOAL), GOAL, WORLD)
+        pair.catch_up()
+        assert pair.commands[0].header.frame_id == "base_link"
         diagnosis = pair.diagnosis("controller")
         assert int(diagnosis["pose received"]) > 0
         assert int(diagnosis["cmd_vel sent"]) > 0
-        pair.peer.spin_until(lambda: len(commanded.keys() & posed) > 10, what="ten steps")
+        assert len(commanded.keys() & posed) > 10
         assert all(commanded[when] < posed[when] for when in commanded.keys() & posed)
-        assert pair.cancel().success
-        pair.send_goal(*GOAL)
-        pair.wait_for_state("driving")
-        assert pair.processes["robot"].stop(signal.SIGTERM) == 0
-        pair.peer.spin_until(lambda: twist(pair.commands[-1]) == (0.0, 0.0), what="the stop")
+
+
+def test_a_pose_of_another_topic_is_subscribed_to():
+    with one_process.nodes() as nodes:
+        ekf = nodes.add(EkfNode)
+        for topic, is_handed_over in (("pose", True), ("amcl_pose", False)):
+            arguments = ("-r", f"pose:={topic}", "-r", f"__node:={topic}_controller")
+            ekf.pose_receiver = None
+            nodes.add(partial(RobotControllerNode, ekf), arguments=arguments)
+            assert (ekf.pose_receiver is not None) == is_handed_over
+            assert bool(nodes.peer.node.get_subscriptions_info_by_topic(f"/{topic}")) != is_handed_over

@@ -10,6 +10,7 @@ from nav_msgs.msg import Odometry
 from robot import DEEP, pose_stamped, stamp
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu
+from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool
 
 from diffbot_control.controller_node import ControllerNode
@@ -29,6 +30,7 @@ KINDS = {
     "global_pose": PoseWithCovarianceStamped,
     "heading": Imu,
     "cmd_vel": TwistStamped,
+    "controller/navigation": Float64MultiArray,
 }
 
 
@@ -77,10 +79,17 @@ def test_topics_and_frames_of_two_robots_are_apart(nodes):
             "heading": (f"{name}/base_link", ""),
             "cmd_vel": (f"{name}/base_link", ""),
         }
-        for topic, messages in topics.items():
+        for topic, frames in expected.items():
+            messages = topics[topic]
             found = {(one.header.frame_id, getattr(one, "child_frame_id", "")) for one in messages}
-            assert found <= {expected[topic]}, (name, topic)
+            assert found <= {frames}, (name, topic)
         assert not controllers[name].health.dropped
+    (navigation,) = received["left"]["controller/navigation"][:1]
+    labels = [dim.label for dim in navigation.layout.dim]
+    assert labels == ["stamp", "rho", "alpha", "beta", "theta", "eps_P", "region", "V"]
+    assert len(navigation.data) == len(labels)
+    heading = received["left"]["heading"][0]
+    assert heading.angular_velocity_covariance[0] == heading.linear_acceleration_covariance[0] == -1.0
     absolute = {"/diagnostics", "/parameter_events", "/rosout", "/tf", "/clock"}
     names = {name for name, _ in peer.node.get_topic_names_and_types()} - absolute
     # rclpy keeps this publisher of a lifecycle node until the process ends, here that of other tests.

@@ -59,16 +59,6 @@ def nodes():
         yield running
 
 
-def test_clock_that_stands_still_stops_the_robot_though_poses_come(nodes):
-    drive = Drive(nodes)
-    drive.until(moves=True)
-    drive.until(moves=False, clock=False)
-    assert drive.node.supervisor.status == "stale pose"
-    text = "time on /clock stands still"
-    drive.peer.spin_until(lambda: any(text in one.message for all_ in drive.reports for one in all_.status), what=text)
-    drive.until(moves=True)
-
-
 def test_missing_poses_stop_the_robot_in_real_time_though_simulated_time_is_slow(nodes):
     drive = Drive(nodes)
     drive.until(moves=True)

@@ -217,12 +217,3 @@ def test_the_record_button_writes_a_bag(page, bags):
     (bag,) = bags.iterdir()
     with BagReader(bag) as reader:
         assert reader.topics["/pose"].message_count > 3
-
-
-def test_a_port_in_use_is_one_line(url):
-    port = url.split("/")[2].split(":")[1]
-    with graph.diffbot("watch", "--port", port) as second:
-        assert second.wait() == 1
-        (line,) = [line for line in second.output.splitlines() if "cannot listen" in line]
-        assert f"port {port}" in line
-        assert "Traceback" not in second.output

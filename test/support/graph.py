@@ -198,8 +198,12 @@ def node(module, parameters=None, arguments=(), **options):
         arguments: more ROS arguments, such as ``("-r", "odom:=other")``.
         options: those of subprocess.Popen.
     """
-    ros = [word for name, value in (parameters or {}).items() for word in ("-p", f"{name}:={_yaml(value)}")]
-    return process(sys.executable, "-m", module, "--ros-args", *ros, *arguments, **options)
+    return process(sys.executable, "-m", module, "--ros-args", *ros_arguments(parameters), *arguments, **options)
+
+
+def ros_arguments(parameters):
+    """Return the ROS arguments that set parameters."""
+    return [word for name, value in (parameters or {}).items() for word in ("-p", f"{name}:={_yaml(value)}")]
 
 
 def _yaml(value):

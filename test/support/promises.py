@@ -105,14 +105,13 @@ PROMISES = {
         "SIGINT and SIGTERM to a node of a driving robot, four busy loops beside it",
         "status 0, and the last command received is zero",
         200,
-        4,
+        1,
     ),
     "end controller, reader stopped": Promise(
         "SIGINT or SIGTERM to the controller while a reader of cmd_vel is held up", f"{_END}, zero received", 10, 1, 2.0
     ),
     "end ekf": Promise("SIGINT or SIGTERM to ekf", _END, 20, 1, 2.0),
     "end plant": Promise("SIGINT or SIGTERM to the plant", _END, 20, 1, 2.0),
-    "end recorder": Promise("SIGINT or SIGTERM to the recorder", f"{_END}, the bag is closed", 20, 1, 2.0),
     "end robot": Promise("SIGINT or SIGTERM to robot_node", f"{_END}, zero received", 20, 1, 2.0),
-    "end at start": Promise("SIGINT or SIGTERM while a node starts", _END, 50, 3, 2.0),
+    "end at start": Promise("SIGINT or SIGTERM while a node starts", _END, 50, 1, 2.0),
 }

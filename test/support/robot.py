@@ -14,6 +14,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_srvs.srv import SetBool, Trigger
 
 SIMULATED = {"use_sim_time": True}
+ON_TRUTH, TRUE_POSES = {"pose_source": "odometry"}, ("-r", "controller:odometry/filtered:=ground_truth")
+"""Parameters and arguments of a controller that receives the true poses of the plant."""
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 DEEP = QoSProfile(depth=100_000)
 """The test takes a message later than it comes: none may be pushed out."""
@@ -98,7 +100,7 @@ class Robot:
     def wait_until_ready(self, *names):
         """Wait until the nodes have reported that they are ready, and the test has discovered their publishers."""
         for name in names:
-            text = "controller]: ready" if name == "robot" else "]: ready"
+            text = f"{'controller' if name == 'robot' else name}]: ready"
             self.processes[name].wait_for_output(text, START_TIMEOUT)
         for name in names:
             self.peer.wait_for_publishers(*TOPICS[name], timeout=START_TIMEOUT)
@@ -111,6 +113,15 @@ class Robot:
         self.processes[name] = process
         self.launched.append(process)
         return process
+
+    def launch_joined(self, names, parameters, arguments=(), **options):
+        """Start these nodes in one process and do not wait for it."""
+        if self.namespace:
+            arguments = (*arguments, "-r", f"__ns:={self.namespace}")
+        words = ("run", names[0], "--with", *names[1:], "--ros-args", *graph.ros_arguments(parameters), *arguments)
+        process = self._stack.enter_context(graph.diffbot(*words, **options))
+        self.processes.update(dict.fromkeys(names, process))
+        self.launched.append(process)
 
     def state(self):
         """Message of the controller's newest status."""
@@ -181,26 +192,43 @@ def robot(
     ekf=None,
     controller=None,
     namespace="",
+    *,
     only=("ekf", "controller", "plant"),
     stamped=False,
     arguments=None,
+    joined=False,
+    **options,
 ):
     """Run a robot while the ``with`` block lasts; the nodes start at the same time, ``None`` means no parameters.
 
     ``only`` may name ``robot``: filter and controller in one process. ``arguments`` are further ROS arguments by node.
+    With ``joined`` all nodes are in one process, which takes a third of the processor time; ``arguments`` are then
+    those of this process. ``options`` are those of subprocess.Popen.
     """
     given = {"plant": plant, "ekf": ekf, "controller": controller}
-    given["robot"] = {
-        f"{node}:{name}": value for node in ("ekf", "controller") for name, value in (given[node] or {}).items()
-    }
+    given["robot"] = by_node(given, "ekf", "controller")
     with contextlib.ExitStack() as stack:
         peer = stack.enter_context(graph.peer(namespace=namespace or None))
         running = Robot(stack, peer, namespace)
         running.commands = peer.subscribe(TwistStamped if stamped else Twist, "cmd_vel", DEEP)
-        for name in only:
-            running.launch(name, given[name], (arguments or {}).get(name, ()))
+        if joined:
+            running.launch_joined(only, by_node(given, "plant", "ekf", "controller"), arguments or (), **options)
+        else:
+            for name in only:
+                running.launch(name, given[name], (arguments or {}).get(name, ()), **options)
         running.wait_until_ready(*only)
         yield running
+
+
+def by_node(given, *nodes):
+    """Return the parameters of several nodes for one process."""
+    return {f"{node}:{name}": value for node in nodes for name, value in (given[node] or {}).items()}
+
+
+def on_truth(plant=None, controller=None, **options):
+    """Run plant and controller in one process without a filter: the controller receives the true poses."""
+    nodes = {"plant": plant, "controller": {**ON_TRUTH, **(controller or {})}}
+    return robot(**nodes, only=("controller", "plant"), joined=True, arguments=TRUE_POSES, **options)
 
 
 @contextlib.contextmanager

@@ -1,6 +1,5 @@
-"""``diffbot demo``: its results against the bag as rosbags reads it, its failures, its end by signals."""
+"""``diffbot demo``: the first tutorial, its results against the bag as rosbags reads it, its end by signals."""
 
-import itertools
 import json
 import math
 import os
@@ -9,9 +8,9 @@ import sys
 from pathlib import Path
 
 import graph
-import matplotlib.image
 import numpy as np
 import pytest
+import tutorial_run
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
@@ -27,6 +26,8 @@ pytestmark = pytest.mark.graph
 COMMAND = (sys.executable, "-m", "diffbot_tools.cli", "demo")
 GOALS = [(0.0, 0.0, 0.0), (3.0, 2.0, math.pi / 2), (1.0, -2.0, math.pi)]
 SEED = 4
+"""Not that of the page: with seed 1, some of the few reports of the filter are not white (config/bag_contract.yaml)."""
+TUTORIAL = Path(__file__).resolve().parents[3] / "docs" / "tutorials" / "first-drive.md"
 CONTRACT = Path(__file__).resolve().parents[3] / "config" / "bag_contract.yaml"
 
 
@@ -36,12 +37,12 @@ def command(out, *arguments):
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory):
-    """Folder and output of a demo that has ended."""
-    folder = tmp_path_factory.mktemp("demo") / "new" / "out"
-    with graph.process(*command(folder, "--seed", SEED)) as process:
-        status, output = process.wait(250.0), process.output
-    assert status == 0, output
-    return folder, output
+    """Run the first tutorial; return the folder of its demo, and what it printed beside what its page shows."""
+    folder = tmp_path_factory.mktemp("demo")
+    page = TUTORIAL.read_text()
+    assert page.count("diffbot demo\n") == 1
+    printed = tutorial_run.run(page.replace("diffbot demo\n", f"diffbot demo --seed {SEED}\n"), folder)
+    return folder / "out" / "demo", tutorial_run.outputs(page, printed)
 
 
 class Bag:
@@ -95,20 +96,9 @@ def test_summary_holds_what_the_bag_says(demo, bag):
         end = sent[index + 1] if index < 2 else math.inf
         path = [pose for pose in truth if sent[index] <= pose[0] <= end]
         dx, dy = path[-1][1] - goal[0], path[-1][2] - goal[1]
-        turn = math.remainder(path[-1][3] - goal[2], 2 * math.pi)
         assert tuple(found["goal"].values()) == pytest.approx(goal, abs=1e-12)
-        assert found["final_in_goal_frame"] == pytest.approx(
-            {
-                "x": math.cos(goal[2]) * dx + math.sin(goal[2]) * dy,
-                "y": math.cos(goal[2]) * dy - math.sin(goal[2]) * dx,
-                "theta": turn,
-            },
-            abs=1e-9,
-        )
         assert found["position_error"] == pytest.approx(math.hypot(dx, dy), abs=1e-9)
-        assert found["heading_error"] == pytest.approx(abs(turn), abs=1e-9)
-        length = sum(math.dist(a[1:3], b[1:3]) for a, b in itertools.pairwise(path))
-        assert found["path_length"] == pytest.approx(length, abs=1e-9)
+        assert found["heading_error"] == pytest.approx(abs(math.remainder(path[-1][3] - goal[2], math.tau)), abs=1e-9)
         assert 0.0 < found["settling_time"] < 20.0
         assert found["estimation_error"] < 0.3
 
@@ -133,16 +123,16 @@ def test_truth_of_the_first_goal_is_that_of_the_closed_loop(bag):
         assert truth[when] == pytest.approx(tuple(reference[index]), abs=1e-9)
 
 
-def test_table_is_printed_and_nothing_is_left_over(demo):
-    folder, output = demo
+def test_the_tutorial_prints_what_it_shows_and_nothing_is_left_over(demo):
+    folder, shown = demo
+    for block, output in shown:
+        assert tutorial_run.comparable(output, block.title) == tutorial_run.comparable(block.body, block.title)
+    (table,) = (output for _, output in shown if "Graph on" in output)
     for words in ("(0.0, 0.0, 0 deg)", "(3.0, 2.0, 90 deg)", "(1.0, -2.0, 180 deg)", " 0 lost"):
-        assert words in output
-    assert sorted(entry.name for entry in folder.iterdir()) == ["bag", "log", "path.png", "report.html", "summary.json"]
+        assert words in table
     logs = "".join(file.read_text() for file in (folder / "log").glob("*.log"))
-    assert "Traceback" not in logs + output
+    assert "Traceback" not in logs
     assert "[ERROR]" not in logs
-    # What it shows is tested in test_figure.py.
-    assert matplotlib.image.imread(folder / "path.png").shape[:2] == (1000, 1200)
 
 
 def children(pid):
@@ -156,12 +146,12 @@ def is_running(pid):
         return False
 
 
-def logged(out, node, text, process):
+def logged(out, node, text, process, folder="log"):
     """Wait until a node has written this text to its log."""
 
     def is_there():
         assert process.popen.poll() is None, process.output
-        log = out / "log" / f"{node}.log"
+        log = out / folder / f"{node}.log"
         return log.is_file() and text in log.read_text()
 
     graph.wait_for(is_there, what=f"{text!r} of {node}")
@@ -195,25 +185,12 @@ def test_watched_it_shows_a_page_and_stays_until_signals_end_all_processes_and_l
     assert "Traceback" not in (out / "log" / "recorder.log").read_text()
 
 
-def test_a_killed_demo_leaves_no_process_and_its_bag_can_be_replaced(tmp_path):
-    out = tmp_path / "out"
-    with graph.process(*command(out, "--real-time")) as process:
-        logged(out, "recorder", "]: ready", process)
-        graph.wait_for(lambda: len(children(process.popen.pid)) == 5, what="all nodes")
-        nodes = children(process.popen.pid)
-        process.popen.kill()
-        graph.wait_for(lambda: not any(map(is_running, nodes)), what="the end of the nodes")
-    (out / "bag" / "metadata.yaml").unlink(missing_ok=True)
-    _make_room_for_bag(out / "bag", overwrite=True)
-    assert not (out / "bag").exists()
-
-
-def test_overwrite_replaces_the_results_and_a_dead_node_ends_the_demo(demo, tmp_path):
-    """The results of an earlier run must not stand beside the bag of one that failed."""
+def test_a_node_that_ends_ends_the_demo_and_leaves_no_results_of_an_earlier_run(tmp_path):
+    """The old results must not stand beside the bag of a run that failed."""
     out = tmp_path / "out"
     for name in ("bag/bag_0.mcap", "bag/metadata.yaml", "summary.json", "path.png", "report.html"):
         (out / name).parent.mkdir(parents=True, exist_ok=True)
-        (out / name).write_bytes((demo[0] / name).read_bytes())
+        (out / name).write_text("old")
     with graph.process(*command(out, "--overwrite", "--real-time")) as process:
         logged(out, "plant", "]: ready", process)
         nodes = children(process.popen.pid)
@@ -224,3 +201,24 @@ def test_overwrite_replaces_the_results_and_a_dead_node_ends_the_demo(demo, tmp_
         assert "diffbot: plant ended with status 0" in process.output
         assert not any(map(is_running, nodes))
     assert sorted(entry.name for entry in out.iterdir()) == ["bag", "log"]
+
+
+STARTER = """
+import os, sys, time
+from pathlib import Path
+from diffbot_tools.demo.processes import NodeProcesses
+with NodeProcesses(int(os.environ["ROS_DOMAIN_ID"]), Path(sys.argv[1])) as nodes:
+    print(nodes.start("recorder", "diffbot_bag.recorder_node", {"uri": sys.argv[1] + "/bag"}).pid, flush=True)
+    time.sleep(600.0)
+"""
+
+
+def test_nodes_end_with_a_process_that_is_killed_and_their_bag_can_be_replaced(tmp_path):
+    with graph.process(sys.executable, "-c", STARTER, str(tmp_path)) as process:
+        logged(tmp_path, "recorder", "]: ready", process, folder="")
+        process.popen.kill()
+        node = int(process.output)
+        graph.wait_for(lambda: not is_running(node), what="the end of the node")
+    (tmp_path / "bag" / "metadata.yaml").unlink(missing_ok=True)
+    _make_room_for_bag(tmp_path / "bag", overwrite=True)
+    assert not (tmp_path / "bag").exists()
