@@ -146,22 +146,6 @@ def test_late_measurements_give_what_they_give_in_order(variant, events, random)
     assert_same_memory(deliver(localization(variant, **OPTIONS), with_odometry(arrivals)), punctual)
 
 
-@BOTH
-def test_one_late_fix_can_change_the_verdict_on_all_that_came_after(variant):
-    # The robot is carried away: the third fix of the new place comes late. With it the last two are good ones.
-    fixes = [fix(stamp * MS) for stamp in (850, 950, 1050, 1150, 1250)]
-    options = {"relocation_fixes": 4, "relocation_timeout": 60.0}
-    made = localization(variant, **options)
-    others = [one for number, one in enumerate(fixes) if number != 2]
-    deliver(made, with_odometry([(one.stamp, 0.0, one) for one in others[:3]], 12))
-    assert made.filter.memory.gate.fixes.rejected == 3
-    before = made.estimate().pose
-    made.on_measurement(fixes[2])
-    assert made.filter.memory.gate.fixes.rejected == 0
-    assert np.hypot(made.estimate().pose.x - before.x, made.estimate().pose.y - before.y) > 2.0
-    assert_same_memory(made, in_order(localization(variant, **options), fixes[:4], 12))
-
-
 def sets(stamp):
     return [fix(stamp), heading(stamp), sighting(stamp, 0), sighting(stamp, 1), sighting(stamp, 2), fix(stamp, seed=1)]
 

@@ -8,7 +8,7 @@ import pytest
 from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.filter.measurements import PoseFix
-from diffbot_control.filter.odometry import DelayLine, OdometryStep
+from diffbot_control.filter.odometry import OdometryStep
 from diffbot_control.filter.odometry_noise import DENSITY, MESSAGE, MOTION, OdometryConfig
 from diffbot_control.filter.options import EKF, FNN, FilterConfig
 from diffbot_core.geometry import Pose
@@ -151,18 +151,6 @@ def test_the_noise_of_a_message_is_parted_among_its_pieces():
     # 0.25 s are covered by the first message, which is only 0.1 s long; then whole messages and the half of one.
     whole = 0.02 * 0.1**2
     assert rows[-1].P[2, 2] - 1e-6 == pytest.approx(whole * 29.0, rel=1e-9)
-
-
-def test_the_pieces_cover_each_interval_once():
-    line, start = DelayLine(), 0
-    for stamp in (100, 190, 320, 400, 500, 640):
-        pieces = line.pieces(start, OdometryStep(stamp, Twist(0.0, float(stamp)), MEAN_NOISE), 130)
-        assert pieces[-1].odometry.stamp == stamp
-        ends = [start, *(piece.odometry.stamp for piece in pieces)]
-        assert ends == sorted(set(ends))
-        start = stamp
-    found = [(piece.odometry.stamp, piece.odometry.twist.omega, piece.whole) for piece in pieces]
-    assert found == [(530, 400.0, 80), (630, 500.0, 100), (640, 640.0, 140)]
 
 
 def after_a_gap(seconds, fixes=(), max_extrapolation=1.0, variant=EKF):

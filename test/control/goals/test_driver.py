@@ -175,12 +175,6 @@ def test_a_memory_that_cannot_be_made_is_refused_at_the_start_and_ends_a_later_g
     assert "gain too small" in drive.supervisor.reason
 
 
-def test_a_robot_without_a_data_sheet_is_stopped_at_once_and_its_law_remembers_it():
-    memory = RotateDriveRotate.new_memory(RotateDriveRotateConfig())._replace(command=Twist(0.5, 0.1))
-    after, command = driver_of(RotateDriveRotate).slow_down(memory, memory.command, 0.1, None)
-    assert after.command == command == ZERO
-
-
 def test_this_projects_law_fails_in_the_same_way():
     driver, config = driver_of(SwitchingLaw), ControllerConfig()
     with pytest.raises(LawError, match=r"^law switching failed: AttributeError: .* \(braking_step\.py:\d+\)$"):

@@ -144,19 +144,6 @@ def test_what_begins(local, standing, uncertainty):
     assert standing.allow_backward == (found.kind != LEAVING) or found.kind == 0
 
 
-@pytest.mark.parametrize("patience", [0.0, 4.0])
-def test_it_begins_after_its_time_at_rest(patience):
-    config = TUNED._replace(finish=TUNED.finish._replace(finish_wait=patience))
-    run = Run((0.0, 0.08, 0.0), config, 80, memory=NEAR)
-    begins = next(index for index, command in enumerate(run.commands) if abs(command.v) + abs(command.omega) > 1e-9)
-    assert begins * T_S == pytest.approx(patience, abs=1.5 * T_S)
-    # Not while the heading is still being turned.
-    turned = Run((0.0, 0.08, 0.5), config, 150, memory=NEAR)
-    late = next(index for index, memory in enumerate(turned.memories) if memory.finish.kind)
-    assert abs(turned.poses[late].theta) < 0.1
-    assert late > begins
-
-
 def test_switched_off_it_stays_where_it_rests():
     config = TUNED._replace(finish=TUNED.finish._replace(finish_begin=1.0))
     run = Run((0.0, 0.06, 0.0), config, 100, memory=NEAR)

@@ -173,19 +173,6 @@ def test_the_command_by_hand():
     assert found == pytest.approx((0.25, 4.0 * 0.25))
 
 
-BEHIND = [(3.0, 1.0, 0.3), (-3.0, 0.0, 3.0), (0.0, 4.0, 1.5)]
-
-
-@pytest.mark.parametrize("start", BEHIND)
-def test_forward_only_reaches_goals_behind_the_robot_without_ever_reversing(start):
-    run = Run(start, FORWARD, 600)
-    assert all(command.v >= 0.0 for command in run.commands)
-    assert math.hypot(run.end.x, run.end.y) < 0.1
-    assert abs(run.end.theta) < 0.1
-    # Without the bound it does reverse: the test can tell.
-    assert min(command.v for command in Run(start, TUNED, 100).commands) < -0.05
-
-
 @CHECK
 @given(st.floats(-12.0, 12.0), st.floats(-12.0, 12.0), st.floats(-3.1, 3.1))
 def test_forward_only_it_turns_on_the_spot_where_the_law_would_reverse(x, y, theta):

@@ -112,15 +112,6 @@ def test_still_moving_looks_at_the_last_second():
     assert still_moving(histories, 0.05) == 2
 
 
-def test_interrupted_leaves_nothing_behind(tmp_path, monkeypatch, kept_signal_handlers):
-    def interrupted(*arguments):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(benchmark, "run_case", interrupted)
-    assert cli.main(["benchmark", "--runs", "1", "--case", "nominal", "--law", PEER, "--out", str(tmp_path)]) == 130
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_each_effect_is_of_one_changed_parameter():
     by_case = {case.name: config_of(BY_NAME[OWN_NAME], case, {}) for case in cases_named(law_effects.CASES)}
     seen = set()
