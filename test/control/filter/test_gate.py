@@ -4,15 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from filter_runs import (
-    build_motion,
-    covariance,
-    fix,
-    gated_filter,
-    heading,
-    landmark,
-    straight,
-)
+from filter_runs import build_motion, covariance, fix, gated_filter, heading, landmark, straight
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2

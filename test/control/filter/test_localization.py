@@ -6,11 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from filter_runs import (
-    build_measurement,
-    numbers_of,
-    odometry_step,
-)
+from filter_runs import build_measurement, numbers_of, odometry_step
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

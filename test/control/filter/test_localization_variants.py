@@ -4,14 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from filter_runs import (
-    SEPARATION,
-    build_measurement,
-    landmark,
-    numbers_of,
-    odometry_step,
-    wrapped,
-)
+from filter_runs import SEPARATION, build_measurement, landmark, numbers_of, odometry_step, wrapped
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

@@ -8,11 +8,7 @@ from filter_runs import wrapped
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from diffbot_control.filter.models import (
-    lateral_noise,
-    linearisation_variance,
-    move,
-)
+from diffbot_control.filter.models import lateral_noise, linearisation_variance, move
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 

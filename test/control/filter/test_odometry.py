@@ -20,14 +20,12 @@ NOISE = OdometryConfig(
 )
 
 
-def covariance_after(twist, rate, seconds, odometry, covariance=UNKNOWN, variant=EKF, late=None):
+def covariance_after(twist, rate, seconds, odometry, covariance=UNKNOWN, variant=EKF):
     """Covariance (3, 3) of a pose known at first, after driving with a constant twist."""
     localization = Localization(LocalizationConfig(1.0, FilterConfig(filter=variant), odometry))
     localization.initialise(Pose(0.0, 0.0, 0.3), np.diag([1e-12, 1e-12, 1e-12]), 0)
     for number in range(1, round(seconds * rate) + 1):
         localization.on_odometry(OdometryStep(round(number * 1e9 / rate), twist, covariance))
-        if late is not None and number == 2:
-            localization.on_measurement(late)
     return localization.estimate().P
 
 
@@ -86,14 +84,6 @@ def test_the_noise_of_the_motion_takes_the_place_of_a_covariance_that_is_unknown
         found = covariance_after(twist, 10.0, 2.0, NOISE._replace(odometry_noise=kind))
         assert np.array_equal(found, expected)
     assert np.array_equal(covariance_after(twist, 10.0, 2.0, NOISE, TwistCovariance(1e-9, 0.0, 1e-9)), expected)
-
-
-def test_a_measurement_within_an_odometry_interval_parts_the_noise():
-    """A fix that says nothing leaves the same covariance, wherever it cuts the interval."""
-    twist, useless = Twist(0.6, 0.5), PoseFix(137_000_000, Pose(0.0, 0.0, 0.3), 1e7 * np.eye(3))
-    expected = covariance_after(twist, 10.0, 1.0, NOISE)
-    found = covariance_after(twist, 10.0, 1.0, NOISE, late=useless)
-    np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-7)
 
 
 MS = 10**6

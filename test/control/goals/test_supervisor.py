@@ -7,14 +7,7 @@ import pytest
 from diffbot_control.goals import Supervisor, SupervisorConfig
 from diffbot_control.goals.goal_record import POSE_LOST, GoalRequest
 from diffbot_control.goals.states import AT_GOAL as REACHED
-from diffbot_control.goals.states import (
-    DRIVING,
-    IDLE,
-    NOT_AT_GOAL,
-    STALE,
-    UNCERTAIN,
-    WAITING,
-)
+from diffbot_control.goals.states import DRIVING, IDLE, NOT_AT_GOAL, STALE, UNCERTAIN, WAITING
 from diffbot_control.law.presets import PRESETS
 from diffbot_core.data_sheet import PAPER_DATA_SHEET
 from diffbot_core.geometry import Pose

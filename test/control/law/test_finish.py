@@ -58,13 +58,6 @@ def test_legs_to_and_fro_work_off_an_error_inside_both_tolerances(tolerance, sha
     assert answered_after(run) == pytest.approx((config.tolerance.settling_steps - 1) * T_S)
 
 
-def test_the_mirror_image_does_the_mirror_image():
-    run, mirrored = (Run((0.0, y, turn), TUNED, 300, memory=NEAR) for y, turn in ((0.08, 0.03), (-0.08, -0.03)))
-    assert kinds(run) == {0, TO_AND_FRO}
-    for (x, y, theta), mirror in zip(run.poses, mirrored.poses, strict=True):
-        assert mirror == pytest.approx((x, -y, -theta), abs=1e-9)
-
-
 @pytest.mark.parametrize("start", [(0.0, 0.08, 0.0), (0.03, -0.08, 0.04), (-0.03, 0.075, -0.06)])
 @pytest.mark.parametrize("config", [TUNED, FORWARD], ids=["to and fro", "forward only"])
 def test_an_error_too_near_to_the_tolerance_for_the_estimate_is_worked_off_until_the_goal_is_reached(start, config):

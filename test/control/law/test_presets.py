@@ -2,31 +2,24 @@
 
 import graph
 import pytest
+from driven import ORIGIN, step
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, SetParameters
 
 from diffbot_control.goals.configuration import SupervisorConfig
-from diffbot_control.law import controller
 from diffbot_control.law.controller import ControllerConfig, ControllerMemory
 from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.regions import OMEGA_L, Switching
 from diffbot_control.ros.parameters.controller import CONTROLLER_PRESETS, ControllerNodeConfig
 from diffbot_core.geometry import Pose
 from diffbot_core.schema import build, parameters_of, to_dict
-from diffbot_core.uncertainty import CERTAIN, Estimate
 
-ORIGIN = Pose(0.0, 0.0, 0.0)
 FIELDS = {
     ParameterType.PARAMETER_BOOL: "bool_value",
     ParameterType.PARAMETER_INTEGER: "integer_value",
     ParameterType.PARAMETER_DOUBLE: "double_value",
     ParameterType.PARAMETER_STRING: "string_value",
 }
-
-
-def step(memory, pose, goal, dt, config, uncertainty=CERTAIN):
-    """Step with the pose and its uncertainty side by side."""
-    return controller.step(memory, Estimate(pose, uncertainty), goal, dt, config)
 
 
 @pytest.mark.parametrize("name", PRESETS)

@@ -7,14 +7,7 @@ import pytest
 
 from diffbot_core.errors import InvalidValueError
 from diffbot_lab.paper.experiment import QUANTILES, run_experiment, summarise, table
-from diffbot_lab.paper.scenarios import (
-    GOAL,
-    HEADINGS_B,
-    PAPER_END_STATES,
-    SETTINGS,
-    case_of,
-    starts_of,
-)
+from diffbot_lab.paper.scenarios import GOAL, HEADINGS_B, PAPER_END_STATES, SETTINGS, case_of, starts_of
 from diffbot_sim.compiled.batch import run_histories
 from diffbot_tools import cli
 
