@@ -4,15 +4,17 @@ import math
 
 import numpy as np
 import pytest
-from tuned_steps import CONFIG, CONTRACT, SHEET, random_local_distance, random_step
+from tuned_steps import CONFIG, CONTRACT, GAINS, SHEET, SLOWING, random_local_distance, random_step
 
-from diffbot_control.law.steering import BACK, FRONT
+from diffbot_control.law.polar_coordinates import Navigation
+from diffbot_control.law.steering import BACK, FRONT, drive_and_steer
 from diffbot_core.errors import InvalidValueError
 from diffbot_lab.stability.tuned.certify import tuned_loop
 from diffbot_lab.stability.tuned.check.commands import command_of, numbers_of
 from diffbot_lab.stability.tuned.check.near import farthest_of_ring
 from diffbot_lab.stability.tuned.check.steps import Box, after, clipped, motion_of, slice_count, slice_of, with_beta
 from diffbot_lab.stability.tuned.images import Cell3, images, local_distance, most_images
+from diffbot_lab.stability.tuned.law import Measured, command_bounds
 
 MAKER, CHECKER = tuned_loop(CONFIG, CONTRACT), numbers_of(CONFIG, CONTRACT)
 ROUNDING = 1e-9
@@ -38,7 +40,26 @@ def checkers_images(sides):
                     yield after(box, *motion_of(CHECKER, command))
 
 
+COMMANDS = {
+    "maker": lambda sides: command_bounds(MAKER, Measured(*sides)),
+    "checker": lambda sides: command_of(CHECKER, *zip(sides[::2], sides[1::2], strict=True)),
+}
 IMAGES = {"maker": makers_images, "checker": checkers_images}
+
+
+@pytest.mark.parametrize("whose", COMMANDS)
+def test_commands_of_the_law_are_inside_their_bounds(whose):
+    rng = np.random.default_rng(1)
+    for _ in range(600):
+        near = rng.uniform(0.05, 12.0) ** rng.choice([1.0, 3.0]) % 12.0 + 0.02
+        low = np.array([near, *rng.uniform(-math.pi, math.pi, 2)])
+        high = np.minimum(low + 0.2 * rng.uniform(size=3), [math.inf, math.pi, math.pi])
+        v_low, v_high, omega_low, omega_high = COMMANDS[whose](np.column_stack([low, high]).ravel().tolist())
+        for share in (*np.eye(3), *rng.uniform(size=(4, 3)), np.zeros(3), np.ones(3)):
+            at = Navigation(*(low + share * (high - low)))
+            v, omega = drive_and_steer(at, rng.choice([0.0, SLOWING]), FRONT, GAINS, SHEET)
+            assert v_low - ROUNDING <= v <= v_high + ROUNDING, (low, high, at)
+            assert omega_low - ROUNDING <= omega <= omega_high + ROUNDING, (low, high, at)
 
 
 def near_or_around(angle, low, high):
