@@ -173,6 +173,15 @@ def test_the_oldest_files_are_deleted(tmp_path):
     assert metadata.read(folder).message_count == 5
 
 
+def test_a_single_file_is_kept_at_a_time(tmp_path):
+    bag = Written(tmp_path / "run", limits=FileLimits(max_files=1))
+    for _ in range(3):
+        bag.data(1)
+        bag.writer.split()
+    assert names(bag.close()) == ["metadata.yaml", "run_2.mcap"]
+    assert metadata.read(bag.folder).files == ("run_2.mcap",)
+
+
 @pytest.mark.parametrize(
     ("content", "words"),
     [

@@ -6,7 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from filter_runs import build_measurement, numbers_of, odometry_step
+from filter_runs import (
+    build_measurement,
+    numbers_of,
+    odometry_step,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -225,6 +229,29 @@ def test_time_that_jumps_resets(number, kind):
         localization.on_odometry(odometry(one))
         reference.on_odometry(odometry(one))
     assert_equal_estimates(localization, reference.estimate().pose, reference.estimate().P)
+
+
+def test_nothing_is_known_before_the_first_fix():
+    localization = Localization(plain())
+    for call in (localization.estimate, lambda: localization.on_odometry(odometry(1))):
+        with pytest.raises(BadMessageError, match="no fix yet"):
+            call()
+    assert not localization.initialised
+
+
+def test_a_reset_forgets_everything():
+    localization = fresh()
+    localization.on_odometry(odometry(1))
+    localization.on_measurement(fix(5 * PERIOD))
+    localization.reset()
+    with pytest.raises(BadMessageError):
+        localization.estimate()
+    # The same measurement is new, and the first fix is the first state.
+    localization.on_measurement(fix(5 * PERIOD))
+    found = localization.estimate()
+    assert (found.stamp, found.odometry) == (5 * PERIOD, None)
+    np.testing.assert_array_equal(found.pose, numbers_of(fix(5 * PERIOD)))
+    np.testing.assert_array_equal(found.P, R_POSE)
 
 
 def test_initialise_moves_the_filter_but_not_its_time():

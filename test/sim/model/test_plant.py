@@ -85,6 +85,18 @@ def test_drive_and_encoder_noise_by_hand(command, noise, drive_noise, encoder_no
     assert state.encoder == pytest.approx(seen, abs=1e-9)
 
 
+@CHECK
+@given(TWISTS, NOISES)
+def test_the_papers_input_noise_is_added_and_seen_by_the_encoders(command, noise):
+    config = QUIET._replace(eps_v_max=0.065, eps_omega_max=0.2167)
+    state = plant_step(START, command, noise, config)
+    moved = command.v + 0.065 * noise.a, command.omega + 0.2167 * noise.b
+    assert state.twist == pytest.approx(moved, abs=1e-12)
+    assert state.encoder == pytest.approx(wheels(*moved), abs=1e-9)
+    assert abs(state.twist.v - command.v) <= 0.065 * (1.0 + 1e-9)
+    assert abs(state.twist.omega - command.omega) <= 0.2167 * (1.0 + 1e-9)
+
+
 def test_radius_errors_move_the_body_but_not_the_encoders():
     config = QUIET._replace(left_radius_error=0.02, right_radius_error=-0.01)
     state = plant_step(START, Twist(1.0, 0.0), SILENCE, config)
