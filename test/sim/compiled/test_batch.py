@@ -305,3 +305,16 @@ def test_refused(function, case, poses, message):
     with pytest.raises(InvalidValueError) as caught:
         function(case, Starts(np.array(poses)), 1, 0, 1)
     assert str(caught.value) == message
+
+
+@pytest.mark.parametrize(
+    ("sensors", "steps"),
+    [
+        (SensorConfig(), 0),
+        (SensorConfig(fix_delay=0.15, fix_delay_jitter=0.1), 3),
+        (SensorConfig(heading_delay=0.3, fix_delay_jitter=0.01), 3),
+    ],
+)
+def test_the_longest_delay(sensors, steps):
+    assert prepared(case_of(sensors=sensors)).late_steps == steps
+    assert prepared(case_of(sensors=sensors, feedback="truth")).late_steps == 0
