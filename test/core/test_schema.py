@@ -8,8 +8,6 @@ from pathlib import Path
 from typing import Annotated, NamedTuple, get_args
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 import diffbot_bag
 import diffbot_control
@@ -23,7 +21,6 @@ from diffbot_core.data_sheet import DataSheet
 from diffbot_core.errors import DiffbotError, InvalidValueError, ReplacedNameError
 from diffbot_core.schema import PARTIAL, Parameter, Spec, build, checked, parameters_of, replaced_by, to_dict, variant
 
-CHECK = settings(max_examples=100)
 PACKAGES = (diffbot_core, diffbot_control, diffbot_bag, diffbot_sim)
 
 
@@ -172,28 +169,6 @@ def test_a_base_keeps_what_is_not_named():
     assert found.hold_goal is False
 
 
-@CHECK
-@given(
-    st.fixed_dictionaries(
-        {
-            "gamma": st.floats(1e-3, 1e3),
-            "angular.z.max_velocity": st.floats(1e-3, 1e3) | st.just(math.inf),
-            "wheel_radius": st.floats(1e-3, 10.0),
-            "settling_steps": st.integers(1, 100000),
-            "stateful": st.booleans(),
-            "region_policy": st.sampled_from(("fixed", "covariance")),
-            "pose_timeout": st.floats(1e-3, 10.0),
-        }
-    )
-)
-def test_build_and_to_dict_undo_each_other(values):
-    config = build(SupervisorConfig, values)
-    named = to_dict(config)
-    assert {name: named[name] for name in values} == values
-    assert build(SupervisorConfig, named) == config
-    assert config.controller.data_sheet.omega_max == values["angular.z.max_velocity"]
-
-
 class Inner(NamedTuple):
     words: Annotated[tuple[str, ...], Spec("some words")] = ()
     numbers: Annotated[tuple[float, ...], Spec("some numbers", minimum=0.0)] = ()
@@ -298,21 +273,6 @@ def test_a_replaced_name_is_refused_with_the_new_one(name, value):
 def test_programming_errors_raise_type_error(config, message):
     with pytest.raises(TypeError, match=message):
         parameters_of(config)
-
-
-@pytest.mark.parametrize(
-    ("spec", "bound"),
-    [
-        (Spec("x"), "finite"),
-        (Spec("x", minimum=0.0), "finite and >= 0"),
-        (Spec("x", minimum=-1.0, maximum=1.0), ">= -1 and <= 1"),
-        (Spec("x", minimum=0.5, maximum=9.0, allow_inf=True), ">= 0.5 and <= 9 (inf: no limit)"),
-        (Spec("x", allow_inf=True), "a number (inf: no limit)"),
-        (Spec("x", choices=("a", "b")), "one of a, b"),
-    ],
-)
-def test_bounds_in_words(spec, bound):
-    assert spec.bound() == bound
 
 
 @pytest.mark.parametrize(

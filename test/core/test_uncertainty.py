@@ -38,16 +38,6 @@ def test_the_interval_has_the_probability_of_the_normal_distribution(sigma, boun
     assert interval_probability(offset * sigma, sigma, bound * sigma) == pytest.approx(expected, abs=1e-12)
 
 
-@pytest.mark.parametrize(("offset", "sigma", "radius"), [(0.0, 0.04, 0.1), (0.06, 0.02, 0.1), (0.3, 0.2, 0.25)])
-def test_as_many_drawn_poses_are_inside_as_they_say(offset, sigma, radius):
-    x, y = np.random.default_rng(5).normal(size=(2, 400_000)) * sigma
-    for found, inside in (
-        (disc_probability(offset, sigma, radius), np.hypot(offset + x, y) <= radius),
-        (interval_probability(offset, sigma, radius), abs(offset + x) <= radius),
-    ):
-        assert found == pytest.approx(inside.mean(), abs=4.0 * inside.std() / math.sqrt(len(x)))
-
-
 @pytest.mark.parametrize("probability", [disc_probability, interval_probability])
 def test_an_exact_estimate_is_inside_or_not_and_what_is_no_number_never_is(probability):
     assert probability(0.1, 0.0, 0.1) == 1.0

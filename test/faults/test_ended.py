@@ -15,6 +15,8 @@ from mcap.records import Message
 from mcap.stream_reader import StreamReader
 from witness import NEAR
 
+from diffbot_bag.bag.reader import BagReader
+
 RECORDER = "diffbot_bag.recorder_node"
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 STOP = (0.0, 0.0)
@@ -123,6 +125,26 @@ def test_a_reader_that_is_held_up_does_not_hold_up_the_end_of_the_controller(apa
             finally:
                 apart.kill("plant", signal.SIGCONT)
             restart(apart, "controller")
+
+
+def messages_in(folder):
+    with BagReader(folder) as bag:
+        return sum(1 for _ in bag.messages())
+
+
+def test_signals_close_the_bag(apart, trials, seeded, tmp_path):
+    with trials("end recorder") as running:
+        apart.drive()
+        for number in running:
+            folder = tmp_path / str(number)
+            with graph.node(RECORDER, {"uri": folder, "flush_period": 0.1}) as recorder:
+                recorder.wait_for_output("ready")
+                graph.wait_for(lambda folder=folder: whole_messages(folder / f"{folder.name}_0.mcap"), what="messages")
+                apart.wait(seeded)
+                since = time.monotonic()
+                recorder.send(SIGNALS[number % 2])
+                seconds, good = ended(recorder, since)
+            running.measure(seconds, good and (folder / "metadata.yaml").is_file() and messages_in(folder) > 0)
 
 
 def has_begun(process, lines):

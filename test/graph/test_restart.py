@@ -4,7 +4,7 @@ import signal
 
 import graph
 import pytest
-from robot import ON_TRUTH, TRUE_POSES, robot, twist
+from robot import ON_TRUTH, TRUE_POSES, distance, robot, twist
 
 from diffbot_control.ros.goals.client import LOST, GoalClient, Task
 from diffbot_core.geometry import Pose
@@ -38,6 +38,28 @@ def start(bare, tmp_path):
 def kill(robot):
     robot.processes["controller"].send(signal.SIGKILL)
     robot.processes["controller"].wait()
+
+
+def test_a_path_is_resumed_where_it_was_left_and_its_client_learns_its_end(bare, start, tmp_path):
+    file, resuming = tmp_path / "goal.json", {"resume_goal": True, "waypoint_radius": 0.3}
+    start(**resuming)
+    ahead = GoalClient.in_own_context(restart_timeout=graph.PATIENCE)
+    try:
+        path = [Pose(-3.2, 0.2, 0.0), Pose(-2.0, 0.2, 0.0)]
+        task = ahead.send_goal(path)
+        bare.peer.spin_until(lambda: '"waypoint": 2' in file.read_text(), what="the first waypoint in the file")
+        kill(bare)
+        assert task.id in file.read_text()
+        start(**resuming)
+        assert f"{RESTARTED}: goal {task.id} is driven to again" in bare.processes["controller"].output
+        bare.peer.spin_until(lambda: bare.controller_states, what="a status")
+        assert graph.values(bare.controller_states[0])["waypoint"] == "2/2"
+        assert ahead.wait_for_end(graph.PATIENCE)
+        assert (task.end, task.reason) == ("reached", "")
+        assert distance(bare.true_pose(), path[-1]) < 0.4
+        graph.wait_for(lambda: not file.exists(), what="the end of the file")
+    finally:
+        ahead.close()
 
 
 def test_by_default_a_goal_is_given_up_with_an_answer_and_the_robot_stands(bare, start, tmp_path):

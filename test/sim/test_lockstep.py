@@ -112,16 +112,6 @@ def test_without_any_fix_the_last_awaited_step_is_sent_and_reported_once():
     assert plant.reports.count(NO_FIX) == 1
 
 
-def test_each_command_moves_the_robot_by_one_step_and_sends_the_next():
-    plant, lockstep = started()
-    for number in range(1, 50):
-        lockstep.on_command(command(number))
-        assert plant.moves == [command(one) for one in range(1, number + 1)]
-        assert plant.sent == list(range(number + 1))
-    assert lockstep.repeats == 0
-    assert not plant.polling
-
-
 def test_a_topic_that_begins_makes_its_step_doubtful_once():
     # The filter may have answered before the first heading reached it: eleven answers, the last one counts.
     plant, lockstep = started(FakePlant(optional={2: {"headings"}, 3: {"headings"}, 4: {"headings", "landmarks"}}))

@@ -13,6 +13,11 @@ ORIGIN = Pose(0.0, 0.0, 0.0)
 MS = 0.001
 
 
+def step(memory, pose, goal, dt, config, uncertainty=CERTAIN):
+    """Step with the pose and its uncertainty side by side."""
+    return controller.step(memory, Estimate(pose, uncertainty), goal, dt, config)
+
+
 class Robot:
     """Without dead time and lag it moves along exact arcs, otherwise in steps of a millisecond."""
 

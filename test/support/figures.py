@@ -20,15 +20,6 @@ def drawn(monkeypatch):
         plt.close(figure)
 
 
-def colours_at(axes, points):
-    """Return the colours (n, 3) in 0 .. 1 of the pixels at points (n, 2) in data coordinates."""
-    canvas = axes.figure.canvas
-    canvas.draw()
-    pixels = np.asarray(canvas.buffer_rgba())[:, :, :3] / 255.0
-    columns, rows = np.floor(axes.transData.transform(np.asarray(points))).astype(int).T
-    return pixels[pixels.shape[0] - 1 - rows, columns]
-
-
 def lines(axes):
     """Return the labelled lines of axes by label."""
     return {line.get_label(): line for line in axes.lines if not line.get_label().startswith("_")}

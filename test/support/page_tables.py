@@ -30,11 +30,3 @@ def assert_shows(cells, values):
     assert len(cells) == len(values), (cells, values)
     wrong = [(index, *pair) for index, pair in enumerate(zip(cells, values, strict=True)) if not shows(*pair)]
     assert not wrong, wrong
-
-
-def assert_shows_targets(rows, targets):
-    """Compare the table of targets with the targets in results.json."""
-    for row, one in zip(rows[1:], targets, strict=True):
-        bound = f"{'>=' if one['at_least'] else '<='} {one['bound']:g}"
-        assert [*row[:2], *row[3:]] == [one["case"], one["text"], bound, "yes" if one["met"] else "**no**"]
-        assert_shows(row[2:3], [one["value"]])

@@ -112,6 +112,7 @@ PROMISES = {
     ),
     "end ekf": Promise("SIGINT or SIGTERM to ekf", _END, 20, 1, 2.0),
     "end plant": Promise("SIGINT or SIGTERM to the plant", _END, 20, 1, 2.0),
+    "end recorder": Promise("SIGINT or SIGTERM to the recorder", f"{_END}, the bag is closed", 20, 1, 2.0),
     "end robot": Promise("SIGINT or SIGTERM to robot_node", f"{_END}, zero received", 20, 1, 2.0),
     "end at start": Promise("SIGINT or SIGTERM while a node starts", _END, 50, 1, 2.0),
 }

@@ -54,21 +54,6 @@ def flat(message):
     return numbers
 
 
-def test_views_are_the_fields_of_their_names():
-    message = NumbersMessage(ODOMETRY, "map", "base_link")
-    message.position[:] = 1.0, 2.0, 3.0
-    message.orientation[:] = 0.1, 0.2, 0.3, 0.4
-    message.pose_covariance[35] = 5.0
-    message.twist[[0, 5]] = 6.0, 7.0
-    message.twist_covariance[0] = 8.0
-    received = deserialize_message(message.encode(0), Odometry)
-    assert received.pose.pose.position.z == 3.0
-    assert received.pose.pose.orientation.w == 0.4
-    assert received.pose.covariance[35] == 5.0
-    assert (received.twist.twist.linear.x, received.twist.twist.angular.z) == (6.0, 7.0)
-    assert received.twist.covariance[0] == 8.0
-
-
 def test_other_types_byte_orders_and_sizes_are_left_to_the_library():
     data = serialize_message(fill(PoseWithCovarianceStamped, 0, "map"))
     assert decode_numbers_message(POSE, data) is not None

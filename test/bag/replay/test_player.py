@@ -10,7 +10,6 @@ from diffbot_bag.bag.reader import RawMessage
 from diffbot_bag.replay.playback_clock import Window
 from diffbot_bag.replay.player import Pace, Player, Sink, Source
 from diffbot_bag.replay.read_ahead import ReadAhead
-from diffbot_bag.replay.subscribers import wait_for_subscribers, wait_until_acknowledged
 
 BEGIN = 1_700_000_000_000_000_000
 MS = 1_000_000
@@ -83,43 +82,3 @@ def test_reading_ahead_keeps_order_and_bound(size):
     with ReadAhead(messages(100_000), size):
         pass
     assert threading.active_count() == before
-
-
-class FakePublisher:
-    def __init__(self, matched_after=0, acked_after=0):
-        self.matched_after, self.acked_after = matched_after, acked_after
-
-    def get_subscription_count(self):
-        self.matched_after -= 1
-        return int(self.matched_after < 0)
-
-    def wait_for_all_acked(self, _timeout):
-        self.acked_after -= 1
-        time.sleep(0.001)
-        return self.acked_after < 0
-
-
-NEVER = 10**9
-
-
-def test_waiting_for_subscribers_names_those_without():
-    outputs = {"/a": FakePublisher(3), "/b": FakePublisher(NEVER), "/c": FakePublisher()}
-    stop = threading.Event()
-    assert wait_for_subscribers(outputs, {"/a", "/c"}, 5.0, stop) == set()
-    assert wait_for_subscribers(outputs, {"/a", "/b"}, 0.05, stop) == {"/b"}
-    assert wait_for_subscribers(outputs, {"/b"}, 0.0, stop) == {"/b"}
-    stop.set()
-    assert wait_for_subscribers(outputs, {"/b"}, 60.0, stop) == {"/b"}
-
-
-def test_waiting_for_acknowledgement_ends_by_answer_time_or_stop():
-    stop = threading.Event()
-    outputs = {"/a": FakePublisher(acked_after=3), "/b": FakePublisher()}
-    assert wait_until_acknowledged(outputs, 5.0, None, stop) == set()
-    never = {"/n": FakePublisher(acked_after=NEVER)}
-    assert wait_until_acknowledged(never, 0.02, None, stop) == {"/n"}
-    assert wait_until_acknowledged(never, -1.0, None, stop) == set()
-    timer = threading.Timer(0.05, stop.set)
-    timer.start()
-    assert wait_until_acknowledged(never, 0.0, None, stop) == {"/n"}
-    timer.join()

@@ -27,7 +27,6 @@ from diffbot_core.errors import DiffbotError
 
 pytestmark = pytest.mark.graph
 
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 DEEP = QoSProfile(history=HistoryPolicy.KEEP_ALL)
 DEEP_LATCHED = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 BEST_EFFORT = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -169,14 +168,6 @@ def test_the_recorded_qos_is_offered_or_the_one_of_a_file(nodes, bag, tmp_path):
     a, latched = offered("/a", "/text", qos_profile_overrides_path=str(path))
     assert (a.reliability, a.deadline) == ("best_effort", 2 * 10**9)
     assert (latched.reliability, latched.durability) == ("reliable", "volatile")
-
-
-def test_a_latecomer_gets_the_latched_message(nodes, bag):
-    with Replay(nodes, bag, {}, start_paused=False, wait_timeout=0.0, rate=20.0, loop=True, delay=0.1) as replay:
-        replay.peer.spin_until(lambda: replay.node.health.sent["/text"] >= 2, what="a round")
-        texts = replay.peer.subscribe(String, "/text", LATCHED)
-        replay.peer.spin_until(lambda: texts, what="the latched message")
-    assert texts[0].data in ("text at 0", "text at 30")
 
 
 def test_a_type_that_is_not_installed_is_named_once_and_the_rest_played(nodes, tmp_path, capfd):

@@ -160,18 +160,6 @@ def contract(tmp_path):
     return read
 
 
-def test_only_the_rules_that_are_named_are_checked(contract):
-    found = contract(
-        "version: 1\nbag: {max_lost: 3}\ntopics:\n  /odom: {max_rate: 11, min_rate: 9}\n  /a/b:\nforbidden: [/raw]\n"
-    )
-    assert found.bag.names == ("max_lost",)
-    assert found.bag.rules.max_lost == 3
-    assert found.topics["/odom"].names == ("min_rate", "max_rate")
-    assert found.topics["/odom"].rules.max_rate == 11.0
-    assert found.topics["/a/b"].names == ()
-    assert found.forbidden == ("/raw",)
-
-
 WRONG = {
     "no map": ("[1]", "the contract = [1]: must be a map"),
     "a truth for a version": ("version: true", "version = True: must be 1"),

@@ -19,10 +19,6 @@ from diffbot_bag.tools.span import Span
 from diffbot_core.errors import DiffbotError
 
 
-def ignore(count):
-    pass
-
-
 @pytest.fixture(scope="module", params=MAKERS)
 def bag(request, tmp_path_factory):
     return cut_bags.write_bag(tmp_path_factory.mktemp("bags") / "run", request.param)
@@ -141,12 +137,6 @@ def test_a_selection_of_nothing_is_refused(zstd_bag):
     ):
         with SourceBag(zstd_bag) as one, pytest.raises(DiffbotError, match=words):
             cut.select(one, selection, types)
-
-
-def test_a_failure_leaves_nothing(zstd_bag, tmp_path):
-    with SourceBag(zstd_bag) as one, pytest.raises(ZeroDivisionError):
-        cut.trim(one, Span()).write(tmp_path / "part", lambda count: 1 / 0)
-    assert list(tmp_path.iterdir()) == []
 
 
 def shifted(messages, time):

@@ -116,21 +116,6 @@ def times_of(messages):
     return min(times), max(times)
 
 
-def test_the_loss_is_exact_while_the_index_of_the_file_is_intact(whole, repair):
-    content = bytearray(whole.content)
-    damaged = [whole.chunks[number] for number in (2, 5)]
-    for begin, end, _ in damaged:
-        content[(begin + end) // 2] ^= 1
-    lost = damaged[0][2] + damaged[1][2]
-    result, saved = repair(bytes(content))
-    loss = result.files[0].salvaged.loss
-    assert whole.messages - saved == lost
-    assert loss.messages == Counter(topic for topic, *_ in lost)
-    assert (loss.chunks, loss.is_exact, loss.is_cut) == (2, True, False)
-    assert loss.bytes == sum(end - begin for begin, end, _ in damaged)
-    assert list(loss.spans) == [times_of(messages) for *_, messages in damaged]
-
-
 def test_without_it_the_loss_is_taken_from_the_message_index(whole, repair):
     content = bytearray(whole.content[: whole.chunks[9][0]])
     begin, end, messages = whole.chunks[4]

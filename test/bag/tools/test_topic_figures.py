@@ -83,12 +83,6 @@ def test_a_quantile_is_within_the_accuracy_of_the_exact_one(parts, share):
     assert (quantiles.count, quantiles.smallest, quantiles.largest) == (len(values), values[0], values[-1])
 
 
-def test_equal_values_are_exact():
-    quantiles = Quantiles()
-    quantiles.add(np.full(9, 100_000_000))
-    assert quantiles.quantile(0.99) == 100_000_000
-
-
 def test_storage_is_bounded_over_all_64_bit_numbers():
     quantiles, random = Quantiles(), np.random.default_rng(5)
     for _ in range(5):

@@ -4,18 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from filter_runs import (
-    Robot,
-    build_motion,
-    covariance,
-    fix,
-    gated_filter,
-    heading,
-    landmark,
-    straight,
-    winding,
-    wrapped,
-)
+from filter_runs import build_motion, covariance, fix, gated_filter, heading, landmark, straight
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
@@ -105,16 +94,6 @@ def test_slack_by_hand():
     assert gate.slack == 0.0
 
 
-def test_fixes_that_agree_were_no_noise_and_leave_no_slack():
-    config, gate = options(relocation_fixes=3), GateMemory(NONE, 0, 0.3, NONE)
-    for agrees, verdict in ((False, REJECTED), (False, REJECTED), (True, REJECTED), (True, RELOCATED)):
-        gate, found = decided(gate, False, agrees, config)
-        assert found == verdict
-    # The first of the four did not agree, and counts: 0.3 + 0.2.
-    assert gate._replace(slack=0.0) == new_gate()
-    assert gate.slack == pytest.approx(0.5, abs=1e-12)
-
-
 @pytest.mark.parametrize("is_fix", [True, False])
 @pytest.mark.parametrize("numbers", [1, 2, 3])
 def test_the_gate_is_the_quantile_of_the_numbers_widened_for_fixes_only(numbers, is_fix):
@@ -200,22 +179,6 @@ def test_the_candidate_is_a_filter_of_its_own_started_at_the_first_rejected_fix(
     assert (found.memory.candidate, found.memory.gate) == (None, new_gate())
 
 
-def test_outliers_that_disagree_do_not_relocate_before_the_timeout():
-    # Steps of 1/8 s, exact in binary: the fix 3 s after the first rejected one is number 25.
-    found = gated_filter("ekf", relocation_fixes=2, relocation_timeout=3.0)
-    verdicts, thrown = [], []
-    for number in range(25):
-        angle, distance = 2.4 * number, 1e5 * 3.0**number
-        thrown.append((distance * math.cos(angle), distance * math.sin(angle)))
-        found.predict(straight(dt=0.125))
-        verdicts.append(found.take(fix(*thrown[-1])))
-        if number < 24:
-            np.testing.assert_array_equal(found.memory.belief.x[:2], 0.0)
-    assert verdicts == [REJECTED] * 24 + [RELOCATED]
-    np.testing.assert_allclose(found.memory.belief.x[:2], thrown[-1])
-    assert found.memory.candidate is None
-
-
 def test_what_is_known_of_the_wheels_survives_a_relocation():
     known, P = np.array([0.03, -0.02, 0.01]), np.array([[4e-6, 1e-6, 0.0], [1e-6, 3e-6, 0.0], [0.0, 0.0, 2e-6]])
     found = gated_filter("ekf_calibrating", relocation_fixes=3, relocation_timeout=0.3)
@@ -229,25 +192,6 @@ def test_what_is_known_of_the_wheels_survives_a_relocation():
     walked = (1e-4) ** 2 * 0.1 * steps
     np.testing.assert_allclose(found.memory.belief.P[3:, 3:], P + walked * np.eye(3), rtol=1e-9)
     assert not found.memory.belief.P[3:, :3].any()
-
-
-@BOTH
-def test_at_1_hz_a_kidnapped_robot_is_back_with_the_third_fix(variant):
-    robot = Robot(np.random.default_rng(5))
-    found, verdicts = gated_filter(variant), []
-    for step in range(400):
-        found.predict(robot.move(*winding(step)))
-        if step == 304:
-            robot.truth += (3.6, -1.0, 1.0)
-        if step % 10 == 0:
-            verdict = found.take(robot.fix())
-            if step >= 304:
-                verdicts.append(verdict)
-    assert verdicts[:3] == [REJECTED, REJECTED, RELOCATED]
-    assert set(verdicts[3:]) == {ACCEPTED}
-    error = found.memory.belief.x[:3] - robot.truth
-    assert np.hypot(*error[:2]) < 0.4
-    assert abs(wrapped(error[2])) < 0.2
 
 
 @BOTH

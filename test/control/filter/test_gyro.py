@@ -114,8 +114,8 @@ class Recorded:
 
 def test_it_halves_the_error_of_the_heading_finds_its_bias_and_stays_consistent():
     with_gyro, without, nees, biases = [], [], [], []
-    for seed in range(4):
-        drive, found = Recorded(seed, steps=2000), localization()
+    for seed in range(2):
+        drive, found = Recorded(seed, steps=1500), localization()
         errors, squares = drive.play(found)
         with_gyro.append(errors[:, 2])
         nees.append(squares.mean())
@@ -148,25 +148,6 @@ def test_late_samples_are_as_good_as_those_in_time(late):
         delayed.on_gyro(one)
     np.testing.assert_array_equal(delayed.filter.memory.belief.x, in_time.filter.memory.belief.x)
     np.testing.assert_array_equal(delayed.filter.memory.belief.P, in_time.filter.memory.belief.P)
-
-
-def test_a_step_without_samples_is_the_wheels_alone_and_lost_ones_harm_nothing():
-    drive, found = Recorded(5), localization()
-    drive.samples = [one for one in drive.samples if one.stamp % (4 * STEP) < 2 * STEP]
-    found.initialise(Pose(0.0, 0.0, 0.0), R_FIX, 0)
-    nees, samples = [], iter(drive.samples)
-    for step, truth in zip(drive.steps, drive.truths, strict=True):
-        for one in samples:
-            found.on_gyro(one)
-            if one.stamp >= step.stamp:
-                break
-        if step.stamp % (10 * STEP) == 0:
-            found.on_measurement(drive.fixes[step.stamp // (10 * STEP) - 1])
-        estimate = found.on_odometry(step)
-        error = np.array(estimate.pose) - truth
-        error[2] = wrapped(error[2])
-        nees.append(error @ np.linalg.solve(estimate.P, error))
-    assert np.mean(nees) < 5.0
 
 
 def test_wheels_that_slip_are_noticed_and_do_not_turn_the_estimate():

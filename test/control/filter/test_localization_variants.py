@@ -4,14 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from filter_runs import (
-    SEPARATION,
-    build_measurement,
-    landmark,
-    numbers_of,
-    odometry_step,
-    wrapped,
-)
+from filter_runs import SEPARATION, build_measurement, landmark, numbers_of, odometry_step, wrapped
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -144,22 +137,6 @@ def test_late_measurements_give_what_they_give_in_order(variant, events, random)
     ]
     punctual = in_order(localization(variant, **OPTIONS), measurements.values())
     assert_same_memory(deliver(localization(variant, **OPTIONS), with_odometry(arrivals)), punctual)
-
-
-@BOTH
-def test_one_late_fix_can_change_the_verdict_on_all_that_came_after(variant):
-    # The robot is carried away: the third fix of the new place comes late. With it the last two are good ones.
-    fixes = [fix(stamp * MS) for stamp in (850, 950, 1050, 1150, 1250)]
-    options = {"relocation_fixes": 4, "relocation_timeout": 60.0}
-    made = localization(variant, **options)
-    others = [one for number, one in enumerate(fixes) if number != 2]
-    deliver(made, with_odometry([(one.stamp, 0.0, one) for one in others[:3]], 12))
-    assert made.filter.memory.gate.fixes.rejected == 3
-    before = made.estimate().pose
-    made.on_measurement(fixes[2])
-    assert made.filter.memory.gate.fixes.rejected == 0
-    assert np.hypot(made.estimate().pose.x - before.x, made.estimate().pose.y - before.y) > 2.0
-    assert_same_memory(made, in_order(localization(variant, **options), fixes[:4], 12))
 
 
 def sets(stamp):

@@ -5,17 +5,10 @@ import math
 import numpy as np
 import pytest
 from filter_runs import wrapped
-from hypothesis import assume, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from diffbot_control.filter.models import (
-    arc_correction,
-    heading_innovation,
-    lateral_noise,
-    linearisation_variance,
-    move,
-    pose_innovation,
-)
+from diffbot_control.filter.models import lateral_noise, linearisation_variance, move
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 
@@ -66,18 +59,3 @@ def test_the_linearisation_error_by_sampling():
     # A bound, as all of the spread may lie across, and not wasteful.
     assert (left_out <= found).all()
     assert (found <= 5.0 * left_out).all()
-
-
-@CHECK
-@given(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.floats(-3.1, 3.1))
-def test_a_correction_along_an_arc_is_the_sum_of_small_turning_steps(dx, dy, turn):
-    assume(abs(turn) > 1e-6)
-    angles = turn * (np.arange(20_000) + 0.5) / 20_000
-    expected = (dx * np.cos(angles) - dy * np.sin(angles)).mean(), (dx * np.sin(angles) + dy * np.cos(angles)).mean()
-    assert arc_correction(dx, dy, turn) == pytest.approx(expected, abs=1e-8)
-    assert arc_correction(dx, dy, 1e-12) == pytest.approx((dx, dy), abs=1e-11)
-
-
-def test_innovations_go_the_short_way_round():
-    assert heading_innovation(3.1, -3.1) == pytest.approx(6.2 - math.tau)
-    assert pose_innovation(Pose(1.0, 2.0, -3.0), Pose(0.5, 3.0, 3.0)) == pytest.approx((0.5, -1.0, math.tau - 6.0))

@@ -8,7 +8,7 @@ import pytest
 from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.filter.measurements import PoseFix
-from diffbot_control.filter.odometry import DelayLine, OdometryStep
+from diffbot_control.filter.odometry import OdometryStep
 from diffbot_control.filter.odometry_noise import DENSITY, MESSAGE, MOTION, OdometryConfig
 from diffbot_control.filter.options import EKF, FNN, FilterConfig
 from diffbot_core.geometry import Pose
@@ -20,14 +20,12 @@ NOISE = OdometryConfig(
 )
 
 
-def covariance_after(twist, rate, seconds, odometry, covariance=UNKNOWN, variant=EKF, late=None):
+def covariance_after(twist, rate, seconds, odometry, covariance=UNKNOWN, variant=EKF):
     """Covariance (3, 3) of a pose known at first, after driving with a constant twist."""
     localization = Localization(LocalizationConfig(1.0, FilterConfig(filter=variant), odometry))
     localization.initialise(Pose(0.0, 0.0, 0.3), np.diag([1e-12, 1e-12, 1e-12]), 0)
     for number in range(1, round(seconds * rate) + 1):
         localization.on_odometry(OdometryStep(round(number * 1e9 / rate), twist, covariance))
-        if late is not None and number == 2:
-            localization.on_measurement(late)
     return localization.estimate().P
 
 
@@ -88,14 +86,6 @@ def test_the_noise_of_the_motion_takes_the_place_of_a_covariance_that_is_unknown
     assert np.array_equal(covariance_after(twist, 10.0, 2.0, NOISE, TwistCovariance(1e-9, 0.0, 1e-9)), expected)
 
 
-def test_a_measurement_within_an_odometry_interval_parts_the_noise():
-    """A fix that says nothing leaves the same covariance, wherever it cuts the interval."""
-    twist, useless = Twist(0.6, 0.5), PoseFix(137_000_000, Pose(0.0, 0.0, 0.3), 1e7 * np.eye(3))
-    expected = covariance_after(twist, 10.0, 1.0, NOISE)
-    found = covariance_after(twist, 10.0, 1.0, NOISE, late=useless)
-    np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-7)
-
-
 MS = 10**6
 MEAN_NOISE = TwistCovariance(0.01, 0.0, 0.02)
 
@@ -151,18 +141,6 @@ def test_the_noise_of_a_message_is_parted_among_its_pieces():
     # 0.25 s are covered by the first message, which is only 0.1 s long; then whole messages and the half of one.
     whole = 0.02 * 0.1**2
     assert rows[-1].P[2, 2] - 1e-6 == pytest.approx(whole * 29.0, rel=1e-9)
-
-
-def test_the_pieces_cover_each_interval_once():
-    line, start = DelayLine(), 0
-    for stamp in (100, 190, 320, 400, 500, 640):
-        pieces = line.pieces(start, OdometryStep(stamp, Twist(0.0, float(stamp)), MEAN_NOISE), 130)
-        assert pieces[-1].odometry.stamp == stamp
-        ends = [start, *(piece.odometry.stamp for piece in pieces)]
-        assert ends == sorted(set(ends))
-        start = stamp
-    found = [(piece.odometry.stamp, piece.odometry.twist.omega, piece.whole) for piece in pieces]
-    assert found == [(530, 400.0, 80), (630, 500.0, 100), (640, 640.0, 140)]
 
 
 def after_a_gap(seconds, fixes=(), max_extrapolation=1.0, variant=EKF):

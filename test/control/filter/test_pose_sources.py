@@ -125,13 +125,6 @@ def test_what_was_driven_since_the_last_fix_of_global_pose_is_remembered_at_one_
         assert found.filter.memory.travelled == expected
 
 
-def test_the_fix_that_the_filter_starts_from_counts_for_the_correlation_of_the_next_one():
-    found = Localization(config(fix_correlation_time=2.0))
-    fix = PoseFix(5 * TENTH, Pose(0.0, 0.0, 0.0), np.eye(3))
-    found.on_measurement(fix)
-    assert found.filter.memory.stamps == {fix.source: 5 * TENTH}
-
-
 def test_fixes_of_two_sources_are_no_duplicates_and_are_fused_in_their_order():
     results = []
     for order in ((0, 1), (1, 0)):

@@ -175,30 +175,7 @@ def test_a_memory_that_cannot_be_made_is_refused_at_the_start_and_ends_a_later_g
     assert "gain too small" in drive.supervisor.reason
 
 
-def test_a_robot_without_a_data_sheet_is_stopped_at_once_and_its_law_remembers_it():
-    memory = RotateDriveRotate.new_memory(RotateDriveRotateConfig())._replace(command=Twist(0.5, 0.1))
-    after, command = driver_of(RotateDriveRotate).slow_down(memory, memory.command, 0.1, None)
-    assert after.command == command == ZERO
-
-
 def test_this_projects_law_fails_in_the_same_way():
     driver, config = driver_of(SwitchingLaw), ControllerConfig()
     with pytest.raises(LawError, match=r"^law switching failed: AttributeError: .* \(braking_step\.py:\d+\)$"):
         driver.step(driver.new_memory(config), None, GOAL, 0.1, config)
-
-
-@pytest.mark.parametrize("wanted", [Twist(30.0, 0.0), Twist(-2.0, 40.0), Twist(0.5, 0.1)])
-def test_no_command_of_a_law_leaves_the_limits_of_its_data_sheet(wanted):
-    drive, last = Drive(Scripted(lambda memory: (memory, wanted, GOOD_REPORT)), goal_timeout=0.0), ZERO
-    for number in range(40):
-        command = drive.pose()
-        dt = 0.0 if number == 0 else 0.1
-        assert abs(command.v - last[0]) <= SLOW.a_max * dt + 1e-9
-        assert abs(command.omega - last[1]) <= SLOW.omega_dot_max * dt + 1e-9
-        assert max(abs(command.v) / SLOW.v_max, abs(command.omega) / SLOW.omega_max) <= 1.0 + 1e-9
-        # A wheel of the default base turns with at most 26 rad/s.
-        wheels = SLOW.wheels
-        rim = abs(command.v) + 0.5 * wheels.wheel_separation * abs(command.omega)
-        assert rim <= SLOW.wheel_max * wheels.wheel_radius + 1e-9
-        last = command
-    assert abs(last.v) > 0.09, "it moves"

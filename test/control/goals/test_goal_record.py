@@ -15,7 +15,6 @@ from diffbot_control.goals.goal_record import (
     distance_along,
     time_remaining,
 )
-from diffbot_control.goals.states import IDLE
 from diffbot_control.goals.states import NOT_AT_GOAL as GIVEN_UP
 from diffbot_control.law.presets import PRESETS
 from diffbot_core.data_sheet import PAPER_DATA_SHEET
@@ -73,18 +72,6 @@ def test_a_path_is_one_goal_and_ends_at_its_last_pose():
     assert drive.supervisor.goals.present is None
     # Accepted at 50 s.
     assert drive.supervisor.goals.ended[0].elapsed(99.0) == pytest.approx(drive.supervisor.goals.ended[0].ended - 50.0)
-
-
-def test_what_happens_after_the_end_changes_nothing():
-    drive = Drive(pose_lost_timeout=2.0)
-    drive.goal()
-    for _ in range(3):
-        drive.pose(THERE)
-    drive.silence(5.0)
-    assert drive.supervisor.status == IDLE, "a goal that is held expires with the pose"
-    drive.pose(THERE)
-    drive.supervisor.on_cancel()
-    assert drive.ends() == [("1", REACHED)]
 
 
 def test_a_cancelled_goal_ends_when_the_robot_has_come_to_rest_along_its_curve():

@@ -7,21 +7,11 @@ import pytest
 from diffbot_control.goals import Supervisor, SupervisorConfig
 from diffbot_control.goals.goal_record import POSE_LOST, GoalRequest
 from diffbot_control.goals.states import AT_GOAL as REACHED
-from diffbot_control.goals.states import (
-    DRIVING,
-    IDLE,
-    NOT_AT_GOAL,
-    STALE,
-    UNCERTAIN,
-    WAITING,
-)
-from diffbot_control.law import controller
-from diffbot_control.law.controller import ControllerMemory
+from diffbot_control.goals.states import DRIVING, IDLE, NOT_AT_GOAL, STALE, UNCERTAIN, WAITING
 from diffbot_control.law.presets import PRESETS
-from diffbot_control.law.regions import OMEGA_L
 from diffbot_core.data_sheet import PAPER_DATA_SHEET
 from diffbot_core.geometry import Pose
-from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
+from diffbot_core.uncertainty import CERTAIN, Uncertainty
 
 ZERO = (0.0, 0.0)
 GOAL = Pose(0.0, 0.0, 0.0)
@@ -33,11 +23,6 @@ QUICK = PAPER._replace(tolerance=PAPER.tolerance._replace(settling_steps=2))
 SLOW_DOWN = PAPER._replace(data_sheet=PAPER_DATA_SHEET._replace(a_max=1.0))
 UNSURE = Uncertainty(0.3, 0.01)
 """Twice that does not fit into the 0.4 m of the paper's preset."""
-
-
-def step(memory, pose, goal, dt, config, uncertainty=CERTAIN):
-    """Step with the pose and its uncertainty side by side."""
-    return controller.step(memory, Estimate(pose, uncertainty), goal, dt, config)
 
 
 class Story:
@@ -170,22 +155,6 @@ def test_cancelling_stops_at_once_says_so_five_times_and_is_silent():
     assert progress(story) == (0, 0, GOAL)
 
 
-def test_a_cancelled_goal_without_poses_is_stopped_by_the_watch():
-    story = Story(controller=SLOW_DOWN)
-    story.supervisor.on_goal(GOAL)
-    for _ in range(4):
-        story.pose(FAR)
-    story.supervisor.on_cancel()
-    # Silent up to pose_timeout, then zero a few times, then silent for good.
-    assert story.tick(0.4) is None
-    answers = [story.tick() for _ in range(12)]
-    assert answers[0] is None
-    sent = [answer for answer in answers if answer is not None]
-    assert sent == [ZERO] * 5
-    assert answers[-1] is None
-    assert story.state == IDLE
-
-
 def test_publish_when_idle_answers_every_pose_before_and_after_a_goal():
     story = Story(publish_when_idle=True)
     assert [story.pose() for _ in range(7)] == [ZERO] * 7
@@ -225,22 +194,6 @@ def test_poses_within_the_tolerances_count_anew_after_silence():
     assert story.state == REACHED
 
 
-def test_a_new_goal_while_driving_wins():
-    story = Story(controller=SLOW_DOWN)
-    story.supervisor.on_goal(GOAL)
-    for _ in range(4):
-        story.pose(FAR)
-    assert story.supervisor.memory.command.v == pytest.approx(0.3)
-    behind = Pose(-100.0, 0.0, 0.0)
-    story.supervisor.on_goal(behind)
-    assert story.state == WAITING
-    assert story.supervisor.report is None
-    # The motion is not forgotten: it brakes from 0.3 m/s before it reverses.
-    speeds = [story.pose(FAR).v for _ in range(5)]
-    assert speeds == pytest.approx([0.2, 0.1, 0.0, -0.1, -0.2], abs=1e-9)
-    assert story.supervisor.report.rho == pytest.approx(50.0)
-
-
 def test_time_that_jumps_back_does_not_silence_the_watch():
     story = Story()
     story.supervisor.on_goal(GOAL)
@@ -276,19 +229,6 @@ def test_a_tolerance_below_the_uncertainty_is_reported_at_rest_only(uncertainty)
     # A reached goal stays reached.
     story.pose(AT_GOAL, uncertainty=uncertainty)
     assert story.state == REACHED
-
-
-def test_the_uncertainty_of_the_pose_goes_to_the_controller():
-    config = PRESETS["tuned"]
-    story, memory = Story(controller=config), ControllerMemory()
-    story.supervisor.on_goal(GOAL)
-    for number in range(8):
-        uncertainty = Uncertainty(0.03 * number, 0.01)
-        pose = Pose(-0.25, 0.02 * number, 0.1)
-        memory, expected, report = step(memory, pose, GOAL, 0.1, config, uncertainty)
-        assert story.pose(pose, uncertainty=uncertainty) == expected
-        assert (story.supervisor.memory, story.supervisor.report) == (memory, report)
-    assert memory.switching.region == OMEGA_L
 
 
 @pytest.mark.parametrize("config", [QUICK, SLOW_DOWN, PRESETS["tuned"]])

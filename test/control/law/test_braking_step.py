@@ -1,19 +1,16 @@
 """One step of the law with braking profiles, in whole drives: dead time and lag, regions, limits, either heading."""
 
-import itertools
 import math
-import random
 
 import pytest
 from driven import ORIGIN, T_S, Run
 
 from diffbot_control.law import controller
 from diffbot_control.law.configuration import AUTO
-from diffbot_control.law.controller import ControllerMemory, new_memory
+from diffbot_control.law.controller import new_memory
 from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.regions import OMEGA_G, OMEGA_L, Switching
 from diffbot_core.geometry import Pose
-from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import Estimate, Uncertainty
 
 INF = math.inf
@@ -144,22 +141,3 @@ def test_commands_are_outside_the_dead_bands():
             # Where the bound of the rims lets the steering keep its rate.
             assert abs(command.omega) < 1e-12 or abs(command.omega) >= 2.0 * least * (1.0 - 1e-12) or command.v
         assert math.hypot(run.end.x, run.end.y) < 0.1
-
-
-def test_the_stop_is_on_the_curve_for_any_limits():
-    rng = random.Random(4)
-    for _ in range(100):
-        sheet = TUNED.data_sheet._replace(a_max=rng.uniform(0.2, 2.0), omega_dot_max=rng.uniform(0.2, 5.0))
-        start = Twist(rng.uniform(-1.0, 1.0), rng.uniform(-1.0, 1.0))
-        memory = ControllerMemory(command=start)
-        config = TUNED._replace(data_sheet=sheet)
-        commands = [start]
-        while commands[-1] != (0.0, 0.0):
-            memory, command = controller.stop_step(memory, T_S, config)
-            commands.append(command)
-            assert command.v * start.omega == pytest.approx(command.omega * start.v, abs=1e-12)
-        for before, after in itertools.pairwise(commands):
-            assert abs(after.v - before.v) <= sheet.a_max * T_S + 1e-12
-            assert abs(after.omega - before.omega) <= sheet.omega_dot_max * T_S + 1e-12
-        needed = max(abs(start.v) / sheet.a_max, abs(start.omega) / sheet.omega_dot_max)
-        assert (len(commands) - 1) * T_S < needed + T_S + 1e-9

@@ -5,9 +5,9 @@ import itertools
 import math
 
 import pytest
+from driven import ORIGIN, T_S, step
 
 from diffbot_control.goals.driver import driver_of
-from diffbot_control.law import controller
 from diffbot_control.law.controller import ControllerMemory, SwitchingLaw, new_memory
 from diffbot_control.law.finish import V_LEG, Finish
 from diffbot_control.law.goal_checker import Settling
@@ -19,18 +19,10 @@ from diffbot_control.law.steering import BACK, Course
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
-from diffbot_core.uncertainty import CERTAIN, Estimate
 
 INF = math.inf
 PAPER = PRESETS["paper"]
 FREE = PAPER._replace(data_sheet=DataSheet(INF, INF, INF, INF, INF))
-ORIGIN = Pose(0.0, 0.0, 0.0)
-T_S = 0.1
-
-
-def step(memory, pose, goal, dt, config, uncertainty=CERTAIN):
-    """Step with the pose and its uncertainty side by side."""
-    return controller.step(memory, Estimate(pose, uncertainty), goal, dt, config)
 
 
 def printed_law_17(pose, near):

@@ -58,13 +58,6 @@ def test_legs_to_and_fro_work_off_an_error_inside_both_tolerances(tolerance, sha
     assert answered_after(run) == pytest.approx((config.tolerance.settling_steps - 1) * T_S)
 
 
-def test_the_mirror_image_does_the_mirror_image():
-    run, mirrored = (Run((0.0, y, turn), TUNED, 300, memory=NEAR) for y, turn in ((0.08, 0.03), (-0.08, -0.03)))
-    assert kinds(run) == {0, TO_AND_FRO}
-    for (x, y, theta), mirror in zip(run.poses, mirrored.poses, strict=True):
-        assert mirror == pytest.approx((x, -y, -theta), abs=1e-9)
-
-
 @pytest.mark.parametrize("start", [(0.0, 0.08, 0.0), (0.03, -0.08, 0.04), (-0.03, 0.075, -0.06)])
 @pytest.mark.parametrize("config", [TUNED, FORWARD], ids=["to and fro", "forward only"])
 def test_an_error_too_near_to_the_tolerance_for_the_estimate_is_worked_off_until_the_goal_is_reached(start, config):
@@ -142,19 +135,6 @@ def test_what_begins(local, standing, uncertainty):
     if found.kind in (TO_AND_FRO, LEAVING):
         assert abs(local.y) > max(0.04, uncertainty.xy)
     assert standing.allow_backward == (found.kind != LEAVING) or found.kind == 0
-
-
-@pytest.mark.parametrize("patience", [0.0, 4.0])
-def test_it_begins_after_its_time_at_rest(patience):
-    config = TUNED._replace(finish=TUNED.finish._replace(finish_wait=patience))
-    run = Run((0.0, 0.08, 0.0), config, 80, memory=NEAR)
-    begins = next(index for index, command in enumerate(run.commands) if abs(command.v) + abs(command.omega) > 1e-9)
-    assert begins * T_S == pytest.approx(patience, abs=1.5 * T_S)
-    # Not while the heading is still being turned.
-    turned = Run((0.0, 0.08, 0.5), config, 150, memory=NEAR)
-    late = next(index for index, memory in enumerate(turned.memories) if memory.finish.kind)
-    assert abs(turned.poses[late].theta) < 0.1
-    assert late > begins
 
 
 def test_switched_off_it_stays_where_it_rests():

@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import norm, rayleigh
 
-from diffbot_control.filter.covariance import uncertainty_of
 from diffbot_control.law.goal_checker import (
     GoalTolerance,
     is_at_rest,
@@ -103,14 +102,3 @@ def test_the_smallest_tolerance_is_the_one_that_is_just_reached(probability, xy,
 def test_an_estimate_without_a_deviation_is_never_inside(sigma):
     assert not is_knowable(TOLERANCE, sigma)
     assert not judged(0.0, 0.0, 0.0, 0.0, uncertainty=sigma)
-
-
-def test_uncertainty_of_a_covariance():
-    rng = np.random.default_rng(8)
-    for _ in range(50):
-        root = rng.normal(size=(3, 3)) * 10.0 ** rng.uniform(-3, 1)
-        P = root @ root.T
-        found = uncertainty_of(P)
-        assert found.xy == pytest.approx(math.sqrt(np.linalg.eigvalsh(P[:2, :2])[-1]), rel=1e-9)
-        assert found.theta == pytest.approx(math.sqrt(P[2, 2]))
-    assert uncertainty_of(np.diag([0.0, 0.0, -1e-20])) == (0.0, 0.0)

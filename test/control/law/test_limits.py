@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from diffbot_control.law.controller import new_memory, step, stop_step
-from diffbot_control.law.limits import limit_acceleration, limit_change, limit_local, limit_velocity, slowed
+from diffbot_control.law.limits import limit_acceleration, limit_change, limit_velocity, slowed
 from diffbot_control.law.presets import PRESETS
 from diffbot_core.data_sheet import DataSheet, rim_speed
 from diffbot_core.geometry import Pose
@@ -101,13 +101,6 @@ def test_any_command_is_reached_in_the_steps_it_takes(wanted, start, limits):
 
 
 TOLERANCE = 1e-12
-LIMITERS = {
-    "curve": lambda wanted, last, dt, sheet: limit_acceleration(limit_velocity(wanted, sheet), last, dt, sheet),
-    "braking": lambda wanted, last, dt, sheet: limit_change(limit_local(wanted, sheet), last, dt, sheet),
-    "stop": lambda wanted, last, dt, sheet: (
-        slowed(last, dt, sheet) if wanted.v < 0.0 else limit_change(limit_local(wanted, sheet), last, dt, sheet)
-    ),
-}
 
 
 def some_sheet(rng):
@@ -135,25 +128,6 @@ def assert_holds(command, last, dt, sheet):
         assert abs(now - before) <= change + TOLERANCE
     for found, forced in zip(excess_over(command, sheet), excess_over(slowest, sheet), strict=True):
         assert found <= max(forced, 0.0) + TOLERANCE
-
-
-def drive(limiter, seed, steps):
-    """Ask for anything; the bounds are changed every ten steps on average."""
-    rng = random.Random(seed)
-    last, sheet = Twist(0.0, 0.0), some_sheet(rng)
-    for _ in range(steps):
-        if rng.random() < 0.1:
-            sheet = some_sheet(rng)
-        dt = rng.choice((0.01, 0.05, 0.1, 0.3))
-        command = limiter(Twist(rng.gauss(0.0, 3.0), rng.gauss(0.0, 6.0)), last, dt, sheet)
-        assert_holds(command, last, dt, sheet)
-        last = command
-
-
-@pytest.mark.parametrize("name", LIMITERS)
-def test_no_bound_is_broken(name):
-    for seed in range(20):
-        drive(LIMITERS[name], seed, 500)
 
 
 @pytest.mark.parametrize("preset", PRESETS)

@@ -2,32 +2,24 @@
 
 import graph
 import pytest
+from driven import ORIGIN, step
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, SetParameters
 
 from diffbot_control.goals.configuration import SupervisorConfig
-from diffbot_control.law import controller
 from diffbot_control.law.controller import ControllerConfig, ControllerMemory
 from diffbot_control.law.presets import PRESETS
-from diffbot_control.law.regions import OMEGA_G, OMEGA_L, Switching, smallest_radius
+from diffbot_control.law.regions import OMEGA_L, Switching
 from diffbot_control.ros.parameters.controller import CONTROLLER_PRESETS, ControllerNodeConfig
 from diffbot_core.geometry import Pose
 from diffbot_core.schema import build, parameters_of, to_dict
-from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
-from diffbot_sim.model.sensors import SensorConfig
 
-ORIGIN = Pose(0.0, 0.0, 0.0)
 FIELDS = {
     ParameterType.PARAMETER_BOOL: "bool_value",
     ParameterType.PARAMETER_INTEGER: "integer_value",
     ParameterType.PARAMETER_DOUBLE: "double_value",
     ParameterType.PARAMETER_STRING: "string_value",
 }
-
-
-def step(memory, pose, goal, dt, config, uncertainty=CERTAIN):
-    """Step with the pose and its uncertainty side by side."""
-    return controller.step(memory, Estimate(pose, uncertainty), goal, dt, config)
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -47,17 +39,6 @@ def test_the_library_and_the_node_have_the_same_defaults():
     assert ControllerConfig() == PRESETS[ControllerNodeConfig().preset]
     assert ControllerNodeConfig() == CONTROLLER_PRESETS[ControllerNodeConfig().preset]
     assert SupervisorConfig().controller == ControllerConfig()
-
-
-def test_the_papers_preset_has_a_radius_that_meets_its_own_condition():
-    paper, noise = PRESETS["paper"], SensorConfig()
-    # +-5 % of each wheel at v_max; section 3.2 and 4.1.
-    bound = smallest_radius(noise.eps_x_max, noise.eps_y_max, 0.05 * paper.gains.gamma, paper.gains.gamma)
-    for sigma in (0.0, 0.5):
-        for rho, region in ((bound, OMEGA_L), (1.2 * bound + 0.05, OMEGA_G)):
-            pose = Pose(-rho, 0.0, 0.0)
-            memory, _, _ = step(ControllerMemory(), pose, ORIGIN, 0.1, paper, Uncertainty(sigma, 0.0))
-            assert memory.switching.region == region
 
 
 @pytest.mark.parametrize(("name", "reached"), [("tuned", False), ("paper_covariance", False), ("paper", True)])

@@ -7,25 +7,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from diffbot_control.law import controller
-from diffbot_control.law.controller import ControllerMemory
-from diffbot_control.law.lyapunov_law import Gains
-from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.regions import (
-    COVARIANCE,
     OMEGA_G,
     OMEGA_L,
     CovarianceRegionPolicy,
     FixedRegionPolicy,
-    RegionPolicy,
     covariance_radius,
     covariance_region,
     fixed_region,
     smallest_radius,
 )
 from diffbot_core.errors import InvalidValueError
-from diffbot_core.geometry import Pose
-from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
 
 POLICY = FixedRegionPolicy(0.5, 0.6)
 
@@ -64,18 +56,9 @@ def test_a_leaving_radius_below_the_entering_one_is_refused():
 
 
 CHECK = settings(max_examples=100)
-ORIGIN = Pose(0.0, 0.0, 0.0)
 COVARIANCE_POLICY = CovarianceRegionPolicy(0.02, 2.2, 0.05, 3.0, 0.3, 3)
-TUNED = PRESETS["paper_covariance"]._replace(
-    gains=Gains(), region_policy=RegionPolicy(COVARIANCE, covariance=COVARIANCE_POLICY)
-)
 DISTANCES = st.floats(0.0, 100.0)
 SIGMAS = st.floats(0.0, 10.0)
-
-
-def step(memory, pose, goal, dt, config, uncertainty=CERTAIN):
-    """Step with the pose and its uncertainty side by side."""
-    return controller.step(memory, Estimate(pose, uncertainty), goal, dt, config)
 
 
 @CHECK
@@ -148,22 +131,3 @@ def test_a_re_approach_is_not_leaving():
     for _ in range(3):
         region, outside, _ = covariance_region(region, outside, 2.0, 0.02, COVARIANCE_POLICY, 1.2)
     assert region == OMEGA_G
-
-
-def test_the_controller_reports_region_and_radius_and_counts():
-    memory, switches, count = ControllerMemory(), 0, 0
-    before = OMEGA_G
-    story = [(2.0, 0.1), (0.4, 0.1), (0.2, 0.1), (0.2, 0.05), (0.9, 0.05), (0.9, 0.05), (0.9, 0.05), (0.1, 0.05)]
-    for rho, sigma in story:
-        pose = Pose(-rho * math.cos(0.3), -rho * math.sin(0.3), 0.1)
-        uncertainty = Uncertainty(sigma, 0.3)
-        region, count, radius = covariance_region(before, count, rho, sigma, TUNED.region_policy.covariance)
-        memory, command, report = step(memory, pose, ORIGIN, 0.1, TUNED, uncertainty)
-        switches += region != before
-        assert (report.region, memory.switching.region) == (region, region)
-        assert (memory.switching.steps_outside, memory.switching.switches) == (count, switches)
-        assert report.eps_P == pytest.approx(radius, abs=1e-12)
-        if region == OMEGA_L:
-            assert command.omega == pytest.approx(-TUNED.gains.k_2 * 0.1)
-        before = region
-    assert switches == 3

@@ -75,21 +75,6 @@ def big_endian_path(message):
     return b"\0\0\0\0" + data
 
 
-def test_the_other_byte_order_is_read_too():
-    message = odometry(1)
-    data = big_endian_header(b"", message.header)
-    text = message.child_frame_id.encode() + b"\0"
-    data += bytes(-len(data) % 4) + struct.pack(">I", len(text)) + text
-    p, q, twist = message.pose.pose.position, message.pose.pose.orientation, message.twist
-    numbers = [p.x, p.y, p.z, q.x, q.y, q.z, q.w, *message.pose.covariance]
-    for part in (twist.twist.linear, twist.twist.angular):
-        numbers += [part.x, part.y, part.z]
-    data += bytes(-len(data) % 8) + struct.pack(">85d", *numbers, *twist.covariance)
-    found = read_odometry(b"\0\0\0\0" + data)
-    assert odometry_from(found, "base_link") == odometry_from(message, "base_link")
-    assert pose_of(found.pose.pose) == pose_of(message.pose.pose)
-
-
 @pytest.mark.parametrize(("read", "message_type"), [(read_pose, PoseWithCovarianceStamped), (read_odometry, Odometry)])
 def test_bytes_that_are_no_message_are_a_bad_message_wherever_they_end(read, message_type):
     data = serialize_message(message_type())

@@ -36,22 +36,6 @@ def test_wilson_is_scipys(successes, total):
     assert wilson(0, 0) == (0.0, 1.0)
 
 
-SAMPLES = {
-    "lognormal": np.random.default_rng(1).lognormal(0.5, 1.5, 20_000),
-    "tiny": np.random.default_rng(3).uniform(1e-5, 1e-3, 20_000),
-    "of steps of 0.1 s": np.random.default_rng(4).integers(50, 300, 20_000) * 0.1,
-    "four": np.array([1.0, 2.0, 4.0, 8.0]),
-}
-
-
-@pytest.mark.parametrize("name", SAMPLES)
-def test_quantiles_are_numpys_to_a_quarter_of_a_percent(name):
-    bins = Counter(bins_of(SAMPLES[name]))
-    for q in (*QUANTILES, 0.0, 0.25, 0.26, 0.51, 1.0):
-        expected = np.quantile(SAMPLES[name], q, method="inverted_cdf")
-        assert quantile(bins, q) == pytest.approx(expected, rel=0.5 * BIN_WIDTH + 1e-9), q
-
-
 @pytest.mark.parametrize("value", [INF, 1.7976931348623157e308, 1e303])
 def test_the_huge_and_the_infinite_are_huge(value):
     # Not zero, not refused, and no warning (which would be an error here).

@@ -1,9 +1,7 @@
 """The benchmark of coloured fixes: its drives, its filters, and its tables."""
 
 import math
-from pathlib import Path
 
-import numpy as np
 import pytest
 
 from diffbot_lab.filter_benchmark.colour import (
@@ -16,21 +14,6 @@ from diffbot_lab.filter_benchmark.colour import (
     record_drive,
     run_filter,
 )
-
-ROOT = Path(__file__).resolve().parents[3]
-
-
-@pytest.mark.parametrize("c", [0.0, 0.9])
-def test_fixes_have_the_correlation_and_the_variance_of_the_case(c):
-    errors = [
-        [fix.pose.x - step.truth.x, fix.pose.y - step.truth.y]
-        for step in record_drive(c, 3, 0, 400.0)
-        for fix in step.measurements
-    ]
-    e = np.array(errors)
-    assert len(e) == 2001  # 5 Hz, the first at 0 s
-    assert np.mean(e[1:] * e[:-1]) / np.mean(e * e) == pytest.approx(c, abs=0.05)
-    assert np.mean(e * e) == pytest.approx(0.3**2 / 3.0, rel=0.3)
 
 
 def test_the_filters_differ_in_what_they_know_of_the_correlation():

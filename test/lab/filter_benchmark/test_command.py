@@ -16,7 +16,7 @@ from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.filter.measurements import FIXES
 from diffbot_control.filter.options import CALIBRATING, EKF, FNN, FNN_CALIBRATING, FilterConfig
 from diffbot_lab.filter_benchmark import command as localization_benchmark
-from diffbot_lab.filter_benchmark.cases import RATES, SCENARIOS, drive_of, name_of
+from diffbot_lab.filter_benchmark.cases import SCENARIOS, drive_of, name_of
 from diffbot_lab.filter_benchmark.command import figures_of, run_benchmark, run_drives, run_history
 from diffbot_lab.filter_benchmark.report import conclusions
 from diffbot_sim.compiled.open_loop import Tracking, drive, start_of, twist_of
@@ -148,19 +148,6 @@ def test_any_number_of_threads_gives_the_same_and_compiled_or_not():
     assert len(np.unique(alone[:, 0])) == 20
     assert not np.isin(run_drives(case, 3, 20)[:, 0], alone[:, 0]).any()
     np.testing.assert_allclose(alone[2], drive(case, 2, 2, NOTHING), rtol=1e-9)
-
-
-def test_the_robot_is_kidnapped_when_it_should_be_and_not_counted_before_it_is_found():
-    for rates in RATES:
-        case = drive_of(scenario("kidnapped"), *rates, EKF)
-        assert case.steps == 60 * rates[0]
-        assert case.skipped == 10 * rates[0]
-        errors = run_history(case, 1, 0)[:, 0]
-        at = 20 * rates[0]
-        assert errors[:at].max() < 0.6
-        assert errors[at] == pytest.approx(3.6, abs=0.5)
-        assert drive_of(scenario("all"), *rates, EKF).kidnapped == 40 * rates[0]
-        assert drive_of(scenario("slip"), *rates, EKF).kidnapped == -1
 
 
 def test_the_command_passes_its_flags_on_and_writes_results_and_figure(

@@ -58,10 +58,10 @@ def test_figures_are_those_of_import_and_refilter(data, out, capsys):
 
 def test_calibration_is_judged_on_what_it_did_not_use(tmp_path, monkeypatch):
     """The rest of a long drive begins at a third of it; the first robot's file is judged on the others alone."""
-    monkeypatch.setattr("diffbot_lab.filter_benchmark.real_calibration._SHORT", 45.0)
+    monkeypatch.setattr("diffbot_lab.filter_benchmark.real_calibration._SHORT", 30.0)
     folder = tmp_path / "set"
-    write_mrclam(folder, 1, duration=60.0)
-    write_mrclam(folder, 3, duration=30.0)
+    write_mrclam(folder, 1, duration=42.0)
+    write_mrclam(folder, 3, duration=20.0)
     assert run_and_report(folder, tmp_path / "out", False, calibrated=True) == 0
     results = json.loads((tmp_path / "out" / "results.json").read_text())
     rows = results["calibrated"]

@@ -75,18 +75,6 @@ def test_at_the_goal_an_episode_is_terminated():
     assert reward > 9.0
 
 
-def test_the_same_seed_brings_the_same_episode_and_another_one_does_not():
-    env = gymnasium.make(NAME)
-    runs = {}
-    for name, seed in (("first", 5), ("again", 5), ("other", 6)):
-        first, _ = env.reset(seed=seed)
-        runs[name] = [first, *(env.step(np.array([0.5, 0.2], np.float32))[0] for _ in range(20))]
-    assert np.array_equal(runs["first"], runs["again"])
-    assert not np.allclose(runs["first"], runs["other"])
-    second, _ = env.reset()
-    assert not np.allclose(second, runs["other"][0])
-
-
 def test_observation_is_the_goal_seen_from_the_robot():
     env = DiffbotGoalEnv(world=QUIET, feedback="truth")
     observation, _ = env.reset(seed=1, options={"start": (0.0, -2.0, math.pi)})

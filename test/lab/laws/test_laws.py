@@ -8,23 +8,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from diffbot_control.goals.registry import registered_laws, resolve_law
-from diffbot_control.law.speed_profile import braking
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import CERTAIN, Estimate
-from diffbot_lab.arena.cases import cases_named
-from diffbot_lab.laws.common import approach_speed
 from diffbot_lab.laws.graceful import graceful_curvature
 from diffbot_lab.laws.polar import Polar, PolarConfig, polar_law
 from diffbot_sim.compiled.jit import compile_kernel, make_law_callable
 
 ORIGIN = Pose(0.0, 0.0, 0.0)
 LAWS = [name for name in registered_laws() if name != "switching"]
-STOPPING = [name for name in LAWS if name != "aicardi"]
-(MIX,) = cases_named(("mix",))
 SHEET = DataSheet(1.3, 2.6, 26.0, 0.5, 1.5)
-NO_HISTORY = np.empty((0, 9))
 
 
 def drive(law, config, pose, seconds, t_s=0.1):
@@ -91,14 +85,6 @@ def test_no_limit_is_broken_whatever_the_estimates(name, jumps, a_max, omega_dot
         assert abs(command.v - last.v) <= a_max * dt + 1e-9
         assert abs(command.omega - last.omega) <= omega_dot_max * dt + 1e-9
         last = command
-
-
-@given(st.floats(0.0, 20.0), st.floats(0.1, 20.0), st.floats(0.05, 3.0))
-def test_the_braking_speed_stops_in_the_distance(distance, brake, time):
-    speed = braking(distance, brake, time)
-    assert speed**2 / (2.0 * brake) + speed * time == pytest.approx(distance, abs=1e-9)
-    assert braking(distance, math.inf, time) == pytest.approx(distance / time)
-    assert approach_speed(0.01, DataSheet()) == math.inf
 
 
 def test_the_curvature_of_park_and_kuipers():

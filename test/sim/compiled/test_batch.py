@@ -1,9 +1,6 @@
 """The compiled closed loop does what the ROS-free closed loop does, whatever the chunks, threads and processes."""
 
-import itertools
 import math
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 
 import numpy as np
 import pytest
@@ -29,7 +26,6 @@ from diffbot_sim.model.simulator import StartPose, WorldConfig
 from diffbot_sim.reference_loop import simulate
 from diffbot_tools.metrics import goal_metrics
 
-INF = math.inf
 ORIGIN = Pose(0.0, 0.0, 0.0)
 PAPER = PlantConfig(exact_arc=False, drive_noise=0.0, encoder_noise=0.0, eps_v_max=0.065, eps_omega_max=0.2167)
 QUIET = PlantConfig(drive_noise=0.0, encoder_noise=0.0)
@@ -270,25 +266,6 @@ def test_bitwise_the_same_in_any_pieces(case, monkeypatch):
     assert run_batch(case, BOX, 1, 0, 0).shape == (0, len(COLUMNS))
 
 
-@pytest.mark.graph
-def test_bitwise_the_same_in_other_processes():
-    whole = run_batch(CASES[1], BOX, 11, 0, 40)
-    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
-        futures = [pool.submit(run_batch, CASES[1], BOX, 11, at, 8, 1) for at in range(0, 40, 8)]
-        np.testing.assert_array_equal(np.concatenate([future.result() for future in futures]), whole)
-
-
-def test_noise_belongs_to_seed_and_run():
-    one = Starts(np.array([START]))
-    ends = np.concatenate([run_batch(CASES[0], one, seed, 0, 50)[:, :2] for seed in (1, 2, 1 + 2**32, 1 + 2**33)])
-    assert len(np.unique(ends, axis=0)) == 200
-    far = np.concatenate([run_batch(CASES[0], one, 1, first, 50)[:, :2] for first in (0, 2**32, 2**40)])
-    assert len(np.unique(far, axis=0)) == 150
-    # What a setting draws for one purpose does not move what it draws for another.
-    with_heading = CASES[0]._replace(sensors=SensorConfig(heading_rate=10.0))
-    np.testing.assert_array_equal(run_batch(with_heading, one, 1, 0, 50), run_batch(CASES[0], one, 1, 0, 50))
-
-
 def starts_of(starts, count, seed=1):
     case = case_of(QUIET, EXACT, feedback="truth", steps=1)
     return run_histories(case, starts, seed, 0, count)[:, 0, :3]
@@ -302,20 +279,6 @@ def test_the_box_is_filled_evenly():
     assert np.abs(np.corrcoef(poses.T) - np.eye(3)).max() < 0.05
     other = starts_of(Starts(np.array([centre]), half), 5000, seed=2)
     assert abs(stats.pearsonr(poses[:, 0], other[:, 0]).statistic) < 0.05
-
-
-def test_the_start_is_independent_of_the_first_steps_noise():
-    case = case_of(feedback="raw", steps=1)
-    history = run_histories(case, Starts(np.zeros((1, 3)), (1.0, 1.0, 0.5)), 1, 0, 5000)
-    begin, seen, command = history[:, 0, :3], history[:, 0, 3:6], history[:, 0, 6:8]
-    moved = history[:, 1, :3] - begin
-    v = (moved[:, 0] * np.cos(begin[:, 2]) + moved[:, 1] * np.sin(begin[:, 2])) / 0.1
-    inputs = np.column_stack([v, moved[:, 2] / 0.1]) - command
-    errors = np.column_stack([seen - begin, inputs])
-    for start, error in itertools.product(begin.T, errors.T):
-        assert abs(stats.pearsonr(start, error).statistic) < 0.05
-    for error, bound in zip(errors.T, (0.3, 0.3, 0.17, 0.065, 0.2167), strict=True):
-        assert stats.kstest(error, stats.uniform(-bound, 2.0 * bound).cdf).pvalue > 1e-3
 
 
 @pytest.mark.parametrize(

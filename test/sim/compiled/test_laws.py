@@ -91,17 +91,6 @@ def test_functions_are_found_through_modules_and_closures(write):
     assert set(reachable_functions(outer)) == {outer, inner, wrap_angle}
 
 
-def test_a_law_of_another_module_is_compiled_and_its_config_counts(write, caplog):
-    law = write(LAW)
-    ends = [run_batch(case_for(law, gain=gain), START, 1, 0, 1, 1, law)[0] for gain in (0.5, 1.0)]
-    assert caplog.records == []
-    # theta' = -gain theta, and 0.1 m/s ahead; +-5 % noise per wheel.
-    for gain, end in zip((0.5, 1.0), ends, strict=True):
-        assert end[2] == pytest.approx((1.0 - 0.1 * gain) ** 50, abs=0.03)
-        plain = plain_run(law, case_for(law, gain=gain))
-        np.testing.assert_allclose(end, plain, rtol=1e-9, atol=1e-12)
-
-
 def test_a_law_that_does_not_compile_runs_as_plain_python_and_says_so_once(write, caplog):
     # numba knows no import inside a function.
     plain = LAW.replace("    return geometry", "    import decimal\n    return geometry")

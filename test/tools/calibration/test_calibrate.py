@@ -135,9 +135,9 @@ def test_dead_time_and_time_constant_of_a_first_order_drive():
     assert latency_of(commands[:5], odometry, 0.0) is None
 
 
-@pytest.mark.parametrize(("dead", "lag", "bound"), [(0.1, 0.1, 0.5), (0.3, 0.0, 1.2)])
-def test_a_limit_of_the_acceleration_is_found_and_not_taken_for_dead_time(dead, lag, bound):
+def test_a_limit_of_the_acceleration_is_found_and_not_taken_for_dead_time():
     """Drives of the simulated plant at 50 Hz, whose wheels have 5 % of noise."""
+    dead, lag, bound = 0.1, 0.1, 0.5
     t_s, rng, held = 0.02, np.random.default_rng(8), Twist(0.0, 0.0)
     actuators = ActuatorConfig(dead, lag, acceleration_max=bound, angular_acceleration_max=3.0 * bound)
     plant, record = PlantConfig(sampling_time=t_s, actuators=actuators), np.zeros((command_rows(dead, t_s), 2))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from diffbot_core.errors import DiffbotError
-from diffbot_lab.stability.rank.ranking import UNRANKED, Graph, rank_cells, reached
+from diffbot_lab.stability.rank.ranking import UNRANKED, Graph, rank_cells
 
 ROWS, COLUMNS = 12, 6
 
@@ -78,10 +78,3 @@ def test_what_may_leave_the_cells_has_no_rank():
         rank_cells(graph, 1, lambda alive: None)
     blocks[3] = (1, 1, 0, 0)
     assert rank_cells(graph, 1, lambda alive: None).ranks.ravel().tolist() == [0, 1, UNRANKED, 2]
-
-
-def test_blocks_go_on_beyond_the_last_column():
-    graph = Graph(np.array([(0, 0, 4, 6)], np.int16), np.array([0, 1, *[1] * 9], np.int64), 2, 5)
-    cells = np.zeros((2, 5), np.uint8)
-    cells[0, 0] = 1
-    assert reached(graph, cells).astype(int).tolist() == [[1, 1, 0, 0, 1], [0] * 5]
