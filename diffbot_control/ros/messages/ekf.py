@@ -68,7 +68,7 @@ def corrected_twist(measured: Twist, ekf: GatedFilter, wheel_separation: float) 
 
 
 def error_values(ekf: GatedFilter) -> dict[str, str]:
-    """Return key-value pairs: estimated errors with their deviations, and the detected correlation of the fixes."""
+    """Return key-value pairs: estimated errors with their deviations, and how long those of measurements last."""
     found = {}
     for names, estimate in ((_WHEEL_ERRORS, ekf.wheels()), (_LANDMARK_ERRORS, ekf.landmark_errors())):
         if estimate is not None:
@@ -80,4 +80,7 @@ def error_values(ekf: GatedFilter) -> dict[str, str]:
     c = ekf.fix_correlation()
     if c is not None:
         found["correlation of neighbouring fixes found"] = f"{c:.2f}"
+    time = ekf.landmark_correlation_time()
+    if time is not None:
+        found["correlation time of landmarks found"] = f"{time:.2f}"
     return found

@@ -1,0 +1,147 @@
+"""Landmarks whose errors last: the default filter finds out how long, and its covariance stays honest."""
+
+import math
+
+import numpy as np
+import pytest
+from filter_runs import R_FIX, wrapped
+
+from diffbot_control.filter.gate import ACCEPTED
+from diffbot_control.filter.gated_filter import GatedFilter
+from diffbot_control.filter.landmark_correlation import NO_PAIRS, compared, inflation_by
+from diffbot_control.filter.measurements import Heading, LandmarkMeasurement
+from diffbot_control.filter.models import Motion
+from diffbot_control.filter.options import FilterConfig, options_of
+from diffbot_core.geometry import Point, Pose
+from diffbot_core.kinematics import Twist, TwistCovariance
+from diffbot_core.units import NS_PER_S
+
+PLACES = tuple(Point(*one) for one in ((4.0, 4.0), (-4.0, 4.0), (-4.0, -4.0), (4.0, -4.0), (0.0, 7.0)))
+SIGMAS = np.array((0.06, 0.03))
+DT = 0.2
+START = np.array((1.0, 0.0, 3.0))
+
+
+class Run:
+    """60 s at 5 Hz, all landmarks at each step; the NEES after 20 s."""
+
+    def __init__(self, time, seed, claimed=1.0, **options):
+        rng = np.random.default_rng(seed)
+        self.found = GatedFilter(options_of(FilterConfig(**options), landmarks=True), 0.6)
+        x = START.copy()
+        self.found.reset_to(Pose(*x), 1e-4 * R_FIX)
+        c = math.exp(-DT / time) if time else 0.0
+        errors = rng.normal(size=(len(PLACES), 2))
+        self.nees, self.square = [], []
+        for step in range(1, 300):
+            self.found.predict(Motion(Twist(0.5, 0.3), DT, TwistCovariance(9e-4, 0.0, 9e-4)))
+            v, omega = 0.5 + rng.normal(0.0, 0.03), 0.3 + rng.normal(0.0, 0.03)
+            middle = x[2] + 0.5 * omega * DT
+            x = x + np.array([v * DT * math.cos(middle), v * DT * math.sin(middle), omega * DT])
+            errors = c * errors + math.sqrt(1.0 - c * c) * rng.normal(size=errors.shape)
+            for place, error in zip(PLACES, errors, strict=True):
+                dx, dy = place.x - x[0], place.y - x[1]
+                z = np.array((math.hypot(dx, dy), math.atan2(dy, dx) - x[2])) + SIGMAS * error
+                R = claimed * np.diag(SIGMAS**2)
+                stamp = round(step * DT * NS_PER_S)
+                self.found.take(LandmarkMeasurement(stamp, z.item(0), wrapped(z.item(1)), R, place))
+            if step >= 100:
+                belief = self.found.memory.belief
+                e = belief.x[:3] - x
+                e[2] = wrapped(e[2])
+                self.nees.append(e @ np.linalg.solve(belief.P[:3, :3], e))
+                self.square.append(e[0] ** 2 + e[1] ** 2)
+
+
+def together(time, runs=4, **options):
+    """Mean NEES, RMSE [m] and mean of the time found [s] over runs."""
+    done = [Run(time, seed, **options) for seed in range(runs)]
+    found = np.mean([one.found.memory.landmarks.means.time for one in done])
+    return np.mean([one.nees for one in done]), math.sqrt(np.mean([one.square for one in done])), found
+
+
+@pytest.mark.parametrize(("time", "blind"), [(0.5, 6.0), (3.0, 12.0)])
+def test_the_covariance_is_honest_with_errors_that_last(time, blind):
+    nees, rmse, found = together(time)
+    without, rmse_without, _ = together(time, detect_correlation=False)
+    assert 1.0 < nees < 5.0
+    assert without > blind
+    assert rmse < 1.05 * rmse_without
+    assert found == pytest.approx(time, rel=0.3)
+
+
+def test_with_independent_errors_nothing_changes():
+    nees, rmse, found = together(0.0)
+    without, rmse_without, _ = together(0.0, detect_correlation=False)
+    assert nees == pytest.approx(without, rel=0.1)
+    assert rmse == pytest.approx(rmse_without, rel=0.02)
+    assert found < 0.1
+
+
+def test_a_covariance_that_covers_the_correlation_is_not_made_much_larger():
+    """R claimed as 39 times the errors' variance is what a correlation time of 4 s at 5 Hz asks for."""
+    means = Run(4.0, 1, claimed=39.0).found.memory.landmarks.means
+    assert means.square < 0.2
+    assert inflation_by(means, DT) < 4.0
+
+
+def test_the_option_and_the_other_mechanisms_switch_it_off():
+    def detects(*, landmarks=True, **options):
+        return options_of(FilterConfig(**options), landmarks=landmarks).detects_landmark_correlation
+
+    assert detects()
+    assert not detects(landmarks=False)
+    assert not detects(detect_correlation=False)
+    assert not detects(landmark_correlation_time=1.0)
+    assert not detects(filter="ekf_fnn_calibrating")
+    told = Run(3.0, 0, landmark_correlation_time=3.0).found
+    assert told.landmark_correlation_time() is None
+    assert told.memory.landmarks.means == NO_PAIRS
+
+
+def test_what_was_found_survives_a_relocation_but_no_landmark_has_a_partner():
+    found = Run(3.0, 0).found
+    means = found.memory.landmarks.means
+    found.reset_to(Pose(9.0, 9.0, 0.0), R_FIX)
+    assert found.memory.landmarks.means == means
+    assert not found.memory.landmarks.seen
+    found.reset()
+    assert found.landmark_correlation_time() == 0.0
+
+
+def test_corrections_between_two_measurements_are_no_difference_of_their_errors():
+    """A compass turns the estimate in between; both measurements of the landmark are exact at the first estimate."""
+    found = GatedFilter(options_of(FilterConfig(filter="ekf", gate_probability=1.0), landmarks=True), 0.6)
+    found.reset_to(Pose(0.0, 0.0, math.pi), np.diag((1e-8, 1e-8, 0.1)))
+    place, R = Point(5.0, 0.0), np.diag(SIGMAS**2)
+
+    def see(seconds):
+        return found.take(LandmarkMeasurement(seconds * NS_PER_S, 5.0, math.pi, R, place))
+
+    assert see(1) == ACCEPTED
+    # The correction passes the end of the angles' range.
+    assert found.take(Heading(NS_PER_S, -math.pi + 0.2, np.array([[1e-4]]))) == ACCEPTED
+    theta, bearing_offset = found.memory.belief.x.item(2), found.landmark_errors().errors.item(2)
+    assert theta < -2.9
+    see(2)
+    means = found.memory.landmarks.means
+    assert means.pairs == 1
+    assert means.difference == pytest.approx(0.0, abs=1e-9)
+    # The second innovation is the turn, the first was 0.
+    turn = wrapped(math.pi + theta - bearing_offset)
+    assert turn > 0.1
+    assert means.square == pytest.approx(0.5 * (turn / SIGMAS[1]) ** 2, rel=0.02)
+
+
+def test_a_pair_is_compared_by_its_own_covariance():
+    y, before = np.array((0.3, -0.1)), np.array((0.1, 0.1))
+    H, R = np.array([[0.6, -0.8, 0.0], [0.16, 0.12, -1.0]]), np.diag((0.04, 0.01))
+    shift, spread = np.array((0.1, 0.05, 0.02)), (0.002, 0.001)
+    pair = compared(y, before, H, R, shift, spread, 0.5)
+    residual = y - before + H @ shift
+    weight = np.linalg.inv(R)
+    assert pair.difference == pytest.approx(residual @ weight @ residual / 4.0)
+    moved = H @ np.diag((spread[0], spread[0], spread[1])) @ H.T
+    assert pair.motion == pytest.approx(np.trace(moved @ weight) / 4.0)
+    assert (pair.product, pair.square) == pytest.approx((before @ weight @ y / 2.0, y @ weight @ y / 2.0))
+    assert (pair.numbers, pair.dt) == (2, 0.5)
