@@ -1,15 +1,17 @@
-"""Do the tests pass every time? ``python bench/trust.py [--runs N] [NAME=VALUE ...]``.
+"""Do the tests pass every time? ``python bench/trust.py [--runs N] [--resume] [NAME=VALUE ...]``.
 
 Clones the committed HEAD into a temporary folder, runs ``make setup`` there once, and then ``make test`` again and
 again, every second time with four busy loops beside it. Variables such as ``ARGS=test/core`` go to ``make test``.
-After each run the data and the page docs/results/trust.md are written anew, so that Ctrl-C keeps what is done. The
-output of a failed run stays in out/trust. Exit status 1 if a run failed, 130 after Ctrl-C.
+After each run the data and the page docs/results/trust.md are written anew, so that Ctrl-C keeps what is done;
+``--resume`` goes on with these runs, of their commit. The output of a failed run stays in out/trust. Exit status 1 if a
+run failed, 130 after Ctrl-C.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import json
 import os
 import platform
 import signal
@@ -121,9 +123,9 @@ def one_run(number: int, clone: Path, variables: list[str]) -> dict[str, Any]:
     }
 
 
-def prepare(clone: Path) -> dict[str, Any]:
-    """Clone HEAD, make its environment; return the conditions."""
-    commit = subprocess.check_output(["git", "-C", str(ROOT), "rev-parse", "HEAD"], text=True).strip()
+def prepare(clone: Path, revision: str) -> dict[str, Any]:
+    """Clone a revision, make its environment; return the conditions."""
+    commit = subprocess.check_output(["git", "-C", str(ROOT), "rev-parse", revision], text=True).strip()
     subprocess.run(["git", "clone", "--quiet", "--no-checkout", str(ROOT), str(clone)], check=True)
     subprocess.run(["git", "-C", str(clone), "checkout", "--quiet", "--detach", commit], check=True)
     log = LOGS / "setup.log"
@@ -150,20 +152,27 @@ def main() -> int:
     """Run the tests; return the exit status."""
     parser = argparse.ArgumentParser(description="Run the tests of HEAD in a fresh clone, again and again.")
     parser.add_argument("--runs", type=int, default=20, help="(default: %(default)s)")
+    parser.add_argument("--resume", action="store_true", help="go on with the runs of docs/results/data/trust.json")
     parser.add_argument("variables", nargs="*", metavar="NAME=VALUE", help="for make test, such as ARGS=test/core")
     options = parser.parse_args()
     if options.runs < 1 or not all("=" in one for one in options.variables):
         parser.error("--runs must be >= 1, and what follows NAME=VALUE")
     sys.path.append(str(ROOT / "docs"))
     LOGS.mkdir(parents=True, exist_ok=True)
-    runs: list[dict[str, Any]] = []
+    before: dict[str, Any] = json.loads((RESULTS / "data" / "trust.json").read_text()) if options.resume else {}
+    runs, variables = before.get("runs", []), before.get("variables", options.variables)
     try:
         with tempfile.TemporaryDirectory(prefix="diffbot-trust-") as folder:
             clone = Path(folder) / "diffbot"
-            print("Cloning HEAD and making its environment ...", flush=True)
-            content = {**prepare(clone), "variables": options.variables, "planned": options.runs, "runs": runs}
-            for number in range(1, options.runs + 1):
-                runs.append(one_run(number, clone, options.variables))
+            revision = before.get("commit", "HEAD")
+            print(f"Cloning {revision} and making its environment ...", flush=True)
+            conditions = prepare(clone, revision)
+            for name in ("cores", "python"):
+                if before.get(name, conditions[name]) != conditions[name]:
+                    raise SystemExit(f"{name}: {conditions[name]}, but {before[name]} in the runs before")
+            content = {**conditions, "variables": variables, "planned": options.runs, "runs": runs}
+            for number in range(len(runs) + 1, options.runs + 1):
+                runs.append(one_run(number, clone, variables))
                 write(content)
                 print(line_of(runs[-1], options.runs), flush=True)
     except KeyboardInterrupt:

@@ -17,7 +17,7 @@ METHOD = """\
     make trust                       # 20 runs of a fresh clone; writes this page
     make trust ARGS="--runs 4"
 
-A fresh clone of the commit gets its environment once, and then all runs, one after the other. Every second run has
+A fresh clone of the commit gets its environment once, and then the runs, one after the other. Every second run has
 {loops} busy loops beside it. A run passes if all its tests pass. All figures: [trust.json](data/trust.json)."""
 
 

@@ -10,7 +10,7 @@ from rclpy.action import ActionClient
 from robot import SIMULATED, distance, on_truth, pose_stamped, robot, twist
 
 A_MAX = 0.5
-NEAR, BESIDE, FAR = (-3.0, -3.5, 0.5), (-2.5, -4.0, 0.0), (60.0, -60.0, 0.0)
+NEAR, BESIDE, FAR = (-3.0, 4.5, 0.5), (-2.5, 4.0, 0.0), (60.0, -60.0, 0.0)
 PLANT = {"clock": "scaled", "real_time_factor": 5.0, "seed": 3}
 CONTROLLER = {"linear.x.max_acceleration": A_MAX, "angular.z.max_acceleration": 1.0, **SIMULATED}
 

@@ -83,6 +83,12 @@ def test_an_interrupt_keeps_the_runs_so_far(project, monkeypatch):
     content = kept(project)
     assert [(one["passed"], one["failed"]) for one in content["runs"]] == [(1, 0)]
     assert "1 of 1 runs of `make test ARGS=-k kept` passed (3 were planned)" in trust_page.page(content)
+    monkeypatch.setattr(trust, "one_run", one_run)
+    subprocess.run(["git", "-c", "user.name=a", "-c", "user.email=a", "commit", "-qam", "b"], cwd=project, check=True)
+    assert call(monkeypatch, "--runs", "2", "--resume") == 0, "of the first commit, and of the same tests"
+    resumed = kept(project)
+    assert (resumed["commit"], resumed["variables"]) == (content["commit"], content["variables"])
+    assert [(one["run"], one["busy"], one["passed"]) for one in resumed["runs"]] == [(1, False, 1), (2, True, 1)]
 
 
 def test_busy_loops_and_a_command_that_hangs_are_ended(tmp_path, monkeypatch):
