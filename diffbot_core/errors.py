@@ -2,6 +2,26 @@
 
 from __future__ import annotations
 
+import reprlib
+
+_MAX_BITS = 256
+"""of a whole number that is shown: the digits of larger ones take Python quadratic time"""
+
+
+class _ShortRepr(reprlib.Repr):
+    """Shows a value in a bounded length, and looks at a bounded part of it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxstring = self.maxother = 200
+        self.maxlist = self.maxtuple = self.maxarray = self.maxdict = 10
+
+    def repr_int(self, value: int, level: int) -> str:
+        return f"<a number of {value.bit_length()} bits>" if value.bit_length() > _MAX_BITS else repr(value)
+
+
+_SHORT = _ShortRepr()
+
 
 class DiffbotError(Exception):
     """Base of all errors of this package; its text is one line, meant to be shown to a user."""
@@ -12,7 +32,7 @@ class InvalidValueError(DiffbotError):
 
     def __init__(self, name: str, value: object, bound: str) -> None:
         """Name the field, the value it got and the bound it breaks, e.g. ``("gamma", -1.0, "> 0")``."""
-        super().__init__(f"{name} = {value!r}: must be {bound}")
+        super().__init__(f"{_short_name(name)} = {_SHORT.repr(value)}: must be {bound}")
         self.name = name
         self.value = value
         self.bound = bound
@@ -28,12 +48,17 @@ class ReplacedNameError(InvalidValueError):
     def __init__(self, name: str, value: object, successor: str, bound: str) -> None:
         """Name the old parameter, the value it got, the new parameter and the values that one takes."""
         super().__init__(name, value, bound)
-        self.args = (f"{name} = {value!r}: was replaced by {successor} ({bound})",)
+        self.args = (f"{name} = {_SHORT.repr(value)}: was replaced by {successor} ({bound})",)
         self.successor = successor
 
     def __reduce__(self) -> tuple[type[ReplacedNameError], tuple[str, object, str, str]]:  # type: ignore[override]
         """Keep all four fields when pickled; see :class:`InvalidValueError`."""
         return type(self), (self.name, self.value, self.successor, self.bound)
+
+
+def _short_name(name: str) -> str:
+    """Return a name as it is; one from outside may have any length and any characters."""
+    return name if len(name) <= _SHORT.maxstring and name.isprintable() else _SHORT.repr(name)
 
 
 class BadMessageError(DiffbotError):

@@ -48,8 +48,12 @@ def file_path(name: str, text: str) -> Path | None:
     return path
 
 
+PRIVATE = 0o600
+"""Mode of a file that this user alone may write, whatever the umask: as read_own of ``foreign_files`` demands"""
+
+
 @contextmanager
-def replacing(path: Path, *, durable: bool = False) -> Iterator[Path]:
+def replacing(path: Path, *, durable: bool = False, mode: int = 0o666) -> Iterator[Path]:
     """Give a temporary name beside ``path``; what the ``with`` block writes there then takes its place in one step.
 
     A reader sees the old file or the new one, never a part. If the block fails, the old file stays and the new one is
@@ -58,11 +62,15 @@ def replacing(path: Path, *, durable: bool = False) -> Iterator[Path]:
     Args:
         path: the file to write; its folder must exist.
         durable: bring the contents to the disk before the renaming, so that a power cut leaves one of both files.
+        mode: of the new file, less the umask.
 
     Raises:
         OSError: if the file cannot be written.
     """
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    part.unlink(missing_ok=True)
+    # Never through a link that somebody else has put there.
+    os.close(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode))
     try:
         yield part
         if durable:
@@ -74,13 +82,13 @@ def replacing(path: Path, *, durable: bool = False) -> Iterator[Path]:
         raise
 
 
-def write_text(path: Path, text: str, *, durable: bool = False) -> None:
+def write_text(path: Path, text: str, *, durable: bool = False, mode: int = 0o666) -> None:
     """Write a text in UTF-8; see :func:`replacing`.
 
     Raises:
         OSError: if it cannot be written.
     """
-    with replacing(path, durable=durable) as part:
+    with replacing(path, durable=durable, mode=mode) as part:
         part.write_text(text, encoding="utf-8")
 
 

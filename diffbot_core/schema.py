@@ -32,6 +32,8 @@ from diffbot_core.errors import DiffbotError, InvalidValueError, ReplacedNameErr
 C = TypeVar("C", bound=tuple[Any, ...])
 PARTIAL = "fields of this group without a Spec are no parameters"
 """Annotation of a group whose type is not this project's: ``Annotated[Group, PARTIAL]``."""
+MAX_LENGTH = 4096
+"""of a list, and of a text [characters]: what is longer is refused before anything of it is looked at"""
 _NUMBER_AS_TEXT = re.compile(r"[+-]?(\d+(\.\d*)?e[+-]?\d+|\.?inf)", re.IGNORECASE)
 """Numbers that YAML 1.1 reads as texts: ``ros2 param load`` sends 1.0e-06 and .inf of a file as 1e-06 and inf."""
 
@@ -208,6 +210,8 @@ def checked(parameter: Parameter, value: Any) -> Any:
         InvalidValueError: naming the parameter, the value and the bound.
     """
     kind, spec, name = parameter.type, parameter.spec, parameter.name
+    if hasattr(value, "__len__") and len(value) > MAX_LENGTH:
+        raise InvalidValueError(name, value, f"of at most {MAX_LENGTH} values or characters, it has {len(value)}")
     if get_origin(kind) is tuple:
         if isinstance(value, (str, bytes)) or not hasattr(value, "__iter__"):
             raise InvalidValueError(name, value, "a list")

@@ -7,9 +7,10 @@ import math
 from collections.abc import Callable
 from typing import Any, TypeVar, get_args
 
-from diffbot_core.errors import InvalidValueError
+from diffbot_core.bounded_yaml import load_yaml
+from diffbot_core.errors import DiffbotError, InvalidValueError
+from diffbot_core.foreign_files import shown
 from diffbot_core.schema import parameters_of
-from diffbot_tools.parameter_files import load_yaml
 
 MAX_SEED = 2**63 - 1
 Number = TypeVar("Number", int, float)
@@ -51,9 +52,9 @@ def duration(text: str) -> float:
 def yaml_value(text: str) -> Any:
     """Return a YAML document of plain values; a type for argparse."""
     try:
-        return load_yaml(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(f"no YAML: {error}") from None
+        return load_yaml(text, shown(text), unique_keys=True)
+    except DiffbotError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def setting(text: str) -> tuple[str, Any]:

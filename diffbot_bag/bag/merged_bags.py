@@ -7,11 +7,11 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
-from diffbot_bag.bag.foreign_files import shown
 from diffbot_bag.bag.metadata import Topic
 from diffbot_bag.bag.reader import BagReader, RawMessage
 from diffbot_bag.mcap.chunks import BagLimits
 from diffbot_core.errors import DiffbotError, InvalidValueError
+from diffbot_core.foreign_files import shown
 
 
 class MergedBags:

@@ -9,8 +9,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from diffbot_bag.bag.foreign_files import shown
 from diffbot_core.errors import DiffbotError
+from diffbot_core.foreign_files import shown
 
 SEPARATOR = "=" * 80
 """Line between the definition of a type and those of the types it uses."""

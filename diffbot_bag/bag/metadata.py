@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from diffbot_bag.bag.bounded_yaml import MAX_CHARACTERS, dump_yaml, load_yaml
-from diffbot_bag.bag.foreign_files import read_text, shown
 from diffbot_bag.bag.qos import Qos, load_profiles, to_plain
+from diffbot_core.bounded_yaml import MAX_CHARACTERS, dump_yaml, load_yaml
 from diffbot_core.errors import DiffbotError
 from diffbot_core.files import write_text
+from diffbot_core.foreign_files import read_text, shown
 
 FILE_NAME = "metadata.yaml"
 ROOT = "rosbag2_bagfile_information"

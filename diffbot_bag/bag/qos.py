@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from diffbot_bag.bag.bounded_yaml import dump_yaml, load_yaml
-from diffbot_bag.bag.foreign_files import shown
+from diffbot_core.bounded_yaml import dump_yaml, load_yaml
 from diffbot_core.errors import DiffbotError
+from diffbot_core.foreign_files import shown
 
 INFINITE = 2**63 - 1
 """[ns] ROS's value of an infinite duration: 9223372036 s 854775807 ns"""

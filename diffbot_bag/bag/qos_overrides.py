@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from diffbot_bag.bag.bounded_yaml import load_yaml
-from diffbot_bag.bag.foreign_files import read_text, shown
 from diffbot_bag.bag.qos import MAX_DEPTH, Qos, from_plain
 from diffbot_bag.bag.topic_selection import absolute
+from diffbot_core.bounded_yaml import load_yaml
 from diffbot_core.errors import DiffbotError
+from diffbot_core.foreign_files import read_text, shown
 
 MAX_SIZE = 2**20
 """[bytes] of the file"""

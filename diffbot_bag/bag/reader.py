@@ -13,13 +13,13 @@ from mcap.records import Channel, Schema
 from mcap.well_known import MessageEncoding
 
 from diffbot_bag.bag import metadata
-from diffbot_bag.bag.foreign_files import inside, shown
 from diffbot_bag.bag.metadata import BagMetadata, Topic
 from diffbot_bag.mcap.attachments import PARAMETERS, Parameters, load_parameters
 from diffbot_bag.mcap.chunks import BagLimits
 from diffbot_bag.mcap.file import McapFile
 from diffbot_bag.mcap.format import DAMAGE
 from diffbot_core.errors import DiffbotError
+from diffbot_core.foreign_files import inside, shown
 
 MAX_FILES = 1000
 """of one bag; all of them are open together"""

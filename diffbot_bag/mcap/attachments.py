@@ -16,9 +16,9 @@ from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex
 
-from diffbot_bag.bag.foreign_files import shown
 from diffbot_bag.mcap.format import ATTACHMENT, CRC, RECORD
 from diffbot_core.errors import DiffbotError
+from diffbot_core.foreign_files import shown
 
 PARAMETERS, HOST = "parameters.json", "host.json"
 """Names of the attachments."""

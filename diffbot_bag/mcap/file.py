@@ -17,7 +17,6 @@ from mcap.records import AttachmentIndex, Channel, Chunk, ChunkIndex, Message, S
 from mcap.stream_reader import StreamReader
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
-from diffbot_bag.bag.foreign_files import open_regular, shown
 from diffbot_bag.bag.metadata import Topic
 from diffbot_bag.bag.qos import Qos, load_profiles
 from diffbot_bag.mcap.attachments import MAX_ATTACHMENT, read_attachment
@@ -25,6 +24,7 @@ from diffbot_bag.mcap.chunks import BagLimits, Row, check_chunks, read_chunk, re
 from diffbot_bag.mcap.format import DAMAGE, MAGIC, McapSummary, NoIndexError, read_summary
 from diffbot_bag.mcap.unfinished import scan_messages, scan_unfinished
 from diffbot_core.errors import DiffbotError
+from diffbot_core.foreign_files import open_regular, shown
 
 MAX_QOS_TEXT = 4 * 2**20
 """characters of QoS in all channels of a file"""

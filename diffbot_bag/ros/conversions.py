@@ -19,10 +19,10 @@ from rclpy.qos import (
 )
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from diffbot_bag.bag.foreign_files import shown
 from diffbot_bag.bag.message_definitions import interface_prefixes, split_type_name
 from diffbot_bag.bag.qos import INFINITE, Qos
 from diffbot_core.errors import DiffbotError
+from diffbot_core.foreign_files import shown
 
 
 def from_ros(profile: QoSProfile) -> Qos:

@@ -12,7 +12,6 @@ from rclpy.exceptions import InvalidTopicNameException
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
-from diffbot_bag.bag.foreign_files import shown
 from diffbot_bag.bag.metadata import Topic
 from diffbot_bag.bag.qos import Qos, to_offer
 from diffbot_bag.bag.reader import RawMessage
@@ -21,6 +20,7 @@ from diffbot_bag.replay.subscribers import POLL, SETTLE, wait_for_subscribers, w
 from diffbot_bag.ros import conversions as ros_conversions
 from diffbot_bag.ros.patient_outputs import BoundedOutput, KeepingOutput
 from diffbot_core.errors import DiffbotError
+from diffbot_core.foreign_files import shown
 from diffbot_core.ros.node import QUEUE
 
 CLOCK_TOPIC = "/clock"

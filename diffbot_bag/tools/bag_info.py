@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from diffbot_bag.bag.foreign_files import shown
 from diffbot_bag.bag.metadata import BagMetadata, Topic
 from diffbot_bag.bag.qos import Qos, to_plain
 from diffbot_bag.bag.reader import BagReader
@@ -14,6 +13,7 @@ from diffbot_bag.mcap.file import McapFile
 from diffbot_bag.tools.header_stamps import begins_with_header
 from diffbot_bag.tools.topic_figures import TopicFigures, TopicMeter
 from diffbot_core.errors import DiffbotError
+from diffbot_core.foreign_files import shown
 from diffbot_core.units import NS_PER_S
 
 SCHEMA_VERSION = 1

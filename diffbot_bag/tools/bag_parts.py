@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from diffbot_bag.bag import metadata
-from diffbot_bag.bag.foreign_files import inside, shown
 from diffbot_bag.bag.metadata import BagMetadata
 from diffbot_bag.bag.reader import MAX_FILES
 from diffbot_core.errors import DiffbotError
+from diffbot_core.foreign_files import inside, shown
 
 
 class BagParts(NamedTuple):

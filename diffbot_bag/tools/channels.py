@@ -10,11 +10,11 @@ from typing import NamedTuple
 from mcap.records import Channel, Schema
 from mcap.well_known import SchemaEncoding
 
-from diffbot_bag.bag.foreign_files import shown
 from diffbot_bag.bag.metadata import HASH_KEY, QOS_KEY
 from diffbot_bag.bag.qos import Qos, dump_profiles, load_profiles
 from diffbot_bag.tools.source_bag import SourceFile
 from diffbot_core.errors import DiffbotError
+from diffbot_core.foreign_files import shown
 
 MAX_NUMBER = 2**16 - 1
 """of a channel or a schema"""

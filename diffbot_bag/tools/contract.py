@@ -8,9 +8,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, TypeVar
 
-from diffbot_bag.bag.bounded_yaml import load_yaml
-from diffbot_bag.bag.foreign_files import read_text, shown
+from diffbot_core.bounded_yaml import load_yaml
 from diffbot_core.errors import DiffbotError, InvalidValueError
+from diffbot_core.foreign_files import read_text, shown
 from diffbot_core.schema import Spec, build
 
 VERSION = 1

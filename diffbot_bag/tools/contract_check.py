@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple
 
-from diffbot_bag.bag.foreign_files import shown
 from diffbot_bag.tools.bag_info import BagInfo, TopicInfo
 from diffbot_bag.tools.contract import Chosen, Contract
+from diffbot_core.foreign_files import shown
 from diffbot_core.schema import Spec, parameters_of
 from diffbot_core.units import NS_PER_S
 

@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 
 from mcap.records import AttachmentIndex, MetadataIndex
 
-from diffbot_bag.bag.foreign_files import shown
 from diffbot_bag.bag.metadata import BagMetadata
 from diffbot_bag.bag.new_bag import new_bag_folder
 from diffbot_bag.bag.reader import MAX_FILES
@@ -22,6 +21,7 @@ from diffbot_bag.tools.span import Span
 from diffbot_bag.tools.split_bag import FileLimits, SplitBag
 from diffbot_bag.tools.time_order import Piece, Progress, crossing, crossing_files, pieces_of, send
 from diffbot_core.errors import DiffbotError
+from diffbot_core.foreign_files import shown
 
 MAX_DIGITS = 18
 """of a count of lost messages"""

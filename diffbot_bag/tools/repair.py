@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 from diffbot_bag.bag import metadata
-from diffbot_bag.bag.foreign_files import open_regular, shown
 from diffbot_bag.bag.metadata import BagMetadata, FileInformation, Topic
 from diffbot_bag.mcap.chunks import BagLimits
 from diffbot_bag.tools.bag_parts import BagParts, find_parts
 from diffbot_bag.tools.check_result import check_result
 from diffbot_bag.tools.salvage import Salvage, Salvaged
 from diffbot_core.errors import DiffbotError
+from diffbot_core.foreign_files import open_regular, shown
 
 Progress = Callable[[int], None]
 PASSES = 3

@@ -11,7 +11,6 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Header, Metadata
 
-from diffbot_bag.bag.bounded_yaml import load_yaml
 from diffbot_bag.bag.metadata import HASH_KEY, QOS_KEY, RECORD_NAME, TEXT_KEY, Topic
 from diffbot_bag.bag.qos import load_profiles
 from diffbot_bag.mcap.attachments import blocks_of, verified_attachment
@@ -24,6 +23,7 @@ from diffbot_bag.tools.definitions import Definitions, definitions_in
 from diffbot_bag.tools.loose_chunk import LooseChunk, read_loosely
 from diffbot_bag.tools.loss import UNKNOWN, Loss, LossCounter, Span
 from diffbot_bag.tools.output_file import CHANNEL_SIZE, OutputFile
+from diffbot_core.bounded_yaml import load_yaml
 from diffbot_core.errors import DiffbotError
 
 Described = tuple[AbstractSet[int], AbstractSet[int]]

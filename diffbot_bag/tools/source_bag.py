@@ -13,7 +13,6 @@ from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex, Channel, ChunkIndex, Metadata, MetadataIndex, Schema
 from mcap.stream_reader import StreamReader
 
-from diffbot_bag.bag.bounded_yaml import load_yaml
 from diffbot_bag.bag.metadata import RECORD_NAME, TEXT_KEY
 from diffbot_bag.bag.reader import BagReader
 from diffbot_bag.mcap.attachments import blocks_of
@@ -22,6 +21,7 @@ from diffbot_bag.mcap.file import McapFile
 from diffbot_bag.mcap.format import MESSAGE, RECORD
 from diffbot_bag.mcap.whole_chunk import WholeChunk, check_chunk, chunk_end
 from diffbot_bag.tools.span import Span
+from diffbot_core.bounded_yaml import load_yaml
 from diffbot_core.errors import DiffbotError
 
 Row = tuple[int, int, bytes]

@@ -14,17 +14,20 @@ from diffbot_control.filter.covariance import check_covariance
 from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.measurements import Array
 from diffbot_core.errors import BadMessageError, DiffbotError
-from diffbot_core.files import write_text
+from diffbot_core.files import PRIVATE, write_text
+from diffbot_core.foreign_files import read_own
 from diffbot_core.geometry import MAX_COORDINATE, Pose, wrap_angle
 from diffbot_core.kinematics import WheelGeometry
 
 _VERSION = 1
+_MAX_BYTES = 64 * 1024
+"""of a file; all errors and their covariances have 2 kB"""
 _MAX_RADIUS_ERROR = 1.0
 _MAX_LANDMARK_ERROR = 100.0
 
 
 class BrokenStateError(DiffbotError):
-    """A readable file that does not hold a valid state."""
+    """A file that does not hold a valid state, or is not this user's own."""
 
 
 class SavedState(NamedTuple):
@@ -54,22 +57,22 @@ def save_state(path: Path, state: SavedState) -> None:
     if state.landmarks is not None:
         content |= {"landmarks": state.landmarks.errors.tolist(), "landmarks_P": state.landmarks.P.tolist()}
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_text(path, json.dumps(content), durable=True)
+    write_text(path, json.dumps(content), durable=True, mode=PRIVATE)
 
 
 def load_state(path: Path) -> SavedState | None:
     """Read a state; None if there is no file.
 
     Raises:
-        BrokenStateError: if it does not hold a valid state.
-        DiffbotError: if it cannot be read.
+        BrokenStateError: if it does not hold a valid state, or others could have written it.
     """
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        return None
-    except OSError as error:
-        raise DiffbotError(f"cannot read {path}: {error.strerror}") from None
+        text = read_own(path, _MAX_BYTES)
+        if text is None:
+            return None
+        content = json.loads(text)
+    except DiffbotError as error:
+        raise BrokenStateError(str(error)) from None
     except (ValueError, RecursionError):
         raise BrokenStateError(f"{path} is no JSON") from None
     if not isinstance(content, dict) or content.get("version") != _VERSION:
@@ -98,7 +101,7 @@ def _errors(
 def _numbers(path: Path, content: dict[str, Any], key: str, shape: tuple[int, ...], limit: float) -> Array:
     try:
         numbers: Array = np.array(content.get(key), dtype=float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):  # the last one of a whole number beyond the range of floats
         raise BrokenStateError(f"{path}: {key} holds no numbers") from None
     if numbers.shape != shape or not np.isfinite(numbers).all() or np.abs(numbers).max() > limit:
         raise BrokenStateError(f"{path}: {key} must be {math.prod(shape)} finite numbers up to {limit:g}")
@@ -129,7 +132,7 @@ class StateKeeper:
 
         Raises:
             BrokenStateError: if the file does not hold a valid state; it is renamed.
-            DiffbotError: if it cannot be read or renamed.
+            DiffbotError: if it cannot be renamed.
         """
         try:
             saved = load_state(self._path)

@@ -14,7 +14,7 @@ from rclpy.qos import QoSProfile
 
 from diffbot_core.errors import DiffbotError
 from diffbot_core.ros.clock_watch import CLOCK_TOPIC
-from diffbot_core.ros.faults import fill_refusal, one_line
+from diffbot_core.ros.faults import check_size, fill_refusal, one_line
 from diffbot_core.ros.parameters import NodeParameters, overrides_of
 from diffbot_core.ros.qos import PUBLISHER, SUBSCRIPTION, check_overrides, overridable
 
@@ -63,6 +63,7 @@ class BaseNode(Node):  # type: ignore[misc]
 
         def guarded(request: Any, response: Any) -> Any:
             try:
+                check_size(request)
                 return callback(request, response)
             except Exception as error:
                 self.contain(error, name)

@@ -12,6 +12,11 @@ from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
 
+from diffbot_core.errors import BadMessageError
+from diffbot_core.schema import MAX_LENGTH
+
+MAX_ENTRIES = 1000
+"""names, prefixes or parameters in one call of a parameter service"""
 _PASSED_THROUGH = ("diffbot_core.ros.base_node", "diffbot_core.ros.faults", "diffbot_core.ros.node")
 """Modules of this project that a call to rclpy passes through."""
 
@@ -39,7 +44,9 @@ class FaultRecord:
 
 
 def is_refusal(error: Exception) -> bool:
-    """Return True if rclpy raised it without this project's code: an answer to input that is malformed."""
+    """Return True if it is an answer to input that is malformed: a BadMessageError, or raised by rclpy alone."""
+    if isinstance(error, BadMessageError):
+        return True
     trace: TracebackType | None = error.__traceback__
     while trace is not None:
         module = str(trace.tb_frame.f_globals.get("__name__", ""))
@@ -49,10 +56,32 @@ def is_refusal(error: Exception) -> bool:
     return True
 
 
+def check_size(request: Any) -> None:
+    """Check that a call of a parameter service can be handled at once, before anything of it is looked at.
+
+    Raises:
+        BadMessageError: naming the field, its length and the bound.
+    """
+    for field in ("parameters", "names", "prefixes"):
+        entries = getattr(request, field, ())
+        _check_length(field, entries, MAX_ENTRIES)
+        for entry in entries:
+            _check_length("a name", getattr(entry, "name", entry), MAX_LENGTH)
+            value = getattr(entry, "value", None)
+            for kind in value.get_fields_and_field_types() if value is not None else ():
+                if hasattr(part := getattr(value, kind), "__len__"):
+                    _check_length(kind, part, MAX_LENGTH)
+
+
+def _check_length(field: str, found: Any, bound: int) -> None:
+    if len(found) > bound:
+        raise BadMessageError("too long", f"{field} of length {len(found)}: must be <= {bound}")
+
+
 def fill_refusal(request: Any, response: Any, reason: str) -> Any:
     """Return the response of a failed service call: with ``reason`` where its type has a place for one."""
     if hasattr(response, "results") and hasattr(request, "parameters"):
-        missing = len(request.parameters) - len(response.results)
+        missing = min(len(request.parameters), MAX_ENTRIES) - len(response.results)
         response.results.extend(SetParametersResult(successful=False, reason=reason) for _ in range(missing))
     elif hasattr(response, "result") and isinstance(response.result, SetParametersResult):
         response.result = SetParametersResult(successful=False, reason=reason)

@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
+from contextvars import ContextVar
 from typing import Any, Generic
 
 import rclpy
@@ -21,6 +22,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from diffbot_core.errors import BadMessageError, DiffbotError
 from diffbot_core.health import DROP_MEMORY, Health
+from diffbot_core.parameter_files import GivenFiles
 from diffbot_core.ros.base_node import BaseNode
 from diffbot_core.ros.clock_watch import ClockWatch
 from diffbot_core.ros.fault_parameters import FaultConfig
@@ -38,6 +40,10 @@ SPIN_TIMEOUT = 0.05
 """[s] maximum time between two checks of the signal flag"""
 END_TIMEOUT = 4
 """[s] for the middleware to destroy all nodes; ros2 launch sends its next signal 5 s after the first one"""
+
+
+_files_of_process: ContextVar[GivenFiles | None] = ContextVar("parameter files of this process", default=None)
+"""as rclpy's overrides, which come from them: of the process, not of a node"""
 
 
 class DiffbotNode(BaseNode, Generic[C]):
@@ -67,6 +73,8 @@ class DiffbotNode(BaseNode, Generic[C]):
         """
         super().__init__(name, **node_options)
         try:
+            if files := _files_of_process.get():
+                files.meet(self.get_fully_qualified_name())
             config_type, presets = self.parameter_set(config_type, presets, overrides_of(self))
             self._checked_parameters = NodeParameters(self, config_type, self._use_config, presets)
         except BaseException:
@@ -109,7 +117,8 @@ class DiffbotNode(BaseNode, Generic[C]):
     def contain(self, error: Exception, where: str) -> None:
         """Record what the callback of ``where`` raised, so that the node works on; after an internal error, halt."""
         if is_refusal(error):
-            if self.health.drop(where, f"malformed, {type(error).__name__}"):
+            kind = error.kind if isinstance(error, BadMessageError) else type(error).__name__
+            if self.health.drop(where, f"malformed, {kind}"):
                 self.get_logger().warning(f"{where}: refused: {one_line(error)} (logged once; see /diagnostics)")
             return
         self.health.counted["internal errors"] += 1
@@ -246,6 +255,12 @@ def run_together(make_nodes: Callable[[], Iterator[DiffbotNode[Any]]], args: lis
     the robot are shut down first, then the others in their order. The status is the largest one of
     :meth:`DiffbotNode.finish`; otherwise see :func:`run`.
     """
+    try:
+        words = sys.argv[1:] if args is None else args
+        files = GivenFiles(words[words.index("--ros-args") :] if "--ros-args" in words else ())
+    except DiffbotError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
     stop = StopFlag()
     try:
         # Invalid arguments are reported once, below.
@@ -258,14 +273,17 @@ def run_together(make_nodes: Callable[[], Iterator[DiffbotNode[Any]]], args: lis
         set_logger_level("rcl", LoggingSeverity.UNSET)
     nodes: list[DiffbotNode[Any]] = []
     failed = True
+    token = _files_of_process.set(files)
     try:
         for node in make_nodes():
             nodes.append(node)  # one by one: those made before a failure are destroyed, too
+        files.check_all_used()
         _spin(nodes, stop)
         failed = False
     except (DiffbotError, ParameterException, InvalidParameterTypeException) as error:
-        print(f"error: {_one_line(error)}", file=sys.stderr)
+        print(f"error: {_one_line(files.located(error))}", file=sys.stderr)
     finally:
+        _files_of_process.reset(token)
         with ExitStack() as last_first:
             # Python restores the default handlers when it exits; a second signal would then change the exit status.
             last_first.callback(stop.ignore)
@@ -312,5 +330,5 @@ def _executor_of(nodes: list[DiffbotNode[Any]]) -> Executor:
     return executor
 
 
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())
+def _one_line(text: object) -> str:
+    return " ".join(str(text).split())

@@ -14,10 +14,13 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
+from diffbot_core.foreign_files import shown
 from diffbot_core.schema import C, Parameter, build, checked, parameters_of, refuse_replaced, to_dict
 
 _QOS_OVERRIDE = re.compile(r"qos_overrides\./.+\.(publisher|subscription)(_\w+)?\.[a-z_]+")
 """Names that rclpy declares when the topic is created; a file for several nodes holds those of all."""
+_MAX_WARNINGS = 10
+"""of unknown parameters"""
 CONFIGS = "diffbot.parameters"
 """Group of the entry points: name of the node -> ``package.module:Config``."""
 
@@ -92,11 +95,13 @@ class NodeParameters(Generic[C]):
         if not unknown:
             return
         known = names_of_all_nodes()
-        for name in unknown:
-            if name not in known and not _QOS_OVERRIDE.fullmatch(name):
-                similar = get_close_matches(name, [*self._fields, *known], 1)
-                meant = f"; did you mean '{similar[0]}'?" if similar else ""
-                self._node.get_logger().warning(f"unknown parameter '{name}' is ignored{meant}")
+        strange = [name for name in unknown if name not in known and not _QOS_OVERRIDE.fullmatch(name)]
+        for name in strange[:_MAX_WARNINGS]:
+            similar = get_close_matches(name, [*self._fields, *known], 1)
+            meant = f"; did you mean '{similar[0]}'?" if similar else ""
+            self._node.get_logger().warning(f"unknown parameter {shown(name)!r} is ignored{meant}")
+        if more := len(strange[_MAX_WARNINGS:]):
+            self._node.get_logger().warning(f"{more} more unknown parameters are ignored")
 
     def converted(self, changes: list[RosParameter]) -> list[RosParameter]:
         """Return ``changes`` with whole numbers and the text ``inf`` as the floats that they stand for.

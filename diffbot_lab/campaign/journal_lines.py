@@ -4,21 +4,33 @@ from __future__ import annotations
 
 import json
 import math
+import zlib
 from typing import Any
 
 from diffbot_lab.campaign.statistics import BIN_WIDTH, LARGEST, METRICS, SMALLEST
 
 MAX_LINE = 16 * 2**20
 """[bytes] of one line; all bins of all metrics have 12 MB"""
+_SEAL_START = b',"crc32":'
+_SEAL = _SEAL_START + b"%d}\n"
 _ZERO_BIN = -1
 _LAST_BIN = math.floor(math.log(LARGEST / SMALLEST) / math.log1p(BIN_WIDTH))
 _KEYS = {"cell", "first", "count", "runs", "settled", "reached_local", "bins"}
 
 
+def sealed(entry: dict[str, Any]) -> bytes:
+    """Return a line of JSON with the checksum of all that stands before it."""
+    body = json.dumps(entry, separators=(",", ":")).encode()[:-1]
+    return body + _SEAL % zlib.crc32(body)
+
+
 def parsed(line: bytes) -> Any:
-    """Return the content of a line, None if it is not JSON; NaN and Infinity, which Python would take, are not."""
+    """Return the content of a line without its checksum; None if that is wrong, or it is no JSON."""
+    body, found, seal = line.rpartition(_SEAL_START)
+    if not found or found + seal != _SEAL % zlib.crc32(body):
+        return None
     try:
-        return json.loads(line, parse_constant=_refuse)
+        return json.loads(body + b"}", parse_constant=_refuse)
     except (ValueError, RecursionError):
         return None
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import bisect
 import fcntl
-import json
 import os
 import signal
 from collections.abc import Callable, Iterator
@@ -22,13 +21,13 @@ from tqdm import tqdm
 
 from diffbot_control.goals.registry import resolve_law
 from diffbot_core.errors import DiffbotError
-from diffbot_lab.campaign.journal_lines import MAX_LINE, check_chunk, parsed
+from diffbot_lab.campaign.journal_lines import MAX_LINE, check_chunk, parsed, sealed
 from diffbot_lab.campaign.spec import Campaign, code_version
 from diffbot_lab.campaign.statistics import CellStatistics, count_outcomes
 from diffbot_sim.compiled.batch import Starts, run_batch
 from diffbot_sim.compiled.closed_loop import Case
 
-FORMAT = 1
+FORMAT = 2
 JOURNAL = "campaign.jsonl"
 _STEPS_PER_CHUNK = 2_000_000
 """About half a second of one core: frequent enough for the progress bar, and little is lost in a crash."""
@@ -178,7 +177,7 @@ class Journal:
         self._count(entry)
 
     def _append(self, entry: dict[str, Any]) -> None:
-        line = memoryview(json.dumps(entry, separators=(",", ":")).encode() + b"\n")
+        line = memoryview(sealed(entry))
         try:
             while line:
                 line = line[self._file.write(line) :]

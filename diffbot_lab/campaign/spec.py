@@ -14,9 +14,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from diffbot_control.goals.registry import resolve_law
+from diffbot_core.bounded_yaml import load_yaml
 from diffbot_core.code_hash import hash_of_code, hash_of_values
 from diffbot_core.errors import DiffbotError, InvalidValueError
+from diffbot_core.foreign_files import read_text, shown
 from diffbot_core.geometry import Pose
+from diffbot_core.parameter_files import MAX_BYTES
 from diffbot_core.ranges import LENGTH, POSITION
 from diffbot_core.schema import build, to_dict
 from diffbot_lab.campaign.options import CampaignOptions, is_coordinate, is_number, triple
@@ -24,7 +27,6 @@ from diffbot_lab.cases import configure, make_case
 from diffbot_sim.compiled.batch import Starts, check_case
 from diffbot_sim.compiled.closed_loop import Case
 from diffbot_sim.compiled.jit import LIBRARIES, PACKAGES, law_version
-from diffbot_tools.parameter_files import load_yaml
 
 _MAX_CELLS = 10_000
 _LISTS = ("start", "grid", "set")
@@ -75,12 +77,7 @@ def read_campaign(path: Path | None, flags: Mapping[str, Any]) -> Campaign:
     """
     content: Any = {}
     if path is not None:
-        try:
-            content = load_yaml(path.read_text())
-        except OSError as error:
-            raise DiffbotError(f"cannot read {path}: {error.strerror}") from None
-        except ValueError as error:
-            raise DiffbotError(f"{path} is no YAML: {error}") from None
+        content = load_yaml(read_text(path, MAX_BYTES), shown(path), unique_keys=True)
     if not isinstance(content, dict):
         raise DiffbotError(f"{path}: must be a mapping of keys, found {type(content).__name__}")
     merged = {**content, **flags}

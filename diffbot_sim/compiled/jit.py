@@ -6,12 +6,14 @@ plain Python function.
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import fcntl
 import functools
 import hashlib
 import inspect
-import os
+import logging
+import shutil
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -47,6 +49,7 @@ from diffbot_control.law.paper import step as paper_step
 from diffbot_core import data_sheet, geometry, kinematics, uncertainty
 from diffbot_core.code_hash import DIGITS, hash_of_code
 from diffbot_core.errors import DiffbotError
+from diffbot_core.private_folders import cache_folder, private_folder
 from diffbot_sim.compiled import closed_loop, ekf, gated_filter, late_fusion, open_loop, sensing
 from diffbot_sim.compiled.reachable import reachable_functions, source_files
 from diffbot_sim.model import actuators, outcome, philox, plant, sensors
@@ -114,18 +117,21 @@ except ImportError as error:
     raise DiffbotError("compiled simulation needs numba: pip install 'numba>=0.60'") from error
 
 
-def _cache_folder() -> str:
-    """Return a cache folder named after the code.
+@functools.cache
+def _cache_folder() -> Path:
+    """Return the folder of the cache, named after the code.
 
     numba looks only at the file of the function it compiles; it would miss a change in a function called from there
-    and run the old code.
+    and run the old code. What it finds there it runs: a folder that others can write to is not used.
     """
-    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "diffbot"
     try:
-        base.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        base = Path(tempfile.gettempdir()) / f"diffbot-{os.getuid()}"
-    return str(Path(_settings.CACHE_DIR or base) / code_version())
+        given = _settings.CACHE_DIR
+        return private_folder(Path(given or cache_folder()) / code_version())
+    except DiffbotError as error:
+        logging.getLogger("diffbot").warning("compiling anew, without a cache: %s", error)
+        made = Path(tempfile.mkdtemp(prefix="diffbot-"))
+        atexit.register(shutil.rmtree, made, ignore_errors=True)
+        return made
 
 
 _settings: Any = numba.config
@@ -138,7 +144,7 @@ def one_compiler(version: str) -> Iterator[None]:
     Args:
         version: of what is compiled, as for :func:`compile_kernel`; different versions do not wait for each other.
     """
-    with _locked(version), _cache_in(_cache_folder()):
+    with _locked(version), _cache_in(str(_cache_folder())):
         yield
 
 
@@ -155,7 +161,7 @@ def _cache_in(folder: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _locked(version: str) -> Iterator[None]:
-    folder = Path(_cache_folder(), version)
+    folder = _cache_folder() / version
     try:
         folder.mkdir(parents=True, exist_ok=True)
         lock = (folder / "compiling.lock").open("w")
@@ -224,5 +230,5 @@ def compile_kernel(function: Any, version: str = "") -> Any:
         function: to be compiled, at its first call.
         version: hash of code that is not of this package; the cache is in a folder of its own.
     """
-    with _cache_in(str(Path(_cache_folder(), version))):
+    with _cache_in(str(_cache_folder() / version)):
         return numba.njit(function, nogil=True, cache=True, error_model="numpy")

@@ -5,10 +5,10 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Sequence
 
-from diffbot_bag.bag.foreign_files import shown
 from diffbot_bag.bag.qos import Qos
 from diffbot_bag.tools.bag_info import BagInfo, TopicInfo
 from diffbot_bag.tools.topic_figures import MAX_TIME, TopicFigures
+from diffbot_core.foreign_files import shown
 
 _LABEL = 19
 """characters of a label, as rosbag2 prints it"""

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
-from diffbot_bag.bag.foreign_files import shown
 from diffbot_bag.tools.contract_check import Result
 from diffbot_core.errors import DiffbotError
 from diffbot_core.files import write_text
+from diffbot_core.foreign_files import shown
 
 
 def write_junit(path: Path, bag: str, results: Sequence[Result]) -> None:

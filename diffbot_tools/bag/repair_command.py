@@ -6,8 +6,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from diffbot_bag.bag.foreign_files import shown
 from diffbot_core.errors import DiffbotError
+from diffbot_core.foreign_files import shown
 from diffbot_core.units import S_PER_NS
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from diffbot_core.errors import DiffbotError
-from diffbot_tools.parameter_files import read_parameters
+from diffbot_core.parameter_files import values_for
 
 REQUIRED = (
     "linear.x.max_velocity",
@@ -22,7 +22,7 @@ def check_data_sheet(file: Path) -> None:
     Raises:
         DiffbotError: naming the file and what it lacks, or if it cannot be read.
     """
-    values = read_parameters(file, "controller").values
+    values = values_for(file, "controller")
     missing = [name for name in REQUIRED if name not in values]
     if missing:
         raise DiffbotError(

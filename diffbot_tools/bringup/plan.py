@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from diffbot_core.parameter_files import Section, read_sections
+
 PACKAGE = "diffbot"
 DISCOVERY_RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 RELATIVE_TF = (("/tf", "tf"), ("/tf_static", "tf_static"))
@@ -40,6 +42,9 @@ def plan(values: Mapping[str, Any], share: Path, *, simulate: bool) -> list[Node
         values: of the arguments, by name, as :func:`~diffbot_tools.bringup.arguments.parse` returns them.
         share: folder of this package's config, rviz and urdf.
         simulate: whether to start the plant.
+
+    Raises:
+        DiffbotError: in one line, if the parameter file cannot be read.
     """
     in_step = values.get("clock") == "lockstep"
     # Every step waits for its messages: none may be lost, and each needs an answer.
@@ -57,19 +62,26 @@ def plan(values: Mapping[str, Any], share: Path, *, simulate: bool) -> list[Node
         found.append(("controller", preset | stamped | managed | lockstep))
     if simulate:
         found.append(("plant", stamped | prefix | _plant_parameters(values)))
-    file = str(parameter_file(values, share))
+    file = parameter_file(values, share)
+    sections = read_sections(file)
     time = {"use_sim_time": _uses_sim_time(values, simulate)}
     nodes = [
         NodePlan(
             executable=f"{kind}_node",
             # robot_node holds two nodes, which keep their names.
             name="" if kind == "robot" else kind,
-            files=(file,),
+            files=(str(file),) if _concerns(sections, kind) else (),
             parameters={**time, **parameters},
         )
         for kind, parameters in found
     ]
     return [_in_namespace(node, values) for node in [*nodes, *_displays(values, share, time)]]
+
+
+def _concerns(sections: list[Section], kind: str) -> bool:
+    """Return whether one of the sections is for the process, or may be meant for it: the node itself then says so."""
+    names = ("ekf", "controller") if kind == "robot" else (kind,)
+    return any(one.node in (name, "*", "**") or one.is_nearly_for(name) for one in sections for name in names)
 
 
 def parameter_file(values: Mapping[str, Any], share: Path) -> Path:

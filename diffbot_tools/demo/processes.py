@@ -10,7 +10,6 @@ import signal
 import socket
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,6 +19,7 @@ from typing import IO, Any
 import yaml
 
 from diffbot_core.errors import DiffbotError
+from diffbot_core.private_folders import runtime_folder
 
 DOMAINS = range(1, 102)
 """Domain ids whose ports are below Linux's range of ephemeral ports."""
@@ -32,7 +32,10 @@ STOP_TIMEOUT = 15.0
 
 
 class PrivateDomain:
-    """A ROS_DOMAIN_ID that no participant on this machine uses, held by a lock file until :meth:`release`."""
+    """A ROS_DOMAIN_ID that no participant on this machine uses, held by a lock file of this user until :meth:`release`.
+
+    Another user's programs are noticed by their ports.
+    """
 
     def __init__(self) -> None:
         """Find a free domain and lock it.
@@ -51,7 +54,7 @@ class PrivateDomain:
 
     @staticmethod
     def _lock(domain: int) -> IO[str] | None:
-        path = Path(tempfile.gettempdir()) / f"diffbot-domain-{domain}.lock"
+        path = runtime_folder() / f"domain-{domain}.lock"
         try:
             lock = path.open("a")
         except OSError:

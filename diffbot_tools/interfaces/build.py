@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from diffbot_core.errors import DiffbotError
+from diffbot_core.private_folders import cache_folder
 from diffbot_tools.interfaces.definitions import ACTIONS, PACKAGE
 
 _TYPE_SUPPORTS = ("rosidl_typesupport_fastrtps_c", "rosidl_typesupport_introspection_c")
@@ -48,10 +49,12 @@ _FLAGS = ("-O1", "-fPIC", "-w")
 
 
 def default_folder() -> Path:
-    """Return the folder of the user's cache for this Python and this environment's ROS."""
-    cache = os.environ.get("XDG_CACHE_HOME", "")
-    base = Path(cache) if Path(cache).is_absolute() else Path.home() / ".cache"
-    return base / "diffbot" / f"interfaces-jazzy-{sysconfig.get_config_var('SOABI')}"
+    """Return the folder of the user's cache for this Python and this environment's ROS.
+
+    Raises:
+        DiffbotError: if the cache is not this user's alone: Python would run what is in it.
+    """
+    return cache_folder() / f"interfaces-jazzy-{sysconfig.get_config_var('SOABI')}"
 
 
 def build_interfaces(folder: Path, step: Callable[[str], None] = lambda _: None) -> Path:

@@ -6,8 +6,9 @@ from pathlib import Path
 
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.errors import DiffbotError
+from diffbot_core.foreign_files import read_text
+from diffbot_core.parameter_files import MAX_BYTES, values_for
 from diffbot_core.schema import build
-from diffbot_tools.parameter_files import read_parameters
 
 NODE = "ekf"
 IGNORED = frozenset({"use_sim_time"})
@@ -22,10 +23,10 @@ def read_config(path: Path) -> tuple[EkfNodeConfig, str]:
     Raises:
         DiffbotError: if the file cannot be read, has no such entry, or a parameter is unknown or out of its bounds.
     """
-    text, values, has_node = read_parameters(path, NODE)
-    if not has_node:
-        raise DiffbotError(f"{path} has no entry /**/{NODE} with ros__parameters")
+    values = values_for(path, NODE)
     try:
-        return build(EkfNodeConfig, {name: value for name, value in values.items() if name not in IGNORED}), text
+        return build(EkfNodeConfig, {name: value for name, value in values.items() if name not in IGNORED}), read_text(
+            path, MAX_BYTES
+        )
     except DiffbotError as error:
         raise DiffbotError(f"{path}: {error}") from error

@@ -16,6 +16,7 @@ import time
 from pathlib import Path
 
 import diffbot_control
+from diffbot_core.private_folders import runtime_folder
 
 MODULES = {
     "plant": "diffbot_sim.plant_node",
@@ -58,8 +59,8 @@ def private_domain():
 def _locked_domain():
     """Return a domain and the open lock file that keeps it; of those that no one uses, the one left longest ago."""
     ports = _udp_ports()
-    folder = Path(tempfile.gettempdir())
-    names = {domain: folder / f"diffbot_domain_{domain}.lock" for domain in DOMAINS}
+    folder = runtime_folder()
+    names = {domain: folder / f"test-domain-{domain}.lock" for domain in DOMAINS}
     left = {domain: path.stat().st_mtime if path.exists() else 0.0 for domain, path in names.items()}
     for domain in sorted(DOMAINS, key=left.get):
         # The ports of all participants of a domain, as DDS numbers them.

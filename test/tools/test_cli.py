@@ -35,8 +35,14 @@ def test_wrong_usage_is_status_2_with_the_usage(arguments, capsys):
     ("arguments", "text"),
     [
         (["replay", "notes.mcap"], "notes.mcap"),
-        (["run", "controller", "--ros-args", "-p", "gamma:=-1.0"], "error: gamma = -1.0: must be >= 1e-06 and <= 1000"),
-        (["run", "controller", "--ros-args", "--params-file", "notes.mcap"], "error: invalid arguments"),
+        (
+            ["run", "controller", "--ros-args", "-p", "gamma:=-1.0"],
+            "error: /controller: gamma = -1.0: must be >= 1e-06 and <= 1000",
+        ),
+        (
+            ["run", "controller", "--ros-args", "--params-file", "notes.mcap"],
+            "error: parameter file: notes.mcap is not a YAML file",
+        ),
     ],
 )
 def test_an_error_of_a_node_is_one_line_and_status_1(

@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 
 from diffbot_control.ros.goals.request import MAX_YAW, checked_goal_id
 from diffbot_core.errors import DiffbotError
-from diffbot_core.files import write_text
+from diffbot_core.files import PRIVATE, write_text
+from diffbot_core.foreign_files import read_own
 from diffbot_core.geometry import MAX_COORDINATE, Pose
 
 _VERSION = 1
@@ -24,7 +25,7 @@ _MAX_TEXT = 256
 
 
 class BrokenGoalError(DiffbotError):
-    """A file that does not hold a valid goal."""
+    """A file that does not hold a valid goal, or is not this user's own."""
 
 
 class SavedGoal(NamedTuple):
@@ -60,26 +61,24 @@ def save_goal(path: Path, goal: SavedGoal, encoded: list[str] | None = None) -> 
     del fields["poses"]
     poses = ", ".join(encode_poses(goal.poses) if encoded is None else encoded)
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_text(path, f'{json.dumps(fields)[:-1]}, "poses": [{poses}]}}\n')
+    write_text(path, f'{json.dumps(fields)[:-1]}, "poses": [{poses}]}}\n', mode=PRIVATE)
 
 
 def load_goal(path: Path, max_poses: int) -> SavedGoal | None:
     """Read a goal; None if there is no file.
 
     Raises:
-        BrokenGoalError: in one line, if it does not hold a valid goal of at most ``max_poses`` poses.
-        DiffbotError: if it cannot be read.
+        BrokenGoalError: in one line, if it does not hold a valid goal of at most ``max_poses`` poses, or others could
+            have written it.
     """
+    # A file of a longer path than max_path_poses allows is too long.
     limit = _MAX_OTHER_BYTES + _MAX_BYTES_PER_POSE * max_poses
     try:
-        with path.open("rb") as file:
-            content = file.read(limit + 1)
-    except FileNotFoundError:
+        content = read_own(path, limit)
+    except DiffbotError as error:
+        raise BrokenGoalError(str(error)) from None
+    if content is None:
         return None
-    except OSError as error:
-        raise DiffbotError(f"cannot read {path}: {error.strerror}") from None
-    if len(content) > limit:
-        raise BrokenGoalError(f"{path} is longer than {limit} bytes, enough for max_path_poses = {max_poses}")
     try:
         fields = json.loads(content.decode("utf-8"))
     except (ValueError, RecursionError):

@@ -13,12 +13,12 @@ from mcap.records import Chunk, ChunkIndex
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 
-from diffbot_bag.bag.bounded_yaml import load_yaml
 from diffbot_bag.bag.qos import load_profiles
 from diffbot_bag.bag.reader import BagReader
 from diffbot_bag.bag.writer import BagWriter
 from diffbot_bag.mcap.chunks import BagLimits
 from diffbot_bag.ros.conversions import message_class
+from diffbot_core.bounded_yaml import load_yaml
 from diffbot_core.errors import DiffbotError
 
 POINT = "geometry_msgs/msg/Point"

@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from diffbot_bag.bag.bounded_yaml import load_yaml
 from diffbot_bag.tools import contract_draft
 from diffbot_bag.tools.bag_info import read_info
 from diffbot_bag.tools.contract import MAX_BYTES, TopicRules, parse_contract, read_contract
 from diffbot_bag.tools.contract_check import BAG, Consistency, check_bag
 from diffbot_bag.tools.contract_draft import draft_contract
+from diffbot_core.bounded_yaml import load_yaml
 from diffbot_core.errors import DiffbotError
 
 STEP = 100_000_000

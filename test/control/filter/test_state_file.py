@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from foreign_files import FOREIGN_FILES
 
 from diffbot_control.filter.belief import ErrorEstimate
 from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.filter.options import FilterConfig
 from diffbot_control.filter.state_file import BrokenStateError, SavedState, StateKeeper, load_state, save_state
-from diffbot_core.errors import DiffbotError
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import WheelGeometry
 
@@ -81,11 +81,12 @@ def test_no_json_is_one_line(tmp_path, text):
         load_state(path)
 
 
-def test_a_file_that_cannot_be_read_is_not_called_broken(tmp_path):
-    with pytest.raises(DiffbotError) as caught:
-        load_state(tmp_path)  # a folder
-    assert not isinstance(caught.value, BrokenStateError)
-    assert str(caught.value).startswith(f"cannot read {tmp_path}")
+@pytest.mark.parametrize(("make", "reason"), FOREIGN_FILES.values(), ids=FOREIGN_FILES)
+def test_what_others_could_have_written_is_not_believed(tmp_path, make, reason):
+    path = tmp_path / "state.json"
+    make(path, json.dumps(GOOD))
+    with pytest.raises(BrokenStateError, match=reason):
+        load_state(path)
 
 
 def test_the_old_state_stays_if_the_new_one_cannot_be_written(tmp_path, monkeypatch):

@@ -1,8 +1,8 @@
 """Campaigns end with the same results whatever happens on the way, and never touch what is not theirs."""
 
 import json
+import math
 import os
-import re
 import resource
 import signal
 import subprocess
@@ -17,6 +17,7 @@ from diffbot_core.errors import DiffbotError
 from diffbot_lab.campaign import command as campaign_command
 from diffbot_lab.campaign import report
 from diffbot_lab.campaign import runner as module
+from diffbot_lab.campaign.journal_lines import parsed, sealed
 from diffbot_lab.campaign.runner import (
     JOURNAL,
     Journal,
@@ -120,7 +121,7 @@ def test_a_worker_with_impossible_counts_is_not_believed(tmp_path):
     do(tmp_path)
     before = (tmp_path / JOURNAL).read_bytes()
     journal = Journal(tmp_path / JOURNAL, make_campaign(SMALL))
-    entry = json.loads(before.splitlines()[1])
+    entry = parsed(before.splitlines(keepends=True)[1])
     for changed in (entry, {**entry, "settled": 10**6}, None):
         with pytest.raises(DiffbotError, match=r"a worker returned .*; finished chunks are kept"):
             journal.add(changed)
@@ -128,13 +129,15 @@ def test_a_worker_with_impossible_counts_is_not_believed(tmp_path):
     assert (tmp_path / JOURNAL).read_bytes() == before
 
 
-@pytest.mark.parametrize("content", [b"hello", b"[1]\n", bytes(range(256)), b'{"format":1,"iden', b'{"format":999}\n'])
+@pytest.mark.parametrize(
+    "content", [b"hello", b"[1]\n", bytes(range(256)), b'{"format":2,"iden', sealed({"format": 999})]
+)
 def test_what_is_no_journal_is_not_touched(content, tmp_path, capsys):
     (tmp_path / JOURNAL).write_bytes(content)
     assert cli.main(["campaign", *flags(SMALL, tmp_path)]) == 1
     error = capsys.readouterr().err
     assert error.count("\n") == 1
-    assert "is no journal of a campaign (format 1): not touched" in error
+    assert "is no journal of a campaign (format 2): not touched" in error
     assert [path.name for path in tmp_path.iterdir()] == [JOURNAL]
     assert (tmp_path / JOURNAL).read_bytes() == content
 
@@ -150,9 +153,9 @@ def test_what_is_no_journal_is_not_touched(content, tmp_path, capsys):
 def test_another_campaigns_journal_is_not_touched(key, message, tmp_path, capsys):
     Journal(tmp_path / JOURNAL, make_campaign(SMALL)).close()
     path = tmp_path / JOURNAL
-    header = json.loads(path.read_bytes())
+    header = parsed(path.read_bytes())
     for changed in ({**header, key: "0" * 16}, {name: value for name, value in header.items() if name != key}):
-        path.write_bytes(json.dumps(changed).encode() + b"\n")
+        path.write_bytes(sealed(changed))
         before = path.read_bytes()
         assert cli.main(["campaign", *flags(SMALL, tmp_path)]) == 1
         error = capsys.readouterr().err
@@ -325,18 +328,19 @@ def cluster(tmp_path_factory):
 
 
 def damaged_lines(lines):
-    entry = json.loads(lines[2])
+    entry = parsed(lines[2])
     changes = [{"cell": 99}, {"cell": None}, {"first": 61}, {"count": 8}, {"bins": {}}, {"more": 1}]
     bins = (None, [[1, 2, 3]], [["1", 1]], [[1, 0]], [[1, True]], [[5, 1], [5, 1]], [[0, 61]])
     changes += [{"bins": {**entry["bins"], "effort": one}} for one in bins]
-    number = json.loads(lines[1])["count"]
+    number = parsed(lines[1])["count"]
     changes.append({"first": number - 1, "count": 1, "runs": 1})  # within another chunk
     for change in changes:
-        yield json.dumps({**entry, **change}).encode() + b"\n"
+        yield sealed({**entry, **change})
     yield from (b"5\n", b"null\n", b"{}\n", b"\n", b"\x00\xff\n", lines[2][:50] + b"\n", b"[" * 9999 + b"\n")
+    yield json.dumps(entry).encode() + b"\n"  # without a checksum
     yield lines[1]  # a chunk twice would count twice
-    for value in ("NaN", "1e999", "0.0", "true", "-1", "1" + "0" * 300):
-        yield re.sub(rb'"first": ?\d+', f'"first":{value}'.encode(), lines[2])
+    for value in (math.nan, math.inf, 0.0, True, -1, 10**300):
+        yield sealed({**entry, "first": value})
 
 
 def test_all_files_that_a_campaign_reads_name_the_version(tmp_path):

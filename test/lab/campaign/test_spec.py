@@ -101,15 +101,21 @@ REFUSED = {
     "hysteresis turned round": ("set: {eps_P: 0.9}", "eps_P_leave = 0.6"),
     "delay": ("set: {fix_delay: 1.2}", "fix_delay = 1.2"),
     "two starts": ("start: {list: [[0, 0, 0]], box: {}}", "start = {"),
-    "start beyond all floats": (f"start: {{list: [[0, 0, 1{'0' * 400}]]}}", "start.list = "),
+    "start beyond all floats": (f"start: {{list: [[0, 0, 1{'0' * 400}]]}}", "a number of too many digits"),
     "unknown side of a box": ("start: {box: {z: [0, 1]}}", "start.box key = 'z'"),
     "box turned round": ("start: {box: {x: [1, 0]}}", "start.box.x = [1, 0]"),
     "circle without radius": ("start: {circle: {points: 3}}", "start.circle.radius = None"),
     "circle of nan headings": ("start: {circle: {radius: 1, headings: [.nan]}}", "start.circle.headings = [nan]"),
     "no mapping": ("- 1\n- 2", "must be a mapping of keys, found list"),
-    "an object": ("runs: !!python/object/apply:os.getcwd []", "is no YAML"),
+    "an object": ("runs: !!python/object/apply:os.getcwd []", "is not a YAML file"),
+    "a mapping as a key": ("{{a: 1}: 2}", "is not a YAML file"),
+    "a number of 4000 bits": (f"runs: 0x{'f' * 1000}", "too many digits"),
+    "a number of 250 bits": (
+        f"runs: 0x{'f' * 62}",
+        "runs = 452312848583266388373324160190187140051835877600158453279131187530910662655",
+    ),
     "a key twice": ("runs: 5\nruns: 6", "'runs'"),
-    "a bomb as a start": (f"start: {BOMB}", "aliases"),
+    "a bomb as a start": (f"start: {BOMB}", "has an alias"),
 }
 
 

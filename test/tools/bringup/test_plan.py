@@ -112,8 +112,15 @@ def test_namespace_log_level_and_tf_are_those_of_every_node():
 def test_the_parameter_file_is_the_packages_or_the_users(tmp_path):
     assert {node.files for node in robot()} == {(str(ROOT / "config" / "diffbot.yaml"),)}
     mine = tmp_path / "mine.yaml"
-    mine.touch()
-    assert {node.files for node in robot(parameters=str(mine))} == {(str(mine),)}
+    # Only the nodes that it is for: another one would refuse it. One that it nearly names says so itself.
+    for section, executables in (
+        ("/**", ["ekf", "controller"]),
+        ("/r1/ekf", ["ekf"]),
+        ("/**/controler", ["controller"]),
+    ):
+        mine.write_text(f"{section}: {{ros__parameters: {{}}}}")
+        nodes = robot(parameters=str(mine))
+        assert [node.name for node in nodes if node.files == (str(mine),)] == executables
 
 
 def test_description_and_rviz_end_nothing(tmp_path):

@@ -165,9 +165,10 @@ def write_odometry(path, topic):
 
 
 BAD_FILES = {
-    "missing": (None, "cannot read"),
-    "no YAML": ("a: [", "is not a parameter file"),
-    "another node": ("/**/plant: {ros__parameters: {}}", "has no entry /\\*\\*/ekf"),
+    "missing": (None, "cannot open"),
+    "no YAML": ("a: [", "is not a YAML file"),
+    "another node": ("/**/plant: {ros__parameters: {}}", "has no section /\\*\\*/ekf"),
+    "nearly its name": ("/**/efk: {ros__parameters: {}}", "section /\\*\\*/efk: did you mean ekf?"),
     "unknown name": ("/**/ekf: {ros__parameters: {wheel_nose: 1}}", "wheel_nose = 1: must be a known name"),
     "out of bounds": ("/**/ekf: {ros__parameters: {wheel_noise: -1.0}}", "wheel_noise = -1.0: must be"),
 }

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import stat
 from pathlib import Path
 from typing import BinaryIO
 
 from diffbot_core.errors import DiffbotError
+from diffbot_core.private_folders import not_own
 
 MAX_SHOWN = 200
 """characters of a foreign text in an error"""
@@ -29,6 +31,31 @@ def open_regular(path: Path) -> BinaryIO:
         os.close(descriptor)
         raise DiffbotError(f"cannot open {shown(path)}: not a regular file")
     return os.fdopen(descriptor, "rb")
+
+
+def read_own(path: Path, max_bytes: int) -> bytes | None:
+    """Return what is in a file that this program wrote and believes; None if there is no file.
+
+    Raises:
+        DiffbotError: if another user owns it or can write to it, or it is a link, no regular file, longer than
+            ``max_bytes`` or not readable.
+    """
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOFOLLOW)
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        reason = "it is a link" if error.errno == errno.ELOOP else error.strerror
+        raise DiffbotError(f"{shown(path)} is not used: {reason}") from None
+    found = os.fstat(descriptor)
+    trouble = not_own(found) if stat.S_ISREG(found.st_mode) else "it is no regular file"
+    if not trouble and found.st_size > max_bytes:
+        trouble = f"it has {found.st_size} bytes: must be <= {max_bytes}"
+    if trouble:
+        os.close(descriptor)
+        raise DiffbotError(f"{shown(path)} is not used: {trouble}")
+    with os.fdopen(descriptor, "rb") as file:
+        return file.read(max_bytes)
 
 
 def read_text(path: Path, max_bytes: int) -> str:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Any
 
 import yaml
 
-from diffbot_bag.bag.foreign_files import shown
 from diffbot_core.errors import DiffbotError
+from diffbot_core.foreign_files import shown
 
 MAX_CHARACTERS = 4 * 2**20
 MAX_VALUES = 200_000
@@ -41,8 +42,8 @@ class _UniqueKeys(_Loader):
     """Refuses a key that stands twice in a map, of which YAML keeps the last."""
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
-        keys = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
-        if twice := next((key for key in keys if keys.count(key) > 1), ""):
+        counts = Counter(key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode))
+        if twice := next((key for key, count in counts.items() if count > 1), ""):
             raise DuplicateKeyError(f"{shown(twice)!r} stands there twice")
         return dict(super().construct_mapping(node, deep))
 
@@ -71,7 +72,7 @@ def load_yaml(text: str, name: str, *, unique_keys: bool = False) -> Any:
         raise DiffbotError(f"{name}: {error}") from None
     except (yaml.YAMLError, ValueError, TypeError, OverflowError, AttributeError) as error:
         # All but the first come from PyYAML's constructors, for example of the date 2001-99-99.
-        raise DiffbotError(f"{name} is not a YAML file") from error
+        raise DiffbotError(f"{name} is not a YAML file: {shown(' '.join(str(error).split()))}") from error
 
 
 def dump_yaml(content: Any) -> str:

@@ -1,0 +1,171 @@
+"""ROS parameter files, without ROS: their sections, which nodes these are for, and names that are nearly a node's."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Iterable
+from difflib import SequenceMatcher
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from diffbot_core.bounded_yaml import load_yaml
+from diffbot_core.errors import DiffbotError, InvalidValueError
+from diffbot_core.foreign_files import read_text, shown
+
+MAX_BYTES = 256 * 1024
+"""of a parameter file; that of a whole robot has 5 kB"""
+PARAMETERS = "ros__parameters"
+_NEARLY = 0.8
+"""Ratio of SequenceMatcher between two names, one of which is taken for the other misspelt"""
+_WILDCARDS = {"*": r"/\w+", "**": r"(/\w+)*"}
+_MAX_NAMED = 5
+"""sections that an error names"""
+
+
+class Section(NamedTuple):
+    """The parameters of one node, or of all that a pattern stands for."""
+
+    name: str
+    """of the node with its namespace, as ``/robot1/ekf``; ``*`` is any word, ``**`` any number of words"""
+    values: dict[str, Any]
+    """by the names of the parameters, with dots"""
+
+    @property
+    def node(self) -> str:
+        """Name of the node alone, or a wildcard."""
+        return self.name.rpartition("/")[2]
+
+    def is_for(self, node: str) -> bool:
+        """Return whether it is for a node, given with its namespace; as rcl reads it."""
+        words = self.name.split("/")[1:]
+        return re.fullmatch("".join(_WILDCARDS.get(word, "/" + re.escape(word)) for word in words), node) is not None
+
+    def is_nearly_for(self, node: str) -> bool:
+        """Return whether it names another node, whose name could be this one's misspelt."""
+        name = node.rpartition("/")[2]
+        if self.node in (name, *_WILDCARDS):
+            return False
+        return sorted(self.node) == sorted(name) or SequenceMatcher(None, self.node, name).ratio() >= _NEARLY
+
+
+def read_sections(path: Path) -> list[Section]:
+    """Return the sections of a parameter file in their order, in which the last value of a name counts.
+
+    Raises:
+        DiffbotError: in one line, if the file cannot be read or is none.
+    """
+    try:
+        content = load_yaml(read_text(path, MAX_BYTES), shown(path), unique_keys=True)
+    except DiffbotError as error:
+        raise DiffbotError(f"parameter file: {error}") from error
+    if not isinstance(content, dict):
+        raise DiffbotError(f"{shown(path)} is not a parameter file: no sections with {PARAMETERS}")
+    return list(_sections(content, ""))
+
+
+def _sections(content: dict[Any, Any], above: str) -> Iterable[Section]:
+    for key, entry in content.items():
+        name = f"{above}/{str(key).strip('/')}"
+        if not isinstance(entry, dict):
+            continue
+        if isinstance(parameters := entry.get(PARAMETERS), dict):
+            yield Section(name, _flat(parameters))
+        yield from _sections({one: inner for one, inner in entry.items() if one != PARAMETERS}, name)
+
+
+def _flat(parameters: dict[Any, Any], prefix: str = "") -> dict[str, Any]:
+    """Join the names of nested parameters with dots, as ROS does."""
+    values: dict[str, Any] = {}
+    for name, value in parameters.items():
+        values |= _flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {f"{prefix}{name}": value}
+    return values
+
+
+def values_for(path: Path, node: str) -> dict[str, Any]:
+    """Return the parameters of a node by its name, in whatever namespace the file has it.
+
+    Raises:
+        DiffbotError: in one line, if the file cannot be read, or has no section for the node.
+    """
+    sections = read_sections(path)
+    refuse_misspelt(path, sections, node)
+    found = [one for one in sections if one.node in (node, *_WILDCARDS)]
+    if not found:
+        raise DiffbotError(f"{shown(path)} has no section /**/{node} with {PARAMETERS}")
+    return {name: value for one in found for name, value in one.values.items()}
+
+
+def refuse_misspelt(path: Path, sections: Iterable[Section], node: str) -> None:
+    """Refuse a file that does not name a node, but another one in nearly the same letters.
+
+    Raises:
+        DiffbotError: naming the section and the node.
+    """
+    name = node.rpartition("/")[2]
+    sections = list(sections)
+    nearly = [one for one in sections if one.is_nearly_for(node)]
+    if nearly and all(one.node != name for one in sections):
+        raise DiffbotError(f"{shown(path)}: section {shown(nearly[0].name)}: did you mean {name}?")
+
+
+class GivenFiles:
+    """The parameter files that a process was started with, and which of them its nodes use."""
+
+    def __init__(self, ros_arguments: Iterable[str]) -> None:
+        """Read the files that follow ``--params-file``.
+
+        Raises:
+            DiffbotError: in one line, for a file that is missing or no parameter file.
+        """
+        words = list(ros_arguments)
+        self._given: list[tuple[Path, list[Section]]] = []
+        self._used: set[Path] = set()
+        self._nodes: list[str] = []
+        self._single: set[str] = set()
+        """names of the parameters given one by one"""
+        for flag, value in itertools.pairwise(words):
+            if flag == "--params-file":
+                self._given.append((Path(value), read_sections(Path(value))))
+            elif flag in ("-p", "--param"):
+                self._single.add(value.partition(":=")[0].rpartition(":")[2])
+
+    def meet(self, node: str) -> None:
+        """Note a node, given with its namespace.
+
+        Raises:
+            DiffbotError: if a file has nearly its name.
+        """
+        self._nodes.append(node)
+        for path, sections in self._given:
+            refuse_misspelt(path, sections, node)
+            if any(one.is_for(node) for one in sections):
+                self._used.add(path)
+
+    def check_all_used(self) -> None:
+        """Check that each file is for one of the nodes.
+
+        Raises:
+            DiffbotError: naming the file, the nodes and the sections.
+        """
+        for path, sections in self._given:
+            if path not in self._used:
+                names = [shown(one.name) for one in sections[:_MAX_NAMED]] + ["..."] * (len(sections) > _MAX_NAMED)
+                has = f"only {', '.join(names)}" if names else "none"
+                raise DiffbotError(f"{shown(path)} has no section for {' or '.join(self._nodes)}: {has}")
+
+    def located(self, error: Exception) -> str:
+        """Return the text of an error of the newest node, with the node's name, and where a refused value stands."""
+        if not self._nodes:
+            return str(error)
+        source = self.source(self._nodes[-1], error.name) if isinstance(error, InvalidValueError) else ""
+        return f"{self._nodes[-1]}: {error}" + (f" ({source})" if source else "")
+
+    def source(self, node: str, parameter: str) -> str:
+        """Return file and section that give a parameter of a node its value; empty without one."""
+        if parameter not in self._single:
+            for path, sections in reversed(self._given):
+                for one in reversed(sections):
+                    if parameter in one.values and one.is_for(node):
+                        return f"{shown(path)}, section {shown(one.name)}"
+        return ""

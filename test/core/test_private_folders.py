@@ -1,0 +1,97 @@
+"""Folders of one user: closed to others, and not used if somebody else owns them or could have written to them."""
+
+import os
+import stat
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from diffbot_core.errors import DiffbotError
+from diffbot_core.foreign_files import read_own
+from diffbot_core.private_folders import cache_folder, private_folder, runtime_folder
+
+
+def mode_of(path):
+    return stat.S_IMODE(path.lstat().st_mode)
+
+
+@pytest.fixture(autouse=True)
+def fresh():
+    runtime_folder.cache_clear()
+    yield
+    runtime_folder.cache_clear()
+
+
+def test_a_folder_is_made_for_its_user_alone_whatever_the_umask(tmp_path):
+    before = os.umask(0)
+    try:
+        made = private_folder(tmp_path / "a" / "b")
+    finally:
+        os.umask(before)
+    assert mode_of(made) == 0o700
+
+
+def test_a_folder_that_others_only_read_is_closed_to_them(tmp_path):
+    folder = tmp_path / "cache"
+    folder.mkdir(mode=0o755)
+    assert private_folder(folder) == folder
+    assert mode_of(folder) == 0o700
+
+
+@pytest.mark.parametrize("mode", [0o770, 0o777, 0o702])
+def test_a_folder_that_others_can_write_to_is_not_used_and_left_as_it_is(tmp_path, mode):
+    folder = tmp_path / "cache"
+    folder.mkdir()
+    folder.chmod(mode)
+    with pytest.raises(DiffbotError, match=rf"{folder} is not used: its mode 0{mode:o} lets others write to it"):
+        private_folder(folder)
+    assert mode_of(folder) == mode
+
+
+@pytest.mark.parametrize("kind", ["link", "file"])
+def test_what_is_no_folder_is_not_used(tmp_path, kind):
+    path = tmp_path / "cache"
+    path.symlink_to(tmp_path) if kind == "link" else path.touch()
+    with pytest.raises(DiffbotError, match=r"cache is not used: (it is no folder|File exists)"):
+        private_folder(path)
+
+
+def test_folders_and_files_of_another_user_are_not_used(tmp_path, monkeypatch):
+    folder, file = private_folder(tmp_path / "cache"), tmp_path / "state.json"
+    file.touch(mode=0o600)
+    monkeypatch.setattr(os, "geteuid", lambda: os.getuid() + 1)
+    for use in (lambda: private_folder(folder), lambda: read_own(file, 10)):
+        with pytest.raises(DiffbotError, match=rf"it belongs to user {os.getuid()}, this is user {os.getuid() + 1}"):
+            use()
+
+
+def test_the_folder_of_running_programs_is_the_sessions_or_one_in_the_cache_or_new(tmp_path, monkeypatch):
+    session, cache = tmp_path / "session", tmp_path / "cache"
+    session.mkdir(mode=0o700)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(cache))
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(session))
+    assert runtime_folder() == session / "diffbot"
+    runtime_folder.cache_clear()
+    session.chmod(0o777)
+    assert runtime_folder() == cache / "diffbot" / "run"
+    runtime_folder.cache_clear()
+    cache_folder().chmod(0o777)
+    made = runtime_folder()
+    assert mode_of(made) == 0o700
+    assert not made.is_relative_to(tmp_path)
+
+
+def test_compiled_code_of_others_is_not_run(tmp_path):
+    cache = tmp_path / "diffbot"
+    cache.mkdir()
+    cache.chmod(0o777)
+    code = "from diffbot_sim.compiled.jit import _cache_folder; print(_cache_folder())"
+    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path), "NUMBA_CACHE_DIR": ""}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+    used = Path(done.stdout.strip())
+    assert not used.is_relative_to(tmp_path)
+    assert not used.exists()  # deleted at the end of its process
+    assert done.stderr.startswith(f"compiling anew, without a cache: {cache} is not used: its mode 0777")
+    assert list(cache.iterdir()) == []
