@@ -87,6 +87,21 @@ PROMISES = {
     "mutated bodies": Promise(
         "messages with mutated CDR bodies on every input", "all nodes live, outputs finite", 10_000, 300, unit="message"
     ),
+    "long calls": Promise(
+        "parameter calls of 10 MB: lists, texts, names", "others are answered within 0.5 s", 80, 8, 0.5
+    ),
+    "parameter files": Promise(
+        "missing, misspelt, huge and odd parameter files", "status 1, one line that names file and reason", 28, 4
+    ),
+    "signal with a large file": Promise(
+        "SIGINT or SIGTERM while a node starts with 256 kB of unknown parameters", "it ends within 2 s", 30, 1, 2.0
+    ),
+    "journal bits": Promise(
+        "a flipped bit in the journal of a campaign", "refused and left alone, or the same results", 3000, 60
+    ),
+    "files of others": Promise(
+        "state and goal files that others could have written, links, pipes", "not used, with the reason", 12, 12
+    ),
     "hostile calls": Promise(
         "parameter calls with hostile names, types and values",
         "all are answered; all nodes live",

@@ -1,0 +1,173 @@
+"""Hostile files and calls: parameter files, journals with a flipped bit, files of others, calls of any length."""
+
+import array
+import contextlib
+import os
+import signal
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import graph
+import pytest
+from foreign_files import FOREIGN_FILES
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
+
+from diffbot_control.filter.state_file import load_state
+from diffbot_control.ros.goals.goal_file import load_goal
+from diffbot_core.errors import DiffbotError
+from diffbot_core.parameter_files import MAX_BYTES
+from diffbot_lab.campaign.journal_lines import parsed
+from diffbot_lab.campaign.runner import JOURNAL, Journal, run_campaign
+from diffbot_lab.campaign.spec import make_campaign
+
+CAMPAIGN = {"runs": 40, "duration": 4.0, "feedback": "raw", "grid": {"k": [1.0, 4.0]}, "chunk": 10}
+NAME = "parameters.yaml"
+
+
+def written(text):
+    return lambda path: path.write_text(text)
+
+
+BAD_FILES = {
+    "missing": (lambda path: None, "No such file"),
+    "nearly the node": (written("/**/controler: {ros__parameters: {gamma: 0.2}}"), "did you mean controller?"),
+    "another node": (written("/**/plant: {ros__parameters: {seed: 1}}"), "has no section for /controller"),
+    "a value out of bounds": (written("/**/controller: {ros__parameters: {gamma: -1.0}}"), f"{NAME}, section /**/"),
+    "too large": (written("/**: {ros__parameters: {\n" + "  a: 1,\n" * MAX_BYTES + "}}"), f"must be <= {MAX_BYTES}"),
+    "no YAML": (written("a: ["), "is not a YAML file"),
+    "no text": (lambda path: path.write_bytes(bytes(range(256))), "no UTF-8"),
+    "no sections": (written("5"), "is not a parameter file"),
+    "an alias": (written("a: &x 1\nb: *x"), "has an alias"),
+    "a key twice": (written("/**: {ros__parameters: {gamma: 1.0, gamma: 2.0}}"), "stands there twice"),
+    "nested": (written("[" * 5000), "nested deeper than"),
+    "a pipe": (os.mkfifo, "not a regular file"),
+    "a device": (lambda path: path.symlink_to("/dev/zero"), "not a regular file"),
+    "a folder": (lambda path: path.mkdir(), "not a regular file"),
+}
+"""How each is made, and a part of the one line that it is refused with."""
+
+
+def value(kind, **fields):
+    return SetParameters.Request(
+        parameters=[Parameter(name="gamma", value=ParameterValue(type=getattr(ParameterType, kind), **fields))]
+    )
+
+
+LONG_CALLS = (
+    (
+        "set",
+        SetParameters,
+        lambda n: value("PARAMETER_DOUBLE_ARRAY", double_array_value=array.array("d", bytes(8 * n))),
+    ),
+    ("set", SetParameters, lambda n: value("PARAMETER_STRING", string_value="x" * 10 * n)),
+    ("set", SetParameters, lambda n: value("PARAMETER_STRING_ARRAY", string_array_value=["x"] * n)),
+    ("set", SetParameters, lambda n: SetParameters.Request(parameters=[Parameter(name="gamma")] * (n // 20))),
+    ("set", SetParameters, lambda n: SetParameters.Request(parameters=[Parameter(name="g" * n)])),
+    ("get", GetParameters, lambda n: GetParameters.Request(names=["gamma"] * (n // 2))),
+    ("list", ListParameters, lambda n: ListParameters.Request(prefixes=["gamma"] * (n // 2))),
+    ("describe", DescribeParameters, lambda n: DescribeParameters.Request(names=["gamma"] * (n // 2))),
+)
+"""Service, its type, and a request of about 10 ``n`` bytes."""
+
+
+@pytest.fixture
+def controller():
+    with graph.private_domain(), graph.node("diffbot_control.controller_node") as running:
+        yield running
+
+
+def test_others_are_answered_beside_calls_of_any_length(controller, trials):
+    with graph.peer("hostile") as hostile, graph.peer("other") as other, trials("long calls") as running:
+        request = GetParameters.Request(names=["gamma"])
+        for number in running:
+            service, kind, make = LONG_CALLS[number % len(LONG_CALLS)]
+            name = "controller/list_parameters" if service == "list" else f"controller/{service}_parameters"
+            client = hostile.node.create_client(kind, name)
+            hostile.spin_until(client.service_is_ready, what=f"the service {name}")
+            assert other.call(GetParameters, "controller/get_parameters", request).values
+            answer = client.call_async(make(10**6))
+            worst = 0.0
+            while not answer.done():
+                begin = time.monotonic()
+                assert other.call(GetParameters, "controller/get_parameters", request).values
+                worst = max(worst, time.monotonic() - begin)
+                hostile.comes_true(answer.done, 0.001)
+            refused = [one.reason for one in getattr(answer.result(), "results", ())]
+            running.measure(worst, kept=all("must be <= " in reason and len(reason) < 200 for reason in refused))
+            hostile.node.destroy_client(client)
+    assert controller.stop(signal.SIGTERM) == 0
+
+
+def test_a_bad_parameter_file_ends_the_start_in_one_line_that_names_it(tmp_path, trials):
+    with graph.private_domain(), trials("parameter files") as running:
+        for number in running:
+            make, reason = list(BAD_FILES.values())[number % len(BAD_FILES)]
+            folder = tmp_path / str(number)
+            folder.mkdir()
+            make(folder / NAME)
+            with graph.node("diffbot_control.controller_node", arguments=("--params-file", folder / NAME)) as node:
+                status = node.wait()
+                line = [one for one in node.output.splitlines() if one.startswith("error: ")]
+                running.add(kept=status == 1 and len(line) == 1 and reason in line[0] and NAME in line[0])
+                assert "Traceback" not in node.output
+
+
+def test_a_signal_ends_a_start_with_the_largest_of_files(tmp_path, trials, seeded):
+    path = tmp_path / NAME
+    names = "".join(f"    n{number}: 1\n" for number in range(MAX_BYTES // 16))
+    path.write_text(f"/**/controller:\n  ros__parameters:\n{names}")
+    assert path.stat().st_size < MAX_BYTES
+    with graph.private_domain(), trials("signal with a large file") as running:
+        for _ in running:
+            with graph.node("diffbot_control.controller_node", arguments=("--params-file", path)) as node:
+                time.sleep(seeded.uniform(0.1, 3.0))  # wherever it is then
+                begin = time.monotonic()
+                status = node.stop(seeded.choice((signal.SIGINT, signal.SIGTERM)))
+                # Before the interpreter has begun, Python's own way to end.
+                running.measure(time.monotonic() - begin, kept=status in (0, -signal.SIGTERM, -signal.SIGINT, 130))
+
+
+def test_a_flipped_bit_changes_no_result_of_a_campaign(tmp_path, trials, seeded):
+    campaign = make_campaign(CAMPAIGN)
+    path = tmp_path / JOURNAL
+
+    def entries():
+        """Return what the journal counts, without the order of its lines."""
+        return sorted(str(parsed(line)) for line in path.read_bytes().splitlines(keepends=True))
+
+    def finish():
+        journal = Journal(path, campaign)
+        try:
+            run_campaign(campaign, journal, lambda: ThreadPoolExecutor(1), 1)
+        finally:
+            journal.close()
+
+    finish()
+    whole, expected = path.read_bytes(), entries()
+    with trials("journal bits") as running:
+        for _ in running:
+            changed, bit = bytearray(whole), seeded.randrange(8 * len(whole))
+            changed[bit // 8] ^= 1 << bit % 8
+            path.write_bytes(changed)
+            with contextlib.suppress(DiffbotError):
+                finish()  # refused, or the last line is counted anew
+                running.add(kept=entries() == expected)
+                continue
+            running.add(kept=path.read_bytes() == bytes(changed))
+
+
+def test_what_others_could_have_written_is_not_believed(tmp_path, trials):
+    with trials("files of others") as running:
+        for number in running:
+            load = (load_state, lambda path: load_goal(path, 10))[number % 2]
+            make, reason = list(FOREIGN_FILES.values())[number // 2 % len(FOREIGN_FILES)]
+            folder = tmp_path / str(number)
+            folder.mkdir()
+            make(folder / "own.json", "{}")
+            try:
+                load(folder / "own.json")
+            except DiffbotError as error:
+                running.add(kept=reason in str(error))
+            else:
+                running.add(kept=False)
