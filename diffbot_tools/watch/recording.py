@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import datetime
-import json
+import io
 import os
 import queue
 import signal
@@ -17,6 +17,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from diffbot_core.errors import DiffbotError
+from diffbot_tools.arguments import ros_parameters
 from diffbot_tools.demo.processes import BOUND, STOP_TIMEOUT
 from diffbot_tools.view.server import Reply
 
@@ -145,10 +146,8 @@ class _Recorder:
             OSError: if that is impossible.
         """
         self.bag = bag
-        # ROS parses values as YAML, of which JSON is a subset.
-        uri = f"uri:={json.dumps(str(bag), ensure_ascii=False)}"
         self._process = subprocess.Popen(
-            [*BOUND, str(os.getpid()), *command, "--ros-args", "-p", uri],
+            [*BOUND, str(os.getpid()), *command, "--ros-args", *ros_parameters({"uri": str(bag)})],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
@@ -191,9 +190,10 @@ class _Recorder:
         return f"the recorder ended with status {self._process.returncode}: {shown}"
 
     def _read(self) -> None:
-        for line in self._process.stdout or ():
-            if line.strip():
-                self._lines.append(line.strip())
-            # Without a reader of this process's log, the recorder goes on.
-            with contextlib.suppress(OSError, ValueError):
-                print(line, end="", file=sys.stderr, flush=True)
+        with self._process.stdout or io.StringIO() as output:
+            for line in output:
+                if line.strip():
+                    self._lines.append(line.strip())
+                # Without a reader of this process's log, the recorder goes on.
+                with contextlib.suppress(OSError, ValueError):
+                    print(line, end="", file=sys.stderr, flush=True)
