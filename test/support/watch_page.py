@@ -1,8 +1,6 @@
 """Clients of the page of ``diffbot watch`` without a browser."""
 
 import json
-import socket
-import time
 
 import graph
 from websockets.sync.client import connect
@@ -26,27 +24,18 @@ class Client:
             max_size=None,
         )
         self.robot, self.shared = {}, {}
-        """newest values of the robot, and of what concerns all"""
-        self.answers = []
-
-    def send(self, text):
-        self._socket.send(text)
+        """newest rows of the robot, and what concerns all"""
 
     def read(self):
-        """Take all messages that come within a twentieth of a second."""
-        end = time.monotonic() + 0.05
-        while (left := end - time.monotonic()) > 0.0:
-            try:
-                text = self._socket.recv(timeout=left)
-            except TimeoutError:
-                return
-            message = json.loads(text, parse_constant=_refuse)
-            if message["type"] == "answer":
-                self.answers.append(message["text"])
-            if message["type"] == "state":
-                self.shared |= message
-                for one in message["robots"].values():
-                    self.robot |= one.get("rows", {}) | {name: value for name, value in one.items() if name != "rows"}
+        """Take the next message, if one comes within a twentieth of a second."""
+        try:
+            message = json.loads(self._socket.recv(timeout=0.05), parse_constant=_refuse)
+        except TimeoutError:
+            return
+        if message["type"] == "state":
+            self.shared |= message
+            for one in message["robots"].values():
+                self.robot |= one.get("rows", {})
 
     def wait_for(self, condition, what):
         """Read until ``condition()`` is true and return its value."""
@@ -63,11 +52,3 @@ class Client:
 
 def _refuse(name):
     raise AssertionError(f"{name} is no JSON")
-
-
-def raw(url, data):
-    """Send bytes on a connection of their own; return it."""
-    host, port = url.split("/")[2].split(":")
-    made = socket.create_connection((host, int(port)), timeout=graph.PATIENCE)
-    made.sendall(data)
-    return made

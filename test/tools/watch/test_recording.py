@@ -25,7 +25,7 @@ def end(*_):
 
 @pytest.fixture
 def folder(tmp_path):
-    return tmp_path / "it's a \"bag\" \U0001f916"
+    return tmp_path / 'it\'s a "bag" \U0001f916'
 
 
 class Button:
