@@ -22,6 +22,8 @@ from diffbot_tools.watch.watch_node import MAX_NODES
 
 SHARE = 1000
 """names in one message"""
+LEFT_OPEN = 12
+"""connections: less than the page serves"""
 
 
 class Shown:
@@ -70,24 +72,36 @@ def shown(record):
         assert "internal error" not in watch.output
 
 
+@contextlib.contextmanager
+def left_open():
+    """Yield a function that holds connections; of more than LEFT_OPEN the oldest is closed."""
+    held = deque()
+
+    def hold(made):
+        held.append(made)
+        if len(held) > LEFT_OPEN:
+            held.popleft().close()
+        return made
+
+    try:
+        yield hold
+    finally:
+        for one in held:
+            one.close()
+
+
 def test_hostile_requests_leave_another_browser_served(shown, trials, seeded):
     host, token = shown.url.split("/")[2], shown.url.split("=")[1]
     kinds = list(requests(host, token).values())
     name, port = host.split(":")
-    left_open = deque()
     before = shown.watch.output
-    with trials("page requests") as running:
+    with trials("page requests") as running, left_open() as hold:
         for number in running:
-            made = socket.create_connection((name, int(port)), timeout=graph.PATIENCE)
+            made = hold(socket.create_connection((name, int(port)), timeout=graph.PATIENCE))
             # The server may have refused it before all of it is sent.
             with contextlib.suppress(OSError):
                 made.sendall(kinds[number % len(kinds)](seeded))
-            left_open.append(made)
-            if len(left_open) > 12:
-                left_open.popleft().close()
             running.add(kept=shown.is_served() and shown.watch.output == before)
-    for made in left_open:
-        made.close()
 
 
 def test_hostile_numbers_do_not_blind_the_page(shown, trials, seeded):
