@@ -14,6 +14,7 @@ from websockets.sync.client import connect
 
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.geometry import Pose
+from diffbot_tools.view import connections
 from diffbot_tools.view.connections import MAX_OPENING
 from diffbot_tools.view.events import Event
 from diffbot_tools.view.intake import MAX_MESSAGE, Request, read_request
@@ -173,10 +174,10 @@ def test_of_too_many_connections_without_a_request_the_oldest_are_closed(server)
         made.sendall(b"GET /")
         return made
 
-    with ExitStack() as connections:
-        first = connections.enter_context(silent())
+    with ExitStack() as opened:
+        first = opened.enter_context(silent())
         for _ in range(MAX_OPENING):
-            connections.enter_context(silent())
+            opened.enter_context(silent())
         with contextlib.suppress(ConnectionResetError):
             assert first.recv(1) == b""
         assert get(server, f"/?token={server.token}")[0].status == 200
@@ -210,6 +211,26 @@ def test_a_browser_that_does_not_read_holds_nobody_up_and_then_gets_the_newest(s
                 receive(quick, "state")
         assert newest(quick) > 0
         assert newest(slow) < 1000, "not one for each change"
+
+
+def test_a_browser_that_takes_no_message_in_time_loses_its_connection_alone(server, state, monkeypatch):
+    monkeypatch.setattr(connections, "SEND_TIMEOUT", 0.2)
+    # Pings would find it, too, but later, and not in every version of websockets.
+    monkeypatch.setattr(connections.Connection, "start_keepalive", lambda _: None)
+    small = socket.create_connection(("127.0.0.1", server.port))
+    small.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    number = 0
+
+    def is_alone():
+        nonlocal number
+        number += 1
+        state.put("robot", "plan", [[float(number), 0.0]] * 50_000)
+        receive(quick, "state")
+        return server.browsers == 1
+
+    with browse(server, sock=small, max_queue=1, ping_interval=None), browse(server, max_queue=None) as quick:
+        graph.wait_for(lambda: server.browsers == 2, what="both browsers")
+        graph.wait_for(is_alone, what="the end of the one that does not read")
 
 
 def test_a_port_in_use_is_one_line(server, state):
