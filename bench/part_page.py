@@ -106,7 +106,8 @@ def frames(seconds: float, page: browser.Page) -> float:
         state.put_row("robot", "estimate", (*row, 0.01, 0.0, 0.01, 0.01))
         state.put_row("robot", "truth", (*row, 0.5, 0.5))
         state.put_row("robot", "law", (row[0], *[1.0 + math.sin(angle)] * (len(COLUMNS["law"]) - 1)))
-    server = PageServer(state, {"xy_tolerance": 0.1, "yaw_tolerance": 0.1, "limits": {}}, lambda *_: None, Address())
+    constants = {"xy_tolerance": 0.1, "yaw_tolerance": 0.1, "limits": {}}
+    server = PageServer(state, constants, lambda *_: None, print, Address())
     server.start()
     try:
         page.open(server.url)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import contextlib
 import functools
 import os
 import shutil
@@ -37,15 +38,15 @@ def runtime_folder() -> Path:
 
     That is ``$XDG_RUNTIME_DIR/diffbot``, else a part of the cache, else a new one of this process.
     """
-    given = os.environ.get("XDG_RUNTIME_DIR", "")
-    if Path(given).is_absolute() and _trouble(Path(given)) == "":
-        return private_folder(Path(given) / _NAME)
-    try:
+    given = Path(os.environ.get("XDG_RUNTIME_DIR", ""))
+    if given.is_absolute() and not _trouble(given):
+        with contextlib.suppress(DiffbotError):
+            return private_folder(given / _NAME)
+    with contextlib.suppress(DiffbotError):
         return private_folder(cache_folder() / "run")
-    except DiffbotError:
-        made = Path(tempfile.mkdtemp(prefix=f"{_NAME}-"))
-        atexit.register(shutil.rmtree, made, ignore_errors=True)
-        return made
+    made = Path(tempfile.mkdtemp(prefix=f"{_NAME}-"))
+    atexit.register(shutil.rmtree, made, ignore_errors=True)
+    return made
 
 
 def private_folder(folder: Path) -> Path:

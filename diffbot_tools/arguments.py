@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, TypeVar, get_args
 
 from diffbot_core.bounded_yaml import load_yaml
@@ -63,6 +64,13 @@ def setting(text: str) -> tuple[str, Any]:
     if not found or not name:
         raise argparse.ArgumentTypeError(f"{text!r}: must be NAME=VALUE")
     return name, yaml_value(value)
+
+
+def ros_parameters(values: Mapping[str, Any]) -> list[str]:
+    """Return the ROS arguments that set parameters."""
+    # ROS parses values as YAML, of which JSON is a subset, but not its pairs of surrogates.
+    pairs = (f"{name}:={json.dumps(value, ensure_ascii=False)}" for name, value in values.items())
+    return [part for pair in pairs for part in ("-p", pair)]
 
 
 def once(flag: str, settings: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -9,7 +9,6 @@ if __name__ == "__main__":  # before the other imports: see launcher
 
 import argparse
 import importlib
-import json
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -22,7 +21,7 @@ from diffbot_control.law.presets import PRESETS, TUNED
 from diffbot_core.errors import DiffbotError
 from diffbot_core.launcher import end_on_signals
 from diffbot_core.schema import build, to_dict
-from diffbot_tools.arguments import MAX_SEED, add_flags, whole
+from diffbot_tools.arguments import MAX_SEED, add_flags, ros_parameters, whole
 from diffbot_tools.bag.command import add_bag
 from diffbot_tools.data_commands import add_calibrate, add_import, add_refilter
 from diffbot_tools.goal_command import add_goal
@@ -117,8 +116,6 @@ def _replay(options: argparse.Namespace) -> int:
     first, *more = map(str, options.bag)
     given |= {"uri": first, "bags": more}
     build(ReplayConfig, given)  # refuses a bad value by the flag's name
-    # ROS parses values as YAML, of which JSON is a subset.
-    arguments = [part for name, value in given.items() for part in ("-p", f"{name}:={json.dumps(value)}")]
     end_on_signals(0)
     node = importlib.import_module(NODES["replay"].module)
-    return int(node.main(["--ros-args", *arguments, *options.ros_args]))
+    return int(node.main(["--ros-args", *ros_parameters(given), *options.ros_args]))

@@ -12,12 +12,15 @@ import numpy as np
 from diffbot_control.law.regions import REGION_NAMES
 from diffbot_core.geometry import MAX_COORDINATE, Pose, yaw_of_quaternion
 from diffbot_tools.view.bag_tables import RobotTables, Timed
+from diffbot_tools.view.bounded_table import BoundedTable
 from diffbot_tools.view.clock import Clock, Columns
 from diffbot_tools.view.texts import LogLine, Status
 
 OK, WARNING, ERROR = 0, 1, 2
 MAX_EVENTS = 2000
 """that are kept of a robot; the later ones are left out"""
+MAX_NAMES = 1000
+"""of nodes, goals and counters whose last message is remembered"""
 _STATUS_DELAY = 2.0
 """[s] between a goal and the status that names it"""
 _LEVEL_OF_END = {"reached": OK, "cancelled": OK, "replaced": OK}
@@ -88,9 +91,9 @@ class EventMaker:
         """Keep of /diagnostics and /rosout what comes from nodes in ``namespace``, such as ``/robot1``."""
         self._namespace = namespace
         self._states: dict[str, str] = {}
-        self._counts: dict[str, int] = {}
-        self._ends: set[str] = set()
-        self._faults: dict[str, str] = {}
+        self._counts: BoundedTable[str, int] = BoundedTable(MAX_NAMES)
+        self._ends: BoundedTable[str, None] = BoundedTable(MAX_NAMES)
+        self._faults: BoundedTable[str, str] = BoundedTable(MAX_NAMES)
         self._region: float | None = None
 
     def of_goal(self, time: float, number: int, pose: Pose) -> Event:
@@ -122,9 +125,10 @@ class EventMaker:
         """Return the ends of goals that are new in ~/goal_results."""
         found = []
         for status in statuses:
-            if status.name in self._ends:
+            is_known = status.name in self._ends
+            self._ends[status.name] = None
+            if is_known:
                 continue
-            self._ends.add(status.name)
             reason, source = (status.values.get(key, "") for key in ("reason", "source"))
             words = f"goal {status.message}" + (f": {reason}" if reason else "") + (f" [{source}]" if source else "")
             found.append(Event(time, "end", _LEVEL_OF_END.get(status.message, ERROR), words))

@@ -2,7 +2,8 @@
 
 Whoever may send goals to a robot has to be the user: the address carries a token, the Host and Origin headers have to
 be those of this server (a foreign page in the same browser has another origin, a rebound name another host), and
-whatever a browser sends is small and checked. A browser that is slow gets the newest state when it is ready for it.
+whatever a browser sends is small and checked. A browser that is slow gets the newest state when it is ready for it;
+one that takes nothing, or that cannot be served, loses its own connection.
 """
 
 from __future__ import annotations
@@ -10,13 +11,12 @@ from __future__ import annotations
 import asyncio
 import hmac
 import ipaddress
-import json
 import secrets
 import socket
 import threading
 import urllib.parse
-from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
+from functools import partial
 from http import HTTPStatus
 from typing import Any, NamedTuple
 
@@ -27,6 +27,7 @@ from websockets.http11 import Request as HttpRequest
 from websockets.http11 import Response
 
 from diffbot_core.errors import DiffbotError, InvalidValueError
+from diffbot_tools.view.connections import Browser, Connection, Opening, silent_logger
 from diffbot_tools.view.intake import MAX_MESSAGE, Request, read_request
 from diffbot_tools.view.live_state import COLUMNS, LiveState
 from diffbot_tools.view.page_file import html, policy
@@ -35,10 +36,11 @@ PERIOD = 0.05
 """[s] between two messages to a browser: 20 Hz"""
 REQUEST_PERIOD = 0.02
 """[s] between two requests of a browser that are read"""
+OPEN_TIMEOUT = 5.0
+"""[s] from a connection to its complete request"""
 MAX_BROWSERS = 16
 MAX_BAD = 20
 """bad requests after which a browser is disconnected"""
-_ANSWERS = 50
 _START_TIMEOUT = 10.0
 
 Reply = Callable[[str, int], None]
@@ -53,19 +55,6 @@ class Address(NamedTuple):
     """0: a free one"""
 
 
-class _Browser:
-    """A connection."""
-
-    def __init__(self, connection: ServerConnection) -> None:
-        self.connection = connection
-        self.answers: deque[dict[str, Any]] = deque(maxlen=_ANSWERS)
-        self.bad = 0
-
-    def reply(self, text: str, level: int) -> None:
-        """Queue an answer for the next message; of too many, the oldest are dropped."""
-        self.answers.append({"type": "answer", "text": text, "level": level})
-
-
 class PageServer:
     """The server; :meth:`start` and :meth:`stop` are for the thread that made it."""
 
@@ -74,6 +63,7 @@ class PageServer:
         state: LiveState,
         constants: dict[str, Any],
         on_request: Callable[[Request, Reply], None],
+        on_error: Callable[[Exception], None],
         address: Address,
     ) -> None:
         """Prepare the page; nothing listens yet.
@@ -82,12 +72,15 @@ class PageServer:
             state: what the browsers are shown.
             constants: tolerances and limits until others are known.
             on_request: called in the server's thread with each checked request; must return at once.
+            on_error: called in the server's thread with what no request should raise; the server goes on.
             address: where to listen.
         """
-        self._state, self._constants, self._on_request, self._address = state, constants, on_request, address
+        self._state, self._constants, self._address = state, constants, address
+        self._on_request, self._on_error = on_request, on_error
         self.token = secrets.token_urlsafe(18)
         self.port = 0
-        self._browsers: set[_Browser] = set()
+        self._browsers: set[Browser] = set()
+        self._opening: Opening = {}
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._run, name="page server", daemon=True)
         self._started = threading.Event()
@@ -127,6 +120,7 @@ class PageServer:
 
     def _run(self) -> None:
         asyncio.set_event_loop(self._loop)
+        self._loop.set_exception_handler(self._contain)
         try:
             self._loop.run_until_complete(self._serve())
         except OSError as error:
@@ -135,6 +129,10 @@ class PageServer:
             self._started.set()
             self._loop.close()
 
+    def _contain(self, _loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        error = context.get("exception")
+        self._on_error(error if isinstance(error, Exception) else DiffbotError(context["message"]))
+
     async def _serve(self) -> None:
         self._end = asyncio.Event()
         server: Server = await serve(
@@ -142,6 +140,9 @@ class PageServer:
             self._address.host,
             self._address.port,
             process_request=self._answer_http,
+            create_connection=partial(Connection, self._opening),  # type: ignore[arg-type] # only ever called
+            logger=silent_logger(),
+            open_timeout=OPEN_TIMEOUT,
             compression=None,
             max_size=MAX_MESSAGE,
             max_queue=4,
@@ -155,11 +156,17 @@ class PageServer:
 
     def _answer_http(self, connection: ServerConnection, request: HttpRequest) -> Response | None:
         """Return the page, or a refusal; None lets the WebSocket begin."""
-        url = urllib.parse.urlsplit(request.path)
-        host = _single(request.headers, "Host")
-        if (refusal := self._refusal(url, host, _single(request.headers, "Origin"))) is not None:
-            return connection.respond(*refusal)
-        return None if url.path == "/ws" else self._page(host)
+        try:
+            url = urllib.parse.urlsplit(request.path)
+            host = _single(request.headers, "Host")
+            if (refusal := self._refusal(url, host, _single(request.headers, "Origin"))) is not None:
+                return connection.respond(*refusal)
+            return None if url.path == "/ws" else self._page(host)
+        except ValueError:  # brackets, bytes and escapes that no address has
+            return connection.respond(HTTPStatus.BAD_REQUEST, "bad request\n")
+        except Exception as error:
+            self._on_error(error)
+            return connection.respond(HTTPStatus.INTERNAL_SERVER_ERROR, "internal error\n")
 
     def _refusal(self, url: urllib.parse.SplitResult, host: str, origin: str) -> tuple[HTTPStatus, str] | None:
         """Return why a request is refused, None if it is not."""
@@ -184,10 +191,10 @@ class PageServer:
         if name in ("localhost", self._address.host, socket.gethostname()):
             return True
         try:
-            ipaddress.ip_address(name.strip("[]"))
+            # The name of an interface may hold anything, and the host stands in the page.
+            return "%" not in name and bool(ipaddress.ip_address(name.strip("[]")))
         except ValueError:
             return False
-        return True
 
     def _page(self, host: str) -> Response:
         connect = f"ws://{host}"
@@ -206,44 +213,52 @@ class PageServer:
         return Response(HTTPStatus.OK, "OK", headers, body)
 
     async def _converse(self, connection: ServerConnection) -> None:
-        browser = _Browser(connection)
+        if isinstance(connection, Connection):
+            connection.opening.pop(connection, None)
+        browser = Browser(connection)
         self._browsers.add(browser)
-        sender = asyncio.ensure_future(self._send(browser))
+        sender = asyncio.ensure_future(self._guard(browser, self._send(browser)))
         try:
-            async for text in connection:
-                self._receive(browser, text)
-                if browser.bad > MAX_BAD:
-                    await connection.close(1008, "too many bad requests")
-                await asyncio.sleep(REQUEST_PERIOD)
-        except ConnectionClosed:
-            pass
+            await self._guard(browser, self._receive_all(browser))
         finally:
             sender.cancel()
             self._browsers.discard(browser)
 
-    async def _send(self, browser: _Browser) -> None:
-        """Send the newest state whenever the browser has taken the one before, at most every PERIOD."""
-        send = browser.connection.send
-        hello = {"type": "hello", "robots": self._state.robots, "columns": COLUMNS, "constants": self._constants}
-        version = 0
+    async def _guard(self, browser: Browser, work: Coroutine[Any, Any, None]) -> None:
+        """Do one direction of a conversation; what goes wrong in it ends this connection alone."""
         try:
-            for message in (hello, *self._state.history()):
-                await send(_json(message))
-            while True:
-                state, events, version = self._state.news(version)
-                if state:
-                    await send(_json(state))
-                for robot, many in events.items():
-                    await send(_json({"type": "events", "robot": robot, "events": many}))
-                while browser.answers:
-                    await send(_json(browser.answers.popleft()))
-                await asyncio.sleep(PERIOD)
+            await work
         except ConnectionClosed:
             pass
-        except ValueError:  # a number that JSON does not have; without an end, the page would wait for ever
-            await browser.connection.close(1011, "the state cannot be sent")
+        except Exception as error:
+            self._on_error(error)
+            # Left open, the page would wait for ever; closed, it connects again.
+            await browser.connection.close(1011, "internal error")
 
-    def _receive(self, browser: _Browser, text: str | bytes) -> None:
+    async def _receive_all(self, browser: Browser) -> None:
+        async for text in browser.connection:
+            self._receive(browser, text)
+            if browser.bad > MAX_BAD:
+                await browser.connection.close(1008, "too many bad requests")
+            await asyncio.sleep(REQUEST_PERIOD)
+
+    async def _send(self, browser: Browser) -> None:
+        """Send the newest state whenever the browser has taken the one before, at most every PERIOD."""
+        hello = {"type": "hello", "robots": self._state.robots, "columns": COLUMNS, "constants": self._constants}
+        version = 0
+        for message in (hello, *self._state.history()):
+            await browser.send(message)
+        while True:
+            state, events, version = self._state.news(version)
+            if state:
+                await browser.send(state)
+            for robot, many in events.items():
+                await browser.send({"type": "events", "robot": robot, "events": many})
+            while browser.answers:
+                await browser.send(browser.answers.popleft())
+            await asyncio.sleep(PERIOD)
+
+    def _receive(self, browser: Browser, text: str | bytes) -> None:
         try:
             request = read_request(text, self._state.robots)
         except InvalidValueError as error:
@@ -256,7 +271,3 @@ class PageServer:
 def _single(headers: Headers, name: str) -> str:
     found = headers.get_all(name)
     return found[0] if len(found) == 1 else ""
-
-
-def _json(message: dict[str, Any]) -> str:
-    return json.dumps(message, separators=(",", ":"), allow_nan=False)

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import json
 from pathlib import Path
 from typing import Any
 
-from diffbot_tools.arguments import whole
+from diffbot_tools.arguments import ros_parameters, whole
 from diffbot_tools.watch.parameters import WatchConfig
 
 
@@ -37,8 +36,6 @@ def _call(options: argparse.Namespace) -> int:
         "record_folder": str(options.record.expanduser().absolute()) if options.record else "",
         "open_browser": options.open,
     }
-    # ROS parses values as YAML, of which JSON is a subset.
-    arguments = [part for name, value in values.items() for part in ("-p", f"{name}:={json.dumps(value)}")]
     # By name: the command line can be imported without ROS.
     node = importlib.import_module("diffbot_tools.watch.watch_node")
-    return int(node.main(["--ros-args", *arguments, *options.ros_args]))
+    return int(node.main(["--ros-args", *ros_parameters(values), *options.ros_args]))

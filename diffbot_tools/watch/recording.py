@@ -2,66 +2,198 @@
 
 from __future__ import annotations
 
+import contextlib
 import datetime
+import io
 import os
+import queue
 import signal
 import subprocess
 import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from diffbot_core.errors import DiffbotError
+from diffbot_tools.arguments import ros_parameters
 from diffbot_tools.demo.processes import BOUND, STOP_TIMEOUT
+from diffbot_tools.view.server import Reply
+
+RECORDER = (sys.executable, "-m", "diffbot_bag.recorder_node")
+READY_TIMEOUT = 60.0
+"""[s] from the start of a recorder to its bag; a busy machine starts processes slowly"""
+MAX_WAITING = 8
+"""requests that wait for the one before"""
+_LOOK_PERIOD = 0.2
+_POLL = 0.02
+_LINES, _MAX_LINE = 20, 200
+"""last lines of the recorder that are kept, and characters of one that are shown"""
 
 
 class Recording:
-    """Records all topics into a new bag at a time."""
+    """Records all topics into a new bag at a time.
 
-    def __init__(self, folder: Path) -> None:
-        """Bags become folders in ``folder``."""
-        self._folder = folder
-        self._process: subprocess.Popen[bytes] | None = None
-        self._bag = folder
+    All is done in one thread, which lives as long as this object: the system ends a bound process together with the
+    thread that started it.
+    """
+
+    def __init__(self, folder: Path, on_change: Callable[[], None], command: Sequence[str] = RECORDER) -> None:
+        """Start the thread.
+
+        Args:
+            folder: bags become folders in it.
+            on_change: called in the thread when :attr:`is_on` or :attr:`problem` may have changed.
+            command: of the recorder; ROS arguments are appended.
+        """
+        self._folder, self._on_change, self._command = folder, on_change, command
+        self._requests: queue.Queue[tuple[bool, Reply]] = queue.Queue(MAX_WAITING)
+        self._closed = threading.Event()
+        self._recorder: _Recorder | None = None
+        self._starter: Reply | None = None
+        self.problem = ""
+        """one line about the last recording if it failed, else empty"""
+        self._thread = threading.Thread(target=self._run, name="recording", daemon=True)
+        self._thread.start()
 
     @property
     def is_on(self) -> bool:
-        """True while a recorder runs."""
-        return self._process is not None and self._process.poll() is None
+        """True while a recorder runs and has its bag."""
+        return self._recorder is not None
 
-    def start(self) -> str:
-        """Start a recorder; return a line about it.
+    def add(self, is_on: bool, reply: Reply) -> None:
+        """Take a request to start or to stop; the answer comes when that is done. Returns at once."""
+        try:
+            self._requests.put_nowait((is_on, reply))
+        except queue.Full:
+            reply("busy: the recorder is starting or ending", 1)
 
-        Raises:
-            DiffbotError: if one runs already, or it cannot be started.
-        """
-        if self.is_on:
-            raise DiffbotError(f"already recording to {self._bag}")
-        name = datetime.datetime.now().astimezone().strftime("bag_%Y-%m-%d_%H-%M-%S")
-        self._bag = self._folder / name
-        uri = f"uri:='{self._bag}'"
-        command = [*BOUND, str(os.getpid()), sys.executable, "-m", "diffbot_bag.recorder_node", "--ros-args", "-p", uri]
+    def close(self) -> None:
+        """Stop a recorder that runs and end the thread."""
+        self._closed.set()
+        self._thread.join(timeout=STOP_TIMEOUT + 5.0)
+
+    def _run(self) -> None:
+        while not self._closed.is_set():
+            try:
+                is_on, reply = self._requests.get(timeout=_LOOK_PERIOD)
+            except queue.Empty:
+                self._look()
+                continue
+            try:
+                text = self._start() if is_on else self._stop()
+                self._starter = reply
+                reply(text, 0)
+            except DiffbotError as error:
+                reply(str(error), 2)
+            self._on_change()
+        if self._recorder is not None:
+            with contextlib.suppress(DiffbotError):
+                self._stop()
+
+    def _look(self) -> None:
+        """Report a recorder that has ended by itself."""
+        if self._recorder is None or self._recorder.is_running:
+            return
+        recorder, self._recorder = self._recorder, None
+        error = self._failure(f"recording to {recorder.bag} ended: {recorder.stop()}")
+        if self._starter is not None:
+            self._starter(str(error), 2)
+        self._on_change()
+
+    def _failure(self, text: str) -> DiffbotError:
+        self.problem = text
+        return DiffbotError(text)
+
+    def _start(self) -> str:
+        self._look()
+        if self._recorder is not None:
+            raise DiffbotError(f"already recording to {self._recorder.bag}")
+        bag = self._folder / datetime.datetime.now().astimezone().strftime("bag_%Y-%m-%d_%H-%M-%S")
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
-            self._process = subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=True)
+            recorder = _Recorder(bag, self._command)
         except OSError as error:
-            raise DiffbotError(f"cannot record to {self._bag}: {error.strerror}") from error
-        return f"recording to {self._bag}"
+            raise self._failure(f"cannot record to {bag}: {error.strerror}") from error
+        deadline = time.monotonic() + READY_TIMEOUT
+        while not recorder.is_ready:
+            is_late = time.monotonic() > deadline
+            if is_late or not recorder.is_running or self._closed.wait(_POLL):
+                late = f" after {READY_TIMEOUT:g} s" if is_late else ""
+                raise self._failure(f"cannot record to {bag}: no bag{late}, {recorder.stop()}")
+        self._recorder, self.problem = recorder, ""
+        return f"recording to {bag}"
 
-    def stop(self) -> str:
-        """Stop the recorder, which closes its bag; return a line about it.
+    def _stop(self) -> str:
+        self._look()
+        if self._recorder is None:
+            raise DiffbotError(self.problem or "not recording")
+        recorder, self._recorder = self._recorder, None
+        end = recorder.stop()
+        if not recorder.is_complete:
+            raise self._failure(f"the bag {recorder.bag} is not complete: {end}")
+        return f"recorded {recorder.bag}"
+
+
+class _Recorder:
+    """A recorder process and the last lines that it wrote, which also go to the log of this one."""
+
+    def __init__(self, bag: Path, command: Sequence[str]) -> None:
+        """Start it.
 
         Raises:
-            DiffbotError: if none runs, or it failed.
+            OSError: if that is impossible.
         """
-        if self._process is None:
-            raise DiffbotError("not recording")
-        process, self._process = self._process, None
-        if process.poll() is None:
-            process.send_signal(signal.SIGINT)
+        self.bag = bag
+        self._process = subprocess.Popen(
+            [*BOUND, str(os.getpid()), *command, "--ros-args", *ros_parameters({"uri": str(bag)})],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            errors="replace",
+            start_new_session=True,
+        )
+        self._lines: deque[str] = deque(maxlen=_LINES)
+        self._reader = threading.Thread(target=self._read, name="recorder's log", daemon=True)
+        self._reader.start()
+
+    @property
+    def is_ready(self) -> bool:
+        """True once it has its bag: a signal then ends it in order."""
+        return any(self.bag.glob("*.mcap"))
+
+    @property
+    def is_running(self) -> bool:
+        """False when it has ended."""
+        return self._process.poll() is None
+
+    @property
+    def is_complete(self) -> bool:
+        """True if it has ended in order and closed its bag."""
+        return self._process.returncode == 0 and (self.bag / "metadata.yaml").is_file()
+
+    def stop(self) -> str:
+        """End it if it still runs, after STOP_TIMEOUT by force; return in words how it ended."""
+        if self.is_running:
+            self._process.send_signal(signal.SIGINT)
         try:
-            status = process.wait(timeout=STOP_TIMEOUT)
+            self._process.wait(timeout=STOP_TIMEOUT)
         except subprocess.TimeoutExpired:
-            process.kill()
-            status = process.wait()
-        if status != 0:
-            raise DiffbotError(f"the recorder ended with status {status}")
-        return f"recorded {self._bag}"
+            self._process.kill()
+            self._process.wait()
+        self._reader.join(timeout=1.0)
+        errors = [line for line in self._lines if "[ERROR]" in line or "[FATAL]" in line or line.startswith("error:")]
+        words = (errors or list(self._lines) or ["it logged nothing"])[-1]
+        shown = words if len(words) <= _MAX_LINE else words[:_MAX_LINE] + "..."
+        return f"the recorder ended with status {self._process.returncode}: {shown}"
+
+    def _read(self) -> None:
+        with self._process.stdout or io.StringIO() as output:
+            for line in output:
+                if line.strip():
+                    self._lines.append(line.strip())
+                # Without a reader of this process's log, the recorder goes on.
+                with contextlib.suppress(OSError, ValueError):
+                    print(line, end="", file=sys.stderr, flush=True)

@@ -7,25 +7,24 @@ if __name__ == "__main__":  # before the imports that take long: see launcher
 
     raise SystemExit(launch("diffbot_tools.watch.watch_node"))
 
-import os
-import threading
 import time
-import webbrowser
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from diffbot_control.law.presets import PRESETS, TUNED
 from diffbot_core.cdr import CdrError
 from diffbot_core.errors import BadMessageError, DiffbotError
 from diffbot_core.ros.node import QUEUE, DiffbotNode, run
+from diffbot_tools.view.bounded_table import BoundedTable
 from diffbot_tools.view.constants import constants_of
 from diffbot_tools.view.intake import Request
 from diffbot_tools.view.live_state import LiveState
 from diffbot_tools.view.server import Address, PageServer, Reply
 from diffbot_tools.view.texts import Status, read_statuses
+from diffbot_tools.watch.opened_page import OpenedPage
 from diffbot_tools.watch.parameters import WatchConfig, robot_names
 from diffbot_tools.watch.recording import Recording
 from diffbot_tools.watch.ros.errands import Errands, Found
@@ -48,16 +47,18 @@ class WatchNode(DiffbotNode[WatchConfig]):
         self._names = robot_names(config.namespaces)
         self._state = LiveState(self._names)
         self._constants = constants_of(PRESETS[TUNED])
-        self._diagnoses: dict[str, tuple[float, Status]] = {}
+        self._diagnoses: BoundedTable[str, tuple[float, Status]] = BoundedTable(MAX_NODES)
         self._found_services: dict[str, dict[str, bool]] = {}
-        self._recording = Recording(Path(config.record_folder)) if config.record_folder else None
-        self._record_lock = threading.Lock()
-        self.server = PageServer(self._state, self._constants, self._on_request, Address(config.host, config.port))
+        on_error = partial(self.contain, where="the server of the page")
+        address = Address(config.host, config.port)
+        self.server = PageServer(self._state, self._constants, self._on_request, on_error, address)
         try:
             self.server.start()
         except DiffbotError:
             self.destroy_node()
             raise
+        folder = config.record_folder
+        self._recording = Recording(Path(folder), self._put_services) if folder else None
         clock = SharedClock()
         robots = zip(self._names, config.namespaces, strict=True)
         self._robots = [RobotWatch(self, name, namespace, self._state, clock) for name, namespace in robots]
@@ -69,26 +70,16 @@ class WatchNode(DiffbotNode[WatchConfig]):
         self.create_timer(_LOOK_PERIOD, self._look_around, clock=self.steady_clock)
         self._put_services()
         print(f"Page: {self.server.url}", flush=True)
-        # Without a screen, webbrowser would start one of text in the terminal.
-        if config.open_browser and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-            threading.Thread(target=webbrowser.open, args=(self.server.url,), daemon=True).start()
+        self._opened = OpenedPage(self.server.url) if config.open_browser else None
 
     def _on_request(self, request: Request, reply: Reply) -> None:
         """Hand a request on; called in the server's thread."""
-        if request.kind == "record":
-            threading.Thread(target=self._record, args=(request.is_on, reply), daemon=True).start()
-        else:
+        if request.kind != "record":
             self._errands[request.robot].add(request, reply)
-
-    def _record(self, is_on: bool, reply: Reply) -> None:
-        with self._record_lock:
-            try:
-                if self._recording is None:
-                    raise DiffbotError("recording is off: start diffbot watch with --record FOLDER")
-                reply(self._recording.start() if is_on else self._recording.stop(), 0)
-            except DiffbotError as error:
-                reply(str(error), 2)
-        self._put_services()
+        elif self._recording is not None:
+            self._recording.add(request.is_on, reply)
+        else:
+            reply("recording is off: start diffbot watch with --record FOLDER", 2)
 
     def _on_found(self, name: str, found: Found) -> None:
         """Take what the graph of a robot has; called in the thread of its errands."""
@@ -110,8 +101,7 @@ class WatchNode(DiffbotNode[WatchConfig]):
         except CdrError as error:
             raise BadMessageError("unreadable", str(error)) from None
         for status in statuses:
-            if status.name in self._diagnoses or len(self._diagnoses) < MAX_NODES:
-                self._diagnoses[status.name] = time.monotonic(), status
+            self._diagnoses[status.name] = time.monotonic(), status
         for robot in self._robots:
             robot.on_diagnostics(statuses)
         self._put_diagnoses()
@@ -120,7 +110,7 @@ class WatchNode(DiffbotNode[WatchConfig]):
         now = time.monotonic()
         shown = [
             {"name": one.name, "level": one.level if now - received <= _OUTDATED else _STALE, "message": one.message}
-            for received, one in self._diagnoses.values()
+            for _, (received, one) in sorted(self._diagnoses.items())
         ]
         self._state.put("", "diagnostics", shown)
 
@@ -133,13 +123,24 @@ class WatchNode(DiffbotNode[WatchConfig]):
             self._put_diagnoses()
         self._put_services()
 
+    def health_level(self) -> tuple[int, str]:
+        """Return level and message for /diagnostics, which also stand on the page."""
+        found = [super().health_level()]
+        if self._recording is not None and self._recording.problem:
+            found.append((DiagnosticStatus.ERROR[0], self._recording.problem))
+        if self._diagnoses.dropped:
+            found.append((DiagnosticStatus.WARN[0], f"{self._diagnoses.dropped} names dropped, {MAX_NODES} are shown"))
+        return max(found, key=lambda one: one[0])
+
     def before_shutdown(self) -> None:
         """Close the page, the errands and a recording."""
+        if self._opened is not None:
+            self._opened.close()
         self.server.stop()
         for errands in self._errands.values():
             errands.stop()
-        if self._recording is not None and self._recording.is_on:
-            self.get_logger().info(self._recording.stop())
+        if self._recording is not None:
+            self._recording.close()
 
 
 def main(args: list[str] | None = None) -> int:

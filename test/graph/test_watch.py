@@ -2,11 +2,14 @@
 
 import contextlib
 import math
+import pathlib
 import signal
+import stat
 
 import browser
 import graph
 import pytest
+import watch_page
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry, Path
@@ -32,11 +35,16 @@ def bags(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def url(robot, bags):
+def watch(robot, bags):
     with graph.diffbot("watch", "--port", "0", "--record", str(bags)) as running:
         running.wait_for_output("Page: ")
-        yield next(line.split()[-1] for line in running.output.splitlines() if line.startswith("Page: "))
+        yield running
         assert running.stop(signal.SIGINT) == 0
+
+
+@pytest.fixture(scope="module")
+def url(watch):
+    return watch_page.url_of(watch)
 
 
 @pytest.fixture(scope="module")
@@ -126,9 +134,18 @@ def test_a_goal_by_keyboard_and_its_cancellation(page, peer):
     press(page, "c")
     peer.spin_until(lambda: newest_goal(peer) is None, what="the cancellation")
     peer.spin_until(lambda: peer.statuses[-1].message == "idle", what="rest")
-    form.locator("input[name=x]").fill("far")
-    form.locator("button[value=goal]").click()
-    page.wait_for_message("must be numbers")
+    # Nothing of these is a goal, not even the number that they begin with.
+    for text, reason in (
+        ("1,5", "x = '1,5': must be a number with a decimal point"),
+        ("1.5 m", "x = '1.5 m': must be a number"),
+        ("", "x = ''"),
+        ("0x10", "x = '0x10'"),
+        ("1e999", "x = '1e999'"),
+    ):
+        form.locator("input[name=x]").fill(text)
+        form.locator("button[value=goal]").click()
+        page.wait_for_message(reason)
+    assert newest_goal(peer) is None
 
 
 def test_pause_reset_and_initial_pose(page, peer):
@@ -201,7 +218,7 @@ def test_the_page_reports_when_the_robot_is_silent(page, robot):
     page.wait("document.querySelectorAll('#diagnostics .bad').length === 0", "the diagnoses")
 
 
-def test_the_record_button_writes_a_bag(page, bags):
+def test_the_record_button_writes_a_bag(page, watch, bags):
     button = page.tab.locator("[title^=Record]")
     button.click()
     page.wait_for_message("recording to")
@@ -211,9 +228,32 @@ def test_the_record_button_writes_a_bag(page, bags):
         with contextlib.suppress(DiffbotError, StopIteration), BagReader(next(bags.iterdir())) as reader:
             return "/pose" in reader.topics and reader.topics["/pose"].message_count > 3
 
-    graph.wait_for(recorded, what="messages in the bag")
+    try:
+        graph.wait_for(recorded, what="messages in the bag")
+    finally:
+        print(watch.output)  # what the recorder says stands in it
     button.click()
     page.wait_for_message("recorded /")
     (bag,) = bags.iterdir()
     with BagReader(bag) as reader:
         assert reader.topics["/pose"].message_count > 3
+
+
+def test_a_browser_is_opened_without_the_token_on_its_command_line(tmp_path):
+    """Every user of the machine can read command lines."""
+    seen, program, runtime = (tmp_path / name for name in ("seen", "browser", "runtime"))
+    program.write_text(f'#!/bin/sh\necho "$@" > {seen}.part && mv {seen}.part {seen}\n')
+    program.chmod(0o755)
+    runtime.mkdir(mode=0o700)
+    variables = {"DISPLAY": ":99", "BROWSER": f"{program} %s", "XDG_RUNTIME_DIR": str(runtime)}
+    with graph.diffbot("watch", "--port", "0", "--open", env=graph.environment(**variables)) as running:
+        running.wait_for_output("Page: ")
+        address = watch_page.url_of(running)
+        graph.wait_for(seen.exists, what="the browser")
+        opened = seen.read_text().strip()
+        assert address.split("token=")[1] not in opened
+        file = pathlib.Path(opened.removeprefix("file://"))
+        assert f'content="0; url={address}"' in file.read_text()
+        assert [stat.S_IMODE(one.stat().st_mode) for one in (file, file.parent)] == [0o600, 0o700]
+        assert running.stop(signal.SIGINT) == 0
+    assert not file.exists()

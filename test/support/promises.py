@@ -109,6 +109,24 @@ PROMISES = {
         60,
         unit="call",
     ),
+    "page requests": Promise(
+        "hostile connections and requests to the page of `diffbot watch`, some left open",
+        "another browser is shown the newest pose; no line in the log",
+        2000,
+        60,
+        unit="request",
+    ),
+    "page numbers": Promise(
+        "messages with hostile numbers to the page", "browsers are shown the newest pose", 2000, 40, unit="message"
+    ),
+    "page names": Promise(
+        "1,000 names of nodes in a message on /diagnostics, all new",
+        "at most 100 are on the page, which says how many were dropped; memory grows by 20 MB at most",
+        120,
+        3,
+        20.0,
+        "MB",
+    ),
     "disk full": Promise(
         "the disk is full while recording", "status 1, one ERROR, what was written is readable", 10, 2
     ),

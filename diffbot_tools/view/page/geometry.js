@@ -50,3 +50,14 @@ export function rangeOf(values, begin, end, extra = null) {
 export function shown(value, digits = 2) {
   return Number.isFinite(value) ? value.toFixed(digits) : "–";
 }
+
+const NUMBER = /^[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$/i;
+
+/** The number that a text is as a whole; an error that names the field if it is none. */
+export function readNumber(name, text) {
+  const word = text.trim();
+  const value = NUMBER.test(word) ? Number(word) : NaN;
+  if (Number.isFinite(value)) return value;
+  const advice = word.includes(",") ? "a number with a decimal point, not a comma" : "a number, such as -1.5";
+  throw new Error(`${name} = '${word.slice(0, 20)}': must be ${advice}.`);
+}

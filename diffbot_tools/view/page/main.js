@@ -1,9 +1,9 @@
 import { makeCharts } from "./charts.js";
-import { shown } from "./geometry.js";
+import { readNumber, shown } from "./geometry.js";
 import { Live } from "./live.js";
 import { drawArrow, drawMap } from "./map.js";
 import { unpackRobots } from "./packing.js";
-import { add, EventList, showDiagnostics, showSummary, showTopics, showValues } from "./panels.js";
+import { add, EventList, MAX_EVENTS, showDiagnostics, showSummary, showTopics, showValues } from "./panels.js";
 import { Player } from "./player.js";
 import { startPointer } from "./pointer.js";
 import { Robot } from "./store.js";
@@ -244,9 +244,12 @@ function startLive() {
   $("pose-form").addEventListener("submit", (event) => {
     event.preventDefault();
     const form = new FormData(event.target);
-    const [x, y, heading] = ["x", "y", "heading"].map((name) => Number.parseFloat(form.get(name)));
-    if (![x, y, heading].every(Number.isFinite)) alarm("x, y and heading must be numbers.");
-    else sendPose(event.submitter.value, { x, y, theta: (heading * Math.PI) / 180 });
+    try {
+      const [x, y, heading] = ["x", "y", "heading"].map((name) => readNumber(name, form.get(name)));
+      sendPose(event.submitter.value, { x, y, theta: (heading * Math.PI) / 180 });
+    } catch (error) {
+      alarm(error.message);
+    }
   });
   let columns = {};
   const find = (name) => page.robots.find((one) => one.name === name);
@@ -286,7 +289,7 @@ function startLive() {
     onEvents(message) {
       const robot = find(message.robot);
       if (!robot) return;
-      robot.events.push(...message.events);
+      robot.events = [...robot.events, ...message.events].slice(-MAX_EVENTS);
       if (robot === page.robot) events.append(message.events);
     },
     onAnswer: (message) => alarm(message.text, message.level ? 12 : 5, message.level),

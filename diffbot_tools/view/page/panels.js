@@ -2,6 +2,9 @@ import { shown } from "./geometry.js";
 
 // Texts beside the drawings. Whatever comes from a bag or a robot is set as text, never as markup.
 
+/** Events that are kept; the oldest go first. */
+export const MAX_EVENTS = 2000;
+
 /** Append an element with a text and attributes; return it. */
 export function add(parent, tag, text = "", attributes = {}) {
   const element = parent.ownerDocument.createElement(tag);
@@ -99,7 +102,7 @@ export class EventList {
       this.items.push({ time, kind, item, button });
       if (!this.kinds.has(kind)) this.addKind(kind);
     }
-    while (this.items.length > 2000) this.items.shift().item.remove();
+    while (this.items.length > MAX_EVENTS) this.items.shift().item.remove();
     if (isAtEnd) this.list.scrollTop = this.list.scrollHeight;
   }
 

@@ -33,6 +33,8 @@ from diffbot_tools.watch.parameters import WatchConfig
 
 SILENCE = 2.0
 """[s] without a status, which comes every 0.5 s"""
+_LAST_STAMP = 2.0**31
+"""[s] of ROS; beyond, or NaN, it is none"""
 _TWISTS = {"geometry_msgs/msg/Twist": TwistMessage, "geometry_msgs/msg/TwistStamped": TwistStamped}
 
 
@@ -153,7 +155,8 @@ class RobotWatch:
         if len(message.data) != len(labels) or not set(LAW_COLUMNS) <= set(labels):
             raise BadMessageError("labels missing")
         named = dict(zip(labels, message.data, strict=True))
-        time = self._clock.of(round(named["stamp"] * 1e9)) if math.isfinite(named["stamp"]) else self._time
+        stamp = named["stamp"]
+        time = self._clock.of(round(stamp * 1e9)) if abs(stamp) <= _LAST_STAMP else self._time
         self._row("law", time, *(named[name] for name in COLUMNS["law"][1:]))
         self._add(self._events.of_region(time, named["region"]))
 

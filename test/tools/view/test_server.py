@@ -1,5 +1,6 @@
 """The page's server: who may connect, what may be asked, and that a browser that does not read holds nobody up."""
 
+import contextlib
 import http.client
 import json
 import math
@@ -13,6 +14,8 @@ from websockets.sync.client import connect
 
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.geometry import Pose
+from diffbot_tools.view import connections
+from diffbot_tools.view.connections import MAX_OPENING
 from diffbot_tools.view.events import Event
 from diffbot_tools.view.intake import MAX_MESSAGE, Request, read_request
 from diffbot_tools.view.live_state import COLUMNS, LiveState
@@ -33,15 +36,21 @@ def requests():
 
 
 @pytest.fixture
-def server(state, requests):
+def errors():
+    return []
+
+
+@pytest.fixture
+def server(state, requests, errors):
     def on_request(request, reply):
         requests.append(request)
         reply("done", 0)
 
-    running = PageServer(state, {"limits": {}}, on_request, Address())
+    running = PageServer(state, {"limits": {}}, on_request, errors.append, Address())
     running.start()
     yield running
     running.stop()
+    assert errors == []
 
 
 def get(server, path, **headers):
@@ -141,11 +150,37 @@ def test_garbage_is_refused_and_at_last_disconnected(server, requests):
     graph.wait_for(lambda: server.browsers == 0, what="the end of the connections")
 
 
-def test_a_state_that_cannot_be_sent_ends_the_connection(server, state):
+def test_numbers_that_json_lacks_are_missing_and_the_rest_is_sent(server, state):
+    state.put("", "constants", {"xy_tolerance": math.nan, "limits": {"v": -math.inf, "omega": 2.0}})
+    state.put("robot", "plan", [1.0, [(math.inf, 2.0)]])
+    with browse(server) as browser:
+        message = receive(browser, "state")
+    assert message["constants"] == {"xy_tolerance": None, "limits": {"v": None, "omega": 2.0}}
+    assert message["robots"]["robot"]["plan"] == [1.0, [[None, 2.0]]]
+
+
+def test_a_state_that_cannot_be_sent_ends_the_connection_and_is_reported(server, state, errors):
     """The page connects again; left open, it would wait for ever."""
-    state.put("robot", "plan", [[math.nan, 0.0]])
+    state.put("robot", "plan", object())
     with browse(server) as browser, pytest.raises(ConnectionClosed):
         receive(browser, "never")
+    graph.wait_for(lambda: errors, what="the report")
+    assert "not JSON serializable" in str(errors.pop())
+
+
+def test_of_too_many_connections_without_a_request_the_oldest_are_closed(server):
+    def silent():
+        made = socket.create_connection(("127.0.0.1", server.port), timeout=PATIENCE)
+        made.sendall(b"GET /")
+        return made
+
+    with ExitStack() as opened:
+        first = opened.enter_context(silent())
+        for _ in range(MAX_OPENING):
+            opened.enter_context(silent())
+        with contextlib.suppress(ConnectionResetError):
+            assert first.recv(1) == b""
+        assert get(server, f"/?token={server.token}")[0].status == 200
 
 
 def test_too_many_browsers_are_refused(server):
@@ -178,8 +213,28 @@ def test_a_browser_that_does_not_read_holds_nobody_up_and_then_gets_the_newest(s
         assert newest(slow) < 1000, "not one for each change"
 
 
+def test_a_browser_that_takes_no_message_in_time_loses_its_connection_alone(server, state, monkeypatch):
+    monkeypatch.setattr(connections, "SEND_TIMEOUT", 0.2)
+    # Pings would find it, too, but later, and not in every version of websockets.
+    monkeypatch.setattr(connections.Connection, "start_keepalive", lambda _: None)
+    small = socket.create_connection(("127.0.0.1", server.port))
+    small.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    number = 0
+
+    def is_alone():
+        nonlocal number
+        number += 1
+        state.put("robot", "plan", [[float(number), 0.0]] * 50_000)
+        receive(quick, "state")
+        return server.browsers == 1
+
+    with browse(server, sock=small, max_queue=1, ping_interval=None), browse(server, max_queue=None) as quick:
+        graph.wait_for(lambda: server.browsers == 2, what="both browsers")
+        graph.wait_for(is_alone, what="the end of the one that does not read")
+
+
 def test_a_port_in_use_is_one_line(server, state):
-    second = PageServer(state, {}, lambda *_: None, Address(port=server.port))
+    second = PageServer(state, {}, lambda *_: None, [].append, Address(port=server.port))
     with pytest.raises(DiffbotError, match=f"cannot listen on 127.0.0.1 port {server.port}") as error:
         second.start()
     assert "\n" not in str(error.value)

@@ -1,0 +1,140 @@
+"""Hostile requests, numbers and names to `diffbot watch`, while another client looks at what its page shows."""
+
+import contextlib
+import itertools
+import signal
+import socket
+from collections import deque
+from pathlib import Path
+
+import graph
+import pytest
+import watch_page
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from hostile import SPECIAL
+from hostile_requests import requests
+from rclpy.qos import QoSProfile
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension
+
+from diffbot_tools.view.bag_tables import LAW_COLUMNS
+from diffbot_tools.watch.watch_node import MAX_NODES
+
+SHARE = 1000
+"""names in one message"""
+LEFT_OPEN = 12
+"""connections: less than the page serves"""
+
+
+class Shown:
+    """`diffbot watch`, a client of its page, and the publisher of what it shows."""
+
+    def __init__(self, watch, peer):
+        self.watch, self.peer, self.url = watch, peer, watch_page.url_of(watch)
+        self.client = watch_page.Client(self.url)
+        self._pose = peer.publisher(PoseWithCovarianceStamped, "pose")
+        peer.wait_for_subscribers(self._pose)
+        self._count = itertools.count(1)
+
+    def is_served(self):
+        """Publish a new pose until the client has it."""
+        number = next(self._count)
+        message = PoseWithCovarianceStamped()
+        message.header.stamp.sec, message.pose.pose.orientation.w = number, 1.0
+        message.pose.pose.position.x = float(number)
+
+        def shows():
+            self._pose.publish(message)
+            self.client.read()
+            return self.client.robot.get("estimate", [0, 0])[:2] == [pytest.approx(number - 1), number]
+
+        return graph.wait_for(shows, what=f"pose {number}")
+
+    def memory(self):
+        """Return the memory of the process [MB]."""
+        status = Path(f"/proc/{self.watch.popen.pid}/status").read_text()
+        return int(status.partition("VmRSS:")[2].split()[0]) / 1024.0
+
+
+@pytest.fixture(scope="module")
+def shown(record):
+    with graph.diffbot("watch", "--port", "0") as watch, graph.peer("visitor") as peer:
+        watch.wait_for_output("Page: ")
+        found = Shown(watch, peer)
+        found.is_served()
+        yield found
+        found.client.close()
+        assert watch.stop(signal.SIGINT) == 0
+        counts = record.counts("test_page")
+        counts["processes"] += 1
+        counts["tracebacks"] += watch.output.count("Traceback")
+        assert "Traceback" not in watch.output
+        assert "internal error" not in watch.output
+
+
+@contextlib.contextmanager
+def left_open():
+    """Yield a function that holds connections; of more than LEFT_OPEN the oldest is closed."""
+    held = deque()
+
+    def hold(made):
+        held.append(made)
+        if len(held) > LEFT_OPEN:
+            held.popleft().close()
+        return made
+
+    try:
+        yield hold
+    finally:
+        for one in held:
+            one.close()
+
+
+def test_hostile_requests_leave_another_browser_served(shown, trials, seeded):
+    host, token = shown.url.split("/")[2], shown.url.split("=")[1]
+    kinds = list(requests(host, token).values())
+    name, port = host.split(":")
+    before = shown.watch.output
+    with trials("page requests") as running, left_open() as hold:
+        for number in running:
+            made = hold(socket.create_connection((name, int(port)), timeout=graph.PATIENCE))
+            # The server may have refused it before all of it is sent.
+            with contextlib.suppress(OSError):
+                made.sendall(kinds[number % len(kinds)](seeded))
+            running.add(kept=shown.is_served() and shown.watch.output == before)
+
+
+def test_hostile_numbers_do_not_blind_the_page(shown, trials, seeded):
+    # Deep: a short burst must not be lost.
+    laws = shown.peer.publisher(Float64MultiArray, "controller/navigation", QoSProfile(depth=100))
+    shown.peer.wait_for_subscribers(laws)
+    names = [name for name in LAW_COLUMNS if name != "stamp"]
+    with trials("page numbers") as running:
+        for _ in running:
+            message = Float64MultiArray(data=[seeded.choice([*SPECIAL, 1e300]), *seeded.choices(SPECIAL, k=len(names))])
+            message.layout.dim = [MultiArrayDimension(label=name) for name in ("stamp", *names)]
+            laws.publish(message)
+            running.add(kept=shown.is_served() and shown.watch.popen.poll() is None)
+
+
+def test_any_number_of_names_takes_bounded_memory(shown, trials):
+    reports = shown.peer.publisher(DiagnosticArray, "/diagnostics")
+    shown.peer.wait_for_subscribers(reports)
+    numbers = itertools.count()
+
+    def dropped():
+        """Return how many names the node says that it has dropped."""
+        rows = shown.client.shared.get("diagnostics", [])
+        assert len(rows) <= MAX_NODES
+        texts = [one["message"] for one in rows if one["name"] == "/watch"]
+        return int(texts[0].split()[0]) if texts and "names dropped" in texts[0] else 0
+
+    before = shown.memory()
+    with trials("page names") as running:
+        for number in running:
+            names = (f"/node{next(numbers)}{'x' * 200}" for _ in range(SHARE))
+            reports.publish(DiagnosticArray(status=[DiagnosticStatus(name=name, message="ok") for name in names]))
+            least = (number + 1) * SHARE - MAX_NODES
+            shown.client.wait_for(lambda least=least: dropped() >= least, f"{least} dropped names")
+            running.measure(shown.memory() - before)
+    assert shown.is_served()

@@ -1,0 +1,73 @@
+"""Hostile connections to a server of pages, from a seed: what is sent, byte by byte."""
+
+GOAL = '{"type": "goal", "robot": "robot", "x": %s, "y": 0, "yaw": 0}'
+MESSAGES = [
+    *(GOAL % value for value in ("NaN", "1e400", "-Infinity", "1" + "0" * 3000, '"1,5"', "null", "[[]]", "true")),
+    "[" * 3000,
+    '{"a":' * 700,
+    "x" * 100_000,
+    '{"type": {}, "robot": []}',
+    '{"type": "record", "robot": "robot", "on": 1e999}',
+    '{"type": "pause", "robot": "\\ud800"}',
+    "\x00",
+    "",
+]
+
+
+def requests(host, token):
+    """Return the kinds of requests as functions of random numbers, by name."""
+    head = f"Host: {host}\r\n"
+    upgrade = (
+        f"{head}Origin: http://{host}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+        "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n"
+    )
+    page = f"GET /?token={token} HTTP/1.1\r\n"
+
+    def get(target, rest=head):
+        return f"GET {target} HTTP/1.1\r\n{rest}\r\n".encode("latin-1")
+
+    def socket(rng, data):
+        return f"GET /ws?token={token} HTTP/1.1\r\n{upgrade}".encode() + data
+
+    return {
+        "nothing": lambda rng: b"",
+        "half a request": lambda rng: get(f"/?token={token}")[: rng.randrange(1, 40)],
+        "header of 1 MB": lambda rng: f"{page}X: {'a' * 1_000_000}".encode(),
+        "many headers": lambda rng: (page + 5000 * "X: a\r\n" + "\r\n").encode(),
+        "noise": lambda rng: rng.randbytes(rng.randrange(1, 3000)) + b"\r\n\r\n",
+        "bad address": lambda rng: get(
+            rng.choice(["//[", "//]:99999", "http://[::1", "/?token=\xff", "*", "\xff\x00"])
+        ),
+        "bad escapes": lambda rng: get(f"/?token=%{rng.choice(['', 'zz', 'f', '00', 'C3%28', 'ud800'])}"),
+        "wrong token": lambda rng: get(f"/ws?token={token[:-1]}", upgrade[:-2]),
+        "wrong host": lambda rng: get(
+            f"/?token={token}", f"Host: {rng.choice(['a', '[', '', '::1%<b>:1', ':' * 99])}\r\n"
+        ),
+        "two hosts": lambda rng: get(f"/?token={token}", 2 * head),
+        "wrong origin": lambda rng: get(f"/ws?token={token}", upgrade.replace("Origin: http", "Origin: file")[:-2]),
+        "not a socket": lambda rng: get(f"/ws?token={token}", f"{head}Origin: http://{host}\r\n"),
+        "body": lambda rng: f"POST /?token={token} HTTP/1.1\r\n{head}Content-Length: 9{'9' * 300}\r\n\r\nNaN".encode(),
+        "never reads": lambda rng: socket(rng, b""),
+        "wrong frames": lambda rng: socket(rng, rng.randbytes(rng.randrange(1, 500))),
+        "unmasked": lambda rng: socket(rng, b"\x81\x02{}"),
+        "length that lies": lambda rng: socket(rng, b"\x81\xff" + rng.randbytes(12)),
+        "fragments": lambda rng: socket(rng, b"".join(frame(rng, b"[", 0x01 if not n else 0x00) for n in range(3000))),
+        "pings": lambda rng: socket(rng, b"".join(frame(rng, b"x" * 100, 0x89) for _ in range(300))),
+        "messages": lambda rng: socket(
+            rng, b"".join(frame(rng, one.encode("utf-8", "replace")) for one in rng.sample(MESSAGES, 3))
+        ),
+        "binary": lambda rng: socket(rng, frame(rng, rng.randbytes(50), 0x82)),
+    }
+
+
+def frame(rng, payload, first=0x81):
+    """Return a masked WebSocket frame."""
+    mask = rng.randbytes(4)
+    size = len(payload)
+    if size < 126:
+        length = bytes([0x80 | size])
+    elif size < 2**16:
+        length = bytes([0x80 | 126]) + size.to_bytes(2, "big")
+    else:
+        length = bytes([0x80 | 127]) + size.to_bytes(8, "big")
+    return bytes([first]) + length + mask + bytes(byte ^ mask[at % 4] for at, byte in enumerate(payload))

@@ -1,0 +1,54 @@
+"""Clients of the page of ``diffbot watch`` without a browser."""
+
+import json
+
+import graph
+from websockets.sync.client import connect
+
+
+def url_of(watch):
+    """Return the address that a process of ``diffbot watch`` prints."""
+    return next(line.split()[-1] for line in watch.output.splitlines() if line.startswith("Page: "))
+
+
+class Client:
+    """A connection that reads what the page would show."""
+
+    def __init__(self, url):
+        address, token = url.split("/")[2], url.split("=")[1]
+        self._socket = connect(
+            f"ws://{address}/ws?token={token}",
+            origin=f"http://{address}",
+            open_timeout=graph.PATIENCE,
+            compression=None,
+            max_size=None,
+        )
+        self.robot, self.shared = {}, {}
+        """newest rows of the robot, and what concerns all"""
+
+    def read(self):
+        """Take the next message, if one comes within a twentieth of a second."""
+        try:
+            message = json.loads(self._socket.recv(timeout=0.05), parse_constant=_refuse)
+        except TimeoutError:
+            return
+        if message["type"] == "state":
+            self.shared |= message
+            for one in message["robots"].values():
+                self.robot |= one.get("rows", {})
+
+    def wait_for(self, condition, what):
+        """Read until ``condition()`` is true and return its value."""
+
+        def found():
+            self.read()
+            return condition()
+
+        return graph.wait_for(found, what=what)
+
+    def close(self):
+        self._socket.close()
+
+
+def _refuse(name):
+    raise AssertionError(f"{name} is no JSON")

@@ -1,0 +1,134 @@
+"""The record button's recorder: what is answered is what is on the disk, and a recorder that fails is reported."""
+
+import queue
+import sys
+
+import graph
+import pytest
+
+from diffbot_bag.bag.reader import BagReader
+from diffbot_tools.watch import recording
+from diffbot_tools.watch.recording import RECORDER, Recording
+
+FAKE = """
+import json, pathlib, signal, sys, time
+bag = pathlib.Path(json.loads(sys.argv[-1].partition(":=")[2]))
+def make():
+    bag.mkdir()
+    (bag / "bag_0.mcap").touch()
+def end(*_):
+    (bag / "metadata.yaml").touch()
+    sys.exit(0)
+"""
+"""The beginning of a program in the place of the recorder."""
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return tmp_path / 'it\'s a "bag" \U0001f916'
+
+
+class Button:
+    def __init__(self, folder, command):
+        self._answers, self.changes = queue.Queue(), queue.Queue()
+        self.recording = Recording(folder, lambda: self.changes.put(self.recording.is_on), command)
+
+    def press(self, is_on):
+        self.recording.add(is_on, lambda *answer: self._answers.put(answer))
+
+    def answer(self):
+        return self._answers.get(timeout=graph.PATIENCE)
+
+
+@pytest.fixture
+def button(folder):
+    made = []
+
+    def make(program=None, command=RECORDER):
+        made.append(Button(folder, command if program is None else (sys.executable, "-c", FAKE + program)))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.recording.close()
+
+
+@pytest.mark.graph
+def test_on_and_off_at_once_leaves_a_whole_bag_whatever_the_name_of_its_folder(button, folder):
+    on_off = button()
+    on_off.press(True)
+    on_off.press(False)
+    (first, level), second = on_off.answer(), on_off.answer()
+    (bag,) = folder.iterdir()
+    assert (first, level) == (f"recording to {bag}", 0)
+    assert second == (f"recorded {bag}", 0)
+    with BagReader(bag) as reader:
+        assert "/rosout" in reader.topics
+    assert on_off.recording.problem == ""
+
+
+@pytest.mark.graph
+def test_a_recorder_outlives_the_request_and_is_closed_with_the_page(button, folder):
+    """The system ends a bound process together with the thread that started it."""
+    closed = button()
+    closed.press(True)
+    closed.answer()
+    (bag,) = folder.iterdir()
+    graph.wait_for(lambda: next(bag.glob("*.mcap")).stat().st_size > 1000, what="a flush")
+    assert closed.recording.is_on
+    closed.recording.close()
+    assert (bag / "metadata.yaml").is_file()
+
+
+def test_a_recorder_that_cannot_start_is_reported_with_its_error(button):
+    broken = button("print('error: no space', file=sys.stderr); print('bye'); sys.exit(3)")
+    broken.press(True)
+    text, level = broken.answer()
+    assert level == 2
+    assert text.startswith("cannot record to ")
+    assert text.endswith("no bag, the recorder ended with status 3: error: no space")
+    assert broken.recording.problem == text
+    broken.press(False)
+    assert broken.answer() == (text, 2)
+
+
+def test_one_that_never_has_a_bag_is_ended(button, monkeypatch):
+    monkeypatch.setattr(recording, "READY_TIMEOUT", 0.1)
+    late = button("signal.signal(signal.SIGINT, lambda *_: sys.exit(1)); print('waiting', flush=True); time.sleep(600)")
+    late.press(True)
+    text, _ = late.answer()
+    assert "no bag after 0.1 s, the recorder ended with status" in text
+    assert not late.recording.is_on
+
+
+def test_one_that_ends_by_itself_is_reported(button):
+    short = button("make(); time.sleep(0.5); print('[ERROR] disk full'); print('[INFO] end'); sys.exit(1)")
+    short.press(True)
+    assert short.answer()[0].startswith("recording to ")
+    assert short.changes.get(timeout=graph.PATIENCE) is True
+    text, level = short.answer()
+    assert (text.endswith("ended: the recorder ended with status 1: [ERROR] disk full"), level) == (True, 2)
+    assert short.changes.get(timeout=graph.PATIENCE) is False
+    assert short.recording.problem == text
+
+
+@pytest.mark.parametrize(("end", "status"), [("sys.exit(0)", 0), ("end()", 0), ("sys.exit(1)", 1)])
+def test_only_a_whole_bag_counts_as_recorded(button, folder, end, status):
+    one = button(f"signal.signal(signal.SIGINT, lambda *_: {end}); make()\nwhile True: time.sleep(600)")
+    one.press(True)
+    one.answer()
+    (bag,) = folder.iterdir()
+    one.press(False)
+    text, level = one.answer()
+    if end == "end()":
+        assert (text, level) == (f"recorded {bag}", 0)
+    else:
+        begin = f"the bag {bag} is not complete: the recorder ended with status {status}"
+        assert (text, level) == (f"{begin}: it logged nothing", 2)
+
+
+def test_requests_that_wait_are_few(button):
+    busy = button("time.sleep(600)")
+    for _ in range(recording.MAX_WAITING + 2):
+        busy.press(True)
+    assert busy.answer() == ("busy: the recorder is starting or ending", 1)
