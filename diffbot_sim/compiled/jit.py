@@ -117,15 +117,19 @@ except ImportError as error:
     raise DiffbotError("compiled simulation needs numba: pip install 'numba>=0.60'") from error
 
 
-@functools.cache
 def _cache_folder() -> Path:
     """Return the folder of the cache, named after the code.
 
     numba looks only at the file of the function it compiles; it would miss a change in a function called from there
     and run the old code. What it finds there it runs: a folder that others can write to is not used.
     """
+    return _folder_in(_settings.CACHE_DIR)
+
+
+@functools.cache
+def _folder_in(given: str) -> Path:
+    """Return the folder below a given one, or below this user's cache; where it is not this user's alone, a new one."""
     try:
-        given = _settings.CACHE_DIR
         return private_folder(Path(given or cache_folder()) / code_version())
     except DiffbotError as error:
         logging.getLogger("diffbot").warning("compiling anew, without a cache: %s", error)

@@ -62,13 +62,13 @@ LONG_CALLS = (
     ),
     ("set", SetParameters, lambda n: value("PARAMETER_STRING", string_value="x" * 10 * n)),
     ("set", SetParameters, lambda n: value("PARAMETER_STRING_ARRAY", string_array_value=["x"] * n)),
-    ("set", SetParameters, lambda n: SetParameters.Request(parameters=[Parameter(name="gamma")] * (n // 20))),
+    ("set", SetParameters, lambda n: SetParameters.Request(parameters=[Parameter(name="gamma")] * (n // 200))),
     ("set", SetParameters, lambda n: SetParameters.Request(parameters=[Parameter(name="g" * n)])),
     ("get", GetParameters, lambda n: GetParameters.Request(names=["gamma"] * (n // 2))),
     ("list", ListParameters, lambda n: ListParameters.Request(prefixes=["gamma"] * (n // 2))),
     ("describe", DescribeParameters, lambda n: DescribeParameters.Request(names=["gamma"] * (n // 2))),
 )
-"""Service, its type, and a request of about 10 ``n`` bytes."""
+"""Service, its type, and a request of about 10 ``n`` bytes; of parameters n / 200, as rclpy makes 60 us of each."""
 
 
 @pytest.fixture

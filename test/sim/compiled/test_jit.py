@@ -25,12 +25,13 @@ def test_one_process_compiles_at_a_time(tmp_path, monkeypatch):
         fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
-def test_without_a_folder_for_the_cache_it_compiles_without_a_lock(tmp_path, monkeypatch):
+def test_without_a_folder_for_the_cache_it_compiles_in_one_of_its_own(tmp_path, monkeypatch):
     file = tmp_path / "file"
     file.touch()
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(file))
     with one_compiler("version"):
         assert file.read_bytes() == b""
+        assert Path(numba.config.CACHE_DIR).stat().st_mode & 0o077 == 0
 
 
 CACHE = """
