@@ -21,8 +21,8 @@ from diffbot_bag.bag.foreign_files import open_regular, shown
 from diffbot_bag.bag.metadata import Topic
 from diffbot_bag.bag.qos import Qos, load_profiles
 from diffbot_bag.mcap.attachments import MAX_ATTACHMENT, read_attachment
-from diffbot_bag.mcap.chunks import BagLimits, Row, check_chunks, read_chunk, read_rows
-from diffbot_bag.mcap.format import DAMAGE, MAGIC, McapSummary, NoIndexError, read_summary
+from diffbot_bag.mcap.chunks import MAX_RECORDS, BagLimits, Row, check_chunks, read_chunk
+from diffbot_bag.mcap.format import DAMAGE, MAGIC, McapSummary, NoIndexError, check_time, read_summary
 from diffbot_bag.mcap.unfinished import scan_messages, scan_unfinished
 from diffbot_core.errors import DiffbotError
 
@@ -52,6 +52,7 @@ class McapFile:
             with self._damage_as_error():
                 summary = self._summary()
                 check_chunks(summary.chunks, self._size, self._limits)
+                check_time(summary.statistics.message_end_time)
         except DiffbotError:
             self._stream.close()
             raise
@@ -218,7 +219,8 @@ class McapFile:
         following = [*(chunk.message_start_time for chunk in chunks[1:]), 2**64]
         waiting: list[Row] = []
         for chunk, earliest in zip(chunks, following, strict=True):
-            waiting += read_rows(self._stream, chunk)
+            waiting += read_chunk(self._stream, chunk)
+            _check_held(len(waiting))
             waiting.sort(key=_LOG_TIME)
             complete = bisect.bisect_left(waiting, earliest, key=_LOG_TIME)
             yield from waiting[:complete]
@@ -246,8 +248,10 @@ class McapFile:
                 yield item
                 continue
             offset = sign * item.chunk_start_offset
-            for number, message in enumerate(read_chunk(self._stream, item)):
-                heapq.heappush(heap, (sign * message.log_time, 1, offset, sign * number, message))
+            for number, (log_time, channel, sequence, publish_time, data) in enumerate(read_chunk(self._stream, item)):
+                message = Message(channel, log_time, data, publish_time, sequence)
+                heapq.heappush(heap, (sign * log_time, 1, offset, sign * number, message))
+            _check_held(len(heap))
 
     def _messages_without_chunks(self, reverse: bool) -> list[Message]:
         if self._statistics.message_count == 0:
@@ -263,4 +267,10 @@ class McapFile:
                 raise McapError("chunks that the index does not name")
             messages = [record for record in records if isinstance(record, Message)]
         messages.sort(key=lambda message: message.log_time)
+        check_time(messages[-1].log_time if messages else 0)
         return messages[::-1] if reverse else messages
+
+
+def _check_held(count: int) -> None:
+    if count > MAX_RECORDS:
+        raise DiffbotError(f"{count} messages in chunks that overlap in time: must be <= {MAX_RECORDS}")

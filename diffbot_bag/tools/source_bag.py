@@ -17,7 +17,7 @@ from diffbot_bag.bag.bounded_yaml import load_yaml
 from diffbot_bag.bag.metadata import RECORD_NAME, TEXT_KEY
 from diffbot_bag.bag.reader import BagReader
 from diffbot_bag.mcap.attachments import blocks_of
-from diffbot_bag.mcap.chunks import verified_chunk
+from diffbot_bag.mcap.chunks import records_in, verified_chunk
 from diffbot_bag.mcap.file import McapFile
 from diffbot_bag.mcap.format import MESSAGE, RECORD
 from diffbot_bag.mcap.whole_chunk import WholeChunk, check_chunk, chunk_end
@@ -129,20 +129,13 @@ class SourceFile(McapFile):
 
 def _rows(stream: BinaryIO, index: ChunkIndex, channels: Mapping[int, int | None], span: Span) -> list[Row]:
     data = verified_chunk(stream, index).data
-    rows, at, end = [], 0, len(data)
-    while at < end:
-        opcode, length = RECORD.unpack_from(data, at)
-        at += RECORD.size
-        if length > end - at:
-            raise McapError("a record beyond its chunk")
+    rows = []
+    for opcode, at, end in records_in(data, index.chunk_length):
         if opcode == Opcode.MESSAGE:
-            if length < MESSAGE.size:
-                raise McapError("a message too short")
             channel, _, log_time, _ = MESSAGE.unpack_from(data, at)
             number = channels[channel]
             if number is not None and span.start <= log_time < span.end:
-                rows.append((log_time, number, data[at + 2 : at + length]))
-        at += length
+                rows.append((log_time, number, data[at + 2 : end]))
     rows.sort(key=itemgetter(0))
     if rows and not index.message_start_time <= rows[0][0] <= rows[-1][0] <= index.message_end_time:
         raise McapError("a message outside of its chunk's times")
