@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Any
 
 import yaml
@@ -42,7 +43,7 @@ class _UniqueKeys(_Loader):
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
         keys = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
-        if twice := next((key for key in keys if keys.count(key) > 1), ""):
+        if twice := next((key for key, count in Counter(keys).items() if count > 1), ""):
             raise DuplicateKeyError(f"{shown(twice)!r} stands there twice")
         return dict(super().construct_mapping(node, deep))
 
