@@ -187,7 +187,7 @@ def odd_files(folder):
         (folder / name).symlink_to(target)
         yield folder / name
     for name, make in {
-        "with_pipe": lambda path: os.mkfifo(path),
+        "with_pipe": os.mkfifo,
         "with_link": lambda path: path.symlink_to("/etc/passwd"),
         "with_folder": lambda path: path.mkdir(),
         "with_empty": lambda path: path.touch(),
