@@ -5,14 +5,32 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TypeVar, get_args
 
 from diffbot_core.errors import InvalidValueError
+from diffbot_core.files import check_output
 from diffbot_core.schema import parameters_of
 from diffbot_tools.parameter_files import load_yaml
 
 MAX_SEED = 2**63 - 1
+OUTPUTS = ("out", "junit", "write", "record")
+"""Names of the options, of any command, with a path to write to; all other paths are read."""
 Number = TypeVar("Number", int, float)
+
+
+def check_outputs(options: argparse.Namespace) -> None:
+    """Refuse outputs of any command that would destroy a bag, an input or a file of another kind.
+
+    Raises:
+        DiffbotError: see files.check_output.
+    """
+    given = {name: value if isinstance(value, list) else [value] for name, value in vars(options).items()}
+    inputs = [one for name, values in given.items() if name not in OUTPUTS for one in values if isinstance(one, Path)]
+    for name in OUTPUTS:
+        for path in given.get(name, ()):
+            if isinstance(path, Path):
+                check_output(path.expanduser(), [one.expanduser() for one in inputs])
 
 
 def whole(low: int, high: int) -> Callable[[str], int]:

@@ -100,7 +100,8 @@ def topics_of(reader: BagReader, config: EkfNodeConfig, remap: dict[str, str]) -
             )
     for name, topic in names.items():
         if topic in found and found[topic].type != inputs[name]:
-            raise DiffbotError(f"{reader.path}: {topic} is of type {shown(found[topic].type)}, must be {inputs[name]}")
+            kind = shown(found[topic].type)
+            raise DiffbotError(f"{shown(reader.path)}: {topic} is of type {kind}, {name} must be {inputs[name]}")
     return {topic: name for name, topic in names.items() if topic in found}
 
 
