@@ -273,7 +273,7 @@ class BagReader:
 def _decoder(factory: Any, channel: Channel, schema: Schema | None) -> Any:
     try:
         # The parser prints what it cannot parse.
-        with contextlib.redirect_stdout(io.StringIO()):
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
             decoder = factory.decoder_for(channel.message_encoding, schema)
     except Exception as error:  # the parser has exceptions of its own, and raises any other
         raise DiffbotError(f"{shown(channel.topic)}: its message definition cannot be parsed") from error

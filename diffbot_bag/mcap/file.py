@@ -13,8 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from mcap.exceptions import EndOfFile, McapError
-from mcap.records import AttachmentIndex, Channel, Chunk, ChunkIndex, Message, Schema
-from mcap.stream_reader import StreamReader
+from mcap.records import AttachmentIndex, Channel, ChunkIndex, Message, Schema
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
 from diffbot_bag.bag.foreign_files import open_regular, shown
@@ -56,6 +55,7 @@ class McapFile:
         except DiffbotError:
             self._stream.close()
             raise
+        self._end = summary.start
         self._schemas, self._channels = summary.schemas, summary.channels
         self._chunks, self._statistics = summary.chunks, summary.statistics
         self._attached = summary.attached
@@ -258,14 +258,7 @@ class McapFile:
             return []
         if self._size > self._limits.max_unpacked_size:
             raise DiffbotError(f"{self._size} bytes without chunks: must be <= {self._limits.max_unpacked_size}")
-        if self.unfinished:
-            messages = list(scan_messages(self._stream, self._size, self._limits))
-        else:
-            self._stream.seek(0)
-            records = list(StreamReader(self._stream, emit_chunks=True, record_size_limit=self._size).records)
-            if any(isinstance(record, Chunk) for record in records):
-                raise McapError("chunks that the index does not name")
-            messages = [record for record in records if isinstance(record, Message)]
+        messages = list(scan_messages(self._stream, self._size, self._limits, self._end))
         messages.sort(key=lambda message: message.log_time)
         check_time(messages[-1].log_time if messages else 0)
         return messages[::-1] if reverse else messages

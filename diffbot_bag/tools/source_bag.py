@@ -10,8 +10,7 @@ from typing import Any, BinaryIO
 
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import AttachmentIndex, Channel, ChunkIndex, Metadata, MetadataIndex, Schema
-from mcap.stream_reader import StreamReader
+from mcap.records import AttachmentIndex, Channel, ChunkIndex, MetadataIndex, Schema
 
 from diffbot_bag.bag.bounded_yaml import load_yaml
 from diffbot_bag.bag.metadata import RECORD_NAME, TEXT_KEY
@@ -20,6 +19,7 @@ from diffbot_bag.mcap.attachments import blocks_of
 from diffbot_bag.mcap.chunks import records_in, verified_chunk
 from diffbot_bag.mcap.file import McapFile
 from diffbot_bag.mcap.format import MESSAGE, RECORD
+from diffbot_bag.mcap.scan import parse_record
 from diffbot_bag.mcap.whole_chunk import WholeChunk, check_chunk, chunk_end
 from diffbot_bag.tools.span import Span
 from diffbot_core.errors import DiffbotError
@@ -120,8 +120,9 @@ class SourceFile(McapFile):
             return {}
         with contextlib.suppress(DiffbotError), self._damage_as_error():
             self._stream.seek(records[-1].offset)
-            record = next(StreamReader(self._stream, skip_magic=True, record_size_limit=MAX_METADATA).records)
-            if isinstance(record, Metadata):
+            opcode, length = RECORD.unpack(self._stream.read(RECORD.size))
+            if opcode == Opcode.METADATA and length <= MAX_METADATA:
+                record = parse_record(opcode, self._stream.read(length))
                 content = load_yaml(record.metadata.get(TEXT_KEY, ""), TEXT_KEY)
                 return content if isinstance(content, dict) else {}
         return {}
