@@ -2,15 +2,92 @@
 
 from __future__ import annotations
 
+import errno
+import io
 import json
 import math
 import os
-from collections.abc import Iterator
+import stat
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from diffbot_core.errors import DiffbotError, InvalidValueError
+
+MCAP = b"\x89MCAP0\r\n"
+"""the first bytes of a file of a bag"""
+_BAG = b"rosbag2_bagfile_information"
+"""in the metadata.yaml of a bag"""
+_REPORT = (b"<", b"{")
+"""first byte of what commands write as a report: HTML, XML or JSON"""
+
+
+def check_output(path: Path, inputs: Iterable[Path] = ()) -> None:
+    """Refuse an output of a command that would destroy what is no output: a bag, an input, a file of another kind.
+
+    Args:
+        path: of a file or folder; it need not exist.
+        inputs: files that the command reads.
+
+    Raises:
+        DiffbotError: naming what stands there.
+    """
+    if reason := _bag_around(path):
+        raise DiffbotError(f"cannot write to {path}: {reason}")
+    try:
+        mode = path.lstat().st_mode
+    except (OSError, ValueError):
+        return
+    if stat.S_ISDIR(mode):
+        return
+    if stat.S_ISLNK(mode):
+        raise DiffbotError(f"cannot write to {path}: it is a symbolic link")
+    if not stat.S_ISREG(mode):
+        raise DiffbotError(f"cannot write to {path}: it is neither a file nor a folder")
+    if any(one.exists() and one.samefile(path) for one in inputs):
+        raise DiffbotError(f"cannot write to {path}: it exists already, and the command reads it: choose another name")
+    if (begin := _begin_of(path)) and not begin.startswith(_REPORT):
+        raise DiffbotError(
+            f"cannot write to {path}: it exists already, and is no report (HTML, XML, JSON): choose another name"
+        )
+
+
+def _bag_around(path: Path) -> str:
+    """Return why a file must not be written here: it is in the folder of a bag; empty if it is not."""
+    # Absolute, and without links: these could lead into a bag.
+    for folder in Path(os.path.realpath(path)).parents:
+        if is_bag_folder(folder):
+            return f"{folder} is a bag"
+    return ""
+
+
+def is_bag_folder(folder: Path) -> bool:
+    """Return whether a folder is a bag of rosbag2, finished or not."""
+    return (folder / f"{folder.name}_0.mcap").is_file() or _BAG in _begin_of(folder / "metadata.yaml", 4096)
+
+
+def _begin_of(path: Path, size: int = len(MCAP)) -> bytes:
+    try:
+        # A pipe would be waited for.
+        with path.open("rb") if path.is_file() else io.BytesIO() as file:
+            return file.read(size)
+    except OSError:
+        return b""
+
+
+def _check_replaceable(path: Path) -> None:
+    """Refuse to replace a file of a bag, a pipe or a device, whoever asks for it.
+
+    Raises:
+        OSError: with the reason.
+    """
+    if reason := _bag_around(path):
+        raise FileExistsError(errno.EEXIST, reason)
+    if path.exists() and not path.is_file():
+        raise FileExistsError(errno.EEXIST, "it is no file")
+    if _begin_of(path) == MCAP:
+        raise FileExistsError(errno.EEXIST, "it is an MCAP file")
 
 
 @contextmanager
@@ -24,6 +101,8 @@ def output_folder(folder: Path) -> Iterator[Path]:
         folder.mkdir(parents=True, exist_ok=True)
         if not os.access(folder, os.W_OK):
             raise DiffbotError(f"cannot write to {folder}")
+        if is_bag_folder(folder):
+            raise DiffbotError(f"cannot write to {folder}: it is a bag")
         yield folder
     except OSError as error:
         raise DiffbotError(f"cannot write to {folder}: {error.strerror}") from None
@@ -53,7 +132,7 @@ PRIVATE = 0o600
 
 
 @contextmanager
-def replacing(path: Path, *, durable: bool = False, mode: int = 0o666) -> Iterator[Path]:
+def replacing(path: Path, *, durable: bool = False, mode: int = 0o666, in_bag: bool = False) -> Iterator[Path]:
     """Give a temporary name beside ``path``; what the ``with`` block writes there then takes its place in one step.
 
     A reader sees the old file or the new one, never a part. If the block fails, the old file stays and the new one is
@@ -63,10 +142,13 @@ def replacing(path: Path, *, durable: bool = False, mode: int = 0o666) -> Iterat
         path: the file to write; its folder must exist.
         durable: bring the contents to the disk before the renaming, so that a power cut leaves one of both files.
         mode: of the new file, less the umask.
+        in_bag: the file belongs to a bag; else a path in one is refused, since nothing of a bag is replaced by mistake.
 
     Raises:
-        OSError: if the file cannot be written.
+        OSError: if the file cannot be written, is no file, or belongs to a bag.
     """
+    if not in_bag:
+        _check_replaceable(path)
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     part.unlink(missing_ok=True)
     # Never through a link that somebody else has put there.
@@ -82,13 +164,13 @@ def replacing(path: Path, *, durable: bool = False, mode: int = 0o666) -> Iterat
         raise
 
 
-def write_text(path: Path, text: str, *, durable: bool = False, mode: int = 0o666) -> None:
+def write_text(path: Path, text: str, *, durable: bool = False, mode: int = 0o666, in_bag: bool = False) -> None:
     """Write a text in UTF-8; see :func:`replacing`.
 
     Raises:
         OSError: if it cannot be written.
     """
-    with replacing(path, durable=durable, mode=mode) as part:
+    with replacing(path, durable=durable, mode=mode, in_bag=in_bag) as part:
         part.write_text(text, encoding="utf-8")
 
 

@@ -6,15 +6,33 @@ import argparse
 import json
 import math
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any, TypeVar, get_args
 
 from diffbot_core.bounded_yaml import load_yaml
 from diffbot_core.errors import DiffbotError, InvalidValueError
+from diffbot_core.files import check_output
 from diffbot_core.foreign_files import shown
 from diffbot_core.schema import parameters_of
 
 MAX_SEED = 2**63 - 1
+OUTPUTS = ("out", "junit", "write", "record")
+"""Names of the options, of any command, with a path to write to; all other paths are read."""
 Number = TypeVar("Number", int, float)
+
+
+def check_outputs(options: argparse.Namespace) -> None:
+    """Refuse outputs of any command that would destroy a bag, an input or a file of another kind.
+
+    Raises:
+        DiffbotError: see files.check_output.
+    """
+    given = {name: value if isinstance(value, list) else [value] for name, value in vars(options).items()}
+    inputs = [one for name, values in given.items() if name not in OUTPUTS for one in values if isinstance(one, Path)]
+    for name in OUTPUTS:
+        for path in given.get(name, ()):
+            if isinstance(path, Path):
+                check_output(path.expanduser(), [one.expanduser() for one in inputs])
 
 
 def whole(low: int, high: int) -> Callable[[str], int]:

@@ -21,7 +21,7 @@ from diffbot_control.law.presets import PRESETS, TUNED
 from diffbot_core.errors import DiffbotError
 from diffbot_core.launcher import end_on_signals
 from diffbot_core.schema import build, to_dict
-from diffbot_tools.arguments import MAX_SEED, add_flags, ros_parameters, whole
+from diffbot_tools.arguments import MAX_SEED, add_flags, check_outputs, ros_parameters, whole
 from diffbot_tools.bag.command import add_bag
 from diffbot_tools.data_commands import add_calibrate, add_import, add_refilter
 from diffbot_tools.goal_command import add_goal
@@ -42,10 +42,11 @@ def main(args: list[str] | None = None) -> int:
         if signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, signal.default_int_handler)
     try:
+        check_outputs(options)
         return int(options.call(options))
     except DiffbotError as error:
         print(f"diffbot: {error}", file=sys.stderr)
-        return 1
+        return int(getattr(options, "error_status", 1))
     except KeyboardInterrupt:
         print("diffbot: interrupted", file=sys.stderr)
         return 130

@@ -131,7 +131,7 @@ def write(folder: Path, bag: BagMetadata) -> None:
     Raises:
         OSError: if the disk is full or the folder is missing.
     """
-    write_text(folder / FILE_NAME, to_yaml(bag), durable=True)
+    write_text(folder / FILE_NAME, to_yaml(bag), durable=True, in_bag=True)
 
 
 def read(folder: Path) -> BagMetadata:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from diffbot_bag.bag.file_lock import part_folder
 from diffbot_bag.bag.message_definitions import MessageDefinitions
 from diffbot_bag.bag.writer import BagWriteError, BagWriter
 
@@ -34,14 +34,12 @@ def new_bag_folder(folder: Path) -> Iterator[Path]:
         BagWriteError: if ``folder`` exists already or cannot be written.
     """
     folder = check_new(folder)
-    part = folder.with_name(f".{folder.name}.{os.getpid()}.part")
     try:
-        yield part / folder.name
-        (part / folder.name).rename(folder)
+        with part_folder(folder) as part:
+            yield part / folder.name
+            (part / folder.name).rename(folder)
     except OSError as error:
         raise BagWriteError(f"cannot write the bag {folder}: {error.strerror or error}") from error
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
 
 
 @contextmanager

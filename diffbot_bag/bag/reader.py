@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import heapq
+import io
 import operator
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -17,7 +19,6 @@ from diffbot_bag.bag.metadata import BagMetadata, Topic
 from diffbot_bag.mcap.attachments import PARAMETERS, Parameters, load_parameters
 from diffbot_bag.mcap.chunks import BagLimits
 from diffbot_bag.mcap.file import McapFile
-from diffbot_bag.mcap.format import DAMAGE
 from diffbot_core.errors import DiffbotError
 from diffbot_core.foreign_files import inside, shown
 
@@ -251,7 +252,7 @@ class BagReader:
                 )
             try:
                 content = decode_numbers_message(key[0], message.data) or decoders[key](message.data)
-            except DAMAGE as error:
+            except Exception as error:  # of a decoder that was made of the bag's own definition
                 raise DiffbotError(
                     f"{self.path}: cannot decode {shown(channel.topic)} at {message.log_time} ns"
                 ) from error
@@ -271,8 +272,10 @@ class BagReader:
 
 def _decoder(factory: Any, channel: Channel, schema: Schema | None) -> Any:
     try:
-        decoder = factory.decoder_for(channel.message_encoding, schema)
-    except DAMAGE as error:
+        # The parser prints what it cannot parse.
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+            decoder = factory.decoder_for(channel.message_encoding, schema)
+    except Exception as error:  # the parser has exceptions of its own, and raises any other
         raise DiffbotError(f"{shown(channel.topic)}: its message definition cannot be parsed") from error
     if decoder is None or channel.message_encoding != MessageEncoding.CDR:
         raise DiffbotError(f"{shown(channel.topic)}: no message definition in the bag")

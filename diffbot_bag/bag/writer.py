@@ -15,7 +15,7 @@ from diffbot_bag.bag import metadata
 from diffbot_bag.bag.message_definitions import MessageDefinitions
 from diffbot_bag.bag.metadata import HASH_KEY, QOS_KEY, Topic
 from diffbot_bag.bag.qos import Qos, dump_profiles
-from diffbot_bag.mcap.format import ENTRY_SIZE, MAGIC
+from diffbot_bag.mcap.format import ENTRY_SIZE, MAGIC, MAX_TIME, check_time
 from diffbot_bag.mcap.whole_chunk import DEFAULT_COMPRESSION, Compression
 from diffbot_bag.record.bag_files import NO_LIMITS, Attached, BagFiles, FileLimits
 from diffbot_bag.record.chunk import CHANNEL_OVERHEAD, CHUNK_OVERHEAD, OVERHEAD, Row
@@ -28,7 +28,7 @@ from diffbot_core.errors import DiffbotError
 CHUNK_SIZE = 512 * 1024
 """[bytes] size of a chunk before compression; messages not yet in a chunk are lost if the process dies"""
 MAX_BACKLOG = 100 * 2**20
-_NEVER = 2**64
+_NEVER = MAX_TIME + 1
 """[ns]"""
 
 
@@ -142,6 +142,7 @@ class BagWriter:
 
         Raises:
             BagWriteError: if the disk is full; the bag is then closed.
+            DiffbotError: if the log time is beyond MAX_TIME; the message is not written.
         """
         if log_time >= self._split_time:
             self._enter_file(log_time)
@@ -169,10 +170,11 @@ class BagWriter:
 
     def _enter_file(self, log_time: int) -> None:
         """Begin a file with its first message, at ``log_time`` [ns]: the one before has lasted long enough."""
+        check_time(log_time)
         if self._is_begun:
             self.split()
         self._is_begun = True
-        self._split_time = log_time + self._limits.max_duration if self._limits.max_duration else _NEVER
+        self._split_time = min(log_time + self._limits.max_duration, _NEVER) if self._limits.max_duration else _NEVER
         # With the time of the file's beginning: an earlier one would stretch the file.
         for channel, latched in self._latched.items():
             for message in latched:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import io
-import struct
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import BinaryIO, NamedTuple
 
 import lz4.frame  # type: ignore[import-untyped, unused-ignore]
@@ -13,18 +12,25 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Chunk, ChunkIndex, Message
-from mcap.stream_reader import breakup_chunk
+from mcap.records import Chunk, ChunkIndex
 
-from diffbot_bag.mcap.format import MESSAGE, RECORD
+from diffbot_bag.mcap.format import MESSAGE, RECORD, check_time
 from diffbot_core.errors import DiffbotError
 
-_MESSAGE_HEAD = struct.Struct("<BQHIQ")
-"""MESSAGE_RECORD without the publish time, which an index does not have"""
 Row = tuple[int, int, int, int, bytes]
 """A message without an object: log time [ns], channel, sequence number, publish time [ns] and data."""
 SMALL = 64 * 2**20
 """[bytes] what a bag may always unpack to, whatever its ratio"""
+
+
+MIN_RECORD = 2
+"""[bytes] of the file per record of a chunk, on average: identical messages take 5, with a message index 21"""
+FEW_RECORDS = 64
+"""that a chunk may always have"""
+MAX_RECORDS = 2_000_000
+"""of a chunk, and of chunks that overlap in time: each takes 200 bytes of memory"""
+MEMORY_RATIO = 64
+"""Unpacked size of chunks that overlap in time to the size of the file, beyond SMALL"""
 
 
 class BagLimits(NamedTuple):
@@ -34,6 +40,14 @@ class BagLimits(NamedTuple):
     """Unpacked size of all chunks to their size in the file; recorded drives have 2 to 30."""
     max_unpacked_size: int = 512 * 2**20
     """[bytes] of chunks that overlap in time: their messages are held in memory together."""
+
+    def memory(self, file_size: int) -> int:
+        """Return how many [bytes] may be unpacked together of a file of this size [bytes]."""
+        return min(self.max_unpacked_size, max(SMALL, MEMORY_RATIO * file_size))
+
+    def unpacked(self, packed: int) -> int:
+        """Return how many [bytes] so many [bytes] of a file may unpack to altogether."""
+        return round(max(SMALL, self.max_compression_ratio * packed))
 
 
 def check_chunks(chunks: Sequence[ChunkIndex], file_size: int, limits: BagLimits) -> None:
@@ -50,16 +64,18 @@ def check_chunks(chunks: Sequence[ChunkIndex], file_size: int, limits: BagLimits
         end = chunk.chunk_start_offset + chunk.chunk_length
     if end > file_size:
         raise McapError("a chunk beyond the file")
+    check_time(max((chunk.message_end_time for chunk in chunks), default=0))
     total, packed = sum(chunk.uncompressed_size for chunk in chunks), sum(chunk.chunk_length for chunk in chunks)
-    if total > max(SMALL, limits.max_compression_ratio * packed):
+    if total > limits.unpacked(packed):
         raise DiffbotError(
             f"its {packed} bytes of chunks unpack to {total}: must be <= max_compression_ratio"
             f" = {limits.max_compression_ratio:g} times as many"
         )
-    if (held := _held_together(chunks)) > limits.max_unpacked_size:
+    most = limits.memory(file_size)
+    if (held := _held_together(chunks)) > most:
         raise DiffbotError(
-            f"chunks that overlap in time unpack to {held} bytes:"
-            f" must be <= max_unpacked_size = {limits.max_unpacked_size}"
+            f"chunks that overlap in time unpack to {held} bytes: must be <= {most}, the least of max_unpacked_size"
+            f" = {limits.max_unpacked_size} and of {MEMORY_RATIO} times the file, or {SMALL}"
         )
 
 
@@ -74,40 +90,55 @@ def _held_together(chunks: Sequence[ChunkIndex]) -> int:
     return most
 
 
-def read_chunk(stream: BinaryIO, index: ChunkIndex) -> list[Message]:
+def read_chunk(stream: BinaryIO, index: ChunkIndex) -> list[Row]:
     """Return the messages of one chunk in the order of the file.
 
     Raises:
         McapError, ValueError, struct.error, ...: DAMAGE of the module ``mcap_format``, if its index is wrong.
     """
-    chunk = verified_chunk(stream, index)
-    messages = [record for record in breakup_chunk(chunk) if isinstance(record, Message)]
-    _check_times([message.log_time for message in messages], index)
-    return messages
-
-
-def read_rows(stream: BinaryIO, index: ChunkIndex) -> list[Row]:
-    """Return the messages of one chunk in the order of the file.
-
-    It does what :func:`read_chunk` does without an object per record, ten times as fast.
-
-    Raises:
-        McapError, ValueError, struct.error, ...: as for :func:`read_chunk`.
-    """
     data = verified_chunk(stream, index).data
     rows: list[Row] = []
-    at, end = 0, len(data)
-    while at < end:
-        opcode, length = RECORD.unpack_from(data, at)
-        at += RECORD.size
-        if length > end - at:
-            raise McapError("a record beyond its chunk")
+    for opcode, at, end in records_in(data, index.chunk_length):
         if opcode == Opcode.MESSAGE:
             channel, sequence, log_time, publish_time = MESSAGE.unpack_from(data, at)
-            rows.append((log_time, channel, sequence, publish_time, data[at + MESSAGE.size : at + length]))
-        at += length
-    _check_times([row[0] for row in rows], index)
+            rows.append((log_time, channel, sequence, publish_time, data[at + MESSAGE.size : end]))
+    if rows and not index.message_start_time <= min(rows)[0] <= max(rows)[0] <= index.message_end_time:
+        raise McapError("a message outside of its chunk's times")
     return rows
+
+
+def records_in(data: bytes, packed: int, *, is_cut: bool = False) -> Iterator[tuple[int, int, int]]:
+    """Yield opcode, begin and end of the content of each record in the unpacked data of a chunk.
+
+    Args:
+        data: of the chunk.
+        packed: [bytes] that it takes in the file.
+        is_cut: the data may end within a record, which is then left out.
+
+    Raises:
+        McapError, struct.error: if the data are not a sequence of records, or of too many.
+    """
+    at, size, left = 0, len(data), max_records(packed)
+    while at < size:
+        if is_cut and size - at < RECORD.size:
+            return
+        opcode, length = RECORD.unpack_from(data, at)
+        begin = at + RECORD.size
+        at = begin + length
+        if at > size and is_cut:
+            return
+        # No record has the opcode 0: without this, zeros would be records of nine bytes.
+        if at > size or opcode == 0 or (opcode == Opcode.MESSAGE and length < MESSAGE.size):
+            raise McapError("no record, or one that is cut off, in a chunk")
+        left -= 1
+        if left < 0:
+            raise McapError(f"more than {max_records(packed)} records in a chunk of {packed} bytes")
+        yield opcode, begin, at
+
+
+def max_records(packed: int) -> int:
+    """Return how many records a chunk may have that takes ``packed`` [bytes] in the file."""
+    return min(FEW_RECORDS + packed // MIN_RECORD, MAX_RECORDS)
 
 
 class ChunkIndexes(NamedTuple):
@@ -119,45 +150,25 @@ class ChunkIndexes(NamedTuple):
     """Opcode and content of each record that describes a schema or a channel."""
 
 
-def index_messages(data: bytes, *, is_cut: bool = False) -> ChunkIndexes:
-    """Find the messages and definitions in the unpacked data of a chunk.
-
-    Args:
-        data: of the chunk.
-        is_cut: the data may end within a record, which is then left out.
+def index_messages(data: bytes, packed: int, *, is_cut: bool = False) -> ChunkIndexes:
+    """Find the messages and definitions in the unpacked data of a chunk; arguments as for :func:`records_in`.
 
     Raises:
-        McapError, struct.error: if the data are not a sequence of records.
+        McapError, struct.error: as for :func:`records_in`.
     """
     entries: dict[int, list[int]] = {}
     definitions = []
-    # The last record may be shorter than what is unpacked at once.
-    padded, at, end = data + bytes(_MESSAGE_HEAD.size), 0, len(data)
-    unpack = _MESSAGE_HEAD.unpack_from
-    while at < end:
-        opcode, length, channel, _, log_time = unpack(padded, at)
-        after = at + RECORD.size + length
-        if after > end:
-            if is_cut:
-                break
-            raise McapError("a record beyond its chunk")
+    for opcode, at, end in records_in(data, packed, is_cut=is_cut):
         if opcode == Opcode.MESSAGE:
-            if length < MESSAGE.size:
-                raise McapError("a message without its times")
+            channel, _, log_time, _ = MESSAGE.unpack_from(data, at)
             found = entries.get(channel)
             if found is None:
-                entries[channel] = [log_time, at]
+                entries[channel] = [log_time, at - RECORD.size]
             else:
-                found += (log_time, at)
+                found += (log_time, at - RECORD.size)
         elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-            definitions.append((opcode, data[at + RECORD.size : after]))
-        at = after
+            definitions.append((opcode, data[at:end]))
     return ChunkIndexes(entries, definitions)
-
-
-def _check_times(times: list[int], index: ChunkIndex) -> None:
-    if times and not index.message_start_time <= min(times) <= max(times) <= index.message_end_time:
-        raise McapError("a message outside of its chunk's times")
 
 
 def verified_chunk(stream: BinaryIO, index: ChunkIndex) -> Chunk:

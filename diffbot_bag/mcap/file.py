@@ -13,15 +13,14 @@ from pathlib import Path
 from typing import Any
 
 from mcap.exceptions import EndOfFile, McapError
-from mcap.records import AttachmentIndex, Channel, Chunk, ChunkIndex, Message, Schema
-from mcap.stream_reader import StreamReader
+from mcap.records import AttachmentIndex, Channel, ChunkIndex, Message, Schema
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
 from diffbot_bag.bag.metadata import Topic
 from diffbot_bag.bag.qos import Qos, load_profiles
 from diffbot_bag.mcap.attachments import MAX_ATTACHMENT, read_attachment
-from diffbot_bag.mcap.chunks import BagLimits, Row, check_chunks, read_chunk, read_rows
-from diffbot_bag.mcap.format import DAMAGE, MAGIC, McapSummary, NoIndexError, read_summary
+from diffbot_bag.mcap.chunks import MAX_RECORDS, BagLimits, Row, check_chunks, read_chunk
+from diffbot_bag.mcap.format import DAMAGE, MAGIC, McapSummary, NoIndexError, check_time, read_summary
 from diffbot_bag.mcap.unfinished import scan_messages, scan_unfinished
 from diffbot_core.errors import DiffbotError
 from diffbot_core.foreign_files import open_regular, shown
@@ -52,9 +51,11 @@ class McapFile:
             with self._damage_as_error():
                 summary = self._summary()
                 check_chunks(summary.chunks, self._size, self._limits)
+                check_time(summary.statistics.message_end_time)
         except DiffbotError:
             self._stream.close()
             raise
+        self._end = summary.start
         self._schemas, self._channels = summary.schemas, summary.channels
         self._chunks, self._statistics = summary.chunks, summary.statistics
         self._attached = summary.attached
@@ -218,7 +219,8 @@ class McapFile:
         following = [*(chunk.message_start_time for chunk in chunks[1:]), 2**64]
         waiting: list[Row] = []
         for chunk, earliest in zip(chunks, following, strict=True):
-            waiting += read_rows(self._stream, chunk)
+            waiting += read_chunk(self._stream, chunk)
+            _check_held(len(waiting))
             waiting.sort(key=_LOG_TIME)
             complete = bisect.bisect_left(waiting, earliest, key=_LOG_TIME)
             yield from waiting[:complete]
@@ -246,21 +248,22 @@ class McapFile:
                 yield item
                 continue
             offset = sign * item.chunk_start_offset
-            for number, message in enumerate(read_chunk(self._stream, item)):
-                heapq.heappush(heap, (sign * message.log_time, 1, offset, sign * number, message))
+            for number, (log_time, channel, sequence, publish_time, data) in enumerate(read_chunk(self._stream, item)):
+                message = Message(channel, log_time, data, publish_time, sequence)
+                heapq.heappush(heap, (sign * log_time, 1, offset, sign * number, message))
+            _check_held(len(heap))
 
     def _messages_without_chunks(self, reverse: bool) -> list[Message]:
         if self._statistics.message_count == 0:
             return []
         if self._size > self._limits.max_unpacked_size:
             raise DiffbotError(f"{self._size} bytes without chunks: must be <= {self._limits.max_unpacked_size}")
-        if self.unfinished:
-            messages = list(scan_messages(self._stream, self._size, self._limits))
-        else:
-            self._stream.seek(0)
-            records = list(StreamReader(self._stream, emit_chunks=True, record_size_limit=self._size).records)
-            if any(isinstance(record, Chunk) for record in records):
-                raise McapError("chunks that the index does not name")
-            messages = [record for record in records if isinstance(record, Message)]
+        messages = list(scan_messages(self._stream, self._size, self._limits, self._end))
         messages.sort(key=lambda message: message.log_time)
+        check_time(messages[-1].log_time if messages else 0)
         return messages[::-1] if reverse else messages
+
+
+def _check_held(count: int) -> None:
+    if count > MAX_RECORDS:
+        raise DiffbotError(f"{count} messages in chunks that overlap in time: must be <= {MAX_RECORDS}")

@@ -40,6 +40,8 @@ FOOTER = struct.Struct("<BQQQI")
 """opcode, length, offsets of the summary and of its index, checksum; MAGIC follows and ends the file"""
 MAX_INDEX = 64 * 2**20
 """[bytes] of the summary: that of 100 GB in chunks of 768 kB has 30 MB"""
+MAX_TIME = 2**62
+"""[ns] of a log time, the year 2116; differences to any stamp fit into 64 bits"""
 DAMAGE = (
     McapError,
     struct.error,
@@ -54,6 +56,16 @@ DAMAGE = (
     AttributeError,
 )
 """Exceptions with which the mcap library reacts to corrupt data."""
+
+
+def check_time(log_time: int) -> None:
+    """Refuse a log time [ns] beyond MAX_TIME.
+
+    Raises:
+        DiffbotError: if it is.
+    """
+    if log_time > MAX_TIME:
+        raise DiffbotError(f"log time {log_time} ns: must be <= {MAX_TIME}")
 
 
 def index_entries(content: bytes) -> tuple[int, bytes]:

@@ -20,8 +20,8 @@ _LONGEST_NAME = 4
 """of a compression"""
 _MAX_OTHER = 64 * 2**20
 """[bytes] of a record that is neither chunk, message nor attachment"""
-_BLOCK = 2**20
-"""[bytes] searched at once"""
+_FIRST_BLOCK, _BLOCK = 2**10, 2**20
+"""[bytes] searched at once, at first and at most"""
 _OVERLAP = 64
 """[bytes] more than what a pattern looks at"""
 _CHUNK_PATTERN = re.compile(rb"\x06(?=.{5}\0\0\0.{28}(?:\x04\0\0\0zstd|\x03\0\0\0lz4|\0\0\0\0))", re.DOTALL)
@@ -119,7 +119,6 @@ class RecordScan:
         self._stream, self._limits = stream, limits
         self._size = size
         self._end = size if end is None else end
-        self._packed = self._unpacked = 0
         self._has_chunks = self._has_messages = False
         # Bytes that the search for chunks may still verify: false ones could overlap each other.
         self._budget, self._work = SMALL + 8 * size, 0
@@ -162,13 +161,13 @@ class RecordScan:
     def _read_any(self, at: int) -> Piece | ChunkPiece:
         opcode, after = self._prefix(at)
         if opcode == Opcode.CHUNK:
-            return self._counted(self._read_chunk(at))
+            return self._read_chunk(at)
         try:
             return self._read_other(at, opcode, after)
         except DAMAGE as error:
             try:
                 # A chunk whose opcode is damaged.
-                return self._counted(self._read_chunk(at))
+                return self._read_chunk(at)
             except DAMAGE:
                 raise error from None
 
@@ -209,27 +208,22 @@ class RecordScan:
             raise McapError("a chunk of another length")
         if after > self._end:
             raise CutError("the file ends within a chunk")
-        if max(size, packed) > self._limits.max_unpacked_size:
-            raise McapError(f"a chunk of {max(size, packed)} bytes: must be <= {self._limits.max_unpacked_size}")
+        if max(size, packed) > (most := self._limits.memory(self._size)):
+            raise McapError(f"a chunk of {max(size, packed)} bytes: must be <= {most}")
         self._work += packed + size
+        if self._work > SMALL + self._limits.unpacked(self._size):
+            raise DiffbotError(
+                f"its {self._size} bytes unpack to {self._work} and more: must be <= max_compression_ratio"
+                f" = {self._limits.max_compression_ratio:g} times as many"
+            )
         chunk = Chunk(name.decode(), self._read(first, packed), end, start, checksum, size)
         data = unpack_chunk(chunk, size)
-        indexes = index_messages(data)
+        indexes = index_messages(data, after - at)
         if times := [time for found in indexes.entries.values() for time in (min(found[::2]), max(found[::2]))]:
             is_exact &= start <= min(times) and max(times) <= end
             chunk.message_start_time, chunk.message_end_time = min(times), max(times)
-        return ChunkPiece(at, after, chunk, indexes, data, is_exact)
-
-    def _counted(self, piece: ChunkPiece) -> ChunkPiece:
         self._has_chunks = True
-        self._packed += piece.end - piece.offset
-        self._unpacked += len(piece.data)
-        if self._unpacked > max(SMALL, self._limits.max_compression_ratio * self._packed):
-            raise DiffbotError(
-                f"its first {self._packed} bytes of chunks unpack to {self._unpacked}: must be <= max_compression_ratio"
-                f" = {self._limits.max_compression_ratio:g} times as many"
-            )
-        return piece
+        return ChunkPiece(at, after, chunk, indexes, data, is_exact)
 
     def _is_plausible(self, at: int) -> bool:
         """True if a record of the data could begin here."""
@@ -255,15 +249,18 @@ class RecordScan:
         """Return the offset of the next valid chunk, or message outside of chunks; the end if there is none."""
         outside = self._has_messages and not self._has_chunks
         pattern = _MESSAGE_PATTERN if outside else _CHUNK_PATTERN
-        for block in range(start, self._end, _BLOCK):
-            content = self._read(block, min(_BLOCK + _OVERLAP, self._end - block))
+        at, size = start, _FIRST_BLOCK
+        while at < self._end:
+            content = self._read(at, min(size + _OVERLAP, self._end - at))
             for found in pattern.finditer(content):
-                if found.start() >= _BLOCK:
+                if found.start() >= size:
                     break
                 if self._budget < 0:
                     raise DiffbotError(f"is damaged from byte {start} on, with too many false chunks to search")
-                if self._is_chain(block + found.start()) if outside else self._is_chunk(block + found.start()):
-                    return block + found.start()
+                if self._is_chain(at + found.start()) if outside else self._is_chunk(at + found.start()):
+                    return at + found.start()
+            # Little at first: the next place is often near, and there may be many.
+            at, size = at + size, min(2 * size, _BLOCK)
         return self._end
 
     def _is_chunk(self, at: int) -> bool:

@@ -88,20 +88,30 @@ def scan_unfinished(stream: BinaryIO, size: int, limits: BagLimits) -> tuple[Mca
     return McapSummary(end, index.schemas, index.channels, index.chunks, index.statistics(), []), size - end
 
 
-def scan_messages(stream: BinaryIO, size: int, limits: BagLimits) -> Iterator[Message]:
-    """Iterate over the messages outside of chunks, in the order of the file.
+def scan_messages(stream: BinaryIO, size: int, limits: BagLimits, end: int) -> Iterator[Message]:
+    """Iterate over the messages of a file whose index names no chunk, in the order of the file.
+
+    Args:
+        stream: of the file.
+        size: [bytes] of the file.
+        limits: how much it may unpack to.
+        end: [bytes] where its summary begins, or its incomplete last record.
 
     Raises:
-        McapError: if the file is damaged.
+        McapError: if the file is damaged, or has a chunk with messages.
     """
-    for piece in _intact(stream, size, limits):
+    for piece in _intact(stream, size, limits, end):
+        if isinstance(piece, ChunkPiece) and piece.indexes.entries:
+            raise McapError("chunks that the index does not name")
         if isinstance(piece, Piece) and piece.opcode == Opcode.MESSAGE:
             yield piece.record()
 
 
-def _intact(stream: BinaryIO, size: int, limits: BagLimits) -> Iterator[Piece | ChunkPiece | Gap]:
+def _intact(
+    stream: BinaryIO, size: int, limits: BagLimits, end: int | None = None
+) -> Iterator[Piece | ChunkPiece | Gap]:
     """Iterate over the records of a file; the only gap may be at its end."""
-    for piece in RecordScan(stream, size, limits).pieces():
+    for piece in RecordScan(stream, size, limits, end).pieces():
         if isinstance(piece, Gap) and not piece.is_cut:
             raise McapError(f"{piece.reason}, at byte {piece.offset}")
         if isinstance(piece, ChunkPiece) and not piece.is_exact:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 from mcap.records import Channel, Schema
 
 from diffbot_bag.bag import metadata
+from diffbot_bag.bag.file_lock import take_lock
 from diffbot_bag.bag.metadata import RECORD_NAME, BagMetadata, FileInformation, Topic
 from diffbot_bag.mcap.output import McapOutput
 from diffbot_bag.mcap.whole_chunk import ChunkPacker, Compression
@@ -94,6 +95,8 @@ class BagFiles:
         self._unpacked = 0
         path = self._path(self._number)
         self._writer = writer = McapOutput(path.open("xb"))
+        # Until the file is closed: nobody replaces it by what it holds so far.
+        take_lock(writer.fileno)
         self.present = path, os.fstat(writer.fileno)
         for schema in self._schemas:
             writer.add_schema(schema)

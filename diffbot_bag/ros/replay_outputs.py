@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, NamedTuple
 
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.duration import Duration
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.node import Node
@@ -55,12 +56,13 @@ class ReplayOutputs:
         self.latched: set[str] = set()
         """Topics whose last message is kept for late subscribers, by their names in the bag."""
         self._publishers: dict[str, Any] = {}
+        self._refused: set[str] = set()
         self._patient: dict[str, KeepingOutput | BoundedOutput] = {}
         self._share = max(1, naming.max_unacknowledged // max(1, len(topics)))
         for name, topic in topics.items():
             try:
                 self._create(topic, naming.overrides.get(name) or to_offer(topic.qos))
-            except (DiffbotError, InvalidTopicNameException) as error:
+            except (DiffbotError, InvalidTopicNameException, RCLError) as error:
                 reason = shown(" ".join(str(error).split()))
                 node.get_logger().warning(f"{shown(name)} is not played: {reason}")
 
@@ -91,7 +93,19 @@ class ReplayOutputs:
         return publisher
 
     def send(self, message: RawMessage) -> None:
-        """Publish a message, when there is room for it; without effect once the replay is to stop."""
+        """Publish a message, when there is room for it; without effect once the replay is to stop.
+
+        One that the middleware refuses, as with more bytes than its type can have, is left out; the first is logged.
+        """
+        try:
+            self._send(message)
+        except RCLError as error:
+            if message.topic not in self._refused:
+                self._refused.add(message.topic)
+                reason = shown(" ".join(str(error).split()))
+                self._node.get_logger().warning(f"{shown(message.topic)}: a message cannot be published: {reason}")
+
+    def _send(self, message: RawMessage) -> None:
         name = message.topic
         patient = self._patient.get(name)
         if patient is None:

@@ -184,10 +184,7 @@ def _meters(reader: BagReader) -> dict[str, TopicMeter]:
 
 
 def _topic_info(topic: Topic, losses: dict[str, int] | None, meter: TopicMeter | None) -> TopicInfo:
-    try:
-        figures = meter.figures() if meter else None
-    except DiffbotError as error:
-        raise DiffbotError(f"{shown(topic.name)}: {error}") from error
+    figures = meter.figures() if meter else None
     lost = None if losses is None else losses.get(topic.name, 0)
     return TopicInfo(topic.name, topic.type, topic.message_count, topic.qos, lost, figures)
 

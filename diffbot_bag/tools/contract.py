@@ -16,6 +16,8 @@ from diffbot_core.schema import Spec, build
 VERSION = 1
 """of the format"""
 MAX_BYTES = 2**20
+MAX_TOPICS = 10_000
+"""as many as the figures of a bag are computed for"""
 MAX_TEXT = 256
 """characters of one key or value"""
 _MAX_COUNT = 2**63 - 1
@@ -170,9 +172,12 @@ def parse_contract(content: Any, name: str) -> Contract:
     version = sections.get("version")
     if version != VERSION or isinstance(version, bool):
         raise DiffbotError(f"{name}: version = {_key(version)}: must be {VERSION}")
+    given = _map(sections.get("topics"), f"{name}: topics")
+    if len(given) > MAX_TOPICS:
+        raise DiffbotError(f"{name}: topics has {len(given)} entries: must be <= {MAX_TOPICS}")
     topics = {
         _topic(topic, f"{name}: topics"): _chosen(TopicRules, rules, f"{name}: {topic}")
-        for topic, rules in _map(sections.get("topics"), f"{name}: topics").items()
+        for topic, rules in given.items()
     }
     forbidden = sections.get("forbidden") or []
     if not isinstance(forbidden, list):

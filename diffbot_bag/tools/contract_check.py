@@ -91,7 +91,8 @@ def check_bag(contract: Contract, info: BagInfo, consistency: Mapping[str, Consi
 def _bag_results(contract: Contract, info: BagInfo) -> Iterator[Result]:
     chosen = contract.bag
     others = [topic.name for topic in info.topics if topic.name not in contract.topics and topic.message_count]
-    others = [name for name in others if name not in contract.forbidden]
+    forbidden = set(contract.forbidden)
+    others = [name for name in others if name not in forbidden]
     for name in chosen.names:
         if name == "only_these_topics":
             more = f" and {len(others) - _MAX_LISTED} more" if len(others) > _MAX_LISTED else ""

@@ -26,21 +26,22 @@ class LooseChunk(NamedTuple):
     indexes: ChunkIndexes
 
 
-def read_loosely(stream: BinaryIO, offset: int, end: int, limits: BagLimits) -> LooseChunk | None:
-    """Read the record of a chunk between two offsets of a file; None if not even its head is complete."""
-    if end - offset > limits.max_unpacked_size:
+def read_loosely(stream: BinaryIO, size: int, offset: int, end: int, limits: BagLimits) -> LooseChunk | None:
+    """Read the record of a chunk between two offsets of a file of ``size`` [bytes]; None without a complete head."""
+    most = limits.memory(size)
+    if end - offset > most:
         return None
     stream.seek(offset)
     record = stream.read(end - offset)
     try:
-        _, _, start, last, size, _, length = CHUNK.unpack_from(record)
+        _, _, start, last, unpacked, _, length = CHUNK.unpack_from(record)
     except struct.error:
         return None
     name = record[CHUNK.size : CHUNK.size + length] if length <= 4 else b"?"
     packed = record[CHUNK.size + len(name) + SIZE.size :]
-    data = _unpacked(name, packed, min(size, limits.max_unpacked_size))
+    data = _unpacked(name, packed, min(unpacked, most))
     try:
-        indexes = index_messages(data, is_cut=True)
+        indexes = index_messages(data, end - offset, is_cut=True)
     except DAMAGE:
         indexes = ChunkIndexes({}, [])
     return LooseChunk(start, last, data, indexes)

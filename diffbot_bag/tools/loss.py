@@ -53,6 +53,8 @@ class Loss(NamedTuple):
     """Topics whose QoS cannot be read, and is left out."""
     unknown: tuple[str, ...] = ()
     """Made-up topics of channels that nothing describes any more."""
+    beyond: int = 0
+    """Messages left out, since their log time is beyond MAX_TIME: no command could read the bag."""
 
 
 @dataclass

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from diffbot_bag.bag import metadata
+from diffbot_bag.bag.file_lock import locked_files, part_folder
 from diffbot_bag.bag.metadata import BagMetadata, FileInformation, Topic
 from diffbot_bag.mcap.chunks import BagLimits
 from diffbot_bag.tools.bag_parts import BagParts, find_parts
@@ -30,6 +31,8 @@ class RepairedFile(NamedTuple):
     source: Path
     path: Path
     salvaged: Salvaged
+    state: os.stat_result
+    """of the source when it was read"""
 
 
 class Repaired(NamedTuple):
@@ -100,17 +103,19 @@ def repair_in_place(bag: Path, limits: BagLimits | None = None, progress: Progre
     """Replace the files of a bag by repaired ones; each is replaced whole, after all of them were read again.
 
     Raises:
-        DiffbotError: as for :func:`repair_bag`; the bag is then as it was.
+        DiffbotError: as for :func:`repair_bag`, or if it is being recorded; the bag is then as it was.
     """
     find_parts(bag)
     # New files are made on the same disk, so that they can take the place of the old ones.
     bag = bag.expanduser().resolve()
     parts = find_parts(bag)
-    with _temporary_folder(bag) as folder:
+    with locked_files(parts.files), _temporary_folder(bag) as folder:
         names = [path.name for path in parts.files]
         if len(set(names)) < len(names):
             raise DiffbotError(f"{shown(bag)} has two files of the same name in different folders")
         repaired = _repair(parts, folder, names, limits or BagLimits(), progress)
+        for file in repaired.files:
+            _check_unchanged(file.source, file.state)
         for file in repaired.files:
             shutil.copymode(file.source, file.path)
             file.path.replace(file.source)
@@ -122,23 +127,18 @@ def repair_in_place(bag: Path, limits: BagLimits | None = None, progress: Progre
 
 @contextmanager
 def _temporary_folder(path: Path) -> Iterator[Path]:
-    """Give a folder beside a path, and delete it in the end."""
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        part.mkdir(parents=True)
-        yield part
+        with part_folder(path) as part:
+            yield part
     except OSError as error:
         raise DiffbotError(f"cannot write the bag {shown(path)}: {error.strerror or error}") from error
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
 
 
 def _repair(parts: BagParts, folder: Path, names: list[str], limits: BagLimits, progress: Progress) -> Repaired:
     """Write repaired files to a folder and read them again."""
     files = []
     for source, name in zip(parts.files, names, strict=True):
-        salvaged = _repair_file(source, folder / name, limits, progress)
-        files.append(RepairedFile(source, folder / name, salvaged))
+        files.append(_repair_file(source, folder / name, limits, progress))
     for file in files:
         salvaged, size = file.salvaged, file.source.stat().st_size
         expected: Counter[str] = Counter()
@@ -153,7 +153,7 @@ def _repair(parts: BagParts, folder: Path, names: list[str], limits: BagLimits, 
     return Repaired(folder, files, _merged_topics(files), parts.missing, parts.note)
 
 
-def _repair_file(source: Path, target: Path, limits: BagLimits, progress: Progress) -> Salvaged:
+def _repair_file(source: Path, target: Path, limits: BagLimits, progress: Progress) -> RepairedFile:
     with open_regular(source) as stream, target.open("xb") as out:
         before = os.fstat(stream.fileno())
         try:
@@ -161,11 +161,15 @@ def _repair_file(source: Path, target: Path, limits: BagLimits, progress: Progre
             salvaged = salvage.run(progress)
         except DiffbotError as error:
             raise DiffbotError(f"{shown(source)}: {error}") from error
-        after = os.stat(source)
-        if (before.st_size, before.st_mtime_ns, before.st_ino) != (after.st_size, after.st_mtime_ns, after.st_ino):
-            raise DiffbotError(f"{shown(source)} has changed meanwhile: is it still being recorded?")
+        _check_unchanged(source, before)
         salvage.finish(metadata.to_record(_metadata_of_file(target.name, salvaged)))
-    return salvaged
+    return RepairedFile(source, target, salvaged, before)
+
+
+def _check_unchanged(path: Path, before: os.stat_result) -> None:
+    after = os.stat(path)
+    if (before.st_size, before.st_mtime_ns, before.st_ino) != (after.st_size, after.st_mtime_ns, after.st_ino):
+        raise DiffbotError(f"{shown(path)} has changed meanwhile: is it still being recorded?")
 
 
 def _merged_topics(files: list[RepairedFile]) -> dict[str, Topic]:

@@ -15,10 +15,10 @@ from diffbot_bag.bag.metadata import HASH_KEY, QOS_KEY, RECORD_NAME, TEXT_KEY, T
 from diffbot_bag.bag.qos import load_profiles
 from diffbot_bag.mcap.attachments import blocks_of, verified_attachment
 from diffbot_bag.mcap.chunks import BagLimits
-from diffbot_bag.mcap.format import DAMAGE, MAGIC, RECORD, McapSummary, read_summary
+from diffbot_bag.mcap.format import DAMAGE, MAGIC, MAX_TIME, RECORD, McapSummary, read_summary
 from diffbot_bag.mcap.output import OWN_HEADER
 from diffbot_bag.mcap.scan import ChunkPiece, Gap, Piece, RecordScan
-from diffbot_bag.mcap.whole_chunk import frame_chunk
+from diffbot_bag.mcap.whole_chunk import Entries, frame_chunk
 from diffbot_bag.tools.definitions import Definitions, definitions_in
 from diffbot_bag.tools.loose_chunk import LooseChunk, read_loosely
 from diffbot_bag.tools.loss import UNKNOWN, Loss, LossCounter, Span
@@ -65,7 +65,7 @@ class Salvage:
         self._definitions = Definitions(records, self._look_ahead)
         self._copy = OutputFile(target, self._header())
         self._at = len(MAGIC)
-        self._unverified = 0
+        self._unverified = self._beyond = 0
         self._custom_data: dict[str, str] = {}
         self._ros_distro = ""
 
@@ -124,6 +124,7 @@ class Salvage:
                 doubtful=tuple(sorted(self._definitions.doubtful)),
                 without_qos=tuple(sorted(self._definitions.without_qos)),
                 unknown=tuple(sorted(self._definitions.unknown)),
+                beyond=self._beyond,
             ),
         )
 
@@ -138,11 +139,17 @@ class Salvage:
             entries = piece.indexes.entries
             for number in sorted(described[1] | entries.keys()):
                 self._define(number, described if entries else NOTHING)
-            if entries:
+            if entries and piece.chunk.message_end_time > MAX_TIME:
+                self._beyond += sum(len(found) // 2 for found in entries.values())
+                self._beyond -= self._save_rows(piece.data, entries, 0, MAX_TIME)
+            elif entries:
                 self._copy.add_chunk(frame_chunk(piece.chunk, entries))
                 self._loss.saved_chunk(piece.offset, piece.chunk.message_start_time, piece.chunk.message_end_time)
         elif piece.opcode == Opcode.MESSAGE:
             message = piece.record()
+            if message.log_time > MAX_TIME:
+                self._beyond += 1
+                return
             self._define(message.channel_id)
             self._copy.write([(message.log_time, message.channel_id, piece.content[CHANNEL_SIZE:])])
             self._loss.saved_message(message.log_time)
@@ -183,7 +190,9 @@ class Salvage:
 
     def _take_gap(self, gap: Gap) -> None:
         head = UNKNOWN
-        if gap.opcode == Opcode.CHUNK and (loose := read_loosely(self._source, gap.offset, gap.end, self._limits)):
+        is_chunk = gap.opcode == Opcode.CHUNK
+        loose = read_loosely(self._source, self._size, gap.offset, gap.end, self._limits) if is_chunk else None
+        if loose:
             head = Span(loose.start, loose.end)
             if gap.is_cut:
                 self._save_cut(loose)
@@ -196,19 +205,24 @@ class Salvage:
         """Save the complete messages at the beginning of the chunk within which the file ends."""
         with contextlib.suppress(*DAMAGE):
             self._definitions.take(loose.indexes.definitions)
+        last = min(loose.end, MAX_TIME)
+        self._unverified = self._save_rows(loose.data, loose.indexes.entries, loose.start, last)
+
+    def _save_rows(self, data: bytes, entries: Entries, first: int, last: int) -> int:
+        """Save the messages of a chunk's data between two log times [ns]; return their number."""
         found = [
             (at, channel, time)
-            for channel, entries in loose.indexes.entries.items()
-            for time, at in zip(entries[::2], entries[1::2], strict=True)
-            if loose.start <= time <= loose.end
+            for channel, flat in entries.items()
+            for time, at in zip(flat[::2], flat[1::2], strict=True)
+            if first <= time <= last
         ]
         for at, channel, time in sorted(found):
-            _, length = RECORD.unpack_from(loose.data, at)
+            _, length = RECORD.unpack_from(data, at)
             content = at + RECORD.size
             self._define(channel)
-            self._copy.write([(time, channel, loose.data[content + CHANNEL_SIZE : content + length])])
+            self._copy.write([(time, channel, data[content + CHANNEL_SIZE : content + length])])
             self._loss.saved_message(time)
-        self._unverified = len(found)
+        return len(found)
 
     def _topic_name(self, number: int) -> str:
         return self._definitions.channel(number)[1].topic

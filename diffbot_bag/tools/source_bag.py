@@ -10,15 +10,15 @@ from typing import Any, BinaryIO
 
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import AttachmentIndex, Channel, ChunkIndex, Metadata, MetadataIndex, Schema
-from mcap.stream_reader import StreamReader
+from mcap.records import AttachmentIndex, Channel, ChunkIndex, MetadataIndex, Schema
 
 from diffbot_bag.bag.metadata import RECORD_NAME, TEXT_KEY
 from diffbot_bag.bag.reader import BagReader
 from diffbot_bag.mcap.attachments import blocks_of
-from diffbot_bag.mcap.chunks import verified_chunk
+from diffbot_bag.mcap.chunks import records_in, verified_chunk
 from diffbot_bag.mcap.file import McapFile
 from diffbot_bag.mcap.format import MESSAGE, RECORD
+from diffbot_bag.mcap.scan import parse_record
 from diffbot_bag.mcap.whole_chunk import WholeChunk, check_chunk, chunk_end
 from diffbot_bag.tools.span import Span
 from diffbot_core.bounded_yaml import load_yaml
@@ -120,8 +120,9 @@ class SourceFile(McapFile):
             return {}
         with contextlib.suppress(DiffbotError), self._damage_as_error():
             self._stream.seek(records[-1].offset)
-            record = next(StreamReader(self._stream, skip_magic=True, record_size_limit=MAX_METADATA).records)
-            if isinstance(record, Metadata):
+            opcode, length = RECORD.unpack(self._stream.read(RECORD.size))
+            if opcode == Opcode.METADATA and length <= MAX_METADATA:
+                record = parse_record(opcode, self._stream.read(length))
                 content = load_yaml(record.metadata.get(TEXT_KEY, ""), TEXT_KEY)
                 return content if isinstance(content, dict) else {}
         return {}
@@ -129,20 +130,13 @@ class SourceFile(McapFile):
 
 def _rows(stream: BinaryIO, index: ChunkIndex, channels: Mapping[int, int | None], span: Span) -> list[Row]:
     data = verified_chunk(stream, index).data
-    rows, at, end = [], 0, len(data)
-    while at < end:
-        opcode, length = RECORD.unpack_from(data, at)
-        at += RECORD.size
-        if length > end - at:
-            raise McapError("a record beyond its chunk")
+    rows = []
+    for opcode, at, end in records_in(data, index.chunk_length):
         if opcode == Opcode.MESSAGE:
-            if length < MESSAGE.size:
-                raise McapError("a message too short")
             channel, _, log_time, _ = MESSAGE.unpack_from(data, at)
             number = channels[channel]
             if number is not None and span.start <= log_time < span.end:
-                rows.append((log_time, number, data[at + 2 : at + length]))
-        at += length
+                rows.append((log_time, number, data[at + 2 : end]))
     rows.sort(key=itemgetter(0))
     if rows and not index.message_start_time <= rows[0][0] <= rows[-1][0] <= index.message_end_time:
         raise McapError("a message outside of its chunk's times")

@@ -9,11 +9,8 @@ import numpy as np
 from diffbot_bag.record.lost_messages import GapCounter
 from diffbot_bag.tools.header_stamps import SIZE, stamps_of
 from diffbot_bag.tools.quantiles import Quantiles
-from diffbot_core.errors import DiffbotError
 from diffbot_core.units import NS_PER_S
 
-MAX_TIME = 2**62
-"""[ns] of a log time, the year 2116; differences to any stamp fit into 64 bits"""
 _BATCH = 4096
 
 
@@ -87,8 +84,6 @@ class TopicMeter:
             return
         log_times, sequences, heads = zip(*self._waiting, strict=True)
         self._waiting.clear()
-        if log_times[-1] > MAX_TIME:
-            raise DiffbotError(f"log time {log_times[-1]} ns: must be <= {MAX_TIME}")
         times = np.array(log_times, np.int64)
         if not self._count:
             self._first = self._last = log_times[0]
@@ -120,11 +115,7 @@ class TopicMeter:
             self._stamp_gap = max(int(steps.max()), self._stamp_gap or 0)
 
     def figures(self) -> TopicFigures:
-        """Return the figures of all messages so far.
-
-        Raises:
-            DiffbotError: if a log time is beyond MAX_TIME.
-        """
+        """Return the figures of all messages so far."""
         self._flush()
         span = (self._last - self._first) / NS_PER_S
         several, delays = self._count > 1, self._delays

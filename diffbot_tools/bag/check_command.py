@@ -29,22 +29,18 @@ def add_check(verbs: Any) -> None:
     check.add_argument("--write", type=Path, metavar="NEW.yaml", help="draft a contract from a good bag instead")
     check.add_argument("--json", action="store_true", help="print the results as JSON")
     check.add_argument("--junit", type=Path, metavar="FILE", help="write the results as JUnit XML, too")
-    check.set_defaults(call=_call)
+    # 1 means that a rule does not hold.
+    check.set_defaults(call=_call, error_status=2)
 
 
 def _call(options: argparse.Namespace) -> int:
-    try:
-        if (options.contract is None) == (options.write is None):
-            raise DiffbotError("bag check takes a CONTRACT.yaml to check with, or --write to draft one")
-        if options.write is not None:
-            if options.json or options.junit is not None:
-                raise DiffbotError("--json and --junit show the results of a check: not together with --write")
-            return _write(options.bag, options.write)
-        return _check(options)
-    except DiffbotError as error:
-        # 1 means that a rule does not hold.
-        print(f"diffbot: {error}", file=sys.stderr)
-        return 2
+    if (options.contract is None) == (options.write is None):
+        raise DiffbotError("bag check takes a CONTRACT.yaml to check with, or --write to draft one")
+    if options.write is not None:
+        if options.json or options.junit is not None:
+            raise DiffbotError("--json and --junit show the results of a check: not together with --write")
+        return _write(options.bag, options.write)
+    return _check(options)
 
 
 def _check(options: argparse.Namespace) -> int:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 from diffbot_bag.bag.qos import Qos
 from diffbot_bag.tools.bag_info import BagInfo, TopicInfo
-from diffbot_bag.tools.topic_figures import MAX_TIME, TopicFigures
+from diffbot_bag.tools.topic_figures import TopicFigures
 from diffbot_core.foreign_files import shown
 
 _LABEL = 19
@@ -83,8 +83,6 @@ def _seconds(nanoseconds: int) -> str:
 
 
 def _time_text(nanoseconds: int) -> str:
-    if nanoseconds > MAX_TIME:
-        return f"({_seconds(nanoseconds)})"
     local = time.localtime(nanoseconds // 10**9)
     date = f"{time.strftime('%b', local)} {local.tm_mday:2d} {local.tm_year}"
     return f"{date} {time.strftime('%H:%M:%S', local)}.{nanoseconds % 10**9:09d} ({_seconds(nanoseconds)})"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ def _merge(options: argparse.Namespace) -> int:
 
     if len(options.bags) < 2:
         options.parser.error("two bags or more are needed, and the name of the new one")
-    resolved = [path.expanduser().resolve() for path in options.bags]
+    resolved = [os.path.realpath(path.expanduser()) for path in options.bags]
     if len(set(resolved)) < len(resolved):
         options.parser.error("a bag is given twice")
     return make_bag("merge", options.bags, options.out, merge)

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from diffbot_bag.mcap.format import MAX_TIME
 from diffbot_core.errors import DiffbotError
 from diffbot_core.foreign_files import shown
 from diffbot_core.units import S_PER_NS
@@ -63,7 +64,7 @@ def repair_text(repaired: Repaired) -> str:
 
 
 def _is_lossy(loss: Loss) -> bool:
-    return bool(loss.chunks or loss.bytes or loss.messages or loss.doubtful or loss.without_qos or loss.unknown)
+    return bool(loss.bytes or loss.messages or loss.beyond or loss.doubtful or loss.without_qos or loss.unknown)
 
 
 def _loss_lines(loss: Loss, start: int) -> list[str]:
@@ -83,6 +84,8 @@ def _loss_lines(loss: Loss, start: int) -> list[str]:
         lines.append(f"lost: messages in {len(loss.spans) - MAX_SPANS} more spans of time")
     if loss.unverified:
         lines.append(f"{loss.unverified} messages are from the incomplete last chunk, which no checksum verifies")
+    if loss.beyond:
+        lines.append(f"left out: {loss.beyond} messages with a log time beyond {MAX_TIME} ns")
     if loss.doubtful:
         lines.append(f"names and types from a damaged chunk, check them: {shown(', '.join(loss.doubtful))}")
     if loss.without_qos:

@@ -81,7 +81,8 @@ def read_drive(bag: Path, config: EkfNodeConfig, until: float, remap: dict[str, 
         print_warning(reader)
         collected = EventReader(config, topics_of(reader, config, remap))
         topics = (*collected.topics, COMMANDS) if COMMANDS in reader.topics else collected.topics
-        total = sum(reader.topics[topic].message_count for topic in topics)
+        found = reader.topics
+        total = sum(found[topic].message_count for topic in topics)
         rows = []
         for message in tqdm(reader.decoded(topics), desc=bag.name, total=total, unit="message", disable=None):
             if message.topic == COMMANDS:

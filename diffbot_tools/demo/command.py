@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 from tqdm import tqdm
 
+from diffbot_bag.bag.file_lock import locked_files
 from diffbot_bag.bag.writer import is_unfinished
 from diffbot_control.law.presets import PRESETS, TUNED
 from diffbot_core.errors import DiffbotError
@@ -134,7 +135,8 @@ def _make_room_for_bag(bag: Path, overwrite: bool) -> None:
         raise DiffbotError(f"{bag} exists: choose another folder with --out, or replace it with --overwrite")
     if not bag.is_dir() or not ((bag / "metadata.yaml").is_file() or is_unfinished(bag)):
         raise DiffbotError(f"{bag} exists and is no bag: not replaced")
-    shutil.rmtree(bag)
+    with locked_files(bag.glob("*.mcap")):
+        shutil.rmtree(bag)
     for result in (
         "summary.json",
         "path.png",

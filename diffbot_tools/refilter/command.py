@@ -14,6 +14,7 @@ from diffbot_bag.bag.reader import BagReader
 from diffbot_control.ros.frames import robot_frame
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.errors import DiffbotError
+from diffbot_core.foreign_files import shown
 from diffbot_core.units import S_PER_NS
 from diffbot_tools.bag.unfinished_bags import print_warning
 from diffbot_tools.refilter.comparison import (
@@ -95,11 +96,12 @@ def topics_of(reader: BagReader, config: EkfNodeConfig, remap: dict[str, str]) -
     for name in (*remap, config.odometry_source, *config.localization.sources.pose_sources):
         if names[name] not in found:
             raise DiffbotError(
-                f"{reader.path} has no topic {names[name]} for {name}: it has {', '.join(sorted(found))}"
+                f"{shown(reader.path)} has no topic {names[name]} for {name}: it has {shown(', '.join(sorted(found)))}"
             )
     for name, topic in names.items():
         if topic in found and found[topic].type != inputs[name]:
-            raise DiffbotError(f"{reader.path}: {topic} is of type {found[topic].type}, {name} must be {inputs[name]}")
+            kind = shown(found[topic].type)
+            raise DiffbotError(f"{shown(reader.path)}: {topic} is of type {kind}, {name} must be {inputs[name]}")
     return {topic: name for name, topic in names.items() if topic in found}
 
 
@@ -114,7 +116,8 @@ def drive(filtered: FilterRun, reader: BagReader, on_answer: Callable[[Answer, i
     Raises:
         DiffbotError: if the filter never started.
     """
-    total = sum(reader.topics[topic].message_count for topic in filtered.topics)
+    found = reader.topics
+    total = sum(found[topic].message_count for topic in filtered.topics)
     messages = reader.decoded(filtered.topics)
     answers = 0
     for message in tqdm(messages, desc="refilter", total=total, unit="message", disable=None):

@@ -12,6 +12,7 @@ from diffbot_bag.bag.reader import BagReader
 from diffbot_control.filter.localization import FilterEstimate
 from diffbot_control.ros.messages.fields import pose_of, stamp_ns
 from diffbot_core.errors import BadMessageError, DiffbotError
+from diffbot_core.foreign_files import shown
 from diffbot_core.geometry import TWO_PI
 from diffbot_core.units import S_PER_NS
 from diffbot_tools.refilter.filter_run import Innovation
@@ -73,7 +74,8 @@ def read_truth(reader: BagReader, topic: str) -> Trajectory:
         DiffbotError: if the bag has no such topic, or no pose in it.
     """
     if topic not in reader.topics:
-        raise DiffbotError(f"{reader.path} has no topic {topic}: it has {', '.join(sorted(reader.topics))}")
+        names = shown(", ".join(sorted(reader.topics)))
+        raise DiffbotError(f"{shown(reader.path)} has no topic {topic}: it has {names}")
     found: dict[int, tuple[float, float, float]] = {}
     for message in reader.decoded((topic,)):
         try:

@@ -56,8 +56,11 @@ class BagRun(NamedTuple):
     tables: BagTables
 
 
+@np.errstate(all="ignore")
 def read_bag_run(bag: Path, config: ControllerConfig | None = None) -> BagRun:
     """Read a bag; without ``config``, tolerances and limits are those that the recorder noted, or those of ``tuned``.
+
+    A number in the bag may be any: what overflows is inf or nan, and left out of the drawing.
 
     Raises:
         DiffbotError: if it cannot be read, or holds no robot's pose.
@@ -96,6 +99,7 @@ def _path_of(curves: dict[str, Columns], clock: Clock) -> Trajectory:
     return Trajectory(times, np.column_stack((x, y, np.unwrap(theta))))
 
 
+@np.errstate(all="ignore")
 def page_data(run: BagRun) -> dict[str, Any]:
     """Return what the page embeds."""
     packer = Packer()

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from diffbot_core.errors import DiffbotError, InvalidValueError
-from diffbot_core.files import file_path, output_folder, replacing, write_json, write_text
+from diffbot_core.files import MCAP, check_output, file_path, output_folder, replacing, write_json, write_text
 
 
 def names(folder):
@@ -94,3 +94,50 @@ def test_the_path_of_a_file_in_a_parameter(tmp_path, monkeypatch):
     for text in (str(tmp_path), "~", "/", ".", "~nobody-of-this-name/x.json", "a\x00b", "~/pipe", "/dev/zero"):
         with pytest.raises(InvalidValueError, match=r"state_file = .* must be the path of a file"):
             file_path("state_file", text)
+
+
+@pytest.fixture
+def bags(tmp_path):
+    """Make two bags: a finished one, and one whose recorder was killed."""
+    finished, unfinished = tmp_path / "finished", tmp_path / "unfinished"
+    for folder in (finished, unfinished):
+        folder.mkdir()
+    (finished / "metadata.yaml").write_text("rosbag2_bagfile_information:\n  version: 9\n")
+    (finished / "one.mcap").write_bytes(MCAP)
+    (unfinished / "unfinished_0.mcap").write_bytes(MCAP)
+    return finished, unfinished
+
+
+def test_nothing_in_a_bag_is_replaced_whoever_asks(tmp_path, bags):
+    (tmp_path / "lone.mcap").write_bytes(MCAP + b"rest")
+    (tmp_path / "link").symlink_to(bags[0])
+    os.mkfifo(tmp_path / "pipe")
+    paths = [bags[0] / "metadata.yaml", bags[0] / "one.mcap", bags[0] / "new", bags[1] / "unfinished_0.mcap"]
+    for path in (*paths, tmp_path / "lone.mcap", tmp_path / "link" / "new", tmp_path / "pipe", bags[0]):
+        before = sorted(tmp_path.rglob("*")), (tmp_path / "lone.mcap").read_bytes()
+        with pytest.raises(FileExistsError):
+            write_text(path, "<report/>")
+        with pytest.raises(DiffbotError, match="cannot write"):
+            check_output(path / "below" if path == bags[0] else path)
+        assert (sorted(tmp_path.rglob("*")), (tmp_path / "lone.mcap").read_bytes()) == before
+    for folder in bags:
+        with pytest.raises(DiffbotError, match="it is a bag"), output_folder(folder):
+            pass
+
+
+def test_a_command_replaces_reports_alone(tmp_path):
+    (tmp_path / "metadata.yaml").write_text("of something else")
+    for name, content in (("r.xml", "<?xml?>"), ("r.html", "<!doctype html>"), ("r.json", "{}"), ("empty", "")):
+        (tmp_path / name).write_text(content)
+        check_output(tmp_path / name)
+    check_output(tmp_path / "new" / "folder")
+    (tmp_path / "notes.txt").write_text("kept")
+    (tmp_path / "link.xml").symlink_to(tmp_path / "r.xml")
+    for path, inputs, words in (
+        (tmp_path / "notes.txt", [], "is no report"),
+        (tmp_path / "link.xml", [], "symbolic link"),
+        (tmp_path / "r.json", [tmp_path / "r.json"], "the command reads it"),
+        (Path("/dev/null"), [], "neither a file nor a folder"),
+    ):
+        with pytest.raises(DiffbotError, match=words):
+            check_output(path, inputs)

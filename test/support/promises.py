@@ -34,6 +34,10 @@ class Promise(NamedTuple):
 
 _STOP = "zero on cmd_vel within pose_timeout + one period"
 _BASE = "the base's own cmd_vel_timeout stops it, + one period"
+_BAGS = (
+    "a result or one line of refusal within 5 s of processor time and 300 MB; "
+    "the input stays as it is; no part of an output"
+)
 _END = "status 0 within 2 s, no traceback"
 
 PROMISES = {
@@ -130,6 +134,28 @@ PROMISES = {
         3,
         20.0,
         "MB",
+    ),
+    "mutated bags": Promise(
+        "bags cut off, with flipped bits, other numbers and repeated bytes, each read by every command on bags",
+        _BAGS,
+        10_000,
+        15,
+        5.0,
+    ),
+    "crafted bags": Promise(
+        "bombs, endless records, evil names, extreme values, links and pipes, read by every command on bags",
+        _BAGS,
+        0,
+        0,
+        5.0,
+    ),
+    "recorded bag": Promise("a bag that is being recorded, read by every command on bags", _BAGS, 1, 1, 5.0),
+    "replayed bags": Promise(
+        "the same bags, replayed",
+        "no traceback, no death, within 5 s of processor time and 400 MB",
+        100,
+        2,
+        5.0,
     ),
     "disk full": Promise(
         "the disk is full while recording", "status 1, one ERROR, what was written is readable", 10, 2

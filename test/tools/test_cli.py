@@ -2,12 +2,18 @@
 
 import subprocess
 import sys
+from argparse import Namespace
+from pathlib import Path
 from types import SimpleNamespace
 
+import bag_commands
+import foreign_bags
 import pytest
 
 from diffbot_control.goals import goal_record
+from diffbot_core.errors import DiffbotError
 from diffbot_tools import cli
+from diffbot_tools.arguments import OUTPUTS, check_outputs
 from diffbot_tools.goal_command import ENDS, INTERRUPTED, TIMED_OUT
 
 WRONG = {
@@ -127,3 +133,31 @@ def test_demo_refuses_what_it_cannot_write_before_anything_starts(tmp_path, kept
         assert len(written.splitlines()) == 1
         assert written.startswith("diffbot: ")
     assert {file.read_text() for file in (used, foreign, odd)} == {"mine"}
+
+
+READ = {
+    "bag", "bags", "contract", "params", "folder", "file", "tuning", "runner"
+}  # fmt: skip
+"""options with a path that is read"""
+
+
+def test_outputs_of_every_command_are_checked_before_its_work(tmp_path, capsys):
+    """A command whose option is new belongs into OUTPUTS of diffbot_tools.arguments, or into READ."""
+    bag = foreign_bags.write_folder(tmp_path / "bag", foreign_bags.irregular(0.5))
+    before = {path: path.read_bytes() for path in bag.iterdir()}
+    checked = set()
+    for name, parser in bag_commands.leaves(cli._parser()):
+        for action in (one for one in parser._actions if one.type is Path):
+            assert action.dest in {*OUTPUTS, *READ}, f"{name} {action.dest}"
+            if action.dest in OUTPUTS:
+                checked.add(f"{name} {action.dest}")
+                for path in (bag / "metadata.yaml", bag / "bag_0.mcap", bag / "new"):
+                    options = Namespace(**{action.dest: path})
+                    with pytest.raises(DiffbotError, match="is a bag"):
+                        check_outputs(options)
+    assert {"bag check junit", "report out", "campaign out", "stability level out", "watch record"} <= checked
+    (tmp_path / "contract.yaml").write_text("version: 1\n")
+    for path in before:
+        assert cli.main(["bag", "check", str(bag), str(tmp_path / "contract.yaml"), "--junit", str(path)]) == 2
+        assert capsys.readouterr().err == f"diffbot: cannot write to {path}: {bag} is a bag\n"
+    assert {path: path.read_bytes() for path in bag.iterdir()} == before

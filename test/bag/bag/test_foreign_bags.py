@@ -9,6 +9,7 @@ import lz4.frame
 import pytest
 import yaml
 import zstandard
+from mcap.exceptions import McapError
 from mcap.records import Chunk, ChunkIndex
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
@@ -16,7 +17,7 @@ from mcap.writer import Writer as McapWriter
 from diffbot_bag.bag.qos import load_profiles
 from diffbot_bag.bag.reader import BagReader
 from diffbot_bag.bag.writer import BagWriter
-from diffbot_bag.mcap.chunks import BagLimits
+from diffbot_bag.mcap.chunks import BagLimits, records_in
 from diffbot_bag.ros.conversions import message_class
 from diffbot_core.bounded_yaml import load_yaml
 from diffbot_core.errors import DiffbotError
@@ -216,6 +217,31 @@ def test_chunks_that_unpack_to_more_than_their_index_says(mcap, monkeypatch, tmp
     *lines, grown = ran.stdout.splitlines()
     assert ["is damaged" in line for line in lines] == [True] * 3
     assert int(grown) < 60
+
+
+@pytest.mark.parametrize("read", [BagReader.messages, lambda reader: reader.rows(["/a"])])
+def test_records_are_bounded_by_the_size_of_their_chunk(mcap, read):
+    """A few thousand bytes may not cost the work of millions of messages, or of millions of records of zeros."""
+    path = mcap([(5, b"")] * 30_000, chunk_size=64 * MB)
+    assert path.stat().st_size > 16 * 30_000  # its message index, which is not packed and may be missing
+    with BagReader(path) as reader, pytest.raises(DiffbotError, match=r"more than \d+ records in a chunk of \d+ bytes"):
+        list(read(reader))
+    path = mcap([(time, b"") for time in range(30_000)], chunk_size=64 * MB)
+    with BagReader(path) as reader:
+        assert sum(1 for _ in read(reader)) == 30_000
+
+
+@pytest.mark.parametrize("record", [bytes(9), b"\x80" + bytes(8), b"\x0f" + bytes(8)])
+def test_records_that_are_no_messages_are_bounded_too(record):
+    with pytest.raises(McapError):
+        list(records_in(record * MB, 5000))
+    rest = list(records_in(b"\x80" + bytes(8), 5000))
+    assert rest == [(0x80, 9, 9)]
+
+
+def test_the_memory_for_a_small_file_is_small(mcap):
+    path = mcap([(5, bytes(MB))] * 70, chunk_size=100 * MB)
+    assert "chunks that overlap in time unpack to" in error_of(path, limits=BagLimits(max_compression_ratio=1e6))
 
 
 def test_two_chunks_of_the_index_cannot_be_the_same_bytes(mcap, monkeypatch):

@@ -9,9 +9,10 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from diffbot_bag.bag.writer import BagWriter
+from diffbot_bag.mcap.format import MAX_TIME
 from diffbot_bag.tools import bag_info
 from diffbot_bag.tools.bag_info import info_as_plain, read_info
-from diffbot_bag.tools.topic_figures import MAX_TIME, TopicMeter
+from diffbot_bag.tools.topic_figures import TopicMeter
 from diffbot_core.errors import DiffbotError
 
 MAKERS = {
@@ -139,7 +140,7 @@ def test_quick_reads_no_message(tmp_path):
 
 def test_a_bag_beyond_the_bounds_is_refused(tmp_path, monkeypatch):
     folder = foreign_bags.write_folder(tmp_path / "late", [("/a", MAX_TIME + 1, 0, foreign_bags.command(0.0, 0.0))])
-    with pytest.raises(DiffbotError, match=r"/a: log time .*: must be <= "):
+    with pytest.raises(DiffbotError, match=r"late_0.mcap: log time .*: must be <= "):
         read_info(folder)
     monkeypatch.setattr(bag_info, "MAX_TOPICS", 2)
     with pytest.raises(DiffbotError, match=r"has 3 topics: must be <= 2$"):

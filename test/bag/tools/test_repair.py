@@ -6,9 +6,13 @@ import os
 import random
 import re
 import shutil
+import signal
 import struct
+import subprocess
+import sys
 from collections import Counter
 
+import bag_makers
 import cut_bags
 import damaged_bags
 import pytest
@@ -19,10 +23,12 @@ from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 from rosbags.highlevel import AnyReader
 
+from diffbot_bag.bag.file_lock import take_lock
 from diffbot_bag.bag.reader import BagReader
 from diffbot_bag.bag.writer import BagWriter
 from diffbot_bag.mcap.chunks import BagLimits
 from diffbot_bag.tools import check_result, output_file
+from diffbot_bag.tools import repair as repair_module
 from diffbot_bag.tools.repair import PASSES, repair_bag, repair_in_place, size_of
 from diffbot_core.errors import DiffbotError
 
@@ -240,6 +246,74 @@ def refused(tmp_path, source, out=None, **options):
     assert str(error.value).isprintable()
     assert sorted(tmp_path.rglob("*")) == before
     return str(error.value)
+
+
+def test_a_bag_that_is_being_recorded_is_not_replaced(tmp_path):
+    writer = BagWriter(tmp_path / "run")
+    channel = writer.add_topic("/a", POINT)
+    writer.write(channel, b"\0\1\0\0" + bytes(24), 5, 5)
+    writer.flush()
+    assert "run_0.mcap is being recorded: end the recorder first" in refused(tmp_path, tmp_path / "run")
+    assert repair_bag(tmp_path / "run", tmp_path / "copy").message_count == 1
+    writer.write(channel, b"\0\1\0\0" + bytes(24), 6, 6)
+    writer.close()
+    assert repair_in_place(tmp_path / "run").message_count == 2
+
+
+def test_a_file_that_changes_before_it_is_replaced_stays(tmp_path, monkeypatch):
+    """Recorders of others hold no lock."""
+    source = tmp_path / "run.mcap"
+    source.write_bytes(damaged_bags.mcap_file()[:-80])
+    check = repair_module.check_result
+
+    def grow(*given):
+        check(*given)
+        with source.open("ab") as stream:
+            stream.write(b"more")
+
+    monkeypatch.setattr(repair_module, "check_result", grow)
+    assert "is it still being recorded?" in refused(tmp_path, source)
+    assert source.read_bytes().endswith(b"more")
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from diffbot_bag.tools.repair import repair_in_place
+repair_in_place(Path(sys.argv[1]), progress=lambda _: os.kill(os.getpid(), signal.SIGKILL))
+"""
+
+
+def test_what_a_killed_repair_left_is_deleted_by_the_next_one(tmp_path):
+    source = tmp_path / "run.mcap"
+    source.write_bytes(damaged_bags.mcap_file()[:-80])
+    assert subprocess.run([sys.executable, "-c", KILLED, source], check=False).returncode == -signal.SIGKILL
+    assert len(list(tmp_path.glob(".run.mcap.*.part"))) == 1
+    kept = [".run.mcap.99999999.part", ".run.mcap.old.part", "run.mcap"]
+    for name in kept[:2]:
+        (tmp_path / name).mkdir()
+    living = os.open(tmp_path / kept[0], os.O_RDONLY)
+    assert take_lock(living)
+    repair_in_place(source)
+    assert sorted(path.name for path in tmp_path.iterdir()) == kept
+    os.close(living)
+    repair_in_place(source)
+    assert sorted(path.name for path in tmp_path.iterdir()) == kept[1:]
+
+
+@pytest.mark.parametrize("chunk_size", [100, 10**6])
+def test_messages_with_an_impossible_log_time_are_left_out_and_counted(tmp_path, chunk_size):
+    source, stream = tmp_path / "run.mcap", io.BytesIO()
+    with bag_makers.mcap_writing(stream, {"/a": (POINT, {})}, chunk_size=chunk_size) as (writer, channels):
+        for time in (1, 2, 2**62, 2**62 + 1, 2**63):
+            writer.add_message(channels["/a"], time, bytes(28), time)
+    source.write_bytes(stream.getvalue())
+    with pytest.raises(DiffbotError, match="log time 9223372036854775808 ns: must be <= "):
+        BagReader(source)
+    result = repair_bag(source, tmp_path / "fixed")
+    assert (result.message_count, result.files[0].salvaged.loss.beyond, result.end) == (3, 2, 2**62)
+    with BagReader(result.path) as reader:
+        assert [message.log_time for message in reader.messages()] == [1, 2, 2**62]
 
 
 def test_a_result_that_readers_do_not_agree_on_does_not_appear(tmp_path, monkeypatch):

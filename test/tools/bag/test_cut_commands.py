@@ -1,5 +1,7 @@
 """``diffbot bag trim``, ``filter``, ``merge`` and ``split``: usage, one line for each error, nothing half-written."""
 
+import re
+
 import cut_bags
 import pytest
 from cut_bags import BEGIN, STEP, by_rosbags, check_metadata, facts, files_of
@@ -113,7 +115,7 @@ VERBS = {"trim": ("--from", "1ns"), "filter": ("--exclude", "/text"), "split": (
 def test_existing_output_and_a_damaged_bag_are_refused(bag, tmp_path, capsys, verb):
     before = bag.read_bytes()
     for out in (bag, bag.parent, tmp_path):
-        assert "exists already: choose another name" in error_of(capsys, verb, bag, out, *VERBS[verb])
+        assert re.search("exists already.*: choose another name", error_of(capsys, verb, bag, out, *VERBS[verb]))
     assert bag.read_bytes() == before
     content = bytearray(before)
     content[800] ^= 255  # in the first chunk
