@@ -1,5 +1,6 @@
 """Trials of one promise: values, the scheduler's share in them, and the results of a whole run as JSON."""
 
+import fcntl
 import json
 import math
 import os
@@ -120,6 +121,15 @@ class Record:
 
     def write(self, path):
         """Write the JSON file; rows of faults that were not tried stay."""
+        # Several workers write their rows, each at its end.
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            fcntl.flock(folder, fcntl.LOCK_EX)
+            self._write(path)
+        finally:
+            os.close(folder)
+
+    def _write(self, path):
         content = json.loads(path.read_text()) if path.is_file() else {}
         rows = content.get("faults", {}) | self.rows
         content["faults"] = {key: rows[key] for key in PROMISES if key in rows}
