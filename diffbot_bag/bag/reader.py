@@ -28,6 +28,10 @@ MAX_DECODED = 1024**2
 """[bytes] of a message that is decoded: each byte may become an object of a hundred and more"""
 
 
+DECODED_RATIO = 32
+"""Size of all decoded messages to the size of the bag, beyond 4 MAX_DECODED; odometry that is packed has 10."""
+
+
 class RawMessage(NamedTuple):
     """A message as it was recorded; times in [ns]."""
 
@@ -232,7 +236,8 @@ class BagReader:
         """Iterate over decoded messages in the order of log time; arguments as for :meth:`messages`.
 
         Raises:
-            DiffbotError: if a message cannot be decoded or is larger than MAX_DECODED, or the file is damaged.
+            DiffbotError: if a message cannot be decoded, one is larger than MAX_DECODED or all are larger than the bag
+                allows, or the file is damaged.
         """
         # Loading them takes longer than many a command on a bag.
         from mcap_ros2.decoder import DecoderFactory  # noqa: PLC0415
@@ -240,6 +245,7 @@ class BagReader:
         from diffbot_bag.bag.encoding import decode_numbers_message  # noqa: PLC0415
 
         decoders: dict[tuple[str, bytes], Any] = {}
+        left = most = 4 * MAX_DECODED + DECODED_RATIO * sum(file.size for file in self._files)
         for schema, channel, message in self._records(topics, start, end, False):
             key = (schema.name, schema.data) if schema else ("", b"")
             if key not in decoders:
@@ -250,6 +256,9 @@ class BagReader:
                     f"{self.path}: {shown(channel.topic)} at {message.log_time} ns has {size} bytes:"
                     f" must be <= {MAX_DECODED} to be decoded"
                 )
+            left -= size
+            if left < 0:
+                raise DiffbotError(f"{shown(self.path)}: messages to decode have more than {most} bytes")
             try:
                 content = decode_numbers_message(key[0], message.data) or decoders[key](message.data)
             except Exception as error:  # of a decoder that was made of the bag's own definition

@@ -166,6 +166,13 @@ def test_a_message_that_decodes_to_millions_of_objects_is_refused(mcap):
         decoded(MB - 7)
 
 
+def test_messages_that_are_decoded_are_bounded_together(mcap):
+    data = b"\0\1\0\0" + (MB - 8).to_bytes(4, "little") + bytes(MB - 8)
+    path = mcap([(time, data) for time in range(1, 10)], definition=b"uint8[] all\n")
+    with BagReader(path) as reader, pytest.raises(DiffbotError, match=r"to decode have more than 4\d{6} bytes"):
+        list(reader.decoded())
+
+
 def test_ratio_and_unpacked_size_are_bounded_by_limits(mcap):
     path = mcap([(time, bytes(MB)) for time in range(1, 81)])
     assert "max_compression_ratio = 1000 times" in error_of(path)
