@@ -190,18 +190,26 @@ def in_fork(work, seconds):
     return json.loads(content)
 
 
+_USAGE = """
+import json, resource, subprocess, sys
+status = subprocess.call(sys.argv[1:], stdout=sys.stderr)
+used = resource.getrusage(resource.RUSAGE_CHILDREN)
+print(json.dumps([status, used.ru_utime + used.ru_stime, used.ru_maxrss]))
+"""
+"""Runs a command and says what it used; of a large process, its memory would count as that of its children."""
+
+
 def replayed(bag):
     """Replay a bag in a process of its own; return what is wrong with that, and its processor time [s]."""
     words = [word.format(bag=bag) for word in ARGUMENTS["replay"][0]]
     with tempfile.TemporaryFile("w+") as output:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "diffbot_tools.cli", "replay", *words], stdout=output, stderr=subprocess.STDOUT
+        command = [sys.executable, "-m", "diffbot_tools.cli", "replay", *words]
+        done = subprocess.run(
+            [sys.executable, "-c", _USAGE, *command], stdout=subprocess.PIPE, stderr=output, check=True
         )
-        _, status, usage = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
         output.seek(0)
         text = output.read()
-    seconds = usage.ru_utime + usage.ru_stime
-    if usage.ru_maxrss * 1024 > BASE + MEMORY:
-        return f"{usage.ru_maxrss} kB of memory", seconds
-    return complaint_about(process.returncode, "", text if "Traceback" in text else "diffbot: ", seconds), seconds
+    status, seconds, memory = json.loads(done.stdout)
+    if memory * 1024 > BASE + MEMORY:
+        return f"{memory} kB of memory", seconds
+    return complaint_about(status, "", text if "Traceback" in text else "diffbot: ", seconds), seconds

@@ -107,7 +107,7 @@ def test_a_long_grid_in_which_nobody_settles_is_drawn(tmp_path):
 def test_what_cannot_be_written_is_one_line(tmp_path):
     campaign, statistics = make({})
     (tmp_path / "results.csv").mkdir()
-    with pytest.raises(DiffbotError, match=r"^cannot write the results to .*: Is a directory$"):
+    with pytest.raises(DiffbotError, match=r"^cannot write the results to .*: it is no file$"):
         write_report(campaign, statistics, tmp_path)
 
 
