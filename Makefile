@@ -65,7 +65,7 @@ test-fast: setup
 	@$(BIN)/pytest -n 2 --dist loadfile -m 'not graph and not install and not study' $(ARGS)
 
 faults: setup
-	@$(BIN)/pytest test/faults --faults full --faults-json docs/results/data/faults.json $(ARGS)
+	@$(BIN)/pytest test/faults -n 2 --dist loadfile --faults full --faults-json docs/results/data/faults.json $(ARGS)
 
 soak: setup
 	@PYTHONPATH=test/support $(BIN)/python bench/soak.py --json docs/results/data/faults.json $(ARGS)

@@ -24,6 +24,8 @@ else:
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     # Started in the background of a shell; processes that the tests start would ignore SIGINT, too.
     signal.signal(signal.SIGINT, signal.default_int_handler)
+# Files of a node that others could write to are not used, and tests write some.
+os.umask(0o022)
 # Wrong types in a message field raise instead of being sent.
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"

@@ -57,6 +57,7 @@ def test_no_file_is_no_state(tmp_path):
         {"pose": [1.0, 2.0]},
         {"pose": [1.0, math.nan, 0.0]},
         {"pose": [1e8, 0.0, 0.0]},
+        {"pose": [10**400, 0.0, 0.0]},
         {"P": (-P).tolist()},
         {"P": [[1e300] * 3] * 3},
         {"geometry": [0.05]},
