@@ -4,9 +4,8 @@ import one_process
 import pytest
 from filter_input import START, fix, heading, joint_state, odometry
 from geometry_msgs.msg import Twist
-from lossy_relay import BEST_EFFORT
 from nav_msgs.msg import Odometry
-from rclpy.qos import QoSProfile
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from robot import pose_stamped
 from sensor_msgs.msg import PointCloud2
 
@@ -16,6 +15,7 @@ from diffbot_core.ros import delivery
 from diffbot_core.ros.delivery import deliver
 from diffbot_sim.plant_node import PlantNode
 
+BEST_EFFORT = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 RELIABLE = QoSProfile(depth=10)
 LANDMARKS = {"landmark_ids": [7], "landmark_x": [3.0], "landmark_y": [2.0]}
 CASES = [
