@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import atexit
-import contextlib
 import functools
+import logging
 import os
 import shutil
 import stat
@@ -36,14 +36,16 @@ def cache_folder() -> Path:
 def runtime_folder() -> Path:
     """Return the folder of what exists while programs run: locks, and files that others must not read.
 
-    That is ``$XDG_RUNTIME_DIR/diffbot``, else a part of the cache, else a new one of this process.
+    That is ``$XDG_RUNTIME_DIR/diffbot``, or a part of the cache; if that is not this user's alone, a new one of this
+    process, with a line in the log.
     """
-    given = Path(os.environ.get("XDG_RUNTIME_DIR", ""))
-    if given.is_absolute() and not _trouble(given):
-        with contextlib.suppress(DiffbotError):
-            return private_folder(given / _NAME)
-    with contextlib.suppress(DiffbotError):
+    session = Path(os.environ.get("XDG_RUNTIME_DIR", ""))
+    try:
+        if session.is_absolute() and not _trouble(session):
+            return private_folder(session / _NAME)
         return private_folder(cache_folder() / "run")
+    except DiffbotError as error:
+        logging.getLogger(_NAME).warning("%s", error)
     made = Path(tempfile.mkdtemp(prefix=f"{_NAME}-"))
     atexit.register(shutil.rmtree, made, ignore_errors=True)
     return made

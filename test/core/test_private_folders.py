@@ -67,7 +67,7 @@ def test_folders_and_files_of_another_user_are_not_used(tmp_path, monkeypatch):
             use()
 
 
-def test_the_folder_of_running_programs_is_the_sessions_or_one_in_the_cache_or_new(tmp_path, monkeypatch):
+def test_the_folder_of_running_programs_is_the_sessions_or_one_in_the_cache(tmp_path, monkeypatch):
     session, cache = tmp_path / "session", tmp_path / "cache"
     session.mkdir(mode=0o700)
     monkeypatch.setenv("XDG_CACHE_HOME", str(cache))
@@ -76,11 +76,21 @@ def test_the_folder_of_running_programs_is_the_sessions_or_one_in_the_cache_or_n
     runtime_folder.cache_clear()
     session.chmod(0o777)
     assert runtime_folder() == cache / "diffbot" / "run"
-    runtime_folder.cache_clear()
-    cache_folder().chmod(0o777)
+
+
+@pytest.mark.parametrize("variable", ["XDG_RUNTIME_DIR", "XDG_CACHE_HOME"])
+def test_where_the_folder_of_running_programs_is_open_to_others_it_is_a_new_one(
+    tmp_path, monkeypatch, caplog, variable
+):
+    monkeypatch.delenv("XDG_RUNTIME_DIR", raising=False)
+    monkeypatch.setenv(variable, str(tmp_path))
+    folder = tmp_path / "diffbot"
+    folder.mkdir()
+    folder.chmod(0o777)
     made = runtime_folder()
     assert mode_of(made) == 0o700
     assert not made.is_relative_to(tmp_path)
+    assert [one.startswith(f"{folder} is not used: its mode 0777") for one in caplog.messages] == [True]
 
 
 def test_compiled_code_of_others_is_not_run(tmp_path):
