@@ -10,7 +10,7 @@ import pytest
 
 from diffbot_core.errors import DiffbotError
 from diffbot_core.foreign_files import read_own
-from diffbot_core.private_folders import cache_folder, private_folder, runtime_folder
+from diffbot_core.private_folders import private_folder, runtime_folder
 
 
 def mode_of(path):
