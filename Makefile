@@ -24,7 +24,7 @@ help:
 	@echo "make demo    drive a simulated robot to a goal pose, record a bag, write the report"
 	@echo "make test    run the tests"
 	@echo "make test-fast   run those without nodes, studies and installations while editing: 45 seconds"
-	@echo "make faults  try each fault many times, half an hour; results to docs/results/data/faults.json"
+	@echo "make faults  try each fault many times, an hour; results to docs/results/data/faults.json"
 	@echo "make soak    goals and faults for ten minutes: does memory grow, is every goal reached?"
 	@echo "make lint    run ruff, mypy, import-linter, oxlint and hadolint"
 	@echo "make bench   measure speed and cost; writes docs/results/performance.md"
@@ -65,7 +65,7 @@ test-fast: setup
 	@$(BIN)/pytest -n 2 --dist loadfile -m 'not graph and not install and not study' $(ARGS)
 
 faults: setup
-	@$(BIN)/pytest test/faults -n 2 --dist loadfile --faults full --faults-json docs/results/data/faults.json $(ARGS)
+	@$(BIN)/pytest test/faults --faults full --faults-json docs/results/data/faults.json $(ARGS)
 
 soak: setup
 	@PYTHONPATH=test/support $(BIN)/python bench/soak.py --json docs/results/data/faults.json $(ARGS)
