@@ -96,8 +96,9 @@ def test_the_command_reports_why_its_goal_ended(driven, end, status, text):
 )
 def test_the_command_reports_the_end_in_one_line(driven, arguments, status, text, kept_signal_handlers, capfd):
     assert cli.main(["goal", *map(str, FAR), *arguments]) == status
-    written = "".join(capfd.readouterr()).removeprefix("waiting for the controller ...\n")
-    assert re.fullmatch(text, written)
+    written, said = capfd.readouterr()
+    # On a busy machine the controller may have to be waited for.
+    assert re.fullmatch(text, written + said.removeprefix("waiting for the controller ...\n"))
 
 
 def test_a_command_that_waits_for_a_controller_can_be_interrupted():
