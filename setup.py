@@ -23,6 +23,7 @@ LAWS = {
     "aicardi": "diffbot_lab.laws.aicardi:Aicardi",
     "feedback_linearisation": "diffbot_lab.laws.feedback_linearisation:FeedbackLinearisation",
     "graceful": "diffbot_lab.laws.graceful:Graceful",
+    "nav2_graceful": "diffbot_lab.laws.nav2_graceful:Nav2Graceful",
     "polar": "diffbot_lab.laws.polar:Polar",
     "pure_pursuit": "diffbot_lab.laws.pure_pursuit:PurePursuit",
     "rotate_drive_rotate": "diffbot_lab.laws.rotate_drive_rotate:RotateDriveRotate",

@@ -31,8 +31,10 @@ os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ["ROS_DOMAIN_ID"] = str(graph.free_domain())
 os.environ["ROS_LOG_DIR"] = str(Path(tempfile.gettempdir()) / "diffbot_test_logs")
-# With wheels the packages stand in the environment itself; another installation's must not be found before them.
-if (Path(sys.prefix) / "share" / "std_msgs").is_dir():
+# With wheels the packages stand in the environment itself; another installation's must not be found before them, but
+# those of an overlay on this environment may (`make real`).
+_PREFIXES = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+if (Path(sys.prefix) / "share" / "std_msgs").is_dir() and sys.prefix not in _PREFIXES:
     os.environ.pop("AMENT_PREFIX_PATH", None)
 
 TESTS = Path(__file__).parent
@@ -74,6 +76,7 @@ def pytest_addoption(parser):
     group = parser.getgroup("faults")
     group.addoption("--faults", choices=("short", "full"), default="short", help="how often each fault is tried")
     group.addoption("--faults-json", metavar="FILE", help="where the results of the fault suite are written")
+    group.addoption("--real-json", metavar="FILE", help="where the figures of test/real are written")
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -65,22 +65,23 @@ _GRACEFUL: Space = {
     "v_linear_min": (0.01, 0.2),
     "initial_rotation_tolerance": (0.05, 3.2),
 }
+_NAV2: Space = {
+    **_STOP,
+    "max_lookahead": (0.3, 3.0),
+    "k_phi": (0.1, 6.0),
+    "k_delta": (0.5, 6.0),
+    "beta": (0.0, 1.0),
+    "lambda": (1.0, 3.0),
+    "slowdown_radius": (0.3, 2.0),
+    "v_linear_min": (0.01, 0.2),
+    "initial_rotation_tolerance": (0.05, 3.2),
+    "v_angular_min_in_place": (0.0, 0.5),
+    "rotation_scaling_factor": (0.2, 3.0),
+}
 _PARK = "J. J. Park, B. Kuipers, ICRA 2011, with the finish of nav2_graceful_controller"
+_SHIPPED = "nav2_graceful_controller, Jazzy, held to its compiled code"
 _AICARDI = "M. Aicardi et al., IEEE Robotics and Automation Magazine 2 (1995)"
 _ASTOLFI = "A. Astolfi, J. Dyn. Syst. Meas. Control 121 (1999)"
-_SHIPPED = {
-    "v_linear_max": 0.5,
-    "v_linear_min": 0.1,
-    "max_lookahead": 1.0,
-    "k_phi": 2.0,
-    "k_delta": 1.0,
-    "beta": 0.4,
-    "lambda": 2.0,
-    "slowdown_radius": 1.5,
-    "initial_rotation_tolerance": 0.75,
-    "stop_distance": 0.02,
-    "stop_angle": 0.02,
-}
 _TRUTH = {"drive_brake": 20.0, "drive_time": 0.12, "turn_brake": 20.0, "turn_time": 0.12, "stop_distance": 0.01}
 ENTRIES = (
     Entry(
@@ -131,6 +132,15 @@ ENTRIES = (
         "comfortable motion of a wheelchair along a smooth curve to a pose",
         {"prefer_final_rotation": False},
         _GRACEFUL,
+    ),
+    Entry(
+        "nav2_graceful",
+        "Nav2's graceful controller",
+        "nav2_graceful",
+        f"{_SHIPPED}; the speeds of the case, forwards, no look ahead over latencies",
+        "following a planned path among obstacles; here straight to the goal, planned anew each second",
+        {"v_linear_max": 1.3, "v_angular_max": 2.6},
+        _NAV2,
     ),
     Entry(
         "feedback_linearisation",
@@ -210,12 +220,11 @@ ENTRIES = (
         everywhere=False,
     ),
     Entry(
-        "graceful_shipped",
-        "graceful as shipped",
-        "graceful",
-        f"{_PARK}, all defaults: 0.5 m/s, target 1 m ahead on the path",
+        "nav2_graceful_shipped",
+        "Nav2's graceful controller, defaults",
+        "nav2_graceful",
+        f"{_SHIPPED}; its defaults: 0.5 m/s and 1 rad/s; goal checker 0.05 m and 0.05 rad",
         "following a planned path indoors",
-        _SHIPPED,
         everywhere=False,
     ),
     Entry(

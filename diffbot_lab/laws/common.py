@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 from diffbot_control.law.configuration import Report
 from diffbot_control.law.goal_checker import GoalTolerance, Settling, next_settling, within
@@ -56,7 +56,8 @@ class LawState(NamedTuple):
 class LawMemory(NamedTuple):
     """Memory of a law of this room."""
 
-    state: LawState
+    state: Any
+    """a :class:`LawState`, or what a law keeps instead"""
     actuation: Actuation
     """commands under way"""
     command: Twist
@@ -81,9 +82,12 @@ class Situation(NamedTuple):
     """[s] since the last step"""
 
 
-def new_law_memory() -> LawMemory:
+_NEW = LawState(ROTATING, 0.0, 0.0)
+
+
+def new_law_memory(state: Any = _NEW) -> LawMemory:
     """Return the memory at rest with a new goal."""
-    return LawMemory(LawState(ROTATING, 0.0, 0.0), resting_actuation(), Twist(0.0, 0.0), Settling(0, False), False)
+    return LawMemory(state, resting_actuation(), Twist(0.0, 0.0), Settling(0, False), False)
 
 
 def situation_of(memory: LawMemory, estimate: Estimate, goal: Pose, dt: float, sheet: DataSheet) -> Situation:
@@ -98,7 +102,7 @@ def situation_of(memory: LawMemory, estimate: Estimate, goal: Pose, dt: float, s
 
 
 def conclude(
-    state: LawState,
+    state: Any,
     requested: Twist,
     situation: Situation,
     tolerance: GoalTolerance,

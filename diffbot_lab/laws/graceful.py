@@ -38,16 +38,13 @@ _NEAR = 1e-9
 class GracefulConfig(NamedTuple):
     """Parameters under their names in Nav2's parameter_handler.cpp (github.com/ros-navigation/navigation2).
 
-    Nav2 drives to a target on a planned path, at most ``max_lookahead`` ahead. There is no planner here: the path is
-    the straight line from the robot to the goal, planned anew at each pose.
+    It heads for the goal itself, forwards or backwards, brakes and turns within the data sheet, and looks ahead over
+    latencies. Nav2's controller as it is: :mod:`diffbot_lab.laws.nav2_graceful`.
     """
 
     prefer_final_rotation: Annotated[
         bool, Spec("head straight for the goal and turn to its heading at the end; otherwise drive to the pose")
     ] = True
-    max_lookahead: Annotated[
-        float, Spec("the target is a point of the line so far ahead", "m", 0.01, 1e6, allow_inf=True)
-    ] = math.inf
     v_linear_max: Annotated[float, Spec("bound of the speed", "m/s", 0.01, 10.0)] = 1.3
     v_linear_min: Annotated[float, Spec("least speed", "m/s", 0.0, 1.0)] = 0.025
     k_phi: Annotated[float, Spec("k_1 of Park and Kuipers", "-", 0.0, 20.0)] = 0.5
@@ -82,17 +79,23 @@ def graceful_curvature(r: float, phi: float, delta: float, k_phi: float, k_delta
     return -(fast + along) / max(r, _NEAR)
 
 
-def graceful_speed(r: float, curvature: float, config: GracefulConfig) -> float:
-    """Speed [m/s] for a curvature [1/m] at distance ``r`` [m] of the target.
+def graceful_slowdown(
+    r: float, curvature: float, v_max: float, beta: float, lambda_: float, slowdown_radius: float
+) -> float:
+    """Speed [m/s] for a curvature [1/m] at distance ``r`` [m] of the target, without a least speed.
 
     Source: Park and Kuipers, ICRA 2011, Eq. (15), v = v_max / (1 + beta |curvature|^lambda); slowing down near the
-    target and least speed: Nav2's smooth_control_law.cpp. Braking within the data sheet is this project's.
+    target: Nav2's smooth_control_law.cpp.
     """
+    v: float = min(v_max / (1.0 + beta * abs(curvature) ** lambda_), v_max * r / slowdown_radius)
+    return v
+
+
+def graceful_speed(r: float, curvature: float, config: GracefulConfig) -> float:
+    """Speed [m/s] as in Nav2 (:func:`graceful_slowdown`, then a least speed), and slow enough to brake in time."""
     v_max = min(config.v_linear_max, config.data_sheet.v_max)
-    v = v_max / (1.0 + config.beta * abs(curvature) ** config.lambda_)
-    v = min(v, v_max * r / config.slowdown_radius, approach_speed(r, config.data_sheet))
-    bounded: float = min(max(v, config.v_linear_min), v_max)
-    return bounded
+    v = graceful_slowdown(r, curvature, v_max, config.beta, config.lambda_, config.slowdown_radius)
+    return min(max(min(v, approach_speed(r, config.data_sheet)), config.v_linear_min), v_max)
 
 
 def graceful(state: LawState, now: Situation, config: GracefulConfig) -> tuple[LawState, Twist]:
@@ -108,11 +111,9 @@ def graceful(state: LawState, now: Situation, config: GracefulConfig) -> tuple[L
         return LawState(ROTATING, direction, 0.0), Twist(0.0, turn_rate(angle, config.turning, sheet))
     # Backwards the robot is one that faces the other way, and so does its goal.
     half_turn = 0.0 if direction > 0.0 else math.pi
-    r = min(rho, config.max_lookahead)
-    straight = config.prefer_final_rotation or rho > config.max_lookahead
-    phi = 0.0 if straight else wrap_angle(half_turn - beta)
-    curvature = graceful_curvature(r, phi, -angle, config.k_phi, config.k_delta)
-    v = graceful_speed(r, curvature, config)
+    phi = 0.0 if config.prefer_final_rotation else wrap_angle(half_turn - beta)
+    curvature = graceful_curvature(rho, phi, -angle, config.k_phi, config.k_delta)
+    v = graceful_speed(rho, curvature, config)
     return LawState(DRIVING, direction, 0.0), Twist(direction * v, curvature * v)
 
 

@@ -90,7 +90,7 @@ def test_topics_and_frames_of_two_robots_are_apart(nodes):
     assert len(navigation.data) == len(labels)
     heading = received["left"]["heading"][0]
     assert heading.angular_velocity_covariance[0] == heading.linear_acceleration_covariance[0] == -1.0
-    absolute = {"/diagnostics", "/parameter_events", "/rosout", "/tf", "/clock"}
+    absolute = {"/diagnostics", "/parameter_events", "/rosout", "/tf", "/tf_static", "/clock"}
     names = {name for name, _ in peer.node.get_topic_names_and_types()} - absolute
     # rclpy keeps this publisher of a lifecycle node until the process ends, here that of other tests.
     assert {name.split("/")[1] for name in names if not name.endswith("/transition_event")} == {"left", "right"}

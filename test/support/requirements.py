@@ -33,6 +33,10 @@ BROWSERS = (BROWSER, "chromium-browser", "google-chrome")
 """Programs that playwright can drive, instead of one that it would download."""
 PINNED_SET = "project"
 """Folder of the tests that look at the environment of `make setup` itself: pins, tools, colcon and pip."""
+TRANSFORMS = "tf2_ros"
+"""Where it is, there is a ROS installation, or an overlay on the wheels with what has no wheel."""
+INSTALLED = "real"
+"""Folder of the tests that need one (`make real`)."""
 AT_RUN_TIME = {
     "diffbot_tools.calibration.likelihood": {"numba"},
     "diffbot_sim.compiled.jit": {"numba"},
@@ -47,6 +51,8 @@ def missing_packages():
     missing = {pip for name, pip in PACKAGES.items() if importlib.util.find_spec(name) is None}
     if browser() is None:
         missing.add(BROWSER)
+    if importlib.util.find_spec(TRANSFORMS) is None:
+        missing.add(TRANSFORMS)
     return missing if _has_wheels() else {*missing, WHEELS}
 
 
@@ -68,6 +74,7 @@ def left_out(missing):
         name = str(path.relative_to(TESTS))
         needed = {PACKAGES[one] for one in needs_of(path)} | ({WHEELS} if path.parent.name == PINNED_SET else set())
         needed |= {BROWSER} if "playwright" in needed else set()
+        needed |= {TRANSFORMS} if path.parent.name == INSTALLED else set()
         if needed & missing:
             lacking[name] = needed & missing
     return lacking

@@ -1,0 +1,161 @@
+"""Nav2's graceful controller as it is: turns on the spot, lookahead, speeds and defaults of release Jazzy."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, NamedTuple
+
+from diffbot_control.law.configuration import Report
+from diffbot_control.law.goal_checker import GoalTolerance
+from diffbot_core.data_sheet import DataSheet
+from diffbot_core.geometry import Pose, into_frame, wrap_angle
+from diffbot_core.kinematics import Twist
+from diffbot_core.schema import Spec
+from diffbot_core.uncertainty import Estimate
+from diffbot_lab.laws.common import STOP, LawMemory, Stop, conclude, new_law_memory, situation_of
+from diffbot_lab.laws.graceful import graceful_curvature, graceful_slowdown
+
+_REPLANNING = 1.0
+"""[s] between two plans in Nav2's behaviour trees; each plan begins a new drive"""
+
+
+class Nav2GracefulConfig(NamedTuple):
+    """Parameters and defaults of nav2_graceful_controller, Jazzy; ``stop`` is the tolerance of its goal checker.
+
+    Not here: ``allow_backward`` (false, and so it is whenever ``initial_rotation`` is true), ``min_lookahead`` (the
+    path has a pose at each lookahead) and what concerns collisions. Nav2's goal checker ends at 0.25 m and 0.25 rad.
+    """
+
+    max_lookahead: Annotated[float, Spec("the target is at most so far ahead on the path", "m", 0.05, 100.0)] = 1.0
+    k_phi: Annotated[float, Spec("k_1 of Park and Kuipers", "-", 0.0, 20.0)] = 2.0
+    k_delta: Annotated[float, Spec("k_2 of Park and Kuipers", "-", 0.0, 20.0)] = 1.0
+    beta: Annotated[float, Spec("weight of the curvature in the speed", "m^lambda", 0.0, 10.0)] = 0.4
+    lambda_: Annotated[float, Spec("exponent of the curvature in the speed", "-", 0.5, 5.0, parameter="lambda")] = 2.0
+    v_linear_min: Annotated[float, Spec("least speed", "m/s", 0.0, 1.0)] = 0.1
+    v_linear_max: Annotated[float, Spec("bound of the speed", "m/s", 0.01, 10.0)] = 0.5
+    v_angular_max: Annotated[float, Spec("bound of the turn rate", "rad/s", 0.01, 20.0)] = 1.0
+    v_angular_min_in_place: Annotated[float, Spec("least rate of turns on the spot", "rad/s", 0.0, 5.0)] = 0.25
+    slowdown_radius: Annotated[float, Spec("the speed falls in proportion below this distance", "m", 0.05, 10.0)] = 1.5
+    initial_rotation_tolerance: Annotated[
+        float, Spec("bearing below which the initial rotation ends", "rad", 0.01, 3.2)
+    ] = 0.75
+    rotation_scaling_factor: Annotated[float, Spec("turn rate on the spot for each radian", "1/rad", 0.01, 10.0)] = 0.5
+    prefer_final_rotation: Annotated[bool, Spec("head straight for the goal and turn to its heading at the end")] = True
+    path_resolution: Annotated[float, Spec("distance of two poses of the planner's path", "m", 0.001, 1.0)] = 0.05
+    stop: Stop = Stop(0.05, 0.05)
+    tolerance: GoalTolerance = GoalTolerance()
+    data_sheet: DataSheet = DataSheet()
+
+
+class Drive(NamedTuple):
+    """A plan, a straight line to the goal, and what controller and goal checker keep with it."""
+
+    x: float
+    """[m] where the line begins, in the goal's frame"""
+    y: float
+    age: float
+    """[s] since it was planned"""
+    rotates: bool
+    """the initial rotation has not ended"""
+    arrived: bool
+    """the controller has been within the position's tolerance"""
+    checked: bool
+    """the goal checker has"""
+    done: bool
+    """the goal checker has found the goal reached"""
+
+
+def new_drive(x: float, y: float, age: float) -> Drive:
+    """Return the drive along a new plan, which has nothing behind it."""
+    return Drive(x, y, age, True, False, False, False)
+
+
+def rotation_rate(angle: float, config: Nav2GracefulConfig) -> float:
+    """Return the rate [rad/s] of a turn on the spot with ``angle`` [rad] to go, as in ``rotateToTarget``."""
+    rate = config.rotation_scaling_factor * abs(angle) * config.v_angular_max
+    return math.copysign(max(rate, config.v_angular_min_in_place), angle)
+
+
+def smooth_velocity(x: float, y: float, heading: float, config: Nav2GracefulConfig) -> Twist:
+    """Return the velocity towards a target in the robot's frame, as ``calculateRegularVelocity``.
+
+    Args:
+        x: [m] of the target.
+        y: [m] of the target.
+        heading: [rad] of the target.
+        config: gains and bounds.
+    """
+    r, sight = math.hypot(x, y), math.atan2(y, x)
+    curvature = graceful_curvature(r, wrap_angle(heading - sight), -sight, config.k_phi, config.k_delta)
+    v_max = config.v_linear_max
+    v = graceful_slowdown(r, curvature, v_max, config.beta, config.lambda_, config.slowdown_radius)
+    v = min(max(v, config.v_linear_min), v_max)
+    omega = min(max(curvature * v, -config.v_angular_max), config.v_angular_max)
+    return Twist(omega / curvature if curvature != 0.0 else v, omega)
+
+
+def nav2_graceful(drive: Drive, pose: Pose, config: Nav2GracefulConfig) -> tuple[Drive, Twist]:
+    """Return drive and command at a pose in the goal's frame, as ``computeVelocityCommands`` without obstacles.
+
+    Source: github.com/ros-navigation/navigation2, branch jazzy, nav2_graceful_controller. The path's poses are counted
+    from the goal; the controller takes the farthest within the lookahead, beginning at the one nearest the robot.
+    """
+    length, step = math.hypot(drive.x, drive.y), config.path_resolution
+    back_x, back_y = (drive.x / length, drive.y / length) if length > 0.0 else (-1.0, 0.0)
+    nearest = round(min(max(pose.x * back_x + pose.y * back_y, 0.0), length) / step)
+    to_goal = nearest * step
+    if drive.arrived or to_goal < config.stop.stop_distance:
+        arrived = Drive(drive.x, drive.y, drive.age, drive.rotates, True, drive.checked, drive.done)
+        return arrived, Twist(0.0, rotation_rate(-pose.theta, config))
+    to_path = math.hypot(pose.x - to_goal * back_x, pose.y - to_goal * back_y)
+    target = min(max(math.ceil((to_goal + to_path - config.max_lookahead) / step), 0), nearest)
+    place = Pose(target * step * back_x, target * step * back_y, math.atan2(-back_y, -back_x) if target > 0 else 0.0)
+    x, y, heading = into_frame(place, pose)
+    sight = math.atan2(y, x)
+    if config.prefer_final_rotation and to_goal < config.max_lookahead:
+        heading = sight
+    if drive.rotates and abs(sight) >= config.initial_rotation_tolerance:
+        return drive, Twist(0.0, rotation_rate(sight, config))
+    driving = Drive(drive.x, drive.y, drive.age, False, drive.arrived, drive.checked, drive.done)
+    return driving, smooth_velocity(x, y, heading, config)
+
+
+def goal_checked(drive: Drive, pose: Pose, stop: Stop) -> Drive:
+    """Return the drive after a look of Nav2's SimpleGoalChecker, which is stateful, at the pose."""
+    checked = drive.checked or math.hypot(pose.x, pose.y) <= stop.stop_distance
+    done = checked and abs(pose.theta) <= stop.stop_angle
+    return Drive(drive.x, drive.y, drive.age, drive.rotates, drive.arrived, checked, done)
+
+
+def nav2_graceful_memory(config: Any) -> LawMemory:
+    """Return the memory at rest with a new goal, not planned for yet."""
+    return new_law_memory(new_drive(0.0, 0.0, math.inf))
+
+
+def nav2_graceful_step(
+    memory: LawMemory, estimate: Estimate, goal: Pose, dt: float, config: Nav2GracefulConfig
+) -> tuple[LawMemory, Twist, Report]:
+    """One step of the law. It does not look ahead over latencies; what it sends is kept within the data sheet."""
+    pose, drive = into_frame(estimate.pose, goal), memory.state
+    command = STOP
+    if not drive.done:
+        age = drive.age + dt
+        # The small part: a sum of periods is not exact.
+        if age >= _REPLANNING - 1e-6:
+            drive = new_drive(pose.x, pose.y, 0.0)
+        else:
+            drive = Drive(drive.x, drive.y, age, drive.rotates, drive.arrived, drive.checked, drive.done)
+        drive, command = nav2_graceful(drive, pose, config)
+        drive = goal_checked(drive, pose, config.stop)
+        command = STOP if drive.done else command
+    now = situation_of(memory, estimate, goal, dt, config.data_sheet)
+    return conclude(drive, command, now, config.tolerance, config.data_sheet)
+
+
+class Nav2Graceful:
+    """Nav2's graceful controller on a straight path, planned anew each second."""
+
+    name = "nav2_graceful"
+    Config = Nav2GracefulConfig
+    new_memory = staticmethod(nav2_graceful_memory)
+    step = staticmethod(nav2_graceful_step)

@@ -1,0 +1,26 @@
+"""The room of what needs more of ROS 2 than the wheels: an overlay (docs/how-to/real-ros.md) or a full installation."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+FIGURES = pytest.StashKey[dict]()
+
+
+def pytest_configure(config):
+    """Have one set of figures for the run."""
+    config.stash[FIGURES] = {}
+
+
+def pytest_sessionfinish(session):
+    """Write the figures, if asked."""
+    path = session.config.getoption("--real-json")
+    if path and session.config.stash[FIGURES]:
+        Path(path).write_text(json.dumps(session.config.stash[FIGURES], indent=1, sort_keys=True) + "\n")
+
+
+@pytest.fixture
+def figures(pytestconfig):
+    """What this run measures, by its name in docs/results/data/ros.json."""
+    return pytestconfig.stash[FIGURES]

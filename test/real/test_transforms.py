@@ -1,0 +1,213 @@
+"""The nodes' transforms in the real tf2: at the stamps of their messages, in Python and C++; goals of other frames."""
+
+import math
+import time
+
+import graph
+import pytest
+from action_msgs.msg import GoalStatus
+from nav_msgs.msg import Odometry, Path
+from overlay import program
+from rclpy.action import ActionClient
+from rclpy.time import Time
+from robot import SIMULATED, planar, pose_stamped, robot, yaw
+from tf2_msgs.action import LookupTransform
+from tf2_ros import Buffer, TransformException, TransformListener
+
+LOOKUPS = 1000
+MAX_AGE = 5.0
+"""[s] after which a lookup that has not succeeded has failed"""
+UNDER_WAY = 5
+"""actions at a time: their services keep ten requests"""
+FAST = {"clock": "scaled", "real_time_factor": 5.0, "seed": 3}
+FAR = (60.0, -60.0, 0.0)
+MOUNT = (0.2, -0.1, 0.7)
+"""of a sensor on the robot, in a static transform"""
+
+
+@pytest.fixture(scope="module")
+def driving():
+    with robot(FAST, SIMULATED, SIMULATED, only=("robot", "plant")) as one:
+        one.peer.spin_until(lambda: one.truths and one.poses, what="the first poses")
+        one.send_goal(*FAR)
+        yield one
+
+
+class Stamps:
+    """The stamped poses of the robot in odom and map, as they come."""
+
+    def __init__(self, peer):
+        self.waiting, self.begin = [], time.monotonic()
+        for parent, topic in (("odom", "odom"), ("map", "odometry/filtered")):
+            peer.node.create_subscription(Odometry, topic, lambda one, parent=parent: self._add(parent, one), 100)
+
+    def _add(self, parent, message):
+        self.waiting.append((time.monotonic(), parent, message))
+
+
+def difference(transform, pose):
+    there, (x, y, theta) = transform.translation, planar(pose)
+    turn = math.remainder(yaw(transform.rotation) - theta, 2.0 * math.pi)
+    return max(abs(there.x - x), abs(there.y - y), abs(turn))
+
+
+def test_a_python_listener_has_each_pose_at_its_stamp(driving, figures):
+    peer, buffer = driving.peer, Buffer()
+    TransformListener(buffer, peer.node)
+    stamps, waits, errors = Stamps(peer), [], []
+
+    def looked_up():
+        left = []
+        for at, parent, message in stamps.waiting:
+            try:
+                found = buffer.lookup_transform(parent, "base_link", Time.from_msg(message.header.stamp))
+            except TransformException:
+                assert time.monotonic() - at < MAX_AGE, f"{parent} to base_link at {message.header.stamp}"
+                left.append((at, parent, message))
+            else:
+                waits.append(time.monotonic() - at)
+                errors.append(difference(found.transform, message.pose.pose))
+        stamps.waiting[:] = left
+        return len(waits) >= LOOKUPS
+
+    # Before the listener has been discovered, nothing can come.
+    peer.spin_until(lambda: buffer.can_transform("map", "base_link", Time()), what="the first transforms")
+    stamps.waiting.clear()
+    peer.spin_until(looked_up, 120.0, f"{LOOKUPS} transforms")
+    assert max(errors) < 1e-9
+    figures["tf2 python"] = {"lookups": len(waits), "worst wait": max(waits), "worst difference": max(errors)}
+
+
+def test_a_cpp_listener_has_each_pose_at_its_stamp(driving, figures):
+    """tf2_ros's buffer_server waits in C++ for the transform of each stamp."""
+    peer = driving.peer
+    with program("tf2_ros", "buffer_server", "--ros-args", "-p", "buffer_size:=30.0"):
+        client = ActionClient(peer.node, LookupTransform, "tf2_buffer_server")
+        peer.spin_until(client.server_is_ready, what="the buffer server")
+        ask(peer, client, "map", Time().to_msg())
+        stamps, waits, errors, asked = Stamps(peer), [], [], []
+
+        def ask_for(_, parent, message):
+            asked.append(message)
+            at = time.monotonic()
+            sent = send(client, parent, message.header.stamp)
+            sent.add_done_callback(
+                lambda sent: (
+                    sent.result()
+                    .get_result_async()
+                    .add_done_callback(lambda answer: conclude(at, message, answer.result().result))
+                )
+            )
+
+        def conclude(at, message, result):
+            assert result.error.error == 0, result.error.error_string
+            waits.append(time.monotonic() - at)
+            errors.append(difference(result.transform.transform, message.pose.pose))
+
+        def looked_up():
+            while stamps.waiting and len(asked) < min(LOOKUPS, len(waits) + UNDER_WAY):
+                ask_for(*stamps.waiting.pop(0))
+            return len(waits) == LOOKUPS
+
+        peer.spin_until(looked_up, 180.0, f"{LOOKUPS} transforms")
+        client.destroy()
+    assert max(errors) < 1e-9
+    figures["tf2 c++"] = {"lookups": len(waits), "worst wait": max(waits), "worst difference": max(errors)}
+
+
+def send(client, parent, stamp):
+    goal = LookupTransform.Goal(target_frame=parent, source_frame="base_link", source_time=stamp)
+    goal.timeout.sec = int(MAX_AGE)
+    return client.send_goal_async(goal)
+
+
+def ask(peer, client, parent, stamp):
+    """Wait until the server has a transform at all."""
+
+    def answered():
+        sent = send(client, parent, stamp)
+        peer.spin_until(sent.done, what="the goal's acceptance")
+        result = sent.result().get_result_async()
+        peer.spin_until(result.done, what="the server's result")
+        return result.result().status == GoalStatus.STATUS_SUCCEEDED and not result.result().result.error.error
+
+    graph.wait_for(answered, what="a transform in the server")
+
+
+@pytest.fixture
+def mounted(driving):
+    """A static transform of a C++ node that begins before whoever reads it."""
+    x, y, theta = MOUNT
+    words = ("--x", x, "--y", y, "--yaw", theta, "--frame-id", "base_link", "--child-frame-id", "camera")
+    with program("tf2_ros", "static_transform_publisher", *words) as publisher:
+        publisher.wait_for_output("Spinning until stopped")
+        yield driving
+
+
+def test_a_late_listener_has_the_static_transform(mounted):
+    buffer = Buffer()
+    TransformListener(buffer, mounted.peer.node)
+    mounted.peer.spin_until(lambda: buffer.can_transform("base_link", "camera", Time()), what="the static transform")
+    found = buffer.lookup_transform("base_link", "camera", Time()).transform
+    assert (found.translation.x, found.translation.y, yaw(found.rotation)) == pytest.approx(MOUNT)
+
+
+def goal_of(driving):
+    text = graph.values(driving.controller_states[-1]).get("goal", "")
+    return tuple(map(float, text.split())) if text else ()
+
+
+@pytest.mark.parametrize("frame", ["odom", "base_link", "camera"])
+def test_a_goal_of_another_frame_is_driven_to_in_the_map(mounted, frame):
+    driving = mounted
+    # At rest the transforms change by the estimate's noise alone.
+    driving.cancel()
+    driving.peer.spin_until(lambda: len(driving.truths) > 1 and at_rest(driving.truths), what="rest")
+    driving.peer.wait_for_subscribers(driving.goals)
+    goal, before = (2.0, 1.0, 0.5), goal_of(driving)
+
+    def taken():
+        # The controller may not know the frame yet: static transforms come when their publisher is discovered.
+        driving.goals.publish(pose_stamped(*goal, frame=frame))
+        return driving.peer.comes_true(lambda: goal_of(driving) not in (before, ()), 2.0)
+
+    buffer = Buffer()
+    TransformListener(buffer, driving.peer.node)
+    driving.peer.spin_until(lambda: buffer.can_transform("map", frame, Time()), what="the transform")
+    expected = in_map(buffer.lookup_transform("map", frame, Time()).transform, goal)
+    graph.wait_for(taken, what=f"a goal of {frame}")
+    found = goal_of(driving)
+    assert found[:2] == pytest.approx(expected[:2], abs=0.3)
+    assert math.remainder(found[2] - expected[2], 2.0 * math.pi) == pytest.approx(0.0, abs=0.2)
+
+
+def at_rest(truths):
+    twist = truths[-1].twist.twist
+    return abs(twist.linear.x) + abs(twist.angular.z) < 1e-6
+
+
+def in_map(transform, pose):
+    turn = yaw(transform.rotation)
+    x = transform.translation.x + pose[0] * math.cos(turn) - pose[1] * math.sin(turn)
+    y = transform.translation.y + pose[0] * math.sin(turn) + pose[1] * math.cos(turn)
+    return x, y, pose[2] + turn
+
+
+def test_a_path_of_another_frame_is_driven_in_the_map(driving):
+    buffer = Buffer()
+    TransformListener(buffer, driving.peer.node)
+    driving.peer.spin_until(lambda: buffer.can_transform("map", "odom", Time()), what="the transform")
+    poses = [(10.0 * number, 5.0, 0.0) for number in range(1, 4)]
+    path = Path()
+    path.header.frame_id = "odom"
+    path.poses = [pose_stamped(*pose, frame="odom") for pose in poses]
+    expected = in_map(buffer.lookup_transform("map", "odom", Time()).transform, poses[0])
+    publisher = driving.peer.publisher(Path, "path")
+    driving.peer.wait_for_subscribers(publisher)
+    publisher.publish(path)
+
+    def taken():
+        return math.dist((goal_of(driving) or (math.inf, 0.0))[:2], expected[:2]) < 0.3
+
+    driving.peer.comes_true(taken, 5.0)
+    assert goal_of(driving)[:2] == pytest.approx(expected[:2], abs=0.3)

@@ -1,0 +1,12 @@
+"""Programs of the ROS installation or overlay that this process runs in."""
+
+from pathlib import Path
+
+import graph
+from ament_index_python.packages import get_package_prefix
+
+
+def program(package, executable, *arguments, **options):
+    """Run an executable of a package while the ``with`` block lasts."""
+    path = Path(get_package_prefix(package)) / "lib" / package / executable
+    return graph.process(str(path), *map(str, arguments), **options)
