@@ -106,17 +106,25 @@ def _check_same(first: _Member, second: _Member) -> None:
 
 
 def _layout(schema: Schema | None) -> object:
-    """Return what decides how messages are decoded: of a ROS definition, no comments, blanks and order of types."""
+    """Return what decides how messages are decoded: of a ROS definition, the types and names of the fields.
+
+    Not comments, constants, default values, the order of the types, and whether one of the same package is named with
+    it: recorders write these differently.
+    """
     if schema is None or schema.encoding != SchemaEncoding.ROS2:
         return schema and (schema.encoding, schema.data)
-    parts: dict[str, list[str]] = {}
-    lines = parts[""] = []
+    parts: dict[str, list[tuple[str, str]]] = {}
+    package = schema.name.partition("/")[0]
+    fields = parts[""] = []
     for line in schema.data.decode(errors="replace").splitlines():
         words = line.partition("#")[0].split()
         if len(words) == 2 and words[0] == "MSG:":
-            lines = parts[words[1]] = []
-        elif words and line.strip("= "):
-            lines.append(" ".join(words))
+            package = words[1].partition("/")[0]
+            fields = parts[words[1]] = []
+        elif len(words) > 1 and "=" not in words[1] and words[2:3] != ["="]:
+            # Basic types begin with a small letter.
+            is_of_package = "/" not in words[0] and words[0][0].isupper()
+            fields.append((f"{package}/{words[0]}" if is_of_package else words[0], words[1]))
     return parts
 
 

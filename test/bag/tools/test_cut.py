@@ -4,6 +4,7 @@ from contextlib import ExitStack
 
 import cut_bags
 import pytest
+from bag_makers import definition as definition_of
 from cut_bags import BEGIN, MAKERS, POINT, STEP, STRING, Given, by_rosbags, check_metadata, facts, in_file_order
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -204,6 +205,19 @@ def test_definitions_that_differ_in_comments_only_are_the_same(tmp_path, monkeyp
     (topic,) = read_metadata(tmp_path / "all").topics
     assert sorted(topic.qos) == sorted([Qos(), cut_bags.LATCHED])
     assert topic.type_hash.startswith("RIHS01_")
+
+
+def test_definitions_of_other_recorders_are_the_same(tmp_path, monkeypatch):
+    """rosbags names the package of each type, and gives neither constants nor default values; ROS's own text does."""
+    kind, path, found = "geometry_msgs/msg/Pose", tmp_path / "all", []
+    monkeypatch.setitem(cut_bags.HASHES, kind, "")
+    for text in (cut_bags.DEFINITIONS.schema_text(kind).encode(), definition_of(kind)):
+        monkeypatch.setitem(cut_bags.SCHEMAS, kind, text)
+        name = tmp_path / f"{len(found)}.mcap"
+        found.append(cut_bags.write_mcap(name, [Given("/pose", 5, bytes(60))], {"/pose": (kind, [])}))
+    with SourceBag(found[0]) as one, SourceBag(found[1]) as two:
+        cut.merge([one, two]).write(path, lambda _: None)
+    assert len(facts(path)) == 2
 
 
 @pytest.mark.parametrize(

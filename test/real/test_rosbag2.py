@@ -1,0 +1,256 @@
+"""Bags of this project in the real rosbag2, those of rosbag2 in the commands here, its services and clients."""
+
+import signal
+import time
+from collections import Counter
+
+import bag_commands
+import graph
+import hostile_bags
+import one_process
+import pytest
+import rosbag2_bags
+from geometry_msgs.msg import Twist
+from nav_msgs.msg import Odometry
+from rclpy.qos import QoSProfile
+from recorders import Recorder
+from robot import robot
+from rosbag2_interfaces import srv
+from std_srvs.srv import Trigger
+
+from diffbot_bag.bag.reader import BagReader
+
+TOPICS = ["/odom", "/global_pose", "/pose", "/ground_truth", "/cmd_vel", "/goal_pose", "/ekf/status"]
+RECORDED = {
+    "zstd": {},
+    "lz4": {"compression": "lz4"},
+    "uncompressed": {"compression": "none"},
+    "split": {"max_bag_size": 20_000, "chunk_size": 4096},
+    "some topics": {"topics": ["/odom", "/cmd_vel"]},
+    "snapshot": {"snapshot_mode": True},
+}
+"""Parameters of the recorder by the kind of bag."""
+CUT = {
+    "trimmed": ("trim", "--from", "1s", "--to", "end-1s"),
+    "filtered": ("filter", "--topics", "/odom", "/pose"),
+    "split later": ("split", "--count", "100"),
+}
+"""Commands that make a bag of one of ours."""
+KINDS = (*RECORDED, *CUT, "merged", "killed and repaired")
+COMMANDS = sorted(bag_commands.bag_commands() - set(bag_commands.GRAPH))
+ARGUMENTS = {**bag_commands.ARGUMENTS, "calibrate": [["{bag}", "--params", "{given}/ekf.yaml", "--out", "{out}.yaml"]]}
+"""Here with all of the drive, which calibrate needs."""
+DEEP = QoSProfile(depth=100_000)
+
+
+def diffbot(*arguments):
+    status, _, error, _ = bag_commands.run(list(map(str, arguments)))
+    assert status == 0, error
+
+
+@pytest.fixture(scope="module")
+def ours(tmp_path_factory):
+    """Bags of the same drive, one of each kind."""
+    folder = tmp_path_factory.mktemp("ours")
+    with robot(only=("robot", "plant"), joined=True) as driving, one_process.nodes() as nodes:
+        driving.send_goal(5.0, 5.0, 0.0)
+        recorders = {
+            kind: Recorder(nodes, folder / kind, **{"topics": TOPICS, **parameters})
+            for kind, parameters in RECORDED.items()
+        }
+        parameters = {"uri": folder / "killed", "topics": TOPICS, "flush_period": 0.1}
+        with graph.node("diffbot_bag.recorder_node", parameters) as killed:
+            all_have(nodes.peer, recorders.values(), 120)
+            graph.wait_for(lambda: killed_has(folder / "killed"), what="messages in the bag of the other process")
+            killed.send(signal.SIGKILL)
+            killed.wait()
+        assert nodes.peer.call(Trigger, "/recorder/snapshot").success
+        for recorder in recorders.values():
+            recorder.close()
+    diffbot("bag", "repair", folder / "killed", folder / "killed and repaired")
+    for kind, (verb, *arguments) in CUT.items():
+        diffbot("bag", verb, folder / "zstd", folder / kind, *arguments)
+    diffbot("bag", "merge", folder / "lz4", folder / "some topics", folder / "merged")
+    return folder
+
+
+def all_have(peer, recorders, count):
+    """Wait until each recorder has had time for so many poses."""
+    peer.spin_until(lambda: all({one.topic_name for one in each.node.subscriptions} >= {"/odom"} for each in recorders))
+    poses = peer.subscribe(Odometry, "/odometry/filtered", DEEP)
+    peer.spin_until(lambda: len(poses) >= count, what=f"{count} poses")
+
+
+def killed_has(folder):
+    return sum(path.stat().st_size for path in folder.glob("*.mcap")) > 20_000
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_rosbag2_reads_what_is_in_a_bag_of_ours(ours, kind, figures):
+    folder = ours / kind
+    with BagReader(folder) as bag:
+        expected = [(one.topic, one.data, one.log_time) for one in bag.messages()]
+    found = rosbag2_bags.read(folder)
+    assert sorted(found) == sorted(expected)
+    known = rosbag2_bags.metadata(folder)
+    if len(known.files) == 1:
+        # rosbag2 reads file by file, and messages that come together may be on both sides of a boundary.
+        assert [time for *_, time in found] == sorted(time for *_, time in expected)
+    counts = {one.topic_metadata.name: one.message_count for one in known.topics_with_message_count}
+    assert {name: count for name, count in counts.items() if count} == Counter(topic for topic, *_ in expected)
+    assert known.message_count == len(expected) > 20
+    figures.setdefault("bags read by rosbag2", []).append(kind)
+
+
+def test_a_split_bag_has_several_files(ours):
+    for kind in ("split", "split later"):
+        assert len(rosbag2_bags.metadata(ours / kind).files) > 1
+
+
+def test_a_killed_bag_is_one_that_rosbag2_refuses_before_its_repair(ours):
+    with pytest.raises(RuntimeError):
+        rosbag2_bags.read(ours / "killed")
+
+
+THEIRS = {
+    **{f"preset {preset}": {"storage_preset_profile": preset} for preset in rosbag2_bags.PRESETS},
+    "split": {"max_bagfile_size": 50_000, "storage_preset_profile": "fastwrite"},
+    "custom data": {"custom_data": {"robot": "left"}},
+}
+
+
+@pytest.fixture(scope="module")
+def theirs(ours, tmp_path_factory):
+    """Bags of the real rosbag2 with what is in one of ours."""
+    folder = tmp_path_factory.mktemp("theirs")
+    messages = rosbag2_bags.read(ours / "zstd")
+    known = rosbag2_bags.metadata(ours / "zstd").topics_with_message_count
+    types = {one.topic_metadata.name: one.topic_metadata.type for one in known}
+    for kind, options in THEIRS.items():
+        rosbag2_bags.write(folder / kind, messages, types, **options)
+    rosbag2_bags.write(folder / "sqlite3", messages, types, storage="sqlite3")
+    rosbag2_bags.write(folder / "file compression", messages, types, compression="FILE")
+    rosbag2_bags.write(folder / "message compression", messages, types, compression="MESSAGE")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def given(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("bags") / "given"
+    return hostile_bags.given_files(folder, bag_commands.CONTRACT, bag_commands.PARAMETERS)
+
+
+@pytest.mark.parametrize("kind", THEIRS)
+def test_every_command_reads_a_bag_of_rosbag2(theirs, ours, given, kind, tmp_path, figures):
+    with BagReader(theirs / kind) as bag:
+        found = [(one.topic, one.data, one.log_time) for one in bag.messages()]
+    assert sorted(found) == sorted(rosbag2_bags.read(ours / "zstd"))
+    for name in COMMANDS:
+        for number, template in enumerate(ARGUMENTS[name]):
+            work = tmp_path / f"{name} {number}"
+            copy = bag_commands._copy(theirs / kind, tmp_path / f"copy {name} {number}")
+            words = [word.format(bag=theirs / kind, copy=copy, given=given, out=work) for word in template]
+            # There is no map in these bags.
+            words = [word.replace("/map", "/pose") for word in words]
+            status, out, error, _ = bag_commands.run([*name.split(), *words])
+            assert status in ((0, 1) if name == "bag check" else (0,)), (name, out, error)
+    figures.setdefault("bags of rosbag2 read by every command", []).append(kind)
+
+
+@pytest.mark.parametrize(
+    ("kind", "word"), [("sqlite3", "sqlite3"), ("file compression", "FILE"), ("message compression", "MESSAGE")]
+)
+def test_a_bag_that_is_not_supported_is_refused_in_one_line_that_says_why(theirs, kind, word):
+    status, _, error, _ = bag_commands.run(["bag", "info", str(theirs / kind)])
+    assert status == 1
+    assert error.count("\n") == 1
+    assert word in error
+
+
+def ros2(*arguments, **options):
+    return graph.process("ros2", *map(str, arguments), **options)
+
+
+def test_ros2_bag_info_prints_counts_of_ours(ours):
+    with ros2("bag", "info", ours / "zstd") as command:
+        assert command.wait() == 0
+        counts = Counter(topic for topic, *_ in rosbag2_bags.read(ours / "zstd"))
+        for topic, count in counts.items():
+            (line,) = (line for line in command.output.splitlines() if f"Topic: {topic} " in line)
+            assert f"Count: {count} " in line
+
+
+def test_ros2_bag_play_sends_all_of_ours(ours):
+    expected = [data for topic, data, _ in rosbag2_bags.read(ours / "zstd") if topic == "/odom"]
+    with graph.peer() as peer:
+        received = peer.subscribe(Odometry, "/odom", DEEP, raw=True)
+        arguments = ("--rate", "2.0", "--delay", "3.0", "--disable-keyboard-controls", "--wait-for-all-acked", "10000")
+        with ros2("bag", "play", ours / "zstd", *arguments) as command:
+            peer.spin_until(lambda: command.popen.poll() is not None, what="the end of the replay")
+            peer.spin_until_quiet()
+            assert command.wait() == 0
+        assert list(map(bytes, received)) == expected
+
+
+def test_ros2_bag_record_records_the_robot_and_the_commands_read_it(tmp_path):
+    with robot(only=("robot", "plant"), joined=True) as driving:
+        driving.send_goal(3.0, -3.0, 0.0)
+        with ros2("bag", "record", "-o", tmp_path / "bag", "-s", "mcap", "-a") as command:
+            command.wait_for_output("Subscribed to topic '/pose'")
+            driving.catch_up()
+            count = len(driving.poses)
+            driving.peer.spin_until(lambda: len(driving.poses) > count + 30, what="more poses")
+            assert command.stop() == 0
+    with BagReader(tmp_path / "bag") as bag:
+        counts = Counter(one.topic for one in bag.messages())
+    assert counts["/pose"] >= 25
+    diffbot("bag", "info", tmp_path / "bag")
+    diffbot("report", tmp_path / "bag", "-o", tmp_path / "report.html")
+
+
+def test_the_services_of_a_replay_are_those_of_rosbag2s_player(ours):
+    """All ten, with the real types; each is seen in what the replay then does."""
+    arguments = ("replay", ours / "zstd", "--start-paused", "--disable-keyboard-controls", "--rate", "0.5")
+    with graph.diffbot(*map(str, arguments)) as replay, graph.peer() as peer:
+        odometry = peer.subscribe(Odometry, "/odom", DEEP)
+        commands = peer.subscribe(Twist, "/cmd_vel", DEEP)
+        peer.wait_for_publishers("/odom", "/cmd_vel")
+
+        def call(name, **fields):
+            kind = getattr(srv, "".join(part.capitalize() for part in name.split("_")))
+            return peer.call(kind, f"/rosbag2_player/{name}", kind.Request(**fields))
+
+        assert call("is_paused").paused
+        assert call("get_rate").rate == 0.5
+        assert call("set_rate", rate=2.0).success
+        assert call("get_rate").rate == 2.0
+        assert not call("set_rate", rate=-1.0).success
+        # A replay that has just started waits for subscribers first.
+        graph.wait_for(lambda: call("play_next").success, what="a step")
+        assert call("burst", num_messages=40).actually_burst == 40
+        peer.spin_until(lambda: len(odometry) + len(commands) > 10, what="messages of the burst")
+        begin = min(time for *_, time in rosbag2_bags.read(ours / "zstd"))
+        seek = srv.Seek.Request()
+        seek.time.sec, seek.time.nanosec = divmod(begin + 10**9, 10**9)
+        assert peer.call(srv.Seek, "/rosbag2_player/seek", seek).success
+        call("resume")
+        assert not call("is_paused").paused
+        call("pause")
+        assert call("is_paused").paused
+        call("toggle_paused")
+        assert not call("is_paused").paused
+        call("stop")
+        assert replay.wait() == 0
+
+
+def test_the_clients_of_rosbag2_control_the_replay(ours):
+    """`ros2 service` has the same types: a pause by the command is a pause."""
+    with graph.diffbot("replay", str(ours / "zstd"), "--loop", "--disable-keyboard-controls"), graph.peer() as peer:
+        with ros2("service", "call", "/rosbag2_player/pause", "rosbag2_interfaces/srv/Pause") as command:
+            assert command.wait() == 0
+        assert peer.call(srv.IsPaused, "/rosbag2_player/is_paused").paused
+        received = peer.subscribe(Odometry, "/odom", DEEP)
+        peer.wait_for_publishers("/odom")
+        begin = time.monotonic()
+        peer.spin_for(1.0)
+        assert not received, f"messages of a paused replay after {time.monotonic() - begin:.1f} s"
