@@ -55,8 +55,8 @@ def ours(tmp_path_factory):
     with robot(only=("robot", "plant"), joined=True) as driving, one_process.nodes() as nodes:
         driving.send_goal(5.0, 5.0, 0.0)
         recorders = {
-            kind: Recorder(nodes, folder / kind, **{"topics": TOPICS, **parameters})
-            for kind, parameters in RECORDED.items()
+            kind: Recorder(nodes, folder / kind, named(number), **{"topics": TOPICS, **parameters})
+            for number, (kind, parameters) in enumerate(RECORDED.items())
         }
         parameters = {"uri": folder / "killed", "topics": TOPICS, "flush_period": 0.1}
         with graph.node("diffbot_bag.recorder_node", parameters) as killed:
@@ -64,7 +64,7 @@ def ours(tmp_path_factory):
             graph.wait_for(lambda: killed_has(folder / "killed"), what="messages in the bag of the other process")
             killed.send(signal.SIGKILL)
             killed.wait()
-        assert nodes.peer.call(Trigger, "/recorder/snapshot").success
+        assert nodes.peer.call(Trigger, f"/{recorders['snapshot'].node.get_name()}/snapshot").success
         for recorder in recorders.values():
             recorder.close()
     diffbot("bag", "repair", folder / "killed", folder / "killed and repaired")
@@ -72,6 +72,11 @@ def ours(tmp_path_factory):
         diffbot("bag", verb, folder / "zstd", folder / kind, *arguments)
     diffbot("bag", "merge", folder / "lz4", folder / "some topics", folder / "merged")
     return folder
+
+
+def named(number):
+    """ROS arguments that give a node a name of its own."""
+    return "-r", f"__node:=recorder_{number}"
 
 
 def all_have(peer, recorders, count):

@@ -1,0 +1,151 @@
+"""The README's commands of ROS 2 as they stand there, and what `ros2` says of the nodes."""
+
+import re
+import signal
+from collections import Counter
+from contextlib import contextmanager
+from pathlib import Path
+
+import graph
+import pytest
+import rosbag2_bags
+from rclpy.time import Time
+from robot import robot
+from tf2_ros import Buffer, TransformListener
+
+ROOT = Path(__file__).resolve().parents[2]
+LINKS = re.findall(r'<link name="(\w+)"', (ROOT / "urdf" / "diffbot.urdf").read_text())
+NOT_HERE = {"rviz:=true"}
+"""What a test cannot have: a screen."""
+ALONE = ("--no-daemon", "--spin-time", "2")
+OWN_ROBOT = ROOT / "docs" / "how-to" / "own-robot.md"
+
+
+def of_readme(beginning):
+    """Return the words of the README's command that begins so, without its comment."""
+    section = (ROOT / "README.md").read_text().partition("## Use it on ROS 2 Jazzy")[2].partition("\n## ")[0]
+    (line,) = (line.strip() for line in section.splitlines() if line.strip().startswith(beginning))
+    return [word for word in line.partition("#")[0].split() if word not in NOT_HERE]
+
+
+def ros2(*words, **options):
+    """Run a command of ROS without its daemon, which would outlive the test."""
+    return graph.process("ros2", *map(str, words), **options)
+
+
+def answer(*words, cwd=None):
+    """Return what a command prints; it has to end well, but may have to be asked again until it finds the node."""
+
+    def found():
+        with ros2(*words, cwd=cwd) as command:
+            status = command.wait()
+            if status and any(text in command.output for text in ("Node not found", "Unable to find node")):
+                return None
+            assert status == 0, command.output
+            return command.output
+
+    return graph.wait_for(found, what=" ".join(words))
+
+
+@contextmanager
+def launched(words, cwd, *ready):
+    """Run a launch file until the block ends; then SIGINT has to end all of it well."""
+    with graph.process(*words, cwd=cwd) as launch:
+        for node in ready:
+            launch.wait_for_output(f"[{node}]: ready")
+        yield launch
+        assert launch.stop(signal.SIGINT) == 0
+        assert launch.output.count("process has finished cleanly") >= len(ready)
+        assert "process has died" not in launch.output
+
+
+def test_the_commands_of_the_readme(tmp_path):
+    """Simulation, goal and bag, then the replay of that bag; the bag holds what rosbag2 finds in it."""
+    nodes = "recorder", "ekf", "controller", "plant"
+    with launched(of_readme("ros2 launch diffbot simulation.launch.py"), tmp_path, *nodes):
+        assert "reached" in answer(*of_readme("ros2 run diffbot diffbot goal")[1:], cwd=tmp_path)
+    counts = Counter(topic for topic, *_ in rosbag2_bags.read(tmp_path / "run1"))
+    assert min(counts[topic] for topic in ("/odom", "/pose", "/cmd_vel", "/tf")) > 20
+    with graph.process(*of_readme("ros2 run diffbot replay_node"), cwd=tmp_path) as replay:
+        assert replay.wait() == 0
+        (sent,) = re.findall(r"(\d+) messages in", replay.output)
+        assert int(sent) == sum(counts.values())
+
+
+def test_the_readmes_launch_of_ones_own_robot(tmp_path):
+    (text,) = re.findall(r"```yaml\n(/\*\*/ekf:.*?)```", OWN_ROBOT.read_text(), re.DOTALL)
+    (tmp_path / "my_robot.yaml").write_text(text)
+    with launched(of_readme("ros2 launch diffbot robot.launch.py"), tmp_path, "ekf", "controller"):
+        assert "0.033" in answer("param", "get", "/ekf", "wheel_radius", *ALONE)
+
+
+def test_the_launch_shows_the_robot_in_all_its_links(tmp_path):
+    """robot_state_publisher with the model of the robot, its wheels turned by the plant's joint states."""
+    words = (*of_readme("ros2 launch diffbot simulation.launch.py"), "description:=true", "bag:=other")
+    nodes = "recorder", "ekf", "controller", "plant"
+    with graph.process(*words, cwd=tmp_path) as launch, graph.peer() as peer:
+        for node in nodes:
+            launch.wait_for_output(f"[{node}]: ready")
+        buffer = Buffer()
+        TransformListener(buffer, peer.node)
+        peer.spin_until(lambda: all(buffer.can_transform("map", link, Time()) for link in LINKS), what=str(LINKS))
+        assert launch.stop(signal.SIGINT) == 0
+    assert len(LINKS) > 4
+
+
+@pytest.fixture(scope="module")
+def running():
+    with robot(only=("robot", "plant"), joined=True, namespace="/left") as one:
+        one.peer.spin_until(lambda: one.poses, what="the first pose")
+        yield one
+
+
+SAID = {
+    ("node", "list", *ALONE): ("/left/controller", "/left/ekf", "/left/plant"),
+    ("topic", "list", *ALONE): ("/left/odom", "/left/pose", "/left/cmd_vel", "/tf"),
+    ("service", "list", *ALONE): ("/left/controller/send_goal", "/left/ekf/reset"),
+    ("node", "info", "/left/ekf", *ALONE): ("/left/global_pose: geometry_msgs/msg/PoseWithCovarianceStamped",),
+    ("topic", "info", "/left/pose", *ALONE): ("Publisher count: 1",),
+    ("topic", "echo", "--once", "/left/pose"): ("frame_id: map",),
+    ("param", "list", "/left/controller", *ALONE): ("linear.x.max_velocity", "waypoint_radius"),
+    ("param", "describe", "/left/controller", "goal_timeout", *ALONE): ("Type: double",),
+    ("param", "get", "/left/ekf", "publish_tf", *ALONE): ("Boolean value is: True",),
+    ("lifecycle", "nodes", *ALONE): ("/left/controller", "/left/ekf"),
+    ("lifecycle", "get", "/left/controller", *ALONE): ("active [3]",),
+    ("lifecycle", "list", "/left/ekf", *ALONE): ("deactivate",),
+    ("service", "call", "/left/controller/cancel", "std_srvs/srv/Trigger"): ("there was no goal",),
+    ("pkg", "executables", "diffbot"): ("diffbot controller_node", "diffbot replay_node"),
+}
+"""What a command prints of the nodes."""
+
+
+@pytest.mark.parametrize("words", SAID, ids=lambda words: " ".join(words[:3]))
+def test_ros2_shows_the_nodes(running, words):
+    # On a busy machine a node may take longer to be discovered.
+    graph.wait_for(lambda: all(text in answer(*words) for text in SAID[words]), what=f"{SAID[words]} in the answer")
+
+
+def test_ros2_changes_a_parameter_and_refuses_a_bad_value(running):
+    name = ("/left/controller", "goal_timeout")
+    assert "successful" in answer("param", "set", *name, "61.0", *ALONE)
+    assert "61.0" in answer("param", "get", *name, *ALONE)
+    with ros2("param", "set", *name, "-7.0", *ALONE) as command:
+        command.wait()
+        assert "goal_timeout = -7" in command.output
+    assert "61.0" in answer("param", "get", *name, *ALONE)
+
+
+def test_ros2_takes_the_nodes_down_and_up(running):
+    for verb, state in (("deactivate", "inactive [2]"), ("cleanup", "unconfigured [1]"), ("configure", "inactive [2]")):
+        assert "Transitioning successful" in answer("lifecycle", "set", "/left/controller", verb, *ALONE)
+        assert state in answer("lifecycle", "get", "/left/controller", *ALONE)
+    assert "Transitioning successful" in answer("lifecycle", "set", "/left/controller", "activate", *ALONE)
+    running.send_goal(1.0, 1.0, 0.0, tries=5)
+
+
+def test_a_goal_by_ros2_topic_pub_is_driven_to(running):
+    goal = "{header: {frame_id: map}, pose: {position: {x: 0.5, y: -0.5}, orientation: {w: 1.0}}}"
+    answer("topic", "pub", "--once", "-w", "1", "/left/goal_pose", "geometry_msgs/msg/PoseStamped", goal)
+    running.wait_for_state("goal reached", 60.0)
+    x, y, _ = running.true_pose()
+    assert (x, y) == pytest.approx((0.5, -0.5), abs=0.15)
