@@ -16,7 +16,7 @@ unexport PYTHONPATH PYTHONHOME LD_LIBRARY_PATH AMENT_PREFIX_PATH RMW_IMPLEMENTAT
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help setup compilers browser demo test test-fast faults soak lint bench trust docs site clean
+.PHONY: help setup compilers browser demo test test-fast faults real soak lint bench trust docs site clean
 .DELETE_ON_ERROR:
 
 help:
@@ -25,6 +25,7 @@ help:
 	@echo "make test    run the tests"
 	@echo "make test-fast   run those without nodes, studies and installations while editing: 45 seconds"
 	@echo "make faults  try each fault many times, an hour and a half; results to docs/results/data/faults.json"
+	@echo "make real OVERLAY=...  run the tests of nodes with tf2, rosbag2, Nav2 ... of an overlay: docs/how-to/real-ros.md"
 	@echo "make soak    goals and faults for ten minutes: does memory grow, is every goal reached?"
 	@echo "make lint    run ruff, mypy, import-linter, oxlint and hadolint"
 	@echo "make bench   measure speed and cost; writes docs/results/performance.md"
@@ -66,6 +67,11 @@ test-fast: setup
 
 faults: setup
 	@$(BIN)/pytest test/faults --faults full --faults-json docs/results/data/faults.json $(ARGS)
+
+# The tests that speak over DDS and those of what has no wheel, in the environment of `make setup` and an overlay on it.
+real: setup
+	@test -n "$(OVERLAY)" || { echo "make real OVERLAY=<folder of installed ROS packages>: docs/how-to/real-ros.md" >&2; exit 1; }
+	@test/real/overlay.sh $(VENV) $(OVERLAY) pytest -n 2 --dist loadfile -m 'graph and not install' $(ARGS)
 
 soak: setup
 	@PYTHONPATH=test/support $(BIN)/python bench/soak.py --json docs/results/data/faults.json $(ARGS)

@@ -81,12 +81,12 @@ def pytest_addoption(parser):
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """Mark rooms as a whole: test/graph and test/faults with ``graph``, compiled loops and their runs with ``study``.
+    """Mark rooms as a whole: test/graph, faults and real with ``graph``, compiled loops and their runs with ``study``.
 
     Tests of other rooms that start nodes carry the mark themselves. Then bring all into the order of their length.
     """
     for item in items:
-        if any(item.path.is_relative_to(TESTS / room) for room in ("graph", "faults")):
+        if any(item.path.is_relative_to(TESTS / room) for room in ("graph", "faults", "real")):
             item.add_marker(pytest.mark.graph)
         if item.path.is_relative_to(TESTS / "faults"):
             item.add_marker(pytest.mark.fault)

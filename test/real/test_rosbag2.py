@@ -198,17 +198,18 @@ def test_ros2_bag_play_sends_all_of_ours(ours):
 
 
 def test_ros2_bag_record_records_the_robot_and_the_commands_read_it(tmp_path):
-    with robot(only=("robot", "plant"), joined=True) as driving:
+    """In C++ and in a namespace."""
+    with robot(only=("robot", "plant"), joined=True, namespace="/left") as driving:
         driving.send_goal(3.0, -3.0, 0.0)
         with ros2("bag", "record", "-o", tmp_path / "bag", "-s", "mcap", "-a") as command:
-            command.wait_for_output("Subscribed to topic '/pose'")
+            command.wait_for_output("Subscribed to topic '/left/pose'")
             driving.catch_up()
             count = len(driving.poses)
             driving.peer.spin_until(lambda: len(driving.poses) > count + 30, what="more poses")
             assert command.stop() == 0
     with BagReader(tmp_path / "bag") as bag:
         counts = Counter(one.topic for one in bag.messages())
-    assert counts["/pose"] >= 25
+    assert counts["/left/pose"] >= 25
     diffbot("bag", "info", tmp_path / "bag")
     diffbot("report", tmp_path / "bag", "-o", tmp_path / "report.html")
 

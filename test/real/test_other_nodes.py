@@ -1,0 +1,100 @@
+"""Nodes of others in C++ beside the project's: robot_localization, Nav2's lifecycle manager, robot_state_publisher."""
+
+import random
+
+import graph
+import pytest
+from lifecycle_msgs.srv import GetState
+from nav2_msgs.srv import ManageLifecycleNodes
+from nav_msgs.msg import Odometry
+from overlay import program
+from rclpy.time import Time
+from robot import DEEP, SIMULATED, distance, robot, turned
+from tf2_ros import Buffer, TransformListener
+
+FAST = {"clock": "scaled", "real_time_factor": 4.0, "seed": 11}
+GOALS = 20
+TOLERANCE = 0.1
+"""[m] and [rad] of the controller's default"""
+
+
+def recipe():
+    """Return the parameter file that other-localization.md names, as it is installed."""
+    from ament_index_python.packages import get_package_share_directory
+
+    return f"{get_package_share_directory('diffbot')}/config/robot_localization.yaml"
+
+
+@pytest.mark.timeout(900)
+def test_goals_are_reached_on_the_pose_of_robot_localization(figures):
+    chance, file = random.Random(5), ("--params-file", recipe())
+    with (
+        robot(FAST, controller=SIMULATED, only=("controller", "plant"), arguments={"controller": file}) as driving,
+        program("robot_localization", "ekf_node", "--ros-args", *file, "-p", "use_sim_time:=true"),
+    ):
+        poses = driving.peer.subscribe(Odometry, "odometry/filtered", DEEP)
+        driving.peer.spin_until(lambda: poses, what="a pose of robot_localization")
+        errors = []
+        for _ in range(GOALS):
+            goal = tuple(round(chance.uniform(-3.0, 3.0), 2) for _ in range(3))
+            driving.send_goal(*goal)
+            driving.wait_for_state("goal reached", 60.0)
+            pose = driving.true_pose()
+            errors.append(max(distance(pose, goal), turned(pose, goal)))
+    # Reached means within the tolerance with a probability of 0.99, by an estimate that is not this project's.
+    assert sum(error < TOLERANCE for error in errors) >= GOALS - 1
+    figures["goals on robot_localization's pose"] = {"reached": len(errors), "of": GOALS, "worst error": max(errors)}
+
+
+NODES = "ekf", "controller"
+MANAGER = ("--ros-args", "-p", f"node_names:=[{', '.join(NODES)}]", "-p", "autostart:=true", "-p", "bond_timeout:=0.0")
+
+
+def test_nav2s_lifecycle_manager_brings_the_nodes_up_and_down():
+    waiting = {"autostart": False}
+    with robot(ekf=waiting, controller=waiting, only=("plant",)) as driving:
+        for name in NODES:
+            driving.launch(name, waiting)
+
+        def state(name):
+            return driving.peer.call(GetState, f"{name}/get_state").current_state.label
+
+        def becomes(label):
+            graph.wait_for(lambda: {state(name) for name in NODES} == {label}, what=label)
+
+        becomes("unconfigured")
+        with program("nav2_lifecycle_manager", "lifecycle_manager", *MANAGER):
+            becomes("active")
+            driving.send_goal(-1.0, -4.0, 0.0, tries=5)
+            driving.wait_for_state("goal reached", 60.0)
+
+            def manage(command):
+                request = ManageLifecycleNodes.Request(command=getattr(ManageLifecycleNodes.Request, command))
+                return driving.peer.call(ManageLifecycleNodes, "/lifecycle_manager/manage_nodes", request).success
+
+            for command, label in (
+                ("PAUSE", "inactive"),
+                ("RESUME", "active"),
+                ("RESET", "unconfigured"),
+                ("STARTUP", "active"),
+            ):
+                assert manage(command)
+                becomes(label)
+            driving.send_goal(1.0, -2.0, 0.0, tries=5)
+            driving.wait_for_state("goal reached", 60.0)
+            assert manage("SHUTDOWN")
+            becomes("finalized")
+
+
+def test_a_robot_in_a_namespace_has_its_own_transforms_with_robot_state_publisher(tmp_path):
+    words = ("ros2", "launch", "diffbot", "simulation.launch.py", "namespace:=left", "description:=true")
+    remapped = [word for name in ("tf", "tf_static") for word in ("-r", f"/{name}:=/left/{name}")]
+    with graph.process(*words, cwd=tmp_path) as launch, graph.peer(cli_args=["--ros-args", *remapped]) as peer:
+        launch.wait_for_output("controller]: ready")
+        buffer = Buffer()
+        TransformListener(buffer, peer.node)
+        peer.spin_until(lambda: buffer.can_transform("map", "left_wheel", Time()), what="the wheel in the map")
+        topics = dict(peer.node.get_topic_names_and_types())
+        assert "/left/robot_description" in topics
+        assert not peer.node.count_publishers("/tf")
+        assert launch.stop() == 0
