@@ -122,6 +122,25 @@ def _simulated(results: dict[str, Any]) -> str:
     )
 
 
+def real_ros_page() -> str:
+    """Return docs/how-to/real-ros.md with what `make real` measured."""
+    found = read_data("ros")
+    rows = [
+        (
+            f"tf2_ros in {language}: `base_link` in `map` and `odom` at the stamps of poses and odometry",
+            f"{one['lookups']} of {one['lookups']} found, after {one['worst wait']:.3f} s at most; "
+            f"equal to the messages to {one['worst difference']:.0e}",
+        )
+        for language, one in (("Python", found["tf2 python"]), ("C++", found["tf2 c++"]))
+    ]
+    for key in ("bags read by rosbag2", "bags of rosbag2 read by every command"):
+        rows.append((key, f"{len(found[key])} kinds: {', '.join(found[key])}"))
+    goals = found["goals on robot_localization's pose"]
+    error = f"the true pose within {goals['worst error']:.3f} m and rad"
+    rows.append(("goals on the pose of robot_localization", f"{goals['reached']} of {goals['of']} reached, {error}"))
+    return marked(DOCS / "how-to/real-ros.md", "figures", "\n".join(markdown_table(("what", "measured"), rows)))
+
+
 def scenario_a_table() -> str:
     """Return the end states of the paper's simulation A under law (17) with the fixed region, 100 runs of 30 s."""
     head = ["the controller receives", "position error [m]: median", "p95", "max"]
@@ -214,6 +233,7 @@ def check_or_write(check: bool) -> int:
     pages = {
         **parameter_tables.pages(),
         CHECK: check_page(),
+        DOCS / "how-to/real-ros.md": real_ros_page(),
         **results_pages(),
         DOCS / "rooms.svg": rooms_picture(),
         DOCS / "reference/nodes/states.svg": states_picture(),

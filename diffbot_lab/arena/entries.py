@@ -223,7 +223,7 @@ ENTRIES = (
         "nav2_graceful_shipped",
         "Nav2's graceful controller, defaults",
         "nav2_graceful",
-        f"{_SHIPPED}; its defaults: 0.5 m/s and 1 rad/s; goal checker 0.05 m and 0.05 rad",
+        f"{_SHIPPED}; its defaults: 0.5 m/s and 1 rad/s; goal checker 0.06 m and 0.05 rad",
         "following a planned path indoors",
         everywhere=False,
     ),

@@ -1,0 +1,75 @@
+"""Nav2's graceful controller as a law, against what its compiled code answered (nav2_graceful.json)."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import Twist
+from diffbot_core.uncertainty import CERTAIN, Estimate
+from diffbot_lab.laws.nav2_graceful import (
+    Nav2Graceful,
+    Nav2GracefulConfig,
+    goal_checked,
+    nav2_graceful,
+    new_drive,
+    rotation_rate,
+)
+
+RECORDED = json.loads(Path(__file__).with_name("nav2_graceful.json").read_text())
+ORIGIN = Pose(0.0, 0.0, 0.0)
+
+
+def config_of(parameters):
+    values = {("lambda_" if name == "lambda" else name): value for name, value in parameters.items()}
+    stop = Nav2GracefulConfig().stop._replace(stop_distance=values.pop("stop_distance"))
+    return Nav2GracefulConfig(**values, stop=stop)
+
+
+@pytest.mark.parametrize("drive", RECORDED["drives"], ids=range(len(RECORDED["drives"])))
+def test_each_command_is_that_of_the_compiled_controller(drive):
+    """Nav2 keeps distances and angles in single precision."""
+    config, plan = config_of(drive["parameters"]), None
+    for number, (x, y, theta, v, omega) in enumerate(drive["steps"]):
+        if number % RECORDED["steps_of_a_plan"] == 0:
+            plan = new_drive(x, y, 0.0)
+        plan, command = nav2_graceful(plan, Pose(x, y, theta), config)
+        assert command == pytest.approx((v, omega), abs=2e-6)
+
+
+def test_the_recorded_drives_have_all_that_the_controller_does():
+    """Turns at the start and at the end, curves and straight lines, both kinds of end."""
+    steps = [step for drive in RECORDED["drives"] for step in drive["steps"]]
+    assert sum(v == 0.0 for *_, v, _ in steps) > 100
+    assert sum(v > 0.0 and abs(omega) > 0.3 for *_, v, omega in steps) > 100
+    assert {drive["parameters"]["prefer_final_rotation"] for drive in RECORDED["drives"]} == {True, False}
+
+
+def test_a_turn_on_the_spot_has_a_least_rate():
+    config = Nav2GracefulConfig()
+    assert rotation_rate(-0.01, config) == -0.25
+    assert rotation_rate(2.0, config) == 1.0
+
+
+def test_a_plan_is_made_each_second_and_forgets_what_was_checked():
+    config = Nav2GracefulConfig()
+    memory = Nav2Graceful.new_memory(config)
+    ages = []
+    for number in range(25):
+        pose = Pose(-3.0 + 0.04 * number, 0.0, 0.0)
+        memory, _, _ = Nav2Graceful.step(memory, Estimate(pose, CERTAIN), ORIGIN, 0.1 if number else 0.0, config)
+        ages.append(round(memory.state.age, 3))
+    assert [number for number, age in enumerate(ages) if age == 0.0] == [0, 10, 20]
+
+
+def test_the_goal_checker_asks_for_the_position_once_and_the_end_is_final():
+    config = Nav2GracefulConfig()
+    drive = goal_checked(new_drive(-1.0, 0.0, 0.0), Pose(0.05, 0.0, 1.0), config.stop)
+    assert (drive.checked, drive.done) == (True, False)
+    assert goal_checked(drive, Pose(0.5, 0.0, 0.04), config.stop).done
+    assert not goal_checked(new_drive(-1.0, 0.0, 0.0), Pose(0.5, 0.0, 0.0), config.stop).done
+    memory = Nav2Graceful.new_memory(config)
+    for pose in (ORIGIN, Pose(2.0, 1.0, 1.0)):
+        memory, command, _ = Nav2Graceful.step(memory, Estimate(pose, CERTAIN), ORIGIN, 0.1, config)
+        assert command == Twist(0.0, 0.0)
