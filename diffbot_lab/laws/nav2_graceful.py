@@ -45,7 +45,7 @@ class Nav2GracefulConfig(NamedTuple):
     ] = 0.75
     rotation_scaling_factor: Annotated[float, Spec("turn rate on the spot for each radian", "1/rad", 0.01, 10.0)] = 0.5
     prefer_final_rotation: Annotated[bool, Spec("head straight for the goal and turn to its heading at the end")] = True
-    path_resolution: Annotated[float, Spec("distance of two poses of the planner's path", "m", 0.001, 1.0)] = 0.05
+    path_resolution: Annotated[float, Spec("most between two poses of the planner's path", "m", 0.001, 1.0)] = 0.05
     stop: Stop = Stop(0.06, 0.05)
     tolerance: GoalTolerance = GoalTolerance()
     data_sheet: DataSheet = DataSheet()
@@ -63,17 +63,15 @@ class Drive(NamedTuple):
     """number of the path's pose nearest the robot so far, counted from the goal: what is behind it is forgotten"""
     rotates: bool
     """the initial rotation has not ended"""
-    arrived: bool
-    """the controller has been within the position's tolerance"""
     checked: bool
-    """the goal checker has"""
+    """the goal checker has found the position within its tolerance"""
     done: bool
     """the goal checker has found the goal reached"""
 
 
 def new_drive(x: float, y: float, age: float) -> Drive:
     """Return the drive along a new plan, which has nothing behind it."""
-    return Drive(x, y, age, _ALL, True, False, False, False)
+    return Drive(x, y, age, _ALL, True, False, False)
 
 
 def rotation_rate(angle: float, config: Nav2GracefulConfig) -> float:
@@ -106,12 +104,15 @@ def nav2_graceful(drive: Drive, pose: Pose, config: Nav2GracefulConfig) -> tuple
     Source: github.com/ros-navigation/navigation2, branch jazzy, nav2_graceful_controller. The path's poses are counted
     from the goal; the controller takes the farthest within the lookahead, beginning at the one nearest the robot.
     """
-    length, step = math.hypot(drive.x, drive.y), config.path_resolution
+    length = math.hypot(drive.x, drive.y)
+    step = length / math.ceil(length / config.path_resolution) if length > 0.0 else config.path_resolution
     back_x, back_y = (drive.x / length, drive.y / length) if length > 0.0 else (-1.0, 0.0)
-    nearest = min(round(min(max(pose.x * back_x + pose.y * back_y, 0.0), length) / step), drive.left)
+    along = min(max(pose.x * back_x + pose.y * back_y, 0.0), length)
+    nearest = min(round(along / step), drive.left)
     to_goal = nearest * step
-    if drive.arrived or to_goal < config.stop.stop_distance:
-        arrived = Drive(drive.x, drive.y, drive.age, nearest, drive.rotates, True, drive.checked, drive.done)
+    if to_goal < config.stop.stop_distance:
+        # It stays so until the next plan: what is behind the robot is forgotten.
+        arrived = Drive(drive.x, drive.y, drive.age, nearest, drive.rotates, drive.checked, drive.done)
         return arrived, Twist(0.0, rotation_rate(-pose.theta, config))
     to_path = math.hypot(pose.x - to_goal * back_x, pose.y - to_goal * back_y)
     target = min(max(math.ceil((to_goal + to_path - config.max_lookahead) / step), 0), nearest)
@@ -121,9 +122,9 @@ def nav2_graceful(drive: Drive, pose: Pose, config: Nav2GracefulConfig) -> tuple
     if config.prefer_final_rotation and to_goal < config.max_lookahead:
         heading = sight
     if drive.rotates and abs(sight) >= config.initial_rotation_tolerance:
-        turning = Drive(drive.x, drive.y, drive.age, nearest, True, False, drive.checked, drive.done)
+        turning = Drive(drive.x, drive.y, drive.age, nearest, True, drive.checked, drive.done)
         return turning, Twist(0.0, rotation_rate(sight, config))
-    driving = Drive(drive.x, drive.y, drive.age, nearest, False, False, drive.checked, drive.done)
+    driving = Drive(drive.x, drive.y, drive.age, nearest, False, drive.checked, drive.done)
     return driving, smooth_velocity(x, y, heading, config)
 
 
@@ -131,7 +132,7 @@ def goal_checked(drive: Drive, pose: Pose, stop: Stop) -> Drive:
     """Return the drive after a look of Nav2's SimpleGoalChecker, which is stateful, at the pose."""
     checked = drive.checked or math.hypot(pose.x, pose.y) <= stop.stop_distance
     done = checked and abs(pose.theta) <= stop.stop_angle
-    return Drive(drive.x, drive.y, drive.age, drive.left, drive.rotates, drive.arrived, checked, done)
+    return Drive(drive.x, drive.y, drive.age, drive.left, drive.rotates, checked, done)
 
 
 def nav2_graceful_memory(config: Any) -> LawMemory:
@@ -151,7 +152,7 @@ def nav2_graceful_step(
         if age >= _REPLANNING - 1e-6:
             drive = new_drive(pose.x, pose.y, 0.0)
         else:
-            drive = Drive(drive.x, drive.y, age, drive.left, drive.rotates, drive.arrived, drive.checked, drive.done)
+            drive = Drive(drive.x, drive.y, age, drive.left, drive.rotates, drive.checked, drive.done)
         drive, command = nav2_graceful(drive, pose, config)
         drive = goal_checked(drive, pose, config.stop)
         command = STOP if drive.done else command
