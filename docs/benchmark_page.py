@@ -151,6 +151,9 @@ def _conditions(results: Results) -> str:
             "encoder; 1.3 m/s at the rims and 2.6 rad/s, with bounded acceleration also 0.5 m/s^2 and 1.5 rad/s^2.",
             "- Every law has the same data sheet and limits, gets the pose in which the robot would come to rest, and may "
             "drive backwards. Laws that follow a path get the straight line.",
+            "- But Nav2's graceful controller (`nav2_graceful`) is as it is: forwards only, without a look ahead over latencies, "
+            "with a plan each second and its own goal checker, after which it stops for good. Tuned: speeds of the case, the "
+            "rest by the optimiser. The other two graceful laws are this project's: they turn and brake by the data sheet.",
             f"- *Settled*: the true pose ends within ({results['xy_tolerance']:g} m, {results['yaw_tolerance']:g} rad). The "
             "*settling time* is that of the last entry; only settled runs count.",
             "- *Answered*: the law said `reached` within 60 s, by one rule for all: at rest, and within the tolerances by the "
