@@ -34,7 +34,7 @@ MEASURES = (
 
 @contextlib.contextmanager
 def receiving(bag: Path, **parameters: object) -> Iterator[tuple[Any, Any, list[int], list[float]]]:
-    """Run a replay; yield the node of this process, the replay, and numbers and times of the messages received so far."""
+    """Run a replay; yield the node of this process, the replay, numbers and times of the messages received."""
     from geometry_msgs.msg import Point
     from rclpy.qos import HistoryPolicy, QoSProfile
 
