@@ -128,10 +128,13 @@ def real_ros_page() -> str:
     rows = [
         (
             f"tf2_ros in {language}: `base_link` in `map` and `odom` at the stamps of poses and odometry",
-            f"{one['lookups']} of {one['lookups']} found, after {one['worst wait']:.3f} s at most; "
+            f"{one['lookups']} of {one['lookups']} found, after {one['worst wait']:.3f} s at most{how}; "
             f"equal to the messages to {one['worst difference']:.0e}",
         )
-        for language, one in (("Python", found["tf2 python"]), ("C++", found["tf2 c++"]))
+        for language, one, how in (
+            ("Python", found["tf2 python"], ""),
+            ("C++", found["tf2 c++"], " (question to answer of buffer_server's action)"),
+        )
     ]
     for key in ("bags read by rosbag2", "bags of rosbag2 read by every command"):
         rows.append((key, f"{len(found[key])} kinds: {', '.join(found[key])}"))
