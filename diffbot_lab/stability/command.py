@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from diffbot_core.errors import DiffbotError, InvalidValueError
-from diffbot_core.ranges import LENGTH
 from diffbot_lab.stability.result_file import read_result
 from diffbot_tools.arguments import MAX_SEED, number_between, once, setting, whole
 
@@ -18,7 +17,6 @@ _OF_CONTRACT = ("eps_position", "eps_theta", "sigma_max")
 _OF_PLAN = ("margin", "fineness")
 """Options of ``certify`` that one kind of law has."""
 VERIFIERS = {
-    "diffbot stability level 1": "diffbot_lab.stability.level.verify",
     "diffbot stability certificate 1": "diffbot_lab.stability.paper.command",
     "diffbot stability tuned 2": "diffbot_lab.stability.tuned.command",
 }
@@ -27,40 +25,15 @@ VERIFIERS = {
 
 def add_stability(commands: Any) -> None:
     """Add ``diffbot stability`` to the subparsers of the command line."""
-    stability = commands.add_parser(
-        "stability", help="what bounded noise can do to the law: certificates and a picture"
-    )
+    stability = commands.add_parser("stability", help="what bounded noise can do to the law: certificates")
     verbs = stability.add_subparsers(required=True, metavar="VERB", dest="verb")
-    for add in (_add_picture, _add_level, _add_certify, _add_adversary, _add_verify, _add_contract):
+    for add in (_add_certify, _add_adversary, _add_verify, _add_contract):
         add(verbs)
 
 
 def add_settings(parser: argparse.ArgumentParser) -> None:
     """Add the option ``--set`` with gains, noise and the plant."""
     parser.add_argument("--set", type=setting, nargs="+", default=[], metavar="NAME=VALUE", help="gains, noise ...")
-
-
-def _add_picture(verbs: Any) -> None:
-    picture = verbs.add_parser("picture", help="where V decreases on a grid of states, and what runs show")
-    add_settings(picture)
-    picture.add_argument("--rho-max", type=number_between(*LENGTH), default=12.0, help="size of the grid [m] (12)")
-    picture.add_argument("--points", type=whole(11, 401), default=81, help="along each axis (default: %(default)s)")
-    picture.add_argument("--runs", type=whole(1, 10**7), default=100_000, help="simulated (default: %(default)s)")
-    picture.add_argument("--seed", type=whole(0, MAX_SEED), default=1, help="seed of their noise")
-    picture.add_argument("--out", type=Path, default=Path("out/stability"), help="folder (default: %(default)s)")
-    picture.set_defaults(call=_picture)
-
-
-def _add_level(verbs: Any) -> None:
-    level = verbs.add_parser("level", help="certify the level of V above which it decreases, for every noise")
-    add_settings(level)
-    level.add_argument("--rho-max", type=number_between(*LENGTH), default=12.0, help="largest distance [m] (12)")
-    level.add_argument(
-        "--tolerance", type=number_between(1e-6, 1.0), default=1e-4, help="gap to aim at, as a share (0.0001)"
-    )
-    level.add_argument("--seed", type=whole(0, MAX_SEED), default=1, help="seed of the search for a witness")
-    level.add_argument("--out", type=Path, default=Path("out/stability/level.json"), help="file (default: %(default)s)")
-    level.set_defaults(call=_level)
 
 
 def _add_certify(verbs: Any) -> None:
@@ -113,20 +86,6 @@ def _add_contract(verbs: Any) -> None:
     contract.add_argument("--seed", type=whole(0, MAX_SEED), default=9017, help="of all noise (default: %(default)s)")
     contract.add_argument("--out", type=Path, default=Path("out/contract"), help="folder (default: %(default)s)")
     contract.set_defaults(call=_contract)
-
-
-def _picture(options: argparse.Namespace) -> int:
-    from diffbot_lab.stability.picture import command  # noqa: PLC0415 - only the called command is imported
-
-    values = once("--set", options.set)
-    return command.run(values, options.rho_max, options.points, options.runs, options.seed, options.out)
-
-
-def _level(options: argparse.Namespace) -> int:
-    from diffbot_lab.stability.level import enclosure  # noqa: PLC0415
-
-    values = once("--set", options.set)
-    return enclosure.run(values, options.rho_max, options.tolerance, options.seed, options.out)
 
 
 def _given(options: argparse.Namespace, names: tuple[str, ...]) -> dict[str, Any]:

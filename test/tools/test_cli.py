@@ -155,7 +155,7 @@ def test_outputs_of_every_command_are_checked_before_its_work(tmp_path, capsys):
                     options = Namespace(**{action.dest: path})
                     with pytest.raises(DiffbotError, match="is a bag"):
                         check_outputs(options)
-    assert {"bag check junit", "report out", "campaign out", "stability level out", "watch record"} <= checked
+    assert {"bag check junit", "report out", "campaign out", "stability certify out", "watch record"} <= checked
     (tmp_path / "contract.yaml").write_text("version: 1\n")
     for path in before:
         assert cli.main(["bag", "check", str(bag), str(tmp_path / "contract.yaml"), "--junit", str(path)]) == 2

@@ -6,7 +6,6 @@ import math
 import platform
 import time
 from importlib.metadata import version
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -76,7 +75,6 @@ def certify(
     start: float,
     resolution: Resolution = FINE,
     threads: int | None = None,
-    state: Path | None = None,
 ) -> tuple[Certificate, dict[str, Any]]:
     """Compute a certificate and notes about it.
 
@@ -85,11 +83,9 @@ def certify(
         start: [m] trajectories are to start within this distance.
         resolution: of the cells.
         threads: how many at a time; None for one on each core.
-        state: file for resuming; None for none.
 
     Raises:
         DiffbotError: if the loop has no certificate with these cells.
-        KeyboardInterrupt: the state is written before.
     """
     began = time.monotonic()
     inside = inner_edge(loop)
@@ -98,7 +94,7 @@ def certify(
     to = start + _OUTSIDE
     plan = CellPlan(inside, resolution.fine_to, to, resolution.width, resolution.growth, resolution.columns)
     cells = make_cells(plan)
-    graph = build_graph(images_loop(loop, resolution.slice_width), cells, threads, state)
+    graph = build_graph(images_loop(loop, resolution.slice_width), cells, threads)
     inside_rows = int(np.searchsorted(cells.rho, inside + longest_step(loop, inside), side="right"))
     ranking = _ranking(graph, inside_rows)
     claims = _claims(cells, ranking, start)

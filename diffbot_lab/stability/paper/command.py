@@ -51,16 +51,14 @@ def loop_of(law: str, values: Mapping[str, Any]) -> Loop:
 
 
 def run_certify(loop: Loop, start: float, resolution: Resolution, out: Path, threads: int | None = None) -> int:
-    """Make a certificate and write it to the file ``out``; after an interruption the same call goes on.
+    """Make a certificate and write it to the file ``out``.
 
     Raises:
         DiffbotError: if there is none with these cells, or the file cannot be written.
     """
-    state = out.with_name(out.name + ".state")
     with output_folder(out.parent):
-        certificate, notes = certify(loop, start, resolution, threads, state)
+        certificate, notes = certify(loop, start, resolution, threads)
         save_certificate(out, certificate, notes)
-        state.unlink(missing_ok=True)
     print(f"{notes['cells']} cells, {notes['seconds']:.0f} s")
     print(report(certificate))
     print(out)

@@ -6,10 +6,8 @@ stays.
 
 from __future__ import annotations
 
-import json
 import math
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +22,6 @@ from diffbot_lab.stability.rank.ranking import UNRANKED
 from diffbot_lab.stability.tuned.contract import PLANT, Contract, Plan, check_covered, check_plan
 from diffbot_lab.stability.tuned.file import MAX_CELLS, Certificate, Claims
 from diffbot_lab.stability.tuned.images import number_of_slices
-from diffbot_lab.stability.tuned.kept_ranks import KeptRanks
 from diffbot_lab.stability.tuned.law import TunedLoop, approach
 from diffbot_lab.stability.tuned.near import NearBounds, longest_step, near_bounds
 from diffbot_lab.stability.tuned.table import (
@@ -139,36 +136,26 @@ def boxes_of_row(loop: TunedLoop, table: Table, row: int) -> Boxes:
     return Boxes(boxes[:number].copy(), np.concatenate(([0], np.cumsum(counts))))
 
 
-def certify(config: ControllerConfig, plan: Plan, threads: int | None = None, state: Path | None = None) -> Certificate:
+def certify(config: ControllerConfig, plan: Plan, threads: int | None = None) -> Certificate:
     """Work out core and ranks.
 
     Args:
         config: of the controller.
         plan: contract, start and cells.
         threads: for the images, at a time; None: one per core.
-        state: file in which ranks are kept, to go on from after an interruption; None for none.
 
     Raises:
         DiffbotError: if the configuration is not covered, or there is no certificate.
-        KeyboardInterrupt: the state is written before.
     """
     check_plan(plan)
     loop = tuned_loop(config, plan.contract)
     near = near_bounds(loop, config, plan.contract.sigma_max)
     table, seed = table_of(loop, near, plan)
-    # Found before the images are made: a state of another calculation is refused at once.
-    kept = KeptRanks(state, json.dumps([loop, plan]), int(table.start[-1]))
     images = _images_of_rows(loop, table, threads)
-    ranks = kept.ranks
-    if ranks is None:
-        ranks = np.full(int(table.start[-1]), UNRANKED, np.int16)
-        ranks[: table.start[seed_rows(table, seed)]] = CORE
-        _spread(table, images, ranks)
-    try:
-        _rank(table, images, ranks, kept)
-    except KeyboardInterrupt:
-        kept.save(ranks)
-        raise
+    ranks = np.full(int(table.start[-1]), UNRANKED, np.int16)
+    ranks[: table.start[seed_rows(table, seed)]] = CORE
+    _spread(table, images, ranks)
+    _rank(table, images, ranks)
     claims = Claims(core_radius(table, ranks), float(plan.to), steps_from(table, ranks, plan.to), seed)
     return Certificate(plan, config, table.rho, table.alphas, table.betas, ranks, claims)
 
@@ -190,7 +177,7 @@ def _images_of_rows(loop: TunedLoop, table: Table, threads: int | None) -> list[
     return found
 
 
-def _rank(table: Table, images: list[Boxes], ranks: NDArray[np.int16], kept: KeptRanks) -> None:
+def _rank(table: Table, images: list[Boxes], ranks: NDArray[np.int16]) -> None:
     """Rank what can be ranked, row by row, until nothing changes."""
     with tqdm(total=len(ranks), initial=int((ranks != UNRANKED).sum()), desc="ranks", unit="cell", disable=None) as bar:
         changed = 1
@@ -200,7 +187,6 @@ def _rank(table: Table, images: list[Boxes], ranks: NDArray[np.int16], kept: Kep
                 fresh = rank_kernel(table, row, boxes, start, ranks)
                 changed += fresh
                 bar.update(fresh)
-            kept.save_now_and_then(ranks)
 
 
 def seed_rows(table: Table, seed: float) -> int:

@@ -20,7 +20,7 @@ from diffbot_lab.stability.tuned.verify import verify
 
 
 def run_certify(values: Mapping[str, Any], plan: Plan, out: Path, threads: int | None = None) -> int:
-    """Make a certificate of the tuned law and write it to a file; after an interruption the same call goes on.
+    """Make a certificate of the tuned law and write it to a file.
 
     Args:
         values: parameters of the controller that differ from the preset ``tuned``.
@@ -32,11 +32,9 @@ def run_certify(values: Mapping[str, Any], plan: Plan, out: Path, threads: int |
         DiffbotError: for a configuration that is not covered, without a certificate, or for an unwritable file.
     """
     config, began = build(ControllerConfig, values), time.monotonic()
-    state = out.with_name(out.name + ".state")
     with output_folder(out.parent):
-        certificate = certify(config, plan, threads, state)
+        certificate = certify(config, plan, threads)
         save_tuned(out, certificate)
-        state.unlink(missing_ok=True)
     print(f"{len(certificate.ranks)} cells, {time.monotonic() - began:.0f} s; not verified yet\n{out}")
     return 0
 

@@ -1,1 +1,0 @@
-"""The level of V above which it decreases for every noise: search, file and check."""

@@ -1,1 +1,0 @@
-"""Where V decreases on a grid of states, and what simulated runs show."""
