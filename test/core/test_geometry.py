@@ -39,14 +39,6 @@ def assert_same_pose(pose, homogeneous, tolerance):
 
 
 @CHECK
-@given(st.floats(-math.pi, math.pi, exclude_min=True))
-def test_an_angle_in_range_comes_back_to_the_bit(angle):
-    wrapped = wrap_angle(angle)
-    assert wrapped == angle
-    assert math.copysign(1.0, wrapped) == math.copysign(1.0, angle)
-
-
-@CHECK
 @given(ANY_ANGLE)
 def test_wrapping_takes_away_whole_turns_and_nothing_else(angle):
     # Exact arithmetic: the difference is a whole multiple of the double nearest to 2 pi.

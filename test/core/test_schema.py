@@ -18,7 +18,7 @@ from diffbot_control.goals.configuration import SupervisorConfig
 from diffbot_control.law.controller import ControllerConfig
 from diffbot_control.law.lyapunov_law import Gains
 from diffbot_core.data_sheet import DataSheet
-from diffbot_core.errors import DiffbotError, InvalidValueError, ReplacedNameError
+from diffbot_core.errors import InvalidValueError, ReplacedNameError
 from diffbot_core.schema import PARTIAL, Parameter, Spec, build, checked, parameters_of, replaced_by, to_dict, variant
 
 PACKAGES = (diffbot_core, diffbot_control, diffbot_bag, diffbot_sim)
@@ -203,14 +203,6 @@ class Mixed(NamedTuple):
     inner: NoSpec = NoSpec()
 
 
-class Checking(NamedTuple):
-    value: Annotated[float, Spec("value")] = 0.0
-
-    def check(self):
-        if self.value > 1.0:
-            raise ValueError("too\nlarge")
-
-
 class Outer(NamedTuple):
     group: Inner = Inner()
     left_out: Annotated[float, Spec("left out")] = 1.0
@@ -225,12 +217,6 @@ def test_a_variant_has_other_groups_and_fewer_fields():
     assert parameters_of(variant(Outer, {})) == parameters_of(Outer)
     with pytest.raises(TypeError, match=r"Mixed\.noted has no Spec"):
         parameters_of(variant(Outer, {"group": Mixed}))
-
-
-def test_a_check_that_raises_a_value_error_becomes_one_line():
-    assert build(Checking, {"value": 1.0}).value == 1.0
-    with pytest.raises(DiffbotError, match=r"^Checking: too large$"):
-        build(Checking, {"value": 2.0})
 
 
 def test_lists():

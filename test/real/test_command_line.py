@@ -9,16 +9,12 @@ from pathlib import Path
 import graph
 import pytest
 import rosbag2_bags
-from rclpy.time import Time
 from robot import robot
-from tf2_ros import Buffer, TransformListener
 
 ROOT = Path(__file__).resolve().parents[2]
-LINKS = re.findall(r'<link name="(\w+)"', (ROOT / "urdf" / "diffbot.urdf").read_text())
 NOT_HERE = {"rviz:=true"}
 """What a test cannot have: a screen."""
 ALONE = ("--no-daemon", "--spin-time", "2")
-OWN_ROBOT = ROOT / "docs" / "how-to" / "own-robot.md"
 
 
 def of_readme(beginning):
@@ -70,27 +66,6 @@ def test_the_commands_of_the_readme(tmp_path):
         assert replay.wait() == 0
         (sent,) = re.findall(r"(\d+) messages in", replay.output)
         assert int(sent) == sum(counts.values())
-
-
-def test_the_readmes_launch_of_ones_own_robot(tmp_path):
-    (text,) = re.findall(r"```yaml\n(/\*\*/ekf:.*?)```", OWN_ROBOT.read_text(), re.DOTALL)
-    (tmp_path / "my_robot.yaml").write_text(text)
-    with launched(of_readme("ros2 launch diffbot robot.launch.py"), tmp_path, "ekf", "controller"):
-        assert "0.033" in answer("param", "get", "/ekf", "wheel_radius", *ALONE)
-
-
-def test_the_launch_shows_the_robot_in_all_its_links(tmp_path):
-    """robot_state_publisher with the model of the robot, its wheels turned by the plant's joint states."""
-    words = (*of_readme("ros2 launch diffbot simulation.launch.py"), "description:=true", "bag:=other")
-    nodes = "recorder", "ekf", "controller", "plant"
-    with graph.process(*words, cwd=tmp_path) as launch, graph.peer() as peer:
-        for node in nodes:
-            launch.wait_for_output(f"[{node}]: ready")
-        buffer = Buffer()
-        TransformListener(buffer, peer.node)
-        peer.spin_until(lambda: all(buffer.can_transform("map", link, Time()) for link in LINKS), what=str(LINKS))
-        assert launch.stop(signal.SIGINT) == 0
-    assert len(LINKS) > 4
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,6 @@
 """Bags of this project in the real rosbag2, those of rosbag2 in the commands here, its services and clients."""
 
 import signal
-import time
 from collections import Counter
 
 import bag_commands
@@ -247,16 +246,3 @@ def test_the_services_of_a_replay_are_those_of_rosbag2s_player(ours):
         assert not call("is_paused").paused
         call("stop")
         assert replay.wait() == 0
-
-
-def test_the_clients_of_rosbag2_control_the_replay(ours):
-    """`ros2 service` has the same types: a pause by the command is a pause."""
-    with graph.diffbot("replay", str(ours / "zstd"), "--loop", "--disable-keyboard-controls"), graph.peer() as peer:
-        with ros2("service", "call", "/rosbag2_player/pause", "rosbag2_interfaces/srv/Pause") as command:
-            assert command.wait() == 0
-        assert peer.call(srv.IsPaused, "/rosbag2_player/is_paused").paused
-        received = peer.subscribe(Odometry, "/odom", DEEP)
-        peer.wait_for_publishers("/odom")
-        begin = time.monotonic()
-        peer.spin_for(1.0)
-        assert not received, f"messages of a paused replay after {time.monotonic() - begin:.1f} s"

@@ -111,17 +111,6 @@ def test_a_drift_raises_q_but_not_r(drift):
     assert q.max() <= math.exp(4.0)
 
 
-def test_the_drift_is_a_slow_mean_of_the_innovations_of_accepted_fixes():
-    state, mean = new_adaptation(), np.zeros(3)
-    rng = np.random.default_rng(3)
-    for _ in range(200):
-        y, expected = rng.normal(0.5, 1.0, 3), bool(rng.random() < 0.7)
-        state = adapt(state, Normalised(*y.tolist()), expected)
-        if expected:
-            mean += 0.1 * (y - mean)
-        assert tuple(state.drift) == pytest.approx(tuple(mean))
-
-
 def test_q_of_a_drift_by_hand():
     # Of white noise the mean of memory 0.1 has the variance 0.1 / 1.9 in each of three numbers: 0.397 is not yet drift.
     state = new_adaptation()._replace(drift=Normalised(0.397, 0.0, 0.0))

@@ -8,7 +8,6 @@ from filter_runs import R_FIX, gated_filter, wrapped
 
 from diffbot_control.filter.fix_correlation import correlation_of, new_fix_correlation
 from diffbot_control.filter.gate import ACCEPTED, REJECTED
-from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.measurements import PoseFix
 from diffbot_control.filter.models import Motion
 from diffbot_control.filter.options import FilterConfig, options_of
@@ -109,18 +108,3 @@ def test_right_means_give_the_correlation(c):
     assert correlation_of(1.0 - c, 0.0, 0.0, 200) == 0.0
     assert correlation_of(1.0, 0.0, c, 200) == 0.0  # a drift
     assert correlation_of(1.0 - c, 0.0, c, 1) == 0.0  # too few
-
-
-def test_a_weaker_correction_is_that_of_a_larger_covariance():
-    coloured = Run(0.9, 2).found
-    memory = coloured.memory
-    plain = GatedFilter(options_of(FilterConfig(filter="ekf", detect_correlation=False)), 0.6)
-    plain.reset_to(Pose(0.0, 0.0, 0.0), R_FIX)
-    plain.memory = plain.memory._replace(belief=memory.belief)
-    x, y, theta = memory.belief.x
-    z = Pose(x + 0.1, y - 0.1, theta + 0.05)
-    coloured.take(PoseFix(0, z, R_FIX))
-    plain.take(PoseFix(0, z, memory.fix_correlation.inflation * R_FIX))
-    grown = max(coloured.memory.fix_correlation.inflation / memory.fix_correlation.inflation, 1.0)
-    np.testing.assert_allclose(coloured.memory.belief.x, plain.memory.belief.x, atol=1e-12)
-    np.testing.assert_allclose(coloured.memory.belief.P, grown * plain.memory.belief.P, rtol=1e-9)

@@ -43,21 +43,6 @@ def test_a_relocation_starts_the_mean_anew_and_keeps_the_counts():
     assert record.sensors[FIXES].relocated == 1
 
 
-def test_the_values_of_the_diagnostics():
-    record = noted([(3, 2.4, ACCEPTED), (2, 900.0, REJECTED), (1, 40.0, RELOCATED), (3, 2.4, ACCEPTED)])
-    low, high = chi2.ppf([0.025, 0.975], 3) / 3
-    assert record.values() == {
-        "NIS per number": "0.800",
-        "NIS 95 % bounds": f"{low:.3f} {high:.3f}",
-        "fixes rejected": "0",
-        "relocations by fixes": "0",
-        "landmarks rejected": "1",
-        "relocations by landmarks": "0",
-        "headings rejected": "0",
-        "relocations by headings": "1",
-    }
-
-
 def test_a_covariance_that_rounding_has_left_singular_is_whitened():
     singular, regular = np.full((2, 2), 4.0), np.array([[4.0, 1.0], [1.0, 9.0]])
     innovations = [Innovation(np.array([2.0, 2.0]), singular), Innovation(np.array([2.0, 3.0]), regular)]

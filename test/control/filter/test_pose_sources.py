@@ -6,13 +6,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from diffbot_control.filter.fix_correlation import STANDING, shifted
+from diffbot_control.filter.fix_correlation import shifted
 from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.filter.measurements import FIXES, PoseFix, PositionFix, Source
 from diffbot_control.filter.odometry import OdometryStep
 from diffbot_control.filter.options import FilterConfig
-from diffbot_control.filter.pose_sources import PoseSource, PoseSources
+from diffbot_control.filter.pose_sources import PoseSources
 from diffbot_control.ros.messages.ekf import EkfInputs
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.errors import BadMessageError, InvalidValueError
@@ -113,18 +113,6 @@ def test_the_move_by_another_source_is_no_motion_between_two_fixes():
     assert moved._replace(residual=found.residual, estimate=found.estimate) == found
 
 
-def test_what_was_driven_since_the_last_fix_of_global_pose_is_remembered_at_one_of_another_source():
-    found = Localization(config())
-    found.on_measurement(PoseFix(0, Pose(0.0, 0.0, 0.0), np.eye(3)))
-    for step in (0, 1):
-        found.on_odometry(OdometryStep(step * TENTH, *Drive.odometry))
-    driven = found.filter.memory.travelled
-    assert driven.along > 0.0
-    for source, expected in ((1, driven), (0, STANDING)):
-        found.on_measurement(PoseFix(TENTH, Pose(0.05, 0.0, 0.0), np.eye(3), SOURCES[source]))
-        assert found.filter.memory.travelled == expected
-
-
 def test_fixes_of_two_sources_are_no_duplicates_and_are_fused_in_their_order():
     results = []
     for order in ((0, 1), (1, 0)):
@@ -195,8 +183,3 @@ def test_settings_that_do_not_fit_are_refused(values, name):
         build(EkfNodeConfig, values)
     assert str(caught.value).startswith(name)
     assert "\n" not in str(caught.value)
-
-
-def test_lists_that_are_not_given_have_their_defaults():
-    sources = build(EkfNodeConfig, {"pose_sources": ["gps"], "pose_source_delay": [0.5]}).localization.sources
-    assert sources.settings() == [PoseSource("gps", 0.0, 0.0, 0.0, 0.5)]

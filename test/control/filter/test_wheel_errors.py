@@ -16,10 +16,8 @@ from diffbot_control.filter.belief import ErrorEstimate
 from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.models import Motion
 from diffbot_control.filter.options import FilterConfig, options_of
-from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist, TwistCovariance
-from diffbot_sim.compiled.gated_filter import check_supported
 
 
 @pytest.mark.parametrize("variant", ["ekf_calibrating", "ekf_fnn_calibrating"])
@@ -69,16 +67,3 @@ def test_an_error_beyond_five_deviations_resets_all_three(index):
         assert found.wheels().errors.any() == kept
         assert found.memory.belief.P[3:, :3].any() == kept
     np.testing.assert_allclose(found.wheels().P, 0.01 * np.eye(3))
-
-
-@pytest.mark.parametrize(
-    ("config", "name"),
-    [
-        (FilterConfig(landmark_gate="weigh"), "landmark_gate"),
-        (FilterConfig(fix_correlation_time=1.0), "correlation"),
-    ],
-)
-def test_the_compiled_filter_refuses_what_it_does_not_have(config, name):
-    with pytest.raises(InvalidValueError, match=name):
-        check_supported(options_of(config))
-    check_supported(options_of(FilterConfig(wheel_separation_sigma=0.1)))

@@ -8,7 +8,6 @@ from diffbot_control.goals import Supervisor, SupervisorConfig
 from diffbot_control.goals.goal_record import (
     CANCELLED,
     POSE_LOST,
-    REACHED,
     REPLACED,
     GoalBook,
     GoalRequest,
@@ -59,21 +58,6 @@ class Drive:
         return self.supervisor.goals.ended[-1].reason
 
 
-def test_a_path_is_one_goal_and_ends_at_its_last_pose():
-    drive = Drive(waypoint_radius=0.2)
-    drive.path([AWAY, GOAL])
-    drive.pose(AWAY)
-    assert len(drive.supervisor.goals_ahead) == 1
-    assert drive.ends() == []
-    assert drive.supervisor.goals.present.request.id == "1"
-    drive.pose(THERE)
-    drive.pose(THERE)
-    assert drive.ends() == [("1", REACHED)]
-    assert drive.supervisor.goals.present is None
-    # Accepted at 50 s.
-    assert drive.supervisor.goals.ended[0].elapsed(99.0) == pytest.approx(drive.supervisor.goals.ended[0].ended - 50.0)
-
-
 def test_a_cancelled_goal_ends_when_the_robot_has_come_to_rest_along_its_curve():
     drive = Drive(controller=BRAKING)
     drive.goal()
@@ -94,18 +78,6 @@ def test_a_cancelled_goal_ends_when_the_robot_has_come_to_rest_along_its_curve()
         previous = command
 
 
-def test_a_goal_that_comes_while_the_robot_brakes_does_not_change_the_end_of_the_cancelled_one():
-    drive = Drive(controller=BRAKING)
-    drive.goal()
-    for _ in range(5):
-        drive.pose()
-    drive.supervisor.on_cancel()
-    drive.goal()
-    assert drive.ends() == [("1", CANCELLED)]
-    assert drive.reason() == "", "the newer goal is not why"
-    assert not drive.supervisor.goals.present.is_cancelling
-
-
 @pytest.mark.parametrize("before", ["nothing", "a long silence", "a pose", "a clock set back"])
 def test_a_goal_without_poses_ends_after_pose_lost_timeout(before):
     drive = Drive(pose_lost_timeout=2.0)
@@ -123,16 +95,6 @@ def test_a_goal_without_poses_ends_after_pose_lost_timeout(before):
     assert drive.ends() == [("1", POSE_LOST)]
     assert drive.reason() == "no pose for pose_lost_timeout = 2 s"
     assert (drive.supervisor.status, drive.supervisor.goal) == (GIVEN_UP, None)
-
-
-def test_a_clock_that_runs_fast_gives_no_goal_up_before_the_steady_one_has_waited_as_long():
-    drive = Drive(pose_lost_timeout=2.0)
-    drive.goal()
-    drive.pose()
-    drive.supervisor.on_tick(drive.now + 100.0, silence=1.9)
-    assert drive.ends() == []
-    drive.supervisor.on_tick(drive.now + 100.0, silence=2.1)
-    assert drive.ends() == [("1", POSE_LOST)]
 
 
 def test_a_book_knows_its_goals_by_their_ids_and_forgets_the_oldest():

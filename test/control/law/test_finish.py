@@ -13,7 +13,7 @@ from diffbot_control.law import controller
 from diffbot_control.law.controller import new_memory
 from diffbot_control.law.finish import LEAVING, TO_AND_FRO, V_LEG, Standing, next_finish, no_finish
 from diffbot_control.law.presets import PRESETS
-from diffbot_control.law.regions import OMEGA_G, OMEGA_L, Switching
+from diffbot_control.law.regions import OMEGA_L, Switching
 from diffbot_core.geometry import Pose
 from diffbot_core.uncertainty import Estimate, Uncertainty
 
@@ -56,19 +56,6 @@ def test_legs_to_and_fro_work_off_an_error_inside_both_tolerances(tolerance, sha
     assert regions(run) == {OMEGA_L}
     assert kinds(run) == {0, TO_AND_FRO}
     assert answered_after(run) == pytest.approx((config.tolerance.settling_steps - 1) * T_S)
-
-
-@pytest.mark.parametrize("start", [(0.0, 0.08, 0.0), (0.03, -0.08, 0.04), (-0.03, 0.075, -0.06)])
-@pytest.mark.parametrize("config", [TUNED, FORWARD], ids=["to and fro", "forward only"])
-def test_an_error_too_near_to_the_tolerance_for_the_estimate_is_worked_off_until_the_goal_is_reached(start, config):
-    run = Run(start, config, 250, uncertainty=KNOWN, memory=NEAR)
-    assert WAIT < answered_after(run) < 25.0
-    assert math.hypot(run.end.x, run.end.y) < 0.065
-    if config is FORWARD:
-        assert all(command.v >= 0.0 for command in run.commands)
-        assert OMEGA_G in regions(run)
-    else:
-        assert kinds(run) == {0, TO_AND_FRO}
 
 
 @pytest.mark.parametrize(("lateral", "sigma"), [(0.115, 0.008), (-0.12, 0.012), (0.13, 0.02)])
@@ -137,13 +124,6 @@ def test_what_begins(local, standing, uncertainty):
     assert standing.allow_backward == (found.kind != LEAVING) or found.kind == 0
 
 
-def test_switched_off_it_stays_where_it_rests():
-    config = TUNED._replace(finish=TUNED.finish._replace(finish_begin=1.0))
-    run = Run((0.0, 0.06, 0.0), config, 100, memory=NEAR)
-    assert run.end == pytest.approx((0.0, 0.06, 0.0), abs=1e-9)
-    assert answered_after(run) < 1.0
-
-
 def test_a_reached_goal_is_never_left_by_a_v_or_a_new_approach():
     """The estimate wanders beyond the tolerance by less than two deviations."""
     rng = random.Random(1)
@@ -173,17 +153,6 @@ def test_legs_that_correct_nothing_end_and_the_robot_rests_again():
     assert rested >= 2
     begun = [after for before, after in itertools.pairwise(legs) if after != before]
     assert begun[:14] == [*range(12, -1, -1), 12]
-
-
-def test_one_pose_thrown_aside_turns_a_leg_into_nothing_else():
-    begun = Run((0.0, 0.08, 0.0), TUNED, 25, uncertainty=KNOWN, memory=NEAR)
-    assert begun.memories[-1].finish.kind == TO_AND_FRO
-    thrown = Estimate(Pose(begun.end.x, 0.13, begun.end.theta), KNOWN)
-    memory, _, _ = controller.step(begun.memories[-1], thrown, ORIGIN, T_S, TUNED)
-    after = Run(begun.end, TUNED, 300, uncertainty=KNOWN, memory=memory)
-    assert kinds(after) == {0, TO_AND_FRO}
-    assert after.memories[-1].reached
-    assert max(after.distances) < 0.1
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -6,7 +6,6 @@ from driven import ORIGIN, step
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, SetParameters
 
-from diffbot_control.goals.configuration import SupervisorConfig
 from diffbot_control.law.controller import ControllerConfig, ControllerMemory
 from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.regions import OMEGA_L, Switching
@@ -33,12 +32,6 @@ def test_every_preset_is_valid_and_survives_conversion_to_parameters(name):
     # Whatever is the default, a preset used as the base gives that preset.
     assert build(ControllerNodeConfig, {}, whole) == whole
     assert build(ControllerNodeConfig, {"k": 7}, whole).supervisor.controller.gains.k == 7.0
-
-
-def test_the_library_and_the_node_have_the_same_defaults():
-    assert ControllerConfig() == PRESETS[ControllerNodeConfig().preset]
-    assert ControllerNodeConfig() == CONTROLLER_PRESETS[ControllerNodeConfig().preset]
-    assert SupervisorConfig().controller == ControllerConfig()
 
 
 @pytest.mark.parametrize(("name", "reached"), [("tuned", False), ("paper_covariance", False), ("paper", True)])

@@ -99,16 +99,6 @@ def test_it_never_begins_with_an_error_that_is_allowed_or_below_its_own_uncertai
     assert found is (abs(y) > allowed and abs(y) > sigma)
 
 
-def test_it_begins_within_its_window_after_the_first_rest_or_not_at_all():
-    for unsure, expected in ((340, True), (347, False)):
-        # The position is not known for some poses: the time since the first rest goes on.
-        state, found = Reapproach(), set()
-        for number in range(400):
-            state = advance(state, uncertainty=Uncertainty(0.5 if number < unsure else 0.0, 0.0))
-            found.add(state.phase)
-        assert (RETREATING in found) is expected, unsure
-
-
 @pytest.mark.parametrize("tries", [0, 2])
 def test_the_number_of_tries_is_bounded_whatever_the_error_does(tries):
     config = TUNED._replace(reapproach=ReapproachConfig(reapproach_tries=tries))
@@ -121,16 +111,6 @@ def test_the_number_of_tries_is_bounded_whatever_the_error_does(tries):
     assert worked_off == [True] * tries + [False] * 2
     assert phases(run)[-1] == RESTING
     assert run.commands[-1] == pytest.approx((0.0, 0.0), abs=1e-3)
-
-
-def test_pushed_far_away_it_gives_up_and_drives_there_but_its_tries_stay_counted():
-    run = resting((0.0, 0.12, 0.0), steps=25)
-    after = resting((-3.0, 1.0, 0.3), memory=run.memories[-1], steps=600)
-    assert RESTING not in phases(after)[:2], "a sample or two may be noise"
-    assert phases(after)[2] == RESTING
-    assert after.memories[2].switching.region == OMEGA_G
-    assert after.memories[2].reapproach.tries == 1
-    assert math.hypot(after.end.x, after.end.y) < 0.07
 
 
 def test_the_command_by_hand():
@@ -159,12 +139,3 @@ def test_forward_only_it_turns_on_the_spot_where_the_law_would_reverse(x, y, the
         assert command == (0.0, pytest.approx(config.gains.k * report.alpha))
     else:
         assert command.v == max(step(ControllerMemory(), pose, ORIGIN, T_S, PRESETS["paper"])[1].v, 0.0)
-
-
-@pytest.mark.parametrize(("y", "stays"), [(0.09, True), (0.28, False)])
-def test_forward_only_drives_away_from_an_error_that_it_cannot_correct_in_place(y, stays):
-    run = resting((0.0, y, 0.0), FORWARD, 600)
-    assert set(phases(run)) == {RESTING}
-    assert all(command.v >= 0.0 for command in run.commands)
-    assert (run.end == pytest.approx((0.0, y, 0.0), abs=1e-9)) is stays
-    assert math.hypot(run.end.x, run.end.y) <= FORWARD.tolerance.xy_goal_tolerance

@@ -7,7 +7,7 @@ from rcl_interfaces.msg import Parameter
 from rcl_interfaces.srv import SetParametersAtomically
 from robot import parameter_value
 
-from diffbot_control.ros.goals.request import checked_goal_id, goal_request, new_goal_id, read_goal_request
+from diffbot_control.ros.goals.request import goal_request, read_goal_request
 from diffbot_control.ros.messages.fields import pose_of
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose
@@ -41,12 +41,6 @@ def test_what_may_be_left_out_or_written_otherwise():
     sent = read_goal_request(request(values), "the_map")
     assert (sent.id, sent.message.header.frame_id) == (ID, "the_map")
     assert pose_of(sent.message.pose) == pytest.approx((1.0, 2.0, 0.0))
-
-
-def test_ids_are_new_and_valid():
-    ids = {new_goal_id() for _ in range(100)}
-    assert len(ids) == 100
-    assert all(checked_goal_id(one) == one for one in ids)
 
 
 HOSTILE = {
