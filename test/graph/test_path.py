@@ -6,23 +6,22 @@ import graph
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
+from inside import inside
 from nav_msgs.msg import Path
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from robot import distance, lockstep, planar, pose_stamped, stamp, turned
+from robot import distance, planar, pose_stamped, stamp, turned
 
 from diffbot_control.law.finish import FINISH_NAMES
 
-WORLD = {"seed": 12}
 RADIUS = 0.4
 START = 1000 * 10**9
 ALL_STATES = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 ROUTE = [(-1.0, -3.0, 1.0), (1.0, -2.0, 0.5), (1.0, -0.5, 2.5)]
 
 
-def path(goals, frame="map", pose_frame="map"):
-    message = Path()
-    message.header.frame_id = frame
-    message.poses = [pose_stamped(*goal, frame=pose_frame) for goal in goals]
+def path(goals):
+    message = Path(poses=[pose_stamped(*goal) for goal in goals])
+    message.header.frame_id = "map"
     return message
 
 
@@ -34,7 +33,7 @@ def waypoints(states):
 
 @pytest.fixture(scope="module")
 def robot():
-    with lockstep(WORLD, controller={"waypoint_radius": RADIUS}, only=("robot", "plant"), joined=True) as running:
+    with inside({"seed": 12}, controller={"waypoint_radius": RADIUS}) as running:
         running.paths = running.peer.publisher(Path, "path", QoSProfile(depth=10))
         running.states = running.peer.subscribe(DiagnosticStatus, "controller/status", ALL_STATES)
         running.peer.wait_for_subscribers(running.paths)
@@ -50,20 +49,9 @@ def send_path(robot, message, number=1):
     robot.peer.spin_until(lambda: expected in waypoints(robot.states), what=f"waypoint {expected} in the status")
 
 
-def run(robot, condition, what):
-    robot.pause(False)
-    robot.peer.spin_until(condition, what=what)
-    robot.pause(True)
-    robot.catch_up()
-
-
-def newest(robot):
-    return graph.values(robot.states[-1])
-
-
 def test_waypoints_within_the_radius_are_passed_without_a_stop_and_the_last_one_is_reached(robot):
     send_path(robot, path(ROUTE))
-    run(robot, lambda: robot.states[-1].message == "goal reached", "the end of the path")
+    robot.run(lambda: robot.states[-1].message == "goal reached", "the end of the path")
     assert waypoints(robot.states) == ["1/3", "2/3", "3/3"]
     truths = {(stamp(message) - START) // 10**8: planar(message.pose.pose) for message in robot.truths}
     for goal in ROUTE[:2]:
@@ -78,10 +66,9 @@ def test_waypoints_within_the_radius_are_passed_without_a_stop_and_the_last_one_
 
 def test_the_status_has_waypoint_finish_and_the_smallest_tolerance_of_the_newest_pose(robot):
     # The robot stands still; a status that was sent since then is about the newest pose.
-    robot.catch_up()
     robot.states.clear()
     robot.peer.spin_until(lambda: robot.states, what="a status")
-    values = newest(robot)
+    values = graph.values(robot.states[-1])
     # Waypoints that were passed are not counted.
     assert (values["region"], values["waypoint"], values["goals reached"]) == ("Omega_L", "3/3", "1")
     assert values["finish"] in FINISH_NAMES
