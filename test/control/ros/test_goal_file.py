@@ -6,7 +6,7 @@ import math
 
 import hypothesis.strategies as st
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 
 from diffbot_control.ros.goals.goal_file import BrokenGoalError, SavedGoal, encode_poses, load_goal, save_goal
 from diffbot_core.geometry import Pose
@@ -65,6 +65,7 @@ JSON = st.recursive(
 )
 
 
+@settings(max_examples=50)
 @given(st.sampled_from([*SavedGoal._fields, "version"]), JSON)
 def test_any_value_of_a_field_is_taken_or_refused(tmp_path_factory, field, value):
     path = tmp_path_factory.getbasetemp() / "goal"
