@@ -84,22 +84,6 @@ def test_a_path_is_driven_through_its_poses_with_feedback(driven):
     assert "navigate_through_poses: goal rejected: path is empty" in driven.processes["controller"].output
 
 
-def test_a_newer_goal_aborts_the_older_with_its_reason(driven, to_pose):
-    older = to_pose.send(FAR)
-    newer = to_pose.send((-60.0, 60.0, 0.0))
-    status, result = to_pose.result(older)
-    assert status == GoalStatus.STATUS_ABORTED
-    assert result.error_code != 0
-    assert result.error_msg == "replaced: by a newer goal (action)"
-    driven.send_goal(*FAR)
-    status, result = to_pose.result(newer)
-    assert (status, result.error_msg) == (GoalStatus.STATUS_ABORTED, "replaced: by a newer goal (goal_pose)")
-    handle = to_pose.send(FAR)
-    assert driven.cancel().success
-    status, result = to_pose.result(handle)
-    assert (status, result.error_msg) == (GoalStatus.STATUS_ABORTED, "cancelled")
-
-
 def test_cancelling_brakes_within_the_limits_and_ends_at_rest(driven, to_pose):
     handle = to_pose.send(FAR)
     driven.peer.spin_until(lambda: abs(twist(driven.commands[-1])[0]) > 0.3, what="motion")

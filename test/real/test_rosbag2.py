@@ -106,16 +106,6 @@ def test_rosbag2_reads_what_is_in_a_bag_of_ours(ours, kind, figures):
     figures.setdefault("bags read by rosbag2", []).append(kind)
 
 
-def test_a_split_bag_has_several_files(ours):
-    for kind in ("split", "split later"):
-        assert len(rosbag2_bags.metadata(ours / kind).files) > 1
-
-
-def test_a_killed_bag_is_one_that_rosbag2_refuses_before_its_repair(ours):
-    with pytest.raises(RuntimeError):
-        rosbag2_bags.read(ours / "killed")
-
-
 THEIRS = {
     **{f"preset {preset}": {"storage_preset_profile": preset} for preset in rosbag2_bags.PRESETS},
     "split": {"max_bagfile_size": 50_000, "storage_preset_profile": "fastwrite"},
@@ -173,15 +163,6 @@ def test_a_bag_that_is_not_supported_is_refused_in_one_line_that_says_why(theirs
 
 def ros2(*arguments, **options):
     return graph.process("ros2", *map(str, arguments), **options)
-
-
-def test_ros2_bag_info_prints_counts_of_ours(ours):
-    with ros2("bag", "info", ours / "zstd") as command:
-        assert command.wait() == 0
-        counts = Counter(topic for topic, *_ in rosbag2_bags.read(ours / "zstd"))
-        for topic, count in counts.items():
-            (line,) = (line for line in command.output.splitlines() if f"Topic: {topic} " in line)
-            assert f"Count: {count} " in line
 
 
 def test_ros2_bag_play_sends_all_of_ours(ours):

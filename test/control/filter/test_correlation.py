@@ -63,11 +63,3 @@ def test_each_source_is_compared_with_itself_and_each_landmark_is_a_source():
     )
     for one, dt, time in expected:
         assert inflation_of(stamps, one, TIMES) == pytest.approx(inflation_after(dt, time))
-
-
-def test_independent_errors_are_neither_remembered_nor_inflated():
-    times = {HEADINGS: 0.0, FIXES: 1.0}
-    assert with_stamp(NO_STAMPS, heading(0.0), times) == {}
-    stamps = with_stamp(with_stamp(NO_STAMPS, fix(0.0), times), landmark(0.0), times)
-    assert stamps == {fix(0.0).source: 0}
-    assert inflation_of({**stamps, heading(0.0).source: 0}, heading(0.1), times) == 1.0

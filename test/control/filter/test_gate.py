@@ -4,12 +4,11 @@ import math
 
 import numpy as np
 import pytest
-from filter_runs import build_motion, covariance, fix, gated_filter, heading, landmark, straight
+from filter_runs import gated_filter, heading, landmark, straight
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
-from diffbot_control.filter.belief import ErrorEstimate
 from diffbot_control.filter.gate import (
     ACCEPTED,
     IGNORED,
@@ -28,7 +27,6 @@ from diffbot_control.filter.gate import (
 from diffbot_control.filter.options import EKF, FNN_CALIBRATING, FilterConfig, options_of
 
 CHECK = settings(max_examples=100)
-NOT_ADAPTIVE = ("ekf", "ekf_calibrating")
 BOTH = pytest.mark.parametrize("variant", [EKF, FNN_CALIBRATING])
 
 
@@ -121,31 +119,6 @@ def test_a_weighed_landmark_is_never_rejected_but_for_a_nis_that_is_none_and_ign
     assert decide_weight(memory, 0.5, gate) == (new_gate(), Decision(ACCEPTED, False))
     assert decide_weight(memory, math.nan, gate) == (memory, Decision(REJECTED, False))
     assert decide_weight(memory, math.inf, gate) == (memory, Decision(IGNORED, False))
-
-
-@pytest.mark.parametrize("variant", NOT_ADAPTIVE)
-def test_the_candidate_is_a_filter_of_its_own_started_at_the_first_rejected_fix(variant):
-    rng = np.random.default_rng(2)
-    found = gated_filter(variant, relocation_fixes=4, relocation_timeout=60.0)
-    second = gated_filter(variant, (30.0, 10.0, 2.0), gate_probability=1.0)
-    motions = [build_motion(*rng.normal(1.0, 0.3, 2), 0.5, 0.01, 0.002, 0.02) for _ in range(4)]
-    found.predict(motions[0])
-    second.set_wheels(ErrorEstimate(found.memory.belief.x[3:], found.memory.belief.P[3:, 3:]))
-    assert found.take(fix(30.0, 10.0, 2.0)) == REJECTED
-    for number, one in enumerate(motions[1:], 1):
-        found.predict(one)
-        second.predict(one)
-        x, y, theta = second.memory.belief.x[:3] + rng.normal(0.0, 0.1, 3)
-        R = covariance(rng, 3, 0.1, 0.3)
-        verdict = found.take(fix(x, y, theta, R))
-        assert second.take(fix(x, y, theta, R)) == ACCEPTED
-        mine = found.memory.belief if number == 3 else found.memory.candidate
-        np.testing.assert_array_equal(mine.x, second.memory.belief.x)
-        np.testing.assert_array_equal(mine.P, second.memory.belief.P)
-        assert verdict == (RELOCATED if number == 3 else REJECTED)
-    # In 1.5 s at about 1 m/s it had to move.
-    assert np.hypot(*(found.memory.belief.x[:2] - (30.0, 10.0))) > 1.0
-    assert (found.memory.candidate, found.memory.gate) == (None, new_gate())
 
 
 @BOTH

@@ -85,20 +85,6 @@ def test_a_covariance_that_covers_the_correlation_is_not_made_much_larger():
     assert inflation_by(means, DT) < 4.0
 
 
-def test_the_option_and_the_other_mechanisms_switch_it_off():
-    def detects(*, landmarks=True, **options):
-        return options_of(FilterConfig(**options), landmarks=landmarks).detects_landmark_correlation
-
-    assert detects()
-    assert not detects(landmarks=False)
-    assert not detects(detect_correlation=False)
-    assert not detects(landmark_correlation_time=1.0)
-    assert not detects(filter="ekf_fnn_calibrating")
-    told = Run(3.0, 0, landmark_correlation_time=3.0).found
-    assert told.landmark_correlation_time() is None
-    assert told.memory.landmarks.means == NO_PAIRS
-
-
 def test_what_was_found_survives_a_relocation_but_no_landmark_has_a_partner():
     found = Run(3.0, 0).found
     means = found.memory.landmarks.means

@@ -182,16 +182,6 @@ def test_an_odometry_sent_again_is_answered_without_moving():
     assert localization.on_odometry(odometry(1)).pose != first.pose
 
 
-def test_an_odometry_out_of_order_is_refused_and_changes_nothing():
-    localization = fresh()
-    for number in (1, 2, 4):
-        before = localization.on_odometry(odometry(number))
-    with pytest.raises(BadMessageError, match="out of order"):
-        localization.on_odometry(odometry(3))
-    assert_equal_estimates(localization, before.pose, before.P)
-    assert localization.estimate().odometry == odometry(4)
-
-
 @pytest.mark.parametrize(("number", "kind"), [(2, "time jumped back"), (10**5, "time jumped ahead")])
 def test_time_that_jumps_resets(number, kind):
     localization = fresh()

@@ -1,10 +1,10 @@
 """Several sources of fixes: each is used with its own noise, correlation time and delay, and watched by itself."""
 
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from filter_input import fix
 
 from diffbot_control.filter.fix_correlation import shifted
 from diffbot_control.filter.localization import Localization
@@ -129,14 +129,10 @@ def test_fixes_of_two_sources_are_no_duplicates_and_are_fused_in_their_order():
     assert (results[0].P == results[1].P).all()
 
 
-def message(x, variance, stamp=5):
-    covariance = np.zeros(36)
-    covariance[[0, 7, 35]] = variance
-    pose = SimpleNamespace(
-        position=SimpleNamespace(x=x, y=0.0, z=0.0), orientation=SimpleNamespace(x=0.0, y=0.0, z=0.0, w=1.0)
-    )
-    header = SimpleNamespace(frame_id="map", stamp=SimpleNamespace(sec=stamp, nanosec=0))
-    return SimpleNamespace(header=header, pose=SimpleNamespace(pose=pose, covariance=covariance))
+def message(variance):
+    made = fix(5.0, 1.0, 0.0, 0.0)
+    made.pose.covariance[[0, 7, 35]] = variance
+    return made
 
 
 NODE = {
@@ -149,29 +145,27 @@ NODE = {
 
 def test_messages_get_the_deviations_and_the_delay_of_their_source():
     inputs = EkfInputs(build(EkfNodeConfig, NODE))
-    (fix,), uses_fallback, *_ = inputs.sensor("gps").read(message(1.0, 0.5))
-    assert (fix.stamp, fix.source, fix.pose.x) == (4_750_000_000, Source("fixes of gps"), 1.0)
-    assert fix.R.tolist() == np.diag([0.5] * 3).tolist()
+    (found,), uses_fallback, *_ = inputs.sensor("gps").read(message(0.5))
+    assert (found.stamp, found.source, found.pose.x) == (4_750_000_000, Source("fixes of gps"), 1.0)
+    assert found.R.tolist() == np.diag([0.5] * 3).tolist()
     assert not uses_fallback
     with pytest.raises(BadMessageError, match="covariance is zero"):
-        inputs.sensor("gps").read(message(1.0, 0.0))
+        inputs.sensor("gps").read(message(0.0))
     # A deviation of the heading that says nothing: the fix is one of the position.
-    (fix,), uses_fallback, *_ = inputs.sensor("uwb/pose").read(message(1.0, 0.0))
-    assert isinstance(fix, PositionFix)
-    assert (fix.stamp, fix.source) == (5_000_000_000, Source("fixes of uwb/pose"))
-    np.testing.assert_allclose(fix.R, np.diag([0.04, 0.04]))
+    (found,), uses_fallback, *_ = inputs.sensor("uwb/pose").read(message(0.0))
+    assert isinstance(found, PositionFix)
+    assert (found.stamp, found.source) == (5_000_000_000, Source("fixes of uwb/pose"))
+    np.testing.assert_allclose(found.R, np.diag([0.04, 0.04]))
     assert uses_fallback
-    (fix,), *_ = inputs.sensor("global_pose").read(message(1.0, 0.5))
-    assert fix.source == Source(FIXES)
+    (found,), *_ = inputs.sensor("global_pose").read(message(0.5))
+    assert found.source == Source(FIXES)
 
 
 @pytest.mark.parametrize(
     ("values", "name"),
     [
         ({"pose_sources": ["global_pose"]}, "pose_sources"),
-        ({"pose_sources": [f"gps{i}" for i in range(9)]}, "pose_sources"),
         ({"pose_sources": ["1gps"]}, "pose_sources"),
-        ({"pose_sources": ["gps\n"]}, "pose_sources"),
         ({"pose_sources": ["gps"], "pose_source_delay": [0.1, 0.2]}, "pose_source_delay"),
         ({"pose_sources": ["gps"], "pose_source_delay": [1.5]}, "pose_source_delay"),
         ({"pose_sources": ["gps"], "pose_source_sigma_xy": [1e-5]}, "pose_source_sigma_xy"),

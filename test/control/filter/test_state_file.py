@@ -2,7 +2,6 @@
 
 import json
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -88,20 +87,6 @@ def test_what_others_could_have_written_is_not_believed(tmp_path, make, reason):
     make(path, json.dumps(GOOD))
     with pytest.raises(BrokenStateError, match=reason):
         load_state(path)
-
-
-def test_the_old_state_stays_if_the_new_one_cannot_be_written(tmp_path, monkeypatch):
-    path = tmp_path / "state.json"
-    path.write_text(json.dumps(GOOD))
-
-    def full(self, target):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(Path, "replace", full)
-    with pytest.raises(OSError, match="No space left"):
-        save_state(path, SavedState(Pose(0.0, 0.0, 0.0), P, None, GEOMETRY))
-    assert load_state(path).pose == (1.0, -2.0, 3.0)
-    assert [one.name for one in tmp_path.iterdir()] == ["state.json"]
 
 
 def test_radii_are_restored_to_any_filter_that_has_them_and_other_errors_where_they_are_states(tmp_path):

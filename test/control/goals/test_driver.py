@@ -13,7 +13,6 @@ from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import Estimate, Uncertainty
-from diffbot_lab.laws.rotate_drive_rotate import RotateDriveRotate, RotateDriveRotateConfig
 
 ZERO = (0.0, 0.0)
 SLOW = DataSheet(a_max=1.0, omega_dot_max=2.0)
@@ -89,27 +88,6 @@ def test_a_cancelled_robot_brakes_within_the_limits_or_at_once_without_a_data_sh
     assert speeds[5] == pytest.approx(ZERO, abs=1e-12)
     assert drive.supervisor.status == IDLE
     assert drive.supervisor.memory == Memory(), "a field of the same name and another type is the law's own"
-
-
-def test_the_motion_of_a_law_that_remembers_it_outlives_goal_and_cancel():
-    config = RotateDriveRotateConfig(data_sheet=SLOW._replace(command_latency=0.3))
-    drive = Drive(RotateDriveRotate, config)
-    commands = [drive.pose().v for _ in range(8)]
-    assert commands[-1] == pytest.approx(0.7)
-    drive.supervisor.on_goal(Pose(1.0, 0.0, 0.0))
-    assert drive.supervisor.memory.state.direction == 0.0, "the law begins anew"
-    assert drive.supervisor.memory.command.v == pytest.approx(0.7)
-    # Turning comes first with a new goal, but not faster than the limits allow.
-    assert drive.pose().v == pytest.approx(0.8, abs=0.11)
-    drive.supervisor.on_cancel()
-    drive.pose()
-    last = drive.supervisor.memory.command.v
-    drive.pose()
-    newest = drive.supervisor.memory.actuation.under_way[-1]
-    assert (newest.v, newest.span) == (pytest.approx(last), pytest.approx(0.1))
-    drive.supervisor.on_goal(GOAL)
-    drive.supervisor.on_tick(drive.now + 1.0)
-    assert drive.supervisor.memory.command == ZERO
 
 
 def raising(_memory):

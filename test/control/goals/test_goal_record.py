@@ -6,7 +6,6 @@ import pytest
 
 from diffbot_control.goals import Supervisor, SupervisorConfig
 from diffbot_control.goals.goal_record import (
-    CANCELLED,
     POSE_LOST,
     REPLACED,
     GoalBook,
@@ -16,12 +15,10 @@ from diffbot_control.goals.goal_record import (
 )
 from diffbot_control.goals.states import NOT_AT_GOAL as GIVEN_UP
 from diffbot_control.law.presets import PRESETS
-from diffbot_core.data_sheet import PAPER_DATA_SHEET
 from diffbot_core.geometry import Pose
 
 PAPER = PRESETS["paper"]
 QUICK = PAPER._replace(tolerance=PAPER.tolerance._replace(settling_steps=1))
-BRAKING = PAPER._replace(data_sheet=PAPER_DATA_SHEET._replace(a_max=1.0, omega_dot_max=2.0))
 GOAL, AWAY, THERE = Pose(0.0, 0.0, 0.0), Pose(-3.0, 0.5, 0.3), Pose(-0.01, 0.0, 0.0)
 
 
@@ -56,26 +53,6 @@ class Drive:
 
     def reason(self):
         return self.supervisor.goals.ended[-1].reason
-
-
-def test_a_cancelled_goal_ends_when_the_robot_has_come_to_rest_along_its_curve():
-    drive = Drive(controller=BRAKING)
-    drive.goal()
-    commands = [drive.pose() for _ in range(5)]
-    moving = commands[-1]
-    assert abs(moving.v) > 0.3
-    assert abs(moving.omega) > 0.01
-    assert drive.supervisor.on_cancel() == moving
-    assert drive.ends() == []
-    assert drive.supervisor.goals.present.is_cancelling
-    previous = moving
-    while previous != (0.0, 0.0):
-        command = drive.pose()
-        assert abs(command.v - previous.v) <= 0.1 + 1e-12
-        assert abs(command.omega - previous.omega) <= 0.2 + 1e-12
-        assert command.v * moving.omega == pytest.approx(command.omega * moving.v, abs=1e-12), "the same curvature"
-        assert (drive.ends() == [("1", CANCELLED)]) == (command == (0.0, 0.0))
-        previous = command
 
 
 @pytest.mark.parametrize("before", ["nothing", "a long silence", "a pose", "a clock set back"])

@@ -49,17 +49,6 @@ class Story:
         return self.supervisor.status
 
 
-def test_it_is_silent_without_a_goal_and_waits_with_one_until_a_pose_comes():
-    story = Story()
-    assert (story.tick(10.0), story.supervisor.on_cancel(), story.state) == (None, None, IDLE)
-    story.supervisor.on_goal(GOAL)
-    assert (story.tick(10.0), story.state) == (None, WAITING)
-    assert story.pose() == pytest.approx((1.3, 0.0))
-    assert story.state == DRIVING
-    story = Story()
-    assert (story.pose(), story.tick(10.0), story.state) == (None, None, IDLE)
-
-
 def test_the_time_between_stamps_goes_to_the_acceleration_limits():
     story = Story(controller=SLOW_DOWN)
     story.supervisor.on_goal(GOAL)
@@ -415,8 +404,3 @@ def test_the_limits_of_acceleration_get_no_more_time_than_has_passed_since_the_l
     # Jitter of the arrival alone costs nothing in the mean.
     jitter = limited_speeds([*regular, *[(0.05, 0.07), (0.05, 0.03)] * 5])
     assert jitter[-1] == pytest.approx(0.2 + 10 * 0.05)
-
-
-def test_after_a_halt_the_robot_starts_from_rest():
-    speeds = limited_speeds([(0.05, 0.05)] * 5 + [(0.9, 0.9), (0.05, 0.05), (0.05, 0.05)])
-    assert speeds[-3:] == pytest.approx([0.0, 0.05, 0.1])

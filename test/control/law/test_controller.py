@@ -92,21 +92,3 @@ def test_a_new_goal_forgets_all_but_the_motion():
         **moving,
     )
     assert driver_of(SwitchingLaw).memory_for_new_goal(memory, PRESETS["tuned"]) == new_memory()._replace(**moving)
-
-
-@pytest.mark.parametrize(
-    ("pose", "goal"),
-    [
-        (Pose(1e308, 0.0, 0.0), Pose(-1e308, 0.0, 0.0)),
-        (Pose(math.nan, 0.0, 0.0), ORIGIN),
-        (Pose(0.0, 0.0, math.nan), ORIGIN),
-    ],
-)
-@pytest.mark.parametrize("region", [OMEGA_G, OMEGA_L])
-@pytest.mark.parametrize("preset", ["paper", "tuned"])
-def test_numbers_that_overflow_stop_the_robot(preset, pose, goal, region):
-    memory = ControllerMemory(Switching(region), Twist(0.5, 0.1))
-    after, command, _ = step(memory, pose, goal, T_S, PRESETS[preset])
-    assert command == (0.0, 0.0)
-    assert after.command == (0.0, 0.0)
-    assert not after.reached

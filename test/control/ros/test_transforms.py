@@ -13,11 +13,10 @@ from rclpy.time import Time
 from robot import pose_stamped
 from scipy.spatial.transform import Rotation
 
-from diffbot_control.ros.frames import prefixed
 from diffbot_control.ros.messages.conversions import goal_from, path_from
 from diffbot_control.ros.tf import Tf2Transforms
 from diffbot_control.ros.transforms import transformed
-from diffbot_core.errors import BadMessageError, InvalidValueError
+from diffbot_core.errors import BadMessageError
 
 SECOND = 10**9
 
@@ -150,17 +149,3 @@ def test_the_newest_transform_may_be_older_than_the_goal_by_the_tolerance(late, 
         return
     with pytest.raises(BadMessageError, match=r"^no transform: 'odom' to 'map': Lookup .* future\. Details$"):
         transforms.lookup("map", "odom", stamp)
-
-
-def test_a_frame_that_tf2_does_not_know_is_refused_in_one_line():
-    tf2 = FakeTf2(SECOND)
-    transforms = Tf2Transforms(tf2, "node", 0.3)
-    assert tf2.listeners == [(tf2, "node")]
-    with pytest.raises(BadMessageError, match=r"^no transform: 'moon' to 'map': .*does not exist\.$"):
-        transforms.lookup("map", "moon", 0)
-
-
-def test_a_prefix_is_put_before_a_frame_and_must_not_begin_with_a_slash():
-    assert prefixed("robot1/", "odom") == "robot1/odom"
-    with pytest.raises(InvalidValueError, match=r"frame_prefix = '/robot1/': must be without a slash"):
-        prefixed("/robot1/", "odom")
