@@ -110,14 +110,6 @@ def test_ros2_changes_a_parameter_and_refuses_a_bad_value(running):
     assert "61.0" in answer("param", "get", *name, *ALONE)
 
 
-def test_ros2_takes_the_nodes_down_and_up(running):
-    for verb, state in (("deactivate", "inactive [2]"), ("cleanup", "unconfigured [1]"), ("configure", "inactive [2]")):
-        assert "Transitioning successful" in answer("lifecycle", "set", "/left/controller", verb, *ALONE)
-        assert state in answer("lifecycle", "get", "/left/controller", *ALONE)
-    assert "Transitioning successful" in answer("lifecycle", "set", "/left/controller", "activate", *ALONE)
-    running.send_goal(1.0, 1.0, 0.0, tries=5)
-
-
 def test_a_goal_by_ros2_topic_pub_is_driven_to(running):
     goal = "{header: {frame_id: map}, pose: {position: {x: 0.5, y: -0.5}, orientation: {w: 1.0}}}"
     answer("topic", "pub", "--once", "-w", "1", "/left/goal_pose", "geometry_msgs/msg/PoseStamped", goal)

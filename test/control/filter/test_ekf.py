@@ -11,7 +11,6 @@ from scipy.stats import multivariate_normal
 
 from diffbot_control.filter.ekf import PoseEkf
 from diffbot_control.filter.gate import ACCEPTED, IGNORED
-from diffbot_control.filter.landmark_calibration import LandmarkErrors
 from diffbot_control.filter.measurements import Heading, LandmarkMeasurement, PoseFix, PositionFix
 from diffbot_control.filter.models import MIN_LANDMARK_DISTANCE, TURNED_VARIANCE, linearisation_variance
 from diffbot_core.geometry import Point, Pose
@@ -137,18 +136,6 @@ def test_a_landmark_under_the_robot_corrects_nothing(away, corrected):
     assert np.array_equal(found.memory.belief.x, x) != corrected
     assert (found.memory.belief.P[0, 0] < P[0, 0]) == corrected
     assert np.isfinite(found.memory.belief.x).all()
-
-
-def test_known_errors_of_landmarks_are_those_of_states_that_are_certain():
-    known, states = PoseEkf(), PoseEkf(landmark_states=True)
-    P, errors = covariance(np.random.default_rng(1), 3, 0.05, 0.1), (0.1, 0.05, -0.03)
-    known.set_state(np.array([0.2, -0.1, 0.4]), P)
-    known.states = known.states._replace(landmark_errors=LandmarkErrors(*errors))
-    states.set_state(np.array([0.2, -0.1, 0.4, *errors]), np.pad(P, ((0, 3), (0, 3))))
-    for ekf in (known, states):
-        ekf.correct(LandmarkMeasurement(0, 3.0, 0.5, 0.01 * np.eye(2), Point(2.5, 1.5)))
-    np.testing.assert_allclose(known.x, states.x[:3], atol=1e-12)
-    np.testing.assert_allclose(known.P, states.P[:3, :3], atol=1e-12)
 
 
 def test_with_an_uncertain_heading_a_correction_follows_an_arc():

@@ -7,7 +7,6 @@ import pytest
 from filter_runs import R_FIX, gated_filter, wrapped
 
 from diffbot_control.filter.fix_correlation import correlation_of, new_fix_correlation
-from diffbot_control.filter.gate import ACCEPTED, REJECTED
 from diffbot_control.filter.measurements import PoseFix
 from diffbot_control.filter.models import Motion
 from diffbot_control.filter.options import FilterConfig, options_of
@@ -89,14 +88,6 @@ def test_the_option_and_the_other_mechanisms_switch_it_off():
     assert found.memory.fix_correlation == new_fix_correlation()
     told = Run(0.9, 0, fix_correlation_time=-0.2 / math.log(0.9)).found
     assert told.memory.fix_correlation == new_fix_correlation()
-
-
-def test_a_rejected_fix_has_no_partner():
-    with_outliers = Run(0.9, 3, outliers=(200, 300))
-    assert with_outliers.outcomes[100] == with_outliers.outcomes[150] == REJECTED
-    # The first fix of the 200, and two for each outlier: its own pair and the next.
-    accepted = sum(one == ACCEPTED for one in with_outliers.outcomes)
-    assert with_outliers.found.memory.fix_correlation.pairs == accepted - 3
 
 
 @pytest.mark.parametrize("c", [0.3, 0.6, 0.9])

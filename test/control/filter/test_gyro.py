@@ -126,28 +126,6 @@ def test_it_halves_the_error_of_the_heading_finds_its_bias_and_stays_consistent(
     assert np.abs(biases).max() < 3.5
 
 
-@pytest.mark.parametrize("late", [1, 4])
-def test_late_samples_are_as_good_as_those_in_time(late):
-    drive = Recorded(3, steps=40)
-    in_time, delayed = localization(), localization()
-    drive.play(in_time)
-    delayed.initialise(Pose(0.0, 0.0, 0.0), R_FIX, 0)
-    rng, samples = np.random.default_rng(1), list(drive.samples)
-    for number, step in enumerate(drive.steps, 1):
-        if number % 10 == 0:
-            delayed.on_measurement(drive.fixes[number // 10 - 1])
-        delayed.on_odometry(step)
-        arrived = [one for one in samples if one.stamp <= (number - late) * STEP]
-        samples = samples[len(arrived) :]
-        rng.shuffle(arrived)
-        for one in arrived:
-            delayed.on_gyro(one)
-    for one in samples:
-        delayed.on_gyro(one)
-    np.testing.assert_array_equal(delayed.filter.memory.belief.x, in_time.filter.memory.belief.x)
-    np.testing.assert_array_equal(delayed.filter.memory.belief.P, in_time.filter.memory.belief.P)
-
-
 def test_a_gyro_that_agrees_does_not_hide_that_headings_contradict_the_pose():
     found = gated_filter("ekf", use_gyro=True, relocation_timeout=1.0)
     outcomes = []

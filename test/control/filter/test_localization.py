@@ -257,28 +257,6 @@ def test_a_measurement_that_is_sent_again_is_refused_and_changes_nothing(late_ms
     assert_equal_estimates(localization, once.estimate().pose, once.estimate().P)
 
 
-def test_another_value_time_kind_or_landmark_is_no_duplicate():
-    localization = fresh()
-    localization.on_odometry(odometry(1))
-    trace = localization.estimate().P.trace()
-    seen, R = np.array([3.0, 0.5]), np.diag([0.01, 0.004])
-    for measurement in (
-        fix(PERIOD),
-        fix(PERIOD, seed=1),
-        heading(PERIOD),
-        build_measurement(PERIOD - 1, numbers_of(fix(PERIOD)), R_POSE),
-        # A heading equal to the first number of a fix is another measurement.
-        build_measurement(PERIOD, numbers_of(fix(PERIOD))[:1], np.array([[0.02]])),
-        build_measurement(PERIOD, seen, R, (1.0, 1.0)),
-        build_measurement(PERIOD, seen, R, (1.5, 1.0)),
-    ):
-        localization.on_measurement(measurement)
-        assert localization.estimate().P.trace() < trace
-        trace = localization.estimate().P.trace()
-    with pytest.raises(BadMessageError, match="duplicate"):
-        localization.on_measurement(build_measurement(PERIOD, seen.copy(), R, (1.0, 1.0)))
-
-
 def test_history_and_keys_do_not_grow_for_ever_whatever_stamp_comes_far_ahead():
     localization = fresh(history=0.5)
     localization.on_measurement(heading(10**9 * 10**9))

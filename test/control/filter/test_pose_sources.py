@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from filter_input import fix
 
-from diffbot_control.filter.fix_correlation import shifted
 from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.filter.measurements import FIXES, PoseFix, PositionFix, Source
@@ -101,16 +100,6 @@ def test_each_source_has_its_own_nis_and_whiteness(given, independent):
     # Only the source whose correlation nobody gave raises the alarm.
     assert [one.found.correlated() for one in given[2]] == [[]] * 8
     assert [one.found.correlated() for one in independent[2]] == [["fixes of gps"]] * 8
-
-
-def test_the_move_by_another_source_is_no_motion_between_two_fixes():
-    found = Drive(0, config()).found.filter.memory.fix_correlation
-    before, after = Pose(1.0, 2.0, 3.1), Pose(1.5, 1.8, -3.1)
-    moved = shifted(found, before, after)
-    turn = 2.0 * math.pi - 6.2
-    np.testing.assert_allclose(np.subtract(moved.residual, found.residual), [-0.5, 0.2, -turn], atol=1e-12)
-    np.testing.assert_allclose(np.subtract(moved.estimate, found.estimate)[:2], [0.5, -0.2], atol=1e-12)
-    assert moved._replace(residual=found.residual, estimate=found.estimate) == found
 
 
 def test_fixes_of_two_sources_are_no_duplicates_and_are_fused_in_their_order():

@@ -4,74 +4,14 @@ import math
 
 import pytest
 
-from diffbot_control.goals import Supervisor, SupervisorConfig
 from diffbot_control.goals.goal_record import (
-    POSE_LOST,
     REPLACED,
     GoalBook,
     GoalRequest,
     distance_along,
     time_remaining,
 )
-from diffbot_control.goals.states import NOT_AT_GOAL as GIVEN_UP
-from diffbot_control.law.presets import PRESETS
 from diffbot_core.geometry import Pose
-
-PAPER = PRESETS["paper"]
-QUICK = PAPER._replace(tolerance=PAPER.tolerance._replace(settling_steps=1))
-GOAL, AWAY, THERE = Pose(0.0, 0.0, 0.0), Pose(-3.0, 0.5, 0.3), Pose(-0.01, 0.0, 0.0)
-
-
-class Drive:
-    """A supervisor whose goals are numbered, with a clock of its own."""
-
-    def __init__(self, **options):
-        self.supervisor = Supervisor(SupervisorConfig(**{"controller": QUICK, **options}))
-        self.now, self.count = 50.0, 0
-
-    def request(self):
-        self.count += 1
-        return GoalRequest(f"{self.count}", "test", self.now)
-
-    def goal(self, goal=GOAL):
-        self.supervisor.on_goal(goal, self.request())
-
-    def path(self, goals=(AWAY, GOAL)):
-        self.supervisor.on_path(list(goals), self.request())
-
-    def pose(self, pose=AWAY, after=0.1):
-        self.now += after
-        return self.supervisor.on_pose(round(self.now * 1e9), self.now, pose)
-
-    def silence(self, seconds):
-        for _ in range(round(seconds * 10)):
-            self.now += 0.1
-            self.supervisor.on_tick(self.now)
-
-    def ends(self):
-        return [(record.request.id, record.end) for record in self.supervisor.goals.ended]
-
-    def reason(self):
-        return self.supervisor.goals.ended[-1].reason
-
-
-@pytest.mark.parametrize("before", ["nothing", "a long silence", "a pose", "a clock set back"])
-def test_a_goal_without_poses_ends_after_pose_lost_timeout(before):
-    drive = Drive(pose_lost_timeout=2.0)
-    if before == "a long silence":
-        drive.pose()
-        drive.silence(10.0)
-    drive.goal()
-    if before in ("a pose", "a clock set back"):
-        drive.pose()
-    if before == "a clock set back":
-        drive.now = 0.0
-    drive.silence(1.8)
-    assert drive.ends() == []
-    drive.silence(0.5)
-    assert drive.ends() == [("1", POSE_LOST)]
-    assert drive.reason() == "no pose for pose_lost_timeout = 2 s"
-    assert (drive.supervisor.status, drive.supervisor.goal) == (GIVEN_UP, None)
 
 
 def test_a_book_knows_its_goals_by_their_ids_and_forgets_the_oldest():

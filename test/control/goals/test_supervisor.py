@@ -206,6 +206,27 @@ def test_a_pose_that_is_sent_again_or_corrected_counts_as_one_step_with_the_last
         assert (twin.state, twin.supervisor.goals_reached) == (story.state, story.supervisor.goals_reached)
 
 
+@pytest.mark.parametrize("before", ["nothing", "a long silence", "a pose", "a clock set back"])
+def test_a_goal_without_poses_ends_after_pose_lost_timeout(before):
+    story = Story(pose_lost_timeout=2.0)
+    if before == "a long silence":
+        story.pose()
+        story.tick(10.0)
+    story.supervisor.on_goal(GOAL)
+    if before in ("a pose", "a clock set back"):
+        story.pose()
+    if before == "a clock set back":
+        story.now = 0.0
+    for _ in range(18):
+        story.tick()
+    assert list(story.supervisor.goals.ended) == []
+    for _ in range(5):
+        story.tick()
+    (record,) = story.supervisor.goals.ended
+    assert (record.end, record.reason) == (POSE_LOST, "no pose for pose_lost_timeout = 2 s")
+    assert (story.state, story.supervisor.goal) == (NOT_AT_GOAL, None)
+
+
 def test_a_pose_whose_stamp_stands_still_is_no_sign_of_life():
     """Sent again and again, with the same values or corrected ones, it stops the robot and loses the goal."""
     story = Story(pose_timeout=0.5, pose_lost_timeout=5.0)
@@ -258,26 +279,6 @@ def test_a_path_is_driven_goal_by_goal_and_the_last_is_held():
     assert story.pose(Pose(-1.3, 1.0, -2.0)) is not None, "held"
     assert (story.state, story.supervisor.goals_reached) == (REACHED, 3)
     assert route == ROUTE, "the list stays the caller's"
-
-
-def test_waypoints_are_passed_at_the_radius_but_the_last_is_not():
-    story = Story(controller=QUICK, waypoint_radius=0.5)
-    story.supervisor.on_path(list(ROUTE))
-    story.pose(Pose(1.49, 0.0, 0.0))
-    assert story.supervisor.waypoint == 1
-    # Just inside, at full speed, with any heading: passed, but not reached.
-    command = story.pose(Pose(1.51, 0.0, 2.0))
-    assert story.supervisor.waypoint == 2
-    assert abs(command.v) > 0.1
-    assert story.supervisor.goals_reached == 0
-    story.pose(Pose(2.0, 2.6, 0.0))
-    assert progress(story) == (3, 3, ROUTE[2])
-    story.pose(Pose(-1.0, 1.1, 0.0))
-    assert (story.state, story.supervisor.waypoint) == (DRIVING, 3)
-    for _ in range(2):
-        story.pose(ROUTE[2])
-    assert story.state == REACHED
-    assert story.supervisor.goals_reached == 1
 
 
 def test_a_goal_that_takes_too_long_is_given_up_with_the_reason_and_braking():

@@ -5,7 +5,7 @@ import math
 import random
 
 import pytest
-from driven import MS, ORIGIN, T_S, Robot, Run
+from driven import ORIGIN, T_S, Robot, Run
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -74,30 +74,6 @@ def test_an_error_beyond_the_tolerance_is_worked_off_by_a_v_behind_the_goal(late
     # Once the goal counts as reached, only legs that stay inside begin.
     reached = next(index for index, memory in enumerate(run.memories) if memory.reached)
     assert V_LEG not in {memory.finish.kind for memory in run.memories[reached + 50 :]}
-
-
-def driven_with_a_heading_that_motion_shows(seconds=40.0):
-    """Stand at the goal; the heading's deviation is that of the direction between two positions."""
-    robot, memory, known, way, memories = Robot((0.0, 0.01, 0.0)), NEAR, 0.5, 0.0, []
-    for _ in range(round(seconds / T_S)):
-        before = robot.pose
-        memory, command, _ = controller.step(memory, Estimate(before, Uncertainty(0.01, known)), ORIGIN, T_S, TUNED)
-        robot.drive(command)
-        way += math.hypot(robot.pose.x - before.x, robot.pose.y - before.y)
-        known = min(0.5, math.sqrt(2.0) * 0.01 / max(way, MS))
-        memories.append((memory, robot.pose))
-    return memories
-
-
-def test_a_heading_that_only_motion_shows_is_made_known_by_a_v():
-    steps = driven_with_a_heading_that_motion_shows()
-    first = next(index for index, (memory, _) in enumerate(steps) if memory.reached)
-    assert V_LEG in {memory.finish.kind for memory, _ in steps[:first]}
-    # The way that makes 0.1 rad a bound of 99 %: sqrt(2) 0.01 / d <= 0.1 / 2.576.
-    assert -0.6 < min(pose.x for _, pose in steps) < -0.17
-    assert first * T_S < 25.0
-    end = steps[-1][1]
-    assert math.hypot(end.x, end.y) < 0.05
 
 
 @settings(max_examples=200)

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from diffbot_control.law.controller import new_memory, step, stop_step
-from diffbot_control.law.limits import limit_acceleration, limit_change, limit_velocity, slowed
+from diffbot_control.law.limits import limit_acceleration, limit_velocity
 from diffbot_control.law.presets import PRESETS
 from diffbot_core.data_sheet import DataSheet, rim_speed
 from diffbot_core.geometry import Pose
@@ -133,11 +133,3 @@ def test_no_bound_is_broken_by_the_whole_law(preset):
                 estimate = Estimate(pose, Uncertainty(0.02, 0.02))
                 memory, command, _ = step(memory, estimate, Pose(0.0, 0.0, 0.0), 0.1, config)
             assert_holds(command, last, 0.1, sheet)
-
-
-def test_a_lowered_bound_holds_within_the_period_that_can_keep_it():
-    sheet = DataSheet(0.95, 3.0, math.inf, 1.0, 1.0)
-    # The speed is slowed at once, however far the rotation has to go.
-    command = limit_change(Twist(0.95, 3.0), Twist(1.0, 0.0), 0.1, sheet)
-    assert command == pytest.approx((0.95, 0.1))
-    assert slowed(Twist(1.0, 3.0), 0.1, sheet) == pytest.approx((0.95, 2.9))

@@ -15,9 +15,7 @@ from diffbot_control.law.paper.reapproach import (
     APPROACHING,
     RESTING,
     RETREATING,
-    Reapproach,
     ReapproachConfig,
-    next_reapproach,
 )
 from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.regions import COVARIANCE, OMEGA_G, OMEGA_L, CovarianceRegionPolicy, RegionPolicy, Switching
@@ -72,20 +70,6 @@ def test_a_lateral_error_at_rest_is_removed_gently(tolerance):
         assert order == ([RESTING, RETREATING, APPROACHING, RESTING] if begins else [RESTING])
         if not begins:
             assert run.end == pytest.approx((0.0, y, 0.0), abs=1e-9)
-
-
-def advance(state, y=0.1, resting=True, uncertainty=CERTAIN, tolerance=TUNED.tolerance, config=TUNED.reapproach):
-    return next_reapproach(state, Pose(0.0, y, 0.0), resting, uncertainty, T_S, tolerance, config)
-
-
-def begins(count=50, **options):
-    """Whether it begins within some poses at the same place."""
-    state = Reapproach()
-    for _ in range(count):
-        state = advance(state, **options)
-        if state.phase != RESTING:
-            return True
-    return False
 
 
 @pytest.mark.parametrize("tries", [0, 2])

@@ -97,15 +97,3 @@ def test_the_count_agrees_with_a_search_of_the_whole_sequence(pairs, region):
             if len(last) == 3 and all(r > max(3.0 * radius(r, s), 0.3) for r, s in last):
                 inside_since = None
         assert regions[index] == (OMEGA_G if inside_since is None else OMEGA_L)
-
-
-def test_a_re_approach_is_not_leaving():
-    outside = 0
-    for _ in range(20):
-        region, outside, radius = covariance_region(OMEGA_L, outside, 0.9, 0.02, COVARIANCE_POLICY, 1.2)
-        assert (region, outside) == (OMEGA_L, 0)
-        assert radius >= 0.9
-    # But one that is pushed far away drives there as from anywhere.
-    for _ in range(3):
-        region, outside, _ = covariance_region(region, outside, 2.0, 0.02, COVARIANCE_POLICY, 1.2)
-    assert region == OMEGA_G

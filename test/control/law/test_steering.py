@@ -15,7 +15,6 @@ from diffbot_control.law.steering import (
     FRONT,
     Course,
     chosen_course,
-    course_lyapunov,
     drive_and_hold,
     drive_and_steer,
     turn_to_the_goal,
@@ -93,11 +92,6 @@ def test_it_falls_in_omega_l_and_while_turning_on_the_spot(rho, alpha, theta, ga
     v, omega = turn_to_the_goal(alpha, gains, sheet)
     assert v == 0.0
     assert math.copysign(1.0, omega) == math.copysign(1.0, alpha)
-
-
-def test_the_lyapunov_function_by_hand():
-    # (4 + 0.25 + 0.8 * 9) / 2.
-    assert course_lyapunov(Navigation(2.0, -0.5, 3.0), ProfileGains(bearing_weight=0.8)) == pytest.approx(5.725)
 
 
 @CHECK

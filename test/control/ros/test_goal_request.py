@@ -67,10 +67,3 @@ def test_a_bad_field_is_named_in_one_short_line(values, text):
     assert text in reason
     assert "\n" not in reason
     assert len(reason) < 250
-
-
-def test_a_type_that_no_parameter_has_is_refused():
-    message = request(GOOD)
-    message.parameters[2].value.type = 200
-    with pytest.raises(InvalidValueError, match="x = None"):
-        read_goal_request(message, "map")

@@ -28,14 +28,6 @@ def beam(distance, variance=0.01):
     return message
 
 
-def test_there_is_a_sensor_for_each_source_that_the_parameters_describe():
-    assert set(sensors()) == {"global_pose", "heading", "front"}
-    assert set(sensors(wall_x1=[], wall_y1=[], wall_x2=[], wall_y2=[])) == {"global_pose", "heading"}
-    landmarks = {"landmark_ids": [1], "landmark_x": [0.0], "landmark_y": [0.0], "pose_sources": ["gps"]}
-    assert set(sensors(**landmarks)) == {"global_pose", "gps", "heading", "landmarks", "front"}
-    assert set(sensors(use_gyro=True)) == {"global_pose", "heading", "imu", "front"}
-
-
 @pytest.mark.parametrize("taken", ["global_pose", "heading", "odom", "gps"])
 def test_two_inputs_cannot_have_one_topic(taken):
     with pytest.raises(InvalidValueError, match=rf"beam_topics = \['{taken}'\]: must be topics of no other input"):

@@ -106,12 +106,6 @@ def test_what_cannot_be_transformed_is_refused(goal, kind):
     assert caught.value.kind == kind
 
 
-def test_without_tf2_the_refusal_says_so_in_one_line():
-    with pytest.raises(BadMessageError) as caught:
-        goal_from(pose_stamped(0.0, 0.0, 0.0, "odom"), "map")
-    assert str(caught.value) == "wrong frame_id: 'odom', not 'map': other frames need tf2_ros"
-
-
 class FakeTf2(types.SimpleNamespace):
     """The part of tf2_ros that is used, with one transform odom -> map of a known time."""
 
