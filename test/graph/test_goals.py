@@ -17,7 +17,9 @@ from diffbot_control.ros.navigator import Navigator, TaskResult
 from diffbot_core.geometry import Pose
 from diffbot_tools import cli
 
-NEAR, BESIDE, FAR, AWAY = (-3.0, -4.5, 0.5), (-1.0, -4.0, 0.0), (60.0, -60.0, 0.0), (-60.0, 60.0, 0.0)
+NEAR, BESIDE, FAR = (-3.0, -4.5, 0.5), (-1.0, -4.0, 0.0), (60.0, -60.0, 0.0)
+LAST = (-9.0, -4.5, 0.5)
+"""So far from the goal before it that the status, which comes twice a second, is about the way to it."""
 PLANT = {"clock": "scaled", "real_time_factor": 5.0, "seed": 3}
 UNKNOWN = "frame_of_nobody"
 """A frame to which no transform leads, with tf2_ros and without."""
@@ -98,16 +100,16 @@ def test_a_command_that_waits_for_a_controller_can_be_interrupted():
 
 
 def test_the_navigator_reaches_goals_with_feedback(driven, navigator):
-    assert navigator.goThroughPoses([pose_stamped(*BESIDE), pose_stamped(*NEAR)])
+    assert navigator.goThroughPoses([pose_stamped(*BESIDE), pose_stamped(*LAST)])
     seen = set()
     while not navigator.isTaskComplete():
         if (feedback := navigator.getFeedback()) is not None:
             seen.add(feedback.number_of_poses_remaining)
             assert feedback.current_pose.header.frame_id == "map"
             here = planar(feedback.current_pose.pose)
-            left = distance(here, NEAR)
+            left = distance(here, LAST)
             if feedback.number_of_poses_remaining == 2:
-                left = distance(here, BESIDE) + distance(BESIDE, NEAR)
+                left = distance(here, BESIDE) + distance(BESIDE, LAST)
             assert feedback.distance_remaining == pytest.approx(left, abs=1e-3)
     assert (navigator.getResult(), navigator.getReason()) == (TaskResult.SUCCEEDED, "reached")
     assert seen >= {2, 1}

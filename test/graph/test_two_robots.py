@@ -8,7 +8,6 @@ from nav_msgs.msg import Odometry
 from robot import DEEP, pose_stamped
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu
-from std_msgs.msg import Float64MultiArray
 
 from diffbot_control.controller_node import ControllerNode
 from diffbot_control.ekf_node import EkfNode
@@ -25,7 +24,6 @@ KINDS = {
     "global_pose": PoseWithCovarianceStamped,
     "heading": Imu,
     "cmd_vel": TwistStamped,
-    "controller/navigation": Float64MultiArray,
 }
 
 
@@ -79,10 +77,6 @@ def test_topics_and_frames_of_two_robots_are_apart(nodes):
             found = {(one.header.frame_id, getattr(one, "child_frame_id", "")) for one in messages}
             assert found <= {frames}, (name, topic)
         assert not controllers[name].health.dropped
-    (navigation,) = received["left"]["controller/navigation"][:1]
-    labels = [dim.label for dim in navigation.layout.dim]
-    assert labels == ["stamp", "rho", "alpha", "beta", "theta", "eps_P", "region", "V"]
-    assert len(navigation.data) == len(labels)
     heading = received["left"]["heading"][0]
     assert heading.angular_velocity_covariance[0] == heading.linear_acceleration_covariance[0] == -1.0
     absolute = {"/diagnostics", "/parameter_events", "/rosout", "/tf", "/tf_static", "/clock"}

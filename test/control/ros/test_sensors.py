@@ -64,11 +64,6 @@ def test_a_range_outside_of_what_the_sensor_can_measure_is_no_echo(distance, is_
         np.testing.assert_allclose(one.R, [[0.01]], rtol=1e-6)
 
 
-def test_a_range_that_is_no_number_is_a_bad_message():
-    with pytest.raises(BadMessageError, match="range is nan"):
-        sensors()["front"].read(beam(math.nan))
-
-
 def imu(rate=0.5, variance=4e-4):
     message = timed(Imu(), 5.0)
     message.header.frame_id = "imu_link"
