@@ -18,7 +18,7 @@ from diffbot_control.goals.configuration import SupervisorConfig
 from diffbot_control.law.controller import ControllerConfig
 from diffbot_control.law.lyapunov_law import Gains
 from diffbot_core.data_sheet import DataSheet
-from diffbot_core.errors import InvalidValueError, ReplacedNameError
+from diffbot_core.errors import DiffbotError, InvalidValueError, ReplacedNameError
 from diffbot_core.schema import Parameter, Spec, build, checked, parameters_of, replaced_by, to_dict
 
 PACKAGES = (diffbot_core, diffbot_control, diffbot_bag, diffbot_sim)
@@ -216,3 +216,17 @@ def test_other_texts_are_not(text):
     parameter = Parameter("limit", (), float, 1.0, Spec("a limit", allow_inf=True))
     with pytest.raises(InvalidValueError, match=r"limit = .*: must be "):
         checked(parameter, text)
+
+
+class Checking(NamedTuple):
+    value: Annotated[float, Spec("value")] = 0.0
+
+    def check(self):
+        if self.value > 1.0:
+            raise ValueError("too\nlarge")
+
+
+def test_a_check_that_raises_a_value_error_becomes_one_line():
+    assert build(Checking, {"value": 1.0}).value == 1.0
+    with pytest.raises(DiffbotError, match=r"^Checking: too large$"):
+        build(Checking, {"value": 2.0})

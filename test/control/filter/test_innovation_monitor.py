@@ -92,3 +92,14 @@ def test_only_accepted_measurements_count_and_a_relocation_starts_anew():
     assert monitor.values()["autocorrelation of fixes"] == "1.000"
     monitor.record(SOURCES[3], 1.0, RELOCATED, innovation)
     assert monitor.whiteness() == {}
+
+
+def test_a_covariance_that_rounding_has_left_singular_is_whitened():
+    singular, regular = np.full((2, 2), 4.0), np.array([[4.0, 1.0], [1.0, 9.0]])
+    innovations = [Innovation(np.array([2.0, 2.0]), singular), Innovation(np.array([2.0, 3.0]), regular)]
+    first, second = whitened(innovations)
+    # Along (1, 1) the variance is 8, across it nothing was measured.
+    assert first @ first == pytest.approx(1.0)
+    assert second @ second == pytest.approx(innovations[1].y @ np.linalg.inv(regular) @ innovations[1].y)
+    (zero,) = whitened([Innovation(np.zeros(2), np.zeros((2, 2)))])
+    assert np.isfinite(zero).all()

@@ -15,6 +15,7 @@ from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.filter.measurements import Heading, LandmarkMeasurement, PoseFix
 from diffbot_control.filter.options import EKF, FNN_CALIBRATING, FilterConfig
+from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 
@@ -207,3 +208,10 @@ def test_what_waits_since_before_the_first_odometry_is_dropped_and_counted():
     made.on_odometry(odometry(1))
     assert made.dropped_before_odometry == 5
     assert made.estimate().pose == (0.0, 0.0, 3.0)
+
+
+@pytest.mark.parametrize("z", [[math.nan, 0.0, 0.0], [0.0, math.inf, 0.0], [math.nan]])
+def test_numbers_that_are_none_are_refused(z):
+    made = localization("ekf")
+    with pytest.raises(BadMessageError, match="measurement not finite"):
+        made.on_measurement(build_measurement(50 * MS, np.array(z), np.eye(len(z))))

@@ -16,8 +16,10 @@ from diffbot_control.filter.belief import ErrorEstimate
 from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.models import Motion
 from diffbot_control.filter.options import FilterConfig, options_of
+from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist, TwistCovariance
+from diffbot_sim.compiled.gated_filter import check_supported
 
 
 @pytest.mark.parametrize("variant", ["ekf_calibrating", "ekf_fnn_calibrating"])
@@ -67,3 +69,10 @@ def test_an_error_beyond_five_deviations_resets_all_three(index):
         assert found.wheels().errors.any() == kept
         assert found.memory.belief.P[3:, :3].any() == kept
     np.testing.assert_allclose(found.wheels().P, 0.01 * np.eye(3))
+
+
+@pytest.mark.parametrize("name", ["landmark_gate", "fix_correlation_time"])
+def test_the_compiled_filter_refuses_what_it_does_not_have(name):
+    config = FilterConfig(**{name: "weigh" if name == "landmark_gate" else 1.0})
+    with pytest.raises(InvalidValueError, match=r"landmark_gate|correlation"):
+        check_supported(options_of(config))

@@ -92,3 +92,11 @@ def test_a_new_goal_forgets_all_but_the_motion():
         **moving,
     )
     assert driver_of(SwitchingLaw).memory_for_new_goal(memory, PRESETS["tuned"]) == new_memory()._replace(**moving)
+
+
+@pytest.mark.parametrize("preset", ["paper", "tuned"])
+def test_numbers_that_overflow_stop_the_robot(preset):
+    memory = ControllerMemory(Switching(OMEGA_L), Twist(0.5, 0.1))
+    after, command, _ = step(memory, Pose(math.nan, 0.0, 0.0), ORIGIN, T_S, PRESETS[preset])
+    assert command == after.command == (0.0, 0.0)
+    assert not after.reached

@@ -129,17 +129,3 @@ def test_legs_that_correct_nothing_end_and_the_robot_rests_again():
     assert rested >= 2
     begun = [after for before, after in itertools.pairwise(legs) if after != before]
     assert begun[:14] == [*range(12, -1, -1), 12]
-
-
-def test_a_goal_is_reached_while_pulses_of_the_dead_band_hold_the_heading():
-    """Below its dead band the robot stands: whatever turns it is a pulse above rot_stopped_velocity."""
-    sheet = TUNED.data_sheet._replace(min_rotation=0.2, min_velocity=0.06)
-    config, rng = TUNED._replace(data_sheet=sheet), random.Random(0)
-    robot, memory, pulses = Robot((0.0, 0.02, 0.06)), NEAR, []
-    while not memory.reached and len(pulses) < 250:
-        seen = robot.pose._replace(theta=robot.pose.theta + rng.gauss(0.0, 0.015))
-        memory, command, _ = controller.step(memory, Estimate(seen, Uncertainty(0.01, 0.015)), ORIGIN, T_S, config)
-        robot.drive(command)
-        pulses.append(abs(command.omega) > config.tolerance.rot_stopped_velocity)
-    assert memory.reached
-    assert any(pulses[-config.tolerance.settling_steps :])

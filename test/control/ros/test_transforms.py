@@ -13,10 +13,11 @@ from rclpy.time import Time
 from robot import pose_stamped
 from scipy.spatial.transform import Rotation
 
+from diffbot_control.ros.frames import prefixed
 from diffbot_control.ros.messages.conversions import goal_from, path_from
 from diffbot_control.ros.tf import Tf2Transforms
 from diffbot_control.ros.transforms import transformed
-from diffbot_core.errors import BadMessageError
+from diffbot_core.errors import BadMessageError, InvalidValueError
 
 SECOND = 10**9
 
@@ -143,3 +144,9 @@ def test_the_newest_transform_may_be_older_than_the_goal_by_the_tolerance(late, 
         return
     with pytest.raises(BadMessageError, match=r"^no transform: 'odom' to 'map': Lookup .* future\. Details$"):
         transforms.lookup("map", "odom", stamp)
+
+
+def test_a_prefix_is_put_before_a_frame_and_must_not_begin_with_a_slash():
+    assert prefixed("robot1/", "odom") == "robot1/odom"
+    with pytest.raises(InvalidValueError, match=r"frame_prefix = '/robot1/': must be without a slash"):
+        prefixed("/robot1/", "odom")
