@@ -8,10 +8,8 @@ from diffbot_control.goals.goal_record import (
     REPLACED,
     GoalBook,
     GoalRequest,
-    distance_along,
     time_remaining,
 )
-from diffbot_core.geometry import Pose
 
 
 def test_a_book_knows_its_goals_by_their_ids_and_forgets_the_oldest():
@@ -26,11 +24,6 @@ def test_a_book_knows_its_goals_by_their_ids_and_forgets_the_oldest():
     assert GoalBook().find("") is None
     book.accept(GoalRequest())
     assert book.find("") is None, "a goal without an id cannot be asked for"
-
-
-def test_distance_runs_through_all_goals():
-    assert distance_along(Pose(0.0, 0.0, 1.0), [Pose(3.0, 4.0, 0.0), Pose(3.0, 5.0, 2.0)]) == pytest.approx(6.0)
-    assert distance_along(Pose(0.0, 0.0, 1.0), []) == 0.0
 
 
 def test_time_remaining_begins_with_the_limit_and_goes_on_with_the_mean_speed():
