@@ -56,3 +56,10 @@ def test_the_inverse_is_lapacks(size):
         found = inverse(S)
         np.testing.assert_allclose(found, np.linalg.inv(S), rtol=1e-10, atol=1e-12 * np.abs(found).max())
         np.testing.assert_array_equal(found, found.T)
+
+
+def test_a_matrix_that_is_no_covariance_has_no_inverse_here():
+    indefinite = np.array([[1.0, 0.9, -0.9], [0.9, 1.0, 0.9], [-0.9, 0.9, 1.0]])
+    for bad in (indefinite, indefinite[:2, :2] - np.diag([0.0, 1.0]), np.array([[math.nan]])):
+        with pytest.raises(np.linalg.LinAlgError):
+            inverse(bad)
