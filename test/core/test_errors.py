@@ -7,12 +7,6 @@ import pytest
 from diffbot_core.errors import BadMessageError, InvalidValueError, ReplacedNameError
 
 
-def test_errors_name_field_value_and_bound_or_kind_and_detail():
-    assert str(InvalidValueError("clock", "sun", "one of wall")) == "clock = 'sun': must be one of wall"
-    assert str(BadMessageError("too old")) == "too old"
-    assert str(BadMessageError("too old", "by 3 s")) == "too old: by 3 s"
-
-
 @pytest.mark.parametrize(
     "error",
     [

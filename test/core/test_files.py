@@ -3,7 +3,6 @@
 import json
 import math
 import os
-import re
 from pathlib import Path
 
 import pytest
@@ -70,12 +69,6 @@ def test_json_names_what_is_not_finite(tmp_path):
     assert json.loads(text) == {"limit": "inf", "rows": [["-inf", 1.5], "nan"], "count": 3}
     assert text.startswith('{\n "limit"')
     assert text.endswith("}\n")
-
-
-def test_a_file_in_the_place_of_the_folder_is_reported_in_one_line(tmp_path):
-    (tmp_path / "out").write_text("")
-    with pytest.raises(DiffbotError, match=f"^cannot write to {re.escape(str(tmp_path / 'out'))}: File exists$"):
-        output_folder(tmp_path / "out").__enter__()
 
 
 def test_a_full_disk_during_the_work_is_reported_as_the_folders_failure(tmp_path):

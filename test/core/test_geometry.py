@@ -39,14 +39,6 @@ def assert_same_pose(pose, homogeneous, tolerance):
 
 
 @CHECK
-@given(st.floats(-math.pi, math.pi, exclude_min=True))
-def test_an_angle_in_range_comes_back_to_the_bit(angle):
-    wrapped = wrap_angle(angle)
-    assert wrapped == angle
-    assert math.copysign(1.0, wrapped) == math.copysign(1.0, angle)
-
-
-@CHECK
 @given(ANY_ANGLE)
 def test_wrapping_takes_away_whole_turns_and_nothing_else(angle):
     # Exact arithmetic: the difference is a whole multiple of the double nearest to 2 pi.
@@ -63,9 +55,6 @@ def test_wrapping_takes_away_whole_turns_and_nothing_else(angle):
         (-math.pi, math.pi),
         (math.nextafter(math.pi, 4.0), -math.nextafter(math.pi, 0.0)),
         (math.nextafter(-math.pi, -4.0), math.nextafter(math.pi, 0.0)),
-        (-(2.0**60) * TWO_PI, 0.0),
-        (-1.5 * TWO_PI, math.pi),
-        (0.75 * TWO_PI, -0.25 * TWO_PI),
     ],
 )
 def test_wrapping_at_the_edges(angle, wrapped):

@@ -2,9 +2,6 @@
 
 import os
 import stat
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 
@@ -91,17 +88,3 @@ def test_where_the_folder_of_running_programs_is_open_to_others_it_is_a_new_one(
     assert mode_of(made) == 0o700
     assert not made.is_relative_to(tmp_path)
     assert [one.startswith(f"{folder} is not used: its mode 0777") for one in caplog.messages] == [True]
-
-
-def test_compiled_code_of_others_is_not_run(tmp_path):
-    cache = tmp_path / "diffbot"
-    cache.mkdir()
-    cache.chmod(0o777)
-    code = "from diffbot_sim.compiled.jit import _cache_folder; print(_cache_folder())"
-    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path), "NUMBA_CACHE_DIR": ""}
-    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
-    used = Path(done.stdout.strip())
-    assert not used.is_relative_to(tmp_path)
-    assert not used.exists()  # deleted at the end of its process
-    assert done.stderr.startswith(f"compiling anew, without a cache: {cache} is not used: its mode 0777")
-    assert list(cache.iterdir()) == []

@@ -10,7 +10,7 @@ from scipy.stats import ncx2, norm
 
 from diffbot_core.uncertainty import disc_probability, interval_probability, largest_deviation
 
-CHECK = settings(max_examples=500)
+CHECK = settings(max_examples=100)
 SIGMAS = st.floats(-4.0, 2.0).map(lambda exponent: 10.0**exponent)
 """[m] or [rad]"""
 IN_SIGMAS = st.floats(-2.0, 3.0).map(lambda exponent: 10.0**exponent)

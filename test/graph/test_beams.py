@@ -2,8 +2,9 @@
 
 import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
+from inside import inside
 from nav_msgs.msg import Odometry
-from robot import DEEP, distance, initialpose, lockstep, planar, stamp
+from robot import DEEP, distance, initialpose, planar, stamp
 
 from diffbot_core.geometry import Pose, out_of_frame
 
@@ -18,16 +19,13 @@ STEPS = 200
 
 
 def test_walls_keep_the_estimate_that_the_odometry_alone_loses():
-    with lockstep({**PLANT, **ROOM, "beam_max_range": 15.0}, ROOM, only=("robot", "plant"), joined=True) as robot:
+    with inside({**PLANT, **ROOM, "beam_max_range": 15.0}, ROOM) as robot:
         measured = robot.peer.subscribe(Odometry, "odom", DEEP)
         poses = robot.peer.publisher(PoseWithCovarianceStamped, "initialpose")
         robot.peer.wait_for_subscribers(poses)
         poses.publish(initialpose(*START))
         robot.send_goal(3.0, 2.0, 0.5)
-        robot.pause(False)
-        robot.peer.spin_until(lambda: len(robot.poses) > STEPS, 60.0, "the drive")
-        robot.pause(True)
-        robot.catch_up()
+        robot.run(lambda: len(robot.poses) > STEPS, "the drive")
         truths = {stamp(one): planar(one.pose.pose) for one in robot.truths}
         known = [one for one in robot.poses if stamp(one) in truths]
         errors = [distance(planar(one.pose.pose), truths[stamp(one)]) for one in known]

@@ -4,6 +4,7 @@ import itertools
 import time
 
 import pytest
+from lockstep_drive import take_what_is_under_way
 from robot import on_truth, planar, stamp
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
@@ -31,7 +32,7 @@ def test_wall_clock_stamps_each_step_with_the_time_of_day_and_a_pause_sends_noth
     assert planar(walking.truths[0].pose.pose) == (3.0, -1.0, 1.0)
     assert not walking.clocks, "wall time needs no /clock"
     assert walking.pause(True).message == "paused"
-    walking.catch_up()
+    take_what_is_under_way(walking)
     count = len(walking.truths)
     walking.peer.spin_for(1.0)
     assert len(walking.truths) == count

@@ -7,7 +7,8 @@ import graph
 import one_process
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import Twist
+from filter_input import timed
+from geometry_msgs.msg import PoseStamped, Twist
 from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from robot import initialpose, pose_stamped
@@ -20,6 +21,8 @@ from diffbot_core.ros.node import make_executor
 
 NOT_A_TYPE = 10
 NAMES = ("controller", "plant")
+TIMEOUT = 0.4
+"""[s] without a pose"""
 
 
 @pytest.mark.parametrize("executor", ["events", "single"])
@@ -67,19 +70,20 @@ class Drive(one_process.Fed):
 
     def __init__(self, nodes, parameters=None):
         super().__init__(nodes, ControllerNode, parameters)
-        self.commands = self.peer.subscribe(Twist, "cmd_vel")
-        self._stamp = 1000
+        self.commands = self.peer.subscribe(Twist, "cmd_vel", 100)
+        self.time = 1000.0
 
     def go(self):
-        self.send("goal_pose", pose_stamped(5.0, 0.0, 0.0))
-        self.step()
-        self.peer.spin_until(lambda: self.commands and self.commands[-1].linear.x > 0.0, what="motion")
+        self.send("goal_pose", pose_stamped(50.0, 0.0, 0.0))
+        # Where the machine is busy, the controller may have stopped the robot in between.
+        self.peer.spin_until(lambda: self.step() or self._moves(), what="motion")
 
-    def step(self):
-        message = initialpose(0.0, 0.0, 0.0)
-        self._stamp += 1
-        message.header.stamp.sec = self._stamp
-        self.send("pose", message)
+    def _moves(self):
+        return bool(self.commands) and self.commands[-1].linear.x > 0.0
+
+    def step(self, dt=0.1):
+        self.time += dt
+        self.send("pose", timed(initialpose(0.0, 0.0, 0.0), self.time))
 
     def wait_for_stop(self):
         self.peer.spin_until(lambda: self.commands[-1] == Twist(), what="the stop")
@@ -129,6 +133,48 @@ def test_error_of_a_timer_leaves_the_other_timers_running(nodes, monkeypatch):
     monkeypatch.setattr(Supervisor, "on_tick", broken)
     nodes.peer.spin_until(lambda: drive.node.health.counted["internal errors"] >= 3, what="errors")
     drive.wait_for_stop()
+
+
+class SimulatedDrive(Drive):
+    """One on simulated time, whose clock the test is."""
+
+    def __init__(self, nodes, **parameters):
+        super().__init__(nodes, {"use_sim_time": True, "pose_timeout": TIMEOUT, **parameters})
+        self.clocks = self.peer.publisher(Clock, "/clock")
+        self.peer.wait_for_subscribers(self.clocks)
+        self.tick(0.0)
+
+    def tick(self, dt):
+        """Let ``dt`` [s] of simulated time pass."""
+        self.time += dt
+        message = Clock()
+        message.clock = timed(PoseStamped(), self.time).header.stamp
+        self.clocks.publish(message)
+        now = round(self.time * 1e9)
+        self.peer.spin_until(lambda: self.node.get_clock().now().nanoseconds == now, what="the time")
+
+    def step(self, dt=0.1):
+        self.tick(dt)
+        super().step(0.0)
+
+
+def test_missing_poses_stop_the_robot_in_real_time_though_simulated_time_is_slow(nodes):
+    drive = SimulatedDrive(nodes)
+    drive.go()
+    drive.step()
+    begin = drive.time
+    drive.peer.spin_until(lambda: drive.tick(1e-6) or drive.commands[-1] == Twist(), what="the stop")
+    assert drive.time - begin < 0.5 * TIMEOUT
+
+
+def test_factor_lets_a_slow_simulation_drive_on(nodes):
+    drive = SimulatedDrive(nodes, real_timeout_factor=1e3)
+    drive.go()
+    drive.commands.clear()
+    drive.peer.spin_for(3 * TIMEOUT)
+    drive.step()
+    drive.peer.spin_until(lambda: drive.commands, what="a command")
+    assert Twist() not in drive.commands
 
 
 def test_error_of_the_executor_itself_leaves_the_node_running(nodes, monkeypatch):

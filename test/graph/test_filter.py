@@ -7,7 +7,7 @@ import numpy as np
 import one_process
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from filter_input import R_FIX, fix, odometry, timed
+from filter_input import fix, odometry, timed
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from robot import DEEP, LATCHED, distance, planar, stamp, turned
@@ -16,10 +16,8 @@ from std_srvs.srv import Trigger
 
 from diffbot_control.ekf_node import EkfNode
 from diffbot_control.ros.messages.landmark_cloud import LandmarkPoint, fill_landmark_points
-from diffbot_core.errors import DiffbotError
 
 LANDMARKS = {"landmark_ids": [7, 3, -2], "landmark_x": [3.0, -4.0, 0.5], "landmark_y": [2.0, 1.0, -3.0]}
-OVERRIDING = {"global_pose_sigma_xy": 0.3, "global_pose_sigma_yaw": 0.1, "override_covariance": True}
 START_POSE = (1.0, 2.0, 0.5)
 
 
@@ -65,11 +63,6 @@ def start():
         yield begin
 
 
-def without_covariance(message):
-    message.pose.covariance[:] = 0.0
-    return message
-
-
 def test_odometry_alone_starts_nothing_and_initialpose_does(start):
     subject = start()
     subject.send("odom", odometry(subject.time))
@@ -90,7 +83,9 @@ def test_odometry_alone_starts_nothing_and_initialpose_does(start):
 def test_filtered_odometry_is_the_same_estimate_with_the_twist_of_the_calibrated_wheels(start, tmp_path):
     """Both wheels are known to be 2 % too large."""
     path = tmp_path / "ekf.json"
-    path.write_text(saved(wheels=[0.02, 0.02, 0.0], wheels_P=[[1e-8, 0, 0], [0, 1e-8, 0], [0, 0, 1e-8]]))
+    content = {"version": 1, "pose": [2, 1, 0.5], "P": np.diag([0.01] * 3).tolist(), "geometry": [0.05, 0.6]}
+    content |= {"wheels": [0.02, 0.02, 0.0], "wheels_P": np.diag([1e-8] * 3).tolist()}
+    path.write_text(json.dumps(content))
     subject = start({"state_file": str(path)})
     before, _ = subject.move(0.5)
     after, P = subject.move(0.5)
@@ -102,22 +97,6 @@ def test_filtered_odometry_is_the_same_estimate_with_the_twist_of_the_calibrated
     assert newest.twist.twist.linear.x == pytest.approx(0.51, abs=1e-3)
     assert distance(before, after) == pytest.approx(0.051, abs=1e-4)
     assert np.linalg.eigvalsh(P)[0] > 0.0
-
-
-def test_covariance_of_a_fix_is_its_own_or_that_of_the_parameters(start):
-    subject = start()
-    subject.send("global_pose", without_covariance(fix(subject.time)))
-    assert subject.node.health.dropped["global_pose", "covariance is zero"] == 1
-    assert np.diag(subject.start(*START_POSE)[1]) == pytest.approx(R_FIX.diagonal(), rel=0.02)
-    subject = start({**OVERRIDING, "override_covariance": False})
-    subject.send("global_pose", without_covariance(fix(subject.time)))
-    assert np.diag(subject.move()[1]) == pytest.approx([0.09, 0.09, 0.01], rel=0.02)
-    assert subject.node.health.counted["global_pose with the covariance of the parameters"] == 1
-    subject = start(OVERRIDING)
-    assert np.diag(subject.start(*START_POSE)[1]) == pytest.approx([0.09, 0.09, 0.01], rel=0.02)
-    # An initial pose counts as it says.
-    subject.send("initialpose", fix(subject.time))
-    assert np.diag(subject.move()[1]) == pytest.approx(R_FIX.diagonal(), rel=0.02)
 
 
 def cloud(time, points):
@@ -146,13 +125,6 @@ def test_landmarks_are_fused_by_their_numbers_and_strangers_are_counted(start):
     assert np.linalg.eigvalsh(P).max() < 0.02**2
     assert subject.node.health.counted["landmarks of unknown number"] == 20
     assert not subject.node.health.dropped
-
-
-def saved(**changes):
-    """Return the text of a state file."""
-    content = {"version": 1, "pose": [2, 1, 0.5], "geometry": [0.05, 0.6], "wheels": [0.01, -0.01]}
-    content |= {"P": np.diag([0.01] * 3).tolist(), "wheels_P": np.diag([1e-6] * 2).tolist()}
-    return json.dumps(content | changes)
 
 
 def test_state_is_kept_across_a_restart_and_forgotten_by_a_reset(start, tmp_path, capfd):
@@ -184,21 +156,3 @@ def test_state_is_kept_across_a_restart_and_forgotten_by_a_reset(start, tmp_path
     start()
     assert not path.exists()
     assert "state_file" not in capfd.readouterr().err
-
-
-def test_a_state_file_that_does_not_fit_is_set_aside_or_used_in_part(start, tmp_path, capfd):
-    path = tmp_path / "ekf.json"
-    path.write_text(saved(geometry=[0.05, 0.7]))
-    subject = start({"state_file": str(path)})
-    assert "wheel errors not restored" in capfd.readouterr().err
-    assert subject.details()["left wheel radius error"] == "+0.0000 +- 0.0100"
-    assert subject.move()[0] == pytest.approx((2.0, 1.0, 0.5))
-    start()
-    path.write_text(saved(pose=[1, 2, "here"]))
-    subject = start({"state_file": str(path)})
-    assert "state not restored" in capfd.readouterr().err
-    assert subject.node.state() == "waiting for first fix"
-    assert (tmp_path / "ekf.json.bad").exists()
-    (tmp_path / "maps").mkdir()
-    with pytest.raises(DiffbotError, match=r"^state_file = "):
-        start({"state_file": str(tmp_path / "maps")})

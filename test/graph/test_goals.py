@@ -17,7 +17,9 @@ from diffbot_control.ros.navigator import Navigator, TaskResult
 from diffbot_core.geometry import Pose
 from diffbot_tools import cli
 
-NEAR, BESIDE, FAR, AWAY = (-3.0, -4.5, 0.5), (-1.0, -4.0, 0.0), (60.0, -60.0, 0.0), (-60.0, 60.0, 0.0)
+NEAR, BESIDE, FAR = (-3.0, -4.5, 0.5), (-1.0, -4.0, 0.0), (60.0, -60.0, 0.0)
+LAST = (-9.0, -4.5, 0.5)
+"""So far from the goal before it that the status, which comes twice a second, is about the way to it."""
 PLANT = {"clock": "scaled", "real_time_factor": 5.0, "seed": 3}
 UNKNOWN = "frame_of_nobody"
 """A frame to which no transform leads, with tf2_ros and without."""
@@ -66,23 +68,12 @@ def cancel_goal(driven, goal_id="0" * 32, sec=0):
     return driven.peer.call(CancelGoal, "controller/cancel_goal", request)
 
 
-@pytest.mark.parametrize(
-    ("end", "status", "text"),
-    [
-        ("interrupt", 130, "interrupted: goal cancelled\n"),
-        ("newer goal", 4, "replaced: by a newer goal (goal_pose), "),
-    ],
-)
-def test_the_command_reports_why_its_goal_ended(driven, end, status, text):
+def test_a_command_that_is_interrupted_cancels_its_goal(driven):
     with goal_process(*FAR) as command:
         driven.peer.spin_until(lambda: "60 -60 0" in goal_of(driven), what="the goal")
-        if end == "interrupt":
-            command.send(signal.SIGINT)
-        else:
-            driven.send_goal(*AWAY)
-        assert command.wait() == status
-        assert text in command.output
-    driven.wait_for_state("idle" if end == "interrupt" else "driving")
+        assert command.stop(signal.SIGINT) == 130
+        assert "interrupted: goal cancelled\n" in command.output
+    driven.wait_for_state("idle")
 
 
 @pytest.mark.parametrize(
@@ -109,16 +100,16 @@ def test_a_command_that_waits_for_a_controller_can_be_interrupted():
 
 
 def test_the_navigator_reaches_goals_with_feedback(driven, navigator):
-    assert navigator.goThroughPoses([pose_stamped(*BESIDE), pose_stamped(*NEAR)])
+    assert navigator.goThroughPoses([pose_stamped(*BESIDE), pose_stamped(*LAST)])
     seen = set()
     while not navigator.isTaskComplete():
         if (feedback := navigator.getFeedback()) is not None:
             seen.add(feedback.number_of_poses_remaining)
             assert feedback.current_pose.header.frame_id == "map"
             here = planar(feedback.current_pose.pose)
-            left = distance(here, NEAR)
+            left = distance(here, LAST)
             if feedback.number_of_poses_remaining == 2:
-                left = distance(here, BESIDE) + distance(BESIDE, NEAR)
+                left = distance(here, BESIDE) + distance(BESIDE, LAST)
             assert feedback.distance_remaining == pytest.approx(left, abs=1e-3)
     assert (navigator.getResult(), navigator.getReason()) == (TaskResult.SUCCEEDED, "reached")
     assert seen >= {2, 1}

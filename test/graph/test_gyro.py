@@ -5,8 +5,9 @@ import math
 import numpy as np
 import one_process
 from filter_input import START, fix, odometry, timed
+from inside import inside
 from nav_msgs.msg import Odometry
-from robot import DEEP, lockstep, planar, stamp
+from robot import DEEP, planar, stamp
 from sensor_msgs.msg import Imu
 
 from diffbot_control.ekf_node import EkfNode
@@ -17,13 +18,10 @@ STEPS = 170
 
 
 def test_the_heading_is_kept_while_a_wheel_slips():
-    with lockstep(PLANT, {"use_gyro": True}, only=("robot", "plant"), joined=True) as robot:
+    with inside(PLANT, {"use_gyro": True}) as robot:
         measured = robot.peer.subscribe(Odometry, "odom", DEEP)
         robot.send_goal(9.0, 6.0, 0.5)
-        robot.pause(False)
-        robot.peer.spin_until(lambda: len(robot.poses) > STEPS, 60.0, "the drive")
-        robot.pause(True)
-        robot.catch_up()
+        robot.run(lambda: len(robot.poses) > STEPS, "the drive")
         report = robot.diagnosis("ekf")
         truths = headings(robot.truths)
         start = min(truths)

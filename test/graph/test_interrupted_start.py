@@ -22,7 +22,6 @@ def started(name, *arguments, folder):
         (("replay_node",), "rclpy", signal.SIGTERM, 0),
         # Before the command is known, it is one that was interrupted; then it is a node.
         (DIFFBOT_RUN, "diffbot_tools.run_command", signal.SIGTERM, 130),
-        (DIFFBOT_RUN, "rclpy", signal.SIGINT, 0),
     ],
 )
 def test_a_signal_during_the_imports_ends_a_program_silently(command, module, number, status, tmp_path):

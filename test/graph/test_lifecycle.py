@@ -2,19 +2,17 @@
 
 from functools import partial
 
-import graph
 import one_process
 import pytest
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist
+from filter_input import fix, odometry
+from geometry_msgs.msg import PoseStamped, Twist
 from lifecycle_msgs.msg import State, Transition, TransitionEvent
 from lifecycle_msgs.srv import ChangeState, GetAvailableStates, GetState
-from nav_msgs.msg import Odometry
-from robot import DEEP, initialpose, pose_stamped, stamp, twist
+from robot import DEEP, pose_stamped, twist
 
 from diffbot_control.controller_node import ControllerNode
 from diffbot_control.ekf_node import EkfNode
 from diffbot_control.robot_node import RobotControllerNode
-from diffbot_control.ros.messages.fields import set_stamp
 
 # Transition and the state in which Nav2's manager then has to find the node, as its startup, pause, resume, reset and
 # shutdown ask for them.
@@ -22,15 +20,21 @@ CONFIGURE = (Transition.TRANSITION_CONFIGURE, State.PRIMARY_STATE_INACTIVE)
 ACTIVATE = (Transition.TRANSITION_ACTIVATE, State.PRIMARY_STATE_ACTIVE)
 DEACTIVATE = (Transition.TRANSITION_DEACTIVATE, State.PRIMARY_STATE_INACTIVE)
 CLEAN_UP = (Transition.TRANSITION_CLEANUP, State.PRIMARY_STATE_UNCONFIGURED)
-SHUT_DOWN = (Transition.TRANSITION_UNCONFIGURED_SHUTDOWN, State.PRIMARY_STATE_FINALIZED)
+SHUT_DOWN = (Transition.TRANSITION_ACTIVE_SHUTDOWN, State.PRIMARY_STATE_FINALIZED)
 NODES = ("ekf", "controller")
 
 
 class Manager:
     """Asks as nav2_lifecycle_manager does: change the state, then look whether it is the expected one."""
 
-    def __init__(self, peer, process):
-        self.peer, self.process = peer, process
+    def __init__(self, nodes, controller=None):
+        """Create filter and controller in one process, both waiting for a manager; the test is their sensors."""
+        self.peer, self.time = nodes.peer, 1000.0
+        self.fed = one_process.Fed(nodes, EkfNode, {"autostart": False, "reliable_inputs": True})
+        parameters = {"autostart": False, "pose_timeout": 60.0, **(controller or {})}
+        self.controller = nodes.add(partial(RobotControllerNode, self.fed.node), parameters)
+        self.commands = self.peer.subscribe(Twist, "cmd_vel", DEEP)
+        self.goals = self.peer.publisher(PoseStamped, "goal_pose")
 
     def request(self, name, transition=0, label=""):
         """Return whether the node reports success."""
@@ -44,75 +48,20 @@ class Manager:
         assert self.request(name, transition)
         assert self.state(name) == expected
 
-
-@pytest.fixture(scope="module")
-def robot():
-    """Run filter and controller in one process, both waiting for a manager."""
-    parameters = {"autostart": False, "reliable_inputs": True}
-    with graph.peer() as peer, graph.node(graph.MODULES["robot"], parameters) as process:
-        process.wait_for_output("[controller]: ready")
-        yield Manager(peer, process)
-
-
-def topics(peer):
-    return {name for name, _ in peer.node.get_topic_names_and_types()}
-
-
-def test_pause_resume_and_reset_by_a_manager(robot):
-    peer = robot.peer
-    events = {name: peer.subscribe(TransitionEvent, f"{name}/transition_event") for name in NODES}
-    commands = peer.subscribe(Twist, "cmd_vel")
-    peer.wait_for_publishers(*(f"{name}/transition_event" for name in NODES))
-    assert "/pose" not in topics(peer)
-    for step in (CONFIGURE, ACTIVATE, DEACTIVATE, ACTIVATE, DEACTIVATE, CLEAN_UP, CONFIGURE):
-        # Startup in the order of the manager's list, everything else in the reverse order.
-        for name in NODES if step in (CONFIGURE, ACTIVATE) else NODES[::-1]:
-            robot.change(name, *step)
-        if step is ACTIVATE:
-            assert {"/pose", "/odometry/filtered", "/odom", "/goal_pose"} <= topics(peer)
-            peer.wait_for_publishers("cmd_vel")
-    for name in NODES:
-        peer.spin_until(lambda name=name: len(events[name]) >= 14, what="two events of each transition")
-        assert [event.goal_state.label for event in events[name]][:4] == [
-            "configuring", "inactive", "activating", "active",
-        ]  # fmt: skip
-    peer.spin_until(lambda: len(commands) >= 2, what="a stop command of each deactivation")
-    assert {twist(command) for command in commands} == {(0.0, 0.0)}
-
-
-class Sensors:
-    """Odometry and goals of the test."""
-
-    def __init__(self, peer):
-        self.peer = peer
-        self.commands = peer.subscribe(Twist, "cmd_vel", DEEP)
-        self.poses = peer.subscribe(PoseWithCovarianceStamped, "pose", DEEP)
-        self.odometries, self.goals = peer.publisher(Odometry, "odom"), peer.publisher(PoseStamped, "goal_pose")
-        self.starts = peer.publisher(PoseWithCovarianceStamped, "initialpose")
-        peer.wait_for_subscribers(self.odometries, self.goals, self.starts)
-
-    def step(self):
-        """Send an odometry of now; return its stamp."""
-        message = Odometry(child_frame_id="base_link")
-        message.pose.pose.orientation.w = 1.0
-        message.twist.covariance[[0, 35]] = 1e-3
-        set_stamp(message.header.stamp, self.peer.node.get_clock().now().nanoseconds)
-        self.odometries.publish(message)
-        self.peer.spin_for(0.02)
-        return stamp(message)
-
-    def until_answered(self):
-        """Send odometry until a pose answers one that was sent after this call."""
-        first = self.step()
-        self.peer.spin_until(lambda: self.step() and self.poses and stamp(self.poses[-1]) >= first, what="a pose")
+    def move(self):
+        """Send odometry, and with it a pose to the controller."""
+        self.time += 0.1
+        self.fed.send("odom", odometry(self.time))
 
     def drive(self):
         """Send goals and odometry until a command to move comes."""
         self.commands.clear()
+        if not self.fed.node.health.accepted["global_pose"]:
+            self.fed.send("global_pose", fix(self.time))
 
         def moving():
-            self.goals.publish(pose_stamped(5.0, 0.0, 0.0))
-            self.step()
+            self.goals.publish(pose_stamped(9.0, 0.0, 0.0))
+            self.move()
             return any(one.linear.x > 0.0 for one in self.commands)
 
         self.peer.spin_until(moving, what="a command to drive")
@@ -121,72 +70,80 @@ class Sensors:
         self.peer.spin_until(lambda: self.commands and twist(self.commands[-1]) == (0.0, 0.0), what="the stop")
 
 
-def test_a_deactivated_controller_stops_the_robot_and_starts_idle_again(robot):
-    sensors = Sensors(robot.peer)
+@pytest.fixture
+def nodes():
+    with one_process.nodes() as running:
+        yield running
+
+
+def topics(peer):
+    return {name for name, _ in peer.node.get_topic_names_and_types()}
+
+
+def test_pause_resume_and_reset_by_a_manager(nodes):
+    manager, peer = Manager(nodes), nodes.peer
+    events = {name: peer.subscribe(TransitionEvent, f"{name}/transition_event") for name in NODES}
+    peer.wait_for_publishers(*(f"{name}/transition_event" for name in NODES))
+    assert "/pose" not in topics(peer)
+    for step in (CONFIGURE, ACTIVATE, DEACTIVATE, ACTIVATE, DEACTIVATE, CLEAN_UP, CONFIGURE):
+        # Startup in the order of the manager's list, everything else in the reverse order.
+        for name in NODES if step in (CONFIGURE, ACTIVATE) else NODES[::-1]:
+            manager.change(name, *step)
+        if step is ACTIVATE:
+            assert {"/pose", "/odometry/filtered", "/odom", "/goal_pose"} <= topics(peer)
     for name in NODES:
-        robot.change(name, *ACTIVATE)
-    sensors.starts.publish(initialpose(0.0, 0.0, 0.0))
-    sensors.drive()
-    robot.change("controller", *DEACTIVATE)
-    sensors.wait_for_stop()
-    before = len(sensors.commands)
-    sensors.goals.publish(pose_stamped(5.0, 0.0, 0.0))
-    sensors.until_answered()  # the filter goes on
-    robot.change("controller", *ACTIVATE)
-    sensors.until_answered()
-    sensors.until_answered()
-    assert len(sensors.commands) == before  # neither the old goal nor the one it got while inactive
-    sensors.drive()
-    robot.change("ekf", *DEACTIVATE)
-    # Without poses the controller stops the robot by itself.
-    sensors.peer.spin_until(lambda: sensors.step() and twist(sensors.commands[-1]) == (0.0, 0.0), what="the stop")
+        peer.spin_until(lambda name=name: len(events[name]) >= 14, what="two events of each transition")
+        assert [event.goal_state.label for event in events[name]][:4] == [
+            "configuring", "inactive", "activating", "active",
+        ]  # fmt: skip
 
 
-def test_a_transition_that_the_state_does_not_have_is_refused_and_the_node_lives(robot):
-    active = robot.state("controller")
-    assert active == State.PRIMARY_STATE_ACTIVE
+def test_an_inactive_controller_stops_the_robot_refuses_what_its_state_lacks_and_starts_idle_again(nodes, capfd):
+    manager = Manager(nodes)
+    for name in NODES:
+        manager.change(name, *CONFIGURE)
+        manager.change(name, *ACTIVATE)
+    manager.drive()
+    manager.change("controller", *DEACTIVATE)
+    manager.wait_for_stop()
+    before = len(manager.commands)
+    manager.goals.publish(pose_stamped(5.0, 0.0, 0.0))
+    manager.move()  # the filter goes on
+    manager.change("controller", *ACTIVATE)
+    manager.move()
+    manager.move()
+    assert len(manager.commands) == before  # neither the old goal nor the one it got while inactive
+    manager.drive()
     for transition, label in ((Transition.TRANSITION_CONFIGURE, ""), (99, ""), (0, "fly"), (0, "configure")):
-        assert not robot.request("controller", transition, label)
-    assert robot.state("controller") == active
-    assert "no transition fly from active: refused" in robot.process.output
-    states = robot.peer.call(GetAvailableStates, "controller/get_available_states").available_states
+        assert not manager.request("controller", transition, label)
+    assert manager.state("controller") == State.PRIMARY_STATE_ACTIVE
+    assert "no transition fly from active: refused" in capfd.readouterr().err
+    states = nodes.peer.call(GetAvailableStates, "controller/get_available_states").available_states
     assert {"unconfigured", "inactive", "active", "finalized"} <= {state.label for state in states}
+    manager.commands.clear()
+    manager.change("controller", *SHUT_DOWN)
+    manager.wait_for_stop()
 
 
-def test_shutdown_from_active_stops_the_robot_and_the_process_ends_by_its_signal(robot):
-    commands = robot.peer.subscribe(Twist, "cmd_vel")
-    robot.peer.wait_for_publishers("cmd_vel")
-    commands.clear()
-    robot.change("controller", Transition.TRANSITION_ACTIVE_SHUTDOWN, State.PRIMARY_STATE_FINALIZED)
-    robot.peer.spin_until(lambda: commands and twist(commands[-1]) == (0.0, 0.0), what="the stop")
-    robot.change("ekf", *CLEAN_UP)
-    robot.change("ekf", *SHUT_DOWN)
-    assert robot.process.stop() == 0
-    assert "Traceback" not in robot.process.output
-
-
-def test_a_node_that_cannot_be_configured_stays_unconfigured_and_reports_why(capfd):
-    with one_process.nodes() as nodes:
-        ekf = nodes.add(EkfNode)
-        nodes.add(partial(RobotControllerNode, ekf), {"autostart": False, "map_frame": "world"})
-        manager = Manager(nodes.peer, None)
-        assert not manager.request("controller", Transition.TRANSITION_CONFIGURE)
-        assert manager.state("controller") == State.PRIMARY_STATE_UNCONFIGURED
-        text = "map_frame: the controller has 'world', the ekf 'map': must be the same"
-        assert text in "".join(capfd.readouterr())
-        node = nodes.peer.node
-        nodes.peer.spin_until(lambda: not node.get_publishers_info_by_topic("/cmd_vel"), what="no publisher")
+def test_a_node_that_cannot_be_configured_stays_unconfigured_and_reports_why(nodes, capfd):
+    manager = Manager(nodes, {"map_frame": "world"})
+    manager.change("ekf", *CONFIGURE)
+    assert not manager.request("controller", Transition.TRANSITION_CONFIGURE)
+    assert manager.state("controller") == State.PRIMARY_STATE_UNCONFIGURED
+    text = "map_frame: the controller has 'world', the ekf 'map': must be the same"
+    assert text in "".join(capfd.readouterr())
+    node = nodes.peer.node
+    nodes.peer.spin_until(lambda: not node.get_publishers_info_by_topic("/cmd_vel"), what="no publisher")
 
 
 @pytest.mark.parametrize("kind", [ControllerNode, EkfNode])
-def test_a_timer_that_is_due_while_the_node_is_cleaned_up_does_nothing(kind):
+def test_a_timer_that_is_due_while_the_node_is_cleaned_up_does_nothing(nodes, kind):
     """The executor takes it in one go with the request, and calls it after its publishers are destroyed."""
-    with one_process.nodes() as nodes:
-        node = nodes.add(kind)
-        due = [timer.callback for timer in node.timers]
-        assert due
-        node.trigger_deactivate()
-        node.trigger_cleanup()
-        for callback in due:
-            callback()
-        assert node.faults.newest == ""
+    node = nodes.add(kind)
+    due = [timer.callback for timer in node.timers]
+    assert due
+    node.trigger_deactivate()
+    node.trigger_cleanup()
+    for callback in due:
+        callback()
+    assert node.faults.newest == ""

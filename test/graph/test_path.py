@@ -1,4 +1,4 @@
-"""A path over DDS: its waypoints in order, what is refused of it, and the status that reports it."""
+"""A path over DDS: its waypoints in order, and the status that reports them."""
 
 import math
 
@@ -6,24 +6,15 @@ import graph
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
+from inside import inside
 from nav_msgs.msg import Path
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from robot import distance, lockstep, planar, pose_stamped, stamp, turned
+from robot import distance, planar, pose_stamped, stamp, turned
 
-from diffbot_control.law.finish import FINISH_NAMES
-
-WORLD = {"seed": 12}
 RADIUS = 0.4
 START = 1000 * 10**9
 ALL_STATES = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 ROUTE = [(-1.0, -3.0, 1.0), (1.0, -2.0, 0.5), (1.0, -0.5, 2.5)]
-
-
-def path(goals, frame="map", pose_frame="map"):
-    message = Path()
-    message.header.frame_id = frame
-    message.poses = [pose_stamped(*goal, frame=pose_frame) for goal in goals]
-    return message
 
 
 def waypoints(states):
@@ -32,61 +23,35 @@ def waypoints(states):
     return [text for index, text in enumerate(texts) if index == 0 or text != texts[index - 1]]
 
 
-@pytest.fixture(scope="module")
-def robot():
-    with lockstep(WORLD, controller={"waypoint_radius": RADIUS}, only=("robot", "plant"), joined=True) as running:
-        running.paths = running.peer.publisher(Path, "path", QoSProfile(depth=10))
-        running.states = running.peer.subscribe(DiagnosticStatus, "controller/status", ALL_STATES)
-        running.peer.wait_for_subscribers(running.paths)
-        running.peer.wait_for_publishers("controller/status")
-        yield running
-
-
-def send_path(robot, message, number=1):
-    """Send a path and wait until the controller reports that it has it."""
-    robot.states.clear()
-    robot.paths.publish(message)
-    expected = f"{number}/{len(message.poses)}"
-    robot.peer.spin_until(lambda: expected in waypoints(robot.states), what=f"waypoint {expected} in the status")
-
-
-def run(robot, condition, what):
-    robot.pause(False)
-    robot.peer.spin_until(condition, what=what)
-    robot.pause(True)
-    robot.catch_up()
-
-
-def newest(robot):
-    return graph.values(robot.states[-1])
-
-
-def test_waypoints_within_the_radius_are_passed_without_a_stop_and_the_last_one_is_reached(robot):
-    send_path(robot, path(ROUTE))
-    run(robot, lambda: robot.states[-1].message == "goal reached", "the end of the path")
-    assert waypoints(robot.states) == ["1/3", "2/3", "3/3"]
-    truths = {(stamp(message) - START) // 10**8: planar(message.pose.pose) for message in robot.truths}
-    for goal in ROUTE[:2]:
-        assert min(distance(pose, goal) for pose in truths.values()) < RADIUS
-        # It did not stop at those it passed.
-        near = [step for step, pose in truths.items() if distance(pose, goal) < RADIUS and step + 1 in truths]
-        assert min(distance(truths[step], truths[step + 1]) for step in near) > 0.01
-    final = robot.true_pose()
-    assert distance(final, ROUTE[-1]) < 0.1
-    assert turned(final, ROUTE[-1]) < 0.1
-
-
-def test_the_status_has_waypoint_finish_and_the_smallest_tolerance_of_the_newest_pose(robot):
-    # The robot stands still; a status that was sent since then is about the newest pose.
-    robot.catch_up()
-    robot.states.clear()
-    robot.peer.spin_until(lambda: robot.states, what="a status")
-    values = newest(robot)
-    # Waypoints that were passed are not counted.
-    assert (values["region"], values["waypoint"], values["goals reached"]) == ("Omega_L", "3/3", "1")
-    assert values["finish"] in FINISH_NAMES
-    # 99 % of a Rayleigh and of a normal distribution.
-    P = np.array(robot.poses[-1].pose.covariance).reshape(6, 6)
-    expected = 3.0349 * math.sqrt(np.linalg.eigvalsh(P[:2, :2])[-1]), 2.5758 * math.sqrt(P[5, 5])
-    found = float(values["smallest tolerance [m]"]), float(values["smallest tolerance [rad]"])
-    assert found == pytest.approx(expected, abs=6e-5)
+def test_waypoints_within_the_radius_are_passed_without_a_stop_and_the_last_one_is_reached():
+    with inside({"seed": 12}, controller={"waypoint_radius": RADIUS}) as robot:
+        paths = robot.peer.publisher(Path, "path", QoSProfile(depth=10))
+        states = robot.peer.subscribe(DiagnosticStatus, "controller/status", ALL_STATES)
+        robot.peer.wait_for_subscribers(paths)
+        robot.peer.wait_for_publishers("controller/status")
+        path = Path(poses=[pose_stamped(*goal) for goal in ROUTE])
+        path.header.frame_id = "map"
+        paths.publish(path)
+        robot.peer.spin_until(lambda: waypoints(states) == ["1/3"], what="the path in the status")
+        robot.run(lambda: states[-1].message == "goal reached", "the end of the path")
+        assert waypoints(states) == ["1/3", "2/3", "3/3"]
+        truths = {(stamp(message) - START) // 10**8: planar(message.pose.pose) for message in robot.truths}
+        for goal in ROUTE[:2]:
+            assert min(distance(pose, goal) for pose in truths.values()) < RADIUS
+            # It did not stop at those it passed.
+            near = [step for step, pose in truths.items() if distance(pose, goal) < RADIUS and step + 1 in truths]
+            assert min(distance(truths[step], truths[step + 1]) for step in near) > 0.01
+        final = robot.true_pose()
+        assert distance(final, ROUTE[-1]) < 0.1
+        assert turned(final, ROUTE[-1]) < 0.1
+        # The robot stands still; a status that was sent since then is about the newest pose.
+        states.clear()
+        robot.peer.spin_until(lambda: states, what="a status")
+        values = graph.values(states[-1])
+        # Waypoints that were passed are not counted.
+        assert (values["region"], values["waypoint"], values["goals reached"]) == ("Omega_L", "3/3", "1")
+        # 99 % of a Rayleigh and of a normal distribution.
+        P = np.array(robot.poses[-1].pose.covariance).reshape(6, 6)
+        expected = 3.0349 * math.sqrt(np.linalg.eigvalsh(P[:2, :2])[-1]), 2.5758 * math.sqrt(P[5, 5])
+        found = float(values["smallest tolerance [m]"]), float(values["smallest tolerance [rad]"])
+        assert found == pytest.approx(expected, abs=6e-5)

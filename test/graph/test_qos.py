@@ -11,8 +11,6 @@ from sensor_msgs.msg import PointCloud2
 
 from diffbot_control.controller_node import ControllerNode
 from diffbot_control.ekf_node import EkfNode
-from diffbot_core.ros import delivery
-from diffbot_core.ros.delivery import deliver
 from diffbot_sim.plant_node import PlantNode
 
 BEST_EFFORT = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -91,27 +89,3 @@ def test_the_stop_at_the_end_is_repeated_where_nobody_confirms_it(nodes, qos, ze
     fed.node.before_shutdown()
     nodes.remove(fed.node)
     nodes.peer.spin_until(lambda: commands.count(Twist()) >= zeros, what="the stop")
-
-
-class Unheard:
-    """A publisher whose reader confirms the message that was published for the n-th time, or none."""
-
-    topic_name = "/cmd_vel"
-
-    def __init__(self, confirmed):
-        self.confirmed, self.count = confirmed, 0
-
-    def publish(self):
-        self.count += 1
-
-    def wait_for_all_acked(self, _timeout):
-        return self.count >= self.confirmed
-
-
-def test_a_message_is_published_until_it_is_confirmed_for_a_bounded_time(nodes, monkeypatch):
-    late, never = Unheard(3), Unheard(float("inf"))
-    assert deliver(nodes.peer.node, late, late.publish)
-    assert late.count == 3
-    monkeypatch.setattr(delivery, "TIMEOUT", 0.05)
-    assert not deliver(nodes.peer.node, never, never.publish)
-    assert never.count > 1

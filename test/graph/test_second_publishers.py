@@ -75,9 +75,9 @@ def test_two_sources_of_each_input_are_named(nodes):
         "cmd_vel": (Twist, (PlantNode, ControllerNode), "drive the robot: /controller, /first, /second"),
     }
     names = {kind: nodes.add(kind).get_fully_qualified_name() for kind in (ControllerNode, EkfNode, PlantNode)}
-    for topic, (message_type, kinds, text) in inputs.items():
-        with graph.peer("first") as first, graph.peer("second") as second:
-            publishers = [one.publisher(message_type, topic) for one in (first, second)]
+    with graph.peer("first") as first, graph.peer("second") as second:
+        publishers = [one.publisher(kind, topic) for topic, (kind, *_) in inputs.items() for one in (first, second)]
+        for topic, (_, kinds, text) in inputs.items():
             for kind in kinds:
                 wait_for(nodes, names[kind], f"/{topic}, only one may {text}", DiagnosticStatus.ERROR)
-            del publishers
+        del publishers

@@ -1,17 +1,13 @@
 """Two robots in one graph: topics and frames apart, one clock for both, and what two clocks do."""
 
-import itertools
-
 import one_process
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TwistStamped
 from nav_msgs.msg import Odometry
-from robot import DEEP, pose_stamped, stamp
+from robot import DEEP, pose_stamped
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu
-from std_msgs.msg import Float64MultiArray
-from std_srvs.srv import SetBool
 
 from diffbot_control.controller_node import ControllerNode
 from diffbot_control.ekf_node import EkfNode
@@ -20,8 +16,6 @@ from diffbot_sim.plant_node import PlantNode
 from diffbot_sim.ros.parameters import PlantNodeConfig
 
 SIMULATED = {"use_sim_time": True}
-SCALED = {"clock": "scaled", "start_time": 1000.0}
-PERIOD = 100_000_000
 KINDS = {
     "odom": Odometry,
     "odometry/filtered": Odometry,
@@ -30,7 +24,6 @@ KINDS = {
     "global_pose": PoseWithCovarianceStamped,
     "heading": Imu,
     "cmd_vel": TwistStamped,
-    "controller/navigation": Float64MultiArray,
 }
 
 
@@ -84,44 +77,12 @@ def test_topics_and_frames_of_two_robots_are_apart(nodes):
             found = {(one.header.frame_id, getattr(one, "child_frame_id", "")) for one in messages}
             assert found <= {frames}, (name, topic)
         assert not controllers[name].health.dropped
-    (navigation,) = received["left"]["controller/navigation"][:1]
-    labels = [dim.label for dim in navigation.layout.dim]
-    assert labels == ["stamp", "rho", "alpha", "beta", "theta", "eps_P", "region", "V"]
-    assert len(navigation.data) == len(labels)
     heading = received["left"]["heading"][0]
     assert heading.angular_velocity_covariance[0] == heading.linear_acceleration_covariance[0] == -1.0
     absolute = {"/diagnostics", "/parameter_events", "/rosout", "/tf", "/tf_static", "/clock"}
     names = {name for name, _ in peer.node.get_topic_names_and_types()} - absolute
     # rclpy keeps this publisher of a lifecycle node until the process ends, here that of other tests.
     assert {name.split("/")[1] for name in names if not name.endswith("/transition_event")} == {"left", "right"}
-
-
-def test_one_plant_of_two_owns_time_and_the_other_follows_it(nodes):
-    peer = nodes.peer
-    clocks = peer.subscribe(Clock, "/clock", DEEP)
-    own, other = (peer.subscribe(Odometry, f"/{name}/odom", DEEP) for name in ("left", "right"))
-    # Half the period of the one that owns time.
-    follower = {**SCALED, "publish_clock": False, "sampling_time": 0.05, **SIMULATED}
-    nodes.add(PlantNode, follower, ("-r", "__ns:=/right"))
-    peer.spin_for(0.3)
-    assert not other, "no time, no step"
-    nodes.add(PlantNode, {**SCALED, "real_time_factor": 4.0}, ("-r", "__ns:=/left"))
-    peer.spin_until(lambda: len(own) > 40, what="40 steps")
-    assert peer.call(SetBool, "/left/plant/pause", SetBool.Request(data=True)).success
-    assert {info.node_namespace for info in peer.node.get_publishers_info_by_topic("/clock")} == {"/left"}
-
-    def caught_up():
-        return stamp(other[-1]) == max(one.clock.sec * 10**9 + one.clock.nanosec for one in clocks)
-
-    peer.spin_until(caught_up, what="the follower's newest step")
-    stamps = [stamp(one) for one in other]
-    gaps = [after - before for before, after in itertools.pairwise(stamps)]
-    # Where the machine is busy, some may be skipped.
-    assert gaps.count(PERIOD // 2) > len(gaps) / 2
-    assert {gap % (PERIOD // 2) for gap in gaps} == {0}
-    peer.spin_for(0.5)
-    # It stands still in the pause of the other, but for what was under way: running on, it would be 2 s ahead.
-    assert stamp(other[-1]) <= stamps[-1] + 2 * PERIOD
 
 
 class Listener(DiffbotNode):

@@ -1,6 +1,5 @@
 """`diffbot watch` with a simulated robot and a real browser: the goal that is drawn is sent, and the robot arrives."""
 
-import contextlib
 import math
 import pathlib
 import signal
@@ -16,9 +15,7 @@ from nav_msgs.msg import Odometry, Path
 from robot import LATCHED, planar, pose_stamped
 from sensor_msgs.msg import PointCloud2, PointField
 
-from diffbot_bag.bag.reader import BagReader
 from diffbot_control.ros.messages.landmark_cloud import LandmarkPoint, fill_landmark_points
-from diffbot_core.errors import DiffbotError
 
 START = -2.0, -5.5
 
@@ -30,13 +27,8 @@ def robot():
 
 
 @pytest.fixture(scope="module")
-def bags(tmp_path_factory):
-    return tmp_path_factory.mktemp("recorded") / "bags"
-
-
-@pytest.fixture(scope="module")
-def watch(robot, bags):
-    with graph.diffbot("watch", "--port", "0", "--record", str(bags)) as running:
+def watch(robot):
+    with graph.diffbot("watch", "--port", "0") as running:
         running.wait_for_output("Page: ")
         yield running
         assert running.stop(signal.SIGINT) == 0
@@ -216,27 +208,6 @@ def test_the_page_reports_when_the_robot_is_silent(page, robot):
         robot.send(signal.SIGCONT)
     page.wait("document.getElementById('state').dataset.level === '0'", "the status")
     page.wait("document.querySelectorAll('#diagnostics .bad').length === 0", "the diagnoses")
-
-
-def test_the_record_button_writes_a_bag(page, watch, bags):
-    button = page.tab.locator("[title^=Record]")
-    button.click()
-    page.wait_for_message("recording to")
-
-    def recorded():
-        # Until the first flush, the file is empty.
-        with contextlib.suppress(DiffbotError, StopIteration), BagReader(next(bags.iterdir())) as reader:
-            return "/pose" in reader.topics and reader.topics["/pose"].message_count > 3
-
-    try:
-        graph.wait_for(recorded, what="messages in the bag")
-    finally:
-        print(watch.output)  # what the recorder says stands in it
-    button.click()
-    page.wait_for_message("recorded /")
-    (bag,) = bags.iterdir()
-    with BagReader(bag) as reader:
-        assert reader.topics["/pose"].message_count > 3
 
 
 def test_a_browser_is_opened_without_the_token_on_its_command_line(tmp_path):

@@ -8,9 +8,7 @@ from lifecycle_msgs.srv import GetState
 from nav2_msgs.srv import ManageLifecycleNodes
 from nav_msgs.msg import Odometry
 from overlay import program
-from rclpy.time import Time
 from robot import DEEP, SIMULATED, distance, robot, turned
-from tf2_ros import Buffer, TransformListener
 
 FAST = {"clock": "scaled", "real_time_factor": 4.0, "seed": 11}
 GOALS = 20
@@ -84,17 +82,3 @@ def test_nav2s_lifecycle_manager_brings_the_nodes_up_and_down():
             driving.wait_for_state("goal reached", 60.0)
             assert manage("SHUTDOWN")
             becomes("finalized")
-
-
-def test_a_robot_in_a_namespace_has_its_own_transforms_with_robot_state_publisher(tmp_path):
-    words = ("ros2", "launch", "diffbot", "simulation.launch.py", "namespace:=left", "description:=true")
-    remapped = [word for name in ("tf", "tf_static") for word in ("-r", f"/{name}:=/left/{name}")]
-    with graph.process(*words, cwd=tmp_path) as launch, graph.peer(cli_args=["--ros-args", *remapped]) as peer:
-        launch.wait_for_output("controller]: ready")
-        buffer = Buffer()
-        TransformListener(buffer, peer.node)
-        peer.spin_until(lambda: buffer.can_transform("map", "left_wheel", Time()), what="the wheel in the map")
-        topics = dict(peer.node.get_topic_names_and_types())
-        assert "/left/robot_description" in topics
-        assert not peer.node.count_publishers("/tf")
-        assert launch.stop() == 0

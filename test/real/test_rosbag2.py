@@ -1,7 +1,6 @@
 """Bags of this project in the real rosbag2, those of rosbag2 in the commands here, its services and clients."""
 
 import signal
-import time
 from collections import Counter
 
 import bag_commands
@@ -107,16 +106,6 @@ def test_rosbag2_reads_what_is_in_a_bag_of_ours(ours, kind, figures):
     figures.setdefault("bags read by rosbag2", []).append(kind)
 
 
-def test_a_split_bag_has_several_files(ours):
-    for kind in ("split", "split later"):
-        assert len(rosbag2_bags.metadata(ours / kind).files) > 1
-
-
-def test_a_killed_bag_is_one_that_rosbag2_refuses_before_its_repair(ours):
-    with pytest.raises(RuntimeError):
-        rosbag2_bags.read(ours / "killed")
-
-
 THEIRS = {
     **{f"preset {preset}": {"storage_preset_profile": preset} for preset in rosbag2_bags.PRESETS},
     "split": {"max_bagfile_size": 50_000, "storage_preset_profile": "fastwrite"},
@@ -174,15 +163,6 @@ def test_a_bag_that_is_not_supported_is_refused_in_one_line_that_says_why(theirs
 
 def ros2(*arguments, **options):
     return graph.process("ros2", *map(str, arguments), **options)
-
-
-def test_ros2_bag_info_prints_counts_of_ours(ours):
-    with ros2("bag", "info", ours / "zstd") as command:
-        assert command.wait() == 0
-        counts = Counter(topic for topic, *_ in rosbag2_bags.read(ours / "zstd"))
-        for topic, count in counts.items():
-            (line,) = (line for line in command.output.splitlines() if f"Topic: {topic} " in line)
-            assert f"Count: {count} " in line
 
 
 def test_ros2_bag_play_sends_all_of_ours(ours):
@@ -247,16 +227,3 @@ def test_the_services_of_a_replay_are_those_of_rosbag2s_player(ours):
         assert not call("is_paused").paused
         call("stop")
         assert replay.wait() == 0
-
-
-def test_the_clients_of_rosbag2_control_the_replay(ours):
-    """`ros2 service` has the same types: a pause by the command is a pause."""
-    with graph.diffbot("replay", str(ours / "zstd"), "--loop", "--disable-keyboard-controls"), graph.peer() as peer:
-        with ros2("service", "call", "/rosbag2_player/pause", "rosbag2_interfaces/srv/Pause") as command:
-            assert command.wait() == 0
-        assert peer.call(srv.IsPaused, "/rosbag2_player/is_paused").paused
-        received = peer.subscribe(Odometry, "/odom", DEEP)
-        peer.wait_for_publishers("/odom")
-        begin = time.monotonic()
-        peer.spin_for(1.0)
-        assert not received, f"messages of a paused replay after {time.monotonic() - begin:.1f} s"

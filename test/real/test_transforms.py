@@ -6,7 +6,7 @@ import time
 import graph
 import pytest
 from action_msgs.msg import GoalStatus
-from nav_msgs.msg import Odometry, Path
+from nav_msgs.msg import Odometry
 from overlay import program
 from rclpy.action import ActionClient
 from rclpy.time import Time
@@ -143,14 +143,6 @@ def mounted(driving):
         yield driving
 
 
-def test_a_late_listener_has_the_static_transform(mounted):
-    buffer = Buffer()
-    TransformListener(buffer, mounted.peer.node)
-    mounted.peer.spin_until(lambda: buffer.can_transform("base_link", "camera", Time()), what="the static transform")
-    found = buffer.lookup_transform("base_link", "camera", Time()).transform
-    assert (found.translation.x, found.translation.y, yaw(found.rotation)) == pytest.approx(MOUNT)
-
-
 def goal_of(driving):
     text = graph.values(driving.controller_states[-1]).get("goal", "")
     return tuple(map(float, text.split())) if text else ()
@@ -190,23 +182,3 @@ def in_map(transform, pose):
     x = transform.translation.x + pose[0] * math.cos(turn) - pose[1] * math.sin(turn)
     y = transform.translation.y + pose[0] * math.sin(turn) + pose[1] * math.cos(turn)
     return x, y, pose[2] + turn
-
-
-def test_a_path_of_another_frame_is_driven_in_the_map(driving):
-    buffer = Buffer()
-    TransformListener(buffer, driving.peer.node)
-    driving.peer.spin_until(lambda: buffer.can_transform("map", "odom", Time()), what="the transform")
-    poses = [(10.0 * number, 5.0, 0.0) for number in range(1, 4)]
-    path = Path()
-    path.header.frame_id = "odom"
-    path.poses = [pose_stamped(*pose, frame="odom") for pose in poses]
-    expected = in_map(buffer.lookup_transform("map", "odom", Time()).transform, poses[0])
-    publisher = driving.peer.publisher(Path, "path")
-    driving.peer.wait_for_subscribers(publisher)
-    publisher.publish(path)
-
-    def taken():
-        return math.dist((goal_of(driving) or (math.inf, 0.0))[:2], expected[:2]) < 0.3
-
-    driving.peer.comes_true(taken, 5.0)
-    assert goal_of(driving)[:2] == pytest.approx(expected[:2], abs=0.3)

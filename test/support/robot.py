@@ -19,6 +19,12 @@ ON_TRUTH, TRUE_POSES = {"pose_source": "odometry"}, ("-r", "controller:odometry/
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 DEEP = QoSProfile(depth=100_000)
 """The test takes a message later than it comes: none may be pushed out."""
+LOCKSTEP = {
+    "plant": {"clock": "lockstep", "start_paused": True, "start_time": 1000.0},
+    "ekf": {"reliable_inputs": True, **SIMULATED},
+    "controller": {"publish_when_idle": True, "reliable_inputs": True, **SIMULATED},
+}
+"""Parameters of a robot that runs as fast as it goes."""
 START_TIMEOUT = 60.0
 """[s] for a node to start and to be discovered on a busy machine"""
 TOPICS = {
@@ -234,10 +240,8 @@ def on_truth(plant=None, controller=None, **options):
 @contextlib.contextmanager
 def lockstep(plant=None, ekf=None, controller=None, **options):
     """Run a robot as fast as it goes; it stands still until ``pause(False)``."""
-    plant = {"clock": "lockstep", "start_paused": True, "start_time": 1000.0, **(plant or {})}
-    ekf = {"reliable_inputs": True, **SIMULATED, **(ekf or {})}
-    controller = {"publish_when_idle": True, "reliable_inputs": True, **SIMULATED, **(controller or {})}
-    with robot(plant, ekf, controller, **options) as running:
+    given = {"plant": plant, "ekf": ekf, "controller": controller}
+    with robot(**{name: {**LOCKSTEP[name], **(one or {})} for name, one in given.items()}, **options) as running:
         yield running
 
 

@@ -62,7 +62,7 @@ def test_noise_outliers_and_a_kidnapping_are_no_contradiction(outliers):
 
 
 def test_a_contradiction_ends_after_a_minute_of_rest_or_by_a_pose_set_by_hand():
-    story = list_of_causes(drive(100.0, FAULTS["turned by pi"], rest_after=5.0))
+    story = [made.contradiction.cause for _, made in drive(100.0, FAULTS["turned by pi"], rest_after=5.0)]
     began = story.index(RELOCATING)
     assert story[-1] == ""
     assert 1200 <= story.index("", began) - began <= 1300
@@ -70,7 +70,3 @@ def test_a_contradiction_ends_after_a_minute_of_rest_or_by_a_pose_set_by_hand():
     assert made.contradiction.cause == RELOCATING
     made.initialise(Pose(0.0, 0.0, 0.0), np.diag(SIGMAS**2))
     assert made.contradiction.cause == ""
-
-
-def list_of_causes(drive):
-    return [made.contradiction.cause for _, made in drive]

@@ -46,11 +46,6 @@ def test_in_the_long_run_the_measurements_tell_as_much_as_independent_ones_with_
     assert inflation_after(dt, time) == pytest.approx(1.0 / information, rel=0.02)
 
 
-def test_measurements_of_one_time_count_as_a_millisecond_apart():
-    assert inflation_after(0.0, 1.0) == inflation_after(1e-3, 1.0) == pytest.approx(2000.0, rel=1e-3)
-    assert inflation_after(-1.0, 1.0) == inflation_after(1e-3, 1.0)
-
-
 def test_each_source_is_compared_with_itself_and_each_landmark_is_a_source():
     stamps = NO_STAMPS
     for one in (fix(0.0), fix(1.0, sensor="fixes of gps"), heading(2.0), landmark(3.0), landmark(4.0, x=5.0)):
@@ -68,11 +63,3 @@ def test_each_source_is_compared_with_itself_and_each_landmark_is_a_source():
     )
     for one, dt, time in expected:
         assert inflation_of(stamps, one, TIMES) == pytest.approx(inflation_after(dt, time))
-
-
-def test_independent_errors_are_neither_remembered_nor_inflated():
-    times = {HEADINGS: 0.0, FIXES: 1.0}
-    assert with_stamp(NO_STAMPS, heading(0.0), times) == {}
-    stamps = with_stamp(with_stamp(NO_STAMPS, fix(0.0), times), landmark(0.0), times)
-    assert stamps == {fix(0.0).source: 0}
-    assert inflation_of({**stamps, heading(0.0).source: 0}, heading(0.1), times) == 1.0

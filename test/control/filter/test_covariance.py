@@ -58,17 +58,8 @@ def test_the_inverse_is_lapacks(size):
         np.testing.assert_array_equal(found, found.T)
 
 
-@pytest.mark.parametrize(
-    "bad",
-    [
-        np.array([[-1.0]]),
-        np.array([[math.nan]]),
-        np.array([[1.0, 1.1], [1.1, 1.0]]),
-        np.diag([1.0, 0.0]),
-        np.diag([1.0, math.nan, 1.0]),
-        np.array([[1.0, 0.9, -0.9], [0.9, 1.0, 0.9], [-0.9, 0.9, 1.0]]),
-    ],
-)
-def test_a_matrix_that_is_no_covariance_has_no_inverse_here(bad):
-    with pytest.raises(np.linalg.LinAlgError):
-        inverse(bad)
+def test_a_matrix_that_is_no_covariance_has_no_inverse_here():
+    indefinite = np.array([[1.0, 0.9, -0.9], [0.9, 1.0, 0.9], [-0.9, 0.9, 1.0]])
+    for bad in (indefinite, indefinite[:2, :2] - np.diag([0.0, 1.0]), np.array([[math.nan]])):
+        with pytest.raises(np.linalg.LinAlgError):
+            inverse(bad)

@@ -11,7 +11,6 @@ from scipy.stats import multivariate_normal
 
 from diffbot_control.filter.ekf import PoseEkf
 from diffbot_control.filter.gate import ACCEPTED, IGNORED
-from diffbot_control.filter.landmark_calibration import LandmarkErrors
 from diffbot_control.filter.measurements import Heading, LandmarkMeasurement, PoseFix, PositionFix
 from diffbot_control.filter.models import MIN_LANDMARK_DISTANCE, TURNED_VARIANCE, linearisation_variance
 from diffbot_core.geometry import Point, Pose
@@ -139,18 +138,6 @@ def test_a_landmark_under_the_robot_corrects_nothing(away, corrected):
     assert np.isfinite(found.memory.belief.x).all()
 
 
-def test_known_errors_of_landmarks_are_those_of_states_that_are_certain():
-    known, states = PoseEkf(), PoseEkf(landmark_states=True)
-    P, errors = covariance(np.random.default_rng(1), 3, 0.05, 0.1), (0.1, 0.05, -0.03)
-    known.set_state(np.array([0.2, -0.1, 0.4]), P)
-    known.states = known.states._replace(landmark_errors=LandmarkErrors(*errors))
-    states.set_state(np.array([0.2, -0.1, 0.4, *errors]), np.pad(P, ((0, 3), (0, 3))))
-    for ekf in (known, states):
-        ekf.correct(LandmarkMeasurement(0, 3.0, 0.5, 0.01 * np.eye(2), Point(2.5, 1.5)))
-    np.testing.assert_allclose(known.x, states.x[:3], atol=1e-12)
-    np.testing.assert_allclose(known.P, states.P[:3, :3], atol=1e-12)
-
-
 def test_with_an_uncertain_heading_a_correction_follows_an_arc():
     ekf, P = PoseEkf(), np.diag([0.5, 0.4, 0.9])
     P[0, 2] = P[2, 0] = 0.3
@@ -165,16 +152,3 @@ def test_with_an_uncertain_heading_a_correction_follows_an_arc():
     np.testing.assert_allclose(ekf.x, [1.0 + along.real, 2.0 + along.imag, 0.5 + turn], atol=1e-8)
     T = np.array([[math.cos(turn), -math.sin(turn), 0.0], [math.sin(turn), math.cos(turn), 0.0], [0.0, 0.0, 1.0]])
     np.testing.assert_allclose(ekf.P, T @ P_after @ T.T, atol=1e-12)
-
-
-def test_neither_inputs_nor_old_results_are_changed():
-    x, P, R = np.array([1.0, 2.0, 3.0]), np.eye(3), 0.5 * np.eye(3)
-    ekf = PoseEkf()
-    ekf.set_state(x, P)
-    kept = [x, P, R, ekf.x, ekf.P]
-    copies = [one.copy() for one in kept]
-    ekf.predict(build_motion(1.0, 1.0, 0.1, 0.1, 0.0, 0.1))
-    ekf.correct(PoseFix(0, Pose(1.5, 2.5, -3.0), R))
-    ekf.correct(Heading(0, 3.0, np.array([[0.1]])))
-    for one, copied in zip(kept, copies, strict=True):
-        np.testing.assert_array_equal(one, copied)

@@ -7,8 +7,6 @@ import pytest
 from filter_runs import R_FIX, gated_filter, wrapped
 
 from diffbot_control.filter.fix_correlation import correlation_of, new_fix_correlation
-from diffbot_control.filter.gate import ACCEPTED, REJECTED
-from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.measurements import PoseFix
 from diffbot_control.filter.models import Motion
 from diffbot_control.filter.options import FilterConfig, options_of
@@ -92,14 +90,6 @@ def test_the_option_and_the_other_mechanisms_switch_it_off():
     assert told.memory.fix_correlation == new_fix_correlation()
 
 
-def test_a_rejected_fix_has_no_partner():
-    with_outliers = Run(0.9, 3, outliers=(200, 300))
-    assert with_outliers.outcomes[100] == with_outliers.outcomes[150] == REJECTED
-    # The first fix of the 200, and two for each outlier: its own pair and the next.
-    accepted = sum(one == ACCEPTED for one in with_outliers.outcomes)
-    assert with_outliers.found.memory.fix_correlation.pairs == accepted - 3
-
-
 @pytest.mark.parametrize("c", [0.3, 0.6, 0.9])
 def test_right_means_give_the_correlation(c):
     # Of noise with variance R: half the squared difference 1 - c, the product of neighbours c.
@@ -109,18 +99,3 @@ def test_right_means_give_the_correlation(c):
     assert correlation_of(1.0 - c, 0.0, 0.0, 200) == 0.0
     assert correlation_of(1.0, 0.0, c, 200) == 0.0  # a drift
     assert correlation_of(1.0 - c, 0.0, c, 1) == 0.0  # too few
-
-
-def test_a_weaker_correction_is_that_of_a_larger_covariance():
-    coloured = Run(0.9, 2).found
-    memory = coloured.memory
-    plain = GatedFilter(options_of(FilterConfig(filter="ekf", detect_correlation=False)), 0.6)
-    plain.reset_to(Pose(0.0, 0.0, 0.0), R_FIX)
-    plain.memory = plain.memory._replace(belief=memory.belief)
-    x, y, theta = memory.belief.x
-    z = Pose(x + 0.1, y - 0.1, theta + 0.05)
-    coloured.take(PoseFix(0, z, R_FIX))
-    plain.take(PoseFix(0, z, memory.fix_correlation.inflation * R_FIX))
-    grown = max(coloured.memory.fix_correlation.inflation / memory.fix_correlation.inflation, 1.0)
-    np.testing.assert_allclose(coloured.memory.belief.x, plain.memory.belief.x, atol=1e-12)
-    np.testing.assert_allclose(coloured.memory.belief.P, grown * plain.memory.belief.P, rtol=1e-9)

@@ -4,12 +4,11 @@ import math
 
 import numpy as np
 import pytest
-from filter_runs import build_motion, covariance, fix, gated_filter, heading, landmark, straight
+from filter_runs import gated_filter, heading, landmark, straight
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
-from diffbot_control.filter.belief import ErrorEstimate
 from diffbot_control.filter.gate import (
     ACCEPTED,
     IGNORED,
@@ -28,19 +27,11 @@ from diffbot_control.filter.gate import (
 from diffbot_control.filter.options import EKF, FNN_CALIBRATING, FilterConfig, options_of
 
 CHECK = settings(max_examples=100)
-NOT_ADAPTIVE = ("ekf", "ekf_calibrating")
 BOTH = pytest.mark.parametrize("variant", [EKF, FNN_CALIBRATING])
 
 
 def options(**values):
     return options_of(FilterConfig(**values))
-
-
-def test_the_bounds_are_chi_square_quantiles():
-    for probability in (0.5, 0.999):
-        expected = chi2.ppf(probability, [1, 2, 3])
-        assert options(gate_probability=probability).gates == pytest.approx(expected, rel=1e-9)
-    assert options(gate_probability=1.0).gates == (math.inf,) * 3
 
 
 NONE = RejectionStreak(0, 0.0)
@@ -122,76 +113,12 @@ def test_a_fix_agrees_only_within_the_candidates_gate_and_only_if_there_is_one()
     assert decide_fix(new_gate(), 1e6, 0.5, config.gates[2], config)[1] == Decision(REJECTED, False)
 
 
-def test_which_decision_ends_which_streak():
-    config = options(relocation_fixes=3, relocation_timeout=1.0)
-    fixes, others = RejectionStreak(1, 0.2), RejectionStreak(1, 0.3)
-    memory = GateMemory(fixes, 1, 0.2, others)
-    assert decide_fix(memory, 0.5, 0.5, config.gates[2], config)[0] == GateMemory(NONE, 0, pytest.approx(0.15), NONE)
-    rejected, _ = decide_fix(memory, 1e6, 0.5, config.gates[2], config)
-    assert rejected == GateMemory(RejectionStreak(2, 0.2), 2, pytest.approx(0.4), others)
-    assert decide_fix(rejected, 1e6, 0.5, config.gates[2], config)[0] == GateMemory(NONE, 0, pytest.approx(0.0), NONE)
-    for gate in config.gates[:2]:
-        assert decide_other(memory, 0.5, gate, config) == (
-            GateMemory(fixes, 1, 0.2, NONE),
-            Decision(ACCEPTED, False),
-        )
-        counted = GateMemory(fixes, 1, 0.2, RejectionStreak(2, 0.3))
-        assert decide_other(memory, 1e6, gate, config) == (counted, Decision(REJECTED, False))
-        # Both the number and the time are needed.
-        for streak, outcome in (((2, 1.0), RELOCATED), ((2, 0.999), REJECTED), ((1, 5.0), REJECTED)):
-            found, decision = decide_other(memory._replace(others=RejectionStreak(*streak)), 1e6, gate, config)
-            assert decision.outcome == outcome
-            assert found.others == (NONE if outcome == RELOCATED else RejectionStreak(streak[0] + 1, streak[1]))
-            assert found.fixes == fixes
-        assert decide_other(memory, math.inf, gate, config) == (memory, Decision(IGNORED, False))
-
-
 def test_a_weighed_landmark_is_never_rejected_but_for_a_nis_that_is_none_and_ignored_under_the_robot():
     gate, memory = options().gates[1], GateMemory(NONE, 0, 0.0, RejectionStreak(2, 1.0))
     assert decide_weight(memory, 1e9, gate) == (new_gate(), Decision(WEIGHED, False))
     assert decide_weight(memory, 0.5, gate) == (new_gate(), Decision(ACCEPTED, False))
     assert decide_weight(memory, math.nan, gate) == (memory, Decision(REJECTED, False))
     assert decide_weight(memory, math.inf, gate) == (memory, Decision(IGNORED, False))
-
-
-@pytest.mark.parametrize("variant", NOT_ADAPTIVE)
-def test_the_candidate_is_a_filter_of_its_own_started_at_the_first_rejected_fix(variant):
-    rng = np.random.default_rng(2)
-    found = gated_filter(variant, relocation_fixes=4, relocation_timeout=60.0)
-    second = gated_filter(variant, (30.0, 10.0, 2.0), gate_probability=1.0)
-    motions = [build_motion(*rng.normal(1.0, 0.3, 2), 0.5, 0.01, 0.002, 0.02) for _ in range(4)]
-    found.predict(motions[0])
-    second.set_wheels(ErrorEstimate(found.memory.belief.x[3:], found.memory.belief.P[3:, 3:]))
-    assert found.take(fix(30.0, 10.0, 2.0)) == REJECTED
-    for number, one in enumerate(motions[1:], 1):
-        found.predict(one)
-        second.predict(one)
-        x, y, theta = second.memory.belief.x[:3] + rng.normal(0.0, 0.1, 3)
-        R = covariance(rng, 3, 0.1, 0.3)
-        verdict = found.take(fix(x, y, theta, R))
-        assert second.take(fix(x, y, theta, R)) == ACCEPTED
-        mine = found.memory.belief if number == 3 else found.memory.candidate
-        np.testing.assert_array_equal(mine.x, second.memory.belief.x)
-        np.testing.assert_array_equal(mine.P, second.memory.belief.P)
-        assert verdict == (RELOCATED if number == 3 else REJECTED)
-    # In 1.5 s at about 1 m/s it had to move.
-    assert np.hypot(*(found.memory.belief.x[:2] - (30.0, 10.0))) > 1.0
-    assert (found.memory.candidate, found.memory.gate) == (None, new_gate())
-
-
-def test_what_is_known_of_the_wheels_survives_a_relocation():
-    known, P = np.array([0.03, -0.02, 0.01]), np.array([[4e-6, 1e-6, 0.0], [1e-6, 3e-6, 0.0], [0.0, 0.0, 2e-6]])
-    found = gated_filter("ekf_calibrating", relocation_fixes=3, relocation_timeout=0.3)
-    found.set_wheels(ErrorEstimate(known, P))
-    verdict, steps = REJECTED, 0
-    while verdict == REJECTED:
-        found.predict(straight(1.0))
-        verdict, steps = found.take(fix(1e4 * 3.0**steps, 5.0, 1.0)), steps + 1
-    assert verdict == RELOCATED
-    np.testing.assert_array_equal(found.memory.belief.x[3:], known)
-    walked = (1e-4) ** 2 * 0.1 * steps
-    np.testing.assert_allclose(found.memory.belief.P[3:, 3:], P + walked * np.eye(3), rtol=1e-9)
-    assert not found.memory.belief.P[3:, :3].any()
 
 
 @BOTH

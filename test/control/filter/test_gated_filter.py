@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from extremes import extreme_configs
 from filter_runs import (
     R_FIX,
     SEPARATION,
@@ -21,7 +22,7 @@ from hypothesis import strategies as st
 from diffbot_control.filter.gate import ACCEPTED, REJECTED
 from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.models import Motion
-from diffbot_control.filter.options import FILTERS, FilterConfig, options_of
+from diffbot_control.filter.options import FilterConfig, options_of
 from diffbot_core.geometry import Pose
 
 EVENTS = st.lists(
@@ -32,33 +33,7 @@ EVENTS = st.lists(
     min_size=20,
     max_size=60,
 )
-OPTIONS = st.builds(
-    FilterConfig,
-    filter=st.sampled_from(FILTERS),
-    gate_probability=st.sampled_from((0.5, 0.99, 0.999, 1.0)),
-    relocation_fixes=st.integers(2, 5),
-    relocation_timeout=st.floats(0.01, 5.0),
-    wheel_radius_sigma=st.floats(1e-3, 0.2),
-    wheel_radius_walk=st.floats(0.0, 0.1),
-    wheel_slip_walk=st.floats(0.0, 0.1),
-    gyro_bias_sigma=st.floats(1e-6, 1.0),
-    gyro_bias_walk=st.floats(0.0, 0.1),
-    wheel_separation_sigma=st.just(0.0) | st.floats(1e-3, 0.2),
-    landmark_gate=st.sampled_from(["reject", "weigh"]),
-    fix_correlation_time=st.just(0.0) | st.floats(0.01, 1e4),
-    heading_correlation_time=st.just(0.0) | st.floats(0.01, 1e4),
-    landmark_correlation_time=st.just(0.0) | st.floats(0.01, 1e4),
-    detect_correlation=st.booleans(),
-    left_radius_error=st.floats(-0.5, 0.5),
-    right_radius_error=st.floats(-0.5, 0.5),
-    wheel_separation_error=st.floats(-0.5, 0.5),
-    landmark_range_offset=st.floats(-0.5, 0.5),
-    landmark_range_offset_sigma=st.just(0.0) | st.floats(1e-3, 0.5),
-    landmark_range_scale=st.floats(-0.2, 0.2),
-    landmark_range_scale_sigma=st.just(0.0) | st.floats(1e-3, 0.2),
-    landmark_bearing_offset=st.floats(-0.5, 0.5),
-    landmark_bearing_offset_sigma=st.just(0.0) | st.floats(1e-3, 0.5),
-)
+CONFIGS = [config for _, config in extreme_configs(FilterConfig, 3, 100)]
 
 
 def signed(rng, low, high, count):
@@ -117,7 +92,7 @@ def assert_healthy(found, config):
 
 
 @settings(max_examples=40)
-@given(EVENTS, OPTIONS)
+@given(EVENTS, st.sampled_from(CONFIGS))
 def test_the_state_stays_finite_symmetric_and_positive_definite(events, config):
     found = GatedFilter(options_of(config), SEPARATION)
     found.reset_to(Pose(1.0, -2.0, 3.0), R_FIX)

@@ -8,7 +8,7 @@ import pytest
 from filter_runs import R_FIX, SEPARATION, build_motion, covariance, gated_filter, heading, jacobian, wrapped
 from filter_runs import Robot as Drive
 
-from diffbot_control.filter.gate import ACCEPTED, RELOCATED, WEIGHED
+from diffbot_control.filter.gate import ACCEPTED, RELOCATED
 from diffbot_control.filter.gyro import GyroSample
 from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.localization_config import LocalizationConfig
@@ -40,7 +40,7 @@ def moved(state, measured, noise, dt):
     return np.array([*moved, *state[3:]]), omega
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_it_is_the_joint_filter_with_the_errors_of_the_twist_as_states(seed):
     """There the errors of the twist are states for the time of the step, and the gyro is an ordinary measurement."""
     rng = np.random.default_rng(seed)
@@ -74,15 +74,13 @@ def localization(**options):
 class Recorded:
     """A drive with fixes each second and a gyro at 20 Hz, two samples a step."""
 
-    def __init__(self, seed, steps=300, slip=None):
+    def __init__(self, seed, steps=300):
         rng, drive = np.random.default_rng(seed), Drive(np.random.default_rng(seed + 100))
         self.truths, self.steps, self.fixes, self.samples = [], [], [], []
         for step in range(1, steps + 1):
             before = drive.truth
             wanted = 0.5 + 0.3 * math.sin(0.03 * step), 0.5 * math.sin(0.05 * step) + 0.01
             motion = drive.move(*wanted)
-            if slip is not None and step in slip:
-                motion = motion._replace(twist=Twist(motion.twist.v + 0.15, motion.twist.omega + 0.5))
             self.truths.append(drive.truth)
             self.steps.append(OdometryStep(step * STEP, motion.twist, motion.covariance))
             omega = wrapped(drive.truth[2] - before[2]) / 0.1
@@ -126,49 +124,6 @@ def test_it_halves_the_error_of_the_heading_finds_its_bias_and_stays_consistent(
     assert np.std(with_gyro) < 0.5 * np.std(without)
     assert 1.5 < np.mean(nees) < 4.5
     assert np.abs(biases).max() < 3.5
-
-
-@pytest.mark.parametrize("late", [1, 4])
-def test_late_samples_are_as_good_as_those_in_time(late):
-    drive = Recorded(3, steps=40)
-    in_time, delayed = localization(), localization()
-    drive.play(in_time)
-    delayed.initialise(Pose(0.0, 0.0, 0.0), R_FIX, 0)
-    rng, samples = np.random.default_rng(1), list(drive.samples)
-    for number, step in enumerate(drive.steps, 1):
-        if number % 10 == 0:
-            delayed.on_measurement(drive.fixes[number // 10 - 1])
-        delayed.on_odometry(step)
-        arrived = [one for one in samples if one.stamp <= (number - late) * STEP]
-        samples = samples[len(arrived) :]
-        rng.shuffle(arrived)
-        for one in arrived:
-            delayed.on_gyro(one)
-    for one in samples:
-        delayed.on_gyro(one)
-    np.testing.assert_array_equal(delayed.filter.memory.belief.x, in_time.filter.memory.belief.x)
-    np.testing.assert_array_equal(delayed.filter.memory.belief.P, in_time.filter.memory.belief.P)
-
-
-def test_wheels_that_slip_are_noticed_and_do_not_turn_the_estimate():
-    slip = range(201, 221)
-    drive, found = Recorded(2, slip=slip), localization()
-    errors, _ = drive.play(found)
-    plain = Localization(LocalizationConfig(), SEPARATION)
-    lost, _ = drive.play(plain, gyro=False)
-    assert 15 <= found.slips <= 30
-    assert np.abs(errors[:, 2]).max() < 0.1
-    assert np.abs(lost[:, 2]).max() > 0.3
-    assert abs(found.filter.gyro_bias().errors.item() - BIAS) < 0.01
-
-
-def test_a_difference_beyond_the_gate_moves_the_bias_by_a_part_only():
-    found = gated_filter("ekf", use_gyro=True)
-    measured = TurnRate(0.01, 1e-4), Twist(0.0, 0.0), 1e-4, SEPARATION
-    assert found.take(GyroRate(0, *measured)) == ACCEPTED
-    before = found.gyro_bias().errors.item()
-    assert found.take(GyroRate(0, measured[0]._replace(value=3.0), *measured[1:])) == WEIGHED
-    assert 0.0 < found.gyro_bias().errors.item() - before < 0.3
 
 
 def test_a_gyro_that_agrees_does_not_hide_that_headings_contradict_the_pose():

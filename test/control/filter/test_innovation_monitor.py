@@ -32,43 +32,6 @@ def test_mean_and_bounds_of_the_newest_fifty_are_those_of_chi_square(sizes):
     assert found.alarm == pytest.approx(chi2.isf(1e-4, numbers) / numbers)
 
 
-def test_a_relocation_starts_the_mean_anew_and_keeps_the_counts():
-    record = noted([(3, 2.0, ACCEPTED), (3, 900.0, REJECTED), (3, 950.0, RELOCATED)])
-    assert record.nis() is None
-    assert (record.sensors[FIXES].rejected, record.sensors[FIXES].relocated) == (1, 1)
-    record.record(SOURCES[1], 0.25, ACCEPTED, Innovation(np.zeros(1), np.eye(1)))
-    assert record.nis().mean == pytest.approx(0.25)
-    record.clear()
-    assert record.nis() is None
-    assert record.sensors[FIXES].relocated == 1
-
-
-def test_the_values_of_the_diagnostics():
-    record = noted([(3, 2.4, ACCEPTED), (2, 900.0, REJECTED), (1, 40.0, RELOCATED), (3, 2.4, ACCEPTED)])
-    low, high = chi2.ppf([0.025, 0.975], 3) / 3
-    assert record.values() == {
-        "NIS per number": "0.800",
-        "NIS 95 % bounds": f"{low:.3f} {high:.3f}",
-        "fixes rejected": "0",
-        "relocations by fixes": "0",
-        "landmarks rejected": "1",
-        "relocations by landmarks": "0",
-        "headings rejected": "0",
-        "relocations by headings": "1",
-    }
-
-
-def test_a_covariance_that_rounding_has_left_singular_is_whitened():
-    singular, regular = np.full((2, 2), 4.0), np.array([[4.0, 1.0], [1.0, 9.0]])
-    innovations = [Innovation(np.array([2.0, 2.0]), singular), Innovation(np.array([2.0, 3.0]), regular)]
-    first, second = whitened(innovations)
-    # Along (1, 1) the variance is 8, across it nothing was measured.
-    assert first @ first == pytest.approx(1.0)
-    assert second @ second == pytest.approx(innovations[1].y @ np.linalg.inv(regular) @ innovations[1].y)
-    (zero,) = whitened([Innovation(np.zeros(2), np.zeros((2, 2)))])
-    assert np.isfinite(zero).all()
-
-
 S = np.array([[0.04, 0.01, 0.0], [0.01, 0.09, 0.002], [0.0, 0.002, 0.01]])
 
 
@@ -129,3 +92,14 @@ def test_only_accepted_measurements_count_and_a_relocation_starts_anew():
     assert monitor.values()["autocorrelation of fixes"] == "1.000"
     monitor.record(SOURCES[3], 1.0, RELOCATED, innovation)
     assert monitor.whiteness() == {}
+
+
+def test_a_covariance_that_rounding_has_left_singular_is_whitened():
+    singular, regular = np.full((2, 2), 4.0), np.array([[4.0, 1.0], [1.0, 9.0]])
+    innovations = [Innovation(np.array([2.0, 2.0]), singular), Innovation(np.array([2.0, 3.0]), regular)]
+    first, second = whitened(innovations)
+    # Along (1, 1) the variance is 8, across it nothing was measured.
+    assert first @ first == pytest.approx(1.0)
+    assert second @ second == pytest.approx(innovations[1].y @ np.linalg.inv(regular) @ innovations[1].y)
+    (zero,) = whitened([Innovation(np.zeros(2), np.zeros((2, 2)))])
+    assert np.isfinite(zero).all()

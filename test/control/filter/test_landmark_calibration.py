@@ -3,12 +3,10 @@
 import math
 
 import numpy as np
-import pytest
 from filter_runs import wrapped
 
-from diffbot_control.filter.belief import ErrorEstimate
 from diffbot_control.filter.gated_filter import GatedFilter
-from diffbot_control.filter.measurements import LandmarkMeasurement, PoseFix
+from diffbot_control.filter.measurements import LandmarkMeasurement
 from diffbot_control.filter.models import Motion
 from diffbot_control.filter.options import FilterConfig, options_of
 from diffbot_core.geometry import Point, Pose
@@ -70,23 +68,3 @@ def test_the_errors_are_found_and_the_covariance_is_honest():
     assert 1.0 < np.mean(errors) < 6.4
     assert 1.5 < np.mean(pose) < 5.6
     assert np.mean(blind) > 3.0 * np.mean(pose)
-
-
-def test_they_start_at_their_means_and_survive_a_relocation():
-    options = options_of(FilterConfig(landmark_range_offset=0.04, landmark_range_scale=-0.02, **SIGMAS), landmarks=True)
-    found = GatedFilter(options, 0.6)
-    found.reset_to(Pose(0.0, 0.0, 0.0), 0.01 * np.eye(3))
-    np.testing.assert_array_equal(found.landmark_errors().errors, [0.04, -0.02, 0.0])
-    np.testing.assert_allclose(found.landmark_errors().P, np.diag([0.01, 0.0025, 0.0025]))
-    learnt = ErrorEstimate(np.array([0.1, 0.2, 0.3]), np.diag([1e-4, 2e-4, 3e-4]))
-    found.set_landmark_errors(learnt)
-    for stamp in range(3):
-        found.take(PoseFix(stamp, Pose(50.0, 20.0, 1.0), 0.01 * np.eye(3)))
-    assert found.memory.belief.x[0] == pytest.approx(50.0, abs=0.1)
-    np.testing.assert_array_equal(found.landmark_errors().errors, learnt.errors)
-    np.testing.assert_array_equal(found.landmark_errors().P, learnt.P)
-    # A reset of impossible wheels is none of the landmarks, and the other way round.
-    found.set_wheels(ErrorEstimate(np.array([0.5, 0.5]), 1e-8 * np.eye(2)))
-    found.take(PoseFix(9, Pose(50.0, 20.0, 1.0), np.eye(3)))
-    assert (found.wheels().errors == 0.0).all()
-    np.testing.assert_array_equal(found.landmark_errors().errors, learnt.errors)

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from filter_runs import R_FIX, wrapped
 
-from diffbot_control.filter.gate import ACCEPTED
 from diffbot_control.filter.gated_filter import GatedFilter
-from diffbot_control.filter.landmark_correlation import NO_PAIRS, Pair, compared, inflation_by, with_pair
-from diffbot_control.filter.measurements import Heading, LandmarkMeasurement
+from diffbot_control.filter.landmark_correlation import NO_PAIRS, Pair, compared, with_pair
+from diffbot_control.filter.measurements import LandmarkMeasurement
 from diffbot_control.filter.models import Motion
 from diffbot_control.filter.options import FilterConfig, options_of
 from diffbot_core.geometry import Point, Pose
@@ -78,27 +77,6 @@ def test_with_independent_errors_nothing_changes():
     assert found < 0.1
 
 
-def test_a_covariance_that_covers_the_correlation_is_not_made_much_larger():
-    """R claimed as 39 times the errors' variance is what a correlation time of 4 s at 5 Hz asks for."""
-    means = Run(4.0, 1, claimed=39.0).found.memory.landmarks.means
-    assert means.square < 0.2
-    assert inflation_by(means, DT) < 4.0
-
-
-def test_the_option_and_the_other_mechanisms_switch_it_off():
-    def detects(*, landmarks=True, **options):
-        return options_of(FilterConfig(**options), landmarks=landmarks).detects_landmark_correlation
-
-    assert detects()
-    assert not detects(landmarks=False)
-    assert not detects(detect_correlation=False)
-    assert not detects(landmark_correlation_time=1.0)
-    assert not detects(filter="ekf_fnn_calibrating")
-    told = Run(3.0, 0, landmark_correlation_time=3.0).found
-    assert told.landmark_correlation_time() is None
-    assert told.memory.landmarks.means == NO_PAIRS
-
-
 def test_what_was_found_survives_a_relocation_but_no_landmark_has_a_partner():
     found = Run(3.0, 0).found
     means = found.memory.landmarks.means
@@ -107,30 +85,6 @@ def test_what_was_found_survives_a_relocation_but_no_landmark_has_a_partner():
     assert not found.memory.landmarks.seen
     found.reset()
     assert found.landmark_correlation_time() == 0.0
-
-
-def test_corrections_between_two_measurements_are_no_difference_of_their_errors():
-    """A compass turns the estimate in between; both measurements of the landmark are exact at the first estimate."""
-    found = GatedFilter(options_of(FilterConfig(filter="ekf", gate_probability=1.0), landmarks=True), 0.6)
-    found.reset_to(Pose(0.0, 0.0, math.pi), np.diag((1e-8, 1e-8, 0.1)))
-    place, R = Point(5.0, 0.0), np.diag(SIGMAS**2)
-
-    def see(seconds):
-        return found.take(LandmarkMeasurement(seconds * NS_PER_S, 5.0, math.pi, R, place))
-
-    assert see(1) == ACCEPTED
-    # The correction passes the end of the angles' range.
-    assert found.take(Heading(NS_PER_S, -math.pi + 0.2, np.array([[1e-4]]))) == ACCEPTED
-    theta, bearing_offset = found.memory.belief.x.item(2), found.landmark_errors().errors.item(2)
-    assert theta < -2.9
-    see(2)
-    means = found.memory.landmarks.means
-    assert means.pairs == 1
-    assert means.difference == pytest.approx(0.0, abs=1e-9)
-    # The second innovation is the turn, the first was 0.
-    turn = wrapped(math.pi + theta - bearing_offset)
-    assert turn > 0.1
-    assert means.square == pytest.approx(0.5 * (turn / SIGMAS[1]) ** 2, rel=0.02)
 
 
 def test_a_pair_is_compared_by_its_own_covariance():

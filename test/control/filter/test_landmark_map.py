@@ -4,7 +4,6 @@ import pytest
 
 from diffbot_control.filter.landmark_map import LandmarkMap
 from diffbot_core.errors import InvalidValueError
-from diffbot_core.schema import build
 
 
 def test_points_are_ordered_by_position_whatever_their_numbers():
@@ -24,5 +23,3 @@ def test_points_are_ordered_by_position_whatever_their_numbers():
 def test_lists_that_do_not_belong_together_are_refused(ids, x, y, name):
     with pytest.raises(InvalidValueError, match=name):
         LandmarkMap(ids, x, y).check()
-    with pytest.raises(InvalidValueError, match=name):
-        build(LandmarkMap, {"landmark_ids": ids, "landmark_x": x, "landmark_y": y})

@@ -2,7 +2,6 @@
 
 import contextlib
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -144,22 +143,6 @@ def test_in_order_it_is_the_textbooks_filter(events):
     assert_equal_estimates(in_order(steps, measurements), textbook.x, textbook.P, 1e-9)
 
 
-@pytest.mark.parametrize("late_ms", [50, 1000])
-def test_a_measurement_may_be_as_late_as_the_history(late_ms):
-    localization = fresh(history=1.0)
-    for number in range(1, 31):
-        localization.on_odometry(odometry(number))
-    measured = fix(30 * PERIOD - late_ms * MS)
-    localization.on_measurement(measured)
-    textbook = Textbook().run([odometry(number) for number in range(1, 31)], [measured])
-    assert_equal_estimates(localization, textbook.x, textbook.P, 1e-9)
-    # One period earlier or later would be another estimate.
-    for shift in (-PERIOD, PERIOD):
-        moved = replace(measured, stamp=measured.stamp + shift)
-        wrong = Textbook().run([odometry(number) for number in range(1, 31)], [moved])
-        assert np.hypot(*(wrong.x[:2] - textbook.x[:2])) > 1e-3
-
-
 @pytest.mark.parametrize("history", [0.0, 1.0])
 def test_what_is_older_than_the_history_is_refused_and_changes_nothing(history):
     localization = fresh(history)
@@ -199,16 +182,6 @@ def test_an_odometry_sent_again_is_answered_without_moving():
     assert localization.on_odometry(odometry(1)).pose != first.pose
 
 
-def test_an_odometry_out_of_order_is_refused_and_changes_nothing():
-    localization = fresh()
-    for number in (1, 2, 4):
-        before = localization.on_odometry(odometry(number))
-    with pytest.raises(BadMessageError, match="out of order"):
-        localization.on_odometry(odometry(3))
-    assert_equal_estimates(localization, before.pose, before.P)
-    assert localization.estimate().odometry == odometry(4)
-
-
 @pytest.mark.parametrize(("number", "kind"), [(2, "time jumped back"), (10**5, "time jumped ahead")])
 def test_time_that_jumps_resets(number, kind):
     localization = fresh()
@@ -229,14 +202,6 @@ def test_time_that_jumps_resets(number, kind):
         localization.on_odometry(odometry(one))
         reference.on_odometry(odometry(one))
     assert_equal_estimates(localization, reference.estimate().pose, reference.estimate().P)
-
-
-def test_nothing_is_known_before_the_first_fix():
-    localization = Localization(plain())
-    for call in (localization.estimate, lambda: localization.on_odometry(odometry(1))):
-        with pytest.raises(BadMessageError, match="no fix yet"):
-            call()
-    assert not localization.initialised
 
 
 def test_a_reset_forgets_everything():
@@ -290,40 +255,6 @@ def test_a_measurement_that_is_sent_again_is_refused_and_changes_nothing(late_ms
     with pytest.raises(BadMessageError, match="duplicate"):
         localization.on_measurement(measurement)
     assert_equal_estimates(localization, once.estimate().pose, once.estimate().P)
-
-
-def test_another_value_time_kind_or_landmark_is_no_duplicate():
-    localization = fresh()
-    localization.on_odometry(odometry(1))
-    trace = localization.estimate().P.trace()
-    seen, R = np.array([3.0, 0.5]), np.diag([0.01, 0.004])
-    for measurement in (
-        fix(PERIOD),
-        fix(PERIOD, seed=1),
-        heading(PERIOD),
-        build_measurement(PERIOD - 1, numbers_of(fix(PERIOD)), R_POSE),
-        # A heading equal to the first number of a fix is another measurement.
-        build_measurement(PERIOD, numbers_of(fix(PERIOD))[:1], np.array([[0.02]])),
-        build_measurement(PERIOD, seen, R, (1.0, 1.0)),
-        build_measurement(PERIOD, seen, R, (1.5, 1.0)),
-    ):
-        localization.on_measurement(measurement)
-        assert localization.estimate().P.trace() < trace
-        trace = localization.estimate().P.trace()
-    with pytest.raises(BadMessageError, match="duplicate"):
-        localization.on_measurement(build_measurement(PERIOD, seen.copy(), R, (1.0, 1.0)))
-
-
-def test_one_that_was_refused_or_dropped_while_it_waited_may_come_again():
-    localization = Localization(plain())
-    for _ in range(2):
-        with pytest.raises(BadMessageError, match="no fix yet"):
-            localization.on_measurement(heading(0))
-    localization.on_measurement(fix(0))
-    localization.on_measurement(heading(0))
-    localization.on_measurement(fix(50 * MS))
-    localization.initialise(START, P0)
-    localization.on_measurement(fix(50 * MS))
 
 
 def test_history_and_keys_do_not_grow_for_ever_whatever_stamp_comes_far_ahead():

@@ -13,8 +13,7 @@ from diffbot_control.filter.belief import ErrorEstimate
 from diffbot_control.filter.gate import new_gate
 from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.localization_config import LocalizationConfig
-from diffbot_control.filter.measurements import Heading, LandmarkMeasurement, PoseFix, Source
-from diffbot_control.filter.measurements.measurement import key_of
+from diffbot_control.filter.measurements import Heading, LandmarkMeasurement, PoseFix
 from diffbot_control.filter.options import EKF, FNN_CALIBRATING, FilterConfig
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose
@@ -139,36 +138,6 @@ def test_late_measurements_give_what_they_give_in_order(variant, events, random)
     assert_same_memory(deliver(localization(variant, **OPTIONS), with_odometry(arrivals)), punctual)
 
 
-def sets(stamp):
-    return [fix(stamp), heading(stamp), sighting(stamp, 0), sighting(stamp, 1), sighting(stamp, 2), fix(stamp, seed=1)]
-
-
-def test_of_equal_stamps_fixes_come_first_by_source_then_headings_then_landmarks_by_position():
-    R = np.eye(2)
-    ordered = [
-        PoseFix(5, Pose(2.0, 0.0, 0.0), R_FIX),
-        PoseFix(5, Pose(1.0, 0.0, 0.0), R_FIX, Source("fixes of gps")),
-        build_measurement(5, np.array([0.0]), np.array([[0.01]])),
-        build_measurement(5, np.array([9.0, 0.0]), R, (0.0, 9.0)),
-        build_measurement(5, np.array([1.0, 0.0]), R, (1.0, 0.0)),
-    ]
-    for start in range(5):
-        found = sorted(ordered[start:] + ordered[:start], key=key_of)
-        assert [id(one) for one in found] == [id(one) for one in ordered]
-
-
-@BOTH
-@settings(max_examples=20)
-@given(st.sampled_from((450, 500, 900)), st.permutations(range(6)), st.sampled_from((-1, 0, 2)))
-def test_equal_stamps_give_the_same_in_any_order_of_arrival(variant, stamp, order, late):
-    # Before the odometry that covers them, after it, or two periods later.
-    measurements = sets(stamp * MS)
-    punctual = in_order(localization(variant), measurements, 14)
-    when = math.ceil(stamp / 100) * PERIOD + late * PERIOD
-    arrivals = [(when, 0.75 + 0.001 * rank, measurements[number]) for rank, number in enumerate(order)]
-    assert_same_memory(deliver(localization(variant), with_odometry(arrivals, 14)), punctual)
-
-
 def test_a_late_measurement_is_counted_once_and_the_others_not_again():
     made = localization("ekf", relocation_timeout=60.0, relocation_fixes=100)
     far = (50.0, 0.0, 0.0)
@@ -231,35 +200,6 @@ def test_wheel_separation_and_walk_can_be_changed_at_runtime():
     assert found.belief.P[4, 4] == pytest.approx(1e-6 + 0.05**2 * 0.1)
 
 
-@pytest.mark.parametrize(("variant", "states"), [("ekf", 3), ("ekf_calibrating", 6)])
-def test_the_variant_stays_when_options_change(variant, states):
-    made = localization(variant)
-    other = "ekf_fnn_calibrating" if variant == "ekf" else "ekf"
-    made.configure(LocalizationConfig(1.0, FilterConfig(filter=other, gate_probability=0.9)), SEPARATION)
-    made.on_measurement(fix(50 * MS))
-    made.on_odometry(odometry(1))
-    assert made.estimate().belief.x.size == states
-    assert not made.filter.options.adaptive
-    assert (made.filter.options.radius_variance > 0.0) is (states == 6)
-    assert made.filter.options.gates[0] < 3.0
-
-
-@pytest.mark.parametrize("z", [[math.nan, 0.0, 0.0], [0.0, math.inf, 0.0], [math.nan]])
-def test_numbers_that_are_none_are_refused(z):
-    made = localization("ekf")
-    with pytest.raises(BadMessageError, match="measurement not finite"):
-        made.on_measurement(build_measurement(50 * MS, np.array(z), np.eye(len(z))))
-
-
-def test_the_heading_of_a_fix_that_relocates_is_wrapped():
-    made = localization("ekf", relocation_timeout=0.01)
-    for number in range(1, 4):
-        made.on_odometry(odometry(number, 0.0, 0.0))
-        made.on_measurement(build_measurement(number * PERIOD, np.array([50.0 * (-1.0) ** number, 0.0, 7.0]), R_FIX))
-    assert made.monitor.sensors["fixes"].relocated > 0
-    assert made.estimate().pose.theta == pytest.approx(7.0 - 2.0 * math.pi)
-
-
 def test_what_waits_since_before_the_first_odometry_is_dropped_and_counted():
     made = Localization(LocalizationConfig(), SEPARATION)
     made.initialise(Pose(0.0, 0.0, 3.0), P0)  # as out of a file: without a time
@@ -268,3 +208,10 @@ def test_what_waits_since_before_the_first_odometry_is_dropped_and_counted():
     made.on_odometry(odometry(1))
     assert made.dropped_before_odometry == 5
     assert made.estimate().pose == (0.0, 0.0, 3.0)
+
+
+@pytest.mark.parametrize("z", [[math.nan, 0.0, 0.0], [0.0, math.inf, 0.0], [math.nan]])
+def test_numbers_that_are_none_are_refused(z):
+    made = localization("ekf")
+    with pytest.raises(BadMessageError, match="measurement not finite"):
+        made.on_measurement(build_measurement(50 * MS, np.array(z), np.eye(len(z))))

@@ -77,15 +77,6 @@ def test_a_density_is_the_variance_per_second():
     assert P[2, 2] == pytest.approx(0.03 * 4.0, rel=1e-9)
 
 
-def test_the_noise_of_the_motion_takes_the_place_of_a_covariance_that_is_unknown_or_not_asked_for():
-    twist = Twist(0.4, 0.3)
-    expected = covariance_after(twist, 10.0, 2.0, NOISE)
-    for kind in (MESSAGE, DENSITY):
-        found = covariance_after(twist, 10.0, 2.0, NOISE._replace(odometry_noise=kind))
-        assert np.array_equal(found, expected)
-    assert np.array_equal(covariance_after(twist, 10.0, 2.0, NOISE, TwistCovariance(1e-9, 0.0, 1e-9)), expected)
-
-
 MS = 10**6
 MEAN_NOISE = TwistCovariance(0.01, 0.0, 0.02)
 

@@ -2,7 +2,6 @@
 
 import json
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -46,10 +45,6 @@ def test_what_is_written_is_read_to_the_bit(tmp_path, wheels):
     assert [one.name for one in path.parent.iterdir()] == ["state.json"]
 
 
-def test_no_file_is_no_state(tmp_path):
-    assert load_state(tmp_path / "none.json") is None
-
-
 @pytest.mark.parametrize(
     "change",
     [
@@ -63,23 +58,18 @@ def test_no_file_is_no_state(tmp_path):
         {"geometry": [0.05]},
         {"wheels": [2.0, 0.0, 0.0]},
         {"wheels_P": [[0.0, 0.0], [0.0, 0.0]]},
+        "null",
+        "[" * 5000,
     ],
 )
 def test_a_file_with_something_else_is_one_line(tmp_path, change):
     path = tmp_path / "state.json"
-    path.write_text(json.dumps({**GOOD, **change}))
+    assert load_state(path) is None
+    path.write_text(json.dumps({**GOOD, **change}) if isinstance(change, dict) else change)
     with pytest.raises(BrokenStateError) as caught:
         load_state(path)
     assert str(caught.value).startswith(str(path))
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize("text", ["", "null", "\x00\xff", "[" * 5000])
-def test_no_json_is_one_line(tmp_path, text):
-    path = tmp_path / "state.json"
-    path.write_text(text)
-    with pytest.raises(BrokenStateError):
-        load_state(path)
 
 
 @pytest.mark.parametrize(("make", "reason"), FOREIGN_FILES.values(), ids=FOREIGN_FILES)
@@ -88,20 +78,6 @@ def test_what_others_could_have_written_is_not_believed(tmp_path, make, reason):
     make(path, json.dumps(GOOD))
     with pytest.raises(BrokenStateError, match=reason):
         load_state(path)
-
-
-def test_the_old_state_stays_if_the_new_one_cannot_be_written(tmp_path, monkeypatch):
-    path = tmp_path / "state.json"
-    path.write_text(json.dumps(GOOD))
-
-    def full(self, target):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(Path, "replace", full)
-    with pytest.raises(OSError, match="No space left"):
-        save_state(path, SavedState(Pose(0.0, 0.0, 0.0), P, None, GEOMETRY))
-    assert load_state(path).pose == (1.0, -2.0, 3.0)
-    assert [one.name for one in tmp_path.iterdir()] == ["state.json"]
 
 
 def test_radii_are_restored_to_any_filter_that_has_them_and_other_errors_where_they_are_states(tmp_path):

@@ -6,15 +6,13 @@ from typing import NamedTuple
 import pytest
 
 from diffbot_control.goals import Supervisor, SupervisorConfig
-from diffbot_control.goals.driver import LawError, driver_of
+from diffbot_control.goals.driver import LawError
 from diffbot_control.goals.states import DRIVING, IDLE, NOT_AT_GOAL
 from diffbot_control.law.configuration import Report
-from diffbot_control.law.controller import ControllerConfig, SwitchingLaw
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import Estimate, Uncertainty
-from diffbot_lab.laws.rotate_drive_rotate import RotateDriveRotate, RotateDriveRotateConfig
 
 ZERO = (0.0, 0.0)
 SLOW = DataSheet(a_max=1.0, omega_dot_max=2.0)
@@ -92,40 +90,6 @@ def test_a_cancelled_robot_brakes_within_the_limits_or_at_once_without_a_data_sh
     assert drive.supervisor.memory == Memory(), "a field of the same name and another type is the law's own"
 
 
-def test_the_motion_of_a_law_that_remembers_it_outlives_goal_and_cancel():
-    config = RotateDriveRotateConfig(data_sheet=SLOW._replace(command_latency=0.3))
-    drive = Drive(RotateDriveRotate, config)
-    commands = [drive.pose().v for _ in range(8)]
-    assert commands[-1] == pytest.approx(0.7)
-    drive.supervisor.on_goal(Pose(1.0, 0.0, 0.0))
-    assert drive.supervisor.memory.state.direction == 0.0, "the law begins anew"
-    assert drive.supervisor.memory.command.v == pytest.approx(0.7)
-    # Turning comes first with a new goal, but not faster than the limits allow.
-    assert drive.pose().v == pytest.approx(0.8, abs=0.11)
-    drive.supervisor.on_cancel()
-    drive.pose()
-    last = drive.supervisor.memory.command.v
-    drive.pose()
-    newest = drive.supervisor.memory.actuation.under_way[-1]
-    assert (newest.v, newest.span) == (pytest.approx(last), pytest.approx(0.1))
-    drive.supervisor.on_goal(GOAL)
-    drive.supervisor.on_tick(drive.now + 1.0)
-    assert drive.supervisor.memory.command == ZERO
-
-
-def test_a_command_that_was_stopped_at_once_is_still_under_way_and_the_stop_after_it():
-    config = RotateDriveRotateConfig(data_sheet=SLOW._replace(command_latency=0.3))
-    drive = Drive(RotateDriveRotate, config, pose_timeout=0.15)
-    last = [drive.pose() for _ in range(8)][-1]
-    assert drive.supervisor.on_tick(drive.now + 0.2) == ZERO
-    under_way = drive.supervisor.memory.actuation.under_way
-    assert (under_way[-1].v, under_way[-1].span) == (pytest.approx(last.v), pytest.approx(0.2))
-    for wait in (0.3, 0.4):
-        drive.supervisor.on_tick(drive.now + wait)
-    newest = drive.supervisor.memory.actuation.under_way[-2:]
-    assert sum(one.span for one in newest if one.v == 0.0) == pytest.approx(0.2)
-
-
 def raising(_memory):
     raise ValueError("two\nlines")
 
@@ -173,9 +137,3 @@ def test_a_memory_that_cannot_be_made_is_refused_at_the_start_and_ends_a_later_g
     drive.supervisor.on_goal(GOAL)
     assert drive.supervisor.status == NOT_AT_GOAL
     assert "gain too small" in drive.supervisor.reason
-
-
-def test_this_projects_law_fails_in_the_same_way():
-    driver, config = driver_of(SwitchingLaw), ControllerConfig()
-    with pytest.raises(LawError, match=r"^law switching failed: AttributeError: .* \(braking_step\.py:\d+\)$"):
-        driver.step(driver.new_memory(config), None, GOAL, 0.1, config)

@@ -4,135 +4,12 @@ import math
 
 import pytest
 
-from diffbot_control.goals import Supervisor, SupervisorConfig
 from diffbot_control.goals.goal_record import (
-    CANCELLED,
-    POSE_LOST,
-    REACHED,
     REPLACED,
     GoalBook,
     GoalRequest,
-    distance_along,
     time_remaining,
 )
-from diffbot_control.goals.states import NOT_AT_GOAL as GIVEN_UP
-from diffbot_control.law.presets import PRESETS
-from diffbot_core.data_sheet import PAPER_DATA_SHEET
-from diffbot_core.geometry import Pose
-
-PAPER = PRESETS["paper"]
-QUICK = PAPER._replace(tolerance=PAPER.tolerance._replace(settling_steps=1))
-BRAKING = PAPER._replace(data_sheet=PAPER_DATA_SHEET._replace(a_max=1.0, omega_dot_max=2.0))
-GOAL, AWAY, THERE = Pose(0.0, 0.0, 0.0), Pose(-3.0, 0.5, 0.3), Pose(-0.01, 0.0, 0.0)
-
-
-class Drive:
-    """A supervisor whose goals are numbered, with a clock of its own."""
-
-    def __init__(self, **options):
-        self.supervisor = Supervisor(SupervisorConfig(**{"controller": QUICK, **options}))
-        self.now, self.count = 50.0, 0
-
-    def request(self):
-        self.count += 1
-        return GoalRequest(f"{self.count}", "test", self.now)
-
-    def goal(self, goal=GOAL):
-        self.supervisor.on_goal(goal, self.request())
-
-    def path(self, goals=(AWAY, GOAL)):
-        self.supervisor.on_path(list(goals), self.request())
-
-    def pose(self, pose=AWAY, after=0.1):
-        self.now += after
-        return self.supervisor.on_pose(round(self.now * 1e9), self.now, pose)
-
-    def silence(self, seconds):
-        for _ in range(round(seconds * 10)):
-            self.now += 0.1
-            self.supervisor.on_tick(self.now)
-
-    def ends(self):
-        return [(record.request.id, record.end) for record in self.supervisor.goals.ended]
-
-    def reason(self):
-        return self.supervisor.goals.ended[-1].reason
-
-
-def test_a_path_is_one_goal_and_ends_at_its_last_pose():
-    drive = Drive(waypoint_radius=0.2)
-    drive.path([AWAY, GOAL])
-    drive.pose(AWAY)
-    assert len(drive.supervisor.goals_ahead) == 1
-    assert drive.ends() == []
-    assert drive.supervisor.goals.present.request.id == "1"
-    drive.pose(THERE)
-    drive.pose(THERE)
-    assert drive.ends() == [("1", REACHED)]
-    assert drive.supervisor.goals.present is None
-    # Accepted at 50 s.
-    assert drive.supervisor.goals.ended[0].elapsed(99.0) == pytest.approx(drive.supervisor.goals.ended[0].ended - 50.0)
-
-
-def test_a_cancelled_goal_ends_when_the_robot_has_come_to_rest_along_its_curve():
-    drive = Drive(controller=BRAKING)
-    drive.goal()
-    commands = [drive.pose() for _ in range(5)]
-    moving = commands[-1]
-    assert abs(moving.v) > 0.3
-    assert abs(moving.omega) > 0.01
-    assert drive.supervisor.on_cancel() == moving
-    assert drive.ends() == []
-    assert drive.supervisor.goals.present.is_cancelling
-    previous = moving
-    while previous != (0.0, 0.0):
-        command = drive.pose()
-        assert abs(command.v - previous.v) <= 0.1 + 1e-12
-        assert abs(command.omega - previous.omega) <= 0.2 + 1e-12
-        assert command.v * moving.omega == pytest.approx(command.omega * moving.v, abs=1e-12), "the same curvature"
-        assert (drive.ends() == [("1", CANCELLED)]) == (command == (0.0, 0.0))
-        previous = command
-
-
-def test_a_goal_that_comes_while_the_robot_brakes_does_not_change_the_end_of_the_cancelled_one():
-    drive = Drive(controller=BRAKING)
-    drive.goal()
-    for _ in range(5):
-        drive.pose()
-    drive.supervisor.on_cancel()
-    drive.goal()
-    assert drive.ends() == [("1", CANCELLED)]
-    assert drive.reason() == "", "the newer goal is not why"
-    assert not drive.supervisor.goals.present.is_cancelling
-
-
-@pytest.mark.parametrize("before", ["nothing", "a long silence", "a pose", "a clock set back"])
-def test_a_goal_without_poses_ends_after_pose_lost_timeout(before):
-    drive = Drive(pose_lost_timeout=2.0)
-    if before == "a long silence":
-        drive.pose()
-        drive.silence(10.0)
-    drive.goal()
-    if before in ("a pose", "a clock set back"):
-        drive.pose()
-    if before == "a clock set back":
-        drive.now = 0.0
-    drive.silence(1.8)
-    assert drive.ends() == []
-    drive.silence(0.5)
-    assert drive.ends() == [("1", POSE_LOST)]
-    assert drive.reason() == "no pose for pose_lost_timeout = 2 s"
-    assert (drive.supervisor.status, drive.supervisor.goal) == (GIVEN_UP, None)
-
-
-def test_a_clock_that_runs_fast_gives_no_goal_up_before_the_steady_one_has_waited_as_long():
-    drive = Drive(pose_lost_timeout=2.0)
-    drive.goal()
-    drive.pose()
-    drive.supervisor.on_tick(drive.now + 100.0, silence=1.9)
-    assert drive.ends() == []
-    drive.supervisor.on_tick(drive.now + 100.0, silence=2.1)
-    assert drive.ends() == [("1", POSE_LOST)]
 
 
 def test_a_book_knows_its_goals_by_their_ids_and_forgets_the_oldest():
@@ -147,11 +24,6 @@ def test_a_book_knows_its_goals_by_their_ids_and_forgets_the_oldest():
     assert GoalBook().find("") is None
     book.accept(GoalRequest())
     assert book.find("") is None, "a goal without an id cannot be asked for"
-
-
-def test_distance_runs_through_all_goals():
-    assert distance_along(Pose(0.0, 0.0, 1.0), [Pose(3.0, 4.0, 0.0), Pose(3.0, 5.0, 2.0)]) == pytest.approx(6.0)
-    assert distance_along(Pose(0.0, 0.0, 1.0), []) == 0.0
 
 
 def test_time_remaining_begins_with_the_limit_and_goes_on_with_the_mean_speed():

@@ -5,8 +5,7 @@ import textwrap
 
 import pytest
 
-from diffbot_control.goals.registry import registered_laws, resolve_law
-from diffbot_control.law.controller import SwitchingLaw
+from diffbot_control.goals.registry import resolve_law
 from diffbot_core.errors import InvalidValueError
 
 GOOD = """
@@ -40,12 +39,6 @@ def module(tmp_path, monkeypatch):
     yield resolve
     for name in names:
         sys.modules.pop(name, None)
-
-
-def test_this_projects_law_is_registered():
-    assert resolve_law("switching") is SwitchingLaw
-    assert registered_laws()["switching"] == "diffbot_control.law.controller:SwitchingLaw"
-    assert resolve_law("diffbot_control.law.controller:SwitchingLaw") is SwitchingLaw
 
 
 @pytest.mark.parametrize("text", ["", "a.b:", ":Law"])

@@ -31,12 +31,6 @@ def judged(rho=0.4, theta=0.1, v=0.05, omega=0.2, sheet=SHEET, uncertainty=CERTA
     return within(Pose(9.0, 9.0, theta), rho, Twist(v, omega), TOLERANCE, sheet, uncertainty)
 
 
-def test_the_bounds_belong_to_the_inside():
-    assert judged()
-    assert judged(theta=-0.1, v=-0.05, omega=-0.2)
-    assert judged(0.0, 0.0, 0.0, 0.0)
-
-
 @pytest.mark.parametrize(("name", "value"), [("rho", 0.4), ("theta", 0.1), ("v", 0.05), ("omega", 0.2)])
 def test_each_bound_alone_decides(name, value):
     assert not judged(**{name: math.nextafter(value, 1.0)})
@@ -96,9 +90,3 @@ def test_the_smallest_tolerance_is_the_one_that_is_just_reached(probability, xy,
         assert is_knowable(position, Uncertainty(xy, 0.0)) == (share > 1.0)
         heading = asked._replace(yaw_goal_tolerance=share * angle)
         assert knowable_heading(heading, sigma) == is_knowable(heading, Uncertainty(0.0, turn)) == (share > 1.0)
-
-
-@pytest.mark.parametrize("sigma", [Uncertainty(math.inf, 0.0), Uncertainty(math.nan, 0.0), Uncertainty(0.0, math.nan)])
-def test_an_estimate_without_a_deviation_is_never_inside(sigma):
-    assert not is_knowable(TOLERANCE, sigma)
-    assert not judged(0.0, 0.0, 0.0, 0.0, uncertainty=sigma)

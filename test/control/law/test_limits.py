@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from diffbot_control.law.controller import new_memory, step, stop_step
-from diffbot_control.law.limits import limit_acceleration, limit_change, limit_velocity, slowed
+from diffbot_control.law.limits import limit_acceleration, limit_velocity
 from diffbot_control.law.presets import PRESETS
 from diffbot_core.data_sheet import DataSheet, rim_speed
 from diffbot_core.geometry import Pose
@@ -87,19 +87,6 @@ def test_acceleration_limits_against_a_search(wanted, previous, limits, dt):
         assert math.hypot(*command) <= size * SLACK
 
 
-@CHECK
-@given(TWISTS, TWISTS, ACCELERATIONS)
-def test_any_command_is_reached_in_the_steps_it_takes(wanted, start, limits):
-    dt = 0.1
-    steps_v = 0 if limits.a_max == math.inf else math.ceil(abs(wanted.v - start.v) / limits.a_max / dt)
-    span = abs(wanted.omega - start.omega)
-    steps_w = 0 if limits.omega_dot_max == math.inf else math.ceil(span / limits.omega_dot_max / dt)
-    now = start
-    for _ in range(2 * (steps_v + steps_w) + 2):
-        now = limit_acceleration(wanted, now, dt, limits)
-    assert now == pytest.approx(wanted, abs=1e-12)
-
-
 TOLERANCE = 1e-12
 
 
@@ -146,21 +133,3 @@ def test_no_bound_is_broken_by_the_whole_law(preset):
                 estimate = Estimate(pose, Uncertainty(0.02, 0.02))
                 memory, command, _ = step(memory, estimate, Pose(0.0, 0.0, 0.0), 0.1, config)
             assert_holds(command, last, 0.1, sheet)
-
-
-def test_a_lowered_bound_holds_within_the_period_that_can_keep_it():
-    sheet = DataSheet(0.95, 3.0, math.inf, 1.0, 1.0)
-    # The speed is slowed at once, however far the rotation has to go.
-    command = limit_change(Twist(0.95, 3.0), Twist(1.0, 0.0), 0.1, sheet)
-    assert command == pytest.approx((0.95, 0.1))
-    assert slowed(Twist(1.0, 3.0), 0.1, sheet) == pytest.approx((0.95, 2.9))
-
-
-def test_a_bound_lowered_too_far_is_reached_as_fast_as_the_accelerations_allow():
-    sheet = DataSheet(0.5, 1.0, math.inf, 1.0, 2.0)
-    last, way = Twist(1.0, -2.0), []
-    for _ in range(6):
-        last = limit_change(Twist(0.5, 1.0), last, 0.1, sheet)
-        way.append(last)
-    assert [one.v for one in way] == pytest.approx([0.9, 0.8, 0.7, 0.6, 0.5, 0.5])
-    assert [one.omega for one in way] == pytest.approx([-1.8, -1.6, -1.4, -1.2, -1.0, -0.8])

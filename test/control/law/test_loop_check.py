@@ -2,12 +2,14 @@
 
 import math
 
+import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from diffbot_control.law.loop_check import largest_gain, unstable_gains
-from diffbot_control.law.lyapunov_law import PAPER_GAINS, Gains, sampled_poles
+from diffbot_control.law.lyapunov_law import Gains, global_law, local_law
+from diffbot_control.law.polar_coordinates import Navigation
 from diffbot_control.law.presets import PRESETS
 from diffbot_core.data_sheet import PAPER_DATA_SHEET
 
@@ -18,34 +20,40 @@ FAST = PAPER._replace(gains=Gains())
 GAINS = st.builds(Gains, st.floats(0.1, 5.0), st.floats(0.1, 10.0), st.floats(0.01, 10.0), st.floats(0.1, 10.0))
 
 
-@pytest.mark.parametrize(
-    ("gains", "t_s", "names", "sizes"),
-    [
-        (PAPER_GAINS._replace(k_2=20.0), 0.1, ["k_2 (heading in Omega_L)"], ["1.00"]),
-        (PAPER_GAINS._replace(k=30.0), 0.1, ["k, h and gamma (angles in Omega_G)"], ["2.00"]),
-        # Complex ones: 1 - 0.1 k / 2 and 0.1 sqrt(gamma^2 h - k^2 / 4): |0.95 + 0.1 * 12.99 i|.
-        (PAPER_GAINS._replace(h=100.0), 0.1, ["k, h and gamma (angles in Omega_G)"], ["1.61"]),
-        (
-            Gains(30.0, 100.0, 0.001, 100.0),
-            0.1,
-            ["k, h and gamma (angles in Omega_G)", "gamma (distance)", "k_2 (heading in Omega_L)"],
-            ["9.00", "2.00", "9.00"],
-        ),
-    ],
-)
-def test_gains_that_are_not_are_named_in_one_line(gains, t_s, names, sizes):
-    text = unstable_gains(PAPER._replace(gains=gains), t_s)
-    assert text.startswith(f"gains are not stable at {t_s:g} s per step, eigenvalues must be inside the unit circle: ")
-    assert text.endswith(": " + ", ".join(f"{name}: {size}" for name, size in zip(names, sizes, strict=True)))
-    assert "\n" not in text
+def test_gains_that_are_not_are_named_in_one_line():
+    text = unstable_gains(PAPER._replace(gains=Gains(30.0, 100.0, 0.001, 100.0)), 0.1)
+    assert text == (
+        "gains are not stable at 0.1 s per step, eigenvalues must be inside the unit circle: "
+        "k, h and gamma (angles in Omega_G): 9.00, gamma (distance): 2.00, k_2 (heading in Omega_L): 9.00"
+    )
+
+
+def near_the_goal(gains):
+    """State matrices of the angles in Omega_G, of the distance and of the heading in Omega_L, for small ones.
+
+    From the laws themselves, by differences, with the kinematics alpha' = v sin(alpha) / rho - omega,
+    beta' = v sin(alpha) / rho, rho' = -v cos(alpha).
+    """
+    rho, small = 1e-6, 1e-6
+
+    def rates(alpha, beta):
+        v, omega = global_law(Navigation(rho, alpha, beta), gains)
+        turn = v * math.sin(alpha) / rho
+        return np.array([turn - omega, turn])
+
+    columns = [(rates(*step) - rates(*(-step))) / (2.0 * small) for step in small * np.eye(2)]
+    v, _ = global_law(Navigation(rho, 0.0, 0.0), gains)
+    _, omega = local_law(Navigation(rho, 0.0, 0.0), small, gains)
+    return np.column_stack(columns), np.array([[-v / rho]]), np.array([[omega / small]])
 
 
 @CHECK
 @given(GAINS, st.floats(0.001, 3.0))
-def test_the_warning_comes_exactly_when_a_pole_is_not_inside_the_circle(gains, t_s):
-    assert (unstable_gains(PAPER._replace(gains=gains), t_s) == "") is all(
-        size < 1.0 for size in sampled_poles(gains, t_s)
-    )
+def test_the_warning_comes_exactly_when_an_eigenvalue_of_a_step_is_not_inside_the_circle(gains, t_s):
+    sizes = [np.abs(np.linalg.eigvals(np.eye(len(A)) + t_s * A)).max() for A in near_the_goal(gains)]
+    # At a double pole the square root makes much of the differences' rounding.
+    assume(all(abs(size - 1.0) > 2e-4 * (1.0 + t_s) for size in sizes))
+    assert (unstable_gains(PAPER._replace(gains=gains), t_s) == "") is all(size < 1.0 for size in sizes)
 
 
 def driven(gain, delay, steps=4000):
@@ -79,17 +87,13 @@ def test_the_papers_law_with_fast_gains_is_warned_of_where_it_spins(latency, lag
 
 @pytest.mark.parametrize(
     ("a_max", "omega_dot_max", "names"),
-    [
-        (math.inf, 1.5, ["k: with angular.z", "k_2: with angular.z"]),
-        (0.5, math.inf, ["gamma: braking takes 0.65 m/s^2"]),
-        (0.7, 40.0, []),
-    ],
+    [(math.inf, 1.5, "k: with angular.z"), (0.5, math.inf, "gamma: braking takes 0.65 m/s^2"), (0.7, 40.0, "")],
 )
 def test_the_papers_law_is_warned_of_where_it_cannot_brake(a_max, omega_dot_max, names):
     sheet = PAPER_DATA_SHEET._replace(a_max=a_max, omega_dot_max=omega_dot_max)
     text = unstable_gains(FAST._replace(data_sheet=sheet), 0.1)
+    assert names in text
     assert bool(text) is bool(names)
-    assert all(name in text for name in names)
     assert unstable_gains(TUNED._replace(data_sheet=sheet), 0.1) == ""
 
 

@@ -3,42 +3,24 @@
 import math
 from fractions import Fraction
 
-import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from diffbot_control.law.lyapunov_law import (
-    PAPER_GAINS,
     Gains,
     global_law,
     global_lyapunov,
     local_law,
     local_lyapunov,
-    sampled_poles,
     sinc,
     tanhc,
 )
 from diffbot_control.law.polar_coordinates import Navigation
 
 CHECK = settings(max_examples=150)
-PAPER = PAPER_GAINS
-ANGLES = st.floats(-math.pi, math.pi, exclude_min=True)
-DISTANCES = st.floats(0.0, 1e12)
 GAINS = st.builds(Gains, st.floats(0.1, 5.0), st.floats(0.1, 10.0), st.floats(0.01, 10.0), st.floats(0.1, 10.0))
 STEP = 1e-5
-
-
-SINGULAR = st.sampled_from((0.0, 5e-324, 1e-310, 1e-200, 1e-8))
-
-
-@CHECK
-@given(SINGULAR | DISTANCES, SINGULAR | ANGLES, ANGLES)
-def test_the_commands_are_bounded_at_and_around_the_singular_points(rho, alpha, beta):
-    v, omega = global_law(Navigation(rho, alpha, beta), PAPER)
-    # |v| <= gamma, |omega| <= k pi + gamma (pi + h pi).
-    assert abs(v) <= PAPER.gamma
-    assert abs(omega) <= math.pi * (1.0 + 1.3 * 1.17)
 
 
 @CHECK
@@ -116,32 +98,3 @@ def test_v_of_eq_15_never_grows_in_omega_l(pose, gains):
     assert derivative <= 1e-6
     found = local_lyapunov(Navigation(rho, alpha, beta), theta)
     assert found == pytest.approx(lyapunov(*pose), rel=1e-12)
-
-
-def near_the_goal(gains):
-    """State matrices of the angles in Omega_G, of the distance and of the heading in Omega_L, for small ones.
-
-    From the laws themselves, by differences, with the kinematics alpha' = v sin(alpha) / rho - omega,
-    beta' = v sin(alpha) / rho, rho' = -v cos(alpha).
-    """
-    rho, small = 1e-6, 1e-6
-
-    def rates(alpha, beta):
-        v, omega = global_law(Navigation(rho, alpha, beta), gains)
-        turn = v * math.sin(alpha) / rho
-        return np.array([turn - omega, turn])
-
-    columns = [(rates(*step) - rates(*(-step))) / (2.0 * small) for step in small * np.eye(2)]
-    v, _ = global_law(Navigation(rho, 0.0, 0.0), gains)
-    _, omega = local_law(Navigation(rho, 0.0, 0.0), small, gains)
-    return np.column_stack(columns), np.array([[-v / rho]]), np.array([[omega / small]])
-
-
-@CHECK
-@given(GAINS, st.floats(0.001, 2.0))
-def test_sampled_poles_are_the_eigenvalues_of_a_step(gains, t_s):
-    found = sampled_poles(gains, t_s)
-    for size, A in zip(found, near_the_goal(gains), strict=True):
-        eigenvalues = np.linalg.eigvals(np.eye(len(A)) + t_s * A)
-        # At a double pole the square root makes much of the differences' rounding.
-        assert size == pytest.approx(np.abs(eigenvalues).max(), abs=2e-4 * (1.0 + t_s))

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from diffbot_control.law.polar_coordinates import in_front, navigation_variables
+from diffbot_control.law.polar_coordinates import navigation_variables
 from diffbot_core.geometry import Pose, wrap_angle
 
 CHECK = settings(max_examples=150)
@@ -40,10 +40,3 @@ def test_the_sign_of_zero_does_not_turn_the_bearing(zero):
     assert navigation_variables(Pose(-0.0, zero, 0.3)) == (0.0, -0.3, 0.0)
     # atan2 itself gives -pi straight behind; the interval is (-pi, pi].
     assert navigation_variables(Pose(2.0, zero, 0.0))[1:] == (math.pi, math.pi)
-
-
-def test_the_front_sector_is_half_open():
-    assert in_front(math.pi / 2)
-    assert not in_front(math.nextafter(math.pi / 2, 2.0))
-    assert in_front(math.nextafter(-math.pi / 2, 0.0))
-    assert not in_front(-math.pi / 2)

@@ -1,25 +1,17 @@
 """The ready-made controllers, and the node's parameter that chooses between them."""
 
-import graph
+import one_process
 import pytest
 from driven import ORIGIN, step
-from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rcl_interfaces.srv import GetParameters, SetParameters
+from rclpy.parameter import Parameter
 
-from diffbot_control.goals.configuration import SupervisorConfig
+from diffbot_control.controller_node import ControllerNode
 from diffbot_control.law.controller import ControllerConfig, ControllerMemory
 from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.regions import OMEGA_L, Switching
 from diffbot_control.ros.parameters.controller import CONTROLLER_PRESETS, ControllerNodeConfig
 from diffbot_core.geometry import Pose
-from diffbot_core.schema import build, parameters_of, to_dict
-
-FIELDS = {
-    ParameterType.PARAMETER_BOOL: "bool_value",
-    ParameterType.PARAMETER_INTEGER: "integer_value",
-    ParameterType.PARAMETER_DOUBLE: "double_value",
-    ParameterType.PARAMETER_STRING: "string_value",
-}
+from diffbot_core.schema import build, to_dict
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -35,12 +27,6 @@ def test_every_preset_is_valid_and_survives_conversion_to_parameters(name):
     assert build(ControllerNodeConfig, {"k": 7}, whole).supervisor.controller.gains.k == 7.0
 
 
-def test_the_library_and_the_node_have_the_same_defaults():
-    assert ControllerConfig() == PRESETS[ControllerNodeConfig().preset]
-    assert ControllerNodeConfig() == CONTROLLER_PRESETS[ControllerNodeConfig().preset]
-    assert SupervisorConfig().controller == ControllerConfig()
-
-
 @pytest.mark.parametrize(("name", "reached"), [("tuned", False), ("paper_covariance", False), ("paper", True)])
 def test_only_the_papers_preset_accepts_the_lateral_error_of_its_fixed_region(name, reached):
     """The paper's own end state of simulation A, y = 0.1049 m; see docs/explanation/law/paper.md."""
@@ -52,28 +38,13 @@ def test_only_the_papers_preset_accepts_the_lateral_error_of_its_fixed_region(na
     assert memory.reached is reached
 
 
-def parameters(peer, name, names):
-    answer = peer.call(GetParameters, f"{name}/get_parameters", GetParameters.Request(names=names))
-    return {one: getattr(value, FIELDS[value.type]) for one, value in zip(names, answer.values, strict=True)}
-
-
-def set_parameter(peer, name, **value):
-    request = SetParameters.Request(parameters=[Parameter(name=name, value=ParameterValue(**value))])
-    return peer.call(SetParameters, "controller/set_parameters", request).results[0]
-
-
 @pytest.mark.graph
 def test_the_node_takes_its_defaults_from_the_preset_and_overrides_win():
-    # The order on the command line does not matter: the preset comes last here.
-    with graph.node(graph.MODULES["controller"], {"k": 2.0, "preset": "paper"}) as process, graph.peer() as peer:
-        process.wait_for_output("ready")
-        names = [parameter.name for parameter in parameters_of(ControllerNodeConfig)]
+    with one_process.nodes() as nodes:
+        node = nodes.add(ControllerNode, {"k": 2.0, "preset": "paper"})
         expected = {**to_dict(CONTROLLER_PRESETS["paper"]), "k": 2.0}
-        assert parameters(peer, "controller", names) == expected
-        # It is read once: a later change would leave the others as they are.
-        refused = set_parameter(peer, "preset", type=ParameterType.PARAMETER_STRING, string_value="tuned")
-        assert not refused.successful
-        assert "read-only" in refused.reason
+        assert to_dict(node.config) == expected
+        assert {name: node.get_parameter(name).value for name in expected} == expected
         # A later change of another parameter leaves the rest of the preset alone.
-        assert set_parameter(peer, "k_2", type=ParameterType.PARAMETER_DOUBLE, double_value=3.25).successful
-        assert parameters(peer, "controller", names) == {**expected, "k_2": 3.25}
+        assert node.set_parameters([Parameter("k_2", value=3.25)])[0].successful
+        assert to_dict(node.config) == {**expected, "k_2": 3.25}

@@ -13,7 +13,6 @@ from diffbot_control.law.speed_profile import (
     braking,
     signed_braking,
     vagueness_of,
-    within_data_sheet,
 )
 from diffbot_core.data_sheet import DataSheet
 
@@ -51,14 +50,6 @@ def test_a_position_that_is_not_known_well_is_approached_with_a_longer_reaction(
     assert approach_speed(0.4, 0.0, gains, 10.0) == known
     assert approach_speed(100.0, 0.0, gains, 1.3) == 1.3
     assert approach_speed(0.0, 2.0, gains, 1.3) == 0.0
-
-
-def test_the_robot_is_asked_for_no_more_than_a_share_of_its_accelerations():
-    gains = ProfileGains(brake=3.0, turn_brake=7.0, hold_brake=5.0)
-    assert within_data_sheet(gains, DataSheet()) == gains
-    assert within_data_sheet(gains, DataSheet(a_max=9.0, omega_dot_max=20.0)) == gains
-    found = within_data_sheet(gains, DataSheet(a_max=1.0, omega_dot_max=10.0))
-    assert found == gains._replace(brake=pytest.approx(0.86), turn_brake=pytest.approx(6.5))
 
 
 def test_automatic_gains_are_the_defaults_at_the_papers_period_and_follow_the_data_sheet():

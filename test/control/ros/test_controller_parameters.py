@@ -6,7 +6,7 @@ from typing import Annotated, NamedTuple
 import pytest
 
 from diffbot_control.law.controller import SwitchingLaw
-from diffbot_control.ros.parameters.controller import CONTROLLER_PRESETS, ControllerNodeConfig, parameter_set_of
+from diffbot_control.ros.parameters.controller import ControllerNodeConfig, parameter_set_of
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.schema import Spec, build, parameters_of
@@ -46,11 +46,6 @@ def law_with(config):
     }
     setattr(sys.modules[__name__], f"Law{config.__name__}", type("Law", (), members))
     return f"{__name__}:Law{config.__name__}"
-
-
-@pytest.mark.parametrize("overrides", [{}, {"law": "diffbot_control.law.controller:SwitchingLaw"}])
-def test_this_projects_law_has_presets(overrides):
-    assert parameter_set_of(overrides) == (ControllerNodeConfig, CONTROLLER_PRESETS)
 
 
 def test_a_registered_law_brings_its_parameters_and_the_node_keeps_its_own():

@@ -1,7 +1,5 @@
 """When a client takes its controller for dead: by the lease of the status, or by long silence."""
 
-from types import SimpleNamespace
-
 import pytest
 from rclpy.event_handler import UnsupportedEventTypeError
 
@@ -37,27 +35,6 @@ def clock(monkeypatch):
 
     wait.now = now
     return wait
-
-
-def alive(count):
-    return SimpleNamespace(alive_count=count)
-
-
-def test_a_lost_lease_that_is_not_renewed_in_time(clock):
-    node = FakeNode()
-    watch = ControllerWatch(node, "controller", 1.0)
-    assert node.topic == "controller/status"
-    node.on_liveliness(alive(1))
-    assert not clock(watch, 5.0)
-    node.on_liveliness(alive(0))
-    assert not clock(watch, 0.9)
-    node.on_liveliness(alive(1))
-    node.on_status(None)
-    assert not clock(watch, 5.0)
-    node.on_liveliness(alive(0))
-    assert not clock(watch, 0.5)
-    node.on_liveliness(alive(0))
-    assert clock(watch, 0.6)
 
 
 @pytest.mark.parametrize("has_events", [True, False])

@@ -6,8 +6,7 @@ import math
 
 import hypothesis.strategies as st
 import pytest
-from foreign_files import FOREIGN_FILES
-from hypothesis import given
+from hypothesis import given, settings
 
 from diffbot_control.ros.goals.goal_file import BrokenGoalError, SavedGoal, encode_poses, load_goal, save_goal
 from diffbot_core.geometry import Pose
@@ -66,6 +65,7 @@ JSON = st.recursive(
 )
 
 
+@settings(max_examples=50)
 @given(st.sampled_from([*SavedGoal._fields, "version"]), JSON)
 def test_any_value_of_a_field_is_taken_or_refused(tmp_path_factory, field, value):
     path = tmp_path_factory.getbasetemp() / "goal"
@@ -74,15 +74,3 @@ def test_any_value_of_a_field_is_taken_or_refused(tmp_path_factory, field, value
         found = load_goal(path, 3)
         assert all(math.isfinite(number) for pose in found.poses for number in pose)
         assert found.is_cancelling or len(found.poses) == found.waypoints - found.waypoint + 1
-
-
-@pytest.mark.parametrize(("make", "reason"), FOREIGN_FILES.values(), ids=FOREIGN_FILES)
-def test_what_others_could_have_written_is_not_believed(tmp_path, make, reason):
-    path = tmp_path / "goal.json"
-    save_goal(path, SavedGoal("1" * 32, "topic", "map", [Pose(1.0, 2.0, 0.0)]))
-    assert load_goal(path, 10)
-    text = path.read_text()
-    path.unlink()
-    make(path, text)
-    with pytest.raises(BrokenGoalError, match=reason):
-        load_goal(path, 10)

@@ -38,7 +38,7 @@ class Intake:
         self.now = end
 
 
-@pytest.mark.parametrize("rate", [50, 10_000])
+@pytest.mark.parametrize("rate", [50, 1000])
 def test_of_a_flood_so_many_are_accepted_and_the_newest_one_at_the_end(rate):
     one = Intake()
     for number in range(10 * rate):

@@ -7,7 +7,7 @@ from rcl_interfaces.msg import Parameter
 from rcl_interfaces.srv import SetParametersAtomically
 from robot import parameter_value
 
-from diffbot_control.ros.goals.request import checked_goal_id, goal_request, new_goal_id, read_goal_request
+from diffbot_control.ros.goals.request import goal_request, read_goal_request
 from diffbot_control.ros.messages.fields import pose_of
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose
@@ -43,12 +43,6 @@ def test_what_may_be_left_out_or_written_otherwise():
     assert pose_of(sent.message.pose) == pytest.approx((1.0, 2.0, 0.0))
 
 
-def test_ids_are_new_and_valid():
-    ids = {new_goal_id() for _ in range(100)}
-    assert len(ids) == 100
-    assert all(checked_goal_id(one) == one for one in ids)
-
-
 HOSTILE = {
     "id with line breaks": ({**GOOD, "goal_id": ID + "\n"}, "goal_id = '0123456789abcdef0123456789abcdef\\n'"),
     "zero id": ({**GOOD, "goal_id": "0" * 32}, "not all zero"),
@@ -73,10 +67,3 @@ def test_a_bad_field_is_named_in_one_short_line(values, text):
     assert text in reason
     assert "\n" not in reason
     assert len(reason) < 250
-
-
-def test_a_type_that_no_parameter_has_is_refused():
-    message = request(GOOD)
-    message.parameters[2].value.type = 200
-    with pytest.raises(InvalidValueError, match="x = None"):
-        read_goal_request(message, "map")

@@ -49,12 +49,6 @@ def test_any_layout(big, gap, kind, number):
     assert one[3:] == two[3:] == (0.0, 0.0)
 
 
-def test_large_numbers_and_variances():
-    kinds = (("x", "f8"), ("y", "f8"), ("id", "u4"), ("range_variance", "f4"), ("bearing_variance", "f8"))
-    (point,) = landmark_points(cloud([(1.0, 1.0, 2**32 - 1, 0.25, 0.5)], kinds))
-    assert point == (2**32 - 1, pytest.approx(math.sqrt(2.0)), pytest.approx(math.pi / 4.0), 0.25, 0.5)
-
-
 def changed(message, **fields):
     for name, value in fields.items():
         setattr(message, name, value)

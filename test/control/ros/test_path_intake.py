@@ -46,7 +46,7 @@ class Reading:
         return counts
 
 
-@pytest.mark.parametrize("length", [SLICE - 1, SLICE, SLICE + 1, 10_000])
+@pytest.mark.parametrize("length", [SLICE - 1, SLICE, 5 * SLICE])
 def test_a_path_is_accepted_whole_in_slices_of_bounded_length_a_short_one_at_once(length):
     reading = Reading()
     reading.intake.start(reading.poses(length))

@@ -28,14 +28,6 @@ def beam(distance, variance=0.01):
     return message
 
 
-def test_there_is_a_sensor_for_each_source_that_the_parameters_describe():
-    assert set(sensors()) == {"global_pose", "heading", "front"}
-    assert set(sensors(wall_x1=[], wall_y1=[], wall_x2=[], wall_y2=[])) == {"global_pose", "heading"}
-    landmarks = {"landmark_ids": [1], "landmark_x": [0.0], "landmark_y": [0.0], "pose_sources": ["gps"]}
-    assert set(sensors(**landmarks)) == {"global_pose", "gps", "heading", "landmarks", "front"}
-    assert set(sensors(use_gyro=True)) == {"global_pose", "heading", "imu", "front"}
-
-
 @pytest.mark.parametrize("taken", ["global_pose", "heading", "odom", "gps"])
 def test_two_inputs_cannot_have_one_topic(taken):
     with pytest.raises(InvalidValueError, match=rf"beam_topics = \['{taken}'\]: must be topics of no other input"):
@@ -70,11 +62,6 @@ def test_a_range_outside_of_what_the_sensor_can_measure_is_no_echo(distance, is_
     for one in found:
         assert (one.range, one.beam, one.stamp) == (pytest.approx(distance), Pose(0.2, 0.1, 0.5), 5 * 10**9)
         np.testing.assert_allclose(one.R, [[0.01]], rtol=1e-6)
-
-
-def test_a_range_that_is_no_number_is_a_bad_message():
-    with pytest.raises(BadMessageError, match="range is nan"):
-        sensors()["front"].read(beam(math.nan))
 
 
 def imu(rate=0.5, variance=4e-4):

@@ -1,0 +1,46 @@
+"""A robot in lock-step in the process of the test: its nodes need no imports of their own."""
+
+import contextlib
+from functools import partial
+
+import one_process
+from geometry_msgs.msg import Twist
+from lockstep_drive import take_what_is_under_way
+from robot import DEEP, LOCKSTEP, TOPICS, Robot
+
+from diffbot_control.ekf_node import EkfNode
+from diffbot_control.robot_node import RobotControllerNode
+from diffbot_sim.plant_node import PlantNode
+
+
+class Inside(Robot):
+    """What the test receives from nodes that share its executor."""
+
+    def catch_up(self):
+        """The executor handles the messages in the order in which they come: none waits for the test alone."""
+
+    def stop(self):
+        """Pause the plant and receive what is under way."""
+        self.pause(True)
+        take_what_is_under_way(self)
+
+    def run(self, condition, what):
+        """Let time pass until ``condition()`` is true."""
+        self.pause(False)
+        self.peer.spin_until(condition, what=what)
+        self.stop()
+
+
+@contextlib.contextmanager
+def inside(plant=None, ekf=None, controller=None, arguments=()):
+    """Run filter, controller and plant while the ``with`` block lasts, see robot.lockstep; ``arguments`` are of all."""
+    given = {"plant": plant, "ekf": ekf, "controller": controller}
+    given = {name: {**LOCKSTEP[name], **(one or {})} for name, one in given.items()}
+    with one_process.nodes() as nodes:
+        running = Inside(None, nodes.peer, "")
+        running.commands = nodes.peer.subscribe(Twist, "cmd_vel", DEEP)
+        ekf_node = nodes.add(EkfNode, given["ekf"], arguments)
+        nodes.add(partial(RobotControllerNode, ekf_node), given["controller"], arguments)
+        nodes.add(PlantNode, given["plant"], arguments)
+        nodes.peer.wait_for_publishers(*TOPICS["robot"], *TOPICS["plant"])
+        yield running
