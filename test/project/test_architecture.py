@@ -66,17 +66,6 @@ print(json.dumps(refused))
     assert interpret(program) == {}
 
 
-def test_the_law_loads_neither_arrays_nor_the_filter():
-    law = [module for module in MODULES if module.startswith("diffbot_control.law")]
-    assert loaded_by(law) & ({"numpy", "scipy", "filterpy", "numba", "yaml"} | ROS) == set()
-
-
-def test_a_node_without_a_filter_loads_no_libraries_of_one():
-    loaded = loaded_by(["diffbot_control.controller_node", "diffbot_sim.plant_node", "diffbot_bag.recorder_node"])
-    assert "rclpy" in loaded
-    assert loaded & {"scipy", "filterpy", "matplotlib", "numba", "pandas", "tqdm", "pyarrow"} == set()
-
-
 def test_an_executable_is_light_until_it_is_launched():
     rooms = [module for module in MODULES if module.endswith(".executables")]
     assert len(rooms) == 4

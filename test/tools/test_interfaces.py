@@ -10,7 +10,7 @@ import pytest
 from diffbot_core.errors import DiffbotError
 from diffbot_tools import cli
 from diffbot_tools.interfaces import build, command
-from diffbot_tools.interfaces.build import build_interfaces, default_folder
+from diffbot_tools.interfaces.build import build_interfaces
 
 
 def test_without_a_compiler_it_says_what_to_install(tmp_path, monkeypatch):
@@ -47,17 +47,3 @@ def test_a_failed_compilation_is_an_error_in_one_line_and_keeps_the_older_build(
     assert "\n" not in str(failed.value)
     assert older.is_dir()
     assert os.listdir(tmp_path / "out") == ["nav2_msgs"], "nothing else is left behind"
-
-
-def test_an_installed_package_is_not_built_again(monkeypatch, capsys):
-    monkeypatch.setattr(command.importlib.util, "find_spec", lambda _: object())
-    assert cli.main(["interfaces", "build"]) == 1
-    assert capsys.readouterr().err == "diffbot: nav2_msgs is installed: there is nothing to build\n"
-
-
-def test_the_default_folder_is_in_the_users_cache(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert default_folder().parent == tmp_path / "diffbot"
-    monkeypatch.setenv("XDG_CACHE_HOME", "relative")
-    monkeypatch.setenv("HOME", str(tmp_path))
-    assert default_folder().parent == tmp_path / ".cache" / "diffbot"

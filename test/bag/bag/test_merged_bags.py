@@ -46,14 +46,6 @@ def test_of_equal_times_the_bag_given_first_comes_first(tmp_path):
     bags.close()
 
 
-def test_a_topic_of_two_types_is_one_line_that_names_both(tmp_path):
-    one = write_mcap(tmp_path / "one.mcap", [("/a", BEGIN, point(1))])
-    two = write_mcap(tmp_path / "two.mcap", [("/a", BEGIN, point(1))], kind="geometry_msgs/msg/Vector3")
-    with pytest.raises(DiffbotError) as error:
-        MergedBags([one, two])
-    assert str(error.value) == f"/a is geometry_msgs/msg/Point in {one} and geometry_msgs/msg/Vector3 in {two}"
-
-
 def test_a_bag_given_twice_or_missing_is_refused(three, tmp_path):
     link = tmp_path / "link.mcap"
     link.symlink_to(three[0])

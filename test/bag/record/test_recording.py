@@ -3,60 +3,12 @@
 import os
 
 import pytest
-from mcap.reader import make_reader
 
-from diffbot_bag.bag.qos import Qos
-from diffbot_bag.bag.writer import BagWriter
 from diffbot_bag.mcap.attachments import dump
 from diffbot_bag.record.host import host_facts
 from diffbot_bag.record.latched import LatchedMessages
 from diffbot_bag.record.pending_messages import Held
-from diffbot_bag.record.recording import Recording
 from diffbot_bag.record.snapshot import OVERHEAD, SnapshotBuffer
-
-STRING = "std_msgs/msg/String"
-BEGIN = 10**18
-
-
-class Bag:
-    def __init__(self, folder, **options):
-        self.writer = BagWriter(folder)
-        self.data = self.writer.add_topic("/data", STRING, [Qos()])
-        self.map = self.writer.add_topic("/map", STRING, [Qos(durability="transient_local")])
-        self.recording = Recording(self.writer, **options)
-
-    def accept(self, channel, number, at=None):
-        time = BEGIN + number if at is None else at
-        return self.recording.accept(channel, b"%d" % number, time, time - 1, number)
-
-    def contents(self):
-        """Data and log time of each message, by file."""
-        self.recording.finish()
-        self.writer.close()
-        files = []
-        for path in sorted(self.writer.folder.glob("*.mcap")):
-            with path.open("rb") as stream:
-                messages = make_reader(stream).iter_messages(log_time_order=False)
-                files.append([(channel.topic, int(one.data), one.log_time - BEGIN) for _, channel, one in messages])
-        return files
-
-
-def test_a_snapshot_has_the_newest_messages_and_the_latched_ones_before(tmp_path):
-    bag = Bag(tmp_path / "run", snapshot=SnapshotBuffer(3 * (OVERHEAD + 2)))
-    assert bag.recording.take_snapshot() == (False, "no message in memory")
-    bag.accept(bag.map, 1)
-    for number in range(10, 20):
-        bag.accept(bag.data, number)
-    assert bag.writer.count == 0
-    assert bag.recording.take_snapshot() == (True, "3 messages")
-    assert bag.recording.take_snapshot()[0] is False, "the first one is not written yet"
-    bag.accept(bag.data, 20)
-    bag.recording.write_snapshot()
-    bag.accept(bag.data, 21)
-    bag.recording.take_snapshot()
-    first, second = bag.contents()
-    assert first == [("/map", 1, 17), ("/data", 17, 17), ("/data", 18, 18), ("/data", 19, 19)]
-    assert second == [("/map", 1, 20), ("/data", 20, 20), ("/data", 21, 21)]
 
 
 def held(number, size=10, at=None):

@@ -109,14 +109,6 @@ def test_each_seek_goes_on_with_the_very_message_and_the_latched_one_before(bag)
     assert not run.player.seek(BEGIN)
 
 
-def test_a_seek_before_the_start_and_in_the_delay_skips_the_delay():
-    for when in (0, 7):
-        run = plain(delay=5.0)
-        run.time.at(when * MS, lambda run=run: run.player.seek(BEGIN + 290 * MS))
-        run.play()
-        assert [sent for sent, _ in run.sent] == [(when + index) * MS for index in range(10)]
-
-
 def test_a_paused_replay_stays_paused_where_it_was_sent_to():
     run = plain(start_paused=True, clock=100.0)
     run.time.at(50 * MS, lambda: run.player.seek(BEGIN + 100 * MS + 1))
@@ -140,15 +132,6 @@ def test_the_rate_changes_from_now_on():
         expected = ms if ms <= 100 else 100 + (ms - 100) / 4 if ms <= 200 else 125 + (ms - 200) * 2
         assert when == pytest.approx(expected * MS, abs=2), ms
     assert run.player.progress().rate == 0.5
-
-
-def test_a_rate_set_during_the_delay_or_a_pause_is_that_of_what_follows():
-    for pace in ({"delay": 1.0}, {"start_paused": True}):
-        run = plain(**pace)
-        run.time.at(500 * MS, lambda run=run: run.player.set_rate(2.0))
-        run.time.at(1000 * MS, run.player.resume)
-        run.play()
-        assert [when for when, _ in run.sent] == [1000 * MS + index * MS // 2 for index in range(300)]
 
 
 def test_a_burst_comes_at_once_and_resuming_withdraws_what_is_left_of_it():
@@ -193,21 +176,3 @@ def test_as_fast_as_possible_takes_no_time_keeps_the_order_and_the_clock_is_that
     assert [stamp for _, stamp in run.clock] == [BEGIN + index * MS for index in range(0, 300, 10)]
     assert not run.player.lateness
     assert run.player.progress().bag_time == BEGIN + 299 * MS
-
-
-def test_as_fast_as_possible_can_be_paused_stepped_and_sought():
-    run = plain(rate=0.0)
-    run.hooks = {count: lambda: run.time.sleep_until(run.time.now() + 2 * MS) for count in range(111, 113)}
-    run.after(10, run.player.pause)
-    run.time.at(50 * MS, lambda: run.player.request_steps(2))
-    run.time.at(60 * MS, lambda: run.player.seek(BEGIN + 200 * MS))
-    run.time.at(70 * MS, run.player.resume)
-    run.play()
-    assert [(when, (message.log_time - BEGIN) // MS) for when, message in run.sent] == [
-        *((0, index) for index in range(10)),
-        (50 * MS, 10),
-        (50 * MS, 11),
-        *((70 * MS, index) for index in range(200, 299)),
-        # It waits for what takes its messages.
-        (72 * MS, 299),
-    ]

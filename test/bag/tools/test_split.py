@@ -39,19 +39,6 @@ def check_parts(files, given, messages):
     assert rest == given
 
 
-@pytest.mark.parametrize("maker", ["lz4", "no chunks", "no message index"])
-def test_by_count_and_by_duration_after_the_first_message(tmp_path, maker):
-    path = cut_bags.write_bag(tmp_path / "run", maker)
-    files = split(path, tmp_path / "count", messages=77)
-    check_parts(files, facts(path), 77)
-    assert len(files) == 6
-    files = split(path, tmp_path / "duration", duration=33 * STEP)
-    check_parts(files, facts(path), 68)
-    for number, file in enumerate(files):
-        begin = BEGIN + number * 33 * STEP
-        assert all(begin <= one.log_time < begin + 33 * STEP for one in file)
-
-
 @pytest.mark.parametrize("size", [10**9, 12_345])
 def test_by_size_each_file_can_be_used_alone(tmp_path, size):
     path = cut_bags.write_mcap(tmp_path / "run.mcap", cut_bags.drive(), extras=("notes",))

@@ -54,12 +54,3 @@ def test_a_file_without_its_end_loses_nothing_of_what_was_written(tmp_path, caps
     ]
     with BagReader(source) as reader:
         assert reader.message_count == 900
-
-
-def test_either_an_output_or_in_place(tmp_path, capsys, whole):
-    source = tmp_path / "run.mcap"
-    source.write_bytes(whole.content)
-    for arguments in ([source], [source, tmp_path / "fixed", "--in-place"]):
-        status, _, error = run(capsys, *arguments)
-        assert (status, error) == (1, "diffbot: bag repair: either OUT or --in-place must be given\n")
-    assert source.read_bytes() == whole.content

@@ -32,10 +32,7 @@ def test_texts_become_the_types_of_the_parameters():
     ("texts", "line"),
     [
         ({"preset": "fast"}, "preset = 'fast': must be one of tuned, precise, paper_covariance, paper"),
-        ({"x": "1e9"}, "x = 1000000000.0: must be >= -1e+06 and <= 1e+06"),
         ({"yaw": "north"}, "yaw = 'north': must be a number, >= -1000 and <= 1000"),
-        ({"seed": "1.5"}, "seed = '1.5': must be a whole number, >= 0 and <= 9.22337e+18"),
-        ({"rviz": "yes"}, "rviz = 'yes': must be true or false"),
         ({"namespace": "my robot"}, "namespace = 'my robot': must be words of letters, digits and _ with / between"),
         ({"frame_prefix": "/r1/"}, "frame_prefix = '/r1/': must be letters, digits, _, - and /, without a leading /"),
         ({"parameters": "none.yaml"}, "parameters = 'none.yaml': must be an existing file"),

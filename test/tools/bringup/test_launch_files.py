@@ -124,12 +124,6 @@ def test_a_robot_without_one_of_its_limits_is_not_started_and_a_simulated_one_is
     assert actions(load("simulation.launch.py"), parameters=file, description="false")
 
 
-def test_limits_may_be_nested_and_stand_in_the_section_of_all_nodes(load, tmp_path):
-    axes = [("linear", "x"), ("angular", "z")]
-    nested = {one: {axis: {"max_velocity": 1.0, "max_acceleration": 1.0}} for one, axis in axes}
-    assert actions(load("robot.launch.py"), parameters=parameter_file(tmp_path / "a.yaml", nested, "/**"))
-
-
 def test_nodes_get_texts_verbatim_and_numbers_as_they_are(load, tmp_path):
     nodes = actions(
         load("simulation.launch.py"), bag=str(tmp_path / "2026"), namespace="r1", x="1.5", description="false"

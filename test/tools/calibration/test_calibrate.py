@@ -113,28 +113,6 @@ def test_too_little_is_refused_in_one_line(tmp_path, seconds, every, message):
     assert not (tmp_path / "out.yaml").exists()
 
 
-def test_dead_time_and_time_constant_of_a_first_order_drive():
-    """Held steps of random height through a dead time of 0.25 s and a lag of 0.2 s, integrated exactly."""
-    rng, lag, dead = np.random.default_rng(4), 0.2, 0.25
-    times = np.arange(0.0, 60.0, 0.5)
-    commands = np.column_stack((times, rng.uniform(-0.5, 0.5, (len(times), 2))))
-    end = np.arange(0.02, 60.0, 0.02)
-    twist, state, measured = np.zeros(2), np.zeros(2), []
-    for time in end:
-        index = np.searchsorted(times, time - dead, side="right") - 1
-        twist = commands[index, 1:] if index >= 0 else np.zeros(2)
-        state = twist + (state - twist) * math.exp(-0.02 / lag)
-        measured.append(state)
-    odometry = Odometry(end - 0.02, end, np.array(measured), np.zeros((len(end), 3)))
-    found = latency_of(commands, odometry, 0.0)
-    assert found.time_constant == pytest.approx(lag, abs=0.01)
-    assert (found.acceleration, found.angular_acceleration) == (math.inf, math.inf)
-    assert found.dead_time == pytest.approx(dead, abs=0.03)
-    later = latency_of(commands, odometry, 0.1)
-    assert later.dead_time == pytest.approx(found.dead_time + 0.1, abs=0.011)
-    assert latency_of(commands[:5], odometry, 0.0) is None
-
-
 def test_a_limit_of_the_acceleration_is_found_and_not_taken_for_dead_time():
     """Drives of the simulated plant at 50 Hz, whose wheels have 5 % of noise."""
     dead, lag, bound = 0.1, 0.1, 0.5

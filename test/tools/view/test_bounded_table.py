@@ -1,16 +1,7 @@
 """Tables of names that others choose stay small, and keep what was set last."""
 
-from diffbot_tools.view.bounded_table import BoundedTable
 from diffbot_tools.view.events import MAX_NAMES, EventMaker
 from diffbot_tools.view.texts import Status
-
-
-def test_the_entry_set_longest_ago_is_dropped_and_counted():
-    table = BoundedTable(3)
-    for name in "abcad":
-        table[name] = name.upper()
-    assert list(table.items()) == [("c", "C"), ("a", "A"), ("d", "D")]
-    assert table.dropped == 1
 
 
 def test_a_node_that_reports_on_keeps_its_fault_among_any_number_of_names():

@@ -8,14 +8,6 @@ from diffbot_tools.view.bag_tables import LAW_COLUMNS
 LAYOUT = json.loads((Path(__file__).parents[3] / "config" / "foxglove.json").read_text())
 
 
-def leaves(node):
-    return [node] if isinstance(node, str) else leaves(node["first"]) + leaves(node["second"])
-
-
-def test_every_panel_is_arranged_once():
-    assert sorted(leaves(LAYOUT["layout"])) == sorted(LAYOUT["configById"])
-
-
 def test_its_indices_of_the_law_carry_their_names():
     paths = [path for panel in LAYOUT["configById"].values() for path in panel.get("paths", ())]
     found = {

@@ -1,7 +1,6 @@
 """Landmarks and planned paths on the map: of a bag, on the page, and of a running robot."""
 
 import math
-from types import SimpleNamespace
 
 import browser
 import numpy as np
@@ -9,11 +8,8 @@ import pytest
 import view_bags
 
 from diffbot_core.geometry import Pose
-from diffbot_tools.trajectory import Trajectory
-from diffbot_tools.view import landmarks as landmarks_module
 from diffbot_tools.view.landmarks import read_cloud
 from diffbot_tools.view.live_landmarks import LandmarkPlacer
-from diffbot_tools.view.plans import MAX_POINTS, PlanEnd, thinned
 from diffbot_tools.view.report import read_bag_run
 from diffbot_tools.view.report_command import write_report
 
@@ -92,21 +88,6 @@ def test_the_path_holds_until_the_controller_leaves_it(run):
     assert run.tables.malformed == 3, "clouds and paths that cannot be used"
 
 
-def test_numbers_of_landmarks_and_visits_are_bounded(monkeypatch):
-    monkeypatch.setattr(landmarks_module, "MAX_LANDMARKS", 3)
-    monkeypatch.setattr(landmarks_module, "MAX_VISITS", 4)
-    # Number 5 in every fourth cloud, others once each.
-    rows = [(step, 100 + step if step % 2 else 5) for step in range(20) if step % 4 != 2]
-    stamps, numbers = (np.array(column, np.int64) for column in zip(*rows, strict=True))
-    stamps = BEGIN + stamps * 10**8
-    path = Trajectory(BEGIN + np.arange(21) * 10**8, np.zeros((21, 3)))
-    clock = SimpleNamespace(of_stamps=lambda stamps: (stamps - BEGIN) / 1e9)
-    measured = landmarks_module.Measured(stamps, numbers, np.ones((len(rows), 2)))
-    found = landmarks_module.landmarks_on_map(measured, path, clock)
-    assert (len(found), found[0].number) == (3, 5)
-    assert sum(len(one.in_view) for one in found) <= 2 * 4
-
-
 def drawn(page, time, colour):
     page.get(f"diffbotPage.player.go({time})")
     page.next_frame()
@@ -174,14 +155,3 @@ def test_a_live_cloud_waits_for_the_estimate_of_its_time():
         placer.add_pose(BEGIN - 10**9 + step * 10**8, Pose(float(step), 0.0, 0.0))
     placer.add_cloud(cloud_of(BEGIN - 9 * 10**8, (4, 1.0, 0.0)))
     assert placer.newest() == (BEGIN - 9 * 10**8, [pytest.approx([2.0, 0.0, 4])])
-
-
-def test_a_long_path_is_thinned_evenly_with_its_ends_and_ends_once():
-    points = [(float(k), -float(k)) for k in range(9999)]
-    found = np.array(thinned(points))
-    assert len(found) == MAX_POINTS
-    assert (tuple(found[0]), tuple(found[-1])) == (points[0], points[-1])
-    assert np.diff(found[:, 0]).max() <= 9998 / (MAX_POINTS - 1) + 1
-    end = PlanEnd()
-    statuses = [{}, {"waypoint": "1/2"}, {"waypoint": "2/2"}, {}, {}]
-    assert [end.is_over(values) for values in statuses] == [False, False, False, True, False]

@@ -150,15 +150,6 @@ def test_garbage_is_refused_and_at_last_disconnected(server, requests):
     graph.wait_for(lambda: server.browsers == 0, what="the end of the connections")
 
 
-def test_numbers_that_json_lacks_are_missing_and_the_rest_is_sent(server, state):
-    state.put("", "constants", {"xy_tolerance": math.nan, "limits": {"v": -math.inf, "omega": 2.0}})
-    state.put("robot", "plan", [1.0, [(math.inf, 2.0)]])
-    with browse(server) as browser:
-        message = receive(browser, "state")
-    assert message["constants"] == {"xy_tolerance": None, "limits": {"v": None, "omega": 2.0}}
-    assert message["robots"]["robot"]["plan"] == [1.0, [[None, 2.0]]]
-
-
 def test_a_state_that_cannot_be_sent_ends_the_connection_and_is_reported(server, state, errors):
     """The page connects again; left open, it would wait for ever."""
     state.put("robot", "plan", object())
@@ -244,14 +235,10 @@ def test_a_port_in_use_is_one_line(server, state):
     ("message", "field"),
     [
         ("[" * 3000, "message"),
-        (b"{}", "message"),
         ('{"type": ["goal"], "robot": "robot"}', "type"),
-        ('{"type": "cancel", "robot": {}}', "robot"),
         (GOAL % ("NaN", 2, 0), "x"),
-        (GOAL % ("true", 2, 0), "x"),
         (GOAL % ("1" + "0" * 4000, 2, 0), "x"),
         (GOAL % (1, 2e7, 0), "y"),
-        (GOAL % (1, 2, -1001), "yaw"),
         ('{"type": "record", "robot": "robot"}', "on"),
     ],
 )

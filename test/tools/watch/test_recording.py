@@ -125,10 +125,3 @@ def test_only_a_whole_bag_counts_as_recorded(button, folder, end, status):
     else:
         begin = f"the bag {bag} is not complete: the recorder ended with status {status}"
         assert (text, level) == (f"{begin}: it logged nothing", 2)
-
-
-def test_requests_that_wait_are_few(button):
-    busy = button("time.sleep(600)")
-    for _ in range(recording.MAX_WAITING + 2):
-        busy.press(True)
-    assert busy.answer() == ("busy: the recorder is starting or ending", 1)
