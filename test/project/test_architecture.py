@@ -34,14 +34,6 @@ def interpret(program):
     return json.loads(done.stdout.splitlines()[-1])
 
 
-def loaded_by(modules):
-    """Return the outermost names of what is loaded once these modules are imported."""
-    names = ", ".join(modules)
-    return set(
-        interpret(f"import json, sys, {names}; print(json.dumps(sorted({{m.split('.')[0] for m in sys.modules}})))")
-    )
-
-
 def test_pure_modules_live_without_ros():
     """In an interpreter that finds no ROS, every module outside the places of ROS can be imported."""
     pure = [module for module in MODULES if not uses_ros(module)]
@@ -64,9 +56,3 @@ for name in {pure!r}:
 print(json.dumps(refused))
 """
     assert interpret(program) == {}
-
-
-def test_an_executable_is_light_until_it_is_launched():
-    rooms = [module for module in MODULES if module.endswith(".executables")]
-    assert len(rooms) == 4
-    assert loaded_by(rooms) & ({"numpy", "yaml", "mcap", "zstandard"} | ROS) == set()

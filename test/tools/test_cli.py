@@ -87,11 +87,12 @@ def test_a_name_that_no_node_has_is_an_error_in_one_line(arguments, kept_signal_
     assert written.count("\n") == 1
 
 
-def test_the_command_line_starts_without_heavy_libraries():
+def test_the_command_line_and_the_launchers_of_nodes_start_without_heavy_libraries():
     """A goal is sent at once: scipy alone takes longer to load than the controller to answer."""
-    program = "import sys, diffbot_tools.cli; print(*{m.partition('.')[0] for m in sys.modules})"
+    rooms = ", ".join(f"diffbot_{room}.executables" for room in ("bag", "control", "sim", "tools"))
+    program = f"import sys, diffbot_tools.cli, {rooms}; print(*{{m.partition('.')[0] for m in sys.modules}})"
     loaded = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True)
-    heavy = {"scipy", "filterpy", "numpy", "matplotlib", "numba", "pandas", "rclpy"}
+    heavy = {"scipy", "filterpy", "numpy", "matplotlib", "numba", "pandas", "rclpy", "mcap", "zstandard"}
     assert heavy & set(loaded.stdout.split()) == set()
 
 

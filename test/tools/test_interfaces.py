@@ -8,8 +8,7 @@ import os
 import pytest
 
 from diffbot_core.errors import DiffbotError
-from diffbot_tools import cli
-from diffbot_tools.interfaces import build, command
+from diffbot_tools.interfaces import build
 from diffbot_tools.interfaces.build import build_interfaces
 
 
@@ -18,23 +17,6 @@ def test_without_a_compiler_it_says_what_to_install(tmp_path, monkeypatch):
     with pytest.raises(DiffbotError, match=r"no C and C\+\+ compiler: install gcc and g\+\+"):
         build_interfaces(tmp_path / "out")
     assert not (tmp_path / "out").exists()
-
-
-def test_without_ros_it_names_the_extra(tmp_path, monkeypatch):
-    monkeypatch.setattr("sys.prefix", str(tmp_path))
-    monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
-    with pytest.raises(DiffbotError, match="install the extra 'jazzy'"):
-        build_interfaces(tmp_path / "out")
-
-
-def test_a_folder_that_cannot_be_written_is_an_error_in_one_line(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(command.importlib.util, "find_spec", lambda _: None)
-    file = tmp_path / "file"
-    file.write_text("")
-    assert cli.main(["interfaces", "build", "--out", str(file / "folder")]) == 1
-    written = capsys.readouterr()
-    assert written.err.startswith("diffbot: cannot write ")
-    assert written.err.count("\n") == 1
 
 
 def test_a_failed_compilation_is_an_error_in_one_line_and_keeps_the_older_build(tmp_path, monkeypatch):

@@ -1,17 +1,20 @@
-"""Seek, rate, burst, loops and the fastest replay, on a clock of the test: bags of others, times worked out by hand."""
+"""Seek, rate, burst, loops, the fastest replay and reading ahead: a clock of the test, times worked out by hand."""
 
 import itertools
 import random
+import threading
 
+import graph
 import pytest
 from bag_makers import BEGIN, point
 from mcap.reader import make_reader
-from replays import MS, FakeClock, write_mcap, write_rosbags
+from replays import MS, FakeClock, write_mcap
 
 from diffbot_bag.bag.merged_bags import MergedBags
 from diffbot_bag.bag.reader import RawMessage
 from diffbot_bag.replay.playback_clock import Window
 from diffbot_bag.replay.player import Pace, Player, Sink, Source
+from diffbot_bag.replay.read_ahead import ReadAhead
 
 ALL = ("/a", "/b", "/map")
 
@@ -63,15 +66,11 @@ def plain(messages=None, **pace):
     return Run(source, Window(BEGIN, messages[-1].log_time), **pace)
 
 
-@pytest.fixture(params=["zstd", "rosbags"])
-def bag(request, tmp_path):
+@pytest.fixture
+def bag(tmp_path):
     """A bag of another maker, and what it holds in the order of an independent reader."""
-    if request.param == "rosbags":
-        path = write_rosbags(tmp_path / "foreign", recorded())
-        file = path / "foreign.mcap"
-    else:
-        path = file = write_mcap(tmp_path / "foreign.mcap", recorded(), latched=("/map",))
-    with file.open("rb") as stream:
+    path = write_mcap(tmp_path / "foreign.mcap", recorded(), latched=("/map",))
+    with path.open("rb") as stream:
         expected = [(c.topic, m.log_time, m.data) for _, c, m in make_reader(stream).iter_messages()]
     bags = MergedBags([path])
     yield bags, expected
@@ -176,3 +175,26 @@ def test_as_fast_as_possible_takes_no_time_keeps_the_order_and_the_clock_is_that
     assert [stamp for _, stamp in run.clock] == [BEGIN + index * MS for index in range(0, 300, 10)]
     assert not run.player.lateness
     assert run.player.progress().bag_time == BEGIN + 299 * MS
+
+
+@pytest.mark.parametrize("size", [1, 50, 1000])
+def test_reading_ahead_keeps_order_and_bound(size):
+    drawn = []
+
+    def source():
+        for message in raw(3000):
+            drawn.append(message)
+            yield message
+
+    with ReadAhead(source(), size) as ahead:
+        iterator = iter(ahead)
+        assert next(iterator).data == point(0)
+        # Let it read as far as it wants to.
+        graph.wait_for(lambda: len(drawn) >= min(size, 3000), what="reading ahead")
+        assert not graph.comes_true(lambda: len(drawn) > size + 150, 0.05)
+        assert [message.data for message in iterator] == [point(index) for index in range(1, 3000)]
+    # A reader that waits for room ends with the block.
+    before = threading.active_count()
+    with ReadAhead(raw(100_000), size):
+        pass
+    assert threading.active_count() == before

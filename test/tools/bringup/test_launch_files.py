@@ -139,14 +139,6 @@ def test_nodes_get_texts_verbatim_and_numbers_as_they_are(load, tmp_path):
     assert {tuple(node.options["remappings"]) for node in nodes} == {(("/tf", "tf"), ("/tf_static", "tf_static"))}
 
 
-def test_the_discovery_range_is_set_before_the_nodes_start_and_logged(load, tmp_path):
-    file = parameter_file(tmp_path / "robot.yaml", LIMITS)
-    first, second, *nodes = all_actions(load("robot.launch.py"), discovery_range="localhost", parameters=file)
-    assert first.options["msg"] == "ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
-    assert second.arguments == ("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    assert {type(one).__name__ for one in nodes} == {"Node"}
-
-
 def test_the_end_of_a_required_node_ends_the_launch_with_its_reason(load, monkeypatch):
     entities = load("simulation.launch.py")
     monkeypatch.setattr(sys.modules[MODULE], "get_package_prefix", installed("diffbot", "rviz2"))

@@ -163,20 +163,3 @@ def test_labyrinth_has_ranges_without_bearing_and_positions_without_heading(tmp_
     values = yaml.safe_load((tmp_path / "bag" / "ekf.yaml").read_text())["/**/ekf"]["ros__parameters"]
     assert values["wheel_separation"] == 0.08
     assert values["landmark_ids"] == [100 + n for n in (7, 8, 6)]
-
-
-BAD_LABYRINTH = {
-    "moved module": ("range2 1 2 0.01 9 9 106 0", "module 106 is at 9, 9"),
-    "other wheels": ("odom2diff 1 0 0 0 0.09 0 0 0", "distance between wheels 0.09 differs"),
-}
-
-
-@pytest.mark.parametrize(("line", "words"), BAD_LABYRINTH.values(), ids=BAD_LABYRINTH)
-def test_bad_line_of_the_labyrinth_is_refused(tmp_path, line, words):
-    folder = write_labyrinth(tmp_path / "labyrinth")
-    path = folder / "Indoor_UWB_Input.txt"
-    count = len(path.read_text().splitlines())
-    path.write_text(path.read_text() + line + "\n")
-    with pytest.raises(DiffbotError) as caught:
-        import_labyrinth(folder, tmp_path / "bag")
-    assert f"{path}, line {count + 1}: {words}" in str(caught.value)
