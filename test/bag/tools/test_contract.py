@@ -189,10 +189,3 @@ def test_what_is_wrong_is_refused_in_one_line(contract, name):
     assert "contract.yaml" in str(error.value)
     assert str(error.value).isprintable()
     assert len(str(error.value)) < 700
-
-
-def test_a_contract_that_is_not_there(tmp_path):
-    with pytest.raises(DiffbotError, match=r"cannot open .*none\.yaml: No such file"):
-        read_contract(tmp_path / "none.yaml")
-    # Metadata of others may have a key twice.
-    assert load_yaml("{a: 1, a: 2}", "metadata") == {"a": 2}

@@ -140,20 +140,6 @@ def test_a_selection_of_nothing_is_refused(zstd_bag):
             cut.select(one, selection, types)
 
 
-def shifted(messages, time):
-    return [one._replace(log_time=one.log_time + time) for one in messages]
-
-
-def test_bags_that_follow_each_other_are_merged_without_unpacking(tmp_path, monkeypatch):
-    paths = [
-        cut_bags.write_bag(tmp_path / name, "zstd", shifted(cut_bags.drive(), time * STEP))
-        for name, time in (("a", 0), ("b", 200))
-    ]
-    monkeypatch.setattr(source_bag, "verified_chunk", None)
-    found = make(tmp_path / "all", lambda *bags: cut.merge(bags), *paths[::-1])
-    assert found == [one for path in paths for one in facts(path)]
-
-
 def test_merge_unites_qos_numbers_and_facts(tmp_path):
     best_effort = Qos(reliability="best_effort")
     a = {"/same": (POINT, [Qos()]), "/a": (STRING, [])}

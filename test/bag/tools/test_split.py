@@ -4,12 +4,12 @@ import io
 
 import cut_bags
 import pytest
-from cut_bags import BEGIN, STEP, Given, by_rosbags, check_metadata, facts, files_of
+from cut_bags import BEGIN, Given, by_rosbags, check_metadata, facts, files_of
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
-from diffbot_bag.tools import cut, source_bag, split_bag
+from diffbot_bag.tools import cut, split_bag
 from diffbot_bag.tools.source_bag import SourceBag
 from diffbot_bag.tools.split_bag import FileLimits
 from diffbot_core.errors import DiffbotError
@@ -65,24 +65,6 @@ def test_messages_in_any_order_and_limits_together(tmp_path_factory, rows, messa
     given = [Given(topic, 100 + time, b"", number, 7) for number, (topic, time) in enumerate(rows)]
     path = cut_bags.write_mcap(folder / "a.mcap", given, chunk_size=chunk_size)
     check_parts(split(path, folder / "parts", messages=messages, duration=duration, size=size), facts(path), messages)
-
-
-def test_only_chunks_that_are_divided_are_unpacked(tmp_path, monkeypatch):
-    path = cut_bags.write_mcap(tmp_path / "run.mcap", cut_bags.drive())
-    unpacked, real = [], source_bag.verified_chunk
-    monkeypatch.setattr(source_bag, "verified_chunk", lambda *given: unpacked.append(given[1]) or real(*given))
-    split(path, tmp_path / "parts", duration=60 * STEP)
-    borders = [BEGIN + number * 60 * STEP for number in (1, 2, 3)]
-    chunks = make_reader(io.BytesIO(path.read_bytes())).get_summary().chunk_indexes
-    divided = {
-        one.chunk_start_offset
-        for one in chunks
-        if any(one.message_start_time < at <= one.message_end_time for at in borders)
-    }
-    assert 0 < len(divided) < len(chunks) / 2
-    assert divided <= {one.chunk_start_offset for one in unpacked}
-    # Of the others, at most the one with the latched message before the first border.
-    assert len(unpacked) <= len(divided) + 1
 
 
 def test_a_message_larger_than_the_size_has_a_file_of_its_own(tmp_path):

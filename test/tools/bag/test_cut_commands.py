@@ -1,7 +1,5 @@
 """``diffbot bag trim``, ``filter``, ``merge`` and ``split``: usage, one line for each error, nothing half-written."""
 
-import re
-
 import cut_bags
 import pytest
 from cut_bags import BEGIN, STEP, check_metadata, facts, files_of
@@ -94,24 +92,6 @@ def test_a_span_outside_of_the_bag_is_one_line(bag, tmp_path, capsys):
     ):
         assert words in error_of(capsys, "trim", bag, tmp_path / "part", *flags)
     assert list(tmp_path.iterdir()) == []
-
-
-VERBS = {"trim": ("--from", "1ns"), "filter": ("--exclude", "/text"), "split": ("--count", "3")}
-
-
-@pytest.mark.parametrize("verb", VERBS)
-def test_existing_output_and_a_damaged_bag_are_refused(bag, tmp_path, capsys, verb):
-    before = bag.read_bytes()
-    for out in (bag, bag.parent, tmp_path):
-        assert re.search("exists already.*: choose another name", error_of(capsys, verb, bag, out, *VERBS[verb]))
-    assert bag.read_bytes() == before
-    content = bytearray(before)
-    content[800] ^= 255  # in the first chunk
-    path = tmp_path / "damaged.mcap"
-    path.write_bytes(content)
-    line = error_of(capsys, verb, path, tmp_path / "out", *VERBS[verb])
-    assert line.endswith(": `diffbot bag repair` saves what is intact")
-    assert [one.name for one in tmp_path.iterdir()] == ["damaged.mcap"]
 
 
 def test_times_durations_and_sizes_are_exact():

@@ -5,26 +5,11 @@ import pytest
 from diffbot_core.errors import InvalidValueError
 from diffbot_tools.bringup.arguments import ROBOT, SIMULATION, parse
 
-DEFAULTS = {
-    "localization": True,
-    "composed": False,
-    "log_level": "info",
-    "rviz": False,
-    "description": True,
-    "clock": "wall",
-}
-
-
-def test_what_is_not_given_is_left_to_the_parameter_file():
-    assert parse(SIMULATION, {one.name: one.default for one in SIMULATION}) == DEFAULTS
-    in_common = {name: value for name, value in DEFAULTS.items() if name != "clock"}
-    assert parse(ROBOT, {}) == {**in_common, "description": False, "use_sim_time": False}
-
 
 def test_texts_become_the_types_of_the_parameters():
     values = parse(SIMULATION, {"x": "1", "yaw": " -0.5", "seed": "7", "publish_clock": "False", "preset": "paper"})
     given = {"x": 1.0, "yaw": -0.5, "seed": 7, "publish_clock": False, "preset": "paper"}
-    assert values == {**DEFAULTS, **given}
+    assert {name: values[name] for name in given} == given
     assert [type(values[name]) for name in ("x", "seed")] == [float, int]
 
 

@@ -97,14 +97,6 @@ def test_landmarks_are_ranges_along_the_line_of_sight_by_subject(bag):
     assert max(steep) > 1.0
 
 
-def test_what_is_left_out_is_counted(folder, tmp_path, capsys):
-    import_mrclam(folder, 3, tmp_path / "bag")
-    printed = capsys.readouterr().out
-    total = len((folder / "Robot3_Measurement.dat").read_text().splitlines()) - 2
-    assert f"1 of {total} measurements are of robots: left out" in printed
-    assert f"1 of {total} measurements have an unknown barcode: left out" in printed
-
-
 def test_repeated_lines_are_left_out_and_a_landmark_twice_at_one_time_needs_two_clouds(tmp_path, capsys):
     folder = write_mrclam(tmp_path / "set")
     path = folder / "Robot1_Measurement.dat"

@@ -2,7 +2,6 @@
 
 import math
 
-import browser
 import numpy as np
 import pytest
 import view_bags
@@ -62,11 +61,10 @@ def run(bag):
 
 
 @pytest.fixture(scope="module")
-def page(bag, tmp_path_factory):
+def page(bag, new_page, tmp_path_factory):
     path = tmp_path_factory.mktemp("page") / "report.html"
     write_report(bag, path, "tuned")
-    with browser.chromium() as new_page:
-        yield new_page().open(path.as_uri())
+    return new_page().open(path.as_uri())
 
 
 def test_landmarks_are_placed_by_the_estimate_of_their_own_time_and_shown_while_they_are_measured(run):
