@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 import run
-from measures import Measure, Pair, make_row
 
 ROOT = Path(__file__).resolve().parents[2]
 PARTS = ("recorder", "replay", "repair", "cut")
@@ -42,14 +41,10 @@ def quick(tmp_path_factory):
     return json.loads(out.read_text()), done
 
 
-def test_parts_run_and_are_named_with_their_conditions(quick):
+def test_parts_run(quick):
     result, done = quick
     assert done.returncode == 0, done.stderr
     assert {name: part["error"] for name, part in result["parts"].items()} == dict.fromkeys(PARTS, "")
-    head = subprocess.run(["git", "rev-parse", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=False)
-    assert head.stdout.startswith(result["commit"]) or result["commit"] == "unknown"
-    assert f"commit {result['commit']}" in done.stdout
-    assert result["versions"]["python"] == sys.version.split()[0]
 
 
 @pytest.mark.parametrize("part", PARTS)
@@ -64,9 +59,3 @@ def test_figures_are_plausible(quick, part):
         assert all(0.0 < one < math.inf for one in (*given, *row["spread"])), key
         if row["rounds"] == 1 and row["ratio"] is not None:
             assert row["ratio"] == pytest.approx(row["ours"] / row["reference"]), key
-
-
-def test_a_row_has_the_median_of_the_ratios_of_its_rounds():
-    row = make_row(Measure("key", "text", "ms", at_most=1.0), [Pair(1.0, 2.0), Pair(8.0, 2.0), Pair(3.0, 4.0)])
-    assert (row.ours, row.reference, row.ratio, row.met) == (3.0, 2.0, 0.75, True)
-    assert row.spread == (0.5, 4.0)

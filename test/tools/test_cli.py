@@ -32,29 +32,9 @@ def test_wrong_usage_is_status_2_with_the_usage(arguments, capsys):
     assert written.err.startswith("usage: diffbot")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "text"),
-    [
-        (["replay", "notes.mcap"], "notes.mcap"),
-        (
-            ["run", "controller", "--ros-args", "-p", "gamma:=-1.0"],
-            "error: /controller: gamma = -1.0: must be >= 1e-06 and <= 1000",
-        ),
-        (
-            ["run", "controller", "--ros-args", "--params-file", "notes.mcap"],
-            "error: parameter file: notes.mcap is not a YAML file",
-        ),
-    ],
-)
-def test_an_error_of_a_node_is_one_line_and_status_1(
-    arguments, text, tmp_path, monkeypatch, kept_signal_handlers, capfd
-):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "notes.mcap").write_text("no: bag: at all\n" * 10)
-    assert cli.main(arguments) == 1
-    error = capfd.readouterr().err
-    assert error.count("\n") == 1
-    assert text in error
+def test_an_error_of_a_node_is_one_line_and_status_1(kept_signal_handlers, capfd):
+    assert cli.main(["run", "controller", "--ros-args", "-p", "gamma:=-1.0"]) == 1
+    assert capfd.readouterr().err == "error: /controller: gamma = -1.0: must be >= 1e-06 and <= 1000\n"
 
 
 def test_replay_passes_bags_and_flags_on_as_parameters(kept_signal_handlers, monkeypatch):

@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_tools.metrics import goal_metrics
 
@@ -45,9 +44,3 @@ def test_the_heading_error_goes_the_short_way_round():
     metrics = goal_metrics(np.array([0.0]), np.array([[0.0, 0.0, 3.1]]), Pose(0.0, 0.0, -3.1), 1.0, 0.1)
     assert metrics.heading_error == pytest.approx(2.0 * math.pi - 6.2)
     assert (metrics.settling_time, metrics.path_length) == (0.0, 0.0)
-
-
-@pytest.mark.parametrize(("time", "poses"), [(np.empty(0), np.empty((0, 3))), (np.zeros(2), np.zeros((3, 3)))])
-def test_wrong_shapes_are_named(time, poses):
-    with pytest.raises(InvalidValueError, match=r"poses = \(.*must be \(\d, 3\)"):
-        goal_metrics(time, poses, Pose(0.0, 0.0, 0.0), 0.1, 0.1)

@@ -5,7 +5,6 @@ import re
 from pathlib import Path
 
 import pytest
-import yaml
 from bag_makers import BEGIN, POINT, point
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType
@@ -78,22 +77,6 @@ def test_topics_and_range_select(bag):
             ("/b", BEGIN + 9 * STEP + STEP // 2),
         ]
         assert reader.last_before(BEGIN, ["/a"]) == reader.last_before(BEGIN + STEP, []) == []
-
-
-def test_a_bag_of_several_files_is_one(tmp_path):
-    folder = write_bag(tmp_path / "run", 0, 10)
-    write_bag(tmp_path / "more", 5, 10)
-    (tmp_path / "more" / "more_0.mcap").rename(folder / "run_1.mcap")
-    content = yaml.safe_load((folder / "metadata.yaml").read_text())
-    content["rosbag2_bagfile_information"]["relative_file_paths"].append("run_1.mcap")
-    (folder / "metadata.yaml").write_text(yaml.safe_dump(content))
-    with BagReader(folder) as reader:
-        times = [message.log_time for message in reader.messages(["/a"])]
-        assert times == sorted(BEGIN + index * STEP for index in [*range(10), *range(5, 15)])
-        assert times == [row[0] for row in reader.rows(["/a"])]
-        assert times[::-1] == [message.log_time for message in reader.messages(["/a"], reverse=True)]
-        assert reader.topics["/a"].message_count == 20
-        assert (reader.start, reader.end, reader.message_count) == (BEGIN, BEGIN + 14 * STEP + STEP // 2, 40)
 
 
 def test_a_missing_bag_and_an_empty_folder(tmp_path):

@@ -108,18 +108,6 @@ def test_each_seek_goes_on_with_the_very_message_and_the_latched_one_before(bag)
     assert not run.player.seek(BEGIN)
 
 
-def test_a_paused_replay_stays_paused_where_it_was_sent_to():
-    run = plain(start_paused=True, clock=100.0)
-    run.time.at(50 * MS, lambda: run.player.seek(BEGIN + 100 * MS + 1))
-    run.time.at(90 * MS, lambda: run.player.request_steps(1))
-    run.time.at(130 * MS, run.player.stop)
-    (message,) = run.play()
-    assert message.log_time == BEGIN + 101 * MS
-    assert {stamp for when, stamp in run.clock if when < 50 * MS} == {BEGIN}
-    assert {stamp for when, stamp in run.clock if 50 * MS < when < 90 * MS} == {BEGIN + 100 * MS + 1}
-    assert {stamp for when, stamp in run.clock if when > 90 * MS} == {BEGIN + 101 * MS}
-
-
 def test_the_rate_changes_from_now_on():
     run = plain()
     run.time.at(100 * MS, lambda: run.player.set_rate(4.0))

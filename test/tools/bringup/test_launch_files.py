@@ -148,11 +148,3 @@ def test_the_end_of_a_required_node_ends_the_launch_with_its_reason(load, monkey
     with pytest.raises(DiffbotError, match=r"^plant_node ended with exit code -9"):
         ends[-2](ended, SimpleNamespace(is_shutdown=False))
     assert ends[-2](ended, SimpleNamespace(is_shutdown=True)) is None
-
-
-def test_robot_state_publisher_is_started_where_it_is_installed(load, monkeypatch):
-    entities = load("simulation.launch.py")
-    notes = [one for one in actions(entities) if type(one).__name__ == "LogInfo"]
-    assert [one.options["msg"] for one in notes] == ["robot_state_publisher is not installed and is left out"]
-    monkeypatch.setattr(sys.modules[MODULE], "get_package_prefix", installed("diffbot", "robot_state_publisher"))
-    assert [one.options["package"] for one in actions(entities)] == 3 * ["diffbot"] + ["robot_state_publisher"]

@@ -91,13 +91,6 @@ def test_goals_of_a_service_come_from_the_status(tmp_path):
     assert [(goal.time, tuple(goal.pose)) for goal in goals] == [(0.0, (1.0, 2.0, 0.5)), (2.0, (-3.0, 0.0, 0.0))]
 
 
-def test_a_robot_with_odometry_alone(tmp_path):
-    robot = only_robot(bag(tmp_path, view_bags.drive(50, namespace="/husky", truth=False, filtered=False)))
-    assert (robot.name, set(robot.curves)) == ("husky", {"odometry", "command"})
-    assert robot.curves["odometry"]["x"][0] == pytest.approx(0.0)
-    assert robot.goals == robot.events == []
-
-
 def test_only_transforms(tmp_path):
     def messages():
         for step in range(10):
