@@ -37,7 +37,8 @@ def long_bag(tmp_path_factory):
 
 def test_seek_burst_and_rate_by_parameters(nodes, bag):
     with Replay(nodes, bag, TOPICS, clock=50.0, burst=2) as replay:
-        replay.wait_for("/map", 1)
+        for topic in TOPICS:
+            replay.wait_for(topic, 1)
         assert (replay.of("/a"), replay.of("/map")) == (A[:1], MAP[:1])
         # The same jump twice: to the very message, with the latched one of before it.
         for _ in range(2):
@@ -45,6 +46,7 @@ def test_seek_burst_and_rate_by_parameters(nodes, bag):
             assert replay.set(seek=4.56) == ""
             assert replay.set(burst=3) == ""
             replay.wait_for("/a", 3)
+            replay.wait_for("/map", 1)
             assert (replay.of("/a"), replay.of("/map")) == (A[456:459], MAP[1:2])
         replay.messages.clear()
         assert replay.set(seek=0.0) == ""

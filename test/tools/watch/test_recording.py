@@ -15,6 +15,9 @@ bag = pathlib.Path(json.loads(sys.argv[-1].partition(":=")[2]))
 def make():
     bag.mkdir()
     (bag / "bag_0.mcap").touch()
+def wait():
+    while not (bag / "enough").exists():
+        time.sleep(0.01)
 def end(*_):
     (bag / "metadata.yaml").touch()
     sys.exit(0)
@@ -91,11 +94,12 @@ def test_a_recorder_that_cannot_start_is_reported_with_its_error(button):
     assert broken.answer() == (text, 2)
 
 
-def test_one_that_ends_by_itself_is_reported(button):
-    short = button("make(); time.sleep(0.5); print('[ERROR] disk full'); print('[INFO] end'); sys.exit(1)")
+def test_one_that_ends_by_itself_is_reported(button, folder):
+    short = button("make(); wait(); print('[ERROR] disk full'); print('[INFO] end'); sys.exit(1)")
     short.press(True)
     assert short.answer()[0].startswith("recording to ")
     assert short.changes.get(timeout=graph.PATIENCE) is True
+    (next(folder.iterdir()) / "enough").touch()
     text, level = short.answer()
     assert (text.endswith("ended: the recorder ended with status 1: [ERROR] disk full"), level) == (True, 2)
     assert short.changes.get(timeout=graph.PATIENCE) is False
