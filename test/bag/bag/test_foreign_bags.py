@@ -229,6 +229,11 @@ def test_records_that_are_no_messages_are_bounded_too(record):
     assert rest == [(0x80, 9, 9)]
 
 
+def test_the_memory_for_a_small_file_is_small(mcap):
+    path = mcap([(5, bytes(MB))] * 70, chunk_size=100 * MB)
+    assert "chunks that overlap in time unpack to" in error_of(path, limits=BagLimits(max_compression_ratio=1e6))
+
+
 def test_two_chunks_of_the_index_cannot_be_the_same_bytes(mcap, monkeypatch):
     write = ChunkIndex.write
     monkeypatch.setattr(ChunkIndex, "write", lambda index, stream: (write(index, stream), write(index, stream)))
