@@ -61,7 +61,7 @@ def without_topic(messages):
 
 def test_every_message_of_every_undamaged_chunk_is_saved(whole, repair, tmp_path):
     generator = random.Random(len(whole.content))
-    for number in range(20):
+    for number in range(12):
         content, changed, cut = damaged_bags.damage(whole, generator)
         result, saved = repair(content)
         kept = damaged_bags.surviving(whole, changed, cut)

@@ -92,6 +92,7 @@ def drawn(page, time, colour):
     return page.count(colour)
 
 
+@pytest.mark.graph
 def test_the_page_draws_the_path_while_it_holds(page):
     left, top = page.get("diffbotPage.view.toWorld(0, 0)")
     right, bottom = page.get("diffbotPage.view.toWorld(diffbotPage.view.width, diffbotPage.view.height)")
@@ -103,6 +104,7 @@ def test_the_page_draws_the_path_while_it_holds(page):
     assert drawn(page, 4.1, PLAN) < 20
 
 
+@pytest.mark.graph
 def test_the_page_fills_the_landmarks_in_view(page):
     assert page.get("[...diffbotPage.robot.landmarks.keys()]") == [7, 40]
     in_view, out_of_view = drawn(page, 7.0, LANDMARK), drawn(page, 4.0, LANDMARK)
@@ -115,6 +117,7 @@ def test_the_page_fills_the_landmarks_in_view(page):
     assert page.errors == []
 
 
+@pytest.mark.graph
 def test_the_near_region_is_drawn_around_the_goal(page):
     """Its radius eps_P is 0.4 m in this bag; Omega_L holds from 5 s on."""
     page.get("Object.assign(diffbotPage.view, { x: 2, y: 0.5, scale: 300, follow: false })")
