@@ -38,13 +38,6 @@ def test_messages_come_in_the_order_of_time_from_all_bags(three):
     bags.close()
 
 
-def test_of_equal_times_the_bag_given_first_comes_first(tmp_path):
-    paths = [write_mcap(tmp_path / f"{name}.mcap", [("/a", BEGIN, point(name))]) for name in (7, 3, 5)]
-    bags = MergedBags(paths)
-    assert [message.data for message in bags.messages(["/a"], 0, 2**62)] == [point(7), point(3), point(5)]
-    bags.close()
-
-
 def test_a_bag_given_twice_or_missing_is_refused(three, tmp_path):
     link = tmp_path / "link.mcap"
     link.symlink_to(three[0])

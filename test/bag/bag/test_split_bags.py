@@ -1,7 +1,5 @@
 """Bags of several files: where files end, what each contains and what metadata.yaml says, for other libraries."""
 
-import threading
-
 import cut_bags
 import pytest
 from bag_makers import BEGIN, STORE, STRING, string
@@ -181,20 +179,3 @@ def test_parameters_are_read_as_they_were_written(tmp_path):
     bag.writer.attach(PARAMETERS, "application/json", dump_parameters({"/ekf": values}))
     with BagReader(bag.close()) as reader:
         assert reader.node_parameters() == {"/ekf": {**values, "limit": "inf", "api_key": HIDDEN}}
-
-
-def fail():
-    raise OSError(28, "No space left on device")
-
-
-def test_after_an_error_nothing_is_written():
-    disk, gate, ran = DiskThread(), threading.Event(), []
-    for job in (gate.wait, fail, lambda: ran.append("after")):
-        disk.run(job, 10)
-    assert disk.backlog == 30
-    gate.set()
-    with pytest.raises(OSError, match="No space left"):
-        disk.wait()
-    assert not ran
-    assert disk.backlog == 0
-    disk.close()

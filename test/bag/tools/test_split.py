@@ -79,11 +79,3 @@ def test_too_many_files_are_refused(tmp_path, monkeypatch):
     with SourceBag(path) as one, pytest.raises(DiffbotError, match="more than 20 files"):
         cut.split(one, FileLimits(messages=1)).write(tmp_path / "parts", lambda count: None)
     assert [one.name for one in tmp_path.iterdir()] == ["a.mcap"]
-
-
-def test_a_gap_makes_no_empty_files_and_the_parts_can_be_split(tmp_path):
-    messages = [Given("/point", BEGIN + time, b"1234") for time in (0, 5, 1005, 1009, 10**12)]
-    path = cut_bags.write_mcap(tmp_path / "a.mcap", messages)
-    files = split(path, tmp_path / "parts", duration=10)
-    assert [[one.log_time - BEGIN for one in file] for file in files] == [[0, 5], [1005, 1009], [10**12]]
-    assert [len(file) for file in split(tmp_path / "parts", tmp_path / "more", messages=4)] == [4, 1]

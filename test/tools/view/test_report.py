@@ -11,10 +11,12 @@ from evo.tools import file_interface
 from diffbot_bag.bag.new_bag import new_bag
 from diffbot_control.law.presets import PRESETS
 from diffbot_core.errors import DiffbotError
+from diffbot_tools.view.events import MAX_NAMES, EventMaker
 from diffbot_tools.view.exports import export
 from diffbot_tools.view.page_file import embedded_json
 from diffbot_tools.view.report import page_data, read_bag_run
 from diffbot_tools.view.report_command import ReportOptions, run
+from diffbot_tools.view.texts import Status
 
 BEGIN, DELAY = view_bags.BEGIN, view_bags.DELAY
 
@@ -181,3 +183,16 @@ def test_nothing_in_the_data_can_end_its_element():
     assert "<" not in text
     assert text.isascii()
     assert json.loads(text)["a"] == view_bags.HOSTILE
+
+
+def test_a_node_that_reports_on_keeps_its_fault_among_any_number_of_names():
+    maker, fault = EventMaker(), Status(2, "/ekf", "broken", {})
+    assert len(maker.of_diagnostics(0.0, [fault])) == 1
+    for number in range(3 * MAX_NAMES):
+        others = [Status(0, f"/other{number}", "ok", {})]
+        results = [Status(0, f"goal {number}", "reached", {})]
+        counters = Status(0, "/ekf", "ok", {f"fix{number} rejected": "1"})
+        maker.of_results(1.0, results)
+        maker.of_status(1.0, "filter", counters)
+        assert maker.of_diagnostics(1.0, [*others, fault]) == []
+    assert all(len(one) <= MAX_NAMES for one in vars(maker).values() if hasattr(one, "__len__"))
