@@ -24,7 +24,7 @@ def test_the_peaks_of_every_column_stay_whatever_is_missing(seed, n, missing):
 
 
 def test_numbers_that_would_not_fit_get_a_coarser_unit():
-    assert pack(np.array([2e4, -2e4]), UNIT)[0] == UNIT
+    assert pack(np.array([1e4, -1e4]), UNIT)[0] == UNIT
     unit, data = pack(np.array([1e7]), UNIT)
     assert unit == pytest.approx(1e7 / 2**30)
     assert int.from_bytes(data, "little") == 2**30

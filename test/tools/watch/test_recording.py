@@ -106,7 +106,9 @@ def test_one_that_ends_by_itself_is_reported(button, folder):
     assert short.recording.problem == text
 
 
-@pytest.mark.parametrize(("end", "status"), [("sys.exit(0)", 0), ("end()", 0), ("sys.exit(1)", 1)])
+@pytest.mark.parametrize(
+    ("end", "status"), [("sys.exit(0)", 0), ("end()", 0), ("(bag / 'metadata.yaml').touch() or sys.exit(1)", 1)]
+)
 def test_only_a_whole_bag_counts_as_recorded(button, folder, end, status):
     one = button(f"signal.signal(signal.SIGINT, lambda *_: {end}); make()\nwhile True: time.sleep(600)")
     one.press(True)
