@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 import run
-from measures import OURS, Measure, Pair, make_row
 
 ROOT = Path(__file__).resolve().parents[2]
 PARTS = ("recorder", "replay", "repair", "cut")
@@ -21,13 +20,6 @@ EXACT = {
     ("replay", "inexact"): 0,
 }
 """What does not depend on the machine: messages and files that are wrong."""
-PART = """
-from measures import Measure, Pair
-MEASURES = (Measure("speed", "speed", "m/s", at_least=1.0),)
-def measure(quick, folder):
-    yield {{"speed": Pair(3.0, 2.0)}}
-    {then}
-"""
 
 pytestmark = [pytest.mark.graph, pytest.mark.timeout(900)]
 
@@ -49,14 +41,10 @@ def quick(tmp_path_factory):
     return json.loads(out.read_text()), done
 
 
-def test_parts_run_and_are_named_with_their_conditions(quick):
+def test_parts_run(quick):
     result, done = quick
     assert done.returncode == 0, done.stderr
     assert {name: part["error"] for name, part in result["parts"].items()} == dict.fromkeys(PARTS, "")
-    head = subprocess.run(["git", "rev-parse", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=False)
-    assert head.stdout.startswith(result["commit"]) or result["commit"] == "unknown"
-    assert f"commit {result['commit']}" in done.stdout
-    assert result["versions"]["python"] == sys.version.split()[0]
 
 
 @pytest.mark.parametrize("part", PARTS)
@@ -71,48 +59,3 @@ def test_figures_are_plausible(quick, part):
         assert all(0.0 < one < math.inf for one in (*given, *row["spread"])), key
         if row["rounds"] == 1 and row["ratio"] is not None:
             assert row["ratio"] == pytest.approx(row["ours"] / row["reference"]), key
-
-
-@pytest.mark.parametrize(
-    ("then", "status", "error"),
-    [
-        ("yield {'speed': Pair(5.0, 2.0)}", 0, ""),
-        ("raise ValueError('no wind')", 1, "ValueError: no wind"),
-        ("raise SystemError", 1, "SystemError: "),
-        ("yield {'mass': Pair(1.0)}", 1, "measures without a figure: [], figures without a measure: ['mass']"),
-        ("raise KeyboardInterrupt", 130, "interrupted"),
-    ],
-)
-def test_a_part_that_fails_keeps_its_rounds_and_the_others_are_run(tmp_path, monkeypatch, then, status, error):
-    for name, line in (("first", then), ("last", "pass")):
-        (tmp_path / f"part_{name}.py").write_text(PART.format(then=line))
-        monkeypatch.delitem(sys.modules, f"part_{name}", raising=False)
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(run, "PARTS", ("first", "last"))
-    monkeypatch.setattr(run, "publish", lambda result: (tmp_path / "published").touch())
-    assert run.main(["--out", str(tmp_path / "bench.json"), "--publish"]) == status
-    parts = json.loads((tmp_path / "bench.json").read_text())["parts"]
-    assert parts["first"]["error"] == error
-    assert parts["first"]["rows"]["speed"]["rounds"] == (2 if not error else 1)
-    assert ("last" in parts) == (status != 130)
-    assert (tmp_path / "published").exists() == (status == 0)
-
-
-def test_a_row_has_the_median_of_the_ratios_of_its_rounds():
-    row = make_row(Measure("key", "text", "ms", at_most=1.0), [Pair(1.0, 2.0), Pair(8.0, 2.0), Pair(3.0, 4.0)])
-    assert (row.ours, row.reference, row.ratio, row.met) == (3.0, 2.0, 0.75, True)
-    assert row.spread == (0.5, 4.0)
-
-
-@pytest.mark.parametrize(
-    ("measure", "pair", "met"),
-    [
-        (Measure("key", "text", "us", OURS, at_most=20.0), Pair(20.1), False),
-        (Measure("key", "text", "us", OURS, at_most=20.0), Pair(19.9), True),
-        (Measure("key", "text", "1/s", OURS, at_least=600.0), Pair(700.0, 7000.0), True),
-        (Measure("key", "text", "1/s", at_least=0.75), Pair(700.0, 1000.0), False),
-        (Measure("key", "text", "us"), Pair(1.0, 2.0), None),
-    ],
-)
-def test_a_target_bounds_the_ratio_or_our_own_figure(measure, pair, met):
-    assert make_row(measure, [pair]).met is met

@@ -65,7 +65,7 @@ MCAP_OPTIONS = {
 }
 MESSAGE = struct.Struct("<BQHIQ")
 """Opcode, length, channel, sequence number and log time."""
-MAKERS = (*MCAP_OPTIONS, "rosbags")
+MAKERS = ("lz4", "no chunks", "no message index", "rosbags")
 
 
 def write_mcap(path, messages, topics=TOPICS, chunk_size=4000, extras=(), **options):

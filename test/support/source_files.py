@@ -4,7 +4,6 @@ import os
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-PYTHONS = ("3.10", "3.11", "3.12", "3.13")
 PACKAGES = ("diffbot_bag", "diffbot_control", "diffbot_core", "diffbot_lab", "diffbot_sim", "diffbot_tools")
 BUILT = {"build", "install", "log", "out", "site", "__pycache__"}
 HIDDEN = {".ci", ".github"}

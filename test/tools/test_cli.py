@@ -10,20 +10,15 @@ import bag_commands
 import foreign_bags
 import pytest
 
-from diffbot_control.goals import goal_record
 from diffbot_core.errors import DiffbotError
 from diffbot_tools import cli
 from diffbot_tools.arguments import OUTPUTS, check_outputs
-from diffbot_tools.goal_command import ENDS, INTERRUPTED, TIMED_OUT
 
 WRONG = {
     "unknown command": ["dance"],
     "seed is no number": ["demo", "--seed", "abc"],
-    "domain is too large": ["demo", "--domain", "233"],
     "a goal without yaw": ["goal", "1", "2"],
-    "x is nan": ["goal", "nan", "2", "0"],
     "timeout is no number": ["goal", "1", "2", "0", "--timeout", "soon"],
-    "timeout is zero": ["goal", "1", "2", "0", "--timeout", "0"],
 }
 
 
@@ -37,29 +32,9 @@ def test_wrong_usage_is_status_2_with_the_usage(arguments, capsys):
     assert written.err.startswith("usage: diffbot")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "text"),
-    [
-        (["replay", "notes.mcap"], "notes.mcap"),
-        (
-            ["run", "controller", "--ros-args", "-p", "gamma:=-1.0"],
-            "error: /controller: gamma = -1.0: must be >= 1e-06 and <= 1000",
-        ),
-        (
-            ["run", "controller", "--ros-args", "--params-file", "notes.mcap"],
-            "error: parameter file: notes.mcap is not a YAML file",
-        ),
-    ],
-)
-def test_an_error_of_a_node_is_one_line_and_status_1(
-    arguments, text, tmp_path, monkeypatch, kept_signal_handlers, capfd
-):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "notes.mcap").write_text("no: bag: at all\n" * 10)
-    assert cli.main(arguments) == 1
-    error = capfd.readouterr().err
-    assert error.count("\n") == 1
-    assert text in error
+def test_an_error_of_a_node_is_one_line_and_status_1(kept_signal_handlers, capfd):
+    assert cli.main(["run", "controller", "--ros-args", "-p", "gamma:=-1.0"]) == 1
+    assert capfd.readouterr().err == "error: /controller: gamma = -1.0: must be >= 1e-06 and <= 1000\n"
 
 
 def test_replay_passes_bags_and_flags_on_as_parameters(kept_signal_handlers, monkeypatch):
@@ -84,13 +59,6 @@ def test_negative_numbers_of_a_goal_are_positions_and_no_flags(kept_signal_handl
     assert (given[0].frame, given[0].wait, given[0].timeout) == ("map", False, 3.0)
 
 
-def test_each_end_of_a_goal_has_a_status_of_its_own():
-    assert set(goal_record.ENDS) < set(ENDS)
-    statuses = [*ENDS.values(), TIMED_OUT, INTERRUPTED, 1, 2]
-    assert len(set(statuses)) == len(statuses)
-    assert ENDS[goal_record.REACHED] == 0
-
-
 @pytest.mark.parametrize("arguments", [["--controller", "a b"], ["--namespace", "1/"]])
 def test_a_name_that_no_node_has_is_an_error_in_one_line(arguments, kept_signal_handlers, capsys):
     assert cli.main(["goal", "1", "2", "0", *arguments]) == 1
@@ -99,9 +67,10 @@ def test_a_name_that_no_node_has_is_an_error_in_one_line(arguments, kept_signal_
     assert written.count("\n") == 1
 
 
-def test_the_command_line_starts_without_heavy_libraries():
+def test_the_command_line_and_the_launchers_of_nodes_start_without_heavy_libraries():
     """A goal is sent at once: scipy alone takes longer to load than the controller to answer."""
-    program = "import sys, diffbot_tools.cli; print(*{m.partition('.')[0] for m in sys.modules})"
+    rooms = ", ".join(f"diffbot_{room}.executables" for room in ("bag", "control", "sim", "tools"))
+    program = f"import sys, diffbot_tools.cli, {rooms}; print(*{{m.partition('.')[0] for m in sys.modules}})"
     loaded = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True)
     heavy = {"scipy", "filterpy", "numpy", "matplotlib", "numba", "pandas", "rclpy"}
     assert heavy & set(loaded.stdout.split()) == set()

@@ -8,9 +8,8 @@ import os
 import pytest
 
 from diffbot_core.errors import DiffbotError
-from diffbot_tools import cli
-from diffbot_tools.interfaces import build, command
-from diffbot_tools.interfaces.build import build_interfaces, default_folder
+from diffbot_tools.interfaces import build
+from diffbot_tools.interfaces.build import build_interfaces
 
 
 def test_without_a_compiler_it_says_what_to_install(tmp_path, monkeypatch):
@@ -18,23 +17,6 @@ def test_without_a_compiler_it_says_what_to_install(tmp_path, monkeypatch):
     with pytest.raises(DiffbotError, match=r"no C and C\+\+ compiler: install gcc and g\+\+"):
         build_interfaces(tmp_path / "out")
     assert not (tmp_path / "out").exists()
-
-
-def test_without_ros_it_names_the_extra(tmp_path, monkeypatch):
-    monkeypatch.setattr("sys.prefix", str(tmp_path))
-    monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
-    with pytest.raises(DiffbotError, match="install the extra 'jazzy'"):
-        build_interfaces(tmp_path / "out")
-
-
-def test_a_folder_that_cannot_be_written_is_an_error_in_one_line(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(command.importlib.util, "find_spec", lambda _: None)
-    file = tmp_path / "file"
-    file.write_text("")
-    assert cli.main(["interfaces", "build", "--out", str(file / "folder")]) == 1
-    written = capsys.readouterr()
-    assert written.err.startswith("diffbot: cannot write ")
-    assert written.err.count("\n") == 1
 
 
 def test_a_failed_compilation_is_an_error_in_one_line_and_keeps_the_older_build(tmp_path, monkeypatch):
@@ -47,17 +29,3 @@ def test_a_failed_compilation_is_an_error_in_one_line_and_keeps_the_older_build(
     assert "\n" not in str(failed.value)
     assert older.is_dir()
     assert os.listdir(tmp_path / "out") == ["nav2_msgs"], "nothing else is left behind"
-
-
-def test_an_installed_package_is_not_built_again(monkeypatch, capsys):
-    monkeypatch.setattr(command.importlib.util, "find_spec", lambda _: object())
-    assert cli.main(["interfaces", "build"]) == 1
-    assert capsys.readouterr().err == "diffbot: nav2_msgs is installed: there is nothing to build\n"
-
-
-def test_the_default_folder_is_in_the_users_cache(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert default_folder().parent == tmp_path / "diffbot"
-    monkeypatch.setenv("XDG_CACHE_HOME", "relative")
-    monkeypatch.setenv("HOME", str(tmp_path))
-    assert default_folder().parent == tmp_path / ".cache" / "diffbot"

@@ -5,9 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose
-from diffbot_tools.metrics import goal_metrics, path_length, settling_time
+from diffbot_tools.metrics import goal_metrics
 
 # 3 m ahead, 4 m to the left, back by 1 m: a drive from (0, 0) to (3, 3).
 TIME = np.array([10.0, 11.0, 12.5, 13.0, 14.0])
@@ -45,25 +44,3 @@ def test_the_heading_error_goes_the_short_way_round():
     metrics = goal_metrics(np.array([0.0]), np.array([[0.0, 0.0, 3.1]]), Pose(0.0, 0.0, -3.1), 1.0, 0.1)
     assert metrics.heading_error == pytest.approx(2.0 * math.pi - 6.2)
     assert (metrics.settling_time, metrics.path_length) == (0.0, 0.0)
-
-
-def test_settling_time_is_the_last_entry():
-    time = np.array([5.0, 6.0, 7.5, 9.0])
-    cases = {(1, 1, 1, 1): 0.0, (1, 0, 1, 1): 2.5, (0, 1, 0, 1): 4.0, (1, 1, 1, 0): math.nan}
-    found = {inside: settling_time(time, np.array(inside, bool)) for inside in cases}
-    assert found == pytest.approx(cases, nan_ok=True)
-
-
-def test_the_length_of_a_circle():
-    angle = np.linspace(0.0, 2.0 * math.pi, 2001)
-    circle = np.column_stack([2.0 * np.cos(angle), 2.0 * np.sin(angle), angle])
-    assert path_length(circle) == pytest.approx(4.0 * math.pi, rel=1e-5)
-    assert path_length(circle[:1]) == 0.0
-    # Turning on the spot is no way.
-    assert path_length(np.array([[1.0, 1.0, 0.0], [1.0, 1.0, 3.0]])) == 0.0
-
-
-@pytest.mark.parametrize(("time", "poses"), [(np.empty(0), np.empty((0, 3))), (np.zeros(2), np.zeros((3, 3)))])
-def test_wrong_shapes_are_named(time, poses):
-    with pytest.raises(InvalidValueError, match=r"poses = \(.*must be \(\d, 3\)"):
-        goal_metrics(time, poses, Pose(0.0, 0.0, 0.0), 0.1, 0.1)

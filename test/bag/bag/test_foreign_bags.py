@@ -77,9 +77,7 @@ BOMB = "a0: &a0 [x]\n" + "\n".join(f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10
 """unfolds to 10^12 texts"""
 HOSTILE_YAML = {
     "alias": (BOMB, "has an alias"),
-    "self": ("&a [*a]", "has an alias"),
     "depth": ("[" * 3000 + "]" * 3000, "nested deeper than 20 levels"),
-    "blocks": ("\n".join(" " * n + "- " for n in range(2000)), "nested deeper than 20 levels"),
     "values": ("[" + "0," * 300_000 + "]", "more than 200000 values"),
     "size": ("#" * (5 * MB), "must be <= 4194304"),
     "digits": ("a: " + "9" * 100_000, "is not a YAML file"),
@@ -117,23 +115,16 @@ def test_a_hostile_qos_profile(profile):
     ("changes", "words"),
     [
         ({"duration": {"nanoseconds": float("inf")}}, "is incomplete"),
-        ({"duration": []}, "is incomplete"),
-        ({"message_count": float("nan")}, "is incomplete"),
         ({"topics_with_message_count": [5]}, "is incomplete"),
-        ({"topics_with_message_count": 5}, "is incomplete"),
         ({"starting_time": "now"}, "is incomplete"),
-        ({"custom_data": [1]}, "is incomplete"),
         ({"storage_identifier": "x\ny" * 1000}, "must be mcap"),
         ({"compression_mode": "FILE"}, "compression_mode = 'FILE': must be empty"),
         ({"relative_file_paths": 5}, "is incomplete"),
         ({"relative_file_paths": ["run_0.mcap", "./run_0.mcap"]}, "lists a file twice"),
         ({"relative_file_paths": ["run_0.mcap"] * 1001}, "must be <= 1000"),
         ({"relative_file_paths": ["/dev/null"]}, "is outside of"),
-        ({"relative_file_paths": ["../run_0.mcap"]}, "is outside of"),
         ({"relative_file_paths": ["link"]}, "is outside of"),
-        ({"relative_file_paths": ["a\0b"]}, "is no path of a file"),
         ({"relative_file_paths": ["pipe"]}, "not a regular file"),
-        ({"relative_file_paths": ["."]}, "not a regular file"),
         ({"relative_file_paths": ["\x1b[31m\n"]}, "cannot open"),
     ],
 )
@@ -142,14 +133,6 @@ def test_wrong_values_in_metadata(tmp_path, changes, words):
     (folder / "link").symlink_to("/dev/null")
     os.mkfifo(folder / "pipe")
     assert words in error_of(folder)
-
-
-@pytest.mark.parametrize("place", ["", "metadata.yaml", "a.mcap"])
-def test_a_fifo_does_not_block(tmp_path, place):
-    if not place:
-        tmp_path.rmdir()
-    os.mkfifo(tmp_path / place)
-    assert "not a regular file" in error_of(tmp_path)
 
 
 def test_a_message_that_decodes_to_millions_of_objects_is_refused(mcap):

@@ -5,7 +5,6 @@ from bag_makers import BEGIN, point
 from replays import MS, write_mcap, write_rosbags
 
 from diffbot_bag.bag.merged_bags import MergedBags
-from diffbot_bag.mcap.chunks import read_chunk
 from diffbot_core.errors import DiffbotError
 
 
@@ -39,21 +38,6 @@ def test_messages_come_in_the_order_of_time_from_all_bags(three):
     bags.close()
 
 
-def test_of_equal_times_the_bag_given_first_comes_first(tmp_path):
-    paths = [write_mcap(tmp_path / f"{name}.mcap", [("/a", BEGIN, point(name))]) for name in (7, 3, 5)]
-    bags = MergedBags(paths)
-    assert [message.data for message in bags.messages(["/a"], 0, 2**62)] == [point(7), point(3), point(5)]
-    bags.close()
-
-
-def test_a_topic_of_two_types_is_one_line_that_names_both(tmp_path):
-    one = write_mcap(tmp_path / "one.mcap", [("/a", BEGIN, point(1))])
-    two = write_mcap(tmp_path / "two.mcap", [("/a", BEGIN, point(1))], kind="geometry_msgs/msg/Vector3")
-    with pytest.raises(DiffbotError) as error:
-        MergedBags([one, two])
-    assert str(error.value) == f"/a is geometry_msgs/msg/Point in {one} and geometry_msgs/msg/Vector3 in {two}"
-
-
 def test_a_bag_given_twice_or_missing_is_refused(three, tmp_path):
     link = tmp_path / "link.mcap"
     link.symlink_to(three[0])
@@ -62,17 +46,3 @@ def test_a_bag_given_twice_or_missing_is_refused(three, tmp_path):
             MergedBags([three[0], three[1], again])
     with pytest.raises(DiffbotError, match=r"no bag .*nowhere: no such file"):
         MergedBags([three[0], tmp_path / "nowhere"])
-
-
-def test_the_search_for_latched_messages_unpacks_only_chunks_that_have_some(tmp_path, monkeypatch):
-    messages = [("/map", BEGIN, point(0))] + [("/a", BEGIN + index * MS, point(index)) for index in range(1, 1000)]
-    bags = MergedBags([write_mcap(tmp_path / "run.mcap", messages, latched=("/map",))])
-    unpacked = []
-    monkeypatch.setattr(
-        "diffbot_bag.mcap.file.read_chunk", lambda *arguments: unpacked.append(1) or read_chunk(*arguments)
-    )
-    assert [message.topic for message in bags.last_before(bags.end, ["/map"])] == ["/map"]
-    assert len(unpacked) == 1
-    assert len(list(bags.messages(["/a"], 0, 2**62))) == 999
-    assert len(unpacked) > 30
-    bags.close()

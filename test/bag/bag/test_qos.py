@@ -6,7 +6,7 @@ import pytest
 from rosbags.interfaces import QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2.metadata import parse_qos
 
-from diffbot_bag.bag.qos import INFINITE, Qos, dump_profiles, from_plain, load_profiles, to_offer, to_plain, to_request
+from diffbot_bag.bag.qos import Qos, dump_profiles, load_profiles, to_offer, to_plain, to_request
 from diffbot_bag.bag.qos_overrides import read_overrides
 from diffbot_bag.ros.conversions import from_ros, to_ros
 from diffbot_core.errors import DiffbotError
@@ -38,17 +38,6 @@ def test_reading_gives_back_what_was_written(profiles):
         assert from_ros(to_ros(qos)) == qos._replace(depth=qos.depth if qos.history == "keep_last" else 0)
 
 
-def test_numbers_of_older_bags_mean_the_same():
-    none = {"sec": 2147483647, "nsec": 4294967295}
-    old = {
-        "history": 3, "depth": 0, "reliability": 1, "durability": 1, "deadline": none, "lifespan": none,
-        "liveliness": 1, "liveliness_lease_duration": {"sec": 0, "nsec": 0}, "avoid_ros_namespace_conventions": False,
-    }  # fmt: skip
-    assert from_plain(old) == LATCHED
-    assert from_plain({**old, "durability": 2, "reliability": 2}) == BEST_EFFORT
-    assert from_plain(old).deadline == INFINITE
-
-
 @pytest.mark.parametrize(
     ("offers", "reliability", "durability"),
     [
@@ -57,9 +46,7 @@ def test_numbers_of_older_bags_mean_the_same():
         ([BEST_EFFORT], "best_effort", "volatile"),
         ([RELIABLE, BEST_EFFORT], "best_effort", "volatile"),
         ([LATCHED], "reliable", "transient_local"),
-        ([LATCHED, LATCHED], "reliable", "transient_local"),
         ([LATCHED, RELIABLE], "reliable", "volatile"),
-        ([LATCHED, BEST_EFFORT], "best_effort", "volatile"),
     ],
 )
 def test_a_subscription_asks_for_what_all_offer(offers, reliability, durability):
@@ -73,13 +60,10 @@ def test_a_subscription_asks_for_what_all_offer(offers, reliability, durability)
         ([], Qos("keep_last", 10_000)),
         ([RELIABLE], Qos("keep_last", 10_000)),
         ([BEST_EFFORT], Qos("keep_last", 10_000, "best_effort")),
-        ([RELIABLE, BEST_EFFORT], Qos("keep_last", 10_000)),
         ([LATCHED], Qos("keep_last", 1, durability="transient_local")),
-        ([LATCHED, LATCHED], Qos("keep_last", 2, durability="transient_local")),
         ([LATCHED._replace(depth=5)], Qos("keep_last", 5, durability="transient_local")),
         ([RELIABLE._replace(depth=50_000)], Qos("keep_last", 50_000)),
         ([RELIABLE._replace(deadline=10**7)], Qos("keep_last", 10_000, deadline=10**7)),
-        ([RELIABLE._replace(deadline=10**7), RELIABLE], Qos("keep_last", 10_000)),
         ([RELIABLE._replace(liveliness="manual_by_topic", liveliness_lease_duration=9)], Qos("keep_last", 10_000)),
     ],
 )
@@ -111,14 +95,10 @@ b:
     ("content", "words"),
     [
         ("[1]", "must be a map of topic names"),
-        ("1: {depth: 1}", "must be a map of topic names"),
         ("/a: 3", "/a: must be a map of QoS policies"),
         ("/a: {reliabilty: reliable}", "'reliabilty': must be one of history, depth"),
         ("/a: {reliability: sometimes}", "/a: not a QoS profile"),
-        ("/a: {reliability: unknown}", "reliability = 'unknown': must be a policy"),
         ("/a: {depth: 0}", "depth = 0: must be >= 1 and <= 1000000"),
-        ("/a: {deadline: 1}", "/a: not a QoS profile"),
-        ("a: &x {depth: 1}\nb: *x", "has an alias"),
     ],
 )
 def test_overrides_that_are_refused(tmp_path, content, words):

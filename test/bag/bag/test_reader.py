@@ -5,7 +5,6 @@ import re
 from pathlib import Path
 
 import pytest
-import yaml
 from bag_makers import BEGIN, POINT, point
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType
@@ -80,22 +79,6 @@ def test_topics_and_range_select(bag):
         assert reader.last_before(BEGIN, ["/a"]) == reader.last_before(BEGIN + STEP, []) == []
 
 
-def test_a_bag_of_several_files_is_one(tmp_path):
-    folder = write_bag(tmp_path / "run", 0, 10)
-    write_bag(tmp_path / "more", 5, 10)
-    (tmp_path / "more" / "more_0.mcap").rename(folder / "run_1.mcap")
-    content = yaml.safe_load((folder / "metadata.yaml").read_text())
-    content["rosbag2_bagfile_information"]["relative_file_paths"].append("run_1.mcap")
-    (folder / "metadata.yaml").write_text(yaml.safe_dump(content))
-    with BagReader(folder) as reader:
-        times = [message.log_time for message in reader.messages(["/a"])]
-        assert times == sorted(BEGIN + index * STEP for index in [*range(10), *range(5, 15)])
-        assert times == [row[0] for row in reader.rows(["/a"])]
-        assert times[::-1] == [message.log_time for message in reader.messages(["/a"], reverse=True)]
-        assert reader.topics["/a"].message_count == 20
-        assert (reader.start, reader.end, reader.message_count) == (BEGIN, BEGIN + 14 * STEP + STEP // 2, 40)
-
-
 def test_a_missing_bag_and_an_empty_folder(tmp_path):
     assert "no such file or folder" in error_of(tmp_path / "none")
     with pytest.raises(DiffbotError, match="no such file"):
@@ -163,31 +146,11 @@ def test_files_of_the_mcap_library_are_read_in_order(tmp_path, compression, opti
         assert reader.topics["/a"].type == POINT
 
 
-def test_a_folder_of_a_killed_recorder_is_read(tmp_path):
-    writer = BagWriter(tmp_path / "run")
-    channel = writer.add_topic("/a", POINT, [Qos(durability="transient_local")])
-    for index in range(10):
-        writer.write(channel, point(index), BEGIN + index, BEGIN)
-    writer.flush()
-    with BagReader(tmp_path / "run") as reader:
-        assert [message.content.x for message in reader.decoded()] == [float(index) for index in range(10)]
-        assert reader.topics["/a"].qos == (Qos(durability="transient_local"),)
-        assert reader.warning.endswith(
-            "run is unfinished: run_0.mcap has no index; metadata.yaml is missing"
-            " (`diffbot bag repair` writes a complete one)"
-        )
-    writer.close()
-    with BagReader(tmp_path / "run") as reader:
-        assert reader.warning == ""
-
-
 @pytest.mark.parametrize(
     ("content", "words"),
     [
         (b"", "is an empty file"),
-        (b"\x89MC", "is not an MCAP file"),
         (b"#ROSBAG V2.0\n", "is not an MCAP file"),
-        (b"SQLite format 3\0" * 50, "is not an MCAP file"),
         (b"\x89MCAP0\r\n" * 2, "is damaged"),
         (b"\x89MCAP0\r\n" + b"\xff" * 100 + b"\x89MCAP0\r\n", "is damaged"),
     ],
@@ -209,7 +172,7 @@ def test_a_flipped_byte_never_passes_as_data(bag, tmp_path, is_finished):
             return list(reader.messages()), len(list(reader.rows(reader.topics)))
 
     whole, lines = read(content), []
-    for position in range(20, len(content) - 2000, len(content) // 120):
+    for position in range(20, len(content) - 2000, len(content) // 60):
         flipped = bytearray(content)
         flipped[position] ^= 0x55
         try:
@@ -217,7 +180,7 @@ def test_a_flipped_byte_never_passes_as_data(bag, tmp_path, is_finished):
             assert read(flipped) == whole
         except DiffbotError as error:
             lines.append(str(error))
-    assert len(lines) > 30
+    assert len(lines) > 15
     if not is_finished:
         words = r"is damaged \(.*\): `diffbot bag repair` saves what is intact$|not a QoS profile"
         assert all(re.search(words, line) for line in lines)

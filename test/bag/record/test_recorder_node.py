@@ -233,47 +233,11 @@ def test_a_weaker_publisher_that_joins_is_recorded_without_loss_or_repetition(no
     assert custom_data(tmp_path / "run") == {"lost_messages": "0"}
 
 
-def test_a_weaker_publisher_of_a_topic_with_a_fixed_qos_is_counted_as_lost(nodes, peer, tmp_path):
-    first = peer.publisher(Twist, "shared", RELIABLE)
-    (tmp_path / "qos.yaml").write_text("/shared: {reliability: reliable, depth: 50}\n")
-    path = str(tmp_path / "qos.yaml")
-    recorder = Recorder(nodes, tmp_path / "run", topics=["/shared"], qos_profile_overrides_path=path)
-    recorder.wait_for(first)
-    sent = publish(first, twists(5))
-    with graph.peer("intruder") as other:
-        second = other.publisher(Twist, "shared", BEST_EFFORT)
-        recorder.wait("incomplete", "/shared")
-        # What is sent before the messages are counted is not known.
-        counter = recorder.node._topics._unmatched._counted["/shared"].subscription
-        for publisher, count in ((first, 2), (second, 1)):
-            peer.wait_for_subscribers(publisher, count=count)
-        graph.wait_for(lambda: counter.get_publisher_count() == 2, what="both publishers")
-        publish(second, twists(7))
-        sent += publish(first, twists(10, first=5))
-        recorder.wait("lost", 7)
-        recorder.wait("messages", 15)
-    recorder.close()
-    assert recorded(tmp_path / "run", "/shared") == sent
-    assert custom_data(tmp_path / "run") == {"lost_messages": "7", "lost /shared": "7"}
-
-
-def test_a_folder_that_has_gone_ends_the_recorder_with_one_line(nodes, peer, tmp_path, capfd):
-    recorder = Recorder(nodes, tmp_path / "run")
-    (tmp_path / "run").rename(tmp_path / "gone")
-    peer.spin_until(lambda: recorder.node.exit_code == 1, what="the end of the recorder")
-    recorder.close()
-    (line,) = [line for line in capfd.readouterr().err.splitlines() if "ERROR" in line]
-    assert "has gone while it was written" in line
-
-
 @pytest.mark.parametrize(
     ("parameters", "words"),
     [
-        ({"depth": 0}, "depth = 0: must be"),
-        ({"compression": "gzip"}, "compression = 'gzip': must be one of zstd, lz4, none"),
         ({"regex": "("}, r"regex = '(': must be a regular expression"),
         ({"max_bag_size": 5}, "max_bag_size = 5: must be 0 or >= chunk_size"),
-        ({"max_bag_duration": 0.01}, "max_bag_duration = 0.01: must be 0 or >= 0.1"),
         ({"qos_profile_overrides_path": "/none.yaml"}, "cannot open /none.yaml: No such file"),
         ({"uri": "/proc/none/run"}, "cannot create the bag"),
     ],

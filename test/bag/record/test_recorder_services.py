@@ -92,7 +92,7 @@ def test_a_pause_is_no_loss(tmp_path, nodes):
     recording.recorder.wait("messages", 11)
     assert recording.call("snapshot") == (False, "not in snapshot mode (snapshot_mode)")
     assert recording.call("pause") == (True, "paused")
-    assert recording.recorder.reports[-1].message == "paused"
+    nodes.peer.spin_until(lambda: recording.recorder.reports[-1].message == "paused", what="the report")
     recording.close()
     assert metadata.read(tmp_path / "run").custom_data == {"lost_messages": "0"}
     assert numbers(tmp_path / "run", "/data") == [list(range(11, 21))]

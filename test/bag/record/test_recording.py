@@ -1,62 +1,18 @@
-"""Held, kept and left out messages; the ring of a snapshot, and facts of the host."""
+"""What a recorder takes, keeps and counts as lost: topics, gaps, latched messages, a snapshot; facts of the host."""
 
 import os
+import random
 
 import pytest
-from mcap.reader import make_reader
 
-from diffbot_bag.bag.qos import Qos
-from diffbot_bag.bag.writer import BagWriter
+from diffbot_bag.bag.topic_selection import TopicSelection
 from diffbot_bag.mcap.attachments import dump
 from diffbot_bag.record.host import host_facts
 from diffbot_bag.record.latched import LatchedMessages
+from diffbot_bag.record.lost_messages import GapCounter
 from diffbot_bag.record.pending_messages import Held
-from diffbot_bag.record.recording import Recording
 from diffbot_bag.record.snapshot import OVERHEAD, SnapshotBuffer
-
-STRING = "std_msgs/msg/String"
-BEGIN = 10**18
-
-
-class Bag:
-    def __init__(self, folder, **options):
-        self.writer = BagWriter(folder)
-        self.data = self.writer.add_topic("/data", STRING, [Qos()])
-        self.map = self.writer.add_topic("/map", STRING, [Qos(durability="transient_local")])
-        self.recording = Recording(self.writer, **options)
-
-    def accept(self, channel, number, at=None):
-        time = BEGIN + number if at is None else at
-        return self.recording.accept(channel, b"%d" % number, time, time - 1, number)
-
-    def contents(self):
-        """Data and log time of each message, by file."""
-        self.recording.finish()
-        self.writer.close()
-        files = []
-        for path in sorted(self.writer.folder.glob("*.mcap")):
-            with path.open("rb") as stream:
-                messages = make_reader(stream).iter_messages(log_time_order=False)
-                files.append([(channel.topic, int(one.data), one.log_time - BEGIN) for _, channel, one in messages])
-        return files
-
-
-def test_a_snapshot_has_the_newest_messages_and_the_latched_ones_before(tmp_path):
-    bag = Bag(tmp_path / "run", snapshot=SnapshotBuffer(3 * (OVERHEAD + 2)))
-    assert bag.recording.take_snapshot() == (False, "no message in memory")
-    bag.accept(bag.map, 1)
-    for number in range(10, 20):
-        bag.accept(bag.data, number)
-    assert bag.writer.count == 0
-    assert bag.recording.take_snapshot() == (True, "3 messages")
-    assert bag.recording.take_snapshot()[0] is False, "the first one is not written yet"
-    bag.accept(bag.data, 20)
-    bag.recording.write_snapshot()
-    bag.accept(bag.data, 21)
-    bag.recording.take_snapshot()
-    first, second = bag.contents()
-    assert first == [("/map", 1, 17), ("/data", 17, 17), ("/data", 18, 18), ("/data", 19, 19)]
-    assert second == [("/map", 1, 20), ("/data", 20, 20), ("/data", 21, 21)]
+from diffbot_core.errors import InvalidValueError
 
 
 def held(number, size=10, at=None):
@@ -108,3 +64,66 @@ def test_host_facts_contain_versions_and_no_secrets(monkeypatch):
     assert facts["host"]["cores"] == os.cpu_count()
     assert facts["dependencies"]["mcap"]
     assert facts["package"]["diffbot"]
+
+
+def lost(numbers, publishers=1):
+    gaps = GapCounter()
+    gaps.publishers = publishers
+    for number in numbers:
+        gaps.note(number)
+    return gaps.lost
+
+
+@pytest.mark.parametrize(
+    ("numbers", "publishers", "expected"),
+    [
+        ([1, 2, 5], 1, 2),
+        ([1, 3, 5, 6, 10], 1, 5),
+        ([1, 2, 3, 1, 2, 3], 1, 0),
+        ([5, 6, 1, 2, 4], 1, 1),
+        ([1, 101, 2, 102, 3, 105, 4, 106, 9], 2, 2 + 4),
+    ],
+)
+def test_gaps_of_publishers(numbers, publishers, expected):
+    assert lost(numbers, publishers) == expected
+    many = GapCounter()
+    many.publishers = publishers
+    for part in (numbers[:3], numbers[3:5], numbers[5:]):
+        many.note_all(part)
+    assert many.lost == expected
+
+
+def test_publishers_that_take_turns_lose_nothing():
+    random.seed(7)
+    for publishers in (2, 3, 8):
+        following = [random.randrange(1000) for _ in range(publishers)]
+        numbers = []
+        for _ in range(2000):
+            index = random.randrange(publishers)
+            numbers.append(following[index])
+            following[index] += 1
+        assert lost(numbers, publishers) == 0
+
+
+@pytest.mark.parametrize(
+    ("selection", "taken"),
+    [
+        (TopicSelection(), {"/odom", "/robot/odom", "/rosout"}),
+        (TopicSelection(include_hidden_topics=True), {"/odom", "/robot/odom", "/rosout", "/_hidden", "/a/_b/c"}),
+        (TopicSelection(topics=("/odom", "/_hidden")), {"/odom", "/_hidden"}),
+        (TopicSelection(regex=".*/odom"), {"/odom", "/robot/odom"}),
+        (TopicSelection(topics=("/rosout",), regex="/odom"), {"/rosout", "/odom"}),
+        (TopicSelection(exclude_topics=("/odom",)), {"/robot/odom", "/rosout"}),
+        (TopicSelection(topics=("/odom",), exclude_topics=("/odom",)), set()),
+    ],
+)
+def test_which_topics_are_taken(selection, taken):
+    selection.check()
+    topics = {"/odom", "/robot/odom", "/rosout", "/_hidden", "/a/_b/c"}
+    assert {topic for topic in topics if selection.selects(topic)} == taken
+
+
+@pytest.mark.parametrize("name", ["regex", "exclude_regex"])
+def test_a_wrong_expression_is_named(name):
+    with pytest.raises(InvalidValueError, match=rf"{name} = '\(': must be a regular expression"):
+        TopicSelection(**{name: "("}).check()

@@ -44,9 +44,3 @@ def test_keys_arrive_at_once_until_the_terminal_is_restored(terminal, monkeypatc
     assert keys.pressed() == [TOGGLE, FASTER]
     keys.close()
     assert termios.tcgetattr(theirs) == before
-
-
-def test_without_a_terminal_there_is_no_keyboard(tmp_path):
-    with (tmp_path / "file").open("w") as file:
-        assert open_keyboard(file.fileno()) is None
-    assert open_keyboard(-1) is None

@@ -4,21 +4,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from diffbot_bag.parameters import ReplayConfig
 from diffbot_bag.replay.playback_clock import (
     Timeline,
     Window,
     bag_time,
     due,
-    first_tick,
-    parse_remap,
     paused,
     resumed,
     stepped,
     window,
 )
 from diffbot_core.errors import InvalidValueError
-from diffbot_core.schema import build
 
 BEGIN = 1_700_000_000_000_000_000
 SECOND = 1_000_000_000
@@ -30,14 +26,9 @@ LAST = BEGIN + 10 * SECOND
     [
         ({}, 0.0, 10.0),
         ({"start_offset": 2.5}, 2.5, 10.0),
-        ({"start_offset": 10.0}, 10.0, 10.0),
         ({"playback_duration": 3.0}, 0.0, 3.0),
-        ({"playback_duration": 0.0}, 0.0, 0.0),
-        ({"playback_duration": 99.0}, 0.0, 10.0),
         ({"start_offset": 2.0, "playback_duration": 3.0}, 2.0, 5.0),
-        ({"playback_until": BEGIN / SECOND + 4.0}, 0.0, 4.0),
         ({"playback_until": BEGIN / SECOND + 4.0, "playback_duration": 3.0}, 0.0, 3.0),
-        ({"playback_until": BEGIN / SECOND + 4.0, "playback_duration": 6.0}, 0.0, 4.0),
     ],
 )
 def test_the_part_that_is_played(options, start, end):
@@ -70,22 +61,6 @@ def test_time_runs_at_the_rate_and_a_pause_moves_what_comes_by_its_length():
     # A step moves a paused replay on, but never back.
     assert stepped(halted, BEGIN + 9 * SECOND).bag == BEGIN + 9 * SECOND
     assert stepped(halted, BEGIN) == halted
-
-
-@pytest.mark.parametrize(
-    ("now", "last", "expected"),
-    [(70, None, 70), (105, 100, 110), (110, 100, 110), (111, 100, 110), (129, 100, 120), (1000, 100, 1000)],
-)
-def test_ticks_stay_on_their_grid_and_late_ones_are_left_out(now, last, expected):
-    assert first_tick(now, 10, last) == expected
-
-
-def test_remapping_rules():
-    assert parse_remap(()) == {}
-    assert parse_remap(("odom:=other/odom", "/a:=/b")) == {"/odom": "/other/odom", "/a": "/b"}
-    for rule in ("odom", "odom:=", ":=odom", ""):
-        with pytest.raises(InvalidValueError, match=r"remap = .*: must be old:=new"):
-            build(ReplayConfig, {"remap": [rule]})
 
 
 @given(st.integers(0, 2**63 - 1), st.integers(0, 2**62), st.floats(1e-6, 1e6))

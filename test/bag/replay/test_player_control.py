@@ -1,17 +1,20 @@
-"""Seek, rate, burst, loops and the fastest replay, on a clock of the test: bags of others, times worked out by hand."""
+"""Seek, rate, burst, loops, the fastest replay and reading ahead: a clock of the test, times worked out by hand."""
 
 import itertools
 import random
+import threading
 
+import graph
 import pytest
 from bag_makers import BEGIN, point
 from mcap.reader import make_reader
-from replays import MS, FakeClock, write_mcap, write_rosbags
+from replays import MS, FakeClock, write_mcap
 
 from diffbot_bag.bag.merged_bags import MergedBags
 from diffbot_bag.bag.reader import RawMessage
 from diffbot_bag.replay.playback_clock import Window
 from diffbot_bag.replay.player import Pace, Player, Sink, Source
+from diffbot_bag.replay.read_ahead import ReadAhead
 
 ALL = ("/a", "/b", "/map")
 
@@ -63,15 +66,11 @@ def plain(messages=None, **pace):
     return Run(source, Window(BEGIN, messages[-1].log_time), **pace)
 
 
-@pytest.fixture(params=["zstd", "rosbags"])
-def bag(request, tmp_path):
+@pytest.fixture
+def bag(tmp_path):
     """A bag of another maker, and what it holds in the order of an independent reader."""
-    if request.param == "rosbags":
-        path = write_rosbags(tmp_path / "foreign", recorded())
-        file = path / "foreign.mcap"
-    else:
-        path = file = write_mcap(tmp_path / "foreign.mcap", recorded(), latched=("/map",))
-    with file.open("rb") as stream:
+    path = write_mcap(tmp_path / "foreign.mcap", recorded(), latched=("/map",))
+    with path.open("rb") as stream:
         expected = [(c.topic, m.log_time, m.data) for _, c, m in make_reader(stream).iter_messages()]
     bags = MergedBags([path])
     yield bags, expected
@@ -109,26 +108,6 @@ def test_each_seek_goes_on_with_the_very_message_and_the_latched_one_before(bag)
     assert not run.player.seek(BEGIN)
 
 
-def test_a_seek_before_the_start_and_in_the_delay_skips_the_delay():
-    for when in (0, 7):
-        run = plain(delay=5.0)
-        run.time.at(when * MS, lambda run=run: run.player.seek(BEGIN + 290 * MS))
-        run.play()
-        assert [sent for sent, _ in run.sent] == [(when + index) * MS for index in range(10)]
-
-
-def test_a_paused_replay_stays_paused_where_it_was_sent_to():
-    run = plain(start_paused=True, clock=100.0)
-    run.time.at(50 * MS, lambda: run.player.seek(BEGIN + 100 * MS + 1))
-    run.time.at(90 * MS, lambda: run.player.request_steps(1))
-    run.time.at(130 * MS, run.player.stop)
-    (message,) = run.play()
-    assert message.log_time == BEGIN + 101 * MS
-    assert {stamp for when, stamp in run.clock if when < 50 * MS} == {BEGIN}
-    assert {stamp for when, stamp in run.clock if 50 * MS < when < 90 * MS} == {BEGIN + 100 * MS + 1}
-    assert {stamp for when, stamp in run.clock if when > 90 * MS} == {BEGIN + 101 * MS}
-
-
 def test_the_rate_changes_from_now_on():
     run = plain()
     run.time.at(100 * MS, lambda: run.player.set_rate(4.0))
@@ -140,15 +119,6 @@ def test_the_rate_changes_from_now_on():
         expected = ms if ms <= 100 else 100 + (ms - 100) / 4 if ms <= 200 else 125 + (ms - 200) * 2
         assert when == pytest.approx(expected * MS, abs=2), ms
     assert run.player.progress().rate == 0.5
-
-
-def test_a_rate_set_during_the_delay_or_a_pause_is_that_of_what_follows():
-    for pace in ({"delay": 1.0}, {"start_paused": True}):
-        run = plain(**pace)
-        run.time.at(500 * MS, lambda run=run: run.player.set_rate(2.0))
-        run.time.at(1000 * MS, run.player.resume)
-        run.play()
-        assert [when for when, _ in run.sent] == [1000 * MS + index * MS // 2 for index in range(300)]
 
 
 def test_a_burst_comes_at_once_and_resuming_withdraws_what_is_left_of_it():
@@ -195,19 +165,24 @@ def test_as_fast_as_possible_takes_no_time_keeps_the_order_and_the_clock_is_that
     assert run.player.progress().bag_time == BEGIN + 299 * MS
 
 
-def test_as_fast_as_possible_can_be_paused_stepped_and_sought():
-    run = plain(rate=0.0)
-    run.hooks = {count: lambda: run.time.sleep_until(run.time.now() + 2 * MS) for count in range(111, 113)}
-    run.after(10, run.player.pause)
-    run.time.at(50 * MS, lambda: run.player.request_steps(2))
-    run.time.at(60 * MS, lambda: run.player.seek(BEGIN + 200 * MS))
-    run.time.at(70 * MS, run.player.resume)
-    run.play()
-    assert [(when, (message.log_time - BEGIN) // MS) for when, message in run.sent] == [
-        *((0, index) for index in range(10)),
-        (50 * MS, 10),
-        (50 * MS, 11),
-        *((70 * MS, index) for index in range(200, 299)),
-        # It waits for what takes its messages.
-        (72 * MS, 299),
-    ]
+@pytest.mark.parametrize("size", [1, 50, 1000])
+def test_reading_ahead_keeps_order_and_bound(size):
+    drawn = []
+
+    def source():
+        for message in raw(3000):
+            drawn.append(message)
+            yield message
+
+    with ReadAhead(source(), size) as ahead:
+        iterator = iter(ahead)
+        assert next(iterator).data == point(0)
+        # Let it read as far as it wants to.
+        graph.wait_for(lambda: len(drawn) >= min(size, 3000), what="reading ahead")
+        assert not graph.comes_true(lambda: len(drawn) > size + 150, 0.05)
+        assert [message.data for message in iterator] == [point(index) for index in range(1, 3000)]
+    # A reader that waits for room ends with the block.
+    before = threading.active_count()
+    with ReadAhead(raw(100_000), size):
+        pass
+    assert threading.active_count() == before

@@ -1,7 +1,6 @@
 """The replay as a process: between processes, in a terminal, and its end by a signal or a wrong bag."""
 
 import os
-import signal
 import termios
 
 import graph
@@ -9,7 +8,7 @@ import pytest
 from bag_makers import BEGIN, point
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Point
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from recorders import recorded
 from replays import MS, write_mcap
 from terminals import in_terminal
@@ -77,24 +76,3 @@ def test_keys_pause_step_and_change_the_rate_and_ctrl_c_restores_the_terminal(ba
         os.write(ours, b"\x03")
         assert running.wait() == 0
     assert termios.tcgetattr(theirs) == before
-
-
-def test_sigterm_ends_it_in_a_long_gap(bag):
-    with graph.node(REPLAY, {"uri": bag, "wait_timeout": 0.0, "start_offset": 3.0}) as running:
-        running.wait_for_output("ready")
-        assert running.stop(signal.SIGTERM) == 0
-
-
-def test_a_subscriber_that_takes_nothing_for_a_while_loses_nothing(tmp_path):
-    # DDS keeps 5000 messages on the side of the subscriber.
-    sent = [point(index) for index in range(5500)]
-    path = write_mcap(tmp_path / "run.mcap", [("/a", BEGIN + index * MS, data) for index, data in enumerate(sent)])
-    waits = {"wait_timeout": 60.0, "wait_acked_timeout": 60.0}
-    with graph.peer() as peer, graph.peer("slow") as slow:
-        received = slow.subscribe(Point, "/a", QoSProfile(history=HistoryPolicy.KEEP_ALL), raw=True)
-        reports = peer.subscribe(DiagnosticStatus, "/replay/status", LATCHED)
-        with graph.node(REPLAY, {"uri": path, **waits, "rate": 1000.0}) as running:
-            peer.spin_until(lambda: reports and int(graph.values(reports[-1])["messages"]) >= 5000, what="messages")
-            slow.spin_until(lambda: len(received) == len(sent), what="all messages")
-            assert running.wait() == 0
-    assert received == sent

@@ -1,9 +1,7 @@
 """The services of rosbag2's player: names, fields and effects, with stand-ins for its types."""
 
-import threading
 from types import SimpleNamespace
 
-import graph
 import pytest
 from bag_makers import BEGIN, point
 from replays import MS
@@ -77,19 +75,3 @@ def test_their_fields_carry_what_rosbag2_s_carry(served, player):
     assert call("stop") == {}
     player.play()
     assert call("seek", time=SimpleNamespace(sec=sec, nanosec=nanosec)) == {"success": False}
-
-
-def test_a_burst_returns_how_many_messages_were_sent_and_zero_means_all(served, player):
-    _, call = served
-    thread = threading.Thread(target=player.play)
-    thread.start()
-    try:
-        assert call("burst", num_messages=3) == {"actually_burst": 3}
-        assert player.progress().bag_time == BEGIN + 2 * MS
-        assert call("play_next") == {"success": True}
-        assert call("burst", num_messages=0) == {"actually_burst": 96}
-    finally:
-        player.stop()
-        thread.join(graph.PATIENCE)
-    assert player.progress().sent == 100
-    assert call("burst", num_messages=1) == {"actually_burst": 0}

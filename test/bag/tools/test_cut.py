@@ -140,32 +140,6 @@ def test_a_selection_of_nothing_is_refused(zstd_bag):
             cut.select(one, selection, types)
 
 
-def shifted(messages, time):
-    return [one._replace(log_time=one.log_time + time) for one in messages]
-
-
-@pytest.mark.parametrize("shift", [STEP // 2, 1000 * STEP])
-def test_merge_has_the_messages_of_all_in_the_order_of_log_time(bag, tmp_path, shift):
-    """Interleaved, and one after the other."""
-    other = cut_bags.write_bag(tmp_path / "other", "zstd", shifted(cut_bags.drive(150), shift))
-    found = make(tmp_path / "all", lambda *bags: cut.merge(bags), bag, other)
-    expected = [one._replace(metadata=(), definition=b"") for one in facts(bag) + facts(other)]
-    assert sorted(one._replace(metadata=(), definition=b"") for one in found) == sorted(expected)
-    assert len(found) == 402 + 302
-    times = [time for _, time in in_file_order(tmp_path / "all")]
-    assert times == sorted(times)
-
-
-def test_bags_that_follow_each_other_are_merged_without_unpacking(tmp_path, monkeypatch):
-    paths = [
-        cut_bags.write_bag(tmp_path / name, "zstd", shifted(cut_bags.drive(), time * STEP))
-        for name, time in (("a", 0), ("b", 200))
-    ]
-    monkeypatch.setattr(source_bag, "verified_chunk", None)
-    found = make(tmp_path / "all", lambda *bags: cut.merge(bags), *paths[::-1])
-    assert found == [one for path in paths for one in facts(path)]
-
-
 def test_merge_unites_qos_numbers_and_facts(tmp_path):
     best_effort = Qos(reliability="best_effort")
     a = {"/same": (POINT, [Qos()]), "/a": (STRING, [])}
@@ -192,19 +166,6 @@ def test_merge_unites_qos_numbers_and_facts(tmp_path):
             ("both", b"content of both"), ("a", b"content of a"), ("b", b"content of b")
         ]  # fmt: skip
         assert [one.name for one in reader.iter_metadata()] == ["both", "a", "b", "rosbag2"]
-
-
-def test_definitions_that_differ_in_comments_only_are_the_same(tmp_path, monkeypatch):
-    a = cut_bags.write_mcap(tmp_path / "a.mcap", [Given("/point", 5, b"a")], {"/point": (POINT, [Qos()])})
-    monkeypatch.setitem(cut_bags.HASHES, POINT, "")
-    monkeypatch.setitem(cut_bags.SCHEMAS, POINT, b"float64  x # in metres\nfloat64 y\n\nfloat64 z")
-    b = cut_bags.write_mcap(tmp_path / "b.mcap", [Given("/point", 6, b"b")], {"/point": (POINT, [cut_bags.LATCHED])})
-    found = make(tmp_path / "all", lambda *bags: cut.merge(bags), a, b)
-    assert [one.data for one in found] == [b"a", b"b"]
-    assert len({one.metadata for one in found}) == 1
-    (topic,) = read_metadata(tmp_path / "all").topics
-    assert sorted(topic.qos) == sorted([Qos(), cut_bags.LATCHED])
-    assert topic.type_hash.startswith("RIHS01_")
 
 
 def test_definitions_of_other_recorders_are_the_same(tmp_path, monkeypatch):

@@ -4,12 +4,12 @@ import io
 
 import cut_bags
 import pytest
-from cut_bags import BEGIN, STEP, Given, by_rosbags, check_metadata, facts, files_of
+from cut_bags import BEGIN, Given, by_rosbags, check_metadata, facts, files_of
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
-from diffbot_bag.tools import cut, source_bag, split_bag
+from diffbot_bag.tools import cut, split_bag
 from diffbot_bag.tools.source_bag import SourceBag
 from diffbot_bag.tools.split_bag import FileLimits
 from diffbot_core.errors import DiffbotError
@@ -37,19 +37,6 @@ def check_parts(files, given, messages):
         assert 0 < len(own) <= messages
         rest += own
     assert rest == given
-
-
-@pytest.mark.parametrize("maker", ["lz4", "no chunks", "no message index"])
-def test_by_count_and_by_duration_after_the_first_message(tmp_path, maker):
-    path = cut_bags.write_bag(tmp_path / "run", maker)
-    files = split(path, tmp_path / "count", messages=77)
-    check_parts(files, facts(path), 77)
-    assert len(files) == 6
-    files = split(path, tmp_path / "duration", duration=33 * STEP)
-    check_parts(files, facts(path), 68)
-    for number, file in enumerate(files):
-        begin = BEGIN + number * 33 * STEP
-        assert all(begin <= one.log_time < begin + 33 * STEP for one in file)
 
 
 @pytest.mark.parametrize("size", [10**9, 12_345])
@@ -80,24 +67,6 @@ def test_messages_in_any_order_and_limits_together(tmp_path_factory, rows, messa
     check_parts(split(path, folder / "parts", messages=messages, duration=duration, size=size), facts(path), messages)
 
 
-def test_only_chunks_that_are_divided_are_unpacked(tmp_path, monkeypatch):
-    path = cut_bags.write_mcap(tmp_path / "run.mcap", cut_bags.drive())
-    unpacked, real = [], source_bag.verified_chunk
-    monkeypatch.setattr(source_bag, "verified_chunk", lambda *given: unpacked.append(given[1]) or real(*given))
-    split(path, tmp_path / "parts", duration=60 * STEP)
-    borders = [BEGIN + number * 60 * STEP for number in (1, 2, 3)]
-    chunks = make_reader(io.BytesIO(path.read_bytes())).get_summary().chunk_indexes
-    divided = {
-        one.chunk_start_offset
-        for one in chunks
-        if any(one.message_start_time < at <= one.message_end_time for at in borders)
-    }
-    assert 0 < len(divided) < len(chunks) / 2
-    assert divided <= {one.chunk_start_offset for one in unpacked}
-    # Of the others, at most the one with the latched message before the first border.
-    assert len(unpacked) <= len(divided) + 1
-
-
 def test_a_message_larger_than_the_size_has_a_file_of_its_own(tmp_path):
     messages = [Given("/text", BEGIN + number, bytes(20_000)) for number in range(3)]
     path = cut_bags.write_mcap(tmp_path / "a.mcap", messages, chunk_size=200_000, compression="none")
@@ -110,11 +79,3 @@ def test_too_many_files_are_refused(tmp_path, monkeypatch):
     with SourceBag(path) as one, pytest.raises(DiffbotError, match="more than 20 files"):
         cut.split(one, FileLimits(messages=1)).write(tmp_path / "parts", lambda count: None)
     assert [one.name for one in tmp_path.iterdir()] == ["a.mcap"]
-
-
-def test_a_gap_makes_no_empty_files_and_the_parts_can_be_split(tmp_path):
-    messages = [Given("/point", BEGIN + time, b"1234") for time in (0, 5, 1005, 1009, 10**12)]
-    path = cut_bags.write_mcap(tmp_path / "a.mcap", messages)
-    files = split(path, tmp_path / "parts", duration=10)
-    assert [[one.log_time - BEGIN for one in file] for file in files] == [[0, 5], [1005, 1009], [10**12]]
-    assert [len(file) for file in split(tmp_path / "parts", tmp_path / "more", messages=4)] == [4, 1]

@@ -11,8 +11,6 @@ from hypothesis import strategies as st
 from diffbot_bag.tools.header_stamps import begins_with_header, stamps_of
 from diffbot_bag.tools.quantiles import ACCURACY, Quantiles
 
-SEPARATOR = "=" * 80
-
 
 def test_types_with_a_header_are_recognised_by_their_definition():
     stamped = set()
@@ -22,23 +20,6 @@ def test_types_with_a_header_are_recognised_by_their_definition():
         stamped |= {name} if is_stamped else set()
     assert len(stamped) > 40
     assert {"nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu"} <= stamped
-
-
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ('\n  # a comment\n\nuint8 A=1 # constant\nstring B = "x"\nstd_msgs/msg/Header head # it\n', True),
-        ("# std_msgs/Header header\nfloat64 x", False),
-        ("std_msgs/Header[] headers", False),
-        ("std_msgs/Header[2] headers", False),
-        ("string<=10 name\nstd_msgs/Header header", False),
-        ("other_msgs/Header header", False),
-        (f"{SEPARATOR}\nMSG: std_msgs/Header\nstd_msgs/Header header", False),
-        ("", False),
-    ],
-)
-def test_the_first_field_decides(text, expected):
-    assert begins_with_header(text) is expected
 
 
 @pytest.mark.parametrize("little_endian", [True, False])
@@ -81,12 +62,3 @@ def test_a_quantile_is_within_the_accuracy_of_the_exact_one(parts, share):
     exact = values[max(0, math.ceil(share * len(values)) - 1)]
     assert quantiles.quantile(share) == pytest.approx(exact, rel=ACCURACY, abs=0.0)
     assert (quantiles.count, quantiles.smallest, quantiles.largest) == (len(values), values[0], values[-1])
-
-
-def test_storage_is_bounded_over_all_64_bit_numbers():
-    quantiles, random = Quantiles(), np.random.default_rng(5)
-    for _ in range(5):
-        size = np.exp(random.uniform(0.0, 62.0 * math.log(2.0), 50_000))
-        quantiles.add((size * random.choice((-1, 1), 50_000)).astype(np.int64))
-    assert quantiles.count == 250_000
-    assert len(quantiles._counts) < 44_000

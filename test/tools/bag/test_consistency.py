@@ -8,7 +8,6 @@ import view_bags
 from diffbot_bag.tools.contract_check import Consistency
 from diffbot_tools.bag.consistency import observers_for
 
-STATUS = "diagnostic_msgs/msg/DiagnosticStatus"
 LABELLED = "std_msgs/msg/Float64MultiArray"
 WINDOW = 50
 
@@ -18,29 +17,6 @@ def result(kind, topic, messages):
     for message in messages:
         observer.add(5, bytes(view_bags.STORE.serialize_cdr(message, kind)))
     return observer.result()
-
-
-def status(**values):
-    _, message = view_bags.status("ekf", "running")
-    message.values = [
-        view_bags.make("diagnostic_msgs/msg/KeyValue", key=key.replace("_", " "), value=value)
-        for key, value in values.items()
-    ]
-    return message
-
-
-def test_shares_of_a_status():
-    bounds = {"NIS_95_%_bounds": "0.700 1.300"}
-    whites = [
-        {"autocorrelation of fixes": number, "autocorrelation of fixes, 95 % bound": "0.196"}
-        for number in ("0.195", "-0.195", "0.2", "-0.3")
-    ]
-    messages = [status(NIS_per_number=nis, **bounds) for nis in ("0.7", "1.3", "0.69", "1.31", "1.0")]
-    assert result(STATUS, "/ekf/status", messages) == Consistency(0.6, None)
-    assert result(STATUS, "/ekf/status", [status(**one) for one in whites]) == Consistency(None, 0.5)
-    # One of another node shows nothing.
-    messages = [status(), status(NIS_per_number="high"), status(NIS_per_number="1.0")]
-    assert result(STATUS, "/controller/status", messages) == Consistency(None, None)
 
 
 def nis_message(labels, *data):

@@ -124,12 +124,6 @@ def test_a_robot_without_one_of_its_limits_is_not_started_and_a_simulated_one_is
     assert actions(load("simulation.launch.py"), parameters=file, description="false")
 
 
-def test_limits_may_be_nested_and_stand_in_the_section_of_all_nodes(load, tmp_path):
-    axes = [("linear", "x"), ("angular", "z")]
-    nested = {one: {axis: {"max_velocity": 1.0, "max_acceleration": 1.0}} for one, axis in axes}
-    assert actions(load("robot.launch.py"), parameters=parameter_file(tmp_path / "a.yaml", nested, "/**"))
-
-
 def test_nodes_get_texts_verbatim_and_numbers_as_they_are(load, tmp_path):
     nodes = actions(
         load("simulation.launch.py"), bag=str(tmp_path / "2026"), namespace="r1", x="1.5", description="false"
@@ -145,14 +139,6 @@ def test_nodes_get_texts_verbatim_and_numbers_as_they_are(load, tmp_path):
     assert {tuple(node.options["remappings"]) for node in nodes} == {(("/tf", "tf"), ("/tf_static", "tf_static"))}
 
 
-def test_the_discovery_range_is_set_before_the_nodes_start_and_logged(load, tmp_path):
-    file = parameter_file(tmp_path / "robot.yaml", LIMITS)
-    first, second, *nodes = all_actions(load("robot.launch.py"), discovery_range="localhost", parameters=file)
-    assert first.options["msg"] == "ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
-    assert second.arguments == ("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    assert {type(one).__name__ for one in nodes} == {"Node"}
-
-
 def test_the_end_of_a_required_node_ends_the_launch_with_its_reason(load, monkeypatch):
     entities = load("simulation.launch.py")
     monkeypatch.setattr(sys.modules[MODULE], "get_package_prefix", installed("diffbot", "rviz2"))
@@ -162,11 +148,3 @@ def test_the_end_of_a_required_node_ends_the_launch_with_its_reason(load, monkey
     with pytest.raises(DiffbotError, match=r"^plant_node ended with exit code -9"):
         ends[-2](ended, SimpleNamespace(is_shutdown=False))
     assert ends[-2](ended, SimpleNamespace(is_shutdown=True)) is None
-
-
-def test_robot_state_publisher_is_started_where_it_is_installed(load, monkeypatch):
-    entities = load("simulation.launch.py")
-    notes = [one for one in actions(entities) if type(one).__name__ == "LogInfo"]
-    assert [one.options["msg"] for one in notes] == ["robot_state_publisher is not installed and is left out"]
-    monkeypatch.setattr(sys.modules[MODULE], "get_package_prefix", installed("diffbot", "robot_state_publisher"))
-    assert [one.options["package"] for one in actions(entities)] == 3 * ["diffbot"] + ["robot_state_publisher"]

@@ -1,4 +1,4 @@
-"""The nodes of a launch: that each argument reaches those that need it, and no other."""
+"""The nodes of a launch: that each argument is checked, and reaches those nodes that need it and no other."""
 
 from pathlib import Path
 
@@ -7,6 +7,7 @@ import pytest
 from diffbot_bag.parameters import RecorderConfig
 from diffbot_control.ros.parameters.controller import ControllerNodeConfig
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
+from diffbot_core.errors import InvalidValueError
 from diffbot_core.schema import build
 from diffbot_sim.ros.parameters import PlantNodeConfig
 from diffbot_tools.bringup.arguments import ROBOT, SIMULATION, parse
@@ -150,3 +151,40 @@ def test_a_simulation_stays_on_its_host_and_a_robot_is_restricted_on_request():
     assert set_by(SIMULATION, {}, {}) == set_by(SIMULATION, {}, {name: ""}) == "LOCALHOST"
     assert set_by(SIMULATION, {}, {name: "SUBNET"}) is None, "what the user has set stays"
     assert set_by(SIMULATION, {"discovery_range": "subnet"}, {}) == "SUBNET"
+
+
+def test_texts_become_the_types_of_the_parameters():
+    values = parse(SIMULATION, {"x": "1", "yaw": " -0.5", "seed": "7", "publish_clock": "False", "preset": "paper"})
+    given = {"x": 1.0, "yaw": -0.5, "seed": 7, "publish_clock": False, "preset": "paper"}
+    assert {name: values[name] for name in given} == given
+    assert [type(values[name]) for name in ("x", "seed")] == [float, int]
+
+
+@pytest.mark.parametrize(
+    ("texts", "line"),
+    [
+        ({"preset": "fast"}, "preset = 'fast': must be one of tuned, precise, paper_covariance, paper"),
+        ({"yaw": "north"}, "yaw = 'north': must be a number, >= -1000 and <= 1000"),
+        ({"namespace": "my robot"}, "namespace = 'my robot': must be words of letters, digits and _ with / between"),
+        ({"frame_prefix": "/r1/"}, "frame_prefix = '/r1/': must be letters, digits, _, - and /, without a leading /"),
+        ({"parameters": "none.yaml"}, "parameters = 'none.yaml': must be an existing file"),
+        ({"composed": "true", "localization": "false"}, "composed = True: must be false with localization:=false"),
+    ],
+)
+def test_refusals_name_argument_value_and_bound(texts, line):
+    with pytest.raises(InvalidValueError) as refused:
+        parse(SIMULATION, texts)
+    assert str(refused.value).startswith(line)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_bag_is_a_new_folder_in_that_of_the_launch(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    assert parse(ROBOT, {"bag": "run"})["bag"] == str(tmp_path / "run")
+    assert parse(ROBOT, {"bag": "~/run"})["bag"] == str(tmp_path / "home" / "run")
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "broken link").symlink_to(tmp_path / "none")
+    for name in ("folder", "broken link"):
+        with pytest.raises(InvalidValueError, match=r"^bag = .*: must be a folder that does not exist yet$"):
+            parse(ROBOT, {"bag": name})

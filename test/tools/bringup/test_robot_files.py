@@ -33,30 +33,6 @@ def test_wheels_have_radius_and_separation_of_the_defaults(side, sign):
     assert {float(shape.get("radius")) for shape in link.iter("cylinder")} == {wheels.wheel_radius}
 
 
-def test_description_is_one_tree_from_base_link():
-    links = {link.get("name") for link in URDF.findall("link")}
-    parent = {joint.find("child").get("link"): joint.find("parent").get("link") for joint in URDF.findall("joint")}
-    assert len(parent) == len(URDF.findall("joint"))
-    assert links - set(parent) == {PlantNodeConfig().base_link_frame}
-    assert set(parent.values()) <= links
-
-
-def test_inertias_are_those_of_the_shapes():
-    # Of a box about its centre: m/12 (b^2 + c^2); of a wheel about y: m r^2 / 2, about x: m (3 r^2 + h^2) / 12.
-    box, wheel = URDF.find("link[@name='chassis']"), URDF.find("link[@name='left_wheel']")
-    a, b, c = numbers(box.find("collision/geometry/box").get("size"))
-    cylinder = wheel.find("collision/geometry/cylinder")
-    r, h = float(cylinder.get("radius")), float(cylinder.get("length"))
-    factors = {
-        box: [(b * b + c * c) / 12, (a * a + c * c) / 12, (a * a + b * b) / 12],
-        wheel: [(3 * r * r + h * h) / 12, r * r / 2, (3 * r * r + h * h) / 12],
-    }
-    for link, expected in factors.items():
-        m, inertia = float(link.find("inertial/mass").get("value")), link.find("inertial/inertia")
-        found = [float(inertia.get(name)) / m for name in ("ixx", "iyy", "izz")]
-        assert found == pytest.approx(expected, rel=1e-3)
-
-
 def test_rviz_uses_topics_of_the_nodes_by_their_relative_names_in_the_frame_of_the_map():
     rights = [
         node for process in read_policy(ROOT / "config" / "sros2_policy.xml").values() for node in process.values()

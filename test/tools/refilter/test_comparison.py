@@ -21,17 +21,6 @@ def estimate(stamp, *pose):
     return FilterEstimate(stamp, Pose(*pose), P, None, Belief(np.array(pose), P))
 
 
-def test_errors_are_taken_at_interpolated_truth_across_the_cut_of_the_heading():
-    stamps = np.array([0, 400_000_000], dtype=np.int64)
-    truth = Trajectory(stamps, np.array([[0.0, 0.0, 3.1], [4.0, 2.0, 3.3]]))  # without jumps, beyond pi
-    errors = errors_of([estimate(100_000_000, 1.2, 0.4, 3.15 - 2 * math.pi)], truth)
-    assert errors.error[0] == pytest.approx([0.2, -0.1, 0.0], abs=1e-12)
-    figures = figures_of(errors)
-    assert figures.rmse == pytest.approx(math.hypot(0.2, 0.1))
-    assert figures.nees == pytest.approx(0.04 / 0.04 + 0.01 / 0.01)
-    assert figures.nees_numbers == 3
-
-
 def test_gaps_and_times_outside_are_left_out():
     stamps = np.array([SECOND, SECOND + 100, 3 * SECOND], dtype=np.int64)
     truth = Trajectory(stamps, np.zeros((3, 3)))

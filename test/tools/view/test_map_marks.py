@@ -1,19 +1,14 @@
 """Landmarks and planned paths on the map: of a bag, on the page, and of a running robot."""
 
 import math
-from types import SimpleNamespace
 
-import browser
 import numpy as np
 import pytest
 import view_bags
 
 from diffbot_core.geometry import Pose
-from diffbot_tools.trajectory import Trajectory
-from diffbot_tools.view import landmarks as landmarks_module
 from diffbot_tools.view.landmarks import read_cloud
 from diffbot_tools.view.live_landmarks import LandmarkPlacer
-from diffbot_tools.view.plans import MAX_POINTS, PlanEnd, thinned
 from diffbot_tools.view.report import read_bag_run
 from diffbot_tools.view.report_command import write_report
 
@@ -66,11 +61,10 @@ def run(bag):
 
 
 @pytest.fixture(scope="module")
-def page(bag, tmp_path_factory):
+def page(bag, new_page, tmp_path_factory):
     path = tmp_path_factory.mktemp("page") / "report.html"
     write_report(bag, path, "tuned")
-    with browser.chromium() as new_page:
-        yield new_page().open(path.as_uri())
+    return new_page().open(path.as_uri())
 
 
 def test_landmarks_are_placed_by_the_estimate_of_their_own_time_and_shown_while_they_are_measured(run):
@@ -92,27 +86,13 @@ def test_the_path_holds_until_the_controller_leaves_it(run):
     assert run.tables.malformed == 3, "clouds and paths that cannot be used"
 
 
-def test_numbers_of_landmarks_and_visits_are_bounded(monkeypatch):
-    monkeypatch.setattr(landmarks_module, "MAX_LANDMARKS", 3)
-    monkeypatch.setattr(landmarks_module, "MAX_VISITS", 4)
-    # Number 5 in every fourth cloud, others once each.
-    rows = [(step, 100 + step if step % 2 else 5) for step in range(20) if step % 4 != 2]
-    stamps, numbers = (np.array(column, np.int64) for column in zip(*rows, strict=True))
-    stamps = BEGIN + stamps * 10**8
-    path = Trajectory(BEGIN + np.arange(21) * 10**8, np.zeros((21, 3)))
-    clock = SimpleNamespace(of_stamps=lambda stamps: (stamps - BEGIN) / 1e9)
-    measured = landmarks_module.Measured(stamps, numbers, np.ones((len(rows), 2)))
-    found = landmarks_module.landmarks_on_map(measured, path, clock)
-    assert (len(found), found[0].number) == (3, 5)
-    assert sum(len(one.in_view) for one in found) <= 2 * 4
-
-
 def drawn(page, time, colour):
     page.get(f"diffbotPage.player.go({time})")
     page.next_frame()
     return page.count(colour)
 
 
+@pytest.mark.graph
 def test_the_page_draws_the_path_while_it_holds(page):
     left, top = page.get("diffbotPage.view.toWorld(0, 0)")
     right, bottom = page.get("diffbotPage.view.toWorld(diffbotPage.view.width, diffbotPage.view.height)")
@@ -124,6 +104,7 @@ def test_the_page_draws_the_path_while_it_holds(page):
     assert drawn(page, 4.1, PLAN) < 20
 
 
+@pytest.mark.graph
 def test_the_page_fills_the_landmarks_in_view(page):
     assert page.get("[...diffbotPage.robot.landmarks.keys()]") == [7, 40]
     in_view, out_of_view = drawn(page, 7.0, LANDMARK), drawn(page, 4.0, LANDMARK)
@@ -136,6 +117,7 @@ def test_the_page_fills_the_landmarks_in_view(page):
     assert page.errors == []
 
 
+@pytest.mark.graph
 def test_the_near_region_is_drawn_around_the_goal(page):
     """Its radius eps_P is 0.4 m in this bag; Omega_L holds from 5 s on."""
     page.get("Object.assign(diffbotPage.view, { x: 2, y: 0.5, scale: 300, follow: false })")
@@ -174,14 +156,3 @@ def test_a_live_cloud_waits_for_the_estimate_of_its_time():
         placer.add_pose(BEGIN - 10**9 + step * 10**8, Pose(float(step), 0.0, 0.0))
     placer.add_cloud(cloud_of(BEGIN - 9 * 10**8, (4, 1.0, 0.0)))
     assert placer.newest() == (BEGIN - 9 * 10**8, [pytest.approx([2.0, 0.0, 4])])
-
-
-def test_a_long_path_is_thinned_evenly_with_its_ends_and_ends_once():
-    points = [(float(k), -float(k)) for k in range(9999)]
-    found = np.array(thinned(points))
-    assert len(found) == MAX_POINTS
-    assert (tuple(found[0]), tuple(found[-1])) == (points[0], points[-1])
-    assert np.diff(found[:, 0]).max() <= 9998 / (MAX_POINTS - 1) + 1
-    end = PlanEnd()
-    statuses = [{}, {"waypoint": "1/2"}, {"waypoint": "2/2"}, {}, {}]
-    assert [end.is_over(values) for values in statuses] == [False, False, False, True, False]

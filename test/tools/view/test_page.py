@@ -8,15 +8,10 @@ import view_bags
 
 from diffbot_tools.view.report_command import write_report
 
+pytestmark = pytest.mark.graph
 TRUTH, ESTIMATE = (0, 114, 178), (213, 94, 0)
 """Colours of the light style, Okabe and Ito's."""
 TRUTH_DARK = (86, 180, 233)
-
-
-@pytest.fixture(scope="module")
-def new_page():
-    with browser.chromium() as make:
-        yield make
 
 
 @pytest.fixture(scope="module")

@@ -11,10 +11,12 @@ from evo.tools import file_interface
 from diffbot_bag.bag.new_bag import new_bag
 from diffbot_control.law.presets import PRESETS
 from diffbot_core.errors import DiffbotError
+from diffbot_tools.view.events import MAX_NAMES, EventMaker
 from diffbot_tools.view.exports import export
 from diffbot_tools.view.page_file import embedded_json
 from diffbot_tools.view.report import page_data, read_bag_run
 from diffbot_tools.view.report_command import ReportOptions, run
+from diffbot_tools.view.texts import Status
 
 BEGIN, DELAY = view_bags.BEGIN, view_bags.DELAY
 
@@ -91,13 +93,6 @@ def test_goals_of_a_service_come_from_the_status(tmp_path):
     assert [(goal.time, tuple(goal.pose)) for goal in goals] == [(0.0, (1.0, 2.0, 0.5)), (2.0, (-3.0, 0.0, 0.0))]
 
 
-def test_a_robot_with_odometry_alone(tmp_path):
-    robot = only_robot(bag(tmp_path, view_bags.drive(50, namespace="/husky", truth=False, filtered=False)))
-    assert (robot.name, set(robot.curves)) == ("husky", {"odometry", "command"})
-    assert robot.curves["odometry"]["x"][0] == pytest.approx(0.0)
-    assert robot.goals == robot.events == []
-
-
 def test_only_transforms(tmp_path):
     def messages():
         for step in range(10):
@@ -144,21 +139,6 @@ def test_what_cannot_be_reported_is_one_line(circle, tmp_path):
     assert list(tmp_path.iterdir()) == [no_pose]
 
 
-def test_numbers_beyond_all_bounds_do_not_reach_the_page(tmp_path):
-    def messages():
-        yield from view_bags.drive(20)
-        late = BEGIN + 10**9
-        yield "/pose", late, view_bags.estimate(late, 1e300, 0.0, 0.0)
-        yield "/ekf/status", late, view_bags.status("/ekf", "running", fixes_rejected="9" * 500)
-        yield "/diagnostics", late, view_bags.statuses(late, view_bags.status(view_bags.HOSTILE, "broken", 2))
-        yield "/rosout", late, view_bags.log(late, "ekf", "x" * 10_000)
-
-    found = read_bag_run(bag(tmp_path, messages()))
-    data = json.loads(embedded_json(page_data(found)))
-    assert max(map(abs, found.robots[0].curves["estimate"]["x"])) < 2.0
-    assert max(len(event[3]) for event in data["robots"][0]["events"]) < 1000
-
-
 def bag_with_parameters(folder, noted):
     channels = {}
     with new_bag(folder) as writer:
@@ -203,3 +183,16 @@ def test_nothing_in_the_data_can_end_its_element():
     assert "<" not in text
     assert text.isascii()
     assert json.loads(text)["a"] == view_bags.HOSTILE
+
+
+def test_a_node_that_reports_on_keeps_its_fault_among_any_number_of_names():
+    maker, fault = EventMaker(), Status(2, "/ekf", "broken", {})
+    assert len(maker.of_diagnostics(0.0, [fault])) == 1
+    for number in range(3 * MAX_NAMES):
+        others = [Status(0, f"/other{number}", "ok", {})]
+        results = [Status(0, f"goal {number}", "reached", {})]
+        counters = Status(0, "/ekf", "ok", {f"fix{number} rejected": "1"})
+        maker.of_results(1.0, results)
+        maker.of_status(1.0, "filter", counters)
+        assert maker.of_diagnostics(1.0, [*others, fault]) == []
+    assert all(len(one) <= MAX_NAMES for one in vars(maker).values() if hasattr(one, "__len__"))

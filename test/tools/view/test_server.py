@@ -150,15 +150,6 @@ def test_garbage_is_refused_and_at_last_disconnected(server, requests):
     graph.wait_for(lambda: server.browsers == 0, what="the end of the connections")
 
 
-def test_numbers_that_json_lacks_are_missing_and_the_rest_is_sent(server, state):
-    state.put("", "constants", {"xy_tolerance": math.nan, "limits": {"v": -math.inf, "omega": 2.0}})
-    state.put("robot", "plan", [1.0, [(math.inf, 2.0)]])
-    with browse(server) as browser:
-        message = receive(browser, "state")
-    assert message["constants"] == {"xy_tolerance": None, "limits": {"v": None, "omega": 2.0}}
-    assert message["robots"]["robot"]["plan"] == [1.0, [[None, 2.0]]]
-
-
 def test_a_state_that_cannot_be_sent_ends_the_connection_and_is_reported(server, state, errors):
     """The page connects again; left open, it would wait for ever."""
     state.put("robot", "plan", object())
@@ -200,13 +191,13 @@ def test_a_browser_that_does_not_read_holds_nobody_up_and_then_gets_the_newest(s
     def newest(browser):
         """Read until the last state has come; return how many messages that took."""
         count = 1
-        while receive(browser, "state")["robots"]["robot"]["plan"][0][0] < 2999:
+        while not receive(browser, "state")["robots"]["robot"]["status"]["text"].startswith("2999 "):
             count += 1
         return count
 
     with browse(server, sock=small, max_queue=1) as slow, browse(server, max_queue=None) as quick:
         for number in range(3000):
-            state.put("robot", "plan", [[float(number), 0.0]] * 500)
+            state.put("robot", "status", {"text": f"{number} " + 8000 * "x"})
             if number % 100 == 0:
                 receive(quick, "state")
         assert newest(quick) > 0
@@ -214,23 +205,20 @@ def test_a_browser_that_does_not_read_holds_nobody_up_and_then_gets_the_newest(s
 
 
 def test_a_browser_that_takes_no_message_in_time_loses_its_connection_alone(server, state, monkeypatch):
-    monkeypatch.setattr(connections, "SEND_TIMEOUT", 0.2)
+    monkeypatch.setattr(connections, "SEND_TIMEOUT", 2.0)
     # Pings would find it, too, but later, and not in every version of websockets.
     monkeypatch.setattr(connections.Connection, "start_keepalive", lambda _: None)
     small = socket.create_connection(("127.0.0.1", server.port))
     small.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-    number = 0
-
-    def is_alone():
-        nonlocal number
-        number += 1
-        state.put("robot", "plan", [[float(number), 0.0]] * 50_000)
-        receive(quick, "state")
-        return server.browsers == 1
-
     with browse(server, sock=small, max_queue=1, ping_interval=None), browse(server, max_queue=None) as quick:
         graph.wait_for(lambda: server.browsers == 2, what="both browsers")
-        graph.wait_for(is_alone, what="the end of the one that does not read")
+        # More than the system keeps for the one that does not read.
+        for number in range(10):
+            state.put("robot", "status", {"text": f"{number} " + 10**6 * "x"})
+            receive(quick, "state")
+        graph.wait_for(lambda: server.browsers == 1, what="the end of the one that does not read")
+        state.put("robot", "plan", [])
+        receive(quick, "state")
 
 
 def test_a_port_in_use_is_one_line(server, state):
@@ -244,14 +232,10 @@ def test_a_port_in_use_is_one_line(server, state):
     ("message", "field"),
     [
         ("[" * 3000, "message"),
-        (b"{}", "message"),
         ('{"type": ["goal"], "robot": "robot"}', "type"),
-        ('{"type": "cancel", "robot": {}}', "robot"),
         (GOAL % ("NaN", 2, 0), "x"),
-        (GOAL % ("true", 2, 0), "x"),
         (GOAL % ("1" + "0" * 4000, 2, 0), "x"),
         (GOAL % (1, 2e7, 0), "y"),
-        (GOAL % (1, 2, -1001), "yaw"),
         ('{"type": "record", "robot": "robot"}', "on"),
     ],
 )
