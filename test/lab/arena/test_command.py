@@ -10,11 +10,11 @@ import pytest
 from diffbot_lab.arena import command as benchmark
 from diffbot_lab.arena import effects as law_effects
 from diffbot_lab.arena import tuning as law_tuning
-from diffbot_lab.arena.cases import arena_starts, cases_named, starts_named
+from diffbot_lab.arena.cases import CASES, OWN, arena_starts, cases_named, starts_named, world_of
 from diffbot_lab.arena.command import ArenaOptions, run_benchmark, takes_part
 from diffbot_lab.arena.entries import ENTRIES, OWN_NAME, config_of
 from diffbot_lab.arena.report.text import conclusions
-from diffbot_lab.arena.runs import run_case, run_paths
+from diffbot_lab.arena.runs import case_of, run_case, run_paths
 from diffbot_sim.compiled.batch import COLUMNS
 from diffbot_tools import cli
 
@@ -74,6 +74,22 @@ def test_every_law_has_the_data_sheet_of_its_case():
             known = sheet.command_latency, sheet.drive_time_constant, sheet.a_max
             found = (case.sheet.get("command_latency", 0.0), case.sheet.get("drive_time_constant", 0.0))
             assert known == (*found, case.sheet.get("linear.x.max_acceleration", math.inf))
+
+
+def test_the_plant_of_a_known_case_is_that_of_its_data_sheet():
+    for case in CASES:
+        actuators = world_of(case)[0].actuators
+        if case.name != "dead_time_02_unknown":
+            assert actuators.command_delay == case.sheet.get("command_latency", 0.0)
+        assert actuators.drive_time_constant == case.sheet.get("drive_time_constant", 0.0)
+        assert actuators.acceleration_max == case.sheet.get("linear.x.max_acceleration", math.inf)
+        assert actuators.angular_acceleration_max == case.sheet.get("angular.z.max_acceleration", math.inf)
+        if case.table == OWN:
+            assert [one.name for one in ENTRIES if takes_part(one, case)] == [OWN_NAME]
+    (unknown,) = cases_named(("dead_time_02_unknown",))
+    assert (world_of(unknown)[0].actuators.command_delay, dict(unknown.sheet)) == (0.2, {})
+    # A bound is fed with the true pose.
+    assert case_of(BY_NAME["truth"], NOMINAL, {}).feedback != case_of(BY_NAME[PEER], NOMINAL, {}).feedback
 
 
 def test_effects_are_those_of_runs_with_that_value(monkeypatch):

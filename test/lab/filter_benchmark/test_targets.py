@@ -60,6 +60,17 @@ def test_a_figure_of_the_default_decides_its_own_target_alone(good):
             assert missed(results) == ([(target.case, target.text)] if variant == CALIBRATING else [])
 
 
+@pytest.mark.parametrize("variant", [EKF, CALIBRATING])
+def test_the_mean_nis_has_two_bounds(good, variant):
+    for case in ("nominal_10_1", "nominal_10_5", "nominal_50_10"):
+        for side, bound, beyond in (("lower", 2.9, 2.899), ("upper", 3.1, 3.101)):
+            results = copy.deepcopy(good)
+            put(results, case, variant, ("nis",), bound)
+            assert missed(results) == []
+            put(results, case, variant, ("nis",), beyond)
+            assert missed(results) == [(case, f"mean NIS of {variant}, {side} bound")]
+
+
 def test_the_adaptive_filter_is_compared_with_the_plain_one_with_the_right_r(good):
     for case in ("r_10", "r_01"):
         put(good, "nominal_10_5", EKF, ("position", "rmse"), 0.01)
