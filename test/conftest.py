@@ -75,7 +75,8 @@ def pytest_addoption(parser):
     """Add the options of the fault suite (test/faults)."""
     group = parser.getgroup("faults")
     group.addoption("--faults", choices=("short", "full"), default="short", help="how often each fault is tried")
-    group.addoption("--faults-json", metavar="FILE", help="where the results of the fault suite are written")
+    group.addoption("--faults-share", metavar="K/N", default="0/1", help="every N-th trial from number K on")
+    group.addoption("--faults-results", metavar="FILE", help="gets a line for each result of the fault suite")
     group.addoption("--real-json", metavar="FILE", help="where the figures of test/real are written")
 
 

@@ -1,4 +1,4 @@
-"""The fault suite: short in ``make test``, full with ``--faults=full`` (``make faults``), which writes its results."""
+"""The fault suite: short in ``make test``, full with ``--faults=full``; each process of ``make faults`` has a share."""
 
 import contextlib
 import random
@@ -15,7 +15,9 @@ _RECORD = pytest.StashKey[Record]()
 
 def pytest_configure(config):
     """Have one record for the run."""
-    config.stash[_RECORD] = Record()
+    share = tuple(map(int, config.getoption("--faults-share").split("/")))
+    path = config.getoption("--faults-results")
+    config.stash[_RECORD] = Record(config.getoption("--faults") == "full", share, path and Path(path))
 
 
 def pytest_collection_modifyitems(config, items):
@@ -27,10 +29,8 @@ def pytest_collection_modifyitems(config, items):
 
 
 def pytest_sessionfinish(session):
-    """Write the results, also after Ctrl-C or a failure."""
-    record, path = session.config.stash[_RECORD], session.config.getoption("--faults-json")
-    if path and record.rows:
-        record.write(Path(path))
+    """Note what the processes have shown, also after Ctrl-C or a failure."""
+    session.config.stash[_RECORD].finish()
 
 
 @pytest.fixture(scope="session")
@@ -39,18 +39,16 @@ def record(pytestconfig):
 
 
 @pytest.fixture(scope="session")
-def trials(pytestconfig, record):
+def trials(record):
     """Return a context of the trials of a promise by its key."""
-    full = pytestconfig.getoption("--faults") == "full"
-    capture = pytestconfig.pluginmanager.getplugin("capturemanager")
-    shown = capture.global_and_fixture_disabled if full and capture else contextlib.nullcontext
-    return lambda key: record.trials(key, full, shown)
+    return record.trials
 
 
 @pytest.fixture
-def seeded(request):
-    """Return random numbers that depend on the name of the test alone."""
-    return random.Random(request.node.name)
+def seeded(request, pytestconfig):
+    """Return random numbers that depend on the name of the test and the share of its trials alone."""
+    share = pytestconfig.getoption("--faults-share")
+    return random.Random(request.node.name + share.removesuffix("0/1"))
 
 
 @pytest.fixture(scope="module")

@@ -7,12 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diffbot_core.errors import InvalidValueError
 from diffbot_lab.arena import command as benchmark
 from diffbot_lab.arena import effects as law_effects
 from diffbot_lab.arena import tuning as law_tuning
 from diffbot_lab.arena.cases import CASES, OWN, arena_starts, cases_named, starts_named, world_of
-from diffbot_lab.arena.command import ArenaOptions, run_benchmark, still_moving, takes_part
+from diffbot_lab.arena.command import ArenaOptions, run_benchmark, takes_part
 from diffbot_lab.arena.entries import ENTRIES, OWN_NAME, config_of
 from diffbot_lab.arena.report.text import conclusions
 from diffbot_lab.arena.runs import case_of, run_case, run_paths
@@ -39,14 +38,6 @@ def test_the_same_seed_gives_the_same_results(benchmarked):
     for name, found in outcomes.items():
         values = law_tuning.tuned_values(tuning, BY_NAME[name])
         np.testing.assert_array_equal(run_case(BY_NAME[name], NOMINAL, values, 17, 7), found)
-
-
-def test_more_runs_of_the_own_law_begin_with_those_of_the_peers():
-    (case,) = cases_named(("random_near",))
-    many, few = run_case(BY_NAME[OWN_NAME], case, {}, 51, 7), run_case(BY_NAME[OWN_NAME], case, {}, 17, 7, 51)
-    np.testing.assert_array_equal(many[:17], few)
-    more = ArenaOptions(1, 7, own_runs=3)
-    assert [more.runs_of(BY_NAME[name]) for name in (OWN_NAME, "switching_tuned", "polar")] == [51, 17, 17]
 
 
 def test_all_laws_meet_the_same_noise():
@@ -99,16 +90,6 @@ def test_the_plant_of_a_known_case_is_that_of_its_data_sheet():
     assert (world_of(unknown)[0].actuators.command_delay, dict(unknown.sheet)) == (0.2, {})
     # A bound is fed with the true pose.
     assert case_of(BY_NAME["truth"], NOMINAL, {}).feedback != case_of(BY_NAME[PEER], NOMINAL, {}).feedback
-
-
-def test_still_moving_looks_at_the_last_second():
-    histories = np.zeros((4, 101, 9))
-    histories[0, 95, 6] = -0.06
-    histories[1, 85, 6] = 1.0  # earlier
-    histories[2, 95, 6] = 0.04  # slower
-    histories[3, 95, 7] = 1.0  # turns in place
-    assert still_moving(histories, 0.1) == 1
-    assert still_moving(histories, 0.05) == 2
 
 
 def test_effects_are_those_of_runs_with_that_value(monkeypatch):
@@ -164,11 +145,3 @@ def test_bad_values_end_in_one_line_before_the_runs(
     (tmp_path / "file").write_text("")
     assert cli.main(["benchmark", "--out", str(tmp_path / "file")]) == 1
     assert "cannot write to" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(("runs", "seed", "name"), [(0, 7, "runs"), (1, law_tuning.TRAINING_SEED, "seed")])
-def test_bad_numbers_are_refused(runs, seed, name):
-    with pytest.raises(InvalidValueError, match=name):
-        law_effects.run_effects(runs, seed)
-    with pytest.raises(InvalidValueError, match=name):
-        run_benchmark(ArenaOptions(runs, seed))

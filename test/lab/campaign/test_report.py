@@ -10,17 +10,13 @@ import numpy as np
 import pytest
 from pyarrow import parquet
 
-from diffbot_core.errors import DiffbotError
 from diffbot_lab.campaign.report import table, write_report
 from diffbot_lab.campaign.spec import code_version, make_campaign
 from diffbot_lab.campaign.statistics import CellStatistics, count_outcomes
 from diffbot_sim.compiled.batch import run_batch
 
 BASE = {"runs": 5, "duration": 15.0, "feedback": "truth", "start": {"box": {"x": [-2.0, 2.0], "y": [-2.0, 2.0]}}}
-GRIDS = {
-    "none": {},
-    "two": {"k": [1.0, 4.0], "eps_P": [0.05, 0.2, 0.5]},
-}
+GRID = {"k": [1.0, 4.0], "eps_P": [0.05, 0.2, 0.5]}
 
 
 def make(grid, **changes):
@@ -39,15 +35,10 @@ def assert_a_picture(path):
     assert 0.005 < (pixels < 0.9).any(axis=2).mean() < 0.95
 
 
-@pytest.mark.parametrize("name", GRIDS)
-def test_all_files_say_the_same(name, tmp_path):
-    grid = GRIDS[name]
-    campaign, statistics = make(grid)
+def test_all_files_say_the_same(tmp_path):
+    campaign, statistics = make(GRID)
     paths = write_report(campaign, statistics, tmp_path)
-    expected = {"results.json", "results.csv", "results.parquet", "distributions.png"}
-    if any(len(values) > 1 for values in grid.values()):
-        expected |= {"heat_map_success_rate.png", "heat_map_settling_time_q50.png"}
-    assert {path.name for path in paths} == {path.name for path in tmp_path.iterdir()} == expected
+    assert {path.name for path in paths} == {path.name for path in tmp_path.iterdir()}
     for path in paths:
         if path.suffix == ".png":
             assert_a_picture(path)
@@ -58,10 +49,10 @@ def test_all_files_say_the_same(name, tmp_path):
     cells = content["cells"]
     for cell in cells:
         cell |= {key: math.inf for key, value in cell.items() if value == "inf"}
-    points = [dict(zip(grid, values, strict=True)) for values in itertools.product(*grid.values())]
-    assert [{name: cell[name] for name in grid} for cell in cells] == points
+    points = [dict(zip(GRID, values, strict=True)) for values in itertools.product(*GRID.values())]
+    assert [{name: cell[name] for name in GRID} for cell in cells] == points
     for cell, one in zip(cells, statistics, strict=True):
-        assert {name: value for name, value in cell.items() if name not in grid} == one.summary()
+        assert {name: value for name, value in cell.items() if name not in GRID} == one.summary()
 
     rows = parquet.read_table(tmp_path / "results.parquet").to_pylist()
     assert rows == cells
@@ -102,21 +93,3 @@ def test_a_long_grid_in_which_nobody_settles_is_drawn(tmp_path):
     cells = json.loads((tmp_path / "results.json").read_text(), parse_constant=pytest.fail)["cells"]
     assert {(cell["success_rate"], cell["settling_time_q50"]) for cell in cells} == {(0.0, None)}
     assert table(campaign, statistics).splitlines()[-1] == "... and 160 more cells in results.csv"
-
-
-def test_what_cannot_be_written_is_one_line(tmp_path):
-    campaign, statistics = make({})
-    (tmp_path / "results.csv").mkdir()
-    with pytest.raises(DiffbotError, match=r"^cannot write the results to .*: it is no file$"):
-        write_report(campaign, statistics, tmp_path)
-
-
-def test_the_table_has_a_line_for_each_cell():
-    campaign, statistics = make({"k": [1.0, 2.0], "eps_P": [0.1, 0.5]})
-    lines = table(campaign, statistics).splitlines()
-    assert len(lines) == 2 + 4
-    assert len({len(line) for line in lines}) == 1
-    for line, cell, one in zip(lines[2:], campaign.cells, statistics, strict=True):
-        words = line.split()
-        assert words[:3] == [str(cell.values["k"]), str(cell.values["eps_P"]), "5"]
-        assert float(words[3]) == pytest.approx(one.summary()["success_rate"], abs=1e-4)

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from diffbot_control.filter.covariance import uncertainty_of
 from diffbot_control.filter.gate import REJECTED, RELOCATED
@@ -80,9 +79,8 @@ def driven(case, filter_name, seed, run):
 
 @pytest.mark.parametrize(
     ("name", "rates", "filter_name"),
-    [("nominal", (10, 5), CALIBRATING), ("r_10", (10, 1), FNN), ("all", (50, 10), CALIBRATING),
-     ("compass", (10, 1), EKF), ("landmarks", (10, 1), CALIBRATING), ("all", (10, 5), FNN_CALIBRATING)],
-)  # fmt: skip
+    [("all", (50, 10), CALIBRATING), ("landmarks", (10, 1), EKF), ("r_10", (10, 1), FNN_CALIBRATING)],
+)
 def test_the_drive_is_that_of_the_nodes_filter(name, rates, filter_name):
     case = drive_of(scenario(name), *rates, filter_name)
     seed, run = 3, 7
@@ -120,13 +118,6 @@ def test_the_drive_is_that_of_the_nodes_filter(name, rates, filter_name):
     np.testing.assert_allclose(history[:, 0], np.hypot(errors[:, 0], errors[:, 1]), rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(history[:, 1], errors[:, 2], rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(history[:, 2:], deviations, rtol=1e-9, atol=1e-9)
-
-
-def test_the_drives_fill_their_ranges():
-    v, omega = np.array([twist_of(1, run) for run in range(1000)]).T
-    heading = np.array([start_of(1, run).theta for run in range(1000)])
-    for values, low, high in ((v, 0.4, 1.0), (omega, -0.3, 0.3), (heading, -math.pi, math.pi)):
-        assert stats.kstest(values, stats.uniform(low, high - low).cdf).pvalue > 1e-3
 
 
 def test_results_are_those_of_the_drives(results):

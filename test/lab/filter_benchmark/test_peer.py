@@ -110,14 +110,3 @@ def test_errors_are_one_line(runner, tmp_path, capsys):
         peer.run_benchmark(runner, 20, 990)
     assert cli.main(["benchmark", PEER]) == 1
     assert capsys.readouterr().err == f"diffbot: benchmark: {PEER} needs --runner, the others take none\n"
-
-
-def test_a_lasting_slip_is_followed_with_a_gyro():
-    case = next(case for case in peer_drives.CASES if case.sensors.gyro_rate > 0.0)
-    case = case._replace(plant=case.plant._replace(slip_start=30.0, slip_duration=60.0))
-    drive = peer_drives.record_drive(case, 11, 120.0)
-    slow = case._replace(filter=case.filter._replace(wheel_slip_walk=case.filter.wheel_radius_walk))
-    following, held = (peer.errors_of(peer_filters.run_ours(one, drive), drive) for one in (case, slow))
-    assert following.position < 0.8 * held.position
-    assert following.heading < 0.7 * held.heading
-    assert following.nees < 0.5 * held.nees

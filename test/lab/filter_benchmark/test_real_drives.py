@@ -7,7 +7,6 @@ from dataset_files import write_mrclam
 from page_tables import assert_shows, tables
 
 from diffbot_lab.filter_benchmark.real_command import run_and_report
-from diffbot_tools import cli
 from diffbot_tools.dataset.command import import_mrclam
 from diffbot_tools.refilter.command import run
 
@@ -81,10 +80,3 @@ def test_calibration_is_judged_on_what_it_did_not_use(tmp_path, monkeypatch):
     assert [row[0] for row in others[1:]] == [rows[1]["name"], "mean"]
     for row in others[1:]:
         assert_shows(row[1:], [whole["rmse"], whole["nees"], first["rmse"], first["nees"]])
-
-
-@pytest.mark.parametrize("arguments", [["real"], ["localization", "folder"]])
-def test_command_refuses_in_one_line(arguments, capsys, kept_signal_handlers):
-    assert cli.main(["benchmark", *arguments]) == 1
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "needs the folder of a data set" in line

@@ -42,10 +42,9 @@ def drive(controller, steps, feedback, sheet):
     return env, np.array([one["truth"] for one in told]), np.array([one["feedback"] for one in told]), answer
 
 
-@pytest.mark.parametrize("feedback", ["ekf", "raw", "truth"])
-def test_gymnasium_finds_no_fault(feedback):
+def test_gymnasium_finds_no_fault():
     """A warning of the checker is an error, too."""
-    check_env(gymnasium.make(NAME, feedback=feedback).unwrapped)
+    check_env(gymnasium.make(NAME).unwrapped)
 
 
 def test_an_import_of_the_room_registers_the_environment_and_loads_no_simulation():

@@ -114,7 +114,7 @@ def numbers_of(value):
 
 
 @pytest.mark.study
-@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("name", ["aicardi", "nav2_graceful"])
 def test_a_law_compiles_to_the_same_steps(name):
     law = resolve_law(name)
     step, version = law.step, make_law_callable(law)

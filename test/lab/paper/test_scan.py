@@ -6,10 +6,9 @@ import math
 import numpy as np
 import pytest
 
-from diffbot_core.errors import InvalidValueError
 from diffbot_lab.campaign.statistics import wilson
 from diffbot_lab.paper import scan
-from diffbot_lab.paper.scan import READINGS, is_in_box, is_near_goal, run_ends, run_scan, table
+from diffbot_lab.paper.scan import READINGS, is_in_box, is_near_goal, run_ends, table
 from diffbot_tools import cli
 
 RUNS = 2000
@@ -97,8 +96,3 @@ def test_the_command_writes_shares_with_their_intervals(tmp_path, capsys):
     assert cell["median_abs_y"] == np.median(np.abs(ends.poses[:, 1]))
     assert cell["median_sd_v"] == np.median(ends.deviations)
     assert capsys.readouterr().out.strip() == table(results)
-
-
-def test_a_scan_without_runs_is_refused():
-    with pytest.raises(InvalidValueError, match="runs = 0"):
-        run_scan(0, 1)

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numba
 import pytest
-from project_files import SITE, files_read_by
+from project_files import SITE
 
 from diffbot_control.law.controller import SwitchingLaw
 from diffbot_sim.compiled import batch
-from diffbot_sim.compiled.jit import MODULES, PACKAGES, code_version, one_compiler
+from diffbot_sim.compiled.jit import PACKAGES, code_version, one_compiler
 
 
 def test_one_process_compiles_at_a_time(tmp_path, monkeypatch):
@@ -66,11 +66,3 @@ def test_another_default_of_the_filter_is_compiled_into_another_folder(tmp_path)
     assert found[0] == code_version()
     assert found[1] != found[0]
     assert f"/{code_version()}/" in batch._kernels.newest(SwitchingLaw).stats.cache_path
-
-
-def test_all_files_that_a_batch_reads_name_the_version():
-    read = files_read_by("import diffbot_sim.compiled.batch")
-    names = {path.with_suffix("").as_posix().replace("/", ".") for path in read}
-    # The last ones are not compiled, but decide what a case holds.
-    assert {module.__name__ for module in MODULES} | {"diffbot_control.filter.options", "diffbot_core.schema"} < names
-    assert {path.parts[0] for path in read} == set(PACKAGES)

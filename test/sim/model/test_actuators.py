@@ -7,10 +7,8 @@ import pytest
 from scipy import stats
 from scipy.integrate import quad
 
-from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
-from diffbot_core.schema import build
 from diffbot_sim.model.actuators import ActuatorConfig, command_rows, delayed_command, lost_shares
 from diffbot_sim.model.philox import SLIP_BLOCK, Draw, NoiseKey, draw
 from diffbot_sim.model.plant import PlantConfig, new_plant, plant_step, plant_step_at
@@ -38,15 +36,6 @@ def in_force(delay, commands, t_s=T_S):
 
 def ramp(steps):
     return [Twist(1.0 + step, 0.5 - step) for step in range(steps)]
-
-
-@pytest.mark.parametrize(
-    ("delay", "t_s", "whole"),
-    [(0.0, 0.1, 0), (0.3, 0.1, 3), (5.0, 0.1, 50), (0.15, 0.05, 3)],
-)
-def test_a_dead_time_of_whole_steps_shifts_the_commands_unchanged(delay, t_s, whole):
-    commands = ramp(80)
-    assert in_force(delay, commands, t_s) == [Twist(0.0, 0.0)] * whole + commands[: 80 - whole]
 
 
 @pytest.mark.parametrize("delay", [0.02, 0.16, 0.999])
@@ -149,14 +138,3 @@ def test_slip_takes_the_motion_but_not_the_encoders_turns():
         lost = lost_shares(draw(3, 1, step, SLIP_BLOCK), 0.05)
         left, right = 1.0 - lost.left, 1.0 - lost.right
         assert state.twist == pytest.approx((0.5 * (left + right), (right - left) / L))
-
-
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("command_delay", 5.1), ("acceleration_max", 0.0), ("breakaway", math.inf), ("separation_error", math.nan),
-    ],
-)  # fmt: skip
-def test_the_plant_refuses_what_no_robot_has(name, value):
-    with pytest.raises(InvalidValueError, match=name):
-        build(PlantConfig, {name: value})

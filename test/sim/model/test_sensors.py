@@ -36,24 +36,6 @@ def steps_due(rate, sampling_time, count):
     return [step for step in range(count) if due(step, rate, sampling_time)]
 
 
-@pytest.mark.parametrize(
-    ("rate", "sampling_time", "expected"),
-    [
-        (10.0, 0.1, [0, 1, 2, 3, 4, 5, 6, 7, 8, 9]),
-        (5.0, 0.1, [0, 2, 4, 6, 8]),
-        (0.0, 0.1, []),
-        (-1.0, 0.1, []),
-        # 3 Hz at 10 Hz: 0.3 periods a step; the count moves on at 1.2, 2.1, 3.0 of them.
-        (3.0, 0.1, [0, 4, 7]),
-        (4.0, 0.1, [0, 3, 5, 8]),
-        # Faster than the steps: at most one a step.
-        (1000.0, 0.1, [0, 1, 2, 3, 4, 5, 6, 7, 8, 9]),
-    ],
-)
-def test_rates_by_hand(rate, sampling_time, expected):
-    assert steps_due(rate, sampling_time, 10) == expected
-
-
 def test_a_whole_ratio_is_exact_for_long():
     assert [step for step in range(10**6, 10**6 + 3000) if due(step, 1.0, 0.001)] == [1_000_000, 1_001_000, 1_002_000]
 
@@ -119,17 +101,6 @@ def test_errors_of_the_heading_fill_theirs_and_are_not_those_of_the_fix():
     assert all(-math.pi < heading <= math.pi for heading in headings)
     of_fix = [math.remainder(measured_pose(TRUTH, noise, DEFAULT).theta - 3.1, 2.0 * math.pi) for noise in noises()]
     assert abs(np.corrcoef(errors, of_fix)[0, 1]) < 0.07
-
-
-def test_a_landmark_by_hand():
-    # A triangle of 3, 4, 5 from (1, 1), looking along -x; the point is then 143 degrees to the right.
-    config = SensorConfig(landmark_range_error_max=0.2, landmark_bearing_error_max=0.1)
-    bearing = math.atan2(4.0, 3.0) - math.pi
-    for noise, expected in (
-        (Draw(0.0, 0.0, 1.0, 1.0), (5.0, bearing)),
-        (Draw(0.5, -1.0, 0.0, 0.0), (5.1, bearing - 0.1)),
-    ):
-        assert measured_landmark(Pose(1.0, 1.0, math.pi), 4.0, 5.0, noise, config) == pytest.approx(expected)
 
 
 def test_a_range_is_never_below_a_millimetre():

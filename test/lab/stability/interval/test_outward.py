@@ -142,18 +142,6 @@ def test_holds_the_exact_range_and_is_tight(name):
     assert (np.abs(found - exact) <= ulps * np.spacing(np.abs(exact)) + 1e-300).all()
 
 
-def test_values_inside_a_box_are_held():
-    """Independent of where the extremes are thought to be."""
-    rng = np.random.default_rng(99)
-    for name, (value, _, ranges, _) in CASES.items():
-        boxes = random_boxes(rng, name)[:200]
-        for box, (low, high) in zip(boxes.tolist(), bounds_of(name, boxes).tolist(), strict=True):
-            for share in rng.random((4, 2)).tolist():
-                sides = zip(box[::2], box[1::2], share, strict=True)
-                point = [min(max(a + (b - a) * part, a), b) for a, b, part in sides]
-                assert low <= value(*map(arb, point[: len(ranges)])) <= high, (name, box)
-
-
 def test_up_and_down_leave_every_float():
     rng = np.random.default_rng(5)
     numbers = rng.uniform(-2.0, 2.0, 10_000) * 10.0 ** rng.uniform(-320.0, 290.0, 10_000)
