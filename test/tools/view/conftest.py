@@ -8,12 +8,3 @@ import view_bags
 def circle(tmp_path_factory):
     """A bag of 10 s on a circle, 50 Hz: see view_bags.drive."""
     return view_bags.write(tmp_path_factory.mktemp("bags") / "circle", view_bags.drive())
-
-
-@pytest.fixture(scope="package")
-def new_page():
-    """Open tabs of one browser, see browser.chromium: two at once cannot be driven from one thread."""
-    import browser
-
-    with browser.chromium() as make:
-        yield make
