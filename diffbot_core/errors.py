@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import reprlib
+from collections.abc import Iterable
+from difflib import get_close_matches
 
 _MAX_BITS = 256
 """of a whole number that is shown: the digits of larger ones take Python quadratic time"""
+_MAX_NAMES = 30
+"""known names that are listed where none is like the unknown one"""
 
 
 class _ShortRepr(reprlib.Repr):
@@ -54,6 +58,15 @@ class ReplacedNameError(InvalidValueError):
     def __reduce__(self) -> tuple[type[ReplacedNameError], tuple[str, object, str, str]]:  # type: ignore[override]
         """Keep all four fields when pickled; see :class:`InvalidValueError`."""
         return type(self), (self.name, self.value, self.successor, self.bound)
+
+
+def known_name(name: str, known: Iterable[str]) -> str:
+    """Return the bound of a name that is not among the ``known`` ones: those like it, or else the list."""
+    names = sorted(known)
+    if similar := get_close_matches(str(name), names, 3):
+        return f"a known name: did you mean {' or '.join(similar)}?"
+    more = f" ... ({len(names)} in all)" if len(names) > _MAX_NAMES else ""
+    return f"one of {', '.join(names[:_MAX_NAMES])}{more}"
 
 
 def _short_name(name: str) -> str:

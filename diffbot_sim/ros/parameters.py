@@ -2,23 +2,58 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, NamedTuple
 
 from diffbot_control.ros.frames import PREFIX_TEXT
 from diffbot_core.errors import InvalidValueError
-from diffbot_core.ranges import TIMEOUT
+from diffbot_core.ranges import ACCELERATION, ANGULAR_ACCELERATION, TIMEOUT
 from diffbot_core.ros.command_parameters import CommandSourceConfig
 from diffbot_core.ros.fault_parameters import FaultConfig
 from diffbot_core.schema import Spec
+from diffbot_sim.model.actuators import MAX_COMMAND_DELAY
 from diffbot_sim.model.beams import BeamSimulation
 from diffbot_sim.model.simulator import WorldConfig
 from diffbot_sim.ros.pacing import CLOCKS, LOCKSTEP, SCALED, WALL
+
+
+class SharedSheet(NamedTuple):
+    """What the plant reads of the controller's data sheet, so that a file for both has it once, in its section ``/**``.
+
+    Radius, separation and time constant have one name in both.
+    """
+
+    a_max: Annotated[
+        float,
+        Spec(
+            "bound of |dv/dt| in the data sheet; the smaller of it and acceleration_max acts",
+            "m/s^2",
+            *ACCELERATION,
+            allow_inf=True,
+            parameter="linear.x.max_acceleration",
+        ),
+    ] = math.inf
+    omega_dot_max: Annotated[
+        float,
+        Spec(
+            "bound of |domega/dt| in the data sheet; the smaller of it and angular_acceleration_max acts",
+            "rad/s^2",
+            *ANGULAR_ACCELERATION,
+            allow_inf=True,
+            parameter="angular.z.max_acceleration",
+        ),
+    ] = math.inf
+    command_latency: Annotated[
+        float, Spec("dead time in the data sheet; the larger of it and command_delay acts", "s", 0.0, MAX_COMMAND_DELAY)
+    ] = 0.0
 
 
 class PlantNodeConfig(NamedTuple):
     """Parameters of the node ``plant``."""
 
     world: WorldConfig = WorldConfig()
+    """without the shared data sheet, see :meth:`simulated`"""
+    sheet: SharedSheet = SharedSheet()
     beams: BeamSimulation = BeamSimulation()
     clock: Annotated[
         str,
@@ -71,6 +106,16 @@ class PlantNodeConfig(NamedTuple):
     publish_tf: Annotated[bool, Spec("publish odom -> base_link", read_only=True)] = True
     commands: CommandSourceConfig = CommandSourceConfig()
     faults: FaultConfig = FaultConfig()
+
+    def simulated(self) -> WorldConfig:
+        """Return the world with the shared data sheet in it."""
+        plant, sheet = self.world.plant, self.sheet
+        actuators = plant.actuators._replace(
+            acceleration_max=min(plant.actuators.acceleration_max, sheet.a_max),
+            angular_acceleration_max=min(plant.actuators.angular_acceleration_max, sheet.omega_dot_max),
+            command_delay=max(plant.actuators.command_delay, sheet.command_latency),
+        )
+        return self.world._replace(plant=plant._replace(actuators=actuators))
 
     def owns_time(self) -> bool:
         """Return True if the plant publishes /clock."""

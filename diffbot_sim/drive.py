@@ -1,0 +1,128 @@
+"""Drives to goals, simulated as a whole without ROS: plant, filter, law, and the supervisor that answers each goal."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from diffbot_control.filter.localization import Localization
+from diffbot_control.filter.localization_config import LocalizationConfig
+from diffbot_control.goals import GoalRequest, Law, Supervisor, SupervisorConfig
+from diffbot_control.goals.goal_record import REACHED
+from diffbot_control.law.controller import SwitchingLaw
+from diffbot_control.law.regions import OMEGA_G
+from diffbot_core.geometry import Pose, into_frame
+from diffbot_core.kinematics import Twist
+from diffbot_core.uncertainty import CERTAIN, Uncertainty
+from diffbot_core.units import S_PER_NS
+from diffbot_sim.feedback import EKF
+from diffbot_sim.model.simulator import World, WorldConfig
+from diffbot_sim.reference_loop import PoseFeedback, Recording
+
+_STOP = Twist(0.0, 0.0)
+_LONGEST = 3600.0
+"""[s] after which a goal is given up, whatever its timeouts are"""
+
+
+class RobotConfig(NamedTuple):
+    """A robot and what drives it."""
+
+    world: WorldConfig = WorldConfig()
+    localization: LocalizationConfig = LocalizationConfig()
+    supervisor: SupervisorConfig = SupervisorConfig()
+
+
+class Drive(NamedTuple):
+    """One goal and how it ended; the recording reaches from the goal's acceptance to its answer."""
+
+    goal: Pose
+    end: str
+    """one of goal_record.ENDS"""
+    reason: str
+    """of the end, where there is more to say"""
+    recording: Recording
+
+    @property
+    def is_reached(self) -> bool:
+        """True if the answer is that the goal is reached."""
+        return self.end == REACHED
+
+    @property
+    def duration(self) -> float:
+        """Time [s] until the answer."""
+        return float(self.recording.time[-1] - self.recording.time[0])
+
+    @property
+    def error(self) -> Pose:
+        """The true pose at the answer [m, m, rad], in the goal's frame."""
+        return into_frame(Pose(*self.recording.truth[-1].tolist()), self.goal)
+
+    @property
+    def position_error(self) -> float:
+        """Distance [m] of the true pose from the goal at the answer."""
+        return math.hypot(self.error.x, self.error.y)
+
+
+class Simulation:
+    """A simulated robot; time goes on from drive to drive."""
+
+    def __init__(self, config: RobotConfig, law: Law = SwitchingLaw) -> None:
+        """Put the robot at its start, with a filter that waits for its first fix."""
+        self.config = config
+        self.world = World(config.world)
+        self.supervisor = Supervisor(config.supervisor, law)
+        separation, landmarks = config.world.plant.wheels.wheel_separation, config.world.landmarks.landmark_ids
+        self._source = PoseFeedback(EKF, Localization(config.localization, separation, landmarks=bool(landmarks)))
+        self.estimate: Pose | None = None
+        """None before the first fix"""
+
+    @property
+    def uncertainty(self) -> Uncertainty:
+        """Standard deviations of the estimate."""
+        return self._source.uncertainty() if self.estimate is not None else CERTAIN
+
+    @property
+    def time(self) -> float:
+        """Time [s] of the present state."""
+        return self.world.stamp * S_PER_NS
+
+    def sense(self) -> None:
+        """Sense and filter at the present step; once a step."""
+        self.estimate = self._source.pose(self.world) or self.estimate
+
+    def drive(self, goal: Pose, on_step: Callable[[Simulation], None] | None = None) -> Drive:
+        """Drive until the goal is answered: reached, or not and why.
+
+        Args:
+            goal: in map.
+            on_step: called after each step, for a display.
+        """
+        supervisor, began = self.supervisor, self.time
+        supervisor.on_goal(goal, GoalRequest(source="simulation", time=began))
+        rows, regions, reached = [], [], []
+        while supervisor.goals.present is not None:
+            self.sense()
+            command = self._command(began)
+            estimate, sigma = self.estimate or Pose(*[math.nan] * 3), self.uncertainty.xy
+            rows.append((self.time, *self.world.state.pose, *estimate, *command, sigma))
+            regions.append(OMEGA_G if supervisor.report is None else supervisor.report.region)
+            reached.append(supervisor.memory.reached)
+            self.world.advance(command)
+            if on_step is not None:
+                on_step(self)
+        end = supervisor.goals.ended[-1]
+        table = np.array(rows, dtype=np.float64)
+        pose, estimate_, command_ = table[:, 1:4], table[:, 4:7], table[:, 7:9]
+        recording = Recording(table[:, 0], pose, estimate_, command_, np.array(regions), np.array(reached), table[:, 9])
+        return Drive(goal, end.end, end.reason, recording)
+
+    def _command(self, began: float) -> Twist:
+        now, supervisor = self.time, self.supervisor
+        if now - began > _LONGEST:
+            supervisor.give_up(f"not reached within {_LONGEST:g} s")
+        if self.estimate is None:
+            return supervisor.on_tick(now, elapsed=now - began) or _STOP
+        return supervisor.on_pose(self.world.stamp, now, self.estimate, self.uncertainty) or _STOP

@@ -1,0 +1,94 @@
+"""A robot as its parameter file describes it: the configurations of the nodes, without ROS."""
+
+from __future__ import annotations
+
+from os import PathLike
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from diffbot_control.ros.parameters.controller import ControllerNodeConfig, law_of, parameter_set_of
+from diffbot_control.ros.parameters.ekf import EkfNodeConfig
+from diffbot_core.errors import DiffbotError, InvalidValueError, known_name
+from diffbot_core.parameter_files import values_for
+from diffbot_core.schema import build, parameters_of
+from diffbot_sim.drive import RobotConfig, Simulation
+from diffbot_sim.model.simulator import StartPose
+from diffbot_sim.ros.parameters import PlantNodeConfig
+from diffbot_tools.robot.description import PRESETS, RobotDescription, parameters_of_robot
+
+_OF_EVERY_NODE = ("use_sim_time",)
+Values = dict[str, dict[str, Any]]
+"""Parameters by node: controller, ekf, plant."""
+
+
+class Robot(NamedTuple):
+    """What the nodes of a robot are configured with."""
+
+    name: str
+    controller: Any
+    """of the node's Config under its law"""
+    ekf: EkfNodeConfig
+    plant: PlantNodeConfig
+    given: Values
+    """parameters that the description sets"""
+
+    def config(self, seed: int = 1, start: StartPose | None = None) -> RobotConfig:
+        """Return what a simulation of it needs; without ``start`` it starts as its plant says."""
+        world = self.plant.simulated()._replace(seed=seed)
+        world = world if start is None else world._replace(start=start)
+        return RobotConfig(world, self.ekf.localization, self.controller.supervisor)
+
+    def simulation(self, seed: int = 1, start: StartPose | None = None) -> Simulation:
+        """Return the robot at rest at its start; ``seed`` names the noise."""
+        return Simulation(self.config(seed, start), law_of(self.controller.law))
+
+
+def read_robot(source: str | PathLike[str] | RobotDescription) -> Robot:
+    """Return the robot of a parameter file, of a preset's name, or of a description.
+
+    Raises:
+        DiffbotError: in one line, if there is no such file or preset, a section is missing, or a value not allowed.
+    """
+    if isinstance(source, RobotDescription):
+        return _of_description(source, "robot")
+    if str(source) in PRESETS:
+        return _of_description(PRESETS[str(source)], str(source))
+    path = Path(source).expanduser()
+    if not path.suffix and not path.exists():
+        raise InvalidValueError("robot", str(source), f"a parameter file or {known_name(str(source), PRESETS)}")
+    values = {node: values_for(path, node) for node in ("controller", "ekf", "plant")}
+    try:
+        return make_robot(path.stem, values)
+    except DiffbotError as error:
+        raise DiffbotError(f"{path}: {error}") from error
+
+
+def _of_description(description: RobotDescription, name: str) -> Robot:
+    sections = parameters_of_robot(build(RobotDescription, description._asdict()))
+    plain = {section: {key: value for key, (value, _) in values.items()} for section, values in sections.items()}
+    return make_robot(name, {node: {**plain["/**"], **plain[f"/**/{node}"]} for node in ("controller", "ekf", "plant")})
+
+
+def make_robot(name: str, values: Values) -> Robot:
+    """Return the robot with these parameters; as in the nodes, a parameter of another node is passed over.
+
+    Raises:
+        DiffbotError: for a value that is not allowed, or a name that no node knows.
+    """
+    controller_type, presets = parameter_set_of(values["controller"])
+    types = {"controller": controller_type, "ekf": EkfNodeConfig, "plant": PlantNodeConfig}
+    names = {node: {parameter.name for parameter in parameters_of(one)} for node, one in types.items()}
+    known = set().union(*names.values(), _OF_EVERY_NODE)
+    for given in values.values():
+        for key, value in given.items():
+            if key not in known:
+                raise InvalidValueError(key, value, known_name(key, known))
+    base = None if presets is None else presets[values["controller"].get("preset", ControllerNodeConfig().preset)]
+    own = {node: {key: value for key, value in values[node].items() if key in names[node]} for node in types}
+    return Robot(
+        name,
+        build(controller_type, own["controller"], base),
+        build(EkfNodeConfig, own["ekf"]),
+        build(PlantNodeConfig, own["plant"]),
+        own,
+    )
