@@ -18,13 +18,13 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from diffbot.controller import Controller
     from diffbot.filter import Filter
+    from diffbot.given import robot
     from diffbot.simulation import Recording, Simulation, drive
     from diffbot_bag.bag.reader import BagReader as Bag
     from diffbot_control.ros.navigator import Navigator
     from diffbot_core.errors import DiffbotError
     from diffbot_core.geometry import Pose
     from diffbot_core.kinematics import Twist
-    from diffbot.given import robot
     from diffbot_tools.robot.description import PRESETS as ROBOTS
 
     __version__: str

@@ -8,8 +8,8 @@ from difflib import get_close_matches
 
 _MAX_BITS = 256
 """of a whole number that is shown: the digits of larger ones take Python quadratic time"""
-_MAX_NAMES = 30
-"""known names that are listed where none is like the unknown one"""
+_MAX_NAMES = 20
+"""known names that are listed"""
 
 
 class _ShortRepr(reprlib.Repr):
@@ -61,12 +61,14 @@ class ReplacedNameError(InvalidValueError):
 
 
 def known_name(name: str, known: Iterable[str]) -> str:
-    """Return the bound of a name that is not among the ``known`` ones: those like it, or else the list."""
+    """Return the bound of a name that is not among the ``known`` ones: those like it, and the list if it is short."""
     names = sorted(known)
-    if similar := get_close_matches(str(name), names, 3):
-        return f"a known name: did you mean {' or '.join(similar)}?"
-    more = f" ... ({len(names)} in all)" if len(names) > _MAX_NAMES else ""
-    return f"one of {', '.join(names[:_MAX_NAMES])}{more}"
+    similar = get_close_matches(str(name), names, 3)
+    meant = f": did you mean {' or '.join(similar)}?" if similar else ""
+    if similar and len(names) > _MAX_NAMES:
+        return f"a known name{meant}"
+    more = f" ... {len(names)} in all" if len(names) > _MAX_NAMES else ""
+    return f"a known name ({', '.join(names[:_MAX_NAMES])}{more}){meant}"
 
 
 def _short_name(name: str) -> str:
