@@ -36,6 +36,7 @@ help:
 	@echo "ARGS='...' passes arguments on, PYTHON=... chooses the interpreter (3.10 to 3.13)."
 
 setup: $(VENV)/package.stamp
+	@[ "$(MAKECMDGOALS)" != setup ] || echo "Next: source $(BIN)/activate; then diffbot demo, diffbot robot new my_robot.yaml, or diffbot for all commands"
 
 demo: setup
 	@$(BIN)/diffbot demo --overwrite $(ARGS)

@@ -131,6 +131,7 @@ setup(
         "bound": ["casadi>=3.6"],
         "cluster": ["distributed>=2024.12"],
         "gym": ["gymnasium>=1.0"],
+        "pandas": ["pandas>=2.0"],
         "test": [
             "evo>=1.31",
             "hypothesis>=6.100",

@@ -87,7 +87,7 @@ class Recording(simulated.Drive):
         try:
             import pandas  # noqa: PLC0415 - no need of anything else here
         except ImportError:
-            raise DiffbotError("to_pandas needs pandas: pip install pandas") from None
+            raise DiffbotError("to_pandas needs pandas: pip install 'diffbot[pandas]'") from None
         return pandas.DataFrame(self.to_numpy(), columns=list(self.COLUMNS)).set_index("time")
 
     def plot(self, path: str | PathLike[str] | None = None) -> Any:

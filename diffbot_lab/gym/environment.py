@@ -61,7 +61,7 @@ HEADING_WEIGHT = 0.2
 """[m/rad] of the heading error in the distance that the reward counts"""
 TIME_COST, END_REWARD = 0.1, 10.0
 """[1/s] for each second; at the goal, and less for leaving the arena"""
-_ARENA = 3.0
+ARENA = 3.0
 """times ``start_range``: a distance beyond it ends an episode"""
 _RANGES = {"start_range": (0.1, 1e3), "v_max": (1e-3, 1e3), "omega_max": (1e-3, 1e3)}
 _MAX_WAIT = 1000
@@ -100,7 +100,7 @@ class DiffbotGoalEnv(gymnasium.Env[Floats, Floats]):
                 raise InvalidValueError(name, value, f">= {least:g} and <= {most:g}")
         self._feedback, self._start_range, self._tolerance = feedback, start_range, GoalTolerance()
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (2,), np.float32)
-        high = np.array([2.0 * _ARENA * start_range, 1.0, 1.0, 1.0, 1.0, 2.0 * v_max, 2.0 * omega_max], np.float32)
+        high = np.array([2.0 * ARENA * start_range, 1.0, 1.0, 1.0, 1.0, 2.0 * v_max, 2.0 * omega_max], np.float32)
         low = np.array([0.0, *(-high[1:])], np.float32)
         self.observation_space = gymnasium.spaces.Box(low, high, (7,), np.float32)
 
@@ -150,7 +150,7 @@ class DiffbotGoalEnv(gymnasium.Env[Floats, Floats]):
         truth = self.world.state.pose
         rho = math.hypot(truth.x, truth.y)
         reached = within(truth, rho, command, self._tolerance, self._sheet)
-        left = rho > _ARENA * self._start_range
+        left = rho > ARENA * self._start_range
         reward = _distance(before) - _distance(truth) - TIME_COST * self._config.plant.sampling_time
         reward += END_REWARD * (reached - left)
         return self._observation(), reward, reached or left, False, self._info(reached)
