@@ -149,7 +149,7 @@ def parameters_of_robot(robot: RobotDescription) -> dict[str, dict[str, tuple[An
     if robot.gyro:
         ekf["use_gyro"] = (True, "imu")
         plant["gyro_rate"] = (robot.odometry_rate, "[Hz] of imu")
-    return {
+    sections: dict[str, dict[str, tuple[Any, str]]] = {
         "/**": {
             "wheel_radius": (robot.wheel_radius, "[m]"),
             "wheel_separation": (robot.wheel_separation, "[m], between the middles of the tyres"),
@@ -167,6 +167,12 @@ def parameters_of_robot(robot: RobotDescription) -> dict[str, dict[str, tuple[An
         },
         "/**/ekf": ekf,
         "/**/plant": plant,
+    }
+    return {
+        section: {
+            name: (round(value, 6) if isinstance(value, float) else value, text) for name, (value, text) in one.items()
+        }
+        for section, one in sections.items()
     }
 
 
@@ -196,5 +202,4 @@ def file_of_robot(robot: RobotDescription, name: str) -> str:
 def _yaml(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
-    # rcl takes a number without a point for a whole one, which no parameter for a float accepts.
-    return repr(round(value, 6)) if isinstance(value, float) else str(value)
+    return str(value)
