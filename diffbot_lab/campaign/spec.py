@@ -134,7 +134,8 @@ def _cells(options: CampaignOptions, fixed: Mapping[str, Any], grid: Mapping[str
         raise InvalidValueError("grid", f"{number} cells", f"<= {_MAX_CELLS} cells")
     law = resolve_law(options.law)
     law_name = f"{options.law} {law_version(law)}"
-    cells, inert = [], dict[str, str]()
+    cells: list[Cell] = []
+    inert: dict[str, str] = {}
     for values in itertools.product(*grid.values()):
         point = dict(zip(grid, values, strict=True))
         config = configure({**fixed, **point}, law)
