@@ -44,20 +44,9 @@ _PLACES = {
     "robot": "diffbot.given:robot",
 }
 __all__ = [
-    "ROBOTS",
-    "Bag",
-    "Controller",
-    "DiffbotError",
-    "Filter",
-    "Navigator",
-    "Pose",
-    "Recording",
-    "Simulation",
-    "Twist",
-    "__version__",
-    "drive",
-    "robot",
-]
+    "ROBOTS", "Bag", "Controller", "DiffbotError", "Filter", "Navigator", "Pose", "Recording", "Simulation", "Twist",
+    "__version__", "drive", "robot",
+]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:

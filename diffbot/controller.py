@@ -6,16 +6,14 @@ from collections.abc import Sequence
 from typing import Any
 
 from diffbot.given import AnyPose, AnyRobot, pose_of, robot_of, with_parameters
-from diffbot_control.goals import GoalRequest, Supervisor, SupervisorConfig
-from diffbot_control.law.controller import SwitchingLaw
-from diffbot_control.ros.parameters.controller import law_of
-from diffbot_core.geometry import Pose
+from diffbot_control.goals import GoalRequest, Supervisor
+from diffbot_control.ros.parameters.controller import ControllerNodeConfig, law_of
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import Uncertainty
 from diffbot_core.units import NS_PER_S
 
 
-class Controller:
+class Controller(Supervisor):
     """Answers each pose with a command, and each goal with how it ended.
 
     >>> import diffbot
@@ -28,32 +26,25 @@ class Controller:
     """
 
     def __init__(self, robot: AnyRobot | None = None, **parameters: Any) -> None:
-        """Take a robot's controller, or the default one.
+        """Take a robot's controller, or the default one, with some parameters changed.
 
         Args:
-            robot: parameter file, name of one of ROBOTS, or description; None: the defaults of the node.
+            robot: parameter file, name of one of ROBOTS, or :func:`robot`; None: the defaults of the node.
             parameters: by their names in docs/reference/parameters, with ``_`` for the dots.
 
         Raises:
             DiffbotError: in one line, for a robot or a value that cannot be used.
         """
-        node = None if robot is None else robot_of(robot).controller
-        config = SupervisorConfig() if node is None else node.supervisor
-        law = SwitchingLaw if node is None else law_of(node.law)
-        self.config = with_parameters(config, parameters)
-        self._supervisor = Supervisor(self.config, law)
+        node = ControllerNodeConfig() if robot is None else robot_of(robot).controller
+        super().__init__(with_parameters(node.supervisor, parameters), law_of(node.law))
 
     def go_to(self, goal: AnyPose) -> None:
-        """Drive to ``goal`` from the next pose on; it replaces the present one.
+        """Drive to ``goal`` from the next pose on; it replaces the present one. ``on_cancel()`` drops it.
 
         Raises:
             InvalidValueError: for a goal that is not three numbers.
         """
-        self._supervisor.on_goal(pose_of("goal", goal), GoalRequest(source="go_to"))
-
-    def cancel(self) -> None:
-        """Drop the goal; the robot comes to rest with the next steps."""
-        self._supervisor.on_cancel()
+        self.on_goal(pose_of("goal", goal), GoalRequest(source="go_to"))
 
     def step(self, time: float, pose: AnyPose, sigma: Sequence[float] = (0.0, 0.0)) -> Twist:
         """Answer a pose with the command until the next one; zero without a goal.
@@ -63,26 +54,10 @@ class Controller:
             pose: estimate in the frame of the goal.
             sigma: its standard deviations [m], [rad]; zero: exact.
         """
-        at, uncertainty = pose_of("pose", pose), Uncertainty(*sigma)
-        return self._supervisor.on_pose(round(time * NS_PER_S), time, at, uncertainty) or Twist(0.0, 0.0)
-
-    @property
-    def goal(self) -> Pose | None:
-        """The goal that is driven to, or held."""
-        return self._supervisor.goal
-
-    @property
-    def status(self) -> str:
-        """One of the texts of docs/reference/nodes/status.md."""
-        return self._supervisor.status
+        at = pose_of("pose", pose)
+        return self.on_pose(round(time * NS_PER_S), time, at, Uncertainty(*sigma)) or Twist(0.0, 0.0)
 
     @property
     def end(self) -> str:
         """How the newest goal ended: reached, not reached, cancelled ...; empty while it is driven to."""
-        goals = self._supervisor.goals
-        return goals.ended[-1].end if goals.present is None and goals.ended else ""
-
-    @property
-    def reason(self) -> str:
-        """Why the last goal was not reached; empty if it was."""
-        return self._supervisor.reason
+        return self.goals.ended[-1].end if self.goals.present is None and self.goals.ended else ""

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.localization_config import LocalizationConfig
@@ -20,7 +21,7 @@ from diffbot_core.uncertainty import CERTAIN, Uncertainty
 from diffbot_core.units import S_PER_NS
 from diffbot_sim.feedback import EKF
 from diffbot_sim.model.simulator import World, WorldConfig
-from diffbot_sim.reference_loop import PoseFeedback, Recording
+from diffbot_sim.reference_loop import Array, PoseFeedback
 
 _STOP = Twist(0.0, 0.0)
 _LONGEST = 3600.0
@@ -36,14 +37,27 @@ class RobotConfig(NamedTuple):
 
 
 class Drive(NamedTuple):
-    """One goal and how it ended; the recording reaches from the goal's acceptance to its answer."""
+    """One goal, how it ended, and a row for each step from its acceptance to its answer."""
 
     goal: Pose
     end: str
     """one of goal_record.ENDS"""
     reason: str
     """of the end, where there is more to say"""
-    recording: Recording
+    time: Array
+    """(n,) [s]"""
+    truth: Array
+    """(n, 3) true pose [m, m, rad]"""
+    estimate: Array
+    """(n, 3) estimated pose; nan before the first fix"""
+    command: Array
+    """(n, 2) v, omega [m/s, rad/s]"""
+    sigma: Array
+    """(n,) [m] standard deviation of the estimated position"""
+    region: NDArray[np.int64]
+    """(n,) 0: Omega_G, 1: Omega_L"""
+    reached: NDArray[np.bool_]
+    """(n,) True once the goal counts as reached"""
 
     @property
     def is_reached(self) -> bool:
@@ -53,12 +67,12 @@ class Drive(NamedTuple):
     @property
     def duration(self) -> float:
         """Time [s] until the answer."""
-        return float(self.recording.time[-1] - self.recording.time[0])
+        return float(self.time[-1] - self.time[0])
 
     @property
     def error(self) -> Pose:
         """The true pose at the answer [m, m, rad], in the goal's frame."""
-        return into_frame(Pose(*self.recording.truth[-1].tolist()), self.goal)
+        return into_frame(Pose(*self.truth[-1].tolist()), self.goal)
 
     @property
     def position_error(self) -> float:
@@ -83,6 +97,11 @@ class Simulation:
     def uncertainty(self) -> Uncertainty:
         """Standard deviations of the estimate."""
         return self._source.uncertainty() if self.estimate is not None else CERTAIN
+
+    @property
+    def truth(self) -> Pose:
+        """The true pose [m, m, rad] in map."""
+        return self.world.state.pose
 
     @property
     def time(self) -> float:
@@ -113,11 +132,10 @@ class Simulation:
             self.world.advance(command)
             if on_step is not None:
                 on_step(self)
-        end = supervisor.goals.ended[-1]
-        table = np.array(rows, dtype=np.float64)
-        pose, estimate_, command_ = table[:, 1:4], table[:, 4:7], table[:, 7:9]
-        recording = Recording(table[:, 0], pose, estimate_, command_, np.array(regions), np.array(reached), table[:, 9])
-        return Drive(goal, end.end, end.reason, recording)
+        end, table = supervisor.goals.ended[-1], np.array(rows, dtype=np.float64)
+        time, truth, estimated, commands, sigmas = np.split(table, (1, 4, 7, 9), axis=1)
+        flags = np.array(regions), np.array(reached)
+        return Drive(goal, end.end, end.reason, time[:, 0], truth, estimated, commands, sigmas[:, 0], *flags)
 
     def _command(self, began: float) -> Twist:
         now, supervisor = self.time, self.supervisor

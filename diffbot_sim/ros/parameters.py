@@ -6,46 +6,26 @@ import math
 from typing import Annotated, NamedTuple
 
 from diffbot_control.ros.frames import PREFIX_TEXT
+from diffbot_core.data_sheet import CommandLatency, MaxAcceleration, MaxAngularAcceleration
 from diffbot_core.errors import InvalidValueError
-from diffbot_core.ranges import ACCELERATION, ANGULAR_ACCELERATION, TIMEOUT
+from diffbot_core.ranges import TIMEOUT
 from diffbot_core.ros.command_parameters import CommandSourceConfig
 from diffbot_core.ros.fault_parameters import FaultConfig
 from diffbot_core.schema import Spec
-from diffbot_sim.model.actuators import MAX_COMMAND_DELAY
 from diffbot_sim.model.beams import BeamSimulation
 from diffbot_sim.model.simulator import WorldConfig
 from diffbot_sim.ros.pacing import CLOCKS, LOCKSTEP, SCALED, WALL
 
 
 class SharedSheet(NamedTuple):
-    """What the plant reads of the controller's data sheet, so that a file for both has it once, in its section ``/**``.
+    """What the plant reads of the controller's data sheet: a file for both then has it once, in its section ``/**``.
 
-    Radius, separation and time constant have one name in both.
+    The smaller bound acts, of it and of the actuators, and the larger dead time.
     """
 
-    a_max: Annotated[
-        float,
-        Spec(
-            "bound of |dv/dt| in the data sheet; the smaller of it and acceleration_max acts",
-            "m/s^2",
-            *ACCELERATION,
-            allow_inf=True,
-            parameter="linear.x.max_acceleration",
-        ),
-    ] = math.inf
-    omega_dot_max: Annotated[
-        float,
-        Spec(
-            "bound of |domega/dt| in the data sheet; the smaller of it and angular_acceleration_max acts",
-            "rad/s^2",
-            *ANGULAR_ACCELERATION,
-            allow_inf=True,
-            parameter="angular.z.max_acceleration",
-        ),
-    ] = math.inf
-    command_latency: Annotated[
-        float, Spec("dead time in the data sheet; the larger of it and command_delay acts", "s", 0.0, MAX_COMMAND_DELAY)
-    ] = 0.0
+    a_max: MaxAcceleration = math.inf
+    omega_dot_max: MaxAngularAcceleration = math.inf
+    command_latency: CommandLatency = 0.0
 
 
 class PlantNodeConfig(NamedTuple):

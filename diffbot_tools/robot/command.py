@@ -10,10 +10,9 @@ from typing import Any
 from diffbot_core.errors import DiffbotError
 from diffbot_core.files import write_text
 from diffbot_core.schema import Parameter, build, checked, parameters_of
+from diffbot_core.uncertainty import Uncertainty
 from diffbot_tools.arguments import MAX_SEED, add_flags, whole, yaml_value
 from diffbot_tools.robot.description import PRESETS, RobotDescription, file_of_robot
-
-ALL_REACHED, NOT_ALL = 0, 3
 
 
 def add_robot(commands: Any) -> None:
@@ -41,7 +40,7 @@ def _new(options: argparse.Namespace) -> int:
     if path.exists():
         raise DiffbotError(f"cannot write to {path}: it exists already: choose another name")
     given = {name: value for name, value in vars(options).items() if name in RobotDescription._fields}
-    base = PRESETS[options.like] if options.like else RobotDescription()
+    base = PRESETS.get(options.like, RobotDescription())
     build(RobotDescription, given, base)  # refuses a bad value before anything is asked
     if options.like is None:
         left = [one for one in parameters_of(RobotDescription) if one.name not in given]
@@ -81,20 +80,18 @@ def _check(options: argparse.Namespace) -> int:
     from diffbot_tools.robot.robot import read_robot  # noqa: PLC0415
 
     robot = read_robot(options.robot)
-    controller, rest = robot.controller.supervisor.controller, None
+    controller, late = robot.controller.supervisor.controller, []
     if isinstance(controller, ControllerConfig):
-        rest, tolerance = check.at_rest(robot), controller.tolerance
-        xy, theta = rest.uncertainty
-        print(f"pose at rest: within {xy:.3f} m and {theta:.3f} rad (one deviation), certain enough for the tolerances")
-        print(
-            f"  of {tolerance.xy_goal_tolerance:g} m and {tolerance.yaw_goal_tolerance:g} rad after {rest.known:.1f} s"
-        )
+        (xy, theta), known = check.at_rest(robot)
+        wanted = f"{controller.tolerance.xy_goal_tolerance:g} m and {controller.tolerance.yaw_goal_tolerance:g} rad"
+        print(f"pose at rest: {xy:.3f} m and {theta:.3f} rad (one deviation); enough for {wanted} after {known:.1f} s")
+        late = [*check.slow(robot, Uncertainty(xy, theta), known)]
     for name, drive in check.trial_drives(robot).items():
         print(f"{name}: {drive.end} after {drive.duration:.1f} s" + (f": {drive.reason}" if drive.reason else ""))
-    found = check.findings(robot, rest)
-    for one in found:
-        print(f"{one.kind}: {one.text}")
-    return int(any(one.kind != check.SLOW for one in found))
+    wrong = {"missing": [*check.missing(robot)], "contradiction": [*check.contradictions(robot)]}
+    for kind, texts in (*wrong.items(), ("slow", late)):
+        print(*(f"{kind}: {text}" for text in texts), sep="\n", end="\n" * bool(texts))
+    return int(any(wrong.values()))
 
 
 def _drive(options: argparse.Namespace) -> int:
@@ -113,4 +110,4 @@ def _drive(options: argparse.Namespace) -> int:
     except OSError as error:
         raise DiffbotError(f"cannot write to {options.out}: {error.strerror}") from None
     print(f"picture {options.out}")
-    return ALL_REACHED if all(one.drive.is_reached for one in found) else NOT_ALL
+    return 0 if all(drive.is_reached for _, drive in found) else 3

@@ -3,15 +3,54 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.ranges import ACCELERATION, ANGLE, ANGULAR_ACCELERATION, LENGTH, SPEED, TURN_RATE, WHEEL_SIZE
 from diffbot_core.schema import Spec
 
 _RATE, _SHARE = (0.1, 1000.0), (0.0, 0.5)
-_UNIFORM = math.sqrt(3.0)
-"""bound of a uniform error over its standard deviation"""
+_TEMPLATE = """\
+# Drive it in the simulation: diffbot robot drive {name}
+# On the robot: ros2 launch diffbot robot.launch.py parameters:={name}
+/**: # the data sheet, read by controller, ekf and plant
+  ros__parameters:
+    wheel_radius: {wheel_radius} # [m]
+    wheel_separation: {wheel_separation} # [m], between the middles of the tyres
+    linear.x.max_velocity: {max_velocity} # [m/s]; for the first drives, half of what it can do
+    angular.z.max_velocity: {max_rotation} # [rad/s]
+    wheel.max_velocity: {max_wheel} # [rad/s] of each wheel
+    linear.x.max_acceleration: {max_acceleration} # [m/s^2]
+    angular.z.max_acceleration: {max_angular_acceleration} # [rad/s^2]
+    command_latency: {command_latency} # [s], from a pose's stamp to the motion that it causes
+    drive_time_constant: {drive_time_constant} # [s]
+/**/controller:
+  ros__parameters:
+    xy_goal_tolerance: {xy_goal_tolerance} # [m]
+    yaw_goal_tolerance: {yaw_goal_tolerance} # [rad]
+/**/ekf:
+  ros__parameters:
+    odometry_noise: motion # odom has no covariance, or a made-up one
+    global_pose_sigma_xy: {pose_sigma_xy} # [m], for a global_pose without covariance
+    global_pose_sigma_yaw: {pose_sigma_yaw} # [rad]
+    use_gyro: {gyro} # imu
+/**/plant: # the simulated robot; a real one does not read this section
+  ros__parameters:
+    initial_pose.x: 0.0 # [m]
+    initial_pose.y: 0.0 # [m]
+    initial_pose.yaw: 0.0 # [rad]
+    sampling_time: {period} # [s], the period of odom
+    fix_rate: {pose_rate} # [Hz] of global_pose
+    fix_delay: {pose_delay} # [s], its age
+    eps_x_max: {eps_xy} # [m], 1.73 times the standard deviation
+    eps_y_max: {eps_xy} # [m]
+    eps_theta_max: {eps_yaw} # [rad]
+    fix_noise_correlation: {correlation} # from pose to pose
+    gyro_rate: {gyro_rate} # [Hz] of imu
+    slip_noise: {slip_noise} # share of the wheels' motion lost on the ground, 1.25 times its mean
+    left_radius_error: 0.01 # the wheels are not exactly as the data sheet says
+    separation_error: -0.01
+"""
 
 
 class RobotDescription(NamedTuple):
@@ -58,148 +97,45 @@ class RobotDescription(NamedTuple):
 
 PRESETS = {
     "turtlebot3_burger": RobotDescription(
-        max_velocity=0.22,
-        max_rotation=2.84,
-        max_acceleration=2.5,
-        max_angular_acceleration=3.2,
-        pose_correlation=2.0,
-        xy_goal_tolerance=0.25,
-        yaw_goal_tolerance=0.25,
+        max_velocity=0.22, max_rotation=2.84, max_acceleration=2.5, max_angular_acceleration=3.2,
+        pose_correlation=2.0, xy_goal_tolerance=0.25, yaw_goal_tolerance=0.25,
     ),
     "turtlebot4": RobotDescription(
-        wheel_radius=0.03575,
-        wheel_separation=0.233,
-        max_velocity=0.31,
-        max_rotation=1.9,
-        max_acceleration=0.9,
-        max_angular_acceleration=7.7,
-        command_latency=0.12,
-        gyro=True,
-        pose_correlation=2.0,
-        xy_goal_tolerance=0.15,
-        yaw_goal_tolerance=0.15,
+        wheel_radius=0.03575, wheel_separation=0.233, max_velocity=0.31, max_rotation=1.9, max_acceleration=0.9,
+        max_angular_acceleration=7.7, command_latency=0.12, gyro=True,
+        pose_correlation=2.0, xy_goal_tolerance=0.15, yaw_goal_tolerance=0.15,
     ),
     "warehouse_agv": RobotDescription(
-        wheel_radius=0.1,
-        wheel_separation=0.55,
-        max_velocity=1.5,
-        max_rotation=1.2,
-        max_acceleration=0.7,
-        max_angular_acceleration=1.5,
-        command_latency=0.15,
-        drive_time_constant=0.15,
-        pose_rate=10.0,
-        pose_delay=0.1,
-        pose_sigma_xy=0.01,
-        pose_sigma_yaw=0.006,
-        xy_goal_tolerance=0.05,
-        yaw_goal_tolerance=0.05,
+        wheel_radius=0.1, wheel_separation=0.55, max_velocity=1.5, max_rotation=1.2, max_acceleration=0.7,
+        max_angular_acceleration=1.5, command_latency=0.15, drive_time_constant=0.15,
+        pose_rate=10.0, pose_sigma_xy=0.01, pose_sigma_yaw=0.006, xy_goal_tolerance=0.05, yaw_goal_tolerance=0.05,
     ),
     "gnss_mower": RobotDescription(
-        wheel_radius=0.125,
-        wheel_separation=0.42,
-        max_velocity=0.5,
-        max_rotation=1.0,
-        max_acceleration=0.6,
-        max_angular_acceleration=1.5,
-        command_latency=0.15,
-        drive_time_constant=0.2,
-        gyro=True,
-        slip=0.03,
-        pose_rate=5.0,
-        pose_delay=0.2,
-        pose_sigma_xy=0.02,
-        pose_sigma_yaw=0.04,
-        pose_correlation=10.0,
-        xy_goal_tolerance=0.15,
-        yaw_goal_tolerance=0.2,
+        wheel_radius=0.125, wheel_separation=0.42, max_velocity=0.5, max_rotation=1.0, max_acceleration=0.6,
+        max_angular_acceleration=1.5, command_latency=0.15, drive_time_constant=0.2, gyro=True, slip=0.03,
+        pose_delay=0.2, pose_sigma_xy=0.02, pose_sigma_yaw=0.04, pose_correlation=10.0,
+        xy_goal_tolerance=0.15, yaw_goal_tolerance=0.2,
     ),
-}
+}  # fmt: skip
 """Robots to start from: those of TurtleBot's data sheets, and two typical ones."""
 
 
-def parameters_of_robot(robot: RobotDescription) -> dict[str, dict[str, tuple[Any, str]]]:
-    """Return the values of a robot's parameter file with their comments, by section and name.
-
-    The data sheet stands once, in the section of all nodes.
-    """
+def file_of_robot(robot: RobotDescription, name: str = "my_robot.yaml") -> str:
+    """Return the text of a robot's parameter file, with the data sheet once; ``name`` is that of the file."""
     wheel = max(robot.max_velocity, 0.5 * robot.max_rotation * robot.wheel_separation) / robot.wheel_radius
-    correlation = math.exp(-1.0 / (robot.pose_rate * robot.pose_correlation)) if robot.pose_correlation else 0.0
-    xy, yaw = _UNIFORM * robot.pose_sigma_xy, min(_UNIFORM * robot.pose_sigma_yaw, math.pi)
-    ekf: dict[str, tuple[Any, str]] = {
-        "odometry_noise": ("motion", "odom without a covariance, or with a made-up one"),
-        "global_pose_sigma_xy": (robot.pose_sigma_xy, "[m], for a global_pose without covariance"),
-        "global_pose_sigma_yaw": (robot.pose_sigma_yaw, "[rad]"),
+    root = math.sqrt(3.0)
+    values = {
+        **robot._asdict(),
+        "max_wheel": wheel,
+        "period": 1.0 / robot.odometry_rate,
+        "eps_xy": root * robot.pose_sigma_xy,
+        "eps_yaw": min(root * robot.pose_sigma_yaw, math.pi),
+        "correlation": math.exp(-1.0 / (robot.pose_rate * robot.pose_correlation)) if robot.pose_correlation else 0.0,
+        "gyro_rate": robot.odometry_rate if robot.gyro else 0.0,
+        "slip_noise": robot.slip / 0.8,
+        "gyro": str(robot.gyro).lower(),
     }
-    plant: dict[str, tuple[Any, str]] = {
-        "initial_pose.x": (0.0, "[m]"),
-        "initial_pose.y": (0.0, "[m]"),
-        "initial_pose.yaw": (0.0, "[rad]"),
-        "sampling_time": (1.0 / robot.odometry_rate, "[s], the period of odom"),
-        "fix_rate": (robot.pose_rate, "[Hz] of global_pose"),
-        "fix_delay": (robot.pose_delay, "[s] its age"),
-        "eps_x_max": (xy, "[m], 1.73 times the standard deviation"),
-        "eps_y_max": (xy, "[m]"),
-        "eps_theta_max": (yaw, "[rad]"),
-        "fix_noise_correlation": (correlation, "from pose to pose"),
-        "slip_noise": (robot.slip / 0.8, "share lost on the ground, 1.25 times its mean"),
-        "left_radius_error": (0.01, "the wheels are not exactly as the data sheet says"),
-        "separation_error": (-0.01, ""),
-    }
-    if robot.gyro:
-        ekf["use_gyro"] = (True, "imu")
-        plant["gyro_rate"] = (robot.odometry_rate, "[Hz] of imu")
-    sections: dict[str, dict[str, tuple[Any, str]]] = {
-        "/**": {
-            "wheel_radius": (robot.wheel_radius, "[m]"),
-            "wheel_separation": (robot.wheel_separation, "[m], between the middles of the tyres"),
-            "linear.x.max_velocity": (robot.max_velocity, "[m/s]; for the first drives, half of what it can do"),
-            "angular.z.max_velocity": (robot.max_rotation, "[rad/s]"),
-            "wheel.max_velocity": (wheel, "[rad/s] of each wheel"),
-            "linear.x.max_acceleration": (robot.max_acceleration, "[m/s^2]"),
-            "angular.z.max_acceleration": (robot.max_angular_acceleration, "[rad/s^2]"),
-            "command_latency": (robot.command_latency, "[s], from a pose's stamp to the motion that it causes"),
-            "drive_time_constant": (robot.drive_time_constant, "[s]"),
-        },
-        "/**/controller": {
-            "xy_goal_tolerance": (robot.xy_goal_tolerance, "[m]"),
-            "yaw_goal_tolerance": (robot.yaw_goal_tolerance, "[rad]"),
-        },
-        "/**/ekf": ekf,
-        "/**/plant": plant,
-    }
-    return {
-        section: {
-            name: (round(value, 6) if isinstance(value, float) else value, text) for name, (value, text) in one.items()
-        }
-        for section, one in sections.items()
-    }
-
-
-_HEADINGS = {
-    "/**": "the data sheet, read by controller, ekf and plant",
-    "/**/controller": "when a goal counts as reached; more: docs/reference/parameters",
-    "/**/ekf": "",
-    "/**/plant": "the simulated robot; a real one does not read this section",
-}
-
-
-def file_of_robot(robot: RobotDescription, name: str) -> str:
-    """Return the text of a robot's parameter file; ``name`` is that of the file."""
-    lines = [
-        f"# Drive it in the simulation: diffbot robot drive {name}",
-        f"# On the robot: ros2 launch diffbot robot.launch.py parameters:={name}",
-    ]
-    for section, values in parameters_of_robot(robot).items():
-        lines.append(f"{section}:" + (f"  # {_HEADINGS[section]}" if _HEADINGS[section] else ""))
-        lines.append("  ros__parameters:")
-        for key, (value, comment) in values.items():
-            text = f"    {key}: {_yaml(value)}"
-            lines.append(f"{text:<44}# {comment}" if comment else text)
-    return "\n".join(lines) + "\n"
-
-
-def _yaml(value: Any) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    return str(value)
+    plain = {key: round(value, 6) if isinstance(value, float) else value for key, value in values.items()}
+    lines = _TEMPLATE.format(name=name, **plain).splitlines()
+    parts = (line.partition(" # ") for line in lines)
+    return "".join(f"{text:<44} # {comment}\n" if comment else f"{text}\n" for text, _, comment in parts)

@@ -19,18 +19,17 @@ def draw_drives(path_axes: Any, error_axes: Any, drives: Sequence[Drive]) -> Non
         error_axes: for the distances.
         drives: one or more.
     """
-    span = max(np.ptp(np.vstack([one.recording.truth[:, :2] for one in drives]), axis=0).max(), 0.3)
+    span = max(np.ptp(np.vstack([one.truth[:, :2] for one in drives]), axis=0).max(), 0.3)
     for number, drive in enumerate(drives):
-        record = drive.recording
         shown = number == 0
-        path_axes.plot(*record.truth[:, :2].T, color=BLUE, linewidth=2.0, label="truth" if shown else None)
-        path_axes.plot(*record.feedback[:, :2].T, color=RED, linewidth=0.7, label="estimate" if shown else None)
+        path_axes.plot(*drive.truth[:, :2].T, color=BLUE, linewidth=2.0, label="truth" if shown else None)
+        path_axes.plot(*drive.estimate[:, :2].T, color=RED, linewidth=0.7, label="estimate" if shown else None)
         x, y, theta = drive.goal
         path_axes.plot([x], [y], "o", color=GREEN if drive.is_reached else RED, label="goal" if shown else None)
         tip = x + 0.05 * span * np.cos(theta), y + 0.05 * span * np.sin(theta)
         path_axes.annotate("", tip, (x, y), arrowprops={"arrowstyle": "->", "color": GREEN})
-        distance = np.hypot(record.truth[:, 0] - x, record.truth[:, 1] - y)
-        error_axes.plot(record.time - record.time[0], distance, color=BLUE, linewidth=1.0, alpha=0.7)
+        distance = np.hypot(drive.truth[:, 0] - x, drive.truth[:, 1] - y)
+        error_axes.plot(drive.time - drive.time[0], distance, color=BLUE, linewidth=1.0, alpha=0.7)
     path_axes.set(xlabel="x [m]", ylabel="y [m]")
     path_axes.set_aspect("equal", adjustable="datalim")
     path_axes.legend(fontsize="small")

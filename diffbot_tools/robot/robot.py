@@ -6,15 +6,17 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from diffbot_control.goals import Law
 from diffbot_control.ros.parameters.controller import ControllerNodeConfig, law_of, parameter_set_of
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
+from diffbot_core.bounded_yaml import load_yaml
 from diffbot_core.errors import DiffbotError, InvalidValueError, known_name
-from diffbot_core.parameter_files import values_for
+from diffbot_core.parameter_files import PARAMETERS, values_for
 from diffbot_core.schema import build, parameters_of
 from diffbot_sim.drive import RobotConfig, Simulation
 from diffbot_sim.model.simulator import StartPose
 from diffbot_sim.ros.parameters import PlantNodeConfig
-from diffbot_tools.robot.description import PRESETS, RobotDescription, parameters_of_robot
+from diffbot_tools.robot.description import PRESETS, RobotDescription, file_of_robot
 
 _OF_EVERY_NODE = ("use_sim_time",)
 Values = dict[str, dict[str, Any]]
@@ -38,9 +40,14 @@ class Robot(NamedTuple):
         world = world if start is None else world._replace(start=start)
         return RobotConfig(world, self.ekf.localization, self.controller.supervisor)
 
+    @property
+    def law(self) -> Law:
+        """The law that drives."""
+        return law_of(self.controller.law)
+
     def simulation(self, seed: int = 1, start: StartPose | None = None) -> Simulation:
         """Return the robot at rest at its start; ``seed`` names the noise."""
-        return Simulation(self.config(seed, start), law_of(self.controller.law))
+        return Simulation(self.config(seed, start), self.law)
 
 
 def read_robot(source: str | PathLike[str] | RobotDescription) -> Robot:
@@ -64,9 +71,9 @@ def read_robot(source: str | PathLike[str] | RobotDescription) -> Robot:
 
 
 def _of_description(description: RobotDescription, name: str) -> Robot:
-    sections = parameters_of_robot(build(RobotDescription, description._asdict()))
-    plain = {section: {key: value for key, (value, _) in values.items()} for section, values in sections.items()}
-    return make_robot(name, {node: {**plain["/**"], **plain[f"/**/{node}"]} for node in ("controller", "ekf", "plant")})
+    content = load_yaml(file_of_robot(build(RobotDescription, description._asdict())), name, unique_keys=True)
+    values = {section: one[PARAMETERS] for section, one in content.items()}
+    return make_robot(name, {node: values["/**"] | values[f"/**/{node}"] for node in ("controller", "ekf", "plant")})
 
 
 def make_robot(name: str, values: Values) -> Robot:

@@ -59,40 +59,44 @@ def test_a_file_means_the_same_as_its_description_and_has_nothing_wrong(descript
     assert actuators.angular_acceleration_max == sheet.omega_dot_max == description.max_angular_acceleration
     assert actuators.command_delay == sheet.command_latency == description.command_latency
     assert robot.plant.simulated().plant.wheels == sheet.wheels == robot.ekf.wheels
-    assert [one for one in check.findings(robot, None) if one.kind != check.SLOW] == []
+    assert [*check.missing(robot), *check.contradictions(robot)] == []
 
 
 @pytest.mark.parametrize(
     ("changes", "kind", "text"),
     [
-        ({"all__linear__x__max_acceleration": None}, check.MISSING, "linear.x.max_acceleration"),
-        ({"all__command_latency": None}, check.MISSING, "command_latency"),
-        ({"ekf__global_pose_sigma_xy": None}, check.MISSING, "global_pose without covariance is dropped"),
-        ({"ekf__wheel_separation": 0.3}, check.CONTRADICTION, "controller 0.16, ekf 0.3, plant 0.16"),
-        ({"all__wheel__max_velocity": 2.0}, check.CONTRADICTION, "allows 0.066 m/s only"),
-        ({"plant__acceleration_max": 0.5}, check.CONTRADICTION, "the plant does 0.5 only"),
-        ({"plant__eps_x_max": 0.5}, check.CONTRADICTION, "the plant's poses have 0.289"),
-        ({"plant__command_delay": 0.4}, check.CONTRADICTION, "dead time [s]: controller 0.1, plant 0.4"),
-        ({"controller__pose_timeout": 0.06}, check.CONTRADICTION, "less than two periods of odom"),
-        ({"controller__turn_react": 0.02}, check.CONTRADICTION, "gains are not stable"),
+        ({"all__linear__x__max_acceleration": None}, check.missing, "linear.x.max_acceleration"),
+        ({"all__command_latency": None}, check.missing, "command_latency"),
+        ({"ekf__global_pose_sigma_xy": None}, check.missing, "global_pose without covariance is dropped"),
+        ({"ekf__wheel_separation": 0.3}, check.contradictions, "controller 0.16, plant 0.16, ekf 0.3"),
+        ({"all__wheel__max_velocity": 2.0}, check.contradictions, "allows 0.066 only"),
+        ({"plant__acceleration_max": 0.5}, check.contradictions, "the plant does 0.5 only"),
+        ({"plant__eps_x_max": 0.5}, check.contradictions, "the plant's poses have 0.289"),
+        ({"plant__command_delay": 0.4}, check.contradictions, "dead time [s]: controller 0.1, plant 0.4"),
+        (
+            {"controller__pose_timeout": 0.06},
+            check.contradictions,
+            "two periods of odom = 0.1: pose_timeout is 0.06 only",
+        ),
+        ({"controller__turn_react": 0.02}, check.contradictions, "gains are not stable"),
     ],
 )
 def test_what_is_missing_or_contradictory_is_found(changes, kind, text, tmp_path):
-    found = check.findings(read_robot(written(tmp_path / "robot.yaml", **changes)), None)
-    assert [(one.kind, text in one.text) for one in found] == [(kind, True)]
+    robot = read_robot(written(tmp_path / "robot.yaml", **changes))
+    (found,) = [(one, text in said) for one in (check.missing, check.contradictions) for said in one(robot)]
+    assert found == (kind, True)
 
 
 def test_poses_too_uncertain_for_the_tolerance_are_found_and_the_tolerance_proposed_will_do():
     vague = RobotDescription(pose_sigma_xy=0.3, pose_sigma_yaw=0.3, pose_rate=1.0, xy_goal_tolerance=0.02)
     robot = read_robot(vague)
-    rest = check.at_rest(robot)
-    (slow,) = check.findings(robot, rest)
-    assert slow.kind == check.SLOW
-    numbers = [float(word) for word in slow.text.replace(">=", "").split() if word.replace(".", "").isdigit()]
+    uncertainty, known = check.at_rest(robot)
+    (slow,) = check.slow(robot, uncertainty, known)
+    numbers = [float(word) for word in slow.replace(">=", "").split() if word.replace(".", "").isdigit()]
     wider = read_robot(vague._replace(xy_goal_tolerance=numbers[0], yaw_goal_tolerance=numbers[1]))
-    assert rest.known == math.inf
-    assert is_knowable(wider.controller.supervisor.controller.tolerance, rest.uncertainty)
-    assert check.at_rest(read_robot(RobotDescription())).known < 5.0
+    assert known == math.inf
+    assert is_knowable(wider.controller.supervisor.controller.tolerance, uncertainty)
+    assert check.at_rest(read_robot(RobotDescription()))[1] < 5.0
 
 
 def test_a_drive_is_the_loop_of_the_nodes():
@@ -100,9 +104,9 @@ def test_a_drive_is_the_loop_of_the_nodes():
     robot = read_robot(PRESETS["turtlebot4"]._replace(pose_delay=0.0))
     goal, start = Pose(1.5, 0.5, 0.0), StartPose(1.0, 0.0, 0.5)
     drive, config = robot.simulation(3, start).drive(goal), robot.config(3, start)
-    steps = len(drive.recording.time) - 1
+    steps = len(drive.time) - 1
     loop = simulate(config.world, config.supervisor.controller, goal, steps, localization=config.localization)
-    for mine, other in zip(drive.recording[:4], loop[:4], strict=True):
+    for mine, other in zip(drive[3:7], loop[:4], strict=True):
         assert np.nan_to_num(mine) == pytest.approx(np.nan_to_num(other), abs=1e-12)
     assert loop.reached.tolist() == [False] * steps + [True]
     assert drive.duration == pytest.approx(0.05 * steps)
@@ -113,10 +117,10 @@ def test_a_drive_is_the_loop_of_the_nodes():
 def test_every_one_of_fifty_goals_is_reached_and_none_falsely(robot):
     robot = read_robot(robot)
     found, tolerance = list(trials(robot, 50, seed=1)), robot.controller.supervisor.controller.tolerance
-    assert [one.kind for one in found] == [FAR, SHORT] * 25
-    assert [one.drive.reason for one in found if not one.drive.is_reached] == []
-    for one in found:
-        x, y, theta = one.drive.recording.truth[-1] - np.array(one.drive.goal)
+    assert [kind for kind, _ in found] == [FAR, SHORT] * 25
+    assert [drive.reason for _, drive in found if not drive.is_reached] == []
+    for _, drive in found:
+        x, y, theta = drive.truth[-1] - np.array(drive.goal)
         assert math.hypot(x, y) < tolerance.xy_goal_tolerance
         assert abs(math.remainder(theta, math.tau)) < tolerance.yaw_goal_tolerance
 
