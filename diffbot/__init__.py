@@ -16,9 +16,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from diffbot.controller import Controller
-    from diffbot.filter import Filter
     from diffbot.given import robot
+    from diffbot.loop import Controller, Filter
     from diffbot.simulation import Recording, Simulation, drive
     from diffbot_bag.bag.reader import BagReader as Bag
     from diffbot_control.ros.navigator import Navigator
@@ -31,17 +30,14 @@ if TYPE_CHECKING:
 
 _PLACES = {
     "Bag": "diffbot_bag.bag.reader:BagReader",
-    "Controller": "diffbot.controller:Controller",
-    "DiffbotError": "diffbot_core.errors:DiffbotError",
-    "Filter": "diffbot.filter:Filter",
-    "Navigator": "diffbot_control.ros.navigator:Navigator",
-    "Pose": "diffbot_core.geometry:Pose",
+    **dict.fromkeys(("Controller", "Filter"), "diffbot.loop"),
+    "DiffbotError": "diffbot_core.errors",
+    "Navigator": "diffbot_control.ros.navigator",
+    "Pose": "diffbot_core.geometry",
     "ROBOTS": "diffbot_tools.robot.description:PRESETS",
-    "Recording": "diffbot.simulation:Recording",
-    "Simulation": "diffbot.simulation:Simulation",
-    "Twist": "diffbot_core.kinematics:Twist",
-    "drive": "diffbot.simulation:drive",
-    "robot": "diffbot.given:robot",
+    **dict.fromkeys(("Recording", "Simulation", "drive"), "diffbot.simulation"),
+    "Twist": "diffbot_core.kinematics",
+    "robot": "diffbot.given",
 }
 __all__ = [
     "ROBOTS", "Bag", "Controller", "DiffbotError", "Filter", "Navigator", "Pose", "Recording", "Simulation", "Twist",
@@ -54,7 +50,7 @@ def __getattr__(name: str) -> Any:
         value: Any = import_module("importlib.metadata").version("diffbot")
     elif name in _PLACES:
         module, _, attribute = _PLACES[name].partition(":")
-        value = getattr(import_module(module), attribute)
+        value = getattr(import_module(module), attribute or name)
     else:
         raise AttributeError(f"diffbot has no {name!r}, but {', '.join(__all__)}")
     globals()[name] = value

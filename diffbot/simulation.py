@@ -77,8 +77,8 @@ class Recording(simulated.Drive):
 
         from diffbot_tools.robot.picture import draw_drives  # noqa: PLC0415
 
-        figure, (left, right) = pyplot.subplots(1, 2, figsize=(10.0, 4.5), layout="constrained")
-        draw_drives(left, right, [self])
+        figure = pyplot.figure(figsize=(10.0, 4.5), layout="constrained")
+        draw_drives(figure, [self])
         if path is not None:
             try:
                 figure.savefig(Path(path).expanduser())
@@ -106,16 +106,16 @@ class Simulation(simulated.Simulation):
         Raises:
             DiffbotError: in one line, for a robot or a start that cannot be used.
         """
-        found = robot_of(robot)
-        super().__init__(found.config(seed, None if start is None else StartPose(*pose_of("start", start))), found.law)
+        at = None if start is None else StartPose(*pose_of("start", start))
+        super().__init__(*robot_of(robot).parts(seed, at))
 
-    def drive(self, goal: AnyPose, on_step: Any = None) -> Recording:
-        """Drive until the goal is answered: reached, or not and why; ``on_step`` is called with this after each step.
+    def drive(self, goal: AnyPose) -> Recording:
+        """Drive until the goal is answered: reached, or not and why.
 
         Raises:
             InvalidValueError: for a goal that is not three numbers.
         """
-        return Recording(*super().drive(pose_of("goal", goal), on_step))
+        return Recording(*super().drive(pose_of("goal", goal)))
 
 
 def drive(goal: AnyPose, robot: AnyRobot = DEFAULT_ROBOT, start: AnyPose | None = None, seed: int = 1) -> Recording:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +12,6 @@ from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.goals import GoalRequest, Law, Supervisor, SupervisorConfig
 from diffbot_control.goals.goal_record import REACHED
-from diffbot_control.law.controller import SwitchingLaw
 from diffbot_control.law.regions import OMEGA_G
 from diffbot_core.geometry import Pose, into_frame
 from diffbot_core.kinematics import Twist
@@ -26,14 +24,6 @@ from diffbot_sim.reference_loop import Array, PoseFeedback
 _STOP = Twist(0.0, 0.0)
 _LONGEST = 3600.0
 """[s] after which a goal is given up, whatever its timeouts are"""
-
-
-class RobotConfig(NamedTuple):
-    """A robot and what drives it."""
-
-    world: WorldConfig = WorldConfig()
-    localization: LocalizationConfig = LocalizationConfig()
-    supervisor: SupervisorConfig = SupervisorConfig()
 
 
 class Drive(NamedTuple):
@@ -83,13 +73,13 @@ class Drive(NamedTuple):
 class Simulation:
     """A simulated robot; time goes on from drive to drive."""
 
-    def __init__(self, config: RobotConfig, law: Law = SwitchingLaw) -> None:
+    def __init__(
+        self, world: WorldConfig, localization: LocalizationConfig, supervisor: SupervisorConfig, law: Law
+    ) -> None:
         """Put the robot at its start, with a filter that waits for its first fix."""
-        self.config = config
-        self.world = World(config.world)
-        self.supervisor = Supervisor(config.supervisor, law)
-        separation, landmarks = config.world.plant.wheels.wheel_separation, config.world.landmarks.landmark_ids
-        self._source = PoseFeedback(EKF, Localization(config.localization, separation, landmarks=bool(landmarks)))
+        self.world, self.supervisor = World(world), Supervisor(supervisor, law)
+        separation, landmarks = world.plant.wheels.wheel_separation, bool(world.landmarks.landmark_ids)
+        self._source = PoseFeedback(EKF, Localization(localization, separation, landmarks=landmarks))
         self.estimate: Pose | None = None
         """None before the first fix"""
 
@@ -112,13 +102,8 @@ class Simulation:
         """Sense and filter at the present step; once a step."""
         self.estimate = self._source.pose(self.world) or self.estimate
 
-    def drive(self, goal: Pose, on_step: Callable[[Simulation], None] | None = None) -> Drive:
-        """Drive until the goal is answered: reached, or not and why.
-
-        Args:
-            goal: in map.
-            on_step: called after each step, for a display.
-        """
+    def drive(self, goal: Pose) -> Drive:
+        """Drive to a goal in map until it is answered: reached, or not and why."""
         supervisor, began = self.supervisor, self.time
         supervisor.on_goal(goal, GoalRequest(source="simulation", time=began))
         rows, regions, reached = [], [], []
@@ -130,8 +115,6 @@ class Simulation:
             regions.append(OMEGA_G if supervisor.report is None else supervisor.report.region)
             reached.append(supervisor.memory.reached)
             self.world.advance(command)
-            if on_step is not None:
-                on_step(self)
         end, table = supervisor.goals.ended[-1], np.array(rows, dtype=np.float64)
         time, truth, estimated, commands, sigmas = np.split(table, (1, 4, 7, 9), axis=1)
         flags = np.array(regions), np.array(reached)

@@ -4,28 +4,18 @@ from __future__ import annotations
 
 import argparse
 import textwrap
-from collections.abc import Iterator
 from importlib.metadata import version
-from typing import Any, NamedTuple
+from typing import Any
 
 from diffbot_core.errors import known_name
 
-
-class Group(NamedTuple):
-    """Commands that belong together."""
-
-    title: str
-    commands: tuple[str, ...]
-
-
-GROUPS = (
-    Group("Drive", ("demo", "run", "goal", "watch")),
-    Group("Your robot", ("robot", "calibrate")),
-    Group("Bags", ("bag", "report", "replay", "refilter", "import")),
-    Group("Studies", ("campaign", "benchmark", "experiment", "stability")),
-)
-_FURTHER = "Further"
-"""Title of the group of all other commands."""
+GROUPS = {
+    "Drive": ("demo", "run", "goal", "watch"),
+    "Your robot": ("robot", "calibrate"),
+    "Bags": ("bag", "report", "replay", "refilter", "import"),
+    "Studies": ("campaign", "benchmark", "experiment", "stability"),
+}
+"""Commands that belong together; all others are further ones."""
 EXAMPLES: dict[str, tuple[str, ...]] = {
     "demo": ("demo", "demo --watch"),
     "run": ("run robot --with plant recorder", "run robot --ros-args --params-file my_robot.yaml"),
@@ -89,37 +79,29 @@ class TopParser(CommandParser):
     def format_help(self) -> str:
         """Return usage, the commands in their groups, and an example of each group."""
         texts = {one.dest: one.help or "" for one in self.commands._get_subactions()}
-        grouped = {name for group in GROUPS for name in group.commands}
-        further = Group(_FURTHER, tuple(name for name in texts if name not in grouped))
+        grouped = {name for names in GROUPS.values() for name in names}
+        groups = {**GROUPS, "Further": tuple(name for name in texts if name not in grouped)}
         lines = [
             "usage: diffbot COMMAND ...    diffbot COMMAND --help    diffbot --version",
             "",
             self.description or "",
         ]
-        for title, names in (*GROUPS, further):
+        for title, names in groups.items():
             present = [name for name in names if name in texts]
-            if present:
-                example = EXAMPLES.get(present[0], ("",))[0]
-                lines += ["", f"{title}" + (f", e.g.  diffbot {example}" if example else "")]
-                lines += [f"  {name:<12}{texts[name]}" for name in present]
+            examples = [EXAMPLES[name][0] for name in present[:1] if name in EXAMPLES]
+            lines += ["", *(f"{title}, e.g.  diffbot {one}" for one in examples)] if present else []
+            lines += [f"  {name:<12}{texts[name]}" for name in present]
         return "\n".join(lines) + "\n"
 
 
 def add_examples(parser: argparse.ArgumentParser, words: tuple[str, ...] = ()) -> None:
     """Put the examples into the help of every command below ``parser``."""
-    for name, command in _commands_below(parser):
+    below = [one.choices for one in parser._actions if isinstance(one, argparse._SubParsersAction)]
+    for name, command in (pair for choices in below for pair in choices.items()):
         here = (*words, name)
-        examples = "".join(f"\n  diffbot {one}" for one in EXAMPLES.get(" ".join(here), ()))
-        if examples:
-            command.epilog = "\n\n".join(
-                part for part in (textwrap.fill(command.epilog or "", 100), f"examples:{examples}") if part
-            )
+        if examples := EXAMPLES.get(" ".join(here)):
+            text = "\n  diffbot ".join(("examples:", *examples))
+            command.epilog = "\n\n".join(part for part in (textwrap.fill(command.epilog or "", 100), text) if part)
             command.description = textwrap.fill(command.description or "", 100)
             command.formatter_class = argparse.RawDescriptionHelpFormatter
         add_examples(command, here)
-
-
-def _commands_below(parser: argparse.ArgumentParser) -> Iterator[tuple[str, argparse.ArgumentParser]]:
-    for action in parser._actions:
-        if isinstance(action, argparse._SubParsersAction):
-            yield from action.choices.items()

@@ -1,32 +1,19 @@
-"""Layout, colours and writing of figures; matplotlib draws without a screen."""
+"""Layout, colours and writing of figures; matplotlib draws without a screen, unless it was imported before."""
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
-import matplotlib
-
-matplotlib.use("Agg")
+os.environ.setdefault("MPLBACKEND", "Agg")
 
 import matplotlib.pyplot as plt
 
 from diffbot_core.files import replacing
-from diffbot_tools.colours import BLUE, GREEN, GREY, ORANGE, RED
 
-__all__ = [
-    "BLUE",
-    "GREEN",
-    "GREY",
-    "ORANGE",
-    "RED",
-    "close",
-    "new_animation",
-    "new_figure",
-    "new_grid",
-    "new_pair",
-    "save",
-]
+BLUE, ORANGE, GREY, GREEN, RED = "#0072B2", "#E69F00", "#999999", "#009E73", "#D55E00"
+"""Colours that are distinct with any colour vision (Okabe and Ito)."""
 
 
 def new_figure(rows: int, size: tuple[float, float], *, sharex: bool = True) -> tuple[Any, Any]:
@@ -35,12 +22,6 @@ def new_figure(rows: int, size: tuple[float, float], *, sharex: bool = True) -> 
     for one in [axes] if rows == 1 else axes:
         one.grid(alpha=0.3)
     return figure, axes
-
-
-def new_pair(size: tuple[float, float]) -> tuple[Any, Any, Any]:
-    """Return a figure of ``size`` [inch] with two axes side by side."""
-    figure, (left, right) = plt.subplots(1, 2, figsize=size, dpi=110, layout="constrained")
-    return figure, left, right
 
 
 def new_grid(

@@ -1,4 +1,4 @@
-"""The picture of simulated drives, drawn on axes that the caller has made."""
+"""The picture of simulated drives."""
 
 from __future__ import annotations
 
@@ -8,17 +8,12 @@ from typing import Any
 import numpy as np
 
 from diffbot_sim.drive import Drive
-from diffbot_tools.colours import BLUE, GREEN, RED
+from diffbot_tools.plotting import BLUE, GREEN, RED
 
 
-def draw_drives(path_axes: Any, error_axes: Any, drives: Sequence[Drive]) -> None:
-    """Draw the true and the estimated paths with their goals, and the true distance from each goal over time.
-
-    Args:
-        path_axes: of matplotlib, for the map.
-        error_axes: for the distances.
-        drives: one or more.
-    """
+def draw_drives(figure: Any, drives: Sequence[Drive]) -> None:
+    """Draw true and estimated paths with their goals, and the true distance from each goal over time."""
+    path_axes, error_axes = figure.subplots(1, 2)
     span = max(np.ptp(np.vstack([one.truth[:, :2] for one in drives]), axis=0).max(), 0.3)
     for number, drive in enumerate(drives):
         shown = number == 0

@@ -6,15 +6,16 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from diffbot_control.goals import Law
+from diffbot_control.filter.localization_config import LocalizationConfig
+from diffbot_control.goals import Law, SupervisorConfig
 from diffbot_control.ros.parameters.controller import ControllerNodeConfig, law_of, parameter_set_of
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.bounded_yaml import load_yaml
 from diffbot_core.errors import DiffbotError, InvalidValueError, known_name
 from diffbot_core.parameter_files import PARAMETERS, values_for
 from diffbot_core.schema import build, parameters_of
-from diffbot_sim.drive import RobotConfig, Simulation
-from diffbot_sim.model.simulator import StartPose
+from diffbot_sim.drive import Simulation
+from diffbot_sim.model.simulator import StartPose, WorldConfig
 from diffbot_sim.ros.parameters import PlantNodeConfig
 from diffbot_tools.robot.description import PRESETS, RobotDescription, file_of_robot
 
@@ -34,20 +35,17 @@ class Robot(NamedTuple):
     given: Values
     """parameters that the description sets"""
 
-    def config(self, seed: int = 1, start: StartPose | None = None) -> RobotConfig:
-        """Return what a simulation of it needs; without ``start`` it starts as its plant says."""
+    def parts(
+        self, seed: int = 1, start: StartPose | None = None
+    ) -> tuple[WorldConfig, LocalizationConfig, SupervisorConfig, Law]:
+        """Return what a simulation is made of; ``seed`` names the noise, without ``start`` the plant's own holds."""
         world = self.plant.simulated()._replace(seed=seed)
         world = world if start is None else world._replace(start=start)
-        return RobotConfig(world, self.ekf.localization, self.controller.supervisor)
+        return world, self.ekf.localization, self.controller.supervisor, law_of(self.controller.law)
 
-    @property
-    def law(self) -> Law:
-        """The law that drives."""
-        return law_of(self.controller.law)
-
-    def simulation(self, seed: int = 1, start: StartPose | None = None) -> Simulation:
-        """Return the robot at rest at its start; ``seed`` names the noise."""
-        return Simulation(self.config(seed, start), self.law)
+    def simulation(self, seed: int = 1) -> Simulation:
+        """Return the robot at rest at its start."""
+        return Simulation(*self.parts(seed))
 
 
 def read_robot(source: str | PathLike[str] | RobotDescription) -> Robot:

@@ -10,7 +10,6 @@ import numpy as np
 
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_sim.drive import Drive
-from diffbot_tools.robot.picture import draw_drives
 from diffbot_tools.robot.robot import Robot
 
 FAR, SHORT = "far", "short"
@@ -61,9 +60,12 @@ def save_picture(found: list[tuple[str, Drive]], path: Path) -> None:
     Raises:
         OSError: if the picture cannot be written.
     """
-    from diffbot_tools.plotting import new_pair, save  # noqa: PLC0415 - takes a second to load
+    from matplotlib.figure import Figure  # noqa: PLC0415 - takes a second to load
 
-    figure, left, right = new_pair((11.0, 5.0))
-    draw_drives(left, right, [drive for _, drive in found[:_DRAWN]])
-    left.set_title(f"the first {min(len(found), _DRAWN)} of {len(found)} goals")
+    from diffbot_tools.plotting import save  # noqa: PLC0415
+    from diffbot_tools.robot.picture import draw_drives  # noqa: PLC0415
+
+    figure = Figure(figsize=(11.0, 5.0), layout="constrained")
+    draw_drives(figure, [drive for _, drive in found[:_DRAWN]])
+    figure.suptitle(f"the first {min(len(found), _DRAWN)} of {len(found)} goals")
     save(figure, path)

@@ -32,8 +32,8 @@ def test_diffbot_alone_lists_every_command_once_in_groups(kept_signal_handlers, 
     lines = capsys.readouterr().out.splitlines()
     shown = [line.split()[0] for line in lines if line.startswith("  ")]
     assert sorted(shown) == sorted({name.split()[0] for name, _ in bag_commands.leaves(cli._parser())})
-    for group in GROUPS:
-        assert any(line.startswith(f"{group.title}, e.g.  diffbot ") for line in lines)
+    for title in GROUPS:
+        assert any(line.startswith(f"{title}, e.g.  diffbot ") for line in lines)
 
 
 @pytest.mark.parametrize(

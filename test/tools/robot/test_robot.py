@@ -9,6 +9,7 @@ import yaml
 from diffbot_control.law.goal_checker import is_knowable
 from diffbot_core.errors import DiffbotError
 from diffbot_core.geometry import Pose
+from diffbot_sim.drive import Simulation
 from diffbot_sim.model.simulator import StartPose
 from diffbot_sim.reference_loop import simulate
 from diffbot_tools import cli
@@ -103,9 +104,10 @@ def test_a_drive_is_the_loop_of_the_nodes():
     """Up to the answer, plant, filter and law do what the reference loop does, step for step."""
     robot = read_robot(PRESETS["turtlebot4"]._replace(pose_delay=0.0))
     goal, start = Pose(1.5, 0.5, 0.0), StartPose(1.0, 0.0, 0.5)
-    drive, config = robot.simulation(3, start).drive(goal), robot.config(3, start)
+    world, localization, supervisor, _ = parts = robot.parts(3, start)
+    drive = Simulation(*parts).drive(goal)
     steps = len(drive.time) - 1
-    loop = simulate(config.world, config.supervisor.controller, goal, steps, localization=config.localization)
+    loop = simulate(world, supervisor.controller, goal, steps, localization=localization)
     for mine, other in zip(drive[3:7], loop[:4], strict=True):
         assert np.nan_to_num(mine) == pytest.approx(np.nan_to_num(other), abs=1e-12)
     assert loop.reached.tolist() == [False] * steps + [True]
