@@ -46,10 +46,11 @@ def robot_of(value: AnyRobot) -> Robot:
 def robot(like: str = "turtlebot3_burger", **values: Any) -> Robot:
     """Return a robot that differs from one of ROBOTS in some values.
 
-    >>> import diffbot
-    >>> slow = diffbot.robot("turtlebot4", max_velocity=0.1)
-    >>> diffbot.drive((0.5, 0.0, 0.0), robot=slow).duration > 5.0
-    True
+    Examples:
+        >>> import diffbot
+        >>> slow = diffbot.robot("turtlebot4", max_velocity=0.1)
+        >>> diffbot.drive((0.5, 0.0, 0.0), robot=slow).duration > 5.0
+        True
 
     Args:
         like: the name of that one.

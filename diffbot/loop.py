@@ -24,13 +24,14 @@ from diffbot_core.units import NS_PER_S
 class Controller(Supervisor):
     """Answers each pose with a command, and each goal with how it ended.
 
-    >>> import diffbot
-    >>> controller = diffbot.Controller(linear_x_max_velocity=0.5, linear_x_max_acceleration=1.0)
-    >>> controller.go_to((2.0, 0.0, 0.0))
-    >>> controller.step(0.0, (0.0, 0.0, 0.0)), controller.step(0.1, (0.0, 0.0, 0.0)).v <= 0.1
-    (Twist(v=0.0, omega=0.0), True)
-    >>> controller.status, controller.end
-    ('driving', '')
+    Examples:
+        >>> import diffbot
+        >>> controller = diffbot.Controller(linear_x_max_velocity=0.5, linear_x_max_acceleration=1.0)
+        >>> controller.go_to((2.0, 0.0, 0.0))
+        >>> controller.step(0.0, (0.0, 0.0, 0.0)), controller.step(0.1, (0.0, 0.0, 0.0)).v <= 0.1
+        (Twist(v=0.0, omega=0.0), True)
+        >>> controller.status, controller.end
+        ('driving', '')
     """
 
     def __init__(self, robot: AnyRobot | None = None, **parameters: Any) -> None:
@@ -74,13 +75,14 @@ class Controller(Supervisor):
 class Filter(Localization):
     """Estimates a pose from odometry and from poses that come late, seldom and with noise.
 
-    >>> import diffbot
-    >>> ekf = diffbot.Filter("turtlebot4")
-    >>> ekf.fix(0.0, (0.0, 0.0, 0.0), sigma=(0.05, 0.05))
-    >>> for step in range(11):
-    ...     pose = ekf.odometry(0.1 * step, v=0.2, omega=0.0)
-    >>> round(pose.x, 3), ekf.sigma.xy < 0.1
-    (0.2, True)
+    Examples:
+        >>> import diffbot
+        >>> ekf = diffbot.Filter("turtlebot4")
+        >>> ekf.fix(0.0, (0.0, 0.0, 0.0), sigma=(0.05, 0.05))
+        >>> for step in range(11):
+        ...     pose = ekf.odometry(0.1 * step, v=0.2, omega=0.0)
+        >>> round(pose.x, 3), ekf.sigma.xy < 0.1
+        (0.2, True)
     """
 
     def __init__(self, robot: AnyRobot | None = None, **parameters: Any) -> None:

@@ -24,12 +24,13 @@ DEFAULT_ROBOT = "turtlebot3_burger"
 class Recording(simulated.Drive):
     """One goal, how it ended, and a row for each step on the way.
 
-    >>> import diffbot
-    >>> run = diffbot.drive((1.0, 2.0, 0.0), seed=1)
-    >>> run.end, run.is_reached, run.position_error < 0.25
-    ('reached', True, True)
-    >>> run.to_numpy().shape == (len(run.time), len(run.COLUMNS))
-    True
+    Examples:
+        >>> import diffbot
+        >>> run = diffbot.drive((1.0, 2.0, 0.0), seed=1)
+        >>> run.end, run.is_reached, run.position_error < 0.25
+        ('reached', True, True)
+        >>> run.to_numpy().shape == (len(run.time), len(run.COLUMNS))
+        True
     """
 
     __slots__ = ()
@@ -92,12 +93,13 @@ class Recording(simulated.Drive):
 class Simulation(simulated.Simulation):
     """A simulated robot with its filter and its controller; time goes on from drive to drive.
 
-    >>> import diffbot
-    >>> simulation = diffbot.Simulation("warehouse_agv", start=(1.0, 0.0, 0.0))
-    >>> [simulation.drive(goal).end for goal in ((4.0, 0.0, 1.57), (4.0, 3.0, 3.14))]
-    ['reached', 'reached']
-    >>> abs(simulation.truth.y - 3.0) < 0.05
-    True
+    Examples:
+        >>> import diffbot
+        >>> simulation = diffbot.Simulation("warehouse_agv", start=(1.0, 0.0, 0.0))
+        >>> [simulation.drive(goal).end for goal in ((4.0, 0.0, 1.57), (4.0, 3.0, 3.14))]
+        ['reached', 'reached']
+        >>> abs(simulation.truth.y - 3.0) < 0.05
+        True
     """
 
     def __init__(self, robot: AnyRobot = DEFAULT_ROBOT, start: AnyPose | None = None, seed: int = 1) -> None:
@@ -121,9 +123,10 @@ class Simulation(simulated.Simulation):
 def drive(goal: AnyPose, robot: AnyRobot = DEFAULT_ROBOT, start: AnyPose | None = None, seed: int = 1) -> Recording:
     """Drive a simulated robot to one goal.
 
-    >>> import diffbot
-    >>> diffbot.drive((0.5, 0.0, 0.0), robot="turtlebot4").is_reached
-    True
+    Examples:
+        >>> import diffbot
+        >>> diffbot.drive((0.5, 0.0, 0.0), robot="turtlebot4").is_reached
+        True
 
     Args:
         goal: x [m], y [m], heading [rad] in map.
