@@ -7,7 +7,7 @@ from robot import distance, turned, twist
 from diffbot_tools.robot.description import RobotDescription, file_of_robot
 
 FILE = file_of_robot(RobotDescription(gyro=True), "my_robot.yaml")
-HARMLESS = "/clock", "no fix yet"
+HARMLESS = "/clock", "no fix yet", "no odometry yet"
 """in warnings while the nodes discover each other"""
 
 
