@@ -44,8 +44,6 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "benchmark": ("benchmark --law polar --case nominal", "benchmark localization --runs 50"),
     "experiment": ("experiment a b",),
     "stability": ("stability certify --law 17",),
-    "stability picture": ("stability picture --runs 10000",),
-    "stability level": ("stability level --rho-max 12",),
     "stability certify": ("stability certify --law 17",),
     "stability adversary": ("stability adversary out/stability/certificate.json",),
     "stability verify": ("stability verify out/stability/certificate.json",),
