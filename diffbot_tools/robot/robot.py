@@ -13,13 +13,13 @@ from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.bounded_yaml import load_yaml
 from diffbot_core.errors import DiffbotError, InvalidValueError, known_name
 from diffbot_core.parameter_files import PARAMETERS, values_for
-from diffbot_core.schema import build, parameters_of
+from diffbot_core.schema import build
 from diffbot_sim.drive import Simulation
 from diffbot_sim.model.simulator import StartPose, WorldConfig
 from diffbot_sim.ros.parameters import PlantNodeConfig
+from diffbot_tools.refilter.parameters import values_of
 from diffbot_tools.robot.description import PRESETS, RobotDescription, file_of_robot
 
-_OF_EVERY_NODE = ("use_sim_time",)
 Values = dict[str, dict[str, Any]]
 """Parameters by node: controller, ekf, plant."""
 
@@ -82,14 +82,8 @@ def make_robot(name: str, values: Values) -> Robot:
     """
     controller_type, presets = parameter_set_of(values["controller"])
     types = {"controller": controller_type, "ekf": EkfNodeConfig, "plant": PlantNodeConfig}
-    names = {node: {parameter.name for parameter in parameters_of(one)} for node, one in types.items()}
-    known = set().union(*names.values(), _OF_EVERY_NODE)
-    for given in values.values():
-        for key, value in given.items():
-            if key not in known:
-                raise InvalidValueError(key, value, known_name(key, known))
-    base = None if presets is None else presets[values["controller"].get("preset", ControllerNodeConfig().preset)]
-    own = {node: {key: value for key, value in values[node].items() if key in names[node]} for node in types}
+    own = {node: values_of(values[node], kind) for node, kind in types.items()}
+    base = (presets or {}).get(str(values["controller"].get("preset", ControllerNodeConfig().preset)))
     return Robot(
         name,
         build(controller_type, own["controller"], base),

@@ -178,6 +178,14 @@ def test_an_error_is_one_line(words, text, tmp_path, kept_signal_handlers, monke
     assert error.count("\n") == 1
 
 
-def test_a_misspelt_parameter_is_refused_with_the_one_meant(tmp_path):
-    with pytest.raises(DiffbotError, match=r"xy_goal_tolerence = 0\.2: .*did you mean xy_goal_tolerance"):
-        read_robot(written(tmp_path / "robot.yaml", controller__xy_goal_tolerence=0.2))
+@pytest.mark.parametrize(
+    ("name", "value", "text"),
+    [
+        ("xy_goal_tolerence", 0.2, r"xy_goal_tolerence = 0\.2: .*did you mean xy_goal_tolerance"),
+        ("preset", "tund", "preset = 'tund': must be one of tuned"),
+        ("law", "none", "law = 'none': must be"),
+    ],
+)
+def test_what_no_node_takes_is_refused(name, value, text, tmp_path):
+    with pytest.raises(DiffbotError, match=text):
+        read_robot(written(tmp_path / "robot.yaml", **{f"controller__{name}": value}))
