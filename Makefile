@@ -8,7 +8,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet --quiet
 # The pinned setuptools of the environment builds: nothing unpinned is fetched to build with.
 INSTALL := $(PIP) install --no-build-isolation --constraint constraints.txt
 # Folders count too: their time changes when a file goes away.
-SOURCES := package.xml setup.py setup.cfg $(shell find diffbot_* launch config resource rviz urdf -name __pycache__ -prune -o -print)
+SOURCES := package.xml setup.py setup.cfg $(shell find diffbot diffbot_* launch config resource rviz urdf -name __pycache__ -prune -o -print)
 
 # Of a ROS installation or another environment that this shell has sourced: its libraries must not mix with ours.
 unexport PYTHONPATH PYTHONHOME LD_LIBRARY_PATH AMENT_PREFIX_PATH RMW_IMPLEMENTATION _ROS_WHEELS_BOOTSTRAP_COMPLETE
@@ -36,6 +36,7 @@ help:
 	@echo "ARGS='...' passes arguments on, PYTHON=... chooses the interpreter (3.10 to 3.13)."
 
 setup: $(VENV)/package.stamp
+	@[ "$(MAKECMDGOALS)" != setup ] || echo "Next: source $(BIN)/activate; then diffbot demo, diffbot robot new my_robot.yaml, or diffbot for all commands"
 
 demo: setup
 	@$(BIN)/diffbot demo --overwrite $(ARGS)

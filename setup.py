@@ -28,6 +28,7 @@ LAWS = {
     "pure_pursuit": "diffbot_lab.laws.pure_pursuit:PurePursuit",
     "rotate_drive_rotate": "diffbot_lab.laws.rotate_drive_rotate:RotateDriveRotate",
 }
+PACKAGES = ("diffbot", "diffbot_core", "diffbot_control", "diffbot_bag", "diffbot_sim", "diffbot_tools", "diffbot_lab")
 CONFIGS = {
     "controller": "diffbot_control.ros.parameters.controller:ControllerNodeConfig",
     "ekf": "diffbot_control.ros.parameters.ekf:EkfNodeConfig",
@@ -84,8 +85,12 @@ setup(
     maintainer="The diffbot authors",
     maintainer_email="diffbot@users.noreply.example",
     python_requires=">=3.10",
-    packages=find_packages(include=["diffbot_*"]),
-    package_data={"diffbot_lab.arena": ["*.json"], "diffbot_tools.view": ["page/*"]},
+    packages=find_packages(include=[pattern for name in PACKAGES for pattern in (name, f"{name}.*")]),
+    package_data={
+        **{name: ["py.typed"] for name in PACKAGES},
+        "diffbot_lab.arena": ["*.json"],
+        "diffbot_tools.view": ["page/*"],
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
@@ -107,6 +112,7 @@ setup(
     zip_safe=False,
     # Not what a ROS installation brings without pip knowing it (rclpy, messages): see jazzy below.
     install_requires=[
+        "argcomplete>=2.0",
         "filterpy>=2.0",
         "lz4>=4.0",
         "matplotlib>=3.6",
@@ -125,6 +131,7 @@ setup(
         "bound": ["casadi>=3.6"],
         "cluster": ["distributed>=2024.12"],
         "gym": ["gymnasium>=1.0"],
+        "pandas": ["pandas>=2.0"],
         "test": [
             "evo>=1.31",
             "hypothesis>=6.100",

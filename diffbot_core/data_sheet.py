@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, NamedTuple
+from typing import Annotated, NamedTuple, TypeAlias
 
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.kinematics import WheelGeometry
@@ -11,6 +11,24 @@ from diffbot_core.ranges import ACCELERATION, ANGULAR_ACCELERATION, SPEED, TURN_
 from diffbot_core.schema import Spec
 
 _INF = math.inf
+
+
+MaxAcceleration: TypeAlias = Annotated[
+    float, Spec("bound of |dv/dt|", "m/s^2", *ACCELERATION, allow_inf=True, parameter="linear.x.max_acceleration")
+]
+MaxAngularAcceleration: TypeAlias = Annotated[
+    float,
+    Spec(
+        "bound of |domega/dt|",
+        "rad/s^2",
+        *ANGULAR_ACCELERATION,
+        allow_inf=True,
+        parameter="angular.z.max_acceleration",
+    ),
+]
+CommandLatency: TypeAlias = Annotated[
+    float, Spec("dead time between a pose's stamp and the motion that its command causes", "s", 0.0, 5.0)
+]
 
 
 class DataSheet(NamedTuple):
@@ -31,24 +49,10 @@ class DataSheet(NamedTuple):
         float,
         Spec("bound of each wheel's |speed|", "rad/s", *WHEEL_SPEED, allow_inf=True, parameter="wheel.max_velocity"),
     ] = 26.0
-    a_max: Annotated[
-        float,
-        Spec("bound of |dv/dt|", "m/s^2", *ACCELERATION, allow_inf=True, parameter="linear.x.max_acceleration"),
-    ] = _INF
-    omega_dot_max: Annotated[
-        float,
-        Spec(
-            "bound of |domega/dt|",
-            "rad/s^2",
-            *ANGULAR_ACCELERATION,
-            allow_inf=True,
-            parameter="angular.z.max_acceleration",
-        ),
-    ] = _INF
+    a_max: MaxAcceleration = _INF
+    omega_dot_max: MaxAngularAcceleration = _INF
     wheels: WheelGeometry = WheelGeometry()
-    command_latency: Annotated[
-        float, Spec("dead time between a pose's stamp and the motion that its command causes", "s", 0.0, 5.0)
-    ] = 0.0
+    command_latency: CommandLatency = 0.0
     drive_time_constant: Annotated[
         float, Spec("time constant of the drives, which follow their command as a first-order lag", "s", 0.0, 5.0)
     ] = 0.0

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import reprlib
+from collections.abc import Iterable
+from difflib import get_close_matches
 
 _MAX_BITS = 256
 """of a whole number that is shown: the digits of larger ones take Python quadratic time"""
+_MAX_NAMES = 20
+"""known names that are listed"""
 
 
 class _ShortRepr(reprlib.Repr):
@@ -54,6 +58,17 @@ class ReplacedNameError(InvalidValueError):
     def __reduce__(self) -> tuple[type[ReplacedNameError], tuple[str, object, str, str]]:  # type: ignore[override]
         """Keep all four fields when pickled; see :class:`InvalidValueError`."""
         return type(self), (self.name, self.value, self.successor, self.bound)
+
+
+def known_name(name: str, known: Iterable[str]) -> str:
+    """Return the bound of a name that is not among the ``known`` ones: those like it, and the list if it is short."""
+    names = sorted(known)
+    similar = get_close_matches(str(name), names, 3)
+    meant = f": did you mean {' or '.join(similar)}?" if similar else ""
+    if similar and len(names) > _MAX_NAMES:
+        return f"a known name{meant}"
+    more = f" ... {len(names)} in all" if len(names) > _MAX_NAMES else ""
+    return f"a known name ({', '.join(names[:_MAX_NAMES])}{more}){meant}"
 
 
 def _short_name(name: str) -> str:

@@ -27,7 +27,7 @@ from collections import namedtuple
 from collections.abc import Hashable, Mapping
 from typing import Annotated, Any, NamedTuple, TypeVar, cast, get_args, get_origin, get_type_hints
 
-from diffbot_core.errors import DiffbotError, InvalidValueError, ReplacedNameError
+from diffbot_core.errors import DiffbotError, InvalidValueError, ReplacedNameError, known_name
 
 C = TypeVar("C", bound=tuple[Any, ...])
 PARTIAL = "fields of this group without a Spec are no parameters"
@@ -182,7 +182,7 @@ def build(config_type: type[C], values: Mapping[str, Any], base: C | None = None
     config: Any = config_type() if base is None else base
     for name, value in values.items():
         if name not in parameters:
-            raise InvalidValueError(name, value, f"a known name ({', '.join(sorted(parameters))})")
+            raise InvalidValueError(name, value, known_name(name, parameters))
         parameter = parameters[name]
         config = _replace(config, parameter.path, parameter.encode(checked(parameter, value)))
     _check_groups(config)

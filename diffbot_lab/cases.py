@@ -9,16 +9,21 @@ from diffbot_control.filter.options import FilterConfig, options_of
 from diffbot_control.goals.protocol import Law
 from diffbot_control.law.controller import ControllerConfig, SwitchingLaw
 from diffbot_control.law.goal_checker import GoalTolerance
-from diffbot_control.law.presets import PAPER, PRESETS
-from diffbot_core.errors import InvalidValueError
+from diffbot_control.law.inert import inert_parameters
+from diffbot_control.law.presets import PRESETS, TUNED
+from diffbot_core.errors import InvalidValueError, known_name
 from diffbot_core.geometry import Pose
-from diffbot_core.schema import build, parameters_of, refuse_replaced
+from diffbot_core.schema import build, parameters_of, refuse_replaced, to_dict
 from diffbot_sim.compiled.batch import FEEDBACK_CODES
 from diffbot_sim.compiled.closed_loop import Case
 from diffbot_sim.model.plant import PlantConfig
 from diffbot_sim.model.sensors import SensorConfig
 
 ORIGIN = Pose(0.0, 0.0, 0.0)
+_SENSORS = {"fix_rate": ("eps_", "fix_"), "heading_rate": ("heading_",), "gyro_rate": ("gyro_",)}
+"""Rates, and how the names of their sensors' other parameters begin."""
+_OF_FILTER = ("heading_rate", "gyro_rate")
+"""Rates of sensors that only the filter reads."""
 
 
 class Configuration(NamedTuple):
@@ -34,7 +39,8 @@ class Configuration(NamedTuple):
 def configure(values: Mapping[str, Any], law: Law = SwitchingLaw) -> Configuration:
     """Build the configurations from parameter values; each value goes to every configuration that has its name.
 
-    So ``wheel_radius`` sets the plant's and the controller's. ``preset`` selects the defaults of this project's law.
+    So ``wheel_radius`` sets the plant's and the controller's. ``preset`` selects the defaults of this project's law;
+    without it they are those of the node.
 
     Raises:
         InvalidValueError: for an unknown name or a value that is not allowed.
@@ -42,15 +48,15 @@ def configure(values: Mapping[str, Any], law: Law = SwitchingLaw) -> Configurati
     values = dict(values)
     parts: tuple[type[Any], ...] = (PlantConfig, SensorConfig, law.Config, FilterConfig)
     is_own = law.Config is ControllerConfig
-    preset = values.pop("preset", PAPER) if is_own else PAPER
+    preset = values.pop("preset", TUNED) if is_own else TUNED
     if preset not in PRESETS:
-        raise InvalidValueError("preset", preset, "one of " + ", ".join(PRESETS))
+        raise InvalidValueError("preset", preset, known_name(preset, PRESETS))
     for part in parts:
         refuse_replaced(part, values)
     names = [{parameter.name for parameter in parameters_of(part)} for part in parts]
     for name, value in values.items():
         if not any(name in own for own in names):
-            raise InvalidValueError(name, value, f"a parameter: {', '.join(sorted(set().union(*names)))}")
+            raise InvalidValueError(name, value, known_name(name, set().union(*names)))
     bases: dict[type[Any], Any] = {ControllerConfig: PRESETS[preset]} if is_own else {}
     return Configuration(
         *(
@@ -58,6 +64,35 @@ def configure(values: Mapping[str, Any], law: Law = SwitchingLaw) -> Configurati
             for part, own in zip(parts, names, strict=True)
         )
     )
+
+
+def changes(config: tuple[Any, ...], base: tuple[Any, ...] | None = None) -> str:
+    """Return the parameters in which a configuration differs from ``base``, by default the defaults, as a text."""
+    plain = to_dict(type(config)() if base is None else base)
+    changed = [f"{name} = {value}" for name, value in to_dict(config).items() if value != plain[name]]
+    return f"not the default: {', '.join(changed) or 'nothing'}"
+
+
+def inert_in(configuration: Configuration, feedback: str) -> dict[str, str]:
+    """Return the parameters that cannot act in a case, and with what they would.
+
+    Args:
+        configuration: of the case.
+        feedback: one of FEEDBACK_CODES.
+    """
+    controller, sensors = configuration.controller, configuration.sensors
+    found = inert_parameters(controller) if isinstance(controller, ControllerConfig) else {}
+    acting = {one.name for one in parameters_of(PlantConfig)}
+    names = [one.name for one in parameters_of(SensorConfig)]
+    for rate, prefixes in _SENSORS.items():
+        if getattr(sensors, rate) == 0.0 or (rate in _OF_FILTER and feedback != "ekf"):
+            why = f"{rate} > 0" if feedback == "ekf" or rate not in _OF_FILTER else "feedback: ekf"
+            found |= dict.fromkeys((one for one in names if one.startswith(prefixes) and one != rate), why)
+    if feedback == "truth":
+        found |= dict.fromkeys(names, "feedback: ekf or raw")
+    if feedback != "ekf":
+        found |= dict.fromkeys((one.name for one in parameters_of(FilterConfig)), "feedback: ekf")
+    return {name: why for name, why in found.items() if name not in acting}
 
 
 def make_case(

@@ -64,7 +64,7 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
 
     def on_config(self, config: PlantNodeConfig) -> None:
         """Take over changed noise, faults and rates; a changed start counts from the next reset."""
-        self._plant.world.configure(config.world)
+        self._plant.world.configure(config.simulated())
         self._warn_of_idle_rates()
 
     def halt(self) -> None:

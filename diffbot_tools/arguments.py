@@ -113,7 +113,8 @@ def add_flags(parser: argparse.ArgumentParser, config_type: type[Any], without: 
         default = " ".join(map(str, parameter.default)) if isinstance(parameter.default, tuple) else parameter.default
         unit = "" if parameter.spec.unit == "-" else f" [{parameter.spec.unit}]"
         options: dict[str, Any] = {
-            "help": f"{parameter.spec.text}{unit}" + (f" (default: {default})" if default not in ("", False) else ""),
+            "help": f"{parameter.spec.text}{unit}".replace("%", "%%")
+            + (f" (default: {default})" if default not in ("", False) else ""),
             "default": argparse.SUPPRESS,
         }
         if parameter.type is bool:

@@ -8,7 +8,9 @@ if __name__ == "__main__":  # before the other imports: see launcher
     raise SystemExit(diffbot())
 
 import argparse
+import contextlib
 import importlib
+import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -23,9 +25,11 @@ from diffbot_core.launcher import end_on_signals
 from diffbot_core.schema import build, to_dict
 from diffbot_tools.arguments import MAX_SEED, add_flags, check_outputs, ros_parameters, whole
 from diffbot_tools.bag.command import add_bag
+from diffbot_tools.command_help import TopParser, add_examples
 from diffbot_tools.data_commands import add_calibrate, add_import, add_refilter
 from diffbot_tools.goal_command import add_goal
 from diffbot_tools.interfaces.command import add_interfaces
+from diffbot_tools.robot.command import add_robot
 from diffbot_tools.run_command import NODES, add_run
 from diffbot_tools.view.report_command import add_report
 from diffbot_tools.watch.command import add_watch
@@ -36,7 +40,15 @@ COMMANDS = "diffbot.commands"
 
 def main(args: list[str] | None = None) -> int:
     """Run the command line; return 0, 1 after an error or a missed goal, 2 for wrong usage, 130 after an interrupt."""
-    options = _parser().parse_args(args)
+    parser, words = _parser(), sys.argv[1:] if args is None else args
+    if "_ARGCOMPLETE" in os.environ:
+        _complete(parser)
+    if not words:
+        parser.print_help()
+        return 0
+    options = parser.parse_args(words)
+    if not hasattr(options, "call"):
+        parser.error("a command is missing: diffbot --help lists them")
     # SIGTERM unwinds like Ctrl-C, so started processes are stopped; nodes set handlers of their own.
     for number in (signal.SIGINT, signal.SIGTERM):
         if signal.getsignal(number) != signal.SIG_IGN:
@@ -53,8 +65,7 @@ def main(args: list[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="diffbot", description="Go-to-pose stack for differential-drive robots.")
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    parser = TopParser()
     for add in (
         _add_demo,
         add_run,
@@ -66,11 +77,22 @@ def _parser() -> argparse.ArgumentParser:
         add_calibrate,
         add_watch,
         add_report,
+        add_robot,
         add_interfaces,
+        _add_completion,
         *_further_commands(),
     ):
-        add(commands)
+        add(parser.commands)
+    add_examples(parser)
     return parser
+
+
+def _complete(parser: argparse.ArgumentParser) -> None:
+    """Answer the shell that asks for completions, and end; return if argcomplete is not installed."""
+    with contextlib.suppress(ImportError):
+        import argcomplete  # noqa: PLC0415
+
+        argcomplete.autocomplete(parser)
 
 
 def _further_commands() -> Iterator[Callable[[Any], None]]:
@@ -103,6 +125,21 @@ def _add_replay(commands: Any) -> None:
     add_flags(replay, ReplayConfig, without=("uri", "bags"))
     replay.add_argument("--ros-args", dest="ros_args", nargs=argparse.REMAINDER, default=[], help="remappings ...")
     replay.set_defaults(call=_replay)
+
+
+def _add_completion(commands: Any) -> None:
+    completion = commands.add_parser("completion", help="print what makes the shell complete commands and flags")
+    completion.add_argument("shell", choices=("bash", "zsh"))
+    completion.set_defaults(call=_completion)
+
+
+def _completion(options: argparse.Namespace) -> int:
+    try:
+        from argcomplete.shell_integration import shellcode  # noqa: PLC0415
+    except ImportError:
+        raise DiffbotError("completion needs argcomplete: pip install argcomplete") from None
+    print(shellcode(["diffbot"], shell=options.shell))
+    return 0
 
 
 def _demo(options: argparse.Namespace) -> int:

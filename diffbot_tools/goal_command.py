@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import importlib
 import math
+import os
 import signal
 import sys
 import time
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from tqdm import tqdm
@@ -32,6 +35,7 @@ DISCOVERY_TIMEOUT = 30.0
 """[s] within which the controller has to answer: it may just be starting"""
 _PATIENCE = 3.0
 """[s] without a controller after which the command reports that it waits for one"""
+_MAX_DOMAIN = 232
 _CANCEL_TIMEOUT, _LAST_TIMEOUT = 5.0, 1.0
 """[s] for a cancellation, and for one of a goal that was never answered"""
 
@@ -129,8 +133,32 @@ def run(options: GoalOptions) -> int:
 def _send(client: Any, options: GoalOptions, began: float) -> None:
     deadline = began + min(options.timeout, DISCOVERY_TIMEOUT)
     if not client.wait_until_ready(min(_PATIENCE, options.timeout)) and not client.is_stopped():
-        print("waiting for the controller ...", file=sys.stderr)
+        print(_what_is_seen(client.seen_controllers(), options), file=sys.stderr)
     client.send_goal([options.pose], timeout=max(deadline - time.monotonic(), 0.0))
+
+
+def _what_is_seen(controllers: list[str], options: GoalOptions) -> str:
+    """Say which controllers answer instead of the one that is waited for, and how to reach them."""
+    own = os.environ.get("ROS_DOMAIN_ID") or "0"
+    wanted = "/" + f"{options.namespace.strip('/')}/{options.controller}".lstrip("/")
+    lines = [f"waiting for the controller {wanted} on ROS_DOMAIN_ID {own} ..."]
+    for name in controllers:
+        namespace, _, node = name.rpartition("/")
+        flags = f" --namespace {namespace.strip('/')}" * bool(namespace) + f" --controller {node}" * (
+            node != "controller"
+        )
+        lines.append(f"  there is {name}: diffbot goal X Y YAW{flags}")
+    with contextlib.suppress(OSError):  # not Linux
+        others = [one for one in used_domains(Path("/proc/net/udp").read_text()) if str(one) != own]
+        if others:
+            lines.append(f"  other domains in use on this machine, for ROS_DOMAIN_ID: {', '.join(map(str, others))}")
+    return "\n".join(lines)
+
+
+def used_domains(table: str) -> list[int]:
+    """Return the ROS domains of which a process has a discovery port (DDSI-RTPS 9.6.1), from /proc/net/udp."""
+    ports = {int(line.split()[1].rpartition(":")[2], 16) for line in table.splitlines()[1:]}
+    return [domain for domain in range(_MAX_DOMAIN + 1) if ports & {7400 + 250 * domain, 7410 + 250 * domain}]
 
 
 class _Stop:

@@ -1,13 +1,12 @@
-"""Layout, colours and writing of figures; matplotlib draws without a screen."""
+"""Layout, colours and writing of figures; matplotlib draws without a screen, unless it was imported before."""
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
-import matplotlib
-
-matplotlib.use("Agg")
+os.environ.setdefault("MPLBACKEND", "Agg")
 
 import matplotlib.pyplot as plt
 

@@ -7,6 +7,7 @@ import heapq
 import io
 import operator
 from collections.abc import Iterable, Iterator, Sequence
+from os import PathLike
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple
@@ -55,7 +56,7 @@ class BagReader:
 
     _file_type: type[McapFile] = McapFile
 
-    def __init__(self, path: Path, limits: BagLimits | None = None) -> None:
+    def __init__(self, path: str | PathLike[str], limits: BagLimits | None = None) -> None:
         """Open the bag and read its index.
 
         Args:
@@ -65,11 +66,11 @@ class BagReader:
         Raises:
             DiffbotError: if it is missing, not a rosbag2 MCAP bag, damaged, empty, or beyond the limits.
         """
-        self.path = path
+        self.path = Path(path)
         self.metadata: BagMetadata | None = None
         self._files: list[McapFile] = []
         try:
-            self.path = path.expanduser()
+            self.path = self.path.expanduser()
             for file in self._file_paths():
                 self._files.append(self._file_type(file, limits))
         except DiffbotError:

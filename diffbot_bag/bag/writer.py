@@ -6,6 +6,7 @@ import re
 import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from os import PathLike
 from pathlib import Path
 
 from mcap.records import Channel
@@ -44,7 +45,7 @@ class BagWriter:
 
     def __init__(
         self,
-        folder: Path,
+        folder: str | PathLike[str],
         definitions: MessageDefinitions | None = None,
         *,
         chunk_size: int = CHUNK_SIZE,
@@ -65,7 +66,7 @@ class BagWriter:
         Raises:
             BagWriteError: if the folder exists already or cannot be created.
         """
-        self.folder = folder.expanduser().absolute()
+        self.folder = Path(folder).expanduser().absolute()
         self._schemas, self._channels = Schemas(definitions or MessageDefinitions()), 0
         self._chunk_size, self._limits, self._disk = chunk_size, limits, disk or Disk()
         self._latched: dict[int, LatchedMessages] = {}

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from diffbot_control.law.presets import TUNED
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.files import output_folder, write_json
 from diffbot_lab.arena.cases import (
@@ -31,6 +32,7 @@ from diffbot_lab.arena.report.text import conclusions, table
 from diffbot_lab.arena.runs import case_of, run_case, run_paths
 from diffbot_lab.arena.statistics import figures_of
 from diffbot_lab.arena.tuning import TRAINING_SEED, read_tuning, tuned_values
+from diffbot_lab.cases import changes
 from diffbot_sim.compiled.batch import HISTORY_COLUMNS, Starts, run_histories
 
 Array = NDArray[np.float64]
@@ -111,7 +113,8 @@ def run_benchmark(options: ArenaOptions) -> tuple[dict[str, Any], dict[str, Arra
                 bar.update()
             row = {"name": case.name, "text": case.text, "table": case.table, "laws": laws}
             rows.append(row | _moving(case, entries, tuned, options))
-    results = _arena(options) | {"tuning": tuning, "laws": [_described(entry) for entry in entries], "cases": rows}
+    results = _arena(options) | {"tuning": tuning, "cases": rows}
+    results["laws"] = [_described(entry, config_of(entry, cases[0], tuned[entry.name])) for entry in entries]
     return results | conclusions(results), outcomes
 
 
@@ -133,8 +136,10 @@ def _number(entries: tuple[Entry, ...], cases: tuple[ArenaCase, ...]) -> int:
     return sum(takes_part(entry, case) for entry in entries for case in cases)
 
 
-def _described(entry: Entry) -> dict[str, Any]:
-    described = {"name": entry.name, "label": entry.label, "source": entry.source, "purpose": entry.purpose}
+def _described(entry: Entry, config: Any) -> dict[str, Any]:
+    law = f"{entry.law}, preset {TUNED}" if is_own(entry) else entry.law
+    runs_with = {"parameters": f"law {law}; {changes(config)}"}
+    described = runs_with | {"name": entry.name, "label": entry.label, "source": entry.source, "purpose": entry.purpose}
     return described | {"ours": is_own(entry), "bound": entry.feedback != "ekf", "tuned": bool(entry.space)}
 
 

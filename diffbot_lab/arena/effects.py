@@ -97,6 +97,7 @@ def run_and_report(runs: int, seed: int, out: Path) -> int:
     results = run_effects(runs, seed)
     with output_folder(out):
         write_json(out / "results.json", results)
+    print("law switching, preset tuned; in each row one parameter, or the data sheet, is changed\n")
     print("\n".join([*law_table(results), "", *sheet_table(results), "", f"{out / 'results.json'}"]))
     return 0
 

@@ -148,7 +148,7 @@ def table(campaign: Campaign, statistics: list[CellStatistics]) -> str:
     head = "".join(f"{name[-14:]:>16}" for name in names)
     head += f"{'runs':>10}{'success':>9}{'[95 %]':>16}{'settle q50':>12}{'q95 [s]':>9}"
     head += f"{'pos q95 [m]':>13}{'switches q99':>14}"
-    lines = [head, "-" * len(head)]
+    lines = [campaign.heading, head, "-" * len(head)]
     for cell, one in list(zip(campaign.cells, statistics, strict=True))[:40]:
         figures = one.summary()
         line = "".join(f"{cell.values[name]!s:>16}" for name in names)

@@ -14,16 +14,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from diffbot_control.goals.registry import resolve_law
+from diffbot_control.law.controller import SwitchingLaw
+from diffbot_control.law.presets import TUNED
 from diffbot_core.bounded_yaml import load_yaml
 from diffbot_core.code_hash import hash_of_code, hash_of_values
-from diffbot_core.errors import DiffbotError, InvalidValueError
+from diffbot_core.errors import DiffbotError, InvalidValueError, known_name
 from diffbot_core.foreign_files import read_text, shown
 from diffbot_core.geometry import Pose
 from diffbot_core.parameter_files import MAX_BYTES
 from diffbot_core.ranges import LENGTH, POSITION
 from diffbot_core.schema import build, to_dict
 from diffbot_lab.campaign.options import CampaignOptions, is_coordinate, is_number, triple
-from diffbot_lab.cases import configure, make_case
+from diffbot_lab.cases import configure, inert_in, make_case
 from diffbot_sim.compiled.batch import Starts, check_case
 from diffbot_sim.compiled.closed_loop import Case
 from diffbot_sim.compiled.jit import LIBRARIES, PACKAGES, law_version
@@ -64,6 +66,17 @@ class Campaign(NamedTuple):
         return hashlib.sha256(json.dumps(decisive, sort_keys=True).encode()).hexdigest()[:16]
 
     @property
+    def heading(self) -> str:
+        """What runs, in one line: law, preset, feedback, and all that is not the default."""
+        given, options = self.description["set"], self.options
+        law = options.law
+        if law == SwitchingLaw.name and "preset" not in self.description["grid"]:
+            law += f", preset {given.get('preset', TUNED)}"
+        changed = [f"{name} = {value}" for name, value in given.items() if name != "preset"]
+        text = f"law {law}; feedback {options.feedback}; {options.duration:g} s; seed {options.seed}; not the default: "
+        return text + (", ".join(changed) or "nothing")
+
+    @property
     def resolved(self) -> str:
         """Hash of what the description resolves to with all defaults and presets: options, starts and every case."""
         return hash_of_values([self.options._replace(chunk=0), self.starts, *self.cells])
@@ -95,7 +108,7 @@ def make_campaign(content: Mapping[str, Any]) -> Campaign:
     known = [*CampaignOptions._fields, *_LISTS]
     for key in content:
         if key not in known:
-            raise InvalidValueError("key", key, "one of " + ", ".join(known))
+            raise InvalidValueError("key", key, known_name(str(key), known))
     options = build(CampaignOptions, {key: value for key, value in content.items() if key not in _LISTS})
     starts = _starts(content.get("start", {"list": [[-2.0, -5.5, math.radians(30.0)]]}))
     fixed, grid = _mapping("set", content.get("set")), _mapping("grid", content.get("grid"))
@@ -121,12 +134,19 @@ def _cells(options: CampaignOptions, fixed: Mapping[str, Any], grid: Mapping[str
         raise InvalidValueError("grid", f"{number} cells", f"<= {_MAX_CELLS} cells")
     law = resolve_law(options.law)
     law_name = f"{options.law} {law_version(law)}"
-    cells = []
+    cells: list[Cell] = []
+    inert: dict[str, str] = {}
     for values in itertools.product(*grid.values()):
         point = dict(zip(grid, values, strict=True))
         config = configure({**fixed, **point}, law)
+        found = inert_in(config, options.feedback)
+        inert = {name: why for name, why in found.items() if not cells or name in inert}
         case = make_case(config, options.duration, feedback=options.feedback, goal=Pose(*options.goal))
         cells.append(Cell(point, case, law_name))
+    for part, given in (("set", fixed), ("grid", grid)):
+        for name, value in given.items():
+            if name in inert:
+                raise InvalidValueError(f"{part}.{name}", value, f"left out, it acts only with {inert[name]}")
     return cells
 
 

@@ -61,7 +61,7 @@ HEADING_WEIGHT = 0.2
 """[m/rad] of the heading error in the distance that the reward counts"""
 TIME_COST, END_REWARD = 0.1, 10.0
 """[1/s] for each second; at the goal, and less for leaving the arena"""
-_ARENA = 3.0
+ARENA = 3.0
 """times ``start_range``: a distance beyond it ends an episode"""
 _RANGES = {"start_range": (0.1, 1e3), "v_max": (1e-3, 1e3), "omega_max": (1e-3, 1e3)}
 _MAX_WAIT = 1000
@@ -72,12 +72,15 @@ _MAX_SEED = 2**63 - 1
 class DiffbotGoalEnv(gymnasium.Env[Floats, Floats]):
     """The environment; the module describes action, observation and reward."""
 
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012 - as gymnasium has it
+
     def __init__(
         self,
         world: WorldConfig | None = None,
         feedback: str = EKF,
         data_sheet: DataSheet | None = None,
         start_range: float = 5.0,
+        render_mode: str | None = None,
     ) -> None:
         """Describe the task.
 
@@ -86,12 +89,16 @@ class DiffbotGoalEnv(gymnasium.Env[Floats, Floats]):
             feedback: one of FEEDBACKS: the filter's estimate, the newest fix, or the true pose.
             data_sheet: what an action of 1 means, and the bound of the wheels; None for the paper's robot.
             start_range: [m] x and y of the start are drawn uniformly within it, the heading from all directions.
+            render_mode: None, or rgb_array: :meth:`render` draws the present state.
 
         Raises:
             InvalidValueError: for another feedback, or a range or bound that is not a positive number.
         """
         self._config, self._sheet = world or WorldConfig(), data_sheet or DataSheet()
         v_max, omega_max = self._sheet.v_max, self._sheet.omega_max
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise InvalidValueError("render_mode", render_mode, "None or rgb_array")
+        self.render_mode = render_mode
         if feedback not in FEEDBACKS:
             raise InvalidValueError("feedback", feedback, "one of " + ", ".join(FEEDBACKS))
         for name, value in (("start_range", start_range), ("v_max", v_max), ("omega_max", omega_max)):
@@ -100,7 +107,7 @@ class DiffbotGoalEnv(gymnasium.Env[Floats, Floats]):
                 raise InvalidValueError(name, value, f">= {least:g} and <= {most:g}")
         self._feedback, self._start_range, self._tolerance = feedback, start_range, GoalTolerance()
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (2,), np.float32)
-        high = np.array([2.0 * _ARENA * start_range, 1.0, 1.0, 1.0, 1.0, 2.0 * v_max, 2.0 * omega_max], np.float32)
+        high = np.array([2.0 * ARENA * start_range, 1.0, 1.0, 1.0, 1.0, 2.0 * v_max, 2.0 * omega_max], np.float32)
         low = np.array([0.0, *(-high[1:])], np.float32)
         self.observation_space = gymnasium.spaces.Box(low, high, (7,), np.float32)
 
@@ -150,10 +157,26 @@ class DiffbotGoalEnv(gymnasium.Env[Floats, Floats]):
         truth = self.world.state.pose
         rho = math.hypot(truth.x, truth.y)
         reached = within(truth, rho, command, self._tolerance, self._sheet)
-        left = rho > _ARENA * self._start_range
+        left = rho > ARENA * self._start_range
         reward = _distance(before) - _distance(truth) - TIME_COST * self._config.plant.sampling_time
         reward += END_REWARD * (reached - left)
         return self._observation(), reward, reached or left, False, self._info(reached)
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Return a picture (400, 400, 3) of the goal, the true robot and the estimate; None without a render_mode."""
+        if self.render_mode is None:
+            return None
+        # Loads matplotlib.
+        from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
+        from matplotlib.figure import Figure  # noqa: PLC0415
+
+        canvas, reach = FigureCanvasAgg(Figure(figsize=(4.0, 4.0), dpi=100)), 1.2 * self._start_range
+        axes = canvas.figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
+        for pose, colour in ((Pose(0.0, 0.0, 0.0), "green"), (self._pose, "red"), (self.world.state.pose, "blue")):
+            tip = 0.12 * reach * math.cos(pose.theta), 0.12 * reach * math.sin(pose.theta)
+            axes.quiver(pose.x, pose.y, *tip, color=colour, angles="xy", scale_units="xy", scale=1.0)
+        canvas.draw()  # type: ignore[no-untyped-call]
+        return np.array(canvas.buffer_rgba())[:, :, :3]  # type: ignore[no-untyped-call]
 
     def _random_start(self) -> StartPose:
         x, y, turn = self.np_random.uniform(-1.0, 1.0, 3).tolist()

@@ -12,16 +12,21 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from diffbot_control.law.presets import PAPER, PRESETS
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.files import output_folder, write_json
+from diffbot_lab.cases import changes
 from diffbot_lab.paper.scenarios import (
+    EPS_P,
     HEADINGS_B,
     LAWS,
     PAPER_END_STATES,
     SETTINGS,
+    TEXTBOOK_FILTER,
     Group,
     Setting,
     case_of,
+    controller_of,
     starts_of,
 )
 from diffbot_sim.compiled.batch import COLUMNS, HISTORY_COLUMNS, Starts, run_batch, run_histories
@@ -159,12 +164,20 @@ def run_and_report(names: tuple[str, ...], runs: int, seed: int, folder: Path, f
             groups = run_experiment(name, runs, seed)
             results = summarise(name, runs, seed, groups)
             write_json(target / "results.json", results)
-            print(table(results))
+            print(f"{heading()}\n{table(results)}")
             if figures:
                 drawn += figure_paths(groups, target, pool)
         for future in tqdm(drawn, desc="figures", unit="figure", disable=None):
             future.result()
     print(f"Results and figures in {folder}")
+
+
+def heading() -> str:
+    """Say what runs: laws, settings, and all that is not the default of the nodes."""
+    lines = [f"{law}: preset paper; beside it, {changes(controller_of(law, EPS_P), PRESETS[PAPER])}" for law in LAWS]
+    for one in SETTINGS:
+        lines.append(f"{one.name}: feedback {one.feedback}; plant {changes(one.plant)}; sensors {changes(one.sensors)}")
+    return "\n".join([*lines, f"filter of ekf: {changes(TEXTBOOK_FILTER)}"])
 
 
 def table(results: dict[str, Any]) -> str:

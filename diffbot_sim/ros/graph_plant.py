@@ -35,7 +35,7 @@ class GraphPlant:
         self._arrivals: Arrivals | None = None
         self.poll: Timer | None = None
         """timer that :meth:`set_polling` starts and stops"""
-        self.world = World(node.config.world, start_stamp)
+        self.world = World(node.config.simulated(), start_stamp)
 
     @property
     def step(self) -> int:
@@ -44,7 +44,7 @@ class GraphPlant:
 
     def reset(self) -> None:
         """Put the robot back at the start; time goes on, since nodes do not expect messages from the past."""
-        self.world = World(self._node.config.world, self.world.stamp + self.world.period)
+        self.world = World(self._node.config.simulated(), self.world.stamp + self.world.period)
         self._arrivals = None
 
     def advance(self, command: Twist) -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, NamedTuple
 
 from diffbot_control.ros.frames import PREFIX_TEXT
+from diffbot_core.data_sheet import CommandLatency, MaxAcceleration, MaxAngularAcceleration
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.ranges import TIMEOUT
 from diffbot_core.ros.command_parameters import CommandSourceConfig
@@ -15,10 +17,23 @@ from diffbot_sim.model.simulator import WorldConfig
 from diffbot_sim.ros.pacing import CLOCKS, LOCKSTEP, SCALED, WALL
 
 
+class SharedSheet(NamedTuple):
+    """What the plant reads of the controller's data sheet: a file for both then has it once, in its section ``/**``.
+
+    The smaller bound acts, of it and of the actuators, and the larger dead time.
+    """
+
+    a_max: MaxAcceleration = math.inf
+    omega_dot_max: MaxAngularAcceleration = math.inf
+    command_latency: CommandLatency = 0.0
+
+
 class PlantNodeConfig(NamedTuple):
     """Parameters of the node ``plant``."""
 
     world: WorldConfig = WorldConfig()
+    """without the shared data sheet, see :meth:`simulated`"""
+    sheet: SharedSheet = SharedSheet()
     beams: BeamSimulation = BeamSimulation()
     clock: Annotated[
         str,
@@ -71,6 +86,16 @@ class PlantNodeConfig(NamedTuple):
     publish_tf: Annotated[bool, Spec("publish odom -> base_link", read_only=True)] = True
     commands: CommandSourceConfig = CommandSourceConfig()
     faults: FaultConfig = FaultConfig()
+
+    def simulated(self) -> WorldConfig:
+        """Return the world with the shared data sheet in it."""
+        plant, sheet = self.world.plant, self.sheet
+        actuators = plant.actuators._replace(
+            acceleration_max=min(plant.actuators.acceleration_max, sheet.a_max),
+            angular_acceleration_max=min(plant.actuators.angular_acceleration_max, sheet.omega_dot_max),
+            command_delay=max(plant.actuators.command_delay, sheet.command_latency),
+        )
+        return self.world._replace(plant=plant._replace(actuators=actuators))
 
     def owns_time(self) -> bool:
         """Return True if the plant publishes /clock."""

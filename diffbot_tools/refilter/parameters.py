@@ -1,18 +1,22 @@
-"""Parameters of the node ``ekf`` from a ROS parameter file, without ROS."""
+"""Parameters of a node from a ROS parameter file, without ROS."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
+from diffbot_control.ros.parameters.controller import ControllerNodeConfig
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
-from diffbot_core.errors import DiffbotError
+from diffbot_core.errors import DiffbotError, InvalidValueError, known_name
 from diffbot_core.foreign_files import read_text
 from diffbot_core.parameter_files import MAX_BYTES, values_for
-from diffbot_core.schema import build
+from diffbot_core.schema import build, parameters_of
+from diffbot_sim.ros.parameters import PlantNodeConfig
 
 NODE = "ekf"
-IGNORED = frozenset({"use_sim_time"})
-"""Parameters that every node of ROS has."""
+_OF_EVERY_NODE = "use_sim_time"
+"""Parameter that every node of ROS has."""
 
 
 def read_config(path: Path) -> tuple[EkfNodeConfig, str]:
@@ -25,8 +29,21 @@ def read_config(path: Path) -> tuple[EkfNodeConfig, str]:
     """
     values = values_for(path, NODE)
     try:
-        return build(EkfNodeConfig, {name: value for name, value in values.items() if name not in IGNORED}), read_text(
-            path, MAX_BYTES
-        )
+        return build(EkfNodeConfig, values_of(values, EkfNodeConfig)), read_text(path, MAX_BYTES)
     except DiffbotError as error:
         raise DiffbotError(f"{path}: {error}") from error
+
+
+def values_of(values: Mapping[str, Any], config_type: type[Any]) -> dict[str, Any]:
+    """Return those of a file's ``values`` that are one node's: a section for all nodes has those of others, too.
+
+    Raises:
+        InvalidValueError: for a name that no node knows.
+    """
+    types = config_type, ControllerNodeConfig, EkfNodeConfig, PlantNodeConfig
+    own, *others = ({one.name for one in parameters_of(kind)} for kind in types)
+    known = own.union(*others, (_OF_EVERY_NODE,))
+    for name, value in values.items():
+        if name not in known:
+            raise InvalidValueError(name, value, known_name(name, known))
+    return {name: value for name, value in values.items() if name in own}

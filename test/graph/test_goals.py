@@ -89,7 +89,15 @@ def test_the_command_reports_the_end_in_one_line(driven, arguments, status, text
     assert cli.main(["goal", *map(str, FAR), *arguments]) == status
     written, said = capfd.readouterr()
     # On a busy machine the controller may have to be waited for.
-    assert re.fullmatch(text, written + said.removeprefix("waiting for the controller ...\n"))
+    said = re.sub(r"waiting for the controller .*\n(  .*\n)*", "", said)
+    assert re.fullmatch(text, written + said)
+
+
+def test_the_command_names_the_controllers_that_it_sees_instead(driven, kept_signal_handlers, capfd):
+    assert cli.main(["goal", *map(str, FAR), "--controller", "pilot", "--timeout", "4"]) == 1
+    waiting, *seen = capfd.readouterr().err.splitlines()[:-1]
+    assert waiting.startswith("waiting for the controller /pilot on ROS_DOMAIN_ID ")
+    assert seen[0] == "  there is /controller: diffbot goal X Y YAW"
 
 
 def test_a_command_that_waits_for_a_controller_can_be_interrupted():

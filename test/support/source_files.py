@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = ("diffbot_bag", "diffbot_control", "diffbot_core", "diffbot_lab", "diffbot_sim", "diffbot_tools")
+PACKAGES = ("diffbot", "diffbot_bag", "diffbot_control", "diffbot_core", "diffbot_lab", "diffbot_sim", "diffbot_tools")
 BUILT = {"build", "install", "log", "out", "site", "__pycache__"}
 HIDDEN = {".ci", ".github"}
 """Hidden folders that are part of the project."""

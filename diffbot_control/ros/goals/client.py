@@ -37,6 +37,8 @@ ANSWER_TIMEOUT = 1.0
 _POLL_PERIOD = 2.0
 """[s] without news after which the controller is asked for the state of the goal."""
 _SPIN = 0.02
+_SEND, _SEND_TYPE = "/send_goal", "rcl_interfaces/srv/SetParametersAtomically"
+"""End of the name, and type, of the service of every controller"""
 
 
 class GoalRefusedError(DiffbotError):
@@ -147,6 +149,13 @@ class GoalClient(Node):  # type: ignore[misc]
     def wait_until_ready(self, timeout: float = math.inf) -> bool:
         """Wait until the controller takes goals; False if it does not within ``timeout`` [s]."""
         return self.spin_until(lambda: self._send.service_is_ready() and self._cancel.service_is_ready(), timeout)
+
+    def seen_controllers(self) -> list[str]:
+        """Return the full names of all controllers in this domain that take goals, sorted."""
+        found = dict(self.get_service_names_and_types())
+        mine = [name for name, types in found.items() if name.endswith(_SEND) and _SEND_TYPE in types]
+        mine = [name for name in mine if self.count_services(name) > 0]  # clients are listed, too
+        return sorted(name.removesuffix(_SEND) for name in mine)
 
     def send_goal(self, poses: Sequence[Pose], frame: str = "", timeout: float = math.inf) -> Task:
         """Send a goal, or a path of several, and wait until it is accepted.

@@ -19,7 +19,9 @@ def table(results: Results) -> str:
     labels = {one["name"]: one["label"] for one in results["laws"]}
     head = f"{'':<42}{'answered: 20 s':>15}{'30 s':>8}{'60 s':>8}{'false':>8}{'time [s]: median':>18}{'99 %':>7}"
     head += f"{'settled':>10}{'99 % [s]':>10}{'|pos| [m]: 95 %':>17}{'turns':>7}"
-    lines = _ahead_lines(peers_ahead(results))
+    lines = [f"{one['label']}: {one['parameters']}" for one in results["laws"]]
+    lines += [f"(in the case {results['cases'][0]['name']}; the others as their titles say)", ""]
+    lines += _ahead_lines(peers_ahead(results))
     for row in results["cases"]:
         lines += ["", f"{row['name']}: {row['text']}", head, "-" * len(head)]
         lines += [_terminal_row(labels[one["name"]], one) for one in row["laws"]]

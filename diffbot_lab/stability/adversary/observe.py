@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from diffbot_control.law.presets import PAPER
 from diffbot_lab.cases import configure, make_case
 from diffbot_lab.stability.paper.file import EXACT_ARC, Certificate, Loop
 from diffbot_sim.compiled.batch import Starts, run_histories
@@ -43,6 +44,7 @@ class Observed(NamedTuple):
 def case_of(loop: Loop, steps: int) -> Case:
     """Return the loop of a certificate as a case of the compiled loop with raw measurements."""
     values: dict[str, Any] = {
+        "preset": PAPER,
         **{name: getattr(loop, name) for name in ("gamma", "k", "h", "k_2", "eps_P", "eps_P_leave")},
         **{f"{name}_max": getattr(loop, name) for name in ("eps_x", "eps_y", "eps_theta", "eps_v", "eps_omega")},
         "sampling_time": loop.t_s,

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from diffbot_control.law.presets import PAPER
 from diffbot_core.errors import DiffbotError
 from diffbot_core.files import output_folder
 from diffbot_lab.cases import configure
@@ -43,7 +44,7 @@ def loop_of(law: str, values: Mapping[str, Any]) -> Loop:
     radius = values.get("eps_P", 0.5)
     if law == "13":
         values = {**values, "eps_P": 0.0}
-    plant, sensors, controller, _ = configure({**PAPER_NOISE, "eps_P_leave": radius, **values})
+    plant, sensors, controller, _ = configure({"preset": PAPER, **PAPER_NOISE, "eps_P_leave": radius, **values})
     box, fixed, gains = noise_box(plant, sensors, controller), controller.region_policy.fixed, controller.gains
     region = (0.0, 0.0) if law == "13" else (fixed.eps_P, fixed.eps_P_leave)
     bounds = (*box, plant.sampling_time)

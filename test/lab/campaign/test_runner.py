@@ -38,6 +38,7 @@ SMALL = {
     "duration": 12.0,
     "feedback": "raw",
     "start": {"box": {"x": [-2.0, 2.0], "y": [-2.0, 2.0]}},
+    "set": {"preset": "paper"},
     "grid": {"k": [1.0, 4.0], "eps_P": [0.1, 0.5]},
     "chunk": 7,
 }
@@ -49,6 +50,7 @@ pytestmark = pytest.mark.timeout(600)
 def flags(description, out):
     listed = [f"--{name}={description[name]}" for name in ("runs", "duration", "feedback", "chunk")]
     listed += ["--start", json.dumps(description["start"])]
+    listed += ["--set", *(f"{name}={value}" for name, value in description.get("set", {}).items())]
     return [*listed, "--grid", *(f"{name}={values}" for name, values in description["grid"].items()), "--out", str(out)]
 
 

@@ -1,12 +1,15 @@
 """What a campaign may be: YAML and flags, unfolded into cells, and one clear line for all that is not allowed."""
 
 import itertools
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 
+from diffbot_control.ros.parameters.controller import ControllerNodeConfig
+from diffbot_core.errors import InvalidValueError
 from diffbot_lab.campaign.spec import make_campaign, read_campaign
 from diffbot_sim.compiled.closed_loop import EKF
 from diffbot_tools import cli
@@ -46,7 +49,9 @@ def test_starts():
 
 def test_flags_win_and_grids_are_merged_by_name(tmp_path):
     path = tmp_path / "c.yaml"
-    path.write_text("runs: 5\nseed: 3\nset: {h: 0.2, k_2: 2.0}\ngrid: {k: [1.0, 2.0], eps_P: [0.1, 0.2]}\n")
+    path.write_text(
+        "runs: 5\nseed: 3\nset: {preset: paper, h: 0.2, k_2: 2.0}\ngrid: {k: [1.0, 2.0], eps_P: [0.1, 0.2]}\n"
+    )
     campaign = read_campaign(path, {"runs": 7, "set": {"h": 0.3}, "grid": {"k": [4]}})
     assert (campaign.options.runs, campaign.options.seed) == (7, 3)
     assert [cell.values for cell in campaign.cells] == [{"k": 4, "eps_P": 0.1}, {"k": 4, "eps_P": 0.2}]
@@ -58,21 +63,22 @@ def test_flags_win_and_grids_are_merged_by_name(tmp_path):
 
 
 def test_identity_and_resolved_values_name_all_that_decides():
-    base = {"runs": 5, "set": {"h": 0.2}, "grid": {"k": [1.0]}, "start": CIRCLE}
+    paper = {"preset": "paper", "h": 0.2}
+    base = {"runs": 5, "set": paper, "grid": {"k": [1.0]}, "start": CIRCLE}
     found = make_campaign(base)
     for same in ({**base, "chunk": 17}, dict(reversed(base.items()))):
         assert make_campaign(same).identity == found.identity
     # What a value stands for counts, whatever the words.
-    assert make_campaign({**base, "set": {"h": 0.2, "k_2": 2.7}}).resolved == found.resolved
+    assert make_campaign({**base, "set": {**paper, "k_2": 2.7}}).resolved == found.resolved
     others = [
         {"runs": 6},
         {"seed": 2},
         {"duration": 61.0},
         {"feedback": "raw"},
         {"goal": [0.0, 0.0, 1e-300]},
-        {"set": {"h": 0.2, "preset": "tuned"}},
-        {"set": {"h": 0.2, "gate_probability": 0.98}},
-        {"set": {"h": 0.20000000000000004}},
+        {"set": {**paper, "preset": "paper_covariance"}},
+        {"set": {**paper, "gate_probability": 0.98}},
+        {"set": {**paper, "h": 0.20000000000000004}},
         {"grid": {"k": [1.5]}},
         {"start": {"circle": {"radius": 2.5}}},
     ]
@@ -171,3 +177,25 @@ def test_a_campaign_runs_any_law():
     assert {cell.law.split()[0] for cell in campaign.cells} == {"polar"}
     same = make_campaign({"law": "diffbot_lab.laws.polar:Polar", "set": {"k_rho": 2.0, "wheel_radius": 0.07}})
     assert same.resolved != campaign.resolved
+
+
+@pytest.mark.parametrize(
+    ("content", "part"),
+    [
+        ({"set": {"h": 0.2}}, "set.h = 0.2: must be left out, it acts only with speed_profile: tanh"),
+        ({"set": {"preset": "paper", "react": 0.2}}, "set.react = 0.2: must be left out"),
+        ({"grid": {"eps_P": [0.2, 0.3]}}, "grid.eps_P"),
+        ({"set": {"gyro_bias": 0.1}}, "gyro_rate > 0"),
+        ({"feedback": "truth", "set": {"fix_rate": 1.0}}, "feedback: ekf or raw"),
+        ({"set": {"wheel_radiu": 0.1}}, "did you mean wheel_radius"),
+        ({"rnus": 5}, "did you mean runs"),
+    ],
+)
+def test_what_cannot_act_or_is_misspelt_is_refused(content, part):
+    with pytest.raises(InvalidValueError, match=re.escape(part)):
+        make_campaign(content)
+
+
+def test_a_parameter_that_acts_in_one_cell_is_no_error_and_the_law_is_the_nodes():
+    assert make_campaign({"set": {"react": 0.2}, "grid": {"preset": ["paper", "tuned"]}}).cells
+    assert make_campaign({}).cells[0].case.controller == ControllerNodeConfig().supervisor.controller

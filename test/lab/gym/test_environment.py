@@ -118,3 +118,17 @@ def test_bad_values_are_refused():
     for action in (np.array([math.nan, 0.0]), np.zeros(3)):
         with pytest.raises(InvalidValueError, match="action = "):
             env.step(action)
+
+
+def test_a_picture_shows_the_robot_where_it_is():
+    env = gymnasium.make("diffbot_lab.gym:DiffbotGoal-v0", render_mode="rgb_array", feedback="truth", start_range=4.0)
+    for start in ((-3.0, 2.0, 0.0), (3.0, -2.0, 0.0)):
+        env.reset(seed=1, options={"start": start})
+        picture = env.render().astype(int)
+        assert picture.shape == (400, 400, 3)
+        blue = np.argwhere((picture[:, :, 2] > 200) & (picture[:, :, :2].max(axis=2) < 60))
+        row, column = blue.mean(axis=0)
+        # 9.6 m wide, y upwards; the arrow is half a metre long and points along x.
+        assert column == pytest.approx(200 + (start[0] + 0.3) / 9.6 * 400, abs=8)
+        assert row == pytest.approx(200 - start[1] / 9.6 * 400, abs=5)
+    assert gymnasium.make("diffbot_lab.gym:DiffbotGoal-v0").render_mode is None

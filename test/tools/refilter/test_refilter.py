@@ -22,6 +22,8 @@ from diffbot_core.errors import BadMessageError, DiffbotError
 from diffbot_tools import cli
 from diffbot_tools.dataset.command import import_mrclam
 from diffbot_tools.refilter.command import run
+from diffbot_tools.refilter.parameters import read_config
+from diffbot_tools.robot.description import RobotDescription, file_of_robot
 
 HANDLERS = {
     "/initialpose": EkfNode._on_initialpose,
@@ -162,6 +164,14 @@ def write_odometry(path, topic):
         channel = writer.add_topic(topic, ODOMETRY)
         for stamp in (10**9, 2 * 10**9, 3 * 10**9):
             writer.write(channel, message.encode(stamp), stamp, stamp)
+
+
+def test_a_file_of_a_whole_robot_is_read(tmp_path):
+    """Its section for all nodes has parameters of others."""
+    path = tmp_path / "robot.yaml"
+    path.write_text(file_of_robot(RobotDescription(wheel_separation=0.4, gyro=True)))
+    config, _ = read_config(path)
+    assert (config.wheels.wheel_separation, config.localization.filter.use_gyro) == (0.4, True)
 
 
 BAD_FILES = {

@@ -1,0 +1,61 @@
+"""Go-to-pose for differential-drive robots, without ROS: the names that most programs need.
+
+    import diffbot
+
+    run = diffbot.drive((1.0, 2.0, 0.0), robot="turtlebot4")
+    print(run)
+    run.plot("drive.png")
+
+Poses are x [m], y [m] and heading [rad] in map, as a tuple or a :class:`Pose`; paths are texts or ``Path``. A name is
+imported when it is used first, so that ``import diffbot`` loads no other library.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from diffbot.given import robot
+    from diffbot.loop import Controller, Filter
+    from diffbot.simulation import Recording, Simulation, drive
+    from diffbot_bag.bag.reader import BagReader as Bag
+    from diffbot_control.ros.navigator import Navigator
+    from diffbot_core.errors import DiffbotError
+    from diffbot_core.geometry import Pose
+    from diffbot_core.kinematics import Twist
+    from diffbot_tools.robot.description import PRESETS as ROBOTS
+
+    __version__: str
+
+_PLACES = {
+    "Bag": "diffbot_bag.bag.reader:BagReader",
+    **dict.fromkeys(("Controller", "Filter"), "diffbot.loop"),
+    "DiffbotError": "diffbot_core.errors",
+    "Navigator": "diffbot_control.ros.navigator",
+    "Pose": "diffbot_core.geometry",
+    "ROBOTS": "diffbot_tools.robot.description:PRESETS",
+    **dict.fromkeys(("Recording", "Simulation", "drive"), "diffbot.simulation"),
+    "Twist": "diffbot_core.kinematics",
+    "robot": "diffbot.given",
+}
+__all__ = [
+    "ROBOTS", "Bag", "Controller", "DiffbotError", "Filter", "Navigator", "Pose", "Recording", "Simulation", "Twist",
+    "__version__", "drive", "robot",
+]  # fmt: skip
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        value: Any = import_module("importlib.metadata").version("diffbot")
+    elif name in _PLACES:
+        module, _, attribute = _PLACES[name].partition(":")
+        value = getattr(import_module(module), attribute or name)
+    else:
+        raise AttributeError(f"diffbot has no {name!r}, but {', '.join(__all__)}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return __all__

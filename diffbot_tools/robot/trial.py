@@ -1,0 +1,71 @@
+"""Many simulated drives of a robot to random goals, and what came of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from diffbot_core.geometry import Pose, wrap_angle
+from diffbot_sim.drive import Drive
+from diffbot_tools.robot.robot import Robot
+
+FAR, SHORT = "far", "short"
+_FAR_TIME, _SHORT_TOLERANCES = (2.0, 12.0), (1.0, 5.0)
+"""[s] at full speed to a far goal; tolerances to a short one"""
+_DRAWN = 12
+"""drives in the picture"""
+
+
+def trials(robot: Robot, goals: int, seed: int) -> Iterator[tuple[str, Drive]]:
+    """Drive to ``goals`` random goals one after the other, FAR and SHORT ones in turn; ``seed`` names all noise."""
+    generator, simulation = np.random.default_rng(seed), robot.simulation(seed)
+    controller = robot.controller.supervisor.controller
+    units = {FAR: min(controller.data_sheet.v_max, 10.0), SHORT: controller.tolerance.xy_goal_tolerance}
+    for number in range(goals):
+        kind, span = (SHORT, _SHORT_TOLERANCES) if number % 2 else (FAR, _FAR_TIME)
+        distance, direction = units[kind] * generator.uniform(*span), generator.uniform(-math.pi, math.pi)
+        x, y = (distance * turn(direction) for turn in (math.cos, math.sin))
+        here, heading = simulation.truth, generator.uniform(-math.pi, math.pi)
+        yield kind, simulation.drive(Pose(float(here.x + x), float(here.y + y), wrap_angle(float(heading))))
+
+
+def summary(robot: Robot, found: list[tuple[str, Drive]]) -> str:
+    """Lay out for a terminal how many goals were answered, when, and how near the robot truly was."""
+    tolerance = robot.controller.supervisor.controller.tolerance
+    head = f"{'goals':<7}{'reached':>10}{'falsely':>9}{'time [s]: median':>18}{'longest':>9}"
+    head += f"{'error [m]: median':>19}{'largest':>9}{'[deg]: largest':>16}"
+    lines = [head, "-" * len(head)]
+    for kind in (FAR, SHORT)[: len(found)]:
+        drives = [drive for other, drive in found if other == kind]
+        times, xy, theta = zip(
+            *((one.duration, one.position_error, abs(one.error.theta)) for one in drives), strict=True
+        )
+        outside = (np.array(xy) > tolerance.xy_goal_tolerance) | (np.array(theta) > tolerance.yaw_goal_tolerance)
+        reached = np.array([one.is_reached for one in drives])
+        lines.append(
+            f"{kind:<7}{f'{reached.sum()} of {len(drives)}':>10}{(reached & outside).sum():>9}"
+            f"{np.median(times):>18.1f}{max(times):>9.1f}{np.median(xy):>19.3f}{max(xy):>9.3f}"
+            f"{math.degrees(max(theta)):>16.1f}"
+        )
+    missed = [one for _, one in found if not one.is_reached]
+    return "\n".join([*lines, *(f"{one.end} after {one.duration:.0f} s: {one.reason}" for one in missed[:5])])
+
+
+def save_picture(found: list[tuple[str, Drive]], path: Path) -> None:
+    """Draw the first drives of a trial.
+
+    Raises:
+        OSError: if the picture cannot be written.
+    """
+    from matplotlib.figure import Figure  # noqa: PLC0415 - takes a second to load
+
+    from diffbot_tools.plotting import save  # noqa: PLC0415
+    from diffbot_tools.robot.picture import draw_drives  # noqa: PLC0415
+
+    figure = Figure(figsize=(11.0, 5.0), layout="constrained")
+    draw_drives(figure, [drive for _, drive in found[:_DRAWN]])
+    figure.suptitle(f"the first {min(len(found), _DRAWN)} of {len(found)} goals")
+    save(figure, path)

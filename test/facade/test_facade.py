@@ -1,0 +1,172 @@
+"""``import diffbot``: loads nothing before it is needed, does what its docstrings show, says what was meant."""
+
+import doctest
+import json
+import math
+import subprocess
+import sys
+from importlib import import_module
+from importlib.metadata import version
+from pathlib import Path
+
+import foreign_bags
+import numpy as np
+import pandas
+import pytest
+from matplotlib import pyplot
+
+import diffbot
+from diffbot_control.law import ControllerMemory, step
+from diffbot_core.geometry import Pose
+from diffbot_core.uncertainty import Estimate, Uncertainty
+
+HEAVY = {"matplotlib", "numba", "numpy", "pandas", "rclpy", "scipy", "yaml"}
+
+
+def loaded_after(program):
+    code = f"{program}\nimport json, sys; print(json.dumps(sorted({{m.split('.')[0] for m in sys.modules}})))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=100, check=True)
+    return set(json.loads(done.stdout.splitlines()[-1]))
+
+
+def test_the_import_loads_nothing_and_a_drive_neither_ros_nor_figures_nor_a_compiler():
+    assert loaded_after("import diffbot; diffbot.__version__") & HEAVY == set()
+    used = loaded_after("import diffbot; diffbot.drive((0.2, 0.0, 0.0))")
+    assert used & {"matplotlib", "numba", "pandas", "rclpy"} == set()
+
+
+def test_every_name_is_there_and_the_version_is_the_packages():
+    for name in diffbot.__all__:
+        assert getattr(diffbot, name) is not None
+    assert diffbot.__version__ == version("diffbot")
+    with pytest.raises(AttributeError, match="Simulation"):
+        _ = diffbot.Simulator
+
+
+@pytest.mark.parametrize("module", ["given", "loop", "simulation"])
+def test_examples_in_docstrings_do_what_they_show(module):
+    found = doctest.testmod(import_module(f"diffbot.{module}"))
+    assert found.attempted > 0
+    assert found.failed == 0
+
+
+def test_a_program_of_a_user_has_types(tmp_path):
+    """In the installed package stands py.typed; a wrong use is found by mypy."""
+    program = tmp_path / "user.py"
+    program.write_text(
+        "import diffbot\n"
+        "run: diffbot.Recording = diffbot.drive((1.0, 2.0, 0.0), robot=diffbot.robot('turtlebot4', gyro=False))\n"
+        "print(run.position_error + 1.0, run.to_numpy().shape[0])\n"
+        "run.plto()\n"
+    )
+    command = ["-m", "mypy", "--strict", "--follow-imports=silent", "--cache-dir", str(tmp_path), str(program)]
+    checked = subprocess.run([sys.executable, *command], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert checked.stdout.splitlines()[0].endswith('Recording" has no attribute "plto"  [attr-defined]')
+    assert "Found 1 error" in checked.stdout
+
+
+@pytest.fixture(scope="module")
+def run():
+    return diffbot.drive([1.0, 1.0, 1.5], robot="warehouse_agv", start=(0.0, -1.0, 0.0), seed=4)
+
+
+def test_a_recording_says_what_truly_happened(run):
+    assert run.is_reached
+    x, y, theta = run.truth[-1]
+    assert run.position_error == pytest.approx(math.hypot(x - 1.0, y - 1.0))
+    assert abs(run.error.theta) == pytest.approx(abs(theta - 1.5))
+    assert run.truth[0] == pytest.approx([0.0, -1.0, 0.0])
+    assert repr(run) == (
+        f"<Recording: (1, 1, 1.5) reached after {run.time[-1] - run.time[0]:.1f} s,"
+        f" {run.position_error:.3f} m and {abs(theta - 1.5):.3f} rad away>"
+    )
+    # The robot moves as commanded, half a metre per second at most between the rows of the truth.
+    moved = np.hypot(*np.diff(run.truth[:, :2], axis=0).T)
+    assert moved.sum() == pytest.approx(np.abs(run.command[:, 0]).sum() * 0.05, rel=0.05)
+
+
+def test_arrays_and_tables_have_the_columns_that_are_documented(run):
+    rows, table = run.to_numpy(), run.to_pandas()
+    assert isinstance(table, pandas.DataFrame)
+    assert list(table.columns) == list(run.COLUMNS[1:])
+    assert table.index.to_numpy() == pytest.approx(run.time)
+    assert table[["x", "y", "theta"]].to_numpy() == pytest.approx(run.truth)
+    assert table[["estimate_x", "estimate_y", "estimate_theta"]].to_numpy() == pytest.approx(run.estimate, nan_ok=True)
+    assert table[["v", "omega"]].to_numpy() == pytest.approx(run.command)
+    assert rows[:, run.COLUMNS.index("reached")].tolist() == [0.0] * (len(rows) - 1) + [1.0]
+    assert set(rows[:, run.COLUMNS.index("region")]) == {0.0, 1.0}
+    assert 0.001 < rows[-1, run.COLUMNS.index("sigma")] < 0.05
+
+
+def test_a_plot_shows_the_path_and_is_written_where_asked(run, tmp_path):
+    figure = run.plot(str(tmp_path / "drive.png"))
+    truth = next(line for line in figure.axes[0].get_lines() if line.get_label() == "truth")
+    assert np.column_stack(truth.get_data()) == pytest.approx(run.truth[:, :2])
+    assert pyplot.imread(tmp_path / "drive.png").std() > 0.01
+    with pytest.raises(diffbot.DiffbotError, match="cannot write to"):
+        run.plot(tmp_path / "missing" / "drive.png")
+    pyplot.close("all")
+
+
+def test_a_controller_answers_like_the_law_and_ends_like_the_node():
+    controller, memory = diffbot.Controller(xy_goal_tolerance=0.2), ControllerMemory()
+    config = controller.config.controller
+    assert config.tolerance.xy_goal_tolerance == 0.2
+    goal, pose = Pose(1.0, 0.5, 0.3), Pose(0.0, 0.0, 0.0)
+    controller.go_to(goal)
+    for number in range(400):
+        estimate = Estimate(pose, Uncertainty(0.01, 0.01))
+        memory, command, _ = step(memory, estimate, goal, 0.1 if number else 0.0, config)
+        assert controller.step(0.1 * number, tuple(pose), sigma=(0.01, 0.01)) == command
+        x, y, theta = pose
+        pose = Pose(
+            x + 0.1 * command.v * math.cos(theta), y + 0.1 * command.v * math.sin(theta), theta + 0.1 * command.omega
+        )
+        if controller.end:
+            break
+    assert (controller.end, controller.status, controller.reason) == ("reached", "goal reached", "")
+    assert math.hypot(pose.x - 1.0, pose.y - 0.5) < 0.2
+    controller.go_to((5.0, 0.0, 0.0))
+    assert (controller.goal, controller.end) == (Pose(5.0, 0.0, 0.0), "")
+    controller.on_cancel()
+    assert controller.step(60.0, pose) == (0.0, 0.0)
+
+
+def test_a_filter_weighs_a_fix_against_its_odometry():
+    ekf = diffbot.Filter(detect_correlation=False)
+    ekf.fix(0.0, (0.0, 0.0, 0.0), sigma=(0.1, 0.01))
+    for number in range(11):
+        ekf.odometry(0.1 * number, v=0.0, omega=0.0, sigma=(1e-3, 1e-3))
+    ekf.fix(1.0, (0.2, 0.0, 0.0), sigma=(0.1, 0.01))
+    assert ekf.odometry(1.1, 0.0, 0.0, sigma=(1e-3, 1e-3)).x == pytest.approx(0.1, abs=2e-3)
+    assert ekf.sigma.xy == pytest.approx(0.1 / math.sqrt(2.0), rel=0.02)
+
+
+REFUSED = {
+    "two numbers": (lambda: diffbot.drive((1.0, 2.0)), r"goal = \(1.0, 2.0\): must be x, y and heading"),
+    "nan": (lambda: diffbot.drive((math.nan, 0.0, 0.0)), "goal = .*finite"),
+    "robot": (lambda: diffbot.drive((1, 0, 0), robot="turtelbot4"), "did you mean turtlebot4"),
+    "file": (lambda: diffbot.drive((1, 0, 0), robot="none.yaml"), "none.yaml"),
+    "field": (
+        lambda: diffbot.robot("turtlebot4", max_velocty=1.0),
+        r"\(command_latency, .*\): did you mean max_velocity",
+    ),
+    "range": (lambda: diffbot.robot("turtlebot4", max_velocity=-1.0), "max_velocity = -1.0: must be >= 1e-06"),
+    "parameter": (lambda: diffbot.Controller(max_velocity=1.0), "did you mean .*linear_x_max_velocity"),
+    "filter": (lambda: diffbot.Filter(gate_probabilty=0.9), "did you mean gate_probability"),
+    "bag": (lambda: diffbot.Bag("none"), "no bag none"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_cannot_be_used_is_refused_in_one_line(name):
+    call, text = REFUSED[name]
+    with pytest.raises(diffbot.DiffbotError, match=text) as refused:
+        call()
+    assert "\n" not in str(refused.value)
+
+
+def test_a_bag_is_opened_by_a_text_or_a_path(tmp_path):
+    folder = foreign_bags.write_folder(tmp_path / "bag", foreign_bags.irregular(0.5))
+    with diffbot.Bag(str(folder)) as one, diffbot.Bag(Path(folder)) as other:
+        assert sum(1 for _ in one.messages()) == sum(1 for _ in other.messages()) > 0

@@ -1,0 +1,191 @@
+"""One's own robot: the file, what is found wrong with it, and whether it drives."""
+
+import math
+
+import numpy as np
+import pytest
+import yaml
+
+from diffbot_control.law.goal_checker import is_knowable
+from diffbot_core.errors import DiffbotError
+from diffbot_core.geometry import Pose
+from diffbot_sim.drive import Simulation
+from diffbot_sim.model.simulator import StartPose
+from diffbot_sim.reference_loop import simulate
+from diffbot_tools import cli
+from diffbot_tools.robot import check
+from diffbot_tools.robot.description import PRESETS, RobotDescription, file_of_robot
+from diffbot_tools.robot.robot import read_robot
+from diffbot_tools.robot.trial import FAR, SHORT, trials
+
+TANK = RobotDescription(
+    wheel_radius=0.3, wheel_separation=1.6, max_velocity=3.0, max_rotation=0.8, max_acceleration=0.4,
+    max_angular_acceleration=0.4, command_latency=0.4, drive_time_constant=0.4, odometry_rate=10.0, slip=0.05,
+    pose_rate=1.0, pose_delay=0.4, pose_sigma_xy=0.1, xy_goal_tolerance=0.3,
+)  # fmt: skip
+MOUSE = RobotDescription(
+    wheel_radius=0.012, wheel_separation=0.07, max_velocity=0.8, max_rotation=10.0, max_acceleration=4.0,
+    max_angular_acceleration=60.0, command_latency=0.03, drive_time_constant=0.02, odometry_rate=50.0, pose_rate=25.0,
+    pose_delay=0.03, pose_sigma_xy=0.002, pose_sigma_yaw=0.02, xy_goal_tolerance=0.02,
+)  # fmt: skip
+"""Two robots unlike those to start from: a heavy, slow-witted one, and one that runs through a maze."""
+
+
+def written(path, description=None, **values):
+    """Write the file of a robot with some parameters changed, by section and name; None removes one."""
+    content = yaml.safe_load(file_of_robot(description or RobotDescription(), path.name))
+    for name, value in values.items():
+        section, _, key = name.partition("__")
+        parameters = content["/**" if section == "all" else f"/**/{section}"]["ros__parameters"]
+        parameters[key.replace("__", ".")] = value
+        if value is None:
+            del parameters[key.replace("__", ".")]
+    path.write_text(yaml.safe_dump(content))
+    return path
+
+
+@pytest.mark.parametrize("description", [*PRESETS.values(), TANK, MOUSE])
+def test_a_file_means_the_same_as_its_description_and_has_nothing_wrong(description, tmp_path):
+    path = tmp_path / "robot.yaml"
+    path.write_text(file_of_robot(description, path.name))
+    robot, direct = read_robot(path), read_robot(description)
+    assert robot[1:] == direct[1:]
+    # The file rounds to six digits.
+    assert robot.plant.simulated().sensors.eps_x_max == pytest.approx(
+        math.sqrt(3.0) * description.pose_sigma_xy, abs=1e-6
+    )
+    sheet, actuators = robot.controller.supervisor.controller.data_sheet, robot.plant.simulated().plant.actuators
+    assert (sheet.v_max, sheet.a_max) == (description.max_velocity, description.max_acceleration)
+    assert actuators.acceleration_max == sheet.a_max
+    assert actuators.angular_acceleration_max == sheet.omega_dot_max == description.max_angular_acceleration
+    assert actuators.command_delay == sheet.command_latency == description.command_latency
+    assert robot.plant.simulated().plant.wheels == sheet.wheels == robot.ekf.wheels
+    assert [*check.missing(robot), *check.contradictions(robot)] == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "kind", "text"),
+    [
+        ({"all__linear__x__max_acceleration": None}, check.missing, "linear.x.max_acceleration"),
+        ({"all__command_latency": None}, check.missing, "command_latency"),
+        ({"ekf__global_pose_sigma_xy": None}, check.missing, "global_pose without covariance is dropped"),
+        ({"ekf__wheel_separation": 0.3}, check.contradictions, "controller 0.16, plant 0.16, ekf 0.3"),
+        ({"all__wheel__max_velocity": 2.0}, check.contradictions, "allows 0.066 only"),
+        ({"plant__acceleration_max": 0.5}, check.contradictions, "the plant does 0.5 only"),
+        ({"plant__eps_x_max": 0.5}, check.contradictions, "the plant's poses have 0.289"),
+        ({"plant__command_delay": 0.4}, check.contradictions, "dead time [s]: controller 0.1, plant 0.4"),
+        (
+            {"controller__pose_timeout": 0.06},
+            check.contradictions,
+            "two periods of odom = 0.1: pose_timeout is 0.06 only",
+        ),
+        ({"controller__turn_react": 0.02}, check.contradictions, "gains are not stable"),
+    ],
+)
+def test_what_is_missing_or_contradictory_is_found(changes, kind, text, tmp_path):
+    robot = read_robot(written(tmp_path / "robot.yaml", **changes))
+    (found,) = [(one, text in said) for one in (check.missing, check.contradictions) for said in one(robot)]
+    assert found == (kind, True)
+
+
+def test_poses_too_uncertain_for_the_tolerance_are_found_and_the_tolerance_proposed_will_do():
+    vague = RobotDescription(pose_sigma_xy=0.3, pose_sigma_yaw=0.3, pose_rate=1.0, xy_goal_tolerance=0.02)
+    robot = read_robot(vague)
+    uncertainty, known = check.at_rest(robot)
+    (slow,) = check.slow(robot, uncertainty, known)
+    numbers = [float(word) for word in slow.replace(">=", "").split() if word.replace(".", "").isdigit()]
+    wider = read_robot(vague._replace(xy_goal_tolerance=numbers[0], yaw_goal_tolerance=numbers[1]))
+    assert known == math.inf
+    assert is_knowable(wider.controller.supervisor.controller.tolerance, uncertainty)
+    assert check.at_rest(read_robot(RobotDescription()))[1] < 5.0
+
+
+def test_a_drive_is_the_loop_of_the_nodes():
+    """Up to the answer, plant, filter and law do what the reference loop does, step for step."""
+    robot = read_robot(PRESETS["turtlebot4"]._replace(pose_delay=0.0))
+    goal, start = Pose(1.5, 0.5, 0.0), StartPose(1.0, 0.0, 0.5)
+    world, localization, supervisor, _ = parts = robot.parts(3, start)
+    drive = Simulation(*parts).drive(goal)
+    steps = len(drive.time) - 1
+    loop = simulate(world, supervisor.controller, goal, steps, localization=localization)
+    for mine, other in zip(drive[3:7], loop[:4], strict=True):
+        assert np.nan_to_num(mine) == pytest.approx(np.nan_to_num(other), abs=1e-12)
+    assert loop.reached.tolist() == [False] * steps + [True]
+    assert drive.duration == pytest.approx(0.05 * steps)
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("robot", [*PRESETS, TANK, MOUSE], ids=[*PRESETS, "tank", "mouse"])
+def test_every_one_of_fifty_goals_is_reached_and_none_falsely(robot):
+    robot = read_robot(robot)
+    found, tolerance = list(trials(robot, 50, seed=1)), robot.controller.supervisor.controller.tolerance
+    assert [kind for kind, _ in found] == [FAR, SHORT] * 25
+    assert [drive.reason for _, drive in found if not drive.is_reached] == []
+    for _, drive in found:
+        x, y, theta = drive.truth[-1] - np.array(drive.goal)
+        assert math.hypot(x, y) < tolerance.xy_goal_tolerance
+        assert abs(math.remainder(theta, math.tau)) < tolerance.yaw_goal_tolerance
+
+
+def test_the_commands_write_check_and_drive(tmp_path, kept_signal_handlers, capsys):
+    path, picture = tmp_path / "new" / "mine.yaml", tmp_path / "drives.png"
+    words = ["robot", "new", str(path), "--like", "warehouse_agv", "--max-velocity", "0.8"]
+    assert cli.main(words) == 0
+    assert f"diffbot robot check {path}" in capsys.readouterr().out
+    assert read_robot(path)[1:] == read_robot(PRESETS["warehouse_agv"]._replace(max_velocity=0.8))[1:]
+    assert cli.main(words) == 1
+    assert "it exists already" in capsys.readouterr().err
+    assert cli.main(["robot", "check", str(path)]) == 0
+    assert capsys.readouterr().out.count("reached after") == len(check.GOALS)
+    assert cli.main(["robot", "drive", str(path), "--goals", "2", "--out", str(picture)]) == 0
+    assert capsys.readouterr().out.count("1 of 1") == 2
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_questions_are_asked_for_what_is_not_given_and_asked_again_after_a_bad_answer(
+    tmp_path, kept_signal_handlers, monkeypatch, capsys
+):
+    asked, answers = [], iter(["0.05", "a foot", "-1", "0.3", *[""] * 30])
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
+    monkeypatch.setattr("builtins.input", lambda text: asked.append(text) or next(answers))
+    path = tmp_path / "mine.yaml"
+    assert cli.main(["robot", "new", str(path), "--gyro", "--max-velocity", "0.4"]) == 0
+    expected = RobotDescription(wheel_radius=0.05, wheel_separation=0.3, gyro=True, max_velocity=0.4)
+    assert path.read_text() == file_of_robot(expected, "mine.yaml")
+    assert asked[0] == "wheel radius [m] (0.033): "
+    assert sum(text.startswith("distance between the middles") for text in asked) == 3
+    assert not any("largest speed" in text or "gyro" in text for text in asked)
+    assert "must be >= 0.001" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["new", "{}/a.yaml"], "not a terminal to ask in"),
+        (
+            ["new", "{}/a.yaml", "--like", "turtlebot4", "--pose-rate", "90"],
+            "pose_rate = 90.0: must be <= odometry_rate",
+        ),
+        (["check", "turtlebot"], "did you mean turtlebot"),
+        (["drive", "{}/none.yaml"], "none.yaml"),
+    ],
+)
+def test_an_error_is_one_line(words, text, tmp_path, kept_signal_handlers, monkeypatch, capsys):
+    monkeypatch.setattr("sys.stdin.isatty", lambda: False, raising=False)
+    assert cli.main(["robot", *(word.format(tmp_path) for word in words)]) == 1
+    error = capsys.readouterr().err
+    assert text in error
+    assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "text"),
+    [
+        ("xy_goal_tolerence", 0.2, r"xy_goal_tolerence = 0\.2: .*did you mean xy_goal_tolerance"),
+        ("preset", "tund", "preset = 'tund': must be one of tuned"),
+        ("law", "none", "law = 'none': must be"),
+    ],
+)
+def test_what_no_node_takes_is_refused(name, value, text, tmp_path):
+    with pytest.raises(DiffbotError, match=text):
+        read_robot(written(tmp_path / "robot.yaml", **{f"controller__{name}": value}))
