@@ -28,6 +28,7 @@ sys.path.insert(0, str(ROOT / "test" / "support"))
 from promises import PROMISES  # noqa: E402
 from trials import merge  # noqa: E402
 
+LOWEST_PRIORITY = 19
 UNKNOWN = 30.0
 """[s] of a promise of which no earlier run says how long its trials take"""
 
@@ -46,6 +47,8 @@ class Stage(NamedTuple):
     at_once: int
     """processes"""
     parts: tuple[Part, ...]
+    beside: tuple[Part, ...] = ()
+    """at the lowest priority, all processes at once: what the others leave of the processors"""
     loops: int = 0
     """busy loops beside it"""
 
@@ -69,6 +72,7 @@ STAGES = (
             Part("clock", 2, ("test/faults/test_clock.py",)),
             Part("network", 2, _selected("test_traffic", "test_goals_are_reached_over_a_bad_network")),
         ),
+        beside=(Part("mutated bags", 2, _selected("test_bags", "test_mutated_bags")),),
     ),
     # Measured by processor time, or not at all.
     Stage(
@@ -79,7 +83,6 @@ STAGES = (
                 1,
                 _selected("test_bags", "test_crafted_bags", "test_a_bag_that_is_being_recorded"),
             ),
-            Part("mutated bags", 4, _selected("test_bags", "test_mutated_bags")),
             Part("replayed bags", 1, _selected("test_bags", "test_replayed_bags")),
             Part("messages", 2, ("test/faults/test_hostile.py",)),
             Part("page", 1, ("test/faults/test_page.py",)),
@@ -137,13 +140,20 @@ def run(stage: Stage, fraction: int, results: Path, progress: Progress) -> list[
     waiting = [(part, number) for part in stage.parts for number in range(part.processes)]
     running: dict[subprocess.Popen[bytes], tuple[str, str]] = {}
     failed: list[str] = []
+
+    def start(part: Part, number: int, priority: int = 0) -> None:
+        name = f"{part.name} {number}"
+        running[_start(part, number, fraction, results, LOGS / f"{name}.log", priority)] = part.name, name
+
     with busy_loops(stage.loops):
         try:
+            for part in stage.beside:
+                for number in range(part.processes):
+                    start(part, number, LOWEST_PRIORITY)
+            beside = set(running)
             while waiting or running:
-                while waiting and len(running) < stage.at_once:
-                    part, number = waiting.pop(0)
-                    name = f"{part.name} {number}"
-                    running[_start(part, number, fraction, results, LOGS / f"{name}.log")] = part.name, name
+                while waiting and len(running.keys() - beside) < stage.at_once:
+                    start(*waiting.pop(0))
                 for process in [one for one in running if one.poll() is not None]:
                     _, name = running.pop(process)
                     if process.returncode:
@@ -159,9 +169,10 @@ def run(stage: Stage, fraction: int, results: Path, progress: Progress) -> list[
     return failed
 
 
-def _start(part: Part, number: int, fraction: int, results: Path, log: Path) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-P", "-m", "pytest", "-q", "-p", "no:cacheprovider", "--faults=full"]
-    command += [f"--faults-share={number}/{part.processes * fraction}", f"--faults-results={results}", *part.tests]
+def _start(part: Part, number: int, fraction: int, results: Path, log: Path, priority: int) -> subprocess.Popen[bytes]:
+    command = ["nice", f"-n{priority}", sys.executable, "-P", "-m", "pytest", "-q", "-p", "no:cacheprovider"]
+    command += ["--faults=full", f"--faults-share={number}/{part.processes * fraction}", f"--faults-results={results}"]
+    command += part.tests
     with log.open("w") as output:
         return subprocess.Popen(command, cwd=ROOT, stdout=output, stderr=subprocess.STDOUT)
 
@@ -182,8 +193,11 @@ def main() -> int:
     begin = time.monotonic()
     try:
         for stage in STAGES:
-            parts = tuple(one for one in stage.parts if not arguments.names or one.name in arguments.names)
-            failed += run(stage._replace(parts=parts), arguments.fraction, results, progress) if parts else []
+            parts, beside = (
+                tuple(one for one in group if not arguments.names or one.name in arguments.names)
+                for group in (stage.parts, stage.beside)
+            )
+            failed += run(stage._replace(parts=parts, beside=beside), arguments.fraction, results, progress)
     except KeyboardInterrupt:
         status = 130
     finally:

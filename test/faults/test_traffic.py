@@ -58,7 +58,7 @@ def control_periods(sent, output, kind):
 def test_flood_of_goals_leaves_the_control_period(observed, trials, pytestconfig):
     """Floods and pauses alternate, so that what else the machine does meets both alike."""
     full = pytestconfig.getoption("--faults") == "full"
-    seconds, times = (5.0, 6) if full else (1.0, 2)
+    seconds, times = (5.0, 3) if full else (1.0, 2)
     command = (sys.executable, goal_flood.__file__, *map(str, (FLOOD_RATE, seconds, times, FAR[0])))
     options = {"only": ("controller", "plant"), "arguments": {"controller": TRUE_POSES}}
     with observed(NEAR, controller=ON_TRUTH, **options) as witness, trials("flood") as running:
