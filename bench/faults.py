@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -29,6 +30,7 @@ from promises import PROMISES  # noqa: E402
 from trials import merge  # noqa: E402
 
 LOWEST_PRIORITY = 19
+MEMORY = Path("/dev/shm")
 UNKNOWN = 30.0
 """[s] of a promise of which no earlier run says how long its trials take"""
 
@@ -48,7 +50,7 @@ class Stage(NamedTuple):
     """processes"""
     parts: tuple[Part, ...]
     beside: tuple[Part, ...] = ()
-    """at the lowest priority, all processes at once: what the others leave of the processors"""
+    """at the lowest priority, all processes at once: what the others leave of the processors; their files in memory"""
     loops: int = 0
     """busy loops beside it"""
 
@@ -171,10 +173,12 @@ def run(stage: Stage, fraction: int, results: Path, progress: Progress) -> list[
 
 def _start(part: Part, number: int, fraction: int, results: Path, log: Path, priority: int) -> subprocess.Popen[bytes]:
     command = ["nice", f"-n{priority}", sys.executable, "-P", "-m", "pytest", "-q", "-p", "no:cacheprovider"]
+    command += ["-o", "tmp_path_retention_policy=none"]
     command += ["--faults=full", f"--faults-share={number}/{part.processes * fraction}", f"--faults-results={results}"]
     command += part.tests
+    environment = os.environ | ({"TMPDIR": str(MEMORY)} if priority and MEMORY.is_dir() else {})
     with log.open("w") as output:
-        return subprocess.Popen(command, cwd=ROOT, stdout=output, stderr=subprocess.STDOUT)
+        return subprocess.Popen(command, cwd=ROOT, env=environment, stdout=output, stderr=subprocess.STDOUT)
 
 
 def main() -> int:
