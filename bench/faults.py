@@ -11,10 +11,10 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
-import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 from typing import NamedTuple
@@ -143,15 +143,15 @@ def run(stage: Stage, fraction: int, results: Path, progress: Progress) -> list[
     running: dict[subprocess.Popen[bytes], tuple[str, str]] = {}
     failed: list[str] = []
 
-    def start(part: Part, number: int, priority: int = 0) -> None:
+    def start(part: Part, number: int, *beside: str) -> None:
         name = f"{part.name} {number}"
-        running[_start(part, number, fraction, results, LOGS / f"{name}.log", priority)] = part.name, name
+        running[_start(part, number, fraction, results, LOGS / f"{name}.log", beside)] = part.name, name
 
-    with busy_loops(stage.loops):
+    with tempfile.TemporaryDirectory(dir=MEMORY if MEMORY.is_dir() else None) as folder, busy_loops(stage.loops):
         try:
             for part in stage.beside:
                 for number in range(part.processes):
-                    start(part, number, LOWEST_PRIORITY)
+                    start(part, number, f"--basetemp={folder}/{number}")
             beside = set(running)
             while waiting or running:
                 while waiting and len(running.keys() - beside) < stage.at_once:
@@ -171,14 +171,14 @@ def run(stage: Stage, fraction: int, results: Path, progress: Progress) -> list[
     return failed
 
 
-def _start(part: Part, number: int, fraction: int, results: Path, log: Path, priority: int) -> subprocess.Popen[bytes]:
-    command = ["nice", f"-n{priority}", sys.executable, "-P", "-m", "pytest", "-q", "-p", "no:cacheprovider"]
-    command += ["-o", "tmp_path_retention_policy=none"]
-    command += ["--faults=full", f"--faults-share={number}/{part.processes * fraction}", f"--faults-results={results}"]
-    command += part.tests
-    environment = os.environ | ({"TMPDIR": str(MEMORY)} if priority and MEMORY.is_dir() else {})
+def _start(
+    part: Part, number: int, fraction: int, results: Path, log: Path, beside: tuple[str, ...]
+) -> subprocess.Popen[bytes]:
+    command = ["nice", f"-n{LOWEST_PRIORITY if beside else 0}", sys.executable, "-P", "-m", "pytest", "-q"]
+    command += ["-p", "no:cacheprovider", "--faults=full", f"--faults-share={number}/{part.processes * fraction}"]
+    command += [f"--faults-results={results}", *beside, *part.tests]
     with log.open("w") as output:
-        return subprocess.Popen(command, cwd=ROOT, env=environment, stdout=output, stderr=subprocess.STDOUT)
+        return subprocess.Popen(command, cwd=ROOT, stdout=output, stderr=subprocess.STDOUT)
 
 
 def main() -> int:
