@@ -117,6 +117,20 @@ except ImportError as error:
     raise DiffbotError("compiled simulation needs numba: pip install 'numba>=0.60'") from error
 
 
+def _name_in_symbols(record: Any) -> tuple[str, tuple[str]]:
+    """Name the type of a record by its layout, for the symbols of functions that take one.
+
+    numba names it by a number that it has in this process only. Two kernels from the cache that were compiled in
+    different processes, for records of different layouts, may then have a symbol in common: one of them would run the
+    other's functions.
+    """
+    return "Record", (hashlib.sha256(str(record).encode()).hexdigest()[:DIGITS],)
+
+
+_record: Any = numba.types.Record
+_record.mangling_args = property(_name_in_symbols)
+
+
 def _cache_folder() -> Path:
     """Return the folder of the cache, named after the code.
 
