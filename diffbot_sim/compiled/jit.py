@@ -28,6 +28,7 @@ from diffbot_control.filter import (
     landmark_calibration,
     landmark_correlation,
     models,
+    slip,
 )
 from diffbot_control.goals.protocol import Law
 from diffbot_control.law import (
@@ -85,6 +86,7 @@ MODULES = (
     correlation,
     fix_correlation,
     landmark_correlation,
+    slip,
     gated_filter,
     sensing,
     late_fusion,

@@ -10,7 +10,7 @@ from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.landmark_calibration import NO_ERRORS
 from diffbot_control.filter.measurements import Heading, LandmarkMeasurement, PoseFix
 from diffbot_control.filter.models import Motion
-from diffbot_control.filter.options import FILTERS, FilterConfig, options_of
+from diffbot_control.filter.options import FILTERS, REJECT, WEIGH, FilterConfig, options_of
 from diffbot_core.geometry import Point, Pose
 from diffbot_core.kinematics import Twist, TwistCovariance
 from diffbot_sim.compiled import gated_filter as twin
@@ -95,7 +95,11 @@ def test_the_compiled_filter_is_filterpys(variant, seed):
             gate_probability=probability,
             relocation_timeout=0.8,
             wheel_separation_sigma=separation_sigma,
+            left_radius_error=0.02 if seed else 0.0,
+            right_radius_error=-0.01 if seed else 0.0,
+            wheel_separation_error=0.03 if seed else 0.0,
             landmark_range_offset=0.03,
+            landmark_gate=WEIGH if variant == FILTERS[-1] else REJECT,
         ),
         landmarks=seed == 2,
     )
