@@ -21,7 +21,8 @@ from diffbot_core.files import output_folder, write_json
 from diffbot_lab.filter_benchmark.peer import Errors, errors_of, interval_of, ratio_of
 from diffbot_lab.filter_benchmark.peer_drives import GYRO, RATE, PeerCase, record_drive
 from diffbot_lab.filter_benchmark.peer_filters import run_ours
-from diffbot_lab.targets import markdown_table, number
+from diffbot_lab.filter_benchmark.peer_report import errors_text, ratio_text
+from diffbot_lab.targets import markdown_table
 from diffbot_sim.model.actuators import ActuatorConfig
 from diffbot_sim.model.plant import PlantConfig
 from diffbot_sim.model.sensors import SensorConfig
@@ -31,10 +32,23 @@ Results = dict[str, Any]
 DURATION, SKIPPED = 60.0, 10.0
 """[s] of a drive, and at its start what does not count."""
 _FIXES = SensorConfig(fix_rate=1.0)
-_LANDMARKS = _FIXES._replace(landmark_rate=5.0, landmark_range=100.0)
+_SEEN = _FIXES._replace(landmark_rate=5.0, landmark_range=100.0)
 _TWO = LandmarkMap((1, 2), (-5.0, 5.0), (5.0, 5.0))
 _FIVE = LandmarkMap((1, 2, 3, 4, 5), (-5.0, 5.0, 0.0, 12.0, 25.0), (5.0, 5.0, -8.0, 0.0, -10.0))
-_RIGHT = "nothing"
+_RIGHT = PlantConfig()
+_SLIP = PlantConfig(slip_right=0.05, slip_start=20.0, slip_duration=25.0)
+_WIDER = PlantConfig(actuators=ActuatorConfig(separation_error=0.03))
+_CERTAIN = FilterConfig(
+    landmark_range_offset_sigma=0.0, landmark_range_scale_sigma=0.0, landmark_bearing_offset_sigma=0.0
+)
+
+
+def _case(text: str, plant: PlantConfig = _RIGHT, sensors: SensorConfig = _FIXES) -> PeerCase:
+    return PeerCase(text, text, sensors, plant)
+
+
+def _seen(text: str, landmarks: LandmarkMap, errors: LandmarkErrors = NO_ERRORS) -> PeerCase:
+    return _case(text, sensors=_SEEN)._replace(landmarks=landmarks, landmark_errors=errors)
 
 
 class Option(NamedTuple):
@@ -46,72 +60,48 @@ class Option(NamedTuple):
     cases: tuple[PeerCase, ...]
 
 
-def _seen(name: str, landmarks: LandmarkMap, errors: LandmarkErrors = NO_ERRORS) -> PeerCase:
-    text = f"{name}; {len(landmarks.landmark_ids)} landmarks"
-    return PeerCase(name, text, _LANDMARKS, landmarks=landmarks, landmark_errors=errors)
-
-
-def _driven(name: str, plant: PlantConfig, sensors: SensorConfig = _FIXES) -> PeerCase:
-    return PeerCase(name, name, sensors, plant)
-
-
 OPTIONS = (
     Option(
         "errors of the radii (`ekf_calibrating` beside `ekf`)",
         FilterConfig(),
         FilterConfig(filter=EKF),
-        (_driven(_RIGHT, PlantConfig()), _driven("left radius 2 %", PlantConfig(left_radius_error=0.02))),
+        (_case("nothing"), _case("left radius 2 %", PlantConfig(left_radius_error=0.02))),
     ),
     Option(
         "error of the separation (`wheel_separation_sigma`)",
         FilterConfig(),
         FilterConfig(wheel_separation_sigma=0.0),
-        (
-            _driven(_RIGHT, PlantConfig()),
-            _driven("separation 3 %", PlantConfig(actuators=ActuatorConfig(separation_error=0.03))),
-        ),
+        (_case("nothing"), _case("separation 3 %", _WIDER)),
     ),
     Option(
         "errors of the landmarks' sensor (`landmark_*_sigma`)",
         FilterConfig(),
-        FilterConfig(
-            landmark_range_offset_sigma=0.0, landmark_range_scale_sigma=0.0, landmark_bearing_offset_sigma=0.0
-        ),
+        _CERTAIN,
         (
-            _seen(_RIGHT, _TWO),
-            _seen(_RIGHT, _FIVE),
-            _seen("ranges 0.1 m too long", _TWO, LandmarkErrors(0.1, 0.0, 0.0)),
-            _seen("ranges 2 % too long", _TWO, LandmarkErrors(0.0, 0.02, 0.0)),
-            _seen("bearings 0.02 rad off", _TWO, LandmarkErrors(0.0, 0.0, 0.02)),
+            _seen("nothing; 2 landmarks", _TWO),
+            _seen("nothing; 5 landmarks", _FIVE),
+            _seen("ranges 0.1 m too long; 2 landmarks", _TWO, LandmarkErrors(0.1, 0.0, 0.0)),
+            _seen("ranges 2 % too long; 2 landmarks", _TWO, LandmarkErrors(0.0, 0.02, 0.0)),
+            _seen("bearings 0.02 rad off; 2 landmarks", _TWO, LandmarkErrors(0.0, 0.0, 0.02)),
         ),
     ),
     Option(
         "a gyro with its bias (`use_gyro`)",
         FilterConfig(use_gyro=True),
         FilterConfig(),
-        (
-            _driven(_RIGHT, PlantConfig(), GYRO),
-            _driven(
-                "5 % slip of the right wheel for 25 s",
-                PlantConfig(slip_right=0.05, slip_start=20.0, slip_duration=25.0),
-                GYRO,
-            ),
-        ),
+        (_case("nothing", sensors=GYRO), _case("5 % slip of the right wheel for 25 s", _SLIP, GYRO)),
     ),
 )
 
 
-def run_drive(seed: int) -> list[tuple[Errors, Errors]]:
-    """Return the errors with and without the states in each case of each option."""
+def run_drive(seed: int) -> list[list[Errors]]:
+    """Return the errors with the states, and without, in each case of each option."""
     found = []
     for option in OPTIONS:
         for case in option.cases:
-            drive = record_drive(case, seed, DURATION)
-            with_states, without = (
-                errors_of(run_ours(case._replace(filter=config), drive), drive, SKIPPED)
-                for config in (option.with_states, option.without)
-            )
-            found.append((with_states, without))
+            drive, configs = record_drive(case, seed, DURATION), (option.with_states, option.without)
+            runs = [run_ours(case._replace(filter=config), drive) for config in configs]
+            found.append([errors_of(run, drive, SKIPPED) for run in runs])
     return found
 
 
@@ -149,43 +139,28 @@ def run_benchmark(runs: int, seed: int, workers: int | None = None) -> Results:
     }
 
 
-def figures_of(pairs: list[tuple[Errors, Errors]]) -> Results:
-    """Return the figures of one case, with and without the states, and their ratios."""
-    columns = {name: list(errors) for name, errors in zip(("with", "without"), zip(*pairs, strict=True), strict=True)}
-    fields = ("position", "heading", "nees")
-    return {
-        name: {field: interval_of([getattr(one, field) for one in errors]) for field in fields}
-        for name, errors in columns.items()
-    } | {
-        "ratio": {
-            field: ratio_of(*([getattr(one, field) for one in errors] for errors in columns.values()))
-            for field in fields[:2]
-        }
-    }
+def figures_of(pairs: list[list[Errors]]) -> Results:
+    """Return the figures of one case from those with the states and without, and their ratios."""
+    found: Results = {"ratio": {}}
+    for field in ("position", "heading", "nees"):
+        with_states, without = ([getattr(one, field) for one in errors] for errors in zip(*pairs, strict=True))
+        found.setdefault("with", {})[field] = interval_of(with_states)
+        found.setdefault("without", {})[field] = interval_of(without)
+        found["ratio"][field] = ratio_of(with_states, without)
+    return found
 
 
 def table(results: Results) -> str:
     """Lay the figures out."""
-    rows, last = [], ""
-    for one in results["cases"]:
-        option, last = "" if one["option"] == last else one["option"], one["option"]
-        rows.append((option, one["text"], *(_figures(one[name]) for name in ("without", "with")), *_ratios(one)))
+    rows = [
+        (
+            *(one["option"], one["text"], errors_text(one["without"]), errors_text(one["with"])),
+            *(ratio_text(one["ratio"][name]) for name in ("position", "heading")),
+        )
+        for one in results["cases"]
+    ]
     head = ("states", "what is wrong", "without", "with", "position, with / without", "heading, with / without")
     return "\n".join(markdown_table(head, rows))
-
-
-def _figures(one: Results) -> str:
-    return f"{number(one['position'][0])}; {number(one['heading'][0], 4)}; {number(one['nees'][0], 1)}"
-
-
-def _ratios(one: Results) -> tuple[str, str]:
-    position, heading = (one["ratio"][field] for field in ("position", "heading"))
-    return _ratio(position), _ratio(heading)
-
-
-def _ratio(interval: list[float]) -> str:
-    mean, low, high = interval
-    return f"{mean:.3f} [{low:.3f}, {high:.3f}]"
 
 
 def run_and_report(runs: int, seed: int, folder: Path) -> int:

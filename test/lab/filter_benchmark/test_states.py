@@ -22,7 +22,7 @@ def test_the_sensor_of_the_landmarks_is_wrong_as_the_case_says():
 
 def test_costs_are_above_one_and_gains_below():
     """Twice the position error, half the heading error with the states, on both drives."""
-    drives = [(Errors(0.2 * n, 0.01 * n, 3.0, 0.0), Errors(0.1 * n, 0.02 * n, 9.0, 0.0)) for n in (1.0, 3.0)]
+    drives = [[Errors(0.2 * n, 0.01 * n, 3.0, 0.0), Errors(0.1 * n, 0.02 * n, 9.0, 0.0)] for n in (1.0, 3.0)]
     found = states.figures_of(drives)
     assert found["with"]["position"][0] == pytest.approx(0.4)
     assert found["without"]["nees"][0] == 9.0
@@ -30,4 +30,4 @@ def test_costs_are_above_one_and_gains_below():
     assert found["ratio"]["heading"][0] == pytest.approx(0.5)
     results = {"cases": [{"option": "o", "text": "t", **found}]}
     row = states.table(results).splitlines()[2]
-    assert row == "| o | t | 0.200; 0.0400; 9.0 | 0.400; 0.0200; 3.0 | 2.000 [2.000, 2.000] | 0.500 [0.500, 0.500] |"
+    assert row == "| o | t | 0.200; 0.040; 9.0 | 0.400; 0.020; 3.0 | 2.00 [2.00, 2.00] | 0.50 [0.50, 0.50] |"
