@@ -11,11 +11,11 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-_TIME = 0.5
-"""[s] over which the innovations are averaged"""
-_BOUND = 20.0
-"""of the squared mean in terms of its variance; white innovations exceed it once in an hour or more"""
-_GROWING = 2.0
+_TIME = 2.0
+"""[s] over which the innovations are averaged: longer than accelerations, in which a late gyro disagrees, too"""
+_BOUND = 40.0
+"""of the squared mean in terms of its variance; white innovations do not reach it"""
+_GROWING = 3.0
 """Disagreement in the end over the mean that is found first."""
 MAX_SLIP = 0.2
 """Relative error of a radius beyond which no slip is followed."""
