@@ -271,8 +271,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         self._outputs.send_pose(estimate)
         if self._last_state != RUNNING:
             self._publish_status()
-        separation = self.config.wheels.wheel_separation
-        self._outputs.send_filtered(estimate, estimate.odometry or odometry, self.localization.filter, separation)
+        self._outputs.send_filtered(estimate, *self.localization.twist_of(estimate.odometry or odometry))
         return estimate
 
     def _hand_over(self, estimate: FilterEstimate, receiver: PoseReceiver) -> None:

@@ -15,6 +15,7 @@ BENCHMARKS = {
     "switching": (100, Path("out/benchmark")),
     "localization": (200, Path("out/localization")),
     "colour": (400, Path("out/colour")),
+    "states": (40, Path("out/states")),
     "effects": (60, Path("out/effects")),
     "tune": (102, Path("out/tuning")),
     "animate": (200, Path("out/animation")),
@@ -42,8 +43,8 @@ def add_benchmark(commands: Any) -> None:
         type=whole(1, 10**5),
         help="switching: of each start (default: 100); localization: of each case (default: 200); "
         "tune: of each case in an evaluation (default: 102); animate: the most typical one of these (default: 200); "
-        "colour: drives at each correlation (default: 400); effects: of each start (default: 60); "
-        "bound: of each start (default: 2); calibration: drives (default: 40); "
+        "colour: drives at each correlation (default: 400); states: drives (default: 40); "
+        "effects: of each start (default: 60); bound: of each start (default: 2); calibration: drives (default: 40); "
         "robot_localization: drives of each case (default: 20)",
     )
     benchmark.add_argument(
@@ -110,6 +111,12 @@ def _colour(options: argparse.Namespace, runs: int, out: Path) -> int:
     return filter_colour.run_and_report(runs, options.seed, out)
 
 
+def _states(options: argparse.Namespace, runs: int, out: Path) -> int:
+    from diffbot_lab.filter_benchmark import states as filter_states  # noqa: PLC0415
+
+    return filter_states.run_and_report(runs, options.seed, out)
+
+
 def _effects(options: argparse.Namespace, runs: int, out: Path) -> int:
     from diffbot_lab.arena import effects as law_effects  # noqa: PLC0415
 
@@ -157,6 +164,7 @@ _CALLS = {
     "switching": _switching,
     "localization": _localization,
     "colour": _colour,
+    "states": _states,
     "effects": _effects,
     "tune": _tune,
     "animate": _animate,

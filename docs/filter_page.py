@@ -1,4 +1,4 @@
-"""The tables of docs/results/filter.md: the filter's benchmark, that of coloured fixes, and the contract."""
+"""The tables of docs/results/filter.md: the filter's benchmarks and its contract."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from typing import Any
 
 from diffbot_lab.campaign.statistics import wilson
 from diffbot_lab.filter_benchmark.report import targets
+from diffbot_lab.filter_benchmark.states import table as table_of_states
 from diffbot_lab.targets import markdown_table, number
 
 Results = dict[str, Any]
@@ -66,6 +67,16 @@ def colour(results: Results) -> str:
             "",
             *markdown_table(head, rows),
         ]
+    )
+
+
+def states(results: Results) -> str:
+    """Return the table of what estimated errors cost and gain."""
+    last = results["seed"] + results["runs"] - 1
+    return (
+        f"{results['runs']} random drives of {results['duration']:.0f} s, seeds {results['seed']} to {last}; the first "
+        f"{results['skipped']:.0f} s do not count. Odometry at {results['rate']} Hz, fixes at 1 Hz, landmarks at 5 Hz."
+        f"\n\n{table_of_states(results)}"
     )
 
 

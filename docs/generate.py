@@ -30,7 +30,7 @@ from badges import badges
 from benchmark_page import page as benchmark_page
 from faults_page import page as faults_page
 from geometry_picture import geometry_picture
-from measure import CALIBRATION, COLOUR, CONTRACT, DATA, EFFECTS, LOCALIZATION, PEER, REAL, RESULTS
+from measure import CALIBRATION, COLOUR, CONTRACT, DATA, EFFECTS, LOCALIZATION, PEER, REAL, RESULTS, STATES
 from performance_page import page as performance_page
 from reproduction import page as reproduction_page
 from rooms import picture as rooms_picture
@@ -88,6 +88,7 @@ def filter_results_page() -> str:
     text = between_markers((RESULTS / "filter.md").read_text(), "conditions", filter_page.conditions(results))
     text = between_markers(text, "overview", filter_page.overview(results))
     text = between_markers(text, "colour", filter_page.colour(read_data(COLOUR)))
+    text = between_markers(text, "states", filter_page.states(read_data(STATES)))
     return between_markers(text, "contract", filter_page.contract(read_data(CONTRACT)))
 
 

@@ -24,6 +24,7 @@ from diffbot_lab.filter_benchmark import colour as filter_colour
 from diffbot_lab.filter_benchmark import command as filter_benchmark
 from diffbot_lab.filter_benchmark import peer as peer_benchmark
 from diffbot_lab.filter_benchmark import real_command as real_benchmark
+from diffbot_lab.filter_benchmark import states as filter_states
 from diffbot_lab.paper.experiment import run_experiment, summarise
 from diffbot_lab.paper.figures import figure_paths
 from diffbot_lab.paper.scan import run_scan
@@ -35,7 +36,7 @@ DOCS = Path(__file__).parent
 RESULTS = DOCS / "results"
 DATA = RESULTS / "data"
 FIGURES = RESULTS / "figures"
-LOCALIZATION, COLOUR, EFFECTS = "localization", "localization_colour", "effects"
+LOCALIZATION, COLOUR, STATES, EFFECTS = "localization", "localization_colour", "localization_states", "effects"
 """Names of the results of the filter's benchmarks, and of the changed parameters."""
 REAL, CALIBRATION = "real", "calibration"
 """Names of the results on real drives, which no download repeats here, and of the calibration of simulated ones."""
@@ -105,6 +106,11 @@ def write_colour() -> None:
     write_json(DATA / f"{COLOUR}.json", filter_colour.run_benchmark(BENCHMARKS["colour"][0], 1))
 
 
+def write_states() -> None:
+    """Run the benchmark of the filter's states; write its results to docs/results."""
+    write_json(DATA / f"{STATES}.json", filter_states.run_benchmark(BENCHMARKS["states"][0], 1))
+
+
 def write_real(folders: list[Path]) -> None:
     """Filter and calibrate the drives of data sets; write the results to docs/."""
     sets = []
@@ -145,9 +151,13 @@ WRITERS: dict[str, tuple[Callable[[], None], ...]] = {
     "effects": (write_effects,),
     "localization": (write_localization,),
     "colour": (write_colour,),
+    "states": (write_states,),
     CALIBRATION: (write_calibration,),
     CONTRACT: (write_contract,),
-    ALL: (write_switching, write_effects, write_localization, write_colour, write_calibration, write_contract),
+    ALL: (
+        *(write_switching, write_effects, write_localization, write_colour, write_states),
+        *(write_calibration, write_contract),
+    ),
     "bound": (write_bound,),
 }
 """What ``--benchmark`` repeats; the bounds only by their name, since they need casadi."""

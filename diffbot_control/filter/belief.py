@@ -49,6 +49,14 @@ def with_pose(belief: Belief, pose: Pose, P: Array) -> Belief:
     return Belief(x, whole)
 
 
+def with_wider_radii(belief: Belief, variance: float) -> Belief:
+    """Add a ``variance`` to that of the relative error of each radius, which both are states."""
+    P = belief.P.copy()
+    P[3, 3] += variance
+    P[4, 4] += variance
+    return Belief(belief.x, P)
+
+
 def inflate(belief: Belief, factor: float) -> Belief:
     """Multiply the pose's part of P; the covariance of the estimated errors stays."""
     if factor == 1.0:

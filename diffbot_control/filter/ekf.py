@@ -31,7 +31,7 @@ from diffbot_control.filter.models import (
     with_wheel_errors,
 )
 from diffbot_core.geometry import Pose, wrap_angle
-from diffbot_core.kinematics import TwistCovariance
+from diffbot_core.kinematics import Twist, TwistCovariance
 
 
 class Robust(NamedTuple):
@@ -112,19 +112,26 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         self.x = np.array(x, dtype=float)
         self.P = np.array(P, dtype=float)
 
+    def corrected_twist(self, measured: Twist, x: Array) -> Twist:
+        """Return a twist corrected by the errors of the wheels in the state ``x`` (n,), if there are any."""
+        if not self._wheels:
+            return measured
+        errors: list[float] = x.tolist()[self.states.wheels]
+        return with_wheel_errors(measured, WheelErrors(*errors, *[0.0] * (3 - len(errors))), self.wheel_separation)
+
     def predict_x(self, u: Any = 0) -> None:
         """Move the mean by the :class:`Motion` ``u`` and set F and Q."""
         measured, dt, covariance, rate = u
         x, y, theta, *errors = self.x.tolist()
         bias = self.states.gyro
-        wheel_errors = WheelErrors(*errors[: self._wheels], *[0.0] * (3 - self._wheels))
-        wheels = with_wheel_errors(measured, wheel_errors, self.wheel_separation) if self._wheels else measured
+        wheels = self.corrected_twist(measured, self.x)
         share = gyro_share(covariance, rate)
         twist = with_rate(wheels, rate.value - sum(self.x[bias]) - wheels.omega, share)
         arc = move(Pose(x, y, theta), twist, dt)
         self._set_pose_part(arc, twist.v, dt, covariance_with_rate(covariance, share))
         if self._wheels:
-            by = twist_derivatives(measured, wheels.omega, self.wheel_separation, wheel_errors.separation)
+            separation_error = errors[2] if self._wheels == 3 else 0.0
+            by = twist_derivatives(measured, wheels.omega, self.wheel_separation, separation_error)
             pairs = (by.v_left, by.omega_left), (by.v_right, by.omega_right), (0.0, by.omega_separation)
             for column, (v, omega) in enumerate(pairs[: self._wheels], 3):
                 self.F[:3, column] = pose_derivatives(arc, dt, *derivatives_with_rate(v, omega, share))

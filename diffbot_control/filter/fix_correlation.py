@@ -157,6 +157,8 @@ def growth(before: FixCorrelation, after: FixCorrelation) -> float:
 
 def correlation_of(difference: float, motion: float, product: float, products: int) -> float:
     """Return c from the means over so many ``products`` of two numbers, see :class:`FixCorrelation`."""
+    # Odometry is often better than it claims: the motion explains half of the difference at most.
+    motion = min(motion, 0.5 * difference)
     by_difference = 1.0 + motion - difference
     if by_difference <= 0.0 or product <= 0.0:
         return 0.0

@@ -20,7 +20,15 @@ from diffbot_control.filter.adaptation import (
     q_scale,
     r_scales,
 )
-from diffbot_control.filter.belief import Belief, ErrorEstimate, inflate, pose_of, with_errors, with_pose
+from diffbot_control.filter.belief import (
+    Belief,
+    ErrorEstimate,
+    inflate,
+    pose_of,
+    with_errors,
+    with_pose,
+    with_wider_radii,
+)
 from diffbot_control.filter.correlation import NO_STAMPS, Times, inflation_of, with_stamp
 from diffbot_control.filter.ekf import PLAIN, PoseEkf, Robust
 from diffbot_control.filter.fix_correlation import (
@@ -59,11 +67,13 @@ from diffbot_control.filter.landmark_correlation import (
     with_shift,
 )
 from diffbot_control.filter.measurements import FIXES, LANDMARKS, Array, Innovation, Measurement
+from diffbot_control.filter.measurements.gyro import GyroRate
 from diffbot_control.filter.memory import Memory
 from diffbot_control.filter.models import Motion
 from diffbot_control.filter.options import FilterOptions
+from diffbot_control.filter.slip import add_innovation
 from diffbot_core.geometry import Pose
-from diffbot_core.kinematics import scale_twist_covariance
+from diffbot_core.kinematics import Twist, scale_twist_covariance
 from diffbot_core.units import S_PER_NS
 
 _RESET_P = np.diag((RESET_VAR_XY, RESET_VAR_XY, RESET_VAR_THETA))
@@ -134,6 +144,10 @@ class GatedFilter:
         """Return the estimated errors of the wheels; None if they are not states."""
         return self._errors(self._ekf.states.wheels)
 
+    def corrected_twist(self, measured: Twist) -> Twist:
+        """Return a twist corrected by the estimated errors of the wheels, if there are any."""
+        return self._ekf.corrected_twist(measured, self.memory.belief.x)
+
     def landmark_errors(self) -> ErrorEstimate | None:
         """Return the estimated errors of landmarks, see :class:`LandmarkErrors`; None if they are not states."""
         return self._errors(self._ekf.states.landmarks)
@@ -175,7 +189,7 @@ class GatedFilter:
 
     def predict(self, motion: Motion, var_lateral: float = 0.0) -> None:
         """Move estimate and candidate; ``var_lateral`` is the variance of the motion across the robot [m^2]."""
-        belief, candidate, gate, adaptation, stamps, fix_correlation, travelled, landmarks = self.memory
+        belief, candidate, gate, adaptation, stamps, fix_correlation, travelled, landmarks, slip = self.memory
         if self.options.adaptive:
             q = q_scale(adaptation)
             covariance = scale_twist_covariance(motion.covariance, q)
@@ -189,7 +203,28 @@ class GatedFilter:
         if landmarks.seen:
             landmarks = landmarks._replace(travelled=travel(landmarks.travelled, motion, var_lateral))
         gate = age(gate, motion.dt)
-        self.memory = Memory(belief, candidate, gate, adaptation, stamps, fix_correlation, travelled, landmarks)
+        self.memory = Memory(belief, candidate, gate, adaptation, stamps, fix_correlation, travelled, landmarks, slip)
+
+    def take_rate(self, measured: GyroRate, dt: float) -> float | None:
+        """Correct the bias of the gyro and the errors of the wheels with the turn rate of a step of ``dt`` [s].
+
+        Returns:
+            The difference [rad/s] between gyro and wheels if it is beyond the gate, where it corrects by a part only;
+            None if it is expected.
+        """
+        memory, bound = self.memory, self.options.gates[0]
+        belief, nis, innovation = self._corrected(memory.belief, measured, Robust(1.0, bound))
+        if innovation is None:
+            return None
+        y, mean = innovation.y.item(0), memory.disagreement
+        if self.calibrating and nis <= bound:
+            by = measured.jacobian(memory.belief.x, self._ekf.states)[0, self._ekf.states.wheels].tolist()
+            mean, variance = add_innovation(mean, y, innovation.S.item(0), dt, (by[0], by[1]))
+            if variance > 0.0:
+                belief = with_wider_radii(belief, variance)
+        landmarks = with_shift(memory.landmarks, memory.belief.x, belief.x)
+        self.memory = memory._replace(belief=belief, landmarks=landmarks, disagreement=mean)
+        return y if nis > bound else None
 
     def take(self, measurement: Measurement) -> int:
         """Correct with a measurement as the gate decides.
@@ -209,7 +244,6 @@ class GatedFilter:
         belief, self.nis, self.innovation = self._corrected(memory.belief, measurement, robust)
         if self._is_weighed(measurement):
             gate, decision = decide_weight(memory.gate, self.nis, bound)
-            gate = memory.gate if measurement.is_of_motion else gate
         else:
             gate, decision = decide_other(memory.gate, self.nis, bound, self.options)
             if not measurement.may_reset and decision.outcome in (REJECTED, RELOCATED):
@@ -257,6 +291,7 @@ class GatedFilter:
             fix_correlation,
             STANDING if is_first else memory.travelled,
             self._shifted_landmarks(belief, decision.outcome),
+            memory.disagreement,
         )
         return decision.outcome
 
@@ -323,7 +358,7 @@ class GatedFilter:
         return 1.0 if last is None else inflation_by(landmarks.means, (measurement.stamp - last.stamp) * S_PER_NS)
 
     def _is_weighed(self, measurement: Measurement) -> bool:
-        return measurement.is_of_motion or (self.options.weigh_landmarks and measurement.source.sensor == LANDMARKS)
+        return self.options.weigh_landmarks and measurement.source.sensor == LANDMARKS
 
     def _moved(self, belief: Belief, motion: Motion) -> Belief:
         ekf = self._ekf

@@ -144,8 +144,7 @@ def with_pair(means: CorrelationMeans, pair: Pair) -> CorrelationMeans:
     product = means.product + share * (pair.product - means.product)
     square = means.square + share * (pair.square - means.square)
     dt = means.dt + share * (pair.dt - means.dt)
-    # Odometry is often better than it claims over a short way: the motion explains half of the difference at most.
-    c = correlation_of(difference, min(motion, 0.5 * difference), product, pair.numbers * pairs)
+    c = correlation_of(difference, motion, product, pair.numbers * pairs)
     return CorrelationMeans(difference, motion, product, square, dt, pairs, -dt / math.log(c) if c > 0.0 else 0.0)
 
 

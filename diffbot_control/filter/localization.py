@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from diffbot_control.filter import contradiction
 from diffbot_control.filter.belief import Belief
-from diffbot_control.filter.gate import ACCEPTED, RELOCATED
+from diffbot_control.filter.gate import RELOCATED
 from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.gyro import GyroHistory, GyroSample
 from diffbot_control.filter.innovation_monitor import InnovationMonitor
@@ -22,7 +22,16 @@ from diffbot_control.filter.measurements import FIXES, Array, Measurement
 from diffbot_control.filter.measurements.gyro import GyroRate
 from diffbot_control.filter.measurements.measurement import Key, key_of, split_at
 from diffbot_control.filter.memory import Memory
-from diffbot_control.filter.models import NO_RATE, Motion, TurnRate, slip_covariance
+from diffbot_control.filter.models import (
+    NO_RATE,
+    GyroShare,
+    Motion,
+    TurnRate,
+    covariance_with_rate,
+    gyro_share,
+    slip_covariance,
+    with_rate,
+)
 from diffbot_control.filter.odometry import DelayLine, OdometryStep
 from diffbot_control.filter.odometry_noise import density_of, over_time
 from diffbot_control.filter.options import FilterOptions, options_of
@@ -41,6 +50,7 @@ _MAX_KEYS = 10_000
 
 _ORIGIN = Pose(0.0, 0.0, 0.0)
 _NO_SLIP = TwistCovariance(0.0, 0.0, 0.0)
+_NO_SHARE = GyroShare(0.0, 0.0)
 
 
 class FilterEstimate(NamedTuple):
@@ -121,6 +131,7 @@ class Localization:
         self._pending: list[Measurement] = []
         self._keys: OrderedDict[Key, None] = OrderedDict()
         self._gyro = GyroHistory()
+        self._rate, self._share = NO_RATE, _NO_SHARE
 
     def configure(self, config: LocalizationConfig, wheel_separation: float) -> None:
         """Apply changed options from the next message on; the variant of the filter stays."""
@@ -144,6 +155,7 @@ class Localization:
         self._pending.clear()
         self._keys.clear()
         self._gyro.clear()
+        self._rate, self._share = NO_RATE, _NO_SHARE
         self.slipping = 0.0
 
     def initialise(self, pose: Pose, P: Array, stamp: int | None = None) -> None:
@@ -175,6 +187,17 @@ class Localization:
         x, P = belief
         pose = Pose(x.item(0), x.item(1), x.item(2))
         return FilterEstimate(self._stamp, pose, P[:3, :3], self._odometry, belief)
+
+    def twist_of(self, odometry: OdometryStep) -> tuple[Twist, TwistCovariance]:
+        """Return the twist of the newest odometry, corrected by the estimated errors and the gyro, and its covariance.
+
+        A covariance of zeros is unknown and stays so.
+        """
+        wheels, bias = self.filter.corrected_twist(odometry.twist), self.filter.gyro_bias()
+        if bias is None:
+            return wheels, odometry.covariance
+        difference = self._rate.value - bias.errors.item() - wheels.omega
+        return with_rate(wheels, difference, self._share), covariance_with_rate(odometry.covariance, self._share)
 
     def correlated(self) -> list[str]:
         """Return the sensors whose errors are correlated in time, but independent by the options."""
@@ -321,11 +344,13 @@ class Localization:
         """Take a turn rate into the odometry step that it was measured in, which may still have to come.
 
         Raises:
-            BadMessageError: before the first odometry; if it is a duplicate or not finite, if it is older than the
-                history, or if too many wait for their odometry already.
+            BadMessageError: before the first odometry; without use_gyro; if it is a duplicate or not finite, if it is
+                older than the history, or if too many wait for their odometry already.
         """
         if self._stamp is None or not self.initialised:
             raise BadMessageError("no odometry yet")
+        if self.filter.gyro_bias() is None:
+            raise BadMessageError("not used", "use_gyro is false")
         self._gyro.check(sample, self._stamp)
         if sample.stamp > self._stamp:
             self._gyro.add(sample)
@@ -362,19 +387,20 @@ class Localization:
 
         The difference from the wheels corrects the bias of the gyro and the errors of the wheels.
         """
-        rate = self._gyro.mean(step.start, step.odometry.stamp)
+        self._rate = rate = self._gyro.mean(step.start, step.odometry.stamp)
         if rate is NO_RATE:
+            self._share = _NO_SHARE
             return rate, _NO_SLIP
         duration = (step.odometry.stamp - step.start) * S_PER_NS
-        var_omega, separation = self._noise(step, duration)[0].var_omega, self.filter.wheel_separation
-        measured = GyroRate(step.odometry.stamp, rate, step.odometry.twist, var_omega, separation)
-        expected = self.filter.take(measured) == ACCEPTED
+        covariance, separation = self._noise(step, duration)[0], self.filter.wheel_separation
+        measured = GyroRate(step.odometry.stamp, rate, step.odometry.twist, covariance, separation)
+        difference = self.filter.take_rate(measured, duration)
         if is_new:
-            self.slipping = 0.0 if expected else self.slipping + duration
-            self.slips += not expected
-        if expected or self.filter.innovation is None:
-            return rate, _NO_SLIP
-        return rate, slip_covariance(self.filter.innovation.y.item(0), separation)
+            self.slipping = 0.0 if difference is None else self.slipping + duration
+            self.slips += difference is not None
+        slip = _NO_SLIP if difference is None else slip_covariance(difference, separation)
+        self._share = gyro_share(add_twist_covariance(covariance, slip), rate)
+        return rate, slip
 
     def _predict(self, step: _Step, dt: float, rate: TurnRate, slip: TwistCovariance) -> None:
         """Move by ``dt`` [s] of a step, of whose duration ``rate`` and ``slip`` are."""

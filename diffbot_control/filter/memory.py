@@ -28,3 +28,5 @@ class Memory(NamedTuple):
     """since the newest fix"""
     landmarks: LandmarkCorrelation = new_landmark_correlation()
     """of the landmarks, where the correlation of their errors is to be found"""
+    disagreement: float = 0.0
+    """mean of :class:`slip.Disagreement`"""

@@ -230,6 +230,27 @@ def with_rate(twist: Twist, difference: float, share: GyroShare) -> Twist:
     return Twist(twist.v + share.v * difference, twist.omega + share.omega * difference)
 
 
+def rate_derivatives(
+    measured: Twist, corrected: Twist, difference: float, share: GyroShare, separation: float, error: float
+) -> TwistDerivatives:
+    """Derivatives by the errors of the wheels where a gyro measures the turn rate, too.
+
+    They are taken at the twist of wheels and gyro together, whose error is independent of the ``difference`` between
+    both [rad/s]. Those at the twist of the wheels alone have the error of the difference in them. The product of both
+    has a mean, and each correction by the difference would make the radii smaller.
+
+    Args:
+        measured: by wheels of the configured size.
+        corrected: the same for wheels with the estimated errors.
+        difference: between the gyro's turn rate, without its bias, and the corrected one.
+        share: of the gyro.
+        separation: configured distance of the wheels [m].
+        error: relative error of that distance.
+    """
+    omega = with_rate(corrected, difference, share).omega
+    return twist_derivatives(with_rate(measured, difference, share), omega, separation, error)
+
+
 def covariance_with_rate(covariance: TwistCovariance, share: GyroShare) -> TwistCovariance:
     """Return the covariance of a twist after :func:`with_rate`.
 

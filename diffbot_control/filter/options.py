@@ -7,6 +7,7 @@ from typing import Annotated, NamedTuple
 
 from diffbot_control.filter.chi_square import chi_square_bound
 from diffbot_control.filter.landmark_calibration import NO_ERRORS, LandmarkErrors
+from diffbot_control.filter.slip import MAX_SLIP
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.ranges import TIMEOUT
 from diffbot_core.schema import Spec
@@ -21,7 +22,8 @@ _MAX_TIME = 1e4
 _KNOWN_SIGMA = 1e-6
 """[m], [rad] Deviation of a known error that is a state because the others are: P stays positive definite."""
 _MAX_SIGMAS, _MAX_ERROR = 5.0, 0.1
-"""An estimated radius error beyond five initial deviations and beyond 10 % is a slipping wheel, not a radius error."""
+"""An estimated radius error beyond five initial deviations and beyond 10 % is a slipping wheel, not a radius error.
+With a gyro, some more of slip is estimated like a radius error, see :mod:`slip`."""
 
 
 class FilterConfig(NamedTuple):
@@ -51,15 +53,6 @@ class FilterConfig(NamedTuple):
         float,
         Spec("random-walk deviation of each wheel's relative radius error", "1/sqrt(s)", minimum=0.0, maximum=0.1),
     ] = 1e-4
-    wheel_slip_walk: Annotated[
-        float,
-        Spec(
-            "the same with use_gyro, in place of wheel_radius_walk: a wheel that slips is then one of another radius",
-            "1/sqrt(s)",
-            minimum=0.0,
-            maximum=0.1,
-        ),
-    ] = 5e-4
     wheel_separation_sigma: Annotated[
         float,
         Spec(
@@ -227,6 +220,7 @@ def options_of(config: FilterConfig, *, landmarks: bool = False) -> FilterOption
     adaptive = config.filter in (FNN, FNN_CALIBRATING)
     calibrating = config.filter in (CALIBRATING, FNN_CALIBRATING)
     rest = 1.0 - config.gate_probability
+    largest = MAX_SLIP if config.use_gyro else _MAX_ERROR
     first, second, third = (chi_square_bound(dof, rest) if rest > 0.0 else math.inf for dof in (1, 2, 3))
     return FilterOptions(
         adaptive,
@@ -234,8 +228,8 @@ def options_of(config: FilterConfig, *, landmarks: bool = False) -> FilterOption
         config.relocation_fixes,
         config.relocation_timeout,
         config.wheel_radius_sigma**2 if calibrating else 0.0,
-        (config.wheel_slip_walk if config.use_gyro else config.wheel_radius_walk) ** 2 if calibrating else 0.0,
-        max(_MAX_SIGMAS * config.wheel_radius_sigma, _MAX_ERROR) if calibrating else 0.0,
+        config.wheel_radius_walk**2 if calibrating else 0.0,
+        max(_MAX_SIGMAS * config.wheel_radius_sigma, largest) if calibrating else 0.0,
         config.wheel_separation_sigma**2 if calibrating else 0.0,
         max(_MAX_SIGMAS * config.wheel_separation_sigma, _MAX_ERROR) if calibrating else 0.0,
         (config.left_radius_error, config.right_radius_error, config.wheel_separation_error)

@@ -7,12 +7,9 @@ from typing import TYPE_CHECKING
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 
-from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.localization import FilterEstimate
-from diffbot_control.filter.odometry import OdometryStep
 from diffbot_control.ros.frames import robot_frame
 from diffbot_control.ros.messages.conversions import odometry_message, pose_message
-from diffbot_control.ros.messages.ekf import corrected_twist
 from diffbot_control.ros.messages.fields import (
     fill_planar_covariance,
     fill_pose,
@@ -20,6 +17,7 @@ from diffbot_control.ros.messages.fields import (
     fill_twist_covariance,
     set_stamp,
 )
+from diffbot_core.kinematics import Twist, TwistCovariance
 from diffbot_core.ros.managed_node import ManagedNode
 from diffbot_core.ros.node import QUEUE
 
@@ -51,24 +49,15 @@ class EkfPublishers:
         self._poses.publish(self._pose)
         self._sent["pose"] += 1
 
-    def send_filtered(
-        self, estimate: FilterEstimate, odometry: OdometryStep, ekf: GatedFilter, separation: float
-    ) -> None:
-        """Publish the estimate with the twist of ``odometry``, if anybody listens.
-
-        Args:
-            estimate: pose and covariance.
-            odometry: of the same stamp.
-            ekf: the filter, whose estimated wheel errors correct the twist.
-            separation: wheel separation L [m].
-        """
+    def send_filtered(self, estimate: FilterEstimate, twist: Twist, covariance: TwistCovariance) -> None:
+        """Publish the estimate with the ``twist`` of the same stamp and its covariance, if anybody listens."""
         if not self._filtered_odometry.get_subscription_count():
             return
         message = self._filtered
         set_stamp(message.header.stamp, estimate.stamp)
         fill_pose(message.pose.pose, estimate.pose)
         fill_planar_covariance(message.pose.covariance, estimate.P)
-        fill_twist(message.twist.twist, corrected_twist(odometry.twist, ekf, separation))
-        fill_twist_covariance(message.twist.covariance, odometry.covariance)
+        fill_twist(message.twist.twist, twist)
+        fill_twist_covariance(message.twist.covariance, covariance)
         self._filtered_odometry.publish(message)
         self._sent["odometry/filtered"] += 1

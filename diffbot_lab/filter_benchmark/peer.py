@@ -58,9 +58,9 @@ class Errors(NamedTuple):
     """[s] of the process for each message of the odometry"""
 
 
-def errors_of(estimates: Estimates, drive: Drive) -> Errors:
-    """Compare estimates with the truth at their stamps."""
-    counts = (estimates.steps >= SKIPPED * RATE) & (estimates.steps < len(drive.truth))
+def errors_of(estimates: Estimates, drive: Drive, skipped: float = SKIPPED) -> Errors:
+    """Compare estimates with the truth at their stamps; the first ``skipped`` seconds do not count."""
+    counts = (estimates.steps >= skipped * RATE) & (estimates.steps < len(drive.truth))
     error = estimates.poses[counts] - drive.truth[estimates.steps[counts]]
     error[:, 2] = np.remainder(error[:, 2] + math.pi, 2.0 * math.pi) - math.pi
     P = estimates.P[counts]

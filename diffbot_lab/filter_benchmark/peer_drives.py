@@ -5,13 +5,16 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from diffbot_control.filter.gyro import GyroSample
-from diffbot_control.filter.measurements import Measurement, PoseFix, PositionFix
+from diffbot_control.filter.landmark_calibration import NO_ERRORS, LandmarkErrors
+from diffbot_control.filter.landmark_map import LandmarkMap
+from diffbot_control.filter.measurements import LandmarkMeasurement, Measurement, PoseFix, PositionFix
 from diffbot_control.filter.odometry import OdometryStep
 from diffbot_control.filter.options import FilterConfig
 from diffbot_core.geometry import wrap_angle
@@ -45,6 +48,10 @@ class PeerCase(NamedTuple):
     filter: FilterConfig = FilterConfig()
     with_heading: bool = True
     """False: fixes measure the position alone"""
+    landmarks: LandmarkMap = LandmarkMap()
+    """which the peer does not get"""
+    landmark_errors: LandmarkErrors = NO_ERRORS
+    """of the sensor that measures them"""
 
 
 _DRIVES = ActuatorConfig(acceleration_max=0.5, angular_acceleration_max=1.5)
@@ -54,7 +61,7 @@ _MIX = PlantConfig(
     actuators=_DRIVES._replace(command_delay=0.1, drive_time_constant=0.1, separation_error=0.03),
 )
 _LATE = SensorConfig(fix_rate=5.0, fix_delay=0.15)
-_GYRO = SensorConfig(fix_rate=1.0, gyro_rate=float(RATE), gyro_error_max=0.005 * math.sqrt(3.0), gyro_bias=0.02)
+GYRO = SensorConfig(fix_rate=1.0, gyro_rate=float(RATE), gyro_error_max=0.005 * math.sqrt(3.0), gyro_bias=0.02)
 _GNSS = 0.5 * math.sqrt(3.0)
 CASES = (
     PeerCase("nominal", "fixes at 5 Hz", SensorConfig(fix_rate=5.0)),
@@ -75,7 +82,7 @@ CASES = (
     PeerCase(
         "gyro",
         "gyro with a bias of 0.02 rad/s, fixes at 1 Hz, 5 % slip of the right wheel for 100 s",
-        _GYRO,
+        GYRO,
         _SMOOTH._replace(slip_right=0.05, slip_start=100.0, slip_duration=100.0),
         FilterConfig(use_gyro=True),
     ),
@@ -110,7 +117,7 @@ def record_drive(case: PeerCase, seed: int, duration: float = DURATION) -> Drive
     plant = case.plant._replace(sampling_time=1.0 / RATE)
     rng, events, truth = random.Random(seed), [], []
     start = StartPose(0.0, 0.0, rng.uniform(-math.pi, math.pi))
-    world = World(WorldConfig(plant, case.sensors, start, seed), START)
+    world = World(WorldConfig(plant, case.sensors, start, seed, landmarks=case.landmarks), START)
     until, command = 0.0, Twist(0.0, 0.0)
     for step in range(round(duration * RATE) + 1):
         pose, now = world.state.pose, step / RATE
@@ -121,17 +128,20 @@ def record_drive(case: PeerCase, seed: int, duration: float = DURATION) -> Drive
             until = now + rng.uniform(2.0, 7.0)
             v = 0.0 if rng.random() < 0.15 else rng.uniform(0.2, 1.0)
             command = Twist(v, 0.0 if rng.random() < 0.3 else rng.uniform(-0.8, 0.8))
-        events += [Event(world.stamp, one) for one in _messages(world, case.with_heading)]
+        events += [Event(world.stamp, one) for one in _messages(world, case)]
         truth.append(pose)
         world.advance(command)
     return Drive(events, np.array(truth))
 
 
-def _messages(world: World, with_heading: bool) -> Iterator[Measurement | OdometryStep | GyroSample]:
+def _messages(world: World, case: PeerCase) -> Iterator[Measurement | OdometryStep | GyroSample]:
     """Yield what arrives at the present step, in the order of the graph."""
     for one in measurements_of(world.sense()):
-        if isinstance(one, PoseFix) and not with_heading:
+        if isinstance(one, PoseFix) and not case.with_heading:
             yield PositionFix(one.stamp, one.pose.x, one.pose.y, one.R[:2, :2])
+        elif isinstance(one, LandmarkMeasurement):
+            offset, scale, bearing = case.landmark_errors
+            yield replace(one, range=(1.0 + scale) * one.range + offset, bearing=wrap_angle(one.bearing + bearing))
         else:
             yield one
     reading = world.turn_rate()

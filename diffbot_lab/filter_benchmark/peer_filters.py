@@ -57,7 +57,7 @@ class PeerNoise(NamedTuple):
 
 def run_ours(case: PeerCase, drive: Drive) -> Estimates:
     """Run this project's filter with its defaults."""
-    localization = Localization(LocalizationConfig(filter=case.filter))
+    localization = Localization(LocalizationConfig(filter=case.filter), landmarks=bool(case.landmarks.landmark_ids))
     stamps, poses, P = [], [], []
     begin = time.process_time()
     for _, content in drive.events:

@@ -15,20 +15,22 @@ def rows_of(results: Results) -> list[tuple[str, ...]]:
     """Return a row for each case: errors of position and heading and NEES of all filters, and ours over the tuned."""
     rows = []
     for case in results["cases"]:
-        figures = (_figures(case["filters"][name]) for name in NAMES)
-        rows.append((case["text"], *figures, *(_ratio(case["ratio"][name]) for name in ("position", "heading"))))
+        figures = (errors_text(case["filters"][name]) for name in NAMES)
+        rows.append((case["text"], *figures, *(ratio_text(case["ratio"][name]) for name in ("position", "heading"))))
     return rows
 
 
 HEAD = ("case", *NAMES.values(), "position, ours / tuned", "heading, ours / tuned")
 
 
-def _figures(one: Results) -> str:
+def errors_text(one: Results) -> str:
+    """Return the errors of position and heading and the NEES of a filter."""
     position, heading, nees = (one[name][0] for name in ("position", "heading", "nees"))
     return f"{number(position)}; {number(heading)}; {number(nees, 1)}"
 
 
-def _ratio(interval: list[float]) -> str:
+def ratio_text(interval: list[float]) -> str:
+    """Return a ratio with its interval."""
     mean, low, high = interval
     return f"{mean:.2f} [{low:.2f}, {high:.2f}]"
 

@@ -37,6 +37,7 @@ from diffbot_control.filter.models import (
     move,
     pose_derivatives,
     pose_innovation,
+    rate_derivatives,
     twist_derivatives,
     with_rate,
     with_wheel_errors,
@@ -110,22 +111,6 @@ def inflate(belief: Any, factor: float) -> None:
         for j in range(len(P)):
             P[i, j] *= root
             P[j, i] *= root
-
-
-def reset_impossible_wheels(belief: Any, bounds: tuple[float, float], variances: tuple[float, float]) -> None:
-    """Reset the errors of the wheels, to zero with their initial ``variances``, if one is beyond its bound.
-
-    Both pairs are of a radius and of the separation.
-    """
-    x, P = belief["x"], belief["P"]
-    if abs(x[3]) <= bounds[0] and abs(x[4]) <= bounds[0] and abs(x[5]) <= bounds[1]:
-        return
-    for i in range(POSE, WHEELS):
-        x[i] = 0.0
-        for j in range(len(x)):
-            P[i, j] = P[j, i] = 0.0
-    P[3, 3] = P[4, 4] = variances[0]
-    P[5, 5] = variances[1]
 
 
 def corrected_twist(belief: Any, measured: Twist, separation: float) -> Twist:
@@ -285,10 +270,11 @@ def fill_landmark(
 def fill_rate(belief: Any, work: Any, motion: Motion, separation: float) -> int:
     """Fill in the turn rate of a gyro against the wheels'; it must be a state. Return the number of numbers, m."""
     x, H = belief["x"], work["H"]
-    twist = corrected_twist(belief, motion.twist, separation)
-    by = twist_derivatives(motion.twist, twist.omega, separation, x[5])
+    twist, share = corrected_twist(belief, motion.twist, separation), gyro_share(motion.covariance, motion.rate)
+    difference = motion.rate.value - twist.omega - x[LANDMARKS]
+    by = rate_derivatives(motion.twist, twist, difference, share, separation, x[5])
     _clear(work)
-    work["y"][0] = motion.rate.value - twist.omega - x[LANDMARKS]
+    work["y"][0] = difference
     H[0, 3], H[0, 4], H[0, 5], H[0, LANDMARKS] = by.omega_left, by.omega_right, by.omega_separation, 1.0
     work["R"][0, 0] = motion.rate.variance + motion.covariance.var_omega
     return 1

@@ -36,11 +36,13 @@ from diffbot_control.filter.gate import (
     RELOCATED,
     RESET_VAR_THETA,
     RESET_VAR_XY,
+    WEIGHED,
     Decision,
     GateMemory,
     age,
     decide_fix,
     decide_other,
+    decide_weight,
     fix_bound,
     is_expected,
     new_gate,
@@ -55,7 +57,8 @@ from diffbot_control.filter.landmark_correlation import (
     with_pair,
 )
 from diffbot_control.filter.models import Motion, pose_innovation, slip_covariance
-from diffbot_control.filter.options import REJECT, WEIGH, FilterOptions
+from diffbot_control.filter.options import FilterOptions
+from diffbot_control.filter.slip import add_innovation
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Point, Pose, wrap_angle
 from diffbot_core.kinematics import TwistCovariance, scale_twist_covariance
@@ -75,7 +78,6 @@ from diffbot_sim.compiled.ekf import (
     normalise,
     pose_of,
     predict,
-    reset_impossible_wheels,
     reset_to,
     work_type,
 )
@@ -131,6 +133,8 @@ class Track(NamedTuple):
     """since the newest fix"""
     landmarks: CorrelationMeans
     """of the landmarks, where the correlation of their errors is to be found"""
+    disagreement: float
+    """mean of :class:`slip.Disagreement`"""
 
 
 def kept_type(n: int) -> Any:
@@ -168,12 +172,8 @@ def check_supported(options: FilterOptions) -> None:
     """Refuse options that only the filter of the node has.
 
     Raises:
-        InvalidValueError: for calibrated wheels, weighed landmarks, or errors correlated in time.
+        InvalidValueError: for errors that are correlated over a given time.
     """
-    if any(options.wheel_errors):
-        raise InvalidValueError("wheel errors at the start", options.wheel_errors, "0 in a batch")
-    if options.weigh_landmarks:
-        raise InvalidValueError("landmark_gate", WEIGH, f"{REJECT} in a batch")
     if any(options.correlation_times):
         raise InvalidValueError("correlation times", options.correlation_times, "0 in a batch")
 
@@ -181,7 +181,7 @@ def check_supported(options: FilterOptions) -> None:
 def new_track() -> Track:
     """Return the state before the first fix."""
     newest = Newest(math.nan, ACCEPTED)
-    return Track(False, new_gate(), new_adaptation(), newest, new_fix_correlation(), STANDING, NO_PAIRS)
+    return Track(False, new_gate(), new_adaptation(), newest, new_fix_correlation(), STANDING, NO_PAIRS, 0.0)
 
 
 def reset_arrays(arrays: Any, options: FilterOptions) -> None:
@@ -191,8 +191,7 @@ def reset_arrays(arrays: Any, options: FilterOptions) -> None:
         x[i] = 0.0
         for j in range(len(x)):
             P[i, j] = 0.0
-    P[3, 3] = P[4, 4] = options.radius_variance
-    P[5, 5] = options.separation_variance
+    _reset_wheels(arrays["belief"], options)
     if len(x) > WHEELS:
         for i in range(3):
             x[WHEELS + i] = options.landmark_errors[i]
@@ -216,10 +215,13 @@ def advance(track: Track, arrays: Any, motion: Motion, separation: float, option
         total = travel(Travelled(arrays["along"], arrays["turn"]), motion, 0.0)
         arrays["along"], arrays["turn"] = total.along, total.turn
     gate = age(track.gate, motion.dt)
-    return Track(True, gate, track.adaptation, track.newest, track.fix_correlation, travelled, track.landmarks)
+    newest, landmarks = track.newest, track.landmarks
+    return Track(True, gate, track.adaptation, newest, track.fix_correlation, travelled, landmarks, track.disagreement)
 
 
-def take_rate(arrays: Any, motion: Motion, separation: float, options: FilterOptions) -> TwistCovariance:
+def take_rate(
+    track: Track, arrays: Any, motion: Motion, separation: float, options: FilterOptions
+) -> tuple[Track, TwistCovariance]:
     """Correct the errors of wheels and gyro with a turn rate; return what its contradiction adds to the covariance.
 
     The counterpart of what :class:`diffbot_control.filter.localization.Localization` does with a turn rate.
@@ -227,14 +229,19 @@ def take_rate(arrays: Any, motion: Motion, separation: float, options: FilterOpt
     none = TwistCovariance(0.0, 0.0, 0.0)
     belief, work = arrays["belief"], arrays["work"]
     if motion.rate.variance == math.inf or len(belief["x"]) < GYRO:
-        return none
+        return track, none
     m = fill_rate(belief, work, motion, separation)
     difference, nis = work["y"][0], normalise(belief, work, m, POSE).nis
     beyond = nis > options.gates[0]
+    S, by, mean = work["S"][0, 0] + work["R"][0, 0], (work["H"][0, 3], work["H"][0, 4]), track.disagreement
     _correct(arrays, m, 1.0, nis / options.gates[0] if beyond else 1.0, options)
-    if not beyond:
-        return none
-    return slip_covariance(difference, separation)
+    if options.radius_variance > 0.0 and not beyond:
+        mean, variance = add_innovation(mean, difference, S, motion.dt, by)
+        belief["P"][3, 3] += variance
+        belief["P"][4, 4] += variance
+    fixes, landmarks, travelled = track.fix_correlation, track.landmarks, track.travelled
+    track = Track(True, track.gate, track.adaptation, track.newest, fixes, travelled, landmarks, mean)
+    return track, slip_covariance(difference, separation) if beyond else none
 
 
 def initialise(track: Track, arrays: Any, fix: PoseFix) -> Track:
@@ -245,7 +252,7 @@ def initialise(track: Track, arrays: Any, fix: PoseFix) -> Track:
     reset_to(belief, fix.pose, work["R"])
     arrays["era"] += 1
     newest, found = Newest(math.nan, ACCEPTED), unpaired(track.fix_correlation)
-    return Track(True, new_gate(), track.adaptation, newest, found, STANDING, track.landmarks)
+    return Track(True, new_gate(), track.adaptation, newest, found, STANDING, track.landmarks, 0.0)
 
 
 def take_fix(track: Track, arrays: Any, fix: PoseFix, options: FilterOptions) -> Track:
@@ -273,7 +280,7 @@ def take_fix(track: Track, arrays: Any, fix: PoseFix, options: FilterOptions) ->
     if options.detects_fix_correlation:
         fix_correlation = _with_fix(track, belief, fix, before, decision.outcome == ACCEPTED)
     newest = Newest(nis, decision.outcome)
-    return Track(True, gate, adaptation, newest, fix_correlation, STANDING, track.landmarks)
+    return Track(True, gate, adaptation, newest, fix_correlation, STANDING, track.landmarks, track.disagreement)
 
 
 def _put_noise(work: Any, fix: PoseFix) -> None:
@@ -379,7 +386,12 @@ def take_landmark(
     m = _fill_landmark(belief, work, measured)
     if m > 0:
         nis = normalise(belief, work, m).nis
-    gate, decision = decide_other(track.gate, nis, options.gates[1], options)
+    bound, weaker = options.gates[1], 1.0
+    if options.weigh_landmarks:
+        gate, decision = decide_weight(track.gate, nis, bound)
+        weaker = nis / bound if decision.outcome == WEIGHED else 1.0
+    else:
+        gate, decision = decide_other(track.gate, nis, bound, options)
     if options.detects_landmark_correlation and m > 0:
         if seen["era"] == arrays["era"]:
             inflation = inflation_by(means, time - seen["time"])
@@ -388,8 +400,8 @@ def take_landmark(
     if decision.outcome == RELOCATED:
         _reset_pose(belief, work)
         normalise(belief, work, _fill_landmark(belief, work, measured))
-    if decision.outcome in (ACCEPTED, RELOCATED):
-        _correct(arrays, m, inflation, 1.0, options)
+    if decision.outcome in (ACCEPTED, RELOCATED, WEIGHED):
+        _correct(arrays, m, inflation, weaker, options)
     if decision.outcome == RELOCATED:
         arrays["era"] += 1
     inflate(belief, growth_of_landmarks(track.landmarks, means))
@@ -433,10 +445,24 @@ def _reset_pose(belief: Any, work: Any) -> None:
 
 def _with_other(track: Track, gate: GateMemory, nis: float, landmarks: CorrelationMeans) -> Track:
     """Return the track after a measurement that was no fix."""
-    newest = Newest(nis, track.newest.fix_outcome)
-    return Track(True, gate, track.adaptation, newest, track.fix_correlation, track.travelled, landmarks)
+    newest, fixes, travelled = Newest(nis, track.newest.fix_outcome), track.fix_correlation, track.travelled
+    return Track(True, gate, track.adaptation, newest, fixes, travelled, landmarks, track.disagreement)
+
+
+def _reset_wheels(belief: Any, options: FilterOptions) -> None:
+    """Put the errors of the wheels at their initial values, uncorrelated with all else."""
+    x, P = belief["x"], belief["P"]
+    for i in range(POSE, WHEELS):
+        for j in range(len(x)):
+            P[i, j] = P[j, i] = 0.0
+        P[i, i] = options.radius_variance if i < WHEELS - 1 else options.separation_variance
+        x[i] = options.wheel_errors[i - POSE] if P[i, i] > 0.0 else 0.0
 
 
 def _reset_impossible(belief: Any, options: FilterOptions) -> None:
-    bounds = options.max_radius_error, options.max_separation_error
-    reset_impossible_wheels(belief, bounds, (options.radius_variance, options.separation_variance))
+    """Reset the errors of the wheels if one is beyond its bound."""
+    x, start = belief["x"], options.wheel_errors
+    radii = max(abs(x[3] - start[0]), abs(x[4] - start[1]))
+    separation = abs(x[5] - start[2]) if options.separation_variance > 0.0 else 0.0
+    if radii > options.max_radius_error or separation > options.max_separation_error:
+        _reset_wheels(belief, options)

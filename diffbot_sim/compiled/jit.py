@@ -28,6 +28,7 @@ from diffbot_control.filter import (
     landmark_calibration,
     landmark_correlation,
     models,
+    slip,
 )
 from diffbot_control.goals.protocol import Law
 from diffbot_control.law import (
@@ -85,6 +86,7 @@ MODULES = (
     correlation,
     fix_correlation,
     landmark_correlation,
+    slip,
     gated_filter,
     sensing,
     late_fusion,
@@ -115,6 +117,20 @@ try:
     from numba.extending import register_jitable
 except ImportError as error:
     raise DiffbotError("compiled simulation needs numba: pip install 'numba>=0.60'") from error
+
+
+def _name_in_symbols(record: Any) -> tuple[str, tuple[str]]:
+    """Name the type of a record by its layout, for the symbols of functions that take one.
+
+    numba names it by a number that it has in this process only. Two kernels from the cache that were compiled in
+    different processes, for records of different layouts, may then have a symbol in common: one of them would run the
+    other's functions.
+    """
+    return "Record", (hashlib.sha256(str(record).encode()).hexdigest()[:DIGITS],)
+
+
+_record: Any = numba.types.Record
+_record.mangling_args = property(_name_in_symbols)
 
 
 def _cache_folder() -> Path:

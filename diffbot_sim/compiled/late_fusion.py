@@ -287,7 +287,7 @@ def _propagated(track: Track, arrays: Any, record: LateRecord, end: int, moment:
     rate = TurnRate(float(step["rate"]), float(step["rate_variance"]))
     slip = TwistCovariance(0.0, 0.0, 0.0)
     if whole > 0:
-        slip = take_rate(arrays, Motion(twist, whole * t_s, noise, rate), separation, robot.filter)
+        track, slip = take_rate(track, arrays, Motion(twist, whole * t_s, noise, rate), separation, robot.filter)
     for stamp in range(now if is_first else end, end + 1):
         step = steps[stamp % len(steps)]
         is_fused = step["fix_fused"] + step["heading_fused"] + step["landmarks_fused"] > 0.0

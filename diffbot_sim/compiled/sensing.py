@@ -69,7 +69,7 @@ def observe(
         noise = encoder_covariance(state.encoder, plant.encoder_noise, plant.wheels)
         twist, separation = body_twist(state.encoder, plant.wheels), plant.wheels.wheel_separation
         motion = Motion(twist, t_s, noise, measured_rate(moment, state.twist.omega, t_s, sensors))
-        slip = take_rate(arrays, motion, separation, options)
+        track, slip = take_rate(track, arrays, motion, separation, options)
         motion = Motion(twist, t_s, add_twist_covariance(noise, slip), motion.rate)
         track = advance(track, arrays, motion, separation, options)
     if due(step, sensors.fix_rate, t_s):

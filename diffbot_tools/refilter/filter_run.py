@@ -13,7 +13,7 @@ from diffbot_control.filter.innovation_monitor import InnovationMonitor
 from diffbot_control.filter.localization import FilterEstimate, Localization
 from diffbot_control.filter.measurements import Array, Measurement, Source
 from diffbot_control.filter.odometry import OdometryStep
-from diffbot_control.ros.messages.ekf import EkfInputs, corrected_twist
+from diffbot_control.ros.messages.ekf import EkfInputs
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_control.ros.sensors import sensors_of
 from diffbot_control.ros.sensors.fixes import POSE_MESSAGE
@@ -97,7 +97,6 @@ class FilterRun:
     def __init__(self, config: EkfNodeConfig, topics: dict[str, str]) -> None:
         """Start unknown; ``topics`` maps the topics of the bag to those of :func:`inputs_of`."""
         self._inputs = EkfInputs(config)
-        self._L = config.wheels.wheel_separation
         self.localization = RecordingLocalization(config)
         self.dropped: Counter[tuple[str, str]] = Counter()
         """messages that were not used, by topic and reason"""
@@ -140,4 +139,4 @@ class FilterRun:
     def _answer(self, odometry: OdometryStep) -> Answer:
         estimate = self.localization.on_odometry(odometry)
         odometry = estimate.odometry or odometry
-        return Answer(estimate, odometry, corrected_twist(odometry.twist, self.localization.filter, self._L))
+        return Answer(estimate, odometry, self.localization.twist_of(odometry)[0])

@@ -3,18 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
 from diffbot_control.filter.measurements.measurement import Array, Measurement, Source, States
-from diffbot_control.filter.models import (
-    TurnRate,
-    WheelErrors,
-    twist_derivatives,
-    with_wheel_errors,
-)
-from diffbot_core.kinematics import Twist
+from diffbot_control.filter.models import TurnRate, WheelErrors, gyro_share, rate_derivatives, with_wheel_errors
+from diffbot_core.kinematics import Twist, TwistCovariance
 
 GYRO = "gyro"
 _SOURCE = Source(GYRO)
@@ -31,12 +25,10 @@ class GyroRate(Measurement):
     rate: TurnRate
     wheels: Twist
     """measured twist, for wheels of the configured size"""
-    var_omega: float
-    """[rad^2/s^2] variance of its turn rate"""
+    covariance: TwistCovariance
+    """of that twist"""
     wheel_separation: float
     """L [m]"""
-
-    is_of_motion: ClassVar[bool] = True
 
     @property
     def source(self) -> Source:
@@ -50,25 +42,24 @@ class GyroRate(Measurement):
 
     def expected(self, x: Array, states: States) -> Array:
         """Return the turn rate of the wheels and the bias."""
-        return self._corrected(x, states).omega + x[states.gyro]
+        return with_wheel_errors(self.wheels, self._errors(x, states), self.wheel_separation).omega + x[states.gyro]
 
     def jacobian(self, x: Array, states: States) -> Array:
         """Return the derivatives by the errors of the wheels and by the bias."""
-        H, part = np.zeros((1, states.size)), states.wheels
-        errors = self._errors(x, states)
-        by = twist_derivatives(self.wheels, self._corrected(x, states).omega, self.wheel_separation, errors.separation)
+        H, part, errors = np.zeros((1, states.size)), states.wheels, self._errors(x, states)
+        share = gyro_share(self.covariance, self.rate)
+        corrected = with_wheel_errors(self.wheels, errors, self.wheel_separation)
+        difference = self.rate.value - corrected.omega - x[states.gyro].item()
+        by = rate_derivatives(self.wheels, corrected, difference, share, self.wheel_separation, errors.separation)
         H[0, part] = (by.omega_left, by.omega_right, by.omega_separation)[: part.stop - part.start]
         H[0, states.gyro] = 1.0
         return H
 
     def noise(self, x: Array, P: Array, states: States) -> Array:
         """Return the variance of the difference."""
-        return np.array(((self.rate.variance + self.var_omega,),))
+        return np.array(((self.rate.variance + self.covariance.var_omega,),))
 
     def _errors(self, x: Array, states: States) -> WheelErrors:
         """Return the errors of the wheels; 0 where they are no states."""
         found: list[float] = x.tolist()[states.wheels]
         return WheelErrors(*found, *[0.0] * (3 - len(found)))
-
-    def _corrected(self, x: Array, states: States) -> Twist:
-        return with_wheel_errors(self.wheels, self._errors(x, states), self.wheel_separation)

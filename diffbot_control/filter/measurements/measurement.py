@@ -59,9 +59,6 @@ class Measurement(ABC):
     may_reset: ClassVar[bool] = True
     """a streak of rejections resets the pose; False where something else may have been measured than what is expected,
     as an obstacle in front of a wall"""
-    is_of_motion: ClassVar[bool] = False
-    """it measures the motion, not the pose: beyond the gate it is weighed by bound / NIS, and it ends no streak of
-    rejections"""
 
     @property
     @abstractmethod

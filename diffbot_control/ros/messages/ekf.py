@@ -9,7 +9,6 @@ import numpy as np
 
 from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.measurements import PoseFix
-from diffbot_control.filter.models import WheelErrors, with_wheel_errors
 from diffbot_control.filter.odometry import OdometryStep
 from diffbot_control.ros.frames import robot_frame
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
@@ -17,7 +16,7 @@ from diffbot_control.ros.sensors import sensors_of
 from diffbot_control.ros.sensors.fixes import fix_from, global_pose_noise
 from diffbot_control.ros.sensors.odometry import odometry_from, wheel_speeds_from
 from diffbot_control.ros.sensors.sensor import Sensor
-from diffbot_core.kinematics import Twist, body_twist, encoder_covariance
+from diffbot_core.kinematics import body_twist, encoder_covariance
 
 _WHEEL_ERRORS = ("left wheel radius", "right wheel radius", "wheel separation")
 _LANDMARK_ERRORS = ("landmark range offset", "landmark range scale", "landmark bearing offset")
@@ -56,15 +55,6 @@ class EkfInputs:
         stamp, speeds = wheel_speeds_from(message, config.left_wheel_name, config.right_wheel_name)
         covariance = encoder_covariance(speeds, config.wheel_noise, config.wheels)
         return OdometryStep(stamp, body_twist(speeds, config.wheels), covariance)
-
-
-def corrected_twist(measured: Twist, ekf: GatedFilter, wheel_separation: float) -> Twist:
-    """Return the twist corrected by the estimated wheel errors, if there are any; ``wheel_separation`` is L [m]."""
-    wheels = ekf.wheels()
-    if wheels is None:
-        return measured
-    found = wheels.errors.tolist()
-    return with_wheel_errors(measured, WheelErrors(*found, *[0.0] * (3 - len(found))), wheel_separation)
 
 
 def error_values(ekf: GatedFilter) -> dict[str, str]:

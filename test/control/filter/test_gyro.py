@@ -8,7 +8,7 @@ import pytest
 from filter_runs import R_FIX, SEPARATION, build_motion, covariance, gated_filter, heading, jacobian, wrapped
 from filter_runs import Robot as Drive
 
-from diffbot_control.filter.gate import ACCEPTED, RELOCATED
+from diffbot_control.filter.gate import RELOCATED
 from diffbot_control.filter.gyro import GyroSample
 from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.localization_config import LocalizationConfig
@@ -17,6 +17,7 @@ from diffbot_control.filter.measurements.gyro import GyroRate
 from diffbot_control.filter.models import TurnRate
 from diffbot_control.filter.odometry import OdometryStep
 from diffbot_control.filter.options import FilterConfig
+from diffbot_control.filter.slip import add_innovation
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist, TwistCovariance
@@ -46,13 +47,15 @@ def test_it_is_the_joint_filter_with_the_errors_of_the_twist_as_states(seed):
     rng = np.random.default_rng(seed)
     dt, measured, variance = 0.1, rng.uniform(-1.0, 1.0, 2), rng.uniform(1e-5, 1e-2)
     M = covariance(rng, 2, 0.02, 0.2)
-    found = gated_filter("ekf_calibrating", rng.normal(size=3), use_gyro=True, wheel_slip_walk=0.0, gyro_bias_walk=0.0)
+    found = gated_filter(
+        "ekf_calibrating", rng.normal(size=3), use_gyro=True, wheel_radius_walk=0.0, gyro_bias_walk=0.0
+    )
     # Small errors, so that both are linear; the states are correlated, as they are after a while.
     x, P = np.array([*found.memory.belief.x[:3], *rng.normal(0.0, 1e-5, 4)]), 1e-6 * covariance(rng, 7)
     found.memory = found.memory._replace(belief=found.memory.belief._replace(x=x, P=P))
     rate = moved(x, measured, (0.0, 0.0), dt)[1] + x[6] + 1e-4
     motion = build_motion(*measured, dt, M[0, 0], M[0, 1], M[1, 1])._replace(rate=TurnRate(rate, variance))
-    found.take(GyroRate(0, motion.rate, motion.twist, M[1, 1], SEPARATION))
+    assert found.take_rate(GyroRate(0, motion.rate, motion.twist, motion.covariance, SEPARATION), dt) is None
     found.predict(motion)
 
     joint, whole = np.array([*x, 0.0, 0.0]), np.zeros((9, 9))
@@ -130,10 +133,115 @@ def test_a_gyro_that_agrees_does_not_hide_that_headings_contradict_the_pose():
     found = gated_filter("ekf", use_gyro=True, relocation_timeout=1.0)
     outcomes = []
     for _ in range(30):
-        assert found.take(GyroRate(0, TurnRate(0.0, 1e-4), Twist(0.0, 0.0), 1e-4, SEPARATION)) == ACCEPTED
+        still = Twist(0.0, 0.0), TwistCovariance(1e-4, 0.0, 1e-4)
+        assert found.take_rate(GyroRate(0, TurnRate(0.0, 1e-4), *still, SEPARATION), 0.1) is None
         found.predict(build_motion(0.0, 0.0, 0.1, 1e-6, 0.0, 1e-6))
         outcomes.append(found.take(heading(2.0)))
     assert RELOCATED in outcomes
+
+
+SHARE = 0.05 / math.sqrt(3.0)
+"""Deviation of a wheel's speed over the speed."""
+
+
+class Straight:
+    """A robot that drives straight on with 0.6 m/s for so many steps at 50 Hz; the wheels' noise grows with speed."""
+
+    def __init__(self, seed, left=0.0, right=0.0):
+        rng = np.random.default_rng(seed)
+        self.found = gated_filter("ekf_calibrating", use_gyro=True)
+        self._numbers = ((rng.normal(0.0, SHARE, 2), rng.normal(0.0, SIGMA)) for _ in count())
+        self.slip(left, right)
+
+    def slip(self, left, right):
+        """Let each wheel lose a share of its motion."""
+        self._lost = np.array([left, right])
+
+    def drive(self, steps):
+        """Return the deviations of the difference of the radius errors after the steps."""
+        found = []
+        for _, (noise, error) in zip(range(steps), self._numbers, strict=False):
+            measured = 0.6 * (1.0 + noise)
+            real = 0.6 * (1.0 - self._lost)
+            variances = (SHARE * measured) ** 2
+            twist = Twist(measured.mean(), (measured[1] - measured[0]) / SEPARATION)
+            covariance = TwistCovariance(
+                variances.sum() / 4.0,
+                (variances[1] - variances[0]) / (2.0 * SEPARATION),
+                variances.sum() / SEPARATION**2,
+            )
+            rate = TurnRate((real[1] - real[0]) / SEPARATION + BIAS + error, SIGMA**2)
+            self.found.take_rate(GyroRate(0, rate, twist, covariance, SEPARATION), 0.02)
+            self.found.predict(build_motion(*twist, 0.02, *covariance)._replace(rate=rate))
+            P = self.found.wheels().P
+            found.append(math.sqrt(P[0, 0] - 2.0 * P[0, 1] + P[1, 1]))
+        return np.array(found)
+
+    def radii(self):
+        return self.found.wheels().errors[:2]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_of_the_wheels_makes_no_radius_smaller(seed):
+    """The noise is in the wheels' turn rate and in what that turn rate is multiplied by."""
+    robot = Straight(seed)
+    spread = robot.drive(1500)
+    assert np.abs(robot.radii()).max() < 0.004  # of a prior of 0.01; both fall to -0.01 and below if it does
+    assert np.diff(spread).max() < 1e-4  # never less certain where nothing slips
+
+
+@pytest.mark.parametrize(("left", "right"), [(0.0, 0.05), (0.05, 0.0), (0.0, 0.12)])
+def test_a_slip_that_begins_and_ends_is_followed_within_three_seconds(left, right):
+    robot = Straight(1)
+    robot.drive(500)
+    for lost in ((left, right), (0.0, 0.0)):
+        robot.slip(*lost)
+        robot.drive(150)
+        e_left, e_right = robot.radii()
+        assert e_right - e_left == pytest.approx(lost[0] - lost[1], abs=0.02)
+        robot.drive(250)
+    assert robot.found.gyro_bias().errors.item() == pytest.approx(BIAS, abs=0.015)
+
+
+def test_a_slip_of_both_wheels_is_not_seen():
+    robot = Straight(2, 0.2, 0.2)
+    assert np.diff(robot.drive(1000)).max() < 1e-4
+
+
+def test_what_no_slip_explains_is_none():
+    mean, S = 0.0, 0.01
+    for _ in range(1000):  # a robot that stands and is turned
+        mean, variance = add_innovation(mean, 0.1, S, 0.02, (0.0, 0.0))
+        assert variance == 0.0
+    assert add_innovation(mean, 0.1, S, 0.02, (-2.0, 2.0)).mean == 0.0
+    # Each radius has half of the variance that explains the difference, and thrice the deviation while it grows.
+    explained = pytest.approx(0.5 * (3.0 * 0.1 / 2.0) ** 2, rel=1e-3)
+    assert add_innovation(mean, 0.1, S, 0.02, (-2.0, 2.0)).variance == explained
+    assert add_innovation(mean, 0.1, S, 0.02, (-1.0, 1.0)).variance == pytest.approx(0.2**2)
+    assert add_innovation(mean, 0.1, S, 0.02, (-0.1, 0.1)).variance == 0.0
+
+
+def test_without_the_option_a_turn_rate_is_refused():
+    found = Localization(LocalizationConfig(), SEPARATION)
+    found.initialise(Pose(0.0, 0.0, 0.0), R_FIX, 0)
+    refused(found, GyroSample(STEP, 0.1, 1e-4), "not used")
+
+
+def test_the_twist_has_the_turn_rate_of_the_gyro():
+    found = localization()
+    found.initialise(Pose(0.0, 0.0, 0.0), R_FIX, 0)
+    wheels = OdometryStep(STEP, Twist(0.5, 0.1), TwistCovariance(1e-4, 0.0, 0.09))
+    found.on_gyro(GyroSample(STEP, 0.4, 0.01))
+    found.on_odometry(wheels)
+    twist, covariance = found.twist_of(wheels)
+    bias = found.filter.gyro_bias().errors.item()
+    corrected = found.filter.corrected_twist(wheels.twist)
+    assert twist.v == pytest.approx(corrected.v)
+    assert twist.omega == pytest.approx((0.01 * corrected.omega + 0.09 * (0.4 - bias)) / 0.1)
+    assert covariance.var_omega == pytest.approx(0.09 * 0.01 / 0.1)
+    without = OdometryStep(2 * STEP, wheels.twist, wheels.covariance)
+    found.on_odometry(without)
+    assert found.twist_of(without) == (found.filter.corrected_twist(wheels.twist), wheels.covariance)
 
 
 def refused(found, sample, message):

@@ -7,7 +7,7 @@ from sensor_msgs.msg import Imu, PointCloud2, PointField
 
 from diffbot_control.filter.covariance import uncertainty_of
 from diffbot_control.filter.localization import Localization
-from diffbot_control.ros.messages.ekf import EkfInputs, corrected_twist, error_values
+from diffbot_control.ros.messages.ekf import EkfInputs, error_values
 from diffbot_control.ros.messages.fields import MAX_SPEED
 from diffbot_control.ros.messages.landmark_cloud import LandmarkPoint, fill_landmark_points
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
@@ -76,9 +76,9 @@ def drive(config, rng):
             estimate = localization.on_odometry(given)
         except BadMessageError:
             continue
-        twist = corrected_twist(given.twist, localization.filter, config.wheels.wheel_separation)
+        twist, covariance = localization.twist_of(given)
         texts = " ".join((localization.monitor.values() | error_values(localization.filter)).values())
-        yield (estimate.pose, estimate.P, uncertainty_of(estimate.P), twist, given.covariance), texts
+        yield (estimate.pose, estimate.P, uncertainty_of(estimate.P), twist, covariance), texts
 
 
 def test_estimates_are_finite():

@@ -9,8 +9,9 @@ from diffbot_control.filter.gate import ACCEPTED, REJECTED, RELOCATED
 from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.landmark_calibration import NO_ERRORS
 from diffbot_control.filter.measurements import Heading, LandmarkMeasurement, PoseFix
-from diffbot_control.filter.models import Motion
-from diffbot_control.filter.options import FILTERS, FilterConfig, options_of
+from diffbot_control.filter.measurements.gyro import GyroRate
+from diffbot_control.filter.models import Motion, TurnRate, slip_covariance
+from diffbot_control.filter.options import FILTERS, REJECT, WEIGH, FilterConfig, options_of
 from diffbot_core.geometry import Point, Pose
 from diffbot_core.kinematics import Twist, TwistCovariance
 from diffbot_sim.compiled import gated_filter as twin
@@ -95,7 +96,11 @@ def test_the_compiled_filter_is_filterpys(variant, seed):
             gate_probability=probability,
             relocation_timeout=0.8,
             wheel_separation_sigma=separation_sigma,
+            left_radius_error=0.02 if seed else 0.0,
+            right_radius_error=-0.01 if seed else 0.0,
+            wheel_separation_error=0.03 if seed else 0.0,
             landmark_range_offset=0.03,
+            landmark_gate=WEIGH if variant == FILTERS[-1] else REJECT,
         ),
         landmarks=seed == 2,
     )
@@ -175,3 +180,32 @@ def test_it_finds_the_same_correlation_of_landmarks():
             track = twin.take_landmark(track, arrays, seen[number], measured, 0.2 * step, options)
         assert_same(reference, track, arrays, 1e-6)
     assert track.landmarks.time == pytest.approx(2.0, rel=0.5)
+
+
+def test_both_notice_a_slip_by_the_gyro():
+    rng, options = np.random.default_rng(4), options_of(FilterConfig(use_gyro=True), landmarks=True)
+    reference, track, arrays = GatedFilter(options, SEPARATION), twin.new_track(), new_arrays(options, WITH_SENSORS)
+    R = np.diag((0.01, 0.01, 0.01))
+    reference.reset_to(Pose(0.0, 0.0, 0.0), R)
+    track = twin.take_fix(track, arrays, twin.PoseFix(Pose(0.0, 0.0, 0.0), *np.diag(R)), options)
+    noticed, contradicted = [], 0
+    for step in range(300):
+        lost = np.array((0.0, 0.06 if 100 <= step < 200 else 0.9 if step == 250 else 0.0))
+        noise = rng.normal(0.0, 0.01, 2)
+        speeds = 0.6 * (1.0 + noise)
+        rate = TurnRate(0.6 * np.diff(1.0 - lost).item() / SEPARATION + 0.02, 1e-6)
+        covariance = TwistCovariance(2e-5, 0.0, 2e-4)
+        motion = Motion(Twist(speeds.mean(), np.diff(speeds).item() / SEPARATION), 0.1, covariance, rate)
+        before = reference.wheels().P[0, 0]
+        difference = reference.take_rate(GyroRate(0, rate, motion.twist, covariance, SEPARATION), 0.1)
+        track, slip = twin.take_rate(track, arrays, motion, SEPARATION, options)
+        assert tuple(slip) == pytest.approx(tuple(slip_covariance(difference or 0.0, SEPARATION)))
+        assert track.disagreement == pytest.approx(reference.memory.disagreement, abs=1e-9)
+        if reference.wheels().P[0, 0] > before:
+            noticed.append(step)
+        contradicted += difference is not None
+        reference.predict(motion)
+        track = twin.advance(track, arrays, motion, SEPARATION, options)
+        assert_same(reference, track, arrays, 1e-7)
+    assert {step // 100 for step in noticed} == {1, 2}
+    assert 0 < contradicted < 30

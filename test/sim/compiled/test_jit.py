@@ -66,3 +66,40 @@ def test_another_default_of_the_filter_is_compiled_into_another_folder(tmp_path)
     assert found[0] == code_version()
     assert found[1] != found[0]
     assert f"/{code_version()}/" in batch._kernels.newest(SwitchingLaw).stats.cache_path
+
+
+SUMS = """
+import sys
+import numpy as np
+from diffbot_sim.compiled.jit import compile_kernel, make_callable
+
+def sum_of(record, more):
+    found = more  # so long, and called so often, that it is not put into its callers
+    for i in range(len(record["x"])):
+        found += record["x"][i] + 0.0 * np.sin(record["x"][i]) * np.cos(record["x"][i])
+    for i in range(len(record["x"])):
+        found += 0.0 * np.tan(record["x"][i]) * np.arctan(record["x"][i]) + 0.0 * np.log(record["x"][i])
+    return found
+
+def sums(records):
+    first = sum_of(records[0], 0.0) + 100.0 * sum_of(records[0], 0.0)
+    return first if first < 0.0 else sum_of(records[0], 3.0) + 100.0 * sum_of(records[0], 5.0)
+
+make_callable(sum_of, inline=False)
+kernel = compile_kernel(sums)
+for n in map(int, sys.argv[1:]):
+    records = np.zeros(1, np.dtype([("x", float, (n,)), ("y", float)]))
+    records["x"] = 1.0
+    print(kernel(records))
+"""
+
+
+def test_kernels_that_two_processes_compiled_are_right_in_a_third(tmp_path):
+    """Their records differ in size, and numba has the same number for both in processes of their own."""
+    program = tmp_path / "sums.py"
+    program.write_text(SUMS)
+    for sizes, expected in (("6", "1109"), ("10", "1513"), ("6 10", "1109 1513")):
+        command = [sys.executable, str(program), *sizes.split()]
+        environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+        result = subprocess.run(command, check=True, env=environment, capture_output=True, text=True)
+        assert [float(one) for one in result.stdout.split()] == [float(one) for one in expected.split()]
