@@ -16,6 +16,7 @@ from typing import Any
 
 MODULES = (
     "geometry.js",
+    "words.js",
     "theme.js",
     "store.js",
     "packing.js",
@@ -25,6 +26,7 @@ MODULES = (
     "charts.js",
     "panels.js",
     "player.js",
+    "share.js",
     "live.js",
     "main.js",
 )
