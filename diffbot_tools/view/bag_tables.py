@@ -94,7 +94,10 @@ class BagTables(NamedTuple):
     """/diagnostics and /rosout"""
     topics: list[TopicInfo]
     messages: int
-    lost: int
+    lost: int | None
+    """messages that the recorder reports as lost; None if it reports none of its losses"""
+    is_cut_off: bool
+    """the bag was not closed"""
     malformed: int
     """messages that could not be read"""
     parameters: Parameters
@@ -176,12 +179,12 @@ def read_tables(path: Path) -> BagTables:
             desc=path.name, total=reader.message_count, unit="message", unit_scale=True, disable=None, delay=1.0
         ) as bar:
             info = info_of(reader, observers, bar.update)
-        parameters = reader.node_parameters()
+        parameters, is_cut_off = reader.node_parameters(), bool(reader.warning)
     malformed = sum(one.malformed for many in collectors.values() for one in many)
     found = [_tables(robot, roles, types) for robot, roles in zip(robots, by_robot, strict=True)]
     texts = _tables(RobotTopics("", {}), common, types).texts
     return BagTables(
-        found, texts, list(info.topics), info.message_count, info.recorder_lost or 0, malformed, parameters
+        found, texts, list(info.topics), info.message_count, info.recorder_lost, is_cut_off, malformed, parameters
     )
 
 

@@ -16,6 +16,7 @@ from typing import Any
 
 MODULES = (
     "geometry.js",
+    "words.js",
     "theme.js",
     "store.js",
     "packing.js",

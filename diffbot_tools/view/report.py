@@ -12,15 +12,16 @@ from numpy.typing import NDArray
 from diffbot_bag.tools.bag_info import TopicInfo
 from diffbot_control.law.configuration import ControllerConfig
 from diffbot_core.errors import DiffbotError
-from diffbot_tools.metrics import goal_metrics
+from diffbot_core.kinematics import WheelGeometry
 from diffbot_tools.trajectory import Trajectory
 from diffbot_tools.view.bag_tables import BagTables, RobotTables, read_tables
 from diffbot_tools.view.clock import Clock, Columns
-from diffbot_tools.view.constants import constants_of, recorded_config
+from diffbot_tools.view.constants import constants_of, recorded_config, recorded_wheels
 from diffbot_tools.view.events import Event, GoalSent, events_of, goals_of
 from diffbot_tools.view.landmarks import Landmark, landmarks_on_map
 from diffbot_tools.view.packing import Packer
 from diffbot_tools.view.plans import Plan, PlanEnd, plan_columns
+from diffbot_tools.view.result import goal_rows, health_lines, state_rows
 from diffbot_tools.view.signals import NEES_BOUNDS, clock_of, curves_of
 from diffbot_tools.view.thinning import kept_rows
 
@@ -43,8 +44,12 @@ class RobotRun(NamedTuple):
     plan: Columns
     """see plans.plan_columns"""
     landmarks: list[Landmark]
+    states: list[tuple[float, dict[str, Any]]]
+    """see result.state_rows"""
     config: ControllerConfig
     """whose tolerances and limits are drawn"""
+    wheels: WheelGeometry | None
+    """as recorded; None if the recorder noted none"""
 
 
 class BagRun(NamedTuple):
@@ -81,7 +86,11 @@ def _robot_run(robot: RobotTables, tables: BagTables, clock: Clock, config: Cont
     events = events_of(robot, curves, goals, tables.common, clock)
     plan = plan_columns([*robot.plans, *_ends_of_plans(robot)], clock)
     landmarks = landmarks_on_map(robot.landmarks, _path_of(curves, clock), clock)
-    return RobotRun(robot.namespace.lstrip("/") or "robot", curves, goals, events, plan, landmarks, config)
+    states = state_rows(robot.texts, clock)
+    wheels = recorded_wheels(tables.parameters, robot.namespace.rstrip("/"))
+    return RobotRun(
+        robot.namespace.lstrip("/") or "robot", curves, goals, events, plan, landmarks, states, config, wheels
+    )
 
 
 def _ends_of_plans(robot: RobotTables) -> list[Plan]:
@@ -111,8 +120,10 @@ def page_data(run: BagRun) -> dict[str, Any]:
             "landmarks": [list(landmark) for landmark in robot.landmarks],
             "goals": [[goal.time, *goal.pose] for goal in robot.goals],
             "events": [list(event) for event in robot.events],
-            "summary": summary_of(robot),
-            "constants": constants_of(robot.config) | {"nees": NEES_BOUNDS},
+            "summary": goal_rows(robot.curves, robot.goals, robot.events, robot.config),
+            "health": health_lines(robot.curves, robot.events, NEES_BOUNDS[1], run.tables.lost, run.tables.is_cut_off),
+            "states": robot.states,
+            "constants": constants_of(robot.config, robot.wheels) | {"nees": NEES_BOUNDS},
         }
         for robot in run.robots
     ]
@@ -122,7 +133,6 @@ def page_data(run: BagRun) -> dict[str, Any]:
         "origin": run.clock.origin // 10**6,
         "span": _span(run.robots),
         "messages": run.tables.messages,
-        "lost": run.tables.lost,
         "malformed": run.tables.malformed,
         "robots": robots,
         "topics": [topic_figures(topic) for topic in run.tables.topics[:MAX_TOPICS]],
@@ -141,43 +151,6 @@ def _span(robots: list[RobotRun]) -> list[float]:
     # To whole milliseconds, outwards: the slider's text must not end before the last row.
     begin, end = min(float(t[0]) for t in times), max(float(t[-1]) for t in times)
     return [math.floor(1000.0 * begin) / 1000.0, math.ceil(1000.0 * end + 0.1) / 1000.0]
-
-
-def summary_of(robot: RobotRun) -> list[dict[str, Any]]:
-    """Return a row per goal: how it ended, and figures from the true path, or the estimated one."""
-    columns = robot.curves.get("truth", robot.curves.get("estimate"))
-    rows = []
-    for index, (time, pose) in enumerate(robot.goals):
-        following = robot.goals[index + 1].time if index + 1 < len(robot.goals) else math.inf
-        row: dict[str, Any] = {"goal": list(pose), "time": time, "end": _end_of(robot.events, time, following)}
-        if columns is not None:
-            part = (columns["t"] >= time) & (columns["t"] <= following)
-            if part.any():
-                poses = np.column_stack([columns[name][part] for name in ("x", "y", "theta")])
-                tolerance = robot.config.tolerance
-                found = goal_metrics(
-                    columns["t"][part], poses, pose, tolerance.xy_goal_tolerance, tolerance.yaw_goal_tolerance
-                )
-                row |= {
-                    "position_error": found.position_error,
-                    "heading_error": found.heading_error,
-                    "settled": None if math.isnan(found.settling_time) else found.settling_time,
-                    "path": found.path_length,
-                    "direct": found.direct_distance,
-                }
-        rows.append(row)
-    return rows
-
-
-def _end_of(events: list[Event], begin: float, following: float) -> str:
-    """Return how the goal of this interval ended, in words; empty if the bag does not tell."""
-    # A goal that is replaced ends when the next one comes, and its state arrives a moment later.
-    inside = [event for event in events if begin <= event.time <= following + 0.5]
-    for event in inside:
-        if event.kind == "end":
-            return event.text.removeprefix("goal ")
-    states = [event.text.partition(": ")[2] for event in inside if event.kind == "state" and event.time <= following]
-    return next((state.removeprefix("goal ") for state in states if state.startswith("goal ")), "")
 
 
 def topic_figures(topic: TopicInfo) -> dict[str, Any]:

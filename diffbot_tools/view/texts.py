@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from diffbot_core.cdr import CdrCursor
 
@@ -78,6 +78,24 @@ def filter_numbers(values: Mapping[str, str]) -> tuple[float, ...]:
         number(values.get(f"{kind}, 95 % bound")),
         *(number(values.get(f"{side} wheel radius error")) for side in ("left", "right")),
     )
+
+
+def controller_state(status: Status) -> dict[str, Any]:
+    """Return what the page puts into words of a controller's status (page/words.js)."""
+    values = status.values
+    return {
+        "text": status.message,
+        "level": status.level,
+        "reason": values.get("reason", ""),
+        "finish": values.get("finish", ""),
+        "waypoint": values.get("waypoint", ""),
+        "isHeld": "goal" in values,
+    }
+
+
+def filter_state(status: Status) -> dict[str, Any]:
+    """Return what the page puts into words of the filter's status: why it gives no poses; empty if it does."""
+    return {"filter": status.values.get("reason", status.message) if status.level else ""}
 
 
 def number(text: str | None) -> float:

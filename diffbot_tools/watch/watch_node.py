@@ -31,8 +31,9 @@ from diffbot_tools.watch.ros.errands import Errands, Found
 from diffbot_tools.watch.ros.robot_watch import RobotWatch, SharedClock
 
 _LOOK_PERIOD = 1.0
-_OUTDATED, _STALE = 5.0, 3
-"""[s] without a new diagnosis, due once a second, after which the last one is shown as stale; the level STALE"""
+_OUTDATED, _STALE, _ENDED = 5.0, 3, 4
+"""[s] without a new diagnosis, due once a second, after which the last one is shown as stale; the level STALE, and
+that of a node that has left the graph"""
 MAX_NODES = 100
 """whose diagnoses are shown"""
 
@@ -58,6 +59,8 @@ class WatchNode(DiffbotNode[WatchConfig]):
             self.destroy_node()
             raise
         folder = config.record_folder
+        self._present: set[str] = set()
+        """names of the nodes in the graph"""
         self._recording = Recording(Path(folder), self._put_services) if folder else None
         clock = SharedClock()
         robots = zip(self._names, config.namespaces, strict=True)
@@ -108,14 +111,21 @@ class WatchNode(DiffbotNode[WatchConfig]):
 
     def _put_diagnoses(self) -> None:
         now = time.monotonic()
+
+        def level(received: float, status: Status) -> int:
+            if now - received <= _OUTDATED:
+                return status.level
+            return _STALE if status.name.partition(":")[0] in self._present else _ENDED
+
         shown = [
-            {"name": one.name, "level": one.level if now - received <= _OUTDATED else _STALE, "message": one.message}
+            {"name": one.name, "level": level(received, one), "message": one.message}
             for _, (received, one) in sorted(self._diagnoses.items())
         ]
         self._state.put("", "diagnostics", shown)
 
     def _look_around(self) -> None:
         types = dict(self.get_topic_names_and_types())
+        self._present = {f"{space.rstrip('/')}/{name}" for name, space in self.get_node_names_and_namespaces()}
         for robot in self._robots:
             robot.look_for_commands(types)
             robot.look_for_silence()

@@ -3,45 +3,49 @@ import { cleared } from "./map.js";
 
 // Strip charts: which curves belong together, and how they are drawn.
 
-const line = (curve, column, colour, label) => ({ curve, column, colour, label });
-const error = (column) => ({ lines: [line("error", column, "estimate", "estimate - truth")], band: ["error", `three_sigma_${column}`] });
-
-const CHARTS = [
-  { title: "Error of x [m], 3 sigma shaded", ...error("x") },
-  { title: "Error of y [m], 3 sigma shaded", ...error("y") },
-  { title: "Error of heading [rad], 3 sigma shaded", ...error("theta") },
-  {
-    title: "v [m/s]",
-    lines: [line("odometry", "v", "odometry", "odometry"), line("truth", "v", "truth", "truth"), line("command", "v", "estimate", "command")],
-    limit: "v",
-  },
-  {
-    title: "omega [rad/s]",
-    lines: [
-      line("odometry", "omega", "odometry", "odometry"),
-      line("truth", "omega", "truth", "truth"),
-      line("command", "omega", "estimate", "command"),
-    ],
-    limit: "omega",
-  },
-  { title: "Distance [m]; shaded in Omega_L", lines: [line("law", "rho", "truth", "rho"), line("law", "eps_P", "goal", "eps_P")], near: true },
-  { title: "Angles [rad]", lines: [line("law", "alpha", "truth", "alpha"), line("law", "beta", "estimate", "beta")], isAngle: true },
-  { title: "V", lines: [line("law", "V", "truth", "V")] },
-  {
-    title: "NIS per number, 95 % bounds dashed",
-    lines: [line("filter", "nis", "truth", "NIS")],
-    bounds: [line("filter", "nis_low", "faint"), line("filter", "nis_high", "faint")],
-  },
-  { title: "NEES, 95 % bounds dashed", lines: [line("error", "nees", "truth", "NEES")], constant: "nees" },
-  {
-    title: "Whiteness of innovations, 95 % bounds dashed",
-    lines: [line("filter", "whiteness", "truth", "autocorrelation")],
-    bounds: [line("filter", "whiteness_bound", "faint"), { ...line("filter", "whiteness_bound", "faint"), sign: -1 }],
-  },
-  { title: "Errors of wheel radii", lines: [line("filter", "left", "truth", "left"), line("filter", "right", "estimate", "right")] },
+const DEGREES = 180 / Math.PI;
+const line = (curve, column, colour, label, factor = 1) => ({ curve, column, colour, label, factor });
+const error = (column, factor = 1) => ({
+  lines: [line("error", column, "estimate", "estimate - truth", factor)],
+  band: line("error", `three_sigma_${column}`, "", "", factor),
+});
+const speeds = (column) => [
+  line("odometry", column, "odometry", "odometry"),
+  line("truth", column, "truth", "truth"),
+  line("command", column, "estimate", "command"),
 ];
+const bound = (column, factor = 1) => line("filter", column, "", "", factor);
+
+const GROUPS = {
+  "drive-charts": [
+    { title: "Distance to the goal", unit: "m", lines: [line("toGo", "distance", "goal", "distance")], near: true },
+    { title: "Heading error to the goal", unit: "deg", lines: [line("toGo", "heading", "goal", "heading", DEGREES)], near: true, turn: 360 },
+    { title: "v", unit: "m/s", lines: speeds("v"), limit: "v" },
+    { title: "omega", unit: "rad/s", lines: speeds("omega"), limit: "omega" },
+    { title: "Error of x, 3 sigma shaded", unit: "m", ...error("x") },
+    { title: "Error of y, 3 sigma shaded", unit: "m", ...error("y") },
+    { title: "Error of heading, 3 sigma shaded", unit: "deg", ...error("theta", DEGREES) },
+  ],
+  "law-charts": [
+    { title: "Radius of Omega_L; shaded inside it", unit: "m", lines: [line("law", "rho", "truth", "rho"), line("law", "eps_P", "goal", "eps_P")], near: true },
+    { title: "Angles, where rho defines them", unit: "rad", lines: [line("law", "alpha", "truth", "alpha"), line("law", "beta", "estimate", "beta")], turn: 2 * Math.PI },
+    { title: "V", unit: "", lines: [line("law", "V", "truth", "V")] },
+  ],
+  "filter-charts": [
+    { title: "NIS per number, 95 % bounds dashed", unit: "", lines: [line("filter", "nis", "truth", "NIS")], bounds: [bound("nis_low"), bound("nis_high")] },
+    { title: "NEES, 95 % bounds dashed", unit: "", lines: [line("error", "nees", "truth", "NEES")], constant: "nees" },
+    {
+      title: "Whiteness of innovations, 95 % bounds dashed",
+      unit: "",
+      lines: [line("filter", "whiteness", "truth", "autocorrelation")],
+      bounds: [bound("whiteness_bound"), bound("whiteness_bound", -1)],
+    },
+    { title: "Errors of wheel radii", unit: "", lines: [line("filter", "left", "truth", "left"), line("filter", "right", "estimate", "right")] },
+  ],
+};
 const HEIGHT = 92;
-const LEFT = 44;
+const LEFT = 62;
+const SHORTEST = 4; // [pixels] of a drag that zooms
 
 const columnOf = (robot, { curve, column }) => {
   const found = robot.curves[curve];
@@ -60,7 +64,7 @@ function axisNumber(value, step) {
 }
 
 /** Trace a column between two times, at most a low and a high point a pixel. */
-function trace(context, curve, values, scale, sign, isAngle) {
+function trace(context, curve, values, scale, factor, turn = Infinity) {
   const { t } = curve.columns;
   const begin = Math.max(curve.indexAt(scale.t0), 0);
   const end = Math.min(curve.indexAt(scale.t1) + 2, curve.rows);
@@ -74,7 +78,7 @@ function trace(context, curve, values, scale, sign, isAngle) {
     let first = NaN;
     let value = NaN;
     for (; i < end && Math.floor(scale.x(t[i])) === pixel; i += 1) {
-      value = sign * values[i];
+      value = factor * values[i];
       if (!Number.isFinite(value)) continue;
       if (first !== first) first = value;
       if (value < low) low = value;
@@ -84,9 +88,9 @@ function trace(context, curve, values, scale, sign, isAngle) {
       isDown = false;
       continue;
     }
-    if (!isDown || (isAngle && Math.abs(first - last) > Math.PI)) context.moveTo(pixel, scale.y(first));
+    if (!isDown || Math.abs(first - last) > turn / 2) context.moveTo(pixel, scale.y(first));
     else context.lineTo(pixel, scale.y(first));
-    if (high > low && !(isAngle && high - low > Math.PI)) {
+    if (high > low && high - low <= turn / 2) {
       context.lineTo(pixel, scale.y(low));
       context.lineTo(pixel, scale.y(high));
     }
@@ -97,8 +101,9 @@ function trace(context, curve, values, scale, sign, isAngle) {
   context.stroke();
 }
 
+/** A strip chart: `onTime` is called by a click, `onHover` with the time under the pointer or null, `onZoom` with a range. */
 export class Chart {
-  constructor(definition, parent, onTime) {
+  constructor(definition, parent, { onTime, onHover, onZoom }) {
     this.definition = definition;
     const document = parent.ownerDocument;
     const make = (tag, owner, text = "") => {
@@ -109,34 +114,77 @@ export class Chart {
     this.box = make("div", parent);
     this.box.className = "chart";
     const head = make("p", this.box);
-    make("span", head, definition.title);
+    make("span", head, definition.unit ? `${definition.title} [${definition.unit}]` : definition.title);
     this.labels = definition.lines.map((one) => [one, make("span", head)]);
     this.canvas = make("canvas", this.box);
     this.canvas.setAttribute("role", "img");
     this.canvas.setAttribute("aria-label", definition.title);
     this.cursor = make("div", this.box);
     this.cursor.className = "cursor";
+    this.range = make("div", this.box);
+    this.range.className = "range hidden";
     this.scale = null;
-    this.canvas.addEventListener("click", (event) => {
-      const x = event.clientX - this.canvas.getBoundingClientRect().left;
-      if (this.scale) onTime(this.scale.t0 + ((x - LEFT) / (this.scale.width - LEFT)) * (this.scale.t1 - this.scale.t0));
+    let start = null;
+    const place = (event) => event.clientX - this.canvas.getBoundingClientRect().left;
+    const timeAt = (x) => this.scale.t0 + ((Math.max(x, LEFT) - LEFT) / (this.scale.width - LEFT)) * (this.scale.t1 - this.scale.t0);
+    const showRange = (x) => {
+      this.range.classList.toggle("hidden", x === null);
+      if (x === null) return;
+      this.range.style.left = `${Math.min(start, x)}px`;
+      this.range.style.width = `${Math.abs(x - start)}px`;
+    };
+    this.canvas.addEventListener("pointerdown", (event) => {
+      if (event.button !== 0 || !this.scale) return;
+      start = Math.max(place(event), LEFT);
+      this.canvas.setPointerCapture(event.pointerId);
     });
+    this.canvas.addEventListener("pointermove", (event) => {
+      if (!this.scale) return;
+      const x = Math.min(Math.max(place(event), LEFT), this.scale.width);
+      if (start !== null) showRange(x);
+      onHover(timeAt(x));
+    });
+    this.canvas.addEventListener("pointerup", (event) => {
+      if (start === null) return;
+      const x = Math.min(Math.max(place(event), LEFT), this.scale.width);
+      if (Math.abs(x - start) < SHORTEST) onTime(timeAt(x));
+      else onZoom([timeAt(Math.min(x, start)), timeAt(Math.max(x, start))]);
+      start = null;
+      showRange(null);
+    });
+    this.canvas.addEventListener("pointercancel", () => {
+      start = null;
+      showRange(null);
+    });
+    this.canvas.addEventListener("pointerleave", () => onHover(null));
+    this.canvas.addEventListener("dblclick", () => onZoom(null));
+    this.canvas.addEventListener(
+      "wheel",
+      (event) => {
+        if (!(event.ctrlKey || event.shiftKey) || !this.scale) return; // else the page scrolls
+        event.preventDefault();
+        const { t0, t1 } = this.scale;
+        const t = timeAt(place(event));
+        const factor = Math.exp(0.0015 * (event.deltaY || event.deltaX));
+        onZoom([t + (t0 - t) * factor, t + (t1 - t) * factor]);
+      },
+      { passive: false },
+    );
   }
 
   /** Lowest and highest value in a range of times, with what is to be seen beside the lines. */
   valueRange(robot, t0, t1, constants) {
     const { lines, bounds = [], limit, constant, band } = this.definition;
     let range = null;
-    const add = (curve, column, sign = 1) => {
-      const found = columnOf(robot, { curve, column });
+    const add = (one, factor = one.factor) => {
+      const found = columnOf(robot, one);
       if (!found) return;
       const ends = [Math.max(found.indexAt(t0), 0), Math.min(found.indexAt(t1) + 1, found.rows)];
-      const values = found.columns[column];
-      const one = rangeOf(values, ...ends);
-      if (one) range = rangeOf(one.map((value) => sign * value), 0, 2, range);
+      const ownRange = rangeOf(found.columns[one.column], ...ends);
+      if (ownRange) range = rangeOf(ownRange.map((value) => factor * value), 0, 2, range);
     };
-    for (const one of [...lines, ...bounds]) add(one.curve, one.column, one.sign);
-    if (band) [1, -1].forEach((sign) => add(...band, sign));
+    for (const one of [...lines, ...bounds]) add(one);
+    if (band) [1, -1].forEach((sign) => add(band, sign * band.factor));
     if (limit && Number.isFinite(constants.limits[limit])) range = rangeOf([constants.limits[limit], -constants.limits[limit]], 0, 2, range);
     if (constant) range = rangeOf(constants[constant], 0, 2, range);
     range ??= [-1, 1];
@@ -148,7 +196,7 @@ export class Chart {
     const { definition, canvas } = this;
     const isShown = definition.lines.some((one) => hasNumbers(robot, one));
     this.box.classList.toggle("hidden", !isShown);
-    if (!isShown) return;
+    if (!isShown || !canvas.clientWidth) return; // none: its panel is closed
     const context = cleared(canvas);
     const width = canvas.clientWidth;
     const [low, high] = this.valueRange(robot, t0, t1, constants);
@@ -171,7 +219,7 @@ export class Chart {
     context.setLineDash([4, 3]);
     for (const one of definition.bounds ?? []) {
       const curve = columnOf(robot, one);
-      if (curve) trace(context, curve, curve.columns[one.column], scale, one.sign ?? 1, false);
+      if (curve) trace(context, curve, curve.columns[one.column], scale, one.factor);
     }
     const limit = definition.limit ? constants.limits[definition.limit] : null;
     const levels = definition.constant ? constants[definition.constant] : Number.isFinite(limit) ? [limit, -limit] : [];
@@ -182,30 +230,33 @@ export class Chart {
       const curve = columnOf(robot, one);
       if (!curve) continue;
       context.strokeStyle = colours[one.colour];
-      trace(context, curve, curve.columns[one.column], scale, 1, definition.isAngle);
+      trace(context, curve, curve.columns[one.column], scale, one.factor, definition.turn);
     }
     context.restore();
     this.drawAxes(context, scale, low, high, colours);
   }
 
   shadeBand(context, robot, scale, colours) {
-    const curve = columnOf(robot, { curve: this.definition.band[0], column: this.definition.band[1] });
+    const { band } = this.definition;
+    const curve = columnOf(robot, band);
     if (!curve) return;
-    const values = curve.columns[this.definition.band[1]];
+    const values = curve.columns[band.column];
+    const y = (i, sign) => scale.y(sign * band.factor * values[i] || 0);
     const end = Math.min(curve.indexAt(scale.t1) + 2, curve.rows);
     const begin = Math.max(curve.indexAt(scale.t0), 0);
     const every = Math.max(1, Math.floor((end - begin) / (2 * scale.width)));
     context.fillStyle = colours.band;
     context.beginPath();
-    for (let i = begin; i < end; i += every) context.lineTo(scale.x(curve.t[i]), scale.y(values[i] || 0));
+    for (let i = begin; i < end; i += every) context.lineTo(scale.x(curve.t[i]), y(i, 1));
     for (let i = begin + every * Math.floor((end - 1 - begin) / every); i >= begin; i -= every) {
-      context.lineTo(scale.x(curve.t[i]), scale.y(-values[i] || 0));
+      context.lineTo(scale.x(curve.t[i]), y(i, -1));
     }
     context.fill();
   }
 
   shadeNear(context, robot, scale, colours) {
     const { law } = robot.curves;
+    if (!law) return;
     context.fillStyle = colours.near;
     let begin = null;
     for (let i = Math.max(law.indexAt(scale.t0), 0); i < law.rows && law.t[i] <= scale.t1; i += 1) {
@@ -228,7 +279,7 @@ export class Chart {
     context.beginPath();
     for (let k = Math.ceil(low / step); k * step <= high; k += 1) {
       const y = scale.y(k * step);
-      context.fillText(axisNumber(k * step, step), LEFT - 4, Math.min(Math.max(y + 3, 9), HEIGHT - 2));
+      context.fillText(`${axisNumber(k * step, step)} ${this.definition.unit}`, LEFT - 4, Math.min(Math.max(y + 3, 9), HEIGHT - 2));
       if (k === 0) context.rect(LEFT, y, scale.width, 0);
     }
     context.stroke();
@@ -255,12 +306,14 @@ export class Chart {
     for (const [one, label] of this.labels) {
       const curve = columnOf(robot, one);
       label.style.color = colours[one.colour];
-      label.textContent = curve ? `${one.label} ${shown(curve.at(one.column, time), 3)}` : "";
+      label.textContent = curve ? `${one.label} ${shown(one.factor * curve.at(one.column, time), this.definition.unit === "deg" ? 1 : 3)} ${this.definition.unit}` : "";
     }
   }
 }
 
-/** All charts, in their order. */
-export function makeCharts(parent, onTime) {
-  return CHARTS.map((definition) => new Chart(definition, parent, onTime));
+/** All charts, each in the panel of its group; `reactions`: see Chart. */
+export function makeCharts(document, reactions) {
+  return Object.entries(GROUPS).flatMap(([id, definitions]) =>
+    definitions.map((definition) => new Chart(definition, document.getElementById(id), reactions)),
+  );
 }

@@ -48,7 +48,7 @@ export function rangeOf(values, begin, end, extra = null) {
 
 /** A number with a fixed number of digits, or a dash. */
 export function shown(value, digits = 2) {
-  return Number.isFinite(value) ? value.toFixed(digits) : "–";
+  return Number.isFinite(value) ? value.toFixed(digits).replace(/^-(0\.?0*)$/, "$1") : "–";
 }
 
 const NUMBER = /^[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$/i;

@@ -1,14 +1,15 @@
 import { makeCharts } from "./charts.js";
 import { readNumber, shown } from "./geometry.js";
 import { Live } from "./live.js";
-import { drawArrow, drawMap } from "./map.js";
+import { drawArrow, drawMap, layersOf } from "./map.js";
 import { unpackRobots } from "./packing.js";
-import { add, EventList, MAX_EVENTS, showDiagnostics, showSummary, showTopics, showValues } from "./panels.js";
+import { add, EventList, MAX_EVENTS, showDiagnostics, showLaw, showResult, showSummary, showTopics, showValues } from "./panels.js";
 import { Player } from "./player.js";
 import { startPointer } from "./pointer.js";
 import { Robot } from "./store.js";
 import { coloursOf, startTheme } from "./theme.js";
 import { View } from "./view.js";
+import { inWords } from "./words.js";
 
 // Puts the parts together: one page for a report with its data inside, and for a live robot.
 
@@ -21,19 +22,24 @@ const page = {
   view: new View(),
   tools: { current: "pan", draw: null },
   hidden: new Set(),
+  hover: null, // [s] of the cursor, or null
+  zoom: null, // [s] range that the charts show, or null for that of the window
+  isPaused: false,
   frames: 0,
 };
 globalThis.diffbotPage = page; // for the console and the tests
 const WINDOWS = [["everything", Infinity], ["10 s", 10], ["60 s", 60], ["5 min", 300]];
 const FAST_FRAME = 22; // [ms] of a display of 50 Hz
 const PAUSE_FRAMES = 7; // a slow browser draws new data an eighth of the time
-const LEGEND = ["truth", "estimate", "odometry", "fixes", "ellipses", "plan", "landmarks"];
+const REACH = 12; // [pixels] from the path within which the pointer shows its time
+const CONFIRM = 3000; // [ms] for the second press of a button that asks
 const WORDS = { ellipses: "95 % ellipses", plan: "planned path" };
 
 let colours = {};
 let isDirty = true;
 let areChartsDirty = true;
 let lastCharts = 0;
+let lastTime = NaN; // [s] that was drawn
 let isFrameAsked = false;
 let dataTimer = 0;
 let frameTime = 0; // [ms] from one frame to the next when there is something to draw
@@ -73,10 +79,28 @@ function goTo(time) {
   page.player?.go(time);
 }
 
-const charts = makeCharts($("charts"), goTo);
+function hoverAt(time) {
+  if (page.hover === time) return;
+  page.hover = time;
+  redraw();
+}
+
+function zoomTo(range) {
+  page.zoom = range;
+  if (range && page.player) {
+    const { begin, end } = page.player;
+    page.zoom = [Math.max(range[0], begin), Math.min(range[1], end)];
+    if (page.zoom[1] - page.zoom[0] >= end - begin) page.zoom = null;
+  }
+  $("unzoom").classList.toggle("hidden", !page.zoom);
+  redraw(true);
+}
+
+const charts = makeCharts(document, { onTime: goTo, onHover: hoverAt, onZoom: zoomTo });
 const events = new EventList($("events"), $("filters"), goTo);
 
 function chartSpan(time) {
+  if (page.zoom) return page.zoom;
   const length = Number($("window").value);
   if (page.player) {
     const { begin, end } = page.player;
@@ -98,19 +122,46 @@ function drawFrame(now) {
     frameTime += 0.3 * (next - now - frameTime);
   });
   const time = timeNow();
-  const context = drawMap($("map"), page.view, page.robots, page.robot, time, page.constants, page.hidden, colours);
+  const { hover, constants, hidden } = page;
+  const context = drawMap($("map"), page.view, page.robots, page.robot, { time, hover, constants, hidden, colours });
   if (page.tools.draw) drawArrow(context, page.view, page.tools.draw, 50, page.tools.current === "goal" ? colours.goal : colours.plan);
-  const isMoving = !page.player || Number($("window").value) < page.player.end - page.player.begin;
+  const isMoving = time !== lastTime && !page.zoom && (!page.player || Number($("window").value) < page.player.end - page.player.begin);
+  lastTime = time;
   if ((areChartsDirty || isMoving) && now - lastCharts > (areChartsDirty ? 15 : page.player ? 90 : 200)) {
     const [t0, t1] = chartSpan(time);
     for (const chart of charts) chart.draw(page.robot, t0, t1, page.constants, colours);
     lastCharts = now;
     areChartsDirty = false;
   } else if (areChartsDirty && page.player?.isPlaying !== true) redraw();
-  for (const chart of charts) chart.point(page.robot, time, colours);
+  for (const chart of charts) chart.point(page.robot, hover ?? time, colours);
   events.point(time);
-  showValues($("values"), page.robot, time);
-  $("clock").textContent = page.player ? `${shown(time, 1)} s of ${shown(page.player.end, 1)} s` : `${shown(time, 1)} s`;
+  showValues($("values"), page.robot, hover ?? time);
+  showLaw($("law-values"), page.robot, hover ?? time);
+  showLegend();
+  showState(time);
+  const clock = page.player ? `${shown(time, 1)} s of ${shown(page.player.end, 1)} s` : `${shown(time, 1)} s`;
+  $("clock").textContent = hover === null ? clock : `${clock}, cursor at ${shown(hover)} s`;
+}
+
+/** The legend holds what is there, each with a box that hides it. */
+function showLegend() {
+  const layers = layersOf(page.robot);
+  if ($("legend").dataset.layers === layers.join()) return;
+  $("legend").dataset.layers = layers.join();
+  $("legend").replaceChildren();
+  for (const name of layers) {
+    const label = add($("legend"), "label");
+    const box = add(label, "input", "", { type: "checkbox" });
+    box.checked = !page.hidden.has(name);
+    const swatch = add(label, "span", "", { class: "swatch" });
+    swatch.style.background = `var(--${name === "ellipses" ? "estimate" : name})`;
+    if (name === "ellipses") swatch.style.opacity = "0.4";
+    add(label, "span", WORDS[name] ?? name);
+    box.addEventListener("change", () => {
+      page.hidden[box.checked ? "delete" : "add"](name);
+      redraw();
+    });
+  }
 }
 
 function chooseRobot(name) {
@@ -119,8 +170,9 @@ function chooseRobot(name) {
   events.clear();
   events.append(page.robot.events);
   showSummary($("summary"), page.robot);
+  if (page.player) showResult($("result"), page.robot, goTo);
+  Object.assign(page.view, { width: $("map").clientWidth, height: $("map").clientHeight });
   page.view.fit(page.robot);
-  showState();
   redraw(true);
 }
 
@@ -131,10 +183,14 @@ function setRobots(robots) {
   chooseRobot(robots[0].name);
 }
 
-function showState() {
-  const { status } = page.robot;
-  $("state").textContent = [status?.text, status?.reason].filter(Boolean).join(": ");
-  $("state").dataset.level = String(status?.level ?? 0);
+function showState(time) {
+  const { robot } = page;
+  const at = (column) => robot.curves.toGo?.at(column, time) ?? NaN;
+  const toGo = { distance: at("distance"), heading: at("heading"), lateral: at("lateral") };
+  const status = { ...robot.stateAt(time), isPaused: page.isPaused };
+  const [level, text] = inWords(status, toGo, robot.speedAt(time), robot.timeLeft(time), page.constants.xy_tolerance);
+  if ($("state").textContent !== text) $("state").textContent = text;
+  $("state").dataset.level = String(level);
 }
 
 let hintTimer = 0;
@@ -154,6 +210,23 @@ function makeButton(text, key, action, isToggle = false) {
   return button;
 }
 
+/** Act at the second press within some seconds; the first one asks. */
+function confirmed(button, action) {
+  const text = button.dataset.text;
+  button.dataset.text = "";
+  if (text) {
+    button.textContent = text;
+    action();
+    return;
+  }
+  button.dataset.text = button.textContent;
+  button.textContent = `${button.textContent}: press again`;
+  setTimeout(() => {
+    if (button.dataset.text) button.textContent = button.dataset.text;
+    button.dataset.text = "";
+  }, CONFIRM);
+}
+
 const keys = new Map([["d", changeTheme]]);
 document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.altKey || event.metaKey) return;
@@ -165,6 +238,18 @@ document.addEventListener("keydown", (event) => {
   action();
 });
 
+/** Show the coordinates under the pointer, and the time at which the robot was there. */
+function hoverMap(place) {
+  if (!place) {
+    $("place").textContent = "";
+    hoverAt(null);
+    return;
+  }
+  const [x, y] = page.view.toWorld(...place);
+  $("place").textContent = `x ${shown(x)} m, y ${shown(y)} m`;
+  hoverAt(page.robot.main?.timeNear(x, y, REACH / page.view.scale, timeNow()) ?? null);
+}
+
 function startMap(onPose) {
   makeButton("Show all", "0", () => {
     page.view.fit(page.robot);
@@ -174,23 +259,12 @@ function startMap(onPose) {
     page.view.follow = !page.view.follow;
     redraw();
   }, true);
-  startPointer($("map"), page.view, page.tools, { onPose, onHint: alarm, onChange: () => redraw() });
+  startPointer($("map"), page.view, page.tools, { onPose, onHint: alarm, onChange: () => redraw(), onHover: hoverMap });
   setInterval(() => follow.setAttribute("aria-pressed", String(page.view.follow)), 200);
-  for (const name of LEGEND) {
-    const label = add($("legend"), "label");
-    const box = add(label, "input", "", { type: "checkbox" });
-    box.checked = true;
-    const swatch = add(label, "span", "", { class: "swatch" });
-    swatch.style.background = `var(--${name === "ellipses" ? "estimate" : name})`;
-    if (name === "ellipses") swatch.style.opacity = "0.4";
-    add(label, "span", WORDS[name] ?? name);
-    box.addEventListener("change", () => {
-      page.hidden[box.checked ? "delete" : "add"](name);
-      redraw();
-    });
-  }
   for (const [text, length] of WINDOWS) $("window").add(new Option(text, String(length)));
-  $("window").addEventListener("change", () => redraw(true));
+  $("window").addEventListener("change", () => zoomTo(null));
+  $("unzoom").addEventListener("click", () => zoomTo(null));
+  for (const panel of document.querySelectorAll("details")) panel.addEventListener("toggle", () => redraw(true));
   $("robot").addEventListener("change", () => chooseRobot($("robot").value));
   $("theme").addEventListener("click", changeTheme);
   new ResizeObserver(() => redraw(true)).observe(document.body);
@@ -203,13 +277,12 @@ async function startReport() {
   const robots = await unpackRobots(data);
   startMap(() => {});
   $("player").classList.remove("hidden");
+  $("result").classList.remove("hidden");
   page.player = new Player({ slider: $("slider"), button: $("play"), speed: $("speed") }, data.span, () => redraw());
   keys.set(" ", () => page.player.toggle());
   showTopics($("topics"), data.topics);
-  const notes = [`${data.messages} messages`, `${data.lost} lost`, ...(data.malformed ? [`${data.malformed} unreadable`] : [])];
+  const notes = [`${data.messages} messages`, ...(data.malformed ? [`${data.malformed} unreadable`] : [])];
   add($("topics"), "p", `${new Date(data.origin).toISOString()}: ${notes.join(", ")}`);
-  page.view.width = $("map").clientWidth;
-  page.view.height = $("map").clientHeight;
   setRobots(robots);
   page.player.go(data.span[1]);
 }
@@ -236,7 +309,7 @@ function startLive() {
   makeButton("Cancel goal", "c", () => send({ type: "cancel" }));
   const extras = {
     pause: makeButton("Pause", "p", () => send({ type: "pause", on: extras.pause.getAttribute("aria-pressed") !== "true" }), true),
-    reset: makeButton("Reset", "x", () => send({ type: "reset" })),
+    reset: makeButton("Reset", "x", () => confirmed(extras.reset, () => send({ type: "reset" }))),
     record: makeButton("Record", "r", () => send({ type: "record", on: extras.record.getAttribute("aria-pressed") !== "true" }), true),
   };
   $("window").value = "60";
@@ -257,13 +330,12 @@ function startLive() {
     onHello(message) {
       ({ columns } = message);
       page.constants = message.constants;
-      page.view.width = $("map").clientWidth;
-      page.view.height = $("map").clientHeight;
       setRobots(message.robots.map((name) => new Robot(name)));
       choose("pan");
     },
     onHistory({ robot, curve, rows }) {
       for (const row of rows) find(robot)?.append(curve, columns[curve], row);
+      find(robot)?.hideAngles(page.constants.xy_tolerance);
     },
     onState(message) {
       for (const [name, news] of Object.entries(message.robots)) {
@@ -271,10 +343,11 @@ function startLive() {
         if (!robot) continue;
         const isNew = !robot.main;
         for (const [curve, row] of Object.entries(news.rows ?? {})) robot.append(curve, columns[curve], row);
+        if (news.rows?.law) robot.hideAngles(page.constants.xy_tolerance, robot.curves.law.rows - 1);
         if (news.status) robot.status = news.status;
         if (news.plan) robot.setPlan(news.plan);
         if (news.landmarks) robot.see(news.landmarks);
-        if (news.goal) robot.goals = [...robot.goals.filter((goal) => goal[0] < news.goal[0]), news.goal].slice(-50);
+        if (news.goals) robot.setGoals(news.goals);
         if (robot === page.robot && isNew && robot.main) page.view.fit(robot);
       }
       if (message.diagnostics) showDiagnostics($("diagnostics"), message.diagnostics);
@@ -282,8 +355,11 @@ function startLive() {
       for (const [name, { isThere, isOn }] of Object.entries(message.services ?? {})) {
         extras[name].disabled = !isThere;
         extras[name].setAttribute("aria-pressed", String(isOn));
+        if (name === "pause") {
+          page.isPaused = isOn;
+          extras.pause.textContent = isOn ? "Resume" : "Pause";
+        }
       }
-      showState();
       redrawForData();
     },
     onEvents(message) {

@@ -3,7 +3,7 @@ import { ellipseOf, lastAtMost, roundStep, shown, TWO_PI } from "./geometry.js";
 // Draws the map: grid, paths, fixes, goals with tolerance and region, robots.
 
 const PATHS = ["odometry", "truth", "estimate"];
-const RADIUS = 0.3;
+const SYMBOL = 9; // [pixels] of a robot whose size is not known, and of one too small to be seen
 const MAX_ELLIPSES = 60;
 const MAX_WAYPOINTS = 50;
 
@@ -36,15 +36,29 @@ function drawGrid(context, view, colours) {
     const [px] = view.toScreen(k * step, 0);
     context.moveTo(px, 0);
     context.lineTo(px, view.height);
-    context.fillText((k * step).toFixed(digits), px + 2, view.height - 4);
+    context.fillText(`${(k * step).toFixed(digits)} m`, px + 2, view.height - 4);
   }
   for (let k = Math.ceil(bottom / step); k * step <= top; k += 1) {
     const [, py] = view.toScreen(0, k * step);
     context.moveTo(0, py);
     context.lineTo(view.width, py);
-    context.fillText((k * step).toFixed(digits), 2, py - 2);
+    context.fillText(`${(k * step).toFixed(digits)} m`, 2, py - 2);
   }
   context.stroke();
+}
+
+function drawScaleBar(context, view, colours) {
+  const length = roundStep(110 / view.scale);
+  const [right, y] = [view.width - 12, view.height - 22];
+  const left = right - length * view.scale;
+  context.strokeStyle = context.fillStyle = colours.faint;
+  context.lineWidth = 2;
+  context.beginPath();
+  for (const [px, py] of [[left, y - 4], [left, y], [right, y], [right, y - 4]]) context.lineTo(px, py);
+  context.stroke();
+  context.textAlign = "center";
+  context.fillText(`${+length.toPrecision(1)} m`, (left + right) / 2, y - 6);
+  context.textAlign = "left";
 }
 
 /** Trace rows from `begin` to `end`; points closer than 3 pixels to the last one are left out, as nobody sees them. */
@@ -206,23 +220,33 @@ function drawGoal(context, view, robot, time, constants, colours) {
   context.stroke();
   context.setLineDash([]);
   context.fillStyle = colours.goal;
-  context.fillText(`${isNear ? "in Omega_L" : "Omega_L"}, eps_P ${shown(radius)} m`, px + 10, py + Math.max(radius * view.scale, RADIUS * view.scale) + 14);
+  context.fillText(`${isNear ? "in Omega_L" : "Omega_L"}, eps_P ${shown(radius)} m`, px + 10, py + radius * view.scale + 14);
 }
 
-function drawRobot(context, view, pose, colour, filled) {
+/** A robot as it is: both wheels and the circle through them, with a nose; a symbol of fixed size if that is unknown. */
+function drawRobot(context, view, pose, wheels, colour, filled, name = "") {
   const [px, py] = view.toScreen(pose.x, pose.y);
-  const r = Math.max(RADIUS * view.scale, 7);
-  context.strokeStyle = colour;
-  context.fillStyle = colour;
+  const [radius, track] = wheels ?? [0, 0];
+  const r = Math.max((track / 2) * view.scale, SYMBOL);
+  const wheel = radius * view.scale * (r / Math.max((track / 2) * view.scale, 1e-9));
+  context.save();
+  context.translate(px, py);
+  context.rotate(-pose.theta);
+  context.strokeStyle = context.fillStyle = colour;
   context.lineWidth = 2;
   context.beginPath();
-  context.arc(px, py, r, 0, TWO_PI);
+  context.arc(0, 0, r, 0, TWO_PI);
   context.globalAlpha = 0.25;
   if (filled) context.fill();
   context.globalAlpha = 1;
-  context.moveTo(px, py);
-  context.lineTo(px + 1.4 * r * Math.cos(pose.theta), py - 1.4 * r * Math.sin(pose.theta));
+  context.moveTo(0, 0);
+  context.lineTo(r, 0);
   context.stroke();
+  if (wheels) for (const side of [-1, 1]) context.fillRect(-wheel, side * r - 2, 2 * wheel, 4);
+  context.restore();
+  if (!name) return;
+  context.fillStyle = colour;
+  context.fillText(name, px + r + 4, py - r - 2);
 }
 
 function drawPlan(context, view, points, colour) {
@@ -262,8 +286,19 @@ function drawLandmarks(context, view, robot, time, colours) {
   }
 }
 
-/** Draw everything of one robot, and where the others are. */
-export function drawMap(canvas, view, robots, robot, time, constants, hidden, colours) {
+/** Names of what this map can show of a robot, in the order of the legend. */
+export function layersOf({ curves, plan, landmarks }) {
+  const has = {
+    ellipses: curves.estimate?.columns.xx && curves.estimate.rows,
+    plan: plan.rows,
+    landmarks: landmarks.size,
+    ...Object.fromEntries(["truth", "estimate", "odometry", "fixes"].map((name) => [name, curves[name]?.rows])),
+  };
+  return ["truth", "estimate", "odometry", "fixes", "ellipses", "plan", "landmarks"].filter((name) => has[name]);
+}
+
+/** Draw everything of one robot at a time, and where the others are; `hover` [s] or null is marked on the path. */
+export function drawMap(canvas, view, robots, robot, { time, hover, constants, hidden, colours }) {
   const context = cleared(canvas);
   view.width = canvas.clientWidth;
   view.height = canvas.clientHeight;
@@ -281,12 +316,16 @@ export function drawMap(canvas, view, robots, robot, time, constants, hidden, co
     for (const name of ["truth", "estimate"]) {
       const pose = other.curves[name]?.poseAt(time);
       if (pose && !hidden.has(name) && (other === robot || other.curves[name] === other.main)) {
-        drawRobot(context, view, pose, other === robot ? colours[name] : colours.faint, name === "estimate");
+        const label = robots.length > 1 && other.curves[name] === other.main ? other.name : "";
+        drawRobot(context, view, pose, constants.wheels, other === robot ? colours[name] : colours.faint, name === "estimate", label);
       }
     }
     if (!other.curves.truth && !other.curves.estimate && other.main?.poseAt(time)) {
-      drawRobot(context, view, other.main.poseAt(time), colours.odometry, true);
+      drawRobot(context, view, other.main.poseAt(time), constants.wheels, colours.odometry, true, robots.length > 1 ? other.name : "");
     }
   }
+  const marked = hover === null ? null : robot.main?.poseAt(hover);
+  if (marked) drawArrow(context, view, marked, 16, colours.text);
+  drawScaleBar(context, view, colours);
   return context;
 }

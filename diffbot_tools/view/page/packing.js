@@ -32,7 +32,10 @@ export async function unpackRobots(data) {
     }
     const { plan, ...curves } = robot.curves;
     const landmarks = new Map(one.landmarks.map(([number, x, y, inView]) => [number, { number, x, y, inView }]));
-    const { goals, events, summary, constants } = one;
-    return Object.assign(robot, { curves, plan, landmarks, goals, events, summary, constants });
+    const { goals, events, summary, health, states, constants } = one;
+    Object.assign(robot, { curves, plan, landmarks, events, summary, health, states, constants });
+    robot.setGoals(goals);
+    robot.hideAngles(constants.xy_tolerance);
+    return robot;
   });
 }

@@ -1,4 +1,5 @@
 import { shown } from "./geometry.js";
+import { degrees, lengthText } from "./words.js";
 
 // Texts beside the drawings. Whatever comes from a bag or a robot is set as text, never as markup.
 
@@ -19,20 +20,38 @@ export function fillTable(parent, title, head, rows) {
   parent.replaceChildren();
   if (!rows.length) return;
   add(parent, "h2", title);
-  const table = add(add(parent, "div", "", { class: "scroll" }), "table");
+  const table = add(parent, "table");
   const first = add(add(table, "thead"), "tr");
-  for (const text of head) add(first, "th", text, { scope: "col" });
+  const kinds = rows[0].map((cell) => (/^[-–\d]/.test([cell].flat()[0]) ? "" : "text"));
+  head.forEach((text, index) => add(first, "th", text, { scope: "col", class: kinds[index] }));
   const body = add(table, "tbody");
   for (const row of rows) {
     const line = add(body, "tr");
-    for (const cell of row) {
-      if (Array.isArray(cell)) add(line, "td", cell[0], { class: cell[1] });
-      else add(line, "td", cell);
-    }
+    row.forEach((cell, index) => {
+      const [text, kind] = [cell].flat();
+      add(line, "td", text, { class: `${kinds[index]} ${kind ?? ""}`, "data-head": head[index] });
+    });
   }
 }
 
-const degrees = (angle) => shown((angle * 180) / Math.PI, 1);
+/** The result of a report: health, and a card for each goal, which goes to its end. */
+export function showResult(parent, robot, onTime) {
+  parent.replaceChildren();
+  const rows = robot.summary;
+  const reached = rows.filter((one) => one.end.startsWith("reached")).length;
+  const head = add(parent, "p", "", { class: "health" });
+  if (rows.length) add(head, "strong", `${reached} of ${rows.length} ${rows.length === 1 ? "goal" : "goals"} reached`);
+  for (const [level, text] of robot.health) add(head, "span", text, { "data-level": String(level) });
+  const cards = add(parent, "div", "", { class: "cards" });
+  rows.forEach((one, index) => {
+    const [x, y, theta] = one.goal;
+    const card = add(cards, "button", "", { type: "button", "data-level": String(one.level) });
+    add(card, "small", `Goal ${index + 1}: ${shown(x)}, ${shown(y)} m, ${degrees(theta, 0)} deg`);
+    add(card, "strong", one.verdict, { "data-level": String(one.level) });
+    for (const [level, text] of one.lines) add(card, "span", text, { "data-level": String(level) });
+    card.addEventListener("click", () => onTime(one.ended ?? one.time));
+  });
+}
 
 /** The table of goals and how they ended. */
 export function showSummary(parent, robot) {
@@ -71,10 +90,10 @@ export function showTopics(parent, topics) {
 
 /** The newest diagnoses, the worst first. */
 export function showDiagnostics(parent, diagnostics) {
-  const words = ["ok", "warning", "ERROR", "no news"];
+  const words = ["ok", "warning", "ERROR", "no news", "ended"];
   const rows = [...diagnostics]
-    .sort((a, b) => b.level - a.level)
-    .map((one) => [one.name, [words[one.level] ?? "unknown", one.level > 1 ? "bad" : ""], one.message]);
+    .sort((a, b) => (b.level % 4) - (a.level % 4))
+    .map((one) => [one.name, [words[one.level] ?? "unknown", one.level === 2 || one.level === 3 ? "bad" : ""], one.message]);
   fillTable(parent, "Diagnostics", ["node", "level", "in words"], rows);
 }
 
@@ -128,32 +147,59 @@ export class EventList {
   }
 }
 
-/** The present numbers below the map. */
+/** The present numbers below the map; live ones and those of a report are the same. */
 export function showValues(parent, robot, time) {
   const pose = robot.main?.poseAt(time);
   const at = (curve, column) => robot.curves[curve]?.at(column, time) ?? NaN;
+  const error = robot.errorAt(time);
+  const speed = robot.speedAt(time);
   const values = [
-    ["x", shown(pose?.x, 3), "m"],
-    ["y", shown(pose?.y, 3), "m"],
-    ["heading", degrees(pose?.theta), "deg"],
-    ["v", shown(at("command", "v"), 3), "m/s"],
-    ["omega", shown(at("command", "omega"), 3), "rad/s"],
-    ["rho", shown(at("law", "rho"), 3), "m"],
-    ["alpha", shown(at("law", "alpha"), 3), "rad"],
-    ["beta", shown(at("law", "beta"), 3), "rad"],
-    ["eps_P", shown(at("law", "eps_P"), 3), "m"],
-    ["NIS", shown(at("filter", "nis")), ""],
+    ["to goal", lengthText(at("toGo", "distance"))],
+    ["heading error", degrees(at("toGo", "heading")), "deg"],
     ["since goal", shown(robot.clockAt(time), 1), "s"],
+    ["v", shown(speed.v), "m/s"],
+    ["omega", shown(speed.omega), "rad/s"],
+    ["x", shown(pose?.x), "m"],
+    ["y", shown(pose?.y), "m"],
+    ["heading", degrees(pose?.theta), "deg"],
+    ["off the truth", error ? `${lengthText(error.distance)}, ${degrees(error.heading)} deg` : "–"],
   ];
+  fillValues(parent, values);
+}
+
+const LAW = [
+  ["rho", "m", "distance to the goal"],
+  ["alpha", "rad", "direction of the goal, seen from the robot's heading; undefined at the goal"],
+  ["beta", "rad", "direction of the goal, seen from the goal's heading; undefined at the goal"],
+  ["V", "", "Lyapunov function of the region: falls as long as the law acts without disturbance"],
+  ["eps_P", "m", "radius of Omega_L around the goal"],
+  ["region", "", "Omega_G: far, the law drives and steers; Omega_L: near, it drives and holds the heading"],
+];
+
+/** The law's variables, with a line each on what it is. */
+export function showLaw(parent, robot, time) {
+  const { law } = robot.curves;
+  parent.parentNode.classList.toggle("hidden", !law);
+  if (!law) return;
+  const region = law.at("region", time);
+  const values = LAW.map(([name, unit, text]) => {
+    const value = name === "region" ? (["Omega_G", "Omega_L"][region] ?? "–") : shown(law.at(name, time), 3);
+    return [name, value, unit, text];
+  });
+  fillValues(parent, values);
+}
+
+function fillValues(parent, values) {
   if (parent.children.length !== values.length) {
     parent.replaceChildren();
-    for (const [name] of values) {
+    for (const [name, , , text] of values) {
       const row = add(parent, "div");
       add(row, "dt", name);
       add(row, "dd");
+      if (text) add(row, "dd", text, { class: "what" });
     }
   }
   values.forEach(([, text, unit], index) => {
-    parent.children[index].lastChild.textContent = `${text} ${text === "–" ? "" : unit}`;
+    parent.children[index].children[1].textContent = `${text} ${text === "–" || !unit ? "" : unit}`;
   });
 }

@@ -3,7 +3,7 @@
 const SHORTEST_DRAG = 8;
 
 /** Make the map of `view` react; `tools.current` is "pan", "goal" or "initialpose", `tools.draw` the pose being drawn. */
-export function startPointer(canvas, view, tools, { onPose, onChange, onHint }) {
+export function startPointer(canvas, view, tools, { onPose, onChange, onHint, onHover }) {
   const pressed = new Map();
   let start = null;
 
@@ -27,8 +27,9 @@ export function startPointer(canvas, view, tools, { onPose, onChange, onHint }) 
 
   canvas.addEventListener("pointermove", (event) => {
     const before = pressed.get(event.pointerId);
-    if (!before) return;
     const now = place(event);
+    onHover(now);
+    if (!before) return;
     if (pressed.size === 2) {
       const [other] = [...pressed].filter(([id]) => id !== event.pointerId).map(([, at]) => at);
       const apart = (at) => Math.max(Math.hypot(at[0] - other[0], at[1] - other[1]), 1);
@@ -52,6 +53,8 @@ export function startPointer(canvas, view, tools, { onPose, onChange, onHint }) 
     tools.draw = null;
     onChange();
   });
+
+  canvas.addEventListener("pointerleave", () => onHover(null));
 
   canvas.addEventListener("pointercancel", (event) => {
     pressed.delete(event.pointerId);

@@ -5,6 +5,7 @@ import { lastAtMost, wrapAngle } from "./geometry.js";
 const LIVE_ROWS = 40000;
 const MAX_LANDMARKS = 500;
 const IN_VIEW = 1; // [s] after a measurement
+const TO_GO = ["t", "distance", "heading", "lateral"];
 
 /** Columns of numbers over the column `t` [s]. */
 export class Curve {
@@ -54,6 +55,17 @@ export class Curve {
     return index < 0 || !this.columns[name] ? NaN : this.columns[name][index];
   }
 
+  /** Time [s] of the row nearest to a point [m], the latest before `end` [s]; null if none is within `reach` [m]. */
+  timeNear(x, y, reach, end) {
+    const { columns } = this;
+    let [found, best] = [null, reach * reach];
+    for (let i = this.indexAt(end); i >= 0; i -= 1) {
+      const [dx, dy] = [columns.x[i] - x, columns.y[i] - y];
+      if (dx * dx + dy * dy < best) [found, best] = [columns.t[i], dx * dx + dy * dy];
+    }
+    return found;
+  }
+
   /** x, y, theta at a time, interpolated; null before the first row. */
   poseAt(time) {
     const i = this.indexAt(time);
@@ -75,6 +87,7 @@ export class Robot {
     this.events = [];
     this.summary = [];
     this.status = null;
+    this.states = [];
     this.plan = new Curve({ t: [], x: [], y: [] }, 0);
     this.landmarks = new Map();
   }
@@ -82,7 +95,64 @@ export class Robot {
   /** Add a row to a curve, which begins with its first row. */
   append(curve, names, row) {
     this.curves[curve] ??= Curve.growing(names);
-    this.curves[curve].append(row);
+    const added = this.curves[curve];
+    added.append(row);
+    if (added === this.main) {
+      this.curves.toGo ??= Curve.growing(TO_GO);
+      this.curves.toGo.append(this.toGoAt(added, added.rows - 1));
+    }
+  }
+
+  /** Hide the angles of the law, from a row on, where the distance is below a limit [m] and they are not defined. */
+  hideAngles(limit, begin = 0) {
+    const { law } = this.curves;
+    if (!law) return;
+    for (let i = Math.max(begin, 0); i < law.rows; i += 1) {
+      if (law.columns.rho[i] < limit) law.columns.alpha[i] = law.columns.beta[i] = NaN;
+    }
+  }
+
+  /** Set the goals [t, x, y, theta], in their order. */
+  setGoals(goals) {
+    this.goals = goals;
+    const { main } = this;
+    if (!main) return;
+    const toGo = Curve.growing(TO_GO);
+    for (let i = 0; i < main.rows; i += 1) toGo.append(this.toGoAt(main, i));
+    this.curves.toGo = toGo;
+  }
+
+  /** Row of TO_GO: distance to the goal, heading and lateral error in its frame; NaN without a goal. */
+  toGoAt({ columns }, i) {
+    const goal = this.goalAt(columns.t[i]);
+    if (!goal) return [columns.t[i], NaN, NaN, NaN];
+    const [dx, dy] = [columns.x[i] - goal[1], columns.y[i] - goal[2]];
+    const lateral = dy * Math.cos(goal[3]) - dx * Math.sin(goal[3]);
+    return [columns.t[i], Math.hypot(dx, dy), wrapAngle(columns.theta[i] - goal[3]), lateral];
+  }
+
+  /** State of controller and filter at a time, as words.js takes it. */
+  stateAt(time) {
+    return this.status ?? this.states.findLast(([since]) => since <= time)?.[1];
+  }
+
+  /** Time [s] at a time until the goal is answered; NaN if that is not known. */
+  timeLeft(time) {
+    if (this.status) return this.status.left ?? NaN; // live: as the controller estimates it
+    const row = this.summary.findLast((one) => one.time <= time);
+    return (row?.ended ?? NaN) - time;
+  }
+
+  /** v and omega at a time: measured, else commanded. */
+  speedAt(time) {
+    const curve = this.curves.odometry?.columns.v ? this.curves.odometry : this.curves.command;
+    return { v: curve?.at("v", time) ?? NaN, omega: curve?.at("omega", time) ?? NaN };
+  }
+
+  /** Estimate minus truth at a time: distance and heading; null without both. */
+  errorAt(time) {
+    const [a, b] = [this.curves.estimate?.poseAt(time), this.curves.truth?.poseAt(time)];
+    return a && b ? { distance: Math.hypot(a.x - b.x, a.y - b.y), heading: wrapAngle(a.theta - b.theta) } : null;
   }
 
   /** Settling clock [s] at a time: since the goal was sent, at most until it was settled in; NaN without a goal. */

@@ -28,9 +28,19 @@ from diffbot_tools.view.landmarks import read_cloud
 from diffbot_tools.view.live_landmarks import LandmarkPlacer
 from diffbot_tools.view.live_state import COLUMNS, LiveState
 from diffbot_tools.view.plans import PlanEnd, read_plan, thinned
-from diffbot_tools.view.texts import Status, filter_numbers, number, read_status, read_statuses
+from diffbot_tools.view.texts import (
+    Status,
+    controller_state,
+    filter_numbers,
+    filter_state,
+    number,
+    read_status,
+    read_statuses,
+)
 from diffbot_tools.watch.parameters import WatchConfig
 
+MAX_GOALS = 50
+"""the last ones, which a page shows"""
 SILENCE = 2.0
 """[s] without a status, which comes every 0.5 s"""
 _LAST_STAMP = 2.0**31
@@ -67,6 +77,7 @@ class RobotWatch:
         self._odometry_origin: Pose | None = None
         self._goal: Pose | None = None
         self._goals = 0
+        self._shown_goals: list[list[float]] = []
         self._status: dict[str, Any] = {"text": "no controller yet", "level": 1}
         self._status_received: float | None = None
         self._has_commands = False
@@ -108,7 +119,9 @@ class RobotWatch:
     def look_for_silence(self) -> None:
         """Show if the controller has stopped sending its status: what is latched of a dead one may be ``driving``."""
         if self._status_received is not None and time.monotonic() - self._status_received > SILENCE:
-            self._set_status(text="no status from the controller", level=2, reason="")
+            is_there = self._node.count_publishers(self._topic(f"{self._node.config.controller}/status"))
+            text, level = ("no status from the controller", 2) if is_there else ("controller ended", 0)
+            self._set_status(text=text, level=level, reason="")
 
     def on_diagnostics(self, statuses: list[Status]) -> None:
         """Take the diagnoses of all nodes, of which some are this robot's."""
@@ -178,12 +191,15 @@ class RobotWatch:
     def _on_controller(self, data: bytes) -> None:
         status = read_status(data)
         self._status_received = time.monotonic()
-        self._set_status(text=status.message, level=status.level, reason=status.values.get("reason", ""))
+        self._set_status(**controller_state(status))
         goal = goal_in(status.values)
         if goal is not None and goal != self._goal:
             self._goals += 1
             self._add([self._events.of_goal(self._time, self._goals, goal)])
-            self._state.put(self._name, "goal", [self._time, *goal])
+            # A time that has jumped back is a new run.
+            self._shown_goals = [one for one in self._shown_goals if one[0] < self._time][1 - MAX_GOALS :]
+            self._shown_goals = [*self._shown_goals, [self._time, *goal]]
+            self._state.put(self._name, "goals", self._shown_goals)
         self._goal = goal
         if self._plan_end.is_over(status.values):
             self._state.put(self._name, "plan", [self._time, []])
@@ -195,6 +211,7 @@ class RobotWatch:
 
     def _on_filter(self, data: bytes) -> None:
         status = read_status(data)
+        self._set_status(**filter_state(status))
         if "NIS per number" in status.values:
             self._row("filter", self._time, *filter_numbers(status.values))
         self._add(self._events.of_status(self._time, "filter", status))
@@ -203,5 +220,6 @@ class RobotWatch:
         self._add(self._events.of_results(self._time, read_statuses(data)))
 
     def _on_feedback(self, data: bytes) -> None:
-        elapsed = number(read_status(data).values.get("elapsed time [s]"))
-        self._set_status(clock=elapsed if math.isfinite(elapsed) else None)
+        values = read_status(data).values
+        elapsed, left = (number(values.get(f"{name} [s]")) for name in ("elapsed time", "estimated time remaining"))
+        self._set_status(clock=elapsed if math.isfinite(elapsed) else None, left=left if left > 0.0 else None)

@@ -60,8 +60,12 @@ def test_paths_and_charts_are_drawn(page):
     page.next_frame()
     assert page.count(TRUTH) > 200
     assert page.count(ESTIMATE) > 100
-    assert page.tab.locator(".chart:visible").count() == 12
-    assert page.count(ESTIMATE, ".chart canvas >> nth=0", apart=140) > 100
+    assert page.tab.locator(".chart:visible").count() == 7
+    for panel in ("#filter", "#law"):
+        page.tab.locator(f"{panel} summary").click()
+    assert page.tab.locator(".chart:visible").count() == 14
+    page.next_frame()
+    assert page.count(ESTIMATE, ".chart canvas >> nth=4", apart=140) > 100
 
 
 def test_the_slider_moves_the_robot(page):

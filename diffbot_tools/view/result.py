@@ -1,0 +1,174 @@
+"""The result of a run: how each goal ended, in figures and words; the health of filter, recording and nodes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from math import degrees
+from typing import Any
+
+import numpy as np
+
+from diffbot_control.law.configuration import ControllerConfig
+from diffbot_tools.metrics import GoalMetrics, goal_metrics
+from diffbot_tools.view.bag_tables import Timed
+from diffbot_tools.view.clock import Clock, Columns
+from diffbot_tools.view.events import ERROR, OK, WARNING, Event, GoalSent
+from diffbot_tools.view.texts import controller_state, filter_state
+
+NEES_SHARE = 0.9
+"""of the time below the 95 % bound from which on a filter counts as consistent; the errors are correlated in time"""
+_ROUNDING = 1e-6
+_LIMITS = (("v", "m/s"), ("omega", "rad/s"))
+_MAX_FAULTS = 3
+MAX_STATES = 5000
+"""of a robot in the page; later ones are left out"""
+Line = tuple[int, str]
+"""Level and text."""
+
+
+def length_text(metres: float) -> str:
+    """Return a length in words: centimetres below one metre; the page does the same in words.js."""
+    return f"{100.0 * metres:.1f} cm" if metres < 0.995 else f"{metres:.2f} m"
+
+
+def goal_rows(
+    curves: Mapping[str, Columns], goals: Sequence[GoalSent], events: Sequence[Event], config: ControllerConfig
+) -> list[dict[str, Any]]:
+    """Return a row per goal: how it ended, figures from the true path (or the estimated one), and both in words."""
+    columns = curves.get("truth", curves.get("estimate"))
+    rows = []
+    for index, (time, pose) in enumerate(goals):
+        following = goals[index + 1].time if index + 1 < len(goals) else math.inf
+        end, ended = _end_of(events, time, following)
+        row: dict[str, Any] = {"goal": list(pose), "time": time, "end": end, "ended": ended}
+        lines = []
+        is_off = False
+        if columns is not None and (part := (columns["t"] >= time) & (columns["t"] <= following)).any():
+            poses = np.column_stack([columns[name][part] for name in ("x", "y", "theta")])
+            xy, yaw = config.tolerance.xy_goal_tolerance, config.tolerance.yaw_goal_tolerance
+            found = goal_metrics(columns["t"][part], poses, pose, xy, yaw)
+            row |= {
+                "position_error": found.position_error,
+                "heading_error": found.heading_error,
+                "settled": None if math.isnan(found.settling_time) else found.settling_time,
+                "path": found.path_length,
+                "direct": found.direct_distance,
+            }
+            is_off = end.startswith("reached") and (found.position_error > xy or found.heading_error > yaw)
+            lines += _figures(found, "True" if "truth" in curves else "Estimated", is_off)
+        if "law" in curves and "command" in curves:
+            lines += _limits(curves["command"], time, following if ended is None else ended, config)
+        verdict = _verdict(end, ended, time, math.isinf(following), is_off)
+        rows.append(row | {"level": verdict[0], "verdict": verdict[1], "lines": lines})
+    return rows
+
+
+def _end_of(events: Sequence[Event], begin: float, following: float) -> tuple[str, float | None]:
+    """Return how the goal of this interval ended, and when [s]; empty and None if the bag does not tell."""
+    # A goal that is replaced ends when the next one comes, and its state arrives a moment later.
+    inside = [event for event in events if begin <= event.time <= following + 0.5]
+    for event in inside:
+        if event.kind == "end":
+            return event.text.removeprefix("goal "), event.time
+    for event in inside:
+        state = event.text.partition(": ")[2]
+        if event.kind == "state" and event.time <= following and state.startswith("goal "):
+            return state.removeprefix("goal "), event.time
+    return "", None
+
+
+def _verdict(end: str, ended: float | None, sent: float, is_last: bool, is_off: bool) -> Line:
+    words = end.partition(" [")[0]
+    after = "" if ended is None else f"{max(ended - sent, 0.0):.1f} s"
+    if words.startswith("reached"):
+        return (
+            (ERROR, f"Reported reached in {after}, but ended off the goal") if is_off else (OK, f"Reached in {after}")
+        )
+    if words.startswith(("replaced", "cancelled")):
+        return OK, f"{words.capitalize()} after {after}"
+    if words:
+        return ERROR, f"{words[:1].upper()}{words[1:]} (after {after})"
+    return WARNING, "No answer: the recording ends before" if is_last else "No answer in the recording"
+
+
+def _figures(found: GoalMetrics, whose: str, is_off: bool) -> list[Line]:
+    error = f"{whose} error {length_text(found.position_error)}, {degrees(found.heading_error):.1f} deg"
+    path = f"Path {found.path_length:.2f} m, straight line {found.direct_distance:.2f} m"
+    return [(ERROR if is_off else OK, error), (OK, path)]
+
+
+def _limits(command: Columns, begin: float, end: float, config: ControllerConfig) -> list[Line]:
+    """Return whether the commands of an interval kept the limits of the speeds; nothing without limits or commands."""
+    part = (command["t"] >= begin) & (command["t"] <= end)
+    sheet, found, is_kept = config.data_sheet, [], True
+    for (name, unit), limit in zip(_LIMITS, (sheet.v_max, sheet.omega_max), strict=True):
+        values = np.abs(command[name][part])
+        values = values[np.isfinite(values)]
+        if len(values) and math.isfinite(limit):
+            is_kept = is_kept and float(values.max()) <= limit * (1.0 + _ROUNDING)
+            found.append(f"{values.max():.2f} of {limit:.2f} {unit}")
+    if not found:
+        return []
+    return [(OK if is_kept else ERROR, f"{'Limits kept' if is_kept else 'BEYOND LIMITS'}: {', '.join(found)}")]
+
+
+def health_lines(
+    curves: Mapping[str, Columns], events: Sequence[Event], nees_bound: float, lost: int | None, is_cut_off: bool
+) -> list[Line]:
+    """Return whether the filter is consistent, what the recording lacks, and the faults; each with its level.
+
+    Args:
+        curves: of the robot.
+        events: of the robot.
+        nees_bound: upper 95 % bound of the NEES.
+        lost: messages that the recorder lost; None if it does not say.
+        is_cut_off: the bag was not closed.
+    """
+    lines = [line for line in (_consistency(curves, nees_bound),) if line]
+    if is_cut_off:
+        lines.append((WARNING, "recording cut off: the bag was not closed"))
+    if lost is not None:
+        lines.append((WARNING, f"{lost} messages lost") if lost else (OK, "no message lost"))
+    faults = {event.text: event.level for event in events if _is_fault(event)}
+    words = sorted(faults, key=lambda text: -faults[text])
+    more = f" and {len(words) - _MAX_FAULTS} more" if len(words) > _MAX_FAULTS else ""
+    text = f"faults: {'; '.join(words[:_MAX_FAULTS])}{more}" if words else "no fault reported"
+    return [*lines, (max(faults.values(), default=OK), text)]
+
+
+def _is_fault(event: Event) -> bool:
+    """True for faults, relocations and states that are errors, but for the end of a goal, which its card tells."""
+    is_state = event.kind == "state" and event.level >= ERROR and ": goal " not in event.text
+    return is_state or event.kind in ("fault", "relocation")
+
+
+def _consistency(curves: Mapping[str, Columns], nees_bound: float) -> Line | None:
+    nees = curves["error"]["nees"] if "error" in curves else np.empty(0)
+    nees = nees[np.isfinite(nees)]
+    if len(nees):
+        share = float(np.mean(nees <= nees_bound))
+        what = f"NEES below its 95 % bound {100.0 * share:.0f} % of the time"
+        return (OK, f"filter consistent: {what}") if share >= NEES_SHARE else (ERROR, f"filter overconfident: {what}")
+    if "filter" not in curves:
+        return None
+    values = curves["filter"]
+    known = np.isfinite(values["nis"]) & np.isfinite(values["nis_high"])
+    if not known.any():
+        return None
+    share = float(np.mean(values["nis"][known] <= values["nis_high"][known]))
+    what = f"NIS below its bound {100.0 * share:.0f} % of the time"
+    return (OK, f"filter consistent: {what}") if share >= NEES_SHARE else (WARNING, f"filter overconfident: {what}")
+
+
+def state_rows(texts: Mapping[str, Sequence[Timed]], clock: Clock) -> list[tuple[float, dict[str, Any]]]:
+    """Return time [s] and state of the controller and the filter whenever it changed, at most MAX_STATES times."""
+    readers = {"controller": controller_state, "filter": filter_state}
+    found = [(clock.of_log_time(at), readers[role](status)) for role in readers for at, status in texts.get(role, [])]
+    state: dict[str, Any] = {}
+    rows = []
+    for time, news in sorted(found, key=lambda one: one[0]):
+        if (after := state | news) != state and "text" in after:
+            rows.append((time, after))
+        state = after
+    return rows[:MAX_STATES]
