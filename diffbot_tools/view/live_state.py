@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
+from array import array
 from collections import deque
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -22,10 +23,9 @@ COLUMNS: dict[str, tuple[str, ...]] = {
 }
 """Columns of each live curve, by its name."""
 EVENTS, HISTORY = 500, 6000
-"""Number of events, and of rows of each path, that a browser gets when it connects: ten minutes at 10 Hz."""
+"""Number of events, and of rows of each curve, that a browser gets when it connects: ten minutes at 10 Hz."""
 _HISTORY_PERIOD = 0.1 - 1e-6
 """[s]; the margin is for the rounding of times"""
-_PATHS = ("estimate", "truth")
 
 Key = tuple[str, str, str]
 """Robot, group (``rows`` or empty), name; the robot is empty for what concerns all."""
@@ -52,20 +52,20 @@ class LiveState:
         self._version = 0
         self._newest: dict[Key, tuple[int, Any]] = {}
         self._events: dict[str, deque[tuple[int, Event]]] = {robot: deque(maxlen=EVENTS) for robot in robots}
-        self._history: dict[tuple[str, str], deque[list[float | None]]] = {
-            (robot, path): deque(maxlen=HISTORY) for robot in robots for path in _PATHS
+        self._history: dict[tuple[str, str], deque[array[float]]] = {
+            (robot, curve): deque(maxlen=HISTORY) for robot in robots for curve in COLUMNS
         }
 
     def put_row(self, robot: str, curve: str, row: Sequence[float]) -> None:
         """Set the newest row of a curve, in the order of COLUMNS; numbers that are not finite count as missing."""
-        numbers = [number if math.isfinite(number) else None for number in row]
+        numbers = _finite(row)
         with self._lock:
             self._set((robot, "rows", curve), numbers)
-            if (history := self._history.get((robot, curve))) is not None:
-                if history and row[0] < (history[-1][0] or 0.0):
-                    history.clear()  # time has jumped back: a new run
-                if not history or row[0] - (history[-1][0] or 0.0) >= _HISTORY_PERIOD:
-                    history.append(numbers)
+            history = self._history[robot, curve]
+            if history and row[0] < history[-1][0]:
+                history.clear()  # time has jumped back: a new run
+            if math.isfinite(row[0]) and (not history or row[0] - history[-1][0] >= _HISTORY_PERIOD):
+                history.append(array("d", row))  # a quarter of the memory of a list
 
     def put(self, robot: str, name: str, value: Any) -> None:
         """Set something else that concerns a robot, or all with an empty ``robot``, as JSON takes it."""
@@ -85,13 +85,13 @@ class LiveState:
                 self._events[robot].append((self._version, event))
 
     def history(self) -> list[dict[str, Any]]:
-        """Return the paths so far as messages for the page."""
+        """Return the curves so far as messages for the page."""
         with self._lock:
-            return [
-                {"type": "history", "robot": robot, "curve": path, "rows": list(rows)}
-                for (robot, path), rows in self._history.items()
-                if rows
-            ]
+            found = {key: list(rows) for key, rows in self._history.items() if rows}
+        return [
+            {"type": "history", "robot": robot, "curve": curve, "rows": [_finite(row) for row in rows]}
+            for (robot, curve), rows in found.items()
+        ]
 
     def news(self, version: int) -> News:
         """Return what is newer than ``version``; 0 for everything."""
@@ -103,6 +103,10 @@ class LiveState:
                 if many and many[-1][0] > version
             }
             return News(_message(changed), events, self._version)
+
+
+def _finite(row: Sequence[float]) -> list[float | None]:
+    return [number if math.isfinite(number) else None for number in row]
 
 
 def _message(changed: Mapping[Key, Any]) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Mapping, Sequence
 from math import degrees
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from diffbot_control.law.configuration import ControllerConfig
+from diffbot_core.geometry import Pose
 from diffbot_tools.metrics import GoalMetrics, goal_metrics
 from diffbot_tools.view.bag_tables import Timed
 from diffbot_tools.view.clock import Clock, Columns
@@ -42,12 +44,10 @@ def goal_rows(
         following = goals[index + 1].time if index + 1 < len(goals) else math.inf
         end, ended = _end_of(events, time, following)
         row: dict[str, Any] = {"goal": list(pose), "time": time, "end": end, "ended": ended}
-        lines = []
+        lines: list[Line] = []
         is_off = False
-        if columns is not None and (part := (columns["t"] >= time) & (columns["t"] <= following)).any():
-            poses = np.column_stack([columns[name][part] for name in ("x", "y", "theta")])
-            xy, yaw = config.tolerance.xy_goal_tolerance, config.tolerance.yaw_goal_tolerance
-            found = goal_metrics(columns["t"][part], poses, pose, xy, yaw)
+        tolerance = config.tolerance.xy_goal_tolerance, config.tolerance.yaw_goal_tolerance
+        if (found := _metrics(columns, time, following, pose, *tolerance)) is not None:
             row |= {
                 "position_error": found.position_error,
                 "heading_error": found.heading_error,
@@ -55,13 +55,30 @@ def goal_rows(
                 "path": found.path_length,
                 "direct": found.direct_distance,
             }
-            is_off = end.startswith("reached") and (found.position_error > xy or found.heading_error > yaw)
+        # What comes after the answer, such as a reset of the simulation, is not the drive's.
+        until = ended if ended is not None and end.startswith("reached") else following
+        if (found := _metrics(columns, time, until, pose, *tolerance)) is not None:
+            errors = found.position_error, found.heading_error
+            is_off = end.startswith("reached") and any(map(operator.gt, errors, tolerance))
             lines += _figures(found, "True" if "truth" in curves else "Estimated", is_off)
         if "law" in curves and "command" in curves:
             lines += _limits(curves["command"], time, following if ended is None else ended, config)
         verdict = _verdict(end, ended, time, math.isinf(following), is_off)
         rows.append(row | {"level": verdict[0], "verdict": verdict[1], "lines": lines})
     return rows
+
+
+def _metrics(
+    columns: Columns | None, begin: float, end: float, goal: Pose, xy_tolerance: float, yaw_tolerance: float
+) -> GoalMetrics | None:
+    """Return the figures of the poses of an interval [s]; None if there are none."""
+    if columns is None:
+        return None
+    part = (columns["t"] >= begin) & (columns["t"] <= end)
+    if not part.any():
+        return None
+    poses = np.column_stack([columns[name][part] for name in ("x", "y", "theta")])
+    return goal_metrics(columns["t"][part], poses, goal, xy_tolerance, yaw_tolerance)
 
 
 def _end_of(events: Sequence[Event], begin: float, following: float) -> tuple[str, float | None]:
@@ -82,9 +99,7 @@ def _verdict(end: str, ended: float | None, sent: float, is_last: bool, is_off: 
     words = end.partition(" [")[0]
     after = "" if ended is None else f"{max(ended - sent, 0.0):.1f} s"
     if words.startswith("reached"):
-        return (
-            (ERROR, f"Reported reached in {after}, but ended off the goal") if is_off else (OK, f"Reached in {after}")
-        )
+        return (ERROR, f"Reported reached in {after}, but off the goal") if is_off else (OK, f"Reached in {after}")
     if words.startswith(("replaced", "cancelled")):
         return OK, f"{words.capitalize()} after {after}"
     if words:

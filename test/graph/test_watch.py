@@ -102,7 +102,7 @@ def test_a_drag_sends_the_goal_that_is_drawn_and_the_robot_arrives(page, peer):
     assert place(peer) == pytest.approx(goal, abs=0.1)
     # After sending, a drag moves the map again.
     assert page.get("diffbotPage.tools.current") == "pan"
-    page.wait("document.getElementById('state').textContent === 'goal reached'", "the state")
+    page.wait("document.getElementById('state').textContent.startsWith('holding, ')", "the state")
     # The robot stands: what the page shows is where it is.
     shown = page.get("(() => { const c = diffbotPage.robot.curves.truth; return c.poseAt(c.t[c.rows - 1]); })()")
     assert (shown["x"], shown["y"], shown["theta"]) == pytest.approx(place(peer), abs=0.02)
@@ -145,6 +145,12 @@ def test_pause_reset_and_initial_pose(page, peer):
         press(page, "p")
         button = "document.querySelector('[title^=Pause]').getAttribute('aria-pressed')"
         page.wait(f"{button} === '{is_paused}'", f"paused: {is_paused}")
+        assert page.text("[title^=Pause]") == ("Resume" if is_paused == "true" else "Pause")
+        assert (page.text("#state") == "paused") is (is_paused == "true")
+    before = place(peer)
+    press(page, "x")
+    assert page.text("[title^=Reset]") == "Reset: press again"
+    assert place(peer) == pytest.approx(before, abs=0.05)
     press(page, "x")
     page.wait_for_message("reset: ")
     peer.spin_until(lambda: math.dist(place(peer)[:2], START) < 0.01, what="reset")
@@ -153,6 +159,16 @@ def test_pause_reset_and_initial_pose(page, peer):
     start = page.get("diffbotPage.view.toScreen(-2.2, -5.5)")
     page.drag(start, (start[0] + 60, start[1]))
     page.wait_for_message("initial pose set")
+
+
+def test_a_page_that_is_opened_late_gets_what_was(new_page, url, page):
+    late = new_page().open(url)
+    late.wait("diffbotPage.robot.curves.toGo?.rows > 50", "the history")
+    for name in ("estimate", "truth", "odometry", "command", "law", "filter"):
+        times = [one.get(f"diffbotPage.robot.curves.{name}.t[0]") for one in (page, late)]
+        assert times[1] == pytest.approx(times[0], abs=0.2), name
+    assert late.get("diffbotPage.robot.goals.length") == page.get("diffbotPage.robot.goals.length") > 0
+    late.tab.close()
 
 
 def placed_by(pose, x, y):

@@ -174,7 +174,7 @@ export class Chart {
 
   /** Lowest and highest value in a range of times, with what is to be seen beside the lines. */
   valueRange(robot, t0, t1, constants) {
-    const { lines, bounds = [], limit, constant, band } = this.definition;
+    const { lines, bounds = [], limit, constant, band, turn = Infinity } = this.definition;
     let range = null;
     const add = (one, factor = one.factor) => {
       const found = columnOf(robot, one);
@@ -189,7 +189,8 @@ export class Chart {
     if (constant) range = rangeOf(constants[constant], 0, 2, range);
     range ??= [-1, 1];
     const margin = 0.06 * (range[1] - range[0]) || 0.1 * Math.abs(range[0]) || 1;
-    return [range[0] - margin, range[1] + margin];
+    const end = turn / 2 + margin / 2;
+    return [Math.max(range[0] - margin, -end), Math.min(range[1] + margin, end)];
   }
 
   draw(robot, t0, t1, constants, colours) {

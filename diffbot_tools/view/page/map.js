@@ -36,7 +36,7 @@ function drawGrid(context, view, colours) {
     const [px] = view.toScreen(k * step, 0);
     context.moveTo(px, 0);
     context.lineTo(px, view.height);
-    context.fillText(`${(k * step).toFixed(digits)} m`, px + 2, view.height - 4);
+    if (px < view.width - 50) context.fillText(`${(k * step).toFixed(digits)} m`, px + 2, view.height - 4);
   }
   for (let k = Math.ceil(bottom / step); k * step <= top; k += 1) {
     const [, py] = view.toScreen(0, k * step);

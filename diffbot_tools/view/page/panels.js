@@ -38,7 +38,7 @@ export function fillTable(parent, title, head, rows) {
 export function showResult(parent, robot, onTime) {
   parent.replaceChildren();
   const rows = robot.summary;
-  const reached = rows.filter((one) => one.end.startsWith("reached")).length;
+  const reached = rows.filter((one) => one.end.startsWith("reached") && one.level === 0).length;
   const head = add(parent, "p", "", { class: "health" });
   if (rows.length) add(head, "strong", `${reached} of ${rows.length} ${rows.length === 1 ? "goal" : "goals"} reached`);
   for (const [level, text] of robot.health) add(head, "span", text, { "data-level": String(level) });
@@ -55,7 +55,7 @@ export function showResult(parent, robot, onTime) {
 
 /** The table of goals and how they ended. */
 export function showSummary(parent, robot) {
-  const head = ["goal (x, y, heading)", "sent [s]", "end", "error [m]", "heading error [deg]", "settled [s]", "path [m]", "direct [m]"];
+  const head = ["goal (x, y, heading)", "sent [s]", "end", "error at the end [m]", "heading error [deg]", "settled [s]", "path [m]", "direct [m]"];
   const rows = robot.summary.map((one) => {
     const [x, y, theta] = one.goal;
     const isBad = /^(not reached|pose lost)/.test(one.end);
