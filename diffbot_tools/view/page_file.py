@@ -26,6 +26,7 @@ MODULES = (
     "charts.js",
     "panels.js",
     "player.js",
+    "share.js",
     "live.js",
     "main.js",
 )

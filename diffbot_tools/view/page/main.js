@@ -6,6 +6,7 @@ import { unpackRobots } from "./packing.js";
 import { add, EventList, MAX_EVENTS, showDiagnostics, showLaw, showResult, showSummary, showTopics, showValues } from "./panels.js";
 import { Player } from "./player.js";
 import { startPointer } from "./pointer.js";
+import { fragmentOf, pictureOf, readFragment } from "./share.js";
 import { Robot } from "./store.js";
 import { coloursOf, startTheme } from "./theme.js";
 import { View } from "./view.js";
@@ -259,6 +260,7 @@ function startMap(onPose) {
     page.view.follow = !page.view.follow;
     redraw();
   }, true);
+  makeButton("Save picture", "s", savePicture);
   startPointer($("map"), page.view, page.tools, { onPose, onHint: alarm, onChange: () => redraw(), onHover: hoverMap });
   setInterval(() => follow.setAttribute("aria-pressed", String(page.view.follow)), 200);
   for (const [text, length] of WINDOWS) $("window").add(new Option(text, String(length)));
@@ -268,6 +270,38 @@ function startMap(onPose) {
   $("robot").addEventListener("change", () => chooseRobot($("robot").value));
   $("theme").addEventListener("click", changeTheme);
   new ResizeObserver(() => redraw(true)).observe(document.body);
+}
+
+function savePicture() {
+  const title = [$("title").textContent, $("state").textContent, $("clock").textContent].join("   ");
+  pictureOf($("map"), charts, title, colours).toBlob((blob) => {
+    const link = add(document.body, "a", "", { href: URL.createObjectURL(blob), download: "diffbot.png" });
+    link.click();
+    link.remove();
+    URL.revokeObjectURL(link.href);
+  });
+}
+
+/** Put this moment into the address, and the address into the clipboard where the browser allows it. */
+async function copyLink() {
+  history.replaceState(null, "", `#${fragmentOf(page)}`);
+  try {
+    await navigator.clipboard.writeText(location.href);
+    alarm("Link to this moment and view copied.", 5, 0);
+  } catch {
+    alarm("The address of this page now leads to this moment and view.", 5, 0);
+  }
+}
+
+function goToLink() {
+  const { robot, t, zoom, map } = readFragment(location.hash.slice(1));
+  if (robot && robot !== page.robot.name) {
+    chooseRobot(robot);
+    $("robot").value = page.robot.name;
+  }
+  if (t !== null) page.player.go(t);
+  if (map) Object.assign(page.view, map, { follow: false });
+  if (zoom) zoomTo(zoom);
 }
 
 async function startReport() {
@@ -285,6 +319,9 @@ async function startReport() {
   add($("topics"), "p", `${new Date(data.origin).toISOString()}: ${notes.join(", ")}`);
   setRobots(robots);
   page.player.go(data.span[1]);
+  makeButton("Copy link", "l", copyLink);
+  goToLink();
+  addEventListener("hashchange", goToLink);
 }
 
 function startLive() {

@@ -17,6 +17,7 @@ from diffbot_control.ros.messages.conversions import goal_message
 from diffbot_control.ros.navigator import Navigator
 from diffbot_core.errors import DiffbotError
 from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import WheelGeometry
 from diffbot_tools.view.intake import Request
 from diffbot_tools.view.server import Reply
 from diffbot_tools.watch.parameters import WatchConfig
@@ -27,7 +28,13 @@ SERVICE_TIMEOUT = 3.0
 _TRIALS = 3
 """calls of a service: a node drops its response to a client that it has not discovered yet"""
 _IDLE, _FOLLOWING = 0.5, 0.03
-_PARAMETERS = ("xy_goal_tolerance", "yaw_goal_tolerance", "linear.x.max_velocity", "angular.z.max_velocity")
+_PARAMETERS = (
+    "xy_goal_tolerance",
+    "yaw_goal_tolerance",
+    "linear.x.max_velocity",
+    "angular.z.max_velocity",
+    *WheelGeometry._fields,
+)
 
 Services = dict[str, dict[str, bool]]
 
@@ -173,5 +180,11 @@ class Errands:
         finite = [value if isinstance(value, float) and math.isfinite(value) else None for value in values]
         if len(finite) != len(_PARAMETERS) or None in finite[:2]:
             return None
-        xy, yaw, *limits = finite
-        return {"xy_tolerance": xy, "yaw_tolerance": yaw, "limits": dict(zip(("v", "omega"), limits, strict=True))}
+        xy, yaw, v, omega, *wheels = finite
+        limits = {"v": v, "omega": omega}
+        return {
+            "xy_tolerance": xy,
+            "yaw_tolerance": yaw,
+            "limits": limits,
+            "wheels": None if None in wheels else wheels,
+        }
