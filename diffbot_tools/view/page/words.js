@@ -27,7 +27,7 @@ export function inWords(status, toGo, speed, left, tolerance) {
     case "driving": {
       const where = status.waypoint ? ` (goal ${status.waypoint})` : "";
       if (["to and fro", "out and in"].includes(status.finish)) return [0, `correcting sideways, ${lengthText(Math.abs(toGo.lateral))}${where}`];
-      return [0, `driving${where}${rest}${left >= 0.1 ? `, ${shown(left, left < 9.5 ? 1 : 0)} s` : ""}`];
+      return [0, `driving${where}${rest}${left >= 0.5 ? `, ${shown(left, 0)} s` : ""}`];
     }
     case "goal reached":
       if (isMoving) return [0, `moving after the goal was reached${rest}`];

@@ -156,6 +156,8 @@ class RobotWatch:
             pose = out_of_frame(pose, self._odometry_origin)
         if self._estimate is None:
             self._time = time
+            if self._node.count_publishers(self._topic("pose")):
+                return  # an estimate will come, which places the odometry in the map
         self._row("odometry", time, *pose, *twist)
 
     def _on_command(self, message: Any) -> None:

@@ -1,16 +1,24 @@
 """The report in a real browser: it renders, needs nothing else, moves with the slider, and runs no script of a bag."""
 
+import itertools
+import json
 import math
+import re
 
 import browser
+import matplotlib.image
+import numpy as np
 import pytest
 import view_bags
 
+from diffbot_tools.view.page_file import page_text
 from diffbot_tools.view.report_command import write_report
 
 pytestmark = pytest.mark.graph
 TRUTH, ESTIMATE = (0, 114, 178), (213, 94, 0)
 """Colours of the light style, Okabe and Ito's."""
+PURE = ("geometry", "words")
+"""Modules without a page."""
 TRUTH_DARK = (86, 180, 233)
 
 
@@ -163,3 +171,113 @@ def test_an_element_that_gets_in_cannot_load_or_run_anything(new_page, report):
     victim.wait_for(lambda: any("Content Security Policy" in line for line in victim.errors), "the refusal")
     assert victim.get("globalThis.broken") is None
     victim.tab.close()
+
+
+@pytest.mark.parametrize("size", [browser.WIDE, browser.NARROW])
+def test_the_result_comes_first_and_nothing_is_cropped_or_overlaps(new_page, report, size):
+    other = new_page(size).open(report)
+    other.next_frame()
+    assert other.text("#result strong >> nth=0") == "0 of 2 goals reached"
+    card, map_box = (other.tab.locator(place).bounding_box() for place in (".cards button >> nth=1", "#map"))
+    assert card["y"] + card["height"] <= map_box["y"]
+    assert card["y"] + card["height"] <= size[1]
+    for panel in ("#filter", "#law"):
+        other.tab.locator(f"{panel} summary").click()
+    # Neither outside the window nor in a box that is too narrow; what scrolls, scrolls downwards only.
+    cropped = """[...document.querySelectorAll("body *")].filter((one) => one.offsetParent && (
+        one.getBoundingClientRect().right > innerWidth + 1 || one.scrollWidth > one.clientWidth + 1 && one.clientWidth
+    )).map((one) => one.outerHTML.slice(0, 80))"""
+    assert other.get(cropped) == []
+    parts = ["#first > header", "#result", "#tools", "#map-box", "#legend", "#player", "#values"]
+    boxes = [other.tab.locator(part).bounding_box() for part in parts]
+    for above, below in itertools.pairwise(boxes):
+        assert above["y"] + above["height"] <= below["y"] + 1
+    assert other.errors == []
+    other.tab.close()
+
+
+def box_of(page, chart):
+    canvas = page.tab.locator(f".chart canvas >> nth={chart}")
+    canvas.scroll_into_view_if_needed()
+    return canvas.bounding_box()
+
+
+def test_one_cursor_in_all_charts_and_on_the_map(page):
+    box = box_of(page, 0)
+    left = 62  # of the axis
+    page.tab.mouse.move(box["x"] + left + 0.25 * (box["width"] - left), box["y"] + 40)
+    page.next_frame()
+    assert page.get("diffbotPage.hover") == pytest.approx(2.5, abs=0.05)
+    assert "cursor at 2.5" in page.text("#clock")
+    lines = page.get("[...document.querySelectorAll('.chart:not(.hidden) .cursor')].map((one) => one.style.transform)")
+    assert len(set(lines)) == 1
+    # On the map, over the path: the time at which the robot was there, and the coordinates.
+    page.get("diffbotPage.player.go(9.9)")
+    x, y = page.get("diffbotPage.view.toScreen(Math.cos(1.5) + 0.03, Math.sin(1.5) - 0.02)")
+    box = page.tab.locator("#map").bounding_box()
+    page.tab.mouse.move(box["x"] + x, box["y"] + y)
+    page.next_frame()
+    assert page.get("diffbotPage.hover") == pytest.approx(3.0, abs=0.1)
+    assert page.text("#place").startswith("x 0.1")
+    page.tab.mouse.move(box["x"] + x, 2)
+    page.wait("diffbotPage.hover === null", "the end of the cursor")
+
+
+def test_a_drag_zooms_the_time_and_a_double_click_shows_it_all(page):
+    box = box_of(page, 2)
+    width = box["width"] - 62
+    page.tab.mouse.move(box["x"] + 62 + 0.2 * width, box["y"] + 30)
+    page.tab.mouse.down()
+    page.tab.mouse.move(box["x"] + 62 + 0.6 * width, box["y"] + 30, steps=3)
+    page.tab.mouse.up()
+    assert page.get("diffbotPage.zoom") == pytest.approx([2.0, 6.0], abs=0.1)
+    time = page.get("diffbotPage.player.time")
+    page.tab.mouse.dblclick(box["x"] + 100, box["y"] + 30)
+    assert page.get("diffbotPage.zoom") is None
+    assert time != page.get("diffbotPage.player.time"), "a click goes to its time"
+
+
+def test_a_link_leads_to_the_moment_and_the_view(page, new_page, report):
+    page.get(
+        "diffbotPage.player.go(3.25); Object.assign(diffbotPage.view, { x: 0.5, y: 1.5, scale: 99, follow: false })"
+    )
+    page.tab.keyboard.press("l")
+    link = page.wait("location.hash.length > 1 && location.href", "the link")
+    other = new_page().open(link)
+    assert other.get("diffbotPage.player.time") == pytest.approx(3.25)
+    assert other.get("[diffbotPage.view.x, diffbotPage.view.y, diffbotPage.view.scale]") == [0.5, 1.5, 99]
+    other.tab.close()
+    broken = new_page().open(f"{report}#t=x&map=1,2&zoom=9,1&robot=none")
+    assert broken.get("[diffbotPage.player.time === diffbotPage.player.end, diffbotPage.zoom]") == [True, None]
+    broken.tab.close()
+
+
+def test_what_is_seen_is_saved_as_a_picture(page, tmp_path):
+    with page.tab.expect_download() as download:
+        page.tab.keyboard.press("s")
+    download.value.save_as(tmp_path / "seen.png")
+    image = matplotlib.image.imread(tmp_path / "seen.png")
+    colours = np.round(255 * image[:, :, :3]).astype(int).reshape(-1, 3)
+    width = page.get("document.getElementById('map').clientWidth")
+    assert image.shape[1] > 1.3 * width
+    assert np.count_nonzero(np.abs(colours - np.array(TRUTH)).sum(axis=1) <= 60) > 200
+
+
+@pytest.mark.parametrize(
+    ("status", "speed", "words"),
+    [
+        ({"text": "driving", "left": 3.2}, 0.4, "driving: 1.50 m and 14 deg to go, 3 s"),
+        ({"text": "driving", "finish": "to and fro"}, 0.1, "correcting sideways, 98 cm"),
+        ({"text": "driving", "isPaused": True}, 0.0, "paused"),
+        ({"text": "goal reached", "isHeld": True}, 0.5, "moving after the goal was reached: 1.50 m and 14 deg to go"),
+        ({"text": "stale pose", "filter": "odometry stands still"}, 0.0, "stopped: odometry stands still"),
+        ({"text": "goal not reached", "reason": "no progress"}, 0.0, "gave up: no progress"),
+    ],
+)
+def test_states_in_words(new_page, status, speed, words):
+    source = "".join(re.sub(r"^import .*|^export ", "", page_text(f"{name}.js"), flags=re.M) for name in PURE)
+    to_go = {"distance": 1.5, "heading": -0.25, "lateral": 0.98}
+    blank = new_page().tab
+    arguments = ", ".join(map(json.dumps, (status, to_go, {"v": speed, "omega": 0.0}, status.get("left"), 0.1)))
+    assert blank.evaluate(f"() => {{ {source} return inWords({arguments})[1]; }}") == words
+    blank.close()
