@@ -62,16 +62,20 @@ class BagRun(NamedTuple):
 
 
 @np.errstate(all="ignore")
-def read_bag_run(bag: Path, config: ControllerConfig | None = None) -> BagRun:
+def read_bag_run(bag: Path, config: ControllerConfig | None = None, is_from_goal: bool = False) -> BagRun:
     """Read a bag; without ``config``, tolerances and limits are those that the recorder noted, or those of ``tuned``.
 
-    A number in the bag may be any: what overflows is inf or nan, and left out of the drawing.
+    A number in the bag may be any: what overflows is inf or nan, and left out of the drawing. Time begins with the
+    first pose, or with the first goal, if there is one and ``is_from_goal``.
 
     Raises:
         DiffbotError: if it cannot be read, or holds no robot's pose.
     """
     tables = read_tables(bag)
     clock = clock_of(tables.robots)
+    sent = [goal.time for robot in tables.robots for goal in goals_of(robot, clock)] if is_from_goal else []
+    if sent:
+        clock = clock._replace(origin=int(clock.stamps_of(np.array(min(sent)))))
     robots = [_robot_run(robot, tables, clock, config) for robot in tables.robots]
     robots = [robot for robot in robots if {"truth", "estimate", "odometry"} & set(robot.curves)]
     if not robots:
@@ -109,35 +113,42 @@ def _path_of(curves: dict[str, Columns], clock: Clock) -> Trajectory:
 
 
 @np.errstate(all="ignore")
-def page_data(run: BagRun) -> dict[str, Any]:
-    """Return what the page embeds."""
+def page_data(run: BagRun, *others: BagRun) -> dict[str, Any]:
+    """Return what the page embeds: of one run, or of several that it lays over each other."""
     packer = Packer()
+    runs = (run, *others)
     robots = [
         {
-            "name": robot.name,
+            "name": _name(robot, one, number) if others else robot.name,
             "curves": {name: packer.table(_thinned(columns)) for name, columns in robot.curves.items()}
             | {"plan": packer.table(robot.plan)},
             "landmarks": [list(landmark) for landmark in robot.landmarks],
             "goals": [[goal.time, *goal.pose] for goal in robot.goals],
             "events": [list(event) for event in robot.events],
             "summary": goal_rows(robot.curves, robot.goals, robot.events, robot.config),
-            "health": health_lines(robot.curves, robot.events, NEES_BOUNDS[1], run.tables.lost, run.tables.is_cut_off),
+            "health": health_lines(robot.curves, robot.events, NEES_BOUNDS[1], one.tables.lost, one.tables.is_cut_off),
             "states": robot.states,
             "constants": constants_of(robot.config, robot.wheels) | {"nees": NEES_BOUNDS},
         }
-        for robot in run.robots
+        for number, one in enumerate(runs, 1)
+        for robot in one.robots
     ]
     return {
         "kind": "report",
-        "title": run.title,
+        "isComparison": bool(others),
+        "title": " against ".join(one.title for one in runs),
         "origin": run.clock.origin // 10**6,
-        "span": _span(run.robots),
-        "messages": run.tables.messages,
-        "malformed": run.tables.malformed,
+        "span": _span([robot for one in runs for robot in one.robots]),
+        "messages": sum(one.tables.messages for one in runs),
+        "malformed": sum(one.tables.malformed for one in runs),
         "robots": robots,
-        "topics": [topic_figures(topic) for topic in run.tables.topics[:MAX_TOPICS]],
+        "topics": [topic_figures(topic) for topic in ([] if others else run.tables.topics[:MAX_TOPICS])],
         "packed": packer.text(),
     }
+
+
+def _name(robot: RobotRun, run: BagRun, number: int) -> str:
+    return f"{number}: {run.title}" + (f" {robot.name}" if len(run.robots) > 1 else "")
 
 
 def _thinned(columns: Columns) -> Columns:

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from diffbot_core.errors import DiffbotError
+
+MAX_BAGS = 3
+"""in one report"""
 
 
 class ReportOptions(NamedTuple):
@@ -18,6 +22,8 @@ class ReportOptions(NamedTuple):
     csv: bool = False
     tum: bool = False
     png: bool = False
+    others: tuple[Path, ...] = ()
+    """bags that are laid over the first one"""
 
 
 def add_report(commands: Any) -> None:
@@ -25,7 +31,12 @@ def add_report(commands: Any) -> None:
     from diffbot_control.law.presets import PRESETS  # noqa: PLC0415
 
     report = commands.add_parser("report", help="write a page about a recorded bag, one HTML file")
-    report.add_argument("bag", type=Path, help="folder of the bag, or an .mcap file")
+    report.add_argument(
+        "bag",
+        type=Path,
+        nargs="+",
+        help=f"folder or .mcap file of a bag; up to {MAX_BAGS} are laid over each other",
+    )
     report.add_argument("-o", "--out", type=Path, help="file to write (default: BAG.html beside the bag)")
     report.add_argument(
         "--preset",
@@ -38,9 +49,9 @@ def add_report(commands: Any) -> None:
 
 
 def _call(options: argparse.Namespace) -> int:
-    bag: Path = options.bag
+    bag, *others = options.bag
     out = options.out or bag.resolve().with_suffix(".html")
-    return run(ReportOptions(bag, out, options.preset, options.csv, options.tum, options.png))
+    return run(ReportOptions(bag, out, options.preset, options.csv, options.tum, options.png, tuple(others)))
 
 
 def run(options: ReportOptions) -> int:
@@ -54,15 +65,28 @@ def run(options: ReportOptions) -> int:
         raise DiffbotError(f"--out {out}: must end with .html")
     if not out.parent.is_dir():
         raise DiffbotError(f"--out {out}: no folder {out.parent}")
-    files = write_report(options.bag.expanduser(), out, options.preset, options.csv, options.tum, options.png)
+    if len(options.others) >= MAX_BAGS:
+        raise DiffbotError(f"{1 + len(options.others)} bags: must be at most {MAX_BAGS}")
+    if options.others and (options.csv or options.tum or options.png):
+        raise DiffbotError("--csv, --tum and --png: only with one bag")
+    bag, *others = (one.expanduser() for one in (options.bag, *options.others))
+    files = write_report(bag, out, options.preset, options.csv, options.tum, options.png, others)
     print(f"Report {out}" + (f", beside it {', '.join(path.name for path in files)}" if files else ""))
     return 0
 
 
 def write_report(
-    bag: Path, out: Path, preset: str | None = None, csv: bool = False, tum: bool = False, png: bool = False
+    bag: Path,
+    out: Path,
+    preset: str | None = None,
+    csv: bool = False,
+    tum: bool = False,
+    png: bool = False,
+    others: Sequence[Path] = (),
 ) -> list[Path]:
     """Write the page ``out``, which appears whole or not at all; return the files beside it.
+
+    Of several bags, the times of each begin with its first goal.
 
     Raises:
         DiffbotError: if the bag cannot be read, or a file cannot be written.
@@ -74,9 +98,10 @@ def write_report(
     from diffbot_tools.view.page_file import html  # noqa: PLC0415
     from diffbot_tools.view.report import page_data, read_bag_run  # noqa: PLC0415
 
-    found = read_bag_run(bag, None if preset is None else PRESETS[preset])
+    config = None if preset is None else PRESETS[preset]
+    found = [read_bag_run(one, config, bool(others)) for one in (bag, *others)]
     try:
-        write_text(out, html(page_data(found)))
-        return export(found, out, csv, tum, png)
+        write_text(out, html(page_data(*found)))
+        return export(found[0], out, csv, tum, png)
     except OSError as error:
         raise DiffbotError(f"cannot write {out}: {error.strerror or error}") from error

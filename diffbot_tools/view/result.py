@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import operator
 from collections.abc import Mapping, Sequence
 from math import degrees
 from typing import Any
@@ -11,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from diffbot_control.law.configuration import ControllerConfig
-from diffbot_core.geometry import Pose
 from diffbot_tools.metrics import GoalMetrics, goal_metrics
 from diffbot_tools.view.bag_tables import Timed
 from diffbot_tools.view.clock import Clock, Columns
@@ -37,7 +35,10 @@ def length_text(metres: float) -> str:
 def goal_rows(
     curves: Mapping[str, Columns], goals: Sequence[GoalSent], events: Sequence[Event], config: ControllerConfig
 ) -> list[dict[str, Any]]:
-    """Return a row per goal: how it ended, figures from the true path (or the estimated one), and both in words."""
+    """Return a row per goal: how it ended, and figures of the true (else the estimated) path, both also in words.
+
+    The path of a goal that was reached ends with its answer, that of others with the next goal.
+    """
     columns = curves.get("truth", curves.get("estimate"))
     rows = []
     for index, (time, pose) in enumerate(goals):
@@ -46,8 +47,12 @@ def goal_rows(
         row: dict[str, Any] = {"goal": list(pose), "time": time, "end": end, "ended": ended}
         lines: list[Line] = []
         is_off = False
-        tolerance = config.tolerance.xy_goal_tolerance, config.tolerance.yaw_goal_tolerance
-        if (found := _metrics(columns, time, following, pose, *tolerance)) is not None:
+        # What comes after the answer, such as a reset of the simulation, is not the drive's.
+        until = ended if ended is not None and end.startswith("reached") else following
+        if columns is not None and (part := (columns["t"] >= time) & (columns["t"] <= until)).any():
+            poses = np.column_stack([columns[name][part] for name in ("x", "y", "theta")])
+            xy, yaw = config.tolerance.xy_goal_tolerance, config.tolerance.yaw_goal_tolerance
+            found = goal_metrics(columns["t"][part], poses, pose, xy, yaw)
             row |= {
                 "position_error": found.position_error,
                 "heading_error": found.heading_error,
@@ -55,30 +60,13 @@ def goal_rows(
                 "path": found.path_length,
                 "direct": found.direct_distance,
             }
-        # What comes after the answer, such as a reset of the simulation, is not the drive's.
-        until = ended if ended is not None and end.startswith("reached") else following
-        if (found := _metrics(columns, time, until, pose, *tolerance)) is not None:
-            errors = found.position_error, found.heading_error
-            is_off = end.startswith("reached") and any(map(operator.gt, errors, tolerance))
+            is_off = end.startswith("reached") and (found.position_error > xy or found.heading_error > yaw)
             lines += _figures(found, "True" if "truth" in curves else "Estimated", is_off)
         if "law" in curves and "command" in curves:
             lines += _limits(curves["command"], time, following if ended is None else ended, config)
         verdict = _verdict(end, ended, time, math.isinf(following), is_off)
         rows.append(row | {"level": verdict[0], "verdict": verdict[1], "lines": lines})
     return rows
-
-
-def _metrics(
-    columns: Columns | None, begin: float, end: float, goal: Pose, xy_tolerance: float, yaw_tolerance: float
-) -> GoalMetrics | None:
-    """Return the figures of the poses of an interval [s]; None if there are none."""
-    if columns is None:
-        return None
-    part = (columns["t"] >= begin) & (columns["t"] <= end)
-    if not part.any():
-        return None
-    poses = np.column_stack([columns[name][part] for name in ("x", "y", "theta")])
-    return goal_metrics(columns["t"][part], poses, goal, xy_tolerance, yaw_tolerance)
 
 
 def _end_of(events: Sequence[Event], begin: float, following: float) -> tuple[str, float | None]:

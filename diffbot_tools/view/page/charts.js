@@ -45,6 +45,7 @@ const GROUPS = {
 };
 const HEIGHT = 92;
 const LEFT = 62;
+const SHADED = /[,;] [^,;]*shaded.*/; // words about what a comparison does not draw
 const SHORTEST = 4; // [pixels] of a drag that zooms
 
 const columnOf = (robot, { curve, column }) => {
@@ -54,6 +55,15 @@ const columnOf = (robot, { curve, column }) => {
 const hasNumbers = (robot, one) => {
   const found = columnOf(robot, one);
   return found !== null && rangeOf(found.columns[one.column], 0, found.rows) !== null;
+};
+
+/** The lines of a chart, each with its robot; of several runs, the best line of each in its own colour. */
+const linesOf = ({ lines }, robot, runs) => {
+  if (!runs) return lines.map((one) => ({ ...one, robot }));
+  return runs.flatMap((run) => {
+    const best = lines.find((one) => hasNumbers(run, one));
+    return best ? [{ ...best, robot: run, colour: run.colour, label: run.name }] : [];
+  });
 };
 
 /** A number of an axis with this step, short enough to stand beside it. */
@@ -114,8 +124,10 @@ export class Chart {
     this.box = make("div", parent);
     this.box.className = "chart";
     const head = make("p", this.box);
-    make("span", head, definition.unit ? `${definition.title} [${definition.unit}]` : definition.title);
-    this.labels = definition.lines.map((one) => [one, make("span", head)]);
+    this.title = make("span", head);
+    this.addLabel = () => make("span", head);
+    this.labels = [];
+    this.lines = [];
     this.canvas = make("canvas", this.box);
     this.canvas.setAttribute("role", "img");
     this.canvas.setAttribute("aria-label", definition.title);
@@ -174,17 +186,17 @@ export class Chart {
 
   /** Lowest and highest value in a range of times, with what is to be seen beside the lines. */
   valueRange(robot, t0, t1, constants) {
-    const { lines, bounds = [], limit, constant, band, turn = Infinity } = this.definition;
+    const { bounds = [], limit, constant, band, turn = Infinity } = this.definition;
     let range = null;
     const add = (one, factor = one.factor) => {
-      const found = columnOf(robot, one);
+      const found = columnOf(one.robot ?? robot, one);
       if (!found) return;
       const ends = [Math.max(found.indexAt(t0), 0), Math.min(found.indexAt(t1) + 1, found.rows)];
       const ownRange = rangeOf(found.columns[one.column], ...ends);
       if (ownRange) range = rangeOf(ownRange.map((value) => factor * value), 0, 2, range);
     };
-    for (const one of [...lines, ...bounds]) add(one);
-    if (band) [1, -1].forEach((sign) => add(band, sign * band.factor));
+    for (const one of [...this.lines, ...bounds]) add(one);
+    if (band && !this.isComparison) [1, -1].forEach((sign) => add(band, sign * band.factor));
     if (limit && Number.isFinite(constants.limits[limit])) range = rangeOf([constants.limits[limit], -constants.limits[limit]], 0, 2, range);
     if (constant) range = rangeOf(constants[constant], 0, 2, range);
     range ??= [-1, 1];
@@ -193,9 +205,13 @@ export class Chart {
     return [Math.max(range[0] - margin, -end), Math.min(range[1] + margin, end)];
   }
 
-  draw(robot, t0, t1, constants, colours) {
+  draw(robot, runs, t0, t1, constants, colours) {
     const { definition, canvas } = this;
-    const isShown = definition.lines.some((one) => hasNumbers(robot, one));
+    this.isComparison = Boolean(runs);
+    const title = runs ? definition.title.replace(SHADED, "") : definition.title;
+    this.title.textContent = definition.unit ? `${title} [${definition.unit}]` : title;
+    this.lines = linesOf(definition, robot, runs);
+    const isShown = this.lines.some((one) => hasNumbers(one.robot, one));
     this.box.classList.toggle("hidden", !isShown);
     if (!isShown || !canvas.clientWidth) return; // none: its panel is closed
     const context = cleared(canvas);
@@ -213,8 +229,8 @@ export class Chart {
     context.beginPath();
     context.rect(LEFT, 0, width - LEFT, HEIGHT);
     context.clip();
-    if (definition.near) this.shadeNear(context, robot, scale, colours);
-    if (definition.band) this.shadeBand(context, robot, scale, colours);
+    if (definition.near && !runs) this.shadeNear(context, robot, scale, colours);
+    if (definition.band && !runs) this.shadeBand(context, robot, scale, colours);
     context.lineWidth = 1;
     context.strokeStyle = colours.faint;
     context.setLineDash([4, 3]);
@@ -227,8 +243,8 @@ export class Chart {
     for (const level of levels) context.strokeRect(LEFT - 2, scale.y(level), width, 0);
     context.setLineDash([]);
     context.lineWidth = 1.4;
-    for (const one of definition.lines) {
-      const curve = columnOf(robot, one);
+    for (const one of this.lines) {
+      const curve = columnOf(one.robot, one);
       if (!curve) continue;
       context.strokeStyle = colours[one.colour];
       trace(context, curve, curve.columns[one.column], scale, one.factor, definition.turn);
@@ -299,16 +315,18 @@ export class Chart {
   }
 
   /** Show a time by the line and by the numbers of the legend. */
-  point(robot, time, colours) {
+  point(time, colours) {
     if (!this.scale || this.box.classList.contains("hidden")) return;
     const x = this.scale.x(time);
     this.cursor.classList.toggle("hidden", !(x >= LEFT && x <= this.scale.width));
     this.cursor.style.transform = `translateX(${Math.round(x)}px)`;
-    for (const [one, label] of this.labels) {
-      const curve = columnOf(robot, one);
-      label.style.color = colours[one.colour];
-      label.textContent = curve ? `${one.label} ${shown(one.factor * curve.at(one.column, time), this.definition.unit === "deg" ? 1 : 3)} ${this.definition.unit}` : "";
-    }
+    while (this.labels.length < this.lines.length) this.labels.push(this.addLabel());
+    this.lines.forEach((one, index) => {
+      const curve = columnOf(one.robot, one);
+      const value = curve ? shown(one.factor * curve.at(one.column, time), this.definition.unit === "deg" ? 1 : 3) : "";
+      this.labels[index].style.color = colours[one.colour];
+      this.labels[index].textContent = curve ? `${one.label} ${value} ${this.definition.unit}` : "";
+    });
   }
 }
 

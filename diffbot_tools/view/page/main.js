@@ -19,6 +19,7 @@ const page = {
   data: JSON.parse($("data").textContent),
   robots: [],
   robot: new Robot(""),
+  runs: null, // in a comparison: the robots, each with the name of its colour
   constants: { xy_tolerance: 0.1, yaw_tolerance: 0.1, limits: {}, nees: [0, 0] },
   view: new View(),
   tools: { current: "pan", draw: null },
@@ -34,6 +35,7 @@ const FAST_FRAME = 22; // [ms] of a display of 50 Hz
 const PAUSE_FRAMES = 7; // a slow browser draws new data an eighth of the time
 const REACH = 12; // [pixels] from the path within which the pointer shows its time
 const CONFIRM = 3000; // [ms] for the second press of a button that asks
+const RUNS = ["truth", "estimate", "plan"]; // whose colours the runs of a comparison have
 const WORDS = { ellipses: "95 % ellipses", plan: "planned path" };
 
 let colours = {};
@@ -124,17 +126,17 @@ function drawFrame(now) {
   });
   const time = timeNow();
   const { hover, constants, hidden } = page;
-  const context = drawMap($("map"), page.view, page.robots, page.robot, { time, hover, constants, hidden, colours });
+  const context = drawMap($("map"), page.view, page.robots, page.robot, page.runs, { time, hover, constants, hidden, colours });
   if (page.tools.draw) drawArrow(context, page.view, page.tools.draw, 50, page.tools.current === "goal" ? colours.goal : colours.plan);
   const isMoving = time !== lastTime && !page.zoom && (!page.player || Number($("window").value) < page.player.end - page.player.begin);
   lastTime = time;
   if ((areChartsDirty || isMoving) && now - lastCharts > (areChartsDirty ? 15 : page.player ? 90 : 200)) {
     const [t0, t1] = chartSpan(time);
-    for (const chart of charts) chart.draw(page.robot, t0, t1, page.constants, colours);
+    for (const chart of charts) chart.draw(page.robot, page.runs, t0, t1, page.constants, colours);
     lastCharts = now;
     areChartsDirty = false;
   } else if (areChartsDirty && page.player?.isPlaying !== true) redraw();
-  for (const chart of charts) chart.point(page.robot, hover ?? time, colours);
+  for (const chart of charts) chart.point(hover ?? time, colours);
   events.point(time);
   showValues($("values"), page.robot, hover ?? time);
   showLaw($("law-values"), page.robot, hover ?? time);
@@ -146,7 +148,7 @@ function drawFrame(now) {
 
 /** The legend holds what is there, each with a box that hides it. */
 function showLegend() {
-  const layers = layersOf(page.robot);
+  const layers = page.runs?.map(({ name }) => name) ?? layersOf(page.robot);
   if ($("legend").dataset.layers === layers.join()) return;
   $("legend").dataset.layers = layers.join();
   $("legend").replaceChildren();
@@ -155,7 +157,8 @@ function showLegend() {
     const box = add(label, "input", "", { type: "checkbox" });
     box.checked = !page.hidden.has(name);
     const swatch = add(label, "span", "", { class: "swatch" });
-    swatch.style.background = `var(--${name === "ellipses" ? "estimate" : name})`;
+    const colour = page.runs?.find((run) => run.name === name).colour ?? (name === "ellipses" ? "estimate" : name);
+    swatch.style.background = `var(--${colour})`;
     if (name === "ellipses") swatch.style.opacity = "0.4";
     add(label, "span", WORDS[name] ?? name);
     box.addEventListener("change", () => {
@@ -170,7 +173,7 @@ function chooseRobot(name) {
   if (page.robot.constants) page.constants = page.robot.constants;
   events.clear();
   events.append(page.robot.events);
-  showSummary($("summary"), page.robot);
+  showSummary($("summary"), page.runs ?? [page.robot]);
   if (page.player) showResult($("result"), page.robot, goTo);
   Object.assign(page.view, { width: $("map").clientWidth, height: $("map").clientHeight });
   page.view.fit(page.robot);
@@ -309,6 +312,7 @@ async function startReport() {
   document.title = `${data.title} – diffbot`;
   $("title").textContent = data.title;
   const robots = await unpackRobots(data);
+  if (data.isComparison) page.runs = robots.map((robot, index) => Object.assign(robot, { colour: RUNS[index % RUNS.length] }));
   startMap(() => {});
   $("player").classList.remove("hidden");
   $("result").classList.remove("hidden");
@@ -316,7 +320,8 @@ async function startReport() {
   keys.set(" ", () => page.player.toggle());
   showTopics($("topics"), data.topics);
   const notes = [`${data.messages} messages`, ...(data.malformed ? [`${data.malformed} unreadable`] : [])];
-  add($("topics"), "p", `${new Date(data.origin).toISOString()}: ${notes.join(", ")}`);
+  if (!page.runs) add($("topics"), "p", `${new Date(data.origin).toISOString()}: ${notes.join(", ")}`);
+  if (page.runs) $("robot-label").firstChild.textContent = "Run ";
   setRobots(robots);
   page.player.go(data.span[1]);
   makeButton("Copy link", "l", copyLink);

@@ -297,14 +297,35 @@ export function layersOf({ curves, plan, landmarks }) {
   return ["truth", "estimate", "odometry", "fixes", "ellipses", "plan", "landmarks"].filter((name) => has[name]);
 }
 
+/** The best path of each run up to a time, and its robot, in its own colour. */
+function drawRuns(context, view, runs, { time, hidden, colours }) {
+  for (const { name, main, colour, constants } of runs) {
+    if (!main || hidden.has(name)) continue;
+    context.strokeStyle = colours[colour];
+    context.lineWidth = 2;
+    tracePath(context, view, main, 0, main.indexAt(time) + 1);
+    context.stroke();
+    const pose = main.poseAt(time);
+    if (pose) drawRobot(context, view, pose, constants.wheels, colours[colour], false);
+  }
+}
+
 /** Draw everything of one robot at a time, and where the others are; `hover` [s] or null is marked on the path. */
-export function drawMap(canvas, view, robots, robot, { time, hover, constants, hidden, colours }) {
+export function drawMap(canvas, view, robots, robot, runs, { time, hover, constants, hidden, colours }) {
   const context = cleared(canvas);
   view.width = canvas.clientWidth;
   view.height = canvas.clientHeight;
   const present = robot.main?.poseAt(time);
   if (view.follow && present) Object.assign(view, { x: present.x, y: present.y });
   drawGrid(context, view, colours);
+  const marked = hover === null ? null : robot.main?.poseAt(hover);
+  if (marked) drawArrow(context, view, marked, 16, colours.text);
+  drawScaleBar(context, view, colours);
+  if (runs) {
+    drawGoal(context, view, robot, time, constants, colours);
+    drawRuns(context, view, runs, { time, hidden, colours });
+    return context;
+  }
   const { curves } = robot;
   if (curves.fixes && !hidden.has("fixes")) drawFixes(context, view, curves.fixes, time, colours.fixes);
   pathLayer.draw(context, view, robot, time, hidden, colours);
@@ -324,8 +345,5 @@ export function drawMap(canvas, view, robots, robot, { time, hover, constants, h
       drawRobot(context, view, other.main.poseAt(time), constants.wheels, colours.odometry, true, robots.length > 1 ? other.name : "");
     }
   }
-  const marked = hover === null ? null : robot.main?.poseAt(hover);
-  if (marked) drawArrow(context, view, marked, 16, colours.text);
-  drawScaleBar(context, view, colours);
   return context;
 }

@@ -53,24 +53,28 @@ export function showResult(parent, robot, onTime) {
   });
 }
 
-/** The table of goals and how they ended. */
-export function showSummary(parent, robot) {
-  const head = ["goal (x, y, heading)", "sent [s]", "end", "error at the end [m]", "heading error [deg]", "settled [s]", "path [m]", "direct [m]"];
-  const rows = robot.summary.map((one) => {
-    const [x, y, theta] = one.goal;
-    const isBad = /^(not reached|pose lost)/.test(one.end);
-    return [
-      `${shown(x)}, ${shown(y)}, ${degrees(theta)} deg`,
-      shown(one.time, 1),
-      [one.end || "–", isBad ? "bad" : ""],
-      shown(one.position_error, 4),
-      degrees(one.heading_error),
-      shown(one.settled, 1),
-      shown(one.path),
-      shown(one.direct),
-    ];
-  });
-  fillTable(parent, "Goals", head, rows);
+/** The table of goals and how they ended; of several runs goal by goal, with the differences to the first run. */
+export function showSummary(parent, robots) {
+  const isComparison = robots.length > 1;
+  const head = ["goal (x, y, heading)", "sent [s]", "end", "error [m]", "heading error [deg]", "settled [s]", "path [m]", "direct [m]"];
+  const rows = [];
+  for (let i = 0; i < Math.max(...robots.map(({ summary }) => summary.length)); i += 1) {
+    for (const { name, summary } of robots) {
+      const [one, first] = [summary[i], robots[0].summary[i]];
+      if (!one) continue;
+      const value = (key, digits, factor = 1) => {
+        const difference = factor * (one[key] - first?.[key]);
+        const isOther = one !== first && Number.isFinite(one[key]) && Number.isFinite(first?.[key]);
+        return `${shown(one[key] === undefined ? NaN : factor * (one[key] ?? NaN), digits)}${isOther ? ` (${difference < 0 ? "" : "+"}${shown(difference, digits)})` : ""}`;
+      };
+      const [x, y, theta] = one.goal;
+      const end = [one.end || "–", /^(not reached|pose lost)/.test(one.end) ? "bad" : ""];
+      const goal = `${shown(x)}, ${shown(y)}, ${degrees(theta)} deg`;
+      const figures = [value("position_error", 4), value("heading_error", 1, 180 / Math.PI), value("settled", 1), value("path", 2), value("direct", 2)];
+      rows.push([...(isComparison ? [name] : []), goal, shown(one.time, 1), end, ...figures]);
+    }
+  }
+  fillTable(parent, isComparison ? "Goals, with the differences to the first run" : "Goals", isComparison ? ["run", ...head] : head, rows);
 }
 
 /** The table of topics: rates, gaps and delays. */

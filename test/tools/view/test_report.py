@@ -136,6 +136,8 @@ def test_what_cannot_be_reported_is_one_line(circle, tmp_path):
         with pytest.raises(DiffbotError, match=words) as error:
             run(ReportOptions(path, out, "tuned"))
         assert "\n" not in str(error.value)
+    with pytest.raises(DiffbotError, match="4 bags: must be at most 3"):
+        run(ReportOptions(circle, tmp_path / "a.html", None, others=(circle,) * 3))
     assert list(tmp_path.iterdir()) == [no_pose]
 
 
@@ -176,6 +178,25 @@ def test_files_beside_the_report(circle, run_of_circle, tmp_path):
     assert table["error.x"][7] == pytest.approx(0.03)
     assert table["law.rho"][250] == pytest.approx(1.5)
     assert (tmp_path / "run.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_runs_that_are_compared_begin_with_their_first_goal(tmp_path):
+    def messages(before):
+        yield from [("/odom", BEGIN, view_bags.odometry(BEGIN, 0.0, 0.0, 0.0))]
+        for second in (before, before + 3):
+            time = BEGIN + second * 10**9
+            yield "/odom", time, view_bags.odometry(time, second - before, 0.0, 0.0)
+            yield "/goal_pose", time, view_bags.goal(time, 3.0, 0.0, 0.0)
+
+    runs = [
+        read_bag_run(view_bags.write(tmp_path / name, messages(before)), is_from_goal=True)
+        for name, before in (("a", 2), ("b", 7))
+    ]
+    data = page_data(*runs)
+    assert [robot["name"].split(": ")[0] for robot in data["robots"]] == ["1", "2"]
+    assert [[goal[0] for goal in robot["goals"]] for robot in data["robots"]] == [[0.0, 3.0], [0.0, 3.0]]
+    assert [run.robots[0].curves["odometry"]["t"].tolist() for run in runs] == [[-2.0, 0.0, 3.0], [-7.0, 0.0, 3.0]]
+    assert data["span"] == pytest.approx([-7.0, 3.0], abs=2e-3)
 
 
 def test_nothing_in_the_data_can_end_its_element():

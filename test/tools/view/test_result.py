@@ -1,7 +1,5 @@
 """The result of a run in words: how each goal ended, what the filter was worth, which faults there were."""
 
-import math
-
 import numpy as np
 import pytest
 import view_bags
@@ -10,7 +8,7 @@ from diffbot_control.law.presets import PRESETS
 from diffbot_core.geometry import Pose
 from diffbot_tools.view.events import ERROR, OK, WARNING, Event, GoalSent
 from diffbot_tools.view.report import page_data, read_bag_run
-from diffbot_tools.view.result import goal_rows, health_lines, state_rows
+from diffbot_tools.view.result import goal_rows, health_lines
 
 TUNED = PRESETS["tuned"]
 TIME = np.linspace(0.0, 10.0, 101)
@@ -56,7 +54,6 @@ def test_an_answer_that_the_truth_contradicts_is_an_error():
     ("text", "level", "verdict"),
     [
         ("not reached: no progress for 10 s [request]", ERROR, "Not reached: no progress for 10 s (after 4.0 s)"),
-        ("pose lost [request]", ERROR, "Pose lost (after 4.0 s)"),
         ("cancelled [request]", OK, "Cancelled after 4.0 s"),
     ],
 )
@@ -89,10 +86,6 @@ def test_a_consistent_filter_and_an_overconfident_one():
         first, *_ = health_lines({"error": {"nees": nees}}, [], bound, 0, False)
         assert first[0] == level
         assert f"filter {word}: NEES below its 95 % bound {100 * share:.0f} %" in first[1]
-    nis = {"nis": np.array([1.0, 1.1, math.nan]), "nis_high": np.full(3, 1.3)}
-    assert health_lines({"filter": nis}, [], bound, 0, False)[0] == (
-        OK, "filter consistent: NIS below its bound 100 % of the time"
-    )  # fmt: skip
 
 
 def test_losses_and_faults_are_named_the_worst_first():
@@ -117,9 +110,3 @@ def test_a_bag_without_its_end_says_so(tmp_path, circle):
     for path, is_told in ((killed, True), (circle, False)):
         (robot,) = page_data(read_bag_run(path))["robots"]
         assert any("cut off" in text for _, text in robot["health"]) is is_told
-
-
-def test_states_are_kept_when_they_change(circle):
-    run = read_bag_run(circle)
-    states = state_rows(run.tables.robots[0].texts, run.clock)
-    assert [(round(time, 3), state["text"], state["isHeld"]) for time, state in states] == [(0.002, "driving", True)]
