@@ -10,8 +10,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "test" / "support"))
 import browser
 
 ROOT = Path(__file__).parents[1]
-SIZE = (1200, 760)
-TIME = 16.0
+SIZE = (1200, 840)
+TIME = 12.5
 """[s] on the way to the second goal"""
 
 

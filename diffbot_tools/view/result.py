@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from diffbot_control.goals.states import NOT_AT_GOAL
 from diffbot_control.law.configuration import ControllerConfig
 from diffbot_tools.metrics import GoalMetrics, goal_metrics
 from diffbot_tools.view.bag_tables import Timed
@@ -142,8 +143,8 @@ def health_lines(
 
 def _is_fault(event: Event) -> bool:
     """True for faults, relocations and states that are errors, but for the end of a goal, which its card tells."""
-    is_state = event.kind == "state" and event.level >= ERROR and ": goal " not in event.text
-    return is_state or event.kind in ("fault", "relocation")
+    is_state = event.kind == "state" and event.level >= ERROR
+    return (is_state or event.kind in ("fault", "relocation")) and f": {NOT_AT_GOAL}" not in event.text
 
 
 def _consistency(curves: Mapping[str, Columns], nees_bound: float) -> Line | None:

@@ -175,6 +175,9 @@ function chooseRobot(name) {
   events.append(page.robot.events);
   showSummary($("summary"), page.runs ?? [page.robot]);
   if (page.player) showResult($("result"), page.robot, goTo);
+  // What stands around the map, and so its size.
+  showLegend();
+  showValues($("values"), page.robot, timeNow());
   Object.assign(page.view, { width: $("map").clientWidth, height: $("map").clientHeight });
   page.view.fit(page.robot);
   redraw(true);

@@ -205,6 +205,7 @@ def test_one_cursor_in_all_charts_and_on_the_map(page):
     assert "cursor at 2.5" in page.text("#clock")
     lines = page.get("[...document.querySelectorAll('.chart:not(.hidden) .cursor')].map((one) => one.style.transform)")
     assert len(set(lines)) == 1
+    assert float(re.search(r"[\d.]+", lines[0])[0]) == pytest.approx(left + 0.25 * (box["width"] - left), abs=2)
     # On the map, over the path: the time at which the robot was there, and the coordinates.
     page.get("diffbotPage.player.go(9.9)")
     x, y = page.get("diffbotPage.view.toScreen(Math.cos(1.5) + 0.03, Math.sin(1.5) - 0.02)")

@@ -93,6 +93,7 @@ def test_losses_and_faults_are_named_the_worst_first():
         Event(1.0, "fault", WARNING, "plant: slow"),
         Event(2.0, "state", ERROR, "controller: stale pose"),
         Event(3.0, "state", ERROR, "controller: goal not reached"),
+        Event(3.1, "fault", ERROR, "controller: goal not reached; ok"),
         Event(4.0, "goal", OK, "goal 1"),
     ]
     found = health_lines({}, events, 9.35, 7, True)
