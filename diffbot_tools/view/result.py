@@ -134,11 +134,19 @@ def health_lines(
         lines.append((WARNING, "recording cut off: the bag was not closed"))
     if lost is not None:
         lines.append((WARNING, f"{lost} messages lost") if lost else (OK, "no message lost"))
-    faults = {event.text: event.level for event in events if _is_fault(event)}
+    faults = {event.text: event.level for event in _until_shutdown(events) if _is_fault(event)}
     words = sorted(faults, key=lambda text: -faults[text])
     more = f" and {len(words) - _MAX_FAULTS} more" if len(words) > _MAX_FAULTS else ""
     text = f"faults: {'; '.join(words[:_MAX_FAULTS])}{more}" if words else "no fault reported"
     return [*lines, (max(faults.values(), default=OK), text)]
+
+
+def _until_shutdown(events: Sequence[Event]) -> Sequence[Event]:
+    """Return the events until the controller became inactive for good: then the nodes end, one after the other."""
+    last = max(
+        (at for at, one in enumerate(events) if one.kind == "state" and one.text.startswith("controller: ")), default=0
+    )
+    return events[:last] if last and events[last].text == "controller: inactive" else events
 
 
 def _is_fault(event: Event) -> bool:

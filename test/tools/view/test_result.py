@@ -102,6 +102,10 @@ def test_losses_and_faults_are_named_the_worst_first():
         (WARNING, "7 messages lost"),
         (ERROR, "faults: controller: stale pose; plant: slow"),
     ]
+    # Nodes that end one after the other miss each other, until which the run was whole.
+    end = [Event(5.0, "state", OK, "controller: inactive"), Event(5.0, "state", ERROR, "ekf: no odometry")]
+    assert health_lines({}, [*events, *end], 9.35, 7, True) == found
+    assert health_lines({}, [*end, Event(6.0, "state", OK, "controller: idle")], 9.35, 0, False)[-1][0] == ERROR
     assert health_lines({}, [], 9.35, 0, False) == [(OK, "no message lost"), (OK, "no fault reported")]
 
 
