@@ -117,6 +117,23 @@ except ImportError as error:
     raise DiffbotError("compiled simulation needs numba: pip install 'numba>=0.60'") from error
 
 
+def _name_by_value(kind: Any) -> None:
+    """Name compiled functions by the content of types of a kind, not by a number that is another one in each process.
+
+    Of two functions with the same name the one that is loaded first runs, even if the cache has them from two
+    processes in which two types had one number; and the type of an array in a record is named without its shape.
+    """
+
+    def mangling_args(self: Any) -> tuple[str, tuple[str]]:
+        return kind.__name__, (hashlib.sha256(self.name.encode()).hexdigest()[:DIGITS],)
+
+    kind.mangling_args = property(mangling_args)
+
+
+for _kind in (numba.types.Record, numba.types.NestedArray):
+    _name_by_value(_kind)
+
+
 def _cache_folder() -> Path:
     """Return the folder of the cache, named after the code.
 

@@ -35,6 +35,30 @@ def test_without_a_folder_for_the_cache_it_compiles_in_one_of_its_own(tmp_path, 
         assert Path(numba.config.CACHE_DIR).stat().st_mode & 0o077 == 0
 
 
+NAMES = """
+import sys
+import numba
+import numpy as np
+from numba.core.itanium_mangler import mangle
+from diffbot_sim.compiled import ekf, jit
+
+for n in sys.argv[1:]:
+    record = numba.typeof(np.zeros(1, ekf.belief_type(int(n)))).dtype
+    print(n, mangle("f", [record]), mangle("f", [record.typeof("P")]))
+"""
+
+
+def test_functions_for_records_of_two_sizes_have_names_of_their_own_in_every_process():
+    """The cache may hold both from two processes; of equal names, the first that is loaded would run for both."""
+    found = set()
+    for sizes in ("6", "10"), ("10", "6"):
+        command = [sys.executable, "-P", "-c", NAMES, *sizes]
+        found.update(subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines())
+    assert len(found) == 2
+    names = [name for line in found for name in line.split()[1:]]
+    assert len(set(names)) == 4
+
+
 CACHE = """
 import numba  # first, as a user's program may have it
 from pathlib import Path
