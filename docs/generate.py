@@ -41,6 +41,7 @@ from diffbot_bag.tools.contract import BagRules, TopicRules
 from diffbot_control.law.presets import PAPER, PRESETS
 from diffbot_core.geometry import Pose
 from diffbot_core.schema import Spec, parameters_of
+from diffbot_lab.filter_benchmark import calibration as calibration_benchmark
 from diffbot_lab.filter_benchmark import peer_report
 from diffbot_lab.filter_benchmark import real_drives as real_benchmark
 from diffbot_lab.filter_benchmark.real_calibration import calibrated_table
@@ -98,7 +99,7 @@ def real_robots_page() -> str:
     real, simulated = read_data(REAL), read_data(CALIBRATION)
     text = between_markers(text, "shipped", "\n\n".join(real_benchmark.table(one) for one in real["sets"]))
     text = between_markers(text, "calibrated", "\n\n".join(calibrated_table(one["calibrated"]) for one in real["sets"]))
-    return between_markers(text, "simulated", _simulated(simulated))
+    return between_markers(text, "simulated", calibration_benchmark.table(simulated))
 
 
 def peer_page() -> str:
@@ -108,19 +109,6 @@ def peer_page() -> str:
         (RESULTS / "robot-localization.md").read_text(), "conditions", peer_report.conditions(results)
     )
     return between_markers(text, "table", peer_report.table(results))
-
-
-def _simulated(results: dict[str, Any]) -> str:
-    """Return how often the calibration of simulated drives holds the true numbers, as a sentence."""
-    inside = ", ".join(f"{one['name']} {one['inside']}" for one in results["numbers"])
-    ratios = [one["rms"] for one in results["numbers"]]
-    (low, high), (first, last) = results["nis_after"], results["nis_held_out"]
-    return (
-        f"The true number is inside its 95 % interval in so many of {results['runs']} drives: {inside}. The rms error "
-        f"is {min(ratios):.2f} to {max(ratios):.2f} of the stated deviation. Mean NIS per number: "
-        f"{results['nis_before']:.1f} before; with the numbers found {low:.3f} to {high:.3f}, over minutes that were "
-        f"not used {first:.3f} to {last:.3f}."
-    )
 
 
 def real_ros_page() -> str:

@@ -18,7 +18,7 @@ Times = Mapping[str, float]
 Stamps = Mapping[Source, int]
 """Stamp [ns] of the newest measurement of each source; never changed in place."""
 NO_STAMPS: Stamps = {}
-_MIN_DT = 1e-3
+MIN_DT = 1e-3
 """[s] Measurements of one source that are nearer count as this far apart."""
 
 
@@ -45,4 +45,4 @@ def inflation_of(stamps: Stamps, measurement: Measurement, times: Times) -> floa
 
 def inflation_after(dt: float, time: float) -> float:
     """Return (1 + c) / (1 - c) with c = exp(-dt / time) for measurements ``dt`` [s] apart; ``time`` > 0 [s]."""
-    return 1.0 / math.tanh(0.5 * max(dt, _MIN_DT) / time)
+    return 1.0 / math.tanh(0.5 * max(dt, MIN_DT) / time)

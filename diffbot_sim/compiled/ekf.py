@@ -3,9 +3,9 @@
 It serves campaigns (:mod:`diffbot_sim.compiled.gated_filter`) and ``diffbot calibrate``. The models are the same
 functions; a test holds the algebra to filterpy's filter.
 
-The first n of these states, where n is 6, 10 or 13: x, y, theta; relative errors of the radii, left, right, and of the
-wheel separation; offset [m] and scale of the ranges to landmarks, and offset [rad] of their bearings; bias of the gyro
-[rad/s]; error (x, y, theta) of the present fix, where those of neighbouring fixes are correlated. An error whose
+The first n of these states, where n is 6, or 10 and more: x, y, theta; relative errors of the radii, left, right, and
+of the wheel separation; offset [m] and scale of the ranges to landmarks, and offset [rad] of their bearings; bias of
+the gyro [rad/s]; errors of single sources, where those of neighbouring measurements are correlated. An error whose
 variance is zero is known: it stays.
 
 Arrays stand in numpy's records, which compiled code knows by one address and with sizes that are constants.
@@ -45,7 +45,7 @@ from diffbot_control.filter.models import (
 from diffbot_core.geometry import Point, Pose, wrap_angle
 from diffbot_core.kinematics import Twist
 
-POSE, WHEELS, LANDMARKS, GYRO, FIX_ERRORS = 3, 6, 9, 10, 13
+POSE, WHEELS, LANDMARKS, GYRO = 3, 6, 9, 10
 """Number of states up to and including these."""
 _SMALLEST = 1e-300
 """Variance that stands for one that rounding has made negative."""

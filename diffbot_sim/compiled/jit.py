@@ -119,18 +119,21 @@ except ImportError as error:
     raise DiffbotError("compiled simulation needs numba: pip install 'numba>=0.60'") from error
 
 
-def _name_in_symbols(record: Any) -> tuple[str, tuple[str]]:
-    """Name the type of a record by its layout, for the symbols of functions that take one.
+def _name_by_value(kind: Any) -> None:
+    """Name compiled functions by the content of types of a kind, not by a number that is another one in each process.
 
-    numba names it by a number that it has in this process only. Two kernels from the cache that were compiled in
-    different processes, for records of different layouts, may then have a symbol in common: one of them would run the
-    other's functions.
+    Of two functions with the same name the one that is loaded first runs, even if the cache has them from two
+    processes in which two types had one number; and the type of an array in a record is named without its shape.
     """
-    return "Record", (hashlib.sha256(str(record).encode()).hexdigest()[:DIGITS],)
+
+    def mangling_args(self: Any) -> tuple[str, tuple[str]]:
+        return kind.__name__, (hashlib.sha256(self.name.encode()).hexdigest()[:DIGITS],)
+
+    kind.mangling_args = property(mangling_args)
 
 
-_record: Any = numba.types.Record
-_record.mangling_args = property(_name_in_symbols)
+for _kind in (numba.types.Record, numba.types.NestedArray):
+    _name_by_value(_kind)
 
 
 def _cache_folder() -> Path:

@@ -10,16 +10,17 @@ import numpy as np
 
 from diffbot_control.filter.measurements import Source
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
-from diffbot_tools.calibration.events import FIX, Array, Events, Mask, averaged
+from diffbot_sim.compiled.ekf import GYRO
+from diffbot_tools.calibration.events import Array, Events, Mask, averaged, with_error_states
 from diffbot_tools.calibration.likelihood import Filtered, Prior, run_events, settings_of
 from diffbot_tools.calibration.optimise import Fit, Likelihood, constants_of, fit
 from diffbot_tools.calibration.quantities import (
-    UP,
     Quantity,
     given_prior,
     quantities_of,
     search_prior,
     search_settings,
+    times_of,
     with_values,
 )
 from diffbot_tools.calibration.settings import DENSITY, NIS, NUMBERS, TERM, WHITE, Settings
@@ -31,9 +32,11 @@ PERIOD = 0.05
 _BLOCK, _MIN_BLOCKS = 60.0, 6
 """[s] held-out parts, shorter if a drive would have fewer than this"""
 _GAIN = 3.0
-"""Log likelihood that correlated errors of fixes must gain to be believed."""
+"""Log likelihood that correlated errors of a sensor must gain to be believed."""
 _LONGEST = 100.0
 """[s] correlation time searched"""
+_PERIODS = (0.5, 2.0, 8.0)
+"""Correlation times from which the search starts, in periods of the sensor."""
 
 
 class Judged(NamedTuple):
@@ -57,6 +60,8 @@ class Calibration(NamedTuple):
     """(6,) their means"""
     constants_covariance: Array
     """(6, 6)"""
+    biases: list[tuple[float, float]]
+    """of the gyro at the end of each drive that has one, and its deviation [rad/s]"""
     settings: Settings
     """of the search, at the given values"""
     before: Judged
@@ -77,31 +82,34 @@ def calibrate(
         on_evaluation: called after each evaluation of the likelihood, in any thread.
         on_phase: called with a text for each part of the work that begins.
     """
-    settings = search_settings(settings_of(config), drives, config)
+    given = settings_of(config)
+    settings = search_settings(given, drives, config)
     quantities, prior = quantities_of(drives, config), search_prior(drives, config)
     coarse = [one if settings.noise == DENSITY else averaged(one, PERIOD) for one in drives]
     train = [_every_other(one) for one in coarse]
 
-    def likelihood(use: list[Mask]) -> Likelihood:
-        made = Likelihood(coarse, use, settings, prior, quantities)
-        made.on_evaluation = on_evaluation
-        return made
-
     measured, seconds = sum(len(one.measurements.time) for one in drives), sum(one.duration for one in drives)
     on_phase(f"{measured} measurements in {seconds:.0f} s; searching {', '.join(one.name for one in quantities)}")
-    first = fit(likelihood(train), _starts(quantities))
-    if any((one.measurements.kind == FIX).any() for one in drives):
-        on_phase("trying errors of the fixes that are correlated in time")
-        more = _with_correlation(likelihood(train), first)
-        if more is not None:
-            settings, quantities, first = more
-    complete = likelihood([np.ones(len(one.measurements.time), dtype=bool) for one in coarse])
+    likelihood = Likelihood(coarse, train, settings, prior, quantities, on_evaluation)
+    first = fit(likelihood, _starts(quantities))
+    for sensor, name in enumerate(times_of(config)):
+        if any((one.measurements.sensor == sensor).any() for one in drives):
+            on_phase(f"trying {name}: errors that are correlated in time")
+            needed = _GAIN if given.times[sensor] == 0.0 else -math.inf
+            more = _with_correlation(likelihood, first, name, sensor, needed)
+            if more is not None:
+                likelihood, first = more
+    quantities = likelihood.quantities
     on_phase("refining with all measurements; constant errors of wheels and landmarks")
-    found = fit(complete, [first.values])
-    constants, covariance = constants_of(complete, found)
+    likelihood.use = [np.ones(len(one.measurements.time), dtype=bool) for one in coarse]
+    found = fit(likelihood, [first.values])
+    constants, covariance = constants_of(likelihood, found)
+    ends, bias = likelihood.filtered(found.values), GYRO - 1
     on_phase("judging on the half that was held out")
-    before = [run_events(one, given_prior(config), settings_of(config)) for one in drives]
-    after = [run_events(one, prior, with_values(settings, quantities, first.values)) for one in drives]
+    before = [run_events(one, given_prior(config), given) for one in drives]
+    sensors = {one.place[0] for one in quantities if one.field == "times"}
+    found_settings = with_values(settings, quantities, first.values)
+    after = [run_events(with_error_states(one, sensors), prior, found_settings) for one in drives]
     held_out = [~one for one in train]
     return Calibration(
         drives,
@@ -110,6 +118,7 @@ def calibrate(
         prior,
         constants,
         covariance,
+        [(float(one.x[bias]), math.sqrt(one.P[bias, bias])) for one in ends if one.P[bias, bias] > 0.0],
         settings,
         _judge(drives, before, held_out),
         _judge(drives, after, held_out),
@@ -129,7 +138,7 @@ def _starts(quantities: list[Quantity]) -> list[Array]:
     for delay, noise in ((None, 0.0), (0.15, 2.0), (0.3, 5.0)):
         start = np.array([one.start + (noise if one.logarithmic else 0.0) for one in quantities])
         for index, one in enumerate(quantities):
-            if one.name.endswith("_factor"):
+            if one.field == "factors":
                 start[index] = 0.3 * noise
             elif delay is not None and not one.logarithmic:
                 start[index] = delay
@@ -137,20 +146,33 @@ def _starts(quantities: list[Quantity]) -> list[Array]:
     return starts
 
 
-def _with_correlation(white: Likelihood, first: Fit) -> tuple[Settings, list[Quantity], Fit] | None:
-    """Fit with errors of the fixes that last a while; None if the drive does not show that they do."""
-    times = np.concatenate([np.diff(one.measurements.time[one.measurements.kind == FIX]) for one in white.drives])
-    period = float(np.median(times[times > 0.0])) if (times > 0.0).any() else 1.0
-    start = math.log(period)
-    extra = Quantity("fix_correlation_time", True, start, math.log(0.1 * period), math.log(_LONGEST), UP, UP)
-    quantities = [*white.quantities, extra]
-    settings = white.settings._replace(fix_bias=True)
-    likelihood = Likelihood(white.drives, white.use, settings, white.prior, quantities)
-    likelihood.on_evaluation = white.on_evaluation
-    found = fit(likelihood, [np.append(first.values, start)])
-    if first.cost - found.cost < _GAIN:
+def _with_correlation(
+    white: Likelihood, first: Fit, name: str, sensor: int, needed: float
+) -> tuple[Likelihood, Fit] | None:
+    """Fit with errors of a sensor that last a while; None if the log likelihood does not gain what is ``needed``."""
+    quantities, period = white.quantities, _period(white.drives, sensor)
+    if period is None:
         return None
-    return settings, quantities, found
+    sensors = {one.place[0] for one in quantities if one.field == "times"} | {sensor}
+    lower = math.log(0.1 * period)
+    extra = Quantity(name, "times", (sensor,), True, math.log(period), lower, math.log(_LONGEST))
+    drives = [with_error_states(one, sensors) for one in white.drives]
+    all_quantities = [*quantities, extra]
+    likelihood = Likelihood(drives, white.use, white.settings, white.prior, all_quantities, white.on_evaluation)
+    starts = [np.append(first.values, math.log(factor * period)) for factor in _PERIODS]
+    costs = [likelihood.cost(one) for one in starts]
+    best = int(np.argmin(costs))
+    if first.cost - costs[best] < min(needed, 0.0):
+        return None
+    found = fit(likelihood, [starts[best]])
+    return (likelihood, found) if first.cost - found.cost >= needed else None
+
+
+def _period(drives: list[Events], sensor: int) -> float | None:
+    """Return the usual time [s] between two measurements of one source of a sensor; None if there are none."""
+    gaps = np.concatenate([one.measurements.gap[one.measurements.sensor == sensor] for one in drives])
+    gaps = gaps[np.isfinite(gaps) & (gaps > 0.0)]
+    return float(np.median(gaps)) if gaps.size else None
 
 
 def _judge(drives: list[Events], filtered: list[Filtered], use: list[Mask]) -> Judged:
@@ -161,7 +183,7 @@ def _judge(drives: list[Events], filtered: list[Filtered], use: list[Mask]) -> J
         for index in np.flatnonzero(mask & (one.result[:, NUMBERS] > 0.0)).tolist():
             row = one.result[index]
             m = int(row[NUMBERS])
-            source = Source(str(number), (float(measured.kind[index]), *measured.place[index].tolist()))
+            source = Source(str(number), (float(measured.source[index]),))
             # Whitened already.
             white = row[WHITE : WHITE + m]
             innovations.append(Innovation(0, source, white, np.eye(m), float(row[NIS]), accepted=True))

@@ -15,7 +15,7 @@ from tqdm import tqdm
 from diffbot_bag.bag.reader import BagReader
 from diffbot_control.ros.messages.fields import stamp_ns
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
-from diffbot_core.errors import BadMessageError, DiffbotError, InvalidValueError
+from diffbot_core.errors import BadMessageError, DiffbotError
 from diffbot_core.files import write_text
 from diffbot_core.units import S_PER_NS
 from diffbot_tools.bag.unfinished_bags import print_warning
@@ -24,6 +24,7 @@ from diffbot_tools.calibration.events import Array, EventReader, Events
 from diffbot_tools.calibration.latency import Latency, latency_of, limits_of
 from diffbot_tools.calibration.parameters import Outcome, given_parameters, outcome_of, parameter_file
 from diffbot_tools.refilter.command import check_exists, parameter_file_of, topics_of
+from diffbot_tools.refilter.filter_run import inputs_of
 from diffbot_tools.refilter.parameters import read_config
 
 COMMANDS = "/cmd_vel"
@@ -50,9 +51,6 @@ def run(bags: list[Path], params: Path | None, out: Path, until: float, remap: d
     for bag in bags:
         check_exists(bag)
     config, _ = read_config(parameter_file_of(bags[0]) if params is None else params)
-    sources = config.localization.sources.pose_sources
-    if sources:
-        raise InvalidValueError("pose_sources", list(sources), "empty for calibrate: it knows global_pose alone")
     drives, commands = zip(*(read_drive(bag, config, until, remap) for bag in bags), strict=True)
     with tqdm(desc="calibrate", unit="run", disable=None) as bar:
 
@@ -79,7 +77,9 @@ def read_drive(bag: Path, config: EkfNodeConfig, until: float, remap: dict[str, 
     """
     with BagReader(bag) as reader:
         print_warning(reader)
-        collected = EventReader(config, topics_of(reader, config, remap))
+        names = topics_of(reader, config, remap)
+        check_measured(bag, config, names)
+        collected = EventReader(config, names)
         topics = (*collected.topics, COMMANDS) if COMMANDS in reader.topics else collected.topics
         found = reader.topics
         total = sum(found[topic].message_count for topic in topics)
@@ -90,9 +90,26 @@ def read_drive(bag: Path, config: EkfNodeConfig, until: float, remap: dict[str, 
             else:
                 collected.take(message)
     events = collected.events(str(bag), until)
+    for (topic, kind), count in sorted(collected.dropped.items()):
+        print(f"{bag.name}: {topic}: dropped {count}: {kind}", file=sys.stderr)
     commands = np.array([row for row in rows if row is not None], dtype=np.float64).reshape(-1, 3)
     commands[:, 0] -= events.zero * S_PER_NS
     return events, commands[np.argsort(commands[:, 0], kind="stable")]
+
+
+def check_measured(bag: Path, config: EkfNodeConfig, names: dict[str, str]) -> None:
+    """Refuse a bag without anything that measures the pose.
+
+    Raises:
+        DiffbotError: naming the topics and types that would do.
+    """
+    types = inputs_of(config)
+    sources = config.localization.sources.pose_sources
+    known = ("global_pose", *sources, "heading", *(("landmarks",) if config.landmarks.landmark_ids else ()))
+    if set(known).isdisjoint(names.values()):
+        wanted = ", ".join(f"{name} ({types[name]})" for name in known)
+        note = "" if config.landmarks.landmark_ids else "; landmarks need their map in the parameters (landmark_ids)"
+        raise DiffbotError(f"{bag} measures no pose: record one of {wanted}, or name its topic with --remap{note}")
 
 
 def _command(message: Any) -> tuple[float, float, float] | None:

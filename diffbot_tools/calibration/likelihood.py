@@ -13,10 +13,10 @@ from diffbot_control.filter import correlation, odometry_noise
 from diffbot_control.filter.options import options_of
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.code_hash import hash_of_folders
-from diffbot_sim.compiled.ekf import LANDMARKS, POSE
+from diffbot_sim.compiled.ekf import GYRO, LANDMARKS, POSE
 from diffbot_tools.calibration import kernel
 from diffbot_tools.calibration.events import Array, Events, Mask
-from diffbot_tools.calibration.settings import COLUMNS, TERM, Settings
+from diffbot_tools.calibration.settings import COLUMNS, RATES, TERM, Settings
 
 
 class Prior(NamedTuple):
@@ -45,9 +45,11 @@ def settings_of(config: EkfNodeConfig) -> Settings:
     ekf = localization.filter
     options = options_of(ekf)
     names = (odometry_noise.MESSAGE, odometry_noise.DENSITY, odometry_noise.MOTION)
+    further = localization.sources.settings()
+    times = (ekf.heading_correlation_time, ekf.landmark_correlation_time, ekf.fix_correlation_time)
     return Settings(
         config.wheels.wheel_separation,
-        ekf.wheel_radius_walk**2,
+        options.radius_random_walk,
         odometry.odometry_delay,
         names.index(odometry.odometry_noise),
         odometry.odometry_covariance_scale,
@@ -58,32 +60,31 @@ def settings_of(config: EkfNodeConfig) -> Settings:
         odometry.density_xy,
         odometry.density_theta,
         options.gates,
-        (ekf.heading_correlation_time, ekf.landmark_correlation_time, ekf.fix_correlation_time),
-        fix_bias=False,
-        range_factor=1.0,
-        bearing_factor=1.0,
-        heading_factor=1.0,
-        xy_factor=1.0,
-        yaw_factor=1.0,
+        np.array([*times, *(one.correlation_time for one in further)]),
+        np.ones((len(times) + len(further) + 1, 2)),
+        gyro_factor=1.0,
+        gyro_bias_variance=options.gyro_bias_variance,
+        gyro_bias_walk=options.gyro_bias_random_walk,
         split=False,
     )
 
 
 def run_events(events: Events, prior: Prior, settings: Settings) -> Filtered:
     """Filter a drive; the compiled code releases the interpreter's lock."""
-    arrays = np.zeros(1, kernel.FILTER)
+    arrays = np.zeros(1, kernel.filter_type(GYRO + events.errors))
     x, P = arrays[0]["belief"]
     constants = slice(POSE, LANDMARKS)
     x[constants] = prior.mean
     np.fill_diagonal(P[constants, constants], np.square(prior.sigma))
+    P[LANDMARKS, LANDMARKS] = settings.gyro_bias_variance
     result = np.zeros((len(events.measurements.time), COLUMNS))
-    compiled()(events.odometry, events.measurements, events.starts_from_fix, arrays, result, settings)
+    compiled()(events, arrays, result, settings)
     return Filtered(result, x, P)
 
 
 def log_likelihood(found: Filtered, use: Mask) -> float:
     """Return the sum over the measurements in ``use`` (k,), a mask; -inf if the filter has broken down."""
-    total = float(found.result[use, TERM].sum())
+    total = float(found.result[use][:, (TERM, RATES)].sum())
     return total if math.isfinite(total) else -math.inf
 
 

@@ -20,8 +20,8 @@ _STEP = 0.01
 """[s] and in logarithms, for the gradient"""
 _DELAY_STEP, _LOG_STEP = 0.02, 0.1
 """[s] and in logarithms, for the curvature"""
-_LEAST = 1e-2
-"""Least eigenvalue of the curvature scaled to a unit diagonal; a smaller one is a rounding error."""
+_NEWTON_STEPS, _SAME = 4, 0.01
+"""Steps by the curvature at most, and the cost that one has to gain."""
 _THREADS = 2
 _HUGE = 1e12
 _NEAR = 1e-3
@@ -44,14 +44,22 @@ class Likelihood:
     """Negative log likelihood of drives, as a function of the quantities; evaluated for several points at a time."""
 
     def __init__(
-        self, drives: list[Events], use: list[Mask], settings: Settings, prior: Prior, quantities: list[Quantity]
+        self,
+        drives: list[Events],
+        use: list[Mask],
+        settings: Settings,
+        prior: Prior,
+        quantities: list[Quantity],
+        on_evaluation: Callable[[], object],
     ) -> None:
-        """Take the drives and, for each, a mask (k,) of the measurements that count."""
+        """Take the drives, for each a mask (k,) of the measurements that count, and what to call on each evaluation."""
         self.drives, self.settings, self.prior, self.quantities = drives, settings, prior, quantities
         self.use = use
         """mask (k,) of each drive"""
+        self.resolution = max(_period(one) for one in drives) / math.sqrt(12.0)
+        """[s] deviation of a delay by messages that tell nothing of the motion between them"""
         self._pool: ThreadPoolExecutor | None = None
-        self.on_evaluation: Callable[[], object] = lambda: None
+        self.on_evaluation = on_evaluation
 
     @contextmanager
     def threads(self) -> Iterator[None]:
@@ -75,15 +83,13 @@ class Likelihood:
 
     def cost(self, values: Array) -> float:
         """Return the negative log likelihood with the priors."""
-        likelihood = self.log_likelihood(values)
-        self.on_evaluation()
-        prior = sum(one.penalty(value) for one, value in zip(self.quantities, values.tolist(), strict=True))
-        return prior - likelihood if math.isfinite(likelihood) else _HUGE
+        return self.negative(values) + sum(map(Quantity.penalty, self.quantities, values.tolist()))
 
     def negative(self, values: Array) -> float:
         """Return the negative log likelihood alone."""
         self.on_evaluation()
-        return -self.log_likelihood(values)
+        likelihood = self.log_likelihood(values)
+        return -likelihood if math.isfinite(likelihood) else _HUGE
 
     def map(self, function: Callable[[Array], float], points: list[Array]) -> Array:
         """Return a function at several points."""
@@ -92,7 +98,11 @@ class Likelihood:
 
 
 def fit(likelihood: Likelihood, starts: list[Array]) -> Fit:
-    """Minimise the cost from several starts; the curvature is that of the best."""
+    """Minimise the cost from several starts; the curvature is that of the best.
+
+    The line search ends early where the likelihood has kinks, as it has by the delay, since messages and measurements
+    have stamps of their own. Steps by the curvature over a wider range go on from there.
+    """
     bounds = [(one.lower, one.upper) for one in likelihood.quantities]
     best = None
     likelihood.log_likelihood(starts[0])  # compiles, which is not for several threads
@@ -108,13 +118,31 @@ def fit(likelihood: Likelihood, starts: list[Array]) -> Fit:
             )
             if best is None or found.fun < best.fun:
                 best = found
-        values = np.asarray(best.x, dtype=np.float64)  # type: ignore[union-attr]
-        bounded = [
-            bool(value < one.lower + _NEAR or value > one.upper - _NEAR)
-            for one, value in zip(likelihood.quantities, values, strict=True)
-        ]
-        covariance = _covariance(likelihood, values, bounded)
-    return Fit(values, float(best.fun), covariance, bounded)  # type: ignore[union-attr]
+        values, cost = np.asarray(best.x, dtype=np.float64), float(best.fun)  # type: ignore[union-attr]
+        for _ in range(_NEWTON_STEPS):
+            bounded = _at_bounds(likelihood, values)
+            covariance = _covariance(likelihood, values, bounded)
+            _, gradient = _with_gradient(likelihood, values)
+            next_values = np.clip(values - covariance @ gradient, *np.array(bounds).T)
+            next_cost = likelihood.cost(next_values)
+            if next_cost > cost - _SAME:
+                break
+            values, cost = next_values, next_cost
+    resolution = [0.0 if one.logarithmic else likelihood.resolution**2 for one in likelihood.quantities]
+    return Fit(values, cost, covariance + np.diag(resolution), bounded)
+
+
+def _at_bounds(likelihood: Likelihood, values: Array) -> list[bool]:
+    return [
+        bool(value < one.lower + _NEAR or value > one.upper - _NEAR)
+        for one, value in zip(likelihood.quantities, values, strict=True)
+    ]
+
+
+def _period(events: Events) -> float:
+    """Return the time [s] for which nothing is known of changes of the motion: of a message, or of a turn rate."""
+    message = float(np.median(events.odometry.end - events.odometry.start))
+    return min(message, float(np.median(np.diff(events.rates.time)))) if len(events.rates.time) > 0 else message
 
 
 def _with_gradient(likelihood: Likelihood, values: Array) -> tuple[float, Array]:
@@ -134,8 +162,9 @@ def _with_gradient(likelihood: Likelihood, values: Array) -> tuple[float, Array]
 
 
 def _covariance(likelihood: Likelihood, values: Array, bounded: list[bool]) -> Array:
-    """Return the inverse of the curvature of the likelihood with the wide side of the priors."""
-    free = [index for index, one in enumerate(bounded) if not one]
+    """Return the inverse of the curvature of the likelihood with the priors."""
+    # A delay is continuous beyond its bound of 0; the logarithms at their bounds are not determined.
+    free = [index for index, one in enumerate(bounded) if not (one and likelihood.quantities[index].logarithmic)]
     count, steps = len(free), np.diag([_step(one) for one in likelihood.quantities])
     covariance = np.zeros((len(values), len(values)))
     if not free:
@@ -150,13 +179,11 @@ def _covariance(likelihood: Likelihood, values: Array, bounded: list[bool]) -> A
     for (i, j), one in zip(pairs, f, strict=True):
         area = 4.0 * steps[free[i]].sum() * steps[free[j]].sum()
         curvature[i, j] = curvature[j, i] = (one[0] - one[1] - one[2] + one[3]) / area
-    prior = np.array([likelihood.quantities[index].spread ** -2.0 for index in free])
+    spread = np.array([likelihood.quantities[index].spread for index in free])
     # Along what the drive does not determine the curvature may come out negative; there the prior alone counts.
-    scale = np.sqrt(np.maximum(np.diag(curvature), 0.0) + prior)
-    curvature = (curvature + np.diag(prior)) / np.outer(scale, scale)
-    eigenvalues, vectors = np.linalg.eigh(curvature)
-    inverse = (vectors / np.maximum(eigenvalues, _LEAST)) @ vectors.T
-    covariance[np.ix_(free, free)] = inverse / np.outer(scale, scale)
+    eigenvalues, vectors = np.linalg.eigh(curvature * np.outer(spread, spread))
+    inverse = (vectors / (1.0 + np.maximum(eigenvalues, 0.0))) @ vectors.T
+    covariance[np.ix_(free, free)] = inverse * np.outer(spread, spread)
     return covariance
 
 
@@ -171,8 +198,8 @@ def constants_of(likelihood: Likelihood, found: Fit) -> tuple[Array, Array]:
     """
     mean, P = _joined(likelihood, found.values)
     J = np.zeros((6, len(found.values)))
-    for index, bounded in enumerate(found.at_bound):
-        if not bounded:
+    for index, variance in enumerate(found.covariance.diagonal()):
+        if variance > 0.0:
             step = np.zeros(len(found.values))
             step[index] = size = _step(likelihood.quantities[index])
             ahead, behind = (_joined(likelihood, found.values + sign * step)[0] for sign in (1.0, -1.0))

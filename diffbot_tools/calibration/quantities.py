@@ -9,13 +9,13 @@ import numpy as np
 
 from diffbot_control.filter.options import options_of
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
-from diffbot_tools.calibration.events import FIX, HEADING, LANDMARK, Array, Events
+from diffbot_tools.calibration.events import FIX, HEADING, LANDMARK, RESET, Array, Events
 from diffbot_tools.calibration.likelihood import Prior
 from diffbot_tools.calibration.settings import MESSAGE, MOTION, Settings
 
-DOWN, UP = 0.2, 3.0
-"""Prior deviations of ln(noise / given) below and above the given value, where landmarks are the only measurements: a
-drive shows what repeats, not what is right, so raising noise is free, and lowering it costs."""
+_DOWN, _SPREAD = 0.2, 3.0
+"""Prior deviations of the logarithm of a noise, or of a time. The first is for noise of the motion below the given one,
+where landmarks are the only measurements: a drive shows what repeats, not what is right."""
 MAX_DELAY = 0.6
 """[s]"""
 _MAX_LOG, _MAX_FACTOR_LOG = math.log(1e5), math.log(30.0)
@@ -32,54 +32,70 @@ class Quantity(NamedTuple):
     """A number to be estimated by the optimiser: a delay in seconds, or a factor by its logarithm."""
 
     name: str
-    """parameter, or factor of :class:`settings.Settings`"""
+    """of a parameter, or of a factor"""
+    field: str
+    """of :class:`settings.Settings`"""
+    place: tuple[int, ...]
+    """in that field, if it is an array"""
     logarithmic: bool
     start: float
     """of the optimisation: the delay, or 0 for the given value"""
     lower: float
     upper: float
-    down: float
-    """deviation of the prior below the start; inf: none"""
-    up: float
-    """deviation of the prior above the start"""
+    down: float = _SPREAD
+    """deviation of the prior of a logarithm below the start"""
 
     @property
     def spread(self) -> float:
         """Deviation of what is thought possible before the drive."""
-        return self.up if self.logarithmic else MAX_DELAY / math.sqrt(12.0)
+        return _SPREAD if self.logarithmic else MAX_DELAY / math.sqrt(12.0)
 
     def penalty(self, value: float) -> float:
         """Return the negative logarithm of the prior at ``value``, up to a constant."""
-        if not self.logarithmic:
-            return 0.0
         away = value - self.start
-        return 0.5 * (away / (self.down if away < 0.0 else self.up)) ** 2
+        return 0.5 * (away / (self.down if away < 0.0 else _SPREAD)) ** 2 if self.logarithmic else 0.0
 
 
 def quantities_of(drives: list[Events], config: EkfNodeConfig) -> list[Quantity]:
     """Return what can be estimated from drives with these measurements: delay, noise of motion, and of each source."""
     kinds = {int(kind) for one in drives for kind in np.unique(one.measurements.kind)}
-    lowering = DOWN if LANDMARK in kinds and FIX not in kinds else UP
-    delay = config.localization.odometry.odometry_delay
-    found = [Quantity("odometry_delay", False, min(delay, MAX_DELAY), 0.0, MAX_DELAY, math.inf, math.inf)]
+    down = _DOWN if LANDMARK in kinds and FIX not in kinds else _SPREAD
+    delay = min(config.localization.odometry.odometry_delay, MAX_DELAY)
+    found = [Quantity("odometry_delay", "delay", (), False, delay, 0.0, MAX_DELAY)]
     for name in _motion_names(drives, config):
-        found.append(Quantity(name, True, 0.0, -_MAX_LOG, _MAX_LOG, lowering, UP))
-    factors = {"xy_factor": FIX, "yaw_factor": FIX, "heading_factor": HEADING}
-    for name, kind in factors.items():
-        if kind in kinds:
-            found.append(Quantity(name, True, 0.0, -_MAX_FACTOR_LOG, _MAX_FACTOR_LOG, UP, UP))
-    for row, name in enumerate(("range_factor", "bearing_factor")):
-        if measures(drives, row):
-            # Ranges repeat, which makes them look better than they are: never below the given deviation.
-            found.append(Quantity(name, True, 0.0, 0.0, _MAX_FACTOR_LOG, UP, UP))
+        found.append(Quantity(name, name, (), True, 0.0, -_MAX_LOG, _MAX_LOG, down))
+    for name, index, row in factors_of(config):
+        if measures(drives, index[0], row):
+            found.append(Quantity(name, "factors", index, True, 0.0, -_MAX_FACTOR_LOG, _MAX_FACTOR_LOG))
+    if any(len(one.rates.time) > 1 for one in drives):
+        found.append(Quantity("gyro_factor", "gyro_factor", (), True, 0.0, -_MAX_FACTOR_LOG, _MAX_FACTOR_LOG))
     return found
 
 
-def measures(drives: list[Events], row: int) -> bool:
-    """Return whether landmarks were measured with this number: 0 range, 1 bearing."""
-    return any(
-        bool(np.isfinite(one.measurements.R[one.measurements.kind == LANDMARK, row, row]).any()) for one in drives
-    )
+def factors_of(config: EkfNodeConfig) -> list[tuple[str, tuple[int, int], int]]:
+    """Return name and index of each factor on a deviation of measurements, and a row of R that it is for."""
+    found = [
+        ("heading_factor", (HEADING, 0), 0),
+        ("range_factor", (LANDMARK, 0), 0),
+        ("bearing_factor", (LANDMARK, 1), 1),
+    ]
+    for sensor, prefix in enumerate(("", *(f"{one} " for one in config.localization.sources.pose_sources)), FIX):
+        found += [(f"{prefix}xy_factor", (sensor, 0), 0), (f"{prefix}yaw_factor", (sensor, 1), 2)]
+    return found
+
+
+def times_of(config: EkfNodeConfig) -> list[str]:
+    """Return the names of the correlation times of all sensors."""
+    further = (f"{one} correlation_time" for one in config.localization.sources.pose_sources)
+    return ["heading_correlation_time", "landmark_correlation_time", "fix_correlation_time", *further]
+
+
+def measures(drives: list[Events], sensor: int, row: int) -> bool:
+    """Return whether a sensor measured its number in a row of R: of landmarks 0 is the range, 1 the bearing."""
+    for _, kind, of, _, _, R, *_ in (one.measurements for one in drives):
+        if np.isfinite(R[(of == sensor) & (kind != RESET), row, row]).any():
+            return True
+    return False
 
 
 def _motion_names(drives: list[Events], config: EkfNodeConfig) -> tuple[str, ...]:
@@ -95,21 +111,19 @@ def has_covariances(drives: list[Events]) -> bool:
 
 def with_values(settings: Settings, quantities: list[Quantity], values: Array) -> Settings:
     """Return settings with the values of an optimisation; ``settings`` has the given ones."""
-    changes: dict[str, Any] = {}
+    changes: dict[str, Any] = {"times": settings.times.copy(), "factors": settings.factors.copy()}
     for one, value in zip(quantities, values.tolist(), strict=True):
-        if one.name == "odometry_delay":
-            changes["delay"] = value
-        elif one.name == "fix_correlation_time":
-            changes["times"] = (*settings.times[:2], math.exp(value))
+        if one.place:
+            changes[one.field][one.place] = math.exp(value)
         else:
-            changes[one.name] = getattr(settings, one.name) * math.exp(value)
+            changes[one.field] = getattr(settings, one.field) * math.exp(value) if one.logarithmic else value
     return settings._replace(**changes)
 
 
 def search_prior(drives: list[Events], config: EkfNodeConfig) -> Prior:
     """Return wide priors of the constant states, around the given values."""
     given = given_prior(config)
-    ranges, bearings = measures(drives, 0), measures(drives, 1)
+    ranges, bearings = measures(drives, LANDMARK, 0), measures(drives, LANDMARK, 1)
     wide = (
         *[WHEEL_SIGMA] * 3,
         RANGE_OFFSET_SIGMA if ranges else 0.0,
@@ -134,7 +148,10 @@ def given_prior(config: EkfNodeConfig) -> Prior:
 
 
 def search_settings(settings: Settings, drives: list[Events], config: EkfNodeConfig) -> Settings:
-    """Return the settings of the search: constant wheel errors, and the noise model whose numbers are estimated."""
+    """Return the settings of the search: constant wheel errors, and the noise model whose numbers are estimated.
+
+    All errors are independent at first.
+    """
     message = _motion_names(drives, config) == ("odometry_covariance_scale",)
     noise = (settings.noise if settings.noise != MOTION else MESSAGE) if message else MOTION
-    return settings._replace(walk=0.0, noise=noise)
+    return settings._replace(walk=0.0, noise=noise, times=np.zeros_like(settings.times))

@@ -5,11 +5,14 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-NIS, NUMBERS, TERM, WHITE, INNOVATION, WEIGHT, COLUMNS = 0, 1, 2, 3, 6, 9, 10
-"""Columns of the result: NIS, count of numbers, log likelihood, whitened innovation (3), innovation (3), weight."""
+import numpy as np
+from numpy.typing import NDArray
+
+NIS, NUMBERS, TERM, WHITE, INNOVATION, WEIGHT, RATES, COLUMNS = 0, 1, 2, 3, 6, 9, 10, 11
+"""Columns of the result: NIS, count of numbers, log likelihood, whitened innovation (3), innovation (3), weight, log
+likelihood of the turn rates since the measurement before."""
 MESSAGE, DENSITY, MOTION = 0, 1, 2
 LOG_2PI = math.log(2.0 * math.pi)
-NEVER = -1.0
 NANO = 1e-9
 
 
@@ -33,15 +36,16 @@ class Settings(NamedTuple):
     density_theta: float
     gates: tuple[float, float, float]
     """bounds of the NIS by number of values, beyond which a measurement is weighed by bound / NIS"""
-    times: tuple[float, float, float]
-    """[s] correlation times of headings, of each landmark, of fixes; 0: independent"""
-    fix_bias: bool
-    """correlated errors of fixes are states; otherwise their R is inflated"""
-    range_factor: float
-    """on the standard deviation of ranges; likewise the next ones"""
-    bearing_factor: float
-    heading_factor: float
-    xy_factor: float
-    yaw_factor: float
+    times: NDArray[np.float64]
+    """(s,) [s] correlation times of the sensors, see :class:`events.Measurements`; 0: independent"""
+    factors: NDArray[np.float64]
+    """(s, 2) on the standard deviations: heading, none; range, bearing; of each source of fixes x
+    and y, heading; the last row, of poses put in by hand, is 1"""
+    gyro_factor: float
+    """on the standard deviation of the turn rates"""
+    gyro_bias_variance: float
+    """[rad^2/s^2] at the start"""
+    gyro_bias_walk: float
+    """[rad^2/s^3]"""
     split: bool
     """move to each odometry stamp, as the filter does, although the twist does not change there with a delay"""

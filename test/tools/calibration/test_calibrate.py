@@ -15,14 +15,15 @@ from scipy import stats
 
 from diffbot_bag.bag.encoding import ODOMETRY, POSE, Encoder, NumbersMessage
 from diffbot_bag.bag.new_bag import new_bag
-from diffbot_control.filter.measurements import Heading, LandmarkMeasurement, PositionFix
+from diffbot_control.filter.measurements import FIXES, Heading, LandmarkMeasurement, PoseFix, PositionFix, Source
 from diffbot_control.filter.measurements.wall import WallRange
+from diffbot_control.filter.odometry import OdometryStep
 from diffbot_control.filter.wall_map import WallMap
 from diffbot_control.ros.messages.fields import fill_twist_covariance
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.errors import BadMessageError, DiffbotError
 from diffbot_core.geometry import Point, Pose, quaternion_of_yaw, wrap_angle
-from diffbot_core.kinematics import Twist, body_twist
+from diffbot_core.kinematics import Twist, TwistCovariance, body_twist
 from diffbot_core.schema import build
 from diffbot_sim.model.actuators import ActuatorConfig, command_rows, delayed_command
 from diffbot_sim.model.philox import NoiseKey
@@ -30,20 +31,21 @@ from diffbot_sim.model.plant import PlantConfig, new_plant, plant_step_at
 from diffbot_tools import cli
 from diffbot_tools.calibration import settings as kernel
 from diffbot_tools.calibration.command import run
-from diffbot_tools.calibration.events import Collector, Odometry, averaged
+from diffbot_tools.calibration.events import Collector, Odometry, averaged, with_error_states
 from diffbot_tools.calibration.latency import latency_of
-from diffbot_tools.calibration.likelihood import run_events, settings_of
+from diffbot_tools.calibration.likelihood import Prior, run_events, settings_of
 from diffbot_tools.calibration.quantities import given_prior
-from diffbot_tools.calibration.simulation import Errors, record
+from diffbot_tools.calibration.simulation import SECOND, Errors, Sensors, record
 from diffbot_tools.refilter.filter_run import RecordingLocalization
 from diffbot_tools.refilter.parameters import read_config
 
-TRUE = Errors(0.03, -0.03, 0.05, 0.2, 3.0)
-TWIST = "geometry_msgs/msg/Twist"
+TRUE = Errors(0.03, -0.03, 0.05, 0.2, 1.5, gyro_bias=0.1)
+TWIST, IMU = "geometry_msgs/msg/Twist", "sensor_msgs/msg/Imu"
+PARAMETERS = f"/**/ekf: {{ros__parameters: {{gate_probability: 1.0, pose_sources: [{SECOND}], use_gyro: true}}}}"
 
 
 def write_bag(path, recording, commands=True):
-    """Write odometry, fixes and commands in the order of their stamps; commands 0.1 s before they are obeyed."""
+    """Write all but landmarks in the order of the stamps; commands 0.1 s before they are obeyed."""
     odometry, pose, encoder = NumbersMessage(ODOMETRY, "odom", "base_link"), NumbersMessage(POSE, "map"), Encoder()
     rows = []
     for step in recording.odometry:
@@ -54,7 +56,15 @@ def write_bag(path, recording, commands=True):
         pose.position[:2] = fix.pose[:2]
         pose.orientation[2:] = quaternion_of_yaw(fix.pose.theta)
         pose.pose_covariance[[0, 7, 35]] = np.diag(fix.R)
-        rows.append((fix.stamp, 0, pose.encode(fix.stamp)))
+        rows.append((fix.stamp, 0 if fix.source.sensor == FIXES else 3, pose.encode(fix.stamp)))
+    for sample in recording.gyro:
+        sec, nanosec = divmod(sample.stamp, 10**9)
+        message = {
+            "header": {"stamp": {"sec": sec, "nanosec": nanosec}},
+            "angular_velocity": {"z": sample.rate},
+            "angular_velocity_covariance": [0.0] * 8 + [sample.variance],
+        }
+        rows.append((sample.stamp, 4, encoder.encode(IMU, message)))
     for stamp, twist in recording.commands if commands else ():
         message = {"linear": {"x": twist.v}, "angular": {"z": twist.omega}}
         rows.append((stamp - 100_000_000, 2, encoder.encode(TWIST, message)))
@@ -63,8 +73,10 @@ def write_bag(path, recording, commands=True):
             writer.add_topic("/global_pose", POSE),
             writer.add_topic("/odom", ODOMETRY),
             writer.add_topic("/cmd_vel", TWIST),
+            writer.add_topic(f"/{SECOND}", POSE),
+            writer.add_topic("/imu", IMU),
         ]
-        (writer.folder / "ekf.yaml").write_text("/**/ekf: {ros__parameters: {gate_probability: 1.0}}")
+        (writer.folder / "ekf.yaml").write_text(PARAMETERS)
         for stamp, topic, data in sorted(rows):
             writer.write(topics[topic], data, stamp, stamp)
     return path
@@ -72,7 +84,7 @@ def write_bag(path, recording, commands=True):
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory):
-    return write_bag(tmp_path_factory.mktemp("data") / "bag", record(TRUE, seed=1, seconds=120.0))
+    return write_bag(tmp_path_factory.mktemp("data") / "bag", record(TRUE, 1, 120.0, Sensors(second=5, gyro=True)))
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +92,8 @@ def calibrated(bag):
     out, said = bag.parent / "found.yaml", io.StringIO()
     with contextlib.redirect_stderr(said):
         assert run([bag], None, out, math.inf, {}) == 0
-    assert [line.split()[1] for line in said.getvalue().splitlines()] == ["600", "trying", "refining", "judging"]
+    phases = [line.split()[1] for line in said.getvalue().splitlines() if line.startswith("calibrate:")]
+    assert phases == ["839", "trying", "trying", "refining", "judging"]
     return out
 
 
@@ -91,12 +104,26 @@ def test_errors_of_the_robot_are_found(calibrated):
     assert found["left_radius_error"] == pytest.approx(0.03, abs=0.02)
     assert found["right_radius_error"] == pytest.approx(-0.03, abs=0.02)
     assert found["wheel_separation_error"] == pytest.approx(0.05, abs=0.022)
-    # A variance: its logarithm has the deviation 0.4.
-    assert math.log(found["odometry_covariance_scale"]) == pytest.approx(math.log(9.0), abs=1.6)
-    assert found["global_pose_sigma_xy"] == pytest.approx(0.15, rel=0.09)
-    assert found["global_pose_sigma_yaw"] == pytest.approx(0.09, rel=0.13)
+    # The messages claim what the measured speeds say, which are wrong themselves.
+    assert found["odometry_covariance_scale"] == pytest.approx(1.5**2, rel=0.25)
+    assert found["global_pose_sigma_xy"] == pytest.approx(0.075, rel=0.09)
+    assert found["global_pose_sigma_yaw"] == pytest.approx(0.045, rel=0.13)
+    assert found["pose_source_sigma_xy"] == [pytest.approx(0.075, rel=0.14)]
+    assert found["pose_source_sigma_yaw"] == [pytest.approx(0.045, rel=0.2)]
+    assert found["gyro_sigma"] == pytest.approx(0.015, rel=0.5)
+    assert found["gyro_bias_sigma"] == pytest.approx(0.1, abs=0.01)
     assert found["override_covariance"] is True
     assert found["gate_probability"] == 1.0
+
+
+def test_a_bag_without_a_measured_pose_is_refused_by_topic_and_type(tmp_path):
+    """Of odometry and commands alone."""
+    path = tmp_path / "bag"
+    with new_bag(path) as writer:
+        writer.add_topic("/odom", ODOMETRY)
+        (writer.folder / "ekf.yaml").write_text("/**/ekf: {ros__parameters: {odometry_noise: motion}}")
+    with pytest.raises(DiffbotError, match=r"no pose: .*global_pose \(geometry_msgs/msg/PoseWithCov.*landmark_ids"):
+        run([path], None, tmp_path / "out.yaml", math.inf, {})
 
 
 def test_latency_of_the_commands_is_for_the_controller(calibrated):
@@ -120,7 +147,7 @@ def test_file_is_one_that_the_filter_takes_and_is_not_written_over(bag, calibrat
     [(5.0, 1, "s of odometry, at least 10 s are needed"), (20.0, 40, "measurements while driving")],
 )
 def test_too_little_is_refused_in_one_line(tmp_path, seconds, every, message):
-    short = write_bag(tmp_path / "bag", record(TRUE, seed=2, seconds=seconds, fixes_every=every), commands=False)
+    short = write_bag(tmp_path / "bag", record(TRUE, seed=2, seconds=seconds, sensors=Sensors(every)), commands=False)
     with pytest.raises(DiffbotError, match=message) as refused:
         run([short], None, tmp_path / "out.yaml", math.inf, {})
     assert "\n" not in str(refused.value)
@@ -237,20 +264,99 @@ def test_innovations_are_those_of_the_filter(recording, case):
     np.testing.assert_allclose((found.P - np.diag(np.diag(found.P)))[constant, constant], rest, rtol=1e-6, atol=1e-12)
 
 
+def test_turn_rates_act_as_in_the_filter():
+    """On the innovations of the fixes, the errors of the wheels and the bias; samples and steps end together."""
+    recording = record(Errors(0.01, -0.01, 0.02, gyro_bias=0.02), seed=4, seconds=30.0, sensors=Sensors(10, gyro=True))
+    config = build(EkfNodeConfig, WIDE | {"use_gyro": True})
+    filtered, collector = RecordingLocalization(config), Collector()
+    for target in (filtered, collector):
+        fixes, rates = list(recording.fixes), list(recording.gyro)
+        target.on_measurement(fixes.pop(0))
+        for step in recording.odometry:
+            while rates and rates[0].stamp <= step.stamp:
+                target.on_gyro(rates.pop(0))
+            while fixes and fixes[0].stamp <= step.stamp:
+                target.on_measurement(fixes.pop(0))
+            target.on_odometry(step)
+    found = run_events(collector.events("gyro"), given_prior(config), settings_of(config)._replace(split=True))
+    fixes = [one for one in filtered.innovations if one.source.sensor == "fixes"]
+    rows = found.result[found.result[:, kernel.NUMBERS] > 0]
+    np.testing.assert_allclose(rows[:, kernel.NIS], [one.nis for one in fixes], rtol=1e-6)
+    belief = filtered.filter.memory.belief
+    np.testing.assert_allclose(found.x[[3, 4, 5, 9]], belief.x[3:], atol=1e-8)
+    np.testing.assert_allclose(found.P[9, 9], belief.P[6, 6], rtol=1e-6)
+    assert belief.x[6] == pytest.approx(0.02, abs=0.005)
+
+
+def test_likelihood_of_correlated_errors_is_the_joint_density():
+    """Of two sources of fixes and a far landmark, from a robot that stands and turns at random: all is linear."""
+    rng, dt, var_omega, lasts = np.random.default_rng(6), 0.1, 0.04, (2.0, 0.4, 0.7)
+    R, far, collector = np.diag((0.04, 0.09, 0.01)), Point(1e4, 0.0), Collector(("gps",))
+    variances = R.diagonal(), 2.0 * R.diagonal(), (0.02,)
+    collector.on_measurement(PoseFix(0, Pose(0.0, 0.0, 0.0), R))
+    rows = []
+    for k in range(1, 111):
+        stamp = k * 100_000_000
+        first, second, (distance,) = (rng.normal(scale=0.1, size=len(one)) for one in variances)
+        rows += [(0, k * dt, first), (1, k * dt, second)]
+        collector.on_measurement(PoseFix(stamp, Pose(*first), R))
+        collector.on_measurement(PoseFix(stamp, Pose(*second), 2.0 * R, Source("fixes of gps")))
+        if k % 3 == 0:
+            known = np.diag((0.02, math.inf))
+            collector.on_measurement(LandmarkMeasurement(stamp, far.x - distance, 0.0, known, far))
+            rows.append((2, k * dt, [distance]))
+        collector.on_odometry(OdometryStep(stamp, Twist(0.0, 0.0), TwistCovariance(0.0, 0.0, var_omega)))
+    config = build(EkfNodeConfig, {"pose_sources": ["gps"], "gate_probability": 1.0})
+    settings = settings_of(config)._replace(times=np.array((math.inf, lasts[2], *lasts[:2])), walk=0.0)
+    events = with_error_states(collector.events("joint"), {1, 2, 3})
+    found = run_events(events, Prior(np.zeros(6), np.zeros(6)), settings)
+
+    def covariance(one, other, row):
+        """Of two differences from the first fix, by a random walk and Markov processes."""
+        (i, t, _), (j, u, _) = one, other
+        both = math.exp(-abs(t - u) / lasts[i]) * variances[i][row] if i == j else 0.0
+        with_first = sum(math.exp(-at / lasts[0]) for source, at in ((i, t), (j, u)) if source == 0)
+        turned = var_omega * dt * min(t, u) if row == 2 else 0.0
+        return turned + both + R[row, row] * (1.0 - with_first)
+
+    total = 0.0
+    for row in range(3):
+        measured = [one for one in rows if row < len(one[2])]
+        S = [[covariance(one, other, row) for other in measured] for one in measured]
+        total += stats.multivariate_normal(np.zeros(len(S)), S).logpdf([one[2][row] for one in measured])
+    assert found.result[:, kernel.TERM].sum() == pytest.approx(total, abs=1e-3)
+
+
+def test_a_landmark_takes_the_states_of_the_one_that_was_not_seen_for_the_longest_time():
+    """A measurement whose error before is no state any more has no neighbour."""
+    for count, gap in ((10, 1.0), (40, math.inf)):
+        collector = Collector()
+        collector.on_measurement(PoseFix(0, Pose(0.0, 0.0, 0.0), np.eye(3)))
+        for k in range(1, 161):
+            stamp = k * 100_000_000
+            place = Point(float(k % count), 3.0)
+            collector.on_measurement(LandmarkMeasurement(stamp, 2.0, 0.1, np.eye(2), place))
+            collector.on_odometry(OdometryStep(stamp, Twist(0.1, 0.0), TwistCovariance(0.1, 0.0, 0.1)))
+        measured = with_error_states(collector.events("many"), {1}).measurements
+        seen = measured.time > 8.0
+        np.testing.assert_allclose(measured.gap[seen], gap)
+        for slot in set(measured.slot[seen].tolist()):
+            assert len(set(map(tuple, measured.place[seen & (measured.slot == slot)]))) == (1 if count == 10 else 5)
+
+
 def test_term_is_the_gaussian_density_of_the_innovation_with_scaled_deviations(recording):
     """Of each innovation, by scipy, from y and S of the filter, to which the scaled covariances are given."""
     config = build(EkfNodeConfig, WIDE | {"gate_probability": 1.0})
     filtered, collector = RecordingLocalization(config), Collector()
     scale = np.diag([2.0, 2.0, 3.0])
     pairs = zip(recording.odometry[::2], recording.odometry[1::2], strict=True)
-    for index, (fix, pair) in enumerate(zip(recording.fixes, pairs, strict=False)):
-        # The first one, at which the filter starts, keeps what it claims.
-        filtered.on_measurement(replace(fix, R=scale @ fix.R @ scale) if index else fix)
+    for fix, pair in zip(recording.fixes, pairs, strict=False):
+        filtered.on_measurement(replace(fix, R=scale @ fix.R @ scale))
         collector.on_measurement(fix)
         for step in pair:
             filtered.on_odometry(step)
             collector.on_odometry(step)
-    settings = settings_of(config)._replace(xy_factor=2.0, yaw_factor=3.0)
+    settings = settings_of(config)._replace(factors=np.array([[1.0, 1.0], [1.0, 1.0], [2.0, 3.0], [1.0, 1.0]]))
     found = run_events(collector.events("gauss"), given_prior(config), settings)
     expected = [stats.multivariate_normal(np.zeros(3), one.S).logpdf(one.y) for one in filtered.innovations]
     rows = found.result[found.result[:, kernel.NUMBERS] > 0]
