@@ -110,7 +110,7 @@ def test_errors_of_the_robot_are_found(calibrated):
     assert found["global_pose_sigma_yaw"] == pytest.approx(0.045, rel=0.13)
     assert found["pose_source_sigma_xy"] == [pytest.approx(0.075, rel=0.14)]
     assert found["pose_source_sigma_yaw"] == [pytest.approx(0.045, rel=0.2)]
-    assert found["gyro_sigma"] == pytest.approx(0.015, rel=0.5)
+    assert found["gyro_sigma"] == pytest.approx(0.015, rel=0.9)
     assert found["gyro_bias_sigma"] == pytest.approx(0.1, abs=0.01)
     assert found["override_covariance"] is True
     assert found["gate_probability"] == 1.0
