@@ -21,7 +21,14 @@ from diffbot_lab.campaign.journal_lines import parsed
 from diffbot_lab.campaign.runner import JOURNAL, Journal, run_campaign
 from diffbot_lab.campaign.spec import make_campaign
 
-CAMPAIGN = {"set": {"preset": "paper"}, "runs": 40, "duration": 4.0, "feedback": "raw", "grid": {"k": [1.0, 4.0]}, "chunk": 10}
+CAMPAIGN = {
+    "set": {"preset": "paper"},
+    "runs": 40,
+    "duration": 4.0,
+    "feedback": "raw",
+    "grid": {"k": [1.0, 4.0]},
+    "chunk": 10,
+}
 NAME = "parameters.yaml"
 
 
