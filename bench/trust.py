@@ -30,8 +30,8 @@ ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "docs" / "results"
 LOGS = ROOT / "out" / "trust"
 LOOPS = 4
-BUSY_LOOP = "import os, sys\nwhile os.getppid() == int(sys.argv[1]):\n    sum(range(100_000))"
-"""Ends with this process, however that ends."""
+BUSY_LOOP = "import select, sys\nwhile not select.select([sys.stdin], [], [], 0.0)[0]:\n    sum(range(100_000))"
+"""Ends when its standard input does, with this process, however that ends."""
 TIME_LIMIT = 3600.0
 """[s] of a run, after which it is ended and has failed"""
 FOREIGN = ("MAKEFLAGS", "MAKELEVEL", "MFLAGS", "VIRTUAL_ENV", "PYTHONPATH", "PYTEST_ADDOPTS", "PYTEST_XDIST_WORKER")
@@ -40,15 +40,17 @@ FOREIGN = ("MAKEFLAGS", "MAKELEVEL", "MFLAGS", "VIRTUAL_ENV", "PYTHONPATH", "PYT
 
 @contextlib.contextmanager
 def busy_loops(count: int) -> Iterator[None]:
-    """Keep ``count`` processes busy while the ``with`` block lasts."""
-    command = [sys.executable, "-c", BUSY_LOOP, str(os.getpid())]
-    loops = [subprocess.Popen(command, start_new_session=True) for _ in range(count)]
+    """Keep ``count`` processes busy while the ``with`` block lasts.
+
+    They share one session, as programs started in one shell do: Linux divides processors by sessions first, and then
+    among the processes of each.
+    """
+    script = f"for _ in $(seq {count}); do '{sys.executable}' -c '{BUSY_LOOP}' <&0 & done; wait"
+    loops = subprocess.Popen(["bash", "-c", script], stdin=subprocess.PIPE, start_new_session=True)
     try:
         yield
     finally:
-        for loop in loops:
-            loop.kill()
-            loop.wait()
+        loops.communicate()
 
 
 def call(command: list[str], folder: Path, log: Path) -> int | None:

@@ -77,7 +77,6 @@ def test_a_goal_is_driven_to_and_its_bag_is_plotted(tmp_path, run):
 
 
 @pytest.mark.study
-@pytest.mark.timeout(900)  # of a busy machine that compiles
 def test_the_study_tells_the_presets_apart(tmp_path, run):
     """The paper's law leaves a lateral error of 0.2 to 0.35 m (docs/explanation/law/paper.md)."""
     paper, tuned = (numbers(line) for line in run(EXAMPLES / "monte_carlo.py", 200).splitlines())

@@ -20,7 +20,7 @@ EXACT = {
 }
 """What does not depend on the machine: messages and files that are wrong."""
 
-pytestmark = [pytest.mark.graph, pytest.mark.timeout(900)]
+pytestmark = pytest.mark.graph
 
 
 @pytest.fixture(scope="module")

@@ -71,7 +71,6 @@ def printed(tmp_path_factory):
 
 @pytest.mark.graph
 @pytest.mark.study
-@pytest.mark.timeout(900)
 @pytest.mark.parametrize("name", TUTORIALS)
 def test_a_tutorial_prints_what_it_shows(name, printed):
     shown = tutorial_run.outputs(TUTORIALS[name], printed[name].result())

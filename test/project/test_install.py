@@ -15,8 +15,7 @@ import pytest
 from bag_makers import BEGIN, STRING, string, write_rosbags
 from source_files import PACKAGES, ROOT, source_tree
 
-# A busy machine takes minutes for the first imports in a new environment.
-pytestmark = [pytest.mark.install, pytest.mark.timeout(900)]
+pytestmark = pytest.mark.install
 
 COLCON = ("colcon-core", "colcon-python-setup-py", "colcon-ros")
 NODES = ("controller_node", "ekf_node", "plant_node", "recorder_node", "replay_node")

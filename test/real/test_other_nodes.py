@@ -23,7 +23,6 @@ def recipe():
     return f"{get_package_share_directory('diffbot')}/config/robot_localization.yaml"
 
 
-@pytest.mark.timeout(900)
 def test_goals_are_reached_on_the_pose_of_robot_localization(figures):
     chance, file = random.Random(5), ("--params-file", recipe())
     with (

@@ -43,8 +43,6 @@ SMALL = {
     "chunk": 7,
 }
 
-pytestmark = pytest.mark.timeout(600)
-"""The first run compiles: on a busy machine for minutes."""
 
 
 def flags(description, out):

@@ -37,8 +37,6 @@ FASTER = CONTROLLER._replace(
 )
 START = (-2.0, -5.5, math.radians(30.0))
 TOO_LATE = "must be <= 1 s, the length of the filter's history"
-pytestmark = pytest.mark.timeout(600)
-"""The first run compiles: on a busy machine for minutes."""
 
 
 def case_of(plant=PAPER, sensors=SENSORS, controller=CONTROLLER, goal=ORIGIN, feedback="raw", steps=150):

@@ -8,8 +8,6 @@ import pytest
 from diffbot_lab.stability.contract import command
 from diffbot_tools import cli
 
-pytestmark = pytest.mark.timeout(600)
-"""The first run compiles: on a busy machine for minutes."""
 
 
 def test_figures_are_those_of_the_windows():
