@@ -217,7 +217,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         if not self.is_active:
             return advances
         self._check_gains(stamp)
-        if self._pose_watch.clock_problem(self.config):
+        if self._pose_watch.is_stale(self.config):
             self._on_tick()
             return advances
         steady = math.nan if self.clock_watch.is_simulated else time.monotonic()
