@@ -287,4 +287,4 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node; return the exit status of the process."""
-    return run(ControllerNode, args)
+    return run(ControllerNode, args, shared_memory=False)

@@ -328,4 +328,4 @@ def _message_class(name: str) -> Any:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node; the exit status of the process."""
-    return run(EkfNode, args)
+    return run(EkfNode, args, shared_memory=False)

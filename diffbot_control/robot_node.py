@@ -56,4 +56,4 @@ def make_nodes() -> Iterator[EkfNode | ControllerNode]:
 
 def main(args: list[str] | None = None) -> int:
     """Run both nodes on one executor; return the exit status of the process."""
-    return run_together(make_nodes, args)
+    return run_together(make_nodes, args, shared_memory=False)

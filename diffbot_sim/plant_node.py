@@ -167,4 +167,4 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node; the exit status of the process."""
-    return run(PlantNode, args)
+    return run(PlantNode, args, shared_memory=False)

@@ -240,21 +240,32 @@ class StopFlag:
             signal.signal(number, signal.SIG_IGN)
 
 
-def run(factory: Callable[[], DiffbotNode[Any]], args: list[str] | None = None) -> int:
+def run(factory: Callable[[], DiffbotNode[Any]], args: list[str] | None = None, *, shared_memory: bool = True) -> int:
     """Run one node until a signal or its own :meth:`DiffbotNode.finish`; return the exit status of the process.
 
-    0 after a signal; 1, with one line on stderr, if the node cannot start.
+    0 after a signal; 1, with one line on stderr, if the node cannot start. ``shared_memory`` as in
+    :func:`run_together`.
     """
-    return run_together(lambda: (make() for make in (factory,)), args)
+    return run_together(lambda: (make() for make in (factory,)), args, shared_memory=shared_memory)
 
 
-def run_together(make_nodes: Callable[[], Iterator[DiffbotNode[Any]]], args: list[str] | None = None) -> int:
+def run_together(
+    make_nodes: Callable[[], Iterator[DiffbotNode[Any]]], args: list[str] | None = None, *, shared_memory: bool = True
+) -> int:
     """Run several nodes on one executor until a signal, or until one of them ends; return the exit status.
 
-    ``make_nodes`` creates one after the other; none handles a message before all are there. At the end those that move
-    the robot are shut down first, then the others in their order. The status is the largest one of
-    :meth:`DiffbotNode.finish`; otherwise see :func:`run`.
+    Args:
+        make_nodes: creates one after the other; none handles a message before all are there. At the end those that
+            move the robot are shut down first, then the others in their order.
+        args: as of rclpy.init.
+        shared_memory: False lets Fast DDS speak by UDP alone, unless the environment says otherwise: when a process
+            dies, its neighbours look after its shared memory for up to a second, and no publish ends meanwhile.
+
+    Returns:
+        The largest status of :meth:`DiffbotNode.finish`; otherwise see :func:`run`.
     """
+    if not shared_memory:
+        os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
     try:
         words = sys.argv[1:] if args is None else args
         files = GivenFiles(words[words.index("--ros-args") :] if "--ros-args" in words else ())

@@ -1,5 +1,9 @@
 """Quality of service: sensors come from any publisher, outputs suit every subscriber, and losses are survived."""
 
+import sys
+from pathlib import Path
+
+import graph
 import one_process
 import pytest
 from filter_input import START, fix, heading, joint_state, odometry
@@ -89,3 +93,20 @@ def test_the_stop_at_the_end_is_repeated_where_nobody_confirms_it(nodes, qos, ze
     fed.node.before_shutdown()
     nodes.remove(fed.node)
     nodes.peer.spin_until(lambda: commands.count(Twist()) >= zeros, what="the stop")
+
+
+@pytest.mark.parametrize(
+    ("module", "given", "shared"),
+    [
+        ("diffbot_control.controller_node", {}, False),
+        ("diffbot_control.ekf_node", {}, False),
+        ("diffbot_control.robot_node", {}, False),
+        ("diffbot_control.controller_node", {"FASTDDS_BUILTIN_TRANSPORTS": "DEFAULT"}, True),
+    ],
+)
+def test_nodes_that_drive_have_no_shared_memory_that_a_dying_neighbour_could_block(module, given, shared):
+    # Within this machine alone, but with the transports of nodes on several machines.
+    environment = graph.environment(ROS_AUTOMATIC_DISCOVERY_RANGE="OFF", **given)
+    with graph.process(sys.executable, "-P", "-m", module, env=environment) as process:
+        process.wait_for_output("ready")
+        assert ("/dev/shm/fastrtps" in Path(f"/proc/{process.popen.pid}/maps").read_text()) == shared

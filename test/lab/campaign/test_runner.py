@@ -44,7 +44,6 @@ SMALL = {
 }
 
 
-
 def flags(description, out):
     listed = [f"--{name}={description[name]}" for name in ("runs", "duration", "feedback", "chunk")]
     listed += ["--start", json.dumps(description["start"])]

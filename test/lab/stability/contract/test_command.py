@@ -9,7 +9,6 @@ from diffbot_lab.stability.contract import command
 from diffbot_tools import cli
 
 
-
 def test_figures_are_those_of_the_windows():
     errors, sigma = np.ones((2, 601), dtype=np.bool_), np.ones((2, 601), dtype=np.bool_)
     errors[0, 100], sigma[1, 200:451], sigma[1, 600] = False, False, False
