@@ -3,7 +3,6 @@
 import random
 
 import graph
-import pytest
 from lifecycle_msgs.srv import GetState
 from nav2_msgs.srv import ManageLifecycleNodes
 from nav_msgs.msg import Odometry
