@@ -116,7 +116,9 @@ class Progress:
         self._trials = {key: max(count / fraction, 1.0) for key, count in trials.items()}
         self._done = dict.fromkeys(keys, 0)
         self._bar = tqdm(
-            total=1.0, bar_format="{desc}{percentage:3.0f}%|{bar}| {elapsed}, about {remaining} left{postfix}"
+            total=1.0,
+            disable=None,
+            bar_format="{desc}{percentage:3.0f}%|{bar}| {elapsed}, about {remaining} left{postfix}",
         )
 
     def show(self, running: list[str]) -> None:
