@@ -22,6 +22,7 @@ from typing import Any
 
 from diffbot_control.filter import (
     adaptation,
+    averaging,
     correlation,
     fix_correlation,
     gate,
@@ -83,6 +84,7 @@ MODULES = (
     outcome,
     gate,
     adaptation,
+    averaging,
     correlation,
     fix_correlation,
     landmark_correlation,
