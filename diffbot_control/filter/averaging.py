@@ -33,6 +33,8 @@ def average(x: Array, P: Array, wheels: int, landmarks: int, options: FilterOpti
     radius, separation = options.radius_variance, options.separation_variance
     x, P = average_over(x, P, wheels, options.wheel_errors, (radius, radius, separation))
     offset, scale, bearing = options.landmark_sigmas
+    if offset == 0.0:
+        return x, P
     return average_over(x, P, landmarks, options.landmark_errors, (offset * offset, scale * scale, bearing * bearing))
 
 
