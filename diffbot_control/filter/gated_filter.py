@@ -20,6 +20,7 @@ from diffbot_control.filter.adaptation import (
     q_scale,
     r_scales,
 )
+from diffbot_control.filter.averaging import average
 from diffbot_control.filter.belief import (
     Belief,
     ErrorEstimate,
@@ -139,6 +140,12 @@ class GatedFilter:
         old = self.memory
         correlations = unpaired(old.fix_correlation), STANDING, unseen(old.landmarks)
         self.memory = Memory(belief, None, new_gate(), old.adaptation, NO_STAMPS, *correlations)
+
+    def average(self) -> Belief:
+        """Return the belief over both hypotheses on the estimated errors, see :mod:`averaging`."""
+        x, P = self.memory.belief
+        states = self._ekf.states
+        return Belief(*average(x, P, states.wheels.start, states.landmarks.start, self.options))
 
     def wheels(self) -> ErrorEstimate | None:
         """Return the estimated errors of the wheels; None if they are not states."""

@@ -12,7 +12,7 @@ from collections import OrderedDict, deque
 from typing import NamedTuple
 
 from diffbot_control.filter import contradiction
-from diffbot_control.filter.belief import Belief
+from diffbot_control.filter.belief import Belief, pose_of
 from diffbot_control.filter.gate import RELOCATED
 from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.gyro import GyroHistory, GyroSample
@@ -183,10 +183,10 @@ class Localization:
         """
         if not self.initialised or self._stamp is None:
             raise BadMessageError("no fix yet")
-        belief = self.filter.memory.belief
-        x, P = belief
-        pose = Pose(x.item(0), x.item(1), x.item(2))
-        return FilterEstimate(self._stamp, pose, P[:3, :3], self._odometry, belief)
+        average = self.filter.average()
+        return FilterEstimate(
+            self._stamp, pose_of(average), average.P[:3, :3], self._odometry, self.filter.memory.belief
+        )
 
     def twist_of(self, odometry: OdometryStep) -> tuple[Twist, TwistCovariance]:
         """Return the twist of the newest odometry, corrected by the estimated errors and the gyro, and its covariance.

@@ -20,9 +20,8 @@ from diffbot_control.law.polar_coordinates import in_front
 from diffbot_control.law.regions import OMEGA_G
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
-from diffbot_core.uncertainty import Estimate, Uncertainty, largest_deviation
-from diffbot_sim.compiled.ekf import pose_of
-from diffbot_sim.compiled.gated_filter import reset_arrays
+from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty, largest_deviation
+from diffbot_sim.compiled.gated_filter import estimate, reset_arrays
 from diffbot_sim.compiled.late_fusion import (
     WITH_WHEELS,
     Buffers,
@@ -84,6 +83,8 @@ class Feedback(NamedTuple):
     sensed: Sensed
     pose: Pose
     """what the controller gets"""
+    uncertainty: Uncertainty
+    """of the estimate; a fix and the true pose come without any"""
     known: bool
     """False before there is one"""
 
@@ -123,20 +124,20 @@ def make_loop(law: Law) -> Callable[[Case, Buffers, int, int, Pose, Any], Outcom
         commands = np.zeros((command_rows(delay, t_s), 2))
         state, memory, totals = new_plant(start), new_memory(case.controller), new_totals()
         answer = LawState(OMEGA_G, False)
-        feedback, robot = Feedback(new_sensed(), start, False), _robot_of(case)
+        feedback, robot = Feedback(new_sensed(), start, CERTAIN, False), _robot_of(case)
         for index in range(case.steps + 1):
             key = NoiseKey(seed, run, index)
             feedback = next_feedback(case.feedback, robot, key, state, feedback, arrays, record)
             command = Twist(0.0, 0.0)
             if feedback.known:
                 dt = t_s if index > 0 else 0.0
-                estimate = Estimate(feedback.pose, _uncertainty(case.feedback, arrays["belief"]))
-                memory, command, report = step(memory, estimate, case.goal, dt, case.controller)
+                found = Estimate(feedback.pose, feedback.uncertainty)
+                memory, command, report = step(memory, found, case.goal, dt, case.controller)
                 answer = LawState(report.region, memory.reached)
                 if case.literal_rear and not in_front(report.alpha):
                     command = Twist(-command.v, command.omega)
             if len(history) > 0:
-                _record(history, index, state.pose, feedback, command, _uncertainty(case.feedback, arrays["belief"]))
+                _record(history, index, state.pose, feedback, command)
             before = state.pose
             if index < case.steps:
                 state = plant_step_at(key, state, delayed_command(commands, index, command, delay, t_s), case.plant)
@@ -155,24 +156,18 @@ def _robot_of(case: Case) -> Robot:
     return Robot(case.plant, case.sensors, case.filter, case.landmarks)
 
 
-def _uncertainty(kind: int, belief: Any) -> Uncertainty:
-    """Return the standard deviations of the estimate; a fix and the true pose come without any."""
-    if kind != EKF:
-        return Uncertainty(0.0, 0.0)
-    P = belief["P"]
-    return Uncertainty(largest_deviation(P[0, 0], P[0, 1], P[1, 1]), math.sqrt(max(P[2, 2], 0.0)))
-
-
 def next_feedback(
     kind: int, robot: Robot, key: NoiseKey, state: PlantState, feedback: Feedback, arrays: Any, record: LateRecord
 ) -> Feedback:
     """Sense, filter if the controller gets the estimate, and return what it gets."""
     if kind == TRUTH:
-        return Feedback(feedback.sensed, state.pose, True)
+        return Feedback(feedback.sensed, state.pose, CERTAIN, True)
     if kind == RAW:
         return _newest_fix(robot, key, state, feedback, record)
     sensed = sense(feedback.sensed, arrays, record, key, state, robot)
-    return Feedback(sensed, pose_of(arrays["belief"]), sensed.track.initialised)
+    pose, P = estimate(arrays["belief"], robot.filter)
+    uncertainty = Uncertainty(largest_deviation(P[0, 0], P[0, 1], P[1, 1]), math.sqrt(max(P[2, 2], 0.0)))
+    return Feedback(sensed, pose, uncertainty, sensed.track.initialised)
 
 
 def _newest_fix(robot: Robot, key: NoiseKey, state: PlantState, feedback: Feedback, record: LateRecord) -> Feedback:
@@ -181,21 +176,21 @@ def _newest_fix(robot: Robot, key: NoiseKey, state: PlantState, feedback: Feedba
     if len(record.steps) > 0:
         errors = record_step(record, sensed.errors, key, state, t_s, sensors)
         pose, known = arrived_fix(record, key.step, feedback.pose, feedback.known)
-        return Feedback(Sensed(sensed.track, errors), pose, known)
+        return Feedback(Sensed(sensed.track, errors), pose, CERTAIN, known)
     if not due(key.step, sensors.fix_rate, t_s):
         return feedback
     fix = fix_at(key, state.pose, sensed.errors, sensors)
     after = Sensed(sensed.track, fix.errors)
     if fix.lost:
-        return Feedback(after, feedback.pose, feedback.known)
-    return Feedback(after, fix.pose, True)
+        return Feedback(after, feedback.pose, CERTAIN, feedback.known)
+    return Feedback(after, fix.pose, CERTAIN, True)
 
 
-def _record(history: Any, index: int, pose: Pose, feedback: Feedback, command: Twist, uncertainty: Uncertainty) -> None:
+def _record(history: Any, index: int, pose: Pose, feedback: Feedback, command: Twist) -> None:
     row = history[index]
     row[0], row[1], row[2] = pose.x, pose.y, pose.theta
     row[3], row[4], row[5], row[8] = math.nan, math.nan, math.nan, math.nan
     if feedback.known:
         row[3], row[4], row[5] = feedback.pose.x, feedback.pose.y, feedback.pose.theta
-        row[8] = uncertainty.xy
+        row[8] = feedback.uncertainty.xy
     row[6], row[7] = command.v, command.omega

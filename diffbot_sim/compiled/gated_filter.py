@@ -20,6 +20,7 @@ from diffbot_control.filter.adaptation import (
     q_scale,
     r_scales,
 )
+from diffbot_control.filter.averaging import average
 from diffbot_control.filter.fix_correlation import (
     STANDING,
     FixCorrelation,
@@ -217,6 +218,12 @@ def advance(track: Track, arrays: Any, motion: Motion, separation: float, option
     gate = age(track.gate, motion.dt)
     newest, landmarks = track.newest, track.landmarks
     return Track(True, gate, track.adaptation, newest, track.fix_correlation, travelled, landmarks, track.disagreement)
+
+
+def estimate(belief: Any, options: FilterOptions) -> tuple[Pose, Any]:
+    """Return mean and covariance (n, n) over the hypotheses on the estimated errors, see :mod:`averaging`."""
+    x, P = average(belief["x"], belief["P"], POSE, WHEELS, options)
+    return Pose(x[0], x[1], x[2]), P
 
 
 def take_rate(

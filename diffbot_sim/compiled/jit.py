@@ -23,6 +23,7 @@ from typing import Any
 
 from diffbot_control.filter import (
     adaptation,
+    averaging,
     correlation,
     fix_correlation,
     gate,
@@ -84,6 +85,7 @@ MODULES = (
     outcome,
     gate,
     adaptation,
+    averaging,
     correlation,
     fix_correlation,
     landmark_correlation,

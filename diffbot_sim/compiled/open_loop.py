@@ -15,8 +15,7 @@ from diffbot_control.filter.gate import REJECTED, RELOCATED
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import largest_deviation
-from diffbot_sim.compiled.ekf import pose_of
-from diffbot_sim.compiled.gated_filter import Track, new_track, reset_arrays
+from diffbot_sim.compiled.gated_filter import Track, estimate, new_track, reset_arrays
 from diffbot_sim.compiled.late_fusion import Buffers, Example, new_buffers
 from diffbot_sim.compiled.sensing import Robot, observe
 from diffbot_sim.model.actuators import command_rows, delayed_command
@@ -124,27 +123,26 @@ def _followed(buffers: Buffers, case: OpenLoopCase, seed: int, run: int, history
     state = new_plant(start_of(seed, run))
     track, arrays, newest_errors = new_track(), buffers.filter[0], NO_ERRORS
     reset_arrays(arrays, case.robot.filter)
-    belief = arrays["belief"]
     sums = Sums(0.0, 0.0, 0.0, -1, 0.0, 0, 0.0, 0, 0, 0)
     end = 0.0
     for step in range(case.steps + 1):
         key = NoiseKey(seed, run, step)
         track, newest_errors = observe(track, arrays, buffers.seen[0], newest_errors, key, state, case.robot)
-        errors = errors_of(belief, state.pose)
+        pose, P = estimate(arrays["belief"], case.robot.filter)
+        errors = errors_of(pose, state.pose)
         end = math.hypot(errors.x, errors.y)
         if len(history) > 0:
-            _record(history, step, errors, belief["P"])
+            _record(history, step, errors, P)
         if step > case.skipped:
-            sums = _summed(sums, case.robot, step, track, errors, belief["P"])
+            sums = _summed(sums, case.robot, step, track, errors, P)
         if step < case.steps:
             state = plant_step_at(key, state, delayed_command(commands, step, command, delay, t_s), plant)
     return _tracking(case, sums, end)
 
 
-def errors_of(belief: Any, truth: Pose) -> Errors:
-    """Return the errors of the filter's estimate."""
-    estimate = pose_of(belief)
-    return Errors(estimate.x - truth.x, estimate.y - truth.y, wrap_angle(estimate.theta - truth.theta))
+def errors_of(pose: Pose, truth: Pose) -> Errors:
+    """Return the errors of an estimated pose."""
+    return Errors(pose.x - truth.x, pose.y - truth.y, wrap_angle(pose.theta - truth.theta))
 
 
 def nees_of(errors: Errors, P: Any) -> float:

@@ -1,0 +1,60 @@
+"""The estimate over two hypotheses on the errors of a sensor: they are as configured, or they differ.
+
+To estimate an error that is not there costs accuracy. Both hypotheses are equally likely before the first measurement.
+The filter runs under the second one. Its belief given the configured errors is the estimate under the first, and the
+density of these errors now over that at the start is how much more likely the first has become (the density ratio of
+Savage and Dickey). So there is no second filter, and nothing to be remembered. The wheels and the sensor of landmarks
+have a pair of hypotheses each.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from diffbot_control.filter.measurements.measurement import Array
+from diffbot_control.filter.options import FilterOptions
+from diffbot_core.geometry import wrap_angle
+
+Three = tuple[float, float, float]
+
+
+def average(x: Array, P: Array, wheels: int, landmarks: int, options: FilterOptions) -> tuple[Array, Array]:
+    """Return mean (n,) and covariance (n, n) over the hypotheses.
+
+    Args:
+        x: mean (n,) of the filter's states.
+        P: their covariance (n, n).
+        wheels: place of the first error of the wheels in the state.
+        landmarks: place of the first error of the landmarks' sensor.
+        options: of the filter; what is no state there has the variance 0 at the start.
+    """
+    radius, separation = options.radius_variance, options.separation_variance
+    x, P = average_over(x, P, wheels, options.wheel_errors, (radius, radius, separation))
+    offset, scale, bearing = options.landmark_sigmas
+    if offset == 0.0:
+        return x, P
+    return average_over(x, P, landmarks, options.landmark_errors, (offset * offset, scale * scale, bearing * bearing))
+
+
+def average_over(x: Array, P: Array, first: int, configured: Three, variances: Three) -> tuple[Array, Array]:
+    """Return mean (n,) and covariance (n, n) over both hypotheses on the errors from the place ``first`` on.
+
+    ``configured`` is what they are under the one, ``variances`` are theirs at the start under the other; 0: no state.
+    """
+    given, P_given, log_ratio = x.copy(), P.copy(), 0.0
+    for i in range(3):
+        at = first + i
+        if variances[i] > 0.0 and P_given[at, at] > 0.0:
+            variance, shift = P_given[at, at], configured[i] - given[at]
+            log_ratio += 0.5 * (math.log(variances[i] / variance) - shift * shift / variance)
+            gain = P_given[at] / variance
+            given += gain * shift
+            P_given -= np.outer(gain, variance * gain)
+    as_configured = 1.0 / (1.0 + math.exp(min(-log_ratio, 700.0)))
+    between = given - x
+    mean = x + as_configured * between
+    mean[2] = wrap_angle(mean[2])
+    spread = as_configured * (1.0 - as_configured) * np.outer(between, between)
+    return mean, P + as_configured * (P_given - P) + spread
