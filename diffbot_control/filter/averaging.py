@@ -30,12 +30,20 @@ def average(x: Array, P: Array, wheels: int, landmarks: int, options: FilterOpti
         landmarks: place of the first error of the landmarks' sensor.
         options: of the filter; what is no state there has the variance 0 at the start.
     """
-    radius, separation = options.radius_variance, options.separation_variance
-    x, P = average_over(x, P, wheels, options.wheel_errors, (radius, radius, separation))
+    x, P = average_over(x, P, wheels, options.wheel_errors, wheel_variances(options))
+    variances = landmark_variances(options)
+    return average_over(x, P, landmarks, options.landmark_errors, variances) if any(variances) else (x, P)
+
+
+def wheel_variances(options: FilterOptions) -> Three:
+    """Return the variances of the wheels' errors at the start."""
+    return options.radius_variance, options.radius_variance, options.separation_variance
+
+
+def landmark_variances(options: FilterOptions) -> Three:
+    """Return the variances of the errors of the landmarks' sensor at the start; all 0: they are no states."""
     offset, scale, bearing = options.landmark_sigmas
-    if offset == 0.0:
-        return x, P
-    return average_over(x, P, landmarks, options.landmark_errors, (offset * offset, scale * scale, bearing * bearing))
+    return offset * offset, scale * scale, bearing * bearing
 
 
 def average_over(x: Array, P: Array, first: int, configured: Three, variances: Three) -> tuple[Array, Array]:
@@ -48,13 +56,29 @@ def average_over(x: Array, P: Array, first: int, configured: Three, variances: T
         at = first + i
         if variances[i] > 0.0 and P_given[at, at] > 0.0:
             variance, shift = P_given[at, at], configured[i] - given[at]
-            log_ratio += 0.5 * (math.log(variances[i] / variance) - shift * shift / variance)
+            log_ratio += log_density_ratio(shift, variance, variances[i])
             gain = P_given[at] / variance
             given += gain * shift
             P_given -= np.outer(gain, variance * gain)
-    as_configured = 1.0 / (1.0 + math.exp(min(-log_ratio, 700.0)))
+    as_configured = probability(log_ratio)
     between = given - x
     mean = x + as_configured * between
     mean[2] = wrap_angle(mean[2])
     spread = as_configured * (1.0 - as_configured) * np.outer(between, between)
     return mean, P + as_configured * (P_given - P) + spread
+
+
+def log_density_ratio(shift: float, variance: float, variance_before: float) -> float:
+    """Return the logarithm of the density of an error at its configured value over that at the start.
+
+    Args:
+        shift: configured value minus mean.
+        variance: of the error.
+        variance_before: at the start, when the configured value was the mean.
+    """
+    return 0.5 * (math.log(variance_before / variance) - shift * shift / variance)
+
+
+def probability(log_ratio: float) -> float:
+    """Return the probability of the hypothesis whose probability has this ratio to that of the other one."""
+    return 1.0 / (1.0 + math.exp(min(-log_ratio, 700.0)))

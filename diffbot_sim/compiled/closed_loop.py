@@ -21,7 +21,8 @@ from diffbot_control.law.regions import OMEGA_G
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty, largest_deviation
-from diffbot_sim.compiled.gated_filter import estimate, reset_arrays
+from diffbot_sim.compiled.ekf import pose_of
+from diffbot_sim.compiled.gated_filter import reported_belief, reset_arrays
 from diffbot_sim.compiled.late_fusion import (
     WITH_WHEELS,
     Buffers,
@@ -165,9 +166,10 @@ def next_feedback(
     if kind == RAW:
         return _newest_fix(robot, key, state, feedback, record)
     sensed = sense(feedback.sensed, arrays, record, key, state, robot)
-    pose, P = estimate(arrays["belief"], robot.filter)
+    reported = reported_belief(arrays, robot.filter)
+    P = reported["P"]
     uncertainty = Uncertainty(largest_deviation(P[0, 0], P[0, 1], P[1, 1]), math.sqrt(max(P[2, 2], 0.0)))
-    return Feedback(sensed, pose, uncertainty, sensed.track.initialised)
+    return Feedback(sensed, pose_of(reported), uncertainty, sensed.track.initialised)
 
 
 def _newest_fix(robot: Robot, key: NoiseKey, state: PlantState, feedback: Feedback, record: LateRecord) -> Feedback:

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from diffbot_control.filter.averaging import Three, log_density_ratio, probability
 from diffbot_control.filter.landmark_calibration import LandmarkErrors, with_landmark_errors
 from diffbot_control.filter.models import (
     TURNED_VARIANCE,
@@ -90,6 +91,38 @@ def copy_to(target: Any, belief: Any) -> None:
         target["x"][i] = belief["x"][i]
         for j in range(n):
             target["P"][i, j] = belief["P"][i, j]
+
+
+def average_over(belief: Any, given: Any, first: int, configured: Three, variances: Three) -> None:
+    """Average ``belief`` over both hypotheses as :func:`averaging.average_over` does; ``given`` is overwritten."""
+    copy_to(given, belief)
+    x, P, n, log_ratio = given["x"], given["P"], len(given["x"]), 0.0
+    for i in range(3):
+        at = first + i
+        variance, shift = P[at, at], configured[i] - x[at]
+        if variances[i] <= 0.0 or variance <= 0.0:
+            continue
+        log_ratio += log_density_ratio(shift, variance, variances[i])
+        for a in range(n):
+            gain = P[a, at] / variance
+            x[a] += gain * shift
+            for b in range(a + 1):
+                if at not in (a, b):
+                    P[a, b] -= gain * P[b, at]
+        for a in range(n):
+            P[a, at] = P[at, a] = 0.0
+            for b in range(a):
+                P[b, a] = P[a, b]
+    share = probability(log_ratio)
+    mean, covariance = belief["x"], belief["P"]
+    for a in range(n):
+        for b in range(a + 1):
+            spread = (1.0 - share) * (x[a] - mean[a]) * (x[b] - mean[b])
+            covariance[a, b] += share * (P[a, b] - covariance[a, b] + spread)
+            covariance[b, a] = covariance[a, b]
+    for a in range(n):
+        mean[a] += share * (x[a] - mean[a])
+    mean[2] = wrap_angle(mean[2])
 
 
 def reset_to(belief: Any, pose: Pose, R: Any) -> None:

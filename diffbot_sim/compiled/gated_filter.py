@@ -20,7 +20,7 @@ from diffbot_control.filter.adaptation import (
     q_scale,
     r_scales,
 )
-from diffbot_control.filter.averaging import average
+from diffbot_control.filter.averaging import landmark_variances, wheel_variances
 from diffbot_control.filter.fix_correlation import (
     STANDING,
     FixCorrelation,
@@ -68,6 +68,7 @@ from diffbot_sim.compiled.ekf import (
     LANDMARKS,
     POSE,
     WHEELS,
+    average_over,
     belief_type,
     copy_to,
     correct,
@@ -150,8 +151,9 @@ def kept_type(n: int) -> Any:
 
 
 def filter_type(n: int) -> Any:
-    """Return the type of the filter's arrays for ``n`` states: :func:`kept_type` and its work, changed in place."""
-    return np.dtype([*kept_type(n).descr, ("work", work_type(n))])
+    """Return the type of the filter's arrays for ``n`` states: :func:`kept_type`, what is reported, and its work."""
+    working = [("reported", belief_type(n)), ("given", belief_type(n)), ("work", work_type(n))]
+    return np.dtype([*kept_type(n).descr, *working])
 
 
 def seen_type(n: int) -> Any:
@@ -220,10 +222,16 @@ def advance(track: Track, arrays: Any, motion: Motion, separation: float, option
     return Track(True, gate, track.adaptation, newest, track.fix_correlation, travelled, landmarks, track.disagreement)
 
 
-def estimate(belief: Any, options: FilterOptions) -> tuple[Pose, Any]:
-    """Return mean and covariance (n, n) over the hypotheses on the estimated errors, see :mod:`averaging`."""
-    x, P = average(belief["x"], belief["P"], POSE, WHEELS, options)
-    return Pose(x[0], x[1], x[2]), P
+def reported_belief(arrays: Any, options: FilterOptions) -> Any:
+    """Return the belief over the hypotheses on the estimated errors, see :mod:`averaging`, until the next call."""
+    wheels, landmarks = wheel_variances(options), landmark_variances(options)
+    reported, given = arrays["reported"], arrays["given"]
+    copy_to(reported, arrays["belief"])
+    if max(wheels) > 0.0:
+        average_over(reported, given, POSE, options.wheel_errors, wheels)
+    if max(landmarks) > 0.0:
+        average_over(reported, given, WHEELS, options.landmark_errors, landmarks)
+    return reported
 
 
 def take_rate(

@@ -15,7 +15,8 @@ from diffbot_control.filter.gate import REJECTED, RELOCATED
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import largest_deviation
-from diffbot_sim.compiled.gated_filter import Track, estimate, new_track, reset_arrays
+from diffbot_sim.compiled.ekf import pose_of
+from diffbot_sim.compiled.gated_filter import Track, new_track, reported_belief, reset_arrays
 from diffbot_sim.compiled.late_fusion import Buffers, Example, new_buffers
 from diffbot_sim.compiled.sensing import Robot, observe
 from diffbot_sim.model.actuators import command_rows, delayed_command
@@ -128,8 +129,8 @@ def _followed(buffers: Buffers, case: OpenLoopCase, seed: int, run: int, history
     for step in range(case.steps + 1):
         key = NoiseKey(seed, run, step)
         track, newest_errors = observe(track, arrays, buffers.seen[0], newest_errors, key, state, case.robot)
-        pose, P = estimate(arrays["belief"], case.robot.filter)
-        errors = errors_of(pose, state.pose)
+        reported = reported_belief(arrays, case.robot.filter)
+        errors, P = errors_of(pose_of(reported), state.pose), reported["P"]
         end = math.hypot(errors.x, errors.y)
         if len(history) > 0:
             _record(history, step, errors, P)
