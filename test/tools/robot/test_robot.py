@@ -16,7 +16,7 @@ from diffbot_tools import cli
 from diffbot_tools.robot import check
 from diffbot_tools.robot.description import PRESETS, RobotDescription, file_of_robot
 from diffbot_tools.robot.robot import read_robot
-from diffbot_tools.robot.trial import FAR, SHORT, trials
+from diffbot_tools.robot.trial import FAR, SHORT, median_share, trials
 
 TANK = RobotDescription(
     wheel_radius=0.3, wheel_separation=1.6, max_velocity=3.0, max_rotation=0.8, max_acceleration=0.4,
@@ -121,6 +121,8 @@ def test_every_one_of_fifty_goals_is_reached_and_none_falsely(robot):
     found, tolerance = list(trials(robot, 50, seed=1)), robot.controller.supervisor.controller.tolerance
     assert [kind for kind, _ in found] == [FAR, SHORT] * 25
     assert [drive.reason for _, drive in found if not drive.is_reached] == []
+    for kind in (FAR, SHORT):
+        assert median_share(robot, [drive for other, drive in found if other == kind]) < 1.5
     for _, drive in found:
         x, y, theta = drive.truth[-1] - np.array(drive.goal)
         assert math.hypot(x, y) < tolerance.xy_goal_tolerance
