@@ -130,7 +130,7 @@ setup(
         "batch": ["numba>=0.60", "pyarrow>=18.0"],
         "bound": ["casadi>=3.6"],
         "cluster": ["distributed>=2024.12"],
-        "gym": ["gymnasium>=1.0"],
+        "gym": ["gymnasium>=1.1", "numba>=0.60"],
         "pandas": ["pandas>=2.0"],
         "test": [
             "evo>=1.31",

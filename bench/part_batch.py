@@ -8,11 +8,13 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numpy as np
 from measures import OURS, Measure, Pair
 from numba import njit
 
 from diffbot_core.geometry import Pose
+from diffbot_lab.gym import GOAL
 from diffbot_lab.paper.experiment import SETTINGS, case_of, starts_of
 from diffbot_sim.compiled.batch import HISTORY_COLUMNS, run_batch
 from diffbot_sim.compiled.closed_loop import buffers_for, run_loop
@@ -23,11 +25,14 @@ STEPS = 300
 CASE = case_of("law 17", SETTINGS[0])
 FILTERED = case_of("law 17", SETTINGS[1])
 START = starts_of("a")
+ENVIRONMENTS = 1024
+ENVS = gymnasium.make(GOAL), gymnasium.make_vec(GOAL, ENVIRONMENTS)
 MEASURES = (
     Measure("python", "all threads, beside the same loop as plain Python", "M steps/s", at_least=70.0),
     Measure("kernel", "one thread, beside a kernel written by hand for this case", "M steps/s", at_least=0.8),
     Measure("threads", "two threads, beside one", "M steps/s", at_least=1.8),
     Measure("filter", "all threads, with the filter in the loop", "M steps/s", OURS, at_least=3.0),
+    Measure("gym", "one thread, 1024 environments for learning, beside a single one", "M steps/s", OURS, at_least=0.2),
 )
 
 
@@ -123,7 +128,16 @@ def one_round(runs: int) -> dict[str, Pair]:
             *(rate(runs, lambda n=n: run_batch(CASE, START, 1, 0, runs, threads=n)) for n in (2, 1)),
         ),
         "filter": Pair(rate(runs, lambda: run_batch(FILTERED, START, 1, 0, runs))),
+        "gym": Pair(rate(ENVIRONMENTS, lambda: play(1), cpu), rate(1, lambda: play(0), cpu)),
     }
+
+
+def play(which: int) -> None:
+    """Let a single environment (0) or all of them (1) act at random for STEPS steps."""
+    generator, env = np.random.default_rng(1), ENVS[which]
+    env.reset(seed=1)
+    for _ in range(STEPS):
+        env.step(generator.uniform(-1.0, 1.0, env.action_space.shape))
 
 
 def measure(quick: bool, folder: Path) -> Iterator[dict[str, Pair]]:

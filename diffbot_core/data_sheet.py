@@ -8,7 +8,7 @@ from typing import Annotated, NamedTuple, TypeAlias
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.kinematics import WheelGeometry
 from diffbot_core.ranges import ACCELERATION, ANGULAR_ACCELERATION, SPEED, TURN_RATE, WHEEL_SPEED
-from diffbot_core.schema import Spec
+from diffbot_core.schema import Spec, known_fields
 
 _INF = math.inf
 
@@ -31,6 +31,7 @@ CommandLatency: TypeAlias = Annotated[
 ]
 
 
+@known_fields
 class DataSheet(NamedTuple):
     """What every law may know of the robot; ``inf`` is no limit. Parameter names are those of diff_drive_controller.
 
@@ -80,3 +81,32 @@ PAPER_DATA_SHEET = DataSheet(1.3, _INF, _INF, _INF, _INF)
 def rim_speed(data_sheet: DataSheet) -> float:
     """Bound [m/s] of |v| + |omega| L / 2, the speed of the faster wheel's rim."""
     return data_sheet.wheel_max * data_sheet.wheels.wheel_radius
+
+
+def fastest(data_sheet: DataSheet) -> tuple[float, float]:
+    """Largest speed [m/s], and largest rate of a turn on the spot [rad/s]."""
+    rim = rim_speed(data_sheet)
+    return min(data_sheet.v_max, rim), min(data_sheet.omega_max, 2.0 * rim / data_sheet.wheels.wheel_separation)
+
+
+def least_time(way: float, speed: float, acceleration: float, period: float = 0.0) -> float:
+    """Return the least time [s] from rest to rest, in closed form.
+
+    Args:
+        way: [m] or [rad], >= 0.
+        speed: its bound.
+        acceleration: its bound; inf: none.
+        period: [s] for which commands are held; 0: the velocity changes continuously.
+    """
+    if acceleration == _INF:
+        return way / speed
+    if way * acceleration >= speed * speed:
+        return way / speed + speed / acceleration - period
+    return 2.0 * math.sqrt(way / acceleration) - period
+
+
+def leg_times(first: float, way: float, last: float, data_sheet: DataSheet) -> tuple[float, float, float]:
+    """Return the least times [s] to turn by ``first`` [rad], drive ``way`` [m] straight on, and turn by ``last``."""
+    speed, rate = fastest(data_sheet)
+    turns = [least_time(abs(turn), rate, data_sheet.omega_dot_max) for turn in (first, last)]
+    return turns[0], least_time(way, speed, data_sheet.a_max), turns[1]

@@ -21,6 +21,8 @@ _BAG = b"rosbag2_bagfile_information"
 """in the metadata.yaml of a bag"""
 _REPORT = (b"<", b"{")
 """first byte of what commands write as a report: HTML, XML or JSON"""
+_PICTURE, _PLOTTED = b"\x89PNG", b"Matplotlib"
+"""first bytes of a picture, and what stands near them in one that a command draws"""
 
 
 def check_output(path: Path, inputs: Iterable[Path] = ()) -> None:
@@ -47,10 +49,10 @@ def check_output(path: Path, inputs: Iterable[Path] = ()) -> None:
         raise DiffbotError(f"cannot write to {path}: it is neither a file nor a folder")
     if any(one.exists() and one.samefile(path) for one in inputs):
         raise DiffbotError(f"cannot write to {path}: it exists already, and the command reads it: choose another name")
-    if (begin := _begin_of(path)) and not begin.startswith(_REPORT):
-        raise DiffbotError(
-            f"cannot write to {path}: it exists already, and is no report (HTML, XML, JSON): choose another name"
-        )
+    begin = _begin_of(path, 256)
+    if begin and not begin.startswith(_REPORT) and not (begin.startswith(_PICTURE) and _PLOTTED in begin):
+        kinds = "no report (HTML, XML, JSON) and no plotted picture"
+        raise DiffbotError(f"cannot write to {path}: it exists already, and is {kinds}: choose another name")
 
 
 def _bag_around(path: Path) -> str:

@@ -38,6 +38,20 @@ def wrap_angle(angle: float) -> float:
     return wrapped - TWO_PI if wrapped > math.pi else wrapped
 
 
+def straight_legs(pose: Pose, *, backwards: bool) -> tuple[float, float, float]:
+    """Return the turn [rad], the way [m] and the turn [rad] that lead from ``pose``, in the goal's frame, to the goal.
+
+    Args:
+        pose: of the robot.
+        backwards: the robot reverses on the way.
+    """
+    x, y, theta = pose
+    way = math.hypot(x, y)
+    travel = math.atan2(y, x) if backwards else math.atan2(-y, -x)
+    first = wrap_angle(travel - theta) if way > 0.0 else 0.0
+    return first, way, wrap_angle(-theta - first)
+
+
 def into_frame(pose: Pose, frame: Pose) -> Pose:
     """Express ``pose`` in ``frame``; both are given in one common frame, e.g. a robot and its goal in ``map``."""
     dx = pose.x - frame.x

@@ -6,7 +6,7 @@ import math
 from typing import Annotated, NamedTuple
 
 from diffbot_core.ranges import WHEEL_SIZE
-from diffbot_core.schema import Spec
+from diffbot_core.schema import Spec, known_fields
 
 RESTING_SIGMA = 1e-3
 """[rad/s] standard deviation of a wheel speed at rest: no encoder is exact, and a filter needs some noise."""
@@ -39,6 +39,7 @@ class WheelSpeeds(NamedTuple):
     right: float
 
 
+@known_fields
 class WheelGeometry(NamedTuple):
     """R and L of the paper (section 4.1); it calls R a diameter but uses it as the radius."""
 

@@ -2,6 +2,7 @@
 
 A configuration is a ``NamedTuple`` whose fields are annotated with a :class:`Spec`::
 
+    @known_fields
     class Gains(NamedTuple):
         gamma: Annotated[float, Spec("bound of |v|", "m/s", minimum=1e-3, maximum=100.0)] = 1.3
 
@@ -24,7 +25,7 @@ import functools
 import math
 import re
 from collections import namedtuple
-from collections.abc import Hashable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from typing import Annotated, Any, NamedTuple, TypeVar, cast, get_args, get_origin, get_type_hints
 
 from diffbot_core.errors import DiffbotError, InvalidValueError, ReplacedNameError, known_name
@@ -93,6 +94,24 @@ class Parameter(NamedTuple):
     def decode(self, value: Any) -> Any:
         """Return the outside form of what the configuration holds."""
         return self.spec.choices[value] if self.coded else value
+
+
+def known_fields(config_type: type[C]) -> type[C]:
+    """Make a configuration type name its fields, in one line, when it is given one that it does not have."""
+    fields = config_type._fields  # type: ignore[attr-defined] # it is a NamedTuple
+    for method in ("__new__", "_replace"):
+        setattr(config_type, method, _with_known_fields(getattr(config_type, method), fields))
+    return config_type
+
+
+def _with_known_fields(method: Callable[..., Any], fields: tuple[str, ...]) -> Callable[..., Any]:
+    @functools.wraps(method)
+    def wrapped(*args: Any, **values: Any) -> Any:
+        for name in values.keys() - set(fields):
+            raise InvalidValueError(name, values[name], known_name(name, fields))
+        return method(*args, **values)
+
+    return wrapped
 
 
 def parameters_of(config_type: type[Any]) -> list[Parameter]:

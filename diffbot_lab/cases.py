@@ -73,6 +73,11 @@ def changes(config: tuple[Any, ...], base: tuple[Any, ...] | None = None) -> str
     return f"not the default: {', '.join(changed) or 'nothing'}"
 
 
+def described(name: str, **parts: tuple[Any, ...]) -> str:
+    """Return a line that says what runs under a name: the parts of its configuration, with all not the default."""
+    return f"{name}: " + "; ".join(f"{part} {changes(config)}" for part, config in parts.items())
+
+
 def inert_in(configuration: Configuration, feedback: str) -> dict[str, str]:
     """Return the parameters that cannot act in a case, and with what they would.
 

@@ -138,7 +138,11 @@ def _completion(options: argparse.Namespace) -> int:
         from argcomplete.shell_integration import shellcode  # noqa: PLC0415
     except ImportError:
         raise DiffbotError("completion needs argcomplete: pip install argcomplete") from None
-    print(shellcode(["diffbot"], shell=options.shell))
+    code = shellcode(["diffbot"], shell=options.shell)
+    if options.shell == "zsh":  # whose completion is off until someone switches it on
+        first, _, rest = code.partition("\n")
+        code = f"{first}\n(( $+functions[compdef] )) || {{ autoload -Uz compinit && compinit }}\n{rest}"
+    print(code)
     return 0
 
 

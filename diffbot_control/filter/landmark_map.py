@@ -6,12 +6,13 @@ from typing import Annotated, NamedTuple
 
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import MAX_COORDINATE, Point
-from diffbot_core.schema import Spec
+from diffbot_core.schema import Spec, known_fields
 
 _NUMBERS = 2**31
 """Bound of the numbers, which are sent as int32."""
 
 
+@known_fields
 class LandmarkMap(NamedTuple):
     """Landmarks: three lists of equal length, an entry per landmark."""
 

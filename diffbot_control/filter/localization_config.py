@@ -10,9 +10,10 @@ from diffbot_control.filter.odometry_noise import OdometryConfig
 from diffbot_control.filter.options import FNN, FNN_CALIBRATING, FilterConfig
 from diffbot_control.filter.pose_sources import PoseSources
 from diffbot_core.errors import InvalidValueError
-from diffbot_core.schema import Spec
+from diffbot_core.schema import Spec, known_fields
 
 
+@known_fields
 class LocalizationConfig(NamedTuple):
     """Options of the fusion."""
 

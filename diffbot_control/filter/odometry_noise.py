@@ -10,13 +10,14 @@ from __future__ import annotations
 from typing import Annotated, NamedTuple
 
 from diffbot_core.kinematics import Twist, TwistCovariance, scale_twist_covariance
-from diffbot_core.schema import Spec
+from diffbot_core.schema import Spec, known_fields
 
 MESSAGE, DENSITY, MOTION = "message", "density", "motion"
 _MAX_DENSITY = 100.0
 """[m^2/s], [rad^2/s] and per metre or radian: the pose is unknown after a second."""
 
 
+@known_fields
 class OdometryConfig(NamedTuple):
     """Noise and dead time of the odometry.
 

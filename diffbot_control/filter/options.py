@@ -10,7 +10,7 @@ from diffbot_control.filter.landmark_calibration import NO_ERRORS, LandmarkError
 from diffbot_control.filter.slip import MAX_SLIP
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.ranges import TIMEOUT
-from diffbot_core.schema import Spec
+from diffbot_core.schema import Spec, known_fields
 
 EKF, CALIBRATING, FNN, FNN_CALIBRATING = "ekf", "ekf_calibrating", "ekf_fnn", "ekf_fnn_calibrating"
 FILTERS = (EKF, CALIBRATING, FNN, FNN_CALIBRATING)
@@ -26,6 +26,7 @@ _MAX_SIGMAS, _MAX_ERROR = 5.0, 0.1
 With a gyro, some more of slip is estimated like a radius error, see :mod:`slip`."""
 
 
+@known_fields
 class FilterConfig(NamedTuple):
     """Parameters of the filter."""
 

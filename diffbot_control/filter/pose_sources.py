@@ -6,7 +6,7 @@ import re
 from typing import Annotated, NamedTuple
 
 from diffbot_core.errors import InvalidValueError
-from diffbot_core.schema import Spec
+from diffbot_core.schema import Spec, known_fields
 
 GLOBAL_POSE = "global_pose"
 """The first source, which is always there."""
@@ -15,6 +15,7 @@ _MIN_SIGMA, _MAX_SIGMA, _MAX_TIME, _MAX_DELAY = 1e-4, 1e3, 1e4, 60.0
 TOPIC_NAME = re.compile(r"[~/]?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
 
 
+@known_fields
 class PoseSources(NamedTuple):
     """Further sources of fixes: lists with an entry per source; a list that is empty has its default for all."""
 

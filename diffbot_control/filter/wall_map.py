@@ -8,7 +8,7 @@ from typing import Annotated, NamedTuple
 from diffbot_control.filter.pose_sources import TOPIC_NAME
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import MAX_COORDINATE, Point, Pose
-from diffbot_core.schema import Spec
+from diffbot_core.schema import Spec, known_fields
 
 _MAX_BEAMS = 8
 
@@ -22,6 +22,7 @@ class Wall(NamedTuple):
     """[m]"""
 
 
+@known_fields
 class WallMap(NamedTuple):
     """Walls and beams: lists with an entry per wall, and lists with an entry per beam."""
 
@@ -87,6 +88,7 @@ class WallMap(NamedTuple):
         return {topic: Pose(*mount) for topic, mount in zip(self.beam_topics, mounts, strict=False)}
 
 
+@known_fields
 class BeamConfig(NamedTuple):
     """What the filter knows of beams."""
 

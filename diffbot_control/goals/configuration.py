@@ -6,9 +6,10 @@ from typing import Annotated, NamedTuple
 
 from diffbot_control.law.configuration import ControllerConfig
 from diffbot_core.ranges import DISTANCE, TIME, TIMEOUT
-from diffbot_core.schema import Spec
+from diffbot_core.schema import Spec, known_fields
 
 
+@known_fields
 class SupervisorConfig(NamedTuple):
     """Options of the controller beyond the law."""
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
-from diffbot_core.data_sheet import DataSheet, rim_speed
+from diffbot_core.data_sheet import DataSheet, fastest
 from diffbot_core.units import S_PER_NS
 
 _BASE_TIME = 120.0
@@ -56,15 +56,9 @@ class Way(NamedTuple):
     """[m], [rad] that the estimate allows"""
 
 
-def _limits(sheet: DataSheet) -> tuple[float, float]:
-    """Return the largest speed [m/s] and rotation on the spot [rad/s]."""
-    rim = rim_speed(sheet)
-    return min(sheet.v_max, rim), min(sheet.omega_max, 2.0 * rim / sheet.wheels.wheel_separation)
-
-
 def _turn_and_start(sheet: DataSheet) -> float:
     """Return the time [s] of a whole turn, and to reach both speeds and leave them, at the limits."""
-    v, omega = (max(limit, _SLOWEST) for limit in _limits(sheet))
+    v, omega = (max(limit, _SLOWEST) for limit in fastest(sheet))
     ramps = (
         0.0 if bound == math.inf else 2.0 * speed / bound
         for speed, bound in ((v, sheet.a_max), (omega, sheet.omega_dot_max))
@@ -80,14 +74,14 @@ def derived_timeout(distance: float, goals: int, sheet: DataSheet) -> float:
         goals: number of goals of the route.
         sheet: limits of the robot.
     """
-    v = max(_limits(sheet)[0], _SLOWEST)
-    fastest = distance / v + goals * _turn_and_start(sheet)
-    return min(_BASE_TIME + (goals - 1) * _WAYPOINT_TIME + _GENEROSITY * fastest, _LONGEST)
+    v = max(fastest(sheet)[0], _SLOWEST)
+    least = distance / v + goals * _turn_and_start(sheet)
+    return min(_BASE_TIME + (goals - 1) * _WAYPOINT_TIME + _GENEROSITY * least, _LONGEST)
 
 
 def progress_time(distance: float, sheet: DataSheet) -> float:
     """Return the time [s] within which the remaining ``distance`` [m] has to shrink; inf if the robot must not move."""
-    v = _limits(sheet)[0]
+    v = fastest(sheet)[0]
     if v < _SLOWEST:
         return math.inf
     return max(_MIN_PROGRESS_TIME, _GENEROSITY * (_turn_and_start(sheet) + _step(distance) / v))

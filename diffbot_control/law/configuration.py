@@ -14,7 +14,7 @@ from diffbot_control.law.speed_profile import ProfileGains
 from diffbot_control.law.steering import UNDECIDED, Course
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.kinematics import Twist
-from diffbot_core.schema import Spec
+from diffbot_core.schema import Spec, known_fields
 
 TANH, BRAKING = 0, 1
 PROFILE_NAMES = ("tanh", "braking")
@@ -24,6 +24,7 @@ GAIN_SOURCES = ("preset", "auto")
 """Words of the parameter ``gains``."""
 
 
+@known_fields
 class Driving(NamedTuple):
     """How the robot may move."""
 
@@ -35,6 +36,7 @@ class Driving(NamedTuple):
     ] = False
 
 
+@known_fields
 class ControllerConfig(NamedTuple):
     """All that shapes the command. The defaults are the preset ``tuned``, as in the node; presets.py has the others."""
 

@@ -23,7 +23,7 @@ from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.ranges import SHARE, SPEED
-from diffbot_core.schema import Spec
+from diffbot_core.schema import Spec, known_fields
 from diffbot_core.uncertainty import CERTAIN, Uncertainty
 
 NO_LEG, TO_AND_FRO, V_LEG, LEAVING = 0, 1, 2, 3
@@ -51,6 +51,7 @@ _SLOWEST = 0.2
 """share of ``finish_speed`` that a leg ends with"""
 
 
+@known_fields
 class FinishConfig(NamedTuple):
     """When and how an error is worked off at rest."""
 

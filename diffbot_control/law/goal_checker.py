@@ -9,10 +9,11 @@ from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.ranges import ANGLE, LENGTH, SPEED, TURN_RATE
-from diffbot_core.schema import Spec
+from diffbot_core.schema import Spec, known_fields
 from diffbot_core.uncertainty import CERTAIN, Uncertainty, disc_probability, interval_probability
 
 
+@known_fields
 class GoalTolerance(NamedTuple):
     """Tolerances with the names of Nav2's StoppedGoalChecker."""
 

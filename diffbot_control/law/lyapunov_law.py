@@ -13,12 +13,13 @@ from typing import Annotated, NamedTuple
 from diffbot_control.law.polar_coordinates import Navigation
 from diffbot_core.kinematics import Twist
 from diffbot_core.ranges import GAIN, SPEED
-from diffbot_core.schema import Spec
+from diffbot_core.schema import Spec, known_fields
 
 _SERIES = 1e-4
 """Below it sin(a)/a and tanh(r)/r are computed from their series, exact to the last bit there."""
 
 
+@known_fields
 class Gains(NamedTuple):
     """Gains of the laws (13) and (17).
 

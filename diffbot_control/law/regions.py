@@ -7,7 +7,7 @@ from typing import Annotated, NamedTuple
 
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.ranges import DISTANCE, SIGMAS
-from diffbot_core.schema import Spec
+from diffbot_core.schema import Spec, known_fields
 
 OMEGA_G = 0
 OMEGA_L = 1
@@ -34,6 +34,7 @@ class Switching(NamedTuple):
     """poses in a row beyond the leaving radius (covariance policy)"""
 
 
+@known_fields
 class FixedRegionPolicy(NamedTuple):
     """Omega_L as a circle of constant radius about the goal, with hysteresis.
 
@@ -62,6 +63,7 @@ class FixedRegionPolicy(NamedTuple):
             raise InvalidValueError("eps_P_leave", self.eps_P_leave, f">= eps_P = {self.eps_P:g}")
 
 
+@known_fields
 class CovarianceRegionPolicy(NamedTuple):
     """Omega_L with a radius that follows the covariance of the estimate.
 
@@ -89,6 +91,7 @@ class CovarianceRegionPolicy(NamedTuple):
     ] = 3
 
 
+@known_fields
 class RegionPolicy(NamedTuple):
     """The policy in use and the settings of each."""
 

@@ -14,7 +14,7 @@ from typing import Annotated, NamedTuple
 
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.ranges import ACCELERATION, ANGULAR_ACCELERATION, GAIN
-from diffbot_core.schema import Spec
+from diffbot_core.schema import Spec, known_fields
 
 _BRAKE_SHARE = 0.86
 """share of the acceleration limit that a profile plans with; the rest is for errors of the estimate"""
@@ -32,6 +32,7 @@ ARRIVAL_SHARE = 0.3
 """deviation of the position to arrive with, share of xy_goal_tolerance"""
 
 
+@known_fields
 class ProfileGains(NamedTuple):
     """Gains of the braking profiles; 1 / ``turn_react`` and 1 / ``hold_react`` are the paper's k and k_2 near 0."""
 

@@ -180,6 +180,7 @@ def run_and_report(places: tuple[str, ...], budget: int, runs: int, cases: tuple
         tuning = tune_all(entries_for(places), budget, runs, cases)
         write_json(folder / "tuning.json", tuning)
     for name, one in tuning["laws"].items():
+        print(f"law {name}: tuned " + ", ".join(f"{key} = {value:g}" for key, value in one["values"].items()))
         print(f"{name:<28}{one['untuned_cost']:>9.3f} -> {one['cost']:.3f}  ({one['evaluations']} evaluations)")
     print(f"Results in {folder}")
     return 0

@@ -13,6 +13,7 @@ from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.files import output_folder, write_json, write_text
 from diffbot_core.schema import build
 from diffbot_lab.campaign.statistics import wilson
+from diffbot_lab.cases import described
 from diffbot_lab.targets import markdown_table
 from diffbot_tools.calibration.calibrate import calibrate
 from diffbot_tools.calibration.quantities import CONSTANTS
@@ -153,6 +154,8 @@ def run_and_report(runs: int, seed: int, out: Path) -> int:
         results = {"seed": seed, "seconds": SECONDS, "cases": cases}
         write_json(out / "results.json", results)
         write_text(out / "table.md", table(results) + "\n")
+    for name, case in CASES.items():
+        print(described(f"{name}: deviations times {case.noise:g}", ekf=case.config))
     print(table(results))
     print(f"Results in {out}")
     return 0

@@ -25,6 +25,7 @@ from diffbot_core.errors import InvalidValueError
 from diffbot_core.files import output_folder, write_json
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.units import NS_PER_S
+from diffbot_lab.cases import described
 from diffbot_lab.filter_benchmark.colour_report import conclusions, table
 from diffbot_sim.compiled.open_loop import start_of, twist_of
 from diffbot_sim.model.plant import PlantConfig
@@ -176,6 +177,9 @@ def run_and_report(runs: int, seed: int, folder: Path) -> int:
     with output_folder(folder):
         results = run_benchmark(runs, seed)
         write_json(folder / "results.json", results)
+        for mode in (OFF, ON, GIVEN):
+            print(described(mode, filter=options_for(mode, CORRELATIONS[1])))
+        print(f"given: for a correlation of {CORRELATIONS[1]:g}; odometry {ODOMETRY_RATE} Hz, fixes {FIX_RATE} Hz")
         print(table(results))
     print(f"Results in {folder}")
     return 0

@@ -18,6 +18,7 @@ from tqdm import tqdm
 from diffbot_control.filter.options import FILTERS, FilterConfig
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.files import output_folder, write_json
+from diffbot_lab.cases import described
 from diffbot_lab.filter_benchmark.cases import DURATION, SCENARIOS, SKIPPED, Scenario, drive_of, name_of
 from diffbot_lab.filter_benchmark.report import conclusions, table
 from diffbot_sim.compiled.batch import in_threads
@@ -170,6 +171,8 @@ def run_and_report(runs: int, seed: int, folder: Path, figures: bool) -> int:
     with output_folder(folder):
         results = run_benchmark(runs, seed)
         write_json(folder / "results.json", results)
+        print(*(described(one.name, plant=one.plant, sensors=one.sensors) for one in SCENARIOS), sep="\n")
+        print("filter: as in the column, otherwise not the default: nothing; rates: as in the row")
         print(table(results))
         if figures:
             draw(results, folder / "localization.png")

@@ -22,6 +22,7 @@ from tqdm import tqdm
 
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.files import output_folder, write_json
+from diffbot_lab.cases import described
 from diffbot_lab.filter_benchmark.peer_drives import CASES, DURATION, RATE, Drive, PeerCase, record_drive
 from diffbot_lab.filter_benchmark.peer_filters import Estimates, PeerNoise, run_ours, run_peer
 from diffbot_lab.filter_benchmark.peer_report import table
@@ -197,6 +198,9 @@ def run_and_report(runner: Path, runs: int, seed: int, names: tuple[str, ...], f
     with output_folder(folder):
         results = run_benchmark(runner, runs, seed, names)
         write_json(folder / "results.json", results)
+        for one in CASES:
+            if not names or one.name in names:
+                print(described(one.name, plant=one.plant, sensors=one.sensors, filter=one.filter))
         print(table(results))
     print(f"Results in {folder}")
     return 0

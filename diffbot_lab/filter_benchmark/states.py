@@ -18,6 +18,7 @@ from diffbot_control.filter.landmark_map import LandmarkMap
 from diffbot_control.filter.options import EKF, FilterConfig
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.files import output_folder, write_json
+from diffbot_lab.cases import described
 from diffbot_lab.filter_benchmark.peer import Errors, errors_of, interval_of, ratio_of
 from diffbot_lab.filter_benchmark.peer_drives import GYRO, RATE, PeerCase, record_drive
 from diffbot_lab.filter_benchmark.peer_filters import run_ours
@@ -172,6 +173,8 @@ def run_and_report(runs: int, seed: int, folder: Path) -> int:
     with output_folder(folder):
         results = run_benchmark(runs, seed)
         write_json(folder / "results.json", results)
+        for one in OPTIONS:
+            print(described(one.name, **{"with: filter": one.with_states, "without: filter": one.without}))
         print(table(results))
     print(f"Results in {folder}")
     return 0

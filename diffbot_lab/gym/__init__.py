@@ -10,4 +10,9 @@ GOAL = "DiffbotGoal-v0"
 MAX_STEPS = 300
 """Steps of an episode, 30 s with the default sampling time; then it is truncated."""
 
-register(GOAL, "diffbot_lab.gym.environment:DiffbotGoalEnv", max_episode_steps=MAX_STEPS)
+register(
+    GOAL,
+    "diffbot_lab.gym.environment:DiffbotGoalEnv",
+    max_episode_steps=MAX_STEPS,
+    vector_entry_point="diffbot_lab.gym.vector:DiffbotGoalVectorEnv",
+)

@@ -28,8 +28,7 @@ plus 10 at the goal, less 10 for leaving the arena. An episode is terminated at 
 the goal checker's tolerances (0.1 m, 0.1 rad) and the command at most 0.05 m/s and 0.1 rad/s, and where the true
 distance exceeds three times ``start_range``. ``gymnasium.make`` truncates it after 300 steps.
 
-There is no vectorised form: the compiled loop runs whole drives with a compiled law inside, not single steps with
-actions from outside. ``gymnasium.make_vec`` steps several of these environments, in one process or in many.
+Many at a time: ``gymnasium.make_vec("diffbot_lab.gym:DiffbotGoal-v0", num_envs=1024)``, see :mod:`vector`.
 """
 
 from __future__ import annotations
@@ -44,27 +43,22 @@ from numpy.typing import NDArray
 
 from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.localization_config import LocalizationConfig
-from diffbot_control.law.goal_checker import GoalTolerance, within
-from diffbot_control.law.limits import limit_velocity
-from diffbot_control.law.polar_coordinates import navigation_variables
+from diffbot_control.law.goal_checker import GoalTolerance
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import MAX_COORDINATE, Pose, wrap_angle
 from diffbot_core.kinematics import Twist
+from diffbot_lab.gym.task import Task, observed, requested, score
 from diffbot_sim.feedback import EKF, FEEDBACKS
 from diffbot_sim.model.simulator import StartPose, World, WorldConfig
 from diffbot_sim.reference_loop import PoseFeedback
 
 Floats = NDArray[np.float32]
 
-HEADING_WEIGHT = 0.2
-"""[m/rad] of the heading error in the distance that the reward counts"""
-TIME_COST, END_REWARD = 0.1, 10.0
-"""[1/s] for each second; at the goal, and less for leaving the arena"""
 ARENA = 3.0
 """times ``start_range``: a distance beyond it ends an episode"""
 _RANGES = {"start_range": (0.1, 1e3), "v_max": (1e-3, 1e3), "omega_max": (1e-3, 1e3)}
-_MAX_WAIT = 1000
+MAX_WAIT = 1000
 """steps in which the robot waits for its first pose"""
 _MAX_SEED = 2**63 - 1
 
@@ -94,8 +88,8 @@ class DiffbotGoalEnv(gymnasium.Env[Floats, Floats]):
         Raises:
             InvalidValueError: for another feedback, or a range or bound that is not a positive number.
         """
-        self._config, self._sheet = world or WorldConfig(), data_sheet or DataSheet()
-        v_max, omega_max = self._sheet.v_max, self._sheet.omega_max
+        self.config, sheet = world or WorldConfig(), data_sheet or DataSheet()
+        v_max, omega_max = sheet.v_max, sheet.omega_max
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise InvalidValueError("render_mode", render_mode, "None or rgb_array")
         self.render_mode = render_mode
@@ -105,7 +99,8 @@ class DiffbotGoalEnv(gymnasium.Env[Floats, Floats]):
             least, most = _RANGES[name]
             if not least <= value <= most:
                 raise InvalidValueError(name, value, f">= {least:g} and <= {most:g}")
-        self._feedback, self._start_range, self._tolerance = feedback, start_range, GoalTolerance()
+        self.feedback, self.start_range = feedback, start_range
+        self.task = Task(sheet, GoalTolerance(), ARENA * start_range, self.config.plant.sampling_time)
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (2,), np.float32)
         high = np.array([2.0 * ARENA * start_range, 1.0, 1.0, 1.0, 1.0, 2.0 * v_max, 2.0 * omega_max], np.float32)
         low = np.array([0.0, *(-high[1:])], np.float32)
@@ -125,16 +120,17 @@ class DiffbotGoalEnv(gymnasium.Env[Floats, Floats]):
             InvalidValueError: for a bad start, or if no pose comes at all.
         """
         super().reset(seed=seed)
-        start, noise = self._random_start(), int(self.np_random.integers(_MAX_SEED, endpoint=True))
+        start, noise = drawn_episode(self.np_random, self.start_range)
         if options and "start" in options:
-            start = _checked_start(options["start"])
-        self.world = World(self._config._replace(start=start, seed=noise))
-        separation = self._config.plant.wheels.wheel_separation
-        self._source = PoseFeedback(self._feedback, Localization(LocalizationConfig(), separation))
+            start = checked_start(options["start"])
+        self.world = World(self.config._replace(start=start, seed=noise))
+        separation, landmarks = self.config.plant.wheels.wheel_separation, bool(self.config.landmarks.landmark_ids)
+        found = Localization(LocalizationConfig(), separation, landmarks=landmarks)
+        self._source = PoseFeedback(self.feedback, found)
         pose, steps = self._source.pose(self.world), 0
         while pose is None:
-            if steps == _MAX_WAIT:
-                raise InvalidValueError("feedback", self._feedback, f"one that brings a pose within {_MAX_WAIT} steps")
+            if steps == MAX_WAIT:
+                raise no_pose(self.feedback)
             self.world.advance(Twist(0.0, 0.0))
             pose, steps = self._source.pose(self.world), steps + 1
         self._pose = pose
@@ -146,20 +142,12 @@ class DiffbotGoalEnv(gymnasium.Env[Floats, Floats]):
         Raises:
             InvalidValueError: for an action that is not two finite numbers; others are clipped to the space.
         """
-        shares = np.asarray(action, dtype=np.float64)
-        if shares.shape != (2,) or not np.isfinite(shares).all():
-            raise InvalidValueError("action", action, "two finite numbers")
-        v, omega = np.clip(shares, -1.0, 1.0).tolist()
-        command = limit_velocity(Twist(v * self._sheet.v_max, omega * self._sheet.omega_max), self._sheet)
+        v, omega = checked_actions(action, (2,)).tolist()
+        command = requested(v, omega, self.task.data_sheet)
         before = self.world.state.pose
         self.world.advance(command)
         self._pose = self._source.pose(self.world) or self._pose
-        truth = self.world.state.pose
-        rho = math.hypot(truth.x, truth.y)
-        reached = within(truth, rho, command, self._tolerance, self._sheet)
-        left = rho > ARENA * self._start_range
-        reward = _distance(before) - _distance(truth) - TIME_COST * self._config.plant.sampling_time
-        reward += END_REWARD * (reached - left)
+        reward, reached, left = score(before, self.world.state.pose, command, self.task)
         return self._observation(), reward, reached or left, False, self._info(reached)
 
     def render(self) -> NDArray[np.uint8] | None:
@@ -170,7 +158,7 @@ class DiffbotGoalEnv(gymnasium.Env[Floats, Floats]):
         from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
         from matplotlib.figure import Figure  # noqa: PLC0415
 
-        canvas, reach = FigureCanvasAgg(Figure(figsize=(4.0, 4.0), dpi=100)), 1.2 * self._start_range
+        canvas, reach = FigureCanvasAgg(Figure(figsize=(4.0, 4.0), dpi=100)), 1.2 * self.start_range
         axes = canvas.figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
         for pose, colour in ((Pose(0.0, 0.0, 0.0), "green"), (self._pose, "red"), (self.world.state.pose, "blue")):
             tip = 0.12 * reach * math.cos(pose.theta), 0.12 * reach * math.sin(pose.theta)
@@ -178,15 +166,9 @@ class DiffbotGoalEnv(gymnasium.Env[Floats, Floats]):
         canvas.draw()  # type: ignore[no-untyped-call]
         return np.array(canvas.buffer_rgba())[:, :, :3]  # type: ignore[no-untyped-call]
 
-    def _random_start(self) -> StartPose:
-        x, y, turn = self.np_random.uniform(-1.0, 1.0, 3).tolist()
-        return StartPose(self._start_range * x, self._start_range * y, math.pi * turn)
-
     def _observation(self) -> Floats:
-        rho, alpha, beta = navigation_variables(self._pose)
         _, twist, _ = self.world.odometry()
-        directions = math.cos(alpha), math.sin(alpha), math.cos(beta), math.sin(beta)
-        values = np.array([rho, *directions, twist.v, twist.omega], dtype=np.float32)
+        values = np.array(observed(self._pose, twist), dtype=np.float32)
         space = self.observation_space
         clipped: Floats = np.clip(values, space.low, space.high)  # type: ignore[attr-defined] # it is a Box
         return clipped
@@ -199,12 +181,33 @@ class DiffbotGoalEnv(gymnasium.Env[Floats, Floats]):
         }
 
 
-def _distance(pose: Pose) -> float:
-    """Return what the reward counts [m] for a pose in the goal's frame."""
-    return math.hypot(pose.x, pose.y) + HEADING_WEIGHT * abs(pose.theta)
+def no_pose(feedback: str) -> InvalidValueError:
+    """Return the error of a robot that never learns where it is."""
+    return InvalidValueError("feedback", feedback, f"one that brings a pose within {MAX_WAIT} steps")
 
 
-def _checked_start(start: Sequence[float]) -> StartPose:
+def drawn_episode(generator: np.random.Generator, start_range: float) -> tuple[StartPose, int]:
+    """Draw the start of an episode, x and y within ``start_range`` [m], and the seed of its noise."""
+    x, y, turn = generator.uniform(-1.0, 1.0, 3).tolist()
+    start = StartPose(start_range * x, start_range * y, math.pi * turn)
+    return start, int(generator.integers(_MAX_SEED, endpoint=True))
+
+
+def checked_actions(action: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Return an action, or one for each environment, clipped to the space.
+
+    Raises:
+        InvalidValueError: for one of another shape, or a number that is not finite.
+    """
+    shares = np.asarray(action, dtype=np.float64)
+    if shares.shape != shape or not np.isfinite(shares).all():
+        what = "two finite numbers" if shape == (2,) else f"finite numbers of shape {shape}"
+        raise InvalidValueError("action", action, what)
+    return np.clip(shares, -1.0, 1.0)
+
+
+def checked_start(start: Sequence[float]) -> StartPose:
+    """Return x [m], y [m], theta [rad] as a start."""
     values = np.asarray(start, dtype=np.float64)
     if values.shape != (3,) or not (np.abs(values) <= MAX_COORDINATE).all():
         raise InvalidValueError("start", start, f"x, y, theta, each within {MAX_COORDINATE:g}")

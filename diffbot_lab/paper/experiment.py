@@ -15,7 +15,7 @@ from tqdm import tqdm
 from diffbot_control.law.presets import PAPER, PRESETS
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.files import output_folder, write_json
-from diffbot_lab.cases import changes
+from diffbot_lab.cases import changes, described
 from diffbot_lab.paper.scenarios import (
     EPS_P,
     HEADINGS_B,
@@ -172,11 +172,11 @@ def run_and_report(names: tuple[str, ...], runs: int, seed: int, folder: Path, f
     print(f"Results and figures in {folder}")
 
 
-def heading() -> str:
+def heading(settings: tuple[Setting, ...] = SETTINGS) -> str:
     """Say what runs: laws, settings, and all that is not the default of the nodes."""
     lines = [f"{law}: preset paper; beside it, {changes(controller_of(law, EPS_P), PRESETS[PAPER])}" for law in LAWS]
-    for one in SETTINGS:
-        lines.append(f"{one.name}: feedback {one.feedback}; plant {changes(one.plant)}; sensors {changes(one.sensors)}")
+    for one in settings:
+        lines.append(described(f"{one.name}: feedback {one.feedback}", plant=one.plant, sensors=one.sensors))
     return "\n".join([*lines, f"filter of ekf: {changes(TEXTBOOK_FILTER)}"])
 
 

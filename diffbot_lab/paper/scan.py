@@ -18,6 +18,7 @@ from tqdm import tqdm
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.files import output_folder, write_json
 from diffbot_lab.campaign.statistics import wilson
+from diffbot_lab.paper.experiment import heading
 from diffbot_lab.paper.scenarios import PAPER_END_STATES, SETTINGS, Setting, case_of, starts_of
 from diffbot_sim.compiled.batch import HISTORY_COLUMNS, run_histories
 
@@ -130,7 +131,7 @@ def run_and_report(runs: int, seed: int, folder: Path) -> None:
     with output_folder(folder):
         results = run_scan(runs, seed)
         write_json(folder / "results.json", results)
-    print(table(results))
+    print(f"{heading(READINGS)}\neps_P of law 17: as in the row\n{table(results)}")
 
 
 def table(results: dict[str, Any]) -> str:

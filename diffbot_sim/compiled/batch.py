@@ -19,9 +19,10 @@ from diffbot_control.goals.protocol import Law
 from diffbot_control.law.controller import SwitchingLaw
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose, wrap_angle
-from diffbot_sim.compiled.closed_loop import EKF, RAW, TRUTH, Case, buffers_for, make_loop, prepared
+from diffbot_sim.compiled.closed_loop import EKF, RAW, TRUTH, Case, buffers_for, make_loop, prepared, robot_of
 from diffbot_sim.compiled.gated_filter import check_supported
 from diffbot_sim.compiled.jit import compile_kernel, make_callable, make_law_callable, one_compiler
+from diffbot_sim.compiled.sensing import Robot
 from diffbot_sim.model.outcome import Outcome
 from diffbot_sim.model.philox import START_BLOCK, draw
 
@@ -48,17 +49,17 @@ class Starts(NamedTuple):
     """half widths of the box [m, m, rad]"""
 
 
-def check_case(case: Case, starts: Starts) -> None:
-    """Refuse what the compiled loop does not support.
+def check_robot(robot: Robot, history_length: float) -> None:
+    """Refuse what the compiled filter does not support; ``history_length`` [s] is how late a measurement may come.
 
     Raises:
         InvalidValueError: for measurements later than the history; for options of the filter that it does not have or
-            that cannot act; for less than one step; for no start.
+            that cannot act.
     """
-    check_supported(case.filter)
-    if case.filter.gyro_bias_variance > 0.0 and case.sensors.gyro_rate == 0.0:
+    check_supported(robot.filter)
+    sensors = robot.sensors
+    if robot.filter.gyro_bias_variance > 0.0 and sensors.gyro_rate == 0.0:
         raise InvalidValueError("use_gyro", True, "false while gyro_rate is 0")
-    sensors, bound = case.sensors, case.history_length
     for name, delay in (
         (
             "fix_delay + fix_delay_jitter" if sensors.fix_delay_jitter > 0.0 else "fix_delay",
@@ -66,8 +67,17 @@ def check_case(case: Case, starts: Starts) -> None:
         ),
         ("heading_delay", sensors.heading_delay),
     ):
-        if delay > bound:
-            raise InvalidValueError(name, delay, f"<= {bound:g} s, the length of the filter's history")
+        if delay > history_length:
+            raise InvalidValueError(name, delay, f"<= {history_length:g} s, the length of the filter's history")
+
+
+def check_case(case: Case, starts: Starts) -> None:
+    """Refuse what the compiled loop does not support.
+
+    Raises:
+        InvalidValueError: as :func:`check_robot`; for less than one step; for no start.
+    """
+    check_robot(robot_of(case), case.history_length)
     if case.steps < 1:
         raise InvalidValueError("steps", case.steps, ">= 1")
     if starts.poses.ndim != 2 or starts.poses.shape[1:] != (3,) or len(starts.poses) == 0:

@@ -125,7 +125,7 @@ def make_loop(law: Law) -> Callable[[Case, Buffers, int, int, Pose, Any], Outcom
         commands = np.zeros((command_rows(delay, t_s), 2))
         state, memory, totals = new_plant(start), new_memory(case.controller), new_totals()
         answer = LawState(OMEGA_G, False)
-        feedback, robot = Feedback(new_sensed(), start, CERTAIN, False), _robot_of(case)
+        feedback, robot = Feedback(new_sensed(), start, CERTAIN, False), robot_of(case)
         for index in range(case.steps + 1):
             key = NoiseKey(seed, run, index)
             feedback = next_feedback(case.feedback, robot, key, state, feedback, arrays, record)
@@ -152,7 +152,7 @@ run_loop = make_loop(SwitchingLaw)
 """One run under this project's law."""
 
 
-def _robot_of(case: Case) -> Robot:
+def robot_of(case: Case) -> Robot:
     """Return what the filter depends on; with the law's Config in its type, it would be compiled again for each law."""
     return Robot(case.plant, case.sensors, case.filter, case.landmarks)
 

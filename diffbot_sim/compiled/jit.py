@@ -53,7 +53,7 @@ from diffbot_core import data_sheet, geometry, kinematics, uncertainty
 from diffbot_core.code_hash import DIGITS, hash_of_code
 from diffbot_core.errors import DiffbotError
 from diffbot_core.private_folders import cache_folder, private_folder
-from diffbot_sim.compiled import closed_loop, ekf, gated_filter, late_fusion, open_loop, sensing
+from diffbot_sim.compiled import closed_loop, ekf, gated_filter, late_fusion, open_loop, sensing, stepping
 from diffbot_sim.compiled.reachable import reachable_functions, source_files
 from diffbot_sim.model import actuators, outcome, philox, plant, sensors
 
@@ -95,6 +95,7 @@ MODULES = (
     late_fusion,
     closed_loop,
     open_loop,
+    stepping,
 )
 """Modules whose functions compiled code may call."""
 

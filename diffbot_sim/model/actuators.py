@@ -18,7 +18,7 @@ from typing import Annotated, Any, NamedTuple
 
 from diffbot_core.kinematics import Twist, WheelGeometry, WheelSpeeds, wheel_speeds
 from diffbot_core.ranges import ACCELERATION, ANGULAR_ACCELERATION, WHEEL_ACCELERATION, WHEEL_SPEED
-from diffbot_core.schema import Spec
+from diffbot_core.schema import Spec, known_fields
 from diffbot_sim.model.philox import Draw, direction, probability
 
 _INF = math.inf
@@ -26,6 +26,7 @@ MAX_COMMAND_DELAY = 5.0
 """[s]"""
 
 
+@known_fields
 class ActuatorConfig(NamedTuple):
     """What lies between a command and the motion; by default the wheels follow at once."""
 

@@ -7,7 +7,7 @@ from typing import Annotated, NamedTuple
 
 from diffbot_control.filter.wall_map import Wall, WallMap
 from diffbot_core.geometry import Pose, into_frame
-from diffbot_core.schema import Spec
+from diffbot_core.schema import Spec, known_fields
 from diffbot_sim.model.philox import NoiseKey, draw
 from diffbot_sim.model.sensors import uniform_variance
 
@@ -17,6 +17,7 @@ MIN_RANGE = 0.02
 """[m]"""
 
 
+@known_fields
 class BeamSimulation(NamedTuple):
     """Beams of the plant."""
 

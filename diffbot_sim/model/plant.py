@@ -14,7 +14,7 @@ from typing import Annotated, NamedTuple
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import Twist, WheelGeometry, WheelSpeeds, body_twist, wheel_speeds
 from diffbot_core.ranges import POSITION, TIME, TIMEOUT
-from diffbot_core.schema import Spec
+from diffbot_core.schema import Spec, known_fields
 from diffbot_sim.model.actuators import (
     NO_LOSS,
     ActuatorConfig,
@@ -32,6 +32,7 @@ _STRAIGHT = 1e-6
 """[rad] turns below it are integrated by their series: the quotient of the arc loses digits there."""
 
 
+@known_fields
 class PlantConfig(NamedTuple):
     """The robot and its faults; the defaults are the paper's robot with +-5 % per wheel in drive and encoder."""
 

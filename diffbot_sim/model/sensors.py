@@ -14,7 +14,7 @@ from typing import Annotated, NamedTuple
 
 from diffbot_core.geometry import Pose, range_and_bearing, wrap_angle
 from diffbot_core.ranges import DISTANCE
-from diffbot_core.schema import Spec
+from diffbot_core.schema import Spec, known_fields
 from diffbot_sim.model.philox import (
     FAULT_BLOCK,
     FIX_BLOCK,
@@ -28,6 +28,7 @@ from diffbot_sim.model.philox import (
 )
 
 
+@known_fields
 class SensorConfig(NamedTuple):
     """The paper's measurement noise (section 4.1: uniform within bounds), and faults beyond it."""
 

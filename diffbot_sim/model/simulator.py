@@ -13,7 +13,7 @@ from diffbot_control.filter.odometry import OdometryStep
 from diffbot_core.geometry import Point, Pose
 from diffbot_core.kinematics import Twist, body_twist, encoder_covariance
 from diffbot_core.ranges import HEADING, POSITION
-from diffbot_core.schema import Spec
+from diffbot_core.schema import Spec, known_fields
 from diffbot_core.units import NS_PER_S
 from diffbot_sim.model.actuators import MAX_COMMAND_DELAY, command_rows, delayed_command
 from diffbot_sim.model.philox import NoiseKey
@@ -37,6 +37,7 @@ from diffbot_sim.model.sensors import (
 Array = NDArray[np.float64]
 
 
+@known_fields
 class StartPose(NamedTuple):
     """Where the robot starts; the default is the start of the paper's simulation A."""
 
@@ -53,6 +54,7 @@ class StartPose(NamedTuple):
     )
 
 
+@known_fields
 class WorldConfig(NamedTuple):
     """Plant, sensors, start and the one seed of all random numbers."""
 

@@ -7,7 +7,7 @@ from typing import Annotated, NamedTuple
 
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.ranges import ACCELERATION, ANGLE, ANGULAR_ACCELERATION, LENGTH, SPEED, TURN_RATE, WHEEL_SIZE
-from diffbot_core.schema import Spec
+from diffbot_core.schema import Spec, known_fields
 
 _RATE, _SHARE = (0.1, 1000.0), (0.0, 0.5)
 _TEMPLATE = """\
@@ -53,6 +53,7 @@ _TEMPLATE = """\
 """
 
 
+@known_fields
 class RobotDescription(NamedTuple):
     """Answers about a robot; the defaults are a small one's that finds itself by AMCL."""
 

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from diffbot_core.geometry import Pose, wrap_angle
+from diffbot_core.data_sheet import DataSheet, leg_times
+from diffbot_core.geometry import Pose, into_frame, straight_legs, wrap_angle
 from diffbot_sim.drive import Drive
 from diffbot_tools.robot.robot import Robot
 
@@ -36,7 +37,7 @@ def summary(robot: Robot, found: list[tuple[str, Drive]]) -> str:
     """Lay out for a terminal how many goals were answered, when, and how near the robot truly was."""
     tolerance = robot.controller.supervisor.controller.tolerance
     head = f"{'goals':<7}{'reached':>10}{'falsely':>9}{'time [s]: median':>18}{'longest':>9}"
-    head += f"{'error [m]: median':>19}{'largest':>9}{'[deg]: largest':>16}"
+    head += f"{'of the ideal':>14}{'error [m]: median':>19}{'largest':>9}{'[deg]: largest':>16}"
     lines = [head, "-" * len(head)]
     for kind in (FAR, SHORT)[: len(found)]:
         drives = [drive for other, drive in found if other == kind]
@@ -47,11 +48,23 @@ def summary(robot: Robot, found: list[tuple[str, Drive]]) -> str:
         reached = np.array([one.is_reached for one in drives])
         lines.append(
             f"{kind:<7}{f'{reached.sum()} of {len(drives)}':>10}{(reached & outside).sum():>9}"
-            f"{np.median(times):>18.1f}{max(times):>9.1f}{np.median(xy):>19.3f}{max(xy):>9.3f}"
-            f"{math.degrees(max(theta)):>16.1f}"
+            f"{np.median(times):>18.1f}{max(times):>9.1f}{median_share(robot, drives):>14.2f}"
+            f"{np.median(xy):>19.3f}{max(xy):>9.3f}{math.degrees(max(theta)):>16.1f}"
         )
+    lines.append("ideal: turn, drive straight on, turn, each as fast as the data sheet allows (median of the ratios)")
     missed = [one for _, one in found if not one.is_reached]
     return "\n".join([*lines, *(f"{one.end} after {one.duration:.0f} s: {one.reason}" for one in missed[:5])])
+
+
+def median_share(robot: Robot, drives: list[Drive]) -> float:
+    """Return the median of the drives' durations over the least times to turn, drive straight on and turn."""
+    sheet = robot.controller.supervisor.controller.data_sheet
+    return float(np.median([one.duration / _ideal_time(one, sheet) for one in drives]))
+
+
+def _ideal_time(drive: Drive, sheet: DataSheet) -> float:
+    start = into_frame(Pose(*drive.truth[0].tolist()), drive.goal)
+    return min(sum(leg_times(*straight_legs(start, backwards=one), sheet)) for one in (False, True))
 
 
 def save_picture(found: list[tuple[str, Drive]], path: Path) -> None:

@@ -125,9 +125,11 @@ def test_a_command_replaces_reports_alone(tmp_path):
         check_output(tmp_path / name)
     check_output(tmp_path / "new" / "folder")
     (tmp_path / "notes.txt").write_text("kept")
+    (tmp_path / "photo.png").write_bytes(b"\x89PNG of something else")
     (tmp_path / "link.xml").symlink_to(tmp_path / "r.xml")
     for path, inputs, words in (
         (tmp_path / "notes.txt", [], "is no report"),
+        (tmp_path / "photo.png", [], "is no report"),
         (tmp_path / "link.xml", [], "symbolic link"),
         (tmp_path / "r.json", [tmp_path / "r.json"], "the command reads it"),
         (Path("/dev/null"), [], "neither a file nor a folder"),

@@ -230,3 +230,9 @@ def test_a_check_that_raises_a_value_error_becomes_one_line():
     assert build(Checking, {"value": 1.0}).value == 1.0
     with pytest.raises(DiffbotError, match=r"^Checking: too large$"):
         build(Checking, {"value": 2.0})
+
+
+def test_a_field_that_a_configuration_does_not_have_is_answered_with_those_like_it():
+    for given in (DataSheet, DataSheet()._replace):
+        with pytest.raises(InvalidValueError, match=r"^omega_mx = 1: .*did you mean omega_max"):
+            given(omega_mx=1)

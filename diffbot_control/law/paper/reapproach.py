@@ -12,7 +12,7 @@ from typing import Annotated, NamedTuple
 from diffbot_control.law.goal_checker import GoalTolerance
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
-from diffbot_core.schema import Spec
+from diffbot_core.schema import Spec, known_fields
 from diffbot_core.uncertainty import Uncertainty
 
 RESTING, RETREATING, APPROACHING = 0, 1, 2
@@ -38,6 +38,7 @@ _END_MARGIN = 0.03
 """[m] A phase is over this far before its end, at most a quarter of the retreat distance: convergence is asymptotic."""
 
 
+@known_fields
 class ReapproachConfig(NamedTuple):
     """Whether the robot re-approaches."""
 

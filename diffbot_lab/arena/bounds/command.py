@@ -30,6 +30,7 @@ from diffbot_lab.arena.cases import LIMITS, ArenaCase, arena_starts, cases_named
 from diffbot_lab.arena.entries import Entry
 from diffbot_lab.arena.runs import case_of
 from diffbot_lab.arena.statistics import figures_of
+from diffbot_lab.cases import described
 from diffbot_sim.compiled.closed_loop import buffers_for, make_loop, prepared
 
 Array = NDArray[np.float64]
@@ -148,6 +149,9 @@ def run_and_report(options: BoundOptions, folder: Path) -> int:
     """
     with output_folder(folder):
         results = run_bound(options, lambda found: write_json(folder / "bound.json", found))
+        for one in cases_named(options.cases or CASES):
+            controller, (plant, sensors, _) = case_of(ENTRIES[0], one, {}).controller, world_of(one)
+            print(described(f"{one.name}: law nmpc", controller=controller, plant=plant, sensors=sensors))
         print(table(results))
     print(f"Results in {folder}")
     return 0

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diffbot_control.law.limits import limit_velocity
-from diffbot_core.data_sheet import DataSheet, rim_speed
-from diffbot_core.geometry import Pose, wrap_angle
+from diffbot_core.data_sheet import DataSheet, leg_times
+from diffbot_core.geometry import Pose, straight_legs, wrap_angle
 from diffbot_core.kinematics import Twist
 from diffbot_lab.arena.cases import XY_TOLERANCE, YAW_TOLERANCE
 from diffbot_sim.model.philox import Draw
@@ -63,42 +63,21 @@ class Drive(NamedTuple):
         return self.arrival * self.period
 
 
-def least_time(way: float, speed: float, acceleration: float, period: float = 0.0) -> float:
-    """Return the least time [s] from rest to rest, in closed form.
-
-    Args:
-        way: [m] or [rad], >= 0.
-        speed: its bound.
-        acceleration: its bound; inf: none.
-        period: [s] for which commands are held; 0: the velocity changes continuously.
-    """
-    if acceleration == math.inf:
-        return way / speed
-    if way * acceleration >= speed * speed:
-        return way / speed + speed / acceleration - period
-    return 2.0 * math.sqrt(way / acceleration) - period
-
-
 def guessed(start: Pose, guess: str, sheet: DataSheet) -> tuple[Array, float]:
     """Return a first guess as corners (n, 4) of time [s], x, y, theta, and its duration [s]; the goal is the origin.
 
     The heading is continuous, so it ends at a multiple of 2 pi.
     """
     x, y, theta = start
-    distance = math.hypot(x, y)
-    rate = min(sheet.omega_max, 2.0 * rim_speed(sheet) / sheet.wheels.wheel_separation)
-    speed = min(sheet.v_max, rim_speed(sheet))
-    drive = least_time(distance, speed, sheet.a_max)
     if guess == STRAIGHT:
         turn = wrap_angle(-theta)
-        total = drive + least_time(abs(turn), rate, sheet.omega_dot_max)
+        turning, driving, _ = leg_times(turn, math.hypot(x, y), 0.0, sheet)
+        total = driving + turning
         return np.array([(0.0, x, y, theta), (total, 0.0, 0.0, theta + turn)]), total
-    travel = math.atan2(-y, -x) if guess == FORWARDS else math.atan2(y, x)
-    first = wrap_angle(travel - theta) if distance > 0.0 else 0.0
-    last = wrap_angle(-theta - first)
-    turns = [least_time(abs(turn), rate, sheet.omega_dot_max) for turn in (first, last)]
-    corners = [(0.0, x, y, theta), (turns[0], x, y, theta + first), (turns[0] + drive, 0.0, 0.0, theta + first)]
-    total = turns[0] + drive + turns[1]
+    first, way, last = straight_legs(start, backwards=guess == BACKWARDS)
+    before, drive, after = leg_times(first, way, last, sheet)
+    corners = [(0.0, x, y, theta), (before, x, y, theta + first), (before + drive, 0.0, 0.0, theta + first)]
+    total = before + drive + after
     return np.array([*corners, (total, 0.0, 0.0, theta + first + last)]), total
 
 

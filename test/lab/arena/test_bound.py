@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from diffbot_core.data_sheet import DataSheet
+from diffbot_core.data_sheet import DataSheet, least_time
 from diffbot_core.geometry import Pose
 from diffbot_core.schema import build
 from diffbot_lab.arena.bounds import command as bound
@@ -18,7 +18,6 @@ from diffbot_lab.arena.bounds.drive import (
     Drive,
     arrives,
     guessed,
-    least_time,
     sampled,
 )
 from diffbot_lab.arena.cases import LIMITS, arena_starts, cases_named, world_of

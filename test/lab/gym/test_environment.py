@@ -15,6 +15,7 @@ from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_core.uncertainty import CERTAIN, Estimate
 from diffbot_lab.gym.environment import DiffbotGoalEnv
+from diffbot_sim.model.actuators import ActuatorConfig
 from diffbot_sim.model.plant import PlantConfig
 from diffbot_sim.model.sensors import SensorConfig
 from diffbot_sim.model.simulator import WorldConfig
@@ -108,8 +109,12 @@ def test_bad_values_are_refused():
         with pytest.raises(InvalidValueError, match=text):
             DiffbotGoalEnv(**given)
     env = DiffbotGoalEnv(world=WorldConfig(sensors=SensorConfig(fix_rate=0.0)), feedback="raw")
-    with pytest.raises(InvalidValueError, match="feedback = 'raw'"):
-        env.reset(seed=1)
+    envs = gymnasium.make_vec(NAME, 2, world=env.config, feedback="raw")
+    for one in (env, envs):
+        with pytest.raises(InvalidValueError, match="feedback = 'raw'"):
+            one.reset(seed=1)
+    with pytest.raises(InvalidValueError, match="action = "):
+        envs.step(STILL)
     env = DiffbotGoalEnv(feedback="truth")
     for start in ((1.0, 2.0), (math.nan, 0.0, 0.0)):
         with pytest.raises(InvalidValueError, match="start = "):
@@ -132,3 +137,29 @@ def test_a_picture_shows_the_robot_where_it_is():
         assert column == pytest.approx(200 + (start[0] + 0.3) / 9.6 * 400, abs=8)
         assert row == pytest.approx(200 - start[1] / 9.6 * 400, abs=5)
     assert gymnasium.make("diffbot_lab.gym:DiffbotGoal-v0").render_mode is None
+
+
+BUSY = WorldConfig(
+    PlantConfig(actuators=ActuatorConfig(command_delay=0.13, drive_time_constant=0.1)),
+    SensorConfig(fix_rate=5.0, fix_delay=0.25, fix_delay_jitter=0.1, fix_dropout=0.3),
+)
+
+
+@pytest.mark.parametrize("world", [WorldConfig(), BUSY])
+@pytest.mark.parametrize("feedback", ["ekf", "raw", "truth"])
+def test_many_at_a_time_are_single_ones_with_the_same_noise_and_resets(feedback, world):
+    # The arena is small, so that some leave it, and an episode short, so that others are truncated.
+    given = {"num_envs": 3, "feedback": feedback, "world": world, "start_range": 0.3, "max_episode_steps": 15}
+    envs = gymnasium.make_vec(NAME, **given), gymnasium.make_vec(NAME, vectorization_mode="sync", **given)
+    assert envs[0].observation_space == envs[1].observation_space
+    ours, theirs = (one.reset(seed=5) for one in envs)
+    generator, ends = np.random.default_rng(1), np.zeros(2)
+    for _ in range(60):
+        for mine, other in zip(ours[:-1], theirs[:-1], strict=True):
+            np.testing.assert_allclose(mine, other, rtol=0.0, atol=1e-6)
+        for name, values in theirs[-1].items():
+            np.testing.assert_allclose(ours[-1][name], values, rtol=0.0, atol=1e-9, err_msg=name)
+        actions = generator.uniform(-0.2, 1.0, (3, 2)).astype(np.float32)
+        ours, theirs = (one.step(actions) for one in envs)
+        ends += ours[2].sum(), ours[3].sum()
+    assert (ends > 0).all()

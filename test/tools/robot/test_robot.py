@@ -16,7 +16,7 @@ from diffbot_tools import cli
 from diffbot_tools.robot import check
 from diffbot_tools.robot.description import PRESETS, RobotDescription, file_of_robot
 from diffbot_tools.robot.robot import read_robot
-from diffbot_tools.robot.trial import FAR, SHORT, trials
+from diffbot_tools.robot.trial import FAR, SHORT, median_share, trials
 
 TANK = RobotDescription(
     wheel_radius=0.3, wheel_separation=1.6, max_velocity=3.0, max_rotation=0.8, max_acceleration=0.4,
@@ -115,12 +115,14 @@ def test_a_drive_is_the_loop_of_the_nodes():
 
 
 @pytest.mark.study
-@pytest.mark.parametrize("robot", [*PRESETS, TANK, MOUSE], ids=[*PRESETS, "tank", "mouse"])
-def test_every_one_of_fifty_goals_is_reached_and_none_falsely(robot):
-    robot = read_robot(robot)
+@pytest.mark.parametrize("given", [*PRESETS, TANK, MOUSE], ids=[*PRESETS, "tank", "mouse"])
+def test_every_one_of_fifty_goals_is_reached_and_none_falsely(given):
+    robot = read_robot(given)
     found, tolerance = list(trials(robot, 50, seed=1)), robot.controller.supervisor.controller.tolerance
     assert [kind for kind, _ in found] == [FAR, SHORT] * 25
     assert [drive.reason for _, drive in found if not drive.is_reached] == []
+    for kind in (FAR, SHORT) if given in PRESETS else ():
+        assert median_share(robot, [drive for other, drive in found if other == kind]) < 1.5
     for _, drive in found:
         x, y, theta = drive.truth[-1] - np.array(drive.goal)
         assert math.hypot(x, y) < tolerance.xy_goal_tolerance
@@ -137,8 +139,9 @@ def test_the_commands_write_check_and_drive(tmp_path, kept_signal_handlers, caps
     assert "it exists already" in capsys.readouterr().err
     assert cli.main(["robot", "check", str(path)]) == 0
     assert capsys.readouterr().out.count("reached after") == len(check.GOALS)
-    assert cli.main(["robot", "drive", str(path), "--goals", "2", "--out", str(picture)]) == 0
-    assert capsys.readouterr().out.count("1 of 1") == 2
+    for _ in range(2):  # the second one replaces the picture
+        assert cli.main(["robot", "drive", str(path), "--goals", "2", "--out", str(picture)]) == 0
+        assert capsys.readouterr().out.count("1 of 1") == 2
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
