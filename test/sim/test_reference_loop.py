@@ -21,8 +21,7 @@ PAPER = PRESETS["paper"]
 GOAL = Pose(0.0, 0.0, 0.0)
 INF = math.inf
 QUIET = WorldConfig(
-    PlantConfig(drive_noise=0.0, encoder_noise=0.0),
-    SensorConfig(eps_x_max=0.0, eps_y_max=0.0, eps_theta_max=0.0),
+    PlantConfig(drive_noise=0.0, encoder_noise=0.0), SensorConfig(eps_x_max=0.0, eps_y_max=0.0, eps_theta_max=0.0)
 )
 
 
@@ -99,10 +98,7 @@ def test_the_first_command_has_no_time_to_accelerate():
 
 @pytest.mark.parametrize(
     ("steps", "feedback", "message"),
-    [
-        (10, "eyes", "feedback = 'eyes': must be one of ekf, raw, truth"),
-        (0, EKF, "steps = 0: must be >= 1"),
-    ],
+    [(10, "eyes", "feedback = 'eyes': must be one of ekf, raw, truth"), (0, EKF, "steps = 0: must be >= 1")],
 )
 def test_wrong_arguments_are_named(steps, feedback, message):
     with pytest.raises(InvalidValueError) as caught:

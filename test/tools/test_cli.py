@@ -43,12 +43,7 @@ def test_replay_passes_bags_and_flags_on_as_parameters(kept_signal_handlers, mon
     monkeypatch.setattr(cli.importlib, "import_module", lambda _name: node)
     assert cli.main(["replay", "one", "two", "three", "--as-fast-as-possible", "--seek", "2"]) == 0
     parameters = dict(text.split(":=") for text in passed[2::2])
-    assert parameters == {
-        "uri": '"one"',
-        "bags": '["two", "three"]',
-        "as_fast_as_possible": "true",
-        "seek": "2.0",
-    }
+    assert parameters == {"uri": '"one"', "bags": '["two", "three"]', "as_fast_as_possible": "true", "seek": "2.0"}
 
 
 def test_negative_numbers_of_a_goal_are_positions_and_no_flags(kept_signal_handlers, monkeypatch):

@@ -18,14 +18,7 @@ from diffbot_lab.campaign import command as campaign_command
 from diffbot_lab.campaign import report
 from diffbot_lab.campaign import runner as module
 from diffbot_lab.campaign.journal_lines import parsed, sealed
-from diffbot_lab.campaign.runner import (
-    JOURNAL,
-    Journal,
-    cluster_executor,
-    open_chunks,
-    run_campaign,
-    run_chunk,
-)
+from diffbot_lab.campaign.runner import JOURNAL, Journal, cluster_executor, open_chunks, run_campaign, run_chunk
 from diffbot_lab.campaign.spec import make_campaign
 from diffbot_lab.campaign.statistics import CellStatistics, count_outcomes
 from diffbot_sim.compiled.batch import run_batch

@@ -54,14 +54,7 @@ def test_any_rate_is_kept_on_average_and_evenly(rate, sampling_time):
 
 @pytest.mark.parametrize(
     ("delay", "sampling_time", "steps"),
-    [
-        (0.0, 0.1, 0),
-        (0.05, 0.1, 1),
-        (0.7, 0.1, 7),
-        (0.14, 0.02, 7),
-        (0.30001, 0.1, 4),
-        (60.0, 0.001, 60000),
-    ],
+    [(0.0, 0.1, 0), (0.05, 0.1, 1), (0.7, 0.1, 7), (0.14, 0.02, 7), (0.30001, 0.1, 4), (60.0, 0.001, 60000)],
 )
 def test_a_measurement_arrives_with_the_first_step_not_before_its_time(delay, sampling_time, steps):
     assert delay_in_steps(delay, sampling_time) == steps
