@@ -3,17 +3,12 @@
 import importlib
 import inspect
 import math
-import pkgutil
 from pathlib import Path
 from typing import Annotated, NamedTuple, get_args
 
 import pytest
 
-import diffbot_bag
-import diffbot_control
 import diffbot_core
-import diffbot_lab
-import diffbot_sim
 from diffbot_control.goals.configuration import SupervisorConfig
 from diffbot_control.law.controller import ControllerConfig
 from diffbot_control.law.lyapunov_law import Gains
@@ -21,42 +16,24 @@ from diffbot_core.data_sheet import DataSheet
 from diffbot_core.errors import DiffbotError, InvalidValueError, ReplacedNameError
 from diffbot_core.schema import Parameter, Spec, build, checked, parameters_of, replaced_by, to_dict
 
-PACKAGES = (diffbot_core, diffbot_control, diffbot_bag, diffbot_sim)
-
 
 def is_config(thing):
     hints = getattr(thing, "__annotations__", {}).values()
     return inspect.isclass(thing) and hasattr(thing, "_fields") and any("Spec(" in str(h) for h in hints)
 
 
-def pure_configs():
-    """Return the configuration types of all modules without ROS."""
-    found = {}
-    for package in PACKAGES:
-        for module in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
-            if module.ispkg or module.name.endswith("_node") or module.name.startswith("diffbot_core.ros"):
-                continue
-            found |= configs_in(module.name)
-    return found
-
-
-def configs_in(module):
-    things = vars(importlib.import_module(module)).items()
-    return {f"{module}.{name}": one for name, one in things if is_config(one) and one.__module__ == module}
-
-
-def lab_configs():
-    """Return those of the laboratory, from the modules that write ``Spec(``; to load all would take seconds."""
-    folder, found = Path(diffbot_lab.__file__).parent, {}
-    for path in sorted(folder.rglob("*.py")):
+def all_configs():
+    """Return the configuration types of the modules that write ``Spec(``; to load all would take seconds."""
+    site, found = Path(diffbot_core.__file__).parents[1], {}
+    for path in sorted(site.glob("diffbot_*/**/*.py")):
         if "Spec(" in path.read_text():
-            found |= configs_in(".".join(path.relative_to(folder.parent).with_suffix("").parts))
+            module = ".".join(path.relative_to(site).with_suffix("").parts)
+            things = vars(importlib.import_module(module)).items()
+            found |= {f"{module}.{name}": one for name, one in things if is_config(one) and one.__module__ == module}
     return found
 
 
-CONFIGS = pure_configs() | lab_configs()
-
-
+CONFIGS = all_configs()
 ALL = [(name, parameter) for name, one in sorted(CONFIGS.items()) for parameter in parameters_of(one)]
 
 

@@ -1,7 +1,5 @@
 """Two robots in one graph: topics and frames apart, one clock for both, and what two clocks do."""
 
-import one_process
-import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TwistStamped
 from nav_msgs.msg import Odometry
@@ -41,12 +39,6 @@ def go(peer, name, *goal):
     goals = peer.publisher(PoseStamped, f"/{name}/goal_pose")
     peer.wait_for_subscribers(goals)
     goals.publish(pose_stamped(*goal))
-
-
-@pytest.fixture
-def nodes():
-    with one_process.nodes() as running:
-        yield running
 
 
 def test_topics_and_frames_of_two_robots_are_apart(nodes):

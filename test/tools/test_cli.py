@@ -19,6 +19,12 @@ WRONG = {
     "seed is no number": ["demo", "--seed", "abc"],
     "a goal without yaw": ["goal", "1", "2"],
     "timeout is no number": ["goal", "1", "2", "0", "--timeout", "soon"],
+    "no span": ["bag", "trim", "a", "b"],
+    "no time": ["bag", "trim", "a", "b", "--from", "yesterday"],
+    "nothing to filter": ["bag", "filter", "a", "b"],
+    "twice": ["bag", "merge", "a", "./a", "b"],
+    "no size": ["bag", "split", "a", "b", "--size", "large"],
+    "tiny size": ["bag", "split", "a", "b", "--size", "999"],
 }
 
 

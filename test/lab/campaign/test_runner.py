@@ -75,11 +75,6 @@ def expected():
     return [one.summary() for one in found]
 
 
-class _Never(Executor):
-    def submit(self, *_arguments, **_options):
-        raise AssertionError("there is nothing to do")
-
-
 def test_the_journal_of_a_campaign_cut_anywhere_goes_on(tmp_path, expected):
     do(tmp_path)
     whole = (tmp_path / JOURNAL).read_bytes()
@@ -88,7 +83,7 @@ def test_the_journal_of_a_campaign_cut_anywhere_goes_on(tmp_path, expected):
         (tmp_path / JOURNAL).write_bytes(whole[:end])
         assert summaries(do(tmp_path, {**SMALL, "chunk": 11})) == expected
         # Not only in memory: what stands there now is whole too.
-        assert summaries(do(tmp_path, SMALL, _Never)) == expected
+        assert summaries(do(tmp_path, SMALL, lambda: pytest.fail("there is nothing to do"))) == expected
 
 
 def test_a_journal_that_is_damaged_in_the_middle_is_not_touched(tmp_path):
@@ -333,17 +328,8 @@ class Killer(Journal):
     def add(self, entry):
         super().add(entry)
         if sum(len(done) for done in self.done) == 2:
-            os.kill(self._worker(), signal.SIGKILL)
+            os.kill(self._worker, signal.SIGKILL)
             self.killed += 1
-
-
-def run_with_a_worker_killed(folder, make_executor, worker):
-    campaign = make_campaign(SMALL)
-    journal = Killer(folder / JOURNAL, campaign, worker)
-    run_campaign(campaign, journal, make_executor, 2)
-    journal.close()
-    assert journal.killed == 1
-    return journal
 
 
 @pytest.mark.graph
@@ -352,7 +338,12 @@ def test_a_cluster_with_a_worker_killed_half_way_gives_the_same(cluster, tmp_pat
     address, pids = cluster
     with cluster_executor(address) as (make_executor, workers):
         assert workers == 1
-        assert summaries(run_with_a_worker_killed(tmp_path, make_executor, lambda: pids[0])) == expected
+        campaign = make_campaign(SMALL)
+        journal = Killer(tmp_path / JOURNAL, campaign, pids[0])
+        run_campaign(campaign, journal, make_executor, 2)
+        journal.close()
+        assert journal.killed == 1
+        assert summaries(journal) == expected
     # A client that stays behind asks for the cluster again and again, from a thread of its own.
     with pytest.raises(Exception, match="closed"):
         make_executor().submit(abs, -1).result(60.0)
