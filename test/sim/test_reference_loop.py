@@ -25,10 +25,6 @@ QUIET = WorldConfig(
 )
 
 
-def wrapped(angles):
-    return np.remainder(np.asarray(angles) + math.pi, 2.0 * math.pi) - math.pi
-
-
 def test_scenario_a_with_the_filter_ends_near_the_goal_in_each_of_five_runs():
     for run in range(5):
         config = WorldConfig(seed=1, run=run)
@@ -41,21 +37,6 @@ def test_scenario_a_with_the_filter_ends_near_the_goal_in_each_of_five_runs():
         # The filter is far better than a raw fix of 0.245 m.
         error = np.hypot(*(recording.feedback - recording.truth)[100:, :2].T)
         assert math.sqrt((error**2).mean()) < 0.12, f"run {run}"
-
-
-@pytest.mark.parametrize("exact_arc", [True, False])
-def test_each_command_moves_the_robot_from_its_row_to_the_next(exact_arc):
-    config = QUIET._replace(plant=QUIET.plant._replace(exact_arc=exact_arc))
-    recording = simulate(config, PAPER, GOAL, 100, TRUTH)
-    truth, (v, omega) = recording.truth[:-1], recording.command[:-1].T
-    theta = truth[:, 2] + (0.05 * omega if exact_arc else 0.0)
-    length = 0.1 * v * (np.sinc(0.05 * omega / math.pi) if exact_arc else 1.0)
-    expected = truth[:, :2] + np.column_stack([length * np.cos(theta), length * np.sin(theta)])
-    np.testing.assert_allclose(recording.truth[1:, :2], expected, atol=1e-12)
-    turned = wrapped(recording.truth[1:, 2] - truth[:, 2] - 0.1 * omega)
-    np.testing.assert_allclose(turned, 0.0, atol=1e-12)
-    np.testing.assert_array_equal(recording.feedback, recording.truth)
-    np.testing.assert_allclose(recording.time, 0.1 * np.arange(101), atol=1e-12)
 
 
 @pytest.mark.parametrize("feedback", [EKF, RAW])

@@ -5,11 +5,9 @@ import math
 import os
 import resource
 import signal
-import subprocess
-import sys
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
-from pathlib import Path
 
+import distributed
 import pytest
 from project_files import files_read_by
 
@@ -261,39 +259,6 @@ def test_an_unreachable_scheduler_is_one_line(tmp_path, capsys, monkeypatch):
         assert not (tmp_path / "out").exists()
 
 
-CLUSTER = """
-import sys
-from distributed import LocalCluster
-
-if __name__ == "__main__":
-    cluster = LocalCluster(n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None)
-    pids = [worker.process.process.pid for worker in cluster.workers.values()]
-    print(cluster.scheduler_address, *pids, flush=True)
-    sys.stdin.read()
-    cluster.close()
-"""
-
-
-@pytest.fixture(scope="module")
-def cluster(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("cluster")
-    (folder / "cluster.py").write_text(CLUSTER)
-    environment = {**os.environ, "PYTHONPATH": str(Path(module.__file__).parent.parent)}
-    with subprocess.Popen(
-        [sys.executable, "cluster.py"],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
-        cwd=folder,
-        env=environment,
-    ) as process:
-        address, *pids = process.stdout.readline().split()
-        yield address, [int(pid) for pid in pids]
-        process.stdin.close()
-        process.wait(30)
-
-
 def damaged_lines(lines):
     entry = parsed(lines[2])
     changes = [{"cell": 99}, {"cell": None}, {"first": 61}, {"count": 8}, {"bins": {}}, {"more": 1}]
@@ -333,13 +298,15 @@ class Killer(Journal):
 
 
 @pytest.mark.graph
-def test_a_cluster_with_a_worker_killed_half_way_gives_the_same(cluster, tmp_path, expected, monkeypatch):
+def test_a_cluster_with_a_worker_killed_half_way_gives_the_same(tmp_path, expected, monkeypatch):
     monkeypatch.setattr(module, "_CONNECT_TIMEOUT", 60.0)
-    address, pids = cluster
-    with cluster_executor(address) as (make_executor, workers):
+    with (
+        distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None) as cluster,
+        cluster_executor(cluster.scheduler_address) as (make_executor, workers),
+    ):
         assert workers == 1
-        campaign = make_campaign(SMALL)
-        journal = Killer(tmp_path / JOURNAL, campaign, pids[0])
+        campaign, (worker,) = make_campaign(SMALL), cluster.workers.values()
+        journal = Killer(tmp_path / JOURNAL, campaign, worker.process.process.pid)
         run_campaign(campaign, journal, make_executor, 2)
         journal.close()
         assert journal.killed == 1

@@ -53,15 +53,17 @@ def plant_mistake(monkeypatch, module, function, old, new):
     return certify(LAW_13, START, COARSE, threads=1)[0]
 
 
-def test_a_wrong_sign_in_the_law_is_found(monkeypatch):
-    wrong = plant_mistake(monkeypatch, images, "_steering", "return add(p0", "return sub(p0")
-    with pytest.raises(DiffbotError, match=r"not verified: [0-9]+ cells; the first, rho"):
-        verify(wrong, threads=1)
-
-
-def test_rounding_inward_is_found(monkeypatch):
+@pytest.mark.parametrize(
+    "mistake",
+    [
+        (images, "_steering", "return add(p0", "return sub(p0"),
+        (cells, "block_of", "rho_high + PADDING", "math.floor(1e3 * rho_high) / 1e3"),
+    ],
+    ids=["sign", "rounding"],
+)
+def test_a_wrong_sign_in_the_law_and_rounding_inward_are_found(monkeypatch, mistake):
     """Rounding to whole millimetres, so that it matters with cells of centimetres."""
-    wrong = plant_mistake(monkeypatch, cells, "block_of", "rho_high + PADDING", "math.floor(1e3 * rho_high) / 1e3")
+    wrong = plant_mistake(monkeypatch, *mistake)
     with pytest.raises(DiffbotError, match=r"not verified: [0-9]+ cells; the first, rho"):
         verify(wrong, threads=1)
 
