@@ -88,7 +88,7 @@ def test_refused_in_one_line(arguments, status, part, tmp_path, capsys, monkeypa
     assert found == status
     lines = capsys.readouterr().err.strip().splitlines()
     assert part in lines[-1]
-    assert list(tmp_path.iterdir()) == []
+    assert not list(tmp_path.rglob("*.json"))
 
 
 def test_ctrl_c_leaves_nothing(tmp_path, monkeypatch):

@@ -5,24 +5,14 @@ import math
 import numpy as np
 import pytest
 import yaml
-from dataset_files import LANDMARKS, OMEGA, RADIUS, T0, measured, truth_at, write_labyrinth, write_mrclam
+from dataset_files import LANDMARKS, OMEGA, RADIUS, T0, measured, read, truth_at, write_labyrinth, write_mrclam
 from robot import planar, stamp, turned
-from rosbags.highlevel import AnyReader
 
 from diffbot_control.ros.messages.landmark_cloud import landmark_points
 from diffbot_core.errors import DiffbotError
 from diffbot_tools.dataset.command import import_labyrinth, import_mrclam
 
 START = 1_248_446_190_000_000_000
-
-
-def read(path):
-    """Return (log time, message) of each topic."""
-    found = {}
-    with AnyReader([path]) as reader:
-        for connection, time, data in reader.messages():
-            found.setdefault(connection.topic, []).append((time, reader.deserialize(data, connection.msgtype)))
-    return found
 
 
 def assert_pose(message, expected, tolerance=1e-7):

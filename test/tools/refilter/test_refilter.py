@@ -3,6 +3,7 @@
 import contextlib
 import math
 
+import dataset_files
 import numpy as np
 import pytest
 import rclpy
@@ -11,7 +12,6 @@ from dataset_files import OMEGA, write_mrclam
 from graph import free_domain
 from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message
-from rosbags.highlevel import AnyReader
 
 from diffbot_bag.bag.encoding import ODOMETRY, NumbersMessage
 from diffbot_bag.bag.new_bag import new_bag
@@ -48,11 +48,7 @@ def refiltered(bag):
 
 
 def read(path):
-    found = {}
-    with AnyReader([path]) as reader:
-        for connection, _, data in reader.messages():
-            found.setdefault(connection.topic, []).append(reader.deserialize(data, connection.msgtype))
-    return found
+    return {topic: [message for _, message in rows] for topic, rows in dataset_files.read(path).items()}
 
 
 def row(message):
