@@ -11,23 +11,29 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
+import os
+import platform
 import signal
+import statistics
 import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from tqdm import tqdm
 from trust import busy_loops
+
+from diffbot_core.files import write_json
 
 ROOT = Path(__file__).resolve().parents[1]
 LOGS = ROOT / "out" / "faults"
 sys.path.insert(0, str(ROOT / "test" / "support"))
 
 from promises import PROMISES  # noqa: E402
-from trials import merge  # noqa: E402
+from trials import COUNTS  # noqa: E402
 
 LOWEST_PRIORITY = 19
 MEMORY = Path("/dev/shm")
@@ -183,6 +189,53 @@ def _start(
         return subprocess.Popen(command, cwd=ROOT, stdout=output, stderr=subprocess.STDOUT)
 
 
+def _summary(key: str, results: list[list[Any]], seconds: float) -> dict[str, Any]:
+    """Return the row of the JSON file; ``seconds`` are those that the trials took, whatever ran beside them."""
+    promise = PROMISES[key]
+    values = [value for value, *_ in results if value is not None]
+    worst = max(results, key=lambda result: result[0]) if values else (None, 0.0)
+    return {
+        "fault": promise.fault,
+        "promise": promise.text,
+        "unit": promise.unit,
+        "bound": promise.bound,
+        "trials": len(results),
+        "kept": sum(strictly for *_, strictly in results),
+        "kept_with_allowance": sum(kept for _, _, kept, _ in results),
+        "median": statistics.median(values) if values else None,
+        "worst": worst[0],
+        "allowance_of_worst": worst[1],
+        "seconds": round(seconds, 1),
+    }
+
+
+def _merge(lines: Iterable[str], path: Path) -> None:
+    """Write the JSON file from the lines of all processes; rows of faults that were not tried stay."""
+    results: dict[str, list[list[Any]]] = {}
+    seconds: dict[str, float] = {}
+    suite: dict[str, dict[str, int]] = {}
+    for entry in map(json.loads, lines):
+        if "result" in entry:
+            results.setdefault(entry["fault"], []).extend([entry["result"]] * entry["count"])
+        elif "seconds" in entry:
+            seconds[entry["fault"]] = seconds.get(entry["fault"], 0.0) + entry["seconds"]
+        else:
+            counts = suite.setdefault(entry["suite"], dict.fromkeys(COUNTS, 0))
+            for name, count in entry["counts"].items():
+                counts[name] += count
+    content = json.loads(path.read_text()) if path.is_file() else {}
+    rows = content.get("faults", {})
+    rows |= {key: _summary(key, found, seconds.get(key, 0.0)) for key, found in results.items()}
+    content["faults"] = {key: rows[key] for key in PROMISES if key in rows}
+    content["suite"] = content.get("suite", {}) | suite
+    content["machine"] = {
+        "processors": os.cpu_count(),
+        "python": platform.python_version(),
+        "load": round(os.getloadavg()[2], 1),
+    }
+    write_json(path, content)
+
+
 def main() -> int:
     """Run the stages and write the results."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -208,7 +261,7 @@ def main() -> int:
         status = 130
     finally:
         progress.close()
-        merge(results.read_text().splitlines(), arguments.json)
+        _merge(results.read_text().splitlines(), arguments.json)
     for name in failed:
         print(f"--- {name}: see {LOGS / name}.log")
         print("\n".join((LOGS / f"{name}.log").read_text().splitlines()[-5:]))

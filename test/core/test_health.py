@@ -34,12 +34,7 @@ def test_rates_are_over_the_time_since_the_last_report():
     health.accepted["odom"] += 5
     health.sent["odom"] += 8
     first = health.report(2.0)
-    assert first == {
-        "odom received": "5",
-        "odom received [Hz]": "2.5",
-        "odom sent": "8",
-        "odom sent [Hz]": "4.0",
-    }
+    assert first == {"odom received": "5", "odom received [Hz]": "2.5", "odom sent": "8", "odom sent [Hz]": "4.0"}
     health.accepted["odom"] += 3
     second = health.report(0.5)
     assert second["odom received"] == "8"

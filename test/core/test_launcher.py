@@ -1,25 +1,20 @@
 """The launcher says in one line that ROS is missing, and hides no other missing module."""
 
-import signal
-
 import pytest
 
 from diffbot_core.launcher import launch
 
 
 @pytest.fixture
-def program(tmp_path, monkeypatch):
+def program(tmp_path, monkeypatch, kept_signal_handlers):
     """Return a function that writes a module with this import in its main; it gives the module's name."""
     monkeypatch.syspath_prepend(str(tmp_path))
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
 
     def write(name, missing):
         (tmp_path / f"{name}.py").write_text(f"def main(args):\n    import {missing}\n")
         return name
 
-    yield write
-    for number, handler in handlers.items():
-        signal.signal(number, handler)
+    return write
 
 
 @pytest.mark.parametrize("missing", ["absent_msgs.msg", "absent_interfaces", "absent_srvs.srv"])

@@ -3,17 +3,12 @@
 import importlib
 import inspect
 import math
-import pkgutil
 from pathlib import Path
 from typing import Annotated, NamedTuple, get_args
 
 import pytest
 
-import diffbot_bag
-import diffbot_control
 import diffbot_core
-import diffbot_lab
-import diffbot_sim
 from diffbot_control.goals.configuration import SupervisorConfig
 from diffbot_control.law.controller import ControllerConfig
 from diffbot_control.law.lyapunov_law import Gains
@@ -21,42 +16,24 @@ from diffbot_core.data_sheet import DataSheet
 from diffbot_core.errors import DiffbotError, InvalidValueError, ReplacedNameError
 from diffbot_core.schema import Parameter, Spec, build, checked, parameters_of, replaced_by, to_dict
 
-PACKAGES = (diffbot_core, diffbot_control, diffbot_bag, diffbot_sim)
-
 
 def is_config(thing):
     hints = getattr(thing, "__annotations__", {}).values()
     return inspect.isclass(thing) and hasattr(thing, "_fields") and any("Spec(" in str(h) for h in hints)
 
 
-def pure_configs():
-    """Return the configuration types of all modules without ROS."""
-    found = {}
-    for package in PACKAGES:
-        for module in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
-            if module.ispkg or module.name.endswith("_node") or module.name.startswith("diffbot_core.ros"):
-                continue
-            found |= configs_in(module.name)
-    return found
-
-
-def configs_in(module):
-    things = vars(importlib.import_module(module)).items()
-    return {f"{module}.{name}": one for name, one in things if is_config(one) and one.__module__ == module}
-
-
-def lab_configs():
-    """Return those of the laboratory, from the modules that write ``Spec(``; to load all would take seconds."""
-    folder, found = Path(diffbot_lab.__file__).parent, {}
-    for path in sorted(folder.rglob("*.py")):
+def all_configs():
+    """Return the configuration types of the modules that write ``Spec(``; to load all would take seconds."""
+    site, found = Path(diffbot_core.__file__).parents[1], {}
+    for path in sorted(site.glob("diffbot_*/**/*.py")):
         if "Spec(" in path.read_text():
-            found |= configs_in(".".join(path.relative_to(folder.parent).with_suffix("").parts))
+            module = ".".join(path.relative_to(site).with_suffix("").parts)
+            things = vars(importlib.import_module(module)).items()
+            found |= {f"{module}.{name}": one for name, one in things if is_config(one) and one.__module__ == module}
     return found
 
 
-CONFIGS = pure_configs() | lab_configs()
-
-
+CONFIGS = all_configs()
 ALL = [(name, parameter) for name, one in sorted(CONFIGS.items()) for parameter in parameters_of(one)]
 
 
@@ -90,16 +67,12 @@ def refusals(parameter):
     return ["a", b"a", 5, None, [object()]]
 
 
-def test_every_parameter_refuses_what_is_beyond_its_bounds_or_of_another_type():
+def test_every_parameter_takes_its_bounds_and_words_and_refuses_what_is_beyond_or_of_another_type():
     for place, parameter in ALL:
         for value in refusals(parameter):
             with pytest.raises(InvalidValueError) as caught:
                 checked(parameter, value)
             assert caught.value.name == parameter.name, (place, value)
-
-
-def test_every_parameter_takes_its_bounds_and_its_words():
-    for place, parameter in ALL:
         spec, kind = parameter.spec, parameter.type
         bounds = [kind(spec.minimum), kind(spec.maximum)] if kind in (float, int) else []
         for value in (*bounds, *spec.choices, *([math.inf] if spec.allow_inf else [])):
@@ -184,12 +157,9 @@ def test_a_coded_choice_is_a_word_outside_and_its_index_inside():
     assert to_dict(config)["colour"] == "green"
     parameter = next(one for one in parameters_of(Nested) if one.name == "colour")
     assert (parameter.type, parameter.default) == (str, "blue")
-
-
-@pytest.mark.parametrize("value", [1, True, "RED"])
-def test_a_coded_choice_takes_no_index_and_no_other_word(value):
-    with pytest.raises(InvalidValueError, match="colour = "):
-        build(Nested, {"colour": value})
+    for value in (1, True, "RED"):
+        with pytest.raises(InvalidValueError, match="colour = "):
+            build(Nested, {"colour": value})
 
 
 @pytest.mark.parametrize(("name", "value"), [("is_green", True), ("hue", 0.3)])
@@ -203,19 +173,13 @@ def test_a_replaced_name_is_refused_with_the_new_one(name, value):
         build(Inner, {name: value})
 
 
-@pytest.mark.parametrize(
-    ("text", "value"), [("1e-06", 1e-6), ("2.5E+3", 2500.0), ("inf", math.inf), (".INF", math.inf)]
-)
-def test_numbers_that_yaml_reads_as_texts_are_floats(text, value):
+def test_numbers_that_yaml_reads_as_texts_are_floats_and_other_texts_are_none():
     parameter = Parameter("limit", (), float, 1.0, Spec("a limit", allow_inf=True))
-    assert checked(parameter, text) == value
-
-
-@pytest.mark.parametrize("text", ["2", "nan", "1e", "-inf"])
-def test_other_texts_are_not(text):
-    parameter = Parameter("limit", (), float, 1.0, Spec("a limit", allow_inf=True))
-    with pytest.raises(InvalidValueError, match=r"limit = .*: must be "):
-        checked(parameter, text)
+    for text, value in (("1e-06", 1e-6), ("2.5E+3", 2500.0), ("inf", math.inf), (".INF", math.inf)):
+        assert checked(parameter, text) == value
+    for text in ("2", "nan", "1e", "-inf"):
+        with pytest.raises(InvalidValueError, match=r"limit = .*: must be "):
+            checked(parameter, text)
 
 
 class Checking(NamedTuple):

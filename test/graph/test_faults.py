@@ -59,12 +59,6 @@ def test_malformed_calls_and_times_are_refused_counted_and_harmless(executor):
         assert "Traceback" not in process.output
 
 
-@pytest.fixture
-def nodes():
-    with one_process.nodes() as running:
-        yield running
-
-
 class Drive(one_process.Fed):
     """A controller that drives by poses of the test."""
 

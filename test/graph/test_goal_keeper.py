@@ -66,10 +66,7 @@ def test_a_goal_is_given_up_by_default_and_resumed_where_that_is_asked_for(goal,
     ("goal", "end"),
     [
         (SINGLE._replace(poses=[], is_cancelling=True), ("cancelled", "")),
-        (
-            SINGLE._replace(frame="floor_2"),
-            ("not reached", f"{RESTARTED}, with another map_frame than floor_2"),
-        ),
+        (SINGLE._replace(frame="floor_2"), ("not reached", f"{RESTARTED}, with another map_frame than floor_2")),
     ],
 )
 def test_a_goal_that_was_being_cancelled_or_is_in_another_frame_is_not_resumed(goal, end, start, tmp_path):

@@ -70,12 +70,6 @@ class Manager:
         self.peer.spin_until(lambda: self.commands and twist(self.commands[-1]) == (0.0, 0.0), what="the stop")
 
 
-@pytest.fixture
-def nodes():
-    with one_process.nodes() as running:
-        yield running
-
-
 def topics(peer):
     return {name for name, _ in peer.node.get_topic_names_and_types()}
 

@@ -1,13 +1,18 @@
 """Nav2's actions, with the real interface and rclpy's ActionClient: results, feedback, preemption, cancelling."""
 
+import fcntl
+import importlib
 import itertools
+import sys
 import time
 
+import graph
 import pytest
 from action_msgs.msg import GoalStatus
-from interfaces import nav2_environment, nav2_folder  # noqa: F401 - a fixture
 from rclpy.action import ActionClient
 from robot import SIMULATED, distance, on_truth, pose_stamped, robot, twist
+
+from diffbot_tools.interfaces.build import build_interfaces
 
 A_MAX = 0.5
 LAST, BESIDE, FAR = (4.0, 4.5, 0.5), (-2.5, 4.0, 0.0), (60.0, -60.0, 0.0)
@@ -54,8 +59,30 @@ class Client:
         return future.result()
 
 
+@pytest.fixture(scope="session")
+def nav2_folder(tmp_path_factory, worker_id):
+    """Return the folder that holds the package nav2_msgs; this process can import it, too."""
+    base = tmp_path_factory.getbasetemp()
+    base = base if worker_id == "master" else base.parent
+    folder = base / "interfaces"
+    with (base / "interfaces.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (folder / "nav2_msgs").is_dir():
+            build_interfaces(folder)
+    sys.path.append(str(folder))
+    importlib.invalidate_caches()
+    return folder
+
+
+def nav2_environment(folder, **changes):
+    """Return the environment of a process that finds nav2_msgs."""
+    environment = graph.environment(**changes)
+    environment["PYTHONPATH"] += f":{folder}"
+    return environment
+
+
 @pytest.fixture(scope="module")
-def driven(nav2_folder):  # noqa: F811
+def driven(nav2_folder):
     with on_truth(PLANT, CONTROLLER, env=nav2_environment(nav2_folder, DIFFBOT_EXECUTOR="events")) as running:
         yield running
 
@@ -101,7 +128,7 @@ def test_cancelling_brakes_within_the_limits_and_ends_at_rest(driven, to_pose):
     assert not to_pose.cancel(handle).goals_canceling
 
 
-def test_a_waiting_action_takes_no_processor(nav2_folder):  # noqa: F811
+def test_a_waiting_action_takes_no_processor(nav2_folder):
     """The SingleThreadedExecutor would run a task of the action again and again."""
     with robot(only=("controller",), env=nav2_environment(nav2_folder, DIFFBOT_EXECUTOR="single")) as running:
         handle = Client(running, "navigate_to_pose").send(FAR)

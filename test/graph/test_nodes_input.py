@@ -94,12 +94,6 @@ def changed(message, fields):
     return message
 
 
-@pytest.fixture
-def nodes():
-    with one_process.nodes() as running:
-        yield running
-
-
 def check_drops(fed, log, sent):
     """Compare counters and log with the (topic, kind) of what was sent: each kind has one short line."""
     assert fed.node.health.dropped == Counter(sent)

@@ -47,10 +47,7 @@ def start(running):
 @pytest.mark.parametrize(
     ("name", "parameters", "text"),
     [
-        ("controller", {"gamma": -1.0}, "gamma = -1.0: must be >= 1e-06 and <= 1000"),
-        ("controller", {"hold_goal": 1}, "hold_goal = 1: must be true or false"),
         ("controller", {"resume_goal": True}, "resume_goal = True: must be false without a goal_file"),
-        ("controller", {"follow_covariance": True}, "follow_covariance = True: was replaced by region_policy"),
         ("controller", {"law": "rotate_drive_rotate", "drive_brake": -7.0}, "drive_brake = -7.0: must be >= "),
         ("ekf", {"odometry_source": "stars"}, "odometry_source = 'stars': must be one of odom, joint_states"),
         ("plant", {"clock": "lockstep", "publish_clock": False}, "publish_clock = False: must be true with clock"),

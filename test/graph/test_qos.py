@@ -38,13 +38,6 @@ OUTPUTS = {
 }
 
 
-@pytest.fixture
-def nodes():
-    """A context for each test: what a node has published stays listed as long as an executor holds its handles."""
-    with one_process.nodes() as running:
-        yield running
-
-
 @pytest.mark.parametrize(("kind", "parameters", "topic", "message"), CASES, ids=[case[2] for case in CASES])
 def test_sensors_are_received_from_best_effort_and_from_reliable_publishers(nodes, kind, parameters, topic, message):
     fed = one_process.Fed(nodes, kind, parameters)

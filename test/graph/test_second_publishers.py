@@ -1,7 +1,6 @@
 """A second publisher of what one node has to own: an ERROR in /diagnostics and one line of log, with both names."""
 
 import graph
-import one_process
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
@@ -14,10 +13,9 @@ from diffbot_sim.plant_node import PlantNode
 
 
 @pytest.fixture
-def nodes():
-    with one_process.nodes() as running:
-        running.reports = running.peer.subscribe(DiagnosticArray, "/diagnostics", 100)
-        yield running
+def nodes(nodes):
+    nodes.reports = nodes.peer.subscribe(DiagnosticArray, "/diagnostics", 100)
+    return nodes
 
 
 def statuses(nodes, name):

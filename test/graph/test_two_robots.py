@@ -1,7 +1,5 @@
 """Two robots in one graph: topics and frames apart, one clock for both, and what two clocks do."""
 
-import one_process
-import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TwistStamped
 from nav_msgs.msg import Odometry
@@ -27,12 +25,11 @@ KINDS = {
 }
 
 
-def add_robot(nodes, name, plant, others=SIMULATED):
+def add_robot(nodes, name, plant):
     """Add plant, filter and controller under ``/name`` with the frame prefix ``name/``."""
-    arguments = ("-r", f"__ns:=/{name}")
-    frames = {"frame_prefix": f"{name}/"}
-    nodes.add(EkfNode, {**frames, **others}, arguments)
-    controller = nodes.add(ControllerNode, {**frames, **others, "enable_stamped_cmd_vel": True}, arguments)
+    arguments, frames = ("-r", f"__ns:=/{name}"), {"frame_prefix": f"{name}/"}
+    nodes.add(EkfNode, frames, arguments)
+    controller = nodes.add(ControllerNode, {**frames, "enable_stamped_cmd_vel": True}, arguments)
     nodes.add(PlantNode, {"enable_stamped_cmd_vel": True, **frames, **plant}, arguments)
     return controller
 
@@ -43,12 +40,6 @@ def go(peer, name, *goal):
     goals.publish(pose_stamped(*goal))
 
 
-@pytest.fixture
-def nodes():
-    with one_process.nodes() as running:
-        yield running
-
-
 def test_topics_and_frames_of_two_robots_are_apart(nodes):
     """One goes to its goal, the other one receives nothing of it."""
     peer = nodes.peer
@@ -57,7 +48,7 @@ def test_topics_and_frames_of_two_robots_are_apart(nodes):
         for name in ("left", "right")
     }
     plant = {"heading_rate": 10.0, **{f"initial_pose.{name}": 0.0 for name in ("x", "y", "yaw")}}
-    controllers = {name: add_robot(nodes, name, plant, {}) for name in received}
+    controllers = {name: add_robot(nodes, name, plant) for name in received}
     go(peer, "left", 0.4, 0.0, 0.0)
     peer.spin_until(lambda: controllers["left"].supervisor.goals_reached == 1, what="the left robot at its goal")
     peer.spin_until(lambda: all(received["right"][one] for one in ("pose", "heading")), what="poses of the right one")

@@ -12,12 +12,7 @@ import run
 
 ROOT = Path(__file__).resolve().parents[2]
 PARTS = tuple(part for part in run.PARTS if part != "page" or requirements.browser() is not None)
-EXACT = {
-    ("recorder", "missing"): 0,
-    ("recorder", "latched"): 0,
-    ("replay", "wrong"): 0,
-    ("replay", "inexact"): 0,
-}
+EXACT = {("recorder", "missing"): 0, ("recorder", "latched"): 0, ("replay", "wrong"): 0, ("replay", "inexact"): 0}
 """What does not depend on the machine: messages and files that are wrong."""
 
 pytestmark = pytest.mark.graph

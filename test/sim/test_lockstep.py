@@ -178,7 +178,7 @@ def test_late_answers_do_not_put_the_loop_a_step_behind(answers):
     assert lockstep.repeats == 1
 
 
-def test_a_pause_holds_the_step_and_its_answer_counts_when_it_ends():
+def test_a_pause_holds_the_step_its_answer_counts_at_its_end_and_an_unanswered_one_is_not_sent_again_in_it():
     plant, lockstep = started()
     lockstep.set_paused(True)
     lockstep.on_command(command(1))
@@ -186,9 +186,6 @@ def test_a_pause_holds_the_step_and_its_answer_counts_when_it_ends():
     assert (plant.moves, plant.sent) == ([], [0])
     lockstep.set_paused(False)
     assert (plant.moves, plant.sent) == ([command(1)], [0, 1])
-
-
-def test_an_unanswered_step_is_not_sent_again_in_a_pause():
     plant, lockstep = started()
     lockstep.set_paused(True)
     stall(lockstep)

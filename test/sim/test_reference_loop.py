@@ -21,13 +21,8 @@ PAPER = PRESETS["paper"]
 GOAL = Pose(0.0, 0.0, 0.0)
 INF = math.inf
 QUIET = WorldConfig(
-    PlantConfig(drive_noise=0.0, encoder_noise=0.0),
-    SensorConfig(eps_x_max=0.0, eps_y_max=0.0, eps_theta_max=0.0),
+    PlantConfig(drive_noise=0.0, encoder_noise=0.0), SensorConfig(eps_x_max=0.0, eps_y_max=0.0, eps_theta_max=0.0)
 )
-
-
-def wrapped(angles):
-    return np.remainder(np.asarray(angles) + math.pi, 2.0 * math.pi) - math.pi
 
 
 def test_scenario_a_with_the_filter_ends_near_the_goal_in_each_of_five_runs():
@@ -42,21 +37,6 @@ def test_scenario_a_with_the_filter_ends_near_the_goal_in_each_of_five_runs():
         # The filter is far better than a raw fix of 0.245 m.
         error = np.hypot(*(recording.feedback - recording.truth)[100:, :2].T)
         assert math.sqrt((error**2).mean()) < 0.12, f"run {run}"
-
-
-@pytest.mark.parametrize("exact_arc", [True, False])
-def test_each_command_moves_the_robot_from_its_row_to_the_next(exact_arc):
-    config = QUIET._replace(plant=QUIET.plant._replace(exact_arc=exact_arc))
-    recording = simulate(config, PAPER, GOAL, 100, TRUTH)
-    truth, (v, omega) = recording.truth[:-1], recording.command[:-1].T
-    theta = truth[:, 2] + (0.05 * omega if exact_arc else 0.0)
-    length = 0.1 * v * (np.sinc(0.05 * omega / math.pi) if exact_arc else 1.0)
-    expected = truth[:, :2] + np.column_stack([length * np.cos(theta), length * np.sin(theta)])
-    np.testing.assert_allclose(recording.truth[1:, :2], expected, atol=1e-12)
-    turned = wrapped(recording.truth[1:, 2] - truth[:, 2] - 0.1 * omega)
-    np.testing.assert_allclose(turned, 0.0, atol=1e-12)
-    np.testing.assert_array_equal(recording.feedback, recording.truth)
-    np.testing.assert_allclose(recording.time, 0.1 * np.arange(101), atol=1e-12)
 
 
 @pytest.mark.parametrize("feedback", [EKF, RAW])
@@ -99,10 +79,7 @@ def test_the_first_command_has_no_time_to_accelerate():
 
 @pytest.mark.parametrize(
     ("steps", "feedback", "message"),
-    [
-        (10, "eyes", "feedback = 'eyes': must be one of ekf, raw, truth"),
-        (0, EKF, "steps = 0: must be >= 1"),
-    ],
+    [(10, "eyes", "feedback = 'eyes': must be one of ekf, raw, truth"), (0, EKF, "steps = 0: must be >= 1")],
 )
 def test_wrong_arguments_are_named(steps, feedback, message):
     with pytest.raises(InvalidValueError) as caught:

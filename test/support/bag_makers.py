@@ -44,13 +44,8 @@ def mcap_writing(stream, topics, definitions=None, chunk_size=1000, compression=
     writer.start("ros2", "somebody's recorder")
     texts = {kind: definitions[kind] if definitions else definition(kind) for kind, _ in topics.values()}
     schemas = {kind: writer.register_schema(kind, "ros2msg", text) for kind, text in texts.items()}
-    yield (
-        writer,
-        {
-            topic: writer.register_channel(topic, "cdr", schemas[kind], metadata)
-            for topic, (kind, metadata) in topics.items()
-        },
-    )
+    register = writer.register_channel
+    yield writer, {topic: register(topic, "cdr", schemas[kind], facts) for topic, (kind, facts) in topics.items()}
     writer.finish()
 
 

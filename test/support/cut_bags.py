@@ -117,20 +117,6 @@ def facts(path):
     return found
 
 
-def in_file_order(path):
-    """Topic and log time in the order of the bytes, by mcap's StreamReader, which needs no index."""
-    found = []
-    for file in files_of(path):
-        channels = {}
-        with file.open("rb") as stream:
-            for record in StreamReader(stream, validate_crcs=True).records:
-                if type(record).__name__ == "Channel":
-                    assert channels.setdefault(record.id, record) == record
-                elif type(record).__name__ == "Message":
-                    found.append((channels[record.channel_id].topic, record.log_time))
-    return found
-
-
 def by_rosbags(folder):
     """Topic, log time and data by rosbags, which reads metadata.yaml too."""
     with AnyReader([folder]) as reader:

@@ -2,6 +2,7 @@
 
 import math
 import random
+from collections import Counter
 
 import yaml
 from bag_makers import BEGIN, STORE, mcap_writing
@@ -67,32 +68,24 @@ def write_folder(folder, rows, compression="zstd", files=1, custom_data=None, **
         write_mcap(folder / name, rows[number * size : (number + 1) * size], compression, **options)
     topics = {topic: kind for topic, _, _, (kind, _) in rows}
     start, end = (pick(row[1] for row in rows) for pick in (min, max))
+    offers = {topic: (options.get("offers") or {}).get(topic, qos()) for topic in topics}
+    described = {
+        topic: {
+            "name": topic, "type": kind, "serialization_format": "cdr", "offered_qos_profiles": offers[topic],
+            "type_description_hash": "",
+        }
+        for topic, kind in topics.items()
+    }  # fmt: skip
+    counts = Counter(topic for topic, *_ in rows)
     inner = {
-        "version": 8,
-        "storage_identifier": "mcap",
-        "duration": {"nanoseconds": end - start},
-        "starting_time": {"nanoseconds_since_epoch": start},
-        "message_count": len(rows),
+        "version": 8, "storage_identifier": "mcap", "message_count": len(rows), "custom_data": custom_data,
+        "duration": {"nanoseconds": end - start}, "starting_time": {"nanoseconds_since_epoch": start},
         "topics_with_message_count": [
-            {
-                "topic_metadata": {
-                    "name": topic,
-                    "type": kind,
-                    "serialization_format": "cdr",
-                    "offered_qos_profiles": (options.get("offers") or {}).get(topic, qos()),
-                    "type_description_hash": "",
-                },
-                "message_count": sum(row[0] == topic for row in rows),
-            }
-            for topic, kind in topics.items()
+            {"topic_metadata": described[topic], "message_count": counts[topic]} for topic in topics
         ],
-        "compression_format": "",
-        "compression_mode": "",
-        "relative_file_paths": names,
-        "files": [],
-        "custom_data": custom_data,
+        "compression_format": "", "compression_mode": "", "relative_file_paths": names, "files": [],
         "ros_distro": "jazzy",
-    }
+    }  # fmt: skip
     (folder / "metadata.yaml").write_text(yaml.safe_dump({"rosbag2_bagfile_information": inner}))
     return folder
 

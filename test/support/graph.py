@@ -7,6 +7,7 @@ are promised is measured instead (trials.py). Only processes that a test started
 
 import contextlib
 import fcntl
+import json
 import os
 import signal
 import subprocess
@@ -204,17 +205,11 @@ def node(module, parameters=None, arguments=(), **options):
 
 def ros_arguments(parameters):
     """Return the ROS arguments that set parameters."""
-    return [word for name, value in (parameters or {}).items() for word in ("-p", f"{name}:={_yaml(value)}")]
-
-
-def _yaml(value):
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, (int, float)):
-        return repr(value)
-    if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(_yaml(item) for item in value) + "]"
-    return '"' + str(value).replace("\\", "\\\\").replace('"', '\\"') + '"'
+    return [
+        word
+        for name, value in (parameters or {}).items()
+        for word in ("-p", f"{name}:={json.dumps(value, default=str)}")
+    ]
 
 
 class Peer:

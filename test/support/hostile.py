@@ -91,11 +91,7 @@ def parameter_call(rng, names):
         [
             (SetParameters, "set_parameters", SetParameters.Request(parameters=changes)),
             (SetParameters, "set_parameters", SetParameters.Request(parameters=changes[:1])),
-            (
-                SetParametersAtomically,
-                "set_parameters_atomically",
-                SetParametersAtomically.Request(parameters=changes),
-            ),
+            (SetParametersAtomically, "set_parameters_atomically", SetParametersAtomically.Request(parameters=changes)),
             (GetParameters, "get_parameters", GetParameters.Request(names=some)),
             (GetParameterTypes, "get_parameter_types", GetParameterTypes.Request(names=some)),
             (DescribeParameters, "describe_parameters", DescribeParameters.Request(names=some)),

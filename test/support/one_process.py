@@ -26,10 +26,7 @@ class Nodes:
         """
         overrides = [Parameter(name, value=value) for name, value in (parameters or {}).items()]
         node = kind(
-            context=self.peer.context,
-            parameter_overrides=overrides,
-            cli_args=["--ros-args", *arguments],
-            **options,
+            context=self.peer.context, parameter_overrides=overrides, cli_args=["--ros-args", *arguments], **options
         )
         self._nodes.append(node)
         self.peer.add_node(node)

@@ -151,11 +151,7 @@ PROMISES = {
     ),
     "recorded bag": Promise("a bag that is being recorded, read by every command on bags", _BAGS, 1, 1, 5.0),
     "replayed bags": Promise(
-        "the same bags, replayed",
-        "no traceback, no death, within 5 s of processor time and 400 MB",
-        100,
-        2,
-        5.0,
+        "the same bags, replayed", "no traceback, no death, within 5 s of processor time and 400 MB", 100, 2, 5.0
     ),
     "disk full": Promise(
         "the disk is full while recording", "status 1, one ERROR, what was written is readable", 10, 2

@@ -2,12 +2,10 @@
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from recorders import LATCHED
 from std_srvs.srv import Trigger
 
 from diffbot_bag.replay_node import ReplayNode
-
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class Replay:

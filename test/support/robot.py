@@ -8,8 +8,8 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist, TwistStamped
 from nav_msgs.msg import Odometry
-from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_srvs.srv import SetBool, Trigger
 
@@ -65,17 +65,9 @@ def turned(pose, goal):
 
 
 def parameter_value(value):
-    if isinstance(value, bool):
-        return ParameterValue(type=ParameterType.PARAMETER_BOOL, bool_value=value)
-    if isinstance(value, int):
-        return ParameterValue(type=ParameterType.PARAMETER_INTEGER, integer_value=value)
-    if isinstance(value, float):
-        return ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value)
-    if isinstance(value, str):
-        return ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=value)
-    if value is None:
-        return ParameterValue(type=ParameterType.PARAMETER_NOT_SET)
-    return ParameterValue(type=ParameterType.PARAMETER_DOUBLE_ARRAY, double_array_value=value)
+    # Of an empty list, rclpy would not guess its type.
+    kind = Parameter.Type.DOUBLE_ARRAY if isinstance(value, list) else None
+    return Parameter("value", kind, value).get_parameter_value()
 
 
 class Robot:
@@ -167,7 +159,7 @@ class Robot:
 
     def set_parameter(self, node, name, value):
         """Ask a node to change a parameter; return its answer."""
-        request = SetParameters.Request(parameters=[Parameter(name=name, value=parameter_value(value))])
+        request = SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()])
         return self.peer.call(SetParameters, f"{node}/set_parameters", request).results[0]
 
     def cancel(self):
@@ -237,12 +229,10 @@ def on_truth(plant=None, controller=None, **options):
     return robot(**nodes, only=("controller", "plant"), joined=True, arguments=TRUE_POSES, **options)
 
 
-@contextlib.contextmanager
 def lockstep(plant=None, ekf=None, controller=None, **options):
     """Run a robot as fast as it goes; it stands still until ``pause(False)``."""
     given = {"plant": plant, "ekf": ekf, "controller": controller}
-    with robot(**{name: {**LOCKSTEP[name], **(one or {})} for name, one in given.items()}, **options) as running:
-        yield running
+    return robot(**{name: {**LOCKSTEP[name], **(one or {})} for name, one in given.items()}, **options)
 
 
 def twist(command):

@@ -3,14 +3,10 @@
 import json
 import math
 import os
-import platform
-import statistics
 import time
 from contextlib import contextmanager
 
 from promises import PROMISES
-
-from diffbot_core.files import write_json
 
 COUNTS = ("processes", "deaths", "tracebacks", "messages", "non_finite")
 SLACK = 10.0
@@ -72,26 +68,6 @@ class Trials:
         assert not broken, f"{self.key}: bound {self.promise.bound}, (value, allowance, ...): {broken[:10]}"
 
 
-def summary(key, results, seconds):
-    """Return the row of the JSON file; ``seconds`` are those that the trials took, whatever ran beside them."""
-    promise = PROMISES[key]
-    values = [value for value, *_ in results if value is not None]
-    worst = max(results, key=lambda result: result[0]) if values else (None, 0.0)
-    return {
-        "fault": promise.fault,
-        "promise": promise.text,
-        "unit": promise.unit,
-        "bound": promise.bound,
-        "trials": len(results),
-        "kept": sum(strictly for *_, strictly in results),
-        "kept_with_allowance": sum(kept for _, _, kept, _ in results),
-        "median": statistics.median(values) if values else None,
-        "worst": worst[0],
-        "allowance_of_worst": worst[1],
-        "seconds": round(seconds, 1),
-    }
-
-
 class Record:
     """What a process of tests has found; with a file, each result is a line there at once."""
 
@@ -129,28 +105,3 @@ class Record:
             os.write(file, json.dumps(entry).encode() + b"\n")
         finally:
             os.close(file)
-
-
-def merge(lines, path):
-    """Write the JSON file from the lines of all processes; rows of faults that were not tried stay."""
-    results, seconds, suite = {}, {}, {}
-    for entry in map(json.loads, lines):
-        if "result" in entry:
-            results.setdefault(entry["fault"], []).extend([entry["result"]] * entry["count"])
-        elif "seconds" in entry:
-            seconds[entry["fault"]] = seconds.get(entry["fault"], 0.0) + entry["seconds"]
-        else:
-            counts = suite.setdefault(entry["suite"], dict.fromkeys(COUNTS, 0))
-            for name, count in entry["counts"].items():
-                counts[name] += count
-    content = json.loads(path.read_text()) if path.is_file() else {}
-    rows = content.get("faults", {})
-    rows |= {key: summary(key, found, seconds.get(key, 0.0)) for key, found in results.items()}
-    content["faults"] = {key: rows[key] for key in PROMISES if key in rows}
-    content["suite"] = content.get("suite", {}) | suite
-    content["machine"] = {
-        "processors": os.cpu_count(),
-        "python": platform.python_version(),
-        "load": round(os.getloadavg()[2], 1),
-    }
-    write_json(path, content)

@@ -19,6 +19,12 @@ WRONG = {
     "seed is no number": ["demo", "--seed", "abc"],
     "a goal without yaw": ["goal", "1", "2"],
     "timeout is no number": ["goal", "1", "2", "0", "--timeout", "soon"],
+    "no span": ["bag", "trim", "a", "b"],
+    "no time": ["bag", "trim", "a", "b", "--from", "yesterday"],
+    "nothing to filter": ["bag", "filter", "a", "b"],
+    "twice": ["bag", "merge", "a", "./a", "b"],
+    "no size": ["bag", "split", "a", "b", "--size", "large"],
+    "tiny size": ["bag", "split", "a", "b", "--size", "999"],
 }
 
 
@@ -43,12 +49,7 @@ def test_replay_passes_bags_and_flags_on_as_parameters(kept_signal_handlers, mon
     monkeypatch.setattr(cli.importlib, "import_module", lambda _name: node)
     assert cli.main(["replay", "one", "two", "three", "--as-fast-as-possible", "--seek", "2"]) == 0
     parameters = dict(text.split(":=") for text in passed[2::2])
-    assert parameters == {
-        "uri": '"one"',
-        "bags": '["two", "three"]',
-        "as_fast_as_possible": "true",
-        "seek": "2.0",
-    }
+    assert parameters == {"uri": '"one"', "bags": '["two", "three"]', "as_fast_as_possible": "true", "seek": "2.0"}
 
 
 def test_negative_numbers_of_a_goal_are_positions_and_no_flags(kept_signal_handlers, monkeypatch):

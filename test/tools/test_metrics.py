@@ -10,15 +10,7 @@ from diffbot_tools.metrics import goal_metrics
 
 # 3 m ahead, 4 m to the left, back by 1 m: a drive from (0, 0) to (3, 3).
 TIME = np.array([10.0, 11.0, 12.5, 13.0, 14.0])
-POSES = np.array(
-    [
-        [0.0, 0.0, 0.0],
-        [3.0, 0.0, 1.0],
-        [3.0, 4.0, 1.5],
-        [3.0, 3.2, 1.6],
-        [3.0, 3.0, 1.5],
-    ]
-)
+POSES = np.array([[0.0, 0.0, 0.0], [3.0, 0.0, 1.0], [3.0, 4.0, 1.5], [3.0, 3.2, 1.6], [3.0, 3.0, 1.5]])
 GOAL = Pose(3.0, 3.1, 0.5 * math.pi)
 
 

@@ -14,15 +14,6 @@ PACKAGES = ("std_msgs", "geometry_msgs", "nav_msgs", "sensor_msgs", "diagnostic_
 HASHED_OTHERWISE = {"std_msgs/msg/Char"}
 
 
-def installed_types():
-    prefix = next(path for path in ament_prefixes() if (path / "share" / "std_msgs").is_dir())
-    return sorted(
-        f"{package}/msg/{path.stem}"
-        for package in PACKAGES
-        for path in (prefix / "share" / package / "msg").glob("*.msg")
-    )
-
-
 @pytest.fixture
 def prefix(tmp_path):
     def write(name, text, package="my_msgs", root="one"):
@@ -35,7 +26,9 @@ def prefix(tmp_path):
 
 
 def test_text_and_hash_of_every_installed_type_agree_with_other_libraries():
-    definitions, names = MessageDefinitions(), installed_types()
+    definitions = MessageDefinitions()
+    share = next(path / "share" for path in ament_prefixes() if (path / "share" / "std_msgs").is_dir())
+    names = [f"{package}/msg/{path.stem}" for package in PACKAGES for path in (share / package / "msg").glob("*.msg")]
     assert len(names) > 100
     for name in names:
         store = get_typestore(Stores.EMPTY)

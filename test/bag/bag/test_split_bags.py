@@ -155,12 +155,7 @@ def test_the_oldest_files_are_deleted(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        (b"{", "is not"),
-        (b"[" * 100_000, "is not"),
-        (b'{"/a": {}}', "damaged"),
-    ],
+    ("content", "words"), [(b"{", "is not"), (b"[" * 100_000, "is not"), (b'{"/a": {}}', "damaged")]
 )
 def test_attachments_that_cannot_be_read_are_one_line(tmp_path, content, words):
     bag = Written(tmp_path / "run")

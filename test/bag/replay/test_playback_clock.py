@@ -4,16 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from diffbot_bag.replay.playback_clock import (
-    Timeline,
-    Window,
-    bag_time,
-    due,
-    paused,
-    resumed,
-    stepped,
-    window,
-)
+from diffbot_bag.replay.playback_clock import Timeline, Window, bag_time, due, paused, resumed, stepped, window
 from diffbot_core.errors import InvalidValueError
 
 BEGIN = 1_700_000_000_000_000_000

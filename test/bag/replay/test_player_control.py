@@ -77,22 +77,14 @@ def bag(tmp_path):
     bags.close()
 
 
-def replay_of(bags, **pace):
-    window = Window(bags.start, bags.end)
-    return Run(
-        Source(lambda start: bags.messages(ALL, start, window.end), lambda start: bags.last_before(start, ["/map"])),
-        window,
-        **pace,
-    )
-
-
 def content(messages):
     return [(message.topic, message.log_time, message.data) for message in messages]
 
 
 def test_each_seek_goes_on_with_the_very_message_and_the_latched_one_before(bag):
     bags, expected = bag
-    run = replay_of(bags)
+    source = Source(lambda start: bags.messages(ALL, start, bags.end), lambda start: bags.last_before(start, ["/map"]))
+    run = Run(source, Window(bags.start, bags.end))
     generator = random.Random(4)
     # Back and forth, to times of messages, between them, and to both ends of the bag.
     targets = [BEGIN + generator.randrange(300) * MS + generator.choice((-1, 0, 1)) for _ in range(20)]

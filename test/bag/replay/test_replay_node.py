@@ -111,10 +111,7 @@ def test_offset_duration_and_rate_but_the_latched_message_of_before_comes(nodes,
 
 
 def test_until_selection_and_both_kinds_of_remapping(nodes, bag):
-    topics = {
-        "/b": (Twist, DEEP),
-        "/robot/text": (String, DEEP_LATCHED),
-    }
+    topics = {"/b": (Twist, DEEP), "/robot/text": (String, DEEP_LATCHED)}
     replay = play(
         nodes,
         bag,

@@ -8,8 +8,7 @@ import pytest
 from bag_makers import BEGIN, point
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Point
-from rclpy.qos import DurabilityPolicy, QoSProfile
-from recorders import recorded
+from recorders import LATCHED, recorded
 from replays import MS, write_mcap
 from terminals import in_terminal
 
@@ -18,7 +17,6 @@ from diffbot_bag.bag.reader import BagReader
 pytestmark = pytest.mark.graph
 
 REPLAY = "diffbot_bag.replay_node"
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 LAST = 300
 
 

@@ -15,16 +15,6 @@ NAMES = {name: "".join(word.capitalize() for word in name.split("_")) for name i
 MESSAGES = [RawMessage("/a", point(index), BEGIN + index * MS, 0) for index in range(100)]
 
 
-class FakeNode:
-    """Keeps the services that it is asked for."""
-
-    def __init__(self):
-        self.services = {}
-
-    def create_service(self, kind, name, callback):
-        self.services[name] = kind, callback
-
-
 @pytest.fixture
 def player():
     window = Window(BEGIN, BEGIN + 99 * MS)
@@ -33,28 +23,29 @@ def player():
 
 @pytest.fixture
 def served(player):
-    """The node, and a function that calls one of rosbag2's services and returns the fields of its response."""
+    """The services that a node is asked for, and a function that calls one of rosbag2's and returns its fields."""
     control = SimpleNamespace(
         seek=lambda time: BEGIN <= time <= BEGIN + 99 * MS and player.seek(time),
         set_rate=lambda rate: not player.set_rate(rate),
         end=player.stop,
     )
-    node, changes = FakeNode(), []
+    offered, changes = {}, []
+    node = SimpleNamespace(create_service=lambda kind, name, callback: offered.update({name: (kind, callback)}))
     services = ReplayServices(node, player, control, lambda: changes.append(1))
     services.offer_rosbag2(SimpleNamespace(**{kind: kind for kind in NAMES.values()}))
 
     def call(name, **request):
         before = len(changes)
-        response = node.services[f"rosbag2_player/{name}"][1](SimpleNamespace(**request), SimpleNamespace())
+        response = offered[f"rosbag2_player/{name}"][1](SimpleNamespace(**request), SimpleNamespace())
         assert len(changes) == before + 1
         return vars(response)
 
-    return node, call
+    return offered, call
 
 
 def test_their_fields_carry_what_rosbag2_s_carry(served, player):
-    node, call = served
-    kinds = {name.partition("/")[2]: kind for name, (kind, _) in node.services.items() if name.startswith("rosbag2")}
+    offered, call = served
+    kinds = {name.partition("/")[2]: kind for name, (kind, _) in offered.items() if name.startswith("rosbag2")}
     assert kinds == NAMES
     assert call("is_paused") == {"paused": True}
     assert call("resume") == {}

@@ -19,8 +19,6 @@ import pytest
 from damaged_bags import BEGIN, HASH, POINT, STEP, TOPICS
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
-from mcap.writer import CompressionType
-from mcap.writer import Writer as McapWriter
 from rosbags.highlevel import AnyReader
 
 from diffbot_bag.bag.file_lock import take_lock
@@ -343,12 +341,9 @@ def test_a_file_that_grows_or_a_full_disk_leaves_nothing(tmp_path, monkeypatch):
 
 def test_a_bomb_and_endless_false_chunks_are_refused(tmp_path):
     source, stream = tmp_path / "run.mcap", io.BytesIO()
-    writer = McapWriter(stream, chunk_size=15 * 2**20, compression=CompressionType.ZSTD)
-    writer.start("ros2")
-    channel = writer.register_channel("/a", "cdr", writer.register_schema(POINT, "ros2msg", b""))
-    for index in range(4):
-        writer.add_message(channel, index, bytes(20 * 2**20), 0)
-    writer.finish()
+    with bag_makers.mcap_writing(stream, {"/a": (POINT, {})}, chunk_size=15 * 2**20) as (writer, channels):
+        for index in range(4):
+            writer.add_message(channels["/a"], index, bytes(20 * 2**20), 0)
     source.write_bytes(stream.getvalue()[:-20])
     assert "max_compression_ratio" in refused(tmp_path, source, tmp_path / "fixed")
     result = repair_bag(source, tmp_path / "fixed", BagLimits(1e9, 2**20))

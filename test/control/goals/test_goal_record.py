@@ -4,12 +4,7 @@ import math
 
 import pytest
 
-from diffbot_control.goals.goal_record import (
-    REPLACED,
-    GoalBook,
-    GoalRequest,
-    time_remaining,
-)
+from diffbot_control.goals.goal_record import REPLACED, GoalBook, GoalRequest, time_remaining
 
 
 def test_a_book_knows_its_goals_by_their_ids_and_forgets_the_oldest():

@@ -144,24 +144,6 @@ def test_cancelling_stops_at_once_says_so_five_times_and_is_silent():
     assert progress(story) == (0, 0, GOAL)
 
 
-def test_the_watch_stops_a_robot_without_poses():
-    timeout = 0.5
-    story = Story(pose_timeout=timeout)
-    story.supervisor.on_goal(GOAL)
-    story.pose()
-    last = story.now
-    assert story.supervisor.on_tick(last + timeout - 1e-6) is None
-    assert story.state == DRIVING
-    assert story.supervisor.on_tick(last + timeout + 1e-6) == ZERO
-    assert story.state == STALE
-    # It goes on with that: one lost message must not matter.
-    assert [story.supervisor.on_tick(last + timeout + n) for n in range(1, 9)] == [ZERO] * 8
-    assert story.supervisor.memory.command == ZERO
-    story.now = last + 20.0
-    assert story.pose().v == 1.3
-    assert story.state == DRIVING
-
-
 @pytest.mark.parametrize("uncertainty", [UNSURE, Uncertainty(0.01, 0.06)])
 def test_a_tolerance_below_the_uncertainty_is_reported_at_rest_only(uncertainty):
     story = Story(controller=QUICK)

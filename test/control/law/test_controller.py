@@ -52,11 +52,7 @@ def test_scenario_a_without_noise_equals_the_printed_law():
         regions.append(report.region)
         # Eq. (3) as printed.
         x, y, theta = pose
-        pose = (
-            x + T_S * v * math.cos(theta),
-            y + T_S * v * math.sin(theta),
-            theta + T_S * omega,
-        )
+        pose = (x + T_S * v * math.cos(theta), y + T_S * v * math.sin(theta), theta + T_S * omega)
     assert regions[0] == OMEGA_G
     assert regions[-1] == OMEGA_L
     assert memory.switching.switches == sum(a != b for a, b in itertools.pairwise(regions))

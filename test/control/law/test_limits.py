@@ -32,11 +32,7 @@ SLACK = 1.0 + 1e-12
 def used(command, limits):
     """Return how much of each velocity bound a command takes up: at most 1 is allowed."""
     fastest = max(abs(speed) for speed in wheel_speeds(command, WHEELS))
-    return max(
-        abs(command.v) / limits.v_max,
-        abs(command.omega) / limits.omega_max,
-        fastest / limits.wheel_max,
-    )
+    return max(abs(command.v) / limits.v_max, abs(command.omega) / limits.omega_max, fastest / limits.wheel_max)
 
 
 @CHECK

@@ -71,10 +71,7 @@ def test_the_largest_gain_with_a_delay_separates_loops_that_settle_from_those_th
     assert driven(1.03 * bound, delay) > 2.0
 
 
-@pytest.mark.parametrize(
-    ("latency", "lag", "warned"),
-    [(0.2, 0.0, False), (0.3, 0.0, True), (0.15, 0.1, True)],
-)
+@pytest.mark.parametrize(("latency", "lag", "warned"), [(0.2, 0.0, False), (0.3, 0.0, True), (0.15, 0.1, True)])
 def test_the_papers_law_with_fast_gains_is_warned_of_where_it_spins(latency, lag, warned):
     sheet = PAPER_DATA_SHEET._replace(command_latency=latency, drive_time_constant=lag)
     text = unstable_gains(FAST._replace(data_sheet=sheet), 0.1)

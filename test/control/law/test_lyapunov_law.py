@@ -7,15 +7,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from diffbot_control.law.lyapunov_law import (
-    Gains,
-    global_law,
-    global_lyapunov,
-    local_law,
-    local_lyapunov,
-    sinc,
-    tanhc,
-)
+from diffbot_control.law.lyapunov_law import Gains, global_law, global_lyapunov, local_law, local_lyapunov, sinc, tanhc
 from diffbot_control.law.polar_coordinates import Navigation
 
 CHECK = settings(max_examples=150)

@@ -11,12 +11,7 @@ from hypothesis import strategies as st
 
 from diffbot_control.law.controller import ControllerMemory
 from diffbot_control.law.lyapunov_law import Gains
-from diffbot_control.law.paper.reapproach import (
-    APPROACHING,
-    RESTING,
-    RETREATING,
-    ReapproachConfig,
-)
+from diffbot_control.law.paper.reapproach import APPROACHING, RESTING, RETREATING, ReapproachConfig
 from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.regions import COVARIANCE, OMEGA_G, OMEGA_L, CovarianceRegionPolicy, RegionPolicy, Switching
 from diffbot_core.geometry import Pose

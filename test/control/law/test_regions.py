@@ -1,6 +1,5 @@
 """Omega_G and Omega_L: the paper's condition, hysteresis, and a radius that follows the covariance."""
 
-import itertools
 import math
 
 import pytest
@@ -66,21 +65,14 @@ def test_radius_is_the_bound_of_the_paper_with_the_errors_of_now(rho, sigma, gam
     assert covariance_radius(rho, 0.0, policy._replace(eps_P_min=0.3)) == pytest.approx(least)
 
 
-def region_after(distances, sigma=0.02, region=OMEGA_L, policy=COVARIANCE_POLICY):
-    """Region after each of some distances, sigma the same or one for each."""
-    sigmas = itertools.repeat(sigma) if isinstance(sigma, float) else sigma
-    outside, regions = 0, []
-    for rho, one in zip(distances, sigmas, strict=False):
-        region, outside, _ = covariance_region(region, outside, rho, one, policy)
-        regions.append(region)
-    return regions
-
-
 @CHECK
 @given(st.lists(st.tuples(DISTANCES, SIGMAS), min_size=1, max_size=60), st.sampled_from((OMEGA_G, OMEGA_L)))
 def test_the_count_agrees_with_a_search_of_the_whole_sequence(pairs, region):
     """Omega_L ends where the last three are all beyond their own leaving radii, all of them since it was entered."""
-    regions = region_after([rho for rho, _ in pairs], [sigma for _, sigma in pairs], region)
+    found, outside, regions = region, 0, []
+    for rho, sigma in pairs:
+        found, outside, _ = covariance_region(found, outside, rho, sigma, COVARIANCE_POLICY)
+        regions.append(found)
 
     def radius(rho, sigma):
         return max(0.02, 2.2 * sigma) + 0.05 * (1.0 - 2.0 / (math.exp(2.0 * min(rho, 40.0)) + 1.0))

@@ -5,11 +5,9 @@ import math
 import os
 import resource
 import signal
-import subprocess
-import sys
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
-from pathlib import Path
 
+import distributed
 import pytest
 from project_files import files_read_by
 
@@ -18,14 +16,7 @@ from diffbot_lab.campaign import command as campaign_command
 from diffbot_lab.campaign import report
 from diffbot_lab.campaign import runner as module
 from diffbot_lab.campaign.journal_lines import parsed, sealed
-from diffbot_lab.campaign.runner import (
-    JOURNAL,
-    Journal,
-    cluster_executor,
-    open_chunks,
-    run_campaign,
-    run_chunk,
-)
+from diffbot_lab.campaign.runner import JOURNAL, Journal, cluster_executor, open_chunks, run_campaign, run_chunk
 from diffbot_lab.campaign.spec import make_campaign
 from diffbot_lab.campaign.statistics import CellStatistics, count_outcomes
 from diffbot_sim.compiled.batch import run_batch
@@ -79,11 +70,6 @@ def expected():
     return [one.summary() for one in found]
 
 
-class _Never(Executor):
-    def submit(self, *_arguments, **_options):
-        raise AssertionError("there is nothing to do")
-
-
 def test_the_journal_of_a_campaign_cut_anywhere_goes_on(tmp_path, expected):
     do(tmp_path)
     whole = (tmp_path / JOURNAL).read_bytes()
@@ -92,7 +78,7 @@ def test_the_journal_of_a_campaign_cut_anywhere_goes_on(tmp_path, expected):
         (tmp_path / JOURNAL).write_bytes(whole[:end])
         assert summaries(do(tmp_path, {**SMALL, "chunk": 11})) == expected
         # Not only in memory: what stands there now is whole too.
-        assert summaries(do(tmp_path, SMALL, _Never)) == expected
+        assert summaries(do(tmp_path, SMALL, lambda: Failing(AssertionError("nothing to do")))) == expected
 
 
 def test_a_journal_that_is_damaged_in_the_middle_is_not_touched(tmp_path):
@@ -270,39 +256,6 @@ def test_an_unreachable_scheduler_is_one_line(tmp_path, capsys, monkeypatch):
         assert not (tmp_path / "out").exists()
 
 
-CLUSTER = """
-import sys
-from distributed import LocalCluster
-
-if __name__ == "__main__":
-    cluster = LocalCluster(n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None)
-    pids = [worker.process.process.pid for worker in cluster.workers.values()]
-    print(cluster.scheduler_address, *pids, flush=True)
-    sys.stdin.read()
-    cluster.close()
-"""
-
-
-@pytest.fixture(scope="module")
-def cluster(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("cluster")
-    (folder / "cluster.py").write_text(CLUSTER)
-    environment = {**os.environ, "PYTHONPATH": str(Path(module.__file__).parent.parent)}
-    with subprocess.Popen(
-        [sys.executable, "cluster.py"],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
-        cwd=folder,
-        env=environment,
-    ) as process:
-        address, *pids = process.stdout.readline().split()
-        yield address, [int(pid) for pid in pids]
-        process.stdin.close()
-        process.wait(30)
-
-
 def damaged_lines(lines):
     entry = parsed(lines[2])
     changes = [{"cell": 99}, {"cell": None}, {"first": 61}, {"count": 8}, {"bins": {}}, {"more": 1}]
@@ -337,26 +290,24 @@ class Killer(Journal):
     def add(self, entry):
         super().add(entry)
         if sum(len(done) for done in self.done) == 2:
-            os.kill(self._worker(), signal.SIGKILL)
+            os.kill(self._worker, signal.SIGKILL)
             self.killed += 1
 
 
-def run_with_a_worker_killed(folder, make_executor, worker):
-    campaign = make_campaign(SMALL)
-    journal = Killer(folder / JOURNAL, campaign, worker)
-    run_campaign(campaign, journal, make_executor, 2)
-    journal.close()
-    assert journal.killed == 1
-    return journal
-
-
 @pytest.mark.graph
-def test_a_cluster_with_a_worker_killed_half_way_gives_the_same(cluster, tmp_path, expected, monkeypatch):
+def test_a_cluster_with_a_worker_killed_half_way_gives_the_same(tmp_path, expected, monkeypatch):
     monkeypatch.setattr(module, "_CONNECT_TIMEOUT", 60.0)
-    address, pids = cluster
-    with cluster_executor(address) as (make_executor, workers):
+    with (
+        distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None) as cluster,
+        cluster_executor(cluster.scheduler_address) as (make_executor, workers),
+    ):
         assert workers == 1
-        assert summaries(run_with_a_worker_killed(tmp_path, make_executor, lambda: pids[0])) == expected
+        campaign, (worker,) = make_campaign(SMALL), cluster.workers.values()
+        journal = Killer(tmp_path / JOURNAL, campaign, worker.process.process.pid)
+        run_campaign(campaign, journal, make_executor, 2)
+        journal.close()
+        assert journal.killed == 1
+        assert summaries(journal) == expected
     # A client that stays behind asks for the cluster again and again, from a thread of its own.
     with pytest.raises(Exception, match="closed"):
         make_executor().submit(abs, -1).result(60.0)

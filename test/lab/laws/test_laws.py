@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from driven import Robot
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -21,17 +22,17 @@ LAWS = [name for name in registered_laws() if name != "switching"]
 SHEET = DataSheet(1.3, 2.6, 26.0, 0.5, 1.5)
 
 
-def drive(law, config, pose, seconds, t_s=0.1):
-    """Drive a perfect robot; return the final pose, the commands and the last memory."""
-    memory, commands = law.new_memory(config), []
+def drive(law, config, pose, seconds, t_s=0.1, latency=0.0, *, until_reached=False):
+    """Drive a perfect robot but for its dead time; return the final pose, the commands and the last memory."""
+    memory, commands, robot = law.new_memory(config), [], Robot(pose, latency)
     for index in range(round(seconds / t_s)):
-        memory, command, _ = law.step(memory, Estimate(pose, CERTAIN), ORIGIN, t_s if index else 0.0, config)
-        half = 0.5 * command.omega * t_s
-        chord = command.v * t_s * np.sinc(half / math.pi)
-        x, y = pose.x + chord * math.cos(pose.theta + half), pose.y + chord * math.sin(pose.theta + half)
-        pose = Pose(x, y, math.remainder(pose.theta + 2.0 * half, 2.0 * math.pi))
+        estimate = Estimate(robot.pose, CERTAIN)
+        memory, command, _ = law.step(memory, estimate, ORIGIN, t_s if index else 0.0, config)
+        if until_reached and memory.reached:
+            break
+        robot.drive(command, t_s)
         commands.append(command)
-    return pose, commands, memory
+    return robot.pose, commands, memory
 
 
 @pytest.mark.parametrize("name", LAWS)
@@ -52,16 +53,7 @@ def test_reached_is_not_said_while_the_robot_coasts(name):
     """With a dead time the coasted pose is at the goal before the robot is."""
     law = resolve_law(name)
     config = law.Config()._replace(data_sheet=SHEET._replace(command_latency=0.5))
-    memory, queue, pose = law.new_memory(config), [Twist(0.0, 0.0)] * 5, Pose(-3.0, 0.1, 0.0)
-    for index in range(600):
-        memory, command, _ = law.step(memory, Estimate(pose, CERTAIN), ORIGIN, 0.1 if index else 0.0, config)
-        if memory.reached:
-            break
-        queue.append(command)
-        v, omega = queue.pop(0)
-        half = 0.05 * omega
-        x, y = pose.x + 0.1 * v * math.cos(pose.theta + half), pose.y + 0.1 * v * math.sin(pose.theta + half)
-        pose = Pose(x, y, pose.theta + 2.0 * half)
+    pose, _, memory = drive(law, config, Pose(-3.0, 0.1, 0.0), 60.0, latency=0.5, until_reached=True)
     assert memory.reached
     assert math.hypot(pose.x, pose.y) < 0.1
 

@@ -8,13 +8,7 @@ import pytest
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import CERTAIN, Estimate
-from diffbot_lab.laws.nav2_graceful import (
-    Nav2Graceful,
-    Nav2GracefulConfig,
-    goal_checked,
-    nav2_graceful,
-    new_drive,
-)
+from diffbot_lab.laws.nav2_graceful import Nav2Graceful, Nav2GracefulConfig, goal_checked, nav2_graceful, new_drive
 
 RECORDED = json.loads(Path(__file__).with_name("nav2_graceful.json").read_text())
 ORIGIN = Pose(0.0, 0.0, 0.0)

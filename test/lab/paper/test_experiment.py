@@ -105,20 +105,6 @@ def test_the_results_are_numpys(groups, results):
     assert "0.0000" not in lines[2]
 
 
-@pytest.mark.parametrize("blocked", ["out/a", "out/a/results.json"])
-def test_what_cannot_be_written_is_one_line(blocked, tmp_path, capsys):
-    path = tmp_path / blocked
-    path.parent.mkdir(parents=True, exist_ok=True)
-    if blocked.endswith("json"):
-        path.mkdir()
-    else:
-        path.write_text("mine")
-    assert cli.main(["experiment", "a", "--runs", "1", "--no-figures", "--out", str(tmp_path / "out")]) == 1
-    error = capsys.readouterr().err
-    assert error.splitlines()[-1].startswith("diffbot: cannot write ")
-    assert "Traceback" not in error
-
-
 @pytest.mark.parametrize(("name", "runs", "message"), [("c", 1, "experiment = 'c'"), ("a", 0, "runs = 0")])
 def test_wrong_arguments_are_refused(name, runs, message, tmp_path):
     with pytest.raises(InvalidValueError, match=message):

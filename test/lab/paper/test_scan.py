@@ -12,11 +12,7 @@ from diffbot_lab.paper.scan import READINGS, is_in_box, is_near_goal, run_ends, 
 from diffbot_tools import cli
 
 RUNS = 2000
-SHARE_OF_NOISE = {
-    "raw": np.ones_like,
-    "vanishing": lambda rho: np.minimum(rho, 1.0),
-    "heading only": np.zeros_like,
-}
+SHARE_OF_NOISE = {"raw": np.ones_like, "vanishing": lambda rho: np.minimum(rho, 1.0), "heading only": np.zeros_like}
 
 
 def wrapped(angles):

@@ -4,6 +4,7 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ET
 from pathlib import Path
+from types import SimpleNamespace
 
 import graph
 import pytest
@@ -65,22 +66,18 @@ def test_names_are_relative_to_the_node_or_its_namespace():
 def test_an_action_is_one_right_and_not_its_topics_and_services():
     from diffbot_lab.security.ros.graph_rights import rights_of
 
-    parts = ("send_goal", "cancel_goal", "get_result")
+    topics, services = ("feedback", "status"), ("send_goal", "cancel_goal", "get_result")
 
-    class Observer:
-        def get_publisher_names_and_types_by_node(self, node, namespace):
-            return [("/r/drive/_action/feedback", []), ("/r/drive/_action/status", []), ("/r/pose", [])]
+    def names(action, parts):
+        return [(f"/r/{action}/_action/{part}", []) for part in parts]
 
-        def get_subscriber_names_and_types_by_node(self, node, namespace):
-            return [("/r/dock/_action/feedback", []), ("/r/dock/_action/status", [])]
-
-        def get_service_names_and_types_by_node(self, node, namespace):
-            return [(f"/r/drive/_action/{part}", []) for part in parts]
-
-        def get_client_names_and_types_by_node(self, node, namespace):
-            return [(f"/r/dock/_action/{part}", []) for part in parts]
-
-    found = rights_of(Observer(), "node", "/r")
+    observer = SimpleNamespace(
+        get_publisher_names_and_types_by_node=lambda *_: [*names("drive", topics), ("/r/pose", [])],
+        get_subscriber_names_and_types_by_node=lambda *_: names("dock", topics),
+        get_service_names_and_types_by_node=lambda *_: names("drive", services),
+        get_client_names_and_types_by_node=lambda *_: names("dock", services),
+    )
+    found = rights_of(observer, "node", "/r")
     assert found == Rights(publish=frozenset({"pose"}), execute=frozenset({"drive"}), call=frozenset({"dock"}))
 
 

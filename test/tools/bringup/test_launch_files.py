@@ -60,18 +60,14 @@ def load(monkeypatch):
 
 def actions(entities, **texts):
     """Return what is started; environment variables are set before all nodes."""
-    found = all_actions(entities, **texts)
+    *declared, function = entities
+    defaults = {one.arguments[0]: one.options["default_value"] for one in declared}
+    found = function.options["function"](SimpleNamespace(texts={**defaults, **texts}, is_shutdown=False))
     return [one for one in found if type(one).__name__ != "SetEnvironmentVariable" and not is_setting(one)]
 
 
 def is_setting(action):
     return type(action).__name__ == "LogInfo" and action.options["msg"].startswith("ROS_AUTOMATIC_DISCOVERY_RANGE=")
-
-
-def all_actions(entities, **texts):
-    *declared, function = entities
-    defaults = {one.arguments[0]: one.options["default_value"] for one in declared}
-    return function.options["function"](SimpleNamespace(texts={**defaults, **texts}, is_shutdown=False))
 
 
 def installed(*packages):

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 import yaml
-from dataset_files import LANDMARKS, OMEGA, RADIUS, T0, measured, truth_at, write_labyrinth, write_mrclam
-from rosbags.highlevel import AnyReader
+from dataset_files import LANDMARKS, OMEGA, RADIUS, T0, measured, read, truth_at, write_labyrinth, write_mrclam
+from robot import planar, stamp, turned
 
 from diffbot_control.ros.messages.landmark_cloud import landmark_points
 from diffbot_core.errors import DiffbotError
@@ -15,28 +15,10 @@ from diffbot_tools.dataset.command import import_labyrinth, import_mrclam
 START = 1_248_446_190_000_000_000
 
 
-def read(path):
-    """Return (log time, message) of each topic."""
-    found = {}
-    with AnyReader([path]) as reader:
-        for connection, time, data in reader.messages():
-            found.setdefault(connection.topic, []).append((time, reader.deserialize(data, connection.msgtype)))
-    return found
-
-
-def stamp_of(message):
-    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-
-
-def yaw_of(message):
-    q = message.pose.pose.orientation
-    return 2.0 * math.atan2(q.z, q.w)
-
-
-def assert_pose(message, expected):
-    position = message.pose.pose.position
-    assert (position.x, position.y) == pytest.approx(expected[:2], abs=1e-7)
-    assert math.remainder(yaw_of(message) - expected[2], 2 * math.pi) == pytest.approx(0.0, abs=1e-7)
+def assert_pose(message, expected, tolerance=1e-7):
+    pose = planar(message.pose.pose)
+    assert pose[:2] == pytest.approx(expected[:2], abs=tolerance)
+    assert turned(pose, expected) < 1e-7
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +37,7 @@ def test_bag_holds_odometry_landmarks_truth_and_start_at_the_time_of_the_data(ba
     topics = read(bag)
     assert set(topics) == {"/odom", "/landmarks", "/ground_truth", "/initialpose"}
     for messages in topics.values():
-        assert all(time == stamp_of(message) for time, message in messages)
+        assert all(time == stamp(message) for time, message in messages)
     assert [len(topics[name]) for name in ("/odom", "/ground_truth", "/initialpose")] == [400, 1100, 1]
     assert topics["/odom"][7][0] == START + 350_000_000
     for time, message in topics["/ground_truth"]:
@@ -76,9 +58,7 @@ def test_odometry_carries_the_twist_and_unknown_covariances(bag):
         assert not message.twist.covariance.any()
         # Its own pose, in odom: along the circle from the origin.
         angle = OMEGA * 0.05 * index
-        expected = RADIUS * math.sin(angle), RADIUS * (1.0 - math.cos(angle))
-        assert (message.pose.pose.position.x, message.pose.pose.position.y) == pytest.approx(expected, abs=1e-4)
-        assert math.remainder(yaw_of(message) - angle, 2 * math.pi) == pytest.approx(0.0, abs=1e-9)
+        assert_pose(message, (RADIUS * math.sin(angle), RADIUS * (1.0 - math.cos(angle)), angle), 1e-4)
 
 
 def test_landmarks_are_ranges_along_the_line_of_sight_by_subject(bag):

@@ -10,6 +10,7 @@ from pathlib import Path
 import graph
 import pytest
 import tutorial_run
+from robot import planar, stamp
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
@@ -55,14 +56,6 @@ class Bag:
     def poses(self, topic):
         """Stamp [ns], x, y, heading."""
         return [(stamp(message), *planar(message.pose.pose)) for _, message in self.messages[topic]]
-
-
-def stamp(message):
-    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-
-
-def planar(pose):
-    return pose.position.x, pose.position.y, 2.0 * math.atan2(pose.orientation.z, pose.orientation.w)
 
 
 @pytest.fixture(scope="module")

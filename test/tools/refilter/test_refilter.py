@@ -3,6 +3,7 @@
 import contextlib
 import math
 
+import dataset_files
 import numpy as np
 import pytest
 import rclpy
@@ -11,7 +12,6 @@ from dataset_files import OMEGA, write_mrclam
 from graph import free_domain
 from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message
-from rosbags.highlevel import AnyReader
 
 from diffbot_bag.bag.encoding import ODOMETRY, NumbersMessage
 from diffbot_bag.bag.new_bag import new_bag
@@ -48,11 +48,7 @@ def refiltered(bag):
 
 
 def read(path):
-    found = {}
-    with AnyReader([path]) as reader:
-        for connection, _, data in reader.messages():
-            found.setdefault(connection.topic, []).append(reader.deserialize(data, connection.msgtype))
-    return found
+    return {topic: [message for _, message in rows] for topic, rows in dataset_files.read(path).items()}
 
 
 def row(message):
@@ -183,13 +179,10 @@ BAD_FILES = {
 
 
 @pytest.mark.parametrize(("text", "words"), BAD_FILES.values(), ids=BAD_FILES)
-def test_bad_parameter_file_is_refused(bag, tmp_path, text, words):
-    params = tmp_path / "p.yaml"
-    if text is not None:
-        params.write_text(text)
+def test_bad_parameter_file_is_refused(tmp_path, text, words):
+    (tmp_path / "p.yaml").write_text(text)
     with pytest.raises(DiffbotError, match=words):
-        run(bag, params, tmp_path / "out", None, {})
-    assert not (tmp_path / "out").exists()
+        read_config(tmp_path / "p.yaml")
 
 
 @pytest.mark.parametrize(

@@ -10,14 +10,7 @@ from diffbot_core.geometry import Pose
 from diffbot_core.uncertainty import Estimate, Uncertainty
 from diffbot_lab.stability.adversary.observe import rank_of
 from diffbot_lab.stability.adversary.paper_play import next_state, opponent_of, play
-from diffbot_lab.stability.adversary.search import (
-    FEATURES,
-    STEPS,
-    WARM_UP,
-    WINDOW,
-    recurrent_distance,
-    search,
-)
+from diffbot_lab.stability.adversary.search import FEATURES, STEPS, WARM_UP, WINDOW, recurrent_distance, search
 from diffbot_sim.model.plant import integrate
 
 

@@ -10,11 +10,7 @@ from diffbot_control.law.controller import step
 from diffbot_core.geometry import Pose
 from diffbot_core.uncertainty import Estimate, Uncertainty
 from diffbot_lab.stability.adversary.figure import field_of_tuned
-from diffbot_lab.stability.adversary.tuned_play import (
-    TunedOpponent,
-    next_tuned,
-    observe_tuned,
-)
+from diffbot_lab.stability.adversary.tuned_play import TunedOpponent, next_tuned, observe_tuned
 from diffbot_lab.stability.tuned.contract import PLANT, Contract
 from diffbot_sim.model.philox import Draw
 from diffbot_sim.model.plant import new_plant, plant_step

@@ -20,18 +20,11 @@ from certificates import (
 
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.stability.paper import graph, images
+from diffbot_lab.stability.paper import verify as checker
 from diffbot_lab.stability.paper.certify import certify
 from diffbot_lab.stability.paper.file import EXACT_ARC, Certificate, Claims
 from diffbot_lab.stability.paper.lookup import TOO_HIGH, RankLookup
-from diffbot_lab.stability.paper.verify import (
-    Boxes,
-    commands_of,
-    failing_cells,
-    highest_next,
-    images_of,
-    slices_of,
-    verify,
-)
+from diffbot_lab.stability.paper.verify import Boxes, failing_cells, verify
 from diffbot_lab.stability.rank import cells
 
 
@@ -53,15 +46,17 @@ def plant_mistake(monkeypatch, module, function, old, new):
     return certify(LAW_13, START, COARSE, threads=1)[0]
 
 
-def test_a_wrong_sign_in_the_law_is_found(monkeypatch):
-    wrong = plant_mistake(monkeypatch, images, "_steering", "return add(p0", "return sub(p0")
-    with pytest.raises(DiffbotError, match=r"not verified: [0-9]+ cells; the first, rho"):
-        verify(wrong, threads=1)
-
-
-def test_rounding_inward_is_found(monkeypatch):
+@pytest.mark.parametrize(
+    "mistake",
+    [
+        (images, "_steering", "return add(p0", "return sub(p0"),
+        (cells, "block_of", "rho_high + PADDING", "math.floor(1e3 * rho_high) / 1e3"),
+    ],
+    ids=["sign", "rounding"],
+)
+def test_a_wrong_sign_in_the_law_and_rounding_inward_are_found(monkeypatch, mistake):
     """Rounding to whole millimetres, so that it matters with cells of centimetres."""
-    wrong = plant_mistake(monkeypatch, cells, "block_of", "rho_high + PADDING", "math.floor(1e3 * rho_high) / 1e3")
+    wrong = plant_mistake(monkeypatch, *mistake)
     with pytest.raises(DiffbotError, match=r"not verified: [0-9]+ cells; the first, rho"):
         verify(wrong, threads=1)
 
@@ -69,8 +64,8 @@ def test_rounding_inward_is_found(monkeypatch):
 def test_a_cell_that_an_image_just_touches_is_found():
     """Rounding inward by a single bit would lose it."""
     first = Boxes(*(np.array([one]) for one in (1.0, 1.05, 0.3, 0.35)))
-    found, v, omega = commands_of(LAW_13, slices_of(LAW_13, first, 0.04))
-    farthest = float(images_of(LAW_13, first.take(found), v, omega)[0][1].max())
+    found, v, omega = checker.commands_of(LAW_13, checker.slices_of(LAW_13, first, 0.04))
+    farthest = float(checker.images_of(LAW_13, first.take(found), v, omega)[0][1].max())
     assert 0.7 < farthest < 1.05
     alpha = coarse_certificate(LAW_13).alpha
     ranks = np.zeros((3, len(alpha) - 1), np.int16)
@@ -78,7 +73,7 @@ def test_a_cell_that_an_image_just_touches_is_found():
     for edge, highest in ((farthest, 7), (math.nextafter(farthest, 2.0), 0)):
         rho = np.array([0.5, edge, 1.2, 1.3])
         lookup = RankLookup(Certificate(LAW_13, rho, alpha, ranks, Claims(1.0, 1.2, 7)))
-        assert highest_next(LAW_13, lookup, first, 0.04)[0] == highest
+        assert checker.highest_next(LAW_13, lookup, first, 0.04)[0] == highest
 
 
 def changed(certificate, row, column, rank):
@@ -129,8 +124,8 @@ def test_each_other_claim_is_checked(change, part):
 @pytest.mark.parametrize("cell", CELLS[1:4])
 def test_every_step_from_a_cell_ends_in_the_checkers_images(loop, cell):
     boxes = Boxes(*(np.array([side]) for side in cell))
-    found, v, omega = commands_of(loop, slices_of(loop, boxes, 0.1))
-    (r0, r1), (a0, a1) = images_of(loop, boxes.take(found), v, omega)
+    found, v, omega = checker.commands_of(loop, checker.slices_of(loop, boxes, 0.1))
+    (r0, r1), (a0, a1) = checker.images_of(loop, boxes.take(found), v, omega)
     assert_held(steps_from(loop, cell, 100, np.random.default_rng(3)), r0, r1, a0, a1)
 
 

@@ -93,14 +93,9 @@ def test_a_cell_that_is_left_out_is_found(certificate, rank):
 @pytest.mark.parametrize("claim", ["radius", "start", "steps", "seed"])
 def test_claims_that_are_too_good_are_found(certificate, claim):
     claims = certificate.claims
-    better = {
-        "radius": claims.radius - 1e-6,
-        "start": certificate.rho[-1],
-        "steps": claims.steps - 1,
-        "seed": 0.2,
-    }[claim]
+    better = {"radius": claims.radius - 1e-6, "start": certificate.rho[-1], "steps": claims.steps - 1, "seed": 0.2}
     with pytest.raises(DiffbotError, match=rf"claims\.{claim} = "):
-        verify(claiming(certificate, **{claim: better}))
+        verify(claiming(certificate, **{claim: better[claim]}))
 
 
 def test_a_seed_that_is_not_all_in_the_core_is_found(certificate):

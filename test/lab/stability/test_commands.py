@@ -1,4 +1,4 @@
-"""The commands certify, verify and adversary from the command line."""
+"""The commands certify, verify and adversary of both laws from the command line."""
 
 import json
 
@@ -15,6 +15,10 @@ SETTINGS = [
     *("eps_x_max=0.05", "eps_y_max=0.05", "eps_theta_max=0.05", "eps_v_max=0.02", "eps_omega_max=0.05"),
 ]
 COARSE = ["--rho-max", "2", "--width", "0.05", "--columns", "80", "--threads", "1"]
+SMALL = [
+    *("--eps-position", "0.02", "--eps-theta", "0.01", "--sigma-max", "0.02"),
+    *("--rho-max", "1.5", "--fineness", "0.4", "--margin", "1.0"),
+]
 
 
 def test_a_certificate_is_made_verified_and_attacked(tmp_path, capsys, monkeypatch):
@@ -46,6 +50,19 @@ def test_a_certificate_is_made_verified_and_attacked(tmp_path, capsys, monkeypat
     assert error.startswith(f"diffbot: {path}: not verified: claims.radius = 0.3 m")
 
 
+def test_a_certificate_of_the_tuned_law_is_made_and_verified(tmp_path, capsys):
+    path = tmp_path / "new" / "tuned.json"
+    assert cli.main(["stability", "certify", "--law", "tuned", *SMALL, "--out", str(path)]) == 0
+    assert "not verified yet" in capsys.readouterr().out
+    contract = {"eps_position": 0.02, "eps_theta": 0.01, "sigma_max": 0.02}
+    expected = {"contract": contract, "to": 1.5, "margin": 1.0, "fineness": 0.4}
+    assert json.loads(path.read_text())["plan"] == expected
+    assert cli.main(["stability", "verify", str(path)]) == 0
+    shown = capsys.readouterr().out
+    assert "errors within 0.02 m and 0.01 rad, sigma up to 0.02 m:" in shown
+    assert "1000000 random steps keep to the ranks." in shown
+
+
 @pytest.mark.parametrize(
     ("arguments", "status", "part"),
     [
@@ -55,6 +72,9 @@ def test_a_certificate_is_made_verified_and_attacked(tmp_path, capsys, monkeypat
         (["certify", "--rho-max", "0.5"], 1, "rho_max = 0.5: must be > 0.574 m"),
         (["certify", "--width", "0.0001", "--rho-max", "12"], 1, "width = 0.0001"),
         (["certify", "--width", "0.3", "--columns", "40", "--rho-max", "2"], 1, "no certificate"),
+        (["certify", "--law", "tuned", "--width", "0.01"], 1, "--width = 0.01: must be left out with --law tuned"),
+        (["certify", "--law", "17", "--margin", "0.1"], 1, "--margin = 0.1: must be left out with --law 17"),
+        (["certify", "--law", "tuned", "--set", "command_latency=0.1"], 1, "command_latency = 0.1: must be 0, for a"),
         (["verify", "absent.json"], 1, "cannot read absent.json"),
         (["adversary", "absent.json"], 1, "cannot read absent.json"),
     ],
@@ -68,6 +88,7 @@ def test_refused_in_one_line(arguments, status, part, tmp_path, capsys, monkeypa
     assert found == status
     lines = capsys.readouterr().err.strip().splitlines()
     assert part in lines[-1]
+    assert not list(tmp_path.rglob("*.json"))
 
 
 def test_ctrl_c_leaves_nothing(tmp_path, monkeypatch):

@@ -1,0 +1,96 @@
+"""The end of a process: silent by a signal while it still imports, forced where it cannot end by itself."""
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import graph
+import pytest
+
+DIFFBOT_RUN = ("diffbot", "run", "controller")
+
+
+def started(name, *arguments, folder):
+    """Start a program of this environment; Python writes a line for each module once it is imported."""
+    environment = graph.environment(PYTHONPROFILEIMPORTTIME="1")
+    return graph.process(Path(sys.executable).parent / name, *arguments, env=environment, cwd=folder)
+
+
+@pytest.mark.parametrize(
+    ("command", "module", "number", "status"),
+    [
+        (("replay_node",), "rclpy", signal.SIGTERM, 0),
+        # Before the command is known, it is one that was interrupted; then it is a node.
+        (DIFFBOT_RUN, "diffbot_tools.run_command", signal.SIGTERM, 130),
+    ],
+)
+def test_a_signal_during_the_imports_ends_a_program_silently(command, module, number, status, tmp_path):
+    with started(*command, folder=tmp_path) as process:
+        process.wait_for_output(f" {module}\n")
+        assert process.stop(number) == status
+        for word in ("Traceback", "KeyboardInterrupt", "Exception ignored"):
+            assert word not in process.output
+
+
+def test_a_signal_that_is_ignored_stays_ignored(tmp_path):
+    """As for a process in the background of a shell script."""
+    script = 'trap "" INT; exec "$0"', str(Path(sys.executable).with_name("controller_node"))
+    with started("/bin/sh", "-c", *script, folder=tmp_path) as process:
+        process.wait_for_output(" numpy\n")
+        process.send(signal.SIGINT)
+        process.wait_for_output("]: ready")
+        assert process.stop(signal.SIGTERM) == 0
+
+
+HANG = """
+import ctypes, time
+from diffbot_core.ros.forced_exit import forced_exit
+
+print("before")
+with forced_exit(1, {status}):
+    {block}
+print("after")
+"""
+
+
+def ended(block, status):
+    code = HANG.format(block=block, status=status)
+    return subprocess.run([sys.executable, "-c", code], check=False, capture_output=True, text=True, timeout=60)
+
+
+def test_a_process_that_hangs_with_python_locked_ends_with_its_status():
+    # A PyDLL keeps Python's lock, so that neither threads nor signal handlers of Python run.
+    process = ended("ctypes.PyDLL(None).pause()", 3)
+    assert (process.returncode, process.stdout, process.stderr) == (3, "before\n", "")
+
+
+def test_a_process_that_is_in_time_goes_on():
+    process = ended("pass\ntime.sleep(1.5)", status=3)
+    assert (process.returncode, process.stdout) == (0, "before\nafter\n")
+
+
+STUCK = """
+import ctypes
+from diffbot_core.ros.fault_parameters import FaultConfig
+from diffbot_core.ros.node import DiffbotNode, run
+
+class Stuck(DiffbotNode):
+    def __init__(self):
+        super().__init__("stuck", FaultConfig)
+
+    def before_shutdown(self):
+        print("robot stands", flush=True)
+
+    def destroy_node(self):
+        ctypes.PyDLL(None).pause()
+
+raise SystemExit(run(Stuck))
+"""
+
+
+def test_a_node_that_the_middleware_keeps_ends_after_its_shutdown():
+    with graph.process(sys.executable, "-c", STUCK) as process:
+        process.wait_for_output("ready")
+        assert process.stop() == 0
+        assert "robot stands" in process.output
