@@ -18,6 +18,7 @@ from diffbot_tools.view.bag_tables import BagTables, RobotTables, read_tables
 from diffbot_tools.view.clock import Clock, Columns
 from diffbot_tools.view.constants import constants_of, recorded_config, recorded_wheels
 from diffbot_tools.view.events import Event, GoalSent, events_of, goals_of
+from diffbot_tools.view.footprint import Box
 from diffbot_tools.view.landmarks import Landmark, landmarks_on_map
 from diffbot_tools.view.packing import Packer
 from diffbot_tools.view.plans import Plan, PlanEnd, plan_columns
@@ -50,6 +51,8 @@ class RobotRun(NamedTuple):
     """whose tolerances and limits are drawn"""
     wheels: WheelGeometry | None
     """as recorded; None if the recorder noted none"""
+    box: Box | None
+    """of its URDF"""
 
 
 class BagRun(NamedTuple):
@@ -92,9 +95,8 @@ def _robot_run(robot: RobotTables, tables: BagTables, clock: Clock, config: Cont
     landmarks = landmarks_on_map(robot.landmarks, _path_of(curves, clock), clock)
     states = state_rows(robot.texts, clock)
     wheels = recorded_wheels(tables.parameters, robot.namespace.rstrip("/"))
-    return RobotRun(
-        robot.namespace.lstrip("/") or "robot", curves, goals, events, plan, landmarks, states, config, wheels
-    )
+    name = robot.namespace.lstrip("/") or "robot"
+    return RobotRun(name, curves, goals, events, plan, landmarks, states, config, wheels, robot.box)
 
 
 def _ends_of_plans(robot: RobotTables) -> list[Plan]:
@@ -129,6 +131,7 @@ def page_data(run: BagRun, *others: BagRun) -> dict[str, Any]:
             "health": health_lines(robot.curves, robot.events, NEES_BOUNDS[1], one.tables.lost, one.tables.is_cut_off),
             "states": robot.states,
             "constants": constants_of(robot.config, robot.wheels) | {"nees": NEES_BOUNDS},
+            "box": robot.box,
         }
         for number, one in enumerate(runs, 1)
         for robot in one.robots

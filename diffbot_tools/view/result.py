@@ -21,6 +21,8 @@ NEES_SHARE = 0.9
 """of the time below the 95 % bound from which on a filter counts as consistent; the errors are correlated in time"""
 _ROUNDING = 1e-6
 _LIMITS = (("v", "m/s"), ("omega", "rad/s"))
+_SLACK = 0.5
+"""of a period, between the stamps by which a controller accelerates and the times at which its commands were recorded"""
 _MAX_FAULTS = 3
 MAX_STATES = 5000
 """of a robot in the page; later ones are left out"""
@@ -103,15 +105,30 @@ def _figures(found: GoalMetrics, whose: str, is_off: bool) -> list[Line]:
 
 
 def _limits(command: Columns, begin: float, end: float, config: ControllerConfig) -> list[Line]:
-    """Return whether the commands of an interval kept the limits of the speeds; nothing without limits or commands."""
+    """Return whether the commands of an interval kept the limits of speeds and accelerations; nothing without any."""
     part = (command["t"] >= begin) & (command["t"] <= end)
     sheet, found, is_kept = config.data_sheet, [], True
-    for (name, unit), limit in zip(_LIMITS, (sheet.v_max, sheet.omega_max), strict=True):
-        values = np.abs(command[name][part])
-        values = values[np.isfinite(values)]
-        if len(values) and math.isfinite(limit):
-            is_kept = is_kept and float(values.max()) <= limit * (1.0 + _ROUNDING)
-            found.append(f"{values.max():.2f} of {limit:.2f} {unit}")
+    # Without a pose the robot is stopped at once: a step onto zero keeps every limit.
+    is_moving = ((command["v"] != 0.0) | (command["omega"] != 0.0))[part][1:]
+    gaps = np.diff(command["t"][part])
+    period = float(np.median(gaps[is_moving])) if is_moving.any() else math.nan
+    for (name, unit), limit, rate_limit in zip(
+        _LIMITS, (sheet.v_max, sheet.omega_max), (sheet.a_max, sheet.omega_dot_max), strict=True
+    ):
+        values = command[name][part]
+        speeds = np.abs(values[np.isfinite(values)])
+        if len(speeds) and math.isfinite(limit):
+            is_kept = is_kept and float(speeds.max()) <= limit * (1.0 + _ROUNDING)
+            found.append(f"{speeds.max():.2f} of {limit:.2f} {unit}")
+        steps = np.abs(np.diff(values))
+        joined = np.isfinite(steps) & is_moving
+        if joined.any() and math.isfinite(rate_limit):
+            # A late recorder shortens a gap, but not the steps.
+            times, steps = np.maximum(gaps[joined], period), steps[joined]
+            within = bool((steps <= rate_limit * (times + _SLACK * period)).all())
+            is_kept = is_kept and within
+            fastest = float((steps / times).max())
+            found.append(f"{min(fastest, rate_limit) if within else fastest:.2f} of {rate_limit:.2f} {unit}^2")
     if not found:
         return []
     return [(OK if is_kept else ERROR, f"{'Limits kept' if is_kept else 'BEYOND LIMITS'}: {', '.join(found)}")]

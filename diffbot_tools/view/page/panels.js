@@ -183,7 +183,6 @@ const LAW = [
 /** The law's variables, with a line each on what it is. */
 export function showLaw(parent, robot, time) {
   const { law } = robot.curves;
-  parent.parentNode.classList.toggle("hidden", !law);
   if (!law) return;
   const region = law.at("region", time);
   const values = LAW.map(([name, unit, text]) => {
