@@ -224,14 +224,9 @@ def _collector(role: str, type_name: str) -> Any:
     readers = {STATUS: read_status, STATUSES: read_statuses, LOG: read_log}
     if type_name in readers:
         return _Texts(readers[type_name])
-    if type_name == TRANSFORMS:
-        return _Transforms()
-    if type_name == STRING:
-        return _Description()
-    if type_name == PATH:
-        return PlanRows()
-    if type_name == CLOUD:
-        return CloudRows()
+    makers = {TRANSFORMS: _Transforms, STRING: _Description, PATH: PlanRows, CLOUD: CloudRows}
+    if type_name in makers:
+        return makers[type_name]()
     if role == "law":
         return _Law()
     layout: Layout = LAYOUTS[type_name]

@@ -11,6 +11,7 @@ import numpy as np
 
 from diffbot_control.law.regions import REGION_NAMES
 from diffbot_core.geometry import MAX_COORDINATE, Pose, yaw_of_quaternion
+from diffbot_core.units import S_PER_NS
 from diffbot_tools.view.bag_tables import RobotTables, Timed
 from diffbot_tools.view.bounded_table import BoundedTable
 from diffbot_tools.view.clock import Clock, Columns
@@ -23,6 +24,8 @@ MAX_NAMES = 1000
 """of nodes, goals and counters whose last message is remembered"""
 _STATUS_DELAY = 2.0
 """[s] between a goal and the status that names it"""
+_LEAP = 1.0
+"""[s]; less may be a delay"""
 _LEVEL_OF_END = {"reached": OK, "cancelled": OK, "replaced": OK}
 _WARNING_LINE, _ERROR_LINE = 30, 40
 _REJECTED, _RELOCATED = " rejected", "relocations by "
@@ -117,7 +120,8 @@ class EventMaker:
             count = int(value[:15])
             if (more := count - self._counts.get(key, 0)) > 0:
                 kind = "relocation" if is_relocation else "rejection"
-                found.append(Event(time, kind, WARNING, f"{key}: {more} more, {count} in all"))
+                words = key.replace("relocations", "filter relocated") if is_relocation else f"{key}: {more} more"
+                found.append(Event(time, kind, WARNING, f"{words}, {count} in all"))
             self._counts[key] = count
         return found
 
@@ -147,7 +151,8 @@ class EventMaker:
         for status in statuses:
             if not self._is_own(status.name):
                 continue
-            diagnosis = status.message if status.level == ERROR else ""
+            parts = [part for part in status.message.split("; ") if part != "ok"]
+            diagnosis = "; ".join(parts) if status.level == ERROR else ""
             if diagnosis and self._faults.get(status.name) != diagnosis:
                 found.append(Event(time, "fault", ERROR, f"{_short(status.name)}: {diagnosis}"))
             self._faults[status.name] = diagnosis
@@ -189,8 +194,25 @@ def events_of(
         changes = np.flatnonzero(np.diff(region, prepend=np.nan) != 0.0)
         for index in changes.tolist():
             found += maker.of_region(float(curves["law"]["t"][index]), float(region[index]))
+    found += _clock_jumps(robot, clock)
     found.sort(key=lambda event: event.time)
     return found[:MAX_EVENTS]
+
+
+def _clock_jumps(robot: RobotTables, clock: Clock) -> list[Event]:
+    """Return the topics whose stamps leapt for good against the times at which they were recorded."""
+    found = []
+    for role in ("odometry", "fixes"):
+        if (table := robot.tables.get(role)) is None or len(table.stamps) < 2:
+            continue
+        order = np.argsort(table.log_times, kind="stable")
+        ahead = (table.stamps - table.log_times)[order] * S_PER_NS
+        at = int(np.argmax(np.abs(np.diff(ahead)))) + 1
+        leap = float(np.median(ahead[at:]) - np.median(ahead[:at]))
+        if min(abs(leap), abs(float(ahead[at] - ahead[at - 1]))) > _LEAP:
+            time = clock.of_log_time(int(table.log_times[order[at]]))
+            found.append(Event(time, "fault", WARNING, f"stamps of {role} jumped by {leap:+.1f} s"))
+    return found
 
 
 def _short(node: str) -> str:

@@ -41,7 +41,7 @@ def footprint_of(urdf: str) -> Box | None:
     if "<!DOCTYPE" in urdf:
         return None
     try:
-        corners = _corners(ElementTree.fromstring(urdf))  # noqa: S314 - see above
+        corners = _corners(ElementTree.fromstring(urdf))
     except (ElementTree.ParseError, ValueError):
         return None
     if not corners or not (np.abs(corners) <= MAX_SIZE).all():
@@ -74,7 +74,7 @@ def _corners(robot: ElementTree.Element) -> list[Array]:
 
 
 def _transform(part: ElementTree.Element) -> Array:
-    """Return the matrix (4, 4) of the origin of a joint or part: turns about the fixed axes x, y and z, then a shift."""
+    """Return the matrix (4, 4) of the origin of a joint or part: turns about fixed axes, x first, then a shift."""
     transform = np.eye(4)
     if (origin := part.find("origin")) is not None:
         r, p, y = _numbers(origin, "rpy")

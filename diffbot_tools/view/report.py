@@ -127,7 +127,7 @@ def page_data(run: BagRun, *others: BagRun) -> dict[str, Any]:
             "landmarks": [list(landmark) for landmark in robot.landmarks],
             "goals": [[goal.time, *goal.pose] for goal in robot.goals],
             "events": [list(event) for event in robot.events],
-            "summary": goal_rows(robot.curves, robot.goals, robot.events, robot.config),
+            "summary": goal_rows(robot.curves, robot.goals, robot.events, robot.config, robot.wheels),
             "health": health_lines(robot.curves, robot.events, NEES_BOUNDS[1], one.tables.lost, one.tables.is_cut_off),
             "states": robot.states,
             "constants": constants_of(robot.config, robot.wheels) | {"nees": NEES_BOUNDS},

@@ -11,8 +11,10 @@ import numpy as np
 
 from diffbot_control.goals.states import NOT_AT_GOAL
 from diffbot_control.law.configuration import ControllerConfig
+from diffbot_core.kinematics import WheelGeometry
 from diffbot_tools.metrics import GoalMetrics, goal_metrics
 from diffbot_tools.view.bag_tables import Timed
+from diffbot_tools.view.causes import causes
 from diffbot_tools.view.clock import Clock, Columns
 from diffbot_tools.view.events import ERROR, OK, WARNING, Event, GoalSent
 from diffbot_tools.view.texts import controller_state, filter_state
@@ -22,7 +24,7 @@ NEES_SHARE = 0.9
 _ROUNDING = 1e-6
 _LIMITS = (("v", "m/s"), ("omega", "rad/s"))
 _SLACK = 0.5
-"""of a period, between the stamps by which a controller accelerates and the times at which its commands were recorded"""
+"""of a period, between the stamps by which a controller accelerates and the times at which commands were recorded"""
 _MAX_FAULTS = 3
 MAX_STATES = 5000
 """of a robot in the page; later ones are left out"""
@@ -36,11 +38,16 @@ def length_text(metres: float) -> str:
 
 
 def goal_rows(
-    curves: Mapping[str, Columns], goals: Sequence[GoalSent], events: Sequence[Event], config: ControllerConfig
+    curves: Mapping[str, Columns],
+    goals: Sequence[GoalSent],
+    events: Sequence[Event],
+    config: ControllerConfig,
+    wheels: WheelGeometry | None = None,
 ) -> list[dict[str, Any]]:
     """Return a row per goal: how it ended, and figures of the true (else the estimated) path, both also in words.
 
-    The path of a goal that was reached ends with its answer, that of others with the next goal.
+    The path of a goal that was reached ends with its answer, that of others with the next goal. Why a goal was missed
+    is named as far as the curves tell: see causes.py.
     """
     columns = curves.get("truth", curves.get("estimate"))
     rows = []
@@ -67,6 +74,9 @@ def goal_rows(
             lines += _figures(found, "True" if "truth" in curves else "Estimated", is_off)
         if "law" in curves and "command" in curves:
             lines += _limits(curves["command"], time, following if ended is None else ended, config)
+        if is_off or not end.startswith("reached"):
+            last = min(following, max(float(one["t"][-1]) for one in curves.values() if len(one["t"])))
+            lines = [*causes(curves, time, last if ended is None else ended, config, wheels), *lines]
         verdict = _verdict(end, ended, time, math.isinf(following), is_off)
         rows.append(row | {"level": verdict[0], "verdict": verdict[1], "lines": lines})
     return rows
@@ -87,7 +97,7 @@ def _end_of(events: Sequence[Event], begin: float, following: float) -> tuple[st
 
 
 def _verdict(end: str, ended: float | None, sent: float, is_last: bool, is_off: bool) -> Line:
-    words = end.partition(" [")[0]
+    words = end.partition(" [")[0].replace("not reached: not reached", "not reached")
     after = "" if ended is None else f"{max(ended - sent, 0.0):.1f} s"
     if words.startswith("reached"):
         return (ERROR, f"Reported reached in {after}, but off the goal") if is_off else (OK, f"Reached in {after}")
@@ -151,7 +161,9 @@ def health_lines(
         lines.append((WARNING, "recording cut off: the bag was not closed"))
     if lost is not None:
         lines.append((WARNING, f"{lost} messages lost") if lost else (OK, "no message lost"))
-    faults = {event.text: event.level for event in _until_shutdown(events) if _is_fault(event)}
+    # A state and the diagnosis of it have the same words, with other signs between them.
+    found = {"".join(filter(str.isalnum, one.text)): one for one in _until_shutdown(events) if _is_fault(one)}
+    faults = {one.text: one.level for one in found.values()}
     words = sorted(faults, key=lambda text: -faults[text])
     more = f" and {len(words) - _MAX_FAULTS} more" if len(words) > _MAX_FAULTS else ""
     text = f"faults: {'; '.join(words[:_MAX_FAULTS])}{more}" if words else "no fault reported"
