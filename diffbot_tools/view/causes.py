@@ -80,7 +80,7 @@ def _fixes(part: Mapping[str, Columns], config: ControllerConfig) -> list[tuple[
         return []
     x, y = (fixes[name] - np.interp(fixes["t"], truth["t"], truth[name]) for name in ("x", "y"))
     turns = np.exp(1j * (fixes["theta"] - np.interp(fixes["t"], truth["t"], np.unwrap(truth["theta"]))))
-    distance, spread = hypot(float(np.median(x)), float(np.median(y))), hypot(float(x.std()), float(y.std()))
+    distance, spread = hypot(float(x.mean()), float(y.mean())), hypot(float(x.std()), float(y.std()))
     mean = turns.mean()
     turn, turn_spread = abs(float(np.angle(mean))), float(np.angle(turns / mean).std())
     chance, tolerance = _CHANCE / len(turns) ** 0.5, config.tolerance

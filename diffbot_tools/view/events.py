@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections import Counter
 from collections.abc import Callable, Mapping
 from math import degrees
 from typing import Any, NamedTuple
@@ -18,8 +19,10 @@ from diffbot_tools.view.clock import Clock, Columns
 from diffbot_tools.view.texts import LogLine, Status
 
 OK, WARNING, ERROR = 0, 1, 2
-MAX_EVENTS = 2000
-"""that are kept of a robot; the later ones are left out"""
+MAX_GOALS = 2000
+"""of a robot that are shown; later ones are left out"""
+MAX_EVENTS = 10_000
+"""of a kind that are kept of a robot; later ones are left out"""
 MAX_NAMES = 1000
 """of nodes, goals and counters whose last message is remembered"""
 _STATUS_DELAY = 2.0
@@ -67,11 +70,12 @@ def goals_of(robot: RobotTables, clock: Clock) -> list[GoalSent]:
         if pose is None:
             continue
         index = bisect_right(found, time, key=lambda one: one.time)
-        # The status of the goal before may come a moment after the next one's message.
+        # A status may name the goal before a moment after the next one's message, or the next one before it.
+        first = index - 1 - (index > 1 and found[index - 1].time >= time - _STATUS_DELAY)
         near = [one for one in found[index:] if one.time <= time + _STATUS_DELAY]
-        if not any(_same(one.pose, pose) for one in (*found[max(index - 1, 0) : index], *near)):
+        if not any(_same(one.pose, pose) for one in (*found[max(first, 0) : index], *near)):
             found.insert(index, GoalSent(time, pose))
-    return found
+    return found[:MAX_GOALS]
 
 
 def goal_in(values: Mapping[str, str]) -> Pose | None:
@@ -196,7 +200,13 @@ def events_of(
             found += maker.of_region(float(curves["law"]["t"][index]), float(region[index]))
     found += _clock_jumps(robot, clock)
     found.sort(key=lambda event: event.time)
-    return found[:MAX_EVENTS]
+    numbers: Counter[str] = Counter()
+    kept = []
+    for event in found:
+        numbers[event.kind] += 1
+        if numbers[event.kind] <= MAX_EVENTS:
+            kept.append(event)
+    return kept
 
 
 def _clock_jumps(robot: RobotTables, clock: Clock) -> list[Event]:

@@ -30,6 +30,8 @@ Array = NDArray[np.float64]
 
 MAX_ROWS = 40_000
 """of a curve in the page: 13 minutes at 50 Hz are not thinned"""
+MAX_LISTED = 2000
+"""events of a robot; the page lists as many"""
 MAX_TOPICS = 500
 """in the table of topics"""
 
@@ -126,7 +128,7 @@ def page_data(run: BagRun, *others: BagRun) -> dict[str, Any]:
             | {"plan": packer.table(robot.plan)},
             "landmarks": [list(landmark) for landmark in robot.landmarks],
             "goals": [[goal.time, *goal.pose] for goal in robot.goals],
-            "events": [list(event) for event in robot.events],
+            "events": [list(event) for event in _listed(robot.events)],
             "summary": goal_rows(robot.curves, robot.goals, robot.events, robot.config, robot.wheels),
             "health": health_lines(robot.curves, robot.events, NEES_BOUNDS[1], one.tables.lost, one.tables.is_cut_off),
             "states": robot.states,
@@ -148,6 +150,15 @@ def page_data(run: BagRun, *others: BagRun) -> dict[str, Any]:
         "topics": [topic_figures(topic) for topic in ([] if others else run.tables.topics[:MAX_TOPICS])],
         "packed": packer.text(),
     }
+
+
+def _listed(events: list[Event]) -> list[Event]:
+    """Return the events that the page lists, without those of details if they are too many."""
+    for details in ((), ("switch",), ("switch", "rejection")):
+        kept = [event for event in events if event.kind not in details]
+        if len(kept) <= MAX_LISTED:
+            break
+    return kept[:MAX_LISTED]
 
 
 def _name(robot: RobotRun, run: BagRun, number: int) -> str:

@@ -42,7 +42,7 @@ function drawGrid(context, view, colours) {
     const [, py] = view.toScreen(0, k * step);
     context.moveTo(0, py);
     context.lineTo(view.width, py);
-    context.fillText(`${(k * step).toFixed(digits)} m`, 2, py - 2);
+    if (py < view.height - 16) context.fillText(`${(k * step).toFixed(digits)} m`, 2, py - 2);
   }
   context.stroke();
 }
