@@ -162,7 +162,7 @@ def health_lines(
     if lost is not None:
         lines.append((WARNING, f"{lost} messages lost") if lost else (OK, "no message lost"))
     # A state and the diagnosis of it have the same words, with other signs between them.
-    found = {"".join(filter(str.isalnum, one.text)): one for one in _until_shutdown(events) if _is_fault(one)}
+    found = {"".join(filter(str.isalnum, one.text)): one for one in _run_of(events) if _is_fault(one)}
     faults = {one.text: one.level for one in found.values()}
     words = sorted(faults, key=lambda text: -faults[text])
     more = f" and {len(words) - _MAX_FAULTS} more" if len(words) > _MAX_FAULTS else ""
@@ -170,12 +170,17 @@ def health_lines(
     return [*lines, (max(faults.values(), default=OK), text)]
 
 
-def _until_shutdown(events: Sequence[Event]) -> Sequence[Event]:
-    """Return the events until the controller became inactive for good: then the nodes end, one after the other."""
+def _run_of(events: Sequence[Event]) -> Sequence[Event]:
+    """Return the events without warnings of nodes that start, before the first goal, and that end one by one.
+
+    They end when the controller has become inactive for good.
+    """
     last = max(
         (at for at, one in enumerate(events) if one.kind == "state" and one.text.startswith("controller: ")), default=0
     )
-    return events[:last] if last and events[last].text == "controller: inactive" else events
+    run = events[:last] if last and events[last].text == "controller: inactive" else events
+    first = next((at for at, one in enumerate(run) if one.kind == "goal"), 0)
+    return [*(one for one in run[:first] if one.level >= ERROR), *run[first:]]
 
 
 def _is_fault(event: Event) -> bool:

@@ -1,4 +1,4 @@
-import { ellipseOf, lastAtMost, roundStep, shown, TWO_PI } from "./geometry.js";
+import { ellipseOf, extentOf, lastAtMost, roundStep, shown, TWO_PI } from "./geometry.js";
 
 // Draws the map: grid, paths, fixes, goals with tolerance and region, robots.
 
@@ -42,7 +42,7 @@ function drawGrid(context, view, colours) {
     const [, py] = view.toScreen(0, k * step);
     context.moveTo(0, py);
     context.lineTo(view.width, py);
-    if (py < view.height - 16) context.fillText(`${(k * step).toFixed(digits)} m`, 2, py - 2);
+    if (py > 12 && py < view.height - 16) context.fillText(`${(k * step).toFixed(digits)} m`, 2, py - 2);
   }
   context.stroke();
 }
@@ -227,7 +227,7 @@ function drawGoal(context, view, robot, time, constants, colours) {
 function drawRobot(context, view, pose, { wheels, box }, colour, filled, name = "") {
   const [px, py] = view.toScreen(pose.x, pose.y);
   const [radius, track] = wheels ?? [0, 0];
-  const size = Math.max(track, box ? Math.max(box[1] - box[0], box[3] - box[2]) : 0);
+  const size = extentOf({ wheels, box });
   const scale = size ? Math.max(view.scale, (2 * SYMBOL) / size) : 0; // [pixels/m]: a small robot has to be seen, too
   const r = (scale * track) / 2 || SYMBOL;
   context.save();
