@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import degrees, hypot
+from math import degrees, hypot, nan
 
 import numpy as np
 
@@ -70,7 +70,7 @@ def _wheel(part: Mapping[str, Columns], side: str, track: float, late: float) ->
 
 
 def _mean(values: Array) -> float:
-    return float(values.mean()) if len(values) else 0.0
+    return float(values.mean()) if len(values) else nan
 
 
 def _fixes(part: Mapping[str, Columns], config: ControllerConfig) -> list[tuple[int, str]]:

@@ -74,10 +74,10 @@ def goal_rows(
             lines += _figures(found, "True" if "truth" in curves else "Estimated", is_off)
         if "law" in curves and "command" in curves:
             lines += _limits(curves["command"], time, following if ended is None else ended, config)
-        if is_off or not end.startswith("reached"):
-            last = min(following, max(float(one["t"][-1]) for one in curves.values() if len(one["t"])))
-            lines = [*causes(curves, time, last if ended is None else ended, config, wheels), *lines]
         verdict = _verdict(end, ended, time, math.isinf(following), is_off)
+        if verdict[0] != OK:
+            last = min(following, max(float(one["t"][-1]) for one in curves.values()))
+            lines = [*causes(curves, time, last if ended is None else ended, config, wheels), *lines]
         rows.append(row | {"level": verdict[0], "verdict": verdict[1], "lines": lines})
     return rows
 
@@ -162,12 +162,12 @@ def health_lines(
     if lost is not None:
         lines.append((WARNING, f"{lost} messages lost") if lost else (OK, "no message lost"))
     # A state and the diagnosis of it have the same words, with other signs between them.
-    found = {"".join(filter(str.isalnum, one.text)): one for one in _run_of(events) if _is_fault(one)}
-    faults = {one.text: one.level for one in found.values()}
-    words = sorted(faults, key=lambda text: -faults[text])
+    found = {"".join(filter(str.isalnum, one.text)): one for one in reversed(_run_of(events)) if _is_fault(one)}
+    faults = sorted(found.values(), key=lambda one: (-one.level, one.time))
+    words = [one.text for one in faults]
     more = f" and {len(words) - _MAX_FAULTS} more" if len(words) > _MAX_FAULTS else ""
     text = f"faults: {'; '.join(words[:_MAX_FAULTS])}{more}" if words else "no fault reported"
-    return [*lines, (max(faults.values(), default=OK), text)]
+    return [*lines, (faults[0].level if faults else OK, text)]
 
 
 def _run_of(events: Sequence[Event]) -> Sequence[Event]:
