@@ -18,7 +18,7 @@ from diffbot_tools.view.report import RobotRun
 
 Array = NDArray[np.float64]
 
-_SIZE, _MAP, _DOTS = (14.4, 9.0), (840.0, 800.0), 100
+_SIZE, _MAP, _DOTS = (14.4, 9.0), (780.0, 780.0), 100
 """[inch] of the picture; [pixels] of the map in it; [1/inch]"""
 _SPEEDS = (("odometry", ORANGE), ("truth", BLUE), ("command", RED))
 
