@@ -78,8 +78,10 @@ function timeNow() {
   return curve?.rows ? curve.t[curve.rows - 1] : 0;
 }
 
+/** Show a time; a live page goes on, and marks it. */
 function goTo(time) {
-  page.player?.go(time);
+  if (page.player) page.player.go(time);
+  else hoverAt(time);
 }
 
 function hoverAt(time) {
@@ -311,7 +313,7 @@ function goToLink() {
     chooseRobot(robot);
     $("robot").value = page.robot.name;
   }
-  if (t !== null) page.player ? page.player.go(t) : hoverAt(t);
+  if (t !== null) goTo(t);
   if (map) Object.assign(page.view, map, { follow: false });
   if (zoom) zoomTo(zoom);
 }
