@@ -83,7 +83,7 @@ def run(options: ReportOptions) -> int:
     picture = None if png is None else (png, Moment() if options.at is None else moment_of(options.at))
     bag, *others = (one.expanduser() for one in (options.bag, *options.others))
     files = write_report(bag, out, options.preset, options.csv, options.tum, picture, others)
-    print(f"Report {out}" + (f", with it {', '.join(path.name for path in files)}" if files else ""))
+    print(f"Report {out}" + (f", beside it {', '.join(path.name for path in files)}" if files else ""))
     return 0
 
 
@@ -96,7 +96,7 @@ def write_report(
     picture: tuple[Path, Moment] | None = None,
     others: Sequence[Path] = (),
 ) -> list[Path]:
-    """Write the page ``out``, which appears whole or not at all; return the files with it.
+    """Write the page ``out``, which appears whole or not at all; return the files beside it.
 
     Of several bags, the times of each begin with its first goal.
 

@@ -31,7 +31,7 @@ TURNED = f"""<robot name="a">
 {BOX.format("collision", "0.1 0 0", "0 0 0", "0.4 0.2 1")}</link>
 <joint name="b" type="fixed"><parent link="base_link"/><child link="mast"/>
 <origin xyz="1 0 0" rpy="0 0 {math.pi / 2}"/></joint>
-<link name="mast">{BOX.format("visual", "0.5 0 0", f"0 {math.pi / 2} 0", "0.2 0.6 0.4")}</link>
+<link name="mast">{BOX.format("visual", "0.5 0 0", f"{math.pi / 2} 0 {math.pi / 2}", "0.6 0.2 0.4")}</link>
 <joint name="c" type="continuous"><parent link="base_link"/><child link="wheel"/></joint>
 <link name="wheel">{BOX.format("visual", "0 0 0", "0 0 0", "50 50 50")}</link></robot>"""
 
