@@ -16,6 +16,7 @@ from diffbot_bag.mcap.attachments import Parameters
 from diffbot_bag.tools.bag_info import TopicInfo, info_of
 from diffbot_core.cdr import CdrError
 from diffbot_tools.bag.unfinished_bags import print_warning
+from diffbot_tools.view.footprint import Box, read_footprint
 from diffbot_tools.view.landmarks import CloudRows, Measured
 from diffbot_tools.view.plans import Plan, PlanRows
 from diffbot_tools.view.robot_topics import (
@@ -25,6 +26,7 @@ from diffbot_tools.view.robot_topics import (
     PATH,
     STATUS,
     STATUSES,
+    STRING,
     TRANSFORMS,
     RobotTopics,
     robots_in,
@@ -44,6 +46,9 @@ QUATERNION = ("qx", "qy", "qz", "qw")
 LAW_COLUMNS = ("stamp", "rho", "alpha", "beta", "theta", "eps_P", "region", "V")
 MAX_TEXTS = 200_000
 """messages with texts that are kept of one topic; later ones are counted"""
+
+MAX_DESCRIPTIONS = 3
+"""of a robot that are read"""
 
 
 class Table(NamedTuple):
@@ -84,6 +89,8 @@ class RobotTables(NamedTuple):
     """path by /tf: stamps [ns] and poses (n, 3)"""
     plans: list[Plan]
     landmarks: Measured
+    box: Box | None
+    """of its URDF"""
 
 
 class BagTables(NamedTuple):
@@ -159,6 +166,22 @@ class _Transforms:
             self.malformed += 1
 
 
+class _Description:
+    """Takes the first footprint; a description is latched, so that a few are enough."""
+
+    def __init__(self) -> None:
+        self.box: Box | None = None
+        self.malformed, self._left = 0, MAX_DESCRIPTIONS
+
+    def add(self, _log_time: int, data: bytes) -> None:
+        self._left -= 1
+        if self.box is None and self._left >= 0:
+            try:
+                self.box = read_footprint(data)
+            except CdrError:
+                self.malformed += 1
+
+
 def read_tables(path: Path) -> BagTables:
     """Read a bag, with a progress bar on a terminal.
 
@@ -201,12 +224,9 @@ def _collector(role: str, type_name: str) -> Any:
     readers = {STATUS: read_status, STATUSES: read_statuses, LOG: read_log}
     if type_name in readers:
         return _Texts(readers[type_name])
-    if type_name == TRANSFORMS:
-        return _Transforms()
-    if type_name == PATH:
-        return PlanRows()
-    if type_name == CLOUD:
-        return CloudRows()
+    makers = {TRANSFORMS: _Transforms, STRING: _Description, PATH: PlanRows, CLOUD: CloudRows}
+    if type_name in makers:
+        return makers[type_name]()
     if role == "law":
         return _Law()
     layout: Layout = LAYOUTS[type_name]
@@ -231,12 +251,14 @@ def _places(role: str, type_name: str) -> dict[str, int]:
 
 def _tables(robot: RobotTopics, made: dict[str, Any], types: dict[str, str]) -> RobotTables:
     tables, texts, transforms = {}, {}, (np.empty(0, np.int64), np.empty((0, 3)))
-    plans, landmarks = PlanRows(), CloudRows()
+    plans, landmarks, description = PlanRows(), CloudRows(), _Description()
     for role, collector in made.items():
         if isinstance(collector, PlanRows):
             plans = collector
         elif isinstance(collector, CloudRows):
             landmarks = collector
+        elif isinstance(collector, _Description):
+            description = collector
         elif isinstance(collector, _Texts):
             texts[role] = sorted(collector.found, key=lambda one: one.log_time)
         elif isinstance(collector, _Transforms):
@@ -245,4 +267,5 @@ def _tables(robot: RobotTopics, made: dict[str, Any], types: dict[str, str]) -> 
             stamps, log_times, numbers = collector.columns()
             type_name = types[robot.names[role]]
             tables[role] = Table(stamps, log_times, numbers, tuple(_places(role, type_name)), type_name)
-    return RobotTables(robot.namespace, tables, texts, transforms, plans.found, landmarks.measured())
+    marks = landmarks.measured()
+    return RobotTables(robot.namespace, tables, texts, transforms, plans.found, marks, description.box)

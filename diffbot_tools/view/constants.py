@@ -17,6 +17,8 @@ def constants_of(config: ControllerConfig, wheels: WheelGeometry | None = None) 
     """Return tolerances, limits and the size of the robot for the page; None for no limit and for an unknown size."""
     sheet, tolerance = config.data_sheet, config.tolerance
     limits = {"v": sheet.v_max, "omega": sheet.omega_max}
+    if wheels is not None:
+        limits["rim"] = sheet.wheel_max * wheels.wheel_radius
     return {
         "xy_tolerance": tolerance.xy_goal_tolerance,
         "yaw_tolerance": tolerance.yaw_goal_tolerance,

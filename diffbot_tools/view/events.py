@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections import Counter
 from collections.abc import Callable, Mapping
 from math import degrees
 from typing import Any, NamedTuple
@@ -11,18 +12,23 @@ import numpy as np
 
 from diffbot_control.law.regions import REGION_NAMES
 from diffbot_core.geometry import MAX_COORDINATE, Pose, yaw_of_quaternion
+from diffbot_core.units import S_PER_NS
 from diffbot_tools.view.bag_tables import RobotTables, Timed
 from diffbot_tools.view.bounded_table import BoundedTable
 from diffbot_tools.view.clock import Clock, Columns
 from diffbot_tools.view.texts import LogLine, Status
 
 OK, WARNING, ERROR = 0, 1, 2
-MAX_EVENTS = 2000
-"""that are kept of a robot; the later ones are left out"""
+MAX_GOALS = 2000
+"""of a robot that are shown; later ones are left out"""
+MAX_EVENTS = 10_000
+"""of a kind that are kept of a robot; later ones are left out"""
 MAX_NAMES = 1000
 """of nodes, goals and counters whose last message is remembered"""
 _STATUS_DELAY = 2.0
 """[s] between a goal and the status that names it"""
+_LEAP = 1.0
+"""[s]; less may be a delay"""
 _LEVEL_OF_END = {"reached": OK, "cancelled": OK, "replaced": OK}
 _WARNING_LINE, _ERROR_LINE = 30, 40
 _REJECTED, _RELOCATED = " rejected", "relocations by "
@@ -64,11 +70,12 @@ def goals_of(robot: RobotTables, clock: Clock) -> list[GoalSent]:
         if pose is None:
             continue
         index = bisect_right(found, time, key=lambda one: one.time)
-        # The status of the goal before may come a moment after the next one's message.
+        # A status may name the goal before a moment after the next one's message, or the next one before it.
+        first = index - 1 - (index > 1 and found[index - 1].time >= time - _STATUS_DELAY)
         near = [one for one in found[index:] if one.time <= time + _STATUS_DELAY]
-        if not any(_same(one.pose, pose) for one in (*found[max(index - 1, 0) : index], *near)):
+        if not any(_same(one.pose, pose) for one in (*found[max(first, 0) : index], *near)):
             found.insert(index, GoalSent(time, pose))
-    return found
+    return found[:MAX_GOALS]
 
 
 def goal_in(values: Mapping[str, str]) -> Pose | None:
@@ -117,7 +124,8 @@ class EventMaker:
             count = int(value[:15])
             if (more := count - self._counts.get(key, 0)) > 0:
                 kind = "relocation" if is_relocation else "rejection"
-                found.append(Event(time, kind, WARNING, f"{key}: {more} more, {count} in all"))
+                words = key.replace("relocations", "filter relocated") if is_relocation else f"{key}: {more} more"
+                found.append(Event(time, kind, WARNING, f"{words}, {count} in all"))
             self._counts[key] = count
         return found
 
@@ -147,7 +155,8 @@ class EventMaker:
         for status in statuses:
             if not self._is_own(status.name):
                 continue
-            diagnosis = status.message if status.level == ERROR else ""
+            parts = [part for part in status.message.split("; ") if part != "ok"]
+            diagnosis = "; ".join(parts) if status.level == ERROR else ""
             if diagnosis and self._faults.get(status.name) != diagnosis:
                 found.append(Event(time, "fault", ERROR, f"{_short(status.name)}: {diagnosis}"))
             self._faults[status.name] = diagnosis
@@ -189,8 +198,31 @@ def events_of(
         changes = np.flatnonzero(np.diff(region, prepend=np.nan) != 0.0)
         for index in changes.tolist():
             found += maker.of_region(float(curves["law"]["t"][index]), float(region[index]))
+    found += _clock_jumps(robot, clock)
     found.sort(key=lambda event: event.time)
-    return found[:MAX_EVENTS]
+    numbers: Counter[str] = Counter()
+    kept = []
+    for event in found:
+        numbers[event.kind] += 1
+        if numbers[event.kind] <= MAX_EVENTS:
+            kept.append(event)
+    return kept
+
+
+def _clock_jumps(robot: RobotTables, clock: Clock) -> list[Event]:
+    """Return the topics whose stamps leapt for good against the times at which they were recorded."""
+    found = []
+    for role in ("odometry", "fixes"):
+        if (table := robot.tables.get(role)) is None or len(table.stamps) < 2:
+            continue
+        order = np.argsort(table.log_times, kind="stable")
+        ahead = (table.stamps - table.log_times)[order] * S_PER_NS
+        at = int(np.argmax(np.abs(np.diff(ahead)))) + 1
+        leap = float(np.median(ahead[at:]) - np.median(ahead[:at]))
+        if min(abs(leap), abs(float(ahead[at] - ahead[at - 1]))) > _LEAP:
+            time = clock.of_log_time(int(table.log_times[order[at]]))
+            found.append(Event(time, "fault", WARNING, f"stamps of {role} jumped by {leap:+.1f} s"))
+    return found
 
 
 def _short(node: str) -> str:

@@ -18,6 +18,7 @@ from diffbot_tools.view.bag_tables import BagTables, RobotTables, read_tables
 from diffbot_tools.view.clock import Clock, Columns
 from diffbot_tools.view.constants import constants_of, recorded_config, recorded_wheels
 from diffbot_tools.view.events import Event, GoalSent, events_of, goals_of
+from diffbot_tools.view.footprint import Box
 from diffbot_tools.view.landmarks import Landmark, landmarks_on_map
 from diffbot_tools.view.packing import Packer
 from diffbot_tools.view.plans import Plan, PlanEnd, plan_columns
@@ -29,6 +30,8 @@ Array = NDArray[np.float64]
 
 MAX_ROWS = 40_000
 """of a curve in the page: 13 minutes at 50 Hz are not thinned"""
+MAX_LISTED = 2000
+"""events of a robot; the page lists as many"""
 MAX_TOPICS = 500
 """in the table of topics"""
 
@@ -50,6 +53,8 @@ class RobotRun(NamedTuple):
     """whose tolerances and limits are drawn"""
     wheels: WheelGeometry | None
     """as recorded; None if the recorder noted none"""
+    box: Box | None
+    """of its URDF"""
 
 
 class BagRun(NamedTuple):
@@ -92,9 +97,8 @@ def _robot_run(robot: RobotTables, tables: BagTables, clock: Clock, config: Cont
     landmarks = landmarks_on_map(robot.landmarks, _path_of(curves, clock), clock)
     states = state_rows(robot.texts, clock)
     wheels = recorded_wheels(tables.parameters, robot.namespace.rstrip("/"))
-    return RobotRun(
-        robot.namespace.lstrip("/") or "robot", curves, goals, events, plan, landmarks, states, config, wheels
-    )
+    name = robot.namespace.lstrip("/") or "robot"
+    return RobotRun(name, curves, goals, events, plan, landmarks, states, config, wheels, robot.box)
 
 
 def _ends_of_plans(robot: RobotTables) -> list[Plan]:
@@ -124,11 +128,12 @@ def page_data(run: BagRun, *others: BagRun) -> dict[str, Any]:
             | {"plan": packer.table(robot.plan)},
             "landmarks": [list(landmark) for landmark in robot.landmarks],
             "goals": [[goal.time, *goal.pose] for goal in robot.goals],
-            "events": [list(event) for event in robot.events],
-            "summary": goal_rows(robot.curves, robot.goals, robot.events, robot.config),
+            "events": [list(event) for event in _listed(robot.events)],
+            "summary": goal_rows(robot.curves, robot.goals, robot.events, robot.config, robot.wheels),
             "health": health_lines(robot.curves, robot.events, NEES_BOUNDS[1], one.tables.lost, one.tables.is_cut_off),
             "states": robot.states,
             "constants": constants_of(robot.config, robot.wheels) | {"nees": NEES_BOUNDS},
+            "box": robot.box,
         }
         for number, one in enumerate(runs, 1)
         for robot in one.robots
@@ -145,6 +150,15 @@ def page_data(run: BagRun, *others: BagRun) -> dict[str, Any]:
         "topics": [topic_figures(topic) for topic in ([] if others else run.tables.topics[:MAX_TOPICS])],
         "packed": packer.text(),
     }
+
+
+def _listed(events: list[Event]) -> list[Event]:
+    """Return the events that the page lists, without those of details if they are too many."""
+    for details in ((), ("switch",), ("switch", "rejection")):
+        kept = [event for event in events if event.kind not in details]
+        if len(kept) <= MAX_LISTED:
+            break
+    return kept[:MAX_LISTED]
 
 
 def _name(robot: RobotRun, run: BagRun, number: int) -> str:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from diffbot_core.errors import DiffbotError
+from diffbot_tools.view.moment import Moment, moment_of
 
 MAX_BAGS = 3
 """in one report"""
@@ -21,7 +22,9 @@ class ReportOptions(NamedTuple):
     preset: str | None
     csv: bool = False
     tum: bool = False
-    png: bool = False
+    png: Path | None = None
+    at: str | None = None
+    """link whose moment and view the picture shows"""
     others: tuple[Path, ...] = ()
     """bags that are laid over the first one"""
 
@@ -43,15 +46,18 @@ def add_report(commands: Any) -> None:
         choices=tuple(PRESETS),
         help="whose tolerances and limits are drawn (default: those that the recorder noted in the bag, else tuned)",
     )
-    for flag, what in (("csv", "a table"), ("tum", "trajectories for evo"), ("png", "a picture")):
+    for flag, what in (("csv", "a table"), ("tum", "trajectories for evo")):
         report.add_argument(f"--{flag}", action="store_true", help=f"write {what} beside it, too")
+    report.add_argument("--png", type=Path, metavar="FILE", help="write a picture of map and charts, too")
+    report.add_argument("--at", metavar="LINK", help="moment and view of the picture: a link copied from the page")
     report.set_defaults(call=_call)
 
 
 def _call(options: argparse.Namespace) -> int:
     bag, *others = options.bag
     out = options.out or bag.resolve().with_suffix(".html")
-    return run(ReportOptions(bag, out, options.preset, options.csv, options.tum, options.png, tuple(others)))
+    given = (options.preset, options.csv, options.tum, options.png, options.at)
+    return run(ReportOptions(bag, out, *given, tuple(others)))
 
 
 def run(options: ReportOptions) -> int:
@@ -69,8 +75,14 @@ def run(options: ReportOptions) -> int:
         raise DiffbotError(f"{1 + len(options.others)} bags: must be at most {MAX_BAGS}")
     if options.others and (options.csv or options.tum or options.png):
         raise DiffbotError("--csv, --tum and --png: only with one bag")
+    png = options.png.expanduser() if options.png else None
+    if png and (png.suffix.lower() != ".png" or not png.parent.is_dir()):
+        raise DiffbotError(f"--png {png}: must end with .png, in a folder that exists")
+    if options.at is not None and not png:
+        raise DiffbotError("--at: only with --png")
+    picture = None if png is None else (png, Moment() if options.at is None else moment_of(options.at))
     bag, *others = (one.expanduser() for one in (options.bag, *options.others))
-    files = write_report(bag, out, options.preset, options.csv, options.tum, options.png, others)
+    files = write_report(bag, out, options.preset, options.csv, options.tum, picture, others)
     print(f"Report {out}" + (f", beside it {', '.join(path.name for path in files)}" if files else ""))
     return 0
 
@@ -81,7 +93,7 @@ def write_report(
     preset: str | None = None,
     csv: bool = False,
     tum: bool = False,
-    png: bool = False,
+    picture: tuple[Path, Moment] | None = None,
     others: Sequence[Path] = (),
 ) -> list[Path]:
     """Write the page ``out``, which appears whole or not at all; return the files beside it.
@@ -102,6 +114,6 @@ def write_report(
     found = [read_bag_run(one, config, bool(others)) for one in (bag, *others)]
     try:
         write_text(out, html(page_data(*found)))
-        return export(found[0], out, csv, tum, png)
+        return export(found[0], out, csv, tum, picture)
     except OSError as error:
         raise DiffbotError(f"cannot write {out}: {error.strerror or error}") from error

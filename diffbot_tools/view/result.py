@@ -11,8 +11,10 @@ import numpy as np
 
 from diffbot_control.goals.states import NOT_AT_GOAL
 from diffbot_control.law.configuration import ControllerConfig
+from diffbot_core.kinematics import WheelGeometry
 from diffbot_tools.metrics import GoalMetrics, goal_metrics
 from diffbot_tools.view.bag_tables import Timed
+from diffbot_tools.view.causes import causes
 from diffbot_tools.view.clock import Clock, Columns
 from diffbot_tools.view.events import ERROR, OK, WARNING, Event, GoalSent
 from diffbot_tools.view.texts import controller_state, filter_state
@@ -21,6 +23,8 @@ NEES_SHARE = 0.9
 """of the time below the 95 % bound from which on a filter counts as consistent; the errors are correlated in time"""
 _ROUNDING = 1e-6
 _LIMITS = (("v", "m/s"), ("omega", "rad/s"))
+_SLACK = 0.5
+"""of a period, between the stamps by which a controller accelerates and the times at which commands were recorded"""
 _MAX_FAULTS = 3
 MAX_STATES = 5000
 """of a robot in the page; later ones are left out"""
@@ -34,11 +38,16 @@ def length_text(metres: float) -> str:
 
 
 def goal_rows(
-    curves: Mapping[str, Columns], goals: Sequence[GoalSent], events: Sequence[Event], config: ControllerConfig
+    curves: Mapping[str, Columns],
+    goals: Sequence[GoalSent],
+    events: Sequence[Event],
+    config: ControllerConfig,
+    wheels: WheelGeometry | None = None,
 ) -> list[dict[str, Any]]:
     """Return a row per goal: how it ended, and figures of the true (else the estimated) path, both also in words.
 
-    The path of a goal that was reached ends with its answer, that of others with the next goal.
+    The path of a goal that was reached ends with its answer, that of others with the next goal. Why a goal was missed
+    is named as far as the curves tell: see causes.py.
     """
     columns = curves.get("truth", curves.get("estimate"))
     rows = []
@@ -66,6 +75,9 @@ def goal_rows(
         if "law" in curves and "command" in curves:
             lines += _limits(curves["command"], time, following if ended is None else ended, config)
         verdict = _verdict(end, ended, time, math.isinf(following), is_off)
+        if verdict[0] != OK:
+            last = min(following, max(float(one["t"][-1]) for one in curves.values()))
+            lines = [*causes(curves, time, last if ended is None else ended, config, wheels), *lines]
         rows.append(row | {"level": verdict[0], "verdict": verdict[1], "lines": lines})
     return rows
 
@@ -85,7 +97,7 @@ def _end_of(events: Sequence[Event], begin: float, following: float) -> tuple[st
 
 
 def _verdict(end: str, ended: float | None, sent: float, is_last: bool, is_off: bool) -> Line:
-    words = end.partition(" [")[0]
+    words = end.partition(" [")[0].replace("not reached: not reached", "not reached")
     after = "" if ended is None else f"{max(ended - sent, 0.0):.1f} s"
     if words.startswith("reached"):
         return (ERROR, f"Reported reached in {after}, but off the goal") if is_off else (OK, f"Reached in {after}")
@@ -103,15 +115,30 @@ def _figures(found: GoalMetrics, whose: str, is_off: bool) -> list[Line]:
 
 
 def _limits(command: Columns, begin: float, end: float, config: ControllerConfig) -> list[Line]:
-    """Return whether the commands of an interval kept the limits of the speeds; nothing without limits or commands."""
+    """Return whether the commands of an interval kept the limits of speeds and accelerations; nothing without any."""
     part = (command["t"] >= begin) & (command["t"] <= end)
     sheet, found, is_kept = config.data_sheet, [], True
-    for (name, unit), limit in zip(_LIMITS, (sheet.v_max, sheet.omega_max), strict=True):
-        values = np.abs(command[name][part])
-        values = values[np.isfinite(values)]
-        if len(values) and math.isfinite(limit):
-            is_kept = is_kept and float(values.max()) <= limit * (1.0 + _ROUNDING)
-            found.append(f"{values.max():.2f} of {limit:.2f} {unit}")
+    # Without a pose the robot is stopped at once: a step onto zero keeps every limit.
+    is_moving = ((command["v"] != 0.0) | (command["omega"] != 0.0))[part][1:]
+    gaps = np.diff(command["t"][part])
+    period = float(np.median(gaps[is_moving])) if is_moving.any() else math.nan
+    for (name, unit), limit, rate_limit in zip(
+        _LIMITS, (sheet.v_max, sheet.omega_max), (sheet.a_max, sheet.omega_dot_max), strict=True
+    ):
+        values = command[name][part]
+        speeds = np.abs(values[np.isfinite(values)])
+        if len(speeds) and math.isfinite(limit):
+            is_kept = is_kept and float(speeds.max()) <= limit * (1.0 + _ROUNDING)
+            found.append(f"{speeds.max():.2f} of {limit:.2f} {unit}")
+        steps = np.abs(np.diff(values))
+        joined = np.isfinite(steps) & is_moving
+        if joined.any() and math.isfinite(rate_limit):
+            # A late recorder shortens a gap, but not the steps.
+            times, steps = np.maximum(gaps[joined], period), steps[joined]
+            within = bool((steps <= rate_limit * (times + _SLACK * period)).all())
+            is_kept = is_kept and within
+            fastest = float((steps / times).max())
+            found.append(f"{min(fastest, rate_limit) if within else fastest:.2f} of {rate_limit:.2f} {unit}^2")
     if not found:
         return []
     return [(OK if is_kept else ERROR, f"{'Limits kept' if is_kept else 'BEYOND LIMITS'}: {', '.join(found)}")]
@@ -134,19 +161,26 @@ def health_lines(
         lines.append((WARNING, "recording cut off: the bag was not closed"))
     if lost is not None:
         lines.append((WARNING, f"{lost} messages lost") if lost else (OK, "no message lost"))
-    faults = {event.text: event.level for event in _until_shutdown(events) if _is_fault(event)}
-    words = sorted(faults, key=lambda text: -faults[text])
+    # A state and the diagnosis of it have the same words, with other signs between them.
+    found = {"".join(filter(str.isalnum, one.text)): one for one in reversed(_run_of(events)) if _is_fault(one)}
+    faults = sorted(found.values(), key=lambda one: (-one.level, one.time))
+    words = [one.text for one in faults]
     more = f" and {len(words) - _MAX_FAULTS} more" if len(words) > _MAX_FAULTS else ""
     text = f"faults: {'; '.join(words[:_MAX_FAULTS])}{more}" if words else "no fault reported"
-    return [*lines, (max(faults.values(), default=OK), text)]
+    return [*lines, (faults[0].level if faults else OK, text)]
 
 
-def _until_shutdown(events: Sequence[Event]) -> Sequence[Event]:
-    """Return the events until the controller became inactive for good: then the nodes end, one after the other."""
+def _run_of(events: Sequence[Event]) -> Sequence[Event]:
+    """Return the events without warnings of nodes that start, before the first goal, and that end one by one.
+
+    They end when the controller has become inactive for good.
+    """
     last = max(
         (at for at, one in enumerate(events) if one.kind == "state" and one.text.startswith("controller: ")), default=0
     )
-    return events[:last] if last and events[last].text == "controller: inactive" else events
+    run = events[:last] if last and events[last].text == "controller: inactive" else events
+    first = next((at for at, one in enumerate(run) if one.kind == "goal"), 0)
+    return [*(one for one in run[:first] if one.level >= ERROR), *run[first:]]
 
 
 def _is_fault(event: Event) -> bool:

@@ -13,6 +13,7 @@ POSE_STAMPED = "geometry_msgs/msg/PoseStamped"
 TWIST, TWIST_STAMPED = "geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"
 STATUS, STATUSES = "diagnostic_msgs/msg/DiagnosticStatus", "diagnostic_msgs/msg/DiagnosticArray"
 PATH, CLOUD = "nav_msgs/msg/Path", "sensor_msgs/msg/PointCloud2"
+STRING = "std_msgs/msg/String"
 LOG, TRANSFORMS = "rcl_interfaces/msg/Log", "tf2_msgs/msg/TFMessage"
 
 ROLES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
@@ -29,6 +30,7 @@ ROLES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "plan": (("path",), (PATH,)),
     "landmarks": (("landmarks",), (CLOUD,)),
     "transforms": (("tf",), (TRANSFORMS,)),
+    "description": (("robot_description",), (STRING,)),
 }
 """Names below the robot's namespace, the best first, and the types that are understood."""
 COMMON = {"/diagnostics": STATUSES, "/rosout": LOG}

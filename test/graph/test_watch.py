@@ -14,6 +14,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry, Path
 from robot import LATCHED, planar, pose_stamped
 from sensor_msgs.msg import PointCloud2, PointField
+from std_msgs.msg import String
 
 from diffbot_control.ros.messages.landmark_cloud import LandmarkPoint, fill_landmark_points
 
@@ -113,8 +114,36 @@ def test_a_drag_sends_the_goal_that_is_drawn_and_the_robot_arrives(page, peer):
         page.wait_for(lambda text=text: events.filter(has_text=text).count(), f"the event {text!r}")
     page.wait("document.querySelectorAll('#diagnostics tbody tr').length >= 3", "the diagnostics")
     limits = page.wait("diffbotPage.constants.limits.v && diffbotPage.constants.limits", "the limits")
-    assert limits == {"v": 1.3, "omega": 2.6}
+    assert limits == {"v": 1.3, "omega": 2.6, "rim": pytest.approx(1.3)}
     assert page.get("diffbotPage.constants.wheels") == [0.05, 0.6]
+
+
+def test_a_link_leads_to_the_moment_and_view_and_a_late_page_has_wheels_fixes_and_box(page, peer, new_page):
+    box = peer.publisher(String, "robot_description", LATCHED)
+    part = '<visual><geometry><box size="2 1 1"/></geometry></visual>'
+    box.publish(String(data=f'<robot><link name="a">{part}</link></robot>'))
+    page.wait("diffbotPage.robot.size.box", "the box")
+    look_at(page, -2.5, -4.5)
+    press(page, "l")
+    other = new_page().open(page.wait("location.hash.length > 1 && location.href", "the link"))
+    moment = float(page.get("new URLSearchParams(location.hash.slice(1)).get('t')"))
+    assert other.wait("diffbotPage.hover", "the moment") == pytest.approx(moment)
+    assert other.get("[diffbotPage.view.x, diffbotPage.view.y, diffbotPage.view.scale]") == [-2.5, -4.5, 120]
+    assert other.get("diffbotPage.zoom[1]") == pytest.approx(moment, abs=0.01)
+    assert other.get("diffbotPage.robot.size") == {"wheels": [0.05, 0.6], "box": [-1, 1, -0.5, 0.5]}
+    row = "['v', 'omega', 'left', 'right'].map((name) => diffbotPage.robot.curves.truth.columns[name][9])"
+    v, omega, *rims = other.get(row)
+    assert rims == pytest.approx([v - 0.3 * omega, v + 0.3 * omega], abs=1e-9)
+    # Fixes have stamps of the odometry, and so of estimates.
+    fix, residual, estimate = other.get(
+        """(({ fixes, residual, estimate }) => {
+          const t = residual.t[residual.rows - 1];
+          return [fixes, residual, estimate].map((curve) => curve.at("x", t));
+        })(diffbotPage.robot.curves)"""
+    )
+    assert residual == pytest.approx(fix - estimate, abs=1e-9)
+    assert other.errors == []
+    other.tab.close()
 
 
 def test_a_goal_by_keyboard_and_its_cancellation(page, peer):

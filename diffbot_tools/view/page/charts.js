@@ -14,6 +14,8 @@ const speeds = (column) => [
   line("truth", column, "truth", "truth"),
   line("command", column, "estimate", "command"),
 ];
+const rim = (side) => ({ title: `Rim of the ${side} wheel`, unit: "m/s", lines: speeds(side), limit: "rim" });
+const residual = (column, colour, factor = 1) => line("residual", column, colour, column === "theta" ? "heading" : column, factor);
 const bound = (column, factor = 1) => line("filter", column, "", "", factor);
 
 const GROUPS = {
@@ -40,8 +42,11 @@ const GROUPS = {
       lines: [line("filter", "whiteness", "truth", "autocorrelation")],
       bounds: [bound("whiteness_bound"), bound("whiteness_bound", -1)],
     },
+    { title: "Fix minus estimate", unit: "m", lines: [residual("x", "truth"), residual("y", "estimate")] },
+    { title: "Fix minus estimate, heading", unit: "deg", lines: [residual("theta", "truth", DEGREES)] },
     { title: "Errors of wheel radii", unit: "", lines: [line("filter", "left", "truth", "left"), line("filter", "right", "estimate", "right")] },
   ],
+  "wheel-charts": [rim("left"), rim("right")],
 };
 const HEIGHT = 92;
 const LEFT = 62;

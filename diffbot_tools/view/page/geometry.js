@@ -16,6 +16,9 @@ export function ellipseOf(xx, xy, yy) {
   return { a: axis(mean + spread), b: axis(mean - spread), angle: Math.atan2(2 * xy, xx - yy) / 2 };
 }
 
+/** The larger of length and width [m] of a robot with wheels [radius, distance] and box [rear, front, right, left]; 0 without. */
+export const extentOf = ({ wheels, box }) => Math.max(wheels?.[1] ?? 0, ...(box ? [box[1] - box[0], box[3] - box[2]] : []));
+
 /** The largest of 1, 2, 5 times a power of ten that is at most `length`. */
 export function roundStep(length) {
   const power = 10 ** Math.floor(Math.log10(length));

@@ -78,8 +78,10 @@ function timeNow() {
   return curve?.rows ? curve.t[curve.rows - 1] : 0;
 }
 
+/** Show a time; a live page goes on, and marks it. */
 function goTo(time) {
-  page.player?.go(time);
+  if (page.player) page.player.go(time);
+  else hoverAt(time);
 }
 
 function hoverAt(time) {
@@ -100,6 +102,7 @@ function zoomTo(range) {
 }
 
 const charts = makeCharts(document, { onTime: goTo, onHover: hoverAt, onZoom: zoomTo });
+const panels = document.querySelectorAll("details");
 const events = new EventList($("events"), $("filters"), goTo);
 
 function chartSpan(time) {
@@ -133,6 +136,7 @@ function drawFrame(now) {
   if ((areChartsDirty || isMoving) && now - lastCharts > (areChartsDirty ? 15 : page.player ? 90 : 200)) {
     const [t0, t1] = chartSpan(time);
     for (const chart of charts) chart.draw(page.robot, page.runs, t0, t1, page.constants, colours);
+    for (const panel of panels) panel.classList.toggle("hidden", !panel.querySelector(".chart:not(.hidden)"));
     lastCharts = now;
     areChartsDirty = false;
   } else if (areChartsDirty && page.player?.isPlaying !== true) redraw();
@@ -267,12 +271,14 @@ function startMap(onPose) {
     redraw();
   }, true);
   makeButton("Save picture", "s", savePicture);
+  makeButton("Copy link", "l", copyLink);
+  addEventListener("hashchange", goToLink);
   startPointer($("map"), page.view, page.tools, { onPose, onHint: alarm, onChange: () => redraw(), onHover: hoverMap });
   setInterval(() => follow.setAttribute("aria-pressed", String(page.view.follow)), 200);
   for (const [text, length] of WINDOWS) $("window").add(new Option(text, String(length)));
   $("window").addEventListener("change", () => zoomTo(null));
   $("unzoom").addEventListener("click", () => zoomTo(null));
-  for (const panel of document.querySelectorAll("details")) panel.addEventListener("toggle", () => redraw(true));
+  for (const panel of panels) panel.addEventListener("toggle", () => redraw(true));
   $("robot").addEventListener("change", () => chooseRobot($("robot").value));
   $("theme").addEventListener("click", changeTheme);
   new ResizeObserver(() => redraw(true)).observe(document.body);
@@ -290,7 +296,9 @@ function savePicture() {
 
 /** Put this moment into the address, and the address into the clipboard where the browser allows it. */
 async function copyLink() {
-  history.replaceState(null, "", `#${fragmentOf(page)}`);
+  const time = timeNow();
+  // A live page goes on: its link leads to what the charts show now.
+  history.replaceState(null, "", `#${fragmentOf({ ...page, zoom: page.player ? page.zoom : chartSpan(time) }, time)}`);
   try {
     await navigator.clipboard.writeText(location.href);
     alarm("Link to this moment and view copied.", 5, 0);
@@ -305,7 +313,7 @@ function goToLink() {
     chooseRobot(robot);
     $("robot").value = page.robot.name;
   }
-  if (t !== null) page.player.go(t);
+  if (t !== null) goTo(t);
   if (map) Object.assign(page.view, map, { follow: false });
   if (zoom) zoomTo(zoom);
 }
@@ -327,9 +335,7 @@ async function startReport() {
   if (page.runs) $("robot-label").firstChild.textContent = "Run ";
   setRobots(robots);
   page.player.go(data.span[1]);
-  makeButton("Copy link", "l", copyLink);
   goToLink();
-  addEventListener("hashchange", goToLink);
 }
 
 function startLive() {
@@ -370,6 +376,7 @@ function startLive() {
     }
   });
   let columns = {};
+  let isFitted = false; // once; a page that connects again keeps its view
   const find = (name) => page.robots.find((one) => one.name === name);
   const live = new Live({
     onHello(message) {
@@ -383,20 +390,28 @@ function startLive() {
       find(robot)?.hideAngles(page.constants.xy_tolerance);
     },
     onState(message) {
+      if (message.constants) {
+        page.constants = message.constants;
+        for (const { size } of page.robots) size.wheels = page.constants.wheels;
+      }
       for (const [name, news] of Object.entries(message.robots)) {
         const robot = find(name);
         if (!robot) continue;
-        const isNew = !robot.main;
         for (const [curve, row] of Object.entries(news.rows ?? {})) robot.append(curve, columns[curve], row);
         if (news.rows?.law) robot.hideAngles(page.constants.xy_tolerance, robot.curves.law.rows - 1);
         if (news.status) robot.status = news.status;
         if (news.plan) robot.setPlan(news.plan);
         if (news.landmarks) robot.see(news.landmarks);
         if (news.goals) robot.setGoals(news.goals);
-        if (robot === page.robot && isNew && robot.main) page.view.fit(robot);
+        if (news.box) robot.size.box = news.box;
+        robot.derive();
+      }
+      if (!isFitted && page.robot.main) {
+        isFitted = true;
+        page.view.fit(page.robot);
+        goToLink();
       }
       if (message.diagnostics) showDiagnostics($("diagnostics"), message.diagnostics);
-      if (message.constants) page.constants = message.constants;
       for (const [name, { isThere, isOn }] of Object.entries(message.services ?? {})) {
         extras[name].disabled = !isThere;
         extras[name].setAttribute("aria-pressed", String(isOn));

@@ -1,4 +1,4 @@
-import { ellipseOf, lastAtMost, roundStep, shown, TWO_PI } from "./geometry.js";
+import { ellipseOf, extentOf, lastAtMost, roundStep, shown, TWO_PI } from "./geometry.js";
 
 // Draws the map: grid, paths, fixes, goals with tolerance and region, robots.
 
@@ -42,7 +42,7 @@ function drawGrid(context, view, colours) {
     const [, py] = view.toScreen(0, k * step);
     context.moveTo(0, py);
     context.lineTo(view.width, py);
-    context.fillText(`${(k * step).toFixed(digits)} m`, 2, py - 2);
+    if (py > 12 && py < view.height - 16) context.fillText(`${(k * step).toFixed(digits)} m`, 2, py - 2);
   }
   context.stroke();
 }
@@ -223,26 +223,28 @@ function drawGoal(context, view, robot, time, constants, colours) {
   context.fillText(`${isNear ? "in Omega_L" : "Omega_L"}, eps_P ${shown(radius)} m`, px + 10, py + radius * view.scale + 14);
 }
 
-/** A robot as it is: both wheels and the circle through them, with a nose; a symbol of fixed size if that is unknown. */
-function drawRobot(context, view, pose, wheels, colour, filled, name = "") {
+/** A robot as it is: both wheels, its box or the circle through the wheels, and a nose; a symbol if its size is unknown. */
+function drawRobot(context, view, pose, { wheels, box }, colour, filled, name = "") {
   const [px, py] = view.toScreen(pose.x, pose.y);
   const [radius, track] = wheels ?? [0, 0];
-  const r = Math.max((track / 2) * view.scale, SYMBOL);
-  const wheel = radius * view.scale * (r / Math.max((track / 2) * view.scale, 1e-9));
+  const size = extentOf({ wheels, box });
+  const scale = size ? Math.max(view.scale, (2 * SYMBOL) / size) : 0; // [pixels/m]: a small robot has to be seen, too
+  const r = (scale * track) / 2 || SYMBOL;
   context.save();
   context.translate(px, py);
   context.rotate(-pose.theta);
   context.strokeStyle = context.fillStyle = colour;
   context.lineWidth = 2;
   context.beginPath();
-  context.arc(0, 0, r, 0, TWO_PI);
+  if (box) context.rect(scale * box[0], -scale * box[3], scale * (box[1] - box[0]), scale * (box[3] - box[2]));
+  else context.arc(0, 0, r, 0, TWO_PI);
   context.globalAlpha = 0.25;
   if (filled) context.fill();
   context.globalAlpha = 1;
   context.moveTo(0, 0);
-  context.lineTo(r, 0);
+  context.lineTo(box ? scale * box[1] : r, 0);
   context.stroke();
-  if (wheels) for (const side of [-1, 1]) context.fillRect(-wheel, side * r - 2, 2 * wheel, 4);
+  if (wheels) for (const side of [-1, 1]) context.fillRect(-scale * radius, side * r - 2, 2 * scale * radius, 4);
   context.restore();
   if (!name) return;
   context.fillStyle = colour;
@@ -299,14 +301,14 @@ export function layersOf({ curves, plan, landmarks }) {
 
 /** The best path of each run up to a time, and its robot, in its own colour. */
 function drawRuns(context, view, runs, { time, hidden, colours }) {
-  for (const { name, main, colour, constants } of runs) {
+  for (const { name, main, colour, size } of runs) {
     if (!main || hidden.has(name)) continue;
     context.strokeStyle = colours[colour];
     context.lineWidth = 2;
     tracePath(context, view, main, 0, main.indexAt(time) + 1);
     context.stroke();
     const pose = main.poseAt(time);
-    if (pose) drawRobot(context, view, pose, constants.wheels, colours[colour], false);
+    if (pose) drawRobot(context, view, pose, size, colours[colour], false);
   }
 }
 
@@ -338,11 +340,11 @@ export function drawMap(canvas, view, robots, robot, runs, { time, hover, consta
       const pose = other.curves[name]?.poseAt(time);
       if (pose && !hidden.has(name) && (other === robot || other.curves[name] === other.main)) {
         const label = robots.length > 1 && other.curves[name] === other.main ? other.name : "";
-        drawRobot(context, view, pose, constants.wheels, other === robot ? colours[name] : colours.faint, name === "estimate", label);
+        drawRobot(context, view, pose, other.size, other === robot ? colours[name] : colours.faint, name === "estimate", label);
       }
     }
     if (!other.curves.truth && !other.curves.estimate && other.main?.poseAt(time)) {
-      drawRobot(context, view, other.main.poseAt(time), constants.wheels, colours.odometry, true, robots.length > 1 ? other.name : "");
+      drawRobot(context, view, other.main.poseAt(time), other.size, colours.odometry, true, robots.length > 1 ? other.name : "");
     }
   }
   return context;

@@ -33,8 +33,10 @@ export async function unpackRobots(data) {
     const { plan, ...curves } = robot.curves;
     const landmarks = new Map(one.landmarks.map(([number, x, y, inView]) => [number, { number, x, y, inView }]));
     const { goals, events, summary, health, states, constants } = one;
-    Object.assign(robot, { curves, plan, landmarks, events, summary, health, states, constants });
+    const size = { wheels: constants.wheels, box: one.box };
+    Object.assign(robot, { curves, plan, landmarks, events, summary, health, states, constants, size });
     robot.setGoals(goals);
+    robot.derive();
     robot.hideAngles(constants.xy_tolerance);
     return robot;
   });

@@ -6,6 +6,8 @@ import { degrees, lengthText } from "./words.js";
 /** Events that are kept; the oldest go first. */
 export const MAX_EVENTS = 2000;
 
+const MANY = 8; // goals whose cards do not fit onto the first screen
+
 /** Append an element with a text and attributes; return it. */
 export function add(parent, tag, text = "", attributes = {}) {
   const element = parent.ownerDocument.createElement(tag);
@@ -43,10 +45,12 @@ export function showResult(parent, robot, onTime) {
   if (rows.length) add(head, "strong", `${reached} of ${rows.length} ${rows.length === 1 ? "goal" : "goals"} reached`);
   for (const [level, text] of robot.health) add(head, "span", text, { "data-level": String(level) });
   const cards = add(parent, "div", "", { class: "cards" });
-  rows.forEach((one, index) => {
+  // Of many goals, those that failed come first.
+  const shownRows = rows.length > MANY ? [...rows].sort((a, b) => b.level - a.level) : rows;
+  shownRows.forEach((one) => {
     const [x, y, theta] = one.goal;
     const card = add(cards, "button", "", { type: "button", "data-level": String(one.level) });
-    add(card, "small", `Goal ${index + 1}: ${shown(x)}, ${shown(y)} m, ${degrees(theta, 0)} deg`);
+    add(card, "small", `Goal ${rows.indexOf(one) + 1}: ${shown(x)}, ${shown(y)} m, ${degrees(theta, 0)} deg`);
     add(card, "strong", one.verdict, { "data-level": String(one.level) });
     for (const [level, text] of one.lines) add(card, "span", text, { "data-level": String(level) });
     card.addEventListener("click", () => onTime(one.ended ?? one.time));
@@ -183,7 +187,6 @@ const LAW = [
 /** The law's variables, with a line each on what it is. */
 export function showLaw(parent, robot, time) {
   const { law } = robot.curves;
-  parent.parentNode.classList.toggle("hidden", !law);
   if (!law) return;
   const region = law.at("region", time);
   const values = LAW.map(([name, unit, text]) => {

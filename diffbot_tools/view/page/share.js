@@ -9,8 +9,8 @@ const numbers = (text, count) => {
 };
 
 /** What stands behind the # of a link to this moment. */
-export function fragmentOf({ robot, player, zoom, view }) {
-  const parts = { robot: robot.name, t: player.time.toFixed(3), map: [view.x, view.y, view.scale].map((one) => one.toFixed(3)).join(",") };
+export function fragmentOf({ robot, zoom, view }, time) {
+  const parts = { robot: robot.name, t: time.toFixed(3), map: [view.x, view.y, view.scale].map((one) => one.toFixed(3)).join(",") };
   if (zoom) parts.zoom = zoom.map((one) => one.toFixed(3)).join(",");
   return new URLSearchParams(parts).toString();
 }

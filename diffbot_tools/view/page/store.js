@@ -6,6 +6,7 @@ const LIVE_ROWS = 40000;
 const MAX_LANDMARKS = 500;
 const IN_VIEW = 1; // [s] after a measurement
 const TO_GO = ["t", "distance", "heading", "lateral"];
+const SIDES = [["left", -0.5], ["right", 0.5]];
 
 /** Columns of numbers over the column `t` [s]. */
 export class Curve {
@@ -42,6 +43,17 @@ export class Curve {
       this.columns[name][this.rows] = row[index] ?? NaN;
     });
     this.rows += 1;
+  }
+
+  /** Bring the columns left and right up to date: speeds [m/s] of the rims of wheels at this distance [m]. */
+  addRims(track) {
+    const { v, omega } = this.columns;
+    const begin = this.columns.left && this.rims <= this.rows ? this.rims : 0;
+    for (const [side, share] of SIDES) {
+      this.columns[side] ??= new Float64Array(v.length);
+      for (let i = begin; i < this.rows; i += 1) this.columns[side][i] = v[i] + share * track * omega[i];
+    }
+    this.rims = this.rows;
   }
 
   /** Index of the last row at or before a time; -1 before the first. */
@@ -90,6 +102,7 @@ export class Robot {
     this.states = [];
     this.plan = new Curve({ t: [], x: [], y: [] }, 0);
     this.landmarks = new Map();
+    this.size = {}; // wheels: radius and distance [m]; box: rear, front, right, left [m]
   }
 
   /** Add a row to a curve, which begins with its first row. */
@@ -100,6 +113,21 @@ export class Robot {
     if (added === this.main) {
       this.curves.toGo ??= Curve.growing(TO_GO);
       this.curves.toGo.append(this.toGoAt(added, added.rows - 1));
+    }
+  }
+
+  /** Bring up to date what follows from other curves: the wheels' speeds, and fixes minus the estimate of their time. */
+  derive() {
+    const { odometry, truth, command, fixes, estimate } = this.curves;
+    if (this.size.wheels) for (const one of [odometry, truth, command]) if (one?.columns.v) one.addRims(this.size.wheels[1]);
+    if (!fixes?.rows || !estimate?.rows) return;
+    const made = (this.curves.residual ??= Curve.growing(["t", "x", "y", "theta"]));
+    const { t, x, y, theta } = fixes.columns;
+    if (made.rows && made.t[made.rows - 1] > t[fixes.rows - 1]) made.rows = 0; // a new run
+    const end = estimate.t[estimate.rows - 1];
+    for (let i = made.rows ? fixes.indexAt(made.t[made.rows - 1]) + 1 : 0; i < fixes.rows && t[i] <= end; i += 1) {
+      const pose = estimate.poseAt(t[i]);
+      if (pose) made.append([t[i], x[i] - pose.x, y[i] - pose.y, wrapAngle(theta[i] - pose.theta)]);
     }
   }
 

@@ -1,9 +1,10 @@
-import { rangeOf } from "./geometry.js";
+import { extentOf, rangeOf } from "./geometry.js";
 
 // What part of the plane the map shows: x to the right and y up, as on paper.
 
 const SMALLEST = 0.5;
 const LARGEST = 5000;
+const LARGEST_FIT = 1500;
 
 export class View {
   constructor() {
@@ -53,8 +54,10 @@ export class View {
     if (!xs || !ys) return;
     this.x = (xs[0] + xs[1]) / 2;
     this.y = (ys[0] + ys[1]) / 2;
-    const wide = Math.min(this.width / (xs[1] - xs[0] + 2), this.height / (ys[1] - ys[0] + 2));
-    this.scale = Math.min(Math.max(wide, SMALLEST), 200);
+    const [width, height] = [xs[1] - xs[0], ys[1] - ys[0]];
+    const margin = 0.15 * Math.max(width, height) + 1.5 * (extentOf(robot.size) || 0.5);
+    const wide = Math.min(this.width / (width + margin), this.height / (height + margin));
+    this.scale = Math.min(Math.max(wide, SMALLEST), LARGEST_FIT);
     this.follow = false;
   }
 }

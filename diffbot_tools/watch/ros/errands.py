@@ -33,6 +33,7 @@ _PARAMETERS = (
     "yaw_goal_tolerance",
     "linear.x.max_velocity",
     "angular.z.max_velocity",
+    "wheel.max_velocity",
     *WheelGeometry._fields,
 )
 
@@ -180,8 +181,9 @@ class Errands:
         finite = [value if isinstance(value, float) and math.isfinite(value) else None for value in values]
         if len(finite) != len(_PARAMETERS) or None in finite[:2]:
             return None
-        xy, yaw, v, omega, *wheels = finite
-        limits = {"v": v, "omega": omega}
+        xy, yaw, v, omega, wheel, *wheels = finite
+        rim = None if wheel is None or wheels[0] is None else wheel * wheels[0]
+        limits = {"v": v, "omega": omega, "rim": rim}
         return {
             "xy_tolerance": xy,
             "yaw_tolerance": yaw,

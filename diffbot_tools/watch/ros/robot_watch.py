@@ -12,7 +12,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
 from geometry_msgs.msg import Twist as TwistMessage
 from nav_msgs.msg import Odometry, Path
 from sensor_msgs.msg import PointCloud2
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, String
 
 from diffbot_control.ros.messages.fields import pose_of, stamp_ns, twist_from
 from diffbot_control.ros.messages.raw import read_odometry, read_pose
@@ -24,6 +24,7 @@ from diffbot_core.ros.qos import SENSOR
 from diffbot_core.units import S_PER_NS
 from diffbot_tools.view.bag_tables import LAW_COLUMNS
 from diffbot_tools.view.events import EventMaker, goal_in
+from diffbot_tools.view.footprint import read_footprint
 from diffbot_tools.view.landmarks import read_cloud
 from diffbot_tools.view.live_landmarks import LandmarkPlacer
 from diffbot_tools.view.live_state import COLUMNS, LiveState
@@ -95,6 +96,7 @@ class RobotWatch:
         self._raw(DiagnosticStatus, f"{ekf}/status", self._on_filter, LATCHED)
         self._raw(DiagnosticArray, f"{controller}/goal_results", self._on_results, LATCHED)
         self._raw(DiagnosticStatus, f"{controller}/goal_feedback", self._on_feedback, QUEUE)
+        self._raw(String, "robot_description", self._on_description, LATCHED)
 
     def _topic(self, name: str) -> str:
         return f"{self._prefix}/{name}"
@@ -174,6 +176,9 @@ class RobotWatch:
         time = self._clock.of(round(stamp * 1e9)) if abs(stamp) <= _LAST_STAMP else self._time
         self._row("law", time, *(named[name] for name in COLUMNS["law"][1:]))
         self._add(self._events.of_region(time, named["region"]))
+
+    def _on_description(self, data: bytes) -> None:
+        self._state.put(self._name, "box", read_footprint(data))
 
     def _add(self, events: Any) -> None:
         self._state.add_events(self._name, events)

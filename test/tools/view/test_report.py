@@ -3,6 +3,7 @@
 import json
 import math
 
+import matplotlib.image
 import numpy as np
 import pytest
 import view_bags
@@ -13,6 +14,7 @@ from diffbot_control.law.presets import PRESETS
 from diffbot_core.errors import DiffbotError
 from diffbot_tools.view.events import MAX_NAMES, EventMaker
 from diffbot_tools.view.exports import export
+from diffbot_tools.view.moment import Moment, moment_of
 from diffbot_tools.view.page_file import embedded_json
 from diffbot_tools.view.report import page_data, read_bag_run
 from diffbot_tools.view.report_command import ReportOptions, run
@@ -166,9 +168,9 @@ def test_tolerances_and_limits_are_those_that_the_recorder_noted(tmp_path):
 
 
 def test_files_beside_the_report(circle, run_of_circle, tmp_path):
-    written = export(run_of_circle, tmp_path / "run.html", csv=True, tum=True, png=True)
+    written = export(run_of_circle, tmp_path / "run.html", csv=True, tum=True)
     assert {path.name for path in written} == {
-        "run.csv", "run_truth.tum", "run_estimate.tum", "run_odometry.tum", "run.png",
+        "run.csv", "run_truth.tum", "run_estimate.tum", "run_odometry.tum",
     }  # fmt: skip
     trajectory = file_interface.read_tum_trajectory_file(tmp_path / "run_truth.tum")
     _, x, y, _ = view_bags.at(100)
@@ -177,7 +179,55 @@ def test_files_beside_the_report(circle, run_of_circle, tmp_path):
     table = np.genfromtxt(tmp_path / "run.csv", delimiter=",", names=True, deletechars="")
     assert table["error.x"][7] == pytest.approx(0.03)
     assert table["law.rho"][250] == pytest.approx(1.5)
-    assert (tmp_path / "run.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_a_picture_of_the_moment_and_view_of_a_link(run_of_circle, tmp_path):
+    corners = []
+    for quarters in (1, 2):
+        moment = moment_of(f"file:///a.html#robot=robot&t={quarters * math.pi / 2}&map=0,0,200&zoom=1,4")
+        path = tmp_path / f"{quarters}.png"
+        assert export(run_of_circle, tmp_path / "run.html", False, False, (path, moment)) == [path]
+        image = matplotlib.image.imread(path)[:, :650, :3]  # left of the legend
+        blue = np.argwhere(np.abs(image - np.array((0, 114, 178)) / 255).sum(axis=2) < 0.05)
+        corners.append(blue.min(axis=0))
+    # At 0.5 rad/s on a circle of 1 m, the path goes on from 45 to 90 degrees.
+    up, left = corners[0] - corners[1]
+    assert left == pytest.approx(200 * math.sqrt(0.5), rel=0.15)
+    assert up / left == pytest.approx(math.sqrt(2.0) - 1.0, abs=0.05)
+    with pytest.raises(DiffbotError, match="--at = 'other': must be one of robot"):
+        export(run_of_circle, tmp_path / "a.html", False, False, (tmp_path / "a.png", Moment("other")))
+
+
+@pytest.mark.parametrize("link", ["", "x", "#t=nan", "#t=1,2", "#t=1&map=1,2", "#t=1&map=0,0,-1", "#t=1&zoom=4,1"])
+def test_what_is_no_link(link):
+    with pytest.raises(DiffbotError, match="must be a link copied from the page"):
+        moment_of(link)
+
+
+def test_a_status_that_names_the_goal_before_is_no_goal(tmp_path):
+    def messages():
+        for step, name in enumerate((1, 2)):
+            time = BEGIN + 10**10 * step
+            yield "/odom", time, view_bags.odometry(time, 0.0, 0.0, 0.0)
+            yield "/goal_pose", time, view_bags.goal(time, float(name), 0.0, 0.0)
+            for late, goal in ((3, max(step, 1)), (6, name)):
+                status = view_bags.status("/controller", "driving", goal=f"{goal} 0 0")
+                yield "/controller/status", time + late * 10**8, status
+
+    assert [goal.pose.x for goal in only_robot(bag(tmp_path, messages())).goals] == [1.0, 2.0]
+
+
+def test_stamps_that_jump_are_an_event(tmp_path):
+    def messages(jump):
+        for step in range(50):
+            time = BEGIN + step * 10**8
+            yield "/odom", time, view_bags.odometry(time + (step >= 30) * jump, 0.1 * step, 0.0, 0.0)
+
+    for seconds, words in ((-30, ["stamps of odometry jumped by -30.0 s"]), (0, [])):
+        folder = tmp_path / str(seconds)
+        folder.mkdir()
+        events = only_robot(bag(folder, messages(seconds * 10**9))).events
+        assert [event.text for event in events] == words
 
 
 def test_runs_that_are_compared_begin_with_their_first_goal(tmp_path):

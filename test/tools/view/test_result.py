@@ -18,7 +18,7 @@ def drive(end_x, speed=0.2, truth=True):
     """Return curves from x = 0 to ``end_x`` within 5 s, where the robot then stays."""
     path = {"t": TIME, "x": np.clip(TIME / 5.0, 0.0, 1.0) * end_x, "y": 0.0 * TIME, "theta": 0.0 * TIME}
     command = {"t": TIME, "v": np.full(101, speed), "omega": np.full(101, -0.5)}
-    return {"truth" if truth else "estimate": path, "command": command, "law": {}}
+    return {"truth" if truth else "estimate": path, "command": command, "law": {"t": TIME}}
 
 
 def row_of(curves, *events):
@@ -79,6 +79,23 @@ def test_commands_beyond_a_limit_are_an_error():
     assert text.startswith("BEYOND LIMITS: 1.31 of 1.30 m/s")
 
 
+def test_accelerations_of_the_commands_are_those_that_the_bag_allows():
+    sheet = TUNED.data_sheet._replace(a_max=0.5, omega_dot_max=1.0)
+    for step, is_kept in ((0.5, True), (0.8, False)):
+        curves = drive(2.0)
+        ramp = np.minimum(step * TIME, 1.0)
+        # Recorded late, the stop at once at 6 s is not counted.
+        late = TIME + 0.03 * (np.arange(101) % 5 == 0)
+        curves["command"] = {"t": late, "v": np.where(TIME < 6.0, ramp, 0.0), "omega": np.zeros(101)}
+        (row,) = goal_rows(
+            curves, [GoalSent(0.5, Pose(2.0, 0.0, 0.0))], [end(6.5, "reached")], TUNED._replace(data_sheet=sheet)
+        )
+        level, text = row["lines"][2]
+        assert level == (OK if is_kept else ERROR)
+        assert ", 0.50 of 0.50 m/s^2, " in text or not is_kept
+        assert "0.80 of 0.50 m/s^2" in text or is_kept
+
+
 def test_a_consistent_filter_and_an_overconfident_one():
     bound = 9.35
     for share, level, word in ((0.95, OK, "consistent"), (0.5, ERROR, "overconfident")):
@@ -90,11 +107,13 @@ def test_a_consistent_filter_and_an_overconfident_one():
 
 def test_losses_and_faults_are_named_the_worst_first():
     events = [
+        Event(0.1, "fault", WARNING, "ekf: no fix yet"),  # while it starts
+        Event(0.5, "goal", OK, "goal 1"),
         Event(1.0, "fault", WARNING, "plant: slow"),
         Event(2.0, "state", ERROR, "controller: stale pose"),
         Event(3.0, "state", ERROR, "controller: goal not reached"),
         Event(3.1, "fault", ERROR, "controller: goal not reached; ok"),
-        Event(4.0, "goal", OK, "goal 1"),
+        Event(4.0, "fault", ERROR, "controller: stale; pose"),
     ]
     found = health_lines({}, events, 9.35, 7, True)
     assert found == [

@@ -1,0 +1,90 @@
+"""Why a goal was missed, as far as the curves tell: what did not come, a wheel that stood or slipped, wrong fixes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import degrees, hypot, nan
+
+import numpy as np
+
+from diffbot_control.law.configuration import ControllerConfig
+from diffbot_core.kinematics import WheelGeometry
+from diffbot_tools.view.clock import Array, Columns
+from diffbot_tools.view.events import ERROR, WARNING
+
+_NEEDED = {"odometry": "odometry", "fixes": "fix", "estimate": "pose from the filter", "command": "command"}
+"""what a robot with a goal gets all the time, in words"""
+_SILENCE, _SILENT_PERIODS = 2.0, 10.0
+"""[s] and usual periods without it that are worth a line"""
+_LAST, _STANDING = 5.0, 0.1
+"""[s] before the end of a goal, and the share of the commanded speed below which a wheel counts as standing"""
+_SLIP, _GRIP, _TURNING = 1.0, 0.7, 0.2
+"""[s] of slip worth a line; the share of its speed with which a wheel that does not slip moves the robot; the share of
+its largest speed at which it counts as turning"""
+_MIN_FIXES, _CHANCE = 10, 4.0
+"""from which on their mean error is one; its standard deviations that are no chance"""
+
+
+def causes(
+    curves: Mapping[str, Columns], begin: float, end: float, config: ControllerConfig, wheels: WheelGeometry | None
+) -> list[tuple[int, str]]:
+    """Return level and text of each cause found between two times [s]; wheels only if their geometry is known."""
+    part = {
+        role: {name: values[(columns["t"] >= begin) & (columns["t"] <= end)] for name, values in columns.items()}
+        for role, columns in curves.items()
+        if "t" in columns
+    }
+    lines = []
+    for role, word in _NEEDED.items():
+        if role not in part or len(curves[role]["t"]) < 2:
+            continue
+        silence = float(np.diff([begin, *np.sort(part[role]["t"]), end]).max())
+        if silence > max(_SILENCE, _SILENT_PERIODS * float(np.median(np.abs(np.diff(curves[role]["t"]))))):
+            lines.append((WARNING, f"No {word} for {silence:.1f} s"))
+    if wheels is not None:
+        for side, sign in (("left", -0.5), ("right", 0.5)):
+            lines += _wheel(part, side, sign * wheels.wheel_separation, end - _LAST)
+    return lines + _fixes(part, config)
+
+
+def _wheel(part: Mapping[str, Columns], side: str, track: float, late: float) -> list[tuple[int, str]]:
+    """Return whether the wheel at ``track`` [m] stood from ``late`` [s] on, against its commands, or slipped."""
+    rims = {
+        role: (columns["t"], np.abs(columns["v"] + track * columns["omega"]))
+        for role in ("command", "odometry", "truth")
+        if "v" in (columns := part.get(role, {})) and len(columns["t"]) > 1
+    }
+    if "odometry" not in rims:
+        return []
+    lines = []
+    times, measured = rims["odometry"]
+    if "command" in rims:
+        commanded, turned = (_mean(speeds[t > late]) for t, speeds in (rims["command"], rims["odometry"]))
+        if turned < _STANDING * commanded:
+            lines.append(f"The {side} wheel did not turn: {commanded:.2f} m/s commanded, {turned:.2f} measured")
+    if "truth" in rims:
+        slips = (np.interp(times, *rims["truth"]) < _GRIP * measured) & (measured > _TURNING * measured.max())
+        if (duration := float(slips.mean() * (times[-1] - times[0]))) > _SLIP:
+            lines.append(f"The {side} wheel slipped for {duration:.1f} s")
+    return [(ERROR, line) for line in lines]
+
+
+def _mean(values: Array) -> float:
+    return float(values.mean()) if len(values) else nan
+
+
+def _fixes(part: Mapping[str, Columns], config: ControllerConfig) -> list[tuple[int, str]]:
+    """Return whether the fixes were off the truth by more than the tolerances, and not by chance."""
+    fixes, truth = part.get("fixes"), part.get("truth")
+    if fixes is None or truth is None or len(fixes["t"]) < _MIN_FIXES or len(truth["t"]) < 2:
+        return []
+    x, y = (fixes[name] - np.interp(fixes["t"], truth["t"], truth[name]) for name in ("x", "y"))
+    turns = np.exp(1j * (fixes["theta"] - np.interp(fixes["t"], truth["t"], np.unwrap(truth["theta"]))))
+    distance, spread = hypot(float(x.mean()), float(y.mean())), hypot(float(x.std()), float(y.std()))
+    mean = turns.mean()
+    turn, turn_spread = abs(float(np.angle(mean))), float(np.angle(turns / mean).std())
+    chance, tolerance = _CHANCE / len(turns) ** 0.5, config.tolerance
+    is_off = distance > max(tolerance.xy_goal_tolerance, chance * spread)
+    if is_off or turn > max(tolerance.yaw_goal_tolerance, chance * turn_spread):
+        return [(ERROR, f"The fixes were {distance:.2f} m and {degrees(turn):.0f} deg off the truth")]
+    return []

@@ -1,0 +1,82 @@
+"""Why a goal was missed: what the curves of a drive with one fault tell."""
+
+import numpy as np
+import pytest
+
+from diffbot_control.law.presets import PRESETS
+from diffbot_core.kinematics import WheelGeometry
+from diffbot_tools.view.causes import causes
+from diffbot_tools.view.events import ERROR, WARNING
+
+TIME = np.linspace(0.0, 20.0, 201)
+WHEELS = WheelGeometry(0.05, 0.6)
+END = 18.0
+
+
+def drive():
+    """Return the curves of a drive along x at 0.5 m/s with random fixes of 5 cm."""
+    rng = np.random.default_rng(3)
+    speeds = {"v": np.full(201, 0.5), "omega": np.zeros(201)}
+    path = {"t": TIME, "x": 0.5 * TIME, "y": 0.0 * TIME, "theta": 0.0 * TIME}
+    noise = {name: path[name] + 0.05 * rng.standard_normal(201) for name in ("x", "y", "theta")}
+    fixes, odometry, truth = {"t": TIME} | noise, path | speeds, path | speeds
+    return {"truth": truth, "odometry": odometry, "estimate": path, "fixes": fixes, "command": {"t": TIME} | speeds}
+
+
+def found(curves):
+    return causes(curves, 2.0, END, PRESETS["tuned"], WHEELS)
+
+
+def cut(columns, begin, end):
+    return {name: values[(columns["t"] < begin) | (columns["t"] > end)] for name, values in columns.items()}
+
+
+def test_a_drive_without_a_fault():
+    assert found(drive()) == []
+
+
+@pytest.mark.parametrize(
+    ("role", "begin", "end", "words"),
+    [
+        ("fixes", 5.05, 9.95, "No fix for 5.0 s"),
+        ("odometry", 12.05, 99.0, "No odometry for 6.0 s"),
+        ("estimate", 0.0, 7.05, "No pose from the filter for 5.1 s"),
+        ("command", 5.05, 6.95, None),
+    ],
+)
+def test_what_did_not_come(role, begin, end, words):
+    curves = drive()
+    curves[role] = cut(curves[role], begin, end)
+    assert found(curves) == ([(WARNING, words)] if words else [])
+
+
+def test_a_wheel_that_stands_is_named():
+    curves = drive()
+    late = TIME > 10.0
+    # The left wheel stands, the right one drives on: v is half its speed, and the robot turns left about the other.
+    for role in ("odometry", "truth"):
+        curves[role] = curves[role] | {"v": np.where(late, 0.25, 0.5), "omega": np.where(late, 0.5 / 0.6, 0.0)}
+    assert found(curves) == [(ERROR, "The left wheel did not turn: 0.50 m/s commanded, 0.00 measured")]
+
+
+def test_a_wheel_that_slips_is_named():
+    curves = drive()
+    late = TIME > 15.05
+    # The right wheel turns at 0.5 m/s and moves the robot by 0.2 m/s.
+    curves["truth"] = curves["truth"] | {"v": np.where(late, 0.35, 0.5), "omega": np.where(late, -0.3 / 0.6, 0.0)}
+    ((level, text),) = found(curves)
+    assert level == ERROR
+    assert text.startswith("The right wheel slipped for ")
+    assert float(text.split()[-2]) == pytest.approx(3.0, abs=0.15)
+
+
+@pytest.mark.parametrize(
+    ("offset", "turn", "words"), [(0.4, 0.0, "0.40 m and 0 deg"), (0.0, np.pi, "0.00 m and 180 deg")]
+)
+def test_fixes_that_are_wrong(offset, turn, words):
+    curves = drive()
+    fixes = curves["fixes"]
+    curves["fixes"] = fixes | {"y": fixes["y"] + offset, "theta": fixes["theta"] + turn}
+    ((level, text),) = found(curves)
+    assert level == ERROR
+    assert text == f"The fixes were {words} off the truth"
