@@ -59,9 +59,7 @@ class Target:
         self.publishers = {
             topic: self.peer.publisher(type(make(START)), f"in/{topic}", 100) for topic, make in MAKERS.items()
         }
-        self.peer.wait_for_subscribers(
-            *self.publishers.values(),
-        )
+        self.peer.wait_for_subscribers(*self.publishers.values())
         self._ticks = itertools.count()
         self.sent = 0
         """messages, the good ones among them"""

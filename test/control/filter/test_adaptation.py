@@ -5,12 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from filter_runs import (
-    R_FIX,
-    Robot,
-    gated_filter,
-    jacobian,
-)
+from filter_runs import R_FIX, Robot, gated_filter, jacobian
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

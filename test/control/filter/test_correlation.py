@@ -4,12 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_toeplitz
 
-from diffbot_control.filter.correlation import (
-    NO_STAMPS,
-    inflation_after,
-    inflation_of,
-    with_stamp,
-)
+from diffbot_control.filter.correlation import NO_STAMPS, inflation_after, inflation_of, with_stamp
 from diffbot_control.filter.measurements import (
     FIXES,
     HEADINGS,

@@ -15,11 +15,7 @@ from diffbot_core.kinematics import Twist, TwistCovariance
 LANDMARK = Point(2.0, 1.5)
 MARKS = (Point(4.0, 1.0), Point(-3.0, 4.0), Point(0.5, -4.0))
 R = np.diag([0.04, 0.02]) ** 2
-SIGMAS = {
-    "landmark_range_offset_sigma": 0.1,
-    "landmark_range_scale_sigma": 0.05,
-    "landmark_bearing_offset_sigma": 0.05,
-}
+SIGMAS = {"landmark_range_offset_sigma": 0.1, "landmark_range_scale_sigma": 0.05, "landmark_bearing_offset_sigma": 0.05}
 
 
 def measured(x, landmark=LANDMARK):

@@ -5,11 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from filter_runs import (
-    build_measurement,
-    numbers_of,
-    odometry_step,
-)
+from filter_runs import build_measurement, numbers_of, odometry_step
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -122,11 +118,7 @@ def in_order(steps, measurements):
 
 # Stamps in ms within a second, some on odometry stamps (0, 100, ...), and an arrival up to 0.9 s after each.
 EVENTS = st.lists(
-    st.tuples(
-        st.integers(0, 1000) | st.sampled_from(range(0, 1001, 100)),
-        st.booleans(),
-        st.integers(0, 900),
-    ),
+    st.tuples(st.integers(0, 1000) | st.sampled_from(range(0, 1001, 100)), st.booleans(), st.integers(0, 900)),
     min_size=1,
     max_size=12,
     unique_by=lambda event: (event[0], event[1]),

@@ -106,10 +106,7 @@ def with_odometry(arrivals, steps=STEPS):
 
 def in_order(made, measurements, steps=STEPS):
     """Each before the odometry that covers it; of equal stamps the fix first, then by value."""
-    order = sorted(
-        measurements,
-        key=lambda one: (one.stamp, -numbers_of(one).size, *one.z),
-    )
+    order = sorted(measurements, key=lambda one: (one.stamp, -numbers_of(one).size, *one.z))
     return deliver(made, with_odometry([(one.stamp, 0.0001 * rank, one) for rank, one in enumerate(order)], steps))
 
 

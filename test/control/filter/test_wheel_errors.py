@@ -2,15 +2,7 @@
 
 import numpy as np
 import pytest
-from filter_runs import (
-    R_FIX,
-    SEPARATION,
-    Robot,
-    build_motion,
-    fix,
-    gated_filter,
-    winding,
-)
+from filter_runs import R_FIX, SEPARATION, Robot, build_motion, fix, gated_filter, winding
 
 from diffbot_control.filter.belief import ErrorEstimate
 from diffbot_control.filter.gated_filter import GatedFilter

@@ -11,15 +11,7 @@ from diffbot_core.data_sheet import DataSheet, least_time
 from diffbot_core.geometry import Pose
 from diffbot_core.schema import build
 from diffbot_lab.arena.bounds import command as bound
-from diffbot_lab.arena.bounds.drive import (
-    AT_THE_POSE,
-    GUESSES,
-    INTO_TOLERANCE,
-    Drive,
-    arrives,
-    guessed,
-    sampled,
-)
+from diffbot_lab.arena.bounds.drive import AT_THE_POSE, GUESSES, INTO_TOLERANCE, Drive, arrives, guessed, sampled
 from diffbot_lab.arena.cases import LIMITS, arena_starts, cases_named, world_of
 from diffbot_lab.arena.statistics import figures_of
 from diffbot_sim.compiled.batch import COLUMNS

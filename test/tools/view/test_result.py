@@ -36,11 +36,7 @@ def test_a_goal_that_was_reached_with_its_figures_at_the_answer():
     row = row_of(curves, end(6.5, "reached [request]"))
     assert (row["level"], row["verdict"]) == (OK, "Reached in 6.0 s")
     limits = f"Limits kept: 0.20 of {TUNED.data_sheet.v_max:.2f} m/s, 0.50 of {TUNED.data_sheet.omega_max:.2f} rad/s"
-    assert row["lines"] == [
-        (OK, "True error 0.0 cm, 0.0 deg"),
-        (OK, "Path 1.80 m, straight line 1.80 m"),
-        (OK, limits),
-    ]
+    assert row["lines"] == [(OK, "True error 0.0 cm, 0.0 deg"), (OK, "Path 1.80 m, straight line 1.80 m"), (OK, limits)]
 
 
 def test_an_answer_that_the_truth_contradicts_is_an_error():
