@@ -5,7 +5,7 @@ import re
 import geometry_msgs.msg
 import graph
 import pytest
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Twist, TwistStamped
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from recorders import DEEP, LATCHED, Recorder, publish, recorded, twists
@@ -81,6 +81,28 @@ def test_selected_topics_are_recorded_with_names_of_its_namespace(nodes, peer, t
     assert b.get_subscription_count() == 0
     recorder.close()
     assert {topic.name for topic in metadata.read(tmp_path / "run").topics} == {"/robot/a", "/other", "/_hidden"}
+
+
+def test_lost_messages_are_counted_reported_and_kept(nodes, peer, tmp_path):
+    publisher = peer.publisher(Twist, "noise", RELIABLE)
+    recorder = Recorder(nodes, tmp_path / "run", depth=5, topics=["/noise"])
+    health = peer.subscribe(DiagnosticArray, "/diagnostics", 100)
+    recorder.wait_for(publisher)
+    sent = publish(publisher, twists(1))
+    recorder.wait("messages", 1)
+    # Meanwhile it takes nothing, and its queue keeps the newest five.
+    sent += publish(publisher, twists(50, first=1))
+    recorder.wait("lost", 45)
+    assert recorder.reports[-1].level == DiagnosticStatus.WARN
+    peer.spin_until(
+        lambda: any(
+            graph.values(one).get("/noise dropped: lost") == "45" for report in health for one in report.status
+        ),
+        what="lost messages in /diagnostics",
+    )
+    recorder.close()
+    assert custom_data(tmp_path / "run") == {"lost_messages": "45", "lost /noise": "45"}
+    assert recorded(tmp_path / "run", "/noise") == sent[:1] + sent[-5:]
 
 
 def tick(recorder, clock, seconds):
