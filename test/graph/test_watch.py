@@ -191,16 +191,6 @@ def test_pause_reset_and_initial_pose(page, peer):
     page.wait_for_message("initial pose set")
 
 
-def test_a_page_that_is_opened_late_gets_what_was(new_page, url, page):
-    late = new_page().open(url)
-    late.wait("diffbotPage.robot.curves.toGo?.rows > 50", "the history")
-    for name in ("estimate", "truth", "odometry", "command", "law", "filter"):
-        times = [one.get(f"diffbotPage.robot.curves.{name}.t[0]") for one in (page, late)]
-        assert times[1] == pytest.approx(times[0], abs=0.2), name
-    assert late.get("diffbotPage.robot.goals.length") == page.get("diffbotPage.robot.goals.length") > 0
-    late.tab.close()
-
-
 def placed_by(pose, x, y):
     """Return where a point in the frame of the robot is in the map."""
     px, py, theta = planar(pose.pose.pose)

@@ -229,18 +229,6 @@ def refused(tmp_path, source, out=None, **options):
     return str(error.value)
 
 
-def test_a_bag_that_is_being_recorded_is_not_replaced(tmp_path):
-    writer = BagWriter(tmp_path / "run")
-    channel = writer.add_topic("/a", POINT)
-    writer.write(channel, b"\0\1\0\0" + bytes(24), 5, 5)
-    writer.flush()
-    assert "run_0.mcap is being recorded: end the recorder first" in refused(tmp_path, tmp_path / "run")
-    assert repair_bag(tmp_path / "run", tmp_path / "copy").message_count == 1
-    writer.write(channel, b"\0\1\0\0" + bytes(24), 6, 6)
-    writer.close()
-    assert repair_in_place(tmp_path / "run").message_count == 2
-
-
 KILLED = """
 import os, signal, sys
 from pathlib import Path

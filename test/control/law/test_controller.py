@@ -37,8 +37,9 @@ def printed_law_17(pose, near):
     return v, 1.0 * alpha + bend * (alpha + 0.17 * beta)
 
 
-def test_scenario_a_without_noise_equals_the_printed_law():
-    pose, near = (-2.0, -5.5, math.radians(30.0)), False
+@pytest.mark.parametrize("pose", [(-2.0, -5.5, math.radians(30.0)), (4.0, 2.0, 0.2)], ids=["scenario A", "goal behind"])
+def test_a_drive_without_noise_equals_the_printed_law(pose):
+    near = False
     memory = ControllerMemory()
     regions = []
     for _ in range(300):

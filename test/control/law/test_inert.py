@@ -5,7 +5,6 @@ import pytest
 
 from diffbot_control.law.inert import inert_parameters
 from diffbot_control.law.presets import PRESETS
-from diffbot_control.ros.parameters.controller import ControllerNodeConfig
 from diffbot_core.geometry import Pose
 from diffbot_core.schema import build, parameters_of, to_dict
 from diffbot_sim.model.simulator import StartPose, WorldConfig
@@ -45,8 +44,3 @@ def test_a_parameter_that_acts_is_not_called_inert(preset, name, value):
     base = PRESETS[preset]
     assert name not in inert_parameters(base)
     assert not np.array_equal(path_of(build(type(base), {name: value}, base)), path_of(base))
-
-
-def test_every_inert_name_is_a_parameter_of_the_node():
-    known = {one.name for one in parameters_of(ControllerNodeConfig)}
-    assert {name for base in PRESETS.values() for name in inert_parameters(base)} <= known

@@ -23,13 +23,6 @@ REACTS = st.floats(0.01, 10.0)
 
 
 @CHECK
-@given(DISTANCES, BRAKES, REACTS)
-def test_the_way_to_react_and_to_brake_is_the_distance(distance, brake, react):
-    speed = braking(distance, brake, react)
-    assert speed * react + speed**2 / (2.0 * brake) == pytest.approx(distance, rel=1e-9)
-
-
-@CHECK
 @given(st.floats(-10.0, 10.0), BRAKES, REACTS, st.floats(0.1, 5.0))
 def test_the_signed_profile_is_odd_and_bounded(error, brake, react, largest):
     found = signed_braking(error, brake, react, largest)

@@ -153,13 +153,6 @@ def test_a_simulation_stays_on_its_host_and_a_robot_is_restricted_on_request():
     assert set_by(SIMULATION, {"discovery_range": "subnet"}, {}) == "SUBNET"
 
 
-def test_texts_become_the_types_of_the_parameters():
-    values = parse(SIMULATION, {"x": "1", "yaw": " -0.5", "seed": "7", "publish_clock": "False", "preset": "paper"})
-    given = {"x": 1.0, "yaw": -0.5, "seed": 7, "publish_clock": False, "preset": "paper"}
-    assert {name: values[name] for name in given} == given
-    assert [type(values[name]) for name in ("x", "seed")] == [float, int]
-
-
 @pytest.mark.parametrize(
     ("texts", "line"),
     [
