@@ -70,21 +70,23 @@ sources() {
     take ros2/rosidl_runtime_py df2361f
     take ros2/ros2cli de6cd272 ros2cli ros2interface ros2lifecycle ros2node ros2param ros2pkg ros2run ros2service ros2topic
     take ros/bond_core e6d0fc2 bond bondcpp smclib
-    take ros-navigation/navigation2 f4108e5b1 nav2_common nav2_lifecycle_manager nav2_msgs nav2_util
+    take ros-navigation/navigation2 f4108e5b1 nav2_amcl nav2_common nav2_lifecycle_manager nav2_msgs nav2_util
     # What only tests need would have to be built, too.
     find "$sources" -name package.xml -exec sed -i '/<test_depend/d' {} +
     # rclcpp is compiled four times as fast with its headers compiled once.
     sed -i 's/^add_library(${PROJECT_NAME} .*_SRCS})$/&\ntarget_precompile_headers(${PROJECT_NAME} PRIVATE <rclcpp\/rclcpp.hpp>)/' \
         "$sources/rclcpp/rclcpp/CMakeLists.txt"
-    # Of Nav2's 51 messages those that the manager, its library and this project use; nothing of this takes a geographic message.
+    # Of Nav2's 51 messages those that the manager, AMCL, their library and this project use; nothing of this takes a
+    # geographic message.
     used='Costmap\|CostmapMetaData\|ClearEntireCostmap\|ManageLifecycleNodes\|NavigateToPose\|NavigateThroughPoses'
-    used="$used"'\|DockRobot\|UndockRobot'
+    used="$used"'\|DockRobot\|UndockRobot\|Particle\|ParticleCloud\|SetInitialPose'
     sed -i -e "/^ *\"\(msg\|srv\|action\)\//{/\/\($used\)\./!d}" -e 's/ geographic_msgs//' \
         "$sources/navigation2/nav2_msgs/CMakeLists.txt"
     sed -i '/geographic_msgs/d' "$sources/navigation2/nav2_msgs/package.xml"
     # This bond exports no CMake target.
     sed -i 's/bondcpp::bondcpp/${bondcpp_LIBRARIES}/' "$sources/navigation2/nav2_util/src/CMakeLists.txt"
-    sed -i 's/^nav2_package()/&\ninclude_directories(${bondcpp_INCLUDE_DIRS})/' "$sources/navigation2/nav2_util/CMakeLists.txt"
+    sed -i 's/^nav2_package()/&\ninclude_directories(${bondcpp_INCLUDE_DIRS})/' \
+        "$sources/navigation2/nav2_util/CMakeLists.txt" "$sources/navigation2/nav2_amcl/CMakeLists.txt"
     mv "$sources" "$work/src"
     rm "$work/part.tar"
 }

@@ -3,6 +3,7 @@
 import ast
 import importlib.metadata
 import importlib.util
+import os
 import shutil
 from collections import Counter
 from functools import cache
@@ -37,6 +38,8 @@ TRANSFORMS = "tf2_ros"
 """Where it is, there is a ROS installation, or an overlay on the wheels with what has no wheel."""
 INSTALLED = "real"
 """Folder of the tests that need one (`make real`)."""
+AMCL = "nav2_amcl"
+"""ROS package that an overlay or installation may lack; test_amcl.py needs it."""
 AT_RUN_TIME = {
     "diffbot_tools.calibration.likelihood": {"numba"},
     "diffbot_sim.compiled.jit": {"numba"},
@@ -54,6 +57,9 @@ def missing_packages():
         missing.add(BROWSER)
     if importlib.util.find_spec(TRANSFORMS) is None:
         missing.add(TRANSFORMS)
+    prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+    if not any((Path(prefix) / "share" / AMCL).is_dir() for prefix in prefixes):
+        missing.add(AMCL)
     return missing if _has_wheels() else {*missing, WHEELS}
 
 
@@ -76,6 +82,7 @@ def left_out(missing):
         needed = {PACKAGES[one] for one in needs_of(path)} | ({WHEELS} if path.parent.name == PINNED_SET else set())
         needed |= {BROWSER} if "playwright" in needed else set()
         needed |= {TRANSFORMS} if path.parent.name == INSTALLED else set()
+        needed |= {AMCL} if path.name == "test_amcl.py" else set()
         if needed & missing:
             lacking[name] = needed & missing
     return lacking

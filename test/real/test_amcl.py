@@ -1,0 +1,74 @@
+"""Nav2's AMCL on simulated scans of a room: goals on its poses by the recipe of other-localization.md."""
+
+import random
+import sys
+from pathlib import Path
+
+import graph
+import laser_room
+import numpy as np
+from ament_index_python.packages import get_package_share_directory
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from overlay import program
+from robot import DEEP, SIMULATED, distance, initialpose, robot, turned
+
+START = 0.5, -0.3, 0.4
+PLANT = {
+    "clock": "scaled",
+    "fix_rate": 0.0,
+    "seed": 5,
+    **dict(zip(("initial_pose.x", "initial_pose.y", "initial_pose.yaw"), START, strict=True)),
+}
+MANAGED = "-p", "node_names:=[amcl]", "-p", "autostart:=true"
+GOALS = 20
+TOLERANCE = 0.15
+"""[m] and [rad], as the page recommends"""
+CONTROLLER = {**SIMULATED, "xy_goal_tolerance": TOLERANCE, "yaw_goal_tolerance": TOLERANCE}
+
+
+def test_beams_end_where_the_map_is_occupied():
+    grid = laser_room.room_map()
+    cells = np.array(grid.data).reshape(grid.info.height, grid.info.width)
+    corner = grid.info.origin.position.x, grid.info.origin.position.y
+    x, y, theta = 1.0, -2.0, 0.7
+    ranges, ways = laser_room.ranges(x, y, theta), theta + laser_room.ANGLES
+
+    def occupied(distances):
+        ends = np.stack([x + distances * np.cos(ways), y + distances * np.sin(ways)], axis=-1)
+        column, row = ((ends - corner) / grid.info.resolution).astype(int).T
+        return cells[row, column] > 0
+
+    assert occupied(ranges + 0.01).mean() > 0.98
+    assert not any(occupied(share * ranges).any() for share in np.linspace(0.0, 0.98, 200))
+
+
+def test_goals_are_reached_on_the_fixes_of_amcl(figures):
+    chance = random.Random(5)
+    recipe = "--params-file", f"{get_package_share_directory('diffbot')}/config/amcl.yaml"
+    simulated = "-p", "use_sim_time:=true"
+    room = graph.environment(PYTHONSAFEPATH="")
+    with (
+        robot(PLANT, SIMULATED, CONTROLLER, arguments={"ekf": (*recipe, "-r", "global_pose:=amcl_pose")}) as driving,
+        graph.process(sys.executable, str(Path(laser_room.__file__)), env=room),
+        program("nav2_amcl", "amcl", "--ros-args", *recipe, *simulated),
+        program("nav2_lifecycle_manager", "lifecycle_manager", "--ros-args", *simulated, *MANAGED),
+    ):
+        fixes = driving.peer.subscribe(PoseWithCovarianceStamped, "amcl_pose", DEEP)
+        start = driving.peer.publisher(PoseWithCovarianceStamped, "initialpose")
+        driving.peer.wait_for_subscribers(start, count=2)
+
+        def located():
+            start.publish(initialpose(*START))
+            return driving.peer.comes_true(lambda: fixes, 2.0)
+
+        graph.wait_for(located, what="a pose of AMCL")
+        errors = []
+        for _ in range(GOALS):
+            goal = tuple(round(chance.uniform(-2.5, 2.5), 2) for _ in range(3))
+            driving.send_goal(*goal)
+            driving.wait_for_state("goal reached", 60.0)
+            pose = driving.true_pose()
+            errors.append(max(distance(pose, goal), turned(pose, goal)))
+    # Reached means within the tolerance with a probability of 0.99, by an estimate whose fixes are AMCL's.
+    assert sum(error < TOLERANCE for error in errors) >= GOALS - 1
+    figures["goals on AMCL's fixes"] = {"reached": len(errors), "of": GOALS, "worst error": max(errors)}
