@@ -6,7 +6,6 @@ from pathlib import Path
 
 import graph
 import laser_room
-import numpy as np
 from ament_index_python.packages import get_package_share_directory
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from overlay import program
@@ -24,22 +23,6 @@ GOALS = 20
 TOLERANCE = 0.15
 """[m] and [rad], as the page recommends"""
 CONTROLLER = {**SIMULATED, "xy_goal_tolerance": TOLERANCE, "yaw_goal_tolerance": TOLERANCE}
-
-
-def test_beams_end_where_the_map_is_occupied():
-    grid = laser_room.room_map()
-    cells = np.array(grid.data).reshape(grid.info.height, grid.info.width)
-    corner = grid.info.origin.position.x, grid.info.origin.position.y
-    x, y, theta = 1.0, -2.0, 0.7
-    ranges, ways = laser_room.ranges(x, y, theta), theta + laser_room.ANGLES
-
-    def occupied(distances):
-        ends = np.stack([x + distances * np.cos(ways), y + distances * np.sin(ways)], axis=-1)
-        column, row = ((ends - corner) / grid.info.resolution).astype(int).T
-        return cells[row, column] > 0
-
-    assert occupied(ranges + 0.01).mean() > 0.98
-    assert not any(occupied(share * ranges).any() for share in np.linspace(0.0, 0.98, 200))
 
 
 def test_goals_are_reached_on_the_fixes_of_amcl(figures):

@@ -86,20 +86,6 @@ def test_fixes_with_a_random_delay_overtake_each_other_and_come_once():
         assert [stamp for stamp, _ in step[3]] == sorted(stamp for stamp, _ in step[3])
 
 
-def test_the_odometry_is_what_the_encoders_saw():
-    world = World(WorldConfig(seed=2))
-    for _ in range(20):
-        world.advance(ARC)
-        left, right = world.state.encoder
-        step = world.odometry()
-        assert step.twist == pytest.approx((0.025 * (left + right), 0.05 * (right - left) / 0.6))
-        # Each wheel: 0.05 |w| / sqrt(3) and 1e-3 rad/s at rest.
-        G = 0.05 * np.array([[0.5, 0.5], [-1.0 / 0.6, 1.0 / 0.6]])
-        wheel = np.diag([0.05**2 / 3.0 * speed**2 + 1e-6 for speed in (left, right)])
-        M = G @ wheel @ G.T
-        assert tuple(step.covariance) == pytest.approx((M[0, 0], M[0, 1], M[1, 1]))
-
-
 def test_the_odometrys_covariance_is_that_of_its_errors():
     # Without drive noise the true motion is known; the odometry's errors over 300 runs have to be as large as it says.
     # Uniform wheel errors over 25 steps are near enough to normal ones for chi-square bounds of the sum.
