@@ -258,8 +258,8 @@ def run_together(
         make_nodes: creates one after the other; none handles a message before all are there. At the end those that
             move the robot are shut down first, then the others in their order.
         args: as of rclpy.init.
-        shared_memory: False lets Fast DDS speak by UDP alone, unless the environment says otherwise: when a process
-            dies, its neighbours look after its shared memory for up to a second, and no publish ends meanwhile.
+        shared_memory: False makes Fast DDS use UDP alone, unless the environment says otherwise. When a process dies,
+            Fast DDS checks its shared memory in each other process, which can block publishing there for a second.
 
     Returns:
         The largest status of :meth:`DiffbotNode.finish`; otherwise see :func:`run`.

@@ -223,7 +223,7 @@ def advance(track: Track, arrays: Any, motion: Motion, separation: float, option
 
 
 def reported_belief(arrays: Any, options: FilterOptions) -> Any:
-    """Return the belief over the hypotheses on the estimated errors, see :mod:`averaging`, until the next call."""
+    """Return the belief averaged over both hypotheses, see :mod:`averaging`; the next call overwrites it."""
     wheels, landmarks = wheel_variances(options), landmark_variances(options)
     reported, given = arrays["reported"], arrays["given"]
     copy_to(reported, arrays["belief"])

@@ -48,7 +48,7 @@ def causes(
 
 
 def _wheel(part: Mapping[str, Columns], side: str, track: float, late: float) -> list[tuple[int, str]]:
-    """Return whether the wheel at ``track`` [m] stood from ``late`` [s] on, against its commands, or slipped."""
+    """Return a line if the wheel at ``track`` [m] stood from ``late`` [s] on, against its commands, or slipped."""
     rims = {
         role: (columns["t"], np.abs(columns["v"] + track * columns["omega"]))
         for role in ("command", "odometry", "truth")
@@ -74,7 +74,7 @@ def _mean(values: Array) -> float:
 
 
 def _fixes(part: Mapping[str, Columns], config: ControllerConfig) -> list[tuple[int, str]]:
-    """Return whether the fixes were off the truth by more than the tolerances, and not by chance."""
+    """Return a line if the fixes were off the truth by more than the tolerances, and not by chance."""
     fixes, truth = part.get("fixes"), part.get("truth")
     if fixes is None or truth is None or len(fixes["t"]) < _MIN_FIXES or len(truth["t"]) < 2:
         return []
