@@ -50,6 +50,7 @@ def test_examples_in_docstrings_do_what_they_show(module):
     assert found.failed == 0
 
 
+@pytest.mark.study
 def test_a_program_of_a_user_has_types(tmp_path):
     """In the installed package stands py.typed; a wrong use is found by mypy."""
     program = tmp_path / "user.py"

@@ -51,6 +51,7 @@ def together(c, runs=8, **options):
     return np.mean([one.nees for one in done]), math.sqrt(np.mean([one.square for one in done])), found
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(("c", "blind"), [(0.5, 5.0), (0.9, 12.0)])
 def test_the_covariance_is_honest_with_coloured_fixes(c, blind):
     nees, rmse, found = together(c)
@@ -61,6 +62,7 @@ def test_the_covariance_is_honest_with_coloured_fixes(c, blind):
     assert found == pytest.approx(c, abs=0.2)
 
 
+@pytest.mark.study
 def test_with_white_fixes_nothing_changes():
     nees, rmse, found = together(0.0)
     without, rmse_without, _ = together(0.0, detect_correlation=False)

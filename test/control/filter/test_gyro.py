@@ -113,6 +113,7 @@ class Recorded:
         return np.array(errors[half:]), np.array(nees[half:])
 
 
+@pytest.mark.study
 def test_it_halves_the_error_of_the_heading_finds_its_bias_and_stays_consistent():
     with_gyro, without, nees, biases = [], [], [], []
     for seed in range(4):

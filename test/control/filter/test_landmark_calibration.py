@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pytest
 from filter_runs import wrapped
 
 from diffbot_control.filter.gated_filter import GatedFilter
@@ -48,6 +49,7 @@ def drive(seed, errors, *, estimated=True, **options):
     return found, np.mean(nees)
 
 
+@pytest.mark.study
 def test_the_errors_are_found_and_the_covariance_is_honest():
     """8 drives with errors drawn from the prior: NEES of pose and errors 3 each; without the states it is far more."""
     scales = np.array(list(SIGMAS.values()))

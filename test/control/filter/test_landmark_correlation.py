@@ -59,6 +59,7 @@ def together(time, runs=3, **options):
     return np.mean([one.nees for one in done]), math.sqrt(np.mean([one.square for one in done])), found
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(("time", "blind"), [(0.5, 6.0), (3.0, 12.0)])
 def test_the_covariance_is_honest_with_errors_that_last(time, blind):
     nees, rmse, found = together(time)
@@ -69,6 +70,7 @@ def test_the_covariance_is_honest_with_errors_that_last(time, blind):
     assert found == pytest.approx(time, rel=0.3)
 
 
+@pytest.mark.study
 def test_with_independent_errors_nothing_changes():
     nees, rmse, found = together(0.0)
     without, rmse_without, _ = together(0.0, detect_correlation=False)

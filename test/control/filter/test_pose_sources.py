@@ -82,6 +82,7 @@ def independent():
     return together(time=0.0)
 
 
+@pytest.mark.study
 def test_two_sources_of_different_noise_leave_the_covariance_honest(given, independent):
     assert 2.0 < given[0] < 4.0
     assert independent[0] > given[0] + 1.0  # the errors of the GPS taken as white

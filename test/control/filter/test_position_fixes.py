@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pytest
 from filter_runs import Robot, gated_filter, winding, wrapped
 from scipy.stats import chi2
 
@@ -29,6 +30,7 @@ def test_a_fix_is_a_position_if_its_heading_has_a_deviation_of_pi_or_more():
         assert found.R[:2, :2].tolist() == np.diag([0.1, 0.2]).tolist()
 
 
+@pytest.mark.study
 def test_the_filter_starts_without_a_heading_finds_it_and_knows_its_errors():
     nees, ends, late = [], [], []
     for run in range(40):
