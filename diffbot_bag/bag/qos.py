@@ -102,7 +102,8 @@ def load_profiles(stored: Any) -> tuple[Qos, ...]:
     Raises:
         DiffbotError: if it is neither.
     """
-    profiles = load_yaml(stored, "offered_qos_profiles") if isinstance(stored, str) else stored
+    # Of most topics of most recorders there are none, and a bag is opened by reading those of all its topics.
+    profiles = load_yaml(stored, "offered_qos_profiles") if stored and isinstance(stored, str) else stored
     if not profiles:
         return ()
     if not isinstance(profiles, list) or not all(isinstance(item, Mapping) for item in profiles):

@@ -86,11 +86,12 @@ def _is_plain(path):
 
 def run(arguments):
     """Run the command line in this process; return its status, what it printed, and the processor time [s]."""
-    out, err, parser = io.StringIO(), io.StringIO(), _parser()
+    out, err = io.StringIO(), io.StringIO()
+    _parser()  # made now, and not where it is replaced
     begin = time.process_time()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         try:
-            with mock.patch.object(cli, "_parser", return_value=parser):
+            with mock.patch.object(cli, "_parser", _parser):
                 status = cli.main(arguments)
         except SystemExit as error:
             status = error.code
