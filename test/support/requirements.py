@@ -76,10 +76,13 @@ def left_out(missing):
     """
     if not missing:
         return {}
+    # To read the imports of all files takes seconds, in each worker.
+    by_imports = missing & {*PACKAGES.values(), BROWSER}
     lacking = {}
     for path in sorted(TESTS.rglob("test_*.py")):
         name = str(path.relative_to(TESTS))
-        needed = {PACKAGES[one] for one in needs_of(path)} | ({WHEELS} if path.parent.name == PINNED_SET else set())
+        needed = {PACKAGES[one] for one in needs_of(path)} if by_imports else set()
+        needed |= {WHEELS} if path.parent.name == PINNED_SET else set()
         needed |= {BROWSER} if "playwright" in needed else set()
         needed |= {TRANSFORMS} if path.parent.name == INSTALLED else set()
         needed |= {AMCL} if path.name == "test_amcl.py" else set()
