@@ -206,8 +206,11 @@ def _summary(key: str, results: list[list[Any]], seconds: float) -> dict[str, An
     }
 
 
-def _merge(lines: Iterable[str], path: Path) -> None:
-    """Write the JSON file from the lines of all processes; rows of faults that were not tried stay."""
+def _merge(lines: Iterable[str], path: Path, minutes: float | None) -> None:
+    """Write the JSON file from the lines of all processes; rows of faults that were not tried stay.
+
+    ``minutes`` are those of the run if it was whole.
+    """
     results: dict[str, list[list[Any]]] = {}
     seconds: dict[str, float] = {}
     suite: dict[str, dict[str, int]] = {}
@@ -225,6 +228,7 @@ def _merge(lines: Iterable[str], path: Path) -> None:
     rows |= {key: _summary(key, found, seconds.get(key, 0.0)) for key, found in results.items()}
     content["faults"] = {key: rows[key] for key in PROMISES if key in rows}
     content["suite"] = content.get("suite", {}) | suite
+    content["minutes"] = minutes
     content["machine"] = {
         "processors": os.cpu_count(),
         "python": platform.python_version(),
@@ -246,7 +250,7 @@ def main() -> int:
     before = json.loads(arguments.json.read_text())["faults"] if arguments.json.is_file() else {}
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     progress, failed, status = Progress(results, before, set(PROMISES), arguments.fraction), [], 0
-    begin = time.monotonic()
+    begin, whole = time.monotonic(), arguments.fraction == 1 and not arguments.names
     try:
         for stage in STAGES:
             parts, beside = (
@@ -258,11 +262,12 @@ def main() -> int:
         status = 130
     finally:
         progress.close()
-        _merge(results.read_text().splitlines(), arguments.json)
+        minutes = (time.monotonic() - begin) / 60.0
+        _merge(results.read_text().splitlines(), arguments.json, round(minutes, 1) if whole and not status else None)
     for name in failed:
         print(f"--- {name}: see {LOGS / name}.log")
         print("\n".join((LOGS / f"{name}.log").read_text().splitlines()[-5:]))
-    print(f"{len(failed)} processes with a broken promise, {(time.monotonic() - begin) / 60.0:.1f} minutes.")
+    print(f"{len(failed)} processes with a broken promise, {minutes:.1f} minutes.")
     return status or int(bool(failed))
 
 

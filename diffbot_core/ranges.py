@@ -38,8 +38,6 @@ TIME: Range = 0.0, 1e6
 """[s] that may be zero"""
 GAIN: Range = 1e-6, 1e3
 """[1/s] or [-], that must not be zero"""
-SLOPE: Range = 0.0, 1e3
-"""[1/s], [rad/m] or [-], that may be zero"""
 SIGMAS: Range = 0.0, 1e3
 """[-] number of standard deviations"""
 SHARE: Range = 1e-3, 1.0

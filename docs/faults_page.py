@@ -42,8 +42,8 @@ def page(content: dict[str, Any]) -> str:
         f"{suite['non_finite']} of them with a number that is not finite. Measured with {machine['processors']} "
         f"processors under a load of {machine['load']} (15 minutes), Python {machine['python']}.",
     ]
-    if "note" in content:
-        parts.insert(3, content["note"])
+    if minutes := content.get("minutes"):
+        parts[-1] += f" All rows are of one run of {minutes} minutes."
     if "soak" in content:
         parts += _soak(content["soak"])
     return "\n\n".join(parts) + "\n"

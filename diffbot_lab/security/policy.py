@@ -1,4 +1,4 @@
-"""SROS2 policies (format 0.2.0 of sros2's policy.xsd): the rights of nodes as XML, and back; free of ROS.
+"""SROS2 policies (format 0.2.0 of sros2's policy.xsd): the rights of nodes as XML; free of ROS.
 
 A policy has an enclave, with keys of its own, for each process, and in it a profile for each node. What no profile
 allows is denied. Names are relative to the profile's namespace, or begin with ~ (the node) or / (the graph).
@@ -11,7 +11,6 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from diffbot_core.errors import DiffbotError
 from diffbot_core.files import write_text
 
 VERSION = "0.2.0"
@@ -107,33 +106,3 @@ def write_policy(path: Path, enclaves: Mapping[str, Mapping[str, Rights]], comme
         OSError: if it cannot be written.
     """
     write_text(path, to_xml(enclaves, comment))
-
-
-def read_policy(path: Path) -> dict[str, dict[str, Rights]]:
-    """Return the rights in a policy of this project, by process and node.
-
-    Raises:
-        DiffbotError: if it is no policy that :func:`to_xml` may have written.
-    """
-    try:
-        root = ET.parse(path).getroot()
-    except (OSError, ET.ParseError) as error:
-        raise DiffbotError(f"{path} is no policy: {error}") from None
-    if root.tag != "policy" or root.get("version") != VERSION:
-        raise DiffbotError(f"{path} is no policy of version {VERSION}")
-    return {
-        enclave.get("path", "").removeprefix(f"{ROOT_ENCLAVE}/"): {
-            profile.get("node", ""): _rights(profile, path) for profile in enclave.iter("profile")
-        }
-        for enclave in root.iter("enclave")
-    }
-
-
-def _rights(profile: ET.Element, path: Path) -> Rights:
-    found: dict[str, frozenset[str]] = {}
-    for element in profile:
-        for right, qualifier in element.attrib.items():
-            if GROUP_OF.get(right) != element.tag or qualifier != ALLOW or right in found:
-                raise DiffbotError(f"{path}: {element.tag} {right}={qualifier} is not of this project")
-            found[right] = frozenset(one.text or "" for one in element)
-    return Rights(**found)

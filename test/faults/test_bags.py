@@ -22,9 +22,7 @@ def given(tmp_path_factory):
     folder = hostile_bags.given_files(
         tmp_path_factory.mktemp("bags") / "given", bag_commands.CONTRACT, bag_commands.PARAMETERS
     )
-    warm = folder.parent / "warm"
-    warm.mkdir()
-    found = bag_commands.problems_of(folder / "other", folder, NAMES, warm)
+    found = bag_commands.problems_of(folder / "other", folder, NAMES, folder.parent / "warm")
     assert [one for one in found if one[1]] == []
     # What the garbage collector touches is copied in each fork.
     gc.freeze()
@@ -37,19 +35,13 @@ def test_every_command_on_bags_is_known():
     assert bag_commands.bag_commands() == set(bag_commands.ARGUMENTS)
 
 
-def add_trials(running, bags, given, folder, names=NAMES):
+def add_trials(running, bags, given, folder):
     """Run all commands on bags in one fork; add the longest processor time of each, and keep the complaints."""
-    folder.mkdir()
-
-    def run(number, bag):
-        work = folder / str(number)
-        work.mkdir()
-        return bag_commands.problems_of(bag, given, names, work)
-
     found = bag_commands.in_fork(
-        lambda: [run(number, bag) for number, bag in enumerate(bags)], len(bags) * len(names) * 2 * bag_commands.CPU
+        lambda: [bag_commands.problems_of(bag, given, NAMES, folder / str(n)) for n, bag in enumerate(bags)],
+        len(bags) * len(NAMES) * 2 * bag_commands.CPU,
     )
-    shutil.rmtree(folder)
+    shutil.rmtree(folder, ignore_errors=True)
     if isinstance(found, str):
         running.add(None, kept=False, count=len(bags))
         return [f"{[bag.name[:60] for bag in bags]}: {found}"]

@@ -108,13 +108,13 @@ def problems_of(bag, given, names, folder):
         bag: path of the bag.
         given: folder of the other inputs: contract.yaml, ekf.yaml and the bag ``good``.
         names: of the commands.
-        folder: an empty one, for outputs.
+        folder: does not exist yet, for outputs.
     """
     found = []
     for name in names:
         for number, template in enumerate(ARGUMENTS[name]):
             work = folder / f"{name} {number}".replace(" ", "_")
-            work.mkdir()
+            work.mkdir(parents=True)
             copy = _copy(bag, work) if "{copy}" in template else bag
             before = state_of(bag)
             words = [word.format(bag=bag, copy=copy, given=given, out=work / "out") for word in template]

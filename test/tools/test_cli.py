@@ -105,9 +105,7 @@ def test_demo_refuses_what_it_cannot_write_before_anything_starts(tmp_path, kept
     assert {file.read_text() for file in (used, foreign, odd)} == {"mine"}
 
 
-READ = {
-    "bag", "bags", "contract", "params", "folder", "file", "tuning", "runner"
-}  # fmt: skip
+READ = {"bag", "bags", "contract", "params", "folder", "file", "tuning", "runner"}
 """options with a path that is read"""
 
 

@@ -69,15 +69,13 @@ def test_commands_flags_and_choices_are_completed():
     assert "--restart-timeout" in completed("diffbot goal 1 2 0 --res")
 
 
-@pytest.mark.parametrize("shell", ["bash", "zsh"])
-def test_the_script_for_a_shell_registers_the_command(shell, kept_signal_handlers, capsys):
-    assert cli.main(["completion", shell]) == 0
-    script = capsys.readouterr().out
-    assert "diffbot" in script
-    if shell == "bash":
-        program = f"{script}\ncomplete -p diffbot"
-        done = subprocess.run(["bash", "-c", program], capture_output=True, text=True, check=True)
-        assert "_python_argcomplete" in done.stdout
+def test_the_script_for_a_shell_registers_the_command(kept_signal_handlers, capsys):
+    assert cli.main(["completion", "zsh"]) == 0
+    assert "diffbot" in capsys.readouterr().out
+    assert cli.main(["completion", "bash"]) == 0
+    program = f"{capsys.readouterr().out}\ncomplete -p diffbot"
+    done = subprocess.run(["bash", "-c", program], capture_output=True, text=True, check=True)
+    assert "_python_argcomplete" in done.stdout
 
 
 def test_domains_are_those_of_the_discovery_ports():

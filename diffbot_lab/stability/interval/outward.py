@@ -37,7 +37,6 @@ PI_LOW = math.pi
 PI_HIGH = 3.1415926535897936
 """The floats next to pi; math.pi is below it."""
 TWO_PI_LOW, TWO_PI_HIGH = 2.0 * PI_LOW, 2.0 * PI_HIGH
-HALF_PI_HIGH = 1.5707963267948968
 _PER_PI = 1.0 / math.pi
 _SINC_MONOTONE = 4.49
 """sin(x)/x decreases in |x| up to its minimum at 4.4934..."""

@@ -201,23 +201,6 @@ def spread_core(table: Table, row: int, boxes: Any, start: Any, ranks: Any, done
     return added
 
 
-def broken_cells(table: Table, row: int, boxes: Any, start: Any, ranks: Any) -> int:
-    """Count the ranked cells of a row that do not lead only to smaller ranks, or out of the core."""
-    first, cells = table.start[row], table.start[row + 1] - table.start[row]
-    broken = 0
-    for index in range(cells):
-        rank = ranks[first + index]
-        if rank == UNRANKED:
-            continue
-        for at in range(start[index], start[index + 1]):
-            reached = rank_of_box(table, ranks, boxes[at], MAX_RANK)
-            if reached == UNRANKED or reached > max(rank - 1, CORE):
-                broken += 1
-                break
-    return broken
-
-
 fill_kernel = compile_bounds(fill_boxes)
 rank_kernel = compile_bounds(rank_row)
 spread_kernel = compile_bounds(spread_core)
-check_kernel = compile_bounds(broken_cells)

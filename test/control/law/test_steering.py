@@ -10,14 +10,7 @@ from hypothesis import strategies as st
 from diffbot_control.law.limits import limit_global
 from diffbot_control.law.polar_coordinates import Navigation, navigation_variables
 from diffbot_control.law.speed_profile import ProfileGains
-from diffbot_control.law.steering import (
-    BACK,
-    FRONT,
-    Course,
-    chosen_course,
-    drive_and_hold,
-    drive_and_steer,
-)
+from diffbot_control.law.steering import BACK, FRONT, Course, chosen_course, drive_and_hold, drive_and_steer
 from diffbot_core.data_sheet import UNLIMITED, DataSheet, rim_speed
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import WheelGeometry

@@ -25,11 +25,8 @@ from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import Estimate, Uncertainty
 from diffbot_lab.stability.tuned.check.cells import Cells, keeps_below
-from diffbot_lab.stability.tuned.check.commands import numbers_of
 from diffbot_lab.stability.tuned.check.near import leaving_radius
 from diffbot_lab.stability.tuned.check.steps import Box
-
-LOOP = numbers_of(CONFIG, CONTRACT)
 
 
 @pytest.mark.parametrize(("tolerance", "reach", "factor"), [(0.1, 0.0, 2.0), (0.4, 0.0, 12.0), (0.1, 0.5, 12.0)])
