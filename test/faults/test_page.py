@@ -131,10 +131,10 @@ def test_any_number_of_names_takes_bounded_memory(shown, trials):
 
     before = shown.memory()
     with trials("page names") as running:
-        for number in running:
+        for sent, _ in enumerate(running, 1):
             names = (f"/node{next(numbers)}{'x' * 200}" for _ in range(SHARE))
             reports.publish(DiagnosticArray(status=[DiagnosticStatus(name=name, message="ok") for name in names]))
-            least = (number + 1) * SHARE - MAX_NODES
+            least = sent * SHARE - MAX_NODES
             shown.client.wait_for(lambda least=least: dropped() >= least, f"{least} dropped names")
             running.measure(shown.memory() - before)
     assert shown.is_served()
