@@ -84,7 +84,7 @@ STAGES = (
     ),
     # Measured by processor time, or not at all.
     Stage(
-        3,
+        4,
         (
             # The longest of them.
             Part("page", 2, ("test/faults/test_page.py",)),

@@ -18,8 +18,8 @@ def test_only_the_controller_may_drive_and_only_the_ekf_may_say_where_the_robot_
     enclaves = {one.get("path").removeprefix("/diffbot/"): one for one in ET.parse(POLICY).iter("enclave")}
     for topic, processes in (("cmd_vel", {"controller", "robot"}), ("pose", {"ekf", "robot"})):
         assert {name for name, one in enclaves.items() if one.findall(f".//*[@publish][topic='{topic}']")} == processes
-    alone = [ET.tostring(one) for name in ("controller", "ekf") for one in enclaves[name].iter("profile")]
-    assert [ET.tostring(one) for one in enclaves["robot"].iter("profile")] == alone
+    alone = [ET.tostring(one).strip() for name in ("controller", "ekf") for one in enclaves[name].iter("profile")]
+    assert [ET.tostring(one).strip() for one in enclaves["robot"].iter("profile")] == alone
 
 
 def test_a_policy_has_the_form_that_sros2_reads():
