@@ -24,7 +24,7 @@ help:
 	@echo "make demo    drive a simulated robot to a goal pose, record a bag, write the report"
 	@echo "make test    run the tests"
 	@echo "make test-fast   run those without nodes, studies and installations while editing: 45 seconds"
-	@echo "make faults  try each fault many times, half an hour or more; results to docs/results/data/faults.json"
+	@echo "make faults  try each fault many times, twenty minutes; results to docs/results/data/faults.json"
 	@echo "make real OVERLAY=...  run the tests of nodes with tf2, rosbag2, Nav2 ... of an overlay: docs/how-to/real-ros.md"
 	@echo "make soak    goals and faults for ten minutes: does memory grow, is every goal reached?"
 	@echo "make lint    run ruff, mypy, import-linter, oxlint and hadolint"

@@ -11,7 +11,7 @@ QUESTION = """\
 
 Does the robot stop in time when a process dies, a clock stops, the network loses messages or the input is hostile?"""
 METHOD = """\
-    make faults soak   # half an hour, and ten minutes
+    make faults soak   # twenty minutes, and ten
     make docs          # this page, from what both have measured
 
 All is measured on real processes over DDS, from a seed. Times run from the fault to the receipt by an observer.
