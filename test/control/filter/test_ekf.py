@@ -61,8 +61,10 @@ def test_predict_is_the_textbooks_step_of_the_documented_model(layout, pose, mot
     wheels, (v, omega, dt), M = layout[0], motion, covariance(rng, 2, 0.05, 0.3)
     ekf.predict(build_motion(v, omega, dt, M[0, 0], M[0, 1], M[1, 1]))
     F = jacobian(lambda one: moved(one, wheels, (v, omega), dt), x)
-    # The noise is that of the measured twist: as the twist, it acts through the real wheels.
-    G = jacobian(lambda u: moved(x, wheels, u, dt)[:3], (v, omega))
+    # The noise acts on the twist of the body: as on wheels without errors, at the corrected twist.
+    zeros = np.zeros_like(x)
+    v_body, omega_body = moved(np.array([0.0, 0.0, 0.0, *x[3:]]), wheels, (v, omega), 1e-9)[[0, 2]] / 1e-9
+    G = jacobian(lambda u: moved([*x[:3], *zeros[3:]], 0, u, dt)[:3], (v_body, omega_body))
     Q = np.zeros_like(P)
     Q[:3, :3] = G @ M @ G.T
     Q[range(3, 3 + wheels), range(3, 3 + wheels)] = 1e-3 * dt
