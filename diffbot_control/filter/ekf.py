@@ -17,9 +17,9 @@ from diffbot_control.filter.measurements import Array, Innovation, Measurement, 
 from diffbot_control.filter.models import (
     TURNED_VARIANCE,
     Arc,
+    WheelErrors,
     arc_correction,
     covariance_with_rate,
-    covariance_with_wheel_errors,
     derivatives_with_rate,
     gyro_share,
     lateral_noise,
@@ -112,20 +112,19 @@ class PoseEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         self.x = np.array(x, dtype=float)
         self.P = np.array(P, dtype=float)
 
-    def corrected(self, measured: Twist, covariance: TwistCovariance, x: Array) -> tuple[Twist, TwistCovariance]:
-        """Return a twist and its covariance by the errors of the wheels in the state ``x`` (n,), if there are any."""
+    def corrected_twist(self, measured: Twist, x: Array) -> Twist:
+        """Return a twist corrected by the errors of the wheels in the state ``x`` (n,), if there are any."""
         if not self._wheels:
-            return measured, covariance
-        errors, separation = self.states.wheel_errors(x), self.wheel_separation
-        twist = with_wheel_errors(measured, errors, separation)
-        return twist, covariance_with_wheel_errors(covariance, errors, separation)
+            return measured
+        errors: list[float] = x.tolist()[self.states.wheels]
+        return with_wheel_errors(measured, WheelErrors(*errors, *[0.0] * (3 - len(errors))), self.wheel_separation)
 
     def predict_x(self, u: Any = 0) -> None:
         """Move the mean by the :class:`Motion` ``u`` and set F and Q."""
         measured, dt, covariance, rate = u
         x, y, theta, *errors = self.x.tolist()
         bias = self.states.gyro
-        wheels, covariance = self.corrected(measured, covariance, self.x)
+        wheels = self.corrected_twist(measured, self.x)
         share = gyro_share(covariance, rate)
         twist = with_rate(wheels, rate.value - sum(self.x[bias]) - wheels.omega, share)
         arc = move(Pose(x, y, theta), twist, dt)

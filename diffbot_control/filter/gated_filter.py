@@ -74,7 +74,7 @@ from diffbot_control.filter.models import Motion
 from diffbot_control.filter.options import FilterOptions
 from diffbot_control.filter.slip import add_innovation
 from diffbot_core.geometry import Pose
-from diffbot_core.kinematics import Twist, TwistCovariance, scale_twist_covariance
+from diffbot_core.kinematics import Twist, scale_twist_covariance
 from diffbot_core.units import S_PER_NS
 
 _RESET_P = np.diag((RESET_VAR_XY, RESET_VAR_XY, RESET_VAR_THETA))
@@ -151,9 +151,9 @@ class GatedFilter:
         """Return the estimated errors of the wheels; None if they are not states."""
         return self._errors(self._ekf.states.wheels)
 
-    def corrected(self, measured: Twist, covariance: TwistCovariance) -> tuple[Twist, TwistCovariance]:
-        """Return a twist and its covariance, corrected by the estimated errors of the wheels, if there are any."""
-        return self._ekf.corrected(measured, covariance, self.memory.belief.x)
+    def corrected_twist(self, measured: Twist) -> Twist:
+        """Return a twist corrected by the estimated errors of the wheels, if there are any."""
+        return self._ekf.corrected_twist(measured, self.memory.belief.x)
 
     def landmark_errors(self) -> ErrorEstimate | None:
         """Return the estimated errors of landmarks, see :class:`LandmarkErrors`; None if they are not states."""

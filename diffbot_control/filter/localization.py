@@ -193,11 +193,11 @@ class Localization:
 
         A covariance of zeros is unknown and stays so.
         """
-        (wheels, covariance), bias = self.filter.corrected(odometry.twist, odometry.covariance), self.filter.gyro_bias()
+        wheels, bias = self.filter.corrected_twist(odometry.twist), self.filter.gyro_bias()
         if bias is None:
-            return wheels, covariance
+            return wheels, odometry.covariance
         difference = self._rate.value - bias.errors.item() - wheels.omega
-        return with_rate(wheels, difference, self._share), covariance_with_rate(covariance, self._share)
+        return with_rate(wheels, difference, self._share), covariance_with_rate(odometry.covariance, self._share)
 
     def correlated(self) -> list[str]:
         """Return the sensors whose errors are correlated in time, but independent by the options."""
@@ -399,8 +399,7 @@ class Localization:
             self.slipping = 0.0 if difference is None else self.slipping + duration
             self.slips += difference is not None
         slip = _NO_SLIP if difference is None else slip_covariance(difference, separation)
-        corrected = self.filter.corrected(step.odometry.twist, add_twist_covariance(covariance, slip))
-        self._share = gyro_share(corrected[1], rate)
+        self._share = gyro_share(add_twist_covariance(covariance, slip), rate)
         return rate, slip
 
     def _predict(self, step: _Step, dt: float, rate: TurnRate, slip: TwistCovariance) -> None:

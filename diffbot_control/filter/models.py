@@ -182,23 +182,6 @@ def with_wheel_errors(twist: Twist, errors: WheelErrors, separation: float) -> T
     return Twist(twist.v + 0.5 * (rim_left * left + rim_right * right), omega / (1.0 + error))
 
 
-def covariance_with_wheel_errors(
-    covariance: TwistCovariance, errors: WheelErrors, separation: float
-) -> TwistCovariance:
-    """Return the covariance of a twist after :func:`with_wheel_errors`: C M C' with its derivatives C by (v, omega).
-
-    A wheel that is larger than configured makes the errors of its encoder larger, too; ``separation`` is L [m].
-    """
-    (var_v, cov, var_omega), (left, right, error) = covariance, errors
-    mean, half, real = 1.0 + 0.5 * (left + right), 0.5 * (right - left), 1.0 + error
-    v_omega, omega_v, omega_omega = 0.5 * separation * half, 2.0 * half / (separation * real), mean / real
-    return TwistCovariance(
-        mean * mean * var_v + 2.0 * mean * v_omega * cov + v_omega * v_omega * var_omega,
-        mean * omega_v * var_v + (mean * omega_omega + v_omega * omega_v) * cov + v_omega * omega_omega * var_omega,
-        omega_v * omega_v * var_v + 2.0 * omega_v * omega_omega * cov + omega_omega * omega_omega * var_omega,
-    )
-
-
 def twist_derivatives(measured: Twist, omega: float, separation: float, error: float) -> TwistDerivatives:
     """Derivatives of the corrected twist by the errors of the wheels.
 

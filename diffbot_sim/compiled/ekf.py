@@ -28,7 +28,6 @@ from diffbot_control.filter.models import (
     WheelErrors,
     arc_correction,
     covariance_with_rate,
-    covariance_with_wheel_errors,
     derivatives_with_rate,
     expect_landmark,
     gyro_share,
@@ -45,6 +44,7 @@ from diffbot_control.filter.models import (
     with_wheel_errors,
 )
 from diffbot_core.geometry import Point, Pose, wrap_angle
+from diffbot_core.kinematics import Twist
 
 POSE, WHEELS, LANDMARKS, GYRO = 3, 6, 9, 10
 """Number of states up to and including these."""
@@ -146,10 +146,10 @@ def inflate(belief: Any, factor: float) -> None:
             P[j, i] *= root
 
 
-def wheel_errors_of(belief: Any) -> WheelErrors:
-    """Return the estimated errors of the wheels."""
+def corrected_twist(belief: Any, measured: Twist, separation: float) -> Twist:
+    """Return the twist of wheels with the estimated errors; ``separation`` is their configured distance [m]."""
     x = belief["x"]
-    return WheelErrors(x[3], x[4], x[5])
+    return with_wheel_errors(measured, WheelErrors(x[3], x[4], x[5]), separation)
 
 
 def predict(
@@ -173,9 +173,8 @@ def predict(
         bias_random_walk: [rad^2/s^3] of the gyro's bias.
     """
     x, P = belief["x"], belief["P"]
-    (measured, dt, covariance, rate), errors = motion, wheel_errors_of(belief)
-    twist = with_wheel_errors(measured, errors, separation)
-    covariance = covariance_with_wheel_errors(covariance, errors, separation)
+    measured, dt, covariance, rate = motion
+    twist = corrected_twist(belief, measured, separation)
     by, share = twist_derivatives(measured, twist.omega, separation, x[5]), GyroShare(0.0, 0.0)
     if len(x) >= GYRO:
         share = gyro_share(covariance, rate)
@@ -304,16 +303,13 @@ def fill_landmark(
 def fill_rate(belief: Any, work: Any, motion: Motion, separation: float) -> int:
     """Fill in the turn rate of a gyro against the wheels'; it must be a state. Return the number of numbers, m."""
     x, H = belief["x"], work["H"]
-    errors = wheel_errors_of(belief)
-    twist = with_wheel_errors(motion.twist, errors, separation)
-    covariance = covariance_with_wheel_errors(motion.covariance, errors, separation)
-    share = gyro_share(covariance, motion.rate)
+    twist, share = corrected_twist(belief, motion.twist, separation), gyro_share(motion.covariance, motion.rate)
     difference = motion.rate.value - twist.omega - x[LANDMARKS]
     by = rate_derivatives(motion.twist, twist, difference, share, separation, x[5])
     _clear(work)
     work["y"][0] = difference
     H[0, 3], H[0, 4], H[0, 5], H[0, LANDMARKS] = by.omega_left, by.omega_right, by.omega_separation, 1.0
-    work["R"][0, 0] = motion.rate.variance + covariance.var_omega
+    work["R"][0, 0] = motion.rate.variance + motion.covariance.var_omega
     return 1
 
 

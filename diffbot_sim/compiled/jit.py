@@ -226,7 +226,7 @@ KEPT = (closed_loop.next_feedback, controller.SwitchingLaw.step)
 for _module in MODULES:
     for _function in _functions(_module):
         make_callable(_function, kept=_function in KEPT)
-_IN_EVERY_STEP = (ekf.predict, ekf.wheel_errors_of, ekf.propagate, ekf.pose_of)
+_IN_EVERY_STEP = (ekf.predict, ekf.corrected_twist, ekf.propagate, ekf.pose_of)
 for _function in _functions(ekf):
     make_callable(_function, inline=_function in _IN_EVERY_STEP)  # the loops of the others gain nothing from it
 

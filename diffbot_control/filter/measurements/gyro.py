@@ -7,13 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from diffbot_control.filter.measurements.measurement import Array, Measurement, Source, States
-from diffbot_control.filter.models import (
-    TurnRate,
-    covariance_with_wheel_errors,
-    gyro_share,
-    rate_derivatives,
-    with_wheel_errors,
-)
+from diffbot_control.filter.models import TurnRate, WheelErrors, gyro_share, rate_derivatives, with_wheel_errors
 from diffbot_core.kinematics import Twist, TwistCovariance
 
 GYRO = "gyro"
@@ -48,12 +42,12 @@ class GyroRate(Measurement):
 
     def expected(self, x: Array, states: States) -> Array:
         """Return the turn rate of the wheels and the bias."""
-        return with_wheel_errors(self.wheels, states.wheel_errors(x), self.wheel_separation).omega + x[states.gyro]
+        return with_wheel_errors(self.wheels, self._errors(x, states), self.wheel_separation).omega + x[states.gyro]
 
     def jacobian(self, x: Array, states: States) -> Array:
         """Return the derivatives by the errors of the wheels and by the bias."""
-        H, part, errors = np.zeros((1, states.size)), states.wheels, states.wheel_errors(x)
-        share = gyro_share(self._covariance(x, states), self.rate)
+        H, part, errors = np.zeros((1, states.size)), states.wheels, self._errors(x, states)
+        share = gyro_share(self.covariance, self.rate)
         corrected = with_wheel_errors(self.wheels, errors, self.wheel_separation)
         difference = self.rate.value - corrected.omega - x[states.gyro].item()
         by = rate_derivatives(self.wheels, corrected, difference, share, self.wheel_separation, errors.separation)
@@ -63,8 +57,9 @@ class GyroRate(Measurement):
 
     def noise(self, x: Array, P: Array, states: States) -> Array:
         """Return the variance of the difference."""
-        return np.array(((self.rate.variance + self._covariance(x, states).var_omega,),))
+        return np.array(((self.rate.variance + self.covariance.var_omega,),))
 
-    def _covariance(self, x: Array, states: States) -> TwistCovariance:
-        """Return the covariance of the corrected twist."""
-        return covariance_with_wheel_errors(self.covariance, states.wheel_errors(x), self.wheel_separation)
+    def _errors(self, x: Array, states: States) -> WheelErrors:
+        """Return the errors of the wheels; 0 where they are no states."""
+        found: list[float] = x.tolist()[states.wheels]
+        return WheelErrors(*found, *[0.0] * (3 - len(found)))

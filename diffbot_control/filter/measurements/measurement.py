@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diffbot_control.filter.landmark_calibration import NO_ERRORS, LandmarkErrors
-from diffbot_control.filter.models import WheelErrors, heading_innovation
+from diffbot_control.filter.models import heading_innovation
 from diffbot_core.geometry import Pose
 
 Array = NDArray[np.float64]
@@ -38,11 +38,6 @@ class States(NamedTuple):
     """bias of the gyro"""
     landmark_errors: LandmarkErrors = NO_ERRORS
     """the same, where they are no states but known"""
-
-    def wheel_errors(self, x: Array) -> WheelErrors:
-        """Return the errors of the wheels in ``x`` (n,); 0 where they are no states."""
-        found: list[float] = x.tolist()[self.wheels]
-        return WheelErrors(*found, *[0.0] * (3 - len(found)))
 
 
 class Innovation(NamedTuple):

@@ -236,15 +236,13 @@ def test_the_twist_has_the_turn_rate_of_the_gyro():
     found.on_odometry(wheels)
     twist, covariance = found.twist_of(wheels)
     bias = found.filter.gyro_bias().errors.item()
-    corrected, own = found.filter.corrected(wheels.twist, wheels.covariance)
+    corrected = found.filter.corrected_twist(wheels.twist)
     assert twist.v == pytest.approx(corrected.v)
-    assert twist.omega == pytest.approx(
-        (0.01 * corrected.omega + own.var_omega * (0.4 - bias)) / (own.var_omega + 0.01), rel=1e-6
-    )
-    assert covariance.var_omega == pytest.approx(own.var_omega * 0.01 / (own.var_omega + 0.01))
+    assert twist.omega == pytest.approx((0.01 * corrected.omega + 0.09 * (0.4 - bias)) / 0.1)
+    assert covariance.var_omega == pytest.approx(0.09 * 0.01 / 0.1)
     without = OdometryStep(2 * STEP, wheels.twist, wheels.covariance)
     found.on_odometry(without)
-    assert found.twist_of(without) == found.filter.corrected(wheels.twist, wheels.covariance)
+    assert found.twist_of(without) == (found.filter.corrected_twist(wheels.twist), wheels.covariance)
 
 
 def refused(found, sample, message):

@@ -6,29 +6,12 @@ from filter_runs import R_FIX, SEPARATION, Robot, build_motion, fix, gated_filte
 
 from diffbot_control.filter.belief import ErrorEstimate
 from diffbot_control.filter.gated_filter import GatedFilter
-from diffbot_control.filter.models import Motion, WheelErrors, covariance_with_wheel_errors
+from diffbot_control.filter.models import Motion
 from diffbot_control.filter.options import FilterConfig, options_of
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist, TwistCovariance
 from diffbot_sim.compiled.gated_filter import check_supported
-
-
-def twist_matrix(left, right, separation):
-    """Body twist of wheels with these radii, by their speeds."""
-    return np.array([[left / 2, right / 2], [-left / separation, right / separation]])
-
-
-def test_the_covariance_of_a_twist_is_that_of_the_real_wheels():
-    """Of encoders with independent noise, through the radii and the separation that the robot has."""
-    encoders, radius = np.diag([0.3, 0.5]) ** 2, 0.1
-    errors = WheelErrors(0.04, -0.03, 0.1)
-    configured = twist_matrix(radius, radius, SEPARATION)
-    real = twist_matrix(1.04 * radius, 0.97 * radius, 1.1 * SEPARATION)
-    M = configured @ encoders @ configured.T
-    found = covariance_with_wheel_errors(TwistCovariance(M[0, 0], M[0, 1], M[1, 1]), errors, SEPARATION)
-    expected = real @ encoders @ real.T
-    assert found == pytest.approx((expected[0, 0], expected[0, 1], expected[1, 1]))
 
 
 @pytest.mark.parametrize("variant", ["ekf_calibrating", "ekf_fnn_calibrating"])
