@@ -102,7 +102,7 @@ def load_profiles(stored: Any) -> tuple[Qos, ...]:
     Raises:
         DiffbotError: if it is neither.
     """
-    # Of most topics of most recorders there are none, and a bag is opened by reading those of all its topics.
+    # Most topics have no profiles, and opening a bag reads those of all topics: no YAML parser for an empty text.
     profiles = load_yaml(stored, "offered_qos_profiles") if stored and isinstance(stored, str) else stored
     if not profiles:
         return ()

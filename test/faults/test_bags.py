@@ -12,7 +12,7 @@ from diffbot_bag.bag.writer import BagWriter
 
 NAMES = sorted(bag_commands.bag_commands() - set(bag_commands.GRAPH))
 TOGETHER = 10
-"""mutated bags for one fork, whose pages cost as much as three commands"""
+"""mutated bags read in one forked process: to fork takes as long as three commands"""
 REPLAYED = ("other_type_rosout", "topic_0", "indexed", "extreme_7")
 
 

@@ -88,7 +88,7 @@ def test_a_command_that_is_interrupted_cancels_its_goal(driven):
 def test_the_command_reports_the_end_in_one_line(driven, arguments, status, text, kept_signal_handlers, capfd):
     assert cli.main(["goal", *map(str, FAR), *arguments]) == status
     written, said = capfd.readouterr()
-    # On a busy machine the controller may have to be waited for, and rcl may still know the node of the case before.
+    # On a busy machine the controller may have to be waited for; rcl warns if the node of the case before still exists.
     said = re.sub(r"waiting for the controller .*\n(  .*\n)*|\[WARN\] .* \[rcl\.logging_rosout\]: .*\n", "", said)
     assert re.fullmatch(text, written + said)
 

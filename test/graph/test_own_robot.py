@@ -26,6 +26,6 @@ def test_the_written_file_drives_to_a_goal_within_its_limits(tmp_path, capfd):
         v, omega = zip(*map(twist, robot.commands), strict=True)
     assert 0.1 < max(map(abs, v)) <= 0.2
     assert max(map(abs, omega)) <= 2.0
-    # Of these nodes; rcl warns of what an earlier test's nodes of these names have left to the garbage collector.
+    # Of these nodes only: rcl also warns if a node of an earlier test with the same name is not yet garbage-collected.
     warnings = [line for line in "".join(capfd.readouterr()).splitlines() if WARNING.match(line)]
     assert not [line for line in warnings if not any(text in line for text in HARMLESS)]

@@ -76,7 +76,7 @@ def left_out(missing):
     """
     if not missing:
         return {}
-    # To read the imports of all files takes seconds, in each worker.
+    # Reading the imports of all files takes seconds in each worker, so only if one of these packages is missing.
     by_imports = missing & {*PACKAGES.values(), BROWSER}
     lacking = {}
     for path in sorted(TESTS.rglob("test_*.py")):
