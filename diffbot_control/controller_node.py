@@ -1,4 +1,4 @@
-"""The node ``controller``: pose or odometry/filtered, and goal_pose or path -> cmd_vel."""
+"""The node ``controller``: pose or odometry/filtered, and goal_pose, goal_update or path -> cmd_vel."""
 
 from __future__ import annotations
 
@@ -28,7 +28,10 @@ from diffbot_control.ros.frames import robot_frame
 from diffbot_control.ros.goals.keeper import GoalKeeper
 from diffbot_control.ros.goals.nav2_actions import serve_nav2_actions
 from diffbot_control.ros.goals.server import GoalServer
+from diffbot_control.ros.goals.updates import TOPIC as UPDATE_TOPIC
+from diffbot_control.ros.goals.updates import WITHOUT_GOAL, GoalUpdates
 from diffbot_control.ros.messages.conversions import goal_from, path_from, pose_from, poses_along
+from diffbot_control.ros.messages.fields import stamp_ns
 from diffbot_control.ros.messages.raw import read_path, read_pose
 from diffbot_control.ros.parameters.controller import (
     CONTROLLER_PRESETS,
@@ -77,6 +80,8 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self._keeper = GoalKeeper(self, self.goals)
         self._actions = serve_nav2_actions(self, self.goals)
         self.subscribe(PoseStamped, "goal_pose", lambda message: self.goals.singles.take(self._goals_of(message)[0]))
+        self._updates = GoalUpdates(self, self.goals)
+        self.subscribe(PoseStamped, UPDATE_TOPIC, self._on_goal_update, sensor_qos(config.reliable_inputs))
         self.subscribe(Path, "path", self._on_path, raw=True)
         self._pose_topic = "pose" if config.pose_source == "pose" else "odometry/filtered"
         self._receive_poses(self._pose_topic)
@@ -166,6 +171,13 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self._check_active()
         config = self.config
         self.goals.paths.start(poses_along(read_path(data), config.map_frame, self._transforms, config.max_path_poses))
+
+    def _on_goal_update(self, message: PoseStamped) -> None:
+        if self.supervisor.goals.present is None:
+            self.health.counted[WITHOUT_GOAL] += 1
+            return
+        goal = goal_from(message, self.config.map_frame, self._transforms)
+        self._updates.take(stamp_ns(message.header.stamp), goal)
 
     def _goals_of(self, message: PoseStamped | Path) -> list[Pose]:
         """Return the goals of a message in ``map_frame``.

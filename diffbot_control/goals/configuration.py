@@ -5,8 +5,21 @@ from __future__ import annotations
 from typing import Annotated, NamedTuple
 
 from diffbot_control.law.configuration import ControllerConfig
-from diffbot_core.ranges import DISTANCE, TIME, TIMEOUT
+from diffbot_core.ranges import ANGLE, DISTANCE, TIME, TIMEOUT
 from diffbot_core.schema import Spec, known_fields
+
+
+@known_fields
+class GoalUpdateConfig(NamedTuple):
+    """Which corrections of the present goal are taken; a goal that is seen from ever nearer differs by less."""
+
+    goal_update_distance: Annotated[
+        float, Spec("a goal_update farther than this from the present goal is dropped", "m", *DISTANCE)
+    ] = 0.5
+    goal_update_angle: Annotated[
+        float, Spec("a goal_update turned by more than this against the present goal is dropped", "rad", *ANGLE)
+    ] = 0.5
+    goal_update_timeout: Annotated[float, Spec("a goal_update with an older stamp is dropped", "s", *TIMEOUT)] = 1.0
 
 
 @known_fields
@@ -41,6 +54,7 @@ class SupervisorConfig(NamedTuple):
             TIME[1],
         ),
     ] = -1.0
+    updates: GoalUpdateConfig = GoalUpdateConfig()
     max_departures: Annotated[
         int,
         Spec(

@@ -20,7 +20,8 @@ from diffbot_control.law.controller import SwitchingLaw
 from diffbot_control.law.goal_checker import GoalTolerance, is_at_rest, smallest_tolerance
 from diffbot_control.law.limits import is_beyond
 from diffbot_core.data_sheet import UNLIMITED, DataSheet
-from diffbot_core.geometry import Pose
+from diffbot_core.errors import BadMessageError
+from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import Twist
 from diffbot_core.stamps import StampWatch
 from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
@@ -64,6 +65,8 @@ class Supervisor:
         """number of the present goal in its path, from 1; 0 for a single goal"""
         self.waypoints = 0
         """goals of the path"""
+        self.updates = 0
+        """corrections of the present goal so far"""
         self.report: Report | None = None
         self.reason = ""
         """why the last goal was not reached; empty if it was, or is still driven to"""
@@ -162,6 +165,28 @@ class Supervisor:
             waypoints: goals of the whole path; 0: these are all.
         """
         self._accept(goals, request, waypoint, waypoints or len(goals))
+
+    def on_goal_update(self, goal: Pose) -> None:
+        """Correct the goal, of a path the last one, without a new beginning: region, course and finish go on.
+
+        A goal that is held after its answer stays where it is.
+
+        Raises:
+            BadMessageError: if ``goal`` (frame of the poses) is farther from the present one than the bounds.
+        """
+        if self.goals.present is None or not self.goals_ahead:
+            return
+        last, bounds = self.goals_ahead[-1], self.config.updates
+        distance = math.hypot(goal.x - last.x, goal.y - last.y)
+        if distance > bounds.goal_update_distance:
+            bound = f"goal_update_distance = {bounds.goal_update_distance:g} m"
+            raise BadMessageError("far from the goal", f"{distance:.3g} m, {bound}")
+        turn = abs(wrap_angle(goal.theta - last.theta))
+        if turn > bounds.goal_update_angle:
+            bound = f"goal_update_angle = {bounds.goal_update_angle:g} rad"
+            raise BadMessageError("turned against the goal", f"{turn:.3g} rad, {bound}")
+        self.goals_ahead[-1] = goal
+        self.updates += 1
 
     def on_cancel(self) -> Twist | None:
         """Drop the goal, if there is one, and start to come to rest at once, with or without a pose."""
@@ -309,7 +334,7 @@ class Supervisor:
         self._silent_since = request.time
         self._answer = None
         self.goals_ahead = list(goals)
-        self.waypoint, self.waypoints = waypoint, waypoints
+        self.waypoint, self.waypoints, self.updates = waypoint, waypoints, 0
         distance = distance_along(self.pose or goals[0], goals)
         option, is_known = self.config.goal_timeout, self.pose is not None
         self._patience.accept(option, distance, len(goals), self._data_sheet(), is_known)

@@ -37,6 +37,8 @@ def status_values(supervisor: Supervisor, law: Law) -> dict[str, str]:
         values["goal"] = " ".join(f"{number:.6g}" for number in supervisor.goal)
         if supervisor.goals.present is not None:
             values["timeout [s]"] = f"{supervisor.timeout:.6g}"
+    if supervisor.updates:
+        values["goal updates"] = str(supervisor.updates)
     if report is not None:
         values["distance [m]"] = f"{report.rho:.4f}"
         values["heading error [rad]"] = f"{report.theta:.4f}"

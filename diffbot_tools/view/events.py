@@ -54,7 +54,10 @@ class GoalSent(NamedTuple):
 
 
 def goals_of(robot: RobotTables, clock: Clock) -> list[GoalSent]:
-    """Return the goals, from goal_pose and from the controller's status, which also knows those of a service."""
+    """Return the goals, from goal_pose and from the controller's status, which also knows those of a service.
+
+    A goal that was corrected has its last pose.
+    """
     found = []
     if (table := robot.tables.get("goals")) is not None:
         for stamp, log_time, row in zip(table.stamps.tolist(), table.log_times.tolist(), table.numbers, strict=True):
@@ -70,6 +73,10 @@ def goals_of(robot: RobotTables, clock: Clock) -> list[GoalSent]:
         if pose is None:
             continue
         index = bisect_right(found, time, key=lambda one: one.time)
+        if is_corrected(status.values):
+            if index and found[index - 1].time < time - _STATUS_DELAY:
+                found[index - 1] = found[index - 1]._replace(pose=pose)
+            continue
         # A status may name the goal before a moment after the next one's message, or the next one before it.
         first = index - 1 - (index > 1 and found[index - 1].time >= time - _STATUS_DELAY)
         near = [one for one in found[index:] if one.time <= time + _STATUS_DELAY]
@@ -85,6 +92,11 @@ def goal_in(values: Mapping[str, str]) -> Pose | None:
     except ValueError:
         return None
     return Pose(x, y, theta) if np.isfinite([x, y, theta]).all() else None
+
+
+def is_corrected(values: Mapping[str, str]) -> bool:
+    """Whether the goal in controller/status is an earlier one that was corrected since."""
+    return "goal updates" in values
 
 
 def _same(a: Pose, b: Pose) -> bool:

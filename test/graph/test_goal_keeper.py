@@ -62,6 +62,17 @@ def test_a_goal_is_given_up_by_default_and_resumed_where_that_is_asked_for(goal,
     assert load_goal(path, 10) == goal
 
 
+def test_a_corrected_goal_is_resumed_as_it_was_corrected(start, tmp_path):
+    path = tmp_path / "goal"
+    save_goal(path, PATH)
+    node = start(resume_goal=True)
+    node.supervisor.on_goal_update(Pose(3.2, 2.1, 0.1))
+    deadline = time.monotonic() + 10.0
+    while (found := load_goal(path, 10)) == PATH and time.monotonic() < deadline:
+        node._keeper.save()
+    assert found == PATH._replace(poses=[Pose(1.0, 2.0, 0.5), Pose(3.2, 2.1, 0.1)])
+
+
 @pytest.mark.parametrize(
     ("goal", "end"),
     [

@@ -196,6 +196,39 @@ def test_controller_goes_on_as_if_the_bad_messages_had_not_come(nodes, capfd):
     check_drops(fed, capfd.readouterr().err, sent)
 
 
+def test_controller_takes_corrections_of_its_goal_and_drops_old_repeated_and_far_ones(nodes, capfd):
+    fed = one_process.Fed(nodes, ControllerNode, {"pose_source": "odometry", "pose_timeout": 60.0})
+    supervisor, counted = fed.node.supervisor, fed.node.health.counted
+
+    def update(x, age=0.0):
+        message = pose_stamped(x, 0.0, 0.0)
+        if age is not None:
+            now = fed.node.get_clock().now().nanoseconds - round(age * 1e9)
+            message.header.stamp.sec, message.header.stamp.nanosec = divmod(now, 10**9)
+        return message
+
+    fed.send("goal_update", update(5.1))
+    assert counted["goal_update without a goal"] == 1
+    fed.send("goal_pose", pose_stamped(5.0, 0.0, 0.0))
+    seen = update(5.1)
+    fed.send("goal_update", seen)
+    assert supervisor.goal == (5.1, 0.0, 0.0)
+    sent = [
+        (seen, "stamp not later than the one before"),
+        (update(5.2, age=2.0), "stamp too old"),
+        (update(5.7), "far from the goal"),
+        *((changed(update(5.2), fields), kind) for fields, kind in GOALS),
+    ]
+    for message, kind in sent:
+        fed.send("goal_update", message)
+        assert fed.node.health.dropped["goal_update", kind] >= 1
+    assert supervisor.goal == (5.1, 0.0, 0.0)
+    check_drops(fed, capfd.readouterr().err, [("goal_update", kind) for _, kind in sent])
+    # As from a command line, which knows no time.
+    fed.send("goal_update", update(5.3, age=None))
+    assert (supervisor.goal, supervisor.updates) == ((5.3, 0.0, 0.0), 2)
+
+
 def test_plant_keeps_the_last_good_command(nodes, capfd):
     fed = one_process.Fed(nodes, PlantNode, {"cmd_vel_timeout": 60.0, "drive_noise": 0.0})
     truths = nodes.peer.subscribe(Odometry, "ground_truth", DEEP)

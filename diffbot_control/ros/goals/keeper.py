@@ -36,13 +36,13 @@ class GoalKeeper:
         self._node, self._goals = node, goals
         self._path = file_path("goal_file", node.config.restart.goal_file)
         self._is_restored = False
-        self._written: tuple[str, bool, int] | None = None
-        """what the file holds: id, is_cancelling, waypoint; None: there is no file"""
+        self._written: tuple[str, bool, int, int] | None = None
+        """what the file holds: id, is_cancelling, waypoint, updates; None: there is no file"""
         self._last_write = 0.0
         self._is_timeless = False
         """a goal was resumed before the first message on /clock"""
-        self._encoded: tuple[str, list[str]] = "", []
-        """id of a goal, and all its poses as they are written"""
+        self._encoded: tuple[tuple[str, int], list[str]] = ("", 0), []
+        """id and updates of a goal, and all its poses as they are written"""
         goals.on_end.append(lambda _record: self.save())
 
     def restore(self) -> None:
@@ -62,7 +62,7 @@ class GoalKeeper:
             return
         if saved is None:
             return
-        self._written = saved.id, saved.is_cancelling, saved.waypoint
+        self._written = saved.id, saved.is_cancelling, saved.waypoint, 0
         obstacle = ""
         if saved.frame != config.map_frame:
             obstacle = f", with another map_frame than {saved.frame}"
@@ -111,12 +111,12 @@ class GoalKeeper:
         if present is None or not present.request.id:
             self._delete(path)
             return
-        state = present.request.id, present.is_cancelling, supervisor.waypoint
+        state = present.request.id, present.is_cancelling, supervisor.waypoint, supervisor.updates
         if state == self._written:
             os.utime(path)
         elif now - self._last_write >= _MIN_PERIOD:
-            if self._encoded[0] != present.request.id:
-                self._encoded = present.request.id, encode_poses(poses)
+            if self._encoded[0] != (state[0], state[3]):
+                self._encoded = (state[0], state[3]), encode_poses(poses)
             encoded = self._encoded[1]
             goal = SavedGoal(
                 present.request.id,

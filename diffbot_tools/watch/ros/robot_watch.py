@@ -23,7 +23,7 @@ from diffbot_core.ros.node import LATCHED, QUEUE, DiffbotNode
 from diffbot_core.ros.qos import SENSOR
 from diffbot_core.units import S_PER_NS
 from diffbot_tools.view.bag_tables import LAW_COLUMNS
-from diffbot_tools.view.events import EventMaker, goal_in
+from diffbot_tools.view.events import EventMaker, goal_in, is_corrected
 from diffbot_tools.view.footprint import read_footprint
 from diffbot_tools.view.landmarks import read_cloud
 from diffbot_tools.view.live_landmarks import LandmarkPlacer
@@ -200,7 +200,10 @@ class RobotWatch:
         self._status_received = time.monotonic()
         self._set_status(**controller_state(status))
         goal = goal_in(status.values)
-        if goal is not None and goal != self._goal:
+        if goal is not None and goal != self._goal and self._shown_goals and is_corrected(status.values):
+            self._shown_goals = [*self._shown_goals[:-1], [self._shown_goals[-1][0], *goal]]
+            self._state.put(self._name, "goals", self._shown_goals)
+        elif goal is not None and goal != self._goal:
             self._goals += 1
             self._add([self._events.of_goal(self._time, self._goals, goal)])
             # A time that has jumped back is a new run.

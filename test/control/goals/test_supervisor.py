@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 
 from diffbot_control.goals import Supervisor, SupervisorConfig
@@ -10,6 +11,7 @@ from diffbot_control.goals.states import AT_GOAL as REACHED
 from diffbot_control.goals.states import DRIVING, IDLE, NOT_AT_GOAL, STALE, UNCERTAIN, WAITING
 from diffbot_control.law.presets import PRESETS
 from diffbot_core.data_sheet import PAPER_DATA_SHEET
+from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose
 from diffbot_core.uncertainty import CERTAIN, Uncertainty
 
@@ -230,6 +232,84 @@ def test_a_pose_whose_stamp_stands_still_is_no_sign_of_life():
     story.supervisor.on_goal(GOAL)
     assert story.pose() == command
     assert story.state == DRIVING
+
+
+def drive_exactly(story, pose, goals):
+    """Drive a unicycle without noise and correct the goal at each step while ``goals`` last; return its last pose."""
+    supervisor, dt = story.supervisor, 0.1
+    for goal in (*goals, *[None] * 600):
+        if goal is not None:
+            supervisor.on_goal_update(goal)
+        v, omega = story.pose(pose, dt)
+        # The exact arc of a constant command.
+        chord, heading = v * dt * np.sinc(omega * dt / (2.0 * math.pi)), pose.theta + 0.5 * omega * dt
+        pose = Pose(pose.x + chord * math.cos(heading), pose.y + chord * math.sin(heading), pose.theta + omega * dt)
+        if supervisor.goals.present is None:
+            break
+    return pose
+
+
+def test_a_goal_that_is_seen_better_and_better_is_reached_where_it_is():
+    """The first sight is 0.3 m and 0.2 rad wrong, and each further one less by a thirtieth."""
+    true = Pose(4.0, 1.0, 0.5)
+    story = Story(controller=PRESETS["tuned"])
+    sights = [Pose(4.0 + 0.3 * share, 1.0 - 0.2 * share, 0.5 + 0.2 * share) for share in np.linspace(1.0, 0.0, 30)]
+    story.supervisor.on_goal(sights[0], GoalRequest("a" * 32, "request", story.now))
+    end = drive_exactly(story, Pose(0.0, 0.0, 0.0), sights)
+    (record,) = story.supervisor.goals.ended
+    assert (record.request.id, record.end) == ("a" * 32, "reached")
+    assert story.supervisor.goal == true
+    assert math.hypot(end.x - true.x, end.y - true.y) <= 0.1
+    assert abs(end.theta - true.theta) <= 0.1
+    # An exact goal from the start takes as long: nothing begins anew.
+    sure = Story(controller=PRESETS["tuned"])
+    sure.supervisor.on_goal(true)
+    drive_exactly(sure, Pose(0.0, 0.0, 0.0), [])
+    assert story.now == pytest.approx(sure.now, abs=1.0)
+
+
+def test_a_correction_leaves_memory_command_and_answers_as_they_are():
+    story = Story(controller=SLOW_DOWN)
+    story.supervisor.on_path(list(ROUTE))
+    for _ in range(5):
+        story.pose()
+    memory, accepted = story.supervisor.memory, story.supervisor.accepted
+    story.supervisor.on_goal_update(Pose(-1.2, 1.1, -1.8))
+    assert story.supervisor.goals_ahead == [*ROUTE[:2], Pose(-1.2, 1.1, -1.8)]
+    assert (story.supervisor.memory, story.supervisor.accepted) == (memory, accepted)
+    assert not story.supervisor.goals.ended
+    # The next one begins from the corrected goal; a new goal has no corrections.
+    story.supervisor.on_goal_update(Pose(-1.6, 1.1, -1.8))
+    assert story.supervisor.updates == 2
+    story.supervisor.on_goal(GOAL)
+    assert story.supervisor.updates == 0
+
+
+@pytest.mark.parametrize(
+    ("goal", "text"),
+    [
+        (Pose(0.0, 0.51, 0.0), "far from the goal: 0.51 m, goal_update_distance = 0.5 m"),
+        (Pose(0.1, 0.0, 2.0 * math.pi - 0.51), "turned against the goal: 0.51 rad, goal_update_angle = 0.5 rad"),
+    ],
+)
+def test_a_jump_is_refused_and_changes_nothing(goal, text):
+    story = Story()
+    story.supervisor.on_goal(GOAL)
+    with pytest.raises(BadMessageError, match=text):
+        story.supervisor.on_goal_update(goal)
+    assert (story.supervisor.goal, story.supervisor.updates) == (GOAL, 0)
+    story.supervisor.on_goal_update(Pose(0.0, 0.49, 2.0 * math.pi + 0.49))
+    assert story.supervisor.updates == 1
+
+
+def test_without_a_goal_or_after_its_answer_nothing_is_corrected():
+    story = Story(controller=QUICK)
+    story.supervisor.on_goal_update(GOAL)
+    assert story.supervisor.goal is None
+    story.supervisor.on_goal(GOAL)
+    reach(story)
+    story.supervisor.on_goal_update(Pose(0.1, 0.0, 0.0))
+    assert story.supervisor.goal == GOAL, "reached: the robot stays"
 
 
 ROUTE = [Pose(2.0, 0.0, 0.0), Pose(2.0, 3.0, 1.0), Pose(-1.0, 1.0, -2.0)]

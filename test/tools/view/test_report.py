@@ -95,6 +95,19 @@ def test_goals_of_a_service_come_from_the_status(tmp_path):
     assert [(goal.time, tuple(goal.pose)) for goal in goals] == [(0.0, (1.0, 2.0, 0.5)), (2.0, (-3.0, 0.0, 0.0))]
 
 
+def test_a_corrected_goal_has_its_last_pose_and_is_none_of_its_own(tmp_path):
+    shown = [{"goal": "1 2 0.5"}, *({"goal": f"1.{n} 2.{n} 0.4", "goal updates": f"{n}"} for n in (1, 5, 9))]
+
+    def messages():
+        for second, values in enumerate((*shown, {"goal": "-3 0 0"})):
+            time = BEGIN + second * 10**9
+            yield "/odom", time, view_bags.odometry(time, 0.0, 0.0, 0.0)
+            yield "/controller/status", time, view_bags.status("/controller", "driving", **values)
+
+    goals = only_robot(bag(tmp_path, messages())).goals
+    assert [(goal.time, tuple(goal.pose)) for goal in goals] == [(0.0, (1.9, 2.9, 0.4)), (4.0, (-3.0, 0.0, 0.0))]
+
+
 def test_only_transforms(tmp_path):
     def messages():
         for step in range(10):
