@@ -10,7 +10,7 @@ import graph
 import pytest
 import watch_page
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry, Path
 from robot import LATCHED, planar, pose_stamped
 from sensor_msgs.msg import PointCloud2, PointField
@@ -153,6 +153,17 @@ def test_a_goal_by_keyboard_and_its_cancellation(page, peer):
     form.locator("input[name=heading]").press("Enter")
     peer.spin_until(lambda: (newest_goal(peer) or (0.0,))[0] == 2.5, what="the goal")
     assert newest_goal(peer) == pytest.approx((2.5, -3.0, math.pi / 2), abs=1e-4)
+    page.wait("diffbotPage.robot.goals.at(-1)?.[1] === 2.5", "the goal on the page")
+    number = page.get("diffbotPage.robot.goals.length")
+    updates = peer.publisher(PoseStamped, "goal_update")
+    peer.wait_for_subscribers(updates)
+
+    def is_corrected():
+        updates.publish(pose_stamped(2.625, -3.0, math.pi / 2))  # again and again: it is received best effort
+        return page.get("diffbotPage.robot.goals.at(-1)[1] === 2.625")
+
+    page.wait_for(is_corrected, "the corrected goal")
+    assert page.get("diffbotPage.robot.goals.length") == number
     press(page, "c")
     peer.spin_until(lambda: newest_goal(peer) is None, what="the cancellation")
     peer.spin_until(lambda: peer.statuses[-1].message == "idle", what="rest")
