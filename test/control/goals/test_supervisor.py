@@ -278,6 +278,13 @@ def test_a_correction_leaves_memory_command_and_answers_as_they_are():
     assert story.supervisor.goals_ahead == [*ROUTE[:2], Pose(-1.2, 1.1, -1.8)]
     assert (story.supervisor.memory, story.supervisor.accepted) == (memory, accepted)
     assert not story.supervisor.goals.ended
+    # Nor does it forget how long the robot has been within the tolerances, which a new goal would.
+    near = Story(controller=PRESETS["tuned"])
+    near.supervisor.on_goal(GOAL)
+    for _ in range(3):
+        near.pose(AT_GOAL)
+    near.supervisor.on_goal_update(Pose(0.01, 0.0, 0.0))
+    assert near.supervisor.memory.settling.steps_within == 3
     # The next one begins from the corrected goal; a new goal has no corrections.
     story.supervisor.on_goal_update(Pose(-1.6, 1.1, -1.8))
     assert story.supervisor.updates == 2
