@@ -1,6 +1,7 @@
 """The estimate over two hypotheses on the errors of a sensor: they are as configured, or they differ.
 
-To estimate an error that is not there costs accuracy. Both hypotheses are equally likely before the first measurement.
+To estimate an error that is not there costs accuracy. Before the first measurement, both hypotheses are equally likely
+for the sensor of landmarks; for the wheels, the user says how likely.
 The filter runs under the second one. Its belief given the configured errors is the estimate under the first, and the
 density of these errors now over that at the start is how much more likely the first has become (the density ratio of
 Savage and Dickey). So there is no second filter, and nothing to be remembered. The wheels and the sensor of landmarks
@@ -18,6 +19,8 @@ from diffbot_control.filter.options import FilterOptions
 from diffbot_core.geometry import wrap_angle
 
 Three = tuple[float, float, float]
+EVEN = 0.5
+"""probability of either of two hypotheses of which nothing is known"""
 
 
 def average(x: Array, P: Array, wheels: int, landmarks: int, options: FilterOptions) -> tuple[Array, Array]:
@@ -30,9 +33,9 @@ def average(x: Array, P: Array, wheels: int, landmarks: int, options: FilterOpti
         landmarks: place of the first error of the landmarks' sensor.
         options: of the filter; what is no state there has the variance 0 at the start.
     """
-    x, P = average_over(x, P, wheels, options.wheel_errors, wheel_variances(options))
+    x, P = average_over(x, P, wheels, options.wheel_errors, wheel_variances(options), options.wheels_as_configured)
     variances = landmark_variances(options)
-    return average_over(x, P, landmarks, options.landmark_errors, variances) if any(variances) else (x, P)
+    return average_over(x, P, landmarks, options.landmark_errors, variances, EVEN) if any(variances) else (x, P)
 
 
 def wheel_variances(options: FilterOptions) -> Three:
@@ -46,10 +49,13 @@ def landmark_variances(options: FilterOptions) -> Three:
     return offset * offset, scale * scale, bearing * bearing
 
 
-def average_over(x: Array, P: Array, first: int, configured: Three, variances: Three) -> tuple[Array, Array]:
+def average_over(
+    x: Array, P: Array, first: int, configured: Three, variances: Three, prior: float
+) -> tuple[Array, Array]:
     """Return mean (n,) and covariance (n, n) over both hypotheses on the errors from the place ``first`` on.
 
-    ``configured`` is what they are under the one, ``variances`` are theirs at the start under the other; 0: no state.
+    ``configured`` is what they are under the one, whose probability at the start is ``prior``; ``variances`` are theirs
+    at the start under the other; 0: no state.
     """
     given, P_given, log_ratio = x.copy(), P.copy(), 0.0
     for i in range(3):
@@ -60,7 +66,7 @@ def average_over(x: Array, P: Array, first: int, configured: Three, variances: T
             gain = P_given[at] / variance
             given += gain * shift
             P_given -= np.outer(gain, variance * gain)
-    as_configured = probability(log_ratio)
+    as_configured = probability(log_ratio, prior)
     between = given - x
     mean = x + as_configured * between
     mean[2] = wrap_angle(mean[2])
@@ -79,6 +85,11 @@ def log_density_ratio(shift: float, variance: float, variance_before: float) -> 
     return 0.5 * (math.log(variance_before / variance) - shift * shift / variance)
 
 
-def probability(log_ratio: float) -> float:
-    """Return the probability of the hypothesis whose probability has this ratio to that of the other one."""
-    return 1.0 / (1.0 + math.exp(min(-log_ratio, 700.0)))
+def probability(log_ratio: float, prior: float) -> float:
+    """Return the probability of a hypothesis.
+
+    Args:
+        log_ratio: logarithm of how much more likely it has become than the other one.
+        prior: its probability at the start.
+    """
+    return prior / (prior + (1.0 - prior) * math.exp(min(-log_ratio, 700.0)))

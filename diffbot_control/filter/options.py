@@ -64,6 +64,15 @@ class FilterConfig(NamedTuple):
             read_only=True,
         ),
     ] = 0.02
+    wheels_as_configured: Annotated[
+        float,
+        Spec(
+            "probability that the errors of the wheels are exactly as configured; the reported pose averages over "
+            "that and what the calibrating variants estimate; 0: they surely differ",
+            minimum=0.0,
+            maximum=1.0,
+        ),
+    ] = 0.5
     left_radius_error: Annotated[
         float,
         Spec("relative error of the left wheel's radius at the start, e.g. by calibration", minimum=-0.5, maximum=0.5),
@@ -196,6 +205,8 @@ class FilterOptions(NamedTuple):
     """bound of its estimate"""
     wheel_errors: tuple[float, float, float]
     """relative errors of the radii, left, right, and of the wheel separation at the start"""
+    wheels_as_configured: float
+    """probability that these are exact"""
     weigh_landmarks: bool
     """weigh landmarks beyond the gate instead of rejecting them"""
     correlation_times: CorrelationTimes
@@ -236,6 +247,7 @@ def options_of(config: FilterConfig, *, landmarks: bool = False) -> FilterOption
         (config.left_radius_error, config.right_radius_error, config.wheel_separation_error)
         if calibrating
         else (0.0, 0.0, 0.0),
+        config.wheels_as_configured,
         config.landmark_gate == WEIGH,
         CorrelationTimes(
             config.heading_correlation_time, config.landmark_correlation_time, config.fix_correlation_time

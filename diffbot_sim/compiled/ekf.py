@@ -93,7 +93,7 @@ def copy_to(target: Any, belief: Any) -> None:
             target["P"][i, j] = belief["P"][i, j]
 
 
-def average_over(belief: Any, given: Any, first: int, configured: Three, variances: Three) -> None:
+def average_over(belief: Any, given: Any, first: int, configured: Three, variances: Three, prior: float) -> None:
     """Average ``belief`` over both hypotheses as :func:`averaging.average_over` does; ``given`` is overwritten."""
     copy_to(given, belief)
     x, P, n, log_ratio = given["x"], given["P"], len(given["x"]), 0.0
@@ -113,7 +113,7 @@ def average_over(belief: Any, given: Any, first: int, configured: Three, varianc
             P[a, at] = P[at, a] = 0.0
             for b in range(a):
                 P[b, a] = P[a, b]
-    share = probability(log_ratio)
+    share = probability(log_ratio, prior)
     mean, covariance = belief["x"], belief["P"]
     for a in range(n):
         for b in range(a + 1):

@@ -20,7 +20,7 @@ from diffbot_control.filter.adaptation import (
     q_scale,
     r_scales,
 )
-from diffbot_control.filter.averaging import landmark_variances, wheel_variances
+from diffbot_control.filter.averaging import EVEN, landmark_variances, wheel_variances
 from diffbot_control.filter.fix_correlation import (
     STANDING,
     FixCorrelation,
@@ -228,9 +228,9 @@ def reported_belief(arrays: Any, options: FilterOptions) -> Any:
     reported, given = arrays["reported"], arrays["given"]
     copy_to(reported, arrays["belief"])
     if max(wheels) > 0.0:
-        average_over(reported, given, POSE, options.wheel_errors, wheels)
+        average_over(reported, given, POSE, options.wheel_errors, wheels, options.wheels_as_configured)
     if max(landmarks) > 0.0:
-        average_over(reported, given, WHEELS, options.landmark_errors, landmarks)
+        average_over(reported, given, WHEELS, options.landmark_errors, landmarks, EVEN)
     return reported
 
 

@@ -16,6 +16,7 @@ MRCLAM = MappingProxyType(
         "wheel_radius_sigma": 0.1,
         "wheel_separation_sigma": 0.1,
         "wheel_radius_walk": 1e-3,
+        "wheels_as_configured": 0.0,
         "odometry_delay": 0.25,
         # A camera at markers: the error grows with the distance and lasts longer than the time between two frames; some
         # markers are misread.
@@ -37,6 +38,7 @@ LABYRINTH = MappingProxyType(
         "wheel_radius_sigma": 0.1,
         "wheel_separation_sigma": 0.1,
         "wheel_radius_walk": 1e-3,
+        "wheels_as_configured": 0.0,
         "landmark_gate": "weigh",
     }
 )

@@ -100,6 +100,7 @@ def test_the_compiled_filter_is_filterpys(variant, seed):
             gate_probability=probability,
             relocation_timeout=0.8,
             wheel_separation_sigma=separation_sigma,
+            wheels_as_configured=0.5 if seed % 2 else 0.2,
             left_radius_error=0.02 if seed else 0.0,
             right_radius_error=-0.01 if seed else 0.0,
             wheel_separation_error=0.03 if seed else 0.0,
