@@ -20,6 +20,7 @@ EXECUTABLES = {
 }
 LAWS = {
     "switching": "diffbot_control.law.controller:SwitchingLaw",
+    "docking": "diffbot_control.law.docking:Docking",
     "aicardi": "diffbot_lab.laws.aicardi:Aicardi",
     "feedback_linearisation": "diffbot_lab.laws.feedback_linearisation:FeedbackLinearisation",
     "graceful": "diffbot_lab.laws.graceful:Graceful",

@@ -95,9 +95,12 @@ class Chains:
             )
 
     def _expect(self, event: str, source: subprocess.Popen[str]) -> dict[str, Any]:
-        """Read the next line of the source; it ends itself when it waits for too long."""
+        """Read the next event of the source; it ends itself when it waits for too long.
+
+        Libraries under the nodes may print lines of their own: an event is a line with a JSON object.
+        """
         assert source.stdout is not None
-        line = source.stdout.readline()
+        line = next((line for line in source.stdout if line.startswith("{")), "")
         if not line:
             logs = {log.stem: log.read_text().strip().splitlines() for log in sorted(self.folder.glob("*.log"))}
             last = " | ".join(f"{name}: {text[-1]}" for name, text in logs.items() if text) or "none"

@@ -43,7 +43,7 @@ from diffbot_sim.model.actuators import command_rows, delayed_command
 from diffbot_sim.model.outcome import Criteria, LawState, Outcome, add_step, new_totals, outcome_of
 from diffbot_sim.model.philox import NoiseKey
 from diffbot_sim.model.plant import PlantConfig, PlantState, new_plant, plant_step_at
-from diffbot_sim.model.sensors import SensorConfig, due, fix_at
+from diffbot_sim.model.sensors import SensorConfig, is_pose_due, measured_pose_at
 
 TRUTH, RAW, EKF = 0, 1, 2
 """The controller's feedback: the true pose, the newest fix, or the filter's estimate."""
@@ -179,9 +179,9 @@ def _newest_fix(robot: Robot, key: NoiseKey, state: PlantState, feedback: Feedba
         errors = record_step(record, sensed.errors, key, state, t_s, sensors)
         pose, known = arrived_fix(record, key.step, feedback.pose, feedback.known)
         return Feedback(Sensed(sensed.track, errors), pose, CERTAIN, known)
-    if not due(key.step, sensors.fix_rate, t_s):
+    if not is_pose_due(key.step, sensors, t_s):
         return feedback
-    fix = fix_at(key, state.pose, sensed.errors, sensors)
+    fix = measured_pose_at(key, state.pose, sensed.errors, sensors)
     after = Sensed(sensed.track, fix.errors)
     if fix.lost:
         return Feedback(after, feedback.pose, CERTAIN, feedback.known)

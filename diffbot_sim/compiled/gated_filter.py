@@ -21,6 +21,7 @@ from diffbot_control.filter.adaptation import (
     r_scales,
 )
 from diffbot_control.filter.averaging import EVEN, landmark_variances, wheel_variances
+from diffbot_control.filter.dock import FixNoise, scaled_noise
 from diffbot_control.filter.fix_correlation import (
     STANDING,
     FixCorrelation,
@@ -86,15 +87,10 @@ from diffbot_sim.compiled.ekf import (
 
 
 class PoseFix(NamedTuple):
-    """A measured pose with independent errors."""
+    """A measured pose."""
 
     pose: Pose
-    var_x: float
-    """[m^2]"""
-    var_y: float
-    """[m^2]"""
-    var_theta: float
-    """[rad^2]"""
+    noise: FixNoise
 
 
 class LandmarkMeasurement(NamedTuple):
@@ -278,9 +274,9 @@ def take_fix(track: Track, arrays: Any, fix: PoseFix, options: FilterOptions) ->
     adaptation = track.adaptation
     if options.adaptive:
         position, heading = r_scales(adaptation)
-        fix = PoseFix(fix.pose, position * fix.var_x, position * fix.var_y, heading * fix.var_theta)
+        fix = PoseFix(fix.pose, scaled_noise(fix.noise, position, heading))
     before, P = pose_of(belief), belief["P"]
-    variances = Variances(P[0, 0] + fix.var_x, P[1, 1] + fix.var_y, P[2, 2] + fix.var_theta)
+    variances = Variances(P[0, 0] + fix.noise.xx, P[1, 1] + fix.noise.yy, P[2, 2] + fix.noise.tt)
     nis, candidate_nis = _normalised(belief, work, fix), math.nan
     if track.gate.fixes.rejected > 0 and not is_expected(nis, fix_bound(track.gate, options.gates[2])):
         candidate_nis = _normalised(candidate, work, fix)
@@ -300,7 +296,10 @@ def take_fix(track: Track, arrays: Any, fix: PoseFix, options: FilterOptions) ->
 
 def _put_noise(work: Any, fix: PoseFix) -> None:
     R = work["R"]
-    R[0, 0], R[1, 1], R[2, 2] = fix.var_x, fix.var_y, fix.var_theta
+    R[0, 0], R[1, 1], R[2, 2] = fix.noise.xx, fix.noise.yy, fix.noise.tt
+    R[0, 1] = R[1, 0] = fix.noise.xy
+    R[0, 2] = R[2, 0] = fix.noise.xt
+    R[1, 2] = R[2, 1] = fix.noise.yt
 
 
 def _normalised(belief: Any, work: Any, fix: PoseFix) -> float:
@@ -348,7 +347,7 @@ def _with_fix(track: Track, belief: Any, fix: PoseFix, before: Pose, accepted: b
     """Return what a fix says about the correlation of the errors of fixes, and inflate the belief by it."""
     if not accepted:
         return unpaired(track.fix_correlation)
-    R = Variances(fix.var_x, fix.var_y, fix.var_theta)
+    R = Variances(fix.noise.xx, fix.noise.yy, fix.noise.tt)
     fix_correlation = with_fix(
         track.fix_correlation, track.travelled, fix.pose, R, before, pose_of(belief), belief["P"][2, 2]
     )

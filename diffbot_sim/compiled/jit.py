@@ -25,6 +25,7 @@ from diffbot_control.filter import (
     adaptation,
     averaging,
     correlation,
+    dock,
     fix_correlation,
     gate,
     landmark_calibration,
@@ -37,6 +38,7 @@ from diffbot_control.law import (
     braking_step,
     configuration,
     controller,
+    docking,
     finish,
     goal_checker,
     latency,
@@ -55,7 +57,7 @@ from diffbot_core.errors import DiffbotError
 from diffbot_core.private_folders import cache_folder, private_folder
 from diffbot_sim.compiled import closed_loop, ekf, gated_filter, late_fusion, open_loop, sensing, stepping
 from diffbot_sim.compiled.reachable import reachable_functions, source_files
-from diffbot_sim.model import actuators, outcome, philox, plant, sensors
+from diffbot_sim.model import actuators, detector, outcome, philox, plant, sensors
 
 MODULES = (
     geometry,
@@ -78,15 +80,18 @@ MODULES = (
     paper_step,
     braking_step,
     controller,
+    docking,
     philox,
     actuators,
     plant,
+    detector,
     sensors,
     outcome,
     gate,
     adaptation,
     averaging,
     correlation,
+    dock,
     fix_correlation,
     landmark_correlation,
     slip,

@@ -46,11 +46,12 @@ from diffbot_sim.model.plant import PlantState
 from diffbot_sim.model.sensors import (
     NO_ERRORS,
     SensorConfig,
+    claimed_noise,
     delay_in_steps,
     due,
-    fix_at,
-    fix_variances,
     heading_at,
+    is_pose_due,
+    measured_pose_at,
     uniform_variance,
 )
 
@@ -139,6 +140,7 @@ def late_steps(sensors: SensorConfig, sampling_time: float) -> int:
     return max(
         delay_in_steps(sensors.fix_delay + sensors.fix_delay_jitter, sampling_time),
         delay_in_steps(sensors.heading_delay, sampling_time),
+        delay_in_steps(sensors.detector.detection_delay, sampling_time) if sensors.detector.detection_rate > 0.0 else 0,
     )
 
 
@@ -187,8 +189,8 @@ def record_step(
     step["fix_arrival"], step["heading_arrival"] = -1.0, -1.0
     step["fix_fused"], step["heading_fused"], step["landmarks_fused"] = 0.0, 0.0, 0.0
     step["rate"], step["rate_variance"] = measured_rate(moment, state.twist.omega, sampling_time, sensors)
-    if due(number, sensors.fix_rate, sampling_time):
-        fix = fix_at(moment, state.pose, errors, sensors)
+    if is_pose_due(number, sensors, sampling_time):
+        fix = measured_pose_at(moment, state.pose, errors, sensors)
         errors = fix.errors
         if not fix.lost:
             step["fix_x"], step["fix_y"], step["fix_theta"] = fix.pose.x, fix.pose.y, fix.pose.theta
@@ -322,5 +324,5 @@ def _fix_pose(step: Any) -> Pose:
 
 
 def _fix_of(step: Any, sensors: SensorConfig) -> PoseFix:
-    var_x, var_y, var_theta = fix_variances(sensors)
-    return PoseFix(_fix_pose(step), var_x, var_y, var_theta)
+    pose = _fix_pose(step)
+    return PoseFix(pose, claimed_noise(pose, sensors))

@@ -23,13 +23,14 @@ from diffbot_sim.model.philox import Draw, NoiseKey
 from diffbot_sim.model.plant import PlantConfig, PlantState
 from diffbot_sim.model.sensors import (
     SensorConfig,
+    claimed_noise,
     due,
-    fix_at,
-    fix_variances,
     heading_at,
     in_range,
+    is_pose_due,
     landmark_at,
     landmark_variances,
+    measured_pose_at,
     turn_rate_at,
     turn_rate_due,
     uniform_variance,
@@ -72,12 +73,11 @@ def observe(
         track, slip = take_rate(track, arrays, motion, separation, options)
         motion = Motion(twist, t_s, add_twist_covariance(noise, slip), motion.rate)
         track = advance(track, arrays, motion, separation, options)
-    if due(step, sensors.fix_rate, t_s):
-        fix = fix_at(moment, state.pose, errors, sensors)
+    if is_pose_due(step, sensors, t_s):
+        fix = measured_pose_at(moment, state.pose, errors, sensors)
         errors = fix.errors
         if not fix.lost:
-            var_x, var_y, var_theta = fix_variances(sensors)
-            track = take_fix(track, arrays, PoseFix(fix.pose, var_x, var_y, var_theta), options)
+            track = take_fix(track, arrays, PoseFix(fix.pose, claimed_noise(fix.pose, sensors)), options)
     if track.initialised and due(step, sensors.heading_rate, t_s):
         heading = heading_at(moment, state.pose, sensors)
         track = take_heading(track, arrays, heading, uniform_variance(sensors.heading_error_max), options)

@@ -17,6 +17,7 @@ _UNIT = 2.0**-32
 
 # Blocks of four numbers that one step may draw; each purpose has its own, whatever else is switched on.
 WHEEL_BLOCK, FIX_BLOCK, FAULT_BLOCK, START_BLOCK, SLIP_BLOCK, GYRO_BLOCK = 0, 1, 2, 3, 4, 5
+DETECTION_BLOCK, DETECTION_FAULT_BLOCK = 6, 7
 LANDMARK_BLOCK = 16
 """of the first landmark of the map; the next ones follow"""
 

@@ -12,9 +12,11 @@ from __future__ import annotations
 import math
 from typing import Annotated, NamedTuple
 
+from diffbot_control.filter.dock import FixNoise
 from diffbot_core.geometry import Pose, range_and_bearing, wrap_angle
 from diffbot_core.ranges import DISTANCE
 from diffbot_core.schema import Spec, known_fields
+from diffbot_sim.model.detector import DetectorConfig, detection_at, noise_of, robot_seen
 from diffbot_sim.model.philox import (
     FAULT_BLOCK,
     FIX_BLOCK,
@@ -79,6 +81,7 @@ class SensorConfig(NamedTuple):
         float, Spec("bound of the error of a turn rate, independent from step to step", "rad/s", 0.0, 10.0)
     ] = 0.01
     gyro_bias: Annotated[float, Spec("constant error of the turn rate", "rad/s", -1.0, 1.0)] = 0.02
+    detector: DetectorConfig = DetectorConfig()
 
 
 NO_ERRORS = Draw(math.nan, math.nan, math.nan, math.nan)
@@ -178,6 +181,27 @@ def fix_variances(config: SensorConfig) -> tuple[float, float, float]:
     scale = config.fix_covariance_scale
     var_x, var_y = uniform_variance(config.eps_x_max), uniform_variance(config.eps_y_max)
     return scale * var_x, scale * var_y, scale * uniform_variance(config.eps_theta_max)
+
+
+def is_pose_due(step: int, config: SensorConfig, sampling_time: float) -> bool:
+    """Return True if a loop of one filter measures a pose at ``step``: see :func:`measured_pose_at`."""
+    return due(step, config.fix_rate, sampling_time) or due(step, config.detector.detection_rate, sampling_time)
+
+
+def measured_pose_at(key: NoiseKey, pose: Pose, before: Draw, config: SensorConfig) -> Fix:
+    """Measure the true ``pose`` as :func:`fix_at`, or, with a detector, in the frame of the dock."""
+    if config.detector.detection_rate <= 0.0:
+        return fix_at(key, pose, before, config)
+    found = detection_at(key, pose, config.detector)
+    return Fix(robot_seen(found), NO_ERRORS, found.lost, config.detector.detection_delay)
+
+
+def claimed_noise(measured: Pose, config: SensorConfig) -> FixNoise:
+    """Return the covariance that a measured pose of :func:`measured_pose_at` claims."""
+    if config.detector.detection_rate > 0.0:
+        return noise_of(measured, config.detector)
+    var_x, var_y, var_theta = fix_variances(config)
+    return FixNoise(var_x, 0.0, var_y, 0.0, 0.0, var_theta)
 
 
 def landmark_variances(config: SensorConfig) -> tuple[float, float]:

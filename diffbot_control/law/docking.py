@@ -1,0 +1,421 @@
+"""Docking: to a staging pose on the dock's axis by the switching law, then straight on along the axis until contact.
+
+All poses and goals are in the dock's frame: its origin is where the robot stands when it is docked, with that heading.
+The goal at the origin is contact; one on the axis before it undocks, driving out along the axis. Let x, y, theta be the
+pose, and v > 0 towards the dock. On the axis
+
+    omega = -v y sinc(theta) / lambda^2 - 2 |v| theta / lambda,      V = (y^2 / lambda^2 + theta^2) / 2
+
+so dV = -2 |v| theta^2 / lambda <= 0 for any speed, in and out: along the way y has a double pole at -1 / lambda,
+whatever the speed is, and a robot that stands does not turn. V <= corridor^2 / 2 bounds y and theta until the end. From
+``commit_distance`` on the heading alone is held, as in Omega_L: omega = -2 |v| theta / lambda; a correction of y there
+would leave the robot turned at contact. So it can be said on the way with which error the robot will arrive, and whether
+there is room to work it off. A robot that docks with its back sees all this in the frame turned round.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, NamedTuple
+
+from diffbot_control.law.braking_step import braking_step
+from diffbot_control.law.configuration import ControllerConfig, ControllerMemory, Report, new_memory
+from diffbot_control.law.latency import Actuation, coast, is_immediate
+from diffbot_control.law.limits import limit_change, limit_velocity
+from diffbot_control.law.lyapunov_law import sinc
+from diffbot_control.law.polar_coordinates import navigation_variables
+from diffbot_control.law.regions import OMEGA_L
+from diffbot_control.law.speed_profile import braking
+from diffbot_core.data_sheet import DataSheet
+from diffbot_core.geometry import Pose, into_frame
+from diffbot_core.kinematics import Twist
+from diffbot_core.ranges import ANGLE, LENGTH, SPEED
+from diffbot_core.schema import Spec, known_fields
+from diffbot_core.uncertainty import Estimate, Uncertainty
+
+STAGING, APPROACHING, RETREATING, DOCKED, FAILED, UNDOCKING, UNDOCKED = 0, 1, 2, 3, 4, 5, 6
+PHASE_NAMES = ("staging", "approaching", "retreating", "docked", "failed", "undocking", "undocked")
+
+_ENTRY = 0.4
+"""share of the tolerances that the predicted error may have where the approach begins"""
+_SIGMAS = 2.6
+"""deviations that have to fit into the tolerances beside the predicted error before the robot goes on blindly"""
+_REST = 1.0
+"""[s] at the staging pose without an approach, after which the robot drives out along the axis to align"""
+_STALL_TIME, _STALL_WAY = 0.7, 0.01
+"""[s], [m] the robot counts as standing against the dock if it has come no farther in this time"""
+_MARGIN = 0.05
+"""[m] the retreat ends so far behind the staging pose"""
+_NEAR = 0.2
+"""[m] the approach may begin so far before the staging pose"""
+_BRAKE_SHARE = 0.5
+"""share of the acceleration limit that the speed along the axis is planned with"""
+_ON_AXIS, _ALONG_AXIS, _UNDOCKED = 0.01, 0.02, 0.02
+"""[m] across, [rad], [m] along: what counts as on the axis, and as its end"""
+
+
+@known_fields
+class DockingConfig(NamedTuple):
+    """How a robot docks; ``drive`` is the law that drives to the staging pose."""
+
+    dock_backward: Annotated[bool, Spec("the back of the robot docks")] = False
+    staging_distance: Annotated[float, Spec("distance of the staging pose from the docked one", "m", *LENGTH)] = 0.7
+    approach_length: Annotated[
+        float, Spec("lambda, the way in which a lateral error decays on the axis", "m", 0.02, 2.0)
+    ] = 0.08
+    corridor: Annotated[
+        float, Spec("bound of sqrt(y^2 / lambda^2 + theta^2) where the approach begins", "rad", *ANGLE)
+    ] = 0.4
+    straight_length: Annotated[float, Spec("way before contact without any steering", "m", 0.0, 1.0)] = 0.05
+    commit_distance: Annotated[
+        float, Spec("the robot goes nearer only if it will dock within the tolerances", "m", 0.0, 10.0)
+    ] = 0.33
+    commit_timeout: Annotated[float, Spec("how long it waits there to become certain", "s", 0.0, 3600.0)] = 4.0
+    dock_speed: Annotated[float, Spec("speed along the axis", "m/s", *SPEED)] = 0.12
+    contact_speed: Annotated[float, Spec("speed at contact", "m/s", *SPEED)] = 0.08
+    press_distance: Annotated[
+        float, Spec("how far beyond the docked pose the robot drives on until it feels the contact", "m", 0.0, 1.0)
+    ] = 0.03
+    dock_xy_tolerance: Annotated[float, Spec("lateral error to dock with, likewise", "m", *LENGTH)] = 0.02
+    dock_yaw_tolerance: Annotated[
+        float, Spec("heading error to dock with, by the estimate and 2.6 of its deviations", "rad", *ANGLE)
+    ] = 0.013
+    dock_tries: Annotated[int, Spec("approaches before the robot gives up", minimum=1, maximum=100)] = 3
+    drive: ControllerConfig = ControllerConfig()
+
+    @property
+    def data_sheet(self) -> DataSheet:
+        """Of the robot."""
+        return self.drive.data_sheet
+
+
+class DockingMemory(NamedTuple):
+    """What one step passes to the next."""
+
+    phase: int
+    tries: int
+    """approaches broken off"""
+    committed: bool
+    """the robot goes on whether the dock is seen or not"""
+    contact: bool
+    """something else than the pose says that the robot touches the dock"""
+    wait: float
+    """[s] at rest at the staging pose, or until certain; without progress near contact"""
+    nearest: float
+    """[m] least distance so far near contact"""
+    command: Twist
+    actuation: Actuation
+    drive: ControllerMemory
+    """of the law that drives to the staging pose"""
+    reached: bool
+    """docked"""
+
+
+class Arrival(NamedTuple):
+    """Error that the robot will arrive with if nothing disturbs it."""
+
+    y: float
+    """[m]"""
+    theta: float
+    """[rad]"""
+
+
+def new_docking_memory(config: DockingConfig) -> DockingMemory:
+    """Return the memory at rest before the first pose."""
+    drive = new_memory()
+    return DockingMemory(
+        phase=STAGING,
+        tries=0,
+        committed=False,
+        contact=False,
+        wait=0.0,
+        nearest=math.inf,
+        command=drive.command,
+        actuation=drive.actuation,
+        drive=drive,
+        reached=False,
+    )
+
+
+def axis_lyapunov(pose: Pose, length: float) -> float:
+    """V on the axis, with lambda = ``length`` [m]."""
+    lateral = pose.y / length
+    return 0.5 * (lateral * lateral + pose.theta * pose.theta)
+
+
+def along_axis(pose: Pose, v: float, length: float) -> Twist:
+    """Return the command of speed ``v`` [m/s], < 0 for out, that keeps dV <= 0."""
+    curvature = pose.y * sinc(pose.theta) / (length * length)
+    return Twist(v, -v * curvature - 2.0 * abs(v) * pose.theta / length)
+
+
+def hold_heading(pose: Pose, v: float, length: float) -> Twist:
+    """Return the command of speed ``v`` [m/s] that holds the heading of the axis: theta^2 decays, y stays."""
+    return Twist(v, -2.0 * abs(v) * pose.theta / length)
+
+
+def arrival(pose: Pose, config: DockingConfig) -> Arrival:
+    """Predict the error at contact from a pose in the dock's frame, linearised.
+
+    Until ``commit_distance`` y'' + 2 y' / lambda + y / lambda^2 = 0 over the way, then theta' = -2 theta / lambda until
+    ``straight_length``, then neither changes.
+    """
+    length, distance = config.approach_length, max(-pose.x, 0.0)
+    straight = min(config.straight_length, distance)
+    hold = max(min(config.commit_distance, distance) - straight, 0.0)
+    way = max(distance - straight - hold, 0.0)
+    slope, left = pose.y / length + pose.theta, math.exp(-way / length)
+    y, theta = (pose.y + slope * way) * left, (pose.theta - slope * way / length) * left
+    held = math.exp(-2.0 * hold / length)
+    y, theta = y + 0.5 * length * theta * (1.0 - held), theta * held
+    return Arrival(y + straight * theta, theta)
+
+
+def fits(at: Arrival, share: float, config: DockingConfig) -> bool:
+    """Whether an arrival is within this share of the tolerances."""
+    return abs(at.y) <= share * config.dock_xy_tolerance and abs(at.theta) <= share * config.dock_yaw_tolerance
+
+
+def is_certain(at: Arrival, distance: float, uncertainty: Uncertainty, config: DockingConfig) -> bool:
+    """Whether an arrival fits together with the uncertainty of the pose, ``distance`` [m] before contact."""
+    across = math.hypot(uncertainty.xy, distance * uncertainty.theta)
+    return (
+        abs(at.y) + _SIGMAS * across <= config.dock_xy_tolerance
+        and abs(at.theta) + _SIGMAS * uncertainty.theta <= config.dock_yaw_tolerance
+    )
+
+
+def docking_step(
+    memory: DockingMemory, estimate: Estimate, goal: Pose, dt: float, config: DockingConfig
+) -> tuple[DockingMemory, Twist, Report]:
+    """Drive towards contact, or out along the axis, for one period; as ``controller.step`` but for the frame.
+
+    ``estimate`` and ``goal`` are in the dock's frame; a goal neither at its origin nor on the axis before it fails.
+    At the goal, or after the last try, the command is zero.
+    """
+    sheet = config.drive.data_sheet
+    actuation, rest = memory.actuation, estimate.pose
+    if not is_immediate(sheet):
+        coasted = coast(estimate.pose, memory.actuation, memory.command, dt, sheet)
+        actuation, rest = coasted.actuation, coasted.pose
+    pose, out = _leading(rest, config), -_leading(goal, config).x
+    if memory.drive.command != memory.command:
+        memory = _in_phase(memory, memory.phase, memory.tries)  # a new goal, for a robot that moves
+    if memory.phase == STAGING and not _is_contact(goal):
+        memory = _in_phase(memory, UNDOCKING if _is_undocked(goal, out) else FAILED, memory.tries)
+    memory = _next_phase(memory, _leading(estimate.pose, config), pose, estimate.uncertainty, out, dt, config)
+    if memory.phase == STAGING:
+        return _staging_step(memory, estimate, dt, config)
+    requested = limit_velocity(_requested(memory, pose, estimate.uncertainty, out, config), sheet)
+    if config.dock_backward:
+        requested = Twist(-requested.v, requested.omega)
+    command = limit_change(requested, memory.command, dt, sheet)
+    if not math.isfinite(rest.x + rest.y + rest.theta + command.v + command.omega):
+        command = Twist(0.0, 0.0)
+    rho, alpha, beta = navigation_variables(into_frame(rest, goal))
+    lyapunov = axis_lyapunov(pose, config.approach_length)
+    report = Report(rho, alpha, beta, rest.theta, config.corridor, OMEGA_L, lyapunov)
+    return _with_motion(memory, command, actuation), command, report
+
+
+def reason_to_give_up(memory: DockingMemory, config: DockingConfig) -> str:
+    """Return why the goal will not be reached; empty if it may."""
+    if memory.phase != FAILED:
+        return ""
+    if memory.tries == 0:
+        return "not at the dock nor on the axis before it"
+    return f"{memory.tries} approaches broken off: beside the axis or too uncertain at commit_distance"
+
+
+def _is_contact(goal: Pose) -> bool:
+    return abs(goal.x) <= _UNDOCKED and abs(goal.y) <= _ON_AXIS and abs(goal.theta) <= _ALONG_AXIS
+
+
+def _is_undocked(goal: Pose, out: float) -> bool:
+    return out > _UNDOCKED and abs(goal.y) <= _ON_AXIS and abs(goal.theta) <= _ALONG_AXIS
+
+
+def _leading(pose: Pose, config: DockingConfig) -> Pose:
+    """Return the pose of the end that leads: for a robot that docks backwards in the dock's frame turned round."""
+    if not config.dock_backward:
+        return pose
+    return Pose(-pose.x, -pose.y, pose.theta)
+
+
+def _next_phase(
+    memory: DockingMemory,
+    now: Pose,
+    rest: Pose,
+    uncertainty: Uncertainty,
+    out: float,
+    dt: float,
+    config: DockingConfig,
+) -> DockingMemory:
+    """Decide from the pose that the robot has now, and from the one in which it would come to rest."""
+    phase, distance = memory.phase, -rest.x
+    if phase == STAGING:
+        return _next_staging(memory, rest, dt, config)
+    if phase == APPROACHING:
+        return _next_approach(memory, now, rest, uncertainty, dt, config)
+    if phase == RETREATING and distance >= config.staging_distance + _MARGIN:
+        return _in_phase(memory, FAILED if memory.tries >= config.dock_tries else STAGING, memory.tries)
+    if phase == UNDOCKING and distance >= out - _UNDOCKED:
+        return _in_phase(memory, UNDOCKED, memory.tries)
+    return memory
+
+
+def _next_staging(memory: DockingMemory, rest: Pose, dt: float, config: DockingConfig) -> DockingMemory:
+    near = config.straight_length < -rest.x <= config.staging_distance + _NEAR
+    if near and _is_inside(rest, config) and fits(arrival(rest, config), _ENTRY, config):
+        return _in_phase(memory, APPROACHING, memory.tries)
+    standing = memory.drive.switching.region == OMEGA_L and memory.command.v == 0.0 and memory.command.omega == 0.0
+    wait = memory.wait + dt if standing else 0.0
+    if wait > _REST:
+        return _in_phase(memory, RETREATING, memory.tries)
+    return _waiting(memory, False, wait, math.inf)
+
+
+def _next_approach(
+    memory: DockingMemory, now: Pose, rest: Pose, uncertainty: Uncertainty, dt: float, config: DockingConfig
+) -> DockingMemory:
+    if -now.x <= config.straight_length:
+        return _touching(memory, -now.x, dt, config)
+    at, distance = arrival(rest, config), -rest.x
+    if distance > config.straight_length and not (_is_inside(rest, config) and fits(at, 1.0, config)):
+        return _in_phase(memory, RETREATING, memory.tries + 1)
+    if memory.committed or distance > config.commit_distance:
+        return memory
+    if is_certain(at, distance, uncertainty, config):
+        return _waiting(memory, True, 0.0, math.inf)
+    if memory.wait + dt > config.commit_timeout:
+        return _in_phase(memory, RETREATING, memory.tries + 1)
+    return _waiting(memory, False, memory.wait + dt, math.inf)
+
+
+def _is_inside(pose: Pose, config: DockingConfig) -> bool:
+    """Whether a pose is in the corridor, the sublevel set of V."""
+    return math.sqrt(2.0 * axis_lyapunov(pose, config.approach_length)) <= config.corridor
+
+
+def _touching(memory: DockingMemory, distance: float, dt: float, config: DockingConfig) -> DockingMemory:
+    """Decide on the last way: the robot feels the dock, stands against it, or is beyond where it has to be."""
+    wait, nearest = memory.wait + dt, memory.nearest
+    if distance < nearest - _STALL_WAY:
+        wait, nearest = 0.0, distance
+    stands = wait > _STALL_TIME and distance <= config.press_distance
+    if memory.contact or stands or distance <= -config.press_distance:
+        return _in_phase(memory, DOCKED, memory.tries)
+    return _waiting(memory, True, wait, nearest)
+
+
+def _requested(memory: DockingMemory, pose: Pose, uncertainty: Uncertainty, out: float, config: DockingConfig) -> Twist:
+    """Return the command on the axis before the limits, of the end that leads."""
+    phase, length, distance = memory.phase, config.approach_length, -pose.x
+    if phase == RETREATING:
+        return along_axis(pose, -_speed_to(config.staging_distance + 2.0 * _MARGIN - distance, config), length)
+    if phase == UNDOCKING:
+        return along_axis(pose, -_speed_to(out - distance, config), length)
+    if phase != APPROACHING:
+        return Twist(0.0, 0.0)
+    v = min(config.dock_speed, config.contact_speed + _speed_to(distance - config.straight_length, config))
+    if not memory.committed and not is_certain(arrival(pose, config), distance, uncertainty, config):
+        v = min(v, _speed_to(distance - config.commit_distance, config))
+    if distance > config.commit_distance:
+        return along_axis(pose, v, length)
+    return hold_heading(pose, v, length) if distance > config.straight_length else Twist(v, 0.0)
+
+
+def _speed_to(way: float, config: DockingConfig) -> float:
+    """Return the speed [m/s] along the axis from which the robot can stop within ``way`` [m]."""
+    gains = config.drive.profile_gains
+    brake = min(gains.brake, _BRAKE_SHARE * config.drive.data_sheet.a_max)
+    return min(config.dock_speed, braking(max(way, 0.0), brake, gains.react))
+
+
+def _staging_step(
+    memory: DockingMemory, estimate: Estimate, dt: float, config: DockingConfig
+) -> tuple[DockingMemory, Twist, Report]:
+    """Drive to the staging pose by the switching law."""
+    staging = _leading(Pose(-config.staging_distance, 0.0, 0.0), config)
+    drive, command, report = braking_step(memory.drive, estimate, staging, dt, config.drive)
+    after = DockingMemory(
+        phase=STAGING,
+        tries=memory.tries,
+        committed=False,
+        contact=memory.contact,
+        wait=memory.wait,
+        nearest=math.inf,
+        command=command,
+        actuation=drive.actuation,
+        drive=drive,
+        reached=False,
+    )
+    return after, command, report
+
+
+def _in_phase(memory: DockingMemory, phase: int, tries: int) -> DockingMemory:
+    """Begin a phase, with the motion that the robot has."""
+    # Compiled code has neither _replace nor defaults.
+    drive = new_memory()
+    drive = ControllerMemory(
+        switching=drive.switching,
+        command=memory.command,
+        settling=drive.settling,
+        reapproach=drive.reapproach,
+        finish=drive.finish,
+        course=drive.course,
+        actuation=memory.actuation,
+        reached=False,
+    )
+    return DockingMemory(
+        phase=phase,
+        tries=tries,
+        committed=False,
+        contact=memory.contact,
+        wait=0.0,
+        nearest=math.inf,
+        command=memory.command,
+        actuation=memory.actuation,
+        drive=drive,
+        reached=phase in (DOCKED, UNDOCKED),
+    )
+
+
+def _waiting(memory: DockingMemory, committed: bool, wait: float, nearest: float) -> DockingMemory:
+    return DockingMemory(
+        phase=memory.phase,
+        tries=memory.tries,
+        committed=committed,
+        contact=memory.contact,
+        wait=wait,
+        nearest=nearest,
+        command=memory.command,
+        actuation=memory.actuation,
+        drive=memory.drive,
+        reached=memory.reached,
+    )
+
+
+def _with_motion(memory: DockingMemory, command: Twist, actuation: Actuation) -> DockingMemory:
+    return DockingMemory(
+        phase=memory.phase,
+        tries=memory.tries,
+        committed=memory.committed,
+        contact=memory.contact,
+        wait=memory.wait,
+        nearest=memory.nearest,
+        command=command,
+        actuation=actuation,
+        drive=memory.drive,
+        reached=memory.reached,
+    )
+
+
+class Docking:
+    """Docking in the form of :class:`diffbot_control.goals.protocol.Law`."""
+
+    name = "docking"
+    Config = DockingConfig
+    new_memory = staticmethod(new_docking_memory)
+    step = staticmethod(docking_step)
+    reason_to_give_up = staticmethod(reason_to_give_up)
