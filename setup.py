@@ -13,6 +13,7 @@ EXECUTABLES = {
     "controller_node": "diffbot_control.executables:controller_node",
     "ekf_node": "diffbot_control.executables:ekf_node",
     "plant_node": "diffbot_sim.executables:plant_node",
+    "docking_node": "diffbot_control.executables:docking_node",
     "robot_node": "diffbot_control.executables:robot_node",
     "recorder_node": "diffbot_bag.executables:recorder_node",
     "replay_node": "diffbot_bag.executables:replay_node",

@@ -14,6 +14,8 @@ from typing import Any
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry, Path
+from sensor_msgs.msg import BatteryState
+from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from diffbot_control.goals.driver import STOP
@@ -83,6 +85,9 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self._updates = GoalUpdates(self, self.goals)
         self.subscribe(PoseStamped, UPDATE_TOPIC, self._on_goal_update, sensor_qos(config.reliable_inputs))
         self.subscribe(Path, "path", self._on_path, raw=True)
+        if hasattr(self.supervisor.memory, "contact"):
+            self.subscribe(Bool, "dock_contact", lambda message: self.supervisor.on_contact(message.data))
+            self.subscribe(BatteryState, "battery_state", self._on_battery)
         self._pose_topic = "pose" if config.pose_source == "pose" else "odometry/filtered"
         self._receive_poses(self._pose_topic)
         self.publisher_watch.watch("cmd_vel", "drive the robot", config.commands.max_cmd_vel_publishers)
@@ -171,6 +176,9 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self._check_active()
         config = self.config
         self.goals.paths.start(poses_along(read_path(data), config.map_frame, self._transforms, config.max_path_poses))
+
+    def _on_battery(self, message: BatteryState) -> None:
+        self.supervisor.on_contact(message.power_supply_status == BatteryState.POWER_SUPPLY_STATUS_CHARGING)
 
     def _on_goal_update(self, message: PoseStamped) -> None:
         if self.supervisor.goals.present is None:

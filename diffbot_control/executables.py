@@ -8,4 +8,5 @@ from diffbot_core.launcher import launch
 
 controller_node = partial(launch, "diffbot_control.controller_node")
 ekf_node = partial(launch, "diffbot_control.ekf_node")
+docking_node = partial(launch, "diffbot_control.docking_node")
 robot_node = partial(launch, "diffbot_control.robot_node")

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diffbot_control.filter.covariance import uncertainty_of
+from diffbot_control.filter.dock import Mounting
 from diffbot_control.filter.gyro import GyroSample
 from diffbot_control.filter.localization import FilterEstimate, Localization
 from diffbot_control.filter.localization_config import LocalizationConfig
@@ -20,6 +21,7 @@ from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
 from diffbot_sim.feedback import EKF, FEEDBACKS, RAW, TRUTH
 from diffbot_sim.model.outcome import Criteria, LawState, Outcome, add_step, new_totals, outcome_of
+from diffbot_sim.model.sensors import check_detector
 from diffbot_sim.model.simulator import Arrivals, World, WorldConfig
 
 Array = NDArray[np.float64]
@@ -79,12 +81,13 @@ def simulate(
     the pose with a command, the plant holds it for one sampling time.
 
     Raises:
-        InvalidValueError: for a feedback that is none of FEEDBACKS, or less than one step.
+        InvalidValueError: for a feedback that is none of FEEDBACKS, or less than one step; see :func:`check_detector`.
     """
     if feedback not in FEEDBACKS:
         raise InvalidValueError("feedback", feedback, "one of " + ", ".join(FEEDBACKS))
     if steps < 1:
         raise InvalidValueError("steps", steps, ">= 1")
+    check_detector(world_config.sensors)
     world = World(world_config)
     separation = world_config.plant.wheels.wheel_separation
     landmarks = bool(world_config.landmarks.landmark_ids)
@@ -109,11 +112,16 @@ def simulate(
     return Recording(time, rows[:, 0:3], rows[:, 3:6], rows[:, 6:8], regions, reached, rows[:, 8])
 
 
+DOCK = Mounting(Pose(0.0, 0.0, 0.0), Pose(0.0, 0.0, 0.0))
+"""The plant's detector measures where the docked robot will stand, in the robot's frame."""
+
+
 def measurements_of(arrivals: Arrivals) -> list[Measurement]:
     """Return what the filter gets of the plant's readings."""
     return [
         *(PoseFix(*one) for one in arrivals.fixes),
         *(Heading(*one) for one in arrivals.headings),
+        *(PoseFix(one.stamp, DOCK.robot(one.pose), DOCK.covariance(one.pose, one.R)) for one in arrivals.detections),
         *(LandmarkMeasurement(one.stamp, one.range, one.bearing, one.R, one.landmark) for one in arrivals.landmarks),
     ]
 

@@ -25,6 +25,7 @@ NODES = {
     "robot": Entry("diffbot_control.robot_node", "make_nodes", ("ekf", "controller")),
     "ekf": Entry("diffbot_control.ekf_node", "EkfNode"),
     "controller": Entry("diffbot_control.controller_node", "ControllerNode"),
+    "docking": Entry("diffbot_control.docking_node", "make_nodes", ("dock_ekf", "dock_controller")),
     "plant": Entry("diffbot_sim.plant_node", "PlantNode"),
     "replay": Entry("diffbot_bag.replay_node", "ReplayNode"),
     "recorder": Entry("diffbot_bag.recorder_node", "RecorderNode"),

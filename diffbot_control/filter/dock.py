@@ -10,7 +10,10 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from diffbot_core.geometry import Pose, into_frame
+import numpy as np
+from numpy.typing import NDArray
+
+from diffbot_core.geometry import Pose, into_frame, out_of_frame
 
 
 class FixNoise(NamedTuple):
@@ -61,3 +64,31 @@ def scaled_noise(noise: FixNoise, position: float, heading: float) -> FixNoise:
         both * noise.yt,
         heading * noise.tt,
     )
+
+
+class Mounting(NamedTuple):
+    """Where a detector is on the robot, and where the docked robot stands relative to what it detects."""
+
+    detector: Pose
+    """[m, m, rad] in the robot's frame"""
+    docked: Pose
+    """[m, m, rad] of the docked robot in the frame of what is detected"""
+
+    def robot(self, detected: Pose) -> Pose:
+        """Return the robot's pose in the dock's frame for a pose detected in the detector's."""
+        return robot_at_dock(out_of_frame(self.docked, out_of_frame(detected, self.detector)))
+
+    def covariance(self, detected: Pose, R: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the covariance (3, 3) of :meth:`robot` to first order, for ``R`` (3, 3) of the detected pose."""
+        marker = out_of_frame(detected, self.detector)
+        x, y, theta = robot_at_dock(out_of_frame(self.docked, marker))
+        offset_x, offset_y, _ = out_of_frame(self.docked, Pose(0.0, 0.0, marker.theta))
+        # Of the docked robot in the robot's frame by the detected x, y, theta ...
+        c, s = math.cos(self.detector.theta), math.sin(self.detector.theta)
+        by_detected = np.array(((c, -s, -offset_y), (s, c, offset_x), (0.0, 0.0, 1.0)))
+        # ... and of the robot in the dock's frame by that.
+        c, s = math.cos(theta), math.sin(theta)
+        by_docked = np.array(((-c, s, y), (-s, -c, -x), (0.0, 0.0, -1.0)))
+        J = by_docked @ by_detected
+        covariance: NDArray[np.float64] = J @ R @ J.T
+        return covariance

@@ -126,7 +126,11 @@ class Driver:
 
     def reason_to_give_up(self, memory: Any, config: Any) -> str:
         """Return why the law cannot reach the goal, empty if it may; ``config`` is the supervisor's."""
-        return ""
+        ask = getattr(self.law, "reason_to_give_up", None)
+        try:
+            return str(ask(memory, config.controller)) if callable(ask) else ""
+        except Exception as error:
+            return str(self._error(error))
 
     def is_too_uncertain(self, memory: Any, command: Twist, uncertainty: Uncertainty, config: Any) -> bool:
         """True if the robot rests with an estimate too uncertain for the goal to count as reached."""

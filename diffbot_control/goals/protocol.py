@@ -18,6 +18,10 @@ class Law(Protocol):
     it False. Two more fields outlive a goal, since they describe the robot's motion: ``command: Twist``, the last
     command, and ``actuation: Actuation``, the commands under way (:mod:`diffbot_control.law.latency`). Both are kept
     for a new goal, and follow the robot while it comes to rest without one.
+
+    A law may also have ``reason_to_give_up(memory, config) -> str``, not empty where it will not reach the goal, and
+    ``describe(memory) -> dict[str, str]``, which ~/status shows. A memory with the field ``contact: bool`` is told on
+    ``dock_contact`` and ``battery_state`` that the robot touches its dock.
     """
 
     name: str

@@ -188,6 +188,11 @@ class Supervisor:
         self.goals_ahead[-1] = goal
         self.updates += 1
 
+    def on_contact(self, touches: bool) -> None:
+        """Tell a law that docks whether the robot touches its dock."""
+        if hasattr(self.memory, "contact"):
+            self.memory = self.memory._replace(contact=touches)
+
     def on_cancel(self) -> Twist | None:
         """Drop the goal, if there is one, and start to come to rest at once, with or without a pose."""
         if self.state not in WITH_GOAL:

@@ -7,10 +7,10 @@ pose, and v > 0 towards the dock. On the axis
     omega = -v y sinc(theta) / lambda^2 - 2 |v| theta / lambda,      V = (y^2 / lambda^2 + theta^2) / 2
 
 so dV = -2 |v| theta^2 / lambda <= 0 for any speed, in and out: along the way y has a double pole at -1 / lambda,
-whatever the speed is, and a robot that stands does not turn. V <= corridor^2 / 2 bounds y and theta until the end. From
-``commit_distance`` on the heading alone is held, as in Omega_L: omega = -2 |v| theta / lambda; a correction of y there
-would leave the robot turned at contact. So it can be said on the way with which error the robot will arrive, and whether
-there is room to work it off. A robot that docks with its back sees all this in the frame turned round.
+whatever the speed is, and a robot that stands does not turn. V <= corridor^2 / 2 bounds y and theta until the end.
+From ``commit_distance`` on the heading alone is held, as in Omega_L: omega = -2 |v| theta / lambda; a correction of y
+there would leave the robot turned at contact. So it can be said on the way with which error the robot will arrive, and
+whether there is room to work it off. A robot that docks with its back sees all this in the frame turned round.
 """
 
 from __future__ import annotations
@@ -199,14 +199,14 @@ def docking_step(
         coasted = coast(estimate.pose, memory.actuation, memory.command, dt, sheet)
         actuation, rest = coasted.actuation, coasted.pose
     pose, out = _leading(rest, config), -_leading(goal, config).x
-    if memory.drive.command != memory.command:
-        memory = _in_phase(memory, memory.phase, memory.tries)  # a new goal, for a robot that moves
+    if memory.phase == STAGING and memory.drive.command != memory.command:
+        memory = _in_phase(memory, STAGING, memory.tries)  # a new goal, for a robot that moves
     if memory.phase == STAGING and not _is_contact(goal):
         memory = _in_phase(memory, UNDOCKING if _is_undocked(goal, out) else FAILED, memory.tries)
     memory = _next_phase(memory, _leading(estimate.pose, config), pose, estimate.uncertainty, out, dt, config)
     if memory.phase == STAGING:
         return _staging_step(memory, estimate, dt, config)
-    requested = limit_velocity(_requested(memory, pose, estimate.uncertainty, out, config), sheet)
+    requested = limit_velocity(_requested(memory, pose, out, config), sheet)
     if config.dock_backward:
         requested = Twist(-requested.v, requested.omega)
     command = limit_change(requested, memory.command, dt, sheet)
@@ -225,6 +225,11 @@ def reason_to_give_up(memory: DockingMemory, config: DockingConfig) -> str:
     if memory.tries == 0:
         return "not at the dock nor on the axis before it"
     return f"{memory.tries} approaches broken off: beside the axis or too uncertain at commit_distance"
+
+
+def describe(memory: DockingMemory) -> dict[str, str]:
+    """Return what ~/status shows of the memory."""
+    return {"phase": PHASE_NAMES[memory.phase], "approaches broken off": str(memory.tries)}
 
 
 def _is_contact(goal: Pose) -> bool:
@@ -281,15 +286,16 @@ def _next_approach(
     if -now.x <= config.straight_length:
         return _touching(memory, -now.x, dt, config)
     at, distance = arrival(rest, config), -rest.x
-    if distance > config.straight_length and not (_is_inside(rest, config) and fits(at, 1.0, config)):
+    goes_beside = not (_is_inside(rest, config) and fits(at, 1.0, config))
+    if (goes_beside and distance > config.straight_length) or memory.wait > config.commit_timeout:
         return _in_phase(memory, RETREATING, memory.tries + 1)
-    if memory.committed or distance > config.commit_distance:
+    # Beyond this distance the robot can still stop at commit_distance.
+    braking_way = config.dock_speed * (config.drive.profile_gains.react + 0.5 * config.dock_speed / _brake(config))
+    if memory.committed or distance > config.commit_distance + braking_way:
         return memory
-    if is_certain(at, distance, uncertainty, config):
-        return _waiting(memory, True, 0.0, math.inf)
-    if memory.wait + dt > config.commit_timeout:
-        return _in_phase(memory, RETREATING, memory.tries + 1)
-    return _waiting(memory, False, memory.wait + dt, math.inf)
+    committed = is_certain(at, distance, uncertainty, config)
+    is_there = not committed and distance <= config.commit_distance
+    return _waiting(memory, committed, memory.wait + dt if is_there else 0.0, math.inf)
 
 
 def _is_inside(pose: Pose, config: DockingConfig) -> bool:
@@ -308,7 +314,7 @@ def _touching(memory: DockingMemory, distance: float, dt: float, config: Docking
     return _waiting(memory, True, wait, nearest)
 
 
-def _requested(memory: DockingMemory, pose: Pose, uncertainty: Uncertainty, out: float, config: DockingConfig) -> Twist:
+def _requested(memory: DockingMemory, pose: Pose, out: float, config: DockingConfig) -> Twist:
     """Return the command on the axis before the limits, of the end that leads."""
     phase, length, distance = memory.phase, config.approach_length, -pose.x
     if phase == RETREATING:
@@ -318,7 +324,7 @@ def _requested(memory: DockingMemory, pose: Pose, uncertainty: Uncertainty, out:
     if phase != APPROACHING:
         return Twist(0.0, 0.0)
     v = min(config.dock_speed, config.contact_speed + _speed_to(distance - config.straight_length, config))
-    if not memory.committed and not is_certain(arrival(pose, config), distance, uncertainty, config):
+    if not memory.committed:
         v = min(v, _speed_to(distance - config.commit_distance, config))
     if distance > config.commit_distance:
         return along_axis(pose, v, length)
@@ -327,9 +333,12 @@ def _requested(memory: DockingMemory, pose: Pose, uncertainty: Uncertainty, out:
 
 def _speed_to(way: float, config: DockingConfig) -> float:
     """Return the speed [m/s] along the axis from which the robot can stop within ``way`` [m]."""
-    gains = config.drive.profile_gains
-    brake = min(gains.brake, _BRAKE_SHARE * config.drive.data_sheet.a_max)
-    return min(config.dock_speed, braking(max(way, 0.0), brake, gains.react))
+    return min(config.dock_speed, braking(max(way, 0.0), _brake(config), config.drive.profile_gains.react))
+
+
+def _brake(config: DockingConfig) -> float:
+    """Return the deceleration [m/s^2] that the speed along the axis is planned with."""
+    return min(config.drive.profile_gains.brake, _BRAKE_SHARE * config.drive.data_sheet.a_max)
 
 
 def _staging_step(
@@ -419,3 +428,4 @@ class Docking:
     new_memory = staticmethod(new_docking_memory)
     step = staticmethod(docking_step)
     reason_to_give_up = staticmethod(reason_to_give_up)
+    describe = staticmethod(describe)

@@ -32,6 +32,8 @@ def status_values(supervisor: Supervisor, law: Law) -> dict[str, str]:
         values["switches"] = str(memory.switching.switches)
     else:
         values["law"] = law.name
+        describe = getattr(law, "describe", None)
+        values |= describe(memory) if callable(describe) else {}
     values["goals reached"] = str(supervisor.goals_reached)
     if supervisor.goal is not None:
         values["goal"] = " ".join(f"{number:.6g}" for number in supervisor.goal)

@@ -25,6 +25,7 @@ from diffbot_sim.compiled.jit import compile_kernel, make_callable, make_law_cal
 from diffbot_sim.compiled.sensing import Robot
 from diffbot_sim.model.outcome import Outcome
 from diffbot_sim.model.philox import START_BLOCK, draw
+from diffbot_sim.model.sensors import check_detector
 
 _log = logging.getLogger(__name__)
 
@@ -54,10 +55,11 @@ def check_robot(robot: Robot, history_length: float) -> None:
 
     Raises:
         InvalidValueError: for measurements later than the history; for options of the filter that it does not have or
-            that cannot act.
+            that cannot act; see :func:`check_detector`.
     """
     check_supported(robot.filter)
     sensors = robot.sensors
+    check_detector(sensors)
     if robot.filter.gyro_bias_variance > 0.0 and sensors.gyro_rate == 0.0:
         raise InvalidValueError("use_gyro", True, "false while gyro_rate is 0")
     for name, delay in (
@@ -66,6 +68,7 @@ def check_robot(robot: Robot, history_length: float) -> None:
             sensors.fix_delay + sensors.fix_delay_jitter,
         ),
         ("heading_delay", sensors.heading_delay),
+        ("detection_delay", sensors.detector.detection_delay if sensors.detector.detection_rate > 0.0 else 0.0),
     ):
         if delay > history_length:
             raise InvalidValueError(name, delay, f"<= {history_length:g} s, the length of the filter's history")

@@ -45,6 +45,10 @@ class DetectorConfig(NamedTuple):
     detection_behind: Annotated[bool, Spec("the detector looks backwards")] = False
 
 
+DOCK_HALF_WIDTH = 0.2
+"""[m] of the dock that the robot runs against"""
+
+
 class Detection(NamedTuple):
     """What the detector measures at a step."""
 
@@ -106,6 +110,18 @@ def noise_of(robot: Pose, config: DetectorConfig) -> FixNoise:
     """Return the covariance of the robot's pose in the dock's frame that a detection at this pose claims."""
     sigma, yaw_sigma = deviations_at(math.sqrt(robot.x * robot.x + robot.y * robot.y), config)
     return noise_at_dock(robot, sigma * sigma, yaw_sigma * yaw_sigma)
+
+
+def meets_dock(pose: Pose, config: DetectorConfig) -> bool:
+    """Return True if a robot at ``pose`` in map is not before its dock any more but against it."""
+    lateral = into_frame(pose, dock_of(config)).y
+    return 0.0 <= depth_at_dock(pose, config) <= DOCK_HALF_WIDTH and abs(lateral) <= DOCK_HALF_WIDTH
+
+
+def depth_at_dock(pose: Pose, config: DetectorConfig) -> float:
+    """Return how far [m] a robot at ``pose`` in map is beyond the docked one."""
+    x = into_frame(pose, dock_of(config)).x
+    return -x if config.detection_behind else x
 
 
 def robot_seen(detection: Detection) -> Pose:

@@ -13,10 +13,11 @@ import math
 from typing import Annotated, NamedTuple
 
 from diffbot_control.filter.dock import FixNoise
+from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose, range_and_bearing, wrap_angle
 from diffbot_core.ranges import DISTANCE
 from diffbot_core.schema import Spec, known_fields
-from diffbot_sim.model.detector import DetectorConfig, detection_at, noise_of, robot_seen
+from diffbot_sim.model.detector import DetectorConfig, detection_at, dock_of, noise_of, robot_seen
 from diffbot_sim.model.philox import (
     FAULT_BLOCK,
     FIX_BLOCK,
@@ -181,6 +182,20 @@ def fix_variances(config: SensorConfig) -> tuple[float, float, float]:
     scale = config.fix_covariance_scale
     var_x, var_y = uniform_variance(config.eps_x_max), uniform_variance(config.eps_y_max)
     return scale * var_x, scale * var_y, scale * uniform_variance(config.eps_theta_max)
+
+
+def check_detector(config: SensorConfig) -> None:
+    """Refuse what a loop of one filter cannot do: with a detector, its map is the frame of the dock.
+
+    Raises:
+        InvalidValueError: for a detector beside fixes, or a dock that is not at the origin.
+    """
+    if config.detector.detection_rate <= 0.0:
+        return
+    if config.fix_rate > 0.0:
+        raise InvalidValueError("fix_rate", config.fix_rate, "0 with a detection_rate: these loops have one filter")
+    if dock_of(config.detector) != (0.0, 0.0, 0.0):
+        raise InvalidValueError("dock_x, dock_y, dock_yaw", tuple(dock_of(config.detector)), "0 in these loops")
 
 
 def is_pose_due(step: int, config: SensorConfig, sampling_time: float) -> bool:

@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 from diffbot_control.filter.landmark_map import LandmarkMap
 from diffbot_control.filter.odometry import OdometryStep
 from diffbot_core.geometry import Point, Pose
-from diffbot_core.kinematics import Twist, body_twist, encoder_covariance
+from diffbot_core.kinematics import Twist, WheelSpeeds, body_twist, encoder_covariance
 from diffbot_core.ranges import HEADING, POSITION
 from diffbot_core.schema import Spec, known_fields
 from diffbot_core.units import NS_PER_S
 from diffbot_sim.model.actuators import MAX_COMMAND_DELAY, command_rows, delayed_command
+from diffbot_sim.model.detector import DetectorConfig, depth_at_dock, detection_at, meets_dock
 from diffbot_sim.model.philox import NoiseKey
-from diffbot_sim.model.plant import PlantConfig, new_plant, plant_step_at
+from diffbot_sim.model.plant import PlantConfig, PlantState, new_plant, plant_step_at
 from diffbot_sim.model.sensors import (
     NO_ERRORS,
     SensorConfig,
@@ -87,9 +88,6 @@ class HeadingReading(NamedTuple):
     """(1, 1) variance [rad^2]"""
 
 
-_Sensed = TypeVar("_Sensed", FixReading, HeadingReading)
-
-
 class LandmarkReading(NamedTuple):
     """Range and bearing of one landmark of the map, in the frame of the robot."""
 
@@ -118,12 +116,27 @@ class GyroReading(NamedTuple):
     """[rad^2/s^2] but for the bias"""
 
 
+class DetectionReading(NamedTuple):
+    """A dock as the detector sees it."""
+
+    stamp: int
+    """[ns]"""
+    pose: Pose
+    """of the docked robot in the frame of the robot"""
+    R: Array
+    """(3, 3) covariance [m, m, rad]"""
+
+
+_Sensed = TypeVar("_Sensed", FixReading, HeadingReading, DetectionReading)
+
+
 class Arrivals(NamedTuple):
     """Measurements that arrive at one step, oldest first; some may have been taken earlier."""
 
     fixes: list[FixReading]
     headings: list[HeadingReading]
     landmarks: list[LandmarkReading]
+    detections: list[DetectionReading]
 
 
 class World:
@@ -138,6 +151,7 @@ class World:
         """(3, 3) covariance of the odometry's pose, accumulated from the start"""
         self._fixes: list[tuple[int, FixReading]] = []
         self._headings: list[tuple[int, HeadingReading]] = []
+        self._detections: list[tuple[int, DetectionReading]] = []
         self._fix_errors = NO_ERRORS
         # Long enough for any delay that may be set later.
         self._commands = np.zeros((command_rows(MAX_COMMAND_DELAY, config.plant.sampling_time), 2))
@@ -161,7 +175,10 @@ class World:
         config, step = self.config, self.state.step
         plant, before = config.plant, self.state.odometry
         arrived = delayed_command(self._commands, step, command, plant.actuators.command_delay, plant.sampling_time)
-        self.state = plant_step_at(NoiseKey(config.seed, config.run, step), self.state, arrived, plant)
+        before_step, detector = self.state, config.sensors.detector
+        self.state = plant_step_at(NoiseKey(config.seed, config.run, step), before_step, arrived, plant)
+        if detector.detection_rate > 0.0 and meets_dock(before_step.pose, detector):
+            self.state = held_by_dock(before_step, self.state, detector)
         self._grow_odometry_covariance(before)
 
     def odometry(self) -> OdometryStep:
@@ -200,8 +217,25 @@ class World:
             if not fix.lost:
                 arrival = step + delay_in_steps(fix.delay, t_s)
                 self._fixes.append((arrival, FixReading(self.stamp, fix.pose, self._fix_R)))
+        if due(step, sensors.detector.detection_rate, t_s):
+            self._detect(key)
         landmarks = self._measure_landmarks(key) if due(step, sensors.landmark_rate, t_s) else []
-        return Arrivals(_arrived(self._fixes, step), _arrived(self._headings, step), landmarks)
+        waiting = _arrived(self._fixes, step), _arrived(self._headings, step)
+        return Arrivals(*waiting, landmarks, _arrived(self._detections, step))
+
+    def _detect(self, key: NoiseKey) -> None:
+        config = self.config.sensors.detector
+        found = detection_at(key, self.state.pose, config)
+        if not found.lost:
+            arrival = key.step + delay_in_steps(config.detection_delay, self.config.plant.sampling_time)
+            R = np.diag(np.square((found.sigma, found.sigma, found.yaw_sigma)))
+            self._detections.append((arrival, DetectionReading(self.stamp, found.pose, R)))
+
+    @property
+    def touches_dock(self) -> bool:
+        """True if the robot stands against the dock that it detects."""
+        detector = self.config.sensors.detector
+        return detector.detection_rate > 0.0 and meets_dock(self.state.pose, detector)
 
     def turn_rate(self) -> GyroReading | None:
         """Return what the gyro measures over the step that ends now; None if it is not due."""
@@ -220,6 +254,16 @@ class World:
                 reading = LandmarkReading(self.stamp, distance, bearing, self._landmark_R, number, point)
                 observed.append(reading)
         return observed
+
+
+def held_by_dock(before: PlantState, after: PlantState, config: DetectorConfig) -> PlantState:
+    """Return the state of a robot that stood against its dock: it cannot get farther, and its wheels are stalled."""
+    if depth_at_dock(after.pose, config) <= depth_at_dock(before.pose, config):
+        return after
+    rest = WheelSpeeds(0.0, 0.0)
+    return after._replace(
+        pose=before.pose, twist=Twist(0.0, 0.0), encoder=rest, angles=before.angles, odometry=before.odometry
+    )
 
 
 def _arrived(waiting: list[tuple[int, _Sensed]], step: int) -> list[_Sensed]:

@@ -27,6 +27,7 @@ from diffbot_core.ros.node import QUEUE, DiffbotNode
 from diffbot_core.ros.qos import TRANSFORMS
 from diffbot_sim.model.simulator import Arrivals, FixReading, HeadingReading, LandmarkReading, World
 from diffbot_sim.ros.beams import BeamTopics
+from diffbot_sim.ros.dock import DockTopics
 from diffbot_sim.ros.gyro import GyroTopic
 from diffbot_sim.ros.parameters import PlantNodeConfig
 
@@ -56,6 +57,7 @@ class PlantTopics:
         self._truths = node.create_publisher(Odometry, "ground_truth", QUEUE)
         self._fixes = node.create_publisher(PoseWithCovarianceStamped, "global_pose", QUEUE)
         self._headings = node.create_publisher(Imu, "heading", QUEUE)
+        self._docks = DockTopics(node) if config.world.sensors.detector.detection_rate > 0.0 else None
         self._clouds = node.create_publisher(PointCloud2, "landmarks", QUEUE)
         self._joint_states = node.create_publisher(JointState, "joint_states", QUEUE)
         self._beams = BeamTopics(node)
@@ -101,6 +103,8 @@ class PlantTopics:
             self._send_heading(heading)
         if arrivals.landmarks:
             self._send_landmarks(stamp, arrivals.landmarks)
+        if self._docks is not None:
+            self._docks.publish(world, arrivals.detections)
         self._beams.publish(world)
         self._gyro.publish(world)
         if self._joint_states.get_subscription_count():

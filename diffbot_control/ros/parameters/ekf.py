@@ -8,6 +8,7 @@ from diffbot_control.filter.landmark_map import LandmarkMap
 from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.filter.wall_map import BeamConfig
 from diffbot_control.ros.frames import PREFIX_TEXT, RELIABLE_TEXT
+from diffbot_control.ros.parameters.dock import DockDetection
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.kinematics import WheelGeometry
 from diffbot_core.ranges import TIMEOUT
@@ -19,7 +20,7 @@ _MIN_SIGMA, _MAX_SIGMA = 1e-4, 1e3
 """Standard deviations [m], [rad] that a filter can compute with."""
 
 
-_TOPICS = ("global_pose", "heading", "imu", "landmarks", "initialpose", "odom", "joint_states")
+_TOPICS = ("global_pose", "heading", "imu", "landmarks", "initialpose", "odom", "joint_states", "detected_dock_pose")
 """Inputs whose topics are fixed."""
 
 
@@ -101,6 +102,7 @@ class EkfNodeConfig(NamedTuple):
     noise: SensorNoise = SensorNoise()
     landmarks: LandmarkMap = LandmarkMap()
     beams: BeamConfig = BeamConfig()
+    dock: DockDetection = DockDetection()
     state_file: Annotated[
         str,
         Spec(

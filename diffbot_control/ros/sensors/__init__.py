@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from diffbot_control.ros.parameters.dock import NO_DOCK
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_control.ros.sensors.beams import beam_sensors
+from diffbot_control.ros.sensors.dock import DockSensor
 from diffbot_control.ros.sensors.fixes import fix_sensors
 from diffbot_control.ros.sensors.gyro import Gyro
 from diffbot_control.ros.sensors.heading import Compass
@@ -18,4 +20,6 @@ def sensors_of(config: EkfNodeConfig) -> list[Sensor]:
         sensors.append(LandmarkSensor(config))
     if config.localization.filter.use_gyro:
         sensors.append(Gyro(config))
+    if config.dock.dock_detection != NO_DOCK:
+        sensors.append(DockSensor(config))
     return [*sensors, *beam_sensors(config)]
