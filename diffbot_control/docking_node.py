@@ -13,13 +13,18 @@ if __name__ == "__main__":  # before the imports that take long: see launcher
 
 from collections.abc import Iterator
 
+from action_msgs.msg import GoalStatus, GoalStatusArray
+from std_srvs.srv import Trigger
+
 from diffbot_control.controller_node import ControllerNode
 from diffbot_control.ekf_node import EkfNode
 from diffbot_control.law.docking import Docking
 from diffbot_control.robot_node import RobotControllerNode
 from diffbot_control.ros.parameters.dock import NO_DOCK
 from diffbot_core.errors import InvalidValueError
-from diffbot_core.ros.node import run_together
+from diffbot_core.geometry import Pose
+from diffbot_core.ros.node import LATCHED, run_together
+from diffbot_core.uncertainty import Uncertainty
 
 EKF, CONTROLLER = "dock_ekf", "dock_controller"
 _IN_MAP = (
@@ -35,6 +40,40 @@ def remappings(name: str) -> list[str]:
     return ["--ros-args", *(word for rule in rules for word in ("-r", rule))]
 
 
+class DockControllerNode(RobotControllerNode):
+    """The controller in the frame of the dock. Of its goals and those of the controller in map the newest wins."""
+
+    def configure(self) -> None:
+        """Watch the controller in map, too."""
+        super().configure()
+        self._accepted = 0
+        self._known: set[bytes] = set()
+        """ids of the goals of the controller in map"""
+        self._release = self.create_client(Trigger, "controller/cancel")
+        self.create_subscription(GoalStatusArray, "controller/goal_status", self._on_goals_in_map, LATCHED)
+
+    def take_pose(self, stamp: int, pose: Pose, uncertainty: Uncertainty) -> None:
+        """Answer an estimate; with the first one of a goal make the controller in map let go of its own."""
+        if self.supervisor.accepted != self._accepted:
+            self._accepted = self.supervisor.accepted
+            if self._release.service_is_ready():
+                self._release.call_async(Trigger.Request())
+        super().take_pose(stamp, pose, uncertainty)
+
+    def _on_goals_in_map(self, message: GoalStatusArray) -> None:
+        """Let go of the goal in the dock's frame for a new one in map."""
+        begun = [
+            one
+            for one in message.status_list
+            if one.status in (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
+            and bytes(one.goal_info.goal_id.uuid) not in self._known
+        ]
+        self._known = {bytes(one.goal_info.goal_id.uuid) for one in message.status_list}
+        if begun and self.supervisor.goal is not None:
+            self.get_logger().info("a new goal of the controller in map: letting go of the dock")
+            self.cancel()
+
+
 def make_nodes() -> Iterator[EkfNode | ControllerNode]:
     """Create the two nodes, the filter first.
 
@@ -45,7 +84,7 @@ def make_nodes() -> Iterator[EkfNode | ControllerNode]:
     yield ekf
     if ekf.config.dock.dock_detection == NO_DOCK:
         raise InvalidValueError(f"{EKF}: dock_detection", NO_DOCK, "a type of messages, as in config/dock.yaml")
-    controller = RobotControllerNode(ekf, cli_args=remappings(CONTROLLER))
+    controller = DockControllerNode(ekf, cli_args=remappings(CONTROLLER))
     yield controller
     if controller.law.name != Docking.name:
         raise InvalidValueError(f"{CONTROLLER}: law", controller.law.name, f"{Docking.name}, as in config/dock.yaml")

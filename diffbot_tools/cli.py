@@ -27,6 +27,7 @@ from diffbot_tools.arguments import MAX_SEED, add_flags, check_outputs, ros_para
 from diffbot_tools.bag.command import add_bag
 from diffbot_tools.command_help import TopParser, add_examples
 from diffbot_tools.data_commands import add_calibrate, add_import, add_refilter
+from diffbot_tools.dock_command import add_dock, add_undock
 from diffbot_tools.goal_command import add_goal
 from diffbot_tools.interfaces.command import add_interfaces
 from diffbot_tools.robot.command import add_robot
@@ -70,6 +71,8 @@ def _parser() -> argparse.ArgumentParser:
         _add_demo,
         add_run,
         add_goal,
+        add_dock,
+        add_undock,
         _add_replay,
         add_bag,
         add_import,

@@ -20,6 +20,8 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "demo": ("demo", "demo --watch"),
     "run": ("run robot --with plant recorder", "run robot --ros-args --params-file my_robot.yaml"),
     "goal": ("goal 2 1 1.57", "goal 0.5 0 0 --namespace robot1 --timeout 60"),
+    "dock": ("dock", "dock 3 1 0.5", "dock 3 1 0.5 --backward"),
+    "undock": ("undock", "undock --distance 1"),
     "watch": ("watch --open", "watch --namespace robot1 robot2 --record bags"),
     "robot": ("robot new my_robot.yaml", "robot drive turtlebot4"),
     "robot new": ("robot new my_robot.yaml", "robot new agv.yaml --like warehouse_agv --max-velocity 0.8"),

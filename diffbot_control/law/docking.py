@@ -44,8 +44,13 @@ _REST = 1.0
 """[s] at the staging pose without an approach, after which the robot drives out along the axis to align"""
 _STALL_TIME, _STALL_WAY = 0.7, 0.01
 """[s], [m] the robot counts as standing against the dock if it has come no farther in this time"""
-_MARGIN = 0.05
-"""[m] the retreat ends so far behind the staging pose"""
+_MARGIN, _ALIGNING = 0.05, 0.5
+"""[m] how far behind the staging pose a retreat ends: after an approach that was broken off, and from a rest beside the
+axis"""
+_LEAVE = 1.5
+"""the corridor is left at this multiple of its bound: a noisy pose at its edge begins one approach, not many"""
+_OUT_LENGTHS = 4.0
+"""on the way out a lateral error decays more gently than towards the dock, in this multiple of lambda"""
 _NEAR = 0.2
 """[m] the approach may begin so far before the staging pose"""
 _BRAKE_SHARE = 0.5
@@ -103,6 +108,8 @@ class DockingMemory(NamedTuple):
     """[s] at rest at the staging pose, or until certain; without progress near contact"""
     nearest: float
     """[m] least distance so far near contact"""
+    out: float
+    """[m] distance from the dock at which a retreat ends"""
     command: Twist
     actuation: Actuation
     drive: ControllerMemory
@@ -130,11 +137,17 @@ def new_docking_memory(config: DockingConfig) -> DockingMemory:
         contact=False,
         wait=0.0,
         nearest=math.inf,
+        out=0.0,
         command=drive.command,
         actuation=drive.actuation,
         drive=drive,
         reached=False,
     )
+
+
+def pose_on_axis(distance: float, backward: bool) -> Pose:
+    """Return the pose on the axis ``distance`` [m] before the docked one, in the dock's frame."""
+    return Pose(distance if backward else -distance, 0.0, 0.0)
 
 
 def axis_lyapunov(pose: Pose, length: float) -> float:
@@ -262,7 +275,7 @@ def _next_phase(
         return _next_staging(memory, rest, dt, config)
     if phase == APPROACHING:
         return _next_approach(memory, now, rest, uncertainty, dt, config)
-    if phase == RETREATING and distance >= config.staging_distance + _MARGIN:
+    if phase == RETREATING and distance >= memory.out - _UNDOCKED:
         return _in_phase(memory, FAILED if memory.tries >= config.dock_tries else STAGING, memory.tries)
     if phase == UNDOCKING and distance >= out - _UNDOCKED:
         return _in_phase(memory, UNDOCKED, memory.tries)
@@ -271,12 +284,13 @@ def _next_phase(
 
 def _next_staging(memory: DockingMemory, rest: Pose, dt: float, config: DockingConfig) -> DockingMemory:
     near = config.straight_length < -rest.x <= config.staging_distance + _NEAR
-    if near and _is_inside(rest, config) and fits(arrival(rest, config), _ENTRY, config):
+    if near and _is_inside(rest, 1.0, config) and fits(arrival(rest, config), _ENTRY, config):
         return _in_phase(memory, APPROACHING, memory.tries)
     standing = memory.drive.switching.region == OMEGA_L and memory.command.v == 0.0 and memory.command.omega == 0.0
     wait = memory.wait + dt if standing else 0.0
     if wait > _REST:
-        return _in_phase(memory, RETREATING, memory.tries)
+        # From there it comes back to the staging pose in motion, through the corridor.
+        return _in_phase(memory, RETREATING, memory.tries, config.staging_distance + _ALIGNING)
     return _waiting(memory, False, wait, math.inf)
 
 
@@ -286,9 +300,11 @@ def _next_approach(
     if -now.x <= config.straight_length:
         return _touching(memory, -now.x, dt, config)
     at, distance = arrival(rest, config), -rest.x
-    goes_beside = not (_is_inside(rest, config) and fits(at, 1.0, config))
+    is_inside = _is_inside(rest, _LEAVE, config)
+    goes_beside = not (is_inside and fits(at, 1.0, config))
     if (goes_beside and distance > config.straight_length) or memory.wait > config.commit_timeout:
-        return _in_phase(memory, RETREATING, memory.tries + 1)
+        out = config.staging_distance + (_MARGIN if is_inside else _ALIGNING)
+        return _in_phase(memory, RETREATING, memory.tries + 1, out)
     # Beyond this distance the robot can still stop at commit_distance.
     braking_way = config.dock_speed * (config.drive.profile_gains.react + 0.5 * config.dock_speed / _brake(config))
     if memory.committed or distance > config.commit_distance + braking_way:
@@ -298,9 +314,9 @@ def _next_approach(
     return _waiting(memory, committed, memory.wait + dt if is_there else 0.0, math.inf)
 
 
-def _is_inside(pose: Pose, config: DockingConfig) -> bool:
-    """Whether a pose is in the corridor, the sublevel set of V."""
-    return math.sqrt(2.0 * axis_lyapunov(pose, config.approach_length)) <= config.corridor
+def _is_inside(pose: Pose, wider: float, config: DockingConfig) -> bool:
+    """Whether a pose is in the corridor, the sublevel set of V, or in one wider by a factor."""
+    return math.sqrt(2.0 * axis_lyapunov(pose, config.approach_length)) <= wider * config.corridor
 
 
 def _touching(memory: DockingMemory, distance: float, dt: float, config: DockingConfig) -> DockingMemory:
@@ -318,9 +334,9 @@ def _requested(memory: DockingMemory, pose: Pose, out: float, config: DockingCon
     """Return the command on the axis before the limits, of the end that leads."""
     phase, length, distance = memory.phase, config.approach_length, -pose.x
     if phase == RETREATING:
-        return along_axis(pose, -_speed_to(config.staging_distance + 2.0 * _MARGIN - distance, config), length)
+        return along_axis(pose, -_speed_to(memory.out + _MARGIN - distance, config), _OUT_LENGTHS * length)
     if phase == UNDOCKING:
-        return along_axis(pose, -_speed_to(out - distance, config), length)
+        return along_axis(pose, -_speed_to(out - distance, config), _OUT_LENGTHS * length)
     if phase != APPROACHING:
         return Twist(0.0, 0.0)
     v = min(config.dock_speed, config.contact_speed + _speed_to(distance - config.straight_length, config))
@@ -333,7 +349,11 @@ def _requested(memory: DockingMemory, pose: Pose, out: float, config: DockingCon
 
 def _speed_to(way: float, config: DockingConfig) -> float:
     """Return the speed [m/s] along the axis from which the robot can stop within ``way`` [m]."""
-    return min(config.dock_speed, braking(max(way, 0.0), _brake(config), config.drive.profile_gains.react))
+    if way <= 0.0:
+        return 0.0
+    speed = braking(way, _brake(config), config.drive.profile_gains.react)
+    # Not less than what moves the robot at all, or it would stay where it is.
+    return min(config.dock_speed, max(speed, config.drive.data_sheet.min_velocity))
 
 
 def _brake(config: DockingConfig) -> float:
@@ -345,7 +365,7 @@ def _staging_step(
     memory: DockingMemory, estimate: Estimate, dt: float, config: DockingConfig
 ) -> tuple[DockingMemory, Twist, Report]:
     """Drive to the staging pose by the switching law."""
-    staging = _leading(Pose(-config.staging_distance, 0.0, 0.0), config)
+    staging = pose_on_axis(config.staging_distance, config.dock_backward)
     drive, command, report = braking_step(memory.drive, estimate, staging, dt, config.drive)
     after = DockingMemory(
         phase=STAGING,
@@ -354,6 +374,7 @@ def _staging_step(
         contact=memory.contact,
         wait=memory.wait,
         nearest=math.inf,
+        out=0.0,
         command=command,
         actuation=drive.actuation,
         drive=drive,
@@ -362,7 +383,7 @@ def _staging_step(
     return after, command, report
 
 
-def _in_phase(memory: DockingMemory, phase: int, tries: int) -> DockingMemory:
+def _in_phase(memory: DockingMemory, phase: int, tries: int, out: float = 0.0) -> DockingMemory:
     """Begin a phase, with the motion that the robot has."""
     # Compiled code has neither _replace nor defaults.
     drive = new_memory()
@@ -383,6 +404,7 @@ def _in_phase(memory: DockingMemory, phase: int, tries: int) -> DockingMemory:
         contact=memory.contact,
         wait=0.0,
         nearest=math.inf,
+        out=out,
         command=memory.command,
         actuation=memory.actuation,
         drive=drive,
@@ -398,6 +420,7 @@ def _waiting(memory: DockingMemory, committed: bool, wait: float, nearest: float
         contact=memory.contact,
         wait=wait,
         nearest=nearest,
+        out=memory.out,
         command=memory.command,
         actuation=memory.actuation,
         drive=memory.drive,
@@ -413,6 +436,7 @@ def _with_motion(memory: DockingMemory, command: Twist, actuation: Actuation) ->
         contact=memory.contact,
         wait=memory.wait,
         nearest=memory.nearest,
+        out=memory.out,
         command=command,
         actuation=actuation,
         drive=memory.drive,

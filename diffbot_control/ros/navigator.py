@@ -33,6 +33,7 @@ from typing import Any
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 
 from diffbot_control.goals import goal_record
+from diffbot_control.law.docking import pose_on_axis
 from diffbot_control.ros.goals.client import ANSWER_TIMEOUT, LOST, Feedback, GoalClient, GoalRefusedError
 from diffbot_control.ros.messages.fields import pose_of
 from diffbot_core.errors import DiffbotError
@@ -64,10 +65,17 @@ class Navigator(GoalClient):
     def __init__(self, node_name: str = "navigator", namespace: str = "", **options: Any) -> None:
         """Create the node, its clients and the publisher of ``initialpose``."""
         super().__init__(node_name, namespace, **options)
+        self._names = f"{node_name}_dock", namespace
+        self._docking: GoalClient | None = None
+        """of the dock's controller, made when it is needed"""
+        self._present: GoalClient = self
+        """which of the two has the newest goal"""
         self._initial_poses = self.create_publisher(PoseWithCovarianceStamped, "initialpose", QUEUE)
 
     def destroyNode(self) -> None:  # noqa: N802 - the names of BasicNavigator, here and below
         """Leave the graph; the context stays."""
+        if self._docking is not None:
+            self._docking.close(shut_down=False)
         self.close(shut_down=False)
 
     def waitUntilReady(self, timeout: float = math.inf) -> bool:  # noqa: N802
@@ -127,7 +135,39 @@ class Navigator(GoalClient):
                 raise GoalRefusedError(
                     f"{len(poses)} poses in {len(frames)} frames: must be at least one, in one frame"
                 )
+            self._present = self
             self.send_goal([pose_of(pose.pose) for pose in poses], frames.pop())
+        except DiffbotError as error:
+            self.get_logger().error(str(error))
+            return False
+        return True
+
+    def dock(self, controller: str = "dock_controller") -> bool:
+        """Begin to dock where ``docking_node`` sees a dock; False, with a line in the log, if that is refused.
+
+        Drive to a pose from which it is seen first; feedback, end and cancellation are as of :meth:`goToPose`.
+        """
+        return self._send_in_dock(Pose(0.0, 0.0, 0.0), controller)
+
+    def undock(self, distance: float = 0.7, backward: bool = False, controller: str = "dock_controller") -> bool:
+        """Begin to drive out along the dock's axis until ``distance`` [m] before the docked pose.
+
+        Args:
+            distance: [m].
+            backward: the back of the robot is docked (``dock_backward``).
+            controller: the node that docks.
+        """
+        return self._send_in_dock(pose_on_axis(distance, backward), controller)
+
+    def _send_in_dock(self, pose: Pose, controller: str) -> bool:
+        if self._docking is None or self._docking.controller != controller:
+            if self._docking is not None:
+                self._docking.close(shut_down=False)
+            name, namespace = self._names
+            self._docking = GoalClient(name, namespace, controller, "dock", context=self.context)
+        self._present = self._docking
+        try:
+            self._docking.send_goal([pose])
         except DiffbotError as error:
             self.get_logger().error(str(error))
             return False
@@ -135,20 +175,21 @@ class Navigator(GoalClient):
 
     def isTaskComplete(self) -> bool:  # noqa: N802
         """Handle messages for at most 0.1 s; True if the newest goal has ended, or there is none."""
-        return not self.task.id or self.wait_for_end(0.1)
+        return not self._present.task.id or self._present.wait_for_end(0.1)
 
     def getFeedback(self) -> Feedback | None:  # noqa: N802
         """Return the newest feedback of the goal, None before the first."""
-        return self.task.feedback
+        return self._present.task.feedback
 
     def getResult(self) -> TaskResult:  # noqa: N802
         """Return how the newest goal ended: UNKNOWN before its end, or if the controller was restarted."""
-        return _RESULTS.get(self.task.end, TaskResult.FAILED)
+        return _RESULTS.get(self._present.task.end, TaskResult.FAILED)
 
     def getReason(self) -> str:  # noqa: N802
         """Return the end of the newest goal in words, such as ``not reached: hunting: ...``; empty before it."""
-        return f"{self.task.end}: {self.task.reason}" if self.task.reason else self.task.end
+        task = self._present.task
+        return f"{task.end}: {task.reason}" if task.reason else task.end
 
     def cancelTask(self) -> bool:  # noqa: N802
         """Cancel the newest goal and wait until the robot is at rest, at most 5 s; see :meth:`GoalClient.cancel`."""
-        return self.cancel()
+        return self._present.cancel()

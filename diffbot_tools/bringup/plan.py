@@ -35,6 +35,10 @@ class NodePlan(NamedTuple):
     """Left out, with a line in the log, if its package is not installed."""
 
 
+_MEMBERS = {"robot": ("ekf", "controller"), "docking": ("dock_ekf", "dock_controller")}
+"""Nodes of the processes that hold two."""
+
+
 def plan(values: Mapping[str, Any], share: Path, *, simulate: bool) -> list[NodePlan]:
     """Return what to start, the recorder first, so that the bag misses nothing.
 
@@ -75,12 +79,15 @@ def plan(values: Mapping[str, Any], share: Path, *, simulate: bool) -> list[Node
         )
         for kind, parameters in found
     ]
+    if values["docking"]:
+        files = (str(share / "config" / "dock.yaml"), *((str(file),) if _concerns(sections, "docking") else ()))
+        nodes.append(NodePlan(executable="docking_node", files=files, parameters={**time, **managed, **stamped}))
     return [_in_namespace(node, values) for node in [*nodes, *_displays(values, share, time)]]
 
 
 def _concerns(sections: list[Section], kind: str) -> bool:
     """Return whether one of the sections is for the process, or may be meant for it: the node itself then says so."""
-    names = ("ekf", "controller") if kind == "robot" else (kind,)
+    names = _MEMBERS.get(kind, (kind,))
     return any(one.node in (name, "*", "**") or one.is_nearly_for(name) for one in sections for name in names)
 
 
