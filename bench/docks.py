@@ -1,0 +1,230 @@
+"""Does a robot dock over DDS, whatever its detector does? ``make docks [ARGS="--runs N"]``.
+
+Plant, robot_node and docking_node in processes of their own, in simulated time faster than real time. Run after run
+the robot drives to a random pose before its dock, docks and undocks; in every other run the detections are spoilt, or the
+robot is relocated in map, when it is near. A contact counts by the true pose: ``beside`` is more than 2 cm or 2 degrees.
+"""
+
+import argparse
+import json
+import math
+import random
+import sys
+import threading
+import time
+from collections import Counter, deque
+from pathlib import Path
+from typing import NamedTuple
+
+import graph
+import rclpy
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
+from rclpy.executors import SingleThreadedExecutor
+
+from diffbot_control.ros.messages.fields import fill_pose, pose_of, set_stamp, stamp_ns
+from diffbot_control.ros.navigator import Navigator, TaskResult
+from diffbot_core.geometry import Pose, into_frame, out_of_frame
+from diffbot_core.units import NS_PER_S
+
+ROOT = Path(__file__).resolve().parents[1]
+DOCK = Pose(3.0, 1.0, 0.5)
+SPEED = 3.0
+"""of simulated time over real time"""
+NONE, FROZEN, SWAPPED, LATE, RELOCATED = "none", "frozen", "swapped", "late", "relocated"
+FAULTS = (NONE, FROZEN, SWAPPED, LATE, RELOCATED)
+HARMLESS = (NONE, LATE, RELOCATED)
+"""Faults with which the robot docks all the same."""
+NEAR = 0.6
+"""[m] from the dock at which a fault begins"""
+LATENESS = 0.5
+"""[s] by which detections come later than the detector's own 0.1 s"""
+OTHER_DOCK, JUMP = Pose(0.0, 0.5, 0.0), Pose(0.2, 0.2, 0.0)
+XY, YAW = 0.02, math.radians(2.0)
+_TIMEOUT = 120.0
+"""[s] of real time for one drive"""
+
+
+class Docking(NamedTuple):
+    """How one run ended."""
+
+    fault: str
+    end: str
+    contact: tuple[float, float] | None
+    """lateral error [m] and heading error [rad] of the true pose at the first contact"""
+    undocked: bool
+    """and out again; nothing to undock from counts as such"""
+
+    @property
+    def is_beside(self) -> bool:
+        """True for a contact with more than 2 cm or 2 degrees."""
+        return self.contact is not None and (abs(self.contact[0]) > XY or abs(self.contact[1]) > YAW)
+
+    @property
+    def is_good(self) -> bool:
+        """True if it ended as it should."""
+        answered = bool(self.end) and not self.is_beside
+        if self.fault in HARMLESS:
+            return answered and self.end == "reached" and self.contact is not None and self.undocked
+        return answered
+
+
+class Detector:
+    """Passes the plant's detections on to the filter, as a fault has it."""
+
+    def __init__(self) -> None:
+        """Subscribe to the plant, in a thread of its own."""
+        self.fault, self.is_near = NONE, False
+        self.truth: Pose | None = None
+        """of the robot in the dock's frame"""
+        self.contact: tuple[float, float] | None = None
+        self._waiting: deque[PoseWithCovarianceStamped] = deque()
+        self._frozen: PoseWithCovarianceStamped | None = None
+        node = rclpy.create_node("detector")
+        self._sent = node.create_publisher(PoseWithCovarianceStamped, "detected_dock_pose", 10)
+        self._jumps = node.create_publisher(PoseWithCovarianceStamped, "initialpose", 10)
+        node.create_subscription(PoseWithCovarianceStamped, "seen_by_plant", self._on_detection, 10)
+        node.create_subscription(Odometry, "ground_truth", self._on_truth, 10)
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(node)
+        self._thread = threading.Thread(target=self._executor.spin, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop."""
+        self._executor.shutdown()
+        self._thread.join(5.0)
+
+    def begin(self, fault: str) -> None:
+        """Begin a run."""
+        self.fault, self.is_near, self.contact, self._frozen = fault, False, None, None
+
+    def _on_truth(self, message: Odometry) -> None:
+        pose = into_frame(pose_of(message.pose.pose), DOCK)
+        if self.contact is None and pose.x >= 0.0 and self.truth is not None and self.truth.x < 0.0:
+            self.contact = pose.y, pose.theta
+        self.truth = pose
+        if self.fault == RELOCATED and not self.is_near and -pose.x < NEAR:
+            jump = PoseWithCovarianceStamped()
+            jump.header.frame_id = "map"
+            fill_pose(jump.pose.pose, out_of_frame(JUMP, pose_of(message.pose.pose)))
+            jump.pose.covariance[[0, 7, 35]] = 0.01
+            self._jumps.publish(jump)
+        self.is_near = self.is_near or -pose.x < NEAR
+        while self._waiting and stamp_ns(message.header.stamp) - stamp_ns(self._waiting[0].header.stamp) >= (
+            LATENESS * NS_PER_S
+        ):
+            self._sent.publish(self._waiting.popleft())
+
+    def _on_detection(self, message: PoseWithCovarianceStamped) -> None:
+        if self.fault == LATE:
+            self._waiting.append(message)
+            return
+        if self.is_near and self.fault == FROZEN:
+            if self._frozen is None:
+                self._frozen = message
+            set_stamp(self._frozen.header.stamp, stamp_ns(message.header.stamp))
+            message = self._frozen
+        if self.is_near and self.fault == SWAPPED:
+            fill_pose(message.pose.pose, out_of_frame(OTHER_DOCK, pose_of(message.pose.pose)))
+        self._sent.publish(message)
+
+
+class Scene:
+    """The nodes, on the DDS domain of this process."""
+
+    def __init__(self, seed: int) -> None:
+        """Start them; to be used in a ``with`` block."""
+        self._random = random.Random(seed)
+        simulated = {"use_sim_time": True}
+        plant = {"clock": "scaled", "real_time_factor": SPEED, "seed": seed, "detection_rate": 10.0}
+        plant |= {"dock_x": DOCK.x, "dock_y": DOCK.y, "dock_yaw": DOCK.theta, "max_cmd_vel_publishers": 2}
+        file = str(ROOT / "config" / "dock.yaml")
+        remapped = ("-r", "detected_dock_pose:=seen_by_plant")
+        self._processes = [
+            graph.node("diffbot_sim.plant_node", plant, remapped),
+            graph.node("diffbot_control.robot_node", simulated | {"max_cmd_vel_publishers": 2}),
+            graph.node("diffbot_control.docking_node", simulated, ("--params-file", file)),
+        ]
+        self._entered: list[graph.Process] = []
+
+    def __enter__(self) -> "Scene":
+        """Wait until the controllers take goals."""
+        for one in self._processes:
+            self._entered.append(one.__enter__())
+        self.navigator = Navigator()
+        self.detector = Detector()
+        if not self.navigator.waitUntilReady(60.0):
+            raise RuntimeError("no controller within 60 s")
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Stop the nodes."""
+        self.detector.close()
+        self.navigator.destroyNode()
+        for one in reversed(self._processes):
+            one.__exit__(*error)
+
+    def run(self, fault: str) -> Docking:
+        """Drive to a random pose before the dock, dock and undock."""
+        self.detector.begin(NONE)
+        x, y, turn = self._random.uniform(-3.0, -0.9), self._random.uniform(-0.5, 0.5), self._random.uniform(-0.7, 0.7)
+        start = PoseStamped()
+        start.header.frame_id = "map"
+        fill_pose(start.pose, out_of_frame(Pose(x, y, turn), DOCK))
+        self.navigator.goToPose(start)
+        self._wait()
+        self.detector.begin(fault)
+        self.navigator.dock()
+        end = self._wait()
+        contact = self.detector.contact
+        self.detector.begin(NONE)
+        undocked = True
+        if end == "reached":
+            self.navigator.undock()
+            undocked = self._wait() == "reached"
+        return Docking(fault, end, contact, undocked)
+
+    def _wait(self) -> str:
+        """Return how the task ended; empty without an answer in time."""
+        deadline = time.monotonic() + _TIMEOUT
+        while not self.navigator.isTaskComplete():
+            if time.monotonic() > deadline:
+                self.navigator.cancelTask()
+                return ""
+        if self.navigator.getResult() == TaskResult.SUCCEEDED:
+            return "reached"
+        return self.navigator.getReason()
+
+
+def main() -> int:
+    """Do the runs, print them and a summary; return 1 if one did not end as it should."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--runs", type=int, default=50, help="with faults in every other one (default: 50)")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--json", type=Path, help="write the runs to this file")
+    options = parser.parse_args()
+    with graph.private_domain() as domain:
+        print(f"domain {domain}, {options.runs} runs")
+        rclpy.init()
+        faults = [NONE if number % 2 == 0 else FAULTS[1 + number // 2 % 4] for number in range(options.runs)]
+        runs: list[Docking] = []
+        with Scene(options.seed) as scene:
+            for fault in faults:
+                runs.append(scene.run(fault))
+                y, theta = runs[-1].contact or (math.nan, math.nan)
+                state = "ok" if runs[-1].is_good else "NOT AS IT SHOULD"
+                print(
+                    f"{fault:9} {runs[-1].end[:60]:60} {100 * y:5.2f} cm {math.degrees(theta):5.2f} deg {state}",
+                    flush=True,
+                )
+        rclpy.shutdown()
+    good, counts = Counter(one.fault for one in runs if one.is_good), Counter(faults)
+    print("; ".join(f"{fault}: {good[fault]} of {count}" for fault, count in counts.items()))
+    if options.json:
+        options.json.write_text(json.dumps([one._asdict() for one in runs], indent=1) + "\n")
+    return int(sum(good.values()) < len(runs))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
