@@ -199,8 +199,6 @@ def docking_step(
         coasted = coast(estimate.pose, memory.actuation, memory.command, dt, sheet)
         actuation, rest = coasted.actuation, coasted.pose
     pose, out = _leading(rest, config), -_leading(goal, config).x
-    if memory.drive.command != memory.command:
-        memory = _in_phase(memory, memory.phase, memory.tries)  # a new goal, for a robot that moves
     if memory.phase == STAGING and not _is_contact(goal):
         memory = _in_phase(memory, UNDOCKING if _is_undocked(goal, out) else FAILED, memory.tries)
     memory = _next_phase(memory, _leading(estimate.pose, config), pose, estimate.uncertainty, out, dt, config)
@@ -337,7 +335,9 @@ def _staging_step(
 ) -> tuple[DockingMemory, Twist, Report]:
     """Drive to the staging pose by the switching law."""
     staging = _leading(Pose(-config.staging_distance, 0.0, 0.0), config)
-    drive, command, report = braking_step(memory.drive, estimate, staging, dt, config.drive)
+    # A new goal finds the motion in the memory alone, and a command may have been limited since the last step.
+    before = _with_command(memory.drive, memory.command, memory.actuation)
+    drive, command, report = braking_step(before, estimate, staging, dt, config.drive)
     after = DockingMemory(
         phase=STAGING,
         tries=memory.tries,
@@ -353,20 +353,22 @@ def _staging_step(
     return after, command, report
 
 
-def _in_phase(memory: DockingMemory, phase: int, tries: int) -> DockingMemory:
-    """Begin a phase, with the motion that the robot has."""
+def _with_command(drive: ControllerMemory, command: Twist, actuation: Actuation) -> ControllerMemory:
     # Compiled code has neither _replace nor defaults.
-    drive = new_memory()
-    drive = ControllerMemory(
+    return ControllerMemory(
         switching=drive.switching,
-        command=memory.command,
+        command=command,
         settling=drive.settling,
         reapproach=drive.reapproach,
         finish=drive.finish,
         course=drive.course,
-        actuation=memory.actuation,
-        reached=False,
+        actuation=actuation,
+        reached=drive.reached,
     )
+
+
+def _in_phase(memory: DockingMemory, phase: int, tries: int) -> DockingMemory:
+    """Begin a phase, with the motion that the robot has."""
     return DockingMemory(
         phase=phase,
         tries=tries,
@@ -376,7 +378,7 @@ def _in_phase(memory: DockingMemory, phase: int, tries: int) -> DockingMemory:
         nearest=math.inf,
         command=memory.command,
         actuation=memory.actuation,
-        drive=drive,
+        drive=_with_command(new_memory(), memory.command, memory.actuation),
         reached=phase in (DOCKED, UNDOCKED),
     )
 
