@@ -48,6 +48,8 @@ _MARGIN = 0.05
 """[m] the retreat ends so far behind the staging pose"""
 _NEAR = 0.2
 """[m] the approach may begin so far before the staging pose"""
+_WAITING = 0.01
+"""[m] the robot counts as waiting so far before commit_distance, which it approaches ever more slowly"""
 _BRAKE_SHARE = 0.5
 """share of the acceleration limit that the speed along the axis is planned with"""
 _ON_AXIS, _ALONG_AXIS, _UNDOCKED = 0.01, 0.02, 0.02
@@ -281,7 +283,7 @@ def _next_approach(
     at, distance = arrival(rest, config), -rest.x
     if distance > config.straight_length and not (_is_inside(rest, config) and fits(at, 1.0, config)):
         return _in_phase(memory, RETREATING, memory.tries + 1)
-    if memory.committed or distance > config.commit_distance:
+    if memory.committed or distance > config.commit_distance + _WAITING:
         return memory
     if is_certain(at, distance, uncertainty, config):
         return _waiting(memory, True, 0.0, math.inf)
