@@ -278,7 +278,7 @@ def _next_staging(memory: DockingMemory, rest: Pose, dt: float, config: DockingC
 def _next_approach(
     memory: DockingMemory, now: Pose, rest: Pose, uncertainty: Uncertainty, dt: float, config: DockingConfig
 ) -> DockingMemory:
-    if -now.x <= config.straight_length:
+    if -now.x <= config.straight_length and (memory.committed or config.commit_distance <= config.straight_length):
         return _touching(memory, -now.x, dt, config)
     at, distance = arrival(rest, config), -rest.x
     if distance > config.straight_length and not (_is_inside(rest, config) and fits(at, 1.0, config)):
