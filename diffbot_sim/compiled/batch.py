@@ -66,6 +66,7 @@ def check_robot(robot: Robot, history_length: float) -> None:
             sensors.fix_delay + sensors.fix_delay_jitter,
         ),
         ("heading_delay", sensors.heading_delay),
+        ("detection_delay", sensors.detector.detection_delay if sensors.detector.detection_rate > 0.0 else 0.0),
     ):
         if delay > history_length:
             raise InvalidValueError(name, delay, f"<= {history_length:g} s, the length of the filter's history")
