@@ -9,8 +9,8 @@ pose, and v > 0 towards the dock. On the axis
 so dV = -2 |v| theta^2 / lambda <= 0 for any speed, in and out: along the way y has a double pole at -1 / lambda,
 whatever the speed is, and a robot that stands does not turn. V <= corridor^2 / 2 bounds y and theta until the end. From
 ``commit_distance`` on the heading alone is held, as in Omega_L: omega = -2 |v| theta / lambda; a correction of y there
-would leave the robot turned at contact. So it can be said on the way with which error the robot will arrive, and whether
-there is room to work it off. A robot that docks with its back sees all this in the frame turned round.
+would leave the robot turned at contact. So it can be said on the way with which error the robot will arrive, and
+whether there is room to work it off. A robot that docks with its back sees all this in the frame turned round.
 """
 
 from __future__ import annotations
