@@ -1,8 +1,9 @@
 """Does a robot dock over DDS, whatever its detector does? ``make docks [ARGS="--runs N"]``.
 
 Plant, robot_node and docking_node in processes of their own, in simulated time faster than real time. Run after run
-the robot drives to a random pose before its dock, docks and undocks; in every other run the detections are spoilt, or the
-robot is relocated in map, when it is near. A contact counts by the true pose: ``beside`` is more than 2 cm or 2 degrees.
+the robot drives to a random pose before its dock, docks and undocks; in every other run the detections are spoilt, or
+the robot is relocated in map, when it is near. A contact counts by the true pose: ``beside`` is more than 2 cm or 2
+degrees.
 """
 
 import argparse
@@ -173,19 +174,19 @@ class Scene:
         start.header.frame_id = "map"
         fill_pose(start.pose, out_of_frame(Pose(x, y, turn), DOCK))
         self.navigator.goToPose(start)
-        self._wait()
+        self.wait()
         self.detector.begin(fault)
         self.navigator.dock()
-        end = self._wait()
+        end = self.wait()
         contact = self.detector.contact
         self.detector.begin(NONE)
         undocked = True
         if end == "reached":
             self.navigator.undock()
-            undocked = self._wait() == "reached"
+            undocked = self.wait() == "reached"
         return Docking(fault, end, contact, undocked)
 
-    def _wait(self) -> str:
+    def wait(self) -> str:
         """Return how the task ended; empty without an answer in time."""
         deadline = time.monotonic() + _TIMEOUT
         while not self.navigator.isTaskComplete():

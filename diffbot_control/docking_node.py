@@ -18,6 +18,7 @@ from std_srvs.srv import Trigger
 
 from diffbot_control.controller_node import ControllerNode
 from diffbot_control.ekf_node import EkfNode
+from diffbot_control.filter.covariance import uncertainty_of
 from diffbot_control.law.docking import Docking
 from diffbot_control.robot_node import RobotControllerNode
 from diffbot_control.ros.parameters.dock import NO_DOCK
@@ -40,6 +41,12 @@ def remappings(name: str) -> list[str]:
     return ["--ros-args", *(word for rule in rules for word in ("-r", rule))]
 
 
+_LOOK_PERIOD = 0.05
+"""[s] between two looks for a new goal while there are no poses"""
+_LOST = 0.1
+"""[m] deviation of the position beyond which the dock is looked for anew"""
+
+
 class DockControllerNode(RobotControllerNode):
     """The controller in the frame of the dock. Of its goals and those of the controller in map the newest wins."""
 
@@ -52,13 +59,28 @@ class DockControllerNode(RobotControllerNode):
         self._release = self.create_client(Trigger, "controller/cancel")
         self.create_subscription(GoalStatusArray, "controller/goal_status", self._on_goals_in_map, LATCHED)
 
+        self.create_timer(_LOOK_PERIOD, self._look_for_goal, clock=self.steady_clock)
+
     def take_pose(self, stamp: int, pose: Pose, uncertainty: Uncertainty) -> None:
-        """Answer an estimate; with the first one of a goal make the controller in map let go of its own."""
-        if self.supervisor.accepted != self._accepted:
-            self._accepted = self.supervisor.accepted
-            if self._release.service_is_ready():
-                self._release.call_async(Trigger.Request())
+        """Answer an estimate."""
+        self._look_for_goal()
         super().take_pose(stamp, pose, uncertainty)
+
+    def _look_for_goal(self) -> None:
+        """For a new goal make the controller in map let go of its own, and the filter see another dock, if it has to.
+
+        A filter in which detections contradict the odometry, or that has not seen the dock for so long that its pose
+        says nothing, begins anew; otherwise its pose is needed, since a docked robot does not see its dock.
+        """
+        if self.supervisor.accepted == self._accepted:
+            return
+        self._accepted = self.supervisor.accepted
+        if self._release.service_is_ready():
+            self._release.call_async(Trigger.Request())
+        found = self._ekf.localization
+        if found.contradiction.cause or (found.initialised and uncertainty_of(found.estimate().P).xy > _LOST):
+            self.get_logger().info("the dock is looked for anew")
+            self._ekf.restart()
 
     def _on_goals_in_map(self, message: GoalStatusArray) -> None:
         """Let go of the goal in the dock's frame for a new one in map."""

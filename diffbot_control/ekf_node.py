@@ -281,9 +281,13 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         if math.isfinite(sum(pose) + sum(uncertainty)):
             receiver(estimate.stamp, pose, uncertainty)
 
-    def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def restart(self) -> None:
+        """Forget the pose and all estimated errors: the next fix begins anew."""
         self.localization.reset()
         self._newest = None
+
+    def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self.restart()
         self.health.reset()
         if self._keeper is not None:
             try:

@@ -37,7 +37,11 @@ class FilterConfig(NamedTuple):
     ] = 0.999
     relocation_fixes: Annotated[
         int,
-        Spec("rejected fixes in a row that relocate the filter if they agree with each other", minimum=2, maximum=100),
+        Spec(
+            "rejected fixes in a row that relocate the filter if they agree with each other",
+            minimum=2,
+            maximum=1_000_000,
+        ),
     ] = 3
     relocation_timeout: Annotated[
         float,

@@ -53,6 +53,8 @@ _OUT_LENGTHS = 4.0
 """on the way out a lateral error decays more gently than towards the dock, in this multiple of lambda"""
 _NEAR = 0.2
 """[m] the approach may begin so far before the staging pose"""
+_WAITING = 0.01
+"""[m] the robot counts as waiting so far before commit_distance, which it approaches ever more slowly"""
 _BRAKE_SHARE = 0.5
 """share of the acceleration limit that the speed along the axis is planned with"""
 _ON_AXIS, _ALONG_AXIS, _UNDOCKED = 0.01, 0.02, 0.02
@@ -207,13 +209,14 @@ def docking_step(
     At the goal, or after the last try, the command is zero.
     """
     sheet = config.drive.data_sheet
+    if not math.isfinite(estimate.pose.x + estimate.pose.y + estimate.pose.theta):
+        stopped = _with_motion(memory, Twist(0.0, 0.0), memory.actuation)
+        return stopped, stopped.command, Report(math.nan, math.nan, math.nan, math.nan, 0.0, OMEGA_L, math.nan)
     actuation, rest = memory.actuation, estimate.pose
     if not is_immediate(sheet):
         coasted = coast(estimate.pose, memory.actuation, memory.command, dt, sheet)
         actuation, rest = coasted.actuation, coasted.pose
     pose, out = _leading(rest, config), -_leading(goal, config).x
-    if memory.phase == STAGING and memory.drive.command != memory.command:
-        memory = _in_phase(memory, STAGING, memory.tries)  # a new goal, for a robot that moves
     if memory.phase == STAGING and not _is_contact(goal):
         memory = _in_phase(memory, UNDOCKING if _is_undocked(goal, out) else FAILED, memory.tries)
     memory = _next_phase(memory, _leading(estimate.pose, config), pose, estimate.uncertainty, out, dt, config)
@@ -237,7 +240,7 @@ def reason_to_give_up(memory: DockingMemory, config: DockingConfig) -> str:
         return ""
     if memory.tries == 0:
         return "not at the dock nor on the axis before it"
-    return f"{memory.tries} approaches broken off: beside the axis or too uncertain at commit_distance"
+    return f"{memory.tries} approaches broken off: beside the axis, too uncertain at commit_distance, or a contact before the dock"
 
 
 def describe(memory: DockingMemory) -> dict[str, str]:
@@ -283,6 +286,8 @@ def _next_phase(
 
 
 def _next_staging(memory: DockingMemory, rest: Pose, dt: float, config: DockingConfig) -> DockingMemory:
+    if memory.contact and abs(rest.x) <= config.straight_length and fits(Arrival(rest.y, rest.theta), 1.0, config):
+        return _in_phase(memory, DOCKED, memory.tries)  # it was docked before
     near = config.straight_length < -rest.x <= config.staging_distance + _NEAR
     if near and _is_inside(rest, 1.0, config) and fits(arrival(rest, config), _ENTRY, config):
         return _in_phase(memory, APPROACHING, memory.tries)
@@ -297,11 +302,12 @@ def _next_staging(memory: DockingMemory, rest: Pose, dt: float, config: DockingC
 def _next_approach(
     memory: DockingMemory, now: Pose, rest: Pose, uncertainty: Uncertainty, dt: float, config: DockingConfig
 ) -> DockingMemory:
-    if -now.x <= config.straight_length:
+    if -now.x <= config.straight_length and (memory.committed or config.commit_distance <= config.straight_length):
         return _touching(memory, -now.x, dt, config)
     at, distance = arrival(rest, config), -rest.x
     is_inside = _is_inside(rest, _LEAVE, config)
-    goes_beside = not (is_inside and fits(at, 1.0, config))
+    # Whatever the robot touches there, it is not the dock, or the pose is wrong.
+    goes_beside = memory.contact or not (is_inside and fits(at, 1.0, config))
     if (goes_beside and distance > config.straight_length) or memory.wait > config.commit_timeout:
         out = config.staging_distance + (_MARGIN if is_inside else _ALIGNING)
         return _in_phase(memory, RETREATING, memory.tries + 1, out)
@@ -310,7 +316,7 @@ def _next_approach(
     if memory.committed or distance > config.commit_distance + braking_way:
         return memory
     committed = is_certain(at, distance, uncertainty, config)
-    is_there = not committed and distance <= config.commit_distance
+    is_there = not committed and distance <= config.commit_distance + _WAITING
     return _waiting(memory, committed, memory.wait + dt if is_there else 0.0, math.inf)
 
 
@@ -366,7 +372,9 @@ def _staging_step(
 ) -> tuple[DockingMemory, Twist, Report]:
     """Drive to the staging pose by the switching law."""
     staging = pose_on_axis(config.staging_distance, config.dock_backward)
-    drive, command, report = braking_step(memory.drive, estimate, staging, dt, config.drive)
+    # A new goal finds the motion in the memory alone, and a command may have been limited since the last step.
+    before = _with_command(memory.drive, memory.command, memory.actuation)
+    drive, command, report = braking_step(before, estimate, staging, dt, config.drive)
     after = DockingMemory(
         phase=STAGING,
         tries=memory.tries,
@@ -383,20 +391,22 @@ def _staging_step(
     return after, command, report
 
 
-def _in_phase(memory: DockingMemory, phase: int, tries: int, out: float = 0.0) -> DockingMemory:
-    """Begin a phase, with the motion that the robot has."""
+def _with_command(drive: ControllerMemory, command: Twist, actuation: Actuation) -> ControllerMemory:
     # Compiled code has neither _replace nor defaults.
-    drive = new_memory()
-    drive = ControllerMemory(
+    return ControllerMemory(
         switching=drive.switching,
-        command=memory.command,
+        command=command,
         settling=drive.settling,
         reapproach=drive.reapproach,
         finish=drive.finish,
         course=drive.course,
-        actuation=memory.actuation,
-        reached=False,
+        actuation=actuation,
+        reached=drive.reached,
     )
+
+
+def _in_phase(memory: DockingMemory, phase: int, tries: int, out: float = 0.0) -> DockingMemory:
+    """Begin a phase, with the motion that the robot has."""
     return DockingMemory(
         phase=phase,
         tries=tries,
@@ -407,7 +417,7 @@ def _in_phase(memory: DockingMemory, phase: int, tries: int, out: float = 0.0) -
         out=out,
         command=memory.command,
         actuation=memory.actuation,
-        drive=drive,
+        drive=_with_command(new_memory(), memory.command, memory.actuation),
         reached=phase in (DOCKED, UNDOCKED),
     )
 

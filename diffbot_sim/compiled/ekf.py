@@ -283,7 +283,6 @@ def fill_landmark(
         expected = with_landmark_errors(known, LandmarkErrors(x[6], x[7], x[8]))
     _clear(work)
     y, H, R, m = work["y"], work["H"], work["R"], 0
-    R[0, 1] = R[1, 0] = 0.0
     if math.isfinite(variances[0]):
         y[0] = distance - expected.range
         H[0, 0], H[0, 1] = expected.range_x, expected.range_y

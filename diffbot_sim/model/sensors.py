@@ -200,7 +200,8 @@ def check_detector(config: SensorConfig) -> None:
 
 def is_pose_due(step: int, config: SensorConfig, sampling_time: float) -> bool:
     """Return True if a loop of one filter measures a pose at ``step``: see :func:`measured_pose_at`."""
-    return due(step, config.fix_rate, sampling_time) or due(step, config.detector.detection_rate, sampling_time)
+    rate = config.detector.detection_rate if config.detector.detection_rate > 0.0 else config.fix_rate
+    return due(step, rate, sampling_time)
 
 
 def measured_pose_at(key: NoiseKey, pose: Pose, before: Draw, config: SensorConfig) -> Fix:

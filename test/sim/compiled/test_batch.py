@@ -20,6 +20,7 @@ from diffbot_sim.compiled.batch import COLUMNS, FEEDBACK_CODES, Starts, run_batc
 from diffbot_sim.compiled.closed_loop import Case
 from diffbot_sim.feedback import FEEDBACKS
 from diffbot_sim.model.actuators import ActuatorConfig
+from diffbot_sim.model.detector import DetectorConfig
 from diffbot_sim.model.plant import PlantConfig
 from diffbot_sim.model.sensors import SensorConfig
 from diffbot_sim.model.simulator import StartPose, WorldConfig
@@ -250,6 +251,11 @@ def test_the_box_is_filled_evenly():
             "fix_delay + fix_delay_jitter = 1.25: " + TOO_LATE,
         ),
         (case_of(sensors=SensorConfig(heading_delay=1.2)), [START], "heading_delay = 1.2: " + TOO_LATE),
+        (
+            case_of(sensors=SensorConfig(detector=DetectorConfig(detection_rate=5.0, detection_delay=1.1))),
+            [START],
+            "detection_delay = 1.1: " + TOO_LATE,
+        ),
         (case_of(steps=0), [START], "steps = 0: must be >= 1"),
         (
             case_of()._replace(filter=options_of(FilterConfig(use_gyro=True))),

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from diffbot_control.filter.dock import FixNoise
 from diffbot_control.filter.gate import ACCEPTED, REJECTED, RELOCATED
 from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.landmark_calibration import NO_ERRORS
@@ -23,6 +24,18 @@ LANDMARKS = ((3.0, 1.0), (-2.0, 4.0), (0.5, -3.0))
 
 def wrapped(angle):
     return math.remainder(angle, 2.0 * math.pi)
+
+
+def twin_fix(pose, R):
+    return twin.PoseFix(pose, FixNoise(R[0, 0], R[0, 1], R[1, 1], R[0, 2], R[1, 2], R[2, 2]))
+
+
+def random_covariance(rng):
+    """Variances of a pose with correlations of any strength."""
+    factor = rng.normal(size=(3, 3))
+    R = factor @ factor.T + 1e-2 * np.eye(3)
+    sigmas = np.sqrt(rng.uniform(1e-3, 0.05, 3) / R.diagonal())
+    return R * np.outer(sigmas, sigmas)
 
 
 def flat(adaptation):
@@ -90,7 +103,7 @@ def assert_same(reference, track, arrays, tolerance=1e-9):
 
 @pytest.mark.parametrize(("variant", "seed"), [*zip(FILTERS, (0, 1, 0, 1), strict=True), ("ekf", 2), (FILTERS[-1], 2)])
 def test_the_compiled_filter_is_filterpys(variant, seed):
-    """Some runs take the wheel separation as given; one estimates the errors of the landmarks' sensor."""
+    """The errors of fixes are correlated. Some runs take the wheel separation as given; one calibrates landmarks."""
     rng = np.random.default_rng(seed)
     probability = (0.9, 0.999, 1.0)[seed % 3]
     separation_sigma = 0.0 if seed % 2 else 0.05
@@ -115,9 +128,9 @@ def test_the_compiled_filter_is_filterpys(variant, seed):
     reference, track, arrays = GatedFilter(options, SEPARATION), twin.new_track(), new_arrays(options, example)
     seen = np.zeros(len(LANDMARKS), example.seen.dtype)
     truth = np.array([*rng.uniform(-1.0, 1.0, 2), math.pi - 0.01 if seed % 2 else rng.uniform(-math.pi, math.pi)])
-    R = np.diag(rng.uniform(1e-3, 0.05, 3))
+    R = random_covariance(rng)
     reference.reset_to(Pose(*truth), R)
-    track = twin.take_fix(track, arrays, twin.PoseFix(Pose(*truth), *np.diag(R)), options)
+    track = twin.take_fix(track, arrays, twin_fix(Pose(*truth), R), options)
     assert_same(reference, track, arrays)
     now, verdicts, kinds = 0.0, set(), ["fix"] * 4 + ["heading", "landmark", "outlier"]
     for step in range(300):
@@ -137,9 +150,9 @@ def test_the_compiled_filter_is_filterpys(variant, seed):
         if kind in ("fix", "outlier"):
             z = truth + rng.normal(0.0, 0.1, 3) + (rng.uniform(-3.0, 3.0, 3) if kind == "outlier" else 0.0)
             pose = Pose(z[0], z[1], wrapped(z[2]))
-            R = rng.uniform(1e-3, 0.05, 3)
-            verdict = reference.take(PoseFix(0, pose, np.diag(R)))
-            track = twin.take_fix(track, arrays, twin.PoseFix(pose, *R), options)
+            R = random_covariance(rng)
+            verdict = reference.take(PoseFix(0, pose, R))
+            track = twin.take_fix(track, arrays, twin_fix(pose, R), options)
             assert track.newest.fix_outcome == verdict
             verdicts.add(verdict)
         elif kind == "heading":
@@ -166,7 +179,7 @@ def test_it_finds_the_same_correlation_of_landmarks():
     arrays, seen = new_arrays(options, WITH_SENSORS), np.zeros(len(LANDMARKS), WITH_SENSORS.seen.dtype)
     start = np.diag([0.03, 0.03, 0.01])
     reference.reset_to(Pose(0.0, 0.0, 3.0), start)
-    track = twin.take_fix(track, arrays, twin.PoseFix(Pose(0.0, 0.0, 3.0), *start.diagonal()), options)
+    track = twin.take_fix(track, arrays, twin_fix(Pose(0.0, 0.0, 3.0), start), options)
     truth, c, errors = np.array([0.0, 0.0, 3.0]), math.exp(-0.1), rng.normal(size=(len(LANDMARKS), 2))
     for step in range(300):
         motion = Motion(Twist(0.4, 0.3), 0.2, TwistCovariance(4e-4, 1e-5, 4e-4))
@@ -192,7 +205,7 @@ def test_both_notice_a_slip_by_the_gyro():
     reference, track, arrays = GatedFilter(options, SEPARATION), twin.new_track(), new_arrays(options, WITH_SENSORS)
     R = np.diag((0.01, 0.01, 0.01))
     reference.reset_to(Pose(0.0, 0.0, 0.0), R)
-    track = twin.take_fix(track, arrays, twin.PoseFix(Pose(0.0, 0.0, 0.0), *np.diag(R)), options)
+    track = twin.take_fix(track, arrays, twin_fix(Pose(0.0, 0.0, 0.0), R), options)
     noticed, contradicted = [], 0
     for step in range(300):
         lost = np.array((0.0, 0.06 if 100 <= step < 200 else 0.9 if step == 250 else 0.0))

@@ -1,0 +1,45 @@
+"""A detection turned round: the robot's pose at the dock and its covariance."""
+
+import math
+
+import numpy as np
+import pytest
+
+from diffbot_control.filter.dock import FixNoise, noise_at_dock, robot_at_dock, scaled_noise
+from diffbot_core.geometry import Pose
+
+POSES = [Pose(1.5, 0.4, 0.7), Pose(-0.3, 0.9, -2.6), Pose(0.6, -0.2, 3.1)]
+
+
+def matrix(pose):
+    c, s = math.cos(pose.theta), math.sin(pose.theta)
+    return np.array([[c, -s, pose.x], [s, c, pose.y], [0.0, 0.0, 1.0]])
+
+
+def full(noise):
+    return np.array([[noise.xx, noise.xy, noise.xt], [noise.xy, noise.yy, noise.yt], [noise.xt, noise.yt, noise.tt]])
+
+
+@pytest.mark.parametrize("detected", POSES)
+def test_the_robot_at_the_dock_is_the_inverse_of_the_dock_at_the_robot(detected):
+    np.testing.assert_allclose(matrix(robot_at_dock(detected)), np.linalg.inv(matrix(detected)), atol=1e-12)
+
+
+@pytest.mark.parametrize("detected", POSES)
+def test_its_covariance_is_that_of_the_detection_through_the_jacobian(detected):
+    h, columns = 1e-6, []
+    for step in np.eye(3) * h:
+        high, low = (np.array(robot_at_dock(Pose(*(np.array(detected) + sign * step)))) for sign in (1.0, -1.0))
+        columns.append((high - low) / (2.0 * h))
+    J = np.transpose(columns)
+    expected = J @ np.diag((4e-4, 4e-4, 2.5e-3)) @ J.T
+    found = full(noise_at_dock(robot_at_dock(detected), 4e-4, 2.5e-3))
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+
+
+def test_scaled_variances_keep_the_correlations():
+    A = np.random.default_rng(1).normal(size=(3, 3))
+    P = A @ A.T
+    factors = np.sqrt((2.0, 2.0, 5.0))
+    found = full(scaled_noise(FixNoise(P[0, 0], P[0, 1], P[1, 1], P[0, 2], P[1, 2], P[2, 2]), 2.0, 5.0))
+    np.testing.assert_allclose(found, P * np.outer(factors, factors), rtol=1e-12)

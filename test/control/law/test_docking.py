@@ -1,0 +1,331 @@
+"""Docking: the motion on the axis against integrated kinematics, the phases of whole runs, limits, the mirror image."""
+
+import math
+import random
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from diffbot_control.law import docking
+from diffbot_control.law.configuration import ControllerConfig
+from diffbot_control.law.docking import (
+    APPROACHING,
+    DOCKED,
+    FAILED,
+    PHASE_NAMES,
+    RETREATING,
+    STAGING,
+    UNDOCKED,
+    UNDOCKING,
+    DockingConfig,
+    docking_step,
+    new_docking_memory,
+)
+from diffbot_core.data_sheet import DataSheet
+from diffbot_core.geometry import Pose, wrap_angle
+from diffbot_core.kinematics import Twist
+from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
+
+SHEET = DataSheet(0.5, 1.5, 9.0, 0.5, 2.0)
+CONFIG = DockingConfig(drive=ControllerConfig(data_sheet=SHEET))
+CONTACT, OUT = Pose(0.0, 0.0, 0.0), Pose(-0.7, 0.0, 0.0)
+STARTS = [
+    Pose(-2.0, 0.5, 0.3),
+    Pose(-1.0, -1.0, 2.0),
+    Pose(0.5, 1.0, 0.0),
+    Pose(-0.3, 0.1, 0.2),
+    Pose(-0.69, 0.01, -0.3),
+]
+VAGUE = Uncertainty(0.02, 0.001)
+DT = 0.05
+
+
+def moved(pose, command, dt=DT):
+    """Follow the exact arc."""
+    x, y, theta = pose
+    turn = command.omega * dt
+    chord = command.v * dt * np.sinc(0.5 * turn / math.pi)
+    return Pose(
+        x + chord * math.cos(theta + 0.5 * turn), y + chord * math.sin(theta + 0.5 * turn), wrap_angle(theta + turn)
+    )
+
+
+@dataclass
+class Run:
+    """One robot that docks; ``seen`` makes the estimate, ``wall`` is the x at which the dock stops it."""
+
+    config: DockingConfig = CONFIG
+    goal: Pose = CONTACT
+    seen: object = Estimate
+    wall: float = math.inf
+    pose: Pose = CONTACT
+    memory: docking.DockingMemory | None = None
+    commands: list = field(default_factory=list)
+    phases: list = field(default_factory=list)
+    poses: list = field(default_factory=list)
+
+    def drive(self, start, duration=60.0, until=(DOCKED, FAILED, UNDOCKED)):
+        self.pose, self.memory = start, self.memory or new_docking_memory(self.config)
+        for index in range(round(duration / DT)):
+            dt = DT if index else 0.0
+            estimate = self.seen(self.pose)
+            self.memory, command, report = docking_step(self.memory, estimate, self.goal, dt, self.config)
+            assert np.isfinite(report).all()
+            self.commands.append(command)
+            self.poses.append(self.pose)
+            if self.phases[-1:] != [self.memory.phase]:
+                self.phases.append(self.memory.phase)
+            if self.memory.phase in until:
+                return self
+            self.pose = moved(self.pose, command)
+            self.pose = self.pose._replace(x=min(self.pose.x, self.wall))
+        pytest.fail(f"still {PHASE_NAMES[self.memory.phase]} at {self.pose}")
+
+
+@pytest.mark.parametrize(("v", "x"), [(0.1, -0.8), (0.03, -0.5), (0.1, -0.2), (0.1, -0.03)])
+def test_the_error_at_contact_is_predicted_whatever_the_speed(v, x):
+    y, theta = 2e-4, -3e-3
+    start = Pose(x, y, theta)
+
+    def rates(_, state):
+        pose, distance = Pose(*state), -state[0]
+        if distance > CONFIG.commit_distance:
+            command = docking.along_axis(pose, v, CONFIG.approach_length)
+        elif distance > CONFIG.straight_length:
+            command = docking.hold_heading(pose, v, CONFIG.approach_length)
+        else:
+            command = Twist(v, 0.0)
+        return command.v * math.cos(pose.theta), command.v * math.sin(pose.theta), command.omega
+
+    def contact(_, state):
+        return state[0]
+
+    contact.terminal = True
+    found = solve_ivp(rates, (0.0, 2.0 * abs(x) / v), start, events=contact, max_step=2e-3 / v, rtol=1e-9, atol=1e-12)
+    assert docking.arrival(start, CONFIG) == pytest.approx(found.y[1:, -1], rel=5e-3, abs=2e-7)
+    assert found.y[0, -1] == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("v", [0.3, -0.3])
+def test_on_the_axis_the_lyapunov_function_falls_as_stated_in_and_out(v):
+    rng, h = random.Random(1), 1e-6
+    for _ in range(300):
+        length = rng.uniform(0.05, 1.0)
+        pose = Pose(rng.uniform(-2.0, 0.0), rng.uniform(-1.0, 1.0), rng.uniform(-3.0, 3.0))
+        command = docking.along_axis(pose, v, length)
+        before, after = (docking.axis_lyapunov(moved(pose, command, dt), length) for dt in (-h, h))
+        slope = (after - before) / (2.0 * h)
+        assert slope == pytest.approx(-2.0 * abs(v) * pose.theta**2 / length, rel=1e-4, abs=1e-4)
+        assert command.v == v
+    assert docking.along_axis(Pose(-1.0, 0.3, 0.4), 0.0, 0.1) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("v", [0.3, -0.3])
+def test_a_held_heading_shrinks_and_the_way_aside_ends(v):
+    length, pose = 0.1, Pose(-1.0, 0.04, 0.02)
+    for _ in range(2000):
+        pose = moved(pose, docking.hold_heading(pose, v, length), 1e-3)
+    assert abs(pose.theta) < 1e-5
+    # The integral of theta over the way.
+    assert pose.y == pytest.approx(0.04 + math.copysign(0.5 * length * 0.02, v), abs=1e-5)
+
+
+@pytest.mark.parametrize("backward", [False, True])
+@pytest.mark.parametrize("start", STARTS)
+def test_it_docks_straight_and_its_mirror_image_gives_the_same_commands(start, backward):
+    run = Run().drive(start)
+    assert run.memory.reached
+    assert run.memory.tries == 0
+    assert run.phases[-2:] == [APPROACHING, DOCKED]
+    assert abs(run.pose.y) < 2e-3
+    assert abs(run.pose.theta) < 1e-4
+    assert CONFIG.press_distance <= run.pose.x < CONFIG.press_distance + 0.01
+    last = run.commands[-3].v
+    assert last == pytest.approx(CONFIG.contact_speed)
+    if backward:
+        turned = Run(CONFIG._replace(dock_backward=True)).drive(Pose(-start.x, -start.y, start.theta))
+        # Rounding may differ: the law to the staging pose computes with other angles.
+        np.testing.assert_allclose(turned.commands, np.multiply(run.commands, (-1.0, 1.0)), atol=1e-9)
+
+
+def test_a_robot_that_stands_within_press_distance_is_docked_and_one_before_it_is_not():
+    run = Run(wall=-0.01).drive(OUT)
+    assert run.pose.x == -0.01
+    assert run.memory.reached
+    # The stall time begins with the last centimetre.
+    assert 0.5 < DT * run.poses.count(run.pose) < 0.8
+    far = Run(wall=-CONFIG.press_distance - 0.005)
+    with pytest.raises(pytest.fail.Exception, match="still approaching"):
+        far.drive(OUT, 20.0)
+
+
+def test_contact_that_is_felt_ends_it_before_the_docked_pose():
+    run = Run().drive(OUT, until=(APPROACHING,))
+    run.memory = run.memory._replace(contact=True)
+    run.drive(run.pose)
+    assert run.memory.reached
+    assert -CONFIG.straight_length <= run.pose.x < -CONFIG.straight_length + 0.01
+
+
+def test_an_estimate_that_jumps_aside_near_the_dock_breaks_off_until_the_last_try_fails():
+    def jumping(pose):
+        return Estimate(pose._replace(y=pose.y + (0.05 if -0.3 < pose.x < -0.2 else 0.0)))
+
+    run = Run(seen=jumping).drive(OUT, until=(RETREATING,))
+    assert run.memory.tries == 1
+    assert -0.3 < run.pose.x < -0.25
+    run.drive(run.pose)
+    assert run.phases == [APPROACHING, *(RETREATING, STAGING, APPROACHING) * 2, RETREATING, FAILED]
+    assert run.pose.x <= -CONFIG.staging_distance - 0.04
+    assert not run.memory.reached
+    assert docking.reason_to_give_up(run.memory, CONFIG).startswith("3 approaches broken off")
+    kidnapped = Run()
+    kidnapped.drive(OUT, until=(APPROACHING,))
+    for _ in range(2):
+        kidnapped.drive(Pose(-0.25, 0.05, 0.0), until=(RETREATING,))
+        kidnapped.drive(kidnapped.pose, until=(APPROACHING,))
+    kidnapped.drive(kidnapped.pose)
+    assert (kidnapped.memory.tries, kidnapped.memory.reached) == (2, True)
+
+
+@pytest.mark.parametrize("scatter", [0.0, 0.002])
+def test_an_uncertain_robot_waits_at_commit_distance_and_breaks_off(scatter):
+    rng, nearest = random.Random(3), []
+
+    def vague(pose):
+        nearest.append(pose.x)
+        return Estimate(pose._replace(x=pose.x + rng.gauss(0.0, scatter)), VAGUE)
+
+    run = Run(seen=vague).drive(OUT, until=(RETREATING,))
+    assert run.memory.tries == 1
+    assert max(nearest) < -CONFIG.commit_distance + 3.0 * scatter + 1e-9
+    slow = sum(abs(command.v) < 0.03 for command in run.commands[40:])
+    assert CONFIG.commit_timeout <= slow * DT < CONFIG.commit_timeout + 2.0
+    run.drive(run.pose)
+    assert (run.memory.phase, run.memory.tries) == (FAILED, CONFIG.dock_tries)
+
+
+def test_it_goes_on_when_it_becomes_certain_and_stays_committed_when_that_ends():
+    seen = []
+
+    def once(pose):
+        seen.append(pose.x)
+        return Estimate(pose, CERTAIN if 140 <= len(seen) < 150 else VAGUE)
+
+    run = Run(seen=once).drive(OUT)
+    assert run.memory.reached
+    assert seen[139] == pytest.approx(-CONFIG.commit_distance, abs=0.01)
+
+
+def test_an_uncertain_pose_that_jumps_to_the_dock_is_no_contact():
+    run = Run(seen=lambda pose: Estimate(pose, VAGUE)).drive(Pose(-0.5, 0.0, 0.0), until=(APPROACHING,))
+    run.drive(Pose(0.1, 0.0, 0.0), until=(DOCKED, RETREATING))
+    assert (run.memory.phase, run.memory.tries) == (RETREATING, 1)
+
+
+def test_certainty_counts_the_heading_at_a_distance():
+    at = docking.Arrival(0.0, 0.0)
+    for distance, xy, theta, expected in (
+        (0.33, 0.0, 0.0049, True),
+        (0.33, 0.0, 0.0051, False),
+        (0.33, 0.0076, 0.0, True),
+        (0.33, 0.0078, 0.0, False),
+        (2.0, 0.0, 0.0037, True),
+        (2.0, 0.0, 0.0040, False),
+    ):
+        assert docking.is_certain(at, distance, Uncertainty(xy, theta), CONFIG) == expected
+    assert not docking.is_certain(docking.Arrival(0.021, 0.0), 0.33, CERTAIN, CONFIG)
+    assert not docking.is_certain(docking.Arrival(0.0, -0.014), 0.33, CERTAIN, CONFIG)
+
+
+@pytest.mark.parametrize("backward", [False, True])
+def test_undocking_drives_out_along_the_axis(backward):
+    sign = -1.0 if backward else 1.0
+    start, goal = Pose(0.0, sign * 0.01, 0.05), Pose(sign * OUT.x, 0.0, 0.0)
+    run = Run(CONFIG._replace(dock_backward=backward), goal).drive(start)
+    assert run.phases == [UNDOCKING, UNDOCKED]
+    assert run.memory.reached
+    assert run.pose == pytest.approx((sign * -0.68, 0.0, 0.0), abs=5e-3)
+    assert all(sign * command.v <= 0.0 for command in run.commands)
+
+
+@pytest.mark.parametrize("goal", [Pose(-0.7, 0.1, 0.0), Pose(-0.7, 0.0, 0.1), Pose(0.5, 0.0, 0.0), Pose(0.0, 0.0, 3.0)])
+def test_another_goal_fails_with_the_reason_at_once(goal):
+    run = Run(goal=goal).drive(CONTACT)
+    assert run.phases == [FAILED]
+    assert run.commands == [(0.0, 0.0)]
+    assert docking.reason_to_give_up(run.memory, CONFIG) == "not at the dock nor on the axis before it"
+
+
+def test_a_new_goal_finds_the_robot_in_motion():
+    memory = new_docking_memory(CONFIG)._replace(command=Twist(0.3, -0.5))
+    for goal in (CONTACT, OUT):
+        _, command, _ = docking_step(memory, Estimate(Pose(-2.0, 0.5, 0.3)), goal, DT, CONFIG)
+        assert abs(command.v - 0.3) <= SHEET.a_max * DT + 1e-12
+        assert abs(command.omega + 0.5) <= SHEET.omega_dot_max * DT + 1e-12
+
+
+@pytest.mark.parametrize(("latency", "lag"), [(0.2, 0.0), (0.15, 0.1)])
+def test_it_docks_in_spite_of_dead_time_and_lag(latency, lag):
+    config = CONFIG._replace(
+        drive=ControllerConfig(data_sheet=SHEET._replace(command_latency=latency, drive_time_constant=lag))
+    )
+    memory, pose, twist, fine = new_docking_memory(config), Pose(-1.5, 0.3, 0.3), Twist(0.0, 0.0), 5
+    sent = [Twist(0.0, 0.0)] * round(latency / DT)
+    for index in range(1000):
+        memory, command, report = docking_step(memory, Estimate(pose), CONTACT, DT if index else 0.0, config)
+        if memory.phase == APPROACHING and not lag:
+            ahead = DT * sum(one.v for one in sent)
+            assert report.rho == pytest.approx(math.hypot(pose.x + ahead, pose.y), abs=5e-3)
+        if memory.phase == DOCKED:
+            break
+        sent.append(command)
+        acting, dt = sent.pop(0), DT / fine
+        for _ in range(fine):
+            share = 1.0 - math.exp(-dt / lag) if lag else 1.0
+            twist = Twist(twist.v + share * (acting.v - twist.v), twist.omega + share * (acting.omega - twist.omega))
+            pose = moved(pose, twist, dt)
+    assert memory.phase == DOCKED
+    assert memory.tries == 0
+    assert abs(pose.y) < 0.01
+    assert abs(pose.theta) < 0.01
+
+
+NUMBER = st.one_of(st.floats(-3.0, 0.5), st.floats(-0.05, 0.05), st.just(math.nan))
+SIGMA = st.sampled_from((0.0, 1e-3, 0.02, 1.0, math.inf, math.nan))
+STEP = st.tuples(NUMBER, NUMBER, NUMBER, SIGMA, SIGMA, st.sampled_from((0.0, 0.02, 0.1)))
+ON_AXIS = st.sampled_from((STAGING, APPROACHING, RETREATING, DOCKED, FAILED, UNDOCKING, UNDOCKED))
+
+
+@settings(max_examples=150)
+@given(
+    ON_AXIS,
+    st.booleans(),
+    st.booleans(),
+    st.sampled_from((CONTACT, OUT, Pose(1.0, 2.0, 3.0))),
+    st.lists(STEP, max_size=12),
+)
+def test_whatever_the_estimates_the_commands_are_finite_and_within_the_limits(
+    phase, backward, accelerates_at_once, goal, steps
+):
+    sheet = DataSheet(0.5, 1.5, 9.0) if accelerates_at_once else SHEET
+    drive = ControllerConfig(data_sheet=sheet)
+    config = DockingConfig(dock_backward=backward, approach_length=0.05, drive=drive)
+    before = Twist(0.2, 0.3)
+    memory = new_docking_memory(config)._replace(phase=phase, command=before)
+    for x, y, theta, xy, sigma, dt in steps:
+        memory, command, _ = docking_step(memory, Estimate(Pose(x, y, theta), Uncertainty(xy, sigma)), goal, dt, config)
+        assert abs(command.v) <= SHEET.v_max + 1e-12
+        assert abs(command.omega) <= SHEET.omega_max + 1e-12
+        assert abs(command.v) + 0.5 * SHEET.wheels.wheel_separation * abs(command.omega) <= 9.0 * 0.05 + 1e-12
+        if math.isnan(x + y + theta):
+            # As in the law to the staging pose, what is no pose stops the robot at once.
+            assert command == (0.0, 0.0) or memory.phase in (DOCKED, FAILED, UNDOCKED)
+        elif not accelerates_at_once:
+            assert abs(command.v - before.v) <= SHEET.a_max * dt + 1e-12
+            assert abs(command.omega - before.omega) <= SHEET.omega_dot_max * dt + 1e-12
+        before = command

@@ -1,0 +1,63 @@
+"""Docking over DDS in processes of its own: contact, undocking, another dock, and who may drive."""
+
+import math
+
+import docks
+import pytest
+import rclpy
+from geometry_msgs.msg import PoseStamped
+from graph import private_domain
+
+from diffbot_control.ros.messages.fields import fill_pose
+from diffbot_control.ros.navigator import TaskResult
+from diffbot_core.geometry import Pose, out_of_frame
+
+pytestmark = pytest.mark.graph
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """The nodes, and a navigator."""
+    with private_domain():
+        rclpy.init()
+        try:
+            with docks.Scene(seed=11) as running:
+                yield running
+        finally:
+            rclpy.try_shutdown()
+
+
+@pytest.mark.parametrize("fault", docks.FAULTS)
+def test_the_robot_meets_its_dock_or_none_and_is_answered(scene, fault):
+    done = scene.run(fault)
+    assert done.end, "no answer"
+    assert not done.is_beside, done
+    if fault in docks.HARMLESS:
+        assert done.end == "reached", done
+        assert done.contact is not None
+        assert done.undocked
+    else:
+        assert done.end.startswith(("not reached: ", "pose lost: ")), done
+
+
+def test_a_goal_in_map_lets_go_of_the_dock_and_a_docking_of_the_goal_in_map(scene):
+    navigator = scene.navigator
+    goal = PoseStamped()
+    goal.header.frame_id = "map"
+    fill_pose(goal.pose, out_of_frame(Pose(-1.5, 0.0, 0.0), docks.DOCK))
+    assert navigator.goToPose(goal)
+    first = navigator.task
+    assert navigator.dock()
+    assert navigator.wait_for_end(60.0)
+    assert first.end == "cancelled"
+    docking = navigator._docking
+    assert navigator.goToPose(goal)
+    assert docking.wait_for_end(60.0)
+    assert docking.task.end == "cancelled"
+    assert scene.wait() == "reached"
+    assert navigator.getResult() == TaskResult.SUCCEEDED
+
+
+def test_a_goal_off_the_axis_is_refused_by_its_end(scene):
+    scene.navigator._send_in_dock(Pose(-0.7, 0.4, math.pi / 2), "dock_controller")
+    assert scene.wait() == "not reached: not at the dock nor on the axis before it"

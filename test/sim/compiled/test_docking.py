@@ -1,0 +1,77 @@
+"""Docking by a detector in the compiled loop: what plain Python does, and it docks."""
+
+import numpy as np
+import pytest
+
+from diffbot_control.filter.options import FilterConfig, options_of
+from diffbot_control.law.configuration import ControllerConfig
+from diffbot_control.law.docking import Docking, DockingConfig
+from diffbot_core.data_sheet import DataSheet
+from diffbot_core.geometry import Pose, into_frame, out_of_frame
+from diffbot_sim.compiled.batch import COLUMNS, FEEDBACK_CODES, Starts, run_batch, run_histories
+from diffbot_sim.compiled.closed_loop import Case, buffers_for, make_loop, prepared
+from diffbot_sim.model.detector import DetectorConfig, dock_of
+from diffbot_sim.model.plant import PlantConfig
+from diffbot_sim.model.sensors import SensorConfig
+
+PLANT = PlantConfig(sampling_time=0.05, drive_noise=0.02, encoder_noise=0.02)
+LAW = DockingConfig(drive=ControllerConfig(data_sheet=DataSheet(0.5, 1.5, 15.0, 0.5, 2.0)))
+DETECTOR = DetectorConfig(detection_rate=10.0, detection_sigma=0.004, detection_yaw_sigma=0.01, detection_delay=0.0)
+ELSEWHERE = DETECTOR._replace(dock_x=3.0, dock_y=-2.0, dock_yaw=2.5)
+CONTACT, OUT, START = Pose(0.0, 0.0, 0.0), Pose(-0.7, 0.0, 0.0), Pose(-1.5, 0.3, 0.2)
+
+
+def case_of(detector=DETECTOR, law=LAW, goal=CONTACT, feedback="ekf", steps=400):
+    case = Case(PLANT, SensorConfig(detector=detector), law, goal, FEEDBACK_CODES[feedback], False, steps, 0.05, 0.05)
+    return case._replace(filter=options_of(FilterConfig()))
+
+
+CASES = {
+    "it sees the dock": (case_of(), START),
+    "late, elsewhere": (case_of(ELSEWHERE._replace(detection_delay=0.12, detection_outlier=0.1)), START),
+    "newest detection, backwards": (
+        case_of(ELSEWHERE._replace(detection_sigma=0.0), LAW._replace(dock_backward=True), feedback="raw"),
+        Pose(1.5, -0.3, 0.2),
+    ),
+    "dead time": (
+        case_of(
+            law=LAW._replace(
+                drive=LAW.drive._replace(
+                    data_sheet=LAW.data_sheet._replace(command_latency=0.2, drive_time_constant=0.1)
+                )
+            ),
+        ),
+        START,
+    ),
+    "it undocks": (case_of(DETECTOR._replace(detection_nearest=0.0), goal=OUT, steps=200), Pose(0.0, 0.01, 0.02)),
+    "too uncertain": (case_of(DETECTOR._replace(detection_yaw_sigma=0.5), steps=600), START),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_compiled_it_is_plain_python(name):
+    case, start = CASES[name]
+    start = out_of_frame(start, dock_of(case.sensors.detector))
+    found = run_histories(case, Starts(np.array([start])), 7, 3, 1, 1, Docking)[0]
+    plain, expected = prepared(case), np.empty_like(found)
+    make_loop(Docking)(plain, buffers_for(plain), 7, 3, start, expected)
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-7)
+    assert np.ptp(found[:, 0]) > 0.5
+
+
+def test_robots_dock_by_what_they_detect_and_know_where_they_are():
+    starts = Starts(np.array([out_of_frame(START, dock_of(ELSEWHERE))]), (0.3, 0.3, 0.5))
+    case = case_of(ELSEWHERE._replace(detection_delay=0.1), steps=800)
+    histories = run_histories(case, starts, 1, 0, 40, 1, Docking)
+    ends = np.array([into_frame(Pose(*row[-1, :3]), dock_of(ELSEWHERE)) for row in histories])
+    reached = run_batch(case, starts, 1, 0, 40, 1, Docking)[:, COLUMNS.index("reached_time")]
+    assert np.isfinite(reached).mean() > 0.9
+    docked = ends[np.isfinite(reached)]
+    assert np.percentile(np.abs(docked[:, 1]), 90) < LAW.dock_xy_tolerance
+    assert np.percentile(np.abs(docked[:, 2]), 90) < LAW.dock_yaw_tolerance
+    assert 0.0 < docked[:, 0].min() < docked[:, 0].max() < 0.06
+    seen = histories[:, 100, 3:6] - [into_frame(Pose(*row[100, :3]), dock_of(ELSEWHERE)) for row in histories]
+    assert np.abs(seen[:, 0]).max() < 5.0 * histories[:, 100, 8].max()
+    # On commands: the data sheet, the steps of the acceleration and the bound of the speed.
+    assert np.abs(np.diff(histories[:, :, 6], axis=1)).max() <= 0.5 * 0.05 + 1e-9
+    assert np.abs(np.diff(histories[:, :, 7], axis=1)).max() <= 2.0 * 0.05 + 1e-9

@@ -1,0 +1,123 @@
+"""A detector of a dock: where it sees it, how wrong it is, and that the covariance it claims is the true one."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from diffbot_core.geometry import Pose, into_frame, out_of_frame
+from diffbot_sim.model import sensors
+from diffbot_sim.model.detector import DetectorConfig, detection_at, dock_of, in_view, noise_of, robot_seen
+from diffbot_sim.model.philox import NoiseKey
+from diffbot_sim.model.sensors import NO_ERRORS, SensorConfig
+
+CONFIG = DetectorConfig(dock_x=3.0, dock_y=-2.0, dock_yaw=2.5, detection_rate=5.0, detection_dropout=0.0)
+STATISTICS = 3000
+
+
+def detections(robot, config=CONFIG, count=STATISTICS):
+    """Detect the dock from a pose in its frame."""
+    pose = out_of_frame(robot, dock_of(config))
+    return [detection_at(NoiseKey(5, 1, step), pose, config) for step in range(count)]
+
+
+def errors_of(robot, found):
+    seen = into_frame(Pose(0.0, 0.0, 0.0), robot)
+    errors = np.array([one.pose for one in found]) - seen
+    errors[:, 2] = np.remainder(errors[:, 2] + math.pi, 2.0 * math.pi) - math.pi
+    return errors
+
+
+@pytest.mark.parametrize("distance", [0.5, 4.0])
+def test_errors_grow_with_the_distance_as_configured_and_are_uniform(distance):
+    robot = Pose(-distance * math.cos(0.3), distance * math.sin(0.3), -3.1)
+    errors = errors_of(robot, detections(robot))
+    sigmas = 0.01 + 0.01 * distance, 0.01 + 0.01 * distance, 0.02 + 0.01 * distance
+    for column, sigma in zip(errors.T, sigmas, strict=True):
+        bound = math.sqrt(3.0) * sigma
+        assert stats.kstest(column, "uniform", (-bound, 2.0 * bound)).pvalue > 1e-3
+    assert np.abs(np.corrcoef(errors.T) - np.eye(3)).max() < 0.07
+
+
+@pytest.mark.parametrize("robot", [Pose(-0.6, 0.1, 0.1), Pose(-3.0, 1.5, -0.4)])
+def test_the_covariance_claimed_in_the_frame_of_the_dock_is_the_true_one(robot):
+    nees, errors = [], []
+    for one in detections(robot):
+        found = robot_seen(one)
+        noise = noise_of(found, CONFIG)
+        P = [[noise.xx, noise.xy, noise.xt], [noise.xy, noise.yy, noise.yt], [noise.xt, noise.yt, noise.tt]]
+        error = np.subtract(found, robot)
+        errors.append(error)
+        nees.append(error @ np.linalg.solve(P, error))
+        distance = math.hypot(one.pose.x, one.pose.y)
+        assert (one.sigma, one.yaw_sigma) == pytest.approx((0.01 + 0.01 * distance, 0.02 + 0.01 * distance))
+    # Uniform errors: the variance of a squared one is 0.8 of its mean's square.
+    assert np.mean(nees) == pytest.approx(3.0, abs=4.0 * math.sqrt(3 * 0.8 / STATISTICS))
+    noise = noise_of(robot, CONFIG)
+    expected = [noise.xx, noise.xy, noise.xt, noise.yy, noise.yt, noise.tt]
+    scale = np.sqrt([noise.xx, noise.yy, noise.tt])
+    found = np.cov(np.transpose(errors))
+    np.testing.assert_allclose(
+        (found / np.outer(scale, scale))[np.triu_indices(3)],
+        expected / np.outer(scale, scale)[np.triu_indices(3)],
+        atol=0.07,
+    )
+
+
+def test_dropouts_and_outliers_come_as_often_as_configured_and_independently():
+    robot = Pose(-2.0, 0.3, 0.2)
+    config = CONFIG._replace(detection_dropout=0.3, detection_outlier=0.2, detection_outlier_distance=1.5)
+    found, plain = detections(robot, config), detections(robot)
+    lost = np.array([one.lost for one in found])
+    off = np.subtract([one.pose[:2] for one in found], [one.pose[:2] for one in plain])
+    outliers = np.hypot(*off.T) > 1e-9
+    assert np.hypot(*off[outliers].T) == pytest.approx(1.5)
+    directions = np.arctan2(off[outliers, 1], off[outliers, 0])
+    assert stats.kstest(directions, "uniform", (-math.pi, 2.0 * math.pi)).pvalue > 1e-3
+    assert lost.mean() == pytest.approx(0.3, abs=0.03)
+    assert outliers.mean() == pytest.approx(0.2, abs=0.03)
+    assert (lost & outliers).mean() == pytest.approx(0.06, abs=0.015)
+    assert [one.pose.theta for one in found] == [one.pose.theta for one in plain]
+    assert not any(one.lost for one in plain)
+
+
+@pytest.mark.parametrize(
+    ("changed", "seen"),
+    [
+        ({}, {0.0: True, 1.0: True, 3.0: True}),
+        ({"detection_half_angle": 0.5}, {0.0: True, 0.49: True, -0.49: True, 0.51: False, -0.51: False, 3.1: False}),
+        (
+            {"detection_half_angle": 0.5, "detection_behind": True},
+            {0.0: False, math.pi: True, 2.66: True, -2.66: True, 2.62: False, -2.62: False},
+        ),
+    ],
+)
+def test_the_dock_is_seen_within_the_half_angle_of_the_leading_end(changed, seen):
+    config = CONFIG._replace(**changed)
+    for bearing, expected in seen.items():
+        assert in_view(Pose(math.cos(bearing), math.sin(bearing), 0.3), config) == expected
+        robot = into_frame(Pose(0.0, 0.0, 0.0), Pose(math.cos(bearing), math.sin(bearing), 0.3))
+        assert detections(robot, config, 1)[0].lost != expected
+
+
+def test_the_dock_is_seen_from_nearest_to_farthest():
+    config = CONFIG._replace(detection_nearest=0.5, detection_farthest=4.0)
+    found = [detections(Pose(-x, 0.0, 0.0), config, 1)[0].lost for x in (0.45, 0.55, 3.95, 4.05)]
+    assert found == [True, False, False, True]
+
+
+def test_with_a_detector_poses_are_measured_at_its_rate_in_the_frame_of_the_dock():
+    robot, key = Pose(-2.0, 0.4, 0.3), NoiseKey(5, 1, 7)
+    config = SensorConfig(fix_rate=10.0, detector=CONFIG._replace(detection_rate=2.0, detection_delay=0.3))
+    pose = out_of_frame(robot, dock_of(config.detector))
+    fix = sensors.measured_pose_at(key, pose, NO_ERRORS, config)
+    assert fix.pose == pytest.approx(robot, abs=0.2)
+    assert (fix.delay, fix.lost) == (0.3, False)
+    assert sensors.claimed_noise(fix.pose, config) == noise_of(fix.pose, config.detector)
+    assert [step for step in range(21) if sensors.is_pose_due(step, config, 0.1)] == [0, 5, 10, 15, 20]
+    without = config._replace(detector=DetectorConfig())
+    assert sensors.measured_pose_at(key, pose, NO_ERRORS, without) == sensors.fix_at(key, pose, NO_ERRORS, without)
+    var_x, var_y, var_theta = sensors.fix_variances(without)
+    assert sensors.claimed_noise(pose, without) == (var_x, 0.0, var_y, 0.0, 0.0, var_theta)
+    assert all(sensors.is_pose_due(step, without, 0.1) for step in range(21))
