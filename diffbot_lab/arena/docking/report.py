@@ -33,10 +33,11 @@ _BOUNDS = (
     *(("lateral", "p95", 1.0), ("lateral", "p99", 1.5), ("heading", "p95", 1.0), ("heading", "p99", 1.5)),
     *(("middle_time", "median", 15.0), ("middle_time", "p99", 25.0)),
 )
+_SHARES = ("docked", "no_contact")
 _DOCKED = 99.9
 """[%] to be docked within the tolerances"""
 _COMPARED = (
-    ("docked", "", "docked"),
+    *(("docked", "", "share docked"), ("no_contact", "", "runs without contact")),
     *(("lateral", "p95", "lateral error, 95 %"), ("heading", "p95", "heading error, 95 %")),
     *(("time", "median", "time, median"), ("time", "p99", "time, 99 %")),
 )
@@ -47,16 +48,16 @@ _PATHS = 40
 
 
 def shown_value(figures: Results, part: str, level: str) -> float | None:
-    """Return a figure in the unit it is shown in; the share docked in %."""
-    if part == "docked":
-        return 100.0 * float(figures["docked"]) / float(figures["runs"])
+    """Return a figure in the unit it is shown in; shares of the runs in %."""
+    if part in _SHARES:
+        return 100.0 * float(figures[part]) / float(figures["runs"])
     value = figures[part][level]
     return None if value is None else _SCALES.get(part, (1.0, "s", 1))[0] * value
 
 
 def unit_of(part: str) -> str:
     """Return the unit a figure is shown in."""
-    return "%" if part == "docked" else _SCALES.get(part, (1.0, "s", 1))[1]
+    return "%" if part in _SHARES else _SCALES.get(part, (1.0, "s", 1))[1]
 
 
 def targets(results: Results) -> list[Target]:
