@@ -138,6 +138,9 @@ def test_the_study_in_short(tmp_path, capsys, monkeypatch, kept_signal_handlers)
     found, paths = study.run_docking(study.CASES[0], study.LAWS[study.OWN], starts, 9)
     assert study.figures_of(found, starts) == results["cases"][0]["laws"][study.OWN]
     np.testing.assert_array_equal(paths[:, 0], starts)
+    # Backwards the paths are shown as those of a robot that docks forwards.
+    _, paths = study.run_docking(study.docking_cases(("docking_backward",))[0], study.LAWS[study.OWN], starts, 9)
+    np.testing.assert_array_equal(paths[:, 0], starts)
 
 
 def test_bad_values_are_refused_before_the_runs(tmp_path, capsys, monkeypatch, kept_signal_handlers):
