@@ -25,6 +25,7 @@ LAWS = {
     "aicardi": "diffbot_lab.laws.aicardi:Aicardi",
     "feedback_linearisation": "diffbot_lab.laws.feedback_linearisation:FeedbackLinearisation",
     "graceful": "diffbot_lab.laws.graceful:Graceful",
+    "nav2_docking": "diffbot_lab.laws.nav2_docking:Nav2Docking",
     "nav2_graceful": "diffbot_lab.laws.nav2_graceful:Nav2Graceful",
     "polar": "diffbot_lab.laws.polar:Polar",
     "pure_pursuit": "diffbot_lab.laws.pure_pursuit:PurePursuit",

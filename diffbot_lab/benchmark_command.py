@@ -20,6 +20,7 @@ BENCHMARKS = {
     "tune": (102, Path("out/tuning")),
     "animate": (200, Path("out/animation")),
     "bound": (2, Path("out/bound")),
+    "docking": (17_000, Path("out/docking")),
     "calibration": (40, Path("out/calibration")),
     REAL: (1, Path("out/real")),
     PEER: (20, Path("out/robot_localization")),
@@ -31,8 +32,8 @@ def add_benchmark(commands: Any) -> None:
     """Add ``diffbot benchmark`` to the subparsers of the command line."""
     benchmark = commands.add_parser(
         "benchmark",
-        help="the law and its peers, their tuning, bounds or picture; the filter, simulated, on real drives, or "
-        "beside robot_localization; calibration",
+        help="the law and its peers, their tuning, bounds or picture; docking; the filter, simulated, on real drives, "
+        "or beside robot_localization; calibration",
     )
     benchmark.add_argument(
         "what", nargs="?", choices=tuple(BENCHMARKS), default="switching", help="%(default)s if none"
@@ -44,7 +45,8 @@ def add_benchmark(commands: Any) -> None:
         help="switching: of each start (default: 100); localization: of each case (default: 200); "
         "tune: of each case in an evaluation (default: 102); animate: the most typical one of these (default: 200); "
         "colour: drives at each correlation (default: 400); states: drives (default: 40); "
-        "effects: of each start (default: 60); bound: of each start (default: 2); calibration: drives (default: 40); "
+        "effects: of each start (default: 60); bound: of each start (default: 2); "
+        "docking: of each law in each case (default: 17000); calibration: drives (default: 40); "
         "robot_localization: drives of each case (default: 20)",
     )
     benchmark.add_argument(
@@ -142,6 +144,12 @@ def _bound(options: argparse.Namespace, runs: int, out: Path) -> int:
     return bound.run_and_report(bound.BoundOptions(runs, options.seed, tuple(options.case)), out)
 
 
+def _docking(options: argparse.Namespace, runs: int, out: Path) -> int:
+    from diffbot_lab.arena.docking import report as docking  # noqa: PLC0415
+
+    return docking.run_and_report(runs, options.seed, tuple(options.case), out, options.figures)
+
+
 def _real(options: argparse.Namespace, runs: int, out: Path) -> int:
     from diffbot_lab.filter_benchmark import real_command as benchmark  # noqa: PLC0415
 
@@ -169,6 +177,7 @@ _CALLS = {
     "tune": _tune,
     "animate": _animate,
     "bound": _bound,
+    "docking": _docking,
     "calibration": _calibration,
     REAL: _real,
     PEER: _peer,

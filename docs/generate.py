@@ -4,7 +4,7 @@ Sources: the tables in docs/reference/parameters/ and docs/reference/bags/check.
 in docs/explanation/law/paper.md: 100 runs of the closed loop; docs/rooms.svg: the imports;
 docs/reference/nodes/states.svg: the states of a goal; docs/badges: the package's metadata. In
 docs/results, from the JSON files in its folder data: benchmark.md, reproduction.md, faults.md (`make faults`,
-`make soak`), performance.md (`make bench`), trust.md (`make trust`), and the tables in filter.md,
+`make soak`), docking.md, performance.md (`make bench`), trust.md (`make trust`), and the tables in filter.md,
 real-robots.md and robot-localization.md.
 ``--experiments`` and ``--benchmark`` repeat the runs behind the JSON files and draw their figures; those behind
 benchmark_bound.json need casadi (extra ``bound``) and are repeated by ``--benchmark bound`` alone.
@@ -28,9 +28,10 @@ import numpy as np
 import parameter_tables
 from badges import badges
 from benchmark_page import page as benchmark_page
+from docking_page import page as docking_page
 from faults_page import page as faults_page
 from geometry_picture import geometry_picture
-from measure import CALIBRATION, COLOUR, CONTRACT, DATA, EFFECTS, LOCALIZATION, PEER, REAL, RESULTS, STATES
+from measure import CALIBRATION, COLOUR, CONTRACT, DATA, DOCKING, EFFECTS, LOCALIZATION, PEER, REAL, RESULTS, STATES
 from performance_page import page as performance_page
 from reproduction import page as reproduction_page
 from rooms import picture as rooms_picture
@@ -168,6 +169,7 @@ def results_pages() -> dict[Path, str]:
     return {
         RESULTS / "benchmark.md": law,
         RESULTS / "reproduction.md": reproduction_page(experiments["a"], experiments["b"], experiments["scan"]),
+        RESULTS / "docking.md": docking_page(read_data(DOCKING)),
         RESULTS / "filter.md": filter_results_page(),
         RESULTS / "real-robots.md": real_robots_page(),
         RESULTS / "robot-localization.md": peer_page(),

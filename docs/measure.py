@@ -17,6 +17,8 @@ from diffbot_lab.arena import command as law_benchmark
 from diffbot_lab.arena import effects as law_effects
 from diffbot_lab.arena.animation import AnimationOptions, drives, write_movie
 from diffbot_lab.arena.bounds import command as bound_benchmark
+from diffbot_lab.arena.docking import report as docking_report
+from diffbot_lab.arena.docking.study import run_study
 from diffbot_lab.benchmark_command import BENCHMARKS, PEER
 from diffbot_lab.commands import RUNS_OF_SCAN, SEED_OF_SCAN
 from diffbot_lab.filter_benchmark import calibration as calibration_benchmark
@@ -40,6 +42,10 @@ LOCALIZATION, COLOUR, STATES, EFFECTS = "localization", "localization_colour", "
 """Names of the results of the filter's benchmarks, and of the changed parameters."""
 REAL, CALIBRATION = "real", "calibration"
 """Names of the results on real drives, which no download repeats here, and of the calibration of simulated ones."""
+DOCKING = "docking"
+"""Name of the results of the docking study."""
+DOCKING_SEED = 2014
+"""Of its starts and noise: none of those that docking was developed with."""
 CONTRACT = "contract"
 """Name of the results on the filter's contract."""
 PAPER_RUNS = 100
@@ -140,6 +146,13 @@ def write_bound() -> None:
     bound_benchmark.run_bound(options, lambda found: write_json(DATA / "benchmark_bound.json", found))
 
 
+def write_docking() -> None:
+    """Run the docking study; write its results and its figure to docs/results."""
+    results, shown = run_study(BENCHMARKS[DOCKING][0], DOCKING_SEED)
+    write_json(DATA / f"{DOCKING}.json", results | docking_report.conclusions(results))
+    docking_report.draw(shown, FIGURES / f"{DOCKING}.png")
+
+
 def write_contract() -> None:
     """Count how often the filter keeps the contract; write the results to docs/results."""
     write_json(DATA / f"{CONTRACT}.json", run_contract(Contract()))
@@ -154,9 +167,10 @@ WRITERS: dict[str, tuple[Callable[[], None], ...]] = {
     "states": (write_states,),
     CALIBRATION: (write_calibration,),
     CONTRACT: (write_contract,),
+    DOCKING: (write_docking,),
     ALL: (
         *(write_switching, write_effects, write_localization, write_colour, write_states),
-        *(write_calibration, write_contract),
+        *(write_calibration, write_contract, write_docking),
     ),
     "bound": (write_bound,),
 }

@@ -80,14 +80,14 @@ def rotation_rate(angle: float, config: Nav2GracefulConfig) -> float:
     return math.copysign(max(rate, config.v_angular_min_in_place), angle)
 
 
-def smooth_velocity(x: float, y: float, heading: float, config: Nav2GracefulConfig) -> Twist:
+def smooth_velocity(x: float, y: float, heading: float, config: Any) -> Twist:
     """Return the velocity towards a target in the robot's frame, as ``calculateRegularVelocity``.
 
     Args:
         x: [m] of the target.
         y: [m] of the target.
         heading: [rad] of the target.
-        config: gains and bounds.
+        config: gains and bounds, by the names of :class:`Nav2GracefulConfig`.
     """
     r, sight = math.hypot(x, y), math.atan2(y, x)
     curvature = graceful_curvature(r, wrap_angle(heading - sight), -sight, config.k_phi, config.k_delta)

@@ -22,6 +22,14 @@ LAWS = [name for name in registered_laws() if name != "switching"]
 SHEET = DataSheet(1.3, 2.6, 26.0, 0.5, 1.5)
 
 
+def with_sheet(law, sheet):
+    """Return the default configuration with a data sheet, which may be that of the law that it drives with."""
+    config = law.Config()
+    if "drive" in config._fields:
+        return config._replace(drive=config.drive._replace(data_sheet=sheet))
+    return config._replace(data_sheet=sheet)
+
+
 def drive(law, config, pose, seconds, t_s=0.1, latency=0.0, *, until_reached=False):
     """Drive a perfect robot but for its dead time; return the final pose, the commands and the last memory."""
     memory, commands, robot = law.new_memory(config), [], Robot(pose, latency)
@@ -52,7 +60,7 @@ def test_a_law_drives_to_the_pose_and_says_so(name, start):
 def test_reached_is_not_said_while_the_robot_coasts(name):
     """With a dead time the coasted pose is at the goal before the robot is."""
     law = resolve_law(name)
-    config = law.Config()._replace(data_sheet=SHEET._replace(command_latency=0.5))
+    config = with_sheet(law, SHEET._replace(command_latency=0.5))
     pose, _, memory = drive(law, config, Pose(-3.0, 0.1, 0.0), 60.0, latency=0.5, until_reached=True)
     assert memory.reached
     assert math.hypot(pose.x, pose.y) < 0.1
@@ -66,7 +74,7 @@ poses = st.builds(Pose, *(st.floats(-5.0, 5.0),) * 2, st.floats(-3.1, 3.1))
 def test_no_limit_is_broken_whatever_the_estimates(name, jumps, a_max, omega_dot_max):
     law = resolve_law(name)
     sheet = SHEET._replace(a_max=a_max, omega_dot_max=omega_dot_max, command_latency=0.2, drive_time_constant=0.1)
-    config = law.Config()._replace(data_sheet=sheet)
+    config = with_sheet(law, sheet)
     memory, last = law.new_memory(config), Twist(0.0, 0.0)
     for index, pose in enumerate(jumps * 3):
         dt = 0.1 if index else 0.0
@@ -115,7 +123,7 @@ def test_a_law_compiles_to_the_same_steps(name):
         return step(memory, estimate, goal, dt, config)
 
     compiled = compile_kernel(one_step, version)
-    config = law.Config()._replace(data_sheet=SHEET._replace(command_latency=0.2))
+    config = with_sheet(law, SHEET._replace(command_latency=0.2))
     memory = law.new_memory(config)
     for index, x in enumerate(np.linspace(-3.0, 0.0, 40).tolist()):
         given = memory, Estimate(Pose(x, 0.5 * math.sin(x), 0.3 * x), CERTAIN), ORIGIN, 0.1 if index else 0.0, config

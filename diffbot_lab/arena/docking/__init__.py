@@ -1,0 +1,1 @@
+"""Docking, beside Nav2's docking server."""

@@ -1,0 +1,149 @@
+"""The docking study: contact on histories made by hand, its figures, where the peer is ahead, the study in short."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from diffbot_lab.arena.docking import report, study
+from diffbot_tools import cli
+
+STEP = 0.1
+
+
+def history(*rows):
+    return np.array([rows], dtype=float)
+
+
+def test_contact_is_interpolated_between_the_steps_around_it():
+    rows = history((-0.3, 0.1, 0.0), (-0.03, 0.02, 3.13), (0.01, 0.06, -3.13), (0.02, 0.5, 0.5))
+    ((lateral, heading, time, speed),) = study.contacts(rows, STEP)
+    assert lateral == pytest.approx(0.05)  # three quarters of the way from -0.03 to 0.01
+    assert heading % (2.0 * math.pi) == pytest.approx(3.13 + 0.75 * (2.0 * math.pi - 6.26))  # over the jump at pi
+    assert time == pytest.approx(0.175)
+    assert speed == pytest.approx(0.4)
+
+
+def test_only_the_first_way_in_is_contact():
+    again = history((-0.1, 0.0, 0.0), (-0.2, 0.0, 0.0), (0.2, 0.1, 0.0), (-0.1, 0.0, 0.0), (0.1, 0.3, 0.0))
+    assert study.contacts(again, STEP)[0] == pytest.approx((0.05, 0.0, 0.15, 4.0))
+    out = history((0.1, 0.0, 0.0), (-0.1, 0.0, 0.0), (-0.2, 0.0, 0.0), (-0.1, 0.0, 0.0), (-0.05, 0.0, 0.0))
+    both = study.contacts(np.concatenate([out, again]), STEP)
+    assert np.isnan(both[0]).all()
+    assert both[1, 2] == pytest.approx(0.15)
+
+
+def test_figures_count_docked_beside_and_none():
+    degree = math.radians(1.0)
+    found = np.array(
+        [
+            (0.019, -1.9 * degree, 8.0, 0.1),
+            (-0.005, 0.5 * degree, 9.0, 0.1),
+            (-0.021, 0.0, 20.0, 0.1),
+            (0.0, -2.1 * degree, 21.0, 0.1),
+            (np.nan, np.nan, np.nan, np.nan),
+        ]
+    )
+    starts = np.array([(-1.31, 0.0, 0.0), (-1.29, 0.0, 0.0), (-1.69, 0.0, 0.0), (-1.71, 0.0, 0.0), (-1.5, 0.0, 0.0)])
+    figures = study.figures_of(found, starts)
+    counts = [figures[name] for name in ("runs", "docked", "beside", "no_contact", "middle_runs")]
+    assert counts == [5, 2, 2, 1, 2]
+    low, high = figures["docked_interval"]
+    assert (low, high) == pytest.approx((0.1176, 0.7693), abs=1e-3)  # Wilson, 2 of 5
+    assert figures["lateral"]["median"] == pytest.approx(0.012)
+    assert figures["heading"]["max"] == pytest.approx(2.1 * degree)
+    assert figures["time"]["median"] == pytest.approx(14.5)
+    assert figures["middle_time"]["median"] == pytest.approx(14.0)
+    assert figures["lateral"]["median"] != figures["heading"]["median"]
+
+
+def test_the_peer_is_ahead_where_its_figure_is_better():
+    contact, starts = np.array([(0.004, 0.01, 10.0, 0.1)] * 4), np.full((4, 3), -1.5)
+    faster = contact.copy()
+    faster[:, 2] = 9.0
+    missed = contact.copy()
+    missed[0] = np.nan
+    ours, quick, poor = (study.figures_of(one, starts) for one in (contact, faster, missed))
+
+    def ahead(own, peer):
+        row = {"name": "docking", "text": "", "laws": {study.OWN: own, study.PEER: peer}}
+        return [(one["figure"], one["own"], one["peer"]) for one in report.peer_ahead({"cases": [row]})]
+
+    assert ahead(ours, ours) == []
+    assert ahead(ours, quick) == [("time, median", 10.0, 9.0), ("time, 99 %", 10.0, 9.0)]
+    assert ahead(poor, ours) == [("share docked", 75.0, 100.0), ("runs without contact", 25.0, 0.0)]
+
+
+def test_a_target_is_missed_by_the_figure_it_names():
+    starts = np.full((1000, 3), -1.5)
+    found = np.tile((0.005, math.radians(0.5), 14.0, 0.1), (1000, 1))
+    found[:2, 0] = 0.03
+    figures = study.figures_of(found, starts)
+    results = {"cases": [{"name": "docking", "text": "", "laws": {study.OWN: figures}}]}
+    assert [one.text for one in report.targets(results) if not one.met] == ["docked within 2 cm and 2 degrees [%]"]
+    found[:, 1] = math.radians(1.2)
+    results["cases"][0]["laws"][study.OWN] = study.figures_of(found, starts)
+    missed = {one.text: one.value for one in report.targets(results) if not one.met}
+    assert missed["heading error [degrees], 95 %"] == pytest.approx(1.2)
+    assert len(missed) == 2
+
+
+def test_the_cases_differ_in_what_they_say():
+    cases = {one.name: study.case_of(one, study.LAWS[study.OWN]) for one in study.CASES}
+    base = cases["docking"]
+    changed = {
+        "docking_no_loss": lambda one: one.sensors.detector.detection_dropout == 0.0,
+        "docking_outliers": lambda one: one.sensors.detector.detection_outlier == 0.05,
+        "docking_backward": lambda one: one.controller.dock_backward,
+        "docking_no_mix": lambda one: one.plant.actuators.command_delay == 0.0,
+        "docking_50_hz": lambda one: one.plant.sampling_time == 0.02 and one.steps == 3000,
+    }
+    assert set(changed) | {"docking"} == set(cases)
+    for name, holds in changed.items():
+        assert [other for other, case in cases.items() if holds(case)] == [name]
+    assert base.sensors.fix_rate == 0.0
+    assert (base.sensors.detector.detection_rate, base.sensors.detector.detection_dropout) == (10.0, 0.2)
+    assert base.plant.actuators.command_delay == base.controller.data_sheet.command_latency == 0.1
+    for law in study.LAWS.values():
+        assert study.case_of(study.CASES[0], law).controller.data_sheet == base.controller.data_sheet
+
+
+def test_starts_are_before_the_dock():
+    starts = study.docking_starts(5000, 3)
+    np.testing.assert_allclose(starts.min(axis=0), (-3.0, -0.5, -math.pi / 4.0), atol=0.01)
+    np.testing.assert_allclose(starts.max(axis=0), (-0.5, 0.5, math.pi / 4.0), atol=0.01)
+    assert not np.array_equal(starts, study.docking_starts(5000, 4))
+
+
+@pytest.mark.study
+def test_the_study_in_short(tmp_path, capsys, monkeypatch, kept_signal_handlers):
+    monkeypatch.setattr(study, "_CHUNK", 8)
+    command = ["benchmark", "docking", "--runs", "20", "--seed", "9", "--out", str(tmp_path)]
+    assert cli.main([*command, "--case", "docking", "--case", "docking_backward"]) == 0
+    results = json.loads((tmp_path / "results.json").read_text())
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["docking.png", "results.json"]
+    assert [row["name"] for row in results["cases"]] == ["docking", "docking_backward"]
+    for row in results["cases"]:
+        own, peer = row["laws"][study.OWN], row["laws"][study.PEER]
+        assert own["docked"] == 20
+        assert own["heading"]["median"] < peer["heading"]["median"]
+        assert row["only_own_docked"] - row["only_peer_docked"] == own["docked"] - peer["docked"]
+        assert 0.05 < own["speed"]["median"] < 0.1 < peer["speed"]["p99"] < 0.15
+    lines = capsys.readouterr().out.splitlines()
+    assert sum("Nav2's docking server |" in line for line in lines) == 2
+    # Chunks change nothing, and run i is the same under any number of runs.
+    starts = study.docking_starts(20, 9)
+    monkeypatch.setattr(study, "_CHUNK", 500)
+    found, paths = study.run_docking(study.CASES[0], study.LAWS[study.OWN], starts, 9)
+    assert study.figures_of(found, starts) == results["cases"][0]["laws"][study.OWN]
+    np.testing.assert_array_equal(paths[:, 0], starts)
+    # Backwards the paths are shown as those of a robot that docks forwards.
+    _, paths = study.run_docking(study.docking_cases(("docking_backward",))[0], study.LAWS[study.OWN], starts, 9)
+    np.testing.assert_array_equal(paths[:, 0], starts)
+
+
+def test_bad_values_are_refused_before_the_runs(tmp_path, capsys, monkeypatch, kept_signal_handlers):
+    monkeypatch.setattr(study, "run_docking", lambda *_: pytest.fail("ran"))
+    assert cli.main(["benchmark", "docking", "--case", "sunny", "--out", str(tmp_path)]) == 1
+    assert "case = 'sunny': must be one of docking, " in capsys.readouterr().err

@@ -1,0 +1,118 @@
+"""Nav2's docking server as a law: its approach against Park and Kuipers' equations, its phases, its end."""
+
+import ast
+import cmath
+import importlib
+import math
+from pathlib import Path
+
+import pytest
+
+from diffbot_control.goals.registry import resolve_law
+from diffbot_core.geometry import Pose
+from diffbot_core.uncertainty import CERTAIN, Estimate
+from diffbot_lab.laws.nav2_docking import (
+    APPROACHING,
+    ENDED,
+    PRESSING,
+    STAGING,
+    Nav2Docking,
+    Nav2DockingConfig,
+    approach,
+    next_docker,
+)
+
+DOCK = Pose(0.0, 0.0, 0.0)
+DEFAULTS = Nav2DockingConfig()
+
+
+def graceful(x, y, theta):
+    """Park and Kuipers' Eq. (13) and (15) with the gains of the docking server, by complex numbers."""
+    to_dock = -complex(x, y)
+    r = abs(to_dock)
+    delta = cmath.phase(cmath.exp(1j * theta) / (to_dock / r))
+    phi = cmath.phase(1.0 / (to_dock / r))
+    steer = 2.0 * (delta - math.atan(-3.0 * phi)) + (1.0 + 3.0 / (1.0 + 9.0 * phi * phi)) * math.sin(delta)
+    curvature = -steer / r
+    v = min(0.25 / (1.0 + 0.4 * curvature**2), 0.25 * r / 0.25)
+    v = max(v, 0.1)
+    omega = max(-0.75, min(0.75, curvature * v))
+    return omega / curvature, omega
+
+
+@pytest.mark.parametrize(
+    "pose", [(-0.7, 0.02, -0.1), (-0.5, -0.1, 0.3), (-0.3, 0.05, 0.02), (-0.15, 0.03, 0.2), (-0.9, 0.3, -0.4)]
+)
+def test_the_approach_is_the_graceful_law_with_the_gains_of_the_docking_server(pose):
+    assert approach(Pose(*pose), DEFAULTS) == pytest.approx(graceful(*pose), abs=1e-12)
+
+
+def driven(start, config, steps=400, dt=0.05):
+    """Drive a unicycle by the law; return poses, commands and phases."""
+    pose, memory, found = start, Nav2Docking.new_memory(config), []
+    for index in range(steps):
+        memory, command, _ = Nav2Docking.step(memory, Estimate(pose, CERTAIN), DOCK, dt if index else 0.0, config)
+        found.append((pose, command, memory.state.phase))
+        turn = pose.theta + 0.5 * command.omega * dt
+        way = command.v * dt
+        pose = Pose(pose.x + way * math.cos(turn), pose.y + way * math.sin(turn), pose.theta + command.omega * dt)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("start", "phases"),
+    [
+        (Pose(-2.0, 0.3, -0.2), [STAGING, APPROACHING, PRESSING, ENDED]),
+        (Pose(-1.0, 0.39, 0.0), [APPROACHING, PRESSING, ENDED]),  # 0.49 m from the staging pose
+        (Pose(-1.0, 0.41, 0.0), [STAGING, APPROACHING, PRESSING, ENDED]),
+    ],
+)
+def test_staging_is_skipped_within_half_a_metre_of_it(start, phases):
+    found = driven(start, DEFAULTS)
+    assert list(dict.fromkeys(phase for *_, phase in found)) == phases
+    at, _, _ = next(one for one in found if one[2] == APPROACHING)
+    expected = (-0.7, 0.0) if phases[0] == STAGING else start[:2]
+    assert at[:2] == pytest.approx(expected, abs=0.1)
+    assert 0.03 <= found[-1][0].x < 0.05
+    assert all(command.v <= 0.25 and abs(command.omega) <= 0.75 for _, command, phase in found if phase == APPROACHING)
+    assert {command for _, command, phase in found[-20:]} == {(0.0, 0.0)}
+
+
+def test_near_the_dock_it_goes_straight_on_at_the_least_speed():
+    pressed = [(pose, command) for pose, command, phase in driven(Pose(-1.0, 0.3, 0.2), DEFAULTS) if phase == PRESSING]
+    assert math.hypot(*pressed[0][0][:2]) < 0.05
+    assert pressed[0][0].x < -0.03
+    assert all(command == (0.1, 0.0) for _, command in pressed[1:])
+
+
+def test_backwards_it_is_the_same_drive_turned_round():
+    start = Pose(-2.0, 0.3, -0.2)
+    forwards = driven(start, DEFAULTS)
+    found = driven(Pose(-start.x, -start.y, start.theta), DEFAULTS._replace(dock_backward=True))
+    straight = [one for one in zip(forwards, found, strict=True) if one[0][2] in (APPROACHING, PRESSING)]
+    assert len(straight) > 50
+    for (pose, command, _), (turned, mirrored, _) in straight:
+        assert turned == pytest.approx((-pose.x, -pose.y, pose.theta), abs=1e-9)
+        assert mirrored == pytest.approx((-command.v, command.omega), abs=1e-9)
+
+
+def test_an_approach_of_more_than_thirty_seconds_begins_again_three_times():
+    docker, phases = Nav2Docking.new_memory(DEFAULTS).state, []
+    for _ in range(1500):
+        docker = next_docker(docker, Pose(-0.3, 0.0, 0.0), 0.1, DEFAULTS)
+        if docker.phase == STAGING:
+            docker = docker._replace(drive=docker.drive._replace(reached=True))
+        phases.append(docker.phase)
+    assert phases.count(STAGING) == 3
+    assert phases.index(STAGING) in (300, 301)
+    assert phases[-1] == ENDED
+    assert phases.index(ENDED) == pytest.approx(4 * 301, abs=5)
+
+
+def test_it_is_registered_under_its_name():
+    source = ast.parse((Path(__file__).parents[3] / "setup.py").read_text())
+    laws = next(one.value for one in source.body if isinstance(one, ast.Assign) and one.targets[0].id == "LAWS")
+    place = ast.literal_eval(laws)[Nav2Docking.name]
+    assert resolve_law(place) is Nav2Docking
+    module, _, name = place.partition(":")
+    assert getattr(importlib.import_module(module), name) is Nav2Docking
