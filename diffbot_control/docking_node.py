@@ -21,6 +21,7 @@ from diffbot_control.ekf_node import EkfNode
 from diffbot_control.filter.covariance import uncertainty_of
 from diffbot_control.law.docking import Docking
 from diffbot_control.robot_node import RobotControllerNode
+from diffbot_control.ros.messages.fields import stamp_ns
 from diffbot_control.ros.parameters.dock import NO_DOCK
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose
@@ -53,7 +54,8 @@ class DockControllerNode(RobotControllerNode):
     def configure(self) -> None:
         """Watch the controller in map, too."""
         super().configure()
-        self._accepted = 0
+        self._accepted, self._accepted_at = 0, 0
+        """number of goals so far, and when [ns] the newest was noticed"""
         self._known: set[bytes] = set()
         """ids of the goals of the controller in map"""
         self._release = self.create_client(Trigger, "controller/cancel")
@@ -74,7 +76,7 @@ class DockControllerNode(RobotControllerNode):
         """
         if self.supervisor.accepted == self._accepted:
             return
-        self._accepted = self.supervisor.accepted
+        self._accepted, self._accepted_at = self.supervisor.accepted, self.get_clock().now().nanoseconds
         if self._release.service_is_ready():
             self._release.call_async(Trigger.Request())
         found = self._ekf.localization
@@ -89,6 +91,7 @@ class DockControllerNode(RobotControllerNode):
             for one in message.status_list
             if one.status in (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
             and bytes(one.goal_info.goal_id.uuid) not in self._known
+            and stamp_ns(one.goal_info.stamp) > self._accepted_at
         ]
         self._known = {bytes(one.goal_info.goal_id.uuid) for one in message.status_list}
         if begun and self.supervisor.goal is not None:

@@ -240,7 +240,8 @@ def reason_to_give_up(memory: DockingMemory, config: DockingConfig) -> str:
         return ""
     if memory.tries == 0:
         return "not at the dock nor on the axis before it"
-    return f"{memory.tries} approaches broken off: beside the axis, too uncertain at commit_distance, or a contact before the dock"
+    causes = "beside the axis, too uncertain at commit_distance, or a contact before the dock"
+    return f"{memory.tries} approaches broken off: {causes}"
 
 
 def describe(memory: DockingMemory) -> dict[str, str]:

@@ -47,6 +47,7 @@ def test_a_goal_in_map_lets_go_of_the_dock_and_a_docking_of_the_goal_in_map(scen
     fill_pose(goal.pose, out_of_frame(Pose(-1.5, 0.0, 0.0), docks.DOCK))
     assert navigator.goToPose(goal)
     first = navigator.task
+    assert navigator.spin_until(lambda: first.feedback is not None, 30.0)
     assert navigator.dock()
     assert navigator.wait_for_end(60.0)
     assert first.end == "cancelled"

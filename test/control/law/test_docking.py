@@ -164,11 +164,28 @@ def test_a_robot_that_stands_within_press_distance_is_docked_and_one_before_it_i
 
 
 def test_contact_that_is_felt_ends_it_before_the_docked_pose():
-    run = Run().drive(OUT, until=(APPROACHING,))
+    run = Run(wall=-0.04)
+    with pytest.raises(pytest.fail.Exception, match="still approaching"):
+        run.drive(OUT, 20.0)
     run.memory = run.memory._replace(contact=True)
     run.drive(run.pose)
     assert run.memory.reached
-    assert -CONFIG.straight_length <= run.pose.x < -CONFIG.straight_length + 0.01
+    assert run.pose.x == -0.04
+
+
+def test_contact_far_before_the_dock_breaks_off():
+    run = Run().drive(OUT, until=(APPROACHING,))
+    run.memory = run.memory._replace(contact=True)
+    run.drive(run.pose, until=(RETREATING,))
+    assert run.memory.tries == 1
+
+
+def test_a_robot_that_is_docked_and_feels_it_stays():
+    memory = new_docking_memory(CONFIG)._replace(contact=True)
+    at_dock = Estimate(Pose(0.002, -0.003, 0.004))
+    memory, command, _ = docking_step(memory, at_dock, Pose(0.0, 0.0, 0.0), 0.0, CONFIG)
+    assert memory.reached
+    assert command == (0.0, 0.0)
 
 
 def test_an_estimate_that_jumps_aside_near_the_dock_breaks_off_until_the_last_try_fails():
