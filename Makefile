@@ -16,7 +16,7 @@ unexport PYTHONPATH PYTHONHOME LD_LIBRARY_PATH AMENT_PREFIX_PATH RMW_IMPLEMENTAT
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help setup compilers browser demo test test-fast faults real soak lint bench trust docs site clean
+.PHONY: help setup compilers browser demo test test-fast docks faults real soak lint bench trust docs site clean
 .DELETE_ON_ERROR:
 
 help:
@@ -26,6 +26,7 @@ help:
 	@echo "make test-fast   run those without nodes, studies and installations while editing: 45 seconds"
 	@echo "make faults  try each fault many times, twenty minutes; results to docs/results/data/faults.json"
 	@echo "make real OVERLAY=...  run the tests of nodes with tf2, rosbag2, Nav2 ... of an overlay: docs/how-to/real-ros.md"
+	@echo "make docks   dock 50 times over DDS, with detections spoilt in every other run"
 	@echo "make soak    goals and faults for ten minutes: does memory grow, is every goal reached?"
 	@echo "make lint    run ruff, mypy, import-linter, oxlint and hadolint"
 	@echo "make bench   measure speed and cost; writes docs/results/performance.md"
@@ -76,6 +77,9 @@ real: setup
 
 soak: setup
 	@PYTHONPATH=test/support $(BIN)/python bench/soak.py --json docs/results/data/faults.json $(ARGS)
+
+docks: setup
+	@PYTHONPATH=test/support $(BIN)/python bench/docks.py $(ARGS)
 
 lint: setup
 	@$(BIN)/ruff check

@@ -28,7 +28,6 @@ from diffbot_control.ros.navigator import Navigator, TaskResult
 from diffbot_core.geometry import Pose, into_frame, out_of_frame
 from diffbot_core.units import NS_PER_S
 
-ROOT = Path(__file__).resolve().parents[1]
 DOCK = Pose(3.0, 1.0, 0.5)
 SPEED = 3.0
 """of simulated time over real time"""
@@ -140,12 +139,11 @@ class Scene:
         simulated = {"use_sim_time": True}
         plant = {"clock": "scaled", "real_time_factor": SPEED, "seed": seed, "detection_rate": 10.0}
         plant |= {"dock_x": DOCK.x, "dock_y": DOCK.y, "dock_yaw": DOCK.theta, "max_cmd_vel_publishers": 2}
-        file = str(ROOT / "config" / "dock.yaml")
         remapped = ("-r", "detected_dock_pose:=seen_by_plant")
         self._processes = [
             graph.node("diffbot_sim.plant_node", plant, remapped),
             graph.node("diffbot_control.robot_node", simulated | {"max_cmd_vel_publishers": 2}),
-            graph.node("diffbot_control.docking_node", simulated, ("--params-file", file)),
+            graph.node("diffbot_control.docking_node", simulated),
         ]
         self._entered: list[graph.Process] = []
 

@@ -1,7 +1,7 @@
 """The nodes ``dock_ekf`` and ``dock_controller`` in one process: a robot's filter and law in the frame of its dock.
 
 They are the nodes ekf and controller, beside those that drive to goals in map: detected_dock_pose and odom ->
-dock/pose, and with dock/goal_pose or ``diffbot dock`` -> cmd_vel. Their parameters are in config/dock.yaml.
+dock/pose, and with dock/goal_pose or ``diffbot dock`` -> cmd_vel.
 """
 
 from __future__ import annotations
@@ -11,7 +11,9 @@ if __name__ == "__main__":  # before the imports that take long: see launcher
 
     raise SystemExit(launch("diffbot_control.docking_node"))
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from types import MappingProxyType
+from typing import Any
 
 from action_msgs.msg import GoalStatus, GoalStatusArray
 from std_srvs.srv import Trigger
@@ -22,10 +24,12 @@ from diffbot_control.filter.covariance import uncertainty_of
 from diffbot_control.law.docking import Docking
 from diffbot_control.robot_node import RobotControllerNode
 from diffbot_control.ros.messages.fields import stamp_ns
-from diffbot_control.ros.parameters.dock import NO_DOCK
+from diffbot_control.ros.parameters.dock import NO_DOCK, POSE_WITH_COVARIANCE
+from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_core.ros.node import LATCHED, run_together
+from diffbot_core.schema import variant
 from diffbot_core.uncertainty import Uncertainty
 
 EKF, CONTROLLER = "dock_ekf", "dock_controller"
@@ -34,6 +38,34 @@ _IN_MAP = (
     *("goal_pose", "goal_update", "path", "navigate_to_pose", "navigate_through_poses"),
 )
 """Topics and actions of the robot's own filter and controller, here of those in the dock's frame."""
+
+
+EKF_DEFAULTS = MappingProxyType(
+    {
+        "map_frame": "dock",
+        "publish_tf": False,
+        "dock_detection": POSE_WITH_COVARIANCE,
+        # A dock stands where it stands: detections that contradict the estimate are outliers, or of another dock.
+        "relocation_fixes": 1_000_000,
+        "relocation_timeout": 3600.0,
+        # The last way is driven by odometry alone, so the wheels' errors matter.
+        "wheels_as_configured": 0.0,
+        "wheel_radius_sigma": 0.02,
+    }
+)
+"""Where the filter differs from an ekf in map."""
+CONTROLLER_DEFAULTS = MappingProxyType(
+    {
+        "law": Docking.name,
+        "map_frame": "dock",
+        "hold_goal": False,
+        "goal_timeout": 120.0,
+        "pose_lost_timeout": 5.0,
+        # This one, and the controller in map.
+        "max_cmd_vel_publishers": 2,
+    }
+)
+"""Where the controller differs from one in map."""
 
 
 def remappings(name: str) -> list[str]:
@@ -48,8 +80,31 @@ _LOST = 0.1
 """[m] deviation of the position beyond which the dock is looked for anew"""
 
 
+class DockEkfNode(EkfNode):
+    """The filter in the frame of the dock."""
+
+    def parameter_set(
+        self, config_type: type[EkfNodeConfig], presets: Mapping[str, EkfNodeConfig] | None, overrides: Any
+    ) -> tuple[type[EkfNodeConfig], Mapping[str, EkfNodeConfig] | None]:
+        """Return the parameters of an ekf with the defaults of this one."""
+        return variant(config_type, {}, values=EKF_DEFAULTS), presets
+
+
 class DockControllerNode(RobotControllerNode):
     """The controller in the frame of the dock. Of its goals and those of the controller in map the newest wins."""
+
+    def parameter_set(
+        self, config_type: type[Any], presets: Mapping[str, Any] | None, overrides: Mapping[str, Any]
+    ) -> tuple[type[Any], Mapping[str, Any] | None]:
+        """Return the parameters of a controller by the law of docking, with the defaults of this one.
+
+        Raises:
+            InvalidValueError: for another law.
+        """
+        if overrides.get("law", Docking.name) != Docking.name:
+            raise InvalidValueError("law", overrides["law"], Docking.name)
+        config_type, presets = super().parameter_set(config_type, presets, {**overrides, "law": Docking.name})
+        return variant(config_type, {}, values=CONTROLLER_DEFAULTS), presets
 
     def configure(self) -> None:
         """Watch the controller in map, too."""
@@ -103,16 +158,13 @@ def make_nodes() -> Iterator[EkfNode | ControllerNode]:
     """Create the two nodes, the filter first.
 
     Raises:
-        InvalidValueError: if they do not have the parameters of config/dock.yaml.
+        InvalidValueError: if there is nothing that detects the dock.
     """
-    ekf = EkfNode(cli_args=remappings(EKF))
+    ekf = DockEkfNode(cli_args=remappings(EKF))
     yield ekf
     if ekf.config.dock.dock_detection == NO_DOCK:
-        raise InvalidValueError(f"{EKF}: dock_detection", NO_DOCK, "a type of messages, as in config/dock.yaml")
-    controller = DockControllerNode(ekf, cli_args=remappings(CONTROLLER))
-    yield controller
-    if controller.law.name != Docking.name:
-        raise InvalidValueError(f"{CONTROLLER}: law", controller.law.name, f"{Docking.name}, as in config/dock.yaml")
+        raise InvalidValueError("dock_detection", NO_DOCK, "a type of messages")
+    yield DockControllerNode(ekf, cli_args=remappings(CONTROLLER))
 
 
 def main(args: list[str] | None = None) -> int:

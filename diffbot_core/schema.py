@@ -26,6 +26,7 @@ import math
 import re
 from collections import namedtuple
 from collections.abc import Callable, Hashable, Mapping
+from types import MappingProxyType
 from typing import Annotated, Any, NamedTuple, TypeVar, cast, get_args, get_origin, get_type_hints
 
 from diffbot_core.errors import DiffbotError, InvalidValueError, ReplacedNameError, known_name
@@ -135,19 +136,27 @@ def _parameters(config_type: Any) -> tuple[Parameter, ...]:
     return tuple(found)
 
 
-def variant(config_type: type[Any], groups: Mapping[str, Any], without: tuple[str, ...] = ()) -> type[Any]:
+def variant(
+    config_type: type[Any],
+    groups: Mapping[str, Any],
+    without: tuple[str, ...] = (),
+    values: Mapping[str, Any] = MappingProxyType({}),
+) -> type[Any]:
     """Return a configuration type like another one.
 
     Args:
         config_type: the other one.
         groups: annotation of each group that has another type, by the name of its field.
         without: names of fields to leave out.
+        values: other defaults, by the names of the parameters.
     """
     hints = {**get_type_hints(config_type, include_extras=True), **groups}
     defaults = {**config_type()._asdict(), **{name: (get_args(hint) or (hint,))[0]() for name, hint in groups.items()}}
     names = [name for name in config_type._fields if name not in without]
     made = namedtuple(config_type.__name__, names, defaults=[defaults[name] for name in names])  # type: ignore[misc]
     made.__annotations__ = {name: hints[name] for name in names}
+    if values:
+        made.__new__.__defaults__ = tuple(build(made, values))
     return made
 
 

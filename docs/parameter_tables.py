@@ -13,10 +13,11 @@ from pathlib import Path
 from typing import Any
 
 from diffbot_bag.parameters import RecorderConfig, ReplayConfig
+from diffbot_control.law.docking import DockingConfig
 from diffbot_control.law.presets import PAPER, TUNED
 from diffbot_control.ros.parameters.controller import CONTROLLER_PRESETS, ControllerNodeConfig
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
-from diffbot_core.schema import Parameter, parameters_of, to_dict
+from diffbot_core.schema import Parameter, parameters_of, to_dict, variant
 from diffbot_lab.targets import markdown_table
 from diffbot_sim.ros.parameters import PlantNodeConfig
 
@@ -25,6 +26,7 @@ NODES = {
     "controller": ControllerNodeConfig,
     "ekf": EkfNodeConfig,
     "plant": PlantNodeConfig,
+    "docking": variant(DockingConfig, {}, without=("drive",)),
     "recorder": RecorderConfig,
     "replay": ReplayConfig,
 }

@@ -67,7 +67,7 @@ def _common(description: str, discovery_default: str = "") -> tuple[Argument, ..
         _option(
             "autostart", "whether ekf and controller activate themselves; false: a lifecycle manager does", kind=bool
         ),
-        _option("docking", "start docking_node with config/dock.yaml of this package, too", "false", bool),
+        _option("docking", "start docking_node, too", "false", bool),
         _option("stamped_cmd_vel", "cmd_vel as TwistStamped instead of Twist", kind=bool),
         _option("bag", "record everything into this folder, which must not exist"),
         _option(

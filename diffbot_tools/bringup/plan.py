@@ -80,7 +80,7 @@ def plan(values: Mapping[str, Any], share: Path, *, simulate: bool) -> list[Node
         for kind, parameters in found
     ]
     if values["docking"]:
-        files = (str(share / "config" / "dock.yaml"), *((str(file),) if _concerns(sections, "docking") else ()))
+        files = (str(file),) if _concerns(sections, "docking") else ()
         nodes.append(NodePlan(executable="docking_node", files=files, parameters={**time, **managed, **stamped}))
     return [_in_namespace(node, values) for node in [*nodes, *_displays(values, share, time)]]
 

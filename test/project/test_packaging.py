@@ -12,7 +12,10 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 from source_files import PACKAGES, ROOT, source_tree
 
-EXECUTABLES = {"controller_node", "diffbot", "ekf_node", "plant_node", "recorder_node", "replay_node", "robot_node"}
+EXECUTABLES = {
+    *("controller_node", "diffbot", "docking_node", "ekf_node", "plant_node", "recorder_node", "replay_node"),
+    "robot_node",
+}
 PACKAGE_OF_IMPORT = {"mcap_ros2": "mcap-ros2-support", "yaml": "PyYAML"}
 INSTALLED = importlib.metadata.distribution("diffbot")
 DIRECT = [Requirement(line) for line in INSTALLED.requires]
