@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from diffbot_control.filter.dock import FixNoise, noise_at_dock, robot_at_dock, scaled_noise
+from diffbot_control.filter.dock import FixNoise, Mounting, noise_at_dock, robot_at_dock, scaled_noise
 from diffbot_core.geometry import Pose
 
 POSES = [Pose(1.5, 0.4, 0.7), Pose(-0.3, 0.9, -2.6), Pose(0.6, -0.2, 3.1)]
@@ -43,3 +43,18 @@ def test_scaled_variances_keep_the_correlations():
     factors = np.sqrt((2.0, 2.0, 5.0))
     found = full(scaled_noise(FixNoise(P[0, 0], P[0, 1], P[1, 1], P[0, 2], P[1, 2], P[2, 2]), 2.0, 5.0))
     np.testing.assert_allclose(found, P * np.outer(factors, factors), rtol=1e-12)
+
+
+@pytest.mark.parametrize("detected", POSES)
+def test_a_detector_and_a_marker_anywhere_give_the_robot_and_its_covariance(detected):
+    mounting = Mounting(Pose(0.25, -0.1, 2.8), Pose(-0.35, 0.05, -1.2))
+    expected = np.linalg.inv(matrix(mounting.detector) @ matrix(detected) @ matrix(mounting.docked))
+    np.testing.assert_allclose(matrix(mounting.robot(detected)), expected, atol=1e-12)
+    h, columns = 1e-6, []
+    for step in np.eye(3) * h:
+        high, low = (np.array(mounting.robot(Pose(*(np.array(detected) + sign * step)))) for sign in (1.0, -1.0))
+        difference = high - low
+        columns.append(np.array([*difference[:2], math.remainder(difference[2], math.tau)]) / (2.0 * h))
+    A = np.random.default_rng(2).normal(size=(3, 3))
+    R, J = A @ A.T, np.transpose(columns)
+    np.testing.assert_allclose(mounting.covariance(detected, R), J @ R @ J.T, rtol=1e-6, atol=1e-8)

@@ -3,6 +3,7 @@
 import numpy as np
 from extremes import assert_finite, extreme_configs, log_between
 from filter_input import fix, heading, joint_state, odometry, timed
+from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import Imu, PointCloud2, PointField
 
 from diffbot_control.filter.covariance import uncertainty_of
@@ -46,7 +47,13 @@ def readings(inputs, time, far, variances):
     gyro.angular_velocity.z = min(max(far, -MAX_SPEED), MAX_SPEED)
     gyro.angular_velocity_covariance[8] = variances[1]
     by_topic = {"global_pose": fixes[0], "gps": fixes[1], "heading": compass, "landmarks": cloud, "imu": gyro}
+    detection = fix(time, far, 1.0, 0.3)
+    detection.header.frame_id = "base_link"
+    detection.pose.covariance[[0, 7, 35]] = variances
+    bare = PoseStamped(header=detection.header, pose=detection.pose.pose)
     for sensor in inputs.sensors:
+        if sensor.topic == "detected_dock_pose":
+            by_topic[sensor.topic] = bare if sensor.message_type.endswith("/PoseStamped") else detection
         yield lambda sensor=sensor: sensor.read(by_topic[sensor.topic])
 
 

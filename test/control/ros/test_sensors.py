@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from filter_input import fix, heading, timed
+from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import Imu, Range
 
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
@@ -95,3 +96,36 @@ def test_an_imu_without_a_usable_turn_rate_is_refused():
     ):
         with pytest.raises(BadMessageError, match=expected):
             gyro.read(message)
+
+
+def detection(covariance=0.0):
+    message = fix(5.0, 2.0, 0.0, 0.0)
+    message.header.frame_id = "camera"
+    message.pose.covariance[:] = 0.0
+    message.pose.covariance[[0, 7, 35]] = covariance
+    return message
+
+
+DOCK = {"detector_frame": "camera", "detector_x": 0.5, "dock_sigma_per_metre": 0.02, "dock_yaw_sigma": 0.03}
+
+
+def test_a_detected_dock_is_a_fix_of_the_robot_before_it():
+    found = sensors(dock_detection="pose_with_covariance", **DOCK)["detected_dock_pose"]
+    (fixed,), uses_fallback, *_ = found.read(detection(0.01))
+    assert not uses_fallback
+    assert (fixed.stamp, fixed.pose) == (5 * 10**9, Pose(-2.5, 0.0, 0.0))
+    # The heading's error turns the robot about the dock.
+    np.testing.assert_allclose(fixed.R, [[0.01, 0.0, 0.0], [0.0, 0.01 + 2.5**2 * 0.01, -0.025], [0.0, -0.025, 0.01]])
+
+
+def test_a_detection_without_covariance_has_that_of_the_parameters_at_its_distance():
+    bare, with_covariance = detection(), detection()
+    bare = PoseStamped(header=bare.header, pose=bare.pose.pose)
+    for kind, message in (("pose", bare), ("pose_with_covariance", with_covariance)):
+        (fixed,), uses_fallback, *_ = sensors(dock_detection=kind, **DOCK)["detected_dock_pose"].read(message)
+        assert uses_fallback
+        assert fixed.R[0, 0] == pytest.approx(0.05**2)
+        assert fixed.R[2, 2] == pytest.approx(0.05**2)
+    assert "detected_dock_pose" not in sensors()
+    with pytest.raises(BadMessageError, match="frame"):
+        sensors(dock_detection="pose")["detected_dock_pose"].read(bare)
