@@ -66,7 +66,7 @@ def _dock(options: argparse.Namespace, kinds: list[Any]) -> int:
             raise InvalidValueError("X Y YAW", " ".join(options.pose), "three numbers, or none")
         try:
             numbers = [kind(text) for kind, text in zip(kinds, options.pose, strict=True)]
-        except argparse.ArgumentTypeError as error:
+        except (ValueError, argparse.ArgumentTypeError) as error:
             raise InvalidValueError("X Y YAW", " ".join(options.pose), str(error)) from None
         staging = out_of_frame(pose_on_axis(options.distance, options.backward), Pose(*numbers))
         names = options.namespace, options.controller
