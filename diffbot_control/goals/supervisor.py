@@ -350,8 +350,10 @@ class Supervisor:
         """Begin with the first of the goals ahead."""
         self._step_input = self.report = None
         self._is_uncertain = False
+        touches = getattr(self.memory, "contact", False)
         try:
             self.memory = self._driver.memory_for_new_goal(self.memory, self.config.controller)
+            self.on_contact(touches)  # told when it changes, perhaps, and not again for a new goal
         except LawError as error:
             self.on_fault(str(error))
 

@@ -15,6 +15,8 @@ from diffbot_control.ros.parameters.dock import POSE
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_control.ros.sensors.noise import KnownNoise, noise_of
 from diffbot_control.ros.sensors.sensor import Reading
+from diffbot_core.errors import BadMessageError
+from diffbot_core.geometry import Pose
 
 DETECTIONS = "detected_dock_pose"
 _SOURCE = Source(FIXES)
@@ -33,12 +35,21 @@ class DockSensor:
         kind = "PoseWithCovarianceStamped" if self._has_covariance else "PoseStamped"
         self.message_type = f"geometry_msgs/msg/{kind}"
         self._overrides = config.noise.override_covariance
+        self._newest: Pose | None = None
 
     def read(self, message: Any) -> Reading:
-        """Return the fix that a detection is."""
+        """Return the fix that a detection is.
+
+        Raises:
+            BadMessageError: for a message that cannot be used, or the same pose as in the message before.
+        """
         check_frame(message.header.frame_id, self._frame)
         inner = message.pose.pose if self._has_covariance else message.pose
         detected = pose_of(inner)
+        if detected == self._newest:
+            # A detector that hangs; one that measures has noise.
+            raise BadMessageError("the same pose again")
+        self._newest = detected
         distance, config = math.hypot(detected.x, detected.y), self._config
         sigma = config.dock_sigma + config.dock_sigma_per_metre * distance
         yaw_sigma = config.dock_yaw_sigma + config.dock_yaw_sigma_per_metre * distance

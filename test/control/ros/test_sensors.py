@@ -129,3 +129,14 @@ def test_a_detection_without_covariance_has_that_of_the_parameters_at_its_distan
     assert "detected_dock_pose" not in sensors()
     with pytest.raises(BadMessageError, match="frame"):
         sensors(dock_detection="pose")["detected_dock_pose"].read(bare)
+
+
+def test_a_detector_that_hangs_says_nothing_new():
+    found = sensors(dock_detection="pose_with_covariance", **DOCK)["detected_dock_pose"]
+    found.read(detection(0.01))
+    again = detection(0.01)
+    again.header.stamp.sec += 1
+    with pytest.raises(BadMessageError, match="the same pose again"):
+        found.read(again)
+    again.pose.pose.position.x += 1e-9
+    assert found.read(again).measurements

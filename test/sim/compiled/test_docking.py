@@ -17,20 +17,19 @@ from diffbot_sim.model.sensors import SensorConfig
 PLANT = PlantConfig(sampling_time=0.05, drive_noise=0.02, encoder_noise=0.02)
 LAW = DockingConfig(drive=ControllerConfig(data_sheet=DataSheet(0.5, 1.5, 15.0, 0.5, 2.0)))
 DETECTOR = DetectorConfig(detection_rate=10.0, detection_sigma=0.004, detection_yaw_sigma=0.01, detection_delay=0.0)
-ELSEWHERE = DETECTOR._replace(dock_x=3.0, dock_y=-2.0, dock_yaw=2.5)
 CONTACT, OUT, START = Pose(0.0, 0.0, 0.0), Pose(-0.7, 0.0, 0.0), Pose(-1.5, 0.3, 0.2)
 
 
 def case_of(detector=DETECTOR, law=LAW, goal=CONTACT, feedback="ekf", steps=400):
-    case = Case(PLANT, SensorConfig(detector=detector), law, goal, FEEDBACK_CODES[feedback], False, steps, 0.05, 0.05)
+    case = Case(PLANT, SensorConfig(fix_rate=0.0, detector=detector), law, goal, FEEDBACK_CODES[feedback], False, steps, 0.05, 0.05)
     return case._replace(filter=options_of(FilterConfig()))
 
 
 CASES = {
     "it sees the dock": (case_of(), START),
-    "late, elsewhere": (case_of(ELSEWHERE._replace(detection_delay=0.12, detection_outlier=0.1)), START),
+    "late, with outliers": (case_of(DETECTOR._replace(detection_delay=0.12, detection_outlier=0.1)), START),
     "newest detection, backwards": (
-        case_of(ELSEWHERE._replace(detection_sigma=0.0), LAW._replace(dock_backward=True), feedback="raw"),
+        case_of(DETECTOR._replace(detection_sigma=0.0), LAW._replace(dock_backward=True), feedback="raw"),
         Pose(1.5, -0.3, 0.2),
     ),
     "dead time": (
@@ -60,17 +59,17 @@ def test_compiled_it_is_plain_python(name):
 
 
 def test_robots_dock_by_what_they_detect_and_know_where_they_are():
-    starts = Starts(np.array([out_of_frame(START, dock_of(ELSEWHERE))]), (0.3, 0.3, 0.5))
-    case = case_of(ELSEWHERE._replace(detection_delay=0.1), steps=800)
+    starts = Starts(np.array([out_of_frame(START, dock_of(DETECTOR))]), (0.3, 0.3, 0.5))
+    case = case_of(DETECTOR._replace(detection_delay=0.1), steps=800)
     histories = run_histories(case, starts, 1, 0, 40, 1, Docking)
-    ends = np.array([into_frame(Pose(*row[-1, :3]), dock_of(ELSEWHERE)) for row in histories])
+    ends = np.array([into_frame(Pose(*row[-1, :3]), dock_of(DETECTOR)) for row in histories])
     reached = run_batch(case, starts, 1, 0, 40, 1, Docking)[:, COLUMNS.index("reached_time")]
     assert np.isfinite(reached).mean() > 0.9
     docked = ends[np.isfinite(reached)]
     assert np.percentile(np.abs(docked[:, 1]), 90) < LAW.dock_xy_tolerance
     assert np.percentile(np.abs(docked[:, 2]), 90) < LAW.dock_yaw_tolerance
     assert 0.0 < docked[:, 0].min() < docked[:, 0].max() < 0.06
-    seen = histories[:, 100, 3:6] - [into_frame(Pose(*row[100, :3]), dock_of(ELSEWHERE)) for row in histories]
+    seen = histories[:, 100, 3:6] - [into_frame(Pose(*row[100, :3]), dock_of(DETECTOR)) for row in histories]
     assert np.abs(seen[:, 0]).max() < 5.0 * histories[:, 100, 8].max()
     # On commands: the data sheet, the steps of the acceleration and the bound of the speed.
     assert np.abs(np.diff(histories[:, :, 6], axis=1)).max() <= 0.5 * 0.05 + 1e-9
