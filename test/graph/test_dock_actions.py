@@ -84,7 +84,6 @@ def test_a_robot_that_touches_something_before_its_dock_gives_up_after_its_tries
     assert (status, result.success, result.error_code) == (GoalStatus.STATUS_ABORTED, False, 905)
     assert result.error_msg.startswith("not reached: 3 approaches broken off")
     assert result.num_retries == 3
-    assert dock.type.Feedback.RETRY in {one.state for one in dock.feedback}
 
 
 def test_the_robot_docks_and_undocks(staged):
