@@ -133,13 +133,13 @@ class Detector:
 class Scene:
     """The nodes, on the DDS domain of this process."""
 
-    def __init__(self, seed: int) -> None:
-        """Start them; to be used in a ``with`` block."""
+    def __init__(self, seed: int, contact_topic: str = "dock_contact") -> None:
+        """Start them; to be used in a ``with`` block. The plant's contact switch is sent on ``contact_topic``."""
         self._random = random.Random(seed)
         simulated = {"use_sim_time": True}
         plant = {"clock": "scaled", "real_time_factor": SPEED, "seed": seed, "detection_rate": 10.0}
         plant |= {"dock_x": DOCK.x, "dock_y": DOCK.y, "dock_yaw": DOCK.theta, "max_cmd_vel_publishers": 2}
-        remapped = ("-r", "detected_dock_pose:=seen_by_plant")
+        remapped = ("-r", "detected_dock_pose:=seen_by_plant", "-r", f"dock_contact:={contact_topic}")
         self._processes = [
             graph.node("diffbot_sim.plant_node", plant, remapped),
             graph.node("diffbot_control.robot_node", simulated | {"max_cmd_vel_publishers": 2}),

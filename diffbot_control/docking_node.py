@@ -1,7 +1,7 @@
 """The nodes ``dock_ekf`` and ``dock_controller`` in one process: a robot's filter and law in the frame of its dock.
 
 They are the nodes ekf and controller, beside those that drive to goals in map: detected_dock_pose and odom ->
-dock/pose, and with dock/goal_pose or ``diffbot dock`` -> cmd_vel.
+dock/pose, and with dock/goal_pose, ``diffbot dock`` or the action dock_robot -> cmd_vel.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from diffbot_control.ekf_node import EkfNode
 from diffbot_control.filter.covariance import uncertainty_of
 from diffbot_control.law.docking import Docking
 from diffbot_control.robot_node import RobotControllerNode
+from diffbot_control.ros.goals.dock_actions import serve_dock_actions
 from diffbot_control.ros.messages.fields import stamp_ns
 from diffbot_control.ros.parameters.dock import NO_DOCK, POSE_WITH_COVARIANCE
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
@@ -107,8 +108,9 @@ class DockControllerNode(RobotControllerNode):
         return variant(config_type, {}, values=CONTROLLER_DEFAULTS), presets
 
     def configure(self) -> None:
-        """Watch the controller in map, too."""
+        """Watch the controller in map, too, and serve the actions of docking."""
         super().configure()
+        self._dock_actions = serve_dock_actions(self, self.goals)
         self._accepted, self._accepted_at = 0, 0
         """number of goals so far, and when [ns] the newest was noticed"""
         self._known: set[bytes] = set()
@@ -117,6 +119,12 @@ class DockControllerNode(RobotControllerNode):
         self.create_subscription(GoalStatusArray, "controller/goal_status", self._on_goals_in_map, LATCHED)
 
         self.create_timer(_LOOK_PERIOD, self._look_for_goal, clock=self.steady_clock)
+
+    def cleanup(self) -> None:
+        """Take the actions out of service."""
+        if self._dock_actions is not None:
+            self._dock_actions.destroy()
+        super().cleanup()
 
     def take_pose(self, stamp: int, pose: Pose, uncertainty: Uncertainty) -> None:
         """Answer an estimate."""

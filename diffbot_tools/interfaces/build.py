@@ -58,7 +58,7 @@ def default_folder() -> Path:
 
 
 def build_interfaces(folder: Path, step: Callable[[str], None] = lambda _: None) -> Path:
-    """Write the Python package ``nav2_msgs`` with both actions into ``folder``; return the package's folder.
+    """Write the Python package ``nav2_msgs`` with the actions into ``folder``; return the package's folder.
 
     An older one is replaced when the new one is complete.
 

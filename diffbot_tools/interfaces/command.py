@@ -18,7 +18,7 @@ def add_interfaces(commands: Any) -> None:
     """Add ``diffbot interfaces`` to the subparsers of the command line."""
     interfaces = commands.add_parser("interfaces", help="build Nav2's actions for an environment of wheels")
     names = interfaces.add_subparsers(required=True, metavar="ACTION")
-    build = names.add_parser("build", help=f"build {' and '.join(ACTIONS)} of {PACKAGE} (needs gcc and g++)")
+    build = names.add_parser("build", help=f"build {', '.join(ACTIONS)} of {PACKAGE} (needs gcc and g++)")
     build.add_argument("--out", type=Path, default=None, help="private folder (default: in the user's cache)")
     build.set_defaults(call=_build)
 
@@ -35,6 +35,6 @@ def _build(options: argparse.Namespace) -> int:
             bar.update()
 
         package = build_interfaces(folder, show)
-    print(f"{package} written; the controller serves the actions, and clients find them, after")
+    print(f"{package} written; the controllers serve the actions, and clients find them, after")
     print(f'export PYTHONPATH="{folder}${{PYTHONPATH:+:$PYTHONPATH}}"')
     return 0

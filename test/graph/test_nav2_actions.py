@@ -1,9 +1,6 @@
 """Nav2's actions, with the real interface and rclpy's ActionClient: results, feedback, preemption, cancelling."""
 
-import fcntl
-import importlib
 import itertools
-import sys
 import time
 
 import graph
@@ -11,8 +8,6 @@ import pytest
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
 from robot import SIMULATED, distance, on_truth, pose_stamped, robot, twist
-
-from diffbot_tools.interfaces.build import build_interfaces
 
 A_MAX = 0.5
 LAST, BESIDE, FAR = (4.0, 4.5, 0.5), (-2.5, 4.0, 0.0), (60.0, -60.0, 0.0)
@@ -57,21 +52,6 @@ class Client:
         future = handle.cancel_goal_async()
         self.peer.spin_until(future.done, what="the answer to a cancellation")
         return future.result()
-
-
-@pytest.fixture(scope="session")
-def nav2_folder(tmp_path_factory, worker_id):
-    """Return the folder that holds the package nav2_msgs; this process can import it, too."""
-    base = tmp_path_factory.getbasetemp()
-    base = base if worker_id == "master" else base.parent
-    folder = base / "interfaces"
-    with (base / "interfaces.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        if not (folder / "nav2_msgs").is_dir():
-            build_interfaces(folder)
-    sys.path.append(str(folder))
-    importlib.invalidate_caches()
-    return folder
 
 
 def nav2_environment(folder, **changes):

@@ -252,7 +252,9 @@ def test_the_box_is_filled_evenly():
         ),
         (case_of(sensors=SensorConfig(heading_delay=1.2)), [START], "heading_delay = 1.2: " + TOO_LATE),
         (
-            case_of(sensors=SensorConfig(fix_rate=0.0, detector=DetectorConfig(detection_rate=5.0, detection_delay=1.1))),
+            case_of(
+                sensors=SensorConfig(fix_rate=0.0, detector=DetectorConfig(detection_rate=5.0, detection_delay=1.1))
+            ),
             [START],
             "detection_delay = 1.1: " + TOO_LATE,
         ),

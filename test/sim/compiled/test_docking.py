@@ -21,7 +21,17 @@ CONTACT, OUT, START = Pose(0.0, 0.0, 0.0), Pose(-0.7, 0.0, 0.0), Pose(-1.5, 0.3,
 
 
 def case_of(detector=DETECTOR, law=LAW, goal=CONTACT, feedback="ekf", steps=400):
-    case = Case(PLANT, SensorConfig(fix_rate=0.0, detector=detector), law, goal, FEEDBACK_CODES[feedback], False, steps, 0.05, 0.05)
+    case = Case(
+        PLANT,
+        SensorConfig(fix_rate=0.0, detector=detector),
+        law,
+        goal,
+        FEEDBACK_CODES[feedback],
+        False,
+        steps,
+        0.05,
+        0.05,
+    )
     return case._replace(filter=options_of(FilterConfig()))
 
 

@@ -1,0 +1,138 @@
+"""Nav2's actions of docking, with the real interface and rclpy's ActionClient: ends, retries, refusals, cancelling."""
+
+import os
+
+import docks
+import pytest
+import rclpy
+from action_msgs.msg import GoalStatus
+from geometry_msgs.msg import PoseStamped
+from graph import Peer, private_domain
+from rclpy.action import ActionClient
+from std_msgs.msg import Bool
+
+from diffbot_control.ros.messages.fields import fill_pose
+from diffbot_core.geometry import Pose, out_of_frame
+
+pytestmark = pytest.mark.graph
+SEEN = {"use_dock_id": False, "navigate_to_staging_pose": False}
+"""A goal of dock_robot for the dock that is detected."""
+
+
+@pytest.fixture(scope="module")
+def scene(nav2_folder):
+    """The nodes, which find nav2_msgs; the robot stands before its dock."""
+    with private_domain(), pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", os.pathsep.join(filter(None, (str(nav2_folder), os.environ.get("PYTHONPATH")))))
+        rclpy.init()
+        try:
+            with docks.Scene(seed=5, contact_topic="contact_of_plant") as running:
+                running.peer = Peer()
+                yield running
+                running.peer.close()
+        finally:
+            rclpy.try_shutdown()
+
+
+@pytest.fixture
+def staged(scene):
+    """The scene, with the robot at its staging pose."""
+    goal = PoseStamped()
+    goal.header.frame_id = "map"
+    fill_pose(goal.pose, out_of_frame(Pose(-1.0, 0.05, 0.1), docks.DOCK))
+    assert scene.navigator.goToPose(goal)
+    assert scene.wait() == "reached"
+    return scene
+
+
+class Client:
+    """An action client of the test's node."""
+
+    def __init__(self, scene, name):
+        from nav2_msgs import action
+
+        self.peer, self.feedback = scene.peer, []
+        self.type = {"dock_robot": action.DockRobot, "undock_robot": action.UndockRobot}[name]
+        self.client = ActionClient(self.peer.node, self.type, name)
+        self.peer.spin_until(self.client.server_is_ready, what=f"the action {name}")
+
+    def send(self, on_feedback=lambda feedback: None, **fields):
+        """Send a goal and return its handle."""
+
+        def take(message):
+            self.feedback.append(message.feedback)
+            on_feedback(message.feedback)
+
+        self.feedback.clear()
+        sent = self.client.send_goal_async(self.type.Goal(**fields), take)
+        self.peer.spin_until(sent.done, what="the answer to a goal")
+        return sent.result()
+
+    def result(self, handle):
+        """Return status and result of a goal."""
+        future = handle.get_result_async()
+        self.peer.spin_until(future.done, what="the result")
+        return future.result().status, future.result().result
+
+
+def test_a_robot_that_touches_something_before_its_dock_gives_up_after_its_tries(staged):
+    dock = Client(staged, "dock_robot")
+    contact = staged.peer.node.create_publisher(Bool, "dock_contact", 1)
+    # As a switch that reports again and again: a new goal forgets what was reported before it.
+    handle = dock.send(lambda _: contact.publish(Bool(data=True)), **SEEN)
+    status, result = dock.result(handle)
+    assert (status, result.success, result.error_code) == (GoalStatus.STATUS_ABORTED, False, 905)
+    assert result.error_msg.startswith("not reached: 3 approaches broken off")
+    assert result.num_retries == 3
+
+
+def test_the_robot_docks_and_undocks(staged):
+    dock, undock = Client(staged, "dock_robot"), Client(staged, "undock_robot")
+    status, result = dock.result(dock.send(**SEEN))
+    assert (status, result.success, result.error_code) == (GoalStatus.STATUS_SUCCEEDED, True, 0), result
+    assert (result.num_retries, result.error_msg) == (0, "")
+    assert abs(staged.detector.truth.x) < 0.05
+    assert dock.feedback[-1].state == dock.type.Feedback.CONTROLLING
+    times = [one.docking_time.sec + 1e-9 * one.docking_time.nanosec for one in dock.feedback]
+    assert times == sorted(times)
+    assert times[-1] > 0.6 / 0.12, "almost the whole way at dock_speed, in simulated time"
+
+    status, result = undock.result(undock.send(max_undocking_time=1.0))
+    assert (status, result.success, result.error_code) == (GoalStatus.STATUS_ABORTED, False, 905)
+    assert result.error_msg == "not reached: not within max_undocking_time = 1 s"
+
+    status, result = undock.result(undock.send())
+    assert (status, result.success, result.error_code) == (GoalStatus.STATUS_SUCCEEDED, True, 0), result
+    assert staged.detector.truth.x == pytest.approx(-0.7, abs=0.06)
+
+
+def test_a_docking_is_cancelled_and_another_replaced(staged):
+    dock, undock = Client(staged, "dock_robot"), Client(staged, "undock_robot")
+    handle = dock.send(**SEEN)
+    staged.peer.spin_until(lambda: dock.feedback, what="feedback")
+    cancelled = handle.cancel_goal_async()
+    staged.peer.spin_until(cancelled.done, what="the answer to a cancellation")
+    assert cancelled.result().goals_canceling
+    status, result = dock.result(handle)
+    assert (status, result.success) == (GoalStatus.STATUS_CANCELED, False)
+
+    handle = dock.send(**SEEN)
+    staged.peer.spin_until(lambda: dock.feedback, what="feedback")
+    newer = undock.send()
+    status, result = dock.result(handle)
+    assert (status, result.success, result.error_code) == (GoalStatus.STATUS_ABORTED, False, 999)
+    assert result.error_msg == "replaced: by a newer goal (action)"
+    assert undock.result(newer)[0] in (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_ABORTED)
+
+
+@pytest.mark.parametrize(
+    ("name", "fields", "reason"),
+    [
+        ("dock_robot", {"navigate_to_staging_pose": False}, "use_dock_id is true: there is no database of docks"),
+        ("dock_robot", {"use_dock_id": False}, "navigate_to_staging_pose is true: drive to a pose"),
+        ("undock_robot", {"max_undocking_time": 0.0}, "max_undocking_time is not positive: 0 s"),
+    ],
+)
+def test_a_goal_that_cannot_be_served_is_rejected_with_a_reason(scene, name, fields, reason):
+    assert not Client(scene, name).send(**fields).accepted
+    assert f"{name}: goal rejected: {reason}" in scene._entered[-1].output
