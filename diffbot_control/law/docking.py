@@ -42,8 +42,8 @@ _SIGMAS = 2.6
 """deviations that have to fit into the tolerances beside the predicted error before the robot goes on blindly"""
 _REST = 1.0
 """[s] at the staging pose without an approach, after which the robot drives out along the axis to align"""
-_STALL_TIME, _STALL_WAY = 0.7, 0.01
-"""[s], [m] the robot counts as standing against the dock if it has come no farther in this time"""
+_STALL_TIME, _STALL_WAY, _STALL_STEP = 0.7, 0.01, 0.1
+"""[s], [m] the robot counts as standing against the dock if it has come no farther in this time; [s] most for one pose"""
 _MARGIN, _ALIGNING = 0.05, 0.5
 """[m] how far behind the staging pose a retreat ends: after an approach that was broken off, and from a rest beside the
 axis"""
@@ -328,7 +328,8 @@ def _is_inside(pose: Pose, wider: float, config: DockingConfig) -> bool:
 
 def _touching(memory: DockingMemory, distance: float, dt: float, config: DockingConfig) -> DockingMemory:
     """Decide on the last way: the robot feels the dock, stands against it, or is beyond where it has to be."""
-    wait, nearest = memory.wait + dt, memory.nearest
+    # Poses that come seldom are no sign of a robot that stands.
+    wait, nearest = memory.wait + min(dt, _STALL_STEP), memory.nearest
     if distance < nearest - _STALL_WAY:
         wait, nearest = 0.0, distance
     stands = wait > _STALL_TIME and distance <= config.press_distance

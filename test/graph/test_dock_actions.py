@@ -78,9 +78,9 @@ class Client:
 def test_a_robot_that_touches_something_before_its_dock_gives_up_after_its_tries(staged):
     dock = Client(staged, "dock_robot")
     contact = staged.peer.node.create_publisher(Bool, "dock_contact", 1)
-    # As a switch that reports again and again: a new goal forgets what was reported before it.
     handle = dock.send(lambda _: contact.publish(Bool(data=True)), **SEEN)
     status, result = dock.result(handle)
+    contact.publish(Bool(data=False))
     assert (status, result.success, result.error_code) == (GoalStatus.STATUS_ABORTED, False, 905)
     assert result.error_msg.startswith("not reached: 3 approaches broken off")
     assert result.num_retries == 3

@@ -54,7 +54,7 @@ def test_a_goal_in_map_lets_go_of_the_dock_and_a_docking_of_the_goal_in_map(scen
     docking = navigator._docking
     assert navigator.goToPose(goal)
     assert docking.wait_for_end(60.0)
-    assert docking.task.end == "cancelled"
+    assert docking.task.end == "cancelled", docking.task.reason
     assert scene.wait() == "reached"
     assert navigator.getResult() == TaskResult.SUCCEEDED
 
