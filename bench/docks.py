@@ -143,7 +143,8 @@ class Scene:
         self._processes = [
             graph.node("diffbot_sim.plant_node", plant, remapped),
             graph.node("diffbot_control.robot_node", simulated | {"max_cmd_vel_publishers": 2}),
-            graph.node("diffbot_control.docking_node", simulated),
+            # In simulated time that runs fast: as long in real time as by default.
+            graph.node("diffbot_control.docking_node", simulated | {"pose_lost_timeout": 5.0 * SPEED}),
         ]
         self._entered: list[graph.Process] = []
 
