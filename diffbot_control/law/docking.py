@@ -43,7 +43,8 @@ _SIGMAS = 2.6
 _REST = 1.0
 """[s] at the staging pose without an approach, after which the robot drives out along the axis to align"""
 _STALL_TIME, _STALL_WAY, _STALL_STEP = 0.7, 0.01, 0.1
-"""[s], [m] the robot counts as standing against the dock if it has come no farther in this time; [s] most for one pose"""
+"""[s], [m] the robot counts as standing against the dock if it has come no farther in this time; [s] of it for one pose
+at most"""
 _MARGIN, _ALIGNING = 0.05, 0.5
 """[m] how far behind the staging pose a retreat ends: after an approach that was broken off, and from a rest beside the
 axis"""
