@@ -21,6 +21,7 @@ MODULES = (
     "store.js",
     "packing.js",
     "view.js",
+    "dock.js",
     "map.js",
     "pointer.js",
     "charts.js",

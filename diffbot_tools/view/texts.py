@@ -93,6 +93,18 @@ def controller_state(status: Status) -> dict[str, Any]:
     }
 
 
+def docking_state(status: Status) -> tuple[int, str] | None:
+    """Return level and text of a docking under way; None without one."""
+    values = status.values
+    if "goal" not in values:
+        return None
+    if status.message != "driving":
+        return status.level, f"docking: {status.message}"
+    broken_off = values.get("approaches broken off", "0")
+    text = f"docking: {values.get('phase', 'driving')}"
+    return (0, text) if broken_off == "0" else (1, f"{text}, approaches broken off: {broken_off}")
+
+
 def filter_state(status: Status) -> dict[str, Any]:
     """Return what the page puts into words of the filter's status: why it gives no poses; empty if it does."""
     return {"filter": status.values.get("reason", status.message) if status.level else ""}

@@ -19,6 +19,7 @@ class WatchConfig(NamedTuple):
     port: Annotated[int, Spec("port to listen on; 0: a free one", minimum=0, maximum=65535, read_only=True)] = 8765
     namespaces: Annotated[tuple[str, ...], Spec("namespace of each robot; empty: none", read_only=True)] = ("",)
     controller: Annotated[str, Spec("name of the controller's node", read_only=True)] = "controller"
+    dock_controller: Annotated[str, Spec("name of the node that docks", read_only=True)] = "dock_controller"
     ekf: Annotated[str, Spec("name of the filter's node", read_only=True)] = "ekf"
     plant: Annotated[str, Spec("name of the simulation's node", read_only=True)] = "plant"
     map_frame: Annotated[str, Spec("frame of the goals", read_only=True)] = "map"

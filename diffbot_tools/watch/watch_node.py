@@ -64,7 +64,7 @@ class WatchNode(DiffbotNode[WatchConfig]):
         self._recording = Recording(Path(folder), self._put_services) if folder else None
         clock = SharedClock()
         robots = zip(self._names, config.namespaces, strict=True)
-        self._robots = [RobotWatch(self, name, namespace, self._state, clock) for name, namespace in robots]
+        self._robots = {name: RobotWatch(self, name, namespace, self._state, clock) for name, namespace in robots}
         self._errands = {
             name: Errands(namespace, config, partial(self._on_found, name))
             for name, namespace in zip(self._names, config.namespaces, strict=True)
@@ -89,6 +89,8 @@ class WatchNode(DiffbotNode[WatchConfig]):
         if name == self._names[0]:
             self._found_services = found.services
             self._put_services()
+        if found.docking is not None:
+            self._robots[name].set_docking(found.docking)
         if found.constants is not None:
             self._state.put("", "constants", {**self._constants, **found.constants})
 
@@ -105,7 +107,7 @@ class WatchNode(DiffbotNode[WatchConfig]):
             raise BadMessageError("unreadable", str(error)) from None
         for status in statuses:
             self._diagnoses[status.name] = time.monotonic(), status
-        for robot in self._robots:
+        for robot in self._robots.values():
             robot.on_diagnostics(statuses)
         self._put_diagnoses()
 
@@ -126,8 +128,8 @@ class WatchNode(DiffbotNode[WatchConfig]):
     def _look_around(self) -> None:
         types = dict(self.get_topic_names_and_types())
         self._present = {f"{space.rstrip('/')}/{name}" for name, space in self.get_node_names_and_namespaces()}
-        for robot in self._robots:
-            robot.look_for_commands(types)
+        for robot in self._robots.values():
+            robot.look_for_types(types)
             robot.look_for_silence()
         if self._diagnoses:
             self._put_diagnoses()

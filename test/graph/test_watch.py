@@ -9,14 +9,16 @@ import browser
 import graph
 import pytest
 import watch_page
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry, Path
 from robot import LATCHED, planar, pose_stamped
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import String
 
+from diffbot_control.ros.messages.fields import fill_pose
 from diffbot_control.ros.messages.landmark_cloud import LandmarkPoint, fill_landmark_points
+from diffbot_core.geometry import Pose, into_frame
 
 START = -2.0, -5.5
 
@@ -241,6 +243,46 @@ def test_landmarks_and_planned_path_appear_on_the_map(page, peer):
     peer.spin_until(lambda: "waypoint" in graph.values(peer.statuses[-1]), what="the drive along the path")
     press(page, "c")
     page.wait("!diffbotPage.robot.planAt(1e9).length", "the end of the path")
+
+
+def test_the_dock_its_detections_and_the_phase_appear(page, peer):
+    estimates = peer.subscribe(PoseWithCovarianceStamped, "pose")
+    poses, seen = (
+        peer.publisher(PoseWithCovarianceStamped, "dock/pose"),
+        peer.publisher(PoseStamped, "detected_dock_pose"),
+    )
+    statuses = peer.publisher(DiagnosticStatus, "dock_controller/status", LATCHED)
+    peer.wait_for_subscribers(poses, seen, statuses)
+    peer.spin_until(lambda: len(estimates) > 5, what="estimates")
+    robot = Pose(*planar(estimates[-2].pose.pose))
+    dock = Pose(robot.x + 1.0, robot.y + 0.5, 0.5)
+    in_dock = PoseWithCovarianceStamped(header=estimates[-2].header)
+    fill_pose(in_dock.pose.pose, into_frame(robot, dock))
+    in_dock.pose.covariance[[0, 7, 35]] = 1e-4
+    detection = PoseStamped()
+    detection.header.stamp, detection.header.frame_id = estimates[-2].header.stamp, "base_link"
+    fill_pose(detection.pose, into_frame(dock, robot))
+
+    def shows_both():
+        poses.publish(in_dock)
+        seen.publish(detection)  # best effort: one may be lost
+        return page.get("diffbotPage.robot.dock?.pose && diffbotPage.robot.dock.detections.length")
+
+    page.wait_for(shows_both, "the dock")
+    assert page.get("diffbotPage.robot.dock.pose") == pytest.approx(dock, abs=1e-5)
+    assert page.get("diffbotPage.robot.dock.detections[0]") == pytest.approx(dock[:2], abs=1e-5)
+    look_at(page, dock.x, dock.y)
+    page.next_frame()
+    assert page.count((91, 63, 160)) > 150
+    # At the front of the docked robot, whose box ends 1 m before its centre.
+    colour = "Array.from(document.getElementById('map').getContext('2d').getImageData({}, {}, 1, 1).data).slice(0, 3)"
+    front = page.get(f"diffbotPage.view.toScreen({dock.x + math.cos(0.5)}, {dock.y + math.sin(0.5)})")
+    assert page.get(colour.format(*front)) == [91, 63, 160]
+    values = [KeyValue(key="goal", value="0 0 0"), KeyValue(key="phase", value="approaching")]
+    statuses.publish(DiagnosticStatus(name="/dock_controller", message="driving", values=values))
+    page.wait("document.getElementById('state').textContent === 'docking: approaching'", "the phase")
+    statuses.publish(DiagnosticStatus(name="/dock_controller", message="idle"))
+    page.wait("!document.getElementById('state').textContent.startsWith('docking')", "the end")
 
 
 def test_the_page_reports_when_the_robot_is_silent(page, robot):

@@ -402,6 +402,7 @@ function startLive() {
         if (news.status) robot.status = news.status;
         if (news.plan) robot.setPlan(news.plan);
         if (news.landmarks) robot.see(news.landmarks);
+        if (news.dock) robot.dock = news.dock;
         if (news.goals) robot.setGoals(news.goals);
         if (news.box) robot.size.box = news.box;
         robot.derive();

@@ -1,3 +1,4 @@
+import { drawDock } from "./dock.js";
 import { ellipseOf, extentOf, lastAtMost, roundStep, shown, TWO_PI } from "./geometry.js";
 
 // Draws the map: grid, paths, fixes, goals with tolerance and region, robots.
@@ -289,14 +290,15 @@ function drawLandmarks(context, view, robot, time, colours) {
 }
 
 /** Names of what this map can show of a robot, in the order of the legend. */
-export function layersOf({ curves, plan, landmarks }) {
+export function layersOf({ curves, plan, landmarks, dock }) {
   const has = {
     ellipses: curves.estimate?.columns.xx && curves.estimate.rows,
     plan: plan.rows,
     landmarks: landmarks.size,
+    dock,
     ...Object.fromEntries(["truth", "estimate", "odometry", "fixes"].map((name) => [name, curves[name]?.rows])),
   };
-  return ["truth", "estimate", "odometry", "fixes", "ellipses", "plan", "landmarks"].filter((name) => has[name]);
+  return ["truth", "estimate", "odometry", "fixes", "ellipses", "plan", "landmarks", "dock"].filter((name) => has[name]);
 }
 
 /** The best path of each run up to a time, and its robot, in its own colour. */
@@ -334,6 +336,7 @@ export function drawMap(canvas, view, robots, robot, runs, { time, hover, consta
   if (curves.estimate && !hidden.has("ellipses")) drawEllipses(context, view, curves.estimate, time, colours);
   if (!hidden.has("plan")) drawPlan(context, view, robot.planAt(time), colours.plan);
   if (!hidden.has("landmarks")) drawLandmarks(context, view, robot, time, colours);
+  if (robot.dock && !hidden.has("dock")) drawDock(context, view, robot.dock, robot.size, colours);
   drawGoal(context, view, robot, time, constants, colours);
   for (const other of robots) {
     for (const name of ["truth", "estimate"]) {

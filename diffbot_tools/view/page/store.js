@@ -102,6 +102,7 @@ export class Robot {
     this.states = [];
     this.plan = new Curve({ t: [], x: [], y: [] }, 0);
     this.landmarks = new Map();
+    this.dock = null; // live: pose, detections, staging, halfWidth, isBackward
     this.size = {}; // wheels: radius and distance [m]; box: rear, front, right, left [m]
   }
 

@@ -1,6 +1,6 @@
 // Colours come from the style sheet, so that a chart follows the change between light and dark.
 
-const NAMES = ["page", "panel", "text", "faint", "line", "mark", "truth", "estimate", "odometry", "fixes", "goal", "plan", "landmarks", "near", "band", "alarm"];
+const NAMES = ["page", "panel", "text", "faint", "line", "mark", "truth", "estimate", "odometry", "fixes", "goal", "plan", "landmarks", "dock", "near", "band", "alarm"];
 
 /** The present colours by name. */
 export function coloursOf(root) {

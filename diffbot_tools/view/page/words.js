@@ -13,13 +13,14 @@ export function lengthText(metres) {
 export const degrees = (angle, digits = 1) => shown((angle * 180) / Math.PI, digits);
 
 /**
- * What a robot is doing, as [level, text]: `status` with text, level, reason, finish, waypoint, filter, isHeld;
+ * What a robot is doing, as [level, text]: `status` with text, level, reason, finish, waypoint, filter, isHeld, docking;
  * `toGo` with distance [m], heading and lateral error, NaN without a goal; `speed` v, omega; `left` [s], NaN if unknown.
  */
 export function inWords(status, toGo, speed, left, tolerance) {
   if (!status?.text) return [0, ""];
   if (status.isPaused) return [0, "paused"];
   const { text, reason } = status;
+  if (status.docking && text !== "driving") return status.docking;
   const hasGoal = Number.isFinite(toGo.distance);
   const rest = hasGoal ? `: ${lengthText(toGo.distance)} and ${degrees(Math.abs(toGo.heading), 0)} deg to go` : "";
   const isMoving = Math.abs(speed.v) > AT_REST.v || Math.abs(speed.omega) > AT_REST.omega;

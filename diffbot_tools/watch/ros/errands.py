@@ -13,6 +13,7 @@ from rclpy.parameter import parameter_value_to_python
 from std_srvs.srv import SetBool, Trigger
 
 from diffbot_control.goals import goal_record
+from diffbot_control.law.docking import DockingConfig
 from diffbot_control.ros.messages.conversions import goal_message
 from diffbot_control.ros.navigator import Navigator
 from diffbot_core.errors import DiffbotError
@@ -36,6 +37,7 @@ _PARAMETERS = (
     "wheel.max_velocity",
     *WheelGeometry._fields,
 )
+_DOCKING = ("staging_distance", "approach_length", "corridor", "dock_backward")
 
 Services = dict[str, dict[str, bool]]
 
@@ -47,6 +49,8 @@ class Found(NamedTuple):
     """pause and reset: whether they are there and on"""
     constants: dict[str, Any] | None
     """tolerances and limits of the controller; None if it has not answered"""
+    docking: DockingConfig | None
+    """how the robot docks, as far as the page shows it; likewise"""
 
 
 class Errands:
@@ -59,6 +63,7 @@ class Errands:
         self._stopped = threading.Event()
         self._is_paused = False
         self._constants: dict[str, Any] | None = None
+        self._docking: DockingConfig | None = None
         self._last_found: Found | None = None
         self._thread = threading.Thread(target=self._run, name=f"errands {namespace}", daemon=True)
         self._thread.start()
@@ -90,6 +95,7 @@ class Errands:
             "forget": self._client.create_client(Trigger, f"{config.ekf}/reset"),
             "pause": self._client.create_client(SetBool, f"{config.plant}/pause"),
             "parameters": self._client.create_client(GetParameters, f"{config.controller}/get_parameters"),
+            "docking": self._client.create_client(GetParameters, f"{config.dock_controller}/get_parameters"),
         }
         follower: Reply | None = None
         try:
@@ -162,22 +168,34 @@ class Errands:
     def _look_around(self) -> None:
         if self._constants is None and self._services["parameters"].service_is_ready():
             self._constants = self._ask_constants()
+        if self._docking is None and self._services["docking"].service_is_ready():
+            self._docking = self._ask_docking()
         services = {
             name: {"isThere": self._services[name].service_is_ready(), "isOn": False} for name in ("pause", "reset")
         }
         services["pause"]["isOn"] = self._is_paused
-        found = Found(services, self._constants)
+        found = Found(services, self._constants, self._docking)
         if found != self._last_found:
             self._last_found = found
             self._on_found(found)
 
-    def _ask_constants(self) -> dict[str, Any] | None:
-        client = self._services["parameters"]
-        future = client.call_async(GetParameters.Request(names=list(_PARAMETERS)))
+    def _ask(self, service: str, names: tuple[str, ...]) -> list[Any]:
+        """Return the values of parameters; none without an answer."""
+        client = self._services[service]
+        future = client.call_async(GetParameters.Request(names=list(names)))
         if not self._client.spin_until(future.done, 1.0):
             client.remove_pending_request(future)
-            return None
-        values = [parameter_value_to_python(value) for value in future.result().values]
+            return []
+        return [parameter_value_to_python(value) for value in future.result().values]
+
+    def _ask_docking(self) -> DockingConfig | None:
+        values = self._ask("docking", _DOCKING)
+        if len(values) != len(_DOCKING) or None in values:
+            return None  # its law is another one
+        return DockingConfig()._replace(**dict(zip(_DOCKING, values, strict=True)))
+
+    def _ask_constants(self) -> dict[str, Any] | None:
+        values = self._ask("parameters", _PARAMETERS)
         finite = [value if isinstance(value, float) and math.isfinite(value) else None for value in values]
         if len(finite) != len(_PARAMETERS) or None in finite[:2]:
             return None

@@ -8,13 +8,15 @@ from collections.abc import Callable
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TwistStamped
 from geometry_msgs.msg import Twist as TwistMessage
 from nav_msgs.msg import Odometry, Path
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Float64MultiArray, String
 
-from diffbot_control.ros.messages.fields import pose_of, stamp_ns, twist_from
+from diffbot_control.filter.covariance import uncertainty_of
+from diffbot_control.law.docking import DockingConfig
+from diffbot_control.ros.messages.fields import planar_covariance, pose_of, stamp_ns, twist_from
 from diffbot_control.ros.messages.raw import read_odometry, read_pose
 from diffbot_core.cdr import CdrError
 from diffbot_core.errors import BadMessageError
@@ -26,18 +28,21 @@ from diffbot_tools.view.bag_tables import LAW_COLUMNS
 from diffbot_tools.view.events import EventMaker, goal_in, is_corrected
 from diffbot_tools.view.footprint import read_footprint
 from diffbot_tools.view.landmarks import read_cloud
+from diffbot_tools.view.live_dock import DockPlacer
 from diffbot_tools.view.live_landmarks import LandmarkPlacer
 from diffbot_tools.view.live_state import COLUMNS, LiveState
 from diffbot_tools.view.plans import PlanEnd, read_plan, thinned
 from diffbot_tools.view.texts import (
     Status,
     controller_state,
+    docking_state,
     filter_numbers,
     filter_state,
     number,
     read_status,
     read_statuses,
 )
+from diffbot_tools.view.transforms import BASES, base_name
 from diffbot_tools.watch.parameters import WatchConfig
 
 MAX_GOALS = 50
@@ -47,6 +52,10 @@ SILENCE = 2.0
 _LAST_STAMP = 2.0**31
 """[s] of ROS; beyond, or NaN, it is none"""
 _TWISTS = {"geometry_msgs/msg/Twist": TwistMessage, "geometry_msgs/msg/TwistStamped": TwistStamped}
+_DETECTIONS = {
+    "geometry_msgs/msg/PoseStamped": PoseStamped,
+    "geometry_msgs/msg/PoseWithCovarianceStamped": PoseWithCovarianceStamped,
+}
 
 
 class SharedClock:
@@ -81,9 +90,10 @@ class RobotWatch:
         self._shown_goals: list[list[float]] = []
         self._status: dict[str, Any] = {"text": "no controller yet", "level": 1}
         self._status_received: float | None = None
-        self._has_commands = False
+        self._has_commands = self._has_detections = False
         self._plan_end = PlanEnd()
         self._landmarks = LandmarkPlacer()
+        self._dock = DockPlacer()
         controller, ekf = node.config.controller, node.config.ekf
         self._raw(PoseWithCovarianceStamped, "pose", lambda data: self._on_pose(read_pose(data)))
         self._raw(PoseWithCovarianceStamped, "global_pose", lambda data: self._on_fix(read_pose(data)))
@@ -96,6 +106,8 @@ class RobotWatch:
         self._raw(DiagnosticStatus, f"{ekf}/status", self._on_filter, LATCHED)
         self._raw(DiagnosticArray, f"{controller}/goal_results", self._on_results, LATCHED)
         self._raw(DiagnosticStatus, f"{controller}/goal_feedback", self._on_feedback, QUEUE)
+        self._raw(PoseWithCovarianceStamped, "dock/pose", lambda data: self._on_dock_pose(read_pose(data)))
+        self._raw(DiagnosticStatus, f"{node.config.dock_controller}/status", self._on_docking, LATCHED)
         self._raw(String, "robot_description", self._on_description, LATCHED)
 
     def _topic(self, name: str) -> str:
@@ -110,13 +122,22 @@ class RobotWatch:
 
         self._node.subscribe(message_type, self._topic(name), read, qos, raw=True)
 
-    def look_for_commands(self, types: dict[str, list[str]]) -> None:
-        """Subscribe to cmd_vel once the graph tells its type."""
+    def look_for_types(self, types: dict[str, list[str]]) -> None:
+        """Subscribe to cmd_vel and detected_dock_pose once the graph tells their types."""
         topic = self._topic("cmd_vel")
         found = [name for name in types.get(topic, []) if name in _TWISTS]
         if found and not self._has_commands:
             self._has_commands = True
             self._node.subscribe(_TWISTS[found[0]], topic, self._on_command, SENSOR)
+        topic = self._topic("detected_dock_pose")
+        found = [name for name in types.get(topic, []) if name in _DETECTIONS]
+        if found and not self._has_detections:
+            self._has_detections = True
+            self._node.subscribe(_DETECTIONS[found[0]], topic, self._on_detection, SENSOR)
+
+    def set_docking(self, config: DockingConfig) -> None:
+        """Take how the robot docks."""
+        self._dock.config = config
 
     def look_for_silence(self) -> None:
         """Show if the controller has stopped sending its status: what is latched of a dead one may be ``driving``."""
@@ -139,6 +160,8 @@ class RobotWatch:
         covariance = (P[0], P[1], P[7], P[35]) if any(P) else (math.nan,) * 4
         self._row("estimate", self._time, *pose, *covariance)
         self._landmarks.add_pose(stamp_ns(message.header.stamp), pose)
+        self._dock.add_pose(stamp_ns(message.header.stamp), pose)
+        self._put_dock()
         self._put_landmarks()
 
     def _on_fix(self, message: Any) -> None:
@@ -194,6 +217,27 @@ class RobotWatch:
         if (found := self._landmarks.newest()) is not None:
             stamp, points = found
             self._state.put(self._name, "landmarks", [self._clock.of(stamp), points])
+
+    def _on_dock_pose(self, message: Any) -> None:
+        uncertainty = uncertainty_of(planar_covariance(message.pose.covariance))
+        self._dock.add_dock_pose(stamp_ns(message.header.stamp), pose_of(message.pose.pose), uncertainty)
+        self._put_dock()
+
+    def _on_detection(self, message: Any) -> None:
+        if base_name(message.header.frame_id) not in BASES:
+            return  # of a detector whose mounting only the filter knows
+        inner = message.pose if isinstance(message, PoseStamped) else message.pose.pose
+        self._dock.add_detection(stamp_ns(message.header.stamp), pose_of(inner))
+        self._put_dock()
+
+    def _put_dock(self) -> None:
+        if (found := self._dock.newest()) is not None:
+            self._state.put(self._name, "dock", found)
+
+    def _on_docking(self, data: bytes) -> None:
+        status = read_status(data)
+        self._set_status(docking=docking_state(status))
+        self._add(self._events.of_status(self._time, "docking", status))
 
     def _on_controller(self, data: bytes) -> None:
         status = read_status(data)

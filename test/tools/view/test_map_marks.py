@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 import view_bags
 
-from diffbot_core.geometry import Pose
+from diffbot_core.geometry import Pose, into_frame
+from diffbot_core.uncertainty import Uncertainty
 from diffbot_tools.view.landmarks import read_cloud
+from diffbot_tools.view.live_dock import DockPlacer
 from diffbot_tools.view.live_landmarks import LandmarkPlacer
 from diffbot_tools.view.report import read_bag_run
 from diffbot_tools.view.report_command import write_report
@@ -164,3 +166,36 @@ def test_a_live_cloud_waits_for_the_estimate_of_its_time():
         placer.add_pose(BEGIN - 10**9 + step * 10**8, Pose(float(step), 0.0, 0.0))
     placer.add_cloud(cloud_of(BEGIN - 9 * 10**8, (4, 1.0, 0.0)))
     assert placer.newest() == (BEGIN - 9 * 10**8, [pytest.approx([2.0, 0.0, 4])])
+
+
+CERTAIN, LOST = Uncertainty(0.01, 0.01), Uncertainty(0.3, 0.01)
+DOCK = Pose(3.0, 1.0, 0.5)
+
+
+def test_dock_and_detections_are_placed_by_the_estimates_of_their_own_time():
+    placer = DockPlacer()
+    first, second = Pose(1.0, 0.0, 0.3), Pose(2.0, 0.5, -0.2)
+    placer.add_pose(BEGIN, first)
+    assert placer.newest() is None
+    # Of a time without an estimate in map yet: both wait, and are not placed by the old one.
+    placer.add_dock_pose(BEGIN + 10**8, into_frame(second, DOCK), CERTAIN)
+    placer.add_detection(BEGIN, into_frame(DOCK, first))
+    placer.add_detection(BEGIN + 10**8, into_frame(Pose(3.02, 0.97, 0.5), second))
+    found = placer.newest()
+    assert found["pose"] is None
+    assert found["detections"] == [pytest.approx([3.0, 1.0])]
+    placer.add_pose(BEGIN + 10**8, second)
+    found = placer.newest()
+    assert found["pose"] == pytest.approx([3.0, 1.0, 0.5])
+    assert found["detections"] == [pytest.approx([3.0, 1.0]), pytest.approx([3.02, 0.97])]
+
+
+def test_a_dock_that_the_filter_has_lost_or_of_an_earlier_run_is_not_shown():
+    placer = DockPlacer()
+    for stamp in (BEGIN, BEGIN - 10**9):
+        placer.add_pose(stamp, Pose(0.0, 0.0, 0.0))
+        assert placer.newest() is None
+        placer.add_dock_pose(stamp, Pose(-1.0, 0.0, 0.0), CERTAIN)
+        assert placer.newest()["pose"] == pytest.approx([1.0, 0.0, 0.0])
+    placer.add_dock_pose(BEGIN, Pose(-1.0, 0.0, 0.0), LOST)
+    assert placer.newest() is None
