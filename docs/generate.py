@@ -8,7 +8,7 @@ docs/results, from the JSON files in its folder data: benchmark.md, reproduction
 real-robots.md and robot-localization.md.
 ``--experiments`` and ``--benchmark`` repeat the runs behind the JSON files and draw their figures; those behind
 benchmark_bound.json need casadi (extra ``bound``) and are repeated by ``--benchmark bound`` alone.
-``--animation`` draws docs/run.gif, ``--policy`` runs the nodes and writes config/sros2_policy.xml.
+``--animation`` draws docs/run.gif and docking.gif, ``--policy`` runs the nodes and writes config/sros2_policy.xml.
 The outputs on the tutorials are written by docs/tutorial_run.py, which runs them.
 ``--check`` writes nothing and fails if a page or rooms.svg is out of date.
 """
@@ -203,7 +203,7 @@ def main() -> int:
         "--real", type=Path, nargs="+", metavar="FOLDER", help="repeat those on the drives of data sets"
     )
     parser.add_argument("--peer", type=Path, metavar="RUNNER", help="repeat the comparison with robot_localization")
-    parser.add_argument("--animation", action="store_true", help="draw run.gif again")
+    parser.add_argument("--animation", action="store_true", help="draw run.gif and docking.gif again")
     parser.add_argument("--policy", action="store_true", help="write config/sros2_policy.xml from running nodes")
     options = parser.parse_args()
     if options.experiments:

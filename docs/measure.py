@@ -12,6 +12,8 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from docking_movie import write_docking_movie
+
 from diffbot_core.files import write_json
 from diffbot_lab.arena import command as law_benchmark
 from diffbot_lab.arena import effects as law_effects
@@ -87,9 +89,10 @@ def write_effects() -> None:
 
 
 def write_animation() -> None:
-    """Draw docs/run.gif, as ``diffbot benchmark animate`` does."""
+    """Draw docs/run.gif, as ``diffbot benchmark animate`` does, and docs/docking.gif."""
     shown, sampling_time = drives(AnimationOptions(BENCHMARKS["animate"][0], 1))
     write_movie(shown, sampling_time, DOCS / "run.gif")
+    write_docking_movie(DOCS / "docking.gif")
 
 
 def write_policy() -> None:
