@@ -11,6 +11,8 @@ if __name__ == "__main__":  # before the imports that take long: see launcher
 
     raise SystemExit(launch("diffbot_control.docking_node"))
 
+import math
+import time
 from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 from typing import Any
@@ -24,7 +26,6 @@ from diffbot_control.filter.covariance import uncertainty_of
 from diffbot_control.law.docking import Docking
 from diffbot_control.robot_node import RobotControllerNode
 from diffbot_control.ros.goals.dock_actions import serve_dock_actions
-from diffbot_control.ros.messages.fields import stamp_ns
 from diffbot_control.ros.parameters.dock import NO_DOCK, POSE_WITH_COVARIANCE
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.errors import InvalidValueError
@@ -77,6 +78,8 @@ def remappings(name: str) -> list[str]:
 
 _LOOK_PERIOD = 0.05
 """[s] between two looks for a new goal while there are no poses"""
+_RELEASE_TIME = 0.5
+"""[s] within which the controller in map lets go; a goal that it then has is a newer one"""
 _LOST = 0.1
 """[m] deviation of the position beyond which the dock is looked for anew"""
 
@@ -111,14 +114,13 @@ class DockControllerNode(RobotControllerNode):
         """Watch the controller in map, too, and serve the actions of docking."""
         super().configure()
         self._dock_actions = serve_dock_actions(self, self.goals)
-        self._accepted, self._accepted_at = 0, 0
-        """number of goals so far, and when [ns] the newest was noticed"""
-        self._known: set[bytes] = set()
-        """ids of the goals of the controller in map"""
+        self._accepted, self._began = 0, -math.inf
+        """number of goals so far, and when [s] on the steady clock the newest was noticed"""
+        self._is_driving_in_map = False
+        """the controller in map has a goal that it drives to"""
         self._release = self.create_client(Trigger, "controller/cancel")
         self.create_subscription(GoalStatusArray, "controller/goal_status", self._on_goals_in_map, LATCHED)
-
-        self.create_timer(_LOOK_PERIOD, self._look_for_goal, clock=self.steady_clock)
+        self.create_timer(_LOOK_PERIOD, self._look_at_goals, clock=self.steady_clock)
 
     def cleanup(self) -> None:
         """Take the actions out of service."""
@@ -128,38 +130,38 @@ class DockControllerNode(RobotControllerNode):
 
     def take_pose(self, stamp: int, pose: Pose, uncertainty: Uncertainty) -> None:
         """Answer an estimate."""
-        self._look_for_goal()
+        self._look_at_goals()
         super().take_pose(stamp, pose, uncertainty)
 
-    def _look_for_goal(self) -> None:
-        """For a new goal make the controller in map let go of its own, and the filter see another dock, if it has to.
+    def _look_at_goals(self) -> None:
+        """For a new goal make the controller in map let go of its own, and later let go for a new one of that."""
+        if self.supervisor.accepted != self._accepted:
+            self._accepted, self._began = self.supervisor.accepted, time.monotonic()
+            if self._release.service_is_ready():
+                self._release.call_async(Trigger.Request())
+            self._begin_anew_if_lost()
+        elif (
+            self._is_driving_in_map
+            and self.supervisor.goal is not None
+            and time.monotonic() - self._began > _RELEASE_TIME
+        ):
+            self.get_logger().info("a new goal of the controller in map: letting go of the dock")
+            self.cancel()
 
-        A filter in which detections contradict the odometry, or that has not seen the dock for so long that its pose
-        says nothing, begins anew; otherwise its pose is needed, since a docked robot does not see its dock.
+    def _begin_anew_if_lost(self) -> None:
+        """Let the filter see the dock anew, or another one, if its pose says nothing.
+
+        So it is if detections contradict the odometry, or the dock was not seen for too long. Otherwise the pose is
+        needed: a docked robot does not see its dock.
         """
-        if self.supervisor.accepted == self._accepted:
-            return
-        self._accepted, self._accepted_at = self.supervisor.accepted, self.get_clock().now().nanoseconds
-        if self._release.service_is_ready():
-            self._release.call_async(Trigger.Request())
         found = self._ekf.localization
         if found.contradiction.cause or (found.initialised and uncertainty_of(found.estimate().P).xy > _LOST):
             self.get_logger().info("the dock is looked for anew")
             self._ekf.restart()
 
     def _on_goals_in_map(self, message: GoalStatusArray) -> None:
-        """Let go of the goal in the dock's frame for a new one in map."""
-        begun = [
-            one
-            for one in message.status_list
-            if one.status in (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
-            and bytes(one.goal_info.goal_id.uuid) not in self._known
-            and stamp_ns(one.goal_info.stamp) > self._accepted_at
-        ]
-        self._known = {bytes(one.goal_info.goal_id.uuid) for one in message.status_list}
-        if begun and self.supervisor.goal is not None:
-            self.get_logger().info("a new goal of the controller in map: letting go of the dock")
-            self.cancel()
+        under_way = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
+        self._is_driving_in_map = any(one.status in under_way for one in message.status_list)
 
 
 def make_nodes() -> Iterator[EkfNode | ControllerNode]:
