@@ -24,6 +24,7 @@ from diffbot_control.controller_node import ControllerNode
 from diffbot_control.ekf_node import EkfNode
 from diffbot_control.filter.covariance import uncertainty_of
 from diffbot_control.law.docking import Docking
+from diffbot_control.law.docking_axis import MAX_UNCERTAINTY
 from diffbot_control.robot_node import RobotControllerNode
 from diffbot_control.ros.goals.dock_actions import serve_dock_actions
 from diffbot_control.ros.parameters.dock import NO_DOCK, POSE_WITH_COVARIANCE
@@ -80,8 +81,6 @@ _LOOK_PERIOD = 0.05
 """[s] between two looks for a new goal while there are no poses"""
 _RELEASE_TIME = 0.5
 """[s] within which the controller in map lets go; a goal that it then has is a newer one"""
-_LOST = 0.1
-"""[m] deviation of the position beyond which the dock is looked for anew"""
 
 
 class DockEkfNode(EkfNode):
@@ -155,7 +154,7 @@ class DockControllerNode(RobotControllerNode):
         needed: a docked robot does not see its dock.
         """
         found = self._ekf.localization
-        if found.contradiction.cause or (found.initialised and uncertainty_of(found.estimate().P).xy > _LOST):
+        if found.contradiction.cause or (found.initialised and uncertainty_of(found.estimate().P).xy > MAX_UNCERTAINTY):
             self.get_logger().info("the dock is looked for anew")
             self._ekf.restart()
 

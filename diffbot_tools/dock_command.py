@@ -7,7 +7,7 @@ import math
 from typing import Any
 
 from diffbot_control.goals.goal_record import RESTART_TIMEOUT
-from diffbot_control.law.docking import pose_on_axis
+from diffbot_control.law.docking_axis import pose_on_axis
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import MAX_COORDINATE, Pose, out_of_frame
 from diffbot_core.ranges import HEADING

@@ -13,7 +13,8 @@ import numpy as np
 from matplotlib.animation import PillowWriter
 from numpy.typing import NDArray
 
-from diffbot_control.law.docking import Docking, DockingConfig
+from diffbot_control.law.docking import Docking
+from diffbot_control.law.docking_axis import DockingConfig
 from diffbot_core.files import replacing
 from diffbot_core.geometry import Pose, out_of_frame
 from diffbot_lab.arena.animation import corners

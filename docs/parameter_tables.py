@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from diffbot_bag.parameters import RecorderConfig, ReplayConfig
-from diffbot_control.law.docking import DockingConfig
+from diffbot_control.law.docking_axis import DockingConfig
 from diffbot_control.law.presets import PAPER, TUNED
 from diffbot_control.ros.parameters.controller import CONTROLLER_PRESETS, ControllerNodeConfig
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig

@@ -353,7 +353,7 @@ class Supervisor:
         touches = getattr(self.memory, "contact", False)
         try:
             self.memory = self._driver.memory_for_new_goal(self.memory, self.config.controller)
-            self.on_contact(touches)  # told when it changes, perhaps, and not again for a new goal
+            self.on_contact(touches)  # a switch may report changes only
         except LawError as error:
             self.on_fault(str(error))
 

@@ -1,36 +1,37 @@
-"""Docking: to a staging pose on the dock's axis by the switching law, then straight on along the axis until contact.
+"""Docking: to a staging pose on the dock's axis by the switching law, then along the axis until contact.
 
-All poses and goals are in the dock's frame: its origin is where the robot stands when it is docked, with that heading.
-The goal at the origin is contact; one on the axis before it undocks, driving out along the axis. Let x, y, theta be the
-pose, and v > 0 towards the dock. On the axis
-
-    omega = -v y sinc(theta) / lambda^2 - 2 |v| theta / lambda,      V = (y^2 / lambda^2 + theta^2) / 2
-
-so dV = -2 |v| theta^2 / lambda <= 0 for any speed, in and out: along the way y has a double pole at -1 / lambda,
-whatever the speed is, and a robot that stands does not turn. V <= corridor^2 / 2 bounds y and theta until the end.
-From ``commit_distance`` on the heading alone is held, as in Omega_L: omega = -2 |v| theta / lambda; a correction of y
-there would leave the robot turned at contact. So it can be said on the way with which error the robot will arrive, and
-whether there is room to work it off. A robot that docks with its back sees all this in the frame turned round.
+Poses and goals are in the dock's frame, see :mod:`docking_axis`. The goal at its origin is contact; one on the axis
+before it undocks. On the way the predicted errors at contact decide whether the robot goes on, or drives out along the
+axis and tries again.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 from diffbot_control.law.braking_step import braking_step
-from diffbot_control.law.configuration import ControllerConfig, ControllerMemory, Report, new_memory
+from diffbot_control.law.configuration import ControllerMemory, Report, new_memory
+from diffbot_control.law.docking_axis import (
+    Arrival,
+    DockingConfig,
+    along_axis,
+    arrival,
+    axis_lyapunov,
+    fits,
+    hold_heading,
+    is_certain,
+    is_inside,
+    leading,
+    pose_on_axis,
+)
 from diffbot_control.law.latency import Actuation, coast, is_immediate
 from diffbot_control.law.limits import limit_change, limit_velocity
-from diffbot_control.law.lyapunov_law import sinc
 from diffbot_control.law.polar_coordinates import navigation_variables
 from diffbot_control.law.regions import OMEGA_L
 from diffbot_control.law.speed_profile import braking
-from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose, into_frame
 from diffbot_core.kinematics import Twist
-from diffbot_core.ranges import ANGLE, LENGTH, SPEED
-from diffbot_core.schema import Spec, known_fields
 from diffbot_core.uncertainty import Estimate, Uncertainty
 
 STAGING, APPROACHING, RETREATING, DOCKED, FAILED, UNDOCKING, UNDOCKED = 0, 1, 2, 3, 4, 5, 6
@@ -38,8 +39,6 @@ PHASE_NAMES = ("staging", "approaching", "retreating", "docked", "failed", "undo
 
 _ENTRY = 0.4
 """share of the tolerances that the predicted error may have where the approach begins"""
-_SIGMAS = 2.6
-"""deviations that have to fit into the tolerances beside the predicted error before the robot goes on blindly"""
 _REST = 1.0
 """[s] at the staging pose without an approach, after which the robot drives out along the axis to align"""
 _STALL_TIME, _STALL_WAY, _STALL_STEP = 0.7, 0.01, 0.1
@@ -62,41 +61,6 @@ _ON_AXIS, _ALONG_AXIS, _UNDOCKED = 0.01, 0.02, 0.02
 """[m] across, [rad], [m] along: what counts as on the axis, and as its end"""
 
 
-@known_fields
-class DockingConfig(NamedTuple):
-    """How a robot docks; ``drive`` is the law that drives to the staging pose."""
-
-    dock_backward: Annotated[bool, Spec("the back of the robot docks")] = False
-    staging_distance: Annotated[float, Spec("distance of the staging pose from the docked one", "m", *LENGTH)] = 0.7
-    approach_length: Annotated[
-        float, Spec("lambda, the way in which a lateral error decays on the axis", "m", 0.02, 2.0)
-    ] = 0.08
-    corridor: Annotated[
-        float, Spec("bound of sqrt(y^2 / lambda^2 + theta^2) where the approach begins", "rad", *ANGLE)
-    ] = 0.4
-    straight_length: Annotated[float, Spec("way before contact without any steering", "m", 0.0, 1.0)] = 0.05
-    commit_distance: Annotated[
-        float, Spec("the robot goes nearer only if it will dock within the tolerances", "m", 0.0, 10.0)
-    ] = 0.33
-    commit_timeout: Annotated[float, Spec("how long it waits there to become certain", "s", 0.0, 3600.0)] = 4.0
-    dock_speed: Annotated[float, Spec("speed along the axis", "m/s", *SPEED)] = 0.12
-    contact_speed: Annotated[float, Spec("speed at contact", "m/s", *SPEED)] = 0.08
-    press_distance: Annotated[
-        float, Spec("how far beyond the docked pose the robot drives on until it feels the contact", "m", 0.0, 1.0)
-    ] = 0.03
-    dock_xy_tolerance: Annotated[float, Spec("lateral error to dock with, likewise", "m", *LENGTH)] = 0.02
-    dock_yaw_tolerance: Annotated[
-        float, Spec("heading error to dock with, by the estimate and 2.6 of its deviations", "rad", *ANGLE)
-    ] = 0.013
-    dock_tries: Annotated[int, Spec("approaches before the robot gives up", minimum=1, maximum=100)] = 3
-    drive: ControllerConfig = ControllerConfig()
-
-    @property
-    def data_sheet(self) -> DataSheet:
-        """Of the robot."""
-        return self.drive.data_sheet
-
-
 class DockingMemory(NamedTuple):
     """What one step passes to the next."""
 
@@ -106,7 +70,7 @@ class DockingMemory(NamedTuple):
     committed: bool
     """the robot goes on whether the dock is seen or not"""
     contact: bool
-    """something else than the pose says that the robot touches the dock"""
+    """a switch or the charger reports that the robot touches the dock"""
     wait: float
     """[s] at rest at the staging pose, or until certain; without progress near contact"""
     nearest: float
@@ -119,15 +83,6 @@ class DockingMemory(NamedTuple):
     """of the law that drives to the staging pose"""
     reached: bool
     """docked"""
-
-
-class Arrival(NamedTuple):
-    """Error that the robot will arrive with if nothing disturbs it."""
-
-    y: float
-    """[m]"""
-    theta: float
-    """[rad]"""
 
 
 def new_docking_memory(config: DockingConfig) -> DockingMemory:
@@ -148,59 +103,6 @@ def new_docking_memory(config: DockingConfig) -> DockingMemory:
     )
 
 
-def pose_on_axis(distance: float, backward: bool) -> Pose:
-    """Return the pose on the axis ``distance`` [m] before the docked one, in the dock's frame."""
-    return Pose(distance if backward else -distance, 0.0, 0.0)
-
-
-def axis_lyapunov(pose: Pose, length: float) -> float:
-    """V on the axis, with lambda = ``length`` [m]."""
-    lateral = pose.y / length
-    return 0.5 * (lateral * lateral + pose.theta * pose.theta)
-
-
-def along_axis(pose: Pose, v: float, length: float) -> Twist:
-    """Return the command of speed ``v`` [m/s], < 0 for out, that keeps dV <= 0."""
-    curvature = pose.y * sinc(pose.theta) / (length * length)
-    return Twist(v, -v * curvature - 2.0 * abs(v) * pose.theta / length)
-
-
-def hold_heading(pose: Pose, v: float, length: float) -> Twist:
-    """Return the command of speed ``v`` [m/s] that holds the heading of the axis: theta^2 decays, y stays."""
-    return Twist(v, -2.0 * abs(v) * pose.theta / length)
-
-
-def arrival(pose: Pose, config: DockingConfig) -> Arrival:
-    """Predict the error at contact from a pose in the dock's frame, linearised.
-
-    Until ``commit_distance`` y'' + 2 y' / lambda + y / lambda^2 = 0 over the way, then theta' = -2 theta / lambda until
-    ``straight_length``, then neither changes.
-    """
-    length, distance = config.approach_length, max(-pose.x, 0.0)
-    straight = min(config.straight_length, distance)
-    hold = max(min(config.commit_distance, distance) - straight, 0.0)
-    way = max(distance - straight - hold, 0.0)
-    slope, left = pose.y / length + pose.theta, math.exp(-way / length)
-    y, theta = (pose.y + slope * way) * left, (pose.theta - slope * way / length) * left
-    held = math.exp(-2.0 * hold / length)
-    y, theta = y + 0.5 * length * theta * (1.0 - held), theta * held
-    return Arrival(y + straight * theta, theta)
-
-
-def fits(at: Arrival, share: float, config: DockingConfig) -> bool:
-    """Whether an arrival is within this share of the tolerances."""
-    return abs(at.y) <= share * config.dock_xy_tolerance and abs(at.theta) <= share * config.dock_yaw_tolerance
-
-
-def is_certain(at: Arrival, distance: float, uncertainty: Uncertainty, config: DockingConfig) -> bool:
-    """Whether an arrival fits together with the uncertainty of the pose, ``distance`` [m] before contact."""
-    across = math.hypot(uncertainty.xy, distance * uncertainty.theta)
-    return (
-        abs(at.y) + _SIGMAS * across <= config.dock_xy_tolerance
-        and abs(at.theta) + _SIGMAS * uncertainty.theta <= config.dock_yaw_tolerance
-    )
-
-
 def docking_step(
     memory: DockingMemory, estimate: Estimate, goal: Pose, dt: float, config: DockingConfig
 ) -> tuple[DockingMemory, Twist, Report]:
@@ -217,10 +119,10 @@ def docking_step(
     if not is_immediate(sheet):
         coasted = coast(estimate.pose, memory.actuation, memory.command, dt, sheet)
         actuation, rest = coasted.actuation, coasted.pose
-    pose, out = _leading(rest, config), -_leading(goal, config).x
+    pose, out = leading(rest, config), -leading(goal, config).x
     if memory.phase == STAGING and not _is_contact(goal):
         memory = _in_phase(memory, UNDOCKING if _is_undocked(goal, out) else FAILED, memory.tries)
-    memory = _next_phase(memory, _leading(estimate.pose, config), pose, estimate.uncertainty, out, dt, config)
+    memory = _next_phase(memory, leading(estimate.pose, config), pose, estimate.uncertainty, out, dt, config)
     if memory.phase == STAGING:
         return _staging_step(memory, estimate, dt, config)
     requested = limit_velocity(_requested(memory, pose, out, config), sheet)
@@ -258,13 +160,6 @@ def _is_undocked(goal: Pose, out: float) -> bool:
     return out > _UNDOCKED and abs(goal.y) <= _ON_AXIS and abs(goal.theta) <= _ALONG_AXIS
 
 
-def _leading(pose: Pose, config: DockingConfig) -> Pose:
-    """Return the pose of the end that leads: for a robot that docks backwards in the dock's frame turned round."""
-    if not config.dock_backward:
-        return pose
-    return Pose(-pose.x, -pose.y, pose.theta)
-
-
 def _next_phase(
     memory: DockingMemory,
     now: Pose,
@@ -289,9 +184,9 @@ def _next_phase(
 
 def _next_staging(memory: DockingMemory, rest: Pose, dt: float, config: DockingConfig) -> DockingMemory:
     if memory.contact and abs(rest.x) <= config.straight_length and fits(Arrival(rest.y, rest.theta), 1.0, config):
-        return _in_phase(memory, DOCKED, memory.tries)  # it was docked before
+        return _in_phase(memory, DOCKED, memory.tries)  # already docked
     near = config.straight_length < -rest.x <= config.staging_distance + _NEAR
-    if near and _is_inside(rest, 1.0, config) and fits(arrival(rest, config), _ENTRY, config):
+    if near and is_inside(rest, 1.0, config) and fits(arrival(rest, config), _ENTRY, config):
         return _in_phase(memory, APPROACHING, memory.tries)
     standing = memory.drive.switching.region == OMEGA_L and memory.command.v == 0.0 and memory.command.omega == 0.0
     wait = memory.wait + dt if standing else 0.0
@@ -307,11 +202,11 @@ def _next_approach(
     if -now.x <= config.straight_length and (memory.committed or config.commit_distance <= config.straight_length):
         return _touching(memory, -now.x, dt, config)
     at, distance = arrival(rest, config), -rest.x
-    is_inside = _is_inside(rest, _LEAVE, config)
+    inside = is_inside(rest, _LEAVE, config)
     # Whatever the robot touches there, it is not the dock, or the pose is wrong.
-    goes_beside = memory.contact or not (is_inside and fits(at, 1.0, config))
+    goes_beside = memory.contact or not (inside and fits(at, 1.0, config))
     if (goes_beside and distance > config.straight_length) or memory.wait > config.commit_timeout:
-        out = config.staging_distance + (_MARGIN if is_inside else _ALIGNING)
+        out = config.staging_distance + (_MARGIN if inside else _ALIGNING)
         return _in_phase(memory, RETREATING, memory.tries + 1, out)
     # Beyond this distance the robot can still stop at commit_distance.
     braking_way = config.dock_speed * (config.drive.profile_gains.react + 0.5 * config.dock_speed / _brake(config))
@@ -322,14 +217,9 @@ def _next_approach(
     return _waiting(memory, committed, memory.wait + dt if is_there else 0.0, math.inf)
 
 
-def _is_inside(pose: Pose, wider: float, config: DockingConfig) -> bool:
-    """Whether a pose is in the corridor, the sublevel set of V, or in one wider by a factor."""
-    return math.sqrt(2.0 * axis_lyapunov(pose, config.approach_length)) <= wider * config.corridor
-
-
 def _touching(memory: DockingMemory, distance: float, dt: float, config: DockingConfig) -> DockingMemory:
     """Decide on the last way: the robot feels the dock, stands against it, or is beyond where it has to be."""
-    # Poses that come seldom are no sign of a robot that stands.
+    # A gap between two poses does not mean that the robot stands.
     wait, nearest = memory.wait + min(dt, _STALL_STEP), memory.nearest
     if distance < nearest - _STALL_WAY:
         wait, nearest = 0.0, distance

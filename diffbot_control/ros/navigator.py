@@ -33,7 +33,7 @@ from typing import Any
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 
 from diffbot_control.goals import goal_record
-from diffbot_control.law.docking import pose_on_axis
+from diffbot_control.law.docking_axis import pose_on_axis
 from diffbot_control.ros.goals.client import ANSWER_TIMEOUT, LOST, Feedback, GoalClient, GoalRefusedError
 from diffbot_control.ros.messages.fields import pose_of
 from diffbot_core.errors import DiffbotError

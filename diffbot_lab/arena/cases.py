@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -188,17 +188,30 @@ CASES = (
 )
 
 
-def cases_named(names: tuple[str, ...]) -> tuple[ArenaCase, ...]:
-    """Return the cases of these names, all for none.
+class _Named(Protocol):
+    @property
+    def name(self) -> str: ...
+
+
+_Case = TypeVar("_Case", bound=_Named)
+
+
+def cases_of(cases: tuple[_Case, ...], names: tuple[str, ...]) -> tuple[_Case, ...]:
+    """Return those of ``cases`` that have these names, all for none.
 
     Raises:
         InvalidValueError: for an unknown name.
     """
-    known = {one.name: one for one in CASES}
+    known = {one.name: one for one in cases}
     for name in names:
         if name not in known:
             raise InvalidValueError("case", name, "one of " + ", ".join(known))
-    return tuple(known[name] for name in names) or CASES
+    return tuple(known[name] for name in names) or cases
+
+
+def cases_named(names: tuple[str, ...]) -> tuple[ArenaCase, ...]:
+    """Return the cases of the arena of these names, see :func:`cases_of`."""
+    return cases_of(CASES, names)
 
 
 def world_of(case: ArenaCase) -> tuple[PlantConfig, SensorConfig, FilterConfig]:

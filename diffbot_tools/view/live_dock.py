@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections import deque
 from typing import Any
 
-from diffbot_control.law.docking import DockingConfig
+from diffbot_control.law.docking_axis import MAX_UNCERTAINTY, DockingConfig
 from diffbot_core.geometry import Pose, origin_of_frame, out_of_frame
 from diffbot_core.uncertainty import Uncertainty
 
-MAX_UNCERTAINTY = 0.1
-"""[m] deviation of the position in the dock's frame beyond which the dock is not shown: then its pose says nothing"""
 _MAX_POSES, _MAX_DETECTIONS = 100, 20
 """that are kept: 2 s of estimates at 50 Hz"""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -34,7 +35,7 @@ class _DeferredActionServer(ActionServer):  # type: ignore[misc]
             super().notify_execute(goal_handle, execute_callback)
 
 
-class ActionServers:
+class ActionServers(ABC):
     """Action servers of one controller. A subclass translates their messages."""
 
     def __init__(self, node: DiffbotNode[Any], goals: GoalServer, types: Mapping[str, Any]) -> None:
@@ -45,24 +46,24 @@ class ActionServers:
         goals.on_feedback.append(self._take_feedback)
         self._servers = [self._create(name, action_type) for name, action_type in types.items()]
 
+    @abstractmethod
     def message_of(self, goal: Any) -> PoseStamped | Path:
         """Return the goal of the controller.
 
         Raises:
             BadMessageError: if the goal of the action cannot be used.
         """
-        raise NotImplementedError
 
-    def note_ignored(self, name: str, goal: Any) -> None:
+    def note_ignored(self, name: str, goal: Any) -> None:  # noqa: B027 - most goals have nothing to ignore
         """Log what is ignored of an accepted goal of the action ``name``."""
 
+    @abstractmethod
     def fill_result(self, result: Any, record: GoalRecord) -> None:
         """Fill the result of an ended goal."""
-        raise NotImplementedError
 
+    @abstractmethod
     def take_feedback(self, handle: ServerGoalHandle, message: Any, feedback: GoalFeedback) -> None:
         """Publish the feedback of a goal; ``message`` is an empty one of its action."""
-        raise NotImplementedError
 
     def destroy(self) -> None:
         """Take them out of service."""

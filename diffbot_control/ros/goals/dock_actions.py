@@ -15,6 +15,7 @@ from rclpy.action.server import ServerGoalHandle
 from diffbot_control.goals import goal_record
 from diffbot_control.goals.goal_record import GoalRecord
 from diffbot_control.law import docking
+from diffbot_control.law.docking_axis import pose_on_axis
 from diffbot_control.ros.goals.action_servers import ActionServers
 from diffbot_control.ros.goals.server import DRIVING, GoalFeedback, GoalServer, state_text
 from diffbot_control.ros.messages.conversions import goal_message
@@ -44,7 +45,7 @@ class DockActions(ActionServers):
         if hasattr(goal, "max_undocking_time"):
             if not goal.max_undocking_time > 0.0:
                 raise BadMessageError("max_undocking_time is not positive", f"{goal.max_undocking_time:g} s")
-            pose = docking.pose_on_axis(config.staging_distance, config.dock_backward)
+            pose = pose_on_axis(config.staging_distance, config.dock_backward)
         elif goal.use_dock_id:
             raise BadMessageError("use_dock_id is true", "there is no database of docks")
         elif goal.navigate_to_staging_pose:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from diffbot_control.filter.covariance import check_covariance
-from diffbot_control.filter.measurements import FIXES, PoseFix, Source
+from diffbot_control.filter.measurements import FIXES, Array, PoseFix, Source
 from diffbot_control.ros.frames import robot_frame
 from diffbot_control.ros.messages.fields import check_frame, planar_covariance, pose_of, stamp_ns
 from diffbot_control.ros.parameters.dock import POSE
@@ -53,11 +53,10 @@ class DockSensor:
         distance, config = math.hypot(detected.x, detected.y), self._config
         sigma = config.dock_sigma + config.dock_sigma_per_metre * distance
         yaw_sigma = config.dock_yaw_sigma + config.dock_yaw_sigma_per_metre * distance
-        assumed = KnownNoise(np.diag(np.square((sigma, sigma, yaw_sigma))), self._overrides)
-        R = assumed.R
+        assumed: Array = np.diag(np.square((sigma, sigma, yaw_sigma)))
+        R = assumed
         if self._has_covariance:
-            R = noise_of(lambda: planar_covariance(message.pose.covariance), assumed)
-        assert R is not None
+            R = noise_of(lambda: planar_covariance(message.pose.covariance), KnownNoise(assumed, self._overrides))
         at_dock = check_covariance(self._mounting.covariance(detected, R))
         fix = PoseFix(stamp_ns(message.header.stamp), self._mounting.robot(detected), at_dock, _SOURCE)
-        return Reading([fix], R is assumed.R)
+        return Reading([fix], R is assumed)

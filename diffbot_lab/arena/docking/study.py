@@ -20,7 +20,7 @@ from diffbot_control.law.controller import ControllerConfig
 from diffbot_control.law.docking import Docking
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.schema import build, parameters_of
-from diffbot_lab.arena.cases import LIMITS, cases_named
+from diffbot_lab.arena.cases import LIMITS, cases_named, cases_of
 from diffbot_lab.arena.statistics import spread
 from diffbot_lab.campaign.statistics import wilson
 from diffbot_lab.cases import Configuration, make_case
@@ -74,16 +74,8 @@ CASES = (
 
 
 def docking_cases(names: tuple[str, ...]) -> tuple[DockingCase, ...]:
-    """Return the cases of these names, all for none.
-
-    Raises:
-        InvalidValueError: for an unknown name.
-    """
-    known = {one.name: one for one in CASES}
-    for name in names:
-        if name not in known:
-            raise InvalidValueError("case", name, "one of " + ", ".join(known))
-    return tuple(known[name] for name in names) or CASES
+    """Return the cases of these names, see :func:`cases_of`."""
+    return cases_of(CASES, names)
 
 
 def case_of(case: DockingCase, law: Law) -> Case:

@@ -13,7 +13,7 @@ from rclpy.parameter import parameter_value_to_python
 from std_srvs.srv import SetBool, Trigger
 
 from diffbot_control.goals import goal_record
-from diffbot_control.law.docking import DockingConfig
+from diffbot_control.law.docking_axis import DockingConfig
 from diffbot_control.ros.messages.conversions import goal_message
 from diffbot_control.ros.navigator import Navigator
 from diffbot_core.errors import DiffbotError

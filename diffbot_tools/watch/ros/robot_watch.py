@@ -15,7 +15,7 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Float64MultiArray, String
 
 from diffbot_control.filter.covariance import uncertainty_of
-from diffbot_control.law.docking import DockingConfig
+from diffbot_control.law.docking_axis import DockingConfig
 from diffbot_control.ros.messages.fields import planar_covariance, pose_of, stamp_ns, twist_from
 from diffbot_control.ros.messages.raw import read_odometry, read_pose
 from diffbot_core.cdr import CdrError
