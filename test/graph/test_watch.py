@@ -272,11 +272,18 @@ def test_the_dock_its_detections_and_the_phase_appear(page, peer):
     assert page.get("diffbotPage.robot.dock.pose") == pytest.approx(dock, abs=1e-5)
     assert page.get("diffbotPage.robot.dock.detections[0]") == pytest.approx(dock[:2], abs=1e-5)
     look_at(page, dock.x, dock.y)
-    page.next_frame()
-    assert page.count((91, 63, 160)) > 150
-    # At the front of the docked robot, whose box ends 1 m before its centre.
+
+    def is_drawn():
+        shows_both()
+        page.next_frame()
+        return page.count((91, 63, 160)) > 150
+
+    page.wait_for(is_drawn, "the drawn dock")
+    # At the front of the docked robot: of its box, if another test has described it, or half a wheel separation ahead.
+    size = page.get("diffbotPage.robot.size")
+    reach = size["box"][1] if size.get("box") else 0.5 * size["wheels"][1]
     colour = "Array.from(document.getElementById('map').getContext('2d').getImageData({}, {}, 1, 1).data).slice(0, 3)"
-    front = page.get(f"diffbotPage.view.toScreen({dock.x + math.cos(0.5)}, {dock.y + math.sin(0.5)})")
+    front = page.get(f"diffbotPage.view.toScreen({dock.x + reach * math.cos(0.5)}, {dock.y + reach * math.sin(0.5)})")
     assert page.get(colour.format(*front)) == [91, 63, 160]
     values = [KeyValue(key="goal", value="0 0 0"), KeyValue(key="phase", value="approaching")]
     statuses.publish(DiagnosticStatus(name="/dock_controller", message="driving", values=values))
