@@ -132,12 +132,18 @@ def run(options: GoalOptions) -> int:
 
 def _send(client: Any, options: GoalOptions, began: float) -> None:
     deadline = began + min(options.timeout, DISCOVERY_TIMEOUT)
-    if not client.wait_until_ready(min(_PATIENCE, options.timeout)) and not client.is_stopped():
-        print(_what_is_seen(client.seen_controllers(), options), file=sys.stderr)
+    said: list[str] = []
+    while (left := deadline - time.monotonic()) > 0.0 and not client.wait_until_ready(min(_PATIENCE, left)):
+        if client.is_stopped():
+            break
+        # Discovery may take longer than the first look.
+        new = [line for line in _what_is_seen(client.seen_controllers(), options) if line not in said]
+        print(*new, sep="\n", end="\n" * bool(new), file=sys.stderr, flush=True)
+        said += new
     client.send_goal([options.pose], timeout=max(deadline - time.monotonic(), 0.0))
 
 
-def _what_is_seen(controllers: list[str], options: GoalOptions) -> str:
+def _what_is_seen(controllers: list[str], options: GoalOptions) -> list[str]:
     """Say which controllers answer instead of the one that is waited for, and how to reach them."""
     own = os.environ.get("ROS_DOMAIN_ID") or "0"
     wanted = "/" + f"{options.namespace.strip('/')}/{options.controller}".lstrip("/")
@@ -152,7 +158,7 @@ def _what_is_seen(controllers: list[str], options: GoalOptions) -> str:
         others = [one for one in used_domains(Path("/proc/net/udp").read_text()) if str(one) != own]
         if others:
             lines.append(f"  other domains in use on this machine, for ROS_DOMAIN_ID: {', '.join(map(str, others))}")
-    return "\n".join(lines)
+    return lines
 
 
 def used_domains(table: str) -> list[int]:

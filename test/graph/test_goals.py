@@ -93,16 +93,10 @@ def test_the_command_reports_the_end_in_one_line(driven, arguments, status, text
     assert re.fullmatch(text, written + said)
 
 
-def test_the_command_names_the_controllers_that_it_sees_instead(driven, kept_signal_handlers, capfd):
-    assert cli.main(["goal", *map(str, FAR), "--controller", "pilot", "--timeout", "4"]) == 1
-    waiting, *seen = capfd.readouterr().err.splitlines()[:-1]
-    assert waiting.startswith("waiting for the controller /pilot on ROS_DOMAIN_ID ")
-    assert seen[0] == "  there is /controller: diffbot goal X Y YAW"
-
-
-def test_a_command_that_waits_for_a_controller_can_be_interrupted():
-    with goal_process(*NEAR, "--controller", "pilot") as interrupted:
-        interrupted.wait_for_output("waiting for the controller")
+def test_a_command_that_waits_for_a_controller_names_those_that_it_sees_and_can_be_interrupted(driven):
+    with goal_process(*FAR, "--controller", "pilot") as interrupted:
+        interrupted.wait_for_output("waiting for the controller /pilot on ROS_DOMAIN_ID ")
+        interrupted.wait_for_output("  there is /controller: diffbot goal X Y YAW\n")
         assert interrupted.stop(signal.SIGINT) == 130
         assert interrupted.output.endswith("interrupted: no goal was sent\n")
 
