@@ -39,8 +39,12 @@ class TunedLoop(NamedTuple):
     """[m] bound of the distance of the estimated from the true position"""
     eps_theta: float
     """[rad] bound of the estimate's error of the heading"""
-    drive_noise: float
+    wheel_error: float
     """[-] bound of the relative error of each wheel's speed"""
+    eps_v: float
+    """[m/s] bound of how far beside the base ends, per time ..."""
+    eps_omega: float
+    """[rad/s] ... and of the error of its rotation"""
     t_s: float
     """[s]"""
 

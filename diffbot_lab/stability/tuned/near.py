@@ -59,9 +59,9 @@ def resting_radius(config: ControllerConfig, sigma_max: float) -> float:
 
 
 def longest_step(loop: TunedLoop, speed: float) -> float:
-    """Longest way [m] in one step at a commanded speed [m/s], any rotation."""
-    spin = up(loop.half * loop.omega_max)
-    return up(up(loop.t_s * up(speed + up(loop.drive_noise * max(speed, spin)))) + _ROUNDING)
+    """Longest way [m] in one step at a requested speed [m/s], any rotation."""
+    error = up(loop.wheel_error * max(speed, up(loop.half * loop.omega_max)))
+    return up(up(loop.t_s * up(speed + up(error + loop.eps_v))) + _ROUNDING)
 
 
 def largest_local_distance(loop: TunedLoop, low: float, high: float, rings: int) -> float:
