@@ -19,7 +19,6 @@ from diffbot_control.law.controller import SwitchingLaw
 from diffbot_control.law.speed_profile import vagueness_of
 from diffbot_core.data_sheet import rim_speed
 from diffbot_core.errors import DiffbotError, InvalidValueError
-from diffbot_lab.stability.interval.outward import up
 from diffbot_lab.stability.rank.ranking import UNRANKED
 from diffbot_lab.stability.tuned.contract import Plan, check_plan, requesting
 from diffbot_lab.stability.tuned.file import MAX_CELLS, Certificate, Claims
@@ -56,13 +55,13 @@ def tuned_loop(config: ControllerConfig, plan: Plan) -> TunedLoop:
     return TunedLoop(
         gains.brake,
         gains.react,
-        up(gains.react * up(vagueness * vagueness)) if vagueness > 1.0 else gains.react,
+        gains.react * vagueness * vagueness if vagueness > 1.0 else gains.react,
         gains.bearing_weight,
         gains.turn_brake,
         gains.turn_react,
         sheet.v_max,
         sheet.omega_max,
-        up(rim_speed(sheet)),
+        rim_speed(sheet),
         0.5 * sheet.wheels.wheel_separation,
         contract.eps_position,
         contract.eps_theta,
@@ -105,12 +104,12 @@ def table_of(loop: TunedLoop, near: NearBounds, plan: Plan) -> tuple[Table, floa
     inside = seed - 0.1
     # No command in Omega_G or Omega_L leads from inside beyond the seed.
     for _ in range(20):
-        far = up(inside + loop.eps_position)
+        far = inside + loop.eps_position
         speed = approach(loop, far, far)[1]
-        if up(inside + longest_step(loop, speed)) < seed:
+        if inside + longest_step(loop, speed) < seed:
             break
         inside -= 0.01
-    if not inside > loop.eps_position or not up(inside + longest_step(loop, speed)) < seed:
+    if not inside > loop.eps_position or not inside + longest_step(loop, speed) < seed:
         raise DiffbotError("no certificate: Omega_L is too small for the error of the position")
     fine = plan.fineness
     even = 2 * math.ceil(150 * fine), 2 * math.ceil(48 * fine)

@@ -11,16 +11,14 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from diffbot_lab.stability.interval.outward import (
+from diffbot_lab.stability.interval.ranges import (
     absolute,
     add,
     cos,
     div,
-    down,
     mul,
     sinc,
     sub,
-    up,
     wrapped,
 )
 from diffbot_lab.stability.rank.geometry import bearing_error, goal_after_move, measured_distance
@@ -57,19 +55,19 @@ class Slice(NamedTuple):
 
 def number_of_slices(loop: TunedLoop, cell: Cell3, width: float) -> int:
     """Return into how many slices of at most ``width`` [rad] the measured bearing is cut."""
-    reach = up(bearing_error(loop.eps_position, cell.rho_low) + loop.eps_theta)
-    return math.ceil((up(cell.alpha_high - cell.alpha_low) + 2.0 * reach) / width)
+    reach = bearing_error(loop.eps_position, cell.rho_low) + loop.eps_theta
+    return math.ceil((cell.alpha_high - cell.alpha_low + 2.0 * reach) / width)
 
 
 def slice_of(loop: TunedLoop, cell: Cell3, part: int, parts: int) -> Slice:
     """Return one of the slices that together hold all that may be measured; ``near`` > ``far`` for an empty one."""
     bearing = bearing_error(loop.eps_position, cell.rho_low)
-    reach = up(bearing + loop.eps_theta)
-    low, high = down(cell.alpha_low - reach), up(cell.alpha_high + reach)
+    reach = bearing + loop.eps_theta
+    low, high = cell.alpha_low - reach, cell.alpha_high + reach
     p = low if part == 0 else low + (high - low) * (part / parts)
     q = high if part == parts - 1 else low + (high - low) * ((part + 1) / parts)
-    d0 = max(down(down(p - cell.alpha_high) - loop.eps_theta), -bearing)
-    d1 = min(up(up(q - cell.alpha_low) + loop.eps_theta), bearing)
+    d0 = max(p - cell.alpha_high - loop.eps_theta, -bearing)
+    d1 = min(q - cell.alpha_low + loop.eps_theta, bearing)
     if d0 > d1:
         return Slice(1.0, 0.0, p, q, 0.0, 0.0)
     near, far = measured_distance(loop.eps_position, cell.rho_low, cell.rho_high, d0, d1)
@@ -89,7 +87,7 @@ def images(loop: TunedLoop, cell: Cell3, width: float, out: Any) -> int:
         The number of boxes; -1 if the measured goal may be at the robot itself.
     """
     parts = number_of_slices(loop, cell, width)
-    reach = up(bearing_error(loop.eps_position, cell.rho_low) + loop.eps_theta)
+    reach = bearing_error(loop.eps_position, cell.rho_low) + loop.eps_theta
     number = 0
     for part in range(parts):
         one = slice_of(loop, cell, part, parts)
@@ -132,10 +130,10 @@ def put_image(loop: TunedLoop, cell: Cell3, command: Command, box: Any) -> None:
     u0, u1, z0, z1 = chord(loop, command)
     a0, a1 = sub(cell.alpha_low, cell.alpha_high, 0.5 * z0, 0.5 * z1)
     near, far, turned0, turned1 = goal_after_move(cell.rho_low, cell.rho_high, u0, u1, a0, a1)
-    behind = up(loop.t_s * loop.eps_v)
+    behind = loop.t_s * loop.eps_v
     aside = bearing_error(behind, near) if behind < near else math.pi
-    near, far = max(down(near - behind), 0.0), up(far + behind)
-    turned0, turned1 = down(turned0 - aside), up(turned1 + aside)
+    near, far = max(near - behind, 0.0), far + behind
+    turned0, turned1 = turned0 - aside, turned1 + aside
     after0, after1 = add(cell.alpha_low, cell.alpha_high, turned0, turned1)
     box[0], box[1] = near, far
     box[2], box[3] = sub(after0, after1, z0, z1)
@@ -150,11 +148,11 @@ def chord(loop: TunedLoop, command: Command) -> tuple[float, float, float, float
     v0, v1, w0, w1 = command
     _, speed = absolute(v0, v1)
     _, spin = absolute(w0, w1)
-    error = up(loop.wheel_error * max(speed, up(loop.half * spin)))
+    error = loop.wheel_error * max(speed, loop.half * spin)
     _, twist = div(error, error, loop.half, loop.half)
-    twist = up(twist + loop.eps_omega)
-    u0, u1 = mul(loop.t_s, loop.t_s, down(v0 - error), up(v1 + error))
-    z0, z1 = mul(loop.t_s, loop.t_s, down(w0 - twist), up(w1 + twist))
+    twist += loop.eps_omega
+    u0, u1 = mul(loop.t_s, loop.t_s, v0 - error, v1 + error)
+    z0, z1 = mul(loop.t_s, loop.t_s, w0 - twist, w1 + twist)
     c0, c1 = sinc(0.5 * z0, 0.5 * z1)
     u0, u1 = mul(u0, u1, c0, c1)
     return u0, u1, z0, z1
@@ -173,7 +171,7 @@ def local_distance(loop: TunedLoop, cell: Cell3, width: float, rotations: int, b
         box: (6,) array to work in.
     """
     parts = number_of_slices(loop, cell, width)
-    least = min(max(down(loop.rim - up(loop.half * loop.omega_max)), 0.0), loop.v_max)
+    least = min(max(loop.rim - loop.half * loop.omega_max, 0.0), loop.v_max)
     largest = 0.0
     for part in range(parts):
         one = slice_of(loop, cell, part, parts)
@@ -187,6 +185,6 @@ def local_distance(loop: TunedLoop, cell: Cell3, width: float, rotations: int, b
         for index in range(rotations):
             w0 = loop.omega_max * (2.0 * index / rotations - 1.0)
             w1 = loop.omega_max * (2.0 * (index + 1) / rotations - 1.0)
-            put_image(loop, cell, Command(low, high, down(w0), up(w1)), box)
+            put_image(loop, cell, Command(low, high, w0, w1), box)
             largest = max(largest, box[1])
     return largest
