@@ -7,6 +7,7 @@ from typing import Any
 from diffbot_lab.campaign.statistics import wilson
 from diffbot_lab.filter_benchmark.report import targets
 from diffbot_lab.filter_benchmark.states import table as table_of_states
+from diffbot_lab.stability.contract.report import table as table_of_contract
 from diffbot_lab.targets import markdown_table, number
 
 Results = dict[str, Any]
@@ -81,29 +82,16 @@ def states(results: Results) -> str:
 
 
 def contract(results: Results) -> str:
-    """Return the table of how often, and from when on, the filter keeps the contract."""
-    bounds = results["contract"]
-    windows = [f"{one['from']:g} to {one['to']:g} s" for one in results["cases"][0]["windows"]]
-    rows = []
-    for case in results["cases"]:
-        shares = [_percent(one["all"]["runs"]) for one in case["windows"]]
-        since = case["all_hold_from"]
-        times = ["none" if since[name] is None else f"{since[name]:.1f}" for name in ("median", "p95")]
-        rows.append([f"`{case['name']}`: {case['text']}", str(case["runs"]), *shares, *times])
-    head = ("case", "runs", *(f"{one} [%]" for one in windows), "holds from [s]: median", "95 %")
+    """Return the tables of how often, and from when on, a contract is kept, and of bounds that would be."""
+    bounds, duration = results["contract"], results["cases"][0]["duration"]
     return "\n".join(
         [
-            f"The bounds are {bounds['eps_position']:g} m and {bounds['eps_theta']:g} rad for the errors and "
-            f"{bounds['sigma_max']:g} m for the reported standard deviation of the position. Runs of "
-            f"{results['cases'][0]['duration']:g} s with the default law and filter, seed {results['seed']} (not used "
-            "for tuning). Share of the runs that keep all three bounds in every step of a window:",
+            f"The bounds are {bounds['eps_position']:g} m and {bounds['eps_theta']:g} rad for the errors, "
+            f"{bounds['sigma_max']:g} m for the reported standard deviation of the position, and {bounds['eps_v']:g} "
+            f"m/s and {bounds['eps_omega']:g} rad/s for the base. Runs of {duration:g} s with the default law and "
+            f"filter, seed {results['seed']} (not used for tuning). Share of the runs that keep all bounds in every "
+            "step of a window, and the time from which a run keeps them to its end:",
             "",
-            *markdown_table(head, rows),
+            *table_of_contract(results),
         ]
     )
-
-
-def _percent(share: float) -> str:
-    """Return a share in percent; only one of 1 is shown as 100."""
-    text = f"{100.0 * share:.1f}"
-    return text if share == 1.0 or text != "100.0" else "> 99.9"

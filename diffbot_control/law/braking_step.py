@@ -48,7 +48,7 @@ def braking_step(
     memory: ControllerMemory, estimate: Estimate, goal: Pose, dt: float, config: ControllerConfig
 ) -> tuple[ControllerMemory, Twist, Report]:
     """The law of steering.py for any goal pose; arguments and result are those of ``controller.step``."""
-    actuation, estimate = _seen_by_the_law(memory, estimate, dt, config)
+    actuation, estimate = coasted_estimate(memory, estimate, dt, config)
     uncertainty, tolerance = estimate.uncertainty, config.tolerance
     upright = into_frame(estimate.pose, goal)
     local = _turned(upright) if memory.course.turned else upright
@@ -63,7 +63,7 @@ def braking_step(
     if course.turned != memory.course.turned:
         local = _turned(upright) if course.turned else upright
         navigation = navigation_variables(local)
-    gains = _gains_in_force(config, dt)
+    gains = gains_in_force(config, dt)
     vagueness = vagueness_of(uncertainty.xy, gains, tolerance.xy_goal_tolerance)
     if switching.region == OMEGA_L:
         lyapunov = local_lyapunov(navigation, local.theta)
@@ -85,10 +85,10 @@ def braking_step(
     return after, command, report
 
 
-def _seen_by_the_law(
+def coasted_estimate(
     memory: ControllerMemory, estimate: Estimate, dt: float, config: ControllerConfig
 ) -> tuple[Actuation, Estimate]:
-    """Return the estimate of the pose in which a command acts at once."""
+    """Return what the law works with: the estimate of the pose in which a command acts at once (law/latency.py)."""
     if is_immediate(config.data_sheet):
         return memory.actuation, estimate
     coasted = coast(estimate.pose, memory.actuation, memory.command, dt, config.data_sheet)
@@ -96,7 +96,8 @@ def _seen_by_the_law(
     return coasted.actuation, predicted(coasted, estimate.uncertainty, share)
 
 
-def _gains_in_force(config: ControllerConfig, dt: float) -> ProfileGains:
+def gains_in_force(config: ControllerConfig, dt: float) -> ProfileGains:
+    """Return the gains that the law uses: derived with ``gains: auto``, and within the limits of the data sheet."""
     if config.gain_source == AUTO:
         return auto_gains(config.data_sheet, dt)
     return within_data_sheet(config.profile_gains, config.data_sheet)

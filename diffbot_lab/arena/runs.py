@@ -44,6 +44,6 @@ def run_case(entry: Entry, case: ArenaCase, tuned: Values, count: int, seed: int
 
 
 def run_paths(entry: Entry, case: ArenaCase, tuned: Values, start: Array, count: int, seed: int) -> Array:
-    """Return histories (count, steps + 1, 9) of runs from one start (3,)."""
+    """Return histories (count, steps + 1, 10) of runs from one start (3,)."""
     starts = Starts(start[np.newaxis])
     return run_histories(case_of(entry, case, tuned), starts, seed, 0, count, law=resolve_law(entry.law))

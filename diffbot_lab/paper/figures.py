@@ -29,7 +29,7 @@ class Sheet(NamedTuple):
     time: Array
     """(steps + 1,) [s]"""
     histories: Array
-    """(runs, steps + 1, 9)"""
+    """(runs, steps + 1, 10)"""
     starts: int
     """number of starts; run i begins at start i modulo this"""
 

@@ -101,7 +101,7 @@ class Group(NamedTuple):
     outcomes: Array
     """(runs, 9) see batch.COLUMNS"""
     histories: Array
-    """(runs, steps + 1, 9) see batch.HISTORY_COLUMNS"""
+    """(runs, steps + 1, 10) see batch.HISTORY_COLUMNS"""
 
 
 def controller_of(law: str, eps_P: float) -> ControllerConfig:

@@ -13,12 +13,16 @@ from diffbot_tools.arguments import MAX_SEED, number_between, once, setting, who
 
 TUNED = "tuned"
 _OF_PAPER = ("width", "columns")
-_OF_CONTRACT = ("eps_position", "eps_theta", "sigma_max")
-_OF_PLAN = ("margin", "fineness")
+_OF_ESTIMATE = ("eps_position", "eps_theta", "sigma_max")
+_OF_BASE = ("wheel_error", "eps_v", "eps_omega")
+_OF_PLAN = ("period", "margin", "fineness")
+_OF_ROBOT = ("robot", "since")
 """Options of ``certify`` that one kind of law has."""
+_FAR = 12.0
+"""[m]"""
 VERIFIERS = {
     "diffbot stability certificate 1": "diffbot_lab.stability.paper.command",
-    "diffbot stability tuned 2": "diffbot_lab.stability.tuned.command",
+    "diffbot stability tuned 3": "diffbot_lab.stability.tuned.command",
 }
 """Modules with a function ``run_verify(path)``, by the format of the files that they check."""
 
@@ -42,7 +46,7 @@ def _add_certify(verbs: Any) -> None:
         "--law", choices=("13", "17", TUNED), default="17", help="equation, or the default law (default: %(default)s)"
     )
     add_settings(certify)
-    certify.add_argument("--rho-max", type=number_between(0.1, 100.0), default=12.0, help="starts are within [m] (12)")
+    certify.add_argument("--rho-max", type=number_between(0.1, 100.0), help="starts are within [m] (12)")
     certify.add_argument(
         "--out", type=Path, default=Path("out/stability/certificate.json"), help="file (default: %(default)s)"
     )
@@ -50,12 +54,13 @@ def _add_certify(verbs: Any) -> None:
     paper = certify.add_argument_group("laws 13 and 17")
     paper.add_argument("--width", type=number_between(1e-4, 1.0), help="of the cells near the goal [m] (0.0025)")
     paper.add_argument("--columns", type=whole(16, 16_000), help="cells of alpha (1256)")
-    tuned = certify.add_argument_group("law tuned: contract of the estimate, and cells")
+    tuned = certify.add_argument_group("law tuned: robot, contract of estimate and base, and cells")
     tuned.add_argument(
-        "--eps-position", type=number_between(1e-6, 0.99), help="bound of the position's error [m] (0.06)"
+        "--robot", metavar="FILE", help="parameter file or preset; bounds that are not given are measured in simulation"
     )
-    tuned.add_argument("--eps-theta", type=number_between(1e-6, 0.99), help="and of the heading [rad] (0.03)")
-    tuned.add_argument("--sigma-max", type=number_between(1e-6, 0.99), help="of the reported deviation [m] (0.026)")
+    tuned.add_argument("--since", type=number_between(0.0, 40.0), help="with --robot: measured from then on [s] (10)")
+    _add_bounds(tuned)
+    tuned.add_argument("--period", type=number_between(1e-3, 10.0), help="between two poses [s] (0.1)")
     tuned.add_argument("--margin", type=number_between(0.0, 10.0), help="by which the core is larger [m] (0.01)")
     tuned.add_argument("--fineness", type=number_between(0.1, 10.0), help="of the cells near the goal (1)")
     certify.set_defaults(call=_certify)
@@ -78,14 +83,24 @@ def _add_verify(verbs: Any) -> None:
 
 
 def _add_contract(verbs: Any) -> None:
-    contract = verbs.add_parser("contract", help="count how often the default filter keeps the contract of law tuned")
-    contract.add_argument("--eps-position", type=number_between(1e-6, 0.99), help="bound of the position [m] (0.06)")
-    contract.add_argument("--eps-theta", type=number_between(1e-6, 0.99), help="and of the heading [rad] (0.03)")
-    contract.add_argument("--sigma-max", type=number_between(1e-6, 0.99), help="of the reported deviation [m] (0.026)")
-    contract.add_argument("--runs", type=whole(2, 10**5), help="of each case (2040, 1000, 510, 510)")
+    contract = verbs.add_parser("contract", help="count how often estimate and base keep a contract of law tuned")
+    contract.add_argument("--robot", metavar="FILE", help="parameter file or preset (default: four cases of the arena)")
+    _add_bounds(contract)
+    contract.add_argument("--runs", type=whole(2, 10**5), help="of each case (2040, 1000, 510, 510; of a robot 500)")
     contract.add_argument("--seed", type=whole(0, MAX_SEED), default=9017, help="of all noise (default: %(default)s)")
     contract.add_argument("--out", type=Path, default=Path("out/contract"), help="folder (default: %(default)s)")
     contract.set_defaults(call=_contract)
+
+
+def _add_bounds(parser: Any) -> None:
+    """Add the bounds of a contract."""
+    bound = number_between(1e-6, 0.99)
+    parser.add_argument("--eps-position", type=bound, help="bound of the position's error [m] (0.06)")
+    parser.add_argument("--eps-theta", type=bound, help="and of the heading [rad] (0.03)")
+    parser.add_argument("--sigma-max", type=bound, help="of the reported deviation [m] (0.026)")
+    parser.add_argument("--wheel-error", type=number_between(0.0, 0.99), help="relative, of each wheel's speed (0.05)")
+    parser.add_argument("--eps-v", type=number_between(0.0, 0.99), help="of the base beside the request [m/s] (0)")
+    parser.add_argument("--eps-omega", type=number_between(0.0, 0.99), help="and of its rotation [rad/s] (0)")
 
 
 def _given(options: argparse.Namespace, names: tuple[str, ...]) -> dict[str, Any]:
@@ -93,7 +108,7 @@ def _given(options: argparse.Namespace, names: tuple[str, ...]) -> dict[str, Any
 
 
 def _certify(options: argparse.Namespace) -> int:
-    others = _OF_PAPER if options.law == TUNED else (*_OF_CONTRACT, *_OF_PLAN)
+    others = _OF_PAPER if options.law == TUNED else (*_OF_ROBOT, *_OF_ESTIMATE, *_OF_BASE, *_OF_PLAN)
     for name, value in _given(options, others).items():
         raise InvalidValueError(f"--{name.replace('_', '-')}", value, f"left out with --law {options.law}")
     return (_certify_tuned if options.law == TUNED else _certify_paper)(options)
@@ -103,8 +118,18 @@ def _certify_tuned(options: argparse.Namespace) -> int:
     from diffbot_lab.stability.tuned import command  # noqa: PLC0415
     from diffbot_lab.stability.tuned.contract import Contract, Plan  # noqa: PLC0415
 
-    contract = Contract(**_given(options, _OF_CONTRACT))
-    plan = Plan(contract=contract, to=options.rho_max, **_given(options, _OF_PLAN))
+    bounds, cells = _given(options, (*_OF_ESTIMATE, *_OF_BASE)), _given(options, _OF_PLAN)
+    if options.robot is not None:
+        from diffbot_lab.stability.robot import certify_robot  # noqa: PLC0415
+
+        for name in ("set", "rho_max", "period"):
+            if getattr(options, name) not in (None, []):
+                raise InvalidValueError(f"--{name.replace('_', '-')}", getattr(options, name), "left out with --robot")
+        since = 10.0 if options.since is None else options.since
+        return certify_robot(options.robot, bounds, since, cells, options.out, options.threads)
+    if options.since is not None:
+        raise InvalidValueError("--since", options.since, "left out without --robot")
+    plan = Plan(contract=Contract(**bounds), to=options.rho_max or _FAR, **cells)
     return command.run_certify(once("--set", options.set), plan, options.out, options.threads)
 
 
@@ -114,7 +139,7 @@ def _certify_paper(options: argparse.Namespace) -> int:
 
     loop = command.loop_of(options.law, once("--set", options.set))
     resolution = Resolution(**_given(options, ("width", "columns")))
-    return command.run_certify(loop, options.rho_max, resolution, options.out, options.threads)
+    return command.run_certify(loop, options.rho_max or _FAR, resolution, options.out, options.threads)
 
 
 def _adversary(options: argparse.Namespace) -> int:
@@ -127,8 +152,18 @@ def _contract(options: argparse.Namespace) -> int:
     from diffbot_lab.stability.contract import command  # noqa: PLC0415
     from diffbot_lab.stability.tuned.contract import Contract  # noqa: PLC0415
 
-    contract = Contract(**_given(options, _OF_CONTRACT))
-    return command.run_and_report(contract, options.seed, options.runs, options.out)
+    bounds = _given(options, (*_OF_ESTIMATE, *_OF_BASE))
+    if options.robot is not None:
+        from diffbot_tools.robot.robot import read_robot  # noqa: PLC0415
+
+        robot = read_robot(options.robot)
+        runs = [command.runs_of_robot(robot, options.runs or command.RUNS_OF_ROBOT, options.seed)]
+        bounds = {"wheel_error": runs[0].case.plant.drive_noise, **bounds}
+    else:
+        runs = command.runs_of_arena(
+            {name: options.runs or count for name, count in command.RUNS.items()}, options.seed
+        )
+    return command.run_and_report(runs, Contract(**bounds), options.seed, options.out)
 
 
 def _verify(options: argparse.Namespace) -> int:

@@ -34,9 +34,9 @@ Array = NDArray[np.float64]
 FEEDBACK_CODES = {"truth": TRUTH, "raw": RAW, "ekf": EKF}
 """Codes of reference_loop.FEEDBACKS in the compiled loop."""
 COLUMNS = Outcome._fields
-HISTORY_COLUMNS = ("x", "y", "theta", "seen_x", "seen_y", "seen_theta", "v", "omega", "sigma")
-"""True pose, pose given to the controller (seen_*), command, standard deviation of the position given with that pose
-[m]: 0 for a feedback without one."""
+HISTORY_COLUMNS = ("x", "y", "theta", "seen_x", "seen_y", "seen_theta", "v", "omega", "sigma", "sigma_theta")
+"""True pose, pose given to the controller (seen_*), command, standard deviations of position [m] and heading [rad] that
+were given with that pose: 0 for a feedback without them."""
 _CHUNK, _LONG_CHUNK = 512, 16
 """Runs that a thread takes at a time, without and with histories."""
 
@@ -191,7 +191,7 @@ def run_batch(
 def run_histories(
     case: Case, starts: Starts, seed: int, first: int, count: int, threads: int | None = None, law: Law = SwitchingLaw
 ) -> Array:
-    """Do runs as :func:`run_batch` does, and return their histories (count, steps + 1, 9), see HISTORY_COLUMNS."""
+    """Do runs as :func:`run_batch` does, and return their histories (count, steps + 1, 10), see HISTORY_COLUMNS."""
     return _filled(law, case, starts, seed, range(first, first + count), threads, with_histories=True)[1]
 
 

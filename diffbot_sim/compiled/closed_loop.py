@@ -114,7 +114,7 @@ def make_loop(law: Law) -> Callable[[Case, Buffers, int, int, Pose, Any], Outcom
             seed: of the campaign.
             run: number of the run.
             start: true pose at first, in map.
-            history: (steps + 1, 9) array whose rows are filled, or (0, 9) for none.
+            history: (steps + 1, 10) array whose rows are filled, see batch.HISTORY_COLUMNS, or (0, 10) for none.
         """
         # Records, of which compiled code counts no references as it does of arrays.
         arrays, record = buffers.filter[0], LateRecord(buffers.steps, buffers.tracks, buffers.stamps[0], buffers.seen)
@@ -191,8 +191,8 @@ def _newest_fix(robot: Robot, key: NoiseKey, state: PlantState, feedback: Feedba
 def _record(history: Any, index: int, pose: Pose, feedback: Feedback, command: Twist) -> None:
     row = history[index]
     row[0], row[1], row[2] = pose.x, pose.y, pose.theta
-    row[3], row[4], row[5], row[8] = math.nan, math.nan, math.nan, math.nan
+    row[3], row[4], row[5], row[8], row[9] = math.nan, math.nan, math.nan, math.nan, math.nan
     if feedback.known:
         row[3], row[4], row[5] = feedback.pose.x, feedback.pose.y, feedback.pose.theta
-        row[8] = feedback.uncertainty.xy
+        row[8], row[9] = feedback.uncertainty.xy, feedback.uncertainty.theta
     row[6], row[7] = command.v, command.omega

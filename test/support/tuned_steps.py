@@ -8,22 +8,27 @@ from diffbot_control.law.configuration import ControllerConfig
 from diffbot_control.law.polar_coordinates import navigation_variables
 from diffbot_control.law.steering import FRONT, drive_and_hold, drive_and_steer, led_by
 from diffbot_core.geometry import Pose, wrap_angle
-from diffbot_lab.stability.tuned.contract import Contract
+from diffbot_core.kinematics import Twist
+from diffbot_lab.stability.tuned.contract import Contract, Plan
 from diffbot_sim.model.philox import Draw
 from diffbot_sim.model.plant import PlantConfig, new_plant, plant_step
 
 CONFIG = ControllerConfig()
 GAINS, SHEET = CONFIG.profile_gains, CONFIG.data_sheet
-CONTRACT = Contract(sigma_max=0.05)
+CONTRACT = Contract(sigma_max=0.05, eps_v=0.02, eps_omega=0.05)
+PLAN = Plan(CONTRACT)
 SLOWING = CONTRACT.sigma_max * GAINS.sigma_known / (CONFIG.tolerance.xy_goal_tolerance / 3.0)
 """the largest deviation as the law is given it: a third of the tolerance is as good as known"""
 PLANT = PlantConfig()
 
 
 def moved(rng, pose, command):
-    """Return the pose after a step with the largest noise of each wheel."""
-    left, right = rng.choice([-1.0, 1.0], 2)
-    return plant_step(new_plant(pose), command, Draw(left, right, 0.0, 0.0), PLANT).pose
+    """Return the pose after a step with the largest error of each wheel, and of the base."""
+    left, right, more, direction = *rng.choice([-1.0, 1.0], 3), rng.uniform(-math.pi, math.pi)
+    turning = Twist(command.v, command.omega + more * CONTRACT.eps_omega)
+    after = plant_step(new_plant(pose), turning, Draw(left, right, 0.0, 0.0), PLANT).pose
+    beside = PLANT.sampling_time * CONTRACT.eps_v
+    return Pose(after.x + beside * math.cos(direction), after.y + beside * math.sin(direction), after.theta)
 
 
 def measured(pose, errors):

@@ -31,6 +31,7 @@ from diffbot_lab.arena.entries import Entry
 from diffbot_lab.arena.runs import case_of
 from diffbot_lab.arena.statistics import figures_of
 from diffbot_lab.cases import described
+from diffbot_sim.compiled.batch import HISTORY_COLUMNS
 from diffbot_sim.compiled.closed_loop import buffers_for, make_loop, prepared
 
 Array = NDArray[np.float64]
@@ -129,7 +130,7 @@ def _driven(entry: Entry, case: ArenaCase, options: BoundOptions, report: Callab
     """Return the figures of NMPC in a case, with the arena's loop as plain Python: numba compiles no solver."""
     law = resolve_law(entry.law)
     shared = prepared(case_of(entry, case, {}))
-    run_loop, none, starts = make_loop(law), np.empty((0, 9)), arena_starts()
+    run_loop, none, starts = make_loop(law), np.empty((0, len(HISTORY_COLUMNS))), arena_starts()
     begun = time.process_time()
     outcomes = []
     for run in range(options.runs * len(starts)):

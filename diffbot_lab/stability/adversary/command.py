@@ -20,8 +20,8 @@ from diffbot_lab.stability.paper import command as paper
 from diffbot_lab.stability.paper.file import load_certificate
 from diffbot_lab.stability.result_file import read_result
 from diffbot_lab.stability.tuned import command as tuned
-from diffbot_lab.stability.tuned.contract import PLANT
 from diffbot_lab.stability.tuned.file import FORMAT, load_tuned
+from diffbot_lab.stability.tuned.runs import loop_of
 
 _GENERATIONS = 40
 _SPREAD_OF_PAPER, _SPREAD_OF_TUNED = 0.8, 0.3
@@ -62,16 +62,16 @@ def _target(path: Path, steps: int, trajectories: int, seed: int) -> Target:
 
 def _tuned_target(path: Path, steps: int, trajectories: int, seed: int) -> Target:
     certificate = load_tuned(path)
-    claims, opponent = certificate.claims, tuned_play.opponent_of_tuned(certificate)
+    claims, loop, period = certificate.claims, loop_of(certificate), certificate.plan.period
     return Target(
         tuned.report(certificate),
-        claims._asdict() | {"time": claims.steps * PLANT.sampling_time},
+        claims._asdict() | {"time": claims.steps * period},
         certificate.plan.contract._asdict(),
-        lambda start, weights: tuned_play.play_tuned(opponent, start, weights),
+        lambda start, weights: tuned_play.play_tuned(loop, start, weights),
         _SPREAD_OF_TUNED,
-        drift_of(certificate).farthest,
+        drift_of(loop).farthest,
         lambda: tuned_play.observe_tuned(certificate, steps, trajectories, seed),
-        field_of_tuned(certificate, PLANT.sampling_time),
+        field_of_tuned(certificate, period),
     )
 
 

@@ -12,18 +12,16 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
-from diffbot_control.law.braking_step import braking_step
-from diffbot_control.law.configuration import ControllerConfig, ControllerMemory, new_memory
+from diffbot_control.law.configuration import ControllerMemory, new_memory
+from diffbot_control.law.controller import step
 from diffbot_control.law.finish import V_LEG
 from diffbot_control.law.regions import OMEGA_G, OMEGA_L, Switching
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import Estimate, Uncertainty
-from diffbot_lab.stability.tuned.contract import PLANT, Contract
-from diffbot_lab.stability.tuned.file import Certificate
 from diffbot_lab.stability.tuned.near import resting_radius
-from diffbot_sim.model.philox import Draw
-from diffbot_sim.model.plant import new_plant, plant_step
+from diffbot_lab.stability.tuned.runs import SIGMA_THETA, Loop
+from diffbot_sim.model.plant import integrate
 
 _GOAL = Pose(0.0, 0.0, 0.0)
 _ALONG = 0.4
@@ -36,8 +34,6 @@ _ARRIVING = Twist(0.1, 0.0)
 """the command before the first step: the time in which the finish may begin has not started"""
 _STARTS, _STEPS = (0.0, 0.4, 0.7, 0.85), 6000
 """lateral errors beyond the leaving radius, as shares of the position error, and steps of a drift"""
-_SIGMA_THETA = 0.01
-"""[rad] what the estimate reports of its heading: known well enough for the goal"""
 _OUT = (0.8, 0.9, 1.0)
 """shares of the position error along the axis while a V goes out"""
 _HAIR = 1e-4
@@ -56,25 +52,24 @@ class Drift(NamedTuple):
     """[s] until then"""
 
 
-def drift_of(certificate: Certificate) -> Drift:
-    """Return the farthest of both against the loop of a certificate, from a few starts beside the goal."""
-    config, contract = certificate.config, certificate.plan.contract
-    leaving = resting_radius(config, contract.sigma_max)
-    starts = (leaving + share * contract.eps_position for share in _STARTS)
-    drifts = [drift(config, contract, leaving, Pose(0.0, y, 0.0), _STEPS) for y in starts]
-    return max(*drifts, *(lured_out(config, contract, leaving, share) for share in _OUT))
+def drift_of(loop: Loop) -> Drift:
+    """Return the farthest of both against a loop, from a few starts beside the goal."""
+    leaving = resting_radius(loop.law, loop.contract.sigma_max)
+    starts = (leaving + share * loop.contract.eps_position for share in _STARTS)
+    drifts = [drift(loop, leaving, Pose(0.0, y, 0.0), _STEPS) for y in starts]
+    return max(*drifts, *(lured_out(loop, leaving, share) for share in _OUT))
 
 
-def drift(config: ControllerConfig, contract: Contract, leaving: float, start: Pose, steps: int) -> Drift:
+def drift(loop: Loop, leaving: float, start: Pose, steps: int) -> Drift:
     """Send the robot to and fro until Omega_L is left.
 
     Args:
-        config: of the controller.
-        contract: of the estimate.
+        loop: law, contract and period.
         leaving: [m] measured distance beyond which the switch counts.
         start: true pose in Omega_L, near the goal.
         steps: at most.
     """
+    contract = loop.contract
     e_x, e_y = _ALONG * contract.eps_position, math.sqrt(1.0 - _ALONG**2) * contract.eps_position
 
     def errors(pose: Pose, memory: ControllerMemory) -> Pose:
@@ -84,42 +79,39 @@ def drift(config: ControllerConfig, contract: Contract, leaving: float, start: P
         aside = 0.0 if pose.y < leaving - _AHEAD else -e_y
         return Pose(-direction * e_x, aside, -direction * contract.eps_theta)
 
-    return _farthest(config, contract.sigma_max, start, steps, errors)
+    return _farthest(loop, start, steps, errors)
 
 
-def lured_out(config: ControllerConfig, contract: Contract, leaving: float, share: float) -> Drift:
+def lured_out(loop: Loop, leaving: float, share: float) -> Drift:
     """Let a V begin with the largest lateral error, and show the robot nearer than it is, until Omega_L is left.
 
     Args:
-        config: of the controller.
-        contract: of the estimate.
+        loop: law, contract and period.
         leaving: [m] measured distance beyond which the switch counts at rest.
         share: of the position error that is along the axis while the V goes out.
     """
-    eps = contract.eps_position
-    out = Pose(share * eps, -math.sqrt(1.0 - share * share) * eps, contract.eps_theta)
+    eps = loop.contract.eps_position
+    out = Pose(share * eps, -math.sqrt(1.0 - share * share) * eps, loop.contract.eps_theta)
 
     def errors(_: Pose, memory: ControllerMemory) -> Pose:
         return out if memory.finish.kind == V_LEG else Pose(0.0, -eps, 0.0)
 
     start = Pose(0.0, leaving + eps - _HAIR, 0.0)
-    return _farthest(config, contract.sigma_max, start, _STEPS, errors)
+    return _farthest(loop, start, _STEPS, errors)
 
 
-def _farthest(config: ControllerConfig, sigma: float, start: Pose, steps: int, errors: Errors) -> Drift:
-    no_errors = Draw(0.0, 0.0, 0.0, 0.0)
+def _farthest(loop: Loop, start: Pose, steps: int, errors: Errors) -> Drift:
     memory = new_memory()._replace(switching=Switching(OMEGA_L, 1, 0), command=_ARRIVING)
-    state = new_plant(start)
+    uncertainty, pose = Uncertainty(loop.contract.sigma_max, SIGMA_THETA), start
     farthest, when = math.hypot(start.x, start.y), 0.0
-    for step in range(steps):
-        x, y, theta = state.pose
-        e_x, e_y, e_theta = errors(state.pose, memory) if memory.switching.region == OMEGA_L else _GOAL
-        seen = Estimate(Pose(x + e_x, y + e_y, theta + e_theta), Uncertainty(sigma, _SIGMA_THETA))
-        memory, command, _ = braking_step(memory, seen, _GOAL, PLANT.sampling_time, config)
-        state = plant_step(state, command, no_errors, PLANT)
-        distance = math.hypot(state.pose.x, state.pose.y)
+    for number in range(steps):
+        e_x, e_y, e_theta = errors(pose, memory) if memory.switching.region == OMEGA_L else _GOAL
+        seen = Estimate(Pose(pose.x + e_x, pose.y + e_y, pose.theta + e_theta), uncertainty)
+        memory, command, _ = step(memory, seen, _GOAL, loop.period, loop.law)
+        pose = integrate(pose, command, loop.period, exact_arc=True)
+        distance = math.hypot(pose.x, pose.y)
         if distance > farthest:
-            farthest, when = distance, (step + 1) * PLANT.sampling_time
-        if step > 0 and memory.switching.region == OMEGA_G:
+            farthest, when = distance, (number + 1) * loop.period
+        if number > 0 and memory.switching.region == OMEGA_G:
             break
     return Drift(farthest, when)

@@ -12,6 +12,7 @@ from tqdm import tqdm
 from diffbot_control.law.presets import PAPER
 from diffbot_lab.cases import configure, make_case
 from diffbot_lab.stability.paper.file import EXACT_ARC, Certificate, Loop
+from diffbot_lab.stability.tuned.runs import uniform_starts
 from diffbot_sim.compiled.batch import Starts, run_histories
 from diffbot_sim.compiled.closed_loop import Case
 
@@ -82,12 +83,6 @@ def observe(certificate: Certificate, steps: int, trajectories: int, seed: int) 
     done, left, farthest, cloud = _from_core(certificate, steps, seed, rng)
     late, longest = _from_afar(certificate, trajectories, seed + 1, rng)
     return Observed(done, left, trajectories, late, longest, farthest, cloud)
-
-
-def uniform_starts(rng: np.random.Generator, number: int, radius: float) -> Array:
-    """Return poses (number, 3) all over a disc of this radius [m], with any heading."""
-    rho, angle = radius * np.sqrt(rng.random(number)), rng.uniform(-math.pi, math.pi, number)
-    return np.stack([rho * np.cos(angle), rho * np.sin(angle), rng.uniform(-math.pi, math.pi, number)], axis=1)
 
 
 def _from_core(

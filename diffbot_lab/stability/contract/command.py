@@ -1,4 +1,4 @@
-"""``diffbot stability contract``: how often the default filter keeps the contract in the closed loop."""
+"""``diffbot stability contract``: how often estimate and base keep a contract in simulated runs."""
 
 from __future__ import annotations
 
@@ -11,115 +11,143 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from diffbot_control.filter.options import FilterConfig
+from diffbot_control.law.controller import SwitchingLaw
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.files import output_folder, write_json
-from diffbot_lab.arena.cases import ArenaCase, cases_named, starts_named
+from diffbot_lab.arena.cases import cases_named, starts_named
 from diffbot_lab.arena.entries import OWN_NAME, entries_for
 from diffbot_lab.arena.runs import case_of
 from diffbot_lab.arena.tuning import TRAINING_SEED
-from diffbot_lab.stability.contract.kept import Mask, errors_within, holds_from, shares
+from diffbot_lab.cases import Configuration, make_case
+from diffbot_lab.stability.contract.deviations import deviations_of
+from diffbot_lab.stability.contract.kept import fitted, holds_from, kept, share_of
 from diffbot_lab.stability.contract.report import table
-from diffbot_lab.stability.tuned.contract import Contract
-from diffbot_sim.compiled.batch import HISTORY_COLUMNS, Starts, run_histories
+from diffbot_lab.stability.tuned.contract import Contract, Plan, requesting
+from diffbot_lab.stability.tuned.runs import uniform_starts
+from diffbot_sim.compiled.batch import Starts, run_histories
+from diffbot_sim.compiled.closed_loop import Case
+from diffbot_tools.robot.robot import Robot
+
+Array = NDArray[np.float64]
 
 RUNS = {"nominal": 2040, "random_far": 1000, "coloured_05": 510, "mix": 510}
 """Cases of the arena, and the runs of each by default."""
+RUNS_OF_ROBOT = 500
 WINDOWS = ((5.0, 10.0), (10.0, 45.0), (15.0, 45.0), (20.0, 45.0))
 """[s] since the start, both ends included"""
 SEED = 9017
 """Of noise and random starts; nothing was tuned on it."""
+_DURATION = 60.0
+"""[s] of a robot's run"""
+_FAR = 12.0
+"""[m] and seconds at full speed: a robot starts within the smaller of these distances"""
+SHARE = 0.999
+"""of the runs, for the bounds that are fitted in the last window"""
 _CHUNK = 100
 """Runs between two steps of the progress bar; their histories are in memory."""
-_SIGMA = HISTORY_COLUMNS.index("sigma")
 
 
-class Observed(NamedTuple):
-    """Where a contract is kept, (runs, steps) from time 0 on."""
+class Runs(NamedTuple):
+    """Runs of one case."""
 
-    errors: Mask
-    """position and heading are within their bounds"""
-    sigma: Mask
-    """the reported standard deviation is"""
-    sampling_time: float
-    """[s]"""
+    name: str
+    text: str
+    case: Case
+    starts: Array
+    """(runs, 3) poses"""
 
 
-def run_contract(contract: Contract, seed: int = SEED, runs: int | None = None) -> dict[str, Any]:
+def runs_of_arena(counts: dict[str, int], seed: int) -> list[Runs]:
+    """Return cases of the arena with this project's law and the default filter, whichever the arena has there."""
+    (entry,) = (one for one in entries_for(()) if one.name == OWN_NAME)
+    return [
+        Runs(
+            one.name,
+            one.text,
+            case_of(entry, one._replace(filter=FilterConfig().filter), {}),
+            starts_named(one.starts, counts[one.name], seed),
+        )
+        for one in cases_named(tuple(counts))
+    ]
+
+
+def runs_of_robot(robot: Robot, count: int, seed: int) -> Runs:
+    """Return runs of a robot's own simulation to one goal.
+
+    Raises:
+        InvalidValueError: for a robot with another law, or one that finds itself by landmarks.
+    """
+    world, localization, supervisor, law = robot.parts(seed)
+    if law is not SwitchingLaw:
+        raise InvalidValueError("law", law.name, f"{SwitchingLaw.name}, for a certificate")
+    if world.sensors.landmark_rate > 0.0:
+        raise InvalidValueError("landmark_rate", world.sensors.landmark_rate, "0, for a contract")
+    configuration = Configuration(world.plant, world.sensors, supervisor.controller, localization.filter)
+    starts = uniform_starts(np.random.default_rng(seed), count, farthest_start(robot))
+    case = make_case(configuration, _DURATION)._replace(history_length=localization.history_length)
+    return Runs(robot.name, "as its file describes it", case, starts)
+
+
+def farthest_start(robot: Robot) -> float:
+    """Distance [m] within which a robot's runs and certificates start."""
+    return float(min(_FAR, _FAR * robot.controller.supervisor.controller.data_sheet.v_max))
+
+
+def run_contract(runs: list[Runs], contract: Contract, seed: int) -> dict[str, Any]:
     """Run all cases, with a progress bar on a terminal; return the content of results.json.
-
-    Args:
-        contract: whose bounds are looked at.
-        seed: of noise and random starts.
-        runs: of each case; None for RUNS.
 
     Raises:
         InvalidValueError: for less than two runs, or the seed of the training.
     """
-    if runs is not None and runs < 2:
-        raise InvalidValueError("runs", runs, ">= 2")
     if seed == TRAINING_SEED:
         raise InvalidValueError("seed", seed, "another one than that of the tuning")
-    counts = {name: runs or count for name, count in RUNS.items()}
     rows = []
-    with tqdm(total=sum(counts.values()), desc="contract", unit="run", disable=None) as bar:
-        for case in cases_named(tuple(counts)):
-            observed = observe(case, counts[case.name], seed, contract, bar)
-            rows.append({"name": case.name, "text": case.text, "runs": counts[case.name]} | figures(observed))
-    return {
-        "seed": seed,
-        "filter": FilterConfig().filter,
-        "contract": contract._asdict(),
-        "cases": rows,
-    }
+    with tqdm(total=sum(len(one.starts) for one in runs), desc="contract", unit="run", disable=None) as bar:
+        for one in runs:
+            found = observe(one, contract, seed, bar)
+            rows.append({"name": one.name, "text": one.text, "runs": len(one.starts)} | figures(one, found, contract))
+    return {"seed": seed, "contract": contract._asdict(), "cases": rows}
 
 
-def observe(case: ArenaCase, runs: int, seed: int, contract: Contract, bar: Any = None) -> Observed:
-    """Run a case with this project's law and the default filter, whichever the arena has there.
+def observe(runs: Runs, contract: Contract, seed: int, bar: Any = None) -> Array:
+    """Run a case; return the deviations (runs, steps, 6) from its law as it requests.
 
     Args:
-        case: of the arena.
-        runs: how many.
-        seed: of noise and random starts.
-        contract: whose bounds are looked at.
+        runs: what is run.
+        contract: of which only the errors of the wheels matter.
+        seed: of noise.
         bar: of progress, updated by runs.
     """
-    (entry,) = (one for one in entries_for(()) if one.name == OWN_NAME)
-    shared = case_of(entry, case._replace(filter=FilterConfig().filter), {})
-    starts = Starts(starts_named(case.starts, runs, seed))
-    errors, sigma = [], []
-    for first in range(0, runs, _CHUNK):
-        histories = run_histories(shared, starts, seed, first, min(_CHUNK, runs - first))
-        errors.append(errors_within(errors_of(histories), contract))
-        sigma.append(histories[..., _SIGMA] <= contract.sigma_max)
+    case, t_s = runs.case, runs.case.plant.sampling_time
+    # Any bound of the base's motion will do: it is what is measured.
+    law = requesting(case.controller, Plan(contract._replace(eps_v=0.9, eps_omega=0.9), t_s))
+    found = []
+    for first in range(0, len(runs.starts), _CHUNK):
+        count = min(_CHUNK, len(runs.starts) - first)
+        histories = run_histories(case, Starts(runs.starts), seed, first, count)
+        found.append(deviations_of(case.controller, law, contract.wheel_error, t_s, histories))
         if bar is not None:
-            bar.update(len(histories))
-    return Observed(np.concatenate(errors), np.concatenate(sigma), shared.plant.sampling_time)
+            bar.update(count)
+    return np.concatenate(found)
 
 
-def errors_of(histories: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return estimated minus true pose of histories (..., 9), (..., 3) [m, m, rad], the heading's wrapped."""
-    errors: NDArray[np.float64] = histories[..., 3:6] - histories[..., :3]
-    errors[..., 2] = np.remainder(errors[..., 2] + math.pi, 2.0 * math.pi) - math.pi
-    return errors
-
-
-def figures(observed: Observed) -> dict[str, Any]:
-    """Return shares in each window, and the times from which the contract holds."""
-    errors, sigma, t_s = observed
-    windows = []
-    for begin, end in WINDOWS:
-        part = slice(round(begin / t_s), round(end / t_s) + 1)
-        masks = {"errors": errors[:, part], "sigma": sigma[:, part], "all": errors[:, part] & sigma[:, part]}
-        windows.append({"from": begin, "to": end, **{name: shares(mask)._asdict() for name, mask in masks.items()}})
+def figures(runs: Runs, deviations: Array, contract: Contract) -> dict[str, Any]:
+    """Return the share of the runs in each window, from when on the contract holds, and bounds that would hold."""
+    within, t_s = kept(deviations, contract), runs.case.plant.sampling_time
+    parts = [slice(round(begin / t_s), round(end / t_s) + 1) for begin, end in WINDOWS]
+    since = holds_from(within, deviations[..., -1] > 0.0, t_s)
     return {
-        "duration": round((errors.shape[1] - 1) * t_s, 9),
-        "windows": windows,
-        "errors_hold_from": times(holds_from(errors, t_s)),
-        "all_hold_from": times(holds_from(errors & sigma, t_s)),
+        "duration": round(within.shape[1] * t_s, 9),
+        "windows": [
+            {"from": begin, "to": end, **share_of(within[:, part])._asdict()}
+            for (begin, end), part in zip(WINDOWS, parts, strict=True)
+        ],
+        "holds_from": times(since),
+        "fitted": fitted(deviations[:, parts[-1]], SHARE),
     }
 
 
-def times(begins: NDArray[np.float64]) -> dict[str, Any]:
+def times(begins: Array) -> dict[str, Any]:
     """Return quantiles [s] of the times of runs (n,), None where a quantile is a run that does not end within.
 
     A q-quantile is the smallest time that at least a share q of the runs does not exceed.
@@ -132,14 +160,14 @@ def times(begins: NDArray[np.float64]) -> dict[str, Any]:
     }
 
 
-def run_and_report(contract: Contract, seed: int, runs: int | None, out: Path) -> int:
+def run_and_report(runs: list[Runs], contract: Contract, seed: int, out: Path) -> int:
     """Write results.json to the folder ``out`` and print the tables.
 
     Raises:
         DiffbotError: for a bad value or an unwritable folder.
     """
     with output_folder(out):
-        results = run_contract(contract, seed, runs)
+        results = run_contract(runs, contract, seed)
         write_json(out / "results.json", results)
     print("\n".join([*table(results), "", f"{out / 'results.json'}"]))
     return 0

@@ -1,76 +1,81 @@
-"""Shares of steps and runs that keep a contract, with intervals, and the time from which a run keeps it."""
+"""Which steps and runs keep a contract, with intervals, from when on, and the bounds that most runs keep."""
 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from diffbot_core.errors import InvalidValueError
 from diffbot_lab.campaign.statistics import wilson
+from diffbot_lab.stability.contract.deviations import BOUNDED
 from diffbot_lab.stability.tuned.contract import Contract
 
 Mask = NDArray[np.bool_]
-_Z = 1.959963984540054
-"""of an interval of 95 %"""
+Array = NDArray[np.float64]
+_LEAST = 1e-3
+"""[m], [rad], [m/s], [rad/s] no bound that is fitted is smaller"""
 
 
 class Kept(NamedTuple):
-    """How often an estimate keeps a contract, with intervals of 95 %."""
+    """Share of the runs that keep a contract in every step, with an interval of 95 %."""
 
-    steps: float
-    """share of the steps"""
-    steps_low: float
-    steps_high: float
     runs: float
-    """share of the runs that keep it in every step"""
-    runs_low: float
-    runs_high: float
+    low: float
+    high: float
 
 
-def errors_within(errors: NDArray[np.floating[Any]], contract: Contract) -> Mask:
-    """Return where position and heading are within the contract; a step without an estimate (nan) is not.
+def kept(deviations: Array, contract: Contract) -> Mask:
+    """Return (runs, steps) where all that a contract bounds is within its bounds.
 
     Args:
-        errors: (..., 3) estimated minus true pose [m, m, rad], the heading's wrapped.
-        contract: its bounds of position and heading; the standard deviation is not looked at.
+        deviations: (runs, steps, 6), see :mod:`diffbot_lab.stability.contract.deviations`.
+        contract: its bounds.
     """
-    distance, heading = np.hypot(errors[..., 0], errors[..., 1]), np.abs(errors[..., 2])
-    within: Mask = (distance <= contract.eps_position) & (heading <= contract.eps_theta)
-    return within
+    bounds = np.array([getattr(contract, name) for name in BOUNDED])
+    return np.asarray((deviations[..., : len(BOUNDED)] <= bounds).all(axis=-1))
 
 
-def shares(kept: Mask) -> Kept:
-    """Count the steps and the runs that keep a contract.
-
-    Steps of one run depend on each other: the interval of their share is that of the mean over the runs. It has no
-    width if all runs have the same share.
-
-    Args:
-        kept: (runs, steps).
+def share_of(within: Mask) -> Kept:
+    """Return the share of the runs (runs, steps) that keep a contract in every step.
 
     Raises:
         InvalidValueError: for less than two runs, which have no interval.
     """
-    if len(kept) < 2:
-        raise InvalidValueError("runs", len(kept), ">= 2")
-    of_runs = kept.mean(axis=1)
-    mean, half = float(of_runs.mean()), _Z * float(of_runs.std(ddof=1)) / math.sqrt(len(of_runs))
-    whole = int(kept.all(axis=1).sum())
-    low, high = wilson(whole, len(kept))
-    return Kept(mean, max(mean - half, 0.0), min(mean + half, 1.0), whole / len(kept), float(low), float(high))
+    if len(within) < 2:
+        raise InvalidValueError("runs", len(within), ">= 2")
+    whole = int(within.all(axis=1).sum())
+    low, high = wilson(whole, len(within))
+    return Kept(whole / len(within), float(low), float(high))
 
 
-def holds_from(kept: Mask, sampling_time: float) -> NDArray[np.float64]:
-    """Return the time [s] of each run from which on it keeps a contract to its end; inf if it does not at its end.
+def holds_from(within: Mask, on_leg: Mask, t_s: float) -> Array:
+    """Return the time [s] of each run (runs,) from which it keeps a contract to its end, and at which no leg is driven.
+
+    It is infinite for a run that does not keep it at its end.
 
     Args:
-        kept: (runs, steps), from time 0 on.
-        sampling_time: [s]
+        within: (runs, steps), from time 0 on.
+        on_leg: (runs, steps) a leg of the finish is being driven.
+        t_s: [s]
     """
-    broken = ~kept
-    after_last = np.where(broken.any(axis=1), kept.shape[1] - np.argmax(broken[:, ::-1], axis=1), 0)
-    times: NDArray[np.float64] = np.where(broken[:, -1], np.inf, after_last * sampling_time)
+    to_the_end = np.logical_and.accumulate(within[:, ::-1], axis=1)[:, ::-1] & ~on_leg
+    times: Array = np.where(to_the_end.any(axis=1), np.argmax(to_the_end, axis=1) * t_s, np.inf)
     return times
+
+
+def fitted(deviations: Array, share: float) -> dict[str, float]:
+    """Return bounds that a share of the runs keeps in all of these steps, each by itself; two digits, rounded up.
+
+    Args:
+        deviations: (runs, steps, 6).
+        share: of the runs.
+    """
+    found = {}
+    for name, worst in zip(BOUNDED, deviations.max(axis=1).T, strict=False):
+        value = max(float(np.quantile(worst, share, method="inverted_cdf")), _LEAST)
+        digit = 10.0 ** (math.floor(math.log10(value)) - 1) if value < math.inf else 1.0
+        found[name] = round(math.ceil(value / digit) * digit, 9) if value < math.inf else math.inf
+    return found

@@ -1,62 +1,32 @@
-"""Tables of how often the filter keeps the contract."""
+"""Tables of how often a contract is kept."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
+from diffbot_lab.stability.contract.deviations import BOUNDED
 from diffbot_lab.targets import markdown_table
-
-_KEPT = (
-    *("case", "since the start", "errors within: steps", "errors within: runs"),
-    *("sigma within: steps", "all three: runs"),
-)
-_TIMES = ("case", "errors: median", "errors: 95 %", "all three: median", "all three: 95 %", "runs outside at the end")
 
 
 def table(results: Mapping[str, Any]) -> list[str]:
-    """Lay out the shares of all cases, then the times from which the contract holds, as Markdown tables."""
-    return [*_kept_table(results), "", *_times_table(results)]
+    """Lay out shares and times of all cases, and the bounds that nearly all runs keep, as Markdown tables."""
+    windows = [f"{one['from']:g} to {one['to']:g} s" for one in results["cases"][0]["windows"]]
+    head = ("case", "runs", *(f"{one} [%]" for one in windows), "holds from [s]: median", "95 %", "not at the end")
+    kept = markdown_table(head, [_row(case) for case in results["cases"]])
+    bounds = [[f"`{one['name']}`", *(f"{one['fitted'][name]:g}" for name in BOUNDED)] for one in results["cases"]]
+    last = windows[-1]
+    return [*kept, "", *markdown_table((f"99.9 % of the runs keep, {last}", *BOUNDED), bounds)]
 
 
-def _kept_table(results: Mapping[str, Any]) -> list[str]:
-    rows = []
-    for case in results["cases"]:
-        name = f"`{case['name']}`: {case['text']} ({case['runs']} runs)"
-        for window in case["windows"]:
-            errors, sigma, both = window["errors"], window["sigma"], window["all"]
-            cells = [_share(errors, "steps"), _share(errors, "runs"), _share(sigma, "steps"), _share(both, "runs")]
-            rows.append([name, f"{window['from']:g} to {window['to']:g} s", *cells])
-            name = ""
-    return markdown_table(_KEPT, rows)
+def _row(case: Mapping[str, Any]) -> list[str]:
+    since = case["holds_from"]
+    times = ["none" if since[name] is None else f"{since[name]:.1f}" for name in ("median", "p95")]
+    shares = [f"{_percent(one['runs'])} [{_percent(one['low'])}, {_percent(one['high'])}]" for one in case["windows"]]
+    return [f"`{case['name']}`: {case['text']}", str(case["runs"]), *shares, *times, str(since["not_at_end"])]
 
 
-def _times_table(results: Mapping[str, Any]) -> list[str]:
-    return markdown_table(_TIMES, [_times(case) for case in results["cases"]])
-
-
-def _share(kept: Mapping[str, float], of: str) -> str:
-    """Return a share with its interval; without one if that has no width."""
-    digits = 2 if of == "steps" else 1
-    share, low, high = kept[of], kept[f"{of}_low"], kept[f"{of}_high"]
-    if low == high:
-        return f"{_percent(share, digits)} %"
-    return f"{_percent(share, digits)} % [{', '.join(_percent(one, digits) for one in (low, high))}]"
-
-
-def _percent(share: float, digits: int) -> str:
+def _percent(share: float) -> str:
     """Return a share in percent; only one of 1 is shown as 100."""
-    if share == 1.0:
-        return "100"
-    text = f"{100.0 * share:.{digits}f}"
-    return f"> {100.0 - 10.0**-digits:.{digits}f}" if float(text) == 100.0 else text
-
-
-def _times(case: Mapping[str, Any]) -> list[str]:
-    errors, both = case["errors_hold_from"], case["all_hold_from"]
-    times = [_time(one[name]) for one in (errors, both) for name in ("median", "p95")]
-    return [f"`{case['name']}`", *times, f"{both['not_at_end']} of {case['runs']}"]
-
-
-def _time(seconds: float | None) -> str:
-    return "none" if seconds is None else f"{seconds:.1f} s"
+    text = f"{100.0 * share:.1f}"
+    return text if share == 1.0 or text != "100.0" else "> 99.9"

@@ -1,1 +1,1 @@
-"""Interval arithmetic: rounded outward for compiled kernels, and in plain numpy for the checker."""
+"""Interval arithmetic: of the makers, compiled, and in numpy, widened, of a checker."""

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from diffbot_core.errors import DiffbotError, InvalidValueError
-from diffbot_lab.stability.interval.outward import up
 from diffbot_lab.stability.paper.file import EXACT_ARC, Certificate, Claims, Loop
 from diffbot_lab.stability.paper.graph import build_graph
 from diffbot_lab.stability.paper.images import PaperLoop
@@ -24,10 +23,7 @@ _OUTSIDE = 0.4
 """[m] by which the cells reach beyond the starts: noise may drive the robot away for a while"""
 _INSIDE_MARGIN = 0.15
 """[m] by which the first edge lies beyond the bound of the position error"""
-ROUNDING = (
-    "images: interval arithmetic with outward rounding (nextafter; library functions by 4 ulp), "
-    f"then widened by {PADDING:g} m and rad"
-)
+ROUNDING = f"images: interval arithmetic in plain floats, then widened by {PADDING:g} m and rad"
 
 
 class Resolution(NamedTuple):
@@ -52,7 +48,7 @@ def images_loop(loop: Loop, slice_width: float) -> PaperLoop:
     """Return the loop as the images need it."""
     return PaperLoop(
         *loop[:6],
-        up(up(math.hypot(loop.eps_x, loop.eps_y))),
+        math.hypot(loop.eps_x, loop.eps_y),
         *loop[8:12],
         loop.plant == EXACT_ARC,
         slice_width,

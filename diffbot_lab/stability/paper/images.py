@@ -11,19 +11,16 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from diffbot_lab.stability.interval.outward import (
-    PI_HIGH,
+from diffbot_lab.stability.interval.ranges import (
     Bounds,
     add,
     cos,
-    down,
     mul,
     sin,
     sinc,
     sub,
     tanh,
     tanhc,
-    up,
     wrapped,
 )
 from diffbot_lab.stability.rank.cells import Cell
@@ -90,8 +87,8 @@ def images(loop: PaperLoop, cell: Cell, out: Any) -> int:
         The number of boxes.
     """
     bearing = bearing_error(loop.eps_position, cell.rho_low)
-    reach = up(bearing + loop.eps_theta)
-    low, high = down(cell.alpha_low - reach), up(cell.alpha_high + reach)
+    reach = bearing + loop.eps_theta
+    low, high = cell.alpha_low - reach, cell.alpha_high + reach
     parts = math.ceil((high - low) / loop.slice_width)
     number = 0
     p = low
@@ -109,8 +106,8 @@ def images(loop: PaperLoop, cell: Cell, out: Any) -> int:
 
 def _measured_distance(loop: PaperLoop, cell: Cell, bearing: float, p: float, q: float) -> Bounds:
     """Bounds of the measured distance [m] if the measured bearing, not wrapped, is in [p, q]; empty if it cannot be."""
-    d0 = max(down(down(p - cell.alpha_high) - loop.eps_theta), -bearing)
-    d1 = min(up(up(q - cell.alpha_low) + loop.eps_theta), bearing)
+    d0 = max(p - cell.alpha_high - loop.eps_theta, -bearing)
+    d1 = min(q - cell.alpha_low + loop.eps_theta, bearing)
     if d0 > d1:
         return 1.0, 0.0
     return measured_distance(loop.eps_position, cell.rho_low, cell.rho_high, d0, d1)
@@ -128,7 +125,7 @@ def _images_of_slice(loop: PaperLoop, cell: Cell, measured: Measured, out: Any, 
     if loop.eps_P_leave > 0.0 and near <= loop.eps_P_leave:
         v0, v1 = _speed(loop, Measured(near, min(far, loop.eps_P_leave), a0, a1))
         # The heading that is held at 0 is any, as beta is.
-        _, w1 = mul(loop.k_2, loop.k_2, PI_HIGH, PI_HIGH)
+        _, w1 = mul(loop.k_2, loop.k_2, math.pi, math.pi)
         _put_image(loop, cell, v0, v1, (-w1, w1), out[number])
         number += 1
     return number
@@ -152,7 +149,7 @@ def _steering(loop: PaperLoop, measured: Measured) -> Bounds:
     c0, c1 = cos(a0, a1)
     t0, t1 = mul(t0, t1, c0, c1)
     t0, t1 = mul(loop.gamma, loop.gamma, t0, t1)
-    b0, b1 = mul(loop.h, loop.h, -PI_HIGH, PI_HIGH)
+    b0, b1 = mul(loop.h, loop.h, -math.pi, math.pi)
     c0, c1 = sinc(a0, a1)
     b0, b1 = mul(b0, b1, c0, c1)
     s0, s1 = sin(a0, a1)
@@ -168,8 +165,8 @@ def _put_image(loop: PaperLoop, cell: Cell, v0: float, v1: float, omega: Bounds,
     The robot moves along a chord. Euler's has the heading at the start. That of the arc has the mean heading, and its
     length u shrinks by sinc(turn / 2).
     """
-    u0, u1 = mul(loop.t_s, loop.t_s, down(v0 - loop.eps_v), up(v1 + loop.eps_v))
-    z0, z1 = mul(loop.t_s, loop.t_s, down(omega[0] - loop.eps_omega), up(omega[1] + loop.eps_omega))
+    u0, u1 = mul(loop.t_s, loop.t_s, v0 - loop.eps_v, v1 + loop.eps_v)
+    z0, z1 = mul(loop.t_s, loop.t_s, omega[0] - loop.eps_omega, omega[1] + loop.eps_omega)
     a0, a1 = cell.alpha_low, cell.alpha_high
     if loop.exact_arc:
         c0, c1 = sinc(0.5 * z0, 0.5 * z1)

@@ -9,15 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diffbot_core.errors import InvalidValueError
-from diffbot_lab.stability.interval.outward import PI_HIGH
 
 Array = NDArray[np.float64]
 
 MAX_ROWS, MAX_COLUMNS, MAX_CELLS = 20_000, 16_000, 10_000_000
 """Indices of blocks, columns counted twice around, are kept in 16 bits; 10^7 cells need some 4 GiB."""
+_BEYOND_PI = math.nextafter(math.pi, 4.0)
+"""The float math.pi is below pi."""
 PADDING = 2e-5
-"""[m] and [rad] by which an image is widened on each side before its cells are listed. It stands for more than the
-rounding of the law in the robot and of the indices here: a checker with other formulas needs the same cells."""
+"""[m] and [rad] by which an image is widened on each side before its cells are listed. It stands for more than
+all rounding, of the law in the robot, of the images, and of the indices here: a checker with other formulas needs the
+same cells."""
 
 
 class CellPlan(NamedTuple):
@@ -88,7 +90,7 @@ def make_cells(plan: CellPlan) -> Cells:
     if len(rho) < 2:
         raise InvalidValueError("to", plan.to, f"> {plan.inside:g} m, where the cells begin")
     alpha = -math.pi + 2.0 * math.pi * np.arange(plan.columns + 1) / plan.columns
-    alpha[0], alpha[-1] = -PI_HIGH, PI_HIGH
+    alpha[0], alpha[-1] = -_BEYOND_PI, _BEYOND_PI
     return Cells(np.array(rho), alpha)
 
 

@@ -1,4 +1,4 @@
-"""Geometry of one step with outward rounding: what may be measured of the goal, and where it is after a move.
+"""Geometry of one step: what may be measured of the goal, and where it is after a move.
 
 Only floats come and go, so the images of every law share it.
 """
@@ -7,20 +7,18 @@ from __future__ import annotations
 
 import math
 
-from diffbot_lab.stability.interval.outward import (
+from diffbot_lab.stability.interval.ranges import (
     Bounds,
     add,
     asin,
     atan2,
     cos,
     div,
-    down,
     mul,
     sin,
     sqr,
     sqrt,
     sub,
-    up,
 )
 
 
@@ -40,11 +38,11 @@ def measured_distance(eps_position: float, rho_low: float, rho_high: float, d0: 
     d = 0.0 if d0 <= 0.0 <= d1 else min(abs(d0), abs(d1))
     c0, c1 = cos(d, d)
     s0, _ = sin(d, d)
-    aside = max(down(rho_low * s0), 0.0)
+    aside = max(rho_low * s0, 0.0)
     y0, _ = sqr(aside, aside)
     _, e1 = sqr(eps_position, eps_position)
-    _, half = sqrt(0.0, max(up(e1 - y0), 0.0))
-    return max(down(down(rho_low * c0) - half), 0.0), up(up(rho_high * c1) + half)
+    _, half = sqrt(0.0, max(e1 - y0, 0.0))
+    return max(rho_low * c0 - half, 0.0), rho_high * c1 + half
 
 
 def goal_after_move(
@@ -89,7 +87,7 @@ def next_distance(rho_low: float, rho_high: float, u0: float, u1: float, c0: flo
         if u0 <= best1 and best0 <= u1:
             _, c_square = sqr(c, c)
             square, _ = sqr(rho_low, rho_low)
-            low = min(low, down(square * max(down(1.0 - c_square), 0.0)))
+            low = min(low, square * max(1.0 - c_square, 0.0))
     return sqrt(max(low, 0.0), max(high, 0.0))
 
 

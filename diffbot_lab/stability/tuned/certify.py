@@ -7,6 +7,7 @@ stays.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -14,12 +15,12 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from diffbot_control.law.configuration import ControllerConfig
+from diffbot_control.law.controller import SwitchingLaw
 from diffbot_control.law.speed_profile import vagueness_of
 from diffbot_core.data_sheet import rim_speed
 from diffbot_core.errors import DiffbotError, InvalidValueError
-from diffbot_lab.stability.interval.outward import up
 from diffbot_lab.stability.rank.ranking import UNRANKED
-from diffbot_lab.stability.tuned.contract import PLANT, Contract, Plan, check_covered, check_plan
+from diffbot_lab.stability.tuned.contract import Plan, check_plan, requesting
 from diffbot_lab.stability.tuned.file import MAX_CELLS, Certificate, Claims
 from diffbot_lab.stability.tuned.images import number_of_slices
 from diffbot_lab.stability.tuned.law import TunedLoop, approach
@@ -34,34 +35,40 @@ from diffbot_lab.stability.tuned.table import (
     make_table,
     rank_kernel,
     spread_kernel,
+    with_rows_split,
 )
+from diffbot_sim.compiled.jit import law_version
+
+_AT_ONCE = 1.25
+"""rows up to this multiple of the innermost one without a rank are halved at a time"""
+_NARROWEST = 0.01
+"""share of the longest step: a row that is narrower is not halved"""
+_MOST_CELLS = 12_000_000
+"""some 5 GB"""
 
 
-def tuned_loop(config: ControllerConfig, contract: Contract) -> TunedLoop:
-    """Collect the numbers of the loop.
-
-    Raises:
-        InvalidValueError: for a configuration that the certificate does not cover.
-    """
-    check_covered(config)
-    sheet = config.data_sheet
+def tuned_loop(config: ControllerConfig, plan: Plan) -> TunedLoop:
+    """Collect the numbers of the loop of a law as it requests."""
+    sheet, contract = config.data_sheet, plan.contract
     gains = config.profile_gains
     vagueness = vagueness_of(contract.sigma_max, gains, config.tolerance.xy_goal_tolerance)
     return TunedLoop(
         gains.brake,
         gains.react,
-        up(gains.react * up(vagueness * vagueness)) if vagueness > 1.0 else gains.react,
+        gains.react * vagueness * vagueness if vagueness > 1.0 else gains.react,
         gains.bearing_weight,
         gains.turn_brake,
         gains.turn_react,
         sheet.v_max,
         sheet.omega_max,
-        up(rim_speed(sheet)),
+        rim_speed(sheet),
         0.5 * sheet.wheels.wheel_separation,
         contract.eps_position,
         contract.eps_theta,
-        PLANT.drive_noise,
-        PLANT.sampling_time,
+        contract.wheel_error,
+        contract.eps_v,
+        contract.eps_omega,
+        plan.period,
     )
 
 
@@ -97,12 +104,12 @@ def table_of(loop: TunedLoop, near: NearBounds, plan: Plan) -> tuple[Table, floa
     inside = seed - 0.1
     # No command in Omega_G or Omega_L leads from inside beyond the seed.
     for _ in range(20):
-        far = up(inside + loop.eps_position)
+        far = inside + loop.eps_position
         speed = approach(loop, far, far)[1]
-        if up(inside + longest_step(loop, speed)) < seed:
+        if inside + longest_step(loop, speed) < seed:
             break
         inside -= 0.01
-    if not inside > loop.eps_position or not up(inside + longest_step(loop, speed)) < seed:
+    if not inside > loop.eps_position or not inside + longest_step(loop, speed) < seed:
         raise DiffbotError("no certificate: Omega_L is too small for the error of the position")
     fine = plan.fineness
     even = 2 * math.ceil(150 * fine), 2 * math.ceil(48 * fine)
@@ -148,20 +155,52 @@ def certify(config: ControllerConfig, plan: Plan, threads: int | None = None) ->
         DiffbotError: if the configuration is not covered, or there is no certificate.
     """
     check_plan(plan)
-    loop = tuned_loop(config, plan.contract)
-    near = near_bounds(loop, config, plan.contract.sigma_max)
+    law = requesting(config, plan)
+    loop = tuned_loop(law, plan)
+    near = near_bounds(loop, law, plan.contract.sigma_max)
     table, seed = table_of(loop, near, plan)
-    images = _images_of_rows(loop, table, threads)
+    images = _images_of_rows(loop, table, range(len(table.rho) - 1), threads)
     ranks = np.full(int(table.start[-1]), UNRANKED, np.int16)
     ranks[: table.start[seed_rows(table, seed)]] = CORE
     _spread(table, images, ranks)
     _rank(table, images, ranks)
+    while (split := rows_to_split(table, ranks, plan.to, loop.t_s * loop.v_max)).any():
+        finer, old = with_rows_split(table, split)
+        # What has a rank keeps it: a half leads where the whole does.
+        ranks = np.concatenate([ranks[table.start[row] : table.start[row + 1]] for row in old])
+        table, fresh = finer, np.flatnonzero(split[old])
+        images = [images[row] for row in old]
+        for row, found in zip(fresh, _images_of_rows(loop, table, fresh, threads), strict=True):
+            images[row] = found
+        _rank(table, images, ranks)
     claims = Claims(core_radius(table, ranks), float(plan.to), steps_from(table, ranks, plan.to), seed)
-    return Certificate(plan, config, table.rho, table.alphas, table.betas, ranks, claims)
+    return Certificate(plan, config, table.rho, table.alphas, table.betas, ranks, claims, law_version(SwitchingLaw))
 
 
-def _images_of_rows(loop: TunedLoop, table: Table, threads: int | None) -> list[Boxes]:
-    rows = range(len(table.rho) - 1)
+def rows_to_split(table: Table, ranks: NDArray[np.int16], distance: float, longest: float) -> NDArray[np.bool_]:
+    """Return the rows (rows,) that are to be halved: the innermost ones without a rank.
+
+    What lies farther out often has no rank only since it leads there. A row is not made narrower than ``_NARROWEST``.
+
+    Args:
+        table: of the cells.
+        ranks: of the cells.
+        distance: [m] up to which ranks are wanted.
+        longest: [m] step.
+    """
+    unranked = np.add.reduceat(ranks == UNRANKED, table.start[:-1]) > 0
+    near = table.rho[:-1]
+    if not unranked[near < distance].any():
+        return np.zeros(len(near), np.bool_)
+    first = near[np.argmax(unranked)]
+    split = unranked & (near < _AT_ONCE * first) & (np.diff(table.rho) > _NARROWEST * longest)
+    if table.start[-1] + np.diff(table.start)[split].sum() > _MOST_CELLS:
+        raise DiffbotError(f"no certificate with {_MOST_CELLS} cells: from {first:.4g} m the robot may not come nearer")
+    return np.asarray(split)
+
+
+def _images_of_rows(loop: TunedLoop, table: Table, rows: Iterable[int], threads: int | None) -> list[Boxes]:
+    rows = list(rows)
     with (
         ThreadPoolExecutor(threads) as pool,
         tqdm(total=len(rows), desc="images", unit="row", disable=None) as bar,

@@ -1,7 +1,8 @@
 """The file of a certificate of the tuned law: one JSON object with all that is needed to check it.
 
-It states the contract, the controller's configuration, the cells and the claims. The ranks are 16-bit integers, little
-endian, in the order of the cells, packed. The plan's margin and fineness only say how the cells were chosen.
+It states the contract, the period, every parameter of the controller, a hash of the law's code, the cells and the
+claims. The ranks are 16-bit integers, little endian, in the order of the cells, packed. The plan's margin and fineness
+only say how the cells were chosen.
 """
 
 from __future__ import annotations
@@ -17,9 +18,9 @@ from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.files import write_json
 from diffbot_core.schema import build, to_dict
 from diffbot_lab.stability.result_file import check_number, pack, read_result, unpack
-from diffbot_lab.stability.tuned.contract import Contract, Plan, check_covered, check_plan
+from diffbot_lab.stability.tuned.contract import Contract, Plan, check_plan, requesting
 
-FORMAT = "diffbot stability tuned 2"
+FORMAT = "diffbot stability tuned 3"
 MAX_CELLS = 100_000_000
 _MAX_ROWS, _MAX_COLUMNS, _MAX_STEPS = 20_000, 16_000, 32_767
 
@@ -51,6 +52,8 @@ class Certificate(NamedTuple):
     ranks: NDArray[np.int16]
     """rank of each cell kept, by row, alpha, beta: 0 in the core, -1 without one"""
     claims: Claims
+    law: str
+    """hash of the code of the law"""
 
 
 def first_cells(alphas: NDArray[np.int64], betas: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -64,9 +67,10 @@ def save_tuned(path: Path, certificate: Certificate) -> None:
     Raises:
         OSError: if it cannot be written.
     """
-    plan, config, rho, alphas, betas, ranks, claims = certificate
+    plan, config, rho, alphas, betas, ranks, claims, law = certificate
     content = {
         "format": FORMAT,
+        "law": law,
         "claims": claims._asdict(),
         "plan": {**plan._asdict(), "contract": plan.contract._asdict()},
         "controller": to_dict(config),
@@ -97,10 +101,10 @@ def load_tuned(path: Path) -> Certificate:
 
 def _certificate(content: dict[str, Any]) -> Certificate:
     values = dict(content["plan"])
-    plan = Plan(**{**values, "contract": Contract(**values["contract"])})
+    plan = _all_of(Plan, "plan", {**values, "contract": _all_of(Contract, "plan.contract", values["contract"])})
     check_plan(plan)
-    config = build(ControllerConfig, dict(content["controller"]))
-    check_covered(config)
+    config = _config(content["controller"])
+    requesting(config, plan)
     rho = _edges(content["rho"])
     alphas, betas = (_columns(name, content[name], len(rho) - 1) for name in ("alphas", "betas"))
     if (alphas % 2).any():
@@ -111,7 +115,22 @@ def _certificate(content: dict[str, Any]) -> Certificate:
     ranks = np.frombuffer(unpack("ranks", content["ranks"], 2 * cells), "<i2").astype(np.int16)
     if ranks.min(initial=0) < -1:
         raise InvalidValueError("ranks", int(ranks.min()), ">= -1")
-    return Certificate(plan, config, rho, alphas, betas, ranks, _claims(content["claims"]))
+    return Certificate(plan, config, rho, alphas, betas, ranks, _claims(content["claims"]), str(content["law"]))
+
+
+def _all_of(kind: Any, name: str, values: dict[str, Any]) -> Any:
+    """Return a tuple of a kind with all of its fields given, and no others."""
+    if set(values) != set(kind._fields):
+        raise DiffbotError(f"{name}: must have {', '.join(kind._fields)}")
+    return kind(**values)
+
+
+def _config(values: Any) -> ControllerConfig:
+    """Return the configuration; every parameter has to be there: a default of today is not one of the file's."""
+    missing = sorted(to_dict(ControllerConfig()).keys() - dict(values).keys())
+    if missing:
+        raise DiffbotError(f"controller: without {', '.join(missing)}")
+    return build(ControllerConfig, dict(values))
 
 
 def _edges(values: Any) -> NDArray[np.float64]:

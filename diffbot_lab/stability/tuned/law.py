@@ -1,6 +1,6 @@
 """Bounds of the commands of the law with braking profiles, for intervals of what it measures.
 
-The formulas are those of law/speed_profile.py, law/steering.py and law/limits.py, with outward rounding; a test holds
+The formulas are those of law/speed_profile.py, law/steering.py and law/limits.py; a test holds
 the law itself inside these bounds.
 """
 
@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from diffbot_lab.stability.interval.outward import Bounds, absolute, add, cos, div, down, mul, sinc, sqr, sqrt, sub, up
+from diffbot_lab.stability.interval.ranges import Bounds, absolute, add, cos, div, mul, sinc, sqr, sqrt, sub
 
 
 class TunedLoop(NamedTuple):
@@ -39,8 +39,12 @@ class TunedLoop(NamedTuple):
     """[m] bound of the distance of the estimated from the true position"""
     eps_theta: float
     """[rad] bound of the estimate's error of the heading"""
-    drive_noise: float
+    wheel_error: float
     """[-] bound of the relative error of each wheel's speed"""
+    eps_v: float
+    """[m/s] bound of how far beside the base ends, per time ..."""
+    eps_omega: float
+    """[rad/s] ... and of the error of its rotation"""
     t_s: float
     """[s]"""
 
@@ -91,7 +95,7 @@ def approach(loop: TunedLoop, near: float, far: float) -> Bounds:
     """Bounds of f(rho) [m/s] for near <= rho <= far; it rises with rho."""
     gain, _ = profile_gain(near, loop.brake, loop.slow_react)
     _, most = profile_gain(far, loop.brake, loop.react)
-    return min(down(near * gain), loop.v_max), min(up(far * most), loop.v_max)
+    return min(near * gain, loop.v_max), min(far * most, loop.v_max)
 
 
 def steering_to_goal(loop: TunedLoop, alpha0: float, alpha1: float) -> Bounds:
@@ -121,7 +125,7 @@ def command_bounds(loop: TunedLoop, measured: Measured) -> Command:
     w0, w1 = max(w0, -loop.omega_max), min(w1, loop.omega_max)
     v0, v1 = mul(v0, v1, s0, s1)
     turning, _ = absolute(w0, w1)
-    room = min(up(loop.rim - down(loop.half * turning)), loop.v_max)
+    room = min(loop.rim - loop.half * turning, loop.v_max)
     return Command(max(v0, -room), min(v1, room), w0, w1)
 
 

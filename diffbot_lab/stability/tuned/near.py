@@ -19,12 +19,11 @@ from diffbot_control.law.finish import fastest_leg, longest_reach
 from diffbot_control.law.regions import LEAVE_SIGMAS, RETREAT_MARGIN
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.stability.interval.compiled import compile_bounds
-from diffbot_lab.stability.interval.outward import up
 from diffbot_lab.stability.tuned.images import Cell3, local_distance
 from diffbot_lab.stability.tuned.law import TunedLoop, approach
 
 _ROUNDING = 1e-9
-"""[m] and [rad] added to sums of a few numbers that are not rounded outward one by one"""
+"""[m] and [rad] more than the rounding of a few operations"""
 _RINGS, _COLUMNS, _ROTATIONS, _SLICE = 8, 180, 24, 0.03
 """how finely the states of Omega_L are cut: rings of distance, columns of alpha, parts of the rotation, [rad]"""
 
@@ -59,9 +58,9 @@ def resting_radius(config: ControllerConfig, sigma_max: float) -> float:
 
 
 def longest_step(loop: TunedLoop, speed: float) -> float:
-    """Longest way [m] in one step at a commanded speed [m/s], any rotation."""
-    spin = up(loop.half * loop.omega_max)
-    return up(up(loop.t_s * up(speed + up(loop.drive_noise * max(speed, spin)))) + _ROUNDING)
+    """Longest way [m] in one step at a requested speed [m/s], any rotation."""
+    error = loop.wheel_error * max(speed, loop.half * loop.omega_max)
+    return loop.t_s * (speed + error + loop.eps_v) + _ROUNDING
 
 
 def largest_local_distance(loop: TunedLoop, low: float, high: float, rings: int) -> float:
@@ -93,7 +92,7 @@ def local_reach(loop: TunedLoop, rho: float) -> float:
     Raises:
         DiffbotError: if the circle is too small for the images.
     """
-    far = up(rho + loop.eps_position)
+    far = rho + loop.eps_position
     low = rho - longest_step(loop, approach(loop, far, far)[1])
     if not low > loop.eps_position:
         raise DiffbotError("no certificate: the leaving radius is too small for the error of the position")
@@ -120,7 +119,7 @@ def near_bounds(loop: TunedLoop, config: ControllerConfig, sigma_max: float) -> 
 
 def _after_leaving(loop: TunedLoop, leaving: float, steps: int, leg: float) -> float:
     """Largest distance [m] so many steps after a pose measured within ``leaving`` [m]."""
-    reach = up(leaving + loop.eps_position) + _ROUNDING
+    reach = leaving + loop.eps_position + _ROUNDING
     for _ in range(steps):
-        reach = max(local_reach(loop, reach), up(reach + leg))
+        reach = max(local_reach(loop, reach), reach + leg)
     return reach

@@ -78,6 +78,16 @@ def make_table(inside: float, bands: tuple[Band, ...]) -> Table:
     )
 
 
+def with_rows_split(table: Table, split: NDArray[np.bool_]) -> tuple[Table, NDArray[np.int64]]:
+    """Halve the marked rows; return the table, and (rows,) the row of the old one that each of its rows is from."""
+    old = np.repeat(np.arange(len(split)), np.where(split, 2, 1))
+    middles = 0.5 * (table.rho[:-1] + table.rho[1:])[split]
+    rho = np.sort(np.concatenate((table.rho, middles)))
+    alphas, betas = table.alphas[old], table.betas[old]
+    start = np.concatenate(([0], np.cumsum(alphas // 2 * betas)))
+    return Table(rho, alphas, betas, table.slices[old], start), old
+
+
 def cell_of(table: Table, row: int, index: int) -> Cell3:
     """Return a cell of a row."""
     betas = table.betas[row]

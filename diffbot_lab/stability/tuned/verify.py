@@ -12,10 +12,12 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from tqdm import tqdm
 
+from diffbot_control.law.configuration import ControllerConfig
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.stability.tuned.check.cells import cell_box, cells_of, failing_kernel
 from diffbot_lab.stability.tuned.check.commands import Numbers, numbers_of
 from diffbot_lab.stability.tuned.check.near import farthest_local, longest_step
+from diffbot_lab.stability.tuned.contract import requesting
 from diffbot_lab.stability.tuned.file import Certificate, first_cells
 
 
@@ -29,9 +31,10 @@ def verify(certificate: Certificate, threads: int | None = None) -> None:
     Raises:
         DiffbotError: naming the first thing that is not proved.
     """
-    loop = numbers_of(certificate.config, certificate.plan.contract)
+    law = requesting(certificate.config, certificate.plan)
+    loop = numbers_of(law, certificate.plan)
     _check_claims(certificate)
-    _check_local(certificate, loop)
+    _check_local(certificate, law, loop)
     _check_inside(certificate, loop)
     _check_cells(certificate, loop, threads)
 
@@ -59,10 +62,10 @@ def _rows_within(certificate: Certificate, distance: float) -> int:
     return int((certificate.rho[:-1] <= distance).sum())
 
 
-def _check_local(certificate: Certificate, loop: Numbers) -> None:
+def _check_local(certificate: Certificate, law: ControllerConfig, loop: Numbers) -> None:
     """Omega_L does not last beyond the seed of the core."""
     sigma_max, seed = certificate.plan.contract.sigma_max, certificate.claims.seed
-    farthest = farthest_local(loop, certificate.config, sigma_max)
+    farthest = farthest_local(loop, law, sigma_max)
     if not farthest <= seed:
         raise DiffbotError(f"not verified: claims.seed = {seed:g} m, Omega_L may lead to {farthest:.4f} m")
 

@@ -7,7 +7,7 @@ import pytest
 from diffbot_control.law.configuration import ControllerConfig
 from diffbot_lab.stability.tuned import certify as maker
 from diffbot_lab.stability.tuned import verify as checker
-from diffbot_lab.stability.tuned.contract import Contract, Plan
+from diffbot_lab.stability.tuned.contract import Plan, requesting
 
 NEAR_ONCE, CHECKED_ONCE = functools.cache(maker.near_bounds), functools.cache(checker.farthest_local)
 """The bounds of Omega_L take most of the time, and are the same for all small certificates of one law."""
@@ -21,8 +21,8 @@ def bound_omega_l_once(monkeypatch):
 
 @pytest.fixture(scope="session")
 def plan():
-    config, contract = ControllerConfig(), Contract()
-    near = NEAR_ONCE(maker.tuned_loop(config, contract), config, contract.sigma_max)
+    law = requesting(ControllerConfig(), Plan())
+    near = NEAR_ONCE(maker.tuned_loop(law, Plan()), law, Plan().contract.sigma_max)
     return Plan(to=1.9, margin=1.3 - near.holding, fineness=0.4)
 
 

@@ -55,12 +55,13 @@ def test_a_certificate_of_the_tuned_law_is_made_and_verified(tmp_path, capsys):
     assert cli.main(["stability", "certify", "--law", "tuned", *SMALL, "--out", str(path)]) == 0
     assert "not verified yet" in capsys.readouterr().out
     contract = {"eps_position": 0.02, "eps_theta": 0.01, "sigma_max": 0.02}
-    expected = {"contract": contract, "to": 1.5, "margin": 1.0, "fineness": 0.4}
+    contract |= {"wheel_error": 0.05, "eps_v": 0.0, "eps_omega": 0.0}
+    expected = {"contract": contract, "period": 0.1, "to": 1.5, "margin": 1.0, "fineness": 0.4}
     assert json.loads(path.read_text())["plan"] == expected
     assert cli.main(["stability", "verify", str(path)]) == 0
     shown = capsys.readouterr().out
-    assert "errors within 0.02 m and 0.01 rad, sigma up to 0.02 m:" in shown
-    assert "1000000 random steps keep to the ranks." in shown
+    assert "the estimate is within 0.02 m and 0.01 rad,\n  its standard deviation at most 0.02 m,\n" in shown
+    assert "random steps keep to the ranks." in shown
 
 
 @pytest.mark.parametrize(
@@ -74,7 +75,9 @@ def test_a_certificate_of_the_tuned_law_is_made_and_verified(tmp_path, capsys):
         (["certify", "--width", "0.3", "--columns", "40", "--rho-max", "2"], 1, "no certificate"),
         (["certify", "--law", "tuned", "--width", "0.01"], 1, "--width = 0.01: must be left out with --law tuned"),
         (["certify", "--law", "17", "--margin", "0.1"], 1, "--margin = 0.1: must be left out with --law 17"),
-        (["certify", "--law", "tuned", "--set", "command_latency=0.1"], 1, "command_latency = 0.1: must be 0, for a"),
+        (["certify", "--law", "tuned", "--set", "command_latency=0.1"], 1, "eps_v = 0.0: must be above 0 with"),
+        (["certify", "--law", "tuned", "--since", "5"], 1, "--since = 5.0: must be left out without --robot"),
+        (["certify", "--law", "tuned", "--robot", "tank"], 1, "robot = 'tank'"),
         (["verify", "absent.json"], 1, "cannot read absent.json"),
         (["adversary", "absent.json"], 1, "cannot read absent.json"),
     ],

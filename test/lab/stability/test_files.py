@@ -65,10 +65,13 @@ PAPER = [
     ({"claims.radius": math.inf}, "claims: must be finite"),
 ]
 TUNED = [
-    ({"format": "diffbot stability tuned 1"}, "is no file of the format 'diffbot stability tuned 2'"),
+    ({"format": "diffbot stability tuned 1"}, "is no file of the format 'diffbot stability tuned 3'"),
     ({"plan.to": 1e9}, "to = 1000000000.0: must be from 0.1 to 1000"),
-    ({"plan.contract": {"sigma_max": math.nan}}, "sigma_max = nan: must be from 1e-6"),
-    ({"controller.command_latency": 0.1}, "command_latency = 0.1: must be 0, for a certificate"),
+    ({"plan.contract.sigma_max": math.nan}, "sigma_max = nan: must be from 1e-06 to 0.999"),
+    ({"controller.command_latency": 0.1}, "eps_v = 0.0: must be above 0 with"),
+    ({"controller": {"speed_profile": "braking"}}, "controller: without allow_backward, "),
+    ({"plan.contract": {"sigma_max": 0.02}}, "plan.contract: must have eps_position, eps_theta, "),
+    ({"plan.period": 0.0}, "period = 0.0: must be from 0.001 to 10"),
     ({"rho": 3}, "rho: must be a list of 2 to 20001 edges"),
     ({"rho": lambda values: with_first(values, math.nan)}, "rho = nan: must be from 1e-06 to 10000"),
     ({"rho": lambda values: with_first(values, values[1])}, "the edge before it"),
@@ -91,7 +94,9 @@ def test_hostile_files_are_refused_in_one_line(path, law, change, part):
     content = json.loads(path.read_text())
     for name, value in change.items():
         *outer, last = name.split(".")
-        fields = content[outer[0]] if outer else content
+        fields = content
+        for one in outer:
+            fields = fields[one]
         fields[last] = value(fields[last]) if callable(value) else value
     path.write_text(json.dumps(content))
     with pytest.raises(DiffbotError) as caught:

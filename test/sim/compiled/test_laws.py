@@ -73,7 +73,7 @@ def case_for(law, **config):
 
 def plain_run(law, case, start=TURNED):
     case = prepared(case)
-    return make_loop(law)(case, buffers_for(case), 1, 0, start, np.empty((0, 9)))
+    return make_loop(law)(case, buffers_for(case), 1, 0, start, np.empty((0, 10)))
 
 
 def test_functions_are_found_through_modules_and_closures(write):

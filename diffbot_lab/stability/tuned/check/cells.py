@@ -18,6 +18,7 @@ from diffbot_lab.stability.tuned.check.steps import (
     Box,
     after,
     clipped,
+    measured_as,
     motion_of,
     slice_count,
     slice_of,
@@ -51,7 +52,7 @@ class Cells(NamedTuple):
 
 def cells_of(certificate: Certificate) -> Cells:
     """Unfold the ranks of a certificate; no rank is TOO_HIGH."""
-    _, _, rho, alphas, betas, ranks, _ = certificate
+    rho, alphas, betas, ranks = certificate.rho, certificate.alphas, certificate.betas, certificate.ranks
     kept = first_cells(alphas, betas)
     around = np.empty(2 * len(ranks), np.int16)
     for row in range(len(alphas)):
@@ -140,7 +141,7 @@ def leads_below(loop: Numbers, cells: Cells, box: Box, allowed: int) -> bool:
                 u0, u1, z0, z1 = motion_of(loop, command_of(loop, (one.near, one.far), alpha, beta))
                 if not (max(abs(u0), abs(u1)) < _LONGEST * box.r0 and max(abs(z0), abs(z1)) < _WIDEST):
                     return False
-                if not keeps_below(cells, after(box, u0, u1, z0, z1), allowed):
+                if not keeps_below(cells, after(loop, measured_as(loop, box, alpha, turns), u0, u1, z0, z1), allowed):
                     return False
     return True
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 from diffbot_control.law.configuration import ControllerConfig
 from diffbot_control.law.speed_profile import ARRIVAL_SHARE
 from diffbot_core.errors import InvalidValueError
-from diffbot_lab.stability.tuned.contract import PLANT, Contract
+from diffbot_lab.stability.tuned.contract import Plan
 
 SLACK = 1e-10
 _SINC_LOWEST, _AT_LOWEST = -0.2172336283, 4.4934094579
@@ -58,6 +58,10 @@ class Numbers(NamedTuple):
     """[rad]"""
     noise: float
     """[-] bound of the relative error of each wheel's speed"""
+    eps_v: float
+    """[m/s] bound of how far beside the base ends, per time ..."""
+    eps_omega: float
+    """[rad/s] ... and of the error of its rotation"""
     t_s: float
     """[s]"""
 
@@ -71,13 +75,13 @@ class Command(NamedTuple):
     w1: float
 
 
-def numbers_of(config: ControllerConfig, contract: Contract) -> Numbers:
-    """Collect the numbers of a loop that ``check_covered`` accepts.
+def numbers_of(config: ControllerConfig, plan: Plan) -> Numbers:
+    """Collect the numbers of the loop of a law as it requests.
 
     Raises:
         InvalidValueError: if they are too large for the rounding that SLACK stands for.
     """
-    gains, sheet = config.profile_gains, config.data_sheet
+    gains, sheet, contract = config.profile_gains, config.data_sheet, plan.contract
     # An uncertainty that is a share of the tolerance does not slow the approach.
     known = max(gains.sigma_known, ARRIVAL_SHARE * config.tolerance.xy_goal_tolerance)
     slow = gains.react * max(1.0, contract.sigma_max / known) ** 2 + SLACK
@@ -94,7 +98,7 @@ def numbers_of(config: ControllerConfig, contract: Contract) -> Numbers:
     return Numbers(
         gains.brake, gains.react, slow, gains.bearing_weight, gains.turn_brake, gains.turn_react, gains.hold_brake,
         gains.hold_react, sheet.v_max, turns, rim, half, position, contract.eps_theta,
-        PLANT.drive_noise, PLANT.sampling_time,
+        contract.wheel_error, contract.eps_v, contract.eps_omega, plan.period,
     )  # fmt: skip
 
 

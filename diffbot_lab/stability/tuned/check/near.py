@@ -49,8 +49,8 @@ def leaving_radius(config: ControllerConfig, sigma_max: float, reach: float) -> 
 
 
 def step_bound(loop: Numbers, speed: float) -> float:
-    """Longest way [m] in one step at a commanded speed [m/s], any rotation."""
-    return loop.t_s * (speed + loop.noise * max(speed, loop.half * loop.omega_max)) + SLACK
+    """Longest way [m] in one step at a requested speed [m/s], any rotation."""
+    return loop.t_s * (speed + loop.noise * max(speed, loop.half * loop.omega_max) + loop.eps_v) + SLACK
 
 
 def longest_step(loop: Numbers, distance: float) -> float:
@@ -68,9 +68,9 @@ def limited_range(v: Range, least: float, most: float) -> Range:
 def farthest_of_ring(loop: Numbers, r0: float, r1: float, columns: int, rotations: int, width: float) -> float:
     """Largest distance [m] after a step of Omega_L from between r0 > ``eps_rho`` and r1 [m], whatever the robot turns.
 
-    Omega_L clips the rotation to omega_max, and the speed to what the rims then leave.
+    Omega_L clips the rotation to omega_max, and the speed to what the rims then leave; the base may turn otherwise.
     """
-    farthest = 0.0
+    least, farthest = max(loop.rim - loop.half * loop.omega_max - SLACK, 0.0), 0.0
     for column in range(columns):
         a0, a1 = column * math.pi / columns - SLACK, (column + 1) * math.pi / columns + SLACK
         box = Box(r0, r1, a0, a1, 0.0, 0.0)
@@ -82,16 +82,13 @@ def farthest_of_ring(loop: Numbers, r0: float, r1: float, columns: int, rotation
                 alpha = clipped(one.p, one.q, turns)
                 if not one.possible or alpha[0] > alpha[1]:
                     continue
-                v = product(speed, cosine_range(alpha[0], alpha[1]))
+                low, high = limited_range(product(speed, cosine_range(alpha[0], alpha[1])), least, loop.v_max)
                 for rotation in range(rotations):
                     w0 = (2.0 * rotation / rotations - 1.0) * loop.omega_max - SLACK
                     w1 = (2.0 * (rotation + 1) / rotations - 1.0) * loop.omega_max + SLACK
-                    slow = 0.0 if w0 <= 0.0 <= w1 else min(abs(w0), abs(w1))
-                    least = max(loop.rim - loop.half * max(abs(w0), abs(w1)) - SLACK, 0.0)
-                    low, high = limited_range(v, least, max(loop.rim - loop.half * slow, 0.0) + SLACK)
                     u0, u1, z0, z1 = motion_of(loop, Command(low, high, w0, w1))
                     farthest = max(farthest, farthest_after(box, u0, u1, z0, z1))
-    return farthest
+    return farthest + loop.t_s * loop.eps_v + SLACK
 
 
 _ring_kernel = compile_bounds(farthest_of_ring)

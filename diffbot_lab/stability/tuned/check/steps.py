@@ -77,6 +77,13 @@ def clipped(low: float, high: float, turns: int) -> Range:
     return max(low - 2.0 * math.pi * turns - SLACK, -PI), min(high - 2.0 * math.pi * turns + SLACK, PI)
 
 
+def measured_as(loop: Numbers, box: Box, alpha: Range, turns: int) -> Box:
+    """Return the states of a box whose bearing can be measured in a range after so many turns back; not empty."""
+    reach = bearing_error(loop, box.r0) + loop.eps_theta + SLACK
+    low, high = alpha[0] + 2.0 * math.pi * turns - reach, alpha[1] + 2.0 * math.pi * turns + reach
+    return Box(box.r0, box.r1, min(max(box.a0, low), box.a1), max(min(box.a1, high), box.a0), box.b0, box.b1)
+
+
 def with_beta(loop: Numbers, box: Box, one: Slice, turns: int) -> tuple[float, float, float, float]:
     """Return the part of a slice that has the measured beta within +-pi after so many turns back.
 
@@ -99,8 +106,9 @@ def motion_of(loop: Numbers, command: Command) -> tuple[float, float, float, flo
     for v in (v0, v1):
         for w in (loop.half * w0, loop.half * w1):
             error = max(error, 0.5 * loop.noise * (abs(v - w) + abs(v + w)))
+    turned = error / loop.half + loop.eps_omega + SLACK
     error += SLACK
-    z0, z1 = loop.t_s * (w0 - error / loop.half) - SLACK, loop.t_s * (w1 + error / loop.half) + SLACK
+    z0, z1 = loop.t_s * (w0 - turned) - SLACK, loop.t_s * (w1 + turned) + SLACK
     u0, u1 = product((loop.t_s * (v0 - error), loop.t_s * (v1 + error)), sinc_range(0.5 * z0, 0.5 * z1))
     return u0, u1, z0, z1
 
@@ -187,8 +195,21 @@ def alpha_range(box: Box, u0: float, u1: float, z0: float, z1: float) -> Range:
     return low - SLACK, high + SLACK
 
 
-def after(box: Box, u0: float, u1: float, z0: float, z1: float) -> Box:
-    """Return bounds of the states after a step from a box; ``motion_of`` gives the chord, shorter than r0 / 2."""
+def after(loop: Numbers, box: Box, u0: float, u1: float, z0: float, z1: float) -> Box:
+    """Return bounds of the states after a step from a box; ``motion_of`` gives the chord, shorter than r0 / 2.
+
+    The base may end beside the end of the chord: the goal's distance then changes by as much at most, and its direction
+    by the angle of a tangent.
+    """
     turned, alpha = turned_range(box, u0, u1, z0, z1), alpha_range(box, u0, u1, z0, z1)
     near, far = nearest_after(box, u0, u1, z0, z1), farthest_after(box, u0, u1, z0, z1)
-    return Box(near, far, alpha[0], alpha[1], box.b0 + turned[0], box.b1 + turned[1])
+    beside = loop.t_s * loop.eps_v
+    angle = math.asin(beside / near) + SLACK if beside < near else PI
+    return Box(
+        near - beside - SLACK,
+        far + beside + SLACK,
+        alpha[0] - angle,
+        alpha[1] + angle,
+        box.b0 + turned[0] - angle,
+        box.b1 + turned[1] + angle,
+    )

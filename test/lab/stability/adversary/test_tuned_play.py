@@ -10,12 +10,14 @@ from diffbot_control.law.controller import step
 from diffbot_core.geometry import Pose
 from diffbot_core.uncertainty import Estimate, Uncertainty
 from diffbot_lab.stability.adversary.figure import field_of_tuned
-from diffbot_lab.stability.adversary.tuned_play import TunedOpponent, next_tuned, observe_tuned
-from diffbot_lab.stability.tuned.contract import PLANT, Contract
+from diffbot_lab.stability.adversary.tuned_play import observe_tuned
+from diffbot_lab.stability.tuned.contract import Contract
+from diffbot_lab.stability.tuned.runs import Loop, next_pose
 from diffbot_sim.model.philox import Draw
-from diffbot_sim.model.plant import new_plant, plant_step
+from diffbot_sim.model.plant import PlantConfig, new_plant, plant_step
 
-OPPONENT = TunedOpponent(ControllerConfig(), Contract(), PLANT)
+LOOP = Loop(ControllerConfig(), Contract(), 0.1)
+PLANT = PlantConfig()
 
 
 def test_a_step_is_that_of_the_controller_and_the_plant():
@@ -27,10 +29,10 @@ def test_a_step_is_that_of_the_controller_and_the_plant():
         theta, left, right = rng.uniform(-1.0, 1.0, 3)
         seen = Pose(pose.x + 0.06 * x, pose.y + 0.06 * y, pose.theta + 0.03 * theta)
         expected_memory, command, _ = step(
-            expected_memory, Estimate(seen, Uncertainty(0.02, 0.01)), Pose(0.0, 0.0, 0.0), 0.1, OPPONENT.config
+            expected_memory, Estimate(seen, Uncertainty(0.02, 0.01)), Pose(0.0, 0.0, 0.0), 0.1, LOOP.law
         )
         state = plant_step(state, command, Draw(left, right, 0.0, 0.0), PLANT)
-        pose, memory = next_tuned(OPPONENT, pose, memory, 0.02, (x, y, theta, left, right))
+        pose, memory = next_pose(LOOP, pose, memory, 0.02, (x, y, theta, left, right, 0.0, 0.0, 0.0))
         assert pose == pytest.approx(state.pose, abs=1e-12)
         assert memory == expected_memory
         regions.add(memory.switching.region)
@@ -40,8 +42,7 @@ def test_a_step_is_that_of_the_controller_and_the_plant():
 def test_the_position_error_never_exceeds_the_contract():
     """The law goes where it sees the goal: an error of three bounds moves the robot as one of one bound does."""
     one, half, three = (
-        next_tuned(OPPONENT, Pose(-0.5, 0.0, 0.0), new_memory(), 0.02, (x, 0.0, 0.0, 0.0, 0.0))[0]
-        for x in (1.0, 0.5, 3.0)
+        next_pose(LOOP, Pose(-0.5, 0.0, 0.0), new_memory(), 0.02, (x, *[0.0] * 7))[0] for x in (1.0, 0.5, 3.0)
     )
     assert three == pytest.approx(one, abs=1e-12)
     assert one.x < half.x

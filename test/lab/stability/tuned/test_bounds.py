@@ -4,17 +4,17 @@ import math
 
 import numpy as np
 import pytest
-from tuned_steps import CONFIG, CONTRACT, GAINS, SHEET, SLOWING, random_local_distance, random_step
+from tuned_steps import CONFIG, GAINS, PLAN, SHEET, SLOWING, random_local_distance, random_step
 
 from diffbot_control.law.polar_coordinates import Navigation
 from diffbot_control.law.steering import BACK, FRONT, drive_and_steer
 from diffbot_core.errors import InvalidValueError
-from diffbot_lab.stability.tuned.certify import tuned_loop
 from diffbot_lab.stability.tuned.check.commands import command_of, numbers_of
 from diffbot_lab.stability.tuned.check.near import farthest_of_ring
 from diffbot_lab.stability.tuned.check.steps import Box, after, clipped, motion_of, slice_count, slice_of, with_beta
+from diffbot_lab.stability.tuned.contract import Contract, Plan, requesting
 
-CHECKER = numbers_of(CONFIG, CONTRACT)
+CHECKER = numbers_of(requesting(CONFIG, PLAN), PLAN)
 ROUNDING = 1e-9
 
 
@@ -30,7 +30,7 @@ def checkers_images(sides):
                 alpha, beta = clipped(p, q, turns), clipped(box.b0 + d0, box.b1 + d1, others)
                 if one.possible and d0 <= d1 and alpha[0] <= alpha[1] and beta[0] <= beta[1]:
                     command = command_of(CHECKER, (one.near, one.far), alpha, beta)
-                    yield after(box, *motion_of(CHECKER, command))
+                    yield after(CHECKER, box, *motion_of(CHECKER, command))
 
 
 def test_commands_of_the_law_are_inside_their_bounds():
@@ -78,9 +78,19 @@ def test_steps_of_omega_l_stay_within_the_checkers_largest_distance_of_their_rin
 
 
 @pytest.mark.parametrize(
-    ("field", "value"), [("command_latency", 0.1), ("a_max", 0.5), ("wheel_max", 5.0), ("min_velocity", 0.03)]
+    ("field", "value"), [("command_latency", 0.1), ("a_max", 0.5), ("omega_dot_max", 1.5), ("min_velocity", 0.03)]
 )
-def test_a_data_sheet_that_is_not_covered_is_refused_by_name(field, value):
+def test_a_base_that_does_not_obey_at_once_needs_a_contract_and_is_certified_by_what_the_law_requests(field, value):
     config = CONFIG._replace(data_sheet=SHEET._replace(**{field: value}))
-    with pytest.raises(InvalidValueError, match=field if field != "wheel_max" else "omega_max"):
-        tuned_loop(config, CONTRACT)
+    with pytest.raises(InvalidValueError, match=r"eps_omega = 0.0: must be above 0 with limits of the acceleration"):
+        requesting(config, Plan(Contract(eps_v=0.01)))
+    law = requesting(config, Plan(Contract(eps_v=0.01, eps_omega=0.01)))
+    assert law._replace(profile_gains=CONFIG.profile_gains) == CONFIG
+    # Turning is planned with 0.65 of the limit, driving with 0.86.
+    brakes = {"a_max": (0.43, 7.0), "omega_dot_max": (3.0, 0.975)}.get(field, (3.0, 7.0))
+    assert (law.profile_gains.brake, law.profile_gains.turn_brake) == pytest.approx(brakes)
+
+
+def test_wheels_that_cannot_turn_the_robot_as_fast_are_refused():
+    with pytest.raises(InvalidValueError, match="omega_max"):
+        requesting(CONFIG._replace(data_sheet=SHEET._replace(wheel_max=5.0)), Plan())

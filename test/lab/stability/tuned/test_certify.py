@@ -12,9 +12,11 @@ from diffbot_lab.stability.tuned import certify as maker
 from diffbot_lab.stability.tuned import verify as checker
 from diffbot_lab.stability.tuned.certify import certify, tuned_loop
 from diffbot_lab.stability.tuned.check.commands import numbers_of
-from diffbot_lab.stability.tuned.contract import Contract
+from diffbot_lab.stability.tuned.contract import Contract, Plan
 from diffbot_lab.stability.tuned.file import first_cells
+from diffbot_lab.stability.tuned.runs import Loop
 from diffbot_lab.stability.tuned.table import CORE
+from diffbot_lab.stability.tuned.verify import verify
 
 CONTRACT = Contract()
 CONFIG = ControllerConfig()
@@ -29,21 +31,37 @@ def test_the_claims_are_what_the_ranks_say(plan, certificate):
     assert claims.seed < claims.radius < 1.6
 
 
-def test_without_a_rank_for_all_there_is_no_certificate(plan, monkeypatch):
-    """Beyond this distance the speed is too low for the errors of the wheels."""
-    slow = CONFIG._replace(profile_gains=CONFIG.profile_gains._replace(turn_react=1.2))
-    near = maker.near_bounds(tuned_loop(CONFIG, CONTRACT), CONFIG, CONTRACT.sigma_max)
+@pytest.fixture
+def turning(plan, monkeypatch):
+    """Return a function that certifies the law with another reaction time of turning; Omega_L does not depend on it."""
+    near = maker.near_bounds(tuned_loop(CONFIG, Plan()), CONFIG, CONTRACT.sigma_max)
     monkeypatch.setattr(maker, "near_bounds", lambda *_: near)
+
+    def certified(react):
+        return certify(CONFIG._replace(profile_gains=CONFIG.profile_gains._replace(turn_react=react)), plan)
+
+    return certified
+
+
+def test_rows_are_halved_where_a_law_that_turns_slowly_makes_little_progress(turning, certificate):
+    slow = turning(1.2)
+    assert set(certificate.rho) < set(slow.rho)
+    assert slow.claims.steps > certificate.claims.steps
+    verify(slow)
+
+
+def test_without_a_rank_for_all_there_is_no_certificate(turning):
     with pytest.raises(DiffbotError, match=r"no certificate: [0-9.]+ % of the cells, from"):
-        certify(slow, plan)
+        turning(2.5)
 
 
 def test_adversaries_come_near_the_bounds_of_omega_l_but_not_beyond():
     """One drifts aside to where the robot no longer rests; the other lures it out in a V."""
-    near = maker.near_bounds(tuned_loop(CONFIG, CONTRACT), CONFIG, CONTRACT.sigma_max)
-    checked = checker.farthest_local(numbers_of(CONFIG, CONTRACT), CONFIG, CONTRACT.sigma_max)
-    aside = drift(CONFIG, CONTRACT, near.resting, Pose(0.0, near.resting, 0.0), 2000).farthest
-    lured = lured_out(CONFIG, CONTRACT, near.resting, 0.9).farthest
+    near = maker.near_bounds(tuned_loop(CONFIG, Plan()), CONFIG, CONTRACT.sigma_max)
+    checked = checker.farthest_local(numbers_of(CONFIG, Plan()), CONFIG, CONTRACT.sigma_max)
+    loop = Loop(CONFIG, CONTRACT, 0.1)
+    aside = drift(loop, near.resting, Pose(0.0, near.resting, 0.0), 2000).farthest
+    lured = lured_out(loop, near.resting, 0.9).farthest
     assert near.resting < aside < lured < checked <= near.holding < 2.0 * lured
 
 

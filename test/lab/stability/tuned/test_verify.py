@@ -10,7 +10,7 @@ from diffbot_lab.stability.tuned import verify as checker
 from diffbot_lab.stability.tuned.certify import tuned_loop
 from diffbot_lab.stability.tuned.check.cells import cells_of, failing_kernel
 from diffbot_lab.stability.tuned.check.commands import numbers_of
-from diffbot_lab.stability.tuned.contract import Contract
+from diffbot_lab.stability.tuned.contract import Contract, Plan
 from diffbot_lab.stability.tuned.file import first_cells
 from diffbot_lab.stability.tuned.verify import verify
 
@@ -24,13 +24,13 @@ def test_a_certificate_is_verified(certificate):
 
 def remade(monkeypatch, certificate, name, change):
     """Make the certificate with a maker one function of which is changed."""
-    usual, near = getattr(maker, name), maker.near_bounds(tuned_loop(CONFIG, Contract()), CONFIG, Contract().sigma_max)
+    usual, near = getattr(maker, name), maker.near_bounds(tuned_loop(CONFIG, Plan()), CONFIG, Contract().sigma_max)
     monkeypatch.setattr(maker, "near_bounds", lambda *_: near)
     monkeypatch.setattr(maker, name, lambda *arguments: change(usual(*arguments)))
     return maker.certify(CONFIG, certificate.plan)
 
 
-@pytest.mark.parametrize("change", [{"bearing_weight": -0.8}, {"drive_noise": 0.045}])
+@pytest.mark.parametrize("change", [{"bearing_weight": -0.8}, {"wheel_error": 0.045}])
 def test_a_wrong_sign_and_forgotten_noise_in_the_makers_law_are_found(monkeypatch, certificate, change):
     wrong = remade(monkeypatch, certificate, "tuned_loop", lambda loop: loop._replace(**change))
     with pytest.raises(DiffbotError, match=CELL):
@@ -64,7 +64,7 @@ def claiming(certificate, **changes):
 
 def test_ranks_that_are_one_too_small_are_found(certificate):
     """Nearly all: a few are larger than they have to be, as the maker's images are wider here and there."""
-    loop, first = numbers_of(CONFIG, certificate.plan.contract), first_cells(certificate.alphas, certificate.betas)
+    loop, first = numbers_of(CONFIG, certificate.plan), first_cells(certificate.alphas, certificate.betas)
     found = 0
     for at in np.random.default_rng(1).choice(np.flatnonzero(certificate.ranks > 1), 40, replace=False):
         row = int(np.searchsorted(first, at, side="right")) - 1

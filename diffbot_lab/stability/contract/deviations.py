@@ -1,0 +1,125 @@
+"""What a contract bounds, in the histories of simulated runs: errors of the estimate, and of the base's motion."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diffbot_control.law.braking_step import coasted_estimate
+from diffbot_control.law.configuration import ControllerConfig, new_memory
+from diffbot_control.law.controller import step
+from diffbot_control.law.finish import fastest_leg, is_leg
+from diffbot_control.law.goal_checker import knowable_heading
+from diffbot_control.law.regions import OMEGA_G
+from diffbot_core.errors import DiffbotError
+from diffbot_core.geometry import Pose, wrap_angle
+from diffbot_core.kinematics import Twist
+from diffbot_core.uncertainty import Estimate, Uncertainty
+from diffbot_lab.stability.interval.compiled import compile_bounds
+from diffbot_sim.model.plant import integrate
+
+Array = NDArray[np.float64]
+
+BOUNDED = ("eps_position", "eps_theta", "sigma_max", "eps_v", "eps_omega")
+"""Fields of the contract that are the columns of deviations, in this order; then 1 on a leg of the finish, else 0."""
+_SAME = 1e-9
+"""[m/s] and [rad/s] by which a command of the history may differ from the law's: rounding"""
+
+
+def deviations(
+    config: ControllerConfig, law: ControllerConfig, wheel_error: float, t_s: float, history: Any, out: Any
+) -> bool:
+    """Fill ``out`` (steps, 6) from one history (steps + 1, 10) of a run to the origin.
+
+    The law is run again on what it was given. Where the pose is not known, or the heading not as well as the goal asks
+    for, the deviations are infinite.
+
+    Args:
+        config: of the controller.
+        law: the same as it requests.
+        wheel_error: of the contract.
+        t_s: [s]
+        history: see ``HISTORY_COLUMNS``.
+        out: rows of BOUNDED, and whether a leg is driven.
+
+    Returns:
+        False if the law's commands are not those of the history.
+    """
+    goal, memory, half = Pose(0.0, 0.0, 0.0), new_memory(), 0.5 * config.data_sheet.wheels.wheel_separation
+    before, requested, known, on_leg, is_far = goal, Twist(0.0, 0.0), False, False, False
+    for index in range(len(history)):
+        row, dt = history[index], t_s if index > 0 else 0.0
+        if math.isnan(row[3]):
+            known = False
+            if index < len(out):
+                out[index, :5] = math.inf
+            continue
+        estimate = Estimate(Pose(row[3], row[4], row[5]), Uncertainty(row[8], row[9]))
+        truth = Estimate(Pose(row[0], row[1], row[2]), estimate.uncertainty)
+        _, seen = coasted_estimate(memory, estimate, dt, config)
+        _, true = coasted_estimate(memory, truth, dt, config)
+        if known:
+            put_motion(out[index - 1], before, true.pose, requested, (wheel_error, half, t_s))
+            if not is_far:
+                way = math.hypot(true.pose.x - before.x, true.pose.y - before.y) / t_s
+                out[index - 1, 3] = min(out[index - 1, 3], max(way - fastest_leg(config.finish), 0.0))
+                out[index - 1, 4] = 0.0
+        if index == len(out):
+            break
+        _, requested, _ = step(memory, seen, goal, dt, law)
+        memory, command, _ = step(memory, estimate, goal, dt, config)
+        known, on_leg, is_far, before = True, is_leg(memory.finish), memory.switching.region == OMEGA_G, true.pose
+        out[index, 0] = math.hypot(seen.pose.x - true.pose.x, seen.pose.y - true.pose.y)
+        out[index, 1] = abs(wrap_angle(seen.pose.theta - true.pose.theta))
+        out[index, 2], out[index, 5] = seen.uncertainty.xy, 1.0 if on_leg else 0.0
+        if not knowable_heading(config.tolerance, seen.uncertainty):
+            out[index, 2] = math.inf
+        if not abs(command.v - row[6]) + abs(command.omega - row[7]) < _SAME:
+            return False
+    return True
+
+
+def put_motion(row: Any, before: Pose, after: Pose, requested: Twist, numbers: tuple[float, float, float]) -> None:
+    """Write how far a motion in one step is from the requested one, beyond the errors of the wheels.
+
+    Args:
+        row: eps_v [m/s] goes to its place 3, eps_omega [rad/s] to 4.
+        before: pose.
+        after: pose, a step later.
+        requested: twist.
+        numbers: errors of the wheels, half the distance of the wheels [m], and the time of the step [s].
+    """
+    wheel_error, half, t_s = numbers
+    omega = wrap_angle(after.theta - before.theta) / t_s
+    expected = integrate(before, Twist(requested.v, omega), t_s, True)
+    allowed = wheel_error * max(abs(requested.v), half * abs(requested.omega))
+    row[3] = max(math.hypot(after.x - expected.x, after.y - expected.y) / t_s - allowed, 0.0)
+    row[4] = max(abs(omega - requested.omega) - allowed / half, 0.0)
+
+
+def _all(config: Any, law: Any, wheel_error: float, t_s: float, histories: Any, out: Any) -> int:
+    """Return how many runs have the law's commands."""
+    same = 0
+    for run in range(len(histories)):
+        same += deviations(config, law, wheel_error, t_s, histories[run], out[run])
+    return same
+
+
+_all_kernel = compile_bounds(_all)
+
+
+def deviations_of(
+    config: ControllerConfig, law: ControllerConfig, wheel_error: float, t_s: float, histories: Array
+) -> Array:
+    """Return the deviations (runs, steps, 6) of histories (runs, steps + 1, 10); see :func:`deviations`.
+
+    Raises:
+        DiffbotError: for histories of another law or configuration.
+    """
+    out = np.zeros((histories.shape[0], histories.shape[1] - 1, len(BOUNDED) + 1))
+    if _all_kernel(config, law, wheel_error, t_s, histories, out) < len(histories):
+        raise DiffbotError("the histories are not those of this law: a step gives another command")
+    return out
