@@ -1,8 +1,9 @@
-"""Bags as other makers write them, in rosbag2's layout: by the mcap library in many chunks, by rosbags."""
+"""Bags as other makers write and read them, in rosbag2's layout: by the mcap library in many chunks, by rosbags."""
 
 from contextlib import contextmanager
 
 from mcap.writer import CompressionType, Writer
+from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Qos as RosbagsQos
 from rosbags.interfaces import QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2 import StoragePlugin
@@ -65,6 +66,16 @@ def write_rosbags(folder, messages, offers=None):
                 connections[topic] = writer.add_connection(topic, kind, typestore=STORE, offered_qos_profiles=qos)
             writer.write(connections[topic], time, data)
     return folder
+
+
+def read(path, raw=False):
+    """Return (log time, message) of each topic of a bag, as rosbags reads them; ``raw``: their bytes (CDR)."""
+    found = {}
+    with AnyReader([path], default_typestore=STORE) as reader:
+        for connection, time, data in reader.messages():
+            message = bytes(data) if raw else reader.deserialize(data, connection.msgtype)
+            found.setdefault(connection.topic, []).append((time, message))
+    return found
 
 
 def rosbags_qos(qos):

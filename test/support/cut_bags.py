@@ -6,11 +6,10 @@ from collections import Counter
 from typing import NamedTuple
 
 import yaml
-from bag_makers import BEGIN, POINT, STRING, mcap_writing, point, string, write_rosbags
+from bag_makers import BEGIN, POINT, STRING, mcap_writing, point, read, string, write_rosbags
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap.writer import IndexType
-from rosbags.highlevel import AnyReader
 
 from diffbot_bag.bag.message_definitions import MessageDefinitions
 from diffbot_bag.bag.qos import Qos, dump_profiles
@@ -119,8 +118,7 @@ def facts(path):
 
 def by_rosbags(folder):
     """Topic, log time and data by rosbags, which reads metadata.yaml too."""
-    with AnyReader([folder]) as reader:
-        return [(connection.topic, time, bytes(data)) for connection, time, data in reader.messages()]
+    return [(topic, *row) for topic, rows in read(folder, raw=True).items() for row in rows]
 
 
 def stated(folder):

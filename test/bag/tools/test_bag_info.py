@@ -3,8 +3,7 @@
 import foreign_bags
 import numpy as np
 import pytest
-from rosbags.highlevel import AnyReader
-from rosbags.typesys import Stores, get_typestore
+from bag_makers import read
 
 from diffbot_bag.mcap.format import MAX_TIME
 from diffbot_bag.tools import bag_info
@@ -27,13 +26,12 @@ def bag(request, tmp_path_factory):
 
 def independent(path):
     """Log times, sizes and stamps of each topic, as rosbags reads them."""
+    sizes = {topic: [(time, len(data)) for time, data in rows] for topic, rows in read(path, raw=True).items()}
     found = {}
-    with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
-        for connection, time, data in reader.messages():
-            message = reader.deserialize(data, connection.msgtype)
-            header = getattr(message, "header", None)
-            stamp = None if header is None else header.stamp.sec * 10**9 + header.stamp.nanosec
-            found.setdefault(connection.topic, []).append((time, len(data), stamp))
+    for topic, rows in read(path).items():
+        headers = [getattr(message, "header", None) for _, message in rows]
+        stamps = [header and header.stamp.sec * 10**9 + header.stamp.nanosec for header in headers]
+        found[topic] = [(*row, stamp) for row, stamp in zip(sizes[topic], stamps, strict=True)]
     return found
 
 

@@ -3,7 +3,7 @@
 import contextlib
 import math
 
-import dataset_files
+import bag_makers
 import numpy as np
 import pytest
 import rclpy
@@ -48,7 +48,7 @@ def refiltered(bag):
 
 
 def read(path):
-    return {topic: [message for _, message in rows] for topic, rows in dataset_files.read(path).items()}
+    return {topic: [message for _, message in rows] for topic, rows in bag_makers.read(path).items()}
 
 
 def row(message):
