@@ -4,15 +4,13 @@ import pytest
 from bag_makers import BEGIN, point
 from geometry_msgs.msg import Point
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
+from recorders import DEEP_LATCHED, KEEP_ALL
 from replay_nodes import Replay, play
 from replays import MS, write_mcap, write_rosbags
 
 pytestmark = pytest.mark.graph
 
-DEEP = QoSProfile(history=HistoryPolicy.KEEP_ALL)
-DEEP_LATCHED = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-TOPICS = {"/a": (Point, DEEP), "/map": (Point, DEEP_LATCHED)}
+TOPICS = {"/a": (Point, KEEP_ALL), "/map": (Point, DEEP_LATCHED)}
 ROOM = 5000
 """messages that DDS keeps at most on either side"""
 COUNT = 2 * ROOM + 500
@@ -79,7 +77,7 @@ def test_merged_bags_as_fast_as_they_are_acknowledged(nodes, tmp_path):
     replay = play(
         nodes,
         first,
-        {name: (Point, DEEP) for name in ("/a", "/b")},
+        {name: (Point, KEEP_ALL) for name in ("/a", "/b")},
         bags=[str(second)],
         as_fast_as_possible=True,
         max_unacknowledged=100,
@@ -92,7 +90,7 @@ def test_merged_bags_as_fast_as_they_are_acknowledged(nodes, tmp_path):
 
 def test_a_subscriber_that_takes_nothing_stops_the_replay_or_is_named(nodes, long_bag, capfd):
     silent = Node("silent", context=nodes.peer.context)
-    silent.create_subscription(Point, "/a", print, DEEP)
+    silent.create_subscription(Point, "/a", print, KEEP_ALL)
     waits = {"start_paused": False, "rate": 1000.0, "wait_for_topics": ["/a"]}
     # Without an end to its patience, it waits until it is stopped.
     with Replay(nodes, long_bag, {}, **waits, wait_acked_timeout=0.0) as replay:
