@@ -50,6 +50,17 @@ def mcap_writing(stream, topics, definitions=None, chunk_size=1000, compression=
     writer.finish()
 
 
+def write_mcap(path, topics, messages, definitions=None, **options):
+    """Write a file with the mcap library: topic, log time and data of each message; then publish time and sequence.
+
+    See :func:`mcap_writing` for the rest.
+    """
+    with path.open("wb") as stream, mcap_writing(stream, topics, definitions, **options) as (writer, channels):
+        for topic, time, data, *more in messages:
+            writer.add_message(channels[topic], time, data, *(more or [time]))
+    return path
+
+
 def write_rosbags(folder, messages, offers=None):
     """Write a bag with rosbags, which gives no sequence numbers.
 

@@ -8,7 +8,7 @@ import lz4.frame
 import pytest
 import yaml
 import zstandard
-from bag_makers import mcap_writing
+from bag_makers import write_mcap
 from mcap.exceptions import McapError
 from mcap.records import Chunk, ChunkIndex
 
@@ -58,10 +58,8 @@ def mcap(tmp_path):
 
     def write(messages, chunk_size=MB, qos="", definition=b""):
         topics = {"/a": (kind, {"offered_qos_profiles": qos})}
-        with path.open("wb") as stream, mcap_writing(stream, topics, {kind: definition}, chunk_size) as (writer, ids):
-            for time, data in messages:
-                writer.add_message(ids["/a"], time, data, time)
-        return path
+        rows = (("/a", *message) for message in messages)
+        return write_mcap(path, topics, rows, {kind: definition}, chunk_size=chunk_size)
 
     return write
 

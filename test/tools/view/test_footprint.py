@@ -66,9 +66,9 @@ def test_what_is_no_footprint(text):
 
 @pytest.mark.graph
 def test_the_page_draws_the_box_of_the_bag(tmp_path):
-    message = view_bags.make("std_msgs/msg/String", data=TURNED)
-    assert read_footprint(bytes(view_bags.STORE.serialize_cdr(message, "std_msgs/msg/String"))) is not None
-    messages = [("/robot_description", view_bags.BEGIN, ("std_msgs/msg/String", message)), *view_bags.drive(100)]
+    description = "std_msgs/msg/String", view_bags.make("std_msgs/msg/String", data=TURNED)
+    assert read_footprint(view_bags.data_of(description)) is not None
+    messages = [("/robot_description", view_bags.BEGIN, description), *view_bags.drive(100)]
     write_report(view_bags.write(tmp_path / "bag", messages), tmp_path / "page.html")
     with browser.chromium() as new_page:
         page = new_page().open((tmp_path / "page.html").as_uri())

@@ -145,8 +145,7 @@ def test_the_near_region_is_drawn_around_the_goal(page):
 
 
 def cloud_of(stamp, *landmarks, frame="base_link"):
-    kind, message = view_bags.cloud(stamp, *landmarks, frame=frame)
-    return read_cloud(bytes(view_bags.STORE.serialize_cdr(message, kind)))
+    return read_cloud(view_bags.data_of(view_bags.cloud(stamp, *landmarks, frame=frame)))
 
 
 def test_a_live_cloud_waits_for_the_estimate_of_its_time():

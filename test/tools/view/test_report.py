@@ -159,10 +159,10 @@ def test_what_cannot_be_reported_is_one_line(circle, tmp_path):
 def bag_with_parameters(folder, noted):
     channels = {}
     with new_bag(folder) as writer:
-        for topic, time, (kind, message) in view_bags.drive(20):
+        for topic, time, message in view_bags.drive(20):
             if topic not in channels:
-                channels[topic] = writer.add_topic(topic, kind)
-            writer.write(channels[topic], bytes(view_bags.STORE.serialize_cdr(message, kind)), time, time)
+                channels[topic] = writer.add_topic(topic, message[0])
+            writer.write(channels[topic], view_bags.data_of(message), time, time)
         writer.attach("parameters.json", "application/json", json.dumps({"/controller": noted}).encode())
 
 
