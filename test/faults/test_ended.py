@@ -64,8 +64,9 @@ def ends_with_zero(witness):
     return witness.commands[-1][1] == STOP
 
 
-def measure_ends(witness, names, trials, seeded):
-    """End each node of a driving robot by signals, and start it again."""
+@pytest.mark.parametrize(("robot", "names"), [("apart", ("controller", "ekf", "plant")), ("together", ("robot",))])
+def test_signals_end_each_node_of_a_driving_robot_and_stop_it(robot, names, request, trials, seeded):
+    witness = request.getfixturevalue(robot)
     with contextlib.ExitStack() as stack:
         running = {name: stack.enter_context(trials(f"end {name}")) for name in names}
         stops = stack.enter_context(trials("end controller, stop")) if "controller" in names else None
@@ -81,10 +82,6 @@ def measure_ends(witness, names, trials, seeded):
                 seconds, good = ended(process, since)
                 running[name].measure(seconds, good and ends_with_zero(witness))
                 restart(witness, name)
-
-
-def test_signals_end_each_node_and_stop_the_robot(apart, trials, seeded):
-    measure_ends(apart, ("controller", "ekf", "plant"), trials, seeded)
 
 
 def test_last_command_is_zero_whichever_node_ends(request, trials, seeded):
@@ -201,10 +198,6 @@ def test_full_disk_ends_the_recording_with_one_error_and_the_robot_drives_on(apa
                 good = good and whole_messages(folder / f"{number}_0.mcap") > 5
             apart.until_moving()
             running.add(kept=good)
-
-
-def test_signals_end_the_process_of_filter_and_controller_and_stop_the_robot(together, trials, seeded):
-    measure_ends(together, ("robot",), trials, seeded)
 
 
 def test_killed_robot_node_lets_the_base_stop(together, trials, seeded):
