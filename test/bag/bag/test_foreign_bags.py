@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 
+import foreign_bags
 import lz4.frame
 import pytest
 import yaml
@@ -14,7 +15,6 @@ from mcap.records import Chunk, ChunkIndex
 
 from diffbot_bag.bag.qos import load_profiles
 from diffbot_bag.bag.reader import BagReader
-from diffbot_bag.bag.writer import BagWriter
 from diffbot_bag.mcap.chunks import BagLimits, records_in
 from diffbot_bag.ros.conversions import message_class
 from diffbot_core.bounded_yaml import load_yaml
@@ -37,18 +37,6 @@ def error_of(path, **limits):
     assert str(error.value).isprintable()
     assert len(str(error.value)) < 1000
     return str(error.value)
-
-
-def write_bag(folder, **changes):
-    """A bag of one message, with these values in its metadata."""
-    writer = BagWriter(folder)
-    writer.write(writer.add_topic("/a", POINT), b"\0\1\0\0" + bytes(24), 5, 5)
-    writer.close()
-    path = folder / "metadata.yaml"
-    content = yaml.safe_load(path.read_text())
-    content["rosbag2_bagfile_information"].update(changes)
-    path.write_text(yaml.safe_dump(content))
-    return folder
 
 
 @pytest.fixture
@@ -121,7 +109,11 @@ def test_a_hostile_qos_profile(profile):
     ],
 )
 def test_wrong_values_in_metadata(tmp_path, changes, words):
-    folder = write_bag(tmp_path / "run", **changes)
+    folder = foreign_bags.write_folder(tmp_path / "run", [("/a", 5, 0, foreign_bags.command(0.0, 0.0))])
+    path = folder / "metadata.yaml"
+    content = yaml.safe_load(path.read_text())
+    content["rosbag2_bagfile_information"].update(changes)
+    path.write_text(yaml.safe_dump(content))
     (folder / "link").symlink_to("/dev/null")
     os.mkfifo(folder / "pipe")
     assert words in error_of(folder)
