@@ -2,7 +2,6 @@
 
 import math
 
-import browser
 import numpy as np
 import pytest
 import view_bags
@@ -21,12 +20,6 @@ TREE, POST = (2.0, 0.5), (-1.5, 5.0)
 CORNERS = ((0.0, 0.0), (1.5, 0.5), (1.5, 1.5))
 LANDMARK, PLAN = (26, 28, 30), (168, 68, 127)
 """Colours of the light style."""
-
-
-@pytest.fixture(scope="module")
-def new_page():
-    with browser.chromium() as make:
-        yield make
 
 
 def seen(place, time):

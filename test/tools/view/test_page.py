@@ -23,12 +23,6 @@ TRUTH_DARK = (86, 180, 233)
 
 
 @pytest.fixture(scope="module")
-def new_page():
-    with browser.chromium() as make:
-        yield make
-
-
-@pytest.fixture(scope="module")
 def report(circle, tmp_path_factory):
     path = tmp_path_factory.mktemp("report") / "report.html"
     write_report(circle, path, "tuned")
